@@ -1,0 +1,1 @@
+"""The forward map: a finite element model of the actuator."""

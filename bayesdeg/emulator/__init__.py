@@ -1,0 +1,1 @@
+"""The forward map, fast, with its own error."""

@@ -1,0 +1,1 @@
+"""Data, forward map and causes become a posterior."""

@@ -1,0 +1,1 @@
+"""Quantities become constitutive laws: pure functions."""
