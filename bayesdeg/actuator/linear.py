@@ -1,0 +1,133 @@
+"""Direct solution of the sparse symmetric systems of Newton's method."""
+
+import ctypes
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+from scipy.sparse.linalg import splu
+
+try:  # MKL exists for x86-64 only
+    import pypardiso
+except ImportError:  # pragma: no cover - depends on the machine
+    pypardiso = None
+
+Floats = NDArray[np.float64]
+
+
+class LostDefinitenessError(ArithmeticError):
+    """The tangent is no longer positive definite: the equilibrium is not stable."""
+
+
+class Factorization(Protocol):
+    """What Newton's method needs of a direct solver."""
+
+    name: str
+
+    def factorize(self, data: Floats) -> None:
+        """Factorize the matrix with these entries of its upper triangle."""
+
+    def solve(self, right: Floats) -> Floats:
+        """Solve for one right-hand side, shape (n,), or several, (n, k)."""
+
+    def close(self) -> None:
+        """Give the memory back."""
+
+
+@dataclass
+class PardisoCholesky:
+    """Cholesky factors by MKL's PARDISO; the symbolic analysis is done once.
+
+    Parameters
+    ----------
+    upper : scipy.sparse.csr_array
+        Pattern of the upper triangle, with sorted indices and every diagonal entry.
+    """
+
+    upper: sp.csr_array
+    name: str = "pypardiso"
+    _solver: "pypardiso.PyPardisoSolver" = field(init=False, repr=False)
+    _analysed: bool = field(default=False, init=False)
+
+    def __post_init__(self) -> None:
+        """Open the solver on one thread: the same sums in the same order on every machine."""
+        self._solver = pypardiso.PyPardisoSolver(mtype=2)
+        self._solver.libmkl.MKL_Set_Num_Threads(ctypes.c_int(1))
+
+    def factorize(self, data: Floats) -> None:
+        """Factorize; raises LostDefinitenessError if a pivot is not positive."""
+        self.upper.data = data
+        self._solver.set_phase(22 if self._analysed else 12)
+        try:
+            self._solver._call_pardiso(self.upper, np.zeros(self.upper.shape[0]))
+        except pypardiso.pardiso_wrapper.PyPardisoError as error:
+            if error.value in (-4, -7):
+                self._analysed = True
+                raise LostDefinitenessError from error
+            raise
+        self._analysed = True
+
+    def solve(self, right: Floats) -> Floats:
+        """Solve with the last factors."""
+        self._solver.set_phase(33)
+        solution: Floats = self._solver._call_pardiso(self.upper, np.asfortranarray(right))
+        return solution
+
+    def close(self) -> None:
+        """Release MKL's memory, which outlives the Python object."""
+        self._solver.free_memory(everything=True)
+
+
+@dataclass
+class SuperLU:
+    """The fallback where MKL is not to be had: SuperLU in symmetric mode.
+
+    Parameters
+    ----------
+    upper : scipy.sparse.csr_array
+        Pattern of the upper triangle.
+    """
+
+    upper: sp.csr_array
+    name: str = "splu"
+
+    def factorize(self, data: Floats) -> None:
+        """Factorize; raises LostDefinitenessError if a pivot is not positive."""
+        self.upper.data = data
+        full = self.upper + sp.triu(self.upper, k=1).T
+        try:
+            self._factors = splu(
+                sp.csc_array(full),
+                permc_spec="MMD_AT_PLUS_A",
+                diag_pivot_thresh=0.0,
+                options={"SymmetricMode": True},
+            )
+        except RuntimeError as error:  # exactly singular
+            raise LostDefinitenessError from error
+        if not np.all(self._factors.U.diagonal() > 0.0):
+            raise LostDefinitenessError
+
+    def solve(self, right: Floats) -> Floats:
+        """Solve with the last factors."""
+        return np.asarray(self._factors.solve(np.ascontiguousarray(right)), dtype=np.float64)
+
+    def close(self) -> None:
+        """Drop the factors."""
+        self._factors = None
+
+
+def open_factorization(upper: sp.csr_array, name: str | None = None) -> Factorization:
+    """Return the best direct solver that this machine has.
+
+    Parameters
+    ----------
+    upper : scipy.sparse.csr_array
+        Pattern of the upper triangle.
+    name : {"pypardiso", "splu"}, optional
+        To choose one; by default the first that is installed.
+    """
+    if name == "splu" or (name is None and pypardiso is None):
+        return SuperLU(upper)
+    return PardisoCholesky(upper)

@@ -1,0 +1,47 @@
+"""The catalogue: every module of this package that defines a ``CAUSE``."""
+
+import difflib
+import importlib
+import pkgutil
+from collections.abc import Iterable
+
+import bayesdeg.causes
+from bayesdeg.causes.cause import Cause
+from bayesdeg.errors import BayesdegError
+
+
+def _discover() -> dict[str, Cause]:
+    modules = (
+        importlib.import_module(f"{bayesdeg.causes.__name__}.{entry.name}")
+        for entry in pkgutil.iter_modules(bayesdeg.causes.__path__)
+    )
+    found = [module.CAUSE for module in modules if hasattr(module, "CAUSE")]
+    return {cause.name: cause for cause in in_order(found)}
+
+
+def in_order(causes: Iterable[Cause]) -> tuple[Cause, ...]:
+    """Return causes in the order in which they are applied: by stage, then by name."""
+    return tuple(sorted(causes, key=lambda cause: (cause.stage, cause.name)))
+
+
+CATALOGUE: dict[str, Cause] = _discover()
+
+
+def find(name: str) -> Cause:
+    """Return a cause by its name.
+
+    Raises
+    ------
+    BayesdegError
+        If there is none of that name; the message suggests the nearest.
+
+    Examples
+    --------
+    >>> find("pressure_offset").parameters[0].unit
+    'kPa'
+    """
+    if name not in CATALOGUE:
+        near = difflib.get_close_matches(name, CATALOGUE, n=1)
+        hint = f"did you mean {near[0]!r}?" if near else f"known: {', '.join(CATALOGUE)}"
+        raise BayesdegError(f"there is no cause {name!r}; {hint}")
+    return CATALOGUE[name]

@@ -1,0 +1,212 @@
+"""Solved curves to a surrogate: least squares, and its error by leaving out whole curves."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdeg.actuator.equilibrium import Status
+from bayesdeg.actuator.forward import MODEL_VERSION, Curve, CurveSolution
+from bayesdeg.emulator.scaling import TrainingBox
+from bayesdeg.emulator.surrogate import (
+    Surrogate,
+    chebyshev_features,
+    polynomial,
+    total_degree_orders,
+)
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+LIMIT_MARGIN = 0.985  # closer to its limit point a curve is too steep for a polynomial
+RIDGE = 1e-9
+
+
+@dataclass(frozen=True)
+class Table:
+    """Points of solved curves, inside the training range.
+
+    Parameters
+    ----------
+    points : array, shape (n, 4)
+        Load and groups on [−1, 1].
+    load : array, shape (n,)
+        p/C1 [–].
+    values : array, shape (n, 3)
+        The three quantities that the surrogate's polynomials stand for.
+    curve : array of int, shape (n,)
+        To which curve a point belongs.
+    """
+
+    points: Floats
+    load: Floats
+    values: Floats
+    curve: Indices
+
+
+def tabulate(
+    curves: Sequence[Curve], solutions: Sequence[CurveSolution], *, box: TrainingBox, length: float
+) -> Table:
+    """Return the points of solved curves that lie inside the box and clear of limit points."""
+    points, loads, values, numbers = [], [], [], []
+    for number, (curve, solution) in enumerate(zip(curves, solutions, strict=True)):
+        q = np.array(curve.loads[: len(solution.bend_angle)])
+        z = unit_groups(curve, box)
+        keep = (q <= float(box.largest_load(z[1:2])[0]) + 1e-12) & (
+            q < LIMIT_MARGIN * solution.limit_load
+        )
+        kappa = solution.bend_angle / solution.arc_length
+        y = np.stack(
+            [
+                np.log(kappa * length / q),
+                np.log((solution.peak_stretch - 1.0) / q),
+                (solution.arc_length / length - 1.0) / q,
+            ],
+            axis=1,
+        )
+        points.append(np.column_stack([2.0 * q / box.load - 1.0, np.tile(z, (len(q), 1))])[keep])
+        loads.append(q[keep])
+        values.append(y[keep])
+        numbers.append(np.full(int(keep.sum()), number))
+    return Table(*(np.concatenate(part) for part in (points, loads, values, numbers)))
+
+
+def unit_groups(curve: Curve, box: TrainingBox) -> Floats:
+    """Return the material groups of a curve on [−1, 1]."""
+    m = curve.material
+    raw = (m.c2_ratio / np.sqrt(3.0 * m.c3_ratio), np.log(m.c3_ratio), np.log(m.paper_group))
+    return np.array([float(box.unit(i, np.array(v))) for i, v in enumerate(raw)])
+
+
+def fit(orders: Indices, points: Floats, values: Floats) -> Floats:
+    """Return least-squares coefficients, shape (n_outputs, n_terms)."""
+    features = chebyshev_features(orders, points)
+    normal = features.T @ features + RIDGE * len(points) * np.eye(len(orders))
+    coefficients: Floats = np.linalg.solve(normal, features.T @ values).T
+    return coefficients
+
+
+def left_out_residuals(orders: Indices, table: Table) -> Floats:
+    """Return residuals of every curve under the fit to all others, shape (n, n_outputs).
+
+    By the block form of the leave-one-out identity: e₋ᵢ = (I − Hᵢᵢ)⁻¹ eᵢ with H the hat matrix.
+    """
+    features = chebyshev_features(orders, table.points)
+    normal = features.T @ features + RIDGE * len(features) * np.eye(len(orders))
+    lifted = np.linalg.solve(normal, features.T)
+    residuals = table.values - features @ (lifted @ table.values)
+    out = np.empty_like(residuals)
+    for number in np.unique(table.curve):
+        rows = np.flatnonzero(table.curve == number)
+        hat = features[rows] @ lifted[:, rows]
+        out[rows] = np.linalg.solve(np.eye(len(rows)) - hat, residuals[rows])
+    return out
+
+
+def best_orders(
+    table: Table, candidates: Sequence[tuple[int, int, int, int]]
+) -> tuple[Indices, Floats]:
+    """Return the orders whose left-out curves are predicted best, and their residuals."""
+    trials = [total_degree_orders(degrees) for degrees in candidates]
+    trials = [orders for orders in trials if len(orders) < 0.6 * len(table.points)]
+    residuals = [left_out_residuals(orders, table) for orders in trials]
+    scores = [float(np.mean(r[:, 0] ** 2)) for r in residuals]
+    best = int(np.argmin(scores))
+    return trials[best], residuals[best]
+
+
+def train(
+    coarse: tuple[Sequence[Curve], Sequence[CurveSolution]],
+    fine: tuple[Sequence[Curve], Sequence[CurveSolution]],
+    *,
+    box: TrainingBox,
+    length: float,
+    record: dict[str, object],
+) -> Surrogate:
+    """Return a surrogate of the fine mesh: many curves of a coarse one, corrected by few fine ones.
+
+    Parameters
+    ----------
+    coarse, fine : pair of sequences
+        Curves and their solutions on either mesh.
+    box : TrainingBox
+        Range of the groups.
+    length : float
+        Length of the actuator as moulded [mm].
+    record : dict
+        What the design was; accuracy is added to it.
+    """
+    base = tabulate(*coarse, box=box, length=length)
+    orders, _ = best_orders(
+        base, [(a, b, c, 4) for a in (6, 8, 10, 12) for b in (4, 6, 8) for c in (4, 6, 8)]
+    )
+    coefficients = fit(orders, base.points, base.values)
+    table = tabulate(*fine, box=box, length=length)
+    gap = table.values - chebyshev_features(orders, table.points) @ coefficients.T
+    shift = Table(table.points, table.load, gap, table.curve)
+    small, left_out = best_orders(
+        shift, [(a, b, b, c) for a in (2, 3, 4, 6) for b in (1, 2, 3, 4) for c in (1, 2, 3)]
+    )
+    correction = fit(small, shift.points, shift.values)
+    joint, both = _merge(orders, coefficients, small, correction)
+    error_loads, error = _error_by_load(table.load, left_out[:, 0])
+    limit_orders, limit_coefficients = _limit(*coarse, box=box)
+    accuracy = {
+        "model_version": MODEL_VERSION,
+        "coarse_curves": len(coarse[0]),
+        "fine_curves": len(fine[0]),
+        "terms": len(joint),
+        "left_out_rms_pct": 100.0 * float(np.sqrt(np.mean(left_out[:, 0] ** 2))),
+        "left_out_p95_pct": 100.0 * float(np.quantile(np.abs(left_out[:, 0]), 0.95)),
+        "left_out_largest_pct": 100.0 * float(np.max(np.abs(left_out[:, 0]))),
+    }
+    return Surrogate(
+        length,
+        box,
+        joint,
+        both,
+        limit_orders,
+        limit_coefficients,
+        error_loads,
+        error,
+        json.dumps(record | accuracy, indent=1),
+    )
+
+
+def _merge(
+    first: Indices, a: Floats, second: Indices, b: Floats
+) -> tuple[Indices, Floats]:
+    """Return the sum of two polynomials as one."""
+    joint, where = np.unique(np.vstack([first, second]), axis=0, return_inverse=True)
+    total = np.zeros((len(a), len(joint)))
+    np.add.at(total.T, where.ravel(), np.hstack([a, b]).T)
+    return joint, total
+
+
+def _error_by_load(load: Floats, residual: Floats, bins: int = 6) -> tuple[Floats, Floats]:
+    """Return the root mean square residual in bins of load, to interpolate."""
+    edges = np.quantile(load, np.linspace(0.0, 1.0, bins + 1))
+    inside = np.clip(np.searchsorted(edges, load, side="right") - 1, 0, bins - 1)
+    rms = np.array([np.sqrt(np.mean(residual[inside == k] ** 2)) for k in range(bins)])
+    return 0.5 * (edges[:-1] + edges[1:]), rms
+
+
+def _limit(
+    curves: Sequence[Curve], solutions: Sequence[CurveSolution], *, box: TrainingBox
+) -> tuple[Indices, Floats]:
+    """Fit the limit load, capped over the range, and shift it down by two standard errors."""
+    points = np.array([unit_groups(curve, box) for curve in curves])
+    cap = 1.3 * box.load
+    limit = np.array(
+        [min(s.limit_load if s.status == Status.LIMIT_POINT else np.inf, cap) for s in solutions]
+    )
+    orders = total_degree_orders((3, 3, 2))
+    near = limit < cap
+    if near.sum() < 2 * len(orders):
+        return orders, np.concatenate([[cap], np.zeros(len(orders) - 1)])
+    coefficients = fit(orders, points, limit[:, None])[0]
+    error = np.std((limit - polynomial(orders, coefficients, points))[near])
+    coefficients[0] -= 2.0 * error
+    return orders, coefficients

@@ -1,0 +1,236 @@
+"""The tables of a study as padded arrays: specimens by observations."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from bayesdeg.material.stress import yeoh_basis
+from bayesdeg.measure.shrinkage import mean_of_replicates, volume_ratio
+from bayesdeg.measure.study import Study
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class TensileCurves:
+    """Stress–stretch curves.
+
+    Parameters
+    ----------
+    specimens : tuple of str
+        One a curve.
+    modes : tuple of str
+        Mode of loading of each curve.
+    degradation, degradation_sd : array, shape (n_specimens,)
+        D_R of the film and its standard error [%].
+    basis : array, shape (n_specimens, n_points, 3)
+        Yeoh's design matrix for the stress measure that was recorded.
+    stretch, stress : array, shape (n_specimens, n_points)
+        [–], [MPa].
+    cauchy : array of bool, shape (n_specimens, n_points)
+        Whether the stress recorded is Cauchy's.
+    mask : array of bool, shape (n_specimens, n_points)
+        Where there is an observation.
+    """
+
+    specimens: tuple[str, ...]
+    modes: tuple[str, ...]
+    degradation: Floats
+    degradation_sd: Floats
+    basis: Floats
+    stretch: Floats
+    stress: Floats
+    cauchy: Flags
+    mask: Flags
+
+
+@dataclass(frozen=True)
+class ActuatorCurves:
+    """Curvature–pressure curves.
+
+    Parameters
+    ----------
+    specimens : tuple of str
+        One a curve.
+    degradation, degradation_sd : array, shape (n_specimens, 1)
+        D_R as measured and its standard error [%].
+    pressure, curvature : array, shape (n_specimens, n_points)
+        As read [kPa], [1/m].
+    curvature_sd : array, shape (n_specimens, n_points)
+        Reading error that was recorded; 0 where there is none [1/m].
+    mask : array of bool, shape (n_specimens, n_points)
+        Where there is an observation; a reading at zero pressure is zero by definition and none.
+    cycle : array of int, branch : array of str, shape (n_specimens, n_points)
+        Loading cycle and branch.
+    """
+
+    specimens: tuple[str, ...]
+    degradation: Floats
+    degradation_sd: Floats
+    pressure: Floats
+    curvature: Floats
+    curvature_sd: Floats
+    mask: Flags
+    cycle: NDArray[np.int64]
+    branch: NDArray[np.str_]
+
+    def subset(self, rows: NDArray[np.intp]) -> "ActuatorCurves":
+        """Return the curves of some specimens."""
+        return ActuatorCurves(
+            tuple(self.specimens[i] for i in rows),
+            *(
+                values[rows]
+                for values in (
+                    self.degradation,
+                    self.degradation_sd,
+                    self.pressure,
+                    self.curvature,
+                    self.curvature_sd,
+                    self.mask,
+                    self.cycle,
+                    self.branch,
+                )
+            ),
+        )
+
+
+@dataclass(frozen=True)
+class Statistic:
+    """A published or replicate mean that is used as one normal observation.
+
+    Parameters
+    ----------
+    quantity : {"young_modulus", "elongation_at_break", "volume_ratio"}
+        What it is of.
+    degradation : float
+        D_R at which it holds [%].
+    value, se : float
+        Mean and its standard error, in the quantity's unit.
+    source : str
+        Where it stands.
+    """
+
+    quantity: str
+    degradation: float
+    value: float
+    se: float
+    source: str
+
+
+@dataclass(frozen=True)
+class Breaks:
+    """Elongations at break.
+
+    Parameters
+    ----------
+    specimens : tuple of str
+        One a specimen.
+    degradation, elongation : array, shape (n,)
+        [%].
+    """
+
+    specimens: tuple[str, ...]
+    degradation: Floats
+    elongation: Floats
+
+
+def tensile_curves(study: Study, *, fitted: bool) -> TensileCurves | None:
+    """Return the tensile curves of the modes that are fitted, or of those that are held out."""
+    table = study.tensile
+    if table is None:
+        return None
+    table = table[table["mode"].isin(study.settings.fit_modes) == fitted]
+    if table.empty:
+        return None
+    groups = list(table.groupby(["specimen_id", "mode"], sort=False))
+    size = max(len(g) for _, g in groups)
+    modes = tuple(str(key[1]) for key, _ in groups)
+    stretch = _pad([g["stretch"] for _, g in groups], size, fill=1.0)
+    cauchy = _pad([(g["stress_measure"] == "cauchy") for _, g in groups], size, fill=0.0) > 0.5
+    measure = np.where(cauchy, "cauchy", "nominal")
+    basis = yeoh_basis(stretch, np.array(modes)[:, None], measure)
+    return TensileCurves(
+        specimens=tuple(str(key[0]) for key, _ in groups),
+        modes=modes,
+        degradation=np.array([float(g["degradation_pct"].iloc[0]) for _, g in groups]),
+        degradation_sd=np.array([float(g["degradation_sd_pct"].iloc[0]) for _, g in groups]),
+        basis=basis,
+        stretch=stretch,
+        stress=_pad([g["stress_MPa"] for _, g in groups], size, fill=0.0),
+        cauchy=cauchy,
+        mask=np.arange(size) < np.array([len(g) for _, g in groups])[:, None],
+    )
+
+
+def actuator_curves(study: Study) -> ActuatorCurves | None:
+    """Return the actuator's curves, in the order in which they were taken."""
+    table = study.actuator
+    if table is None:
+        return None
+    groups = [g for _, g in table.groupby("specimen_id", sort=False)]
+    size = max(len(g) for g in groups)
+    pressure = _pad([g["pressure_kPa"] for g in groups], size, fill=0.0)
+    curvature = _pad([g["curvature_per_m"] for g in groups], size, fill=np.nan)
+    mask = np.isfinite(curvature) & (pressure > 0.0)
+    if not mask.any():
+        return None
+    return ActuatorCurves(
+        specimens=tuple(str(g["specimen_id"].iloc[0]) for g in groups),
+        degradation=np.array([[float(g["degradation_pct"].iloc[0])] for g in groups]),
+        degradation_sd=np.array([[float(g["degradation_sd_pct"].iloc[0])] for g in groups]),
+        pressure=pressure,
+        curvature=np.where(mask, curvature, 0.0),
+        curvature_sd=np.nan_to_num(_pad([g["curvature_sd_per_m"] for g in groups], size, fill=0.0)),
+        mask=mask,
+        cycle=_pad([g["cycle"] for g in groups], size, fill=1.0).astype(np.int64),
+        branch=np.array([[*g["branch"], *["loading"] * (size - len(g))] for g in groups]),
+    )
+
+
+def breaks(study: Study) -> Breaks | None:
+    """Return the elongations at break."""
+    table = study.breaks
+    if table is None:
+        return None
+    return Breaks(
+        tuple(str(s) for s in table["specimen_id"]),
+        table["degradation_pct"].to_numpy(np.float64),
+        table["elongation_pct"].to_numpy(np.float64),
+    )
+
+
+def statistics(study: Study) -> tuple[Statistic, ...]:
+    """Return published means with their standard errors, and α from the films' masses.
+
+    The standard error is sd/√n; without n it is the sd itself.
+    """
+    found = []
+    if study.summary is not None:
+        known = ("young_modulus", "elongation_at_break", "volume_ratio")
+        rows = study.summary[study.summary["quantity"].isin(known)]
+        for row in rows.to_dict("records"):
+            count = float(row["n"]) if pd.notna(row["n"]) else 1.0
+            if pd.notna(row["sd"]):
+                level = float(row["degradation_pct"]) if pd.notna(row["degradation_pct"]) else 0.0
+                se = float(row["sd"]) / np.sqrt(max(count, 1.0))
+                found.append(
+                    Statistic(
+                        str(row["quantity"]), level, float(row["value"]), se, str(row["source"])
+                    )
+                )
+    if study.shrinkage is not None and len(study.shrinkage) > 1:
+        masses = (study.shrinkage[f"mass_{name}_g"] for name in ("poured", "cured", "conditioned"))
+        mean = mean_of_replicates(volume_ratio(*masses))
+        source = f"shrinkage.csv, {len(study.shrinkage)} films"
+        found.append(Statistic("volume_ratio", 0.0, mean.value, mean.standard_error, source))
+    return tuple(found)
+
+
+def _pad(columns: list["pd.Series[float]"], size: int, *, fill: float) -> Floats:
+    out = np.full((len(columns), size), fill)
+    for row, column in enumerate(columns):
+        out[row, : len(column)] = column.to_numpy(np.float64)
+    return out

@@ -1,0 +1,185 @@
+"""Named parameters and their prior laws; vectors of the sampler to names and back."""
+
+import difflib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdeg.causes.cause import Cause
+from bayesdeg.errors import Fault, StudyError
+from bayesdeg.laws import HalfNormal, Law, LogNormal, Parameter, TruncatedNormal
+from bayesdeg.material.degradation import Nodes
+
+Floats = NDArray[np.float64]
+Named = Mapping[str, Floats]
+
+# Medians follow the published moduli (6 C1 = 1.73 MPa fresh, about 5.5 times that at 25 %) and
+# break elongations (210 % and about 52 %); doi:10.3389/frobt.2021.760485.
+_C1 = {0.0: LogNormal(0.3, 0.4), 12.5: LogNormal(0.75, 0.6), 25.0: LogNormal(1.5, 0.6)}
+_C3 = {0.0: LogNormal(1.5e-3, 1.0), 12.5: LogNormal(2.5e-2, 1.2), 25.0: LogNormal(0.1, 1.2)}
+_ELONGATION = {0.0: LogNormal(200.0, 0.5), 12.5: LogNormal(110.0, 0.6), 25.0: LogNormal(50.0, 0.6)}
+
+
+@dataclass(frozen=True)
+class ParameterTable:
+    """Parameters in the order of the sampler's vector.
+
+    The sampler works on an unconstrained scale, log for positive and logit for bounded
+    quantities; ``named`` gives the values that users know.
+
+    Parameters
+    ----------
+    parameters : tuple of Parameter
+        With distinct names.
+    """
+
+    parameters: tuple[Parameter, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names, in order."""
+        return tuple(p.name for p in self.parameters)
+
+    def __len__(self) -> int:
+        """Return the number of parameters."""
+        return len(self.parameters)
+
+    def named(self, vectors: Floats) -> dict[str, Floats]:
+        """Return values by name from vectors (..., n_parameters)."""
+        return {
+            p.name: p.law.from_unconstrained(vectors[..., i]) for i, p in enumerate(self.parameters)
+        }
+
+    def vectors(self, values: Named) -> Floats:
+        """Return vectors (..., n_parameters) from values by name."""
+        return np.stack(
+            [p.law.to_unconstrained(np.asarray(values[p.name])) for p in self.parameters], axis=-1
+        )
+
+    def log_prior(self, vectors: Floats, *, truncate: bool = True) -> Floats:
+        """Return the log prior density on the unconstrained scale, shape (...).
+
+        Parameters
+        ----------
+        vectors : array, shape (..., n_parameters)
+            Unconstrained.
+        truncate : bool
+            False leaves out the bounds of truncated laws, for derivatives at a bound.
+        """
+        total = np.zeros(vectors.shape[:-1])
+        for i, p in enumerate(self.parameters):
+            z = vectors[..., i]
+            x = p.law.from_unconstrained(z)
+            density = p.law.log_density(x) if truncate else p.law.untruncated_log_density(x)
+            total = total + density + p.law.log_jacobian(z)
+        return total
+
+    def sample(self, generator: np.random.Generator, count: int) -> Floats:
+        """Draw vectors from the prior, shape (count, n_parameters)."""
+        draws = {p.name: p.law.sample(generator, count) for p in self.parameters}
+        return self.vectors(draws)
+
+
+def node_name(quantity: str, node: float) -> str:
+    """Return a parameter's name at a node of D_R.
+
+    Examples
+    --------
+    >>> node_name("c1", 12.5)
+    'c1_at_12_5'
+    """
+    return f"{quantity}_at_{node:g}".replace(".", "_")
+
+
+def material_parameters(nodes: Nodes) -> tuple[Parameter, ...]:
+    """Return the parameters of the Yeoh constants against D_R."""
+    parameters = []
+    for node in nodes:
+        where = f"at a degradation rate of {node:g} %"
+        parameters += [
+            Parameter(node_name("c1", node), _nearest(_C1, node), "MPa", f"C1 {where}"),
+            Parameter(
+                node_name("c2_ratio", node),
+                TruncatedNormal(-0.15, 0.25, -0.65, 0.6),
+                "–",
+                f"C2/sqrt(3 C1 C3) {where}; above −1 the material is stable",
+            ),
+            Parameter(node_name("c3", node), _nearest(_C3, node), "MPa", f"C3 {where}"),
+        ]
+    return tuple(parameters)
+
+
+def elongation_parameters(nodes: Nodes) -> tuple[Parameter, ...]:
+    """Return the parameters of the elongation at break against D_R."""
+    return (
+        *(
+            Parameter(
+                node_name("elongation", node),
+                _nearest(_ELONGATION, node),
+                "%",
+                f"median elongation at break at a degradation rate of {node:g} %",
+            )
+            for node in nodes
+        ),
+        Parameter("elongation_scatter", HalfNormal(0.2), "–", "sd of ln elongation at break"),
+    )
+
+
+STIFFNESS_SCATTER = Parameter(
+    "stiffness_scatter", HalfNormal(0.1), "–", "sd of ln stiffness from specimen to specimen"
+)
+TENSILE = (
+    Parameter("tensile_noise", HalfNormal(0.05), "–", "reading error of stress, proportional"),
+    Parameter("tensile_noise_floor", HalfNormal(0.02), "MPa", "reading error of stress, constant"),
+)
+ACTUATOR = (
+    Parameter(
+        "volume_ratio",
+        TruncatedNormal(0.62, 0.07, 0.1, 1.0),
+        "–",
+        "volume of the part over that of its mould, α",
+    ),
+    Parameter("paper_stiffness", LogNormal(3e4, 0.7), "N/m", "Young's modulus times thickness"),
+    Parameter("curvature_noise", HalfNormal(0.05), "–", "reading error of curvature, proportional"),
+    Parameter(
+        "curvature_noise_floor", HalfNormal(0.3), "1/m", "reading error of curvature, constant"
+    ),
+)
+
+
+def with_causes(base: Iterable[Parameter], causes: Iterable[Cause]) -> ParameterTable:
+    """Return the table of a model with causes: their parameters follow, prefixed by their names."""
+    extra = (
+        replace(p, name=cause.qualified(p.name)) for cause in causes for p in cause.parameters
+    )
+    return ParameterTable((*base, *extra))
+
+
+def with_priors(parameters: Iterable[Parameter], priors: Mapping[str, Law]) -> tuple[Parameter, ...]:
+    """Return parameters with the prior laws that a study gives."""
+    return tuple(replace(p, law=priors.get(p.name, p.law)) for p in parameters)
+
+
+def check_priors(priors: Mapping[str, Law], known: Iterable[str]) -> None:
+    """Raise StudyError for priors of parameters that do not exist.
+
+    Raises
+    ------
+    StudyError
+        Naming the nearest known parameter.
+    """
+    names = list(known)
+    faults = []
+    for name in priors:
+        if name not in names:
+            near = difflib.get_close_matches(name, names, n=1)
+            remedy = f"did you mean {near[0]!r}?" if near else f"known: {', '.join(names)}"
+            faults.append(Fault("study.toml", "is no parameter of this study", remedy, None, f"priors.{name}"))
+    if faults:
+        raise StudyError(faults)
+
+
+def _nearest(laws: Mapping[float, Law], node: float) -> Law:
+    return laws[min(laws, key=lambda known: abs(known - node))]

@@ -1,0 +1,153 @@
+"""The bytes of a CSV file → cells of text, each with the line on which it stands."""
+
+import csv
+import io
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import pandas as pd
+
+from bayesdeg.errors import Fault
+
+
+@dataclass(frozen=True)
+class Cells:
+    """A CSV file as text.
+
+    Parameters
+    ----------
+    file : str
+        Name of the file.
+    header_row : int
+        Line of the header, counted from 1.
+    texts : pandas.DataFrame
+        Cells as they stand but for the blanks around them; the index is the line of the file.
+    """
+
+    file: str
+    header_row: int
+    texts: pd.DataFrame
+
+
+def read_cells(content: bytes, file: str) -> tuple[Cells | None, tuple[Fault, ...]]:
+    r"""Split a CSV file into cells.
+
+    Lines that begin with ``#``, blank lines and rows of empty cells carry nothing and are passed
+    over, but counted.
+
+    Parameters
+    ----------
+    content : bytes
+        The file as it is on the disk, with or without byte order mark.
+    file : str
+        Its name, for the faults.
+
+    Returns
+    -------
+    cells : Cells or None
+        ``None`` if the file cannot be split at all.
+    faults : tuple of Fault
+        What is wrong with the file as a whole, or with the number of cells of a row. Such a row
+        is left out.
+
+    Examples
+    --------
+    >>> cells, _ = read_cells(b"# film 1\nspecimen_id,stretch\na,1.5\n", "tensile.csv")
+    >>> cells.header_row, cells.texts.index.tolist(), cells.texts.loc[3, "stretch"]
+    (2, [3], '1.5')
+    """
+    text = _decode(content, file)
+    if isinstance(text, Fault):
+        return None, (text,)
+    rows = _split(text, file)
+    if isinstance(rows, Fault):
+        return None, (rows,)
+    if not rows:
+        return None, (Fault(file, "is empty", "give a header and at least one row of data"),)
+    header_row, header = rows[0]
+    wrong = _wrong_header(header, header_row, file)
+    if wrong:
+        return None, wrong
+    if len(rows) == 1:
+        problem, remedy = "has a header but no data", "add rows, or remove the file"
+        return None, (Fault(file, problem, remedy, header_row),)
+    return _assemble(rows, file)
+
+
+def _decode(content: bytes, file: str) -> str | Fault:
+    remedy = "save it as CSV in UTF-8"
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        row = content.count(b"\n", 0, error.start) + 1
+        value = repr(content[error.start : error.start + 1])[2:-1]
+        return Fault(file, "is not UTF-8 text", remedy, row, value=value)
+    if "\0" in text:
+        row = text.count("\n", 0, text.index("\0")) + 1
+        return Fault(file, "holds a zero byte, so it is not UTF-8 text", remedy, row)
+    return text
+
+
+def _split(text: str, file: str) -> list[tuple[int, list[str]]] | Fault:
+    line, start = 0, 1
+    rows = []
+
+    def lines() -> Iterator[str]:
+        nonlocal line
+        for raw in io.StringIO(text, newline=""):
+            line += 1
+            # the reader must see a line for a line, or the count of lines goes astray
+            yield "\n" if raw.startswith("#") else raw
+
+    try:
+        for row in csv.reader(lines(), strict=True):
+            cells = [cell.strip() for cell in row]
+            if any(cells):
+                rows.append((start, cells))
+            start = line + 1
+    except csv.Error as error:
+        remedy = "close every quotation mark and put it around the whole cell"
+        return Fault(file, f"cannot be split into cells ({error})", remedy, start)
+    return rows
+
+
+def _wrong_header(header: list[str], row: int, file: str) -> tuple[Fault, ...]:
+    for separator, name in ((";", "semicolons"), ("\t", "tabs"), ("|", "bars")):
+        if len(header) == 1 and separator in header[0]:
+            problem = f"separates its columns by {name}"
+            remedy = "separate columns by commas and write decimals with a point"
+            return (Fault(file, problem, remedy, row, value=header[0]),)
+    unnamed = [i for i, name in enumerate(header, start=1) if not name]
+    faults = [
+        Fault(file, f"has no name above column {i}", "name it or remove it", row) for i in unnamed
+    ]
+    twice = sorted({name for name in header if name and header.count(name) > 1})
+    problem, remedy = "stands twice in the header", "keep one of them"
+    return (*faults, *(Fault(file, problem, remedy, row, name) for name in twice))
+
+
+def _assemble(rows: list[tuple[int, list[str]]], file: str) -> tuple[Cells, tuple[Fault, ...]]:
+    header_row, header = rows[0]
+    good = [(row, cells) for row, cells in rows[1:] if len(cells) == len(header)]
+    faults = tuple(
+        _ragged(cells, len(header), Fault(file, "", "", row))
+        for row, cells in rows[1:]
+        if len(cells) != len(header)
+    )
+    texts = pd.DataFrame(
+        [cells for _, cells in good],
+        columns=pd.Index(header, dtype=object),
+        index=pd.Index([row for row, _ in good], name="row", dtype="int64"),
+        dtype=object,
+    )
+    return Cells(file, header_row, texts), faults
+
+
+def _ragged(cells: list[str], wanted: int, place: Fault) -> Fault:
+    if len(cells) > wanted:
+        problem = f"has too many cells: {len(cells)} where the header names {wanted}"
+        remedy = "write decimals with a point and put texts with a comma in quotation marks"
+    else:
+        problem = f"has too few cells: {len(cells)} where the header names {wanted}"
+        remedy = "leave a cell empty, with its comma, where nothing was recorded"
+    return Fault(place.file, problem, remedy, place.row, value=",".join(cells))

@@ -1,0 +1,282 @@
+"""The text of ``study.toml`` → `Settings`, or every fault in it."""
+
+import math
+import re
+import tomllib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields
+from typing import Any
+
+from bayesdeg.errors import Fault
+from bayesdeg.laws import Law, law_from_mapping
+from bayesdeg.measure.nearest import nearest
+from bayesdeg.measure.settings import EFFORTS, MODES, Dimensions, Settings
+
+FILE = "study.toml"
+
+
+@dataclass(frozen=True)
+class _Entry:
+    """One key: where it stands, which field of `Settings` it fills, what is accepted."""
+
+    table: str
+    key: str
+    field: str
+    wanted: str
+    accepts: Callable[[Any], bool]
+    convert: Callable[[Any], Any]
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _is_whole(value: object) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool)
+
+
+def _is_names(value: object) -> bool:
+    return isinstance(value, list) and all(isinstance(name, str) for name in value)
+
+
+def _dimension(name: str) -> _Entry:
+    if name == "chambers":
+        return _Entry("actuator", name, name, "a whole number of at least 1", _is_whole, int)
+    return _Entry("actuator", name, name, "a number [mm]", _is_number, float)
+
+
+ENTRIES: tuple[_Entry, ...] = (
+    _Entry("", "title", "title", "a text in quotes", lambda v: isinstance(v, str), str),
+    _Entry("", "note", "note", "a text in quotes", lambda v: isinstance(v, str), str),
+    _Entry("", "virtual", "virtual", "true or false", lambda v: isinstance(v, bool), bool),
+    _Entry(
+        "", "seed", "seed", "a whole number not below 0", lambda v: _is_whole(v) and v >= 0, int
+    ),
+    *(_dimension(entry.name) for entry in fields(Dimensions)),
+    _Entry(
+        "paper",
+        "thickness",
+        "paper_thickness_mm",
+        "a number above 0 [mm]",
+        lambda v: _is_number(v) and v > 0,
+        float,
+    ),
+    _Entry(
+        "noise",
+        "degradation_sd_pct",
+        "degradation_sd_pct",
+        "a number not below 0 [%]",
+        lambda v: _is_number(v) and v >= 0,
+        float,
+    ),
+    _Entry(
+        "causes",
+        "candidates",
+        "candidates",
+        '"all" or a list of names of causes, each once',
+        lambda v: v == "all" or (_is_names(v) and len(set(v)) == len(v)),
+        lambda v: None if v == "all" else tuple(v),
+    ),
+    _Entry(
+        "sampling",
+        "effort",
+        "effort",
+        f"one of {', '.join(EFFORTS)}",
+        lambda v: v in EFFORTS,
+        str,
+    ),
+    _Entry(
+        "tensile",
+        "fit_modes",
+        "fit_modes",
+        f"a list with at least one of {', '.join(MODES)}, each once",
+        lambda v: _is_names(v) and len(v) > 0 and set(v) <= set(MODES) and len(set(v)) == len(v),
+        tuple,
+    ),
+)
+TABLES = ("actuator", "paper", "priors", "noise", "causes", "sampling", "tensile")
+
+
+def parse_settings(content: bytes) -> tuple[Settings, tuple[Fault, ...]]:
+    r"""Read the settings of a study.
+
+    Parameters
+    ----------
+    content : bytes
+        The file as it is on the disk.
+
+    Returns
+    -------
+    settings : Settings
+        What could be read, with the defaults for the rest.
+    faults : tuple of Fault
+        Everything that is wrong, with the line where it stands; empty for a good file.
+
+    Examples
+    --------
+    >>> settings, faults = parse_settings(b"seed = 7\n[actuator]\nlenght = 60.0\n")
+    >>> settings.seed
+    7
+    >>> print(faults[0])
+    study.toml, row 3, column actuator.lenght, value '60.0': is not a known key; did you mean 'length'?
+    """  # noqa: E501
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        row = content.count(b"\n", 0, error.start) + 1
+        return Settings(), (Fault(FILE, "is not UTF-8 text", "save it as UTF-8", row),)
+    try:
+        document = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        return Settings(), (_invalid(str(error), text),)
+    return _from_document(document, text)
+
+
+def _invalid(message: str, text: str) -> Fault:
+    found = re.search(r"at line (\d+)", message)
+    row = int(found[1]) if found else max(1, len(text.splitlines()))
+    lines = text.splitlines()
+    value = lines[row - 1].strip() if row <= len(lines) else None
+    reason = re.sub(r" \(at .*\)$", "", message)
+    problem = f"is not valid TOML: {reason[:1].lower()}{reason[1:]}"
+    return Fault(FILE, problem, "write key = value, texts in quotes", row, value=value)
+
+
+def _from_document(document: dict[str, Any], text: str) -> tuple[Settings, tuple[Fault, ...]]:
+    faults = list(_wrong_tables(document, text))
+    tables = {name: document[name] for name in TABLES if isinstance(document.get(name), dict)}
+    tables[""] = {key: value for key, value in document.items() if key not in TABLES}
+    priors, wrong_priors = _read_priors(tables.pop("priors", {}), text)
+    faults += [*_unknown_keys(tables, text), *wrong_priors]
+    accepted: dict[str, Any] = {}
+    for entry in ENTRIES:
+        if entry.key not in tables.get(entry.table, {}):
+            continue
+        value = tables[entry.table][entry.key]
+        if entry.accepts(value):
+            accepted[entry.field] = entry.convert(value)
+        else:
+            faults.append(_wrong_value(entry, value, text))
+    names = {entry.name for entry in fields(Dimensions)}
+    dimensions = Dimensions(**{key: accepted.pop(key) for key in names & accepted.keys()})
+    # the defaults that stand in for refused keys must not be blamed
+    if not any((fault.column or "").startswith("actuator") for fault in faults):
+        faults += _impossible(dimensions, text)
+    return Settings(dimensions=dimensions, priors=priors, **accepted), tuple(faults)
+
+
+def _impossible(dimensions: Dimensions, text: str) -> tuple[Fault, ...]:
+    row = _row_of(text, "actuator", None)
+    remedy = "change the dimensions so that an actuator can be made"
+    return tuple(Fault(FILE, problem, remedy, row, "actuator") for problem in dimensions.problems())
+
+
+def _wrong_tables(document: Mapping[str, Any], text: str) -> tuple[Fault, ...]:
+    return tuple(
+        Fault(
+            FILE,
+            "is not a table",
+            f"write [{name}] on a line of its own and its keys below",
+            _row_of(text, "", name),
+            name,
+            _as_written(document[name]),
+        )
+        for name in TABLES
+        if name in document and not isinstance(document[name], dict)
+    )
+
+
+def _unknown_keys(tables: Mapping[str, Mapping[str, Any]], text: str) -> tuple[Fault, ...]:
+    known = {(entry.table, entry.key) for entry in ENTRIES}
+    return tuple(
+        Fault(
+            FILE,
+            "is not a known key",
+            _suggest(table, key),
+            _row_of(text, table, key),
+            _dotted(table, key),
+            None if isinstance(value, dict) else _as_written(value),
+        )
+        for table, entries in tables.items()
+        for key, value in entries.items()
+        if (table, key) not in known
+    )
+
+
+def _suggest(table: str, key: str) -> str:
+    elsewhere = [entry.table for entry in ENTRIES if entry.key == key]
+    if elsewhere:
+        place = f"under [{elsewhere[0]}]" if elsewhere[0] else "above the first [table]"
+        return f"it belongs {place}"
+    known = [entry.key for entry in ENTRIES if entry.table == table]
+    known += TABLES if not table else ()
+    best = nearest(key, known, cutoff=0.5)
+    return f"did you mean {best!r}?" if best else f"known here: {', '.join(known)}"
+
+
+def _wrong_value(entry: _Entry, value: object, text: str) -> Fault:
+    remedy = f"give {entry.wanted}"
+    if entry.field == "effort" and isinstance(value, str):
+        best = nearest(value, EFFORTS)
+        remedy += f"; did you mean {best!r}?" if best else ""
+    row, column = _row_of(text, entry.table, entry.key), _dotted(entry.table, entry.key)
+    return Fault(FILE, "cannot stand here", remedy, row, column, _as_written(value))
+
+
+def _read_priors(table: Mapping[str, Any], text: str) -> tuple[dict[str, Law], tuple[Fault, ...]]:
+    priors, faults = {}, []
+    for name, value in _flattened(table).items():
+        row = _row_of(text, "priors", name)
+        place = (row, _dotted("priors", name), _as_written(value))
+        if not isinstance(value, dict):
+            remedy = 'write for example { law = "normal", mean = 0.6, sd = 0.1 }'
+            faults.append(Fault(FILE, "is not a law", remedy, *place))
+            continue
+        try:
+            priors[name] = law_from_mapping(value)
+        except ValueError as error:
+            faults.append(Fault(FILE, "is not a law", str(error), *place))
+    return priors, tuple(faults)
+
+
+def _flattened(table: Mapping[str, Any]) -> dict[str, Any]:
+    """Undo the nesting of an unquoted ``cause.parameter = ...``."""
+    flat: dict[str, Any] = {}
+    for name, value in table.items():
+        nested = isinstance(value, dict) and "law" not in value
+        if nested and value and all(isinstance(entry, dict) for entry in value.values()):
+            flat |= {f"{name}.{key}": entry for key, entry in _flattened(value).items()}
+        else:
+            flat[name] = value
+    return flat
+
+
+def _dotted(table: str, key: str) -> str:
+    return f"{table}.{key}" if table else key
+
+
+def _as_written(value: object) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, dict):
+        pairs = (f"{key} = {_as_written(entry)}" for key, entry in value.items())
+        return f"{{ {', '.join(pairs)} }}"
+    if isinstance(value, list):
+        return f"[{', '.join(_as_written(entry) for entry in value)}]"
+    return f'"{value}"' if isinstance(value, str) else str(value)
+
+
+def _row_of(text: str, table: str, key: str | None) -> int | None:
+    """Find the line of a key, or of a table's header; `tomllib` does not tell."""
+    here = ""
+    for row, line in enumerate(text.splitlines(), start=1):
+        header = re.match(r"\s*\[\s*([\w.\-\"']+)\s*\]", line)
+        if header:
+            here = header[1].replace('"', "").replace("'", "")
+            if here == (table if key is None else _dotted(table, key)):
+                return row
+        elif key is not None and here == table:
+            name = line.partition("=")[0].strip().strip("\"'")
+            if name == key or name.startswith(f"{key}."):
+                return row
+    return None

@@ -1,0 +1,162 @@
+"""The one table of names: every quantity with its symbol, unit and meaning.
+
+Columns of the files, inputs and outputs of the forward map and the axes of figures all read from
+it. Names of columns end with their unit (``_pct``, ``_h``, ``_g``, ``_MPa``, ``_kPa``,
+``_per_m``, ``_deg``, ``_s``); symbols are those of doi:10.3389/frobt.2021.760485.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+DIMENSIONLESS = "–"
+
+#: What a name ends with when the quantity has the unit.
+SUFFIXES: Mapping[str, str] = MappingProxyType(
+    {
+        "%": "_pct",
+        "h": "_h",
+        "s": "_s",
+        "g": "_g",
+        "MPa": "_MPa",
+        "kPa": "_kPa",
+        "1/m": "_per_m",
+        "°": "_deg",
+        "mm": "_mm",
+        "N/m": "_N_per_m",
+        "kN/m³": "_kN_per_m3",
+        "g/cm³": "_g_per_cm3",
+    }
+)
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """What a name stands for.
+
+    Parameters
+    ----------
+    name : str
+        Spelled out, as in files and code.
+    symbol : str
+        As in equations; empty for labels.
+    unit : str
+        One of the keys of `SUFFIXES`, or an en dash for none.
+    meaning : str
+        In a few words.
+    """
+
+    name: str
+    symbol: str
+    unit: str
+    meaning: str
+
+
+_ROWS = (
+    ("film_id", "", "–", "the film"),
+    ("specimen_id", "", "–", "the test piece, or the actuator at one degradation"),
+    ("time_h", "t", "h", "time in the soil"),
+    ("mass_equilibrated_g", "M_0", "g", "mass in equilibrium with 67 % relative humidity"),
+    ("mass_dry_g", "M_d", "g", "mass after 24 h at 110 °C"),
+    ("moisture_content_pct", "M_C", "%", "moisture content on the wet basis"),
+    ("mass_loss_pct", "M_loss", "%", "dry mass lost by degradation"),
+    ("mass_poured_g", "m_0", "g", "mass poured into the mould"),
+    ("mass_cured_g", "m_1", "g", "mass after curing"),
+    ("mass_conditioned_g", "m_2", "g", "mass after conditioning at 67 % relative humidity"),
+    ("volume_ratio", "α", "–", "volume after conditioning over volume before"),
+    ("linear_scale", "s", "–", "length of the part over length of the mould, α^(1/3)"),
+    ("degradation_pct", "D_R", "%", "degradation rate: loss of moisture content, wet basis"),
+    ("degradation_sd_pct", "", "%", "standard error of the degradation rate"),
+    ("mode", "", "–", "mode of loading: uniaxial, equibiaxial or planar"),
+    ("stretch", "λ", "–", "length over undeformed length along the load"),
+    ("stress_MPa", "σ", "MPa", "stress along the load"),
+    ("stress_measure", "", "–", "nominal (over the undeformed area) or cauchy"),
+    ("elongation_pct", "", "%", "elongation at break, 100 (λ_break − 1)"),
+    ("pressure_kPa", "p", "kPa", "gauge pressure in the chambers"),
+    ("curvature_per_m", "κ", "1/m", "bend angle over deformed arc length of the bottom line"),
+    ("bend_angle_deg", "φ", "°", "rotation of the free end face relative to the clamped one"),
+    ("curvature_sd_per_m", "", "1/m", "reading error of the curvature"),
+    ("time_s", "t", "s", "time since the specimen's first row"),
+    ("cycle", "", "–", "loading cycle, counted from 1"),
+    ("branch", "", "–", "loading or unloading"),
+    ("humidity_pct", "RH", "%", "relative humidity of the room"),
+    ("mount", "", "–", "how the actuator is held: horizontal, hanging, bending_up, bending_down"),
+    ("ruptured", "", "–", "1 where the specimen burst, else 0"),
+    ("quantity", "", "–", "which statistic is given"),
+    ("value", "", "–", "value of the statistic in the unit beside it"),
+    ("sd", "", "–", "standard deviation of the statistic"),
+    ("n", "N", "–", "number of specimens"),
+    ("unit", "", "–", "unit of value and standard deviation"),
+    ("source", "", "–", "where the statistic stands"),
+    ("young_modulus", "Y", "MPa", "Young's modulus, 6 C1"),
+    ("elongation_at_break", "", "%", "elongation at break"),
+    ("r_squared", "R²", "–", "1 − SSE/SST of simulation against experiment"),
+    ("ruptured_count", "", "–", "actuators that burst"),
+    ("tested_count", "", "–", "actuators tested"),
+    ("mass_loss_slope", "", "–", "mass loss over degradation rate, dry basis"),
+    ("pressure", "p", "kPa", "true gauge pressure in the chambers"),
+    ("reference_pressure", "p_0", "kPa", "gauge pressure at which the reading was set to zero"),
+    ("c1", "C1", "MPa", "first constant of Yeoh's law"),
+    ("c2", "C2", "MPa", "second constant of Yeoh's law"),
+    ("c3", "C3", "MPa", "third constant of Yeoh's law"),
+    ("bulk_modulus", "K", "MPa", "bulk modulus"),
+    ("paper_stiffness", "E t", "N/m", "membrane stiffness of the paper"),
+    ("wall_factor", "", "–", "wall thickness over that of the drawing"),
+    ("skin_stiffening", "", "–", "stiffness of the skin over the mean, less 1"),
+    ("body_force", "ρ g", "kN/m³", "weight of the material by volume"),
+    ("curvature", "κ", "1/m", "bend angle over deformed arc length of the bottom line"),
+    ("bend_angle", "φ", "°", "rotation of the free end face relative to the clamped one"),
+    ("peak_stretch", "λ_max", "–", "largest principal stretch in the actuator"),
+    ("slope", "p ∂κ/∂p", "1/m", "change of curvature for a relative change of pressure"),
+    ("probability", "P", "–", "probability of rupture"),
+    ("paper_thickness_mm", "t", "mm", "thickness of the paper"),
+    ("density_g_per_cm3", "ρ", "g/cm³", "density"),
+)
+
+#: Every quantity by its name.
+QUANTITIES: Mapping[str, Quantity] = MappingProxyType({row[0]: Quantity(*row) for row in _ROWS})
+
+
+def stem(name: str) -> str:
+    """Take the unit off the name of a quantity.
+
+    Parameters
+    ----------
+    name : str
+        A key of `QUANTITIES`.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> stem("curvature_sd_per_m")
+    'curvature_sd'
+    """
+    suffix = SUFFIXES.get(QUANTITIES[name].unit, "")
+    return name.removesuffix(suffix) if suffix else name
+
+
+def axis_label(name: str) -> str:
+    """Word the label of an axis.
+
+    Parameters
+    ----------
+    name : str
+        A key of `QUANTITIES`.
+
+    Returns
+    -------
+    str
+        Spelled-out name and unit.
+
+    Examples
+    --------
+    >>> axis_label("curvature_per_m")
+    'curvature [1/m]'
+    >>> axis_label("peak_stretch")
+    'peak stretch'
+    """
+    words, unit = stem(name).replace("_", " "), QUANTITIES[name].unit
+    return words if unit == DIMENSIONLESS else f"{words} [{unit}]"

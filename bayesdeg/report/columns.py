@@ -1,0 +1,167 @@
+"""The tables of a run folder: every column with its unit and meaning, in the order of the file."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum
+from types import MappingProxyType
+
+GAIN = "gain"
+BANDS = "bands"
+RUPTURE = "rupture"
+OBSERVATIONS = "observations"
+TENSILE = "tensile"
+CONSTANTS = "constants"
+PARAMETERS = "parameters"
+LEVELS = "levels"
+ELONGATION = "elongation"
+MEASURED = "measured"
+MISFIT_NULL = "misfit_null"
+
+ALL_LEVELS = "all"
+"""What stands in ``degradation_pct`` of a row that pools every degradation rate."""
+
+
+class Kind(Enum):
+    """What the cells of a column hold."""
+
+    NUMBER = "a number"
+    TEXT = "a text"
+    LEVEL = "a degradation rate or 'all'"
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column of a table.
+
+    Parameters
+    ----------
+    name : str
+        Header in the file.
+    unit : str
+        Unit; an en dash if it has none.
+    meaning : str
+        In a few words.
+    kind : Kind
+        What the cells hold; an empty cell is always allowed and means "not available".
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    kind: Kind = Kind.NUMBER
+
+
+def _text(name: str, meaning: str) -> Column:
+    return Column(name, "–", meaning, Kind.TEXT)
+
+
+_MODEL = _text("model", "base, or the base with the causes it was extended by")
+_LEVEL = Column("degradation_pct", "%", "degradation rate, or all of them pooled", Kind.LEVEL)
+_DEGRADATION = Column("degradation_pct", "%", "degradation rate")
+_PRESSURE = Column("pressure_kPa", "kPa", "gauge pressure")
+_SPECIMEN = _text("specimen_id", "the specimen")
+
+
+def _quantiles(unit: str, *percents: int, prefix: str = "", suffix: str = "") -> tuple[Column, ...]:
+    return tuple(
+        Column(f"{prefix}q{percent:02d}{suffix}", unit, f"{percent} % quantile")
+        for percent in percents
+    )
+
+
+#: Columns of every table by its name; a file may hold more, which are kept.
+TABLES: Mapping[str, tuple[Column, ...]] = MappingProxyType(
+    {
+        GAIN: (
+            _MODEL,
+            _LEVEL,
+            Column("elpd", "–", "expected log predictive density of held-out specimens"),
+            Column("elpd_se", "–", "its standard error"),
+            Column("elpd_diff", "–", "its difference to the base model; positive is better"),
+            Column("elpd_diff_se", "–", "standard error of the difference"),
+            Column("rmse_per_m", "1/m", "root mean square error of the prediction"),
+            Column("crps_per_m", "1/m", "continuous ranked probability score"),
+            Column("r_squared", "–", "1 − SSE/SST"),
+            Column("coverage_50", "–", "fraction of readings inside the 50 % interval"),
+            Column("coverage_90", "–", "fraction of readings inside the 90 % interval"),
+        ),
+        BANDS: (_DEGRADATION, _PRESSURE, *_quantiles("1/m", 5, 25, 50, 75, 95)),
+        RUPTURE: (
+            _DEGRADATION,
+            _PRESSURE,
+            Column("probability", "–", "probability of rupture up to this pressure"),
+            Column("probability_q05", "–", "5 % quantile of it"),
+            Column("probability_q95", "–", "95 % quantile of it"),
+        ),
+        OBSERVATIONS: (
+            _MODEL,
+            _SPECIMEN,
+            _DEGRADATION,
+            _PRESSURE,
+            _text("branch", "loading or unloading"),
+            Column("cycle", "–", "loading cycle"),
+            Column("curvature_per_m", "1/m", "measured curvature"),
+            Column("mean_per_m", "1/m", "posterior predictive mean"),
+            *_quantiles("1/m", 5, 95, suffix="_per_m"),
+            Column("residual_per_m", "1/m", "measured less predictive mean"),
+        ),
+        TENSILE: (
+            _MODEL,
+            _SPECIMEN,
+            _text("mode", "uniaxial, equibiaxial or planar"),
+            _DEGRADATION,
+            Column("stretch", "–", "stretch along the load"),
+            Column("stress_MPa", "MPa", "measured nominal stress"),
+            Column("fitted", "–", "1 if the model was fitted to it, 0 if it was held out"),
+            Column("mean_MPa", "MPa", "posterior predictive mean"),
+            *_quantiles("MPa", 5, 95, suffix="_MPa"),
+        ),
+        CONSTANTS: (
+            _MODEL,
+            _DEGRADATION,
+            _text("constant", "c1, c2, c3 or young_modulus"),
+            _text("unit", "unit of the quantiles"),
+            *_quantiles("as stated", 5, 25, 50, 75, 95),
+        ),
+        PARAMETERS: (
+            _MODEL,
+            _text("parameter", "name in the posterior"),
+            _text("unit", "unit of its values"),
+            _text("meaning", "what it is"),
+            Column("mean", "as stated", "posterior mean"),
+            Column("sd", "as stated", "posterior standard deviation"),
+            *_quantiles("as stated", 5, 50, 95),
+            *_quantiles("as stated", 5, 50, 95, prefix="prior_"),
+            Column("r_hat", "–", "R̂ over independent ensembles"),
+            Column("ess_bulk", "–", "effective sample size, bulk"),
+            Column("ess_tail", "–", "effective sample size, tails"),
+        ),
+        LEVELS: (
+            _MODEL,
+            _LEVEL,
+            Column("n", "–", "number of readings"),
+            Column("r_squared", "–", "1 − SSE/SST, pooled over the readings"),
+            Column("rms_per_m", "1/m", "root mean square residual"),
+            Column("published_r_squared", "–", "as published for another simulation"),
+        ),
+        ELONGATION: (
+            _text("kind", "band or measured"),
+            _DEGRADATION,
+            Column("value", "%", "measured elongation at break; empty for the band"),
+            *_quantiles("%", 5, 50, 95),
+        ),
+        MEASURED: (
+            _text("quantity", "which quantity"),
+            _DEGRADATION,
+            Column("value", "as stated", "its value"),
+            Column("sd", "as stated", "its standard deviation"),
+            _text("unit", "unit of value and standard deviation"),
+            Column("n", "–", "number of specimens"),
+            _text("rests_on", "what it was computed from"),
+        ),
+        MISFIT_NULL: (
+            Column("replicate", "–", "number of the simulated data set"),
+            Column("statistic", "–", "misfit statistic of data simulated from the base model"),
+        ),
+    }
+)

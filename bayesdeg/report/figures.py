@@ -1,0 +1,237 @@
+"""What all figures share: panels, colours that follow the page, and the way into the page."""
+
+import io
+import re
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.typing import RcKeyType
+
+VIRTUAL = "virtual experiment"
+
+# Colours that stand for a variable of the page's style, so that a figure follows light and dark.
+INK, MUTED, PAPER = "#010203", "#010204", "#010205"
+BASE_COLOUR, FINAL_COLOUR = "#010206", "#010207"
+_LEVEL_COLOURS = tuple(f"#0102{10 + index:02d}" for index in range(8))
+_VARIABLES = {
+    INK: "currentColor",
+    MUTED: "var(--muted)",
+    PAPER: "var(--paper)",
+    BASE_COLOUR: "var(--base)",
+    FINAL_COLOUR: "var(--final)",
+    **{colour: f"var(--level-{index})" for index, colour in enumerate(_LEVEL_COLOURS)},
+}
+
+STYLE: dict[RcKeyType, Any] = {
+    "font.family": "DejaVu Sans",
+    "font.size": 8.0,
+    "axes.titlesize": 8.5,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.labelsize": 8.0,
+    "axes.edgecolor": MUTED,
+    "axes.labelcolor": INK,
+    "axes.titlecolor": INK,
+    "axes.linewidth": 0.7,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.facecolor": "none",
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.formatter.useoffset": False,
+    "grid.color": MUTED,
+    "grid.alpha": 0.22,
+    "grid.linewidth": 0.6,
+    "xtick.color": MUTED,
+    "ytick.color": MUTED,
+    "xtick.labelcolor": INK,
+    "ytick.labelcolor": INK,
+    "xtick.labelsize": 7.5,
+    "ytick.labelsize": 7.5,
+    "text.color": INK,
+    "figure.facecolor": "none",
+    "figure.edgecolor": "none",
+    "savefig.facecolor": "none",
+    "legend.frameon": False,
+    "legend.fontsize": 8.0,
+    "lines.linewidth": 1.5,
+    "svg.fonttype": "none",
+    "path.simplify": True,
+}
+
+#: Decorator of every function that draws.
+styled = rc_context(STYLE)
+
+FULL_WIDTH = 7.6
+HALF_WIDTH = 3.8
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """A figure as it stands in the page.
+
+    Parameters
+    ----------
+    name : str
+        Unique within the page.
+    svg : str
+        One ``<svg>`` element that refers to nothing outside itself but the page's style.
+    caption : str
+        What is drawn.
+    half : bool
+        Whether two of its kind fit side by side.
+    """
+
+    name: str
+    svg: str
+    caption: str
+    half: bool = False
+
+
+def level_colour(index: int, levels: int) -> str:
+    """Return the colour of a degradation rate: from dark to bright with increasing rate."""
+    last = len(_LEVEL_COLOURS) - 1
+    return _LEVEL_COLOURS[round(index * last / max(levels - 1, 1))]
+
+
+@styled
+def panels(
+    number: int, *, columns: int = 3, share_y: bool = True, height: float = 2.05
+) -> tuple[Figure, list[Axes]]:
+    """Lay out small multiples that share their horizontal axis.
+
+    Parameters
+    ----------
+    number : int
+        How many panels.
+    columns : int
+        At most so many in a row.
+    share_y : bool
+        Whether they share the vertical axis too.
+    height : float
+        Of one row [in].
+
+    Returns
+    -------
+    Figure, list of Axes
+        The axes row by row; places that are left over are empty.
+    """
+    columns = min(columns, number)
+    rows = -(-number // columns)
+    width = FULL_WIDTH * columns / 3 if columns < 3 else FULL_WIDTH
+    figure = Figure(figsize=(width, height * rows + 0.45), layout="constrained")
+    grid = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=share_y)
+    flat = [axes for row in grid for axes in row]
+    for place, axes in enumerate(flat):
+        if place >= number:
+            axes.set_axis_off()
+        elif place + columns >= number:
+            axes.tick_params(labelbottom=True)
+    return figure, flat[:number]
+
+
+@styled
+def single(*, width: float = HALF_WIDTH, height: float = 2.7) -> tuple[Figure, Axes]:
+    """Lay out one panel [in]."""
+    figure = Figure(figsize=(width, height), layout="constrained")
+    return figure, figure.subplots()
+
+
+def legend_above(figure: Figure, entries: dict[str, Line2D]) -> None:
+    """Put one legend over all panels."""
+    if entries:
+        figure.legend(
+            list(entries.values()),
+            list(entries),
+            loc="outside upper left",
+            ncols=len(entries),
+            handlelength=1.6,
+            columnspacing=1.4,
+        )
+
+
+def key(colour: str, *, marker: str = "", line: bool = True, dashed: bool = False) -> Line2D:
+    """Return an entry of a legend."""
+    style: Literal["--", "-", ""] = "--" if dashed else "-" if line else ""
+    return Line2D([], [], color=colour, marker=marker, linestyle=style, markersize=4)
+
+
+def band(axes: Axes, x: object, lower: object, upper: object, colour: str, alpha: float) -> None:
+    """Fill the space between two curves."""
+    axes.fill_between(
+        np.asarray(x, float),
+        np.asarray(lower, float),
+        np.asarray(upper, float),
+        color=colour,
+        alpha=alpha,
+        linewidth=0,
+    )
+
+
+def stamp_virtual(figure: Figure) -> None:
+    """Write across a figure that its data come from a virtual experiment."""
+    width = figure.get_size_inches()[0]
+    figure.text(
+        0.5,
+        0.5,
+        VIRTUAL,
+        fontsize=6.2 * width if width < 5 else 5.4 * width,
+        rotation=18,
+        ha="center",
+        va="center",
+        color=INK,
+        alpha=0.13,
+        fontweight="bold",
+        zorder=10,
+    )
+
+
+def inline_svg(figure: Figure, name: str, *, description: str, virtual: bool) -> str:
+    """Turn a figure into an SVG element that can stand inside a page.
+
+    Parameters
+    ----------
+    figure : Figure
+        What is drawn.
+    name : str
+        Unique within the page; every id of the element begins with it.
+    description : str
+        What a reader who cannot see the figure is told.
+    virtual : bool
+        Whether the words "virtual experiment" are written across it.
+
+    Returns
+    -------
+    str
+        Text stays text; colours follow the page.
+    """
+    if virtual:
+        stamp_virtual(figure)
+        description = f"{VIRTUAL}: {description}"
+    buffer = io.StringIO()
+    with rc_context({**STYLE, "svg.hashsalt": name}):
+        figure.savefig(buffer, format="svg", metadata={"Date": None})
+    svg = buffer.getvalue()
+    svg = re.sub(r"<metadata>.*?</metadata>", "", svg[svg.index("<svg") :], flags=re.DOTALL)
+    svg = re.sub(r'\bid="', f'id="{name}-', svg)
+    svg = re.sub(r'(xlink:href="#|url\(#)', rf"\g<1>{name}-", svg)
+    svg = re.sub(r"'DejaVu Sans'[^;\"]*", "var(--sans)", svg)
+    for colour, variable in _VARIABLES.items():
+        svg = svg.replace(colour, variable)
+    return re.sub(
+        r'<svg (.*?)width="[^"]*" (.*?)height="[^"]*"',
+        rf'<svg role="img" aria-label="{_attribute(description)}" \1\2',
+        svg,
+        count=1,
+        flags=re.DOTALL,
+    ).strip()
+
+
+def _attribute(text: str) -> str:
+    escaped = text.replace("&", "&amp;").replace('"', "&quot;").replace("<", "&lt;")
+    return escaped.replace("\\", r"\\")

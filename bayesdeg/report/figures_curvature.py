@@ -1,0 +1,262 @@
+"""Figures of the actuator: residuals, gain, curvature bands, rupture, the calibrated misfit."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from bayesdeg.nomenclature import axis_label
+from bayesdeg.report.figures import (
+    BASE_COLOUR,
+    FINAL_COLOUR,
+    INK,
+    MUTED,
+    PAPER,
+    band,
+    key,
+    legend_above,
+    level_colour,
+    panels,
+    single,
+    styled,
+)
+from bayesdeg.report.summaries import BASE, FINAL, nearest_level
+from bayesdeg.report.wording import level_words, model_words
+
+COLOURS = {BASE: BASE_COLOUR, FINAL: FINAL_COLOUR}
+
+
+@styled
+def residual_figure(
+    observations: pd.DataFrame, levels: Sequence[float], *, noise_per_m: float | None
+) -> Figure:
+    """Draw measured less predicted curvature against pressure, a panel a degradation rate.
+
+    Parameters
+    ----------
+    observations : pandas.DataFrame
+        Table ``observations``.
+    levels : sequence of float
+        Degradation rates that get a panel; specimens go to the nearest [%].
+    noise_per_m : float, optional
+        Standard deviation of the noise, drawn as a band about zero [1/m].
+    """
+    figure, every_axes = panels(len(levels))
+    panel = nearest_level(observations["degradation_pct"], levels)
+    for axes, level in zip(every_axes, levels, strict=True):
+        if noise_per_m is not None:
+            axes.axhspan(-noise_per_m, noise_per_m, color=MUTED, alpha=0.22, linewidth=0)
+        axes.axhline(0.0, color=MUTED, linewidth=0.9)
+        for model in (BASE, FINAL):
+            chosen = observations[(panel == level) & (observations["model"] == model)]
+            _draw_curves(axes, chosen, "residual_per_m", COLOURS[model])
+        axes.set_title(level_words(level))
+    _label(figure, axis_label("pressure_kPa"), "measured − simulated [1/m]")
+    entries = {
+        model_words(model): key(COLOURS[model], marker="o")
+        for model in (BASE, FINAL)
+        if (observations["model"] == model).any()
+    }
+    if noise_per_m is not None:
+        entries["± one standard deviation of the noise"] = _patch_key()
+    legend_above(figure, entries)
+    return figure
+
+
+@styled
+def bands_figure(
+    bands: pd.DataFrame, observations: pd.DataFrame | None, levels: Sequence[float]
+) -> Figure:
+    """Draw the curvature bands with the measured readings, a panel a degradation rate.
+
+    Parameters
+    ----------
+    bands : pandas.DataFrame
+        Table ``bands``.
+    observations : pandas.DataFrame, optional
+        Table ``observations``: readings as points, the base model as dashed lines.
+    levels : sequence of float
+        Degradation rates of the bands that get a panel [%].
+    """
+    figure, every_axes = panels(len(levels))
+    for axes, level in zip(every_axes, levels, strict=True):
+        chosen = bands[bands["degradation_pct"] == level].sort_values("pressure_kPa")
+        pressure = chosen["pressure_kPa"]
+        band(axes, pressure, chosen["q05"], chosen["q95"], FINAL_COLOUR, 0.18)
+        band(axes, pressure, chosen["q25"], chosen["q75"], FINAL_COLOUR, 0.28)
+        axes.plot(pressure, chosen["q50"], color=FINAL_COLOUR)
+        axes.set_title(level_words(level))
+    entries = {"predicted: median, 50 % and 90 % band": key(FINAL_COLOUR)}
+    if observations is not None:
+        _draw_measured(every_axes, observations, levels)
+        entries["measured"] = key(INK, marker="o", line=False)
+        entries["base model"] = key(BASE_COLOUR, dashed=True)
+    _label(figure, axis_label("pressure_kPa"), axis_label("curvature_per_m"))
+    legend_above(figure, entries)
+    return figure
+
+
+@styled
+def gain_figure(pooled: pd.DataFrame | None, by_level: pd.DataFrame | None, final: str) -> Figure:
+    """Draw what the extended model gains on held-out specimens.
+
+    Parameters
+    ----------
+    pooled : pandas.DataFrame, optional
+        Rows of table ``gain`` over all degradation rates: gain in elpd of each model.
+    by_level : pandas.DataFrame, optional
+        Rows of table ``gain`` by degradation rate: error of base and extended model.
+    final : str
+        The model that is set against the base model.
+    """
+    figure, (left, right) = panels(2, columns=2, share_y=False, height=2.5)
+    left.sharex(left)
+    if by_level is not None:
+        _draw_errors(left, by_level, final)
+    else:
+        left.set_axis_off()
+    if pooled is not None:
+        _draw_elpd(right, pooled, final)
+    else:
+        right.set_axis_off()
+    return figure
+
+
+@styled
+def rupture_figure(rupture: pd.DataFrame) -> Figure:
+    """Draw the probability of rupture against pressure, a curve a degradation rate."""
+    figure, axes = single()
+    levels = np.unique(rupture["degradation_pct"].to_numpy(float))
+    for index, level in enumerate(levels):
+        curve = rupture[rupture["degradation_pct"] == level].sort_values("pressure_kPa")
+        colour, pressure = level_colour(index, levels.size), curve["pressure_kPa"]
+        band(axes, pressure, curve["probability_q05"], curve["probability_q95"], colour, 0.16)
+        axes.plot(pressure, curve["probability"], color=colour, label=level_words(level))
+    axes.set(ylim=(-0.02, 1.02), xlabel=axis_label("pressure_kPa"))
+    axes.set_ylabel("probability of rupture [–]")
+    axes.legend(title="degradation", loc="best", handlelength=1.2)
+    return figure
+
+
+@styled
+def elongation_figure(elongation: pd.DataFrame) -> Figure:
+    """Draw the elongation limit against the degradation rate, with what was measured."""
+    figure, axes = single()
+    limit = elongation[elongation["kind"] == "band"].sort_values("degradation_pct")
+    measured = elongation[elongation["kind"] == "measured"]
+    band(axes, limit["degradation_pct"], limit["q05"], limit["q95"], FINAL_COLOUR, 0.22)
+    axes.plot(limit["degradation_pct"], limit["q50"], color=FINAL_COLOUR, label="median, 90 % band")
+    axes.plot(measured["degradation_pct"], measured["value"], label="measured", **_POINTS)
+    axes.set(xlabel=axis_label("degradation_pct"), ylabel="elongation at break [%]")
+    axes.set_ylim(bottom=0.0)
+    axes.legend()
+    return figure
+
+
+@styled
+def null_figure(null: pd.DataFrame, *, observed: float | None, name: str) -> Figure:
+    """Draw the misfit statistic of data simulated from the base model, and the observed one."""
+    figure, axes = single(height=2.4)
+    axes.hist(null["statistic"].dropna(), bins="auto", color=MUTED, alpha=0.55)
+    if observed is not None:
+        axes.axvline(observed, color=BASE_COLOUR, linewidth=2)
+        axes.plot([], [], color=BASE_COLOUR, linewidth=2, label="this study")
+    axes.plot([], [], color=MUTED, linewidth=5, alpha=0.55, label="if the base model were right")
+    axes.set(xlabel=f"{name or 'misfit statistic'} [–]", ylabel="simulated studies [–]")
+    axes.margins(y=0.32)
+    axes.legend(loc="upper center", ncols=2, handlelength=1.2)
+    return figure
+
+
+_POINTS = {
+    "marker": "o",
+    "linestyle": "",
+    "markersize": 3.4,
+    "color": INK,
+    "mfc": PAPER,
+    "mew": 0.8,
+}
+
+
+def _draw_curves(axes: Axes, chosen: pd.DataFrame, column: str, colour: str) -> None:
+    for _, curve in chosen.groupby(["specimen_id", "branch", "cycle"], sort=False, dropna=False):
+        axes.plot(
+            curve["pressure_kPa"],
+            curve[column],
+            color=colour,
+            marker="o",
+            markersize=2.2,
+            linewidth=0.8,
+            alpha=0.85,
+        )
+
+
+def _draw_measured(
+    every_axes: Sequence[Axes], observations: pd.DataFrame, levels: Sequence[float]
+) -> None:
+    panel = nearest_level(observations["degradation_pct"], levels)
+    for axes, level in zip(every_axes, levels, strict=True):
+        here = observations[(panel == level) & (observations["model"] == BASE)]
+        for _, curve in here.groupby(["specimen_id", "branch", "cycle"], sort=False, dropna=False):
+            axes.plot(
+                curve["pressure_kPa"],
+                curve["mean_per_m"],
+                color=BASE_COLOUR,
+                linewidth=0.9,
+                linestyle=(0, (4, 2)),
+            )
+        axes.plot(here["pressure_kPa"], here["curvature_per_m"], **_POINTS)
+
+
+def _draw_errors(axes: Axes, by_level: pd.DataFrame, final: str) -> None:
+    errors = by_level.pivot(index="degradation_pct", columns="model", values="rmse_per_m")
+    place = np.arange(len(errors))
+    if final in errors and BASE in errors:
+        axes.hlines(place, errors[BASE], errors[final], color=MUTED, alpha=0.6, linewidth=1.6)
+    for model, colour in ((BASE, BASE_COLOUR), (final, FINAL_COLOUR)):
+        if model in errors:
+            axes.plot(
+                errors[model], place, "o", color=colour, markersize=5, label=model_words(model)
+            )
+    axes.set_yticks(place, [level_words(float(level)) for level in errors.index])
+    axes.set(xlabel="error on held-out specimens, rms [1/m]", ylabel=axis_label("degradation_pct"))
+    axes.set_xlim(left=0.0)
+    axes.margins(y=0.12)
+    axes.grid(visible=False, axis="y")
+    axes.set_title("error by degradation rate")
+    axes.legend(loc="upper center", bbox_to_anchor=(0.45, -0.2), ncols=1)
+
+
+def _draw_elpd(axes: Axes, pooled: pd.DataFrame, final: str) -> None:
+    extended = pooled[pooled["model"] != BASE]
+    place = np.arange(len(extended))[::-1]
+    for y, (_, row) in zip(place, extended.iterrows(), strict=True):
+        colour = FINAL_COLOUR if row["model"] == final else MUTED
+        axes.errorbar(
+            row["elpd_diff"], y, xerr=row["elpd_diff_se"], fmt="o", color=colour, markersize=5
+        )
+    axes.axvline(0.0, color=BASE_COLOUR, linewidth=1.2)
+    axes.set_yticks(place, [f"+ {' + '.join(_added(model))}" for model in extended["model"]])
+    axes.set_xlabel("gain in elpd over the base model, ± standard error [–]")
+    axes.margins(x=0.1, y=0.25)
+    axes.grid(visible=False, axis="y")
+    axes.set_title("gain in held-out prediction")
+
+
+def _added(model: str) -> list[str]:
+    return [part.replace("_", " ") for part in model.split("+") if part != BASE]
+
+
+def _label(figure: Figure, x: str, y: str) -> None:
+    figure.supxlabel(x, fontsize=8.0)
+    figure.supylabel(y, fontsize=8.0)
+
+
+def _patch_key() -> Line2D:
+    entry = key(MUTED)
+    entry.set_linewidth(6)
+    entry.set_alpha(0.3)
+    return entry

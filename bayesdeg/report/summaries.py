@@ -1,0 +1,206 @@
+"""The tables of a run folder, arranged as the page shows them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from bayesdeg.report.columns import ALL_LEVELS
+from bayesdeg.report.record import Outcome, Verdict
+
+BASE = "base"
+FINAL = "final"
+MOST_LEVELS = 9
+
+type Row = dict[str, float | str | None]
+
+
+@dataclass(frozen=True)
+class LevelRow:
+    """How well the models describe one degradation rate; None where a model is absent."""
+
+    level: str
+    n: float | None
+    base_r_squared: float | None
+    final_r_squared: float | None
+    published_r_squared: float | None
+    base_rms: float | None
+    final_rms: float | None
+
+
+@dataclass(frozen=True)
+class TensileError:
+    """How far a model is off in one mode of loading, over all its readings.
+
+    Parameters
+    ----------
+    model, mode : str
+        Which model, which mode.
+    fitted : bool
+        Whether the model was fitted to these readings, or they were held out.
+    n : int
+        Number of readings.
+    rms : float
+        Root mean square of measured less predicted nominal stress [MPa].
+    largest : float
+        Largest measured nominal stress [MPa].
+    inside : float
+        Fraction of readings inside the 90 % interval.
+    """
+
+    model: str
+    mode: str
+    fitted: bool
+    n: int
+    rms: float
+    largest: float
+    inside: float
+
+
+def rows_of(frame: pd.DataFrame | None) -> list[Row]:
+    """Return a table row by row, missing values as None.
+
+    Examples
+    --------
+    >>> rows_of(pd.DataFrame({"a": [1.0, np.nan], "b": ["x", None]}))
+    [{'a': 1.0, 'b': 'x'}, {'a': None, 'b': None}]
+    """
+    if frame is None:
+        return []
+    plain = frame.astype(object).where(frame.notna(), None)
+    return [{str(key): value for key, value in row.items()} for row in plain.to_dict("records")]
+
+
+def present(frame: pd.DataFrame | None) -> pd.DataFrame | None:
+    """Return a table, or None if it is absent or has no rows."""
+    return None if frame is None or frame.empty else frame
+
+
+def models_of(frame: pd.DataFrame | None) -> tuple[str, ...]:
+    """Return the models of a table in the order in which they stand."""
+    return () if frame is None else tuple(dict.fromkeys(frame["model"].astype(str)))
+
+
+def extended_model(gain: pd.DataFrame | None, verdict: Verdict) -> str | None:
+    """Return the name in ``gain.csv`` of the base model extended by the named causes.
+
+    Examples
+    --------
+    >>> from bayesdeg.report.record import verdict_of
+    >>> gain = pd.DataFrame({"model": ["base", "base+creep"]})
+    >>> extended_model(gain, verdict_of({"outcome": "named", "causes": ["creep"]}))
+    'base+creep'
+    """
+    if verdict.outcome is not Outcome.NAMED:
+        return None
+    wanted = {BASE, *verdict.causes}
+    for model in models_of(gain):
+        if model == FINAL or set(model.split("+")) == wanted:
+            return model
+    return None
+
+
+def pooled(gain: pd.DataFrame | None) -> pd.DataFrame | None:
+    """Return the rows of a table that pool every degradation rate."""
+    return None if gain is None else present(gain[gain["degradation_pct"] == ALL_LEVELS])
+
+
+def by_level(table: pd.DataFrame | None) -> pd.DataFrame | None:
+    """Return the rows of a table that hold for one degradation rate, as numbers."""
+    if table is None:
+        return None
+    single = table[table["degradation_pct"] != ALL_LEVELS]
+    return present(single.assign(degradation_pct=single["degradation_pct"].astype(float)))
+
+
+def level_rows(levels: pd.DataFrame | None) -> list[LevelRow]:
+    """Put the models side by side, one row a degradation rate, the pooled row last."""
+    rows: dict[str, dict[str, Row]] = {}
+    for row in rows_of(levels):
+        level = str(row["degradation_pct"])
+        rows.setdefault(level, {})[str(row["model"])] = row
+    ordered = sorted(
+        rows, key=lambda level: (level == ALL_LEVELS, float(level.replace("all", "0")))
+    )
+    return [_level_row(level, rows[level]) for level in ordered]
+
+
+def _level_row(level: str, models: dict[str, Row]) -> LevelRow:
+    def cell(model: str, column: str) -> float | None:
+        value = models.get(model, {}).get(column)
+        return float(value) if value is not None else None
+
+    any_model = next(iter(models))
+    published = (cell(model, "published_r_squared") for model in models)
+    return LevelRow(
+        level,
+        cell(any_model, "n"),
+        cell(BASE, "r_squared"),
+        cell(FINAL, "r_squared"),
+        next((value for value in published if value is not None), None),
+        cell(BASE, "rms_per_m"),
+        cell(FINAL, "rms_per_m"),
+    )
+
+
+def tensile_errors(tensile: pd.DataFrame | None) -> list[TensileError]:
+    """Sum up how far every model is off in every mode, held-out modes first.
+
+    Examples
+    --------
+    >>> curve = {"model": "base", "mode": "planar", "fitted": 0.0, "stress_MPa": [1.0, 3.0],
+    ...          "mean_MPa": [1.0, 2.0], "q05_MPa": [0.9, 1.9], "q95_MPa": [1.1, 2.1]}
+    >>> error = tensile_errors(pd.DataFrame(curve))[0]
+    >>> round(error.rms, 4), error.inside
+    (0.7071, 0.5)
+    """
+    if tensile is None:
+        return []
+    groups = tensile.groupby(["fitted", "mode", "model"], sort=False)
+    errors = [
+        TensileError(
+            str(model),
+            str(mode),
+            bool(fitted),
+            len(curve),
+            float(np.sqrt(np.mean((curve["stress_MPa"] - curve["mean_MPa"]) ** 2))),
+            float(curve["stress_MPa"].max()),
+            float(curve["stress_MPa"].between(curve["q05_MPa"], curve["q95_MPa"]).mean()),
+        )
+        for (fitted, mode, model), curve in groups
+    ]
+    return sorted(errors, key=lambda error: error.fitted)
+
+
+def panel_levels(*tables: pd.DataFrame | None) -> list[float]:
+    """Return the degradation rates that get a panel each: those of the first table that has any.
+
+    More than nine are brought together on multiples of 5 %, then thinned out evenly.
+    """
+    for table in tables:
+        if table is not None and not table.empty:
+            values = np.unique(table["degradation_pct"].to_numpy(float))
+            if values.size > MOST_LEVELS:
+                values = np.unique(5.0 * np.round(values / 5.0))
+            keep = (
+                np.linspace(0, values.size - 1, min(values.size, MOST_LEVELS)).round().astype(int)
+            )
+            return [float(value) for value in values[keep]]
+    return []
+
+
+def nearest_level(
+    degradation_pct: npt.ArrayLike, levels: Sequence[float]
+) -> npt.NDArray[np.float64]:
+    """Return for each degradation rate the nearest of the levels that get a panel.
+
+    Examples
+    --------
+    >>> nearest_level([0.4, 9.1, 14.0], [0.0, 10.0, 15.0]).tolist()
+    [0.0, 10.0, 15.0]
+    """
+    grid = np.asarray(levels, float)
+    distance = np.abs(np.asarray(degradation_pct, float)[:, None] - grid)
+    return np.asarray(grid[np.argmin(distance, axis=1)], float)

@@ -1,0 +1,116 @@
+"""Elongation limit and its scatter: against scipy.stats, weakest links, common parameters."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import integrate, stats
+
+from bayesdeg.material.strength import (
+    SCATTER_LAWS,
+    limit_stretch,
+    log_density,
+    log_survival,
+    rupture_probability,
+    weakest_link_limit,
+    weibull_modulus,
+)
+
+MEDIAN, SCATTER = 3.1, 0.12
+STRETCHES = np.linspace(1.0, 5.0, 41)
+
+
+def reference(law, median, scatter):
+    elongation = median - 1.0
+    if law == "normal":
+        return stats.norm(median, scatter * elongation)
+    if law == "lognormal":
+        return stats.lognorm(scatter, loc=1.0, scale=elongation)
+    modulus = math.pi / (math.sqrt(6.0) * scatter)
+    return stats.weibull_min(modulus, loc=1.0, scale=elongation / math.log(2.0) ** (1.0 / modulus))
+
+
+@pytest.mark.parametrize("law", SCATTER_LAWS)
+def test_density_and_survival_equal_those_of_scipy(law):
+    expected = reference(law, MEDIAN, SCATTER)
+    np.testing.assert_allclose(
+        log_density(STRETCHES, MEDIAN, SCATTER, law), expected.logpdf(STRETCHES), rtol=1e-10
+    )
+    np.testing.assert_allclose(
+        log_survival(STRETCHES, MEDIAN, SCATTER, law),
+        expected.logsf(STRETCHES),
+        rtol=1e-10,
+        atol=1e-300,
+    )
+    np.testing.assert_allclose(
+        rupture_probability(STRETCHES, MEDIAN, SCATTER, law), expected.cdf(STRETCHES), rtol=1e-10
+    )
+
+
+@pytest.mark.parametrize("law", SCATTER_LAWS)
+def test_scatter_is_that_of_the_log_elongation(law):
+    draws = reference(law, MEDIAN, 0.03).rvs(size=100_000, random_state=np.random.default_rng(5))
+    assert np.std(np.log(draws - 1.0)) == pytest.approx(0.03, rel=0.02)
+
+
+@pytest.mark.parametrize("law", SCATTER_LAWS)
+@given(
+    median=st.floats(1.05, 6.0),
+    scatter=st.floats(0.02, 0.6),
+    stretch=st.floats(1.0, 8.0),
+    more=st.floats(0.0, 2.0),
+)
+def test_probability_rises_with_the_demand_and_is_half_at_the_median(
+    law, median, scatter, stretch, more
+):
+    lower = float(rupture_probability(stretch, median, scatter, law))
+    upper = float(rupture_probability(stretch + more, median, scatter, law))
+    assert 0.0 <= lower <= upper <= 1.0
+    assert float(rupture_probability(median, median, scatter, law)) == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("law", SCATTER_LAWS)
+def test_density_is_the_slope_of_the_probability(law):
+    low, high = 2.3, 3.4
+    area = integrate.quad(
+        lambda x: math.exp(float(log_density(x, MEDIAN, SCATTER, law))), low, high
+    )
+    gain = rupture_probability(high, MEDIAN, SCATTER, law) - rupture_probability(
+        low, MEDIAN, SCATTER, law
+    )
+    assert area[0] == pytest.approx(float(gain), rel=1e-9)
+
+
+@pytest.mark.parametrize("law", ["lognormal", "weibull"])
+def test_nothing_breaks_before_it_is_stretched(law):
+    np.testing.assert_array_equal(rupture_probability([0.5, 1.0], MEDIAN, SCATTER, law), 0.0)
+    np.testing.assert_array_equal(log_density([0.5, 1.0], MEDIAN, SCATTER, law), -np.inf)
+
+
+@given(volume=st.floats(1e-3, 1e3), stretch=st.floats(1.5, 4.0), scatter=st.floats(0.05, 0.4))
+def test_a_larger_volume_is_a_chain_of_specimens(volume, stretch, scatter):
+    median = float(weakest_link_limit(MEDIAN, weibull_modulus(scatter), volume))
+    assert float(log_survival(stretch, median, scatter, "weibull")) == pytest.approx(
+        volume * float(log_survival(stretch, MEDIAN, scatter, "weibull")), rel=1e-9
+    )
+
+
+def test_limit_passes_through_the_paper_and_stays_above_one():
+    nodes = (0.0, 25.0)
+    logs = np.log([2.098, 0.52])
+    np.testing.assert_allclose(limit_stretch(logs, nodes, nodes), [3.098, 1.52], rtol=1e-14)
+    assert np.all(limit_stretch(logs, np.linspace(0.0, 400.0, 50), nodes) > 1.0)
+    assert limit_stretch(np.zeros((4, 2)), np.zeros(6), nodes).shape == (4, 6)
+
+
+def test_faults_are_named():
+    with pytest.raises(ValueError, match="unknown scatter law 'gumbel'"):
+        log_survival(2.0, 3.0, 0.1, "gumbel")
+    with pytest.raises(ValueError, match="above 1"):
+        rupture_probability(2.0, 1.0, 0.1)
+    with pytest.raises(ValueError, match="above 0"):
+        log_density(2.0, 2.0, 0.0)
+    with pytest.raises(ValueError, match="above 0"):
+        weakest_link_limit(2.0, 10.0, 0.0)
