@@ -40,7 +40,8 @@ class Surrogate:
     coefficients : array, shape (3, n_terms)
         For ``OUTPUTS``.
     limit_orders, limit_coefficients : array
-        The load of the limit point less twice its standard error, as a polynomial of z.
+        ln of the load up to which curves are smooth, less twice its standard error, as a
+        polynomial of z.
     error_loads, error : array, shape (n,)
         Relative standard error of the curvature against load [–].
     record : str
@@ -87,7 +88,7 @@ class Surrogate:
         loads = np.ascontiguousarray(np.broadcast_to(load, shape)).reshape(-1, columns)
         safe = np.where(np.isfinite(points), np.clip(points, -1.2, 1.2), 0.0)
         out = _evaluate_batch(loads, safe, self.box.load, self.orders, self.coefficients)
-        limit = polynomial(self.limit_orders, self.limit_coefficients, safe)
+        limit = np.exp(polynomial(self.limit_orders, self.limit_coefficients, safe))
         limit = np.minimum(limit, self.box.largest_load(safe[:, 1]))
         inside = np.all(np.abs(points) <= 1.0, axis=1)[:, None] & (loads <= limit[:, None])
         kappa, stretch, arc, growth = (out[i].reshape(shape) for i in range(4))

@@ -20,7 +20,8 @@ from bayesdeg.emulator.surrogate import (
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-LIMIT_MARGIN = 0.985  # closer to its limit point a curve is too steep for a polynomial
+LIMIT_MARGIN = 0.97  # share of a limit load up to which a curve is emulated
+STEEPEST = 4.0  # where d ln κ / d ln p is larger the actuator is about to balloon
 RIDGE = 1e-9
 
 
@@ -49,14 +50,12 @@ class Table:
 def tabulate(
     curves: Sequence[Curve], solutions: Sequence[CurveSolution], *, box: TrainingBox, length: float
 ) -> Table:
-    """Return the points of solved curves that lie inside the box and clear of limit points."""
+    """Return the points of solved curves that lie inside the box and within their ``reach``."""
     points, loads, values, numbers = [], [], [], []
     for number, (curve, solution) in enumerate(zip(curves, solutions, strict=True)):
         q = np.array(curve.loads[: len(solution.bend_angle)])
         z = unit_groups(curve, box)
-        keep = (q <= float(box.largest_load(z[1:2])[0]) + 1e-12) & (
-            q < LIMIT_MARGIN * solution.limit_load
-        )
+        keep = q <= min(reach(curve, solution), float(box.largest_load(z[1:2])[0])) * (1 + 1e-9)
         kappa = solution.bend_angle / solution.arc_length
         y = np.stack(
             [
@@ -71,6 +70,23 @@ def tabulate(
         values.append(y[keep])
         numbers.append(np.full(int(keep.sum()), number))
     return Table(*(np.concatenate(part) for part in (points, loads, values, numbers)))
+
+
+def reach(curve: Curve, solution: CurveSolution) -> float:
+    """Return the load up to which a curve is smooth enough to emulate [–]; inf if all of it is.
+
+    Where d ln κ / d ln q passes ``STEEPEST``, or shortly before a limit point.
+    """
+    q = np.array(curve.loads[: len(solution.bend_angle)])
+    if len(q) < 3:
+        return 0.0
+    growth = np.diff(np.log(solution.bend_angle / solution.arc_length)) / np.diff(np.log(q))
+    steep = np.flatnonzero(growth > STEEPEST)
+    if len(steep) == 0:
+        return LIMIT_MARGIN * solution.limit_load
+    middle, at = np.sqrt(q[1:] * q[:-1]), int(steep[0])
+    crossing = np.interp(STEEPEST, growth[at - 1 : at + 1], middle[at - 1 : at + 1])
+    return min(float(crossing), LIMIT_MARGIN * solution.limit_load)
 
 
 def unit_groups(curve: Curve, box: TrainingBox) -> Floats:
@@ -196,17 +212,24 @@ def _error_by_load(load: Floats, residual: Floats, bins: int = 6) -> tuple[Float
 def _limit(
     curves: Sequence[Curve], solutions: Sequence[CurveSolution], *, box: TrainingBox
 ) -> tuple[Indices, Floats]:
-    """Fit the limit load, capped over the range, and shift it down by two standard errors."""
+    """Fit ln(reach), less two standard errors.
+
+    Of a curve that is smooth to its end only a lower bound is known: such values are raised to
+    the fit where that is above the bound, and the fit repeated, until nothing changes.
+    """
     points = np.array([unit_groups(curve, box) for curve in curves])
-    cap = 1.3 * box.load
-    limit = np.array(
-        [min(s.limit_load if s.status == Status.LIMIT_POINT else np.inf, cap) for s in solutions]
-    )
+    known = np.array([reach(c, s) for c, s in zip(curves, solutions, strict=True)])
+    bound = np.log(1.03 * box.largest_load(points[:, 1]))
+    exact = np.isfinite(known)
+    target = np.where(exact, np.log(np.where(exact, np.maximum(known, 1e-3), 1.0)), bound)
     orders = total_degree_orders((3, 3, 2))
-    near = limit < cap
-    if near.sum() < 2 * len(orders):
-        return orders, np.concatenate([[cap], np.zeros(len(orders) - 1)])
-    coefficients = fit(orders, points, limit[:, None])[0]
-    error = np.std((limit - polynomial(orders, coefficients, points))[near])
+    for _ in range(200):
+        coefficients = fit(orders, points, target[:, None])[0]
+        fitted = polynomial(orders, coefficients, points)
+        raised = np.where(exact, target, np.maximum(bound, fitted))
+        if np.max(np.abs(raised - target)) < 1e-6:
+            break
+        target = raised
+    error = np.std((target - fitted)[exact]) if exact.any() else 0.0
     coefficients[0] -= 2.0 * error
     return orders, coefficients

@@ -104,9 +104,12 @@ def _read_columns(cells: Cells, table: Table) -> tuple[pd.DataFrame, tuple[Fault
             read[column.name] = _read_column(cells, column, faults)
     extra = {name: cells.texts[name] for name in cells.texts if name not in read}
     frame = pd.DataFrame(read | extra, index=cells.texts.index)
-    for row, column, problem, remedy in _failures(frame, table, cells):
-        faults.append(_fault(cells, row, column.name, problem, remedy))
-        frame.loc[row, column.name] = None if column.kind == "text" else np.nan
+    failed = list(_failures(frame, table, cells))
+    faults += [_fault(cells, row, column.name, *words) for row, column, *words in failed]
+    for column in table.columns:
+        rows = [row for row, failing, *_ in failed if failing is column]
+        if rows:
+            frame.loc[rows, column.name] = None if column.kind == "text" else np.nan
     return frame, tuple(faults)
 
 

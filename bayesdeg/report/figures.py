@@ -173,6 +173,21 @@ def band(axes: Axes, x: object, lower: object, upper: object, colour: str, alpha
     )
 
 
+def points(axes: Axes, x: object, y: object, label: str = "") -> None:
+    """Draw measured values as open circles."""
+    axes.plot(
+        np.asarray(x, float),
+        np.asarray(y, float),
+        marker="o",
+        linestyle="",
+        markersize=3.4,
+        color=INK,
+        markerfacecolor=PAPER,
+        markeredgewidth=0.8,
+        label=label,
+    )
+
+
 def stamp_virtual(figure: Figure) -> None:
     """Write across a figure that its data come from a virtual experiment."""
     width = figure.get_size_inches()[0]

@@ -14,12 +14,12 @@ from bayesdeg.report.figures import (
     FINAL_COLOUR,
     INK,
     MUTED,
-    PAPER,
     band,
     key,
     legend_above,
     level_colour,
     panels,
+    points,
     single,
     styled,
 )
@@ -149,7 +149,7 @@ def elongation_figure(elongation: pd.DataFrame) -> Figure:
     measured = elongation[elongation["kind"] == "measured"]
     band(axes, limit["degradation_pct"], limit["q05"], limit["q95"], FINAL_COLOUR, 0.22)
     axes.plot(limit["degradation_pct"], limit["q50"], color=FINAL_COLOUR, label="median, 90 % band")
-    axes.plot(measured["degradation_pct"], measured["value"], label="measured", **_POINTS)
+    points(axes, measured["degradation_pct"], measured["value"], "measured")
     axes.set(xlabel=axis_label("degradation_pct"), ylabel="elongation at break [%]")
     axes.set_ylim(bottom=0.0)
     axes.legend()
@@ -169,16 +169,6 @@ def null_figure(null: pd.DataFrame, *, observed: float | None, name: str) -> Fig
     axes.margins(y=0.32)
     axes.legend(loc="upper center", ncols=2, handlelength=1.2)
     return figure
-
-
-_POINTS = {
-    "marker": "o",
-    "linestyle": "",
-    "markersize": 3.4,
-    "color": INK,
-    "mfc": PAPER,
-    "mew": 0.8,
-}
 
 
 def _draw_curves(axes: Axes, chosen: pd.DataFrame, column: str, colour: str) -> None:
@@ -208,11 +198,11 @@ def _draw_measured(
                 linewidth=0.9,
                 linestyle=(0, (4, 2)),
             )
-        axes.plot(here["pressure_kPa"], here["curvature_per_m"], **_POINTS)
+        points(axes, here["pressure_kPa"], here["curvature_per_m"])
 
 
 def _draw_errors(axes: Axes, by_level: pd.DataFrame, final: str) -> None:
-    errors = by_level.pivot(index="degradation_pct", columns="model", values="rmse_per_m")
+    errors = by_level.pivot_table(index="degradation_pct", columns="model", values="rmse_per_m")
     place = np.arange(len(errors))
     if final in errors and BASE in errors:
         axes.hlines(place, errors[BASE], errors[final], color=MUTED, alpha=0.6, linewidth=1.6)

@@ -80,8 +80,8 @@ def tensile_panels(tensile: pd.DataFrame) -> list[TensilePanel]:
     ordered = kinds.sort_values(["fitted", "mode", "degradation_pct"])
     places = np.linspace(0, len(ordered) - 1, min(len(ordered), MOST_LEVELS)).round().astype(int)
     return [
-        TensilePanel(str(row.mode), float(row.degradation_pct), bool(row.fitted))
-        for row in ordered.iloc[places].itertuples()
+        TensilePanel(str(row["mode"]), float(row["degradation_pct"]), bool(row["fitted"]))
+        for _, row in ordered.iloc[places].iterrows()
     ]
 
 

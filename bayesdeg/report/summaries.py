@@ -59,6 +59,23 @@ class TensileError:
     inside: float
 
 
+@dataclass(frozen=True)
+class Span:
+    """Where an interval lies on a bar, both in percent of its length."""
+
+    left: float
+    width: float
+
+
+@dataclass(frozen=True)
+class ParameterRow:
+    """One parameter of one model, with its prior and posterior 90 % intervals drawn to scale."""
+
+    row: Row
+    prior: Span | None
+    posterior: Span | None
+
+
 def rows_of(frame: pd.DataFrame | None) -> list[Row]:
     """Return a table row by row, missing values as None.
 
@@ -172,6 +189,25 @@ def tensile_errors(tensile: pd.DataFrame | None) -> list[TensileError]:
         for (fitted, mode, model), curve in groups
     ]
     return sorted(errors, key=lambda error: error.fitted)
+
+
+def parameter_rows(parameters: pd.DataFrame | None) -> list[ParameterRow]:
+    """Return the parameters, prior and posterior intervals on a scale of their own each."""
+    return [_parameter_row(row) for row in rows_of(parameters)]
+
+
+def _parameter_row(row: Row) -> ParameterRow:
+    ends = [row[key] for key in ("prior_q05", "prior_q95", "q05", "q95")]
+    if any(end is None for end in ends):
+        return ParameterRow(row, None, None)
+    prior_low, prior_high, low, high = (float(end) for end in ends if end is not None)
+    start = min(prior_low, low)
+    scale = 100.0 / ((max(prior_high, high) - start) or 1.0)
+    return ParameterRow(
+        row,
+        Span(scale * (prior_low - start), scale * (prior_high - prior_low)),
+        Span(scale * (low - start), scale * (high - low)),
+    )
 
 
 def panel_levels(*tables: pd.DataFrame | None) -> list[float]:

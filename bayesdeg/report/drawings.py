@@ -1,0 +1,160 @@
+"""Which figures a run has, with captions and descriptions for those who cannot see them."""
+
+from dataclasses import dataclass
+
+from matplotlib.figure import Figure
+
+from bayesdeg.report.figures import Drawing, inline_svg
+from bayesdeg.report.figures_curvature import (
+    bands_figure,
+    elongation_figure,
+    gain_figure,
+    null_figure,
+    residual_figure,
+    rupture_figure,
+)
+from bayesdeg.report.figures_material import constants_figure, tensile_figure, tensile_panels
+from bayesdeg.report.record import Run, Verdict
+from bayesdeg.report.summaries import (
+    BASE,
+    by_level,
+    extended_model,
+    models_of,
+    panel_levels,
+    pooled,
+)
+from bayesdeg.report.tables import Tables
+from bayesdeg.report.wording import level_words, model_words, number
+
+
+@dataclass(frozen=True)
+class _Sketch:
+    name: str
+    figure: Figure
+    caption: str
+    half: bool = False
+
+
+def drawings_of(verdict: Verdict, run: Run, tables: Tables) -> dict[str, Drawing]:
+    """Draw every figure for which the run has data.
+
+    Returns
+    -------
+    dict
+        By name: ``residuals``, ``null``, ``gain``, ``bands``, ``rupture``, ``elongation``,
+        ``constants``, ``tensile``; those without data are left out.
+    """
+    sketches = (
+        _residuals(verdict, tables),
+        _null(run, tables),
+        _gain(verdict, tables),
+        _bands(tables),
+        _rupture(tables),
+        _elongation(tables),
+        _constants(tables),
+        _tensile(tables),
+    )
+    return {
+        sketch.name: Drawing(
+            sketch.name,
+            inline_svg(sketch.figure, sketch.name, description=sketch.caption, virtual=run.virtual),
+            sketch.caption,
+            sketch.half,
+        )
+        for sketch in sketches
+        if sketch is not None
+    }
+
+
+def _residuals(verdict: Verdict, tables: Tables) -> _Sketch | None:
+    if tables.observations is None:
+        return None
+    levels = panel_levels(by_level(tables.levels), tables.bands, tables.observations)
+    caption = (
+        "Measured less simulated curvature against pressure, one panel a degradation rate, one "
+        "line a specimen. A model that is right scatters about zero inside the noise."
+    )
+    noise = verdict.misfit.noise_per_m
+    return _Sketch(
+        "residuals", residual_figure(tables.observations, levels, noise_per_m=noise), caption
+    )
+
+
+def _null(run: Run, tables: Tables) -> _Sketch | None:
+    if tables.misfit_null is None:
+        return None
+    observed = run.misfit_observed
+    caption = (
+        f"The misfit statistic of {len(tables.misfit_null)} studies simulated from the fitted base "
+        f"model; in this study it is {number(observed)}."
+    )
+    name = run.misfit_name
+    return _Sketch(
+        "null", null_figure(tables.misfit_null, observed=observed, name=name), caption, half=True
+    )
+
+
+def _gain(verdict: Verdict, tables: Tables) -> _Sketch | None:
+    others = [model for model in models_of(tables.gain) if model != BASE]
+    if not others:
+        return None
+    final = extended_model(tables.gain, verdict) or others[0]
+    caption = (
+        "Prediction of specimens that the model has not seen. Left: error of the base model and of "
+        f"{model_words(final)} by degradation rate. Right: gain in expected log predictive density."
+    )
+    figure = gain_figure(pooled(tables.gain), by_level(tables.gain), final)
+    return _Sketch("gain", figure, caption)
+
+
+def _bands(tables: Tables) -> _Sketch | None:
+    if tables.bands is None:
+        return None
+    levels = panel_levels(tables.bands)
+    caption = (
+        "Predicted curvature against pressure at "
+        f"{', '.join(level_words(level) for level in levels)} degradation."
+    )
+    if tables.observations is not None:
+        caption += (
+            " Measured specimens stand in the panel nearest to their own degradation rate, so "
+            "they may lie beside a band for that reason alone."
+        )
+    return _Sketch("bands", bands_figure(tables.bands, tables.observations, levels), caption)
+
+
+def _rupture(tables: Tables) -> _Sketch | None:
+    if tables.rupture is None:
+        return None
+    caption = "Probability that the actuator bursts up to a pressure, with its 90 % interval."
+    return _Sketch("rupture", rupture_figure(tables.rupture), caption, half=True)
+
+
+def _elongation(tables: Tables) -> _Sketch | None:
+    if tables.elongation is None:
+        return None
+    caption = "Elongation at break against degradation rate: 90 % band and measured specimens."
+    return _Sketch("elongation", elongation_figure(tables.elongation), caption, half=True)
+
+
+def _constants(tables: Tables) -> _Sketch | None:
+    if tables.constants is None:
+        return None
+    caption = (
+        "Constants of Yeoh's law and Young's modulus against degradation rate: posterior median "
+        "with 50 % and 90 % bands."
+    )
+    return _Sketch("constants", constants_figure(tables.constants, tables.measured), caption)
+
+
+def _tensile(tables: Tables) -> _Sketch | None:
+    if tables.tensile is None:
+        return None
+    kinds = tables.tensile[["fitted", "mode", "degradation_pct"]].drop_duplicates()
+    shown = tensile_panels(tables.tensile)
+    caption = "Nominal stress against stretch: measured, and predicted with 90 % intervals."
+    if any(not panel.fitted for panel in shown):
+        caption += " Panels marked as held out were not used in the fit."
+    if len(shown) < len(kinds):
+        caption += f" {len(shown)} of {len(kinds)} combinations of mode and rate are drawn."
+    return _Sketch("tensile", tensile_figure(tables.tensile), caption)

@@ -1,0 +1,137 @@
+"""The verdict in plain words: one sentence and three numbers."""
+
+from dataclasses import dataclass
+
+import pandas as pd
+
+from bayesdeg.report.record import Outcome, Verdict
+from bayesdeg.report.summaries import BASE, extended_model, pooled, rows_of
+from bayesdeg.report.wording import BADGES, listed, number, p_value, percent, signed, words
+
+NOT_JUDGED = "Not judged"
+
+
+@dataclass(frozen=True)
+class KeyNumber:
+    """One of the numbers that stand beside the verdict."""
+
+    label: str
+    value: str
+    note: str
+
+
+@dataclass(frozen=True)
+class Headline:
+    """What a reader in a hurry takes away.
+
+    Parameters
+    ----------
+    badge : str
+        The outcome in one or two words.
+    sentence : str
+        The outcome in one sentence.
+    numbers : tuple of KeyNumber
+        Misfit beside noise, how sure, what was gained.
+    """
+
+    badge: str
+    sentence: str
+    numbers: tuple[KeyNumber, ...]
+
+
+def headline_of(verdict: Verdict, gain: pd.DataFrame | None) -> Headline:
+    """Word the verdict.
+
+    Examples
+    --------
+    >>> from bayesdeg.report.record import verdict_of
+    >>> named = verdict_of({"outcome": "named", "causes": ["creep"], "candidates": [],
+    ...                     "misfit": {"rms_per_m": 2.0, "noise_per_m": 0.5, "p_value": 0.002}})
+    >>> headline_of(named, None).sentence
+    'The misfit is explained by creep'
+    >>> headline_of(named, None).numbers[0].value
+    '2.00 1/m'
+    """
+    if not verdict.judged:
+        sentence = "The simulation could not be judged on this data"
+        return Headline(NOT_JUDGED, sentence, (_misfit(verdict),))
+    numbers = (_misfit(verdict), _certainty(verdict), _gained(verdict, gain))
+    return Headline(BADGES[verdict.outcome], _sentence(verdict), numbers)
+
+
+def _sentence(verdict: Verdict) -> str:
+    match verdict.outcome:
+        case Outcome.ADEQUATE:
+            return "No misfit beyond the noise"
+        case Outcome.NAMED:
+            together = " acting together" if len(verdict.causes) > 1 else ""
+            return f"The misfit is explained by {listed(verdict.causes)}{together}"
+        case Outcome.AMBIGUOUS:
+            either = " or ".join(words(cause) for cause in verdict.causes)
+            return f"There is a misfit, and this data cannot tell its cause: {either}"
+        case Outcome.UNEXPLAINED:
+            return "There is a misfit, and no cause in the catalogue accounts for it"
+
+
+def _misfit(verdict: Verdict) -> KeyNumber:
+    misfit = verdict.misfit
+    label = "Misfit of the base model"
+    if misfit.rms_per_m is None:
+        return KeyNumber(label, "–", "no actuator curvature to hold the simulation against")
+    note = f"rms in curvature; the noise is {number(misfit.noise_per_m)} 1/m"
+    if misfit.p_value is not None:
+        note += f"; {p_value(misfit.p_value)}"
+    return KeyNumber(label, f"{number(misfit.rms_per_m)} 1/m", note)
+
+
+def _certainty(verdict: Verdict) -> KeyNumber:
+    label, rate = "How sure", _false_names(verdict)
+    if verdict.outcome is Outcome.ADEQUATE:
+        chance = "how often a misfit this large comes about by chance"
+        return KeyNumber(label, p_value(verdict.misfit.p_value), f"{chance}{rate}")
+    if verdict.outcome is Outcome.UNEXPLAINED:
+        return _best(verdict)
+    found = [verdict.candidate(cause) for cause in verdict.causes]
+    shown = [percent(entry.probability if entry else None) for entry in found]
+    of = " and ".join(words(cause) for cause in verdict.causes)
+    return KeyNumber(label, " / ".join(shown), f"probability of {of}{rate}")
+
+
+def _false_names(verdict: Verdict) -> str:
+    if verdict.false_name_rate is None:
+        return ""
+    rate = percent(verdict.false_name_rate)
+    return f"; where nothing is wrong, a cause is named in {rate} of studies"
+
+
+def _best(verdict: Verdict) -> KeyNumber:
+    tried = [entry for entry in verdict.candidates if entry.explained_fraction is not None]
+    if not tried:
+        return KeyNumber("Best candidate", "–", "no cause could be tried on this data")
+    best = max(tried, key=lambda entry: entry.explained_fraction or 0.0)
+    note = f"of what there is to explain, by {words(best.cause)}: too little to name it"
+    return KeyNumber("Best candidate explains", percent(best.explained_fraction), note)
+
+
+def _gained(verdict: Verdict, gain: pd.DataFrame | None) -> KeyNumber:
+    label, extended = "Error on held-out specimens", extended_model(gain, verdict)
+    rows = {str(row["model"]): row for row in rows_of(pooled(gain))}
+    base = rows.get(BASE)
+    if extended is None or extended not in rows:
+        note = "of the base model; no single cause was added, so nothing was gained yet"
+        if base is None:
+            return KeyNumber(label, "–", "prediction of held-out specimens was not tried")
+        return KeyNumber(label, f"{_cell(base['rmse_per_m'])} 1/m", note)
+    after = rows[extended]
+    before = f"{_cell(base['rmse_per_m'])} → " if base else ""
+    elpd = f"elpd {_sign(after['elpd_diff'])} ± {_cell(after['elpd_diff_se'])}"
+    value = f"{before}{_cell(after['rmse_per_m'])} 1/m"
+    return KeyNumber(label, value, f"rms before and after the cause is included; {elpd}")
+
+
+def _cell(value: float | str | None) -> str:
+    return number(value)
+
+
+def _sign(value: float | str | None) -> str:
+    return signed(float(value)) if value is not None else "–"

@@ -1,0 +1,115 @@
+"""A run folder becomes one self-contained page; nothing is computed anew."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+from bayesdeg.report import wording
+from bayesdeg.report.drawings import drawings_of
+from bayesdeg.report.figures import Drawing
+from bayesdeg.report.folder import RunFolder
+from bayesdeg.report.headline import Headline, headline_of
+from bayesdeg.report.record import Candidate, Run, Verdict
+from bayesdeg.report.summaries import (
+    LevelRow,
+    ParameterRow,
+    Row,
+    TensileError,
+    by_level,
+    extended_model,
+    level_rows,
+    parameter_rows,
+    pooled,
+    rows_of,
+    tensile_errors,
+)
+from bayesdeg.report.tables import Tables, read_tables
+
+
+@dataclass(frozen=True)
+class Content:
+    """Everything the template shows."""
+
+    verdict: Verdict
+    run: Run
+    headline: Headline
+    drawings: dict[str, Drawing]
+    judged: list[Candidate]
+    not_judged: list[Candidate]
+    levels: list[LevelRow]
+    gain: list[Row]
+    gain_by_level: list[Row]
+    extended: str | None
+    parameters: list[ParameterRow]
+    tensile: list[TensileError]
+    measured: list[Row]
+
+
+def build_page(folder: Path) -> Path:
+    """Write the report of a run.
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+        A run folder that holds at least ``verdict.json`` and ``run.json``.
+
+    Returns
+    -------
+    pathlib.Path
+        The page: one HTML file that needs nothing outside itself.
+
+    Raises
+    ------
+    BayesdegError
+        If the folder is incomplete or a file is damaged.
+    """
+    run_folder = RunFolder(folder)
+    verdict, run = run_folder.read_verdict(), run_folder.read_run()
+    content = content_of(verdict, run, read_tables(run_folder))
+    return run_folder.write_page(render(content))
+
+
+def content_of(verdict: Verdict, run: Run, tables: Tables) -> Content:
+    """Arrange what a run found for the template."""
+    return Content(
+        verdict=verdict,
+        run=run,
+        headline=headline_of(verdict, tables.gain),
+        drawings=drawings_of(verdict, run, tables),
+        judged=[entry for entry in verdict.candidates if entry.probability is not None],
+        not_judged=[entry for entry in verdict.candidates if entry.probability is None],
+        levels=level_rows(tables.levels),
+        gain=rows_of(pooled(tables.gain)),
+        gain_by_level=rows_of(by_level(tables.gain)),
+        extended=extended_model(tables.gain, verdict),
+        parameters=parameter_rows(tables.parameters),
+        tensile=tensile_errors(tables.tensile),
+        measured=rows_of(tables.measured),
+    )
+
+
+def render(content: Content) -> str:
+    """Fill the template."""
+    environment = Environment(
+        loader=PackageLoader("bayesdeg", "report"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters |= {
+        "number": wording.number,
+        "count": wording.count,
+        "signed": wording.signed,
+        "percent": wording.percent,
+        "p_value": wording.p_value,
+        "words": wording.words,
+        "listed": wording.listed,
+        "model": wording.model_words,
+        "level": wording.level_words,
+        "duration": wording.duration,
+        "drawing": lambda drawing: Markup(drawing.svg),
+    }
+    return environment.get_template("page.html").render(c=content).lstrip()

@@ -1,0 +1,65 @@
+"""All tables of a run folder at once; those that are absent or have no rows are None."""
+
+from dataclasses import dataclass
+
+import pandas as pd
+
+from bayesdeg.report.columns import (
+    BANDS,
+    CONSTANTS,
+    ELONGATION,
+    GAIN,
+    LEVELS,
+    MEASURED,
+    MISFIT_NULL,
+    OBSERVATIONS,
+    PARAMETERS,
+    RUPTURE,
+    TENSILE,
+)
+from bayesdeg.report.folder import RunFolder
+from bayesdeg.report.summaries import present
+
+
+@dataclass(frozen=True)
+class Tables:
+    """The tables of a run, each None if the run has nothing of its kind."""
+
+    gain: pd.DataFrame | None
+    bands: pd.DataFrame | None
+    rupture: pd.DataFrame | None
+    observations: pd.DataFrame | None
+    tensile: pd.DataFrame | None
+    constants: pd.DataFrame | None
+    parameters: pd.DataFrame | None
+    levels: pd.DataFrame | None
+    elongation: pd.DataFrame | None
+    measured: pd.DataFrame | None
+    misfit_null: pd.DataFrame | None
+
+
+def read_tables(folder: RunFolder) -> Tables:
+    """Read every table of a run folder.
+
+    Raises
+    ------
+    BayesdegError
+        If a file is there but damaged.
+    """
+
+    def read(name: str) -> pd.DataFrame | None:
+        return present(folder.read_table(name))
+
+    return Tables(
+        gain=read(GAIN),
+        bands=read(BANDS),
+        rupture=read(RUPTURE),
+        observations=read(OBSERVATIONS),
+        tensile=read(TENSILE),
+        constants=read(CONSTANTS),
+        parameters=read(PARAMETERS),
+        levels=read(LEVELS),
+        elongation=read(ELONGATION),
+        measured=read(MEASURED),
+        misfit_null=read(MISFIT_NULL),
+    )
