@@ -12,6 +12,8 @@ from bayesdeg.actuator.system import Linearisation, Material, State, System
 
 Floats = NDArray[np.float64]
 
+LONGEST_EXTRAPOLATION = 1e3  # steps over the step before
+
 
 class Status(IntEnum):
     """How a solution ended; the member's ``advice`` says what it means and what to do."""
@@ -101,7 +103,9 @@ def is_elliptic(material: Material) -> bool:
     False
     """
     c2, c3 = material.c2_ratio, material.c3_ratio
-    return c3 >= 0.0 and c2 > -np.sqrt(3.0 * c3) if c3 > 0.0 else c2 >= 0.0
+    if c3 > 0.0:
+        return bool(c2 > -np.sqrt(3.0 * c3))
+    return c3 == 0.0 and c2 >= 0.0
 
 
 def follow(
@@ -139,6 +143,8 @@ def follow(
     effort = effort or Effort()
     if not is_elliptic(material):
         return Path((), Status.UNSTABLE_MATERIAL, 0.0, 0)
+    if len(loads) == 0:
+        return Path((), Status.CONVERGED, np.inf, 0)
     states: list[State] = []
     here, before = _at_rest(system, solver, material), None
     spent = 1
@@ -146,6 +152,8 @@ def follow(
     for target in loads:
         step = target - here.state.load
         while here.state.load < target:
+            if spent >= effort.total:
+                return Path(tuple(states), Status.EFFORT_EXHAUSTED, np.inf, spent)
             # the last piece ends on the target itself, not a rounding error before it
             end = target if here.state.load + 1.001 * step >= target else here.state.load + step
             guess = _extrapolate(here, before, end)
@@ -155,8 +163,6 @@ def follow(
                 here, before = trial, here
                 continue
             step *= 0.5
-            if spent >= effort.total:
-                return Path(tuple(states), Status.EFFORT_EXHAUSTED, np.inf, spent)
             if step < smallest:
                 limit = here.state.load + step
                 return Path(tuple(states), Status.LIMIT_POINT, limit, spent)
@@ -176,8 +182,9 @@ def _extrapolate(here: _Step, before: _Step | None, load: float) -> State:
     assert here.rate is not None  # failed steps never become the start of the next
     step = load - here.state.load
     u, p = step * here.rate.displacement, step * here.rate.pressure
-    if before is not None:
-        back = here.state.load - before.state.load
+    back = 0.0 if before is None else here.state.load - before.state.load
+    # from two states close together the parabola's curvature is all rounding error
+    if before is not None and step < LONGEST_EXTRAPOLATION * back:
         ratio = (step / back) ** 2
         u = u + ratio * (
             before.state.displacement - here.state.displacement + back * here.rate.displacement

@@ -214,6 +214,8 @@ class ExactMap:
 def dimensionless(inputs: Inputs) -> tuple[Floats, Floats, Floats, Floats]:
     """Return p/C1, C2/C1, C3/C1 and Et/(C1 s) [mm]: all that the curvature times s depends on.
 
+    All are nan where C1 is not above 0, since ratios hide its sign.
+
     Examples
     --------
     >>> one = np.ones(1)
@@ -221,9 +223,10 @@ def dimensionless(inputs: Inputs) -> tuple[Floats, Floats, Floats, Floats]:
     >>> [float(group[0]) for group in dimensionless(inputs)]
     [0.8, 0.0, 0.0, 125.0]
     """
-    load = inputs.pressure * 1e-3 / inputs.c1
-    paper = inputs.paper_stiffness * 1e-3 / (inputs.c1 * inputs.linear_scale)
-    return load, inputs.c2 / inputs.c1, inputs.c3 / inputs.c1, paper
+    c1 = np.where(inputs.c1 > 0.0, inputs.c1, np.nan)
+    load = inputs.pressure * 1e-3 / c1
+    paper = inputs.paper_stiffness * 1e-3 / (c1 * inputs.linear_scale)
+    return load, inputs.c2 / c1, inputs.c3 / c1, paper
 
 
 def relative_to_reference(forward: ForwardMap, inputs: Inputs) -> Prediction:
@@ -276,7 +279,6 @@ def _place(
     take = np.minimum(at, reached)
     status = np.where(ok, int(Status.CONVERGED), int(solution.status))
     curvature, degrees, peak, change = (
-        np.where(ok, values[take], np.nan)
-        for values in (kappa, np.degrees(angle), stretch, slope)
+        np.where(ok, values[take], np.nan) for values in (kappa, np.degrees(angle), stretch, slope)
     )
     return curvature / scale, degrees, peak, change / scale, status

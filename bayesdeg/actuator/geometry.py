@@ -108,4 +108,5 @@ class Geometry:
 
 def _distinct(values: list[float], tolerance: float = 1e-9) -> NDArray[np.float64]:
     ordered = np.sort(np.asarray(values, dtype=np.float64))
-    return ordered[np.concatenate([[True], np.diff(ordered) > tolerance])]
+    distinct: NDArray[np.float64] = ordered[np.concatenate([[True], np.diff(ordered) > tolerance])]
+    return distinct

@@ -106,7 +106,8 @@ class SuperLU:
             )
         except RuntimeError as error:  # exactly singular
             raise LostDefinitenessError from error
-        if not np.all(self._factors.U.diagonal() > 0.0):
+        exchanged = not np.array_equal(self._factors.perm_r, self._factors.perm_c)
+        if exchanged or not np.all(self._factors.U.diagonal() > 0.0):
             raise LostDefinitenessError
 
     def solve(self, right: Floats) -> Floats:

@@ -193,7 +193,8 @@ class System:
         strain = np.einsum("emk,ek->em", lin.coupling, local)
         if not rate:
             strain = strain + lin.volume_residual
-        return material.bulk_ratio * np.einsum("emn,en->em", self.inverse_mass, strain)
+        pressure: Floats = np.einsum("emn,en->em", self.inverse_mass, strain)
+        return material.bulk_ratio * pressure
 
     def cavity_force(self, state: State) -> Floats:
         """Return dV/du on the free unknowns: the force of a unit pressure [mm²]."""
@@ -211,7 +212,7 @@ class System:
 
 
 def _degrees(nodes: Indices) -> Indices:
-    return (3 * nodes[:, :, None] + np.arange(3)).reshape(len(nodes), -1)
+    return (3 * nodes[:, :, None] + np.arange(3)).reshape(len(nodes), 3 * nodes.shape[1])
 
 
 def _pattern(equation: Indices, elements: Indices) -> tuple[sp.csr_array, NDArray[np.int32]]:

@@ -28,7 +28,7 @@ from dataclasses import replace
 import numpy as np
 
 from bayesdeg.causes.cause import Cause, Conditions, Degradation, Effect, Stage
-from bayesdeg.laws import HalfNormal, Normal, Parameter
+from bayesdeg.laws import Normal, Parameter, TruncatedNormal
 
 FRESH = 0.5  # a specimen recorded below this never was in the soil [%]
 
@@ -48,7 +48,13 @@ CAUSE = Cause(
     stage=Stage.DEGRADATION,
     parameters=(
         Parameter("shift", Normal(0.0, 2.0), "%", "true less recorded degradation rate", 0.0),
-        Parameter("scatter", HalfNormal(1.5), "%", "scatter beyond the stated error", 0.0),
+        Parameter(
+            "scatter",
+            TruncatedNormal(0.0, 1.5, 0.0, np.inf),
+            "%",
+            "scatter beyond the stated error",
+            0.0,
+        ),
     ),
     mechanism="the degraded actuators are further (or less far) degraded than recorded",
     typical={"shift": 3.0, "scatter": 1.0},

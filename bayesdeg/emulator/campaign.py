@@ -4,10 +4,12 @@ import hashlib
 import json
 import os
 import tempfile
+import warnings
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,7 +89,8 @@ def complete(
     """Return the solutions of all runs, solving only those that the store lacks.
 
     Every solution is written as it comes, whole or not at all; so a campaign that was killed goes
-    on where it stopped.
+    on where it stopped. A stored solution that cannot be read is named in a warning and solved
+    again.
 
     Parameters
     ----------
@@ -98,22 +101,26 @@ def complete(
     executor : Executor, optional
         Where to solve; by default here.
     on_run : callable, optional
-        Called after each run.
+        Called after each solution.
     """
     store.mkdir(parents=True, exist_ok=True)
-    missing = [run for run in runs if not (store / f"{run.key()}.npz").exists()]
-    tasks = [(run.geometry, run.resolution, run.curve) for run in missing]
+    keys = [run.key() for run in runs]
+    known = {key: _stored(store / f"{key}.npz") for key in set(keys)}
+    missing = {key: run for key, run in zip(keys, runs, strict=True) if known[key] is None}
+    tasks = [(run.geometry, run.resolution, run.curve) for run in missing.values()]
     apply = map if executor is None else executor.map
-    for run, solution in zip(missing, apply(solve_task, tasks), strict=True):
-        _write(store / f"{run.key()}.npz", solution)
+    for key, solved in zip(missing, apply(solve_task, tasks), strict=True):
+        _write(store / f"{key}.npz", solved)
+        known[key] = solved
         if on_run is not None:
             on_run()
-    return [read_solution(store / f"{run.key()}.npz") for run in runs]
+    return [solution for key in keys if (solution := known[key]) is not None]
 
 
 def read_solution(path: Path) -> CurveSolution:
     """Return a stored solution."""
-    with np.load(path, allow_pickle=False) as stored:
+    # opened here because np.load leaves a truncated archive open
+    with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
         return CurveSolution(
             bend_angle=stored["bend_angle"],
             arc_length=stored["arc_length"],
@@ -125,8 +132,23 @@ def read_solution(path: Path) -> CurveSolution:
         )
 
 
+def _stored(path: Path) -> CurveSolution | None:
+    if not path.exists():
+        return None
+    try:
+        return read_solution(path)
+    except (ValueError, KeyError, TypeError, EOFError, BadZipFile) as fault:
+        warnings.warn(f"{path} is damaged and is solved again: {fault}", stacklevel=3)
+        return None
+
+
 def _write(path: Path, solution: CurveSolution) -> None:
     handle, name = tempfile.mkstemp(dir=path.parent, suffix=".part")
-    with os.fdopen(handle, "wb") as part:
-        np.savez(part, **{key: np.asarray(value) for key, value in vars(solution).items()})
-    Path(name).replace(path)
+    try:
+        with os.fdopen(handle, "wb") as part:
+            arrays = {key: np.asarray(value) for key, value in vars(solution).items()}
+            np.savez(part, allow_pickle=False, **arrays)
+        Path(name).replace(path)
+    except BaseException:
+        Path(name).unlink(missing_ok=True)
+        raise

@@ -69,8 +69,8 @@ class Surrogate:
         curvature = np.where(outside, np.nan, kappa / scale * 1e3)
         return Prediction(
             curvature=curvature,
-            bend_angle=np.degrees(kappa * arc),
-            peak_stretch=stretch,
+            bend_angle=np.where(outside, np.nan, np.degrees(kappa * arc)),
+            peak_stretch=np.where(outside, np.nan, stretch),
             slope=curvature * growth,
             sd=curvature * np.interp(np.broadcast_to(load, shape), self.error_loads, self.error),
             status=np.where(outside, int(Status.OUTSIDE_TRAINING), 0),

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdeg.actuator.equilibrium import Status
 from bayesdeg.actuator.forward import MODEL_VERSION, Curve, CurveSolution
 from bayesdeg.emulator.scaling import TrainingBox
 from bayesdeg.emulator.surrogate import (
@@ -85,7 +84,8 @@ def reach(curve: Curve, solution: CurveSolution) -> float:
     if len(steep) == 0:
         return LIMIT_MARGIN * solution.limit_load
     middle, at = np.sqrt(q[1:] * q[:-1]), int(steep[0])
-    crossing = np.interp(STEEPEST, growth[at - 1 : at + 1], middle[at - 1 : at + 1])
+    before = max(at - 1, 0)
+    crossing = np.interp(STEEPEST, growth[before : at + 1], middle[before : at + 1])
     return min(float(crossing), LIMIT_MARGIN * solution.limit_load)
 
 

@@ -80,8 +80,8 @@ def approximate(
         trials = np.vstack([_prior_median(model), model.table.sample(generator, 400)])
         start = trials[int(np.argmax(model.log_prob(trials)))]
     mode = _climb(model, start)
-    precision = -_hessian(model, mode)
-    return Laplace(mode, _inverse(precision), float(_density(model, mode[None])[0]))
+    _, hessian = derivatives(model, mode)
+    return Laplace(mode, positive_inverse(-hessian), float(_density(model, mode[None])[0]))
 
 
 def evidence(
@@ -114,6 +114,23 @@ def evidence(
     effective = float(np.exp(2.0 * total - logsumexp(2.0 * weights)))
     error = float(np.sqrt(max(1.0 / effective - 1.0 / draws, 0.0)))
     return Evidence(total - float(np.log(draws)), error, points, weights, effective)
+
+
+def derivatives(model: Model, point: Floats, step: float = 1e-3) -> tuple[Floats, Floats]:
+    """Return gradient and Hessian of the log density at a point, bounds of priors left out."""
+    size = len(point)
+    around = point + step * np.vstack([np.zeros(size), np.eye(size), -np.eye(size)])
+    gradients = _gradient(model, around)
+    hessian = (gradients[1 : size + 1] - gradients[size + 1 :]) / (2.0 * step)
+    return gradients[0], 0.5 * (hessian + hessian.T)
+
+
+def positive_inverse(precision: Floats) -> Floats:
+    """Invert a precision, with directions of too little curvature taken as unit-wide."""
+    values, vectors = np.linalg.eigh(precision)
+    width = np.where(values > 1e-2, 1.0 / np.maximum(values, 1e-2), 1.0)
+    covariance: Floats = (vectors * width) @ vectors.T
+    return 0.5 * (covariance + covariance.T)
 
 
 def _prior_median(model: Model) -> Floats:
@@ -150,19 +167,3 @@ def _climb(model: Model, start: Floats) -> Floats:
         if gained < 1e-3:
             break
     return np.asarray(point, dtype=np.float64)
-
-
-def _hessian(model: Model, point: Floats, step: float = 1e-3) -> Floats:
-    size = len(point)
-    around = point + step * np.vstack([np.eye(size), -np.eye(size)])
-    gradients = _gradient(model, around)
-    hessian = (gradients[:size] - gradients[size:]) / (2.0 * step)
-    return 0.5 * (hessian + hessian.T)
-
-
-def _inverse(precision: Floats) -> Floats:
-    """Invert, with directions of too little curvature taken as unit-width."""
-    values, vectors = np.linalg.eigh(precision)
-    width = np.where(values > 1e-2, 1.0 / np.maximum(values, 1e-2), 1.0)
-    covariance: Floats = (vectors * width) @ vectors.T
-    return 0.5 * (covariance + covariance.T)

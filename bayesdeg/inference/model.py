@@ -227,11 +227,18 @@ class Model:
         array, shape (n, n_specimens, n_points)
             [1/m]; nan where the forward map has no answer.
         """
-        _, spread = self._degradation(values)
-        deviation = np.sqrt(spread) * generator.standard_normal(spread.shape)
-        prediction = self.curvature(values, deviation)
+        prediction = self.curvature(values, self.draw_deviation(values, generator))
         sd = np.sqrt(self._variance(values, prediction))
         return prediction.curvature + sd * generator.standard_normal(sd.shape)
+
+    def deviation_sd(self, values: Named) -> Floats:
+        """Return τ of each actuator, shape (n, n_specimens, 1)."""
+        return np.sqrt(self._degradation(values)[1])
+
+    def draw_deviation(self, values: Named, generator: np.random.Generator) -> Floats:
+        """Draw each actuator's deviation of ln stiffness, shape (n, n_specimens, 1)."""
+        sd = self.deviation_sd(values)
+        return sd * generator.standard_normal(sd.shape)
 
     def with_curvature(self, curvature: Floats) -> Self:
         """Return the model for other readings in the same tests, (n_specimens, n_points)."""

@@ -67,6 +67,8 @@ STYLE: dict[RcKeyType, Any] = {
 #: Decorator of every function that draws.
 styled = rc_context(STYLE)
 
+type Sharing = Literal["all", "row", "none"]
+
 FULL_WIDTH = 7.6
 HALF_WIDTH = 3.8
 
@@ -101,7 +103,7 @@ def level_colour(index: int, levels: int) -> str:
 
 @styled
 def panels(
-    number: int, *, columns: int = 3, share_y: bool = True, height: float = 2.05
+    number: int, *, columns: int = 3, share_y: Sharing = "all", height: float = 2.05
 ) -> tuple[Figure, list[Axes]]:
     """Lay out small multiples that share their horizontal axis.
 
@@ -111,8 +113,8 @@ def panels(
         How many panels.
     columns : int
         At most so many in a row.
-    share_y : bool
-        Whether they share the vertical axis too.
+    share_y : {"all", "row", "none"}
+        Which of them share the vertical axis too.
     height : float
         Of one row [in].
 
@@ -123,8 +125,7 @@ def panels(
     """
     columns = min(columns, number)
     rows = -(-number // columns)
-    width = FULL_WIDTH * columns / 3 if columns < 3 else FULL_WIDTH
-    figure = Figure(figsize=(width, height * rows + 0.45), layout="constrained")
+    figure = Figure(figsize=(FULL_WIDTH, height * rows + 0.45), layout="constrained")
     grid = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=share_y)
     flat = [axes for row in grid for axes in row]
     for place, axes in enumerate(flat):
@@ -140,6 +141,14 @@ def single(*, width: float = HALF_WIDTH, height: float = 2.7) -> tuple[Figure, A
     """Lay out one panel [in]."""
     figure = Figure(figsize=(width, height), layout="constrained")
     return figure, figure.subplots()
+
+
+@styled
+def side_by_side(*, height: float) -> tuple[Figure, Axes, Axes]:
+    """Lay out two panels that share nothing, in one row of this height [in]."""
+    figure = Figure(figsize=(FULL_WIDTH, height), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    return figure, left, right
 
 
 def legend_above(figure: Figure, entries: dict[str, Line2D]) -> None:
@@ -159,6 +168,13 @@ def key(colour: str, *, marker: str = "", line: bool = True, dashed: bool = Fals
     """Return an entry of a legend."""
     style: Literal["--", "-", ""] = "--" if dashed else "-" if line else ""
     return Line2D([], [], color=colour, marker=marker, linestyle=style, markersize=4)
+
+
+def points_key() -> Line2D:
+    """Return an entry of a legend for `points`."""
+    entry = key(INK, marker="o", line=False)
+    entry.set(markerfacecolor=PAPER, markeredgewidth=0.8)
+    return entry
 
 
 def band(axes: Axes, x: object, lower: object, upper: object, colour: str, alpha: float) -> None:

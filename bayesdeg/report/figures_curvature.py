@@ -12,7 +12,6 @@ from bayesdeg.nomenclature import axis_label
 from bayesdeg.report.figures import (
     BASE_COLOUR,
     FINAL_COLOUR,
-    INK,
     MUTED,
     band,
     key,
@@ -20,11 +19,13 @@ from bayesdeg.report.figures import (
     level_colour,
     panels,
     points,
+    points_key,
+    side_by_side,
     single,
     styled,
 )
 from bayesdeg.report.summaries import BASE, FINAL, nearest_level
-from bayesdeg.report.wording import level_words, model_words
+from bayesdeg.report.wording import level_words, model_words, words
 
 COLOURS = {BASE: BASE_COLOUR, FINAL: FINAL_COLOUR}
 
@@ -53,7 +54,7 @@ def residual_figure(
         for model in (BASE, FINAL):
             chosen = observations[(panel == level) & (observations["model"] == model)]
             _draw_curves(axes, chosen, "residual_per_m", COLOURS[model])
-        axes.set_title(level_words(level))
+        axes.set_title(f"{level_words(level)} degradation")
     _label(figure, axis_label("pressure_kPa"), "measured − simulated [1/m]")
     entries = {
         model_words(model): key(COLOURS[model], marker="o")
@@ -81,18 +82,18 @@ def bands_figure(
     levels : sequence of float
         Degradation rates of the bands that get a panel [%].
     """
-    figure, every_axes = panels(len(levels))
+    figure, every_axes = panels(len(levels), share_y="row")
     for axes, level in zip(every_axes, levels, strict=True):
         chosen = bands[bands["degradation_pct"] == level].sort_values("pressure_kPa")
         pressure = chosen["pressure_kPa"]
         band(axes, pressure, chosen["q05"], chosen["q95"], FINAL_COLOUR, 0.18)
         band(axes, pressure, chosen["q25"], chosen["q75"], FINAL_COLOUR, 0.28)
         axes.plot(pressure, chosen["q50"], color=FINAL_COLOUR)
-        axes.set_title(level_words(level))
+        axes.set_title(f"{level_words(level)} degradation")
     entries = {"predicted: median, 50 % and 90 % band": key(FINAL_COLOUR)}
     if observations is not None:
         _draw_measured(every_axes, observations, levels)
-        entries["measured"] = key(INK, marker="o", line=False)
+        entries["measured"] = points_key()
         entries["base model"] = key(BASE_COLOUR, dashed=True)
     _label(figure, axis_label("pressure_kPa"), axis_label("curvature_per_m"))
     legend_above(figure, entries)
@@ -112,8 +113,7 @@ def gain_figure(pooled: pd.DataFrame | None, by_level: pd.DataFrame | None, fina
     final : str
         The model that is set against the base model.
     """
-    figure, (left, right) = panels(2, columns=2, share_y=False, height=2.5)
-    left.sharex(left)
+    figure, left, right = side_by_side(height=2.9)
     if by_level is not None:
         _draw_errors(left, by_level, final)
     else:
@@ -217,11 +217,11 @@ def _draw_errors(axes: Axes, by_level: pd.DataFrame, final: str) -> None:
     axes.margins(y=0.12)
     axes.grid(visible=False, axis="y")
     axes.set_title("error by degradation rate")
-    axes.legend(loc="upper center", bbox_to_anchor=(0.45, -0.2), ncols=1)
+    axes.legend(loc="upper left", bbox_to_anchor=(0.0, -0.2), borderaxespad=0.0)
 
 
 def _draw_elpd(axes: Axes, pooled: pd.DataFrame, final: str) -> None:
-    extended = pooled[pooled["model"] != BASE]
+    extended = pooled[pooled["model"] != BASE].head(8)
     place = np.arange(len(extended))[::-1]
     for y, (_, row) in zip(place, extended.iterrows(), strict=True):
         colour = FINAL_COLOUR if row["model"] == final else MUTED
@@ -229,15 +229,15 @@ def _draw_elpd(axes: Axes, pooled: pd.DataFrame, final: str) -> None:
             row["elpd_diff"], y, xerr=row["elpd_diff_se"], fmt="o", color=colour, markersize=5
         )
     axes.axvline(0.0, color=BASE_COLOUR, linewidth=1.2)
-    axes.set_yticks(place, [f"+ {' + '.join(_added(model))}" for model in extended["model"]])
-    axes.set_xlabel("gain in elpd over the base model, ± standard error [–]")
+    axes.set_yticks(place, [_added(str(model)) for model in extended["model"]])
+    axes.set_xlabel("gain in elpd over the base model ± se [–]")
     axes.margins(x=0.1, y=0.25)
     axes.grid(visible=False, axis="y")
     axes.set_title("gain in held-out prediction")
 
 
-def _added(model: str) -> list[str]:
-    return [part.replace("_", " ") for part in model.split("+") if part != BASE]
+def _added(model: str) -> str:
+    return "\n".join(f"+ {words(part)}" for part in model.split("+") if part != BASE)
 
 
 def _label(figure: Figure, x: str, y: str) -> None:

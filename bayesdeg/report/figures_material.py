@@ -17,6 +17,7 @@ from bayesdeg.report.figures import (
     key,
     legend_above,
     panels,
+    points_key,
     styled,
 )
 from bayesdeg.report.figures_curvature import COLOURS
@@ -53,7 +54,7 @@ def constants_figure(constants: pd.DataFrame, measured: pd.DataFrame | None) -> 
         Table ``measured``; values of the same quantities are drawn with their standard deviation.
     """
     names = [name for name in CONSTANT_ORDER if (constants["constant"] == name).any()]
-    figure, every_axes = panels(len(names), columns=2, share_y=False, height=2.0)
+    figure, every_axes = panels(len(names), columns=2, share_y="none", height=2.0)
     for axes, name in zip(every_axes, names, strict=True):
         chosen = constants[constants["constant"] == name]
         for model in (BASE, FINAL):
@@ -64,12 +65,12 @@ def constants_figure(constants: pd.DataFrame, measured: pd.DataFrame | None) -> 
         axes.set_ylabel(f"{words(name)} [{chosen['unit'].iloc[0]}]")
     figure.supxlabel(axis_label("degradation_pct"), fontsize=8.0)
     entries = {
-        f"{model_words(model)}: median, 50 % and 90 % band": key(COLOURS[model])
+        model_words(model): key(COLOURS[model])
         for model in (BASE, FINAL)
         if (constants["model"] == model).any()
     }
     if measured is not None and measured["quantity"].isin(names).any():
-        entries["measured ± sd"] = key(INK, marker="o", line=False)
+        entries["measured ± sd"] = points_key()
     legend_above(figure, entries)
     return figure
 
@@ -95,7 +96,7 @@ def tensile_figure(tensile: pd.DataFrame) -> Figure:
         Table ``tensile``.
     """
     chosen = tensile_panels(tensile)
-    figure, every_axes = panels(len(chosen), share_y=False, height=2.2)
+    figure, every_axes = panels(len(chosen), share_y="none", height=2.2)
     for axes, panel in zip(every_axes, chosen, strict=True):
         here = tensile[
             (tensile["mode"] == panel.mode)
@@ -108,8 +109,8 @@ def tensile_figure(tensile: pd.DataFrame) -> Figure:
         axes.set_title(panel.title, color=INK if panel.fitted else BASE_COLOUR)
     figure.supxlabel(f"{axis_label('stretch')} [–]", fontsize=8.0)
     figure.supylabel("nominal stress [MPa]", fontsize=8.0)
-    entries = {"measured": key(INK, marker="o", line=False)} | {
-        f"{model_words(model)}: mean, 90 % interval": key(COLOURS[model])
+    entries = {"measured": points_key()} | {
+        model_words(model): key(COLOURS[model])
         for model in (BASE, FINAL)
         if (tensile["model"] == model).any()
     }

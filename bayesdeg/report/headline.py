@@ -6,7 +6,7 @@ import pandas as pd
 
 from bayesdeg.report.record import Outcome, Verdict
 from bayesdeg.report.summaries import BASE, extended_model, pooled, rows_of
-from bayesdeg.report.wording import BADGES, listed, number, p_value, percent, signed, words
+from bayesdeg.report.wording import BADGES, SPACE, fixed, listed, p_value, percent, words
 
 NOT_JUDGED = "Not judged"
 
@@ -49,7 +49,7 @@ def headline_of(verdict: Verdict, gain: pd.DataFrame | None) -> Headline:
     ...                     "misfit": {"rms_per_m": 2.0, "noise_per_m": 0.5, "p_value": 0.002}})
     >>> headline_of(named, None).sentence
     'The misfit is explained by creep'
-    >>> headline_of(named, None).numbers[0].value
+    >>> headline_of(named, None).numbers[0].value.replace(SPACE, " ")
     '2.00 1/m'
     """
     if not verdict.judged:
@@ -78,10 +78,10 @@ def _misfit(verdict: Verdict) -> KeyNumber:
     label = "Misfit of the base model"
     if misfit.rms_per_m is None:
         return KeyNumber(label, "–", "no actuator curvature to hold the simulation against")
-    note = f"rms in curvature; the noise is {number(misfit.noise_per_m)} 1/m"
+    note = f"rms in curvature; the noise is {fixed(misfit.noise_per_m)}{SPACE}1/m"
     if misfit.p_value is not None:
         note += f"; {p_value(misfit.p_value)}"
-    return KeyNumber(label, f"{number(misfit.rms_per_m)} 1/m", note)
+    return KeyNumber(label, f"{fixed(misfit.rms_per_m)}{SPACE}1/m", note)
 
 
 def _certainty(verdict: Verdict) -> KeyNumber:
@@ -118,20 +118,26 @@ def _gained(verdict: Verdict, gain: pd.DataFrame | None) -> KeyNumber:
     rows = {str(row["model"]): row for row in rows_of(pooled(gain))}
     base = rows.get(BASE)
     if extended is None or extended not in rows:
-        note = "of the base model; no single cause was added, so nothing was gained yet"
+        adequate = verdict.outcome is Outcome.ADEQUATE
+        why = (
+            "no cause had to be added" if adequate else "nothing was gained, as no cause was named"
+        )
+        note = f"rms of the base model; {why}"
         if base is None:
             return KeyNumber(label, "–", "prediction of held-out specimens was not tried")
-        return KeyNumber(label, f"{_cell(base['rmse_per_m'])} 1/m", note)
+        return KeyNumber(label, f"{_cell(base['rmse_per_m'])}{SPACE}1/m", note)
     after = rows[extended]
+    gained = f"{_elpd(after['elpd_diff'])} ± {_elpd(after['elpd_diff_se']).lstrip('+')}"
+    if after["rmse_per_m"] is None:
+        return KeyNumber("Gain on held-out specimens", gained, "elpd, over the base model")
     before = f"{_cell(base['rmse_per_m'])} → " if base else ""
-    elpd = f"elpd {_sign(after['elpd_diff'])} ± {_cell(after['elpd_diff_se'])}"
-    value = f"{before}{_cell(after['rmse_per_m'])} 1/m"
-    return KeyNumber(label, value, f"rms before and after the cause is included; {elpd}")
+    note = f"rms before and after the cause is included; elpd {gained}"
+    return KeyNumber(label, f"{before}{_cell(after['rmse_per_m'])}{SPACE}1/m", note)
 
 
 def _cell(value: float | str | None) -> str:
-    return number(value)
+    return fixed(None if value is None else float(value))
 
 
-def _sign(value: float | str | None) -> str:
-    return signed(float(value)) if value is not None else "–"
+def _elpd(value: float | str | None) -> str:
+    return fixed(None if value is None else float(value), 1, sign=True)

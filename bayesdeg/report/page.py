@@ -7,8 +7,8 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from bayesdeg.report import wording
-from bayesdeg.report.drawings import drawings_of
 from bayesdeg.report.figures import Drawing
+from bayesdeg.report.figures_run import drawings_of
 from bayesdeg.report.folder import RunFolder
 from bayesdeg.report.headline import Headline, headline_of
 from bayesdeg.report.record import Candidate, Run, Verdict
@@ -102,9 +102,10 @@ def render(content: Content) -> str:
     environment.filters |= {
         "number": wording.number,
         "count": wording.count,
-        "signed": wording.signed,
+        "fixed": wording.fixed,
         "percent": wording.percent,
         "p_value": wording.p_value,
+        "unbroken": wording.unbroken,
         "words": wording.words,
         "listed": wording.listed,
         "model": wording.model_words,

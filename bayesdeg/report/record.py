@@ -139,11 +139,12 @@ class Run:
 
 @dataclass(frozen=True)
 class Convergence:
-    """Whether the posterior of a model may be used."""
+    """Whether the posterior of a model may be used, and why."""
 
     r_hat_max: float | None
     ess_min: float | None
     sentence: str
+    usable: bool
 
 
 def verdict_of(content: Json) -> Verdict:
@@ -259,7 +260,10 @@ def _experiment(entry: Json) -> Experiment:
 
 def _convergence(entry: Json) -> Convergence:
     return Convergence(
-        number_of(entry, "r_hat_max"), number_of(entry, "ess_min"), text_of(entry, "sentence")
+        number_of(entry, "r_hat_max"),
+        number_of(entry, "ess_min"),
+        text_of(entry, "sentence"),
+        entry.get("usable") is not False,
     )
 
 

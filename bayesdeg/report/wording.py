@@ -6,11 +6,22 @@ from collections.abc import Sequence
 
 from bayesdeg.report.record import Outcome
 
+SPACE = "\N{NO-BREAK SPACE}"
+
 NOTHING = "–"
 """What stands in place of a value that is not available."""
 
 MINUS = "\N{MINUS SIGN}"
 
+_PROPER = {
+    "c1": "C1",
+    "c2": "C2",
+    "c3": "C3",
+    "young_modulus": "Young's modulus",
+    "r_squared": "R²",
+    "mullins": "Mullins",
+}
+_NUMBER_WITH_UNIT = re.compile(r"(\d) (%|kPa|MPa|1/m|mm\b|s\b|h\b)")
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 
 BADGES = {
@@ -53,6 +64,30 @@ def number(value: float | str | None, digits: int = 3) -> str:
     return f"{value:.{max(digits - 1 - exponent, 0)}f}".replace("-", MINUS)
 
 
+def fixed(value: float | None, decimals: int = 2, *, sign: bool = False) -> str:
+    """Word a number with so many decimals, more only if it would else be rounded to nearly nothing.
+
+    Parameters
+    ----------
+    value : float or None
+        The number.
+    decimals : int
+        Digits after the point.
+    sign : bool
+        Whether a positive number gets a plus.
+
+    Examples
+    --------
+    >>> fixed(0.7099), fixed(41.23, 1, sign=True), fixed(-2.0, 1), fixed(0.0012)
+    ('0.71', '+41.2', '−2.0', '0.0012')
+    """
+    if value is None or not math.isfinite(value):
+        return NOTHING
+    small = 0.0 < abs(value) < 10.0**-decimals
+    text = number(value, 2) if small else f"{value:.{decimals}f}".replace("-", MINUS)
+    return f"+{text}" if sign and value > 0 else text
+
+
 def count(value: float | None) -> str:
     """Word a count, thousands a narrow space apart.
 
@@ -66,34 +101,22 @@ def count(value: float | None) -> str:
     return f"{value:,.0f}".replace(",", "\N{NARROW NO-BREAK SPACE}")
 
 
-def signed(value: float | None, digits: int = 3) -> str:
-    """Word a difference with its sign.
-
-    Examples
-    --------
-    >>> signed(39.5), signed(-2.0)
-    ('+39.5', '−2.00')
-    """
-    text = number(value, digits)
-    return f"+{text}" if value is not None and value > 0 else text
-
-
 def percent(fraction: float | None) -> str:
     """Word a probability or a fraction in percent; never as certain when it is not.
 
     Examples
     --------
-    >>> percent(0.97), percent(0.99997), percent(0.0002), percent(0.0), percent(0.123)
-    ('97 %', '> 99.9 %', '< 0.1 %', '0 %', '12 %')
+    >>> [percent(value).replace(SPACE, " ") for value in (0.97, 0.99997, 0.0002, 0.0, 0.063)]
+    ['97 %', '> 99.9 %', '< 0.1 %', '0 %', '6.3 %']
     """
     if fraction is None or not math.isfinite(fraction):
         return NOTHING
     if 0.0 < fraction < 0.001:
-        return "< 0.1 %"
+        return f"<{SPACE}0.1{SPACE}%"
     if 0.999 < fraction < 1.0:
-        return "> 99.9 %"
+        return f">{SPACE}99.9{SPACE}%"
     digits = 1 if fraction < 0.0995 or 0.99 < fraction < 1.0 else 0
-    return f"{100 * fraction:.{digits}f}".removesuffix(".0").replace("-", MINUS) + " %"
+    return f"{100 * fraction:.{digits}f}".removesuffix(".0").replace("-", MINUS) + f"{SPACE}%"
 
 
 def p_value(value: float | None) -> str:
@@ -101,12 +124,24 @@ def p_value(value: float | None) -> str:
 
     Examples
     --------
-    >>> p_value(0.0004), p_value(0.31)
+    >>> p_value(0.0004).replace(SPACE, " "), p_value(0.31).replace(SPACE, " ")
     ('p < 0.001', 'p = 0.31')
     """
     if value is None or not math.isfinite(value):
         return NOTHING
-    return "p < 0.001" if value < 0.001 else f"p = {number(value, 2)}"
+    relation = "< 0.001" if value < 0.001 else f"= {number(value, 2)}"
+    return f"p {relation}".replace(" ", SPACE)
+
+
+def unbroken(text: str) -> str:
+    """Keep numbers and their units on one line.
+
+    Examples
+    --------
+    >>> unbroken("above 160 kPa at 15 %") == f"above 160{SPACE}kPa at 15{SPACE}%"
+    True
+    """
+    return _NUMBER_WITH_UNIT.sub(rf"\1{SPACE}\2", text)
 
 
 def words(name: str) -> str:
@@ -117,7 +152,7 @@ def words(name: str) -> str:
     >>> words("degraded_skin"), words("c2")
     ('degraded skin', 'C2')
     """
-    return name.upper() if name in ("c1", "c2", "c3") else name.replace("_", " ")
+    return _PROPER.get(name, name.replace("_", " "))
 
 
 def listed(names: Sequence[str]) -> str:
@@ -150,10 +185,10 @@ def level_words(level: str | float) -> str:
 
     Examples
     --------
-    >>> level_words("all"), level_words("15.0"), level_words(2.5)
-    ('all', '15 %', '2.5 %')
+    >>> level_words("all"), level_words("15.0").replace(SPACE, " ")
+    ('all', '15 %')
     """
-    return "all" if level == "all" else f"{float(level):.3g} %"
+    return "all" if level == "all" else f"{float(level):.3g}{SPACE}%"
 
 
 def duration(seconds: float) -> str:

@@ -1,0 +1,252 @@
+"""The command line: ``bayesdeg run STUDY`` and what stands around it."""
+
+import json
+import multiprocessing
+import os
+import sys
+import traceback
+from collections.abc import Iterator
+from concurrent.futures import Executor, ProcessPoolExecutor
+from contextlib import contextmanager, nullcontext
+from dataclasses import replace
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    Progress,
+    SpinnerColumn,
+    TaskID,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+from rich.table import Table
+
+import bayesdeg
+from bayesdeg.causes.catalogue import CATALOGUE
+from bayesdeg.errors import BayesdegError, StudyError
+from bayesdeg.measure.study import Study, read_study
+from bayesdeg.pipeline.assemble import assemble
+from bayesdeg.pipeline.progress import Silent
+from bayesdeg.pipeline.run import fingerprint, run_study
+from bayesdeg.report.checkpoints import Checkpoints
+from bayesdeg.report.folder import RunFolder
+from bayesdeg.report.page import build_page
+
+app = typer.Typer(
+    name="bayesdeg",
+    help="Bayesian calibration of degrading soft actuators that names what the simulation gets wrong.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    add_completion=False,
+)
+errors = Console(stderr=True)
+
+INPUT_FAULT, OUR_FAULT, STOPPED = 2, 1, 3
+
+
+class EffortChoice(StrEnum):
+    """How much is spent on sampling."""
+
+    QUICK = "quick"
+    STANDARD = "standard"
+    THOROUGH = "thorough"
+
+
+StudyFolder = Annotated[
+    Path, typer.Argument(help="A study folder: study.toml and CSV files.", metavar="STUDY")
+]
+Quiet = Annotated[bool, typer.Option("--quiet", help="Print nothing but the result.")]
+
+
+@app.command()
+def run(
+    study: StudyFolder,
+    effort: Annotated[
+        EffortChoice | None, typer.Option(help="Instead of the study's own effort.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Run folder; by default reports/<name of the study>.")
+    ] = None,
+    seed: Annotated[int | None, typer.Option(help="Instead of the study's own seed.")] = None,
+    workers: Annotated[
+        int, typer.Option(help="Processes; the results do not depend on it.", min=1)
+    ] = min(4, os.cpu_count() or 1),
+    fresh: Annotated[
+        bool, typer.Option("--fresh", help="Do everything again, resume nothing.")
+    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print verdict.json last.")] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Calibrate, criticise, name the cause, measure the gain, predict, and write the report.
+
+    An interrupted run goes on where it stopped.
+    """
+    checked = _with_options(read_study(study), effort, seed)
+    target = out or Path("reports") / checked.name
+    checkpoints = Checkpoints(target / "checkpoints", fingerprint(checked))
+    if fresh:
+        checkpoints.clear()
+    with _shown(quiet) as progress, _pool(workers) as executor:
+        document = run_study(
+            checked, RunFolder(target), checkpoints, progress=progress, executor=executor
+        )
+        progress.stage("report")
+        page = build_page(target)
+    if not quiet:
+        _say_verdict(document, page, virtual=checked.settings.virtual)
+    if as_json:
+        sys.stdout.write(json.dumps(RunFolder(target).read_json("verdict"), indent=2) + "\n")
+
+
+@app.command()
+def check(study: StudyFolder) -> None:
+    """Read and check the data only; exit code 2 and the list of faults if there are any."""
+    checked = read_study(study)
+    assembly = assemble(checked)
+    table = Table(title=f"{checked.name}: no faults", title_justify="left")
+    for heading in ("file", "rows", "read"):
+        table.add_column(heading, justify="right" if heading == "rows" else "left")
+    for name, frame in _tables(checked):
+        table.add_row(name, "–" if frame is None else str(frame), "" if frame else "not there")
+    errors.print(table)
+    for what, cost in assembly.missing:
+        errors.print(f"without {what}: {cost}")
+
+
+@app.command()
+def causes() -> None:
+    """List the catalogue: mechanism, parameters with units and priors, what reveals each cause."""
+    console = Console()
+    for cause in CATALOGUE.values():
+        console.print(f"[bold]{cause.name}[/bold]: {cause.mechanism}")
+        for p in cause.parameters:
+            console.print(f"    {p.name} [{p.unit}]: {p.meaning}; prior {p.law}", markup=False)
+        console.print(f"    revealed by: {cause.revealed_by}", markup=False)
+        if cause.confusable_with:
+            console.print(f"    can be confused with: {', '.join(cause.confusable_with)}")
+        if cause.needs:
+            console.print(f"    needs columns: {', '.join(cause.needs)}")
+
+
+@app.command()
+def report(
+    folder: Annotated[Path, typer.Argument(help="A run folder.", metavar="REPORT")],
+) -> None:
+    """Rebuild the HTML report from a run folder without computing anything."""
+    errors.print(f"wrote {build_page(folder)}")
+
+
+def _with_options(study: Study, effort: EffortChoice | None, seed: int | None) -> Study:
+    settings = study.settings
+    if effort is not None:
+        settings = replace(settings, effort=effort.value)
+    if seed is not None:
+        settings = replace(settings, seed=seed)
+    return replace(study, settings=settings)
+
+
+def _tables(study: Study) -> Iterator[tuple[str, int | None]]:
+    for name in ("moisture", "shrinkage", "tensile", "breaks", "actuator", "summary"):
+        frame = getattr(study, name)
+        yield ("break.csv" if name == "breaks" else f"{name}.csv"), None if frame is None else len(
+            frame
+        )
+
+
+def _say_verdict(document: dict[str, object], page: Path, *, virtual: bool) -> None:
+    label = "virtual experiment: " if virtual else ""
+    names = ", ".join(str(c) for c in document["causes"])  # type: ignore[attr-defined]
+    errors.print(f"\n[bold]{label}{document['outcome']}[/bold]{': ' + names if names else ''}")
+    errors.print(str(document["explanation"]), markup=False, highlight=False)
+    errors.print(f"\nreport: {page}", highlight=False)
+
+
+class _Bars:
+    """Shows stages as progress bars on standard error."""
+
+    def __init__(self, bars: Progress) -> None:
+        self._bars = bars
+        self._task: TaskID | None = None
+
+    def stage(self, name: str, total: float | None = None) -> None:
+        """Finish the stage before and begin another."""
+        self.finish()
+        self._task = self._bars.add_task(name, total=total, note="")
+
+    def advance(self, steps: float = 1.0, note: str = "") -> None:
+        """Move the bar of the stage."""
+        if self._task is not None:
+            self._bars.update(self._task, advance=steps, note=note)
+
+    def finish(self) -> None:
+        """Fill the bar of the stage."""
+        if self._task is not None:
+            self._bars.update(self._task, total=1, completed=1)
+            self._bars.stop_task(self._task)
+
+
+@contextmanager
+def _shown(quiet: bool) -> Iterator[_Bars | Silent]:
+    if quiet:
+        yield Silent()
+        return
+    columns = (
+        SpinnerColumn(finished_text="✓"),
+        TextColumn("{task.description}"),
+        BarColumn(bar_width=24),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(compact=True),
+        TextColumn("{task.fields[note]}"),
+    )
+    with Progress(*columns, console=errors) as bars:
+        shown = _Bars(bars)
+        yield shown
+        shown.finish()
+
+
+@contextmanager
+def _pool(workers: int) -> Iterator[Executor | None]:
+    """Worker processes, each with one thread of linear algebra; none for a single worker."""
+    if workers == 1:
+        with nullcontext():
+            yield None
+        return
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(workers, mp_context=context) as executor:
+        yield executor
+
+
+def main() -> None:
+    """Run the command line with the exit codes of the contract."""
+    try:
+        app(standalone_mode=False)
+    except StudyError as fault:
+        for line in fault.faults:
+            errors.print(str(line), style="red", markup=False, highlight=False, soft_wrap=True)
+        sys.exit(INPUT_FAULT)
+    except BayesdegError as fault:
+        errors.print(str(fault), style="red", markup=False, highlight=False, soft_wrap=True)
+        sys.exit(INPUT_FAULT)
+    except typer.Exit as done:
+        sys.exit(done.exit_code)
+    except KeyboardInterrupt:
+        errors.print("stopped; the same command goes on where this run stopped")
+        sys.exit(STOPPED)
+    except Exception as fault:
+        if hasattr(fault, "format_message") and hasattr(fault, "exit_code"):  # click's usage errors
+            errors.print(fault.format_message(), style="red", markup=False)
+            sys.exit(INPUT_FAULT)
+        traceback.print_exc()
+        errors.print(f"This is a fault of bayesdeg {bayesdeg.__version__}: please send us the above.")
+        sys.exit(OUR_FAULT)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""A study becomes a run folder: the order of the work."""

@@ -1,0 +1,160 @@
+"""A study becomes the base model: which data, which parameters, which priors."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayesdeg.actuator.forward import ForwardMap
+from bayesdeg.actuator.geometry import Geometry
+from bayesdeg.causes.catalogue import CATALOGUE, find
+from bayesdeg.causes.cause import Cause
+from bayesdeg.emulator.store import surrogate_for
+from bayesdeg.errors import BayesdegError
+from bayesdeg.inference import data as tables
+from bayesdeg.inference import parameters as known
+from bayesdeg.inference.model import Model
+from bayesdeg.laws import Law, Parameter, Uniform
+from bayesdeg.material.degradation import Nodes, nodes_for
+from bayesdeg.measure.study import Study
+
+
+@dataclass(frozen=True)
+class Assembly:
+    """The base model of a study and what surrounds it.
+
+    Parameters
+    ----------
+    model : Model
+        Base model.
+    candidates : tuple of Cause
+        Causes that can be judged with the columns at hand.
+    unjudged : dict of str to str
+        Causes that cannot, and why.
+    missing : tuple of (str, str)
+        Data that are not there, and what that costs.
+    """
+
+    model: Model
+    candidates: tuple[Cause, ...]
+    unjudged: dict[str, str]
+    missing: tuple[tuple[str, str], ...]
+
+
+def assemble(study: Study, forward: ForwardMap | None = None) -> Assembly:
+    """Build the base model of a study.
+
+    Parameters
+    ----------
+    study : Study
+        Checked data and settings.
+    forward : ForwardMap, optional
+        By default the emulator that ships with the package.
+
+    Raises
+    ------
+    StudyError
+        If a prior is given for a parameter that does not exist.
+    BayesdegError
+        If a candidate does not exist, or there is no emulator of the study's geometry.
+    """
+    actuator = tables.actuator_curves(study)
+    tensile = tables.tensile_curves(study, fitted=True)
+    breaks, statistics = tables.breaks(study), tables.statistics(study)
+    if actuator is None:
+        statistics = tuple(s for s in statistics if s.quantity != "volume_ratio")
+    nodes = _nodes(tensile, actuator, statistics)
+    elongation_nodes = _elongation_nodes(breaks, statistics)
+    base = [*known.material_parameters(nodes), known.STIFFNESS_SCATTER]
+    base += known.TENSILE if tensile is not None else ()
+    base += known.ACTUATOR if actuator is not None else ()
+    base += known.elongation_parameters(elongation_nodes) if elongation_nodes else ()
+    candidates, unjudged = _candidates(study)
+    _check(study, base, candidates)
+    if actuator is not None and forward is None:
+        forward = surrogate_for(Geometry(study.settings.dimensions))
+    model = Model(
+        base=known.with_priors(_default_priors(base, statistics), study.settings.priors),
+        nodes=nodes,
+        elongation_nodes=elongation_nodes or (0.0,),
+        forward=forward if actuator is not None else None,
+        tensile=tensile,
+        actuator=actuator,
+        breaks=breaks,
+        statistics=statistics,
+    )
+    return Assembly(model, candidates, unjudged, _missing(study))
+
+
+def _nodes(
+    tensile: tables.TensileCurves | None,
+    actuator: tables.ActuatorCurves | None,
+    statistics: tuple[tables.Statistic, ...],
+) -> Nodes:
+    levels = [s.degradation for s in statistics if s.quantity == "young_modulus"]
+    for curves in (tensile, actuator):
+        if curves is not None:
+            levels += curves.degradation.ravel().tolist()
+    return nodes_for(levels or [0.0])
+
+
+def _elongation_nodes(
+    breaks: tables.Breaks | None, statistics: tuple[tables.Statistic, ...]
+) -> Nodes:
+    levels = [s.degradation for s in statistics if s.quantity == "elongation_at_break"]
+    levels += [] if breaks is None else breaks.degradation.tolist()
+    return nodes_for(levels) if levels else ()
+
+
+def _default_priors(
+    base: list[Parameter], statistics: tuple[tables.Statistic, ...]
+) -> tuple[Parameter, ...]:
+    # the default prior of α is the published mean; where data of α are given it would count twice
+    measured = any(s.quantity == "volume_ratio" for s in statistics)
+    wide: dict[str, Law] = {"volume_ratio": Uniform(0.2, 1.0)} if measured else {}
+    return known.with_priors(base, wide)
+
+
+def _candidates(study: Study) -> tuple[tuple[Cause, ...], dict[str, str]]:
+    wanted = study.settings.candidates
+    causes = CATALOGUE.values() if wanted is None else [find(name) for name in wanted]
+    recorded = study.recorded.get("actuator", frozenset())
+    judged, unjudged = [], {}
+    for cause in causes:
+        lacking = [column for column in cause.needs if column not in recorded]
+        if study.actuator is None:
+            unjudged[cause.name] = "there are no actuator readings (actuator.csv)"
+        elif lacking:
+            unjudged[cause.name] = f"actuator.csv does not record {', '.join(lacking)}"
+        else:
+            judged.append(cause)
+    return tuple(judged), unjudged
+
+
+def _check(study: Study, base: list[Parameter], candidates: tuple[Cause, ...]) -> None:
+    names = [p.name for p in known.with_causes(base, candidates).parameters]
+    known.check_priors(study.settings.priors, names)
+    if not base:
+        raise BayesdegError(f"{study.name}: there is nothing to calibrate")
+
+
+def _missing(study: Study) -> tuple[tuple[str, str], ...]:
+    costs = {
+        "tensile": "the Yeoh constants rest on priors and published statistics",
+        "actuator": "nothing can be said of the actuator: no misfit, no cause, no bands",
+        "breaks": "the elongation limit rests on priors and published statistics",
+        "shrinkage": "the volume ratio α rests on its prior and published statistics",
+        "moisture": "degradation rates are taken as recorded, without a check against time",
+        "summary": "nothing is compared with, or rests on, published statistics",
+    }
+    files = {"breaks": "break.csv"}
+    return tuple(
+        (files.get(name, f"{name}.csv"), cost)
+        for name, cost in costs.items()
+        if getattr(study, name) is None
+    )
+
+
+def level_grid(model: Model) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    """Return the degradation rates at which predictions are shown [%]."""
+    top = max(model.nodes)
+    return np.array(model.nodes) if top == 0.0 else np.arange(0.0, top + 1e-9, 5.0)

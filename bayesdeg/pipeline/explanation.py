@@ -1,0 +1,165 @@
+"""The verdict in plain words, and as the document that others' tools read."""
+
+from bayesdeg.causes.catalogue import CATALOGUE
+from bayesdeg.criticism.verdict import (
+    FALSE_NAME_RATE,
+    LEAST_EXPLAINED,
+    Candidate,
+    Outcome,
+    probabilities,
+)
+from bayesdeg.pipeline.judge import Judgement
+
+Json = dict[str, object]
+
+
+def verdict_document(judgement: Judgement, where: str) -> Json:
+    """Return the content of ``verdict.json`` for a study with actuator readings."""
+    misfit, decision = judgement.misfit, judgement.decision
+    shares = probabilities([c for c in judgement.candidates if not c.why])
+    return {
+        "outcome": str(decision.outcome),
+        "causes": list(decision.causes),
+        "explanation": explain(judgement, where),
+        "candidates": [_candidate(c, shares.get(c.cause)) for c in judgement.candidates],
+        "confusable": [list(pair) for pair in judgement.confusable],
+        "false_name_rate": FALSE_NAME_RATE,
+        "misfit": {
+            "rms_per_m": misfit.rms,
+            "noise_per_m": misfit.noise,
+            "p_value": misfit.p_value,
+            "where": where,
+        },
+        "next_experiments": [],
+    }
+
+
+def unjudged_document(unjudged: dict[str, str]) -> Json:
+    """Return the content of ``verdict.json`` for a study without actuator readings."""
+    return {
+        "outcome": str(Outcome.ADEQUATE),
+        "causes": [],
+        "explanation": "There are no readings of an actuator in this study, so there is no "
+        "misfit of the actuator model to judge and no cause is named. What the material law "
+        "gets right and wrong is shown with the tensile data.",
+        "candidates": [_candidate(Candidate(n, *4 * (None,), {}, w), None) for n, w in unjudged.items()],
+        "confusable": [],
+        "false_name_rate": None,
+        "misfit": {"rms_per_m": None, "noise_per_m": None, "p_value": None, "where": ""},
+        "next_experiments": [],
+    }
+
+
+def explain(judgement: Judgement, where: str) -> str:
+    """Return one paragraph: what is wrong, why, how sure, what else it could be."""
+    outcome = judgement.decision.outcome
+    if outcome == Outcome.ADEQUATE:
+        return _adequate(judgement)
+    if outcome == Outcome.UNEXPLAINED:
+        return _unexplained(judgement, where)
+    if outcome == Outcome.AMBIGUOUS:
+        return _ambiguous(judgement, where)
+    return _named(judgement, where)
+
+
+def _adequate(judgement: Judgement) -> str:
+    return (
+        "The simulation agrees with the measurements within specimen scatter and reading noise "
+        f"({_chance(judgement)}). No cause is named."
+    )
+
+
+def _unexplained(judgement: Judgement, where: str) -> str:
+    judged = [c for c in judgement.candidates if c.log_bayes_factor is not None]
+    text = f"{where} {_not_chance(judgement)} No cause in the catalogue accounts for it."
+    if not judged:
+        return text
+    best = max(judged, key=lambda c: c.log_bayes_factor or 0.0)
+    reasons = []
+    if (best.log_bayes_factor or 0.0) < judgement.threshold:
+        reasons.append(
+            f"its log Bayes factor {best.log_bayes_factor:.1f} is below the {judgement.threshold:.1f} "
+            "that naming takes"
+        )
+    if (best.explained_fraction or 0.0) < LEAST_EXPLAINED:
+        reasons.append(f"it removes only {100 * (best.explained_fraction or 0.0):.0f} % of the misfit")
+    if best.elpd_diff is not None and best.elpd_diff <= (best.elpd_diff_se or 0.0):
+        reasons.append("held-out specimens are not predicted better with it")
+    because = f": {'; '.join(reasons)}" if reasons else ""
+    return f"{text} The nearest is {best.cause}{because}."
+
+
+def _ambiguous(judgement: Judgement, where: str) -> str:
+    names = " or ".join(judgement.decision.causes)
+    return (
+        f"{where} {_not_chance(judgement)} It is explained by {names}; these readings cannot tell "
+        f"them apart. {_mechanisms(judgement)}"
+    )
+
+
+def _named(judgement: Judgement, where: str) -> str:
+    best = _leader(judgement)
+    size = ", ".join(
+        f"{name.replace('_', ' ')} {e.mean:.3g} {e.unit} (90 % interval {e.q05:.3g} to {e.q95:.3g})".replace(" – ", " ")
+        for name, e in best.effect.items()
+    )
+    return (
+        f"{where} {_not_chance(judgement)} The cause is {best.cause}: "
+        f"{CATALOGUE[best.cause].mechanism}. Its size: {size}. With it "
+        f"{100 * (best.explained_fraction or 0.0):.0f} % of the misfit is explained, and specimens "
+        f"that took no part in the calibration are predicted better by {best.elpd_diff:.1f} ± "
+        f"{best.elpd_diff_se:.1f} in log density. {_runner_up(judgement)}"
+    ).strip()
+
+
+def _leader(judgement: Judgement) -> Candidate:
+    return next(c for c in judgement.candidates if c.cause == judgement.decision.causes[0])
+
+
+def _runner_up(judgement: Judgement) -> str:
+    best = _leader(judgement)
+    others = [
+        c for c in judgement.candidates if c.log_bayes_factor is not None and c.cause != best.cause
+    ]
+    if not others:
+        return ""
+    rival = max(others, key=lambda c: c.log_bayes_factor or -1e9)
+    gap = (best.log_bayes_factor or 0.0) - (rival.log_bayes_factor or 0.0)
+    return f"The next best candidate, {rival.cause}, is {gap:.1f} behind in log Bayes factor."
+
+
+def _mechanisms(judgement: Judgement) -> str:
+    return " ".join(
+        f"{name}: {CATALOGUE[name].mechanism}." for name in judgement.decision.causes
+    )
+
+
+def _chance(judgement: Judgement) -> str:
+    count, p = len(judgement.misfit.null), judgement.misfit.p_value
+    return f"{100 * p:.0f} % of {count} data sets simulated from the model misfit as much or more"
+
+
+def _not_chance(judgement: Judgement) -> str:
+    count, p = len(judgement.misfit.null), judgement.misfit.p_value
+    larger = int(round(p * (count + 1) - 1))
+    return (
+        f"Of {count} data sets simulated from the calibrated model, {larger or 'none'} misfit as "
+        f"much (p = {p:.3g})."
+    )
+
+
+def _candidate(candidate: Candidate, probability: float | None) -> Json:
+    known = CATALOGUE.get(candidate.cause)
+    entry: Json = {
+        "cause": candidate.cause,
+        "probability": probability,
+        "log_bayes_factor": candidate.log_bayes_factor,
+        "elpd_diff": candidate.elpd_diff,
+        "elpd_diff_se": candidate.elpd_diff_se,
+        "explained_fraction": candidate.explained_fraction,
+        "effect": {name: vars(size) for name, size in candidate.effect.items()},
+        "mechanism": known.mechanism if known else "",
+    }
+    if candidate.why:
+        entry["why"] = candidate.why
+    return entry

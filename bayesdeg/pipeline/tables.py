@@ -1,0 +1,217 @@
+"""Fits become the tidy tables of a run folder."""
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from bayesdeg.criticism.convergence import Convergence
+from bayesdeg.criticism.residuals import CurvatureFit
+from bayesdeg.inference.data import TensileCurves, statistics, tensile_curves
+from bayesdeg.inference.ensemble import Chain
+from bayesdeg.inference.model import Model
+from bayesdeg.material.degradation import young_modulus
+from bayesdeg.measure.course import degradation_of_films
+from bayesdeg.measure.moisture import moisture_content
+from bayesdeg.measure.study import Study
+from bayesdeg.pipeline.assemble import level_grid
+from bayesdeg.pipeline.calibrate import Fit
+from bayesdeg.prediction.bands import draw_values
+
+Floats = NDArray[np.float64]
+
+FIVE = (0.05, 0.25, 0.5, 0.75, 0.95)
+
+
+def observations(model: Model, label: str, fit: CurvatureFit) -> pd.DataFrame:
+    """Return every reading of curvature beside its posterior prediction."""
+    assert model.actuator is not None
+    data, mask = model.actuator, model.actuator.mask
+    shape = mask.shape
+    return pd.DataFrame(
+        {
+            "model": label,
+            "specimen_id": np.broadcast_to(np.array(data.specimens)[:, None], shape)[mask],
+            "degradation_pct": np.broadcast_to(data.degradation, shape)[mask],
+            "pressure_kPa": data.pressure[mask],
+            "branch": data.branch[mask],
+            "cycle": data.cycle[mask],
+            "curvature_per_m": data.curvature[mask],
+            "mean_per_m": fit.mean[mask],
+            "q05_per_m": fit.low[mask],
+            "q95_per_m": fit.high[mask],
+            "residual_per_m": (data.curvature - fit.mean)[mask],
+        }
+    )
+
+
+def tensile(study: Study, fit: Fit, label: str, generator: np.random.Generator) -> pd.DataFrame:
+    """Return every reading of stress, fitted or held out, beside its posterior prediction."""
+    frames = []
+    values = draw_values(fit.model, fit.chain, generator, 400)
+    for fitted in (True, False):
+        curves = tensile_curves(study, fitted=fitted)
+        if curves is not None:
+            frames.append(_tensile(curves, fit.model, values, generator, label=label, fitted=fitted))
+    return pd.concat(frames, ignore_index=True)
+
+
+def _tensile(
+    curves: TensileCurves,
+    model: Model,
+    values: dict[str, Floats],
+    generator: np.random.Generator,
+    *,
+    label: str,
+    fitted: bool,
+) -> pd.DataFrame:
+    constants = np.stack(model.constants(values, curves.degradation), axis=-1)
+    stress = np.matmul(curves.basis, constants[..., None])[..., 0]
+    spread = model.spread(values, curves.degradation, curves.degradation_sd)
+    deviation = np.sqrt(spread) * generator.standard_normal(spread.shape)
+    noise = np.hypot(
+        values["tensile_noise_floor"][:, None, None],
+        values["tensile_noise"][:, None, None] * stress,
+    )
+    readings = stress * np.exp(deviation)[..., None] + noise * generator.standard_normal(
+        stress.shape
+    )
+    low, high = np.quantile(readings, [0.05, 0.95], axis=0)
+    # the table is in nominal stress, whatever was recorded
+    to_nominal = np.where(curves.cauchy, 1.0 / curves.stretch, 1.0)
+    mask, shape = curves.mask, curves.mask.shape
+    return pd.DataFrame(
+        {
+            "model": label,
+            "specimen_id": np.broadcast_to(np.array(curves.specimens)[:, None], shape)[mask],
+            "mode": np.broadcast_to(np.array(curves.modes)[:, None], shape)[mask],
+            "degradation_pct": np.broadcast_to(curves.degradation[:, None], shape)[mask],
+            "stretch": curves.stretch[mask],
+            "stress_MPa": (curves.stress * to_nominal)[mask],
+            "fitted": int(fitted),
+            "mean_MPa": (stress.mean(axis=0) * to_nominal)[mask],
+            "q05_MPa": (low * to_nominal)[mask],
+            "q95_MPa": (high * to_nominal)[mask],
+        }
+    )
+
+
+def constants(fit: Fit, label: str, generator: np.random.Generator) -> pd.DataFrame:
+    """Return quantiles of the Yeoh constants and of Young's modulus against degradation."""
+    grid = level_grid(fit.model)
+    values = draw_values(fit.model, fit.chain, generator, 2000)
+    c1, c2, c3 = fit.model.constants(values, grid)
+    named = {"c1": c1, "c2": c2, "c3": c3, "young_modulus": young_modulus(c1)}
+    frames = [
+        pd.DataFrame(
+            {"model": label, "degradation_pct": grid, "constant": name, "unit": "MPa"}
+            | _quantiles(draws)
+        )
+        for name, draws in named.items()
+    ]
+    return pd.concat(frames, ignore_index=True)
+
+
+def parameters(
+    model: Model, chain: Chain, diagnosis: Convergence, label: str
+) -> pd.DataFrame:
+    """Return posterior and prior of every parameter, with its diagnostics."""
+    flat = model.table.named(chain.vectors.reshape(-1, chain.vectors.shape[-1]))
+    rows = []
+    for i, p in enumerate(model.table.parameters):
+        draws, prior = flat[p.name], p.law.quantile(np.array([0.05, 0.5, 0.95]))
+        low, middle, high = np.quantile(draws, [0.05, 0.5, 0.95])
+        rows.append(
+            {
+                "model": label,
+                "parameter": p.name,
+                "unit": p.unit,
+                "meaning": p.meaning,
+                "mean": float(np.mean(draws)),
+                "sd": float(np.std(draws)),
+                "q05": low,
+                "q50": middle,
+                "q95": high,
+                "prior_q05": prior[0],
+                "prior_q50": prior[1],
+                "prior_q95": prior[2],
+                "r_hat": diagnosis.r_hat[i],
+                "ess_bulk": diagnosis.ess_bulk[i],
+                "ess_tail": diagnosis.ess_tail[i],
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def elongation(fit: Fit, generator: np.random.Generator) -> pd.DataFrame | None:
+    """Return the elongation limit against degradation: band of specimens, and measurements."""
+    if "elongation_scatter" not in fit.model.table.names:
+        return None
+    grid = level_grid(fit.model)
+    values = draw_values(fit.model, fit.chain, generator, 2000)
+    median = fit.model.elongation(values, grid)
+    scatter = values["elongation_scatter"][:, None] * generator.standard_normal(median.shape)
+    low, middle, high = np.quantile(median * np.exp(scatter), [0.05, 0.5, 0.95], axis=0)
+    band = pd.DataFrame(
+        {"kind": "band", "degradation_pct": grid, "value": np.nan}
+        | {"q05": low, "q50": middle, "q95": high}
+    )
+    if fit.model.breaks is None:
+        return band
+    measured = pd.DataFrame(
+        {
+            "kind": "measured",
+            "degradation_pct": fit.model.breaks.degradation,
+            "value": fit.model.breaks.elongation,
+        }
+    )
+    return pd.concat([band, measured.assign(q05=np.nan, q50=np.nan, q95=np.nan)])
+
+
+def measured(study: Study) -> pd.DataFrame:
+    """Return what was reduced from readings or taken from publications, and what it rests on."""
+    units = {"young_modulus": "MPa", "elongation_at_break": "%", "volume_ratio": "–"}
+    rows: list[dict[str, object]] = [
+        {
+            "quantity": s.quantity,
+            "degradation_pct": np.nan if s.quantity == "volume_ratio" else s.degradation,
+            "value": s.value,
+            "sd": s.se,
+            "unit": units[s.quantity],
+            "n": np.nan,
+            "rests_on": s.source,
+        }
+        for s in statistics(study)
+    ]
+    if study.moisture is not None:
+        rows += _moisture(study)
+    names = ["quantity", "degradation_pct", "value", "sd", "unit", "n", "rests_on"]
+    return pd.DataFrame(rows, columns=names)
+
+
+def _moisture(study: Study) -> list[dict[str, object]]:
+    assert study.moisture is not None
+    table = study.moisture
+    content = moisture_content(table["mass_equilibrated_g"], table["mass_dry_g"])
+    try:
+        films = degradation_of_films(table["time_h"].to_numpy(np.float64), content)
+    except ValueError:  # no films at time 0, or no replicates: there is no rate to speak of
+        return []
+    return [
+        {
+            "quantity": f"degradation rate after {time:g} h",
+            "degradation_pct": np.nan,
+            "value": float(rate),
+            "sd": float(error),
+            "unit": "%",
+            "n": float(np.sum(table["time_h"] == time)),
+            "rests_on": "moisture.csv",
+        }
+        for time, rate, error in zip(
+            films.time_h, films.degradation_pct, films.standard_error, strict=True
+        )
+    ]
+
+
+def _quantiles(draws: Floats) -> dict[str, Floats]:
+    values = np.quantile(draws, FIVE, axis=0)
+    return {f"q{round(100 * q):02d}": values[i] for i, q in enumerate(FIVE)}

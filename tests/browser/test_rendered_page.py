@@ -1,0 +1,124 @@
+import shutil
+import struct
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from bayesdeg.report.page import build_page
+from tests.report.html_reading import read_html
+from tests.report.synthetic_run import write_bare, write_full
+
+CHROMIUM = next(
+    filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
+)
+
+pytestmark = [
+    pytest.mark.browser,
+    pytest.mark.skipif(CHROMIUM is None, reason="no chromium binary is installed"),
+]
+
+FLAGS = [
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-dev-shm-usage",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--disable-extensions",
+    "--hide-scrollbars",
+    "--host-resolver-rules=MAP * ~NOTFOUND",
+    "--enable-logging=stderr",
+]
+
+# Appended to a copy of the page; what it measures is read from the dumped tree.
+PROBE = """<script>addEventListener("load", () => {
+  const say = (name, value) => document.body.setAttribute("data-" + name, value);
+  const box = (element) => element.getBoundingClientRect();
+  const visible = [...document.querySelectorAll("main *")].filter((e) => box(e).height > 0);
+  say("first", visible.find((e) => e.matches("h1, h2, figure, table")).tagName);
+  say("verdict-bottom", box(document.querySelector("dl.keys")).bottom);
+  say("page-width", document.documentElement.scrollWidth);
+  say("window-width", innerWidth);
+  say("figures", [...document.querySelectorAll("figure svg")].filter(
+    (svg) => box(svg).width > 200 && box(svg).height > 100).length);
+  say("ink", getComputedStyle(document.body).color);
+  say("tick", getComputedStyle(document.querySelector("svg text") || document.body).fill);
+  dispatchEvent(new Event("beforeprint"));
+  say("closed-in-print", document.querySelectorAll("details:not([open])").length);
+  dispatchEvent(new Event("afterprint"));
+  say("open-after-print", document.querySelectorAll("details[open]").length);
+});</script>"""
+
+
+def chromium(page: Path, *options: str, profile: Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [CHROMIUM, *FLAGS, f"--user-data-dir={profile}", *options, page.as_uri()],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=True,
+    )
+
+
+def complaints(run: subprocess.CompletedProcess[str]) -> list[str]:
+    return [line for line in run.stderr.splitlines() if "CONSOLE" in line]
+
+
+def measured(page: Path, profile: Path, width: int) -> tuple[dict[str, str], list[str]]:
+    probed = page.with_name("probed.html")
+    probed.write_text(page.read_text(encoding="utf-8").replace("</body>", PROBE + "</body>"))
+    run = chromium(probed, f"--window-size={width},900", "--dump-dom", profile=profile)
+    return read_html(run.stdout).all("body")[0].attributes, complaints(run)
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("named")
+    write_full(folder, "named", virtual=True)
+    return build_page(folder)
+
+
+def test_complaints_of_a_page_are_noticed(tmp_path):
+    bad = tmp_path / "bad.html"
+    bad.write_text("<!DOCTYPE html><title>x</title><script>no.such.thing</script>")
+    assert complaints(chromium(bad, "--dump-dom", profile=tmp_path / "profile"))
+
+
+def test_a_wide_window_shows_the_verdict_first_and_without_scrolling(page, tmp_path):
+    found, problems = measured(page, tmp_path, 1280)
+    assert problems == []
+    assert found["data-first"] == "H1"
+    assert float(found["data-verdict-bottom"]) < 900
+    assert int(found["data-page-width"]) <= int(found["data-window-width"])
+    assert found["data-figures"] == "8"
+    assert found["data-closed-in-print"] == "0"
+    assert found["data-open-after-print"] == "0"
+    assert found["data-tick"] == found["data-ink"]
+
+
+def test_a_narrow_window_does_not_scroll_sideways(page, tmp_path):
+    found, problems = measured(page, tmp_path, 420)
+    assert problems == []
+    assert int(found["data-window-width"]) < 600
+    assert int(found["data-page-width"]) <= int(found["data-window-width"])
+    assert found["data-figures"] == "8"
+
+
+def test_the_page_of_a_study_without_actuator_data_renders(tmp_path):
+    write_bare(tmp_path / "run")
+    found, problems = measured(build_page(tmp_path / "run"), tmp_path / "profile", 1280)
+    assert problems == []
+    assert found["data-first"] == "H1"
+    assert found["data-figures"] == "0"
+
+
+def test_a_screenshot_can_be_taken(page, tmp_path):
+    picture = tmp_path / "page.png"
+    options = (f"--screenshot={picture}", "--window-size=1000,700")
+    run = chromium(page, *options, profile=tmp_path / "profile")
+    assert complaints(run) == []
+    assert struct.unpack(">II", picture.read_bytes()[16:24]) == (1000, 700)
+    assert picture.stat().st_size > 20_000

@@ -1,0 +1,289 @@
+"""The contract that every cause of the catalogue keeps."""
+
+import dataclasses
+import importlib
+import pkgutil
+import re
+
+import numpy as np
+import pytest
+
+import bayesdeg.causes
+from bayesdeg.actuator.forward import Inputs
+from bayesdeg.causes.catalogue import CATALOGUE, find, in_order
+from bayesdeg.causes.cause import Conditions, Degradation, Stage
+from bayesdeg.errors import BayesdegError
+from bayesdeg.inference.model import Model
+from tests.emulator.closed_form import trained
+from tests.inference.small_study import actuator_curves, base_parameters
+
+NAMES = (
+    "degradation_misread",
+    "degraded_skin",
+    "erosion",
+    "paper_softening",
+    "paper_slack",
+    "humidity_drift",
+    "creep",
+    "mullins",
+    "pressure_offset",
+    "pressure_loss",
+    "gravity",
+    "wall_thickness",
+    "shrinkage_reading",
+    "film_mismatch",
+    "curvature_reading",
+    "initial_curvature",
+    "stress_measure",
+    "second_invariant",
+    "flaw_embrittlement",
+)
+SECTIONS = ("Mechanism", "Equation", "Typical size", "Revealed by", "Refuted by", "Source")
+
+each_cause = pytest.mark.parametrize("cause", CATALOGUE.values(), ids=lambda cause: cause.name)
+
+
+def module_of(name):
+    found = [
+        module
+        for entry in pkgutil.iter_modules(bayesdeg.causes.__path__)
+        if hasattr(module := importlib.import_module(f"bayesdeg.causes.{entry.name}"), "CAUSE")
+        and module.CAUSE.name == name
+    ]
+    assert len(found) == 1
+    return found[0]
+
+
+@pytest.fixture(scope="module")
+def model():
+    return Model(
+        base=base_parameters(),
+        nodes=(0.0, 12.5, 25.0),
+        elongation_nodes=(0.0, 25.0),
+        forward=trained(),
+        actuator=actuator_curves(),
+    )
+
+
+@pytest.fixture(scope="module")
+def base_values(model):
+    """Medians of the base parameters, one walker."""
+    return {p.name: np.array([float(p.law.quantile(0.5))]) for p in model.base}
+
+
+def values_of(cause, choose):
+    return {cause.qualified(p.name): np.atleast_1d(choose(p)) for p in cause.parameters}
+
+
+def typical(cause):
+    return values_of(cause, lambda p: cause.typical[p.name])
+
+
+def neutral(cause):
+    return values_of(cause, lambda p: p.neutral)
+
+
+def degradation_of(model):
+    return Degradation(model.actuator.degradation, model.actuator.degradation_sd)
+
+
+def conditions_of(model):
+    return Conditions(model.actuator.pressure, model.actuator.degradation)
+
+
+def inputs_of(model):
+    one = np.ones((1, 1, 1))
+    return Inputs(
+        model.actuator.pressure, 0.4 * one, -0.01 * one, 0.01 * one, 0.85 * one, 3e4 * one
+    )
+
+
+def assert_same_record(left, right):
+    for field in dataclasses.fields(left):
+        a, b = getattr(left, field.name), getattr(right, field.name)
+        if a is None or b is None:  # a reading relative to zero pressure is the reading itself
+            assert not np.any(a if b is None else b), field.name
+        else:
+            np.testing.assert_array_equal(*np.broadcast_arrays(a, b), err_msg=field.name)
+
+
+@each_cause
+def test_neutral_values_leave_every_input_exactly_as_it_was(cause, model):
+    effect = cause.effect(neutral(cause))
+    conditions = conditions_of(model)
+    if cause.on_degradation is not None:
+        before = degradation_of(model)
+        assert_same_record(cause.on_degradation(before, conditions, effect), before)
+    if cause.on_inputs is not None:
+        before = inputs_of(model)
+        assert_same_record(cause.on_inputs(before, conditions, effect), before)
+    if cause.on_reading is not None:
+        before = model.forward(inputs_of(model))
+        assert_same_record(cause.on_reading(before, conditions, effect), before)
+
+
+@each_cause
+def test_neutral_values_leave_prediction_and_likelihood_exactly_as_they_were(
+    cause, model, base_values
+):
+    extended, values = model.extended(cause), base_values | neutral(cause)
+    assert_same_record(extended.curvature(values), model.curvature(base_values))
+    for kind, block in model.log_likelihood(base_values).items():
+        np.testing.assert_array_equal(extended.log_likelihood(values)[kind], block)
+
+
+@each_cause
+def test_neutral_values_pass_on_what_other_causes_did(cause, model, base_values):
+    """A neutral cause may not undo one that was applied before, as by resetting a reference."""
+    for other in CATALOGUE.values():
+        if other.name == cause.name:
+            continue
+        alone = model.extended(other).curvature(base_values | typical(other))
+        both = model.extended(other, cause).curvature(base_values | typical(other) | neutral(cause))
+        assert_same_record(both, alone)
+
+
+@each_cause
+def test_a_prior_draw_changes_something(cause, model, base_values):
+    draws = values_of(cause, lambda p: p.law.sample(np.random.default_rng(1)))
+    before = model.log_likelihood(base_values)
+    after = model.extended(cause).log_likelihood(base_values | draws)
+    assert any(not np.array_equal(before[kind], after[kind]) for kind in before)
+
+
+@each_cause
+def test_every_parameter_of_it_changes_something_by_itself(cause, model, base_values):
+    before = model.log_likelihood(base_values)
+    for p in cause.parameters:
+        size = p.law.quantile(0.8)
+        draws = neutral(cause) | {cause.qualified(p.name): np.atleast_1d(size)}
+        after = model.extended(cause).log_likelihood(base_values | draws)
+        assert any(not np.array_equal(before[kind], after[kind]) for kind in before), p.name
+
+
+@each_cause
+def test_prior_draws_give_a_finite_log_density(cause, model, base_values):
+    """With the base parameters at their medians, where the actuator is well inside its range."""
+    extended = model.extended(cause)
+    generator = np.random.default_rng(2)
+    draws = {cause.qualified(p.name): p.law.sample(generator, 64) for p in cause.parameters}
+    values = {name: np.repeat(v, 64) for name, v in base_values.items()} | draws
+    log_prob = extended.log_prob(extended.table.vectors(values))
+    assert not np.any(np.isnan(log_prob))
+    # a draw may be so large that the actuator would balloon
+    assert np.mean(np.isfinite(log_prob)) > 0.9
+
+
+@each_cause
+def test_a_batch_of_effects_is_one_effect_at_a_time(cause, model, base_values):
+    generator = np.random.default_rng(3)
+    draws = {cause.qualified(p.name): p.law.sample(generator, 5) for p in cause.parameters}
+    extended = model.extended(cause)
+    together = extended.curvature({k: np.repeat(v, 5) for k, v in base_values.items()} | draws)
+    for i in range(5):
+        alone = extended.curvature(base_values | {k: v[i : i + 1] for k, v in draws.items()})
+        np.testing.assert_allclose(together.curvature[i], alone.curvature[0], rtol=1e-12)
+        np.testing.assert_array_equal(together.status[i], alone.status[0])
+
+
+@each_cause
+def test_the_slope_stays_the_derivative_by_a_loss_of_stiffness(cause, model, base_values):
+    """Of gel and paper alike; the specimens' scatter is integrated out along this slope."""
+    extended, values = model.extended(cause), base_values | typical(cause)
+    h, stiffnesses = 1e-5, ("c1_at", "c3_at", "paper_stiffness")
+    soft, stiff = (
+        extended.curvature(
+            {k: v * np.exp(d) if k.startswith(stiffnesses) else v for k, v in values.items()}
+        ).curvature
+        for d in (-h, h)
+    )
+    here, mask = extended.curvature(values), model.actuator.mask[None]
+    np.testing.assert_allclose(
+        here.slope[mask], ((soft - stiff) / (2.0 * h))[mask], rtol=1e-6, atol=1e-6
+    )
+
+
+@each_cause
+def test_its_text_says_what_a_reader_must_know(cause):
+    text = module_of(cause.name).__doc__
+    places = [re.search(rf"^{section}\n    \S", text, re.MULTILINE) for section in SECTIONS]
+    missing = [s for s, place in zip(SECTIONS, places, strict=True) if place is None]
+    assert not missing
+    assert [p.start() for p in places] == sorted(p.start() for p in places)
+    source = text[places[-1].start() :]
+    assert re.search(r"doi:10\.\d{4,}/|arXiv:\d", source), "no source that can be looked up"
+    assert cause.mechanism
+    assert cause.revealed_by
+
+
+@each_cause
+def test_its_parameters_have_units_meanings_neutral_and_typical_values(cause):
+    assert cause.parameters
+    for p in cause.parameters:
+        assert p.unit.strip()
+        assert p.meaning
+        assert p.neutral is not None
+        assert np.isfinite(p.law.log_density(cause.typical[p.name]))
+    assert set(cause.typical) == {p.name for p in cause.parameters}
+    size = cause.parameters[0]
+    assert cause.typical[size.name] != size.neutral
+
+
+@each_cause
+def test_it_can_be_confused_only_with_causes_that_have_a_name(cause):
+    assert set(cause.confusable_with) <= set(NAMES) - {cause.name}
+
+
+@each_cause
+def test_its_stage_is_that_of_its_hooks(cause):
+    hooks = (cause.on_degradation, cause.on_inputs, cause.on_reading)
+    assert any(hook is not None for hook in hooks)
+    if cause.on_degradation is not None:
+        assert cause.stage is Stage.DEGRADATION
+    if cause.on_reading is not None and cause.on_inputs is None:
+        assert cause.stage is Stage.READING
+
+
+def test_the_catalogue_holds_every_file_that_defines_a_cause():
+    names = set()
+    for entry in pkgutil.iter_modules(bayesdeg.causes.__path__):
+        module = importlib.import_module(f"bayesdeg.causes.{entry.name}")
+        if hasattr(module, "CAUSE"):
+            assert module.CAUSE.name == entry.name
+            names.add(entry.name)
+    assert names == set(CATALOGUE)
+    assert len(names) >= 4
+
+
+def test_names_are_those_that_were_promised():
+    assert set(CATALOGUE) <= set(NAMES)
+    assert all(name == cause.name for name, cause in CATALOGUE.items())
+
+
+def test_causes_are_applied_by_stage_and_then_by_name():
+    causes = list(CATALOGUE.values())
+    assert [(c.stage, c.name) for c in causes] == sorted((c.stage, c.name) for c in causes)
+    assert in_order(reversed(causes)) == tuple(causes)
+    assert list(Stage) == sorted(Stage)
+    assert [s.name for s in Stage] == ["DEGRADATION", "MATERIAL", "GEOMETRY", "LOAD", "READING"]
+
+
+def test_a_model_applies_causes_in_that_order_however_they_are_added(model, base_values):
+    causes = list(CATALOGUE.values())
+    values = base_values
+    for cause in causes:
+        values = values | typical(cause)
+    forwards, backwards = model.extended(*causes), model.extended(*causes[::-1])
+    one_by_one = model
+    for cause in causes[::-1]:
+        one_by_one = one_by_one.extended(cause)
+    assert forwards.causes == backwards.causes == one_by_one.causes == tuple(causes)
+    assert forwards.table.names == backwards.table.names
+    assert_same_record(forwards.curvature(values), backwards.curvature(values))
+
+
+def test_an_unknown_cause_is_refused_with_the_nearest_name():
+    with pytest.raises(BayesdegError, match="did you mean 'pressure_offset'"):
+        find("presure_offset")
+    with pytest.raises(BayesdegError, match=r"known: .*curvature_reading"):
+        find("gremlins")

@@ -1,0 +1,146 @@
+"""A small study as arrays: ragged curves of all modes, one set of parameters that made them."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+
+from bayesdeg.inference.data import ActuatorCurves, Breaks, Statistic, TensileCurves
+from bayesdeg.inference.model import Model
+from bayesdeg.inference.parameters import (
+    ACTUATOR,
+    STIFFNESS_SCATTER,
+    TENSILE,
+    elongation_parameters,
+    material_parameters,
+)
+from bayesdeg.material.stress import yeoh_basis
+from tests.emulator.closed_form import ClosedFormMap
+
+NODES = (0.0, 12.5, 25.0)
+ELONGATION_NODES = (0.0, 25.0)
+
+TRUTH = {
+    "c1_at_0": 0.3,
+    "c2_ratio_at_0": -0.2,
+    "c3_at_0": 1.5e-3,
+    "c1_at_12_5": 0.7,
+    "c2_ratio_at_12_5": -0.1,
+    "c3_at_12_5": 2e-2,
+    "c1_at_25": 1.5,
+    "c2_ratio_at_25": -0.15,
+    "c3_at_25": 0.1,
+    "stiffness_scatter": 0.05,
+    "tensile_noise": 0.03,
+    "tensile_noise_floor": 0.01,
+    "volume_ratio": 0.62,
+    "paper_stiffness": 3e4,
+    "curvature_noise": 0.02,
+    "curvature_noise_floor": 0.1,
+    "elongation_at_0": 210.0,
+    "elongation_at_25": 52.0,
+    "elongation_scatter": 0.1,
+}
+
+
+def base_parameters():
+    return (
+        *material_parameters(NODES),
+        STIFFNESS_SCATTER,
+        *TENSILE,
+        *ACTUATOR,
+        *elongation_parameters(ELONGATION_NODES),
+    )
+
+
+def tensile_curves():
+    """Four films, without stresses: two modes, one curve of Cauchy stress, different lengths."""
+    modes = ("uniaxial", "uniaxial", "equibiaxial", "planar")
+    cauchy = np.zeros((4, 6), bool)
+    cauchy[1] = True
+    stretch = np.ones((4, 6))
+    stretch[0] = np.linspace(1.1, 2.8, 6)
+    stretch[1] = np.linspace(1.05, 1.6, 6)
+    stretch[2, :4] = np.linspace(1.1, 1.7, 4)
+    stretch[3, :5] = np.linspace(1.2, 2.0, 5)
+    measure = np.where(cauchy, "cauchy", "nominal")
+    return TensileCurves(
+        specimens=("f1", "f2", "f3", "f4"),
+        modes=modes,
+        degradation=np.array([0.0, 22.0, 0.3, 11.0]),
+        degradation_sd=np.array([0.0, 1.0, 0.5, 0.8]),
+        basis=yeoh_basis(stretch, np.array(modes)[:, None], measure),
+        stretch=stretch,
+        stress=np.zeros((4, 6)),
+        cauchy=cauchy,
+        mask=np.arange(6) < np.array([6, 6, 4, 5])[:, None],
+    )
+
+
+def actuator_curves():
+    """Five actuators, without curvatures: gaps, a rupture, one with its own reading error."""
+    pressure = np.tile(np.linspace(20.0, 140.0, 7), (5, 1))
+    mask = np.ones((5, 7), bool)
+    mask[1, 3] = False
+    mask[4, 5:] = False
+    curvature_sd = np.zeros((5, 7))
+    curvature_sd[2] = 0.15
+    return ActuatorCurves(
+        specimens=("a1", "a2", "a3", "a4", "a5"),
+        degradation=np.array([[0.0], [0.0], [5.2], [14.0], [24.0]]),
+        degradation_sd=np.array([[0.0], [0.5], [0.5], [1.0], [0.7]]),
+        pressure=pressure,
+        curvature=np.zeros((5, 7)),
+        curvature_sd=curvature_sd,
+        mask=mask,
+        cycle=np.ones((5, 7), np.int64),
+        branch=np.full((5, 7), "loading"),
+    )
+
+
+def values_of(truth=None, count=1):
+    return {name: np.full(count, value) for name, value in (truth or TRUTH).items()}
+
+
+@cache
+def small_model(forward=None):
+    """Return the model with all kinds of data, simulated from ``TRUTH``."""
+    generator = np.random.default_rng(20211124)
+    empty = Model(
+        base=base_parameters(),
+        nodes=NODES,
+        elongation_nodes=ELONGATION_NODES,
+        forward=forward or ClosedFormMap(),
+        tensile=tensile_curves(),
+        actuator=actuator_curves(),
+    )
+    values = values_of()
+    tensile = empty.tensile
+    constants = np.stack(empty.constants(values, tensile.degradation), axis=-1)[0]
+    stress = np.matmul(tensile.basis, constants[..., None])[..., 0]
+    stress = stress * np.exp(0.06 * generator.standard_normal((4, 1)))
+    stress = stress * (1.0 + 0.03 * generator.standard_normal(stress.shape))
+    breaks = Breaks(
+        specimens=("b1", "b2", "b3"),
+        degradation=np.array([0.0, 13.0, 25.0]),
+        elongation=np.array([215.0, 100.0, 55.0]),
+    )
+    statistics = (
+        Statistic("young_modulus", 0.0, 1.73, 0.15 / np.sqrt(3.0), "published"),
+        Statistic("young_modulus", 25.0, 9.5, 1.0, "published"),
+        Statistic("elongation_at_break", 25.0, 52.0, 5.0, "published"),
+        Statistic("volume_ratio", 0.0, 0.62, 0.035, "published"),
+    )
+    return replace(
+        empty,
+        tensile=replace(tensile, stress=np.where(tensile.mask, stress, 0.0)),
+        breaks=breaks,
+        statistics=statistics,
+    ).with_curvature(empty.simulate(values, generator)[0])
+
+
+def draws_near_truth(model, count, *, spread=0.05, seed=0):
+    """Vectors about the truth, all of them possible."""
+    generator = np.random.default_rng(seed)
+    centre = model.table.vectors(values_of())
+    return centre + spread * generator.standard_normal((count, centre.shape[1]))

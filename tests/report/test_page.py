@@ -1,0 +1,291 @@
+import math
+import re
+from dataclasses import replace
+
+import pytest
+
+from bayesdeg.errors import BayesdegError
+from bayesdeg.report.columns import TABLES
+from bayesdeg.report.headline import headline_of
+from bayesdeg.report.page import build_page, content_of, render
+from bayesdeg.report.tables import Tables, read_tables
+from tests.report.html_reading import numbers_in, read_html, table_cells
+from tests.report.synthetic_run import write_bare
+
+OUTCOMES = {
+    "adequate": ("Adequate", "No misfit beyond the noise"),
+    "named": ("Cause named", "The misfit is explained by degraded skin"),
+    "ambiguous": ("Ambiguous", "cannot tell its cause: erosion or degradation misread"),
+    "unexplained": ("Unexplained", "no cause in the catalogue accounts for it"),
+}
+FULL = list(OUTCOMES)
+FIGURES = [
+    "residuals",
+    "null",
+    "gain",
+    "bands",
+    "rupture",
+    "elongation",
+    "constants",
+    "tensile",
+]
+SECTIONS = [
+    "verdict",
+    "misfit",
+    "cause",
+    "gain",
+    "curvature",
+    "rupture",
+    "posterior",
+    "tensile",
+    "data",
+    "methods",
+    "provenance",
+]
+
+
+def close(text: str, value: float, *, within: float) -> bool:
+    return any(abs(found - value) <= within for found in numbers_in(text))
+
+
+@pytest.mark.parametrize("outcome", [*FULL, "bare"])
+def test_the_page_is_whole_and_needs_nothing_outside_itself(built, outcome):
+    _, html = built(outcome)
+    page = read_html(html)
+    assert html.startswith("<!DOCTYPE html>")
+    for element in page.every():
+        for name in ("src", "href", "xlink:href", "srcset", "action", "data"):
+            target = element.attributes.get(name, "#")
+            plain_doi = element.tag == "a" and target.startswith("https://doi.org/")
+            assert plain_doi or target.startswith(("#", "data:")), (element.tag, target)
+    assert not re.search(r"@import|url\((?!#)", html)
+    ids = [e.attributes["id"] for e in page.every() if "id" in e.attributes]
+    assert len(ids) == len(set(ids))
+    for link in page.all("a"):
+        target = link.attributes["href"]
+        assert not target.startswith("#") or target[1:] in ids
+
+
+@pytest.mark.parametrize("outcome", FULL)
+def test_the_verdict_leads_in_plain_words(built, outcome):
+    _, html = built(outcome)
+    page = read_html(html)
+    badge, sentence = OUTCOMES[outcome]
+    main = page.all("main")[0]
+    sections = main.all("section")
+    assert [section.attributes["id"] for section in sections] == SECTIONS
+    assert [heading.text for heading in page.all("h1")] == [sections[0].all("h1")[0].text]
+    assert sentence in page.all("h1")[0].text
+    first = sections[0].all("span")[0]
+    assert (first.attributes["class"], first.text) == (f"badge {outcome}", badge)
+    assert sentence in page.all("title")[0].text
+
+
+def test_the_key_numbers_are_those_of_the_files(built):
+    folder, html = built("named")
+    verdict, gain = folder.read_verdict(), folder.read_table("gain")
+    keys = read_html(html).by_id("verdict").all("dl")[0].all("dd")
+    misfit, sure, gained = (key.text for key in keys)
+    assert close(misfit, verdict.misfit.rms_per_m, within=0.005)
+    assert close(misfit, verdict.misfit.noise_per_m, within=0.005)
+    assert "p < 0.001" in misfit
+    assert close(sure, 100 * verdict.candidates[0].probability, within=0.5)
+    assert close(sure, 100 * verdict.false_name_rate, within=0.05)
+    rows = gain[gain["degradation_pct"] == "all"].set_index("model")
+    assert close(gained, rows.loc["base", "rmse_per_m"], within=0.005)
+    assert close(gained, rows.loc["base+degraded_skin", "rmse_per_m"], within=0.005)
+    assert close(gained, rows.loc["base+degraded_skin", "elpd_diff"], within=0.05)
+    assert close(gained, rows.loc["base+degraded_skin", "elpd_diff_se"], within=0.05)
+
+
+def test_only_a_named_cause_is_said_to_have_gained_something(built):
+    for outcome in ("adequate", "ambiguous", "unexplained"):
+        assert "→" not in read_html(built(outcome)[1]).by_id("verdict").text
+
+
+def test_the_candidates_are_those_of_the_verdict(built):
+    folder, html = built("named")
+    verdict, page = folder.read_verdict(), read_html(html)
+    rows = table_cells(page, "Causes tried") + table_cells(page, "Less likely")
+    judged = [entry for entry in verdict.candidates if entry.probability is not None]
+    assert len(rows) == len(judged)
+    for cells, entry in zip(rows, judged, strict=True):
+        assert cells[0].startswith(entry.cause.replace("_", " "))
+        assert close(cells[1], max(100 * entry.probability, 0.1), within=0.5)
+        assert close(cells[2], entry.log_bayes_factor, within=0.05)
+        assert close(cells[3], entry.elpd_diff, within=0.05)
+        assert close(cells[3], entry.elpd_diff_se, within=0.05)
+        assert close(cells[4], 100 * entry.explained_fraction, within=0.5)
+        for effect in entry.effects:
+            for value in (effect.mean, effect.q05, effect.q95):
+                assert close(cells[5], value, within=0.006 * abs(value))
+            assert effect.unit == "–" or effect.unit in cells[5]
+    unjudged = table_cells(page, "Causes that this data says nothing about")
+    assert unjudged == [
+        ["Mullins", "needs the column cycle of actuator.csv"],
+        ["humidity drift", "needs humidity_pct"],
+    ]
+
+
+def test_the_tables_are_those_of_the_files(built):
+    folder, html = built("named")
+    page = read_html(html)
+    gain = folder.read_table("gain")
+    pooled = gain[gain["degradation_pct"] == "all"]
+    for cells, (_, row) in zip(
+        table_cells(page, "Prediction of held-out specimens, all"), pooled.iterrows(), strict=True
+    ):
+        assert close(cells[1], row["elpd"], within=0.05)
+        assert close(cells[3], row["rmse_per_m"], within=0.005)
+        assert close(cells[5], row["r_squared"], within=0.0005)
+        assert close(cells[7], 100 * row["coverage_90"], within=0.5)
+    levels = folder.read_table("levels")
+    base = levels[levels["model"] == "base"].set_index("degradation_pct")
+    for cells in table_cells(page, "Fit by degradation rate")[:-1]:
+        row = base.loc[f"{numbers_in(cells[0])[0]:.1f}"]
+        assert close(cells[2], row["r_squared"], within=0.0005)
+        assert close(cells[4], row["published_r_squared"], within=0.0005)
+        assert close(cells[5], row["rms_per_m"], within=0.005)
+    parameters = folder.read_table("parameters")
+    for cells, (_, row) in zip(
+        table_cells(page, "Intervals hold"), parameters.iterrows(), strict=True
+    ):
+        assert cells[0].startswith(row["parameter"])
+        for value in (row["q05"], row["q50"], row["q95"]):
+            assert close(cells[4], value, within=0.006 * abs(value))
+
+
+@pytest.mark.parametrize("outcome", FULL)
+def test_every_figure_can_be_read_without_seeing_it(built, outcome):
+    page = read_html(built(outcome)[1])
+    figures = page.all("figure")
+    with_gain = outcome in ("named", "ambiguous")
+    expected = [name for name in FIGURES if with_gain or name != "gain"]
+    assert [f.attributes["id"] for f in figures] == [f"figure-{name}" for name in expected]
+    for figure in figures:
+        (svg,) = figure.all("svg")
+        assert svg.attributes["role"] == "img"
+        assert len(svg.attributes["aria-label"]) > 30
+        assert figure.all("figcaption")[0].text
+
+
+@pytest.mark.parametrize("outcome", FULL)
+def test_every_table_has_a_caption_and_headers(built, outcome):
+    for table in read_html(built(outcome)[1]).all("table"):
+        assert table.all("caption")[0].text
+        heads = table.all("thead")[0].all("th")
+        assert all(head.attributes["scope"] == "col" and head.text for head in heads)
+        for row in table.all("tbody")[0].all("tr"):
+            assert row.all("th")[0].attributes["scope"] == "row"
+            assert len(row.all("th") + row.all("td")) == len(heads)
+
+
+def test_a_virtual_experiment_is_marked_on_the_page_and_on_every_figure(built):
+    page = read_html(built("ambiguous", virtual=True)[1])
+    banner = next(e for e in page.every() if e.attributes.get("class") == "banner")
+    assert banner.text.lower().startswith("virtual experiment")
+    assert "Hidden in it: a stiff skin." in banner.text
+    figures = page.all("figure")
+    assert len(figures) == len(FIGURES)
+    for figure in figures:
+        written = [text.text for text in figure.all("text")]
+        assert "virtual experiment" in written
+        assert figure.all("figcaption")[0].text.startswith("Virtual experiment.")
+
+
+def test_a_real_experiment_is_not_marked_as_virtual(built):
+    assert "virtual experiment" not in read_html(built("ambiguous")[1]).all("body")[0].text.lower()
+
+
+def test_a_study_without_actuator_data_is_not_called_adequate(built):
+    page = read_html(built("bare")[1])
+    assert page.all("h1")[0].text == "The simulation could not be judged on this data"
+    assert page.by_id("verdict").all("span")[0].text == "Not judged"
+    assert "adequate" not in page.all("main")[0].text.lower()
+    assert "no curvature readings" in page.by_id("misfit").text
+    assert "No curvature bands were predicted" in page.by_id("curvature").text
+    assert "no tensile curves" in page.by_id("tensile").text
+    assert page.all("figure") == []
+
+
+MISSING = {
+    "observations": ("misfit", "no curvature readings"),
+    "levels": ("misfit", "R² by degradation rate cannot be given"),
+    "gain": ("gain", "No specimens were held out"),
+    "bands": ("curvature", "No curvature bands were predicted"),
+    "rupture": ("rupture", "No probability of rupture"),
+    "elongation": ("rupture", "No elongation at break"),
+    "constants": ("posterior", "No constants of Yeoh's law"),
+    "parameters": ("posterior", "No table of parameters"),
+    "tensile": ("tensile", "no tensile curves"),
+}
+
+
+def test_what_is_missing_is_said_in_its_place(built):
+    folder, _ = built("named")
+    verdict, run, nothing = folder.read_verdict(), folder.read_run(), Tables(*(None,) * len(TABLES))
+    page = read_html(render(content_of(verdict, run, nothing)))
+    for section, words in MISSING.values():
+        assert words in page.by_id(section).text
+
+
+@pytest.mark.parametrize("name", MISSING)
+def test_one_missing_table_takes_nothing_else_away(built, name):
+    folder, _ = built("named")
+    verdict, run = folder.read_verdict(), folder.read_run()
+    slim = {"tensile": None, "constants": None, "bands": None, "observations": None}
+    tables = replace(read_tables(folder), **slim) if name not in slim else read_tables(folder)
+    page = read_html(render(content_of(verdict, run, replace(tables, **{name: None}))))
+    section, words = MISSING[name]
+    assert words in page.by_id(section).text
+    assert page.by_id("verdict").text
+
+
+def test_how_wrong_a_held_out_mode_is_stands_above_the_figure(built):
+    section = read_html(built("named")[1]).by_id("tensile")
+    callout = next(e for e in section.every() if e.attributes.get("class") == "callout")
+    assert "How wrong is a prediction of a mode that was not fitted?" in callout.text
+    assert callout.text.count("Equibiaxial") == 2
+    assert "Uniaxial" not in callout.text
+
+
+def test_caveats_and_provenance_are_stated(built):
+    page = read_html(built("named")[1])
+    methods, provenance = page.by_id("methods").text, page.by_id("provenance").text
+    assert "It is not a mass loss" in methods
+    assert "can be read in more than one way" in methods
+    for words in ("20211124", "numpy", "2.5.5", "9f2c" * 16, "8 min 32 s", "outside training"):
+        assert words in provenance
+    assert 1204311.0 in numbers_in(provenance)
+    assert "creep and Mullins softening cannot be judged" in page.by_id("data").text
+
+
+def test_texts_of_the_study_cannot_inject_markup(tmp_path):
+    folder = write_bare(tmp_path)
+    folder.write_json("run", {"title": "<script>alert(1)</script> & Co", "virtual": False})
+    html = build_page(tmp_path).read_text(encoding="utf-8")
+    page = read_html(html)
+    assert len(page.all("script")) == 1
+    assert "<script>alert(1)</script> & Co" in page.all("title")[0].text
+
+
+def test_a_folder_without_a_verdict_is_refused(tmp_path):
+    with pytest.raises(BayesdegError, match=r"verdict\.json is missing"):
+        build_page(tmp_path)
+
+
+def test_a_posterior_that_may_not_be_used_is_said_beside_the_verdict(tmp_path):
+    folder = write_bare(tmp_path)
+    found = {"usable": False, "sentence": "The ensembles disagree; sample longer."}
+    folder.write_json("run", {"title": "t", "convergence": {"base": found}})
+    verdict = read_html(build_page(tmp_path).read_text(encoding="utf-8")).by_id("verdict").text
+    assert "Do not rely on the numbers of the base model: The ensembles disagree" in verdict
+
+
+def test_a_gain_without_curvature_is_given_in_elpd(built):
+    folder, _ = built("named")
+    gain = folder.read_table("gain").assign(rmse_per_m=math.nan)
+    shown = headline_of(folder.read_verdict(), gain).numbers[2]
+    assert close(shown.value, 39.5, within=0.05)
+    assert close(shown.value, 6.1, within=0.05)
+    assert "1/m" not in shown.value
