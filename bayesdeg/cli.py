@@ -153,8 +153,9 @@ def _with_options(study: Study, effort: EffortChoice | None, seed: int | None) -
 def _tables(study: Study) -> Iterator[tuple[str, int | None]]:
     for name in ("moisture", "shrinkage", "tensile", "breaks", "actuator", "summary"):
         frame = getattr(study, name)
-        yield ("break.csv" if name == "breaks" else f"{name}.csv"), None if frame is None else len(
-            frame
+        yield (
+            ("break.csv" if name == "breaks" else f"{name}.csv"),
+            None if frame is None else len(frame),
         )
 
 
@@ -244,7 +245,9 @@ def main() -> None:
             errors.print(fault.format_message(), style="red", markup=False)
             sys.exit(INPUT_FAULT)
         traceback.print_exc()
-        errors.print(f"This is a fault of bayesdeg {bayesdeg.__version__}: please send us the above.")
+        errors.print(
+            f"This is a fault of bayesdeg {bayesdeg.__version__}: please send us the above."
+        )
         sys.exit(OUR_FAULT)
 
 

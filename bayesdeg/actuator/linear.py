@@ -116,7 +116,7 @@ class SuperLU:
 
     def close(self) -> None:
         """Drop the factors."""
-        self._factors = None
+        del self._factors
 
 
 def open_factorization(upper: sp.csr_array, name: str | None = None) -> Factorization:

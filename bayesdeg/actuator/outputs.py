@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdeg.actuator import kernels
+from bayesdeg.actuator import kernels, surfaces
 from bayesdeg.actuator.mesh import ActuatorMesh
 from bayesdeg.actuator.system import State
 
@@ -80,7 +80,7 @@ def volume_quantile(mesh: ActuatorMesh, state: State, share: float) -> float:
 
 
 def _end_rotation(mesh: ActuatorMesh, placed: Floats, previous: float) -> float:
-    shapes, _, _, weights = kernels.face_shapes()
+    shapes, _, _, weights = surfaces.face_shapes()
     grid = mesh.nodes[mesh.free_end]
     area = np.ptp(grid[:, :, 1], axis=1) * np.ptp(grid[:, :, 2], axis=1)
     at = area[:, None] * weights
@@ -92,7 +92,7 @@ def _end_rotation(mesh: ActuatorMesh, placed: Floats, previous: float) -> float:
 
 
 def _arc_length(line: Floats) -> float:
-    _, derivatives = kernels.quadratic_shapes(kernels.GAUSS_POINTS)
+    _, derivatives = surfaces.quadratic_shapes(surfaces.GAUSS_POINTS)
     pieces = np.stack([line[:-2:2], line[1:-1:2], line[2::2]], axis=1)
     speed = np.linalg.norm(np.einsum("qa,eai->eqi", derivatives, pieces), axis=2)
-    return float(np.sum(speed @ kernels.GAUSS_WEIGHTS))
+    return float(np.sum(speed @ surfaces.GAUSS_WEIGHTS))

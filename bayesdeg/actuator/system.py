@@ -7,7 +7,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from bayesdeg.actuator import kernels
+from bayesdeg.actuator import kernels, surfaces
 from bayesdeg.actuator.mesh import ActuatorMesh
 
 Floats = NDArray[np.float64]
@@ -70,7 +70,6 @@ class Linearisation(NamedTuple):
 
     residual: Floats
     tangent: Floats
-    volume_gradient: Floats
     coupling: Floats
     volume_residual: Floats
     smallest_jacobian: float
@@ -109,7 +108,7 @@ class System:
         mass = np.einsum("eq,qm,qn->emn", mesh.weights, self.modes, self.modes)
         self.mass: Floats = mass
         self.inverse_mass: Floats = np.linalg.inv(mass)
-        self._face = kernels.face_shapes()
+        self._face = surfaces.face_shapes()
 
     def rest(self) -> State:
         """Return the undeformed state."""
@@ -125,7 +124,7 @@ class System:
         """
         mesh, size = self.mesh, 3 * len(self.mesh.nodes)
         data = np.zeros(self.upper.nnz)
-        residual, volume_gradient = np.zeros(size), np.zeros(size)
+        residual = np.zeros(size)
         coupling = np.empty((len(mesh.elements), 4, 81))
         volume_residual = np.empty((len(mesh.elements), 4))
         smallest = kernels.solid(
@@ -144,17 +143,16 @@ class System:
             self._solid_at,
             data,
         )
-        volume = kernels.cavity_volume(
+        volume = surfaces.cavity_volume(
             mesh.nodes + state.displacement,
             mesh.cavity,
             *self._face,
             -state.load,
-            volume_gradient,
+            residual,
             self._cavity_at,
             data,
         )
-        residual += volume_gradient
-        kernels.membrane(
+        surfaces.membrane(
             state.displacement,
             mesh.nodes,
             mesh.bottom,
@@ -168,7 +166,6 @@ class System:
         return Linearisation(
             residual[self.free],
             data,
-            volume_gradient[self.free],
             coupling,
             volume_residual,
             smallest,
@@ -199,7 +196,7 @@ class System:
     def cavity_force(self, state: State) -> Floats:
         """Return dV/du on the free unknowns: the force of a unit pressure [mm²]."""
         gradient = np.zeros(3 * len(self.mesh.nodes))
-        kernels.cavity_volume(
+        surfaces.cavity_volume(
             self.mesh.nodes + state.displacement,
             self.mesh.cavity,
             *self._face,

@@ -87,9 +87,7 @@ def statistic_of(linear: Linear) -> float:
     return float(_statistic(linear.observed[None], kernels)[0][0])
 
 
-def replicate(
-    linear: Linear, chain: Chain, generator: np.random.Generator, count: int
-) -> Floats:
+def replicate(linear: Linear, chain: Chain, generator: np.random.Generator, count: int) -> Floats:
     """Draw data sets that the model's posterior predicts, (count, n_specimens, n_points)."""
     model = linear.model
     flat = chain.vectors.reshape(-1, chain.vectors.shape[-1])

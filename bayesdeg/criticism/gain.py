@@ -178,7 +178,11 @@ def _scores(
 ) -> dict[str, object]:
     assert model.actuator is not None
     mask = model.actuator.mask & rows[:, None]
-    observed, draws, mean = model.actuator.curvature[mask], held_out.draws[:, mask], held_out.mean[mask]
+    observed, draws, mean = (
+        model.actuator.curvature[mask],
+        held_out.draws[:, mask],
+        held_out.mean[mask],
+    )
     gap = (held_out.log_density - base.log_density)[rows]
     return {
         "model": name,

@@ -117,7 +117,7 @@ def with_neutral(vector: Floats, model: Model, cause: Cause) -> Floats:
     known = dict(zip(model.table.names, vector, strict=True))
     return np.array(
         [
-            known[p.name] if p.name in known else float(p.law.to_unconstrained(p.neutral))
+            known[p.name] if p.name in known else float(p.law.to_unconstrained(p.neutral or 0.0))
             for p in table.parameters
         ]
     )
@@ -144,7 +144,8 @@ def most_probable_size(whitened: Floats, columns: Floats, cause: Cause) -> Float
     """Return the posterior mean of a cause's parameters less their neutral values, (k,)."""
     inner = np.eye(columns.shape[1]) + columns.T @ columns
     scaled = np.linalg.solve(inner, columns.T @ whitened)
-    return scaled * np.array([prior_size(p) for p in cause.parameters])
+    size: Floats = scaled * np.array([prior_size(p) for p in cause.parameters])
+    return size
 
 
 def overlap(first: Floats, second: Floats) -> float:
@@ -164,7 +165,8 @@ def _jacobian(model: Model, mode: Floats, step: float = 1e-3) -> Floats:
     size = len(mode)
     around = mode + step * np.vstack([np.eye(size), -np.eye(size)])
     curves = model.curvature(model.table.named(around)).curvature[:, model.actuator.mask]
-    return (curves[:size] - curves[size:]).T / (2.0 * step)
+    jacobian: Floats = (curves[:size] - curves[size:]).T / (2.0 * step)
+    return jacobian
 
 
 def _scatter(slope: Floats, variance: Floats, spread: Floats, mask: NDArray[np.bool_]) -> Floats:

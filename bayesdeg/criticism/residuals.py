@@ -127,13 +127,23 @@ def where(model: Model, residual: Floats, noise: float) -> str:
     means = np.array([_mean(relative, data.mask & (third == k)) for k in range(3)])
     k = int(np.argmax(np.abs(means)))
     cell = data.mask & (third == k)
-    by_level = np.array([_mean(relative, cell & (member == m)[:, None]) for m in range(len(centres))])
-    same = [f"{c:.3g}" for c, v in zip(centres, by_level, strict=True) if v * means[k] > 0 and abs(v) > 0.5 * abs(means[k])]
+    by_level = np.array(
+        [_mean(relative, cell & (member == m)[:, None]) for m in range(len(centres))]
+    )
+    same = [
+        f"{c:.3g}"
+        for c, v in zip(centres, by_level, strict=True)
+        if v * means[k] > 0 and abs(v) > 0.5 * abs(means[k])
+    ]
     specimens = np.array([_mean(relative, cell[[i]], row=i) for i in range(len(data.specimens))])
     agreeing = int(np.sum(specimens * means[k] > 0))
     low, high = data.pressure[cell].min(), data.pressure[cell].max()
     sign = "below" if means[k] < 0 else "above"
-    rates = "every degradation rate" if len(same) == len(centres) else f"{', '.join(same)} % degradation"
+    rates = (
+        "every degradation rate"
+        if len(same) == len(centres)
+        else f"{', '.join(same)} % degradation"
+    )
     return (
         f"Measured curvature lies {sign} the simulation by {100 * abs(means[k]):.0f} % on average "
         f"at {low:.0f}–{high:.0f} kPa, at {rates}, in {agreeing} of {len(specimens)} specimens."

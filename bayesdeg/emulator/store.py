@@ -48,7 +48,9 @@ def surrogate_for(geometry: Geometry) -> Surrogate:
     surrogate = default_surrogate()
     trained = json.loads(surrogate.record)["dimensions_mm"]
     wanted = vars(geometry.dimensions)
-    changed = [f"{k} = {wanted[k]:g} (trained: {v:g})" for k, v in trained.items() if wanted[k] != v]
+    changed = [
+        f"{k} = {wanted[k]:g} (trained: {v:g})" for k, v in trained.items() if wanted[k] != v
+    ]
     if changed:
         raise BayesdegError(
             "the emulator that ships with the package is of another geometry: "

@@ -188,9 +188,7 @@ def _evaluate_batch(
                 table[axis, n] = 2.0 * z * table[axis, n - 1] - table[axis, n - 2]
         along[:] = 0.0
         for t in range(n_terms):
-            product = (
-                table[0, orders[t, 1]] * table[1, orders[t, 2]] * table[2, orders[t, 3]]
-            )
+            product = table[0, orders[t, 1]] * table[1, orders[t, 2]] * table[2, orders[t, 3]]
             for output in range(3):
                 along[output, orders[t, 0]] += coefficients[output, t] * product
         for column in range(n_columns):

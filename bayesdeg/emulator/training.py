@@ -139,6 +139,7 @@ def train(
     *,
     box: TrainingBox,
     length: float,
+    mesh_error: float,
     record: dict[str, object],
 ) -> Surrogate:
     """Return a surrogate of the fine mesh: many curves of a coarse one, corrected by few fine ones.
@@ -151,6 +152,8 @@ def train(
         Range of the groups.
     length : float
         Length of the actuator as moulded [mm].
+    mesh_error : float
+        Relative error of the fine mesh itself [–].
     record : dict
         What the design was; accuracy is added to it.
     """
@@ -168,12 +171,14 @@ def train(
     correction = fit(small, shift.points, shift.values)
     joint, both = _merge(orders, coefficients, small, correction)
     error_loads, error = _error_by_load(table.load, left_out[:, 0])
+    error = np.hypot(error, mesh_error)
     limit_orders, limit_coefficients = _limit(*coarse, box=box)
     accuracy = {
         "model_version": MODEL_VERSION,
         "coarse_curves": len(coarse[0]),
         "fine_curves": len(fine[0]),
         "terms": len(joint),
+        "mesh_error_pct": 100.0 * mesh_error,
         "left_out_rms_pct": 100.0 * float(np.sqrt(np.mean(left_out[:, 0] ** 2))),
         "left_out_p95_pct": 100.0 * float(np.quantile(np.abs(left_out[:, 0]), 0.95)),
         "left_out_largest_pct": 100.0 * float(np.max(np.abs(left_out[:, 0]))),
@@ -191,9 +196,7 @@ def train(
     )
 
 
-def _merge(
-    first: Indices, a: Floats, second: Indices, b: Floats
-) -> tuple[Indices, Floats]:
+def _merge(first: Indices, a: Floats, second: Indices, b: Floats) -> tuple[Indices, Floats]:
     """Return the sum of two polynomials as one."""
     joint, where = np.unique(np.vstack([first, second]), axis=0, return_inverse=True)
     total = np.zeros((len(a), len(joint)))

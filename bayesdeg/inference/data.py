@@ -80,20 +80,15 @@ class ActuatorCurves:
     def subset(self, rows: NDArray[np.intp]) -> "ActuatorCurves":
         """Return the curves of some specimens."""
         return ActuatorCurves(
-            tuple(self.specimens[i] for i in rows),
-            *(
-                values[rows]
-                for values in (
-                    self.degradation,
-                    self.degradation_sd,
-                    self.pressure,
-                    self.curvature,
-                    self.curvature_sd,
-                    self.mask,
-                    self.cycle,
-                    self.branch,
-                )
-            ),
+            specimens=tuple(self.specimens[i] for i in rows),
+            degradation=self.degradation[rows],
+            degradation_sd=self.degradation_sd[rows],
+            pressure=self.pressure[rows],
+            curvature=self.curvature[rows],
+            curvature_sd=self.curvature_sd[rows],
+            mask=self.mask[rows],
+            cycle=self.cycle[rows],
+            branch=self.branch[rows],
         )
 
 
@@ -149,7 +144,8 @@ def tensile_curves(study: Study, *, fitted: bool) -> TensileCurves | None:
     size = max(len(g) for _, g in groups)
     modes = tuple(str(key[1]) for key, _ in groups)
     stretch = _pad([g["stretch"] for _, g in groups], size, fill=1.0)
-    cauchy = _pad([(g["stress_measure"] == "cauchy") for _, g in groups], size, fill=0.0) > 0.5
+    is_cauchy = [(g["stress_measure"] == "cauchy").astype(np.float64) for _, g in groups]
+    cauchy = _pad(is_cauchy, size, fill=0.0) > 0.5
     measure = np.where(cauchy, "cauchy", "nominal")
     basis = yeoh_basis(stretch, np.array(modes)[:, None], measure)
     return TensileCurves(
@@ -222,8 +218,11 @@ def statistics(study: Study) -> tuple[Statistic, ...]:
                     )
                 )
     if study.shrinkage is not None and len(study.shrinkage) > 1:
-        masses = (study.shrinkage[f"mass_{name}_g"] for name in ("poured", "cured", "conditioned"))
-        mean = mean_of_replicates(volume_ratio(*masses))
+        poured, cured, conditioned = (
+            study.shrinkage[f"mass_{name}_g"].to_numpy(np.float64)
+            for name in ("poured", "cured", "conditioned")
+        )
+        mean = mean_of_replicates(volume_ratio(poured, cured, conditioned))
         source = f"shrinkage.csv, {len(study.shrinkage)} films"
         found.append(Statistic("volume_ratio", 0.0, mean.value, mean.standard_error, source))
     return tuple(found)

@@ -135,16 +135,14 @@ def sample(
     """
     size = len(model.table)
     walkers = max(40, 2 * size + 2)
-    positions = [
-        _first(model, start, walkers, child) for child in seed.spawn(effort.ensembles)
-    ]
+    positions = [_first(model, start, walkers, child) for child in seed.spawn(effort.ensembles)]
     history: list[list[tuple[Floats, Floats, float]]] = [[] for _ in positions]
     advance = partial(_advance, model, effort.chunk)
     apply = map if executor is None else executor.map
     for done in range(effort.chunk, effort.longest + 1, effort.chunk):
         results = list(apply(advance, positions))
-        for pieces, (_, *piece) in zip(history, results, strict=True):
-            pieces.append((piece[0], piece[1], piece[2]))
+        for pieces, (_, vectors, log_prob, accepted) in zip(history, results, strict=True):
+            pieces.append((vectors, log_prob, accepted))
         positions = [position for position, *_ in results]
         chain = _join(history)
         smallest, largest = float(np.min(chain.effective())), float(np.max(chain.r_hat()))
@@ -186,9 +184,7 @@ def to_datatree(model: Model, chain: Chain, generator: np.random.Generator) -> x
     return tree if model.actuator is None else _label_observations(tree, model)
 
 
-def _first(
-    model: Model, start: Evidence, walkers: int, seed: np.random.SeedSequence
-) -> _Position:
+def _first(model: Model, start: Evidence, walkers: int, seed: np.random.SeedSequence) -> _Position:
     generator = np.random.default_rng(seed)
     vectors = start.resample(generator, walkers)
     # resampling repeats draws: a jitter of a tenth of the spread keeps the ensemble regular
@@ -196,7 +192,7 @@ def _first(
     impossible = ~np.isfinite(model.log_prob(vectors))
     vectors[impossible] = start.resample(generator, int(impossible.sum()))
     state = np.random.RandomState(np.random.MT19937(seed)).get_state()
-    return _Position(vectors, state)  # type: ignore[arg-type]
+    return _Position(vectors, state)
 
 
 def _advance(
@@ -208,8 +204,11 @@ def _advance(
     sampler.random_state = position.random_state
     sampler.run_mcmc(position.vectors, steps, skip_initial_state_check=True)
     moved = _Position(sampler.get_chain()[-1], sampler.random_state)
-    return moved, sampler.get_chain(), sampler.get_log_prob(), float(
-        np.mean(sampler.acceptance_fraction)
+    return (
+        moved,
+        sampler.get_chain(),
+        sampler.get_log_prob(),
+        float(np.mean(sampler.acceptance_fraction)),
     )
 
 

@@ -156,9 +156,9 @@ def _climb(model: Model, start: Floats) -> Floats:
     point = start
     for _ in range(4):  # L-BFGS stops early where the density is steep; a restart goes on
         found = minimize(
-            lambda x: (-_density(model, x[None])[0], -_gradient(model, x[None])[0]),
+            lambda x: -float(_density(model, x[None])[0]),
             point,
-            jac=True,
+            jac=lambda x: -_gradient(model, x[None])[0],
             method="L-BFGS-B",
             options={"maxiter": 300, "maxcor": 30},
         )

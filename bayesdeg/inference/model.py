@@ -285,9 +285,7 @@ class Model:
         assert self.actuator is not None
         noise = values["curvature_noise"][:, None, None] * prediction.curvature
         floor = values["curvature_noise_floor"][:, None, None]
-        variance: Floats = (
-            floor**2 + noise**2 + prediction.sd**2 + self.actuator.curvature_sd**2
-        )
+        variance: Floats = floor**2 + noise**2 + prediction.sd**2 + self.actuator.curvature_sd**2
         return variance
 
     def _conditions(self) -> Conditions:
@@ -304,5 +302,6 @@ class Model:
 
 
 def _marginal(curves: Linearised) -> Floats:
-    return likelihood.marginal(*curves[:2], variance=curves.variance, spread=curves.spread,
-                               mask=curves.mask)
+    return likelihood.marginal(
+        *curves[:2], variance=curves.variance, spread=curves.spread, mask=curves.mask
+    )

@@ -151,13 +151,13 @@ ACTUATOR = (
 
 def with_causes(base: Iterable[Parameter], causes: Iterable[Cause]) -> ParameterTable:
     """Return the table of a model with causes: their parameters follow, prefixed by their names."""
-    extra = (
-        replace(p, name=cause.qualified(p.name)) for cause in causes for p in cause.parameters
-    )
+    extra = (replace(p, name=cause.qualified(p.name)) for cause in causes for p in cause.parameters)
     return ParameterTable((*base, *extra))
 
 
-def with_priors(parameters: Iterable[Parameter], priors: Mapping[str, Law]) -> tuple[Parameter, ...]:
+def with_priors(
+    parameters: Iterable[Parameter], priors: Mapping[str, Law]
+) -> tuple[Parameter, ...]:
     """Return parameters with the prior laws that a study gives."""
     return tuple(replace(p, law=priors.get(p.name, p.law)) for p in parameters)
 
@@ -176,7 +176,9 @@ def check_priors(priors: Mapping[str, Law], known: Iterable[str]) -> None:
         if name not in names:
             near = difflib.get_close_matches(name, names, n=1)
             remedy = f"did you mean {near[0]!r}?" if near else f"known: {', '.join(names)}"
-            faults.append(Fault("study.toml", "is no parameter of this study", remedy, None, f"priors.{name}"))
+            faults.append(
+                Fault("study.toml", "is no parameter of this study", remedy, None, f"priors.{name}")
+            )
     if faults:
         raise StudyError(faults)
 

@@ -85,9 +85,7 @@ def calibrate(
         note = f"{smallest:.0f} effective draws, R-hat {largest:.3f}"
         progress.advance(effort.chunk, note)
 
-    chain = sample(
-        model, importance, effort=effort, seed=chains, executor=executor, on_chunk=show
-    )
+    chain = sample(model, importance, effort=effort, seed=chains, executor=executor, on_chunk=show)
     checkpoints.save(
         f"chain-{name}",
         {"vectors": chain.vectors, "log_prob": chain.log_prob, "acceptance": chain.acceptance},

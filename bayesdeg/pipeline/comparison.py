@@ -55,7 +55,10 @@ def rests_on(study: Study) -> list[Json]:
         )
     if study.breaks is not None:
         statements.append(
-            ("elongation limit and rupture", f"break.csv, {len(study.breaks)} specimens ({specimens})")
+            (
+                "elongation limit and rupture",
+                f"break.csv, {len(study.breaks)} specimens ({specimens})",
+            )
         )
     if study.shrinkage is not None:
         statements.append(

@@ -42,7 +42,9 @@ def unjudged_document(unjudged: dict[str, str]) -> Json:
         "explanation": "There are no readings of an actuator in this study, so there is no "
         "misfit of the actuator model to judge and no cause is named. What the material law "
         "gets right and wrong is shown with the tensile data.",
-        "candidates": [_candidate(Candidate(n, *4 * (None,), {}, w), None) for n, w in unjudged.items()],
+        "candidates": [
+            _candidate(Candidate(n, *4 * (None,), {}, w), None) for n, w in unjudged.items()
+        ],
         "confusable": [],
         "false_name_rate": None,
         "misfit": {"rms_per_m": None, "noise_per_m": None, "p_value": None, "where": ""},
@@ -82,7 +84,9 @@ def _unexplained(judgement: Judgement, where: str) -> str:
             "that naming takes"
         )
     if (best.explained_fraction or 0.0) < LEAST_EXPLAINED:
-        reasons.append(f"it removes only {100 * (best.explained_fraction or 0.0):.0f} % of the misfit")
+        reasons.append(
+            f"it removes only {100 * (best.explained_fraction or 0.0):.0f} % of the misfit"
+        )
     if best.elpd_diff is not None and best.elpd_diff <= (best.elpd_diff_se or 0.0):
         reasons.append("held-out specimens are not predicted better with it")
     because = f": {'; '.join(reasons)}" if reasons else ""
@@ -100,7 +104,9 @@ def _ambiguous(judgement: Judgement, where: str) -> str:
 def _named(judgement: Judgement, where: str) -> str:
     best = _leader(judgement)
     size = ", ".join(
-        f"{name.replace('_', ' ')} {e.mean:.3g} {e.unit} (90 % interval {e.q05:.3g} to {e.q95:.3g})".replace(" – ", " ")
+        f"{name.replace('_', ' ')} {e.mean:.3g} {e.unit} (90 % interval {e.q05:.3g} to {e.q95:.3g})".replace(
+            " – ", " "
+        )
         for name, e in best.effect.items()
     )
     return (
@@ -129,9 +135,7 @@ def _runner_up(judgement: Judgement) -> str:
 
 
 def _mechanisms(judgement: Judgement) -> str:
-    return " ".join(
-        f"{name}: {CATALOGUE[name].mechanism}." for name in judgement.decision.causes
-    )
+    return " ".join(f"{name}: {CATALOGUE[name].mechanism}." for name in judgement.decision.causes)
 
 
 def _chance(judgement: Judgement) -> str:

@@ -140,7 +140,9 @@ def judge(
     trials.sort(key=lambda trial: -trial.log_bayes_factor)
     tested = [t for t in trials if t.log_bayes_factor > 0.0][: effort.tested]
     progress.stage("held-out specimens", total=1 + len(tested))
-    held_out = {"base": predict_held_out(fit.model, fit.laplace.mode, seed=folds, executor=executor)}
+    held_out = {
+        "base": predict_held_out(fit.model, fit.laplace.mode, seed=folds, executor=executor)
+    }
     progress.advance(1, "base")
     for trial in tested:
         name = f"base+{trial.cause.name}"

@@ -235,18 +235,16 @@ def _write_actuator(
         columns.MISFIT_NULL, pd.DataFrame({"replicate": np.arange(len(null)), "statistic": null})
     )
     top = float(np.max(base.model.actuator.pressure))
-    grid = {
-        "degradation": level_grid(final.model),
-        "pressure": np.arange(0.0, top + 1e-9, 10.0),
-    }
-    folder.write_table(
-        columns.BANDS,
-        curvature_bands(final.model, final.chain, generator, **grid),
+    grid, pressure = level_grid(final.model), np.arange(0.0, top + 1e-9, 10.0)
+    bands = curvature_bands(
+        final.model, final.chain, generator, degradation=grid, pressure=pressure
     )
+    folder.write_table(columns.BANDS, bands)
     if "elongation_scatter" in final.model.table.names:
-        folder.write_table(
-            columns.RUPTURE, rupture_table(final.model, final.chain, generator, **grid)
+        rupture = rupture_table(
+            final.model, final.chain, generator, degradation=grid, pressure=pressure
         )
+        folder.write_table(columns.RUPTURE, rupture)
     return verdict_document(judgement, where(base.model, residual, judgement.misfit.noise))
 
 
@@ -283,7 +281,8 @@ def _record(
         "seed": settings.seed,
         "effort": settings.effort,
         "version": bayesdeg.__version__,
-        "versions": {name: version(name) for name in LIBRARIES} | {"python": platform.python_version()},
+        "versions": {name: version(name) for name in LIBRARIES}
+        | {"python": platform.python_version()},
         "hashes": dict(study.hashes),
         "seconds": seconds,
         "counts": {

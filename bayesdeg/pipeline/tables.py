@@ -51,7 +51,9 @@ def tensile(study: Study, fit: Fit, label: str, generator: np.random.Generator) 
     for fitted in (True, False):
         curves = tensile_curves(study, fitted=fitted)
         if curves is not None:
-            frames.append(_tensile(curves, fit.model, values, generator, label=label, fitted=fitted))
+            frames.append(
+                _tensile(curves, fit.model, values, generator, label=label, fitted=fitted)
+            )
     return pd.concat(frames, ignore_index=True)
 
 
@@ -111,9 +113,7 @@ def constants(fit: Fit, label: str, generator: np.random.Generator) -> pd.DataFr
     return pd.concat(frames, ignore_index=True)
 
 
-def parameters(
-    model: Model, chain: Chain, diagnosis: Convergence, label: str
-) -> pd.DataFrame:
+def parameters(model: Model, chain: Chain, diagnosis: Convergence, label: str) -> pd.DataFrame:
     """Return posterior and prior of every parameter, with its diagnostics."""
     flat = model.table.named(chain.vectors.reshape(-1, chain.vectors.shape[-1]))
     rows = []

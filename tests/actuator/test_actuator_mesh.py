@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bayesdeg.actuator import kernels
+from bayesdeg.actuator import kernels, surfaces
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.mesh import COARSE, Resolution, build_mesh
 from bayesdeg.errors import GeometryError
@@ -32,10 +32,10 @@ def slots(d):
 def cavity(mesh, placed):
     """Volume and its gradient, (n_nodes, 3)."""
     gradient = np.zeros(placed.size)
-    volume = kernels.cavity_volume(
+    volume = surfaces.cavity_volume(
         placed,
         mesh.cavity,
-        *kernels.face_shapes(),
+        *surfaces.face_shapes(),
         1.0,
         gradient,
         np.full((len(mesh.cavity), 27, 27), -1, dtype=np.int32),

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bayesdeg.actuator import kernels
+from bayesdeg.actuator import kernels, surfaces
 from bayesdeg.actuator.system import Material, State
 
 STEP = 1e-6
@@ -47,10 +47,10 @@ def cavity(system, displacement, factor=1.0):
     mesh = system.mesh
     residual = np.zeros(mesh.nodes.size)
     at, data = everywhere(len(mesh.cavity), 27)
-    volume = kernels.cavity_volume(
+    volume = surfaces.cavity_volume(
         mesh.nodes + displacement,
         mesh.cavity,
-        *kernels.face_shapes(),
+        *surfaces.face_shapes(),
         factor,
         residual,
         at,
@@ -63,11 +63,11 @@ def membrane(system, displacement, material=MATERIAL):
     mesh = system.mesh
     residual = np.zeros(mesh.nodes.size)
     at, data = everywhere(len(mesh.bottom), 27)
-    kernels.membrane(
+    surfaces.membrane(
         displacement,
         mesh.nodes,
         mesh.bottom,
-        *kernels.face_shapes()[1:],
+        *surfaces.face_shapes()[1:],
         material.paper_group,
         material.paper_poisson,
         residual,
@@ -278,7 +278,7 @@ def test_pressure_increments_keep_the_volume_equation(one_chamber, random_state)
 
 def test_quadratic_shapes_interpolate_parabolas():
     t = np.linspace(0.0, 1.0, 7)
-    values, slopes = kernels.quadratic_shapes(t)
+    values, slopes = surfaces.quadratic_shapes(t)
     at_nodes = np.array([0.0, 0.5, 1.0])
     for power in range(3):
         np.testing.assert_allclose(values @ at_nodes**power, t**power, atol=1e-14)

@@ -105,7 +105,7 @@ class ClosedFormMap:
 
 
 @cache
-def trained(*, limits=True):
+def trained(*, limits=True, mesh_error=0.0):
     """Train a small surrogate on the closed form: 64 coarse curves, 24 fine ones."""
     curves = space_filling(BOX, 64, seed=5)
     few = curves[:24]
@@ -114,5 +114,6 @@ def trained(*, limits=True):
         (few, [solve(curve, limits=limits) for curve in few]),
         box=BOX,
         length=LENGTH,
+        mesh_error=mesh_error,
         record={"design": "closed form"},
     )

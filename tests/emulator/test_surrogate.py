@@ -64,6 +64,14 @@ def test_its_own_error_is_of_the_size_of_its_errors():
     assert 0.2 < np.sqrt(np.mean(z**2)) < 5.0
 
 
+def test_an_error_of_the_mesh_adds_to_its_own():
+    surrogate = trained(limits=False, mesh_error=0.01)
+    inputs, _ = random_inputs(50, seed=4)
+    got = surrogate(inputs)
+    np.testing.assert_allclose(got.sd, 0.01 * got.curvature, rtol=1e-6)
+    assert json.loads(surrogate.record)["mesh_error_pct"] == pytest.approx(1.0)
+
+
 def test_slope_is_the_derivative_by_pressure_and_by_a_loss_of_stiffness(surrogate):
     inputs, _ = random_inputs(200, seed=1, largest=0.6)
     h = 1e-4

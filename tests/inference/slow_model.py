@@ -197,8 +197,22 @@ def log_statistics(model, values):
     return out
 
 
+def is_stable(values, nodes):
+    """C1 > 0, C3 > 0 and dW/dI1 > 0 at every strain, at eleven levels of degradation."""
+    for k in range(11):
+        c1, c2, c3 = constants_at(values, nodes, nodes[-1] * k / 10.0)
+        if c1 <= 0.0 or c3 <= 0.0:
+            return False
+        lowest = -c2 / (3.0 * c3)  # dW/dI1 is a parabola of I1 − 3
+        if lowest > 0.0 and c1 + 2.0 * c2 * lowest + 3.0 * c3 * lowest**2 <= 0.0:
+            return False
+    return True
+
+
 def log_prob(model, vector):
     values = {name: float(v) for name, v in model.table.named(vector).items()}
+    if not is_stable(values, model.nodes):
+        return -math.inf
     blocks = (log_tensile, log_actuator, log_breaks, log_statistics)
     return log_prior(model.table.parameters, values) + sum(
         sum(block(model, values)) for block in blocks

@@ -1,0 +1,145 @@
+"""A second surrogate, for studies by the dozen: a Gaussian process over curves of a finer mesh.
+
+Finer mesh (1892 instead of 1178 elements), another design and another family than the emulator
+that inference uses, so that data made with it are no inverse crime. Run as a script it solves the
+curves (about 25 minutes on 2 cores, resumable), and prints its own error, by leaving out whole
+curves, and the emulator's deviation from it.
+
+    uv run python benchmarks/fine_library.py --json
+"""
+
+import argparse
+import json
+import multiprocessing
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from sklearn.gaussian_process import GaussianProcessRegressor
+from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
+
+from bayesdeg.actuator.equilibrium import Status
+from bayesdeg.actuator.forward import Inputs, Prediction, relative_to_reference
+from bayesdeg.actuator.geometry import Geometry
+from bayesdeg.actuator.mesh import FINE
+from bayesdeg.emulator.campaign import Run, complete, space_filling
+from bayesdeg.emulator.scaling import TrainingBox, groups
+from bayesdeg.emulator.store import default_surrogate
+from bayesdeg.emulator.training import Table, tabulate
+from bayesdeg.measure.settings import Dimensions
+
+Floats = NDArray[np.float64]
+
+BOX = TrainingBox(
+    load=0.96,
+    lower=(-0.35, float(np.log(0.002)), float(np.log(8.0))),
+    upper=(0.2, float(np.log(0.2)), float(np.log(300.0))),
+)
+CURVES, SEED = 32, 7
+STORE = Path(".cache/fine_library")
+
+
+def library(store: Path, workers: int) -> Table:
+    geometry = Geometry(Dimensions())
+    wanted = [Run(geometry, FINE, curve) for curve in space_filling(BOX, CURVES, seed=SEED)]
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(workers, mp_context=context) as executor:
+        solved = complete(wanted, store, executor=executor)
+    return tabulate([run.curve for run in wanted], solved, box=BOX, length=50.0)
+
+
+class FineLibrary:
+    """The finer mesh's curvature, peak stretch and arc length as a forward map."""
+
+    def __init__(self, table: Table, kernels: list[object] | None = None) -> None:
+        self.table = table
+        self.processes = [
+            self._fit(table.values[:, output], None if kernels is None else kernels[output])
+            for output in range(3)
+        ]
+        # the edge of what was solved, for each point of the library
+        self._edge = {
+            int(k): float(table.load[table.curve == k].max()) for k in np.unique(table.curve)
+        }
+
+    def _fit(self, values: Floats, kernel: object | None) -> GaussianProcessRegressor:
+        fixed = kernel is not None
+        kernel = kernel or ConstantKernel(1.0, (1e-3, 1e4)) * RBF(
+            [1.0, 1.5, 1.5, 1.5], (0.2, 30.0)
+        ) + WhiteKernel(1e-6, (1e-9, 1e-3))
+        process = GaussianProcessRegressor(
+            kernel, normalize_y=True, optimizer=None if fixed else "fmin_l_bfgs_b", random_state=1
+        )
+        return process.fit(self.table.points, values)
+
+    def left_out_errors(self) -> Floats:
+        """Relative errors of the curvature of each curve, predicted without it."""
+        kernel = self.processes[0].kernel_
+        errors = []
+        for k in np.unique(self.table.curve):
+            out = self.table.curve == k
+            rest = Table(*(part[~out] for part in vars(self.table).values()))
+            predicted = FineLibrary(rest, [kernel] * 3).processes[0].predict(self.table.points[out])
+            errors.append(predicted - self.table.values[out, 0])
+        return np.concatenate(errors)
+
+    def __call__(self, inputs: Inputs) -> Prediction:
+        if inputs.reference_pressure is not None:
+            return relative_to_reference(self, inputs)
+        load, *material = groups(inputs)
+        shape = np.broadcast_shapes(load.shape, *(m.shape for m in material))
+        q = np.broadcast_to(load, shape).ravel()
+        z = [BOX.unit(i, np.broadcast_to(m, shape).ravel()) for i, m in enumerate(material)]
+        points = np.column_stack([2.0 * q / BOX.load - 1.0, *z])
+        y, doubt = self.processes[0].predict(points, return_std=True)
+        stretch, arc = (p.predict(points) for p in self.processes[1:])
+        scale = np.broadcast_to(inputs.linear_scale, shape).ravel()
+        kappa = q * np.exp(y) / 50.0
+        inside = (np.abs(np.column_stack(z)).max(axis=1) <= 1.0) & ((doubt < 0.01) | (q == 0.0))
+        curvature = np.where(inside, kappa / scale * 1e3, np.nan).reshape(shape)
+        return Prediction(
+            curvature=curvature,
+            bend_angle=np.degrees(kappa * 50.0 * (1.0 + q * arc)).reshape(shape),
+            peak_stretch=(1.0 + q * np.exp(stretch)).reshape(shape),
+            slope=np.full(shape, np.nan),
+            sd=np.zeros(shape),
+            status=np.where(inside, 0, int(Status.OUTSIDE_TRAINING)).reshape(shape),
+        )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--store", type=Path, default=STORE)
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--json", action="store_true")
+    options = parser.parse_args()
+    table = library(options.store, options.workers)
+    fine = FineLibrary(table)
+    own = fine.left_out_errors()
+    emulator = default_surrogate()
+    one = np.ones(len(table.load))
+    q = table.load
+    low, high = np.array(BOX.lower), np.array(BOX.upper)
+    raw = 0.5 * (low + high + table.points[:, 1:] * (high - low))
+    c3 = np.exp(raw[:, 1])
+    predicted = emulator(
+        Inputs(q * 1e3, one, raw[:, 0] * np.sqrt(3 * c3), c3, one, np.exp(raw[:, 2]) * 1e3)
+    ).curvature
+    gap = predicted / (q * np.exp(table.values[:, 0]) / 50.0 * 1e3) - 1.0
+    gap = gap[np.isfinite(gap)]
+    figures = {
+        "curves": CURVES,
+        "own_error_rms_pct": 100 * float(np.sqrt(np.mean(own**2))),
+        "own_error_p95_pct": 100 * float(np.quantile(np.abs(own), 0.95)),
+        "emulator_error_mean_pct": 100 * float(np.mean(gap)),
+        "emulator_error_rms_pct": 100 * float(np.sqrt(np.mean(gap**2))),
+        "emulator_error_p95_pct": 100 * float(np.quantile(np.abs(gap), 0.95)),
+        "emulator_error_max_pct": 100 * float(np.max(np.abs(gap))),
+        "points": len(gap),
+    }
+    print(json.dumps(figures, indent=1) if options.json else figures)
+
+
+if __name__ == "__main__":
+    main()

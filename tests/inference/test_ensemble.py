@@ -1,0 +1,315 @@
+"""Sampling of known targets, seeds and executors, and the chain as a DataTree."""
+
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from functools import cache
+from multiprocessing import get_context
+
+import numpy as np
+import pytest
+import xarray as xr
+from scipy import stats
+
+from bayesdeg.inference.ensemble import EFFORTS, Chain, Effort, sample, to_datatree
+from bayesdeg.inference.laplace import Evidence, Laplace, approximate, evidence
+from bayesdeg.inference.parameters import ParameterTable
+from bayesdeg.laws import Normal, Parameter
+from tests.emulator.closed_form import trained
+from tests.inference.small_study import TRUTH, draws_near_truth, small_model, values_of
+
+MEAN = np.array([1.0, -2.0, 0.5])
+COVARIANCE = np.array([[1.0, 0.9, 0.0], [0.9, 1.0, -0.2], [0.0, -0.2, 0.25]])
+
+
+class GaussianModel:
+    """A correlated normal target with what a Model offers."""
+
+    def __init__(self):
+        self.table = ParameterTable(
+            tuple(Parameter(f"p{i}", Normal(0.0, 10.0), "–", "p") for i in range(3))
+        )
+        self._target = stats.multivariate_normal(MEAN, COVARIANCE)
+
+    def log_prob(self, vectors, *, truncate=True):
+        return np.atleast_1d(self._target.logpdf(vectors))
+
+
+@cache
+def gaussian_chain(seed=1):
+    model = GaussianModel()
+    # a proposal that is off, so that the chain has to find its way
+    start = evidence(
+        model, Laplace(MEAN + 0.5, 2.0 * COVARIANCE, 0.0), np.random.default_rng(0), draws=400
+    )
+    effort = Effort(effective=1500.0, r_hat=1.02, chunk=300, longest=1500)
+    return sample(model, start, effort=effort, seed=np.random.SeedSequence(seed))
+
+
+def test_a_correlated_target_is_recovered_within_monte_carlo_error():
+    chain = gaussian_chain()
+    flat = chain.vectors.reshape(-1, 3)
+    effective = chain.effective()
+    assert np.all(effective >= 1500.0)
+    error = np.sqrt(np.diag(COVARIANCE) / effective)
+    assert np.all(np.abs(flat.mean(axis=0) - MEAN) < 4.5 * error)
+    white = np.linalg.inv(np.linalg.cholesky(COVARIANCE))
+    got = white @ np.cov(flat.T) @ white.T
+    np.testing.assert_allclose(got, np.eye(3), atol=4.5 * np.sqrt(2.0 / effective.min()))
+
+
+def test_stored_log_density_is_that_of_the_stored_draws():
+    chain = gaussian_chain()
+    want = stats.multivariate_normal(MEAN, COVARIANCE).logpdf(chain.vectors)
+    np.testing.assert_allclose(chain.log_prob, want, rtol=1e-12)
+
+
+def test_a_quarter_of_the_steps_is_discarded_and_walkers_suffice():
+    chain = gaussian_chain()
+    ensembles, steps, walkers, size = chain.vectors.shape
+    assert (ensembles, walkers, size) == (4, 40, 3)
+    assert steps % 225 == 0  # three quarters of some chunks of 300
+    assert chain.log_prob.shape == (4, steps, 40)
+    assert np.all((chain.acceptance > 0.1) & (chain.acceptance < 0.9))
+
+
+def test_the_same_seed_gives_the_same_chain_and_another_seed_another():
+    again = gaussian_chain.__wrapped__(1)
+    np.testing.assert_array_equal(again.vectors, gaussian_chain().vectors)
+    other = gaussian_chain.__wrapped__(2)
+    assert not np.any(other.vectors[:, -1] == gaussian_chain().vectors[:, -1])
+
+
+def test_ensembles_are_independent():
+    vectors = gaussian_chain().vectors
+    for i in range(4):
+        for j in range(i):
+            assert not np.any(vectors[i] == vectors[j])
+
+
+def test_sampling_stops_when_it_is_enough_and_tells_how_far_it_is():
+    told = []
+    model = GaussianModel()
+    start = evidence(model, Laplace(MEAN, COVARIANCE, 0.0), np.random.default_rng(0), draws=300)
+    effort = Effort(effective=100.0, r_hat=1.2, chunk=100, longest=1000, ensembles=2)
+    chain = sample(
+        model,
+        start,
+        effort=effort,
+        seed=np.random.SeedSequence(0),
+        on_chunk=lambda *state: told.append(state),
+    )
+    steps = [done for done, _, _ in told]
+    assert steps == list(range(100, steps[-1] + 1, 100))
+    assert all(e < 100.0 or r > 1.2 for _, e, r in told[:-1])
+    assert told[-1][1] == pytest.approx(np.min(chain.effective()))
+    assert told[-1][2] == pytest.approx(np.max(chain.r_hat()))
+
+
+def artificial(vectors):
+    return Chain(vectors, np.zeros(vectors.shape[:3]), np.full(len(vectors), 0.3))
+
+
+def test_r_hat_is_one_for_equal_and_large_for_separated_ensembles():
+    normal = np.random.default_rng(0).standard_normal((4, 100, 10, 2))
+    assert np.all(artificial(normal).r_hat() < 1.01)
+    apart = normal + np.array([0.0, 0.0, 0.0, 1.0])[:, None, None, None] * [1.0, 0.0]
+    r_hat = artificial(apart).r_hat()
+    assert r_hat[0] > 1.05
+    assert r_hat[1] < 1.01
+
+
+def test_r_hat_sees_a_drift_that_all_ensembles_share():
+    normal = np.random.default_rng(0).standard_normal((4, 100, 10, 1))
+    drift = normal + np.linspace(-2.0, 2.0, 100)[None, :, None, None]
+    assert artificial(drift).r_hat()[0] > 1.1
+
+
+def test_effective_size_of_independent_draws_is_their_number():
+    normal = np.random.default_rng(1).standard_normal((4, 200, 10, 2))
+    np.testing.assert_allclose(artificial(normal).effective(), 8000.0, rtol=0.15)
+    np.testing.assert_allclose(artificial(normal).effective("tail"), 8000.0, rtol=0.25)
+
+
+@pytest.mark.parametrize("rho", [0.5, 0.9])
+def test_effective_size_of_a_known_autocorrelation(rho):
+    """An AR(1) chain has n (1 − ρ)/(1 + ρ) independent draws' worth of its mean."""
+    generator = np.random.default_rng(2)
+    shocks = generator.standard_normal((4, 600, 10, 1)) * np.sqrt(1.0 - rho**2)
+    chain = np.empty_like(shocks)
+    chain[:, 0] = generator.standard_normal((4, 10, 1))
+    for t in range(1, 600):
+        chain[:, t] = rho * chain[:, t - 1] + shocks[:, t]
+    want = 24000 * (1.0 - rho) / (1.0 + rho)
+    np.testing.assert_allclose(artificial(chain).effective(), want, rtol=0.2)
+
+
+def test_thinning_keeps_draws_with_their_densities():
+    chain = gaussian_chain()
+    thin = chain.thinned(50)
+    assert thin.vectors.shape == (4, 50, 1, 3)
+    want = stats.multivariate_normal(MEAN, COVARIANCE).logpdf(thin.vectors[:, :, 0])
+    np.testing.assert_allclose(thin.log_prob[:, :, 0], want, rtol=1e-12)
+    assert chain.thinned(10**9).vectors.shape == (4, chain.log_prob[0].size, 1, 3)
+
+
+def test_more_effort_asks_for_more():
+    quick, standard, thorough = (EFFORTS[name] for name in ("quick", "standard", "thorough"))
+    for less, more in ((quick, standard), (standard, thorough)):
+        assert more.effective > less.effective
+        assert more.r_hat < less.r_hat
+        assert more.longest > less.longest
+    assert all(e.longest % e.chunk == 0 for e in EFFORTS.values())
+
+
+# ---- a real model
+
+
+@cache
+def real_model():
+    return replace(small_model(), forward=trained())
+
+
+@cache
+def real_start():
+    model, generator = real_model(), np.random.default_rng(0)
+    laplace = approximate(model, generator, start=model.table.vectors(values_of())[0])
+    return evidence(model, laplace, generator, draws=500)
+
+
+SHORT = Effort(effective=1e9, r_hat=1.0, chunk=10, longest=20, ensembles=2)
+
+
+@cache
+def real_chain():
+    return sample(real_model(), real_start(), effort=SHORT, seed=np.random.SeedSequence(5))
+
+
+def test_two_processes_give_what_one_gives():
+    # spawned, since a forked copy of a process with threads is not safe
+    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as executor:
+        side_by_side = sample(
+            real_model(),
+            real_start(),
+            effort=SHORT,
+            seed=np.random.SeedSequence(5),
+            executor=executor,
+        )
+    np.testing.assert_array_equal(side_by_side.vectors, real_chain().vectors)
+    np.testing.assert_array_equal(side_by_side.log_prob, real_chain().log_prob)
+    np.testing.assert_array_equal(side_by_side.acceptance, real_chain().acceptance)
+
+
+def test_walkers_that_start_on_impossible_vectors_are_replaced():
+    """The importance sample holds possible draws only by weight, and the jitter may leave them."""
+    model = real_model()
+    good = draws_near_truth(model, 60, spread=0.02)
+    start = Evidence(0.0, 0.1, good, np.zeros(60), 60.0)
+    chain = sample(model, start, effort=SHORT, seed=np.random.SeedSequence(1))
+    assert np.all(np.isfinite(chain.log_prob))
+
+
+@cache
+def tree():
+    return to_datatree(real_model(), real_chain().thinned(30), np.random.default_rng(8))
+
+
+def test_groups_are_those_of_the_contract():
+    assert {
+        "posterior",
+        "sample_stats",
+        "log_likelihood",
+        "posterior_predictive",
+        "observed_data",
+        "constant_data",
+    } <= set(tree().children)
+
+
+def test_stored_draws_have_the_stored_log_density():
+    """From names back to a vector, one draw at a time."""
+    model, stored = real_model(), tree()
+    posterior = stored["posterior"].to_dataset()
+    assert set(posterior.data_vars) == set(TRUTH)
+    assert dict(posterior.sizes) == {"chain": 2, "draw": 30}
+    for chain, draw in [(0, 0), (0, 17), (1, 5), (1, 29)]:
+        values = {n: v.values[chain, draw][None] for n, v in posterior.data_vars.items()}
+        lp = float(stored["sample_stats"]["lp"][chain, draw])
+        assert model.log_prob(model.table.vectors(values))[0] == pytest.approx(lp, rel=1e-9)
+
+
+def test_stored_draws_have_the_stored_log_likelihoods():
+    model, stored = real_model(), tree()
+    posterior, densities = stored["posterior"].to_dataset(), stored["log_likelihood"]
+    for chain, draw in [(0, 3), (1, 20)]:
+        values = {n: v.values[chain, draw][None] for n, v in posterior.data_vars.items()}
+        for kind, block in model.log_likelihood(values).items():
+            got = densities[f"{kind}_specimens"].values[chain, draw]
+            np.testing.assert_allclose(got, block[0], rtol=1e-9)
+        pointwise = model.curvature_pointwise(values)[0][model.actuator.mask]
+        np.testing.assert_allclose(
+            densities["curvature"].values[chain, draw], pointwise, rtol=1e-9, atol=1e-12
+        )
+
+
+def test_likelihoods_and_prior_sum_to_the_log_density():
+    model, stored = real_model(), tree()
+    blocks = [
+        stored["log_likelihood"][f"{kind}_specimens"].values.sum(axis=-1)
+        for kind in ("tensile", "actuator", "breaks", "statistics")
+    ]
+    values = {n: v.values for n, v in stored["posterior"].to_dataset().data_vars.items()}
+    total = sum(blocks) + model.table.log_prior(model.table.vectors(values))
+    np.testing.assert_allclose(total, stored["sample_stats"]["lp"].values, rtol=1e-9)
+    curvature = stored["log_likelihood"]["curvature"].groupby("specimen_id").sum("observation")
+    np.testing.assert_allclose(
+        curvature.sel(specimen_id=list(model.actuator.specimens)).values,
+        stored["log_likelihood"]["actuator_specimens"].values,
+        rtol=1e-9,
+    )
+
+
+@pytest.mark.parametrize(
+    "group", ["log_likelihood", "posterior_predictive", "observed_data", "constant_data"]
+)
+def test_observations_carry_specimen_pressure_and_degradation(group):
+    data, mask = real_model().actuator, real_model().actuator.mask
+    coords = tree()[group].to_dataset().coords
+    s, j = np.nonzero(mask)
+    for name, want in (
+        ("specimen_id", np.array(data.specimens)[s]),
+        ("pressure_kPa", data.pressure[s, j]),
+        ("degradation_pct", data.degradation[s, 0]),
+    ):
+        assert coords[name].dims == ("observation",)
+        np.testing.assert_array_equal(coords[name].values, want)
+
+
+def test_observed_and_constant_data_are_the_studys():
+    data = real_model().actuator
+    np.testing.assert_array_equal(tree()["observed_data"]["curvature"], data.curvature[data.mask])
+    np.testing.assert_array_equal(tree()["constant_data"]["pressure"], data.pressure[data.mask])
+
+
+def test_the_posterior_predictive_is_about_what_was_observed():
+    replicates = tree()["posterior_predictive"]["curvature"].values.reshape(60, -1)
+    observed = tree()["observed_data"]["curvature"].values
+    z = (observed - replicates.mean(axis=0)) / replicates.std(axis=0)
+    assert np.all(np.abs(z) < 5.0)
+    assert 0.3 < np.sqrt(np.mean(z**2)) < 2.0
+    assert np.all(replicates.std(axis=0) > 0.0)
+
+
+def test_a_model_without_actuators_has_a_tree_without_observations():
+    model = replace(real_model(), actuator=None, forward=None)
+    small = to_datatree(model, real_chain().thinned(4), np.random.default_rng(0))
+    assert "observed_data" not in small.children
+    assert "tensile_specimens" in small["log_likelihood"].data_vars
+
+
+def test_the_tree_survives_netcdf(tmp_path):
+    path = tmp_path / "posterior.nc"
+    tree().to_netcdf(path, engine="h5netcdf")
+    with xr.open_datatree(path, engine="h5netcdf") as stored:
+        back = stored.load()
+    assert set(back.children) == set(tree().children)
+    for group in tree().children:
+        xr.testing.assert_equal(back[group].to_dataset(), tree()[group].to_dataset())

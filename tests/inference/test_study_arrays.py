@@ -1,0 +1,182 @@
+"""A study folder becomes padded arrays."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from bayesdeg.inference.data import actuator_curves, breaks, statistics, tensile_curves
+from bayesdeg.measure.study import read_study
+
+FILES = {
+    "study.toml": """
+[noise]
+degradation_sd_pct = 0.7
+""",
+    "tensile.csv": """specimen_id,degradation_pct,degradation_sd_pct,mode,\
+stretch,stress_MPa,stress_measure
+t2,25,,uniaxial,1.1,0.9,nominal
+t2,25,,uniaxial,1.3,2.9,nominal
+t1,0,0.2,uniaxial,1.5,0.6,cauchy
+t1,0,0.2,uniaxial,2.0,1.3,cauchy
+t1,0,0.2,uniaxial,2.5,2.4,nominal
+e1,0,0.2,equibiaxial,1.4,0.8,
+""",
+    "break.csv": """specimen_id,degradation_pct,elongation_pct
+b1,0,209.8
+b2,25,52
+""",
+    "actuator.csv": """specimen_id,degradation_pct,pressure_kPa,curvature_per_m,curvature_sd_per_m,\
+ruptured,cycle,branch
+second,25,0,0,,0,1,loading
+second,25,40,0.5,,0,1,loading
+second,25,80,,,1,1,loading
+first,0,0,0,0.1,0,1,loading
+first,0,20,2.1,0.1,0,1,loading
+first,0,40,4.4,0.2,0,1,loading
+first,0,20,2.3,,0,1,unloading
+first,0,20,2.2,0.1,0,2,loading
+""",
+    "summary.csv": """quantity,degradation_pct,value,sd,n,unit,source
+young_modulus,0,1.73,0.15,3,MPa,text
+elongation_at_break,0,209.8,6.3,,%,text
+young_modulus,25,9.5,,3,MPa,no sd
+r_squared,0,0.984,,,–,text
+volume_ratio,,0.62,0.07,4,–,text
+ruptured_count,25,2,0.5,,–,not fitted
+""",
+    "shrinkage.csv": """film_id,mass_poured_g,mass_cured_g,mass_conditioned_g
+s1,30,15,10
+s2,30,16,10.5
+s3,30,15.5,10.2
+""",
+}
+
+
+@pytest.fixture
+def study_of(tmp_path):
+    def make(**changed):
+        texts = FILES | {f"{name}.csv": text for name, text in changed.items() if name != "toml"}
+        if "toml" in changed:
+            texts["study.toml"] = changed["toml"]
+        for name, text in texts.items():
+            if text is not None:
+                (tmp_path / name).write_text(text, encoding="utf-8")
+        return read_study(tmp_path)
+
+    return make
+
+
+def test_tensile_curves_are_padded_and_masked(study_of):
+    curves = tensile_curves(study_of(), fitted=True)
+    assert curves.specimens == ("t2", "t1", "e1")
+    assert curves.modes == ("uniaxial", "uniaxial", "equibiaxial")
+    np.testing.assert_array_equal(curves.mask.sum(axis=1), [2, 3, 1])
+    np.testing.assert_array_equal(curves.mask, [[1, 1, 0], [1, 1, 1], [1, 0, 0]])
+    np.testing.assert_array_equal(curves.degradation, [25.0, 0.0, 0.0])
+    np.testing.assert_array_equal(curves.degradation_sd, [0.7, 0.2, 0.2])
+    np.testing.assert_array_equal(curves.stress[curves.mask], [0.9, 2.9, 0.6, 1.3, 2.4, 0.8])
+    np.testing.assert_array_equal(curves.cauchy, [[0, 0, 0], [1, 1, 0], [0, 0, 0]])
+
+
+def test_the_design_matrix_is_that_of_each_rows_mode_and_measure(study_of):
+    curves = tensile_curves(study_of(), fitted=True)
+    for s, j in zip(*np.nonzero(curves.mask), strict=True):
+        stretch = curves.stretch[s, j]
+        if curves.modes[s] == "uniaxial":
+            i1, first = stretch**2 + 2.0 / stretch, 2.0 * (stretch - stretch**-2)
+        else:
+            i1, first = 2.0 * stretch**2 + stretch**-4, 2.0 * (stretch - stretch**-5)
+        factor = stretch if curves.cauchy[s, j] else 1.0
+        want = factor * first * np.array([1.0, 2.0 * (i1 - 3.0), 3.0 * (i1 - 3.0) ** 2])
+        np.testing.assert_allclose(curves.basis[s, j], want, rtol=1e-12)
+    np.testing.assert_array_equal(curves.basis[~curves.mask], 0.0)
+
+
+def test_modes_that_are_held_out_are_kept_apart(study_of):
+    every = study_of()
+    assert tensile_curves(every, fitted=False) is None
+    study = study_of(toml='[tensile]\nfit_modes = ["uniaxial"]\n')
+    fitted, held_out = (tensile_curves(study, fitted=flag) for flag in (True, False))
+    assert fitted.specimens == ("t2", "t1")
+    assert held_out.specimens == ("e1",)
+    assert held_out.modes == ("equibiaxial",)
+    assert held_out.stress.tolist() == [[0.8]]
+
+
+def test_actuator_curves_keep_their_order_and_leave_out_zero_pressure(study_of):
+    curves = actuator_curves(study_of())
+    assert curves.specimens == ("second", "first")
+    np.testing.assert_array_equal(curves.degradation, [[25.0], [0.0]])
+    np.testing.assert_array_equal(curves.degradation_sd, [[0.7], [0.7]])
+    np.testing.assert_array_equal(
+        curves.mask, [[0, 1, 0, 0, 0], [0, 1, 1, 1, 1]]
+    )  # the reading at rupture is empty
+    assert not np.any(curves.mask & (curves.pressure == 0.0))
+    np.testing.assert_array_equal(curves.curvature[curves.mask], [0.5, 2.1, 4.4, 2.3, 2.2])
+    np.testing.assert_array_equal(curves.curvature[~curves.mask], 0.0)
+    np.testing.assert_array_equal(curves.curvature_sd[curves.mask], [0.0, 0.1, 0.2, 0.0, 0.1])
+    np.testing.assert_array_equal(curves.cycle[1], [1, 1, 1, 1, 2])
+    assert curves.branch[1].tolist() == ["loading", "loading", "loading", "unloading", "loading"]
+    assert curves.branch.shape == curves.cycle.shape == curves.mask.shape
+
+
+def test_a_subset_takes_whole_specimens(study_of):
+    curves = actuator_curves(study_of())
+    alone = curves.subset(np.array([1]))
+    assert alone.specimens == ("first",)
+    for name in ("degradation", "pressure", "curvature", "curvature_sd", "mask", "cycle", "branch"):
+        np.testing.assert_array_equal(getattr(alone, name), getattr(curves, name)[1:], err_msg=name)
+    again = curves.subset(np.array([0, 1, 0]))
+    assert again.specimens == ("second", "first", "second")
+
+
+def test_readings_at_zero_pressure_alone_are_no_curves(study_of):
+    text = "specimen_id,degradation_pct,pressure_kPa,curvature_per_m\na,0,0,0\n"
+    assert actuator_curves(study_of(actuator=text)) is None
+
+
+def test_breaks(study_of):
+    found = breaks(study_of())
+    assert found.specimens == ("b1", "b2")
+    np.testing.assert_array_equal(found.degradation, [0.0, 25.0])
+    np.testing.assert_array_equal(found.elongation, [209.8, 52.0])
+
+
+def test_statistics_take_the_standard_error_of_the_mean(study_of):
+    modulus, elongation, ratio, films = statistics(study_of())
+    assert (modulus.quantity, modulus.degradation, modulus.value) == ("young_modulus", 0.0, 1.73)
+    assert modulus.se == pytest.approx(0.15 / np.sqrt(3.0))
+    assert modulus.source == "text"
+    assert (elongation.quantity, elongation.se) == ("elongation_at_break", 6.3)  # n not given
+    assert (ratio.quantity, ratio.se) == ("volume_ratio", 0.07 / 2.0)
+    assert films.quantity == "volume_ratio"
+    assert "3 films" in films.source
+
+
+def test_the_volume_ratio_of_the_films_is_their_mean(study_of):
+    """V = m_gelatin/ρ + m_glycerol/ρ + m_water/ρ by hand; solids are those of 2 : 1 : 8 of 30 g."""
+    films = statistics(study_of())[-1]
+    gelatin, glycerol = 30.0 * 2.0 / 11.0, 30.0 / 11.0
+    ratios = []
+    for cured, conditioned in ((15.0, 10.0), (16.0, 10.5), (15.5, 10.2)):
+        dry = gelatin / 1.35 + glycerol / 1.26
+        water = [m - gelatin - glycerol for m in (cured, conditioned)]
+        ratios.append((dry + water[1]) / (dry + water[0]))
+    assert films.value == pytest.approx(np.mean(ratios), rel=5e-3)
+    assert films.se == pytest.approx(stats.sem(ratios), rel=0.02)
+
+
+def test_one_film_alone_has_no_standard_error_and_is_not_used(study_of):
+    text = "film_id,mass_poured_g,mass_cured_g,mass_conditioned_g\ns1,30,15,10\n"
+    found = statistics(study_of(shrinkage=text))
+    assert [s.source for s in found if s.quantity == "volume_ratio"] == ["text"]
+    assert all(np.isfinite(s.se) and s.se > 0.0 for s in found)
+
+
+def test_files_that_are_not_there_give_nothing(study_of):
+    gone = dict.fromkeys(("tensile", "actuator", "summary", "shrinkage"))
+    study = study_of(**gone)
+    assert tensile_curves(study, fitted=True) is None
+    assert actuator_curves(study) is None
+    assert statistics(study) == ()
+    assert breaks(study) is not None
