@@ -27,8 +27,13 @@ from rich.progress import (
 from rich.table import Table
 
 import bayesdeg
+from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.causes.catalogue import CATALOGUE
+from bayesdeg.emulator.build import build
+from bayesdeg.emulator.build import runs as campaign_runs
+from bayesdeg.emulator.store import to_bytes
 from bayesdeg.errors import BayesdegError, StudyError
+from bayesdeg.measure.settings import Dimensions
 from bayesdeg.measure.study import Study, read_study
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.progress import Silent
@@ -39,7 +44,7 @@ from bayesdeg.report.page import build_page
 
 app = typer.Typer(
     name="bayesdeg",
-    help="Bayesian calibration of degrading soft actuators that names what the simulation gets wrong.",
+    help="Bayesian calibration of degrading soft actuators: names what the simulation gets wrong.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     add_completion=False,
@@ -139,6 +144,35 @@ def report(
 ) -> None:
     """Rebuild the HTML report from a run folder without computing anything."""
     errors.print(f"wrote {build_page(folder)}")
+
+
+@app.command()
+def emulate(
+    geometry: Annotated[
+        Path | None,
+        typer.Argument(help="A study folder with the geometry; by default that of the paper."),
+    ] = None,
+    out: Annotated[Path, typer.Option(help="Where the trained emulator goes.")] = Path(
+        "emulator.npz"
+    ),
+    store: Annotated[
+        Path, typer.Option(help="Folder of finite element solutions, to go on from.")
+    ] = Path(".cache/campaign"),
+    workers: Annotated[int, typer.Option(help="Processes.", min=1)] = min(4, os.cpu_count() or 1),
+    quiet: Quiet = False,
+) -> None:
+    """Train an emulator: some 300 finite element curves, half an hour to an hour on two cores.
+
+    Solutions are kept as they come; the same command goes on where it was stopped.
+    """
+    dimensions = Dimensions() if geometry is None else read_study(geometry).settings.dimensions
+    actuator = Geometry(dimensions)
+    with _shown(quiet) as progress, _pool(workers) as executor:
+        coarse, fine = campaign_runs(actuator)
+        progress.stage("finite element curves", total=len(coarse) + len(fine))
+        surrogate = build(actuator, store, executor=executor, on_run=progress.advance)
+    out.write_bytes(to_bytes(surrogate))
+    errors.print(f"wrote {out}\n{surrogate.record}", highlight=False)
 
 
 def _with_options(study: Study, effort: EffortChoice | None, seed: int | None) -> Study:

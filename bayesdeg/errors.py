@@ -25,8 +25,8 @@ class Fault:
 
     Examples
     --------
-    >>> print(Fault("break.csv", "is negative", "give a percentage above 0", 3, "elongation_pct", "-4"))
-    break.csv, row 3, column elongation_pct, value '-4': is negative; give a percentage above 0
+    >>> print(Fault("break.csv", "is negative", "give a percentage", 3, "elongation_pct", "-4"))
+    break.csv, row 3, column elongation_pct, value '-4': is negative; give a percentage
     """
 
     file: str

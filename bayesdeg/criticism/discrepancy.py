@@ -100,6 +100,8 @@ def replicate(linear: Linear, chain: Chain, generator: np.random.Generator, coun
 def explained(before: Misfit, after: Misfit) -> float:
     """Return the share of the misfit statistic, less what chance gives, that a cause removes.
 
+    nan where there is no more misfit than chance gives.
+
     Examples
     --------
     >>> null = np.zeros(3)
@@ -108,7 +110,9 @@ def explained(before: Misfit, after: Misfit) -> float:
     0.9
     """
     floor = float(np.mean(before.null))
-    ceiling = max(before.statistic - floor, 1e-9)
+    ceiling = before.statistic - floor
+    if ceiling <= 0.0:
+        return float("nan")
     left = max(after.statistic - float(np.mean(after.null)), 0.0)
     return float(np.clip(1.0 - left / ceiling, 0.0, 1.0))
 

@@ -200,7 +200,7 @@ def _scores(
 
 
 def _error(values: Floats) -> float:
-    """Standard error of a sum over specimens; nan for a single one."""
+    """Return the standard error of a sum over specimens; nan for a single one."""
     return float(np.sqrt(len(values)) * np.std(values, ddof=1)) if len(values) > 1 else float("nan")
 
 

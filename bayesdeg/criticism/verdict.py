@@ -86,7 +86,9 @@ class Decision:
 
 
 def naming_threshold(linear: Linear, causes: tuple[Cause, ...], replicates: Floats) -> float:
-    """Return the log Bayes factor that data without an effect exceed in 5 % of cases, at least ln 20.
+    """Return the log Bayes factor that naming takes: exceeded by 5 % of data without an effect.
+
+    It is at least ln 20.
 
     Parameters
     ----------
@@ -126,7 +128,7 @@ def decide(candidates: list[Candidate], misfit: Misfit, threshold: float) -> Dec
 
 
 def probabilities(candidates: list[Candidate]) -> dict[str, float]:
-    """Return posterior probabilities of the causes, each and no cause being equally likely before."""
+    """Return posterior probabilities of the causes, equally likely before, as is no cause."""
     judged = {c.cause: c.log_bayes_factor for c in candidates if c.log_bayes_factor is not None}
     factors = np.array([0.0, *judged.values()])
     weights = np.exp(factors - factors.max())

@@ -1,4 +1,4 @@
-"""Mode and curvature of a posterior: screening, starting points, evidence by importance sampling."""
+"""Mode and curvature of a posterior: screening, starting points, evidence."""
 
 from dataclasses import dataclass
 
@@ -10,6 +10,8 @@ from scipy.special import gammaln, logsumexp
 from bayesdeg.inference.model import Model
 
 Floats = NDArray[np.float64]
+
+Vector = np.ndarray[tuple[int], np.dtype[np.float64]]
 
 STEP = 1e-4
 DEGREES_OF_FREEDOM = 6.0  # tails of the proposal are heavier than those of the posterior
@@ -153,17 +155,23 @@ def _gradient(model: Model, points: Floats) -> Floats:
 
 
 def _climb(model: Model, start: Floats) -> Floats:
-    point = start
+    def objective(x: Vector) -> float:
+        return -float(_density(model, x[None])[0])
+
+    def downhill(x: Vector) -> Vector:
+        return np.ravel(-_gradient(model, x[None]))
+
+    point = np.ravel(start)
     for _ in range(4):  # L-BFGS stops early where the density is steep; a restart goes on
         found = minimize(
-            lambda x: -float(_density(model, x[None])[0]),
+            objective,
             point,
-            jac=lambda x: -_gradient(model, x[None])[0],
+            jac=downhill,
             method="L-BFGS-B",
             options={"maxiter": 300, "maxcor": 30},
         )
-        gained = _density(model, found.x[None])[0] - _density(model, point[None])[0]
+        gained = objective(point) - objective(found.x)
         point = found.x
         if gained < 1e-3:
             break
-    return np.asarray(point, dtype=np.float64)
+    return point

@@ -260,7 +260,8 @@ class Model:
         return Degradation(level, sd), self.spread(values, level, sd)[..., None]
 
     def _predict(self, values: Named, degradation: Floats, deviation: Floats) -> Prediction:
-        assert self.actuator is not None and self.forward is not None
+        assert self.actuator is not None
+        assert self.forward is not None
         factor = np.exp(deviation)
         c1, c2, c3 = (c[..., None] * factor for c in self.constants(values, degradation))
         inputs = Inputs(

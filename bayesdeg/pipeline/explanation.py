@@ -80,10 +80,10 @@ def _unexplained(judgement: Judgement, where: str) -> str:
     reasons = []
     if (best.log_bayes_factor or 0.0) < judgement.threshold:
         reasons.append(
-            f"its log Bayes factor {best.log_bayes_factor:.1f} is below the {judgement.threshold:.1f} "
-            "that naming takes"
+            f"its log Bayes factor {best.log_bayes_factor:.1f} is below the "
+            f"{judgement.threshold:.1f} that naming takes"
         )
-    if (best.explained_fraction or 0.0) < LEAST_EXPLAINED:
+    if not (best.explained_fraction or 0.0) >= LEAST_EXPLAINED:
         reasons.append(
             f"it removes only {100 * (best.explained_fraction or 0.0):.0f} % of the misfit"
         )

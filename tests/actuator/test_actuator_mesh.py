@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bayesdeg.actuator import kernels, surfaces
+from bayesdeg.actuator import surfaces
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.mesh import COARSE, Resolution, build_mesh
 from bayesdeg.errors import GeometryError

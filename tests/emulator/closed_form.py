@@ -50,13 +50,13 @@ def limit_load(a, b):
     return 0.9 * math.exp(0.5 * a + 0.6 * (b + 1.0))
 
 
-def solve(curve, *, fine=True, limits=True):
+def solve(curve, *, fine=True):
     """Answer one curve as the finite element model would."""
     m = curve.material
     softening = m.c2_ratio / math.sqrt(3.0 * m.c3_ratio)
     q = np.array(curve.loads)
     u, a, b, c = unit_coordinates(q, softening, m.c3_ratio, m.paper_group)
-    limit = limit_load(a, b) if limits else math.inf
+    limit = limit_load(a, b)
     met = limit <= q[-1]
     kept = q < limit
     q, u = q[kept], u[kept]
@@ -105,13 +105,13 @@ class ClosedFormMap:
 
 
 @cache
-def trained(*, limits=True, mesh_error=0.0):
+def trained(*, mesh_error=0.0):
     """Train a small surrogate on the closed form: 64 coarse curves, 24 fine ones."""
     curves = space_filling(BOX, 64, seed=5)
     few = curves[:24]
     return train(
-        (curves, [solve(curve, fine=False, limits=limits) for curve in curves]),
-        (few, [solve(curve, limits=limits) for curve in few]),
+        (curves, [solve(curve, fine=False) for curve in curves]),
+        (few, [solve(curve) for curve in few]),
         box=BOX,
         length=LENGTH,
         mesh_error=mesh_error,
