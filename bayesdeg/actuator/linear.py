@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
-from scipy.sparse.linalg import splu
+from scipy.sparse import linalg as sparse_linalg
 
 try:  # MKL exists for x86-64 only
     import pypardiso
@@ -92,13 +92,14 @@ class SuperLU:
 
     upper: sp.csr_array
     name: str = "splu"
+    _factors: "sparse_linalg.SuperLU | None" = field(default=None, init=False, repr=False)
 
     def factorize(self, data: Floats) -> None:
         """Factorize; raises LostDefinitenessError if a pivot is not positive."""
         self.upper.data = data
         full = self.upper + sp.triu(self.upper, k=1).T
         try:
-            self._factors = splu(
+            self._factors = sparse_linalg.splu(
                 sp.csc_array(full),
                 permc_spec="MMD_AT_PLUS_A",
                 diag_pivot_thresh=0.0,
@@ -112,11 +113,12 @@ class SuperLU:
 
     def solve(self, right: Floats) -> Floats:
         """Solve with the last factors."""
+        assert self._factors is not None
         return np.asarray(self._factors.solve(np.ascontiguousarray(right)), dtype=np.float64)
 
     def close(self) -> None:
         """Drop the factors."""
-        del self._factors
+        self._factors = None
 
 
 def open_factorization(upper: sp.csr_array, name: str | None = None) -> Factorization:

@@ -179,10 +179,8 @@ def train(
         "fine_curves": len(fine[0]),
         "terms": len(joint),
         "mesh_error_pct": 100.0 * mesh_error,
-        "left_out_rms_pct": 100.0 * float(np.sqrt(np.mean(left_out[:, 0] ** 2))),
-        "left_out_p95_pct": 100.0 * float(np.quantile(np.abs(left_out[:, 0]), 0.95)),
-        "left_out_largest_pct": 100.0 * float(np.max(np.abs(left_out[:, 0]))),
     }
+    record = record | accuracy | _accuracy(left_out[:, 0])
     return Surrogate(
         length,
         box,
@@ -192,8 +190,17 @@ def train(
         limit_coefficients,
         error_loads,
         error,
-        json.dumps(record | accuracy, indent=1),
+        json.dumps(record, indent=1),
     )
+
+
+def _accuracy(left_out: Floats) -> dict[str, object]:
+    size = 100.0 * np.abs(left_out)
+    return {
+        "left_out_rms_pct": float(np.sqrt(np.mean(size**2))),
+        "left_out_p95_pct": float(np.quantile(size, 0.95)),
+        "left_out_largest_pct": float(np.max(size)),
+    }
 
 
 def _merge(first: Indices, a: Floats, second: Indices, b: Floats) -> tuple[Indices, Floats]:

@@ -1,0 +1,161 @@
+"""The published numbers, and the materials and curvature curves that agree with them.
+
+Nagai, Kurita, Shintake (2021), Front. Robot. AI 8:760485; doi:10.3389/frobt.2021.760485.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdeg.actuator.forward import Inputs
+from bayesdeg.emulator.surrogate import Surrogate
+from bayesdeg.inference.parameters import ACTUATOR, material_parameters, node_name
+from bayesdeg.laws import Law
+from bayesdeg.material.degradation import NODES, is_stable, yeoh_constants
+
+Floats = NDArray[np.float64]
+
+LEVELS = np.array([0.0, 5.0, 10.0, 15.0, 20.0, 25.0])
+R_SQUARED = np.array([0.984, 0.997, 0.982, 0.931, 0.920, 0.861])
+RUPTURED = np.array([0, 0, 0, 0, 0, 2])
+SPECIMENS = 3
+PRESSURES = np.arange(20.0, 241.0, 20.0)
+"""Without 0 kPa, where curvature is zero by its definition; that reading counts in R²."""
+YOUNG_FRESH = (1.73, 0.15)
+YOUNG_DEGRADED = (5.5 * 1.73, 0.5)
+ELONGATION_FRESH = (209.8, 6.3)
+ELONGATION_DROP = 4.0
+
+NODES_USED = NODES[2]
+DEGRADATIONS = np.arange(0.0, 36.0)
+"""Grid of D_R on which curves are known [%]; errors that lead out of it are cut."""
+
+
+@dataclass(frozen=True)
+class Materials:
+    """Unknowns of the material and the actuator, one row a draw.
+
+    Parameters
+    ----------
+    c1, softening, c3 : array, shape (n, 3)
+        At D_R = 0, 12.5, 25 %: C1 [MPa], C2/√(3 C1 C3) [–], C3 [MPa].
+    volume_ratio, paper_stiffness : array, shape (n,)
+        [–], [N/m].
+    """
+
+    c1: Floats
+    softening: Floats
+    c3: Floats
+    volume_ratio: Floats
+    paper_stiffness: Floats
+
+    def __len__(self) -> int:
+        """Return the number of draws."""
+        return len(self.c1)
+
+    def constants(self, degradation: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return C1, C2, C3 at levels of D_R, each (n, n_levels) [MPa]."""
+        return yeoh_constants(self.c1, self.softening, self.c3, degradation, NODES_USED)
+
+    def take(self, rows: NDArray[np.bool_]) -> "Materials":
+        """Return some of the draws."""
+        return Materials(**{name: values[rows] for name, values in vars(self).items()})
+
+    def inputs(self, degradation: Floats, pressure: Floats) -> Inputs:
+        """Return inputs of the forward map, (n, n_levels, n_pressures)."""
+        c1, c2, c3 = (c[..., None] for c in self.constants(degradation))
+        scale = np.cbrt(self.volume_ratio)[:, None, None]
+        return Inputs(pressure, c1, c2, c3, scale, self.paper_stiffness[:, None, None])
+
+
+@dataclass(frozen=True)
+class Curves:
+    """Simulated curves on the grid of D_R.
+
+    Parameters
+    ----------
+    log_curvature : array, shape (n, n_grid, n_pressures)
+        ln κ, κ in 1/m.
+    growth : array, shape (n, n_grid, n_pressures)
+        −∂ ln κ / ∂ ln stiffness [–].
+    """
+
+    log_curvature: NDArray[np.float32]
+    growth: NDArray[np.float32]
+
+    def __len__(self) -> int:
+        """Return the number of draws."""
+        return len(self.log_curvature)
+
+    def at_levels(self) -> Floats:
+        """Return κ at the six levels, (n, 6, n_pressures) [1/m]."""
+        return np.exp(self.log_curvature[:, LEVELS.astype(int)].astype(np.float64))
+
+
+def draw(
+    surrogate: Surrogate, generator: np.random.Generator, count: int
+) -> tuple[Materials, Curves]:
+    """Draw materials that agree with the published moduli, and their curves, by rejection."""
+    kept: list[tuple[Materials, Curves]] = []
+    while sum(len(materials) for materials, _ in kept) < count:
+        materials = _propose(generator, 40_000)
+        materials = materials.take(_agrees(materials))
+        prediction = surrogate(materials.inputs(DEGRADATIONS, PRESSURES))
+        whole = np.all(prediction.status == 0, axis=(1, 2))
+        curvature = prediction.curvature[whole]
+        growth = prediction.slope[whole] / curvature
+        curves = Curves(np.log(curvature).astype(np.float32), growth.astype(np.float32))
+        kept.append((materials.take(whole), curves))
+    first = slice(0, count)
+    joined = Materials(
+        *(
+            np.concatenate([getattr(materials, name) for materials, _ in kept])[first]
+            for name in Materials.__dataclass_fields__
+        )
+    )
+    logs = np.concatenate([curves.log_curvature for _, curves in kept])[first]
+    return joined, Curves(logs, np.concatenate([curves.growth for _, curves in kept])[first])
+
+
+def sensitivity(materials: Materials) -> Floats:
+    """Return d ln C1 / d D_R at the six levels, (n, 6) [%/point]."""
+    above, below = (materials.constants(LEVELS + step)[0] for step in (0.5, -0.5))
+    return 100.0 * np.log(above / below)
+
+
+def _propose(generator: np.random.Generator, count: int) -> Materials:
+    laws: dict[str, Law] = {p.name: p.law for p in (*material_parameters(NODES_USED), *ACTUATOR)}
+
+    def nodes(quantity: str) -> Floats:
+        names = [node_name(quantity, node) for node in NODES_USED]
+        return np.stack([laws[name].sample(generator, count) for name in names], axis=-1)
+
+    c1 = nodes("c1")
+    c1[:, 0] = generator.normal(*YOUNG_FRESH, count) / 6.0
+    c1[:, 2] = generator.normal(*YOUNG_DEGRADED, count) / 6.0
+    ratio, paper = (laws[n].sample(generator, count) for n in ("volume_ratio", "paper_stiffness"))
+    return Materials(c1, nodes("c2_ratio"), nodes("c3"), ratio, paper)
+
+
+def _agrees(materials: Materials) -> NDArray[np.bool_]:
+    """Tell which draws have the published signs and trends: C1 and −C2 grow with D_R, C1 convex."""
+    c1 = materials.c1
+    trend = (c1[:, 0] > 0.0) & (c1[:, 2] - 2.0 * c1[:, 1] + c1[:, 0] >= 0.0)
+    trend &= 4.0 * c1[:, 1] - 3.0 * c1[:, 0] - c1[:, 2] >= 0.0
+    trend &= np.all(materials.softening < 0.0, axis=-1)
+    c1, softening, c3 = materials.c1, materials.softening, materials.c3
+    stable = np.zeros(len(c1), dtype=bool)
+    stable[trend] = is_stable(
+        c1[trend],
+        softening[trend],
+        c3[trend],
+        largest_degradation=float(DEGRADATIONS[-1]),
+        nodes=NODES_USED,
+    )
+    c2 = materials.take(stable).constants(NODES_USED_ARRAY)[1]
+    stable[stable] = c2[:, 2] < c2[:, 0]
+    return stable
+
+
+NODES_USED_ARRAY = np.array(NODES_USED)
