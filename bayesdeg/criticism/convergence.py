@@ -20,6 +20,8 @@ class Convergence:
         Rank-normalised split R̂ across ensembles, and effective sample sizes.
     steps, walkers, ensembles : int
         Size of the chain after burn-in.
+    usable : bool
+        Whether the criteria of the effort were met.
     sentence : str
         What it means, and what to do.
     """
@@ -31,6 +33,7 @@ class Convergence:
     steps: int
     walkers: int
     ensembles: int
+    usable: bool
     sentence: str
 
 
@@ -48,7 +51,8 @@ def diagnose(model: Model, chain: Chain, effort: Effort) -> Convergence:
         f"largest R-hat {r_hat[worst]:.3f} ({names[worst]}), smallest effective sample size "
         f"{bulk[fewest]:.0f} ({names[fewest]})"
     )
-    if r_hat[worst] <= effort.r_hat and bulk[fewest] >= effort.effective:
+    usable = bool(r_hat[worst] <= effort.r_hat and bulk[fewest] >= effort.effective)
+    if usable:
         sentence = f"The sampler has converged: {figures}."
     else:
         sentence = (
@@ -64,5 +68,6 @@ def diagnose(model: Model, chain: Chain, effort: Effort) -> Convergence:
         steps,
         walkers,
         ensembles,
+        usable,
         sentence,
     )

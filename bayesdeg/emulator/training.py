@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdeg.actuator.equilibrium import Status
 from bayesdeg.actuator.forward import MODEL_VERSION, Curve, CurveSolution
 from bayesdeg.emulator.scaling import TrainingBox
 from bayesdeg.emulator.surrogate import (
@@ -177,6 +178,7 @@ def train(
         "model_version": MODEL_VERSION,
         "coarse_curves": len(coarse[0]),
         "fine_curves": len(fine[0]),
+        "curves_cut_short": sum(s.status != Status.CONVERGED for s in (*coarse[1], *fine[1])),
         "terms": len(joint),
         "mesh_error_pct": 100.0 * mesh_error,
     }

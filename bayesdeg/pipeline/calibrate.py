@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdeg.criticism.convergence import Convergence, diagnose
 from bayesdeg.inference.ensemble import Chain, Effort, sample
 from bayesdeg.inference.laplace import Evidence, Laplace, approximate, evidence
 from bayesdeg.inference.model import Model
@@ -29,12 +30,15 @@ class Fit:
         Marginal likelihood.
     chain : Chain
         Posterior draws.
+    diagnosis : Convergence
+        Whether they may be used.
     """
 
     model: Model
     laplace: Laplace
     evidence: Evidence
     chain: Chain
+    diagnosis: Convergence
 
 
 def calibrate(
@@ -79,7 +83,7 @@ def calibrate(
     if stored is not None:
         chain = Chain(stored["vectors"], stored["log_prob"], stored["acceptance"])
         progress.advance(effort.longest, "taken from the interrupted run")
-        return Fit(model, laplace, importance, chain)
+        return Fit(model, laplace, importance, chain, diagnose(model, chain, effort))
 
     def show(done: int, smallest: float, largest: float) -> None:
         note = f"{smallest:.0f} effective draws, R-hat {largest:.3f}"
@@ -90,4 +94,4 @@ def calibrate(
         f"chain-{name}",
         {"vectors": chain.vectors, "log_prob": chain.log_prob, "acceptance": chain.acceptance},
     )
-    return Fit(model, laplace, importance, chain)
+    return Fit(model, laplace, importance, chain, diagnose(model, chain, effort))

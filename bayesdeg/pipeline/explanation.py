@@ -5,6 +5,7 @@ from bayesdeg.criticism.verdict import (
     FALSE_NAME_RATE,
     LEAST_EXPLAINED,
     Candidate,
+    EffectSize,
     Outcome,
     probabilities,
 )
@@ -103,12 +104,7 @@ def _ambiguous(judgement: Judgement, where: str) -> str:
 
 def _named(judgement: Judgement, where: str) -> str:
     best = _leader(judgement)
-    size = ", ".join(
-        f"{name.replace('_', ' ')} {e.mean:.3g} {e.unit} (90 % interval {e.q05:.3g} to {e.q95:.3g})".replace(
-            " – ", " "
-        )
-        for name, e in best.effect.items()
-    )
+    size = ", ".join(_size(name, effect) for name, effect in best.effect.items())
     return (
         f"{where} {_not_chance(judgement)} The cause is {best.cause}: "
         f"{CATALOGUE[best.cause].mechanism}. Its size: {size}. With it "
@@ -116,6 +112,12 @@ def _named(judgement: Judgement, where: str) -> str:
         f"that took no part in the calibration are predicted better by {best.elpd_diff:.1f} ± "
         f"{best.elpd_diff_se:.1f} in log density. {_runner_up(judgement)}"
     ).strip()
+
+
+def _size(name: str, effect: EffectSize) -> str:
+    unit = "" if effect.unit == "–" else f" {effect.unit}"
+    interval = f"90 % interval {effect.q05:.3g} to {effect.q95:.3g}"
+    return f"{name.replace('_', ' ')} {effect.mean:.3g}{unit} ({interval})"
 
 
 def _leader(judgement: Judgement) -> Candidate:
@@ -145,7 +147,7 @@ def _chance(judgement: Judgement) -> str:
 
 def _not_chance(judgement: Judgement) -> str:
     count, p = len(judgement.misfit.null), judgement.misfit.p_value
-    larger = int(round(p * (count + 1) - 1))
+    larger = round(p * (count + 1) - 1)
     return (
         f"Of {count} data sets simulated from the calibrated model, {larger or 'none'} misfit as "
         f"much (p = {p:.3g})."

@@ -247,3 +247,16 @@ def extended_model(fit: Fit, decision: Decision) -> tuple[Model, Floats] | None:
         return None
     cause = find(decision.causes[0])
     return fit.model.extended(cause), with_neutral(fit.laplace.mode, fit.model, cause)
+
+
+def with_sampled_sizes(judgement: Judgement, final: Fit) -> Judgement:
+    """Replace the leading cause's effect by that of its sampled posterior."""
+    name = judgement.decision.causes[0]
+    flat = final.chain.vectors.reshape(-1, final.chain.vectors.shape[-1])
+    values = final.model.table.named(flat)
+    cause = find(name)
+    sizes = {p.name: effect_size(values[cause.qualified(p.name)], p.unit) for p in cause.parameters}
+    candidates = tuple(
+        replace(c, effect=sizes) if c.cause == name else c for c in judgement.candidates
+    )
+    return replace(judgement, candidates=candidates)

@@ -4,10 +4,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from bayesdeg.criticism.convergence import Convergence
 from bayesdeg.criticism.residuals import CurvatureFit
 from bayesdeg.inference.data import TensileCurves, statistics, tensile_curves
-from bayesdeg.inference.ensemble import Chain
 from bayesdeg.inference.model import Model
 from bayesdeg.material.degradation import young_modulus
 from bayesdeg.measure.course import degradation_of_films
@@ -113,8 +111,9 @@ def constants(fit: Fit, label: str, generator: np.random.Generator) -> pd.DataFr
     return pd.concat(frames, ignore_index=True)
 
 
-def parameters(model: Model, chain: Chain, diagnosis: Convergence, label: str) -> pd.DataFrame:
+def parameters(fit: Fit, label: str) -> pd.DataFrame:
     """Return posterior and prior of every parameter, with its diagnostics."""
+    model, chain, diagnosis = fit.model, fit.chain, fit.diagnosis
     flat = model.table.named(chain.vectors.reshape(-1, chain.vectors.shape[-1]))
     rows = []
     for i, p in enumerate(model.table.parameters):

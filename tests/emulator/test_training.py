@@ -9,11 +9,12 @@ from bayesdeg.actuator.equilibrium import Status
 from bayesdeg.actuator.forward import Curve, CurveSolution
 from bayesdeg.actuator.system import Material
 from bayesdeg.emulator.campaign import space_filling
-from bayesdeg.emulator.surrogate import chebyshev_features, total_degree_orders
+from bayesdeg.emulator.surrogate import chebyshev_features, polynomial, total_degree_orders
 from bayesdeg.emulator.training import (
     LIMIT_MARGIN,
     STEEPEST,
     Table,
+    _limit,
     best_orders,
     fit,
     left_out_residuals,
@@ -151,3 +152,24 @@ def test_a_curve_that_failed_at_once_is_not_emulated():
 
 def test_a_curve_too_steep_from_its_start_is_emulated_no_further_than_its_first_loads():
     assert reach(CURVE, power_law(5.0, LOADS)) <= 0.2
+
+
+def test_a_limit_that_scatters_is_rarely_overestimated():
+    """The fitted limit is two standard errors low: about one curve in forty lies under it."""
+    generator = np.random.default_rng(6)
+    curves = space_filling(BOX, 256, seed=11)
+    solutions, limits = [], []
+    for curve in curves:
+        a, b, _ = unit_groups(curve, BOX)
+        limits.append(limit_load(a, b) * np.exp(0.05 * generator.standard_normal()))
+        kept = sum(q < limits[-1] for q in curve.loads)
+        limit = limits[-1] if kept < len(curve.loads) else math.inf
+        solutions.append(power_law(1.5, curve.loads[:kept], limit=limit))
+    orders, coefficients = _limit(curves, solutions, box=BOX)
+    points = np.array([unit_groups(curve, BOX) for curve in curves])
+    fitted = np.exp(polynomial(orders, coefficients, points))
+    met = np.array([np.isfinite(s.limit_load) and len(s.bend_angle) >= 3 for s in solutions])
+    assert met.sum() > 10
+    ratio = fitted[met] / (LIMIT_MARGIN * np.array(limits)[met])
+    assert np.mean(ratio > 1.0) < 0.1
+    assert 0.8 < np.median(ratio) < 0.97

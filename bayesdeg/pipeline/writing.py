@@ -1,0 +1,102 @@
+"""Fits and judgement become the files of the run folder."""
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from bayesdeg.criticism.gain import gain_table
+from bayesdeg.criticism.residuals import level_table, predict_readings, where
+from bayesdeg.inference.ensemble import EFFORTS, to_datatree
+from bayesdeg.measure.study import Study
+from bayesdeg.pipeline import tables
+from bayesdeg.pipeline.assemble import level_grid
+from bayesdeg.pipeline.calibrate import Fit
+from bayesdeg.pipeline.explanation import unjudged_document, verdict_document
+from bayesdeg.pipeline.results import Results
+from bayesdeg.prediction.bands import curvature_bands
+from bayesdeg.prediction.rupture import rupture_table
+from bayesdeg.report import columns
+from bayesdeg.report.folder import POSTERIOR, POSTERIOR_BASE, RunFolder
+
+Floats = NDArray[np.float64]
+
+
+def write_results(
+    study: Study, folder: RunFolder, results: Results, generator: np.random.Generator
+) -> dict[str, object]:
+    """Write posteriors and tables; return the content of ``verdict.json``."""
+    kept = EFFORTS[study.settings.effort].kept
+    for name, fit in ((POSTERIOR_BASE, results.base), (POSTERIOR, results.final)):
+        tree = to_datatree(fit.model, fit.chain.thinned(kept), generator)
+        folder.write_posterior(name, tree)
+    _write_material(study, folder, results, generator)
+    if results.judgement is None:
+        return unjudged_document(results.assembly.unjudged)
+    _write_predictions(folder, results.final, generator)
+    residual = _write_readings(study, folder, results, generator)
+    base, judgement = results.base.model, results.judgement
+    folder.write_table(columns.GAIN, gain_table(base, judgement.held_out))
+    null = pd.DataFrame({"statistic": judgement.misfit.null})
+    folder.write_table(columns.MISFIT_NULL, null.assign(replicate=np.arange(len(null))))
+    return verdict_document(judgement, where(base, residual, judgement.misfit.noise))
+
+
+def _write_material(
+    study: Study, folder: RunFolder, results: Results, generator: np.random.Generator
+) -> None:
+    fits = results.fits.items()
+    by_label = {
+        columns.CONSTANTS: [tables.constants(fit, label, generator) for label, fit in fits],
+        columns.PARAMETERS: [tables.parameters(fit, label) for label, fit in fits],
+    }
+    if study.tensile is not None:
+        by_label[columns.TENSILE] = [
+            tables.tensile(study, fit, label, generator) for label, fit in fits
+        ]
+    for name, frames in by_label.items():
+        folder.write_table(name, pd.concat(frames, ignore_index=True))
+    elongation = tables.elongation(results.final, generator)
+    if elongation is not None:
+        folder.write_table(columns.ELONGATION, elongation)
+    folder.write_table(columns.MEASURED, tables.measured(study))
+
+
+def _write_readings(
+    study: Study, folder: RunFolder, results: Results, generator: np.random.Generator
+) -> Floats:
+    """Write predictions at the readings; return the residuals of the base model [1/m]."""
+    published = _published_r_squared(study)
+    observed, levels, residuals = [], [], []
+    for label, fit in results.fits.items():
+        assert fit.model.actuator is not None
+        readings = predict_readings(fit.model, fit.chain, generator)
+        observed.append(tables.observations(fit.model, label, readings))
+        levels.append(level_table(fit.model, readings, published).assign(model=label))
+        residuals.append(fit.model.actuator.curvature - readings.mean)
+    folder.write_table(columns.OBSERVATIONS, pd.concat(observed, ignore_index=True))
+    folder.write_table(columns.LEVELS, pd.concat(levels, ignore_index=True))
+    return residuals[0]
+
+
+def _write_predictions(folder: RunFolder, fit: Fit, generator: np.random.Generator) -> None:
+    assert fit.model.actuator is not None
+    grid = level_grid(fit.model)
+    pressure = np.arange(0.0, float(np.max(fit.model.actuator.pressure)) + 1e-9, 10.0)
+    bands = curvature_bands(fit.model, fit.chain, generator, degradation=grid, pressure=pressure)
+    folder.write_table(columns.BANDS, bands)
+    rupture = (
+        rupture_table(fit.model, fit.chain, generator, degradation=grid, pressure=pressure)
+        if "elongation_scatter" in fit.model.table.names
+        else pd.DataFrame(columns=[c.name for c in columns.TABLES[columns.RUPTURE]])
+    )
+    folder.write_table(columns.RUPTURE, rupture)
+
+
+def _published_r_squared(study: Study) -> dict[float, float]:
+    if study.summary is None:
+        return {}
+    rows = study.summary[study.summary["quantity"] == "r_squared"]
+    return {
+        float(level): float(value)
+        for level, value in zip(rows["degradation_pct"], rows["value"], strict=True)
+    }
