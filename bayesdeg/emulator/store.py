@@ -1,5 +1,6 @@
 """Trained emulators on disk: the one that ships with the package, and others."""
 
+import hashlib
 import io
 import json
 from importlib.resources import files
@@ -35,6 +36,12 @@ def default_surrogate() -> Surrogate:
     50.0
     """
     return from_bytes((files("bayesdeg.emulator") / SHIPPED).read_bytes())
+
+
+def shipped_hash() -> str:
+    """Return the SHA-256 of the emulator that ships with the package."""
+    content = (files("bayesdeg.emulator") / SHIPPED).read_bytes()
+    return hashlib.sha256(content).hexdigest()
 
 
 def surrogate_for(geometry: Geometry) -> Surrogate:

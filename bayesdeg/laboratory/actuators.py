@@ -170,4 +170,5 @@ def _read(
         bend_angle_deg=np.where(over, np.nan, angle + counted * slip).round(3),
         ruptured=over.astype(np.int64),
     )
-    return readings.loc[reached].reset_index(drop=True)
+    kept: pd.DataFrame = readings.loc[reached]
+    return kept.reset_index(drop=True)

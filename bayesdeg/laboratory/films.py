@@ -158,4 +158,5 @@ def _stretch(
         stress_measure=measure,
     )
     whole = (mode != "uniaxial") | (stretch < limit)
-    return read.loc[whole].reset_index(drop=True)
+    kept: pd.DataFrame = read.loc[whole]
+    return kept.reset_index(drop=True)

@@ -12,6 +12,7 @@ from functools import partial
 import numpy as np
 
 import bayesdeg
+from bayesdeg.emulator.store import shipped_hash
 from bayesdeg.inference.ensemble import EFFORTS
 from bayesdeg.measure.study import Study
 from bayesdeg.pipeline.assemble import assemble
@@ -108,7 +109,14 @@ def fingerprint(study: Study) -> str:
     """Return a hash of everything that a run's results depend on."""
     settings = study.settings
     content = json.dumps(
-        [bayesdeg.__version__, dict(study.hashes), settings.effort, settings.seed], sort_keys=True
+        [
+            bayesdeg.__version__,
+            shipped_hash(),
+            dict(study.hashes),
+            settings.effort,
+            settings.seed,
+        ],
+        sort_keys=True,
     )
     return hashlib.sha256(content.encode()).hexdigest()
 

@@ -1,0 +1,208 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from scipy.stats import multivariate_normal
+
+from bayesdeg.causes.catalogue import find
+from bayesdeg.criticism.linear import (
+    Linear,
+    linearise,
+    log_bayes_factor,
+    most_probable_size,
+    overlap,
+    prior_size,
+    sensitivities,
+    with_neutral,
+)
+from bayesdeg.emulator.store import default_surrogate
+from bayesdeg.inference.laplace import approximate, evidence
+from bayesdeg.inference.parameters import with_priors
+from bayesdeg.laws import LogNormal, Normal, Parameter, TruncatedNormal
+from tests.criticism.linear_case import known_linear, scaling_cause, with_readings
+from tests.inference.small_study import TRUTH, draws_near_truth, small_model
+
+moderate = st.floats(-3.0, 3.0)
+
+
+@pytest.fixture(scope="module")
+def calibrated():
+    """Model, mode and log evidence of the small study."""
+    model = small_model()
+    generator = np.random.default_rng(3)
+    start = draws_near_truth(model, 1, spread=0.0)[0]
+    laplace = approximate(model, generator, start=start)
+    return model, laplace.mode, evidence(model, laplace, generator)
+
+
+@pytest.fixture(scope="module")
+def linear(calibrated):
+    return linearise(calibrated[0], calibrated[1])
+
+
+def test_whitened_data_are_standard_normal_under_the_model():
+    known = known_linear()
+    generator = np.random.default_rng(1)
+    points = len(known.mean)
+    readings = known.mean + generator.standard_normal((4000, points)) @ known.factor.T
+    z = known.whiten(readings.reshape(-1, *known.model.actuator.mask.shape))
+    assert np.max(np.abs(np.cov(z.T) - np.eye(points))) < 0.12
+    assert np.max(np.abs(z.mean(axis=0))) < 0.08
+
+
+def test_columns_are_whitened_as_readings_are():
+    known = known_linear()
+    shape = known.model.actuator.mask.shape
+    change = np.random.default_rng(2).standard_normal(shape)
+    both = known.whiten(np.stack([known.mean.reshape(shape), known.mean.reshape(shape) + change]))
+    np.testing.assert_allclose(known.whiten_columns(change.ravel()), both[1] - both[0], atol=1e-9)
+
+
+def test_readings_that_are_missing_play_no_part(linear):
+    data = linear.model.actuator
+    spoilt = np.where(data.mask, data.curvature, 1e9)
+    np.testing.assert_array_equal(linear.whiten(spoilt), linear.observed)
+    assert len(linear.observed) == data.mask.sum()
+
+
+def test_the_density_of_the_readings_is_a_ratio_of_evidences():
+    """p(readings | all else) = Z/Z', both by importance sampling, which knows no linearisation.
+
+    Noise and scatter are known: the linear model holds them at the mode.
+    """
+    known = ("curvature_noise", "curvature_noise_floor", "stiffness_scatter")
+    pinned = {name: LogNormal(TRUTH[name], 0.01) for name in known}
+    model = small_model()
+    model = replace(model, base=with_priors(model.base, pinned))
+    rest = replace(model, actuator=None)
+    generator = np.random.default_rng(5)
+    start = draws_near_truth(model, 1, spread=0.0)[0]
+    laplace = approximate(model, generator, start=start)
+    whole, without = (
+        evidence(m, approximate(m, generator, start=laplace.mode), generator, draws=10000)
+        for m in (model, rest)
+    )
+    linear, data = linearise(model, laplace.mode), model.actuator
+    density = multivariate_normal(linear.mean, linear.factor @ linear.factor.T).logpdf(
+        data.curvature[data.mask]
+    )
+    print(density, whole.log_evidence - without.log_evidence, whole.effective)
+    assert density == pytest.approx(whole.log_evidence - without.log_evidence, abs=1.0)
+
+
+@settings(max_examples=40, deadline=None)
+@given(z=arrays(float, 5, elements=moderate), s=arrays(float, (5, 2), elements=moderate))
+def test_bayes_factor_is_that_of_two_normal_laws(z, s):
+    wide = multivariate_normal(np.zeros(5), np.eye(5) + s @ s.T).logpdf(z)
+    narrow = multivariate_normal(np.zeros(5), np.eye(5)).logpdf(z)
+    assert float(log_bayes_factor(z, s)) == pytest.approx(wide - narrow, abs=1e-8)
+
+
+def test_bayes_factors_of_a_batch_are_those_of_its_rows():
+    generator = np.random.default_rng(4)
+    z, s = generator.standard_normal((3, 4, 6)), generator.standard_normal((6, 2))
+    batch = log_bayes_factor(z, s)
+    assert batch.shape == (3, 4)
+    for index in np.ndindex(3, 4):
+        assert batch[index] == pytest.approx(float(log_bayes_factor(z[index], s)))
+
+
+def test_bayes_factor_of_no_effect_is_even():
+    z = np.array([1.0, -2.0])
+    assert float(log_bayes_factor(z, np.zeros((2, 1)))) == 0.0
+
+
+def test_expected_bayes_factor_without_an_effect_is_one():
+    z = np.random.default_rng(6).standard_normal((200_000, 3))
+    factor = np.exp(log_bayes_factor(z, np.array([[0.4], [0.2], [-0.3]])))
+    assert factor.mean() == pytest.approx(1.0, abs=0.01)
+
+
+def test_most_probable_size_is_that_of_a_conjugate_posterior():
+    """One parameter with prior sd τ and y = S φ/τ + e: φ ~ N(τ S·z/(1 + S²), …)."""
+    cause = scaling_cause(sd=0.2)
+    s, z = np.array([[3.0], [4.0]]), np.array([1.0, 2.0])
+    expected = 0.2 * (3.0 * 1.0 + 4.0 * 2.0) / (1.0 + 25.0)
+    assert most_probable_size(z, s, cause) == pytest.approx([expected], rel=1e-3)
+
+
+def test_an_effect_of_known_size_is_found_again():
+    known, cause = known_linear(), scaling_cause()
+    shape = known.model.actuator.mask.shape
+    planted = with_readings(known, 1.07 * known.mean.reshape(shape))
+    size = most_probable_size(planted.observed, sensitivities(planted, cause), cause)
+    assert size[0] == pytest.approx(0.07, abs=0.01)
+
+
+def test_sensitivity_is_the_change_of_the_mean_by_one_prior_sd():
+    known, cause = known_linear(), scaling_cause(sd=0.1)
+    size = prior_size(cause.parameters[0])
+    expected = known.whiten_columns(size * known.mean)
+    np.testing.assert_allclose(sensitivities(known, cause)[:, 0], expected, rtol=1e-9)
+
+
+def test_what_only_widens_a_scatter_has_no_sensitivity():
+    columns = sensitivities(known_linear(), find("degradation_misread"))
+    assert np.any(columns[:, 0] != 0.0)
+    assert not np.any(columns[:, 1])
+
+
+def test_linear_bayes_factor_is_near_the_ratio_of_evidences(calibrated, linear):
+    """Of a small effect on readings without it: the causes are nearly linear there."""
+    model, mode, whole = calibrated
+    cause = scaling_cause(sd=0.02)
+    generator = np.random.default_rng(8)
+    extended = model.extended(cause)
+    laplace = approximate(extended, generator, start=with_neutral(mode, model, cause))
+    exact = evidence(extended, laplace, generator).log_evidence - whole.log_evidence
+    fast = float(log_bayes_factor(linear.observed, sensitivities(linear, cause)))
+    assert fast == pytest.approx(exact, abs=0.3)
+
+
+def test_prior_size_counts_from_the_neutral_value():
+    off_centre = Parameter("x", Normal(3.0, 4.0), "–", "of a test", 0.0)
+    half = Parameter("x", TruncatedNormal(0.0, 2.0, 0.0, np.inf), "–", "of a test", 0.0)
+    assert prior_size(off_centre) == pytest.approx(5.0, rel=1e-2)
+    assert prior_size(half) == pytest.approx(2.0, rel=1e-2)
+
+
+def test_neutral_vector_keeps_the_base_and_predicts_the_same():
+    model = replace(small_model(), forward=default_surrogate())
+    vector = draws_near_truth(model, 1)[0]
+    cause = find("pressure_offset")
+    extended = model.extended(cause)
+    longer = with_neutral(vector, model, cause)
+    assert longer.shape == (len(vector) + 1,)
+    np.testing.assert_array_equal(
+        extended.curvature(extended.table.named(longer[None])).curvature,
+        model.curvature(model.table.named(vector[None])).curvature,
+    )
+
+
+def test_overlap_is_one_for_the_same_direction_and_zero_for_perpendicular_ones():
+    a, b = np.array([[1.0], [1.0], [0.0]]), np.array([[1.0], [-1.0], [0.0]])
+    assert overlap(a, -7.0 * a) == pytest.approx(1.0)
+    assert overlap(a, b) == pytest.approx(0.0, abs=1e-12)
+    assert overlap(a, np.zeros((3, 0))) == 0.0
+
+
+@given(angle=st.floats(0.0, np.pi))
+def test_overlap_of_two_directions_is_the_squared_cosine(angle):
+    a = np.array([[1.0], [0.0]])
+    b = np.array([[np.cos(angle)], [np.sin(angle)]])
+    assert overlap(a, b) == pytest.approx(np.cos(angle) ** 2, abs=1e-9)
+    assert overlap(b, a) == pytest.approx(overlap(a, b), abs=1e-9)
+
+
+def test_a_direction_within_the_span_of_another_effect_cannot_be_told_from_it():
+    columns = np.random.default_rng(9).standard_normal((6, 2))
+    assert overlap(columns, columns @ np.array([[0.3], [-1.0]])) == pytest.approx(1.0)
+
+
+def test_a_linear_model_is_frozen_and_keeps_its_model(linear):
+    assert isinstance(linear, Linear)
+    assert linear.factor.shape == (len(linear.mean), len(linear.mean))
+    assert np.all(np.diag(linear.factor) > 0.0)
