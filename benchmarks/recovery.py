@@ -13,13 +13,17 @@ import multiprocessing
 import tempfile
 import time
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from fine_library import STORE, FineLibrary, library
 
-from bayesdeg.laboratory import Design, drawn_truth, run_experiment, study_texts
+from bayesdeg.actuator.mesh import FINE
+from bayesdeg.laboratory.design import Design
+from bayesdeg.laboratory.experiment import run_experiment
+from bayesdeg.laboratory.truth import drawn_truth
+from bayesdeg.laboratory.writing import Provenance, study_files
+from bayesdeg.measure.settings import Settings
 from bayesdeg.measure.study import read_study
 from bayesdeg.pipeline.progress import Silent
 from bayesdeg.pipeline.run import fingerprint, run_study
@@ -34,16 +38,17 @@ def one(job: tuple[int, Path]) -> dict[str, object]:
     forward = FineLibrary(library(store, 1))
     while True:  # a draw whose actuator balloons before 240 kPa makes another study than was asked
         truth = drawn_truth(generator)
-        experiment = run_experiment(Design(), truth, {}, forward, generator)
-        if len(experiment.actuator) == 18 * 12 and experiment.actuator.ruptured.sum() == 0:
+        experiment = run_experiment(Design(), truth, forward=forward, generator=generator)
+        if experiment.tables["actuator"]["ruptured"].sum() == 0:
             break
     with tempfile.TemporaryDirectory() as folder:
-        texts = study_texts(experiment, title=f"recovery {seed}", seed=seed)
+        settings = Settings(title=f"recovery {seed}", effort="quick")
+        provenance = Provenance("benchmarks/recovery.py", seed, vars(FINE))
+        texts = study_files(experiment, settings, provenance=provenance)
         for name, text in texts.items():
             if name != "truth.json":
                 (Path(folder) / name).write_text(text, encoding="utf-8")
         study = read_study(Path(folder))
-        study = replace(study, settings=replace(study.settings, effort="quick"))
         target = Path(folder) / "run"
         document = run_study(
             study,

@@ -66,15 +66,15 @@ def solid(
         Added to: entries of the upper triangle of the tangent.
     """
     n_elements, n_points = weights.shape
-    n_rows = 2 * n_points + 4
-    left = np.empty((n_rows, 81))
-    right = np.empty((n_rows, 81))
+    left = np.empty((2 * n_points + 4, 81))
+    right = np.empty((2 * n_points + 4, 81))
     swapped = np.empty((n_points, 81))
     weighted = np.empty((n_points, 81))
     reference = np.empty((3 * n_points, 27))
     scaled = np.empty((3 * n_points, 27))
-    deformation = np.empty((3, 3))
+    f = np.empty((3, 3))
     inverse = np.empty((3, 3))
+    factor = np.empty(6)
     smallest = 1e300
     for e in range(n_elements):
         nodes = elements[e]
@@ -83,100 +83,141 @@ def solid(
         internal = np.zeros(81)
         for q in range(n_points):
             w = weights[e, q]
-            gradient = gradients[e, q]
-            for i in range(3):
-                for j in range(3):
-                    total = 1.0 if i == j else 0.0
-                    for a in range(27):
-                        total += displacement[nodes[a], i] * gradient[a, j]
-                    deformation[i, j] = total
-            f = deformation
-            jacobian = (
-                f[0, 0] * (f[1, 1] * f[2, 2] - f[1, 2] * f[2, 1])
-                - f[0, 1] * (f[1, 0] * f[2, 2] - f[1, 2] * f[2, 0])
-                + f[0, 2] * (f[1, 0] * f[2, 1] - f[1, 1] * f[2, 0])
-            )
+            deformation_gradient(displacement, nodes, gradients[e, q], f)
+            jacobian = invert(f, inverse)
             smallest = min(smallest, jacobian)
             if not jacobian > 0.0:
                 return float(jacobian)
-            inverse[0, 0] = (f[1, 1] * f[2, 2] - f[1, 2] * f[2, 1]) / jacobian
-            inverse[0, 1] = (f[0, 2] * f[2, 1] - f[0, 1] * f[2, 2]) / jacobian
-            inverse[0, 2] = (f[0, 1] * f[1, 2] - f[0, 2] * f[1, 1]) / jacobian
-            inverse[1, 0] = (f[1, 2] * f[2, 0] - f[1, 0] * f[2, 2]) / jacobian
-            inverse[1, 1] = (f[0, 0] * f[2, 2] - f[0, 2] * f[2, 0]) / jacobian
-            inverse[1, 2] = (f[0, 2] * f[1, 0] - f[0, 0] * f[1, 2]) / jacobian
-            inverse[2, 0] = (f[1, 0] * f[2, 1] - f[1, 1] * f[2, 0]) / jacobian
-            inverse[2, 1] = (f[0, 1] * f[2, 0] - f[0, 0] * f[2, 1]) / jacobian
-            inverse[2, 2] = (f[0, 0] * f[1, 1] - f[0, 1] * f[1, 0]) / jacobian
-            first = 0.0
-            for i in range(3):
-                for j in range(3):
-                    first += f[i, j] * f[i, j]
-            isochoric = jacobian ** (-2.0 * THIRD)
-            x = isochoric * first - 3.0
-            w1 = constants[0] + x * (2.0 * constants[1] + 3.0 * constants[2] * x)
-            w2 = 2.0 * constants[1] + 6.0 * constants[2] * x
-            p = 0.0
+            p = np.dot(pressure[e], modes[q])
+            _factors(f, jacobian, w, p, constants, factor)
+            _directions(
+                gradients[e, q], f, inverse, factor, q, left, right, swapped, weighted, internal
+            )
+            reference[3 * q : 3 * q + 3] = gradients[e, q].T
+            scaled[3 * q : 3 * q + 3] = factor[4] * gradients[e, q].T
             for m in range(4):
-                p += pressure[e, m] * modes[q, m]
-            pj = p * jacobian
-            wi = w1 * isochoric
-            dd = w2 * isochoric * isochoric
-            gg = w * (4.0 / 9.0 * first * wi + pj + 4.0 / 9.0 * first * first * dd)
-            gh = w * (-4.0 * THIRD * wi - 4.0 * THIRD * first * dd)
-            hh = w * 4.0 * dd
-            cross = w * (2.0 * THIRD * first * wi - pj)
-            dot = w * 2.0 * wi
-            force_h = w * 2.0 * wi
-            force_g = w * (pj - 2.0 * THIRD * first * wi)
-            for a in range(27):
-                for i in range(3):
-                    g = (
-                        inverse[0, i] * gradient[a, 0]
-                        + inverse[1, i] * gradient[a, 1]
-                        + inverse[2, i] * gradient[a, 2]
-                    )
-                    h = (
-                        f[i, 0] * gradient[a, 0]
-                        + f[i, 1] * gradient[a, 1]
-                        + f[i, 2] * gradient[a, 2]
-                    )
-                    k = 3 * a + i
-                    left[2 * q, k] = g
-                    left[2 * q + 1, k] = h
-                    right[2 * q, k] = gg * g + gh * h
-                    right[2 * q + 1, k] = gh * g + hh * h
-                    swapped[q, k] = g
-                    weighted[q, k] = cross * g
-                    internal[k] += force_g * g + force_h * h
-                    reference[3 * q + i, a] = gradient[a, i]
-                    scaled[3 * q + i, a] = dot * gradient[a, i]
-                    for m in range(4):
-                        b[m, k] += w * jacobian * modes[q, m] * g
-            for m in range(4):
-                rp[m] += w * modes[q, m] * (jacobian - 1.0 - p / bulk)
+                b[m] += w * jacobian * modes[q, m] * swapped[q]
+            rp += w * (jacobian - 1.0 - p / bulk) * modes[q]
         coupling[e] = b
         volume_residual[e] = rp
-        condensed = bulk * inverse_mass[e]
-        lifted = condensed @ b
+        lifted = (bulk * inverse_mass[e]) @ b
         left[2 * n_points :] = b
         right[2 * n_points :] = lifted
         internal += rp @ lifted
         tangent = left.T @ right
-        crossed = swapped.T @ weighted
-        plain = reference.T @ scaled
-        for a in range(27):
-            for i in range(3):
-                residual[3 * nodes[a] + i] += internal[3 * a + i]
-                for c in range(27):
-                    for k in range(3):
-                        at = position[e, 3 * a + i, 3 * c + k]
-                        if at >= 0:
-                            value = tangent[3 * a + i, 3 * c + k] + crossed[3 * a + k, 3 * c + i]
-                            if i == k:
-                                value += plain[a, c]
-                            data[at] += value
+        add_swapped(tangent, swapped.T @ weighted, reference.T @ scaled)
+        scatter(nodes, internal, tangent, residual, position[e], data)
     return smallest
+
+
+@njit(cache=True)
+def deformation_gradient(
+    displacement: Floats, nodes: Indices, gradient: Floats, out: Floats
+) -> None:  # pragma: no cover - compiled
+    """Overwrite ``out`` with F = I + Σ u ⊗ ∇N at one point."""
+    for i in range(3):
+        for j in range(3):
+            total = 1.0 if i == j else 0.0
+            for a in range(nodes.shape[0]):
+                total += displacement[nodes[a], i] * gradient[a, j]
+            out[i, j] = total
+
+
+@njit(cache=True)
+def invert(f: Floats, out: Floats) -> float:  # pragma: no cover - compiled
+    """Overwrite ``out`` with F⁻¹ and return det F."""
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        for m in range(3):
+            n, o = (m + 1) % 3, (m + 2) % 3
+            out[i, m] = f[n, j] * f[o, k] - f[n, k] * f[o, j]
+    jacobian = f[0, 0] * out[0, 0] + f[0, 1] * out[1, 0] + f[0, 2] * out[2, 0]
+    if jacobian != 0.0:
+        out /= jacobian
+    return float(jacobian)
+
+
+@njit(cache=True)
+def _directions(
+    gradient: Floats,
+    f: Floats,
+    inverse: Floats,
+    factor: Floats,
+    q: int,
+    left: Floats,
+    right: Floats,
+    swapped: Floats,
+    weighted: Floats,
+    internal: Floats,
+) -> None:  # pragma: no cover - compiled
+    """Fill the rows of one quadrature point with g and h, plain and weighted; add its force."""
+    for a in range(27):
+        for i in range(3):
+            k = 3 * a + i
+            g, h = 0.0, 0.0
+            for j in range(3):
+                g += inverse[j, i] * gradient[a, j]
+                h += f[i, j] * gradient[a, j]
+            left[2 * q, k] = g
+            left[2 * q + 1, k] = h
+            right[2 * q, k] = factor[0] * g + factor[1] * h
+            right[2 * q + 1, k] = factor[1] * g + factor[2] * h
+            swapped[q, k] = g
+            weighted[q, k] = factor[3] * g
+            internal[k] += factor[5] * g + factor[4] * h
+
+
+@njit(cache=True)
+def _factors(
+    f: Floats, jacobian: float, w: float, p: float, constants: Floats, out: Floats
+) -> None:  # pragma: no cover - compiled
+    """Overwrite ``out`` with the factors of gg, gh, hh, swapped gg, h (and ∇N·∇N) and g."""
+    first = 0.0
+    for i in range(3):
+        for j in range(3):
+            first += f[i, j] * f[i, j]
+    isochoric = jacobian ** (-2.0 * THIRD)
+    x = isochoric * first - 3.0
+    w1 = isochoric * (constants[0] + x * (2.0 * constants[1] + 3.0 * constants[2] * x))
+    w2 = isochoric * isochoric * (2.0 * constants[1] + 6.0 * constants[2] * x)
+    pj = p * jacobian
+    out[0] = w * (4.0 / 9.0 * first * w1 + pj + 4.0 / 9.0 * first * first * w2)
+    out[1] = w * (-4.0 * THIRD * w1 - 4.0 * THIRD * first * w2)
+    out[2] = w * 4.0 * w2
+    out[3] = w * (2.0 * THIRD * first * w1 - pj)
+    out[4] = w * 2.0 * w1
+    out[5] = w * (pj - 2.0 * THIRD * first * w1)
+
+
+@njit(cache=True)
+def add_swapped(
+    tangent: Floats, crossed: Floats, plain: Floats
+) -> None:  # pragma: no cover - compiled
+    """Add Σ g_ak g_bi, given as Σ g_ai g_bk, and the part in proportion to the identity."""
+    for a in range(27):
+        for i in range(3):
+            for c in range(27):
+                for k in range(3):
+                    tangent[3 * a + i, 3 * c + k] += crossed[3 * a + k, 3 * c + i]
+                tangent[3 * a + i, 3 * c + i] += plain[a, c]
+
+
+@njit(cache=True)
+def scatter(
+    nodes: Indices,
+    force: Floats,
+    tangent: Floats,
+    residual: Floats,
+    position: Indices,
+    data: Floats,
+) -> None:  # pragma: no cover - compiled
+    """Add an element's or a face's force and tangent to the residual and the stored entries."""
+    for row in range(force.shape[0]):
+        residual[3 * nodes[row // 3] + row % 3] += force[row]
+        for column in range(force.shape[0]):
+            at = position[row, column]
+            if at >= 0:
+                data[at] += tangent[row, column]
 
 
 @njit(cache=True)
@@ -188,10 +229,5 @@ def principal_stretch(
     for e in range(stretch.shape[0]):
         nodes = elements[e]
         for q in range(stretch.shape[1]):
-            for i in range(3):
-                for j in range(3):
-                    total = 1.0 if i == j else 0.0
-                    for a in range(27):
-                        total += displacement[nodes[a], i] * gradients[e, q, a, j]
-                    deformation[i, j] = total
+            deformation_gradient(displacement, nodes, gradients[e, q], deformation)
             stretch[e, q] = np.sqrt(np.linalg.eigvalsh(deformation.T @ deformation)[2])

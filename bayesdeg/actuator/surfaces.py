@@ -7,6 +7,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from bayesdeg.actuator.kernels import scatter
+
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
@@ -82,35 +84,24 @@ def cavity_volume(
     (n_nodes, 3) [mm]; the other arguments are those of ``face_shapes`` and ``solid``.
     """
     volume = 0.0
-    epsilon = np.zeros((3, 3, 3))
-    epsilon[0, 1, 2] = epsilon[1, 2, 0] = epsilon[2, 0, 1] = 1.0
-    epsilon[0, 2, 1] = epsilon[2, 1, 0] = epsilon[1, 0, 2] = -1.0
-    e_x = np.empty((3, 3))
-    e_s = np.empty((3, 3))
-    e_t = np.empty((3, 3))
+    force = np.empty(27)
+    hessian = np.empty((27, 27))
+    local = np.empty((9, 3))
     for face in range(faces.shape[0]):
         nodes = faces[face]
-        local = np.empty((9, 3))
         for a in range(9):
             local[a] = placed[nodes[a]]
-        hessian = np.zeros((27, 27))
+        force[:] = 0.0
+        hessian[:] = 0.0
         for q in range(weights.shape[0]):
             n, ns, nt = shapes[q], along_first[q], along_second[q]
             x, s, t = n @ local, ns @ local, nt @ local
-            normal = np.cross(s, t)
             w = factor * weights[q] * THIRD
+            normal, from_s, from_t = np.cross(s, t), np.cross(t, x), np.cross(x, s)
             volume += weights[q] * THIRD * np.dot(x, normal)
-            from_s, from_t = np.cross(t, x), np.cross(x, s)
-            for i in range(3):
-                for k in range(3):
-                    e_x[i, k] = w * np.dot(epsilon[i, k], x)
-                    e_s[i, k] = w * np.dot(epsilon[i, k], s)
-                    e_t[i, k] = w * np.dot(epsilon[i, k], t)
+            e_x, e_s, e_t = w * _axial(x), w * _axial(s), w * _axial(t)
             for a in range(9):
-                for i in range(3):
-                    residual[3 * nodes[a] + i] += w * (
-                        n[a] * normal[i] + ns[a] * from_s[i] + nt[a] * from_t[i]
-                    )
+                force[3 * a : 3 * a + 3] += w * (n[a] * normal + ns[a] * from_s + nt[a] * from_t)
                 for c in range(9):
                     on_t = n[a] * ns[c] - ns[a] * n[c]
                     on_s = nt[a] * n[c] - n[a] * nt[c]
@@ -120,12 +111,14 @@ def cavity_volume(
                             hessian[3 * a + i, 3 * c + k] += (
                                 on_t * e_t[i, k] + on_s * e_s[i, k] + on_x * e_x[i, k]
                             )
-        for row in range(27):
-            for column in range(27):
-                at = position[face, row, column]
-                if at >= 0:
-                    data[at] += hessian[row, column]
+        scatter(nodes, force, hessian, residual, position[face], data)
     return volume
+
+
+@njit(cache=True)
+def _axial(v: Floats) -> Floats:  # pragma: no cover - compiled
+    """Return the matrix with entries ε_ikm v_m."""
+    return np.array([[0.0, v[2], -v[1]], [-v[2], 0.0, v[0]], [v[1], -v[0], 0.0]])
 
 
 @njit(cache=True)
@@ -150,55 +143,51 @@ def membrane(
     shear = stiffness / (1.0 + poisson)
     dilation = stiffness * poisson / (1.0 - poisson * poisson)
     gradient = np.empty((9, 2))
-    first = np.empty((3, 2))
-    strain = np.empty((2, 2))
-    stress = np.empty((2, 2))
     for face in range(faces.shape[0]):
         nodes = faces[face]
         length = nodes_at[nodes[8], 0] - nodes_at[nodes[0], 0]
         width = nodes_at[nodes[8], 1] - nodes_at[nodes[0], 1]
+        force = np.zeros(27)
         tangent = np.zeros((27, 27))
         for q in range(weights.shape[0]):
+            gradient[:, 0] = along_first[q] / length
+            gradient[:, 1] = along_second[q] / width
             w = weights[q] * length * width
-            first[:] = 0.0
-            first[0, 0] = first[1, 1] = 1.0
-            for a in range(9):
-                gradient[a, 0] = along_first[q, a] / length
-                gradient[a, 1] = along_second[q, a] / width
-                for i in range(3):
-                    for j in range(2):
-                        first[i, j] += displacement[nodes[a], i] * gradient[a, j]
-            for i in range(2):
-                for j in range(2):
-                    total = -1.0 if i == j else 0.0
-                    for m in range(3):
-                        total += first[m, i] * first[m, j]
-                    strain[i, j] = 0.5 * total
-            trace = strain[0, 0] + strain[1, 1]
-            for i in range(2):
-                for j in range(2):
-                    stress[i, j] = shear * strain[i, j] + (dilation * trace if i == j else 0.0)
-            traction = first @ stress
-            metric = first @ first.T
-            for a in range(9):
-                push_a = first @ gradient[a]
-                stress_a = stress @ gradient[a]
-                for i in range(3):
-                    residual[3 * nodes[a] + i] += w * np.dot(traction[i], gradient[a])
-                for c in range(9):
-                    push_c = first @ gradient[c]
-                    geometric = np.dot(stress_a, gradient[c])
-                    inner = np.dot(gradient[a], gradient[c])
-                    for i in range(3):
-                        for k in range(3):
-                            value = dilation * push_a[i] * push_c[k] + 0.5 * shear * (
-                                inner * metric[i, k] + push_c[i] * push_a[k]
-                            )
-                            if i == k:
-                                value += geometric
-                            tangent[3 * a + i, 3 * c + k] += w * value
-        for row in range(27):
-            for column in range(27):
-                at = position[face, row, column]
-                if at >= 0:
-                    data[at] += tangent[row, column]
+            _membrane_point(displacement, nodes, gradient, w, shear, dilation, force, tangent)
+        scatter(nodes, force, tangent, residual, position[face], data)
+
+
+@njit(cache=True)
+def _membrane_point(
+    displacement: Floats,
+    nodes: Indices,
+    gradient: Floats,
+    w: float,
+    shear: float,
+    dilation: float,
+    force: Floats,
+    tangent: Floats,
+) -> None:  # pragma: no cover - compiled
+    """Add the force and tangent of one quadrature point of weight w."""
+    first = np.zeros((3, 2))
+    first[0, 0] = first[1, 1] = 1.0
+    for a in range(9):
+        first += np.outer(displacement[nodes[a]], gradient[a])
+    strain = 0.5 * (first.T @ first - np.eye(2))
+    stress = shear * strain + dilation * (strain[0, 0] + strain[1, 1]) * np.eye(2)
+    push = gradient @ first.T
+    traction = gradient @ (first @ stress).T
+    metric = first @ first.T
+    geometric = (gradient @ stress) @ gradient.T
+    inner = gradient @ gradient.T
+    for a in range(9):
+        for i in range(3):
+            force[3 * a + i] += w * traction[a, i]
+            for c in range(9):
+                for k in range(3):
+                    value = dilation * push[a, i] * push[c, k] + 0.5 * shear * (
+                        inner[a, c] * metric[i, k] + push[c, i] * push[a, k]
+                    )
+                    if i == k:
+                        value += geometric[a, c]
+                    tangent[3 * a + i, 3 * c + k] += w * value

@@ -122,9 +122,27 @@ class System:
         The residual is the internal force less the load's, with the volume equation condensed
         element by element; the tangent is symmetric since the cavity is closed.
         """
-        mesh, size = self.mesh, 3 * len(self.mesh.nodes)
+        residual = np.zeros(3 * len(self.mesh.nodes))
         data = np.zeros(self.upper.nnz)
-        residual = np.zeros(size)
+        smallest, coupling, volume_residual = self._add_solid(state, material, residual, data)
+        volume = self._add_cavity(state, -state.load, residual, data)
+        surfaces.membrane(
+            state.displacement,
+            self.mesh.nodes,
+            self.mesh.bottom,
+            *self._face[1:],
+            material.paper_group,
+            material.paper_poisson,
+            residual,
+            self._bottom_at,
+            data,
+        )
+        return Linearisation(residual[self.free], data, coupling, volume_residual, smallest, volume)
+
+    def _add_solid(
+        self, state: State, material: Material, residual: Floats, data: Floats
+    ) -> tuple[float, Floats, Floats]:
+        mesh = self.mesh
         coupling = np.empty((len(mesh.elements), 4, 81))
         volume_residual = np.empty((len(mesh.elements), 4))
         smallest = kernels.solid(
@@ -143,34 +161,19 @@ class System:
             self._solid_at,
             data,
         )
-        volume = surfaces.cavity_volume(
-            mesh.nodes + state.displacement,
-            mesh.cavity,
+        return smallest, coupling, volume_residual
+
+    def _add_cavity(self, state: State, factor: float, residual: Floats, data: Floats) -> float:
+        volume: float = surfaces.cavity_volume(
+            self.mesh.nodes + state.displacement,
+            self.mesh.cavity,
             *self._face,
-            -state.load,
+            factor,
             residual,
             self._cavity_at,
             data,
         )
-        surfaces.membrane(
-            state.displacement,
-            mesh.nodes,
-            mesh.bottom,
-            *self._face[1:],
-            material.paper_group,
-            material.paper_poisson,
-            residual,
-            self._bottom_at,
-            data,
-        )
-        return Linearisation(
-            residual[self.free],
-            data,
-            coupling,
-            volume_residual,
-            smallest,
-            volume,
-        )
+        return volume
 
     def expand(self, unknowns: Floats) -> Floats:
         """Return values of the unknowns as a field over the nodes, (n_nodes, 3)."""
@@ -196,15 +199,7 @@ class System:
     def cavity_force(self, state: State) -> Floats:
         """Return dV/du on the free unknowns: the force of a unit pressure [mm²]."""
         gradient = np.zeros(3 * len(self.mesh.nodes))
-        surfaces.cavity_volume(
-            self.mesh.nodes + state.displacement,
-            self.mesh.cavity,
-            *self._face,
-            1.0,
-            gradient,
-            np.full((len(self.mesh.cavity), 27, 27), -1, dtype=np.int32),
-            np.zeros(1),
-        )
+        self._add_cavity(state, 1.0, gradient, np.zeros(self.upper.nnz))
         return gradient[self.free]
 
 

@@ -43,14 +43,14 @@ def predict_readings(
 
 
 def r_squared(measured: Floats, predicted: Floats) -> float:
-    """Return R² = 1 − SSE/SST on pooled points; nan for fewer than two.
+    """Return R² = 1 − SSE/SST on pooled points; nan where all measured are the same.
 
     Examples
     --------
     >>> r_squared(np.array([1.0, 2.0, 3.0]), np.array([1.0, 2.0, 2.0]))
     0.5
     """
-    if len(measured) < 2:
+    if len(measured) == 0 or np.ptp(measured) == 0.0:
         return float("nan")
     total = np.sum((measured - np.mean(measured)) ** 2)
     return float(1.0 - np.sum((measured - predicted) ** 2) / total)

@@ -110,17 +110,19 @@ def decide(candidates: list[Candidate], misfit: Misfit, threshold: float) -> Dec
     """Return the outcome.
 
     A cause is supported if its log Bayes factor passes the threshold, it removes at least half of
-    the misfit, and held-out specimens are predicted better by more than a standard error.
+    the misfit, and held-out specimens are predicted better by more than a standard error. A rival
+    as probable as the best that was not tried on held-out specimens is not ruled out by that.
     """
-    supported = [c for c in candidates if _is_supported(c, threshold)]
+    supported = [c for c in candidates if c.elpd_diff is not None and _is_possible(c, threshold)]
     if not supported:
         outcome = Outcome.UNEXPLAINED if misfit.p_value <= MISFIT_LEVEL else Outcome.ADEQUATE
         return Decision(outcome, ())
     best = max(supported, key=lambda c: c.log_bayes_factor or -np.inf)
     rivals = tuple(
         c.cause
-        for c in supported
-        if (c.log_bayes_factor or -np.inf) > (best.log_bayes_factor or 0.0) - INSEPARABLE
+        for c in candidates
+        if _is_possible(c, threshold)
+        and (c.log_bayes_factor or -np.inf) > (best.log_bayes_factor or 0.0) - INSEPARABLE
     )
     if len(rivals) > 1:
         return Decision(Outcome.AMBIGUOUS, rivals)
@@ -147,11 +149,14 @@ def confusable_pairs(linear: Linear, causes: tuple[Cause, ...]) -> list[tuple[st
     ]
 
 
-def _is_supported(candidate: Candidate, threshold: float) -> bool:
-    if candidate.log_bayes_factor is None or candidate.elpd_diff is None:
+def _is_possible(candidate: Candidate, threshold: float) -> bool:
+    """Whether nothing that was measured speaks against a cause."""
+    if candidate.log_bayes_factor is None:
         return False
     return (
         candidate.log_bayes_factor >= threshold
         and (candidate.explained_fraction or 0.0) >= LEAST_EXPLAINED
-        and candidate.elpd_diff > (candidate.elpd_diff_se or 0.0)
+        and (
+            candidate.elpd_diff is None or candidate.elpd_diff > (candidate.elpd_diff_se or 0.0)
+        )
     )

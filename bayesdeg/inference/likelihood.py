@@ -5,6 +5,8 @@ stiffness and ε_j ~ N(0, v_j) the reading error. f is nearly linear in m, so m 
 the linearisation f(m) ≈ f_j + J_j m.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,6 +14,20 @@ Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 LOG_TWO_PI = float(np.log(2.0 * np.pi))
+
+
+class Linearised(NamedTuple):
+    """Curves at the most probable deviations: all that their likelihood needs.
+
+    ``residual`` is the observation less f + J (0 − m̂), the linear model's value at m = 0.
+    """
+
+    residual: Floats
+    slope: Floats
+    variance: Floats
+    spread: Floats
+    mask: Flags
+    deviation: Floats
 
 
 def deviation(
@@ -94,3 +110,25 @@ def normal(value: Floats | float, mean: Floats, sd: Floats | float) -> Floats:
 def log_normal(value: Floats, median: Floats, scatter: Floats) -> Floats:
     """Return the log-normal log density of values with this median and sd of the logarithm."""
     return normal(np.log(value), np.log(median), scatter) - np.log(value)
+
+
+def marginal_of(curves: Linearised) -> Floats:
+    """Return ``marginal`` of linearised curves, shape (..., n_specimens)."""
+    return marginal(
+        curves.residual,
+        curves.slope,
+        variance=curves.variance,
+        spread=curves.spread,
+        mask=curves.mask,
+    )
+
+
+def sequential_of(curves: Linearised) -> Floats:
+    """Return ``sequential`` of linearised curves, shape (..., n_specimens, n_points)."""
+    return sequential(
+        curves.residual,
+        curves.slope,
+        variance=curves.variance,
+        spread=curves.spread,
+        mask=curves.mask,
+    )

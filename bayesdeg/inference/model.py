@@ -1,7 +1,7 @@
 """Data, forward map and active causes as one log density over a batch of vectors."""
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,26 +16,13 @@ from bayesdeg.inference.data import (
     Statistic,
     TensileCurves,
 )
+from bayesdeg.inference.likelihood import Linearised
 from bayesdeg.inference.parameters import Named, ParameterTable, node_name, with_causes
 from bayesdeg.laws import Parameter
 from bayesdeg.material import degradation as law
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-
-
-class Linearised(NamedTuple):
-    """Curves at the most probable deviations: all that their likelihood needs.
-
-    ``residual`` is the observation less f + J (0 − m̂), the linear model's value at m = 0.
-    """
-
-    residual: Floats
-    slope: Floats
-    variance: Floats
-    spread: Floats
-    mask: Flags
-    deviation: Floats
 
 
 @dataclass(frozen=True)
@@ -96,9 +83,9 @@ class Model:
         """Return log densities of whole specimens by kind of data, each (n, n_specimens)."""
         blocks = {}
         if self.tensile is not None:
-            blocks["tensile"] = _marginal(self.tensile_linearised(values))
+            blocks["tensile"] = likelihood.marginal_of(self.tensile_linearised(values))
         if self.actuator is not None:
-            blocks["actuator"] = _marginal(self.actuator_linearised(values))
+            blocks["actuator"] = likelihood.marginal_of(self.actuator_linearised(values))
         if self.breaks is not None:
             blocks["breaks"] = likelihood.log_normal(
                 self.breaks.elongation,
@@ -158,21 +145,20 @@ class Model:
         data = self.tensile
         constants = np.stack(self.constants(values, data.degradation), axis=-1)
         stress = np.matmul(data.basis, constants[..., None])[..., 0]
-        noise = values["tensile_noise"][:, None, None] * stress
-        variance = values["tensile_noise_floor"][:, None, None] ** 2 + noise**2
+        noise, floor = (
+            values[name][:, None, None] for name in ("tensile_noise", "tensile_noise_floor")
+        )
         spread = self.spread(values, data.degradation, data.degradation_sd)[..., None]
         mode = np.zeros_like(spread)
-        for _ in range(2):
+        for _ in range(3):
+            slope = stress * np.exp(mode)
+            residual = data.stress - slope * (1.0 - mode)
+            variance = floor**2 + (noise * slope) ** 2
+            at_mode = Linearised(residual, slope, variance, spread, data.mask, mode)
             mode = likelihood.deviation(
-                data.stress - stress * np.exp(mode) * (1.0 - mode),
-                stress * np.exp(mode),
-                variance=variance,
-                spread=spread,
-                mask=data.mask,
+                residual, slope, variance=variance, spread=spread, mask=data.mask
             )
-        slope = stress * np.exp(mode)
-        residual = data.stress - slope * (1.0 - mode)
-        return Linearised(residual, slope, variance, spread, data.mask, mode)
+        return at_mode
 
     def actuator_linearised(self, values: Named) -> Linearised:
         """Linearise the curvature curves at their most probable deviations."""
@@ -210,14 +196,7 @@ class Model:
 
         Shape (n, n_specimens, n_points); they sum to the specimens' ``log_likelihood``.
         """
-        curves = self.actuator_linearised(values)
-        return likelihood.sequential(
-            curves.residual,
-            curves.slope,
-            variance=curves.variance,
-            spread=curves.spread,
-            mask=curves.mask,
-        )
+        return likelihood.sequential_of(self.actuator_linearised(values))
 
     def simulate(self, values: Named, generator: np.random.Generator) -> Floats:
         """Draw curvatures that new specimens in the same tests would show, one set a draw.
@@ -300,9 +279,3 @@ class Model:
         if statistic.quantity == "young_modulus":
             return law.young_modulus(self.constants(values, level)[0][..., 0])
         return self.elongation(values, level)[..., 0]
-
-
-def _marginal(curves: Linearised) -> Floats:
-    return likelihood.marginal(
-        *curves[:2], variance=curves.variance, spread=curves.spread, mask=curves.mask
-    )

@@ -127,11 +127,12 @@ def design_of(study: Study) -> Design:
     """
     recorded = study.recorded.get("actuator", frozenset())
     tensile = _table(study, "tensile", _tensile, ("mode", "stretch", "stress_measure"))
-    torn = tensile.loc[tensile["mode"] == "uniaxial", list(SPECIMEN)]
+    uniaxial = tensile.loc[tensile["mode"] == "uniaxial", list(SPECIMEN)]
+    torn = uniaxial.drop_duplicates("specimen_id").reset_index(drop=True)
     return Design(
         actuator=_actuator_table(study),
         tensile=tensile,
-        breaks=_table(study, "breaks", lambda: torn.drop_duplicates("specimen_id"), ()),
+        breaks=_table(study, "breaks", lambda: torn, ()),
         moisture=_films(study.moisture, ["film_id", "time_h"], _moisture),
         shrinkage=_films(study.shrinkage, ["film_id"], _shrinkage),
         bend_angle=study.actuator is None or "bend_angle_deg" in recorded,

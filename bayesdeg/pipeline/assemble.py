@@ -1,6 +1,6 @@
 """A study becomes the base model: which data, which parameters, which priors."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -126,8 +126,15 @@ def _candidates(study: Study) -> tuple[tuple[Cause, ...], dict[str, str]]:
         elif lacking:
             unjudged[cause.name] = f"actuator.csv does not record {', '.join(lacking)}"
         else:
-            judged.append(cause)
+            judged.append(replace(cause, parameters=_stated_priors(cause, study)))
     return tuple(judged), unjudged
+
+
+def _stated_priors(cause: Cause, study: Study) -> tuple[Parameter, ...]:
+    stated = study.settings.priors
+    return tuple(
+        replace(p, law=stated.get(cause.qualified(p.name), p.law)) for p in cause.parameters
+    )
 
 
 def _check(study: Study, base: list[Parameter], candidates: tuple[Cause, ...]) -> None:

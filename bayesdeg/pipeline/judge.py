@@ -241,11 +241,11 @@ def effect_size(draws: Floats, unit: str) -> EffectSize:
     return EffectSize(float(np.mean(draws)), float(np.std(draws)), float(low), float(high), unit)
 
 
-def extended_model(fit: Fit, decision: Decision) -> tuple[Model, Floats] | None:
+def extended_model(assembly: Assembly, fit: Fit, decision: Decision) -> tuple[Model, Floats] | None:
     """Return the model with the leading cause, and a start for its mode; None if none is named."""
     if not decision.causes:
         return None
-    cause = find(decision.causes[0])
+    cause = next(c for c in assembly.candidates if c.name == decision.causes[0])
     return fit.model.extended(cause), with_neutral(fit.laplace.mode, fit.model, cause)
 
 

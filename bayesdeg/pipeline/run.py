@@ -125,7 +125,7 @@ def _extend(results: Results, fit: Calibrate, seed: np.random.SeedSequence) -> R
     """Calibrate the model with the leading cause, if there is one."""
     judgement = results.judgement
     assert judgement is not None
-    extended = extended_model(results.base, judgement.decision)
+    extended = extended_model(results.assembly, results.base, judgement.decision)
     if extended is None:
         return results
     final = fit(extended[0], "final", seed=seed, start=extended[1])

@@ -58,7 +58,7 @@ MODELS = {
     "stiffness error": Model(stiffness=0.1),
     "D_R and stiffness error": Model(degradation=2.0, stiffness=0.1),
 }
-VARIANTS = {
+VARIANTS: dict[str, dict[str, float | bool]] = {
     "as stated": {},
     "R² on the mean curve": {"mean_curve": True},
     "D_R error prior 1 point": {"degradation": 1.0},
@@ -89,8 +89,8 @@ class Fit:
     ----------
     log_likelihood : array, shape (n, 6)
         By outer draw and level.
-    sample : array, shape (n, 6)
-        One imagined ln(1 − R²) of each draw and level.
+    sample : array, shape (n, n_inner, 6)
+        The imagined ln(1 − R²).
     unknowns : Unknowns
         The draws.
     """
@@ -113,9 +113,7 @@ class Fit:
         return weight
 
 
-def fit(
-    curves: Curves, model: Model, generator: np.random.Generator, *, inner: int
-) -> Fit:
+def fit(curves: Curves, model: Model, generator: np.random.Generator, *, inner: int) -> Fit:
     """Estimate the likelihood of the six published R² for every draw of the unknowns."""
     unknowns = _draw_unknowns(model, generator, len(curves))
     logs, samples = [], []
@@ -133,7 +131,7 @@ def fit(
         z = (TARGET - y) / TOLERANCE
         density = logsumexp(-0.5 * z**2, axis=1) - np.log(inner)
         logs.append(density - np.log(TOLERANCE * np.sqrt(2.0 * np.pi)))
-        samples.append(y[:, 0])
+        samples.append(y)
     return Fit(np.concatenate(logs), np.concatenate(samples), unknowns)
 
 
@@ -165,15 +163,17 @@ def required_error(curves: Curves) -> Floats:
         here = shifts[inside]
         shifted = np.exp(_interpolate(curves.log_curvature, level + here[None, :]))
         simulated = np.exp(curves.log_curvature[:, None, int(level)])
-        misfit = unexplained(shifted.astype(np.float64), simulated.astype(np.float64))
+        # the root is nearly linear in the error, which interpolation then follows
+        misfit = np.sqrt(unexplained(shifted.astype(np.float64), simulated.astype(np.float64)))
+        published = np.sqrt(1.0 - R_SQUARED[i])
         for side, way in enumerate((here <= 0.0, here >= 0.0)):
             if way.sum() < 2:
                 continue
             order = np.argsort(np.abs(here[way]), kind="stable")
             sizes, values = np.abs(here[way])[order], misfit[:, way][:, order]
-            reached = values[:, -1] >= 1.0 - R_SQUARED[i]
+            reached = values[:, -1] >= published
             for row in np.flatnonzero(reached):
-                found[row, i, side] = np.interp(1.0 - R_SQUARED[i], values[row], sizes)
+                found[row, i, side] = np.interp(published, values[row], sizes)
     return found
 
 
@@ -182,7 +182,8 @@ def absolute_misfit(curves: Curves) -> Floats:
     kappa = curves.at_levels()
     count = kappa.shape[-1] + 1
     variance = np.square(kappa).sum(axis=-1) / count - (kappa.sum(axis=-1) / count) ** 2
-    return np.sqrt((1.0 - R_SQUARED) * variance)
+    misfit: Floats = np.sqrt((1.0 - R_SQUARED) * variance)
+    return misfit
 
 
 def _draw_unknowns(model: Model, generator: np.random.Generator, count: int) -> Unknowns:
@@ -229,9 +230,7 @@ def _imagine(
     if mean:
         experiment = experiment.mean(axis=2, keepdims=True)
     difference = np.broadcast_to(simulation, experiment.shape)
-    pooled = unexplained(
-        experiment.reshape(*shape[:2], -1), difference.reshape(*shape[:2], -1)
-    )
+    pooled = unexplained(experiment.reshape(*shape[:2], -1), difference.reshape(*shape[:2], -1))
     return np.log(np.maximum(pooled, 1e-9)).astype(np.float64)
 
 
@@ -242,7 +241,8 @@ def _partly_common(
     own = generator.standard_normal(shape, dtype=np.float32)
     weights = (sd * np.sqrt(share), sd * np.sqrt(1.0 - share))
     of_level, of_specimen = (w.astype(np.float32)[:, None, None] for w in weights)
-    return of_level * common + of_specimen * own
+    error: NDArray[np.float32] = of_level * common + of_specimen * own
+    return error
 
 
 def _interpolate(values: NDArray[np.float32], degradation: Floats) -> NDArray[np.float32]:
@@ -250,4 +250,6 @@ def _interpolate(values: NDArray[np.float32], degradation: Floats) -> NDArray[np
     below = np.minimum(degradation.astype(int), values.shape[1] - 2)
     weight = (degradation - below).astype(np.float32)[..., None]
     rows = np.arange(len(values))[:, None]
-    return (1.0 - weight) * values[rows, below] + weight * values[rows, below + 1]
+    first, second = values[rows, below], values[rows, below + 1]
+    between: NDArray[np.float32] = first + weight * (second - first)
+    return between

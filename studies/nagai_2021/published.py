@@ -58,7 +58,7 @@ class Materials:
         """Return C1, C2, C3 at levels of D_R, each (n, n_levels) [MPa]."""
         return yeoh_constants(self.c1, self.softening, self.c3, degradation, NODES_USED)
 
-    def take(self, rows: NDArray[np.bool_]) -> "Materials":
+    def take(self, rows: NDArray[np.bool_] | NDArray[np.int64]) -> "Materials":
         """Return some of the draws."""
         return Materials(**{name: values[rows] for name, values in vars(self).items()})
 
@@ -153,9 +153,6 @@ def _agrees(materials: Materials) -> NDArray[np.bool_]:
         largest_degradation=float(DEGRADATIONS[-1]),
         nodes=NODES_USED,
     )
-    c2 = materials.take(stable).constants(NODES_USED_ARRAY)[1]
+    c2 = materials.take(stable).constants(np.array(NODES_USED))[1]
     stable[stable] = c2[:, 2] < c2[:, 0]
     return stable
-
-
-NODES_USED_ARRAY = np.array(NODES_USED)

@@ -89,7 +89,6 @@ def test_the_density_of_the_readings_is_a_ratio_of_evidences():
     density = multivariate_normal(linear.mean, linear.factor @ linear.factor.T).logpdf(
         data.curvature[data.mask]
     )
-    print(density, whole.log_evidence - without.log_evidence, whole.effective)
     assert density == pytest.approx(whole.log_evidence - without.log_evidence, abs=1.0)
 
 

@@ -112,17 +112,15 @@ def log_tensile(model, values):
         points = np.flatnonzero(data.mask[s])
         f = [yeoh_stress(*c, data.stretch[s, j], mode, data.cauchy[s, j]) for j in points]
         y = [data.stress[s, j] for j in points]
-        variance = [
-            values["tensile_noise_floor"] ** 2 + (values["tensile_noise"] * fj) ** 2 for fj in f
-        ]
+        floor, noise = values["tensile_noise_floor"], values["tensile_noise"]
         m = 0.0
-        for _ in range(2):
+        for _ in range(3):
             slope = [fj * math.exp(m) for fj in f]
             residual = [yj - (sj - sj * m) for yj, sj in zip(y, slope, strict=True)]
+            variance = [floor**2 + (noise * sj) ** 2 for sj in slope]
+            density = log_curve(residual, slope, variance, spread)
             m = most_probable(residual, slope, variance, spread)
-        slope = [fj * math.exp(m) for fj in f]
-        residual = [yj - (sj - sj * m) for yj, sj in zip(y, slope, strict=True)]
-        out.append(log_curve(residual, slope, variance, spread))
+        out.append(density)
     return out
 
 

@@ -1,0 +1,58 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bayesdeg.criticism.convergence import diagnose
+from bayesdeg.inference.ensemble import Chain, Effort
+from tests.inference.small_study import small_model
+
+EFFORT = Effort(effective=200.0, r_hat=1.05, chunk=100, longest=1000)
+
+
+def chain_of(vectors):
+    return Chain(vectors, np.zeros(vectors.shape[:3]), np.full(len(vectors), 0.4))
+
+
+@pytest.fixture(scope="module")
+def model():
+    return small_model()
+
+
+@pytest.fixture(scope="module")
+def independent(model):
+    return np.random.default_rng(1).standard_normal((4, 50, 10, len(model.table)))
+
+
+def test_independent_draws_have_converged(model, independent):
+    found = diagnose(model, chain_of(independent), EFFORT)
+    assert found.names == model.table.names
+    assert (found.ensembles, found.steps, found.walkers) == (4, 50, 10)
+    assert found.sentence.startswith("The sampler has converged")
+    assert max(found.r_hat) < 1.05
+    assert min(found.ess_bulk) > 1000.0
+    assert min(found.ess_tail) > 500.0
+
+
+def test_ensembles_that_disagree_are_found_out_and_named(model, independent):
+    apart = independent.copy()
+    where = model.table.names.index("volume_ratio")
+    apart[0, :, :, where] += 3.0
+    found = diagnose(model, chain_of(apart), EFFORT)
+    assert "volume_ratio" in found.sentence
+    assert "run again with a higher --effort" in found.sentence
+    assert max(found.r_hat) == found.r_hat[where] > 1.2
+
+
+def test_walkers_that_hardly_move_are_few_effective_draws(model, independent):
+    slow = np.cumsum(0.05 * independent, axis=1)
+    found = diagnose(model, chain_of(slow), EFFORT)
+    assert min(found.ess_bulk) < 200.0
+    assert "stopped at its limit" in found.sentence
+
+
+def test_the_effort_decides_what_is_enough(model, independent):
+    strict = replace(EFFORT, effective=1e6)
+    assert "wanted R-hat at most 1.05 and 1000000 effective draws" in (
+        diagnose(model, chain_of(independent), strict).sentence
+    )

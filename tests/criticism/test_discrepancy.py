@@ -1,0 +1,163 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import kstest, multivariate_normal
+
+from bayesdeg.criticism.discrepancy import (
+    AMPLITUDES,
+    LENGTHS,
+    Misfit,
+    explained,
+    measure,
+    replicate,
+    statistic_of,
+)
+from tests.criticism.linear_case import constant_chain, known_linear, with_readings
+
+
+@pytest.fixture(scope="module")
+def linear():
+    return known_linear()
+
+
+@pytest.fixture(scope="module")
+def chain(linear):
+    return constant_chain(linear.model, linear.mode)
+
+
+def drawn(linear, generator):
+    """Readings that the linear model itself makes."""
+    noise = linear.factor @ generator.standard_normal(len(linear.mean))
+    return (linear.mean + noise).reshape(linear.model.actuator.mask.shape)
+
+
+def bump(linear, size):
+    """A smooth excess at middle pressures, growing with degradation."""
+    data = linear.model.actuator
+    mean = linear.mean.reshape(data.mask.shape)
+    shape = np.exp(-(((data.pressure - 90.0) / 40.0) ** 2)) * (1.0 + data.degradation / 24.0)
+    return size * mean * shape
+
+
+def covariances(linear):
+    """Every discrepancy that is tried, written out from the kernel's definition."""
+    data = linear.model.actuator
+    p = data.pressure.ravel()
+    d = np.broadcast_to(data.degradation, data.mask.shape).ravel()
+    envelope = np.abs(linear.mean) + 0.1 * np.max(np.abs(linear.mean))
+    for along, across in LENGTHS:
+        square = ((p[:, None] - p) / along) ** 2 + ((d[:, None] - d) / across) ** 2
+        kernel = np.exp(-0.5 * square) * np.outer(envelope, envelope)
+        for amplitude in AMPLITUDES:
+            yield amplitude**2 * kernel
+
+
+def test_statistic_is_the_largest_ratio_of_normal_densities(linear):
+    with_bump = linear.mean.reshape(linear.model.actuator.mask.shape) + bump(linear, 0.1)
+    case = with_readings(linear, with_bump)
+    residual = with_bump.ravel() - linear.mean
+    covariance = linear.factor @ linear.factor.T
+    none = multivariate_normal(np.zeros(len(residual)), covariance).logpdf(residual)
+    ratios = [
+        multivariate_normal(np.zeros(len(residual)), covariance + extra).logpdf(residual) - none
+        for extra in covariances(linear)
+    ]
+    assert statistic_of(case) == pytest.approx(max(ratios), rel=1e-6)
+
+
+def test_statistic_is_zero_where_the_model_is_exact(linear):
+    exact = linear.mean.reshape(linear.model.actuator.mask.shape)
+    assert statistic_of(with_readings(linear, exact)) == 0.0
+
+
+def test_p_values_are_uniform_on_data_of_the_model(linear, chain):
+    generator = np.random.default_rng(11)
+    values = [
+        measure(
+            with_readings(linear, drawn(linear, generator)), chain, generator, replicates=19
+        ).p_value
+        for _ in range(24)
+    ]
+    assert min(values) > 0.0
+    assert max(values) <= 1.0
+    # ties at a statistic of zero push p-values up, never down
+    assert kstest(values, "uniform", alternative="greater").pvalue > 0.01
+    assert np.mean(values) == pytest.approx(0.5, abs=0.15)
+
+
+def test_a_planted_discrepancy_is_measured(linear, chain):
+    generator = np.random.default_rng(12)
+    planted = bump(linear, 0.15)
+    case = with_readings(linear, drawn(linear, generator) + planted)
+    misfit = measure(case, chain, generator, replicates=99)
+    assert misfit.p_value == pytest.approx(0.01)
+    assert misfit.statistic > 5.0 * misfit.null.max()
+    found = misfit.discrepancy.reshape(planted.shape)
+    assert np.corrcoef(found.ravel(), planted.ravel())[0, 1] > 0.9
+    assert misfit.noise < 0.5 * misfit.rms
+
+
+def test_misfit_grows_with_what_is_planted(linear):
+    readings = drawn(linear, np.random.default_rng(13))
+    sizes = [
+        statistic_of(with_readings(linear, readings + bump(linear, s))) for s in (0.1, 0.2, 0.4)
+    ]
+    assert sizes == sorted(sizes)
+    assert sizes[0] > 0.0
+
+
+def test_a_stiff_specimen_is_scatter_and_no_misfit(linear):
+    """One specimen along its own slope, by one sd of specimens: the model expects that."""
+    model = linear.model
+    values = model.table.named(linear.mode[None])
+    slope = model.actuator_linearised(values).slope[0]
+    readings = linear.mean.reshape(slope.shape).copy()
+    readings[2] += float(model.deviation_sd(values)[0, 2, 0]) * slope[2]
+    assert statistic_of(with_readings(linear, readings)) < 1.0
+
+
+def test_rms_is_that_of_the_residuals(linear, chain):
+    generator = np.random.default_rng(14)
+    readings = drawn(linear, generator)
+    misfit = measure(with_readings(linear, readings), chain, generator, replicates=5)
+    assert misfit.rms == pytest.approx(np.sqrt(np.mean((readings.ravel() - linear.mean) ** 2)))
+    assert 0.0 < misfit.noise <= misfit.rms
+
+
+def test_replicates_have_the_readings_mean_and_scatter(linear, chain):
+    drawn_sets = replicate(linear, chain, np.random.default_rng(15), 3000)
+    z = linear.whiten(drawn_sets)
+    assert drawn_sets.shape == (3000, *linear.model.actuator.mask.shape)
+    # specimens deviate in ln stiffness, so that the sets are skewed by a little
+    assert np.max(np.abs(z.mean(axis=0))) < 0.15
+    assert np.std(z) == pytest.approx(1.0, abs=0.05)
+
+
+def test_the_same_seed_gives_the_same_misfit(linear, chain):
+    case = with_readings(linear, drawn(linear, np.random.default_rng(16)))
+    one, two = (
+        measure(case, chain, np.random.default_rng(17), replicates=20) for _ in range(2)
+    )
+    assert one.p_value == two.p_value
+    np.testing.assert_array_equal(one.null, two.null)
+
+
+def misfit_of(statistic, null=(1.0, 3.0)):
+    return Misfit(statistic, np.array(null), 0.01, np.zeros(1), 1.0, 0.1)
+
+
+def test_explained_counts_from_what_chance_gives():
+    assert explained(misfit_of(22.0), misfit_of(12.0)) == pytest.approx(0.5)
+    assert explained(misfit_of(22.0), misfit_of(2.0)) == 1.0
+    assert explained(misfit_of(22.0), misfit_of(0.0)) == 1.0
+
+
+def test_explained_is_no_share_where_there_is_nothing_to_explain():
+    assert np.isnan(explained(misfit_of(2.0), misfit_of(1.0)))
+    assert np.isnan(explained(misfit_of(1.0), misfit_of(1.0)))
+
+
+def test_what_makes_the_misfit_worse_explains_nothing():
+    before = misfit_of(22.0)
+    assert explained(before, replace(before, statistic=40.0)) == 0.0

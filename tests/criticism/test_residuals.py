@@ -1,0 +1,123 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import linregress
+
+from bayesdeg.criticism.residuals import (
+    CurvatureFit,
+    level_table,
+    levels,
+    predict_readings,
+    r_squared,
+    where,
+)
+from tests.criticism.linear_case import constant_chain, known_linear, tight_model
+from tests.inference.small_study import TRUTH, values_of
+
+
+def test_r_squared_of_a_regression_line_is_the_squared_correlation():
+    generator = np.random.default_rng(1)
+    x = np.arange(20.0)
+    y = 2.0 * x + 3.0 * generator.standard_normal(20)
+    line = linregress(x, y)
+    assert r_squared(y, line.intercept + line.slope * x) == pytest.approx(line.rvalue**2)
+
+
+def test_r_squared_of_the_mean_is_zero_and_of_the_truth_is_one():
+    y = np.array([1.0, 4.0, 2.0])
+    assert r_squared(y, np.full(3, y.mean())) == pytest.approx(0.0)
+    assert r_squared(y, y) == 1.0
+    assert r_squared(y, -10.0 * y) < 0.0
+
+
+def test_r_squared_is_not_defined_without_a_spread():
+    assert np.isnan(r_squared(np.array([]), np.array([])))
+    assert np.isnan(r_squared(np.array([2.0]), np.array([1.0])))
+    assert np.isnan(r_squared(np.array([2.0, 2.0]), np.array([1.0, 3.0])))
+
+
+@given(st.lists(st.floats(0.0, 30.0), min_size=1, max_size=20))
+def test_levels_are_ordered_and_hold_their_members(rates):
+    degradation = np.array(rates)
+    centres, member = levels(degradation)
+    assert np.all(np.diff(centres) > 0.0)
+    for k, centre in enumerate(centres):
+        own = degradation[member == k]
+        assert own.min() - 1e-9 <= centre <= own.max() + 1e-9
+    for i in range(len(rates)):
+        for j in range(len(rates)):
+            if abs(rates[i] - rates[j]) <= 2.0:
+                assert member[i] == member[j]
+
+
+def test_levels_do_not_depend_on_the_order_of_the_specimens():
+    rates = np.array([20.3, 0.0, 5.1, 19.7, 4.8])
+    centres, member = levels(rates)
+    assert centres == pytest.approx([0.0, 4.95, 20.0])
+    assert member.tolist() == [2, 0, 1, 2, 1]
+
+
+@pytest.fixture(scope="module")
+def model():
+    """Readings that are 12 % below the prediction at the third of highest pressures, at 24 %."""
+    base = tight_model()
+    truth = base.curvature(values_of()).curvature[0]
+    low = (base.actuator.pressure > 115.0) & (base.actuator.degradation > 20.0)
+    return base.with_curvature(np.where(low, 0.88 * truth, truth)), truth
+
+
+def test_levels_table_gives_r_squared_beside_the_published(model):
+    study, truth = model
+    fit = CurvatureFit(truth, truth, truth)
+    table = level_table(study, fit, {0.0: 0.984, 25.0: 0.861}).set_index("degradation_pct")
+    assert list(table.index) == ["0", "10", "24", "all"]
+    assert table["n"].tolist() == [16, 16, 16, 48]
+    assert table.loc["0", "r_squared"] == 1.0
+    assert table.loc["0", "published_r_squared"] == 0.984
+    assert table.loc["24", "published_r_squared"] == 0.861
+    assert np.isnan(table.loc["10", "published_r_squared"])
+    measured = study.actuator.curvature[4:]
+    residual = measured - truth[4:]
+    assert table.loc["24", "rms_per_m"] == pytest.approx(np.sqrt(np.mean(residual**2)))
+    assert table.loc["24", "r_squared"] == pytest.approx(
+        1.0 - np.sum(residual**2) / np.sum((measured - measured.mean()) ** 2)
+    )
+
+
+def test_where_names_pressures_rates_and_specimens(model):
+    study, truth = model
+    sentence = where(study, study.actuator.curvature - truth, 0.01)
+    assert "below the simulation by 4 % on average" in sentence
+    assert "at 140–160 kPa" in sentence
+    assert "at 24 % degradation" in sentence
+    assert "in 2 of 6 specimens" in sentence
+
+
+def test_where_says_above_and_every_rate(model):
+    study, truth = model
+    sentence = where(study.with_curvature(1.1 * truth), 0.1 * truth, 0.01)
+    assert "above the simulation by 10 %" in sentence
+    assert "at every degradation rate" in sentence
+    assert "in 6 of 6 specimens" in sentence
+
+
+def test_small_curvatures_do_not_make_large_percentages(model):
+    """Residuals of the size of the noise are set in proportion to the noise at least."""
+    study, truth = model
+    tiny = replace(study, actuator=replace(study.actuator, curvature=np.full(truth.shape, 1e-9)))
+    sentence = where(tiny, np.full(truth.shape, 1e-9), 1.0)
+    assert "by 0 %" in sentence
+
+
+def test_predicted_readings_hold_nine_tenths_of_further_specimens():
+    linear = known_linear()
+    chain = constant_chain(linear.model, linear.mode)
+    generator = np.random.default_rng(2)
+    fit = predict_readings(linear.model, chain, generator, draws=2000)
+    np.testing.assert_allclose(fit.mean.ravel(), linear.mean, rtol=1e-9)
+    further = linear.model.simulate(values_of(TRUTH, 2000), generator)
+    inside = np.mean((further >= fit.low) & (further <= fit.high))
+    assert inside == pytest.approx(0.9, abs=0.02)

@@ -1,0 +1,105 @@
+import pytest
+
+from bayesdeg.causes.catalogue import CATALOGUE
+from bayesdeg.emulator.surrogate import Surrogate
+from bayesdeg.errors import BayesdegError, StudyError
+from bayesdeg.laws import Normal, Uniform
+from bayesdeg.pipeline.assemble import assemble, level_grid
+from tests.emulator.closed_form import ClosedFormMap
+from tests.pipeline.study_files import SETTINGS, study_in
+
+
+def prior_of(model, name):
+    return next(p.law for p in model.base if p.name == name)
+
+
+def test_a_full_study_has_every_kind_of_data_and_parameter(tmp_path):
+    assembly = assemble(study_in(tmp_path))
+    model, names = assembly.model, set(assembly.model.table.names)
+    assert isinstance(model.forward, Surrogate)
+    assert model.nodes == (0.0, 12.5, 25.0)
+    assert {"c1_at_12_5", "tensile_noise", "curvature_noise", "paper_stiffness"} <= names
+    assert {"elongation_at_0", "elongation_at_25", "elongation_scatter"} <= names
+    assert [s.quantity for s in model.statistics] == [
+        "young_modulus",
+        "elongation_at_break",
+        "volume_ratio",
+    ]
+    assert set(dict(assembly.missing)) == {"shrinkage.csv", "moisture.csv"}
+
+
+def test_a_model_can_be_assembled_about_another_forward_map(tmp_path):
+    exact = ClosedFormMap()
+    assert assemble(study_in(tmp_path), exact).model.forward is exact
+
+
+def test_all_causes_are_candidates_unless_the_study_lists_some(tmp_path):
+    judged = {c.name for c in assemble(study_in(tmp_path)).candidates}
+    assert {name for name, cause in CATALOGUE.items() if not cause.needs} <= judged
+    chosen = SETTINGS + '[causes]\ncandidates = ["pressure_loss"]\n'
+    some = assemble(study_in(tmp_path, {"study.toml": chosen})).candidates
+    assert [c.name for c in some] == ["pressure_loss"]
+
+
+def test_without_an_actuator_no_cause_can_be_judged(tmp_path):
+    assembly = assemble(study_in(tmp_path, without=("actuator.csv",)))
+    assert assembly.candidates == ()
+    assert set(assembly.unjudged) == set(CATALOGUE)
+    assert "curvature_noise" not in assembly.model.table.names
+    assert assembly.model.forward is None
+    # nothing in the model depends on the volume ratio
+    assert "volume_ratio" not in {s.quantity for s in assembly.model.statistics}
+    assert "actuator.csv" in dict(assembly.missing)
+
+
+def test_without_films_the_constants_rest_on_priors(tmp_path):
+    assembly = assemble(study_in(tmp_path, without=("tensile.csv",)))
+    assert assembly.model.tensile is None
+    assert "tensile_noise" not in assembly.model.table.names
+    assert "priors" in dict(assembly.missing)["tensile.csv"]
+
+
+def test_a_published_volume_ratio_does_not_count_twice(tmp_path):
+    """Its default prior is the published mean: where that is data, the prior is flat."""
+    measured, alone = tmp_path / "measured", tmp_path / "alone"
+    measured.mkdir()
+    alone.mkdir()
+    assert prior_of(assemble(study_in(measured)).model, "volume_ratio") == Uniform(0.2, 1.0)
+    without = assemble(study_in(alone, without=("summary.csv",)))
+    assert prior_of(without.model, "volume_ratio").quantile(0.5) == pytest.approx(0.62, abs=0.01)
+
+
+def test_priors_of_the_study_replace_those_of_base_and_causes(tmp_path):
+    text = SETTINGS + (
+        '[priors]\nvolume_ratio = { law = "normal", mean = 0.6, sd = 0.1 }\n'
+        '"pressure_offset.offset" = { law = "normal", mean = 0.0, sd = 3.0 }\n'
+    )
+    assembly = assemble(study_in(tmp_path, {"study.toml": text}))
+    assert prior_of(assembly.model, "volume_ratio") == Normal(0.6, 0.1)
+    offset = next(c for c in assembly.candidates if c.name == "pressure_offset")
+    assert offset.parameters[0].law == Normal(0.0, 3.0)
+    assert CATALOGUE["pressure_offset"].parameters[0].law != Normal(0.0, 3.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ('[priors]\nvolum_ratio = { law = "normal", mean = 0.6, sd = 0.1 }', "volume_ratio"),
+        ('[causes]\ncandidates = ["pressure_los"]', "pressure_loss"),
+        ("[actuator]\nheight = 11.0", r"height = 11 \(trained: 10\).*bayesdeg emulate"),
+    ],
+)
+def test_what_cannot_be_assembled_is_refused_with_the_way_out(tmp_path, text, said):
+    with pytest.raises((BayesdegError, StudyError), match=said):
+        assemble(study_in(tmp_path, {"study.toml": SETTINGS + text + "\n"}))
+
+
+def test_levels_for_predictions_go_up_in_steps_of_five(tmp_path):
+    assert level_grid(assemble(study_in(tmp_path)).model).tolist() == [0, 5, 10, 15, 20, 25]
+
+
+def test_a_fresh_material_has_one_level(tmp_path):
+    films = "specimen_id,degradation_pct,stretch,stress_MPa\nf,0,1.2,0.3\nf,0,1.5,0.6\n"
+    others = ("actuator.csv", "break.csv", "summary.csv")
+    fresh = study_in(tmp_path, {"tensile.csv": films}, without=others)
+    assert level_grid(assemble(fresh).model).tolist() == [0.0]
