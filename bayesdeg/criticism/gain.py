@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from bayesdeg.criticism.residuals import levels, r_squared
-from bayesdeg.inference.laplace import approximate, evidence
+from bayesdeg.inference.ensemble import EFFORTS, sample
+from bayesdeg.inference.laplace import FEWEST_EFFECTIVE, approximate, evidence, surrounding
 from bayesdeg.inference.model import Model
 
 Floats = NDArray[np.float64]
@@ -66,8 +67,9 @@ def predict_held_out(
 ) -> HeldOut:
     """Calibrate without each fold in turn and predict it.
 
-    The posteriors are importance samples from Laplace approximations: exact up to their Monte
-    Carlo error.
+    The posteriors are importance samples from Laplace approximations, exact up to their Monte
+    Carlo error, or chains of emcee where the approximation is too far off, as for a mode outside
+    the bounds of a prior.
 
     Parameters
     ----------
@@ -108,12 +110,25 @@ def _predict_fold(
     generator = np.random.default_rng(seed)
     kept = np.setdiff1d(np.arange(len(model.actuator.specimens)), rows)
     training = replace(model, actuator=model.actuator.subset(kept))
-    posterior = evidence(training, approximate(training, generator, start=start), generator)
-    values = model.table.named(posterior.resample(generator, DRAWS))
+    values = model.table.named(_draws(training, start, seed, generator))
     testing = replace(model, actuator=model.actuator.subset(rows))
     blocks = testing.log_likelihood(values)["actuator"]
     density = logsumexp(np.nan_to_num(blocks, nan=-np.inf), axis=0) - np.log(DRAWS)
     return rows, density, testing.simulate(values, generator)
+
+
+def _draws(
+    model: Model, start: Floats, seed: np.random.SeedSequence, generator: np.random.Generator
+) -> Floats:
+    """Draw from the posterior: an importance sample, or emcee where that has too few draws."""
+    laplace = approximate(model, generator, start=start)
+    posterior = evidence(model, laplace, generator)
+    if posterior.effective >= FEWEST_EFFECTIVE:
+        return posterior.resample(generator, DRAWS)
+    near = surrounding(model, start, laplace.covariance, generator)
+    chain = sample(model, near, effort=EFFORTS["quick"], seed=seed)
+    flat = chain.vectors.reshape(-1, chain.vectors.shape[-1])
+    return flat[generator.integers(len(flat), size=DRAWS)]
 
 
 def gain_table(model: Model, results: dict[str, HeldOut]) -> pd.DataFrame:

@@ -14,6 +14,7 @@ Floats = NDArray[np.float64]
 Vector = np.ndarray[tuple[int], np.dtype[np.float64]]
 
 STEP = 1e-4
+FEWEST_EFFECTIVE = 30.0  # an importance sample of fewer effective draws is not used
 DEGREES_OF_FREEDOM = 6.0  # tails of the proposal are heavier than those of the posterior
 
 
@@ -116,6 +117,23 @@ def evidence(
     effective = float(np.exp(2.0 * total - logsumexp(2.0 * weights)))
     error = float(np.sqrt(max(1.0 / effective - 1.0 / draws, 0.0)))
     return Evidence(total - float(np.log(draws)), error, points, weights, effective)
+
+
+def surrounding(
+    model: Model,
+    point: Floats,
+    covariance: Floats,
+    generator: np.random.Generator,
+    draws: int = 2000,
+) -> Evidence:
+    """Return possible points close to a possible point, equally weighted, to start a sampler from.
+
+    Their log evidence is not known: nan.
+    """
+    factor = 0.1 * np.linalg.cholesky(covariance)
+    points = point + generator.standard_normal((draws, len(point))) @ factor.T
+    weights = np.where(np.isfinite(model.log_prob(points)), 0.0, -np.inf)
+    return Evidence(float("nan"), float("nan"), points, weights, float(np.sum(weights == 0.0)))
 
 
 def derivatives(model: Model, point: Floats, step: float = 1e-3) -> tuple[Floats, Floats]:

@@ -26,16 +26,13 @@ from bayesdeg.criticism.verdict import (
     decide,
     naming_threshold,
 )
-from bayesdeg.inference.laplace import Evidence, approximate, evidence
+from bayesdeg.inference.laplace import FEWEST_EFFECTIVE, Evidence, approximate, evidence
 from bayesdeg.inference.model import Model
 from bayesdeg.pipeline.assemble import Assembly
 from bayesdeg.pipeline.calibrate import Fit
 from bayesdeg.pipeline.progress import Progress
 
 Floats = NDArray[np.float64]
-
-FEWEST_EFFECTIVE = 30.0
-
 
 @dataclass(frozen=True)
 class JudgeEffort:

@@ -136,9 +136,7 @@ def test_replicates_have_the_readings_mean_and_scatter(linear, chain):
 
 def test_the_same_seed_gives_the_same_misfit(linear, chain):
     case = with_readings(linear, drawn(linear, np.random.default_rng(16)))
-    one, two = (
-        measure(case, chain, np.random.default_rng(17), replicates=20) for _ in range(2)
-    )
+    one, two = (measure(case, chain, np.random.default_rng(17), replicates=20) for _ in range(2))
     assert one.p_value == two.p_value
     np.testing.assert_array_equal(one.null, two.null)
 

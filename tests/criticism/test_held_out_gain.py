@@ -145,9 +145,7 @@ def test_a_specimen_is_predicted_without_its_own_readings(held_out):
     model, start, before = held_out
     readings = model.actuator.curvature.copy()
     readings[0] *= 1.2
-    after = predict_held_out(
-        model.with_curvature(readings), start, seed=np.random.SeedSequence(3)
-    )
+    after = predict_held_out(model.with_curvature(readings), start, seed=np.random.SeedSequence(3))
     fold = folds(model.actuator.degradation[:, 0])
     same = fold == fold[0]
     np.testing.assert_array_equal(after.draws[:, same], before.draws[:, same])

@@ -3,10 +3,13 @@
 from bayesdeg.measure.study import read_study
 
 SETTINGS = 'title = "Small"\nseed = 7\n'
-ACTUATOR = "specimen_id,degradation_pct,degradation_sd_pct,pressure_kPa,curvature_per_m\n" + "".join(
-    f"a{k},{level},0.5,{p},{0.1 * p * (1.0 - 0.02 * level):.4f}\n"
-    for k, level in enumerate((0, 10, 25))
-    for p in (0, 40, 80, 120)
+ACTUATOR = (
+    "specimen_id,degradation_pct,degradation_sd_pct,pressure_kPa,curvature_per_m\n"
+    + "".join(
+        f"a{k},{level},0.5,{p},{0.1 * p * (1.0 - 0.02 * level):.4f}\n"
+        for k, level in enumerate((0, 10, 25))
+        for p in (0, 40, 80, 120)
+    )
 )
 TENSILE = (
     "specimen_id,degradation_pct,mode,stretch,stress_MPa,stress_measure\n"

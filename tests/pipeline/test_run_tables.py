@@ -1,30 +1,173 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from bayesdeg.criticism.convergence import diagnose
 from bayesdeg.criticism.residuals import CurvatureFit
 from bayesdeg.inference.ensemble import EFFORTS, Chain
 from bayesdeg.inference.laplace import Evidence, Laplace
-from bayesdeg.material.stress import nominal_stress
 from bayesdeg.pipeline import tables
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.calibrate import Fit
 from bayesdeg.pipeline.comparison import comparisons, rests_on
+from bayesdeg.report.columns import TABLES
 from tests.inference.small_study import TRUTH, values_of
-from tests.pipeline.study_files import study_in
+from tests.pipeline.study_files import FILES, SETTINGS, study_in
 
 DRAWN = 1200
 
 
-def fit_of(model, *, width=0.0):
+def fit_of(model, *, width=1e-6):
     """A fit whose posterior is known: independent normal laws about the truth."""
     generator = np.random.default_rng(1)
     size = len(model.table)
-    centre = model.table.vectors({name: values_of()[name] for name in model.table.names})[0]
+    values = values_of()
+    centre = model.table.vectors({name: values[name] for name in model.table.names})[0]
     vectors = centre + width * generator.standard_normal((2, DRAWN // 20, 10, size))
     chain = Chain(vectors, np.zeros(vectors.shape[:3]), np.full(2, 0.4))
     laplace = Laplace(centre, np.eye(size), 0.0)
     evidence = Evidence(0.0, 0.0, vectors.reshape(-1, size), np.zeros(DRAWN), float(DRAWN))
     return Fit(model, laplace, evidence, chain, diagnose(model, chain, EFFORTS["quick"]))
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory):
+    return study_in(tmp_path_factory.mktemp("study"))
+
+
+@pytest.fixture(scope="module")
+def model(study):
+    return assemble(study).model
+
+
+@pytest.fixture
+def generator():
+    return np.random.default_rng(2)
+
+
+def columns_of(name):
+    return {column.name for column in TABLES[name]}
+
+
+def test_observations_are_every_reading_beside_its_prediction(model):
+    mean = model.curvature(values_of()).curvature[0]
+    table = tables.observations(model, "base", CurvatureFit(mean, mean - 1.0, mean + 1.0))
+    assert set(table.columns) >= columns_of("observations")
+    assert len(table) == 9  # 3 specimens, 3 pressures above zero
+    row = table[(table["specimen_id"] == "a1") & (table["pressure_kPa"] == 80.0)].iloc[0]
+    assert row["degradation_pct"] == 10.0
+    assert row["curvature_per_m"] == pytest.approx(6.4)
+    assert row["residual_per_m"] == pytest.approx(6.4 - row["mean_per_m"])
+    assert row["q95_per_m"] - row["q05_per_m"] == pytest.approx(2.0)
+
+
+def test_stresses_are_shown_as_nominal_whatever_was_recorded(study, model, generator):
+    table = tables.tensile(study, fit_of(model), "base", generator)
+    assert set(table.columns) >= columns_of("tensile")
+    f2 = table[table["specimen_id"] == "f2"].set_index("stretch")
+    assert f2.loc[1.3, "stress_MPa"] == pytest.approx(2.60 / 1.3)
+    # uniaxial Yeoh: P = 2 (λ − λ⁻²)(C1 + 2 C2 (I1 − 3) + 3 C3 (I1 − 3)²)
+    stretch = 1.6
+    excess = stretch**2 + 2.0 / stretch - 3.0
+    c1, c3 = TRUTH["c1_at_0"], TRUTH["c3_at_0"]
+    c2 = TRUTH["c2_ratio_at_0"] * np.sqrt(3.0 * c1 * c3)
+    law = 2.0 * (stretch - stretch**-2) * (c1 + 2.0 * c2 * excess + 3.0 * c3 * excess**2)
+    f1 = table[table["specimen_id"] == "f1"].set_index("stretch")
+    assert f1.loc[stretch, "mean_MPa"] == pytest.approx(law, rel=1e-5)
+    assert np.all(table["q05_MPa"] < table["mean_MPa"])
+    assert np.all(table["mean_MPa"] < table["q95_MPa"])
+
+
+def test_modes_that_are_not_fitted_are_predicted_and_marked(tmp_path, generator):
+    films = FILES["tensile.csv"] + "f3,0,equibiaxial,1.2,0.5,nominal\n"
+    settings = SETTINGS + '[tensile]\nfit_modes = ["uniaxial"]\n'
+    study = study_in(tmp_path, {"tensile.csv": films, "study.toml": settings})
+    table = tables.tensile(study, fit_of(assemble(study).model), "base", generator)
+    assert dict(zip(table["specimen_id"], table["fitted"], strict=True)) == {
+        "f1": 1,
+        "f2": 1,
+        "f3": 0,
+    }
+
+
+def test_constants_of_a_narrow_posterior_are_the_truth(model, generator):
+    table = tables.constants(fit_of(model), "base", generator)
+    assert set(table.columns) >= columns_of("constants")
+    at_25 = table[table["degradation_pct"] == 25.0].set_index("constant")
+    assert at_25.loc["c1", "q50"] == pytest.approx(TRUTH["c1_at_25"], rel=1e-4)
+    assert at_25.loc["young_modulus", "q05"] == pytest.approx(6.0 * TRUTH["c1_at_25"], rel=1e-4)
+    assert at_25.loc["c3", "q95"] == pytest.approx(TRUTH["c3_at_25"], rel=1e-4)
+
+
+def test_parameters_are_summarised_beside_their_priors(model):
+    table = tables.parameters(fit_of(model, width=0.1), "base").set_index("parameter")
+    assert {*table.columns, "parameter"} >= columns_of("parameters")
+    assert list(table.index) == list(model.table.names)
+    c1 = table.loc["c1_at_0"]
+    z = norm.ppf(0.95)
+    assert c1["q50"] == pytest.approx(0.3, rel=0.02)
+    assert c1["q95"] == pytest.approx(0.3 * np.exp(0.1 * z), rel=0.03)
+    assert c1["prior_q95"] == pytest.approx(0.3 * np.exp(0.4 * z), rel=1e-6)
+    assert c1["unit"] == "MPa"
+
+
+def test_elongation_limit_is_a_band_of_specimens_beside_the_measured(model, generator):
+    table = tables.elongation(fit_of(model), generator)
+    assert set(table.columns) >= columns_of("elongation")
+    measured = table[table["kind"] == "measured"]
+    assert measured["value"].tolist() == [208.0, 215.0, 55.0]
+    band = table[table["kind"] == "band"].set_index("degradation_pct")
+    assert band.loc[0.0, "q50"] == pytest.approx(210.0, rel=0.02)
+    ratio = band.loc[0.0, "q95"] / band.loc[0.0, "q05"]
+    assert np.log(ratio) == pytest.approx(2.0 * norm.ppf(0.95) * 0.1, rel=0.1)
+
+
+def test_without_breaks_there_is_no_elongation_limit(tmp_path, generator):
+    without = ("break.csv", "summary.csv")
+    model = assemble(study_in(tmp_path, without=without)).model
+    assert tables.elongation(fit_of(model), generator) is None
+
+
+def test_what_was_measured_says_what_it_rests_on(study):
+    table = tables.measured(study).set_index("quantity")
+    assert table.loc["young_modulus", "value"] == 1.73
+    assert table.loc["young_modulus", "sd"] == pytest.approx(0.15 / np.sqrt(3.0))
+    assert table.loc["volume_ratio", "unit"] == "–"
+    assert np.isnan(table.loc["volume_ratio", "degradation_pct"])
+    assert set(table["rests_on"]) == {"the paper"}
+
+
+def test_films_in_the_soil_give_degradation_rates(tmp_path):
+    moisture = "film_id,time_h,mass_equilibrated_g,mass_dry_g\n" + "".join(
+        f"m{i},{time},{10.0 + 0.01 * (i % 2)},{10.0 * (1.0 - content)}\n"
+        for i, (time, content) in enumerate([(0, 0.2), (0, 0.2), (24, 0.1), (24, 0.1)])
+    )
+    table = tables.measured(study_in(tmp_path, {"moisture.csv": moisture}))
+    rates = table.set_index("quantity")["value"]
+    assert rates["degradation rate after 24 h"] == pytest.approx(50.0, abs=1.0)
+
+
+def test_published_values_stand_beside_those_of_the_posterior(study, model):
+    rows = {row["quantity"]: row for row in comparisons(study, fit_of(model))}
+    assert set(rows) == {"young_modulus", "elongation_at_break", "volume_ratio"}
+    assert rows["young_modulus"]["predicted"] == "1.8 (1.8 to 1.8) MPa"
+    assert rows["young_modulus"]["published"] == "1.73 ± 0.15 MPa"
+    assert rows["elongation_at_break"]["predicted"].startswith("210 (")
+    assert rows["volume_ratio"]["predicted"] == "0.62 (0.62 to 0.62)"
+    assert rows["volume_ratio"]["degradation_pct"] is None
+    assert rows["young_modulus"]["source"] == "the paper"
+
+
+def test_without_a_summary_nothing_is_compared(tmp_path):
+    study = study_in(tmp_path, without=("summary.csv",))
+    assert comparisons(study, fit_of(assemble(study).model)) == []
+
+
+def test_statements_name_the_data_that_they_rest_on(study, tmp_path):
+    rows = {row["statement"]: row["rests_on"] for row in rests_on(study)}
+    assert rows["Yeoh constants against degradation"] == "tensile.csv, 2 specimens (measured)"
+    assert rows["verdict, gain, curvature bands"] == "actuator.csv, 3 specimens (measured)"
+    assert rows["elongation limit and rupture"] == "break.csv, 3 specimens (measured)"
+    assert rows["shown, not fitted: r_squared"] == "summary.csv (published)"
+    virtual = study_in(tmp_path, {"study.toml": SETTINGS + "virtual = true\n"})
+    assert all("measured" not in str(row["rests_on"]) for row in rests_on(virtual))

@@ -136,7 +136,8 @@ def test_reading_noise_alone_gives_the_expected_r_squared(study, few):
     kappa = np.concatenate([np.zeros((len(curves), 6, 1)), curves.at_levels()], axis=-1)
     squares = 12.0 / 13.0 * fit.unknowns.floor[:, None] ** 2
     expected = squares / (kappa.var(axis=-1) + squares * (1.0 - 1.0 / 39.0))
-    ratio = np.exp(fit.sample).mean(axis=1) / expected
+    seen = fit.unknowns.floor > 0.02  # below, rounding in single precision shows
+    ratio = np.exp(fit.sample[seen]).mean(axis=1) / expected[seen]
     assert np.allclose(ratio.mean(axis=0), 1.0, atol=0.01)
 
 
