@@ -1,13 +1,10 @@
 """The command line: ``bayesdeg run STUDY`` and what stands around it."""
 
 import json
-import multiprocessing
 import os
 import sys
 import traceback
 from collections.abc import Iterator
-from concurrent.futures import Executor, ProcessPoolExecutor
-from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
@@ -16,15 +13,6 @@ from typing import Annotated
 import numpy as np
 import typer
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    Progress,
-    SpinnerColumn,
-    TaskID,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
 from rich.table import Table
 
 import bayesdeg
@@ -32,6 +20,7 @@ from bayesdeg.actuator.forward import ExactMap
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.mesh import FINE
 from bayesdeg.causes.catalogue import CATALOGUE
+from bayesdeg.console import errors, pool, shown
 from bayesdeg.emulator.build import build
 from bayesdeg.emulator.build import runs as campaign_runs
 from bayesdeg.emulator.store import to_bytes
@@ -44,7 +33,6 @@ from bayesdeg.laboratory.writing import Provenance, study_files
 from bayesdeg.measure.settings import Dimensions
 from bayesdeg.measure.study import Study, read_study
 from bayesdeg.pipeline.assemble import assemble
-from bayesdeg.pipeline.progress import Silent
 from bayesdeg.pipeline.run import fingerprint, run_study
 from bayesdeg.report.checkpoints import Checkpoints
 from bayesdeg.report.folder import RunFolder
@@ -57,7 +45,6 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     add_completion=False,
 )
-errors = Console(stderr=True)
 
 INPUT_FAULT, OUR_FAULT, STOPPED = 2, 1, 3
 
@@ -104,7 +91,7 @@ def run(
     checkpoints = Checkpoints(target / "checkpoints", fingerprint(checked))
     if fresh:
         checkpoints.clear()
-    with _shown(quiet) as progress, _pool(workers) as executor:
+    with shown(quiet) as progress, pool(workers) as executor:
         document = run_study(
             checked, RunFolder(target), checkpoints, progress=progress, executor=executor
         )
@@ -184,7 +171,7 @@ def simulate(
     truth = drawn_truth(generator) if draw_material else Truth()
     design = design_of(template)
     geometry = Geometry(template.settings.dimensions)
-    with _shown(quiet) as progress, _pool(workers) as executor:
+    with shown(quiet) as progress, pool(workers) as executor:
         curves = design.actuator["specimen_id"].nunique()
         progress.stage("finite element curves", total=curves)
         forward = ExactMap(geometry, FINE, executor=executor, on_curve=progress.advance)
@@ -223,7 +210,7 @@ def emulate(
     """
     dimensions = Dimensions() if geometry is None else read_study(geometry).settings.dimensions
     actuator = Geometry(dimensions)
-    with _shown(quiet) as progress, _pool(workers) as executor:
+    with shown(quiet) as progress, pool(workers) as executor:
         coarse, fine = campaign_runs(actuator)
         progress.stage("finite element curves", total=len(coarse) + len(fine))
         surrogate = build(actuator, store, executor=executor, on_run=progress.advance)
@@ -255,63 +242,6 @@ def _say_verdict(document: dict[str, object], page: Path, *, virtual: bool) -> N
     errors.print(f"\n[bold]{label}{document['outcome']}[/bold]{': ' + names if names else ''}")
     errors.print(str(document["explanation"]), markup=False, highlight=False)
     errors.print(f"\nreport: {page}", highlight=False)
-
-
-class _Bars:
-    """Shows stages as progress bars on standard error."""
-
-    def __init__(self, bars: Progress) -> None:
-        self._bars = bars
-        self._task: TaskID | None = None
-
-    def stage(self, name: str, total: float | None = None) -> None:
-        """Finish the stage before and begin another."""
-        self.finish()
-        self._task = self._bars.add_task(name, total=total, note="")
-
-    def advance(self, steps: float = 1.0, note: str = "") -> None:
-        """Move the bar of the stage."""
-        if self._task is not None:
-            self._bars.update(self._task, advance=steps, note=note)
-
-    def finish(self) -> None:
-        """Fill the bar of the stage."""
-        if self._task is not None:
-            self._bars.update(self._task, total=1, completed=1)
-            self._bars.stop_task(self._task)
-
-
-@contextmanager
-def _shown(quiet: bool) -> Iterator[_Bars | Silent]:
-    if quiet:
-        yield Silent()
-        return
-    columns = (
-        SpinnerColumn(finished_text="✓"),
-        TextColumn("{task.description}"),
-        BarColumn(bar_width=24),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(compact=True),
-        TextColumn("{task.fields[note]}"),
-    )
-    with Progress(*columns, console=errors) as bars:
-        shown = _Bars(bars)
-        yield shown
-        shown.finish()
-
-
-@contextmanager
-def _pool(workers: int) -> Iterator[Executor | None]:
-    """Worker processes, each with one thread of linear algebra; none for a single worker."""
-    if workers == 1:
-        with nullcontext():
-            yield None
-        return
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-        os.environ.setdefault(name, "1")
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, mp_context=context) as executor:
-        yield executor
 
 
 def main() -> None:

@@ -206,7 +206,8 @@ class ExactMap:
         apply = map if self._executor is None else self._executor.map
         solutions = []
         for solution in apply(solve_task, tasks):
-            self._on_curve()
+            if len(solution.bend_angle) or solution.status != Status.CONVERGED:
+                self._on_curve()  # a curve without loads is no work
             solutions.append(solution)
         return solutions
 

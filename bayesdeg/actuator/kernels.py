@@ -65,48 +65,35 @@ def solid(
     data : array
         Added to: entries of the upper triangle of the tangent.
     """
-    n_elements, n_points = weights.shape
-    left = np.empty((2 * n_points + 4, 81))
-    right = np.empty((2 * n_points + 4, 81))
-    swapped = np.empty((n_points, 81))
-    weighted = np.empty((n_points, 81))
-    reference = np.empty((3 * n_points, 27))
-    scaled = np.empty((3 * n_points, 27))
-    f = np.empty((3, 3))
-    inverse = np.empty((3, 3))
-    factor = np.empty(6)
+    n_points = weights.shape[1]
+    left, right = np.empty((2 * n_points + 4, 81)), np.empty((2 * n_points + 4, 81))
+    swapped, weighted = np.empty((n_points, 81)), np.empty((n_points, 81))
+    reference, scaled = np.empty((3 * n_points, 27)), np.empty((3 * n_points, 27))
+    f, inverse, factor = np.empty((3, 3)), np.empty((3, 3)), np.empty(6)
     smallest = 1e300
-    for e in range(n_elements):
-        nodes = elements[e]
-        b = np.zeros((4, 81))
-        rp = np.zeros(4)
-        internal = np.zeros(81)
+    for e in range(weights.shape[0]):
+        b, rp, internal = np.zeros((4, 81)), np.zeros(4), np.zeros(81)
         for q in range(n_points):
-            w = weights[e, q]
-            deformation_gradient(displacement, nodes, gradients[e, q], f)
+            gradient = gradients[e, q]
+            deformation_gradient(displacement, elements[e], gradient, f)
             jacobian = invert(f, inverse)
             smallest = min(smallest, jacobian)
             if not jacobian > 0.0:
                 return float(jacobian)
-            p = np.dot(pressure[e], modes[q])
+            p, w = np.dot(pressure[e], modes[q]), weights[e, q]
             _factors(f, jacobian, w, p, constants, factor)
-            _directions(
-                gradients[e, q], f, inverse, factor, q, left, right, swapped, weighted, internal
-            )
-            reference[3 * q : 3 * q + 3] = gradients[e, q].T
-            scaled[3 * q : 3 * q + 3] = factor[4] * gradients[e, q].T
-            for m in range(4):
-                b[m] += w * jacobian * modes[q, m] * swapped[q]
+            _directions(gradient, f, inverse, factor, q, left, right, swapped, weighted, internal)
+            reference[3 * q : 3 * q + 3] = gradient.T
+            scaled[3 * q : 3 * q + 3] = factor[4] * gradient.T
+            b += w * jacobian * np.outer(modes[q], swapped[q])
             rp += w * (jacobian - 1.0 - p / bulk) * modes[q]
-        coupling[e] = b
-        volume_residual[e] = rp
+        coupling[e], volume_residual[e] = b, rp
         lifted = (bulk * inverse_mass[e]) @ b
-        left[2 * n_points :] = b
-        right[2 * n_points :] = lifted
+        left[2 * n_points :], right[2 * n_points :] = b, lifted
         internal += rp @ lifted
         tangent = left.T @ right
         add_swapped(tangent, swapped.T @ weighted, reference.T @ scaled)
-        scatter(nodes, internal, tangent, residual, position[e], data)
+        scatter(elements[e], internal, tangent, residual, position[e], data)
     return smallest
 
 

@@ -156,7 +156,5 @@ def _is_possible(candidate: Candidate, threshold: float) -> bool:
     return (
         candidate.log_bayes_factor >= threshold
         and (candidate.explained_fraction or 0.0) >= LEAST_EXPLAINED
-        and (
-            candidate.elpd_diff is None or candidate.elpd_diff > (candidate.elpd_diff_se or 0.0)
-        )
+        and (candidate.elpd_diff is None or candidate.elpd_diff > (candidate.elpd_diff_se or 0.0))
     )

@@ -34,6 +34,7 @@ from bayesdeg.pipeline.progress import Progress
 
 Floats = NDArray[np.float64]
 
+
 @dataclass(frozen=True)
 class JudgeEffort:
     """What judging may cost.

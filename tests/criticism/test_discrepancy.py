@@ -73,17 +73,24 @@ def test_statistic_is_zero_where_the_model_is_exact(linear):
 
 def test_p_values_are_uniform_on_data_of_the_model(linear, chain):
     generator = np.random.default_rng(11)
-    values = [
-        measure(
-            with_readings(linear, drawn(linear, generator)), chain, generator, replicates=19
-        ).p_value
-        for _ in range(24)
-    ]
-    assert min(values) > 0.0
-    assert max(values) <= 1.0
-    # ties at a statistic of zero push p-values up, never down
-    assert kstest(values, "uniform", alternative="greater").pvalue > 0.01
-    assert np.mean(values) == pytest.approx(0.5, abs=0.15)
+    null = measure(linear, chain, generator, replicates=400).null
+    cases = [with_readings(linear, drawn(linear, generator)) for _ in range(40)]
+    statistics = np.array([statistic_of(case) for case in cases])
+    p_values = (1.0 + np.sum(null >= statistics[:, None], axis=1)) / (1.0 + len(null))
+    # nearly half of all statistics are 0, where p is 1: below that p is uniform, above it larger
+    assert np.mean(null == 0.0) == pytest.approx(0.48, abs=0.08)
+    assert kstest(p_values, "uniform", alternative="greater").pvalue > 0.01
+    assert np.mean(p_values <= 0.4) == pytest.approx(0.4, abs=3.0 * np.sqrt(0.24 / 40))
+
+
+def test_the_p_value_counts_simulated_data_that_misfit_as_much(linear, chain):
+    generator = np.random.default_rng(18)
+    readings = drawn(linear, generator) + bump(linear, 0.03)
+    misfit = measure(with_readings(linear, readings), chain, generator, replicates=99)
+    larger = np.sum(misfit.null >= misfit.statistic)
+    assert misfit.p_value == pytest.approx((1 + larger) / 100)
+    exact = with_readings(linear, linear.mean.reshape(readings.shape))
+    assert measure(exact, chain, generator, replicates=9).p_value == 1.0
 
 
 def test_a_planted_discrepancy_is_measured(linear, chain):

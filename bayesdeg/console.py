@@ -1,0 +1,83 @@
+"""Progress bars on standard error, and the worker processes of a command."""
+
+import multiprocessing
+import os
+import threading
+from collections.abc import Iterator
+from concurrent.futures import Executor, ProcessPoolExecutor
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
+
+from bayesdeg.pipeline.progress import Silent
+
+errors = Console(stderr=True)
+
+
+class Bars:
+    """Shows stages as progress bars on standard error."""
+
+    def __init__(self, bars: Progress) -> None:
+        self._bars = bars
+        self._task: TaskID | None = None
+
+    def stage(self, name: str, total: float | None = None) -> None:
+        """Finish the stage before and begin another."""
+        self.finish()
+        self._task = self._bars.add_task(name, total=total, note="")
+
+    def advance(self, steps: float = 1.0, note: str = "") -> None:
+        """Move the bar of the stage."""
+        if self._task is not None:
+            self._bars.update(self._task, advance=steps, note=note)
+
+    def finish(self) -> None:
+        """Fill the bar of the stage."""
+        if self._task is not None:
+            self._bars.update(self._task, total=1, completed=1)
+            self._bars.stop_task(self._task)
+
+
+@contextmanager
+def shown(quiet: bool) -> Iterator[Bars | Silent]:
+    """Show the progress of a command, or nothing if it is to be quiet."""
+    if quiet:
+        yield Silent()
+        return
+    columns = (
+        SpinnerColumn(finished_text="✓"),
+        TextColumn("{task.description:<32}"),
+        BarColumn(bar_width=16),
+        TimeElapsedColumn(),
+        TextColumn("{task.fields[note]}"),
+    )
+    with Progress(*columns, console=errors) as bars:
+        display = Bars(bars)
+        yield display
+        display.finish()
+
+
+@contextmanager
+def pool(workers: int) -> Iterator[Executor | None]:
+    """Open worker processes, each with one thread of linear algebra; none for one worker."""
+    if workers == 1:
+        yield None
+        return
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(workers, mp_context=context, initializer=_end_with_parent) as executor:
+        yield executor
+
+
+def _end_with_parent() -> None:
+    """Let a worker die with the command that started it, even if that was killed."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+
+    def wait() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=wait, daemon=True).start()

@@ -1,0 +1,141 @@
+import json
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from bayesdeg.report.folder import RunFolder
+
+STUDIES = Path(__file__).parents[2] / "studies"
+
+
+def bayesdeg(*arguments, cwd):
+    return subprocess.run(
+        [sys.executable, "-m", "bayesdeg.cli", *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        cwd=cwd,
+        timeout=600,
+        check=False,
+    )
+
+
+@pytest.fixture
+def rubber(tmp_path):
+    """Treloar's study, at quick effort."""
+    folder = tmp_path / "rubber"
+    shutil.copytree(STUDIES / "treloar", folder)
+    return folder
+
+
+def test_check_lists_every_fault_and_ends_with_2(rubber):
+    table = (rubber / "tensile.csv").read_text(encoding="utf-8")
+    (rubber / "tensile.csv").write_text(
+        table.replace("uniaxial,1.125,0.1344", "uniaxial,-1.125,0.1344"), encoding="utf-8"
+    )
+    settings = (rubber / "study.toml").read_text(encoding="utf-8")
+    (rubber / "study.toml").write_text(settings.replace("seed =", "sead ="), encoding="utf-8")
+    done = bayesdeg("check", rubber, cwd=rubber)
+    assert done.returncode == 2
+    assert "Traceback" not in done.stderr
+    assert done.stdout == ""
+    lines = done.stderr.strip().splitlines()
+    assert len(lines) == 2
+    assert any("tensile.csv, row 5, column stretch, value '-1.125'" in line for line in lines)
+    assert any("sead" in line and "seed" in line for line in lines)
+
+
+def test_a_sound_study_passes_the_check(rubber):
+    done = bayesdeg("check", rubber, cwd=rubber)
+    assert done.returncode == 0
+    assert "without actuator.csv" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("run", "nowhere"), "nowhere"),
+        (("run", "--effort", "enormous", "nowhere"), "enormous"),
+        (("report", "nowhere"), "--fresh"),
+        (("frobnicate",), "frobnicate"),
+    ],
+)
+def test_wrong_input_ends_with_2_and_no_traceback(tmp_path, arguments, words):
+    done = bayesdeg(*arguments, cwd=tmp_path)
+    assert done.returncode == 2
+    assert words in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_simulate_suggests_the_nearest_cause(rubber):
+    done = bayesdeg(
+        "simulate", rubber, "--cause", "presure_offset=3", "--out", rubber / "out", cwd=rubber
+    )
+    assert done.returncode == 2
+    assert "pressure_offset" in done.stderr
+
+
+def test_causes_shows_units_and_priors(tmp_path):
+    done = bayesdeg("causes", cwd=tmp_path)
+    assert done.returncode == 0
+    for word in ("pressure_offset", "kPa", "Normal", "revealed by"):
+        assert word in done.stdout
+
+
+def test_an_unknown_prior_is_named(rubber):
+    settings = (rubber / "study.toml").read_text(encoding="utf-8")
+    wrong = settings.replace('"c1_at_0"', '"c1_at_9"')
+    (rubber / "study.toml").write_text(wrong, encoding="utf-8")
+    done = bayesdeg("run", rubber, cwd=rubber)
+    assert done.returncode == 2
+    assert "c1_at_9" in done.stderr
+    assert "c1_at_0" in done.stderr
+
+
+@pytest.mark.slow
+def test_run_writes_the_folder_prints_json_and_resumes(rubber):
+    first = bayesdeg("run", rubber, "--effort", "quick", "--quiet", "--json", cwd=rubber)
+    assert first.returncode == 0, first.stderr
+    assert first.stderr == ""
+    assert json.loads(first.stdout)["outcome"] == "adequate"
+    target = rubber / "reports" / "rubber"
+    for name in ("index.html", "verdict.json", "posterior.nc", "posterior_base.nc", "run.json"):
+        assert (target / name).exists()
+    posterior = RunFolder(target).read_posterior("posterior")
+    again = bayesdeg("run", rubber, "--effort", "quick", cwd=rubber)
+    assert "taken from the interrupted run" in again.stderr
+    assert posterior["posterior"].identical(
+        RunFolder(target).read_posterior("posterior")["posterior"]
+    )
+    (target / "index.html").unlink()
+    assert bayesdeg("report", target, cwd=rubber).returncode == 0
+    assert (target / "index.html").exists()
+
+
+@pytest.mark.slow
+def test_workers_do_not_change_the_result(rubber):
+    draws = []
+    for workers in (1, 2):
+        out = rubber / f"out{workers}"
+        done = bayesdeg(
+            *("run", rubber, "--effort", "quick", "--out", out, "--workers", workers), cwd=rubber
+        )
+        assert done.returncode == 0, done.stderr
+        draws.append(RunFolder(out).read_posterior("posterior")["posterior"].to_dataset())
+    assert draws[0].equals(draws[1])
+
+
+@pytest.mark.slow
+def test_a_killed_run_leaves_nothing_broken_and_goes_on(rubber):
+    command = [sys.executable, "-m", "bayesdeg.cli", "run", str(rubber), "--effort", "quick"]
+    for seconds in (2.0, 5.0):
+        with subprocess.Popen(command, cwd=rubber, stderr=subprocess.DEVNULL) as running:
+            time.sleep(seconds)
+            running.send_signal(signal.SIGKILL)
+    done = bayesdeg("run", rubber, "--effort", "quick", cwd=rubber)
+    assert done.returncode == 0, done.stderr
+    assert not list((rubber / "reports").rglob("*.part"))
