@@ -9,6 +9,7 @@ from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
+from zipfile import BadZipFile
 
 import numpy as np
 import typer
@@ -23,7 +24,8 @@ from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.console import errors, pool, shown
 from bayesdeg.emulator.build import build
 from bayesdeg.emulator.build import runs as campaign_runs
-from bayesdeg.emulator.store import to_bytes
+from bayesdeg.emulator.store import from_bytes, to_bytes
+from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.errors import BayesdegError, StudyError
 from bayesdeg.laboratory.design import design_of
 from bayesdeg.laboratory.effects import parse_effects
@@ -76,6 +78,9 @@ def run(
     workers: Annotated[
         int, typer.Option(help="Processes; the results do not depend on it.", min=1)
     ] = min(4, os.cpu_count() or 1),
+    emulator: Annotated[
+        Path | None, typer.Option(help="An emulator of another geometry, made by 'emulate'.")
+    ] = None,
     fresh: Annotated[
         bool, typer.Option("--fresh", help="Do everything again, resume nothing.")
     ] = False,
@@ -88,12 +93,18 @@ def run(
     """
     checked = _with_options(read_study(study), effort, seed)
     target = out or Path("reports") / checked.name
-    checkpoints = Checkpoints(target / "checkpoints", fingerprint(checked))
+    forward = None if emulator is None else _read_emulator(emulator)
+    checkpoints = Checkpoints(target / "checkpoints", fingerprint(checked, forward))
     if fresh:
         checkpoints.clear()
     with shown(quiet) as progress, pool(workers) as executor:
         document = run_study(
-            checked, RunFolder(target), checkpoints, progress=progress, executor=executor
+            checked,
+            RunFolder(target),
+            checkpoints,
+            progress=progress,
+            executor=executor,
+            forward=forward,
         )
         progress.stage("report")
         page = build_page(target)
@@ -216,6 +227,13 @@ def emulate(
         surrogate = build(actuator, store, executor=executor, on_run=progress.advance)
     out.write_bytes(to_bytes(surrogate))
     errors.print(f"wrote {out}\n{surrogate.record}", highlight=False)
+
+
+def _read_emulator(path: Path) -> Surrogate:
+    try:
+        return from_bytes(path.read_bytes())
+    except (OSError, ValueError, KeyError, BadZipFile) as fault:
+        raise BayesdegError(f"{path} is no emulator made by 'bayesdeg emulate': {fault}") from fault
 
 
 def _with_options(study: Study, effort: EffortChoice | None, seed: int | None) -> Study:

@@ -77,7 +77,6 @@ def solid(
             gradient = gradients[e, q]
             deformation_gradient(displacement, elements[e], gradient, f)
             jacobian = invert(f, inverse)
-            smallest = min(smallest, jacobian)
             if not jacobian > 0.0:
                 return float(jacobian)
             p, w = np.dot(pressure[e], modes[q]), weights[e, q]
@@ -87,10 +86,10 @@ def solid(
             scaled[3 * q : 3 * q + 3] = factor[4] * gradient.T
             b += w * jacobian * np.outer(modes[q], swapped[q])
             rp += w * (jacobian - 1.0 - p / bulk) * modes[q]
+            smallest = min(smallest, jacobian)
         coupling[e], volume_residual[e] = b, rp
-        lifted = (bulk * inverse_mass[e]) @ b
-        left[2 * n_points :], right[2 * n_points :] = b, lifted
-        internal += rp @ lifted
+        left[2 * n_points :], right[2 * n_points :] = b, (bulk * inverse_mass[e]) @ b
+        internal += rp @ right[2 * n_points :]
         tangent = left.T @ right
         add_swapped(tangent, swapped.T @ weighted, reference.T @ scaled)
         scatter(elements[e], internal, tangent, residual, position[e], data)

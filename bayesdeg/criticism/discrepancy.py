@@ -70,14 +70,14 @@ def measure(
     statistic, best = _statistic(linear.observed[None], kernels)
     null, _ = _statistic(simulated, kernels)
     discrepancy = _posterior_mean(linear, kernels, int(best[0]))
-    residual = model.actuator.curvature[model.actuator.mask] - linear.mean
+    readings = model.actuator.curvature[model.actuator.mask]
     return Misfit(
         statistic=float(statistic[0]),
         null=null,
         p_value=float((1 + np.sum(null >= statistic[0])) / (1 + len(null))),
         discrepancy=discrepancy,
-        rms=float(np.sqrt(np.mean(residual**2))),
-        noise=_noise(linear, residual - discrepancy),
+        rms=float(np.sqrt(np.mean((readings - linear.prediction) ** 2))),
+        noise=_noise(linear, readings - linear.mean - discrepancy),
     )
 
 

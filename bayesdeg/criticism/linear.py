@@ -30,14 +30,17 @@ class Linear:
         What was linearised.
     mode : array, shape (n_parameters,)
         Where.
+    prediction : array, shape (n,)
+        Readings predicted at the mode [1/m].
     mean : array, shape (n,)
-        Readings expected at the mode, with the shift X δ₀ [1/m].
+        Readings expected from all other data: the prediction with the shift X δ₀ [1/m].
     factor : array, shape (n, n)
         Cholesky factor of V + X Λ⁻¹ Xᵀ.
     """
 
     model: Model
     mode: Floats
+    prediction: Floats
     mean: Floats
     factor: Floats
 
@@ -74,7 +77,7 @@ def linearise(model: Model, mode: Floats) -> Linear:
     covariance = _scatter(curves.slope[0], curves.variance[0], curves.spread[0], mask)
     covariance += jacobian @ uncertain @ jacobian.T
     mean = prediction[mask] + jacobian @ shift
-    return Linear(model, mode, mean, np.linalg.cholesky(covariance))
+    return Linear(model, mode, prediction[mask], mean, np.linalg.cholesky(covariance))
 
 
 def sensitivities(linear: Linear, cause: Cause) -> Floats:
@@ -161,11 +164,15 @@ def overlap(first: Floats, second: Floats) -> float:
 
 
 def _jacobian(model: Model, mode: Floats, step: float = 1e-3) -> Floats:
+    """Central differences; one-sided where the other side is outside the forward map's range."""
     assert model.actuator is not None
     size = len(mode)
-    around = mode + step * np.vstack([np.eye(size), -np.eye(size)])
+    around = mode + step * np.vstack([np.zeros(size), np.eye(size), -np.eye(size)])
     curves = model.curvature(model.table.named(around)).curvature[:, model.actuator.mask]
-    jacobian: Floats = (curves[:size] - curves[size:]).T / (2.0 * step)
+    here, forth, back = curves[0], curves[1 : size + 1], curves[size + 1 :]
+    width = step * (np.isfinite(forth).astype(float) + np.isfinite(back))
+    change = np.where(np.isfinite(forth), forth, here) - np.where(np.isfinite(back), back, here)
+    jacobian: Floats = (change / np.maximum(width, step)).T
     return jacobian
 
 

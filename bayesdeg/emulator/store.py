@@ -1,6 +1,5 @@
 """Trained emulators on disk: the one that ships with the package, and others."""
 
-import hashlib
 import io
 import json
 from importlib.resources import files
@@ -38,21 +37,22 @@ def default_surrogate() -> Surrogate:
     return from_bytes((files("bayesdeg.emulator") / SHIPPED).read_bytes())
 
 
-def shipped_hash() -> str:
-    """Return the SHA-256 of the emulator that ships with the package."""
-    content = (files("bayesdeg.emulator") / SHIPPED).read_bytes()
-    return hashlib.sha256(content).hexdigest()
+def surrogate_for(geometry: Geometry, surrogate: Surrogate | None = None) -> Surrogate:
+    """Return an emulator if it is of this geometry.
 
-
-def surrogate_for(geometry: Geometry) -> Surrogate:
-    """Return the shipped emulator if it is of this geometry.
+    Parameters
+    ----------
+    geometry : Geometry
+        The actuator of the study.
+    surrogate : Surrogate, optional
+        By default the one that ships with the package.
 
     Raises
     ------
     BayesdegError
         If it is not, naming the dimensions that differ.
     """
-    surrogate = default_surrogate()
+    surrogate = surrogate or default_surrogate()
     trained = json.loads(surrogate.record)["dimensions_mm"]
     wanted = vars(geometry.dimensions)
     changed = [
@@ -60,7 +60,7 @@ def surrogate_for(geometry: Geometry) -> Surrogate:
     ]
     if changed:
         raise BayesdegError(
-            "the emulator that ships with the package is of another geometry: "
-            f"{', '.join(changed)}; train one with 'bayesdeg emulate STUDY' first"
+            f"the emulator is of another geometry: {', '.join(changed)}; train one with "
+            "'bayesdeg emulate STUDY --out FILE' and give it to 'bayesdeg run' with --emulator FILE"
         )
     return surrogate

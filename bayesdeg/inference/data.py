@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from bayesdeg.errors import Fault, StudyError
 from bayesdeg.material.stress import yeoh_basis
 from bayesdeg.measure.shrinkage import mean_of_replicates, volume_ratio
 from bayesdeg.measure.study import Study
@@ -225,7 +226,22 @@ def statistics(study: Study) -> tuple[Statistic, ...]:
         mean = mean_of_replicates(volume_ratio(poured, cured, conditioned))
         source = f"shrinkage.csv, {len(study.shrinkage)} films"
         found.append(Statistic("volume_ratio", 0.0, mean.value, mean.standard_error, source))
+    _refuse_zero_errors(found)
     return tuple(found)
+
+
+def _refuse_zero_errors(found: list[Statistic]) -> None:
+    faults = [
+        Fault(
+            s.source if s.source.startswith("shrinkage.csv") else "summary.csv",
+            f"{s.quantity} at {s.degradation:g} % has a standard error of 0",
+            "give the scatter that was observed, or leave sd empty to show the value only",
+        )
+        for s in found
+        if not s.se > 0.0
+    ]
+    if faults:
+        raise StudyError(faults)
 
 
 def _pad(columns: list["pd.Series[float]"], size: int, *, fill: float) -> Floats:

@@ -9,7 +9,8 @@ from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.causes.catalogue import CATALOGUE, find
 from bayesdeg.causes.cause import Cause
 from bayesdeg.emulator.store import surrogate_for
-from bayesdeg.errors import BayesdegError
+from bayesdeg.emulator.surrogate import Surrogate
+from bayesdeg.errors import BayesdegError, Fault, StudyError
 from bayesdeg.inference import data as tables
 from bayesdeg.inference import parameters as known
 from bayesdeg.inference.model import Model
@@ -70,8 +71,8 @@ def assemble(study: Study, forward: ForwardMap | None = None) -> Assembly:
     base += known.elongation_parameters(elongation_nodes) if elongation_nodes else ()
     candidates, unjudged = _candidates(study)
     _check(study, base, candidates)
-    if actuator is not None and forward is None:
-        forward = surrogate_for(Geometry(study.settings.dimensions))
+    if actuator is not None and (forward is None or isinstance(forward, Surrogate)):
+        forward = surrogate_for(Geometry(study.settings.dimensions), forward)
     model = Model(
         base=known.with_priors(_default_priors(base, statistics), study.settings.priors),
         nodes=nodes,
@@ -131,10 +132,22 @@ def _candidates(study: Study) -> tuple[tuple[Cause, ...], dict[str, str]]:
 
 
 def _stated_priors(cause: Cause, study: Study) -> tuple[Parameter, ...]:
+    """Return a cause's parameters with the priors that the study states."""
     stated = study.settings.priors
-    return tuple(
-        replace(p, law=stated.get(cause.qualified(p.name), p.law)) for p in cause.parameters
-    )
+    parameters, faults = [], []
+    for parameter in cause.parameters:
+        name = cause.qualified(parameter.name)
+        law = stated.get(name, parameter.law)
+        neutral = float(law.to_unconstrained(parameter.neutral or 0.0))
+        if np.isfinite(neutral) and np.isfinite(float(law.log_density(parameter.neutral or 0.0))):
+            parameters.append(replace(parameter, law=law))
+        else:
+            problem = f"leaves out {parameter.neutral:g}, the value without an effect"
+            remedy = "use normal, student_t, or truncated_normal with a bound at that value"
+            faults.append(Fault("study.toml", problem, remedy, None, f"priors.{name}", str(law)))
+    if faults:
+        raise StudyError(faults)
+    return tuple(parameters)
 
 
 def _check(study: Study, base: list[Parameter], candidates: tuple[Cause, ...]) -> None:

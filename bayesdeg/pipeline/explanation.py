@@ -133,6 +133,12 @@ def _runner_up(judgement: Judgement) -> str:
         return ""
     rival = max(others, key=lambda c: c.log_bayes_factor or -1e9)
     gap = (best.log_bayes_factor or 0.0) - (rival.log_bayes_factor or 0.0)
+    if gap < 0.0:
+        share = 100 * (rival.explained_fraction or 0.0)
+        return (
+            f"{rival.cause} has the larger evidence, but it explains only {share:.0f} % of the "
+            "misfit or does not predict held-out specimens better."
+        )
     return f"The next best candidate, {rival.cause}, is {gap:.1f} behind in log Bayes factor."
 
 

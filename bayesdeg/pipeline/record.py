@@ -76,4 +76,11 @@ def _emulator(results: Results) -> dict[str, object]:
         return {}
     trained = json.loads(forward.record)
     error = float(np.hypot(trained["left_out_rms_pct"], trained["mesh_error_pct"]))
-    return {"error_pct": error, "record": forward.record}
+    record = (
+        f"{trained['coarse_curves']} curves of a coarse mesh, corrected by "
+        f"{trained['fine_curves']} of a fine one; curves left out are predicted to "
+        f"{trained['left_out_rms_pct']:.2f} % rms, {trained['left_out_p95_pct']:.2f} % at the "
+        f"95th percentile; the fine mesh itself is within {trained['mesh_error_pct']:.2f} % rms "
+        "of a finer one"
+    )
+    return {"error_pct": error, "record": record, "training": trained}

@@ -12,7 +12,8 @@ from functools import partial
 import numpy as np
 
 import bayesdeg
-from bayesdeg.emulator.store import shipped_hash
+from bayesdeg.emulator.store import default_surrogate, to_bytes
+from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.inference.ensemble import EFFORTS
 from bayesdeg.measure.study import Study
 from bayesdeg.pipeline.assemble import assemble
@@ -50,6 +51,7 @@ def run_study(
     *,
     progress: Progress,
     executor: Executor | None = None,
+    forward: Surrogate | None = None,
 ) -> dict[str, object]:
     """Do the main job on a study and write the run folder, except for the page.
 
@@ -65,6 +67,8 @@ def run_study(
         Shows the work.
     executor : Executor, optional
         For ensembles and folds.
+    forward : Surrogate, optional
+        An emulator of the study's geometry; by default the one that ships with the package.
 
     Returns
     -------
@@ -74,7 +78,7 @@ def run_study(
     clock = _Clock()
     seeds = np.random.SeedSequence(study.settings.seed).spawn(4)
     with clock.stage("read"):
-        assembly = assemble(study)
+        assembly = assemble(study, forward)
     fit = partial(
         calibrate,
         effort=EFFORTS[study.settings.effort],
@@ -105,13 +109,14 @@ def run_study(
     return document
 
 
-def fingerprint(study: Study) -> str:
+def fingerprint(study: Study, forward: Surrogate | None = None) -> str:
     """Return a hash of everything that a run's results depend on."""
     settings = study.settings
+    emulator = to_bytes(forward or default_surrogate())
     content = json.dumps(
         [
             bayesdeg.__version__,
-            shipped_hash(),
+            hashlib.sha256(emulator).hexdigest(),
             dict(study.hashes),
             settings.effort,
             settings.seed,

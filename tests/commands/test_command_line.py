@@ -105,12 +105,11 @@ def test_run_writes_the_folder_prints_json_and_resumes(rubber):
     target = rubber / "reports" / "rubber"
     for name in ("index.html", "verdict.json", "posterior.nc", "posterior_base.nc", "run.json"):
         assert (target / name).exists()
-    posterior = RunFolder(target).read_posterior("posterior")
+    posterior = RunFolder(target).read_posterior("posterior")["posterior"].to_dataset()
     again = bayesdeg("run", rubber, "--effort", "quick", cwd=rubber)
     assert "taken from the interrupted run" in again.stderr
-    assert posterior["posterior"].identical(
-        RunFolder(target).read_posterior("posterior")["posterior"]
-    )
+    again_posterior = RunFolder(target).read_posterior("posterior")["posterior"].to_dataset()
+    assert posterior.equals(again_posterior)
     (target / "index.html").unlink()
     assert bayesdeg("report", target, cwd=rubber).returncode == 0
     assert (target / "index.html").exists()

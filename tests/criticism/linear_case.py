@@ -53,7 +53,9 @@ def known_linear():
         own[i] = np.sqrt(curves.spread[0, i]) * curves.slope[0, i]
         covariance += np.outer(own.ravel(), own.ravel())
     assert covariance.shape == (points, points)
-    return Linear(model, mode, prediction.ravel(), np.linalg.cholesky(covariance))
+    return Linear(
+        model, mode, prediction.ravel(), prediction.ravel(), np.linalg.cholesky(covariance)
+    )
 
 
 def with_readings(linear, readings):
