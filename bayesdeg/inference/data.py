@@ -95,7 +95,10 @@ class ActuatorCurves:
 
 @dataclass(frozen=True)
 class Statistic:
-    """A published or replicate mean that is used as one normal observation.
+    """A published or replicate mean that is used as one observation.
+
+    The mean of n replicates less the truth, over its standard error, follows Student's law with
+    n − 1 degrees of freedom, since the scatter was estimated from the same few replicates.
 
     Parameters
     ----------
@@ -107,6 +110,8 @@ class Statistic:
         Mean and its standard error, in the quantity's unit.
     source : str
         Where it stands.
+    dof : float
+        Degrees of freedom, n − 1; inf if n is not known.
     """
 
     quantity: str
@@ -114,6 +119,7 @@ class Statistic:
     value: float
     se: float
     source: str
+    dof: float = float("inf")
 
 
 @dataclass(frozen=True)
@@ -210,12 +216,18 @@ def statistics(study: Study) -> tuple[Statistic, ...]:
         rows = study.summary[study.summary["quantity"].isin(known)]
         for row in rows.to_dict("records"):
             count = float(row["n"]) if pd.notna(row["n"]) else 1.0
+            dof = count - 1.0 if count > 1.0 else float("inf")
             if pd.notna(row["sd"]):
                 level = float(row["degradation_pct"]) if pd.notna(row["degradation_pct"]) else 0.0
                 se = float(row["sd"]) / np.sqrt(max(count, 1.0))
                 found.append(
                     Statistic(
-                        str(row["quantity"]), level, float(row["value"]), se, str(row["source"])
+                        str(row["quantity"]),
+                        level,
+                        float(row["value"]),
+                        se,
+                        str(row["source"]),
+                        dof,
                     )
                 )
     if study.shrinkage is not None and len(study.shrinkage) > 1:
@@ -224,8 +236,9 @@ def statistics(study: Study) -> tuple[Statistic, ...]:
             for name in ("poured", "cured", "conditioned")
         )
         mean = mean_of_replicates(volume_ratio(poured, cured, conditioned))
-        source = f"shrinkage.csv, {len(study.shrinkage)} films"
-        found.append(Statistic("volume_ratio", 0.0, mean.value, mean.standard_error, source))
+        source = f"shrinkage.csv, {mean.count} films"
+        dof = mean.count - 1.0
+        found.append(Statistic("volume_ratio", 0.0, mean.value, mean.standard_error, source, dof))
     _refuse_zero_errors(found)
     return tuple(found)
 

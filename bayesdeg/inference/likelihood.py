@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import gammaln
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -104,6 +105,22 @@ def normal(value: Floats | float, mean: Floats, sd: Floats | float) -> Floats:
     """Return the normal log density."""
     z = (value - mean) / sd
     density: Floats = -0.5 * (z**2 + LOG_TWO_PI) - np.log(sd)
+    return density
+
+
+def student(value: float, mean: Floats, scale: float, dof: float) -> Floats:
+    """Return the log density of Student's law; the normal one for infinite degrees of freedom.
+
+    Examples
+    --------
+    >>> round(float(student(0.0, np.array(0.0), 1.0, 3.0)), 4)
+    -1.0009
+    """
+    if np.isinf(dof):
+        return normal(value, mean, scale)
+    z = (value - mean) / scale
+    constant = gammaln(0.5 * (dof + 1.0)) - gammaln(0.5 * dof) - 0.5 * np.log(dof * np.pi)
+    density: Floats = constant - np.log(scale) - 0.5 * (dof + 1.0) * np.log1p(z**2 / dof)
     return density
 
 

@@ -94,7 +94,10 @@ class Model:
             )
         if self.statistics:
             blocks["statistics"] = np.stack(
-                [likelihood.normal(s.value, self._mean(values, s), s.se) for s in self.statistics],
+                [
+                    likelihood.student(s.value, self._mean(values, s), s.se, s.dof)
+                    for s in self.statistics
+                ],
                 axis=-1,
             )
         return blocks

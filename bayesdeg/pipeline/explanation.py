@@ -35,14 +35,22 @@ def verdict_document(judgement: Judgement, where: str) -> Json:
     }
 
 
-def unjudged_document(unjudged: dict[str, str]) -> Json:
-    """Return the content of ``verdict.json`` for a study without actuator readings."""
+def unjudged_document(unjudged: dict[str, str], held_out: str = "") -> Json:
+    """Return the content of ``verdict.json`` for a study without actuator readings.
+
+    Parameters
+    ----------
+    unjudged : dict of str to str
+        Causes, and why each cannot be judged.
+    held_out : str
+        What is wrong with modes of tension that were predicted only.
+    """
     return {
         "outcome": str(Outcome.ADEQUATE),
         "causes": [],
         "explanation": "There are no readings of an actuator in this study, so there is no "
-        "misfit of the actuator model to judge and no cause is named. What the material law "
-        "gets right and wrong is shown with the tensile data.",
+        "misfit of the actuator model to judge and no cause is named. "
+        + (held_out or "What the material law gets right is shown with the tensile data."),
         "candidates": [
             _candidate(Candidate(n, *4 * (None,), {}, w), None) for n, w in unjudged.items()
         ],

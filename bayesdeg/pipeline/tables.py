@@ -55,6 +55,22 @@ def tensile(study: Study, fit: Fit, label: str, generator: np.random.Generator) 
     return pd.concat(frames, ignore_index=True)
 
 
+def held_out_modes(table: pd.DataFrame) -> str:
+    """Say how wrong modes of tension are that were predicted, not fitted; empty if none was."""
+    held = table[(table["model"] == "final") & (table["fitted"] == 0)]
+    sentences = []
+    for mode, rows in held.groupby("mode"):
+        error = float(np.sqrt(np.mean((rows["stress_MPa"] - rows["mean_MPa"]) ** 2)))
+        inside = np.mean(rows["stress_MPa"].between(rows["q05_MPa"], rows["q95_MPa"]))
+        share = 100.0 * error / float(np.abs(rows["stress_MPa"]).max())
+        sentences.append(
+            f"Predicted without having been fitted, {mode} tension is off by {error:.3g} MPa rms "
+            f"({share:.0f} % of its largest stress), with {100 * inside:.0f} % of the readings "
+            "inside the 90 % interval."
+        )
+    return " ".join(sentences)
+
+
 def _tensile(
     curves: TensileCurves,
     model: Model,

@@ -29,9 +29,9 @@ def write_results(
     for name, fit in ((POSTERIOR_BASE, results.base), (POSTERIOR, results.final)):
         tree = to_datatree(fit.model, fit.chain.thinned(kept), generator)
         folder.write_posterior(name, tree)
-    _write_material(study, folder, results, generator)
+    held_out = _write_material(study, folder, results, generator)
     if results.judgement is None:
-        return unjudged_document(results.assembly.unjudged)
+        return unjudged_document(results.assembly.unjudged, held_out)
     _write_predictions(folder, results.final, generator)
     residual = _write_readings(study, folder, results, generator)
     base, judgement = results.base.model, results.judgement
@@ -43,7 +43,8 @@ def write_results(
 
 def _write_material(
     study: Study, folder: RunFolder, results: Results, generator: np.random.Generator
-) -> None:
+) -> str:
+    """Write the tables of the material; return what is wrong with held-out modes of tension."""
     fits = results.fits.items()
     by_label = {
         columns.CONSTANTS: [tables.constants(fit, label, generator) for label, fit in fits],
@@ -53,12 +54,14 @@ def _write_material(
         by_label[columns.TENSILE] = [
             tables.tensile(study, fit, label, generator) for label, fit in fits
         ]
-    for name, frames in by_label.items():
-        folder.write_table(name, pd.concat(frames, ignore_index=True))
+    joined = {name: pd.concat(frames, ignore_index=True) for name, frames in by_label.items()}
+    for name, frame in joined.items():
+        folder.write_table(name, frame)
     elongation = tables.elongation(results.final, generator)
     if elongation is not None:
         folder.write_table(columns.ELONGATION, elongation)
     folder.write_table(columns.MEASURED, tables.measured(study))
+    return tables.held_out_modes(joined[columns.TENSILE]) if columns.TENSILE in joined else ""
 
 
 def _write_readings(

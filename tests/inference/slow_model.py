@@ -191,7 +191,8 @@ def log_statistics(model, values):
             "elongation_at_break": lambda level: median_elongation(model, values, level),
             "volume_ratio": lambda _: values["volume_ratio"],
         }[s.quantity](s.degradation)
-        out.append(stats.norm(mean, s.se).logpdf(s.value))
+        law = stats.norm(mean, s.se) if math.isinf(s.dof) else stats.t(s.dof, mean, s.se)
+        out.append(law.logpdf(s.value))
     return out
 
 

@@ -126,7 +126,7 @@ def small_model(forward=None):
         elongation=np.array([215.0, 100.0, 55.0]),
     )
     statistics = (
-        Statistic("young_modulus", 0.0, 1.73, 0.15 / np.sqrt(3.0), "published"),
+        Statistic("young_modulus", 0.0, 1.73, 0.15 / np.sqrt(3.0), "published", 2.0),
         Statistic("young_modulus", 25.0, 9.5, 1.0, "published"),
         Statistic("elongation_at_break", 25.0, 52.0, 5.0, "published"),
         Statistic("volume_ratio", 0.0, 0.62, 0.035, "published"),

@@ -122,3 +122,15 @@ def test_log_normal_is_that_of_scipy(value, median, scatter):
     got = likelihood.log_normal(np.array(value), np.array(median), np.array(scatter))
     want = stats.lognorm(scatter, scale=median).logpdf(value)
     assert got == pytest.approx(want, rel=1e-9, abs=1e-9)
+
+
+@given(
+    value=st.floats(-9.0, 9.0),
+    mean=st.floats(-9.0, 9.0),
+    scale=st.floats(0.01, 9.0),
+    dof=st.one_of(st.floats(1.0, 50.0), st.just(np.inf)),
+)
+def test_student_is_that_of_scipy(value, mean, scale, dof):
+    got = likelihood.student(value, np.array(mean), scale, dof)
+    want = stats.norm(mean, scale) if np.isinf(dof) else stats.t(dof, mean, scale)
+    assert got == pytest.approx(want.logpdf(value), rel=1e-9, abs=1e-9)

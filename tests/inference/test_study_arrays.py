@@ -149,6 +149,7 @@ def test_statistics_take_the_standard_error_of_the_mean(study_of):
     assert modulus.source == "text"
     assert (elongation.quantity, elongation.se) == ("elongation_at_break", 6.3)  # n not given
     assert (ratio.quantity, ratio.se) == ("volume_ratio", 0.07 / 2.0)
+    assert (modulus.dof, elongation.dof, ratio.dof) == (2.0, np.inf, 3.0)
     assert films.quantity == "volume_ratio"
     assert "3 films" in films.source
 
