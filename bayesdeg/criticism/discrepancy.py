@@ -34,6 +34,8 @@ class Misfit:
         Share of simulated data with at least this statistic, (1 + #)/(1 + n).
     discrepancy : array, shape (n_observations,)
         Posterior mean of the best discrepancy [1/m].
+    lost : float
+        Share of simulated data sets that left the range of the forward map.
     rms, noise : float
         Root mean square of the residuals [1/m], and of what a discrepancy and the specimens' own
         deviations leave of them [1/m].
@@ -43,6 +45,7 @@ class Misfit:
     null: Floats
     p_value: float
     discrepancy: Floats
+    lost: float
     rms: float
     noise: float
 
@@ -76,6 +79,7 @@ def measure(
         null=null,
         p_value=float((1 + np.sum(null >= statistic[0])) / (1 + len(null))),
         discrepancy=discrepancy,
+        lost=1.0 - len(null) / replicates,
         rms=float(np.sqrt(np.mean((readings - linear.prediction) ** 2))),
         noise=_noise(linear, readings - linear.mean - discrepancy),
     )
@@ -105,8 +109,8 @@ def explained(before: Misfit, after: Misfit) -> float:
     Examples
     --------
     >>> null = np.zeros(3)
-    >>> full = Misfit(50.0, null, 0.01, null, 1.0, 0.1)
-    >>> explained(full, Misfit(5.0, null, 0.5, null, 0.1, 0.1))
+    >>> full = Misfit(50.0, null, 0.01, null, 0.0, 1.0, 0.1)
+    >>> explained(full, Misfit(5.0, null, 0.5, null, 0.0, 0.1, 0.1))
     0.9
     """
     floor = float(np.mean(before.null))

@@ -14,6 +14,7 @@ Floats = NDArray[np.float64]
 Vector = np.ndarray[tuple[int], np.dtype[np.float64]]
 
 STEP = 1e-4
+IMPOSSIBLE = -1e12  # stands for −inf where an optimiser needs a number
 FEWEST_EFFECTIVE = 30.0  # an importance sample of fewer effective draws is not used
 DEGREES_OF_FREEDOM = 6.0  # tails of the proposal are heavier than those of the posterior
 
@@ -137,18 +138,29 @@ def surrounding(
 
 
 def derivatives(model: Model, point: Floats, step: float = 1e-3) -> tuple[Floats, Floats]:
-    """Return gradient and Hessian of the log density at a point, bounds of priors left out."""
+    """Return gradient and Hessian of the log density at a point, bounds of priors left out.
+
+    Differences are central, and one-sided where a neighbour is impossible.
+    """
     size = len(point)
     around = point + step * np.vstack([np.zeros(size), np.eye(size), -np.eye(size)])
+    possible = (_density(model, around) > IMPOSSIBLE)[:, None]
     gradients = _gradient(model, around)
-    hessian = (gradients[1 : size + 1] - gradients[size + 1 :]) / (2.0 * step)
-    return gradients[0], 0.5 * (hessian + hessian.T)
+    here = gradients[0]
+    forth = np.where(possible[1 : size + 1], gradients[1 : size + 1], here)
+    back = np.where(possible[size + 1 :], gradients[size + 1 :], here)
+    sides = possible[1 : size + 1].astype(np.float64) + possible[size + 1 :]
+    hessian = (forth - back) / (step * np.maximum(sides, 1.0))
+    return here, 0.5 * (hessian + hessian.T)
 
 
 def positive_inverse(precision: Floats) -> Floats:
-    """Invert a precision, with directions of too little curvature taken as unit-wide."""
+    """Invert a precision, its eigenvalues held between 1e-2 and 1e8.
+
+    A direction of too little curvature is taken as unit-wide.
+    """
     values, vectors = np.linalg.eigh(precision)
-    width = np.where(values > 1e-2, 1.0 / np.maximum(values, 1e-2), 1.0)
+    width = np.where(values > 1e-2, 1.0 / np.clip(values, 1e-2, 1e8), 1.0)
     covariance: Floats = (vectors * width) @ vectors.T
     return 0.5 * (covariance + covariance.T)
 
@@ -159,16 +171,19 @@ def _prior_median(model: Model) -> Floats:
 
 
 def _density(model: Model, points: Floats) -> Floats:
-    return np.maximum(model.log_prob(points, truncate=False), -1e12)
+    return np.maximum(model.log_prob(points, truncate=False), IMPOSSIBLE)
 
 
 def _gradient(model: Model, points: Floats) -> Floats:
-    """Central differences for a batch of points, (n, size), all in one call."""
-    size = points.shape[1]
-    steps = STEP * np.vstack([np.eye(size), -np.eye(size)])
+    """Differences for a batch of points, (n, size), all in one call; central where possible."""
+    count, size = points.shape
+    steps = STEP * np.vstack([np.zeros(size), np.eye(size), -np.eye(size)])
     values = _density(model, (points[:, None, :] + steps).reshape(-1, size))
-    values = values.reshape(len(points), 2, size)
-    gradient: Floats = (values[:, 0] - values[:, 1]) / (2.0 * STEP)
+    values = values.reshape(count, 1 + 2 * size)
+    here, forth, back = values[:, :1], values[:, 1 : size + 1], values[:, size + 1 :]
+    possible = (forth > IMPOSSIBLE).astype(np.float64) + (back > IMPOSSIBLE)
+    change = np.where(forth > IMPOSSIBLE, forth, here) - np.where(back > IMPOSSIBLE, back, here)
+    gradient: Floats = change / (STEP * np.maximum(possible, 1.0))
     return gradient
 
 

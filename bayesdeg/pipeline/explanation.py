@@ -13,6 +13,8 @@ from bayesdeg.pipeline.judge import Judgement
 
 Json = dict[str, object]
 
+LARGEST_LOSS = 0.05  # of simulated data sets, before the reader is warned
+
 
 def verdict_document(judgement: Judgement, where: str) -> Json:
     """Return the content of ``verdict.json`` for a study with actuator readings."""
@@ -64,13 +66,13 @@ def unjudged_document(unjudged: dict[str, str], held_out: str = "") -> Json:
 def explain(judgement: Judgement, where: str) -> str:
     """Return one paragraph: what is wrong, why, how sure, what else it could be."""
     outcome = judgement.decision.outcome
-    if outcome == Outcome.ADEQUATE:
-        return _adequate(judgement)
-    if outcome == Outcome.UNEXPLAINED:
-        return _unexplained(judgement, where)
-    if outcome == Outcome.AMBIGUOUS:
-        return _ambiguous(judgement, where)
-    return _named(judgement, where)
+    text = {
+        Outcome.ADEQUATE: lambda: _adequate(judgement),
+        Outcome.UNEXPLAINED: lambda: _unexplained(judgement, where),
+        Outcome.AMBIGUOUS: lambda: _ambiguous(judgement, where),
+        Outcome.NAMED: lambda: _named(judgement, where),
+    }[outcome]()
+    return f"{text} {_edge(judgement)}".strip()
 
 
 def _adequate(judgement: Judgement) -> str:
@@ -120,6 +122,18 @@ def _named(judgement: Judgement, where: str) -> str:
         f"that took no part in the calibration are predicted better by {best.elpd_diff:.1f} ± "
         f"{best.elpd_diff_se:.1f} in log density. {_runner_up(judgement)}"
     ).strip()
+
+
+def _edge(judgement: Judgement) -> str:
+    lost = judgement.misfit.lost
+    if lost <= LARGEST_LOSS:
+        return ""
+    return (
+        f"Caution: {100 * lost:.0f} % of the data sets simulated from the calibrated model leave "
+        "the range on which the emulator was trained, because actuators of this material are "
+        "about to balloon at the highest pressures; leave those pressures out of actuator.csv "
+        "and compare."
+    )
 
 
 def _size(name: str, effect: EffectSize) -> str:

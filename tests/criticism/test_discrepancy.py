@@ -149,7 +149,7 @@ def test_the_same_seed_gives_the_same_misfit(linear, chain):
 
 
 def misfit_of(statistic, null=(1.0, 3.0)):
-    return Misfit(statistic, np.array(null), 0.01, np.zeros(1), 1.0, 0.1)
+    return Misfit(statistic, np.array(null), 0.01, np.zeros(1), 0.0, 1.0, 0.1)
 
 
 def test_explained_counts_from_what_chance_gives():

@@ -32,7 +32,7 @@ def candidate(name="creep", **changes):
 
 
 def misfit(p_value=0.001):
-    return Misfit(40.0, np.ones(100), p_value, np.zeros(1), 2.0, 0.5)
+    return Misfit(40.0, np.ones(100), p_value, np.zeros(1), 0.0, 2.0, 0.5)
 
 
 def outcome_of(*candidates, p_value=0.001):

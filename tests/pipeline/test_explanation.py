@@ -20,7 +20,7 @@ UNJUDGED = Candidate("creep", None, None, None, None, {}, "actuator.csv does not
 
 def judgement_of(outcome, *causes, candidates=(OFFSET, LOSS, UNJUDGED), p_value=1 / 501):
     return Judgement(
-        misfit=Misfit(60.0, np.ones(500), p_value, np.zeros(1), 2.1, 0.6),
+        misfit=Misfit(60.0, np.ones(500), p_value, np.zeros(1), 0.0, 2.1, 0.6),
         candidates=candidates,
         decision=Decision(outcome, causes),
         threshold=4.2,
