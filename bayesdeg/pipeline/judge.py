@@ -178,7 +178,9 @@ def _try(
     if posterior.effective < FEWEST_EFFECTIVE:
         posterior = _from_prior(model, cause, fit, generator)
         factor = posterior.log_evidence
-    top = posterior.draws[int(np.argmax(posterior.log_weights))]
+    # the mode, or where that is outside the bounds of a prior, the most probable draw
+    points = np.vstack([laplace.mode, posterior.draws])
+    top = points[int(np.argmax(model.log_prob(points)))]
     after = replace(misfit, statistic=statistic_of(linearise(model, top)))
     return _Trial(cause, model, top, factor, explained(misfit, after), posterior)
 

@@ -1,0 +1,65 @@
+"""The effect hidden in the shipped virtual experiment is found from the study's folder alone."""
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from bayesdeg.measure.study import read_study
+from bayesdeg.pipeline.progress import Silent
+from bayesdeg.pipeline.run import fingerprint, run_study
+from bayesdeg.report.checkpoints import Checkpoints
+from bayesdeg.report.folder import RunFolder
+from bayesdeg.report.page import build_page
+
+STUDY = Path(__file__).parents[2] / "studies" / "gelatin_actuator"
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """A run at quick effort on a copy of the folder from which the truth is missing."""
+    folder = tmp_path_factory.mktemp("gelatin") / "study"
+    shutil.copytree(STUDY, folder, ignore=shutil.ignore_patterns("truth.json"))
+    study = read_study(folder)
+    study = replace(study, settings=replace(study.settings, effort="quick"))
+    target = folder / "run"
+    checkpoints = Checkpoints(target / "checkpoints", fingerprint(study))
+    run_study(study, RunFolder(target), checkpoints, progress=Silent())
+    build_page(target)
+    return target
+
+
+@pytest.mark.slow
+def test_the_hidden_effect_is_named_and_its_size_found(run):
+    verdict = RunFolder(run).read_json("verdict")
+    truth = json.loads((STUDY / "truth.json").read_text(encoding="utf-8"))
+    assert verdict["outcome"] == "named"
+    assert verdict["causes"] == list(truth["causes"])
+    best = verdict["candidates"][0]
+    hidden = truth["causes"]["pressure_offset"]["offset"]
+    effect = best["effect"]["offset"]
+    assert abs(effect["mean"] - hidden) < 3.0 * effect["sd"]
+    assert best["explained_fraction"] > 0.9
+    assert best["elpd_diff"] > 5.0 * best["elpd_diff_se"]
+
+
+@pytest.mark.slow
+def test_every_file_of_a_run_is_written(run):
+    names = (
+        *("index.html", "verdict.json", "gain.csv", "posterior.nc", "posterior_base.nc"),
+        *("bands.csv", "rupture.csv", "run.json"),
+    )
+    assert not [name for name in names if not (run / name).exists()]
+    page = (run / "index.html").read_text(encoding="utf-8")
+    assert "virtual experiment" in page.lower()
+
+
+@pytest.mark.slow
+def test_the_truth_is_inside_the_posterior(run):
+    truth = json.loads((STUDY / "truth.json").read_text(encoding="utf-8"))["constants"]
+    posterior = RunFolder(run).read_posterior("posterior")["posterior"]
+    for name in ("c1_at_0", "c1_at_12_5", "c1_at_25", "volume_ratio", "elongation_at_25"):
+        draws = posterior[name].to_numpy()
+        assert abs(draws.mean() - truth[name]) < 3.0 * draws.std(), name
