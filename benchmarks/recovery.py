@@ -10,8 +10,8 @@ pipeline as `bayesdeg run` has it. Curvatures come from a second surrogate of a 
 import argparse
 import json
 import multiprocessing
-import tempfile
 import sys
+import tempfile
 import time
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
@@ -34,7 +34,7 @@ from bayesdeg.report.folder import POSTERIOR_BASE, RunFolder
 
 
 def design() -> Design:
-    """The paper's design up to 200 kPa: softer draws balloon above, where no emulator is trained."""
+    """Return the design of the paper up to 200 kPa: above, softer draws balloon."""
     full = Design()
     return replace(full, actuator=full.actuator[full.actuator["pressure_kPa"] <= 200.0])
 
