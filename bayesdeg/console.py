@@ -9,6 +9,7 @@ from contextlib import contextmanager
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
+from rich.table import Column
 
 from bayesdeg.pipeline.progress import Silent
 
@@ -48,8 +49,8 @@ def shown(quiet: bool) -> Iterator[Bars | Silent]:
     columns = (
         SpinnerColumn(finished_text="✓"),
         TextColumn("{task.description:<32}"),
-        BarColumn(bar_width=16),
-        TimeElapsedColumn(),
+        BarColumn(bar_width=8),
+        TimeElapsedColumn(table_column=Column(min_width=7, no_wrap=True)),
         TextColumn("{task.fields[note]}"),
     )
     with Progress(*columns, console=errors) as bars:
