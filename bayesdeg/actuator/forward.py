@@ -62,8 +62,9 @@ class Prediction:
     peak_stretch : array
         Largest principal stretch that 99 % of the volume stays below [–].
     slope : array
-        p ∂κ/∂p, the change of curvature for a relative change of pressure [1/m]; since the
-        curvature depends on p/C1, it is also that for a relative loss of stiffness.
+        p ∂κ/∂p, the change of curvature for a relative change of pressure [1/m]. It is nearly
+        that for a relative loss of stiffness, which also changes the paper's group; the exact
+        map takes differences over the loads that were asked for.
     sd : array
         Standard error of the map's own curvature [1/m].
     status : array of int

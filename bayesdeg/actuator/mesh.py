@@ -29,7 +29,6 @@ class Resolution:
 
 
 COARSE = Resolution(along=3.5, across=2.5, up=5.0)
-MEDIUM = Resolution(along=2.0, across=1.4, up=2.1)
 FINE = Resolution(along=1.25, across=1.05, up=1.25)
 
 

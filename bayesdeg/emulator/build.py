@@ -11,8 +11,8 @@ from bayesdeg.emulator.scaling import TrainingBox
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.emulator.training import train
 
-COARSE = Resolution(along=2.5, across=2.5, up=2.1)
-FINE = Resolution(along=1.3, across=2.5, up=1.05)
+TRAINING_MESH = Resolution(along=2.5, across=2.5, up=2.1)
+CORRECTION_MESH = Resolution(along=1.3, across=2.5, up=1.05)
 COARSE_CURVES = 256
 FINE_CURVES = 32
 SEED = 1
@@ -27,8 +27,8 @@ def runs(geometry: Geometry, box: TrainingBox | None = None) -> tuple[list[Run],
     coarse = space_filling(box, COARSE_CURVES, seed=SEED)
     fine = coarse[:FINE_CURVES]
     return (
-        [Run(geometry, COARSE, curve) for curve in coarse],
-        [Run(geometry, FINE, curve) for curve in fine],
+        [Run(geometry, TRAINING_MESH, curve) for curve in coarse],
+        [Run(geometry, CORRECTION_MESH, curve) for curve in fine],
     )
 
 
@@ -64,8 +64,8 @@ def build(
         record={
             "design": "scrambled Sobol'",
             "seed": SEED,
-            "coarse_mesh_mm": [COARSE.along, COARSE.across, COARSE.up],
-            "fine_mesh_mm": [FINE.along, FINE.across, FINE.up],
+            "coarse_mesh_mm": [TRAINING_MESH.along, TRAINING_MESH.across, TRAINING_MESH.up],
+            "fine_mesh_mm": [CORRECTION_MESH.along, CORRECTION_MESH.across, CORRECTION_MESH.up],
             "dimensions_mm": vars(geometry.dimensions),
         },
     )

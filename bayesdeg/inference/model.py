@@ -103,7 +103,7 @@ class Model:
         return blocks
 
     def is_stable(self, values: Named) -> NDArray[np.bool_]:
-        """Return whether the material is stable at every degradation rate of the data."""
+        """Return whether the material is stable from no degradation to the last node."""
         return law.is_stable(
             *self.node_values(values),
             largest_degradation=max(self.nodes),
