@@ -19,10 +19,11 @@ from numpy.typing import NDArray
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
-from bayesdeg.actuator.equilibrium import Status
-from bayesdeg.actuator.forward import Inputs, Prediction, relative_to_reference
+from bayesdeg.actuator.forward import relative_to_reference
 from bayesdeg.actuator.geometry import Geometry
+from bayesdeg.actuator.inputs import Inputs, Prediction
 from bayesdeg.actuator.mesh import FINE
+from bayesdeg.actuator.status import Status
 from bayesdeg.emulator.campaign import Run, complete, space_filling
 from bayesdeg.emulator.scaling import TrainingBox, groups
 from bayesdeg.emulator.store import default_surrogate

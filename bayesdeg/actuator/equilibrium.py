@@ -1,68 +1,22 @@
-"""Newton's method and the load path; a failure is a value, never an exception."""
+"""The load path; a failure is a value, never an exception."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from enum import IntEnum
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdeg.actuator.linear import Factorization, LostDefinitenessError
-from bayesdeg.actuator.system import Linearisation, Material, State, System
+from bayesdeg.actuator.continuation import StepControl, extrapolate, interpolate
+from bayesdeg.actuator.limit import locate_limit
+from bayesdeg.actuator.linear import Factorization
+from bayesdeg.actuator.material import is_elliptic
+from bayesdeg.actuator.newton import Step, find_equilibrium
+from bayesdeg.actuator.problem import Problem
+from bayesdeg.actuator.status import Effort, Status
+from bayesdeg.actuator.system import Point, State
 
 Floats = NDArray[np.float64]
-
-LONGEST_EXTRAPOLATION = 1e3  # steps over the step before
-
-
-class Status(IntEnum):
-    """How a solution ended; the member's ``advice`` says what it means and what to do."""
-
-    CONVERGED = 0
-    LIMIT_POINT = 1
-    UNSTABLE_MATERIAL = 2
-    EFFORT_EXHAUSTED = 3
-    OUTSIDE_TRAINING = 4
-
-    @property
-    def advice(self) -> str:
-        """What the status means, in plain words."""
-        return _ADVICE[self]
-
-
-_ADVICE = {
-    Status.CONVERGED: "equilibrium found",
-    Status.LIMIT_POINT: "the actuator balloons before this pressure; there is no stable "
-    "equilibrium near by: lower the pressure, or stiffen walls or material",
-    Status.UNSTABLE_MATERIAL: "the Yeoh constants soften without bound (C2 <= -sqrt(3 C1 C3) or "
-    "C1 <= 0 or C3 < 0): use constants of a stable material",
-    Status.EFFORT_EXHAUSTED: "not converged within the allowed iterations: refine the pressure "
-    "steps or report the parameters",
-    Status.OUTSIDE_TRAINING: "outside the range on which the emulator was trained: narrow the "
-    "priors or train an emulator on a wider range",
-}
-
-
-@dataclass(frozen=True)
-class Effort:
-    """What a path may spend.
-
-    Parameters
-    ----------
-    tolerance : float
-        Largest displacement of the last Newton step over the length of the actuator [–].
-    iterations : int
-        Newton iterations a step.
-    halvings : int
-        How often a step may be halved.
-    total : int
-        Newton iterations a path.
-    """
-
-    tolerance: float = 2e-4
-    iterations: int = 8
-    halvings: int = 5
-    total: int = 400
+Visit = Callable[[Step], None]
 
 
 @dataclass(frozen=True)
@@ -71,69 +25,59 @@ class Path:
 
     Parameters
     ----------
-    states : tuple of State
-        One for each load reached.
+    rest : State, optional
+        The equilibrium at zero pressure; None if there is none.
+    points : tuple of Point
+        State and d(state)/d(load) at each load reached.
     status : Status
         How the path ended.
     limit_load : float
-        Midpoint between the last load reached and the first refused; inf if none was refused.
+        Load of the limit point, or where the shape buckles; inf if none was met.
     iterations : int
-        Newton iterations spent, cut steps included.
+        Factorizations spent, cut steps included.
     """
 
-    states: tuple[State, ...]
+    rest: Point | None
+    points: tuple[Point, ...]
     status: Status
     limit_load: float
     iterations: int
 
-
-@dataclass(frozen=True)
-class _Step:
-    state: State
-    rate: State | None  # d(state)/d(load); None where Newton's method failed
-    iterations: int
-
-
-def is_elliptic(material: Material) -> bool:
-    """Return whether ∂W/∂I₁ > 0 for all strains: C3 ≥ 0 and C2 > −√(3 C1 C3).
-
-    Examples
-    --------
-    >>> is_elliptic(Material(c2_ratio=-0.5, c3_ratio=0.01, paper_group=100.0))
-    False
-    """
-    c2, c3 = material.c2_ratio, material.c3_ratio
-    if c3 > 0.0:
-        return bool(c2 > -np.sqrt(3.0 * c3))
-    return c3 == 0.0 and c2 >= 0.0
+    @property
+    def states(self) -> tuple[State, ...]:
+        """One for each load reached."""
+        return tuple(point.state for point in self.points)
 
 
 def follow(
-    system: System,
+    problem: Problem,
     solver: Factorization,
     *,
-    material: Material,
     loads: Sequence[float],
     effort: Effort | None = None,
+    visit: Visit | None = None,
 ) -> Path:
     """Follow the equilibrium from rest through rising loads.
 
-    Each step starts from the second-order extrapolation that meets the last two states and the
-    path's tangent, so that one or two Newton iterations suffice; a step that loses positive
-    definiteness, turns an element inside out or does not converge is halved.
+    Dead loads come first, at zero pressure. Each step starts from the polynomial through the
+    last states and the path's tangents there, and is as long as that polynomial is good for one
+    step of Newton's method. Between the ends of steps the same kind of polynomial is
+    interpolated, unless ``effort.exact`` asks for an equilibrium at every load. A step that
+    loses positive definiteness, turns an element inside out or does not converge is halved;
+    when nothing is left to halve, the limit point is looked for.
 
     Parameters
     ----------
-    system : System
-        Discrete equations.
+    problem : Problem
+        Body, material and dead loads.
     solver : Factorization
-        Direct solver opened on ``system.upper``.
-    material : Material
-        In units of C1.
+        Direct solver opened on ``problem.system.upper``.
     loads : sequence of float
         Pressure over C1, rising, above 0 [–].
     effort : Effort, optional
         Tolerances and bounds.
+    visit : callable, optional
+        Called with each converged step while the solver holds its factors, rest first.
 
     Returns
     -------
@@ -141,85 +85,70 @@ def follow(
         Never raises for a physical reason: look at ``status``.
     """
     effort = effort or Effort()
-    if not is_elliptic(material):
-        return Path((), Status.UNSTABLE_MATERIAL, 0.0, 0)
+    if not is_elliptic(problem.material):
+        return Path(None, (), Status.UNSTABLE_MATERIAL, 0.0, 0)
+    visit = visit or (lambda step: None)
+    rest, spent = _rest(problem, solver, effort, visit)
+    if rest is None:
+        return Path(None, (), Status.BUCKLED, 0.0, spent)
     if len(loads) == 0:
-        return Path((), Status.CONVERGED, np.inf, 0)
-    states: list[State] = []
-    here, before = _at_rest(system, solver, material), None
-    spent = 1
-    smallest = float(np.min(np.diff(np.concatenate([[0.0], loads])))) / 2**effort.halvings
-    for target in loads:
-        step = target - here.state.load
-        while here.state.load < target:
-            if spent >= effort.total:
-                return Path(tuple(states), Status.EFFORT_EXHAUSTED, np.inf, spent)
-            # the last piece ends on the target itself, not a rounding error before it
-            end = target if here.state.load + 1.001 * step >= target else here.state.load + step
-            guess = _extrapolate(here, before, end)
-            trial = _newton(system, solver, material=material, guess=guess, effort=effort)
-            spent += trial.iterations
-            if trial.rate is not None:
-                here, before = trial, here
-                continue
+        return Path(rest, (), Status.CONVERGED, np.inf, spent)
+    points, status, tried = _climb(problem, solver, rest, loads, effort=effort, visit=visit)
+    spent += tried
+    limit_load = np.inf
+    if status == Status.LIMIT_POINT:
+        found = locate_limit(problem, points, effort=effort, highest=loads[-1])
+        status, limit_load, spent = found.status, found.load, spent + found.factorizations
+    reached = [load for load in loads if load <= points[-1].state.load]
+    return Path(rest, tuple(interpolate(points, q) for q in reached), status, limit_load, spent)
+
+
+def _climb(
+    problem: Problem,
+    solver: Factorization,
+    rest: Point,
+    loads: Sequence[float],
+    *,
+    effort: Effort,
+    visit: Visit,
+) -> tuple[list[Point], Status, int]:
+    """Raise the load; return all points, how it ended, and the factorizations spent."""
+    points, spent = [rest], 0
+    control = StepControl.start(problem, rest, loads, effort)
+    while points[-1].state.load < loads[-1]:
+        if spent >= effort.total:
+            return points, Status.EFFORT_EXHAUSTED, spent
+        end = control.next_load(points[-1].state.load, loads)
+        guess = extrapolate(points, end)
+        trial = find_equilibrium(problem, solver, guess=guess, effort=effort)
+        spent += trial.factorizations
+        if trial.rate is None:
+            control = control.failed()
+            if control.step < control.smallest:
+                return points, Status.LIMIT_POINT, spent
+            continue
+        visit(trial)
+        points.append(Point(trial.state, trial.rate))
+        error = float(np.max(np.abs(trial.state.displacement - guess.displacement)))
+        control = control.succeeded(error, len(points))
+    return points, Status.CONVERGED, spent
+
+
+def _rest(
+    problem: Problem, solver: Factorization, effort: Effort, visit: Visit
+) -> tuple[Point | None, int]:
+    """Find the equilibrium at zero pressure, the dead loads raised in steps."""
+    state, share, step, spent = problem.system.rest(), 0.0, 1.0, 0
+    while True:
+        aim = min(1.0, share + step) if problem.has_dead_load else 1.0
+        trial = find_equilibrium(problem.with_share(aim), solver, guess=state, effort=effort)
+        spent += trial.factorizations
+        if trial.rate is None:
             step *= 0.5
-            if step < smallest:
-                limit = here.state.load + step
-                return Path(tuple(states), Status.LIMIT_POINT, limit, spent)
-        states.append(here.state)
-    return Path(tuple(states), Status.CONVERGED, np.inf, spent)
-
-
-def _at_rest(system: System, solver: Factorization, material: Material) -> _Step:
-    rest = system.rest()
-    lin = system.linearise(rest, material)
-    solver.factorize(lin.tangent)
-    return _Step(rest, _rate(system, solver, lin, rest, material), 1)
-
-
-def _extrapolate(here: _Step, before: _Step | None, load: float) -> State:
-    """Parabola through the last two states that has the path's tangent at the last."""
-    assert here.rate is not None  # failed steps never become the start of the next
-    step = load - here.state.load
-    u, p = step * here.rate.displacement, step * here.rate.pressure
-    back = 0.0 if before is None else here.state.load - before.state.load
-    # from two states close together the parabola's curvature is all rounding error
-    if before is not None and step < LONGEST_EXTRAPOLATION * back:
-        ratio = (step / back) ** 2
-        u = u + ratio * (
-            before.state.displacement - here.state.displacement + back * here.rate.displacement
-        )
-        p = p + ratio * (before.state.pressure - here.state.pressure + back * here.rate.pressure)
-    return replace(here.state.moved(u, p), load=load)
-
-
-def _newton(
-    system: System, solver: Factorization, *, material: Material, guess: State, effort: Effort
-) -> _Step:
-    """Iterate to equilibrium; ``rate`` is None where it failed."""
-    state, length = guess, float(np.ptp(system.mesh.nodes[:, 0]))
-    for iteration in range(1, effort.iterations + 1):
-        lin = system.linearise(state, material)
-        if not lin.smallest_jacobian > 0.0:
-            return _Step(state, None, iteration)
-        try:
-            solver.factorize(lin.tangent)
-        except LostDefinitenessError:
-            return _Step(state, None, iteration)
-        increment = system.expand(-solver.solve(lin.residual))
-        largest = float(np.max(np.abs(increment)))
-        if not largest < 0.2 * length:
-            return _Step(state, None, iteration)
-        state = state.moved(increment, system.condensed_pressure(lin, increment, material))
-        if largest < effort.tolerance * length:
-            return _Step(state, _rate(system, solver, lin, state, material), iteration)
-    return _Step(state, None, effort.iterations)
-
-
-def _rate(
-    system: System, solver: Factorization, lin: Linearisation, state: State, material: Material
-) -> State:
-    """Tangent of the path, du/d(load) and dp/d(load), with the factors at hand."""
-    velocity = system.expand(solver.solve(system.cavity_force(state)))
-    pressure = system.condensed_pressure(lin, velocity, material, rate=True)
-    return State(velocity, pressure, 1.0)
+            if step < 0.5 ** (effort.halvings + 1) or spent > effort.total:
+                return None, spent
+            continue
+        state, share = trial.state, aim
+        if share == 1.0:
+            visit(trial)
+            return Point(state, trial.rate), spent

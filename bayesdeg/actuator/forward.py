@@ -2,159 +2,26 @@
 
 from collections.abc import Callable
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
-from typing import Protocol
+from dataclasses import replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdeg.actuator.equilibrium import Effort, Status, follow
+from bayesdeg.actuator.curve import Actuator, Curve, CurveSolution
 from bayesdeg.actuator.geometry import Geometry
-from bayesdeg.actuator.linear import open_factorization
+from bayesdeg.actuator.inputs import (
+    ForwardMap,
+    Inputs,
+    Prediction,
+    dimensionless,
+    material_groups,
+)
+from bayesdeg.actuator.material import Material
 from bayesdeg.actuator.mesh import Resolution, build_mesh
-from bayesdeg.actuator.outputs import read_state
-from bayesdeg.actuator.system import Material, System
+from bayesdeg.actuator.status import Status
 
 Floats = NDArray[np.float64]
-
-# raised whenever a change of the model changes its numbers: stored solutions then count no more
-MODEL_VERSION = "1"
-
-
-@dataclass(frozen=True)
-class Inputs:
-    """What the mechanics needs; the arrays broadcast over walkers × specimens × pressures.
-
-    Parameters
-    ----------
-    pressure : array
-        True gauge pressure in the chambers [kPa], not negative.
-    c1, c2, c3 : array
-        Yeoh constants [MPa].
-    linear_scale : array
-        Size over moulded size [–].
-    paper_stiffness : array
-        Et of the paper [N/m].
-    reference_pressure : array
-        True gauge pressure at which the reading was set to zero [kPa].
-    """
-
-    pressure: Floats
-    c1: Floats
-    c2: Floats
-    c3: Floats
-    linear_scale: Floats
-    paper_stiffness: Floats
-    reference_pressure: Floats | None = None
-
-
-@dataclass(frozen=True)
-class Prediction:
-    """What a forward map answers; all arrays have the shape that the inputs broadcast to.
-
-    Parameters
-    ----------
-    curvature : array
-        Bend angle over deformed arc length of the bottom line, less that at the reference
-        pressure [1/m]; nan where ``status`` is not 0.
-    bend_angle : array
-        Rotation of the free end face [deg].
-    peak_stretch : array
-        Largest principal stretch that 99 % of the volume stays below [–].
-    slope : array
-        p ∂κ/∂p, the change of curvature for a relative change of pressure [1/m]. It is nearly
-        that for a relative loss of stiffness, which also changes the paper's group; the exact
-        map takes differences over the loads that were asked for.
-    sd : array
-        Standard error of the map's own curvature [1/m].
-    status : array of int
-        ``Status`` of each value.
-    """
-
-    curvature: Floats
-    bend_angle: Floats
-    peak_stretch: Floats
-    slope: Floats
-    sd: Floats
-    status: NDArray[np.int64]
-
-
-class ForwardMap(Protocol):
-    """Exact or emulated: the same call."""
-
-    def __call__(self, inputs: Inputs) -> Prediction:
-        """Return the prediction for the inputs."""
-
-
-@dataclass(frozen=True)
-class Curve:
-    """The inputs of one pressure curve in dimensionless groups.
-
-    Parameters
-    ----------
-    loads : tuple of float
-        p/C1, rising, above 0 [–].
-    material : Material
-        The other groups.
-    """
-
-    loads: tuple[float, ...]
-    material: Material
-
-
-@dataclass(frozen=True)
-class CurveSolution:
-    """One pressure curve at moulded size, as far as it was reached.
-
-    Parameters
-    ----------
-    bend_angle, arc_length, peak_stretch : array, shape (n_reached,)
-        [rad], [mm], [–].
-    status : Status
-        How the path ended.
-    limit_load : float
-        p/C1 of the limit point; inf if none was met [–].
-    iterations : int
-        Newton iterations spent.
-    solver : str
-        The direct solver that was used.
-    """
-
-    bend_angle: Floats
-    arc_length: Floats
-    peak_stretch: Floats
-    status: Status
-    limit_load: float
-    iterations: int
-    solver: str
-
-
-def solve_curve(
-    system: System, curve: Curve, *, effort: Effort | None = None, solver: str | None = None
-) -> CurveSolution:
-    """Solve one pressure curve on a mesh; failures are in the status."""
-    factorization = open_factorization(system.upper, solver)
-    try:
-        path = follow(
-            system, factorization, material=curve.material, loads=curve.loads, effort=effort
-        )
-    finally:
-        factorization.close()
-    angle, rows = 0.0, []
-    for state in path.states:
-        reading = read_state(system.mesh, state, previous_angle=angle)
-        angle = reading.bend_angle
-        rows.append((angle, reading.arc_length, reading.peak_stretch))
-    table = np.array(rows).reshape(-1, 3)
-    return CurveSolution(
-        table[:, 0],
-        table[:, 1],
-        table[:, 2],
-        path.status,
-        path.limit_load,
-        path.iterations,
-        factorization.name,
-    )
 
 
 class ExactMap:
@@ -188,10 +55,18 @@ class ExactMap:
         """Solve every curve; the last axis of the inputs runs over pressures."""
         if inputs.reference_pressure is not None:
             return relative_to_reference(self, inputs)
-        groups = dimensionless(inputs)
-        shape = np.broadcast_shapes(*(np.shape(group) for group in groups))
-        load, *rest = (np.broadcast_to(group, shape).reshape(-1, shape[-1]) for group in groups)
-        curves = [_curve(row, *(other[i] for other in rest)) for i, row in enumerate(load)]
+        load, *_ = dimensionless(inputs)
+        groups = material_groups(inputs)
+        shape = np.broadcast_shapes(load.shape, *(np.shape(group) for group in groups.values()))
+        load = np.broadcast_to(load, shape).reshape(-1, shape[-1])
+        rows = {
+            name: np.broadcast_to(group, shape).reshape(-1, shape[-1])
+            for name, group in groups.items()
+        }
+        curves = [
+            _curve(row, {name: group[i] for name, group in rows.items()})
+            for i, row in enumerate(load)
+        ]
         scale = np.broadcast_to(inputs.linear_scale, shape).reshape(-1, shape[-1])
         parts = [
             _place(solution, curve, load[i], scale[i])
@@ -207,28 +82,10 @@ class ExactMap:
         apply = map if self._executor is None else self._executor.map
         solutions = []
         for solution in apply(solve_task, tasks):
-            if len(solution.bend_angle) or solution.status != Status.CONVERGED:
+            if len(solution.readings) or solution.status != Status.CONVERGED:
                 self._on_curve()  # a curve without loads is no work
             solutions.append(solution)
         return solutions
-
-
-def dimensionless(inputs: Inputs) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return p/C1, C2/C1, C3/C1 and Et/(C1 s) [mm]: all that the curvature times s depends on.
-
-    All are nan where C1 is not above 0, since ratios hide its sign.
-
-    Examples
-    --------
-    >>> one = np.ones(1)
-    >>> inputs = Inputs(240 * one, 0.3 * one, 0 * one, 0 * one, 0.8 * one, 3e4 * one)
-    >>> [float(group[0]) for group in dimensionless(inputs)]
-    [0.8, 0.0, 0.0, 125.0]
-    """
-    c1 = np.where(inputs.c1 > 0.0, inputs.c1, np.nan)
-    load = inputs.pressure * 1e-3 / c1
-    paper = inputs.paper_stiffness * 1e-3 / (c1 * inputs.linear_scale)
-    return load, inputs.c2 / c1, inputs.c3 / c1, paper
 
 
 def relative_to_reference(forward: ForwardMap, inputs: Inputs) -> Prediction:
@@ -245,24 +102,23 @@ def relative_to_reference(forward: ForwardMap, inputs: Inputs) -> Prediction:
     )
 
 
-_SYSTEMS: dict[tuple[Geometry, Resolution], System] = {}
+@cache
+def _actuator(geometry: Geometry, resolution: Resolution) -> Actuator:
+    return Actuator(build_mesh(geometry, resolution))
 
 
 def solve_task(task: tuple[Geometry, Resolution, Curve]) -> CurveSolution:
     """Solve one curve, with this process's copy of the mesh built once."""
     geometry, resolution, curve = task
-    key = (geometry, resolution)
-    if key not in _SYSTEMS:
-        _SYSTEMS[key] = System(build_mesh(geometry, resolution))
-    return solve_curve(_SYSTEMS[key], curve)
+    return _actuator(geometry, resolution).solve(curve)
 
 
-def _curve(load: Floats, c2_ratio: Floats, c3_ratio: Floats, paper_group: Floats) -> Curve:
-    for name, group in (("C2/C1", c2_ratio), ("C3/C1", c3_ratio), ("paper", paper_group)):
+def _curve(load: Floats, groups: dict[str, Floats]) -> Curve:
+    for name, group in groups.items():
         if np.ptp(group) > 0.0:
             raise ValueError(f"{name} changes along a curve: a load path needs one material")
-    loads = np.unique(load[load > 0.0])
-    material = Material(float(c2_ratio[0]), float(c3_ratio[0]), float(paper_group[0]))
+    loads = np.unique(load[(load > 0.0) | ~np.isfinite(load)])
+    material = Material(**{name: float(group[0]) for name, group in groups.items()})
     return Curve(tuple(float(q) for q in loads), material)
 
 
@@ -270,17 +126,20 @@ def _place(
     solution: CurveSolution, curve: Curve, load: Floats, scale: Floats
 ) -> tuple[Floats, Floats, Floats, Floats, NDArray[np.int64]]:
     """Put the solved loads, and rest at zero load, where they stand among the observations."""
-    reached = len(solution.bend_angle)
+    values = np.vstack([solution.rest, solution.readings])
+    rates = np.vstack([solution.rest_rates, solution.rates])
+    angle, length = values[:, 0], values[:, 1]
+    kappa = angle / length * 1e3
     known = np.concatenate([[0.0], curve.loads])
-    at = np.searchsorted(known, np.maximum(load, 0.0))
-    ok = at <= reached
-    angle = np.concatenate([[0.0], solution.bend_angle])
-    kappa = np.concatenate([[0.0], solution.bend_angle / solution.arc_length * 1e3])
-    stretch = np.concatenate([[1.0], solution.peak_stretch])
-    slope = known[: reached + 1] * np.gradient(kappa, known[: reached + 1]) if reached else kappa
-    take = np.minimum(at, reached)
-    status = np.where(ok, int(Status.CONVERGED), int(solution.status))
+    slope = known[: len(kappa)] * (rates[:, 0] - angle / length * rates[:, 1]) / length * 1e3
+    at = np.searchsorted(known, load)
+    solved = np.isfinite(solution.rest[0])
+    ok = (at < len(kappa)) & (load >= 0.0) & solved
+    take = np.minimum(at, len(kappa) - 1)
+    failed = np.where(load >= 0.0, int(solution.status), int(Status.INVALID_INPUT))
+    status = np.where(ok, int(Status.CONVERGED), failed)
     curvature, degrees, peak, change = (
-        np.where(ok, values[take], np.nan) for values in (kappa, np.degrees(angle), stretch, slope)
+        np.where(ok, column[take], np.nan)
+        for column in (kappa - kappa[0], np.degrees(angle - angle[0]), values[:, 3], slope)
     )
     return curvature / scale, degrees, peak, change / scale, status

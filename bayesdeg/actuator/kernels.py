@@ -1,22 +1,23 @@
-"""Compiled element kernels: residual and tangent of the solid, the paper and the cavity.
+"""Compiled element kernels: residual and tangent of the solid.
 
-The solid is a nearly incompressible Yeoh material in isochoric invariants with the pressure as
-an independent field, linear and discontinuous over the elements:
+The solid is nearly incompressible, a Yeoh material with a second-invariant term, in isochoric
+invariants and with the pressure as an independent field, discontinuous over the elements:
 
-    Π(u, p) = ∫ Σ cᵢ (J^(-2/3) I₁ − 3)ⁱ + p (J − 1) − p²/(2 K) dV.
+    Π(u, p) = ∫ Σ cᵢ (Ī₁ − 3)ⁱ + r (√Ī₂ − √3) + p (J − 1) − p²/(2 K) dV,
 
-In current gradients g = F⁻ᵀ ∇N and h = F ∇N all second derivatives are sums of outer products
-of g and h, so that an element's tangent is three matrix products.
+Ī₁ = J^(-2/3) I₁, Ī₂ = J^(-4/3) I₂. At each quadrature point the law gives the stress P = ∂W/∂F and
+the elasticity A = ∂²W/∂F∂F; an element's tangent is then one product of matrices.
 """
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from bayesdeg.actuator.law import elasticity, invert, stress
+
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
-
-THIRD = 1.0 / 3.0
+Places = NDArray[np.int32]
 
 
 @njit(cache=True)
@@ -30,190 +31,229 @@ def solid(
     inverse_mass: Floats,
     constants: Floats,
     bulk: float,
-    residual: Floats,
+    force: Floats,
     coupling: Floats,
     volume_residual: Floats,
-    position: Indices,
+    position: Places,
     data: Floats,
 ) -> float:  # pragma: no cover - compiled
-    """Add the solid's residual and condensed tangent; return the smallest J.
+    """Add the solid's internal force and, if ``data`` is not empty, its condensed tangent.
 
     Parameters
     ----------
     displacement : array, shape (n_nodes, 3)
         [mm].
-    pressure : array, shape (n_elements, 4)
-        Coefficients of the pressure field [c1].
+    pressure : array, shape (n_elements, n_modes)
+        Coefficients of the pressure field [C1].
     elements, gradients, weights
-        Of ``ActuatorMesh``.
-    modes : array, shape (27, 4)
+        Of ``Body``.
+    modes : array, shape (n_points, n_modes)
         Pressure modes at the quadrature points.
-    inverse_mass : array, shape (n_elements, 4, 4)
+    inverse_mass : array, shape (n_elements, n_modes, n_modes)
         Inverse of ∫ modesᵀ modes dV.
-    constants : array, shape (3,)
-        Yeoh constants, in units of which everything else is.
+    constants : array, shape (n_elements, n_points, 4)
+        C1, C2, C3 and r at every quadrature point [C1].
     bulk : float
-        Bulk modulus.
-    residual : array, shape (3 n_nodes,)
-        Added to: the internal force, with the pressure condensed.
-    coupling : array, shape (n_elements, 4, 81)
-        Overwritten: ∫ modes J g dV.
-    volume_residual : array, shape (n_elements, 4)
-        Overwritten: ∫ modes (J − 1) dV − mass · pressure / bulk.
-    position : array, shape (n_elements, 81, 81)
-        Where an entry goes in ``data``; −1 where it is not stored.
+        Bulk modulus K [C1].
+    force : array, shape (n_nodes, 3)
+        Added to: the internal force, the pressure as it stands.
+    coupling : array, shape (n_elements, n_modes, 3 n_local)
+        Overwritten: ∫ modes J F⁻ᵀ∇N dV.
+    volume_residual : array, shape (n_elements, n_modes)
+        Overwritten: ∫ modes (J − 1 − p/K) dV.
+    position : array, shape (n_elements, n_stored)
+        Where entries of an element's upper triangle go in ``data``, in the order of
+        ``scatter_upper``; −1 where one is not stored.
     data : array
-        Added to: entries of the upper triangle of the tangent.
+        Added to: entries of the upper triangle of the tangent; empty for the force alone.
+
+    Returns
+    -------
+    float
+        The smallest J; if that is not above 0, nothing else means anything.
     """
-    n_points = weights.shape[1]
-    left, right = np.empty((2 * n_points + 4, 81)), np.empty((2 * n_points + 4, 81))
-    swapped, weighted = np.empty((n_points, 81)), np.empty((n_points, 81))
-    reference, scaled = np.empty((3 * n_points, 27)), np.empty((3 * n_points, 27))
-    f, inverse, factor = np.empty((3, 3)), np.empty((3, 3)), np.empty(6)
+    n_local, n_points, n_modes = elements.shape[1], weights.shape[1], modes.shape[1]
+    rows, local = np.empty((3 + 3 * n_modes, 3 * n_points)), np.empty((n_local, 3))
+    right = np.empty((3 * n_points, 6 * n_local if data.size > 0 else 0))
     smallest = 1e300
     for e in range(weights.shape[0]):
-        b, rp, internal = np.zeros((4, 81)), np.zeros(4), np.zeros(81)
-        for q in range(n_points):
-            gradient = gradients[e, q]
-            deformation_gradient(displacement, elements[e], gradient, f)
-            jacobian = invert(f, inverse)
-            if not jacobian > 0.0:
-                return float(jacobian)
-            p, w = np.dot(pressure[e], modes[q]), weights[e, q]
-            _factors(f, jacobian, w, p, constants, factor)
-            _directions(gradient, f, inverse, factor, q, left, right, swapped, weighted, internal)
-            reference[3 * q : 3 * q + 3] = gradient.T
-            scaled[3 * q : 3 * q + 3] = factor[4] * gradient.T
-            b += w * jacobian * np.outer(modes[q], swapped[q])
-            rp += w * (jacobian - 1.0 - p / bulk) * modes[q]
-            smallest = min(smallest, jacobian)
-        coupling[e], volume_residual[e] = b, rp
-        left[2 * n_points :], right[2 * n_points :] = b, (bulk * inverse_mass[e]) @ b
-        internal += rp @ right[2 * n_points :]
-        tangent = left.T @ right
-        add_swapped(tangent, swapped.T @ weighted, reference.T @ scaled)
-        scatter(elements[e], internal, tangent, residual, position[e], data)
+        gather(displacement, elements[e], local)
+        gradient = gradients[e].reshape((3 * n_points, n_local))
+        jacobian = _evaluate_element(
+            gradient @ local,
+            pressure[e],
+            weights[e],
+            modes,
+            constants[e],
+            bulk,
+            gradient,
+            rows,
+            right,
+            volume_residual[e],
+        )
+        if not jacobian > 0.0:
+            return float(jacobian)
+        smallest = min(smallest, jacobian)
+        products = rows @ gradient
+        add_force(products[:3], elements[e], force)
+        coupling[e] = products[3:].reshape((n_modes, 3 * n_local))
+        if data.size > 0:
+            volumetric = coupling[e].T @ ((bulk * inverse_mass[e]) @ coupling[e])
+            scatter_upper(gradient.T @ right, volumetric, position[e], data)
     return smallest
 
 
 @njit(cache=True)
-def deformation_gradient(
-    displacement: Floats, nodes: Indices, gradient: Floats, out: Floats
+def gather(field: Floats, nodes: Indices, local: Floats) -> None:  # pragma: no cover - compiled
+    """Overwrite ``local`` with the rows of an element's nodes."""
+    for n in range(nodes.shape[0]):
+        local[n] = field[nodes[n]]
+
+
+@njit(cache=True)
+def add_force(
+    products: Floats, nodes: Indices, force: Floats
 ) -> None:  # pragma: no cover - compiled
-    """Overwrite ``out`` with F = I + Σ u ⊗ ∇N at one point."""
-    for i in range(3):
-        for j in range(3):
-            total = 1.0 if i == j else 0.0
-            for a in range(nodes.shape[0]):
-                total += displacement[nodes[a], i] * gradient[a, j]
-            out[i, j] = total
+    """Add an element's forces, component by component, to those of its nodes."""
+    for n in range(nodes.shape[0]):
+        for i in range(products.shape[0]):
+            force[nodes[n], i] += products[i, n]
 
 
 @njit(cache=True)
-def invert(f: Floats, out: Floats) -> float:  # pragma: no cover - compiled
-    """Overwrite ``out`` with F⁻¹ and return det F."""
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        for m in range(3):
-            n, o = (m + 1) % 3, (m + 2) % 3
-            out[i, m] = f[n, j] * f[o, k] - f[n, k] * f[o, j]
-    jacobian = f[0, 0] * out[0, 0] + f[0, 1] * out[1, 0] + f[0, 2] * out[2, 0]
-    if jacobian != 0.0:
-        out /= jacobian
-    return float(jacobian)
-
-
-@njit(cache=True)
-def _directions(
+def _evaluate_element(
+    slope: Floats,
+    pressure: Floats,
+    weights: Floats,
+    modes: Floats,
+    constants: Floats,
+    bulk: float,
     gradient: Floats,
-    f: Floats,
-    inverse: Floats,
-    factor: Floats,
-    q: int,
-    left: Floats,
+    rows: Floats,
     right: Floats,
-    swapped: Floats,
-    weighted: Floats,
-    internal: Floats,
-) -> None:  # pragma: no cover - compiled
-    """Fill the rows of one quadrature point with g and h, plain and weighted; add its force."""
-    for a in range(27):
+    volume_residual: Floats,
+) -> float:  # pragma: no cover - compiled
+    """Evaluate the law at an element's points; return the smallest J, or the first not above 0.
+
+    ``rows`` gets the weighted stress and, for each mode, J F⁻ᵀ; ``right`` the weighted elasticity
+    times the gradients, unless it has no columns; ``volume_residual`` is overwritten.
+    """
+    f, g, p_stress = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
+    a = np.empty((6, 3, 3))
+    volume_residual[:] = 0.0
+    smallest = 1e300
+    for q in range(weights.shape[0]):
         for i in range(3):
-            k = 3 * a + i
-            g, h = 0.0, 0.0
             for j in range(3):
-                g += inverse[j, i] * gradient[a, j]
-                h += f[i, j] * gradient[a, j]
-            left[2 * q, k] = g
-            left[2 * q + 1, k] = h
-            right[2 * q, k] = factor[0] * g + factor[1] * h
-            right[2 * q + 1, k] = factor[1] * g + factor[2] * h
-            swapped[q, k] = g
-            weighted[q, k] = factor[3] * g
-            internal[k] += factor[5] * g + factor[4] * h
-
-
-@njit(cache=True)
-def _factors(
-    f: Floats, jacobian: float, w: float, p: float, constants: Floats, out: Floats
-) -> None:  # pragma: no cover - compiled
-    """Overwrite ``out`` with the factors of gg, gh, hh, swapped gg, h (and ∇N·∇N) and g."""
-    first = 0.0
-    for i in range(3):
-        for j in range(3):
-            first += f[i, j] * f[i, j]
-    isochoric = jacobian ** (-2.0 * THIRD)
-    x = isochoric * first - 3.0
-    w1 = isochoric * (constants[0] + x * (2.0 * constants[1] + 3.0 * constants[2] * x))
-    w2 = isochoric * isochoric * (2.0 * constants[1] + 6.0 * constants[2] * x)
-    pj = p * jacobian
-    out[0] = w * (4.0 / 9.0 * first * w1 + pj + 4.0 / 9.0 * first * first * w2)
-    out[1] = w * (-4.0 * THIRD * w1 - 4.0 * THIRD * first * w2)
-    out[2] = w * 4.0 * w2
-    out[3] = w * (2.0 * THIRD * first * w1 - pj)
-    out[4] = w * 2.0 * w1
-    out[5] = w * (pj - 2.0 * THIRD * first * w1)
-
-
-@njit(cache=True)
-def add_swapped(
-    tangent: Floats, crossed: Floats, plain: Floats
-) -> None:  # pragma: no cover - compiled
-    """Add Σ g_ak g_bi, given as Σ g_ai g_bk, and the part in proportion to the identity."""
-    for a in range(27):
+                f[i, j] = slope[3 * q + j, i]
+            f[i, i] += 1.0
+        jacobian = invert(f, g)
+        if not jacobian > 0.0:
+            return float(jacobian)
+        smallest = min(smallest, jacobian)
+        w, p = weights[q], np.dot(pressure, modes[q])
+        stress(f, g, jacobian, p, constants[q], p_stress)
         for i in range(3):
-            for c in range(27):
-                for k in range(3):
-                    tangent[3 * a + i, 3 * c + k] += crossed[3 * a + k, 3 * c + i]
-                tangent[3 * a + i, 3 * c + i] += plain[a, c]
+            for j in range(3):
+                rows[i, 3 * q + j] = w * p_stress[i, j]
+                for m in range(modes.shape[1]):
+                    rows[3 + 3 * m + i, 3 * q + j] = w * modes[q, m] * jacobian * g[i, j]
+        volume_residual += w * (jacobian - 1.0 - p / bulk) * modes[q]
+        if right.shape[1] > 0:
+            elasticity(f, g, jacobian, p, constants[q], a)
+            _weigh(a, w, gradient[3 * q : 3 * q + 3], right[3 * q : 3 * q + 3])
+    return smallest
 
 
 @njit(cache=True)
-def scatter(
-    nodes: Indices,
+def _weigh(
+    a: Floats, w: float, gradient: Floats, out: Floats
+) -> None:  # pragma: no cover - compiled
+    """Overwrite ``out`` (3, 6 n_local) with w A_iJkL ∇N_L, the pairs (i, k) side by side."""
+    n_local = gradient.shape[1]
+    for pair in range(6):
+        for j in range(3):
+            x, y, z = w * a[pair, j, 0], w * a[pair, j, 1], w * a[pair, j, 2]
+            at = pair * n_local
+            for n in range(n_local):
+                out[j, at + n] = x * gradient[0, n] + y * gradient[1, n] + z * gradient[2, n]
+
+
+@njit(cache=True)
+def scatter_upper(
+    blocks: Floats, full: Floats, position: Places, data: Floats
+) -> None:  # pragma: no cover - compiled
+    """Add an element's tangent to the stored entries.
+
+    ``blocks`` (n_local, 6 n_local) holds the blocks of components 00, 01, 02, 11, 12, 22 and
+    ``full`` (3 n_local, 3 n_local) the rest, component by component; each unordered pair of
+    unknowns is visited once.
+    """
+    n_local = blocks.shape[0]
+    k, pair = 0, 0
+    for i in range(3):
+        for j in range(i, 3):
+            for a in range(n_local):
+                for b in range(a if i == j else 0, n_local):
+                    at = position[k]
+                    if at >= 0:
+                        data[at] += (
+                            blocks[a, pair * n_local + b] + full[i * n_local + a, j * n_local + b]
+                        )
+                    k += 1
+            pair += 1
+
+
+@njit(cache=True)
+def condense(
+    elements: Indices,
+    coupling: Floats,
+    inverse_mass: Floats,
+    bulk: float,
+    volume_residual: Floats,
     force: Floats,
-    tangent: Floats,
-    residual: Floats,
-    position: Indices,
-    data: Floats,
 ) -> None:  # pragma: no cover - compiled
-    """Add an element's or a face's force and tangent to the residual and the stored entries."""
-    for row in range(force.shape[0]):
-        residual[3 * nodes[row // 3] + row % 3] += force[row]
-        for column in range(force.shape[0]):
-            at = position[row, column]
-            if at >= 0:
-                data[at] += tangent[row, column]
+    """Add K Bᵀ M⁻¹ r to ``force``: the volume equation, eliminated element by element."""
+    n_local = elements.shape[1]
+    for e in range(elements.shape[0]):
+        push = coupling[e].T @ ((bulk * inverse_mass[e]) @ volume_residual[e])
+        for n in range(n_local):
+            for i in range(3):
+                force[elements[e, n], i] += push[i * n_local + n]
 
 
 @njit(cache=True)
-def principal_stretch(
-    displacement: Floats, elements: Indices, gradients: Floats, stretch: Floats
+def pressure_increment(
+    displacement: Floats,
+    elements: Indices,
+    coupling: Floats,
+    inverse_mass: Floats,
+    bulk: float,
+    volume_residual: Floats,
+    out: Floats,
 ) -> None:  # pragma: no cover - compiled
-    """Overwrite ``stretch`` (n_elements, 27) with the largest principal stretch at each point."""
-    deformation = np.empty((3, 3))
-    for e in range(stretch.shape[0]):
-        nodes = elements[e]
-        for q in range(stretch.shape[1]):
-            deformation_gradient(displacement, nodes, gradients[e, q], deformation)
-            stretch[e, q] = np.sqrt(np.linalg.eigvalsh(deformation.T @ deformation)[2])
+    """Overwrite ``out`` (n_elements, n_modes) with K M⁻¹ (B δu + r)."""
+    n_local = elements.shape[1]
+    local = np.empty(3 * n_local)
+    for e in range(elements.shape[0]):
+        for n in range(n_local):
+            for i in range(3):
+                local[i * n_local + n] = displacement[elements[e, n], i]
+        out[e] = (bulk * inverse_mass[e]) @ (coupling[e] @ local + volume_residual[e])
+
+
+@njit(cache=True)
+def deformation(
+    displacement: Floats, elements: Indices, gradients: Floats, out: Floats
+) -> None:  # pragma: no cover - compiled
+    """Overwrite ``out`` (n_elements, n_points, 3, 3) with F = I + ∂u/∂X."""
+    n_local, n_points = elements.shape[1], gradients.shape[1]
+    local = np.empty((n_local, 3))
+    for e in range(elements.shape[0]):
+        gather(displacement, elements[e], local)
+        slope = gradients[e].reshape((3 * n_points, n_local)) @ local
+        for q in range(n_points):
+            for i in range(3):
+                for j in range(3):
+                    out[e, q, i, j] = slope[3 * q + j, i]
+                out[e, q, i, i] += 1.0

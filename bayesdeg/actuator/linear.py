@@ -36,6 +36,19 @@ class Factorization(Protocol):
         """Give the memory back."""
 
 
+class Indefinite(Protocol):
+    """What volume control needs of a direct solver."""
+
+    def factorize(self, data: Floats) -> int:
+        """Factorize; return the number of negative eigenvalues."""
+
+    def solve(self, right: Floats) -> Floats:
+        """Solve for one right-hand side, shape (n,), or several, (n, k)."""
+
+    def close(self) -> None:
+        """Give the memory back."""
+
+
 @dataclass
 class PardisoCholesky:
     """Cholesky factors by MKL's PARDISO; the symbolic analysis is done once.
@@ -99,12 +112,7 @@ class SuperLU:
         self.upper.data = data
         full = self.upper + sp.triu(self.upper, k=1).T
         try:
-            self._factors = sparse_linalg.splu(
-                sp.csc_array(full),
-                permc_spec="MMD_AT_PLUS_A",
-                diag_pivot_thresh=0.0,
-                options={"SymmetricMode": True},
-            )
+            self._factors = _symmetric_lu(full)
         except RuntimeError as error:  # exactly singular
             raise LostDefinitenessError from error
         exchanged = not np.array_equal(self._factors.perm_r, self._factors.perm_c)
@@ -121,8 +129,91 @@ class SuperLU:
         self._factors = None
 
 
-def open_factorization(upper: sp.csr_array, name: str | None = None) -> Factorization:
-    """Return the best direct solver that this machine has.
+@dataclass
+class PardisoIndefinite:
+    """LDLᵀ factors by MKL's PARDISO, which count negative eigenvalues.
+
+    Parameters
+    ----------
+    upper : scipy.sparse.csr_array
+        Pattern of the upper triangle.
+    """
+
+    upper: sp.csr_array
+    _solver: "pypardiso.PyPardisoSolver" = field(init=False, repr=False)
+    _analysed: bool = field(default=False, init=False)
+
+    def __post_init__(self) -> None:
+        """Open the solver on one thread."""
+        self._solver = pypardiso.PyPardisoSolver(mtype=-2)
+        self._solver.libmkl.MKL_Set_Num_Threads(ctypes.c_int(1))
+
+    def factorize(self, data: Floats) -> int:
+        """Factorize; return the number of negative eigenvalues."""
+        self.upper.data = data
+        self._solver.set_phase(22 if self._analysed else 12)
+        try:
+            self._solver._call_pardiso(self.upper, np.zeros(self.upper.shape[0]))
+        except pypardiso.pardiso_wrapper.PyPardisoError as error:
+            raise LostDefinitenessError from error
+        self._analysed = True
+        return int(self._solver.get_iparm(23))
+
+    def solve(self, right: Floats) -> Floats:
+        """Solve with the last factors."""
+        self._solver.set_phase(33)
+        solution: Floats = self._solver._call_pardiso(self.upper, np.asfortranarray(right))
+        return solution
+
+    def close(self) -> None:
+        """Release MKL's memory."""
+        self._solver.free_memory(everything=True)
+
+
+@dataclass
+class SuperLUIndefinite:
+    """The fallback: SuperLU without pivoting, the signs of whose pivots count eigenvalues.
+
+    Parameters
+    ----------
+    upper : scipy.sparse.csr_array
+        Pattern of the upper triangle.
+    """
+
+    upper: sp.csr_array
+    _factors: "sparse_linalg.SuperLU | None" = field(default=None, init=False, repr=False)
+
+    def factorize(self, data: Floats) -> int:
+        """Factorize; return the number of negative eigenvalues."""
+        self.upper.data = data
+        full = self.upper + sp.triu(self.upper, k=1).T
+        try:
+            self._factors = _symmetric_lu(full)
+        except RuntimeError as error:  # exactly singular
+            raise LostDefinitenessError from error
+        return int(np.sum(self._factors.U.diagonal() < 0.0))
+
+    def solve(self, right: Floats) -> Floats:
+        """Solve with the last factors."""
+        assert self._factors is not None
+        return np.asarray(self._factors.solve(np.ascontiguousarray(right)), dtype=np.float64)
+
+    def close(self) -> None:
+        """Drop the factors."""
+        self._factors = None
+
+
+def _symmetric_lu(full: sp.csr_array) -> "sparse_linalg.SuperLU":
+    return sparse_linalg.splu(
+        sp.csc_array(full),
+        permc_spec="MMD_AT_PLUS_A",
+        diag_pivot_thresh=0.0,
+        options={"SymmetricMode": True},
+    )
+
+
+def open_indefinite(upper: sp.csr_array, name: str | None = None) -> Indefinite:
+    """Return a direct solver for symmetric matrices that need not be definite.
 
     Parameters
     ----------
@@ -132,5 +223,25 @@ def open_factorization(upper: sp.csr_array, name: str | None = None) -> Factoriz
         To choose one; by default the first that is installed.
     """
     if name == "splu" or (name is None and pypardiso is None):
-        return SuperLU(upper)
-    return PardisoCholesky(upper)
+        return SuperLUIndefinite(_with_own_data(upper))
+    return PardisoIndefinite(_with_own_data(upper))
+
+
+def open_factorization(upper: sp.csr_array, name: str | None = None) -> Factorization:
+    """Return the best direct solver that this machine has, with entries of its own.
+
+    Parameters
+    ----------
+    upper : scipy.sparse.csr_array
+        Pattern of the upper triangle.
+    name : {"pypardiso", "splu"}, optional
+        To choose one; by default the first that is installed.
+    """
+    own = _with_own_data(upper)
+    if name == "splu" or (name is None and pypardiso is None):
+        return SuperLU(own)
+    return PardisoCholesky(own)
+
+
+def _with_own_data(upper: sp.csr_array) -> sp.csr_array:
+    return sp.csr_array((np.zeros(upper.nnz), upper.indices, upper.indptr), shape=upper.shape)

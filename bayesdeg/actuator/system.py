@@ -1,40 +1,19 @@
-"""The discrete equations of one mesh: everything that is resolved once, before any iteration."""
+"""Unknowns numbered and sparsity resolved: everything that is done once for a body."""
 
+from copy import copy
 from dataclasses import dataclass, replace
-from typing import NamedTuple, Self
+from typing import Self
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from bayesdeg.actuator import kernels, surfaces
-from bayesdeg.actuator.mesh import ActuatorMesh
+from bayesdeg.actuator.bending import bending_matrix
+from bayesdeg.actuator.body import Body
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
-
-
-@dataclass(frozen=True)
-class Material:
-    """What the discrete equations need to know of the actuator, in units of C1.
-
-    Parameters
-    ----------
-    c2_ratio, c3_ratio : float
-        C2/C1 and C3/C1 of the Yeoh law [–].
-    paper_group : float
-        Et/(C1 s): stiffness of the paper over C1 and the linear scale [mm].
-    paper_poisson : float
-        Poisson's ratio of the paper [–].
-    bulk_ratio : float
-        K/C1 [–]; at 1e4 the curvature is within 0.05 % of the incompressible one.
-    """
-
-    c2_ratio: float
-    c3_ratio: float
-    paper_group: float
-    paper_poisson: float = 0.3
-    bulk_ratio: float = 1e4
+Places = NDArray[np.int32]
 
 
 @dataclass(frozen=True)
@@ -45,7 +24,7 @@ class State:
     ----------
     displacement : array, shape (n_nodes, 3)
         [mm].
-    pressure : array, shape (n_elements, 4)
+    pressure : array, shape (n_elements, n_modes)
         Pressure field in the solid [C1].
     load : float
         Gauge pressure in the cavity over C1 [–].
@@ -65,24 +44,21 @@ class State:
         )
 
 
-class Linearisation(NamedTuple):
-    """Residual and tangent of one state: on free unknowns, upper triangle."""
+@dataclass(frozen=True)
+class Point:
+    """An equilibrium with the path's tangent d(state)/d(load)."""
 
-    residual: Floats
-    tangent: Floats
-    coupling: Floats
-    volume_residual: Floats
-    smallest_jacobian: float
-    cavity_volume: float
+    state: State
+    rate: State
 
 
 class System:
-    """A mesh with its unknowns numbered and its sparsity resolved.
+    """A body with its unknowns numbered and its sparsity resolved.
 
     Parameters
     ----------
-    mesh : ActuatorMesh
-        The half model.
+    body : Body
+        What is held, pressed and papered.
 
     Attributes
     ----------
@@ -90,145 +66,120 @@ class System:
         Positions of the unknowns among all degrees of freedom ``3 node + axis``.
     upper : scipy.sparse.csr_array
         Pattern of the upper triangle of the tangent.
+    solid_at, cavity_at, paper_at : array of int
+        Where entries of elements and faces stand in its data.
+    bending : scipy.sparse.csr_array
+        Hessian of the paper's bending for a unit stiffness, on all degrees of freedom.
+    bending_at, bending_values : array
+        Where its entries stand in the data, and what they are.
+    inverse_mass : array, shape (n_elements, n_modes, n_modes)
+        Inverse of ∫ modesᵀ modes dV.
+    volumes : array, shape (n_nodes,)
+        ∫ N dV: the volume that belongs to each node [mm³].
     """
 
-    def __init__(self, mesh: ActuatorMesh) -> None:
-        self.mesh = mesh
-        fixed = np.zeros((len(mesh.nodes), 3), dtype=bool)
-        fixed[mesh.clamped] = True
-        fixed[mesh.symmetry, 1] = True
-        self.free: Indices = np.flatnonzero(~fixed.ravel())
-        equation = np.full(fixed.size, -1, dtype=np.int64)
+    def __init__(self, body: Body) -> None:
+        self.body = body
+        self.free: Indices = np.flatnonzero(~body.fixed.ravel())
+        equation = self._equation()
+        bending = sp.coo_array(bending_matrix(body).tocsr())
+        self.bending: sp.csr_array = bending.tocsr()
+        self.upper, self.solid_at, spare = _pattern(equation, body.elements, bending)
+        self.bending_at, self.bending_values = spare
+        self.cavity_at = _positions(equation, body.cavity, self.upper)
+        self.paper_at = _positions(equation, body.paper, self.upper)
+        self._measure(body)
+
+    def _measure(self, body: Body) -> None:
+        modes = body.element.modes
+        mass = np.einsum("eq,qm,qn->emn", body.weights, modes, modes, optimize=True)
+        self.inverse_mass: Floats = np.ascontiguousarray(np.linalg.inv(mass))
+        shares = body.weights @ body.element.shapes
+        self.volumes: Floats = np.bincount(
+            body.elements.ravel(), shares.ravel(), minlength=len(body.nodes)
+        )
+
+    def with_body(self, body: Body) -> Self:
+        """Return this system for a body of the same bricks in other places: numbering is shared."""
+        other = copy(self)
+        other.body = body
+        other._measure(body)
+        bending = sp.coo_array(bending_matrix(body).tocsr())
+        other.bending = bending.tocsr()
+        other.bending_values = bending.data[_kept(bending, self._equation())]
+        return other
+
+    def _equation(self) -> Indices:
+        equation = np.full(self.body.fixed.size, -1, dtype=np.int64)
         equation[self.free] = np.arange(len(self.free))
-        self.upper, self._solid_at = _pattern(equation, mesh.elements)
-        self._cavity_at = _positions(equation, mesh.cavity, self.upper)
-        self._bottom_at = _positions(equation, mesh.bottom, self.upper)
-        t = mesh.points
-        self.modes: Floats = np.column_stack([np.ones(len(t)), t - 0.5])
-        mass = np.einsum("eq,qm,qn->emn", mesh.weights, self.modes, self.modes)
-        self.mass: Floats = mass
-        self.inverse_mass: Floats = np.linalg.inv(mass)
-        self._face = surfaces.face_shapes()
+        return equation
 
     def rest(self) -> State:
         """Return the undeformed state."""
-        return State(
-            np.zeros_like(self.mesh.nodes), np.zeros((len(self.mesh.elements), 4)), load=0.0
-        )
-
-    def linearise(self, state: State, material: Material) -> Linearisation:
-        """Return residual and tangent at a state.
-
-        The residual is the internal force less the load's, with the volume equation condensed
-        element by element; the tangent is symmetric since the cavity is closed.
-        """
-        residual = np.zeros(3 * len(self.mesh.nodes))
-        data = np.zeros(self.upper.nnz)
-        smallest, coupling, volume_residual = self._add_solid(state, material, residual, data)
-        volume = self._add_cavity(state, -state.load, residual, data)
-        surfaces.membrane(
-            state.displacement,
-            self.mesh.nodes,
-            self.mesh.bottom,
-            *self._face[1:],
-            material.paper_group,
-            material.paper_poisson,
-            residual,
-            self._bottom_at,
-            data,
-        )
-        return Linearisation(residual[self.free], data, coupling, volume_residual, smallest, volume)
-
-    def _add_solid(
-        self, state: State, material: Material, residual: Floats, data: Floats
-    ) -> tuple[float, Floats, Floats]:
-        mesh = self.mesh
-        coupling = np.empty((len(mesh.elements), 4, 81))
-        volume_residual = np.empty((len(mesh.elements), 4))
-        smallest = kernels.solid(
-            state.displacement,
-            state.pressure,
-            mesh.elements,
-            mesh.gradients,
-            mesh.weights,
-            self.modes,
-            self.inverse_mass,
-            np.array([1.0, material.c2_ratio, material.c3_ratio]),
-            material.bulk_ratio,
-            residual,
-            coupling,
-            volume_residual,
-            self._solid_at,
-            data,
-        )
-        return smallest, coupling, volume_residual
-
-    def _add_cavity(self, state: State, factor: float, residual: Floats, data: Floats) -> float:
-        volume: float = surfaces.cavity_volume(
-            self.mesh.nodes + state.displacement,
-            self.mesh.cavity,
-            *self._face,
-            factor,
-            residual,
-            self._cavity_at,
-            data,
-        )
-        return volume
+        body = self.body
+        pressure = np.zeros((len(body.elements), body.element.modes.shape[1]))
+        return State(np.zeros_like(body.nodes), pressure, load=0.0)
 
     def expand(self, unknowns: Floats) -> Floats:
         """Return values of the unknowns as a field over the nodes, (n_nodes, 3)."""
-        field = np.zeros(3 * len(self.mesh.nodes))
+        field = np.zeros(3 * len(self.body.nodes))
         field[self.free] = unknowns
         return field.reshape(-1, 3)
 
-    def condensed_pressure(
-        self, lin: Linearisation, displacement: Floats, material: Material, *, rate: bool = False
-    ) -> Floats:
-        """Return the pressure increments that go with a displacement increment.
-
-        δp = K M⁻¹ (B δu + r_p); with ``rate`` the residual r_p is left out, as it must be for
-        derivatives along the path.
-        """
-        local = displacement[self.mesh.elements].reshape(len(self.mesh.elements), 81)
-        strain = np.einsum("emk,ek->em", lin.coupling, local)
-        if not rate:
-            strain = strain + lin.volume_residual
-        pressure: Floats = np.einsum("emn,en->em", self.inverse_mass, strain)
-        return material.bulk_ratio * pressure
-
-    def cavity_force(self, state: State) -> Floats:
-        """Return dV/du on the free unknowns: the force of a unit pressure [mm²]."""
-        gradient = np.zeros(3 * len(self.mesh.nodes))
-        self._add_cavity(state, 1.0, gradient, np.zeros(self.upper.nnz))
-        return gradient[self.free]
-
 
 def _degrees(nodes: Indices) -> Indices:
-    return (3 * nodes[:, :, None] + np.arange(3)).reshape(len(nodes), 3 * nodes.shape[1])
+    """Degrees of freedom of elements, component by component."""
+    return (3 * nodes[:, None, :] + np.arange(3)[:, None]).reshape(len(nodes), -1)
 
 
-def _pattern(equation: Indices, elements: Indices) -> tuple[sp.csr_array, NDArray[np.int32]]:
-    """Pattern of the upper triangle, and where every element entry stands in its data."""
-    local = equation[_degrees(elements)]
+def _stored_pairs(n_local: int) -> tuple[Indices, Indices]:
+    """Rows and columns of an element's upper triangle in the order of ``scatter_upper``."""
+    rows, columns = [], []
+    for i in range(3):
+        for j in range(i, 3):
+            a, b = np.meshgrid(np.arange(n_local), np.arange(n_local), indexing="ij")
+            wanted = (b >= a) if i == j else np.ones_like(a, dtype=bool)
+            rows.append(i * n_local + a[wanted])
+            columns.append(j * n_local + b[wanted])
+    return np.concatenate(rows), np.concatenate(columns)
+
+
+def _kept(bending: sp.coo_array, equation: Indices) -> NDArray[np.bool_]:
+    rows, columns = equation[bending.coords[0]], equation[bending.coords[1]]
+    return (rows >= 0) & (columns >= rows)
+
+
+def _pattern(
+    equation: Indices, elements: Indices, bending: sp.coo_array
+) -> tuple[sp.csr_array, Places, tuple[Places, Floats]]:
+    """Pattern of the upper triangle; where entries of elements and of the bending stand in it."""
     count = int(equation.max()) + 1
-    rows = np.repeat(local[:, :, None], local.shape[1], axis=2)
-    columns = np.swapaxes(rows, 1, 2)
-    stored = (rows >= 0) & (columns >= rows)
-    keys, inverse = np.unique(rows[stored] * count + columns[stored], return_inverse=True)
+    local = equation[_degrees(elements)]
+    first, second = _stored_pairs(elements.shape[1])
+    one, other = local[:, first], local[:, second]
+    stored = (one >= 0) & (other >= 0)
+    keys = (np.minimum(one, other) * count + np.maximum(one, other))[stored]
+    kept = _kept(bending, equation)
+    extra = equation[bending.coords[0][kept]] * count + equation[bending.coords[1][kept]]
+    every, inverse = np.unique(np.concatenate([keys, extra]), return_inverse=True)
+    upper = _from_keys(every, count)
+    at = np.full(stored.shape, -1, dtype=np.int32)
+    at[stored] = inverse[: len(keys)]
+    return upper, at, (inverse[len(keys) :].astype(np.int32), bending.data[kept])
+
+
+def _from_keys(keys: Indices, count: int) -> sp.csr_array:
     pointers = np.searchsorted(keys // count, np.arange(count + 1))
-    upper = sp.csr_array(
+    return sp.csr_array(
         (np.zeros(len(keys)), (keys % count).astype(np.int32), pointers.astype(np.int32)),
         shape=(count, count),
     )
-    at = np.full(stored.shape, -1, dtype=np.int32)
-    at[stored] = inverse
-    return upper, at
 
 
-def _positions(equation: Indices, faces: Indices, upper: sp.csr_array) -> NDArray[np.int32]:
+def _positions(equation: Indices, faces: Indices, upper: sp.csr_array) -> Places:
     """Where entries of faces stand: their nodes all belong to one element, so they exist."""
-    local = equation[_degrees(faces)]
-    count = upper.shape[0]
+    degrees = (3 * faces[:, :, None] + np.arange(3)).reshape(len(faces), 3 * faces.shape[1])
+    local, count = equation[degrees], upper.shape[0]
     keys = np.repeat(np.arange(count), np.diff(upper.indptr)) * count + upper.indices
     rows = np.repeat(local[:, :, None], local.shape[1], axis=2)
     columns = np.swapaxes(rows, 1, 2)

@@ -7,7 +7,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdeg.actuator.forward import Inputs, Prediction
+from bayesdeg.actuator.inputs import Inputs, Prediction
 from bayesdeg.laws import Parameter
 
 Floats = NDArray[np.float64]

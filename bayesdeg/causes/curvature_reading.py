@@ -25,7 +25,7 @@ Source
 
 from dataclasses import replace
 
-from bayesdeg.actuator.forward import Prediction
+from bayesdeg.actuator.inputs import Prediction
 from bayesdeg.causes.cause import Cause, Conditions, Effect, Stage
 from bayesdeg.laws import Normal, Parameter, TruncatedNormal
 

@@ -24,7 +24,7 @@ Source
 
 from dataclasses import replace
 
-from bayesdeg.actuator.forward import Inputs
+from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.causes.cause import Cause, Conditions, Effect, Stage
 from bayesdeg.laws import Parameter, TruncatedNormal
 

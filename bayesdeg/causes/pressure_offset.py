@@ -26,7 +26,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from bayesdeg.actuator.forward import Inputs
+from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.causes.cause import Cause, Conditions, Effect, Stage
 from bayesdeg.laws import Normal, Parameter
 

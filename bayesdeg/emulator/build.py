@@ -5,14 +5,14 @@ from concurrent.futures import Executor
 from pathlib import Path
 
 from bayesdeg.actuator.geometry import Geometry
-from bayesdeg.actuator.mesh import Resolution
+from bayesdeg.actuator.mesh import CONVERGED, Resolution
 from bayesdeg.emulator.campaign import Run, complete, space_filling
 from bayesdeg.emulator.scaling import TrainingBox
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.emulator.training import train
 
 TRAINING_MESH = Resolution(along=2.5, across=2.5, up=2.1)
-CORRECTION_MESH = Resolution(along=1.3, across=2.5, up=1.05)
+CORRECTION_MESH = CONVERGED
 COARSE_CURVES = 256
 FINE_CURVES = 32
 SEED = 1
@@ -64,8 +64,8 @@ def build(
         record={
             "design": "scrambled Sobol'",
             "seed": SEED,
-            "coarse_mesh_mm": [TRAINING_MESH.along, TRAINING_MESH.across, TRAINING_MESH.up],
-            "fine_mesh_mm": [CORRECTION_MESH.along, CORRECTION_MESH.across, CORRECTION_MESH.up],
+            "coarse_mesh_mm": vars(TRAINING_MESH),
+            "fine_mesh_mm": vars(CORRECTION_MESH),
             "dimensions_mm": vars(geometry.dimensions),
         },
     )

@@ -15,10 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
-from bayesdeg.actuator.equilibrium import Status
-from bayesdeg.actuator.forward import MODEL_VERSION, Curve, CurveSolution, solve_task
+from bayesdeg.actuator.curve import MODEL_VERSION, Curve, CurveSolution
+from bayesdeg.actuator.forward import solve_task
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.mesh import Resolution
+from bayesdeg.actuator.status import Status
 from bayesdeg.emulator.scaling import TrainingBox
 
 Floats = NDArray[np.float64]
@@ -122,9 +123,10 @@ def read_solution(path: Path) -> CurveSolution:
     # opened here because np.load leaves a truncated archive open
     with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
         return CurveSolution(
-            bend_angle=stored["bend_angle"],
-            arc_length=stored["arc_length"],
-            peak_stretch=stored["peak_stretch"],
+            readings=stored["readings"],
+            rates=stored["rates"],
+            rest=stored["rest"],
+            rest_rates=stored["rest_rates"],
             status=Status(int(stored["status"])),
             limit_load=float(stored["limit_load"]),
             iterations=int(stored["iterations"]),

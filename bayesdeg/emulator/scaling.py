@@ -11,11 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdeg.actuator.forward import Inputs, dimensionless
-from bayesdeg.actuator.system import Material
+from bayesdeg.actuator.inputs import PAPER_THICKNESS, Inputs, dimensionless
+from bayesdeg.actuator.material import Material
 
 Floats = NDArray[np.float64]
 
+# the paper's bending hardly matters: it is trained at one thickness over the linear scale
+NOMINAL_SCALE = 0.853
 GROUPS = ("softening", "log_stiffening", "log_paper")
 
 
@@ -69,6 +71,7 @@ class TrainingBox:
             c2_ratio=float(softening * np.sqrt(3.0 * c3)),
             c3_ratio=c3,
             paper_group=float(np.exp(paper)),
+            paper_thickness=PAPER_THICKNESS / NOMINAL_SCALE,
         )
 
 

@@ -15,8 +15,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from bayesdeg.actuator.equilibrium import Status
-from bayesdeg.actuator.forward import Inputs, Prediction, relative_to_reference
+from bayesdeg.actuator.forward import relative_to_reference
+from bayesdeg.actuator.inputs import Inputs, Prediction, departs
+from bayesdeg.actuator.status import Status
 from bayesdeg.emulator.scaling import TrainingBox, groups
 
 Floats = NDArray[np.float64]
@@ -65,6 +66,7 @@ class Surrogate:
         load, *material = groups(inputs)
         shape = np.broadcast_shapes(np.shape(load), *(np.shape(m) for m in material))
         kappa, stretch, arc, growth, outside = self._evaluate(load, material, shape)
+        outside = outside | departs(inputs)
         scale = np.broadcast_to(inputs.linear_scale, shape)
         curvature = np.where(outside, np.nan, kappa / scale * 1e3)
         return Prediction(

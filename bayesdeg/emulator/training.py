@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdeg.actuator.equilibrium import Status
-from bayesdeg.actuator.forward import MODEL_VERSION, Curve, CurveSolution
+from bayesdeg.actuator.curve import MODEL_VERSION, Curve, CurveSolution
+from bayesdeg.actuator.status import Status
 from bayesdeg.emulator.scaling import TrainingBox
 from bayesdeg.emulator.surrogate import (
     Surrogate,

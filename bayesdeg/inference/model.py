@@ -6,7 +6,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdeg.actuator.forward import ForwardMap, Inputs, Prediction
+from bayesdeg.actuator.inputs import ForwardMap, Inputs, Prediction
 from bayesdeg.causes.catalogue import in_order
 from bayesdeg.causes.cause import Cause, Conditions, Degradation
 from bayesdeg.inference import likelihood

@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from bayesdeg.actuator.equilibrium import Status
-from bayesdeg.actuator.forward import ForwardMap, Inputs, Prediction
+from bayesdeg.actuator.inputs import ForwardMap, Inputs, Prediction
+from bayesdeg.actuator.status import Status
 from bayesdeg.causes.cause import Conditions, Degradation
 from bayesdeg.laboratory.effects import HiddenEffect
 from bayesdeg.laboratory.specimens import constants_of, draw_specimens, noise, stated_sd

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from bayesdeg.actuator.forward import ForwardMap
+from bayesdeg.actuator.inputs import ForwardMap
 from bayesdeg.causes.catalogue import in_order
 from bayesdeg.laboratory.actuators import inflate_actuators
 from bayesdeg.laboratory.design import Design

@@ -4,8 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bayesdeg.actuator.forward import ForwardMap
 from bayesdeg.actuator.geometry import Geometry
+from bayesdeg.actuator.inputs import ForwardMap
 from bayesdeg.causes.catalogue import CATALOGUE, find
 from bayesdeg.causes.cause import Cause
 from bayesdeg.emulator.store import surrogate_for

@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.criticism.gain import gain_table
 from bayesdeg.criticism.residuals import level_table, predict_readings, where
 from bayesdeg.inference.ensemble import EFFORTS, to_datatree
@@ -11,6 +12,7 @@ from bayesdeg.measure.study import Study
 from bayesdeg.pipeline import tables
 from bayesdeg.pipeline.assemble import level_grid
 from bayesdeg.pipeline.calibrate import Fit
+from bayesdeg.pipeline.deformed import write_deformed
 from bayesdeg.pipeline.explanation import unjudged_document, verdict_document
 from bayesdeg.pipeline.results import Results
 from bayesdeg.prediction.bands import curvature_bands
@@ -33,6 +35,7 @@ def write_results(
     if results.judgement is None:
         return unjudged_document(results.assembly.unjudged, held_out)
     _write_predictions(folder, results.final, generator)
+    write_deformed(folder, results.final, Geometry(study.settings.dimensions))
     residual = _write_readings(study, folder, results, generator)
     base, judgement = results.base.model, results.judgement
     folder.write_table(columns.GAIN, gain_table(base, judgement.held_out))

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from matplotlib.figure import Figure
 
 from bayesdeg.report.figures import Drawing, inline_svg
+from bayesdeg.report.figures_actuator import deformed_figure
 from bayesdeg.report.figures_curvature import (
     bands_figure,
     elongation_figure,
@@ -41,14 +42,15 @@ def drawings_of(verdict: Verdict, run: Run, tables: Tables) -> dict[str, Drawing
     Returns
     -------
     dict
-        By name: ``residuals``, ``null``, ``gain``, ``bands``, ``rupture``, ``elongation``,
-        ``constants``, ``tensile``; those without data are left out.
+        By name: ``residuals``, ``null``, ``gain``, ``bands``, ``deformed``, ``rupture``,
+        ``elongation``, ``constants``, ``tensile``; those without data are left out.
     """
     sketches = (
         _residuals(verdict, tables),
         _null(run, tables),
         _gain(verdict, tables),
         _bands(tables),
+        _deformed(tables),
         _rupture(tables),
         _elongation(tables),
         _constants(tables),
@@ -121,6 +123,18 @@ def _bands(tables: Tables) -> _Sketch | None:
             "they may lie beside a band for that reason alone."
         )
     return _Sketch("bands", bands_figure(tables.bands, tables.observations, levels), caption)
+
+
+def _deformed(tables: Tables) -> _Sketch | None:
+    if tables.deformed is None:
+        return None
+    caption = (
+        "The actuator solved by finite elements with the fitted material, at true size: the cut "
+        "through its plane of symmetry over the whole, thin lines before loading. The largest "
+        "stretches stand at re-entrant corners, where they grow with refinement of the mesh; the "
+        "scale of colours leaves them out."
+    )
+    return _Sketch("deformed", deformed_figure(tables.deformed), caption)
 
 
 def _rupture(tables: Tables) -> _Sketch | None:

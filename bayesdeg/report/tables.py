@@ -1,9 +1,14 @@
-"""All tables of a run folder at once; those that are absent or have no rows are None."""
+"""All tables of a run folder at once; those that are absent or have no rows are None.
+
+The surface of the solved actuators comes with them.
+"""
 
 from dataclasses import dataclass
 
 import pandas as pd
 
+from bayesdeg.report.actuator_files import read_surface
+from bayesdeg.report.actuator_surface import Surface
 from bayesdeg.report.columns import (
     BANDS,
     CONSTANTS,
@@ -23,7 +28,7 @@ from bayesdeg.report.summaries import present
 
 @dataclass(frozen=True)
 class Tables:
-    """The tables of a run, each None if the run has nothing of its kind."""
+    """The tables of a run and its solved actuators, each None if there is nothing of its kind."""
 
     gain: pd.DataFrame | None
     bands: pd.DataFrame | None
@@ -36,6 +41,7 @@ class Tables:
     elongation: pd.DataFrame | None
     measured: pd.DataFrame | None
     misfit_null: pd.DataFrame | None
+    deformed: Surface | None = None
 
 
 def read_tables(folder: RunFolder) -> Tables:
@@ -62,4 +68,5 @@ def read_tables(folder: RunFolder) -> Tables:
         elongation=read(ELONGATION),
         measured=read(MEASURED),
         misfit_null=read(MISFIT_NULL),
+        deformed=read_surface(folder.path),
     )

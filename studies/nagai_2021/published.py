@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdeg.actuator.forward import Inputs
+from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.inference.parameters import ACTUATOR, material_parameters, node_name
 from bayesdeg.laws import Law

@@ -8,11 +8,22 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bayesdeg.actuator import surfaces
+from bayesdeg.actuator.body import (
+    LINEAR_CONSTANT,
+    LINEAR_FULL,
+    QUADRATIC,
+    QUADRATIC_CONSTANT,
+    boundary_faces,
+    box,
+)
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.mesh import COARSE, Resolution, build_mesh
+from bayesdeg.actuator.outputs import OUTPUTS, read_state
+from bayesdeg.actuator.system import System
 from bayesdeg.errors import GeometryError
 from bayesdeg.measure.settings import Dimensions
 
+ELEMENTS = (LINEAR_FULL, LINEAR_CONSTANT, QUADRATIC_CONSTANT, QUADRATIC)
 ONE_ELEMENT_A_WALL = Resolution(along=100.0, across=100.0, up=100.0)
 
 
@@ -29,19 +40,19 @@ def slots(d):
     return (d.chambers - 1) * d.gap * d.width / 2.0 * deep
 
 
-def cavity(mesh, placed):
+def cavity(body, placed):
     """Volume and its gradient, (n_nodes, 3)."""
-    gradient = np.zeros(placed.size)
+    gradient = np.zeros_like(placed)
     volume = surfaces.cavity_volume(
         placed,
-        mesh.cavity,
-        *surfaces.face_shapes(),
+        body.cavity,
+        surfaces.volume_form(body.element.order),
         1.0,
         gradient,
-        np.full((len(mesh.cavity), 27, 27), -1, dtype=np.int32),
-        np.zeros(1),
+        np.empty((0, 0, 0), dtype=np.int32),
+        np.empty(0),
     )
-    return volume, gradient.reshape(-1, 3)
+    return volume, gradient
 
 
 @st.composite
@@ -70,10 +81,10 @@ def possible_dimensions(draw):
 @settings(max_examples=15, deadline=None)
 @given(possible_dimensions())
 def test_mesh_holds_exactly_the_material_and_the_air_of_the_boxes(d):
-    mesh = build_mesh(Geometry(d), ONE_ELEMENT_A_WALL)
+    body = build_mesh(Geometry(d), ONE_ELEMENT_A_WALL).body
     brick = d.length * d.width / 2.0 * d.height
-    assert mesh.weights.sum() == pytest.approx(brick - air(d) - slots(d), rel=1e-10)
-    volume, gradient = cavity(mesh, mesh.nodes)
+    assert body.volume == pytest.approx(brick - air(d) - slots(d), rel=1e-10)
+    volume, gradient = cavity(body, body.nodes)
     assert volume == pytest.approx(air(d), rel=1e-10)
     # a closed surface: no net force along and up; across, the dead surface is missing
     np.testing.assert_allclose(gradient.sum(axis=0)[[0, 2]], 0.0, atol=1e-9)
@@ -81,31 +92,33 @@ def test_mesh_holds_exactly_the_material_and_the_air_of_the_boxes(d):
 
 
 def test_default_volumes_by_hand():
-    mesh = build_mesh(Geometry(Dimensions()), COARSE)
-    assert cavity(mesh, mesh.nodes)[0] == pytest.approx(5 * 4.8 * 3 * 6 + 4 * 5 * 1 * 1.5)
-    assert mesh.weights.sum() == pytest.approx(50 * 5 * 10 - 462 - 4 * 2 * 5 * 5.5)
+    body = build_mesh(Geometry(Dimensions()), COARSE).body
+    assert cavity(body, body.nodes)[0] == pytest.approx(5 * 4.8 * 3 * 6 + 4 * 5 * 1 * 1.5)
+    assert body.volume == pytest.approx(50 * 5 * 10 - 462 - 4 * 2 * 5 * 5.5)
 
 
 @pytest.mark.parametrize("factor", [0.5, 1.7])
 def test_volume_of_a_scaled_cavity_grows_with_the_cube(two_chambers, random_state, factor):
-    placed = two_chambers.mesh.nodes + random_state(two_chambers.mesh, 1).displacement
-    volume, gradient = cavity(two_chambers.mesh, placed)
-    scaled, scaled_gradient = cavity(two_chambers.mesh, factor * placed)
+    body = two_chambers.mesh.body
+    placed = body.nodes + random_state(body, 1).displacement
+    volume, gradient = cavity(body, placed)
+    scaled, scaled_gradient = cavity(body, factor * placed)
     assert scaled == pytest.approx(factor**3 * volume, rel=1e-12)
     np.testing.assert_allclose(scaled_gradient, factor**2 * gradient, rtol=1e-10, atol=1e-12)
 
 
 def test_deformed_cavity_is_still_closed(two_chambers, random_state):
-    placed = two_chambers.mesh.nodes + random_state(two_chambers.mesh, 2).displacement
-    volume, gradient = cavity(two_chambers.mesh, placed)
+    body = two_chambers.mesh.body
+    placed = body.nodes + random_state(body, 2).displacement
+    volume, gradient = cavity(body, placed)
     np.testing.assert_allclose(gradient.sum(axis=0)[[0, 2]], 0.0, atol=1e-11)
-    moved, _ = cavity(two_chambers.mesh, placed + np.array([7.0, 0.0, -3.0]))
+    moved, _ = cavity(body, placed + np.array([7.0, 0.0, -3.0]))
     assert moved == pytest.approx(volume, rel=1e-12)
 
 
 @pytest.mark.parametrize("gap", [0.0, 2.0])
 def test_every_cavity_normal_points_into_material(gap):
-    mesh = build_mesh(Geometry(Dimensions(length=20.0, chambers=2, gap=gap)), COARSE)
+    mesh = build_mesh(Geometry(Dimensions(length=20.0, chambers=2, gap=gap)), COARSE).body
     grid = mesh.nodes[mesh.cavity].reshape(-1, 3, 3, 3)
     normal = np.cross(grid[:, 2, 1] - grid[:, 0, 1], grid[:, 1, 2] - grid[:, 1, 0])
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
@@ -160,30 +173,80 @@ def test_all_reasons_are_given_at_once():
 
 
 def test_node_sets_lie_where_they_should(two_chambers):
-    mesh, d = two_chambers.mesh, two_chambers.mesh.geometry.dimensions
-    np.testing.assert_allclose(mesh.nodes[mesh.bottom][..., 2], 0.0, atol=1e-12)
-    np.testing.assert_allclose(mesh.nodes[mesh.free_end][..., 0], d.length)
-    np.testing.assert_allclose(mesh.nodes[mesh.clamped, 0], 0.0, atol=1e-12)
-    np.testing.assert_allclose(mesh.nodes[mesh.symmetry, 1], 0.0, atol=1e-12)
-    line = mesh.nodes[mesh.bottom_line]
+    mesh, body = two_chambers.mesh, two_chambers.mesh.body
+    d = mesh.geometry.dimensions
+    np.testing.assert_allclose(body.nodes[body.paper][..., 2], 0.0, atol=1e-12)
+    np.testing.assert_allclose(body.nodes[mesh.free_end][..., 0], d.length)
+    clamped, cut = (np.isclose(body.nodes[:, axis], 0.0) for axis in (0, 1))
+    np.testing.assert_array_equal(body.fixed[:, [0, 2]], np.stack([clamped, clamped], axis=1))
+    np.testing.assert_array_equal(body.fixed[:, 1], clamped | cut)
+    line = body.nodes[mesh.bottom_line]
     assert line[0, 0] == 0.0
     assert line[-1, 0] == d.length
     assert np.all(np.diff(line[:, 0]) > 0.0)
     for faces, axes, area in (
-        (mesh.bottom, (0, 1), d.length * d.width / 2.0),
+        (body.paper, (0, 1), d.length * d.width / 2.0),
         (mesh.free_end, (1, 2), d.width / 2.0 * d.height),
     ):
-        sides = np.ptp(mesh.nodes[faces], axis=1)[:, axes]
+        sides = np.ptp(body.nodes[faces], axis=1)[:, axes]
         assert np.prod(sides, axis=1).sum() == pytest.approx(area)
 
 
 def test_no_element_exceeds_the_resolution():
     resolution = Resolution(along=1.7, across=1.3, up=0.9)
-    mesh = build_mesh(Geometry(Dimensions(length=14.0, chambers=1)), resolution)
-    sizes = np.ptp(mesh.nodes[mesh.elements], axis=1).max(axis=0)
+    body = build_mesh(Geometry(Dimensions(length=14.0, chambers=1)), resolution).body
+    sizes = np.ptp(body.nodes[body.elements], axis=1).max(axis=0)
     assert np.all(sizes <= [1.7 + 1e-9, 1.3 + 1e-9, 0.9 + 1e-9])
 
 
 def test_every_node_belongs_to_an_element(two_chambers):
-    used = np.unique(two_chambers.mesh.elements)
-    np.testing.assert_array_equal(used, np.arange(len(two_chambers.mesh.nodes)))
+    body = two_chambers.mesh.body
+    np.testing.assert_array_equal(np.unique(body.elements), np.arange(len(body.nodes)))
+
+
+def test_cavity_volume_at_rest_is_read_as_the_closed_form():
+    mesh = build_mesh(Geometry(Dimensions()), COARSE)
+    rest = System(mesh.body).rest()
+    reading = dict(zip(OUTPUTS, read_state(mesh, rest).values, strict=True))
+    assert reading["cavity_volume"] == pytest.approx(air(Dimensions()), rel=1e-12)
+    assert reading["bend_angle"] == 0.0
+    assert reading["arc_length"] == pytest.approx(50.0, rel=1e-14)
+    assert reading["weibull_strain_10"] == 0.0
+
+
+@pytest.mark.parametrize("element", ELEMENTS, ids=lambda e: e.name)
+def test_moved_bricks_keep_the_volume_between_their_faces(element):
+    """A sheared and stretched box: the determinant of the map, whatever the element."""
+    body = box((3.0, 2.0, 1.0), divisions=(2, 3, 2), element=element)
+    affine = np.array([[1.2, 0.3, 0.0], [-0.1, 0.9, 0.2], [0.0, 0.4, 1.1]])
+    moved = body.placed_at(body.nodes @ affine.T)
+    assert moved.volume == pytest.approx(6.0 * np.linalg.det(affine), rel=1e-12)
+    # gradients of a linear field are exact
+    field = moved.nodes @ [1.0, -2.0, 3.0]
+    slopes = np.einsum("eqia,ea->eqi", moved.gradients, field[moved.elements])
+    np.testing.assert_allclose(slopes - [1.0, -2.0, 3.0], 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("element", ELEMENTS, ids=lambda e: e.name)
+def test_boundary_faces_close_the_body_and_point_inwards(element):
+    body = box((3.0, 2.0, 1.0), divisions=(2, 3, 2), element=element)
+    faces = boundary_faces(body)
+    assert len(faces) == 2 * (2 * 3 + 3 * 2 + 2 * 2)
+    volume, gradient = cavity(replace(body, cavity=faces), body.nodes)
+    assert volume == pytest.approx(-6.0, rel=1e-12)  # seen from inside
+    np.testing.assert_allclose(gradient.sum(axis=0), 0.0, atol=1e-12)
+
+
+def test_bricks_turned_inside_out_are_refused():
+    body = box((3.0, 2.0, 1.0), divisions=(2, 1, 1))
+    with pytest.raises(ValueError, match="inside out"):
+        body.placed_at(body.nodes * [-1.0, 1.0, 1.0])
+
+
+def test_quadrature_weights_are_volumes_at_any_order():
+    """∫ x² y² z² over a box, of order 6 in all and 2 in each direction."""
+    for element in ELEMENTS:
+        body = box((3.0, 2.0, 1.0), divisions=(1, 1, 1), element=element)
+        x = np.einsum("qa,eai->eqi", element.shapes, body.nodes[body.elements])
+        wanted = 9.0 * 8.0 / 3.0 / 3.0
+        assert np.sum(body.weights * np.prod(x**2, axis=-1)) == pytest.approx(wanted, rel=1e-12)

@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from bayesdeg.actuator.linear import LostDefinitenessError, SuperLU, open_factorization
+from bayesdeg.actuator.linear import (
+    LostDefinitenessError,
+    SuperLU,
+    open_factorization,
+    open_indefinite,
+)
+from bayesdeg.actuator.problem import Problem
 
 
 def upper_of(full):
@@ -27,8 +33,8 @@ def solver_name(request):
 def tangent(two_chambers, fresh, equilibria):
     """The assembled tangent of a loaded equilibrium."""
     state = equilibria(two_chambers, fresh, (0.2, 0.4)).states[-1]
-    upper = two_chambers.upper.copy()
-    upper.data = two_chambers.linearise(state, fresh).tangent
+    upper = two_chambers.system.upper.copy()
+    upper.data = Problem(two_chambers.system, fresh).linearise(state).tangent
     return upper
 
 
@@ -110,3 +116,16 @@ def test_solver_recovers_after_a_refusal(solver_name):
 def test_fallback_where_the_first_choice_is_missing(monkeypatch):
     monkeypatch.setattr("bayesdeg.actuator.linear.pypardiso", None)
     assert isinstance(open_factorization(upper_of(np.eye(2))), SuperLU)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_indefinite_solver_counts_negative_eigenvalues(solver_name, seed):
+    rng = np.random.default_rng(seed)
+    full = rng.standard_normal((12, 12))
+    full = full + full.T
+    solver = open_indefinite(upper_of(full), solver_name)
+    negative = solver.factorize(upper_of(full).data)
+    right = rng.standard_normal(12)
+    np.testing.assert_allclose(full @ solver.solve(right), right, rtol=1e-7, atol=1e-9)
+    assert negative == np.sum(np.linalg.eigvalsh(full) < 0.0)
+    solver.close()

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import bayesdeg.causes
-from bayesdeg.actuator.forward import Inputs
+from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.causes.catalogue import CATALOGUE, find, in_order
 from bayesdeg.causes.cause import Conditions, Degradation, Stage
 from bayesdeg.errors import BayesdegError

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bayesdeg.actuator.forward import Inputs, Prediction
+from bayesdeg.actuator.inputs import Inputs, Prediction
 from bayesdeg.causes.cause import Conditions, Degradation
 from bayesdeg.causes.curvature_reading import trace_other_fibre
 from bayesdeg.causes.degradation_misread import FRESH, misread

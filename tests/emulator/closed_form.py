@@ -6,8 +6,10 @@ from functools import cache
 
 import numpy as np
 
-from bayesdeg.actuator.equilibrium import Status
-from bayesdeg.actuator.forward import CurveSolution, Inputs, Prediction
+from bayesdeg.actuator.curve import CurveSolution
+from bayesdeg.actuator.inputs import Inputs, Prediction
+from bayesdeg.actuator.outputs import OUTPUTS
+from bayesdeg.actuator.status import Status
 from bayesdeg.emulator.campaign import space_filling
 from bayesdeg.emulator.scaling import TrainingBox
 from bayesdeg.emulator.training import train
@@ -63,13 +65,29 @@ def solve(curve, *, fine=True):
     excess = 0.0 if fine else COARSE_EXCESS * (1.0 + 0.5 * u + 0.3 * b)
     arc = LENGTH * (1.0 + arc_excess(q, u, a))
     kappa = q * np.exp(log_gain(u, a, b, c) + excess) / LENGTH
-    return CurveSolution(
-        bend_angle=kappa * arc,
-        arc_length=arc,
-        peak_stretch=1.0 + stretch_excess(q, u, b),
+    return solution(
+        kappa * arc,
+        arc,
+        1.0 + stretch_excess(q, u, b),
         status=Status.LIMIT_POINT if met else Status.CONVERGED,
         limit_load=limit if met else math.inf,
-        iterations=3 * len(q),
+    )
+
+
+def solution(angle, arc, stretch, *, status=Status.CONVERGED, limit_load=math.inf):
+    """A solved curve of these readings; what no emulator uses is left out."""
+    readings = np.full((len(angle), len(OUTPUTS)), np.nan)
+    readings[:, 0], readings[:, 1], readings[:, 3] = angle, arc, stretch
+    rest = np.full(len(OUTPUTS), np.nan)
+    rest[[0, 1, 3]] = 0.0, LENGTH, 1.0
+    return CurveSolution(
+        readings=readings,
+        rates=np.full_like(readings, np.nan),
+        rest=rest,
+        rest_rates=np.full_like(rest, np.nan),
+        status=status,
+        limit_load=limit_load,
+        iterations=3 * len(angle),
         solver="closed form",
     )
 

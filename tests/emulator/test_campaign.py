@@ -6,11 +6,11 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from bayesdeg.actuator.equilibrium import Status
-from bayesdeg.actuator.forward import Curve
+from bayesdeg.actuator.curve import Curve
 from bayesdeg.actuator.geometry import Geometry
+from bayesdeg.actuator.material import Material
 from bayesdeg.actuator.mesh import Resolution
-from bayesdeg.actuator.system import Material
+from bayesdeg.actuator.status import Status
 from bayesdeg.emulator import campaign
 from bayesdeg.emulator.campaign import Run, complete, read_solution, space_filling
 from bayesdeg.emulator.scaling import TrainingBox
@@ -146,7 +146,7 @@ def test_a_flipped_bit_is_noticed(solver, tmp_path):
     complete(RUNS[:1], tmp_path)
     path = tmp_path / f"{RUNS[0].key()}.npz"
     content = bytearray(path.read_bytes())
-    at = content.find(solve(CURVES[0]).bend_angle.tobytes())
+    at = content.find(solve(CURVES[0]).readings.tobytes())
     assert at > 0
     content[at + 3] ^= 1
     path.write_bytes(bytes(content))
@@ -163,13 +163,14 @@ def variants():
         yield field.name, dataclasses.replace(RUNS[0], geometry=Geometry(dimensions))
     for field in dataclasses.fields(Resolution):
         changed = dataclasses.replace(
-            RESOLUTION, **{field.name: getattr(RESOLUTION, field.name) * 1.01}
+            RESOLUTION, **{field.name: getattr(RESOLUTION, field.name) * 1.01 or 0.01}
         )
         yield field.name, dataclasses.replace(RUNS[0], resolution=changed)
     curve = CURVES[0]
     for field in dataclasses.fields(Material):
         material = dataclasses.replace(
-            curve.material, **{field.name: getattr(curve.material, field.name) * (1.0 + 1e-15)}
+            curve.material,
+            **{field.name: getattr(curve.material, field.name) * (1.0 + 1e-15) or 1e-15},
         )
         yield (
             field.name,

@@ -4,7 +4,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bayesdeg.actuator.forward import Curve, Inputs
+from bayesdeg.actuator.curve import Curve
+from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.emulator.scaling import TrainingBox, groups
 from bayesdeg.emulator.training import unit_groups
 

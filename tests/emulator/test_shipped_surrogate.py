@@ -7,8 +7,9 @@ from importlib.resources import files
 import numpy as np
 import pytest
 
-from bayesdeg.actuator.forward import MODEL_VERSION, Inputs
+from bayesdeg.actuator.curve import MODEL_VERSION
 from bayesdeg.actuator.geometry import Geometry
+from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.emulator.store import SHIPPED, default_surrogate, surrogate_for
 from bayesdeg.errors import BayesdegError
 from bayesdeg.measure.settings import Dimensions

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bayesdeg.actuator.equilibrium import Status
-from bayesdeg.actuator.forward import Inputs
+from bayesdeg.actuator.inputs import Inputs
+from bayesdeg.actuator.status import Status
 from bayesdeg.emulator.store import from_bytes, to_bytes
 from bayesdeg.emulator.surrogate import Surrogate, chebyshev_features, total_degree_orders
 from tests.emulator.closed_form import BOX, ClosedFormMap, limit_load, trained

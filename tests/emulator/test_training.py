@@ -5,9 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from bayesdeg.actuator.equilibrium import Status
-from bayesdeg.actuator.forward import Curve, CurveSolution
-from bayesdeg.actuator.system import Material
+from bayesdeg.actuator.curve import Curve
+from bayesdeg.actuator.material import Material
 from bayesdeg.emulator.campaign import space_filling
 from bayesdeg.emulator.surrogate import chebyshev_features, polynomial, total_degree_orders
 from bayesdeg.emulator.training import (
@@ -22,7 +21,7 @@ from bayesdeg.emulator.training import (
     tabulate,
     unit_groups,
 )
-from tests.emulator.closed_form import BOX, LENGTH, limit_load, solve
+from tests.emulator.closed_form import BOX, LENGTH, limit_load, solution, solve
 
 CURVES = space_filling(BOX, 16, seed=9)
 
@@ -31,9 +30,7 @@ def power_law(exponent, loads, *, limit=math.inf):
     """A curve whose d ln κ / d ln q is the exponent everywhere."""
     q = np.array(loads)
     arc = np.full(len(q), LENGTH)
-    return CurveSolution(
-        q**exponent * arc, arc, 1.0 + q, Status.CONVERGED, limit, len(q), "closed form"
-    )
+    return solution(q**exponent * arc, arc, 1.0 + q, limit_load=limit)
 
 
 @pytest.fixture
@@ -141,7 +138,7 @@ def test_a_curve_is_emulated_to_where_it_gets_too_steep():
     q = np.array(LOADS)
     growth = q * 12.0  # ln κ = 12 q: d ln κ / d ln q = 12 q passes 4 at q = 1/3
     arc = np.full(5, LENGTH)
-    steep = CurveSolution(np.exp(12.0 * q) * arc, arc, 1.0 + q, Status.CONVERGED, math.inf, 5, "")
+    steep = solution(np.exp(12.0 * q) * arc, arc, 1.0 + q)
     assert growth[2] < STEEPEST < growth[3]
     assert reach(CURVE, steep) == pytest.approx(1.0 / 3.0, rel=0.02)
 

@@ -4,8 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bayesdeg.actuator.equilibrium import Status
-from bayesdeg.actuator.forward import Inputs, Prediction, relative_to_reference
+from bayesdeg.actuator.forward import relative_to_reference
+from bayesdeg.actuator.inputs import Inputs, Prediction
+from bayesdeg.actuator.status import Status
 
 LENGTH_M = 0.05
 

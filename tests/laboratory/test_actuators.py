@@ -7,8 +7,9 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from bayesdeg.actuator.forward import ExactMap, Inputs
+from bayesdeg.actuator.forward import ExactMap
 from bayesdeg.actuator.geometry import Geometry
+from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.actuator.mesh import Resolution
 from bayesdeg.laboratory.actuators import inflate_actuators
 from bayesdeg.laboratory.effects import parse_effects

@@ -1,0 +1,233 @@
+"""Hexahedral bodies: elements, nodes, and what is held, pressed or papered."""
+
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+from skfem import Basis, ElementHex1, ElementHex2, MeshHex
+from skfem.quadrature import get_quadrature
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Element:
+    """A brick on the unit cube: shape functions, quadrature, and the modes of its pressure.
+
+    Parameters
+    ----------
+    name : str
+        What it is called.
+    order : int
+        1 for trilinear, 2 for triquadratic shape functions; nodes in scikit-fem's order.
+    points, weights : array, shape (n_points, 3) and (n_points,)
+        Gauss rule of ``order + 1`` points a direction.
+    shapes : array, shape (n_points, n_local)
+        Shape functions at the points.
+    slopes : array, shape (n_points, n_local, 3)
+        Their derivatives.
+    modes : array, shape (n_points, n_modes)
+        Functions that span the discontinuous pressure, at the points.
+    """
+
+    name: str
+    order: int
+    points: Floats
+    weights: Floats
+    shapes: Floats
+    slopes: Floats
+    modes: Floats
+
+
+def _element(name: str, order: int, pressure: str) -> Element:
+    kind = ElementHex1() if order == 1 else ElementHex2()
+    points, weights = get_quadrature(kind.refdom, 2 * order + 1)
+    count = 8 if order == 1 else 27
+    basis = [kind.lbasis(points, a) for a in range(count)]
+    shapes = np.stack([values for values, _ in basis], axis=1)
+    slopes = np.stack([gradients for _, gradients in basis], axis=1)
+    one = np.ones((len(weights), 1))
+    modes = {
+        "constant": one,
+        "linear": np.hstack([one, points.T - 0.5]),
+        "free": np.eye(len(weights)),
+    }[pressure]
+    return Element(
+        name,
+        order,
+        np.ascontiguousarray(points.T),
+        np.ascontiguousarray(weights),
+        np.ascontiguousarray(shapes),
+        np.ascontiguousarray(np.transpose(slopes, (2, 1, 0))),
+        np.ascontiguousarray(modes),
+    )
+
+
+# a pressure that is free at every quadrature point is the same as none: this element locks
+LINEAR_FULL = _element("Q1", 1, "free")
+LINEAR_CONSTANT = _element("Q1P0", 1, "constant")
+QUADRATIC_CONSTANT = _element("Q2P0", 2, "constant")
+QUADRATIC = _element("Q2P1disc", 2, "linear")
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """A body of bricks, of one element.
+
+    Parameters
+    ----------
+    element : Element
+        What it is made of.
+    nodes : array, shape (n_nodes, 3)
+        Coordinates [mm].
+    elements : array, shape (n_elements, n_local)
+        Nodes of every brick.
+    gradients : array, shape (n_elements, n_points, 3, n_local)
+        Gradients of the shape functions at the quadrature points [1/mm].
+    weights : array, shape (n_elements, n_points)
+        Volume of every quadrature point [mm³].
+    cavity : array, shape (n_faces, (order + 1)²)
+        Nodes of faces under pressure, as grids whose first axis times second axis points out
+        of the cavity, into the body.
+    paper : array, shape (n_faces, (order + 1)²)
+        Nodes of faces z = 0 that carry paper, first axis along x, second along y.
+    fixed : array of bool, shape (n_nodes, 3)
+        Displacements that are held at zero.
+    depth : array, shape (n_elements, n_points)
+        How far each quadrature point is under the nearest exposed face; inf if none is [mm].
+    """
+
+    element: Element
+    nodes: Floats
+    elements: Indices
+    gradients: Floats
+    weights: Floats
+    cavity: Indices
+    paper: Indices
+    fixed: NDArray[np.bool_]
+    depth: Floats
+
+    def placed_at(self, nodes: Floats) -> Self:
+        """Return the same bricks with their nodes elsewhere, (n_nodes, 3) [mm]."""
+        gradients, weights = isoparametric(self.element, nodes[self.elements])
+        return replace(self, nodes=nodes, gradients=gradients, weights=weights)
+
+    @property
+    def volume(self) -> float:
+        """Volume of the undeformed body [mm³]."""
+        return float(self.weights.sum())
+
+
+def isoparametric(element: Element, corners: Floats) -> tuple[Floats, Floats]:
+    """Return gradients and volumes of quadrature points from the nodes of every brick.
+
+    Parameters
+    ----------
+    element : Element
+        Kind of brick.
+    corners : array, shape (n_elements, n_local, 3)
+        Positions of its nodes [mm].
+
+    Returns
+    -------
+    gradients : array, shape (n_elements, n_points, 3, n_local)
+        [1/mm].
+    weights : array, shape (n_elements, n_points)
+        [mm³].
+
+    Raises
+    ------
+    ValueError
+        If a brick is inside out.
+    """
+    jacobian = np.einsum("eai,qaj->eqij", corners, element.slopes, optimize=True)
+    determinant = np.linalg.det(jacobian)
+    if not np.all(determinant > 0.0):
+        raise ValueError("a brick of the mesh is inside out")
+    inverse = np.linalg.inv(jacobian)
+    gradients = np.einsum("qaj,eqji->eqia", element.slopes, inverse, optimize=True)
+    return np.ascontiguousarray(gradients), determinant * element.weights
+
+
+def body_of(mesh: MeshHex, element: Element = QUADRATIC) -> Body:
+    """Return the body of a scikit-fem mesh: nothing held, pressed or papered yet."""
+    kind = ElementHex1() if element.order == 1 else ElementHex2()
+    basis = Basis(mesh, kind, intorder=2 * element.order + 1)
+    nodes = np.ascontiguousarray(basis.doflocs.T)
+    elements = np.ascontiguousarray(basis.element_dofs.T.astype(np.int64)[:, _mirror(kind)])
+    gradients, weights = isoparametric(element, nodes[elements])
+    none = np.empty((0, (element.order + 1) ** 2), dtype=np.int64)
+    held = np.zeros(nodes.shape, dtype=bool)
+    buried = np.full(weights.shape, np.inf)
+    return Body(element, nodes, elements, gradients, weights, none, none, held, buried)
+
+
+def _mirror(kind: ElementHex1 | ElementHex2) -> Indices:
+    """Order of local nodes that turns scikit-fem's left-handed tensor bricks right-handed."""
+    places = np.asarray(kind.doflocs)
+    mirrored = places * [-1.0, 1.0, 1.0] + [1.0, 0.0, 0.0]
+    distance = np.abs(places[None] - mirrored[:, None]).sum(axis=2)
+    return np.asarray(np.argmin(distance, axis=1), dtype=np.int64)
+
+
+def box(
+    lengths: tuple[float, float, float],
+    *,
+    divisions: tuple[int, int, int],
+    element: Element = QUADRATIC,
+) -> Body:
+    """Return a box from the origin, clamped on its face x = 0.
+
+    Parameters
+    ----------
+    lengths : tuple of float
+        Along x, y and z [mm].
+    divisions : tuple of int
+        Number of bricks along x, y and z.
+    element : Element
+        Kind of brick.
+
+    Examples
+    --------
+    >>> round(box((3.0, 2.0, 1.0), divisions=(2, 1, 1)).volume, 12)
+    6.0
+    """
+    grids = (np.linspace(0.0, a, n + 1) for a, n in zip(lengths, divisions, strict=True))
+    body = body_of(MeshHex.init_tensor(*grids), element)
+    held = np.repeat(np.isclose(body.nodes[:, :1], 0.0), 3, axis=1)
+    return replace(body, fixed=held)
+
+
+def boundary_faces(body: Body) -> Indices:
+    """Return the nodes of all boundary faces as grids, shape (n_faces, (order + 1)²).
+
+    A face's first axis times its second axis points into the body.
+    """
+    grids = reference_faces(body.element.order)
+    faces = body.elements[:, grids].reshape(-1, grids.shape[1])
+    corners = np.sort(faces[:, _corner_places(body.element.order)], axis=1)
+    _, first, count = np.unique(corners, axis=0, return_index=True, return_counts=True)
+    boundary: Indices = faces[np.sort(first[count == 1])]
+    return boundary
+
+
+def reference_faces(order: int) -> Indices:
+    """Return the local nodes of the six faces of a brick as grids that point inwards."""
+    kind = ElementHex1() if order == 1 else ElementHex2()
+    places = np.asarray(kind.doflocs)
+    faces = []
+    for axis in range(3):
+        first, second = (axis + 1) % 3, (axis + 2) % 3
+        for side in (0.0, 1.0):
+            on = np.flatnonzero(places[:, axis] == side)
+            # first × second points along +axis, which is inwards on the low side
+            slow, fast = (first, second) if side == 0.0 else (second, first)
+            faces.append(on[np.lexsort((places[on, fast], places[on, slow]))])
+    return np.array(faces, dtype=np.int64)
+
+
+def _corner_places(order: int) -> Indices:
+    side = order + 1
+    return np.array([0, side - 1, side * (side - 1), side * side - 1])

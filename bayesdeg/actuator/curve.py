@@ -1,0 +1,231 @@
+"""One pressure curve: groups in, readings at every load out."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdeg.actuator.equilibrium import Path, follow
+from bayesdeg.actuator.linear import open_factorization
+from bayesdeg.actuator.material import Material
+from bayesdeg.actuator.mesh import ActuatorMesh, reshaped
+from bayesdeg.actuator.newton import Step
+from bayesdeg.actuator.outputs import OUTPUTS, read_state, reading_gradients
+from bayesdeg.actuator.problem import Problem
+from bayesdeg.actuator.sensitivity import INPUTS, derivatives
+from bayesdeg.actuator.status import Effort, Status
+from bayesdeg.actuator.system import System
+from bayesdeg.errors import GeometryError
+
+Floats = NDArray[np.float64]
+
+# raised whenever a change of the model changes its numbers: stored solutions then count no more
+MODEL_VERSION = "2"
+
+
+@dataclass(frozen=True)
+class Curve:
+    """The inputs of one pressure curve in dimensionless groups.
+
+    Parameters
+    ----------
+    loads : tuple of float
+        p/C1, rising, above 0 [–].
+    material : Material
+        The other groups.
+    """
+
+    loads: tuple[float, ...]
+    material: Material
+
+
+@dataclass(frozen=True)
+class CurveSolution:
+    """One pressure curve at moulded size, as far as it was reached.
+
+    Parameters
+    ----------
+    bend_angle, arc_length, peak_stretch : array, shape (n_reached,)
+        [rad], [mm], [–].
+    readings : array, shape (n_reached, n_outputs)
+        All that is read, in the order of ``outputs.OUTPUTS``.
+    rates : array, shape (n_reached, n_outputs)
+        Their derivatives by the load, exact along the path.
+    rest : array, shape (n_outputs,)
+        The readings at zero pressure, under dead loads alone.
+    rest_rates : array, shape (n_outputs,)
+        Their derivatives by the load there.
+    status : Status
+        How the path ended.
+    limit_load : float
+        p/C1 of the limit point; inf if none was met [–].
+    iterations : int
+        Factorizations spent.
+    solver : str
+        The direct solver that was used.
+    """
+
+    readings: Floats
+    rates: Floats
+    rest: Floats
+    rest_rates: Floats
+    status: Status
+    limit_load: float
+    iterations: int
+    solver: str
+
+    @property
+    def bend_angle(self) -> Floats:
+        """Rotation of the free end face at every load [rad]."""
+        return self.readings[:, 0]
+
+    @property
+    def arc_length(self) -> Floats:
+        """Deformed length of the bottom line at every load [mm]."""
+        return self.readings[:, 1]
+
+    @property
+    def peak_stretch(self) -> Floats:
+        """Largest principal stretch that 99 % of the volume stays below [–]."""
+        return self.readings[:, 3]
+
+
+class Actuator:
+    """A meshed actuator, ready to be solved for any material.
+
+    Parameters
+    ----------
+    mesh : ActuatorMesh
+        Of the nominal geometry.
+    solver : {"pypardiso", "splu"}, optional
+        The direct solver; by default the best that this machine has.
+    """
+
+    def __init__(self, mesh: ActuatorMesh, *, solver: str | None = None) -> None:
+        self.mesh, self.system = mesh, System(mesh.body)
+        self._solver = solver
+
+    def solve(self, curve: Curve, *, effort: Effort | None = None) -> CurveSolution:
+        """Solve one pressure curve; every failure is in the status, none is raised."""
+        solution, _ = self._solve(curve, effort or Effort(), gradients=False)
+        return solution
+
+    def solve_with_gradients(
+        self, curve: Curve, *, effort: Effort | None = None
+    ) -> tuple[CurveSolution, Floats]:
+        """Solve one pressure curve and differentiate every reading by every input.
+
+        Returns
+        -------
+        solution : CurveSolution
+            As from ``solve``, with an equilibrium at every load.
+        gradients : array, shape (n_reached, n_outputs, n_inputs)
+            In the orders of ``outputs.OUTPUTS`` and ``sensitivity.INPUTS``.
+        """
+        exact = replace(effort or Effort(tolerance=1e-6, rate_tolerance=1e-7), exact=True)
+        return self._solve(curve, exact, gradients=True)
+
+    def _solve(
+        self, curve: Curve, effort: Effort, *, gradients: bool
+    ) -> tuple[CurveSolution, Floats]:
+        nothing = np.empty((0, len(OUTPUTS), len(INPUTS)))
+        try:
+            mesh, problem = self.problem(curve)
+        except (GeometryError, ValueError):
+            return _empty(Status.INVALID_INPUT), nothing
+        factorization = open_factorization(problem.system.upper, self._solver)
+        wanted, rows = set(curve.loads), list[Floats]()
+
+        def visit(step: Step) -> None:
+            if gradients and step.state.load in wanted and step.factors is not None:
+                rows.append(
+                    derivatives(
+                        problem,
+                        factorization,
+                        state=step.state,
+                        factors=step.factors,
+                        gradients=reading_gradients(mesh, step.state),
+                    )
+                )
+
+        try:
+            path = follow(problem, factorization, loads=curve.loads, effort=effort, visit=visit)
+        finally:
+            factorization.close()
+        solution = _read_path(mesh, path, factorization.name)
+        return solution, np.stack(rows) if rows else nothing
+
+    def problem(self, curve: Curve) -> tuple[ActuatorMesh, Problem]:
+        """Return the mesh and the equations for a curve's material, walls and faces moved.
+
+        Raises
+        ------
+        GeometryError
+            If the wall factor or the erosion leaves no actuator.
+        ValueError
+            If an input is not finite or has an impossible sign.
+        """
+        material = curve.material
+        check_inputs(curve)
+        if material.wall_factor == 1.0 and material.erosion == 0.0:
+            return self.mesh, Problem(self.system, material)
+        mesh = reshaped(self.mesh, wall_factor=material.wall_factor, erosion=material.erosion)
+        return mesh, Problem(self.system.with_body(mesh.body), material)
+
+
+def check_inputs(curve: Curve) -> None:
+    """Refuse inputs that no equation can be made of.
+
+    Raises
+    ------
+    ValueError
+        If a load or a group is not finite, loads do not rise above 0, or the paper's stiffness,
+        thickness or slack is below 0.
+    """
+    values = vars(curve.material)
+    wrong = [f"{name} is {value}" for name, value in values.items() if not np.isfinite(value)]
+    for name in ("paper_group", "paper_thickness", "paper_slack", "erosion"):
+        if values[name] < 0.0:
+            wrong.append(f"{name} is {values[name]:g}, below 0")
+    loads = np.asarray(curve.loads, dtype=np.float64)
+    if not (np.all(np.isfinite(loads)) and np.all(np.diff(loads, prepend=0.0) > 0.0)):
+        wrong.append("the loads do not rise above 0")
+    if wrong:
+        raise ValueError("; ".join(wrong))
+
+
+def solve_curve(
+    mesh: ActuatorMesh,
+    curve: Curve,
+    *,
+    effort: Effort | None = None,
+    solver: str | None = None,
+) -> CurveSolution:
+    """Solve one pressure curve on a mesh; failures are in the status."""
+    return Actuator(mesh, solver=solver).solve(curve, effort=effort)
+
+
+def _empty(status: Status) -> CurveSolution:
+    none, missing = np.empty((0, len(OUTPUTS))), np.full(len(OUTPUTS), np.nan)
+    return CurveSolution(none, none, missing, missing, status, 0.0, 0, "")
+
+
+def _read_path(mesh: ActuatorMesh, path: Path, solver: str) -> CurveSolution:
+    if path.rest is None:
+        return replace(_empty(path.status), limit_load=path.limit_load, iterations=path.iterations)
+    angle, readings, rates = 0.0, list[Floats](), list[Floats]()
+    for point in (path.rest, *path.points):
+        reading = read_state(mesh, point.state, rate=point.rate, previous_angle=angle)
+        angle = reading.bend_angle
+        readings.append(reading.values)
+        rates.append(reading.rates)
+    return CurveSolution(
+        np.array(readings[1:]).reshape(-1, len(OUTPUTS)),
+        np.array(rates[1:]).reshape(-1, len(OUTPUTS)),
+        readings[0],
+        rates[0],
+        path.status,
+        path.limit_load,
+        path.iterations,
+        solver,
+    )

@@ -1,0 +1,72 @@
+"""What the discrete equations need to know of an actuator: dimensionless groups."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Material:
+    """The actuator's groups, in units of C1 and at moulded size; neutral but for the first three.
+
+    Parameters
+    ----------
+    c2_ratio, c3_ratio : float
+        C2/C1 and C3/C1 of the Yeoh law [–].
+    paper_group : float
+        Et/(C1 s): stiffness of the paper over C1 and the linear scale s [mm].
+    paper_poisson : float
+        Poisson's ratio of the paper [–].
+    bulk_ratio : float
+        K/C1 [–]; at 1e4 the curvature is within 0.05 % of the incompressible one.
+    second_invariant_ratio : float
+        r/C1 of a term r (√Ī₂ − √3) in the energy [–].
+    skin : float
+        Logarithm of the stiffness of an exposed surface over that of the volume's mean [–].
+    paper_thickness : float
+        Thickness over the linear scale, t/s [mm]; it gives the paper its bending stiffness.
+    paper_slack : float
+        Strain within which a cockled paper carries next to nothing [–].
+    paper_mismatch : float
+        How much longer the paper is than the body that it is bonded to: the linear strain by
+        which the body shrank after the paper was bonded [–].
+    gravity_along, gravity_up : float
+        ρ g s/C1 along the actuator, from the clamp, and up, from the paper [1/mm].
+    wall_factor : float
+        Thickness of walls and roof over the nominal one [–].
+    erosion : float
+        Thickness lost from exposed faces, over the linear scale [mm].
+    """
+
+    c2_ratio: float
+    c3_ratio: float
+    paper_group: float
+    paper_poisson: float = 0.3
+    bulk_ratio: float = 1e4
+    second_invariant_ratio: float = 0.0
+    skin: float = 0.0
+    paper_thickness: float = 0.0
+    paper_slack: float = 0.0
+    paper_mismatch: float = 0.0
+    gravity_along: float = 0.0
+    gravity_up: float = 0.0
+    wall_factor: float = 1.0
+    erosion: float = 0.0
+
+
+def is_elliptic(material: Material) -> bool:
+    """Return whether ∂W/∂I₁ > 0 for all strains: C3 ≥ 0 and C2 > −√(3 C1 C3).
+
+    The second-invariant term must not be negative either.
+
+    Examples
+    --------
+    >>> is_elliptic(Material(c2_ratio=-0.5, c3_ratio=0.01, paper_group=100.0))
+    False
+    """
+    c2, c3 = material.c2_ratio, material.c3_ratio
+    if not material.second_invariant_ratio >= 0.0:
+        return False
+    if c3 > 0.0:
+        return bool(c2 > -np.sqrt(3.0 * c3))
+    return c3 == 0.0 and c2 >= 0.0

@@ -1,0 +1,233 @@
+"""The paper on the bottom, compiled: a membrane that may be slack or prestrained."""
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from bayesdeg.actuator.surfaces import scatter
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Places = NDArray[np.int32]
+
+
+@njit(cache=True)
+def membrane(
+    placed: Floats,
+    nodes: Floats,
+    faces: Indices,
+    along_first: Floats,
+    along_second: Floats,
+    weights: Floats,
+    law: Floats,
+    force: Floats,
+    position: Places,
+    data: Floats,
+) -> float:  # pragma: no cover - compiled
+    """Add force and tangent of the paper on plane faces z = 0; return its energy.
+
+    W = k Ψ(q), k = Et/(1 − ν²), q² = (1 − ν) E : E + ν (tr E)², with E the Green strain in the
+    plane, measured from a paper that is longer by ``mismatch``. Without slack Ψ = q²/2: St.
+    Venant–Kirchhoff. With slack s, Ψ = q²/2 − s² ln cosh(q/s): next to nothing is carried at
+    strains below s, and the full stiffness far beyond.
+
+    Parameters
+    ----------
+    placed, nodes : array, shape (n_nodes, 3)
+        Positions now and undeformed [mm].
+    faces, along_first, along_second, weights
+        Of ``Body.paper`` and ``surfaces.face_shapes``.
+    law : array, shape (4,)
+        Et [C1 mm], ν, slack, mismatch.
+    force, position, data
+        As in ``surfaces.cavity_volume``.
+    """
+    total, count = 0.0, faces.shape[1]
+    gradient, local = np.empty((count, 2)), np.empty((count, 3))
+    for face in range(faces.shape[0]):
+        for a in range(count):
+            local[a] = placed[faces[face, a]]
+        size = _size(nodes, faces[face], 1.0 + law[3])
+        tangent = np.zeros((3 * count, 3 * count))
+        for q in range(weights.shape[0]):
+            gradient[:, 0] = along_first[q] / size[0]
+            gradient[:, 1] = along_second[q] / size[1]
+            w = weights[q] * size[0] * size[1]
+            first = local.T @ gradient
+            plain, share, slope, energy = membrane_law(first, law)
+            total += w * energy
+            push = gradient @ (first @ plain).T
+            for a in range(count):
+                force[faces[face, a]] += w * share * push[a]
+            if data.size > 0:
+                _add_stiffness(gradient, first, w * share, law, tangent)
+                _add_stress(gradient, w * share * plain, push, w * slope, tangent)
+        if data.size > 0:
+            scatter(tangent, position[face], data)
+    return total
+
+
+@njit(cache=True)
+def _size(nodes: Floats, face: Indices, longer: float) -> Floats:  # pragma: no cover - compiled
+    """Return length and width of a rectangle of paper before it was bonded."""
+    across: Floats = ((nodes[face[-1]] - nodes[face[0]]) * longer)[:2]
+    return across
+
+
+@njit(cache=True)
+def membrane_law(
+    first: Floats, law: Floats
+) -> tuple[Floats, float, float, float]:  # pragma: no cover - compiled
+    """Return the law at one point from its deformation gradient (3, 2).
+
+    The stress is S = share · plain, plain = k [(1 − ν) E + ν tr E I] that of a paper without
+    slack; further 2/k d(share)/d(q²), and the energy.
+    """
+    poisson, slack = law[1], law[2]
+    k = law[0] / (1.0 - poisson * poisson)
+    strain = 0.5 * (first.T @ first - np.eye(2))
+    direction = (1.0 - poisson) * strain + poisson * np.trace(strain) * np.eye(2)
+    square = np.sum(direction * strain)
+    share, slope, energy = 1.0, 0.0, 0.5 * square
+    if slack > 0.0:
+        x = np.sqrt(square) / slack
+        if x < 1e-2:  # the same, expanded
+            share = x**2 / 3.0 - 2.0 * x**4 / 15.0 + 17.0 * x**6 / 315.0
+            slope = 1.0 / 3.0 - 4.0 * x**2 / 15.0 + 17.0 * x**4 / 105.0
+            energy = slack**2 * (x**4 / 12.0 - x**6 / 45.0)
+        else:
+            t = np.tanh(x)
+            share = 1.0 - t / x
+            slope = 0.5 * (t / x - 1.0 + t * t) / (x * x)
+            energy = 0.5 * square - slack**2 * (x + np.log1p(np.exp(-2.0 * x)) - np.log(2.0))
+        slope *= 2.0 / (k * slack**2)
+    return k * direction, share, slope, k * energy
+
+
+@njit(cache=True)
+def _add_stiffness(
+    gradient: Floats, first: Floats, w: float, law: Floats, tangent: Floats
+) -> None:  # pragma: no cover - compiled
+    """Add one point's material tangent with ∂plain/∂E, unknowns node by node."""
+    shear = w * law[0] / (1.0 + law[1])
+    dilation = shear * law[1] / (1.0 - law[1])
+    push = gradient @ first.T
+    metric = 0.5 * shear * (first @ first.T)
+    inner = gradient @ gradient.T
+    count = gradient.shape[0]
+    for a in range(count):
+        for i in range(3):
+            here = dilation * push[a, i]
+            for c in range(count):
+                other = 0.5 * shear * push[c, i]
+                for k in range(3):
+                    tangent[3 * a + i, 3 * c + k] += (
+                        here * push[c, k] + other * push[a, k] + inner[a, c] * metric[i, k]
+                    )
+
+
+@njit(cache=True)
+def _add_stress(
+    gradient: Floats, stress: Floats, push: Floats, w: float, tangent: Floats
+) -> None:  # pragma: no cover - compiled
+    """Add one point's geometric tangent, and what a changing share of the stress adds."""
+    geometric = gradient @ stress @ gradient.T
+    for a in range(gradient.shape[0]):
+        for c in range(gradient.shape[0]):
+            for i in range(3):
+                tangent[3 * a + i, 3 * c + i] += geometric[a, c]
+    if w != 0.0:
+        flat = push.reshape(push.size)
+        tangent += w * np.outer(flat, flat)
+
+
+@njit(cache=True)
+def membrane_product(
+    placed: Floats,
+    nodes: Floats,
+    faces: Indices,
+    along_first: Floats,
+    along_second: Floats,
+    weights: Floats,
+    law: Floats,
+    direction: Floats,
+    force: Floats,
+) -> None:  # pragma: no cover - compiled
+    """Add the membrane's tangent times a direction (n_nodes, 3); arguments as for ``membrane``."""
+    count = faces.shape[1]
+    gradient = np.empty((count, 2))
+    local, along = np.empty((count, 3)), np.empty((count, 3))
+    k, poisson = law[0] / (1.0 - law[1] * law[1]), law[1]
+    for face in range(faces.shape[0]):
+        for a in range(count):
+            local[a], along[a] = placed[faces[face, a]], direction[faces[face, a]]
+        size = _size(nodes, faces[face], 1.0 + law[3])
+        for q in range(weights.shape[0]):
+            gradient[:, 0] = along_first[q] / size[0]
+            gradient[:, 1] = along_second[q] / size[1]
+            w = weights[q] * size[0] * size[1]
+            first, change = local.T @ gradient, along.T @ gradient
+            plain, share, slope, _ = membrane_law(first, law)
+            strain = 0.5 * (change.T @ first + first.T @ change)
+            stiff = k * ((1.0 - poisson) * strain + poisson * np.trace(strain) * np.eye(2))
+            stress = share * stiff + slope * np.sum(plain * strain) * plain
+            push = gradient @ (first @ stress + change @ (share * plain)).T
+            for a in range(count):
+                force[faces[face, a]] += w * push[a]
+
+
+@njit(cache=True)
+def membrane_rate(
+    placed: Floats,
+    nodes: Floats,
+    faces: Indices,
+    along_first: Floats,
+    along_second: Floats,
+    weights: Floats,
+    law: Floats,
+    rates: Floats,
+) -> None:  # pragma: no cover - compiled
+    """Add the derivatives of the membrane's force by Et, slack and mismatch to ``rates``.
+
+    ``rates`` has the shape (3, n_nodes, 3); other arguments as for ``membrane``. At zero slack
+    the second is the one-sided derivative.
+    """
+    count, longer = faces.shape[1], 1.0 + law[3]
+    gradient, local = np.empty((count, 2)), np.empty((count, 3))
+    for face in range(faces.shape[0]):
+        for a in range(count):
+            local[a] = placed[faces[face, a]]
+        size = _size(nodes, faces[face], longer)
+        for q in range(weights.shape[0]):
+            gradient[:, 0] = along_first[q] / size[0]
+            gradient[:, 1] = along_second[q] / size[1]
+            w = weights[q] * size[0] * size[1]
+            first = local.T @ gradient
+            plain, share, slope, _ = membrane_law(first, law)
+            changes = _stress_rates(first, law, plain, share, slope)
+            for j in range(3):
+                push = gradient @ (first @ changes[j]).T
+                for a in range(count):
+                    rates[j, faces[face, a]] += w * push[a]
+
+
+@njit(cache=True)
+def _stress_rates(
+    first: Floats, law: Floats, plain: Floats, share: float, slope: float
+) -> Floats:  # pragma: no cover - compiled
+    """Return ∂S/∂(Et, slack, mismatch), (3, 2, 2)."""
+    out = np.zeros((3, 2, 2))
+    k, poisson = law[0] / (1.0 - law[1] * law[1]), law[1]
+    metric = first.T @ first
+    square = np.sum(plain * 0.5 * (metric - np.eye(2))) / k
+    if law[0] > 0.0:
+        out[0] = share * plain / law[0]
+    if law[2] > 0.0:
+        out[1] = -square * slope * k / law[2] * plain
+    elif square > 0.0:
+        out[1] = -plain / np.sqrt(square)
+    # the paper's own size cancels in the force but for the strain: dE = −C dm/(1 + m)
+    change = -metric / (1.0 + law[3])
+    stiff = k * ((1.0 - poisson) * change + poisson * np.trace(change) * np.eye(2))
+    out[2] = share * stiff + slope * np.sum(plain * change) * plain
+    return out

@@ -1,0 +1,140 @@
+"""Exact derivatives of every reading by every material and load input, by the adjoint.
+
+With R(u, m) = 0 the discrete equilibrium and g an output, dg/dm = −λᵀ ∂R/∂m with K λ = ∂g/∂u:
+one solution with the factors at hand for each output, however many inputs there are.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdeg.actuator import kernel_products, paper
+from bayesdeg.actuator.linear import Factorization
+from bayesdeg.actuator.problem import Linearisation, Problem
+from bayesdeg.actuator.skin import skin_profile
+from bayesdeg.actuator.system import State
+
+Floats = NDArray[np.float64]
+
+INPUTS = (
+    "load",
+    "c2_ratio",
+    "c3_ratio",
+    "second_invariant_ratio",
+    "skin",
+    "paper_group",
+    "paper_thickness",
+    "paper_slack",
+    "paper_mismatch",
+    "gravity_along",
+    "gravity_up",
+)
+
+ENOUGH = 1e-8  # relative correction of an adjoint at which it is taken for settled
+CORRECTIONS = 8
+
+
+def derivatives(
+    problem: Problem,
+    solver: Factorization,
+    *,
+    state: State,
+    factors: Linearisation,
+    gradients: Floats,
+) -> Floats:
+    """Return derivatives of outputs by the inputs, shape (n_outputs, n_inputs).
+
+    Parameters
+    ----------
+    problem : Problem
+        Whose equilibrium it is.
+    solver : Factorization
+        Holds the factors of a tangent at, or next to, the state.
+    state : State
+        An equilibrium.
+    factors : Linearisation
+        That tangent's linearisation.
+    gradients : array, shape (n_outputs, n_nodes, 3)
+        Derivatives of the outputs by the positions of the nodes, as in ``Reading``.
+
+    Returns
+    -------
+    array
+        Columns in the order of ``INPUTS``; the outputs themselves depend on no input directly.
+    """
+    adjoints = adjoint_states(problem, solver, state=state, factors=factors, gradients=gradients)
+    by_inputs: Floats = -np.einsum(
+        "oni,mni->om", adjoints, residual_rates(problem, state), optimize=True
+    )
+    return by_inputs
+
+
+def adjoint_states(
+    problem: Problem,
+    solver: Factorization,
+    *,
+    state: State,
+    factors: Linearisation,
+    gradients: Floats,
+) -> Floats:
+    """Return K⁻¹ g for the gradients of all outputs at once, (n_outputs, n_nodes, 3).
+
+    Factors of a tangent near by are corrected by the defect of the mixed problem's equations.
+    """
+    right = np.column_stack([problem.on_free(g) for g in gradients])
+    fields = [problem.system.expand(column) for column in solver.solve(right).T]
+    adjoints = [State(u, problem.pressure_increment(factors, u), 0.0) for u in fields]
+    for _ in range(CORRECTIONS):
+        products = problem.products(state, adjoints)
+        defects = [(f - g, v) for (f, v), g in zip(products, gradients, strict=True)]
+        right = np.column_stack([problem.condensed(f, v, factors) for f, v in defects])
+        moves = [problem.system.expand(-column) for column in solver.solve(right).T]
+        adjoints = [
+            a.moved(u, problem.pressure_increment(factors, u, v))
+            for a, u, (_, v) in zip(adjoints, moves, defects, strict=True)
+        ]
+        if all(_small(u, a.displacement) for u, a in zip(moves, adjoints, strict=True)):
+            break
+    return np.stack([a.displacement for a in adjoints])
+
+
+def _small(change: Floats, whole: Floats) -> bool:
+    return bool(np.max(np.abs(change)) <= ENOUGH * max(float(np.max(np.abs(whole))), 1e-300))
+
+
+def residual_rates(problem: Problem, state: State) -> Floats:
+    """Return ∂R/∂m of the uncondensed residual for every input, (n_inputs, n_nodes, 3).
+
+    The volume equation knows none of the inputs.
+    """
+    system, body, material = problem.system, problem.system.body, problem.material
+    placed = body.nodes + state.displacement
+    solid = np.zeros((len(body.nodes), 12))
+    profile = skin_profile(body)
+    kernel_products.constant_rates(
+        state.displacement,
+        body.elements,
+        body.gradients,
+        body.weights,
+        problem.constants,
+        profile,
+        solid,
+    )
+    membrane = np.zeros((3, len(body.nodes), 3))
+    paper.membrane_rate(placed, body.nodes, body.paper, *problem.face, problem.paper_law, membrane)
+    bend = (system.bending @ state.displacement.ravel()).reshape(-1, 3)
+    plate = bend * material.paper_thickness / (12.0 * (1.0 - material.paper_poisson**2))
+    gravity = -problem.share * system.volumes
+    along, up = np.zeros_like(placed), np.zeros_like(placed)
+    along[:, 0], up[:, 2] = gravity, gravity
+    return np.stack(
+        [
+            -problem.cavity_gradient(state),
+            *np.moveaxis(solid.reshape(-1, 4, 3), 1, 0),
+            membrane[0] + plate * material.paper_thickness,
+            2.0 * plate * material.paper_group,
+            membrane[1],
+            problem.share * membrane[2],
+            along,
+            up,
+        ]
+    )

@@ -1,0 +1,71 @@
+"""How a solution ended, and what it may spend."""
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+
+class Status(IntEnum):
+    """How a solution ended; the member's ``advice`` says what it means and what to do."""
+
+    CONVERGED = 0
+    LIMIT_POINT = 1
+    UNSTABLE_MATERIAL = 2
+    EFFORT_EXHAUSTED = 3
+    OUTSIDE_TRAINING = 4
+    BUCKLED = 5
+    INVALID_INPUT = 6
+
+    @property
+    def advice(self) -> str:
+        """What the status means, in plain words."""
+        return _ADVICE[self]
+
+
+_ADVICE = {
+    Status.CONVERGED: "equilibrium found",
+    Status.LIMIT_POINT: "the actuator balloons before this pressure; there is no stable "
+    "equilibrium near by: lower the pressure, or stiffen walls or material",
+    Status.UNSTABLE_MATERIAL: "the constants soften without bound (C2 <= -sqrt(3 C1 C3) or "
+    "C1 <= 0 or C3 < 0): use constants of a stable material",
+    Status.EFFORT_EXHAUSTED: "not converged within the allowed iterations: refine the pressure "
+    "steps or report the parameters",
+    Status.OUTSIDE_TRAINING: "outside the range on which the emulator was trained: narrow the "
+    "priors or train an emulator on a wider range",
+    Status.BUCKLED: "the shape loses its stability before this pressure although the actuator "
+    "does not balloon, as where compressed paper wrinkles: lower the pressure, or check the "
+    "paper's stiffness and thickness",
+    Status.INVALID_INPUT: "an input is not a number or has an impossible sign: check pressure, "
+    "scale, paper stiffness and the other inputs",
+}
+
+
+@dataclass(frozen=True)
+class Effort:
+    """What a path may spend.
+
+    Parameters
+    ----------
+    tolerance : float
+        Largest displacement of the last step of Newton's method over the size of the body [–].
+    iterations : int
+        Steps of Newton's method at one load.
+    halvings : int
+        How often the smallest distance between loads may be halved.
+    total : int
+        Factorizations a path.
+    rate_tolerance : float
+        Relative change at which the tangent of the path is taken for settled [–].
+    first_step : float
+        Largest displacement in the first step of the load over the size of the body [–].
+    exact : bool
+        Whether an equilibrium is found at every load asked for; otherwise the path is interpolated
+        between the steps that its course needs, with an error below the tolerance.
+    """
+
+    tolerance: float = 4e-4
+    iterations: int = 10
+    halvings: int = 5
+    total: int = 400
+    rate_tolerance: float = 5e-4
+    first_step: float = 0.03
+    exact: bool = False

@@ -1,0 +1,97 @@
+"""Every output by every input: the adjoint against equilibria found anew."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bayesdeg.actuator.curve import Curve
+from bayesdeg.actuator.linear import open_factorization
+from bayesdeg.actuator.newton import find_equilibrium
+from bayesdeg.actuator.outputs import OUTPUTS, read_state
+from bayesdeg.actuator.problem import Problem
+from bayesdeg.actuator.sensitivity import INPUTS
+from bayesdeg.actuator.status import Effort, Status
+
+pytestmark = pytest.mark.fem
+
+LOADS = (0.2, 0.5)
+CLOSE = Effort(tolerance=1e-9, iterations=15, rate_tolerance=1e-10)
+STEPS = (4e-3, 1e-3, 2.5e-4)  # of the input's own size
+
+
+@pytest.fixture(scope="module")
+def solved(two_chambers, every_effect):
+    solution, gradients = two_chambers.solve_with_gradients(Curve(LOADS, every_effect))
+    assert solution.status is Status.CONVERGED
+    return solution, gradients
+
+
+@pytest.fixture(scope="module")
+def resolve(two_chambers, every_effect, path_of):
+    """Outputs at the last load with one input changed, from the equilibrium next to it."""
+    problem = Problem(two_chambers.system, every_effect)
+    base = path_of(problem, LOADS, Effort(exact=True)).states[-1]
+    solver = open_factorization(two_chambers.system.upper)
+
+    def at(name, value):
+        if name == "load":
+            changed, guess = problem, replace(base, load=value)
+        else:
+            material = replace(every_effect, **{name: value})
+            changed, guess = Problem(two_chambers.system, material), base
+        found = find_equilibrium(changed, solver, guess=guess, effort=CLOSE)
+        assert found.rate is not None
+        return read_state(two_chambers.mesh, found.state).values
+
+    yield at
+    solver.close()
+
+
+@pytest.mark.parametrize("name", INPUTS)
+def test_adjoint_gradients_agree_with_solutions_found_anew(solved, resolve, every_effect, name):
+    """Central differences, extrapolated over two steps; the best of a study of the step counts."""
+    _, gradients = solved
+    adjoint = gradients[-1][:, INPUTS.index(name)]
+    start = LOADS[-1] if name == "load" else getattr(every_effect, name)
+    differences = []
+    for share in STEPS:
+        step = share * abs(start)
+        differences.append((resolve(name, start + step) - resolve(name, start - step)) / (2 * step))
+    coarse, middle, fine = np.array(differences)
+    candidates = [middle, fine, (16 * middle - coarse) / 15, (16 * fine - middle) / 15]
+    errors = np.abs(np.array(candidates) / adjoint - 1.0)
+    best = errors.min(axis=0)
+    print(f"{name:>24}", *(f"{o} {e:.0e}" for o, e in zip(OUTPUTS, best, strict=True)))
+    assert np.all(np.isfinite(adjoint))
+    assert np.all(best < 1e-6)
+
+
+def test_rates_along_the_path_are_the_gradients_by_the_load(solved):
+    solution, gradients = solved
+    by_load = gradients[:, :, INPUTS.index("load")]
+    error = np.abs(solution.rates / by_load - 1.0).max()
+    print(f"rates against adjoint: {error:.1e}")
+    assert error < 1e-6
+
+
+def test_gradients_stand_beside_the_readings_of_every_load(solved):
+    solution, gradients = solved
+    assert gradients.shape == (len(LOADS), len(OUTPUTS), len(INPUTS))
+    assert solution.readings.shape == (len(LOADS), len(OUTPUTS))
+
+
+def test_rates_of_a_default_solution_agree_with_exact_ones(two_chambers, fresh):
+    exact, _ = two_chambers.solve_with_gradients(Curve(LOADS, fresh))
+    default = two_chambers.solve(Curve(LOADS, fresh), effort=Effort(exact=True))
+    error = np.abs(default.rates / exact.rates - 1.0).max()
+    print(f"rates at default effort: {error:.1e}")
+    assert error < 1e-3
+
+
+def test_rest_rates_are_the_slopes_of_the_first_small_load(two_chambers, every_effect):
+    loads = (1e-5,)
+    solution, _ = two_chambers.solve_with_gradients(Curve(loads, every_effect))
+    slope = (solution.readings[0] - solution.rest) / loads[0]
+    smooth = [OUTPUTS.index(n) for n in ("bend_angle", "arc_length", "cavity_volume")]
+    np.testing.assert_allclose(slope[smooth], solution.rest_rates[smooth], rtol=1e-3)

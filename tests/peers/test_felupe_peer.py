@@ -1,0 +1,58 @@
+"""felupe on the same mesh with the same element: the same curvatures, digit by digit."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bayesdeg.actuator.body import LINEAR_CONSTANT, QUADRATIC, QUADRATIC_CONSTANT
+from bayesdeg.actuator.geometry import Geometry
+from bayesdeg.actuator.mesh import Resolution, build_mesh
+from bayesdeg.measure.settings import Dimensions
+from tests.peers.peer_path import FRESH, LOADS, curvatures, own_path
+
+felupe_actuator = pytest.importorskip("tests.peers.felupe_actuator", reason="needs felupe")
+
+pytestmark = [pytest.mark.peer, pytest.mark.fem]
+
+ONE_CHAMBER = Geometry(Dimensions(length=14.0, chambers=1))
+TWO_CHAMBERS = Geometry(Dimensions(length=20.0, chambers=2))
+DEFAULT = Geometry(Dimensions())
+COARSEST = Resolution(along=9.0, across=9.0, up=9.0)
+FIVE_DECIMALS = 5e-6  # 1/m
+
+
+def both(geometry, element, material=FRESH):
+    mesh = build_mesh(geometry, COARSEST, element=element)
+    ours = own_path(mesh.body, material, loads=LOADS)
+    theirs = felupe_actuator.solve(mesh.body, material, loads=LOADS)
+    return curvatures(mesh, ours.displacements), curvatures(mesh, theirs.displacements)
+
+
+@pytest.mark.parametrize(
+    ("geometry", "element"),
+    [
+        (TWO_CHAMBERS, LINEAR_CONSTANT),
+        (DEFAULT, LINEAR_CONSTANT),
+        (ONE_CHAMBER, QUADRATIC_CONSTANT),
+        (ONE_CHAMBER, QUADRATIC),
+        pytest.param(TWO_CHAMBERS, QUADRATIC_CONSTANT, marks=pytest.mark.slow),
+        pytest.param(TWO_CHAMBERS, QUADRATIC, marks=pytest.mark.slow),
+    ],
+    ids=lambda value: getattr(value, "name", None),
+)
+def test_all_curvatures_agree_to_five_decimals(geometry, element):
+    ours, theirs = both(geometry, element)
+    assert ours[-1] > 5.0  # a path of large rotations
+    np.testing.assert_allclose(ours, theirs, rtol=0.0, atol=FIVE_DECIMALS)
+
+
+def test_without_paper_too():
+    ours, theirs = both(TWO_CHAMBERS, LINEAR_CONSTANT, replace(FRESH, paper_group=0.0))
+    np.testing.assert_allclose(ours, theirs, rtol=0.0, atol=FIVE_DECIMALS)
+
+
+def test_the_paper_counts_in_the_comparison():
+    _, papered = both(TWO_CHAMBERS, LINEAR_CONSTANT)
+    _, bare = both(TWO_CHAMBERS, LINEAR_CONSTANT, replace(FRESH, paper_group=0.0))
+    assert np.all(np.abs(papered / bare - 1.0) > 0.05)
