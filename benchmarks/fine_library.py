@@ -1,6 +1,6 @@
 """A second surrogate, for studies by the dozen: a Gaussian process over curves of a finer mesh.
 
-Finer mesh (1892 instead of 1178 elements), another design and another family than the emulator
+Finer mesh (4616 instead of 2042 elements), another design and another family than the emulator
 that inference uses, so that data made with it are no inverse crime. Run as a script it solves the
 curves (about 25 minutes on 2 cores, resumable), and prints its own error, by leaving out whole
 curves, and the emulator's deviation from it.

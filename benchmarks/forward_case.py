@@ -19,7 +19,8 @@ from bayesdeg.actuator.status import Status
 Floats = NDArray[np.float64]
 
 PRESSURES = np.arange(20.0, 250.0, 20.0)  # kPa
-LINEAR_SCALE, PAPER_STIFFNESS, PAPER_THICKNESS = 0.843, 3e4, 0.1  # –, N/m, mm
+LINEAR_SCALE, PAPER_STIFFNESS = 0.843, 3e4  # –, N/m
+PAPER_THICKNESS = 0.117 * LINEAR_SCALE  # mm: 0.117 mm at moulded size
 CONSTANTS = {"fresh": (0.288, -0.004, 0.0012), "degraded": (1.588, -0.149, 0.1175)}  # MPa
 
 

@@ -1,12 +1,13 @@
 """One pressure curve: groups in, readings at every load out."""
 
 from dataclasses import dataclass, replace
+from threading import Lock
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.actuator.equilibrium import Path, follow
-from bayesdeg.actuator.linear import open_factorization
+from bayesdeg.actuator.linear import Factorization, open_factorization
 from bayesdeg.actuator.material import Material
 from bayesdeg.actuator.mesh import ActuatorMesh, reshaped
 from bayesdeg.actuator.newton import Step
@@ -93,6 +94,9 @@ class CurveSolution:
 class Actuator:
     """A meshed actuator, ready to be solved for any material.
 
+    The direct solver's symbolic analysis is done at the first curve and kept for all that follow;
+    ``close`` gives its memory back. One curve is solved at a time, whatever thread asks.
+
     Parameters
     ----------
     mesh : ActuatorMesh
@@ -103,7 +107,15 @@ class Actuator:
 
     def __init__(self, mesh: ActuatorMesh, *, solver: str | None = None) -> None:
         self.mesh, self.system = mesh, System(mesh.body)
-        self._solver = solver
+        self._solver, self._lock = solver, Lock()
+        self._factorization: Factorization | None = None
+
+    def close(self) -> None:
+        """Give back the memory of the direct solver; a further curve opens it anew."""
+        with self._lock:
+            if self._factorization is not None:
+                self._factorization.close()
+            self._factorization = None
 
     def solve(self, curve: Curve, *, effort: Effort | None = None) -> CurveSolution:
         """Solve one pressure curve; every failure is in the status, none is raised."""
@@ -133,7 +145,6 @@ class Actuator:
             mesh, problem = self.problem(curve)
         except (GeometryError, ValueError):
             return _empty(Status.INVALID_INPUT), nothing
-        factorization = open_factorization(problem.system.upper, self._solver)
         wanted, rows = set(curve.loads), list[Floats]()
 
         def visit(step: Step) -> None:
@@ -148,10 +159,11 @@ class Actuator:
                     )
                 )
 
-        try:
+        with self._lock:
+            if self._factorization is None:
+                self._factorization = open_factorization(self.system.upper, self._solver)
+            factorization = self._factorization
             path = follow(problem, factorization, loads=curve.loads, effort=effort, visit=visit)
-        finally:
-            factorization.close()
         solution = _read_path(mesh, path, factorization.name)
         return solution, np.stack(rows) if rows else nothing
 
@@ -202,7 +214,11 @@ def solve_curve(
     solver: str | None = None,
 ) -> CurveSolution:
     """Solve one pressure curve on a mesh; failures are in the status."""
-    return Actuator(mesh, solver=solver).solve(curve, effort=effort)
+    actuator = Actuator(mesh, solver=solver)
+    try:
+        return actuator.solve(curve, effort=effort)
+    finally:
+        actuator.close()
 
 
 def _empty(status: Status) -> CurveSolution:

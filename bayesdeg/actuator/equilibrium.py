@@ -90,7 +90,9 @@ def follow(
     visit = visit or (lambda step: None)
     rest, spent = _rest(problem, solver, effort, visit)
     if rest is None:
-        return Path(None, (), Status.BUCKLED, 0.0, spent)
+        exhausted = spent > effort.total
+        status = Status.EFFORT_EXHAUSTED if exhausted else Status.BUCKLED
+        return Path(None, (), status, np.inf if exhausted else 0.0, spent)
     if len(loads) == 0:
         return Path(rest, (), Status.CONVERGED, np.inf, spent)
     points, status, tried = _climb(problem, solver, rest, loads, effort=effort, visit=visit)

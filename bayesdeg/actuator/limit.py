@@ -28,7 +28,7 @@ class Limit:
     status : Status
         LIMIT_POINT, BUCKLED or EFFORT_EXHAUSTED.
     load : float
-        Largest load [–].
+        Largest load; inf if it was not found [–].
     factorizations : int
         Spent.
     """
@@ -87,7 +87,7 @@ class _Search:
         last = points[-1]
         here = self._settle(last.state, self._volume(last.state))
         if here is None:
-            return Limit(Status.EFFORT_EXHAUSTED, last.state.load, self.spent)
+            return Limit(Status.EFFORT_EXHAUSTED, np.inf, self.spent)
         step = self._first_step(points, here)
         for _ in range(STEPS):
             if here.negative > 0 and here.load_rate > 0.0:
@@ -105,7 +105,7 @@ class _Search:
                 step *= 0.5
                 continue
             here, step = there, 1.5 * step
-        return Limit(Status.EFFORT_EXHAUSTED, here.state.load, self.spent)
+        return Limit(Status.EFFORT_EXHAUSTED, np.inf, self.spent)
 
     def _first_step(self, points: Sequence[Point], here: _Place) -> float:
         back = points[-2].state if len(points) > 1 else self.problem.system.rest()

@@ -35,9 +35,9 @@ class Resolution:
 
 
 COARSE = Resolution(along=3.5, across=2.5, up=5.0)
-# on the default geometry within about 1 % of the curvature of vanishing elements
-CONVERGED = Resolution(along=1.2, across=1.05, up=1.0, grading=0.5)
-FINE = Resolution(along=1.0, across=0.7, up=0.9, grading=0.6)
+# on the default geometry within 1 % of the curvature of vanishing elements
+CONVERGED = Resolution(along=1.2, across=1.05, up=1.0, grading=0.75)
+FINE = Resolution(along=1.0, across=0.7, up=0.9, grading=0.75)
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,8 @@ from bayesdeg.actuator.system import Point, State
 Floats = NDArray[np.float64]
 
 LARGEST_STEP = 0.2  # of the body's size; beyond it the iteration has lost its way
-CORRECTIONS = 6
+CORRECTIONS = 8
+SHRINKAGE = 0.7  # of each correction against the one before
 
 
 @dataclass(frozen=True)
@@ -66,20 +67,24 @@ def find_equilibrium(
         if largest < effort.tolerance * size:
             rate = State(velocity, problem.pressure_increment(now, velocity), 1.0)
             point = polished(problem, solver, Point(state, rate), now, effort)
-            return Step(point.state, point.rate, now, count)
+            if point is not None:
+                return Step(point.state, point.rate, now, count)
     return Step(state, None, None, effort.iterations)
 
 
 def polished(
     problem: Problem, solver: Factorization, point: Point, factors: Linearisation, effort: Effort
-) -> Point:
+) -> Point | None:
     """Return an equilibrium and the path's tangent from approximate ones and factors near by.
 
     Each correction takes a step of the modified Newton method of the mixed problem, in which the
     couplings of the volume equation are as old as the factors, so that a large K does no harm,
     and removes the defect of the linear equation of the rate. It ends where one changes less
-    than ``effort.rate_tolerance`` of the largest velocity.
+    than ``effort.rate_tolerance`` of the largest velocity. None if the corrections do not shrink:
+    the factors are too old.
     """
+    size = float(np.ptp(problem.system.body.nodes, axis=0).max())
+    largest_move, largest_change = effort.tolerance * size, np.inf
     for _ in range(CORRECTIONS):
         state, rate = point.state, point.rate
         now = problem.linearise(state, tangent=False)
@@ -90,8 +95,12 @@ def polished(
         for column, (_, volume) in zip(solution.T, residuals, strict=True):
             displacement = problem.system.expand(-column)
             moves.append((displacement, problem.pressure_increment(factors, displacement, volume)))
+        move, change = (float(np.max(np.abs(u))) for u, _ in moves)
+        if not (move <= largest_move and change <= largest_change):
+            return None
         point = Point(state.moved(*moves[0]), rate.moved(*moves[1]))
-        change, whole = np.max(np.abs(moves[1][0])), np.max(np.abs(rate.displacement))
+        whole = float(np.max(np.abs(rate.displacement)))
         if change <= effort.rate_tolerance * whole:
-            break
-    return point
+            return point
+        largest_move, largest_change = SHRINKAGE * move, SHRINKAGE * change
+    return None

@@ -25,8 +25,8 @@ _ADVICE = {
     Status.CONVERGED: "equilibrium found",
     Status.LIMIT_POINT: "the actuator balloons before this pressure; there is no stable "
     "equilibrium near by: lower the pressure, or stiffen walls or material",
-    Status.UNSTABLE_MATERIAL: "the constants soften without bound (C2 <= -sqrt(3 C1 C3) or "
-    "C1 <= 0 or C3 < 0): use constants of a stable material",
+    Status.UNSTABLE_MATERIAL: "the constants soften without bound (C2 <= -sqrt(3 C1 C3), C3 < 0 "
+    "or a negative second-invariant term): use constants of a stable material",
     Status.EFFORT_EXHAUSTED: "not converged within the allowed iterations: refine the pressure "
     "steps or report the parameters",
     Status.OUTSIDE_TRAINING: "outside the range on which the emulator was trained: narrow the "
@@ -34,8 +34,8 @@ _ADVICE = {
     Status.BUCKLED: "the shape loses its stability before this pressure although the actuator "
     "does not balloon, as where compressed paper wrinkles: lower the pressure, or check the "
     "paper's stiffness and thickness",
-    Status.INVALID_INPUT: "an input is not a number or has an impossible sign: check pressure, "
-    "scale, paper stiffness and the other inputs",
+    Status.INVALID_INPUT: "an input is not a number or has an impossible sign, or nothing is left "
+    "of a wall: check that C1 is above 0, and pressure, scale, paper and walls",
 }
 
 
@@ -64,7 +64,7 @@ class Effort:
 
     tolerance: float = 4e-4
     iterations: int = 10
-    halvings: int = 5
+    halvings: int = 8
     total: int = 400
     rate_tolerance: float = 5e-4
     first_step: float = 0.03

@@ -61,7 +61,7 @@ def turn(angles):
 def test_rigid_motions_and_plane_stretches_cost_nothing(element, stretched):
     body = sheet(element=element, stretched=stretched)
     for placed in (
-        body.nodes + [1.0, -2.0, 3.0],
+        body.nodes + np.array([1.0, -2.0, 3.0]),
         body.nodes @ turn((0.7, -1.9, 2.5)).T,
         body.nodes @ (turn((0.3, 0.2, -0.4)) @ np.diag([1.3, 0.8, 1.0])).T,
     ):

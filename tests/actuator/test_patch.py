@@ -148,7 +148,7 @@ def test_pulled_block_takes_the_homogeneous_state_of_the_closed_form(block, at_r
 
 
 def _areas(system, axis):
-    """∫ N dA over the face at the end of an axis: from the forces of a unit pressure in the bulk."""
+    """∫ N dA over the face at the end of an axis: from the forces of a unit pressure."""
     problem = Problem(system, MATERIAL)
     pressure = constant_pressure(system.body, 1.0)
     rest = State(np.zeros_like(system.body.nodes), pressure, 0.0)
