@@ -75,19 +75,22 @@ def tabulate(
 def reach(curve: Curve, solution: CurveSolution) -> float:
     """Return the load up to which a curve is smooth enough to emulate [–]; inf if all of it is.
 
-    Where d ln κ / d ln q passes ``STEEPEST``, or shortly before a limit point.
+    Where d ln κ / d ln q passes ``STEEPEST``, or shortly before a limit point; of a curve whose
+    end was not found, the last load that was solved.
     """
     q = np.array(curve.loads[: len(solution.bend_angle)])
     if len(q) < 3:
         return 0.0
+    exhausted = solution.status == Status.EFFORT_EXHAUSTED
+    limit = float(q[-1]) if exhausted else LIMIT_MARGIN * solution.limit_load
     growth = np.diff(np.log(solution.bend_angle / solution.arc_length)) / np.diff(np.log(q))
     steep = np.flatnonzero(growth > STEEPEST)
     if len(steep) == 0:
-        return LIMIT_MARGIN * solution.limit_load
+        return limit
     middle, at = np.sqrt(q[1:] * q[:-1]), int(steep[0])
     before = max(at - 1, 0)
     crossing = np.interp(STEEPEST, growth[before : at + 1], middle[before : at + 1])
-    return min(float(crossing), LIMIT_MARGIN * solution.limit_load)
+    return min(float(crossing), limit)
 
 
 def unit_groups(curve: Curve, box: TrainingBox) -> Floats:
