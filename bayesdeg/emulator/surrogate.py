@@ -71,7 +71,7 @@ class Surrogate:
         curvature = np.where(outside, np.nan, kappa / scale * 1e3)
         return Prediction(
             curvature=curvature,
-            bend_angle=np.where(outside, np.nan, np.degrees(kappa * arc)),
+            bend_angle=np.degrees(np.where(outside, np.nan, kappa * arc)),
             peak_stretch=np.where(outside, np.nan, stretch),
             slope=curvature * growth,
             sd=curvature * np.interp(np.broadcast_to(load, shape), self.error_loads, self.error),
@@ -89,7 +89,9 @@ class Surrogate:
         points = np.stack(z, axis=1)
         loads = np.ascontiguousarray(np.broadcast_to(load, shape)).reshape(-1, columns)
         safe = np.where(np.isfinite(points), np.clip(points, -1.2, 1.2), 0.0)
-        out = _evaluate_batch(loads, safe, self.box.load, self.orders, self.coefficients)
+        # polynomials overflow far outside, where their values are not used
+        near = np.minimum(loads, 1.5 * self.box.load)
+        out = _evaluate_batch(near, safe, self.box.load, self.orders, self.coefficients)
         limit = np.exp(polynomial(self.limit_orders, self.limit_coefficients, safe))
         limit = np.minimum(limit, self.box.largest_load(safe[:, 1]))
         inside = np.all(np.abs(points) <= 1.0, axis=1)[:, None] & (loads <= limit[:, None])

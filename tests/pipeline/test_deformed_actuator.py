@@ -114,7 +114,8 @@ def test_beyond_the_last_equilibrium_the_state_before_it_is_shown(fit, tmp_path)
 
 def test_an_actuator_without_any_equilibrium_is_left_out(fit, tmp_path):
     values = {name: np.array([value]) for name, value in TRUTH.items()}
-    soft = fit_of(fit.model, fit.model.table.vectors(values | {"c1_at_0": np.array([1e-3])}))
+    balloon = {"c1_at_0": np.array([1e-3]), "c3_at_0": np.array([1e-6])}
+    soft = fit_of(fit.model, fit.model.table.vectors(values | balloon))
     write_deformed(RunFolder(tmp_path), soft, TWO_CHAMBERS, resolution=COARSEST)
     (shape,) = read_surface(tmp_path).shapes
     assert shape.degradation == 25.0
