@@ -25,12 +25,23 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from forward_case import PRESSURES, Floats, curvature_of, curve_of, say
+from forward_case import (
+    CONSTANTS,
+    LINEAR_SCALE,
+    PAPER_STIFFNESS,
+    PRESSURES,
+    Floats,
+    curvature_of,
+    curve_of,
+    say,
+)
 from scipy.optimize import brentq
 
 from bayesdeg.actuator.curve import MODEL_VERSION, Actuator
 from bayesdeg.actuator.geometry import Geometry
+from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.actuator.mesh import ActuatorMesh, Resolution, build_mesh, graded
+from bayesdeg.emulator.store import default_surrogate
 from bayesdeg.measure.settings import Dimensions
 
 STORE = Path(__file__).with_suffix(".json")
@@ -193,6 +204,18 @@ def extend(
     return members
 
 
+def emulator_deviation_pct(limits: dict[str, Estimate]) -> dict[str, list[float]]:
+    """Return how far the shipped emulator's curvature is from the limits [%]."""
+    forward, one = default_surrogate(), np.ones(1)
+    deviations = {}
+    for name, estimate in limits.items():
+        c1, c2, c3 = (c * one for c in CONSTANTS[name])
+        inputs = Inputs(PRESSURES, c1, c2, c3, LINEAR_SCALE * one, PAPER_STIFFNESS * one)
+        curvature = forward(inputs).curvature
+        deviations[name] = (100.0 * (curvature / np.asarray(estimate.limit) - 1.0)).tolist()
+    return deviations
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -209,7 +232,9 @@ def main() -> None:
         }
         for grading in options.gradings
     }
-    print(json.dumps({"pressures_kPa": PRESSURES.tolist(), **tables}, indent=1))
+    emulator = emulator_deviation_pct(estimates(members))
+    answer = {"pressures_kPa": PRESSURES.tolist(), **tables, "emulator_deviation_pct": emulator}
+    print(json.dumps(answer, indent=1))
 
 
 if __name__ == "__main__":

@@ -14,6 +14,7 @@ Floats = NDArray[np.float64]
 
 LARGEST_STEP = 0.2  # of the body's size; beyond it the iteration has lost its way
 CORRECTIONS = 8
+ROUNDING = 1e-7  # of the body's size: smaller corrections need not shrink
 SHRINKAGE = 0.7  # of each correction against the one before
 
 
@@ -84,7 +85,8 @@ def polished(
     the factors are too old.
     """
     size = float(np.ptp(problem.system.body.nodes, axis=0).max())
-    largest_move, largest_change = effort.tolerance * size, np.inf
+    least = ROUNDING * size
+    largest_move, largest_change = max(effort.tolerance * size, least), np.inf
     for _ in range(CORRECTIONS):
         state, rate = point.state, point.rate
         now = problem.linearise(state, tangent=False)
@@ -102,5 +104,6 @@ def polished(
         whole = float(np.max(np.abs(rate.displacement)))
         if change <= effort.rate_tolerance * whole:
             return point
-        largest_move, largest_change = SHRINKAGE * move, SHRINKAGE * change
+        largest_move = max(SHRINKAGE * move, least)
+        largest_change = max(SHRINKAGE * change, ROUNDING * whole)
     return None
