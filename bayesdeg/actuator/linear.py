@@ -16,6 +16,10 @@ except ImportError:  # pragma: no cover - depends on the machine
 
 Floats = NDArray[np.float64]
 
+# of PARDISO: not all by default, nested dissection, no refinement of solutions, which by default
+# costs more than they do and which Newton's method and the corrections here make needless
+_PARAMETERS = {1: 1, 2: 2, 8: 0}
+
 
 class LostDefinitenessError(ArithmeticError):
     """The tangent is no longer positive definite: the equilibrium is not stable."""
@@ -68,6 +72,8 @@ class PardisoCholesky:
         """Open the solver on one thread: the same sums in the same order on every machine."""
         self._solver = pypardiso.PyPardisoSolver(mtype=2)
         self._solver.libmkl.MKL_Set_Num_Threads(ctypes.c_int(1))
+        for place, value in _PARAMETERS.items():
+            self._solver.set_iparm(place, value)
 
     def factorize(self, data: Floats) -> None:
         """Factorize; raises LostDefinitenessError if a pivot is not positive."""
