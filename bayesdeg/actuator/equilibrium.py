@@ -147,8 +147,9 @@ def _rest(
         spent += trial.factorizations
         if trial.rate is None:
             step *= 0.5
-            if step < 0.5 ** (effort.halvings + 1) or spent > effort.total:
-                return None, spent
+        if step < 0.5 ** (effort.halvings + 1) or spent > effort.total:
+            return None, spent
+        if trial.rate is None:
             continue
         state, share = trial.state, aim
         if share == 1.0:
