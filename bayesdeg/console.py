@@ -1,16 +1,16 @@
 """Progress bars on standard error, and the worker processes of a command."""
 
-import multiprocessing
 import os
-import threading
 from collections.abc import Iterator
-from concurrent.futures import Executor, ProcessPoolExecutor
+from concurrent.futures import Executor
 from contextlib import contextmanager
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
 from rich.table import Column
 
+from bayesdeg.emulator.cluster import cluster_executor
+from bayesdeg.emulator.workers import WorkerProcesses
 from bayesdeg.pipeline.progress import Silent
 
 errors = Console(stderr=True)
@@ -60,25 +60,24 @@ def shown(quiet: bool) -> Iterator[Bars | Silent]:
 
 
 @contextmanager
-def pool(workers: int) -> Iterator[Executor | None]:
-    """Open worker processes, each with one thread of linear algebra; none for one worker."""
+def pool(workers: int, scheduler: str | None = None) -> Iterator[Executor | None]:
+    """Open where finite element runs are solved.
+
+    Parameters
+    ----------
+    workers : int
+        Processes on this machine, each with one thread of linear algebra; none for 1.
+    scheduler : str, optional
+        Address of a Dask scheduler, whose workers are taken instead.
+    """
+    if scheduler is not None:
+        with cluster_executor(scheduler) as executor:
+            yield executor
+        return
     if workers == 1:
         yield None
         return
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, mp_context=context, initializer=_end_with_parent) as executor:
-        yield executor
-
-
-def _end_with_parent() -> None:
-    """Let a worker die with the command that started it, even if that was killed."""
-    parent = multiprocessing.parent_process()
-    assert parent is not None
-
-    def wait() -> None:
-        parent.join()
-        os._exit(1)
-
-    threading.Thread(target=wait, daemon=True).start()
+    with WorkerProcesses(workers) as processes:
+        yield processes

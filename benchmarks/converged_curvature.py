@@ -41,7 +41,7 @@ from bayesdeg.actuator.curve import MODEL_VERSION, Actuator
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.actuator.mesh import ActuatorMesh, Resolution, build_mesh, graded
-from bayesdeg.emulator.store import default_surrogate
+from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.measure.settings import Dimensions
 
 STORE = Path(__file__).with_suffix(".json")

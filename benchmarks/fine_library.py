@@ -26,7 +26,7 @@ from bayesdeg.actuator.mesh import FINE
 from bayesdeg.actuator.status import Status
 from bayesdeg.emulator.campaign import Run, complete, space_filling
 from bayesdeg.emulator.scaling import TrainingBox, groups
-from bayesdeg.emulator.store import default_surrogate
+from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.emulator.training import Table, tabulate
 from bayesdeg.measure.settings import Dimensions
 
@@ -105,6 +105,8 @@ class FineLibrary:
             peak_stretch=(1.0 + q * np.exp(stretch)).reshape(shape),
             slope=np.full(shape, np.nan),
             sd=np.zeros(shape),
+            bend_angle_sd=np.zeros(shape),
+            peak_stretch_sd=np.zeros(shape),
             status=np.where(inside, 0, int(Status.OUTSIDE_TRAINING)).reshape(shape),
         )
 

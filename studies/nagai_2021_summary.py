@@ -21,7 +21,7 @@ from nagai_2021.tables import agreement_tables, rupture_tables, show
 from nagai_2021.words import AGREEMENT, RUPTURE, TITLE, agreement_answer, rupture_answer
 from numpy.typing import NDArray
 
-from bayesdeg.emulator.store import default_surrogate
+from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.material.criteria import CRITERIA
 
 Floats = NDArray[np.float64]

@@ -98,15 +98,12 @@ class StepControl:
         Wanted error of the guess [mm].
     exact : bool
         Whether every load must be met.
-    taken : float
-        Length of the last step tried [–].
     """
 
     step: float
     smallest: float
     target: float
     exact: bool
-    taken: float = 0.0
 
     @classmethod
     def start(cls, problem: Problem, rest: Point, loads: Sequence[float], effort: Effort) -> Self:

@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdeg.actuator.curve import Actuator, Curve, CurveSolution
+from bayesdeg.actuator.curve import Actuator, Curve, CurveSolution, PathSamples
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.inputs import (
     ForwardMap,
@@ -19,9 +19,12 @@ from bayesdeg.actuator.inputs import (
 )
 from bayesdeg.actuator.material import Material
 from bayesdeg.actuator.mesh import Resolution, build_mesh
-from bayesdeg.actuator.status import Status
+from bayesdeg.actuator.status import Effort, Status
 
 Floats = NDArray[np.float64]
+
+# beyond so many factorizations a path is not one that an emulator should learn
+SAMPLING = Effort(total=150)
 
 
 class ExactMap:
@@ -74,8 +77,16 @@ class ExactMap:
         ]
         arrays = [np.stack(column).reshape(shape) for column in zip(*parts, strict=True)]
         curvature, angle, stretch, slope, status = arrays
-        sd = np.zeros_like(curvature)
-        return Prediction(curvature, angle, stretch, slope, sd, status.astype(np.int64))
+        return Prediction(
+            curvature=curvature,
+            bend_angle=angle,
+            peak_stretch=stretch,
+            slope=slope,
+            sd=np.zeros(shape),
+            bend_angle_sd=np.zeros(shape),
+            peak_stretch_sd=np.zeros(shape),
+            status=status.astype(np.int64),
+        )
 
     def _solve(self, curves: list[Curve]) -> list[CurveSolution]:
         tasks = [(self.geometry, self.resolution, curve) for curve in curves]
@@ -89,7 +100,13 @@ class ExactMap:
 
 
 def relative_to_reference(forward: ForwardMap, inputs: Inputs) -> Prediction:
-    """Return the prediction with the curvature at the reference pressure taken off."""
+    """Return the prediction with the curvature at the reference pressure taken off.
+
+    Errors of a map are taken to grow along a curve by independent steps, so that the covariance
+    of two readings is the smaller variance: their difference has the variance |σ² − σ₀²|. That is
+    0 where the pressure is the reference, and not below what an error common to the whole curve
+    leaves, |σ − σ₀|.
+    """
     assert inputs.reference_pressure is not None
     plain = forward(replace(inputs, reference_pressure=None))
     zero = forward(replace(inputs, pressure=inputs.reference_pressure, reference_pressure=None))
@@ -98,8 +115,15 @@ def relative_to_reference(forward: ForwardMap, inputs: Inputs) -> Prediction:
         curvature=plain.curvature - zero.curvature,
         bend_angle=plain.bend_angle - zero.bend_angle,
         slope=plain.slope - zero.slope,
+        sd=_difference_sd(plain.sd, zero.sd),
+        bend_angle_sd=_difference_sd(plain.bend_angle_sd, zero.bend_angle_sd),
         status=np.maximum(plain.status, zero.status),
     )
+
+
+def _difference_sd(sd: Floats, reference_sd: Floats) -> Floats:
+    difference: Floats = np.sqrt(np.abs(sd**2 - reference_sd**2))
+    return difference
 
 
 @cache
@@ -107,10 +131,20 @@ def _actuator(geometry: Geometry, resolution: Resolution) -> Actuator:
     return Actuator(build_mesh(geometry, resolution))
 
 
-def solve_task(task: tuple[Geometry, Resolution, Curve]) -> CurveSolution:
+def solve_task(
+    task: tuple[Geometry, Resolution, Curve], *, effort: Effort | None = None
+) -> CurveSolution:
     """Solve one curve, with this process's copy of the mesh built once."""
     geometry, resolution, curve = task
-    return _actuator(geometry, resolution).solve(curve)
+    return _actuator(geometry, resolution).solve(curve, effort=effort)
+
+
+def sample_task(
+    task: tuple[Geometry, Resolution, Curve], *, effort: Effort | None = None
+) -> PathSamples:
+    """Sample one curve, with this process's copy of the mesh built once."""
+    geometry, resolution, curve = task
+    return _actuator(geometry, resolution).sample(curve, effort=effort or SAMPLING)
 
 
 def _curve(load: Floats, groups: dict[str, Floats]) -> Curve:

@@ -82,6 +82,10 @@ class Prediction:
         that for a relative loss of stiffness, which also changes the paper's group.
     sd : array
         Standard error of the map's own curvature [1/m].
+    bend_angle_sd : array
+        Standard error of the map's own bend angle [deg].
+    peak_stretch_sd : array
+        Standard error of the map's own peak stretch [–].
     status : array of int
         ``Status`` of each value.
     """
@@ -91,6 +95,8 @@ class Prediction:
     peak_stretch: Floats
     slope: Floats
     sd: Floats
+    bend_angle_sd: Floats
+    peak_stretch_sd: Floats
     status: NDArray[np.int64]
 
 

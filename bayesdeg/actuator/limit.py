@@ -1,5 +1,6 @@
 """The limit point: volume control past the largest pressure that an actuator can bear."""
 
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -16,7 +17,7 @@ Floats = NDArray[np.float64]
 STEPS = 40
 ITERATIONS = 12
 LARGEST_STEP = 0.2
-WIDEST = 2e-3  # relative width of the bracket, in load, within which the limit is a parabola's top
+WIDEST = 2e-3  # relative width of the bracket, in load, within which a cubic gives the limit
 
 
 @dataclass(frozen=True)
@@ -26,7 +27,7 @@ class Limit:
     Parameters
     ----------
     status : Status
-        LIMIT_POINT, BUCKLED or EFFORT_EXHAUSTED.
+        LIMIT_POINT, BUCKLED, EFFORT_EXHAUSTED or TIMED_OUT.
     load : float
         Largest load; inf if it was not found [–].
     factorizations : int
@@ -50,7 +51,13 @@ class _Place:
 
 
 def locate_limit(
-    problem: Problem, points: Sequence[Point], *, effort: Effort, highest: float
+    problem: Problem,
+    points: Sequence[Point],
+    *,
+    effort: Effort,
+    highest: float,
+    solver: str | None = None,
+    deadline: float = np.inf,
 ) -> Limit:
     """Return the load at which the pressure no longer rises with the volume.
 
@@ -68,13 +75,17 @@ def locate_limit(
         Tolerances and bounds.
     highest : float
         Largest load of interest [–]; beyond twice that the search ends.
+    solver : str, optional
+        Name of the direct solver; by default the best that this machine has.
+    deadline : float
+        Of ``time.monotonic``, after which the search is given up [s].
     """
-    solver = open_indefinite(problem.system.upper)
-    search = _Search(problem, solver, effort)
+    opened = open_indefinite(problem.system.upper, solver)
+    search = _Search(problem, opened, effort)
     try:
-        return search.run(points, highest)
+        return search.run(points, highest, deadline)
     finally:
-        solver.close()
+        opened.close()
 
 
 class _Search:
@@ -83,13 +94,15 @@ class _Search:
         self.size = float(np.ptp(problem.system.body.nodes, axis=0).max())
         self.spent = 0
 
-    def run(self, points: Sequence[Point], highest: float) -> Limit:
+    def run(self, points: Sequence[Point], highest: float, deadline: float) -> Limit:
         last = points[-1]
         here = self._settle(last.state, self._volume(last.state))
         if here is None:
             return Limit(Status.EFFORT_EXHAUSTED, np.inf, self.spent)
         step = self._first_step(points, here)
         for _ in range(STEPS):
+            if time.monotonic() > deadline:
+                return Limit(Status.TIMED_OUT, np.inf, self.spent)
             if here.negative > 0 and here.load_rate > 0.0:
                 return Limit(Status.BUCKLED, here.state.load, self.spent)
             if here.state.load > 2.0 * highest or self.spent > self.effort.total:
@@ -112,7 +125,7 @@ class _Search:
         return 0.5 * max(here.volume - self._volume(back), 1e-3 * abs(here.volume))
 
     def _volume(self, state: State) -> float:
-        return self.problem.linearise(state, tangent=False).cavity_volume
+        return self.problem.cavity_volume(state)
 
     def _ahead(self, here: _Place, step: float) -> State:
         d = here.direction

@@ -142,41 +142,6 @@ def _add_stress(
 
 
 @njit(cache=True)
-def membrane_product(
-    placed: Floats,
-    nodes: Floats,
-    faces: Indices,
-    along_first: Floats,
-    along_second: Floats,
-    weights: Floats,
-    law: Floats,
-    direction: Floats,
-    force: Floats,
-) -> None:  # pragma: no cover - compiled
-    """Add the membrane's tangent times a direction (n_nodes, 3); arguments as for ``membrane``."""
-    count = faces.shape[1]
-    gradient = np.empty((count, 2))
-    local, along = np.empty((count, 3)), np.empty((count, 3))
-    k, poisson = law[0] / (1.0 - law[1] * law[1]), law[1]
-    for face in range(faces.shape[0]):
-        for a in range(count):
-            local[a], along[a] = placed[faces[face, a]], direction[faces[face, a]]
-        size = _size(nodes, faces[face], 1.0 + law[3])
-        for q in range(weights.shape[0]):
-            gradient[:, 0] = along_first[q] / size[0]
-            gradient[:, 1] = along_second[q] / size[1]
-            w = weights[q] * size[0] * size[1]
-            first, change = local.T @ gradient, along.T @ gradient
-            plain, share, slope, _ = membrane_law(first, law)
-            strain = 0.5 * (change.T @ first + first.T @ change)
-            stiff = k * ((1.0 - poisson) * strain + poisson * np.trace(strain) * np.eye(2))
-            stress = share * stiff + slope * np.sum(plain * strain) * plain
-            push = gradient @ (first @ stress + change @ (share * plain)).T
-            for a in range(count):
-                force[faces[face, a]] += w * push[a]
-
-
-@njit(cache=True)
 def membrane_rate(
     placed: Floats,
     nodes: Floats,

@@ -14,6 +14,8 @@ from bayesdeg.actuator.skin import skin_profile
 from bayesdeg.actuator.system import State, System
 
 Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Places = NDArray[np.int32]
 
 NOTHING = np.empty(0)
 
@@ -169,7 +171,7 @@ class Problem:
             Rate of the uncondensed residual, a rate of the load included, (n_nodes, 3); and rate
             of the volume residual, (n_elements, n_modes).
         """
-        body, placed = self.system.body, self.system.body.nodes + state.displacement
+        body = self.system.body
         along = np.concatenate([d.displacement for d in directions], axis=1)
         pressures = np.stack([d.pressure for d in directions], axis=1)
         forces, volume_rates = np.zeros_like(along), np.empty_like(pressures)
@@ -188,23 +190,39 @@ class Problem:
             volume_rates,
         )
         split = np.ascontiguousarray(forces.reshape(-1, len(directions), 3).transpose(1, 0, 2))
-        for force, direction in zip(split, directions, strict=True):
-            self._add_surface_product(state, placed, direction, force)
+        self._add_surface_products(state, directions, split)
         return list(zip(split, np.ascontiguousarray(volume_rates.transpose(1, 0, 2)), strict=True))
 
-    def _add_surface_product(
-        self, state: State, placed: Floats, direction: State, force: Floats
+    def _add_surface_products(
+        self, state: State, directions: Sequence[State], forces: Floats
     ) -> None:
-        body, along = self.system.body, direction.displacement
-        surfaces.cavity_product(placed, along, body.cavity, self._form, -state.load, force)
+        along = np.stack([d.displacement for d in directions], axis=-1)
+        for faces, tangents in self._surface_tangents(state):
+            local = along[faces].reshape(len(faces), -1, len(directions))
+            pushes = (tangents @ local).reshape(*faces.shape, 3, len(directions))
+            for force, push in zip(forces, np.moveaxis(pushes, -1, 0), strict=True):
+                np.add.at(force, faces, push)
         if self.material.paper_group > 0.0:
-            paper.membrane_product(
-                placed, body.nodes, body.paper, *self.face, self.paper_law, along, force
+            bend = self.system.bending @ along.reshape(-1, len(directions))
+            forces += self.bending_stiffness * bend.T.reshape(forces.shape)
+        pressed = np.array([d.load for d in directions])
+        if np.any(pressed != 0.0):
+            forces -= pressed[:, None, None] * self.cavity_gradient(state)
+
+    def _surface_tangents(self, state: State) -> list[tuple[Indices, Floats]]:
+        """Return the faces' nodes and their own tangents, (n_faces, 3 n, 3 n), cavity first."""
+        body, spare = self.system.body, np.zeros_like(self.system.body.nodes)
+        placed = body.nodes + state.displacement
+        at, tangents = _own_entries(body.cavity)
+        surfaces.cavity_volume(placed, body.cavity, self._form, -state.load, spare, at, tangents)
+        found = [(body.cavity, tangents.reshape(at.shape))]
+        if self.material.paper_group > 0.0:
+            at, tangents = _own_entries(body.paper)
+            paper.membrane(
+                placed, body.nodes, body.paper, *self.face, self.paper_law, spare, at, tangents
             )
-            bend = self.system.bending @ along.ravel()
-            force += self.bending_stiffness * bend.reshape(-1, 3)
-        if direction.load != 0.0:
-            force -= direction.load * self.cavity_gradient(state)
+            found.append((body.paper, tangents.reshape(at.shape)))
+        return found
 
     def condensed(self, force: Floats, volume_residual: Floats, factors: Linearisation) -> Floats:
         """Return a residual on the free unknowns, its volume equation eliminated.
@@ -248,9 +266,16 @@ class Problem:
 
     def cavity_gradient(self, state: State) -> Floats:
         """Return dV/du, the force of a unit pressure, (n_nodes, 3) [mm²]."""
+        return self._cavity(state)[1]
+
+    def cavity_volume(self, state: State) -> float:
+        """Return the volume of the half model's cavity [mm³]."""
+        return self._cavity(state)[0]
+
+    def _cavity(self, state: State) -> tuple[float, Floats]:
         gradient = np.zeros_like(self.system.body.nodes)
         placed = self.system.body.nodes + state.displacement
-        surfaces.cavity_volume(
+        volume: float = surfaces.cavity_volume(
             placed,
             self.system.body.cavity,
             self._form,
@@ -259,4 +284,11 @@ class Problem:
             self.system.cavity_at,
             NOTHING,
         )
-        return gradient
+        return volume, gradient
+
+
+def _own_entries(faces: Indices) -> tuple[Places, Floats]:
+    """Return places and room for a tangent of each face's own."""
+    size = 3 * faces.shape[1]
+    places = np.arange(len(faces) * size * size, dtype=np.int32).reshape(len(faces), size, size)
+    return places, np.zeros(places.size)

@@ -4,18 +4,23 @@ With R(u, m) = 0 the discrete equilibrium and g an output, dg/dm = −λᵀ ∂R
 one solution with the factors at hand for each output, however many inputs there are.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.actuator import kernel_products, paper
 from bayesdeg.actuator.linear import Factorization
+from bayesdeg.actuator.mesh import ActuatorMesh
+from bayesdeg.actuator.outputs import reading_gradients
 from bayesdeg.actuator.problem import Linearisation, Problem
+from bayesdeg.actuator.shape import SHAPE_INPUTS, Variation, evaluated
 from bayesdeg.actuator.skin import skin_profile
 from bayesdeg.actuator.system import State
 
 Floats = NDArray[np.float64]
 
-INPUTS = (
+MATERIAL_INPUTS = (
     "load",
     "c2_ratio",
     "c3_ratio",
@@ -28,8 +33,8 @@ INPUTS = (
     "gravity_along",
     "gravity_up",
 )
+INPUTS = (*MATERIAL_INPUTS, *SHAPE_INPUTS)
 
-ENOUGH = 1e-8  # relative correction of an adjoint at which it is taken for settled
 CORRECTIONS = 8
 
 
@@ -39,7 +44,9 @@ def derivatives(
     *,
     state: State,
     factors: Linearisation,
-    gradients: Floats,
+    mesh: ActuatorMesh,
+    shapes: Sequence[Variation],
+    enough: float,
 ) -> Floats:
     """Return derivatives of outputs by the inputs, shape (n_outputs, n_inputs).
 
@@ -53,19 +60,27 @@ def derivatives(
         An equilibrium.
     factors : Linearisation
         That tangent's linearisation.
-    gradients : array, shape (n_outputs, n_nodes, 3)
-        Derivatives of the outputs by the positions of the nodes, as in ``Reading``.
+    mesh : ActuatorMesh
+        Whose outputs are read.
+    shapes : sequence of Variation
+        Of ``SHAPE_INPUTS``.
+    enough : float
+        Relative correction of an adjoint at which it is taken for settled.
 
     Returns
     -------
     array
-        Columns in the order of ``INPUTS``; the outputs themselves depend on no input directly.
+        Columns in the order of ``INPUTS``; the outputs depend directly on the shape alone.
     """
-    adjoints = adjoint_states(problem, solver, state=state, factors=factors, gradients=gradients)
-    by_inputs: Floats = -np.einsum(
-        "oni,mni->om", adjoints, residual_rates(problem, state), optimize=True
+    gradients = reading_gradients(mesh, state)
+    adjoints = adjoint_states(
+        problem, solver, state=state, factors=factors, gradients=gradients, enough=enough
     )
-    return by_inputs
+    fields = np.stack([adjoint.displacement for adjoint in adjoints])
+    by_material = -np.einsum("oni,mni->om", fields, residual_rates(problem, state), optimize=True)
+    here = evaluated(mesh, problem, state)
+    by_shape = [shape.derivatives(here, adjoints) for shape in shapes]
+    return np.column_stack([by_material, *by_shape])
 
 
 def adjoint_states(
@@ -75,8 +90,9 @@ def adjoint_states(
     state: State,
     factors: Linearisation,
     gradients: Floats,
-) -> Floats:
-    """Return K⁻¹ g for the gradients of all outputs at once, (n_outputs, n_nodes, 3).
+    enough: float,
+) -> list[State]:
+    """Return the adjoints of all outputs: the mixed problem's tangent inverted, times (g, 0).
 
     Factors of a tangent near by are corrected by the defect of the mixed problem's equations.
     """
@@ -92,19 +108,19 @@ def adjoint_states(
             a.moved(u, problem.pressure_increment(factors, u, v))
             for a, u, (_, v) in zip(adjoints, moves, defects, strict=True)
         ]
-        if all(_small(u, a.displacement) for u, a in zip(moves, adjoints, strict=True)):
+        if all(_largest(u) <= enough * _largest(a) for u, a in zip(moves, fields, strict=True)):
             break
-    return np.stack([a.displacement for a in adjoints])
+    return adjoints
 
 
-def _small(change: Floats, whole: Floats) -> bool:
-    return bool(np.max(np.abs(change)) <= ENOUGH * max(float(np.max(np.abs(whole))), 1e-300))
+def _largest(field: Floats) -> float:
+    return float(np.max(np.abs(field)))
 
 
 def residual_rates(problem: Problem, state: State) -> Floats:
-    """Return ∂R/∂m of the uncondensed residual for every input, (n_inputs, n_nodes, 3).
+    """Return ∂R/∂m of the uncondensed residual for ``MATERIAL_INPUTS``, (n_inputs, n_nodes, 3).
 
-    The volume equation knows none of the inputs.
+    The volume equation knows none of these inputs.
     """
     system, body, material = problem.system, problem.system.body, problem.material
     placed = body.nodes + state.displacement

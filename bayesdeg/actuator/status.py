@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from enum import IntEnum
 
+import numpy as np
+
 
 class Status(IntEnum):
     """How a solution ended; the member's ``advice`` says what it means and what to do."""
@@ -14,6 +16,7 @@ class Status(IntEnum):
     OUTSIDE_TRAINING = 4
     BUCKLED = 5
     INVALID_INPUT = 6
+    TIMED_OUT = 7
 
     @property
     def advice(self) -> str:
@@ -36,6 +39,7 @@ _ADVICE = {
     "paper's stiffness and thickness",
     Status.INVALID_INPUT: "an input is not a number or has an impossible sign, or nothing is left "
     "of a wall: check that C1 is above 0, and pressure, scale, paper and walls",
+    Status.TIMED_OUT: "not finished within the time allowed: allow more time, or a coarser mesh",
 }
 
 
@@ -53,6 +57,8 @@ class Effort:
         How often the smallest distance between loads may be halved.
     total : int
         Factorizations a path.
+    seconds : float
+        Wall time a path, looked at between steps [s].
     rate_tolerance : float
         Relative change at which the tangent of the path is taken for settled [–].
     first_step : float
@@ -66,6 +72,7 @@ class Effort:
     iterations: int = 10
     halvings: int = 8
     total: int = 400
+    seconds: float = np.inf
     rate_tolerance: float = 5e-4
     first_step: float = 0.03
     exact: bool = False

@@ -53,30 +53,60 @@ def largest_stretch(f: Floats, value: Floats) -> None:  # pragma: no cover - com
     Eigenvalues of C = FᵀF by the trigonometric formula, the axis as the longest product of two
     rows of C − λ² I, and λ² once more as the axis's Rayleigh quotient.
     """
-    axis = np.empty(3)
+    axis, moved = np.empty(3), np.empty(3)
+    c, d = np.empty((3, 3)), np.empty((3, 3))
     for e in range(value.shape[0]):
         for q in range(value.shape[1]):
             here = f[e, q]
-            c = here.T @ here
-            mean = (c[0, 0] + c[1, 1] + c[2, 2]) / 3.0
-            d = c - mean * np.eye(3)
-            size = np.sqrt(np.sum(d * d) / 6.0)
-            axis[:] = 0.0
-            axis[0] = 1.0
-            if size > 1e-14 * mean:
-                half = 0.5 * np.linalg.det(d / size)
-                top = mean + 2.0 * size * np.cos(np.arccos(min(1.0, max(-1.0, half))) / 3.0)
-                d = c - top * np.eye(3)
-                longest = 0.0
-                for i in range(3):
-                    product = np.cross(d[i], d[(i + 1) % 3])
-                    length = np.sqrt(np.sum(product * product))
-                    if length > longest:
-                        longest = length
-                        axis[:] = product / length
-            moved = here @ axis
-            value[e, q] = np.sqrt(np.sum(moved * moved))
-            f[e, q] = np.outer(moved / value[e, q], axis)
+            for i in range(3):
+                for j in range(i, 3):
+                    c[i, j] = c[j, i] = (
+                        here[0, i] * here[0, j] + here[1, i] * here[1, j] + here[2, i] * here[2, j]
+                    )
+            _longest_axis(c, d, axis)
+            length = 0.0
+            for i in range(3):
+                moved[i] = here[i, 0] * axis[0] + here[i, 1] * axis[1] + here[i, 2] * axis[2]
+                length += moved[i] * moved[i]
+            length = np.sqrt(length)
+            value[e, q] = length
+            for i in range(3):
+                for j in range(3):
+                    here[i, j] = moved[i] / length * axis[j]
+
+
+@njit(cache=True)
+def _longest_axis(c: Floats, d: Floats, axis: Floats) -> None:  # pragma: no cover - compiled
+    """Overwrite ``axis`` with the unit eigenvector of the largest eigenvalue; ``d`` is spare."""
+    mean = (c[0, 0] + c[1, 1] + c[2, 2]) / 3.0
+    square = 0.0
+    for i in range(3):
+        for j in range(3):
+            d[i, j] = c[i, j] - (mean if i == j else 0.0)
+            square += d[i, j] * d[i, j]
+    size = np.sqrt(square / 6.0)
+    axis[0], axis[1], axis[2] = 1.0, 0.0, 0.0
+    if not size > 1e-14 * mean:
+        return
+    determinant = (
+        d[0, 0] * (d[1, 1] * d[2, 2] - d[1, 2] * d[2, 1])
+        - d[0, 1] * (d[1, 0] * d[2, 2] - d[1, 2] * d[2, 0])
+        + d[0, 2] * (d[1, 0] * d[2, 1] - d[1, 1] * d[2, 0])
+    )
+    half = min(1.0, max(-1.0, 0.5 * determinant / (size * size * size)))
+    top = mean + 2.0 * size * np.cos(np.arccos(half) / 3.0)
+    for i in range(3):
+        d[i, i] = c[i, i] - top
+    longest = 0.0
+    for i in range(3):
+        k = (i + 1) % 3
+        x = d[i, 1] * d[k, 2] - d[i, 2] * d[k, 1]
+        y = d[i, 2] * d[k, 0] - d[i, 0] * d[k, 2]
+        z = d[i, 0] * d[k, 1] - d[i, 1] * d[k, 0]
+        length = np.sqrt(x * x + y * y + z * z)
+        if length > longest:
+            longest = length
+            axis[0], axis[1], axis[2] = x / length, y / length, z / length
 
 
 def volume_quantile(stretch: Floats, weights: Floats, share: float) -> float:

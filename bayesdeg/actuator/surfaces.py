@@ -146,24 +146,6 @@ def _scatter_axial(
 
 
 @njit(cache=True)
-def cavity_product(
-    placed: Floats, direction: Floats, faces: Indices, form: Floats, factor: float, force: Floats
-) -> None:  # pragma: no cover - compiled
-    """Add ``factor`` times the volume's Hessian times a direction (n_nodes, 3)."""
-    count = faces.shape[1]
-    local, along = np.empty((count, 3)), np.empty((count, 3))
-    flat = form.reshape((count * count, count))
-    for face in range(faces.shape[0]):
-        nodes = faces[face]
-        for a in range(count):
-            local[a], along[a] = placed[nodes[a]], direction[nodes[a]]
-        axial = (flat @ local).reshape((count, count, 3))
-        for a in range(count):
-            for c in range(count):
-                force[nodes[a]] += factor * np.cross(axial[a, c], along[c])
-
-
-@njit(cache=True)
 def scatter(tangent: Floats, position: Places, data: Floats) -> None:  # pragma: no cover - compiled
     """Add a face's tangent to the stored entries of the upper triangle."""
     for row in range(tangent.shape[0]):

@@ -1,43 +1,52 @@
-"""The recipe of an emulator: which meshes, how many curves, in which order."""
+"""A recipe becomes an emulator: its finite element runs are solved, and it is trained on them."""
 
 from collections.abc import Callable
 from concurrent.futures import Executor
-from pathlib import Path
+from math import inf
 
+from bayesdeg.actuator.curve import PathSamples
 from bayesdeg.actuator.geometry import Geometry
-from bayesdeg.actuator.mesh import CONVERGED, Resolution
-from bayesdeg.emulator.campaign import Run, complete, space_filling
-from bayesdeg.emulator.scaling import TrainingBox
+from bayesdeg.emulator.campaign import Finished, Kind, Run, complete
+from bayesdeg.emulator.design import space_filling
+from bayesdeg.emulator.recipe import Recipe
+from bayesdeg.emulator.scaling import TrainingRange
+from bayesdeg.emulator.solutions import SolutionStore
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.emulator.training import train
 
-TRAINING_MESH = Resolution(along=2.5, across=2.5, up=2.1)
-CORRECTION_MESH = CONVERGED
-COARSE_CURVES = 256
-FINE_CURVES = 32
-SEED = 1
 # rms deviation of CONVERGED from vanishing elements on the default geometry, fresh and degraded,
 # as printed by `python benchmarks/forward.py --json` (details of error_pct)
 MESH_ERROR = 0.0065
 
 
-def runs(geometry: Geometry, box: TrainingBox | None = None) -> tuple[list[Run], list[Run]]:
-    """Return the coarse and the fine runs that an emulator of a geometry is trained on."""
-    box = box or TrainingBox()
-    coarse = space_filling(box, COARSE_CURVES, seed=SEED)
-    fine = coarse[:FINE_CURVES]
-    return (
-        [Run(geometry, TRAINING_MESH, curve) for curve in coarse],
-        [Run(geometry, CORRECTION_MESH, curve) for curve in fine],
-    )
+def runs(geometry: Geometry, recipe: Recipe | None = None) -> list[Run]:
+    """Return the runs that an emulator of a geometry is trained on, those of the coarse mesh first.
+
+    Examples
+    --------
+    >>> from bayesdeg.measure.settings import Dimensions
+    >>> len(runs(Geometry(Dimensions()), Recipe(coarse_runs=4, fine_runs=2)))
+    6
+    """
+    recipe = recipe or Recipe()
+    curves = space_filling(TrainingRange(), recipe.coarse_runs, seed=recipe.seed)
+    return [
+        *(Run(geometry, recipe.coarse_mesh, curve, Kind.SAMPLES) for curve in curves),
+        *(
+            Run(geometry, recipe.fine_mesh, curve, Kind.SAMPLES)
+            for curve in curves[: recipe.fine_runs]
+        ),
+    ]
 
 
 def build(
     geometry: Geometry,
-    store: Path,
+    store: SolutionStore,
     *,
+    recipe: Recipe | None = None,
     executor: Executor | None = None,
-    on_run: Callable[[], None] | None = None,
+    timeout: float = inf,
+    on_run: Callable[[Finished], None] | None = None,
 ) -> Surrogate:
     """Solve what the store lacks and train an emulator of a geometry.
 
@@ -45,27 +54,33 @@ def build(
     ----------
     geometry : Geometry
         The actuator as moulded.
-    store : Path
-        Folder of finite element solutions; an interrupted campaign goes on from it.
+    store : SolutionStore
+        Finite element solutions; an interrupted campaign goes on from it.
+    recipe : Recipe, optional
+        Meshes and numbers of curves.
     executor : Executor, optional
         Where to solve.
+    timeout : float
+        Time after which a run is given up, from its start [s].
     on_run : callable, optional
-        Called after each solution.
+        Called after each run that the store lacked.
     """
-    box = TrainingBox()
-    coarse, fine = runs(geometry, box)
-    solved = complete([*coarse, *fine], store, executor=executor, on_run=on_run)
+    recipe = recipe or Recipe()
+    wanted = runs(geometry, recipe)
+    found = complete(wanted, store, executor=executor, timeout=timeout, on_run=on_run)
+    solved = [solution for solution in found if isinstance(solution, PathSamples)]
+    curves, many = [run.curve for run in wanted], recipe.coarse_runs
     return train(
-        ([run.curve for run in coarse], solved[: len(coarse)]),
-        ([run.curve for run in fine], solved[len(coarse) :]),
-        box=box,
+        (curves[:many], solved[:many]),
+        (curves[many:], solved[many:]),
+        span=TrainingRange(),
         length=geometry.dimensions.length,
         mesh_error=MESH_ERROR,
         record={
-            "design": "scrambled Sobol'",
-            "seed": SEED,
-            "coarse_mesh_mm": vars(TRAINING_MESH),
-            "fine_mesh_mm": vars(CORRECTION_MESH),
+            "design": "scrambled Sobol' over the material, none to four causes at work in each",
+            "seed": recipe.seed,
+            "coarse_mesh_mm": vars(recipe.coarse_mesh),
+            "fine_mesh_mm": vars(recipe.fine_mesh),
             "dimensions_mm": vars(geometry.dimensions),
         },
     )

@@ -1,156 +1,244 @@
-"""A design of finite element runs over any executor; what stands in the store is never repeated."""
+"""Finite element runs over any executor; what stands in the store is never repeated."""
 
-import hashlib
-import json
 import os
-import tempfile
 import warnings
+from collections import Counter, deque
 from collections.abc import Callable, Sequence
-from concurrent.futures import Executor
-from dataclasses import asdict, dataclass
-from pathlib import Path
-from zipfile import BadZipFile
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
+from dataclasses import dataclass, field
+from math import inf
 
-import numpy as np
-from numpy.typing import NDArray
-from scipy.stats import qmc
+from bayesdeg.emulator.run import Kind, Run, Solution
+from bayesdeg.emulator.solutions import SolutionStore
+from bayesdeg.emulator.workers import Supervised, solve
+from bayesdeg.errors import BayesdegError
 
-from bayesdeg.actuator.curve import MODEL_VERSION, Curve, CurveSolution
-from bayesdeg.actuator.forward import solve_task
-from bayesdeg.actuator.geometry import Geometry
-from bayesdeg.actuator.mesh import Resolution
-from bayesdeg.actuator.status import Status
-from bayesdeg.emulator.scaling import TrainingBox
+__all__ = ["Finished", "Kind", "Run", "Solution", "complete", "missing"]
 
-Floats = NDArray[np.float64]
-
-# dense where the curve starts, so that the initial slope is known
-LOAD_SHARES = tuple(float(x) for x in (np.arange(1, 15) / 14.0) ** 1.3)
+# between looks at whether the workers can still be reached [s]
+_PATIENCE = 2.0
+# of a worker alone with one run, after which that run is given up
+_DEATHS = 3
 
 
 @dataclass(frozen=True)
-class Run:
-    """One finite element curve that a campaign wants.
+class Finished:
+    """What ``on_run`` is told of a run.
 
     Parameters
     ----------
-    geometry : Geometry
-        As moulded.
-    resolution : Resolution
-        Of the mesh.
-    curve : Curve
-        Loads and material in dimensionless groups.
+    run : Run
+        One that the store lacked when the campaign began.
+    solution : Solution
+        Whatever its status.
+    seconds : float
+        What it took; 0 if another campaign solved it in the meantime [s].
     """
 
-    geometry: Geometry
-    resolution: Resolution
-    curve: Curve
-
-    def key(self) -> str:
-        """Return the content's name: code version, geometry, mesh and inputs, hashed."""
-        content = json.dumps([MODEL_VERSION, asdict(self)], sort_keys=True)
-        return hashlib.sha256(content.encode()).hexdigest()
+    run: Run
+    solution: Solution
+    seconds: float
 
 
-def space_filling(box: TrainingBox, count: int, *, seed: int, skip: int = 0) -> list[Curve]:
-    """Return curves over a scrambled Sobol' design of the material groups.
-
-    Parameters
-    ----------
-    box : TrainingBox
-        What the emulator shall cover.
-    count : int
-        Number of curves.
-    seed : int
-        Of the scrambling.
-    skip : int
-        Points of the sequence to leave out first, for a second set that shares none.
-
-    Examples
-    --------
-    >>> len(space_filling(TrainingBox(), 3, seed=1)[0].loads)
-    14
-    """
-    sampler = qmc.Sobol(len(box.lower), rng=np.random.default_rng(seed))
-    points = sampler.random_base2(int(np.ceil(np.log2(count + skip))))[skip : skip + count]
-    largest = box.largest_load(2.0 * points[:, 1] - 1.0)
-    return [
-        Curve(tuple(float(load * share) for share in LOAD_SHARES), box.material(point))
-        for load, point in zip(largest, points, strict=True)
-    ]
+def missing(runs: Sequence[Run], store: SolutionStore, *, timeout: float = inf) -> list[Run]:
+    """Return those of the runs that ``complete`` would solve, each once."""
+    return [run for run in dict.fromkeys(runs) if store.get(run, timeout=timeout) is None]
 
 
 def complete(
     runs: Sequence[Run],
-    store: Path,
+    store: SolutionStore,
     *,
     executor: Executor | None = None,
-    on_run: Callable[[], None] | None = None,
-) -> list[CurveSolution]:
-    """Return the solutions of all runs, solving only those that the store lacks.
+    timeout: float = inf,
+    on_run: Callable[[Finished], None] | None = None,
+) -> list[Solution]:
+    """Return the solutions of all runs, in their order, solving only those that the store lacks.
 
     Every solution is written as it comes, whole or not at all; so a campaign that was killed goes
-    on where it stopped. A stored solution that cannot be read is named in a warning and solved
-    again.
+    on where it stopped, and several may share one store. A run that fails or times out is a
+    solution too: its status says so. All are solved with one thread of linear algebra, so that
+    the numbers are the same wherever they were solved.
 
     Parameters
     ----------
     runs : sequence of Run
         What is wanted.
-    store : Path
-        Folder of solutions; made if need be. Several campaigns may share it.
+    store : SolutionStore
+        A solution in it that is damaged is named in a warning and solved again; one that timed
+        out is tried again if more time is allowed now.
     executor : Executor, optional
-        Where to solve; by default here.
+        Where to solve; by default here, one after another.
+    timeout : float
+        Wall time that a run may take where it is solved, from its start [s].
     on_run : callable, optional
-        Called after each solution.
+        Called after each run that the store lacked.
+
+    Raises
+    ------
+    BayesdegError
+        If the store cannot be written, or if workers or scheduler are lost for good. What was
+        solved stays in the store.
+    RuntimeError
+        If a worker raised; it names the run. Runs that were under way are stored before.
     """
-    store.mkdir(parents=True, exist_ok=True)
-    keys = [run.key() for run in runs]
-    known = {key: _stored(store / f"{key}.npz") for key in set(keys)}
-    missing = {key: run for key, run in zip(keys, runs, strict=True) if known[key] is None}
-    tasks = [(run.geometry, run.resolution, run.curve) for run in missing.values()]
-    apply = map if executor is None else executor.map
-    for key, solved in zip(missing, apply(solve_task, tasks), strict=True):
-        _write(store / f"{key}.npz", solved)
-        known[key] = solved
-        if on_run is not None:
-            on_run()
-    return [solution for key in keys if (solution := known[key]) is not None]
+    store.clean()
+    known = {run: store.get(run, timeout=timeout) for run in dict.fromkeys(runs)}
+    queue = deque(run for run, solution in known.items() if solution is None)
+    campaign = _Campaign(store, timeout, on_run or (lambda _: None), queue)
+    if executor is None:
+        _solve_here(campaign)
+    else:
+        _solve_over(campaign, executor)
+    found = known | campaign.solutions
+    return [solution for run in runs if (solution := found[run]) is not None]
 
 
-def read_solution(path: Path) -> CurveSolution:
-    """Return a stored solution."""
-    # opened here because np.load leaves a truncated archive open
-    with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
-        return CurveSolution(
-            readings=stored["readings"],
-            rates=stored["rates"],
-            rest=stored["rest"],
-            rest_rates=stored["rest_rates"],
-            status=Status(int(stored["status"])),
-            limit_load=float(stored["limit_load"]),
-            iterations=int(stored["iterations"]),
-            solver=str(stored["solver"]),
+@dataclass
+class _Campaign:
+    """What is left to do, and what was found."""
+
+    store: SolutionStore
+    timeout: float
+    on_run: Callable[[Finished], None]
+    queue: deque[Run]
+    solutions: dict[Run, Solution] = field(default_factory=dict)
+
+    def next_run(self) -> Run | None:
+        """Return the next run that nobody has solved in the meantime."""
+        while self.queue:
+            run = self.queue.popleft()
+            solution = self.store.get(run, timeout=self.timeout)
+            if solution is None:
+                return run
+            self._found(Finished(run, solution, 0.0))
+        return None
+
+    def finish(self, run: Run, solution: Solution, seconds: float) -> None:
+        """Store a solution."""
+        if not self.store.put(run, solution, seconds=seconds, timeout=self.timeout):
+            # another campaign is at work right here: go on far from it
+            self.queue.rotate(-round(0.62 * len(self.queue)))
+            solution = self.store.get(run) or solution
+        self._found(Finished(run, solution, seconds))
+
+    def _found(self, finished: Finished) -> None:
+        self.solutions[finished.run] = finished.solution
+        self.on_run(finished)
+
+
+def _solve_here(campaign: _Campaign) -> None:
+    while (run := campaign.next_run()) is not None:
+        try:
+            solution, seconds = solve(run, run.key(), campaign.timeout)
+        except Exception as fault:
+            raise _unexpected(run, fault) from fault
+        campaign.finish(run, solution, seconds)
+
+
+def _solve_over(campaign: _Campaign, executor: Executor) -> None:
+    flight = _Flight(campaign, executor)
+    try:
+        while flight.launch():
+            flight.land()
+    finally:
+        for future in flight.runs:
+            future.cancel()
+    if flight.failure is not None:
+        raise flight.failure
+
+
+@dataclass
+class _Flight:
+    """The runs that an executor was given: never many more than it has workers.
+
+    If a worker dies, all runs that its pool was given are suspect; they are tried again one at a
+    time, so that the one that kills is found.
+    """
+
+    campaign: _Campaign
+    executor: Executor
+    runs: dict[Future[tuple[Solution, float]], Run] = field(default_factory=dict)
+    suspects: deque[Run] = field(default_factory=deque)
+    alone: bool = False
+    deaths: Counter[Run] = field(default_factory=Counter)
+    failure: Exception | None = None
+
+    def launch(self) -> bool:
+        """Submit what there is room for; return whether anything is under way."""
+        while self.failure is None and len(self.runs) < self._room():
+            self.alone = bool(self.suspects)
+            run = self.suspects.popleft() if self.suspects else self.campaign.next_run()
+            if run is None:
+                break
+            try:
+                future = self.executor.submit(solve, run, run.key(), self.campaign.timeout)
+            except BrokenExecutor as fault:
+                raise BayesdegError(
+                    "a worker process died, and the executor opens no new one; what is solved so "
+                    "far stays in the store: repeat the command to go on"
+                ) from fault
+            self.runs[future] = run
+        return bool(self.runs)
+
+    def _room(self) -> int:
+        if self.suspects or (self.alone and self.runs):
+            return 1
+        # a second run for each worker, so that none waits for results to be stored
+        workers = self.executor.workers if isinstance(self.executor, Supervised) else None
+        return 2 * (workers or os.cpu_count() or 1)
+
+    def land(self) -> None:
+        """Wait for results, store them, and see to those that did not come."""
+        done, _ = wait(self.runs, timeout=_PATIENCE, return_when=FIRST_COMPLETED)
+        if any(_broken(future) for future in done):
+            done, _ = wait(self.runs)  # a broken pool ends them all
+        broken = [self.runs[future] for future in done if _broken(future)]
+        for future in done:
+            run = self.runs.pop(future)
+            if not _broken(future):
+                self._take(run, future)
+        if broken:
+            self._suspect(broken)
+        if isinstance(self.executor, Supervised):
+            self.executor.check()
+
+    def _take(self, run: Run, future: Future[tuple[Solution, float]]) -> None:
+        fatal = self.executor.fatal if isinstance(self.executor, Supervised) else ()
+        if future.cancelled():
+            self.failure = self.failure or BayesdegError(f"{run} was cancelled from elsewhere")
+        elif (fault := future.exception()) is None:
+            self.campaign.finish(run, *future.result())
+        elif isinstance(fault, fatal):
+            self.failure = self.failure or _deadly(run)
+        else:
+            self.failure = self.failure or _unexpected(run, fault)
+
+    def _suspect(self, runs: list[Run]) -> None:
+        warnings.warn(
+            f"a worker process died; {len(runs)} runs are tried again, one at a time", stacklevel=5
         )
+        self.suspects.extend(runs)
+        if len(runs) == 1:
+            self.deaths[runs[0]] += 1
+            if self.deaths[runs[0]] >= _DEATHS:
+                self.failure = self.failure or _deadly(runs[0])
 
 
-def _stored(path: Path) -> CurveSolution | None:
-    if not path.exists():
-        return None
-    try:
-        return read_solution(path)
-    except (ValueError, KeyError, TypeError, EOFError, BadZipFile) as fault:
-        warnings.warn(f"{path} is damaged and is solved again: {fault}", stacklevel=3)
-        return None
+def _broken(future: Future[tuple[Solution, float]]) -> bool:
+    return not future.cancelled() and isinstance(future.exception(), BrokenExecutor)
 
 
-def _write(path: Path, solution: CurveSolution) -> None:
-    handle, name = tempfile.mkstemp(dir=path.parent, suffix=".part")
-    try:
-        with os.fdopen(handle, "wb") as part:
-            arrays = {key: np.asarray(value) for key, value in vars(solution).items()}
-            np.savez(part, allow_pickle=False, **arrays)
-        Path(name).replace(path)
-    except BaseException:
-        Path(name).unlink(missing_ok=True)
-        raise
+def _unexpected(run: Run, fault: BaseException) -> Exception:
+    if isinstance(fault, BayesdegError):  # says by itself what to do
+        return fault
+    error = RuntimeError(f"{run} raised {fault!r}")
+    error.__cause__ = fault
+    return error
+
+
+def _deadly(run: Run) -> BayesdegError:
+    return BayesdegError(
+        f"worker processes die whenever they solve the {run}: perhaps memory is short, then take "
+        "fewer workers or a coarser mesh; all other solutions stay in the store"
+    )

@@ -1,85 +1,219 @@
-"""Dimensionless groups: what the forward map really depends on, and the box that was trained.
+"""Dimensionless groups: what the forward map really depends on, and the range that is trained.
 
-The curvature of the actuator obeys κ s = f(p/C1, C2/C1, C3/C1, Et/(C1 s)), s the linear scale; so
-C1, α and every error of pressure cost the emulator no dimension. The second group is replaced by
-the softening C2/√(3 C1 C3), which is above −1 for every stable material, and the last two enter by
-their logarithms.
+The curvature of the actuator obeys κ s = f(p/M, C2/M, C3/M, Et/(M s), …), s the linear scale and M
+any modulus; so C1, α and every error of pressure cost the emulator no dimension. M is taken as
+C1 + r/(2√3), half of the shear modulus at rest, so that a term r √I₂ changes the shape of the curve
+and not its size. The second group is replaced by the softening C2/√(3 C3 M), which is above −1 for
+every stable material; C3/M and the paper's group enter by their logarithms.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdeg.actuator.inputs import PAPER_THICKNESS, Inputs, dimensionless
+from bayesdeg.actuator.inputs import PAPER_THICKNESS, Inputs, dimensionless, material_groups
 from bayesdeg.actuator.material import Material
 
 Floats = NDArray[np.float64]
 
-# the paper's bending hardly matters: it is trained at one thickness over the linear scale
+SECOND = 0.5 / np.sqrt(3.0)  # share of r in the modulus at rest
 NOMINAL_SCALE = 0.853
-GROUPS = ("softening", "log_stiffening", "log_paper")
+NOMINAL_THICKNESS = PAPER_THICKNESS / NOMINAL_SCALE
 
 
 @dataclass(frozen=True)
-class TrainingBox:
-    """The range of the groups over which an emulator is trained.
+class Group:
+    """One dimensionless group and the range over which it is trained.
+
+    Parameters
+    ----------
+    name : str
+        Of the group.
+    low, high : float
+        Its range.
+    neutral : float
+        Value of the base model.
+    unit : str
+        After lengths are divided by the linear scale.
+    meaning : str
+        How it follows from the inputs.
+    is_cause : bool
+        Whether the base model leaves it at its neutral value.
+    """
+
+    name: str
+    low: float
+    high: float
+    neutral: float
+    unit: str
+    meaning: str
+    is_cause: bool = True
+
+
+LOAD = "load"
+MATERIAL = (
+    Group("softening", -0.65, 0.6, 0.0, "–", "C2/√(3 C3 M)", is_cause=False),
+    Group("log_stiffening", float(np.log(4e-4)), float(np.log(0.5)), 0.0, "–", "ln(C3/M)", False),
+    Group(
+        "log_paper", float(np.log(2.5)), float(np.log(1500.0)), 0.0, "–", "ln(Et/(M s mm))", False
+    ),
+)
+CAUSES = (
+    Group("second_invariant", 0.0, 0.224, 0.0, "–", "r/(2√3 M)"),
+    Group("skin", 0.0, 1.2, 0.0, "–", "ln of surface over mean stiffness"),
+    Group("paper_thickness", 0.05, 0.25, NOMINAL_THICKNESS, "mm", "paper thickness over s"),
+    Group("paper_slack", 0.0, 0.05, 0.0, "–", "strain within which the paper is slack"),
+    Group("paper_mismatch", -0.02, 0.03, 0.0, "–", "shrinkage after bonding"),
+    Group("gravity_along", -6e-5, 6e-5, 0.0, "1/mm", "ρ g s/M along the actuator"),
+    Group("gravity_up", -6e-5, 6e-5, 0.0, "1/mm", "ρ g s/M up from the paper"),
+    Group("wall_factor", 0.8, 1.2, 1.0, "–", "wall thickness over the nominal one"),
+    Group("erosion", 0.0, 0.4, 0.0, "mm", "thickness lost over s"),
+)
+GROUPS = (*MATERIAL, *CAUSES)
+NAMES = (LOAD, *(group.name for group in GROUPS))
+
+
+@dataclass(frozen=True)
+class TrainingRange:
+    """The range of loads and groups over which an emulator is trained.
 
     Parameters
     ----------
     load : float
-        Largest p/C1 [–]; the smallest is 0. See ``largest_load`` for stiffening materials.
-    lower, upper : tuple of float
-        Bounds of softening C2/√(3 C1 C3) [–], ln(C3/C1) [–] and ln(Et/(C1 s) / mm) [–].
+        Largest p/M [–]; the smallest is 0. See ``largest_load`` for stiffening materials.
+    groups : tuple of Group
+        In the order of ``GROUPS``.
     """
 
     load: float = 0.96
-    lower: tuple[float, float, float] = (-0.65, float(np.log(4e-4)), float(np.log(2.5)))
-    upper: tuple[float, float, float] = (0.6, float(np.log(0.5)), float(np.log(1500.0)))
+    groups: tuple[Group, ...] = GROUPS
 
-    def unit(self, group: int, values: Floats) -> Floats:
-        """Map a group from its range to [−1, 1]."""
-        low, high = self.lower[group], self.upper[group]
-        scaled: Floats = (2.0 * values - (low + high)) / (high - low)
-        return scaled
+    @property
+    def lower(self) -> Floats:
+        """Lower bounds of the groups, (12,)."""
+        return np.array([group.low for group in self.groups])
+
+    @property
+    def upper(self) -> Floats:
+        """Upper bounds of the groups, (12,)."""
+        return np.array([group.high for group in self.groups])
 
     def largest_load(self, unit_stiffening: Floats) -> Floats:
-        """Return the largest p/C1 for a material whose ln(C3/C1) is at this place of its range.
+        """Return the largest p/M for a material whose ln(C3/M) is at this place of its range.
 
         Degraded material has a large C3/C1 and a large C1, hence small loads: no pressure of
         interest takes it further than 0.35 at the upper end.
 
+        Parameters
+        ----------
+        unit_stiffening : array
+            ln(C3/M) mapped from its range to [−1, 1].
+
         Examples
         --------
-        >>> TrainingBox().largest_load(np.array([-1.0, 1.0])).tolist()
+        >>> TrainingRange().largest_load(np.array([-1.0, 1.0])).tolist()
         [0.96, 0.35]
         """
         return np.interp(unit_stiffening, [0.1, 1.0], [self.load, 0.35])
 
-    def material(self, unit: Floats) -> Material:
-        """Return the material at a point of the unit cube [0, 1]³.
+
+def groups_of(inputs: Inputs) -> dict[str, Floats]:
+    """Return p/M and the groups that the inputs give; nan where C1 or C3 is not above 0.
+
+    Shapes are kept, so that groups of the material alone stay free of the pressure axis. Groups
+    of effects that the inputs do not speak of are left out, the paper's thickness excepted.
+
+    Examples
+    --------
+    >>> one = np.ones(1)
+    >>> inputs = Inputs(240 * one, 0.3 * one, 0 * one, 0.03 * one, 0.8 * one, 3e4 * one)
+    >>> {name: float(value[0].round(3)) for name, value in groups_of(inputs).items()}
+    {'load': 0.8, 'softening': 0.0, 'log_stiffening': -2.303, 'log_paper': 4.828, \
+'paper_thickness': 0.125}
+    """
+    load, *_ = dimensionless(inputs)
+    return _normalised(load, material_groups(inputs))
+
+
+def groups_of_material(load: Floats, material: Material) -> dict[str, Floats]:
+    """Return p/M and all groups of a finite element run with loads p/C1."""
+    return _normalised(
+        load, {k: np.asarray(v, dtype=np.float64) for k, v in vars(material).items()}
+    )
+
+
+def _normalised(load: Floats, given: Mapping[str, Floats]) -> dict[str, Floats]:
+    """Change the unit of stress from C1 to M = C1 + r/(2√3)."""
+    second = given.get("second_invariant_ratio", np.zeros(()))
+    modulus = 1.0 + SECOND * second
+    with np.errstate(invalid="ignore", divide="ignore"):
+        stiffening = np.where(given["c3_ratio"] > 0.0, given["c3_ratio"], np.nan) / modulus
+        out = {
+            LOAD: load / modulus,
+            "softening": given["c2_ratio"] / modulus / np.sqrt(3.0 * stiffening),
+            "log_stiffening": np.log(stiffening),
+            "log_paper": np.log(given["paper_group"] / modulus),
+        }
+    if "second_invariant_ratio" in given:
+        out["second_invariant"] = SECOND * second / modulus
+    for name in ("skin", "paper_thickness", "paper_slack", "paper_mismatch"):
+        if name in given:
+            out[name] = given[name]
+    for name in ("gravity_along", "gravity_up"):
+        if name in given:
+            out[name] = given[name] / modulus
+    return out | {name: given[name] for name in ("wall_factor", "erosion") if name in given}
+
+
+@dataclass(frozen=True)
+class Place:
+    """A point of the training range, as a finite element run needs it.
+
+    Parameters
+    ----------
+    values : tuple of float
+        In the order of ``GROUPS``.
+    """
+
+    values: tuple[float, ...]
+
+    @classmethod
+    def of(cls, material: Material) -> Self:
+        """Return the place of a material."""
+        found = groups_of_material(np.zeros(()), material)
+        return cls(tuple(float(found[group.name]) for group in GROUPS))
+
+    def material(self) -> Material:
+        """Return the material in units of C1.
 
         Examples
         --------
-        >>> round(TrainingBox().material(np.zeros(3)).c3_ratio, 6)
-        0.0004
+        >>> place = Place(tuple(0.5 * (g.low + g.high) for g in GROUPS))
+        >>> bool(np.allclose(Place.of(place.material()).values, place.values))
+        True
         """
-        low, high = np.array(self.lower), np.array(self.upper)
-        softening, stiffening, paper = low + (high - low) * unit
-        c3 = float(np.exp(stiffening))
+        at = dict(zip((group.name for group in GROUPS), self.values, strict=True))
+        modulus = self.modulus
+        c3 = np.exp(at["log_stiffening"])
         return Material(
-            c2_ratio=float(softening * np.sqrt(3.0 * c3)),
-            c3_ratio=c3,
-            paper_group=float(np.exp(paper)),
-            paper_thickness=PAPER_THICKNESS / NOMINAL_SCALE,
+            c2_ratio=float(at["softening"] * np.sqrt(3.0 * c3) * modulus),
+            c3_ratio=float(c3 * modulus),
+            paper_group=float(np.exp(at["log_paper"]) * modulus),
+            second_invariant_ratio=float(at["second_invariant"] * modulus / SECOND),
+            skin=at["skin"],
+            paper_thickness=at["paper_thickness"],
+            paper_slack=at["paper_slack"],
+            paper_mismatch=at["paper_mismatch"],
+            gravity_along=at["gravity_along"] * modulus,
+            gravity_up=at["gravity_up"] * modulus,
+            wall_factor=at["wall_factor"],
+            erosion=at["erosion"],
         )
 
-
-def groups(inputs: Inputs) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return load p/C1 and the three groups of ``GROUPS``; nan where the material is unstable.
-
-    Shapes are kept: groups of the material alone stay free of the pressure axis.
-    """
-    load, c2, c3, paper = dimensionless(inputs)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return load, c2 / np.sqrt(3.0 * c3), np.log(c3), np.log(paper)
+    @property
+    def modulus(self) -> float:
+        """M over C1 [–]: 1/(1 − g) with g the second-invariant group."""
+        return 1.0 / (1.0 - self.values[len(MATERIAL)])

@@ -1,29 +1,81 @@
-"""The trained map: Chebyshev polynomials in load and material groups, with their own error.
+"""The trained map: polynomials in warped load, material and causes, with their own error.
 
-With u the load and z the material groups, each scaled to [−1, 1], an emulator holds
+With q = p/M the load, s the linear scale, L the length as moulded and W the warp by the causes,
 
-    ln(κ s L / q) = Σ a_t T_i(u) T_j(z₁) T_k(z₂) T_l(z₃),   q = p/C1,
+    change of curvature     κ s L = q exp(W + Y₀)
+    change of bend angle          = q exp(W + Y₁)
+    peak stretch            λ − 1 = (q + b) exp(W + Y₂)
 
-the same for ln((λ − 1)/q) of the peak stretch and for (arc length / L − 1)/q. So the curvature is
-zero at zero pressure, smooth in it, and has exact derivatives.
+where b is the load that misfit and weight of the body amount to, and each Y a sum of ``Terms``. So
+the curvature is zero at zero pressure, smooth in it, and has exact derivatives.
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from bayesdeg.actuator.forward import relative_to_reference
-from bayesdeg.actuator.inputs import Inputs, Prediction, departs
+from bayesdeg.actuator.inputs import Inputs, Prediction
 from bayesdeg.actuator.status import Status
-from bayesdeg.emulator.scaling import TrainingBox, groups
+from bayesdeg.emulator.batch import Batch
+from bayesdeg.emulator.coordinates import GIVE, LARGEST_WARPED, SLACK, STRAIN, WARP
+from bayesdeg.emulator.evaluation import evaluate
+from bayesdeg.emulator.input_gradient import curvature_gradient
+from bayesdeg.emulator.refused import describe
+from bayesdeg.emulator.scaling import GROUPS, NAMES, SECOND, TrainingRange
+from bayesdeg.emulator.terms import Terms
 
 Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
+Flags = NDArray[np.bool_]
 
-OUTPUTS = ("curvature", "peak_stretch", "arc_length")
+OUTPUTS = ("curvature", "bend_angle", "peak_stretch")
+SAGGING = 60.0  # mm: peak strain at rest over the group of gravity
+_MISMATCH, _ALONG, _UP = (
+    NAMES.index(name) for name in ("paper_mismatch", "gravity_along", "gravity_up")
+)
+LIMIT_MARGIN = 2.0  # standard errors that are kept away from a limit
+_TABLES = ("terms", "error", "limit")
+_NUMBERS = ("length", "mesh_error")
+
+
+def stretch_offset(groups: Floats) -> Floats:
+    """Return the load b that misfit and weight amount to in the peak stretch [–].
+
+    Parameters
+    ----------
+    groups : array, shape (13, …)
+        In the order of ``NAMES``.
+    """
+    weight = SAGGING * np.hypot(groups[_ALONG], groups[_UP])
+    offset: Floats = np.abs(groups[_MISMATCH]) + weight
+    return offset
+
+
+def _constants() -> Floats:
+    """Return what the coordinates are made with: terms mean nothing in others."""
+    warp = [WARP.get(group.name, (0.0, 0.0)) for group in GROUPS]
+    return np.concatenate([np.ravel(warp), [LARGEST_WARPED, STRAIN, GIVE, SAGGING]])
+
+
+@dataclass(frozen=True)
+class LimitPressure:
+    """Pressures up to which curves are smooth, before they balloon.
+
+    Parameters
+    ----------
+    pressure, sd : array
+        Best estimate and standard error [kPa]; nan outside the range of the groups.
+    trained : array of bool
+        Whether the estimate lies within the loads that were trained; beyond them it says no more
+        than that it lies beyond.
+    """
+
+    pressure: Floats
+    sd: Floats
+    trained: Flags
 
 
 @dataclass(frozen=True)
@@ -34,183 +86,182 @@ class Surrogate:
     ----------
     length : float
         Length of the actuator as moulded [mm].
-    box : TrainingBox
-        Range of the groups.
-    orders : array, shape (n_terms, 4)
-        Orders of the Chebyshev polynomials of each term.
-    coefficients : array, shape (3, n_terms)
-        For ``OUTPUTS``.
-    limit_orders, limit_coefficients : array
-        ln of the load up to which curves are smooth, less twice its standard error, as a
-        polynomial of z.
-    error_loads, error : array, shape (n,)
-        Relative standard error of the curvature against load [–].
+    span : TrainingRange
+        Range of load and groups.
+    terms : Terms
+        Y of each of ``OUTPUTS``.
+    error : Terms
+        ln of the squared relative standard errors of ``OUTPUTS``; the peak stretch's is relative
+        to the stretch less 1.
+    limit : Terms
+        ln of the warped load x = q e^W up to which curves are smooth, and its standard error; the
+        slack enters by its range, the load not at all. Loads are refused from ``LIMIT_MARGIN``
+        standard errors below it.
+    mesh_error : float
+        Relative standard error of the finite element model itself, in all outputs [–].
     record : str
         How it was trained: design, code version, accuracy (JSON).
     """
 
     length: float
-    box: TrainingBox
-    orders: Indices
-    coefficients: Floats
-    limit_orders: Indices
-    limit_coefficients: Floats
-    error_loads: Floats
-    error: Floats
+    span: TrainingRange
+    terms: Terms
+    error: Terms
+    limit: Terms
+    mesh_error: float
     record: str
 
     def __call__(self, inputs: Inputs) -> Prediction:
         """Return the prediction; outside the training range it is nan with a status."""
         if inputs.reference_pressure is not None:
             return relative_to_reference(self, inputs)
-        load, *material = groups(inputs)
-        shape = np.broadcast_shapes(np.shape(load), *(np.shape(m) for m in material))
-        kappa, stretch, arc, growth, outside = self._evaluate(load, material, shape)
-        outside = outside | departs(inputs)
-        scale = np.broadcast_to(inputs.linear_scale, shape)
-        curvature = np.where(outside, np.nan, kappa / scale * 1e3)
+        batch = Batch.of(inputs, self.span)
+        allowed = self._allowed(batch)
+        loads = np.where(allowed, batch.loads, 0.0)
+        stretching = np.exp(batch.warp)
+        u = loads * (2.0 / LARGEST_WARPED * stretching) - 1.0
+        phi = batch.phi(loads)
+        y = evaluate(self.terms, batch.scaled, u, phi, slopes=True)
+        growth = 1.0 + (u + 1.0) * y[3]
+        if phi is not None:
+            growth -= phi * (1.0 - phi) * y[4]
+        share = np.exp(0.5 * evaluate(self.error, batch.scaled, u, phi))
+        if self.mesh_error > 0.0:
+            share = np.hypot(share, self.mesh_error)
+        load = np.where(allowed, loads, np.nan)
+        gain = np.exp(y[:3]) * stretching
+        scale = np.broadcast_to(inputs.linear_scale, batch.shape).reshape(loads.shape)
+        curvature = load * gain[0] * (1e3 / self.length) / scale
+        angle = np.degrees(load * gain[1])
+        stretch = (load + stretch_offset(batch.groups)[:, None]) * gain[2]
         return Prediction(
-            curvature=curvature,
-            bend_angle=np.degrees(np.where(outside, np.nan, kappa * arc)),
-            peak_stretch=np.where(outside, np.nan, stretch),
-            slope=curvature * growth,
-            sd=curvature * np.interp(np.broadcast_to(load, shape), self.error_loads, self.error),
-            status=np.where(outside, int(Status.OUTSIDE_TRAINING), 0),
+            curvature=curvature.reshape(batch.shape),
+            bend_angle=angle.reshape(batch.shape),
+            peak_stretch=(1.0 + stretch).reshape(batch.shape),
+            slope=(curvature * growth).reshape(batch.shape),
+            sd=(curvature * share[0]).reshape(batch.shape),
+            bend_angle_sd=(angle * share[1]).reshape(batch.shape),
+            peak_stretch_sd=(stretch * share[2]).reshape(batch.shape),
+            status=np.where(allowed, 0, int(Status.OUTSIDE_TRAINING)).reshape(batch.shape),
         )
 
-    def _evaluate(
-        self, load: Floats, material: list[Floats], shape: tuple[int, ...]
-    ) -> tuple[Floats, Floats, Floats, Floats, NDArray[np.bool_]]:
-        """Evaluate with one contraction for each curve if its material is one along the load."""
-        shared = all(np.ndim(m) == 0 or np.shape(m)[-1] == 1 for m in material)
-        columns = shape[-1] if shared else 1
-        rows = (*shape[:-1], 1) if shared else shape
-        z = [self.box.unit(i, np.broadcast_to(m, rows).reshape(-1)) for i, m in enumerate(material)]
-        points = np.stack(z, axis=1)
-        loads = np.ascontiguousarray(np.broadcast_to(load, shape)).reshape(-1, columns)
-        safe = np.where(np.isfinite(points), np.clip(points, -1.2, 1.2), 0.0)
-        # polynomials overflow far outside, where their values are not used
-        near = np.minimum(loads, 1.5 * self.box.load)
-        out = _evaluate_batch(near, safe, self.box.load, self.orders, self.coefficients)
-        limit = np.exp(polynomial(self.limit_orders, self.limit_coefficients, safe))
-        limit = np.minimum(limit, self.box.largest_load(safe[:, 1]))
-        inside = np.all(np.abs(points) <= 1.0, axis=1)[:, None] & (loads <= limit[:, None])
-        kappa, stretch, arc, growth = (out[i].reshape(shape) for i in range(4))
-        outside = ~(inside & np.isfinite(loads) & (loads >= 0.0)).reshape(shape)
-        return kappa / self.length, stretch, arc * self.length, growth, outside
+    def without_mesh_error(self) -> Self:
+        """Return the same map with errors of interpolation alone: those against its own mesh."""
+        return replace(self, mesh_error=0.0)
 
-    def to_arrays(self) -> dict[str, Floats | Indices | NDArray[np.str_]]:
+    def gradient(self, inputs: Inputs) -> dict[str, Floats]:
+        """Return the derivatives of the curvature by every field that the inputs give.
+
+        Returns
+        -------
+        dict of array
+            By the names of ``Inputs``, each with the shape that the inputs broadcast to: 1/m over
+            the field's own unit; nan where the prediction is refused.
+        """
+        if inputs.reference_pressure is not None:
+            at = replace(inputs, reference_pressure=None)
+            zero = self.gradient(replace(at, pressure=inputs.reference_pressure))
+            by = self.gradient(at)
+            # what is nan at either pressure stays so
+            return {name: value - zero[name] for name, value in by.items()} | {
+                "pressure": by["pressure"] + 0.0 * zero["pressure"],
+                "reference_pressure": 0.0 * by["pressure"] - zero["pressure"],
+            }
+        batch = Batch.of(inputs, self.span, one_by_one=True)
+        gradient = curvature_gradient(inputs, batch, self._allowed(batch), self.terms, self.span)
+        return {name: value / self.length for name, value in gradient.items()}
+
+    def limit_pressure(self, inputs: Inputs) -> LimitPressure:
+        """Return the pressure up to which the curve of each material is smooth, with its error."""
+        batch = Batch.of(inputs, self.span)
+        shape = (*batch.shape[:-1], 1) if batch.loads.shape[-1:] != (1,) else batch.shape
+        c1 = np.broadcast_to(inputs.c1, shape).ravel()
+        second = 0.0 if inputs.second_invariant is None else inputs.second_invariant
+        modulus = c1 + SECOND * np.broadcast_to(second, shape).ravel()
+        load, error = self._limit(batch)
+        largest = batch.largest_load(self.span)
+        pressure = np.where(batch.within, 1e3 * modulus * load, np.nan)
+        trained: Flags = batch.within & (load <= largest)
+        return LimitPressure(
+            pressure.reshape(shape), (error * pressure).reshape(shape), trained.reshape(shape)
+        )
+
+    def refusals(self, inputs: Inputs) -> dict[str, str]:
+        """Return what lies outside the training range and by how much, in words by name.
+
+        The names are those of the groups, "load" for the largest load trained, and "limit" for
+        loads at which the curve is no longer smooth. Nothing is refused if there are none.
+        """
+        batch = Batch.of(inputs, self.span)
+        found = describe(batch, self.span, self._limit_load(batch))
+        if inputs.reference_pressure is None:
+            return found
+        at = replace(inputs, pressure=inputs.reference_pressure, reference_pressure=None)
+        zero = {n: f"at the reference pressure: {text}" for n, text in self.refusals(at).items()}
+        return zero | found
+
+    def to_arrays(self) -> dict[str, NDArray[np.generic]]:
         """Return everything as plain arrays, for a npz file."""
-        return {
-            "length": np.array(self.length),
-            "box_load": np.array(self.box.load),
-            "box_lower": np.array(self.box.lower),
-            "box_upper": np.array(self.box.upper),
-            "orders": self.orders,
-            "coefficients": self.coefficients,
-            "limit_orders": self.limit_orders,
-            "limit_coefficients": self.limit_coefficients,
-            "error_loads": self.error_loads,
-            "error": self.error,
+        arrays: dict[str, NDArray[np.generic]] = {
+            "load": np.array(self.span.load),
+            "groups": np.array([group.name for group in self.span.groups]),
+            "ranges": np.array([(g.low, g.high, g.neutral) for g in self.span.groups]),
+            "constants": _constants(),
             "record": np.array(self.record),
         }
+        for name in _TABLES:
+            table: Terms = getattr(self, name)
+            arrays |= {f"{name}_orders": table.orders, f"{name}_coefficients": table.coefficients}
+        return arrays | {name: np.array(getattr(self, name)) for name in _NUMBERS}
 
     @classmethod
-    def from_arrays(cls, arrays: dict[str, NDArray[np.generic]]) -> Self:
-        """Return the surrogate that ``to_arrays`` described."""
-        lower, upper = (tuple(float(v) for v in arrays[k]) for k in ("box_lower", "box_upper"))
+    def from_arrays(cls, arrays: Mapping[str, NDArray[np.generic]]) -> Self:
+        """Return the surrogate that ``to_arrays`` described.
+
+        Raises
+        ------
+        ValueError
+            If it was made with other groups or coordinates than those of this version.
+        """
+        names = tuple(str(name) for name in arrays["groups"])
+        ranges = np.asarray(arrays["ranges"], dtype=np.float64)
+        known = np.array([(g.low, g.high, g.neutral) for g in GROUPS])
+        constants = np.asarray(arrays["constants"], dtype=np.float64)
+        if names != tuple(group.name for group in GROUPS) or not np.array_equal(ranges, known):
+            raise ValueError("the emulator was trained with other groups than this version has")
+        if not np.array_equal(constants, _constants()):
+            raise ValueError("the emulator was trained in other coordinates than this version has")
+        tables = {
+            name: Terms(
+                arrays[f"{name}_orders"].astype(np.int64),
+                arrays[f"{name}_coefficients"].astype(np.float64),
+            )
+            for name in _TABLES
+        }
         return cls(
             length=float(arrays["length"]),
-            box=TrainingBox(float(arrays["box_load"]), lower, upper),  # type: ignore[arg-type]
-            orders=arrays["orders"].astype(np.int64),
-            coefficients=arrays["coefficients"].astype(np.float64),
-            limit_orders=arrays["limit_orders"].astype(np.int64),
-            limit_coefficients=arrays["limit_coefficients"].astype(np.float64),
-            error_loads=arrays["error_loads"].astype(np.float64),
-            error=arrays["error"].astype(np.float64),
+            span=TrainingRange(load=float(arrays["load"])),
+            mesh_error=float(arrays["mesh_error"]),
             record=str(arrays["record"]),
+            terms=tables["terms"],
+            error=tables["error"],
+            limit=tables["limit"],
         )
 
+    def _limit(self, batch: Batch) -> tuple[Floats, Floats]:
+        """Return p/M up to which curves are smooth, and its relative standard error, (n_rows,)."""
+        slack = batch.scaled[SLACK][:, None]
+        log_limit, error = evaluate(self.limit, batch.scaled, np.zeros_like(slack), slack)[:, :, 0]
+        return np.exp(log_limit - batch.warp[:, 0]), error
 
-def total_degree_orders(degrees: tuple[int, ...]) -> Indices:
-    """Return all orders n with Σ nᵢ/degreeᵢ ≤ 1, shape (n_terms, n_inputs).
+    def _limit_load(self, batch: Batch) -> Floats:
+        """Return p/M up to which curves are emulated, (n_rows,)."""
+        load, error = self._limit(batch)
+        safe: Floats = load * np.exp(-LIMIT_MARGIN * error)
+        return safe
 
-    Examples
-    --------
-    >>> total_degree_orders((1, 2)).tolist()
-    [[0, 0], [0, 1], [0, 2], [1, 0]]
-    """
-    grids = np.meshgrid(*(np.arange(d + 1) for d in degrees), indexing="ij")
-    orders = np.stack([g.ravel() for g in grids], axis=1)
-    within: Indices = orders[np.sum(orders / np.array(degrees), axis=1) <= 1.0 + 1e-9]
-    return within
-
-
-def chebyshev_features(orders: Indices, points: Floats) -> Floats:
-    """Return products of Chebyshev polynomials, shape (n_points, n_terms).
-
-    Parameters
-    ----------
-    orders : array, shape (n_terms, n_inputs)
-        Orders of each term.
-    points : array, shape (n_points, n_inputs)
-        On [−1, 1].
-    """
-    features = np.ones((len(points), len(orders)))
-    for axis in range(orders.shape[1]):
-        table = np.polynomial.chebyshev.chebvander(points[:, axis], int(orders[:, axis].max()))
-        features *= table[:, orders[:, axis]]
-    return features
-
-
-def polynomial(orders: Indices, coefficients: Floats, points: Floats) -> Floats:
-    """Return the Chebyshev polynomial at points on [−1, 1], shape (n_points,)."""
-    return chebyshev_features(orders, points) @ coefficients
-
-
-@njit(cache=True)
-def _evaluate_batch(
-    loads: Floats, points: Floats, largest: float, orders: Indices, coefficients: Floats
-) -> Floats:  # pragma: no cover - compiled
-    """Return κ s L, peak stretch, arc length / L and d ln κ / d ln q, shape (4, rows, columns)."""
-    n_rows, n_columns = loads.shape
-    n_terms = orders.shape[0]
-    degree = 0
-    for t in range(n_terms):
-        for axis in range(4):
-            degree = max(degree, orders[t, axis])
-    table = np.ones((3, degree + 1))
-    along = np.empty((3, degree + 1))
-    cheb = np.ones(degree + 1)
-    slope = np.zeros(degree + 1)
-    out = np.empty((4, n_rows, n_columns))
-    for row in range(n_rows):
-        for axis in range(3):
-            z = points[row, axis]
-            table[axis, 1] = z
-            for n in range(2, degree + 1):
-                table[axis, n] = 2.0 * z * table[axis, n - 1] - table[axis, n - 2]
-        along[:] = 0.0
-        for t in range(n_terms):
-            product = table[0, orders[t, 1]] * table[1, orders[t, 2]] * table[2, orders[t, 3]]
-            for output in range(3):
-                along[output, orders[t, 0]] += coefficients[output, t] * product
-        for column in range(n_columns):
-            q = loads[row, column]
-            u = 2.0 * q / largest - 1.0
-            cheb[1] = u
-            slope[1] = 1.0
-            for n in range(2, degree + 1):
-                cheb[n] = 2.0 * u * cheb[n - 1] - cheb[n - 2]
-                slope[n] = 2.0 * cheb[n - 1] + 2.0 * u * slope[n - 1] - slope[n - 2]
-            y0, y1, y2, d0 = 0.0, 0.0, 0.0, 0.0
-            for n in range(degree + 1):
-                y0 += along[0, n] * cheb[n]
-                y1 += along[1, n] * cheb[n]
-                y2 += along[2, n] * cheb[n]
-                d0 += along[0, n] * slope[n]
-            out[0, row, column] = q * np.exp(y0)
-            out[1, row, column] = 1.0 + q * np.exp(y1)
-            out[2, row, column] = 1.0 + q * y2
-            out[3, row, column] = 1.0 + 2.0 * q / largest * d0
-    return out
+    def _allowed(self, batch: Batch) -> Flags:
+        largest = np.minimum(self._limit_load(batch), batch.largest_load(self.span))
+        largest = np.where(batch.within, largest, -1.0)[:, None]
+        allowed: Flags = (batch.loads >= 0.0) & (batch.loads <= largest)
+        return allowed

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import emcee
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from bayesdeg.inference.laplace import Evidence
 from bayesdeg.inference.model import Model
+from bayesdeg.inference.refusals import CountedDensity, Refusals
 
 Floats = NDArray[np.float64]
 
@@ -61,11 +62,14 @@ class Chain:
         Log posterior density, not normalised.
     acceptance : array, shape (n_ensembles,)
         Accepted share of proposals.
+    refusals : Refusals
+        How many proposals the emulator refused, burn-in included.
     """
 
     vectors: Floats
     log_prob: Floats
     acceptance: Floats
+    refusals: Refusals = field(default_factory=Refusals)
 
     def r_hat(self) -> Floats:
         """Rank-normalised split R̂ of each parameter, ensembles as chains.
@@ -90,10 +94,10 @@ class Chain:
         ensembles, steps, walkers, size = self.vectors.shape
         total = steps * walkers
         take = np.unique(np.linspace(0, total - 1, min(kept, total)).round().astype(np.int64))
-        return Chain(
-            self.vectors.reshape(ensembles, total, 1, size)[:, take],
-            self.log_prob.reshape(ensembles, total, 1)[:, take],
-            self.acceptance,
+        return replace(
+            self,
+            vectors=self.vectors.reshape(ensembles, total, 1, size)[:, take],
+            log_prob=self.log_prob.reshape(ensembles, total, 1)[:, take],
         )
 
 
@@ -101,6 +105,16 @@ class Chain:
 class _Position:
     vectors: Floats
     random_state: tuple[str, NDArray[np.uint32], int, int, float]
+
+
+@dataclass(frozen=True)
+class _Piece:
+    """What one ensemble did in one chunk of steps; fields as in ``Chain``."""
+
+    vectors: Floats
+    log_prob: Floats
+    acceptance: float
+    refusals: Refusals
 
 
 def sample(
@@ -136,14 +150,14 @@ def sample(
     size = len(model.table)
     walkers = max(40, 2 * size + 2)
     positions = [_first(model, start, walkers, child) for child in seed.spawn(effort.ensembles)]
-    history: list[list[tuple[Floats, Floats, float]]] = [[] for _ in positions]
+    history: list[list[_Piece]] = [[] for _ in positions]
     advance = partial(_advance, model, effort.chunk)
     apply = map if executor is None else executor.map
     for done in range(effort.chunk, effort.longest + 1, effort.chunk):
         results = list(apply(advance, positions))
-        for pieces, (_, vectors, log_prob, accepted) in zip(history, results, strict=True):
-            pieces.append((vectors, log_prob, accepted))
-        positions = [position for position, *_ in results]
+        for pieces, (_, piece) in zip(history, results, strict=True):
+            pieces.append(piece)
+        positions = [position for position, _ in results]
         chain = _join(history)
         smallest, largest = float(np.min(chain.effective())), float(np.max(chain.r_hat()))
         if on_chunk is not None:
@@ -195,29 +209,29 @@ def _first(model: Model, start: Evidence, walkers: int, seed: np.random.SeedSequ
     return _Position(vectors, state)
 
 
-def _advance(
-    model: Model, steps: int, position: _Position
-) -> tuple[_Position, Floats, Floats, float]:
+def _advance(model: Model, steps: int, position: _Position) -> tuple[_Position, _Piece]:
     walkers, size = position.vectors.shape
     moves = [(emcee.moves.DEMove(), 0.8), (emcee.moves.StretchMove(), 0.2)]
-    sampler = emcee.EnsembleSampler(walkers, size, model.log_prob, vectorize=True, moves=moves)
+    density = CountedDensity(model)
+    sampler = emcee.EnsembleSampler(walkers, size, density, vectorize=True, moves=moves)
     sampler.random_state = position.random_state
     sampler.run_mcmc(position.vectors, steps, skip_initial_state_check=True)
-    moved = _Position(sampler.get_chain()[-1], sampler.random_state)
-    return (
-        moved,
+    piece = _Piece(
         sampler.get_chain(),
         sampler.get_log_prob(),
         float(np.mean(sampler.acceptance_fraction)),
+        density.refusals,
     )
+    return _Position(piece.vectors[-1], sampler.random_state), piece
 
 
-def _join(history: list[list[tuple[Floats, Floats, float]]]) -> Chain:
-    vectors = np.stack([np.concatenate([p[0] for p in pieces]) for pieces in history])
-    log_prob = np.stack([np.concatenate([p[1] for p in pieces]) for pieces in history])
+def _join(history: list[list[_Piece]]) -> Chain:
+    vectors = np.stack([np.concatenate([p.vectors for p in pieces]) for pieces in history])
+    log_prob = np.stack([np.concatenate([p.log_prob for p in pieces]) for pieces in history])
     burnt = vectors.shape[1] // 4
-    acceptance = np.array([np.mean([p[2] for p in pieces]) for pieces in history])
-    return Chain(vectors[:, burnt:], log_prob[:, burnt:], acceptance)
+    acceptance = np.array([np.mean([p.acceptance for p in pieces]) for pieces in history])
+    refusals = sum((p.refusals for pieces in history for p in pieces), start=Refusals())
+    return Chain(vectors[:, burnt:], log_prob[:, burnt:], acceptance, refusals)
 
 
 def _labels(model: Model, kind: str) -> NDArray[np.str_]:

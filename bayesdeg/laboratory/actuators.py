@@ -145,6 +145,8 @@ def _without_walkers(prediction: Prediction, shape: tuple[int, ...]) -> Predicti
         only(prediction.peak_stretch),
         only(prediction.slope),
         only(prediction.sd),
+        only(prediction.bend_angle_sd),
+        only(prediction.peak_stretch_sd),
         np.broadcast_to(prediction.status, (1, *shape)).reshape(shape),
     )
 

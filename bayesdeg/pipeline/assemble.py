@@ -8,8 +8,8 @@ from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.inputs import ForwardMap
 from bayesdeg.causes.catalogue import CATALOGUE, find
 from bayesdeg.causes.cause import Cause
-from bayesdeg.emulator.store import surrogate_for
 from bayesdeg.emulator.surrogate import Surrogate
+from bayesdeg.emulator.trained import surrogate_for
 from bayesdeg.errors import BayesdegError, Fault, StudyError
 from bayesdeg.inference import data as tables
 from bayesdeg.inference import parameters as known

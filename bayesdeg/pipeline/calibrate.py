@@ -10,6 +10,7 @@ from bayesdeg.criticism.convergence import Convergence, diagnose
 from bayesdeg.inference.ensemble import Chain, Effort, sample
 from bayesdeg.inference.laplace import Evidence, Laplace, approximate, evidence
 from bayesdeg.inference.model import Model
+from bayesdeg.inference.refusals import Refusals
 from bayesdeg.pipeline.progress import Progress
 from bayesdeg.report.checkpoints import Checkpoints
 
@@ -80,8 +81,13 @@ def calibrate(
     importance = evidence(model, laplace, generator)
     progress.stage(f"{name}: sampling", total=effort.longest)
     stored = checkpoints.load(f"chain-{name}")
-    if stored is not None:
-        chain = Chain(stored["vectors"], stored["log_prob"], stored["acceptance"])
+    if stored is not None and "refusals" in stored:
+        chain = Chain(
+            stored["vectors"],
+            stored["log_prob"],
+            stored["acceptance"],
+            Refusals(*(int(number) for number in stored["refusals"])),
+        )
         progress.advance(effort.longest, "taken from the interrupted run")
         return Fit(model, laplace, importance, chain, diagnose(model, chain, effort))
 
@@ -92,6 +98,11 @@ def calibrate(
     chain = sample(model, importance, effort=effort, seed=chains, executor=executor, on_chunk=show)
     checkpoints.save(
         f"chain-{name}",
-        {"vectors": chain.vectors, "log_prob": chain.log_prob, "acceptance": chain.acceptance},
+        {
+            "vectors": chain.vectors,
+            "log_prob": chain.log_prob,
+            "acceptance": chain.acceptance,
+            "refusals": np.array([chain.refusals.proposed, chain.refusals.refused]),
+        },
     )
     return Fit(model, laplace, importance, chain, diagnose(model, chain, effort))

@@ -9,10 +9,22 @@ import numpy as np
 
 import bayesdeg
 from bayesdeg.emulator.surrogate import Surrogate
+from bayesdeg.inference.refusals import Refusals
 from bayesdeg.measure.study import Study
 from bayesdeg.pipeline.comparison import comparisons, rests_on
 from bayesdeg.pipeline.results import Results
 
+# share of refused proposals above which the posterior may be cut off
+WORRYING = 0.01
+FACTS = (
+    "design",
+    "model_version",
+    "coarse_curves",
+    "fine_curves",
+    "curves_cut_short",
+    "mesh_error_pct",
+)
+MEASURES = ("rms_pct", "p95_pct", "max_pct", "coverage_90")
 LIBRARIES = ("numpy", "scipy", "scikit-fem", "numba", "emcee", "arviz", "pandas", "xarray")
 
 
@@ -46,16 +58,21 @@ def run_document(study: Study, results: Results, seconds: dict[str, float]) -> d
 
 
 def _counts(results: Results) -> dict[str, int]:
-    failed, outside = 0, 0
-    if isinstance(results.base.model.forward, Surrogate):
-        failed = int(json.loads(results.base.model.forward.record)["curves_cut_short"])
+    forward = results.base.model.forward
+    outside, cut = 0, None
+    if isinstance(forward, Surrogate):
+        cut = emulator_facts(forward.record)["curves_cut_short"]
         outside = int(np.sum(~np.isfinite(results.final.chain.log_prob)))
-    return {
+    counts = {
         "posterior draws, base": results.base.chain.log_prob.size,
         "posterior draws, final": results.final.chain.log_prob.size,
         "posterior draws outside the emulator's range": outside,
-        "finite element curves of the emulator that met a limit point": failed,
     }
+    for label, fit in results.fits.items():
+        counts[f"proposals of the sampler, {label}"] = fit.chain.refusals.proposed
+        counts[f"proposals refused by the emulator, {label}"] = fit.chain.refusals.refused
+    name = "finite element curves of the emulator that met a limit point"
+    return counts | ({name: int(cut)} if isinstance(cut, int) else {})
 
 
 def _convergence(results: Results) -> dict[str, object]:
@@ -74,13 +91,85 @@ def _emulator(results: Results) -> dict[str, object]:
     forward = results.base.model.forward
     if not isinstance(forward, Surrogate):
         return {}
-    trained = json.loads(forward.record)
-    error = float(np.hypot(trained["left_out_rms_pct"], trained["mesh_error_pct"]))
-    record = (
-        f"{trained['coarse_curves']} curves of a coarse mesh, corrected by "
-        f"{trained['fine_curves']} of a fine one; curves left out are predicted to "
-        f"{trained['left_out_rms_pct']:.2f} % rms, {trained['left_out_p95_pct']:.2f} % at the "
-        f"95th percentile; the fine mesh itself is within {trained['mesh_error_pct']:.2f} % rms "
-        "of a finer one"
+    facts = emulator_facts(forward.record)
+    chains = {id(fit.chain): fit.chain.refusals for fit in results.fits.values()}
+    refusals = sum(chains.values(), start=Refusals())
+    return facts | {"refusals": refusal_words(refusals), "training": json.loads(forward.record)}
+
+
+def emulator_facts(record: str) -> dict[str, object]:
+    """Return what a trained emulator's record says of itself, as far as it says it.
+
+    Parameters
+    ----------
+    record : str
+        JSON. Every key may be missing: ``design``, ``model_version``, ``coarse_curves``,
+        ``fine_curves``, ``curves_cut_short``, ``mesh_error_pct``, and ``accuracy``, which maps a
+        quantity to ``rms_pct``, ``p95_pct``, ``max_pct`` [%] and ``coverage_90`` [–] on curves
+        that were not trained on.
+
+    Examples
+    --------
+    >>> facts = emulator_facts('{"coarse_curves": 64, "accuracy": {"limit": {"p95_pct": 1.5}}}')
+    >>> facts["coarse_curves"], facts["accuracy"]
+    (64, [{'quantity': 'limit', 'rms_pct': None, 'p95_pct': 1.5, 'max_pct': None, 'coverage_90': None}])
+    """  # noqa: E501
+    trained = json.loads(record)
+    by_quantity = trained.get("accuracy", {})
+    if not by_quantity and "left_out_rms_pct" in trained:
+        older = {
+            "rms": "left_out_rms_pct",
+            "p95": "left_out_p95_pct",
+            "max": "left_out_largest_pct",
+        }
+        by_quantity = {"curvature": {f"{k}_pct": trained.get(key) for k, key in older.items()}}
+    accuracy = [
+        {"quantity": quantity, **{measure: entry.get(measure) for measure in MEASURES}}
+        for quantity, entry in by_quantity.items()
+    ]
+    facts = {key: trained.get(key) for key in FACTS}
+    rms = by_quantity.get("curvature", {}).get("rms_pct")
+    error = None if rms is None else float(np.hypot(rms, facts["mesh_error_pct"] or 0.0))
+    return facts | {"accuracy": accuracy, "error_pct": error, "record": _sentence(facts, rms)}
+
+
+def _sentence(facts: dict[str, object], rms: float | None) -> str:
+    parts = []
+    if facts["coarse_curves"] is not None:
+        few = facts["fine_curves"]
+        parts.append(
+            f"{facts['coarse_curves']} curves of a coarse mesh"
+            + ("" if few is None else f", corrected by {few} of a fine one")
+        )
+    if rms is not None:
+        parts.append(f"curves that it was not trained on are predicted to {rms:.2f} % rms")
+    if facts["mesh_error_pct"] is not None:
+        parts.append(
+            f"the fine mesh itself is within {facts['mesh_error_pct']:.2f} % rms of a finer one"
+        )
+    return "; ".join(parts)
+
+
+def refusal_words(refusals: Refusals) -> str:
+    """Say how many proposals the emulator refused, and what to do if they are many.
+
+    Examples
+    --------
+    >>> refusal_words(Refusals(200_000, 50))
+    'The emulator refused 50 of 200000 proposals of the sampler (0.025 %) as outside its training.'
+    """
+    if not refusals.proposed:
+        return ""
+    if not refusals.refused:
+        return f"None of the {refusals.proposed} proposals of the sampler was outside its training."
+    said = (
+        f"The emulator refused {refusals.refused} of {refusals.proposed} proposals of the sampler "
+        f"({100.0 * refusals.share:.2g} %) as outside its training."
     )
-    return {"error_pct": error, "record": record, "training": trained}
+    if refusals.share <= WORRYING:
+        return said
+    return (
+        f"{said} That is more than {100.0 * WORRYING:g} %: the posterior may be cut off where the "
+        "emulator ends. Give narrower priors in study.toml to the parameters that lead there, or "
+        "leave out the readings next to ballooning, and see whether the result moves."
+    )

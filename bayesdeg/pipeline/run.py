@@ -12,8 +12,8 @@ from functools import partial
 import numpy as np
 
 import bayesdeg
-from bayesdeg.emulator.store import default_surrogate, to_bytes
 from bayesdeg.emulator.surrogate import Surrogate
+from bayesdeg.emulator.trained import default_surrogate, to_bytes
 from bayesdeg.inference.ensemble import EFFORTS
 from bayesdeg.measure.study import Study
 from bayesdeg.pipeline.assemble import assemble

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
+from bayesdeg.report.emulator import Emulator, emulator_of
 from bayesdeg.report.fields import (
     Json,
     RunFaultError,
@@ -130,8 +131,7 @@ class Run:
     missing: tuple[tuple[str, str], ...]
     rests_on: tuple[tuple[str, str], ...]
     convergence: Mapping[str, "Convergence"]
-    emulator_error_pct: float | None
-    emulator_record: str
+    emulator: Emulator
     misfit_observed: float | None
     misfit_name: str
     comparisons: tuple[Comparison, ...]
@@ -204,7 +204,7 @@ def run_of(content: Json) -> Run:
         raise RunFaultError("'title' is missing")
     if not isinstance(content.get("virtual", False), bool):
         raise RunFaultError("'virtual' must be true or false")
-    emulator, misfit = mapping_of(content, "emulator"), mapping_of(content, "misfit")
+    misfit = mapping_of(content, "misfit")
     convergence = mapping_of(content, "convergence")
     return Run(
         title=text_of(content, "title"),
@@ -222,8 +222,7 @@ def run_of(content: Json) -> Run:
         missing=pairs_of(content, "missing", ("what", "cost")),
         rests_on=pairs_of(content, "rests_on", ("statement", "rests_on")),
         convergence={model: _convergence(mapping_of(convergence, model)) for model in convergence},
-        emulator_error_pct=number_of(emulator, "error_pct"),
-        emulator_record=text_of(emulator, "record"),
+        emulator=emulator_of(mapping_of(content, "emulator")),
         misfit_observed=number_of(misfit, "observed"),
         misfit_name=text_of(misfit, "name"),
         comparisons=each_of(content, "comparisons", _comparison),

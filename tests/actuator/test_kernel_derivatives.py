@@ -13,7 +13,7 @@ from bayesdeg.actuator.material import Material
 from bayesdeg.actuator.mesh import Resolution, build_mesh
 from bayesdeg.actuator.paper import membrane_law
 from bayesdeg.actuator.problem import Problem
-from bayesdeg.actuator.sensitivity import INPUTS, residual_rates
+from bayesdeg.actuator.sensitivity import MATERIAL_INPUTS, residual_rates
 from bayesdeg.actuator.system import State, System
 from bayesdeg.measure.settings import Dimensions
 
@@ -289,13 +289,13 @@ def test_pressure_increments_keep_the_volume_equation(loose, random_state):
     assert left < 1e-6 * np.abs(lin.volume_residual).max()
 
 
-@pytest.mark.parametrize("name", INPUTS)
+@pytest.mark.parametrize("name", MATERIAL_INPUTS)
 def test_residual_rates_are_derivatives_of_the_residual(two_chambers, random_state, name):
     """∂R/∂m by central differences; those by gravity are exact at any step."""
     system = two_chambers.system
     material = replace(PAPERED, gravity_along=1e-3, gravity_up=-2e-3)
     state = random_state(system.body, 10, load=0.3)
-    rate = residual_rates(Problem(system, material), state)[INPUTS.index(name)]
+    rate = residual_rates(Problem(system, material), state)[MATERIAL_INPUTS.index(name)]
     start = state.load if name == "load" else getattr(material, name)
     step = 1e-4 * abs(start)
 

@@ -9,8 +9,8 @@ from bayesdeg.actuator.curve import Curve
 from bayesdeg.actuator.linear import open_factorization
 from bayesdeg.actuator.newton import find_equilibrium
 from bayesdeg.actuator.outputs import OUTPUTS, read_state
-from bayesdeg.actuator.problem import Problem
 from bayesdeg.actuator.sensitivity import INPUTS
+from bayesdeg.actuator.shape import SHAPE_INPUTS
 from bayesdeg.actuator.status import Effort, Status
 
 pytestmark = pytest.mark.fem
@@ -18,6 +18,12 @@ pytestmark = pytest.mark.fem
 LOADS = (0.2, 0.5)
 CLOSE = Effort(tolerance=1e-9, iterations=15, rate_tolerance=1e-10)
 STEPS = (4e-3, 1e-3, 2.5e-4)  # of the input's own size
+
+
+@pytest.fixture(scope="module")
+def every_effect(every_effect):
+    """Walls and faces moved too."""
+    return replace(every_effect, wall_factor=1.04, erosion=0.06)
 
 
 @pytest.fixture(scope="module")
@@ -30,19 +36,17 @@ def solved(two_chambers, every_effect):
 @pytest.fixture(scope="module")
 def resolve(two_chambers, every_effect, path_of):
     """Outputs at the last load with one input changed, from the equilibrium next to it."""
-    problem = Problem(two_chambers.system, every_effect)
+    _, problem = two_chambers.problem(Curve(LOADS, every_effect))
     base = path_of(problem, LOADS, Effort(exact=True)).states[-1]
     solver = open_factorization(two_chambers.system.upper)
 
     def at(name, value):
-        if name == "load":
-            changed, guess = problem, replace(base, load=value)
-        else:
-            material = replace(every_effect, **{name: value})
-            changed, guess = Problem(two_chambers.system, material), base
+        guess = replace(base, load=value) if name == "load" else base
+        material = every_effect if name == "load" else replace(every_effect, **{name: value})
+        mesh, changed = two_chambers.problem(Curve(LOADS, material))
         found = find_equilibrium(changed, solver, guess=guess, effort=CLOSE)
         assert found.rate is not None
-        return read_state(two_chambers.mesh, found.state).values
+        return read_state(mesh, found.state).values
 
     yield at
     solver.close()
@@ -64,7 +68,11 @@ def test_adjoint_gradients_agree_with_solutions_found_anew(solved, resolve, ever
     best = errors.min(axis=0)
     print(f"{name:>24}", *(f"{o} {e:.0e}" for o, e in zip(OUTPUTS, best, strict=True)))
     assert np.all(np.isfinite(adjoint))
-    assert np.all(best < 1e-6)
+    if name == "wall_factor":
+        # volumes change, and with them the place of the quantile between two points: a broken line
+        best = np.delete(best, OUTPUTS.index("peak_stretch"))
+    # shape inputs are themselves differences over 1e-7
+    assert np.all(best < (1e-5 if name in SHAPE_INPUTS else 1e-6))
 
 
 def test_rates_along_the_path_are_the_gradients_by_the_load(solved):

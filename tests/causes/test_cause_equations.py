@@ -98,8 +98,16 @@ def traced_curvature(x, y):
 
 def reading_of(kappa):
     kappa = np.asarray(kappa, float)
+    angle = 50e-3 * np.degrees(kappa)
     return Prediction(
-        kappa, 50e-3 * np.degrees(kappa), 1 + 0 * kappa, 1.3 * kappa, 0.01 * kappa, 0 * kappa
+        curvature=kappa,
+        bend_angle=angle,
+        peak_stretch=1 + 0 * kappa,
+        slope=1.3 * kappa,
+        sd=0.01 * kappa,
+        bend_angle_sd=0.01 * angle,
+        peak_stretch_sd=0 * kappa,
+        status=0 * kappa,
     )
 
 

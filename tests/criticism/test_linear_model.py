@@ -18,7 +18,7 @@ from bayesdeg.criticism.linear import (
     sensitivities,
     with_neutral,
 )
-from bayesdeg.emulator.store import default_surrogate
+from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.inference.laplace import approximate, evidence
 from bayesdeg.inference.parameters import with_priors
 from bayesdeg.laws import LogNormal, Normal, Parameter, TruncatedNormal

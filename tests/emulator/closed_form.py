@@ -6,17 +6,34 @@ from functools import cache
 
 import numpy as np
 
-from bayesdeg.actuator.curve import CurveSolution
-from bayesdeg.actuator.inputs import Inputs, Prediction
+from bayesdeg.actuator.curve import CurveSolution, PathSamples
+from bayesdeg.actuator.inputs import PAPER_THICKNESS, Inputs, Prediction
 from bayesdeg.actuator.outputs import OUTPUTS
+from bayesdeg.actuator.sensitivity import INPUTS
 from bayesdeg.actuator.status import Status
-from bayesdeg.emulator.campaign import space_filling
-from bayesdeg.emulator.scaling import TrainingBox
-from bayesdeg.emulator.training import train
+from bayesdeg.emulator.design import space_filling
+from bayesdeg.emulator.families import Family
+from bayesdeg.emulator.regression import Prior
+from bayesdeg.emulator.scaling import TrainingRange
+from bayesdeg.emulator.training import Plan, train
 
 LENGTH = 50.0
-BOX = TrainingBox()
+SPAN = TrainingRange()
 COARSE_EXCESS = 0.04  # a coarse mesh is too stiff or too soft by a factor that depends on load
+READ = (0, 1, 3)  # bend angle, arc length, peak stretch
+STEP = 1e-30  # imaginary: derivatives are exact to rounding
+
+
+@dataclass(frozen=True)
+class Box:
+    """Range of the load and of softening, ln(C3/M) and ln of the paper's group."""
+
+    load: float = SPAN.load
+    lower: tuple[float, ...] = tuple(SPAN.lower[:3].tolist())
+    upper: tuple[float, ...] = tuple(SPAN.upper[:3].tolist())
+
+
+BOX = Box()
 
 
 def unit_coordinates(load, softening, c3_ratio, paper):
@@ -48,29 +65,89 @@ def arc_excess(load, u, a):
 
 
 def limit_load(a, b):
-    """p/C1 at which the closed form balloons."""
+    """q at which the closed form balloons, were the walls as thick as the base model's."""
     return 0.9 * math.exp(0.5 * a + 0.6 * (b + 1.0))
 
 
-def solve(curve, *, fine=True):
-    """Answer one curve as the finite element model would."""
-    m = curve.material
-    softening = m.c2_ratio / math.sqrt(3.0 * m.c3_ratio)
-    q = np.array(curve.loads)
-    u, a, b, c = unit_coordinates(q, softening, m.c3_ratio, m.paper_group)
-    limit = limit_load(a, b)
-    met = limit <= q[-1]
-    kept = q < limit
-    q, u = q[kept], u[kept]
+def slack_left(load, slack, paper):
+    """Share of the slack that the load has not taken up; nothing of a tight paper."""
+    if slack == 0.0:
+        return 0.0 * load
+    return slack / (slack + 2.9 * load / (paper + 30.0))
+
+
+def softer_walls(m):
+    """ln of the factor by which a load acts like more load."""
+    return -0.06 * m["skin"] / 1.2 - 2.0 * (m["wall_factor"] - 1.0) + 0.9 * m["erosion"]
+
+
+def cause_gain(m, g, phi, b):
+    """What the other causes add to ``log_gain``; 0 for the paper that a base model assumes."""
+    thickness = m["paper_thickness"] ** 2 - (PAPER_THICKNESS / 0.853) ** 2
+    return (
+        0.5 * g
+        - (0.05 + 0.02 * b) * m["skin"]
+        - 0.8 * thickness
+        - 0.3 * phi
+        + (2.0 + 0.5 * b) * m["paper_mismatch"]
+        - 400.0 * m["gravity_up"] / (1.0 + 0.2887 * m["second_invariant_ratio"])
+        + 300.0 * m["gravity_along"] * m["skin"]
+    )
+
+
+def readings_at(load, m, *, fine=True):
+    """Bend angle, arc length and peak stretch, of real or complex inputs."""
+    second = m["second_invariant_ratio"] / (2.0 * math.sqrt(3.0))
+    modulus = 1.0 + second
+    q, c3, paper = load / modulus, m["c3_ratio"] / modulus, m["paper_group"] / modulus
+    w = softer_walls(m)
+    x = q * np.exp(w)
+    u, a, b, c = unit_coordinates(x, m["c2_ratio"] / modulus / np.sqrt(3.0 * c3), c3, paper)
     excess = 0.0 if fine else COARSE_EXCESS * (1.0 + 0.5 * u + 0.3 * b)
-    arc = LENGTH * (1.0 + arc_excess(q, u, a))
-    kappa = q * np.exp(log_gain(u, a, b, c) + excess) / LENGTH
-    return solution(
-        kappa * arc,
-        arc,
-        1.0 + stretch_excess(q, u, b),
+    effect = cause_gain(m, second / modulus, slack_left(q, m["paper_slack"], paper), b)
+    # body forces and misfit bend and stretch the actuator at rest
+    weight = np.sqrt(m["gravity_along"] ** 2 + m["gravity_up"] ** 2) / modulus
+    misfit = np.sqrt(m["paper_mismatch"] ** 2)
+    rest = 0.8 * m["paper_mismatch"] + 500.0 * m["gravity_up"] / modulus
+    kappa = (rest + x * np.exp(log_gain(u, a, b, c) + excess + effect)) / LENGTH
+    arc = LENGTH * (1.0 + arc_excess(x, u, a))
+    pulled = stretch_excess(1.0, u, b) * np.exp(w + 0.5 * effect)
+    return kappa * arc, arc, 1.0 + (q + misfit + 60.0 * weight) * pulled
+
+
+def limit_of(m):
+    """p/C1 at which a material balloons."""
+    modulus = 1.0 + m["second_invariant_ratio"] / (2.0 * math.sqrt(3.0))
+    c3 = m["c3_ratio"] / modulus
+    softening = m["c2_ratio"] / modulus / math.sqrt(3.0 * c3)
+    _, a, b, _ = unit_coordinates(0.0, softening, c3, m["paper_group"] / modulus)
+    return modulus * limit_load(a, b) * math.exp(-softer_walls(m))
+
+
+def sample(curve, *, fine=True):
+    """Answer one curve as the finite element model would, with exact derivatives."""
+    m = vars(curve.material)
+    limit = limit_of(m)
+    loads = np.array([0.0, *(q for q in curve.loads if q < limit)])
+    met = len(loads) <= len(curve.loads)
+    readings = np.full((len(loads), len(OUTPUTS)), np.nan)
+    readings[:, READ] = np.column_stack(readings_at(loads, m, fine=fine))
+    gradients = np.full((*readings.shape, len(INPUTS)), np.nan)
+    for k, name in enumerate(INPUTS):
+        load = loads + 1j * STEP if name == "load" else loads
+        moved = m if name == "load" else m | {name: m[name] + 1j * STEP}
+        if name == "paper_slack" and m[name] == 0.0:
+            moved = m  # of a tight paper no use is made of this derivative
+        found = np.broadcast_arrays(*readings_at(load, moved, fine=fine))
+        gradients[:, READ, k] = np.column_stack(found).imag / STEP
+    return PathSamples(
+        loads=loads,
+        readings=readings,
+        gradients=gradients,
         status=Status.LIMIT_POINT if met else Status.CONVERGED,
         limit_load=limit if met else math.inf,
+        iterations=3 * len(loads),
+        solver="closed form",
     )
 
 
@@ -94,7 +171,7 @@ def solution(angle, arc, stretch, *, status=Status.CONVERGED, limit_load=math.in
 
 @dataclass(frozen=True)
 class ClosedFormMap:
-    """The same actuator as a forward map, with a standard error of its own."""
+    """The base model's actuator as a forward map, with a standard error of its own."""
 
     relative_error: float = 0.004
 
@@ -118,20 +195,53 @@ class ClosedFormMap:
             peak_stretch=np.broadcast_to(stretch, shape),
             slope=np.where(outside, np.nan, slope),
             sd=self.relative_error * np.where(outside, np.nan, curvature),
+            bend_angle_sd=self.relative_error * np.broadcast_to(angle, shape),
+            peak_stretch_sd=self.relative_error * np.broadcast_to(stretch - 1.0, shape),
             status=np.where(outside, int(Status.OUTSIDE_TRAINING), 0),
         )
 
 
+POWERS = (1, 2, 2, 2, 1, 1, 2, 2, 2)
+ONCE = (1, 1, 0, 1, 1, 1, 1, 1, 1)
+PLANS = (
+    Plan(
+        (0, 1),
+        True,
+        Family((4, 2, 2, 2), (2, 1, 1, 1), POWERS, (1, 0, 1, 0)),
+        Family((2, 1, 1, 0), (1, 0, 0, 0), ONCE),
+        Prior(noise=1e-3),
+        Prior(noise=1e-3),
+    ),
+    Plan(
+        (2,),
+        False,
+        Family((3, 2, 2, 1), (1, 0, 1, 0), POWERS),
+        Family((1, 1, 1, 0), (0, 0, 0, 0), (0,) * 9),
+        Prior(noise=1e-2),
+        Prior(noise=1e-2),
+    ),
+)
+RECORD = {"design": "closed form"}
+
+
+def training_runs(coarse, fine, *, seed=5):
+    """Curves of a design and what was solved of them, on either mesh."""
+    curves = space_filling(SPAN, coarse, seed=seed)
+    few = curves[:fine]
+    return (curves, [sample(curve, fine=False) for curve in curves]), (
+        few,
+        [sample(curve) for curve in few],
+    )
+
+
 @cache
 def trained(*, mesh_error=0.0):
-    """Train a small surrogate on the closed form: 64 coarse curves, 24 fine ones."""
-    curves = space_filling(BOX, 64, seed=5)
-    few = curves[:24]
+    """Train a small surrogate on the closed form: 96 coarse curves, 32 fine ones."""
     return train(
-        (curves, [solve(curve, fine=False) for curve in curves]),
-        (few, [solve(curve) for curve in few]),
-        box=BOX,
+        *training_runs(96, 32),
+        span=SPAN,
         length=LENGTH,
         mesh_error=mesh_error,
-        record={"design": "closed form"},
+        record=RECORD,
+        plans=PLANS,
     )

@@ -10,7 +10,7 @@ import pytest
 from bayesdeg.actuator.curve import MODEL_VERSION
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.inputs import Inputs
-from bayesdeg.emulator.store import SHIPPED, default_surrogate, surrogate_for
+from bayesdeg.emulator.trained import SHIPPED, default_surrogate, surrogate_for
 from bayesdeg.errors import BayesdegError
 from bayesdeg.measure.settings import Dimensions
 

@@ -32,6 +32,8 @@ class LinearActuator:
             peak_stretch=np.where(there, stretch, np.nan),
             slope=np.where(there, slope, np.nan),
             sd=np.zeros(curvature.shape),
+            bend_angle_sd=np.zeros(curvature.shape),
+            peak_stretch_sd=np.zeros(curvature.shape),
             status=np.where(there, 0, int(Status.LIMIT_POINT)),
         )
 

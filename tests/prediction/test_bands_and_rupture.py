@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import norm
 
 from bayesdeg.causes.catalogue import find
-from bayesdeg.emulator.store import default_surrogate
+from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.inference.ensemble import Chain
 from bayesdeg.prediction.bands import QUANTILES, at_conditions, curvature_bands, draw_values
 from bayesdeg.prediction.rupture import rupture_table

@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from bayesdeg.emulator.store import default_surrogate
+from bayesdeg.emulator.trained import default_surrogate
 
 STUDIES = Path(__file__).resolve().parents[2] / "studies"
 PARTS = ("agreement", "published", "rupture")

@@ -1,0 +1,102 @@
+"""``bayesdeg emulate``: an emulator for a geometry."""
+
+import tomllib
+from dataclasses import replace
+from math import inf
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from bayesdeg.actuator.geometry import Geometry
+from bayesdeg.commands import training
+from bayesdeg.commands.options import CORES, Quiet, Scheduler, Workers, Yes, workplace
+from bayesdeg.console import errors
+from bayesdeg.emulator.solutions import SolutionStore
+from bayesdeg.emulator.trained import CACHE, cached_path
+from bayesdeg.errors import Fault, StudyError
+from bayesdeg.measure.settings import Dimensions
+from bayesdeg.measure.settings_file import FILE, parse_settings
+from bayesdeg.pipeline.emulation import Campaign
+
+GeometryFile = Annotated[
+    Path | None,
+    typer.Argument(
+        help="A study folder, or a TOML file with an [actuator] table (lengths in mm); by default "
+        "the geometry of the paper.",
+        metavar="GEOMETRY",
+    ),
+]
+Out = Annotated[
+    Path | None,
+    typer.Option(
+        help="File for the trained emulator; by default one in .cache/emulators, where "
+        "'bayesdeg run' finds it. Another file is given to 'bayesdeg run' with --emulator.",
+        metavar="FILE",
+    ),
+]
+Store = Annotated[
+    Path,
+    typer.Option(
+        help="Folder of finite element solutions, to go on from; several campaigns may share it.",
+        metavar="FOLDER",
+    ),
+]
+Timeout = Annotated[
+    float,
+    typer.Option(
+        help="Time after which a finite element run is given up, counted from its start; it is "
+        "then listed as failed, and tried again only if more time is allowed.",
+        metavar="SECONDS",
+        show_default="none",
+    ),
+]
+
+
+def emulate(
+    geometry: GeometryFile = None,
+    out: Out = None,
+    store: Store = training.STORE,
+    workers: Workers = CORES,
+    scheduler: Scheduler = None,
+    timeout: Timeout = inf,
+    yes: Yes = False,
+    quiet: Quiet = False,
+) -> None:
+    """Train an emulator on finite element curves of a geometry.
+
+    A few curves are timed, and it is said how long all of them take; if a terminal is there and
+    --yes is not given, it is asked whether to go on. Solutions are kept as they come: stopped at
+    any moment, the same command goes on where it was. At the end a table says how the curves
+    ended, where the parameters of those that failed are listed, and how accurate the emulator is.
+    """
+    if not timeout > 0.0:
+        raise typer.BadParameter(f"{timeout:g} s is no time to solve anything; give more than 0")
+    actuator = Geometry(_dimensions(geometry))
+    path = out or cached_path(actuator, training.RECIPE, CACHE)
+    with workplace(workers, scheduler) as executor:
+        campaign = Campaign(actuator, training.RECIPE, SolutionStore(store), executor, timeout)
+        training.train(campaign, path, training.Manner(yes=yes, quiet=quiet))
+    if not quiet:
+        errors.print(f"wrote {path}", markup=False, highlight=False, soft_wrap=True)
+
+
+def _dimensions(path: Path | None) -> Dimensions:
+    """Read the dimensions of an actuator from a study folder or a TOML file."""
+    if path is None:
+        return Dimensions()
+    file = path / FILE if path.is_dir() else path
+    try:
+        content = file.read_bytes()
+    except OSError as fault:
+        remedy = f"name a study folder that holds {FILE}, or a TOML file with an [actuator] table"
+        raise StudyError(
+            [Fault(str(file), f"cannot be read ({fault.strerror})", remedy)]
+        ) from fault
+    settings, faults = parse_settings(content)
+    if faults:
+        raise StudyError([replace(fault, file=str(file)) for fault in faults])
+    if not path.is_dir() and "actuator" not in tomllib.loads(content.decode("utf-8-sig")):
+        remedy = "write [actuator] and below it the dimensions that differ, such as length = 60.0"
+        raise StudyError([Fault(str(file), "has no [actuator] table", remedy)])
+    return settings.dimensions

@@ -1,0 +1,110 @@
+"""``bayesdeg run``: the main job."""
+
+import json
+import sys
+from dataclasses import replace
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from bayesdeg.commands.options import (
+    CORES,
+    Quiet,
+    Scheduler,
+    Seed,
+    StudyFolder,
+    Workers,
+    Yes,
+    workplace,
+)
+from bayesdeg.commands.training import Manner, emulator_for
+from bayesdeg.console import errors, shown
+from bayesdeg.measure.study import Study, read_study
+from bayesdeg.pipeline.run import fingerprint, run_study
+from bayesdeg.report.checkpoints import Checkpoints
+from bayesdeg.report.folder import RunFolder
+from bayesdeg.report.page import build_page
+
+
+class EffortChoice(StrEnum):
+    """How much is spent on sampling."""
+
+    QUICK = "quick"
+    STANDARD = "standard"
+    THOROUGH = "thorough"
+
+
+Effort = Annotated[EffortChoice | None, typer.Option(help="Instead of the study's own effort.")]
+EmulatorFile = Annotated[
+    Path | None,
+    typer.Option(help="An emulator made by 'emulate', instead of the known ones.", metavar="FILE"),
+]
+Fresh = Annotated[
+    bool, typer.Option("--fresh", help="Calibrate again, resume nothing; emulators are kept.")
+]
+
+
+def run(
+    study: StudyFolder,
+    effort: Effort = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Run folder; by default reports/<name of the study>.")
+    ] = None,
+    seed: Seed = None,
+    workers: Workers = CORES,
+    scheduler: Scheduler = None,
+    emulator: EmulatorFile = None,
+    fresh: Fresh = False,
+    yes: Yes = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print verdict.json last.")] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Calibrate, criticise, name the cause, measure the gain, predict, and write the report.
+
+    An interrupted run goes on where it stopped. A geometry that has no emulator gets one first:
+    how long that takes is said, and asked for if a terminal is there and --yes is not given. The
+    finite element solutions are kept in .cache/campaign, the emulator in .cache/emulators.
+    """
+    checked = _with_options(read_study(study), effort, seed)
+    target = out or Path("reports") / checked.name
+    with workplace(workers, scheduler) as executor:
+        forward = emulator_for(
+            checked, emulator, manner=Manner(yes=yes, quiet=quiet), executor=executor
+        )
+        checkpoints = Checkpoints(target / "checkpoints", fingerprint(checked, forward))
+        if fresh:
+            checkpoints.clear()
+        with shown(quiet) as progress:
+            document = run_study(
+                checked,
+                RunFolder(target),
+                checkpoints,
+                progress=progress,
+                executor=executor,
+                forward=forward,
+            )
+            progress.stage("report")
+            page = build_page(target)
+    if not quiet:
+        _say_verdict(document, page, virtual=checked.settings.virtual)
+    if as_json:
+        sys.stdout.write(json.dumps(RunFolder(target).read_json("verdict"), indent=2) + "\n")
+
+
+def _with_options(study: Study, effort: EffortChoice | None, seed: int | None) -> Study:
+    settings = study.settings
+    if effort is not None:
+        settings = replace(settings, effort=effort.value)
+    if seed is not None:
+        settings = replace(settings, seed=seed)
+    return replace(study, settings=settings)
+
+
+def _say_verdict(document: dict[str, object], page: Path, *, virtual: bool) -> None:
+    label = "virtual experiment: " if virtual else ""
+    names = ", ".join(str(c) for c in document["causes"])  # type: ignore[attr-defined]
+    errors.print(f"\n[bold]{label}{document['outcome']}[/bold]{': ' + names if names else ''}")
+    errors.print(str(document["explanation"]), markup=False, highlight=False)
+    errors.print(f"\nreport: {page}", highlight=False)

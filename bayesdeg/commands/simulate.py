@@ -1,0 +1,66 @@
+"""``bayesdeg simulate``: a virtual experiment."""
+
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from bayesdeg.actuator.forward import ExactMap
+from bayesdeg.actuator.geometry import Geometry
+from bayesdeg.actuator.mesh import FINE
+from bayesdeg.commands.options import CORES, Quiet, Seed, StudyFolder, Workers, workplace
+from bayesdeg.console import errors, shown
+from bayesdeg.laboratory.design import design_of
+from bayesdeg.laboratory.effects import parse_effects
+from bayesdeg.laboratory.experiment import run_experiment
+from bayesdeg.laboratory.truth import Truth, drawn_truth
+from bayesdeg.laboratory.writing import Provenance, study_files
+from bayesdeg.measure.study import read_study
+
+
+def simulate(
+    study: StudyFolder,
+    out: Annotated[Path, typer.Option(help="Folder for the virtual study.")],
+    cause: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="An effect to hide, NAME=VALUE or NAME.PARAMETER=VALUE; may be repeated."
+        ),
+    ] = None,
+    seed: Seed = None,
+    draw_material: Annotated[
+        bool,
+        typer.Option("--draw-material", help="Draw the material laws anew instead of the default."),
+    ] = False,
+    workers: Workers = CORES,
+    quiet: Quiet = False,
+) -> None:
+    """Make a virtual experiment with the study's design, from a fine finite element model.
+
+    The curves take about half a minute each. What was hidden stands in truth.json, which no other
+    command opens.
+    """
+    template = read_study(study)
+    chosen = template.settings.seed if seed is None else seed
+    generator = np.random.default_rng(chosen)
+    effects = parse_effects(cause or [])
+    truth = drawn_truth(generator) if draw_material else Truth()
+    design = design_of(template)
+    geometry = Geometry(template.settings.dimensions)
+    with workplace(workers, None) as executor, shown(quiet) as progress:
+        curves = design.actuator["specimen_id"].nunique()
+        progress.stage("finite element curves", total=curves)
+        forward = ExactMap(geometry, FINE, executor=executor, on_curve=progress.advance)
+        experiment = run_experiment(
+            design, truth, forward=forward, generator=generator, effects=effects
+        )
+    named = " ".join(f"--cause {text}" for text in cause or [])
+    drawn = " --draw-material" if draw_material else ""
+    command = f"bayesdeg simulate {study} {named}{drawn} --out {out} --seed {chosen}"
+    provenance = Provenance(command=command, seed=chosen, mesh=vars(FINE))
+    out.mkdir(parents=True, exist_ok=True)
+    for name, text in study_files(experiment, template.settings, provenance=provenance).items():
+        if not (name == "study.toml" and study.resolve() == out.resolve()):
+            (out / name).write_text(text, encoding="utf-8")
+    errors.print(f"wrote a virtual experiment to {out}", highlight=False)

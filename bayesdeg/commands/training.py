@@ -1,0 +1,140 @@
+"""Training an emulator: the time it takes is said, asked for if somebody is there, and shown."""
+
+import sys
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from pathlib import Path
+
+import typer
+
+from bayesdeg.actuator.geometry import Geometry
+from bayesdeg.commands.options import Stopped
+from bayesdeg.commands.outcome import accuracy_table, list_failures, runs_table
+from bayesdeg.console import errors, shown
+from bayesdeg.emulator.recipe import Recipe
+from bayesdeg.emulator.solutions import SolutionStore
+from bayesdeg.emulator.surrogate import Surrogate
+from bayesdeg.emulator.trained import CACHE, find, read_trained, surrogate_for, write_trained
+from bayesdeg.measure.study import Study
+from bayesdeg.pipeline.emulation import (
+    Campaign,
+    Expectation,
+    duration,
+    endings,
+    expect,
+    train_emulator,
+)
+
+STORE = Path(".cache/campaign")
+RECIPE = Recipe()
+
+
+@dataclass(frozen=True)
+class Manner:
+    """How a command goes about training.
+
+    Parameters
+    ----------
+    yes : bool
+        Whether it goes on without asking.
+    quiet : bool
+        Whether it says nothing.
+    """
+
+    yes: bool = False
+    quiet: bool = False
+
+
+def emulator_for(
+    study: Study, given: Path | None, *, manner: Manner, executor: Executor | None
+) -> Surrogate | None:
+    """Return the emulator of a study's geometry; train it if there is none yet.
+
+    Parameters
+    ----------
+    study : Study
+        None is needed where there are no actuator readings.
+    given : Path, optional
+        A file made by ``bayesdeg emulate``.
+    manner : Manner
+        Of training.
+    executor : Executor, optional
+        Where to solve.
+
+    Raises
+    ------
+    BayesdegError
+        If the file is damaged, outdated, or of another geometry.
+    Stopped
+        If the user does not want to wait for the training, or stops it.
+    """
+    if given is not None:
+        trained = read_trained(given)
+        if study.actuator is None:
+            return trained
+        return surrogate_for(Geometry(study.settings.dimensions), trained)
+    if study.actuator is None:
+        return None
+    geometry = Geometry(study.settings.dimensions)
+    found = find(geometry, recipe=RECIPE, cache=CACHE)
+    if found.surrogate is not None:
+        return found.surrogate
+    if not manner.quiet:
+        _print(f"{found.reason}; one is trained now and kept as {found.path}")
+    return train(Campaign(geometry, RECIPE, SolutionStore(STORE), executor), found.path, manner)
+
+
+def train(campaign: Campaign, path: Path, manner: Manner) -> Surrogate:
+    """Say how long a campaign takes, complete it, train the emulator and keep it in a file.
+
+    Raises
+    ------
+    Stopped
+        If the user does not want to wait, or stops it.
+    """
+    try:
+        with shown(manner.quiet) as progress:
+            expectation = expect(campaign, progress)
+        if expectation.left:
+            _say(expectation, campaign.store.folder, manner)
+        with shown(manner.quiet) as progress:
+            surrogate = train_emulator(campaign, expectation, progress)
+        write_trained(path, surrogate)
+    except KeyboardInterrupt as stop:
+        raise Stopped(_what_stays(campaign)) from stop
+    ended = endings(campaign)
+    listed = list_failures(path, ended)
+    if not manner.quiet:
+        errors.print(runs_table(ended))
+        if listed is not None:
+            _print(f"parameters of the failed ones: {listed}")
+        errors.print(accuracy_table(surrogate))
+    return surrogate
+
+
+def _say(expectation: Expectation, store: Path, manner: Manner) -> None:
+    if not manner.quiet:
+        _print(f"training takes {expectation}; solutions are kept in {store}")
+    if manner.yes or not (sys.stdin.isatty() and sys.stderr.isatty()):
+        return
+    question = f"Train the emulator, {duration(expectation.seconds)}?"
+    try:
+        agreed = typer.confirm(question, default=True, err=True)
+    except typer.Abort as stop:
+        raise KeyboardInterrupt from stop
+    if not agreed:
+        raise Stopped(
+            f"not trained; what is solved stays in {store}, and the same command goes on from there"
+        )
+
+
+def _what_stays(campaign: Campaign) -> str:
+    total, folder = len(campaign.runs), campaign.store.folder
+    return (
+        f"stopped; {total - len(campaign.left())} of {total} finite element curves stay in "
+        f"{folder}, and the same command goes on from there"
+    )
+
+
+def _print(text: str) -> None:
+    errors.print(text, markup=False, highlight=False, soft_wrap=True)

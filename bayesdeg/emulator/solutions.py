@@ -1,0 +1,250 @@
+"""The store of finite element solutions: one plain npz a run, named by a hash of its content."""
+
+import json
+import os
+import time
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+from uuid import uuid4
+from zipfile import ZipFile, ZipInfo
+
+import numpy as np
+
+from bayesdeg.actuator.curve import CurveSolution, PathSamples
+from bayesdeg.actuator.outputs import OUTPUTS
+from bayesdeg.actuator.sensitivity import INPUTS
+from bayesdeg.actuator.status import Status
+from bayesdeg.emulator.run import Kind, Run, Solution, key_of, run_of
+from bayesdeg.errors import BayesdegError
+
+# answers of the mechanics, though the path may end before its last load
+ANSWERS = (Status.CONVERGED, Status.LIMIT_POINT, Status.BUCKLED)
+
+_ABANDONED = 3600.0  # age after which nobody is still writing a temporary file [s]
+_EPOCH = (1980, 1, 1, 0, 0, 0)  # the same solution gives the same bytes whenever it is written
+
+
+class _DamagedError(Exception):
+    """A file is not what it was when it was written; the message says what was noticed."""
+
+
+@dataclass(frozen=True)
+class Failure:
+    """A run that ended without an answer.
+
+    Parameters
+    ----------
+    run : Run
+        With its parameters.
+    status : Status
+        How it ended.
+    """
+
+    run: Run
+    status: Status
+
+
+@dataclass(frozen=True)
+class SolutionStore:
+    """Solutions on disk, each in a file named by its run's key; campaigns may share the folder.
+
+    Every file is written whole or not at all, holds no pickle and says in its ``record`` (JSON)
+    which run it is of; its bytes depend on the solution alone. The time that a run took stands in
+    a file beside it.
+
+    Parameters
+    ----------
+    folder : Path
+        Made when the first solution is put there.
+    """
+
+    folder: Path
+
+    def get(self, run: Run, *, timeout: float = 0.0) -> Solution | None:
+        """Return the solution of a run, or none if it is not there.
+
+        Parameters
+        ----------
+        run : Run
+            What is wanted.
+        timeout : float
+            Seconds that would be allowed now: a run that was given up after less is not counted.
+
+        Warns
+        -----
+        UserWarning
+            Of a damaged file, with its name; it counts as not there.
+        """
+        try:
+            return self._read(run, timeout)
+        except _DamagedError as fault:
+            path = self._path(run.key())
+            warnings.warn(f"{path} is damaged and is solved again: {fault}", stacklevel=2)
+            return None
+
+    def _read(self, run: Run, timeout: float) -> Solution | None:
+        path = self._path(run.key())
+        try:
+            content = path.read_bytes()
+        except FileNotFoundError:
+            return None
+        except OSError as fault:
+            raise BayesdegError(f"{path} cannot be read: {fault.strerror}") from fault
+        solution, record = decode(content, run)
+        given_up = solution.status is Status.TIMED_OUT and float(record["timeout_s"]) < timeout
+        return None if given_up else solution
+
+    def put(
+        self, run: Run, solution: Solution, *, seconds: float | None = None, timeout: float = np.inf
+    ) -> bool:
+        """Write a solution, unless one as good stands there; return whether it was written.
+
+        Parameters
+        ----------
+        run : Run
+            Whose solution it is.
+        solution : Solution
+            Of the run's kind.
+        seconds : float, optional
+            What it took.
+        timeout : float
+            What it was allowed to take.
+
+        Raises
+        ------
+        BayesdegError
+            If the folder cannot be written, as when the disk is full. What stands there stays.
+        """
+        if self._holds_as_good(run, timeout if solution.status is Status.TIMED_OUT else np.inf):
+            return False
+        key = run.key()
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            if seconds is not None:
+                _write(self.folder / f"{key}.seconds", f"{seconds:.3f}\n".encode())
+            _write(self._path(key), encode(run, solution, timeout=timeout))
+        except OSError as fault:
+            raise BayesdegError(
+                f"the store {self.folder} cannot be written: {fault.strerror}; what is solved so "
+                "far stays there: make room, or allow writing, and repeat the command to go on"
+            ) from fault
+        return True
+
+    def _holds_as_good(self, run: Run, timeout: float) -> bool:
+        try:
+            return self._read(run, timeout) is not None
+        except _DamagedError:
+            return False
+
+    def failures(self) -> list[Failure]:
+        """Return the runs of this version of the model that failed or timed out."""
+        found = []
+        for path in sorted(self.folder.glob("*.npz")):
+            try:
+                record = json.loads(str(_members(path.read_bytes())["record"]))
+                status, run = Status[record["status"]], run_of(record["run"])
+            except Exception:  # of another version, or damaged: the next campaign says so
+                continue
+            if status not in ANSWERS and path.stem == run.key():
+                found.append(Failure(run, status))
+        return found
+
+    def seconds(self) -> dict[str, float]:
+        """Return how long the runs took, by key: wall time of one core [s]."""
+        return dict(self._times())
+
+    def _times(self) -> Iterator[tuple[str, float]]:
+        for path in sorted(self.folder.glob("*.seconds")):
+            try:
+                yield path.stem, float(path.read_text(encoding="ascii"))
+            except ValueError:  # of no consequence
+                continue
+
+    def clean(self) -> None:
+        """Remove temporary files that a killed process left behind an hour ago or earlier."""
+        for path in self.folder.glob("*.part"):
+            try:
+                if time.time() - path.stat().st_mtime > _ABANDONED:
+                    path.unlink(missing_ok=True)
+            except OSError:  # another campaign was faster
+                continue
+
+    def _path(self, key: str) -> Path:
+        return self.folder / f"{key}.npz"
+
+
+def encode(run: Run, solution: Solution, *, timeout: float = np.inf) -> bytes:
+    """Return a solution as the content of an npz file, the same bytes for the same solution."""
+    record: dict[str, object] = {"run": run.parameters(), "status": solution.status.name}
+    if solution.status is Status.TIMED_OUT:
+        record["timeout_s"] = timeout
+    values = {"record": json.dumps(record, sort_keys=True)} | vars(solution)
+    buffer = BytesIO()
+    with ZipFile(buffer, "w") as archive:
+        for name, value in values.items():
+            member, info = BytesIO(), ZipInfo(f"{name}.npy", _EPOCH)
+            info.create_system, info.external_attr = 3, 0o644 << 16  # alike on every system
+            np.lib.format.write_array(member, np.asarray(value), allow_pickle=False)
+            archive.writestr(info, member.getvalue())
+    return buffer.getvalue()
+
+
+def decode(content: bytes, run: Run) -> tuple[Solution, dict[str, Any]]:
+    """Return the solution of a run from the content of its file, and the file's record."""
+    try:
+        members = _members(content)
+        record = json.loads(str(members.pop("record")))
+        if key_of(record["run"]) != run.key():
+            raise ValueError("it is the solution of another run")
+        _check_shapes(run, members)
+        return _solution(run.kind, members), record
+    except Exception as fault:  # a damaged archive fails in any way
+        raise _DamagedError(repr(fault)) from fault
+
+
+def _members(content: bytes) -> dict[str, Any]:
+    # a whole member is read before it is looked into, so that its checksum is compared
+    with ZipFile(BytesIO(content)) as archive:
+        parts = {name.removesuffix(".npy"): archive.read(name) for name in archive.namelist()}
+    return {name: np.load(BytesIO(part), allow_pickle=False) for name, part in parts.items()}
+
+
+def _solution(kind: Kind, members: dict[str, Any]) -> Solution:
+    m = members
+    status, limit = Status(int(m["status"])), float(m["limit_load"])
+    end = (status, limit, int(m["iterations"]), str(m["solver"]))
+    if kind is Kind.CURVE:
+        return CurveSolution(m["readings"], m["rates"], m["rest"], m["rest_rates"], *end)
+    return PathSamples(m["loads"], m["readings"], m["gradients"], *end)
+
+
+def _check_shapes(run: Run, members: dict[str, Any]) -> None:
+    n, outputs, inputs = len(members["readings"]), len(OUTPUTS), len(INPUTS)
+    wanted: dict[str, tuple[int, ...]] = {"readings": (n, outputs)}
+    if run.kind is Kind.CURVE:
+        wanted |= {"rates": (n, outputs), "rest": (outputs,), "rest_rates": (outputs,)}
+        if n > len(run.curve.loads):
+            raise ValueError(f"it has {n} loads, not {len(run.curve.loads)}")
+    else:
+        wanted |= {"loads": (n,), "gradients": (n, outputs, inputs)}
+    for name, shape in wanted.items():
+        array = members[name]
+        if array.shape != shape or array.dtype != np.float64:
+            raise ValueError(f"{name} is {array.dtype} of shape {array.shape}, not {shape}")
+
+
+def _write(path: Path, content: bytes) -> None:
+    part = path.with_name(f".{path.stem[:12]}-{uuid4().hex}.part")
+    try:
+        with part.open("xb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        part.replace(path)
+    except BaseException:
+        part.unlink(missing_ok=True)
+        raise

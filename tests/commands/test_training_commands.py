@@ -1,0 +1,391 @@
+"""``bayesdeg emulate``, and ``bayesdeg run`` on a geometry that has no emulator yet."""
+
+import csv
+import os
+import pty
+import re
+import signal
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from bayesdeg import cli
+from bayesdeg.commands import options, training
+from bayesdeg.commands import run as run_command
+from bayesdeg.emulator.solutions import SolutionStore
+from bayesdeg.emulator.trained import cached_path, read_trained, write_trained
+from bayesdeg.pipeline import emulation
+from tests.pipeline.study_files import SETTINGS, study_in
+from tests.pipeline.tiny_campaign import GEOMETRY, RECIPE, TABLE, build, emulator
+
+ROOT = Path(__file__).parents[2]
+CACHED = cached_path(GEOMETRY, RECIPE)
+pytestmark = pytest.mark.fem
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    """A working directory where the recipe is tiny; with a study and a file of its geometry."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(training, "RECIPE", RECIPE)
+    monkeypatch.setattr(emulation, "build", build)
+    (tmp_path / "tiny.toml").write_text(TABLE, encoding="utf-8")
+    (tmp_path / "study").mkdir()
+    study_in(tmp_path / "study", {"study.toml": SETTINGS + TABLE})
+    return tmp_path
+
+
+@pytest.fixture
+def command(monkeypatch, capsys):
+    """Run a command in this process; gives exit code, standard output and standard error."""
+
+    def call(*arguments):
+        monkeypatch.setattr(sys, "argv", ["bayesdeg", *map(str, arguments)])
+        code = cli.exit_code()
+        return code, *capsys.readouterr()
+
+    return call
+
+
+@pytest.fixture
+def pipeline(monkeypatch):
+    """Let 'run' go no further than to the emulator; gives the emulators that it was given."""
+    given = []
+
+    def run_study(_study, _folder, _checkpoints, *, forward, **_):
+        given.append(forward)
+        return {"outcome": "adequate", "causes": [], "explanation": "nothing was calibrated"}
+
+    monkeypatch.setattr(run_command, "run_study", run_study)
+    monkeypatch.setattr(run_command, "build_page", lambda folder: folder / "index.html")
+    return given
+
+
+def solved(folder=Path(".cache/campaign")):
+    return {path.name: path.stat().st_mtime_ns for path in folder.glob("*.npz")}
+
+
+# ---- emulate
+
+
+def test_emulate_says_the_time_trains_and_ends_with_a_table(here, command):
+    code, out, err = command("emulate", "tiny.toml", "--workers", 1)
+    assert (code, out) == (0, ""), err
+    lines = err.splitlines()
+    expected = next(i for i, line in enumerate(lines) if line.startswith("training takes"))
+    assert "less than a minute" in lines[expected]
+    assert "2 of " in lines[expected]
+    assert "solutions are kept in .cache/campaign" in lines[expected]
+    table = [line for line in lines if line.startswith("│ all")]
+    assert table
+    assert lines.index(table[0]) > expected
+    assert re.findall(r"\d+", table[0]) == ["6", "2"]
+    row = next(line for line in lines if line.startswith("│ curvature"))
+    assert [cell.strip() for cell in row.strip("│").split("│")][1:] == [
+        "0.25",
+        "0.50",
+        "1.25",
+        "91\N{NO-BREAK SPACE}%",
+    ]
+    assert f"wrote {CACHED}" in err
+    assert read_trained(CACHED).length == 14.0
+    assert len(solved()) == 8
+
+
+def test_emulate_repeats_nothing(here, command):
+    command("emulate", "tiny.toml", "--workers", 1, "--quiet")
+    before = solved()
+    code, _, err = command("emulate", "study", "--workers", 1, "--out", "other.npz")
+    assert code == 0
+    assert "training takes" not in err
+    assert solved() == before
+    assert Path("other.npz").read_bytes() == CACHED.read_bytes()
+
+
+def test_quiet_says_nothing(here, command):
+    assert command("emulate", "tiny.toml", "--workers", 1, "--quiet") == (0, "", "")
+    assert CACHED.exists()
+
+
+def test_runs_that_are_given_up_are_listed_with_their_parameters(here, command):
+    code, _, err = command(
+        *("emulate", "tiny.toml", "--workers", 1, "--out", "out.npz", "--timeout", 1e-6)
+    )
+    assert code == 0, err
+    listed = Path("out.failures.csv")
+    assert f"parameters of the failed ones: {listed}" in err
+    assert "failed: not finished within the time allowed" in err
+    with listed.open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 8
+    assert {row["status"] for row in rows} == {"TIMED_OUT"}
+    runs = emulation.runs(GEOMETRY, RECIPE)
+    assert {row["run"] for row in rows} == {run.key() for run in runs}
+    for row, run in zip(rows, runs, strict=True):
+        assert float(row["c3_ratio"]) == run.curve.material.c3_ratio
+        assert float(row["mesh_along"]) == run.resolution.along
+        assert float(row["largest_load"]) == run.curve.loads[-1]
+    # with more time they are solved, and nothing is listed any more
+    code, _, err = command("emulate", "tiny.toml", "--workers", 1, "--out", "out.npz")
+    assert code == 0, err
+    assert not listed.exists()
+    assert "failed" not in err
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", ["tiny.toml: has no [actuator] table", "write [actuator]"]),
+        ("[actuator]\nlenght = 60.0\n", ["tiny.toml, row 2", "actuator.lenght", "'length'"]),
+        ("[actuator]\nside_wall = 5.0\n", ["tiny.toml", "leave no chamber in the width"]),
+        ("[actuator\n", ["tiny.toml, row 1", "is not valid TOML"]),
+    ],
+)
+def test_a_geometry_that_is_none_is_refused(here, command, text, said):
+    Path("tiny.toml").write_text(text, encoding="utf-8")
+    code, out, err = command("emulate", "tiny.toml")
+    assert (code, out) == (2, "")
+    assert all(words in err for words in said)
+    assert "study.toml" not in err
+    assert not Path(".cache").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("emulate", "nowhere"), "nowhere: cannot be read"),
+        (("emulate", "."), "study.toml: cannot be read"),
+        (("emulate", "--timeout", "0"), "0 s is no time"),
+        (("emulate", "--timeout", "soon"), "--timeout"),
+        (("emulate", "--workers", "0"), "--workers"),
+    ],
+)
+def test_wrong_arguments_end_with_2(here, command, arguments, said):
+    code, _, err = command(*arguments)
+    assert code == 2
+    assert said in err
+    assert "Traceback" not in err
+
+
+@pytest.mark.parametrize("name", ["emulate", "run"])
+def test_the_cluster_is_asked_for_by_its_address(here, command, pipeline, monkeypatch, name):
+    asked = []
+
+    @contextmanager
+    def pool(workers, scheduler=None):
+        asked.append((workers, scheduler))
+        yield None
+
+    monkeypatch.setattr(options, "pool", pool)
+    code, *_ = command(name, "study", "--scheduler", "tcp://192.0.2.1:8786", "--workers", 3)
+    assert code == 0
+    assert asked == [(3, "tcp://192.0.2.1:8786")]
+
+
+@pytest.mark.parametrize("name", ["emulate", "run"])
+def test_help_names_every_option(command, name):
+    _, out, _ = command(name, "--help")
+    for option in ("--workers", "--scheduler", "--out", "--yes", "--quiet"):
+        assert option in out
+    assert ".cache/" in out
+
+
+# ---- run
+
+
+def test_run_trains_on_first_use_and_finds_the_emulator_afterwards(here, command, pipeline):
+    code, _, err = command("run", "study", "--workers", 1)
+    assert code == 0, err
+    assert "no emulator of this geometry has been trained yet; one is trained now" in err
+    assert f"kept as {CACHED}" in err
+    assert "training takes less than a minute" in err
+    assert CACHED.exists()
+    code, _, err = command("run", "study", "--workers", 1)
+    assert code == 0
+    assert "train" not in err
+    assert [surrogate.length for surrogate in pipeline] == [14.0, 14.0]
+    assert pipeline[0].record == pipeline[1].record
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [("damaged", "is damaged"), ("outdated", "was trained on version 0 of the finite element")],
+)
+def test_run_trains_again_what_cannot_be_used_and_says_why(here, command, pipeline, content, said):
+    if content == "damaged":
+        CACHED.parent.mkdir(parents=True)
+        CACHED.write_bytes(b"PK nothing")
+    else:
+        write_trained(CACHED, emulator(version="0"))
+    code, _, err = command("run", "study", "--workers", 1)
+    assert code == 0
+    assert str(CACHED) in err
+    assert said in err
+    assert read_trained(CACHED).record == pipeline[0].record
+
+
+def test_an_emulator_file_is_used_as_it_is(here, command, pipeline):
+    write_trained(Path("mine.npz"), emulator())
+    code, *_ = command("run", "study", "--emulator", "mine.npz", "--workers", 1)
+    assert code == 0
+    assert pipeline[0].record == emulator().record
+    assert not Path(".cache").exists()
+
+
+@pytest.mark.parametrize(
+    ("kind", "said"),
+    [
+        ("missing", "mine.npz cannot be read"),
+        ("damaged", "mine.npz is damaged"),
+        ("outdated", "mine.npz was trained on version 0"),
+        ("other", "chambers = 1 (trained: 5)"),
+    ],
+)
+def test_an_emulator_file_that_does_not_fit_is_refused(here, command, pipeline, kind, said):
+    path = Path("mine.npz")
+    if kind == "damaged":
+        path.write_bytes(b"PK nothing")
+    elif kind == "outdated":
+        write_trained(path, emulator(version="0"))
+    elif kind == "other":
+        five = replace(GEOMETRY, dimensions=replace(GEOMETRY.dimensions, length=50.0, chambers=5))
+        write_trained(path, emulator(five))
+    code, _, err = command("run", "study", "--emulator", path, "--workers", 1)
+    assert code == 2
+    assert said in err
+    assert "bayesdeg emulate" in err
+    assert not pipeline
+
+
+def test_a_study_without_actuators_needs_no_emulator(here, command, pipeline):
+    (here / "study" / "actuator.csv").unlink()
+    code, *_ = command("run", "study", "--workers", 1)
+    assert code == 0
+    assert pipeline == [None]
+    assert not Path(".cache").exists()
+
+
+def test_check_takes_another_geometry_and_says_that_it_will_be_trained(here, command):
+    code, _, err = command("check", "study")
+    assert code == 0
+    assert "no faults" in err
+    assert "'bayesdeg run' trains one first" in " ".join(err.split())
+    assert not Path(".cache").exists()
+
+
+# ---- a terminal, and being stopped
+
+DRIVER = """
+import sys
+from dataclasses import replace
+from bayesdeg import cli
+from bayesdeg.commands import training
+from bayesdeg.pipeline import emulation
+from tests.pipeline.tiny_campaign import RECIPE, build
+if __name__ == "__main__":
+    training.RECIPE = replace(RECIPE, coarse_runs=int(sys.argv.pop(1)))
+    emulation.build = build
+    cli.main()
+"""
+
+
+def start(folder, coarse_runs, *arguments, **settings):
+    script = folder / "driver.py"
+    script.write_text(DRIVER, encoding="utf-8")
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "200"}
+    line = [sys.executable, str(script), str(coarse_runs), *map(str, arguments)]
+    return subprocess.Popen(line, cwd=folder, env=environment, **settings)
+
+
+def on_terminal(folder, answer, *arguments):
+    """Run a command on a terminal, answer its question; gives exit code and what was shown."""
+    master, slave = pty.openpty()
+    process = start(folder, 6, *arguments, stdin=slave, stdout=slave, stderr=slave)
+    os.close(slave)
+    shown = b""
+    while True:
+        try:
+            part = os.read(master, 4096)
+        except OSError:  # the other end is closed
+            break
+        if not part:
+            break
+        shown += part
+        if answer and b"[Y/n]" in shown:
+            os.write(master, answer)
+            answer = b""
+    os.close(master)
+    return process.wait(timeout=60), shown.decode()
+
+
+@pytest.mark.slow
+def test_on_a_terminal_it_is_asked_and_a_no_leaves_what_was_solved(here):
+    code, shown = on_terminal(here, b"n\n", "emulate", "tiny.toml", "--workers", 1)
+    assert code == 3
+    assert "Train the emulator, less than a minute? [Y/n]" in shown
+    assert "the same command goes on from there" in shown
+    assert len(solved()) == 5
+    assert not CACHED.exists()
+
+
+@pytest.mark.slow
+def test_yes_goes_on_without_a_question(here):
+    code, shown = on_terminal(here, b"", "emulate", "tiny.toml", "--workers", 1, "--yes")
+    assert code == 0
+    assert "[Y/n]" not in shown
+    assert re.search(r"\d of 3, less than a minute left", shown)
+    assert CACHED.exists()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_stopped_in_mid_campaign_it_ends_with_3_says_what_stays_and_goes_on(here, number):
+    runs = 40
+    arguments = ("emulate", "tiny.toml", "--workers", 2)
+    with start(here, runs, *arguments, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            while len(solved()) < 8:
+                assert process.poll() is None
+                time.sleep(0.05)
+            process.send_signal(number)
+            began = time.monotonic()
+            _, err = process.communicate(timeout=60)
+            took = time.monotonic() - began
+        finally:
+            process.kill()
+    assert took < 5.0
+    assert process.returncode == 3
+    assert "Traceback" not in err
+    stays = len(solved())
+    assert f"stopped; {stays} of {runs + 2} finite element curves stay in .cache/campaign" in err
+    assert "the same command goes on from there" in err
+    before = solved()
+    with start(here, runs, *arguments, stderr=subprocess.PIPE, text=True) as again:
+        try:
+            _, err = again.communicate(timeout=300)
+        finally:
+            again.kill()
+    assert again.returncode == 0, err
+    after = solved()
+    assert len(after) == runs + 2
+    assert {name: after[name] for name in before} == before
+    assert cached_path(GEOMETRY, replace(RECIPE, coarse_runs=runs)).exists()
+
+
+@pytest.mark.slow
+def test_the_whole_way_from_a_geometry_to_an_emulator(tmp_path, command, monkeypatch):
+    """Nothing is replaced but meshes and numbers of curves."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(training, "RECIPE", replace(RECIPE, coarse_runs=64, fine_runs=16))
+    Path("tiny.toml").write_text(TABLE, encoding="utf-8")
+    code, _, err = command("emulate", "tiny.toml", "--workers", 2, "--out", "tiny.npz")
+    assert code == 0, err
+    surrogate = read_trained(Path("tiny.npz"))
+    assert surrogate.length == 14.0
+    assert re.search(r"│ curvature +│ +[\d.]+ +│", err)
+    assert not SolutionStore(Path(".cache/campaign")).failures()

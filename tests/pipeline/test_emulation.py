@@ -1,0 +1,167 @@
+"""How long a campaign takes, how far it is, and what it trains."""
+
+from dataclasses import dataclass, field
+
+import pytest
+
+from bayesdeg.actuator.status import Status
+from bayesdeg.emulator.campaign import Finished
+from bayesdeg.emulator.solutions import SolutionStore
+from bayesdeg.pipeline import emulation
+from bayesdeg.pipeline.emulation import (
+    Campaign,
+    Expectation,
+    Meter,
+    duration,
+    endings,
+    expect,
+    train_emulator,
+)
+from bayesdeg.pipeline.progress import Silent
+from tests.emulator.closed_form import solution
+from tests.pipeline.tiny_campaign import COARSE, FINE, GEOMETRY, RECIPE, build
+
+
+@dataclass
+class Shown:
+    """What was shown."""
+
+    stages: list = field(default_factory=list)
+    steps: list = field(default_factory=list)
+
+    def stage(self, name, total=None):
+        self.stages.append((name, total))
+
+    def advance(self, steps=1.0, note=""):
+        self.steps.append((steps, note))
+
+
+@pytest.fixture
+def campaign(tmp_path):
+    return Campaign(GEOMETRY, RECIPE, SolutionStore(tmp_path / "campaign"))
+
+
+def finished(campaign, number, seconds, status=Status.CONVERGED):
+    run = campaign.runs[number]
+    answer = solution([], [], [], status=status)
+    return Finished(run, answer, seconds)
+
+
+@pytest.mark.fem
+def test_first_runs_of_either_mesh_are_timed_and_kept(campaign):
+    shown = Shown()
+    expectation = expect(campaign, shown)
+    assert shown.stages == [("timing first curves", 5)]
+    assert len(shown.steps) == 5
+    assert expectation.left == {COARSE: 2, FINE: 1}
+    measured = campaign.store.seconds()
+    assert len(measured) == 5
+    fine = [measured[run.key()] for run in campaign.runs[6:7]]
+    assert expectation.each[FINE] == pytest.approx(fine[0])
+    coarse = sorted(measured[run.key()] for run in campaign.runs[:4])
+    assert expectation.each[COARSE] == pytest.approx((coarse[1] + coarse[2]) / 2.0)
+    assert expectation.core_seconds == pytest.approx(
+        2 * expectation.each[COARSE] + expectation.each[FINE]
+    )
+    again = Shown()
+    assert expect(campaign, again) == expectation
+    assert again.stages == []
+
+
+@pytest.mark.fem
+def test_the_emulator_is_built_on_what_is_left_and_the_endings_are_of_all(campaign, monkeypatch):
+    monkeypatch.setattr(emulation, "build", build)
+    shown = Shown()
+    surrogate = train_emulator(campaign, expect(campaign, Silent()), shown)
+    assert surrogate.length == GEOMETRY.dimensions.length
+    assert [name for name, _ in shown.stages] == ["finite element curves", "training on the curves"]
+    assert len(shown.steps) == 3
+    assert shown.steps[-1][1].startswith("3 of 3, less than a minute left")
+    ended = endings(campaign)
+    assert [run for run, _ in ended] == campaign.runs
+    assert all(isinstance(status, Status) for _, status in ended)
+    # nothing is left: no campaign is shown
+    shown = Shown()
+    expectation = expect(campaign, Silent())
+    assert expectation.left == {}
+    assert expectation.seconds == 0.0
+    train_emulator(campaign, expectation, shown)
+    assert shown.stages == [("training on the curves", None)]
+
+
+def test_a_bar_counts_runs_by_their_cost_and_says_what_is_left(campaign):
+    now = [0.0]
+    shown = Shown()
+    expectation = Expectation({COARSE: 100, FINE: 10}, {COARSE: 2.0, FINE: 40.0}, workers=2)
+    meter = Meter(expectation, shown, clock=lambda: now[0])
+    assert shown.stages == [("finite element curves", 600.0)]
+    assert meter.remaining() == pytest.approx(300.0)
+    now[0] = 1.0
+    meter(finished(campaign, 0, 2.0))
+    now[0] = 20.0
+    meter(finished(campaign, 6, 40.0, Status.EFFORT_EXHAUSTED))
+    assert [steps for steps, _ in shown.steps] == [2.0, 40.0]
+    # at the pace of two cores: (99 · 2 + 9 · 40) / 2
+    assert meter.remaining() == pytest.approx(558.0 / (122.0 / 60.0))
+    assert shown.steps[-1][1] == "2 of 110, about 5 min left, 1 failed"
+
+
+def test_what_is_left_follows_measured_times_and_pace(campaign):
+    """All runs take twice as long as expected, and one worker of two does nothing."""
+    now = [0.0]
+    expectation = Expectation({COARSE: 1000}, {COARSE: 2.0}, workers=2)
+    meter = Meter(expectation, Shown(), clock=lambda: now[0])
+    for _ in range(500):
+        now[0] += 4.0
+        meter(finished(campaign, 0, 4.0))
+    assert meter.remaining() == pytest.approx(500 * 4.0, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("status", "failed"),
+    [
+        (Status.CONVERGED, 0),
+        (Status.LIMIT_POINT, 0),
+        (Status.BUCKLED, 0),
+        (Status.TIMED_OUT, 1),
+        (Status.EFFORT_EXHAUSTED, 1),
+    ],
+)
+def test_an_actuator_that_balloons_is_an_answer_and_no_failure(campaign, status, failed):
+    meter = Meter(Expectation({COARSE: 2}, {COARSE: 1.0}), Shown())
+    meter(finished(campaign, 0, 1.0, status))
+    assert meter.failed == failed
+
+
+def test_more_runs_than_expected_do_no_harm(campaign):
+    shown = Shown()
+    meter = Meter(Expectation({COARSE: 1}, {COARSE: 1.0}), shown)
+    for number in (0, 1, 6):
+        meter(finished(campaign, number, 1.0))
+    assert meter.remaining() == 0.0
+    assert shown.steps[-1][1].startswith("3 of 3")
+
+
+def test_fewer_runs_than_workers_are_not_divided_among_all():
+    assert Expectation({FINE: 1}, {FINE: 30.0}, workers=8).seconds == 30.0
+
+
+def test_the_expectation_says_how_it_was_found():
+    said = str(Expectation({COARSE: 250, FINE: 30}, {COARSE: 2.0, FINE: 40.0}, workers=2))
+    assert said == (
+        "about 14 min: finite element curves, 250 of 2.0 s on a mesh of 8 mm and 30 of 40.0 s on "
+        "a mesh of 5 mm, 2 at a time"
+    )
+
+
+@pytest.mark.parametrize(
+    ("seconds", "words"),
+    [
+        (59.0, "less than a minute"),
+        (61.0, "about 1 min"),
+        (3570.0, "about 1 h 0 min"),
+        (5400.0, "about 1 h 30 min"),
+    ],
+)
+def test_times_to_come_are_said_in_minutes(seconds, words):
+    assert duration(seconds) == words
