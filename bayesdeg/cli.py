@@ -15,7 +15,7 @@ from bayesdeg.commands.options import Stopped
 from bayesdeg.commands.run import run
 from bayesdeg.commands.simulate import simulate
 from bayesdeg.console import errors
-from bayesdeg.errors import BayesdegError, StudyError
+from bayesdeg.errors import BayesdegError, ResumableError, StudyError
 
 app = typer.Typer(
     name="bayesdeg",
@@ -53,6 +53,9 @@ def exit_code() -> int:
         app(standalone_mode=False)
     except StudyError as fault:
         return _say(*(str(line) for line in fault.faults))
+    except ResumableError as fault:
+        _say(str(fault))
+        return STOPPED
     except BayesdegError as fault:
         return _say(str(fault))
     except typer.Exit as done:

@@ -52,6 +52,10 @@ class BayesdegError(Exception):
     """Base of every error that the user can do something about."""
 
 
+class ResumableError(BayesdegError):
+    """What stopped the work from outside: nothing is lost, and the same command goes on."""
+
+
 class StudyError(BayesdegError):
     """All faults of a study, reported together.
 

@@ -1,63 +1,175 @@
-"""How far the emulator is from fine finite element curves that its training never saw."""
+"""How far the emulator is from the held-out curves, and whether it knows."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import cached_property
-from pathlib import Path
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
-from forward_case import say
+from emulator_held_out import HeldOut, inputs_of
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-from bayesdeg.actuator.curve import Curve, CurveSolution, PathSamples
+from bayesdeg.actuator.curve import Curve, PathSamples
 from bayesdeg.actuator.geometry import Geometry
-from bayesdeg.actuator.inputs import Inputs
-from bayesdeg.actuator.mesh import CONVERGED
-from bayesdeg.actuator.outputs import OUTPUTS as READINGS
-from bayesdeg.actuator.sensitivity import INPUTS
-from bayesdeg.actuator.status import Status
-from bayesdeg.emulator.campaign import Finished, Kind, Run, complete, missing
-from bayesdeg.emulator.held_out import study_like
+from bayesdeg.emulator import build
+from bayesdeg.emulator.limits import fit_limit
 from bayesdeg.emulator.observations import reach
-from bayesdeg.emulator.scaling import CAUSES, Place
+from bayesdeg.emulator.recipe import Recipe
+from bayesdeg.emulator.scaling import Place
 from bayesdeg.emulator.solutions import SolutionStore
 from bayesdeg.emulator.surrogate import OUTPUTS, Surrogate
 from bayesdeg.measure.settings import Dimensions
 
 Floats = NDArray[np.float64]
 
-CURVES, SEED = 40, 5
-STORE = Path(".cache/campaign")
 HALF_WIDTH = float(norm.ppf(0.95))  # of a 90 % interval, in standard errors
 
 
 @dataclass(frozen=True)
-class HeldOut:
-    """A curve that no training saw, and what the fine mesh says of it."""
+class Compared:
+    """One held-out curve beside the emulator's.
 
-    curve: Curve
-    solution: CurveSolution
+    Parameters
+    ----------
+    causes : int
+        At work.
+    truth, predicted, error, total_error : array, shape (3, n)
+        Fine mesh, emulator, its standard error of interpolation and that with the mesh's error;
+        nan where it refuses.
+    refusals : tuple of str
+        Why, by the names of the groups.
+    """
+
+    causes: int
+    truth: Floats
+    predicted: Floats
+    error: Floats
+    total_error: Floats
+    refusals: tuple[str, ...]
 
     @property
-    def reached(self) -> int:
-        return len(self.solution.readings)
+    def largest_pct(self) -> Floats:
+        """Largest error of each output over the curve's largest value [%]; nan if all refused."""
+        size = np.max(np.abs(self.truth), axis=1, keepdims=True)
+        apart = np.abs(self.predicted - self.truth) / size
+        known = np.isfinite(apart)
+        worst = np.max(np.where(known, apart, 0.0), axis=1)
+        return np.where(known.any(axis=1), 100.0 * worst, np.nan)
 
-    @property
-    def n_causes(self) -> int:
-        place = Place.of(self.curve.material)
-        neutral = dict.fromkeys((c.name for c in CAUSES), 0.0) | {c.name: c.neutral for c in CAUSES}
-        found = dict(zip((g.name for g in _groups()), place.values, strict=True))
-        acting = {name for name, value in neutral.items() if abs(found[name] - value) > 1e-9}
-        # the thickness is a cause only where the paper is not the nominal one at the part's scale
-        return len(acting - {"paper_thickness"}) + _other_paper(self.curve)
 
-    @cached_property
-    def truth(self) -> Floats:
-        """Changes of curvature and bend angle, and peak stretch less 1, (3, n_reached)."""
-        rows = np.vstack([self.solution.rest, self.solution.readings])
-        angle, length = rows[:, 0], rows[:, 1]
-        kappa = angle / length * 1e3
-        stretch = rows[:, READINGS.index("peak_stretch")] - 1.0
-        change = np.stack([kappa - kappa[0], np.degrees(angle - angle[0]), stretch])
-        return change[:, 1:]
+def compare(emulator: Surrogate, curves: Sequence[HeldOut]) -> list[Compared]:
+    bare, found = emulator.without_mesh_error(), []
+    for held in curves:
+        if not len(held.solution.readings):
+            continue
+        inputs = held.inputs
+        own, whole = bare(inputs), emulator(inputs)
+        found.append(
+            Compared(
+                held.causes,
+                held.truth,
+                np.stack([own.curvature, own.bend_angle, own.peak_stretch - 1.0]),
+                np.stack([own.sd, own.bend_angle_sd, own.peak_stretch_sd]),
+                np.stack([whole.sd, whole.bend_angle_sd, whole.peak_stretch_sd]),
+                tuple(emulator.refusals(inputs)),
+            )
+        )
+    return found
+
+
+def errors(pairs: Sequence[Compared]) -> dict[str, dict[str, float]]:
+    """Return 95th percentile and largest error over curves by output [%]."""
+    worst = np.array([pair.largest_pct for pair in pairs])
+    return {name: _spread(column) for name, column in zip(OUTPUTS, worst.T, strict=True)}
+
+
+def _spread(values: Floats) -> dict[str, float]:
+    known = values[np.isfinite(values)]
+    if not len(known):
+        return {"curves": 0}
+    return {
+        "p95_pct": float(np.quantile(known, 0.95)),
+        "max_pct": float(np.max(known)),
+        "median_pct": float(np.median(known)),
+        "curves": len(known),
+    }
+
+
+def by_causes(pairs: Sequence[Compared]) -> dict[str, dict[str, dict[str, float]]]:
+    words = ("none", "one", "two")
+    kinds = {word: [pair for pair in pairs if pair.causes == n] for n, word in enumerate(words)}
+    return {word: errors(some) for word, some in kinds.items() if some}
+
+
+def coverage(pairs: Sequence[Compared], *, with_mesh_error: bool = False) -> dict[str, float]:
+    """Return the share of values inside the emulator's own 90 % interval, by output."""
+    found = {}
+    for k, name in enumerate(OUTPUTS):
+        ratios = [
+            np.abs(pair.predicted[k] - pair.truth[k])
+            / (pair.total_error if with_mesh_error else pair.error)[k]
+            for pair in pairs
+        ]
+        known = np.concatenate(ratios)
+        known = known[np.isfinite(known)]
+        found[name] = float(np.mean(known <= HALF_WIDTH))
+    return found
+
+
+def refusals(pairs: Sequence[Compared], curves: Sequence[HeldOut]) -> dict[str, object]:
+    """Count the values that the emulator refuses; and those that the fine mesh does not reach."""
+    refused = [int(np.sum(~np.isfinite(pair.predicted[0]))) for pair in pairs]
+    reasons = Counter(reason for pair in pairs for reason in pair.refusals)
+    return {
+        "values": sum(refused),
+        "of_values": sum(pair.truth.shape[1] for pair in pairs),
+        "curves": sum(count > 0 for count in refused),
+        "curves_by_reason": dict(reasons),
+        "values_not_reached_by_finite_elements": sum(
+            len(held.curve.loads) - len(held.solution.readings) for held in curves
+        ),
+        "curves_by_status": dict(Counter(held.solution.status.name for held in curves)),
+    }
+
+
+def limits(emulator: Surrogate, runs: Sequence[tuple[Curve, PathSamples]]) -> dict[str, object]:
+    """Compare the limit pressure with the reach of those curves whose reach is known."""
+    apart, in_errors, within = [], [], 0
+    ends = [(curve, reach(curve, samples)) for curve, samples in runs]
+    for curve, end in ends:
+        if end.load <= 0.0:
+            continue
+        known = 1e3 * end.load * Place.of(curve.material).modulus
+        limit = emulator.limit_pressure(inputs_of(curve, np.array([known])))
+        guess, sd = float(limit.pressure.ravel()[0]), float(limit.sd.ravel()[0])
+        if end.open:
+            # of a curve that is smooth to its end the reach is larger than the last load
+            within += bool(guess < known)
+        elif np.isfinite(guess):
+            apart.append(guess / known - 1.0)
+            in_errors.append(abs(guess - known) / sd)
+    smooth = sum(end.open for _, end in ends)
+    return {
+        **_spread(100.0 * np.abs(np.array(apart))),
+        "mean_pct": 100.0 * float(np.mean(apart)) if apart else None,
+        "coverage_90": float(np.mean(np.array(in_errors) <= HALF_WIDTH)) if apart else None,
+        "smooth_curves": smooth,
+        "smooth_curves_whose_limit_is_put_within_their_loads": within,
+    }
+
+
+def limits_left_out(emulator: Surrogate, store: SolutionStore) -> dict[str, object]:
+    """Compare with fine curves that end, the limit fitted without their coarse twins."""
+    wanted = build.runs(Geometry(Dimensions()))
+    found = [(run, store.get(run)) for run in wanted]
+    pairs = [(run, got) for run, got in found if isinstance(got, PathSamples)]
+    fine = [(run.curve, s) for run, s in pairs if run.resolution == Recipe().fine_mesh]
+    if not fine:
+        return {"missing": "fine training runs in the store"}
+    twins = {curve for curve, _ in fine}
+    others = [reach(run.curve, s) for run, s in pairs if run.curve not in twins]
+    fitted = replace(emulator, limit=fit_limit(others, emulator.span).terms)
+    return limits(fitted, fine) | {
+        "what": f"{len(fine)} fine curves of the training design against a limit fitted to "
+        f"{len(others)} other curves of the coarse mesh"
+    }

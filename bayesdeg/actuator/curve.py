@@ -1,5 +1,6 @@
 """One pressure curve: groups in, readings at every load out."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from threading import Lock
 
@@ -10,10 +11,10 @@ from bayesdeg.actuator.equilibrium import Path, follow
 from bayesdeg.actuator.linear import Factorization, open_factorization
 from bayesdeg.actuator.material import Material
 from bayesdeg.actuator.mesh import ActuatorMesh, reshaped
-from bayesdeg.actuator.newton import Step
 from bayesdeg.actuator.outputs import OUTPUTS, read_state
+from bayesdeg.actuator.path_record import PathRecord
 from bayesdeg.actuator.problem import Problem
-from bayesdeg.actuator.sensitivity import INPUTS, derivatives
+from bayesdeg.actuator.sensitivity import INPUTS
 from bayesdeg.actuator.shape import variations
 from bayesdeg.actuator.status import Effort, Status
 from bayesdeg.actuator.system import System
@@ -168,29 +169,26 @@ class Actuator:
         try:
             mesh, problem = self.problem(curve)
         except (GeometryError, ValueError):
-            return _empty(Status.INVALID_INPUT), _no_gradients()
+            return _empty(Status.INVALID_INPUT), _stacked([])
         with self._lock:
-            record = _Record(self, problem, mesh, wanted=frozenset(curve.loads), enough=1e-8)
-            path = follow(
-                problem, self._opened(), loads=curve.loads, effort=exact, visit=record.visit
-            )
-        return _read_path(mesh, path, self._opened().name), _stacked(record.gradients)
+            record = self._recorder(problem, mesh, frozenset(curve.loads), 1e-8)
+            solver = self._opened()
+            path = follow(problem, solver, loads=curve.loads, effort=exact, visit=record.visit)
+        return _read_path(mesh, path, solver.name), _stacked(record.gradients)
 
     def sample(self, curve: Curve, *, effort: Effort | None = None) -> PathSamples:
         """Follow a curve to its last load; return readings and derivatives where the path stopped.
 
-        The path chooses its own steps, so that a curve with all derivatives costs about half as
-        much again as one without.
+        With all derivatives a curve costs less than twice as much as without.
         """
         try:
             mesh, problem = self.problem(curve)
         except (GeometryError, ValueError):
             return _no_samples(Status.INVALID_INPUT)
         with self._lock:
-            record = _Record(self, problem, mesh, wanted=None, enough=1e-4)
-            path = follow(
-                problem, self._opened(), loads=curve.loads, effort=effort, visit=record.visit
-            )
+            record = self._recorder(problem, mesh, None, 1e-4)
+            solver = self._opened()
+            path = follow(problem, solver, loads=curve.loads, effort=effort, visit=record.visit)
         return PathSamples(
             np.array(record.loads),
             np.array(record.readings).reshape(-1, len(OUTPUTS)),
@@ -198,7 +196,15 @@ class Actuator:
             path.status,
             path.limit_load,
             path.iterations,
-            self._opened().name,
+            solver.name,
+        )
+
+    def _recorder(
+        self, problem: Problem, mesh: ActuatorMesh, wanted: frozenset[float] | None, enough: float
+    ) -> PathRecord:
+        shapes = variations(self.mesh, self.system, problem.material)
+        return PathRecord(
+            mesh, problem, self._opened(), shapes=shapes, wanted=wanted, enough=enough
         )
 
     def _opened(self) -> Factorization:
@@ -222,44 +228,6 @@ class Actuator:
             return self.mesh, Problem(self.system, material)
         mesh = reshaped(self.mesh, wall_factor=material.wall_factor, erosion=material.erosion)
         return mesh, Problem(self.system.with_body(mesh.body), material)
-
-
-class _Record:
-    """Reads the steps of a path, and differentiates while the solver holds their factors."""
-
-    def __init__(
-        self,
-        actuator: Actuator,
-        problem: Problem,
-        mesh: ActuatorMesh,
-        *,
-        wanted: frozenset[float] | None,
-        enough: float,
-    ) -> None:
-        self._problem, self._mesh, self._solver = problem, mesh, actuator._opened()
-        self._wanted, self._enough, self._angle = wanted, enough, 0.0
-        self._shapes = variations(actuator.mesh, actuator.system, problem.material)
-        self.loads, self.readings = list[float](), list[Floats]()
-        self.gradients = list[Floats]()
-
-    def visit(self, step: Step) -> None:
-        if step.factors is None or not (self._wanted is None or step.state.load in self._wanted):
-            return
-        reading = read_state(self._mesh, step.state, previous_angle=self._angle)
-        self._angle = reading.bend_angle
-        self.loads.append(step.state.load)
-        self.readings.append(reading.values)
-        self.gradients.append(
-            derivatives(
-                self._problem,
-                self._solver,
-                state=step.state,
-                factors=step.factors,
-                mesh=self._mesh,
-                shapes=self._shapes,
-                enough=self._enough,
-            )
-        )
 
 
 def check_inputs(curve: Curve) -> None:
@@ -303,17 +271,13 @@ def _empty(status: Status) -> CurveSolution:
     return CurveSolution(none, none, missing, missing, status, 0.0, 0, "")
 
 
-def _no_gradients() -> Floats:
-    return np.empty((0, len(OUTPUTS), len(INPUTS)))
-
-
-def _stacked(gradients: list[Floats]) -> Floats:
-    return np.stack(gradients) if gradients else _no_gradients()
+def _stacked(gradients: Sequence[Floats]) -> Floats:
+    return np.array(gradients).reshape(-1, len(OUTPUTS), len(INPUTS))
 
 
 def _no_samples(status: Status) -> PathSamples:
     none = np.empty((0, len(OUTPUTS)))
-    return PathSamples(np.empty(0), none, _no_gradients(), status, 0.0, 0, "")
+    return PathSamples(np.empty(0), none, _stacked([]), status, 0.0, 0, "")
 
 
 def _read_path(mesh: ActuatorMesh, path: Path, solver: str) -> CurveSolution:

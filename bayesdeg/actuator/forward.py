@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -126,9 +125,25 @@ def _difference_sd(sd: Floats, reference_sd: Floats) -> Floats:
     return difference
 
 
-@cache
-def _actuator(geometry: Geometry, resolution: Resolution) -> Actuator:
-    return Actuator(build_mesh(geometry, resolution))
+MESHES = 3  # held by a process; factors of a fine one take some hundred megabytes
+
+
+class _Held:
+    """The meshes last used by this process, with their solvers; older ones are closed."""
+
+    def __init__(self) -> None:
+        self._actuators: dict[tuple[Geometry, Resolution], Actuator] = {}
+
+    def get(self, geometry: Geometry, resolution: Resolution) -> Actuator:
+        key = (geometry, resolution)
+        found = self._actuators.pop(key, None) or Actuator(build_mesh(geometry, resolution))
+        self._actuators[key] = found
+        while len(self._actuators) > MESHES:
+            self._actuators.pop(next(iter(self._actuators))).close()
+        return found
+
+
+_HELD = _Held()
 
 
 def solve_task(
@@ -136,7 +151,7 @@ def solve_task(
 ) -> CurveSolution:
     """Solve one curve, with this process's copy of the mesh built once."""
     geometry, resolution, curve = task
-    return _actuator(geometry, resolution).solve(curve, effort=effort)
+    return _HELD.get(geometry, resolution).solve(curve, effort=effort)
 
 
 def sample_task(
@@ -144,7 +159,7 @@ def sample_task(
 ) -> PathSamples:
     """Sample one curve, with this process's copy of the mesh built once."""
     geometry, resolution, curve = task
-    return _actuator(geometry, resolution).sample(curve, effort=effort or SAMPLING)
+    return _HELD.get(geometry, resolution).sample(curve, effort=effort or SAMPLING)
 
 
 def _curve(load: Floats, groups: dict[str, Floats]) -> Curve:

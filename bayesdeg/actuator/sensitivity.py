@@ -45,7 +45,7 @@ def derivatives(
     state: State,
     factors: Linearisation,
     mesh: ActuatorMesh,
-    shapes: Sequence[Variation],
+    shapes: Sequence[Variation | None],
     enough: float,
 ) -> Floats:
     """Return derivatives of outputs by the inputs, shape (n_outputs, n_inputs).
@@ -70,7 +70,8 @@ def derivatives(
     Returns
     -------
     array
-        Columns in the order of ``INPUTS``; the outputs depend directly on the shape alone.
+        Columns in the order of ``INPUTS``, nan where the geometry cannot vary; the outputs depend
+        directly on the shape alone.
     """
     gradients = reading_gradients(mesh, state)
     adjoints = adjoint_states(
@@ -79,7 +80,8 @@ def derivatives(
     fields = np.stack([adjoint.displacement for adjoint in adjoints])
     by_material = -np.einsum("oni,mni->om", fields, residual_rates(problem, state), optimize=True)
     here = evaluated(mesh, problem, state)
-    by_shape = [shape.derivatives(here, adjoints) for shape in shapes]
+    unknown = np.full(len(adjoints), np.nan)
+    by_shape = [unknown if s is None else s.derivatives(here, adjoints) for s in shapes]
     return np.column_stack([by_material, *by_shape])
 
 

@@ -15,6 +15,7 @@ from bayesdeg.actuator.mesh import ActuatorMesh, reshaped
 from bayesdeg.actuator.outputs import read_state
 from bayesdeg.actuator.problem import Problem
 from bayesdeg.actuator.system import State, System
+from bayesdeg.errors import GeometryError
 
 Floats = NDArray[np.float64]
 
@@ -60,7 +61,9 @@ def evaluated(mesh: ActuatorMesh, problem: Problem, state: State) -> Evaluated:
     return Evaluated(state, readings, residual.force, residual.volume_residual)
 
 
-def variations(nominal: ActuatorMesh, system: System, material: Material) -> tuple[Variation, ...]:
+def variations(
+    nominal: ActuatorMesh, system: System, material: Material
+) -> tuple[Variation | None, ...]:
     """Return the variations of ``SHAPE_INPUTS`` about a material's walls and erosion.
 
     Parameters
@@ -71,6 +74,11 @@ def variations(nominal: ActuatorMesh, system: System, material: Material) -> tup
         Of the nominal mesh.
     material : Material
         With the wall factor and the erosion to vary about.
+
+    Returns
+    -------
+    tuple
+        None where the geometry does not allow an input to vary.
     """
     at = {"wall_factor": material.wall_factor, "erosion": material.erosion}
     here = reshaped(nominal, **at)
@@ -79,11 +87,15 @@ def variations(nominal: ActuatorMesh, system: System, material: Material) -> tup
         "wall_factor": APART if material.wall_factor < 1.0 else -APART,
         "erosion": -APART if material.erosion > APART else APART,
     }
-    return tuple(
-        _moved(here, other, system, material, share=STEP / towards[name])
-        for name in SHAPE_INPUTS
-        for other in [reshaped(nominal, **at | {name: at[name] + towards[name]})]
-    )
+    found: list[Variation | None] = []
+    for name in SHAPE_INPUTS:
+        try:
+            other = reshaped(nominal, **at | {name: at[name] + towards[name]})
+        except GeometryError:
+            found.append(None)
+            continue
+        found.append(_moved(here, other, system, material, share=STEP / towards[name]))
+    return tuple(found)
 
 
 def _moved(

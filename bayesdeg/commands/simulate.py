@@ -1,5 +1,6 @@
 """``bayesdeg simulate``: a virtual experiment."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -46,6 +47,7 @@ def simulate(
     generator = np.random.default_rng(chosen)
     effects = parse_effects(cause or [])
     truth = drawn_truth(generator) if draw_material else Truth()
+    truth = replace(truth, paper_thickness=template.settings.paper_thickness_mm)
     design = design_of(template)
     geometry = Geometry(template.settings.dimensions)
     with workplace(workers, None) as executor, shown(quiet) as progress:

@@ -4,10 +4,10 @@ from collections.abc import Callable
 from concurrent.futures import Executor
 from math import inf
 
-from bayesdeg.actuator.curve import PathSamples
+from bayesdeg.actuator.curve import Curve, PathSamples
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.emulator.campaign import Finished, Kind, Run, complete
-from bayesdeg.emulator.design import space_filling
+from bayesdeg.emulator.design import second_stage, space_filling
 from bayesdeg.emulator.recipe import Recipe
 from bayesdeg.emulator.scaling import TrainingRange
 from bayesdeg.emulator.solutions import SolutionStore
@@ -29,14 +29,22 @@ def runs(geometry: Geometry, recipe: Recipe | None = None) -> list[Run]:
     6
     """
     recipe = recipe or Recipe()
-    curves = space_filling(TrainingRange(), recipe.coarse_runs, seed=recipe.seed)
+    coarse, fine = _curves(recipe)
     return [
-        *(Run(geometry, recipe.coarse_mesh, curve, Kind.SAMPLES) for curve in curves),
-        *(
-            Run(geometry, recipe.fine_mesh, curve, Kind.SAMPLES)
-            for curve in curves[: recipe.fine_runs]
-        ),
+        *(Run(geometry, recipe.coarse_mesh, curve, Kind.SAMPLES) for curve in coarse),
+        *(Run(geometry, recipe.fine_mesh, curve, Kind.SAMPLES) for curve in fine),
     ]
+
+
+def _curves(recipe: Recipe) -> tuple[list[Curve], list[Curve]]:
+    """Return the curves for the coarse and the fine mesh, which are among the former."""
+    span = TrainingRange()
+    coarse = space_filling(span, recipe.coarse_runs, seed=recipe.seed)
+    fine = coarse[: recipe.fine_runs]
+    if not recipe.has_second_stage:
+        return coarse, fine
+    further, finer = second_stage(span, coarse, recipe.fine_runs)
+    return [*coarse, *further], [*fine, *finer]
 
 
 def build(
@@ -69,7 +77,7 @@ def build(
     wanted = runs(geometry, recipe)
     found = complete(wanted, store, executor=executor, timeout=timeout, on_run=on_run)
     solved = [solution for solution in found if isinstance(solution, PathSamples)]
-    curves, many = [run.curve for run in wanted], recipe.coarse_runs
+    curves, many = [run.curve for run in wanted], len(_curves(recipe)[0])
     return train(
         (curves[:many], solved[:many]),
         (curves[many:], solved[many:]),

@@ -9,7 +9,7 @@ from importlib import import_module
 from typing import Any
 
 from bayesdeg.actuator.curve import MODEL_VERSION
-from bayesdeg.errors import BayesdegError
+from bayesdeg.errors import BayesdegError, ResumableError
 
 CONNECTING = 10.0  # how long a scheduler is waited for [s]
 JOINING = 30.0  # how long a first worker is waited for [s]
@@ -73,7 +73,7 @@ class ClusterExecutor(Executor):
         return self._workers
 
     def check(self) -> None:
-        """Raise BayesdegError if the scheduler is lost, or all its workers are for long."""
+        """Raise ResumableError if the scheduler is lost, or all its workers are for long."""
         if self._client.status != "running" or self._client.scheduler_comm is not self._connection:
             raise self._lost()
         now = time.monotonic()
@@ -87,7 +87,7 @@ class ClusterExecutor(Executor):
         if self._workers:
             self._attended = now
         elif now - self._attended > DESERTED:
-            raise BayesdegError(
+            raise ResumableError(
                 f"the scheduler at {self._address} has had no worker for {DESERTED:g} s; what is "
                 "solved so far stays in the store: start workers and repeat the command to go on"
             )
@@ -106,8 +106,8 @@ class ClusterExecutor(Executor):
             if self._client.status == "running":
                 self._executor.shutdown(wait and not cancel_futures)
 
-    def _lost(self) -> BayesdegError:
-        return BayesdegError(
+    def _lost(self) -> ResumableError:
+        return ResumableError(
             f"the scheduler at {self._address} was lost; what is solved so far stays in the "
             "store: start scheduler and workers again and repeat the command to go on"
         )

@@ -1,6 +1,8 @@
 """Which curves to solve: space-filling over the material, a few causes at work in each."""
 
+import json
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,12 +10,17 @@ from scipy.stats import qmc
 
 from bayesdeg.actuator.curve import Curve
 from bayesdeg.actuator.material import Material
-from bayesdeg.emulator.scaling import MATERIAL, NOMINAL_THICKNESS, TrainingRange
+from bayesdeg.emulator.coordinates import inside
+from bayesdeg.emulator.held_out import study_like
+from bayesdeg.emulator.scaling import MATERIAL, NOMINAL_THICKNESS, Place, TrainingRange
 
 Floats = NDArray[np.float64]
 
 # dense where the curve starts, so that the first slope is known
 LOAD_SHARES = tuple(float(x) for x in (np.arange(1, 15) / 14.0) ** 1.3)
+
+SECOND_STAGE = Path(__file__).with_name("second_stage.json")
+CANDIDATES, CANDIDATES_SEED = 512, 12
 
 # how often none, one, two … causes are at work
 ACTIVE = (0.2, 0.3, 0.3, 0.15, 0.05)
@@ -76,6 +83,52 @@ def space_filling(span: TrainingRange, count: int, *, seed: int) -> list[Curve]:
         material = replace(_base_material(span, point), **changes)
         curves.append(Curve(_loads(span, point[1]), material))
     return curves
+
+
+def candidates(span: TrainingRange) -> list[Curve]:
+    """Return the curves that a second stage is chosen from.
+
+    One half fills the space, the other is as studies ask for, so that the choice is weighted by
+    what is likely. None of them is held out.
+    """
+    filling = space_filling(span, CANDIDATES, seed=CANDIDATES_SEED)
+    return [curve for curve in filling if is_answered(curve, span)] + likely(span)
+
+
+def likely(span: TrainingRange) -> list[Curve]:
+    """Return curves as studies ask for them, over which a second stage lowers the error."""
+    drawn = (_within(curve, span) for curve in study_like(CANDIDATES, seed=CANDIDATES_SEED))
+    return [curve for curve in drawn if is_answered(curve, span)]
+
+
+def is_answered(curve: Curve, span: TrainingRange) -> bool:
+    """Return whether an emulator answers at all for the material of a curve."""
+    return bool(np.all(inside(np.array([Place.of(curve.material).values]), span)))
+
+
+def _within(curve: Curve, span: TrainingRange) -> Curve:
+    """Return the curve with as many loads as any, up to where its own end or the range does."""
+    largest = min(curve.loads[-1], span.load)
+    return replace(curve, loads=tuple(largest * share for share in LOAD_SHARES))
+
+
+def second_stage(span: TrainingRange, first: list[Curve], fine: int) -> tuple[list[Curve], ...]:
+    """Return further curves for the coarse and for the fine mesh, chosen by ``sequential``.
+
+    Parameters
+    ----------
+    span : TrainingRange
+        What the emulator shall cover.
+    first : list of Curve
+        The first stage on the coarse mesh, for which the choice was made.
+    fine : int
+        How many of these were solved on the fine mesh, the first ones.
+    """
+    chosen = json.loads(SECOND_STAGE.read_text(encoding="utf-8"))
+    pool = candidates(span)
+    coarse = [pool[index] for index in chosen["coarse"]]
+    twins = [*first[fine:], *coarse]
+    return coarse, [twins[index] for index in chosen["fine"]]
 
 
 def _base_material(span: TrainingRange, unit: Floats) -> Material:

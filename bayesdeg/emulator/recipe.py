@@ -4,6 +4,8 @@ from dataclasses import dataclass, field
 
 from bayesdeg.actuator.mesh import CONVERGED, Resolution
 
+FIRST_STAGE = (512, 96, 11)  # numbers of runs and seed for which the second stage was chosen
+
 
 @dataclass(frozen=True)
 class Recipe:
@@ -17,6 +19,9 @@ class Recipe:
         Numbers of curves.
     seed : int
         Of the design.
+    further : bool
+        Whether the second stage follows, where the first was found least certain; it belongs to
+        the default numbers and seed alone.
 
     Examples
     --------
@@ -31,3 +36,9 @@ class Recipe:
     coarse_runs: int = 512
     fine_runs: int = 96
     seed: int = 11
+    further: bool = True
+
+    @property
+    def has_second_stage(self) -> bool:
+        """Whether further runs follow the first stage."""
+        return self.further and (self.coarse_runs, self.fine_runs, self.seed) == FIRST_STAGE

@@ -85,7 +85,7 @@ def rows_of(
     if derivatives:
         slopes = feature_gradients(orders, place.points)
         sizes = DERIVATIVE_WEIGHT * half_ranges(span)
-        for k in np.flatnonzero(run.known):
+        for k in np.flatnonzero(run.known & np.all(np.isfinite(run.gradients), axis=(0, 1))):
             along = np.einsum("npt,np->nt", slopes, place.jacobian[:, :, k])
             wanted = run.gradients[:, outputs, k] - place.warp_gradient[:, k, None]
             matrix.append(sizes[k] * w * along)

@@ -1,7 +1,8 @@
-"""Where further runs tell most: points whose predictive error is largest, weighted by the prior.
+"""Where further runs tell most: where they lower the predictive error, weighted by the prior.
 
 The posterior variance of a linear fit depends on where runs were made and not on what they found;
-times the size of the errors that were found there it says how wrong a prediction may be.
+times the size of the errors that were found there it says how wrong a prediction may be. A run at
+row r lowers the variance at row j by K_rj²/(1 + K_rr), K the covariance of the predictions.
 """
 
 from collections.abc import Callable, Sequence
@@ -51,12 +52,11 @@ def most_telling(
     candidates: Sequence[Curve],
     count: int,
     *,
+    likely: Sequence[Curve],
     span: TrainingRange,
     on_pick: Callable[[int], None] = lambda index: None,
 ) -> list[int]:
     """Return which candidates to solve, one after another, each in view of those before.
-
-    The candidates' density is the prior: it weighs what is worth knowing.
 
     Parameters
     ----------
@@ -66,6 +66,8 @@ def most_telling(
         Runs that could be made.
     count : int
         How many shall be made.
+    likely : sequence of Curve
+        Draws from the prior, over which the predictive variance is averaged.
     span : TrainingRange
         Of the emulator.
     on_pick : callable, optional
@@ -74,16 +76,19 @@ def most_telling(
     scales = question.prior.scales(question.orders)
     normal = question.normal + question.prior.noise**2 * np.eye(len(scales))
     places = [_places(curve, span) for curve in candidates]
-    points = np.vstack([place.points for place in places])
-    values = features(question.orders, points) * scales
-    sizes = np.exp(features(question.errors.orders, points) @ question.errors.coefficients[0])
-    weights = np.tile(np.square(SHARES), len(candidates)) * sizes
+    targets = np.vstack([_places(curve, span).points for curve in likely])
+    sizes = np.exp(features(question.errors.orders, targets) @ question.errors.coefficients[0])
+    weights = np.tile(np.square(SHARES), len(likely)) * sizes
+    offered = scales * features(question.orders, np.vstack([p.points for p in places]))
+    wanted = scales * features(question.orders, targets)
     picked: list[int] = []
     for _ in range(count):
-        whitened = solve_triangular(cholesky(normal, lower=True), values.T, lower=True)
-        gain = (weights * np.sum(whitened * whitened, axis=0)).reshape(len(candidates), -1)
+        factor = cholesky(normal, lower=True)
+        at, to = (solve_triangular(factor, rows.T, lower=True) for rows in (offered, wanted))
+        lowered = np.square(at.T @ to) @ weights / (1.0 + np.sum(at * at, axis=0))
+        gain = lowered.reshape(len(candidates), -1).sum(axis=1)
         gain[picked] = 0.0
-        best = int(np.argmax(gain.sum(axis=1)))
+        best = int(np.argmax(gain))
         picked.append(best)
         on_pick(best)
         rows = _rows(places[best], question.orders, span) * scales

@@ -19,7 +19,7 @@ from bayesdeg.actuator.outputs import OUTPUTS
 from bayesdeg.actuator.sensitivity import INPUTS
 from bayesdeg.actuator.status import Status
 from bayesdeg.emulator.run import Kind, Run, Solution, key_of, run_of
-from bayesdeg.errors import BayesdegError
+from bayesdeg.errors import BayesdegError, ResumableError
 
 # answers of the mechanics, though the path may end before its last load
 ANSWERS = (Status.CONVERGED, Status.LIMIT_POINT, Status.BUCKLED)
@@ -128,7 +128,7 @@ class SolutionStore:
                 _write(self.folder / f"{key}.seconds", f"{seconds:.3f}\n".encode())
             _write(self._path(key), encode(run, solution, timeout=timeout))
         except OSError as fault:
-            raise BayesdegError(
+            raise ResumableError(
                 f"the store {self.folder} cannot be written: {fault.strerror}; what is solved so "
                 "far stays there: make room, or allow writing, and repeat the command to go on"
             ) from fault

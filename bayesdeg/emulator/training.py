@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from bayesdeg.actuator.curve import MODEL_VERSION, Curve, PathSamples
 from bayesdeg.actuator.status import Status
+from bayesdeg.emulator.design import is_answered
 from bayesdeg.emulator.errors_of_fit import fit_errors, summary
 from bayesdeg.emulator.families import Family
 from bayesdeg.emulator.limits import Limit, fit_limit
@@ -153,6 +154,7 @@ def _observed(
     found = {
         curve: observe(curve, solved, span=span, length=length)
         for curve, solved in zip(curves, samples, strict=True)
+        if is_answered(curve, span)
     }
     return {curve: run for curve, run in found.items() if run is not None}
 

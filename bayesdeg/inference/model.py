@@ -6,7 +6,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdeg.actuator.inputs import ForwardMap, Inputs, Prediction
+from bayesdeg.actuator.inputs import PAPER_THICKNESS, ForwardMap, Inputs, Prediction
 from bayesdeg.causes.catalogue import in_order
 from bayesdeg.causes.cause import Cause, Conditions, Degradation
 from bayesdeg.inference import likelihood
@@ -41,6 +41,8 @@ class Model:
         The data; any may be missing.
     causes : tuple of Cause
         Active causes.
+    paper_thickness : float
+        Of the actuators [mm].
 
     Notes
     -----
@@ -58,6 +60,7 @@ class Model:
     breaks: Breaks | None = None
     statistics: tuple[Statistic, ...] = ()
     causes: tuple[Cause, ...] = ()
+    paper_thickness: float = PAPER_THICKNESS
 
     @property
     def table(self) -> ParameterTable:
@@ -253,6 +256,7 @@ class Model:
             c3=c3,
             linear_scale=np.cbrt(values["volume_ratio"])[:, None, None],
             paper_stiffness=values["paper_stiffness"][:, None, None],
+            paper_thickness=np.full((1, 1, 1), self.paper_thickness),
         )
         for cause in self.causes:
             if cause.on_inputs is not None:

@@ -124,6 +124,7 @@ def _predict(
         c3=c3,
         linear_scale=np.full((1, 1, 1), np.cbrt(truth.volume_ratio)),
         paper_stiffness=np.full((1, 1, 1), truth.paper_stiffness),
+        paper_thickness=np.full((1, 1, 1), truth.paper_thickness),
     )
     for hidden in effects:
         if hidden.cause.on_inputs is not None:

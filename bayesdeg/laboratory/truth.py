@@ -5,6 +5,7 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from bayesdeg.actuator.inputs import PAPER_THICKNESS
 from bayesdeg.inference.parameters import node_name
 from bayesdeg.material.degradation import NODES, is_stable, yeoh_constants
 from bayesdeg.material.strength import limit_stretch
@@ -41,6 +42,8 @@ class Truth:
         α, and its standard deviation from film to film.
     paper_stiffness : float
         Et of the paper [N/m].
+    paper_thickness : float
+        From which its bending stiffness follows [mm].
     curvature_noise_floor, curvature_noise : float
         Reading error of the curvature: constant [1/m] and proportional, added in quadrature.
     bend_angle_noise_floor, bend_angle_noise : float
@@ -73,6 +76,7 @@ class Truth:
     volume_ratio: float = 0.62
     volume_ratio_scatter: float = 0.05
     paper_stiffness: float = 3e4
+    paper_thickness: float = PAPER_THICKNESS
     curvature_noise_floor: float = 0.1
     curvature_noise: float = 0.02
     bend_angle_noise_floor: float = 0.25

@@ -82,6 +82,7 @@ def assemble(study: Study, forward: ForwardMap | None = None) -> Assembly:
         actuator=actuator,
         breaks=breaks,
         statistics=statistics,
+        paper_thickness=study.settings.paper_thickness_mm,
     )
     return Assembly(model, candidates, unjudged, _missing(study))
 

@@ -1,0 +1,157 @@
+"""Do derivatives and a coarse mesh pay? The emulator trained on less, against held-out curves."""
+
+import statistics
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from emulator_errors import compare, errors, refusals
+from emulator_held_out import HeldOut
+from forward_case import interleaved, say
+
+from bayesdeg.actuator.curve import Actuator, Curve, PathSamples
+from bayesdeg.actuator.forward import SAMPLING
+from bayesdeg.actuator.geometry import Geometry
+from bayesdeg.actuator.mesh import Resolution, build_mesh
+from bayesdeg.emulator.build import MESH_ERROR, runs
+from bayesdeg.emulator.campaign import Run
+from bayesdeg.emulator.recipe import Recipe
+from bayesdeg.emulator.scaling import TrainingRange
+from bayesdeg.emulator.solutions import SolutionStore
+from bayesdeg.emulator.surrogate import Surrogate
+from bayesdeg.emulator.training import PLANS, Plan, train
+from bayesdeg.measure.settings import Dimensions
+
+TIMED = 4  # curves of each mesh whose derivatives are timed
+
+
+@dataclass(frozen=True)
+class Variant:
+    """What an emulator is trained on.
+
+    Parameters
+    ----------
+    coarse, fine : int
+        Numbers of runs, the first of the recipe's; without coarse ones the fine stand alone.
+    derivatives : bool
+        Whether derivatives are used beside values.
+    """
+
+    coarse: int
+    fine: int
+    derivatives: bool = True
+
+
+def variants(recipe: Recipe) -> dict[str, Variant]:
+    many, few = recipe.coarse_runs, recipe.fine_runs
+    return {
+        "as shipped": Variant(many, few),
+        "half the coarse runs": Variant(many // 2, few),
+        "quarter of the coarse runs": Variant(many // 4, few),
+        "half the fine runs": Variant(many, few // 2),
+        "values only": Variant(many, few, derivatives=False),
+        "fine runs alone": Variant(0, few),
+        "fine runs alone, values only": Variant(0, few, derivatives=False),
+    }
+
+
+def measured(store: SolutionStore, curves: Sequence[HeldOut]) -> dict[str, object]:
+    """Train every variant; return its errors and what its runs cost."""
+    recipe, geometry = Recipe(), Geometry(Dimensions())
+    wanted = runs(geometry, recipe)
+    many, few = wanted[: recipe.coarse_runs], wanted[recipe.coarse_runs :]
+    seconds = store.seconds()
+    share = {
+        "coarse": share_of_derivatives(geometry, recipe.coarse_mesh, many),
+        "fine": share_of_derivatives(geometry, recipe.fine_mesh, few),
+    }
+    found: dict[str, object] = {"time_with_derivatives_over_without": share}
+    for name, variant in variants(recipe).items():
+        say(f"  {name}")
+        chosen = (many[: variant.coarse], few[: variant.fine])
+        start = time.perf_counter()
+        emulator = trained(store, *chosen, derivatives=variant.derivatives)
+        took = time.perf_counter() - start
+        pairs = compare(emulator, curves)
+        cost = [
+            sum(seconds[run.key()] for run in part) / (1.0 if variant.derivatives else ratio)
+            for part, ratio in zip(chosen, share.values(), strict=True)
+        ]
+        found[name] = {
+            "coarse_runs": variant.coarse,
+            "fine_runs": variant.fine,
+            "derivatives": variant.derivatives,
+            "core_hours": sum(cost) / 3600.0,
+            "training_seconds": took,
+            "errors": errors(pairs),
+            "refused_values": refusals(pairs, curves)["values"],
+        }
+    return found
+
+
+def trained(
+    store: SolutionStore, many: Sequence[Run], few: Sequence[Run], *, derivatives: bool
+) -> Surrogate:
+    """Train on stored runs; without coarse ones the fine stand alone, and correct nothing."""
+    fine = _pair(store, few)
+    plans: Sequence[Plan] = PLANS
+    if not derivatives:
+        plans = [replace(plan, derivatives=False) for plan in PLANS]
+    return train(
+        _pair(store, many) if many else fine,
+        fine,
+        span=TrainingRange(),
+        length=few[0].geometry.dimensions.length,
+        mesh_error=MESH_ERROR,
+        record={},
+        plans=plans,
+    )
+
+
+def _pair(
+    store: SolutionStore, wanted: Sequence[Run]
+) -> tuple[Sequence[Curve], Sequence[PathSamples]]:
+    solved = [store.get(run) for run in wanted]
+    samples = [solution for solution in solved if isinstance(solution, PathSamples)]
+    if len(samples) < len(wanted):
+        raise RuntimeError("the store lacks training runs: run 'bayesdeg emulate' first")
+    return [run.curve for run in wanted], samples
+
+
+def share_of_derivatives(
+    geometry: Geometry, resolution: Resolution, wanted: Sequence[Run]
+) -> float:
+    """Return the time of curves with all derivatives over that of the same paths without."""
+    actuator = Actuator(build_mesh(geometry, resolution))
+    curves = [run.curve for run in wanted[:TIMED]]
+
+    def all_of(solve: Callable[[Curve], object]) -> Callable[[], None]:
+        def task() -> None:
+            for curve in curves:
+                solve(curve)
+
+        return task
+
+    tasks: Mapping[str, Callable[[], None]] = {
+        "with derivatives": all_of(lambda curve: actuator.sample(curve, effort=SAMPLING)),
+        "values": all_of(lambda curve: actuator.solve(curve, effort=SAMPLING)),
+    }
+    actuator.solve(curves[0])  # numbering and symbolic analysis, once a geometry
+    times = interleaved(tasks, repeats=1)
+    actuator.close()
+    with_derivatives, values = (statistics.median(times[name]) for name in tasks)
+    return with_derivatives / values
+
+
+def table(found: Mapping[str, object]) -> str:
+    """Return the variants as lines of text."""
+    lines = [f"{'trained on':32} core h   p95 %   max %  refused"]
+    for name, facts in found.items():
+        if not isinstance(facts, dict) or "errors" not in facts:
+            continue
+        error = facts["errors"]["curvature"]
+        lines.append(
+            f"{name:32} {facts['core_hours']:6.2f} {error['p95_pct']:7.3f} {error['max_pct']:7.3f}"
+            f" {facts['refused_values']:8}"
+        )
+    return "\n".join(lines)
