@@ -46,6 +46,7 @@ import emulator_posterior
 import emulator_speed
 from forward_case import say
 
+from bayesdeg.emulator.recipe import Recipe
 from bayesdeg.emulator.solutions import SolutionStore
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.emulator.trained import default_surrogate, outdated, read_trained
@@ -124,8 +125,9 @@ def main() -> None:
         )
         return facts
 
-    def ablation(_: Surrogate, store: SolutionStore, __: Document) -> Document:
-        return emulator_ablation.measured(store, emulator_held_out.held_out(store))
+    def ablation(emulator: Surrogate, store: SolutionStore, _: Document) -> Document:
+        curves = emulator_held_out.held_out(store)
+        return emulator_ablation.measured(emulator, store, curves, chosen=options.ablation)
 
     parts: dict[str, Callable[[Surrogate, SolutionStore, Document], Document]] = {
         "accuracy": accuracy,
@@ -134,7 +136,7 @@ def main() -> None:
         "campaign": campaign,
         "posterior": posterior,
     }
-    if options.ablation:
+    if options.ablation is not None:
         parts["ablation"] = ablation
     document: Document = {}
     details: Document = {"machine": machine()}
@@ -170,9 +172,14 @@ def _options() -> argparse.Namespace:
         choices=("accuracy", "speed", "training", "campaign", "posterior"),
         help="parts to measure",
     )
-    parser.add_argument("--ablation", action="store_true", help="train on less, too")
     parser.add_argument(
-        "--exact-draws", type=int, default=12, help="exact curves at each degradation rate"
+        "--ablation",
+        nargs="*",
+        choices=tuple(emulator_ablation.variants(Recipe())),
+        help="train on less, too: all kinds of less, or those named",
+    )
+    parser.add_argument(
+        "--exact-draws", type=int, default=3, help="exact curves at each degradation rate"
     )
     return parser.parse_args()
 

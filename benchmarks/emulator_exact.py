@@ -1,13 +1,13 @@
 """Exact curves about a posterior, and the emulator corrected by them.
 
-At each degradation rate some exact curves are solved, at materials spread over the posterior; the
-logarithm of exact over emulated curvature is interpolated between them: Chebyshev polynomials in
-the load, linear in softening, stiffening, paper and its thickness.
+At each degradation rate some exact curves with their exact derivatives are solved, at materials
+spread over the posterior; the logarithm of exact over emulated curvature is fitted to values and
+derivatives: Chebyshev polynomials in the load, linear in softening, stiffening, paper and its
+thickness.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from emulator_held_out import inputs_of
@@ -16,13 +16,14 @@ from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 from scipy.stats import norm, qmc
 
-from bayesdeg.actuator.curve import Curve, CurveSolution
+from bayesdeg.actuator.curve import Curve, PathSamples
 from bayesdeg.actuator.forward import relative_to_reference
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.inputs import Inputs, Prediction
 from bayesdeg.actuator.mesh import CONVERGED
-from bayesdeg.emulator.campaign import Finished, Run, complete, missing
-from bayesdeg.emulator.scaling import GROUPS, LOAD, MATERIAL, Place, groups_of
+from bayesdeg.emulator.campaign import Finished, Kind, Run, complete, missing
+from bayesdeg.emulator.observations import Observed, observe
+from bayesdeg.emulator.scaling import GROUPS, LOAD, MATERIAL, NAMES, Place, groups_of
 from bayesdeg.emulator.solutions import SolutionStore
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.measure.settings import Dimensions
@@ -30,8 +31,10 @@ from bayesdeg.measure.settings import Dimensions
 Floats = NDArray[np.float64]
 
 COORDINATES = (*(group.name for group in MATERIAL), "paper_thickness")
-LOADS, DEGREE = 14, 5
-SPREAD = 1.3  # of the exact curves' materials over that of the posterior
+AXES = [NAMES.index(name) for name in COORDINATES]
+LOADS, DEGREE = 14, 4
+SPREAD = 1.0  # of the exact curves' materials over that of the posterior
+DIFFERENCE = 1e-3  # of central differences, in the posterior's spread
 RIDGE = 1e-6
 
 
@@ -118,65 +121,53 @@ class Corrected:
 
 
 @dataclass(frozen=True)
-class Gaps:
-    """ln of exact over emulated curvature of the exact curves of one level.
+class Gap:
+    """ln of exact over emulated curvature along one exact curve, as weighted equations.
 
     Parameters
     ----------
-    level : Level
-    loads, gaps, weights : array, shape (n_curves, n_loads)
-        p/M; the gap, 0 with no weight where either has no answer; curvature over the largest.
-    coordinates : array, shape (n_curves, 4)
+    matrix : array, shape (n_rows, n_terms)
+    targets : array, shape (n_rows,)
+        The gap, then its derivatives by the standardised coordinates.
+    n_values : int
+        Rows of the gap itself, weighted by curvature over the curve's largest.
     """
 
-    level: Level
-    loads: Floats
-    gaps: Floats
-    weights: Floats
-    coordinates: Floats
+    matrix: Floats
+    targets: Floats
+    n_values: int
 
-    @cached_property
-    def matrix(self) -> Floats:
-        at = np.broadcast_to(self.coordinates[:, None], (*self.loads.shape, len(COORDINATES)))
-        return self.level.features(self.loads, at)[0]
 
-    def fitted(self, chosen: NDArray[np.bool_]) -> Floats:
-        """Return the coefficients that some of the curves give."""
-        rows = (self.weights[..., None] * self.matrix)[chosen].reshape(-1, self.matrix.shape[-1])
-        right = (self.weights * self.gaps)[chosen].ravel()
-        found: Floats = np.linalg.solve(
-            rows.T @ rows + RIDGE * np.eye(rows.shape[1]), rows.T @ right
-        )
-        return found
+def fitted(gaps: Sequence[Gap]) -> Floats:
+    """Return the coefficients that curves of one level give."""
+    rows, right = np.vstack([g.matrix for g in gaps]), np.concatenate([g.targets for g in gaps])
+    normal = rows.T @ rows + RIDGE * np.eye(rows.shape[1])
+    found: Floats = np.linalg.solve(normal, rows.T @ right)
+    return found
 
-    def left_out(self) -> Floats:
-        """Return the weighted errors of every curve predicted from the others."""
-        numbers = np.arange(len(self.loads))
-        return np.stack(
-            [
-                self.weights[k] * (self.gaps[k] - self.matrix[k] @ self.fitted(numbers != k))
-                for k in numbers
-            ]
-        )
+
+def left_out(gaps: Sequence[Gap]) -> Floats:
+    """Return the weighted errors of every curve of a level predicted from the others."""
+    errors = []
+    for k, gap in enumerate(gaps):
+        rest = fitted([*gaps[:k], *gaps[k + 1 :]])
+        errors.append((gap.targets - gap.matrix @ rest)[: gap.n_values])
+    return np.concatenate(errors)
 
 
 def exact_gaps(
     levels: Sequence[Level], emulator: Surrogate, store: SolutionStore, *, count: int
-) -> tuple[list[Gaps], float]:
-    """Solve the exact curves that the store lacks; return the gaps and the core seconds."""
+) -> tuple[list[list[Gap]], float]:
+    """Solve the exact curves that the store lacks; return gaps by level, and core seconds."""
     geometry = Geometry(Dimensions())
-    unit = qmc.Sobol(len(COORDINATES), seed=7).random(2 ** int(np.ceil(np.log2(count))))[:count]
-    normals = SPREAD * norm.ppf(np.clip(unit, 0.02, 0.98))
-    runs, places = [], []
-    for level in levels:
-        coordinates = level.mean + normals @ level.factor.T
-        places.append(coordinates)
-        loads = tuple((level.load * np.arange(1, LOADS + 1) / LOADS).tolist())
-        for point in coordinates:
-            at = {group.name: group.neutral for group in GROUPS}
-            at |= dict(zip(COORDINATES, point.tolist(), strict=True))
-            material = Place(tuple(at[group.name] for group in GROUPS)).material()
-            runs.append(Run(geometry, CONVERGED, Curve(loads, material)))
+    # two parts of the range of each coordinate for two curves, and so on
+    unit = qmc.LatinHypercube(len(COORDINATES), rng=np.random.default_rng(7)).random(count)
+    normals = SPREAD * norm.ppf(unit)
+    runs = [
+        Run(geometry, CONVERGED, _curve(level, point), Kind.SAMPLES)
+        for level in levels
+        for point in level.mean + normals @ level.factor.T
+    ]
     left = len(missing(runs, store))
     say(f"{len(runs) - left} of {len(runs)} exact curves stand in the store")
 
@@ -184,26 +175,56 @@ def exact_gaps(
         say(f"  {finished.solution.status.name} after {finished.seconds:.1f} s")
 
     solved = complete(runs, store, on_run=show)
-    tables = [_gap(run.curve, s, emulator) for run, s in zip(runs, solved, strict=True)]
-    gaps = []
-    for k, level in enumerate(levels):
-        some = tables[k * count : (k + 1) * count]
-        loads = np.array([run.curve.loads for run in runs[k * count : (k + 1) * count]])
-        gap, weight = (np.stack(part) for part in zip(*some, strict=True))
-        gaps.append(Gaps(level, loads, gap, weight, places[k]))
+    gaps: list[list[Gap]] = [[] for _ in levels]
+    for k, (run, samples) in enumerate(zip(runs, solved, strict=True)):
+        assert isinstance(samples, PathSamples)
+        seen = observe(run.curve, samples, span=emulator.span, length=geometry.dimensions.length)
+        if seen is not None:
+            gaps[k // count].append(_gap(levels[k // count], seen, run.curve, emulator))
     seconds = store.seconds()
     return gaps, sum(seconds[run.key()] for run in runs)
 
 
-def _gap(curve: Curve, solution: object, emulator: Surrogate) -> tuple[Floats, Floats]:
-    if not isinstance(solution, CurveSolution):
-        raise TypeError("a curve was wanted")
-    loads = np.array(curve.loads)
-    exact = np.full(len(loads), np.nan)
-    reached = len(solution.readings)
-    # the base model's actuators are straight at rest
-    exact[:reached] = solution.bend_angle / solution.arc_length * 1e3
-    gap = np.log(exact / emulator(inputs_of(curve, loads)).curvature)
-    known = np.isfinite(gap)
-    weight = np.where(known, exact / np.nanmax(exact), 0.0)
-    return np.where(known, gap, 0.0), np.where(known, np.maximum(weight, 0.15), 0.0)
+def _curve(level: Level, coordinates: Floats) -> Curve:
+    return Curve(
+        tuple((level.load * np.arange(1, LOADS + 1) / LOADS).tolist()),
+        _place(coordinates).material(),
+    )
+
+
+def _place(coordinates: Floats) -> Place:
+    at = {group.name: group.neutral for group in GROUPS}
+    at |= dict(zip(COORDINATES, coordinates.tolist(), strict=True))
+    return Place(tuple(at[group.name] for group in GROUPS))
+
+
+def _gap(level: Level, seen: Observed, curve: Curve, emulator: Surrogate) -> Gap:
+    place = Place.of(curve.material)
+    groups = dict(zip((group.name for group in GROUPS), place.values, strict=True))
+    here = np.array([groups[name] for name in COORDINATES])
+    value = _emulated(emulator, seen.load, here)
+    known = np.isfinite(value)
+    load, weight = seen.load[known], seen.weights[known]
+    terms, _ = level.features(load, np.broadcast_to(here, (len(load), len(here))))
+    rows = [weight[:, None] * terms]
+    targets = [weight * (seen.values[known, 0] - value[known])]
+    for k in range(len(COORDINATES)):
+        # the direction in which only the k-th standardised coordinate changes
+        step = DIFFERENCE * level.factor[:, k]
+        by = (_emulated(emulator, load, here + step) - _emulated(emulator, load, here - step)) / (
+            2.0 * DIFFERENCE
+        )
+        exact = seen.gradients[known, 0][:, AXES] @ level.factor[:, k]
+        smooth = np.isfinite(by)
+        ahead = level.features(load, np.broadcast_to(here + step, (len(load), len(here))))[0]
+        rows.append((weight[:, None] * (ahead - terms) / DIFFERENCE)[smooth])
+        targets.append((weight * (exact - by))[smooth])
+    return Gap(np.vstack(rows), np.concatenate(targets), len(load))
+
+
+def _emulated(emulator: Surrogate, load: Floats, coordinates: Floats) -> Floats:
+    """Return ln(κ s L/q) of the emulator, nan where it refuses."""
+    material = _place(coordinates).material()
+    inputs = inputs_of(Curve(tuple(load.tolist()), material), load)
+    found: Floats = np.log(emulator(inputs).curvature * 1e-3 * emulator.length / load)
+    return found

@@ -61,14 +61,17 @@ class HeldOut:
 
     @property
     def samples(self) -> PathSamples:
-        """The curve with its derivatives by the load, as ``observations.reach`` takes it."""
-        s = self.solution
-        readings, rates = np.vstack([s.rest, s.readings]), np.vstack([s.rest_rates, s.rates])
-        gradients = np.zeros((*readings.shape, len(INPUTS)))
-        gradients[:, :, 0] = rates
-        loads = np.array([0.0, *self.curve.loads[: len(s.readings)]])
-        end = (s.status, s.limit_load, s.iterations, s.solver)
-        return PathSamples(loads, readings, gradients, *end)
+        return path_of(self.curve, self.solution)
+
+
+def path_of(curve: Curve, solution: CurveSolution) -> PathSamples:
+    """Return a curve with its derivatives by the load, as ``observations.reach`` takes it."""
+    readings = np.vstack([solution.rest, solution.readings])
+    gradients = np.zeros((*readings.shape, len(INPUTS)))
+    gradients[:, :, 0] = np.vstack([solution.rest_rates, solution.rates])
+    loads = np.array([0.0, *curve.loads[: len(solution.readings)]])
+    end = (solution.status, solution.limit_load, solution.iterations, solution.solver)
+    return PathSamples(loads, readings, gradients, *end)
 
 
 def inputs_of(curve: Curve, loads: Floats) -> Inputs:

@@ -10,44 +10,113 @@ curves, and the emulator's deviation from it.
 
 import argparse
 import json
-import multiprocessing
-from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from emulator_held_out import path_of
 from numpy.typing import NDArray
+from scipy.stats import qmc
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
+from bayesdeg.actuator.curve import Curve, CurveSolution
 from bayesdeg.actuator.forward import relative_to_reference
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.inputs import Inputs, Prediction
 from bayesdeg.actuator.mesh import FINE
 from bayesdeg.actuator.status import Status
-from bayesdeg.emulator.campaign import Run, complete, space_filling
-from bayesdeg.emulator.scaling import TrainingBox, groups
+from bayesdeg.console import pool
+from bayesdeg.emulator.campaign import Run, complete
+from bayesdeg.emulator.design import LOAD_SHARES
+from bayesdeg.emulator.observations import reach
+from bayesdeg.emulator.scaling import GROUPS, LOAD, MATERIAL, Place, groups_of
+from bayesdeg.emulator.solutions import SolutionStore
 from bayesdeg.emulator.trained import default_surrogate
-from bayesdeg.emulator.training import Table, tabulate
 from bayesdeg.measure.settings import Dimensions
 
 Floats = NDArray[np.float64]
 
-BOX = TrainingBox(
-    load=0.96,
-    lower=(-0.35, float(np.log(0.002)), float(np.log(8.0))),
-    upper=(0.2, float(np.log(0.2)), float(np.log(300.0))),
-)
+# narrower than the emulator's: softening, ln stiffening and ln paper as studies draw them
+LOWER = np.array([-0.35, np.log(0.002), np.log(8.0)])
+UPPER = np.array([0.2, np.log(0.2), np.log(300.0)])
+LARGEST_LOAD, LENGTH = 0.96, 50.0
 CURVES, SEED = 32, 7
 STORE = Path(".cache/fine_library")
 
 
+@dataclass(frozen=True)
+class Table:
+    """Points of solved curves as far as those are smooth.
+
+    Parameters
+    ----------
+    points : array, shape (n, 4)
+        Load and groups on [−1, 1].
+    load : array, shape (n,)
+        p/C1 [–].
+    values : array, shape (n, 3)
+        ln(κ s L/q), ln((λ − 1)/q) and the stretch of the bottom line less 1 over q.
+    curve : array of int, shape (n,)
+        To which curve a point belongs.
+    """
+
+    points: Floats
+    load: Floats
+    values: Floats
+    curve: NDArray[np.int64]
+
+
+def unit(groups: Floats) -> Floats:
+    """Map (…, 3) groups from their ranges to [−1, 1]."""
+    return (2.0 * groups - (LOWER + UPPER)) / (UPPER - LOWER)
+
+
+def largest_load(unit_stiffening: Floats) -> Floats:
+    """Return the largest p/C1: stiff material is not taken as far as soft."""
+    return np.interp(unit_stiffening, [0.1, 1.0], [LARGEST_LOAD, 0.35])
+
+
+def design() -> list[Curve]:
+    """Return curves over a scrambled Sobol' design of the base model's groups."""
+    points = qmc.Sobol(3, rng=np.random.default_rng(SEED)).random(CURVES)
+    curves = []
+    for point, load in zip(points, largest_load(2.0 * points[:, 1] - 1.0), strict=True):
+        base = dict(zip((g.name for g in MATERIAL), LOWER + (UPPER - LOWER) * point, strict=True))
+        values = tuple(float(base.get(g.name, g.neutral)) for g in GROUPS)
+        loads = tuple(float(load * share) for share in LOAD_SHARES)
+        curves.append(Curve(loads, Place(values).material()))
+    return curves
+
+
 def library(store: Path, workers: int) -> Table:
-    geometry = Geometry(Dimensions())
-    wanted = [Run(geometry, FINE, curve) for curve in space_filling(BOX, CURVES, seed=SEED)]
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, mp_context=context) as executor:
-        solved = complete(wanted, store, executor=executor)
-    return tabulate([run.curve for run in wanted], solved, box=BOX, length=50.0)
+    geometry = Geometry(Dimensions(length=LENGTH))
+    wanted = [Run(geometry, FINE, curve) for curve in design()]
+    with pool(workers) as executor:
+        solved = complete(wanted, SolutionStore(store), executor=executor)
+    parts = [
+        _rows(number, run.curve, solution)
+        for number, (run, solution) in enumerate(zip(wanted, solved, strict=True))
+        if isinstance(solution, CurveSolution)
+    ]
+    return Table(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+
+
+def _rows(
+    number: int, curve: Curve, solution: CurveSolution
+) -> tuple[Floats, Floats, Floats, NDArray[np.int64]]:
+    q = np.array(curve.loads[: len(solution.readings)])
+    z = unit(np.array(Place.of(curve.material).values[: len(MATERIAL)]))
+    keep = q <= reach(curve, path_of(curve, solution)).load * (1.0 + 1e-9)
+    y = np.column_stack(
+        [
+            np.log(solution.bend_angle / solution.arc_length * LENGTH / q),
+            np.log((solution.peak_stretch - 1.0) / q),
+            (solution.arc_length / LENGTH - 1.0) / q,
+        ]
+    )
+    points = np.column_stack([2.0 * q / LARGEST_LOAD - 1.0, np.tile(z, (len(q), 1))])
+    return points[keep], q[keep], y[keep], np.full(int(keep.sum()), number)
 
 
 class FineLibrary:
@@ -88,20 +157,22 @@ class FineLibrary:
     def __call__(self, inputs: Inputs) -> Prediction:
         if inputs.reference_pressure is not None:
             return relative_to_reference(self, inputs)
-        load, *material = groups(inputs)
+        at = groups_of(inputs)
+        material = [at[group.name] for group in MATERIAL]
+        load = at[LOAD]
         shape = np.broadcast_shapes(load.shape, *(m.shape for m in material))
         q = np.broadcast_to(load, shape).ravel()
-        z = [BOX.unit(i, np.broadcast_to(m, shape).ravel()) for i, m in enumerate(material)]
-        points = np.column_stack([2.0 * q / BOX.load - 1.0, *z])
+        z = unit(np.stack([np.broadcast_to(m, shape).ravel() for m in material], axis=-1))
+        points = np.column_stack([2.0 * q / LARGEST_LOAD - 1.0, z])
         y, doubt = self.processes[0].predict(points, return_std=True)
         stretch, arc = (p.predict(points) for p in self.processes[1:])
         scale = np.broadcast_to(inputs.linear_scale, shape).ravel()
-        kappa = q * np.exp(y) / 50.0
-        inside = (np.abs(np.column_stack(z)).max(axis=1) <= 1.0) & ((doubt < 0.01) | (q == 0.0))
+        kappa = q * np.exp(y) / LENGTH
+        inside = (np.abs(z).max(axis=1) <= 1.0) & ((doubt < 0.01) | (q == 0.0))
         curvature = np.where(inside, kappa / scale * 1e3, np.nan).reshape(shape)
         return Prediction(
             curvature=curvature,
-            bend_angle=np.degrees(kappa * 50.0 * (1.0 + q * arc)).reshape(shape),
+            bend_angle=np.degrees(kappa * LENGTH * (1.0 + q * arc)).reshape(shape),
             peak_stretch=(1.0 + q * np.exp(stretch)).reshape(shape),
             slope=np.full(shape, np.nan),
             sd=np.zeros(shape),
@@ -123,13 +194,12 @@ def main() -> None:
     emulator = default_surrogate()
     one = np.ones(len(table.load))
     q = table.load
-    low, high = np.array(BOX.lower), np.array(BOX.upper)
-    raw = 0.5 * (low + high + table.points[:, 1:] * (high - low))
+    raw = 0.5 * (LOWER + UPPER + table.points[:, 1:] * (UPPER - LOWER))
     c3 = np.exp(raw[:, 1])
     predicted = emulator(
         Inputs(q * 1e3, one, raw[:, 0] * np.sqrt(3 * c3), c3, one, np.exp(raw[:, 2]) * 1e3)
     ).curvature
-    gap = predicted / (q * np.exp(table.values[:, 0]) / 50.0 * 1e3) - 1.0
+    gap = predicted / (q * np.exp(table.values[:, 0]) / LENGTH * 1e3) - 1.0
     gap = gap[np.isfinite(gap)]
     figures = {
         "curves": CURVES,

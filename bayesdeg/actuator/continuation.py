@@ -16,6 +16,7 @@ Floats = NDArray[np.float64]
 MEMORY = 3  # points that the next guess is extrapolated from
 LONGEST_EXTRAPOLATION = 4.0  # step over the shortest distance between them
 LARGEST_GROWTH = 2.5
+STUCK = 1e-5  # of the last load: shorter steps lead nowhere
 
 
 def extrapolate(points: Sequence[Point], load: float) -> State:
@@ -93,7 +94,9 @@ class StepControl:
     step : float
         Wanted length of the next step [–].
     smallest : float
-        Below it the path is given up [–].
+        A step that fails is not tried below it [–].
+    end : float
+        The last load [–].
     target : float
         Wanted error of the guess [mm].
     exact : bool
@@ -102,6 +105,7 @@ class StepControl:
 
     step: float
     smallest: float
+    end: float
     target: float
     exact: bool
 
@@ -114,7 +118,8 @@ class StepControl:
         gaps = np.diff(np.concatenate([[0.0], loads]))
         smallest = min(float(np.min(gaps)), float(loads[-1]) / len(loads)) / 2**effort.halvings
         target = effort.tolerance * size
-        return cls(min(first, float(loads[-1])), smallest, target, effort.exact)
+        end = float(loads[-1])
+        return cls(min(first, end), smallest, end, target, effort.exact)
 
     def next_load(self, here: float, loads: Sequence[float]) -> float:
         """Return where the next step ends; never just short of the last load."""
@@ -124,6 +129,11 @@ class StepControl:
         if self.step >= 0.999 * left:
             return aim
         return here + (0.5 * left if self.step > 0.6 * left else self.step)
+
+    @property
+    def is_stuck(self) -> bool:
+        """Whether steps have become so short, though none failed, that the end is out of reach."""
+        return self.step < STUCK * self.end
 
     def failed(self) -> Self:
         """Return the control after a step that failed."""

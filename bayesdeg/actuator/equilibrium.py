@@ -131,6 +131,8 @@ def _climb(
             return points, Status.EFFORT_EXHAUSTED, spent
         if time.monotonic() > deadline:
             return points, Status.TIMED_OUT, spent
+        if control.is_stuck:
+            return points, Status.LIMIT_POINT, spent
         end = control.next_load(points[-1].state.load, loads)
         guess = extrapolate(points, end)
         trial = find_equilibrium(problem, solver, guess=guess, effort=effort)

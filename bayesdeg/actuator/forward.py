@@ -22,7 +22,7 @@ from bayesdeg.actuator.status import Effort, Status
 
 Floats = NDArray[np.float64]
 
-# beyond so many factorizations a path is not one that an emulator should learn
+# of a campaign: beyond so many factorizations a path is not one that an emulator should learn
 SAMPLING = Effort(total=150)
 
 

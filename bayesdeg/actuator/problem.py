@@ -198,7 +198,7 @@ class Problem:
     ) -> None:
         along = np.stack([d.displacement for d in directions], axis=-1)
         for faces, tangents in self._surface_tangents(state):
-            local = along[faces].reshape(len(faces), -1, len(directions))
+            local = along[faces].reshape(*tangents.shape[:2], len(directions))
             pushes = (tangents @ local).reshape(*faces.shape, 3, len(directions))
             for force, push in zip(forces, np.moveaxis(pushes, -1, 0), strict=True):
                 np.add.at(force, faces, push)

@@ -99,8 +99,8 @@ def reach(curve: Curve, samples: PathSamples) -> Reach:
     over = np.flatnonzero(~(steep < STEEPEST))
     if len(over):
         k = int(over[0])
-        crossing = q[1]
-        if k > 0:
+        crossing = q[max(k, 1)]
+        if k > 0 and np.isfinite(steep[k]):
             pair = slice(k, k + 2)
             crossing = np.exp(np.interp(STEEPEST, steep[k - 1 : k + 1], np.log(q[pair])))
         return Reach(groups, float(crossing), open=False)
@@ -143,6 +143,7 @@ def observe(
     changes[:, :2] -= quantities[0, :2]
     by_inputs[:, :2, 1:] -= slopes[0, :2, 1:]
     by_groups = _by_groups(by_inputs / changes[..., None], q, place, denominators)
+    by_groups[:, 2] -= _offset_gradient(place) / denominators[:, 2:]
     with np.errstate(invalid="ignore", divide="ignore"):
         first = np.log(slopes[0, :, 0] * place.modulus)
     first[2] = first[2] if rest[0] == 0.0 else np.nan
@@ -182,6 +183,18 @@ def _by_groups(logarithmic: Floats, q: Floats, place: Place, denominators: Float
     out[..., 1:] = logarithmic[..., 1:] @ _input_jacobian(place)
     # at a fixed p/M a larger second invariant is a larger p/C1: dM/dg = M²
     out[..., at.SECOND_INVARIANT] += logarithmic[..., 0] * (q * modulus**2)[:, None]
+    return out
+
+
+def _offset_gradient(place: Place) -> Floats:
+    """Return derivatives by load and groups of the offset of what strains at rest, (13,)."""
+    groups = np.array([0.0, *place.values])
+    out = np.zeros(len(NAMES))
+    out[at.MISMATCH] = np.sign(groups[at.MISMATCH])
+    gravity = [at.ALONG, at.UP]
+    weight = np.hypot(*groups[gravity])
+    if weight > 0.0:
+        out[gravity] = at.SAGGING * groups[gravity] / weight
     return out
 
 

@@ -62,7 +62,7 @@ MATERIAL = (
     ),
 )
 CAUSES = (
-    Group("second_invariant", 0.0, 0.224, 0.0, "–", "r/(2√3 M)"),
+    Group("second_invariant", 0.0, 0.2241, 0.0, "–", "r/(2√3 M)"),
     Group("skin", 0.0, 1.2, 0.0, "–", "ln of surface over mean stiffness"),
     Group("paper_thickness", 0.05, 0.25, NOMINAL_THICKNESS, "mm", "paper thickness over s"),
     Group("paper_slack", 0.0, 0.05, 0.0, "–", "strain within which the paper is slack"),

@@ -9,13 +9,14 @@ from numpy.typing import NDArray
 
 from bayesdeg.actuator.curve import MODEL_VERSION, Curve, PathSamples
 from bayesdeg.actuator.status import Status
-from bayesdeg.emulator.design import is_answered
-from bayesdeg.emulator.errors_of_fit import fit_errors, summary
+from bayesdeg.emulator.coordinates import coordinates
+from bayesdeg.emulator.design import is_answered, likely
+from bayesdeg.emulator.errors_of_fit import coverage, fit_errors, nearness, summary
 from bayesdeg.emulator.families import Family
 from bayesdeg.emulator.limits import Limit, fit_limit
 from bayesdeg.emulator.observations import Observed, observe, reach
 from bayesdeg.emulator.regression import Fit, Prior, Rows, fit, rows_of
-from bayesdeg.emulator.scaling import TrainingRange
+from bayesdeg.emulator.scaling import Place, TrainingRange
 from bayesdeg.emulator.surrogate import OUTPUTS, Surrogate
 from bayesdeg.emulator.terms import Terms, stacked
 
@@ -124,8 +125,16 @@ def train(
     parts = [_train(many, few, plan, span) for plan in plans]
     reaches = [reach(c, s) for c, s in zip(*coarse, strict=True)]
     limit = fit_limit(reaches, span)
-    errors = stacked([fit_errors(part.points, part.left_out) for part in parts])
-    accuracy = _accuracy(parts, limit)
+    usual = _material_points(likely(span), span)
+    errors = [
+        fit_errors(part.points, part.left_out, nearness(part.points, usual)) for part in parts
+    ]
+    covered = [
+        share
+        for part, error in zip(parts, errors, strict=True)
+        for share in coverage(error, part.points, part.left_out)
+    ]
+    accuracy = _accuracy(parts, limit, covered)
     status = [s.status for s in (*coarse[1], *fine[1])]
     facts = {
         "model_version": MODEL_VERSION,
@@ -140,7 +149,7 @@ def train(
         length=length,
         span=span,
         terms=stacked([part.terms for part in parts]),
-        error=errors,
+        error=stacked(errors),
         limit=limit.terms,
         mesh_error=mesh_error,
         record=json.dumps(record | facts, indent=1),
@@ -157,6 +166,12 @@ def _observed(
         if is_answered(curve, span)
     }
     return {curve: run for curve, run in found.items() if run is not None}
+
+
+def _material_points(curves: Sequence[Curve], span: TrainingRange) -> Floats:
+    """Return coordinates of the materials of curves, without a load, (n, 13)."""
+    places = np.array([Place.of(curve.material).values for curve in curves])
+    return coordinates(np.column_stack([np.zeros(len(places)), places]), span).points
 
 
 def _train(
@@ -219,8 +234,13 @@ def _left_out(
     return error - (whole.matrix @ change.T)[: gap.n_values]
 
 
-def _accuracy(parts: Sequence[Trained], limit: Limit) -> dict[str, dict[str, float]]:
+def _accuracy(
+    parts: Sequence[Trained], limit: Limit, covered: Sequence[float]
+) -> dict[str, dict[str, float]]:
     """Return errors at runs left out: of each curve the largest, over its largest value."""
     worst = np.hstack([part.worst for part in parts])
-    found = {name: summary(list(column)) for name, column in zip(OUTPUTS, worst.T, strict=True)}
+    found = {
+        name: summary(list(column)) | {"coverage_90": share}
+        for name, column, share in zip(OUTPUTS, worst.T, covered, strict=True)
+    }
     return found | {"limit": summary(list(limit.left_out))}

@@ -9,14 +9,14 @@ import time
 from collections.abc import Callable
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from dataclasses import replace
 from functools import cache
 from typing import Protocol, runtime_checkable
 
 from threadpoolctl import threadpool_limits
 
 from bayesdeg.actuator.curve import MODEL_VERSION
-from bayesdeg.actuator.forward import sample_task, solve_task
-from bayesdeg.actuator.status import Effort
+from bayesdeg.actuator.forward import SAMPLING, sample_task, solve_task
 from bayesdeg.emulator.run import Kind, Run, Solution
 from bayesdeg.errors import BayesdegError
 
@@ -51,7 +51,7 @@ def solve(run: Run, key: str, timeout: float) -> tuple[Solution, float]:
             "install the same bayesdeg on every machine"
         )
     _keep_freed_memory()
-    task, effort = (run.geometry, run.resolution, run.curve), Effort(seconds=timeout)
+    task, effort = (run.geometry, run.resolution, run.curve), replace(SAMPLING, seconds=timeout)
     # one thread: the same sums in the same order, hence the same bits, in whatever process
     with _ONE_AT_A_TIME, threadpool_limits(limits=1):
         start = time.perf_counter()

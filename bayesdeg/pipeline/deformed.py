@@ -8,13 +8,14 @@ from numpy.typing import NDArray
 from bayesdeg.actuator.curve import Actuator, Curve
 from bayesdeg.actuator.equilibrium import follow
 from bayesdeg.actuator.geometry import Geometry
-from bayesdeg.actuator.inputs import ForwardMap, Inputs, Prediction, dimensionless, material_groups
+from bayesdeg.actuator.inputs import Inputs, dimensionless, material_groups
 from bayesdeg.actuator.linear import open_factorization
 from bayesdeg.actuator.material import Material
 from bayesdeg.actuator.mesh import Resolution, build_mesh
 from bayesdeg.errors import GeometryError
 from bayesdeg.pipeline.assemble import level_grid
 from bayesdeg.pipeline.calibrate import Fit
+from bayesdeg.pipeline.listening import Listener
 from bayesdeg.prediction.bands import at_conditions
 from bayesdeg.report.actuator_fields import nodal_fields
 from bayesdeg.report.actuator_files import clear_solved, vtu_name, write_surface, write_vtu
@@ -131,23 +132,11 @@ def fitted_inputs(fit: Fit, degradation: Floats, pressure: Floats) -> Inputs:
     """
     model = at_conditions(fit.model, degradation, pressure)
     assert model.forward is not None
-    listener = _Listener(model.forward)
+    listener = Listener(model.forward)
     vectors = fit.chain.vectors.reshape(-1, fit.chain.vectors.shape[-1])
     values = model.table.named(np.median(vectors, axis=0)[None])
     replace(model, forward=listener).curvature(values)
     return listener.heard[0]
-
-
-class _Listener:
-    """A forward map that keeps what it is asked."""
-
-    def __init__(self, forward: ForwardMap) -> None:
-        self._forward = forward
-        self.heard: list[Inputs] = []
-
-    def __call__(self, inputs: Inputs) -> Prediction:
-        self.heard.append(inputs)
-        return self._forward(inputs)
 
 
 def _solve(

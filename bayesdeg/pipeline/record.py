@@ -12,6 +12,7 @@ from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.inference.refusals import Refusals
 from bayesdeg.measure.study import Study
 from bayesdeg.pipeline.comparison import comparisons, rests_on
+from bayesdeg.pipeline.listening import refused_inputs
 from bayesdeg.pipeline.results import Results
 
 # share of refused proposals above which the posterior may be cut off
@@ -94,7 +95,20 @@ def _emulator(results: Results) -> dict[str, object]:
     facts = emulator_facts(forward.record)
     chains = {id(fit.chain): fit.chain.refusals for fit in results.fits.values()}
     refusals = sum(chains.values(), start=Refusals())
-    return facts | {"refusals": refusal_words(refusals), "training": json.loads(forward.record)}
+    refused = refused_inputs(results.final)
+    said = " ".join(part for part in (refusal_words(refusals), _refused_words(refused)) if part)
+    return facts | {
+        "refusals": said,
+        "refused_inputs": refused,
+        "training": json.loads(forward.record),
+    }
+
+
+def _refused_words(refused: dict[str, str]) -> str:
+    """Say which inputs of new specimens are refused."""
+    if not refused:
+        return ""
+    return f"Of new specimens in the same tests it refuses: {'; '.join(refused.values())}."
 
 
 def emulator_facts(record: str) -> dict[str, object]:

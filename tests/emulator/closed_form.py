@@ -236,9 +236,9 @@ def training_runs(coarse, fine, *, seed=5):
 
 @cache
 def trained(*, mesh_error=0.0):
-    """Train a small surrogate on the closed form: 96 coarse curves, 32 fine ones."""
+    """Train a small surrogate on the closed form: 128 coarse curves, 32 fine ones."""
     return train(
-        *training_runs(96, 32),
+        *training_runs(128, 32),
         span=SPAN,
         length=LENGTH,
         mesh_error=mesh_error,
