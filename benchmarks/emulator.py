@@ -179,7 +179,7 @@ def _options() -> argparse.Namespace:
         help="train on less, too: all kinds of less, or those named",
     )
     parser.add_argument(
-        "--exact-draws", type=int, default=3, help="exact curves at each degradation rate"
+        "--exact-draws", type=int, default=2, help="exact curves at each degradation rate"
     )
     return parser.parse_args()
 

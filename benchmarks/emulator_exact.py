@@ -160,8 +160,9 @@ def exact_gaps(
 ) -> tuple[list[list[Gap]], float]:
     """Solve the exact curves that the store lacks; return gaps by level, and core seconds."""
     geometry = Geometry(Dimensions())
-    # two parts of the range of each coordinate for two curves, and so on
-    unit = qmc.LatinHypercube(len(COORDINATES), rng=np.random.default_rng(7)).random(count)
+    # the first of more curves are those of fewer
+    sampler = qmc.Sobol(len(COORDINATES), rng=np.random.default_rng(7))
+    unit = sampler.random(2 ** int(np.ceil(np.log2(count))))[:count]
     normals = SPREAD * norm.ppf(unit)
     runs = [
         Run(geometry, CONVERGED, _curve(level, point), Kind.SAMPLES)

@@ -12,7 +12,7 @@ from bayesdeg.emulator.terms import Terms
 SPAN = TrainingRange()
 DEGREES = (6, 4, 4, 3, 2, 2, 2, 3, 2, 2, 2, 2, 2)
 OPTIONAL = {
-    "second_invariant": (0.0, 0.05),
+    "second_invariant": (0.0, 0.15),
     "skin": (0.05, 1.0),
     "paper_thickness": (0.05, 0.18),
     "paper_slack": (0.002, 0.04),
@@ -22,6 +22,8 @@ OPTIONAL = {
     "wall_factor": (0.85, 1.15),
     "erosion": (0.02, 0.25),
 }
+TOGETHER = 1e-3  # slack and mismatch of a paper up to which they may go together
+LIMIT_ERRORS = 2.0  # standard errors that are kept away from a limit
 
 
 def random_terms(generator, count, outputs, *, size, with_load=True):
@@ -44,23 +46,26 @@ def small_surrogate(*, count=120, seed=3, mesh_error=0.002):
     generator = np.random.default_rng(seed)
     error = random_terms(generator, 12, 3, size=0.5)
     error.coefficients[:, 0] -= 11.0
-    limit = random_terms(generator, 12, 1, size=0.2, with_load=False)
-    limit.coefficients[:, 0] -= 0.3
+    limit = random_terms(generator, 12, 2, size=0.2, with_load=False)
+    limit.coefficients[0, 0] -= 0.3
+    limit.coefficients[1] *= 0.6
+    limit.coefficients[1, 0] = 0.03
     return Surrogate(
         length=50.0,
         span=SPAN,
         terms=random_terms(generator, count, 3, size=0.5),
         error=error,
         limit=limit,
-        limit_sd=0.03,
-        limit_margin=0.06,
         mesh_error=mesh_error,
         record='{"design": "by hand"}',
     )
 
 
 def random_inputs(generator, shape, *, given=(), columns=1):
-    """Materials of a shape with the named optional fields, and loads along further columns."""
+    """Materials of a shape with the named optional fields, and loads along further columns.
+
+    Of a paper both slack and mismatched one of the two is small, in turn.
+    """
     shape = (*shape, 1)
     c1 = generator.uniform(0.2, 0.6, shape)
     c3 = c1 * np.exp(generator.uniform(np.log(1e-3), np.log(0.1), shape))
@@ -68,6 +73,11 @@ def random_inputs(generator, shape, *, given=(), columns=1):
     scale = generator.uniform(0.75, 1.0, shape)
     paper = 1e3 * c1 * scale * np.exp(generator.uniform(np.log(5.0), np.log(900.0), shape))
     fields = {name: generator.uniform(*OPTIONAL[name], shape) for name in given}
+    if {"paper_slack", "paper_mismatch"} <= set(fields):
+        turn = np.arange(c1.size).reshape(shape) % 2 == 0
+        little = generator.uniform(0.3 * TOGETHER, 0.9 * TOGETHER, shape)
+        fields["paper_slack"] = np.where(turn, little, fields["paper_slack"])
+        fields["paper_mismatch"] = np.where(turn, fields["paper_mismatch"], little)
     load = generator.uniform(0.02, 0.35, (*shape[:-1], columns))
     return Inputs(1e3 * c1 * load, c1, softening * np.sqrt(3 * c1 * c3), c3, scale, paper, **fields)
 
@@ -146,23 +156,27 @@ def predict_by_hand(surrogate, at, scale, warp):
     share = [
         math.hypot(math.exp(e / 2), surrogate.mesh_error) for e in slow_sum(surrogate.error, point)
     ]
-    limit = math.exp(slow_sum(surrogate.limit, [0.0, *point[1:4], *by_range])[0])
+    log_limit, limit_error = slow_sum(surrogate.limit, [0.0, *point[1:4], *by_range])
+    safe = math.exp(log_limit - LIMIT_ERRORS * limit_error)
     load = at["load"]
     offset = abs(at["paper_mismatch"]) + 60 * math.hypot(at["gravity_along"], at["gravity_up"])
     curvature = load * math.exp(exponent + y[0]) / (scale * surrogate.length) * 1e3
     angle = math.degrees(load * math.exp(exponent + y[1]))
     stretch = (load + offset) * math.exp(exponent + y[2])
-    inside = all(g.low <= at[g.name] <= g.high for g in GROUPS)
+    inside = all(g.low <= at[g.name] <= g.high for g in GROUPS) and (
+        at["paper_slack"] <= TOGETHER or abs(at["paper_mismatch"]) <= TOGETHER
+    )
     largest = float(SPAN.largest_load(np.array(point[2])))
     return {
-        "allowed": inside and 0 <= load <= largest and x <= min(limit, 1.5),
+        "allowed": inside and 0 <= load <= largest and x <= min(safe, 1.5),
         "curvature": curvature,
         "bend_angle": angle,
         "peak_stretch": 1 + stretch,
         "sd": curvature * share[0],
         "bend_angle_sd": angle * share[1],
         "peak_stretch_sd": stretch * share[2],
-        "limit": limit * math.exp(-exponent),
+        "limit": math.exp(log_limit - exponent),
+        "limit_error": limit_error,
     }
 
 

@@ -15,8 +15,10 @@ from bayesdeg.emulator.scaling import CAUSES, GROUPS
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.emulator.terms import Terms
 from tests.emulator.term_sums import (
+    LIMIT_ERRORS,
     OPTIONAL,
     SPAN,
+    TOGETHER,
     groups_by_hand,
     predict_by_hand,
     random_inputs,
@@ -318,7 +320,7 @@ def test_loads_that_were_not_trained_are_refused_and_named(load, words):
 def test_thin_walls_reach_the_largest_warped_load_first():
     """x = q e^W ≤ 1.5 without a limit before."""
     free = dataclasses.replace(
-        SURROGATE, limit=Terms(np.zeros((1, 13), dtype=np.int64), np.full((1, 1), 3.0))
+        SURROGATE, limit=Terms(np.zeros((1, 13), dtype=np.int64), np.array([[3.0], [0.0]]))
     )
     w = 0.42 + 0.43 * 1.0  # thinnest walls, most erosion
     last = 1.5 * np.exp(-w)
@@ -340,25 +342,50 @@ def test_impossible_materials_are_refused_and_named(c1, c2, c3):
     assert all(np.isnan(v[0]) for v in SURROGATE.gradient(inputs).values())
 
 
-def test_the_limit_is_where_it_says_and_refusals_name_it():
+def test_limit_and_its_error_are_those_of_the_formulae():
     inputs = random_inputs(np.random.default_rng(9), (30,), given=sorted(OPTIONAL))
     limit = SURROGATE.limit_pressure(inputs)
     assert limit.pressure.shape == limit.sd.shape == limit.trained.shape == (30, 1)
-    np.testing.assert_allclose(limit.sd, 0.03 * limit.pressure)
     for row in np.flatnonzero(limit.trained[:, 0]):
         at = groups_by_hand(inputs, ((30, 1), (row, 0)))
-        want = predict_by_hand(SURROGATE, at, 1.0, WARP)["limit"] * np.exp(0.06)
-        pressure = inputs.pressure[row, 0] * want / at["load"]
+        want = predict_by_hand(SURROGATE, at, 1.0, WARP)
+        pressure = inputs.pressure[row, 0] * want["limit"] / at["load"]
         assert limit.pressure[row, 0] == pytest.approx(pressure, rel=1e-11)
+        assert limit.sd[row, 0] == pytest.approx(want["limit_error"] * pressure, rel=1e-9)
     assert limit.trained.sum() > 5
-    safe = limit.pressure * np.exp(-SURROGATE.limit_margin)
+    error = limit.sd / limit.pressure
+    assert np.ptp(error) > 0.2 * np.mean(error)  # it is a table of its own
+
+
+def test_loads_are_refused_from_two_standard_errors_below_the_limit():
+    inputs = random_inputs(np.random.default_rng(9), (30,), given=sorted(OPTIONAL))
+    limit = SURROGATE.limit_pressure(inputs)
+    safe = limit.pressure * np.exp(-LIMIT_ERRORS * limit.sd / limit.pressure)
     below, above = (dataclasses.replace(inputs, pressure=safe * (1 + d)) for d in (-1e-9, 1e-9))
-    bold = dataclasses.replace(SURROGATE, limit_margin=0.0).limit_pressure(inputs)
+    lowered = SURROGATE.limit.coefficients.copy()
+    lowered[0] -= LIMIT_ERRORS * lowered[1]
+    lowered[1] = 0.0
+    sure = dataclasses.replace(SURROGATE, limit=Terms(SURROGATE.limit.orders, lowered))
+    bold = sure.limit_pressure(inputs)
     np.testing.assert_allclose(bold.pressure, safe, rtol=1e-13)
     inside = bold.trained[:, 0]
+    assert inside.sum() > 5
     assert np.all(SURROGATE(below).status[inside] == 0)
     assert np.all(SURROGATE(above).status[inside] == Status.OUTSIDE_TRAINING)
     assert f"{inside.sum()} of" in SURROGATE.refusals(above)["limit"]
+
+
+@pytest.mark.parametrize("mismatch", [-0.01, 0.01])
+def test_a_paper_both_slack_and_mismatched_is_refused_and_says_so(mismatch):
+    little, much = 0.99 * TOGETHER, 1.01 * TOGETHER
+    pairs = [(0.02, little), (little, mismatch), (0.02, 0.0), (0.0, mismatch), (much, mismatch)]
+    slack, misfit = np.array(pairs).T[:, :, None]
+    inputs = base_inputs(0.05, paper_slack=slack, paper_mismatch=misfit)
+    assert (SURROGATE(inputs).status[:, 0] == 0).tolist() == [True] * 4 + [False]
+    found = SURROGATE.refusals(inputs)
+    assert list(found) == ["paper_slack"]
+    assert "goes together with a mismatch of the paper" in found["paper_slack"]
+    assert "1 of 5 values" in found["paper_slack"]
 
 
 def test_a_limit_is_unknown_outside_the_groups():
