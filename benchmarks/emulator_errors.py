@@ -159,7 +159,10 @@ def limits(emulator: Surrogate, runs: Sequence[tuple[Curve, PathSamples]]) -> di
 
 
 def limits_left_out(emulator: Surrogate, store: SolutionStore) -> dict[str, object]:
-    """Compare with fine curves that end, the limit fitted without their coarse twins."""
+    """Compare with fine curves that end, the limit fitted without their coarse twins.
+
+    The shift between the meshes comes from every second fine curve, and the others are judged.
+    """
     wanted = build.runs(Geometry(Dimensions()))
     found = [(run, store.get(run)) for run in wanted]
     pairs = [(run, got) for run, got in found if isinstance(got, PathSamples)]
@@ -168,8 +171,10 @@ def limits_left_out(emulator: Surrogate, store: SolutionStore) -> dict[str, obje
         return {"missing": "fine training runs in the store"}
     twins = {curve for curve, _ in fine}
     others = [reach(run.curve, s) for run, s in pairs if run.curve not in twins]
-    fitted = replace(emulator, limit=fit_limit(others, emulator.span).terms)
-    return limits(fitted, fine) | {
-        "what": f"{len(fine)} fine curves of the training design against a limit fitted to "
-        f"{len(others)} other curves of the coarse mesh"
+    known, judged = fine[::2], fine[1::2]
+    shift = [reach(curve, samples) for curve, samples in known]
+    fitted = replace(emulator, limit=fit_limit(others, emulator.span, shift).terms)
+    return limits(fitted, judged) | {
+        "what": f"{len(judged)} fine curves of the training design against a limit fitted to "
+        f"{len(others)} other curves of the coarse mesh and shifted by {len(known)} of the fine one"
     }

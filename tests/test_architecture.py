@@ -166,6 +166,7 @@ def test_files_are_read_and_written_in_few_places():
     places = {
         "measure/study.py",
         "emulator/campaign.py",
+        "emulator/design.py",
         "emulator/solutions.py",
         "emulator/trained.py",
         "emulator/workers.py",

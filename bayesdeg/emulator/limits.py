@@ -41,8 +41,11 @@ class Limit:
     left_out: Floats
 
 
-def fit_limit(reaches: Sequence[Reach], span: TrainingRange) -> Limit:
+def fit_limit(reaches: Sequence[Reach], span: TrainingRange, fine: Sequence[Reach] = ()) -> Limit:
     """Fit ln of the warped load of the reach.
+
+    Many runs of a coarse mesh give the shape; how much earlier or later those of the ``fine`` mesh
+    end, in the median, shifts it.
 
     Of a curve that is smooth to its end only a lower bound is known: such values are raised to
     the fit where that is above the bound, and the fit repeated, until nothing changes.
@@ -56,8 +59,20 @@ def fit_limit(reaches: Sequence[Reach], span: TrainingRange) -> Limit:
         out = np.arange(len(known)) % FOLDS == fold
         left_out[out] = known[out] - matrix[out] @ _fit(matrix[~out], known[~out], bounded[~out])
     best = Terms(orders, (scales * _fit(matrix, known, bounded))[None])
+    best.coefficients[0, 0] += _shift(best, [r for r in fine if r.load > 0.0 and not r.open], span)
     errors = _errors(points[~bounded], left_out[~bounded])
     return Limit(stacked([best, errors]), left_out[~bounded])
+
+
+def _shift(best: Terms, ended: Sequence[Reach], span: TrainingRange) -> float:
+    """Return the median of ln(reach) less the fit at runs whose end is known; 0 if there are none.
+
+    The first term is the constant.
+    """
+    if not ended:
+        return 0.0
+    points, known, _ = _table(ended, span)
+    return float(np.median(known - features(best.orders, points) @ best.coefficients[0]))
 
 
 def _fit(matrix: Floats, known: Floats, bounded: NDArray[np.bool_]) -> Floats:

@@ -123,8 +123,11 @@ def train(
     """
     many, few = (_observed(*runs, span=span, length=length) for runs in (coarse, fine))
     parts = [_train(many, few, plan, span) for plan in plans]
-    reaches = [reach(c, s) for c, s in zip(*coarse, strict=True)]
-    limit = fit_limit(reaches, span)
+    ends, fine_ends = (
+        [reach(c, s) for c, s in zip(*runs, strict=True) if is_answered(c, span)]
+        for runs in (coarse, fine)
+    )
+    limit = fit_limit(ends, span, fine_ends)
     usual = _material_points(likely(span), span)
     errors = [
         fit_errors(part.points, part.left_out, nearness(part.points, usual)) for part in parts

@@ -66,7 +66,7 @@ def arc_excess(load, u, a):
 
 def limit_load(a, b):
     """q at which the closed form balloons, were the walls as thick as the base model's."""
-    return 0.9 * math.exp(0.5 * a + 0.6 * (b + 1.0))
+    return 0.55 * math.exp(0.3 * a + 0.4 * (b + 1.0))
 
 
 def slack_left(load, slack, paper):
@@ -236,9 +236,9 @@ def training_runs(coarse, fine, *, seed=5):
 
 @cache
 def trained(*, mesh_error=0.0):
-    """Train a small surrogate on the closed form: 128 coarse curves, 32 fine ones."""
+    """Train a small surrogate on the closed form: 96 coarse curves, 24 fine ones."""
     return train(
-        *training_runs(128, 32),
+        *training_runs(96, 24),
         span=SPAN,
         length=LENGTH,
         mesh_error=mesh_error,

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 from bayesdeg.emulator.coordinates import SLACK
 from bayesdeg.emulator.evaluation import BLOCK, evaluate
-from bayesdeg.emulator.scaling import NAMES
 from bayesdeg.emulator.plan import ROW_AXES, plan_of
+from bayesdeg.emulator.scaling import NAMES
 from bayesdeg.emulator.terms import Terms, stacked
 from tests.emulator.term_sums import random_terms, slow_sum
 
