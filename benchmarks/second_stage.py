@@ -29,7 +29,7 @@ from bayesdeg.measure.settings import Dimensions
 
 
 def question(observed: list[Observed], family: Family, prior: Prior) -> Question:
-    orders, span = family.orders(), TrainingRange()
+    orders, span = family.orders, TrainingRange()
     scales = prior.scales(orders)
     normal = 0.0
     for run in observed:

@@ -22,8 +22,7 @@ from bayesdeg.errors import GeometryError
 
 Floats = NDArray[np.float64]
 
-# raised whenever a change of the model changes its numbers: stored solutions then count no more
-MODEL_VERSION = "3"
+MODEL_VERSION = "3"  # raised when numbers change: stored solutions then count no more
 
 
 @dataclass(frozen=True)

@@ -37,7 +37,7 @@ def fit_errors(points: Floats, left_out: Floats, weights: Floats) -> Terms:
     weights : array, shape (n,)
         How much each counts, see ``nearness``.
     """
-    orders = FAMILY.orders()
+    orders = FAMILY.orders
     matrix = features(orders, points)
     coefficients = []
     for column in left_out.T:
@@ -46,7 +46,7 @@ def fit_errors(points: Floats, left_out: Floats, weights: Floats) -> Terms:
         model = GammaRegressor(alpha=PENALTY, max_iter=2000, tol=1e-6)
         model.fit(matrix[:, 1:], squares / scale, sample_weight=weights)
         level = np.concatenate([[model.intercept_ + np.log(scale)], model.coef_])
-        spread = np.abs(column) / np.exp(0.5 * matrix @ level)
+        spread = np.sqrt(squares) / np.exp(0.5 * matrix @ level)
         inside = _weighted_quantile(spread, weights, INSIDE)
         level[0] += 2.0 * np.log(inside / norm.ppf(0.5 * (1.0 + INSIDE)))
         coefficients.append(level)

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations
 
 import numpy as np
@@ -40,12 +41,13 @@ class Family:
     pair: Degrees | None = None
     triple: Degrees | None = None
 
+    @cached_property
     def orders(self) -> Indices:
-        """Return the orders of all terms, (n_terms, 13).
+        """The orders of all terms, (n_terms, 13).
 
         Examples
         --------
-        >>> Family((1, 1, 0, 0), (0, 0, 0, 0), (1,) + 8 * (0,)).orders()[:, :5].tolist()
+        >>> Family((1, 1, 0, 0), (0, 0, 0, 0), (1,) + 8 * (0,)).orders[:, :5].tolist()
         [[0, 0, 0, 0, 0], [0, 1, 0, 0, 0], [1, 0, 0, 0, 0], [0, 0, 0, 0, 1]]
         """
         blocks = [_with_causes(self.base, ())]

@@ -51,7 +51,7 @@ def fit_limit(reaches: Sequence[Reach], span: TrainingRange, fine: Sequence[Reac
     the fit where that is above the bound, and the fit repeated, until nothing changes.
     """
     points, known, bounded = _table([r for r in reaches if r.load > 0.0], span)
-    orders = FAMILY.orders()
+    orders = FAMILY.orders
     scales = PRIOR.scales(orders)
     matrix = features(orders, points) * scales
     left_out = np.empty_like(known)
@@ -104,7 +104,7 @@ def _table(
 
 def _errors(points: Floats, left_out: Floats) -> Terms:
     """Return the standard error as a constant and a part for the square of each cause, none < 0."""
-    orders = ERRORS.orders()
+    orders = ERRORS.orders
     even = orders[np.all(orders % 2 == 0, axis=1)]
     matrix = features(even, points)
     # the mean size of a normal error is √(2/π) of its standard deviation

@@ -21,7 +21,7 @@ from bayesdeg.actuator.forward import relative_to_reference
 from bayesdeg.actuator.inputs import Inputs, Prediction
 from bayesdeg.actuator.status import Status
 from bayesdeg.emulator.batch import Batch
-from bayesdeg.emulator.coordinates import GIVE, LARGEST_WARPED, SLACK, STRAIN, WARP
+from bayesdeg.emulator.coordinates import GIVE, LARGEST_WARPED, SAGGING, SLACK, STRAIN, WARP
 from bayesdeg.emulator.evaluation import evaluate
 from bayesdeg.emulator.input_gradient import curvature_gradient
 from bayesdeg.emulator.refused import describe
@@ -32,7 +32,6 @@ Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 OUTPUTS = ("curvature", "bend_angle", "peak_stretch")
-SAGGING = 60.0  # mm: peak strain at rest over the group of gravity
 _MISMATCH, _ALONG, _UP = (
     NAMES.index(name) for name in ("paper_mismatch", "gravity_along", "gravity_up")
 )

@@ -138,12 +138,11 @@ def train(
         for share in coverage(error, part.points, part.left_out)
     ]
     accuracy = _accuracy(parts, limit, covered)
-    status = [s.status for s in (*coarse[1], *fine[1])]
     facts = {
         "model_version": MODEL_VERSION,
         "coarse_curves": len(coarse[0]),
         "fine_curves": len(fine[0]),
-        "curves_cut_short": sum(s != Status.CONVERGED for s in status),
+        "curves_cut_short": sum(s.status != Status.CONVERGED for s in (*coarse[1], *fine[1])),
         "terms": len(stacked([part.terms for part in parts]).orders),
         "mesh_error_pct": 100.0 * mesh_error,
         "accuracy": accuracy,
@@ -180,7 +179,7 @@ def _material_points(curves: Sequence[Curve], span: TrainingRange) -> Floats:
 def _train(
     many: dict[Curve, Observed], few: dict[Curve, Observed], plan: Plan, span: TrainingRange
 ) -> Trained:
-    orders, small = plan.family.orders(), plan.correction.orders()
+    orders, small = plan.family.orders, plan.correction.orders
     base = fit(
         (_rows(run, plan.family, plan, span) for run in many.values()),
         orders,
@@ -208,7 +207,7 @@ def _train(
 
 def _rows(run: Observed, family: Family, plan: Plan, span: TrainingRange) -> Rows:
     return rows_of(
-        run, family.orders(), outputs=list(plan.outputs), span=span, derivatives=plan.derivatives
+        run, family.orders, outputs=list(plan.outputs), span=span, derivatives=plan.derivatives
     )
 
 

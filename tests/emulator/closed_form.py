@@ -66,7 +66,7 @@ def arc_excess(load, u, a):
 
 def limit_load(a, b):
     """q at which the closed form balloons, were the walls as thick as the base model's."""
-    return 0.55 * math.exp(0.3 * a + 0.4 * (b + 1.0))
+    return 0.75 * math.exp(0.3 * a + 0.4 * (b + 1.0))
 
 
 def slack_left(load, slack, paper):

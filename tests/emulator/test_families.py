@@ -17,7 +17,7 @@ from bayesdeg.emulator.terms import N_CHEBYSHEV
 from bayesdeg.emulator.training import PLANS
 
 FAMILY = Family((5, 3, 3, 2), (3, 2, 2, 1), (3, 2, 1, 4, 2, 1, 2, 0, 3), (2, 1, 1, 0), (1, 0, 0, 0))
-ORDERS = FAMILY.orders()
+ORDERS = FAMILY.orders
 CAUSES = ORDERS[:, N_CHEBYSHEV:]
 ALONG, UP = (NAMES.index(name) for name in ("gravity_along", "gravity_up"))
 
@@ -72,7 +72,7 @@ def test_total_degree_is_shared_between_the_inputs(degrees):
     "family", [FAMILY, *(f for plan in PLANS for f in (plan.family, plan.correction))]
 )
 def test_no_term_occurs_twice_and_there_is_a_constant(family):
-    orders = family.orders()
+    orders = family.orders
     assert len(np.unique(orders, axis=0)) == len(orders)
     assert np.sum(~orders.any(axis=1)) == 1
 
@@ -102,5 +102,5 @@ def test_degrees_shrink_as_the_power_of_a_cause_grows():
 
 
 def test_without_products_of_causes_there_are_none():
-    orders = Family((2, 1, 1, 1), (1, 0, 0, 0), 9 * (1,)).orders()
+    orders = Family((2, 1, 1, 1), (1, 0, 0, 0), 9 * (1,)).orders
     assert np.max(np.sum(orders[:, N_CHEBYSHEV:] > 0, axis=1)) == 1

@@ -15,7 +15,7 @@ from bayesdeg.emulator.terms import Terms
 from tests.emulator.closed_form import LENGTH, SPAN, sample
 
 FAMILY = Family((3, 2, 2, 1), (1, 1, 0, 0), (1, 1, 0, 1, 1, 0, 1, 2, 1), (0, 0, 0, 0))
-ORDERS = FAMILY.orders()
+ORDERS = FAMILY.orders
 CURVES = space_filling(SPAN, 64, seed=3)
 TRUTH = Prior().scales(ORDERS) * np.random.default_rng(1).standard_normal((3, len(ORDERS)))
 SHARP = Prior(noise=1e-8)

@@ -15,7 +15,7 @@ from bayesdeg.emulator.terms import Terms
 
 SPAN = TrainingRange()
 # without slack, whose coordinate has a corner at tight paper
-ORDERS = Family((2, 1, 2, 0), (1, 0, 0, 0), (1, 1, 0, 0, 1, 0, 0, 1, 1)).orders()
+ORDERS = Family((2, 1, 2, 0), (1, 0, 0, 0), (1, 1, 0, 0, 1, 0, 0, 1, 1)).orders
 PRIOR = Prior(noise=0.2)
 SCALES = PRIOR.scales(ORDERS)
 LOADS = (0.1, 0.2, 0.35)
