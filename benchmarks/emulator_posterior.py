@@ -1,7 +1,7 @@
 """Does it matter for a posterior that the emulator is not the finite element model?
 
-The posterior of the gelatin study, its base model with the study's hidden cause, is sampled with
-the emulator; its draws are then weighted by what the density becomes with exact curves of the
+The posterior of the gelatin study, its base model with the cause that its verdict names, is
+sampled with the emulator; its draws are then weighted by what the density becomes with exact curves of the
 emulator's own mesh. So many exact curves cannot be solved, one for each draw and degradation rate.
 But specimens differ by their degradation rate alone, apart from deviations of their stiffness,
 which only rescale load and paper; and at each rate the posterior is narrow. So what the emulator
@@ -33,7 +33,7 @@ from bayesdeg.pipeline.assemble import assemble
 Floats = NDArray[np.float64]
 
 STUDY = Path("studies/gelatin_actuator")
-CAUSE = "pressure_offset"  # the study's hidden one
+CAUSE = "pressure_offset"  # which the study's verdict names
 PROPOSALS = 6000
 NEGLIGIBLE = 1e-4  # weight of a draw, over the mean of all, that is left out
 RESAMPLINGS = 400
@@ -165,7 +165,7 @@ def posterior_shift(
     largest = int(np.argmax(np.abs(whole.by_parameter)))
     values = np.concatenate([gap.targets[: gap.n_values] for some in gaps for gap in some])
     return whole.largest, {
-        "model": f"base model with {CAUSE}, the study's hidden cause",
+        "model": f"base model with {CAUSE}, the cause that its verdict names",
         "draws": len(draws.vectors),
         "effective_draws": draws.effective,
         "effective_draws_after_weighting": whole.effective,

@@ -4,6 +4,8 @@ from collections.abc import Callable
 from concurrent.futures import Executor
 from math import inf
 
+from threadpoolctl import threadpool_limits
+
 from bayesdeg.actuator.curve import Curve, PathSamples
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.emulator.campaign import Finished, Kind, Run, complete
@@ -78,17 +80,19 @@ def build(
     found = complete(wanted, store, executor=executor, timeout=timeout, on_run=on_run)
     solved = [solution for solution in found if isinstance(solution, PathSamples)]
     curves, many = [run.curve for run in wanted], len(_curves(recipe)[0])
-    return train(
-        (curves[:many], solved[:many]),
-        (curves[many:], solved[many:]),
-        span=TrainingRange(),
-        length=geometry.dimensions.length,
-        mesh_error=MESH_ERROR,
-        record={
-            "design": "scrambled Sobol' over the material, none to four causes at work in each",
-            "seed": recipe.seed,
-            "coarse_mesh_mm": vars(recipe.coarse_mesh),
-            "fine_mesh_mm": vars(recipe.fine_mesh),
-            "dimensions_mm": vars(geometry.dimensions),
-        },
-    )
+    # sums of several threads depend on their number
+    with threadpool_limits(1):
+        return train(
+            (curves[:many], solved[:many]),
+            (curves[many:], solved[many:]),
+            span=TrainingRange(),
+            length=geometry.dimensions.length,
+            mesh_error=MESH_ERROR,
+            record={
+                "design": "scrambled Sobol' over the material, none to four causes at work in each",
+                "seed": recipe.seed,
+                "coarse_mesh_mm": vars(recipe.coarse_mesh),
+                "fine_mesh_mm": vars(recipe.fine_mesh),
+                "dimensions_mm": vars(geometry.dimensions),
+            },
+        )
