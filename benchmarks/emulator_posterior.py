@@ -1,13 +1,12 @@
 """Does it matter for a posterior that the emulator is not the finite element model?
 
 The posterior of the gelatin study, its base model with the cause that its verdict names, is
-sampled with the emulator; its draws are then weighted by what the density becomes with exact curves
-of the emulator's own mesh. So many exact curves cannot be solved, one for each draw and degradation rate.
-But specimens differ by their degradation rate alone, apart from deviations of their stiffness,
-which only rescale load and paper; and at each rate the posterior is narrow. So what the emulator
-lacks is fitted to some exact curves with derivatives at each rate (``emulator_exact``). How well
-is seen at exact curves left out.
-"""
+sampled with the emulator; its draws are then weighted by what the density becomes with exact
+curves of the emulator's own mesh. So many exact curves cannot be solved, one for each draw and
+degradation rate. But specimens differ by their degradation rate alone, apart from deviations of
+their stiffness, which only rescale load and paper; and at each rate the posterior is narrow. So
+what the emulator lacks is fitted to some exact curves with derivatives at each rate
+(``emulator_exact``). How well is seen at exact curves left out. """
 
 from dataclasses import dataclass, replace
 from pathlib import Path
