@@ -6,7 +6,7 @@ curves of the emulator's own mesh. So many exact curves cannot be solved, one fo
 degradation rate. But specimens differ by their degradation rate alone, apart from deviations of
 their stiffness, which only rescale load and paper; and at each rate the posterior is narrow. So
 what the emulator lacks is fitted to some exact curves with derivatives at each rate
-(``emulator_exact``). How well is seen at exact curves left out. """
+(``emulator_exact``). How well is seen at exact curves left out."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
