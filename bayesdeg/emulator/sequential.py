@@ -58,6 +58,9 @@ def most_telling(
 ) -> list[int]:
     """Return which candidates to solve, one after another, each in view of those before.
 
+    A candidate is judged by the sum over its readings of what each alone would gain; once it is
+    chosen, its readings and derivatives count together.
+
     Parameters
     ----------
     question : Question
