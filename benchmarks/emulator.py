@@ -46,7 +46,6 @@ import emulator_posterior
 import emulator_speed
 from forward_case import say
 
-from bayesdeg.emulator.recipe import Recipe
 from bayesdeg.emulator.solutions import SolutionStore
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.emulator.trained import default_surrogate, outdated, read_trained
@@ -175,7 +174,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument(
         "--ablation",
         nargs="*",
-        choices=tuple(emulator_ablation.variants(Recipe())),
+        choices=tuple(emulator_ablation.variants(4, 2)),
         help="train on less, too: all kinds of less, or those named",
     )
     parser.add_argument(

@@ -101,12 +101,11 @@ def training(store: SolutionStore, shipped: Surrogate) -> dict[str, object]:
     geometry, recipe = Geometry(Dimensions()), Recipe()
     wanted = runs(geometry, recipe)
     seconds = store.seconds()
+    coarse = [run.key() for run in wanted if run.resolution == recipe.coarse_mesh]
     facts = core_hours([run.key() for run in wanted], seconds) | {
-        "coarse_runs": recipe.coarse_runs,
-        "fine_runs": recipe.fine_runs,
-        "coarse_core_hours": core_hours(
-            [run.key() for run in wanted[: recipe.coarse_runs]], seconds
-        )["core_hours"],
+        "coarse_runs": len(coarse),
+        "fine_runs": len(wanted) - len(coarse),
+        "coarse_core_hours": core_hours(coarse, seconds)["core_hours"],
     }
     if facts["runs_not_in_store"]:
         return facts
