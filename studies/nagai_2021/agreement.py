@@ -246,10 +246,12 @@ def _partly_common(
 
 
 def _interpolate(values: NDArray[np.float32], degradation: Floats) -> NDArray[np.float32]:
-    """Interpolate along the grid of D_R, (n, n_grid, P) at (n or 1, m) → (n, m, P)."""
-    below = np.minimum(degradation.astype(int), values.shape[1] - 2)
-    weight = (degradation - below).astype(np.float32)[..., None]
+    """Put parabolas through the grid of D_R, (n, n_grid, P) at (n or 1, m) → (n, m, P)."""
+    first = np.clip(np.rint(degradation).astype(int) - 1, 0, values.shape[1] - 3)
+    t = (degradation - first - 1.0).astype(np.float32)[..., None]
     rows = np.arange(len(values))[:, None]
-    first, second = values[rows, below], values[rows, below + 1]
-    between: NDArray[np.float32] = first + weight * (second - first)
+    below, middle, above = (values[rows, first + k] for k in range(3))
+    between: NDArray[np.float32] = middle + 0.5 * t * (
+        above - below + t * (above + below - 2 * middle)
+    )
     return between
