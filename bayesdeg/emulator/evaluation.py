@@ -62,7 +62,7 @@ def evaluate(
     return summed
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True)
 def _fill(
     table: Floats, axis_points: Floats, starts: Indices, first: int, count: int
 ) -> None:  # pragma: no cover - compiled
@@ -84,7 +84,7 @@ def _fill(
                     table[n, lane] = z * table[n - 1, lane]
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True)
 def _contract(
     along: Floats,
     product: Floats,
@@ -117,7 +117,7 @@ def _contract(
                 )
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True)
 def _along(
     value: Floats,
     along: Floats,
@@ -161,7 +161,7 @@ def _along(
             power[lane] *= phi[lane]
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True)
 def _sum_terms(
     points: Floats,
     loads: Floats,

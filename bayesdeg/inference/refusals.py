@@ -57,7 +57,7 @@ class CountedDensity:
         self.refusals = Refusals()
         self._model = self._watched = model
         self._outside: Flags | None = None
-        if getattr(model, "forward", None) is not None:
+        if isinstance(model, Model) and model.forward is not None:
             self._watched = replace(model, forward=self._forward)
 
     def __call__(self, vectors: Floats) -> Floats:
