@@ -1,9 +1,9 @@
 """Exact curves about a posterior, and the emulator corrected by them.
 
 At each degradation rate some exact curves with their exact derivatives are solved, at materials
-spread over the posterior; the logarithm of exact over emulated curvature is fitted to values and
-derivatives: Chebyshev polynomials in the load, linear in softening, stiffening, paper and its
-thickness.
+spread over the posterior; the logarithms of exact over emulated curvature and bend angle are fitted
+to values and derivatives: Chebyshev polynomials in the load, linear in softening, stiffening, paper
+and its thickness.
 """
 
 from collections.abc import Sequence
@@ -75,15 +75,15 @@ class Level:
 
 @dataclass(frozen=True)
 class Corrected:
-    """The emulator times what exact over emulated curvature is at each specimen's level.
+    """The emulator times what exact over emulated readings are at each specimen's level.
 
     Parameters
     ----------
     emulator : Surrogate
         Uncorrected.
     levels : tuple of Level
-    coefficients : tuple of array
-        Of the terms of each level.
+    coefficients : tuple of array, shape (n_terms, 2)
+        Of the terms of each level, for curvature and bend angle.
     places : array of int, shape (n_specimens,)
         Level of each specimen.
     own_error : bool
@@ -104,31 +104,43 @@ class Corrected:
         groups = groups_of(inputs)
         load = np.broadcast_to(groups[LOAD], shape)
         at = np.stack([np.broadcast_to(groups[n], shape) for n in COORDINATES], axis=-1)
-        gap, change = np.zeros(shape), np.zeros(shape)
+        gap, change = np.zeros((*shape, 2)), np.zeros((*shape, 2))
         for k, level in enumerate(self.levels):
             here = self.places == k
             values, slopes = level.features(load[:, here], at[:, here])
             gap[:, here] = values @ self.coefficients[k]
             change[:, here] = slopes @ self.coefficients[k]
-        curvature = plain.curvature * np.exp(gap)
-        share = plain.sd / plain.curvature if self.own_error else self.emulator.mesh_error
+        curvature, angle = (
+            reading * np.exp(gap[..., i])
+            for i, reading in enumerate((plain.curvature, plain.bend_angle))
+        )
+        slope = (plain.slope + plain.curvature * change[..., 0]) * np.exp(gap[..., 0])
+        mesh = self.emulator.mesh_error
+        sds = (
+            (plain.sd * np.exp(gap[..., 0]), plain.bend_angle_sd * np.exp(gap[..., 1]))
+            if self.own_error
+            else (mesh * np.abs(curvature), mesh * np.abs(angle))
+        )
         return replace(
             plain,
             curvature=curvature,
-            slope=(plain.slope + plain.curvature * change) * np.exp(gap),
-            sd=np.where(plain.curvature > 0.0, share * curvature, plain.sd),
+            bend_angle=angle,
+            slope=slope,
+            sd=sds[0],
+            bend_angle_sd=sds[1],
         )
 
 
 @dataclass(frozen=True)
 class Gap:
-    """ln of exact over emulated curvature along one exact curve, as weighted equations.
+    """ln of exact over emulated readings along one exact curve, as weighted equations.
 
     Parameters
     ----------
     matrix : array, shape (n_rows, n_terms)
-    targets : array, shape (n_rows,)
-        The gap, then its derivatives by the standardised coordinates.
+    targets : array, shape (n_rows, 2)
+        The gaps of curvature and bend angle, then their derivatives by the standardised
+        coordinates.
     n_values : int
         Rows of the gap itself, weighted by curvature over the curve's largest.
     """
@@ -139,20 +151,20 @@ class Gap:
 
 
 def fitted(gaps: Sequence[Gap]) -> Floats:
-    """Return the coefficients that curves of one level give."""
-    rows, right = np.vstack([g.matrix for g in gaps]), np.concatenate([g.targets for g in gaps])
+    """Return the coefficients that curves of one level give, (n_terms, 2)."""
+    rows, right = np.vstack([g.matrix for g in gaps]), np.vstack([g.targets for g in gaps])
     normal = rows.T @ rows + RIDGE * np.eye(rows.shape[1])
     found: Floats = np.linalg.solve(normal, rows.T @ right)
     return found
 
 
 def left_out(gaps: Sequence[Gap]) -> Floats:
-    """Return the weighted errors of every curve of a level predicted from the others."""
+    """Return the weighted errors of every curve of a level predicted from the others, (n, 2)."""
     errors = []
     for k, gap in enumerate(gaps):
         rest = fitted([*gaps[:k], *gaps[k + 1 :]])
         errors.append((gap.targets - gap.matrix @ rest)[: gap.n_values])
-    return np.concatenate(errors)
+    return np.vstack(errors)
 
 
 def exact_gaps(
@@ -204,28 +216,29 @@ def _gap(level: Level, seen: Observed, curve: Curve, emulator: Surrogate) -> Gap
     groups = dict(zip((group.name for group in GROUPS), place.values, strict=True))
     here = np.array([groups[name] for name in COORDINATES])
     value = _emulated(emulator, seen.load, here)
-    known = np.isfinite(value)
+    known = np.isfinite(value).all(axis=-1)
     load, weight = seen.load[known], seen.weights[known]
     terms, _ = level.features(load, np.broadcast_to(here, (len(load), len(here))))
     rows = [weight[:, None] * terms]
-    targets = [weight * (seen.values[known, 0] - value[known])]
+    targets = [weight[:, None] * (seen.values[known, :2] - value[known])]
     for k in range(len(COORDINATES)):
         # the direction in which only the k-th standardised coordinate changes
         step = DIFFERENCE * level.factor[:, k]
         by = (_emulated(emulator, load, here + step) - _emulated(emulator, load, here - step)) / (
             2.0 * DIFFERENCE
         )
-        exact = seen.gradients[known, 0][:, AXES] @ level.factor[:, k]
-        smooth = np.isfinite(by)
+        exact = seen.gradients[known, :2][..., AXES] @ level.factor[:, k]
+        smooth = np.isfinite(by).all(axis=-1)
         ahead = level.features(load, np.broadcast_to(here + step, (len(load), len(here))))[0]
         rows.append((weight[:, None] * (ahead - terms) / DIFFERENCE)[smooth])
-        targets.append((weight * (exact - by))[smooth])
-    return Gap(np.vstack(rows), np.concatenate(targets), len(load))
+        targets.append((weight[:, None] * (exact - by))[smooth])
+    return Gap(np.vstack(rows), np.vstack(targets), len(load))
 
 
 def _emulated(emulator: Surrogate, load: Floats, coordinates: Floats) -> Floats:
-    """Return ln(κ s L/q) of the emulator, nan where it refuses."""
+    """Return ln(κ s L/q) and ln(bend angle/q) of the emulator, (n, 2), nan where it refuses."""
     material = _place(coordinates).material()
-    inputs = inputs_of(Curve(tuple(load.tolist()), material), load)
-    found: Floats = np.log(emulator(inputs).curvature * 1e-3 * emulator.length / load)
+    seen = emulator(inputs_of(Curve(tuple(load.tolist()), material), load))
+    relative = (seen.curvature * 1e-3 * emulator.length, np.radians(seen.bend_angle))
+    found: Floats = np.log(np.stack(relative, axis=-1) / load[:, None])
     return found

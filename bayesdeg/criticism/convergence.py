@@ -1,11 +1,12 @@
 """May this posterior be used? R̂ across independent ensembles, effective sizes, in plain words."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from bayesdeg.inference.ensemble import Chain, Effort
-from bayesdeg.inference.model import Model
+from bayesdeg.inference.chain import EFFORTS, Chain, Effort, Standing
+from bayesdeg.inference.density import Density
 
 
 @dataclass(frozen=True)
@@ -24,6 +25,8 @@ class Convergence:
         Whether the criteria of the effort were met.
     sentence : str
         What it means, and what to do.
+    tau : tuple of float
+        Autocorrelation times [steps].
     """
 
     names: tuple[str, ...]
@@ -35,30 +38,34 @@ class Convergence:
     ensembles: int
     usable: bool
     sentence: str
+    tau: tuple[float, ...]
 
 
-def diagnose(model: Model, chain: Chain, effort: Effort) -> Convergence:
+def diagnose(density: Density, chain: Chain, effort: Effort) -> Convergence:
     """Say whether a chain is long enough, and what to do if not.
 
     R̂ is that of Vehtari et al. (2021), doi:10.1214/20-BA1221, over ensembles, which are
     independent of one another; the walkers of one ensemble are not.
     """
-    names = model.table.names
+    names, standing = density.table.names, chain.judged(Standing())
     r_hat, bulk, tail = chain.r_hat(), chain.effective(), chain.effective("tail")
     ensembles, steps, walkers, _ = chain.vectors.shape
-    worst, fewest = int(np.argmax(r_hat)), int(np.argmin(bulk))
+    time = chain.autocorrelation_time()
+    worst, fewest, rarest = int(np.argmax(r_hat)), int(np.argmin(bulk)), int(np.argmin(tail))
     figures = (
         f"largest R-hat {r_hat[worst]:.3f} ({names[worst]}), smallest effective sample size "
-        f"{bulk[fewest]:.0f} ({names[fewest]})"
+        f"{bulk[fewest]:.0f} ({names[fewest]}) and of the tails {tail[rarest]:.0f} "
+        f"({names[rarest]}), longest autocorrelation time {time[fewest]:.1f} of {steps} steps"
     )
-    usable = bool(r_hat[worst] <= effort.r_hat and bulk[fewest] >= effort.effective)
+    usable = standing.enough(effort)
     if usable:
         sentence = f"The sampler has converged: {figures}."
     else:
         sentence = (
             f"The sampler stopped at its limit before its criteria were met ({figures}; wanted "
-            f"R-hat at most {effort.r_hat:g} and {effort.effective:.0f} effective draws): means "
-            f"and intervals are rough; run again with a higher --effort."
+            f"R-hat at most {effort.r_hat:g}, {effort.effective:.0f} effective draws and "
+            f"{effort.times:g} autocorrelation times): means and intervals are rough; "
+            f"{_remedy(standing, effort, names[worst])}."
         )
     return Convergence(
         names,
@@ -70,4 +77,17 @@ def diagnose(model: Model, chain: Chain, effort: Effort) -> Convergence:
         ensembles,
         usable,
         sentence,
+        tuple(float(v) for v in time),
+    )
+
+
+def _remedy(standing: Standing, effort: Effort, worst: str) -> str:
+    """Say what to do: more steps where they would do, else a better posed posterior."""
+    wanted = standing.steps_wanted(effort)
+    longer = [e.longest for e in EFFORTS.values() if e.longest > effort.longest]
+    if longer and (wanted < max(longer) or math.isinf(wanted)):
+        return "run again with a higher --effort"
+    return (
+        f"no effort would be enough: give {worst} a narrower prior if something is known of it, or "
+        "add the data that it rests on"
     )

@@ -1,7 +1,8 @@
 """How much there is to explain: a Gaussian-process discrepancy, calibrated by simulation.
 
 The discrepancy is a smooth function of pressure and degradation rate in proportion to a smooth
-envelope of the curvature. It is a measuring stick only: it never enters the physics.
+envelope of the readings, the same for curvature and bend angle, or of the curvature alone. It is a
+measuring stick only: it never enters the physics.
 """
 
 from dataclasses import dataclass
@@ -17,6 +18,7 @@ Floats = NDArray[np.float64]
 
 # shared by all degradation rates, drifting with them, and one for each of them [kPa], [%]
 LENGTHS = ((60.0, 1e3), (60.0, 12.0), (150.0, 1e3), (150.0, 12.0), (150.0, 2.0))
+ALIKE = (1.0, 0.0)  # the bend angle's discrepancy over that of the curvature
 AMPLITUDES = np.geomspace(0.005, 1.0, 25)
 
 
@@ -33,12 +35,12 @@ class Misfit:
     p_value : float
         Share of simulated data with at least this statistic, (1 + #)/(1 + n).
     discrepancy : array, shape (n_observations,)
-        Posterior mean of the best discrepancy [1/m].
+        Posterior mean of the best discrepancy of the curvatures [1/m].
     lost : float
         Share of simulated data sets that left the range of the forward map.
     rms, noise : float
-        Root mean square of the residuals [1/m], and of what a discrepancy and the specimens' own
-        deviations leave of them [1/m].
+        Root mean square of the curvatures' residuals [1/m], and of what a discrepancy and the
+        specimens' own deviations leave of them [1/m].
     """
 
     statistic: float
@@ -69,10 +71,11 @@ def measure(
     model = linear.model
     assert model.actuator is not None
     simulated = linear.whiten(replicate(linear, chain, generator, replicates))
-    kernels = [_spectrum(linear, *lengths) for lengths in LENGTHS]
+    kernels = _spectra(linear)
     statistic, best = _statistic(linear.observed[None], kernels)
     null, _ = _statistic(simulated, kernels)
-    discrepancy = _posterior_mean(linear, kernels, int(best[0]))
+    curvatures = linear.output == 0
+    discrepancy = _posterior_mean(linear, kernels, int(best[0]))[curvatures]
     readings = model.actuator.curvature[model.actuator.mask]
     return Misfit(
         statistic=float(statistic[0]),
@@ -80,14 +83,14 @@ def measure(
         p_value=float((1 + np.sum(null >= statistic[0])) / (1 + len(null))),
         discrepancy=discrepancy,
         lost=1.0 - len(null) / replicates,
-        rms=float(np.sqrt(np.mean((readings - linear.prediction) ** 2))),
-        noise=_noise(linear, readings - linear.mean - discrepancy),
+        rms=float(np.sqrt(np.mean((readings - linear.prediction[curvatures]) ** 2))),
+        noise=_noise(linear, readings - linear.mean[curvatures] - discrepancy),
     )
 
 
 def statistic_of(linear: Linear) -> float:
     """Return the misfit statistic of a linearised model on its own data [nats]."""
-    kernels = [_spectrum(linear, *lengths) for lengths in LENGTHS]
+    kernels = _spectra(linear)
     return float(_statistic(linear.observed[None], kernels)[0][0])
 
 
@@ -97,7 +100,7 @@ def replicate(linear: Linear, chain: Chain, generator: np.random.Generator, coun
     flat = chain.vectors.reshape(-1, chain.vectors.shape[-1])
     draws = flat[generator.integers(len(flat), size=count)]
     simulated = model.simulate(model.table.named(draws), generator)
-    finite = np.all(np.isfinite(simulated) | ~model.actuator.mask, axis=(1, 2))  # type: ignore[union-attr]
+    finite = np.all(np.isfinite(simulated) | ~linear.read, axis=(1, 2))
     return simulated[finite]
 
 
@@ -121,15 +124,25 @@ def explained(before: Misfit, after: Misfit) -> float:
     return float(np.clip(1.0 - left / ceiling, 0.0, 1.0))
 
 
-def _spectrum(linear: Linear, along: float, across: float) -> tuple[Floats, Floats]:
+def _spectra(linear: Linear) -> list[tuple[Floats, Floats]]:
+    alike = ALIKE if np.any(linear.output == 1) else ALIKE[:1]
+    return [_spectrum(linear, *lengths, both) for lengths in LENGTHS for both in alike]
+
+
+def _spectrum(
+    linear: Linear, along: float, across: float, alike: float
+) -> tuple[Floats, Floats]:
     """Eigenvalues and vectors of the discrepancy's covariance on the whitened scale."""
     model = linear.model
     assert model.actuator is not None
-    data, mask = model.actuator, model.actuator.mask
-    level = np.broadcast_to(data.degradation, mask.shape)[mask]
-    points = np.column_stack([data.pressure[mask] / along, level / across])
-    # relative to the curvature, but not nothing where the curvature is small
-    envelope = np.abs(linear.mean) + 0.1 * float(np.max(np.abs(linear.mean)))
+    data, read, output = model.actuator, linear.read, linear.output
+    level = np.broadcast_to(data.degradation, read.shape)[read]
+    pressure = np.tile(data.pressure, read.shape[1] // data.pressure.shape[1])[read]
+    points = np.column_stack([pressure / along, level / across])
+    # relative to the readings, but not nothing where they are small
+    largest = np.array([np.max(np.abs(linear.mean[output == k]), initial=0.0) for k in (0, 1)])
+    envelope = np.abs(linear.mean) + 0.1 * largest[output]
+    envelope[output == 1] *= alike
     kernel = RBF(1.0)(points) * np.outer(envelope, envelope)
     half = linear.whiten_columns(kernel)
     whitened = linear.whiten_columns(half.T)
@@ -166,7 +179,8 @@ def _noise(linear: Linear, residual: Floats) -> float:
     model = linear.model
     assert model.actuator is not None
     mask = model.actuator.mask
-    slope = model.actuator_linearised(model.table.named(linear.mode[None])).slope[0]
+    predicted = model.predict(model.table.named(linear.mode[None]))
+    slope = predicted.slope[0, :, : mask.shape[1]]
     table = np.zeros(mask.shape)
     table[mask] = residual
     weighted = np.where(mask, slope, 0.0)

@@ -12,6 +12,7 @@ from scipy.special import logsumexp
 
 from bayesdeg.criticism.residuals import levels, r_squared
 from bayesdeg.inference.ensemble import EFFORTS, sample
+from bayesdeg.inference.importance import improved
 from bayesdeg.inference.laplace import FEWEST_EFFECTIVE, approximate, evidence, surrounding
 from bayesdeg.inference.model import Model
 
@@ -114,7 +115,7 @@ def _predict_fold(
     testing = replace(model, actuator=model.actuator.subset(rows))
     blocks = testing.log_likelihood(values)["actuator"]
     density = logsumexp(np.nan_to_num(blocks, nan=-np.inf), axis=0) - np.log(DRAWS)
-    return rows, density, testing.simulate(values, generator)
+    return rows, density, testing.simulate_curvature(values, generator)
 
 
 def _draws(
@@ -122,7 +123,8 @@ def _draws(
 ) -> Floats:
     """Draw from the posterior: an importance sample, or emcee where that has too few draws."""
     laplace = approximate(model, generator, start=start)
-    posterior = evidence(model, laplace, generator)
+    rough = evidence(model, laplace, generator, draws=1000)
+    posterior = improved(model, rough, generator, draws=1000, enough=DRAWS)
     if posterior.effective >= FEWEST_EFFECTIVE:
         return posterior.resample(generator, DRAWS)
     near = surrounding(model, start, laplace.covariance, generator)

@@ -10,10 +10,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
+from scipy.linalg import block_diag, solve_triangular
 
 from bayesdeg.causes.cause import Cause
-from bayesdeg.inference.laplace import derivatives, positive_inverse
+from bayesdeg.inference.likelihood import covariance
+from bayesdeg.inference.mode import derivatives, positive_inverse
 from bayesdeg.inference.model import Model
 from bayesdeg.laws import Parameter
 
@@ -31,9 +32,9 @@ class Linear:
     mode : array, shape (n_parameters,)
         Where.
     prediction : array, shape (n,)
-        Readings predicted at the mode [1/m].
+        Readings predicted at the mode, curvatures [1/m] and bend angles [°].
     mean : array, shape (n,)
-        Readings expected from all other data: the prediction with the shift X δ₀ [1/m].
+        Readings expected from all other data: the prediction with the shift X δ₀.
     factor : array, shape (n, n)
         Cholesky factor of V + X Λ⁻¹ Xᵀ.
     """
@@ -44,10 +45,22 @@ class Linear:
     mean: Floats
     factor: Floats
 
-    def whiten(self, readings: Floats) -> Floats:
-        """Return z for readings (..., n_specimens, n_points), shape (..., n)."""
+    @property
+    def read(self) -> NDArray[np.bool_]:
+        """Where there is a reading, (n_specimens, n_readings)."""
         assert self.model.actuator is not None
-        residual = readings[..., self.model.actuator.mask] - self.mean
+        return self.model.actuator.paths.mask
+
+    @property
+    def output(self) -> NDArray[np.int64]:
+        """Whether each reading is a curvature, 0, or a bend angle, 1, shape (n,)."""
+        assert self.model.actuator is not None
+        columns = np.arange(self.read.shape[1]) // self.model.actuator.pressure.shape[1]
+        return np.broadcast_to(columns, self.read.shape)[self.read]
+
+    def whiten(self, readings: Floats) -> Floats:
+        """Return z for readings (..., n_specimens, n_readings), shape (..., n)."""
+        residual = readings[..., self.read] - self.mean
         flat = residual.reshape(-1, residual.shape[-1]).T
         whitened: Floats = solve_triangular(self.factor, flat, lower=True).T
         return whitened.reshape(residual.shape)
@@ -60,24 +73,26 @@ class Linear:
     def observed(self) -> Floats:
         """The data on the whitened scale, shape (n,)."""
         assert self.model.actuator is not None
-        return self.whiten(self.model.actuator.curvature)
+        return self.whiten(self.model.actuator.readings)
 
 
 def linearise(model: Model, mode: Floats) -> Linear:
     """Linearise a model with actuator data at its mode."""
     assert model.actuator is not None
-    mask = model.actuator.mask
+    mask = model.actuator.paths.mask
     values = model.table.named(mode[None])
     curves = model.actuator_linearised(values)
-    prediction = model.curvature(values).curvature[0]
+    prediction = model.predict(values).mean[0]
     jacobian = _jacobian(model, mode)
     gradient, hessian = derivatives(replace(model, actuator=None), mode)
     uncertain = positive_inverse(-hessian)
     shift = uncertain @ gradient
-    covariance = _scatter(curves.slope[0], curves.variance[0], curves.spread[0], mask)
-    covariance += jacobian @ uncertain @ jacobian.T
+    scatter = block_diag(
+        *(one[np.ix_(row, row)] for one, row in zip(covariance(curves)[0], mask, strict=True))
+    )
+    total = scatter + jacobian @ uncertain @ jacobian.T
     mean = prediction[mask] + jacobian @ shift
-    return Linear(model, mode, prediction[mask], mean, np.linalg.cholesky(covariance))
+    return Linear(model, mode, prediction[mask], mean, np.linalg.cholesky(total))
 
 
 def sensitivities(linear: Linear, cause: Cause) -> Floats:
@@ -89,15 +104,15 @@ def sensitivities(linear: Linear, cause: Cause) -> Floats:
     assert model.actuator is not None
     extended = model.extended(cause)
     neutral = with_neutral(linear.mode, model, cause)
-    base = extended.curvature(extended.table.named(neutral[None])).curvature[0]
+    base = extended.predict(extended.table.named(neutral[None])).mean[0]
     columns = []
     for parameter in cause.parameters:
         size = prior_size(parameter)
         moved = neutral.copy()
         # a quarter of the prior: large enough to see an effect, small enough to be near neutral
         moved[extended.table.names.index(cause.qualified(parameter.name))] += 0.25 * size
-        change = extended.curvature(extended.table.named(moved[None])).curvature[0] - base
-        columns.append(4.0 * change[model.actuator.mask])
+        change = extended.predict(extended.table.named(moved[None])).mean[0] - base
+        columns.append(4.0 * change[linear.read])
     return linear.whiten_columns(np.nan_to_num(np.stack(columns, axis=1)))
 
 
@@ -168,17 +183,9 @@ def _jacobian(model: Model, mode: Floats, step: float = 1e-3) -> Floats:
     assert model.actuator is not None
     size = len(mode)
     around = mode + step * np.vstack([np.zeros(size), np.eye(size), -np.eye(size)])
-    curves = model.curvature(model.table.named(around)).curvature[:, model.actuator.mask]
+    curves = model.predict(model.table.named(around)).mean[:, model.actuator.paths.mask]
     here, forth, back = curves[0], curves[1 : size + 1], curves[size + 1 :]
     width = step * (np.isfinite(forth).astype(float) + np.isfinite(back))
     change = np.where(np.isfinite(forth), forth, here) - np.where(np.isfinite(back), back, here)
     jacobian: Floats = (change / np.maximum(width, step)).T
     return jacobian
-
-
-def _scatter(slope: Floats, variance: Floats, spread: Floats, mask: NDArray[np.bool_]) -> Floats:
-    """Covariance of the readings within specimens, (n, n)."""
-    owner = np.broadcast_to(np.arange(len(mask))[:, None], mask.shape)[mask]
-    direction = (np.sqrt(spread) * slope)[mask]
-    same = owner[:, None] == owner[None, :]
-    return np.where(same, np.outer(direction, direction), 0.0) + np.diag(variance[mask])

@@ -38,7 +38,7 @@ def predict_readings(
     flat = chain.vectors.reshape(-1, chain.vectors.shape[-1])
     values = model.table.named(flat[generator.integers(len(flat), size=draws)])
     mean = np.nanmean(model.curvature(values).curvature, axis=0)
-    low, high = np.nanquantile(model.simulate(values, generator), [0.05, 0.95], axis=0)
+    low, high = np.nanquantile(model.simulate_curvature(values, generator), [0.05, 0.95], axis=0)
     return CurvatureFit(mean, low, high)
 
 

@@ -7,90 +7,12 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from bayesdeg.errors import Fault, StudyError
+from bayesdeg.inference.curves import ActuatorCurves, Breaks, TensileCurves
 from bayesdeg.material.stress import yeoh_basis
 from bayesdeg.measure.shrinkage import mean_of_replicates, volume_ratio
 from bayesdeg.measure.study import Study
 
 Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
-
-
-@dataclass(frozen=True)
-class TensileCurves:
-    """Stress–stretch curves.
-
-    Parameters
-    ----------
-    specimens : tuple of str
-        One a curve.
-    modes : tuple of str
-        Mode of loading of each curve.
-    degradation, degradation_sd : array, shape (n_specimens,)
-        D_R of the film and its standard error [%].
-    basis : array, shape (n_specimens, n_points, 3)
-        Yeoh's design matrix for the stress measure that was recorded.
-    stretch, stress : array, shape (n_specimens, n_points)
-        [–], [MPa].
-    cauchy : array of bool, shape (n_specimens, n_points)
-        Whether the stress recorded is Cauchy's.
-    mask : array of bool, shape (n_specimens, n_points)
-        Where there is an observation.
-    """
-
-    specimens: tuple[str, ...]
-    modes: tuple[str, ...]
-    degradation: Floats
-    degradation_sd: Floats
-    basis: Floats
-    stretch: Floats
-    stress: Floats
-    cauchy: Flags
-    mask: Flags
-
-
-@dataclass(frozen=True)
-class ActuatorCurves:
-    """Curvature–pressure curves.
-
-    Parameters
-    ----------
-    specimens : tuple of str
-        One a curve.
-    degradation, degradation_sd : array, shape (n_specimens, 1)
-        D_R as measured and its standard error [%].
-    pressure, curvature : array, shape (n_specimens, n_points)
-        As read [kPa], [1/m].
-    curvature_sd : array, shape (n_specimens, n_points)
-        Reading error that was recorded; 0 where there is none [1/m].
-    mask : array of bool, shape (n_specimens, n_points)
-        Where there is an observation; a reading at zero pressure is zero by definition and none.
-    cycle : array of int, branch : array of str, shape (n_specimens, n_points)
-        Loading cycle and branch.
-    """
-
-    specimens: tuple[str, ...]
-    degradation: Floats
-    degradation_sd: Floats
-    pressure: Floats
-    curvature: Floats
-    curvature_sd: Floats
-    mask: Flags
-    cycle: NDArray[np.int64]
-    branch: NDArray[np.str_]
-
-    def subset(self, rows: NDArray[np.intp]) -> "ActuatorCurves":
-        """Return the curves of some specimens."""
-        return ActuatorCurves(
-            specimens=tuple(self.specimens[i] for i in rows),
-            degradation=self.degradation[rows],
-            degradation_sd=self.degradation_sd[rows],
-            pressure=self.pressure[rows],
-            curvature=self.curvature[rows],
-            curvature_sd=self.curvature_sd[rows],
-            mask=self.mask[rows],
-            cycle=self.cycle[rows],
-            branch=self.branch[rows],
-        )
 
 
 @dataclass(frozen=True)
@@ -122,23 +44,6 @@ class Statistic:
     dof: float = float("inf")
 
 
-@dataclass(frozen=True)
-class Breaks:
-    """Elongations at break.
-
-    Parameters
-    ----------
-    specimens : tuple of str
-        One a specimen.
-    degradation, elongation : array, shape (n,)
-        [%].
-    """
-
-    specimens: tuple[str, ...]
-    degradation: Floats
-    elongation: Floats
-
-
 def tensile_curves(study: Study, *, fitted: bool) -> TensileCurves | None:
     """Return the tensile curves of the modes that are fitted, or of those that are held out."""
     table = study.tensile
@@ -147,7 +52,10 @@ def tensile_curves(study: Study, *, fitted: bool) -> TensileCurves | None:
     table = table[table["mode"].isin(study.settings.fit_modes) == fitted]
     if table.empty:
         return None
-    groups = list(table.groupby(["specimen_id", "mode"], sort=False))
+    # by stretch, so that the order of rows does not matter
+    table = table.sort_values("stretch", kind="stable")
+    order = table.groupby(["specimen_id", "mode"], sort=False)
+    groups = sorted(order, key=lambda item: int(item[1].index.min()))
     size = max(len(g) for _, g in groups)
     modes = tuple(str(key[1]) for key, _ in groups)
     stretch = _pad([g["stretch"] for _, g in groups], size, fill=1.0)
@@ -178,6 +86,8 @@ def actuator_curves(study: Study) -> ActuatorCurves | None:
     pressure = _pad([g["pressure_kPa"] for g in groups], size, fill=0.0)
     curvature = _pad([g["curvature_per_m"] for g in groups], size, fill=np.nan)
     mask = np.isfinite(curvature) & (pressure > 0.0)
+    angle = _pad([g["bend_angle_deg"] for g in groups], size, fill=np.nan)
+    angle_mask = np.isfinite(angle) & mask
     if not mask.any():
         return None
     return ActuatorCurves(
@@ -188,6 +98,10 @@ def actuator_curves(study: Study) -> ActuatorCurves | None:
         curvature=np.where(mask, curvature, 0.0),
         curvature_sd=np.nan_to_num(_pad([g["curvature_sd_per_m"] for g in groups], size, fill=0.0)),
         mask=mask,
+        bend_angle=np.where(angle_mask, angle, 0.0),
+        angle_mask=angle_mask,
+        recorded=np.arange(size) < np.array([len(g) for g in groups])[:, None],
+        ruptured=_pad([g["ruptured"] for g in groups], size, fill=0.0) > 0.5,
         cycle=_pad([g["cycle"] for g in groups], size, fill=1.0).astype(np.int64),
         branch=np.array([[*g["branch"], *["loading"] * (size - len(g))] for g in groups]),
     )
@@ -201,6 +115,7 @@ def breaks(study: Study) -> Breaks | None:
     return Breaks(
         tuple(str(s) for s in table["specimen_id"]),
         table["degradation_pct"].to_numpy(np.float64),
+        table["degradation_sd_pct"].to_numpy(np.float64),
         table["elongation_pct"].to_numpy(np.float64),
     )
 

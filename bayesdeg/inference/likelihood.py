@@ -1,15 +1,27 @@
-"""Noise laws and the specimen hierarchy: pointwise and marginal log densities of curves.
+r"""Noise laws and the specimen hierarchy: log densities of whole paths of readings.
 
-A curve of one specimen is y_j = f_j(m) + ε_j with m ~ N(0, τ²) the specimen's own deviation of ln
-stiffness and ε_j ~ N(0, v_j) the reading error. f is nearly linear in m, so m is integrated out at
-the linearisation f(m) ≈ f_j + J_j m.
+The readings of one specimen are
+
+.. math:: y = f(m) + \varepsilon, \qquad m_k \sim N(0, \tau_k^2), \qquad
+    \varepsilon_j = \sqrt{v_j}\, z_j
+
+with m the specimen's own deviations (of ln stiffness, of its degradation rate) and z an
+Ornstein–Uhlenbeck process along the path: cor(z_i, z_j) = exp(−d_ij/ℓ), d the length of path
+between two readings.  A second output read from the same picture (the bend angle beside the
+curvature) has the same law and the correlation c with the first at the same reading, its process
+being z₂ = c z₁ + √(1 − c²) u with u independent of z₁.
+
+f is nearly linear in m, so m is integrated out at the linearisation f(m) ≈ f(m̂) + J (m − m̂) about
+its most probable value.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gammaln
+from scipy.special import gammaln, log_ndtr
+
+from bayesdeg.inference.path_density import path_density
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -17,88 +29,162 @@ Flags = NDArray[np.bool_]
 LOG_TWO_PI = float(np.log(2.0 * np.pi))
 
 
-class Linearised(NamedTuple):
-    """Curves at the most probable deviations: all that their likelihood needs.
+class Paths(NamedTuple):
+    """Which readings follow one another, n_readings = n_outputs × n_points a specimen.
 
-    ``residual`` is the observation less f + J (0 − m̂), the linear model's value at m = 0.
+    Parameters
+    ----------
+    mask : array of bool, shape (n_specimens, n_readings)
+        Where there is a reading; one of the second output needs one of the first beside it.
+    gap : array, shape (n_specimens, n_readings)
+        Length of path since the reading before it of the same output; infinite for the first.
+    place : array, shape (n_specimens, n_readings)
+        Length of path up to it.
+    points : int
+        Readings of the first output; those of the second follow them.
+    """
+
+    mask: Flags
+    gap: Floats
+    place: Floats
+    points: int
+
+
+class Linearised(NamedTuple):
+    """Readings at the most probable deviations: all that their likelihood needs.
+
+    Parameters
+    ----------
+    residual : array, shape (n, n_specimens, n_readings)
+        y − f(m̂) + J m̂, the observation less the linear model's value at m = 0.
+    slope : array, shape (n, n_specimens, n_readings, n_deviations)
+        J.
+    variance : array, shape (n, n_specimens, n_readings)
+        v.
+    spread : array, shape (n, n_specimens, n_deviations)
+        τ².
+    length, correlation : array, shape (n,)
+        ℓ, in the unit of the paths' gaps, and c.
+    paths : Paths
+        Which readings there are.
     """
 
     residual: Floats
     slope: Floats
     variance: Floats
     spread: Floats
-    mask: Flags
-    deviation: Floats
+    length: Floats
+    correlation: Floats
+    paths: Paths
 
 
-def deviation(
-    residual: Floats, slope: Floats, *, variance: Floats, spread: Floats, mask: Flags
-) -> Floats:
-    """Return the most probable deviation m of each specimen, shape (..., 1).
-
-    m = τ² Σ J r/v / (1 + τ² Σ J²/v).
+def paths_of(mask: Flags, place: Floats) -> Paths:
+    """Return the paths of readings at places along them.
 
     Parameters
     ----------
-    residual, slope, variance : array, shape (..., n_points)
-        Observation less f at m = 0, J and v.
-    spread : array, shape (..., 1)
-        τ².
-    mask : array of bool
-        Where there is an observation.
-    """
-    weight = np.where(mask, 1.0 / variance, 0.0)
-    gain = np.sum(weight * slope * residual, axis=-1, keepdims=True)
-    information = np.sum(weight * slope**2, axis=-1, keepdims=True)
-    mode: Floats = spread * gain / (1.0 + spread * information)
-    return mode
-
-
-def marginal(
-    residual: Floats, slope: Floats, *, variance: Floats, spread: Floats, mask: Flags
-) -> Floats:
-    """Return the log density of each curve with m integrated out, shape (...).
-
-    The normal law with covariance diag(v) + τ² J Jᵀ, by the determinant lemma and the
-    Sherman–Morrison formula; arguments as ``deviation``.
+    mask : array of bool, shape (n_specimens, n_outputs, n_points)
+        Where there is a reading.
+    place : array, shape (n_specimens, n_points)
+        Length of path up to each reading, not falling.
 
     Examples
     --------
-    >>> one = np.ones(1)
-    >>> float(marginal(0 * one, one, variance=one, spread=3 * one, mask=one > 0)) # N(0, 1 + 3)
-    -1.612085713764618
+    >>> paths = paths_of(np.array([[[True, False, True]]]), np.array([[20.0, 40.0, 60.0]]))
+    >>> paths.gap[0, [0, 2]]
+    array([inf, 40.])
     """
-    weight = np.where(mask, 1.0 / variance, 0.0)
-    plain = np.sum(weight * residual**2, axis=-1)
-    gain = np.sum(weight * slope * residual, axis=-1)
-    information = 1.0 + spread[..., 0] * np.sum(weight * slope**2, axis=-1)
-    determinant = np.sum(np.where(mask, np.log(variance), 0.0), axis=-1) + np.log(information)
-    quadratic = plain - spread[..., 0] * gain**2 / information
-    count = np.sum(mask, axis=-1)
-    total: Floats = -0.5 * (quadratic + determinant + count * LOG_TWO_PI)
+    n_specimens, n_outputs, n_points = mask.shape
+    read = mask & mask[:, :1]
+    gap = np.full(mask.shape, np.inf)
+    last = np.full((n_specimens, n_outputs), -np.inf)
+    for j in range(n_points):
+        here = place[:, None, j]
+        gap[..., j] = here - last
+        last = np.where(read[..., j], here, last)
+    return Paths(
+        read.reshape(n_specimens, -1),
+        gap.reshape(n_specimens, -1),
+        np.tile(place, n_outputs),
+        n_points,
+    )
+
+
+def density_and_mode(curves: Linearised) -> tuple[Floats, Floats]:
+    r"""Return the log density of each specimen's readings with m integrated out, and m̂.
+
+    The law is normal with covariance :math:`V^{1/2} R V^{1/2} + J \tau^2 J^T`; the Markov property
+    of z makes it linear in the number of readings.
+
+    Returns
+    -------
+    density : array, shape (n, n_specimens)
+        nan where a residual is not finite.
+    deviation : array, shape (n, n_specimens, n_deviations)
+        Mean of m given the readings.
+    """
+    n, n_specimens = curves.residual.shape[:2]
+    density = np.empty((n, n_specimens))
+    deviation = np.empty((n, n_specimens, curves.slope.shape[-1]))
+    path_density(
+        *(np.ascontiguousarray(array) for array in curves[:6]),
+        *(np.ascontiguousarray(array) for array in curves.paths[:2]),
+        curves.paths.points,
+        density,
+        deviation,
+    )
+    return density, deviation
+
+
+def covariance(curves: Linearised) -> Floats:
+    """Return the covariance of the readings, shape (n, n_specimens, n_readings, n_readings).
+
+    Rows and columns without a reading are those of the unit matrix.
+    """
+    correlation = noise_correlation(curves.paths, curves.length, curves.correlation)
+    sd = np.sqrt(np.where(curves.paths.mask, curves.variance, 1.0))
+    slope = np.where(curves.paths.mask[..., None], curves.slope, 0.0)
+    scatter = np.einsum("nsik,nsk,nsjk->nsij", slope, curves.spread, slope)
+    total: Floats = correlation * sd[..., :, None] * sd[..., None, :] + scatter
     return total
 
 
-def sequential(
-    residual: Floats, slope: Floats, *, variance: Floats, spread: Floats, mask: Flags
-) -> Floats:
-    """Return log densities of each observation given those before it, shape (..., n_points).
+def noise_correlation(paths: Paths, length: Floats, correlation: Floats) -> Floats:
+    """Return R, the correlation of the reading errors, (n, n_specimens, n_readings, n_readings)."""
+    size = paths.mask.shape[-1]
+    distance = np.abs(paths.place[:, :, None] - paths.place[:, None, :])
+    output = np.arange(size) // paths.points
+    same = output[:, None] == output[None, :]
+    decay = np.exp(-distance / length[:, None, None, None])
+    read = paths.mask[:, :, None] & paths.mask[:, None, :]
+    full: Floats = np.where(
+        read, decay * np.where(same, 1.0, correlation[:, None, None, None]), np.eye(size)
+    )
+    return full
 
-    Their sum over a curve is ``marginal``: the chain rule, by a scalar Kalman filter for m.
+
+def sequential(curves: Linearised) -> Floats:
+    """Return log densities of each reading given those before it, (n, n_specimens, n_readings).
+
+    Readings of the second output come after all of the first. Their sum over a specimen is its
+    density: the chain rule, by the Cholesky factor of the covariance.
     """
-    shape = np.broadcast_shapes(residual.shape, variance.shape)
-    out = np.zeros(shape)
-    mean = np.zeros(shape[:-1])
-    spread_now = np.broadcast_to(spread[..., 0], shape[:-1]).copy()
-    for j in range(shape[-1]):
-        r = residual[..., j] - slope[..., j] * mean
-        total = variance[..., j] + slope[..., j] ** 2 * spread_now
-        gain = spread_now * slope[..., j] / total
-        seen = np.broadcast_to(mask[..., j], shape[:-1])
-        out[..., j] = np.where(seen, -0.5 * (r**2 / total + np.log(total) + LOG_TWO_PI), 0.0)
-        mean = mean + np.where(seen, gain * r, 0.0)
-        spread_now = np.where(seen, spread_now * variance[..., j] / total, spread_now)
-    return out
+    mask = curves.paths.mask
+    factor = np.linalg.cholesky(covariance(curves))
+    residual = np.where(mask, curves.residual, 0.0)
+    z = np.linalg.solve(factor, residual[..., None])[..., 0]
+    scale = np.diagonal(factor, axis1=-2, axis2=-1)
+    return np.where(mask, -0.5 * (z**2 + LOG_TWO_PI) - np.log(scale), 0.0)
+
+
+def correlated_normals(
+    paths: Paths, length: Floats, correlation: Floats, generator: np.random.Generator
+) -> Floats:
+    """Draw z, shape (n, n_specimens, n_readings); independent where there is no reading."""
+    factor = np.linalg.cholesky(noise_correlation(paths, length, correlation))
+    normals = generator.standard_normal(factor.shape[:-1])
+    drawn: Floats = np.einsum("nsij,nsj->nsi", factor, normals)
+    return drawn
 
 
 def normal(value: Floats | float, mean: Floats, sd: Floats | float) -> Floats:
@@ -129,23 +215,17 @@ def log_normal(value: Floats, median: Floats, scatter: Floats) -> Floats:
     return normal(np.log(value), np.log(median), scatter) - np.log(value)
 
 
-def marginal_of(curves: Linearised) -> Floats:
-    """Return ``marginal`` of linearised curves, shape (..., n_specimens)."""
-    return marginal(
-        curves.residual,
-        curves.slope,
-        variance=curves.variance,
-        spread=curves.spread,
-        mask=curves.mask,
-    )
+def log_interval(low: Floats, high: Floats) -> Floats:
+    """Return ln(Φ(high) − Φ(low)) of standard scores, low < high, either infinite.
 
-
-def sequential_of(curves: Linearised) -> Floats:
-    """Return ``sequential`` of linearised curves, shape (..., n_specimens, n_points)."""
-    return sequential(
-        curves.residual,
-        curves.slope,
-        variance=curves.variance,
-        spread=curves.spread,
-        mask=curves.mask,
-    )
+    Examples
+    --------
+    >>> round(float(log_interval(np.array(-np.inf), np.array(0.0))), 4)  # ln ½
+    -0.6931
+    """
+    # in the tail on the left, where the difference of two logarithms is exact
+    swap = low > 0.0
+    low, high = np.where(swap, -high, low), np.where(swap, -low, high)
+    upper = log_ndtr(high)
+    with np.errstate(divide="ignore"):
+        return np.asarray(upper + np.log1p(-np.exp(log_ndtr(low) - upper)))

@@ -6,20 +6,26 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdeg.actuator.inputs import PAPER_THICKNESS, ForwardMap, Inputs, Prediction
+from bayesdeg.actuator.inputs import PAPER_THICKNESS, ForwardMap, Prediction
 from bayesdeg.causes.catalogue import in_order
-from bayesdeg.causes.cause import Cause, Conditions, Degradation
-from bayesdeg.inference import likelihood
-from bayesdeg.inference.data import (
-    ActuatorCurves,
-    Breaks,
-    Statistic,
-    TensileCurves,
-)
+from bayesdeg.causes.cause import Cause, Degradation
+from bayesdeg.inference import actuators, films, likelihood, published
+from bayesdeg.inference.actuators import Rig
+from bayesdeg.inference.curves import ActuatorCurves, Breaks, TensileCurves
+from bayesdeg.inference.data import Statistic
 from bayesdeg.inference.likelihood import Linearised
-from bayesdeg.inference.parameters import Named, ParameterTable, node_name, with_causes
+from bayesdeg.inference.parameters import Named, ParameterTable, with_causes
+from bayesdeg.inference.published import PublishedTests
+from bayesdeg.inference.specimens import (
+    Material,
+    controls_of,
+    elongation_at,
+    elongation_spread,
+    material_at,
+)
 from bayesdeg.laws import Parameter
 from bayesdeg.material import degradation as law
+from bayesdeg.material.stability import satisfies_baker_ericksen
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -34,21 +40,24 @@ class Model:
     base : tuple of Parameter
         Parameters without those of the causes.
     nodes, elongation_nodes : tuple of float
-        Degradation rates at which constants and elongation are held [%].
+        Degradation rates at which constants are controlled and elongation is held [%].
     forward : ForwardMap, optional
         Needed if there are actuator curves.
-    tensile, actuator, breaks, statistics
+    tensile, actuator, breaks, statistics, published
         The data; any may be missing.
     causes : tuple of Cause
         Active causes.
     paper_thickness : float
         Of the actuators [mm].
+    largest_pressure : float
+        By which the emulator's common error is scaled [kPa].
 
     Notes
     -----
-    The deviation of a specimen's ln stiffness has variance
+    The deviation of an actuator's ln stiffness has variance
     τ² = σ² + (d ln C1/dD_R · sd(D_R))²: scatter of the material, and the error of its degradation
-    rate, which acts through C1 (the elasticities to C2 and C3 are below 0.02).
+    rate, which acts through C1 (the elasticities to C2 and C3 are below 0.02). In films the error
+    of the degradation rate acts through all three constants.
     """
 
     base: tuple[Parameter, ...]
@@ -59,8 +68,10 @@ class Model:
     actuator: ActuatorCurves | None = None
     breaks: Breaks | None = None
     statistics: tuple[Statistic, ...] = ()
+    published: PublishedTests | None = None
     causes: tuple[Cause, ...] = ()
     paper_thickness: float = PAPER_THICKNESS
+    largest_pressure: float = 240.0
 
     @property
     def table(self) -> ParameterTable:
@@ -86,105 +97,73 @@ class Model:
         """Return log densities of whole specimens by kind of data, each (n, n_specimens)."""
         blocks = {}
         if self.tensile is not None:
-            blocks["tensile"] = likelihood.marginal_of(self.tensile_linearised(values))
+            blocks["tensile"] = likelihood.density_and_mode(self.tensile_linearised(values))[0]
         if self.actuator is not None:
-            blocks["actuator"] = likelihood.marginal_of(self.actuator_linearised(values))
+            curves, predicted = self._actuators(values)
+            blocks["actuator"] = likelihood.density_and_mode(curves)[0]
+            if self.has_elongation:
+                blocks["rupture"] = self._log_rupture(values, predicted.prediction)
         if self.breaks is not None:
-            blocks["breaks"] = likelihood.log_normal(
-                self.breaks.elongation,
-                self.elongation(values, self.breaks.degradation),
-                values["elongation_scatter"][:, None],
-            )
+            blocks["breaks"] = self._log_breaks(values, self.breaks)
         if self.statistics:
             blocks["statistics"] = np.stack(
                 [
-                    likelihood.student(s.value, self._mean(values, s), s.se, s.dof)
+                    likelihood.student(s.value, self.expected(values, s), s.se, s.dof)
                     for s in self.statistics
                 ],
                 axis=-1,
             )
+        if self.published is not None:
+            blocks |= self._log_published(values, self.published)
         return blocks
 
-    def is_stable(self, values: Named) -> NDArray[np.bool_]:
-        """Return whether the material is stable from no degradation to the last node."""
-        return law.is_stable(
-            *self.node_values(values),
-            largest_degradation=max(self.nodes),
-            nodes=self.nodes,
-            points=11,
-        )
+    @property
+    def has_elongation(self) -> bool:
+        """Whether the elongation at break is a part of the model."""
+        return any(p.name == "elongation_scatter" for p in self.base)
 
-    def node_values(self, values: Named) -> tuple[Floats, Floats, Floats]:
-        """Return C1, the ratio of C2 and C3 at the nodes, each (n, n_nodes)."""
-        c1, ratio, c3 = (
-            np.stack([values[node_name(name, node)] for node in self.nodes], axis=-1)
-            for name in ("c1", "c2_ratio", "c3")
-        )
-        return c1, ratio, c3
+    def is_stable(self, values: Named) -> Flags:
+        """Return whether the material is stable at every degradation rate of the films.
 
-    def constants(self, values: Named, degradation: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return C1, C2, C3 [MPa] at degradation rates (s,) or (n, s)."""
-        return law.yeoh_constants(*self.node_values(values), degradation, self.nodes)
+        Up to the last node it is so by construction.
+        """
+        count = len(values["stiffness_scatter"])
+        beyond = self._beyond_nodes()
+        if not beyond.size:
+            return np.ones(count, dtype=bool)
+        c1, c2, c3 = np.moveaxis(self.constants(values, beyond), -1, 0)
+        return np.asarray(np.all((c3 > 0.0) & satisfies_baker_ericksen(c1, c2, c3), axis=-1))
+
+    def constants(self, values: Named, degradation: Floats) -> Floats:
+        """Return C1, C2, C3 [MPa] at degradation rates (S,) or (n, S), shape (n, S, 3)."""
+        return self.material(values, degradation).constants
+
+    def material(self, values: Named, degradation: Floats) -> Material:
+        """Return the median material at degradation rates (S,) or (n, S)."""
+        return material_at(controls_of(values, self.nodes), degradation, self.nodes)
 
     def elongation(self, values: Named, degradation: Floats) -> Floats:
-        """Return the median elongation at break [%] at degradation rates (s,), shape (n, s)."""
-        nodes = np.stack(
-            [values[node_name("elongation", node)] for node in self.elongation_nodes], axis=-1
-        )
-        elongation: Floats = np.exp(
-            law.polynomial(np.log(nodes), degradation, self.elongation_nodes)
-        )
-        return elongation
+        """Return the median elongation at break [%] at degradation rates (S,), shape (n, S)."""
+        return elongation_at(values, degradation, self.elongation_nodes)
 
-    def spread(self, values: Named, degradation: Floats, sd: Floats) -> Floats:
-        """Return τ² of specimens at degradation rates (s,) or (n, s), shape (n, s)."""
-        c1, _, _ = self.node_values(values)
-        sensitivity = law.derivative(c1, degradation, self.nodes) / law.polynomial(
-            c1, degradation, self.nodes
-        )
-        spread: Floats = values["stiffness_scatter"][:, None] ** 2 + (sensitivity * sd) ** 2
+    def spread(self, values: Named, material: Material, sd: Floats) -> Floats:
+        """Return τ² of specimens whose degradation rates have standard errors sd, (n, S)."""
+        scatter = values["stiffness_scatter"][:, None]
+        spread: Floats = scatter**2 + (material.sensitivity * sd) ** 2
         return spread
 
     def tensile_linearised(self, values: Named) -> Linearised:
         """Linearise the stress–stretch curves at their most probable deviations."""
         assert self.tensile is not None
-        data = self.tensile
-        constants = np.stack(self.constants(values, data.degradation), axis=-1)
-        stress = np.matmul(data.basis, constants[..., None])[..., 0]
-        noise, floor = (
-            values[name][:, None, None] for name in ("tensile_noise", "tensile_noise_floor")
-        )
-        spread = self.spread(values, data.degradation, data.degradation_sd)[..., None]
-        mode = np.zeros_like(spread)
-        for _ in range(3):
-            slope = stress * np.exp(mode)
-            residual = data.stress - slope * (1.0 - mode)
-            variance = floor**2 + (noise * slope) ** 2
-            at_mode = Linearised(residual, slope, variance, spread, data.mask, mode)
-            mode = likelihood.deviation(
-                residual, slope, variance=variance, spread=spread, mask=data.mask
-            )
-        return at_mode
+        material = self.material(values, self.tensile.degradation)
+        return films.linearise_films(self.tensile, values, material)
 
     def actuator_linearised(self, values: Named) -> Linearised:
-        """Linearise the curvature curves at their most probable deviations."""
-        assert self.actuator is not None
-        data = self.actuator
-        degradation, spread = self._degradation(values)
-        mode = np.zeros_like(spread)
-        for _ in range(2):
-            prediction = self._predict(values, degradation.value, mode)
-            slope = -prediction.slope
-            residual = data.curvature - prediction.curvature + slope * mode
-            variance = self._variance(values, prediction)
-            at_mode = Linearised(residual, slope, variance, spread, data.mask, mode)
-            mode = likelihood.deviation(
-                residual, slope, variance=variance, spread=spread, mask=data.mask
-            )
-        return at_mode
+        """Linearise the actuators' readings at their most probable deviations."""
+        return self._actuators(values)[0]
 
-    def curvature(self, values: Named, deviation: Floats | None = None) -> Prediction:
-        """Return predictions for the actuators, (n, n_specimens, n_points).
+    def predict(self, values: Named, deviation: Floats | None = None) -> actuators.Predicted:
+        """Return readings expected of the actuators, with their errors' variances.
 
         Parameters
         ----------
@@ -193,96 +172,117 @@ class Model:
         deviation : array, shape (n, n_specimens, 1), optional
             Deviation of each specimen's ln stiffness; by default 0.
         """
-        degradation, spread = self._degradation(values)
-        mode = np.zeros_like(spread) if deviation is None else deviation
-        return self._predict(values, degradation.value, mode)
+        material, spread = self._material_of_actuators(values)
+        mode = np.zeros((*spread.shape, 1)) if deviation is None else deviation
+        return actuators.predict(self.rig, values, material, mode)
 
-    def curvature_pointwise(self, values: Named) -> Floats:
+    def curvature(self, values: Named, deviation: Floats | None = None) -> Prediction:
+        """Return predictions for the actuators, (n, n_specimens, n_points)."""
+        return self.predict(values, deviation).prediction
+
+    def readings_pointwise(self, values: Named) -> Floats:
         """Return log densities of each reading given those before it on its specimen.
 
-        Shape (n, n_specimens, n_points); they sum to the specimens' ``log_likelihood``.
+        Shape (n, n_specimens, n_readings); they sum to the specimens' ``log_likelihood``.
         """
-        return likelihood.sequential_of(self.actuator_linearised(values))
+        return likelihood.sequential(self.actuator_linearised(values))
 
     def simulate(self, values: Named, generator: np.random.Generator) -> Floats:
-        """Draw curvatures that new specimens in the same tests would show, one set a draw.
+        """Draw readings that new specimens in the same tests would show, one set a draw.
 
         Returns
         -------
-        array, shape (n, n_specimens, n_points)
-            [1/m]; nan where the forward map has no answer.
+        array, shape (n, n_specimens, n_readings)
+            Curvatures [1/m], then bend angles [°]; nan where the forward map has no answer.
         """
-        prediction = self.curvature(values, self.draw_deviation(values, generator))
-        sd = np.sqrt(self._variance(values, prediction))
-        return prediction.curvature + sd * generator.standard_normal(sd.shape)
+        assert self.actuator is not None
+        predicted = self.predict(values, self.draw_deviation(values, generator))
+        length = values["curvature_noise_length"]
+        with_angle = self.actuator.with_angle
+        correlation = values["reading_correlation"] if with_angle else np.zeros(len(length))
+        z = likelihood.correlated_normals(self.actuator.paths, length, correlation, generator)
+        return predicted.mean + np.sqrt(predicted.variance) * z
+
+    def simulate_curvature(self, values: Named, generator: np.random.Generator) -> Floats:
+        """Draw curvatures of new specimens [1/m], (n, n_specimens, n_points); see `simulate`."""
+        assert self.actuator is not None
+        return self.simulate(values, generator)[..., : self.actuator.pressure.shape[1]]
 
     def deviation_sd(self, values: Named) -> Floats:
         """Return τ of each actuator, shape (n, n_specimens, 1)."""
-        return np.sqrt(self._degradation(values)[1])
+        return np.sqrt(self._material_of_actuators(values)[1])[..., None]
 
     def draw_deviation(self, values: Named, generator: np.random.Generator) -> Floats:
         """Draw each actuator's deviation of ln stiffness, shape (n, n_specimens, 1)."""
         sd = self.deviation_sd(values)
         return sd * generator.standard_normal(sd.shape)
 
-    def with_curvature(self, curvature: Floats) -> Self:
-        """Return the model for other readings in the same tests, (n_specimens, n_points)."""
+    def with_readings(self, readings: Floats) -> Self:
+        """Return the model for other readings in the same tests, (n_specimens, n_readings)."""
         assert self.actuator is not None
-        known = np.where(self.actuator.mask, curvature, 0.0)
-        return replace(self, actuator=replace(self.actuator, curvature=known))
+        return replace(self, actuator=self.actuator.with_readings(readings))
 
-    def _degradation(self, values: Named) -> tuple[Degradation, Floats]:
-        assert self.actuator is not None
-        data = self.actuator
-        state = Degradation(data.degradation, data.degradation_sd)
-        for cause in self.causes:
-            if cause.on_degradation is not None:
-                effect = cause.effect(values)
-                state = cause.on_degradation(state, self._conditions(), effect)
-        count = len(values["stiffness_scatter"])
-        shape = (count, len(data.specimens))
-        level, sd = (np.broadcast_to(v[..., 0], shape) for v in (state.value, state.sd))
-        return Degradation(level, sd), self.spread(values, level, sd)[..., None]
-
-    def _predict(self, values: Named, degradation: Floats, deviation: Floats) -> Prediction:
+    @property
+    def rig(self) -> Rig:
+        """The actuators' tests and how they are predicted."""
         assert self.actuator is not None
         assert self.forward is not None
-        factor = np.exp(deviation)
-        c1, c2, c3 = (c[..., None] * factor for c in self.constants(values, degradation))
-        inputs = Inputs(
-            pressure=self.actuator.pressure,
-            c1=c1,
-            c2=c2,
-            c3=c3,
-            linear_scale=np.cbrt(values["volume_ratio"])[:, None, None],
-            paper_stiffness=values["paper_stiffness"][:, None, None],
-            paper_thickness=np.full((1, 1, 1), self.paper_thickness),
+        return Rig(
+            self.actuator,
+            self.forward,
+            self.causes,
+            self.paper_thickness,
+            self.largest_pressure,
+            max(self.nodes[-1], 1.0),
         )
-        for cause in self.causes:
-            if cause.on_inputs is not None:
-                inputs = cause.on_inputs(inputs, self._conditions(), cause.effect(values))
-        prediction = self.forward(inputs)
-        for cause in self.causes:
-            if cause.on_reading is not None:
-                effect = cause.effect(values)
-                prediction = cause.on_reading(prediction, self._conditions(), effect)
-        return prediction
 
-    def _variance(self, values: Named, prediction: Prediction) -> Floats:
+    def _actuators(self, values: Named) -> tuple[Linearised, actuators.Predicted]:
+        material, spread = self._material_of_actuators(values)
+        return actuators.linearise_actuators(self.rig, values, material, spread)
+
+    def _material_of_actuators(self, values: Named) -> tuple[Material, Floats]:
+        believed = self._degradation(values)
+        material = self.material(values, believed.value)
+        return material, self.spread(values, material, believed.sd)
+
+    def _degradation(self, values: Named) -> Degradation:
+        return actuators.believed_degradation(self.rig, values)
+
+    def _log_rupture(self, values: Named, prediction: Prediction) -> Floats:
         assert self.actuator is not None
-        noise = values["curvature_noise"][:, None, None] * prediction.curvature
-        floor = values["curvature_noise_floor"][:, None, None]
-        variance: Floats = floor**2 + noise**2 + prediction.sd**2 + self.actuator.curvature_sd**2
-        return variance
+        believed = self._degradation(values)
+        limit = self.elongation(values, believed.value) / 100.0
+        spread = elongation_spread(values, believed.value, believed.sd, nodes=self.elongation_nodes)
+        return actuators.log_rupture(self.actuator, prediction, limit, spread)
 
-    def _conditions(self) -> Conditions:
-        assert self.actuator is not None
-        return Conditions(self.actuator.pressure, self.actuator.degradation)
+    def _log_published(self, values: Named, tests: PublishedTests) -> dict[str, Floats]:
+        assert self.forward is not None
+        return published.log_likelihood(
+            tests,
+            self.forward,
+            values,
+            self.material(values, tests.degradation),
+            elongation_nodes=self.elongation_nodes,
+            paper_thickness=self.paper_thickness,
+        )
 
-    def _mean(self, values: Named, statistic: Statistic) -> Floats:
+    def _log_breaks(self, values: Named, data: Breaks) -> Floats:
+        nodes = self.elongation_nodes
+        spread = elongation_spread(values, data.degradation, data.degradation_sd, nodes=nodes)
+        median = self.elongation(values, data.degradation)
+        return likelihood.log_normal(data.elongation, median, np.sqrt(spread))
+
+    def _beyond_nodes(self) -> Floats:
+        if self.tensile is None:
+            return np.array([])
+        levels = np.unique(self.tensile.degradation)
+        return levels[levels > self.nodes[-1]]
+
+    def expected(self, values: Named, statistic: Statistic) -> Floats:
+        """Return what a statistic is of, in its unit, (n,)."""
         if statistic.quantity == "volume_ratio":
             return values["volume_ratio"]
         level = np.array([statistic.degradation])
         if statistic.quantity == "young_modulus":
-            return law.young_modulus(self.constants(values, level)[0][..., 0])
-        return self.elongation(values, level)[..., 0]
+            return law.young_modulus(self.constants(values, level)[:, 0, 0])
+        return self.elongation(values, level)[:, 0]

@@ -9,16 +9,31 @@ from numpy.typing import NDArray
 
 from bayesdeg.causes.cause import Cause
 from bayesdeg.errors import Fault, StudyError
-from bayesdeg.laws import HalfNormal, Law, LogNormal, Parameter, TruncatedNormal
+from bayesdeg.laws import HalfNormal, Law, LogNormal, Normal, Parameter, TruncatedNormal, Uniform
 from bayesdeg.material.degradation import Nodes
 
 Floats = NDArray[np.float64]
 Named = Mapping[str, Floats]
 
 # Medians follow the published moduli (6 C1 = 1.73 MPa fresh, about 5.5 times that at 25 %) and
-# break elongations (210 % and about 52 %); doi:10.3389/frobt.2021.760485.
-_C1 = {0.0: LogNormal(0.3, 0.4), 12.5: LogNormal(0.75, 0.6), 25.0: LogNormal(1.5, 0.6)}
-_C3 = {0.0: LogNormal(1.5e-3, 1.0), 12.5: LogNormal(2.5e-2, 1.2), 25.0: LogNormal(0.1, 1.2)}
+# break elongations (210 % and about 52 %); doi:10.3389/frobt.2021.760485. Between the ends they are
+# control values: half of what holds at 12.5 % is theirs.
+_C1 = {
+    0.0: LogNormal(0.3, 0.4),
+    25.0 / 3.0: LogNormal(0.5, 0.6),
+    12.5: LogNormal(0.6, 0.6),
+    50.0 / 3.0: LogNormal(0.9, 0.6),
+    25.0: LogNormal(1.5, 0.6),
+}
+_C3 = {
+    0.0: LogNormal(1.5e-3, 1.0),
+    25.0 / 3.0: LogNormal(6e-3, 1.5),
+    12.5: LogNormal(1e-2, 1.5),
+    50.0 / 3.0: LogNormal(4e-2, 1.5),
+    25.0: LogNormal(0.1, 1.2),
+}
+_RATIO_AT_ENDS = TruncatedNormal(-0.15, 0.25, -0.65, 0.6)
+_RATIO_BETWEEN = TruncatedNormal(-0.15, 0.4, -0.9, 1.5)
 _ELONGATION = {0.0: LogNormal(200.0, 0.5), 12.5: LogNormal(110.0, 0.6), 25.0: LogNormal(50.0, 0.6)}
 
 
@@ -93,20 +108,36 @@ def node_name(quantity: str, node: float) -> str:
     return f"{quantity}_at_{node:g}".replace(".", "_")
 
 
+def control_name(quantity: str, nodes: Nodes, k: int) -> str:
+    """Return the name of a constant's control value: its value at the ends, its pull between them.
+
+    Examples
+    --------
+    >>> [control_name("c1", (0.0, 12.5, 25.0), k) for k in range(3)]
+    ['c1_at_0', 'c1_control_12_5', 'c1_at_25']
+    """
+    if k in (0, len(nodes) - 1):
+        return node_name(quantity, nodes[k])
+    return f"{quantity}_control_{nodes[k]:.3g}".replace(".", "_")
+
+
 def material_parameters(nodes: Nodes) -> tuple[Parameter, ...]:
-    """Return the parameters of the Yeoh constants against D_R."""
+    """Return the parameters of the Yeoh constants against D_R: their Bernstein control values."""
     parameters = []
-    for node in nodes:
-        where = f"at a degradation rate of {node:g} %"
+    for k, node in enumerate(nodes):
+        at_end = k in (0, len(nodes) - 1)
+        place = f"at a degradation rate of {node:.3g} %"
+        where = place if at_end else f"control value {place}, between the ends"
+        ratio = _RATIO_AT_ENDS if at_end else _RATIO_BETWEEN
         parameters += [
-            Parameter(node_name("c1", node), _nearest(_C1, node), "MPa", f"C1 {where}"),
+            Parameter(control_name("c1", nodes, k), _nearest(_C1, node), "MPa", f"C1, {where}"),
             Parameter(
-                node_name("c2_ratio", node),
-                TruncatedNormal(-0.15, 0.25, -0.65, 0.6),
+                control_name("c2_ratio", nodes, k),
+                ratio,
                 "–",
-                f"C2/sqrt(3 C1 C3) {where}; above −1 the material is stable",
+                f"C2/sqrt(3 C1 C3), {where}; above −1 the material is stable",
             ),
-            Parameter(node_name("c3", node), _nearest(_C3, node), "MPa", f"C3 {where}"),
+            Parameter(control_name("c3", nodes, k), _nearest(_C3, node), "MPa", f"C3, {where}"),
         ]
     return tuple(parameters)
 
@@ -133,8 +164,14 @@ STIFFNESS_SCATTER = Parameter(
 TENSILE = (
     Parameter("tensile_noise", HalfNormal(0.05), "–", "reading error of stress, proportional"),
     Parameter("tensile_noise_floor", HalfNormal(0.02), "MPa", "reading error of stress, constant"),
+    Parameter(
+        "tensile_noise_length",
+        Uniform(0.002, 0.15),
+        "–",
+        "stretch over which the reading error of stress stays alike",
+    ),
 )
-ACTUATOR = (
+_ACTUATOR = (
     Parameter(
         "volume_ratio",
         TruncatedNormal(0.62, 0.07, 0.1, 1.0),
@@ -147,6 +184,41 @@ ACTUATOR = (
         "curvature_noise_floor", HalfNormal(0.3), "1/m", "reading error of curvature, constant"
     ),
 )
+LONGEST_NOISE = 0.15  # of the pressure range: what lasts longer is no noise but an effect to name
+BEND_ANGLE = (
+    Parameter("bend_angle_noise", HalfNormal(0.05), "–", "reading error of angle, proportional"),
+    Parameter("bend_angle_noise_floor", HalfNormal(0.7), "°", "reading error of angle, constant"),
+    Parameter(
+        "reading_correlation",
+        TruncatedNormal(0.0, 0.5, -0.98, 0.98),
+        "–",
+        "correlation of the reading errors of curvature and angle in one picture",
+    ),
+)
+_ERROR_MEANING = "error of the emulator common to all curves, {}, in its own standard errors"
+EMULATOR = (
+    Parameter("emulator_error_level", Normal(0.0, 1.0), "–", _ERROR_MEANING.format("on average")),
+    Parameter(
+        "emulator_error_pressure", Normal(0.0, 1.0), "–", _ERROR_MEANING.format("with pressure")
+    ),
+    Parameter(
+        "emulator_error_degradation",
+        Normal(0.0, 1.0),
+        "–",
+        _ERROR_MEANING.format("with degradation"),
+    ),
+)
+
+
+def actuator_parameters(largest_pressure: float) -> tuple[Parameter, ...]:
+    """Return the parameters of actuators tested up to a pressure [kPa]."""
+    length = Parameter(
+        "curvature_noise_length",
+        Uniform(0.005 * largest_pressure, LONGEST_NOISE * largest_pressure),
+        "kPa",
+        "pressure over which reading errors stay alike",
+    )
+    return (*_ACTUATOR, length)
 
 
 def with_causes(base: Iterable[Parameter], causes: Iterable[Cause]) -> ParameterTable:

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from bayesdeg.actuator.inputs import Inputs, Prediction
 from bayesdeg.actuator.status import Status
+from bayesdeg.inference.density import Density
 from bayesdeg.inference.model import Model
 
 Floats = NDArray[np.float64]
@@ -45,20 +46,25 @@ class Refusals:
 
 
 class CountedDensity:
-    """A model's log density that counts on the way how many vectors the forward map refused.
+    """A log density that counts on the way how many vectors a model's forward map refused.
 
     Parameters
     ----------
-    model : Model
-        Its density is left as it is.
+    density : Density
+        Left as it is; what is no ``Model`` refuses nothing.
     """
 
-    def __init__(self, model: Model) -> None:
+    def __init__(self, density: Density) -> None:
         self.refusals = Refusals()
-        self._model = self._watched = model
+        self._watched = density
         self._outside: Flags | None = None
-        if isinstance(model, Model) and model.forward is not None:
-            self._watched = replace(model, forward=self._forward)
+        if (
+            isinstance(density, Model)
+            and density.forward is not None
+            and density.actuator is not None
+        ):
+            self._model = density
+            self._watched = replace(density, forward=self._forward)
 
     def __call__(self, vectors: Floats) -> Floats:
         """Return the log posterior density of each vector, shape (n,)."""

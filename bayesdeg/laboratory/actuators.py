@@ -14,7 +14,13 @@ from bayesdeg.actuator.inputs import ForwardMap, Inputs, Prediction
 from bayesdeg.actuator.status import Status
 from bayesdeg.causes.cause import Conditions, Degradation
 from bayesdeg.laboratory.effects import HiddenEffect
-from bayesdeg.laboratory.specimens import constants_of, draw_specimens, noise, stated_sd
+from bayesdeg.laboratory.specimens import (
+    alike_along,
+    constants_of,
+    draw_specimens,
+    noise,
+    stated_sd,
+)
 from bayesdeg.laboratory.truth import Truth
 
 Floats = npt.NDArray[np.float64]
@@ -166,8 +172,9 @@ def _read(
     curvature, angle = prediction.curvature[plan.mask], prediction.bend_angle[plan.mask]
     counted = plan.rows["pressure_kPa"].to_numpy() != 0.0
     floor = np.hypot(truth.curvature_noise_floor, plan.known_sd)
-    error = noise(curvature, generator, floor=floor, share=truth.curvature_noise)
-    slip = noise(angle, generator, floor=truth.bend_angle_noise_floor, share=truth.bend_angle_noise)
+    z, y = _normals(plan.rows, truth, generator)
+    error = noise(curvature, z, floor=floor, share=truth.curvature_noise)
+    slip = noise(angle, y, floor=truth.bend_angle_noise_floor, share=truth.bend_angle_noise)
     readings = plan.rows.assign(
         curvature_per_m=np.where(over, np.nan, curvature + counted * error).round(4),
         bend_angle_deg=np.where(over, np.nan, angle + counted * slip).round(3),
@@ -175,3 +182,26 @@ def _read(
     )
     kept: pd.DataFrame = readings.loc[reached]
     return kept.reset_index(drop=True)
+
+
+def _normals(
+    rows: pd.DataFrame, truth: Truth, generator: np.random.Generator
+) -> tuple[Floats, Floats]:
+    """Draw the errors of curvature and bend angle in their standard deviations, each (n,).
+
+    Both are alike along the path of pressure, and correlated in one picture.
+    """
+    specimen = rows["specimen_id"]
+    steps = rows["pressure_kPa"].groupby(specimen, sort=False).diff().abs().fillna(0.0)
+    place = steps.groupby(specimen, sort=False).cumsum().to_numpy(np.float64)
+    z, u = (
+        alike_along(
+            place,
+            generator.standard_normal(len(rows)),
+            specimen=specimen.to_numpy(str),
+            length=truth.curvature_noise_length,
+        )
+        for _ in range(2)
+    )
+    c = truth.reading_correlation
+    return z, c * z + np.sqrt(1.0 - c**2) * u

@@ -6,6 +6,7 @@ import pandas as pd
 
 from bayesdeg.laboratory.design import SPECIMEN, Design
 from bayesdeg.laboratory.specimens import (
+    alike_along,
     constants_of,
     draw_specimens,
     noise,
@@ -149,7 +150,13 @@ def _stretch(
     where = films.index.get_indexer(pd.Index(table["specimen_id"]))
     constants = constants_of(films, truth)[where]
     stress = np.sum(yeoh_basis(stretch, mode, measure) * constants, axis=-1)
-    stress += noise(stress, generator, floor=truth.tensile_noise_floor, share=truth.tensile_noise)
+    z = alike_along(
+        stretch,
+        generator.standard_normal(stress.shape),
+        specimen=[f"{name} {kind}" for name, kind in zip(table["specimen_id"], mode, strict=True)],
+        length=truth.tensile_noise_length,
+    )
+    stress += noise(stress, z, floor=truth.tensile_noise_floor, share=truth.tensile_noise)
     read = table[list(SPECIMEN)].assign(
         degradation_sd_pct=stated_sd(table, truth),
         mode=mode,

@@ -77,11 +77,56 @@ def stated_sd(table: pd.DataFrame, truth: Truth) -> Floats:
     return np.where(table["degradation_sd_pct"].isna(), assumed, table["degradation_sd_pct"])
 
 
-def noise(
-    value: Floats, generator: np.random.Generator, *, floor: float | Floats, share: float
-) -> Floats:
-    r"""Draw errors of reading with standard deviation :math:`\sqrt{f^2 + (s v)^2}`."""
-    return np.hypot(floor, share * value) * generator.standard_normal(value.shape)
+def noise(value: Floats, z: Floats, *, floor: float | Floats, share: float) -> Floats:
+    r"""Return errors of reading with standard deviation :math:`\sqrt{f^2 + (s v)^2}`."""
+    return np.hypot(floor, share * value) * z
+
+
+def alike_along(place: Floats, z: Floats, *, specimen: npt.ArrayLike, length: float) -> Floats:
+    r"""Make independent normals alike along each specimen's path: a process of Ornstein–Uhlenbeck.
+
+    .. math:: x_j = \rho_j x_{j-1} + \sqrt{1 - \rho_j^2}\, z_j, \quad
+        \rho_j = e^{-(s_j - s_{j-1})/\ell}
+
+    so that the correlation of two readings of a specimen is exp(−|s_i − s_j|/ℓ).
+
+    Parameters
+    ----------
+    place : array, shape (n,)
+        s, length of path up to each reading.
+    z : array, shape (n,)
+        Independent standard normals.
+    specimen : array_like, shape (n,)
+        Whose path it is.
+    length : float
+        ℓ, in the unit of s; at 0 the normals stay as they are.
+
+    Returns
+    -------
+    array, shape (n,)
+
+    References
+    ----------
+    Uhlenbeck and Ornstein (1930), On the theory of the Brownian motion;
+    doi:10.1103/PhysRev.36.823.
+
+    Examples
+    --------
+    >>> at, z = np.array([0.0, 1e-9, 1e9]), np.array([1.0, -2.0, 3.0])
+    >>> alike_along(at, z, specimen=["a", "a", "a"], length=1.0).round(3).tolist()
+    [1.0, 1.0, 3.0]
+    """
+    if length == 0.0:
+        return z
+    owner, _ = pd.factorize(np.asarray(specimen))
+    order = np.lexsort((place, owner))
+    gap = np.diff(place[order], prepend=0.0)
+    gap[np.diff(owner[order], prepend=-1) != 0] = np.inf
+    decay = np.exp(-gap / length)
+    alike = z.copy()
+    for before, j, rho in zip(np.roll(order, 1), order, decay, strict=True):
+        alike[j] = rho * alike[before] + np.sqrt(1.0 - rho**2) * z[j]
+    return alike
 
 
 def significant(values: Floats, digits: int) -> Floats:

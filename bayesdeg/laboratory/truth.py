@@ -50,6 +50,11 @@ class Truth:
         The same of the bend angle [°]; the constant one is 0.1 1/m over a length of 43 mm.
     tensile_noise_floor, tensile_noise : float
         The same of the stress [MPa].
+    curvature_noise_length, tensile_noise_length : float
+        Path of pressure [kPa] and of stretch [–] along which reading errors stay alike, those of
+        the bend angle as those of the curvature; 0 if they are independent.
+    reading_correlation : float
+        Correlation of the errors of curvature and bend angle that are read from one picture.
     degradation_limit, time_constant : float
         D_∞ [%] and τ [h] of D_R = D_∞ (1 − exp(−t/τ)).
     moisture_initial, moisture_scatter : float
@@ -83,6 +88,9 @@ class Truth:
     bend_angle_noise: float = 0.02
     tensile_noise_floor: float = 0.005
     tensile_noise: float = 0.02
+    curvature_noise_length: float = 0.0
+    tensile_noise_length: float = 0.0
+    reading_correlation: float = 0.0
     degradation_limit: float = 30.5
     time_constant: float = 14.0
     moisture_initial: float = 20.0

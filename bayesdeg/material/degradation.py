@@ -12,7 +12,13 @@ from bayesdeg.material.stability import BoolArray, satisfies_baker_ericksen
 
 type Nodes = tuple[float, ...]
 
-NODES: tuple[Nodes, Nodes, Nodes] = ((0.0,), (0.0, 25.0), (0.0, 12.5, 25.0))
+NODES: tuple[Nodes, ...] = (
+    (0.0,),
+    (0.0, 25.0),
+    (0.0, 12.5, 25.0),
+    (0.0, 25.0 / 3.0, 50.0 / 3.0, 25.0),
+)
+"""Evenly spaced nodes of each order [%]."""
 SMALLEST_SPACING = 1.0
 """Levels of degradation [%] closer than this count as one."""
 
@@ -25,18 +31,18 @@ def nodes_for(degradations: npt.ArrayLike, order: int = 2) -> Nodes:
     degradations : array_like
         Degradation rates of the specimens [%].
     order : int
-        Order wanted: 0, 1 or 2.
+        Order wanted: 0, 1, 2 or 3.
 
     Returns
     -------
     tuple of float
-        0, 12.5, 25 % for order 2; 0, 25 % for order 1; 0 % for order 0, or the mean level if
-        there is only one.  The order is at most the number of distinct levels less one.
+        Those of ``NODES``; for a single level, that level.  The order is at most the number of
+        distinct levels less one.
 
     Raises
     ------
     ValueError
-        If there are no levels, one is not finite, or the order is none of 0, 1, 2.
+        If there are no levels, one is not finite, or the order is none of 0, 1, 2, 3.
 
     Examples
     --------
@@ -46,8 +52,8 @@ def nodes_for(degradations: npt.ArrayLike, order: int = 2) -> Nodes:
     (14.9,)
     """
     levels = np.sort(np.asarray(degradations, dtype=np.float64).ravel())
-    if order not in (0, 1, 2):
-        raise ValueError(f"the order must be 0, 1 or 2, not {order!r}")
+    if order not in range(len(NODES)):
+        raise ValueError(f"the order must be 0, 1, 2 or 3, not {order!r}")
     if levels.size == 0 or not np.all(np.isfinite(levels)):
         raise ValueError("degradation levels must be finite, and there must be one at least")
     distinct = _count_distinct(levels)

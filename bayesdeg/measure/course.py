@@ -160,8 +160,10 @@ class SaturatingCourse:
         return centre - reach, centre + reach
 
 
-def saturating(time_h: Floats, limit_pct: float, time_constant_h: float) -> Floats:
-    """Evaluate D_∞ (1 − exp(−t/τ)) [%]."""
+def saturating(
+    time_h: Floats, limit_pct: Floats | float, time_constant_h: Floats | float
+) -> Floats:
+    """Evaluate D_∞ (1 − exp(−t/τ)) [%]; arguments broadcast."""
     return np.asarray(-limit_pct * np.expm1(-time_h / time_constant_h), float)
 
 

@@ -152,6 +152,8 @@ class Settings:
         How much is spent on sampling.
     fit_modes : tuple of str
         Modes of loading whose tensile curves are fitted; others are held out and only predicted.
+    order : int
+        Order of the polynomials of the degradation rate that Yeoh's constants are, 0 to 3.
     virtual : bool
         Whether the data come from a virtual experiment.
     note : str
@@ -172,5 +174,6 @@ class Settings:
     candidates: tuple[str, ...] | None = None
     effort: Effort = "standard"
     fit_modes: tuple[str, ...] = MODES
+    order: int = 2
     virtual: bool = False
     note: str = ""

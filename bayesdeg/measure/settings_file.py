@@ -93,8 +93,16 @@ ENTRIES: tuple[_Entry, ...] = (
         lambda v: _is_names(v) and len(v) > 0 and set(v) <= set(MODES) and len(set(v)) == len(v),
         tuple,
     ),
+    _Entry(
+        "material",
+        "order",
+        "order",
+        "a whole number from 0 to 3",
+        lambda v: _is_whole(v) and 0 <= v <= 3,
+        int,
+    ),
 )
-TABLES = ("actuator", "paper", "priors", "noise", "causes", "sampling", "tensile")
+TABLES = ("actuator", "paper", "priors", "noise", "causes", "sampling", "tensile", "material")
 
 
 def parse_settings(content: bytes) -> tuple[Settings, tuple[Fault, ...]]:

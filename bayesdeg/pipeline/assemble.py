@@ -11,9 +11,12 @@ from bayesdeg.causes.cause import Cause
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.emulator.trained import surrogate_for
 from bayesdeg.errors import BayesdegError, Fault, StudyError
+from bayesdeg.inference import course
 from bayesdeg.inference import data as tables
 from bayesdeg.inference import parameters as known
+from bayesdeg.inference.curves import ActuatorCurves, Breaks, TensileCurves
 from bayesdeg.inference.model import Model
+from bayesdeg.inference.published import PublishedTests, published_tests
 from bayesdeg.laws import Law, Parameter, Uniform
 from bayesdeg.material.degradation import Nodes, nodes_for
 from bayesdeg.measure.study import Study
@@ -61,46 +64,58 @@ def assemble(study: Study, forward: ForwardMap | None = None) -> Assembly:
     actuator = tables.actuator_curves(study)
     tensile = tables.tensile_curves(study, fitted=True)
     breaks, statistics = tables.breaks(study), tables.statistics(study)
-    if actuator is None:
+    found = published_tests(study)
+    tests = None if found is None else found.without_ruptures()
+    if actuator is None and tests is None:
         statistics = tuple(s for s in statistics if s.quantity != "volume_ratio")
-    nodes = _nodes(tensile, actuator, statistics)
+    nodes = _nodes(tensile, actuator, statistics, tests, order=study.settings.order)
     elongation_nodes = _elongation_nodes(breaks, statistics)
     base = [*known.material_parameters(nodes), known.STIFFNESS_SCATTER]
     base += known.TENSILE if tensile is not None else ()
-    base += known.ACTUATOR if actuator is not None else ()
+    largest = 240.0 if actuator is None else float(actuator.pressure.max())
+    needs_forward = actuator is not None or tests is not None
+    base += known.actuator_parameters(largest) if needs_forward else ()
+    base += known.BEND_ANGLE if actuator is not None and actuator.with_angle else ()
     base += known.elongation_parameters(elongation_nodes) if elongation_nodes else ()
+    if needs_forward and (forward is None or isinstance(forward, Surrogate)):
+        forward = surrogate_for(Geometry(study.settings.dimensions), forward)
+        base += known.EMULATOR if actuator is not None else ()
     candidates, unjudged = _candidates(study)
     _check(study, base, candidates)
-    if actuator is not None and (forward is None or isinstance(forward, Surrogate)):
-        forward = surrogate_for(Geometry(study.settings.dimensions), forward)
     model = Model(
         base=known.with_priors(_default_priors(base, statistics), study.settings.priors),
         nodes=nodes,
         elongation_nodes=elongation_nodes or (0.0,),
-        forward=forward if actuator is not None else None,
+        forward=forward if needs_forward else None,
         tensile=tensile,
         actuator=actuator,
         breaks=breaks,
         statistics=statistics,
+        published=tests,
         paper_thickness=study.settings.paper_thickness_mm,
+        largest_pressure=largest,
     )
     return Assembly(model, candidates, unjudged, _missing(study))
 
 
 def _nodes(
-    tensile: tables.TensileCurves | None,
-    actuator: tables.ActuatorCurves | None,
+    tensile: TensileCurves | None,
+    actuator: ActuatorCurves | None,
     statistics: tuple[tables.Statistic, ...],
+    tests: PublishedTests | None,
+    *,
+    order: int,
 ) -> Nodes:
     levels = [s.degradation for s in statistics if s.quantity == "young_modulus"]
     for curves in (tensile, actuator):
         if curves is not None:
             levels += curves.degradation.ravel().tolist()
-    return nodes_for(levels or [0.0])
+    levels += [] if tests is None else tests.degradation.tolist()
+    return nodes_for(levels or [0.0], order)
 
 
 def _elongation_nodes(
-    breaks: tables.Breaks | None, statistics: tuple[tables.Statistic, ...]
+    breaks: Breaks | None, statistics: tuple[tables.Statistic, ...]
 ) -> Nodes:
     levels = [s.degradation for s in statistics if s.quantity == "elongation_at_break"]
     levels += [] if breaks is None else breaks.degradation.tolist()
@@ -153,6 +168,7 @@ def _stated_priors(cause: Cause, study: Study) -> tuple[Parameter, ...]:
 
 def _check(study: Study, base: list[Parameter], candidates: tuple[Cause, ...]) -> None:
     names = [p.name for p in known.with_causes(base, candidates).parameters]
+    names += [p.name for p in course.PARAMETERS] if study.moisture is not None else []
     known.check_priors(study.settings.priors, names)
     if not base:
         raise BayesdegError(f"{study.name}: there is nothing to calibrate")

@@ -1,20 +1,28 @@
 """One model becomes a posterior: mode, evidence, chain; resumed where it was done before."""
 
+from collections.abc import Iterator
 from concurrent.futures import Executor
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from bayesdeg.criticism.convergence import Convergence, diagnose
-from bayesdeg.inference.ensemble import Chain, Effort, sample
+from bayesdeg.inference.chain import Chain, Effort, Standing
+from bayesdeg.inference.ensemble import sample
+from bayesdeg.inference.importance import improved
 from bayesdeg.inference.laplace import Evidence, Laplace, approximate, evidence
+from bayesdeg.inference.least_squares import least_squares
 from bayesdeg.inference.model import Model
-from bayesdeg.inference.refusals import Refusals
 from bayesdeg.pipeline.progress import Progress
+from bayesdeg.pipeline.time_left import Pace, steps_left, words
+from bayesdeg.report.chain_pieces import ChainPieces
 from bayesdeg.report.checkpoints import Checkpoints
 
 Floats = NDArray[np.float64]
+
+ENOUGH = 300.0  # effective draws of the importance sample that chains start from
 
 
 @dataclass(frozen=True)
@@ -53,7 +61,7 @@ def calibrate(
     executor: Executor | None = None,
     start: Floats | None = None,
 ) -> Fit:
-    """Calibrate a model, or read its chain if it stands in the checkpoints.
+    """Calibrate a model, from where an interrupted run stopped.
 
     Parameters
     ----------
@@ -68,41 +76,102 @@ def calibrate(
     checkpoints : Checkpoints
         Results of an interrupted run.
     progress : Progress
-        Shows R̂ and effective sizes.
+        Shows R̂, effective sizes and the time left.
     executor : Executor, optional
         For the ensembles.
     start : array, optional
         A point near the mode.
     """
     approximation, chains = seed.spawn(2)
-    generator = np.random.default_rng(approximation)
-    progress.stage(f"{name}: mode and curvature")
-    laplace = approximate(model, generator, start=start)
-    importance = evidence(model, laplace, generator)
-    progress.stage(f"{name}: sampling", total=effort.longest)
-    stored = checkpoints.load(f"chain-{name}")
-    if stored is not None and "refusals" in stored:
-        chain = Chain(
-            stored["vectors"],
-            stored["log_prob"],
-            stored["acceptance"],
-            Refusals(*(int(number) for number in stored["refusals"])),
-        )
-        progress.advance(effort.longest, "taken from the interrupted run")
-        return Fit(model, laplace, importance, chain, diagnose(model, chain, effort))
-
-    def show(done: int, smallest: float, largest: float) -> None:
-        note = f"{smallest:.0f} effective draws, R-hat {largest:.3f}"
-        progress.advance(effort.chunk, note)
-
-    chain = sample(model, importance, effort=effort, seed=chains, executor=executor, on_chunk=show)
-    checkpoints.save(
-        f"chain-{name}",
-        {
-            "vectors": chain.vectors,
-            "log_prob": chain.log_prob,
-            "acceptance": chain.acceptance,
-            "refusals": np.array([chain.refusals.proposed, chain.refusals.refused]),
-        },
+    laplace, importance = _begun(
+        model, name, approximation, checkpoints=checkpoints, progress=progress, start=start
+    )
+    store = checkpoints.chain(name)
+    show = _Shown(name, effort, progress, store)
+    chain = sample(
+        model,
+        importance,
+        effort=effort,
+        seed=chains,
+        executor=executor,
+        on_chunk=show,
+        store=store,
     )
     return Fit(model, laplace, importance, chain, diagnose(model, chain, effort))
+
+
+class _Shown:
+    """Shows how far sampling is: the share of the work, in hundredths, and the criteria."""
+
+    def __init__(self, name: str, effort: Effort, progress: Progress, store: ChainPieces) -> None:
+        self._effort, self._progress, self._store = effort, progress, store
+        self._pace, self._shown = Pace(), 0.0
+        progress.stage(f"{name}: sampling", total=100.0)
+
+    def __call__(self, standing: Standing) -> None:
+        left = steps_left(standing, self._effort)
+        # while the moves are fitted, what is left is not known: it is not nothing
+        share = 0.0 if np.isnan(left) else 100.0 * standing.steps / (standing.steps + left)
+        done = max(share - self._shown, 0.0)
+        self._shown += done
+        self._progress.advance(done, "; ".join(part for part in self._notes(standing) if part))
+
+    def _notes(self, standing: Standing) -> Iterator[str]:
+        if self._store.damaged:
+            names = ", ".join(path.name for path in self._store.damaged)
+            yield f"damaged and computed again: {names}"
+        if standing.kept == 0:
+            yield f"fitting the moves, {standing.steps} steps"
+        else:
+            yield f"{standing.effective:.0f} effective draws, R-hat {standing.r_hat:.3f}"
+        if standing.enough(self._effort):
+            resumed = standing.resumed == standing.steps
+            yield "taken from the interrupted run" if resumed else "enough"
+        else:
+            yield words(self._pace.left(standing, self._effort))
+
+
+def _begun(
+    model: Model,
+    name: str,
+    seed: np.random.SeedSequence,
+    *,
+    checkpoints: Checkpoints,
+    progress: Progress,
+    start: Floats | None,
+) -> tuple[Laplace, Evidence]:
+    """Find mode and importance sample, or read them."""
+    progress.stage(f"{name}: mode and curvature")
+    stored = checkpoints.load(f"start-{name}")
+    if stored is None:
+        generator = np.random.default_rng(seed)
+        # one thread: the same bits whatever the machine's number of them
+        with threadpool_limits(limits=1):
+            start = _near_films(model) if start is None else start
+            laplace = approximate(model, generator, start=start)
+            rough = evidence(model, laplace, generator, draws=1000)
+            importance = improved(model, rough, generator, draws=1000, enough=ENOUGH)
+        checkpoints.save(f"start-{name}", _arrays(laplace, importance))
+        return laplace, importance
+    laplace = Laplace(stored["mode"], stored["covariance"], float(stored["log_density"]))
+    log_evidence, error, effective = (float(number) for number in stored["evidence"])
+    draws, log_weights = stored["draws"], stored["log_weights"]
+    return laplace, Evidence(log_evidence, error, draws, log_weights, effective)
+
+
+def _near_films(model: Model) -> Floats | None:
+    """Return the films' least-squares fit, if that is a possible vector of the model."""
+    start = least_squares(model)
+    return start if np.isfinite(model.log_prob(start[None]))[0] else None
+
+
+def _arrays(laplace: Laplace, importance: Evidence) -> dict[str, Floats]:
+    found = importance
+    return {
+        "mode": laplace.mode,
+        "covariance": laplace.covariance,
+        "log_density": np.array(laplace.log_density),
+        "evidence": np.array([found.log_evidence, found.error, found.effective]),
+        "draws": found.draws,
+        "log_weights": found.log_weights,
+    }

@@ -18,7 +18,7 @@ def comparisons(study: Study, fit: Fit) -> list[Json]:
     for row in study.summary.to_dict("records"):
         level = np.array([float(row["degradation_pct"])])
         if row["quantity"] == "young_modulus":
-            draws = 6.0 * fit.model.constants(values, level)[0][:, 0]
+            draws = 6.0 * fit.model.constants(values, level)[:, 0, 0]
         elif row["quantity"] == "elongation_at_break" and "elongation_scatter" in values:
             draws = fit.model.elongation(values, level)[:, 0]
         elif row["quantity"] == "volume_ratio" and "volume_ratio" in values:
@@ -65,7 +65,8 @@ def rests_on(study: Study) -> list[Json]:
             ("volume ratio α", f"shrinkage.csv, {len(study.shrinkage)} films ({specimens})")
         )
     if study.summary is not None:
-        used = ("young_modulus", "elongation_at_break", "volume_ratio")
+        used = {"young_modulus", "elongation_at_break", "volume_ratio"}
+        used |= {"r_squared"} if study.actuator is None else set()
         names = sorted({str(q) for q in study.summary["quantity"] if q in used})
         shown = sorted({str(q) for q in study.summary["quantity"] if q not in used})
         if names:

@@ -26,6 +26,7 @@ from bayesdeg.criticism.verdict import (
     decide,
     naming_threshold,
 )
+from bayesdeg.inference.importance import improved
 from bayesdeg.inference.laplace import FEWEST_EFFECTIVE, Evidence, approximate, evidence
 from bayesdeg.inference.model import Model
 from bayesdeg.pipeline.assemble import Assembly
@@ -33,6 +34,9 @@ from bayesdeg.pipeline.calibrate import Fit
 from bayesdeg.pipeline.progress import Progress
 
 Floats = NDArray[np.float64]
+
+
+ENOUGH = 300.0  # effective draws of an importance sample
 
 
 @dataclass(frozen=True)
@@ -173,7 +177,8 @@ def _try(
     both = np.stack([start, guess])
     best = both[int(np.argmax(model.log_prob(both, truncate=False)))]
     laplace = approximate(model, generator, start=best)
-    posterior = evidence(model, laplace, generator)
+    rough = evidence(model, laplace, generator, draws=1000)
+    posterior = improved(model, rough, generator, draws=1000, enough=ENOUGH)
     factor = posterior.log_evidence - fit.evidence.log_evidence
     if posterior.effective < FEWEST_EFFECTIVE:
         posterior = _from_prior(model, cause, fit, generator)

@@ -55,7 +55,14 @@ def run_document(study: Study, results: Results, seconds: dict[str, float]) -> d
             "name": "log-likelihood ratio of a smooth discrepancy",
         },
         "comparisons": comparisons(study, results.final),
+        "checks": _checks(results),
     }
+
+
+def _checks(results: Results) -> dict[str, str]:
+    """Return what checks and films came to, in plain words."""
+    said = {} if results.checks is None else results.checks.sentences()
+    return said if results.films is None else said | results.films.sentences()
 
 
 def _counts(results: Results) -> dict[str, int]:
@@ -84,7 +91,7 @@ def _convergence(results: Results) -> dict[str, object]:
             "sentence": fit.diagnosis.sentence,
             "usable": fit.diagnosis.usable,
         }
-        for label, fit in results.fits.items()
+        for label, fit in results.sampled.items()
     }
 
 
@@ -95,7 +102,7 @@ def _emulator(results: Results) -> dict[str, object]:
     facts = emulator_facts(forward.record)
     chains = {id(fit.chain): fit.chain.refusals for fit in results.fits.values()}
     refusals = sum(chains.values(), start=Refusals())
-    refused = refused_inputs(results.final)
+    refused = {} if results.final.model.actuator is None else refused_inputs(results.final)
     said = " ".join(part for part in (refusal_words(refusals), _refused_words(refused)) if part)
     return facts | {
         "refusals": said,

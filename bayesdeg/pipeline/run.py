@@ -18,6 +18,8 @@ from bayesdeg.inference.ensemble import EFFORTS
 from bayesdeg.measure.study import Study
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.calibrate import Fit, calibrate
+from bayesdeg.pipeline.checks import check
+from bayesdeg.pipeline.films import examine
 from bayesdeg.pipeline.judge import JUDGE_EFFORTS, extended_model, judge, with_sampled_sizes
 from bayesdeg.pipeline.progress import Progress
 from bayesdeg.pipeline.record import run_document
@@ -76,7 +78,7 @@ def run_study(
         The content of ``verdict.json``.
     """
     clock = _Clock()
-    seeds = np.random.SeedSequence(study.settings.seed).spawn(4)
+    seeds = np.random.SeedSequence(study.settings.seed).spawn(6)
     with clock.stage("read"):
         assembly = assemble(study, forward)
     fit = partial(
@@ -101,6 +103,7 @@ def run_study(
             )
         with clock.stage("extended"):
             results = _extend(replace(results, judgement=judgement), fit, seeds[3])
+    results = _examine(study, results, seeds[4:], clock=clock, progress=progress, executor=executor)
     progress.stage("predictions and tables")
     with clock.stage("predict"):
         document = write_results(study, folder, results, np.random.default_rng(seeds[0]))
@@ -135,3 +138,22 @@ def _extend(results: Results, fit: Calibrate, seed: np.random.SeedSequence) -> R
         return results
     final = fit(extended[0], "final", seed=seed, start=extended[1])
     return replace(results, final=final, judgement=with_sampled_sizes(judgement, final))
+
+
+def _examine(
+    study: Study,
+    results: Results,
+    seeds: list[np.random.SeedSequence],
+    *,
+    clock: _Clock,
+    progress: Progress,
+    executor: Executor | None,
+) -> Results:
+    """Ask what the final calibration rests on, and what the films alone say."""
+    with clock.stage("checks"):
+        checks = check(results.final, seed=seeds[0], progress=progress, executor=executor)
+    with clock.stage("films"):
+        effort = EFFORTS[study.settings.effort]
+        model = results.base.model
+        films = examine(study, model, effort=effort, seed=seeds[1], progress=progress)
+    return replace(results, checks=checks, films=films)

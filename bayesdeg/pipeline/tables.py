@@ -5,7 +5,9 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from bayesdeg.criticism.residuals import CurvatureFit
-from bayesdeg.inference.data import TensileCurves, statistics, tensile_curves
+from bayesdeg.inference.curves import TensileCurves
+from bayesdeg.inference.data import statistics, tensile_curves
+from bayesdeg.inference.films import film_readings, stress_variance
 from bayesdeg.inference.model import Model
 from bayesdeg.material.degradation import young_modulus
 from bayesdeg.measure.course import degradation_of_films
@@ -13,6 +15,7 @@ from bayesdeg.measure.moisture import moisture_content
 from bayesdeg.measure.study import Study
 from bayesdeg.pipeline.assemble import level_grid
 from bayesdeg.pipeline.calibrate import Fit
+from bayesdeg.pipeline.films import CourseFit
 from bayesdeg.prediction.bands import draw_values
 
 Floats = NDArray[np.float64]
@@ -80,17 +83,16 @@ def _tensile(
     label: str,
     fitted: bool,
 ) -> pd.DataFrame:
-    constants = np.stack(model.constants(values, curves.degradation), axis=-1)
-    stress = np.matmul(curves.basis, constants[..., None])[..., 0]
-    spread = model.spread(values, curves.degradation, curves.degradation_sd)
-    deviation = np.sqrt(spread) * generator.standard_normal(spread.shape)
-    noise = np.hypot(
-        values["tensile_noise_floor"][:, None, None],
-        values["tensile_noise"][:, None, None] * stress,
+    material = model.material(values, curves.degradation)
+    still = np.zeros((len(values["stiffness_scatter"]), len(curves.specimens), 2))
+    stress, _ = film_readings(curves, material, still)
+    scatter = np.stack(
+        np.broadcast_arrays(values["stiffness_scatter"][:, None], curves.degradation_sd), axis=-1
     )
-    readings = stress * np.exp(deviation)[..., None] + noise * generator.standard_normal(
-        stress.shape
-    )
+    deviation = scatter * generator.standard_normal(scatter.shape)
+    drawn, _ = film_readings(curves, material, deviation)
+    noise = np.sqrt(stress_variance(values, drawn))
+    readings = drawn + noise * generator.standard_normal(drawn.shape)
     low, high = np.quantile(readings, [0.05, 0.95], axis=0)
     # the table is in nominal stress, whatever was recorded
     to_nominal = np.where(curves.cauchy, 1.0 / curves.stretch, 1.0)
@@ -115,7 +117,7 @@ def constants(fit: Fit, label: str, generator: np.random.Generator) -> pd.DataFr
     """Return quantiles of the Yeoh constants and of Young's modulus against degradation."""
     grid = level_grid(fit.model)
     values = draw_values(fit.model, fit.chain, generator, 2000)
-    c1, c2, c3 = fit.model.constants(values, grid)
+    c1, c2, c3 = np.moveaxis(fit.model.constants(values, grid), -1, 0)
     named = {"c1": c1, "c2": c2, "c3": c3, "young_modulus": young_modulus(c1)}
     frames = [
         pd.DataFrame(
@@ -127,7 +129,7 @@ def constants(fit: Fit, label: str, generator: np.random.Generator) -> pd.DataFr
     return pd.concat(frames, ignore_index=True)
 
 
-def parameters(fit: Fit, label: str) -> pd.DataFrame:
+def parameters(fit: Fit | CourseFit, label: str) -> pd.DataFrame:
     """Return posterior and prior of every parameter, with its diagnostics."""
     model, chain, diagnosis = fit.model, fit.chain, fit.diagnosis
     flat = model.table.named(chain.vectors.reshape(-1, chain.vectors.shape[-1]))

@@ -14,11 +14,12 @@ from bayesdeg.pipeline.assemble import level_grid
 from bayesdeg.pipeline.calibrate import Fit
 from bayesdeg.pipeline.deformed import write_deformed
 from bayesdeg.pipeline.explanation import unjudged_document, verdict_document
+from bayesdeg.pipeline.films import Films
 from bayesdeg.pipeline.results import Results
 from bayesdeg.prediction.bands import curvature_bands
 from bayesdeg.prediction.rupture import rupture_table
 from bayesdeg.report import columns
-from bayesdeg.report.folder import POSTERIOR, POSTERIOR_BASE, RunFolder
+from bayesdeg.report.folder import POSTERIOR, POSTERIOR_BASE, POSTERIOR_COURSE, RunFolder
 
 Floats = NDArray[np.float64]
 
@@ -31,6 +32,11 @@ def write_results(
     for name, fit in ((POSTERIOR_BASE, results.base), (POSTERIOR, results.final)):
         tree = to_datatree(fit.model, fit.chain.thinned(kept), generator)
         folder.write_posterior(name, tree)
+    if results.checks is not None:
+        for name, frame in results.checks.tables().items():
+            folder.write_table(name, frame)
+    if results.films is not None:
+        _write_films(folder, results.films, generator, kept=kept)
     held_out = _write_material(study, folder, results, generator)
     if results.judgement is None:
         return unjudged_document(results.assembly.unjudged, held_out)
@@ -44,6 +50,16 @@ def write_results(
     return verdict_document(judgement, where(base, residual, judgement.misfit.noise))
 
 
+def _write_films(
+    folder: RunFolder, films: Films, generator: np.random.Generator, *, kept: int
+) -> None:
+    for name, frame in films.tables(generator).items():
+        folder.write_table(name, frame)
+    if films.course is not None:
+        tree = to_datatree(films.course.model, films.course.chain.thinned(kept), generator)
+        folder.write_posterior(POSTERIOR_COURSE, tree)
+
+
 def _write_material(
     study: Study, folder: RunFolder, results: Results, generator: np.random.Generator
 ) -> str:
@@ -51,7 +67,9 @@ def _write_material(
     fits = results.fits.items()
     by_label = {
         columns.CONSTANTS: [tables.constants(fit, label, generator) for label, fit in fits],
-        columns.PARAMETERS: [tables.parameters(fit, label) for label, fit in fits],
+        columns.PARAMETERS: [
+            tables.parameters(fit, label) for label, fit in results.sampled.items()
+        ],
     }
     if study.tensile is not None:
         by_label[columns.TENSILE] = [

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from bayesdeg.inference.data import ActuatorCurves
+from bayesdeg.inference.curves import ActuatorCurves
 from bayesdeg.inference.ensemble import Chain
 from bayesdeg.inference.model import Model
 
@@ -36,6 +36,10 @@ def at_conditions(model: Model, degradation: Floats, pressure: Floats) -> Model:
         curvature=np.zeros(shape),
         curvature_sd=np.zeros(shape),
         mask=np.ones(shape, dtype=bool),
+        bend_angle=np.zeros(shape),
+        angle_mask=np.zeros(shape, dtype=bool),
+        recorded=np.ones(shape, dtype=bool),
+        ruptured=np.zeros(shape, dtype=bool),
         cycle=np.ones(shape, dtype=np.int64),
         branch=np.full(shape, "loading"),
     )

@@ -1,12 +1,15 @@
 """Results of finished stages, kept so that an interrupted run goes on where it stopped."""
 
-import os
+import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
+
+from bayesdeg.report.chain_pieces import ENDING, ChainPieces, save_arrays
 
 
 @dataclass(frozen=True)
@@ -32,18 +35,20 @@ class Checkpoints:
                 if str(stored["fingerprint"]) != self.fingerprint:
                     return None
                 return {key: stored[key] for key in stored.files if key != "fingerprint"}
-        except (OSError, ValueError, KeyError, EOFError):
+        except (OSError, ValueError, KeyError, EOFError, BadZipFile, zlib.error):
             return None
 
     def save(self, name: str, arrays: Mapping[str, NDArray[np.float64]]) -> None:
         """Keep the arrays of a stage: whole or not at all."""
-        self.folder.mkdir(parents=True, exist_ok=True)
-        part = self.folder / f".{name}.{os.getpid()}.part"
-        with part.open("wb") as file:
-            np.savez(file, allow_pickle=False, fingerprint=np.array(self.fingerprint), **arrays)
-        part.replace(self.folder / f"{name}.npz")
+        labelled = {"fingerprint": np.array(self.fingerprint), **arrays}
+        save_arrays(self.folder / f"{name}.npz", labelled)
+
+    def chain(self, name: str) -> ChainPieces:
+        """Return where the pieces of a chain are kept."""
+        return ChainPieces(self.folder / f"chain-{name}", self.fingerprint)
 
     def clear(self) -> None:
         """Forget everything."""
-        for path in self.folder.glob("*.npz"):
-            path.unlink()
+        for pattern in ("*.npz", f"chain-*/*{ENDING}", "**/.*.part"):
+            for path in self.folder.glob(pattern):
+                path.unlink()

@@ -16,6 +16,11 @@ LEVELS = "levels"
 ELONGATION = "elongation"
 MEASURED = "measured"
 MISFIT_NULL = "misfit_null"
+LEAVE_ONE_OUT = "leave_one_out"
+PRIOR_SENSITIVITY = "prior_sensitivity"
+PRIOR_PREDICTIVE = "prior_predictive"
+COURSE = "course"
+ORDERS = "orders"
 
 ALL_LEVELS = "all"
 """What stands in ``degradation_pct`` of a row that pools every degradation rate."""
@@ -55,7 +60,7 @@ def _text(name: str, meaning: str) -> Column:
     return Column(name, "–", meaning, Kind.TEXT)
 
 
-_MODEL = _text("model", "base, or the base with the causes it was extended by")
+_MODEL = _text("model", "base, the base with the causes it was extended by, or the course alone")
 _LEVEL = Column("degradation_pct", "%", "degradation rate, or all of them pooled", Kind.LEVEL)
 _DEGRADATION = Column("degradation_pct", "%", "degradation rate")
 _PRESSURE = Column("pressure_kPa", "kPa", "gauge pressure")
@@ -158,6 +163,62 @@ TABLES: Mapping[str, tuple[Column, ...]] = MappingProxyType(
             _text("unit", "unit of value and standard deviation"),
             Column("n", "–", "number of specimens"),
             _text("rests_on", "what it was computed from"),
+        ),
+        LEAVE_ONE_OUT: (
+            _SPECIMEN,
+            _text("kind", "what was read on it, all of which is left out"),
+            Column("elpd", "–", "log predictive density of its readings given the other specimens"),
+            Column("elpd_error", "–", "Monte Carlo standard error of it"),
+            Column("influence", "–", "what its own readings add to its log density"),
+            Column("pareto_k", "–", "shape of the tail of the importance weights"),
+            Column("refitted", "–", "1 if the model was calibrated anew without it"),
+        ),
+        PRIOR_SENSITIVITY: (
+            _text("quantity", "a conclusion of the report, or a parameter"),
+            _text("kind", "conclusion or parameter"),
+            Column("prior", "–", "change of its posterior per doubling of the priors' power"),
+            Column("likelihood", "–", "the same for the likelihood"),
+            Column("prior_noise", "–", "what unrelated draws would show for the priors"),
+            Column("likelihood_noise", "–", "what unrelated draws would show for the likelihood"),
+            Column("shift_sd", "–", "shift of its mean over its sd per doubling of the priors"),
+            _text("diagnosis", "data, prior, prior and data, or neither"),
+            _text("hangs_on", "parameter whose own prior matters most"),
+            _text("rests_on", "kind of data that matters most"),
+        ),
+        PRIOR_PREDICTIVE: (
+            _text("quantity", "curvature or nominal_stress"),
+            _text("mode", "of a stress: uniaxial, equibiaxial or planar"),
+            _DEGRADATION,
+            Column("pressure_kPa", "kPa", "gauge pressure; empty for a stress"),
+            Column("stretch", "–", "stretch along the load; empty for a curvature"),
+            _text("unit", "unit of the quantiles"),
+            Column("answered", "–", "share of the prior draws that have an answer"),
+            *_quantiles("as stated", 5, 25, 50, 75, 95),
+        ),
+        COURSE: (
+            _text("kind", "band or film"),
+            _text("film_id", "the film; empty for the band"),
+            Column("time_h", "h", "time in the soil"),
+            Column("moisture_pct", "%", "measured moisture content, wet basis"),
+            Column("degradation_pct", "%", "that of a film against the mean fresh moisture"),
+            *_quantiles("%", 5, 25, 50, 75, 95),
+            *_quantiles("%", 5, 50, 95, prefix="moisture_"),
+        ),
+        ORDERS: (
+            Column("order", "–", "order of the polynomials of the degradation rate"),
+            Column("used", "–", "1 for the order of the study's model"),
+            Column("parameters", "–", "number of parameters"),
+            Column("log_evidence", "–", "log marginal likelihood of the films"),
+            Column("log_evidence_error", "–", "Monte Carlo standard error of it"),
+            Column("log_bayes_factor", "–", "its difference to the order used"),
+            Column("log_bayes_factor_error", "–", "Monte Carlo standard error of it"),
+            Column("elpd", "–", "log predictive density of held-out films"),
+            Column("elpd_diff", "–", "its difference to the order used; positive is better"),
+            Column("elpd_diff_se", "–", "standard error of it, over films"),
+            Column("films", "–", "number of films, each left out in turn"),
+            Column("pareto_k_max", "–", "heaviest tail of the importance weights"),
+            Column("refitted", "–", "films for which the model was calibrated anew"),
+            Column("effective", "–", "effective draws that the evidence rests on"),
         ),
         MISFIT_NULL: (
             Column("replicate", "–", "number of the simulated data set"),

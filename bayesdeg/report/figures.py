@@ -95,6 +95,16 @@ class Drawing:
     half: bool = False
 
 
+@dataclass(frozen=True)
+class Sketch:
+    """A figure before it is written for the page; fields as in `Drawing`."""
+
+    name: str
+    figure: Figure
+    caption: str
+    half: bool = False
+
+
 def level_colour(index: int, levels: int) -> str:
     """Return the colour of a degradation rate: from dark to bright with increasing rate."""
     last = len(_LEVEL_COLOURS) - 1

@@ -1,11 +1,9 @@
 """Which figures a run has, with captions and descriptions for those who cannot see them."""
 
-from dataclasses import dataclass
-
-from matplotlib.figure import Figure
-
-from bayesdeg.report.figures import Drawing, inline_svg
+from bayesdeg.report.figures import Drawing, Sketch, inline_svg
 from bayesdeg.report.figures_actuator import deformed_figure
+from bayesdeg.report.figures_checks import check_sketches
+from bayesdeg.report.figures_course import course_sketch
 from bayesdeg.report.figures_curvature import (
     bands_figure,
     elongation_figure,
@@ -28,14 +26,6 @@ from bayesdeg.report.tables import Tables
 from bayesdeg.report.wording import level_words, model_words, number
 
 
-@dataclass(frozen=True)
-class _Sketch:
-    name: str
-    figure: Figure
-    caption: str
-    half: bool = False
-
-
 def drawings_of(verdict: Verdict, run: Run, tables: Tables) -> dict[str, Drawing]:
     """Draw every figure for which the run has data.
 
@@ -43,7 +33,8 @@ def drawings_of(verdict: Verdict, run: Run, tables: Tables) -> dict[str, Drawing
     -------
     dict
         By name: ``residuals``, ``null``, ``gain``, ``bands``, ``deformed``, ``rupture``,
-        ``elongation``, ``constants``, ``tensile``; those without data are left out.
+        ``elongation``, ``constants``, ``tensile``, ``leave-one-out``, ``prior-sensitivity``,
+        ``prior-curvature``, ``prior-stress``, ``course``; those without data are left out.
     """
     sketches = (
         _residuals(verdict, tables),
@@ -55,6 +46,8 @@ def drawings_of(verdict: Verdict, run: Run, tables: Tables) -> dict[str, Drawing
         _elongation(tables),
         _constants(tables),
         _tensile(tables),
+        *check_sketches(tables),
+        course_sketch(tables),
     )
     return {
         sketch.name: Drawing(
@@ -68,7 +61,7 @@ def drawings_of(verdict: Verdict, run: Run, tables: Tables) -> dict[str, Drawing
     }
 
 
-def _residuals(verdict: Verdict, tables: Tables) -> _Sketch | None:
+def _residuals(verdict: Verdict, tables: Tables) -> Sketch | None:
     if tables.observations is None:
         return None
     levels = panel_levels(by_level(tables.levels), tables.bands, tables.observations)
@@ -77,12 +70,12 @@ def _residuals(verdict: Verdict, tables: Tables) -> _Sketch | None:
         "line a specimen. A model that is right scatters about zero inside the noise."
     )
     noise = verdict.misfit.noise_per_m
-    return _Sketch(
+    return Sketch(
         "residuals", residual_figure(tables.observations, levels, noise_per_m=noise), caption
     )
 
 
-def _null(run: Run, tables: Tables) -> _Sketch | None:
+def _null(run: Run, tables: Tables) -> Sketch | None:
     if tables.misfit_null is None:
         return None
     observed = run.misfit_observed
@@ -91,12 +84,12 @@ def _null(run: Run, tables: Tables) -> _Sketch | None:
         f"model; in this study it is {number(observed)}."
     )
     name = run.misfit_name
-    return _Sketch(
+    return Sketch(
         "null", null_figure(tables.misfit_null, observed=observed, name=name), caption, half=True
     )
 
 
-def _gain(verdict: Verdict, tables: Tables) -> _Sketch | None:
+def _gain(verdict: Verdict, tables: Tables) -> Sketch | None:
     others = [model for model in models_of(tables.gain) if model != BASE]
     if not others:
         return None
@@ -106,10 +99,10 @@ def _gain(verdict: Verdict, tables: Tables) -> _Sketch | None:
         f"{model_words(final)} by degradation rate. Right: gain in expected log predictive density."
     )
     figure = gain_figure(pooled(tables.gain), by_level(tables.gain), final)
-    return _Sketch("gain", figure, caption)
+    return Sketch("gain", figure, caption)
 
 
-def _bands(tables: Tables) -> _Sketch | None:
+def _bands(tables: Tables) -> Sketch | None:
     if tables.bands is None:
         return None
     levels = panel_levels(tables.bands)
@@ -122,10 +115,10 @@ def _bands(tables: Tables) -> _Sketch | None:
             " Measured specimens stand in the panel nearest to their own degradation rate, so "
             "they may lie beside a band for that reason alone."
         )
-    return _Sketch("bands", bands_figure(tables.bands, tables.observations, levels), caption)
+    return Sketch("bands", bands_figure(tables.bands, tables.observations, levels), caption)
 
 
-def _deformed(tables: Tables) -> _Sketch | None:
+def _deformed(tables: Tables) -> Sketch | None:
     if tables.deformed is None:
         return None
     caption = (
@@ -134,34 +127,34 @@ def _deformed(tables: Tables) -> _Sketch | None:
         "stretches stand at re-entrant corners, where they grow with refinement of the mesh; the "
         "scale of colours leaves them out."
     )
-    return _Sketch("deformed", deformed_figure(tables.deformed), caption)
+    return Sketch("deformed", deformed_figure(tables.deformed), caption)
 
 
-def _rupture(tables: Tables) -> _Sketch | None:
+def _rupture(tables: Tables) -> Sketch | None:
     if tables.rupture is None:
         return None
     caption = "Probability that the actuator bursts up to a pressure, with its 90 % interval."
-    return _Sketch("rupture", rupture_figure(tables.rupture), caption, half=True)
+    return Sketch("rupture", rupture_figure(tables.rupture), caption, half=True)
 
 
-def _elongation(tables: Tables) -> _Sketch | None:
+def _elongation(tables: Tables) -> Sketch | None:
     if tables.elongation is None:
         return None
     caption = "Elongation at break against degradation rate: 90 % band and measured specimens."
-    return _Sketch("elongation", elongation_figure(tables.elongation), caption, half=True)
+    return Sketch("elongation", elongation_figure(tables.elongation), caption, half=True)
 
 
-def _constants(tables: Tables) -> _Sketch | None:
+def _constants(tables: Tables) -> Sketch | None:
     if tables.constants is None:
         return None
     caption = (
         "Constants of Yeoh's law and Young's modulus against degradation rate: posterior median "
         "with 50 % and 90 % bands."
     )
-    return _Sketch("constants", constants_figure(tables.constants, tables.measured), caption)
+    return Sketch("constants", constants_figure(tables.constants, tables.measured), caption)
 
 
-def _tensile(tables: Tables) -> _Sketch | None:
+def _tensile(tables: Tables) -> Sketch | None:
     if tables.tensile is None:
         return None
     kinds = tables.tensile[["fitted", "mode", "degradation_pct"]].drop_duplicates()
@@ -171,4 +164,4 @@ def _tensile(tables: Tables) -> _Sketch | None:
         caption += " Panels marked as held out were not used in the fit."
     if len(shown) < len(kinds):
         caption += f" {len(shown)} of {len(kinds)} combinations of mode and rate are drawn."
-    return _Sketch("tensile", tensile_figure(tables.tensile), caption)
+    return Sketch("tensile", tensile_figure(tables.tensile), caption)

@@ -26,10 +26,11 @@ VERDICT: Final = "verdict"
 RUN: Final = "run"
 POSTERIOR: Final = "posterior"
 POSTERIOR_BASE: Final = "posterior_base"
+POSTERIOR_COURSE: Final = "posterior_course"
 
 #: Documents kept as JSON and posteriors kept as netCDF, by name.
 DOCUMENTS: Final = (VERDICT, RUN)
-POSTERIORS: Final = (POSTERIOR, POSTERIOR_BASE)
+POSTERIORS: Final = (POSTERIOR, POSTERIOR_BASE, POSTERIOR_COURSE)
 
 
 @dataclass(frozen=True)
@@ -162,12 +163,12 @@ class RunFolder:
         return self._typed(RUN, run_of)
 
     def write_posterior(self, name: str, tree: xr.DataTree) -> None:
-        """Write ``posterior`` or ``posterior_base`` as netCDF."""
+        """Write one of `POSTERIORS` as netCDF."""
         file = f"{_known(name, POSTERIORS)}.nc"
         self._write(file, lambda path: tree.to_netcdf(path, engine="h5netcdf"))
 
     def read_posterior(self, name: str) -> xr.DataTree:
-        """Read ``posterior`` or ``posterior_base`` into memory.
+        """Read one of `POSTERIORS` into memory.
 
         Raises
         ------

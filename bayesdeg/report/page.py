@@ -45,6 +45,9 @@ class Content:
     parameters: list[ParameterRow]
     tensile: list[TensileError]
     measured: list[Row]
+    leave_one_out: list[Row]
+    sensitivity: list[Row]
+    orders: list[Row]
 
 
 def build_page(folder: Path) -> Path:
@@ -87,6 +90,9 @@ def content_of(verdict: Verdict, run: Run, tables: Tables) -> Content:
         parameters=parameter_rows(tables.parameters),
         tensile=tensile_errors(tables.tensile),
         measured=rows_of(tables.measured),
+        leave_one_out=rows_of(tables.leave_one_out),
+        sensitivity=rows_of(tables.prior_sensitivity),
+        orders=rows_of(tables.orders),
     )
 
 

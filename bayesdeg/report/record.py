@@ -135,6 +135,7 @@ class Run:
     misfit_observed: float | None
     misfit_name: str
     comparisons: tuple[Comparison, ...]
+    checks: Mapping[str, str]
 
 
 @dataclass(frozen=True)
@@ -226,6 +227,7 @@ def run_of(content: Json) -> Run:
         misfit_observed=number_of(misfit, "observed"),
         misfit_name=text_of(misfit, "name"),
         comparisons=each_of(content, "comparisons", _comparison),
+        checks=text_map_of(content, "checks"),
     )
 
 

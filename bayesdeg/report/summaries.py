@@ -13,6 +13,7 @@ from bayesdeg.report.record import Outcome, Verdict
 BASE = "base"
 FINAL = "final"
 MOST_LEVELS = 9
+WIDE = 10.0  # a positive prior whose ends differ by this factor is drawn to a logarithmic scale
 
 type Row = dict[str, float | str | None]
 
@@ -69,11 +70,22 @@ class Span:
 
 @dataclass(frozen=True)
 class ParameterRow:
-    """One parameter of one model, with its prior and posterior 90 % intervals drawn to scale."""
+    """One parameter of one model, with its prior and posterior 90 % intervals drawn to scale.
+
+    Parameters
+    ----------
+    row : dict
+        Cells of the table.
+    prior, posterior : Span, optional
+        Where the intervals lie; None if an end is not known.
+    logarithmic : bool
+        Whether the scale is that of the logarithm, as for a prior that spans powers of ten.
+    """
 
     row: Row
     prior: Span | None
     posterior: Span | None
+    logarithmic: bool = False
 
 
 def rows_of(frame: pd.DataFrame | None) -> list[Row]:
@@ -200,13 +212,17 @@ def _parameter_row(row: Row) -> ParameterRow:
     ends = [row[key] for key in ("prior_q05", "prior_q95", "q05", "q95")]
     if any(end is None for end in ends):
         return ParameterRow(row, None, None)
-    prior_low, prior_high, low, high = (float(end) for end in ends if end is not None)
-    start = min(prior_low, low)
-    scale = 100.0 / ((max(prior_high, high) - start) or 1.0)
+    values = np.array([float(end) for end in ends if end is not None])
+    logarithmic = bool(values.min() > 0.0 and values[1] > WIDE * values[0])
+    if logarithmic:
+        values = np.log(values)
+    start = values.min()
+    places = 100.0 * (values - start) / (float(np.ptp(values)) or 1.0)
     return ParameterRow(
         row,
-        Span(scale * (prior_low - start), scale * (prior_high - prior_low)),
-        Span(scale * (low - start), scale * (high - low)),
+        Span(float(places[0]), float(places[1] - places[0])),
+        Span(float(places[2]), float(places[3] - places[2])),
+        logarithmic,
     )
 
 

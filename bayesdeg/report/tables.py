@@ -12,13 +12,18 @@ from bayesdeg.report.actuator_surface import Surface
 from bayesdeg.report.columns import (
     BANDS,
     CONSTANTS,
+    COURSE,
     ELONGATION,
     GAIN,
+    LEAVE_ONE_OUT,
     LEVELS,
     MEASURED,
     MISFIT_NULL,
     OBSERVATIONS,
+    ORDERS,
     PARAMETERS,
+    PRIOR_PREDICTIVE,
+    PRIOR_SENSITIVITY,
     RUPTURE,
     TENSILE,
 )
@@ -41,6 +46,11 @@ class Tables:
     elongation: pd.DataFrame | None
     measured: pd.DataFrame | None
     misfit_null: pd.DataFrame | None
+    leave_one_out: pd.DataFrame | None = None
+    prior_sensitivity: pd.DataFrame | None = None
+    prior_predictive: pd.DataFrame | None = None
+    course: pd.DataFrame | None = None
+    orders: pd.DataFrame | None = None
     deformed: Surface | None = None
 
 
@@ -68,5 +78,10 @@ def read_tables(folder: RunFolder) -> Tables:
         elongation=read(ELONGATION),
         measured=read(MEASURED),
         misfit_null=read(MISFIT_NULL),
+        leave_one_out=read(LEAVE_ONE_OUT),
+        prior_sensitivity=read(PRIOR_SENSITIVITY),
+        prior_predictive=read(PRIOR_PREDICTIVE),
+        course=read(COURSE),
+        orders=read(ORDERS),
         deformed=read_surface(folder.path),
     )

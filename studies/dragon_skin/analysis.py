@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.inference import ensemble
-from bayesdeg.inference.laplace import Evidence, Laplace, derivatives, evidence, positive_inverse
+from bayesdeg.inference.laplace import Evidence, Laplace, evidence
+from bayesdeg.inference.mode import derivatives, positive_inverse
 from bayesdeg.inference.model import Model
 from dragon_skin import scene
 from dragon_skin.causes import GEOMETRICAL, MECHANICAL

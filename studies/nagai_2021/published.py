@@ -10,9 +10,11 @@ from numpy.typing import NDArray
 
 from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.emulator.surrogate import Surrogate
-from bayesdeg.inference.parameters import ACTUATOR, material_parameters, node_name
+from bayesdeg.inference.parameters import actuator_parameters, control_name, material_parameters
 from bayesdeg.laws import Law
-from bayesdeg.material.degradation import NODES, is_stable, yeoh_constants
+from bayesdeg.material.degradation import NODES
+from bayesdeg.material.stability import satisfies_baker_ericksen
+from bayesdeg.material.trend import Controls, bernstein_weights, constants
 
 Floats = NDArray[np.float64]
 
@@ -39,7 +41,8 @@ class Materials:
     Parameters
     ----------
     c1, softening, c3 : array, shape (n, 3)
-        At D_R = 0, 12.5, 25 %: C1 [MPa], C2/√(3 C1 C3) [–], C3 [MPa].
+        Control values at D_R = 0, 12.5, 25 % (`bayesdeg.material.trend`), at the ends those of
+        the constants themselves: C1 [MPa], C2/√(3 C1 C3) [–], C3 [MPa].
     volume_ratio, paper_stiffness : array, shape (n,)
         [–], [N/m].
     """
@@ -56,7 +59,9 @@ class Materials:
 
     def constants(self, degradation: Floats) -> tuple[Floats, Floats, Floats]:
         """Return C1, C2, C3 at levels of D_R, each (n, n_levels) [MPa]."""
-        return yeoh_constants(self.c1, self.softening, self.c3, degradation, NODES_USED)
+        controls = Controls(self.c1, self.softening, self.c3)
+        found = constants(controls, bernstein_weights(degradation, NODES_USED))
+        return found[..., 0], found[..., 1], found[..., 2]
 
     def take(self, rows: NDArray[np.bool_] | NDArray[np.int64]) -> "Materials":
         """Return some of the draws."""
@@ -125,10 +130,11 @@ def sensitivity(materials: Materials) -> Floats:
 
 
 def _propose(generator: np.random.Generator, count: int) -> Materials:
-    laws: dict[str, Law] = {p.name: p.law for p in (*material_parameters(NODES_USED), *ACTUATOR)}
+    known = (*material_parameters(NODES_USED), *actuator_parameters(float(PRESSURES[-1])))
+    laws: dict[str, Law] = {p.name: p.law for p in known}
 
     def nodes(quantity: str) -> Floats:
-        names = [node_name(quantity, node) for node in NODES_USED]
+        names = [control_name(quantity, NODES_USED, k) for k in range(len(NODES_USED))]
         return np.stack([laws[name].sample(generator, count) for name in names], axis=-1)
 
     c1 = nodes("c1")
@@ -142,17 +148,13 @@ def _agrees(materials: Materials) -> NDArray[np.bool_]:
     """Tell which draws have the published signs and trends: C1 and −C2 grow with D_R, C1 convex."""
     c1 = materials.c1
     trend = (c1[:, 0] > 0.0) & (c1[:, 2] - 2.0 * c1[:, 1] + c1[:, 0] >= 0.0)
-    trend &= 4.0 * c1[:, 1] - 3.0 * c1[:, 0] - c1[:, 2] >= 0.0
+    trend &= c1[:, 1] >= c1[:, 0]  # the slope at 0, the smallest of a convex curve
     trend &= np.all(materials.softening < 0.0, axis=-1)
-    c1, softening, c3 = materials.c1, materials.softening, materials.c3
-    stable = np.zeros(len(c1), dtype=bool)
-    stable[trend] = is_stable(
-        c1[trend],
-        softening[trend],
-        c3[trend],
-        largest_degradation=float(DEGRADATIONS[-1]),
-        nodes=NODES_USED,
-    )
-    c2 = materials.take(stable).constants(np.array(NODES_USED))[1]
-    stable[stable] = c2[:, 2] < c2[:, 0]
-    return stable
+    agrees = np.zeros(len(c1), dtype=bool)
+    c1, c2, c3 = materials.take(trend).constants(DEGRADATIONS)
+    # up to 25 % by construction; errors of D_R lead beyond
+    stable = np.all((c3 > 0.0) & satisfies_baker_ericksen(c1, c2, c3), axis=-1)
+    last = int(np.searchsorted(DEGRADATIONS, NODES_USED[-1]))
+    grows = c2[:, last] < c2[:, 0]
+    agrees[trend] = stable & grows
+    return agrees

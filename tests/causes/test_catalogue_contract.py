@@ -190,7 +190,7 @@ def test_a_batch_of_effects_is_one_effect_at_a_time(cause, model, base_values):
 def test_the_slope_stays_the_derivative_by_a_loss_of_stiffness(cause, model, base_values):
     """Of gel and paper alike; the specimens' scatter is integrated out along this slope."""
     extended, values = model.extended(cause), base_values | typical(cause)
-    h, stiffnesses = 1e-5, ("c1_at", "c3_at", "paper_stiffness")
+    h, stiffnesses = 1e-5, ("c1_", "c3_", "paper_stiffness")
     soft, stiff = (
         extended.curvature(
             {k: v * np.exp(d) if k.startswith(stiffnesses) else v for k, v in values.items()}

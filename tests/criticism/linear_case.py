@@ -8,8 +8,9 @@ import numpy as np
 from bayesdeg.causes.cause import Cause, Stage
 from bayesdeg.criticism.linear import Linear
 from bayesdeg.inference.ensemble import Chain
-from bayesdeg.laws import Normal, Parameter
-from tests.inference.small_study import small_model, values_of
+from bayesdeg.inference.parameters import with_priors
+from bayesdeg.laws import LogNormal, Normal, Parameter
+from tests.inference.small_study import TRUTH, small_model, values_of
 
 
 def constant_chain(model, vector, count=40):
@@ -18,8 +19,25 @@ def constant_chain(model, vector, count=40):
     return Chain(vectors, np.zeros(vectors.shape[:3]), np.array([0.4]))
 
 
+SCATTERS = (
+    *("tensile_noise", "tensile_noise_floor", "tensile_noise_length"),
+    *("curvature_noise", "curvature_noise_floor", "curvature_noise_length"),
+    *("bend_angle_noise", "bend_angle_noise_floor", "stiffness_scatter", "elongation_scatter"),
+)
+
+
+def with_known_scatter(model):
+    """The model with noise and scatter known.
+
+    Few readings leave them laws so far from normal ones that importance sampling has few draws.
+    """
+    pinned = {name: LogNormal(TRUTH[name], 0.01) for name in SCATTERS}
+    pinned["reading_correlation"] = Normal(TRUTH["reading_correlation"], 0.004)
+    return replace(model, base=with_priors(model.base, pinned))
+
+
 @cache
-def tight_model():
+def tight_model(*, with_angle=False):
     """Two specimens at each of three levels, all on the same pressures."""
     model = small_model()
     shape = (6, 8)
@@ -32,27 +50,43 @@ def tight_model():
         curvature=np.zeros(shape),
         curvature_sd=np.zeros(shape),
         mask=np.ones(shape, bool),
+        bend_angle=np.zeros(shape),
+        angle_mask=np.full(shape, with_angle),
+        recorded=np.ones(shape, bool),
+        ruptured=np.zeros(shape, bool),
         cycle=np.ones(shape, np.int64),
         branch=np.full(shape, "loading"),
     )
     return replace(model, actuator=data)
 
 
+def noise_correlation_by_hand(model, values):
+    """Correlation of the reading errors of one specimen, from the law of Ornstein and Uhlenbeck."""
+    pressure = model.actuator.pressure[0]
+    decay = np.exp(-np.abs(pressure[:, None] - pressure) / values["curvature_noise_length"][0])
+    if not model.actuator.with_angle:
+        return decay
+    c = values["reading_correlation"][0]
+    return np.block([[decay, c * decay], [c * decay, decay]])
+
+
 @cache
-def known_linear():
+def known_linear(*, with_angle=False):
     """The linear model of known parameters: mean and covariance from one prediction."""
-    model = tight_model()
+    model = tight_model(with_angle=with_angle)
     mode = model.table.vectors(values_of())[0]
-    prediction = model.curvature(model.table.named(mode[None])).curvature[0]
-    model = model.with_curvature(prediction)  # the deviations that explain it best are zero
-    curves = model.actuator_linearised(model.table.named(mode[None]))
-    points = prediction.size
-    covariance = np.diag(curves.variance[0].ravel())
+    values = model.table.named(mode[None])
+    prediction = model.predict(values).mean[0]
+    model = model.with_readings(prediction)  # the deviations that explain it best are zero
+    predicted = model.predict(values)
+    spread = model.deviation_sd(values)[0, :, 0] ** 2
+    correlation = noise_correlation_by_hand(model, values)
+    size = prediction.shape[1]
+    covariance = np.zeros((prediction.size, prediction.size))
     for i in range(len(prediction)):
-        own = np.zeros(prediction.shape)
-        own[i] = np.sqrt(curves.spread[0, i]) * curves.slope[0, i]
-        covariance += np.outer(own.ravel(), own.ravel())
-    assert covariance.shape == (points, points)
+        own = slice(i * size, (i + 1) * size)
+        sd, slope = np.sqrt(predicted.variance[0, i]), predicted.slope[0, i]
+        covariance[own, own] = correlation * np.outer(sd, sd) + spread[i] * np.outer(slope, slope)
     return Linear(
         model, mode, prediction.ravel(), prediction.ravel(), np.linalg.cholesky(covariance)
     )
@@ -60,7 +94,7 @@ def known_linear():
 
 def with_readings(linear, readings):
     """The same model with other data."""
-    return replace(linear, model=linear.model.with_curvature(readings))
+    return replace(linear, model=linear.model.with_readings(readings))
 
 
 def scaling_cause(name="scale", sd=0.1, on_reading=None):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bayesdeg.criticism.convergence import diagnose
-from bayesdeg.inference.ensemble import Chain, Effort
+from bayesdeg.inference.chain import EFFORTS, Chain, Effort
 from tests.inference.small_study import small_model
 
 EFFORT = Effort(effective=200.0, r_hat=1.05, chunk=100, longest=1000)
@@ -53,6 +53,24 @@ def test_walkers_that_hardly_move_are_few_effective_draws(model, independent):
 
 def test_the_effort_decides_what_is_enough(model, independent):
     strict = replace(EFFORT, effective=1e6)
-    assert "wanted R-hat at most 1.05 and 1000000 effective draws" in (
+    assert "wanted R-hat at most 1.05, 1000000 effective draws and 5 autocorrelation times" in (
         diagnose(model, chain_of(independent), strict).sentence
+    )
+
+
+def test_tails_and_autocorrelation_times_are_said(model, independent):
+    found = diagnose(model, chain_of(independent), EFFORT)
+    assert f"of the tails {min(found.ess_tail):.0f}" in found.sentence
+    assert f"longest autocorrelation time {max(found.tau):.1f} of 50 steps" in found.sentence
+    assert max(found.tau) == pytest.approx(2000 / min(found.ess_bulk))
+
+
+def test_what_to_do_depends_on_whether_more_steps_would_be_enough(model, independent):
+    few = replace(EFFORTS["thorough"], effective=5000.0)
+    said = diagnose(model, chain_of(independent), few).sentence
+    assert "narrower prior" in said
+    assert "--effort" not in said
+    more = replace(EFFORT, effective=5000.0)
+    assert "run again with a higher --effort" in (
+        diagnose(model, chain_of(independent), more).sentence
     )

@@ -16,7 +16,7 @@ from bayesdeg.criticism.gain import (
     gain_table,
     predict_held_out,
 )
-from tests.criticism.linear_case import tight_model
+from tests.criticism.linear_case import tight_model, with_known_scatter
 from tests.inference.small_study import draws_near_truth, small_model, values_of
 
 
@@ -78,7 +78,7 @@ def made_up(log_density, mean, model, sd=0.1, seed=1):
 
 def test_table_of_scores_by_hand():
     model = tight_model()
-    model = model.with_curvature(model.curvature(values_of()).curvature[0])
+    model = model.with_readings(model.curvature(values_of()).curvature[0])
     mean = model.actuator.curvature
     base = made_up([1.0, 2.0, 3.0, 4.0, 5.0, 6.0], mean + 0.3, model)
     better = made_up([2.0, 2.0, 5.0, 5.0, 8.0, 8.0], mean, model)
@@ -106,7 +106,7 @@ def test_coverage_counts_readings_inside_the_interval():
     model = tight_model()
     shape = model.actuator.mask.shape
     inside = np.where(np.arange(shape[1]) < 2, 0.0, 5.0)  # 2 of 8 readings of each specimen
-    model = model.with_curvature(np.broadcast_to(inside, shape) + 10.0)
+    model = model.with_readings(np.broadcast_to(inside, shape) + 10.0)
     held_out = made_up(np.zeros(6), np.full(shape, 10.0), model, sd=1.0)
     table = gain_table(model, {"base": held_out}).set_index("degradation_pct")
     assert table.loc["all", "coverage_50"] == pytest.approx(0.25)
@@ -123,9 +123,9 @@ def test_one_specimen_has_no_standard_error():
 @pytest.fixture(scope="module")
 def held_out():
     """Six like specimens with every data set but their curvature known from the truth."""
-    model = replace(tight_model(), breaks=None)
+    model = with_known_scatter(replace(tight_model(), breaks=None))
     generator = np.random.default_rng(2)
-    model = model.with_curvature(model.simulate(values_of(), generator)[0])
+    model = model.with_readings(model.simulate(values_of(), generator)[0])
     start = draws_near_truth(model, 1, spread=0.0)[0]
     return model, start, predict_held_out(model, start, seed=np.random.SeedSequence(3))
 
@@ -145,12 +145,29 @@ def test_a_specimen_is_predicted_without_its_own_readings(held_out):
     model, start, before = held_out
     readings = model.actuator.curvature.copy()
     readings[0] *= 1.2
-    after = predict_held_out(model.with_curvature(readings), start, seed=np.random.SeedSequence(3))
+    after = predict_held_out(model.with_readings(readings), start, seed=np.random.SeedSequence(3))
     fold = folds(model.actuator.degradation[:, 0])
     same = fold == fold[0]
     np.testing.assert_array_equal(after.draws[:, same], before.draws[:, same])
     assert after.log_density[0] < before.log_density[0] - 1.0
     assert not np.array_equal(after.draws[:, ~same], before.draws[:, ~same])
+
+
+def test_bend_angles_count_in_the_density_and_not_in_the_draws():
+    """A bend angle that does not go with its curvature lowers the specimen's score."""
+    model = with_known_scatter(replace(tight_model(with_angle=True), breaks=None))
+    readings = model.simulate(values_of(), np.random.default_rng(2))[0]
+    points = model.actuator.mask.shape[1]
+    other = readings.copy()
+    other[0, points:] *= 1.3
+    start = draws_near_truth(model, 1, spread=0.0)[0]
+    before, after = (
+        predict_held_out(model.with_readings(r), start, seed=np.random.SeedSequence(3))
+        for r in (readings, other)
+    )
+    assert before.draws.shape == (DRAWS, *model.actuator.mask.shape)
+    assert after.log_density[0] < before.log_density[0] - 1.0
+    np.testing.assert_array_equal(after.draws[:, 0], before.draws[:, 0])
 
 
 def test_workers_do_not_change_the_prediction(held_out):

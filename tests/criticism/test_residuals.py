@@ -66,7 +66,7 @@ def model():
     base = tight_model()
     truth = base.curvature(values_of()).curvature[0]
     low = (base.actuator.pressure > 115.0) & (base.actuator.degradation > 20.0)
-    return base.with_curvature(np.where(low, 0.88 * truth, truth)), truth
+    return base.with_readings(np.where(low, 0.88 * truth, truth)), truth
 
 
 def test_levels_table_gives_r_squared_beside_the_published(model):
@@ -98,7 +98,7 @@ def test_where_names_pressures_rates_and_specimens(model):
 
 def test_where_says_above_and_every_rate(model):
     study, truth = model
-    sentence = where(study.with_curvature(1.1 * truth), 0.1 * truth, 0.01)
+    sentence = where(study.with_readings(1.1 * truth), 0.1 * truth, 0.01)
     assert "above the simulation by 10 %" in sentence
     assert "at every degradation rate" in sentence
     assert "in 6 of 6 specimens" in sentence
@@ -112,12 +112,14 @@ def test_small_curvatures_do_not_make_large_percentages(model):
     assert "by 0 %" in sentence
 
 
-def test_predicted_readings_hold_nine_tenths_of_further_specimens():
-    linear = known_linear()
+@pytest.mark.parametrize("with_angle", [False, True])
+def test_predicted_readings_hold_nine_tenths_of_further_specimens(with_angle):
+    linear = known_linear(with_angle=with_angle)
     chain = constant_chain(linear.model, linear.mode)
     generator = np.random.default_rng(2)
     fit = predict_readings(linear.model, chain, generator, draws=2000)
-    np.testing.assert_allclose(fit.mean.ravel(), linear.mean, rtol=1e-9)
-    further = linear.model.simulate(values_of(TRUTH, 2000), generator)
+    curvatures = linear.mean[linear.output == 0]
+    np.testing.assert_allclose(fit.mean.ravel(), curvatures, rtol=1e-9)
+    further = linear.model.simulate_curvature(values_of(TRUTH, 2000), generator)
     inside = np.mean((further >= fit.low) & (further <= fit.high))
     assert inside == pytest.approx(0.9, abs=0.02)

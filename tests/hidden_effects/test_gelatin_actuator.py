@@ -5,8 +5,12 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from bayesdeg.inference.parameters import control_name
+from bayesdeg.laboratory.truth import TRUTH_NODES
+from bayesdeg.material.trend import bernstein_weights
 from bayesdeg.measure.study import read_study
 from bayesdeg.pipeline.progress import Silent
 from bayesdeg.pipeline.run import fingerprint, run_study
@@ -58,8 +62,12 @@ def test_every_file_of_a_run_is_written(run):
 
 @pytest.mark.slow
 def test_the_truth_is_inside_the_posterior(run):
+    """Control values give the constant between the ends, where the truth is stated."""
     truth = json.loads((STUDY / "truth.json").read_text(encoding="utf-8"))["constants"]
     posterior = RunFolder(run).read_posterior("posterior")["posterior"]
-    for name in ("c1_at_0", "c1_at_12_5", "c1_at_25", "volume_ratio", "elongation_at_25"):
-        draws = posterior[name].to_numpy()
+    names = ("c1_at_0", "c1_at_25", "volume_ratio", "elongation_at_25", "stiffness_scatter")
+    drawn = {name: posterior[name].to_numpy() for name in names}
+    controls = [posterior[control_name("c1", TRUTH_NODES, k)].to_numpy() for k in range(3)]
+    drawn["c1_at_12_5"] = np.tensordot(bernstein_weights(12.5, TRUTH_NODES), controls, axes=1)
+    for name, draws in drawn.items():
         assert abs(draws.mean() - truth[name]) < 3.0 * draws.std(), name

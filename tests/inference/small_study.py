@@ -5,12 +5,15 @@ from functools import cache
 
 import numpy as np
 
-from bayesdeg.inference.data import ActuatorCurves, Breaks, Statistic, TensileCurves
+from bayesdeg.inference.curves import ActuatorCurves, Breaks, TensileCurves
+from bayesdeg.inference.data import Statistic
 from bayesdeg.inference.model import Model
 from bayesdeg.inference.parameters import (
-    ACTUATOR,
+    BEND_ANGLE,
+    EMULATOR,
     STIFFNESS_SCATTER,
     TENSILE,
+    actuator_parameters,
     elongation_parameters,
     material_parameters,
 )
@@ -24,19 +27,27 @@ TRUTH = {
     "c1_at_0": 0.3,
     "c2_ratio_at_0": -0.2,
     "c3_at_0": 1.5e-3,
-    "c1_at_12_5": 0.7,
-    "c2_ratio_at_12_5": -0.1,
-    "c3_at_12_5": 2e-2,
+    "c1_control_12_5": 0.5,
+    "c2_ratio_control_12_5": -0.1,
+    "c3_control_12_5": 5e-3,
     "c1_at_25": 1.5,
     "c2_ratio_at_25": -0.15,
     "c3_at_25": 0.1,
     "stiffness_scatter": 0.05,
     "tensile_noise": 0.03,
     "tensile_noise_floor": 0.01,
+    "tensile_noise_length": 0.05,
     "volume_ratio": 0.62,
     "paper_stiffness": 3e4,
     "curvature_noise": 0.02,
     "curvature_noise_floor": 0.1,
+    "curvature_noise_length": 15.0,
+    "bend_angle_noise": 0.02,
+    "bend_angle_noise_floor": 0.25,
+    "reading_correlation": 0.4,
+    "emulator_error_level": 0.3,
+    "emulator_error_pressure": -0.5,
+    "emulator_error_degradation": 0.8,
     "elongation_at_0": 210.0,
     "elongation_at_25": 52.0,
     "elongation_scatter": 0.1,
@@ -48,7 +59,9 @@ def base_parameters():
         *material_parameters(NODES),
         STIFFNESS_SCATTER,
         *TENSILE,
-        *ACTUATOR,
+        *actuator_parameters(140.0),
+        *BEND_ANGLE,
+        *EMULATOR,
         *elongation_parameters(ELONGATION_NODES),
     )
 
@@ -78,11 +91,16 @@ def tensile_curves():
 
 
 def actuator_curves():
-    """Five actuators, without curvatures: gaps, a rupture, one with its own reading error."""
+    """Five actuators, without readings: gaps, one with its own reading error."""
     pressure = np.tile(np.linspace(20.0, 140.0, 7), (5, 1))
     mask = np.ones((5, 7), bool)
     mask[1, 3] = False
     mask[4, 5:] = False
+    angle_mask = mask.copy()
+    angle_mask[0] = False
+    angle_mask[3, [0, 4]] = False
+    recorded = np.ones((5, 7), bool)
+    recorded[4, 5:] = False
     curvature_sd = np.zeros((5, 7))
     curvature_sd[2] = 0.15
     return ActuatorCurves(
@@ -93,6 +111,10 @@ def actuator_curves():
         curvature=np.zeros((5, 7)),
         curvature_sd=curvature_sd,
         mask=mask,
+        bend_angle=np.zeros((5, 7)),
+        angle_mask=angle_mask,
+        recorded=recorded,
+        ruptured=np.zeros((5, 7), bool),
         cycle=np.ones((5, 7), np.int64),
         branch=np.full((5, 7), "loading"),
     )
@@ -113,16 +135,18 @@ def small_model(forward=None):
         forward=forward or ClosedFormMap(),
         tensile=tensile_curves(),
         actuator=actuator_curves(),
+        largest_pressure=140.0,
     )
     values = values_of()
     tensile = empty.tensile
-    constants = np.stack(empty.constants(values, tensile.degradation), axis=-1)[0]
+    constants = empty.constants(values, tensile.degradation)[0]
     stress = np.matmul(tensile.basis, constants[..., None])[..., 0]
     stress = stress * np.exp(0.06 * generator.standard_normal((4, 1)))
     stress = stress * (1.0 + 0.03 * generator.standard_normal(stress.shape))
     breaks = Breaks(
         specimens=("b1", "b2", "b3"),
         degradation=np.array([0.0, 13.0, 25.0]),
+        degradation_sd=np.array([0.0, 0.8, 1.0]),
         elongation=np.array([215.0, 100.0, 55.0]),
     )
     statistics = (
@@ -136,7 +160,7 @@ def small_model(forward=None):
         tensile=replace(tensile, stress=np.where(tensile.mask, stress, 0.0)),
         breaks=breaks,
         statistics=statistics,
-    ).with_curvature(empty.simulate(values, generator)[0])
+    ).with_readings(empty.simulate(values, generator)[0])
 
 
 def draws_near_truth(model, count, *, spread=0.05, seed=0):

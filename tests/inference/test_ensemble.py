@@ -3,6 +3,7 @@
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import cache
+from itertools import accumulate, pairwise
 from multiprocessing import get_context
 
 import numpy as np
@@ -10,9 +11,14 @@ import pytest
 import xarray as xr
 from scipy import stats
 
-from bayesdeg.inference.ensemble import EFFORTS, Chain, Effort, sample, to_datatree
+from bayesdeg.errors import BayesdegError
+from bayesdeg.inference.chain import EFFORTS, Chain, Effort, Standing
+from bayesdeg.inference.chain_store import Position, RandomState, Task
+from bayesdeg.inference.ensemble import advance, sample, to_datatree
 from bayesdeg.inference.laplace import Evidence, Laplace, approximate, evidence
 from bayesdeg.inference.parameters import ParameterTable
+from bayesdeg.inference.proposals import Proposal
+from bayesdeg.inference.start import lie_in_a_plane, start_of
 from bayesdeg.laws import Normal, Parameter
 from tests.emulator.closed_form import trained
 from tests.inference.small_study import TRUTH, draws_near_truth, small_model, values_of
@@ -41,7 +47,7 @@ def gaussian_chain(seed=1):
     start = evidence(
         model, Laplace(MEAN + 0.5, 2.0 * COVARIANCE, 0.0), np.random.default_rng(0), draws=400
     )
-    effort = Effort(effective=1500.0, r_hat=1.02, chunk=300, longest=1500)
+    effort = Effort(effective=1500.0, r_hat=1.02, chunk=50, longest=1500)
     return sample(model, start, effort=effort, seed=np.random.SeedSequence(seed))
 
 
@@ -63,13 +69,23 @@ def test_stored_log_density_is_that_of_the_stored_draws():
     np.testing.assert_allclose(chain.log_prob, want, rtol=1e-12)
 
 
-def test_a_quarter_of_the_steps_is_discarded_and_walkers_suffice():
+def test_draws_of_the_last_period_alone_are_kept_and_walkers_suffice():
     chain = gaussian_chain()
     ensembles, steps, walkers, size = chain.vectors.shape
     assert (ensembles, walkers, size) == (4, 40, 3)
-    assert steps % 225 == 0  # three quarters of some chunks of 300
+    assert steps == 50  # of 50 for fitting, and 50 to the first look, which were enough
     assert chain.log_prob.shape == (4, steps, 40)
     assert np.all((chain.acceptance > 0.1) & (chain.acceptance < 0.9))
+
+
+@pytest.mark.parametrize("longest", [2, 7, 40, 1000, 6000])
+def test_periods_add_up_to_the_limit_and_double(longest):
+    effort = Effort(effective=1.0, r_hat=1.1, chunk=20, longest=longest)
+    periods = [sum(looks) for looks in effort.periods()]
+    assert sum(periods) == longest
+    assert all(later == 2 * earlier for earlier, later in pairwise(periods[:-1]))
+    assert periods[-1] >= periods[-2]
+    assert all(0 < look <= 160 for looks in effort.periods() for look in looks)
 
 
 def test_the_same_seed_gives_the_same_chain_and_another_seed_another():
@@ -90,19 +106,101 @@ def test_sampling_stops_when_it_is_enough_and_tells_how_far_it_is():
     told = []
     model = GaussianModel()
     start = evidence(model, Laplace(MEAN, COVARIANCE, 0.0), np.random.default_rng(0), draws=300)
-    effort = Effort(effective=100.0, r_hat=1.2, chunk=100, longest=1000, ensembles=2)
+    effort = Effort(effective=4000.0, r_hat=1.02, chunk=20, longest=1000, ensembles=2)
     chain = sample(
-        model,
-        start,
-        effort=effort,
-        seed=np.random.SeedSequence(0),
-        on_chunk=lambda *state: told.append(state),
+        model, start, effort=effort, seed=np.random.SeedSequence(0), on_chunk=told.append
     )
-    steps = [done for done, _, _ in told]
-    assert steps == list(range(100, steps[-1] + 1, 100))
-    assert all(e < 100.0 or r > 1.2 for _, e, r in told[:-1])
-    assert told[-1][1] == pytest.approx(np.min(chain.effective()))
-    assert told[-1][2] == pytest.approx(np.max(chain.r_hat()))
+    looks = list(accumulate(look for looks in effort.periods() for look in looks))
+    assert [state.steps for state in told] == looks[: len(told)]
+    assert 2 < len(told) < len(looks)
+    assert told[0].kept == 0
+    assert np.isnan(told[0].effective)
+    assert not any(state.enough(effort) for state in told[:-1])
+    last = told[-1]
+    assert last.enough(effort)
+    assert last.kept == chain.vectors.shape[1]
+    assert last.effective == pytest.approx(np.min(chain.effective()))
+    assert last.r_hat == pytest.approx(np.max(chain.r_hat()))
+    assert last.times == pytest.approx(last.kept / np.max(chain.autocorrelation_time()))
+
+
+def test_walkers_that_stand_still_are_not_enough_however_many():
+    """200 walkers at independent draws pass for 200 effective draws, in no autocorrelation time."""
+    points = np.random.default_rng(3).standard_normal((4, 1, 50, 2))
+    still = np.repeat(points, 40, axis=1)
+    still += 1e-6 * np.random.default_rng(4).standard_normal(still.shape)
+    effort = Effort(effective=150.0, r_hat=1.2, chunk=10, longest=40)
+    standing = artificial(still).judged(Standing(40))
+    assert standing.effective > 150.0
+    assert standing.times < 2.0
+    assert not standing.enough(effort)
+
+
+def test_a_law_that_is_far_off_slows_the_moves_but_leads_to_the_same_draws():
+    """Moves of a law too narrow, too wide or beside the target: detailed balance holds."""
+    generator = np.random.default_rng(5)
+    target = generator.multivariate_normal(MEAN, COVARIANCE, 4000)
+    for draws in (
+        MEAN + 0.7 * (target - MEAN),
+        MEAN + 2.0 * (target - MEAN),
+        target + np.array([1.0, 0.0, 0.5]),
+        np.exp(0.3 * target),
+    ):
+        chain = np.stack([_chain_with(Proposal.fit(draws), seed) for seed in range(4)])
+        found = Chain(chain, np.zeros(chain.shape[:3]), np.ones(4))
+        error = np.sqrt(np.diag(COVARIANCE) / found.effective())
+        flat = chain.reshape(-1, 3)
+        assert np.all(np.abs(flat.mean(axis=0) - MEAN) < 4.5 * error)
+        np.testing.assert_allclose(flat.var(axis=0), np.diag(COVARIANCE), rtol=0.12)
+
+
+def _chain_with(law, seed):
+    model = GaussianModel()
+    begin = np.random.default_rng(seed).multivariate_normal(MEAN, COVARIANCE, 40)
+    twister = np.random.MT19937(seed).state["state"]
+    random = RandomState(twister["key"], twister["pos"], 0, 0.0)
+    return advance(model, Task(Position(begin, model.log_prob(begin), random), law, 300)).vectors
+
+
+@pytest.mark.parametrize("kind", ["point", "line", "few", "one of weight"])
+def test_degenerate_starts_are_widened(kind):
+    generator, model = np.random.default_rng(6), GaussianModel()
+    draws = generator.multivariate_normal(MEAN, COVARIANCE, 300)
+    weights = np.zeros(300)
+    if kind == "point":
+        draws = np.tile(MEAN, (300, 1))
+    if kind == "line":
+        draws = MEAN + np.outer(generator.standard_normal(300), [1.0, 2.0, -1.0])
+    if kind == "few":
+        draws, weights = draws[:2], weights[:2]
+    if kind == "one of weight":
+        weights[7] = 1e3
+    start = Evidence(0.0, 0.1, draws, weights, 1.0)
+    begun = start_of(model, start, np.random.default_rng(0))
+    walkers = begun.walkers(model, np.random.default_rng(1), 40)
+    assert len(np.unique(walkers, axis=0)) == 40
+    assert not lie_in_a_plane(walkers)
+    assert np.all(np.isfinite(model.log_prob(walkers)))
+    effort = Effort(effective=1000.0, r_hat=1.02, chunk=50, longest=1500)
+    chain = sample(model, start, effort=effort, seed=np.random.SeedSequence(2))
+    assert chain.judged(Standing(1)).enough(effort)
+    error = np.sqrt(np.diag(COVARIANCE) / chain.effective())
+    assert np.all(np.abs(chain.vectors.reshape(-1, 3).mean(axis=0) - MEAN) < 4.5 * error)
+
+
+def test_a_start_without_a_possible_vector_is_the_users_to_mend():
+    start = Evidence(-np.inf, np.inf, np.zeros((5, 3)), np.full(5, -np.inf), 0.0)
+    with pytest.raises(BayesdegError, match="widen the priors"):
+        sample(GaussianModel(), start, effort=SHORT, seed=np.random.SeedSequence(0))
+
+
+def test_draws_of_any_density_become_a_tree_of_posterior_and_density():
+    model = GaussianModel()
+    plain = to_datatree(model, gaussian_chain(), np.random.default_rng(0))
+    assert set(plain.children) == {"posterior", "sample_stats"}
+    values = {n: v.values for n, v in plain["posterior"].to_dataset().data_vars.items()}
+    want = model.log_prob(model.table.vectors(values).reshape(-1, 3))
+    np.testing.assert_allclose(plain["sample_stats"]["lp"].values.ravel(), want, rtol=1e-12)
 
 
 def artificial(vectors):
@@ -158,7 +256,6 @@ def test_more_effort_asks_for_more():
         assert more.effective > less.effective
         assert more.r_hat < less.r_hat
         assert more.longest > less.longest
-    assert all(e.longest % e.chunk == 0 for e in EFFORTS.values())
 
 
 # ---- a real model

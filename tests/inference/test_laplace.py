@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bayesdeg.inference.laplace import approximate, derivatives, evidence, positive_inverse
+from bayesdeg.inference.laplace import approximate, evidence
+from bayesdeg.inference.mode import derivatives, positive_inverse
 from bayesdeg.inference.parameters import ParameterTable
 from bayesdeg.laws import Normal, Parameter, TruncatedNormal
 from tests.inference.small_study import small_model, values_of

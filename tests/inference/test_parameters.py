@@ -10,6 +10,7 @@ from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.errors import StudyError
 from bayesdeg.inference.parameters import (
     ParameterTable,
+    actuator_parameters,
     check_priors,
     elongation_parameters,
     material_parameters,
@@ -18,6 +19,7 @@ from bayesdeg.inference.parameters import (
     with_priors,
 )
 from bayesdeg.laws import HalfNormal, LogNormal, Normal, Parameter, TruncatedNormal, Uniform
+from bayesdeg.material.degradation import NODES
 from tests.inference.small_study import TRUTH, base_parameters, values_of
 
 TABLE = with_causes(base_parameters(), CATALOGUE.values())
@@ -123,6 +125,22 @@ def test_material_parameters_take_the_prior_of_the_nearest_published_level():
     assert by_name["c1_at_23"].law.median == 1.5
     assert by_name["elongation_at_24"].law.median == 50.0
     assert all(p.law.low > -1.0 for n, p in by_name.items() if n.startswith("c2_ratio"))
+
+
+@pytest.mark.parametrize("order", [1, 2, 3])
+def test_control_values_of_every_order_have_names_and_priors(order):
+    nodes = NODES[order]
+    names = [p.name for p in material_parameters(nodes)]
+    assert len(set(names)) == 3 * (order + 1)
+    assert names[0] == "c1_at_0"
+    assert names[-1] == "c3_at_25"
+    assert all("_control_" in name for name in names[3:-3])
+    assert all(name.isidentifier() for name in names)
+
+
+def test_noise_is_alike_over_less_than_a_sixth_of_the_pressure_range():
+    law = {p.name: p.law for p in actuator_parameters(40.0)}["curvature_noise_length"]
+    assert law.support == (0.2, 6.0)
 
 
 def test_priors_of_a_study_replace_only_those_it_names():

@@ -1,5 +1,7 @@
 """A study folder becomes padded arrays."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -135,10 +137,71 @@ def test_readings_at_zero_pressure_alone_are_no_curves(study_of):
     assert actuator_curves(study_of(actuator=text)) is None
 
 
+def test_bend_angles_are_read_beside_the_curvature(study_of):
+    header, *rows = FILES["actuator.csv"].splitlines()
+    angles = ("0", "11", "", "0", "", "52", "", "54")
+    rows = [f"{row},{angle}" for row, angle in zip(rows, angles, strict=True)]
+    rows = [f"{header},bend_angle_deg", *rows]
+    curves = actuator_curves(study_of(actuator="\n".join(rows) + "\n"))
+    assert curves.with_angle
+    np.testing.assert_array_equal(curves.angle_mask[0], [0, 1, 0, 0, 0])
+    np.testing.assert_array_equal(curves.bend_angle[1], [0.0, 0.0, 52.0, 0.0, 54.0])
+    assert curves.readings.shape == curves.paths.mask.shape == (2, 10)
+    np.testing.assert_array_equal(curves.paths.mask[0], [0, 1, 0, 0, 0, 0, 1, 0, 0, 0])
+    without = actuator_curves(study_of())
+    assert not without.with_angle
+    assert without.readings.shape == (2, 5)
+
+
+def test_a_path_goes_up_and_down_in_pressure(study_of):
+    """Pressure travelled between readings, not the difference of their pressures."""
+    paths = actuator_curves(study_of()).paths
+    np.testing.assert_array_equal(paths.place[1], [0.0, 20.0, 40.0, 60.0, 60.0])
+    np.testing.assert_array_equal(paths.gap[1, 1:], [np.inf, 20.0, 20.0, 0.0])
+
+
+def test_ruptures_lie_between_the_last_pressure_survived_and_that_at_which_it_burst(study_of):
+    ruptures = actuator_curves(study_of()).ruptures
+    assert ruptures.survived.tolist() == [1, 2]  # 40 kPa both
+    assert ruptures.burst.tolist() == [2, -1]
+    data = actuator_curves(study_of())
+    early = replace(data, ruptured=np.eye(5, dtype=bool)[[1, 3]])
+    assert early.ruptures.survived.tolist() == [-1, -1]  # nothing below that was survived
+    assert early.ruptures.burst.tolist() == [1, 3]
+
+
+def test_the_order_of_a_tensile_files_rows_does_not_matter(study_of):
+    header, *rows = FILES["tensile.csv"].splitlines()
+    mixed = "\n".join([header, rows[1], rows[4], rows[0], rows[2], rows[5], rows[3]]) + "\n"
+    first, second = (
+        tensile_curves(study_of(tensile=text), fitted=True)
+        for text in (FILES["tensile.csv"], mixed)
+    )
+    assert set(first.specimens) == set(second.specimens)
+    order = [second.specimens.index(name) for name in first.specimens]
+    for name in ("stretch", "stress", "mask", "basis", "cauchy", "degradation"):
+        np.testing.assert_array_equal(
+            getattr(second.subset(np.array(order)), name), getattr(first, name), err_msg=name
+        )
+
+
+def test_films_can_be_left_out(study_of):
+    films = tensile_curves(study_of(), fitted=True)
+    alone = films.subset(np.array([2, 0]))
+    assert alone.specimens == ("e1", "t2")
+    assert alone.modes == ("equibiaxial", "uniaxial")
+    np.testing.assert_array_equal(alone.stress, films.stress[[2, 0]])
+    np.testing.assert_array_equal(alone.paths.mask, films.mask[[2, 0]])
+    torn = breaks(study_of()).subset(np.array([1]))
+    assert torn.specimens == ("b2",)
+    assert torn.elongation.tolist() == [52.0]
+
+
 def test_breaks(study_of):
     found = breaks(study_of())
     assert found.specimens == ("b1", "b2")
     np.testing.assert_array_equal(found.degradation, [0.0, 25.0])
+    np.testing.assert_array_equal(found.degradation_sd, [0.7, 0.7])
     np.testing.assert_array_equal(found.elongation, [209.8, 52.0])
 
 

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from bayesdeg.inference.parameters import (
-    ACTUATOR,
+    BEND_ANGLE,
     TENSILE,
+    actuator_parameters,
     elongation_parameters,
     material_parameters,
 )
@@ -37,14 +38,19 @@ def test_constants_at_the_nodes_are_those_given():
 
 
 def test_values_carry_the_names_of_the_parameters_that_are_calibrated():
+    """But for control values between the ends: what is true there is the value itself."""
     named = Truth().named()
-    calibrated = (
-        *material_parameters(TRUTH_NODES),
+    material = {p.name for p in material_parameters(TRUTH_NODES)}
+    controls = {name for name in material if "_control_" in name}
+    assert controls == {f"{name}_control_12_5" for name in ("c1", "c2_ratio", "c3")}
+    others = (
         *elongation_parameters(TRUTH_NODES),
-        *ACTUATOR,
+        *actuator_parameters(240.0),
+        *BEND_ANGLE,
         *TENSILE,
     )
-    assert {p.name for p in calibrated} <= set(named)
+    assert (material - controls) | {p.name for p in others} <= set(named)
+    assert {name.replace("control", "at") for name in controls} <= set(named)
     assert named["c2_ratio_at_25"] == -0.20
     assert all(isinstance(value, float) for value in named.values())
 

@@ -154,7 +154,7 @@ def test_nodes_follow_from_the_levels(levels, order, nodes):
     assert nodes_for(levels, order) == nodes
 
 
-@pytest.mark.parametrize(("levels", "order"), [([], 2), ([np.nan], 2), ([0.0, 5.0], 3)])
+@pytest.mark.parametrize(("levels", "order"), [([], 2), ([np.nan], 2), ([0.0, 5.0], 4)])
 def test_impossible_nodes_are_refused(levels, order):
     with pytest.raises(ValueError, match="must be"):
         nodes_for(levels, order)

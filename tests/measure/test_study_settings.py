@@ -65,6 +65,7 @@ noise.degradation_sd_pct = 0
 causes.candidates = ["creep", "erosion"]
 sampling.effort = "quick"
 tensile.fit_modes = ["uniaxial"]
+material.order = 3
 """
     expected = Settings(
         title="t",
@@ -76,6 +77,7 @@ tensile.fit_modes = ["uniaxial"]
         candidates=("creep", "erosion"),
         effort="quick",
         fit_modes=("uniaxial",),
+        order=3,
         virtual=True,
         note="n",
     )
@@ -107,6 +109,10 @@ tensile.fit_modes = ["uniaxial"]
         ("[causes]\ncandidates = [1]", 2, "causes.candidates", "[1]", "list of names"),
         ("[tensile]\nfit_modes = []", 2, "tensile.fit_modes", "[]", "at least one"),
         ("[tensile]\nfit_modes = ['shear']", 2, "tensile.fit_modes", '["shear"]', "planar"),
+        ("[material]\norder = 4", 2, "material.order", "4", "from 0 to 3"),
+        ("[material]\norder = 2.0", 2, "material.order", "2.0", "whole number"),
+        ("[material]\nordr = 2", 2, "material.ordr", "2", "'order'"),
+        ("order = 2", 1, "order", "2", "under [material]"),
         ("[priors]\nc1 = 3", 2, "priors.c1", "3", "law ="),
         (
             "[priors]\nc1 = { law = 'norml', mean = 1, sd = 1 }",

@@ -1,3 +1,4 @@
+import numpy as np
 import pytest
 
 from bayesdeg.causes.catalogue import CATALOGUE
@@ -6,7 +7,7 @@ from bayesdeg.errors import BayesdegError, StudyError
 from bayesdeg.laws import Normal, Uniform
 from bayesdeg.pipeline.assemble import assemble, level_grid
 from tests.emulator.closed_form import ClosedFormMap
-from tests.pipeline.study_files import SETTINGS, study_in
+from tests.pipeline.study_files import ACTUATOR, SETTINGS, study_in
 
 
 def prior_of(model, name):
@@ -18,7 +19,8 @@ def test_a_full_study_has_every_kind_of_data_and_parameter(tmp_path):
     model, names = assembly.model, set(assembly.model.table.names)
     assert isinstance(model.forward, Surrogate)
     assert model.nodes == (0.0, 12.5, 25.0)
-    assert {"c1_at_12_5", "tensile_noise", "curvature_noise", "paper_stiffness"} <= names
+    assert {"c1_control_12_5", "tensile_noise", "curvature_noise", "paper_stiffness"} <= names
+    assert {"tensile_noise_length", "curvature_noise_length", "emulator_error_level"} <= names
     assert {"elongation_at_0", "elongation_at_25", "elongation_scatter"} <= names
     assert [s.quantity for s in model.statistics] == [
         "young_modulus",
@@ -30,7 +32,34 @@ def test_a_full_study_has_every_kind_of_data_and_parameter(tmp_path):
 
 def test_a_model_can_be_assembled_about_another_forward_map(tmp_path):
     exact = ClosedFormMap()
-    assert assemble(study_in(tmp_path), exact).model.forward is exact
+    model = assemble(study_in(tmp_path), exact).model
+    assert model.forward is exact
+    # only an emulator has an error of its own to be calibrated
+    assert not [name for name in model.table.names if name.startswith("emulator_error")]
+
+
+def test_bend_angles_bring_their_own_noise_and_its_correlation_with_that_of_the_curvature(tmp_path):
+    plain, read = tmp_path / "plain", tmp_path / "read"
+    plain.mkdir()
+    read.mkdir()
+    head, *rows = ACTUATOR.splitlines()
+    angles = "\n".join([head + ",bend_angle_deg", *(f"{row},{i}" for i, row in enumerate(rows))])
+    without = set(assemble(study_in(plain)).model.table.names)
+    model = assemble(study_in(read, {"actuator.csv": angles + "\n"})).model
+    assert set(model.table.names) - without == {
+        "bend_angle_noise",
+        "bend_angle_noise_floor",
+        "reading_correlation",
+    }
+    assert model.actuator.readings.shape == (3, 8)
+    assert np.all(model.actuator.bend_angle[:, 1:] > 0.0)
+
+
+def test_readings_stay_alike_over_a_share_of_the_largest_pressure(tmp_path):
+    """By default; what lasts longer is an effect to be named."""
+    model = assemble(study_in(tmp_path)).model
+    assert model.largest_pressure == 120.0
+    assert prior_of(model, "curvature_noise_length") == Uniform(0.6, 18.0)
 
 
 def test_all_causes_are_candidates_unless_the_study_lists_some(tmp_path):
@@ -45,7 +74,7 @@ def test_without_an_actuator_no_cause_can_be_judged(tmp_path):
     assembly = assemble(study_in(tmp_path, without=("actuator.csv",)))
     assert assembly.candidates == ()
     assert set(assembly.unjudged) == set(CATALOGUE)
-    assert "curvature_noise" not in assembly.model.table.names
+    assert not [n for n in assembly.model.table.names if n.startswith(("curvature", "emulator"))]
     assert assembly.model.forward is None
     # nothing in the model depends on the volume ratio
     assert "volume_ratio" not in {s.quantity for s in assembly.model.statistics}

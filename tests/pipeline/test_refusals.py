@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from bayesdeg.actuator.status import Status
-from bayesdeg.inference.ensemble import Effort, sample
+from bayesdeg.inference.chain import Effort
+from bayesdeg.inference.ensemble import sample
 from bayesdeg.inference.laplace import Evidence, approximate, evidence
 from bayesdeg.inference.refusals import CountedDensity, Refusals
 from bayesdeg.pipeline.calibrate import calibrate
@@ -90,8 +91,8 @@ def start():
 def test_the_sampler_counts_every_density_that_it_asks_for():
     chain = sample(model(), start(), effort=SHORT, seed=np.random.SeedSequence(5))
     ensembles, _, walkers, _ = chain.vectors.shape
-    # each walker once a step, and at the beginning of each of two chunks
-    assert chain.refusals.proposed == ensembles * walkers * (20 + 2)
+    # each walker once a step
+    assert chain.refusals.proposed == ensembles * walkers * 20
     assert chain.thinned(10).refusals == chain.refusals
 
 
@@ -122,10 +123,6 @@ def test_a_resumed_calibration_keeps_its_counts(tmp_path):
     assert first.chain.refusals.proposed > 0
     assert again.chain.refusals == first.chain.refusals
     np.testing.assert_array_equal(again.chain.vectors, first.chain.vectors)
-    # a chain that was kept without counts is drawn anew
-    stored = checkpoints.load("chain-base")
-    checkpoints.save("chain-base", {k: v for k, v in stored.items() if k != "refusals"})
-    assert fit().chain.refusals == first.chain.refusals
 
 
 @pytest.mark.parametrize(

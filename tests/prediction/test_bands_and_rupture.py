@@ -9,6 +9,7 @@ from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.inference.ensemble import Chain
 from bayesdeg.prediction.bands import QUANTILES, at_conditions, curvature_bands, draw_values
 from bayesdeg.prediction.rupture import rupture_table
+from tests.emulator.closed_form import ClosedFormMap
 from tests.inference.small_study import TRUTH, small_model, values_of
 
 LEVELS = np.array([0.0, 12.5, 25.0])
@@ -89,6 +90,71 @@ def test_width_of_the_band_is_that_of_the_scatter_of_stiffness(model):
     slope = grid.curvature(values_of()).slope[0, :, 0]
     width = (bands["q95"] - bands["q05"]).to_numpy()
     np.testing.assert_allclose(width, 2.0 * norm.ppf(0.95) * 0.02 * slope, rtol=0.06)
+
+
+def raw_prediction(model, grid):
+    """What the emulator itself answers at the truth, without its common error."""
+    base = tuple(p for p in model.base if not p.name.startswith("emulator_error"))
+    truth = {k: v for k, v in TRUTH.items() if not k.startswith("emulator_error")}
+    return replace(grid, base=base).curvature(values_of(truth))
+
+
+def test_bands_are_shifted_by_the_common_error_of_the_emulator(model):
+    """κ + g sd, g = u₀/√3 + u₁ (2 p/p_max − 1) + u₂ (2 D/D_max − 1)."""
+    error = {
+        "emulator_error_level": 1.5,
+        "emulator_error_pressure": -0.7,
+        "emulator_error_degradation": 0.4,
+    }
+    bands = bands_of(model, chain_at(model, stiffness_scatter=1e-9, **error))
+    raw = raw_prediction(model, at_conditions(model, LEVELS, PRESSURES))
+    along = 2.0 * PRESSURES / model.largest_pressure - 1.0
+    across = 2.0 * LEVELS[:, None] / 25.0 - 1.0
+    g = 1.5 / np.sqrt(3.0) - 0.7 * along + 0.4 * across
+    expected = raw.curvature[0] + g * raw.sd[0]
+    np.testing.assert_allclose(bands["q50"], expected.ravel(), rtol=1e-6)
+
+
+def test_without_knowledge_of_the_common_error_the_band_is_as_wide_as_the_emulator_is_wrong(model):
+    """Its variance is that of g: 1/3 + (2 p/p_max − 1)² + (2 D/D_max − 1)² of the emulator's own.
+
+    The posterior here is the prior of the error, and has no other width.
+    """
+    generator = np.random.default_rng(6)
+    vectors = model.table.vectors(values_of(TRUTH | {"stiffness_scatter": 1e-9}, 6000))
+    rows = [i for i, n in enumerate(model.table.names) if n.startswith("emulator_error")]
+    vectors[:, rows] = generator.standard_normal((6000, 3))
+    chain = Chain(vectors[None, :, None], np.zeros((1, 6000, 1)), np.array([0.4]))
+    bands = bands_of(model, chain, draws=6000, pressure=PRESSURES[1:])
+    raw = raw_prediction(model, at_conditions(model, LEVELS, PRESSURES[1:]))
+    along = 2.0 * PRESSURES[1:] / model.largest_pressure - 1.0
+    across = 2.0 * LEVELS[:, None] / 25.0 - 1.0
+    sd = np.sqrt(1.0 / 3.0 + along**2 + across**2) * raw.sd[0]
+    width = (bands["q95"] - bands["q05"]).to_numpy()
+    np.testing.assert_allclose(width, 2.0 * norm.ppf(0.95) * sd.ravel(), rtol=0.06)
+
+
+def without_error(inputs):
+    """The closed form as a map that is exact."""
+    prediction = ClosedFormMap()(inputs)
+    nothing = np.zeros_like(prediction.sd)
+    return replace(prediction, sd=nothing, bend_angle_sd=nothing, peak_stretch_sd=nothing)
+
+
+def test_a_map_without_an_error_of_its_own_has_none_in_the_bands(model):
+    exact = replace(model, forward=without_error)
+    still, moved = (
+        bands_of(exact, chain_at(exact, stiffness_scatter=1e-9, emulator_error_level=u))
+        for u in (0.0, 3.0)
+    )
+    assert still.equals(moved)
+
+
+def test_bands_of_curvature_do_not_need_bend_angles(model):
+    """They are those of the calibrated model, whether angles were read or not."""
+    without = replace(model.actuator, angle_mask=np.zeros_like(model.actuator.angle_mask))
+    chain = chain_at(model)
+    assert bands_of(replace(model, actuator=without), chain).equals(bands_of(model, chain))
 
 
 def test_bands_end_where_the_map_ends(model):

@@ -163,6 +163,11 @@ def run(*, virtual):
         },
         "emulator": {"error_pct": 0.8, "record": "emulator-2f9a"},
         "misfit": {"observed": 31.7, "name": "chi-squared per reading"},
+        "checks": {
+            "leave_one_out": "Each of 36 specimens was left out in turn: log density 329.9 ± 10.",
+            "prior_sensitivity": "Paper stiffness hangs on the prior of paper_stiffness.",
+            "prior_predictive": "98 % of the readings lie inside the priors' 90 % interval.",
+        },
         "comparisons": [
             {
                 "quantity": "r_squared",
@@ -381,6 +386,52 @@ def measured():
     return pd.DataFrame(rows, columns=list(columns))
 
 
+def leave_one_out():
+    names = [f"F{level:02.0f}-{k}" for level in LEVELS for k in (1, 2, 3)]
+    names += [f"A{level:02.0f}-{k}" for level in LEVELS for k in (1, 2, 3)]
+    shape = np.linspace(-0.05, 0.84, len(names))
+    return pd.DataFrame(
+        {
+            "specimen_id": names,
+            "kind": ["tensile, breaks"] * 18 + ["actuator, rupture"] * 18,
+            "elpd": np.linspace(32.4, -22.0, len(names)),
+            "elpd_error": 0.03,
+            "influence": np.linspace(0.05, 1.9, len(names)),
+            "pareto_k": shape,
+            "refitted": (shape > 0.7).astype(int),
+        }
+    )
+
+
+def prior_sensitivity():
+    rows = [
+        ("C1 at 0 %", "conclusion", 0.013, 0.133, 0.0, "data", "", "actuator"),
+        ("volume ratio", "conclusion", 0.064, 0.148, 0.16, "prior and data", "paper_stiffness", ""),
+        ("paper stiffness", "conclusion", 0.346, 0.041, -0.69, "prior", "paper_stiffness", ""),
+        ("paper_stiffness", "parameter", 0.346, 0.041, -0.69, "prior", "paper_stiffness", ""),
+    ]
+    names = ["quantity", "kind", "prior", "likelihood", "shift_sd", "diagnosis", "hangs_on"]
+    return pd.DataFrame(rows, columns=[*names, "rests_on"]).assign(
+        prior_noise=0.01, likelihood_noise=0.01
+    )
+
+
+def prior_predictive():
+    width = {"q05": 0.4, "q25": 0.7, "q50": 1.0, "q75": 1.4, "q95": 2.6}
+    frames = []
+    for level in LEVELS:
+        middle = true_curvature(PRESSURES, level)
+        curves = {"quantity": "curvature", "mode": "", "degradation_pct": level, "unit": "1/m"}
+        curves |= {"pressure_kPa": PRESSURES, "stretch": math.nan, "answered": 0.93}
+        frames.append(pd.DataFrame(curves | {q: f * middle for q, f in width.items()}))
+        stretch = np.linspace(1.0, 3.0 - 0.06 * level, 12)
+        stress = 0.6 * (1 + 4.5 * (level / 25) ** 2) * (stretch - stretch**-2)
+        curves = {"quantity": "nominal_stress", "mode": "uniaxial", "degradation_pct": level}
+        curves |= {"unit": "MPa", "pressure_kPa": math.nan, "stretch": stretch, "answered": 1.0}
+        frames.append(pd.DataFrame(curves | {q: f * stress for q, f in width.items()}))
+    return pd.concat(frames)
+
+
 def write_full(path: Path, outcome: str, *, virtual: bool = False) -> RunFolder:
     """Write a run folder with everything in it."""
     folder, generator = RunFolder(path), np.random.default_rng(7)
@@ -398,6 +449,9 @@ def write_full(path: Path, outcome: str, *, virtual: bool = False) -> RunFolder:
         "elongation": elongation(),
         "measured": measured(),
         "misfit_null": pd.DataFrame({"replicate": np.arange(200), "statistic": null}),
+        "leave_one_out": leave_one_out(),
+        "prior_sensitivity": prior_sensitivity(),
+        "prior_predictive": prior_predictive(),
     }
     for name, frame in tables.items():
         folder.write_table(name, frame)

@@ -27,6 +27,10 @@ FIGURES = [
     "rupture",
     "elongation",
     "constants",
+    "prior-sensitivity",
+    "prior-curvature",
+    "prior-stress",
+    "leave-one-out",
     "tensile",
 ]
 SECTIONS = [

@@ -1,0 +1,222 @@
+"""Curvature, bend angle and rupture of actuators in the eyes of a model."""
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdeg.actuator.inputs import ForwardMap, Inputs, Prediction
+from bayesdeg.causes.cause import Cause, Conditions, Degradation
+from bayesdeg.inference.curves import ActuatorCurves
+from bayesdeg.inference.likelihood import Linearised, density_and_mode, log_interval
+from bayesdeg.inference.parameters import Named
+from bayesdeg.inference.specimens import Material
+
+Floats = NDArray[np.float64]
+
+PASSES = 2
+"""Linearisations, the first at no deviation."""
+
+
+@dataclass(frozen=True)
+class Rig:
+    """The actuators' tests and how they are predicted.
+
+    Parameters
+    ----------
+    data : ActuatorCurves
+        Readings.
+    forward : ForwardMap
+        The mechanics.
+    causes : tuple of Cause
+        Active causes, in order.
+    paper_thickness : float
+        [mm].
+    largest_pressure, largest_degradation : float
+        By which the emulator's common error is scaled [kPa], [%].
+    """
+
+    data: ActuatorCurves
+    forward: ForwardMap
+    causes: tuple[Cause, ...]
+    paper_thickness: float
+    largest_pressure: float
+    largest_degradation: float
+
+    @property
+    def conditions(self) -> Conditions:
+        """What the experiment set or recorded."""
+        return Conditions(self.data.pressure, self.data.degradation)
+
+
+class Predicted(NamedTuple):
+    """Readings of actuators with given deviations of ln stiffness.
+
+    Parameters
+    ----------
+    prediction : Prediction
+        With causes and the emulator's common error, (n, n_specimens, n_points).
+    mean, slope, variance : array, shape (n, n_specimens, n_readings)
+        Readings expected [1/m, °], their derivative by the deviation, and the variance of their
+        errors.
+    """
+
+    prediction: Prediction
+    mean: Floats
+    slope: Floats
+    variance: Floats
+
+
+def believed_degradation(rig: Rig, values: Named) -> Degradation:
+    """Return degradation rates and their standard errors [%], each (n, n_specimens)."""
+    data = rig.data
+    state = Degradation(data.degradation, data.degradation_sd)
+    for cause in rig.causes:
+        if cause.on_degradation is not None:
+            state = cause.on_degradation(state, rig.conditions, cause.effect(values))
+    shape = (len(values["volume_ratio"]), len(data.specimens))
+    level, sd = (np.broadcast_to(v[..., 0], shape) for v in (state.value, state.sd))
+    return Degradation(level, sd)
+
+
+def predict(rig: Rig, values: Named, material: Material, deviation: Floats) -> Predicted:
+    """Return what actuators with these deviations of ln stiffness, (n, n_specimens, 1), read."""
+    factor = np.exp(deviation)
+    c1, c2, c3 = (material.constants[..., i, None] * factor for i in range(3))
+    inputs = Inputs(
+        pressure=rig.data.pressure,
+        c1=c1,
+        c2=c2,
+        c3=c3,
+        linear_scale=np.cbrt(values["volume_ratio"])[:, None, None],
+        paper_stiffness=values["paper_stiffness"][:, None, None],
+        paper_thickness=np.full((1, 1, 1), rig.paper_thickness),
+    )
+    for cause in rig.causes:
+        if cause.on_inputs is not None:
+            inputs = cause.on_inputs(inputs, rig.conditions, cause.effect(values))
+    mechanics = _with_common_error(rig, values, rig.forward(inputs))
+    prediction = mechanics
+    for cause in rig.causes:
+        if cause.on_reading is not None:
+            prediction = cause.on_reading(prediction, rig.conditions, cause.effect(values))
+    return _readings(rig.data, values, mechanics, prediction)
+
+
+def linearise_actuators(
+    rig: Rig, values: Named, material: Material, spread: Floats
+) -> tuple[Linearised, Predicted]:
+    """Linearise readings at the actuators' most probable deviations of ln stiffness.
+
+    Parameters
+    ----------
+    rig : Rig
+        Tests and mechanics.
+    values : mapping
+        Named values, (n,).
+    material : Material
+        Median material at the specimens' degradation rates.
+    spread : array, shape (n, n_specimens)
+        τ² of the deviations.
+    """
+    length = values["curvature_noise_length"]
+    correlation = values["reading_correlation"] if rig.data.with_angle else np.zeros(len(length))
+    mode = np.zeros((*spread.shape, 1))
+    for number in range(PASSES):
+        predicted = predict(rig, values, material, mode)
+        at_mode = Linearised(
+            rig.data.readings - predicted.mean + predicted.slope * mode,
+            predicted.slope[..., None],
+            predicted.variance,
+            spread[..., None],
+            length,
+            correlation,
+            rig.data.paths,
+        )
+        if number + 1 < PASSES:
+            _, mode = density_and_mode(at_mode)
+    return at_mode, predicted
+
+
+def log_rupture(
+    data: ActuatorCurves, prediction: Prediction, limit: Floats, spread: Floats
+) -> Floats:
+    r"""Return log probabilities that each specimen burst where it did, or survived, (n, S).
+
+    A specimen bursts where the stretch that its pressure demands passes its own limit, ln ε_b ~
+    N(ln ε̃, s²) with ε = λ − 1: survived up to p, burst at p' it has
+    :math:`\Phi(z(p')) - \Phi(z(p))`, and one that did not burst :math:`1 - \Phi(z(p))`. A pressure
+    at which the forward map has no answer demands an infinite stretch.
+
+    Parameters
+    ----------
+    data : ActuatorCurves
+        Which pressures were survived.
+    prediction : Prediction
+        At the specimens' most probable stiffness.
+    limit, spread : array, shape (n, n_specimens)
+        ε̃ [–] and s².
+    """
+    ruptures = data.ruptures
+    rows = np.arange(len(data.specimens))
+
+    def score(at: NDArray[np.int64], *, refused: float) -> Floats:
+        strain = prediction.peak_stretch[:, rows, at] - 1.0
+        share = prediction.peak_stretch_sd[:, rows, at] / np.maximum(strain, 1e-12)
+        known = np.isfinite(strain) & (strain > 0.0)
+        safe = np.log(np.where(known, strain, 1.0) / limit) / np.sqrt(spread + share**2)
+        return np.where(known, safe, refused)
+
+    low = np.where(ruptures.survived < 0, -np.inf, score(ruptures.survived, refused=-np.inf))
+    high = np.where(ruptures.burst < 0, np.inf, score(ruptures.burst, refused=np.inf))
+    return log_interval(np.minimum(low, high), high)
+
+
+def _with_common_error(rig: Rig, values: Named, prediction: Prediction) -> Prediction:
+    """Shift a prediction by the emulator's error, which all curves share.
+
+    The error in its standard errors is g = u₀/√3 + u₁ (2 p/p_max − 1) + u₂ (2 D/D_max − 1), of unit
+    variance on average over pressures and degradation rates.
+    """
+    if "emulator_error_level" not in values:
+        return prediction
+    level, by_pressure, by_degradation = (
+        values[f"emulator_error_{name}"][:, None, None]
+        for name in ("level", "pressure", "degradation")
+    )
+    g = (
+        level / np.sqrt(3.0)
+        + by_pressure * (2.0 * rig.data.pressure / rig.largest_pressure - 1.0)
+        + by_degradation * (2.0 * rig.data.degradation / rig.largest_degradation - 1.0)
+    )
+    nothing = np.zeros_like(prediction.sd)
+    return replace(
+        prediction,
+        curvature=prediction.curvature + g * prediction.sd,
+        bend_angle=prediction.bend_angle + g * prediction.bend_angle_sd,
+        sd=nothing,
+        bend_angle_sd=nothing,
+    )
+
+
+def _readings(
+    data: ActuatorCurves, values: Named, mechanics: Prediction, prediction: Prediction
+) -> Predicted:
+    noise = values["curvature_noise"][:, None, None] * prediction.curvature
+    floor = values["curvature_noise_floor"][:, None, None]
+    mean, slope = prediction.curvature, -prediction.slope
+    variance = floor**2 + noise**2 + prediction.sd**2 + data.curvature_sd**2
+    if not data.with_angle:
+        return Predicted(prediction, mean, slope, variance)
+    angle = prediction.bend_angle
+    # the length of the bottom line hardly depends on pressure: angle and curvature grow alike
+    growth = mechanics.slope / np.where(mechanics.curvature == 0.0, np.inf, mechanics.curvature)
+    noise = values["bend_angle_noise"][:, None, None] * angle
+    floor = values["bend_angle_noise_floor"][:, None, None]
+    return Predicted(
+        prediction,
+        np.concatenate([mean, angle], axis=-1),
+        np.concatenate([slope, -angle * growth], axis=-1),
+        np.concatenate([variance, floor**2 + noise**2 + prediction.bend_angle_sd**2], axis=-1),
+    )

@@ -1,0 +1,155 @@
+"""What can be sampled: any log density over named parameters."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from inspect import signature
+from typing import Protocol, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdeg.distributions.improper import Flat
+from bayesdeg.inference.parameters import Named, ParameterTable
+from bayesdeg.laws import Parameter
+
+Floats = NDArray[np.float64]
+
+GUESS = 2.0  # half width, on the unconstrained scale, of guesses where a prior is improper
+
+
+class Density(Protocol):
+    """A posterior density up to a constant, as mode search, evidence and sampler need it.
+
+    ``log_prob`` may take a keyword ``truncate``; with False it leaves out the bounds of truncated
+    priors (`ParameterTable.log_prior` does so), so that a mode beyond a bound can be found.
+    """
+
+    @property
+    def table(self) -> ParameterTable:
+        """The parameters, in the order of the vectors."""
+        ...
+
+    def log_prob(self, vectors: Floats) -> Floats:
+        """Return log densities on the unconstrained scale, (n,) of (n, n_parameters)."""
+        ...
+
+
+class _Continued(Protocol):
+    """A density that goes on over the bounds of truncated priors."""
+
+    def log_prob(self, vectors: Floats, *, truncate: bool = True) -> Floats: ...
+
+
+@dataclass(frozen=True)
+class CustomDensity:
+    """Any posterior: prior laws by parameter and a log likelihood over a batch of values.
+
+    log p(z | y) = Σ log p(x_i) + log |dx_i/dz_i| + log L(x), with x the values that users know and
+    z the sampler's unconstrained scale (log above or below a bound, logit between two); the
+    Jacobian is that of Stan's transforms.
+
+    Parameters
+    ----------
+    parameters : tuple of Parameter
+        With distinct names. An improper prior is ``bayesdeg.distributions.improper.Flat``; a bound
+        with a density that has no law here is `Flat(low=…)` with its log added to the likelihood.
+    log_likelihood : callable
+        From values by name, each of shape (n,), to log likelihoods (n,). Nan counts as impossible.
+        A function of a module, not a lambda, if ensembles are to run in other processes.
+
+    Examples
+    --------
+    The mean and sd of five readings, with a flat prior on the mean and one on the sd's logarithm:
+
+    >>> from bayesdeg.distributions.improper import Flat
+    >>> readings = np.array([4.9, 5.0, 5.2, 5.4, 5.5])
+    >>> def log_likelihood(values):
+    ...     mean, sd = values["mean"][:, None], values["sd"][:, None]
+    ...     density = -0.5 * ((readings - mean) / sd) ** 2 - np.log(sd)
+    ...     return density.sum(axis=1) - np.log(values["sd"])  # the prior 1/sd
+    >>> posterior = CustomDensity(
+    ...     (
+    ...         Parameter("mean", Flat(), "–", "mean of the readings"),
+    ...         Parameter("sd", Flat(low=0.0), "–", "their standard deviation"),
+    ...     ),
+    ...     log_likelihood,
+    ... )
+    >>> posterior.log_prob(np.array([[5.2, np.log(0.3)]])).round(3)
+    array([4.575])
+
+    From here on it is sampled as every model is:
+
+    >>> from bayesdeg.inference.laplace import approximate, evidence
+    >>> generator = np.random.default_rng(0)
+    >>> laplace = approximate(posterior, generator)
+    >>> start = evidence(posterior, laplace, generator)  # for bayesdeg.inference.ensemble.sample
+    >>> round(float(laplace.mode[0]), 3), start.effective > 1000.0
+    (5.2, True)
+    """
+
+    parameters: tuple[Parameter, ...]
+    log_likelihood: Callable[[Named], Floats]
+
+    @property
+    def table(self) -> ParameterTable:
+        """The parameters, in the order of the vectors."""
+        return ParameterTable(self.parameters)
+
+    def log_prob(self, vectors: Floats, *, truncate: bool = True) -> Floats:
+        """Return the log posterior density of each vector, shape (n,); −inf where impossible.
+
+        Raises
+        ------
+        ValueError
+            If the log likelihood does not answer with one number a vector.
+        """
+        table = self.table
+        with np.errstate(all="ignore"):
+            prior = table.log_prior(vectors, truncate=truncate)
+            data = np.asarray(self.log_likelihood(table.named(vectors)), dtype=np.float64)
+            if data.shape != prior.shape:
+                raise ValueError(
+                    f"log_likelihood must return shape {prior.shape}, one number for each of the "
+                    f"values it was given, not {data.shape}"
+                )
+            total = prior + data
+        # +inf is no density either: the sampler would never leave it
+        return np.where(np.isfinite(total), total, -np.inf)
+
+
+def continued(density: Density) -> Callable[[Floats], Floats]:
+    """Return the log density without the bounds of truncated priors, where the density offers it.
+
+    Elsewhere it is ``log_prob`` itself.
+
+    Examples
+    --------
+    >>> from bayesdeg.laws import TruncatedNormal
+    >>> positive = Parameter("size", TruncatedNormal(0.0, 1.0, 0.0), "–", "of an effect")
+    >>> flat = CustomDensity((positive,), lambda values: np.zeros(len(values["size"])))
+    >>> below = np.array([[-1.0]])
+    >>> flat.log_prob(below).round(3), continued(flat)(below).round(3)
+    (array([-inf]), array([-0.726]))
+    """
+    if "truncate" in signature(density.log_prob).parameters:
+        return partial(cast(_Continued, density).log_prob, truncate=False)
+    return density.log_prob
+
+
+def guesses(table: ParameterTable, generator: np.random.Generator, count: int) -> Floats:
+    """Return vectors to seek a mode from: the prior's median, and draws; (1 + count, n_parameters).
+
+    An improper prior has neither: its median is taken as 0, its draws as uniform on (−2, 2), both
+    on the unconstrained scale, as Stan's initial values are.
+    """
+    columns = []
+    for parameter in table.parameters:
+        law = parameter.law
+        if isinstance(law, Flat):
+            column = np.append(0.0, generator.uniform(-GUESS, GUESS, count))
+        else:
+            values = np.append(law.quantile(0.5), law.sample(generator, count))
+            column = law.to_unconstrained(values)
+        columns.append(column)
+    return np.stack(columns, axis=-1)

@@ -1,0 +1,97 @@
+"""What a posterior rests on: single specimens, priors, and what the priors alone predict."""
+
+from concurrent.futures import Executor
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from bayesdeg.criticism import leave_one_out as specimens
+from bayesdeg.criticism import prior_sensitivity as priors
+from bayesdeg.criticism.leave_one_out import LeaveOneOut
+from bayesdeg.criticism.prior_sensitivity import PriorSensitivity
+from bayesdeg.inference.subset import blocks_of
+from bayesdeg.pipeline.calibrate import Fit
+from bayesdeg.pipeline.progress import Progress
+from bayesdeg.prediction import prior_predictive as alone
+from bayesdeg.prediction.prior_predictive import PriorPredictive
+from bayesdeg.report import columns
+
+FEWEST = 2  # specimens, of which one can be left out
+
+
+@dataclass(frozen=True)
+class Checks:
+    """What the final posterior rests on.
+
+    Parameters
+    ----------
+    leave_one_out : LeaveOneOut, optional
+        None where there are fewer than two specimens.
+    prior_sensitivity : PriorSensitivity
+        Of conclusions and parameters.
+    prior_predictive : PriorPredictive
+        Curves before any reading.
+    """
+
+    leave_one_out: LeaveOneOut | None
+    prior_sensitivity: PriorSensitivity
+    prior_predictive: PriorPredictive
+
+    def tables(self) -> dict[str, pd.DataFrame]:
+        """Return the tables of the run folder by their names."""
+        found = {
+            columns.PRIOR_SENSITIVITY: self.prior_sensitivity.table(),
+            columns.PRIOR_PREDICTIVE: self.prior_predictive.table,
+        }
+        if self.leave_one_out is not None:
+            found[columns.LEAVE_ONE_OUT] = self.leave_one_out.table()
+        return found
+
+    def sentences(self) -> dict[str, str]:
+        """Return what each check came to, in plain words, by the names of the tables."""
+        said = {
+            columns.PRIOR_SENSITIVITY: priors.sentence(self.prior_sensitivity.rows),
+            columns.PRIOR_PREDICTIVE: alone.sentence(self.prior_predictive),
+        }
+        if self.leave_one_out is not None:
+            said[columns.LEAVE_ONE_OUT] = specimens.sentence(self.leave_one_out)
+        return said
+
+
+def check(
+    fit: Fit,
+    *,
+    seed: np.random.SeedSequence,
+    progress: Progress,
+    executor: Executor | None = None,
+) -> Checks:
+    """Ask of a posterior what it rests on.
+
+    Parameters
+    ----------
+    fit : Fit
+        The final calibration.
+    seed : SeedSequence
+        Everything random comes from it.
+    progress : Progress
+        Shows each refit.
+    executor : Executor, optional
+        For refits.
+    """
+    refits, draws = seed.spawn(2)
+    model, chain = fit.model, fit.chain
+    progress.stage("what hangs on priors")
+    sensitivity = priors.prior_sensitivity(model, chain)
+    predictive = alone.prior_predictive(model, np.random.default_rng(draws))
+    progress.stage("specimens left out in turn")
+    left_out = None
+    if len(blocks_of(model, ("tensile", "actuator", "breaks"))) >= FEWEST:
+        left_out = specimens.leave_one_out(
+            model,
+            chain,
+            seed=refits,
+            executor=executor,
+            on_refit=lambda specimen: progress.advance(1, f"calibrated anew without {specimen}"),
+        )
+    return Checks(left_out, sensitivity, predictive)

@@ -1,0 +1,245 @@
+"""What the films alone say: their course of degradation, and the order of the polynomials."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from bayesdeg.criticism.convergence import Convergence, diagnose
+from bayesdeg.criticism.order import compare_orders
+from bayesdeg.criticism.order_comparison import OrderComparison
+from bayesdeg.inference.chain import Chain, Effort
+from bayesdeg.inference.course import (
+    CourseModel,
+    course_model,
+    degradation_at,
+    moisture_at,
+    rate_errors,
+    time_to_reach,
+)
+from bayesdeg.inference.ensemble import sample
+from bayesdeg.inference.laplace import approximate, evidence
+from bayesdeg.inference.model import Model
+from bayesdeg.measure.study import Study
+from bayesdeg.pipeline.progress import Progress
+from bayesdeg.report import columns
+
+Floats = NDArray[np.float64]
+
+COMMON_ERROR = "common_error"
+TARGET = 25.0  # %, the largest degradation rate of doi:10.3389/frobt.2021.760485
+POINTS = 73
+QUANTILES = (5, 25, 50, 75, 95)
+
+
+@dataclass(frozen=True)
+class CourseFit:
+    """The calibrated course of degradation; fields as in `bayesdeg.pipeline.calibrate.Fit`."""
+
+    model: CourseModel
+    chain: Chain
+    diagnosis: Convergence
+
+    @property
+    def draws(self) -> dict[str, Floats]:
+        """Named values of all draws."""
+        return self.model.table.named(self.chain.vectors.reshape(-1, self.chain.vectors.shape[-1]))
+
+
+@dataclass(frozen=True)
+class Films:
+    """What the films alone say.
+
+    Parameters
+    ----------
+    course : CourseFit, optional
+        None without readings of moisture at two times.
+    orders : OrderComparison, optional
+        None without films at several degradation rates.
+    stated : array
+        Degradation rates of degraded specimens and their standard errors, (n, 2) [%].
+    """
+
+    course: CourseFit | None
+    orders: OrderComparison | None
+    stated: Floats
+
+    def tables(self, generator: np.random.Generator) -> dict[str, pd.DataFrame]:
+        """Return the tables of the run folder by their names."""
+        found = {}
+        if self.course is not None:
+            found[columns.COURSE] = course_table(self.course, generator)
+        if self.orders is not None:
+            found[columns.ORDERS] = self.orders.table()
+        return found
+
+    def sentences(self) -> dict[str, str]:
+        """Return what was found, in plain words."""
+        said = {}
+        if self.course is not None:
+            said[columns.COURSE] = course_words(self.course)
+            said[COMMON_ERROR] = common_error_words(self.course, self.stated)
+        if self.orders is not None:
+            said[columns.ORDERS] = self.orders.sentence
+        return said
+
+
+def examine(
+    study: Study,
+    model: Model,
+    *,
+    effort: Effort,
+    seed: np.random.SeedSequence,
+    progress: Progress,
+) -> Films:
+    """Calibrate the course of degradation, and compare orders of the polynomials.
+
+    Parameters
+    ----------
+    study : Study
+        Readings of moisture, and degradation rates of specimens.
+    model : Model
+        The base model, for its films and priors.
+    effort : Effort
+        Of sampling the course.
+    seed : SeedSequence
+        Everything random comes from it.
+    progress : Progress
+        Shows each stage.
+    """
+    of_course, of_orders = seed.spawn(2)
+    progress.stage("course of degradation")
+    course = course_model(study)
+    fit = None if course is None else _calibrate(course, effort=effort, seed=of_course)
+    progress.stage("order of the polynomials of the degradation rate")
+    with threadpool_limits(limits=1):
+        orders = compare_orders(model, seed=of_orders)
+    return Films(fit, orders, _stated(study))
+
+
+def course_table(fit: CourseFit, generator: np.random.Generator) -> pd.DataFrame:
+    """Return bands of degradation rate and moisture against time, and the films: ``course.csv``.
+
+    The band of the degradation rate is that of the mean film, the one of moisture that of a film.
+    """
+    model, values = fit.model, fit.draws
+    time = np.linspace(0.0, float(model.time_h.max()), POINTS)
+    rates = np.percentile(degradation_at(values, time), QUANTILES, axis=0)
+    mean = moisture_at(values, time)
+    readings = mean + values["moisture_scatter"][:, None] * generator.standard_normal(mean.shape)
+    moisture = np.percentile(readings, (5, 50, 95), axis=0)
+    band = pd.DataFrame(
+        {"kind": "band", "film_id": "", "time_h": time}
+        | {f"q{q:02d}": rates[i] for i, q in enumerate(QUANTILES)}
+        | {f"moisture_q{q:02d}": moisture[i] for i, q in enumerate((5, 50, 95))}
+    )
+    fresh = float(np.mean(values["fresh_moisture"]))
+    films = pd.DataFrame(
+        {
+            "kind": "film",
+            "film_id": model.films,
+            "time_h": model.time_h,
+            "moisture_pct": model.moisture_pct,
+            "degradation_pct": 100.0 * (1.0 - model.moisture_pct / fresh),
+        }
+    )
+    return pd.concat([band, films], ignore_index=True)
+
+
+def course_words(fit: CourseFit, target: float = TARGET) -> str:
+    """Say when a degradation rate is reached, or how likely it is to be reached at all."""
+    values, films = fit.draws, len(fit.model.films)
+    time = time_to_reach(values, target)
+    reached = float(np.mean(np.isfinite(time)))
+    limit = np.percentile(values["degradation_limit"], (50, 5, 95))
+    tends = f"the rate tends to {limit[0]:.0f} % ({limit[1]:.0f} to {limit[2]:.0f} %)"
+    if reached < 0.95:
+        when = (
+            f"By the moisture of {films} films a degradation rate of {target:g} % is ever reached "
+            f"with probability {reached:.2f}"
+        )
+    else:
+        middle, low, high = np.percentile(time, (50, 5, 95), method="nearest")
+        when = (
+            f"By the moisture of {films} films a degradation rate of {target:g} % is reached after "
+            f"{middle:.1f} h (90 % interval {low:.1f} to {high:.1f} h)"
+        )
+        last = float(fit.model.time_h.max())
+        when += f", beyond the last reading at {last:g} h" if middle > last else ""
+    return (
+        f"{when}; {tends}. It is a loss of moisture, a proxy: a loss of glycerol lowers moisture "
+        "as well."
+    )
+
+
+def common_error_words(fit: CourseFit, stated: Floats) -> str:
+    """Say how large the error is that all degradation rates share, beside what the study states.
+
+    Parameters
+    ----------
+    fit : CourseFit
+        Moisture and its scatter.
+    stated : array, shape (n, 2)
+        Degradation rates of degraded specimens and their standard errors [%].
+    """
+    time = fit.model.time_h
+    fresh, films = int(np.sum(time == 0.0)), _films_at_a_time(time)
+    if fresh == 0:
+        return (
+            "No film was weighed fresh, so degradation rates that are reckoned from these films "
+            "share the whole error of an extrapolated fresh moisture."
+        )
+    level = float(np.max(stated[:, 0])) if len(stated) else TARGET
+    errors = rate_errors(fit.draws, np.array([level]), fresh_films=fresh, films=films)
+    common, own, total = (float(np.mean(e)) for e in (errors.common, errors.own, errors.total))
+    said = (
+        f"Degradation rates are reckoned from the mean of {_count(fresh, 'fresh film')}, so they "
+        f"all share its error: {common:.2f} points at {level:.3g} %. The mean of "
+        f"{_count(films, 'film')} at one time adds {own:.2f} points of its own, together "
+        f"{total:.2f}."
+    )
+    if not len(stated):
+        return said
+    given = float(np.median(stated[:, 1]))
+    verdict = (
+        "which is no less and so is plausible"
+        if given >= total
+        else "which is less: it is plausible only if the specimens' own moisture was measured "
+        "better than that of these films"
+    )
+    return (
+        f"{said} The study states {given:.2g} points for its specimens, {verdict}. The model takes "
+        "these errors as independent; one that is common acts like the cause degradation misread."
+    )
+
+
+def _calibrate(course: CourseModel, *, effort: Effort, seed: np.random.SeedSequence) -> CourseFit:
+    first, chains = seed.spawn(2)
+    generator = np.random.default_rng(first)
+    # one thread: the same bits whatever the machine's number of them
+    with threadpool_limits(limits=1):
+        start = evidence(course, approximate(course, generator), generator)
+    chain = sample(course, start, effort=effort, seed=chains)
+    return CourseFit(course, chain, diagnose(course, chain, effort))
+
+
+def _stated(study: Study) -> Floats:
+    """Return degradation rates of degraded specimens and their standard errors, (n, 2) [%]."""
+    pairs = [
+        table.groupby("specimen_id", sort=False)[["degradation_pct", "degradation_sd_pct"]].first()
+        for table in (study.tensile, study.actuator)
+        if table is not None
+    ]
+    found = np.concatenate([np.empty((0, 2)), *(p.to_numpy(np.float64) for p in pairs)])
+    return found[found[:, 0] > 0.0]
+
+
+def _films_at_a_time(time: Floats) -> int:
+    _, counts = np.unique(time[time > 0.0], return_counts=True)
+    return int(np.median(counts))
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}{'' if number == 1 else 's'}"

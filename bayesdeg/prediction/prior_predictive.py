@@ -1,0 +1,208 @@
+"""What the priors alone predict: curves before any reading was taken into account."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from bayesdeg.criticism.residuals import levels
+from bayesdeg.inference.films import film_readings, stress_variance
+from bayesdeg.inference.model import Model
+from bayesdeg.inference.parameters import Named
+from bayesdeg.material.stress import yeoh_basis
+from bayesdeg.prediction.bands import QUANTILES, at_conditions
+
+Floats = NDArray[np.float64]
+
+DRAWS = 1000
+PRESSURE_STEP = 20.0  # [kPa]
+STRETCHES = 25
+CURVATURE, STRESS = "curvature", "nominal_stress"
+LEAST_INSIDE = 0.5  # of the readings; below, the priors are said to contradict them
+
+
+@dataclass(frozen=True)
+class PriorPredictive:
+    """Curves that the priors alone predict.
+
+    Parameters
+    ----------
+    table : DataFrame
+        The columns of ``prior_predictive.csv``: 5 to 95 % quantiles of the curves of a further
+        specimen, without reading noise, at the study's degradation rates, over those draws that
+        the forward map answers; their share is ``answered``.
+    answered : float
+        Share of the draws for which the forward map answers at every reading of an actuator; nan
+        without actuators.
+    inside_curvature, inside_stress : float
+        Share of the readings inside the 90 % interval that the priors predict for them, reading
+        noise included; nan where there are none.
+    """
+
+    table: pd.DataFrame
+    answered: float
+    inside_curvature: float
+    inside_stress: float
+
+
+def prior_predictive(model: Model, generator: np.random.Generator) -> PriorPredictive:
+    """Draw from every prior and predict the study.
+
+    Parameters
+    ----------
+    model : Model
+        With the study's data, of which only the conditions enter the curves.
+    generator : Generator
+        Draws parameters, specimens and reading noise.
+    """
+    values = model.table.named(model.table.sample(generator, DRAWS))
+    frames, answered, inside = [], float("nan"), [float("nan")] * 2
+    if model.actuator is not None:
+        frames.append(curvature_curves(model, values, generator))
+        answered, inside[0] = _held_against_curvature(model, values, generator)
+    if model.tensile is not None:
+        frames.append(stress_curves(model, values, generator))
+        inside[1] = _held_against_stress(model, values, generator)
+    table = pd.concat(frames or [_nothing()], ignore_index=True)
+    return PriorPredictive(table, answered, *inside)
+
+
+def curvature_curves(model: Model, values: Named, generator: np.random.Generator) -> pd.DataFrame:
+    """Return quantiles of curvature against pressure at the actuators' degradation rates.
+
+    A quantile is nan where the forward map answers fewer than half of the draws.
+    """
+    assert model.actuator is not None
+    degradation, _ = levels(model.actuator.degradation[:, 0])
+    pressure = np.arange(0.0, float(np.max(model.actuator.pressure)) + 1e-9, PRESSURE_STEP)
+    grid = at_conditions(model, degradation, pressure)
+    curvature = grid.curvature(values, grid.draw_deviation(values, generator)).curvature
+    rates, pressures = np.meshgrid(degradation, pressure, indexing="ij")
+    return _frame(
+        curvature.reshape(len(curvature), -1),
+        quantity=CURVATURE,
+        unit="1/m",
+        degradation_pct=rates.ravel(),
+        pressure_kPa=pressures.ravel(),
+    )
+
+
+def stress_curves(model: Model, values: Named, generator: np.random.Generator) -> pd.DataFrame:
+    """Return quantiles of nominal stress against stretch at the films' degradation rates."""
+    assert model.tensile is not None
+    data = model.tensile
+    deviation = values["stiffness_scatter"] * generator.standard_normal(DRAWS)
+    frames = []
+    for mode in dict.fromkeys(data.modes):
+        rows = np.flatnonzero(np.array(data.modes) == mode)
+        centres, member = levels(data.degradation[rows])
+        for k, centre in enumerate(centres):
+            own = rows[member == k]
+            longest = float(np.max(np.where(data.mask[own], data.stretch[own], 1.0)))
+            stretch = np.linspace(1.0, longest, STRETCHES)
+            constants = model.constants(values, np.array([centre]))[:, 0]
+            stress = constants @ yeoh_basis(stretch, mode, "nominal").T
+            frames.append(
+                _frame(
+                    stress * np.exp(deviation)[:, None],
+                    quantity=STRESS,
+                    unit="MPa",
+                    mode=mode,
+                    degradation_pct=centre,
+                    stretch=stretch,
+                )
+            )
+    return pd.concat(frames, ignore_index=True)
+
+
+def sentence(found: PriorPredictive) -> str:
+    """Say what the priors allow, and whether the readings are among it."""
+    said = []
+    for share, what in ((found.inside_curvature, "curvature"), (found.inside_stress, "stress")):
+        if np.isfinite(share):
+            said.append(f"{100.0 * share:.0f} % of the readings of {what}")
+    text = "The priors were drawn from before any reading was used. "
+    if said:
+        text += (
+            f"{' and '.join(said)} lie inside the 90 % interval that the priors alone predict: "
+            f"{_verdict(found)}. "
+        )
+    if np.isfinite(found.answered):
+        text += (
+            f"For {100.0 * found.answered:.0f} % of the draws every actuator of the study has an "
+            "equilibrium within the emulator's training; the others balloon or lie outside of it, "
+            "and are no part of the posterior."
+        )
+    return text.strip()
+
+
+def _verdict(found: PriorPredictive) -> str:
+    shares = [s for s in (found.inside_curvature, found.inside_stress) if np.isfinite(s)]
+    if min(shares) < LEAST_INSIDE:
+        return "the priors contradict some of them, so look at the priors in study.toml"
+    return "the priors leave room for what was measured"
+
+
+def _held_against_curvature(
+    model: Model, values: Named, generator: np.random.Generator
+) -> tuple[float, float]:
+    """Return the share of draws that are answered everywhere, and of readings inside 90 %."""
+    assert model.actuator is not None
+    mask = model.actuator.mask
+    readings = model.simulate_curvature(values, generator)[:, mask]
+    answered = np.isfinite(readings)
+    return float(np.mean(answered.all(axis=1))), _inside(readings, model.actuator.curvature[mask])
+
+
+def _held_against_stress(model: Model, values: Named, generator: np.random.Generator) -> float:
+    assert model.tensile is not None
+    data = model.tensile
+    sd = np.broadcast_arrays(values["stiffness_scatter"][:, None], data.degradation_sd)
+    deviation = np.stack(sd, axis=-1) * generator.standard_normal((*sd[0].shape, 2))
+    stress, _ = film_readings(data, model.material(values, data.degradation), deviation)
+    noise = np.sqrt(stress_variance(values, stress)) * generator.standard_normal(stress.shape)
+    return _inside((stress + noise)[:, data.mask], data.stress[data.mask])
+
+
+def _inside(draws: Floats, observed: Floats) -> float:
+    """Return the share of values inside the 90 % interval of their draws, nan left out."""
+    known = np.isfinite(draws).any(axis=0)
+    if not known.any():
+        return float("nan")
+    low, high = np.nanquantile(draws[:, known], [0.05, 0.95], axis=0)
+    return float(np.mean((observed[known] >= low) & (observed[known] <= high)))
+
+
+def _nothing() -> pd.DataFrame:
+    return _frame(np.zeros((1, 1)), quantity=CURVATURE, unit="1/m", degradation_pct=0.0).iloc[:0]
+
+
+def _frame(
+    draws: Floats,
+    *,
+    quantity: str,
+    unit: str,
+    degradation_pct: Floats | float,
+    mode: str = "",
+    pressure_kPa: Floats | float = np.nan,
+    stretch: Floats | float = np.nan,
+) -> pd.DataFrame:
+    """Return quantiles over draws (n, n_places), a row a place."""
+    answered = np.mean(np.isfinite(draws), axis=0)
+    usable = answered >= 0.5
+    bands = np.where(
+        usable, np.nanquantile(np.where(usable, draws, 0.0), QUANTILES, axis=0), np.nan
+    )
+    return pd.DataFrame(
+        {
+            "quantity": quantity,
+            "mode": mode,
+            "degradation_pct": degradation_pct,
+            "pressure_kPa": pressure_kPa,
+            "stretch": stretch,
+            "unit": unit,
+            "answered": answered,
+        }
+        | {f"q{round(100 * q):02d}": bands[i] for i, q in enumerate(QUANTILES)}
+    )

@@ -1,0 +1,213 @@
+"""Figures of what a posterior rests on: single specimens, priors, and the priors alone."""
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from bayesdeg.nomenclature import axis_label
+from bayesdeg.report.figures import (
+    BASE_COLOUR,
+    FINAL_COLOUR,
+    FULL_WIDTH,
+    INK,
+    MUTED,
+    PAPER,
+    Sketch,
+    band,
+    key,
+    legend_above,
+    panels,
+    points,
+    points_key,
+    single,
+    styled,
+)
+from bayesdeg.report.summaries import MOST_LEVELS, nearest_level, panel_levels
+from bayesdeg.report.tables import Tables
+from bayesdeg.report.wording import level_words
+
+RELIABLE_K = 0.7
+NOTICEABLE = 0.05
+PRIOR = "prior: median, 50 % and 90 % band"
+
+
+def check_sketches(tables: Tables) -> list[Sketch]:
+    """Return the figures of the tables that are there, with their captions."""
+    found = []
+    if tables.leave_one_out is not None:
+        caption = (
+            "Every specimen left out in turn. Above: shape k of the importance weights; from 0.7 "
+            "on they cannot be relied on, and the model was calibrated anew without that specimen "
+            "(filled). Below: what its own readings add to its log density."
+        )
+        found.append(Sketch("leave-one-out", leave_one_out_figure(tables.leave_one_out), caption))
+    if tables.prior_sensitivity is not None:
+        caption = (
+            "How much the posterior of each conclusion changes per doubling of the weight of all "
+            "priors, and of the likelihood. Right of the dashed line priors have a noticeable say, "
+            "if that is beyond the noise of the draws (table)."
+        )
+        figure = sensitivity_figure(tables.prior_sensitivity)
+        found.append(Sketch("prior-sensitivity", figure, caption))
+    if tables.prior_predictive is not None:
+        found += _prior_sketches(tables.prior_predictive, tables)
+    return found
+
+
+def _prior_sketches(prior: pd.DataFrame, tables: Tables) -> list[Sketch]:
+    found = []
+    curvature = prior[prior["quantity"] == "curvature"]
+    if not curvature.empty:
+        caption = (
+            "Curvature against pressure as the priors alone predict it, before any reading: 50 % "
+            "and 90 % bands of the draws that have an equilibrium, median, and the readings."
+        )
+        figure = prior_curvature_figure(curvature, tables.observations)
+        found.append(Sketch("prior-curvature", figure, caption))
+    stress = prior[prior["quantity"] == "nominal_stress"]
+    if not stress.empty:
+        caption = (
+            "Nominal stress against stretch as the priors alone predict it: 50 % and 90 % bands, "
+            "median, and the readings."
+        )
+        figure = prior_stress_figure(stress, tables.tensile)
+        found.append(Sketch("prior-stress", figure, caption))
+    return found
+
+
+@styled
+def leave_one_out_figure(specimens: pd.DataFrame) -> Figure:
+    """Draw reliability and influence of every specimen.
+
+    Parameters
+    ----------
+    specimens : pandas.DataFrame
+        Table ``leave_one_out``.
+    """
+    figure, (shape, influence) = panels(2, columns=1, share_y="none", height=1.7)
+    place = np.arange(len(specimens))
+    refitted = specimens["refitted"].to_numpy() > 0.5
+    k = np.minimum(specimens["pareto_k"].to_numpy(float), 1.5)
+    shape.axhline(RELIABLE_K, color=MUTED, linestyle="--", linewidth=0.9)
+    points(shape, place[~refitted], k[~refitted])
+    shape.plot(place[refitted], k[refitted], "o", color=BASE_COLOUR, markersize=4.5)
+    shape.set_ylabel("Pareto k [–]")
+    influence.bar(place, specimens["influence"], color=FINAL_COLOUR, width=0.62)
+    influence.set_ylabel("influence [–]")
+    influence.set_xticks(place, specimens["specimen_id"].astype(str), rotation=90, fontsize=6.0)
+    influence.set_xlim(-0.7, len(specimens) - 0.3)
+    for axes in (shape, influence):
+        axes.grid(visible=False, axis="x")
+    return figure
+
+
+@styled
+def sensitivity_figure(sensitivity: pd.DataFrame) -> Figure:
+    """Draw how conclusions answer to priors and to the likelihood.
+
+    Parameters
+    ----------
+    sensitivity : pandas.DataFrame
+        Table ``prior_sensitivity``, of which only the conclusions are drawn.
+    """
+    chosen = sensitivity[sensitivity["kind"] == "conclusion"].iloc[::-1]
+    figure, axes = single(width=FULL_WIDTH, height=0.7 + 0.26 * len(chosen))
+    place = np.arange(len(chosen))
+    axes.axvline(NOTICEABLE, color=MUTED, linestyle="--", linewidth=0.9)
+    axes.hlines(place, chosen["prior"], chosen["likelihood"], color=MUTED, linewidth=0.8)
+    axes.plot(chosen["prior"], place, "o", color=BASE_COLOUR, markersize=5.0)
+    axes.plot(
+        chosen["likelihood"],
+        place,
+        "o",
+        color=FINAL_COLOUR,
+        markersize=5.0,
+        markerfacecolor=PAPER,
+    )
+    axes.set_yticks(place, chosen["quantity"].astype(str))
+    axes.set_ylim(-0.6, len(chosen) - 0.4)
+    axes.set_xlim(left=0.0)
+    axes.set_xlabel("change of the posterior per doubling [–]")
+    axes.grid(visible=False, axis="y")
+    hollow = key(FINAL_COLOUR, marker="o", line=False)
+    hollow.set(markerfacecolor=PAPER)
+    legend_above(figure, {"priors": key(BASE_COLOUR, marker="o", line=False), "likelihood": hollow})
+    return figure
+
+
+@styled
+def prior_curvature_figure(prior: pd.DataFrame, observations: pd.DataFrame | None) -> Figure:
+    """Draw the prior's curvature, a panel a degradation rate, beside the readings.
+
+    Parameters
+    ----------
+    prior : pandas.DataFrame
+        Rows of table ``prior_predictive`` for the curvature.
+    observations : pandas.DataFrame, optional
+        Table ``observations``.
+    """
+    levels = panel_levels(prior)
+    figure, every_axes = panels(len(levels), share_y="row")
+    for axes, level in zip(every_axes, levels, strict=True):
+        _draw_prior(axes, prior[prior["degradation_pct"] == level], "pressure_kPa")
+        axes.set_title(f"{level_words(level)} degradation")
+    if observations is not None:
+        readings = observations.drop_duplicates(["specimen_id", "pressure_kPa", "cycle", "branch"])
+        panel = nearest_level(readings["degradation_pct"], levels)
+        for axes, level in zip(every_axes, levels, strict=True):
+            here = readings[panel == level]
+            points(axes, here["pressure_kPa"], here["curvature_per_m"])
+    figure.supxlabel(axis_label("pressure_kPa"), fontsize=8.0)
+    figure.supylabel(axis_label("curvature_per_m"), fontsize=8.0)
+    entries = {PRIOR: key(MUTED)}
+    legend_above(figure, entries | ({} if observations is None else {"measured": points_key()}))
+    return figure
+
+
+@styled
+def prior_stress_figure(prior: pd.DataFrame, tensile: pd.DataFrame | None) -> Figure:
+    """Draw the prior's nominal stress, a panel a mode and degradation rate, beside the readings.
+
+    Parameters
+    ----------
+    prior : pandas.DataFrame
+        Rows of table ``prior_predictive`` for the stress.
+    tensile : pandas.DataFrame, optional
+        Table ``tensile``.
+    """
+    pairs = prior[["mode", "degradation_pct"]].drop_duplicates()
+    kinds = [(str(row["mode"]), float(row["degradation_pct"])) for _, row in pairs.iterrows()]
+    kept = np.linspace(0, len(kinds) - 1, min(len(kinds), MOST_LEVELS)).round().astype(int)
+    shown = [kinds[i] for i in kept]
+    figure, every_axes = panels(len(shown), share_y="none", height=2.2)
+    for axes, (mode, level) in zip(every_axes, shown, strict=True):
+        here = prior[(prior["mode"] == mode) & (prior["degradation_pct"] == level)]
+        _draw_prior(axes, here, "stretch")
+        axes.set_title(f"{mode}, {level_words(level)}")
+        if tensile is not None:
+            _draw_films(
+                axes, tensile, mode, level, [rate for other, rate in kinds if other == mode]
+            )
+    figure.supxlabel(f"{axis_label('stretch')} [–]", fontsize=8.0)
+    figure.supylabel("nominal stress [MPa]", fontsize=8.0)
+    entries = {PRIOR: key(MUTED)}
+    legend_above(figure, entries | ({"measured": key(INK)} if tensile is not None else {}))
+    return figure
+
+
+def _draw_prior(axes: Axes, here: pd.DataFrame, along: str) -> None:
+    curve = here.sort_values(along)
+    band(axes, curve[along], curve["q05"], curve["q95"], MUTED, 0.18)
+    band(axes, curve[along], curve["q25"], curve["q75"], MUTED, 0.28)
+    axes.plot(curve[along], curve["q50"], color=MUTED)
+
+
+def _draw_films(
+    axes: Axes, tensile: pd.DataFrame, mode: str, level: float, levels: list[float]
+) -> None:
+    films = tensile[(tensile["mode"] == mode) & (tensile["fitted"] > 0.5)]
+    films = films.drop_duplicates(["specimen_id", "stretch", "stress_MPa"])
+    here = films[nearest_level(films["degradation_pct"], levels) == level]
+    for _, curve in here.groupby("specimen_id", sort=False):
+        axes.plot(curve["stretch"], curve["stress_MPa"], color=INK, linewidth=0.9)

@@ -1,0 +1,44 @@
+"""Where the search for a mode begins."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bayesdeg.inference.films import film_readings
+from bayesdeg.inference.least_squares import least_squares
+from bayesdeg.measure.study import read_study
+from bayesdeg.pipeline.assemble import assemble
+from tests.inference.small_study import TRUTH, small_model, values_of
+
+STUDY = Path(__file__).parents[2] / "studies" / "gelatin_actuator"
+
+
+def test_exact_stresses_and_elongations_give_their_constants_back():
+    model = small_model()
+    material = model.material(values_of(), model.tensile.degradation)
+    stress, _ = film_readings(model.tensile, material, np.zeros((1, 4, 2)))
+    elongation = model.elongation(values_of(), model.breaks.degradation)[0]
+    exact = replace(
+        model,
+        tensile=replace(model.tensile, stress=np.where(model.tensile.mask, stress[0], 0.0)),
+        breaks=replace(model.breaks, elongation=elongation),
+    )
+    found = exact.table.named(least_squares(exact))
+    for name in ("c1_at_0", "c3_at_25", "c1_control_12_5", "elongation_at_0", "elongation_at_25"):
+        assert float(found[name]) == pytest.approx(TRUTH[name], rel=1e-3), name
+
+
+def test_it_is_far_above_draws_from_the_prior_on_the_gelatin_study():
+    model = assemble(read_study(STUDY)).model
+    draws = model.table.sample(np.random.default_rng(0), 200)
+    assert model.log_prob(least_squares(model)[None])[0] > np.max(model.log_prob(draws)) + 50.0
+
+
+def test_without_films_it_is_the_median_of_the_prior():
+    model = replace(small_model(), tensile=None, breaks=None)
+    named = model.table.named(least_squares(model))
+    for parameter in model.table.parameters:
+        median = float(parameter.law.quantile(0.5))
+        assert float(named[parameter.name]) == pytest.approx(median, rel=1e-9)

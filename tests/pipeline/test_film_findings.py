@@ -1,0 +1,212 @@
+"""What the films alone say, as tables, sentences and a figure of the report."""
+
+import numpy as np
+import pytest
+
+from bayesdeg.criticism.convergence import diagnose
+from bayesdeg.inference.chain import EFFORTS, Chain
+from bayesdeg.inference.course import CourseModel, degradation_at, rate_errors
+from bayesdeg.inference.ensemble import to_datatree
+from bayesdeg.pipeline import tables
+from bayesdeg.pipeline.assemble import assemble
+from bayesdeg.pipeline.films import CourseFit, Films, common_error_words, course_words, examine
+from bayesdeg.pipeline.progress import Silent
+from bayesdeg.report.columns import COURSE, PARAMETERS, TABLES
+from bayesdeg.report.figures_course import course_figure
+from bayesdeg.report.folder import POSTERIOR_COURSE, RunFolder
+from bayesdeg.report.page import build_page
+from tests.pipeline.study_files import SETTINGS, study_in
+from tests.report.html_reading import read_html
+from tests.report.synthetic_run import write_full
+
+TRUTH = {
+    "fresh_moisture": 20.0,
+    "degradation_limit": 32.0,
+    "degradation_time_constant": 14.0,
+    "moisture_scatter": 0.6,
+}
+TIMES = np.repeat([0.0, 8.0, 16.0, 24.0], 9)
+
+
+def fit_of(*, width=1e-6, times=TIMES, **changes):
+    """A course whose posterior is known: independent normal laws about the truth."""
+    values = {name: np.array(v) for name, v in (TRUTH | changes).items()}
+    generator = np.random.default_rng(1)
+    model = CourseModel(tuple(f"m{i}" for i in range(times.size)), times, np.full(times.size, 17.0))
+    centre = model.table.vectors(values)
+    vectors = centre + width * generator.standard_normal((4, 50, 10, 4))
+    chain = Chain(vectors, np.zeros(vectors.shape[:3]), np.full(4, 0.4))
+    return CourseFit(model, chain, diagnose(model, chain, EFFORTS["quick"]))
+
+
+def test_the_table_holds_bands_and_films():
+    fit = fit_of(width=0.02)
+    table = Films(fit, None, np.empty((0, 2))).tables(np.random.default_rng(2))[COURSE]
+    assert {c.name for c in TABLES[COURSE]} <= set(table.columns)
+    films = table[table["kind"] == "film"]
+    assert len(films) == 36
+    fresh = fit.draws["fresh_moisture"].mean()
+    assert films["degradation_pct"].iloc[0] == pytest.approx(100.0 * (1.0 - 17.0 / fresh))
+    band = table[table["kind"] == "band"].set_index("time_h")
+    assert band.index[-1] == 24.0
+    at_end = degradation_at(fit.draws, np.array([24.0]))[:, 0]
+    assert band.loc[24.0, "q05"] == pytest.approx(np.percentile(at_end, 5))
+    assert band.loc[24.0, "q95"] == pytest.approx(np.percentile(at_end, 95))
+    assert band.loc[0.0, "q50"] == 0.0
+
+
+def test_the_band_of_moisture_is_that_of_a_film():
+    table = Films(fit_of(), None, np.empty((0, 2))).tables(np.random.default_rng(3))[COURSE]
+    start = table[(table["kind"] == "band") & (table["time_h"] == 0.0)].iloc[0]
+    reach = 1.645 * TRUTH["moisture_scatter"]
+    assert start["moisture_q05"] == pytest.approx(20.0 - reach, abs=0.1)
+    assert start["moisture_q95"] == pytest.approx(20.0 + reach, abs=0.1)
+
+
+def test_the_sentence_says_when_a_rate_is_reached():
+    said = course_words(fit_of())
+    time = -14.0 * np.log(1.0 - 25.0 / 32.0)
+    assert f"25 % is reached after {time:.1f} h" in said
+    assert "beyond the last reading" not in said
+    assert "tends to 32 %" in said
+    assert "proxy" in said
+
+
+def test_the_sentence_says_what_lies_beyond_the_readings():
+    said = course_words(fit_of(degradation_time_constant=30.0))
+    assert "beyond the last reading at 24 h" in said
+
+
+def test_the_sentence_says_how_likely_a_rate_is_that_may_never_be_reached():
+    assert "ever reached with probability 0.00" in course_words(fit_of(degradation_limit=20.0))
+    said = course_words(fit_of(width=0.05, degradation_limit=25.0))
+    assert "ever reached with probability 0.4" in said or "probability 0.5" in said
+
+
+STATED = np.array([[5.0, 0.5], [25.0, 0.5], [25.0, 2.0]])
+
+
+def test_the_error_of_fresh_moisture_stands_beside_what_the_study_states():
+    said = common_error_words(fit_of(), STATED)
+    errors = rate_errors(fit_of().draws, np.array([25.0]), fresh_films=9, films=9)
+    assert "mean of 9 fresh films" in said
+    assert f"{errors.common.mean():.2f} points at 25 %" in said  # 75 × 0.03/3 = 0.75
+    assert "0.75 points" in said
+    assert f"together {np.hypot(0.75, 1.0):.2f}" in said
+    assert "states 0.5 points" in said
+    assert "which is less" in said
+    assert "no less and so is plausible" in common_error_words(fit_of(), STATED + 3.0)
+
+
+def test_without_fresh_films_the_error_is_that_of_an_extrapolation():
+    assert "extrapolated" in common_error_words(fit_of(times=TIMES + 8.0), STATED)
+
+
+def test_a_study_without_degraded_specimens_states_no_error():
+    assert "The study states" not in common_error_words(fit_of(), np.empty((0, 2)))
+
+
+def test_parameters_of_the_course_stand_in_the_table_with_units():
+    table = tables.parameters(fit_of(width=0.02), "course").set_index("parameter")
+    assert {*table.columns, "parameter"} >= {c.name for c in TABLES[PARAMETERS]}
+    units = table["unit"].to_dict()
+    assert units["degradation_time_constant"] == "h"
+    assert units["fresh_moisture"] == "%"
+    assert table.loc["degradation_limit", "q50"] == pytest.approx(32.0, rel=0.01)
+
+
+MOISTURE = "film_id,time_h,mass_equilibrated_g,mass_dry_g\n" + "".join(
+    f"m{i},{time},2.5,{2.5 * (1.0 - 0.2 * (1.0 - 0.3 * (1.0 - np.exp(-time / 10.0))) - e)}\n"
+    for i, (time, e) in enumerate(
+        (time, 0.004 * e) for time in (0, 6, 12, 24) for e in (-1, 0, 0.5, 1)
+    )
+)
+
+
+# four readings of stress would leave their noise to the prior, down to nothing
+NOISE = """[priors]
+tensile_noise = { law = "lognormal", median = 0.02, sigma = 0.3 }
+tensile_noise_floor = { law = "lognormal", median = 0.01, sigma = 0.3 }
+"""
+
+
+@pytest.fixture(scope="module")
+def examined(tmp_path_factory):
+    files = {"moisture.csv": MOISTURE, "study.toml": SETTINGS + NOISE}
+    study = study_in(tmp_path_factory.mktemp("study"), files)
+    model = assemble(study).model
+    return examine(
+        study,
+        model,
+        effort=EFFORTS["quick"],
+        seed=np.random.SeedSequence(5),
+        progress=Silent(),
+    )
+
+
+def test_a_study_s_films_are_calibrated_until_they_may_be_used(examined):
+    assert examined.course.diagnosis.usable
+    draws = examined.course.draws
+    assert np.mean(draws["fresh_moisture"]) == pytest.approx(20.0, abs=0.5)
+    assert np.mean(draws["moisture_scatter"]) == pytest.approx(0.4, abs=0.15)
+    assert examined.stated.tolist() == [[25.0, 1.0], [10.0, 0.5], [25.0, 0.5]]
+    assert set(examined.sentences()) == {"course", "common_error", "orders"}
+    assert set(examined.tables(np.random.default_rng(1))) == {"course", "orders"}
+
+
+def test_a_study_without_moisture_has_no_course(tmp_path):
+    study = study_in(tmp_path, without=("tensile.csv",))
+    films = examine(
+        study,
+        assemble(study).model,
+        effort=EFFORTS["quick"],
+        seed=np.random.SeedSequence(5),
+        progress=Silent(),
+    )
+    assert films.course is None
+    assert films.orders is None
+    assert films.sentences() == {}
+
+
+def test_the_figure_shows_films_and_bands(examined):
+    table = examined.tables(np.random.default_rng(1))["course"]
+    left, right = course_figure(table).axes
+    assert left.get_xlabel() == "time [h]"
+    assert left.get_ylabel() == "moisture content [%]"
+    assert right.get_ylabel() == "degradation [%]"
+    for axes in (left, right):
+        films = next(line for line in axes.lines if len(line.get_xdata()) == 16)
+        assert films.get_marker() == "o"
+    assert len(right.collections) == 2
+
+
+def test_the_page_shows_course_and_orders(tmp_path, examined):
+    folder = write_full(tmp_path / "run", "named")
+    for name, frame in examined.tables(np.random.default_rng(1)).items():
+        folder.write_table(name, frame)
+    content = folder.read_json("run")
+    folder.write_json("run", content | {"checks": examined.sentences()})
+    plain = read_html(build_page(tmp_path / "run").read_text(encoding="utf-8")).text
+    assert "Course of degradation in the soil" in plain
+    assert "is reached" in plain
+    assert "all share its error" in plain
+    assert "How the constants depend on the degradation rate" in plain
+    assert "The films compare polynomials" in plain
+
+
+def test_a_page_without_them_does_not_speak_of_them(tmp_path):
+    write_full(tmp_path / "run", "named")
+    text = build_page(tmp_path / "run").read_text(encoding="utf-8")
+    assert "Course of degradation in the soil" not in text
+    assert "How the constants depend" not in text
+
+
+def test_the_posterior_of_the_course_is_kept(tmp_path, examined):
+    folder, course = RunFolder(tmp_path / "run"), examined.course
+    tree = to_datatree(course.model, course.chain.thinned(50), np.random.default_rng(1))
+    folder.write_posterior(POSTERIOR_COURSE, tree)
+    read = folder.read_posterior(POSTERIOR_COURSE)["posterior"]
+    vectors = course.model.table.vectors({name: read[name].to_numpy() for name in read.data_vars})
+    again = course.model.log_prob(vectors.reshape(-1, 4))
+    kept = folder.read_posterior(POSTERIOR_COURSE)["sample_stats"]["lp"].to_numpy().ravel()
+    np.testing.assert_allclose(again, kept, rtol=1e-9, atol=1e-9)
