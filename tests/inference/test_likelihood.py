@@ -59,6 +59,7 @@ def reference(curve, b=0, s=0):
     return law.logpdf(curve.residual[b, s, rows])
 
 
+@settings(deadline=None)
 @given(curve=curves())
 def test_the_density_is_that_of_the_full_covariance(curve):
     density, _ = density_and_mode(curve)
@@ -66,7 +67,7 @@ def test_the_density_is_that_of_the_full_covariance(curve):
     assert density[0, 0] == pytest.approx(reference(curve), rel=1e-8, abs=1e-8)
 
 
-@settings(max_examples=20)
+@settings(max_examples=20, deadline=None)
 @given(curve=curves(n=3, specimens=2))
 def test_batches_are_single_paths(curve):
     density, _ = density_and_mode(curve)
@@ -74,6 +75,7 @@ def test_batches_are_single_paths(curve):
         assert density[b, s] == pytest.approx(reference(curve, b, s), rel=1e-8, abs=1e-8)
 
 
+@settings(deadline=None)
 @given(curve=curves())
 def test_the_deviation_is_the_posterior_mean_of_the_linear_gaussian(curve):
     _, deviation = density_and_mode(curve)
@@ -83,6 +85,7 @@ def test_the_deviation_is_the_posterior_mean_of_the_linear_gaussian(curve):
     np.testing.assert_allclose(deviation[0, 0], want, rtol=1e-6, atol=1e-8)
 
 
+@settings(deadline=None)
 @given(curve=curves())
 def test_covariance_is_that_of_what_was_read_and_the_unit_matrix_elsewhere(curve):
     got = likelihood.covariance(curve)[0, 0]
@@ -92,6 +95,7 @@ def test_covariance_is_that_of_what_was_read_and_the_unit_matrix_elsewhere(curve
     np.testing.assert_array_equal(got[others], np.eye(len(got))[others])
 
 
+@settings(deadline=None)
 @given(curve=curves())
 def test_sequential_densities_are_those_given_what_came_before(curve):
     """log p(y_1 … y_j) − log p(y_1 … y_{j−1}), each from its own full matrix."""
@@ -106,6 +110,7 @@ def test_sequential_densities_are_those_given_what_came_before(curve):
     np.testing.assert_array_equal(np.delete(got, rows), 0.0)
 
 
+@settings(deadline=None)
 @given(curve=curves())
 def test_what_is_masked_cannot_act(curve):
     hidden = np.where(curve.paths.mask, curve.residual, np.nan)
