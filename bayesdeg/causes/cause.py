@@ -1,7 +1,7 @@
 """What a cause is: a named difference between what was recorded and what the mechanics met."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
 
 import numpy as np
@@ -11,34 +11,99 @@ from bayesdeg.actuator.inputs import Inputs, Prediction
 from bayesdeg.laws import Parameter
 
 Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+REFERENCE_DEGRADATION = 25.0
+"""Degradation rate for which sizes of effects that grow with it are stated [%]."""
 
 Effect = Mapping[str, Floats]
 """Values of a cause's parameters by their short names, shaped to broadcast (walkers, 1, 1)."""
 
 
 class Stage(IntEnum):
-    """Where in the chain a cause acts; causes are applied in this order, then by name."""
+    """Where in the chain a cause acts; causes are applied in this order, then by name.
+
+    What the material makes of a load in time (RESPONSE) comes after what the load really is (LOAD).
+    """
 
     DEGRADATION = 0
     MATERIAL = 1
     GEOMETRY = 2
     LOAD = 3
-    READING = 4
+    RESPONSE = 4
+    READING = 5
 
 
 @dataclass(frozen=True)
 class Conditions:
-    """What the experiment set or recorded, shaped to broadcast over (specimens, pressures).
+    """What the experiment set or recorded, readings in the order in which they were taken.
+
+    By default it was a prompt first loading in a horizontal mount. What broadcasts to
+    (n_specimens, n_points) is brought to that shape.
 
     Parameters
     ----------
-    pressure : array, shape (n_specimens, n_pressures)
+    pressure : array, shape (n_specimens, n_points)
         As read by the sensor [kPa].
     degradation : array, shape (n_specimens, 1)
         As measured [%].
+    time : array
+        Since the specimen's first row; nan where it was not recorded [s].
+    cycle : array of int
+        Loading cycle, from 1.
+    unloading : array of bool
+        Whether the pressure was on its way down.
+    humidity : array
+        Relative humidity of the room; nan where it was not recorded [%].
+    mount : array of str
+        ``horizontal``, ``hanging``, ``bending_up`` or ``bending_down``.
+
+    Raises
+    ------
+    ValueError
+        If the shapes do not go together.
+
+    Examples
+    --------
+    >>> conditions = Conditions(np.array([[20.0, 40.0]]), np.array([[0.0]]))
+    >>> conditions.mount.tolist(), conditions.cycle.tolist()
+    ([['horizontal', 'horizontal']], [[1, 1]])
     """
 
     pressure: Floats
+    degradation: Floats
+    time: Floats = field(default_factory=lambda: np.array(np.nan))
+    cycle: NDArray[np.int64] = field(default_factory=lambda: np.array(1))
+    unloading: Flags = field(default_factory=lambda: np.array(False))
+    humidity: Floats = field(default_factory=lambda: np.array(np.nan))
+    mount: NDArray[np.str_] = field(default_factory=lambda: np.array("horizontal"))
+
+    def __post_init__(self) -> None:
+        """Bring what was recorded to the shape of the readings."""
+        shape = np.broadcast_shapes(np.shape(self.pressure), np.shape(self.degradation))
+        for name in ("time", "cycle", "unloading", "humidity", "mount"):
+            object.__setattr__(self, name, np.broadcast_to(getattr(self, name), shape))
+
+
+@dataclass(frozen=True)
+class FilmConditions:
+    """What tensile tests of films set.
+
+    Parameters
+    ----------
+    stretch : array, shape (n_specimens, n_points)
+        Along the load [–].
+    mode : array of str, shape (n_specimens,)
+        ``uniaxial``, ``equibiaxial`` or ``planar``.
+    cauchy : array of bool, shape (n_specimens, n_points)
+        Whether the stress is labelled as Cauchy's; nominal otherwise.
+    degradation : array, shape (n_specimens,)
+        As measured [%].
+    """
+
+    stretch: Floats
+    mode: NDArray[np.str_]
+    cauchy: Flags
     degradation: Floats
 
 
@@ -56,6 +121,26 @@ class Degradation:
 
     value: Floats
     sd: Floats
+
+
+@dataclass(frozen=True)
+class Strength:
+    """What is believed of the elongation limit of actuators.
+
+    Parameters
+    ----------
+    median : array, shape (walkers, n_specimens)
+        Median elongation at break as a strain, λ − 1 [–].
+    scatter : array, shape (walkers, n_specimens)
+        Standard deviation of its logarithm [–].
+    """
+
+    median: Floats
+    scatter: Floats
+
+
+def always_visible(conditions: Conditions) -> None:
+    """Say nothing: no test is blind to the cause."""
 
 
 @dataclass(frozen=True)
@@ -83,6 +168,16 @@ class Cause:
     on_degradation, on_inputs, on_reading : callable, optional
         What it does to the degradation rates, to the inputs of the forward map, to the
         prediction; one that is not given means no effect.
+    on_stress : callable, optional
+        What it does to the stresses (walkers, n_specimens, n_points) [MPa] that tensile tests of
+        films read; the last argument is Yeoh's constants (walkers, n_specimens, 3) [MPa]. It is
+        linear in both together, so it acts alike on a stress with its constants and on a
+        derivative of the stress with that of the constants.
+    on_strength : callable, optional
+        What it does to the elongation limit of actuators whose degradation rates are given,
+        (walkers, n_specimens) [%]; the effect is shaped (walkers, 1).
+    blind : callable
+        Says why tests cannot reveal it although the columns are there; None if they can.
     """
 
     name: str
@@ -96,6 +191,9 @@ class Cause:
     on_degradation: Callable[[Degradation, Conditions, Effect], Degradation] | None = None
     on_inputs: Callable[[Inputs, Conditions, Effect], Inputs] | None = None
     on_reading: Callable[[Prediction, Conditions, Effect], Prediction] | None = None
+    on_stress: Callable[[Floats, FilmConditions, Effect, Floats], Floats] | None = None
+    on_strength: Callable[[Strength, Floats, Effect], Strength] | None = None
+    blind: Callable[[Conditions], str | None] = always_visible
 
     def qualified(self, parameter: str) -> str:
         """Return the parameter's name in a posterior: prefixed with that of the cause."""
@@ -107,3 +205,13 @@ class Cause:
             p.name: np.asarray(values[self.qualified(p.name)])[..., None, None]
             for p in self.parameters
         }
+
+    @property
+    def acts_on(self) -> frozenset[str]:
+        """Tests whose readings it changes: ``actuator``, ``tensile``, ``rupture``.
+
+        What changes the strain of an actuator changes its rupture too; that is not said here.
+        """
+        actuator = (self.on_degradation, self.on_inputs, self.on_reading)
+        hooks = {"actuator": actuator, "tensile": (self.on_stress,), "rupture": (self.on_strength,)}
+        return frozenset(test for test, given in hooks.items() if any(given))

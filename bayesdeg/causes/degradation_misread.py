@@ -27,10 +27,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from bayesdeg.causes.blindness import FRESH, without_degraded
 from bayesdeg.causes.cause import Cause, Conditions, Degradation, Effect, Stage
 from bayesdeg.laws import Normal, Parameter, TruncatedNormal
-
-FRESH = 0.5  # a specimen recorded below this never was in the soil [%]
 
 
 def misread(degradation: Degradation, conditions: Conditions, effect: Effect) -> Degradation:
@@ -62,4 +61,5 @@ CAUSE = Cause(
     "misfit in fresh specimens or by moisture of the actuators' own material",
     confusable_with=("degraded_skin", "erosion", "film_mismatch"),
     on_degradation=misread,
+    blind=without_degraded,
 )

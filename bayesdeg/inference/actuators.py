@@ -7,11 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.actuator.inputs import ForwardMap, Inputs, Prediction
-from bayesdeg.causes.cause import Cause, Conditions, Degradation
+from bayesdeg.causes.cause import Cause, Conditions, Degradation, Strength
 from bayesdeg.inference.curves import ActuatorCurves
 from bayesdeg.inference.likelihood import Linearised, density_and_mode, log_interval
 from bayesdeg.inference.parameters import Named
-from bayesdeg.inference.specimens import Material
+from bayesdeg.inference.specimens import Material, elongation_at, elongation_spread
+from bayesdeg.material.degradation import Nodes
 
 Floats = NDArray[np.float64]
 
@@ -47,7 +48,7 @@ class Rig:
     @property
     def conditions(self) -> Conditions:
         """What the experiment set or recorded."""
-        return Conditions(self.data.pressure, self.data.degradation)
+        return self.data.conditions
 
 
 class Predicted(NamedTuple):
@@ -139,9 +140,19 @@ def linearise_actuators(
     return at_mode, predicted
 
 
-def log_rupture(
-    data: ActuatorCurves, prediction: Prediction, limit: Floats, spread: Floats
-) -> Floats:
+def strength_of(rig: Rig, values: Named, believed: Degradation, *, nodes: Nodes) -> Strength:
+    """Return the elongation limit of actuators believed to be degraded so far, (n, n_specimens)."""
+    level = believed.value
+    spread = elongation_spread(values, level, believed.sd, nodes=nodes)
+    strength = Strength(elongation_at(values, level, nodes) / 100.0, np.sqrt(spread))
+    for cause in rig.causes:
+        if cause.on_strength is not None:
+            effect = {name: size[..., 0] for name, size in cause.effect(values).items()}
+            strength = cause.on_strength(strength, level, effect)
+    return strength
+
+
+def log_rupture(data: ActuatorCurves, prediction: Prediction, strength: Strength) -> Floats:
     r"""Return log probabilities that each specimen burst where it did, or survived, (n, S).
 
     A specimen bursts where the stretch that its pressure demands passes its own limit, ln ε_b ~
@@ -155,8 +166,8 @@ def log_rupture(
         Which pressures were survived.
     prediction : Prediction
         At the specimens' most probable stiffness.
-    limit, spread : array, shape (n, n_specimens)
-        ε̃ [–] and s².
+    strength : Strength
+        ε̃ [–] and s of the specimens, (n, n_specimens).
     """
     ruptures = data.ruptures
     rows = np.arange(len(data.specimens))
@@ -165,7 +176,8 @@ def log_rupture(
         strain = prediction.peak_stretch[:, rows, at] - 1.0
         share = prediction.peak_stretch_sd[:, rows, at] / np.maximum(strain, 1e-12)
         known = np.isfinite(strain) & (strain > 0.0)
-        safe = np.log(np.where(known, strain, 1.0) / limit) / np.sqrt(spread + share**2)
+        spread = np.hypot(strength.scatter, share)
+        safe = np.log(np.where(known, strain, 1.0) / strength.median) / spread
         return np.where(known, safe, refused)
 
     low = np.where(ruptures.survived < 0, -np.inf, score(ruptures.survived, refused=-np.inf))

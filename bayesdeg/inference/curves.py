@@ -7,6 +7,7 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdeg.causes.cause import Conditions, FilmConditions
 from bayesdeg.inference.likelihood import Paths, paths_of
 
 Floats = NDArray[np.float64]
@@ -45,6 +46,11 @@ class TensileCurves:
     stress: Floats
     cauchy: Flags
     mask: Flags
+
+    @cached_property
+    def conditions(self) -> FilmConditions:
+        """What the tests set."""
+        return FilmConditions(self.stretch, np.array(self.modes), self.cauchy, self.degradation)
 
     @cached_property
     def paths(self) -> Paths:
@@ -107,6 +113,10 @@ class ActuatorCurves:
         Rows that are there, and those at whose pressure the specimen burst.
     cycle : array of int, branch : array of str, shape (n_specimens, n_points)
         Loading cycle and branch.
+    time, humidity : array, shape (n_specimens, n_points)
+        Since the specimen's first row [s], of the room [%]; nan where not recorded.
+    mount : array of str, shape (n_specimens, n_points)
+        How it was held.
     """
 
     specimens: tuple[str, ...]
@@ -122,6 +132,22 @@ class ActuatorCurves:
     ruptured: Flags
     cycle: NDArray[np.int64]
     branch: NDArray[np.str_]
+    time: Floats
+    humidity: Floats
+    mount: NDArray[np.str_]
+
+    @cached_property
+    def conditions(self) -> Conditions:
+        """What the experiment set or recorded."""
+        return Conditions(
+            self.pressure,
+            self.degradation,
+            time=self.time,
+            cycle=self.cycle,
+            unloading=self.branch == "unloading",
+            humidity=self.humidity,
+            mount=self.mount,
+        )
 
     @cached_property
     def with_angle(self) -> bool:
@@ -169,6 +195,9 @@ class ActuatorCurves:
             ruptured=self.ruptured[rows],
             cycle=self.cycle[rows],
             branch=self.branch[rows],
+            time=self.time[rows],
+            humidity=self.humidity[rows],
+            mount=self.mount[rows],
         )
 
     def with_readings(self, readings: Floats) -> Self:

@@ -103,6 +103,10 @@ def actuator_curves(study: Study) -> ActuatorCurves | None:
         recorded=np.arange(size) < np.array([len(g) for g in groups])[:, None],
         ruptured=_pad([g["ruptured"] for g in groups], size, fill=0.0) > 0.5,
         cycle=_pad([g["cycle"] for g in groups], size, fill=1.0).astype(np.int64),
+        time=_pad([g["time_s"] for g in groups], size, fill=np.nan),
+        humidity=_pad([g["humidity_pct"] for g in groups], size, fill=np.nan),
+        # rows that are not there are held as those that are
+        mount=np.array([[*g["mount"], *[g["mount"].iloc[-1]] * (size - len(g))] for g in groups]),
         branch=np.array([[*g["branch"], *["loading"] * (size - len(g))] for g in groups]),
     )
 

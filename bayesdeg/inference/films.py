@@ -1,8 +1,11 @@
 """Stress–stretch curves of films in the eyes of a model."""
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdeg.causes.cause import Cause
 from bayesdeg.inference.curves import TensileCurves
 from bayesdeg.inference.likelihood import Linearised, density_and_mode
 from bayesdeg.inference.parameters import Named
@@ -14,37 +17,60 @@ PASSES = 3
 """Linearisations, the first at no deviation."""
 
 
-def linearise_films(data: TensileCurves, values: Named, material: Material) -> Linearised:
+class Stresses(NamedTuple):
+    """Stresses of the median material with the effects of causes, (n, n_specimens, n_points).
+
+    Parameters
+    ----------
+    at_rest : array
+        Of films without deviations [MPa].
+    by_rate : array
+        Derivative by the degradation rate [MPa/%].
+    """
+
+    at_rest: Floats
+    by_rate: Floats
+
+
+def median_stresses(
+    data: TensileCurves, values: Named, material: Material, causes: tuple[Cause, ...] = ()
+) -> Stresses:
+    """Return what films of the median material read."""
+    parts = []
+    for constants in material:
+        stress = _stress(data.basis, constants)
+        for cause in causes:
+            if cause.on_stress is not None:
+                stress = cause.on_stress(stress, data.conditions, cause.effect(values), constants)
+        parts.append(stress)
+    return Stresses(*parts)
+
+
+def linearise_films(data: TensileCurves, values: Named, median: Stresses) -> Linearised:
     r"""Linearise stresses at the films' most probable deviations.
 
     .. math:: \sigma = e^m \sum_i \phi_i(\lambda) (C_i + d\, C_i')
 
     with m the deviation of ln stiffness and d that of the degradation rate [%], φ Yeoh's basis.
     """
-    at_rest = _stress(data.basis, material.constants)
-    per_point = _stress(data.basis, material.slope)
-    spread = np.empty((len(at_rest), len(data.specimens), 2))
+    spread = np.empty((*median.at_rest.shape[:2], 2))
     spread[..., 0] = values["stiffness_scatter"][:, None] ** 2
     spread[..., 1] = data.degradation_sd**2
     deviation = np.zeros_like(spread)
     for number in range(PASSES):
-        at_mode = _linearised(data, values, (at_rest, per_point), spread, deviation)
+        at_mode = _linearised(data, values, median, spread, deviation)
         if number + 1 < PASSES:
             _, deviation = density_and_mode(at_mode)
     return at_mode
 
 
-def film_readings(
-    data: TensileCurves, material: Material, deviation: Floats
-) -> tuple[Floats, Floats]:
+def film_readings(median: Stresses, deviation: Floats) -> tuple[Floats, Floats]:
     """Return stresses of films with these deviations, and their slopes by them.
 
     Parameters
     ----------
-    data : TensileCurves
-        Stretches and modes.
-    material : Material
-        Median material.
+    median : Stresses
+        Of films without deviations.
     deviation : array, shape (n, n_specimens, 2)
         Of ln stiffness [–] and of the degradation rate [%].
 
@@ -55,9 +81,10 @@ def film_readings(
     slope : array, shape (n, n_specimens, n_points, 2)
         [MPa], [MPa/%].
     """
-    return _deviating(
-        _stress(data.basis, material.constants), _stress(data.basis, material.slope), deviation
-    )
+    factor = np.exp(deviation[..., None, 0])
+    by_rate = factor * median.by_rate
+    stress = factor * median.at_rest + by_rate * deviation[..., None, 1]
+    return stress, np.stack([stress, by_rate], axis=-1)
 
 
 def stress_variance(values: Named, stress: Floats) -> Floats:
@@ -72,11 +99,11 @@ def stress_variance(values: Named, stress: Floats) -> Floats:
 def _linearised(
     data: TensileCurves,
     values: Named,
-    stresses: tuple[Floats, Floats],
+    median: Stresses,
     spread: Floats,
     deviation: Floats,
 ) -> Linearised:
-    stress, slope = _deviating(*stresses, deviation)
+    stress, slope = film_readings(median, deviation)
     residual = data.stress - stress
     residual += slope[..., 0] * deviation[..., None, 0]
     residual += slope[..., 1] * deviation[..., None, 1]
@@ -89,13 +116,6 @@ def _linearised(
         np.zeros(len(residual)),
         data.paths,
     )
-
-
-def _deviating(at_rest: Floats, per_point: Floats, deviation: Floats) -> tuple[Floats, Floats]:
-    factor = np.exp(deviation[..., None, 0])
-    by_rate = factor * per_point
-    stress = factor * at_rest + by_rate * deviation[..., None, 1]
-    return stress, np.stack([stress, by_rate], axis=-1)
 
 
 def _stress(basis: Floats, constants: Floats) -> Floats:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from bayesdeg.actuator.inputs import PAPER_THICKNESS, ForwardMap, Prediction
 from bayesdeg.causes.catalogue import in_order
-from bayesdeg.causes.cause import Cause, Degradation
+from bayesdeg.causes.cause import Cause, Degradation, Strength
 from bayesdeg.inference import actuators, films, likelihood, published
 from bayesdeg.inference.actuators import Rig
 from bayesdeg.inference.curves import ActuatorCurves, Breaks, TensileCurves
@@ -155,8 +155,17 @@ class Model:
     def tensile_linearised(self, values: Named) -> Linearised:
         """Linearise the stress–stretch curves at their most probable deviations."""
         assert self.tensile is not None
-        material = self.material(values, self.tensile.degradation)
-        return films.linearise_films(self.tensile, values, material)
+        return films.linearise_films(self.tensile, values, self.stresses(values, self.tensile))
+
+    def stresses(self, values: Named, data: TensileCurves) -> films.Stresses:
+        """Return what films of the median material read in these tests."""
+        material = self.material(values, data.degradation)
+        return films.median_stresses(data, values, material, self.causes)
+
+    def strength(self, values: Named) -> Strength:
+        """Return the elongation limit of the actuators, (n, n_specimens)."""
+        believed = self._degradation(values)
+        return actuators.strength_of(self.rig, values, believed, nodes=self.elongation_nodes)
 
     def actuator_linearised(self, values: Named) -> Linearised:
         """Linearise the actuators' readings at their most probable deviations."""
@@ -250,10 +259,7 @@ class Model:
 
     def _log_rupture(self, values: Named, prediction: Prediction) -> Floats:
         assert self.actuator is not None
-        believed = self._degradation(values)
-        limit = self.elongation(values, believed.value) / 100.0
-        spread = elongation_spread(values, believed.value, believed.sd, nodes=self.elongation_nodes)
-        return actuators.log_rupture(self.actuator, prediction, limit, spread)
+        return actuators.log_rupture(self.actuator, prediction, self.strength(values))
 
     def _log_published(self, values: Named, tests: PublishedTests) -> dict[str, Floats]:
         assert self.forward is not None

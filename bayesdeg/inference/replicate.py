@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.actuator.inputs import Prediction
-from bayesdeg.inference import actuators, films, likelihood
+from bayesdeg.inference import films, likelihood
 from bayesdeg.inference.curves import ActuatorCurves, Breaks, TensileCurves
 from bayesdeg.inference.data import Statistic
 from bayesdeg.inference.model import Model
@@ -71,11 +71,10 @@ def replicate(model: Model, values: Named, generator: np.random.Generator) -> Mo
 def _films(
     model: Model, data: TensileCurves, values: Named, generator: np.random.Generator
 ) -> TensileCurves:
-    material = model.material(values, data.degradation)
     scatter = np.broadcast_to(values["stiffness_scatter"][:, None], data.degradation[None].shape)
     sd = np.stack([scatter, np.broadcast_to(data.degradation_sd, scatter.shape)], axis=-1)
     deviation = sd * generator.standard_normal(sd.shape)
-    stress, _ = films.film_readings(data, material, deviation)
+    stress, _ = films.film_readings(model.stresses(values, data), deviation)
     length = values["tensile_noise_length"]
     z = likelihood.correlated_normals(data.paths, length, np.zeros(len(length)), generator)
     read = stress + np.sqrt(films.stress_variance(values, stress)) * z
@@ -109,14 +108,12 @@ def _bursts(
     The emulator's error of ln strain is one of the specimen, so that the stretch it demands grows
     with pressure; for each pressure it has the law of the likelihood.
     """
-    believed = actuators.believed_degradation(model.rig, values)
-    median = model.elongation(values, believed.value) / 100.0
-    nodes = model.elongation_nodes
-    spread = elongation_spread(values, believed.value, believed.sd, nodes=nodes)
-    limit = np.log(median) + np.sqrt(spread) * generator.standard_normal(spread.shape)
+    strength = model.strength(values)
+    z = generator.standard_normal(strength.median.shape)
+    limit = np.log(strength.median) + strength.scatter * z
     strain = prediction.peak_stretch - 1.0
     share = prediction.peak_stretch_sd / np.maximum(strain, 1e-12)
-    error = share * generator.standard_normal((*spread.shape, 1))
+    error = share * generator.standard_normal((*z.shape, 1))
     known = np.isfinite(strain) & (strain > 0.0)
     demanded = np.where(known, np.log(np.where(known, strain, 1.0)) + error, np.inf)
     over = data.recorded & (data.pressure > 0.0) & (demanded > limit[..., None])[0]

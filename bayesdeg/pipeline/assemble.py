@@ -80,7 +80,7 @@ def assemble(study: Study, forward: ForwardMap | None = None) -> Assembly:
     if needs_forward and (forward is None or isinstance(forward, Surrogate)):
         forward = surrogate_for(Geometry(study.settings.dimensions), forward)
         base += known.EMULATOR if actuator is not None else ()
-    candidates, unjudged = _candidates(study)
+    candidates, unjudged = _candidates(study, actuator, tensile)
     _check(study, base, candidates)
     model = Model(
         base=known.with_priors(_default_priors(base, statistics), study.settings.priors),
@@ -114,9 +114,7 @@ def _nodes(
     return nodes_for(levels or [0.0], order)
 
 
-def _elongation_nodes(
-    breaks: Breaks | None, statistics: tuple[tables.Statistic, ...]
-) -> Nodes:
+def _elongation_nodes(breaks: Breaks | None, statistics: tuple[tables.Statistic, ...]) -> Nodes:
     levels = [s.degradation for s in statistics if s.quantity == "elongation_at_break"]
     levels += [] if breaks is None else breaks.degradation.tolist()
     return nodes_for(levels) if levels else ()
@@ -131,20 +129,41 @@ def _default_priors(
     return known.with_priors(base, wide)
 
 
-def _candidates(study: Study) -> tuple[tuple[Cause, ...], dict[str, str]]:
+def _candidates(
+    study: Study, actuator: ActuatorCurves | None, tensile: TensileCurves | None
+) -> tuple[tuple[Cause, ...], dict[str, str]]:
     wanted = study.settings.candidates
     causes = CATALOGUE.values() if wanted is None else [find(name) for name in wanted]
-    recorded = study.recorded.get("actuator", frozenset())
     judged, unjudged = [], {}
     for cause in causes:
-        lacking = [column for column in cause.needs if column not in recorded]
-        if study.actuator is None:
-            unjudged[cause.name] = "there are no actuator readings (actuator.csv)"
-        elif lacking:
-            unjudged[cause.name] = f"actuator.csv does not record {', '.join(lacking)}"
-        else:
+        why = _unseen(cause, study, actuator, tensile)
+        if why is None:
             judged.append(replace(cause, parameters=_stated_priors(cause, study)))
+        else:
+            unjudged[cause.name] = why
     return tuple(judged), unjudged
+
+
+def _unseen(
+    cause: Cause,
+    study: Study,
+    actuator: ActuatorCurves | None,
+    tensile: TensileCurves | None,
+) -> str | None:
+    """Say why the data at hand cannot reveal a cause; None if they can."""
+    if "tensile" in cause.acts_on and tensile is not None:
+        return None
+    if actuator is None:
+        missing = "actuator readings (actuator.csv)"
+        films = " and no tensile curves (tensile.csv)" if "tensile" in cause.acts_on else ""
+        return f"there are no {missing}{films}"
+    recorded = study.recorded.get("actuator", frozenset())
+    lacking = [column for column in cause.needs if column not in recorded]
+    if lacking:
+        return f"actuator.csv does not record {', '.join(lacking)}"
+    if cause.acts_on == {"rupture"} and study.breaks is None:
+        return "there is no elongation at break (break.csv) to compare ruptures with"
+    return cause.blind(actuator.conditions)
 
 
 def _stated_priors(cause: Cause, study: Study) -> tuple[Parameter, ...]:

@@ -83,14 +83,13 @@ def _tensile(
     label: str,
     fitted: bool,
 ) -> pd.DataFrame:
-    material = model.material(values, curves.degradation)
-    still = np.zeros((len(values["stiffness_scatter"]), len(curves.specimens), 2))
-    stress, _ = film_readings(curves, material, still)
+    median = model.stresses(values, curves)
+    stress = median.at_rest
     scatter = np.stack(
         np.broadcast_arrays(values["stiffness_scatter"][:, None], curves.degradation_sd), axis=-1
     )
     deviation = scatter * generator.standard_normal(scatter.shape)
-    drawn, _ = film_readings(curves, material, deviation)
+    drawn, _ = film_readings(median, deviation)
     noise = np.sqrt(stress_variance(values, drawn))
     readings = drawn + noise * generator.standard_normal(drawn.shape)
     low, high = np.quantile(readings, [0.05, 0.95], axis=0)

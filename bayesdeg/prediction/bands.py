@@ -42,6 +42,9 @@ def at_conditions(model: Model, degradation: Floats, pressure: Floats) -> Model:
         ruptured=np.zeros(shape, dtype=bool),
         cycle=np.ones(shape, dtype=np.int64),
         branch=np.full(shape, "loading"),
+        time=np.full(shape, np.nan),
+        humidity=np.full(shape, np.nan),
+        mount=np.full(shape, "horizontal"),
     )
     return replace(model, actuator=curves)
 

@@ -160,7 +160,7 @@ def _held_against_stress(model: Model, values: Named, generator: np.random.Gener
     data = model.tensile
     sd = np.broadcast_arrays(values["stiffness_scatter"][:, None], data.degradation_sd)
     deviation = np.stack(sd, axis=-1) * generator.standard_normal((*sd[0].shape, 2))
-    stress, _ = film_readings(data, model.material(values, data.degradation), deviation)
+    stress, _ = film_readings(model.stresses(values, data), deviation)
     noise = np.sqrt(stress_variance(values, stress)) * generator.standard_normal(stress.shape)
     return _inside((stress + noise)[:, data.mask], data.stress[data.mask])
 

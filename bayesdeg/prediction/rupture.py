@@ -39,8 +39,8 @@ def rupture_table(
     """
     grid = at_conditions(model, degradation, pressure)
     values = draw_values(model, chain, generator, draws)
-    limit = 1.0 + grid.elongation(values, degradation)[..., None] / 100.0
-    scatter = values["elongation_scatter"][:, None, None]
+    strength = grid.strength(values)
+    limit, scatter = 1.0 + strength.median[..., None], strength.scatter[..., None]
     sd = grid.deviation_sd(values)
     total = np.zeros((draws, len(degradation), len(pressure)))
     for node, weight in zip(_NODES, _WEIGHTS / np.sum(_WEIGHTS), strict=True):

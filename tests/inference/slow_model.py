@@ -57,10 +57,7 @@ def suffix(node):
 def casteljau(controls, t):
     """Polynomial of control values: averages of neighbours, until one is left."""
     while len(controls) > 1:
-        controls = [
-            (1.0 - t) * left + t * right
-            for left, right in pairwise(controls)
-        ]
+        controls = [(1.0 - t) * left + t * right for left, right in pairwise(controls)]
     return controls[0]
 
 

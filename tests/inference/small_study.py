@@ -117,6 +117,9 @@ def actuator_curves():
         ruptured=np.zeros((5, 7), bool),
         cycle=np.ones((5, 7), np.int64),
         branch=np.full((5, 7), "loading"),
+        time=np.full((5, 7), np.nan),
+        humidity=np.full((5, 7), np.nan),
+        mount=np.full((5, 7), "horizontal"),
     )
 
 

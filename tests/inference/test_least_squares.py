@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bayesdeg.inference.films import film_readings
 from bayesdeg.inference.least_squares import least_squares
 from bayesdeg.measure.study import read_study
 from bayesdeg.pipeline.assemble import assemble
@@ -17,8 +16,7 @@ STUDY = Path(__file__).parents[2] / "studies" / "gelatin_actuator"
 
 def test_exact_stresses_and_elongations_give_their_constants_back():
     model = small_model()
-    material = model.material(values_of(), model.tensile.degradation)
-    stress, _ = film_readings(model.tensile, material, np.zeros((1, 4, 2)))
+    stress = model.stresses(values_of(), model.tensile).at_rest
     elongation = model.elongation(values_of(), model.breaks.degradation)[0]
     exact = replace(
         model,

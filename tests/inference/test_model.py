@@ -227,6 +227,9 @@ def test_padding_does_not_matter(model, vectors):
         wider(data.ruptured, False),
         wider(data.cycle, 1),
         wider(data.branch, "loading"),
+        wider(data.time, np.nan),
+        wider(data.humidity, np.nan),
+        wider(data.mount, "horizontal"),
     )
     np.testing.assert_allclose(
         replace(model, actuator=padded).log_prob(vectors), model.log_prob(vectors), rtol=1e-12
@@ -238,14 +241,16 @@ def test_a_batch_is_one_vector_at_a_time(model, vectors):
     np.testing.assert_allclose(model.log_prob(vectors), single, rtol=1e-12)
 
 
-def test_a_batch_is_one_vector_at_a_time_with_the_surrogate_and_causes(vectors):
-    model = replace(small_model(), forward=trained()).extended(*CATALOGUE.values())
-    extra = len(model.table) - vectors.shape[1]
-    generator = np.random.default_rng(7)
-    typical = [c.typical[p.name] for c in CATALOGUE.values() for p in c.parameters]
-    assert extra == len(typical)
-    tail = np.array(typical) * generator.uniform(0.5, 1.0, (len(vectors), extra))
-    full = np.hstack([vectors, tail])
+@pytest.mark.parametrize("cause", CATALOGUE.values(), ids=list(CATALOGUE))
+def test_a_batch_is_one_vector_at_a_time_with_the_surrogate_and_a_cause(vectors, cause):
+    model = replace(small_model(), forward=trained()).extended(cause)
+    near = np.array(
+        [
+            float(p.law.to_unconstrained(p.neutral + 0.3 * (cause.typical[p.name] - p.neutral)))
+            for p in cause.parameters
+        ]
+    )
+    full = np.hstack([vectors, np.tile(near, (len(vectors), 1))])
     single = [model.log_prob(vector[None])[0] for vector in full]
     assert np.sum(np.isfinite(single)) >= 4
     np.testing.assert_allclose(model.log_prob(full), single, rtol=1e-11)

@@ -1,0 +1,69 @@
+"""Film mismatch: the material of the cast actuator is not that of the cast film.
+
+Mechanism
+    A thick wall gels, cures and dries more slowly than a film of half a millimetre, and its chains
+    are oriented less. Its stiffness differs from that of the films at the same degradation rate.
+
+Equation
+    All constants of the actuator are exp(x) times those of the films.
+
+Typical size
+    x of ±0.1: assumed; moduli of gelatin films vary by tens of percent with drying. Below
+    x = −0.05 a fresh default actuator is so near to ballooning at 240 kPa that the emulator refuses
+    this step.
+
+Revealed by
+    A ratio of curvatures that is the same at every pressure (but for what the paper's share makes
+    of it) and degradation rate; a film cut from an actuator.
+
+Refuted by
+    Films cut from an actuator's wall that agree with cast ones. From curvature alone it cannot be
+    told from a loss of pressure, since the curvature depends on p/C1 alone.
+
+Source
+    Bigi, Panzavolta, Rubini (2004), Biomaterials 25:5675, for stiffness of gelatin films against
+    their structure after drying; doi:10.3389/frobt.2021.760485 for how films and actuators were
+    made.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from bayesdeg.actuator.inputs import Inputs
+from bayesdeg.causes.cause import Cause, Conditions, Effect, Stage
+from bayesdeg.laws import Normal, Parameter
+
+
+def stiffen_casting(inputs: Inputs, conditions: Conditions, effect: Effect) -> Inputs:
+    """Return inputs with all constants times exp(x)."""
+    factor = np.exp(effect["log_ratio"])
+    second = inputs.second_invariant
+    return replace(
+        inputs,
+        c1=factor * inputs.c1,
+        c2=factor * inputs.c2,
+        c3=factor * inputs.c3,
+        second_invariant=None if second is None else factor * second,
+    )
+
+
+CAUSE = Cause(
+    name="film_mismatch",
+    stage=Stage.MATERIAL,
+    parameters=(
+        Parameter(
+            "log_ratio",
+            Normal(0.0, 0.1),
+            "–",
+            "ln of the stiffness of the actuator over that of the films",
+            0.0,
+        ),
+    ),
+    mechanism="the cast actuator is stiffer or softer than the films at the same degradation rate",
+    typical={"log_ratio": 0.12},
+    revealed_by="a constant ratio at every pressure and degradation rate; refuted by films cut "
+    "from an actuator that agree with cast ones",
+    confusable_with=("pressure_loss", "wall_thickness", "shrinkage_reading"),
+    on_inputs=stiffen_casting,
+)

@@ -1,0 +1,97 @@
+"""Flaw embrittlement: flaws of far degraded actuators cut their elongation limit.
+
+Mechanism
+    Fracture surfaces are smooth up to 20 % degradation and jagged at 25 %: pits and notches start
+    cracks. A moulded actuator has more surface, more edges and larger flaws than a strip punched
+    from a film, so the films' elongation at break, which holds for films, is too high for it.
+
+Equation
+    Median elongation limit times exp(−b ρ(D)), scatter of its logarithm √(σ² + (w ρ(D))²), with
+    ρ(D) = max(D − 20 %, 0)/5 %: 0 up to 20 %, 1 at 25 %.
+
+Typical size
+    Two of three actuators burst below 240 kPa at 25 %, where 99 % of the simulated volume stays
+    below a strain of 0.11, a fifth of the films' limit of 0.52: b of about 1.5.
+
+Revealed by
+    Ruptures at pressures that the films' elongation would bear, at high degradation rates only,
+    and at scattered pressures. It acts on the actuators' rupture, not on films (their flaws are in
+    their own data), and not on curvature.
+
+Refuted by
+    Actuators at 25 % that reach the pressure which the films' limit allows; ruptures as early in
+    smooth fresh specimens.
+
+Source
+    Nagai, Kurita, Shintake (2021), doi:10.3389/frobt.2021.760485, for fracture surfaces and counts
+    of ruptures; Weibull (1951), J. Appl. Mech. 18:293, doi:10.1115/1.4010337, for flaws.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from bayesdeg.causes.cause import Cause, Conditions, Effect, Floats, Stage, Strength
+from bayesdeg.laws import Parameter, TruncatedNormal
+
+ONSET = 20.0
+"""Degradation rate up to which fracture surfaces are smooth [%]."""
+
+RANGE = 5.0
+"""How much further degradation makes the effect of full size [%]."""
+
+
+def embrittle(strength: Strength, degradation: Floats, effect: Effect) -> Strength:
+    """Return a lower and more scattered elongation limit where degradation is beyond 20 %."""
+    ramp = flaw_ramp(degradation)
+    return replace(
+        strength,
+        median=strength.median * np.exp(-effect["cut"] * ramp),
+        scatter=np.hypot(strength.scatter, effect["widening"] * ramp),
+    )
+
+
+def flaw_ramp(degradation: Floats) -> Floats:
+    """Return ρ(D): 0 up to 20 %, 1 at 25 %.
+
+    Examples
+    --------
+    >>> flaw_ramp(np.array([0.0, 20.0, 22.5, 25.0])).tolist()
+    [0.0, 0.0, 0.5, 1.0]
+    """
+    return np.maximum(degradation - ONSET, 0.0) / RANGE
+
+
+def never_flawed(conditions: Conditions) -> str | None:
+    """Say so where no actuator was degraded far enough to have flaws."""
+    if np.any(conditions.degradation > ONSET):
+        return None
+    return f"no actuator was degraded by more than {ONSET:g} %"
+
+
+CAUSE = Cause(
+    name="flaw_embrittlement",
+    stage=Stage.MATERIAL,
+    parameters=(
+        Parameter(
+            "cut",
+            TruncatedNormal(0.0, 1.0, 0.0, np.inf),
+            "–",
+            "ln of the films' over the actuators' elongation limit at a degradation rate of 25 %",
+            0.0,
+        ),
+        Parameter(
+            "widening",
+            TruncatedNormal(0.0, 0.4, 0.0, np.inf),
+            "–",
+            "scatter of ln elongation limit that flaws add at a degradation rate of 25 %",
+            0.0,
+        ),
+    ),
+    mechanism="flaws of far degraded actuators cut their elongation limit and widen its scatter",
+    typical={"cut": 1.5, "widening": 0.4},
+    revealed_by="ruptures below what the films' elongation would bear, at high degradation rates "
+    "only; refuted by actuators at 25 % that reach the pressure which it allows",
+    on_strength=embrittle,
+    blind=never_flawed,
+)

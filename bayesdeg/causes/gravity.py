@@ -1,0 +1,89 @@
+"""Gravity: the actuator's own weight bends it.
+
+Mechanism
+    A cantilever sags, and sags less as it curls up, so that part of what is read is weight lifted
+    or let down. A horizontal bending plane has the weight across, where it does not count to
+    first order.
+
+Equation
+    Specific weight ρ g, along the actuator where it hangs from its clamp, up from the paper
+    (against the bend) where it bends up, the opposite where it bends down; the shape at rest, with
+    the weight, is counted as zero.
+
+Typical size
+    ρ = 1100–1250 kg/m³ by the recipe. Readings of a fresh default actuator change by −1.6 % where
+    it hangs, by +1.0 % (20 kPa) to +0.3 % where it bends up, by less than 0.6 % where it bends
+    down; of a 25 % degraded one by less than 0.5 %. Within the emulator's range for
+    ρ s/C1 below 5.3 t/m³ over MPa: up to 1800 kg/m³ in fresh material.
+
+Revealed by
+    A difference between mounts, in soft specimens and at low pressure.
+
+Refuted by
+    Readings that do not depend on the mount.
+
+Source
+    Nielsen, Marr, Hvidt (2001), Carbohydr. Polym. 45:395, for gels that sag by their weight;
+    doi:10.3389/frobt.2021.760485 for the recipe that gives the density.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from bayesdeg.actuator.inputs import Inputs, gravity_direction
+from bayesdeg.causes.cause import Cause, Conditions, Effect, Floats, Stage
+from bayesdeg.laws import Parameter, TruncatedNormal
+
+STANDARD_GRAVITY = 9.80665  # m/s²
+
+
+def weigh(inputs: Inputs, conditions: Conditions, effect: Effect) -> Inputs:
+    """Return inputs with the weight ρ g as each reading's mount directs it [kN/m³]."""
+    along, up = _directions(conditions)
+    weight = effect["density"] * (STANDARD_GRAVITY * 1e-3)
+    return replace(
+        inputs,
+        weight_along=weight * along + (0.0 if inputs.weight_along is None else inputs.weight_along),
+        weight_up=weight * up + (0.0 if inputs.weight_up is None else inputs.weight_up),
+    )
+
+
+def never_across(conditions: Conditions) -> str | None:
+    """Say so where every mount had the weight across the bending plane."""
+    if np.any(conditions.mount != "horizontal"):
+        return None
+    return "every actuator was mounted horizontally, so its weight acts across the bending plane"
+
+
+def _directions(conditions: Conditions) -> tuple[Floats, Floats]:
+    """Return the components of a unit weight, one a specimen if its mount never changed."""
+    mount = conditions.mount
+    if np.all(mount == mount[:, :1]):
+        mount = mount[:, :1]
+    names, place = np.unique(mount, return_inverse=True)
+    parts = np.array([gravity_direction(str(name)) for name in names])[place.reshape(mount.shape)]
+    return parts[..., 0], parts[..., 1]
+
+
+CAUSE = Cause(
+    name="gravity",
+    stage=Stage.LOAD,
+    parameters=(
+        Parameter(
+            "density",
+            TruncatedNormal(1150.0, 400.0, 0.0, 2000.0),
+            "kg/m³",
+            "density of the material",
+            0.0,
+        ),
+    ),
+    mechanism="the actuator sags under its own weight, which the simulation leaves out",
+    typical={"density": 1150.0},
+    revealed_by="a difference between mounts, in soft specimens; refuted by readings that do not "
+    "depend on the mount",
+    confusable_with=("paper_slack",),
+    needs=("mount",),
+    on_inputs=weigh,
+    blind=never_across,
+)

@@ -1,0 +1,79 @@
+"""What happened to each specimen before a reading: its clock, and responses that lag behind."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdeg.causes.cause import Conditions
+
+Floats = NDArray[np.float64]
+
+
+def filled(values: Floats, first: float) -> Floats:
+    """Return values along the last axis with nan replaced by the value before it.
+
+    Parameters
+    ----------
+    values : array, shape (n_specimens, n_points)
+        nan where not recorded.
+    first : float
+        Stands for what is missing at the beginning.
+
+    Examples
+    --------
+    >>> filled(np.array([[np.nan, 3.0, np.nan, 5.0]]), 0.0).tolist()
+    [[0.0, 3.0, 3.0, 5.0]]
+    """
+    known = np.array(values, dtype=np.float64)
+    known[..., 0] = np.where(np.isnan(known[..., 0]), first, known[..., 0])
+    last = np.where(np.isnan(known), 0, np.arange(known.shape[-1]))
+    return np.take_along_axis(known, np.maximum.accumulate(last, axis=-1), axis=-1)
+
+
+def known_time(conditions: Conditions) -> Floats:
+    """Return the time of each reading since the specimen's first [s], (n_specimens, n_points).
+
+    A reading without a time is taken at that of the reading before it, so that no time passes on
+    specimens whose times were not recorded.
+    """
+    return filled(conditions.time, 0.0)
+
+
+def lagging(steps: Floats, time: Floats, time_constant: Floats) -> Floats:
+    r"""Return a linear response that follows steps of its cause with a lag.
+
+    .. math:: r(t_j) = \sum_{i \le j} \Delta_i \left(1 - e^{-(t_j - t_{i-1})/\tau}\right)
+
+    The step of a reading is made right after the reading before it, and what it is set to is held
+    until it is read; how long the first was held is not recorded: not at all.
+
+    Parameters
+    ----------
+    steps : array, shape (..., n_specimens, n_points)
+        Δ, in any unit.
+    time : array, shape (n_specimens, n_points)
+        Of the readings [s].
+    time_constant : array, shape (walkers, 1, 1)
+        τ [s].
+
+    Returns
+    -------
+    array, shape (walkers, n_specimens, n_points)
+
+    References
+    ----------
+    Boltzmann (1878), Ann. Phys. 241:430; doi:10.1002/andp.18782411107.
+
+    Examples
+    --------
+    >>> time = np.array([[0.0, 10.0, 20.0]])
+    >>> lagging(np.array([[0.0, 1.0, 0.0]]), time, np.full((1, 1, 1), 10.0)).round(3)
+    array([[[0.   , 0.632, 0.865]]])
+    """
+    if np.all(time == time[:1]):
+        time = time[:1]  # one schedule for all specimens: the memory is computed once
+    begun = np.concatenate([time[:, :1], time[:, :-1]], axis=-1)
+    # steps that are still to come have no age
+    age = np.maximum(time[:, :, None] - begun[:, None, :], 0.0)
+    memory = -np.expm1(-age / time_constant[..., None])
+    response: Floats = (memory @ steps[..., None])[..., 0]
+    return response

@@ -1,0 +1,95 @@
+"""Humidity drift: the part dries and stiffens while it is tested.
+
+Mechanism
+    Parts are stored at 67 % relative humidity and tested at about 60 %. From the specimen's first
+    reading on, water, which softens the gel, leaves it.
+
+Equation
+    ln stiffness grows by a m(t) with τ dm/dt = (67 % − RH)/(67 % − 60 %) − m and m(0) = 0. Where
+    the humidity of the room was recorded RH is that, held from the reading before to its own;
+    where it was not, RH = 60 % and m = 1 − exp(−t/τ). Gel and paper are taken to stiffen alike, so
+    the actuator bends as under p exp(−a m).
+
+Typical size
+    Stiffness 1.02–1.13 times within 10–30 minutes, assumed; a is what 7 points of humidity make in
+    the end. It lowers the load: typical sizes stay within the emulator's range.
+
+Revealed by
+    Loss of curvature that grows with the time since the first reading, in fresh specimens too; a
+    pressure read again later bends less; a drier room makes it larger.
+
+Refuted by
+    The same curvature at the same pressure half an hour later; a room as humid as the storage.
+
+Source
+    Nagai, Kurita, Shintake (2021), doi:10.3389/frobt.2021.760485, for the humidities; Lim, Mine,
+    Tung (1999), J. Food Sci. 64:616, for gelatin films against humidity.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from bayesdeg.actuator.inputs import Inputs
+from bayesdeg.causes.blindness import without_time
+from bayesdeg.causes.cause import Cause, Conditions, Effect, Floats, Stage
+from bayesdeg.causes.history import filled, known_time, lagging
+from bayesdeg.laws import LogNormal, Parameter, TruncatedNormal
+
+STORED = 67.0
+"""Relative humidity in which parts are stored [%]."""
+
+TESTED = 60.0
+"""Relative humidity of the room where none was recorded [%]."""
+
+_SAME = 0.5  # humidities that differ by less are the same to a hygrometer [%]
+
+
+def dry_out(inputs: Inputs, conditions: Conditions, effect: Effect) -> Inputs:
+    """Return inputs at p exp(−a m): stiffening of gel and paper alike."""
+    steps = np.diff(dryness(conditions), axis=-1, prepend=0.0)
+    dried = lagging(steps, known_time(conditions), effect["time_constant"])
+    return replace(inputs, pressure=inputs.pressure * np.exp(-effect["stiffening"] * dried))
+
+
+def dryness(conditions: Conditions) -> Floats:
+    """Return (67 % − RH)/(67 % − 60 %) at each reading [–], (n_specimens, n_points).
+
+    Examples
+    --------
+    >>> pressure, fresh = np.array([[20.0, 40.0]]), np.array([[0.0]])
+    >>> dryness(Conditions(pressure, fresh, humidity=np.array([[67.0, 46.0]]))).tolist()
+    [[0.0, 3.0]]
+    """
+    return (STORED - filled(conditions.humidity, TESTED)) / (STORED - TESTED)
+
+
+def never_drier(conditions: Conditions) -> str | None:
+    """Say so where no time was recorded, or the room was always as humid as the storage."""
+    if np.all(np.abs(dryness(conditions)) * (STORED - TESTED) < _SAME):
+        return f"the room was as humid as the storage, {STORED:g} %"
+    return without_time(conditions)
+
+
+CAUSE = Cause(
+    name="humidity_drift",
+    stage=Stage.RESPONSE,
+    parameters=(
+        Parameter(
+            "stiffening",
+            TruncatedNormal(0.0, 0.1, 0.0, 1.0),
+            "–",
+            "ln of the stiffness gained in the end where the humidity fell from 67 to 60 %",
+            0.0,
+        ),
+        Parameter("time_constant", LogNormal(900.0, 0.7), "s", "time constant of drying", 900.0),
+    ),
+    mechanism="the part dries and stiffens from the beginning of its test on",
+    typical={"stiffening": 0.15, "time_constant": 900.0},
+    revealed_by="loss of curvature that grows with time, in fresh specimens too; refuted by the "
+    "same curvature at the same pressure half an hour later",
+    confusable_with=("creep", "pressure_offset", "curvature_reading"),
+    needs=("time_s",),
+    on_inputs=dry_out,
+    blind=never_drier,
+)

@@ -1,0 +1,64 @@
+"""Paper softening: paper that lay in wet soil stretches.
+
+Mechanism
+    The paper on the bottom is taken to be as stiff as when it was bonded. Wet, its fibre bonds
+    loosen and microbes cut the fibres, so the bottom stretches with the rest of the actuator.
+
+Equation
+    E t = (E t)_0 exp(−a D/25 %).
+
+Typical size
+    Wet paper keeps 2–5 % of its dry stiffness, a = 3–4; after drying most returns, a = 0–2. The
+    default actuator bends by its slots alone: its curvature gets *larger* by 9–11 % at 25 % for
+    a = 2.1, a little more at low pressure. In a body without slots, which the paper alone makes
+    bend, most of the curvature is lost instead. The emulator is trained down to E t/(C1 s) =
+    2.5 mm: at 25 % and the nominal paper that is a = 2.1; a specimen beyond it is refused.
+
+Revealed by
+    A misfit that grows with the degradation rate and is absent in fresh specimens; it falls a
+    little with pressure, other than that of thinner walls.
+
+Refuted by
+    A tensile test of the paper, peeled off a degraded actuator.
+
+Source
+    Alava and Niskanen (2006), Rep. Prog. Phys. 69:669, doi:10.1088/0034-4885/69/3/R03, for paper
+    and water.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from bayesdeg.actuator.inputs import Inputs
+from bayesdeg.causes.blindness import without_degraded
+from bayesdeg.causes.cause import REFERENCE_DEGRADATION, Cause, Conditions, Effect, Stage
+from bayesdeg.laws import Parameter, TruncatedNormal
+
+
+def soften_paper(inputs: Inputs, conditions: Conditions, effect: Effect) -> Inputs:
+    """Return inputs with the paper's stiffness times exp(−a D/25 %)."""
+    exponent = effect["softening"] * conditions.degradation / REFERENCE_DEGRADATION
+    return replace(inputs, paper_stiffness=inputs.paper_stiffness * np.exp(-exponent))
+
+
+CAUSE = Cause(
+    name="paper_softening",
+    stage=Stage.MATERIAL,
+    parameters=(
+        Parameter(
+            "softening",
+            TruncatedNormal(0.0, 0.8, 0.0, 4.0),
+            "–",
+            "ln of fresh over degraded stiffness of the paper at a degradation rate of 25 %",
+            0.0,
+        ),
+    ),
+    mechanism="the paper on the bottom softens in the wet soil and stretches",
+    typical={"softening": 1.5},
+    revealed_by="a misfit that grows with the degradation rate and falls a little with pressure; "
+    "refuted by a tensile test of the paper peeled off",
+    confusable_with=("degradation_misread", "degraded_skin", "erosion"),
+    on_inputs=soften_paper,
+    blind=without_degraded,
+)

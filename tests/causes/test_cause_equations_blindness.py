@@ -1,0 +1,95 @@
+"""When tests cannot reveal a cause, and what tests are by default."""
+
+import numpy as np
+import pytest
+
+from bayesdeg.causes.catalogue import CATALOGUE, find
+from bayesdeg.causes.cause import Conditions
+from tests.causes.default_actuator import LEVELS, LOADING, THERE_AND_BACK, conditions_of
+
+DEFAULT = Conditions(np.broadcast_to(LOADING, (6, 12)), LEVELS)
+FRESH_ONLY = Conditions(np.broadcast_to(LOADING, (1, 12)), np.array([[0.3]]))
+NEED_DEGRADED = ("degradation_misread", "degraded_skin", "erosion", "paper_softening")
+
+
+def test_by_default_a_test_is_a_prompt_first_loading_in_a_horizontal_mount():
+    shape = (6, 12)
+    for name in ("time", "cycle", "unloading", "humidity", "mount"):
+        assert getattr(DEFAULT, name).shape == shape
+    assert np.all(np.isnan(DEFAULT.time))
+    assert np.all(np.isnan(DEFAULT.humidity))
+    assert np.all(DEFAULT.cycle == 1)
+    assert not np.any(DEFAULT.unloading)
+    assert np.all(DEFAULT.mount == "horizontal")
+
+
+def test_what_was_recorded_must_fit_the_readings():
+    with pytest.raises(ValueError, match="broadcast"):
+        Conditions(LOADING[None], np.array([[0.0]]), time=np.arange(5.0))
+
+
+@pytest.mark.parametrize("name", NEED_DEGRADED)
+def test_what_degradation_does_needs_degraded_actuators(name):
+    assert find(name).blind(DEFAULT) is None
+    assert find(name).blind(FRESH_ONLY) == "no degraded actuator was tested"
+
+
+def test_flaws_need_far_degraded_actuators():
+    cause = find("flaw_embrittlement")
+    assert cause.blind(DEFAULT) is None
+    at_20 = Conditions(DEFAULT.pressure[:5], LEVELS[:5])
+    assert cause.blind(at_20) == "no actuator was degraded by more than 20 %"
+
+
+@pytest.mark.parametrize("name", ["creep", "humidity_drift"])
+def test_what_takes_time_needs_times_that_pass(name):
+    cause = find(name)
+    assert cause.needs == ("time_s",)
+    assert cause.blind(conditions_of()) is None
+    assert cause.blind(DEFAULT) == "no time was recorded"
+    assert cause.blind(conditions_of(hold=0.0)) == "no time passed between readings"
+    one_clock = np.full((6, 12), np.nan)
+    one_clock[3] = np.arange(12.0)
+    assert cause.blind(Conditions(DEFAULT.pressure, LEVELS, time=one_clock)) is None
+
+
+def test_drying_needs_a_room_unlike_the_storage():
+    cause = find("humidity_drift")
+    stored = conditions_of(humidity=67.2)
+    assert cause.blind(stored) == "the room was as humid as the storage, 67 %"
+    assert cause.blind(conditions_of(humidity=np.array([67.0] * 11 + [60.0]))) is None
+
+
+def test_mullins_needs_readings_after_the_first_loading():
+    cause = find("mullins")
+    assert cause.blind(DEFAULT) == "no reading after the first loading"
+    assert cause.blind(conditions_of(THERE_AND_BACK)) is None
+    let_out = np.append(LOADING, 0.0)  # as a row that is not there
+    assert cause.blind(conditions_of(let_out)) == "no reading after the first loading"
+    again = np.concatenate([LOADING, LOADING])
+    assert cause.blind(conditions_of(again)) is None
+
+
+def test_gravity_needs_a_mount_that_is_not_horizontal():
+    cause = find("gravity")
+    assert cause.needs == ("mount",)
+    assert "horizontally" in cause.blind(DEFAULT)
+    for mount in ("hanging", "bending_up", "bending_down"):
+        assert cause.blind(conditions_of(mount=mount)) is None
+
+
+def test_other_causes_are_never_hidden_by_the_conditions():
+    hidden = {*NEED_DEGRADED, "flaw_embrittlement", "creep", "humidity_drift", "mullins", "gravity"}
+    for name in CATALOGUE.keys() - hidden:
+        assert find(name).blind(FRESH_ONLY) is None, name
+
+
+def test_each_cause_says_which_tests_it_changes():
+    films, both = {"stress_measure"}, {"second_invariant"}
+    for name, cause in CATALOGUE.items():
+        want = {"actuator"}
+        if name in films | both:
+            want = {"tensile"} | ({"actuator"} if name in both else set())
+        if name == "flaw_embrittlement":
+            want = {"rupture"}
+        assert cause.acts_on == want, name

@@ -1,0 +1,53 @@
+"""The cause that acts on rupture, by hand."""
+
+import numpy as np
+import pytest
+
+from bayesdeg.causes.cause import Strength
+from bayesdeg.causes.flaw_embrittlement import CAUSE, embrittle
+
+DEGRADATION = np.array([[0.0, 19.0, 20.0, 22.5, 25.0], [0.0, 21.0, 25.0, 30.0, 24.0]])
+
+
+def effect(cut, widening):
+    return {"cut": np.reshape(cut, (-1, 1)), "widening": np.reshape(widening, (-1, 1))}
+
+
+def strength():
+    return Strength(
+        np.broadcast_to([2.1, 0.7, 0.65, 0.6, 0.52], (2, 5)), np.broadcast_to([[0.3]], (2, 5))
+    )
+
+
+def test_flaws_cut_the_limit_beyond_twenty_percent():
+    after = embrittle(strength(), DEGRADATION, effect([np.log(4.0), np.log(4.0)], [0.0, 0.0]))
+    ratio = after.median / strength().median
+    np.testing.assert_allclose(ratio[0], [1.0, 1.0, 1.0, 0.5, 0.25], rtol=1e-14)
+    np.testing.assert_allclose(ratio[1], 4.0 ** -np.array([0.0, 0.2, 1.0, 2.0, 0.8]), rtol=1e-14)
+    np.testing.assert_array_equal(after.scatter, strength().scatter)
+
+
+def test_flaws_widen_the_scatter_by_squares():
+    after = embrittle(strength(), DEGRADATION, effect([0.0, 0.0], [0.4, 0.8]))
+    np.testing.assert_allclose(
+        after.scatter[0], [0.3, 0.3, 0.3, np.hypot(0.3, 0.2), 0.5], rtol=1e-14
+    )
+    assert after.scatter[1, 3] == pytest.approx(np.hypot(0.3, 1.6))
+    np.testing.assert_array_equal(after.median, strength().median)
+
+
+def test_neutral_values_leave_strength_bit_by_bit():
+    after = embrittle(strength(), DEGRADATION, effect([0.0, 0.0], [0.0, 0.0]))
+    np.testing.assert_array_equal(after.median, strength().median)
+    np.testing.assert_array_equal(after.scatter, strength().scatter)
+
+
+def test_typical_flaws_explain_two_of_three_ruptures_at_25_percent():
+    """Films bear a strain of 0.52 there, the actuator demands 0.11 at 240 kPa."""
+    from_films = Strength(np.array([[0.52]]), np.array([[0.1]]))
+    typical = effect(CAUSE.typical["cut"], CAUSE.typical["widening"])
+    after = embrittle(from_films, np.array([[25.0]]), typical)
+    standard = np.log(0.11 / np.array([0.52, after.median.item()]))
+    standard /= np.array([0.1, after.scatter.item()])
+    assert standard[0] < -10.0
+    assert -0.5 < standard[1] < 0.8  # 2 of 3 at +0.43
