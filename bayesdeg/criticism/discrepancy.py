@@ -129,9 +129,7 @@ def _spectra(linear: Linear) -> list[tuple[Floats, Floats]]:
     return [_spectrum(linear, *lengths, both) for lengths in LENGTHS for both in alike]
 
 
-def _spectrum(
-    linear: Linear, along: float, across: float, alike: float
-) -> tuple[Floats, Floats]:
+def _spectrum(linear: Linear, along: float, across: float, alike: float) -> tuple[Floats, Floats]:
     """Eigenvalues and vectors of the discrepancy's covariance on the whitened scale."""
     model = linear.model
     assert model.actuator is not None

@@ -140,9 +140,7 @@ def _slopes(values: Floats, step: float | Floats) -> Floats:
     return slopes
 
 
-def climb(
-    density: Density, start: Floats, generator: np.random.Generator
-) -> tuple[Floats, Floats]:
+def climb(density: Density, start: Floats, generator: np.random.Generator) -> tuple[Floats, Floats]:
     """Climb from a start to a mode: Newton's method where it serves, L-BFGS where it does not.
 
     Where neither gains, steps at random find the way along a wall, if there is one.

@@ -114,9 +114,7 @@ def _nodes(
     return nodes_for(levels or [0.0], order)
 
 
-def _elongation_nodes(
-    breaks: Breaks | None, statistics: tuple[tables.Statistic, ...]
-) -> Nodes:
+def _elongation_nodes(breaks: Breaks | None, statistics: tuple[tables.Statistic, ...]) -> Nodes:
     levels = [s.degradation for s in statistics if s.quantity == "elongation_at_break"]
     levels += [] if breaks is None else breaks.degradation.tolist()
     return nodes_for(levels) if levels else ()
