@@ -158,7 +158,9 @@ def log_rupture(data: ActuatorCurves, prediction: Prediction, strength: Strength
     A specimen bursts where the stretch that its pressure demands passes its own limit, ln ε_b ~
     N(ln ε̃, s²) with ε = λ − 1: survived up to p, burst at p' it has
     :math:`\Phi(z(p')) - \Phi(z(p))`, and one that did not burst :math:`1 - \Phi(z(p))`. A pressure
-    at which the forward map has no answer demands an infinite stretch.
+    at which the forward map has no answer demands an infinite stretch of the specimen that burst
+    there, and says nothing of one that survived it; without strain nothing bursts. Of earlier
+    cycles only what was survived below the pressure of the rupture counts: fatigue is not modelled.
 
     Parameters
     ----------
@@ -175,14 +177,14 @@ def log_rupture(data: ActuatorCurves, prediction: Prediction, strength: Strength
     def score(at: NDArray[np.int64], *, refused: float) -> Floats:
         strain = prediction.peak_stretch[:, rows, at] - 1.0
         share = prediction.peak_stretch_sd[:, rows, at] / np.maximum(strain, 1e-12)
-        known = np.isfinite(strain) & (strain > 0.0)
+        stretched = strain > 0.0
         spread = np.hypot(strength.scatter, share)
-        safe = np.log(np.where(known, strain, 1.0) / strength.median) / spread
-        return np.where(known, safe, refused)
+        safe = np.log(np.where(stretched, strain, 1.0) / strength.median) / spread
+        return np.where(stretched, safe, np.where(np.isfinite(strain), -np.inf, refused))
 
     low = np.where(ruptures.survived < 0, -np.inf, score(ruptures.survived, refused=-np.inf))
     high = np.where(ruptures.burst < 0, np.inf, score(ruptures.burst, refused=np.inf))
-    return log_interval(np.minimum(low, high), high)
+    return np.where(high > low, log_interval(np.minimum(low, high), high), -np.inf)
 
 
 def _with_common_error(rig: Rig, values: Named, prediction: Prediction) -> Prediction:
@@ -203,13 +205,14 @@ def _with_common_error(rig: Rig, values: Named, prediction: Prediction) -> Predi
         + by_degradation * (2.0 * rig.data.degradation / rig.largest_degradation - 1.0)
     )
     nothing = np.zeros_like(prediction.sd)
-    return replace(
-        prediction,
-        curvature=prediction.curvature + g * prediction.sd,
-        bend_angle=prediction.bend_angle + g * prediction.bend_angle_sd,
-        sd=nothing,
-        bend_angle_sd=nothing,
-    )
+    with np.errstate(invalid="ignore"):  # what is refused may be infinite
+        return replace(
+            prediction,
+            curvature=prediction.curvature + g * prediction.sd,
+            bend_angle=prediction.bend_angle + g * prediction.bend_angle_sd,
+            sd=nothing,
+            bend_angle_sd=nothing,
+        )
 
 
 def _readings(

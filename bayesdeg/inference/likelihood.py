@@ -5,11 +5,12 @@ The readings of one specimen are
 .. math:: y = f(m) + \varepsilon, \qquad m_k \sim N(0, \tau_k^2), \qquad
     \varepsilon_j = \sqrt{v_j}\, z_j
 
-with m the specimen's own deviations (of ln stiffness, of its degradation rate) and z an
-Ornstein–Uhlenbeck process along the path: cor(z_i, z_j) = exp(−d_ij/ℓ), d the length of path
-between two readings.  A second output read from the same picture (the bend angle beside the
-curvature) has the same law and the correlation c with the first at the same reading, its process
-being z₂ = c z₁ + √(1 − c²) u with u independent of z₁.
+with m the specimen's own deviations (of ln stiffness, of its degradation rate) and z in part an
+Ornstein–Uhlenbeck process along the path, in part each reading's own: cor(z_i, z_j) =
+(1 − w) exp(−d_ij/ℓ), d the length of path between two readings and w = 0.2 (`INDEPENDENT`).  A
+second output read from the same picture (the bend angle beside the curvature) has the same law and
+the correlation c with the first at the same reading, its process being z₂ = c z₁ + √(1 − c²) u with
+u independent of z₁.
 
 f is nearly linear in m, so m is integrated out at the linearisation f(m) ≈ f(m̂) + J (m − m̂) about
 its most probable value.
@@ -21,12 +22,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaln, log_ndtr
 
-from bayesdeg.inference.path_density import path_density
+from bayesdeg.inference.path_density import INDEPENDENT, path_density
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 LOG_TWO_PI = float(np.log(2.0 * np.pi))
+LARGEST = 20_000_000  # entries of covariance matrices that are held at a time
 
 
 class Paths(NamedTuple):
@@ -76,6 +78,17 @@ class Linearised(NamedTuple):
     length: Floats
     correlation: Floats
     paths: Paths
+
+    def subset(self, rows: slice) -> "Linearised":
+        """Return some of the draws."""
+        return self._replace(
+            residual=self.residual[rows],
+            slope=self.slope[rows],
+            variance=self.variance[rows],
+            spread=self.spread[rows],
+            length=self.length[rows],
+            correlation=self.correlation[rows],
+        )
 
 
 def paths_of(mask: Flags, place: Floats) -> Paths:
@@ -156,9 +169,11 @@ def noise_correlation(paths: Paths, length: Floats, correlation: Floats) -> Floa
     output = np.arange(size) // paths.points
     same = output[:, None] == output[None, :]
     decay = np.exp(-distance / length[:, None, None, None])
+    step = np.arange(size) % paths.points
+    own = np.where(step[:, None] == step[None, :], 1.0, 1.0 - INDEPENDENT)
     read = paths.mask[:, :, None] & paths.mask[:, None, :]
     full: Floats = np.where(
-        read, decay * np.where(same, 1.0, correlation[:, None, None, None]), np.eye(size)
+        read, own * decay * np.where(same, 1.0, correlation[:, None, None, None]), np.eye(size)
     )
     return full
 
@@ -170,21 +185,38 @@ def sequential(curves: Linearised) -> Floats:
     density: the chain rule, by the Cholesky factor of the covariance.
     """
     mask = curves.paths.mask
-    factor = np.linalg.cholesky(covariance(curves))
-    residual = np.where(mask, curves.residual, 0.0)
-    z = np.linalg.solve(factor, residual[..., None])[..., 0]
-    scale = np.diagonal(factor, axis1=-2, axis2=-1)
-    return np.where(mask, -0.5 * (z**2 + LOG_TWO_PI) - np.log(scale), 0.0)
+    out = np.zeros(curves.residual.shape)
+    size = max(1, LARGEST // (mask.size * mask.shape[1]))
+    for start in range(0, len(out), size):
+        rows = slice(start, start + size)
+        part = curves.subset(rows)
+        factor = np.linalg.cholesky(covariance(part))
+        residual = np.where(mask, part.residual, 0.0)
+        z = np.linalg.solve(factor, residual[..., None])[..., 0]
+        scale = np.diagonal(factor, axis1=-2, axis2=-1)
+        out[rows] = np.where(mask, -0.5 * (z**2 + LOG_TWO_PI) - np.log(scale), 0.0)
+    return out
 
 
 def correlated_normals(
     paths: Paths, length: Floats, correlation: Floats, generator: np.random.Generator
 ) -> Floats:
     """Draw z, shape (n, n_specimens, n_readings); independent where there is no reading."""
-    factor = np.linalg.cholesky(noise_correlation(paths, length, correlation))
-    normals = generator.standard_normal(factor.shape[:-1])
-    drawn: Floats = np.einsum("nsij,nsj->nsi", factor, normals)
-    return drawn
+    shape = (len(length), *paths.mask.shape)
+    common, own = generator.standard_normal((2, *shape))
+    points = paths.points
+    for start in range(0, shape[-1], points):
+        last = np.zeros(shape[:-1])
+        for j in range(start, start + points):
+            decay = np.exp(-paths.gap[:, j] / length[:, None])
+            common[..., j] = decay * last + np.sqrt(1.0 - decay**2) * common[..., j]
+            last = np.where(paths.mask[:, j], common[..., j], last)
+    z: Floats = np.sqrt(1.0 - INDEPENDENT) * common + np.sqrt(INDEPENDENT) * own
+    if shape[-1] > points:
+        share = correlation[:, None, None]
+        first, second = z[..., :points], z[..., points:]
+        z = np.concatenate([first, share * first + np.sqrt(1.0 - share**2) * second], axis=-1)
+    return np.where(paths.mask, z, own)
 
 
 def normal(value: Floats | float, mean: Floats, sd: Floats | float) -> Floats:

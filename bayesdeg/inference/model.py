@@ -123,7 +123,7 @@ class Model:
         return any(p.name == "elongation_scatter" for p in self.base)
 
     def is_stable(self, values: Named) -> Flags:
-        """Return whether the material is stable at every degradation rate of the films.
+        """Return whether the material is stable at every degradation rate of the specimens.
 
         Up to the last node it is so by construction.
         """
@@ -279,9 +279,8 @@ class Model:
         return likelihood.log_normal(data.elongation, median, np.sqrt(spread))
 
     def _beyond_nodes(self) -> Floats:
-        if self.tensile is None:
-            return np.array([])
-        levels = np.unique(self.tensile.degradation)
+        data = [d for d in (self.tensile, self.actuator) if d is not None]
+        levels = np.unique(np.concatenate([[0.0], *(d.degradation.ravel() for d in data)]))
         return levels[levels > self.nodes[-1]]
 
     def expected(self, values: Named, statistic: Statistic) -> Floats:

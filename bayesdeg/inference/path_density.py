@@ -10,7 +10,8 @@ Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 LOG_TWO_PI = math.log(2.0 * math.pi)
-LARGEST_DECAY = 1.0 - 1e-12  # of two readings at one place: the same error, nearly
+INDEPENDENT = 0.2
+"""Share of the variance of an error that is the reading's own: rounding, picking of markers."""
 
 
 @njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
@@ -34,9 +35,10 @@ def path_density(
 
     Notes
     -----
-    Each reading is whitened by those before it: w_j = (z_j − ρ_j z_i)/√(1 − ρ_j²) with i the one
-    before, the same for the columns of J. What remains is the regression of w on τ J with unit
-    errors, whose normal equations have as many unknowns as a specimen has deviations.
+    Each reading is whitened by those before it, with the Kalman filter of a process of
+    Ornstein–Uhlenbeck that is read with errors; the same for the columns of J. What remains is the
+    regression of the whitened readings on τ J with unit errors, whose normal equations have as many
+    unknowns as a specimen has deviations.
     """
     n, n_specimens, _ = residual.shape
     k = slope.shape[-1]
@@ -73,10 +75,11 @@ def _whiten(
     k, points = len(width), len(first)
     share = math.sqrt(1.0 - correlation * correlation)
     logs, product = 0.0, 1.0
-    step, decay, left, narrowing = -1.0, 0.0, 1.0, 1.0
+    step, decay, known = -1.0, 0.0, 0.0
     for j in range(len(residual)):
-        if j % points == 0:
+        if j % points == 0:  # before the first reading of an output nothing is known
             last[:] = 0.0
+            known = 1.0 - INDEPENDENT
         if not mask[j]:
             continue
         scale = 1.0 / math.sqrt(variance[j])
@@ -91,17 +94,20 @@ def _whiten(
             product *= share * share
         if gap[j] != step:  # most steps of a path are alike
             step = gap[j]
-            decay = min(math.exp(-step / length), LARGEST_DECAY)
-            left = 1.0 - decay * decay
-            narrowing = 1.0 / math.sqrt(left)
-        product *= left * variance[j]
+            decay = math.exp(-step / length)
+        ahead = decay * decay * known + (1.0 - decay * decay) * (1.0 - INDEPENDENT)
+        total = ahead + INDEPENDENT
+        product *= total * variance[j]
         if not 1e-200 < product < 1e200:  # also where it is not a number
             logs += math.log(product)
             product = 1.0
+        known = ahead * INDEPENDENT / total
+        gain, narrowing = ahead / total, 1.0 / math.sqrt(total)
         for i in range(k + 1):
-            new = row[i]
-            row[i] = (new - decay * last[i]) * narrowing
-            last[i] = new
+            expected = decay * last[i]
+            innovation = row[i] - expected
+            last[i] = expected + gain * innovation
+            row[i] = innovation * narrowing
             for m in range(i + 1):
                 gram[i, m] += row[i] * row[m]
         logs += LOG_TWO_PI

@@ -4,6 +4,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
+from bayesdeg.inference.path_density import INDEPENDENT
 from bayesdeg.laboratory.truth import Truth
 
 Floats = npt.NDArray[np.float64]
@@ -83,12 +84,10 @@ def noise(value: Floats, z: Floats, *, floor: float | Floats, share: float) -> F
 
 
 def alike_along(place: Floats, z: Floats, *, specimen: npt.ArrayLike, length: float) -> Floats:
-    r"""Make independent normals alike along each specimen's path: a process of Ornstein–Uhlenbeck.
+    r"""Make independent normals alike along each specimen's path, as errors of reading are.
 
-    .. math:: x_j = \rho_j x_{j-1} + \sqrt{1 - \rho_j^2}\, z_j, \quad
-        \rho_j = e^{-(s_j - s_{j-1})/\ell}
-
-    so that the correlation of two readings of a specimen is exp(−|s_i − s_j|/ℓ).
+    The correlation of two readings i ≠ j of a specimen is (1 − w) exp(−|s_i − s_j|/ℓ), by the
+    Cholesky factor of their covariance; w is `bayesdeg.inference.path_density.INDEPENDENT`.
 
     Parameters
     ----------
@@ -105,27 +104,22 @@ def alike_along(place: Floats, z: Floats, *, specimen: npt.ArrayLike, length: fl
     -------
     array, shape (n,)
 
-    References
-    ----------
-    Uhlenbeck and Ornstein (1930), On the theory of the Brownian motion;
-    doi:10.1103/PhysRev.36.823.
-
     Examples
     --------
-    >>> at, z = np.array([0.0, 1e-9, 1e9]), np.array([1.0, -2.0, 3.0])
-    >>> alike_along(at, z, specimen=["a", "a", "a"], length=1.0).round(3).tolist()
-    [1.0, 1.0, 3.0]
+    >>> at, z = np.array([0.0, 1e9]), np.array([1.0, 3.0])
+    >>> alike_along(at, z, specimen=["a", "a"], length=1.0).round(3).tolist()
+    [1.0, 3.0]
     """
     if length == 0.0:
         return z
-    owner, _ = pd.factorize(np.asarray(specimen))
-    order = np.lexsort((place, owner))
-    gap = np.diff(place[order], prepend=0.0)
-    gap[np.diff(owner[order], prepend=-1) != 0] = np.inf
-    decay = np.exp(-gap / length)
-    alike = z.copy()
-    for before, j, rho in zip(np.roll(order, 1), order, decay, strict=True):
-        alike[j] = rho * alike[before] + np.sqrt(1.0 - rho**2) * z[j]
+    alike = np.empty_like(z)
+    owner, names = pd.factorize(np.asarray(specimen))
+    for k in range(len(names)):
+        rows = np.flatnonzero(owner == k)
+        rows = rows[np.argsort(place[rows], kind="stable")]
+        distance = np.abs(place[rows, None] - place[rows])
+        common = (1.0 - INDEPENDENT) * np.exp(-distance / length)
+        alike[rows] = np.linalg.cholesky(common + INDEPENDENT * np.eye(len(rows))) @ z[rows]
     return alike
 
 

@@ -46,7 +46,8 @@ def rupture_table(
     for node, weight in zip(_NODES, _WEIGHTS / np.sum(_WEIGHTS), strict=True):
         prediction = grid.curvature(values, node * sd)
         stretch = np.where(prediction.status == 0, np.maximum(prediction.peak_stretch, 1.0), np.nan)
-        total += weight * _probability(stretch, limit, scatter)
+        share = prediction.peak_stretch_sd / np.maximum(stretch - 1.0, 1e-12)
+        total += weight * _probability(stretch, limit, np.hypot(scatter, share))
     levels, pressures = np.meshgrid(degradation, pressure, indexing="ij")
     usable = np.mean(np.isfinite(total), axis=0) > 0.5
     safe = np.where(usable, total, 0.0)

@@ -121,12 +121,16 @@ def mechanics(c1, c2, c3, pressure, volume_ratio, paper):
 
 
 def noise_covariance(places, outputs, sds, length, correlation):
-    """Errors of reading: alike nearby on the path, and in the two outputs of one picture."""
+    """Errors of reading: alike nearby on the path, and in the two outputs of one picture.
+
+    A place is the path up to a reading and the reading's number; a fifth of its error is its own.
+    """
     size = len(places)
     matrix = np.empty((size, size))
     for i in range(size):
         for j in range(size):
-            alike = math.exp(-abs(places[i] - places[j]) / length)
+            alike = math.exp(-abs(places[i][0] - places[j][0]) / length)
+            alike *= 1.0 if places[i][1] == places[j][1] else 0.8
             across = 1.0 if outputs[i] == outputs[j] else correlation
             matrix[i, j] = sds[i] * sds[j] * alike * across
     return matrix
@@ -152,7 +156,7 @@ def log_tensile(model, values):
         c_slopes = constant_slopes_at(values, model.nodes, level)
         spreads = [values["stiffness_scatter"] ** 2, data.degradation_sd[s] ** 2]
         points = np.flatnonzero(data.mask[s])
-        places = [data.stretch[s, j] for j in points]
+        places = [(data.stretch[s, j], j) for j in points]
         f, g = (
             [yeoh_stress(*k, data.stretch[s, j], mode, data.cauchy[s, j]) for j in points]
             for k in (c, c_slopes)
@@ -203,11 +207,11 @@ def actuator_readings(model, values, s, m):
             if output == 0:
                 floor = math.hypot(values["curvature_noise_floor"], data.curvature_sd[s, j])
                 sd = math.hypot(floor, values["curvature_noise"] * kappa * error)
-                rows.append((kappa * error, -grown, sd, place[j], 0, data.curvature[s, j]))
+                rows.append((kappa * error, -grown, sd, (place[j], j), 0, data.curvature[s, j]))
             else:
                 read = angle * error
                 sd = math.hypot(values["bend_angle_noise_floor"], values["bend_angle_noise"] * read)
-                rows.append((read, -read * growth, sd, place[j], 1, data.bend_angle[s, j]))
+                rows.append((read, -read * growth, sd, (place[j], j), 1, data.bend_angle[s, j]))
     return rows
 
 

@@ -169,7 +169,7 @@ def exact_film(model, values, s):
     m = np.linspace(-8.0, 8.0, 401) * values["stiffness_scatter"]
     step = (m[1] - m[0]) / np.sqrt(2.0 * np.pi) / values["stiffness_scatter"]
     distance = np.abs(data.stretch[s, points, None] - data.stretch[s, points])
-    noise = np.exp(-distance / values["tensile_noise_length"])
+    noise = 0.8 * np.exp(-distance / values["tensile_noise_length"]) + 0.2 * np.eye(len(points))
     total = []
     for level, weight in zip(levels, weights / weights.sum(), strict=True):
         rate = data.degradation[s] + data.degradation_sd[s] * level

@@ -21,6 +21,11 @@ ALIKE = replace(Truth(), curvature_noise_length=40.0, reading_correlation=0.6)
 WITHIN = 5.0 / np.sqrt(COUNT)  # of an empirical correlation: five of its standard errors
 
 
+def alike_over(lengths):
+    """Correlation over distances in units of the length; a fifth of an error is its own."""
+    return 0.8 * np.exp(-lengths) + 0.2 * np.eye(len(lengths))
+
+
 def by_specimen(values):
     return np.asarray(values).reshape(COUNT, -1)
 
@@ -41,7 +46,7 @@ def test_errors_are_alike_as_far_as_the_path_is_short():
     z = np.random.default_rng(1).standard_normal(COUNT * len(place))
     specimen = np.repeat(np.arange(COUNT), len(place))
     alike = by_specimen(alike_along(np.tile(place, COUNT), z, specimen=specimen, length=1.5))
-    expected = np.exp(-np.abs(place[:, None] - place) / 1.5)
+    expected = alike_over(np.abs(place[:, None] - place) / 1.5)
     np.testing.assert_allclose(np.corrcoef(alike.T), expected, atol=WITHIN)
     np.testing.assert_allclose(alike.std(axis=0), 1.0, atol=WITHIN)
 
@@ -52,12 +57,12 @@ def test_the_order_of_the_rows_does_not_matter_to_the_law():
     place, specimen = np.array([3.0, 0.0, 1.0, 2.0]), ["a", "b", "a", "b"]
     z = generator.standard_normal(4)
     alike = alike_along(place, z, specimen=specimen, length=2.0)
-    decay = np.exp(-1.0)
+    rho = 0.8 * np.exp(-1.0)
     by_hand = {
         2: z[2],  # the first on the path of a
-        0: decay * z[2] + np.sqrt(1.0 - decay**2) * z[0],
+        0: rho * z[2] + np.sqrt(1.0 - rho**2) * z[0],
         1: z[1],
-        3: decay * z[1] + np.sqrt(1.0 - decay**2) * z[3],
+        3: rho * z[1] + np.sqrt(1.0 - rho**2) * z[3],
     }
     np.testing.assert_allclose(alike, [by_hand[i] for i in range(4)], rtol=1e-12)
 
@@ -71,7 +76,7 @@ def test_readings_of_an_actuator_are_alike_along_its_path_of_pressure():
     """Path, not pressure: 60 kPa on the way down is far from 80 kPa on the way up."""
     found = np.corrcoef(errors(ALIKE).T)
     travelled = np.cumsum(np.abs(np.diff(CYCLE, prepend=CYCLE[0])))
-    decay = np.exp(-np.abs(travelled[:, None] - travelled) / 40.0)
+    decay = alike_over(np.abs(travelled[:, None] - travelled) / 40.0)
     expected = np.block([[decay, 0.6 * decay], [0.6 * decay, decay]])
     np.testing.assert_allclose(found, expected, atol=WITHIN)
 
@@ -98,7 +103,7 @@ def test_specimens_do_not_share_their_errors():
 def test_a_zero_on_the_way_is_a_place_on_the_path():
     """Curvature is counted from there, so that it has no error; those about it have theirs."""
     z = np.corrcoef(errors(ALIKE, (30.0, 0.0, 30.0)).T[[0, 2]])
-    assert z[0, 1] == pytest.approx(np.exp(-60.0 / 40.0), abs=WITHIN)
+    assert z[0, 1] == pytest.approx(0.8 * np.exp(-60.0 / 40.0), abs=WITHIN)
 
 
 def test_stresses_of_a_film_are_alike_along_its_stretch():
@@ -114,7 +119,7 @@ def test_stresses_of_a_film_are_alike_along_its_stretch():
     basis = yeoh_basis(stretch, np.full(4, "uniaxial"), np.full(4, "nominal"))
     stress = constants @ basis.T
     z = (by_specimen(tensile["stress_MPa"]) - stress) / np.hypot(0.005, 0.02 * stress)
-    expected = np.exp(-np.abs(stretch[:, None] - stretch) / 0.1)
+    expected = alike_over(np.abs(stretch[:, None] - stretch) / 0.1)
     np.testing.assert_allclose(np.corrcoef(z.T), expected, atol=WITHIN)
     np.testing.assert_allclose(z.std(axis=0), 1.0, atol=WITHIN)
 

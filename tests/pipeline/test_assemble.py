@@ -7,7 +7,7 @@ from bayesdeg.errors import BayesdegError, StudyError
 from bayesdeg.laws import Normal, Uniform
 from bayesdeg.pipeline.assemble import assemble, level_grid
 from tests.emulator.closed_form import ClosedFormMap
-from tests.pipeline.study_files import ACTUATOR, SETTINGS, study_in
+from tests.pipeline.study_files import ACTUATOR, SETTINGS, SUMMARY, study_in
 
 
 def prior_of(model, name):
@@ -71,13 +71,27 @@ def test_all_causes_are_candidates_unless_the_study_lists_some(tmp_path):
 
 
 def test_without_an_actuator_no_cause_can_be_judged(tmp_path):
-    assembly = assemble(study_in(tmp_path, without=("actuator.csv",)))
+    summary = "".join(r for r in SUMMARY.splitlines(keepends=True) if not r.startswith("r_squared"))
+    assembly = assemble(study_in(tmp_path, {"summary.csv": summary}, without=("actuator.csv",)))
     assert assembly.candidates == ()
     assert set(assembly.unjudged) == set(CATALOGUE)
     assert not [n for n in assembly.model.table.names if n.startswith(("curvature", "emulator"))]
     assert assembly.model.forward is None
     # nothing in the model depends on the volume ratio
     assert "volume_ratio" not in {s.quantity for s in assembly.model.statistics}
+    assert "actuator.csv" in dict(assembly.missing)
+
+
+def test_a_published_r_squared_speaks_of_actuators_that_are_not_there(tmp_path):
+    """Its misfit needs the mechanics, and so all that they depend on; causes it cannot judge."""
+    assembly = assemble(study_in(tmp_path, without=("actuator.csv",)))
+    model = assembly.model
+    assert model.actuator is None
+    assert model.published is not None
+    assert isinstance(model.forward, Surrogate)
+    assert {"curvature_noise", "paper_stiffness", "volume_ratio"} <= set(model.table.names)
+    assert "volume_ratio" in {s.quantity for s in model.statistics}
+    assert assembly.candidates == ()
     assert "actuator.csv" in dict(assembly.missing)
 
 
