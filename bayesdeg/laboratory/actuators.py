@@ -12,7 +12,7 @@ import pandas as pd
 
 from bayesdeg.actuator.inputs import ForwardMap, Inputs, Prediction
 from bayesdeg.actuator.status import Status
-from bayesdeg.causes.cause import Conditions, Degradation
+from bayesdeg.causes.cause import Conditions, Degradation, Strength
 from bayesdeg.laboratory.effects import HiddenEffect
 from bayesdeg.laboratory.specimens import (
     alike_along,
@@ -96,10 +96,32 @@ def _plan(table: pd.DataFrame, truth: Truth) -> _Plan:
     return _Plan(
         rows,
         first["specimen_id"],
-        Conditions(pressure, first["degradation_pct"].to_numpy(np.float64)[:, None]),
+        _conditions(tests, steps, pressure),
         first["degradation_sd_pct"].to_numpy(np.float64)[:, None],
         np.arange(size) < np.array([[len(test)] for test in tests]),
         np.zeros(len(rows)) if known is None else known.to_numpy(np.float64),
+    )
+
+
+def _conditions(
+    tests: list[pd.DataFrame], steps: list[npt.NDArray[np.intp]], pressure: Floats
+) -> Conditions:
+    def recorded(name: str, default: object) -> npt.NDArray[np.generic]:
+        return np.stack(
+            [
+                (t[name].to_numpy() if name in t else np.full(len(t), default))[i]
+                for t, i in zip(tests, steps, strict=True)
+            ]
+        )
+
+    return Conditions(
+        pressure,
+        np.array([[float(t["degradation_pct"].iloc[0])] for t in tests]),
+        time=recorded("time_s", np.nan).astype(np.float64),
+        cycle=recorded("cycle", 1).astype(np.int64),
+        unloading=recorded("branch", "loading") == "unloading",
+        humidity=recorded("humidity_pct", np.nan).astype(np.float64),
+        mount=recorded("mount", "horizontal").astype(str),
     )
 
 
@@ -112,7 +134,28 @@ def _drawn(
             state = hidden.cause.on_degradation(state, plan.conditions, hidden.effect)
     count = len(plan.names)
     value, sd = (np.broadcast_to(v, (1, count, 1))[0, :, 0] for v in (state.value, state.sd))
-    return draw_specimens(plan.names, truth, degradation=value, sd=sd, generator=generator)
+    drawn = draw_specimens(plan.names, truth, degradation=value, sd=sd, generator=generator)
+    return _weakened(drawn, truth, effects)
+
+
+def _weakened(
+    specimens: pd.DataFrame, truth: Truth, effects: Sequence[HiddenEffect]
+) -> pd.DataFrame:
+    """Return specimens whose elongation limits are what the hidden effects leave of them."""
+    acting = [hidden for hidden in effects if hidden.cause.on_strength is not None]
+    if not acting:
+        return specimens
+    level = specimens["degradation_pct"].to_numpy()[None]
+    median = truth.limit_stretch(level) - 1.0
+    strength = Strength(median, np.full(level.shape, truth.elongation_scatter))
+    elongation = specimens["limit_stretch"].to_numpy() - 1.0
+    z = np.log(elongation / median) / np.maximum(strength.scatter, 1e-12)
+    for hidden in acting:
+        assert hidden.cause.on_strength is not None
+        effect = {name: size[..., 0] for name, size in hidden.effect.items()}
+        strength = hidden.cause.on_strength(strength, level, effect)
+    limit = 1.0 + strength.median * np.exp(strength.scatter * z)
+    return specimens.assign(limit_stretch=limit[0])
 
 
 def _predict(

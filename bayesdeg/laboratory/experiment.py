@@ -66,7 +66,7 @@ def run_experiment(
     generator : numpy.random.Generator
         Source of all randomness.
     effects : sequence of HiddenEffect
-        What is hidden in the actuators' test.
+        What is hidden, in actuators and in the stresses of films.
 
     Returns
     -------
@@ -75,7 +75,7 @@ def run_experiment(
     by_name = {hidden.cause.name: hidden for hidden in effects}
     ordered = tuple(by_name[c.name] for c in in_order(h.cause for h in by_name.values()))
     tear, inflate, moisture, shrinkage = generator.spawn(4)
-    tensile, breaks, films = tear_films(design, truth, tear)
+    tensile, breaks, films = tear_films(design, truth, tear, ordered)
     actuator, actuators = inflate_actuators(
         design.actuator, truth, effects=ordered, forward=forward, generator=inflate
     )

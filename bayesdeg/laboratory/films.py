@@ -1,10 +1,14 @@
 """Tests on films: moisture, shrinkage, tension, break."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
+from bayesdeg.causes.cause import FilmConditions
 from bayesdeg.laboratory.design import SPECIMEN, Design
+from bayesdeg.laboratory.effects import HiddenEffect
 from bayesdeg.laboratory.specimens import (
     alike_along,
     constants_of,
@@ -100,7 +104,10 @@ def weigh_shrinkage(
 
 
 def tear_films(
-    design: Design, truth: Truth, generator: np.random.Generator
+    design: Design,
+    truth: Truth,
+    generator: np.random.Generator,
+    effects: Sequence[HiddenEffect] = (),
 ) -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame]:
     """Stretch films until they break.
 
@@ -112,6 +119,8 @@ def tear_films(
         Material, scatter, reading errors.
     generator : numpy.random.Generator
         Source of randomness.
+    effects : sequence of HiddenEffect
+        What is hidden in the stresses, in the order of application.
 
     Returns
     -------
@@ -134,11 +143,16 @@ def tear_films(
         degradation_sd_pct=stated_sd(design.breaks, truth),
         elongation_pct=(100.0 * (limit - 1.0)).round(2),
     )
-    return _stretch(design.tensile, films, truth, generator), breaks, films
+    return _stretch(design.tensile, films, truth, generator, effects=effects), breaks, films
 
 
 def _stretch(
-    table: pd.DataFrame, films: pd.DataFrame, truth: Truth, generator: np.random.Generator
+    table: pd.DataFrame,
+    films: pd.DataFrame,
+    truth: Truth,
+    generator: np.random.Generator,
+    *,
+    effects: Sequence[HiddenEffect],
 ) -> pd.DataFrame:
     limit = films["limit_stretch"].loc[table["specimen_id"]].to_numpy()
     if "stretch" in table:
@@ -150,6 +164,13 @@ def _stretch(
     where = films.index.get_indexer(pd.Index(table["specimen_id"]))
     constants = constants_of(films, truth)[where]
     stress = np.sum(yeoh_basis(stretch, mode, measure) * constants, axis=-1)
+    level = films["degradation_pct"].to_numpy()[where]
+    tests = FilmConditions(stretch[:, None], mode, measure[:, None] == "cauchy", level)
+    for hidden in effects:
+        if hidden.cause.on_stress is not None:
+            column = stress[None, :, None]
+            column = hidden.cause.on_stress(column, tests, hidden.effect, constants[None])
+            stress = column[0, :, 0]
     z = alike_along(
         stretch,
         generator.standard_normal(stress.shape),
