@@ -120,14 +120,13 @@ class _Shown:
         if self._store.damaged:
             names = ", ".join(path.name for path in self._store.damaged)
             yield f"damaged and computed again: {names}"
+        if standing.enough(self._effort) and standing.resumed == standing.steps:
+            yield "taken from the interrupted run"  # first: a narrow terminal cuts the rest
         if standing.kept == 0:
             yield f"fitting the moves, {standing.steps} steps"
         else:
             yield f"{standing.effective:.0f} effective draws, R-hat {standing.r_hat:.3f}"
-        if standing.enough(self._effort):
-            resumed = standing.resumed == standing.steps
-            yield "taken from the interrupted run" if resumed else "enough"
-        else:
+        if not standing.enough(self._effort):
             yield words(self._pace.left(standing, self._effort))
 
 
