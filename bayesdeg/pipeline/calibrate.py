@@ -10,6 +10,7 @@ from threadpoolctl import threadpool_limits
 
 from bayesdeg.criticism.convergence import Convergence, diagnose
 from bayesdeg.inference.chain import Chain, Effort, Standing
+from bayesdeg.inference.density import Density
 from bayesdeg.inference.ensemble import sample
 from bayesdeg.inference.importance import improved
 from bayesdeg.inference.laplace import Evidence, Laplace, approximate, evidence
@@ -158,8 +159,10 @@ def _begun(
     return laplace, Evidence(log_evidence, error, draws, log_weights, effective)
 
 
-def _near_films(model: Model) -> Floats | None:
+def _near_films(model: Density) -> Floats | None:
     """Return the films' least-squares fit, if that is a possible vector of the model."""
+    if not isinstance(model, Model):  # another density knows of no films
+        return None
     start = least_squares(model)
     return start if np.isfinite(model.log_prob(start[None]))[0] else None
 
