@@ -10,11 +10,10 @@ from threadpoolctl import threadpool_limits
 
 from bayesdeg.criticism.convergence import Convergence, diagnose
 from bayesdeg.inference.chain import Chain, Effort, Standing
-from bayesdeg.inference.density import Density
 from bayesdeg.inference.ensemble import sample
 from bayesdeg.inference.importance import improved
 from bayesdeg.inference.laplace import Evidence, Laplace, approximate, evidence
-from bayesdeg.inference.least_squares import least_squares
+from bayesdeg.inference.least_squares import near_films
 from bayesdeg.inference.model import Model
 from bayesdeg.pipeline.progress import Progress
 from bayesdeg.pipeline.time_left import Pace, steps_left, words
@@ -147,7 +146,8 @@ def _begun(
         generator = np.random.default_rng(seed)
         # one thread: the same bits whatever the machine's number of them
         with threadpool_limits(limits=1):
-            start = _near_films(model) if start is None else start
+            if start is None and isinstance(model, Model):
+                start = near_films(model, generator)
             laplace = approximate(model, generator, start=start)
             rough = evidence(model, laplace, generator, draws=1000)
             importance = improved(model, rough, generator, draws=1000, enough=ENOUGH)
@@ -157,14 +157,6 @@ def _begun(
     log_evidence, error, effective = (float(number) for number in stored["evidence"])
     draws, log_weights = stored["draws"], stored["log_weights"]
     return laplace, Evidence(log_evidence, error, draws, log_weights, effective)
-
-
-def _near_films(model: Density) -> Floats | None:
-    """Return the films' least-squares fit, if that is a possible vector of the model."""
-    if not isinstance(model, Model):  # another density knows of no films
-        return None
-    start = least_squares(model)
-    return start if np.isfinite(model.log_prob(start[None]))[0] else None
 
 
 def _arrays(laplace: Laplace, importance: Evidence) -> dict[str, Floats]:
