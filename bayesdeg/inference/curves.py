@@ -52,7 +52,7 @@ class TensileCurves:
         travelled = np.abs(np.diff(self.stretch, axis=1, prepend=1.0))
         return paths_of(self.mask[:, None, :], np.cumsum(travelled, axis=1))
 
-    def subset(self, rows: Rows) -> Self:
+    def subset(self, rows: Rows) -> "TensileCurves":
         """Return the curves of some specimens."""
         return _chosen(self, rows)
 
@@ -141,7 +141,7 @@ class ActuatorCurves:
         highest = np.argmax(np.where(below, self.pressure, -1.0), axis=1)
         return Ruptures(np.where(below.any(axis=1), highest, -1), burst)
 
-    def subset(self, rows: Rows) -> Self:
+    def subset(self, rows: Rows) -> "ActuatorCurves":
         """Return the curves of some specimens."""
         return _chosen(self, rows)
 
@@ -174,7 +174,7 @@ class Breaks:
     degradation_sd: Floats
     elongation: Floats
 
-    def subset(self, rows: Rows) -> Self:
+    def subset(self, rows: Rows) -> "Breaks":
         """Return some of the specimens."""
         return _chosen(self, rows)
 
