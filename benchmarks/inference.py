@@ -50,13 +50,13 @@ from inference_sampling import Sampled
 from numpy.typing import NDArray
 
 from bayesdeg.inference.ensemble import EFFORTS
-from bayesdeg.inference.importance import improved
-from bayesdeg.inference.laplace import Evidence, approximate, evidence
+from bayesdeg.inference.importance import about_mode
+from bayesdeg.inference.laplace import Evidence, approximate
 from bayesdeg.inference.least_squares import near_films
 from bayesdeg.inference.model import Model
 from bayesdeg.measure.study import read_study
 from bayesdeg.pipeline.assemble import assemble
-from bayesdeg.pipeline.calibrate import ENOUGH, calibrate
+from bayesdeg.pipeline.calibrate import calibrate
 from bayesdeg.pipeline.progress import Silent
 from bayesdeg.report.checkpoints import Checkpoints
 
@@ -78,8 +78,7 @@ class Case:
         generator = np.random.default_rng(0)
         near = near_films(self.model, generator)
         laplace = approximate(self.model, generator, start=near)
-        rough = evidence(self.model, laplace, generator, draws=1000)
-        return improved(self.model, rough, generator, draws=1000, enough=ENOUGH)
+        return about_mode(self.model, laplace, generator)
 
     @cached_property
     def sampled(self) -> Sampled:

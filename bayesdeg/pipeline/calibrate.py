@@ -11,8 +11,8 @@ from threadpoolctl import threadpool_limits
 from bayesdeg.criticism.convergence import Convergence, diagnose
 from bayesdeg.inference.chain import Chain, Effort, Standing
 from bayesdeg.inference.ensemble import sample
-from bayesdeg.inference.importance import improved
-from bayesdeg.inference.laplace import Evidence, Laplace, approximate, evidence
+from bayesdeg.inference.importance import about_mode
+from bayesdeg.inference.laplace import Evidence, Laplace, approximate
 from bayesdeg.inference.least_squares import near_films
 from bayesdeg.inference.model import Model
 from bayesdeg.pipeline.progress import Progress
@@ -21,8 +21,6 @@ from bayesdeg.report.chain_pieces import ChainPieces
 from bayesdeg.report.checkpoints import Checkpoints
 
 Floats = NDArray[np.float64]
-
-ENOUGH = 300.0  # effective draws of the importance sample that chains start from
 
 
 @dataclass(frozen=True)
@@ -149,8 +147,7 @@ def _begun(
             if start is None and isinstance(model, Model):
                 start = near_films(model, generator)
             laplace = approximate(model, generator, start=start)
-            rough = evidence(model, laplace, generator, draws=1000)
-            importance = improved(model, rough, generator, draws=1000, enough=ENOUGH)
+            importance = about_mode(model, laplace, generator)
         checkpoints.save(f"start-{name}", _arrays(laplace, importance))
         return laplace, importance
     laplace = Laplace(stored["mode"], stored["covariance"], float(stored["log_density"]))
