@@ -12,8 +12,8 @@ from scipy.special import logsumexp
 
 from bayesdeg.criticism.residuals import levels, r_squared
 from bayesdeg.inference.ensemble import EFFORTS, sample
-from bayesdeg.inference.importance import improved
-from bayesdeg.inference.laplace import FEWEST_EFFECTIVE, approximate, evidence, surrounding
+from bayesdeg.inference.importance import about_mode
+from bayesdeg.inference.laplace import FEWEST_EFFECTIVE, approximate, surrounding
 from bayesdeg.inference.model import Model
 
 Floats = NDArray[np.float64]
@@ -123,8 +123,7 @@ def _draws(
 ) -> Floats:
     """Draw from the posterior: an importance sample, or emcee where that has too few draws."""
     laplace = approximate(model, generator, start=start)
-    rough = evidence(model, laplace, generator, draws=1000)
-    posterior = improved(model, rough, generator, draws=1000, enough=DRAWS)
+    posterior = about_mode(model, laplace, generator, enough=DRAWS)
     if posterior.effective >= FEWEST_EFFECTIVE:
         return posterior.resample(generator, DRAWS)
     near = surrounding(model, start, laplace.covariance, generator)

@@ -15,6 +15,7 @@ from bayesdeg.criticism.order_comparison import OrderComparison, OrderFit
 from bayesdeg.criticism.specimen_density import specimen_density
 from bayesdeg.inference.importance import improved
 from bayesdeg.inference.laplace import FEWEST_EFFECTIVE, Evidence, approximate, evidence
+from bayesdeg.inference.least_squares import near_films
 from bayesdeg.inference.model import Model
 from bayesdeg.inference.parameters import material_parameters, with_priors
 from bayesdeg.inference.subset import without
@@ -82,7 +83,7 @@ def fit_order(films: Model, *, seed: np.random.SeedSequence) -> OrderFit:
     """Calibrate the films and predict each from all others."""
     first, refits = seed.spawn(2)
     generator = np.random.default_rng(first)
-    first_guess = evidence(films, approximate(films, generator), generator)
+    first_guess = _rough(films, generator)
     posterior = improved(films, first_guess, generator)
     usable = posterior.effective >= FEWEST_EFFECTIVE
     if usable:
@@ -152,5 +153,10 @@ def _refit(films: Model, film: str, posterior: Evidence, generator: np.random.Ge
     """
     training = without(films, [film])
     # a start of its own: draws of the posterior with the film may miss that without it
-    rough = evidence(training, approximate(training, generator), generator)
+    rough = _rough(training, generator)
     return posterior.log_evidence - improved(training, rough, generator).log_evidence
+
+
+def _rough(films: Model, generator: np.random.Generator) -> Evidence:
+    laplace = approximate(films, generator, start=near_films(films, generator))
+    return evidence(films, laplace, generator)

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdeg.inference.density import CustomDensity
 from bayesdeg.inference.likelihood import normal
 from bayesdeg.inference.parameters import Named, ParameterTable, with_priors
 from bayesdeg.laws import HalfNormal, LogNormal, Parameter, Uniform
@@ -77,11 +78,12 @@ class CourseModel:
 
     def log_prob(self, vectors: Floats, *, truncate: bool = True) -> Floats:
         """Return the log posterior density of each vector, shape (n,); −inf where impossible."""
-        table = self.table
-        with np.errstate(all="ignore"):
-            likelihood = self.log_likelihood(table.named(vectors))["moisture"]
-            total = table.log_prior(vectors, truncate=truncate) + np.sum(likelihood, axis=-1)
-        return np.where(np.isfinite(total), total, -np.inf)
+
+        def of_all_films(values: Named) -> Floats:
+            total: Floats = np.sum(self.log_likelihood(values)["moisture"], axis=-1)
+            return total
+
+        return CustomDensity(self.parameters, of_all_films).log_prob(vectors, truncate=truncate)
 
     def log_likelihood(self, values: Named) -> dict[str, Floats]:
         """Return the log density of each film under ``moisture``, shape (n, n_films)."""

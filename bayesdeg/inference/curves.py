@@ -1,8 +1,8 @@
 """Readings of a study as padded arrays: specimens by observations."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,20 +58,9 @@ class TensileCurves:
         travelled = np.abs(np.diff(self.stretch, axis=1, prepend=1.0))
         return paths_of(self.mask[:, None, :], np.cumsum(travelled, axis=1))
 
-    def subset(self, rows: Rows) -> Self:
+    def subset(self, rows: Rows) -> "TensileCurves":
         """Return the curves of some specimens."""
-        return replace(
-            self,
-            specimens=tuple(self.specimens[i] for i in rows),
-            modes=tuple(self.modes[i] for i in rows),
-            degradation=self.degradation[rows],
-            degradation_sd=self.degradation_sd[rows],
-            basis=self.basis[rows],
-            stretch=self.stretch[rows],
-            stress=self.stress[rows],
-            cauchy=self.cauchy[rows],
-            mask=self.mask[rows],
-        )
+        return _chosen(self, rows)
 
 
 class Ruptures(NamedTuple):
@@ -178,27 +167,9 @@ class ActuatorCurves:
         highest = np.argmax(np.where(below, self.pressure, -1.0), axis=1)
         return Ruptures(np.where(below.any(axis=1), highest, -1), burst)
 
-    def subset(self, rows: Rows) -> Self:
+    def subset(self, rows: Rows) -> "ActuatorCurves":
         """Return the curves of some specimens."""
-        return replace(
-            self,
-            specimens=tuple(self.specimens[i] for i in rows),
-            degradation=self.degradation[rows],
-            degradation_sd=self.degradation_sd[rows],
-            pressure=self.pressure[rows],
-            curvature=self.curvature[rows],
-            curvature_sd=self.curvature_sd[rows],
-            mask=self.mask[rows],
-            bend_angle=self.bend_angle[rows],
-            angle_mask=self.angle_mask[rows],
-            recorded=self.recorded[rows],
-            ruptured=self.ruptured[rows],
-            cycle=self.cycle[rows],
-            branch=self.branch[rows],
-            time=self.time[rows],
-            humidity=self.humidity[rows],
-            mount=self.mount[rows],
-        )
+        return _chosen(self, rows)
 
     def with_readings(self, readings: Floats) -> Self:
         """Return the same tests with other readings, (n_specimens, n_readings)."""
@@ -229,12 +200,16 @@ class Breaks:
     degradation_sd: Floats
     elongation: Floats
 
-    def subset(self, rows: Rows) -> Self:
+    def subset(self, rows: Rows) -> "Breaks":
         """Return some of the specimens."""
-        return replace(
-            self,
-            specimens=tuple(self.specimens[i] for i in rows),
-            degradation=self.degradation[rows],
-            degradation_sd=self.degradation_sd[rows],
-            elongation=self.elongation[rows],
-        )
+        return _chosen(self, rows)
+
+
+def _chosen[T: (TensileCurves, ActuatorCurves, Breaks)](data: T, rows: Rows) -> T:
+    """Return some specimens, of whatever is held for each."""
+    chosen: dict[str, Any] = {}
+    for field in fields(data):
+        value = getattr(data, field.name)
+        is_tuple = isinstance(value, tuple)
+        chosen[field.name] = tuple(value[i] for i in rows) if is_tuple else value[rows]
+    return replace(data, **chosen)

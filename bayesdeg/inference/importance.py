@@ -8,14 +8,33 @@ from scipy.optimize import brentq
 from scipy.special import gammaln, logsumexp
 
 from bayesdeg.inference.density import Density
-from bayesdeg.inference.laplace import Evidence
+from bayesdeg.inference.laplace import Evidence, Laplace, effective_draws, evidence, weighted
 from bayesdeg.inference.proposals import DEGREES_OF_FREEDOM, Proposal
 
 Floats = NDArray[np.float64]
 
+ENOUGH, DRAWS = 300.0, 1000  # effective draws wanted about a mode, and draws of each round
 FITTED = 2000  # draws that a proposal is fitted to
 WIDER = 1.3  # than the fit: what the draws so far did not reach has to be found
 LEAST = 20.0  # effective draws for each parameter that a proposal is fitted to
+
+
+def about_mode(
+    density: Density, laplace: Laplace, generator: np.random.Generator, *, enough: float = ENOUGH
+) -> Evidence:
+    """Return an importance sample of a posterior whose mode is known, `improved` where it is poor.
+
+    Parameters
+    ----------
+    density, laplace : Density, Laplace
+        What is sampled, and its mode.
+    generator : Generator
+        Draws the proposals.
+    enough : float
+        Effective draws wanted.
+    """
+    rough = evidence(density, laplace, generator, draws=DRAWS)
+    return improved(density, rough, generator, draws=DRAWS, enough=enough)
 
 
 def improved(
@@ -87,29 +106,8 @@ def log_density(law: Proposal, points: Floats) -> Floats:
     return density
 
 
-def weighted(points: Floats, log_weights: Floats) -> Evidence:
-    """Return the importance sample of draws with these weights, p/q.
-
-    Examples
-    --------
-    >>> weighted(np.zeros((4, 1)), np.log([1.0, 1.0, 2.0, 0.0 + 1e-300])).log_evidence
-    0.0
-    """
-    weights = np.where(np.isnan(log_weights), -np.inf, log_weights)
-    if not np.any(np.isfinite(weights)):
-        return Evidence(-np.inf, np.inf, points, weights, 0.0)
-    total, count = float(logsumexp(weights)), len(weights)
-    effective = _effective(weights)
-    error = float(np.sqrt(max(1.0 / effective - 1.0 / count, 0.0)))
-    return Evidence(total - float(np.log(count)), error, points, weights, effective)
-
-
 def _wide(law: Proposal) -> Proposal:
     return replace(law, factor=WIDER * law.factor, whitening=law.whitening / WIDER)
-
-
-def _effective(log_weights: Floats) -> float:
-    return float(np.exp(2.0 * logsumexp(log_weights) - logsumexp(2.0 * log_weights)))
 
 
 def _flattened(sample: Evidence) -> Evidence:
@@ -118,7 +116,7 @@ def _flattened(sample: Evidence) -> Evidence:
     points, weights = sample.draws[possible], sample.log_weights[possible]
     weights = weights - np.max(weights)
     least = min(LEAST * points.shape[1], 0.5 * len(weights))
-    if _effective(weights) < least:
-        power = brentq(lambda b: _effective(b * weights) - least, 0.0, 1.0)
+    if effective_draws(weights) < least:
+        power = brentq(lambda b: effective_draws(b * weights) - least, 0.0, 1.0)
         weights = power * weights
     return weighted(points, weights)

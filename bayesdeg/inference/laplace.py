@@ -107,13 +107,39 @@ def evidence(
         - np.sum(np.log(np.diag(factor)))
         - 0.5 * (DEGREES_OF_FREEDOM + size) * np.log1p(distance / DEGREES_OF_FREEDOM)
     )
-    weights = density.log_prob(points) - log_q
+    return weighted(points, density.log_prob(points) - log_q)
+
+
+def weighted(points: Floats, log_weights: Floats) -> Evidence:
+    """Return the importance sample of draws with these weights, p/q.
+
+    Returns
+    -------
+    Evidence
+        With −inf where no draw is possible.
+
+    Examples
+    --------
+    >>> weighted(np.zeros((4, 1)), np.log([1.0, 1.0, 2.0, 0.0 + 1e-300])).log_evidence
+    0.0
+    """
+    weights = np.where(np.isnan(log_weights), -np.inf, log_weights)
     if not np.any(np.isfinite(weights)):
         return Evidence(-np.inf, np.inf, points, weights, 0.0)
-    total = float(logsumexp(weights))
-    effective = float(np.exp(2.0 * total - logsumexp(2.0 * weights)))
-    error = float(np.sqrt(max(1.0 / effective - 1.0 / draws, 0.0)))
-    return Evidence(total - float(np.log(draws)), error, points, weights, effective)
+    total, count, effective = float(logsumexp(weights)), len(weights), effective_draws(weights)
+    error = float(np.sqrt(max(1.0 / effective - 1.0 / count, 0.0)))
+    return Evidence(total - float(np.log(count)), error, points, weights, effective)
+
+
+def effective_draws(log_weights: Floats) -> float:
+    """Return (Σ w)²/Σ w² of importance weights, the number of equal ones that are worth as much.
+
+    Examples
+    --------
+    >>> round(effective_draws(np.log([1.0, 1.0, 0.5])), 2)
+    2.78
+    """
+    return float(np.exp(2.0 * logsumexp(log_weights) - logsumexp(2.0 * log_weights)))
 
 
 def surrounding(

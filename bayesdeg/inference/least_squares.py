@@ -14,6 +14,7 @@ Floats = NDArray[np.float64]
 
 SMALLEST = (1e-3, -np.inf, 1e-6)  # of the control values of C1, C2, C3 [MPa]
 NOISE = 0.03  # of stress, relative, by which readings are weighted
+JITTER = 0.03  # of vectors about the fit, on the unconstrained scale
 INSIDE = 0.02  # probability that a start stays away from the bounds of its prior
 
 
@@ -29,15 +30,48 @@ def least_squares(model: Model) -> Floats:
         On the unconstrained scale; its density may still be 0.
     """
     values = {p.name: float(p.law.quantile(0.5)) for p in model.table.parameters}
-    if model.tensile is not None:
-        values |= _constants(model.tensile, model.nodes)
-    if model.breaks is not None:
-        values |= _elongation(model.breaks, model.elongation_nodes)
+    values |= _fitted(model)
     within = {
         p.name: float(np.clip(values[p.name], *p.law.quantile([INSIDE, 1.0 - INSIDE])))
         for p in model.table.parameters
     }
     return np.asarray(model.table.vectors({name: np.array(v) for name, v in within.items()}))
+
+
+def near_films(model: Model, generator: np.random.Generator, *, count: int = 400) -> Floats | None:
+    """Return the most probable of vectors about the films' least-squares fit; None if none is.
+
+    What the films say nothing of is drawn from its prior: where the medians of all that demand more
+    of the actuators than the forward map answers, others may not.
+
+    Parameters
+    ----------
+    model : Model
+        Whose mode is sought.
+    generator : Generator
+        Draws the vectors.
+    count : int
+        Number of them.
+    """
+    fit, known = least_squares(model), _fitted(model)
+    draws = model.table.sample(generator, count)
+    columns = [i for i, name in enumerate(model.table.names) if name in known]
+    jitter = JITTER * generator.standard_normal((count, len(columns)))
+    draws[:, columns] = fit[columns] + jitter
+    trials = np.vstack([fit, draws])
+    density = model.log_prob(trials)
+    best = int(np.argmax(density))
+    return trials[best] if np.isfinite(density[best]) else None
+
+
+def _fitted(model: Model) -> dict[str, float]:
+    """Return what films alone say."""
+    found: dict[str, float] = {}
+    if model.tensile is not None:
+        found |= _constants(model.tensile, model.nodes)
+    if model.breaks is not None:
+        found |= _elongation(model.breaks, model.elongation_nodes)
+    return found
 
 
 def _constants(data: TensileCurves, nodes: Nodes) -> dict[str, float]:

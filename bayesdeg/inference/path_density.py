@@ -104,9 +104,8 @@ def _whiten(
         known = ahead * INDEPENDENT / total
         gain, narrowing = ahead / total, 1.0 / math.sqrt(total)
         for i in range(k + 1):
-            expected = decay * last[i]
-            innovation = row[i] - expected
-            last[i] = expected + gain * innovation
+            innovation = row[i] - decay * last[i]
+            last[i] = decay * last[i] + gain * innovation
             row[i] = innovation * narrowing
             for m in range(i + 1):
                 gram[i, m] += row[i] * row[m]

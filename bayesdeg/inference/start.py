@@ -8,7 +8,7 @@ from scipy.special import logsumexp
 
 from bayesdeg.errors import BayesdegError
 from bayesdeg.inference.density import Density
-from bayesdeg.inference.laplace import Evidence
+from bayesdeg.inference.laplace import Evidence, effective_draws
 from bayesdeg.inference.proposals import Proposal
 
 Floats = NDArray[np.float64]
@@ -100,14 +100,10 @@ def lie_in_a_plane(draws: Floats) -> bool:
 def _tempered(log_weights: Floats, wanted: float) -> Floats:
     wanted = min(wanted, 0.5 * len(log_weights))
     power = 1.0
-    while _effective(power * log_weights) < wanted:
+    while effective_draws(power * log_weights) < wanted:
         power *= 0.9
     weights: Floats = np.exp(power * log_weights - logsumexp(power * log_weights))
     return weights
-
-
-def _effective(log_weights: Floats) -> float:
-    return float(np.exp(2.0 * logsumexp(log_weights) - logsumexp(2.0 * log_weights)))
 
 
 def _widened(density: Density, draws: Floats, generator: np.random.Generator) -> Floats:

@@ -11,9 +11,9 @@ from threadpoolctl import threadpool_limits
 from bayesdeg.criticism.convergence import Convergence, diagnose
 from bayesdeg.inference.chain import Chain, Effort, Standing
 from bayesdeg.inference.ensemble import sample
-from bayesdeg.inference.importance import improved
-from bayesdeg.inference.laplace import Evidence, Laplace, approximate, evidence
-from bayesdeg.inference.least_squares import least_squares
+from bayesdeg.inference.importance import about_mode
+from bayesdeg.inference.laplace import Evidence, Laplace, approximate
+from bayesdeg.inference.least_squares import near_films
 from bayesdeg.inference.model import Model
 from bayesdeg.pipeline.progress import Progress
 from bayesdeg.pipeline.time_left import Pace, steps_left, words
@@ -21,8 +21,6 @@ from bayesdeg.report.chain_pieces import ChainPieces
 from bayesdeg.report.checkpoints import Checkpoints
 
 Floats = NDArray[np.float64]
-
-ENOUGH = 300.0  # effective draws of the importance sample that chains start from
 
 
 @dataclass(frozen=True)
@@ -120,14 +118,13 @@ class _Shown:
         if self._store.damaged:
             names = ", ".join(path.name for path in self._store.damaged)
             yield f"damaged and computed again: {names}"
+        if standing.enough(self._effort) and standing.resumed == standing.steps:
+            yield "taken from the interrupted run"  # first: a narrow terminal cuts the rest
         if standing.kept == 0:
             yield f"fitting the moves, {standing.steps} steps"
         else:
             yield f"{standing.effective:.0f} effective draws, R-hat {standing.r_hat:.3f}"
-        if standing.enough(self._effort):
-            resumed = standing.resumed == standing.steps
-            yield "taken from the interrupted run" if resumed else "enough"
-        else:
+        if not standing.enough(self._effort):
             yield words(self._pace.left(standing, self._effort))
 
 
@@ -147,22 +144,16 @@ def _begun(
         generator = np.random.default_rng(seed)
         # one thread: the same bits whatever the machine's number of them
         with threadpool_limits(limits=1):
-            start = _near_films(model) if start is None else start
+            if start is None and isinstance(model, Model):
+                start = near_films(model, generator)
             laplace = approximate(model, generator, start=start)
-            rough = evidence(model, laplace, generator, draws=1000)
-            importance = improved(model, rough, generator, draws=1000, enough=ENOUGH)
+            importance = about_mode(model, laplace, generator)
         checkpoints.save(f"start-{name}", _arrays(laplace, importance))
         return laplace, importance
     laplace = Laplace(stored["mode"], stored["covariance"], float(stored["log_density"]))
     log_evidence, error, effective = (float(number) for number in stored["evidence"])
     draws, log_weights = stored["draws"], stored["log_weights"]
     return laplace, Evidence(log_evidence, error, draws, log_weights, effective)
-
-
-def _near_films(model: Model) -> Floats | None:
-    """Return the films' least-squares fit, if that is a possible vector of the model."""
-    start = least_squares(model)
-    return start if np.isfinite(model.log_prob(start[None]))[0] else None
 
 
 def _arrays(laplace: Laplace, importance: Evidence) -> dict[str, Floats]:

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import logsumexp
 
 from bayesdeg.causes.catalogue import find
 from bayesdeg.causes.cause import Cause
@@ -26,17 +25,14 @@ from bayesdeg.criticism.verdict import (
     decide,
     naming_threshold,
 )
-from bayesdeg.inference.importance import improved
-from bayesdeg.inference.laplace import FEWEST_EFFECTIVE, Evidence, approximate, evidence
+from bayesdeg.inference.importance import about_mode
+from bayesdeg.inference.laplace import FEWEST_EFFECTIVE, Evidence, approximate, weighted
 from bayesdeg.inference.model import Model
 from bayesdeg.pipeline.assemble import Assembly
 from bayesdeg.pipeline.calibrate import Fit
 from bayesdeg.pipeline.progress import Progress
 
 Floats = NDArray[np.float64]
-
-
-ENOUGH = 300.0  # effective draws of an importance sample
 
 
 @dataclass(frozen=True)
@@ -177,8 +173,7 @@ def _try(
     both = np.stack([start, guess])
     best = both[int(np.argmax(model.log_prob(both, truncate=False)))]
     laplace = approximate(model, generator, start=best)
-    rough = evidence(model, laplace, generator, draws=1000)
-    posterior = improved(model, rough, generator, draws=1000, enough=ENOUGH)
+    posterior = about_mode(model, laplace, generator)
     factor = posterior.log_evidence - fit.evidence.log_evidence
     if posterior.effective < FEWEST_EFFECTIVE:
         posterior = _from_prior(model, cause, fit, generator)
@@ -208,11 +203,7 @@ def _from_prior(
     points = np.stack([(base | prior)[name] for name in model.table.names], axis=1)
     own = model.table.log_prior(points) - fit.model.table.log_prior(known)
     ratio = model.log_prob(points) - fit.model.log_prob(known) - own
-    total = float(logsumexp(ratio))
-    if not np.isfinite(total):
-        return Evidence(-np.inf, np.inf, points, ratio, 0.0)
-    effective = float(np.exp(2.0 * total - logsumexp(2.0 * ratio)))
-    return Evidence(total - float(np.log(draws)), effective**-0.5, points, ratio, effective)
+    return weighted(points, ratio)
 
 
 def _candidate(

@@ -93,7 +93,7 @@ def test_a_wide_window_shows_the_verdict_first_and_without_scrolling(page, tmp_p
     assert found["data-first"] == "H1"
     assert float(found["data-verdict-bottom"]) < 900
     assert int(found["data-page-width"]) <= int(found["data-window-width"])
-    assert found["data-figures"] == "8"
+    assert found["data-figures"] == "12"
     assert found["data-closed-in-print"] == "0"
     assert found["data-open-after-print"] == "0"
     assert found["data-tick"] == found["data-ink"]
@@ -104,7 +104,7 @@ def test_a_narrow_window_does_not_scroll_sideways(page, tmp_path):
     assert problems == []
     assert int(found["data-window-width"]) < 600
     assert int(found["data-page-width"]) <= int(found["data-window-width"])
-    assert found["data-figures"] == "8"
+    assert found["data-figures"] == "12"
 
 
 def test_the_page_of_a_study_without_actuator_data_renders(tmp_path):

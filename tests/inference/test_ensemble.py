@@ -19,6 +19,7 @@ from bayesdeg.inference.laplace import Evidence, Laplace, approximate, evidence
 from bayesdeg.inference.parameters import ParameterTable
 from bayesdeg.inference.proposals import Proposal
 from bayesdeg.inference.start import lie_in_a_plane, start_of
+from bayesdeg.inference.tree import readings_of
 from bayesdeg.laws import Normal, Parameter
 from tests.emulator.closed_form import trained
 from tests.inference.small_study import TRUTH, draws_near_truth, small_model, values_of
@@ -301,6 +302,7 @@ def test_walkers_that_start_on_impossible_vectors_are_replaced():
     """Draws of weight zero are never started from, nor is a jitter kept that leads there."""
     model = real_model()
     draws = draws_near_truth(model, 60, spread=0.1)
+    draws[::2, model.table.names.index("volume_ratio")] = 1.2  # beyond its prior
     possible = np.isfinite(model.log_prob(draws))
     assert 10 < possible.sum() < 50
     start = Evidence(0.0, 0.1, draws, np.where(possible, 0.0, -np.inf), float(possible.sum()))
@@ -344,27 +346,33 @@ def test_stored_draws_have_the_stored_log_likelihoods():
         for kind, block in model.log_likelihood(values).items():
             got = densities[f"{kind}_specimens"].values[chain, draw]
             np.testing.assert_allclose(got, block[0], rtol=1e-9)
-        pointwise = model.curvature_pointwise(values)[0][model.actuator.mask]
-        np.testing.assert_allclose(
-            densities["curvature"].values[chain, draw], pointwise, rtol=1e-9, atol=1e-12
-        )
+        pointwise = model.readings_pointwise(values)[0]
+        for name, (mask, columns) in readings_of(model).items():
+            np.testing.assert_allclose(
+                densities[name].values[chain, draw],
+                pointwise[:, columns][mask],
+                rtol=1e-9,
+                atol=1e-12,
+            )
 
 
 def test_likelihoods_and_prior_sum_to_the_log_density():
     model, stored = real_model(), tree()
     blocks = [
         stored["log_likelihood"][f"{kind}_specimens"].values.sum(axis=-1)
-        for kind in ("tensile", "actuator", "breaks", "statistics")
+        for kind in ("tensile", "actuator", "rupture", "breaks", "statistics")
     ]
     values = {n: v.values for n, v in stored["posterior"].to_dataset().data_vars.items()}
     total = sum(blocks) + model.table.log_prior(model.table.vectors(values))
     np.testing.assert_allclose(total, stored["sample_stats"]["lp"].values, rtol=1e-9)
-    curvature = stored["log_likelihood"]["curvature"].groupby("specimen_id").sum("observation")
-    np.testing.assert_allclose(
-        curvature.sel(specimen_id=list(model.actuator.specimens)).values,
-        stored["log_likelihood"]["actuator_specimens"].values,
-        rtol=1e-9,
-    )
+    densities, names = stored["log_likelihood"], list(model.actuator.specimens)
+    both = densities["curvature"].groupby("specimen_id").sum("observation")
+    both = both.sel(specimen_id=names).values.copy()
+    angles = densities["bend_angle"]
+    for s, name in enumerate(names):
+        own = angles["bend_angle_specimen_id"].values == name
+        both[..., s] += angles.values[..., own].sum(axis=-1)
+    np.testing.assert_allclose(both, densities["actuator_specimens"].values, rtol=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -6,9 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bayesdeg.inference.least_squares import least_squares
+from bayesdeg.inference.films import film_readings
+from bayesdeg.inference.least_squares import least_squares, near_films
+from bayesdeg.laws import LogNormal
 from bayesdeg.measure.study import read_study
 from bayesdeg.pipeline.assemble import assemble
+from tests.emulator.closed_form import trained
 from tests.inference.small_study import TRUTH, small_model, values_of
 
 STUDY = Path(__file__).parents[2] / "studies" / "gelatin_actuator"
@@ -40,3 +43,26 @@ def test_without_films_it_is_the_median_of_the_prior():
     for parameter in model.table.parameters:
         median = float(parameter.law.quantile(0.5))
         assert float(named[parameter.name]) == pytest.approx(median, rel=1e-9)
+
+
+def test_where_the_medians_are_refused_others_are_tried():
+    """A prior of the paper whose median is stiffer than the forward map was trained on."""
+    model = small_model()
+    base = tuple(
+        replace(p, law=LogNormal(3e6, 4.0)) if p.name == "paper_stiffness" else p
+        for p in model.base
+    )
+    model = replace(model, base=base, forward=trained())
+    assert model.log_prob(least_squares(model)[None])[0] == -np.inf
+    found = near_films(model, np.random.default_rng(0))
+    assert np.isfinite(model.log_prob(found[None])[0])
+
+
+def test_where_nothing_is_possible_there_is_no_start():
+    model = small_model()
+    base = tuple(
+        replace(p, law=LogNormal(1e12, 0.1)) if p.name == "paper_stiffness" else p
+        for p in model.base
+    )
+    model = replace(model, base=base, forward=trained())
+    assert near_films(model, np.random.default_rng(0)) is None
