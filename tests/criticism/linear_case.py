@@ -56,6 +56,9 @@ def tight_model(*, with_angle=False):
         ruptured=np.zeros(shape, bool),
         cycle=np.ones(shape, np.int64),
         branch=np.full(shape, "loading"),
+        time=np.full(shape, np.nan),
+        humidity=np.full(shape, np.nan),
+        mount=np.full(shape, "horizontal"),
     )
     return replace(model, actuator=data)
 

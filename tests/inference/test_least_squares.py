@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bayesdeg.inference.films import film_readings
 from bayesdeg.inference.least_squares import least_squares, near_films
 from bayesdeg.laws import LogNormal
 from bayesdeg.measure.study import read_study
