@@ -10,8 +10,10 @@ import typer
 
 import bayesdeg
 from bayesdeg.commands import look
+from bayesdeg.commands.control import control
 from bayesdeg.commands.emulate import emulate
 from bayesdeg.commands.options import Stopped
+from bayesdeg.commands.predict import predict
 from bayesdeg.commands.run import run
 from bayesdeg.commands.simulate import simulate
 from bayesdeg.console import errors
@@ -25,7 +27,7 @@ app = typer.Typer(
     rich_markup_mode="markdown",
     add_completion=False,
 )
-for command in (run, look.check, look.causes, look.report, simulate, emulate):
+for command in (run, look.check, look.causes, look.report, simulate, emulate, predict, control):
     app.command()(command)
 
 DONE, OUR_FAULT, INPUT_FAULT, STOPPED = 0, 1, 2, 3

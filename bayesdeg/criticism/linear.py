@@ -1,66 +1,63 @@
 """A model linearised at its mode: calibrated tests and closed-form comparisons in milliseconds.
 
-Near the mode the readings are y = f + X δ + S φ + e: δ the deviation of the parameters from the
-mode, known from all other data and the priors to N(δ₀, Λ⁻¹); φ the size of a cause with sensitivity
-S; e ~ N(0, V) with reading error and specimen scatter. After δ is integrated out and the result is
-whitened, the base model says z ~ N(0, I), and every alternative is a larger covariance.
+Near the mode the readings are y = f + X δ + d(φ) + e: δ the deviation of the parameters from the
+mode, known from all other data and the priors to N(δ₀, Λ⁻¹); d the change that a cause of size φ
+makes; e ~ N(0, V) with reading error and specimen scatter. After δ is integrated out and the result
+is whitened, the base model says z ~ N(0, I), and an effect with a normal prior makes the covariance
+larger.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import block_diag, solve_triangular
+from scipy.linalg import solve_triangular
+from scipy.special import logsumexp
 
 from bayesdeg.causes.cause import Cause
-from bayesdeg.inference.likelihood import covariance
-from bayesdeg.inference.mode import derivatives, positive_inverse
-from bayesdeg.inference.model import Model
+from bayesdeg.criticism.subject import Subject, columns_of, with_neutral
+from bayesdeg.inference.density import Density
+from bayesdeg.inference.importance import about_mode
+from bayesdeg.inference.laplace import FEWEST_EFFECTIVE, approximate
 from bayesdeg.laws import Parameter
 
 Floats = NDArray[np.float64]
 
+SMALL = 0.25  # of a prior's size: large enough to see an effect, small enough to be near neutral
+
 
 @dataclass(frozen=True)
 class Linear:
-    """The linearised base model of the actuator's readings.
+    """A linearised model of readings.
 
     Parameters
     ----------
-    model : Model
+    subject : Subject
         What was linearised.
     mode : array, shape (n_parameters,)
         Where.
     prediction : array, shape (n,)
-        Readings predicted at the mode, curvatures [1/m] and bend angles [°].
+        Readings predicted at the mode.
     mean : array, shape (n,)
-        Readings expected from all other data: the prediction with the shift X δ₀.
+        Readings expected from all other data: the prediction with the shift X δ₀, where δ₀ is such
+        that the mode is the most probable point given the readings too.
+    scatter : array, shape (n, n)
+        V, of specimens and errors.
     factor : array, shape (n, n)
         Cholesky factor of V + X Λ⁻¹ Xᵀ.
     """
 
-    model: Model
+    subject: Subject
     mode: Floats
     prediction: Floats
     mean: Floats
+    scatter: Floats
     factor: Floats
 
-    @property
-    def read(self) -> NDArray[np.bool_]:
-        """Where there is a reading, (n_specimens, n_readings)."""
-        assert self.model.actuator is not None
-        return self.model.actuator.paths.mask
-
-    @property
-    def output(self) -> NDArray[np.int64]:
-        """Whether each reading is a curvature, 0, or a bend angle, 1, shape (n,)."""
-        assert self.model.actuator is not None
-        columns = np.arange(self.read.shape[1]) // self.model.actuator.pressure.shape[1]
-        return np.broadcast_to(columns, self.read.shape)[self.read]
-
     def whiten(self, readings: Floats) -> Floats:
-        """Return z for readings (..., n_specimens, n_readings), shape (..., n)."""
-        residual = readings[..., self.read] - self.mean
+        """Return z for readings (..., n), of the same shape."""
+        residual = readings - self.mean
         flat = residual.reshape(-1, residual.shape[-1]).T
         whitened: Floats = solve_triangular(self.factor, flat, lower=True).T
         return whitened.reshape(residual.shape)
@@ -69,55 +66,118 @@ class Linear:
         """Return directions (n, k) on the whitened scale."""
         return np.asarray(solve_triangular(self.factor, columns, lower=True))
 
-    @property
+    @cached_property
     def observed(self) -> Floats:
         """The data on the whitened scale, shape (n,)."""
-        assert self.model.actuator is not None
-        return self.whiten(self.model.actuator.readings)
+        return self.whiten(self.subject.observed)
+
+    def unexplained(self, whitened: Floats) -> Floats:
+        """Return what of whitened data (..., n) is error and scatter after the refit, (..., n).
+
+        The posterior mean of e: V (V + X Λ⁻¹ Xᵀ)⁻¹ (y − mean), in the readings' units.
+        """
+        half = solve_triangular(self.factor, self.scatter, lower=True)
+        errors: Floats = whitened @ half
+        return errors
 
 
-def linearise(model: Model, mode: Floats) -> Linear:
-    """Linearise a model with actuator data at its mode."""
-    assert model.actuator is not None
-    mask = model.actuator.paths.mask
-    values = model.table.named(mode[None])
-    curves = model.actuator_linearised(values)
-    prediction = model.predict(values).mean[0]
-    jacobian = _jacobian(model, mode)
-    gradient, hessian = derivatives(replace(model, actuator=None), mode)
-    uncertain = positive_inverse(-hessian)
-    shift = uncertain @ gradient
-    scatter = block_diag(
-        *(one[np.ix_(row, row)] for one, row in zip(covariance(curves)[0], mask, strict=True))
-    )
-    total = scatter + jacobian @ uncertain @ jacobian.T
-    mean = prediction[mask] + jacobian @ shift
-    return Linear(model, mode, prediction[mask], mean, np.linalg.cholesky(total))
+def linearise(subject: Subject, mode: Floats, *, uncertain: Floats | None = None) -> Linear:
+    """Linearise a model of readings at its mode.
+
+    Parameters
+    ----------
+    subject : Subject
+        The model.
+    mode : array, shape (n_parameters,)
+        Its mode.
+    uncertain : array, shape (n_parameters, n_parameters), optional
+        Λ⁻¹ if it is known already, see `rest_covariance`.
+    """
+    prediction = subject.expected(mode[None])[0]
+    jacobian = _jacobian(subject, mode)
+    if uncertain is None:
+        uncertain = rest_covariance(subject, mode)
+    spread = jacobian @ uncertain @ jacobian.T
+    scatter = subject.scatter(mode)
+    # where the data are those of the model, δ = 0 is the most probable deviation: that fixes δ₀
+    weighted = np.linalg.solve(scatter, subject.observed - prediction)
+    mean = prediction - spread @ weighted
+    return Linear(subject, mode, prediction, mean, scatter, np.linalg.cholesky(scatter + spread))
+
+
+def rest_covariance(subject: Subject, start: Floats) -> Floats:
+    """Return Λ⁻¹, the covariance of the parameters given priors and all other data.
+
+    It is that of draws and not the inverse curvature at the mode: laws of few replicates have
+    heavy tails, in the flank of which their curvature says nothing.
+    """
+    rest, generator = subject.rest(), np.random.default_rng(0)
+    laplace = approximate(rest, generator, start=start)
+    found = about_mode(rest, laplace, generator)
+    if found.effective < FEWEST_EFFECTIVE:
+        return laplace.covariance
+    weights = np.exp(found.log_weights - logsumexp(found.log_weights))
+    return np.atleast_2d(np.cov(found.draws.T, aweights=weights))
+
+
+def with_prior_variance(covariance: Floats, density: Density, extended: Density) -> Floats:
+    """Return Λ⁻¹ of an extended model: what was added is known from its prior alone."""
+    known = {name: i for i, name in enumerate(density.table.names)}
+    rows = [known.get(name, -1) for name in extended.table.names]
+    wider = np.zeros((len(rows), len(rows)))
+    old = np.array([i for i, row in enumerate(rows) if row >= 0])
+    wider[np.ix_(old, old)] = covariance[np.ix_(*[[r for r in rows if r >= 0]] * 2)]
+    for i, parameter in enumerate(extended.table.parameters):
+        if rows[i] < 0:
+            values = parameter.law.quantile((np.arange(1000) + 0.5) / 1000.0)
+            wider[i, i] = float(np.var(parameter.law.to_unconstrained(values)))
+    return wider
+
+
+def effects(linear: Linear, cause: Cause, sizes: Floats) -> Floats:
+    """Return whitened changes of the readings where a cause has these sizes, (k, n).
+
+    Parameters
+    ----------
+    linear : Linear
+        Without the cause.
+    cause : Cause
+        What acts.
+    sizes : array, shape (k, n_parameters of the cause)
+        On the unconstrained scale. Where the model refuses a size the change is nan.
+    """
+    extended = linear.subject.extended(cause)
+    neutral = with_neutral(linear.mode, linear.subject, extended)
+    points = np.tile(neutral, (len(sizes) + 1, 1))
+    points[1:, columns_of(extended, cause)] = sizes
+    readings = extended.expected(points)
+    changes: Floats = readings[1:] - readings[0]
+    known = np.all(np.isfinite(changes), axis=1)
+    changes[known] = linear.whiten_columns(changes[known].T).T
+    changes[~known] = np.nan
+    return changes
 
 
 def sensitivities(linear: Linear, cause: Cause) -> Floats:
-    """Return whitened changes of the readings for one prior sd of each parameter, (n, k).
+    """Return whitened changes of the readings for one prior size of each parameter, (n, k).
 
     A parameter that widens a scatter has a column of zeros: the mean does not show it.
     """
-    model = linear.model
-    assert model.actuator is not None
-    extended = model.extended(cause)
-    neutral = with_neutral(linear.mode, model, cause)
-    base = extended.predict(extended.table.named(neutral[None])).mean[0]
-    columns = []
-    for parameter in cause.parameters:
-        size = prior_size(parameter)
-        moved = neutral.copy()
-        # a quarter of the prior: large enough to see an effect, small enough to be near neutral
-        moved[extended.table.names.index(cause.qualified(parameter.name))] += 0.25 * size
-        change = extended.predict(extended.table.named(moved[None])).mean[0] - base
-        columns.append(4.0 * change[linear.read])
-    return linear.whiten_columns(np.nan_to_num(np.stack(columns, axis=1)))
+    neutral = neutral_sizes(cause)
+    sizes = np.array([prior_size(p) for p in cause.parameters])
+    moved = effects(linear, cause, neutral + SMALL * np.diag(sizes))
+    return np.nan_to_num(moved.T / SMALL)
+
+
+def neutral_sizes(cause: Cause) -> Floats:
+    """Return the parameters of a cause where it has no effect, on the unconstrained scale."""
+    return np.array([float(p.law.to_unconstrained(p.neutral or 0.0)) for p in cause.parameters])
 
 
 def prior_size(parameter: Parameter) -> float:
-    """Return the root mean square distance of a parameter's prior from its neutral value.
+    """Return the root mean square distance of a prior from its neutral value.
+
+    It is taken on the sampler's scale, on which positive parameters are logarithms.
 
     Examples
     --------
@@ -125,20 +185,10 @@ def prior_size(parameter: Parameter) -> float:
     >>> round(prior_size(Parameter("offset", Normal(0.0, 10.0), "kPa", "of a sensor", 0.0)), 1)
     10.0
     """
-    values = parameter.law.quantile((np.arange(1000) + 0.5) / 1000.0)
-    return float(np.sqrt(np.mean((values - (parameter.neutral or 0.0)) ** 2)))
-
-
-def with_neutral(vector: Floats, model: Model, cause: Cause) -> Floats:
-    """Return a vector of the model extended by a cause, at that cause's neutral values."""
-    table = model.extended(cause).table
-    known = dict(zip(model.table.names, vector, strict=True))
-    return np.array(
-        [
-            known[p.name] if p.name in known else float(p.law.to_unconstrained(p.neutral or 0.0))
-            for p in table.parameters
-        ]
-    )
+    law = parameter.law
+    values = law.to_unconstrained(law.quantile((np.arange(1000) + 0.5) / 1000.0))
+    neutral = float(law.to_unconstrained(parameter.neutral or 0.0))
+    return float(np.sqrt(np.mean((values - neutral) ** 2)))
 
 
 def log_bayes_factor(whitened: Floats, columns: Floats) -> Floats:
@@ -170,20 +220,20 @@ def overlap(first: Floats, second: Floats) -> float:
     """Return the largest squared correlation between two whitened effects, 0 to 1.
 
     At 1 the data cannot tell them apart; 1 − overlap is what is left of one when the other is
-    refitted.
+    refitted. Directions without an effect count for nothing.
     """
-    if first.shape[1] == 0 or second.shape[1] == 0:
+    a, b = (columns[:, np.any(columns != 0.0, axis=0)] for columns in (first, second))
+    if a.shape[1] == 0 or b.shape[1] == 0:
         return 0.0
-    a, b = (np.linalg.qr(columns)[0] for columns in (first, second))
+    a, b = np.linalg.qr(a)[0], np.linalg.qr(b)[0]
     return float(np.linalg.svd(a.T @ b, compute_uv=False)[0] ** 2)
 
 
-def _jacobian(model: Model, mode: Floats, step: float = 1e-3) -> Floats:
+def _jacobian(subject: Subject, mode: Floats, step: float = 1e-3) -> Floats:
     """Central differences; one-sided where the other side is outside the forward map's range."""
-    assert model.actuator is not None
     size = len(mode)
     around = mode + step * np.vstack([np.zeros(size), np.eye(size), -np.eye(size)])
-    curves = model.predict(model.table.named(around)).mean[:, model.actuator.paths.mask]
+    curves = subject.expected(around)
     here, forth, back = curves[0], curves[1 : size + 1], curves[size + 1 :]
     width = step * (np.isfinite(forth).astype(float) + np.isfinite(back))
     change = np.where(np.isfinite(forth), forth, here) - np.where(np.isfinite(back), back, here)

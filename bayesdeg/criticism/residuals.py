@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from bayesdeg.criticism.linear import Linear
 from bayesdeg.inference.ensemble import Chain
 from bayesdeg.inference.model import Model
 
@@ -147,6 +148,21 @@ def where(model: Model, residual: Floats, noise: float) -> str:
     return (
         f"Measured curvature lies {sign} the simulation by {100 * abs(means[k]):.0f} % on average "
         f"at {low:.0f}–{high:.0f} kPa, at {rates}, in {agreeing} of {len(specimens)} specimens."
+    )
+
+
+def where_films(linear: Linear) -> str:
+    """Say in one sentence in which mode of tension stresses are off, and by how much."""
+    places, residual = linear.subject.places, linear.subject.observed - linear.prediction
+    modes = list(dict.fromkeys(places.history.tolist()))
+    off = [float(np.sqrt(np.mean(residual[places.history == mode] ** 2))) for mode in modes]
+    worst = int(np.argmax(off))
+    rows = places.history == modes[worst]
+    sign = "below" if np.mean(residual[rows]) < 0.0 else "above"
+    others = ", ".join(f"{m} {o:.3g}" for m, o in zip(modes, off, strict=True) if m != modes[worst])
+    return (
+        f"Measured stress departs most in {modes[worst]} tension, {off[worst]:.3g} MPa in root "
+        f"mean square and {sign} the law on average{f' ({others} MPa)' if others else ''}."
     )
 
 

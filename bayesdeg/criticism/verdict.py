@@ -1,13 +1,14 @@
 """Which cause, several, or that none can be named.
 
 The chain of argument: (1) the misfit is calibrated by simulating from the fitted base model;
-(2) a Gaussian-process discrepancy says how much there is to explain; (3) each candidate is nested
-in an extended model and judged by its marginal likelihood, by the share of the misfit that it
-removes and by held-out specimens, which must agree; (4) the threshold for naming is raised until
-data without an effect are named in at most 5 % of cases; (5) rivals that cannot be told from the
-best are reported beside it.
+(2) a Gaussian-process discrepancy says how much there is to explain; (3) causes are added one after
+another as long as the evidence passes what chance gives in 5 % of data without an effect, and are
+then judged jointly (`bayesdeg.criticism.search`); (4) each must raise the predictive density of
+held-out specimens, and together they must remove the misfit; (5) what could stand in the place of
+one of them is reported beside it.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -15,17 +16,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.causes.cause import Cause
-from bayesdeg.criticism.discrepancy import Misfit
-from bayesdeg.criticism.linear import Linear, log_bayes_factor, overlap, sensitivities
+from bayesdeg.criticism.discrepancy import Misfit, explained
+from bayesdeg.criticism.held_out import HeldOut, difference
+from bayesdeg.criticism.rupture_misfit import RuptureMisfit
+from bayesdeg.criticism.search import Names, Search, Step, rivals
+from bayesdeg.criticism.subject import columns_of
 
 Floats = NDArray[np.float64]
 
-FALSE_NAME_RATE = 0.05
-LEAST_FACTOR = float(np.log(20.0))
 LEAST_EXPLAINED = 0.5
+NEARLY_ALL = 0.9  # of the misfit: what is left may be small and yet significant
 INSEPARABLE = float(np.log(20.0))
 MISFIT_LEVEL = 0.02
-CONFUSABLE = 0.9
+IMPLAUSIBLE = 0.005  # prior probability of a size as far from neutral
 
 
 class Outcome(StrEnum):
@@ -38,123 +41,164 @@ class Outcome(StrEnum):
 
 
 @dataclass(frozen=True)
-class EffectSize:
-    """Posterior of one parameter of a cause."""
+class Decision:
+    """The outcome and the causes that it is about.
 
-    mean: float
-    sd: float
-    q05: float
-    q95: float
-    unit: str
+    Parameters
+    ----------
+    outcome : Outcome
+        What can be said.
+    causes : tuple of str
+        Named, or not to be told apart; the strongest first.
+    one_of : tuple of tuple of str
+        Beside named causes: sets of which one more acts, but which cannot be said.
+    reasons : tuple of str
+        Why causes that the evidence favours were not named.
+    """
+
+    outcome: Outcome
+    causes: tuple[str, ...]
+    one_of: tuple[tuple[str, ...], ...] = ()
+    reasons: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
-class Candidate:
-    """How one cause fared.
+class Support:
+    """What speaks for one cause of a set.
 
     Parameters
     ----------
     cause : str
         Its name.
-    log_bayes_factor : float or None
-        Against the base model [nats]; None if it could not be judged.
-    explained_fraction : float or None
-        Share of the misfit statistic that it removes.
+    log_bayes_factor : float
+        Of the set against the set without it [nats].
     elpd_diff, elpd_diff_se : float or None
-        Gain in log predictive density on held-out specimens; None if it was not worth the effort.
-    effect : mapping
-        Posterior of each parameter.
-    why : str
-        Why it could not be judged; empty if it was.
+        Gain in log predictive density of held-out specimens over the set without it.
+    rivals : mapping of str to float
+        What could stand in its place, with what it has less in log Bayes factor.
+    prior_tail : float
+        Prior probability of a size at least as far from neutral.
     """
 
     cause: str
-    log_bayes_factor: float | None
-    explained_fraction: float | None
+    log_bayes_factor: float
     elpd_diff: float | None
     elpd_diff_se: float | None
-    effect: dict[str, EffectSize]
-    why: str = ""
+    rivals: Mapping[str, float]
+    prior_tail: float
+
+    @property
+    def held_out_agrees(self) -> bool:
+        """Whether held-out specimens are predicted better by more than a standard error."""
+        return self.elpd_diff is None or self.elpd_diff > (self.elpd_diff_se or 0.0)
+
+    @property
+    def inseparable(self) -> tuple[str, ...]:
+        """Rivals as good as it, in the order of their evidence."""
+        close = {name: gap for name, gap in self.rivals.items() if gap < INSEPARABLE}
+        return tuple(sorted(close, key=lambda name: close[name]))
 
 
-@dataclass(frozen=True)
-class Decision:
-    """The outcome and the causes that it is about."""
+def supports(search: Search, chosen: Names, held_out: Mapping[Names, HeldOut]) -> list[Support]:
+    """Return what speaks for each cause of a set, the strongest first."""
+    found = []
+    for name in sorted(chosen):
+        rest = chosen - {name}
+        tested = chosen in held_out and rest in held_out
+        gain, error = difference(held_out[chosen], held_out[rest]) if tested else (None, None)
+        others = rivals(search, chosen, name)
+        whole = search.factor(chosen)
+        found.append(
+            Support(
+                name,
+                whole - search.factor(rest),
+                gain,
+                error,
+                {rival: whole - factor for rival, factor in others.items()},
+                prior_tail(search, chosen, name),
+            )
+        )
+    return sorted(found, key=lambda one: -one.log_bayes_factor)
 
-    outcome: Outcome
-    causes: tuple[str, ...]
 
-
-def naming_threshold(linear: Linear, causes: tuple[Cause, ...], replicates: Floats) -> float:
-    """Return the log Bayes factor that naming takes: exceeded by 5 % of data without an effect.
-
-    It is at least ln 20.
+def decide(
+    base: Step,
+    final: Step,
+    supported: list[Support],
+    *,
+    rupture: RuptureMisfit | None = None,
+    on_rupture: frozenset[str] = frozenset(),
+) -> Decision:
+    """Return the outcome.
 
     Parameters
     ----------
-    linear : Linear
-        The base model.
-    causes : tuple of Cause
-        All that are tried: the largest factor counts.
-    replicates : array, shape (n, n_specimens, n_points)
-        Data simulated from the base model.
+    base, final : Step
+        What is known without a cause, and with all that the evidence favours.
+    supported : list of Support
+        Those causes.
+    rupture : RuptureMisfit, optional
+        Whether the base model expects the ruptures that there were.
+    on_rupture : frozenset of str
+        Causes that act on rupture alone: they need not explain the misfit of the readings.
     """
-    whitened = linear.whiten(replicates)
-    largest = np.max(
-        [log_bayes_factor(whitened, sensitivities(linear, cause)) for cause in causes], axis=0
-    )
-    return max(LEAST_FACTOR, float(np.quantile(largest, 1.0 - FALSE_NAME_RATE)))
+    off = base.misfit.p_value <= MISFIT_LEVEL
+    broken = rupture is not None and rupture.p_value <= MISFIT_LEVEL
+    reasons = [reason for one in supported for reason in _against(one)]
+    if any(one.cause not in on_rupture for one in supported):
+        reasons += _against_all(base.misfit, final.misfit)
+    if not supported or reasons:
+        outcome = Outcome.UNEXPLAINED if off or broken else Outcome.ADEQUATE
+        return Decision(outcome, (), reasons=tuple(reasons))
+    certain = tuple(one.cause for one in supported if not one.inseparable)
+    open_ones = tuple((one.cause, *one.inseparable) for one in supported if one.inseparable)
+    if certain:
+        return Decision(Outcome.NAMED, certain, one_of=open_ones)
+    together = dict.fromkeys(name for names in open_ones for name in names)
+    return Decision(Outcome.AMBIGUOUS, tuple(together))
 
 
-def decide(candidates: list[Candidate], misfit: Misfit, threshold: float) -> Decision:
-    """Return the outcome.
+def share_explained(base: Misfit, final: Misfit) -> float:
+    """Return the share of the misfit that is explained, 1 where there was none."""
+    share = explained(base, final)
+    return 1.0 if np.isnan(share) else share
 
-    A cause is supported if its log Bayes factor passes the threshold, it removes at least half of
-    the misfit, and held-out specimens are predicted better by more than a standard error. A rival
-    as probable as the best that was not tried on held-out specimens is not ruled out by that.
+
+def prior_tail(search: Search, names: Names, cause: str) -> float:
+    """Return the prior probability of a size at least as far from neutral as the fitted one.
+
+    Of the first parameter, which is the cause's size.
     """
-    supported = [c for c in candidates if c.elpd_diff is not None and _is_possible(c, threshold)]
-    if not supported:
-        outcome = Outcome.UNEXPLAINED if misfit.p_value <= MISFIT_LEVEL else Outcome.ADEQUATE
-        return Decision(outcome, ())
-    best = max(supported, key=lambda c: c.log_bayes_factor or -np.inf)
-    rivals = tuple(
-        c.cause
-        for c in candidates
-        if _is_possible(c, threshold)
-        and (c.log_bayes_factor or -np.inf) > (best.log_bayes_factor or 0.0) - INSEPARABLE
-    )
-    if len(rivals) > 1:
-        return Decision(Outcome.AMBIGUOUS, rivals)
-    return Decision(Outcome.NAMED, (best.cause,))
+    trial = search.trials[names]
+    found: Cause = next(c for c in trial.subject.causes if c.name == cause)
+    size = found.parameters[0]
+    value = trial.mode[columns_of(trial.subject, found)[0]]
+    neutral = float(size.law.to_unconstrained(size.neutral or 0.0))
+    prior = size.law.to_unconstrained(size.law.quantile((np.arange(2000) + 0.5) / 2000.0))
+    return float(np.mean(np.abs(prior - neutral) >= abs(value - neutral)))
 
 
-def probabilities(candidates: list[Candidate]) -> dict[str, float]:
-    """Return posterior probabilities of the causes, equally likely before, as is no cause."""
-    judged = {c.cause: c.log_bayes_factor for c in candidates if c.log_bayes_factor is not None}
-    factors = np.array([0.0, *judged.values()])
-    weights = np.exp(factors - factors.max())
-    return dict(zip(judged, (weights / weights.sum())[1:].tolist(), strict=True))
+def _against(one: Support) -> list[str]:
+    reasons = []
+    if one.elpd_diff is None:
+        reasons.append("there is nothing to hold out: a single specimen cannot confirm a cause")
+    elif not one.held_out_agrees:
+        reasons.append(
+            f"with {one.cause} held-out specimens are not predicted better "
+            f"({one.elpd_diff:+.1f} ± {one.elpd_diff_se:.1f} in log density)"
+        )
+    plausible = [name for name, gap in one.rivals.items() if gap < 2.0 * INSEPARABLE]
+    if one.prior_tail < IMPLAUSIBLE and plausible:
+        reasons.append(
+            f"{one.cause} would need an implausible size, and {plausible[0]} fits almost as well"
+        )
+    return reasons
 
 
-def confusable_pairs(linear: Linear, causes: tuple[Cause, ...]) -> list[tuple[str, str]]:
-    """Return the pairs of causes whose effects on this study's readings are nearly the same."""
-    columns = {cause.name: sensitivities(linear, cause) for cause in causes}
-    names = list(columns)
-    return [
-        (a, b)
-        for i, a in enumerate(names)
-        for b in names[i + 1 :]
-        if overlap(columns[a], columns[b]) > CONFUSABLE
-    ]
-
-
-def _is_possible(candidate: Candidate, threshold: float) -> bool:
-    """Whether nothing that was measured speaks against a cause."""
-    if candidate.log_bayes_factor is None:
-        return False
-    return (
-        candidate.log_bayes_factor >= threshold
-        and (candidate.explained_fraction or 0.0) >= LEAST_EXPLAINED
-        and (candidate.elpd_diff is None or candidate.elpd_diff > (candidate.elpd_diff_se or 0.0))
-    )
+def _against_all(base: Misfit, final: Misfit) -> list[str]:
+    share = share_explained(base, final)
+    if share < LEAST_EXPLAINED:
+        return [f"it removes only {100 * share:.0f} % of the misfit"]
+    if final.p_value <= MISFIT_LEVEL and share < NEARLY_ALL:
+        return [f"it removes {100 * share:.0f} % of the misfit, and what is left is no chance"]
+    return []

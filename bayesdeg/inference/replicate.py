@@ -71,14 +71,23 @@ def replicate(model: Model, values: Named, generator: np.random.Generator) -> Mo
 def _films(
     model: Model, data: TensileCurves, values: Named, generator: np.random.Generator
 ) -> TensileCurves:
-    scatter = np.broadcast_to(values["stiffness_scatter"][:, None], data.degradation[None].shape)
-    sd = np.stack([scatter, np.broadcast_to(data.degradation_sd, scatter.shape)], axis=-1)
+    read = simulated_films(model, data, values, generator)
+    return replace(data, stress=np.where(data.mask, read[0], 0.0))
+
+
+def simulated_films(
+    model: Model, data: TensileCurves, values: Named, generator: np.random.Generator
+) -> Floats:
+    """Draw stresses that new films in the same tests would read, (n, n_specimens, n_points)."""
+    shape = (len(values["stiffness_scatter"]), len(data.specimens))
+    scatter = np.broadcast_to(values["stiffness_scatter"][:, None], shape)
+    sd = np.stack([scatter, np.broadcast_to(data.degradation_sd, shape)], axis=-1)
     deviation = sd * generator.standard_normal(sd.shape)
     stress, _ = films.film_readings(model.stresses(values, data), deviation)
     length = values["tensile_noise_length"]
     z = likelihood.correlated_normals(data.paths, length, np.zeros(len(length)), generator)
-    read = stress + np.sqrt(films.stress_variance(values, stress)) * z
-    return replace(data, stress=np.where(data.mask, read[0], 0.0))
+    read: Floats = stress + np.sqrt(films.stress_variance(values, stress)) * z
+    return read
 
 
 def _actuators(

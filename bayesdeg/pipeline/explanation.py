@@ -1,44 +1,64 @@
 """The verdict in plain words, and as the document that others' tools read."""
 
+from dataclasses import dataclass
+
+import numpy as np
+
 from bayesdeg.causes.catalogue import CATALOGUE
-from bayesdeg.criticism.verdict import (
-    FALSE_NAME_RATE,
-    LEAST_EXPLAINED,
-    Candidate,
-    EffectSize,
-    Outcome,
-    probabilities,
-)
-from bayesdeg.pipeline.judge import Judgement
+from bayesdeg.criticism.candidates import Candidate, EffectSize
+from bayesdeg.criticism.search import FALSE_NAME_RATE
+from bayesdeg.criticism.verdict import Outcome, share_explained
+from bayesdeg.pipeline.judge import Judgement, readings_misfit
 
 Json = dict[str, object]
 
 LARGEST_LOSS = 0.05  # of simulated data sets, before the reader is warned
+SMALL_CHANCE = 0.05  # p-value of ruptures that deserves a sentence
 
 
-def verdict_document(judgement: Judgement, where: str) -> Json:
-    """Return the content of ``verdict.json`` for a study with actuator readings."""
-    misfit, decision = judgement.misfit, judgement.decision
-    shares = probabilities([c for c in judgement.candidates if not c.why])
+@dataclass(frozen=True)
+class Story:
+    """What the words are about.
+
+    Parameters
+    ----------
+    judgement : Judgement
+        The verdict.
+    where : str
+        Where the misfit sits, in a sentence.
+    """
+
+    judgement: Judgement
+    where: str
+
+
+def verdict_document(
+    judgement: Judgement, where: str, experiments: list[Json] | None = None
+) -> Json:
+    """Return the content of ``verdict.json`` for a study whose readings could be judged."""
+    decision = judgement.decision
+    rms, noise = readings_misfit(judgement)
     return {
         "outcome": str(decision.outcome),
         "causes": list(decision.causes),
+        "one_of": [list(names) for names in decision.one_of],
         "explanation": explain(judgement, where),
-        "candidates": [_candidate(c, shares.get(c.cause)) for c in judgement.candidates],
-        "confusable": [list(pair) for pair in judgement.confusable],
+        "candidates": [_candidate(c) for c in judgement.candidates],
+        "confusable": [list(pair) for pair in judgement.confusability.pairs()],
         "false_name_rate": FALSE_NAME_RATE,
         "misfit": {
-            "rms_per_m": misfit.rms,
-            "noise_per_m": misfit.noise,
-            "p_value": misfit.p_value,
+            "rms_per_m": rms,
+            "noise_per_m": noise,
+            "p_value": judgement.misfit.p_value,
             "where": where,
         },
-        "next_experiments": [],
+        "ruptures": None if judgement.rupture is None else vars(judgement.rupture),
+        "next_experiments": experiments or [],
     }
 
 
 def unjudged_document(unjudged: dict[str, str], held_out: str = "") -> Json:
-    """Return the content of ``verdict.json`` for a study without actuator readings.
+    """Return the content of ``verdict.json`` for a study without readings to judge.
 
     Parameters
     ----------
@@ -50,78 +70,113 @@ def unjudged_document(unjudged: dict[str, str], held_out: str = "") -> Json:
     return {
         "outcome": str(Outcome.ADEQUATE),
         "causes": [],
-        "explanation": "There are no readings of an actuator in this study, so there is no "
-        "misfit of the actuator model to judge and no cause is named. "
-        + (held_out or "What the material law gets right is shown with the tensile data."),
+        "one_of": [],
+        "explanation": "There are no readings of an actuator and no tensile curves in this study, "
+        "so there is no misfit to judge and no cause is named. "
+        + (held_out or "What the material law gets right is shown with the published statistics."),
         "candidates": [
-            _candidate(Candidate(n, *4 * (None,), {}, w), None) for n, w in unjudged.items()
+            _candidate(Candidate(n, *5 * (None,), {}, fitted=False, why=w))
+            for n, w in unjudged.items()
         ],
         "confusable": [],
         "false_name_rate": None,
         "misfit": {"rms_per_m": None, "noise_per_m": None, "p_value": None, "where": ""},
+        "ruptures": None,
         "next_experiments": [],
     }
 
 
 def explain(judgement: Judgement, where: str) -> str:
     """Return one paragraph: what is wrong, why, how sure, what else it could be."""
-    outcome = judgement.decision.outcome
-    text = {
-        Outcome.ADEQUATE: lambda: _adequate(judgement),
-        Outcome.UNEXPLAINED: lambda: _unexplained(judgement, where),
-        Outcome.AMBIGUOUS: lambda: _ambiguous(judgement, where),
-        Outcome.NAMED: lambda: _named(judgement, where),
-    }[outcome]()
-    return f"{text} {_edge(judgement)}".strip()
+    story = Story(judgement, where)
+    words = {
+        Outcome.ADEQUATE: _adequate,
+        Outcome.UNEXPLAINED: _unexplained,
+        Outcome.AMBIGUOUS: _ambiguous,
+        Outcome.NAMED: _named,
+    }[judgement.decision.outcome](story)
+    return " ".join(part for part in (words, _ruptures(judgement), _edge(judgement)) if part)
 
 
-def _adequate(judgement: Judgement) -> str:
+def _adequate(story: Story) -> str:
     return (
         "The simulation agrees with the measurements within specimen scatter and reading noise "
-        f"({_chance(judgement)}). No cause is named."
+        f"({_chance(story.judgement)}). No cause is named."
     )
 
 
-def _unexplained(judgement: Judgement, where: str) -> str:
+def _unexplained(story: Story) -> str:
+    judgement = story.judgement
+    text = f"{_wrong(story)} No cause in the catalogue accounts for it."
     judged = [c for c in judgement.candidates if c.log_bayes_factor is not None]
-    text = f"{where} {_not_chance(judgement)} No cause in the catalogue accounts for it."
     if not judged:
         return text
     best = max(judged, key=lambda c: c.log_bayes_factor or 0.0)
-    reasons = []
-    if (best.log_bayes_factor or 0.0) < judgement.threshold:
-        reasons.append(
+    reasons = list(judgement.decision.reasons)
+    if not reasons:
+        reasons = [
             f"its log Bayes factor {best.log_bayes_factor:.1f} is below the "
             f"{judgement.threshold:.1f} that naming takes"
-        )
-    if not (best.explained_fraction or 0.0) >= LEAST_EXPLAINED:
-        reasons.append(
-            f"it removes only {100 * (best.explained_fraction or 0.0):.0f} % of the misfit"
-        )
-    if best.elpd_diff is not None and best.elpd_diff <= (best.elpd_diff_se or 0.0):
-        reasons.append("held-out specimens are not predicted better with it")
-    because = f": {'; '.join(reasons)}" if reasons else ""
-    return f"{text} The nearest is {best.cause}{because}."
+        ]
+    return f"{text} The nearest is {best.cause}: {'; '.join(reasons)}."
 
 
-def _ambiguous(judgement: Judgement, where: str) -> str:
-    names = " or ".join(judgement.decision.causes)
+def _ambiguous(story: Story) -> str:
+    names = " or ".join(story.judgement.decision.causes)
     return (
-        f"{where} {_not_chance(judgement)} It is explained by {names}; these readings cannot tell "
-        f"them apart. {_mechanisms(judgement)}"
+        f"{_wrong(story)} It is explained by {names}; these readings cannot tell them apart. "
+        f"{_mechanisms(story.judgement.decision.causes)}"
     )
 
 
-def _named(judgement: Judgement, where: str) -> str:
-    best = _leader(judgement)
-    size = ", ".join(_size(name, effect) for name, effect in best.effect.items())
+def _named(story: Story) -> str:
+    judgement, causes = story.judgement, story.judgement.decision.causes
+    share = share_explained(judgement.misfit, judgement.left)
+    verb = "The cause is" if len(causes) == 1 else "The causes, acting together, are"
+    parts = [_wrong(story), f"{verb} {'; and '.join(_cause(judgement, name) for name in causes)}."]
+    if judgement.misfit.statistic > float(np.mean(judgement.misfit.null)):
+        included = "it" if len(causes) == 1 else "them"
+        parts.append(f"With {included} {100 * share:.0f} % of the misfit is explained.")
+    parts += [_gained(judgement, name) for name in causes]
+    parts += [
+        f"Beside this one of {' or '.join(names)} acts; these readings cannot tell which."
+        for names in judgement.decision.one_of
+    ]
+    parts.append(_runner_up(judgement))
+    return " ".join(part for part in parts if part)
+
+
+def _wrong(story: Story) -> str:
+    if story.judgement.misfit.p_value > FALSE_NAME_RATE and not story.judgement.decision.causes:
+        return "The readings alone agree with the simulation."
+    return f"{story.where} {_not_chance(story.judgement)}".strip()
+
+
+def _cause(judgement: Judgement, name: str) -> str:
+    found = _entry(judgement, name)
+    size = ", ".join(_size(parameter, effect) for parameter, effect in found.effect.items())
+    return f"{name}: {CATALOGUE[name].mechanism} ({size})"
+
+
+def _gained(judgement: Judgement, name: str) -> str:
+    found = _entry(judgement, name)
+    if found.elpd_diff is None:
+        return ""
+    beside = " beside the others" if len(judgement.decision.causes) > 1 else ""
     return (
-        f"{where} {_not_chance(judgement)} The cause is {best.cause}: "
-        f"{CATALOGUE[best.cause].mechanism}. Its size: {size}. With it "
-        f"{100 * (best.explained_fraction or 0.0):.0f} % of the misfit is explained, and specimens "
-        f"that took no part in the calibration are predicted better by {best.elpd_diff:.1f} ± "
-        f"{best.elpd_diff_se:.1f} in log density. {_runner_up(judgement)}"
-    ).strip()
+        f"Specimens that took no part in the calibration are predicted better with {name}{beside} "
+        f"by {found.elpd_diff:.1f} ± {found.elpd_diff_se or 0.0:.1f} in log density."
+    )
+
+
+def _ruptures(judgement: Judgement) -> str:
+    found = judgement.rupture
+    if found is None or found.p_value > SMALL_CHANCE:
+        return ""
+    return (
+        f"{found.burst} actuators burst, where the base model expects {found.expected:.1f} "
+        f"(p = {found.p_value:.2g})."
+    )
 
 
 def _edge(judgement: Judgement) -> str:
@@ -139,33 +194,33 @@ def _edge(judgement: Judgement) -> str:
 def _size(name: str, effect: EffectSize) -> str:
     unit = "" if effect.unit == "–" else f" {effect.unit}"
     interval = f"90 % interval {effect.q05:.3g} to {effect.q95:.3g}"
-    return f"{name.replace('_', ' ')} {effect.mean:.3g}{unit} ({interval})"
+    return f"{name.replace('_', ' ')} {effect.mean:.3g}{unit}, {interval}"
 
 
-def _leader(judgement: Judgement) -> Candidate:
-    return next(c for c in judgement.candidates if c.cause == judgement.decision.causes[0])
+def _entry(judgement: Judgement, name: str) -> Candidate:
+    return next(c for c in judgement.candidates if c.cause == name)
 
 
 def _runner_up(judgement: Judgement) -> str:
-    best = _leader(judgement)
-    others = [
-        c for c in judgement.candidates if c.log_bayes_factor is not None and c.cause != best.cause
-    ]
-    if not others:
-        return ""
-    rival = max(others, key=lambda c: c.log_bayes_factor or -1e9)
-    gap = (best.log_bayes_factor or 0.0) - (rival.log_bayes_factor or 0.0)
-    if gap < 0.0:
-        share = 100 * (rival.explained_fraction or 0.0)
-        return (
-            f"{rival.cause} has the larger evidence, but it explains only {share:.0f} % of the "
-            "misfit or does not predict held-out specimens better."
-        )
-    return f"The next best candidate, {rival.cause}, is {gap:.1f} behind in log Bayes factor."
+    """Say by how much the best of what could stand in a named cause's place is behind."""
+    gaps = {
+        (rival, one.cause): gap
+        for one in judgement.supported
+        if one.cause in judgement.decision.causes
+        for rival, gap in one.rivals.items()
+    }
+    if not gaps:
+        return "No other cause comes near."
+    rival, cause = min(gaps, key=lambda pair: gaps[pair])
+    instead = f" in the place of {cause}" if len(judgement.supported) > 1 else ""
+    return (
+        f"The next best candidate{instead}, {rival}, is {gaps[rival, cause]:.1f} behind in log "
+        "Bayes factor."
+    )
 
 
-def _mechanisms(judgement: Judgement) -> str:
-    return " ".join(f"{name}: {CATALOGUE[name].mechanism}." for name in judgement.decision.causes)
+def _mechanisms(names: tuple[str, ...]) -> str:
+    return " ".join(f"{name}: {CATALOGUE[name].mechanism}." for name in names)
 
 
 def _chance(judgement: Judgement) -> str:
@@ -182,11 +237,11 @@ def _not_chance(judgement: Judgement) -> str:
     )
 
 
-def _candidate(candidate: Candidate, probability: float | None) -> Json:
+def _candidate(candidate: Candidate) -> Json:
     known = CATALOGUE.get(candidate.cause)
     entry: Json = {
         "cause": candidate.cause,
-        "probability": probability,
+        "probability": candidate.probability,
         "log_bayes_factor": candidate.log_bayes_factor,
         "elpd_diff": candidate.elpd_diff,
         "elpd_diff_se": candidate.elpd_diff_se,
@@ -196,4 +251,6 @@ def _candidate(candidate: Candidate, probability: float | None) -> Json:
     }
     if candidate.why:
         entry["why"] = candidate.why
+    else:
+        entry["judged_by"] = "full fit" if candidate.fitted else "screening"
     return entry

@@ -1,4 +1,4 @@
-"""The base fit becomes a verdict: misfit, candidates, held-out specimens, decision."""
+"""The base fit becomes a verdict: misfit, causes, held-out specimens, decision."""
 
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
@@ -7,26 +7,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.causes.catalogue import find
-from bayesdeg.causes.cause import Cause
-from bayesdeg.criticism.discrepancy import Misfit, explained, measure, replicate, statistic_of
-from bayesdeg.criticism.gain import HeldOut, difference, predict_held_out
-from bayesdeg.criticism.linear import (
-    Linear,
-    linearise,
-    most_probable_size,
-    sensitivities,
-    with_neutral,
-)
-from bayesdeg.criticism.verdict import (
-    Candidate,
-    Decision,
-    EffectSize,
-    confusable_pairs,
-    decide,
-    naming_threshold,
-)
-from bayesdeg.inference.importance import about_mode
-from bayesdeg.inference.laplace import FEWEST_EFFECTIVE, Evidence, approximate, weighted
+from bayesdeg.criticism.candidates import Candidate, candidates, effect_size
+from bayesdeg.criticism.confusability import Confusability, confusability
+from bayesdeg.criticism.discrepancy import Misfit
+from bayesdeg.criticism.held_out import HeldOut, by_level, by_specimen, predict_held_out
+from bayesdeg.criticism.model_readings import CURVATURE, ModelReadings
+from bayesdeg.criticism.rupture_misfit import RuptureMisfit, rupture_misfit
+from bayesdeg.criticism.search import Names, Search, SearchEffort, run_search
+from bayesdeg.criticism.trials import base_trial
+from bayesdeg.criticism.verdict import Decision, Support, decide, supports
+from bayesdeg.inference.laplace import Evidence
 from bayesdeg.inference.model import Model
 from bayesdeg.pipeline.assemble import Assembly
 from bayesdeg.pipeline.calibrate import Fit
@@ -34,28 +24,13 @@ from bayesdeg.pipeline.progress import Progress
 
 Floats = NDArray[np.float64]
 
-
-@dataclass(frozen=True)
-class JudgeEffort:
-    """What judging may cost.
-
-    Parameters
-    ----------
-    replicates : int
-        Data sets simulated to calibrate misfit and naming.
-    tested : int
-        Candidates that are tried on held-out specimens.
-    """
-
-    replicates: int
-    tested: int
-
-
+BASE: Names = frozenset()
 JUDGE_EFFORTS = {
-    "quick": JudgeEffort(replicates=200, tested=1),
-    "standard": JudgeEffort(replicates=500, tested=2),
-    "thorough": JudgeEffort(replicates=2000, tested=6),
+    "quick": SearchEffort(replicates=200, fitted=3, pairs=1),
+    "standard": SearchEffort(replicates=500, fitted=6, pairs=3),
+    "thorough": SearchEffort(replicates=2000, fitted=10, pairs=6),
 }
+RUPTURE_DRAWS = 100
 
 
 @dataclass(frozen=True)
@@ -64,48 +39,49 @@ class Judgement:
 
     Parameters
     ----------
-    misfit : Misfit
-        Of the base model.
+    misfit, left : Misfit
+        Of the base model, and of the one with all causes that the evidence favours.
+    rupture : RuptureMisfit or None
+        Whether the base model expects the ruptures; None where there are none to judge.
     candidates : tuple of Candidate
         All that were tried, best first.
+    supported : tuple of Support
+        What speaks for those that the evidence favours.
     decision : Decision
         Outcome and causes.
     threshold : float
         Log Bayes factor needed to be named.
-    confusable : list of (str, str)
-        Pairs that these readings cannot tell apart.
-    held_out : dict of str to HeldOut
-        By name of the model, ``base`` first.
+    confusability : Confusability
+        What this study could not tell apart.
+    held_out, levels_out : dict of str to HeldOut
+        Specimens, and whole levels, that took no part; by name of the model, ``base`` first.
+    search : Search
+        The fitted sets of causes.
     """
 
     misfit: Misfit
+    left: Misfit
+    rupture: RuptureMisfit | None
     candidates: tuple[Candidate, ...]
+    supported: tuple[Support, ...]
     decision: Decision
     threshold: float
-    confusable: list[tuple[str, str]]
+    confusability: Confusability
     held_out: dict[str, HeldOut]
-
-
-@dataclass(frozen=True)
-class _Trial:
-    cause: Cause
-    model: Model
-    mode: Floats
-    log_bayes_factor: float
-    explained: float
-    posterior: Evidence
+    levels_out: dict[str, HeldOut]
+    search: Search
 
 
 def judge(
     assembly: Assembly,
     fit: Fit,
     *,
-    effort: JudgeEffort,
+    effort: SearchEffort,
     seed: np.random.SeedSequence,
     progress: Progress,
     executor: Executor | None = None,
 ) -> Judgement:
-    """Judge the base fit of a study with actuator readings.
+    """Judge the base fit of a study with readings of actuators or films.
 
     Parameters
     ----------
@@ -113,146 +89,172 @@ def judge(
         Base model and candidates.
     fit : Fit
         Its calibration.
-    effort : JudgeEffort
-        Replicates and held-out trials.
+    effort : SearchEffort
+        Replicates and trials.
     seed : SeedSequence
         Everything random comes from it.
     progress : Progress
         Shows each trial.
     executor : Executor, optional
-        For the folds.
+        For trials and folds.
     """
-    first, folds, trials_seed = seed.spawn(3)
-    generator = np.random.default_rng(first)
+    searching, folding, drawing = seed.spawn(3)
+    generator = np.random.default_rng(drawing)
     progress.stage("misfit, calibrated by simulation")
-    linear = linearise(fit.model, fit.laplace.mode)
-    misfit = measure(linear, fit.chain, generator, replicates=effort.replicates)
-    simulated = replicate(linear, fit.chain, generator, effort.replicates)
-    causes = assembly.candidates
-    threshold = naming_threshold(linear, causes, simulated) if causes else np.inf
-    progress.stage("candidates", total=len(causes))
-    trials = []
-    for cause, child in zip(causes, trials_seed.spawn(len(causes)), strict=True):
-        trials.append(_try(cause, fit, linear, misfit, np.random.default_rng(child)))
-        progress.advance(1, cause.name)
-    trials.sort(key=lambda trial: -trial.log_bayes_factor)
-    tested = [t for t in trials if t.log_bayes_factor > 0.0][: effort.tested]
-    progress.stage("held-out specimens", total=1 + len(tested))
-    held_out = {
-        "base": predict_held_out(fit.model, fit.laplace.mode, seed=folds, executor=executor)
-    }
-    progress.advance(1, "base")
-    for trial in tested:
-        name = f"base+{trial.cause.name}"
-        held_out[name] = predict_held_out(trial.model, trial.mode, seed=folds, executor=executor)
-        progress.advance(1, trial.cause.name)
-    candidates = [_candidate(t, held_out, np.random.default_rng(trials_seed)) for t in trials]
-    unjudged = [
-        Candidate(name, None, None, None, None, {}, why) for name, why in assembly.unjudged.items()
-    ]
+    subject = ModelReadings(fit.model)
+    search = Search(
+        base_trial(subject, fit.laplace.mode, _posterior(fit)),
+        assembly.candidates,
+        effort,
+        searching,
+        executor=executor,
+        on_fit=lambda names: progress.advance(1, names),
+    )
+    base = search.step(BASE)
+    progress.stage("causes, one by one and together")
+    chosen = run_search(search)
+    rupture = rupture_misfit(fit.model, search.base.draws(generator, RUPTURE_DRAWS), generator)
+    progress.stage("held-out specimens")
+    held_out = _hold_out(search, chosen, seed=folding, progress=progress, executor=executor)
+    supported = supports(search, chosen, held_out)
+    decision = decide(
+        base,
+        search.step(chosen),
+        supported,
+        rupture=rupture,
+        on_rupture=frozenset(c.name for c in search.causes if c.acts_on == {"rupture"}),
+    )
+    names = extension(decision, tuple(supported))
+    levels_out = _levels_out(search, names, seed=folding, executor=executor)
+    judged = candidates(search, supported, held_out, generator)
     return Judgement(
-        misfit,
-        (*candidates, *unjudged),
-        decide(candidates, misfit, threshold),
-        threshold,
-        confusable_pairs(linear, causes),
-        held_out,
+        misfit=base.misfit,
+        left=search.step(chosen).misfit,
+        rupture=rupture,
+        candidates=(*judged, *_unjudged(assembly)),
+        supported=tuple(supported),
+        decision=decision,
+        threshold=base.threshold,
+        confusability=confusability(search.base.linear, search.causes, generator),
+        held_out={label(names): found for names, found in held_out.items()},
+        levels_out=levels_out,
+        search=search,
     )
 
 
-def _try(
-    cause: Cause, fit: Fit, linear: Linear, misfit: Misfit, generator: np.random.Generator
-) -> _Trial:
-    """Fit the model extended by one cause and compare it with the base model."""
-    model = fit.model.extended(cause)
-    start = with_neutral(fit.laplace.mode, fit.model, cause)
-    columns = sensitivities(linear, cause)
-    where = [model.table.names.index(cause.qualified(p.name)) for p in cause.parameters]
-    guess = start.copy()
-    guess[where] += most_probable_size(linear.observed, columns, cause)
-    both = np.stack([start, guess])
-    best = both[int(np.argmax(model.log_prob(both, truncate=False)))]
-    laplace = approximate(model, generator, start=best)
-    posterior = about_mode(model, laplace, generator)
-    factor = posterior.log_evidence - fit.evidence.log_evidence
-    if posterior.effective < FEWEST_EFFECTIVE:
-        posterior = _from_prior(model, cause, fit, generator)
-        factor = posterior.log_evidence
-    # the mode, or where that is outside the bounds of a prior, the most probable draw
-    points = np.vstack([laplace.mode, posterior.draws])
-    top = points[int(np.argmax(model.log_prob(points)))]
-    after = replace(misfit, statistic=statistic_of(linearise(model, top)))
-    return _Trial(cause, model, top, factor, explained(misfit, after), posterior)
+def label(names: Names) -> str:
+    """Return the name of a model in tables.
 
-
-def _from_prior(
-    model: Model, cause: Cause, fit: Fit, generator: np.random.Generator, draws: int = 3000
-) -> Evidence:
-    """Average the likelihood ratio over the base posterior and the cause's prior.
-
-    Its mean is the Bayes factor itself; it serves where the mode lies outside the prior, as for
-    an effect of the wrong sign.
+    Examples
+    --------
+    >>> label(frozenset({"gravity", "creep"}))
+    'base+creep+gravity'
     """
-    flat = fit.chain.vectors.reshape(-1, fit.chain.vectors.shape[-1])
-    known = flat[generator.integers(len(flat), size=draws)]
-    base = dict(zip(fit.model.table.names, known.T, strict=True))
-    prior = {
-        cause.qualified(p.name): p.law.to_unconstrained(p.law.sample(generator, draws))
-        for p in cause.parameters
-    }
-    points = np.stack([(base | prior)[name] for name in model.table.names], axis=1)
-    own = model.table.log_prior(points) - fit.model.table.log_prior(known)
-    ratio = model.log_prob(points) - fit.model.log_prob(known) - own
-    return weighted(points, ratio)
+    return "+".join(("base", *sorted(names)))
 
 
-def _candidate(
-    trial: _Trial, held_out: dict[str, HeldOut], generator: np.random.Generator
-) -> Candidate:
-    name = f"base+{trial.cause.name}"
-    gain = difference(held_out[name], held_out["base"]) if name in held_out else (None, None)
-    return Candidate(
-        cause=trial.cause.name,
-        log_bayes_factor=max(trial.log_bayes_factor, -1e3),
-        explained_fraction=trial.explained,
-        elpd_diff=gain[0],
-        elpd_diff_se=gain[1],
-        effect=_effects(trial, generator),
-    )
-
-
-def _effects(trial: _Trial, generator: np.random.Generator) -> dict[str, EffectSize]:
-    if trial.posterior.effective == 0.0:
-        return {}
-    values = trial.model.table.named(trial.posterior.resample(generator, 2000))
-    return {
-        p.name: effect_size(values[trial.cause.qualified(p.name)], p.unit)
-        for p in trial.cause.parameters
-    }
-
-
-def effect_size(draws: Floats, unit: str) -> EffectSize:
-    """Summarise posterior draws of one parameter of a cause."""
-    low, high = np.quantile(draws, [0.05, 0.95])
-    return EffectSize(float(np.mean(draws)), float(np.std(draws)), float(low), float(high), unit)
-
-
-def extended_model(assembly: Assembly, fit: Fit, decision: Decision) -> tuple[Model, Floats] | None:
-    """Return the model with the leading cause, and a start for its mode; None if none is named."""
-    if not decision.causes:
+def extended_model(judgement: Judgement) -> tuple[Model, Floats] | None:
+    """Return the model with the named causes, or the leading one; None if there is none."""
+    names = extension(judgement.decision, judgement.supported)
+    if not names:
         return None
-    cause = next(c for c in assembly.candidates if c.name == decision.causes[0])
-    return fit.model.extended(cause), with_neutral(fit.laplace.mode, fit.model, cause)
+    trial = judgement.search.trials[names]
+    assert isinstance(trial.subject, ModelReadings)
+    return trial.subject.model, trial.mode
+
+
+def extension(decision: Decision, supported: tuple[Support, ...]) -> Names:
+    """Return the causes that join the final model: all that the evidence favours, if any is named.
+
+    Of inseparable ones the best joins: predictions are nearly the same with each.
+    """
+    return frozenset(one.cause for one in supported) if decision.causes else BASE
+
+
+def readings_misfit(judgement: Judgement) -> tuple[float | None, float | None]:
+    """Return RMS residuals of the curvatures under the base model, and what is left [1/m].
+
+    What is left after all that the evidence favours, and a smooth discrepancy, are taken off: the
+    scatter of specimens and the errors of reading. None where there are no curvatures.
+    """
+    search = judgement.search
+    rows = search.base.subject.places.kind == CURVATURE
+    if not rows.any():
+        return None, None
+    chosen = search.step(frozenset(one.cause for one in judgement.supported))
+    found = []
+    for trial, explained in (
+        (search.base, np.zeros(len(rows))),
+        (chosen.trial, chosen.misfit.discrepancy),
+    ):
+        residual = trial.subject.observed - trial.linear.prediction - explained
+        found.append(float(np.sqrt(np.mean(residual[rows] ** 2))))
+    return found[0], found[1]
 
 
 def with_sampled_sizes(judgement: Judgement, final: Fit) -> Judgement:
-    """Replace the leading cause's effect by that of its sampled posterior."""
-    name = judgement.decision.causes[0]
+    """Replace the effects of the final model's causes by those of its sampled posterior."""
     flat = final.chain.vectors.reshape(-1, final.chain.vectors.shape[-1])
     values = final.model.table.named(flat)
-    cause = find(name)
-    sizes = {p.name: effect_size(values[cause.qualified(p.name)], p.unit) for p in cause.parameters}
-    candidates = tuple(
-        replace(c, effect=sizes) if c.cause == name else c for c in judgement.candidates
+    sizes = {
+        cause.name: {
+            p.name: effect_size(values[cause.qualified(p.name)], p.unit) for p in cause.parameters
+        }
+        for cause in map(find, extension(judgement.decision, judgement.supported))
+    }
+    found = tuple(
+        replace(c, effect=sizes[c.cause]) if c.cause in sizes else c for c in judgement.candidates
     )
-    return replace(judgement, candidates=candidates)
+    return replace(judgement, candidates=found)
+
+
+def _posterior(fit: Fit) -> Evidence:
+    """Return the posterior's draws with the evidence: of the chain where the sample is poor."""
+    flat = fit.chain.vectors.reshape(-1, fit.chain.vectors.shape[-1])
+    even = np.zeros(len(flat))
+    return replace(fit.evidence, draws=flat, log_weights=even, effective=float(len(flat)))
+
+
+def _hold_out(
+    search: Search,
+    chosen: Names,
+    *,
+    seed: np.random.SeedSequence,
+    progress: Progress,
+    executor: Executor | None,
+) -> dict[Names, HeldOut]:
+    """Predict held-out specimens with the set, without each of its causes, and with none."""
+    if len(search.base.subject.groups) < 2:
+        return {}
+    sets = dict.fromkeys([BASE, *(chosen - {name} for name in sorted(chosen)), chosen])
+    found = {}
+    for names in sets:
+        trial = search.trials[names]
+        fold = by_specimen(trial.subject)
+        found[names] = predict_held_out(
+            trial.subject, trial.mode, fold, seed=seed, executor=executor
+        )
+        progress.advance(1, label(names))
+    return found
+
+
+def _levels_out(
+    search: Search, names: Names, *, seed: np.random.SeedSequence, executor: Executor | None
+) -> dict[str, HeldOut]:
+    """Predict whole levels of degradation that were left out, if there are several."""
+    fold = by_level(search.base.subject)
+    if not names or fold.max() < 1:
+        return {}
+    return {
+        label(one): predict_held_out(
+            search.trials[one].subject, search.trials[one].mode, fold, seed=seed, executor=executor
+        )
+        for one in (BASE, names)
+    }
+
+
+def _unjudged(assembly: Assembly) -> list[Candidate]:
+    return [
+        Candidate(name, None, None, None, None, None, {}, fitted=False, why=why)
+        for name, why in assembly.unjudged.items()
+    ]

@@ -14,6 +14,7 @@ from bayesdeg.measure.study import Study
 from bayesdeg.pipeline.comparison import comparisons, rests_on
 from bayesdeg.pipeline.listening import refused_inputs
 from bayesdeg.pipeline.results import Results
+from bayesdeg.pipeline.stored import model_document
 
 # share of refused proposals above which the posterior may be cut off
 WORRYING = 0.01
@@ -50,6 +51,7 @@ def run_document(study: Study, results: Results, seconds: dict[str, float]) -> d
         "rests_on": rests_on(study),
         "convergence": _convergence(results),
         "emulator": _emulator(results),
+        "model": model_document(results.base.model),
         "misfit": {
             "observed": None if judgement is None else judgement.misfit.statistic,
             "name": "log-likelihood ratio of a smooth discrepancy",

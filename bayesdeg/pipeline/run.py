@@ -91,7 +91,7 @@ def run_study(
     with clock.stage("base"):
         base = fit(assembly.model, "base", seed=seeds[1])
     results = Results(assembly, base, base, None)
-    if assembly.model.actuator is not None:
+    if assembly.model.actuator is not None or assembly.model.tensile is not None:
         with clock.stage("verdict"):
             judgement = judge(
                 assembly,
@@ -133,7 +133,7 @@ def _extend(results: Results, fit: Calibrate, seed: np.random.SeedSequence) -> R
     """Calibrate the model with the leading cause, if there is one."""
     judgement = results.judgement
     assert judgement is not None
-    extended = extended_model(results.assembly, results.base, judgement.decision)
+    extended = extended_model(judgement)
     if extended is None:
         return results
     final = fit(extended[0], "final", seed=seed, start=extended[1])

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.criticism.gain import gain_table
-from bayesdeg.criticism.residuals import level_table, predict_readings, where
+from bayesdeg.criticism.residuals import level_table, predict_readings, where, where_films
 from bayesdeg.inference.ensemble import EFFORTS, to_datatree
 from bayesdeg.measure.study import Study
 from bayesdeg.pipeline import tables
@@ -15,6 +15,7 @@ from bayesdeg.pipeline.calibrate import Fit
 from bayesdeg.pipeline.deformed import write_deformed
 from bayesdeg.pipeline.explanation import unjudged_document, verdict_document
 from bayesdeg.pipeline.films import Films
+from bayesdeg.pipeline.judge import readings_misfit
 from bayesdeg.pipeline.results import Results
 from bayesdeg.prediction.bands import curvature_bands
 from bayesdeg.prediction.rupture import rupture_table
@@ -40,14 +41,25 @@ def write_results(
     held_out = _write_material(study, folder, results, generator)
     if results.judgement is None:
         return unjudged_document(results.assembly.unjudged, held_out)
-    _write_predictions(folder, results.final, generator)
-    write_deformed(folder, results.final, Geometry(study.settings.dimensions))
-    residual = _write_readings(study, folder, results, generator)
+    residual = None
+    if results.base.model.actuator is not None:
+        _write_predictions(folder, results.final, generator)
+        write_deformed(folder, results.final, Geometry(study.settings.dimensions))
+        residual = _write_readings(study, folder, results, generator)
     base, judgement = results.base.model, results.judgement
-    folder.write_table(columns.GAIN, gain_table(base, judgement.held_out))
+    subject = judgement.search.base.subject
+    folder.write_table(columns.GAIN, gain_table(subject, judgement.held_out))
+    if judgement.levels_out:
+        folder.write_table(columns.GAIN_LEVELS, gain_table(subject, judgement.levels_out))
     null = pd.DataFrame({"statistic": judgement.misfit.null})
     folder.write_table(columns.MISFIT_NULL, null.assign(replicate=np.arange(len(null))))
-    return verdict_document(judgement, where(base, residual, judgement.misfit.noise))
+    _, noise = readings_misfit(judgement)
+    place = (
+        where_films(judgement.search.base.linear)
+        if residual is None
+        else where(base, residual, noise or 0.0)
+    )
+    return verdict_document(judgement, place)
 
 
 def _write_films(

@@ -6,6 +6,7 @@ from enum import Enum
 from types import MappingProxyType
 
 GAIN = "gain"
+GAIN_LEVELS = "gain_levels"
 BANDS = "bands"
 RUPTURE = "rupture"
 OBSERVATIONS = "observations"
@@ -74,22 +75,25 @@ def _quantiles(unit: str, *percents: int, prefix: str = "", suffix: str = "") ->
     )
 
 
+_GAIN = (
+    _MODEL,
+    _LEVEL,
+    Column("elpd", "–", "expected log predictive density of held-out specimens"),
+    Column("elpd_se", "–", "its standard error"),
+    Column("elpd_diff", "–", "its difference to the base model; positive is better"),
+    Column("elpd_diff_se", "–", "standard error of the difference"),
+    Column("rmse_per_m", "1/m", "root mean square error of the prediction"),
+    Column("crps_per_m", "1/m", "continuous ranked probability score"),
+    Column("r_squared", "–", "1 − SSE/SST"),
+    Column("coverage_50", "–", "fraction of readings inside the 50 % interval"),
+    Column("coverage_90", "–", "fraction of readings inside the 90 % interval"),
+)
+
 #: Columns of every table by its name; a file may hold more, which are kept.
 TABLES: Mapping[str, tuple[Column, ...]] = MappingProxyType(
     {
-        GAIN: (
-            _MODEL,
-            _LEVEL,
-            Column("elpd", "–", "expected log predictive density of held-out specimens"),
-            Column("elpd_se", "–", "its standard error"),
-            Column("elpd_diff", "–", "its difference to the base model; positive is better"),
-            Column("elpd_diff_se", "–", "standard error of the difference"),
-            Column("rmse_per_m", "1/m", "root mean square error of the prediction"),
-            Column("crps_per_m", "1/m", "continuous ranked probability score"),
-            Column("r_squared", "–", "1 − SSE/SST"),
-            Column("coverage_50", "–", "fraction of readings inside the 50 % interval"),
-            Column("coverage_90", "–", "fraction of readings inside the 90 % interval"),
-        ),
+        GAIN: _GAIN,
+        GAIN_LEVELS: _GAIN,
         BANDS: (_DEGRADATION, _PRESSURE, *_quantiles("1/m", 5, 25, 50, 75, 95)),
         RUPTURE: (
             _DEGRADATION,

@@ -1,0 +1,213 @@
+"""What commands that ask a stored posterior share: numbers on the command line, and the answer."""
+
+import json
+import math
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import pandas as pd
+import typer
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from bayesdeg.console import errors
+from bayesdeg.errors import BayesdegError
+from bayesdeg.pipeline.stored import Stored
+
+Floats = NDArray[np.float64]
+
+MOST_ROWS = 5000
+WIDTH = 120  # of what is not printed to a terminal
+
+RunFolderPath = Annotated[
+    Path, typer.Argument(help="A run folder that 'bayesdeg run' has written.", metavar="REPORT")
+]
+DegradationRates = Annotated[
+    list[str],
+    typer.Option(
+        "--degradation",
+        help="Degradation rates in percent, taken as known exactly: 10, or 0,10,25, or a range "
+        "0:25:5 (its end included); may be repeated.",
+        metavar="PERCENT",
+    ),
+]
+Base = Annotated[
+    bool, typer.Option("--base", help="Use the base model, without the causes that were named.")
+]
+EmulatorFile = Annotated[
+    Path | None,
+    typer.Option(
+        help="The emulator that 'bayesdeg run' was given; the package's and those trained here "
+        "are found without.",
+        metavar="FILE",
+    ),
+]
+Seed = Annotated[int | None, typer.Option(help="Instead of the seed of the run.", min=0)]
+OutFile = Annotated[Path | None, typer.Option(help="Also write a CSV file.", metavar="FILE")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON, nothing else.")]
+
+
+def numbers(texts: Sequence[str], option: str, unit: str, *, low: float, high: float) -> Floats:
+    """Return the numbers that an option lists, rising, each once.
+
+    Parameters
+    ----------
+    texts : sequence of str
+        Numbers, lists ``0,10``, or ranges ``first:last:step`` that include their ends.
+    option, unit : str
+        For messages.
+    low, high : float
+        The smallest and largest that make sense.
+
+    Raises
+    ------
+    typer.BadParameter
+        If one is no number or makes no sense.
+
+    Examples
+    --------
+    >>> numbers(["0:100:50", "70,0"], "--pressure", "kPa", low=0.0, high=np.inf).tolist()
+    [0.0, 50.0, 70.0, 100.0]
+    """
+    found = [
+        value
+        for text in texts
+        for part in text.split(",")
+        for value in (_range(part, option) if ":" in part else [_number(part, option)])
+    ]
+    for value in found:
+        if not (low <= value <= high and math.isfinite(value)):
+            upper = f" and not above {high:g}" if math.isfinite(high) else ""
+            raise typer.BadParameter(
+                f"{option} {value:g} {unit} makes no sense; give numbers not below {low:g}{upper}"
+            )
+    return np.unique(np.array(found))
+
+
+def _number(text: str, option: str) -> float:
+    try:
+        return float(text)
+    except ValueError as fault:
+        raise typer.BadParameter(
+            f"{option} {text!r} is no number; write 100, or 50,100, or 0:240:20"
+        ) from fault
+
+
+def _range(text: str, option: str) -> list[float]:
+    parts = [_number(part, option) for part in text.split(":")]
+    if len(parts) != 3 or not all(map(math.isfinite, parts)):
+        raise typer.BadParameter(
+            f"{option} {text!r} is no range; write first:last:step, such as 0:240:20"
+        )
+    first, last, step = parts
+    if not (step > 0.0 and last >= first):
+        raise typer.BadParameter(
+            f"{option} {text!r} is an empty range; the step must be above 0 and the last number "
+            "not below the first"
+        )
+    count = math.floor((last - first) / step + 1e-9) + 1
+    if count > MOST_ROWS:
+        raise typer.BadParameter(
+            f"{option} {text!r} has {count} numbers, more than {MOST_ROWS}; take a wider step"
+        )
+    return [first + step * i for i in range(count)]
+
+
+def refuse_too_many(*asked: Floats, most: int = MOST_ROWS) -> None:
+    """Refuse more rows than anybody reads.
+
+    Raises
+    ------
+    typer.BadParameter
+        If there are more than so many.
+    """
+    rows = math.prod(len(values) for values in asked)
+    if rows > most:
+        raise typer.BadParameter(
+            f"{rows} combinations are asked for, more than {most}; ask for fewer at a time"
+        )
+
+
+def seed_of(stored: Stored, given: int | None) -> np.random.SeedSequence:
+    """Return the seed of an answer: the user's, or one that follows from the run's."""
+    if given is not None:
+        return np.random.SeedSequence(given)
+    return np.random.SeedSequence([int(stored.run.seed or 0), 1])
+
+
+def give(
+    stored: Stored, table: pd.DataFrame, messages: Sequence[str], units: dict[str, str]
+) -> None:
+    """Print an answer as JSON.
+
+    Parameters
+    ----------
+    stored : Stored
+        Of which model and run it is.
+    table : DataFrame
+        The answer; what is missing becomes null.
+    messages : sequence of str
+        What its user should know.
+    units : dict
+        By column.
+    """
+    rows = [
+        {name: None if pd.isna(value) else value for name, value in row.items()}
+        for row in table.to_dict("records")
+    ]
+    content = {
+        "title": stored.run.title,
+        "virtual": stored.run.virtual,
+        "model": stored.name,
+        "outcome": str(stored.verdict.outcome),
+        "units": units,
+        "messages": list(messages),
+        "rows": rows,
+    }
+    sys.stdout.write(json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+
+
+def write_csv(path: Path, table: pd.DataFrame) -> None:
+    """Write a table as CSV.
+
+    Raises
+    ------
+    BayesdegError
+        If the file cannot be written.
+    """
+    try:
+        table.to_csv(path, index=False, encoding="utf-8")
+    except OSError as fault:
+        raise BayesdegError(
+            f"{path} cannot be written ({fault.strerror or fault}); name a file in a folder that "
+            "exists and can be written to"
+        ) from fault
+
+
+def empty_table(stored: Stored, headings: Sequence[str], addition: str = "") -> Table:
+    """Return a table for the terminal that says which model of which run it is of."""
+    run = stored.run
+    virtual = "; virtual experiment" if run.virtual else ""
+    title = f"{run.title}\n{stored.name} (verdict: {stored.verdict.outcome}{virtual}){addition}"
+    # as Text, lest units in brackets be taken for markup
+    table = Table(title=Text(title), title_justify="left")
+    for heading in headings:
+        table.add_column(Text(heading), justify="right", no_wrap=True)
+    return table
+
+
+def output() -> Console:
+    """Return standard output, wide enough for a table where it is no terminal."""
+    console = Console(highlight=False)
+    return console if console.is_terminal else Console(highlight=False, width=WIDTH)
+
+
+def say(messages: Sequence[str]) -> None:
+    """Print messages to standard error."""
+    for message in messages:
+        errors.print(message, style="yellow", markup=False, highlight=False, soft_wrap=True)

@@ -1,0 +1,150 @@
+"""``bayesdeg control``: the pressure for a wanted curvature, from a stored posterior."""
+
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from bayesdeg.commands.answers import (
+    AsJson,
+    Base,
+    DegradationRates,
+    EmulatorFile,
+    OutFile,
+    RunFolderPath,
+    Seed,
+    empty_table,
+    give,
+    numbers,
+    output,
+    refuse_too_many,
+    say,
+    seed_of,
+    write_csv,
+)
+from bayesdeg.commands.options import Quiet
+from bayesdeg.console import shown
+from bayesdeg.pipeline import forecast
+from bayesdeg.pipeline.stored import Stored, read_stored
+from bayesdeg.prediction.control import Setting
+from bayesdeg.report.wording import percent
+
+MOST_SETTINGS = 500
+UNITS = (
+    {"degradation_pct": "%", "wanted_per_m": "1/m", "risk": "–", "reached": "1 yes, 0 no"}
+    | dict.fromkeys(("pressure_kPa", "allowed_kPa"), "kPa")
+    | dict.fromkeys(("needed_q05_kPa", "needed_q50_kPa", "needed_q95_kPa"), "kPa")
+    | dict.fromkeys(forecast.BAND_COLUMNS, "1/m")
+    | dict.fromkeys(forecast.PROBABILITY_COLUMNS, "–")
+)
+
+HEADINGS = (
+    "D_R\n[%]",
+    "wanted\n[1/m]",
+    "reached",
+    "set to\n[kPa]",
+    "90 % need\n[kPa]",
+    "median\n[1/m]",
+    "90 % bend by\n[1/m]",
+    "rupture\nprobability",
+    "90 %\ninterval",
+    "allowed\n[kPa]",
+)
+
+Curvatures = Annotated[
+    list[str],
+    typer.Option(
+        "--curvature",
+        help="Wanted curvature in 1/m, less that at zero pressure, positive towards the paper; "
+        "lists and ranges as for --degradation.",
+        metavar="PER_M",
+    ),
+]
+Risk = Annotated[
+    float,
+    typer.Option(help="Largest probability of rupture that is accepted.", metavar="PROBABILITY"),
+]
+
+
+def control(
+    report: RunFolderPath,
+    curvature: Curvatures,
+    degradation: DegradationRates,
+    risk: Risk = 0.05,
+    base: Base = False,
+    emulator: EmulatorFile = None,
+    seed: Seed = None,
+    out: OutFile = None,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+) -> None:
+    """Find the pressure that reaches a wanted curvature at a bounded risk of rupture.
+
+    The pressure is that at which half of new specimens bend as far or further; beside it stands
+    what 90 % of the specimens need, what curvature they show at the pressure, and how likely they
+    burst. One for which the emulator has no answer counts as burst: it balloons, or nothing is
+    known of it. Where the wanted curvature is not to be had at the risk, it is said, and the
+    largest allowed pressure is given with the curvature there; the exit code is 0 all the same.
+    """
+    wanted = numbers(curvature, "--curvature", "1/m", low=0.0, high=float("inf"))
+    if wanted[0] == 0.0:
+        raise typer.BadParameter("--curvature 0 needs no pressure; give a curvature above 0")
+    rates = numbers(degradation, "--degradation", "%", low=0.0, high=100.0)
+    if not 0.0 < risk < 1.0:
+        raise typer.BadParameter(
+            f"--risk {risk:g} is no probability that could bound anything; give a number above 0 "
+            "and below 1, such as 0.05"
+        )
+    refuse_too_many(wanted, rates, most=MOST_SETTINGS)
+    stored = read_stored(report, base=base, emulator=emulator)
+    with shown(quiet or as_json) as progress:
+        found = forecast.settings(
+            stored, rates, wanted, risk=risk, seed=seed_of(stored, seed), progress=progress
+        )
+    table = forecast.settings_table(found)
+    if out is not None:
+        write_csv(out, table)
+    set_to = table["pressure_kPa"].dropna().to_numpy(np.float64)
+    messages = forecast.warnings(stored, rates, set_to)
+    if not quiet:
+        say(messages)
+    if as_json:
+        give(stored, table, messages, UNITS)
+        return
+    _show(stored, found)
+
+
+def _show(stored: Stored, found: list[Setting]) -> None:
+    table = empty_table(stored, HEADINGS, f", risk up to {found[0].risk:g}")
+    for s in found:
+        burst, low, high = (percent(float(p)) for p in s.probability)
+        allowed = f"{s.allowed.pressure:.0f}"
+        table.add_row(
+            f"{s.degradation:g}",
+            f"{s.wanted:g}",
+            "yes" if s.reached else "no",
+            f"{s.pressure:.1f}" if np.isfinite(s.pressure) else "–",
+            _interval(s.needed[0], s.needed[2], ".0f"),
+            _end(s.curvature[2], ".3g"),
+            _interval(s.curvature[0], s.curvature[4], ".3g"),
+            burst,
+            "–" if burst == "–" else f"{low} to {high}",
+            allowed if s.allowed.found else f"> {allowed}",
+        )
+    console = output()
+    console.print(table)
+    for s in found:
+        if not s.reached:
+            console.print(forecast.statement(s), markup=False, soft_wrap=True)
+
+
+def _interval(low: float, high: float, style: str) -> str:
+    """Word an interval, an end of which may be out of reach."""
+    ends = dict.fromkeys((_end(low, style), _end(high, style)))
+    return " to ".join(ends)
+
+
+def _end(value: float, style: str) -> str:
+    if np.isnan(value):
+        return "–"
+    return "out of reach" if np.isinf(value) else f"{value:{style}}"

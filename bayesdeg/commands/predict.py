@@ -1,0 +1,105 @@
+"""``bayesdeg predict``: curvature and rupture of a new specimen, from a stored posterior."""
+
+from typing import Annotated
+
+import pandas as pd
+import typer
+
+from bayesdeg.commands.answers import (
+    AsJson,
+    Base,
+    DegradationRates,
+    EmulatorFile,
+    OutFile,
+    RunFolderPath,
+    Seed,
+    empty_table,
+    give,
+    numbers,
+    output,
+    refuse_too_many,
+    say,
+    seed_of,
+    write_csv,
+)
+from bayesdeg.commands.options import Quiet
+from bayesdeg.console import shown
+from bayesdeg.pipeline import forecast
+from bayesdeg.pipeline.stored import Stored, read_stored
+from bayesdeg.report.wording import number, percent
+
+UNITS = (
+    {"degradation_pct": "%", "pressure_kPa": "kPa"}
+    | dict.fromkeys(forecast.BAND_COLUMNS, "1/m")
+    | dict.fromkeys((*forecast.PROBABILITY_COLUMNS, "answered"), "–")
+)
+
+Pressures = Annotated[
+    list[str],
+    typer.Option(
+        "--pressure",
+        help="Gauge pressures in kPa, as read by the sensor: 100, or 50,100, or a range 0:240:20 "
+        "(its end included); may be repeated.",
+        metavar="KPA",
+    ),
+]
+
+
+def predict(
+    report: RunFolderPath,
+    pressure: Pressures,
+    degradation: DegradationRates,
+    base: Base = False,
+    emulator: EmulatorFile = None,
+    seed: Seed = None,
+    out: OutFile = None,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+) -> None:
+    """Predict curvature and rupture of a new specimen from the posterior of a finished run.
+
+    Curvatures are 5, 25, 50, 75 and 95 % quantiles over new specimens on a prompt first loading in
+    a horizontal mount, without reading noise. The probability of rupture up to a pressure has its
+    90 % interval. Cells are empty where most specimens are beyond the range of the emulator.
+    """
+    pressures = numbers(pressure, "--pressure", "kPa", low=0.0, high=float("inf"))
+    rates = numbers(degradation, "--degradation", "%", low=0.0, high=100.0)
+    refuse_too_many(pressures, rates)
+    stored = read_stored(report, base=base, emulator=emulator)
+    messages = forecast.warnings(stored, rates, pressures)
+    with shown(quiet or as_json) as progress:
+        table = forecast.predict(
+            stored, rates, pressures, seed=seed_of(stored, seed), progress=progress
+        )
+    if out is not None:
+        write_csv(out, table)
+    if not quiet:
+        say(messages)
+    if as_json:
+        give(stored, table, messages, UNITS)
+        return
+    _show(stored, table)
+
+
+def _show(stored: Stored, table: pd.DataFrame) -> None:
+    kappas = (f"κ {name}\n[1/m]" for name in forecast.BAND_COLUMNS)
+    headings = ("D_R\n[%]", "pressure\n[kPa]", *kappas, "rupture\nprobability", "90 %\ninterval")
+    shown_table = empty_table(stored, headings)
+    last = None
+    for row in table.to_dict("records"):
+        if last is not None and row["degradation_pct"] != last:
+            shown_table.add_section()
+        last = row["degradation_pct"]
+        burst, low, high = (percent(row[name]) for name in forecast.PROBABILITY_COLUMNS)
+        shown_table.add_row(
+            f"{last:g}",
+            f"{row['pressure_kPa']:g}",
+            *(number(row[name]) for name in forecast.BAND_COLUMNS),
+            burst,
+            "–" if burst == "–" else f"{low} to {high}",
+        )
+    console = output()
+    console.print(shown_table)
+    for row in table[table["why"] != ""].to_dict("records"):
+        place = f"{row['degradation_pct']:g} %, {row['pressure_kPa']:g} kPa"
+        console.print(f"{place}: {row['why']}", markup=False, soft_wrap=True)

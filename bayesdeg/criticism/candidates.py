@@ -1,0 +1,170 @@
+"""How every cause fared, in the form of ``verdict.json``."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from bayesdeg.causes.cause import Cause
+from bayesdeg.criticism.discrepancy import explained
+from bayesdeg.criticism.held_out import HeldOut, difference
+from bayesdeg.criticism.search import Names, Search
+from bayesdeg.criticism.trials import Trial
+from bayesdeg.criticism.verdict import Support
+
+Floats = NDArray[np.float64]
+
+DRAWS = 2000
+LEAST = -1e3  # log Bayes factors below are told as this
+
+
+@dataclass(frozen=True)
+class EffectSize:
+    """Posterior of one parameter of a cause."""
+
+    mean: float
+    sd: float
+    q05: float
+    q95: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """How one cause fared.
+
+    Parameters
+    ----------
+    cause : str
+        Its name.
+    log_bayes_factor : float or None
+        Of a named cause beside the others that are named, against the model without it; of others
+        alone against the base model [nats]. None if it could not be judged.
+    probability : float or None
+        Posterior probability that it acts.
+    explained_fraction : float or None
+        Share of the misfit statistic that it removes, of a named one together with the others;
+        None if it was screened only.
+    elpd_diff, elpd_diff_se : float or None
+        Gain in log predictive density on held-out specimens; None if it was not tried on them.
+    effect : mapping
+        Posterior of each parameter; empty if it was screened only.
+    fitted : bool
+        Whether the model with it was fitted as a whole, or the cause only screened.
+    why : str
+        Why it could not be judged; empty if it was.
+    """
+
+    cause: str
+    log_bayes_factor: float | None
+    probability: float | None
+    explained_fraction: float | None
+    elpd_diff: float | None
+    elpd_diff_se: float | None
+    effect: dict[str, EffectSize]
+    fitted: bool = True
+    why: str = ""
+
+
+def candidates(
+    search: Search,
+    supported: list[Support],
+    held_out: Mapping[Names, HeldOut],
+    generator: np.random.Generator,
+) -> list[Candidate]:
+    """Return every cause that was tried, the most probable first."""
+    shares = probabilities(search)
+    named = {one.cause: one for one in supported}
+    found = []
+    for cause in search.causes:
+        if cause.name in named:
+            found.append(_named(search, named, cause, shares[cause.name], generator))
+        else:
+            found.append(_other(search, cause, shares[cause.name], held_out, generator))
+    return sorted(found, key=lambda c: (-(c.probability or 0.0), -(c.log_bayes_factor or LEAST)))
+
+
+def probabilities(search: Search) -> dict[str, float]:
+    """Return posterior probabilities of the causes.
+
+    Over all sets that were fitted and all causes that were screened alone; before the data a set
+    of k causes of m has the probability of no cause over the number of sets of its size.
+    """
+    factors = {names: search.factor(names) for names in search.trials}
+    for name, one in search.step(search.base.names).screened.items():
+        factors.setdefault(frozenset({name}), one.log_bayes_factor)
+    count = len(search.causes)
+    penalty = np.cumsum(np.log([1.0, *(max(count - k, 1) / (k + 1) for k in range(count))]))
+    logs = np.array([factor - penalty[len(names)] for names, factor in factors.items()])
+    weights = np.exp(logs - logsumexp(logs))
+    return {
+        cause.name: float(
+            sum(w for names, w in zip(factors, weights, strict=True) if cause.name in names)
+        )
+        for cause in search.causes
+    }
+
+
+def effect_sizes(
+    trial: Trial, cause: Cause, generator: np.random.Generator
+) -> dict[str, EffectSize]:
+    """Return the posterior of each parameter of an active cause."""
+    if trial.posterior.effective == 0.0:
+        return {}
+    values = trial.subject.table.named(trial.draws(generator, DRAWS))
+    return {p.name: effect_size(values[cause.qualified(p.name)], p.unit) for p in cause.parameters}
+
+
+def effect_size(draws: Floats, unit: str) -> EffectSize:
+    """Summarise posterior draws of one parameter of a cause."""
+    low, high = np.quantile(draws, [0.05, 0.95])
+    return EffectSize(float(np.mean(draws)), float(np.std(draws)), float(low), float(high), unit)
+
+
+def _named(
+    search: Search,
+    named: Mapping[str, Support],
+    cause: Cause,
+    probability: float,
+    generator: np.random.Generator,
+) -> Candidate:
+    one, chosen = named[cause.name], frozenset(named)
+    share = explained(search.step(search.base.names).misfit, search.step(chosen).misfit)
+    return Candidate(
+        cause=cause.name,
+        log_bayes_factor=one.log_bayes_factor,
+        probability=probability,
+        explained_fraction=None if np.isnan(share) else share,
+        elpd_diff=one.elpd_diff,
+        elpd_diff_se=one.elpd_diff_se,
+        effect=effect_sizes(search.trials[chosen], cause, generator),
+    )
+
+
+def _other(
+    search: Search,
+    cause: Cause,
+    probability: float,
+    held_out: Mapping[Names, HeldOut],
+    generator: np.random.Generator,
+) -> Candidate:
+    alone, base = frozenset({cause.name}), search.base.names
+    if alone not in search.trials:
+        factor = search.step(base).screened[cause.name].log_bayes_factor
+        return Candidate(
+            cause.name, max(factor, LEAST), probability, None, None, None, {}, fitted=False
+        )
+    share = explained(search.step(base).misfit, search.step(alone).misfit)
+    tested = alone in held_out and base in held_out
+    gain, error = difference(held_out[alone], held_out[base]) if tested else (None, None)
+    return Candidate(
+        cause=cause.name,
+        log_bayes_factor=max(search.factor(alone), LEAST),
+        probability=probability,
+        explained_fraction=None if np.isnan(share) else share,
+        elpd_diff=gain,
+        elpd_diff_se=error,
+        effect=effect_sizes(search.trials[alone], cause, generator),
+    )

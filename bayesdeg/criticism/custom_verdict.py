@@ -1,0 +1,191 @@
+"""The whole argument on any model of readings: fit, search, hold out, decide, or refuse to say.
+
+What a parameter is worth depends on the outcome. Where the model is adequate or a cause is named
+its interval stands; where several causes are possible it is averaged over them by their evidence;
+where a misfit stays unexplained none is given, since the parameter has absorbed part of the misfit:
+a Gaussian-process discrepancy makes the interval wider, not right (Brynjarsdóttir and O'Hagan 2014,
+doi:10.1088/0266-5611/30/11/114007).
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdeg.causes.cause import Cause
+from bayesdeg.criticism.discrepancy import AMPLITUDES, largest_ratio
+from bayesdeg.criticism.held_out import HeldOut, by_specimen, predict_held_out
+from bayesdeg.criticism.kernels import discrepancies
+from bayesdeg.criticism.search import Names, Search, SearchEffort, Step, run_search
+from bayesdeg.criticism.subject import Subject
+from bayesdeg.criticism.trials import Trial, base_trial
+from bayesdeg.criticism.verdict import (
+    MISFIT_LEVEL,
+    Decision,
+    Outcome,
+    Support,
+    decide,
+    supports,
+)
+from bayesdeg.inference.importance import about_mode
+from bayesdeg.inference.laplace import approximate
+
+Floats = NDArray[np.float64]
+
+EFFORT = SearchEffort(replicates=500, fitted=4, pairs=3)
+DRAWS = 4000
+DIFFERENCE = 1e-3
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What can be said of a model, and what it rests on.
+
+    Parameters
+    ----------
+    search : Search
+        All sets of causes that were fitted.
+    chosen : frozenset of str
+        The set that the evidence favours.
+    supported : list of Support
+        What speaks for each of them.
+    held_out : mapping
+        Predictions of held-out groups, by set.
+    decision : Decision
+        The outcome.
+    """
+
+    search: Search
+    chosen: Names
+    supported: list[Support]
+    held_out: Mapping[Names, HeldOut]
+    decision: Decision
+
+    @property
+    def base(self) -> Step:
+        """What is known without a cause."""
+        return self.search.step(self.search.base.names)
+
+    @property
+    def final(self) -> Step:
+        """What is known with the favoured causes."""
+        return self.search.step(self.chosen)
+
+    @property
+    def possible(self) -> tuple[Names, ...]:
+        """Sets of causes that may be right, the favoured one first; none where a misfit is left."""
+        if self.decision.outcome is Outcome.UNEXPLAINED:
+            return ()
+        if not self.decision.causes:
+            return (self.search.base.names,)
+        if self.final.misfit.p_value <= MISFIT_LEVEL:
+            return ()
+        others = [
+            self.chosen - {one.cause} | {rival}
+            for one in self.supported
+            for rival in one.inseparable
+        ]
+        return (self.chosen, *others)
+
+    def draws(self, name: str, generator: np.random.Generator) -> Floats | None:
+        """Draw a base parameter, averaged over the sets that may be right by their evidence.
+
+        None where no set may be right: nothing is known of the parameter that could be trusted.
+        """
+        if not self.possible:
+            return None
+        factors = np.array([self.search.factor(names) for names in self.possible])
+        weights = np.exp(factors - factors.max())
+        counts = generator.multinomial(DRAWS, weights / weights.sum())
+        found = [
+            posterior_draws(self.search.trials[names], name, generator, count=count)
+            for names, count in zip(self.possible, counts, strict=True)
+        ]
+        return np.concatenate(found)
+
+
+def judge(
+    subject: Subject,
+    causes: tuple[Cause, ...],
+    *,
+    seed: np.random.SeedSequence,
+    effort: SearchEffort = EFFORT,
+) -> Judgement:
+    """Say what is wrong with a model of readings, if anything.
+
+    Parameters
+    ----------
+    subject : Subject
+        Without a cause, such as `bayesdeg.criticism.custom.CustomModel`.
+    causes : tuple of Cause
+        The catalogue.
+    seed : SeedSequence
+        Of every random number.
+    effort : SearchEffort
+        What the search may cost.
+    """
+    searched, *folds = seed.spawn(2 + len(causes))
+    base = first_trial(subject, np.random.default_rng(searched))
+    search = Search(base, causes, effort, searched)
+    chosen = run_search(search)
+    sets = [chosen, *(chosen - {name} for name in sorted(chosen))] if chosen else []
+    fold = by_specimen(subject)
+    held_out = {
+        names: predict_held_out(
+            search.trials[names].subject, search.trials[names].mode, fold, seed=one
+        )
+        for names, one in zip(sets, folds, strict=False)
+    }
+    supported = supports(search, chosen, held_out)
+    decision = decide(search.step(base.names), search.step(chosen), supported)
+    return Judgement(search, chosen, supported, held_out, decision)
+
+
+def first_trial(subject: Subject, generator: np.random.Generator) -> Trial:
+    """Return a model without a cause, fitted from its priors."""
+    laplace = approximate(subject, generator)
+    posterior = about_mode(subject, laplace, generator)
+    return base_trial(subject, laplace.mode, posterior)
+
+
+def posterior_draws(
+    trial: Trial, name: str, generator: np.random.Generator, *, count: int = DRAWS
+) -> Floats:
+    """Draw one parameter of a fitted model, in its unit, (count,)."""
+    return trial.subject.table.named(trial.draws(generator, count))[name]
+
+
+def interval_with_discrepancy(trial: Trial, name: str) -> tuple[float, float]:
+    """Return the 90 % interval of a parameter where the best discrepancy is added to the errors.
+
+    In the linearised model, with δ ~ N(δ₀, Λ⁻¹) and readings of covariance V + K: K is the
+    covariance of the most probable of the discrepancies that measure the misfit. It is no remedy:
+    what of a misfit looks like a change of the parameter is still taken for one.
+    """
+    linear, subject = trial.linear, trial.subject
+    jacobian = _jacobian(subject, trial.mode)
+    kernels = discrepancies(linear)
+    best = int(largest_ratio(linear.observed[None], kernels)[1][0])
+    kernel, amplitude = kernels[best // len(AMPLITUDES)], AMPLITUDES[best % len(AMPLITUDES)]
+    signal = amplitude**2 * kernel.values
+    shrink = kernel.vectors * (signal / (1.0 + signal))
+
+    spread = linear.whiten_columns(jacobian @ trial.uncertain)
+    weighed = spread - shrink @ (kernel.vectors.T @ spread)
+    residual = subject.observed - linear.prediction
+    shift = -trial.uncertain @ jacobian.T @ np.linalg.solve(linear.scatter, residual)
+    centre = trial.mode + shift + weighed.T @ linear.observed
+    covariance = trial.uncertain - spread.T @ weighed
+    row = subject.table.names.index(name)
+    half = 1.645 * np.sqrt(covariance[row, row])
+    law = subject.table.parameters[row].law
+    low, high = law.from_unconstrained(centre[row] + half * np.array([-1.0, 1.0]))
+    return float(low), float(high)
+
+
+def _jacobian(subject: Subject, mode: Floats) -> Floats:
+    step = DIFFERENCE * np.eye(len(mode))
+    readings = subject.expected(np.vstack([mode + step, mode - step]))
+    change: Floats = readings[: len(mode)] - readings[len(mode) :]
+    return change.T / (2.0 * DIFFERENCE)

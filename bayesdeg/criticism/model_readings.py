@@ -1,0 +1,214 @@
+"""The readings of a study as what can be judged: stresses of films, curvatures, bend angles."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import block_diag
+
+from bayesdeg.causes.cause import Cause
+from bayesdeg.criticism.subject import Places
+from bayesdeg.inference.curves import ActuatorCurves, TensileCurves
+from bayesdeg.inference.likelihood import Linearised, covariance
+from bayesdeg.inference.model import Model
+from bayesdeg.inference.parameters import ParameterTable
+from bayesdeg.inference.replicate import simulated_films
+
+Floats = NDArray[np.float64]
+
+CURVATURE, ANGLE, STRESS = "curvature", "bend angle", "stress"
+ACTUATOR, FILM = "actuator", "film"
+
+
+@dataclass(frozen=True)
+class ModelReadings:
+    """A model of a study with its readings laid out flat: films first, then actuators.
+
+    Parameters
+    ----------
+    model : Model
+        With tensile curves or actuators or both.
+
+    Notes
+    -----
+    Held out are actuators where there are any; else modes of tension where there are several, and
+    films where there is one.
+    """
+
+    model: Model
+
+    @property
+    def table(self) -> ParameterTable:
+        """Parameters of the model."""
+        return self.model.table
+
+    @property
+    def causes(self) -> tuple[Cause, ...]:
+        """Active causes."""
+        return self.model.causes
+
+    def log_prob(self, vectors: Floats, *, truncate: bool = True) -> Floats:
+        """Return the log posterior density of the model, (k,)."""
+        return self.model.log_prob(vectors, truncate=truncate)
+
+    def extended(self, *causes: Cause) -> Self:
+        """Return the model with further causes active."""
+        return replace(self, model=self.model.extended(*causes))
+
+    @cached_property
+    def places(self) -> Places:
+        """Where the readings stand."""
+        parts = []
+        if self.model.tensile is not None:
+            parts.append(_places_of_films(self.model.tensile))
+        if self.model.actuator is not None:
+            parts.append(_places_of_actuators(self.model.actuator))
+        joined = (np.concatenate([vars(p)[name] for p in parts]) for name in vars(parts[0]))
+        return Places(*joined)
+
+    @cached_property
+    def observed(self) -> Floats:
+        """The readings, (n,)."""
+        parts = []
+        if self.model.tensile is not None:
+            parts.append(self.model.tensile.stress[self.model.tensile.mask])
+        if self.model.actuator is not None:
+            parts.append(self.model.actuator.readings[self.model.actuator.paths.mask])
+        return np.concatenate(parts)
+
+    @property
+    def groups(self) -> tuple[str, ...]:
+        """Specimens of actuators, modes of tension or films."""
+        if self.model.actuator is not None:
+            return self.model.actuator.specimens
+        return tuple(dict.fromkeys(self._labels))
+
+    @cached_property
+    def group(self) -> NDArray[np.str_]:
+        """Which of the groups each reading belongs to, (n,); empty for films beside actuators."""
+        places = self.places
+        if self.model.actuator is not None:
+            return np.where(places.family == ACTUATOR, places.specimen, "")
+        return places.history if self._by_mode else places.specimen
+
+    def expected(self, vectors: Floats) -> Floats:
+        """Return readings of specimens of mean stiffness, (k, n)."""
+        values = self.table.named(vectors)
+        parts = []
+        if self.model.tensile is not None:
+            stresses = self.model.stresses(values, self.model.tensile).at_rest
+            parts.append(stresses[:, self.model.tensile.mask])
+        if self.model.actuator is not None:
+            parts.append(self.model.predict(values).mean[:, self.model.actuator.paths.mask])
+        return np.concatenate(parts, axis=1)
+
+    def scatter(self, vector: Floats) -> Floats:
+        """Return the covariance of readings, of specimens' deviations and of errors, (n, n)."""
+        values = self.table.named(vector[None])
+        blocks = []
+        if self.model.tensile is not None:
+            blocks += _blocks(self.model.tensile_linearised(values))
+        if self.model.actuator is not None:
+            blocks += _blocks(self.model.actuator_linearised(values))
+        return np.asarray(block_diag(*blocks))
+
+    def simulated(self, vectors: Floats, generator: np.random.Generator) -> Floats:
+        """Draw readings of new specimens in the same tests, (k, n); nan where refused."""
+        values = self.table.named(vectors)
+        parts = []
+        if self.model.tensile is not None:
+            stresses = simulated_films(self.model, self.model.tensile, values, generator)
+            parts.append(stresses[:, self.model.tensile.mask])
+        if self.model.actuator is not None:
+            readings = self.model.simulate(values, generator)
+            parts.append(readings[:, self.model.actuator.paths.mask])
+        return np.concatenate(parts, axis=1)
+
+    def rest(self) -> Model:
+        """Return the model without its readings: priors, elongations, shrinkage, statistics."""
+        return replace(self.model, tensile=None, actuator=None)
+
+    def without(self, groups: NDArray[np.intp]) -> Self:
+        """Return the model without some groups."""
+        return self.only(np.setdiff1d(np.arange(len(self.groups)), groups))
+
+    def only(self, groups: NDArray[np.intp]) -> Self:
+        """Return the model with some groups alone; films stay where actuators are held out."""
+        if self.model.actuator is not None:
+            subset = self.model.actuator.subset(groups)
+            return replace(self, model=replace(self.model, actuator=subset))
+        assert self.model.tensile is not None
+        names = [self.groups[g] for g in groups]
+        rows = np.array(
+            [i for i, label in enumerate(self._labels) if label in names], dtype=np.intp
+        )
+        chosen = self.model.tensile.subset(rows)
+        return replace(self, model=replace(self.model, tensile=chosen))
+
+    def group_density(self, vectors: Floats) -> Floats:
+        """Return the log density of all that was read on each group, (k, n_groups)."""
+        values = self.table.named(vectors)
+        if self.model.actuator is not None:
+            blocks = self.model.log_likelihood(values)
+            total = blocks["actuator"] + blocks.get("rupture", 0.0)
+            return np.where(np.isnan(total), -np.inf, total)
+        film = self.model.log_likelihood(values)["tensile"]
+        labels = np.array(self._labels)
+        return np.stack([film[:, labels == g].sum(axis=1) for g in self.groups], axis=1)
+
+    @property
+    def _by_mode(self) -> bool:
+        assert self.model.tensile is not None
+        return len(set(self.model.tensile.modes)) > 1
+
+    @property
+    def _labels(self) -> tuple[str, ...]:
+        """Return the group of each film."""
+        assert self.model.tensile is not None
+        return self.model.tensile.modes if self._by_mode else self.model.tensile.specimens
+
+
+def _blocks(curves: Linearised) -> list[Floats]:
+    total, mask = covariance(curves)[0], curves.paths.mask
+    return [one[np.ix_(row, row)] for one, row in zip(total, mask, strict=True)]
+
+
+def _places_of_films(films: TensileCurves) -> Places:
+    read = films.mask
+    count = int(read.sum())
+
+    def each(values: NDArray[np.str_]) -> NDArray[np.str_]:
+        return np.broadcast_to(values[:, None], read.shape)[read]
+
+    return Places(
+        np.full(count, STRESS),
+        np.full(count, FILM),
+        films.stretch[read],
+        np.broadcast_to(films.degradation[:, None], read.shape)[read],
+        each(np.array(films.specimens)),
+        each(np.array(films.modes)),
+        np.full(count, np.nan),
+    )
+
+
+def _places_of_actuators(data: ActuatorCurves) -> Places:
+    read = data.paths.mask
+    outputs = read.shape[1] // data.pressure.shape[1]
+
+    def each(values: NDArray[np.generic]) -> NDArray[np.generic]:
+        whole = np.broadcast_to(values, data.pressure.shape)
+        return np.tile(whole, outputs)[read]
+
+    history = np.char.add(np.char.add(data.branch, " "), data.cycle.astype(np.str_))
+    kinds = np.repeat(np.array([CURVATURE, ANGLE][:outputs]), data.pressure.shape[1])
+    return Places(
+        np.broadcast_to(kinds, read.shape)[read],
+        np.full(int(read.sum()), ACTUATOR),
+        each(data.pressure).astype(np.float64),
+        each(data.degradation).astype(np.float64),
+        each(np.array(data.specimens)[:, None]).astype(np.str_),
+        each(np.char.add(np.char.add(history, " "), data.mount)).astype(np.str_),
+        each(data.time).astype(np.float64),
+    )

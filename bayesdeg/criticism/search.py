@@ -1,0 +1,271 @@
+"""Which causes, alone or together: found one after another, then judged jointly.
+
+A cause is added as long as the log Bayes factor of the best addition passes what chance alone gives
+in 5 % of data sets simulated from the model so far. Pairs that screening finds better than any
+addition are tried too. In the set that is left, every cause must earn its place against the set
+without it, and every cause is compared with all that could stand in its place.
+"""
+
+from collections.abc import Callable, Iterable
+from concurrent.futures import Executor
+from dataclasses import dataclass, field
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdeg.causes.cause import Cause
+from bayesdeg.criticism.discrepancy import Misfit, measure
+from bayesdeg.criticism.linear import Linear, log_bayes_factor, sensitivities
+from bayesdeg.criticism.screening import Screened, screen, screen_pairs
+from bayesdeg.criticism.trials import Trial, from_prior, try_causes
+
+Floats = NDArray[np.float64]
+Names = frozenset[str]
+
+FALSE_NAME_RATE = 0.05
+LEAST_FACTOR = float(np.log(20.0))
+CLOSE = 10.0  # screened log Bayes factor behind the best up to which a full fit is worth it
+NEAR_SHARE = 0.75  # or share of the best: screening is rough where effects are strong
+MOST_CAUSES = 3
+FEW = 400  # draws of the screening of what acts on rupture alone
+
+
+@dataclass(frozen=True)
+class SearchEffort:
+    """What the search may cost.
+
+    Parameters
+    ----------
+    replicates : int
+        Data sets simulated to calibrate misfit and naming.
+    fitted : int
+        Causes that are fitted fully at each step.
+    pairs : int
+        Pairs that are fitted fully.
+    """
+
+    replicates: int
+    fitted: int
+    pairs: int
+
+
+@dataclass(frozen=True)
+class Step:
+    """What is known with a set of causes active.
+
+    Parameters
+    ----------
+    trial : Trial
+        The fitted model.
+    misfit : Misfit
+        What it leaves unexplained.
+    screened : mapping
+        Every other cause at its most probable size, by name.
+    threshold : float
+        Log Bayes factor that naming one more takes.
+    """
+
+    trial: Trial
+    misfit: Misfit
+    screened: dict[str, Screened]
+    threshold: float
+
+
+@dataclass
+class Search:
+    """The search so far: fitted sets of causes, and what is known of some.
+
+    Parameters
+    ----------
+    base : Trial
+        Without a cause.
+    causes : tuple of Cause
+        All that may be named.
+    effort : SearchEffort
+        What it may cost.
+    seed : SeedSequence
+        A child for every set, whatever the order in which sets are tried.
+    executor : Executor, optional
+        Fits side by side.
+    on_fit : callable, optional
+        Called with the names of each set that was fitted.
+    """
+
+    base: Trial
+    causes: tuple[Cause, ...]
+    effort: SearchEffort
+    seed: np.random.SeedSequence
+    executor: Executor | None = None
+    on_fit: Callable[[str], None] | None = None
+    trials: dict[Names, Trial] = field(default_factory=dict)
+    steps: dict[Names, Step] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.trials[self.base.names] = self.base
+
+    def factor(self, names: Names) -> float:
+        """Return the log Bayes factor of a fitted set against the base model."""
+        return self.trials[names].log_evidence - self.base.log_evidence
+
+    def step(self, names: Names) -> Step:
+        """Return what is known with a fitted set active."""
+        if names not in self.steps:
+            self.steps[names] = self._look(self.trials[names])
+        return self.steps[names]
+
+    def fit(self, parent: Names, additions: Iterable[str]) -> list[Names]:
+        """Fit a set with each of several causes added, side by side; return the larger sets."""
+        step, wanted = self.step(parent), list(additions)
+        missing = [name for name in wanted if parent | {name} not in self.trials]
+        jobs = [
+            (step.screened[name].cause, step.screened[name].size, self._seed(parent | {name}))
+            for name in missing
+        ]
+        apply = map if self.executor is None else self.executor.map
+        for name, trial in zip(missing, apply(partial(_fitted, step.trial), jobs), strict=True):
+            self.trials[parent | {name}] = trial
+            if self.on_fit is not None:
+                self.on_fit(" and ".join(sorted(parent | {name})))
+        return [parent | {name} for name in wanted]
+
+    def leaders(self, names: Names) -> list[str]:
+        """Return which additions deserve a full fit: those that screening finds near the best."""
+        factors = {n: s.log_bayes_factor for n, s in self.step(names).screened.items()}
+        best = max(factors.values(), default=-np.inf)
+        least = min(best - CLOSE, NEAR_SHARE * best)
+        near = sorted(
+            (n for n in factors if factors[n] >= max(least, 0.0)), key=lambda n: -factors[n]
+        )
+        return near[: self.effort.fitted]
+
+    def _look(self, trial: Trial) -> Step:
+        generator = np.random.default_rng(self._seed(trial.names, 1))
+        linear = trial.linear
+        draws = trial.draws(generator, self.effort.replicates)
+        simulated = trial.subject.simulated(draws, generator)
+        misfit = measure(linear, simulated)
+        others = [cause for cause in self.causes if cause.name not in trial.names]
+        known = simulated[np.all(np.isfinite(simulated), axis=1)]
+        screened = {
+            cause.name: _screened(trial, cause, self._seed(trial.names | {cause.name}, 2))
+            for cause in others
+        }
+        return Step(trial, misfit, screened, naming_threshold(linear, others, known))
+
+    def _seed(self, names: Names, use: int = 0) -> np.random.SeedSequence:
+        known = [cause.name for cause in self.causes]
+        key = (use, *sorted(known.index(name) for name in names))
+        return np.random.SeedSequence(self.seed.entropy, spawn_key=(*self.seed.spawn_key, *key))
+
+
+def naming_threshold(linear: Linear, causes: Iterable[Cause], replicates: Floats) -> float:
+    """Return the log Bayes factor that naming takes: exceeded by 5 % of data without an effect.
+
+    It is at least ln 20.
+
+    Parameters
+    ----------
+    linear : Linear
+        The model without the effect.
+    causes : iterable of Cause
+        All that are tried: the largest factor counts.
+    replicates : array, shape (k, n_readings)
+        Data simulated from the model.
+    """
+    whitened = linear.whiten(replicates)
+    factors = [log_bayes_factor(whitened, sensitivities(linear, cause)) for cause in causes]
+    if not factors or not len(replicates):
+        return LEAST_FACTOR
+    largest = np.max(factors, axis=0)
+    return max(LEAST_FACTOR, float(np.quantile(largest, 1.0 - FALSE_NAME_RATE)))
+
+
+def run_search(search: Search) -> Names:
+    """Return the set of causes that the data support: none, one or several."""
+    chosen = _added(search, search.base.names)
+    pair = _best_pair(search)
+    if pair is not None and _score(search, pair) > _score(search, chosen):
+        chosen = _added(search, pair)
+    return _pruned(search, chosen)
+
+
+def rivals(search: Search, chosen: Names, cause: str) -> dict[str, float]:
+    """Return what could stand in the place of one cause of a set, with log Bayes factors.
+
+    The factors are those of the whole set against the base model.
+    """
+    rest = chosen - {cause}
+    _ensure(search, rest)
+    others = [name for name in search.leaders(rest) if name not in chosen]
+    sets = search.fit(rest, others)
+    return dict(zip(others, (search.factor(names) for names in sets), strict=True))
+
+
+def _added(search: Search, names: Names) -> Names:
+    """Add causes one after another as long as the best passes the threshold."""
+    while len(names) < MOST_CAUSES:
+        sets = search.fit(names, search.leaders(names))
+        if not sets:
+            return names
+        best = max(sets, key=search.factor)
+        if search.factor(best) - search.factor(names) < search.step(names).threshold:
+            return names
+        names = best
+    return names
+
+
+def _best_pair(search: Search) -> Names | None:
+    """Return the best of the pairs that screening finds better than any single cause."""
+    start = search.base.names
+    step = search.step(start)
+    pairs = screen_pairs(step.trial.linear, list(step.screened.values()))
+    single = max((s.log_bayes_factor for s in step.screened.values()), default=0.0)
+    better = {p: f for p, f in pairs.items() if f > single + step.threshold}
+    tried = []
+    for first, second in sorted(better, key=lambda p: -better[p])[: search.effort.pairs]:
+        [one] = search.fit(start, [first])
+        tried += search.fit(one, [second])
+    return max(tried, key=search.factor, default=None)
+
+
+def _pruned(search: Search, names: Names) -> Names:
+    """Leave out causes that do not earn their place beside the others."""
+    while len(names) > 1:
+        gains = {}
+        for name in names:
+            _ensure(search, names - {name})
+            gains[name] = search.factor(names) - search.factor(names - {name})
+        weakest = min(gains, key=lambda name: gains[name])
+        if gains[weakest] >= search.step(names - {weakest}).threshold:
+            return names
+        names = names - {weakest}
+    return names
+
+
+def _ensure(search: Search, names: Names) -> None:
+    """Fit a set that was not yet, cause by cause."""
+    if names in search.trials:
+        return
+    known = max((n for n in search.trials if n < names), key=len)
+    for name in sorted(names - known):
+        [known] = search.fit(known, [name])
+
+
+def _score(search: Search, names: Names) -> float:
+    """Return the log Bayes factor less what every cause beyond the first has to earn."""
+    step = search.step(search.base.names)
+    return search.factor(names) - step.threshold * max(len(names) - 1, 0)
+
+
+def _fitted(parent: Trial, job: tuple[Cause, Floats, np.random.SeedSequence]) -> Trial:
+    cause, size, seed = job
+    return try_causes(parent, cause, size, np.random.default_rng(seed))
+
+
+def _screened(trial: Trial, cause: Cause, seed: np.random.SeedSequence) -> Screened:
+    found = screen(trial.linear, cause)
+    if cause.acts_on != frozenset({"rupture"}):
+        return found
+    ratio = from_prior(trial, cause, np.random.default_rng(seed), draws=FEW)
+    return Screened(cause, found.size, ratio.log_evidence, found.effect, found.columns)

@@ -1,0 +1,123 @@
+"""A set of causes joins the model, and everything is fitted again: mode, evidence, what is left."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdeg.causes.cause import Cause
+from bayesdeg.criticism.linear import Linear, linearise, rest_covariance, with_prior_variance
+from bayesdeg.criticism.subject import Subject, columns_of, with_neutral
+from bayesdeg.inference.importance import about_mode
+from bayesdeg.inference.laplace import Evidence, approximate, weighted
+
+Floats = NDArray[np.float64]
+
+DRAWS = 3000  # of the estimate from the prior
+ENOUGH = 150.0  # effective draws about a mode that need no second estimate
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A model with a set of causes, fitted.
+
+    Parameters
+    ----------
+    subject : Subject
+        With the causes active.
+    mode : array, shape (n_parameters,)
+        The mode, or where that is outside the bounds of a prior the most probable draw.
+    log_evidence : float
+        Marginal likelihood.
+    posterior : Evidence
+        Weighted draws.
+    uncertain : array, shape (n_parameters, n_parameters)
+        Covariance of the parameters given all but the readings.
+    """
+
+    subject: Subject
+    mode: Floats
+    log_evidence: float
+    posterior: Evidence
+    uncertain: Floats
+
+    @property
+    def names(self) -> frozenset[str]:
+        """Names of the active causes."""
+        return frozenset(cause.name for cause in self.subject.causes)
+
+    @cached_property
+    def linear(self) -> Linear:
+        """The model linearised at its mode."""
+        return linearise(self.subject, self.mode, uncertain=self.uncertain)
+
+    def draws(self, generator: np.random.Generator, count: int) -> Floats:
+        """Draw from the posterior, (count, n_parameters)."""
+        return self.posterior.resample(generator, count)
+
+
+def base_trial(subject: Subject, mode: Floats, posterior: Evidence) -> Trial:
+    """Return the trial of a model that is fitted already."""
+    uncertain = rest_covariance(subject, mode)
+    return Trial(subject, mode, posterior.log_evidence, posterior, uncertain)
+
+
+def try_causes(parent: Trial, cause: Cause, size: Floats, generator: np.random.Generator) -> Trial:
+    """Fit a model extended by one more cause.
+
+    The evidence is an importance sample about the mode; where that has too few draws, as for an
+    effect whose mode lies outside its prior, an average over the parent's posterior and the prior.
+
+    Parameters
+    ----------
+    parent : Trial
+        Without the cause.
+    cause : Cause
+        What is added.
+    size : array, shape (k,)
+        Guess of its parameters on the unconstrained scale.
+    generator : Generator
+        Draws the proposals.
+    """
+    subject = parent.subject.extended(cause)
+    start = with_neutral(parent.mode, parent.subject, subject)
+    guess = start.copy()
+    guess[columns_of(subject, cause)] = size
+    both = np.stack([start, guess])
+    densities = subject.log_prob(both)
+    laplace = approximate(subject, generator, start=both[int(np.argmax(densities))])
+    posterior = about_mode(subject, laplace, generator)
+    evidence = posterior.log_evidence
+    if posterior.effective < ENOUGH:
+        other = from_prior(parent, cause, generator)
+        # what a sample does not reach is missing from its evidence
+        if parent.log_evidence + other.log_evidence > evidence:
+            posterior, evidence = other, parent.log_evidence + other.log_evidence
+    points = np.vstack([laplace.mode, posterior.draws])
+    top = points[int(np.argmax(subject.log_prob(points)))]
+    uncertain = with_prior_variance(parent.uncertain, parent.subject, subject)
+    return Trial(subject, top, evidence, posterior, uncertain)
+
+
+def from_prior(
+    parent: Trial, cause: Cause, generator: np.random.Generator, draws: int = DRAWS
+) -> Evidence:
+    """Average the likelihood ratio over a model's posterior and the prior of one more cause.
+
+    Returns
+    -------
+    Evidence
+        Its log evidence is the log Bayes factor against the parent.
+    """
+    subject = parent.subject.extended(cause)
+    known = parent.draws(generator, draws)
+    base = dict(zip(parent.subject.table.names, known.T, strict=True))
+    prior = {
+        cause.qualified(p.name): p.law.to_unconstrained(p.law.sample(generator, draws))
+        for p in cause.parameters
+    }
+    points = np.stack([(base | prior)[name] for name in subject.table.names], axis=1)
+    own = subject.table.log_prior(points) - parent.subject.table.log_prior(known)
+    ratio = subject.log_prob(points) - parent.subject.log_prob(known) - own
+    return weighted(points, ratio)
