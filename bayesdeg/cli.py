@@ -12,6 +12,7 @@ import bayesdeg
 from bayesdeg.commands import look
 from bayesdeg.commands.control import control
 from bayesdeg.commands.emulate import emulate
+from bayesdeg.commands.next import next_experiment
 from bayesdeg.commands.options import Stopped
 from bayesdeg.commands.predict import predict
 from bayesdeg.commands.run import run
@@ -29,6 +30,7 @@ app = typer.Typer(
 )
 for command in (run, look.check, look.causes, look.report, simulate, emulate, predict, control):
     app.command()(command)
+app.command("next")(next_experiment)
 
 DONE, OUR_FAULT, INPUT_FAULT, STOPPED = 0, 1, 2, 3
 

@@ -23,7 +23,7 @@ from scipy.special import logsumexp
 
 from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.causes.catalogue import find
-from bayesdeg.criticism.linear import with_neutral
+from bayesdeg.criticism.subject import with_neutral
 from bayesdeg.emulator.scaling import LOAD, groups_of
 from bayesdeg.emulator.solutions import SolutionStore
 from bayesdeg.emulator.surrogate import Surrogate
@@ -82,7 +82,7 @@ def sampled(emulator: Surrogate, seed: int) -> Draws:
     """Return draws by importance sampling, as the pipeline does."""
     base, cause = assemble(read_study(STUDY), emulator).model, find(CAUSE)
     model, generator = base.extended(cause), np.random.default_rng(seed)
-    start = with_neutral(approximate(base, generator).mode, base, cause)
+    start = with_neutral(approximate(base, generator).mode, base, model)
     rough = evidence(model, approximate(model, generator, start=start), generator, draws=PROPOSALS)
     found = improved(model, rough, generator, enough=EFFECTIVE)
     weights = np.exp(found.log_weights - logsumexp(found.log_weights))

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from bayesdeg.causes.catalogue import find
-from bayesdeg.criticism.linear import with_neutral
+from bayesdeg.criticism.subject import with_neutral
 from bayesdeg.inference.chain import Chain, Effort
 from bayesdeg.inference.density import Density
 from bayesdeg.inference.ensemble import sample
@@ -147,8 +147,9 @@ def posteriors() -> dict[str, tuple[Density, Chain]]:
     """Return the gelatin study's base model, and that with the cause that its verdict names."""
     base, cause = assemble(read_study(STUDY)).model, find(CAUSE)
     chain = before(base)
-    hint = with_neutral(chain.vectors[0, -1, int(np.argmax(chain.log_prob[0, -1]))], base, cause)
     extended = base.extended(cause)
+    best = chain.vectors[0, -1, int(np.argmax(chain.log_prob[0, -1]))]
+    hint = with_neutral(best, base, extended)
     return {"base": (base, chain), f"base+{CAUSE}": (extended, before(extended, hint))}
 
 

@@ -100,8 +100,9 @@ def probabilities(search: Search) -> dict[str, float]:
     logs = np.array([factor - penalty[len(names)] for names, factor in factors.items()])
     weights = np.exp(logs - logsumexp(logs))
     return {
-        cause.name: float(
-            sum(w for names, w in zip(factors, weights, strict=True) if cause.name in names)
+        cause.name: min(
+            float(sum(w for names, w in zip(factors, weights, strict=True) if cause.name in names)),
+            1.0,
         )
         for cause in search.causes
     }

@@ -1,6 +1,6 @@
 """Any forward map with a catalogue of its own, as what can be judged.
 
-Readings are y = f(inputs(θ)) + a_s c + e: f the forward map, e ~ N(0, σ²) independent errors, and,
+Readings are y = f + a_s c + e: f the forward map's, e ~ N(0, σ²) independent errors, and,
 where specimens differ, a_s ~ N(0, 1) one deviation for each specimen s, which moves its readings by
 c. A cause is a `bayesdeg.causes.cause.Cause` whose hooks ``on_inputs`` and ``on_reading`` take what
 ``inputs`` and ``forward`` return, whatever that is.
@@ -41,7 +41,7 @@ class CustomModel[Inputs, Conditions, Prediction]:
     conditions : Conditions
         What the experiment set: any object.
     inputs : callable
-        From values to what the forward map takes.
+        From values and conditions to what the forward map takes.
     forward : callable
         From inputs and conditions to a prediction; an array of readings (k, n) or an object.
         Readings of nan mean that the map has no answer.
@@ -80,7 +80,7 @@ class CustomModel[Inputs, Conditions, Prediction]:
     >>> spring = CustomModel(
     ...     parameters=(Parameter("stiffness", LogNormal(0.1, 1.0), "N/mm", "of the spring"),),
     ...     conditions=force,
-    ...     inputs=lambda values: values["stiffness"],
+    ...     inputs=lambda values, force: values["stiffness"],
     ...     forward=lambda stiffness, force: force / stiffness,
     ...     error=lambda values, readings: 1.0,
     ...     observed=np.array([14.0, 23.0, 35.0]),
@@ -104,7 +104,7 @@ class CustomModel[Inputs, Conditions, Prediction]:
 
     parameters: tuple[Parameter, ...]
     conditions: Conditions
-    inputs: Callable[[Named], Inputs]
+    inputs: Callable[[Named, Conditions], Inputs]
     forward: Callable[[Inputs, Conditions], Prediction]
     error: Callable[[Named, Floats], ArrayLike]
     observed: Floats
@@ -208,7 +208,10 @@ class CustomModel[Inputs, Conditions, Prediction]:
 
     def _predicted(self, values: Named, count: int) -> Floats:
         """Return all readings of the forward map, (k, n)."""
-        inputs, conditions = cast(Any, self.inputs(values)), cast(Any, self.conditions)
+        inputs, conditions = (
+            cast(Any, self.inputs(values, self.conditions)),
+            cast(Any, self.conditions),
+        )
         for cause in self.causes:
             if cause.on_inputs is not None:
                 inputs = cause.on_inputs(inputs, conditions, self._effect(cause, values))

@@ -96,6 +96,6 @@ def check_shapes(
         owners = np.unique(group[places.specimen == specimen])
         if len(owners) > 1:
             raise ValueError(
-                f"specimen {specimen!r} is in several groups, {owners.tolist()}: readings of one "
-                "specimen are held out together"
+                f"specimen {str(specimen)!r} is in several groups, {owners.tolist()}: "
+                "readings of one specimen are held out together"
             )

@@ -130,6 +130,8 @@ def judge(
     search = Search(base, causes, effort, searched)
     chosen = run_search(search)
     sets = [chosen, *(chosen - {name} for name in sorted(chosen))] if chosen else []
+    if len(subject.groups) < 2:  # nothing would be left
+        sets = []
     fold = by_specimen(subject)
     held_out = {
         names: predict_held_out(

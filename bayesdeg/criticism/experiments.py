@@ -23,19 +23,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.causes.cause import Cause
+from bayesdeg.criticism.experiments_hypotheses import Hypothesis, hypotheses_of
 from bayesdeg.criticism.experiments_law import Separation, foretell, separation
 from bayesdeg.criticism.experiments_measurement import Measurement, with_noise
-from bayesdeg.criticism.model_readings import ModelReadings
 from bayesdeg.criticism.trials import Trial
 from bayesdeg.inference.model import Model
 
 Floats = NDArray[np.float64]
 
-DRAWS = 600
 LEAST = 1.0
 """Expected log Bayes factor below which an experiment does not tell two causes apart."""
 MOST = 8
-NO_CAUSE = "no cause"
 
 
 @dataclass(frozen=True)
@@ -45,7 +43,7 @@ class Experiment:
     Parameters
     ----------
     kind : str
-        Experiments of one kind differ in the degradation rate alone; the best of them is kept.
+        Experiments of one kind differ in degradation rate or mount alone; the best is kept.
     design : str
         What to do, in plain words with numbers.
     specimens : int
@@ -63,25 +61,6 @@ class Experiment:
     def readings(self) -> int:
         """Number of readings."""
         return self.measurement.copies * int(self.measurement.read.sum())
-
-
-@dataclass(frozen=True)
-class Hypothesis:
-    """A model that may be true, and draws of its parameters.
-
-    Parameters
-    ----------
-    name : str
-        The cause or causes by which it differs from the others.
-    model : Model
-        With its causes active.
-    draws : array, shape (n, n_parameters)
-        On the sampler's scale.
-    """
-
-    name: str
-    model: Model
-    draws: Floats
 
 
 @dataclass(frozen=True)
@@ -128,39 +107,6 @@ class Ranked:
     def decisive(self) -> Pair:
         """The worst of the pairs that it tells apart; the best pair if it tells none apart."""
         return self.pairs[max(self.told_apart, 1) - 1]
-
-
-def hypotheses_of(
-    trials: Sequence[Trial],
-    generator: np.random.Generator,
-    *,
-    untested: Sequence[Cause] = (),
-    draws: int = DRAWS,
-) -> tuple[Hypothesis, ...]:
-    """Return fitted models as hypotheses, and with each untested cause added to the smallest.
-
-    Parameters
-    ----------
-    trials : sequence of Trial
-        Fitted models of one study; causes that all have in common are not in question.
-    generator : Generator
-        Draws from the posteriors and priors.
-    untested : sequence of Cause
-        Causes that the data so far cannot reveal: what is known of their sizes is the prior.
-    draws : int
-        Of each.
-    """
-    common = frozenset.intersection(*(trial.names for trial in trials))
-    found = [
-        Hypothesis(
-            " and ".join(sorted(trial.names - common)) or NO_CAUSE,
-            _model_of(trial),
-            trial.draws(generator, draws),
-        )
-        for trial in trials
-    ]
-    smallest = min(trials, key=lambda trial: len(trial.names))
-    return (*found, *(_untested(smallest, cause, generator, draws) for cause in untested))
 
 
 def rank(
@@ -236,7 +182,16 @@ def compare(
 def next_experiments_document(
     ranked: Sequence[Ranked], *, most: int = MOST
 ) -> list[dict[str, object]]:
-    """Return ``next_experiments`` of ``verdict.json``: the best that tell something apart."""
+    """Return ``next_experiments`` of ``verdict.json``: the best that tell something apart.
+
+    Beside what the contract asks for, each has the Monte Carlo error, the cost in specimens and
+    readings, and every pair of causes in question.
+
+    Examples
+    --------
+    >>> next_experiments_document(())
+    []
+    """
     useful = [entry for entry in ranked if entry.told_apart]
     return [_document(entry) for entry in useful[:most]]
 
@@ -273,20 +228,3 @@ def _named(
 ) -> tuple[Model, dict[str, Floats]]:
     values = hypothesis.model.table.named(hypothesis.draws)
     return hypothesis.model, with_noise(values, generator)
-
-
-def _untested(
-    parent: Trial, cause: Cause, generator: np.random.Generator, draws: int
-) -> Hypothesis:
-    model = _model_of(parent).extended(cause)
-    known = dict(zip(parent.subject.table.names, parent.draws(generator, draws).T, strict=True))
-    for p in cause.parameters:
-        known[cause.qualified(p.name)] = p.law.to_unconstrained(p.law.sample(generator, draws))
-    vectors = np.stack([known[name] for name in model.table.names], axis=1)
-    return Hypothesis(cause.name, model, vectors)
-
-
-def _model_of(trial: Trial) -> Model:
-    if not isinstance(trial.subject, ModelReadings):
-        raise TypeError("experiments are known for models of studies only")
-    return trial.subject.model

@@ -70,7 +70,7 @@ class ActuatorDesign:
         rows = _near(self.data, level)
         read = self.data.mask[rows]
         highest = np.where(read, self.data.pressure[rows], 0.0).max(axis=1)
-        steps = np.unique(self.data.pressure[self.data.mask].round(6))
+        steps: Floats = np.unique(self.data.pressure[self.data.mask].round(6))
         steps = steps[steps <= max(np.median(highest), steps[0]) + 1e-6]
         if len(steps) > MOST_STEPS:
             steps = steps[np.linspace(0, len(steps) - 1, MOST_STEPS).round().astype(int)]
@@ -108,10 +108,8 @@ class ActuatorDesign:
     ) -> ActuatorCurves:
         """Return tests without readings, all on the same pressures; the rest is as it was."""
         shape = (len(levels), len(pressure))
-        if time is None:
-            time = np.arange(len(pressure)) * self.dwell if self.timed else np.full(1, np.nan)
+        usual_times = np.arange(len(pressure)) * (self.dwell if self.timed else np.nan)
         known = self.data.humidity[np.isfinite(self.data.humidity)]
-        errors = self.data.curvature_sd[self.data.curvature_sd > 0.0]
         names, counts = np.unique(self.data.mount[self.data.mask], return_counts=True)
         usual = str(names[int(np.argmax(counts))])
         read = np.ones(shape, dtype=bool)
@@ -121,7 +119,7 @@ class ActuatorDesign:
             degradation_sd=np.array([[self.degradation_sd(level)] for level in levels]),
             pressure=np.broadcast_to(pressure, shape),
             curvature=np.zeros(shape),
-            curvature_sd=np.full(shape, np.median(errors) if len(errors) else 0.0),
+            curvature_sd=np.full(shape, np.median(self.data.curvature_sd[self.data.mask])),
             mask=read,
             bend_angle=np.zeros(shape),
             angle_mask=read & (angle or self.data.with_angle),
@@ -129,7 +127,7 @@ class ActuatorDesign:
             ruptured=~read,
             cycle=np.broadcast_to(np.int64(1) if cycle is None else cycle, shape),
             branch=np.broadcast_to("loading" if branch is None else branch, shape),
-            time=np.broadcast_to(time, shape),
+            time=np.broadcast_to(usual_times if time is None else time, shape),
             humidity=np.full(shape, np.median(known) if len(known) else np.nan),
             mount=np.full(shape, usual if mount is None else mount),
         )
@@ -169,7 +167,7 @@ class FilmDesign:
         """Return a test of one film in another mode, up to half the elongation reached so far."""
         rows = np.flatnonzero(np.abs(self.data.degradation - self.level) < SAME_LEVEL)
         largest = float(np.median(self.data.stretch[rows].max(axis=1)))
-        count = int(min(self.data.mask[rows].sum(axis=1).max(), MOST_STEPS))
+        count = min(int(self.data.mask[rows].sum(axis=1).max()), MOST_STEPS)
         # other modes break earlier, and strain the material more
         stretch = np.linspace(1.0, 1.0 + 0.5 * (largest - 1.0), count + 1)[None, 1:]
         return TensileCurves(

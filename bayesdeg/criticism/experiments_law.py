@@ -59,7 +59,17 @@ class Law:
         return total
 
     def divergence(self, other: "Law") -> float:
-        """Return the Kullback–Leibler divergence to another law of as many specimens [nats]."""
+        """Return the Kullback–Leibler divergence to another law of as many specimens [nats].
+
+        It is the expected log Bayes factor where the readings have this law.
+
+        Examples
+        --------
+        >>> one = np.eye(1)
+        >>> near, far = (Law(np.array([m]), 0.0 * one, one, 3) for m in (0.0, 2.0))
+        >>> round(near.divergence(far), 6)  # ½ (2/1)² for each of 3 specimens
+        6.0
+        """
         k = self.copies
         shift = np.sqrt(k) * (self.mean - other.mean)
         along = _divergence(shift, self.own + k * self.common, other.own + k * other.common)

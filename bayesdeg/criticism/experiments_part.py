@@ -145,6 +145,12 @@ def _wall(part: Part) -> Floats:
     return thickness
 
 
+def _log_stiffness(part: Part) -> Floats:
+    """Return ln of a sixth of Young's modulus: C1, and r/(2√3) of a term r (√I₂ − √3)."""
+    total: Floats = np.log(part.inputs.c1 + part.of("second_invariant") / (2.0 * np.sqrt(3.0)))
+    return total
+
+
 def _strip_variance(part: Part) -> Floats:
     variance: Floats = part.values["stiffness_scatter"][:, None, None] ** 2 + STRIP_ERROR**2
     return variance
@@ -155,7 +161,7 @@ LENGTH = Quantity(
     variance=lambda part: (LENGTH_ERROR * part.inputs.linear_scale) ** 2,
 )
 WALL = Quantity(mean=_wall, variance=lambda part: WALL_ERROR**2 + (WALL_SCATTER * _wall(part)) ** 2)
-STRIP = Quantity(mean=lambda part: np.log(part.inputs.c1), variance=_strip_variance)
+STRIP = Quantity(mean=_log_stiffness, variance=_strip_variance)
 GAUGE = Quantity(
     mean=lambda part: part.inputs.pressure, variance=lambda part: np.array(GAUGE_ERROR**2)
 )

@@ -5,7 +5,7 @@ through the full equations, so that strong effects are judged at the size that t
 evidence is an average over draws from the prior and about the most probable size together.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -68,8 +68,8 @@ def screen(linear: Linear, cause: Cause) -> Screened:
             break
     effect, columns = _local(linear, cause, size, units)
     factor = _evidence(linear, cause, size, columns=columns, units=units, prior=(prior, fit))
-    factor += _widening(linear, cause, size, columns=columns, effect=effect)
-    return Screened(cause, size, factor, effect, columns)
+    found = Screened(cause, size, factor, effect, columns)
+    return replace(found, log_bayes_factor=factor + _widening(linear, found))
 
 
 def screen_pairs(linear: Linear, screened: list[Screened]) -> dict[tuple[str, str], float]:
@@ -184,10 +184,12 @@ def _evidence(
     return float(logsumexp(weights) - np.log(len(points)))
 
 
-def _widening(
-    linear: Linear, cause: Cause, size: Floats, *, columns: Floats, effect: Floats
-) -> float:
-    """Return what parameters that widen the scatter add, averaged over their prior."""
+def _widening(linear: Linear, one: Screened) -> float:
+    """Return what parameters that widen the scatter add, averaged over their prior.
+
+    The other parameters are integrated out, linear about their most probable size.
+    """
+    cause, size, columns = one.cause, one.size, one.columns
     wide = [k for k in range(len(size)) if not np.any(columns[:, k])]
     if not wide or cause.acts_on == frozenset({"rupture"}):
         return 0.0
@@ -196,8 +198,9 @@ def _widening(
     where = columns_of(extended, cause)
     neutral = neutral_sizes(cause)
     point[where] = np.where(np.isin(np.arange(len(size)), wide), neutral, size)
-    residual = linear.factor @ (linear.observed - effect)
-    base = linear.factor @ linear.factor.T - extended.scatter(point)
+    residual = linear.factor @ (linear.observed - one.effect + columns @ _offset(one))
+    half = linear.factor @ np.hstack([np.eye(len(columns)), columns])
+    base = half @ half.T - extended.scatter(point)
     ratios = []
     for share in (np.arange(WIDTHS) + 0.5) / WIDTHS:
         for k in wide:

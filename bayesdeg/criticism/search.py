@@ -27,6 +27,7 @@ FALSE_NAME_RATE = 0.05
 LEAST_FACTOR = float(np.log(20.0))
 CLOSE = 10.0  # screened log Bayes factor behind the best up to which a full fit is worth it
 NEAR_SHARE = 0.75  # or share of the best: screening is rough where effects are strong
+MARGIN = 3.0  # by which screening may be too low for a cause that a full fit would name
 MOST_CAUSES = 3
 FEW = 400  # draws of the screening of what acts on rupture alone
 
@@ -43,11 +44,14 @@ class SearchEffort:
         Causes that are fitted fully at each step.
     pairs : int
         Pairs that are fitted fully.
+    levels_out : bool
+        Whether whole levels of degradation are held out too.
     """
 
     replicates: int
     fitted: int
     pairs: int
+    levels_out: bool = False
 
 
 @dataclass(frozen=True)
@@ -131,12 +135,11 @@ class Search:
 
     def leaders(self, names: Names) -> list[str]:
         """Return which additions deserve a full fit: those that screening finds near the best."""
-        factors = {n: s.log_bayes_factor for n, s in self.step(names).screened.items()}
+        step = self.step(names)
+        factors = {n: s.log_bayes_factor for n, s in step.screened.items()}
         best = max(factors.values(), default=-np.inf)
-        least = min(best - CLOSE, NEAR_SHARE * best)
-        near = sorted(
-            (n for n in factors if factors[n] >= max(least, 0.0)), key=lambda n: -factors[n]
-        )
+        least = max(min(best - CLOSE, NEAR_SHARE * best), step.threshold - MARGIN)
+        near = sorted((n for n in factors if factors[n] >= least), key=lambda n: -factors[n])
         return near[: self.effort.fitted]
 
     def _look(self, trial: Trial) -> Step:

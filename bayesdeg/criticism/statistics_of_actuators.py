@@ -107,8 +107,8 @@ def _offset(bench: Bench) -> Statistic:
     return Statistic(
         "offset at low pressure",
         "kPa",
-        "curves start late: as with a pressure offset or slack paper",
-        "curves start early: as with a sensor that reads too little pressure",
+        "curves start late: as with a pressure offset or the threshold of a valve",
+        "curves start early: as with slack paper, or a sensor that reads too little pressure",
         regression(bench.linear, bench.shift, bench.size, bench.bend),
         "the pressures are too few to tell it from a ratio",
     )
@@ -200,8 +200,8 @@ def _degradation(bench: Bench) -> Statistic:
         "% per 10 points",
         "degraded actuators bend more than simulated: as with eroded walls, or with degradation "
         "rates read too high",
-        "degraded actuators bend less than simulated: as with a stiff degraded skin or soft paper, "
-        "or with degradation rates read too low",
+        "degraded actuators bend less than simulated: as with a stiff degraded skin, or with "
+        "degradation rates read too low",
         regression(bench.linear, bench.excess(share), bench.size),
         "needs actuators at several degradation rates",
     )

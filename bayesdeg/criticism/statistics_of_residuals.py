@@ -46,8 +46,7 @@ class Statistic:
     neutral : float
         Size where the model is right.
     squares : bool
-        Whether it is the mean square of the projections, which is compared on the scale of its
-        logarithm, or the size along the only one.
+        Whether it is the mean square of the projections or the size along the only one.
     """
 
     name: str

@@ -15,7 +15,7 @@ from bayesdeg.inference.laplace import Evidence, approximate, weighted
 Floats = NDArray[np.float64]
 
 DRAWS = 3000  # of the estimate from the prior
-ENOUGH = 150.0  # effective draws about a mode that need no second estimate
+ENOUGH, WANTED = 60.0, 100.0  # effective draws: fewer need a second estimate; where to stop
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ def try_causes(parent: Trial, cause: Cause, size: Floats, generator: np.random.G
     both = np.stack([start, guess])
     densities = subject.log_prob(both)
     laplace = approximate(subject, generator, start=both[int(np.argmax(densities))])
-    posterior = about_mode(subject, laplace, generator)
+    posterior = about_mode(subject, laplace, generator, enough=WANTED)
     evidence = posterior.log_evidence
     if posterior.effective < ENOUGH:
         other = from_prior(parent, cause, generator)

@@ -14,7 +14,7 @@ from bayesdeg.criticism.held_out import HeldOut, by_level, by_specimen, predict_
 from bayesdeg.criticism.model_readings import CURVATURE, ModelReadings
 from bayesdeg.criticism.rupture_misfit import RuptureMisfit, rupture_misfit
 from bayesdeg.criticism.search import Names, Search, SearchEffort, run_search
-from bayesdeg.criticism.trials import base_trial
+from bayesdeg.criticism.trials import ENOUGH, base_trial
 from bayesdeg.criticism.verdict import Decision, Support, decide, supports
 from bayesdeg.inference.laplace import Evidence
 from bayesdeg.inference.model import Model
@@ -26,9 +26,9 @@ Floats = NDArray[np.float64]
 
 BASE: Names = frozenset()
 JUDGE_EFFORTS = {
-    "quick": SearchEffort(replicates=200, fitted=3, pairs=1),
-    "standard": SearchEffort(replicates=500, fitted=6, pairs=3),
-    "thorough": SearchEffort(replicates=2000, fitted=10, pairs=6),
+    "quick": SearchEffort(replicates=200, fitted=3, pairs=1, levels_out=False),
+    "standard": SearchEffort(replicates=500, fitted=6, pairs=3, levels_out=True),
+    "thorough": SearchEffort(replicates=2000, fitted=10, pairs=6, levels_out=True),
 }
 RUPTURE_DRAWS = 100
 
@@ -100,36 +100,21 @@ def judge(
     """
     searching, folding, drawing = seed.spawn(3)
     generator = np.random.default_rng(drawing)
-    progress.stage("misfit, calibrated by simulation")
-    subject = ModelReadings(fit.model)
-    search = Search(
-        base_trial(subject, fit.laplace.mode, _posterior(fit)),
-        assembly.candidates,
-        effort,
-        searching,
-        executor=executor,
-        on_fit=lambda names: progress.advance(1, names),
-    )
+    search = _begun(assembly, fit, effort, searching, progress=progress, executor=executor)
     base = search.step(BASE)
     progress.stage("causes, one by one and together")
     chosen = run_search(search)
+    final = search.step(chosen)
     rupture = rupture_misfit(fit.model, search.base.draws(generator, RUPTURE_DRAWS), generator)
     progress.stage("held-out specimens")
     held_out = _hold_out(search, chosen, seed=folding, progress=progress, executor=executor)
     supported = supports(search, chosen, held_out)
-    decision = decide(
-        base,
-        search.step(chosen),
-        supported,
-        rupture=rupture,
-        on_rupture=frozenset(c.name for c in search.causes if c.acts_on == {"rupture"}),
-    )
-    names = extension(decision, tuple(supported))
-    levels_out = _levels_out(search, names, seed=folding, executor=executor)
+    decision = decide(base, final, supported, rupture=rupture, on_rupture=_on_rupture(search))
+    names = extension(decision, tuple(supported)) if effort.levels_out else BASE
     judged = candidates(search, supported, held_out, generator)
     return Judgement(
         misfit=base.misfit,
-        left=search.step(chosen).misfit,
+        left=final.misfit,
         rupture=rupture,
         candidates=(*judged, *_unjudged(assembly)),
         supported=tuple(supported),
@@ -137,9 +122,34 @@ def judge(
         threshold=base.threshold,
         confusability=confusability(search.base.linear, search.causes, generator),
         held_out={label(names): found for names, found in held_out.items()},
-        levels_out=levels_out,
+        levels_out=_levels_out(search, names, seed=folding, executor=executor),
         search=search,
     )
+
+
+def _begun(
+    assembly: Assembly,
+    fit: Fit,
+    effort: SearchEffort,
+    seed: np.random.SeedSequence,
+    *,
+    progress: Progress,
+    executor: Executor | None,
+) -> Search:
+    progress.stage("misfit, calibrated by simulation")
+    return Search(
+        base_trial(ModelReadings(fit.model), fit.laplace.mode, _posterior(fit)),
+        assembly.candidates,
+        effort,
+        seed,
+        executor=executor,
+        on_fit=lambda names: progress.advance(1, names),
+    )
+
+
+def _on_rupture(search: Search) -> frozenset[str]:
+    """Return the causes that act on rupture alone."""
+    return frozenset(cause.name for cause in search.causes if cause.acts_on == {"rupture"})
 
 
 def label(names: Names) -> str:
@@ -210,6 +220,8 @@ def with_sampled_sizes(judgement: Judgement, final: Fit) -> Judgement:
 
 def _posterior(fit: Fit) -> Evidence:
     """Return the posterior's draws with the evidence: of the chain where the sample is poor."""
+    if fit.evidence.effective >= ENOUGH:
+        return fit.evidence
     flat = fit.chain.vectors.reshape(-1, fit.chain.vectors.shape[-1])
     even = np.zeros(len(flat))
     return replace(fit.evidence, draws=flat, log_weights=even, effective=float(len(flat)))

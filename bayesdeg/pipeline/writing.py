@@ -12,6 +12,7 @@ from bayesdeg.measure.study import Study
 from bayesdeg.pipeline import tables
 from bayesdeg.pipeline.assemble import level_grid
 from bayesdeg.pipeline.calibrate import Fit
+from bayesdeg.pipeline.decisions import decisions
 from bayesdeg.pipeline.deformed import write_deformed
 from bayesdeg.pipeline.explanation import unjudged_document, verdict_document
 from bayesdeg.pipeline.films import Films
@@ -46,6 +47,7 @@ def write_results(
         _write_predictions(folder, results.final, generator)
         write_deformed(folder, results.final, Geometry(study.settings.dimensions))
         residual = _write_readings(study, folder, results, generator)
+        folder.write_table(columns.DECISIONS, decisions(results.fits, generator))
     base, judgement = results.base.model, results.judgement
     subject = judgement.search.base.subject
     folder.write_table(columns.GAIN, gain_table(subject, judgement.held_out))

@@ -22,6 +22,7 @@ PRIOR_SENSITIVITY = "prior_sensitivity"
 PRIOR_PREDICTIVE = "prior_predictive"
 COURSE = "course"
 ORDERS = "orders"
+DECISIONS = "decisions"
 
 ALL_LEVELS = "all"
 """What stands in ``degradation_pct`` of a row that pools every degradation rate."""
@@ -94,6 +95,16 @@ TABLES: Mapping[str, tuple[Column, ...]] = MappingProxyType(
     {
         GAIN: _GAIN,
         GAIN_LEVELS: _GAIN,
+        DECISIONS: (
+            _MODEL,
+            _DEGRADATION,
+            Column("wanted_per_m", "1/m", "wanted curvature: half of the largest measured"),
+            Column("needed_q05_kPa", "kPa", "pressure that 5 % of new specimens need less than"),
+            Column("needed_q50_kPa", "kPa", "pressure that half of new specimens need"),
+            Column("needed_q95_kPa", "kPa", "pressure that 95 % of new specimens need less than"),
+            Column("allowed_kPa", "kPa", "largest pressure of a risk not above 5 %"),
+            Column("probability", "–", "probability of rupture at the pressure that half need"),
+        ),
         BANDS: (_DEGRADATION, _PRESSURE, *_quantiles("1/m", 5, 25, 50, 75, 95)),
         RUPTURE: (
             _DEGRADATION,

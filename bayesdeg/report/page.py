@@ -48,6 +48,9 @@ class Content:
     leave_one_out: list[Row]
     sensitivity: list[Row]
     orders: list[Row]
+    gain_levels: list[Row]
+    decisions: list[Row]
+    lookalikes: list[str]
 
 
 def build_page(folder: Path) -> Path:
@@ -93,7 +96,16 @@ def content_of(verdict: Verdict, run: Run, tables: Tables) -> Content:
         leave_one_out=rows_of(tables.leave_one_out),
         sensitivity=rows_of(tables.prior_sensitivity),
         orders=rows_of(tables.orders),
+        gain_levels=rows_of(pooled(tables.gain_levels)),
+        decisions=rows_of(tables.decisions),
+        lookalikes=lookalikes(verdict),
     )
+
+
+def lookalikes(verdict: Verdict) -> list[str]:
+    """Return causes that a study of this design could take for one that is named."""
+    near = (set(pair) for pair in verdict.confusable if set(pair) & set(verdict.causes))
+    return sorted(set().union(*near) - set(verdict.causes))
 
 
 def render(content: Content) -> str:

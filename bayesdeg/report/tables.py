@@ -13,8 +13,10 @@ from bayesdeg.report.columns import (
     BANDS,
     CONSTANTS,
     COURSE,
+    DECISIONS,
     ELONGATION,
     GAIN,
+    GAIN_LEVELS,
     LEAVE_ONE_OUT,
     LEVELS,
     MEASURED,
@@ -51,6 +53,8 @@ class Tables:
     prior_predictive: pd.DataFrame | None = None
     course: pd.DataFrame | None = None
     orders: pd.DataFrame | None = None
+    gain_levels: pd.DataFrame | None = None
+    decisions: pd.DataFrame | None = None
     deformed: Surface | None = None
 
 
@@ -83,5 +87,7 @@ def read_tables(folder: RunFolder) -> Tables:
         prior_predictive=read(PRIOR_PREDICTIVE),
         course=read(COURSE),
         orders=read(ORDERS),
+        gain_levels=read(GAIN_LEVELS),
+        decisions=read(DECISIONS),
         deformed=read_surface(folder.path),
     )

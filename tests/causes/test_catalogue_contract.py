@@ -229,16 +229,13 @@ def test_every_parameter_of_it_matters(cause, model):
         assert differs([(before, after)]), p.name
 
 
-@pytest.mark.parametrize(
-    "cause",
-    [cause for cause in CATALOGUE.values() if "rupture" not in cause.acts_on],
-    ids=lambda cause: cause.name,
-)
+@each_cause
 def test_a_draw_changes_the_likelihood_if_and_only_if_the_tests_can_reveal_it(
     cause, model, base_values
 ):
     """The small study has actuators alone, inflated once, and no clock."""
-    revealed = "actuator" in cause.acts_on and cause.blind(model.rig.conditions) is None
+    seen = {"actuator", "rupture"} & cause.acts_on
+    revealed = bool(seen) and cause.blind(model.rig.conditions) is None
     draws = values_of(cause, lambda p: p.law.sample(np.random.default_rng(1)))
     before = model.log_likelihood(base_values)
     after = model.extended(cause).log_likelihood(base_values | draws)

@@ -1,3 +1,5 @@
+"""The measuring stick of misfit: held against normal densities of scipy, and calibrated."""
+
 from dataclasses import replace
 from itertools import product
 
@@ -5,17 +7,23 @@ import numpy as np
 import pytest
 from scipy.stats import kstest, multivariate_normal
 
-from bayesdeg.criticism.discrepancy import (
+from bayesdeg.criticism.discrepancy import AMPLITUDES, Misfit, explained, largest_ratio, measure
+from bayesdeg.criticism.kernels import (
     ALIKE,
-    AMPLITUDES,
-    LENGTHS,
-    Misfit,
-    explained,
-    measure,
-    replicate,
-    statistic_of,
+    DRIFT,
+    EACH,
+    EVERYWHERE,
+    LONG,
+    SHORT,
+    discrepancies,
 )
-from tests.criticism.linear_case import constant_chain, known_linear, with_readings
+from bayesdeg.criticism.linear import linearise
+from bayesdeg.criticism.model_readings import ANGLE, CURVATURE, ModelReadings
+from tests.criticism import straight_subject as straight
+from tests.criticism.linear_case import known_linear, with_readings
+from tests.inference.small_study import small_model, values_of
+
+PATHS = [(SHORT, EVERYWHERE), (SHORT, DRIFT), (LONG, EVERYWHERE), (LONG, DRIFT), (LONG, EACH)]
 
 
 @pytest.fixture(scope="module", params=[False, True], ids=["curvature", "with bend angle"])
@@ -23,53 +31,51 @@ def linear(request):
     return known_linear(with_angle=request.param)
 
 
-@pytest.fixture(scope="module")
-def chain(linear):
-    return constant_chain(linear.model, linear.mode)
-
-
-def drawn(linear, generator):
+def drawn(linear, generator, count=None):
     """Readings that the linear model itself makes."""
-    noise = linear.factor @ generator.standard_normal(len(linear.mean))
-    return (linear.mean + noise).reshape(linear.read.shape)
+    size = len(linear.mean) if count is None else (count, len(linear.mean))
+    return linear.mean + generator.standard_normal(size) @ linear.factor.T
 
 
-def pressures(linear):
-    """Pressure of each reading, (n_specimens, n_readings)."""
-    pressure = linear.model.actuator.pressure
-    return np.tile(pressure, linear.read.shape[1] // pressure.shape[1])
+def statistic_of(linear, readings):
+    return float(largest_ratio(linear.whiten(readings)[None], discrepancies(linear))[0][0])
+
+
+def measured(linear, readings, generator, *, replicates):
+    return measure(with_readings(linear, readings), drawn(linear, generator, replicates))
 
 
 def bump(linear, size, *, angle=1.0):
     """A smooth excess at middle pressures, growing with degradation."""
-    data = linear.model.actuator
-    mean = linear.mean.reshape(linear.read.shape)
-    shape = np.exp(-(((pressures(linear) - 90.0) / 40.0) ** 2)) * (1.0 + data.degradation / 24.0)
-    is_angle = (linear.output == 1).reshape(linear.read.shape)
-    return size * mean * shape * np.where(is_angle, angle, 1.0)
+    places = linear.subject.places
+    shape = np.exp(-(((places.along - 90.0) / 40.0) ** 2)) * (1.0 + places.level / 24.0)
+    return size * linear.mean * shape * np.where(places.kind == ANGLE, angle, 1.0)
 
 
 def covariances(linear, alike=ALIKE):
     """Every discrepancy that is tried, written out from the kernel's definition."""
-    data = linear.model.actuator
-    p = pressures(linear).ravel()
-    d = np.broadcast_to(data.degradation, linear.read.shape).ravel()
+    places = linear.subject.places
+    p = places.along / (160.0 - 20.0)
+    d = places.level
+    same = (places.specimen[:, None] == places.specimen).astype(float)
+    shapes = [
+        np.exp(-0.5 * (((p[:, None] - p) / along) ** 2 + ((d[:, None] - d) / across) ** 2))
+        for along, across in PATHS
+    ]
+    shapes.append(np.exp(-0.5 * ((p[:, None] - p) / LONG) ** 2) * same)
     envelope = np.abs(linear.mean)
-    is_angle = linear.output == 1
-    envelope[~is_angle] += 0.1 * np.max(envelope[~is_angle])
-    if is_angle.any():
-        envelope[is_angle] += 0.1 * np.max(envelope[is_angle])
-    for (along, across), of_angle in product(LENGTHS, alike):
-        square = ((p[:, None] - p) / along) ** 2 + ((d[:, None] - d) / across) ** 2
-        own = envelope * np.where(is_angle, of_angle, 1.0)
-        kernel = np.exp(-0.5 * square) * np.outer(own, own)
+    for kind in (CURVATURE, ANGLE):
+        rows = places.kind == kind
+        envelope[rows] += 0.1 * np.max(envelope[rows], initial=0.0)
+    for kernel, of_angle in product(shapes, alike):
+        own = envelope * np.where(places.kind == ANGLE, of_angle, 1.0)
         for amplitude in AMPLITUDES:
-            yield amplitude**2 * kernel
+            yield amplitude**2 * kernel * np.outer(own, own)
 
 
-def largest_ratio(linear, readings, **which):
+def largest_by_hand(linear, readings, **which):
     """The misfit statistic from densities of scipy."""
-    residual = readings.ravel() - linear.mean
+    residual = readings - linear.mean
     covariance = linear.factor @ linear.factor.T
     none = multivariate_normal(np.zeros(len(residual)), covariance).logpdf(residual)
     return max(
@@ -79,126 +85,204 @@ def largest_ratio(linear, readings, **which):
 
 
 def test_statistic_is_the_largest_ratio_of_normal_densities(linear):
-    with_bump = linear.mean.reshape(linear.read.shape) + bump(linear, 0.1)
-    case = with_readings(linear, with_bump)
-    assert statistic_of(case) == pytest.approx(largest_ratio(linear, with_bump), rel=1e-6)
+    with_bump = linear.mean + bump(linear, 0.1)
+    expected = largest_by_hand(linear, with_bump)
+    assert statistic_of(linear, with_bump) == pytest.approx(expected, rel=1e-6)
 
 
 @pytest.mark.parametrize(("angle", "better"), [(1.0, 1.0), (0.0, 0.0)])
 def test_a_discrepancy_is_in_both_readings_or_in_the_curvature_alone(angle, better):
     known = known_linear(with_angle=True)
-    readings = known.mean.reshape(known.read.shape) + bump(known, 0.1, angle=angle)
-    found = statistic_of(with_readings(known, readings))
-    by_kind = {of: largest_ratio(known, readings, alike=(of,)) for of in ALIKE}
+    readings = known.mean + bump(known, 0.1, angle=angle)
+    by_kind = {of: largest_by_hand(known, readings, alike=(of,)) for of in ALIKE}
     assert max(by_kind, key=by_kind.get) == better
-    assert found == pytest.approx(by_kind[better], rel=1e-6)
+    assert statistic_of(known, readings) == pytest.approx(by_kind[better], rel=1e-6)
     assert by_kind[better] > by_kind[1.0 - better] + np.log(20.0)
 
 
-def test_the_measured_discrepancy_is_that_of_the_curvatures():
-    """A misfit of the bend angle alone is none of theirs."""
+@pytest.mark.parametrize("angle", [0.0, 1.0])
+def test_the_measured_discrepancy_is_that_of_the_readings_it_is_in(angle):
     known = known_linear(with_angle=True)
-    data, chain = known.model.actuator, constant_chain(known.model, known.mode)
-    exact = known.mean.reshape(known.read.shape)
-    rms = []
-    for angle in (0.0, 1.0):
-        case = with_readings(known, exact + bump(known, 0.15, angle=angle))
-        misfit = measure(case, chain, np.random.default_rng(20), replicates=9)
-        assert misfit.discrepancy.shape == (data.mask.sum(),)
-        planted = bump(known, 0.15)[:, : data.mask.shape[1]]
-        assert np.corrcoef(misfit.discrepancy, planted.ravel())[0, 1] > 0.9
-        rms.append(misfit.rms)
-    assert rms[0] == pytest.approx(rms[1])
-    assert rms[0] == pytest.approx(np.sqrt(np.mean(planted**2)))
+    planted = bump(known, 0.15, angle=angle)
+    found = measured(known, known.mean + planted, np.random.default_rng(20), replicates=9)
+    assert found.discrepancy.shape == planted.shape
+    assert np.corrcoef(found.discrepancy, planted)[0, 1] > 0.9
+    of_angle = known.subject.places.kind == ANGLE
+    size = [np.sqrt(np.mean(d[of_angle] ** 2)) for d in (found.discrepancy, bump(known, 0.15))]
+    assert size[0] > 0.5 * size[1] if angle else size[0] < 0.1 * size[1]
 
 
 def test_statistic_is_zero_where_the_model_is_exact(linear):
-    exact = linear.mean.reshape(linear.read.shape)
-    assert statistic_of(with_readings(linear, exact)) == 0.0
+    assert statistic_of(linear, linear.mean) == 0.0
 
 
-def test_p_values_are_uniform_on_data_of_the_model(linear, chain):
+def test_p_values_are_uniform_on_data_of_the_model(linear):
     generator = np.random.default_rng(11)
-    null = measure(linear, chain, generator, replicates=400).null
-    cases = [with_readings(linear, drawn(linear, generator)) for _ in range(40)]
-    statistics = np.array([statistic_of(case) for case in cases])
+    kernels = discrepancies(linear)
+    null, statistics = (
+        largest_ratio(linear.whiten(drawn(linear, generator, count)), kernels)[0]
+        for count in (400, 200)
+    )
     p_values = (1.0 + np.sum(null >= statistics[:, None], axis=1)) / (1.0 + len(null))
-    # many statistics are 0, where p is 1: below that p is uniform, above it larger; twice as many
-    # discrepancies are tried where there are bend angles, so that fewer are
-    share = 0.29 if linear.model.actuator.with_angle else 0.48
-    assert np.mean(null == 0.0) == pytest.approx(share, abs=0.08)
+    # many statistics are 0, where p is 1: below that p is uniform, above it larger
+    level = 1.0 - np.mean(null == 0.0)
+    assert level > 0.4
     assert kstest(p_values, "uniform", alternative="greater").pvalue > 0.01
-    assert np.mean(p_values <= 0.4) == pytest.approx(0.4, abs=3.0 * np.sqrt(0.24 / 40))
+    assert np.mean(p_values <= 0.4) == pytest.approx(0.4, abs=3.0 * np.sqrt(0.24 / 200))
 
 
-def test_the_p_value_counts_simulated_data_that_misfit_as_much(linear, chain):
+def test_data_simulated_by_the_subject_calibrate_its_own_misfit():
+    """Of the straight model, whose linear form is exact: p is uniform over whole analyses."""
+    generator, p_values = np.random.default_rng(12), []
+    for seed in range(60):
+        linear = straight.exact_linear(straight.readings(seed, slope=1.1, bend=0.05))
+        law = straight.joint_of()
+        mean, covariance = law.posterior(linear.subject.observed)
+        draws = generator.multivariate_normal(mean, covariance, 99)
+        p_values.append(measure(linear, linear.subject.simulated(draws, generator)).p_value)
+    assert kstest(p_values, "uniform", alternative="greater").pvalue > 0.01
+    # posterior draws are closer to the data than the prior says: p is cautious at most
+    assert np.mean(np.array(p_values) <= 0.1) <= 0.1 + 3.0 * np.sqrt(0.09 / 60)
+
+
+def test_the_p_value_counts_simulated_data_that_misfit_as_much(linear):
     generator = np.random.default_rng(18)
     readings = drawn(linear, generator) + bump(linear, 0.03)
-    misfit = measure(with_readings(linear, readings), chain, generator, replicates=99)
+    misfit = measured(linear, readings, generator, replicates=99)
     larger = np.sum(misfit.null >= misfit.statistic)
     assert misfit.p_value == pytest.approx((1 + larger) / 100)
-    exact = with_readings(linear, linear.mean.reshape(readings.shape))
-    assert measure(exact, chain, generator, replicates=9).p_value == 1.0
+    assert measured(linear, linear.mean, generator, replicates=9).p_value == 1.0
 
 
-def test_a_planted_discrepancy_is_measured(linear, chain):
+def test_simulated_data_without_an_answer_are_left_out_and_counted(linear):
+    generator = np.random.default_rng(19)
+    readings, simulated = drawn(linear, generator), drawn(linear, generator, 20)
+    simulated[[3, 7, 8], 0] = np.nan
+    misfit = measure(with_readings(linear, readings), simulated)
+    assert misfit.lost == pytest.approx(3 / 20)
+    assert len(misfit.null) == 17
+    kept = np.delete(np.arange(20), [3, 7, 8])
+    np.testing.assert_array_equal(
+        misfit.null, measure(with_readings(linear, readings), simulated[kept]).null
+    )
+
+
+def test_a_planted_discrepancy_is_measured(linear):
     generator = np.random.default_rng(12)
     planted = bump(linear, 0.15)
-    case = with_readings(linear, drawn(linear, generator) + planted)
-    misfit = measure(case, chain, generator, replicates=99)
+    misfit = measured(linear, drawn(linear, generator) + planted, generator, replicates=99)
     assert misfit.p_value == pytest.approx(0.01)
     assert misfit.statistic > 5.0 * misfit.null.max()
-    curvatures = planted[:, : linear.model.actuator.mask.shape[1]]
-    assert np.corrcoef(misfit.discrepancy, curvatures.ravel())[0, 1] > 0.9
-    assert misfit.noise < 0.5 * misfit.rms
+    assert np.corrcoef(misfit.discrepancy, planted)[0, 1] > 0.9
 
 
 def test_misfit_grows_with_what_is_planted(linear):
     readings = drawn(linear, np.random.default_rng(13))
-    sizes = [
-        statistic_of(with_readings(linear, readings + bump(linear, s))) for s in (0.1, 0.2, 0.4)
-    ]
+    sizes = [statistic_of(linear, readings + bump(linear, s)) for s in (0.1, 0.2, 0.4)]
     assert sizes == sorted(sizes)
     assert sizes[0] > 0.0
 
 
 def test_a_stiff_specimen_is_scatter_and_no_misfit(linear):
     """One specimen along its own slope, by one sd of specimens: the model expects that."""
-    model = linear.model
+    model = linear.subject.model
     values = model.table.named(linear.mode[None])
     slope = model.predict(values).slope[0]
-    readings = linear.mean.reshape(slope.shape).copy()
-    readings[2] += float(model.deviation_sd(values)[0, 2, 0]) * slope[2]
-    assert statistic_of(with_readings(linear, readings)) < 1.0
+    moved = np.zeros_like(slope)
+    moved[2] = float(model.deviation_sd(values)[0, 2, 0]) * slope[2]
+    assert statistic_of(linear, linear.mean + moved.ravel()) < 1.0
 
 
-def test_rms_is_that_of_the_residuals(linear, chain):
-    generator = np.random.default_rng(14)
-    readings = drawn(linear, generator)
-    misfit = measure(with_readings(linear, readings), chain, generator, replicates=5)
-    residual = (readings.ravel() - linear.mean)[linear.output == 0]
-    assert misfit.rms == pytest.approx(np.sqrt(np.mean(residual**2)))
-    assert 0.0 < misfit.noise <= misfit.rms
+def labels_of(linear):
+    return [(kernel.family, kernel.label) for kernel in discrepancies(linear)]
 
 
-def test_replicates_have_the_readings_mean_and_scatter(linear, chain):
-    drawn_sets = replicate(linear, chain, np.random.default_rng(15), 3000)
-    z = linear.whiten(drawn_sets)
-    assert drawn_sets.shape == (3000, *linear.read.shape)
-    # specimens deviate in ln stiffness, so that the sets are skewed by a little
-    assert np.max(np.abs(z.mean(axis=0))) < 0.15
-    assert np.std(z) == pytest.approx(1.0, abs=0.05)
+def test_what_a_discrepancy_may_be_a_function_of(linear):
+    along = ["the path", "the path, drifting with degradation", "the path, slowly"]
+    along += ["the path, slowly, drifting with degradation", "the path, for each degradation rate"]
+    # one history of load only, so that none is for each of them
+    expected = [*along, "the path, for each specimen"]
+    times = 2 if np.any(linear.subject.places.kind == ANGLE) else 1
+    assert labels_of(linear) == [("actuator", label) for label in times * expected]
 
 
-def test_the_same_seed_gives_the_same_misfit(linear, chain):
-    case = with_readings(linear, drawn(linear, np.random.default_rng(16)))
-    one, two = (measure(case, chain, np.random.default_rng(17), replicates=20) for _ in range(2))
+def test_a_discrepancy_of_one_specimen_is_found_as_such():
+    """Of opposite sign in specimens of the same level, as no function of pressure and rate is."""
+    known = known_linear()
+    places = known.subject.places
+    sign = np.where(np.isin(places.specimen, ["a", "c", "e"]), 1.0, -1.0)
+    bent = 0.2 * sign * known.mean * np.sin(places.along / 40.0)
+    found = measured(known, known.mean + bent, np.random.default_rng(21), replicates=19)
+    assert found.label == "the path, for each specimen"
+    assert np.corrcoef(found.discrepancy, bent)[0, 1] > 0.9
+
+
+def with_histories(linear):
+    """The same tests, every other reading unloaded."""
+    data = linear.subject.model.actuator
+    branch = np.where(np.arange(data.pressure.shape[1]) % 2 == 0, "loading", "unloading")
+    recorded = replace(data, branch=np.broadcast_to(branch, data.pressure.shape))
+    subject = ModelReadings(replace(linear.subject.model, actuator=recorded))
+    return replace(linear, subject=subject)
+
+
+def test_a_discrepancy_of_one_branch_is_found_as_such():
+    known = with_histories(known_linear())
+    unloaded = np.char.startswith(known.subject.places.history, "unloading")
+    bent = 0.2 * known.mean * np.where(unloaded, 1.0, -1.0)
+    found = measured(known, known.mean + bent, np.random.default_rng(22), replicates=19)
+    assert found.label == "the path, for each history of load"
+    assert np.corrcoef(found.discrepancy, bent)[0, 1] > 0.9
+
+
+@pytest.fixture(scope="module")
+def with_films():
+    model = small_model()
+    return linearise(ModelReadings(model), model.table.vectors(values_of())[0])
+
+
+def test_films_and_actuators_have_discrepancies_of_their_own(with_films):
+    places = with_films.subject.places
+    families = {family for family, _ in labels_of(with_films)}
+    assert families == {"film", "actuator"}
+    for kernel in discrepancies(with_films):
+        own = with_films.factor @ kernel.vectors
+        size = np.max(np.abs(own), axis=1)
+        inside = size[places.family == kernel.family].max()
+        assert np.all(size[places.family != kernel.family] < 1e-6 * inside)
+
+
+def test_a_misfit_of_the_films_alone_is_found_in_them(with_films):
+    """Stresses of one mode of tension 40 % off."""
+    places = with_films.subject.places
+    off = np.where(places.history == "equibiaxial", 0.4 * with_films.mean, 0.0)
+    z = with_films.whiten(with_films.mean + off)
+    statistic, best = largest_ratio(z[None], kernels := discrepancies(with_films))
+    kernel = kernels[int(best[0]) // len(AMPLITUDES)]
+    assert kernel.family == "film"
+    assert statistic[0] > 0.0
+
+
+def test_kernels_are_positive_and_their_directions_orthonormal_in_kernel_space(linear):
+    for kernel in discrepancies(linear):
+        assert np.all(kernel.values > 0.0)
+        assert kernel.vectors.shape == (len(linear.mean), len(kernel.values))
+        np.testing.assert_allclose(
+            kernel.vectors.T @ kernel.vectors, np.eye(len(kernel.values)), atol=1e-5
+        )
+
+
+def test_the_same_data_give_the_same_misfit(linear):
+    readings = drawn(linear, np.random.default_rng(16))
+    one, two = (
+        measured(linear, readings, np.random.default_rng(17), replicates=20) for _ in range(2)
+    )
     assert one.p_value == two.p_value
     np.testing.assert_array_equal(one.null, two.null)
 
 
 def misfit_of(statistic, null=(1.0, 3.0)):
-    return Misfit(statistic, np.array(null), 0.01, np.zeros(1), 0.0, 1.0, 0.1)
+    return Misfit(statistic, np.array(null), 0.01, "actuator", "the path", np.zeros(1), 0.0)
 
 
 def test_explained_counts_from_what_chance_gives():

@@ -1,3 +1,5 @@
+"""The linear model of readings: held against closed forms and against importance sampling."""
+
 from dataclasses import replace
 
 import numpy as np
@@ -10,24 +12,30 @@ from scipy.stats import multivariate_normal
 from bayesdeg.causes.catalogue import find
 from bayesdeg.criticism.linear import (
     Linear,
+    effects,
     linearise,
     log_bayes_factor,
     most_probable_size,
+    neutral_sizes,
     overlap,
     prior_size,
+    rest_covariance,
     sensitivities,
-    with_neutral,
 )
+from bayesdeg.criticism.model_readings import CURVATURE, ModelReadings
+from bayesdeg.criticism.subject import with_neutral
 from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.inference.laplace import approximate, evidence
-from bayesdeg.laws import Normal, Parameter, TruncatedNormal
+from bayesdeg.inference.parameters import with_priors
+from bayesdeg.laws import LogNormal, Normal, Parameter, TruncatedNormal
+from tests.criticism import straight_subject as straight
 from tests.criticism.linear_case import (
     known_linear,
     scaling_cause,
     with_known_scatter,
     with_readings,
 )
-from tests.inference.small_study import draws_near_truth, small_model
+from tests.inference.small_study import TRUTH, draws_near_truth, small_model
 
 moderate = st.floats(-3.0, 3.0)
 
@@ -36,9 +44,9 @@ DRAWS = 100_000
 FEWEST = 50.0  # effective draws of an evidence that others are held against
 
 
-def sampled_evidence(model, start, generator):
+def sampled_evidence(model, start, generator, *, draws=DRAWS):
     """Log evidence by importance sampling, good enough to hold others against."""
-    found = evidence(model, approximate(model, generator, start=start), generator, draws=DRAWS)
+    found = evidence(model, approximate(model, generator, start=start), generator, draws=draws)
     assert found.effective > FEWEST
     return found.log_evidence
 
@@ -55,7 +63,7 @@ def calibrated():
 
 @pytest.fixture(scope="module")
 def linear(calibrated):
-    return linearise(calibrated[0], calibrated[1])
+    return linearise(ModelReadings(calibrated[0]), calibrated[1])
 
 
 @pytest.mark.parametrize("with_angle", [False, True])
@@ -64,7 +72,7 @@ def test_whitened_data_are_standard_normal_under_the_model(with_angle):
     generator = np.random.default_rng(1)
     points = len(known.mean)
     readings = known.mean + generator.standard_normal((4000, points)) @ known.factor.T
-    z = known.whiten(readings.reshape(-1, *known.read.shape))
+    z = known.whiten(readings)
     assert np.max(np.abs(np.cov(z.T) - np.eye(points))) < 0.12
     assert np.max(np.abs(z.mean(axis=0))) < 0.08
 
@@ -72,35 +80,110 @@ def test_whitened_data_are_standard_normal_under_the_model(with_angle):
 @pytest.mark.parametrize("with_angle", [False, True])
 def test_columns_are_whitened_as_readings_are(with_angle):
     known = known_linear(with_angle=with_angle)
-    shape = known.read.shape
-    change = np.random.default_rng(2).standard_normal(shape)
-    both = known.whiten(np.stack([known.mean.reshape(shape), known.mean.reshape(shape) + change]))
-    np.testing.assert_allclose(known.whiten_columns(change.ravel()), both[1] - both[0], atol=1e-9)
+    change = np.random.default_rng(2).standard_normal(len(known.mean))
+    both = known.whiten(np.stack([known.mean, known.mean + change]))
+    np.testing.assert_allclose(known.whiten_columns(change), both[1] - both[0], atol=1e-9)
 
 
-def test_readings_that_are_missing_play_no_part(linear):
-    data = linear.model.actuator
-    spoilt = np.where(data.paths.mask, data.readings, 1e9)
-    np.testing.assert_array_equal(linear.whiten(spoilt), linear.observed)
-    assert len(linear.observed) == data.mask.sum() + data.angle_mask.sum()
+def with_known_material(model):
+    """Constants as well known from elsewhere as good films leave them."""
+    laws = {
+        name: Normal(TRUTH[name], 0.05) if "ratio" in name else LogNormal(TRUTH[name], 0.1)
+        for name in model.table.names
+        if name.startswith(("c1_", "c2_", "c3_"))
+    }
+    return replace(model, base=with_priors(model.base, laws))
 
 
-def test_curvatures_and_bend_angles_are_told_apart(linear):
-    data = linear.model.actuator
-    readings = data.readings[linear.read]
-    np.testing.assert_array_equal(readings[linear.output == 0], data.curvature[data.mask])
-    np.testing.assert_array_equal(readings[linear.output == 1], data.bend_angle[data.angle_mask])
-
-
-def test_the_density_of_the_readings_is_a_ratio_of_evidences(calibrated, linear):
+def test_the_density_of_the_readings_is_a_ratio_of_evidences():
     """p(readings | all else) = Z/Z', both by importance sampling, which knows no linearisation."""
-    model, mode, whole = calibrated
-    without = sampled_evidence(replace(model, actuator=None), mode, np.random.default_rng(5))
-    data = model.actuator
-    density = multivariate_normal(linear.mean, linear.factor @ linear.factor.T).logpdf(
-        data.readings[data.paths.mask]
+    model = with_known_material(with_known_scatter(small_model()))
+    generator = np.random.default_rng(3)
+    start = draws_near_truth(model, 1, spread=0.0)[0]
+    mode = approximate(model, generator, start=start).mode
+    whole = sampled_evidence(model, mode, generator, draws=20_000)
+    rest = replace(model, actuator=None, tensile=None)
+    without = sampled_evidence(rest, mode, np.random.default_rng(5), draws=20_000)
+    linear = linearise(ModelReadings(model), mode)
+    density = multivariate_normal(linear.mean, linear.factor @ linear.factor.T)
+    assert density.logpdf(linear.subject.observed) == pytest.approx(whole - without, abs=1.0)
+
+
+@pytest.mark.parametrize("names", [(), ("offset",), ("offset", "wave")])
+def test_the_density_of_straight_readings_is_their_exact_evidence(names):
+    observed = straight.readings(3, offset=0.2)
+    causes = [cause for cause in straight.CAUSES if cause.name in names]
+    linear = straight.exact_linear(observed, *causes)
+    density = multivariate_normal(linear.mean, linear.factor @ linear.factor.T)
+    exact = straight.joint_of(*causes).log_evidence(observed)
+    assert density.logpdf(observed) == pytest.approx(exact, abs=1e-6)
+
+
+def test_the_mode_of_the_linear_model_is_the_mode(linear):
+    """The deviation that is most probable given the readings is none."""
+    spread = linear.factor @ linear.factor.T - linear.scatter
+    right = np.linalg.solve(linear.factor @ linear.factor.T, linear.subject.observed - linear.mean)
+    # f + X (δ₀ + Λ⁻¹ Xᵀ (V + X Λ⁻¹ Xᵀ)⁻¹ (y − mean)) is what is predicted with all data
+    fitted = linear.mean + spread @ right
+    np.testing.assert_allclose(fitted, linear.prediction, atol=1e-6)
+    # and it is not for want of anything to fit
+    assert np.max(np.abs(linear.mean - linear.prediction)) > 0.1
+
+
+def test_the_mean_of_a_straight_model_is_what_the_prior_predicts():
+    observed = straight.readings(4)
+    linear, law = straight.exact_linear(observed), straight.joint_of()
+    np.testing.assert_allclose(linear.mean, law.shapes @ law.mean, atol=1e-6)
+    np.testing.assert_allclose(linear.factor @ linear.factor.T, law.covariance, atol=1e-7)
+    np.testing.assert_allclose(linear.scatter, law.scatter, atol=1e-12)
+
+
+def test_what_is_known_from_all_else_is_the_prior_where_there_is_nothing_else():
+    subject = straight.subject_of(straight.readings(5))
+    found = rest_covariance(subject, np.array([1.0, 0.0]))
+    sd = np.array([sd for _, sd, _ in straight.BASE.values()])
+    # 1000 draws or so
+    np.testing.assert_allclose(np.sqrt(np.diag(found)), sd, rtol=0.1)
+    assert abs(found[0, 1]) < 0.1 * sd[0] * sd[1]
+
+
+def test_unexplained_is_what_a_refit_leaves_of_straight_readings():
+    observed = straight.readings(6, wave=0.1)
+    linear, law = straight.exact_linear(observed), straight.joint_of()
+    refitted = law.shapes @ law.posterior(observed)[0]
+    np.testing.assert_allclose(linear.unexplained(linear.observed), observed - refitted, atol=1e-7)
+    several = np.stack([linear.observed, 2.0 * linear.observed])
+    np.testing.assert_allclose(
+        linear.unexplained(several)[1], 2.0 * (observed - refitted), atol=1e-7
     )
-    assert density == pytest.approx(whole - without, abs=1.0)
+
+
+def test_effects_are_changes_of_the_whitened_mean():
+    """Through the full equations: curvatures scaled by 1 + φ at each of several sizes."""
+    known, cause = known_linear(), scaling_cause()
+    sizes = np.array([[-0.3], [0.0], [0.05], [2.0]])
+    changed = known.whiten((1.0 + sizes) * known.prediction) - known.whiten(known.prediction)
+    np.testing.assert_allclose(effects(known, cause, sizes), changed, atol=1e-9)
+
+
+def refusing(readings, conditions, effect):
+    return np.where(effect["size"] > 0.5, np.nan, readings + effect["size"])
+
+
+def test_effects_that_the_model_refuses_are_nan():
+    cause = straight.cause_of("refused", {"size": Normal(0.0, 0.3)}, refusing)
+    linear = straight.exact_linear(straight.readings(7))
+    found = effects(linear, cause, np.array([[0.2], [0.6]]))
+    expected = linear.whiten_columns(np.full(len(linear.mean), 0.2))
+    np.testing.assert_allclose(found[0], expected, atol=1e-9)
+    assert np.all(np.isnan(found[1]))
+
+
+def test_neutral_sizes_have_no_effect():
+    for cause in (scaling_cause(), find("pressure_loss"), find("degradation_misread")):
+        found = effects(known_linear(), cause, neutral_sizes(cause)[None])
+        assert found.shape == (1, len(known_linear().mean))
+        assert not np.any(found)
 
 
 @settings(max_examples=40, deadline=None)
@@ -141,8 +224,7 @@ def test_most_probable_size_is_that_of_a_conjugate_posterior():
 
 def test_an_effect_of_known_size_is_found_again():
     known, cause = known_linear(), scaling_cause()
-    shape = known.read.shape
-    planted = with_readings(known, 1.07 * known.mean.reshape(shape))
+    planted = with_readings(known, 1.07 * known.mean)
     size = most_probable_size(planted.observed, sensitivities(planted, cause), cause)
     assert size[0] == pytest.approx(0.07, abs=0.01)
 
@@ -168,7 +250,7 @@ def test_an_effect_on_the_curvature_alone_leaves_the_bend_angle():
     known = known_linear(with_angle=True)
     own, of_both = scaling_cause(sd=0.1), scaling_cause(sd=0.1, on_reading=both_scaled)
     size = prior_size(own.parameters[0])
-    curvature = np.where(known.output == 0, known.mean, 0.0)
+    curvature = np.where(known.subject.places.kind == CURVATURE, known.mean, 0.0)
     for cause, change in ((own, curvature), (of_both, known.mean)):
         expected = known.whiten_columns(size * change)
         np.testing.assert_allclose(sensitivities(known, cause)[:, 0], expected, rtol=1e-9)
@@ -182,9 +264,9 @@ def test_the_bend_angle_tells_an_error_of_the_curvature_from_an_effect_on_the_ac
     known = known_linear(with_angle=True)
     reading, actuator = (sensitivities(known, cause) for cause in causes)
     assert overlap(reading, actuator) < 0.9
-    more = 1.0 + 0.1 * np.where(known.output == 0, 1.0, 0.0)
-    misread = with_readings(known, (more * known.mean).reshape(known.read.shape)).observed
-    bent = with_readings(known, (1.1 * known.mean).reshape(known.read.shape)).observed
+    more = 1.0 + 0.1 * np.where(known.subject.places.kind == CURVATURE, 1.0, 0.0)
+    misread = with_readings(known, more * known.mean).observed
+    bent = with_readings(known, 1.1 * known.mean).observed
     assert log_bayes_factor(misread, reading) > log_bayes_factor(misread, actuator) + np.log(20.0)
     assert log_bayes_factor(bent, actuator) > log_bayes_factor(bent, reading) + np.log(20.0)
 
@@ -199,7 +281,7 @@ def test_linear_bayes_factor_is_near_the_ratio_of_evidences(calibrated, linear):
     """Of a small effect on readings without it: the causes are nearly linear there."""
     model, mode, whole = calibrated
     cause = scaling_cause(sd=0.02)
-    start = with_neutral(mode, model, cause)
+    start = with_neutral(mode, model, model.extended(cause))
     exact = sampled_evidence(model.extended(cause), start, np.random.default_rng(8)) - whole
     fast = float(log_bayes_factor(linear.observed, sensitivities(linear, cause)))
     assert fast == pytest.approx(exact, abs=0.3)
@@ -217,7 +299,7 @@ def test_neutral_vector_keeps_the_base_and_predicts_the_same():
     vector = draws_near_truth(model, 1)[0]
     cause = find("pressure_offset")
     extended = model.extended(cause)
-    longer = with_neutral(vector, model, cause)
+    longer = with_neutral(vector, model, extended)
     assert longer.shape == (len(vector) + 1,)
     np.testing.assert_array_equal(
         extended.curvature(extended.table.named(longer[None])).curvature,
@@ -245,7 +327,7 @@ def test_a_direction_within_the_span_of_another_effect_cannot_be_told_from_it():
     assert overlap(columns, columns @ np.array([[0.3], [-1.0]])) == pytest.approx(1.0)
 
 
-def test_a_linear_model_is_frozen_and_keeps_its_model(linear):
+def test_a_linear_model_is_frozen_and_keeps_its_subject(linear):
     assert isinstance(linear, Linear)
     assert linear.factor.shape == (len(linear.mean), len(linear.mean))
     assert np.all(np.diag(linear.factor) > 0.0)

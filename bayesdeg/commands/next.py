@@ -1,0 +1,189 @@
+"""``bayesdeg next``: which further experiment would best tell apart the causes in question."""
+
+import json
+import math
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from rich.table import Table
+from rich.text import Text
+
+from bayesdeg.commands.answers import AsJson, RunFolderPath, output, say
+from bayesdeg.commands.options import Quiet
+from bayesdeg.criticism.experiments import LEAST
+from bayesdeg.errors import BayesdegError
+from bayesdeg.report.fields import Json, RunFaultError, each_of, number_of, text_of, texts_of
+from bayesdeg.report.folder import VERDICT, RunFolder
+from bayesdeg.report.record import Outcome, Run, Verdict
+from bayesdeg.report.wording import NOTHING, count, fixed, listed
+
+HEADINGS = (
+    "experiment",
+    "tells apart",
+    "expected log\nBayes factor",
+    "odds for\nthe truth",
+    "specimens",
+    "readings",
+    "per\nspecimen",
+)
+LARGE = 1e6
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """One entry of ``next_experiments``; None where the run did not record it.
+
+    Parameters
+    ----------
+    design : str
+        What to do.
+    separates : tuple of str
+        Causes.
+    expected : float
+        Expected log Bayes factor [nats].
+    specimens, readings, per_specimen : float
+        What it costs, and the expected log Bayes factor for each specimen.
+    pairs : tuple
+        Every pair of causes in question and its expected log Bayes factor.
+    """
+
+    design: str
+    separates: tuple[str, ...]
+    expected: float | None
+    specimens: float | None
+    readings: float | None
+    per_specimen: float | None
+    pairs: tuple[tuple[tuple[str, ...], float | None], ...]
+
+
+def next_experiment(report: RunFolderPath, as_json: AsJson = False, quiet: Quiet = False) -> None:
+    """Rank further experiments by how well they would tell the causes still in question apart.
+
+    The expected log Bayes factor is what an experiment adds on average to the evidence for the
+    true cause, whichever of the two it is: 3 are odds of 20 to 1. The ranking is that of the run;
+    nothing is computed. The exit code is 0 too where there is nothing to tell apart.
+    """
+    folder = RunFolder(report)
+    if not folder.path.is_dir():
+        raise BayesdegError(
+            f"{report}: there is no such folder; name a run folder, such as reports/NAME, that "
+            "`bayesdeg run` has written"
+        )
+    run, verdict, content = folder.read_run(), folder.read_verdict(), folder.read_json(VERDICT)
+    try:
+        proposals = each_of(content, "next_experiments", _proposal)
+    except RunFaultError as fault:
+        raise BayesdegError(f"{report}: verdict.json: {fault}; run the study again") from fault
+    messages = [*_explained(verdict, proposals), *_never_told_apart(proposals)]
+    if as_json:
+        _give(run, verdict, content, messages)
+        return
+    if proposals:
+        output().print(_table(run, verdict, proposals))
+    else:
+        output().print(messages[0], markup=False, soft_wrap=True)
+        messages = messages[1:]
+    if not quiet:
+        say(messages)
+
+
+def odds(expected: float | None) -> str:
+    """Word odds of e to the power of a log Bayes factor.
+
+    Examples
+    --------
+    >>> odds(6.3), odds(0.4), odds(600.0), odds(None)
+    ('545 : 1', '1.5 : 1', '> 10⁶ : 1', '–')
+    """
+    if expected is None:
+        return NOTHING
+    if expected > math.log(LARGE):
+        return "> 10⁶ : 1"
+    ratio = math.exp(expected)
+    return f"{count(ratio) if ratio >= 10.0 else fixed(ratio, 1)} : 1"
+
+
+def _proposal(entry: Json) -> Proposal:
+    return Proposal(
+        design=text_of(entry, "design"),
+        separates=texts_of(entry, "separates"),
+        expected=number_of(entry, "expected_log_bayes_factor"),
+        specimens=number_of(entry, "specimens"),
+        readings=number_of(entry, "readings"),
+        per_specimen=number_of(entry, "per_specimen"),
+        pairs=each_of(entry, "pairs", _pair),
+    )
+
+
+def _pair(entry: Json) -> tuple[tuple[str, ...], float | None]:
+    return texts_of(entry, "causes"), number_of(entry, "expected_log_bayes_factor")
+
+
+def _explained(verdict: Verdict, proposals: Sequence[Proposal]) -> Iterator[str]:
+    """Say why nothing is proposed."""
+    if proposals:
+        return
+    if not verdict.judged:
+        yield (
+            "The study has no readings on which the simulation could be judged, so no cause is in "
+            "question; measure curvature against pressure at two or more degradation rates."
+        )
+    elif verdict.outcome == Outcome.ADEQUATE:
+        yield (
+            "There is nothing to tell apart: no misfit beyond the noise was found, so no cause is "
+            "in question."
+        )
+    elif verdict.outcome == Outcome.NAMED:
+        named = f"{listed(verdict.causes)} {'are' if verdict.causes[1:] else 'is'} named"
+        yield f"There is nothing to tell apart: {named}, and no rival is in question."
+    else:
+        asked = f"{listed(verdict.causes)} are" if verdict.causes else "causes are"
+        yield (
+            f"The verdict is {verdict.outcome} and {asked} in question, but none of the "
+            f"experiments considered is expected to add a log Bayes factor of {LEAST:g} or more."
+        )
+
+
+def _never_told_apart(proposals: Sequence[Proposal]) -> Iterator[str]:
+    """Say which pairs of causes are left in question by every experiment."""
+    best: dict[tuple[str, ...], float] = {}
+    for proposal in proposals:
+        for causes, expected in proposal.pairs:
+            key = tuple(sorted(causes))
+            best[key] = max(best.get(key, 0.0), expected or 0.0)
+    for causes, expected in best.items():
+        if expected < LEAST:
+            yield f"None of these experiments is expected to tell {listed(causes)} apart."
+
+
+def _give(run: Run, verdict: Verdict, content: Json, messages: Sequence[str]) -> None:
+    answer = {
+        "title": run.title,
+        "virtual": run.virtual,
+        "outcome": str(verdict.outcome),
+        "causes": list(verdict.causes),
+        "messages": list(messages),
+        "next_experiments": content.get("next_experiments") or [],
+    }
+    sys.stdout.write(json.dumps(answer, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+
+
+def _table(run: Run, verdict: Verdict, proposals: Sequence[Proposal]) -> Table:
+    virtual = "; virtual experiment" if run.virtual else ""
+    title = f"{run.title}\nnext experiments, the best first (verdict: {verdict.outcome}{virtual})"
+    # as Text, lest brackets be taken for markup
+    table = Table(title=Text(title), title_justify="left", show_lines=True)
+    for number, heading in enumerate(HEADINGS):
+        table.add_column(Text(heading), justify="left" if number < 2 else "right")
+    for p in proposals:
+        table.add_row(
+            Text(p.design),
+            listed(p.separates),
+            fixed(p.expected, 1),
+            odds(p.expected),
+            count(p.specimens),
+            count(p.readings),
+            fixed(p.per_specimen, 1),
+        )
+    return table

@@ -1,0 +1,155 @@
+"""What solved curves say of the load as a function of the bending, and the coordinates for that.
+
+Near ballooning the curvature k = κ s L is a steep function of the load q = p/M, while the load is
+a smooth function of the curvature. So h = ln(q/k) is fitted over k and the groups; from
+y = ln(k/q) over q follow ∂h/∂k = −y_q/(k_q) and ∂h/∂g = −y_g/(1 + q y_q).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdeg.actuator.curve import Curve, PathSamples
+from bayesdeg.emulator import coordinates as at
+from bayesdeg.emulator.observations import Observed, observe
+from bayesdeg.emulator.scaling import Place, TrainingRange
+from bayesdeg.emulator.surrogate import stretch_offset
+
+Floats = NDArray[np.float64]
+
+LENGTH = 50.0  # mm
+POINTS = 4  # of a curve
+SMALL_STRAIN = 0.05
+# a, the strain over k of a line that no paper holds [–], and P₀, the body's own stiffness [mm]
+STRAIN, GIVE = 0.07, 30.0
+# one unit of each coordinate: k, the material, the causes in the order of ``GROUPS``
+UNITS = np.array(
+    [1.0, 0.3, 1.5, 1.0, 0.1, 0.6, 0.02, 0.02, 0.01, 3e-5, 3e-5, 0.1, 0.2], dtype=np.float64
+)
+
+
+@dataclass(frozen=True)
+class Points:
+    """Solved equilibria.
+
+    Parameters
+    ----------
+    places : array, shape (n, 13)
+        Coordinates, see ``coordinates``.
+    values : array, shape (n, 3)
+        h, ln(bend angle/k) and ln(peak strain + ``SMALL_STRAIN``).
+    slopes : array, shape (n, 3, 13)
+        Their derivatives by the coordinates; nan where they are not known.
+    curve : array of int, shape (n,)
+        To which curve each belongs.
+    """
+
+    places: Floats
+    values: Floats
+    slopes: Floats
+    curve: NDArray[np.int64]
+
+    @property
+    def loose(self) -> NDArray[np.bool_]:
+        """Where the paper is slack."""
+        return self.places[:, at.SLACK] > 0.0
+
+    def only(self, keep: NDArray[np.bool_]) -> "Points":
+        """Return some of the points."""
+        return Points(*(part[keep] for part in vars(self).values()))
+
+
+def coordinates(bending: Floats, groups: Floats) -> Floats:
+    """Return k (n,) and groups (n, 12) in units, the paper's thickness squared, (n, 13)."""
+    out = np.column_stack([bending, groups])
+    out[:, at.THICKNESS] = out[:, at.THICKNESS] ** 2
+    return out / UNITS
+
+
+def missing_force(places: Floats) -> tuple[Floats, Floats]:
+    """Return φ, the share of a tight paper's force that slack takes away, and its slopes.
+
+    A paper on a beam: its strain is ε = a k less what its own force takes back, and the force
+    goes with ε − s tanh(ε/s). With u = ε/s, x = a k/s and β = P/P₀, u + β (u − tanh u) = x and
+    φ = 1 − (1 + β) (u − tanh u)/x, about s/(a k) where that is small.
+    """
+    raw = places * UNITS
+    slack, beta = raw[:, at.SLACK], np.exp(raw[:, at.PAPER]) / GIVE
+    loose = slack > 0.0
+    s = np.where(loose, slack, 1.0)
+    x = STRAIN * np.maximum(raw[:, 0], 1e-6) / s
+    u = x.copy()
+    for _ in range(60):
+        tanh = np.tanh(u)
+        u -= (u + beta * (u - tanh) - x) / (1.0 + beta * tanh**2)
+    rest, square = u - np.tanh(u), np.tanh(u) ** 2
+    by_x = 1.0 / (1.0 + beta * square)
+    phi = np.where(loose, 1.0 - (1.0 + beta) * rest / x, 0.0)
+    slope = (1.0 + beta) * (rest / x - square * by_x) / x
+    out = np.zeros_like(places)
+    out[:, 0] = slope * STRAIN / s
+    out[:, at.SLACK] = -slope * x / s
+    out[:, at.PAPER] = beta * rest / x * ((1.0 + beta) * square * by_x - 1.0)
+    return phi, np.where(loose[:, None], out * UNITS, 0.0)
+
+
+def observed(
+    curves: Sequence[Curve], samples: Sequence[PathSamples], *, points: int = POINTS
+) -> Points:
+    """Return what runs say within their reach; the number of a curve is its place.
+
+    Paper both slack and mismatched is left out: the mismatch takes up the slack, with a corner.
+    """
+    parts = []
+    for number, (curve, found) in enumerate(zip(curves, samples, strict=True)):
+        seen = observe(curve, found, span=TrainingRange(load=1.5), length=LENGTH)
+        corner = curve.material.paper_slack > 0.0 and curve.material.paper_mismatch != 0.0
+        if seen is not None and not corner:
+            parts.append(_points(number, curve, seen, points))
+    return Points(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+
+
+def _points(
+    number: int, curve: Curve, seen: Observed, points: int
+) -> tuple[Floats, Floats, Floats, NDArray[np.int64]]:
+    take = _spread(seen.load, points)
+    q, y, by = seen.load[take], seen.values[take], seen.gradients[take]
+    groups = np.tile(Place.of(curve.material).values, (len(q), 1))
+    k = q * np.exp(y[:, 0])
+    strain, strain_rates = _strain(q, groups, y[:, 2], by[:, 2])
+    values = np.column_stack([-y[:, 0], y[:, 1] - y[:, 0], np.log(SMALL_STRAIN + strain)])
+    growth = 1.0 + q * by[:, 0, 0]  # d ln k/d ln q
+    slopes = np.empty((len(q), 3, 13))
+    # at a fixed k, d ln q = −(∂ ln k/∂g)/growth
+    moves = -by[:, 0, 1:] / growth[:, None]
+    rates = [by[:, 1] - by[:, 0], strain_rates / (SMALL_STRAIN + strain)[:, None]]
+    slopes[:, 0, 0], slopes[:, 0, 1:] = (1.0 / growth - 1.0) / k, moves
+    for output, rate in enumerate(rates, start=1):
+        slopes[:, output, 0] = rate[:, 0] * q / (growth * k)
+        slopes[:, output, 1:] = rate[:, 1:] + (rate[:, 0] * q)[:, None] * moves
+    slopes[..., at.THICKNESS] /= 2.0 * groups[0, at.THICKNESS - 1]
+    # of a slack paper the mismatch takes up the slack: refused
+    slopes[..., at.MISMATCH if groups[0, at.SLACK - 1] > 0.0 else at.SLACK] = np.nan
+    return coordinates(k, groups), values, slopes * UNITS, np.full(len(q), number)
+
+
+def _strain(q: Floats, groups: Floats, y: Floats, by: Floats) -> tuple[Floats, Floats]:
+    """Return the peak strain and its derivatives by load and groups from those of y."""
+    weight = np.hypot(groups[:, at.ALONG - 1], groups[:, at.UP - 1])
+    rest = stretch_offset(np.column_stack([q, groups]).T)
+    offset = np.zeros((len(q), 13))
+    offset[:, 0] = 1.0
+    offset[:, at.MISMATCH] = np.sign(groups[:, at.MISMATCH - 1])
+    for axis in (at.ALONG, at.UP):
+        offset[:, axis] = at.SAGGING * groups[:, axis - 1] / np.where(weight > 0.0, weight, 1.0)
+    factor = np.exp(y)[:, None]
+    strain: Floats = (q + rest) * factor[:, 0]
+    return strain, strain[:, None] * by + factor * offset
+
+
+def _spread(load: Floats, points: int) -> NDArray[np.int64]:
+    """Return places of a few loads, evenly spread, the last among them."""
+    wanted = np.linspace(load[0], load[-1], points)
+    return np.unique([int(np.argmin(np.abs(load - q))) for q in wanted])

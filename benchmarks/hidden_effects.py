@@ -1,0 +1,227 @@
+"""Effects hidden in studies: how often the right one is named, and what is named where none is.
+
+    uv run python benchmarks/hidden_effects.py --studies 300 --json
+
+makes that many studies with the second surrogate of the fine finite element model (see
+``fine_library.py``), judges each from its folder alone as ``bayesdeg run`` does at quick effort, and
+holds the verdicts against what was hidden and against a closed-form analysis of the same data.
+Finished studies are kept in ``.cache/hidden_effects`` and not judged again.
+"""
+
+import argparse
+import json
+import time
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import asdict
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from hidden_studies import HiddenStudy, drawn_study, made
+from hidden_summary import summary
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from bayesdeg.actuator.inputs import ForwardMap
+from bayesdeg.criticism.linear import Linear, effects, linearise, log_bayes_factor, sensitivities
+from bayesdeg.criticism.trials import ENOUGH
+from bayesdeg.inference.chain import Chain
+from bayesdeg.inference.ensemble import EFFORTS, sample
+from bayesdeg.inference.importance import about_mode
+from bayesdeg.inference.laplace import approximate
+from bayesdeg.inference.least_squares import near_films
+from bayesdeg.laboratory.truth import Truth
+from bayesdeg.measure.study import read_study
+from bayesdeg.pipeline.assemble import assemble
+from bayesdeg.pipeline.calibrate import Fit
+from bayesdeg.pipeline.judge import JUDGE_EFFORTS, Judgement, judge
+from bayesdeg.pipeline.progress import Silent
+
+Floats = NDArray[np.float64]
+Json = dict[str, object]
+
+STORE = Path(".cache/hidden_effects")
+SEED = 6
+NOISE = (
+    *("stiffness_scatter", "curvature_noise", "curvature_noise_floor", "curvature_noise_length"),
+    *("bend_angle_noise", "bend_angle_noise_floor", "reading_correlation"),
+    *("tensile_noise", "tensile_noise_floor", "tensile_noise_length"),
+)
+NAMED_FROM = float(np.log(20.0))
+
+
+@cache
+def library() -> ForwardMap:
+    """Return the second surrogate, loaded once a process."""
+    from fine_library import fine_library
+
+    return fine_library()
+
+
+def judged(study: HiddenStudy, folder: Path, *, effort: str, seed: int) -> Json:
+    """Make one study, judge it from its folder, and return what was found beside the truth."""
+    command = f"benchmarks/hidden_effects.py, study {study.number}"
+    _, truth = made(study, folder, forward=library(), seed=seed, command=command)
+    (folder / "truth.json").unlink()
+    start = time.perf_counter()
+    with threadpool_limits(limits=1):
+        fit, assembly = _fitted(folder)
+        begun = time.perf_counter()
+        judgement = judge(
+            assembly,
+            fit,
+            effort=JUDGE_EFFORTS[effort],
+            seed=np.random.SeedSequence(study.number),
+            progress=Silent(),
+        )
+    linear = judgement.search.base.linear
+    return {
+        "number": study.number,
+        "kind": study.kind,
+        "design": study.design,
+        "size": study.size,
+        "hidden": {hidden.cause.name: dict(hidden.values) for hidden in study.effects},
+        "visible": _visible(judgement, study, truth),
+        "baseline": _baseline(linear, judgement),
+        "effort": effort,
+        "seconds_fit": begun - start,
+        "seconds_verdict": time.perf_counter() - begun,
+        **_found(judgement),
+    }
+
+
+def _fitted(folder: Path) -> tuple[Fit, object]:
+    """Calibrate as `run` does; the chain only where the verdict would use it."""
+    assembly = assemble(read_study(folder))
+    generator = np.random.default_rng(0)
+    start = near_films(assembly.model, generator)
+    laplace = approximate(assembly.model, generator, start=start)
+    evidence = about_mode(assembly.model, laplace, generator)
+    chain = Chain(evidence.draws[None, :, None], np.zeros((1, 1, 1)), np.ones(1))
+    if evidence.effective < ENOUGH:
+        seed = np.random.SeedSequence(1)
+        chain = sample(assembly.model, evidence, effort=EFFORTS["quick"], seed=seed)
+    return Fit(assembly.model, laplace, evidence, chain, None), assembly
+
+
+def _found(judgement: Judgement) -> Json:
+    decision = judgement.decision
+    effects_found = {
+        c.cause: {name: asdict(size) for name, size in c.effect.items()}
+        for c in judgement.candidates
+        if c.cause in decision.causes
+    }
+    tops = [c for c in judgement.candidates if c.log_bayes_factor is not None][:6]
+    return {
+        "outcome": str(decision.outcome),
+        "causes": list(decision.causes),
+        "one_of": [list(names) for names in decision.one_of],
+        "reasons": list(decision.reasons),
+        "p_value": judgement.misfit.p_value,
+        "p_left": judgement.left.p_value,
+        "statistic": judgement.misfit.statistic,
+        "left": judgement.left.statistic,
+        "threshold": judgement.threshold,
+        "supported": [one.cause for one in judgement.supported],
+        "effects": effects_found,
+        "factors": {c.cause: c.log_bayes_factor for c in tops},
+        "confusable": {
+            name: judgement.confusability.rivals(name) for name in judgement.confusability.names
+        },
+        "tried": {"+".join(sorted(n)): judgement.search.factor(n) for n in judgement.search.trials},
+    }
+
+
+def _visible(judgement: Judgement, study: HiddenStudy, truth: Truth) -> dict[str, float]:
+    """Return how large each hidden effect is after a refit, in standard deviations.
+
+    At the base fit, but with the true scatter and errors: those of the base fit have grown to make
+    room for the effect.
+    """
+    base = judgement.search.base
+    true, mode = truth.named(), base.mode.copy()
+    for i, parameter in enumerate(base.subject.table.parameters):
+        if parameter.name in NOISE:
+            mode[i] = float(parameter.law.to_unconstrained(true[parameter.name]))
+    linear = linearise(base.subject, mode, uncertain=base.uncertain)
+    sizes = {}
+    for one in study.effects:
+        size = [float(p.law.to_unconstrained(one.values[p.name])) for p in one.cause.parameters]
+        change = effects(linear, one.cause, np.array([size]))[0]
+        sizes[one.cause.name] = float(np.linalg.norm(np.nan_to_num(change)))
+    return sizes
+
+
+def _baseline(linear: Linear, judgement: Judgement) -> Json:
+    """Name by generalised least squares: the largest linear Bayes factor wins."""
+    factors = {
+        cause.name: float(log_bayes_factor(linear.observed, sensitivities(linear, cause)))
+        for cause in judgement.search.causes
+    }
+    best = max(factors, key=lambda name: factors[name])
+    named = best if factors[best] > NAMED_FROM else ""
+    return {"named": named, "log_bayes_factor": factors[best]}
+
+
+def run_all(numbers: list[int], *, workers: int, effort: str, seed: int) -> Iterator[Json]:
+    """Judge studies side by side; those that stand in the store are read."""
+    store = STORE / f"seed-{seed}" / effort
+    store.mkdir(parents=True, exist_ok=True)
+    left = []
+    for number in numbers:
+        path = store / f"{number}.json"
+        if path.exists():
+            yield json.loads(path.read_text(encoding="utf-8"))
+        else:
+            left.append(number)
+    with ProcessPoolExecutor(workers) as pool:
+        jobs = [pool.submit(_one, number, store, effort, seed) for number in left]
+        for job in as_completed(jobs):
+            yield job.result()
+
+
+def _one(number: int, store: Path, effort: str, seed: int) -> Json:
+    found = judged(drawn_study(number, seed=seed), store / str(number), effort=effort, seed=seed)
+    part = store / f"{number}.part"
+    part.write_text(json.dumps(found), encoding="utf-8")
+    part.replace(store / f"{number}.json")
+    return found
+
+
+def main() -> None:
+    """Run the benchmark."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--studies", type=int, default=20)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--effort", default="quick", choices=list(JUDGE_EFFORTS))
+    parser.add_argument(
+        "--again", type=int, default=0, help="of them judged at standard effort too"
+    )
+    parser.add_argument("--seed", type=int, default=SEED)
+    parser.add_argument("--json", action="store_true")
+    options = parser.parse_args()
+    numbers = list(range(options.first, options.first + options.studies))
+    found = []
+    for one in run_all(numbers, workers=options.workers, effort=options.effort, seed=options.seed):
+        found.append(one)
+        if not options.json:
+            print(
+                len(found),
+                one["kind"],
+                one["hidden"],
+                "->",
+                one["outcome"],
+                one["causes"],
+                flush=True,
+            )
+    again = run_all(
+        numbers[: options.again], workers=options.workers, effort="standard", seed=options.seed
+    )
+    figures = summary(found, list(again))
+    print(json.dumps(figures, indent=1))
+
+
+if __name__ == "__main__":
+    main()

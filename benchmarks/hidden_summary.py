@@ -1,0 +1,128 @@
+"""From verdicts on studies with hidden effects to the published figures."""
+
+from collections import Counter
+from collections.abc import Iterable
+from itertools import pairwise
+
+import numpy as np
+
+Json = dict[str, object]
+
+VISIBLE = 5.0  # standard deviations after a refit: what a test must plant to be seen
+TWICE = 10.0
+BINS = (0.0, 2.0, 3.5, 5.0, 7.0, 10.0, 15.0, 25.0, np.inf)
+
+
+def summary(found: list[Json], again: list[Json]) -> Json:
+    """Return the figures of the benchmark."""
+    single = [one for one in found if one["kind"] == "single"]
+    seen = [one for one in single if _z(one) >= VISIBLE]
+    none = [one for one in found if one["kind"] == "none"]
+    outside = [one for one in found if one["kind"] == "outside"]
+    pairs = [one for one in found if one["kind"] == "pair" and _z(one) >= VISIBLE]
+    sizes = [covered for one in found for covered in _covered(one)]
+    standard = {one["number"]: one for one in again}
+    same = [_same(one, standard[one["number"]]) for one in found if one["number"] in standard]
+    return {
+        "studies": len(found),
+        "named_correctly": _share(_right(one) for one in seen),
+        "named_alone": _share(one["causes"] == list(one["hidden"]) for one in seen),
+        "named_correctly_all_sizes": _share(_right(one) for one in single),
+        "visible_studies": len(seen),
+        "false_name_rate": _share(one["outcome"] == "named" for one in none),
+        "none_adequate": _share(one["outcome"] == "adequate" for one in none),
+        "none_studies": len(none),
+        "outside_catalogue_named": _share(one["outcome"] == "named" for one in outside),
+        "outside_unexplained": _share(one["outcome"] == "unexplained" for one in outside),
+        "outside_studies": len(outside),
+        "two_causes_both_named": _share(_both(one) for one in pairs),
+        "pair_studies": len(pairs),
+        "size_coverage_90": _share(sizes),
+        "sizes": len(sizes),
+        "ambiguous_rate": _share(one["outcome"] == "ambiguous" for one in found),
+        "wrongly_named": _share(_wrong(one) for one in single),
+        "baseline_named_correctly": _share(
+            one["baseline"]["named"] in one["hidden"] for one in seen
+        ),
+        "baseline_false_name_rate": _share(bool(one["baseline"]["named"]) for one in none),
+        "baseline_outside_named": _share(bool(one["baseline"]["named"]) for one in outside),
+        "seconds_per_verdict": float(np.median([one["seconds_verdict"] for one in found])),
+        "seconds_per_fit": float(np.median([one["seconds_fit"] for one in found])),
+        "same_verdict": _share(same),
+        "compared_efforts": len(same),
+        "power": _power(single),
+        "confusion": _confusion(seen),
+    }
+
+
+def _z(one: Json) -> float:
+    """Return the size of the smallest hidden effect after a refit [standard deviations]."""
+    return min(one["visible"].values(), default=0.0)
+
+
+def _right(one: Json) -> bool:
+    """Whether the hidden cause is named, or stands in a set that cannot be told apart."""
+    [hidden] = one["hidden"]
+    if one["outcome"] == "named":
+        alone = one["causes"] == [hidden]
+        return alone or any(hidden in names for names in one["one_of"])
+    if one["outcome"] != "ambiguous" or hidden not in one["causes"]:
+        return False
+    others = set(one["causes"]) - {hidden}
+    return others <= set(one["confusable"].get(hidden, ()))
+
+
+def _both(one: Json) -> bool:
+    return one["outcome"] == "named" and set(one["causes"]) == set(one["hidden"])
+
+
+def _wrong(one: Json) -> bool:
+    return one["outcome"] == "named" and not set(one["causes"]) & set(one["hidden"])
+
+
+def _covered(one: Json) -> Iterable[bool]:
+    """Whether the 90 % interval of the size of each rightly named cause holds the truth."""
+    if one["outcome"] != "named" or set(one["causes"]) != set(one["hidden"]):
+        return
+    for cause, values in one["hidden"].items():
+        name = next(iter(one["effects"][cause]))
+        effect = one["effects"][cause][name]
+        yield effect["q05"] <= values[name] <= effect["q95"]
+
+
+def _same(quick: Json, standard: Json) -> bool:
+    return quick["outcome"] == standard["outcome"] and set(quick["causes"]) == set(
+        standard["causes"]
+    )
+
+
+def _share(flags: Iterable[bool]) -> float | None:
+    found = list(flags)
+    return float(np.mean(found)) if found else None
+
+
+def _power(single: list[Json]) -> list[Json]:
+    rows = []
+    for low, high in pairwise(BINS):
+        inside = [one for one in single if low <= _z(one) < high]
+        rows.append(
+            {
+                "size_sd": f"{low:g}–{high:g}",
+                "studies": len(inside),
+                "named": _share(one["causes"] == list(one["hidden"]) for one in inside),
+                "right": _share(_right(one) for one in inside),
+                "baseline": _share(one["baseline"]["named"] in one["hidden"] for one in inside),
+            }
+        )
+    return rows
+
+
+def _confusion(seen: list[Json]) -> dict[str, dict[str, int]]:
+    table: dict[str, Counter[str]] = {}
+    for one in seen:
+        [hidden] = one["hidden"]
+        said = "+".join(one["causes"]) if one["outcome"] == "named" else one["outcome"]
+        if one["outcome"] == "ambiguous":
+            said = "ambiguous, with it" if hidden in one["causes"] else "ambiguous, without it"
+        table.setdefault(hidden, Counter())[said] += 1
+    return {name: dict(counts) for name, counts in sorted(table.items())}

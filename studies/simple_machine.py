@@ -1,0 +1,140 @@
+"""What the efficiency of Brynjarsdóttir and O'Hagan's simple machine (2014) is worth.
+
+A machine does the work w for an effort x. The model is w = θ x; the truth is θ x/(1 + x/20) with
+θ = 0.65, since friction grows with the effort. The readings are virtual: 31 efforts from 0.2 to 4 J
+with errors of 0.01 J. They are judged with three catalogues: one that holds the truth, one that
+holds another cause with nearly its effect beside it, and one that does not hold it. Source:
+doi:10.1088/0266-5611/30/11/114007. Run as ``python studies/simple_machine.py [--json] [--seed N]``.
+"""
+
+import argparse
+import json
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdeg.causes.cause import Cause, Stage
+from bayesdeg.criticism.custom import CustomModel
+from bayesdeg.criticism.custom_readings import places_of
+from bayesdeg.criticism.custom_summary import lines, summary
+from bayesdeg.criticism.custom_verdict import (
+    Judgement,
+    interval_with_discrepancy,
+    judge,
+    posterior_draws,
+)
+from bayesdeg.laws import HalfNormal, Normal, Parameter, TruncatedNormal, Uniform
+
+Floats = NDArray[np.float64]
+
+EFFICIENCY, FRICTION, ERROR = 0.65, 1.0 / 20.0, 0.01  # –, 1/J, J
+
+GROWING_FRICTION = Cause(
+    "growing_friction",
+    Stage.RESPONSE,
+    (Parameter("growth", TruncatedNormal(0.0, 0.1, 0.0), "1/J", "1/a in x/(1 + x/a)", 0.0),),
+    "friction takes a share that grows with the effort: w = θ x/(1 + x/a)",
+    {"growth": 0.05},
+    "an efficiency that falls with the effort; refuted by one that does not",
+    on_reading=lambda work, effort, effect: work / (1.0 + effect["growth"] * effort),
+)
+SLIP = Cause(
+    "slip",
+    Stage.RESPONSE,
+    (Parameter("share", TruncatedNormal(0.0, 0.1, 0.0), "1/J", "share lost for each J", 0.0),),
+    "a share in proportion to the effort is lost: w = θ x (1 − s x)",
+    {"share": 0.04},
+    "an efficiency that falls in proportion to the effort",
+    on_reading=lambda work, effort, effect: work * (1.0 - effect["share"] * effort),
+)
+CONSTANT_LOSS = Cause(
+    "constant_loss",
+    Stage.LOAD,
+    (Parameter("effort", TruncatedNormal(0.0, 0.2, 0.0), "J", "lost before any work", 0.0),),
+    "the first part of every effort is lost: w = θ max(x − c, 0)",
+    {"effort": 0.1},
+    "no work for small efforts",
+    on_inputs=lambda inputs, effort, effect: (
+        inputs[0],
+        np.maximum(inputs[1] - effect["effort"], 0.0),
+    ),
+)
+OFFSET = Cause(
+    "offset",
+    Stage.READING,
+    (Parameter("work", Normal(0.0, 0.05), "J", "added to every reading", 0.0),),
+    "the scale for the work does not begin at zero",
+    {"work": 0.05},
+    "work that is read without effort",
+    on_reading=lambda work, effort, effect: work + effect["work"],
+)
+CATALOGUES = {
+    "the truth is in the catalogue": (GROWING_FRICTION, CONSTANT_LOSS, OFFSET),
+    "so is another cause like it": (GROWING_FRICTION, SLIP, CONSTANT_LOSS, OFFSET),
+    "the truth is not in the catalogue": (CONSTANT_LOSS, OFFSET),
+}
+
+
+def readings(effort: Floats, generator: np.random.Generator) -> Floats:
+    """Return the work of the true machine as it is read [J]."""
+    work: Floats = EFFICIENCY * effort / (1.0 + FRICTION * effort)
+    return work + ERROR * generator.standard_normal(len(effort))
+
+
+def model(seed: int, *, count: int = 31) -> CustomModel[tuple[Floats, Floats], Floats, Floats]:
+    """Return w = θ x with virtual readings; θ and their error are unknown."""
+    effort = np.linspace(0.2, 4.0, count)
+    return CustomModel(
+        parameters=(
+            Parameter("efficiency", Uniform(0.0, 1.0), "–", "work over effort, θ"),
+            Parameter("reading_error", HalfNormal(0.02), "J", "sd of a reading"),
+        ),
+        conditions=effort,
+        inputs=lambda values, effort: (values["efficiency"], effort),
+        forward=lambda inputs, effort: inputs[0] * inputs[1],
+        error=lambda values, work: values["reading_error"],
+        observed=readings(effort, np.random.default_rng(seed)),
+        places=places_of(effort, kind="work"),
+        group=np.array([f"{x:.3g} J" for x in effort]),
+    )
+
+
+def without_causes(judgement: Judgement) -> dict[str, list[float]]:
+    """Return 90 % intervals of θ if the model is believed, and with a discrepancy beside it."""
+    base = judgement.search.base
+    draws = posterior_draws(base, "efficiency", np.random.default_rng(0))
+    return {
+        "as if the model were right": np.quantile(draws, [0.05, 0.95]).tolist(),
+        "with a discrepancy of no known cause": list(interval_with_discrepancy(base, "efficiency")),
+    }
+
+
+def run(seed: int) -> dict[str, Any]:
+    """Judge the same readings with each catalogue."""
+    subject, answers = model(seed), {}
+    for title, catalogue in CATALOGUES.items():
+        found = judge(subject, catalogue, seed=np.random.SeedSequence(seed))
+        answers[title] = {**summary(found), "efficiency_without_causes": without_causes(found)}
+    return answers
+
+
+def main() -> None:
+    """Run from the command line."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--json", action="store_true")
+    parser.add_argument("--seed", type=int, default=1)
+    arguments = parser.parse_args()
+    answers = run(arguments.seed)
+    if arguments.json:
+        print(json.dumps(answers, indent=1, ensure_ascii=False))
+        return
+    print(f"true efficiency: {EFFICIENCY}; 90 % intervals from w = θ x")
+    for words, (low, high) in next(iter(answers.values()))["efficiency_without_causes"].items():
+        print(f"  {words}: {low:.3f} to {high:.3f}")
+    for title, answer in answers.items():
+        print("\n".join((f"== {title}", *lines(answer))))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,417 @@
+"""``predict`` and ``control`` on a run folder whose posterior is known."""
+
+import json
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from bayesdeg.causes.catalogue import find
+from bayesdeg.cli import exit_code
+from bayesdeg.emulator.trained import default_surrogate, write_trained
+from bayesdeg.inference.ensemble import Chain, to_datatree
+from bayesdeg.pipeline.assemble import assemble
+from bayesdeg.pipeline.stored import model_document, read_stored
+from bayesdeg.prediction.bands import curvature_bands
+from bayesdeg.prediction.rupture import rupture_table
+from bayesdeg.report.folder import RunFolder
+from tests.inference.small_study import TRUTH, values_of
+from tests.pipeline.study_files import study_in
+
+OFFSET = 12.0
+DRAWS = 400
+LEVELS, PRESSURES = np.array([0.0, 10.0]), np.array([0.0, 40.0, 80.0, 120.0])
+AT = ("--pressure", "0:120:40", "--degradation", "0,10")
+BANDS = ["q05", "q25", "q50", "q75", "q95"]
+PROBABILITIES = ["probability", "probability_q05", "probability_q95"]
+
+
+def chain_of(model, width):
+    """Independent normal laws about the truth."""
+    generator = np.random.default_rng(5)
+    known = values_of(TRUTH | {"elongation_at_0": 22.0, "pressure_offset.offset": OFFSET})
+    centre = model.table.vectors({name: known[name] for name in model.table.names})[0]
+    vectors = centre + width * generator.standard_normal((2, DRAWS // 20, 10, len(centre)))
+    return Chain(vectors, np.zeros(vectors.shape[:3]), np.full(2, 0.4))
+
+
+def write_run(path, model, final, *, width=0.03, training=None):
+    """Write what a finished run leaves of its posteriors."""
+    folder = RunFolder(path)
+    for name, fitted in (("posterior_base", model), ("posterior", final)):
+        tree = to_datatree(fitted, chain_of(fitted, width), np.random.default_rng(0))
+        folder.write_posterior(name, tree)
+    folder.write_json("verdict", {"outcome": "named", "causes": [c.name for c in final.causes]})
+    record = json.loads(default_surrogate().record) if training is None else training
+    folder.write_json(
+        "run",
+        {
+            "title": "Small",
+            "seed": 7,
+            "model": model_document(model),
+            "emulator": {"training": record},
+        },
+    )
+    return path
+
+
+@pytest.fixture(scope="module")
+def models(tmp_path_factory):
+    base = assemble(study_in(tmp_path_factory.mktemp("study"))).model
+    return base, base.extended(find("pressure_offset"))
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory, models):
+    return write_run(tmp_path_factory.mktemp("runs") / "run", *models)
+
+
+@pytest.fixture
+def bayesdeg(monkeypatch, capsys, tmp_path):
+    """Run a command as the command line does, in an empty folder."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments):
+        monkeypatch.setattr("sys.argv", ["bayesdeg", *map(str, arguments)])
+        code = exit_code()
+        printed = capsys.readouterr()
+        return code, printed.out, printed.err
+
+    return run
+
+
+def rows_of(printed):
+    return pd.DataFrame(json.loads(printed)["rows"]).astype({"why": str})
+
+
+def test_the_stored_model_predicts_as_the_one_that_was_calibrated(report, models):
+    stored = read_stored(report)
+    assert stored.name == "base+pressure_offset"
+    assert stored.model.nodes == models[1].nodes
+    assert stored.model.elongation_nodes == models[1].elongation_nodes
+    assert stored.measured == {
+        "pressure_kPa": (40.0, 120.0),
+        "degradation_pct": (0.0, 25.0),
+        "film_degradation_pct": (0.0, 25.0),
+    }
+    vectors = chain_of(models[1], 0.03).vectors
+    calibrated = models[1].table.named(np.swapaxes(vectors, 1, 2).reshape(-1, vectors.shape[-1]))
+    rebuilt = stored.model.table.named(
+        stored.chain.vectors.reshape(-1, stored.chain.vectors.shape[-1])
+    )
+    own = replace(stored.model, actuator=models[1].actuator).curvature(rebuilt).curvature
+    expected = models[1].curvature(calibrated).curvature
+    np.testing.assert_allclose(own, expected, rtol=1e-10)
+
+
+@pytest.mark.parametrize("which", [0, 1])
+def test_predictions_agree_with_the_bands_of_the_run(bayesdeg, report, models, which):
+    """Within the Monte Carlo error of quantiles of 2000 draws of a spread of 5 %."""
+    model = models[which]
+    chain = chain_of(model, 0.03)
+    options = {"degradation": LEVELS, "pressure": PRESSURES, "draws": 4000}
+    bands = curvature_bands(model, chain, np.random.default_rng(1), **options)
+    rupture = rupture_table(model, chain, np.random.default_rng(1), **options)
+    code, printed, _ = bayesdeg("predict", report, *AT, "--json", *([] if which else ["--base"]))
+    assert code == 0
+    assert json.loads(printed)["model"] == ("base", "base+pressure_offset")[which]
+    found = rows_of(printed)
+    key = ["degradation_pct", "pressure_kPa"]
+    assert found[key].to_numpy().tolist() == bands[key].to_numpy().tolist()
+    np.testing.assert_allclose(found[BANDS], bands[BANDS], rtol=0.015, atol=1e-9)
+    np.testing.assert_allclose(found[PROBABILITIES], rupture[PROBABILITIES], atol=0.03)
+    assert found["probability"].between(0.05, 0.95).any()
+    assert (found["answered"] == 1.0).all()
+
+
+def test_the_named_cause_acts_in_predictions(bayesdeg, report):
+    """Up to the offset nothing bends."""
+    at = ("--pressure", "10", "--degradation", "0", "--json")
+    with_cause = rows_of(bayesdeg("predict", report, *at)[1])
+    without = rows_of(bayesdeg("predict", report, *at, "--base")[1])
+    assert with_cause["q95"][0] == 0.0
+    assert without["q05"][0] > 0.1
+
+
+def test_json_is_all_that_is_printed_and_csv_holds_the_same(bayesdeg, report, tmp_path):
+    out = tmp_path / "table.csv"
+    code, printed, messages = bayesdeg("predict", report, *AT, "--json", "--quiet", "--out", out)
+    assert code == 0
+    assert messages == ""
+    written = pd.read_csv(out)
+    assert list(written.columns) == [
+        *("degradation_pct", "pressure_kPa", *BANDS, *PROBABILITIES, "answered", "why")
+    ]
+    found = rows_of(printed)
+    np.testing.assert_allclose(written[BANDS], found[BANDS], rtol=1e-12)
+    assert set(json.loads(printed)["units"]) == {*written.columns} - {"why"}
+
+
+def test_the_table_has_units_and_the_same_numbers(bayesdeg, report):
+    code, printed, _ = bayesdeg("predict", report, "--pressure", "80", "--degradation", "10")
+    assert code == 0
+    for unit in ("[kPa]", "[%]", "[1/m]"):
+        assert unit in printed
+    row = rows_of(
+        bayesdeg("predict", report, "--pressure", "80", "--degradation", "10", "--json")[1]
+    )
+    assert f"{row['q50'][0]:.2f}" in printed
+
+
+def test_the_same_seed_gives_the_same_answer(bayesdeg, report):
+    first, second, other = (
+        bayesdeg("predict", report, *AT, "--json", "--seed", seed)[1] for seed in (1, 1, 2)
+    )
+    assert first == second
+    assert first != other
+
+
+def test_rows_beyond_the_emulator_are_empty_and_say_why(bayesdeg, report):
+    at = ("--pressure", "80,2000", "--degradation", "0", "--json")
+    code, printed, messages = bayesdeg("predict", report, *at)
+    assert code == 0
+    inside, outside = json.loads(printed)["rows"]
+    assert inside["why"] == ""
+    assert all(outside[name] is None for name in (*BANDS, *PROBABILITIES))
+    assert outside["answered"] == 0.0
+    assert "100 % of new specimens" in outside["why"]
+    assert "measured up to 120 kPa" in messages
+
+
+@pytest.mark.parametrize(
+    ("pressure", "degradation", "words"),
+    [
+        ("100", "31", "actuators were measured from 0 to 25 %"),
+        ("100", "31", "films were measured from 0 to 25 %"),
+        ("150", "10", "measured up to 120 kPa"),
+        ("100", "0.25", "0.25 is read as 0.25 %"),
+    ],
+)
+def test_extrapolation_is_said(bayesdeg, report, pressure, degradation, words):
+    at = ("--pressure", pressure, "--degradation", degradation)
+    code, _, messages = bayesdeg("predict", report, *at)
+    assert code == 0
+    assert words in messages
+
+
+UNUSABLE = {"usable": False, "sentence": "The sampler has not converged."}
+
+
+@pytest.mark.parametrize(
+    ("document", "change", "words"),
+    [
+        ("verdict", {"outcome": "unexplained"}, "a misfit that no cause explains"),
+        (
+            "verdict",
+            {"outcome": "ambiguous", "causes": ["pressure_offset", "pressure_loss"]},
+            "could not tell pressure_offset, pressure_loss apart: predictions are those of "
+            "base+pressure_offset",
+        ),
+        ("run", {"convergence": {"final": UNUSABLE}}, "The sampler has not converged."),
+    ],
+)
+def test_doubts_of_the_run_are_passed_on(bayesdeg, report, tmp_path, document, change, words):
+    doubtful = tmp_path / "doubtful"
+    shutil.copytree(report, doubtful)
+    folder = RunFolder(doubtful)
+    folder.write_json(document, folder.read_json(document) | change)
+    code, _, messages = bayesdeg("predict", doubtful, "--pressure", "80", "--degradation", "10")
+    assert code == 0
+    assert words in messages
+
+
+def test_nothing_is_said_within_what_was_measured(bayesdeg, report):
+    _, printed, _ = bayesdeg("predict", report, *AT, "--json")
+    assert json.loads(printed)["messages"] == []
+
+
+def test_control_gives_the_pressure_at_which_half_of_the_specimens_bend_so_far(bayesdeg, report):
+    at = ("--curvature", "4,6", "--degradation", "10,25", "--risk", "0.5", "--json")
+    code, printed, _ = bayesdeg("control", report, *at)
+    assert code == 0
+    found = rows_of(printed)
+    assert len(found) == 4
+    for row in found.to_dict("records"):
+        assert row["reached"] == 1
+        assert row["needed_q05_kPa"] < row["pressure_kPa"] < row["needed_q95_kPa"]
+        assert row["pressure_kPa"] <= row["allowed_kPa"]
+        assert row["q50"] == pytest.approx(row["wanted_per_m"], rel=1e-3)
+        asked = (f"{row['pressure_kPa']:.6f}", f"{row['degradation_pct']:g}")
+        back = bayesdeg(
+            "predict", report, "--pressure", asked[0], "--degradation", asked[1], "--json"
+        )
+        predicted = rows_of(back[1])
+        np.testing.assert_allclose(
+            predicted[BANDS].to_numpy()[0], [row[name] for name in BANDS], rtol=0.015
+        )
+
+
+def test_control_says_what_is_out_of_reach_and_what_is_best(bayesdeg, report):
+    at = ("--curvature", "25", "--degradation", "0", "--risk", "0.02")
+    code, printed, _ = bayesdeg("control", report, *at)
+    assert code == 0
+    assert "25 1/m at 0 % is out of reach" in printed
+    assert "probability of rupture is not above 0.02" in printed
+    row = json.loads(bayesdeg("control", report, *at, "--json")[1])["rows"][0]
+    assert row["reached"] == 0
+    assert row["pressure_kPa"] == row["allowed_kPa"] < row["needed_q50_kPa"]
+    assert 0.0 < row["q50"] < 25.0
+    assert 0.015 < row["probability"] <= 0.02
+    assert row["why"] in printed
+
+
+def test_more_risk_allows_more_pressure(bayesdeg, report):
+    allowed = [
+        json.loads(
+            bayesdeg(
+                *("control", report, "--curvature", "25", "--degradation", "0"),
+                *("--risk", risk, "--json"),
+            )[1]
+        )["rows"][0]["allowed_kPa"]
+        for risk in (0.001, 0.05, 0.5)
+    ]
+    assert np.all(np.diff(allowed) > 1.0)
+
+
+def test_control_writes_csv(bayesdeg, report, tmp_path):
+    out = tmp_path / "settings.csv"
+    at = ("--curvature", "4", "--degradation", "10", "--out", out, "--json", "--quiet")
+    code, printed, messages = bayesdeg("control", report, *at)
+    assert (code, messages) == (0, "")
+    assert pd.read_csv(out)["pressure_kPa"][0] == pytest.approx(rows_of(printed)["pressure_kPa"][0])
+
+
+PREDICT = ("--pressure", "100", "--degradation", "10")
+CONTROL = ("--curvature", "5", "--degradation", "10")
+
+
+@pytest.mark.parametrize(
+    ("command", "arguments", "words"),
+    [
+        ("predict", ("--pressure", "many", "--degradation", "1"), "'many' is no number"),
+        ("predict", ("--pressure", "-5", "--degradation", "1"), "not below 0"),
+        ("predict", ("--pressure", "nan", "--degradation", "1"), "makes no sense"),
+        ("predict", ("--pressure", "0:100", "--degradation", "1"), "first:last:step"),
+        ("predict", ("--pressure", "0:100:0", "--degradation", "1"), "step must be above 0"),
+        ("predict", ("--pressure", "0:1:1e-5", "--degradation", "1"), "wider step"),
+        ("predict", ("--pressure", "1", "--degradation", "101"), "not above 100"),
+        ("predict", ("--pressure", "1"), "--degradation"),
+        ("predict", ("--pressure", "0:100:1", "--degradation", "0:100:1"), "10201 combinations"),
+        ("predict", (*PREDICT, "--out", "nowhere/table.csv"), "nowhere"),
+        ("predict", (*PREDICT, "--emulator", "nowhere.npz"), "nowhere.npz"),
+        ("control", (*CONTROL, "--risk", "-0.1"), "above 0 and below 1"),
+        ("control", (*CONTROL, "--risk", "1"), "above 0 and below 1"),
+        ("control", (*CONTROL, "--risk", "nan"), "above 0 and below 1"),
+        ("control", ("--curvature", "0", "--degradation", "1"), "above 0"),
+        ("control", ("--curvature", "-3", "--degradation", "1"), "not below 0"),
+    ],
+)
+def test_wrong_input_ends_with_2_and_a_remedy(bayesdeg, report, command, arguments, words):
+    code, printed, messages = bayesdeg(command, report, *arguments)
+    assert code == 2
+    assert printed == ""
+    assert words in messages
+    assert "Traceback" not in messages
+
+
+@pytest.mark.parametrize("command", [("predict", *PREDICT), ("control", *CONTROL)])
+def test_what_is_no_finished_run_ends_with_2(bayesdeg, report, tmp_path, command):
+    name, *rest = command
+    code, _, messages = bayesdeg(name, "nowhere", *rest)
+    assert code == 2
+    assert "no such folder" in messages
+    unfinished = tmp_path / "unfinished"
+    shutil.copytree(report, unfinished, ignore=shutil.ignore_patterns("run.json"))
+    code, _, messages = bayesdeg(name, unfinished, *rest)
+    assert code == 2
+    assert "run.json is missing" in messages
+    assert "finish the run" in messages
+
+
+def test_a_study_without_actuators_ends_with_2(bayesdeg, tmp_path):
+    texts = ("actuator.csv", "summary.csv")
+    (tmp_path / "study").mkdir()
+    model = assemble(study_in(tmp_path / "study", without=texts)).model
+    code, _, messages = bayesdeg("predict", write_run(tmp_path / "run", model, model), *PREDICT)
+    assert code == 2
+    assert "actuator.csv" in messages
+
+
+def test_without_breaks_curvature_is_predicted_and_rupture_is_not(bayesdeg, tmp_path):
+    (tmp_path / "study").mkdir()
+    texts = ("break.csv", "summary.csv")
+    model = assemble(study_in(tmp_path / "study", without=texts)).model
+    run = write_run(tmp_path / "run", model, model)
+    code, printed, messages = bayesdeg("predict", run, *PREDICT, "--json")
+    row = json.loads(printed)["rows"][0]
+    assert code == 0
+    assert row["q50"] > 0.0
+    assert row["probability"] is None
+    assert "break.csv" in messages
+    code, printed, _ = bayesdeg("control", run, *CONTROL, "--json")
+    row = json.loads(printed)["rows"][0]
+    assert (code, row["reached"], row["probability"]) == (0, 1, None)
+
+
+def test_published_statistics_alone_are_enough_if_they_say_how_actuators_bend(bayesdeg, tmp_path):
+    (tmp_path / "study").mkdir()
+    model = assemble(study_in(tmp_path / "study", without=("actuator.csv",))).model
+    code, printed, messages = bayesdeg(
+        "predict", write_run(tmp_path / "run", model, model), *PREDICT, "--json"
+    )
+    assert code == 0
+    assert json.loads(printed)["rows"][0]["q50"] > 0.0
+    assert "no actuator was read" in messages
+
+
+def test_the_emulator_of_the_run_is_needed(bayesdeg, models, tmp_path):
+    """Another of the same geometry was not the one that the posterior was made with."""
+    shipped = default_surrogate()
+    record = json.dumps(json.loads(shipped.record) | {"seed": 99, "mesh_error_pct": float("nan")})
+    own = replace(shipped, record=record)
+    training = json.loads(record)
+    run = write_run(tmp_path / "run", *models, training=training)
+    code, _, messages = bayesdeg("predict", run, *PREDICT)
+    assert code == 2
+    assert "--emulator FILE" in messages
+    write_trained(tmp_path / "own.npz", own)
+    write_trained(tmp_path / "other.npz", shipped)
+    assert bayesdeg("predict", run, *PREDICT, "--emulator", tmp_path / "own.npz")[0] == 0
+    code, _, messages = bayesdeg("predict", run, *PREDICT, "--emulator", tmp_path / "other.npz")
+    assert code == 2
+    assert "is not the emulator of this run" in messages
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"model": None}, "older version"),
+        ({"emulator": {}}, "does not record an emulator"),
+        ({"model": {"nodes_pct": [0.0, 25.0]}}, "run.json"),
+        ({"model": {"nodes_pct": "all"}}, "must be a list"),
+        ({"model": 3}, "must be an object"),
+    ],
+)
+def test_a_record_that_does_not_fit_ends_with_2(bayesdeg, report, tmp_path, change, words):
+    damaged = tmp_path / "damaged"
+    shutil.copytree(report, damaged)
+    folder = RunFolder(damaged)
+    folder.write_json("run", folder.read_json("run") | change)
+    code, _, messages = bayesdeg("predict", damaged, *PREDICT)
+    assert code == 2
+    assert words in messages
+
+
+def test_a_posterior_of_another_model_is_refused(bayesdeg, report, tmp_path):
+    mixed = tmp_path / "mixed"
+    shutil.copytree(report, mixed)
+    folder = RunFolder(mixed)
+    content = folder.read_json("run")
+    document = content["model"] | {"nodes_pct": [0.0, 25.0 / 3.0, 50.0 / 3.0, 25.0]}
+    folder.write_json("run", content | {"model": document})
+    code, _, messages = bayesdeg("predict", mixed, *PREDICT)
+    assert code == 2
+    assert "do not belong together" in messages
+    assert "c1_control_8_33" in messages

@@ -1,0 +1,202 @@
+"""The search for causes on straight models: none, one, two, pairs, and what is superfluous."""
+
+from concurrent.futures import ProcessPoolExecutor
+from functools import cache
+from multiprocessing import get_context
+
+import numpy as np
+import pytest
+
+from bayesdeg.criticism.linear import effects, log_bayes_factor, sensitivities
+from bayesdeg.criticism.search import (
+    FALSE_NAME_RATE,
+    LEAST_FACTOR,
+    Search,
+    SearchEffort,
+    naming_threshold,
+    rivals,
+    run_search,
+)
+from tests.criticism import straight_subject as straight
+from tests.criticism.straight_subject import SHAPES, X, linear_cause
+
+EFFORT = SearchEffort(replicates=100, fitted=3, pairs=2)
+SEEDS = 40
+NOTHING = frozenset()
+
+
+def searched(observed, causes=straight.CAUSES, *, effort=EFFORT, seed=0, **options):
+    """A search that is done, and what it chose."""
+    base = straight.fitted(straight.subject_of(observed), seed)
+    search = Search(base, tuple(causes), effort, np.random.SeedSequence(seed), **options)
+    return search, run_search(search)
+
+
+@cache
+def chosen_in(seeds, **planted):
+    return [searched(straight.readings(seed, **planted), seed=seed)[1] for seed in range(seeds)]
+
+
+def test_without_an_effect_nothing_is_chosen():
+    empty = [names == NOTHING for names in chosen_in(SEEDS)]
+    assert np.mean(empty) >= 0.9
+
+
+@pytest.mark.parametrize(("name", "size"), [("offset", 0.3), ("wave", -0.15), ("lag", 0.2)])
+def test_a_planted_cause_is_chosen(name, size):
+    right = [names == {name} for names in chosen_in(10, **{name: size})]
+    assert np.mean(right) >= 0.9
+
+
+def test_two_planted_causes_are_both_chosen():
+    right = [names == {"offset", "lag"} for names in chosen_in(10, offset=0.3, lag=0.2)]
+    assert np.mean(right) >= 0.9
+
+
+def test_factors_of_all_fitted_sets_are_exact():
+    observed = straight.readings(1, wave=0.15, lag=-0.2)
+    search, chosen = searched(observed)
+    assert chosen == {"wave", "lag"}
+    for names in search.trials:
+        exact = straight.log_factor(observed, *(linear_cause(name) for name in names))
+        assert search.factor(names) == pytest.approx(exact, abs=0.15)
+
+
+def test_a_twin_is_a_rival_within_the_odds_of_twenty_and_others_are_not():
+    causes = [linear_cause(name) for name in ("offset", "twin", "wave", "lag")]
+    observed = straight.readings(2, offset=0.3)
+    search, chosen = searched(observed, causes)
+    assert len(chosen) == 1
+    [name] = chosen
+    assert name in {"offset", "twin"}
+    found = rivals(search, chosen, name)
+    [other] = {"offset", "twin"} - chosen
+    assert abs(search.factor(chosen) - found[other]) < np.log(20.0)
+    exact = straight.log_factor(observed, linear_cause(other))
+    assert found[other] == pytest.approx(exact, abs=0.15)
+    assert all(factor < found[other] - np.log(20.0) for n, factor in found.items() if n != other)
+
+
+def test_rivals_of_one_of_two_causes_stand_beside_the_other():
+    causes = [linear_cause(name) for name in ("offset", "twin", "wave", "lag")]
+    observed = straight.readings(3, offset=0.3, lag=0.2)
+    search, chosen = searched(observed, causes)
+    assert len(chosen) == 2
+    [one] = chosen - {"lag"}
+    [other] = {"offset", "twin"} - {one}
+    found = rivals(search, chosen, one)
+    exact = straight.log_factor(observed, linear_cause(other), linear_cause("lag"))
+    assert found[other] == pytest.approx(exact, abs=0.15)
+    assert "lag" not in found
+    assert other not in rivals(search, chosen, "lag")
+
+
+def mixed():
+    """Nearly the sum of two effects: the best single one where both act, and then superfluous."""
+    linear = straight.exact_linear(straight.readings(0))
+    lag, wave = (
+        SHAPES[name] / np.linalg.norm(effects(linear, linear_cause(name), np.ones((1, 1))))
+        for name in ("lag", "wave")
+    )
+    odd = np.cos(9.0 * X + straight.LEVEL)
+    odd = odd / np.linalg.norm(linear.whiten_columns(odd))
+    return linear_cause("mixed", 5.0 * (lag + wave + 0.7 * odd))
+
+
+def both_acting():
+    linear = straight.exact_linear(straight.readings(0))
+    size = {
+        name: 14.0 / np.linalg.norm(effects(linear, linear_cause(name), np.ones((1, 1))))
+        for name in ("lag", "wave")
+    }
+    return straight.readings(4, **size)
+
+
+def test_a_cause_that_others_make_superfluous_is_left_out():
+    causes = (*straight.CAUSES, mixed())
+    one_by_one = SearchEffort(replicates=100, fitted=3, pairs=0)
+    search, chosen = searched(both_acting(), causes, effort=one_by_one)
+    singles = {next(iter(n)): search.factor(n) for n in search.trials if len(n) == 1}
+    assert max(singles, key=singles.get) == "mixed"
+    assert frozenset({"mixed", "lag", "wave"}) in search.trials
+    assert chosen == {"lag", "wave"}
+
+
+def test_a_pair_is_found_without_the_cause_that_looks_like_both():
+    search, chosen = searched(both_acting(), (*straight.CAUSES, mixed()))
+    assert chosen == {"lag", "wave"}
+    assert search.factor(chosen) > search.factor(frozenset({"mixed"})) + np.log(20.0)
+
+
+def test_naming_takes_at_least_odds_of_twenty():
+    linear = straight.exact_linear(straight.readings(5))
+    exact = np.tile(linear.mean, (50, 1))
+    assert naming_threshold(linear, straight.CAUSES, exact) == LEAST_FACTOR == np.log(20.0)
+    assert naming_threshold(linear, (), exact) == LEAST_FACTOR
+    assert naming_threshold(linear, straight.CAUSES, exact[:0]) == LEAST_FACTOR
+
+
+def test_one_in_twenty_data_sets_without_an_effect_exceeds_the_threshold():
+    """With more noise than the model believes in: the least factor would be exceeded often."""
+    linear = straight.exact_linear(straight.readings(6))
+    generator = np.random.default_rng(7)
+    noise = 2.0 * generator.standard_normal((2, 4000, len(X))) @ linear.factor.T
+    calibrating, fresh = linear.mean + noise
+    threshold = naming_threshold(linear, straight.CAUSES, calibrating)
+    assert threshold > LEAST_FACTOR
+    z = linear.whiten(fresh)
+    largest = np.max(
+        [log_bayes_factor(z, sensitivities(linear, cause)) for cause in straight.CAUSES], axis=0
+    )
+    error = 4.0 * np.sqrt(2.0 * 0.05 * 0.95 / 4000)
+    assert np.mean(largest > threshold) == pytest.approx(FALSE_NAME_RATE, abs=error)
+    assert np.mean(largest > LEAST_FACTOR) > 2.0 * FALSE_NAME_RATE
+    assert naming_threshold(linear, straight.CAUSES[:1], calibrating) <= threshold
+
+
+def test_the_order_of_naming_takes_the_same_threshold_as_its_step():
+    search, _ = searched(straight.readings(8, wave=0.15))
+    for names, step in search.steps.items():
+        assert step.threshold >= LEAST_FACTOR
+        assert set(step.screened) == {c.name for c in straight.CAUSES} - names
+        assert step.trial is search.trials[names]
+
+
+def test_the_search_counts_what_it_fits():
+    fitted = []
+    search, _ = searched(straight.readings(9, wave=0.15), on_fit=fitted.append)
+    sets = [names for names in search.trials if names]
+    assert sorted(fitted) == sorted(" and ".join(sorted(names)) for names in sets)
+    assert all(len(names) <= 3 for names in sets)
+
+
+def same(one, two):
+    (first, chosen), (second, again) = one, two
+    assert chosen == again
+    assert set(first.trials) == set(second.trials)
+    for names, trial in first.trials.items():
+        assert trial.log_evidence == second.trials[names].log_evidence
+        np.testing.assert_array_equal(trial.mode, second.trials[names].mode)
+    for names, step in first.steps.items():
+        assert step.misfit.p_value == second.steps[names].misfit.p_value
+        assert step.threshold == second.steps[names].threshold
+
+
+def test_the_same_seed_gives_the_same_search_whoever_does_the_work():
+    observed = straight.readings(10, wave=0.15, lag=0.1)
+    alone = searched(observed)
+    same(alone, searched(observed))
+    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as executor:
+        same(alone, searched(observed, executor=executor))
+
+
+def test_sets_have_the_same_evidence_in_whatever_order_causes_are_tried():
+    """A child of the seed for every set."""
+    observed = straight.readings(11, wave=0.15)
+    base = straight.fitted(straight.subject_of(observed))
+    found = []
+    for order in (["wave", "lag"], ["lag", "wave"]):
+        search = Search(base, straight.CAUSES, EFFORT, np.random.SeedSequence(3))
+        search.fit(NOTHING, order)
+        found.append({names: trial.log_evidence for names, trial in search.trials.items()})
+    assert found[0] == found[1]

@@ -1,0 +1,169 @@
+"""Models extended by causes, fitted as a whole: held against exact evidences of normal laws."""
+
+import numpy as np
+import pytest
+from scipy.special import logsumexp
+
+from bayesdeg.criticism import trials
+from bayesdeg.criticism.linear import with_prior_variance
+from bayesdeg.criticism.subject import columns_of, with_neutral
+from bayesdeg.criticism.trials import from_prior, try_causes
+from bayesdeg.inference.density import CustomDensity
+from bayesdeg.laws import LogNormal, Normal, Parameter, TruncatedNormal
+from tests.criticism import straight_subject as straight
+from tests.criticism.straight_subject import linear_cause
+
+WAVE = linear_cause("wave")
+
+
+def trial_of(observed, *causes, seed=1):
+    """The base model with causes added one after another, each from no guess at all."""
+    generator = np.random.default_rng(seed)
+    found = straight.fitted(straight.subject_of(observed))
+    for cause in causes:
+        found = try_causes(found, cause, np.zeros(len(cause.parameters)), generator)
+    return found
+
+
+@pytest.mark.parametrize("names", [(), ("wave",), ("offset",), ("wave", "offset", "lag")])
+def test_log_evidence_is_exact(names):
+    observed = straight.readings(1, wave=0.2, offset=-0.1)
+    causes = [linear_cause(name) for name in names]
+    found = trial_of(observed, *causes)
+    exact = straight.joint_of(*causes).log_evidence(observed)
+    # a tenth is two standard errors of 300 effective draws
+    assert found.log_evidence == pytest.approx(exact, abs=0.1)
+    assert found.names == frozenset(names)
+
+
+def test_mode_and_draws_are_those_of_the_exact_posterior():
+    observed = straight.readings(2, wave=0.2)
+    found = trial_of(observed, WAVE)
+    mean, covariance = straight.joint_of(WAVE).posterior(observed)
+    sd = np.sqrt(np.diag(covariance))
+    # the most probable of mode and draws
+    assert np.all(np.abs(found.mode - mean) < 0.1 * sd)
+    draws = found.draws(np.random.default_rng(3), 4000)
+    assert draws.shape == (4000, 3)
+    assert np.all(np.abs(draws.mean(axis=0) - mean) < 0.2 * sd)
+    np.testing.assert_allclose(draws.std(axis=0), sd, rtol=0.15)
+
+
+def test_an_effect_of_many_prior_sds_has_the_exact_evidence():
+    cause = linear_cause("wave", law=Normal(0.0, 0.02))
+    observed = straight.readings(4, wave=0.5)
+    found = trial_of(observed, cause)
+    exact = straight.joint_of(cause).log_evidence(observed)
+    assert exact - straight.joint_of().log_evidence(observed) > 50.0
+    assert found.log_evidence == pytest.approx(exact, abs=0.1)
+
+
+def one_sided(observed, law, sizes=20_001):
+    """Exact log evidence where the size has a truncated law: quadrature over its prior."""
+    size = np.asarray(law.quantile((np.arange(sizes) + 0.5) / sizes))
+    joint = straight.joint_of()
+    root = np.linalg.cholesky(joint.covariance)
+    residual = observed - joint.shapes @ joint.mean - size[:, None] * straight.SHAPES["wave"]
+    squares = np.sum(np.linalg.solve(root, residual.T) ** 2, axis=0)
+    constant = np.sum(np.log(np.diag(root))) + 0.5 * len(observed) * np.log(2.0 * np.pi)
+    return logsumexp(-0.5 * squares) - np.log(sizes) - constant
+
+
+@pytest.mark.parametrize("size", [-0.3, -0.05])
+def test_the_evidence_of_an_effect_of_the_wrong_sign_is_that_of_quadrature(size):
+    """The mode is outside the bounds of the prior."""
+    law = TruncatedNormal(0.0, 0.1, 0.0, np.inf)
+    observed = straight.readings(5, wave=size)
+    found = trial_of(observed, linear_cause("wave", law=law))
+    assert found.log_evidence == pytest.approx(one_sided(observed, law), abs=0.35)
+    # what is told as its mode is possible
+    assert found.mode[-1] >= 0.0
+    assert np.isfinite(found.subject.log_prob(found.mode[None])[0])
+
+
+def test_where_the_sample_about_the_mode_is_poor_the_prior_is_sampled(monkeypatch):
+    """As for a posterior on a strip along its bound: forced here, by wanting more draws."""
+    observed = straight.readings(6)
+    asked = []
+
+    def watched(parent, cause, generator):
+        asked.append(cause.name)
+        return from_prior(parent, cause, generator)
+
+    monkeypatch.setattr(trials, "from_prior", watched)
+    trial_of(observed, WAVE)
+    assert asked == []
+    monkeypatch.setattr(trials, "ENOUGH", np.inf)
+    found = trial_of(observed, WAVE)
+    assert asked == ["wave"]
+    # the larger of two estimates
+    exact = straight.joint_of(WAVE).log_evidence(observed)
+    assert found.log_evidence == pytest.approx(exact, abs=0.35)
+
+
+def test_the_average_over_the_prior_is_the_exact_log_bayes_factor():
+    """Where the effect is not much better known from the data than before."""
+    cause = linear_cause("wave", law=Normal(0.0, 0.03))
+    observed = straight.readings(7, wave=0.03)
+    parent = straight.fitted(straight.subject_of(observed))
+    found = from_prior(parent, cause, np.random.default_rng(8), draws=20_000)
+    exact = straight.log_factor(observed, cause)
+    assert found.log_evidence == pytest.approx(exact, abs=0.1)
+    assert found.draws.shape == (20_000, 3)
+
+
+def test_a_cause_that_is_refused_everywhere_has_no_evidence():
+    def refused(readings, conditions, effect):
+        return readings + np.where(effect["size"] == 0.0, 0.0, np.nan)
+
+    cause = straight.cause_of("refused", {"size": Normal(0.0, 1.0)}, refused)
+    parent = straight.fitted(straight.subject_of(straight.readings(9)))
+    found = from_prior(parent, cause, np.random.default_rng(1), draws=50)
+    assert found.log_evidence == -np.inf
+    assert found.effective == 0.0
+
+
+def test_what_is_known_of_added_parameters_is_their_prior():
+    """Of a positive one its logarithm, which is what the vectors hold."""
+    cause = straight.cause_of(
+        "two",
+        {"size": Normal(0.5, 0.4), "more": TruncatedNormal(0.0, 2.0, 0.0, np.inf)},
+        straight.untouched,
+    )
+    subject = straight.subject_of(straight.readings(10))
+    extended = subject.extended(linear_cause("wave"), cause)
+    known = np.array([[0.2, 0.05], [0.05, 0.1]])
+    found = with_prior_variance(known, subject, extended)
+    names = list(extended.table.names)
+    base = [names.index(name) for name in ("slope", "bend")]
+    np.testing.assert_array_equal(found[np.ix_(base, base)], known)
+    own = [names.index(name) for name in ("wave.size", "two.size", "two.more")]
+    # a half normal law of scale 2 has the variance 4 (1 − 2/π)
+    expected = np.diag([0.3**2, 0.4**2, 4.0 * (1.0 - 2.0 / np.pi)])
+    np.testing.assert_allclose(found[np.ix_(own, own)], expected, rtol=0.02)
+    assert not np.any(found[np.ix_(base, own)])
+
+
+def test_prior_variance_is_on_the_scale_of_the_vectors():
+    ratio = Parameter("ratio", LogNormal(2.0, 0.7), "–", "of a test")
+    shift = Parameter("shift", Normal(0.0, 1.0), "–", "of a test")
+    small, large = CustomDensity((shift,), len), CustomDensity((ratio, shift), len)
+    wider = with_prior_variance(np.array([[0.3]]), small, large)
+    np.testing.assert_allclose(wider, [[0.49, 0.0], [0.0, 0.3]], rtol=0.02)
+
+
+def test_neutral_vectors_leave_the_prediction():
+    subject = straight.subject_of(straight.readings(11))
+    extended = subject.extended(*straight.CAUSES)
+    vector = np.array([1.2, -0.3])
+    longer = with_neutral(vector, subject, extended)
+    np.testing.assert_array_equal(extended.expected(longer[None]), subject.expected(vector[None]))
+    assert [extended.table.names[i] for i in columns_of(extended, WAVE)] == ["wave.size"]
+
+
+def test_the_same_generator_gives_the_same_trial():
+    observed = straight.readings(12)
+    one, two = (trial_of(observed, WAVE, seed=4) for _ in range(2))
+    assert one.log_evidence == two.log_evidence
+    np.testing.assert_array_equal(one.posterior.draws, two.posterior.draws)
+    np.testing.assert_array_equal(one.mode, two.mode)
