@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 from emulator_held_out import inputs_of
 from fine_library_data import LENGTH, POINTS, SMALL_STRAIN, UNITS, Points, observed
-from fine_library_design import design, loose
+from fine_library_design import design, loose, soft
 from fine_library_layers import Fit, arrays, fit, restored
 from fine_library_map import FARTHEST, STEEPEST, FineLibrary, Library, predicted
 from numpy.typing import NDArray
@@ -40,9 +40,9 @@ from bayesdeg.measure.settings import Dimensions
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-COARSE_CURVES, LOOSE_CURVES = 204, 48
+COARSE_CURVES, LOOSE_CURVES, SOFT_CURVES = 204, 48, 40
 # the first of either design, and those next to which the fine mesh was then known least
-FINE_CURVES = (*range(16), 148, 108, 42, 97, 24)
+FINE_CURVES = (*range(16), 148, 108, 42, 97, 24, 22, 77, 185)
 FINE_LOOSE_CURVES = (*range(4), 17, 22)
 SECONDS = 240.0  # that a run may take
 FORM = "1"  # raised when the fit changes: what is stored then counts no more
@@ -59,7 +59,7 @@ class Campaign:
     @classmethod
     def planned(cls) -> "Campaign":
         few = (*FINE_CURVES, *(COARSE_CURVES + i for i in FINE_LOOSE_CURVES))
-        return cls(design(COARSE_CURVES) + loose(LOOSE_CURVES), few)
+        return cls(design(COARSE_CURVES) + loose(LOOSE_CURVES) + soft(SOFT_CURVES), few)
 
     def runs(self) -> list[Run]:
         few = [self.curves[i] for i in self.fine]
@@ -278,7 +278,7 @@ def main() -> None:
     with np.load(options.store / "surrogate.npz") as stored:
         errors = stored["left_out"]
     figures = {
-        "coarse_curves": COARSE_CURVES + LOOSE_CURVES,
+        "coarse_curves": COARSE_CURVES + LOOSE_CURVES + SOFT_CURVES,
         "fine_curves": len(FINE_CURVES) + len(FINE_LOOSE_CURVES),
         "own_error": own_errors(errors),
         "emulator_deviation": emulator_errors(fine, options.curves, options.seed),

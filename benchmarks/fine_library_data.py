@@ -114,7 +114,7 @@ def observed(
 def _points(
     number: int, curve: Curve, seen: Observed, points: int
 ) -> tuple[Floats, Floats, Floats, NDArray[np.int64]]:
-    take = _spread(seen.load, points)
+    take = _spread(seen.load * np.exp(seen.values[:, 0]), points)
     q, y, by = seen.load[take], seen.values[take], seen.gradients[take]
     groups = np.tile(Place.of(curve.material).values, (len(q), 1))
     k = q * np.exp(y[:, 0])
@@ -149,7 +149,7 @@ def _strain(q: Floats, groups: Floats, y: Floats, by: Floats) -> tuple[Floats, F
     return strain, strain[:, None] * by + factor * offset
 
 
-def _spread(load: Floats, points: int) -> NDArray[np.int64]:
-    """Return places of a few loads, evenly spread, the last among them."""
-    wanted = np.linspace(load[0], load[-1], points)
-    return np.unique([int(np.argmin(np.abs(load - q))) for q in wanted])
+def _spread(bending: Floats, points: int) -> NDArray[np.int64]:
+    """Return places of a few bendings, evenly spread, the last among them."""
+    wanted = np.linspace(bending[0], bending[-1], points)
+    return np.unique([int(np.argmin(np.abs(bending - k))) for k in wanted])

@@ -18,6 +18,7 @@ SOFTENING = (-0.10, -0.15, -0.20, -0.22)
 ACTIVE = (0.15, 0.35, 0.35, 0.15)  # how often none to three causes are at work
 PRESSURE = 0.26  # MPa, beyond what is read: some causes raise it
 LARGEST_LOAD = 0.96  # p/M
+SOFT = 8.0  # degradation rate up to which curves bend far [%]
 
 
 def design(count: int, *, seed: int = SEED) -> list[Curve]:
@@ -59,8 +60,14 @@ def _as_far_as_read(curve: Curve) -> Curve:
     return replace(curve, loads=(0.5 * end, end))
 
 
-def _wide(generator: np.random.Generator) -> Curve:
-    level = generator.uniform(0.0, 30.0)
+def soft(count: int, *, seed: int = SEED + 2) -> list[Curve]:
+    """Return widely spread curves of hardly degraded material: they bend farthest."""
+    generator = np.random.default_rng(seed)
+    return [_as_far_as_read(_wide(generator, largest=SOFT)) for _ in range(count)]
+
+
+def _wide(generator: np.random.Generator, *, largest: float = LEVELS[-1]) -> Curve:
+    level = generator.uniform(0.0, largest)
     z = generator.standard_normal(5)
     c1 = float(np.exp(np.interp(level, LEVELS, LOG_C1) + 0.17 * z[0]))
     c3 = float(np.exp(np.interp(level, LEVELS, LOG_C3) + 0.6 * z[1])) / c1

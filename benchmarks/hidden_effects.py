@@ -25,11 +25,10 @@ from threadpoolctl import threadpool_limits
 
 from bayesdeg.actuator.inputs import ForwardMap
 from bayesdeg.criticism.linear import Linear, effects, linearise, log_bayes_factor, sensitivities
-from bayesdeg.criticism.trials import ENOUGH
 from bayesdeg.inference.chain import Chain
 from bayesdeg.inference.ensemble import EFFORTS, sample
 from bayesdeg.inference.importance import about_mode
-from bayesdeg.inference.laplace import approximate
+from bayesdeg.inference.laplace import FEWEST_EFFECTIVE, approximate
 from bayesdeg.inference.least_squares import near_films
 from bayesdeg.laboratory.truth import Truth
 from bayesdeg.measure.study import read_study
@@ -99,7 +98,7 @@ def _fitted(folder: Path) -> tuple[Fit, object]:
     laplace = approximate(assembly.model, generator, start=start)
     evidence = about_mode(assembly.model, laplace, generator)
     chain = Chain(evidence.draws[None, :, None], np.zeros((1, 1, 1)), np.ones(1))
-    if evidence.effective < ENOUGH:
+    if evidence.effective < FEWEST_EFFECTIVE:
         seed = np.random.SeedSequence(1)
         chain = sample(assembly.model, evidence, effort=EFFORTS["quick"], seed=seed)
     return Fit(assembly.model, laplace, evidence, chain, None), assembly
@@ -177,8 +176,11 @@ def run_all(numbers: list[int], *, workers: int, effort: str, seed: int) -> Iter
             left.append(number)
     with ProcessPoolExecutor(workers) as pool:
         jobs = [pool.submit(_one, number, store, effort, seed) for number in left]
-        for job in as_completed(jobs):
-            yield job.result()
+        try:
+            for job in as_completed(jobs):
+                yield job.result()
+        finally:
+            pool.shutdown(cancel_futures=True)
 
 
 def _one(number: int, store: Path, effort: str, seed: int) -> Json:

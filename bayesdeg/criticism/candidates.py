@@ -12,7 +12,7 @@ from bayesdeg.criticism.discrepancy import explained
 from bayesdeg.criticism.held_out import HeldOut, difference
 from bayesdeg.criticism.search import Names, Search
 from bayesdeg.criticism.trials import Trial
-from bayesdeg.criticism.verdict import Support
+from bayesdeg.criticism.verdict import Support, share_explained
 
 Floats = NDArray[np.float64]
 
@@ -132,12 +132,12 @@ def _named(
     generator: np.random.Generator,
 ) -> Candidate:
     one, chosen = named[cause.name], frozenset(named)
-    share = explained(search.step(search.base.names).misfit, search.step(chosen).misfit)
+    share = max(share_explained(search.step(search.base.names), search.step(chosen)))
     return Candidate(
         cause=cause.name,
         log_bayes_factor=one.log_bayes_factor,
         probability=probability,
-        explained_fraction=None if np.isnan(share) else share,
+        explained_fraction=share,
         elpd_diff=one.elpd_diff,
         elpd_diff_se=one.elpd_diff_se,
         effect=effect_sizes(search.trials[chosen], cause, generator),

@@ -23,6 +23,7 @@ def summary(judgement: Judgement) -> dict[str, Any]:
     """
     search = judgement.search
     base, final = judgement.base.misfit, judgement.final.misfit
+    share = max(share_explained(judgement.base, judgement.final))
     parameters = search.base.subject.table.parameters
     return {
         "outcome": str(judgement.decision.outcome),
@@ -32,7 +33,7 @@ def summary(judgement: Judgement) -> dict[str, Any]:
         "threshold": judgement.base.threshold,
         "misfit": {"statistic": base.statistic, "p_value": base.p_value},
         "misfit_left": {"statistic": final.statistic, "p_value": final.p_value},
-        "explained_fraction": share_explained(base, final),
+        "explained_fraction": share,
         "held_out": {one.cause: [one.elpd_diff, one.elpd_diff_se] for one in judgement.supported},
         "units": {p.name: p.unit for p in search.trials[judgement.chosen].subject.table.parameters}
         | {c.qualified(p.name): p.unit for c in search.causes for p in c.parameters},

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.discrepancy import AMPLITUDES, largest_ratio
-from bayesdeg.criticism.held_out import HeldOut, by_specimen, predict_held_out
+from bayesdeg.criticism.held_out import HeldOut, predict_one_by_one
 from bayesdeg.criticism.kernels import discrepancies
 from bayesdeg.criticism.search import Names, Search, SearchEffort, Step, run_search
 from bayesdeg.criticism.subject import Subject
@@ -132,11 +132,8 @@ def judge(
     sets = [chosen, *(chosen - {name} for name in sorted(chosen))] if chosen else []
     if len(subject.groups) < 2:  # nothing would be left
         sets = []
-    fold = by_specimen(subject)
     held_out = {
-        names: predict_held_out(
-            search.trials[names].subject, search.trials[names].mode, fold, seed=one
-        )
+        names: predict_one_by_one(search.trials[names], seed=one)
         for names, one in zip(sets, folds, strict=False)
     }
     supported = supports(search, chosen, held_out)

@@ -4,7 +4,7 @@ It is a measuring stick only: it never enters the physics. What it may look like
 `bayesdeg.criticism.kernels`.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from bayesdeg.criticism.linear import Linear
 Floats = NDArray[np.float64]
 
 AMPLITUDES = np.geomspace(0.005, 1.0, 25)
+REPLICATES = 200  # of pure noise, for what chance gives
 
 
 @dataclass(frozen=True)
@@ -89,6 +90,27 @@ def explained(before: Misfit, after: Misfit) -> float:
         return float("nan")
     left = max(after.statistic - float(np.mean(after.null)), 0.0)
     return float(np.clip(1.0 - left / ceiling, 0.0, 1.0))
+
+
+def explained_on_one_scale(before: Linear, after: Linear) -> float:
+    """Return the share of the misfit that is removed, both measured against the errors of `after`.
+
+    A model that lacks a cause widens its errors and scatter until the misfit looks small; against
+    the errors of the model that has it, it does not. nan as in `explained`.
+    """
+    generator = np.random.default_rng(0)
+    left = []
+    for linear in (before, after):
+        spread = linear.factor @ linear.factor.T - linear.scatter
+        factor = np.linalg.cholesky(after.scatter + spread)
+        seen = replace(linear, scatter=after.scatter, factor=factor)
+        kernels = discrepancies(seen)
+        noise = generator.standard_normal((REPLICATES, len(after.mean)))
+        chance = float(np.mean(largest_ratio(noise, kernels)[0]))
+        left.append(float(largest_ratio(seen.observed[None], kernels)[0][0]) - chance)
+    if left[0] <= 0.0:
+        return float("nan")
+    return float(np.clip(1.0 - max(left[1], 0.0) / left[0], 0.0, 1.0))
 
 
 def largest_ratio(

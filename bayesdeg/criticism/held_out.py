@@ -1,6 +1,5 @@
 """Held-out specimens: what a model predicts of those that took no part in its calibration."""
 
-from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
@@ -9,16 +8,21 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from bayesdeg.criticism.leave_one_out import largest_k, smoothed
 from bayesdeg.criticism.residuals import levels
 from bayesdeg.criticism.subject import Subject
+from bayesdeg.criticism.trials import Trial
 from bayesdeg.inference.ensemble import EFFORTS, sample
-from bayesdeg.inference.importance import about_mode
-from bayesdeg.inference.laplace import FEWEST_EFFECTIVE, approximate, surrounding
+from bayesdeg.inference.importance import about_mode, improved
+from bayesdeg.inference.laplace import approximate, surrounding
 
 Floats = NDArray[np.float64]
 Folds = NDArray[np.int64]
+_Fold = tuple[NDArray[np.intp], Floats, Floats]
 
-DRAWS = 400
+DRAWS, KEPT = 400, 1000
+ROUND, WANTED = 1000, 150.0  # draws of a round of importance sampling, effective draws wanted
+FEWEST = 20.0  # effective draws below which another way is tried
 
 
 @dataclass(frozen=True)
@@ -51,80 +55,80 @@ def group_levels(subject: Subject) -> Floats:
     )
 
 
-def folds(degradation: Floats) -> Folds:
-    """Assign specimens to folds so that each fold leaves out one specimen of every level.
-
-    Examples
-    --------
-    >>> folds(np.array([0.0, 0.0, 5.0, 5.0])).tolist()
-    [0, 1, 0, 1]
-    """
-    _, member = levels(degradation)
-    out = np.zeros(len(degradation), dtype=np.int64)
-    for k in range(member.max() + 1):
-        rows = np.flatnonzero(member == k)
-        out[rows] = np.arange(len(rows))
-    if out.max() == 0:  # one specimen a level: leave out every third
-        out = np.arange(len(degradation)) % 3
-    return out
-
-
-def by_specimen(subject: Subject) -> Folds:
-    """Return folds that leave out one specimen of every level, or one of few groups."""
-    count = len(subject.groups)
-    return np.arange(count) if count <= 3 else folds(group_levels(subject))
-
-
 def by_level(subject: Subject) -> Folds:
     """Return folds that leave out all specimens of one level of degradation."""
     member: Folds = levels(group_levels(subject))[1]
     return member
 
 
-def predict_held_out(
-    subject: Subject,
-    start: Floats,
+def predict_one_by_one(
+    trial: Trial,
+    *,
+    seed: np.random.SeedSequence,
+    executor: Executor | None = None,
+) -> HeldOut:
+    """Predict each group from all others.
+
+    Draws of the posterior are weighted by 1/p(y_g | θ), smoothed by a Pareto law; where its shape
+    says that too few carry the weight, the model is calibrated anew without that group.
+
+    Parameters
+    ----------
+    trial : Trial
+        Fitted to all groups.
+    seed : SeedSequence
+        A child for each group.
+    executor : Executor, optional
+        Runs calibrations side by side.
+
+    References
+    ----------
+    Vehtari, Gelman and Gabry (2017), doi:10.1007/s11222-016-9696-4.
+    """
+    subject, generator = trial.subject, np.random.default_rng(seed)
+    vectors = trial.draws(generator, KEPT)
+    density = subject.group_density(vectors)
+    relative = float(np.clip(trial.posterior.effective / KEPT, 1e-3, 1.0))
+    smooth = smoothed(density[None], relative)
+    simulated = subject.simulated(vectors, generator)
+    log_density = smooth.elpd.copy()
+    draws = np.full((DRAWS, len(subject.places)), np.nan)
+    for g, name in enumerate(subject.groups):
+        rows = subject.group == name
+        weights = np.exp(smooth.log_weights[:, g])
+        chosen = generator.choice(KEPT, DRAWS, p=weights / weights.sum())
+        draws[:, rows] = simulated[np.ix_(chosen, rows)]
+    again = np.flatnonzero(~(smooth.pareto_k <= largest_k(KEPT)))
+    found = _calibrated_anew(trial, [np.array([g]) for g in again], seed, executor)
+    return _replaced(HeldOut(log_density, draws), subject, found)
+
+
+def predict_folds(
+    trial: Trial,
     fold: Folds,
     *,
     seed: np.random.SeedSequence,
     executor: Executor | None = None,
-    on_fold: Callable[[], None] | None = None,
 ) -> HeldOut:
-    """Calibrate without each fold in turn and predict it.
-
-    The posteriors are importance samples from Laplace approximations, exact up to their Monte
-    Carlo error, or chains of emcee where the approximation is too far off, as for a mode outside
-    the bounds of a prior.
+    """Calibrate without each fold of groups in turn and predict it.
 
     Parameters
     ----------
-    subject : Subject
-        With all readings.
-    start : array, shape (n_parameters,)
-        Mode of the full posterior.
+    trial : Trial
+        Fitted to all groups.
     fold : array of int, shape (n_groups,)
         When each group is left out.
     seed : SeedSequence
         A child for each fold.
     executor : Executor, optional
         Runs the folds side by side.
-    on_fold : callable, optional
-        Called after each fold.
     """
-    log_density = np.empty(len(subject.groups))
-    draws = np.full((DRAWS, len(subject.places)), np.nan)
-    jobs = [
-        (np.flatnonzero(fold == k), child)
-        for k, child in enumerate(seed.spawn(int(fold.max()) + 1))
-    ]
-    apply = map if executor is None else executor.map
-    for groups, density, simulated in apply(partial(_predict_fold, subject, start), jobs):
-        log_density[groups] = density
-        names = [subject.groups[g] for g in groups]
-        draws[:, np.isin(subject.group, names)] = simulated
-        if on_fold is not None:
-            on_fold()
-    return HeldOut(log_density, draws)
+    subject = trial.subject
+    nothing = HeldOut(
+        np.full(len(subject.groups), np.nan), np.full((DRAWS, len(subject.places)), np.nan)
+    )
+    parts = [np.flatnonzero(fold == k) for k in range(int(fold.max()) + 1)]
+    return _replaced(nothing, subject, _calibrated_anew(trial, parts, seed, executor))
 
 
 def difference(held_out: HeldOut, base: HeldOut) -> tuple[float, float]:
@@ -138,27 +142,53 @@ def standard_error(values: Floats) -> float:
     return float(np.sqrt(len(values)) * np.std(values, ddof=1)) if len(values) > 1 else float("nan")
 
 
-def _predict_fold(
-    subject: Subject, start: Floats, job: tuple[NDArray[np.intp], np.random.SeedSequence]
-) -> tuple[NDArray[np.intp], Floats, Floats]:
+def _calibrated_anew(
+    trial: Trial,
+    parts: list[NDArray[np.intp]],
+    seed: np.random.SeedSequence,
+    executor: Executor | None,
+) -> list[_Fold]:
+    apply = map if executor is None else executor.map
+    jobs = zip(parts, seed.spawn(len(parts)), strict=True)
+    return list(apply(partial(_predict_fold, trial), jobs))
+
+
+def _replaced(held_out: HeldOut, subject: Subject, found: list[_Fold]) -> HeldOut:
+    log_density, draws = held_out.log_density.copy(), held_out.draws.copy()
+    for groups, density, simulated in found:
+        log_density[groups] = density
+        draws[:, np.isin(subject.group, [subject.groups[g] for g in groups])] = simulated
+    return HeldOut(log_density, draws)
+
+
+def _predict_fold(trial: Trial, job: tuple[NDArray[np.intp], np.random.SeedSequence]) -> _Fold:
     groups, seed = job
     generator = np.random.default_rng(seed)
-    vectors = _draws(subject.without(groups), start, seed, generator)
-    testing = subject.only(groups)
+    vectors = _draws(trial, trial.subject.without(groups), seed, generator)
+    testing = trial.subject.only(groups)
     density = logsumexp(testing.group_density(vectors), axis=0) - np.log(DRAWS)
     simulated = testing.simulated(vectors, generator)
     return groups, density, simulated[:, testing.group != ""]
 
 
 def _draws(
-    subject: Subject, start: Floats, seed: np.random.SeedSequence, generator: np.random.Generator
+    trial: Trial,
+    training: Subject,
+    seed: np.random.SeedSequence,
+    generator: np.random.Generator,
 ) -> Floats:
-    """Draw from the posterior: an importance sample, or emcee where that has too few draws."""
-    laplace = approximate(subject, generator, start=start)
-    posterior = about_mode(subject, laplace, generator, enough=DRAWS)
-    if posterior.effective >= FEWEST_EFFECTIVE:
+    """Draw from the posterior without some groups.
+
+    An importance sample that begins with the posterior of all groups; one about its own mode where
+    that has too few draws, and emcee where that has too few as well.
+    """
+    posterior = improved(training, trial.posterior, generator, draws=ROUND, enough=WANTED)
+    if posterior.effective < FEWEST:
+        laplace = approximate(training, generator, start=trial.mode)
+        posterior = about_mode(training, laplace, generator, enough=WANTED)
+    if posterior.effective >= FEWEST:
         return posterior.resample(generator, DRAWS)
-    near = surrounding(subject, start, laplace.covariance, generator)
-    chain = sample(subject, near, effort=EFFORTS["quick"], seed=seed)
+    near = surrounding(training, trial.mode, laplace.covariance, generator)
+    chain = sample(training, near, effort=EFFORTS["quick"], seed=seed)
     flat = chain.vectors.reshape(-1, chain.vectors.shape[-1])
     return flat[generator.integers(len(flat), size=DRAWS)]

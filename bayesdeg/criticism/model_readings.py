@@ -30,6 +30,8 @@ class ModelReadings:
     ----------
     model : Model
         With tensile curves or actuators or both.
+    by_mode : bool, optional
+        Whether films are held out mode by mode; by default where there are several modes.
 
     Notes
     -----
@@ -38,6 +40,7 @@ class ModelReadings:
     """
 
     model: Model
+    by_mode: bool | None = None
 
     @property
     def table(self) -> ParameterTable:
@@ -145,7 +148,7 @@ class ModelReadings:
             [i for i, label in enumerate(self._labels) if label in names], dtype=np.intp
         )
         chosen = self.model.tensile.subset(rows)
-        return replace(self, model=replace(self.model, tensile=chosen))
+        return replace(self, model=replace(self.model, tensile=chosen), by_mode=self._by_mode)
 
     def group_density(self, vectors: Floats) -> Floats:
         """Return the log density of all that was read on each group, (k, n_groups)."""
@@ -161,7 +164,7 @@ class ModelReadings:
     @property
     def _by_mode(self) -> bool:
         assert self.model.tensile is not None
-        return len(set(self.model.tensile.modes)) > 1
+        return len(set(self.model.tensile.modes)) > 1 if self.by_mode is None else self.by_mode
 
     @property
     def _labels(self) -> tuple[str, ...]:

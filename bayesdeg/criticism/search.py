@@ -64,6 +64,8 @@ class Step:
         The fitted model.
     misfit : Misfit
         What it leaves unexplained.
+    simulated : array, shape (k, n_readings)
+        Data sets simulated from its posterior, those refused left out.
     screened : mapping
         Every other cause at its most probable size, by name.
     threshold : float
@@ -72,6 +74,7 @@ class Step:
 
     trial: Trial
     misfit: Misfit
+    simulated: Floats
     screened: dict[str, Screened]
     threshold: float
 
@@ -154,7 +157,7 @@ class Search:
             cause.name: _screened(trial, cause, self._seed(trial.names | {cause.name}, 2))
             for cause in others
         }
-        return Step(trial, misfit, screened, naming_threshold(linear, others, known))
+        return Step(trial, misfit, known, screened, naming_threshold(linear, others, known))
 
     def _seed(self, names: Names, use: int = 0) -> np.random.SeedSequence:
         known = [cause.name for cause in self.causes]

@@ -15,7 +15,7 @@ from bayesdeg.inference.laplace import Evidence, approximate, weighted
 Floats = NDArray[np.float64]
 
 DRAWS = 3000  # of the estimate from the prior
-ENOUGH, WANTED = 60.0, 100.0  # effective draws: fewer need a second estimate; where to stop
+ENOUGH, WANTED = 40.0, 80.0  # effective draws: fewer need a second estimate; where to stop
 
 
 @dataclass(frozen=True)
@@ -66,8 +66,8 @@ def base_trial(subject: Subject, mode: Floats, posterior: Evidence) -> Trial:
 def try_causes(parent: Trial, cause: Cause, size: Floats, generator: np.random.Generator) -> Trial:
     """Fit a model extended by one more cause.
 
-    The evidence is an importance sample about the mode; where that has too few draws, as for an
-    effect whose mode lies outside its prior, an average over the parent's posterior and the prior.
+    The evidence is an importance sample about the mode; where that has too few draws or is outside
+    the prior, an average over the parent's posterior and the prior if that is larger.
 
     Parameters
     ----------
@@ -89,7 +89,8 @@ def try_causes(parent: Trial, cause: Cause, size: Floats, generator: np.random.G
     laplace = approximate(subject, generator, start=both[int(np.argmax(densities))])
     posterior = about_mode(subject, laplace, generator, enough=WANTED)
     evidence = posterior.log_evidence
-    if posterior.effective < ENOUGH:
+    outside = not np.isfinite(subject.log_prob(laplace.mode[None])[0])
+    if posterior.effective < ENOUGH or outside:
         other = from_prior(parent, cause, generator)
         # what a sample does not reach is missing from its evidence
         if parent.log_evidence + other.log_evidence > evidence:

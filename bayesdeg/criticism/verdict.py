@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.causes.cause import Cause
-from bayesdeg.criticism.discrepancy import Misfit, explained
+from bayesdeg.criticism.discrepancy import explained, explained_on_one_scale
 from bayesdeg.criticism.held_out import HeldOut, difference
 from bayesdeg.criticism.rupture_misfit import RuptureMisfit
 from bayesdeg.criticism.search import Names, Search, Step, rivals
@@ -24,7 +24,7 @@ from bayesdeg.criticism.subject import columns_of
 
 Floats = NDArray[np.float64]
 
-LEAST_EXPLAINED = 0.5
+LEAST_EXPLAINED, LEAST_ON_ONE_SCALE = 0.5, 0.8
 NEARLY_ALL = 0.9  # of the misfit: what is left may be small and yet significant
 INSEPARABLE = float(np.log(20.0))
 MISFIT_LEVEL = 0.02
@@ -146,7 +146,7 @@ def decide(
     broken = rupture is not None and rupture.p_value <= MISFIT_LEVEL
     reasons = [reason for one in supported for reason in _against(one)]
     if any(one.cause not in on_rupture for one in supported):
-        reasons += _against_all(base.misfit, final.misfit)
+        reasons += _against_all(base, final)
     if not supported or reasons:
         outcome = Outcome.UNEXPLAINED if off or broken else Outcome.ADEQUATE
         return Decision(outcome, (), reasons=tuple(reasons))
@@ -158,10 +158,18 @@ def decide(
     return Decision(Outcome.AMBIGUOUS, tuple(together))
 
 
-def share_explained(base: Misfit, final: Misfit) -> float:
-    """Return the share of the misfit that is explained, 1 where there was none."""
-    share = explained(base, final)
-    return 1.0 if np.isnan(share) else share
+def share_explained(base: Step, final: Step) -> tuple[float, float]:
+    """Return the share of the misfit that is explained, on each model's own scale and on one.
+
+    1 where there was no misfit. The second is measured against the errors of the final model
+    (`explained_on_one_scale`); it is asked for only where the first leaves a doubt.
+    """
+    own = explained(base.misfit, final.misfit)
+    own = 1.0 if np.isnan(own) else own
+    if own >= NEARLY_ALL:
+        return own, own
+    common = explained_on_one_scale(base.trial.linear, final.trial.linear)
+    return own, 1.0 if np.isnan(common) else common
 
 
 def prior_tail(search: Search, names: Names, cause: str) -> float:
@@ -195,10 +203,11 @@ def _against(one: Support) -> list[str]:
     return reasons
 
 
-def _against_all(base: Misfit, final: Misfit) -> list[str]:
-    share = share_explained(base, final)
-    if share < LEAST_EXPLAINED:
+def _against_all(base: Step, final: Step) -> list[str]:
+    own, common = share_explained(base, final)
+    share = max(own, common)
+    if own < LEAST_EXPLAINED and common < LEAST_ON_ONE_SCALE:
         return [f"it removes only {100 * share:.0f} % of the misfit"]
-    if final.p_value <= MISFIT_LEVEL and share < NEARLY_ALL:
+    if final.misfit.p_value <= MISFIT_LEVEL and share < NEARLY_ALL:
         return [f"it removes {100 * share:.0f} % of the misfit, and what is left is no chance"]
     return []

@@ -131,7 +131,7 @@ def _ambiguous(story: Story) -> str:
 
 def _named(story: Story) -> str:
     judgement, causes = story.judgement, story.judgement.decision.causes
-    share = share_explained(judgement.misfit, judgement.left)
+    share = _share(judgement)
     verb = "The cause is" if len(causes) == 1 else "The causes, acting together, are"
     parts = [_wrong(story), f"{verb} {'; and '.join(_cause(judgement, name) for name in causes)}."]
     if judgement.misfit.statistic > float(np.mean(judgement.misfit.null)):
@@ -144,6 +144,12 @@ def _named(story: Story) -> str:
     ]
     parts.append(_runner_up(judgement))
     return " ".join(part for part in parts if part)
+
+
+def _share(judgement: Judgement) -> float:
+    search = judgement.search
+    chosen = frozenset(one.cause for one in judgement.supported)
+    return max(share_explained(search.step(search.base.names), search.step(chosen)))
 
 
 def _wrong(story: Story) -> str:

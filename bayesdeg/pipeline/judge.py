@@ -6,17 +6,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdeg.causes.catalogue import find
+from bayesdeg.causes.catalogue import CATALOGUE, find
+from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.candidates import Candidate, candidates, effect_size
 from bayesdeg.criticism.confusability import Confusability, confusability
 from bayesdeg.criticism.discrepancy import Misfit
-from bayesdeg.criticism.held_out import HeldOut, by_level, by_specimen, predict_held_out
+from bayesdeg.criticism.experiments import next_experiments_document, rank
+from bayesdeg.criticism.experiments_candidates import candidate_experiments
+from bayesdeg.criticism.held_out import HeldOut, by_level, predict_folds, predict_one_by_one
 from bayesdeg.criticism.model_readings import CURVATURE, ModelReadings
 from bayesdeg.criticism.rupture_misfit import RuptureMisfit, rupture_misfit
-from bayesdeg.criticism.search import Names, Search, SearchEffort, run_search
-from bayesdeg.criticism.trials import ENOUGH, base_trial
-from bayesdeg.criticism.verdict import Decision, Support, decide, supports
-from bayesdeg.inference.laplace import Evidence
+from bayesdeg.criticism.search import Names, Search, SearchEffort, Step, run_search
+from bayesdeg.criticism.trials import base_trial
+from bayesdeg.criticism.verdict import INSEPARABLE, Decision, Outcome, Support, decide, supports
+from bayesdeg.inference.laplace import FEWEST_EFFECTIVE, Evidence
 from bayesdeg.inference.model import Model
 from bayesdeg.pipeline.assemble import Assembly
 from bayesdeg.pipeline.calibrate import Fit
@@ -31,6 +34,7 @@ JUDGE_EFFORTS = {
     "thorough": SearchEffort(replicates=2000, fitted=10, pairs=6, levels_out=True),
 }
 RUPTURE_DRAWS = 100
+IN_QUESTION = 3  # rivals between which experiments are ranked
 
 
 @dataclass(frozen=True)
@@ -57,6 +61,8 @@ class Judgement:
         Specimens, and whole levels, that took no part; by name of the model, ``base`` first.
     search : Search
         The fitted sets of causes.
+    experiments : list
+        What to measure next, as in ``verdict.json``.
     """
 
     misfit: Misfit
@@ -70,6 +76,13 @@ class Judgement:
     held_out: dict[str, HeldOut]
     levels_out: dict[str, HeldOut]
     search: Search
+    experiments: list[dict[str, object]]
+
+    @property
+    def steps(self) -> tuple[Step, Step]:
+        """What is known of the base model, and with all that the evidence favours."""
+        chosen = frozenset(one.cause for one in self.supported)
+        return self.search.step(BASE), self.search.step(chosen)
 
 
 def judge(
@@ -124,7 +137,40 @@ def judge(
         held_out={label(names): found for names, found in held_out.items()},
         levels_out=_levels_out(search, names, seed=folding, executor=executor),
         search=search,
+        experiments=_next(search, decision, supported, assembly, generator),
     )
+
+
+def _next(
+    search: Search,
+    decision: Decision,
+    supported: list[Support],
+    assembly: Assembly,
+    generator: np.random.Generator,
+) -> list[dict[str, object]]:
+    """Rank what to measure next, to tell apart the models that are in question."""
+    base = search.base
+    assert isinstance(base.subject, ModelReadings)
+    chosen = frozenset(one.cause for one in supported)
+    untested: tuple[Cause, ...] = ()
+    if decision.outcome is Outcome.ADEQUATE:
+        return []
+    if decision.outcome is Outcome.UNEXPLAINED:
+        nearest = sorted(search.trials, key=search.factor)[-IN_QUESTION:]
+        sets = dict.fromkeys([BASE, *nearest])
+        untested = tuple(CATALOGUE[n] for n in assembly.unjudged if n in CATALOGUE)[:IN_QUESTION]
+    else:
+        others = {
+            chosen - {one.cause} | {rival}: gap
+            for one in supported
+            for rival, gap in one.rivals.items()
+            if gap < INSEPARABLE or decision.outcome is Outcome.NAMED
+        }
+        near = sorted(others, key=lambda names: others[names])
+        sets = dict.fromkeys([chosen, *(near[:IN_QUESTION] or [BASE])])
+    trials = [search.trials[names] for names in sets]
+    ranked = rank(trials, candidate_experiments(base.subject.model), generator, untested=untested)
+    return next_experiments_document(ranked)
 
 
 def _begun(
@@ -220,7 +266,7 @@ def with_sampled_sizes(judgement: Judgement, final: Fit) -> Judgement:
 
 def _posterior(fit: Fit) -> Evidence:
     """Return the posterior's draws with the evidence: of the chain where the sample is poor."""
-    if fit.evidence.effective >= ENOUGH:
+    if fit.evidence.effective >= FEWEST_EFFECTIVE:
         return fit.evidence
     flat = fit.chain.vectors.reshape(-1, fit.chain.vectors.shape[-1])
     even = np.zeros(len(flat))
@@ -241,11 +287,7 @@ def _hold_out(
     sets = dict.fromkeys([BASE, *(chosen - {name} for name in sorted(chosen)), chosen])
     found = {}
     for names in sets:
-        trial = search.trials[names]
-        fold = by_specimen(trial.subject)
-        found[names] = predict_held_out(
-            trial.subject, trial.mode, fold, seed=seed, executor=executor
-        )
+        found[names] = predict_one_by_one(search.trials[names], seed=seed, executor=executor)
         progress.advance(1, label(names))
     return found
 
@@ -258,9 +300,7 @@ def _levels_out(
     if not names or fold.max() < 1:
         return {}
     return {
-        label(one): predict_held_out(
-            search.trials[one].subject, search.trials[one].mode, fold, seed=seed, executor=executor
-        )
+        label(one): predict_folds(search.trials[one], fold, seed=seed, executor=executor)
         for one in (BASE, names)
     }
 

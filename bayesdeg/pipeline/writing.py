@@ -5,8 +5,10 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from bayesdeg.actuator.geometry import Geometry
+from bayesdeg.criticism import loo_pit, statistics
 from bayesdeg.criticism.gain import gain_table
 from bayesdeg.criticism.residuals import level_table, predict_readings, where, where_films
+from bayesdeg.criticism.statistics_of_residuals import misfit_frame
 from bayesdeg.inference.ensemble import EFFORTS, to_datatree
 from bayesdeg.measure.study import Study
 from bayesdeg.pipeline import tables
@@ -16,7 +18,7 @@ from bayesdeg.pipeline.decisions import decisions
 from bayesdeg.pipeline.deformed import write_deformed
 from bayesdeg.pipeline.explanation import unjudged_document, verdict_document
 from bayesdeg.pipeline.films import Films
-from bayesdeg.pipeline.judge import readings_misfit
+from bayesdeg.pipeline.judge import Judgement, readings_misfit
 from bayesdeg.pipeline.results import Results
 from bayesdeg.prediction.bands import curvature_bands
 from bayesdeg.prediction.rupture import rupture_table
@@ -53,6 +55,7 @@ def write_results(
     folder.write_table(columns.GAIN, gain_table(subject, judgement.held_out))
     if judgement.levels_out:
         folder.write_table(columns.GAIN_LEVELS, gain_table(subject, judgement.levels_out))
+    _write_criticism(folder, judgement)
     null = pd.DataFrame({"statistic": judgement.misfit.null})
     folder.write_table(columns.MISFIT_NULL, null.assign(replicate=np.arange(len(null))))
     _, noise = readings_misfit(judgement)
@@ -61,7 +64,28 @@ def write_results(
         if residual is None
         else where(base, residual, noise or 0.0)
     )
-    return verdict_document(judgement, place)
+    return verdict_document(judgement, place, judgement.experiments)
+
+
+def _write_criticism(folder: RunFolder, judgement: Judgement) -> None:
+    """Write statistics, what there is to explain, and the fit to held-out readings."""
+    base, final = judgement.steps
+    table = statistics.statistics_table(base.trial.linear, base.simulated)
+    folder.write_table(columns.STATISTICS, statistics.frame(table))
+    parts = {"base": base} if base is final else {"base": base, "final": final}
+    misfits = [misfit_frame(s.trial.linear, s.misfit, name) for name, s in parts.items()]
+    folder.write_table(columns.DISCREPANCY, pd.concat(misfits, ignore_index=True))
+    held_out = list(judgement.held_out.values())
+    if not held_out:
+        return
+    pairs = dict(zip(parts, (held_out[0], held_out[-1]), strict=False))
+    observed = base.trial.subject.observed
+    known = {
+        name: loo_pit.loo_pit(one.draws[:, rows], observed[rows])
+        for name, one in pairs.items()
+        for rows in [np.all(np.isfinite(one.draws), axis=0)]
+    }
+    folder.write_table(columns.LOO_PIT, loo_pit.frame(known))
 
 
 def _write_films(

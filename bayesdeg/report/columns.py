@@ -23,6 +23,9 @@ PRIOR_PREDICTIVE = "prior_predictive"
 COURSE = "course"
 ORDERS = "orders"
 DECISIONS = "decisions"
+STATISTICS = "statistics"
+LOO_PIT = "loo_pit"
+DISCREPANCY = "discrepancy"
 
 ALL_LEVELS = "all"
 """What stands in ``degradation_pct`` of a row that pools every degradation rate."""
@@ -95,6 +98,35 @@ TABLES: Mapping[str, tuple[Column, ...]] = MappingProxyType(
     {
         GAIN: _GAIN,
         GAIN_LEVELS: _GAIN,
+        STATISTICS: (
+            _text("statistic", "what is measured"),
+            Column("value", "as stated", "on the data"),
+            _text("unit", "unit of value and quantiles"),
+            Column("simulated_q05", "as stated", "5 % quantile on data simulated from the model"),
+            Column("simulated_q95", "as stated", "95 % quantile on such data"),
+            Column("p_value", "–", "share of simulated data at least as far out"),
+            Column("p_adjusted", "–", "the same for all statistics together"),
+            _text("reading", "what it means physically"),
+        ),
+        LOO_PIT: (
+            _MODEL,
+            Column("probability", "–", "where held-out readings lie in their predictions"),
+            Column("difference", "–", "share of readings below it less that probability"),
+            Column("low", "–", "lower end of the 95 % band for whole curves"),
+            Column("high", "–", "upper end of it"),
+            Column("p_value", "–", "share of simulated readings that depart as much"),
+            _text("sentence", "what it means"),
+        ),
+        DISCREPANCY: (
+            _MODEL,
+            _text("kind", "what was read"),
+            _text("history", "branch, cycle and mount, or mode of tension"),
+            _SPECIMEN,
+            _DEGRADATION,
+            Column("along", "as stated", "pressure [kPa] or stretch [–]"),
+            Column("discrepancy", "as read", "smooth discrepancy of the model"),
+            Column("residual", "as read", "reading less model, fitted beside the discrepancy"),
+        ),
         DECISIONS: (
             _MODEL,
             _DEGRADATION,

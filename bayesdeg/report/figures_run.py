@@ -4,6 +4,11 @@ from bayesdeg.report.figures import Drawing, Sketch, inline_svg
 from bayesdeg.report.figures_actuator import deformed_figure
 from bayesdeg.report.figures_checks import check_sketches
 from bayesdeg.report.figures_course import course_sketch
+from bayesdeg.report.figures_criticism import (
+    discrepancy_sketch,
+    loo_pit_sketch,
+    statistics_sketch,
+)
 from bayesdeg.report.figures_curvature import (
     bands_figure,
     elongation_figure,
@@ -32,9 +37,10 @@ def drawings_of(verdict: Verdict, run: Run, tables: Tables) -> dict[str, Drawing
     Returns
     -------
     dict
-        By name: ``residuals``, ``null``, ``gain``, ``bands``, ``deformed``, ``rupture``,
-        ``elongation``, ``constants``, ``tensile``, ``leave-one-out``, ``prior-sensitivity``,
-        ``prior-curvature``, ``prior-stress``, ``course``; those without data are left out.
+        By name: ``residuals``, ``statistics``, ``discrepancy``, ``loo-pit``, ``null``, ``gain``,
+        ``bands``, ``deformed``, ``rupture``, ``elongation``, ``constants``, ``tensile``,
+        ``leave-one-out``, ``prior-sensitivity``, ``prior-curvature``, ``prior-stress``,
+        ``course``; those without data are left out.
     """
     sketches = (
         _residuals(verdict, tables),
@@ -46,6 +52,7 @@ def drawings_of(verdict: Verdict, run: Run, tables: Tables) -> dict[str, Drawing
         _elongation(tables),
         _constants(tables),
         _tensile(tables),
+        *criticism_sketches(tables),
         *check_sketches(tables),
         course_sketch(tables),
     )
@@ -59,6 +66,16 @@ def drawings_of(verdict: Verdict, run: Run, tables: Tables) -> dict[str, Drawing
         for sketch in sketches
         if sketch is not None
     }
+
+
+def criticism_sketches(tables: Tables) -> list[Sketch]:
+    """Return what there is to explain, statistics of it, and the fit to held-out readings."""
+    drawn = (
+        (discrepancy_sketch, tables.discrepancy),
+        (statistics_sketch, tables.statistics),
+        (loo_pit_sketch, tables.loo_pit),
+    )
+    return [draw(table) for draw, table in drawn if table is not None]
 
 
 def _residuals(verdict: Verdict, tables: Tables) -> Sketch | None:

@@ -14,11 +14,13 @@ from bayesdeg.report.columns import (
     CONSTANTS,
     COURSE,
     DECISIONS,
+    DISCREPANCY,
     ELONGATION,
     GAIN,
     GAIN_LEVELS,
     LEAVE_ONE_OUT,
     LEVELS,
+    LOO_PIT,
     MEASURED,
     MISFIT_NULL,
     OBSERVATIONS,
@@ -27,6 +29,7 @@ from bayesdeg.report.columns import (
     PRIOR_PREDICTIVE,
     PRIOR_SENSITIVITY,
     RUPTURE,
+    STATISTICS,
     TENSILE,
 )
 from bayesdeg.report.folder import RunFolder
@@ -55,6 +58,9 @@ class Tables:
     orders: pd.DataFrame | None = None
     gain_levels: pd.DataFrame | None = None
     decisions: pd.DataFrame | None = None
+    statistics: pd.DataFrame | None = None
+    loo_pit: pd.DataFrame | None = None
+    discrepancy: pd.DataFrame | None = None
     deformed: Surface | None = None
 
 
@@ -89,5 +95,8 @@ def read_tables(folder: RunFolder) -> Tables:
         orders=read(ORDERS),
         gain_levels=read(GAIN_LEVELS),
         decisions=read(DECISIONS),
+        statistics=read(STATISTICS),
+        loo_pit=read(LOO_PIT),
+        discrepancy=read(DISCREPANCY),
         deformed=read_surface(folder.path),
     )

@@ -7,7 +7,14 @@ import numpy as np
 import pytest
 from scipy.stats import kstest, multivariate_normal
 
-from bayesdeg.criticism.discrepancy import AMPLITUDES, Misfit, explained, largest_ratio, measure
+from bayesdeg.criticism.discrepancy import (
+    AMPLITUDES,
+    Misfit,
+    explained,
+    explained_on_one_scale,
+    largest_ratio,
+    measure,
+)
 from bayesdeg.criticism.kernels import (
     ALIKE,
     DRIFT,
@@ -132,9 +139,9 @@ def test_p_values_are_uniform_on_data_of_the_model(linear):
 
 
 def test_data_simulated_by_the_subject_calibrate_its_own_misfit():
-    """Of the straight model, whose linear form is exact: p is uniform over whole analyses."""
+    """Of the straight model, whose linear form is exact: p of whole analyses."""
     generator, p_values = np.random.default_rng(12), []
-    for seed in range(60):
+    for seed in range(200):
         linear = straight.exact_linear(straight.readings(seed, slope=1.1, bend=0.05))
         law = straight.joint_of()
         mean, covariance = law.posterior(linear.subject.observed)
@@ -142,7 +149,7 @@ def test_data_simulated_by_the_subject_calibrate_its_own_misfit():
         p_values.append(measure(linear, linear.subject.simulated(draws, generator)).p_value)
     assert kstest(p_values, "uniform", alternative="greater").pvalue > 0.01
     # posterior draws are closer to the data than the prior says: p is cautious at most
-    assert np.mean(np.array(p_values) <= 0.1) <= 0.1 + 3.0 * np.sqrt(0.09 / 60)
+    assert np.mean(np.array(p_values) <= 0.1) <= 0.1 + 3.0 * np.sqrt(0.09 / 200)
 
 
 def test_the_p_value_counts_simulated_data_that_misfit_as_much(linear):
@@ -299,3 +306,35 @@ def test_explained_is_no_share_where_there_is_nothing_to_explain():
 def test_what_makes_the_misfit_worse_explains_nothing():
     before = misfit_of(22.0)
     assert explained(before, replace(before, statistic=40.0)) == 0.0
+
+
+def widened(linear, times):
+    """A model that takes its errors and scatter for larger than they are."""
+    scatter = times**2 * linear.scatter
+    spread = linear.factor @ linear.factor.T - linear.scatter
+    return replace(linear, scatter=scatter, factor=np.linalg.cholesky(scatter + spread))
+
+
+def test_errors_that_a_model_widened_do_not_hide_its_misfit_on_one_scale():
+    observed, wave = straight.readings(1, wave=0.15), straight.linear_cause("wave")
+    lacking, after = straight.exact_linear(observed), straight.exact_linear(observed, wave)
+    share = explained_on_one_scale(lacking, after)
+    assert share > 0.9
+    wide = widened(lacking, 3.0)
+    own = [
+        float(largest_ratio(one.observed[None], discrepancies(one))[0][0])
+        for one in (lacking, wide)
+    ]
+    assert own[1] < 0.3 * own[0]
+    assert explained_on_one_scale(wide, after) == pytest.approx(share, abs=1e-6)
+
+
+def test_the_same_model_explains_nothing_on_one_scale():
+    one = straight.exact_linear(straight.readings(2, wave=0.3))
+    assert explained_on_one_scale(one, one) == pytest.approx(0.0, abs=0.05)
+
+
+def test_no_share_is_told_on_one_scale_where_there_is_nothing_to_explain():
+    linear = straight.exact_linear(straight.readings(3))
+    exact = replace(linear, subject=replace(linear.subject, observed=linear.mean))
+    assert np.isnan(explained_on_one_scale(exact, exact))

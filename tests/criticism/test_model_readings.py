@@ -177,12 +177,17 @@ def test_films_alone_are_held_out_by_mode_where_there_are_several():
     np.testing.assert_array_equal(subject.group, subject.places.history)
     without = subject.without(np.array([0]))
     assert without.model.tensile.specimens == ("f3", "f4")
-    assert subject.only(np.array([0])).model.tensile.specimens == ("f1", "f2")
+    only = subject.only(np.array([0]))
+    assert only.model.tensile.specimens == ("f1", "f2")
+    # groups stay what they are, though one mode is left
+    assert only.groups == ("uniaxial",)
+    assert set(only.group) == {"uniaxial"}
     vectors = draws_near_truth(subject.model, 2)
     each = subject.model.log_likelihood(subject.table.named(vectors))["tensile"]
     found = subject.group_density(vectors)
     np.testing.assert_allclose(found[:, 0], each[:, 0] + each[:, 1])
     np.testing.assert_allclose(found[:, 1:], each[:, 2:])
+    np.testing.assert_allclose(only.group_density(vectors), found[:, :1])
 
 
 def test_films_of_one_mode_are_held_out_one_by_one():

@@ -6,6 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import linregress
 
+from bayesdeg.criticism.linear import linearise
+from bayesdeg.criticism.model_readings import CURVATURE, ModelReadings
 from bayesdeg.criticism.residuals import (
     CurvatureFit,
     level_table,
@@ -13,9 +15,10 @@ from bayesdeg.criticism.residuals import (
     predict_readings,
     r_squared,
     where,
+    where_films,
 )
 from tests.criticism.linear_case import constant_chain, known_linear, tight_model
-from tests.inference.small_study import TRUTH, values_of
+from tests.inference.small_study import TRUTH, small_model, values_of
 
 
 def test_r_squared_of_a_regression_line_is_the_squared_correlation():
@@ -115,11 +118,41 @@ def test_small_curvatures_do_not_make_large_percentages(model):
 @pytest.mark.parametrize("with_angle", [False, True])
 def test_predicted_readings_hold_nine_tenths_of_further_specimens(with_angle):
     linear = known_linear(with_angle=with_angle)
-    chain = constant_chain(linear.model, linear.mode)
+    model = linear.subject.model
+    chain = constant_chain(model, linear.mode)
     generator = np.random.default_rng(2)
-    fit = predict_readings(linear.model, chain, generator, draws=2000)
-    curvatures = linear.mean[linear.output == 0]
+    fit = predict_readings(model, chain, generator, draws=2000)
+    curvatures = linear.mean[linear.subject.places.kind == CURVATURE]
     np.testing.assert_allclose(fit.mean.ravel(), curvatures, rtol=1e-9)
-    further = linear.model.simulate_curvature(values_of(TRUTH, 2000), generator)
+    further = model.simulate_curvature(values_of(TRUTH, 2000), generator)
     inside = np.mean((further >= fit.low) & (further <= fit.high))
     assert inside == pytest.approx(0.9, abs=0.02)
+
+
+def off_by(**modes):
+    """Films whose stresses are these amounts [MPa] off what the law gives."""
+    model = replace(small_model(), actuator=None, forward=None)
+    mode = model.table.vectors(values_of())[0]
+    stress = model.stresses(model.table.named(mode[None]), model.tensile).at_rest[0]
+    off = np.array([modes.get(name, 0.0) for name in model.tensile.modes])
+    curves = replace(model.tensile, stress=stress + off[:, None])
+    return linearise(ModelReadings(replace(model, tensile=curves)), mode)
+
+
+def test_where_of_films_names_the_worst_mode_and_by_how_much():
+    sentence = where_films(off_by(equibiaxial=0.3, planar=-0.1))
+    assert "departs most in equibiaxial tension" in sentence
+    assert "0.3 MPa in root mean square and above the law" in sentence
+    assert "planar 0.1 MPa)" in sentence
+    low = where_films(off_by(planar=-0.25))
+    assert "departs most in planar tension" in low
+    assert "0.25 MPa in root mean square and below the law" in low
+
+
+def test_where_of_films_of_one_mode_compares_with_nothing():
+    linear = off_by(uniaxial=0.2)
+    one = linear.subject.only(np.array([0]))
+    assert one.groups == ("uniaxial",)
+    sentence = where_films(linearise(one, linear.mode))
+    assert "uniaxial tension" in sentence
+    assert "(" not in sentence

@@ -69,12 +69,13 @@ def one_sided(observed, law, sizes=20_001):
     return logsumexp(-0.5 * squares) - np.log(sizes) - constant
 
 
+@pytest.mark.parametrize("seed", [1, 5])  # with which a sample about the mode alone is off by 2
 @pytest.mark.parametrize("size", [-0.3, -0.05])
-def test_the_evidence_of_an_effect_of_the_wrong_sign_is_that_of_quadrature(size):
+def test_the_evidence_of_an_effect_of_the_wrong_sign_is_that_of_quadrature(size, seed):
     """The mode is outside the bounds of the prior."""
     law = TruncatedNormal(0.0, 0.1, 0.0, np.inf)
     observed = straight.readings(5, wave=size)
-    found = trial_of(observed, linear_cause("wave", law=law))
+    found = trial_of(observed, linear_cause("wave", law=law), seed=seed)
     assert found.log_evidence == pytest.approx(one_sided(observed, law), abs=0.35)
     # what is told as its mode is possible
     assert found.mode[-1] >= 0.0

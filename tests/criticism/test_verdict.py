@@ -1,73 +1,80 @@
+"""Outcomes and their reasons, from what speaks for each cause of a set."""
+
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.stats import norm
 
 from bayesdeg.criticism.discrepancy import Misfit
+from bayesdeg.criticism.held_out import HeldOut
+from bayesdeg.criticism.rupture_misfit import RuptureMisfit
+from bayesdeg.criticism.search import Search, SearchEffort, Step, run_search
 from bayesdeg.criticism.verdict import (
-    FALSE_NAME_RATE,
+    IMPLAUSIBLE,
     INSEPARABLE,
     LEAST_EXPLAINED,
-    LEAST_FACTOR,
+    LEAST_ON_ONE_SCALE,
     MISFIT_LEVEL,
-    Candidate,
+    NEARLY_ALL,
     Decision,
     Outcome,
-    confusable_pairs,
+    Support,
     decide,
-    naming_threshold,
-    probabilities,
+    prior_tail,
+    share_explained,
+    supports,
 )
-from tests.criticism.linear_case import known_linear, scaling_cause
+from bayesdeg.laws import Normal, TruncatedNormal
+from tests.criticism import straight_subject as straight
+from tests.criticism.straight_subject import linear_cause
 
-THRESHOLD = 4.0
-
-
-def candidate(name="creep", **changes):
-    """A cause that passes every test well."""
-    good = Candidate(name, 30.0, 0.9, 20.0, 4.0, {})
-    return replace(good, **changes)
+BASE = frozenset()
 
 
-def misfit(p_value=0.001):
-    return Misfit(40.0, np.ones(100), p_value, np.zeros(1), 0.0, 2.0, 0.5)
+def misfit(p_value=0.001, statistic=41.0):
+    """Of which 40 nats are more than chance gives."""
+    return Misfit(statistic, np.ones(100), p_value, "actuator", "the path", np.zeros(1), 0.0)
 
 
-def outcome_of(*candidates, p_value=0.001):
-    return decide(list(candidates), misfit(p_value), THRESHOLD)
+WAVE = linear_cause("wave")
+OBSERVED = straight.readings(1, wave=0.3)
+LACKING, WITH_WAVE = straight.exact_linear(OBSERVED), straight.exact_linear(OBSERVED, WAVE)
 
 
-def test_a_cause_that_passes_every_test_is_named():
-    assert outcome_of(candidate(), candidate("erosion", log_bayes_factor=1.0)) == Decision(
-        Outcome.NAMED, ("creep",)
+def step(p_value=0.001, statistic=41.0, *, linear=LACKING):
+    """By default of a model whose misfit is as large with causes as without."""
+    return Step(
+        trial=SimpleNamespace(linear=linear),
+        misfit=misfit(p_value, statistic),
+        simulated=np.zeros((0, len(OBSERVED))),
+        screened={},
+        threshold=4.0,
     )
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"log_bayes_factor": THRESHOLD - 1e-6},
-        {"explained_fraction": LEAST_EXPLAINED - 1e-6},
-        {"explained_fraction": None},
-        {"explained_fraction": float("nan")},
-        {"elpd_diff": 3.9},
-        {"elpd_diff": -20.0},
-        {"elpd_diff": None, "elpd_diff_se": None},
-        {"elpd_diff": float("nan")},
-        {"log_bayes_factor": None, "why": "no such column"},
-    ],
-)
-def test_a_cause_that_fails_one_test_is_not_named(change):
-    assert outcome_of(candidate(**change)) == Decision(Outcome.UNEXPLAINED, ())
+def support(cause="creep", **changes):
+    """A cause for which everything speaks."""
+    return replace(Support(cause, 30.0, 20.0, 4.0, {}, 0.3), **changes)
 
 
-@pytest.mark.parametrize(
-    "change", [{"log_bayes_factor": THRESHOLD}, {"explained_fraction": LEAST_EXPLAINED}]
-)
-def test_a_cause_at_the_threshold_is_named(change):
-    assert outcome_of(candidate(**change)).outcome is Outcome.NAMED
+CLEAN = step(0.5, 1.0)
+
+
+def outcome_of(*supported, base=None, final=CLEAN, **options):
+    return decide(base or step(), final, list(supported), **options)
+
+
+def test_a_cause_for_which_everything_speaks_is_named():
+    assert outcome_of(support()) == Decision(Outcome.NAMED, ("creep",))
+
+
+def test_causes_that_act_together_are_named_together():
+    together = outcome_of(support(), support("erosion"))
+    assert together == Decision(Outcome.NAMED, ("creep", "erosion"))
 
 
 @pytest.mark.parametrize(
@@ -79,90 +86,208 @@ def test_a_cause_at_the_threshold_is_named(change):
     ],
 )
 def test_without_a_cause_the_misfit_decides(p_value, outcome):
-    assert outcome_of(candidate(log_bayes_factor=0.1), p_value=p_value).outcome is outcome
-    assert outcome_of(p_value=p_value) == Decision(outcome, ())
+    assert outcome_of(base=step(p_value)) == Decision(outcome, ())
 
 
-def test_rivals_within_the_odds_of_twenty_are_ambiguous_and_the_others_not():
-    near = candidate("erosion", log_bayes_factor=30.0 - INSEPARABLE + 0.01)
-    far = candidate("gravity", log_bayes_factor=30.0 - INSEPARABLE - 0.01)
-    assert outcome_of(candidate(), near, far) == Decision(Outcome.AMBIGUOUS, ("creep", "erosion"))
-    assert outcome_of(candidate(), far) == Decision(Outcome.NAMED, ("creep",))
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"elpd_diff": 3.9}, "with creep held-out specimens are not predicted better (+3.9 ± 4.0"),
+        ({"elpd_diff": -20.0}, "with creep held-out specimens are not predicted better (-20.0"),
+        ({"elpd_diff": None, "elpd_diff_se": None}, "nothing to hold out"),
+        (
+            {"prior_tail": IMPLAUSIBLE / 2.0, "rivals": {"erosion": 2.0 * INSEPARABLE - 0.1}},
+            "creep would need an implausible size, and erosion fits almost as well",
+        ),
+    ],
+)
+def test_what_speaks_against_a_cause_is_said_and_nothing_is_named(change, said):
+    found = outcome_of(support(**change))
+    assert (found.outcome, found.causes) == (Outcome.UNEXPLAINED, ())
+    assert len(found.reasons) == 1
+    assert said in found.reasons[0]
+    without = outcome_of(support(**change), base=step(p_value=0.5))
+    assert (without.outcome, without.reasons) == (Outcome.ADEQUATE, found.reasons)
 
 
-def test_a_near_rival_that_held_out_specimens_refute_is_no_rival():
-    refuted = candidate("erosion", log_bayes_factor=29.0, elpd_diff=-5.0)
-    assert outcome_of(candidate(), refuted) == Decision(Outcome.NAMED, ("creep",))
+def test_one_of_two_causes_with_a_reason_against_it_keeps_both_from_being_named():
+    found = outcome_of(support(), support("erosion", elpd_diff=-1.0))
+    assert found.outcome is Outcome.UNEXPLAINED
+    assert "erosion" in found.reasons[0]
 
 
-def test_a_near_rival_that_was_not_tried_on_held_out_specimens_stays_one():
-    untried = candidate("erosion", log_bayes_factor=29.0, elpd_diff=None, elpd_diff_se=None)
-    assert outcome_of(candidate(), untried) == Decision(Outcome.AMBIGUOUS, ("creep", "erosion"))
+def test_an_implausible_size_is_named_where_nothing_else_comes_near():
+    far = support(prior_tail=1e-4, rivals={"erosion": 2.0 * INSEPARABLE + 0.1})
+    assert outcome_of(far).outcome is Outcome.NAMED
+    plausible = support(prior_tail=2.0 * IMPLAUSIBLE, rivals={"erosion": INSEPARABLE + 0.1})
+    assert outcome_of(plausible).outcome is Outcome.NAMED
 
 
-def test_the_order_of_the_candidates_does_not_matter():
-    near, far = candidate("erosion", log_bayes_factor=29.0), candidate("g", log_bayes_factor=8.0)
-    forwards = outcome_of(candidate(), near, far)
-    backwards = outcome_of(far, near, candidate())
-    assert forwards.outcome is backwards.outcome
-    assert set(forwards.causes) == set(backwards.causes)
+def test_a_gain_without_a_standard_error_has_to_be_a_gain():
+    single = support(elpd_diff=0.5, elpd_diff_se=None)
+    assert single.held_out_agrees
+    assert not replace(single, elpd_diff=0.0).held_out_agrees
+    # a gain that is not a number agrees with nothing
+    assert not replace(single, elpd_diff=float("nan")).held_out_agrees
 
 
-@given(st.lists(st.floats(-1000.0, 1000.0), min_size=1, max_size=6))
-def test_probabilities_leave_room_for_no_cause_at_all(factors):
-    found = probabilities([candidate(f"c{i}", log_bayes_factor=f) for i, f in enumerate(factors)])
-    values = np.array(list(found.values()))
-    assert np.all(values >= 0.0)
-    none = 1.0 - values.sum()
-    assert none >= -1e-9
-    moderate = np.abs(factors) < 20.0
-    for value, factor in zip(values[moderate], np.array(factors)[moderate], strict=True):
-        if none > 1e-6:
-            assert value / none == pytest.approx(np.exp(factor), rel=1e-3)
+@pytest.mark.parametrize(
+    ("left", "p_value", "outcome"),
+    [
+        (1.0 + 40.0 * (1.0 - LEAST_EXPLAINED) + 0.1, 0.5, Outcome.UNEXPLAINED),
+        (1.0 + 40.0 * (1.0 - LEAST_EXPLAINED) - 0.1, 0.5, Outcome.NAMED),
+        (1.0 + 40.0 * (1.0 - LEAST_EXPLAINED) - 0.1, MISFIT_LEVEL, Outcome.UNEXPLAINED),
+        (1.0 + 40.0 * (1.0 - NEARLY_ALL) + 0.1, MISFIT_LEVEL, Outcome.UNEXPLAINED),
+        (1.0 + 40.0 * (1.0 - NEARLY_ALL) - 0.1, MISFIT_LEVEL, Outcome.NAMED),
+    ],
+)
+def test_causes_must_remove_the_misfit(left, p_value, outcome):
+    found = outcome_of(support(), final=step(p_value, left))
+    assert found.outcome is outcome
+    assert len(found.reasons) == (outcome is Outcome.UNEXPLAINED)
+    assert all("of the misfit" in reason for reason in found.reasons)
 
 
-def test_one_even_cause_is_as_probable_as_none():
-    assert probabilities([candidate(log_bayes_factor=0.0)]) == {"creep": 0.5}
+def test_the_share_is_taken_on_each_models_own_scale_and_on_one():
+    """The second from the linear models: with the wave that is hidden, nearly all of it."""
+    same = share_explained(step(), step(0.5, 21.0))
+    assert same == pytest.approx((0.5, 0.0), abs=0.1)
+    better = share_explained(step(), step(0.5, 21.0, linear=WITH_WAVE))
+    assert better[0] == pytest.approx(0.5)
+    assert better[1] > NEARLY_ALL
 
 
-def test_what_cannot_be_judged_has_no_probability():
-    unjudged = candidate("gravity", log_bayes_factor=None, why="no mount")
-    assert set(probabilities([candidate(), unjudged])) == {"creep"}
+def test_a_misfit_that_the_base_model_hid_by_wide_errors_is_explained_on_one_scale():
+    """The base model's own statistic falls by less than half."""
+    small = 1.0 + 40.0 * (1.0 - LEAST_EXPLAINED) + 0.1
+    hidden = outcome_of(support(), final=step(0.5, small, linear=WITH_WAVE))
+    assert hidden.outcome is Outcome.NAMED
+    assert outcome_of(support(), final=step(0.5, small)).outcome is Outcome.UNEXPLAINED
+    assert LEAST_EXPLAINED < LEAST_ON_ONE_SCALE < NEARLY_ALL
 
 
-def test_naming_takes_at_least_odds_of_twenty():
-    linear = known_linear()
-    shape = linear.model.actuator.mask.shape
-    exact = np.broadcast_to(linear.mean.reshape(shape), (50, *shape))
-    assert naming_threshold(linear, (scaling_cause(),), exact) == LEAST_FACTOR == np.log(20.0)
+def test_where_there_was_no_misfit_to_explain_none_has_to_be():
+    slight = step(0.3, 0.5)
+    assert share_explained(slight, step(0.2, 3.0)) == (1.0, 1.0)
+    assert outcome_of(support(), base=slight, final=CLEAN).outcome is Outcome.NAMED
 
 
-def test_at_most_one_in_twenty_data_sets_without_an_effect_passes_the_threshold():
-    linear = known_linear()
-    shape = linear.model.actuator.mask.shape
-    generator = np.random.default_rng(1)
-    # twice the noise that the model believes in, so that the least factor is not enough
-    noise = 4.0 * generator.standard_normal((2, 400, len(linear.mean))) @ linear.factor.T
-    calibrating, fresh = (linear.mean + noise).reshape(2, 400, *shape)
-    causes = (scaling_cause(), scaling_cause("other", sd=0.3))
-    threshold = naming_threshold(linear, causes, calibrating)
-    assert threshold > LEAST_FACTOR
-    above = naming_threshold(linear, causes, fresh)
-    assert above == pytest.approx(threshold, rel=0.35)
-    single = naming_threshold(linear, causes[:1], calibrating)
-    assert single <= threshold
-    assert FALSE_NAME_RATE == 0.05
+def test_rivals_within_the_odds_of_twenty_are_ambiguous_and_others_are_not():
+    rivals = {"gravity": 1.5, "erosion": INSEPARABLE - 0.01, "mullins": INSEPARABLE + 0.01}
+    found = outcome_of(support(rivals=rivals))
+    assert found == Decision(Outcome.AMBIGUOUS, ("creep", "gravity", "erosion"))
+    assert outcome_of(support(rivals={"mullins": INSEPARABLE + 0.01})).outcome is Outcome.NAMED
+    better = outcome_of(support(rivals={"gravity": -0.5}))
+    assert better == Decision(Outcome.AMBIGUOUS, ("creep", "gravity"))
 
 
-def bulge(prediction, conditions, effect):
-    """An excess at middle pressures only."""
-    factor = 1.0 + effect["size"] * np.sin(conditions.pressure / 25.0)
-    return replace(prediction, curvature=factor * prediction.curvature)
+def test_a_certain_cause_is_named_and_the_other_is_one_of_several():
+    found = outcome_of(support(), support("erosion", rivals={"gravity": 1.0}))
+    assert found == Decision(Outcome.NAMED, ("creep",), one_of=(("erosion", "gravity"),))
 
 
-def test_only_causes_with_the_same_signature_are_confusable():
-    linear = known_linear()
-    first, twin = scaling_cause("first"), scaling_cause("twin", sd=0.02)
-    other = scaling_cause("other", on_reading=bulge)
-    assert confusable_pairs(linear, (first, twin, other)) == [("first", "twin")]
-    assert confusable_pairs(linear, (first,)) == []
+def test_two_uncertain_causes_are_ambiguous_together_each_told_once():
+    found = outcome_of(
+        support(rivals={"gravity": 1.0}), support("erosion", rivals={"gravity": 0.5})
+    )
+    assert found == Decision(Outcome.AMBIGUOUS, ("creep", "gravity", "erosion"))
+
+
+RUPTURES = RuptureMisfit(3, 0.2, 30.0, MISFIT_LEVEL)
+
+
+def test_ruptures_that_the_model_does_not_expect_are_a_misfit_too():
+    even = step(0.6, 1.0)
+    assert outcome_of(base=even, rupture=RUPTURES).outcome is Outcome.UNEXPLAINED
+    expected = replace(RUPTURES, p_value=0.3)
+    assert outcome_of(base=even, rupture=expected).outcome is Outcome.ADEQUATE
+    assert outcome_of(base=even, rupture=None).outcome is Outcome.ADEQUATE
+
+
+def test_a_cause_of_ruptures_need_not_explain_the_readings():
+    flaws = support("flaw_embrittlement")
+    off = step(0.001, 41.0)
+    named = outcome_of(flaws, final=off, on_rupture=frozenset({"flaw_embrittlement"}))
+    assert named == Decision(Outcome.NAMED, ("flaw_embrittlement",))
+    # a cause of readings beside it must
+    both = outcome_of(flaws, support(), final=off, on_rupture=frozenset({"flaw_embrittlement"}))
+    assert both.outcome is Outcome.UNEXPLAINED
+
+
+@given(st.floats(0.0, 200.0), st.floats(0.0, 200.0))
+@settings(max_examples=25, deadline=None)
+def test_the_share_that_is_explained_is_a_share(before, after):
+    own, common = share_explained(step(statistic=before), step(statistic=after))
+    assert 0.0 <= own <= 1.0
+    assert 0.0 <= common <= 1.0
+
+
+EFFORT = SearchEffort(replicates=60, fitted=3, pairs=0)
+
+
+def searched(observed, causes):
+    base = straight.fitted(straight.subject_of(observed))
+    search = Search(base, tuple(causes), EFFORT, np.random.SeedSequence(1))
+    return search, run_search(search)
+
+
+@pytest.fixture(scope="module")
+def twins():
+    causes = [linear_cause(name) for name in ("offset", "twin", "lag")]
+    return searched(straight.readings(1, offset=0.3, lag=0.2), causes)
+
+
+def test_supports_hold_exact_factors_gains_and_rivals(twins):
+    search, chosen = twins
+    observed = search.base.subject.observed
+    [one] = chosen - {"lag"}
+    [other] = {"offset", "twin"} - {one}
+    scores = {chosen: 9.0, chosen - {"lag"}: 4.0}
+    held_out = {
+        names: HeldOut(np.array([total, total + 1.0]), np.zeros((1, 48)))
+        for names, total in scores.items()
+    }
+    found = {support.cause: support for support in supports(search, chosen, held_out)}
+    lag, best = linear_cause("lag"), linear_cause(one)
+    exact = straight.log_factor(observed, lag, beside=[best])
+    assert found["lag"].log_bayes_factor == pytest.approx(exact, abs=0.2)
+    assert (found["lag"].elpd_diff, found["lag"].elpd_diff_se) == (10.0, 0.0)
+    # the set without the other was not held out
+    assert found[one].elpd_diff is None
+    gap = straight.log_factor(observed, best, beside=[lag]) - straight.log_factor(
+        observed, linear_cause(other), beside=[lag]
+    )
+    assert found[one].rivals[other] == pytest.approx(gap, abs=0.2)
+    assert found[one].inseparable == (other,)
+    assert found["lag"].inseparable == ()
+    order = [s.log_bayes_factor for s in supports(search, chosen, held_out)]
+    assert order == sorted(order, reverse=True)
+
+
+def test_confusable_causes_are_told_as_one_of_them(twins):
+    search, chosen = twins
+    fine = {
+        names: HeldOut(np.full(6, 10.0 * len(names)), np.zeros((1, 48)))
+        for names in (chosen, *(chosen - {name} for name in chosen))
+    }
+    found = decide(search.step(BASE), search.step(chosen), supports(search, chosen, fine))
+    assert found.outcome is Outcome.NAMED
+    assert found.causes == ("lag",)
+    assert [set(names) for names in found.one_of] == [{"offset", "twin"}]
+
+
+@pytest.mark.parametrize(
+    ("law", "of_law"),
+    [
+        (Normal(0.0, 0.1), lambda size: 2.0 * norm.sf(abs(size) / 0.1)),
+        (Normal(0.05, 0.1), lambda s: norm.sf((s - 0.05) / 0.1) + norm.cdf((-s - 0.05) / 0.1)),
+        (TruncatedNormal(0.0, 0.1, 0.0, np.inf), lambda size: 2.0 * norm.sf(size / 0.1)),
+    ],
+)
+def test_the_tail_of_the_prior_is_that_of_its_law(law, of_law):
+    cause = linear_cause("wave", law=law)
+    search, chosen = searched(straight.readings(2, wave=0.2), [cause])
+    assert chosen == {"wave"}
+    size = search.trials[chosen].mode[-1]
+    assert prior_tail(search, chosen, "wave") == pytest.approx(of_law(size), abs=2e-3)
+    assert of_law(size) > 0.005
