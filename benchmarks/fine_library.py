@@ -42,7 +42,7 @@ Flags = NDArray[np.bool_]
 
 COARSE_CURVES, LOOSE_CURVES, SOFT_CURVES = 204, 48, 40
 # the first of either design, and those next to which the fine mesh was then known least
-FINE_CURVES = (*range(16), 148, 108, 42, 97, 24, 22, 77, 185)
+FINE_CURVES = (*range(16), 148, 108, 42, 97, 24, 22, 77, 185, 53, 172)
 FINE_LOOSE_CURVES = (*range(4), 17, 22)
 SECONDS = 240.0  # that a run may take
 FORM = "1"  # raised when the fit changes: what is stored then counts no more

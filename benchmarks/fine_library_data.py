@@ -22,6 +22,7 @@ Floats = NDArray[np.float64]
 LENGTH = 50.0  # mm
 POINTS = 4  # of a curve
 SMALL_STRAIN = 0.05
+AT_REST = [at.MISMATCH, at.ALONG, at.UP]  # what strains the paper without pressure
 # a, the strain over k of a line that no paper holds [–], and P₀, the body's own stiffness [mm]
 STRAIN, GIVE = 0.07, 30.0
 # one unit of each coordinate: k, the material, the causes in the order of ``GROUPS``
@@ -100,12 +101,14 @@ def observed(
 ) -> Points:
     """Return what runs say within their reach; the number of a curve is its place.
 
-    Paper both slack and mismatched is left out: the mismatch takes up the slack, with a corner.
+    Slack paper that is strained at rest, by a mismatch or by weight, is left out: that takes up
+    the slack or adds to it, with a corner.
     """
     parts = []
     for number, (curve, found) in enumerate(zip(curves, samples, strict=True)):
         seen = observe(curve, found, span=TrainingRange(load=1.5), length=LENGTH)
-        corner = curve.material.paper_slack > 0.0 and curve.material.paper_mismatch != 0.0
+        place = np.array(Place.of(curve.material).values)
+        corner = place[at.SLACK - 1] > 0.0 and np.any(place[[axis - 1 for axis in AT_REST]])
         if seen is not None and not corner:
             parts.append(_points(number, curve, seen, points))
     return Points(*(np.concatenate(part) for part in zip(*parts, strict=True)))
@@ -130,8 +133,7 @@ def _points(
         slopes[:, output, 0] = rate[:, 0] * q / (growth * k)
         slopes[:, output, 1:] = rate[:, 1:] + (rate[:, 0] * q)[:, None] * moves
     slopes[..., at.THICKNESS] /= 2.0 * groups[0, at.THICKNESS - 1]
-    # of a slack paper the mismatch takes up the slack: refused
-    slopes[..., at.MISMATCH if groups[0, at.SLACK - 1] > 0.0 else at.SLACK] = np.nan
+    slopes[..., AT_REST if groups[0, at.SLACK - 1] > 0.0 else at.SLACK] = np.nan
     return coordinates(k, groups), values, slopes * UNITS, np.full(len(q), number)
 
 

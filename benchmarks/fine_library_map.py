@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from fine_library_data import LENGTH, SMALL_STRAIN, UNITS, coordinates
+from fine_library_data import AT_REST, LENGTH, SMALL_STRAIN, UNITS, coordinates
 from fine_library_layers import Layer
 from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
@@ -12,7 +12,7 @@ from scipy.interpolate import CubicHermiteSpline
 from bayesdeg.actuator.forward import relative_to_reference
 from bayesdeg.actuator.inputs import Inputs, Prediction
 from bayesdeg.actuator.status import Status
-from bayesdeg.emulator.coordinates import MISMATCH, SLACK
+from bayesdeg.emulator.coordinates import SLACK
 from bayesdeg.emulator.scaling import GROUPS, LOAD, groups_of
 
 Floats = NDArray[np.float64]
@@ -24,7 +24,7 @@ TABLE = LARGEST_BENDING * np.linspace(0.0, 1.0, 64) ** 2
 STEEPEST = 2.75  # d ln k/d ln q, beyond which the actuator is about to balloon
 FARTHEST = 1.0  # distance from what was solved, in lengths of the process
 ROOM = 0.15  # beyond the range of what was solved, over that range
-TAKEN_UP = 1e-3  # mismatch and slack that may go together
+TAKEN_UP = 0.05  # units of slack, and of what strains its paper at rest, that may go together
 NEUTRAL = {group.name: group.neutral for group in GROUPS}
 
 
@@ -155,7 +155,6 @@ def _within(library: Library, places: Floats) -> Flags:
     """Return whether materials and causes are in the range of what was solved."""
     room = ROOM * (library.upper - library.lower)
     inside = (places >= library.lower - room) & (places <= library.upper + room)
-    corner = (places[:, SLACK] * UNITS[SLACK] > TAKEN_UP) & (
-        np.abs(places[:, MISMATCH]) * UNITS[MISMATCH] > TAKEN_UP
-    )
+    at_rest = np.abs(places[:, AT_REST]) > TAKEN_UP
+    corner = (places[:, SLACK] > TAKEN_UP) & at_rest.any(axis=1)
     return inside[:, 1:].all(axis=1) & ~corner & (places[:, SLACK] >= 0.0)

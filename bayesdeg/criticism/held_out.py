@@ -22,6 +22,7 @@ _Fold = tuple[NDArray[np.intp], Floats, Floats]
 
 DRAWS, KEPT = 400, 1000
 ROUND, WANTED = 1000, 150.0  # draws of a round of importance sampling, effective draws wanted
+FEW = 6  # groups
 FEWEST = 20.0  # effective draws below which another way is tried
 
 
@@ -86,6 +87,8 @@ def predict_one_by_one(
     Vehtari, Gelman and Gabry (2017), doi:10.1007/s11222-016-9696-4.
     """
     subject, generator = trial.subject, np.random.default_rng(seed)
+    if len(subject.groups) <= FEW:  # each is too much of the data to be weighted away
+        return predict_folds(trial, np.arange(len(subject.groups)), seed=seed, executor=executor)
     vectors = trial.draws(generator, KEPT)
     density = subject.group_density(vectors)
     relative = float(np.clip(trial.posterior.effective / KEPT, 1e-3, 1.0))
@@ -164,9 +167,13 @@ def _replaced(held_out: HeldOut, subject: Subject, found: list[_Fold]) -> HeldOu
 def _predict_fold(trial: Trial, job: tuple[NDArray[np.intp], np.random.SeedSequence]) -> _Fold:
     groups, seed = job
     generator = np.random.default_rng(seed)
-    vectors = _draws(trial, trial.subject.without(groups), seed, generator)
+    vectors, log_evidence = _draws(trial, trial.subject.without(groups), seed, generator)
     testing = trial.subject.only(groups)
-    density = logsumexp(testing.group_density(vectors), axis=0) - np.log(DRAWS)
+    if len(groups) == 1 and np.isfinite(log_evidence):
+        # p(y_g | rest) is a ratio of evidences; few draws would miss what a whole curve demands
+        density = np.array([trial.log_evidence - log_evidence])
+    else:
+        density = logsumexp(testing.group_density(vectors), axis=0) - np.log(DRAWS)
     simulated = testing.simulated(vectors, generator)
     return groups, density, simulated[:, testing.group != ""]
 
@@ -176,19 +183,19 @@ def _draws(
     training: Subject,
     seed: np.random.SeedSequence,
     generator: np.random.Generator,
-) -> Floats:
-    """Draw from the posterior without some groups.
+) -> tuple[Floats, float]:
+    """Draw from the posterior without some groups; return the draws and the log evidence.
 
-    An importance sample that begins with the posterior of all groups; one about its own mode where
-    that has too few draws, and emcee where that has too few as well.
+    An importance sample about its mode; one that begins with the posterior of all groups where that
+    has too few draws; and emcee, without an evidence (nan), where that has too few as well.
     """
-    posterior = improved(training, trial.posterior, generator, draws=ROUND, enough=WANTED)
+    laplace = approximate(training, generator, start=trial.mode)
+    posterior = about_mode(training, laplace, generator, enough=WANTED)
     if posterior.effective < FEWEST:
-        laplace = approximate(training, generator, start=trial.mode)
-        posterior = about_mode(training, laplace, generator, enough=WANTED)
+        posterior = improved(training, trial.posterior, generator, draws=ROUND, enough=WANTED)
     if posterior.effective >= FEWEST:
-        return posterior.resample(generator, DRAWS)
+        return posterior.resample(generator, DRAWS), posterior.log_evidence
     near = surrounding(training, trial.mode, laplace.covariance, generator)
     chain = sample(training, near, effort=EFFORTS["quick"], seed=seed)
     flat = chain.vectors.reshape(-1, chain.vectors.shape[-1])
-    return flat[generator.integers(len(flat), size=DRAWS)]
+    return flat[generator.integers(len(flat), size=DRAWS)], float("nan")

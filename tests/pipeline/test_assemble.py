@@ -63,18 +63,31 @@ def test_readings_stay_alike_over_a_share_of_the_largest_pressure(tmp_path):
 
 
 def test_all_causes_are_candidates_unless_the_study_lists_some(tmp_path):
-    judged = {c.name for c in assemble(study_in(tmp_path)).candidates}
-    assert {name for name, cause in CATALOGUE.items() if not cause.needs} <= judged
+    assembly = assemble(study_in(tmp_path))
+    judged = {c.name for c in assembly.candidates}
+    conditions = assembly.model.actuator.conditions
+    visible = {
+        name
+        for name, cause in CATALOGUE.items()
+        if not cause.needs and (cause.blind(conditions) is None or "tensile" in cause.acts_on)
+    }
+    assert visible == judged
+    assert judged | set(assembly.unjudged) == set(CATALOGUE)
+    assert not judged & set(assembly.unjudged)
+    assert all(why.strip() for why in assembly.unjudged.values())
     chosen = SETTINGS + '[causes]\ncandidates = ["pressure_loss"]\n'
     some = assemble(study_in(tmp_path, {"study.toml": chosen})).candidates
     assert [c.name for c in some] == ["pressure_loss"]
 
 
-def test_without_an_actuator_no_cause_can_be_judged(tmp_path):
+FILMS = {name for name, cause in CATALOGUE.items() if "tensile" in cause.acts_on}
+
+
+def test_without_an_actuator_causes_that_films_show_can_be_judged(tmp_path):
     summary = "".join(r for r in SUMMARY.splitlines(keepends=True) if not r.startswith("r_squared"))
     assembly = assemble(study_in(tmp_path, {"summary.csv": summary}, without=("actuator.csv",)))
-    assert assembly.candidates == ()
-    assert set(assembly.unjudged) == set(CATALOGUE)
+    assert {c.name for c in assembly.candidates} == FILMS == {"second_invariant", "stress_measure"}
+    assert set(assembly.unjudged) == set(CATALOGUE) - FILMS
     assert not [n for n in assembly.model.table.names if n.startswith(("curvature", "emulator"))]
     assert assembly.model.forward is None
     # nothing in the model depends on the volume ratio
@@ -83,7 +96,7 @@ def test_without_an_actuator_no_cause_can_be_judged(tmp_path):
 
 
 def test_a_published_r_squared_speaks_of_actuators_that_are_not_there(tmp_path):
-    """Its misfit needs the mechanics, and so all that they depend on; causes it cannot judge."""
+    """Its misfit needs the mechanics, and so all that they depend on; causes only films judge."""
     assembly = assemble(study_in(tmp_path, without=("actuator.csv",)))
     model = assembly.model
     assert model.actuator is None
@@ -91,8 +104,15 @@ def test_a_published_r_squared_speaks_of_actuators_that_are_not_there(tmp_path):
     assert isinstance(model.forward, Surrogate)
     assert {"curvature_noise", "paper_stiffness", "volume_ratio"} <= set(model.table.names)
     assert "volume_ratio" in {s.quantity for s in model.statistics}
-    assert assembly.candidates == ()
+    assert {c.name for c in assembly.candidates} == FILMS
     assert "actuator.csv" in dict(assembly.missing)
+
+
+def test_without_actuators_and_films_no_cause_can_be_judged(tmp_path):
+    assembly = assemble(study_in(tmp_path, without=("actuator.csv", "tensile.csv")))
+    assert assembly.candidates == ()
+    assert set(assembly.unjudged) == set(CATALOGUE)
+    assert "tensile.csv" in assembly.unjudged["stress_measure"]
 
 
 def test_without_films_the_constants_rest_on_priors(tmp_path):

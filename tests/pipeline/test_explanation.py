@@ -1,58 +1,146 @@
+"""The verdict in plain words, and as the document that other tools read."""
+
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from bayesdeg.causes.catalogue import CATALOGUE
+from bayesdeg.criticism.candidates import Candidate, EffectSize
+from bayesdeg.criticism.confusability import Confusability
 from bayesdeg.criticism.discrepancy import Misfit
-from bayesdeg.criticism.verdict import Candidate, Decision, EffectSize, Outcome
+from bayesdeg.criticism.rupture_misfit import RuptureMisfit
+from bayesdeg.criticism.search import Step
+from bayesdeg.criticism.verdict import Decision, Outcome, Support
 from bayesdeg.pipeline.explanation import explain, unjudged_document, verdict_document
-from bayesdeg.pipeline.judge import Judgement, effect_size
+from bayesdeg.pipeline.judge import Judgement, readings_misfit
+from tests.criticism.linear_case import known_linear, with_readings
 
 WHERE = "Measured curvature lies below the simulation by 12 % on average at 20–80 kPa."
 SIZE = EffectSize(13.9, 0.6, 12.9, 14.9, "kPa")
-OFFSET = Candidate("pressure_offset", 41.2, 0.93, 39.5, 6.1, {"offset": SIZE})
+OFFSET = Candidate("pressure_offset", 41.2, 0.95, 0.93, 39.5, 6.1, {"offset": SIZE})
 FRACTION = EffectSize(0.1, 0.02, 0.06, 0.13, "–")
-LOSS = Candidate("pressure_loss", 6.0, 0.4, 3.0, 4.0, {"fraction": FRACTION})
-UNJUDGED = Candidate("creep", None, None, None, None, {}, "actuator.csv does not record time_s")
+LOSS = Candidate("pressure_loss", 6.0, 0.04, 0.4, 3.0, 4.0, {"fraction": FRACTION})
+SCREENED = Candidate("erosion", 1.5, 0.01, None, None, None, {}, fitted=False)
+UNJUDGED = Candidate(
+    "creep", *5 * (None,), {}, fitted=False, why="actuator.csv does not record time_s"
+)
+CANDIDATES = (OFFSET, LOSS, SCREENED, UNJUDGED)
+CONFUSABLE = Confusability(
+    ("pressure_loss", "film_mismatch"), np.array([9.0, 9.0]), np.array([[1.0, 0.9], [0.8, 1.0]])
+)
+RESIDUAL, LEFT = 2.0, 0.5  # by which curvatures are off [1/m], and what no discrepancy explains
 
 
-def judgement_of(outcome, *causes, candidates=(OFFSET, LOSS, UNJUDGED), p_value=1 / 501):
+def misfit_of(p_value, *, discrepancy=0.0, statistic=61.0, lost=0.0):
+    shape = np.full(len(known_linear().mean), discrepancy)
+    return Misfit(statistic, np.ones(500), p_value, "actuator", "the path", shape, lost)
+
+
+def search_of(base, left):
+    """What a finished search says of two sets: none, and all that the evidence favours."""
+    linear = with_readings(known_linear(), known_linear().mean + RESIDUAL)
+    trial = SimpleNamespace(linear=linear, subject=linear.subject, names=frozenset())
+
+    def step(names):
+        found = left if names else base
+        return Step(
+            trial=trial, misfit=found, simulated=np.zeros((0, 1)), screened={}, threshold=4.2
+        )
+
+    return SimpleNamespace(base=trial, step=step)
+
+
+def support(cause, *, rivals=None, factor=41.2):
+    return Support(cause, factor, 39.5, 6.1, rivals or {}, 0.1)
+
+
+def judgement_of(
+    decision, *supported, candidates=CANDIDATES, p_value=1 / 501, lost=0.0, rupture=None
+):
+    base = misfit_of(p_value, lost=lost)
+    left = misfit_of(0.4, statistic=1.0, discrepancy=RESIDUAL - LEFT)
     return Judgement(
-        misfit=Misfit(60.0, np.ones(500), p_value, np.zeros(1), 0.0, 2.1, 0.6),
+        misfit=base,
+        left=left,
+        rupture=rupture,
         candidates=candidates,
-        decision=Decision(outcome, causes),
+        supported=supported,
+        decision=decision,
         threshold=4.2,
-        confusable=[("pressure_loss", "pressure_offset")],
+        confusability=CONFUSABLE,
         held_out={},
+        levels_out={},
+        search=search_of(base, left),
+        experiments=[],
     )
 
 
-NAMED = judgement_of(Outcome.NAMED, "pressure_offset")
+def named(*causes, one_of=()):
+    return Decision(Outcome.NAMED, causes, one_of=one_of)
+
+
+ONE = judgement_of(
+    named("pressure_offset"), support("pressure_offset", rivals={"pressure_loss": 35.2})
+)
 
 
 def test_a_named_cause_is_explained_with_mechanism_size_unit_and_gain():
-    text = explain(NAMED, WHERE)
+    text = explain(ONE, WHERE)
     assert text.startswith(WHERE)
-    assert f"The cause is pressure_offset: {CATALOGUE['pressure_offset'].mechanism}." in text
-    assert "offset 13.9 kPa (90 % interval 12.9 to 14.9)" in text
-    assert "93 % of the misfit is explained" in text
-    assert "better by 39.5 ± 6.1 in log density" in text
-    assert "pressure_loss, is 35.2 behind in log Bayes factor" in text
+    assert f"The cause is pressure_offset: {CATALOGUE['pressure_offset'].mechanism}" in text
+    assert "(offset 13.9 kPa, 90 % interval 12.9 to 14.9)" in text
+    assert "With it 100 % of the misfit is explained" in text
+    assert "predicted better with pressure_offset by 39.5 ± 6.1 in log density" in text
+    assert "The next best candidate, pressure_loss, is 35.2 behind in log Bayes factor" in text
     assert "Of 500 data sets simulated from the calibrated model, none misfit as much" in text
 
 
-def test_a_size_without_a_unit_shows_no_dash():
-    loss = replace(LOSS, log_bayes_factor=50.0)
-    text = explain(judgement_of(Outcome.NAMED, "pressure_loss", candidates=(loss,)), WHERE)
-    assert "fraction 0.1 (90 % interval 0.06 to 0.13)" in text
-    assert "–" not in text.replace(WHERE, "")
+def test_a_cause_without_rivals_has_no_runner_up():
+    text = explain(judgement_of(named("pressure_offset"), support("pressure_offset")), WHERE)
     assert "next best" not in text
+    assert "No other cause comes near." in text
+
+
+def test_a_size_without_a_unit_shows_no_dash():
+    text = explain(judgement_of(named("pressure_loss"), support("pressure_loss")), WHERE)
+    assert "fraction 0.1, 90 % interval 0.06 to 0.13" in text
+    assert "–" not in text.replace(WHERE, "")
+
+
+def test_causes_that_act_together_are_explained_together():
+    both = judgement_of(
+        named("pressure_offset", "pressure_loss"),
+        support("pressure_offset", rivals={"creep": 9.0}),
+        support("pressure_loss", rivals={"film_mismatch": 4.0}),
+    )
+    text = explain(both, WHERE)
+    assert "The causes, acting together, are pressure_offset:" in text
+    assert "and pressure_loss:" in text
+    assert "With them" in text
+    assert "with pressure_offset beside the others by 39.5 ± 6.1" in text
+    assert "candidate in the place of pressure_loss, film_mismatch, is 4.0 behind" in text
+
+
+def test_what_acts_beside_a_named_cause_is_said_where_it_cannot_be_told():
+    decision = named("pressure_offset", one_of=(("pressure_loss", "film_mismatch"),))
+    judgement = judgement_of(
+        decision,
+        support("pressure_offset", rivals={"creep": 9.0}),
+        support("pressure_loss", rivals={"film_mismatch": 0.1}),
+    )
+    text = explain(judgement, WHERE)
+    assert "Beside this one of pressure_loss or film_mismatch acts" in text
+    document = verdict_document(judgement, WHERE)
+    assert document["causes"] == ["pressure_offset"]
+    assert document["one_of"] == [["pressure_loss", "film_mismatch"]]
 
 
 def test_an_ambiguous_outcome_names_all_that_remain():
-    text = explain(judgement_of(Outcome.AMBIGUOUS, "pressure_offset", "pressure_loss"), WHERE)
+    decision = Decision(Outcome.AMBIGUOUS, ("pressure_offset", "pressure_loss"))
+    text = explain(judgement_of(decision, support("pressure_offset")), WHERE)
     assert "explained by pressure_offset or pressure_loss" in text
     assert "cannot tell them apart" in text
     for name in ("pressure_offset", "pressure_loss"):
@@ -60,25 +148,24 @@ def test_an_ambiguous_outcome_names_all_that_remain():
 
 
 def test_an_unexplained_misfit_says_why_the_nearest_cause_is_not_named():
-    text = explain(judgement_of(Outcome.UNEXPLAINED, candidates=(LOSS, UNJUDGED)), WHERE)
+    reasons = ("it removes only 40 % of the misfit", "held-out specimens are not predicted better")
+    decision = Decision(Outcome.UNEXPLAINED, (), reasons=reasons)
+    text = explain(judgement_of(decision, support("pressure_offset")), WHERE)
     assert "No cause in the catalogue accounts for it." in text
-    assert "The nearest is pressure_loss" in text
-    assert "removes only 40 % of the misfit" in text
-    assert "held-out specimens are not predicted better" in text
-    assert "log Bayes factor" not in text  # 6.0 would have been enough
-    weak = replace(LOSS, log_bayes_factor=2.5, elpd_diff=None, elpd_diff_se=None)
-    text = explain(judgement_of(Outcome.UNEXPLAINED, candidates=(weak,)), WHERE)
+    assert f"The nearest is pressure_offset: {'; '.join(reasons)}." in text
+    weak = replace(LOSS, log_bayes_factor=2.5)
+    nothing = Decision(Outcome.UNEXPLAINED, ())
+    text = explain(judgement_of(nothing, candidates=(weak, UNJUDGED)), WHERE)
     assert "its log Bayes factor 2.5 is below the 4.2 that naming takes" in text
-    assert "held-out" not in text
 
 
 def test_without_any_candidate_there_is_no_nearest():
-    text = explain(judgement_of(Outcome.UNEXPLAINED, candidates=(UNJUDGED,)), WHERE)
-    assert "nearest" not in text
+    judgement = judgement_of(Decision(Outcome.UNEXPLAINED, ()), candidates=(UNJUDGED,))
+    assert "nearest" not in explain(judgement, WHERE)
 
 
 def test_an_adequate_model_is_said_to_be_so():
-    text = explain(judgement_of(Outcome.ADEQUATE, p_value=0.34), WHERE)
+    text = explain(judgement_of(Decision(Outcome.ADEQUATE, ()), p_value=0.34), WHERE)
     assert "agrees with the measurements" in text
     assert "34 % of 500 data sets" in text
     assert "No cause is named." in text
@@ -87,48 +174,98 @@ def test_an_adequate_model_is_said_to_be_so():
 
 @pytest.mark.parametrize(("larger", "said"), [(0, "none"), (1, "1"), (7, "7")])
 def test_simulated_data_sets_that_misfit_as_much_are_counted(larger, said):
-    judgement = judgement_of(Outcome.NAMED, "pressure_offset", p_value=(1 + larger) / 501)
+    judgement = judgement_of(
+        named("pressure_offset"), support("pressure_offset"), p_value=(1 + larger) / 501
+    )
     assert f"calibrated model, {said} misfit as much" in explain(judgement, WHERE)
 
 
+@pytest.mark.parametrize(("p_value", "told"), [(0.01, True), (0.3, False)])
+def test_ruptures_are_told_where_they_are_no_chance(p_value, told):
+    decision = Decision(Outcome.UNEXPLAINED, ())
+    found = RuptureMisfit(3, 0.2, 30.0, p_value)
+    judgement = judgement_of(decision, rupture=found)
+    said = "3 actuators burst, where the base model expects 0.2 (p = 0.01)."
+    assert (said in explain(judgement, WHERE)) == told
+    document = verdict_document(judgement, WHERE)
+    assert document["ruptures"] == {
+        "burst": 3,
+        "expected": 0.2,
+        "deviance": 30.0,
+        "p_value": p_value,
+    }
+    assert verdict_document(ONE, WHERE)["ruptures"] is None
+
+
+def test_where_ruptures_alone_are_off_the_readings_are_said_to_agree():
+    decision = Decision(Outcome.UNEXPLAINED, ())
+    judgement = judgement_of(decision, p_value=0.6, rupture=RuptureMisfit(3, 0.2, 30.0, 0.01))
+    text = explain(judgement, WHERE)
+    assert text.startswith("The readings alone agree with the simulation.")
+    assert WHERE not in text
+
+
+@pytest.mark.parametrize(("lost", "warned"), [(0.04, False), (0.12, True)])
+def test_many_simulated_sets_beyond_the_emulator_are_warned_of(lost, warned):
+    judgement = judgement_of(Decision(Outcome.ADEQUATE, ()), p_value=0.5, lost=lost)
+    assert ("Caution: 12 % of the data sets" in explain(judgement, WHERE)) == warned
+
+
 def test_the_document_holds_what_was_promised():
-    document = verdict_document(NAMED, WHERE)
+    document = verdict_document(ONE, WHERE)
     promised = "outcome causes explanation candidates confusable false_name_rate misfit"
     assert set(document) >= {*promised.split(), "next_experiments"}
     assert document["outcome"] == "named"
     assert document["causes"] == ["pressure_offset"]
-    assert document["confusable"] == [["pressure_loss", "pressure_offset"]]
-    misfit = {"rms_per_m": 2.1, "noise_per_m": 0.6, "p_value": 1 / 501, "where": WHERE}
-    assert document["misfit"] == misfit
+    assert document["one_of"] == []
+    assert document["confusable"] == [["pressure_loss", "film_mismatch"]]
+    assert document["false_name_rate"] == 0.05
+    assert document["misfit"] == {
+        "rms_per_m": pytest.approx(RESIDUAL),
+        "noise_per_m": pytest.approx(LEFT),
+        "p_value": 1 / 501,
+        "where": WHERE,
+    }
     assert json.loads(json.dumps(document)) == document
 
 
+def test_residuals_are_told_before_and_after_what_is_explained():
+    assert readings_misfit(ONE) == (pytest.approx(RESIDUAL), pytest.approx(LEFT))
+
+
+def test_experiments_are_passed_on():
+    plan = [{"experiment": "unloading", "specimens": 3}]
+    assert verdict_document(ONE, WHERE, plan)["next_experiments"] == plan
+    assert verdict_document(ONE, WHERE)["next_experiments"] == []
+
+
 def test_candidates_in_the_document_keep_their_order_and_reasons():
-    best, second, unjudged = verdict_document(NAMED, WHERE)["candidates"]
-    names = [c["cause"] for c in (best, second, unjudged)]
-    assert names == ["pressure_offset", "pressure_loss", "creep"]
+    best, second, screened, unjudged = verdict_document(ONE, WHERE)["candidates"]
+    names = [c["cause"] for c in (best, second, screened, unjudged)]
+    assert names == ["pressure_offset", "pressure_loss", "erosion", "creep"]
     offset = {"mean": 13.9, "sd": 0.6, "q05": 12.9, "q95": 14.9, "unit": "kPa"}
     assert best["effect"] == {"offset": offset}
-    assert best["probability"] == pytest.approx(1.0)
-    assert second["probability"] == pytest.approx(np.exp(6.0 - 41.2), rel=1e-6)
+    assert best["probability"] == 0.95
+    assert best["explained_fraction"] == 0.93
+    assert best["mechanism"] == CATALOGUE["pressure_offset"].mechanism
+    assert best["judged_by"] == second["judged_by"] == "full fit"
+    assert screened["judged_by"] == "screening"
+    assert screened["effect"] == {}
     assert "why" not in best
+    assert "judged_by" not in unjudged
     assert unjudged["probability"] is None
     assert unjudged["why"] == "actuator.csv does not record time_s"
 
 
-def test_a_study_without_an_actuator_names_nothing():
+def test_a_study_without_readings_names_nothing():
     document = unjudged_document({"creep": "there are no actuator readings (actuator.csv)"})
-    assert set(document) == set(verdict_document(NAMED, WHERE))
+    assert set(document) == set(verdict_document(ONE, WHERE))
     assert document["causes"] == []
     assert document["misfit"]["p_value"] is None
     assert document["candidates"][0]["why"].startswith("there are no actuator readings")
     assert "no cause is named" in document["explanation"]
 
 
-def test_effect_size_is_of_the_draws():
-    size = effect_size(np.random.default_rng(1).normal(5.0, 2.0, 100_000), "kPa")
-    assert size.mean == pytest.approx(5.0, abs=0.03)
-    assert size.sd == pytest.approx(2.0, abs=0.03)
-    assert size.q05 == pytest.approx(5.0 - 1.645 * 2.0, abs=0.05)
-    assert size.q95 == pytest.approx(5.0 + 1.645 * 2.0, abs=0.05)
-    assert size.unit == "kPa"
+def test_modes_of_tension_that_were_predicted_wrong_are_told_without_readings_to_judge():
+    document = unjudged_document({}, "Planar tension is off by 3 %.")
+    assert document["explanation"].endswith("Planar tension is off by 3 %.")

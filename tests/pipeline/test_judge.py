@@ -1,0 +1,200 @@
+"""A calibrated model becomes a verdict: what is asked of it, and what joins the model."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bayesdeg.causes.catalogue import find
+from bayesdeg.criticism.convergence import diagnose
+from bayesdeg.criticism.search import SearchEffort
+from bayesdeg.criticism.verdict import Decision, Outcome, Support
+from bayesdeg.inference.chain import Chain
+from bayesdeg.inference.ensemble import EFFORTS
+from bayesdeg.inference.importance import about_mode
+from bayesdeg.inference.laplace import approximate
+from bayesdeg.inference.parameters import with_priors
+from bayesdeg.laws import LogNormal, Normal
+from bayesdeg.pipeline.assemble import Assembly
+from bayesdeg.pipeline.calibrate import Fit
+from bayesdeg.pipeline.judge import (
+    JUDGE_EFFORTS,
+    extended_model,
+    extension,
+    judge,
+    label,
+    readings_misfit,
+    with_sampled_sizes,
+)
+from bayesdeg.pipeline.progress import Silent
+from tests.criticism.linear_case import tight_model, with_known_scatter
+from tests.emulator.closed_form import trained
+from tests.inference.small_study import TRUTH, values_of
+
+EFFORT = SearchEffort(replicates=60, fitted=2, pairs=1, levels_out=True)
+CAUSES = tuple(find(name) for name in ("pressure_offset", "erosion", "paper_softening"))
+UNJUDGED = {"creep": "actuator.csv does not record time_s"}
+
+
+def model_with(**effect):
+    """Six actuators whose material is known, with an effect of the catalogue in their readings."""
+    model = with_known_scatter(replace(tight_model(), tensile=None, breaks=None, statistics=()))
+    known = {
+        name: Normal(TRUTH[name], 0.02) if "ratio" in name else LogNormal(TRUTH[name], 0.03)
+        for name in model.table.names
+        if name.startswith(("c1_", "c2_", "c3_", "elongation_at", "volume", "paper"))
+    }
+    known["volume_ratio"] = Normal(TRUTH["volume_ratio"], 0.01)
+    model = replace(model, base=with_priors(model.base, known), forward=trained())
+    active = model.extended(*(find(name.split(".")[0]) for name in effect))
+    values = values_of() | {name: np.array([size]) for name, size in effect.items()}
+    return model.with_readings(active.simulate(values, np.random.default_rng(4))[0])
+
+
+def fit_of(model, seed=0):
+    """A fit whose chain holds independent draws."""
+    generator = np.random.default_rng(seed)
+    laplace = approximate(model, generator, start=model.table.vectors(values_of())[0])
+    posterior = about_mode(model, laplace, generator)
+    draws = posterior.resample(generator, 800).reshape(4, 10, 20, -1)
+    log_prob = model.log_prob(draws.reshape(800, -1)).reshape(4, 10, 20)
+    chain = Chain(draws, log_prob, np.full(4, 0.4))
+    return Fit(model, laplace, posterior, chain, diagnose(model, chain, EFFORTS["quick"]))
+
+
+class Watched(Silent):
+    def __init__(self):
+        self.stages, self.notes = [], []
+
+    def stage(self, name, total=None):
+        self.stages.append(name)
+
+    def advance(self, steps=1.0, note=""):
+        self.notes.append(note)
+
+
+def judged(model, progress=None):
+    assembly = Assembly(model, CAUSES, UNJUDGED, ())
+    return judge(
+        assembly,
+        fit_of(model),
+        effort=EFFORT,
+        seed=np.random.SeedSequence(5),
+        progress=progress or Silent(),
+    )
+
+
+@pytest.fixture(scope="module")
+def shifted():
+    """A sensor that reads 12 kPa too much."""
+    progress = Watched()
+    return judged(model_with(**{"pressure_offset.offset": 12.0}), progress), progress
+
+
+@pytest.fixture(scope="module")
+def fine():
+    return judged(model_with())
+
+
+def test_a_planted_offset_is_named_with_its_size(shifted):
+    judgement, _ = shifted
+    assert judgement.decision.outcome is Outcome.NAMED
+    assert judgement.decision.causes == ("pressure_offset",)
+    assert judgement.misfit.p_value < 0.05 < judgement.left.p_value
+    best = judgement.candidates[0]
+    assert best.cause == "pressure_offset"
+    size = best.effect["offset"]
+    assert abs(size.mean) == pytest.approx(12.0, abs=4.0 * size.sd)
+    assert best.log_bayes_factor > judgement.threshold
+    assert best.elpd_diff > best.elpd_diff_se
+
+
+def test_candidates_that_could_not_be_judged_come_last_with_the_reason(shifted):
+    judgement, _ = shifted
+    names = [c.cause for c in judgement.candidates]
+    assert set(names) == {"pressure_offset", "erosion", "paper_softening", "creep"}
+    last = judgement.candidates[-1]
+    assert (last.cause, last.why) == ("creep", UNJUDGED["creep"])
+    assert last.log_bayes_factor is None
+
+
+def test_specimens_and_levels_are_held_out_of_the_base_and_the_extended_model(shifted):
+    judgement, _ = shifted
+    assert list(judgement.held_out) == ["base", "base+pressure_offset"]
+    assert list(judgement.levels_out) == ["base", "base+pressure_offset"]
+    for found in (*judgement.held_out.values(), *judgement.levels_out.values()):
+        assert found.log_density.shape == (6,)
+        assert np.all(np.isfinite(found.log_density))
+        assert np.all(np.isfinite(found.draws))
+
+
+def test_the_named_cause_joins_the_model_with_a_start_near_its_mode(shifted):
+    judgement, _ = shifted
+    model, start = extended_model(judgement)
+    assert [c.name for c in model.causes] == ["pressure_offset"]
+    assert np.isfinite(model.log_prob(start[None])[0])
+    size = model.table.named(start[None])["pressure_offset.offset"][0]
+    assert abs(size) == pytest.approx(12.0, abs=4.0)
+
+
+def test_sizes_of_named_causes_are_replaced_by_sampled_ones(shifted):
+    judgement, _ = shifted
+    model, start = extended_model(judgement)
+    column = model.table.names.index("pressure_offset.offset")
+    vectors = np.tile(start, (2, 50, 4, 1))
+    vectors[..., column] = np.random.default_rng(6).normal(9.0, 0.5, (2, 50, 4))
+    chain = Chain(vectors, np.zeros((2, 50, 4)), np.full(2, 0.4))
+    final = replace(fit_of(judgement.search.base.subject.model), model=model, chain=chain)
+    best, *others = with_sampled_sizes(judgement, final).candidates
+    assert best.effect["offset"].mean == pytest.approx(9.0, abs=0.2)
+    assert best.effect["offset"].unit == "kPa"
+    assert others == list(judgement.candidates[1:])
+
+
+def test_what_is_left_of_the_residuals_is_smaller_than_they_were(shifted):
+    before, after = readings_misfit(shifted[0])
+    assert 0.0 < after < 0.7 * before
+
+
+def test_the_work_is_shown(shifted):
+    judgement, progress = shifted
+    assert any("misfit" in name for name in progress.stages)
+    assert any("held-out" in name for name in progress.stages)
+    fitted = {names for names in judgement.search.trials if names}
+    assert {" and ".join(sorted(names)) for names in fitted} <= set(progress.notes)
+
+
+def test_without_an_effect_the_model_is_adequate_and_nothing_joins_it(fine):
+    assert fine.decision == Decision(Outcome.ADEQUATE, ())
+    assert fine.supported == ()
+    assert extended_model(fine) is None
+    assert list(fine.held_out) == ["base"]
+    assert fine.levels_out == {}
+    assert fine.misfit.p_value > 0.02
+    assert fine.experiments == []
+
+
+def test_ruptures_are_judged_where_there_is_a_limit(fine):
+    assert fine.rupture is not None
+    assert fine.rupture.burst == 0
+    assert fine.rupture.p_value > 0.05
+
+
+def test_a_final_model_holds_all_that_is_favoured_if_any_is_named():
+    two = (Support("creep", 9.0, 4.0, 1.0, {}, 0.3), Support("erosion", 5.0, 2.0, 1.0, {}, 0.3))
+    ambiguous = Decision(Outcome.AMBIGUOUS, ("creep", "erosion", "gravity"))
+    assert extension(ambiguous, two) == {"creep", "erosion"}
+    assert extension(Decision(Outcome.UNEXPLAINED, ()), two) == frozenset()
+
+
+def test_models_are_labelled_by_their_causes_in_alphabetical_order():
+    assert label(frozenset()) == "base"
+    assert label(frozenset({"stress_measure", "creep"})) == "base+creep+stress_measure"
+
+
+def test_more_effort_is_never_less():
+    quick, standard, thorough = (JUDGE_EFFORTS[name] for name in ("quick", "standard", "thorough"))
+    for low, high in ((quick, standard), (standard, thorough)):
+        assert low.replicates < high.replicates
+        assert low.fitted <= high.fitted
+        assert low.pairs <= high.pairs
