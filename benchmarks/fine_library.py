@@ -2,9 +2,12 @@
 
 Finer mesh (4616 instead of 2042 elements), another design and another family (Gaussian processes
 of the load over the bending, with derivatives) than the emulator that inference uses, so that data
-made with it are no inverse crime. Run as a script it solves the curves (about 75 minutes on one
-core, resumable), fits, and prints its own error, by leaving out whole curves of both meshes, and
-the emulator's deviation from it.
+made with it are no inverse crime. Run as a script it solves the curves (an hour on one core,
+resumable), fits them (3 minutes; the fit is stored beside the curves), and prints its own error, by
+leaving out whole curves of both meshes, and the emulator's deviation from it. At places as studies
+ask for them its curvatures and bend angles are 0.04 % off (rms, 0.1 % at the 95th percentile), its
+peak stretches 0.4 %. It refuses slack paper that is strained at rest, and what lies far from all
+that was solved. The kernels alone were found with the left-out curves among the data.
 
     uv run python benchmarks/fine_library.py --json
 """
@@ -31,6 +34,7 @@ from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.actuator.mesh import FINE, Resolution
 from bayesdeg.console import pool
 from bayesdeg.emulator.campaign import Kind, Run, complete
+from bayesdeg.emulator.coordinates import ALONG, UP
 from bayesdeg.emulator.held_out import study_like
 from bayesdeg.emulator.recipe import Recipe
 from bayesdeg.emulator.solutions import SolutionStore
@@ -45,7 +49,8 @@ COARSE_CURVES, LOOSE_CURVES, SOFT_CURVES = 204, 48, 40
 FINE_CURVES = (*range(16), 148, 108, 42, 97, 24, 22, 77, 185, 53, 172)
 FINE_LOOSE_CURVES = (*range(4), 17, 22)
 SECONDS = 240.0  # that a run may take
-FORM = "1"  # raised when the fit changes: what is stored then counts no more
+WEIGHTS, HEAVIEST = [ALONG, UP], 5e-5  # ρ g s/M that is answered [1/mm]
+FORM = "2"  # raised when the fit changes: what is stored then counts no more
 STORE = Path(".cache/fine_library")
 
 
@@ -104,8 +109,10 @@ class Fitted:
         places = np.concatenate(
             [part.data.places for part in (self.bending.found[0], self.bending.found[2])]
         )
-        layers = self.bending.layer, self.stretch.layer
-        return Library(*layers, places.min(axis=0), places.max(axis=0), errors)
+        lower, upper = places.min(axis=0), places.max(axis=0)
+        # every curve tells the slope by the weight, whose effect is small and nearly linear
+        lower[WEIGHTS], upper[WEIGHTS] = -HEAVIEST / UNITS[WEIGHTS], HEAVIEST / UNITS[WEIGHTS]
+        return Library(self.bending.layer, self.stretch.layer, lower, upper, errors)
 
 
 def fitted(coarse: Points, fine: Points) -> Fitted:

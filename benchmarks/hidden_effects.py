@@ -3,8 +3,8 @@
     uv run python benchmarks/hidden_effects.py --studies 300 --json
 
 makes that many studies with the second surrogate of the fine finite element model (see
-``fine_library.py``), judges each from its folder alone as ``bayesdeg run`` does at quick effort, and
-holds the verdicts against what was hidden and against a closed-form analysis of the same data.
+``fine_library.py``), judges each from its folder alone as ``bayesdeg run`` does at quick effort,
+and holds the verdicts against what was hidden and a closed-form analysis of the same data.
 Finished studies are kept in ``.cache/hidden_effects`` and not judged again.
 """
 
@@ -24,7 +24,14 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from bayesdeg.actuator.inputs import ForwardMap
-from bayesdeg.criticism.linear import Linear, effects, linearise, log_bayes_factor, sensitivities
+from bayesdeg.criticism.linear import (
+    Linear,
+    effects,
+    linearise,
+    log_bayes_factor,
+    neutral_sizes,
+    sensitivities,
+)
 from bayesdeg.inference.chain import Chain
 from bayesdeg.inference.ensemble import EFFORTS, sample
 from bayesdeg.inference.importance import about_mode
@@ -146,9 +153,13 @@ def _visible(judgement: Judgement, study: HiddenStudy, truth: Truth) -> dict[str
     linear = linearise(base.subject, mode, uncertain=base.uncertain)
     sizes = {}
     for one in study.effects:
-        size = [float(p.law.to_unconstrained(one.values[p.name])) for p in one.cause.parameters]
-        change = effects(linear, one.cause, np.array([size]))[0]
-        sizes[one.cause.name] = float(np.linalg.norm(np.nan_to_num(change)))
+        whole = [float(p.law.to_unconstrained(one.values[p.name])) for p in one.cause.parameters]
+        neutral = neutral_sizes(one.cause)
+        shares = np.array([1.0, 0.5, 0.25, 0.1])  # where the whole effect leaves the range
+        steps = neutral + shares[:, None] * (np.array(whole) - neutral)
+        change = np.linalg.norm(effects(linear, one.cause, steps), axis=1) / shares
+        known = change[np.isfinite(change)]
+        sizes[one.cause.name] = float(known[0]) if len(known) else 0.0
     return sizes
 
 

@@ -42,6 +42,8 @@ class Linear:
     mean : array, shape (n,)
         Readings expected from all other data: the prediction with the shift X δ₀, where δ₀ is such
         that the mode is the most probable point given the readings too.
+    jacobian : array, shape (n, n_parameters)
+        X, on the sampler's scale.
     scatter : array, shape (n, n)
         V, of specimens and errors.
     factor : array, shape (n, n)
@@ -52,6 +54,7 @@ class Linear:
     mode: Floats
     prediction: Floats
     mean: Floats
+    jacobian: Floats
     scatter: Floats
     factor: Floats
 
@@ -70,6 +73,23 @@ class Linear:
     def observed(self) -> Floats:
         """The data on the whitened scale, shape (n,)."""
         return self.whiten(self.subject.observed)
+
+    def straightened(self, vectors: Floats, simulated: Floats) -> Floats:
+        """Return data sets simulated at posterior draws as a model linear in δ makes them, (k, n).
+
+        f + X (θ − mode) with the simulated errors and specimens' deviations: what is compared with
+        them was fitted to its own data, about which it was linearised, and they are not.
+
+        Parameters
+        ----------
+        vectors : array, shape (k, n_parameters)
+            θ, the draws.
+        simulated : array, shape (k, n)
+            Data sets at these draws; nan where the model had no answer.
+        """
+        errors = simulated - self.subject.expected(vectors)
+        straight: Floats = self.prediction + (vectors - self.mode) @ self.jacobian.T + errors
+        return straight
 
     def unexplained(self, whitened: Floats) -> Floats:
         """Return what of whitened data (..., n) is error and scatter after the refit, (..., n).
@@ -102,7 +122,8 @@ def linearise(subject: Subject, mode: Floats, *, uncertain: Floats | None = None
     # where the data are those of the model, δ = 0 is the most probable deviation: that fixes δ₀
     weighted = np.linalg.solve(scatter, subject.observed - prediction)
     mean = prediction - spread @ weighted
-    return Linear(subject, mode, prediction, mean, scatter, np.linalg.cholesky(scatter + spread))
+    factor = np.linalg.cholesky(scatter + spread)
+    return Linear(subject, mode, prediction, mean, jacobian, scatter, factor)
 
 
 def rest_covariance(subject: Subject, start: Floats) -> Floats:

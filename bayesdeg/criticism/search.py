@@ -149,7 +149,7 @@ class Search:
         generator = np.random.default_rng(self._seed(trial.names, 1))
         linear = trial.linear
         draws = trial.draws(generator, self.effort.replicates)
-        simulated = trial.subject.simulated(draws, generator)
+        simulated = linear.straightened(draws, trial.subject.simulated(draws, generator))
         misfit = measure(linear, simulated)
         others = [cause for cause in self.causes if cause.name not in trial.names]
         known = simulated[np.all(np.isfinite(simulated), axis=1)]

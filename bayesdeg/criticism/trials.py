@@ -14,6 +14,7 @@ from bayesdeg.inference.laplace import Evidence, approximate, weighted
 
 Floats = NDArray[np.float64]
 
+LOOKED_AT = 2000  # draws
 DRAWS = 3000  # of the estimate from the prior
 ENOUGH, WANTED = 40.0, 80.0  # effective draws: fewer need a second estimate; where to stop
 
@@ -59,8 +60,16 @@ class Trial:
 
 def base_trial(subject: Subject, mode: Floats, posterior: Evidence) -> Trial:
     """Return the trial of a model that is fitted already."""
-    uncertain = rest_covariance(subject, mode)
-    return Trial(subject, mode, posterior.log_evidence, posterior, uncertain)
+    top = most_probable(subject, mode, posterior)
+    return Trial(subject, top, posterior.log_evidence, posterior, rest_covariance(subject, top))
+
+
+def most_probable(subject: Subject, mode: Floats, posterior: Evidence) -> Floats:
+    """Return the mode, or where it is outside the bounds of a prior the most probable draw."""
+    known = posterior.draws[np.isfinite(posterior.log_weights)]
+    points = np.vstack([mode, known[:: max(1, len(known) // LOOKED_AT)]])
+    top: Floats = points[int(np.argmax(subject.log_prob(points)))]
+    return top
 
 
 def try_causes(parent: Trial, cause: Cause, size: Floats, generator: np.random.Generator) -> Trial:
@@ -95,8 +104,7 @@ def try_causes(parent: Trial, cause: Cause, size: Floats, generator: np.random.G
         # what a sample does not reach is missing from its evidence
         if parent.log_evidence + other.log_evidence > evidence:
             posterior, evidence = other, parent.log_evidence + other.log_evidence
-    points = np.vstack([laplace.mode, posterior.draws])
-    top = points[int(np.argmax(subject.log_prob(points)))]
+    top = most_probable(subject, laplace.mode, posterior)
     uncertain = with_prior_variance(parent.uncertain, parent.subject, subject)
     return Trial(subject, top, evidence, posterior, uncertain)
 

@@ -97,7 +97,8 @@ def known_linear(*, with_angle=False):
         covariance[own, own] = correlation * np.outer(sd, sd) + spread[i] * np.outer(slope, slope)
     flat = prediction.ravel()
     factor = np.linalg.cholesky(covariance)
-    return Linear(ModelReadings(model), mode, flat, flat, covariance, factor)
+    jacobian = np.zeros((len(flat), len(mode)))  # nothing is uncertain
+    return Linear(ModelReadings(model), mode, flat, flat, jacobian, covariance, factor)
 
 
 def with_readings(linear, readings):

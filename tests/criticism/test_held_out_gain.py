@@ -104,7 +104,7 @@ def test_densities_of_specimens_in_folds_are_exact(names):
 
 def outlying(observed):
     """One specimen so far off that draws which know it say nothing of what is without it."""
-    return observed + np.where(np.isin(SPECIMEN, ["f"]), 0.4 * straight.X, 0.0)
+    return observed + np.where(np.isin(SPECIMEN, ["f"]), 1.5 * straight.X, 0.0)
 
 
 def test_a_specimen_that_carries_the_fit_is_left_out_in_earnest(monkeypatch):
@@ -118,10 +118,27 @@ def test_a_specimen_that_carries_the_fit_is_left_out_in_earnest(monkeypatch):
     monkeypatch.setattr(held_out_module, "_calibrated_anew", watched)
     found, exact = one_by_one(observed), exact_held_out(observed)
     assert 5 in anew
-    assert exact[5] < exact[:5].min() - 10.0
-    # a mean of 400 densities, each of a small tail
-    assert found.log_density[5] == pytest.approx(exact[5], abs=2.5)
+    assert exact[5] < exact[:5].min() - 100.0
+    # a ratio of evidences: no draw of the others' posterior comes near it
+    assert found.log_density[5] == pytest.approx(exact[5], abs=0.25)
     np.testing.assert_allclose(found.log_density[:5], exact[:5], atol=0.25)
+
+
+def test_each_of_few_specimens_is_left_out_in_earnest(monkeypatch):
+    def never(*args):
+        raise AssertionError("weights of draws that know the specimen")
+
+    monkeypatch.setattr(held_out_module, "smoothed", never)
+    observed = straight.readings(8)
+    subject = straight.subject_of(observed).only(np.array([0, 2, 4]))
+    found = predict_one_by_one(straight.fitted(subject), seed=np.random.SeedSequence(3))
+    rows = np.isin(SPECIMEN, subject.groups)
+    law = straight.joint_of(rows=rows)
+    exact = [
+        straight.conditional(law, observed[rows], np.isin(SPECIMEN[rows], [name]))
+        for name in subject.groups
+    ]
+    np.testing.assert_allclose(found.log_density, exact, atol=0.25)
 
 
 def test_the_gain_of_a_planted_cause_is_exact_and_positive():

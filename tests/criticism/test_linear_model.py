@@ -158,6 +158,27 @@ def test_unexplained_is_what_a_refit_leaves_of_straight_readings():
     )
 
 
+def test_data_simulated_by_a_straight_model_are_straight():
+    linear = straight.exact_linear(straight.readings(8))
+    vectors = linear.mode + np.random.default_rng(9).standard_normal((5, 2))
+    simulated = linear.subject.simulated(vectors, np.random.default_rng(10))
+    found = linear.straightened(vectors, simulated)
+    np.testing.assert_allclose(found, simulated, atol=1e-9)
+    np.testing.assert_allclose(linear.jacobian, straight.joint_of().shapes, atol=1e-9)
+
+
+def test_straightened_data_keep_their_errors_about_a_linear_mean(linear):
+    vectors = linear.mode + 0.3 * np.random.default_rng(9).standard_normal((4, len(linear.mode)))
+    mean = linear.subject.expected(vectors)
+    errors = np.random.default_rng(10).standard_normal(mean.shape)
+    errors[2, 0] = np.nan
+    found = linear.straightened(vectors, mean + errors)
+    moved = linear.prediction + (vectors - linear.mode) @ linear.jacobian.T
+    np.testing.assert_allclose(found, moved + errors, atol=1e-9)
+    # so large a step is not straight by itself
+    assert np.max(np.abs(mean - moved)) > 0.1
+
+
 def test_effects_are_changes_of_the_whitened_mean():
     """Through the full equations: curvatures scaled by 1 + φ at each of several sizes."""
     known, cause = known_linear(), scaling_cause()

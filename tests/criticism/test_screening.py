@@ -141,6 +141,28 @@ def test_a_cause_that_only_widens_the_errors_is_screened_as_by_quadrature(noise)
     assert (exact > np.log(20.0)) == (noise > 0.1)
 
 
+def widened_and_shifted(observed, law, cause):
+    """As `widened`, of an error beside a linear effect, which is integrated out exactly."""
+    extra = np.asarray(law.quantile((np.arange(400) + 0.5) / 400))
+    ratios = [straight.joint_of(cause, extra=e).log_evidence(observed) for e in extra]
+    return logsumexp(ratios) - np.log(len(extra)) - straight.joint_of().log_evidence(observed)
+
+
+@pytest.mark.parametrize(("size", "sd"), [(0.2, 0.3), (0.6, 0.1)])
+def test_an_effect_that_also_widens_the_errors_is_screened_as_by_quadrature(size, sd):
+    """Of a usual size, and of six prior sds, where the prior pulls harder the wider errors are."""
+    law = TruncatedNormal(0.0, 0.3, 0.0, np.inf)
+    shift = linear_cause("wave", law=Normal(0.0, sd))
+    hook = straight.partial(straight.added, shapes={"size": SHAPES["wave"]})
+    both = cause_of("noise", {"size": Normal(0.0, sd), "extra": law}, hook)
+    more = 0.4 * np.random.default_rng(8).standard_normal(len(X))
+    observed = straight.readings(7, wave=size) + more
+    found = screen(straight.exact_linear(observed), both)
+    exact = widened_and_shifted(observed, law, shift)
+    # nine sizes stand for the prior of the errors
+    assert found.log_bayes_factor == pytest.approx(exact, abs=0.6)
+
+
 def test_scatter_of_misread_degradation_is_screened_as_by_quadrature():
     """Of the catalogue's own cause: specimens of a level that differ more than they may."""
     known, cause = known_linear(), find("degradation_misread")

@@ -48,6 +48,21 @@ def test_a_planted_cause_is_chosen(name, size):
     assert np.mean(right) >= 0.9
 
 
+def test_a_cause_is_chosen_where_its_exact_factor_passes_the_threshold_and_only_there():
+    """Of a small wave; data whose factor is within the Monte Carlo error are left out."""
+    wave, found = [linear_cause("wave")], []
+    for seed in range(40):
+        observed = straight.readings(seed, wave=0.05)
+        margin = straight.log_factor(observed, *wave) - LEAST_FACTOR
+        if 0.3 < abs(margin) < 3.0:
+            search, chosen = searched(observed, wave, seed=seed)
+            assert search.step(NOTHING).threshold == LEAST_FACTOR
+            assert (chosen == {"wave"}) == (margin > 0.0)
+            found.append(margin > 0.0)
+    assert found.count(True) >= 4
+    assert found.count(False) >= 4
+
+
 def test_two_planted_causes_are_both_chosen():
     right = [names == {"offset", "lag"} for names in chosen_in(10, offset=0.3, lag=0.2)]
     assert np.mean(right) >= 0.9
