@@ -18,6 +18,7 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+from fine_library import fine_library
 from hidden_studies import HiddenStudy, drawn_study, made
 from hidden_summary import summary
 from numpy.typing import NDArray
@@ -41,7 +42,8 @@ from bayesdeg.laboratory.truth import Truth
 from bayesdeg.measure.study import read_study
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.calibrate import Fit
-from bayesdeg.pipeline.judge import JUDGE_EFFORTS, Judgement, judge
+from bayesdeg.pipeline.judge import JUDGE_EFFORTS, judge
+from bayesdeg.pipeline.judgement import Judgement
 from bayesdeg.pipeline.progress import Silent
 
 Floats = NDArray[np.float64]
@@ -60,8 +62,6 @@ NAMED_FROM = float(np.log(20.0))
 @cache
 def library() -> ForwardMap:
     """Return the second surrogate, loaded once a process."""
-    from fine_library import fine_library
-
     return fine_library()
 
 

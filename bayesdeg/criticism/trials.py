@@ -1,6 +1,6 @@
 """A set of causes joins the model, and everything is fitted again: mode, evidence, what is left."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -9,12 +9,13 @@ from numpy.typing import NDArray
 from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.linear import Linear, linearise, rest_covariance, with_prior_variance
 from bayesdeg.criticism.subject import Subject, columns_of, with_neutral
-from bayesdeg.inference.importance import about_mode
+from bayesdeg.inference.importance import about_mode, improved
 from bayesdeg.inference.laplace import Evidence, approximate, weighted
 
 Floats = NDArray[np.float64]
 
 LOOKED_AT = 2000  # draws
+ROUND = 1000  # draws of a round of importance sampling
 DRAWS = 3000  # of the estimate from the prior
 ENOUGH, WANTED = 40.0, 80.0  # effective draws: fewer need a second estimate; where to stop
 
@@ -97,16 +98,26 @@ def try_causes(parent: Trial, cause: Cause, size: Floats, generator: np.random.G
     densities = subject.log_prob(both)
     laplace = approximate(subject, generator, start=both[int(np.argmax(densities))])
     posterior = about_mode(subject, laplace, generator, enough=WANTED)
-    evidence = posterior.log_evidence
     outside = not np.isfinite(subject.log_prob(laplace.mode[None])[0])
     if posterior.effective < ENOUGH or outside:
-        other = from_prior(parent, cause, generator)
-        # what a sample does not reach is missing from its evidence
-        if parent.log_evidence + other.log_evidence > evidence:
-            posterior, evidence = other, parent.log_evidence + other.log_evidence
+        posterior = _other_way(parent, cause, posterior, generator)
     top = most_probable(subject, laplace.mode, posterior)
     uncertain = with_prior_variance(parent.uncertain, parent.subject, subject)
-    return Trial(subject, top, evidence, posterior, uncertain)
+    return Trial(subject, top, posterior.log_evidence, posterior, uncertain)
+
+
+def _other_way(
+    parent: Trial, cause: Cause, posterior: Evidence, generator: np.random.Generator
+) -> Evidence:
+    """Sample a posterior from the parent's and the prior, where its own mode is of no use."""
+    ratio = from_prior(parent, cause, generator)
+    other = replace(ratio, log_evidence=parent.log_evidence + ratio.log_evidence)
+    # what a sample does not reach is missing from its evidence
+    best = max(posterior, other, key=lambda found: found.log_evidence)
+    if best.effective >= WANTED:
+        return best
+    again = improved(parent.subject.extended(cause), best, generator, draws=ROUND, enough=WANTED)
+    return again if again.effective > best.effective else best
 
 
 def from_prior(

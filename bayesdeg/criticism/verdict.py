@@ -144,7 +144,7 @@ def decide(
     """
     off = base.misfit.p_value <= MISFIT_LEVEL
     broken = rupture is not None and rupture.p_value <= MISFIT_LEVEL
-    reasons = [reason for one in supported for reason in _against(one)]
+    reasons = list(dict.fromkeys(reason for one in supported for reason in _against(one)))
     if any(one.cause not in on_rupture for one in supported):
         reasons += _against_all(base, final)
     if not supported or reasons:

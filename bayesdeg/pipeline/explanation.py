@@ -8,7 +8,7 @@ from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.criticism.candidates import Candidate, EffectSize
 from bayesdeg.criticism.search import FALSE_NAME_RATE
 from bayesdeg.criticism.verdict import Outcome, share_explained
-from bayesdeg.pipeline.judge import Judgement, readings_misfit
+from bayesdeg.pipeline.judgement import Judgement, readings_misfit
 
 Json = dict[str, object]
 
@@ -111,14 +111,14 @@ def _unexplained(story: Story) -> str:
     judged = [c for c in judgement.candidates if c.log_bayes_factor is not None]
     if not judged:
         return text
+    if judgement.decision.reasons:
+        nearest = " and ".join(one.cause for one in judgement.supported)
+        return f"{text} The nearest is {nearest}: {'; '.join(judgement.decision.reasons)}."
     best = max(judged, key=lambda c: c.log_bayes_factor or 0.0)
-    reasons = list(judgement.decision.reasons)
-    if not reasons:
-        reasons = [
-            f"its log Bayes factor {best.log_bayes_factor:.1f} is below the "
-            f"{judgement.threshold:.1f} that naming takes"
-        ]
-    return f"{text} The nearest is {best.cause}: {'; '.join(reasons)}."
+    return (
+        f"{text} The nearest is {best.cause}: its log Bayes factor {best.log_bayes_factor:.1f} is "
+        f"below the {judgement.threshold:.1f} that naming takes."
+    )
 
 
 def _ambiguous(story: Story) -> str:

@@ -1,33 +1,31 @@
 """The base fit becomes a verdict: misfit, causes, held-out specimens, decision."""
 
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdeg.causes.catalogue import CATALOGUE, find
+from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.causes.cause import Cause
-from bayesdeg.criticism.candidates import Candidate, candidates, effect_size
-from bayesdeg.criticism.confusability import Confusability, confusability
-from bayesdeg.criticism.discrepancy import Misfit
+from bayesdeg.criticism.candidates import Candidate, candidates
+from bayesdeg.criticism.confusability import confusability
 from bayesdeg.criticism.experiments import next_experiments_document, rank
 from bayesdeg.criticism.experiments_candidates import candidate_experiments
 from bayesdeg.criticism.held_out import HeldOut, by_level, predict_folds, predict_one_by_one
-from bayesdeg.criticism.model_readings import CURVATURE, ModelReadings
-from bayesdeg.criticism.rupture_misfit import RuptureMisfit, rupture_misfit
-from bayesdeg.criticism.search import Names, Search, SearchEffort, Step, run_search
+from bayesdeg.criticism.model_readings import ModelReadings
+from bayesdeg.criticism.rupture_misfit import rupture_misfit
+from bayesdeg.criticism.search import Names, Search, SearchEffort, run_search
 from bayesdeg.criticism.trials import base_trial
 from bayesdeg.criticism.verdict import INSEPARABLE, Decision, Outcome, Support, decide, supports
 from bayesdeg.inference.laplace import FEWEST_EFFECTIVE, Evidence
-from bayesdeg.inference.model import Model
 from bayesdeg.pipeline.assemble import Assembly
 from bayesdeg.pipeline.calibrate import Fit
+from bayesdeg.pipeline.judgement import BASE, Judgement, extension, label
 from bayesdeg.pipeline.progress import Progress
 
 Floats = NDArray[np.float64]
 
-BASE: Names = frozenset()
 JUDGE_EFFORTS = {
     "quick": SearchEffort(replicates=200, fitted=3, pairs=1, levels_out=False),
     "standard": SearchEffort(replicates=500, fitted=6, pairs=3, levels_out=True),
@@ -35,54 +33,6 @@ JUDGE_EFFORTS = {
 }
 RUPTURE_DRAWS = 100
 IN_QUESTION = 3  # rivals between which experiments are ranked
-
-
-@dataclass(frozen=True)
-class Judgement:
-    """Everything that the verdict rests on.
-
-    Parameters
-    ----------
-    misfit, left : Misfit
-        Of the base model, and of the one with all causes that the evidence favours.
-    rupture : RuptureMisfit or None
-        Whether the base model expects the ruptures; None where there are none to judge.
-    candidates : tuple of Candidate
-        All that were tried, best first.
-    supported : tuple of Support
-        What speaks for those that the evidence favours.
-    decision : Decision
-        Outcome and causes.
-    threshold : float
-        Log Bayes factor needed to be named.
-    confusability : Confusability
-        What this study could not tell apart.
-    held_out, levels_out : dict of str to HeldOut
-        Specimens, and whole levels, that took no part; by name of the model, ``base`` first.
-    search : Search
-        The fitted sets of causes.
-    experiments : list
-        What to measure next, as in ``verdict.json``.
-    """
-
-    misfit: Misfit
-    left: Misfit
-    rupture: RuptureMisfit | None
-    candidates: tuple[Candidate, ...]
-    supported: tuple[Support, ...]
-    decision: Decision
-    threshold: float
-    confusability: Confusability
-    held_out: dict[str, HeldOut]
-    levels_out: dict[str, HeldOut]
-    search: Search
-    experiments: list[dict[str, object]]
-
-    @property
-    def steps(self) -> tuple[Step, Step]:
-        """What is known of the base model, and with all that the evidence favours."""
-        chosen = frozenset(one.cause for one in self.supported)
-        return self.search.step(BASE), self.search.step(chosen)
 
 
 def judge(
@@ -196,72 +146,6 @@ def _begun(
 def _on_rupture(search: Search) -> frozenset[str]:
     """Return the causes that act on rupture alone."""
     return frozenset(cause.name for cause in search.causes if cause.acts_on == {"rupture"})
-
-
-def label(names: Names) -> str:
-    """Return the name of a model in tables.
-
-    Examples
-    --------
-    >>> label(frozenset({"gravity", "creep"}))
-    'base+creep+gravity'
-    """
-    return "+".join(("base", *sorted(names)))
-
-
-def extended_model(judgement: Judgement) -> tuple[Model, Floats] | None:
-    """Return the model with the named causes, or the leading one; None if there is none."""
-    names = extension(judgement.decision, judgement.supported)
-    if not names:
-        return None
-    trial = judgement.search.trials[names]
-    assert isinstance(trial.subject, ModelReadings)
-    return trial.subject.model, trial.mode
-
-
-def extension(decision: Decision, supported: tuple[Support, ...]) -> Names:
-    """Return the causes that join the final model: all that the evidence favours, if any is named.
-
-    Of inseparable ones the best joins: predictions are nearly the same with each.
-    """
-    return frozenset(one.cause for one in supported) if decision.causes else BASE
-
-
-def readings_misfit(judgement: Judgement) -> tuple[float | None, float | None]:
-    """Return RMS residuals of the curvatures under the base model, and what is left [1/m].
-
-    What is left after all that the evidence favours, and a smooth discrepancy, are taken off: the
-    scatter of specimens and the errors of reading. None where there are no curvatures.
-    """
-    search = judgement.search
-    rows = search.base.subject.places.kind == CURVATURE
-    if not rows.any():
-        return None, None
-    chosen = search.step(frozenset(one.cause for one in judgement.supported))
-    found = []
-    for trial, explained in (
-        (search.base, np.zeros(len(rows))),
-        (chosen.trial, chosen.misfit.discrepancy),
-    ):
-        residual = trial.subject.observed - trial.linear.prediction - explained
-        found.append(float(np.sqrt(np.mean(residual[rows] ** 2))))
-    return found[0], found[1]
-
-
-def with_sampled_sizes(judgement: Judgement, final: Fit) -> Judgement:
-    """Replace the effects of the final model's causes by those of its sampled posterior."""
-    flat = final.chain.vectors.reshape(-1, final.chain.vectors.shape[-1])
-    values = final.model.table.named(flat)
-    sizes = {
-        cause.name: {
-            p.name: effect_size(values[cause.qualified(p.name)], p.unit) for p in cause.parameters
-        }
-        for cause in map(find, extension(judgement.decision, judgement.supported))
-    }
-    found = tuple(
-        replace(c, effect=sizes[c.cause]) if c.cause in sizes else c for c in judgement.candidates
-    )
-    return replace(judgement, candidates=found)
 
 
 def _posterior(fit: Fit) -> Evidence:

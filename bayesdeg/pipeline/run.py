@@ -20,7 +20,8 @@ from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.calibrate import Fit, calibrate
 from bayesdeg.pipeline.checks import check
 from bayesdeg.pipeline.films import examine
-from bayesdeg.pipeline.judge import JUDGE_EFFORTS, extended_model, judge, with_sampled_sizes
+from bayesdeg.pipeline.judge import JUDGE_EFFORTS, judge
+from bayesdeg.pipeline.judgement import extended_model, with_sampled_sizes
 from bayesdeg.pipeline.progress import Progress
 from bayesdeg.pipeline.record import run_document
 from bayesdeg.pipeline.results import Results

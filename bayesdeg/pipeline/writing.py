@@ -18,7 +18,7 @@ from bayesdeg.pipeline.decisions import decisions
 from bayesdeg.pipeline.deformed import write_deformed
 from bayesdeg.pipeline.explanation import unjudged_document, verdict_document
 from bayesdeg.pipeline.films import Films
-from bayesdeg.pipeline.judge import Judgement, readings_misfit
+from bayesdeg.pipeline.judgement import Judgement, readings_misfit
 from bayesdeg.pipeline.results import Results
 from bayesdeg.prediction.bands import curvature_bands
 from bayesdeg.prediction.rupture import rupture_table

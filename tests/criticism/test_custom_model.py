@@ -12,7 +12,7 @@ from bayesdeg.criticism.custom import CustomModel
 from bayesdeg.criticism.custom_readings import places_of
 from bayesdeg.criticism.custom_verdict import first_trial, interval_with_discrepancy, judge
 from bayesdeg.criticism.discrepancy import AMPLITUDES, largest_ratio
-from bayesdeg.criticism.held_out import predict_held_out
+from bayesdeg.criticism.held_out import predict_one_by_one
 from bayesdeg.criticism.kernels import discrepancies
 from bayesdeg.criticism.screening import screen
 from bayesdeg.criticism.trials import try_causes
@@ -133,9 +133,7 @@ def test_simulated_readings_have_the_covariance_that_is_stated():
 
 def test_held_out_groups_have_the_exact_predictive_density():
     trial = first_trial(model(), np.random.default_rng(0))
-    found = predict_held_out(
-        trial.subject, trial.mode, np.arange(4), seed=np.random.SeedSequence(5)
-    ).log_density
+    found = predict_one_by_one(trial, seed=np.random.SeedSequence(5)).log_density
     covariance = SD**2 * np.eye(len(ALONG)) + SLOPE_SD**2 * np.outer(ALONG, ALONG)
     whole = multivariate_normal(np.zeros(len(ALONG)), covariance).logpdf(OBSERVED)
     for number, name in enumerate(("a", "b", "c", "d")):

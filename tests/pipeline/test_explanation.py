@@ -15,7 +15,7 @@ from bayesdeg.criticism.rupture_misfit import RuptureMisfit
 from bayesdeg.criticism.search import Step
 from bayesdeg.criticism.verdict import Decision, Outcome, Support
 from bayesdeg.pipeline.explanation import explain, unjudged_document, verdict_document
-from bayesdeg.pipeline.judge import Judgement, readings_misfit
+from bayesdeg.pipeline.judgement import Judgement, readings_misfit
 from tests.criticism.linear_case import known_linear, with_readings
 
 WHERE = "Measured curvature lies below the simulation by 12 % on average at 20–80 kPa."

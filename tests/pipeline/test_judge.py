@@ -17,11 +17,10 @@ from bayesdeg.inference.parameters import with_priors
 from bayesdeg.laws import LogNormal, Normal
 from bayesdeg.pipeline.assemble import Assembly
 from bayesdeg.pipeline.calibrate import Fit
-from bayesdeg.pipeline.judge import (
-    JUDGE_EFFORTS,
+from bayesdeg.pipeline.judge import JUDGE_EFFORTS, judge
+from bayesdeg.pipeline.judgement import (
     extended_model,
     extension,
-    judge,
     label,
     readings_misfit,
     with_sampled_sizes,
