@@ -145,7 +145,7 @@ def first_trial(subject: Subject, generator: np.random.Generator) -> Trial:
     """Return a model without a cause, fitted from its priors."""
     laplace = approximate(subject, generator)
     posterior = about_mode(subject, laplace, generator)
-    return base_trial(subject, laplace.mode, posterior)
+    return base_trial(subject, laplace.mode, posterior, covariance=laplace.covariance)
 
 
 def posterior_draws(

@@ -201,6 +201,8 @@ def _widening(linear: Linear, one: Screened) -> float:
     residual = linear.factor @ (linear.observed - one.effect + columns @ _offset(one))
     half = linear.factor @ np.hstack([np.eye(len(columns)), columns])
     base = half @ half.T - extended.scatter(point)
+    if not np.all(np.isfinite(base)):
+        return 0.0
     ratios = []
     for share in (np.arange(WIDTHS) + 0.5) / WIDTHS:
         for k in wide:
@@ -213,6 +215,8 @@ def _widening(linear: Linear, one: Screened) -> float:
 
 
 def _normal(residual: Floats, covariance: Floats) -> float:
+    if not np.all(np.isfinite(covariance)):
+        return -np.inf
     try:
         factor = np.linalg.cholesky(covariance)
     except np.linalg.LinAlgError:

@@ -5,9 +5,16 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
 
 from bayesdeg.causes.cause import Cause
-from bayesdeg.criticism.linear import Linear, linearise, rest_covariance, with_prior_variance
+from bayesdeg.criticism.linear import (
+    Linear,
+    effects,
+    linearise,
+    rest_covariance,
+    with_prior_variance,
+)
 from bayesdeg.criticism.subject import Subject, columns_of, with_neutral
 from bayesdeg.inference.importance import about_mode, improved
 from bayesdeg.inference.laplace import Evidence, approximate, weighted
@@ -15,6 +22,9 @@ from bayesdeg.inference.laplace import Evidence, approximate, weighted
 Floats = NDArray[np.float64]
 
 LOOKED_AT = 2000  # draws
+STRONG = 5.0  # size of an effect, in standard deviations, that is climbed to from two sides
+CLIMBS, HIGHER = 2, 1.0  # more, where draws are higher than the mode by so much
+EDGE = 1e-4  # prior probability beyond a point that is put inside
 ROUND = 1000  # draws of a round of importance sampling
 DRAWS = 3000  # of the estimate from the prior
 ENOUGH, WANTED = 40.0, 80.0  # effective draws: fewer need a second estimate; where to stop
@@ -59,18 +69,44 @@ class Trial:
         return self.posterior.resample(generator, count)
 
 
-def base_trial(subject: Subject, mode: Floats, posterior: Evidence) -> Trial:
-    """Return the trial of a model that is fitted already."""
-    top = most_probable(subject, mode, posterior)
+def base_trial(
+    subject: Subject, mode: Floats, posterior: Evidence, *, covariance: Floats | None = None
+) -> Trial:
+    """Return the trial of a model that is fitted already, with the covariance at its mode."""
+    top = most_probable(subject, mode, posterior, covariance=covariance)
     return Trial(subject, top, posterior.log_evidence, posterior, rest_covariance(subject, top))
 
 
-def most_probable(subject: Subject, mode: Floats, posterior: Evidence) -> Floats:
-    """Return the mode, or where it is outside the bounds of a prior the most probable draw."""
+def most_probable(
+    subject: Subject, mode: Floats, posterior: Evidence, *, covariance: Floats | None = None
+) -> Floats:
+    """Return the mode, or where it is outside the bounds of a prior the best point within.
+
+    That is the mode of the normal law at the mode given that what is outside is at its bound, or
+    the most probable draw.
+    """
     known = posterior.draws[np.isfinite(posterior.log_weights)]
     points = np.vstack([mode, known[:: max(1, len(known) // LOOKED_AT)]])
+    if covariance is not None:
+        points = np.vstack([_within_bounds(subject, mode, covariance), points])
     top: Floats = points[int(np.argmax(subject.log_prob(points)))]
     return top
+
+
+def _within_bounds(subject: Subject, mode: Floats, covariance: Floats) -> Floats:
+    """Return the conditional mode with parameters that are outside their priors put inside."""
+    point = mode.copy()
+    for i, parameter in enumerate(subject.table.parameters):
+        law = parameter.law
+        if not np.isfinite(float(law.log_density(law.from_unconstrained(mode[i])))):
+            ends = law.to_unconstrained(law.quantile(np.array([EDGE, 1.0 - EDGE])))
+            point[i] = float(ends[int(np.argmin(np.abs(ends - mode[i])))])
+    moved = point != mode
+    if not moved.any() or not np.all(np.isfinite(point)):
+        return mode
+    inner = np.linalg.solve(covariance[np.ix_(moved, moved)], (point - mode)[moved])
+    point[~moved] += covariance[np.ix_(~moved, moved)] @ inner
+    return point
 
 
 def try_causes(parent: Trial, cause: Cause, size: Floats, generator: np.random.Generator) -> Trial:
@@ -91,19 +127,48 @@ def try_causes(parent: Trial, cause: Cause, size: Floats, generator: np.random.G
         Draws the proposals.
     """
     subject = parent.subject.extended(cause)
-    start = with_neutral(parent.mode, parent.subject, subject)
-    guess = start.copy()
-    guess[columns_of(subject, cause)] = size
-    both = np.stack([start, guess])
-    densities = subject.log_prob(both)
-    laplace = approximate(subject, generator, start=both[int(np.argmax(densities))])
+    starts = _starts(parent, subject, cause, size)
+    climbs = [approximate(subject, generator, start=start) for start in starts]
+    laplace = max(climbs, key=lambda climbed: climbed.log_density)
     posterior = about_mode(subject, laplace, generator, enough=WANTED)
+    for _ in range(CLIMBS):
+        top = most_probable(subject, laplace.mode, posterior)
+        if subject.log_prob(top[None])[0] < laplace.log_density + HIGHER:
+            break
+        laplace = approximate(subject, generator, start=top)
+        posterior = about_mode(subject, laplace, generator, enough=WANTED)
     outside = not np.isfinite(subject.log_prob(laplace.mode[None])[0])
     if posterior.effective < ENOUGH or outside:
         posterior = _other_way(parent, cause, posterior, generator)
-    top = most_probable(subject, laplace.mode, posterior)
+    top = most_probable(subject, laplace.mode, posterior, covariance=laplace.covariance)
     uncertain = with_prior_variance(parent.uncertain, parent.subject, subject)
     return Trial(subject, top, posterior.log_evidence, posterior, uncertain)
+
+
+def _starts(parent: Trial, subject: Subject, cause: Cause, size: Floats) -> list[Floats]:
+    """Return the best of: no effect; the guessed size; that with all else moved to make room.
+
+    The last is the most probable δ of the parent's linear model for readings less the effect. Where
+    the effect is strong it is a start of its own: the base model may have bent itself into a corner
+    from which there is no way up.
+    """
+    neutral = with_neutral(parent.mode, parent.subject, subject)
+    guess = neutral.copy()
+    guess[columns_of(subject, cause)] = size
+    linear = parent.linear
+    effect = np.nan_to_num(effects(linear, cause, size[None])[0])
+    back = solve_triangular(linear.factor, effect, lower=True, trans="T")
+    known = {name: i for i, name in enumerate(parent.subject.table.names)}
+    shift = -parent.uncertain @ (linear.jacobian.T @ back)
+    room = guess.copy()
+    for i, name in enumerate(subject.table.names):
+        if name in known:
+            room[i] += shift[known[name]]
+    points = np.stack([neutral, guess, room])
+    densities = subject.log_prob(points)
+    best = int(np.argmax(densities))
+    apart = np.linalg.norm(effect) > STRONG and np.isfinite(densities[2]) and best != 2
+    return [points[best], room] if apart else [points[best]]
 
 
 def _other_way(

@@ -28,6 +28,7 @@ LEAST_EXPLAINED, LEAST_ON_ONE_SCALE = 0.5, 0.8
 NEARLY_ALL = 0.9  # of the misfit: what is left may be small and yet significant
 INSEPARABLE = float(np.log(20.0))
 MISFIT_LEVEL = 0.02
+CHANCE = 0.1  # p-value of what is left above which nothing is left to explain
 IMPLAUSIBLE = 0.005  # prior probability of a size as far from neutral
 
 
@@ -94,8 +95,12 @@ class Support:
 
     @property
     def inseparable(self) -> tuple[str, ...]:
-        """Rivals as good as it, in the order of their evidence."""
-        close = {name: gap for name, gap in self.rivals.items() if gap < INSEPARABLE}
+        """Rivals as good as it, in the order of their evidence.
+
+        An implausible size counts against it: then rivals a little farther behind are as good.
+        """
+        margin = INSEPARABLE if self.prior_tail >= IMPLAUSIBLE else 2.0 * INSEPARABLE
+        close = {name: gap for name, gap in self.rivals.items() if gap < margin}
         return tuple(sorted(close, key=lambda name: close[name]))
 
 
@@ -195,15 +200,12 @@ def _against(one: Support) -> list[str]:
             f"with {one.cause} held-out specimens are not predicted better "
             f"({one.elpd_diff:+.1f} ± {one.elpd_diff_se:.1f} in log density)"
         )
-    plausible = [name for name, gap in one.rivals.items() if gap < 2.0 * INSEPARABLE]
-    if one.prior_tail < IMPLAUSIBLE and plausible:
-        reasons.append(
-            f"{one.cause} would need an implausible size, and {plausible[0]} fits almost as well"
-        )
     return reasons
 
 
 def _against_all(base: Step, final: Step) -> list[str]:
+    if final.misfit.p_value > CHANCE:
+        return []
     own, common = share_explained(base, final)
     share = max(own, common)
     if own < LEAST_EXPLAINED and common < LEAST_ON_ONE_SCALE:

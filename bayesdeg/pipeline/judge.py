@@ -134,7 +134,12 @@ def _begun(
 ) -> Search:
     progress.stage("misfit, calibrated by simulation")
     return Search(
-        base_trial(ModelReadings(fit.model), fit.laplace.mode, _posterior(fit)),
+        base_trial(
+            ModelReadings(fit.model),
+            fit.laplace.mode,
+            _posterior(fit),
+            covariance=fit.laplace.covariance,
+        ),
         assembly.candidates,
         effort,
         seed,
