@@ -17,7 +17,8 @@ from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.discrepancy import AMPLITUDES, largest_ratio
 from bayesdeg.criticism.held_out import HeldOut, predict_one_by_one
 from bayesdeg.criticism.kernels import discrepancies
-from bayesdeg.criticism.search import Names, Search, SearchEffort, Step, run_search
+from bayesdeg.criticism.search import Names, Search, SearchEffort, run_search
+from bayesdeg.criticism.step import Step
 from bayesdeg.criticism.subject import Subject
 from bayesdeg.criticism.trials import Trial, base_trial
 from bayesdeg.criticism.verdict import (

@@ -101,8 +101,14 @@ class Linear:
         return errors
 
 
-def linearise(subject: Subject, mode: Floats, *, uncertain: Floats | None = None) -> Linear:
-    """Linearise a model of readings at its mode.
+def linearise(
+    subject: Subject,
+    mode: Floats,
+    *,
+    uncertain: Floats | None = None,
+    centre: Floats | None = None,
+) -> Linear:
+    """Linearise a model of readings at its mode, or at any point.
 
     Parameters
     ----------
@@ -111,7 +117,9 @@ def linearise(subject: Subject, mode: Floats, *, uncertain: Floats | None = None
     mode : array, shape (n_parameters,)
         Its mode.
     uncertain : array, shape (n_parameters, n_parameters), optional
-        Λ⁻¹ if it is known already, see `rest_covariance`.
+        Λ⁻¹ if it is known already, see `rest_law`.
+    centre : array, shape (n_parameters,), optional
+        Mean of the parameters given all but the readings, for a point that is not the mode.
     """
     prediction = subject.expected(mode[None])[0]
     jacobian = _jacobian(subject, mode)
@@ -119,26 +127,35 @@ def linearise(subject: Subject, mode: Floats, *, uncertain: Floats | None = None
         uncertain = rest_covariance(subject, mode)
     spread = jacobian @ uncertain @ jacobian.T
     scatter = subject.scatter(mode)
-    # where the data are those of the model, δ = 0 is the most probable deviation: that fixes δ₀
-    weighted = np.linalg.solve(scatter, subject.observed - prediction)
-    mean = prediction - spread @ weighted
+    if centre is None:
+        # at the mode δ = 0 is the most probable deviation given the readings: that fixes δ₀
+        mean = prediction - spread @ np.linalg.solve(scatter, subject.observed - prediction)
+    else:
+        mean = prediction + jacobian @ (centre - mode)
     factor = np.linalg.cholesky(scatter + spread)
     return Linear(subject, mode, prediction, mean, jacobian, scatter, factor)
 
 
 def rest_covariance(subject: Subject, start: Floats) -> Floats:
-    """Return Λ⁻¹, the covariance of the parameters given priors and all other data.
+    """Return Λ⁻¹, the covariance of the parameters given priors and all other data."""
+    return rest_law(subject, start)[1]
 
-    It is that of draws and not the inverse curvature at the mode: laws of few replicates have
-    heavy tails, in the flank of which their curvature says nothing.
+
+def rest_law(subject: Subject, start: Floats) -> tuple[Floats, Floats]:
+    """Return mean and covariance of the parameters given priors and all but the readings.
+
+    They are those of draws and not mode and inverse curvature: laws of few replicates have heavy
+    tails, in the flank of which their curvature says nothing.
     """
     rest, generator = subject.rest(), np.random.default_rng(0)
     laplace = approximate(rest, generator, start=start)
     found = about_mode(rest, laplace, generator)
     if found.effective < FEWEST_EFFECTIVE:
-        return laplace.covariance
+        return laplace.mode, laplace.covariance
     weights = np.exp(found.log_weights - logsumexp(found.log_weights))
-    return np.atleast_2d(np.cov(found.draws.T, aweights=weights))
+    known = np.isfinite(found.log_weights)
+    mean = np.average(found.draws[known], axis=0, weights=weights[known])
+    return mean, np.atleast_2d(np.cov(found.draws[known].T, aweights=weights[known]))
 
 
 def with_prior_variance(covariance: Floats, density: Density, extended: Density) -> Floats:

@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.causes.cause import Cause
-from bayesdeg.criticism.discrepancy import Misfit, measure
+from bayesdeg.criticism.discrepancy import measure
 from bayesdeg.criticism.linear import Linear, log_bayes_factor, sensitivities
 from bayesdeg.criticism.screening import Screened, screen, screen_pairs
+from bayesdeg.criticism.step import Step, near
 from bayesdeg.criticism.trials import Trial, from_prior, try_causes
 
 Floats = NDArray[np.float64]
@@ -25,8 +26,6 @@ Names = frozenset[str]
 
 FALSE_NAME_RATE = 0.05
 LEAST_FACTOR = float(np.log(20.0))
-CLOSE = 10.0  # screened log Bayes factor behind the best up to which a full fit is worth it
-NEAR_SHARE = 0.75  # or share of the best: screening is rough where effects are strong
 MARGIN = 2.0  # by which screening may be too low for a cause that a full fit would name
 MOST_CAUSES = 3
 FEW = 400  # draws of the screening of what acts on rupture alone
@@ -52,31 +51,6 @@ class SearchEffort:
     fitted: int
     pairs: int
     levels_out: bool = False
-
-
-@dataclass(frozen=True)
-class Step:
-    """What is known with a set of causes active.
-
-    Parameters
-    ----------
-    trial : Trial
-        The fitted model.
-    misfit : Misfit
-        What it leaves unexplained.
-    simulated : array, shape (k, n_readings)
-        Data sets simulated from its posterior, those refused left out.
-    screened : mapping
-        Every other cause at its most probable size, by name.
-    threshold : float
-        Log Bayes factor that naming one more takes.
-    """
-
-    trial: Trial
-    misfit: Misfit
-    simulated: Floats
-    screened: dict[str, Screened]
-    threshold: float
 
 
 @dataclass
@@ -125,10 +99,7 @@ class Search:
         """Fit a set with each of several causes added, side by side; return the larger sets."""
         step, wanted = self.step(parent), list(additions)
         missing = [name for name in wanted if parent | {name} not in self.trials]
-        jobs = [
-            (step.screened[name].cause, step.screened[name].size, self._seed(parent | {name}))
-            for name in missing
-        ]
+        jobs = [(*step.guess(name), self._seed(parent | {name})) for name in missing]
         apply = map if self.executor is None else self.executor.map
         for name, trial in zip(missing, apply(partial(_fitted, step.trial), jobs), strict=True):
             self.trials[parent | {name}] = trial
@@ -139,11 +110,12 @@ class Search:
     def leaders(self, names: Names) -> list[str]:
         """Return which additions deserve a full fit: those that screening finds near the best."""
         step = self.step(names)
-        factors = {n: s.log_bayes_factor for n, s in step.screened.items()}
-        best = max(factors.values(), default=-np.inf)
-        least = max(min(best - CLOSE, NEAR_SHARE * best), step.threshold - MARGIN)
-        near = sorted((n for n in factors if factors[n] >= least), key=lambda n: -factors[n])
-        return near[: self.effort.fitted]
+        least = step.threshold - MARGIN
+        leading = [
+            *near(step.screened, least)[: self.effort.fitted],
+            *near(step.unbent, least)[: self.effort.fitted],
+        ]
+        return list(dict.fromkeys(leading))
 
     def _look(self, trial: Trial) -> Step:
         generator = np.random.default_rng(self._seed(trial.names, 1))
@@ -157,7 +129,8 @@ class Search:
             cause.name: _screened(trial, cause, self._seed(trial.names | {cause.name}, 2))
             for cause in others
         }
-        return Step(trial, misfit, known, screened, naming_threshold(linear, others, known))
+        threshold = naming_threshold(linear, others, known)
+        return Step(trial, misfit, known, screened, threshold, _unbent(trial, others))
 
     def _seed(self, names: Names, use: int = 0) -> np.random.SeedSequence:
         known = [cause.name for cause in self.causes]
@@ -195,6 +168,13 @@ def naming_threshold(linear: Linear, causes: Iterable[Cause], replicates: Floats
         return LEAST_FACTOR
     largest = np.max(factors, axis=0)
     return max(LEAST_FACTOR, float(np.quantile(largest, 1.0 - FALSE_NAME_RATE)))
+
+
+def _unbent(trial: Trial, causes: Iterable[Cause]) -> dict[str, Screened]:
+    linear = trial.unbent()
+    if linear is None:
+        return {}
+    return {c.name: screen(linear, c) for c in causes if c.acts_on != frozenset({"rupture"})}
 
 
 def run_search(search: Search) -> Names:

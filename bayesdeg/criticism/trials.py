@@ -12,7 +12,7 @@ from bayesdeg.criticism.linear import (
     Linear,
     effects,
     linearise,
-    rest_covariance,
+    rest_law,
     with_prior_variance,
 )
 from bayesdeg.criticism.subject import Subject, columns_of, with_neutral
@@ -24,6 +24,7 @@ Floats = NDArray[np.float64]
 LOOKED_AT = 2000  # draws
 STRONG = 5.0  # size of an effect, in standard deviations, that is climbed to from two sides
 CLIMBS, HIGHER = 2, 1.0  # more, where draws are higher than the mode by so much
+BENT = 4.0  # standard deviations by which a parameter has given way
 EDGE = 1e-4  # prior probability beyond a point that is put inside
 ROUND = 1000  # draws of a round of importance sampling
 DRAWS = 3000  # of the estimate from the prior
@@ -46,6 +47,8 @@ class Trial:
         Weighted draws.
     uncertain : array, shape (n_parameters, n_parameters)
         Covariance of the parameters given all but the readings.
+    centre : array, shape (n_parameters,), optional
+        Their mean given all but the readings; of the base model.
     """
 
     subject: Subject
@@ -53,6 +56,7 @@ class Trial:
     log_evidence: float
     posterior: Evidence
     uncertain: Floats
+    centre: Floats | None = None
 
     @property
     def names(self) -> frozenset[str]:
@@ -64,6 +68,22 @@ class Trial:
         """The model linearised at its mode."""
         return linearise(self.subject, self.mode, uncertain=self.uncertain)
 
+    def unbent(self) -> Linear | None:
+        """Return the model linearised where no parameter is far from what all else says of it.
+
+        A law with heavy tails gives way to a misfit of the readings: its parameter takes the effect
+        of a cause up, which then seems to be none. None if no parameter has.
+        """
+        if self.centre is None:
+            return None
+        sd = np.sqrt(np.diag(self.uncertain))
+        bent = np.abs(self.mode - self.centre) > BENT * sd
+        if not bent.any():
+            return None
+        point = np.where(bent, self.centre, self.mode)
+        found = linearise(self.subject, point, uncertain=self.uncertain, centre=self.centre)
+        return found if np.all(np.isfinite(found.observed)) else None
+
     def draws(self, generator: np.random.Generator, count: int) -> Floats:
         """Draw from the posterior, (count, n_parameters)."""
         return self.posterior.resample(generator, count)
@@ -74,7 +94,8 @@ def base_trial(
 ) -> Trial:
     """Return the trial of a model that is fitted already, with the covariance at its mode."""
     top = most_probable(subject, mode, posterior, covariance=covariance)
-    return Trial(subject, top, posterior.log_evidence, posterior, rest_covariance(subject, top))
+    centre, uncertain = rest_law(subject, top)
+    return Trial(subject, top, posterior.log_evidence, posterior, uncertain, centre)
 
 
 def most_probable(

@@ -19,7 +19,8 @@ from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.discrepancy import explained, explained_on_one_scale
 from bayesdeg.criticism.held_out import HeldOut, difference
 from bayesdeg.criticism.rupture_misfit import RuptureMisfit
-from bayesdeg.criticism.search import Names, Search, Step, rivals
+from bayesdeg.criticism.search import Names, Search, rivals
+from bayesdeg.criticism.step import Step
 from bayesdeg.criticism.subject import columns_of
 
 Floats = NDArray[np.float64]

@@ -17,7 +17,7 @@ from bayesdeg.criticism.model_readings import ModelReadings
 from bayesdeg.criticism.rupture_misfit import rupture_misfit
 from bayesdeg.criticism.search import Names, Search, SearchEffort, run_search
 from bayesdeg.criticism.trials import base_trial
-from bayesdeg.criticism.verdict import INSEPARABLE, Decision, Outcome, Support, decide, supports
+from bayesdeg.criticism.verdict import Decision, Outcome, Support, decide, supports
 from bayesdeg.inference.laplace import FEWEST_EFFECTIVE, Evidence
 from bayesdeg.pipeline.assemble import Assembly
 from bayesdeg.pipeline.calibrate import Fit
@@ -114,7 +114,7 @@ def _next(
             chosen - {one.cause} | {rival}: gap
             for one in supported
             for rival, gap in one.rivals.items()
-            if gap < INSEPARABLE or decision.outcome is Outcome.NAMED
+            if rival in one.inseparable or decision.outcome is Outcome.NAMED
         }
         near = sorted(others, key=lambda names: others[names])
         sets = dict.fromkeys([chosen, *(near[:IN_QUESTION] or [BASE])])

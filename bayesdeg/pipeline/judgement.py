@@ -12,7 +12,8 @@ from bayesdeg.criticism.discrepancy import Misfit
 from bayesdeg.criticism.held_out import HeldOut
 from bayesdeg.criticism.model_readings import CURVATURE, ModelReadings
 from bayesdeg.criticism.rupture_misfit import RuptureMisfit
-from bayesdeg.criticism.search import Names, Search, Step
+from bayesdeg.criticism.search import Names, Search
+from bayesdeg.criticism.step import Step
 from bayesdeg.criticism.verdict import Decision, Support
 from bayesdeg.inference.model import Model
 from bayesdeg.pipeline.calibrate import Fit

@@ -7,7 +7,8 @@ from multiprocessing import get_context
 import numpy as np
 import pytest
 
-from bayesdeg.criticism.linear import effects, log_bayes_factor, sensitivities
+from bayesdeg.criticism import search as searching
+from bayesdeg.criticism.linear import effects, linearise, log_bayes_factor, sensitivities
 from bayesdeg.criticism.search import (
     FALSE_NAME_RATE,
     LEAST_FACTOR,
@@ -167,6 +168,33 @@ def test_one_in_twenty_data_sets_without_an_effect_exceeds_the_threshold():
     assert np.mean(largest > threshold) == pytest.approx(FALSE_NAME_RATE, abs=error)
     assert np.mean(largest > LEAST_FACTOR) > 2.0 * FALSE_NAME_RATE
     assert naming_threshold(linear, straight.CAUSES[:1], calibrating) <= threshold
+
+
+def test_draws_are_taken_as_refitted_where_they_do_not_move_the_mean():
+    """Of errors alone: a slope is known from the readings themselves and stays as drawn."""
+    subject = straight.subject_of(straight.readings(6)).extended(straight.NOISE)
+    mode = np.array([1.1, -0.1, 0.02])
+    linear = linearise(subject, mode, uncertain=np.diag([0.25, 0.09, 0.01]))
+    draws = mode + np.random.default_rng(7).standard_normal((5, 3))
+    found = searching._as_refitted(linear, draws)
+    column = subject.table.names.index("noise.extra")
+    np.testing.assert_array_equal(found[:, column], np.full(5, mode[column]))
+    np.testing.assert_array_equal(np.delete(found, column, 1), np.delete(draws, column, 1))
+
+
+def test_data_simulated_at_a_step_have_the_errors_of_the_mode():
+    """And not those of the posterior's draws, which are larger on average."""
+    base = straight.fitted(straight.subject_of(straight.readings(6)).extended(straight.NOISE))
+    effort = SearchEffort(replicates=2000, fitted=1, pairs=0)
+    step = Search(base, (straight.NOISE,), effort, np.random.SeedSequence(1)).step(base.names)
+    linear = base.linear
+    # slope and bend, which scatter as the posterior does, are taken off
+    directions = np.linalg.qr(linear.whiten_columns(linear.jacobian[:, :2]))[0]
+    whitened = linear.whiten(step.simulated)
+    left = whitened - whitened @ directions @ directions.T
+    assert np.mean(np.sum(left**2, axis=1)) / (len(X) - 2) == pytest.approx(1.0, abs=0.02)
+    drawn = base.draws(np.random.default_rng(2), 2000)[:, 2]
+    assert np.mean(drawn**2) > base.mode[2] ** 2 + 0.05 * straight.ERROR**2
 
 
 def test_the_order_of_naming_takes_the_same_threshold_as_its_step():

@@ -1,14 +1,17 @@
 """Models extended by causes, fitted as a whole: held against exact evidences of normal laws."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.special import logsumexp
 
 from bayesdeg.criticism import trials
-from bayesdeg.criticism.linear import with_prior_variance
+from bayesdeg.criticism.linear import effects, with_prior_variance
 from bayesdeg.criticism.subject import columns_of, with_neutral
-from bayesdeg.criticism.trials import from_prior, try_causes
+from bayesdeg.criticism.trials import EDGE, STRONG, WANTED, Trial, from_prior, try_causes
 from bayesdeg.inference.density import CustomDensity
+from bayesdeg.inference.laplace import Evidence
 from bayesdeg.laws import LogNormal, Normal, Parameter, TruncatedNormal
 from tests.criticism import straight_subject as straight
 from tests.criticism.straight_subject import linear_cause
@@ -122,6 +125,121 @@ def test_a_cause_that_is_refused_everywhere_has_no_evidence():
     found = from_prior(parent, cause, np.random.default_rng(1), draws=50)
     assert found.log_evidence == -np.inf
     assert found.effective == 0.0
+
+
+def test_a_sample_of_no_use_is_replaced_by_one_from_the_prior():
+    observed = straight.readings(7, wave=0.05)
+    parent, generator = straight.fitted(straight.subject_of(observed)), np.random.default_rng(8)
+    nothing = Evidence(-np.inf, np.inf, np.zeros((5, 3)), np.full(5, -np.inf), 0.0)
+    found = trials._other_way(parent, WAVE, nothing, generator)
+    assert found.log_evidence == pytest.approx(
+        straight.joint_of(WAVE).log_evidence(observed), abs=0.2
+    )
+    assert found.effective >= WANTED
+
+
+def test_a_sample_that_reaches_more_than_one_from_the_prior_is_kept():
+    """Of an effect far out in its prior."""
+    cause = linear_cause("wave", law=Normal(0.0, 0.05))
+    observed = straight.readings(4, wave=0.5)
+    parent, good = straight.fitted(straight.subject_of(observed)), trial_of(observed, cause)
+    found = trials._other_way(parent, cause, good.posterior, np.random.default_rng(8))
+    assert found is good.posterior
+
+
+def exact_parent(observed):
+    """The base model at its exact mode."""
+    subject, law = straight.subject_of(observed), straight.joint_of()
+    mode = law.posterior(observed)[0]
+    one = Evidence(0.0, 0.0, mode[None], np.zeros(1), 1.0)
+    return Trial(subject, mode, 0.0, one, np.diag(law.sd**2))
+
+
+def starts_at(observed, size, cause=WAVE):
+    """Where the climb with a cause of a guessed size starts, and how strong that effect is."""
+    parent, guess = exact_parent(observed), np.array([size])
+    strength = np.linalg.norm(np.nan_to_num(effects(parent.linear, cause, guess[None])))
+    return trials._starts(parent, parent.subject.extended(cause), cause, guess), strength
+
+
+def making_room(observed, size):
+    """The most probable point at which the wave has this size."""
+    without = observed - size * straight.SHAPES["wave"]
+    return np.append(straight.joint_of().posterior(without)[0], size)
+
+
+def test_a_climb_starts_from_a_good_guess_with_all_else_moved_to_make_room():
+    observed = straight.readings(13, wave=0.3)
+    [start], strength = starts_at(observed, 0.3)
+    assert strength > STRONG
+    np.testing.assert_allclose(start, making_room(observed, 0.3), atol=1e-6)
+
+
+def test_a_strong_effect_that_looks_worse_than_none_is_climbed_to_from_two_sides():
+    observed = straight.readings(13, wave=0.02)
+    (none, room), strength = starts_at(observed, 0.5)
+    assert strength > STRONG
+    np.testing.assert_allclose(none, [*exact_parent(observed).mode, 0.0], atol=1e-12)
+    np.testing.assert_allclose(room, making_room(observed, 0.5), atol=1e-6)
+
+
+def test_a_weak_effect_that_looks_worse_than_none_is_climbed_to_from_none():
+    observed = straight.readings(13, wave=0.02)
+    [start], strength = starts_at(observed, -0.04)
+    assert 0.0 < strength < STRONG
+    np.testing.assert_allclose(start, [*exact_parent(observed).mode, 0.0], atol=1e-12)
+
+
+def test_a_guess_that_the_model_refuses_is_no_start():
+    def refused(readings, conditions, effect):
+        return readings + np.where(effect["size"] == 0.0, 0.0, np.nan)
+
+    observed = straight.readings(13)
+    cause = straight.cause_of("refused", {"size": Normal(0.0, 1.0)}, refused)
+    [start], _ = starts_at(observed, 0.5, cause)
+    np.testing.assert_allclose(start, [*exact_parent(observed).mode, 0.0], atol=1e-12)
+
+
+def normal_mode(observed, law):
+    """Mode and covariance with the wave, as if its prior had no bounds."""
+    free = linear_cause("wave", law=Normal(law.mean, law.sd))
+    return straight.joint_of(free).posterior(observed)
+
+
+def test_a_mode_beyond_a_bound_is_put_inside_with_all_else_as_it_is_there():
+    """Held against the posterior of the base parameters for readings less the effect."""
+    law = TruncatedNormal(0.0, 0.1, 0.0, np.inf)
+    observed = straight.readings(5, wave=-0.3)
+    subject = straight.subject_of(observed).extended(linear_cause("wave", law=law))
+    mode, covariance = normal_mode(observed, law)
+    assert mode[-1] < 0.0
+    found = trials._within_bounds(subject, mode, covariance)
+    assert found[-1] == pytest.approx(float(law.quantile(EDGE)), rel=1e-9)
+    np.testing.assert_allclose(found, making_room(observed, found[-1]), atol=1e-6)
+    assert np.max(np.abs(found[:-1] - mode[:-1])) > 0.01
+    assert np.isfinite(subject.log_prob(found[None])[0])
+
+
+def test_a_mode_within_the_bounds_stays_where_it_is():
+    law = TruncatedNormal(0.0, 0.1, 0.0, np.inf)
+    observed = straight.readings(5, wave=0.3)
+    subject = straight.subject_of(observed).extended(linear_cause("wave", law=law))
+    mode, covariance = normal_mode(observed, law)
+    np.testing.assert_array_equal(trials._within_bounds(subject, mode, covariance), mode)
+
+
+def test_the_best_point_within_the_bounds_counts_where_all_draws_are_worse():
+    law = TruncatedNormal(0.0, 0.1, 0.0, np.inf)
+    observed = straight.readings(5, wave=-0.3)
+    subject = straight.subject_of(observed).extended(linear_cause("wave", law=law))
+    mode, covariance = normal_mode(observed, law)
+    inside = trials._within_bounds(subject, mode, covariance)
+    worse = Evidence(0.0, 0.0, (inside + np.array([0.0, 0.0, 0.05]))[None], np.zeros(1), 1.0)
+    found = trials.most_probable(subject, mode, worse, covariance=covariance)
+    np.testing.assert_array_equal(found, inside)
+    better = replace(worse, draws=np.append(making_room(observed, 1e-6), 0.0)[None, :3])
+    found = trials.most_probable(subject, mode, better, covariance=covariance)
+    np.testing.assert_array_equal(found, better.draws[0])
 
 
 def test_what_is_known_of_added_parameters_is_their_prior():

@@ -12,7 +12,8 @@ from scipy.stats import norm
 from bayesdeg.criticism.discrepancy import Misfit
 from bayesdeg.criticism.held_out import HeldOut
 from bayesdeg.criticism.rupture_misfit import RuptureMisfit
-from bayesdeg.criticism.search import Search, SearchEffort, Step, run_search
+from bayesdeg.criticism.search import Search, SearchEffort, run_search
+from bayesdeg.criticism.step import Step
 from bayesdeg.criticism.verdict import (
     CHANCE,
     IMPLAUSIBLE,

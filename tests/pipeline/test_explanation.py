@@ -12,7 +12,7 @@ from bayesdeg.criticism.candidates import Candidate, EffectSize
 from bayesdeg.criticism.confusability import Confusability
 from bayesdeg.criticism.discrepancy import Misfit
 from bayesdeg.criticism.rupture_misfit import RuptureMisfit
-from bayesdeg.criticism.search import Step
+from bayesdeg.criticism.step import Step
 from bayesdeg.criticism.verdict import Decision, Outcome, Support
 from bayesdeg.pipeline.explanation import explain, unjudged_document, verdict_document
 from bayesdeg.pipeline.judgement import Judgement, readings_misfit

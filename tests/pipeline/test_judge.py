@@ -8,13 +8,14 @@ import pytest
 from bayesdeg.causes.catalogue import find
 from bayesdeg.criticism.convergence import diagnose
 from bayesdeg.criticism.search import SearchEffort
-from bayesdeg.criticism.verdict import Decision, Outcome, Support
+from bayesdeg.criticism.verdict import INSEPARABLE, Decision, Outcome, Support
 from bayesdeg.inference.chain import Chain
 from bayesdeg.inference.ensemble import EFFORTS
 from bayesdeg.inference.importance import about_mode
 from bayesdeg.inference.laplace import approximate
 from bayesdeg.inference.parameters import with_priors
 from bayesdeg.laws import LogNormal, Normal
+from bayesdeg.pipeline import judge as judging
 from bayesdeg.pipeline.assemble import Assembly
 from bayesdeg.pipeline.calibrate import Fit
 from bayesdeg.pipeline.judge import JUDGE_EFFORTS, judge
@@ -184,6 +185,24 @@ def test_a_final_model_holds_all_that_is_favoured_if_any_is_named():
     ambiguous = Decision(Outcome.AMBIGUOUS, ("creep", "erosion", "gravity"))
     assert extension(ambiguous, two) == {"creep", "erosion"}
     assert extension(Decision(Outcome.UNEXPLAINED, ()), two) == frozenset()
+
+
+def test_experiments_are_sought_to_tell_the_causes_of_an_ambiguous_outcome_apart(
+    shifted, monkeypatch
+):
+    """Also where an implausible size widens the margin within which a rival is as good."""
+    judgement, _ = shifted
+    asked = []
+    monkeypatch.setattr(judging, "rank", lambda trials, *_, **__: asked.append(trials) or ())
+    search = replace(judgement.search, trials=dict(judgement.search.trials))
+    known = search.trials[frozenset({"pressure_offset"})]
+    search.trials[frozenset({"erosion"})] = known
+    one = Support("pressure_offset", 40.0, 9.0, 1.0, {"erosion": 1.5 * INSEPARABLE}, 1e-4)
+    assert one.inseparable == ("erosion",)
+    ambiguous = Decision(Outcome.AMBIGUOUS, ("pressure_offset", "erosion"))
+    assembly = Assembly(search.base.subject.model, CAUSES, UNJUDGED, ())
+    judging._next(search, ambiguous, [one], assembly, np.random.default_rng(1))
+    assert asked == [[known, search.trials[frozenset({"erosion"})]]]
 
 
 def test_models_are_labelled_by_their_causes_in_alphabetical_order():
