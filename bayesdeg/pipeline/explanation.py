@@ -6,6 +6,7 @@ import numpy as np
 
 from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.criticism.candidates import Candidate, EffectSize
+from bayesdeg.criticism.model_readings import STRESS
 from bayesdeg.criticism.search import FALSE_NAME_RATE
 from bayesdeg.criticism.verdict import Outcome, share_explained
 from bayesdeg.pipeline.judgement import Judgement, readings_misfit
@@ -51,10 +52,19 @@ def verdict_document(
             "noise_per_m": noise,
             "p_value": judgement.misfit.p_value,
             "where": where,
+            **_of_films(judgement, rms),
         },
         "ruptures": None if judgement.rupture is None else vars(judgement.rupture),
         "next_experiments": experiments or [],
     }
+
+
+def _of_films(judgement: Judgement, rms: float | None) -> Json:
+    """Return the misfit of the stresses [MPa] where there are no curvatures."""
+    if rms is not None:
+        return {}
+    of_stress, noise = readings_misfit(judgement, STRESS)
+    return {"rms_MPa": of_stress, "noise_MPa": noise}
 
 
 def unjudged_document(unjudged: dict[str, str], held_out: str = "") -> Json:

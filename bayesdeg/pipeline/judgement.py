@@ -100,14 +100,17 @@ def extension(decision: Decision, supported: tuple[Support, ...]) -> Names:
     return frozenset(one.cause for one in supported) if decision.causes else BASE
 
 
-def readings_misfit(judgement: Judgement) -> tuple[float | None, float | None]:
-    """Return RMS residuals of the curvatures under the base model, and what is left [1/m].
+def readings_misfit(
+    judgement: Judgement, kind: str = CURVATURE
+) -> tuple[float | None, float | None]:
+    """Return RMS residuals of one kind of reading under the base model, and what is left.
 
     What is left after all that the evidence favours, and a smooth discrepancy, are taken off: the
-    scatter of specimens and the errors of reading. None where there are no curvatures.
+    scatter of specimens and the errors of reading. In the unit of the kind (1/m, MPa); None where
+    it was not read.
     """
     search = judgement.search
-    rows = search.base.subject.places.kind == CURVATURE
+    rows = search.base.subject.places.kind == kind
     if not rows.any():
         return None, None
     chosen = search.step(frozenset(one.cause for one in judgement.supported))

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import pandas as pd
 
 from bayesdeg.report.record import Outcome, Verdict
-from bayesdeg.report.summaries import BASE, extended_model, pooled, rows_of
+from bayesdeg.report.summaries import BASE, Row, extended_model, pooled, rows_of
 from bayesdeg.report.wording import BADGES, SPACE, fixed, listed, p_value, percent, words
 
 NOT_JUDGED = "Not judged"
@@ -76,12 +76,15 @@ def _sentence(verdict: Verdict) -> str:
 def _misfit(verdict: Verdict) -> KeyNumber:
     misfit = verdict.misfit
     label = "Misfit of the base model"
-    if misfit.rms_per_m is None:
+    rms, noise, unit, kind = misfit.rms_per_m, misfit.noise_per_m, "1/m", "curvature"
+    if rms is None:
+        rms, noise, unit, kind = misfit.rms_mpa, misfit.noise_mpa, "MPa", "stress"
+    if rms is None:
         return KeyNumber(label, "–", "no actuator curvature to hold the simulation against")
-    note = f"rms in curvature; the noise is {fixed(misfit.noise_per_m)}{SPACE}1/m"
+    note = f"rms in {kind}; the noise is {fixed(noise)}{SPACE}{unit}"
     if misfit.p_value is not None:
         note += f"; {p_value(misfit.p_value)}"
-    return KeyNumber(label, f"{fixed(misfit.rms_per_m)}{SPACE}1/m", note)
+    return KeyNumber(label, f"{fixed(rms)}{SPACE}{unit}", note)
 
 
 def _certainty(verdict: Verdict) -> KeyNumber:
@@ -125,14 +128,21 @@ def _gained(verdict: Verdict, gain: pd.DataFrame | None) -> KeyNumber:
         note = f"rms of the base model; {why}"
         if base is None:
             return KeyNumber(label, "–", "prediction of held-out specimens was not tried")
-        return KeyNumber(label, f"{_cell(base['rmse_per_m'])}{SPACE}1/m", note)
+        return KeyNumber(label, _error(base), note)
     after = rows[extended]
     gained = f"{_elpd(after['elpd_diff'])} ± {_elpd(after['elpd_diff_se']).lstrip('+')}"
-    if after["rmse_per_m"] is None:
+    if after["rmse_per_m"] is None and after.get("rmse_MPa") is None:
         return KeyNumber("Gain on held-out specimens", gained, "elpd, over the base model")
-    before = f"{_cell(base['rmse_per_m'])} → " if base else ""
+    before = f"{_error(base).split(SPACE)[0]} → " if base else ""
     note = f"rms before and after the cause is included; elpd {gained}"
-    return KeyNumber(label, f"{before}{_cell(after['rmse_per_m'])}{SPACE}1/m", note)
+    return KeyNumber(label, f"{before}{_error(after)}", note)
+
+
+def _error(row: Row) -> str:
+    """Return the error of a row of the gain with its unit: of stresses where it has no other."""
+    if row["rmse_per_m"] is None and row.get("rmse_MPa") is not None:
+        return f"{_cell(row['rmse_MPa'])}{SPACE}MPa"
+    return f"{_cell(row['rmse_per_m'])}{SPACE}1/m"
 
 
 def _cell(value: float | str | None) -> str:

@@ -65,6 +65,8 @@ class Misfit:
     noise_per_m: float | None
     p_value: float | None
     where: str
+    rms_mpa: float | None = None
+    noise_mpa: float | None = None
 
 
 @dataclass(frozen=True)
@@ -183,6 +185,8 @@ def verdict_of(content: Json) -> Verdict:
             number_of(misfit, "noise_per_m"),
             number_of(misfit, "p_value"),
             text_of(misfit, "where"),
+            number_of(misfit, "rms_MPa"),
+            number_of(misfit, "noise_MPa"),
         ),
         each_of(content, "next_experiments", _experiment),
     )

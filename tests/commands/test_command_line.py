@@ -26,9 +26,9 @@ def bayesdeg(*arguments, cwd):
 
 @pytest.fixture
 def rubber(tmp_path):
-    """Treloar's study, at quick effort."""
+    """Treloar's uniaxial curve."""
     folder = tmp_path / "rubber"
-    shutil.copytree(STUDIES / "treloar", folder)
+    shutil.copytree(STUDIES / "treloar_uniaxial", folder)
     return folder
 
 

@@ -20,6 +20,7 @@ from bayesdeg.criticism.linear import (
     overlap,
     prior_size,
     rest_covariance,
+    rest_law,
     sensitivities,
 )
 from bayesdeg.criticism.model_readings import CURVATURE, ModelReadings
@@ -138,11 +139,25 @@ def test_the_mean_of_a_straight_model_is_what_the_prior_predicts():
     np.testing.assert_allclose(linear.scatter, law.scatter, atol=1e-12)
 
 
+@pytest.mark.parametrize("point", [(1.0, 0.0), (3.0, -2.0)])
+def test_a_straight_model_is_the_same_wherever_it_is_linearised(point):
+    """Given what all but the readings says of the parameters."""
+    observed, law = straight.readings(4), straight.joint_of()
+    subject, uncertain = straight.subject_of(observed), np.diag(law.sd**2)
+    found = linearise(subject, np.array(point), uncertain=uncertain, centre=law.mean)
+    np.testing.assert_allclose(found.prediction, law.shapes @ point, atol=1e-9)
+    at_mode = straight.exact_linear(observed)
+    np.testing.assert_allclose(found.observed, at_mode.observed, atol=1e-5)
+    np.testing.assert_allclose(found.mean, law.shapes @ law.mean, atol=1e-6)
+
+
 def test_what_is_known_from_all_else_is_the_prior_where_there_is_nothing_else():
     subject = straight.subject_of(straight.readings(5))
-    found = rest_covariance(subject, np.array([1.0, 0.0]))
+    mean, found = rest_law(subject, np.array([1.0, 0.0]))
+    np.testing.assert_array_equal(found, rest_covariance(subject, np.array([1.0, 0.0])))
     sd = np.array([sd for _, sd, _ in straight.BASE.values()])
     # 1000 draws or so
+    assert np.all(np.abs(mean - straight.joint_of().mean) < 0.15 * sd)
     np.testing.assert_allclose(np.sqrt(np.diag(found)), sd, rtol=0.1)
     assert abs(found[0, 1]) < 0.1 * sd[0] * sd[1]
 

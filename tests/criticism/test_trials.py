@@ -9,7 +9,7 @@ from scipy.special import logsumexp
 from bayesdeg.criticism import trials
 from bayesdeg.criticism.linear import effects, with_prior_variance
 from bayesdeg.criticism.subject import columns_of, with_neutral
-from bayesdeg.criticism.trials import EDGE, STRONG, WANTED, Trial, from_prior, try_causes
+from bayesdeg.criticism.trials import BENT, EDGE, STRONG, WANTED, Trial, from_prior, try_causes
 from bayesdeg.inference.density import CustomDensity
 from bayesdeg.inference.laplace import Evidence
 from bayesdeg.laws import LogNormal, Normal, Parameter, TruncatedNormal
@@ -198,6 +198,30 @@ def test_a_guess_that_the_model_refuses_is_no_start():
     cause = straight.cause_of("refused", {"size": Normal(0.0, 1.0)}, refused)
     [start], _ = starts_at(observed, 0.5, cause)
     np.testing.assert_allclose(start, [*exact_parent(observed).mode, 0.0], atol=1e-12)
+
+
+def bent(by):
+    """A fitted model whose slope is this many standard deviations from what all else says."""
+    parent = exact_parent(straight.readings(13))
+    sd = np.sqrt(np.diag(parent.uncertain))
+    return replace(parent, centre=parent.mode - np.array([by * sd[0], 0.5 * sd[1]]))
+
+
+def test_a_parameter_that_gave_way_is_put_where_all_else_has_it_and_no_other():
+    trial = bent(BENT + 0.1)
+    found = trial.unbent()
+    np.testing.assert_allclose(found.mode, [trial.centre[0], trial.mode[1]], atol=1e-12)
+    shapes = straight.joint_of().shapes
+    np.testing.assert_allclose(found.prediction, shapes @ found.mode, atol=1e-9)
+    # the readings are expected where all else has every parameter
+    np.testing.assert_allclose(found.mean, shapes @ trial.centre, atol=1e-6)
+    np.testing.assert_allclose(found.factor, trial.linear.factor, atol=1e-7)
+
+
+def test_where_no_parameter_gave_way_there_is_nothing_to_put_back():
+    assert bent(BENT - 0.1).unbent() is None
+    assert bent(-(BENT - 0.1)).unbent() is None
+    assert replace(bent(BENT + 0.1), centre=None).unbent() is None
 
 
 def normal_mode(observed, law):

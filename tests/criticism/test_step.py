@@ -1,0 +1,87 @@
+"""Which causes deserve a full fit, and at which size it begins."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from bayesdeg.criticism.screening import Screened
+from bayesdeg.criticism.search import MARGIN, Search, SearchEffort
+from bayesdeg.criticism.step import CLOSE, NEAR_SHARE, Step, near
+from tests.criticism import straight_subject as straight
+from tests.criticism.straight_subject import linear_cause
+
+BASE = frozenset()
+
+
+def screened(size=0.1, **factors):
+    """Causes with these screened log Bayes factors."""
+    nothing = np.zeros((1, 1))
+    cause = linear_cause("wave")
+    return {
+        name: Screened(cause, np.array([size]), factor, nothing[0], nothing)
+        for name, factor in factors.items()
+    }
+
+
+def step_of(plain, unbent=None):
+    trial = SimpleNamespace(names=BASE)
+    return Step(
+        trial=trial,
+        misfit=None,
+        simulated=np.zeros((0, 1)),
+        screened=plain,
+        threshold=4.0,
+        unbent=unbent or {},
+    )
+
+
+@pytest.mark.parametrize(
+    ("best", "behind"),
+    [
+        (20.0, CLOSE),
+        (100.0, 100.0 * (1.0 - NEAR_SHARE)),  # a share of a strong one is more
+    ],
+)
+def test_causes_near_the_best_are_those_behind_by_little_or_by_a_share(best, behind):
+    found = near(screened(far=best - behind - 0.1, near=best - behind + 0.1, best=best), least=0.0)
+    assert found == ["best", "near"]
+
+
+def test_causes_below_the_least_are_not_near_however_close_to_the_best():
+    assert near(screened(one=3.0, two=2.0), least=2.5) == ["one"]
+    assert near({}, least=0.0) == []
+
+
+@pytest.mark.parametrize(("straight_factor", "size"), [(5.1, 0.7), (4.9, 0.1)])
+def test_a_fit_begins_at_the_size_with_the_larger_factor(straight_factor, size):
+    step = step_of(screened(wave=5.0), screened(0.7, wave=straight_factor))
+    cause, found = step.guess("wave")
+    assert cause.name == "wave"
+    assert found == np.array([size])
+
+
+def test_where_nothing_gave_way_a_fit_begins_at_the_screened_size():
+    assert step_of(screened(wave=5.0)).guess("wave")[1] == np.array([0.1])
+
+
+def search_with(step, fitted):
+    base = straight.fitted(straight.subject_of(straight.readings(1)))
+    effort = SearchEffort(replicates=10, fitted=fitted, pairs=0)
+    search = Search(base, straight.CAUSES, effort, np.random.SeedSequence(1))
+    search.steps[BASE] = step
+    return search
+
+
+def test_leaders_are_those_of_both_screenings_each_once():
+    plain = screened(wave=12.0, lag=11.0, ageing=10.0, offset=1.0)
+    unbent = screened(offset=30.0, wave=29.0, lag=1.0)
+    step = step_of(plain, unbent)
+    assert search_with(step, 2).leaders(BASE) == ["wave", "lag", "offset"]
+    assert search_with(step_of(plain), 2).leaders(BASE) == ["wave", "lag"]
+
+
+def test_a_cause_that_a_full_fit_might_still_name_is_a_leader():
+    least = 4.0 - MARGIN
+    step = step_of(screened(wave=least + 0.1, lag=least - 0.1))
+    assert search_with(step, 4).leaders(BASE) == ["wave"]
