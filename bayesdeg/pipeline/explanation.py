@@ -34,16 +34,28 @@ class Story:
 
 
 def verdict_document(
-    judgement: Judgement, where: str, experiments: list[Json] | None = None
+    judgement: Judgement, where: str, experiments: list[Json] | None = None, *, note: str = ""
 ) -> Json:
-    """Return the content of ``verdict.json`` for a study whose readings could be judged."""
+    """Return the content of ``verdict.json`` for a study whose readings could be judged.
+
+    Parameters
+    ----------
+    judgement : Judgement
+        The verdict.
+    where : str
+        Where the misfit sits.
+    experiments : list, optional
+        What to measure next.
+    note : str
+        What is wrong with modes of tension that were predicted only.
+    """
     decision = judgement.decision
     rms, noise = readings_misfit(judgement)
     return {
         "outcome": str(decision.outcome),
         "causes": list(decision.causes),
         "one_of": [list(names) for names in decision.one_of],
-        "explanation": explain(judgement, where),
+        "explanation": f"{explain(judgement, where)} {note}".strip(),
         "candidates": [_candidate(c) for c in judgement.candidates],
         "confusable": [list(pair) for pair in judgement.confusability.pairs()],
         "false_name_rate": FALSE_NAME_RATE,

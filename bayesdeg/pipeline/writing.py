@@ -52,7 +52,8 @@ def write_results(
         folder.write_table(columns.DECISIONS, decisions(results.fits, generator))
     base, judgement = results.base.model, results.judgement
     subject = judgement.search.base.subject
-    folder.write_table(columns.GAIN, gain_table(subject, judgement.held_out))
+    if judgement.held_out:
+        folder.write_table(columns.GAIN, gain_table(subject, judgement.held_out))
     if judgement.levels_out:
         folder.write_table(columns.GAIN_LEVELS, gain_table(subject, judgement.levels_out))
     _write_criticism(folder, judgement)
@@ -64,7 +65,7 @@ def write_results(
         if residual is None
         else where(base, residual, noise or 0.0)
     )
-    return verdict_document(judgement, place, judgement.experiments)
+    return verdict_document(judgement, place, judgement.experiments, note=held_out)
 
 
 def _write_criticism(folder: RunFolder, judgement: Judgement) -> None:

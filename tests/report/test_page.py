@@ -2,6 +2,7 @@ import math
 import re
 from dataclasses import replace
 
+import pandas as pd
 import pytest
 
 from bayesdeg.errors import BayesdegError
@@ -10,7 +11,7 @@ from bayesdeg.report.headline import headline_of
 from bayesdeg.report.page import build_page, content_of, render
 from bayesdeg.report.tables import Tables, read_tables
 from tests.report.html_reading import numbers_in, read_html, table_cells
-from tests.report.synthetic_run import write_bare
+from tests.report.synthetic_run import write_bare, write_full
 
 OUTCOMES = {
     "adequate": ("Adequate", "No misfit beyond the noise"),
@@ -293,3 +294,23 @@ def test_a_gain_without_curvature_is_given_in_elpd(built):
     assert close(shown.value, 39.5, within=0.05)
     assert close(shown.value, 6.1, within=0.05)
     assert "1/m" not in shown.value
+
+
+def test_what_would_have_been_decided_is_shown_as_each_model_has_it(tmp_path):
+    folder = write_full(tmp_path, "named")
+    rows = [
+        ("base", 10.0, 4.1, 81.0, 86.0, 92.0, 75.0, 0.31),
+        ("base+degraded_skin", 10.0, 4.1, 70.0, 73.5, 78.0, 76.0, math.nan),
+    ]
+    names = [column.name for column in TABLES["decisions"]]
+    folder.write_table("decisions", pd.DataFrame(rows, columns=names))
+    page = read_html(build_page(tmp_path).read_text(encoding="utf-8"))
+    shown = table_cells(page, "The pressure for half of the largest curvature")
+    for cells, row in zip(shown, rows, strict=True):
+        assert [numbers_in(cell) for cell in cells[1:5]] == [
+            *([value] for value in (row[1], row[2], row[4])),
+            [row[3], row[5]],
+        ]
+    assert numbers_in(shown[0][5]) == [31.0]
+    assert numbers_in(shown[1][5]) == []
+    assert "degraded skin" in shown[1][0]
