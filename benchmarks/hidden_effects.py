@@ -149,8 +149,11 @@ def _visible(judgement: Judgement, study: HiddenStudy, truth: Truth) -> dict[str
     true, mode = truth.named(), base.mode.copy()
     for i, parameter in enumerate(base.subject.table.parameters):
         if parameter.name in NOISE:
-            mode[i] = float(parameter.law.to_unconstrained(true[parameter.name]))
+            z = float(parameter.law.to_unconstrained(true[parameter.name]))
+            mode[i] = z if np.isfinite(z) else mode[i]
     linear = linearise(base.subject, mode, uncertain=base.uncertain)
+    if not np.all(np.isfinite(linear.factor)):
+        linear = base.linear
     sizes = {}
     for one in study.effects:
         whole = [float(p.law.to_unconstrained(one.values[p.name])) for p in one.cause.parameters]
