@@ -38,6 +38,7 @@ from bayesdeg.inference.ensemble import EFFORTS, sample
 from bayesdeg.inference.importance import about_mode
 from bayesdeg.inference.laplace import FEWEST_EFFECTIVE, approximate
 from bayesdeg.inference.least_squares import near_films
+from bayesdeg.laboratory.effects import HiddenEffect
 from bayesdeg.laboratory.truth import Truth
 from bayesdeg.measure.study import read_study
 from bayesdeg.pipeline.assemble import assemble
@@ -140,7 +141,7 @@ def _found(judgement: Judgement) -> Json:
 
 
 def _visible(judgement: Judgement, study: HiddenStudy, truth: Truth) -> dict[str, float]:
-    """Return how large each hidden effect is after a refit, in standard deviations.
+    """Return how large each hidden effect is after a refit of all else, in standard deviations.
 
     At the base fit, but with the true scatter and errors: those of the base fit have grown to make
     room for the effect.
@@ -154,16 +155,25 @@ def _visible(judgement: Judgement, study: HiddenStudy, truth: Truth) -> dict[str
     linear = linearise(base.subject, mode, uncertain=base.uncertain)
     if not np.all(np.isfinite(linear.factor)):
         linear = base.linear
+    columns = {one.cause.name: _column(linear, one) for one in study.effects}
     sizes = {}
-    for one in study.effects:
-        whole = [float(p.law.to_unconstrained(one.values[p.name])) for p in one.cause.parameters]
-        neutral = neutral_sizes(one.cause)
-        shares = np.array([1.0, 0.5, 0.25, 0.1])  # where the whole effect leaves the range
-        steps = neutral + shares[:, None] * (np.array(whole) - neutral)
-        change = np.linalg.norm(effects(linear, one.cause, steps), axis=1) / shares
-        known = change[np.isfinite(change)]
-        sizes[one.cause.name] = float(known[0]) if len(known) else 0.0
+    for name, column in columns.items():
+        others = [other for n, other in columns.items() if n != name and np.any(other)]
+        basis = np.linalg.qr(np.array(others).T)[0] if others else np.zeros((len(column), 0))
+        sizes[name] = float(np.linalg.norm(column - basis @ (basis.T @ column)))
     return sizes
+
+
+def _column(linear: Linear, hidden: HiddenEffect) -> Floats:
+    """Return the whitened effect; scaled up from a part of it where the whole is out of range."""
+    values = hidden.values
+    whole = [float(p.law.to_unconstrained(values[p.name])) for p in hidden.cause.parameters]
+    neutral = neutral_sizes(hidden.cause)
+    shares = np.array([1.0, 0.5, 0.25, 0.1])
+    steps = neutral + shares[:, None] * (np.array(whole) - neutral)
+    change = effects(linear, hidden.cause, steps) / shares[:, None]
+    known = change[np.all(np.isfinite(change), axis=1)]
+    return known[0] if len(known) else np.zeros(change.shape[1])
 
 
 def _baseline(linear: Linear, judgement: Judgement) -> Json:

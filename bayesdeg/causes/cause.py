@@ -215,3 +215,8 @@ class Cause:
         actuator = (self.on_degradation, self.on_inputs, self.on_reading)
         hooks = {"actuator": actuator, "tensile": (self.on_stress,), "rupture": (self.on_strength,)}
         return frozenset(test for test, given in hooks.items() if any(given))
+
+    @property
+    def is_of_rupture_alone(self) -> bool:
+        """Whether no reading of a curve shows it, only when actuators burst."""
+        return self.acts_on == {"rupture"}

@@ -1,4 +1,8 @@
-"""Which causes the study at hand could confuse: it is simulated under each, and judged."""
+"""Which causes the study at hand could confuse: it is simulated under each, and judged.
+
+Readings z = d_a + e, e ~ N(0, I), of the linearised model with the effect d_a of cause a; cause b
+is as good where its linear Bayes factor is within odds of 20 of that of a.
+"""
 
 from dataclasses import dataclass
 

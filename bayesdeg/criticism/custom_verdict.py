@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.discrepancy import AMPLITUDES, largest_ratio
-from bayesdeg.criticism.held_out import HeldOut, predict_one_by_one
+from bayesdeg.criticism.held_out import HeldOut
 from bayesdeg.criticism.kernels import discrepancies
 from bayesdeg.criticism.search import Names, Search, SearchEffort, run_search
 from bayesdeg.criticism.step import Step
@@ -27,6 +27,7 @@ from bayesdeg.criticism.verdict import (
     Outcome,
     Support,
     decide,
+    hold_out,
     supports,
 )
 from bayesdeg.inference.importance import about_mode
@@ -36,7 +37,6 @@ Floats = NDArray[np.float64]
 
 EFFORT = SearchEffort(replicates=500, fitted=4, pairs=3)
 DRAWS = 4000
-DIFFERENCE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -82,11 +82,7 @@ class Judgement:
             return (self.search.base.names,)
         if self.final.misfit.p_value <= MISFIT_LEVEL:
             return ()
-        others = [
-            self.chosen - {one.cause} | {rival}
-            for one in self.supported
-            for rival in one.inseparable
-        ]
+        others = (one.replaced(self.chosen, r) for one in self.supported for r in one.inseparable)
         return (self.chosen, *others)
 
     def draws(self, name: str, generator: np.random.Generator) -> Floats | None:
@@ -126,17 +122,11 @@ def judge(
     effort : SearchEffort
         What the search may cost.
     """
-    searched, *folds = seed.spawn(2 + len(causes))
+    searched, folds = seed.spawn(2)
     base = first_trial(subject, np.random.default_rng(searched))
     search = Search(base, causes, effort, searched)
     chosen = run_search(search)
-    sets = [chosen, *(chosen - {name} for name in sorted(chosen))] if chosen else []
-    if len(subject.groups) < 2:  # nothing would be left
-        sets = []
-    held_out = {
-        names: predict_one_by_one(search.trials[names], seed=one)
-        for names, one in zip(sets, folds, strict=False)
-    }
+    held_out = hold_out(search, chosen, seed=folds)
     supported = supports(search, chosen, held_out)
     decision = decide(search.step(base.names), search.step(chosen), supported)
     return Judgement(search, chosen, supported, held_out, decision)
@@ -163,8 +153,7 @@ def interval_with_discrepancy(trial: Trial, name: str) -> tuple[float, float]:
     covariance of the most probable of the discrepancies that measure the misfit. It is no remedy:
     what of a misfit looks like a change of the parameter is still taken for one.
     """
-    linear, subject = trial.linear, trial.subject
-    jacobian = _jacobian(subject, trial.mode)
+    linear, subject, jacobian = trial.linear, trial.subject, trial.linear.jacobian
     kernels = discrepancies(linear)
     best = int(largest_ratio(linear.observed[None], kernels)[1][0])
     kernel, amplitude = kernels[best // len(AMPLITUDES)], AMPLITUDES[best % len(AMPLITUDES)]
@@ -182,10 +171,3 @@ def interval_with_discrepancy(trial: Trial, name: str) -> tuple[float, float]:
     law = subject.table.parameters[row].law
     low, high = law.from_unconstrained(centre[row] + half * np.array([-1.0, 1.0]))
     return float(low), float(high)
-
-
-def _jacobian(subject: Subject, mode: Floats) -> Floats:
-    step = DIFFERENCE * np.eye(len(mode))
-    readings = subject.expected(np.vstack([mode + step, mode - step]))
-    change: Floats = readings[: len(mode)] - readings[len(mode) :]
-    return change.T / (2.0 * DIFFERENCE)

@@ -1,7 +1,11 @@
 """How much there is to explain: a Gaussian-process discrepancy, calibrated by simulation.
 
 It is a measuring stick only: it never enters the physics. What it may look like stands in
-`bayesdeg.criticism.kernels`.
+`bayesdeg.criticism.kernels`. The statistic is the largest of
+
+    ln N(z; 0, I + a² K) − ln N(z; 0, I)
+
+over kernels K and amplitudes a, z the whitened readings.
 """
 
 from dataclasses import dataclass, replace

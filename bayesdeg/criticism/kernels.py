@@ -3,7 +3,13 @@
 Within one family of readings a discrepancy is a smooth function of the path and of the degradation
 rate, in proportion to a smooth envelope of the readings. It is common to all histories of load or
 one for each; it may be each specimen's own; and it may be the same for every kind of reading in the
-family or of the first kind alone.
+family or of the first kind alone. Its covariance between readings i and j is
+
+    a² e_i e_j exp(−(s_i − s_j)²/(2 ℓ²) − (D_i − D_j)²/(2 w²)) [same history or specimen],
+
+with s the path in its largest extent, D the degradation rate [%] and e the envelope.
+
+Source: Kennedy and O'Hagan (2001), doi:10.1111/1467-9868.00294, for discrepancies of this kind.
 """
 
 from collections.abc import Iterator

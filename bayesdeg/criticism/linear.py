@@ -246,27 +246,6 @@ def log_bayes_factor(whitened: Floats, columns: Floats) -> Floats:
     return factor
 
 
-def most_probable_size(whitened: Floats, columns: Floats, cause: Cause) -> Floats:
-    """Return the posterior mean of a cause's parameters less their neutral values, (k,)."""
-    inner = np.eye(columns.shape[1]) + columns.T @ columns
-    scaled = np.linalg.solve(inner, columns.T @ whitened)
-    size: Floats = scaled * np.array([prior_size(p) for p in cause.parameters])
-    return size
-
-
-def overlap(first: Floats, second: Floats) -> float:
-    """Return the largest squared correlation between two whitened effects, 0 to 1.
-
-    At 1 the data cannot tell them apart; 1 − overlap is what is left of one when the other is
-    refitted. Directions without an effect count for nothing.
-    """
-    a, b = (columns[:, np.any(columns != 0.0, axis=0)] for columns in (first, second))
-    if a.shape[1] == 0 or b.shape[1] == 0:
-        return 0.0
-    a, b = np.linalg.qr(a)[0], np.linalg.qr(b)[0]
-    return float(np.linalg.svd(a.T @ b, compute_uv=False)[0] ** 2)
-
-
 def _jacobian(subject: Subject, mode: Floats, step: float = 1e-3) -> Floats:
     """Central differences; one-sided where the other side is outside the forward map's range."""
     size = len(mode)

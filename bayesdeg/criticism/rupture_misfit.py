@@ -17,8 +17,10 @@ class RuptureMisfit:
 
     Parameters
     ----------
-    burst, expected : float
-        Actuators that burst, and how many do in simulated data on average.
+    burst : int
+        Actuators that burst.
+    expected : float
+        How many do in simulated data on average.
     deviance : float
         −2 Σ ln of the probability of what each did, averaged over the posterior.
     p_value : float
@@ -55,15 +57,14 @@ def rupture_misfit(
     """
     if model.actuator is None or not model.has_elongation:
         return None
-    observed, simulated, bursts = [], [], []
+    observed = _deviances(model, vectors)
+    simulated, bursts = [], []
     for vector in vectors:
-        values = model.table.named(vector[None])
-        again = replicate(model, values, generator)
+        again = replicate(model, model.table.named(vector[None]), generator)
         assert again.actuator is not None
-        observed.append(_deviance(model, vector))
-        simulated.append(_deviance(again, vector))
+        simulated.append(_deviances(again, vector[None])[0])
         bursts.append(int(again.actuator.ruptured.any(axis=1).sum()))
-    worse = int(np.sum(np.array(simulated) >= np.array(observed)))
+    worse = int(np.sum(np.array(simulated) >= observed))
     return RuptureMisfit(
         int(model.actuator.ruptured.any(axis=1).sum()),
         float(np.mean(bursts)),
@@ -72,8 +73,8 @@ def rupture_misfit(
     )
 
 
-def _deviance(model: Model, vector: Floats) -> float:
-    """Return −2 ln of the ruptures' probability; readings that are nan play no part."""
-    values = model.table.named(vector[None])
+def _deviances(model: Model, vectors: Floats) -> Floats:
+    """Return −2 ln of the ruptures' probability, (k,); readings that are nan play no part."""
     with np.errstate(all="ignore"):
-        return float(-2.0 * np.sum(model.log_likelihood(values)["rupture"][0]))
+        blocks = model.log_likelihood(model.table.named(vectors))
+        return np.asarray(-2.0 * np.sum(blocks["rupture"], axis=1))

@@ -1,8 +1,12 @@
 """Every cause at its most probable size, and pairs of them: fast, to see which deserve a full fit.
 
 The model's own parameters are integrated out in the linearised model; the size φ of a cause goes
-through the full equations, so that strong effects are judged at the size that they have. The
-evidence is an average over draws from the prior and about the most probable size together.
+through the full equations, so that strong effects are judged at the size that they have. With z the
+whitened readings and d(φ) the whitened effect,
+
+    ln B = ln ∫ exp(z·d(φ) − |d(φ)|²/2) p(φ) dφ,
+
+an average over draws from the prior and about the most probable size, weighted by their mixture.
 """
 
 from dataclasses import dataclass, replace
@@ -191,7 +195,7 @@ def _widening(linear: Linear, one: Screened) -> float:
     """
     cause, size, columns = one.cause, one.size, one.columns
     wide = [k for k in range(len(size)) if not np.any(columns[:, k])]
-    if not wide or cause.acts_on == frozenset({"rupture"}):
+    if not wide or cause.is_of_rupture_alone:
         return 0.0
     extended = linear.subject.extended(cause)
     point = with_neutral(linear.mode, linear.subject, extended)

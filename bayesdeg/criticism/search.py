@@ -8,7 +8,7 @@ without it, and every cause is compared with all that could stand in its place.
 
 from collections.abc import Callable, Iterable
 from concurrent.futures import Executor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -174,7 +174,7 @@ def _unbent(trial: Trial, causes: Iterable[Cause]) -> dict[str, Screened]:
     linear = trial.unbent()
     if linear is None:
         return {}
-    return {c.name: screen(linear, c) for c in causes if c.acts_on != frozenset({"rupture"})}
+    return {c.name: screen(linear, c) for c in causes if not c.is_of_rupture_alone}
 
 
 def run_search(search: Search) -> Names:
@@ -261,7 +261,7 @@ def _fitted(parent: Trial, job: tuple[Cause, Floats, np.random.SeedSequence]) ->
 
 def _screened(trial: Trial, cause: Cause, seed: np.random.SeedSequence) -> Screened:
     found = screen(trial.linear, cause)
-    if cause.acts_on != frozenset({"rupture"}):
+    if not cause.is_of_rupture_alone:
         return found
     ratio = from_prior(trial, cause, np.random.default_rng(seed), draws=FEW)
-    return Screened(cause, found.size, ratio.log_evidence, found.effect, found.columns)
+    return replace(found, log_bayes_factor=ratio.log_evidence)

@@ -8,7 +8,8 @@ held-out specimens, and together they must remove the misfit; (5) what could sta
 one of them is reported beside it.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 
 from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.discrepancy import explained, explained_on_one_scale
-from bayesdeg.criticism.held_out import HeldOut, difference
+from bayesdeg.criticism.held_out import HeldOut, difference, predict_one_by_one
 from bayesdeg.criticism.rupture_misfit import RuptureMisfit
 from bayesdeg.criticism.search import Names, Search, rivals
 from bayesdeg.criticism.step import Step
@@ -92,7 +93,7 @@ class Support:
     @property
     def held_out_agrees(self) -> bool:
         """Whether held-out specimens are predicted better by more than a standard error."""
-        return self.elpd_diff is None or self.elpd_diff > (self.elpd_diff_se or 0.0)
+        return self.elpd_diff is not None and self.elpd_diff > (self.elpd_diff_se or 0.0)
 
     @property
     def inseparable(self) -> tuple[str, ...]:
@@ -103,6 +104,49 @@ class Support:
         margin = INSEPARABLE if self.prior_tail >= IMPLAUSIBLE else 2.0 * INSEPARABLE
         close = {name: gap for name, gap in self.rivals.items() if gap < margin}
         return tuple(sorted(close, key=lambda name: close[name]))
+
+    def replaced(self, chosen: Names, rival: str) -> Names:
+        """Return the set with a rival in the place of this cause."""
+        return chosen - {self.cause} | {rival}
+
+
+def hold_out(
+    search: Search,
+    chosen: Names,
+    *,
+    seed: np.random.SeedSequence,
+    executor: Executor | None = None,
+    on_set: Callable[[Names], None] | None = None,
+) -> dict[Names, HeldOut]:
+    """Predict held-out groups with no cause, without each of a set, and with all of it, in turn.
+
+    Parameters
+    ----------
+    search : Search
+        In which those sets are fitted.
+    chosen : frozenset of str
+        The set.
+    seed : SeedSequence
+        The same for each, so that they are compared on the same draws.
+    executor : Executor, optional
+        Runs calibrations side by side.
+    on_set : callable, optional
+        Called after each set.
+
+    Returns
+    -------
+    dict
+        Empty where there is a single group: nothing would be left.
+    """
+    if len(search.base.subject.groups) < 2:
+        return {}
+    smaller = (chosen - {name} for name in sorted(chosen))
+    found = {}
+    for names in dict.fromkeys([search.base.names, *smaller, chosen]):
+        found[names] = predict_one_by_one(search.trials[names], seed=seed, executor=executor)
+        if on_set is not None:
+            on_set(names)
+    return found
 
 
 def supports(search: Search, chosen: Names, held_out: Mapping[Names, HeldOut]) -> list[Support]:
@@ -150,7 +194,8 @@ def decide(
     """
     off = base.misfit.p_value <= MISFIT_LEVEL
     broken = rupture is not None and rupture.p_value <= MISFIT_LEVEL
-    reasons = list(dict.fromkeys(reason for one in supported for reason in _against(one)))
+    unconfirmed = (_against(one) for one in supported if not one.held_out_agrees)
+    reasons = list(dict.fromkeys(unconfirmed))
     if any(one.cause not in on_rupture for one in supported):
         reasons += _against_all(base, final)
     if not supported or reasons:
@@ -192,16 +237,13 @@ def prior_tail(search: Search, names: Names, cause: str) -> float:
     return float(np.mean(np.abs(prior - neutral) >= abs(value - neutral)))
 
 
-def _against(one: Support) -> list[str]:
-    reasons = []
+def _against(one: Support) -> str:
     if one.elpd_diff is None:
-        reasons.append("there is nothing to hold out: a single specimen cannot confirm a cause")
-    elif not one.held_out_agrees:
-        reasons.append(
-            f"with {one.cause} held-out specimens are not predicted better "
-            f"({one.elpd_diff:+.1f} ± {one.elpd_diff_se:.1f} in log density)"
-        )
-    return reasons
+        return "there is nothing to hold out: a single specimen cannot confirm a cause"
+    return (
+        f"with {one.cause} held-out specimens are not predicted better "
+        f"({one.elpd_diff:+.1f} ± {one.elpd_diff_se:.1f} in log density)"
+    )
 
 
 def _against_all(base: Step, final: Step) -> list[str]:

@@ -161,7 +161,7 @@ def _unseen(
     lacking = [column for column in cause.needs if column not in recorded]
     if lacking:
         return f"actuator.csv does not record {', '.join(lacking)}"
-    if cause.acts_on == {"rupture"} and study.breaks is None:
+    if cause.is_of_rupture_alone and study.breaks is None:
         return "there is no elongation at break (break.csv) to compare ruptures with"
     return cause.blind(actuator.conditions)
 

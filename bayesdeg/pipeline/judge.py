@@ -12,12 +12,12 @@ from bayesdeg.criticism.candidates import Candidate, candidates
 from bayesdeg.criticism.confusability import confusability
 from bayesdeg.criticism.experiments import next_experiments_document, rank
 from bayesdeg.criticism.experiments_candidates import candidate_experiments
-from bayesdeg.criticism.held_out import HeldOut, by_level, predict_folds, predict_one_by_one
+from bayesdeg.criticism.held_out import HeldOut, by_level, predict_folds
 from bayesdeg.criticism.model_readings import ModelReadings
 from bayesdeg.criticism.rupture_misfit import rupture_misfit
 from bayesdeg.criticism.search import Names, Search, SearchEffort, run_search
 from bayesdeg.criticism.trials import base_trial
-from bayesdeg.criticism.verdict import Decision, Outcome, Support, decide, supports
+from bayesdeg.criticism.verdict import Decision, Outcome, Support, decide, hold_out, supports
 from bayesdeg.inference.laplace import FEWEST_EFFECTIVE, Evidence
 from bayesdeg.pipeline.assemble import Assembly
 from bayesdeg.pipeline.calibrate import Fit
@@ -70,7 +70,13 @@ def judge(
     final = search.step(chosen)
     rupture = rupture_misfit(fit.model, search.base.draws(generator, RUPTURE_DRAWS), generator)
     progress.stage("held-out specimens")
-    held_out = _hold_out(search, chosen, seed=folding, progress=progress, executor=executor)
+    held_out = hold_out(
+        search,
+        chosen,
+        seed=folding,
+        executor=executor,
+        on_set=lambda names: progress.advance(1, label(names)),
+    )
     supported = supports(search, chosen, held_out)
     decision = decide(base, final, supported, rupture=rupture, on_rupture=_on_rupture(search))
     names = extension(decision, tuple(supported)) if effort.levels_out else BASE
@@ -111,7 +117,7 @@ def _next(
         untested = tuple(CATALOGUE[n] for n in assembly.unjudged if n in CATALOGUE)[:IN_QUESTION]
     else:
         others = {
-            chosen - {one.cause} | {rival}: gap
+            one.replaced(chosen, rival): gap
             for one in supported
             for rival, gap in one.rivals.items()
             if rival in one.inseparable or decision.outcome is Outcome.NAMED
@@ -150,7 +156,7 @@ def _begun(
 
 def _on_rupture(search: Search) -> frozenset[str]:
     """Return the causes that act on rupture alone."""
-    return frozenset(cause.name for cause in search.causes if cause.acts_on == {"rupture"})
+    return frozenset(cause.name for cause in search.causes if cause.is_of_rupture_alone)
 
 
 def _posterior(fit: Fit) -> Evidence:
@@ -160,25 +166,6 @@ def _posterior(fit: Fit) -> Evidence:
     flat = fit.chain.vectors.reshape(-1, fit.chain.vectors.shape[-1])
     even = np.zeros(len(flat))
     return replace(fit.evidence, draws=flat, log_weights=even, effective=float(len(flat)))
-
-
-def _hold_out(
-    search: Search,
-    chosen: Names,
-    *,
-    seed: np.random.SeedSequence,
-    progress: Progress,
-    executor: Executor | None,
-) -> dict[Names, HeldOut]:
-    """Predict held-out specimens with the set, without each of its causes, and with none."""
-    if len(search.base.subject.groups) < 2:
-        return {}
-    sets = dict.fromkeys([BASE, *(chosen - {name} for name in sorted(chosen)), chosen])
-    found = {}
-    for names in sets:
-        found[names] = predict_one_by_one(search.trials[names], seed=seed, executor=executor)
-        progress.advance(1, label(names))
-    return found
 
 
 def _levels_out(

@@ -15,15 +15,14 @@ from bayesdeg.criticism.linear import (
     effects,
     linearise,
     log_bayes_factor,
-    most_probable_size,
     neutral_sizes,
-    overlap,
     prior_size,
     rest_covariance,
     rest_law,
     sensitivities,
 )
 from bayesdeg.criticism.model_readings import CURVATURE, ModelReadings
+from bayesdeg.criticism.screening import screen
 from bayesdeg.criticism.subject import with_neutral
 from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.inference.laplace import approximate, evidence
@@ -250,19 +249,10 @@ def test_expected_bayes_factor_without_an_effect_is_one():
     assert factor.mean() == pytest.approx(1.0, abs=0.01)
 
 
-def test_most_probable_size_is_that_of_a_conjugate_posterior():
-    """One parameter with prior sd τ and y = S φ/τ + e: φ ~ N(τ S·z/(1 + S²), …)."""
-    cause = scaling_cause(sd=0.2)
-    s, z = np.array([[3.0], [4.0]]), np.array([1.0, 2.0])
-    expected = 0.2 * (3.0 * 1.0 + 4.0 * 2.0) / (1.0 + 25.0)
-    assert most_probable_size(z, s, cause) == pytest.approx([expected], rel=1e-3)
-
-
 def test_an_effect_of_known_size_is_found_again():
     known, cause = known_linear(), scaling_cause()
     planted = with_readings(known, 1.07 * known.mean)
-    size = most_probable_size(planted.observed, sensitivities(planted, cause), cause)
-    assert size[0] == pytest.approx(0.07, abs=0.01)
+    assert screen(planted, cause).size[0] == pytest.approx(0.07, abs=0.01)
 
 
 def test_sensitivity_is_the_change_of_the_mean_by_one_prior_sd():
@@ -296,10 +286,10 @@ def test_the_bend_angle_tells_an_error_of_the_curvature_from_an_effect_on_the_ac
     """Curvature alone cannot."""
     causes = scaling_cause("reading"), scaling_cause("actuator", on_reading=both_scaled)
     alone = known_linear()
-    assert overlap(*(sensitivities(alone, cause) for cause in causes)) == pytest.approx(1.0)
+    same = (sensitivities(alone, cause) for cause in causes)
+    np.testing.assert_allclose(*same, rtol=1e-9)
     known = known_linear(with_angle=True)
     reading, actuator = (sensitivities(known, cause) for cause in causes)
-    assert overlap(reading, actuator) < 0.9
     more = 1.0 + 0.1 * np.where(known.subject.places.kind == CURVATURE, 1.0, 0.0)
     misread = with_readings(known, more * known.mean).observed
     bent = with_readings(known, 1.1 * known.mean).observed
@@ -341,26 +331,6 @@ def test_neutral_vector_keeps_the_base_and_predicts_the_same():
         extended.curvature(extended.table.named(longer[None])).curvature,
         model.curvature(model.table.named(vector[None])).curvature,
     )
-
-
-def test_overlap_is_one_for_the_same_direction_and_zero_for_perpendicular_ones():
-    a, b = np.array([[1.0], [1.0], [0.0]]), np.array([[1.0], [-1.0], [0.0]])
-    assert overlap(a, -7.0 * a) == pytest.approx(1.0)
-    assert overlap(a, b) == pytest.approx(0.0, abs=1e-12)
-    assert overlap(a, np.zeros((3, 0))) == 0.0
-
-
-@given(angle=st.floats(0.0, np.pi))
-def test_overlap_of_two_directions_is_the_squared_cosine(angle):
-    a = np.array([[1.0], [0.0]])
-    b = np.array([[np.cos(angle)], [np.sin(angle)]])
-    assert overlap(a, b) == pytest.approx(np.cos(angle) ** 2, abs=1e-9)
-    assert overlap(b, a) == pytest.approx(overlap(a, b), abs=1e-9)
-
-
-def test_a_direction_within_the_span_of_another_effect_cannot_be_told_from_it():
-    columns = np.random.default_rng(9).standard_normal((6, 2))
-    assert overlap(columns, columns @ np.array([[0.3], [-1.0]])) == pytest.approx(1.0)
 
 
 def test_a_linear_model_is_frozen_and_keeps_its_subject(linear):

@@ -1,5 +1,7 @@
 """The truth: agreement with what was published, and truths drawn about it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -59,16 +61,26 @@ def test_drawn_truths_scatter_about_the_reference_as_stated():
     generator = np.random.default_rng(11)
     drawn = [drawn_truth(generator) for _ in range(1500)]
     centre = Truth()
-    wanted = {"c1": 0.15, "c3": 0.25, "paper_stiffness": 0.4}
+    wanted = {"c1": 0.15, "c3": (0.25, 0.21, 0.21), "paper_stiffness": 0.4}
+    shift = {"c3": (0.0, 0.12, -0.11)}  # of what is drawn anew: its trend would leave the range
     for name, sd in wanted.items():
         z = np.log([getattr(t, name) for t in drawn]) - np.log(getattr(centre, name))
         np.testing.assert_allclose(z.std(axis=0), sd, rtol=0.1)
-        np.testing.assert_allclose(z.mean(axis=0), 0.0, atol=4.0 * sd / np.sqrt(1500))
+        moved = z.mean(axis=0) - shift.get(name, 0.0)
+        np.testing.assert_allclose(moved, 0.0, atol=4.0 * np.max(sd) / np.sqrt(1500))
     for name, sd in {"c2_ratio": 0.05, "volume_ratio": 0.04}.items():
         z = np.array([getattr(t, name) for t in drawn]) - np.array(getattr(centre, name))
         np.testing.assert_allclose(z.std(axis=0), sd, rtol=0.1)
-    assert all(t.is_stable() for t in drawn)
+    assert all(t.is_stable() and t.is_within_trends() for t in drawn)
     assert len({t.c1 for t in drawn}) == 1500
+
+
+def test_a_trend_within_the_range_has_positive_bernstein_coefficients_through_the_nodes():
+    assert Truth().is_within_trends()
+    sagging = replace(Truth(), c2_ratio=(0.0, 0.0, 0.0), c3=(0.003, 0.027, 0.1175))
+    assert sagging.is_stable()
+    assert not sagging.is_within_trends()
+    assert 2.0 * sagging.c3[1] < 0.5 * (sagging.c3[0] + sagging.c3[2])
 
 
 def test_unstable_truths_are_drawn_anew():

@@ -1,0 +1,138 @@
+"""The planted studies of ``tests/hidden_effects``, from the fine finite element model itself.
+
+    uv run python benchmarks/planted_studies.py --workers 2
+
+solves their curves, half a minute each, and writes the folders; names choose some of them. What was
+hidden goes to ``truths``, apart from what a pipeline reads. Studies that stand there are left alone.
+"""
+
+import argparse
+from collections.abc import Callable
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from hidden_studies import OUTSIDE, HiddenStudy, designs, made
+
+from bayesdeg.actuator.forward import ExactMap
+from bayesdeg.actuator.geometry import Geometry
+from bayesdeg.actuator.inputs import ForwardMap
+from bayesdeg.actuator.mesh import FINE
+from bayesdeg.causes.catalogue import find
+from bayesdeg.causes.cause import Cause
+from bayesdeg.console import pool, shown
+from bayesdeg.laboratory.design import Design
+from bayesdeg.laboratory.effects import HiddenEffect
+from bayesdeg.measure.settings import Dimensions
+
+FOLDER = Path("tests/hidden_effects")
+LEVELS = (0.0, 10.0, 25.0)  # of the actuators; films are tested at six
+
+
+@dataclass(frozen=True)
+class Planted:
+    """What is hidden in a study, and how it was tested.
+
+    Parameters
+    ----------
+    seed : int
+        Of all that is drawn.
+    design : str
+        As in `hidden_studies.designs`; fewer actuators are tested.
+    hidden : dict
+        Sizes by cause and parameter.
+    copies : int
+        Actuators a level.
+    """
+
+    seed: int
+    design: str
+    hidden: dict[str, dict[str, float]]
+    copies: int = 2
+
+    def effects(self) -> tuple[HiddenEffect, ...]:
+        """Return what is hidden."""
+        return tuple(HiddenEffect(_cause(name), values) for name, values in self.hidden.items())
+
+    def tests(self) -> Design:
+        """Return the design with fewer actuators."""
+        whole = designs()[self.design]
+        table = whole.actuator
+        copy = table["specimen_id"].str[-1].astype(int)
+        kept = table["degradation_pct"].isin(LEVELS) & (copy <= self.copies)
+        return replace(whole, actuator=table[kept].reset_index(drop=True))
+
+
+PLANTED = {
+    "degradation_misread": Planted(
+        1, "careful", {"degradation_misread": {"shift": 3.0, "scatter": 0.2}}
+    ),
+    "degraded_skin": Planted(1, "careful", {"degraded_skin": {"skin_stiffening": 1.1}}, 3),
+    "film_mismatch": Planted(1, "careful", {"film_mismatch": {"log_ratio": -0.15}}),
+    "paper_softening": Planted(1, "careful", {"paper_softening": {"softening": 1.8}}, 3),
+    "second_invariant": Planted(1, "careful", {"second_invariant": {"ratio": 0.5}}),
+    "erosion": Planted(1, "careful", {"erosion": {"lost_share": 0.12}}),
+    "initial_curvature": Planted(1, "careful", {"initial_curvature": {"mismatch": 0.026}}, 3),
+    "paper_slack": Planted(1, "careful", {"paper_slack": {"slack": 0.015}}),
+    "shrinkage_reading": Planted(1, "careful", {"shrinkage_reading": {"scale_error": -0.18}}),
+    "wall_thickness": Planted(1, "careful", {"wall_thickness": {"excess": 0.08}}),
+    "gravity": Planted(1, "mounts", {"gravity": {"density": 1500.0}}),
+    "pressure_loss": Planted(1, "careful", {"pressure_loss": {"fraction": 0.15}}),
+    "creep": Planted(1, "history", {"creep": {"amount": 0.12, "time_constant": 30.0}}),
+    "humidity_drift": Planted(
+        1, "history", {"humidity_drift": {"stiffening": 0.15, "time_constant": 900.0}}
+    ),
+    "mullins": Planted(1, "history", {"mullins": {"softening": 0.15}}),
+    "offset_and_curvature_reading": Planted(
+        1,
+        "careful",
+        {
+            "pressure_offset": {"offset": 9.0},
+            "curvature_reading": {"fibre_height": 6.0, "magnification": 0.0},
+        },
+    ),
+    "nothing": Planted(1, "careful", {}),
+    "outside_slipping": Planted(1, "careful", {"outside_slipping": {"share": 0.15}}),
+}
+
+
+def _cause(name: str) -> Cause:
+    outside = {cause.name: cause for cause in OUTSIDE}
+    return outside[name] if name in outside else find(name)
+
+
+def plant(name: str, folder: Path, truths: Path, *, forward: ForwardMap) -> None:
+    """Make one study; what was hidden in it is written elsewhere."""
+    planted = PLANTED[name]
+    study = HiddenStudy(planted.seed, name, planted.design, planted.effects(), 1.0)
+    command = f"python benchmarks/planted_studies.py {name}"
+    made(study, folder, forward=forward, seed=planted.seed, command=command, design=planted.tests())
+    truths.mkdir(parents=True, exist_ok=True)
+    (folder / "truth.json").replace(truths / f"{name}.json")
+
+
+def fine(executor: Executor | None, on_curve: Callable[[], None]) -> ForwardMap:
+    """Return the finite element model on a mesh finer than any emulator's."""
+    return ExactMap(Geometry(Dimensions()), FINE, executor=executor, on_curve=on_curve)
+
+
+def main() -> None:
+    """Plant the studies that are missing."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("names", nargs="*", help=f"of {', '.join(PLANTED)}; by default all")
+    parser.add_argument("--workers", type=int, default=2)
+    options = parser.parse_args()
+    missing = [
+        name
+        for name in options.names or PLANTED
+        if not (FOLDER / "truths" / f"{name}.json").exists()
+    ]
+    with pool(options.workers) as executor, shown(quiet=False) as progress:
+        for name in missing:
+            progress.stage(name, total=3 * PLANTED[name].copies)
+            forward = fine(executor, progress.advance)
+            plant(name, FOLDER / "studies" / name, FOLDER / "truths", forward=forward)
+
+
+if __name__ == "__main__":
+    main()
