@@ -8,8 +8,9 @@ import numpy as np
 
 Json = dict[str, object]
 
-VISIBLE = 5.0  # standard deviations after a refit: what a test must plant to be seen
-TWICE = 10.0
+# size of an effect after a refit of all else [standard deviations]: what a test must plant to be
+# seen, which is more than twice what noise alone gives any one effect, and what nobody overlooks
+VISIBLE, STRONG = 5.0, 10.0
 BINS = (0.0, 2.0, 3.5, 5.0, 7.0, 10.0, 15.0, 25.0, np.inf)
 
 
@@ -26,6 +27,7 @@ def summary(found: list[Json], again: list[Json]) -> Json:
     return {
         "studies": len(found),
         "named_correctly": _share(_right(one) for one in seen),
+        "named_correctly_strong": _share(_right(one) for one in seen if _z(one) >= STRONG),
         "named_alone": _share(one["causes"] == list(one["hidden"]) for one in seen),
         "named_correctly_all_sizes": _share(_right(one) for one in single),
         "visible_studies": len(seen),
@@ -35,7 +37,10 @@ def summary(found: list[Json], again: list[Json]) -> Json:
         "outside_catalogue_named": _share(one["outcome"] == "named" for one in outside),
         "outside_unexplained": _share(one["outcome"] == "unexplained" for one in outside),
         "outside_studies": len(outside),
+        "outside": _said(outside),
         "two_causes_both_named": _share(_both(one) for one in pairs),
+        "two_causes_both_in_a_stated_set": _share(_both_stated(one) for one in pairs),
+        "two_causes_none_wrong": _share(not _wrong(one) for one in pairs),
         "pair_studies": len(pairs),
         "size_coverage_90": _share(sizes),
         "sizes": len(sizes),
@@ -51,7 +56,8 @@ def summary(found: list[Json], again: list[Json]) -> Json:
         "same_verdict": _share(same),
         "compared_efforts": len(same),
         "power": _power(single),
-        "confusion": _confusion(seen),
+        "confusion": _said(seen),
+        "pairs": _said(pairs),
     }
 
 
@@ -74,6 +80,13 @@ def _right(one: Json) -> bool:
 
 def _both(one: Json) -> bool:
     return one["outcome"] == "named" and set(one["causes"]) == set(one["hidden"])
+
+
+def _both_stated(one: Json) -> bool:
+    """Whether every hidden cause is named, or stands in a set with a named one."""
+    stated = set(one["causes"]).union(*one["one_of"]) if one["one_of"] else set(one["causes"])
+    said = one["outcome"] in ("named", "ambiguous")
+    return said and set(one["hidden"]) <= stated
 
 
 def _wrong(one: Json) -> bool:
@@ -117,12 +130,13 @@ def _power(single: list[Json]) -> list[Json]:
     return rows
 
 
-def _confusion(seen: list[Json]) -> dict[str, dict[str, int]]:
+def _said(studies: list[Json]) -> dict[str, dict[str, int]]:
+    """Return how often what was said of each that was hidden."""
     table: dict[str, Counter[str]] = {}
-    for one in seen:
-        [hidden] = one["hidden"]
-        said = "+".join(one["causes"]) if one["outcome"] == "named" else one["outcome"]
+    for one in studies:
+        said = "+".join(sorted(one["causes"])) if one["outcome"] == "named" else one["outcome"]
         if one["outcome"] == "ambiguous":
-            said = "ambiguous, with it" if hidden in one["causes"] else "ambiguous, without it"
-        table.setdefault(hidden, Counter())[said] += 1
+            inside = set(one["hidden"]) & set(one["causes"])
+            said = "ambiguous, with it" if inside else "ambiguous, without it"
+        table.setdefault("+".join(sorted(one["hidden"])), Counter())[said] += 1
     return {name: dict(counts) for name, counts in sorted(table.items())}

@@ -2,8 +2,8 @@
 
     uv run python benchmarks/planted_studies.py --workers 2
 
-solves their curves, half a minute each, and writes the folders; names choose some of them. What was
-hidden goes to ``truths``, apart from what a pipeline reads. Studies that stand there are left alone.
+solves their curves, half a minute each, and writes the folders; names choose some of them. What
+was hidden goes to ``truths``, apart from what a pipeline reads. What stands there is left alone.
 """
 
 import argparse
