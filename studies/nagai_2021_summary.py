@@ -2,6 +2,8 @@
 
 (a) With which probability does an error in D_R alone explain the published R²?
 (b) Can the elongation limit alone explain 2 of 3 ruptures at 25 % and none below?
+(c) Which causes of the catalogue can explain R² lower at 0 % than at 5 %?
+(d) Which causes can explain the ruptures?
 
 Run as ``python studies/nagai_2021_summary.py [--out FOLDER] [--seed N] [--quick]``.
 """
@@ -14,13 +16,20 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from nagai_2021 import agreement, rupture
+from nagai_2021 import agreement, cause_agreement, cause_rupture, cause_words, explored, rupture
 from nagai_2021.page import agreement_figure, embed, render, rupture_figure
 from nagai_2021.published import Curves, Materials, draw, sensitivity
-from nagai_2021.tables import agreement_tables, rupture_tables, show
+from nagai_2021.tables import (
+    agreement_tables,
+    cause_agreement_tables,
+    cause_rupture_tables,
+    rupture_tables,
+    show,
+)
 from nagai_2021.words import AGREEMENT, RUPTURE, TITLE, agreement_answer, rupture_answer
 from numpy.typing import NDArray
 
+from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.material.criteria import CRITERIA
 
@@ -33,16 +42,21 @@ DEGRADED = slice(1, None)
 
 @dataclass(frozen=True)
 class Effort:
-    """Draws: of the material, for the variants, inner ones, and of walls per material."""
+    """Draws: of the material, for the variants, inner ones, and of walls per material.
+
+    For causes: draws and inner ones of three rounds, and of walls per material.
+    """
 
     outer: int = 8000
     variants: int = 3000
     inner: int = 48
     walls: int = 5
+    rounds: tuple[tuple[int, int], ...] = ((1500, 24), (1500, 32), (3500, 48))
+    cause_walls: int = 2
 
 
 FULL = Effort()
-QUICK = Effort(2000, 500, 32, 2)
+QUICK = Effort(2000, 500, 32, 2, ((200, 16), (200, 24), (300, 32)), 1)
 
 
 def answer_agreement(
@@ -79,7 +93,7 @@ def answer_agreement(
         "required_degradation_error_points": _by_level(required),
         "sensitivity_pct_per_point": _by_level(sensitivity(materials)),
         "misfit_per_m": _by_level(misfit),
-        "ordering": ordering(fits[ALONE].sample),
+        "ordering": agreement.ordering(fits[ALONE].sample),
     }
     samples = {name: resample(fit, generator) for name, fit in fits.items()}
     return result, agreement_figure(samples, required)
@@ -102,16 +116,6 @@ def compare(fits: dict[str, agreement.Fit]) -> dict[str, dict[str, float]]:
             "probability_without_fresh": without[name],
         }
         for name in fits
-    }
-
-
-def ordering(sample: Floats) -> dict[str, float]:
-    """Return how often R² at 0 % falls below that at 5 %, and as far below as published."""
-    gap = sample[..., 0] - sample[..., 1]
-    published = agreement.TARGET[0] - agreement.TARGET[1]
-    return {
-        "fresh_below_5_pct": float(np.mean(gap > 0.0)),
-        "as_far_below": float(np.mean(gap >= published)),
     }
 
 
@@ -145,25 +149,57 @@ def answer_rupture(walls: rupture.Walls) -> tuple[dict[str, Any], bytes]:
     return result, rupture_figure(walls, {str(h): value for h, (value, _) in chances.items()})
 
 
+def answer_causes(
+    surrogate: Surrogate,
+    materials: Materials,
+    curves: Curves,
+    generator: np.random.Generator,
+    *,
+    effort: Effort,
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the answers to (c) and (d)."""
+    setting = explored.set_up(surrogate, materials, curves, generator, rounds=effort.rounds)
+    of_agreement = cause_agreement.answer(setting, generator)
+    repeated = materials.take(np.tile(np.arange(len(materials)), effort.cause_walls))
+    shared = cause_rupture.share(surrogate, repeated, generator)
+    return of_agreement, cause_rupture.answer(shared, generator)
+
+
 def run(out: Path, *, seed: int = SEED, effort: Effort = FULL) -> dict[str, Any]:
-    """Answer both questions and write answers.json, the figures and the page."""
+    """Answer all questions and write answers.json, the figures and the page."""
     generator = np.random.default_rng(seed)
     surrogate = default_surrogate()
     materials, curves = draw(surrogate, generator, effort.outer)
     a, figure_a = answer_agreement(materials, curves, generator, effort=effort)
     repeated = materials.take(np.tile(np.arange(effort.outer), effort.walls))
     b, figure_b = answer_rupture(rupture.draw_walls(surrogate, repeated, generator))
+    c, d = answer_causes(surrogate, materials, curves, generator, effort=effort)
     a, b = {"answer": agreement_answer(a), **a}, {"answer": rupture_answer(b), **b}
+    c = {"answer": cause_words.agreement_answer(c), **c}
+    d = {"answer": cause_words.rupture_answer(d), **d}
     parts = [
-        {**words, "answer": answer["answer"], "image": embed(figure), "tables": tables}
-        for words, answer, figure, tables in (
-            (AGREEMENT, a, figure_a, agreement_tables(a)),
-            (RUPTURE, b, figure_b, rupture_tables(b)),
-        )
+        {**AGREEMENT, **_part(a, agreement_tables(a)), "image": embed(figure_a)},
+        {**RUPTURE, **_part(b, rupture_tables(b)), "image": embed(figure_b)},
+        {
+            **cause_words.AGREEMENT_OF_CAUSES,
+            **_part(c, cause_agreement_tables(c)),
+            "texts": cause_words.agreement_texts(c),
+        },
+        {
+            **cause_words.RUPTURE_OF_CAUSES,
+            **_part(d, cause_rupture_tables(d)),
+            "texts": cause_words.rupture_texts(d),
+        },
     ]
-    few = effort.outer < FULL.outer
-    page = render(title=TITLE, parts=parts, seed=seed, draws=effort.outer, quick=few)
     answers = {"seed": seed, "draws": effort.outer, "agreement": a, "rupture": b}
+    answers |= {"agreement_by_cause": c, "rupture_by_cause": d}
+    page = render(
+        title=TITLE,
+        parts=parts,
+        seed=seed,
+        draws=effort.outer,
+        quick=effort.outer < FULL.outer,
+    )
     out.mkdir(parents=True, exist_ok=True)
     (out / "agreement.png").write_bytes(figure_a)
     (out / "rupture.png").write_bytes(figure_b)
@@ -172,6 +208,10 @@ def run(out: Path, *, seed: int = SEED, effort: Effort = FULL) -> dict[str, Any]
     (out / "answers.json").write_text(text + "\n", encoding="utf-8")
     show(parts)
     return answers
+
+
+def _part(answer: dict[str, Any], tables: list[dict[str, Any]]) -> dict[str, Any]:
+    return {"answer": answer["answer"], "tables": tables}
 
 
 def _by_level(values: Floats) -> dict[str, list[float]]:

@@ -7,7 +7,8 @@ An imagined experiment differs from the simulation only by what a model allows:
 with e a D_R error and f the effect of a relative error of stiffness, both in part common to the
 specimens of a level and in part a specimen's own. Given the unknowns the six R² are independent, so
 their likelihood is the product of six densities of ln(1 − R²), each estimated from inner draws with
-a kernel as wide as rounding and a tolerance.
+a kernel as wide as rounding and a tolerance. What a cause of the catalogue does besides comes
+in as an `Alteration`.
 """
 
 from dataclasses import dataclass, replace
@@ -16,7 +17,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from nagai_2021.published import LEVELS, R_SQUARED, SPECIMENS, Curves
+from nagai_2021.imagined import (
+    Alteration,
+    Model,
+    Place,
+    Unknowns,
+    draw_unknowns,
+    imagine,
+    interpolate,
+    unexplained,
+)
+from nagai_2021.published import LEVELS, R_SQUARED, Curves
 
 Floats = NDArray[np.float64]
 
@@ -24,33 +35,6 @@ TARGET = np.log(1.0 - R_SQUARED)
 TOLERANCE = np.hypot(0.1, 0.0005 / np.sqrt(3.0) / (1.0 - R_SQUARED))
 """sd of the kernel on ln(1 − R²): 10 %, and the rounding of the published value."""
 CHUNK = 500
-
-
-@dataclass(frozen=True)
-class Model:
-    """What the experiment may differ by; each sd has a half-normal prior with this scale.
-
-    Parameters
-    ----------
-    degradation : float
-        sd of the D_R error [points]; 0 for none.
-    stiffness : float
-        sd of the ln stiffness error at every level [–]; 0 for none.
-    noise, floor : float
-        Reading noise, proportional [–] and constant [1/m].
-    noise_spread : float
-        sd of the ln reading noise from level to level [–].
-    mean_curve : bool
-        R² on the mean curve of three specimens, not on pooled points.
-    """
-
-    degradation: float = 0.0
-    stiffness: float = 0.0
-    noise: float = 0.02
-    floor: float = 0.1
-    noise_spread: float = 0.3
-    mean_curve: bool = False
-
 
 MODELS = {
     "noise only": Model(),
@@ -66,19 +50,6 @@ VARIANTS: dict[str, dict[str, float | bool]] = {
     "large reading noise (5 %, 0.3 1/m)": {"noise": 0.05, "floor": 0.3},
     "reading noise equal at all levels": {"noise_spread": 0.0},
 }
-
-
-@dataclass(frozen=True)
-class Unknowns:
-    """Draws of the sds from their priors, each (n,), as `Model` names them."""
-
-    degradation: Floats
-    degradation_share: Floats
-    stiffness: Floats
-    stiffness_share: Floats
-    noise: Floats
-    floor: Floats
-    noise_spread: Floats
 
 
 @dataclass(frozen=True)
@@ -113,26 +84,42 @@ class Fit:
         return weight
 
 
-def fit(curves: Curves, model: Model, generator: np.random.Generator, *, inner: int) -> Fit:
-    """Estimate the likelihood of the six published R² for every draw of the unknowns."""
-    unknowns = _draw_unknowns(model, generator, len(curves))
-    logs, samples = [], []
+def fit(
+    curves: Curves,
+    model: Model,
+    generator: np.random.Generator,
+    *,
+    inner: int,
+    unknowns: Unknowns | None = None,
+    altered: Alteration | None = None,
+) -> Fit:
+    """Estimate the likelihood of the six published R² for every draw of the unknowns.
+
+    The unknowns are drawn from their priors if they are not given.
+    """
+    unknowns = unknowns or draw_unknowns(model, generator, len(curves))
+    further = generator.spawn(1)[0]
+    samples = []
     for start in range(0, len(curves), CHUNK):
         rows = slice(start, start + CHUNK)
         some = Unknowns(**{name: values[rows] for name, values in vars(unknowns).items()})
         part = Curves(curves.log_curvature[rows], curves.growth[rows])
-        y = np.stack(
-            [
-                _imagine(part, some, generator, level=level, inner=inner, mean=model.mean_curve)
-                for level in LEVELS
-            ],
-            axis=-1,
-        )
-        z = (TARGET - y) / TOLERANCE
-        density = logsumexp(-0.5 * z**2, axis=1) - np.log(inner)
-        logs.append(density - np.log(TOLERANCE * np.sqrt(2.0 * np.pi)))
-        samples.append(y)
-    return Fit(np.concatenate(logs), np.concatenate(samples), unknowns)
+        now = None if altered is None else altered.take(rows)
+        y = [
+            imagine(
+                part,
+                some,
+                generator,
+                Place(i, level, inner),
+                mean=model.mean_curve,
+                altered=now,
+                further=further,
+            )
+            for i, level in enumerate(LEVELS)
+        ]
+        samples.append(np.stack(y, axis=-1))
+    sample = np.concatenate(samples)
+    return Fit(_log_density(sample, altered), sample, unknowns)
 
 
 def variant(model: Model, changes: dict[str, float | bool]) -> Model:
@@ -143,11 +130,13 @@ def variant(model: Model, changes: dict[str, float | bool]) -> Model:
     )
 
 
-def unexplained(experiment: Floats, simulation: Floats) -> Floats:
-    """Return 1 − R² = SSE/SST over the last axis, to which a reading of 0 at 0 kPa is added."""
-    count = experiment.shape[-1] * 13 // 12
-    total = np.square(experiment).sum(axis=-1) - experiment.sum(axis=-1) ** 2 / count
-    return np.asarray(np.square(experiment - simulation).sum(axis=-1) / total)
+def ordering(sample: Floats) -> dict[str, float]:
+    """Return how often R² at 0 % falls below that at 5 %, and as far below as published."""
+    gap = sample[..., 0] - sample[..., 1]
+    return {
+        "fresh_below_5_pct": float(np.mean(gap > 0.0)),
+        "as_far_below": float(np.mean(gap >= TARGET[0] - TARGET[1])),
+    }
 
 
 def required_error(curves: Curves) -> Floats:
@@ -161,7 +150,7 @@ def required_error(curves: Curves) -> Floats:
     for i, level in enumerate(LEVELS):
         inside = (level + shifts >= 0.0) & (level + shifts <= curves.log_curvature.shape[1] - 1)
         here = shifts[inside]
-        shifted = np.exp(_interpolate(curves.log_curvature, level + here[None, :]))
+        shifted = np.exp(interpolate(curves.log_curvature, level + here[None, :]))
         simulated = np.exp(curves.log_curvature[:, None, int(level)])
         # the root is nearly linear in the error, which interpolation then follows
         misfit = np.sqrt(unexplained(shifted.astype(np.float64), simulated.astype(np.float64)))
@@ -186,72 +175,10 @@ def absolute_misfit(curves: Curves) -> Floats:
     return misfit
 
 
-def _draw_unknowns(model: Model, generator: np.random.Generator, count: int) -> Unknowns:
-    def half_normal(scale: float) -> Floats:
-        return scale * np.abs(generator.standard_normal(count))
-
-    return Unknowns(
-        half_normal(model.degradation),
-        generator.uniform(size=count),
-        half_normal(model.stiffness),
-        generator.uniform(size=count),
-        half_normal(model.noise),
-        half_normal(model.floor),
-        half_normal(model.noise_spread),
-    )
-
-
-def _imagine(
-    curves: Curves,
-    unknowns: Unknowns,
-    generator: np.random.Generator,
-    *,
-    level: float,
-    inner: int,
-    mean: bool,
-) -> Floats:
-    """Return ln(1 − R²) of imagined experiments at a level, (n, inner)."""
-    shape = (len(curves), inner, SPECIMENS)
-    error = _partly_common(unknowns.degradation, unknowns.degradation_share, generator, shape)
-    stiffness = _partly_common(unknowns.stiffness, unknowns.stiffness_share, generator, shape)
-    at = np.clip(level + error * (level > 0.0), 0.0, curves.log_curvature.shape[1] - 1.0)
-    flat = at.reshape(len(curves), -1)
-    log_kappa = _interpolate(curves.log_curvature, flat).reshape(*shape, -1)
-    growth = _interpolate(curves.growth, flat).reshape(*shape, -1)
-    kappa = np.exp(log_kappa - growth * stiffness[..., None])
-    ratio = generator.standard_normal((*shape[:2], 1, 1), dtype=np.float32)
-    ratio = np.exp(ratio * unknowns.noise_spread.astype(np.float32)[:, None, None, None])
-    relative, floor = (
-        v.astype(np.float32)[:, None, None, None] for v in (unknowns.noise, unknowns.floor)
-    )
-    noise = generator.standard_normal(kappa.shape, dtype=np.float32)
-    experiment = kappa + ratio * np.hypot(relative * kappa, floor) * noise
-    simulation = np.exp(curves.log_curvature[:, None, None, int(level)])
-    if mean:
-        experiment = experiment.mean(axis=2, keepdims=True)
-    difference = np.broadcast_to(simulation, experiment.shape)
-    pooled = unexplained(experiment.reshape(*shape[:2], -1), difference.reshape(*shape[:2], -1))
-    return np.log(np.maximum(pooled, 1e-9)).astype(np.float64)
-
-
-def _partly_common(
-    sd: Floats, share: Floats, generator: np.random.Generator, shape: tuple[int, int, int]
-) -> NDArray[np.float32]:
-    common = generator.standard_normal((*shape[:2], 1), dtype=np.float32)
-    own = generator.standard_normal(shape, dtype=np.float32)
-    weights = (sd * np.sqrt(share), sd * np.sqrt(1.0 - share))
-    of_level, of_specimen = (w.astype(np.float32)[:, None, None] for w in weights)
-    error: NDArray[np.float32] = of_level * common + of_specimen * own
-    return error
-
-
-def _interpolate(values: NDArray[np.float32], degradation: Floats) -> NDArray[np.float32]:
-    """Put parabolas through the grid of D_R, (n, n_grid, P) at (n or 1, m) → (n, m, P)."""
-    first = np.clip(np.rint(degradation).astype(int) - 1, 0, values.shape[1] - 3)
-    t = (degradation - first - 1.0).astype(np.float32)[..., None]
-    rows = np.arange(len(values))[:, None]
-    below, middle, above = (values[rows, first + k] for k in range(3))
-    between: NDArray[np.float32] = middle + 0.5 * t * (
-        above - below + t * (above + below - 2 * middle)
-    )
-    return between
+def _log_density(sample: Floats, altered: Alteration | None) -> Floats:
+    z = (TARGET - sample) / TOLERANCE
+    density = logsumexp(-0.5 * z**2, axis=1) - np.log(sample.shape[1])
+    density -= np.log(TOLERANCE * np.sqrt(2.0 * np.pi))
+    if altered is None:
+        return np.asarray(density)
+    return np.where(altered.inside[:, None], density, -np.inf)

@@ -42,8 +42,9 @@ Nothing but numbers stated in its text is used; none of its curves is.
 <section><h2>{{ part.question }}</h2>
 <p class="answer">{{ part.answer }}</p>
 {% for text in part.texts %}<p>{{ text }}</p>{% endfor %}
-<figure><img src="data:image/png;base64,{{ part.image }}" alt="{{ part.caption }}">
-<figcaption>{{ part.caption }}</figcaption></figure>
+{% if part.image %}<figure>
+<img src="data:image/png;base64,{{ part.image }}" alt="{{ part.caption }}">
+<figcaption>{{ part.caption }}</figcaption></figure>{% endif %}
 {% for table in part.tables %}
 <div class="scroll" tabindex="0" role="group" aria-label="{{ table.title }}"><table>
 <caption>{{ table.title }}</caption>

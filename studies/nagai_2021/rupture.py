@@ -100,11 +100,10 @@ def draw_walls(surrogate: Surrogate, materials: Materials, generator: np.random.
     stretch = surrogate(materials.inputs(LEVELS, PRESSURES[-1:])).peak_stretch[..., 0]
     count = len(materials)
     biaxiality = generator.uniform(0.0, 1.0, (count, 1))
-    states = np.stack([stretch, stretch**biaxiality, stretch ** (-1.0 - biaxiality)], axis=-1)
     law = Yeoh(*materials.constants(LEVELS))
-    demand = {c: equivalent_uniaxial_stretch(states, c, law) - 1.0 for c in CRITERIA}
+    demand = {c: demanded(stretch, biaxiality, c, law) for c in CRITERIA}
     whole = np.all([np.isfinite(d).all(axis=1) for d in demand.values()], axis=0)
-    log_limit = _log_elongations(generator, count)
+    log_limit = log_elongations(generator, count)
 
     def half_normal(scale: float) -> Floats:
         return scale * np.abs(generator.standard_normal((count, 1)))
@@ -116,6 +115,12 @@ def draw_walls(surrogate: Surrogate, materials: Materials, generator: np.random.
         limit[whole],
         *(values[whole] for values in rest),
     )
+
+
+def demanded(stretch: Floats, biaxiality: Floats, criterion: Criterion, law: Yeoh) -> Floats:
+    """Return the uniaxial elongation that does as much harm as λ along and λ^b across [–]."""
+    states = np.stack([stretch, stretch**biaxiality, stretch ** (-1.0 - biaxiality)], axis=-1)
+    return equivalent_uniaxial_stretch(states, criterion, law) - 1.0
 
 
 def burst_probability(walls: Walls, hypothesis: Hypothesis) -> Floats:
@@ -133,10 +138,15 @@ def burst_probability(walls: Walls, hypothesis: Hypothesis) -> Floats:
 
 def probability_of_counts(walls: Walls, hypothesis: Hypothesis) -> tuple[float, float]:
     """Return the probability of the published counts and its Monte Carlo standard error."""
-    burst = burst_probability(walls, hypothesis)
-    ways = special.comb(SPECIMENS, RUPTURED)
-    joint = np.prod(ways * burst**RUPTURED * (1.0 - burst) ** (SPECIMENS - RUPTURED), axis=1)
+    joint = counts_given(burst_probability(walls, hypothesis))
     return float(joint.mean()), float(joint.std(ddof=1) / np.sqrt(len(joint)))
+
+
+def counts_given(burst: Floats) -> Floats:
+    """Return the probability of the published counts where one actuator bursts so often, (n,)."""
+    ways = special.comb(SPECIMENS, RUPTURED)
+    each = ways * burst**RUPTURED * (1.0 - burst) ** (SPECIMENS - RUPTURED)
+    return np.asarray(np.prod(each, axis=1))
 
 
 def required_factor(walls: Walls, criterion: Criterion = "principal_stretch") -> Floats:
@@ -153,7 +163,7 @@ def none_below(walls: Walls, criterion: Criterion = "principal_stretch") -> floa
     return float(np.prod((1.0 - burst[:, :-1]) ** SPECIMENS, axis=1).mean())
 
 
-def _log_elongations(generator: np.random.Generator, count: int) -> Floats:
+def log_elongations(generator: np.random.Generator, count: int) -> Floats:
     """Return ln of the median elongation at the nodes, falling and without a kink, (count, 3)."""
     mean, sd = ELONGATION_FRESH
     fresh = np.log(generator.normal(mean, sd, count) / 100.0)

@@ -7,6 +7,8 @@ from rich.table import Table
 
 from bayesdeg.material.criteria import CRITERIA
 from nagai_2021.agreement import MODELS
+from nagai_2021.cause_agreement import WITH
+from nagai_2021.cause_words import factor
 from nagai_2021.published import LEVELS, R_SQUARED
 from nagai_2021.words import percent
 
@@ -77,6 +79,59 @@ def rupture_tables(b: dict[str, Any]) -> list[dict[str, Any]]:
     ]
 
 
+def cause_agreement_tables(c: dict[str, Any]) -> list[dict[str, Any]]:
+    """Return the table of (c)."""
+    rows = [
+        [
+            name,
+            factor(found["alone"]),
+            factor(found[WITH]),
+            factor(found[WITH], "bayes_factor_of_fresh"),
+            percent(found["alone"]["as_far_below"]),
+            percent(found[WITH]["as_far_below"]),
+            _size(found[WITH]["size"], found["unit"]),
+        ]
+        for name, found in c["causes"].items()
+    ]
+    header = ["cause", "alone", "with a D_R error", "of that: R² at 0 % given the rest"]
+    header += ["as far below, alone", "with a D_R error", "size with a D_R error"]
+    for name, words in (("alone", "no cause, no D_R error"), (WITH, "no cause")):
+        found = c["without_cause"][name]
+        cells = ["–", "–", "–", "–", "–", "–"]
+        at = 0 if name == "alone" else 1
+        cells[at], cells[3 + at] = factor(found), percent(found["as_far_below"])
+        rows.append([words, *cells])
+    title = (
+        "Bayes factors over a D_R error alone ± Monte Carlo error; how often R² at 0 % falls as "
+        "far below that at 5 % as published; posterior size, median [5 %, 95 %]"
+    )
+    return [_table(title, header, rows)]
+
+
+def cause_rupture_tables(d: dict[str, Any]) -> list[dict[str, Any]]:
+    """Return the table of (d)."""
+    rows = [
+        [
+            name,
+            *(f"{found['criteria'][c]['probability']:.1e}" for c in CRITERIA),
+            *(factor(found["criteria"][c]) for c in CRITERIA),
+            percent(found["criteria"][CRITERIA[0]]["share_outside"]),
+        ]
+        for name, found in d["causes"].items()
+        if found["changes_bursts"]
+    ]
+    start = [f"{d['without_cause'][c]['probability']:.1e}" for c in CRITERIA]
+    words = [c.replace("_", " ") for c in CRITERIA]
+    return [
+        _table(
+            "Probability of the published counts by criterion, and Bayes factors over no cause by "
+            "the same criterion ± Monte Carlo error",
+            ["cause", *words, *(f"factor, {w}" for w in words), "outside"],
+            [*rows, ["no cause", *start, "–", "–", "–", "–"]],
+        )
+    ]
+
+
 def show(parts: list[dict[str, Any]]) -> None:
     """Print the answers and their tables."""
     console = Console()
@@ -91,6 +146,11 @@ def show(parts: list[dict[str, Any]]) -> None:
 
 def _table(title: str, header: list[str], rows: list[list[str]]) -> dict[str, Any]:
     return {"title": title, "header": header, "rows": rows}
+
+
+def _size(size: dict[str, float], unit: str) -> str:
+    low, middle, high = (size[key] for key in ("q05", "median", "q95"))
+    return f"{middle:.2g} [{low:.2g}, {high:.2g}] {unit}".removesuffix(" –")
 
 
 def _interval(by_level: dict[str, list[float]], level: int) -> str:
