@@ -11,6 +11,7 @@ Finished studies are kept in ``.cache/hidden_effects`` and not judged again.
 import argparse
 import json
 import time
+import traceback
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict
@@ -153,7 +154,7 @@ def _visible(judgement: Judgement, study: HiddenStudy, truth: Truth) -> dict[str
             z = float(parameter.law.to_unconstrained(true[parameter.name]))
             mode[i] = z if np.isfinite(z) else mode[i]
     linear = linearise(base.subject, mode, uncertain=base.uncertain)
-    if not np.all(np.isfinite(linear.factor)):
+    if not linear.is_known:
         linear = base.linear
     columns = {one.cause.name: _column(linear, one) for one in study.effects}
     sizes = {}
@@ -202,7 +203,10 @@ def run_all(numbers: list[int], *, workers: int, effort: str, seed: int) -> Iter
         jobs = [pool.submit(_one, number, store, effort, seed) for number in left]
         try:
             for job in as_completed(jobs):
-                yield job.result()
+                try:
+                    yield job.result()
+                except Exception:  # the others are still wanted; it is counted, and shown here
+                    traceback.print_exc()
         finally:
             pool.shutdown(cancel_futures=True)
 
@@ -245,7 +249,7 @@ def main() -> None:
     again = run_all(
         numbers[: options.again], workers=options.workers, effort="standard", seed=options.seed
     )
-    figures = summary(found, list(again))
+    figures = {"failed": len(numbers) - len(found), **summary(found, list(again))}
     print(json.dumps(figures, indent=1))
 
 

@@ -49,6 +49,11 @@ class HeldOut:
         return np.where(known.any(axis=0), total / np.maximum(known.sum(axis=0), 1), np.nan)
 
 
+def joined(first: HeldOut, second: HeldOut) -> HeldOut:
+    """Return both as one; predictive draws are those of the first."""
+    return HeldOut(np.concatenate([first.log_density, second.log_density]), first.draws)
+
+
 def group_levels(subject: Subject) -> Floats:
     """Return the degradation rate of each group [%], the mean over its readings."""
     return np.array(

@@ -58,6 +58,11 @@ class Linear:
     scatter: Floats
     factor: Floats
 
+    @property
+    def is_known(self) -> bool:
+        """Whether the model answers at and about the mode."""
+        return bool(np.all(np.isfinite(self.mean)) and np.all(np.isfinite(self.factor)))
+
     def whiten(self, readings: Floats) -> Floats:
         """Return z for readings (..., n), of the same shape."""
         residual = readings - self.mean

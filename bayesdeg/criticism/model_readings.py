@@ -32,6 +32,8 @@ class ModelReadings:
         With tensile curves or actuators or both.
     by_mode : bool, optional
         Whether films are held out mode by mode; by default where there are several modes.
+    films_held : bool
+        Whether films are held out although there are actuators, which then stay.
 
     Notes
     -----
@@ -41,6 +43,7 @@ class ModelReadings:
 
     model: Model
     by_mode: bool | None = None
+    films_held: bool = False
 
     @property
     def table(self) -> ParameterTable:
@@ -84,17 +87,18 @@ class ModelReadings:
     @property
     def groups(self) -> tuple[str, ...]:
         """Specimens of actuators, modes of tension or films."""
-        if self.model.actuator is not None:
-            return self.model.actuator.specimens
+        if self._held_actuators is not None:
+            return self._held_actuators.specimens
         return tuple(dict.fromkeys(self._labels))
 
     @cached_property
     def group(self) -> NDArray[np.str_]:
-        """Which of the groups each reading belongs to, (n,); empty for films beside actuators."""
+        """Which of the groups each reading belongs to, (n,); empty for those that stay."""
         places = self.places
-        if self.model.actuator is not None:
+        if self._held_actuators is not None:
             return np.where(places.family == ACTUATOR, places.specimen, "")
-        return places.history if self._by_mode else places.specimen
+        labels = places.history if self._by_mode else places.specimen
+        return np.where(places.family == FILM, labels, "")
 
     def expected(self, vectors: Floats) -> Floats:
         """Return readings of specimens of mean stiffness, (k, n)."""
@@ -138,9 +142,9 @@ class ModelReadings:
         return self.only(np.setdiff1d(np.arange(len(self.groups)), groups))
 
     def only(self, groups: NDArray[np.intp]) -> Self:
-        """Return the model with some groups alone; films stay where actuators are held out."""
-        if self.model.actuator is not None:
-            subset = self.model.actuator.subset(groups)
+        """Return the model with some groups alone; what is not held out stays."""
+        if self._held_actuators is not None:
+            subset = self._held_actuators.subset(groups)
             return replace(self, model=replace(self.model, actuator=subset))
         assert self.model.tensile is not None
         names = [self.groups[g] for g in groups]
@@ -153,13 +157,17 @@ class ModelReadings:
     def group_density(self, vectors: Floats) -> Floats:
         """Return the log density of all that was read on each group, (k, n_groups)."""
         values = self.table.named(vectors)
-        if self.model.actuator is not None:
+        if self._held_actuators is not None:
             blocks = self.model.log_likelihood(values)
             total = blocks["actuator"] + blocks.get("rupture", 0.0)
             return np.where(np.isnan(total), -np.inf, total)
         film = self.model.log_likelihood(values)["tensile"]
         labels = np.array(self._labels)
         return np.stack([film[:, labels == g].sum(axis=1) for g in self.groups], axis=1)
+
+    @property
+    def _held_actuators(self) -> ActuatorCurves | None:
+        return None if self.films_held else self.model.actuator
 
     @property
     def _by_mode(self) -> bool:

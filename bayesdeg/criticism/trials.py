@@ -72,7 +72,8 @@ class Trial:
         """Return the model linearised where no parameter is far from what all else says of it.
 
         A law with heavy tails gives way to a misfit of the readings: its parameter takes the effect
-        of a cause up, which then seems to be none. None if no parameter has.
+        of a cause up, which then seems to be none. None if no parameter has, or the model does not
+        answer there.
         """
         if self.centre is None:
             return None
@@ -82,7 +83,7 @@ class Trial:
             return None
         point = np.where(bent, self.centre, self.mode)
         found = linearise(self.subject, point, uncertain=self.uncertain, centre=self.centre)
-        return found if np.all(np.isfinite(found.observed)) else None
+        return found if found.is_known else None
 
     def draws(self, generator: np.random.Generator, count: int) -> Floats:
         """Draw from the posterior, (count, n_parameters)."""

@@ -10,7 +10,7 @@ one of them is reported beside it.
 
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
@@ -22,7 +22,7 @@ from bayesdeg.criticism.held_out import HeldOut, difference, predict_one_by_one
 from bayesdeg.criticism.rupture_misfit import RuptureMisfit
 from bayesdeg.criticism.search import Names, Search, rivals
 from bayesdeg.criticism.step import Step
-from bayesdeg.criticism.subject import columns_of
+from bayesdeg.criticism.subject import Subject, columns_of
 
 Floats = NDArray[np.float64]
 
@@ -115,6 +115,7 @@ def hold_out(
     chosen: Names,
     *,
     seed: np.random.SeedSequence,
+    of: Callable[[Subject], Subject] | None = None,
     executor: Executor | None = None,
     on_set: Callable[[Names], None] | None = None,
 ) -> dict[Names, HeldOut]:
@@ -128,6 +129,8 @@ def hold_out(
         The set.
     seed : SeedSequence
         The same for each, so that they are compared on the same draws.
+    of : callable, optional
+        Makes of each model one that holds out other groups.
     executor : Executor, optional
         Runs calibrations side by side.
     on_set : callable, optional
@@ -138,12 +141,14 @@ def hold_out(
     dict
         Empty where there is a single group: nothing would be left.
     """
-    if len(search.base.subject.groups) < 2:
+    regroup = (lambda subject: subject) if of is None else of
+    if len(regroup(search.base.subject).groups) < 2:
         return {}
     smaller = (chosen - {name} for name in sorted(chosen))
     found = {}
     for names in dict.fromkeys([search.base.names, *smaller, chosen]):
-        found[names] = predict_one_by_one(search.trials[names], seed=seed, executor=executor)
+        trial = replace(search.trials[names], subject=regroup(search.trials[names].subject))
+        found[names] = predict_one_by_one(trial, seed=seed, executor=executor)
         if on_set is not None:
             on_set(names)
     return found

@@ -12,10 +12,11 @@ from bayesdeg.criticism.candidates import Candidate, candidates
 from bayesdeg.criticism.confusability import confusability
 from bayesdeg.criticism.experiments import next_experiments_document, rank
 from bayesdeg.criticism.experiments_candidates import candidate_experiments
-from bayesdeg.criticism.held_out import HeldOut, by_level, predict_folds
+from bayesdeg.criticism.held_out import HeldOut, by_level, joined, predict_folds
 from bayesdeg.criticism.model_readings import ModelReadings
 from bayesdeg.criticism.rupture_misfit import rupture_misfit
 from bayesdeg.criticism.search import Names, Search, SearchEffort, run_search
+from bayesdeg.criticism.subject import Subject
 from bayesdeg.criticism.trials import base_trial
 from bayesdeg.criticism.verdict import Decision, Outcome, Support, decide, hold_out, supports
 from bayesdeg.inference.laplace import FEWEST_EFFECTIVE, Evidence
@@ -77,10 +78,11 @@ def judge(
         executor=executor,
         on_set=lambda names: progress.advance(1, label(names)),
     )
-    supported = supports(search, chosen, held_out)
+    everything = _with_films(search, chosen, held_out, seed=folding, executor=executor)
+    supported = supports(search, chosen, everything)
     decision = decide(base, final, supported, rupture=rupture, on_rupture=_on_rupture(search))
     names = extension(decision, tuple(supported)) if effort.levels_out else BASE
-    judged = candidates(search, supported, held_out, generator)
+    judged = candidates(search, supported, everything, generator)
     return Judgement(
         misfit=base.misfit,
         left=final.misfit,
@@ -95,6 +97,28 @@ def judge(
         search=search,
         experiments=_next(search, decision, supported, assembly, generator),
     )
+
+
+def _with_films(
+    search: Search,
+    chosen: Names,
+    held_out: dict[Names, HeldOut],
+    *,
+    seed: np.random.SeedSequence,
+    executor: Executor | None,
+) -> dict[Names, HeldOut]:
+    """Hold films out too, beside actuators, where a cause acts on them: they must agree as well."""
+    model = search.base.subject.model if isinstance(search.base.subject, ModelReadings) else None
+    acting = any("tensile" in c.acts_on for c in search.causes if c.name in chosen)
+    if not acting or model is None or model.actuator is None or model.tensile is None:
+        return held_out
+    films = hold_out(search, chosen, seed=seed, of=_films_held, executor=executor)
+    return {names: joined(found, films[names]) for names, found in held_out.items()}
+
+
+def _films_held(subject: Subject) -> Subject:
+    assert isinstance(subject, ModelReadings)
+    return replace(subject, films_held=True)
 
 
 def _next(

@@ -171,6 +171,23 @@ def test_actuators_are_held_out_one_by_one_and_films_never(subject, vectors):
     np.testing.assert_allclose(rest, subject.log_prob(vectors) - whole.sum(axis=1), rtol=1e-9)
 
 
+def test_films_beside_actuators_are_held_out_where_that_is_wanted(subject, vectors):
+    """Then actuators stay, and the density of each film is what the model gives its row."""
+    one_mode = replace(subject.model.tensile, modes=4 * ("uniaxial",))
+    films = ModelReadings(replace(subject.model, tensile=one_mode), films_held=True)
+    assert films.groups == ("f1", "f2", "f3", "f4")
+    of_films = films.places.family == FILM
+    np.testing.assert_array_equal(films.group[of_films], films.places.specimen[of_films])
+    assert set(films.group[~of_films]) == {""}
+    each = films.model.log_likelihood(films.table.named(vectors))["tensile"]
+    np.testing.assert_allclose(films.group_density(vectors), each)
+    without = films.without(np.array([2]))
+    assert without.groups == ("f1", "f2", "f4")
+    assert without.model.actuator.specimens == subject.groups
+    change = films.log_prob(vectors) - without.log_prob(vectors)
+    np.testing.assert_allclose(change, each[:, 2], rtol=1e-6)
+
+
 def test_films_alone_are_held_out_by_mode_where_there_are_several():
     subject = films_alone()
     assert subject.groups == ("uniaxial", "equibiaxial", "planar")

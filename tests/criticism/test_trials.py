@@ -224,6 +224,23 @@ def test_where_no_parameter_gave_way_there_is_nothing_to_put_back():
     assert replace(bent(BENT + 0.1), centre=None).unbent() is None
 
 
+def test_a_model_that_does_not_answer_where_all_else_has_it_is_not_put_back():
+    trial = bent(BENT + 0.1)
+
+    class Refusing:
+        """Answers for slopes near the mode only."""
+
+        def __getattr__(self, name):
+            return getattr(trial.subject, name)
+
+        def expected(self, vectors):
+            near = np.abs(vectors[:, :1] - trial.mode[0]) < 1e-2
+            return np.where(near, trial.subject.expected(vectors), np.nan)
+
+    assert not np.isclose(trial.centre[0], trial.mode[0], atol=1e-2)
+    assert replace(trial, subject=Refusing()).unbent() is None
+
+
 def normal_mode(observed, law):
     """Mode and covariance with the wave, as if its prior had no bounds."""
     free = linear_cause("wave", law=Normal(law.mean, law.sd))
