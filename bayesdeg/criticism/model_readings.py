@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Self
+from typing import Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,7 @@ from scipy.linalg import block_diag
 from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.subject import Places
 from bayesdeg.inference.curves import ActuatorCurves, TensileCurves
+from bayesdeg.inference.data import Statistic
 from bayesdeg.inference.likelihood import Linearised, covariance
 from bayesdeg.inference.model import Model
 from bayesdeg.inference.parameters import ParameterTable
@@ -20,6 +21,7 @@ Floats = NDArray[np.float64]
 
 CURVATURE, ANGLE, STRESS = "curvature", "bend angle", "stress"
 ACTUATOR, FILM = "actuator", "film"
+Held = Literal["readings", "films", "statistics"]
 
 
 @dataclass(frozen=True)
@@ -32,18 +34,19 @@ class ModelReadings:
         With tensile curves or actuators or both.
     by_mode : bool, optional
         Whether films are held out mode by mode; by default where there are several modes.
-    films_held : bool
-        Whether films are held out although there are actuators, which then stay.
+    held : {"readings", "films", "statistics"}
+        What is held out, one after another: see below; films alone; or means of replicates, such as
+        that of the volume ratio.
 
     Notes
     -----
-    Held out are actuators where there are any; else modes of tension where there are several, and
-    films where there is one.
+    Readings that are held out are those of actuators where there are any; else those of modes of
+    tension where there are several, and of films where there is one.
     """
 
     model: Model
     by_mode: bool | None = None
-    films_held: bool = False
+    held: Held = "readings"
 
     @property
     def table(self) -> ParameterTable:
@@ -86,7 +89,11 @@ class ModelReadings:
 
     @property
     def groups(self) -> tuple[str, ...]:
-        """Specimens of actuators, modes of tension or films."""
+        """Specimens of actuators, modes of tension, films, or statistics."""
+        if self.held == "statistics":
+            return tuple(_name(statistic) for statistic in self.model.statistics)
+        if self.held == "films" and self.model.tensile is None:
+            return ()
         if self._held_actuators is not None:
             return self._held_actuators.specimens
         return tuple(dict.fromkeys(self._labels))
@@ -95,6 +102,8 @@ class ModelReadings:
     def group(self) -> NDArray[np.str_]:
         """Which of the groups each reading belongs to, (n,); empty for those that stay."""
         places = self.places
+        if self.held == "statistics":
+            return np.full(len(places), "")
         if self._held_actuators is not None:
             return np.where(places.family == ACTUATOR, places.specimen, "")
         labels = places.history if self._by_mode else places.specimen
@@ -143,6 +152,9 @@ class ModelReadings:
 
     def only(self, groups: NDArray[np.intp]) -> Self:
         """Return the model with some groups alone; what is not held out stays."""
+        if self.held == "statistics":
+            few = tuple(self.model.statistics[g] for g in groups)
+            return replace(self, model=replace(self.model, statistics=few))
         if self._held_actuators is not None:
             subset = self._held_actuators.subset(groups)
             return replace(self, model=replace(self.model, actuator=subset))
@@ -157,6 +169,10 @@ class ModelReadings:
     def group_density(self, vectors: Floats) -> Floats:
         """Return the log density of all that was read on each group, (k, n_groups)."""
         values = self.table.named(vectors)
+        if self.held == "statistics":
+            return replace(self.model, tensile=None, actuator=None).log_likelihood(values)[
+                "statistics"
+            ]
         if self._held_actuators is not None:
             blocks = self.model.log_likelihood(values)
             total = blocks["actuator"] + blocks.get("rupture", 0.0)
@@ -167,11 +183,12 @@ class ModelReadings:
 
     @property
     def _held_actuators(self) -> ActuatorCurves | None:
-        return None if self.films_held else self.model.actuator
+        return self.model.actuator if self.held == "readings" else None
 
     @property
     def _by_mode(self) -> bool:
-        assert self.model.tensile is not None
+        if self.model.tensile is None or self.held == "films":
+            return False
         return len(set(self.model.tensile.modes)) > 1 if self.by_mode is None else self.by_mode
 
     @property
@@ -179,6 +196,10 @@ class ModelReadings:
         """Return the group of each film."""
         assert self.model.tensile is not None
         return self.model.tensile.modes if self._by_mode else self.model.tensile.specimens
+
+
+def _name(statistic: Statistic) -> str:
+    return f"{statistic.quantity} at {statistic.degradation:g} % ({statistic.source})"
 
 
 def _blocks(curves: Linearised) -> list[Floats]:

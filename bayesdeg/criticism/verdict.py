@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.causes.cause import Cause
+from bayesdeg.criticism.conflict import Conflict
 from bayesdeg.criticism.discrepancy import explained, explained_on_one_scale
 from bayesdeg.criticism.held_out import HeldOut, difference, predict_one_by_one
 from bayesdeg.criticism.rupture_misfit import RuptureMisfit
@@ -81,6 +82,8 @@ class Support:
         What could stand in its place, with what it has less in log Bayes factor.
     prior_tail : float
         Prior probability of a size at least as far from neutral.
+    together : (float, float), optional
+        Gain of the whole set over the base model, and its standard error; of one of several.
     """
 
     cause: str
@@ -89,11 +92,20 @@ class Support:
     elpd_diff_se: float | None
     rivals: Mapping[str, float]
     prior_tail: float
+    together: tuple[float, float] | None = None
 
     @property
     def held_out_agrees(self) -> bool:
-        """Whether held-out specimens are predicted better by more than a standard error."""
-        return self.elpd_diff is not None and self.elpd_diff > (self.elpd_diff_se or 0.0)
+        """Whether held-out specimens are predicted better by more than a standard error.
+
+        By several causes together; then each must add to that, however little: a cause that few
+        specimens show has a gain that scatters.
+        """
+        if self.elpd_diff is None:
+            return False
+        if self.together is None:
+            return self.elpd_diff > (self.elpd_diff_se or 0.0)
+        return self.elpd_diff > 0.0 and self.together[0] > self.together[1]
 
     @property
     def inseparable(self) -> tuple[str, ...]:
@@ -139,10 +151,12 @@ def hold_out(
     Returns
     -------
     dict
-        Empty where there is a single group: nothing would be left.
+        Empty where there is a single group of readings, without which nothing would be left, or
+        no group.
     """
     regroup = (lambda subject: subject) if of is None else of
-    if len(regroup(search.base.subject).groups) < 2:
+    regrouped = regroup(search.base.subject)
+    if len(regrouped.groups) < (2 if np.any(regrouped.group != "") else 1):
         return {}
     smaller = (chosen - {name} for name in sorted(chosen))
     found = {}
@@ -156,7 +170,9 @@ def hold_out(
 
 def supports(search: Search, chosen: Names, held_out: Mapping[Names, HeldOut]) -> list[Support]:
     """Return what speaks for each cause of a set, the strongest first."""
-    found = []
+    found, together = [], None
+    if len(chosen) > 1 and {chosen, search.base.names} <= set(held_out):
+        together = difference(held_out[chosen], held_out[search.base.names])
     for name in sorted(chosen):
         rest = chosen - {name}
         tested = chosen in held_out and rest in held_out
@@ -171,6 +187,7 @@ def supports(search: Search, chosen: Names, held_out: Mapping[Names, HeldOut]) -
                 error,
                 {rival: whole - factor for rival, factor in others.items()},
                 prior_tail(search, chosen, name),
+                together,
             )
         )
     return sorted(found, key=lambda one: -one.log_bayes_factor)
@@ -182,6 +199,7 @@ def decide(
     supported: list[Support],
     *,
     rupture: RuptureMisfit | None = None,
+    contradicted: Conflict | None = None,
     on_rupture: frozenset[str] = frozenset(),
 ) -> Decision:
     """Return the outcome.
@@ -194,17 +212,20 @@ def decide(
         Those causes.
     rupture : RuptureMisfit, optional
         Whether the base model expects the ruptures that there were.
+    contradicted : Conflict, optional
+        The measured mean that the base model contradicts most.
     on_rupture : frozenset of str
         Causes that act on rupture alone: they need not explain the misfit of the readings.
     """
     off = base.misfit.p_value <= MISFIT_LEVEL
-    broken = rupture is not None and rupture.p_value <= MISFIT_LEVEL
+    beside = (found for found in (rupture, contradicted) if found is not None)
+    off = off or any(found.p_value <= MISFIT_LEVEL for found in beside)
     unconfirmed = (_against(one) for one in supported if not one.held_out_agrees)
     reasons = list(dict.fromkeys(unconfirmed))
     if any(one.cause not in on_rupture for one in supported):
         reasons += _against_all(base, final)
     if not supported or reasons:
-        outcome = Outcome.UNEXPLAINED if off or broken else Outcome.ADEQUATE
+        outcome = Outcome.UNEXPLAINED if off else Outcome.ADEQUATE
         return Decision(outcome, (), reasons=tuple(reasons))
     certain = tuple(one.cause for one in supported if not one.inseparable)
     open_ones = tuple((one.cause, *one.inseparable) for one in supported if one.inseparable)

@@ -6,6 +6,7 @@ import numpy as np
 
 from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.criticism.candidates import Candidate, EffectSize
+from bayesdeg.criticism.conflict import Conflict
 from bayesdeg.criticism.model_readings import STRESS
 from bayesdeg.criticism.search import FALSE_NAME_RATE
 from bayesdeg.criticism.verdict import Outcome, share_explained
@@ -67,7 +68,22 @@ def verdict_document(
             **_of_films(judgement, rms),
         },
         "ruptures": None if judgement.rupture is None else vars(judgement.rupture),
+        "contradicted": _contradicted(judgement.contradicted),
         "next_experiments": experiments or [],
+    }
+
+
+def _contradicted(found: Conflict | None) -> Json | None:
+    if found is None:
+        return None
+    measured = found.statistic
+    return {
+        "quantity": measured.quantity,
+        "measured": measured.value,
+        "standard_error": measured.se,
+        "source": measured.source,
+        "calibrated": found.wanted,
+        "p_value": found.p_value,
     }
 
 
@@ -104,6 +120,7 @@ def unjudged_document(unjudged: dict[str, str], held_out: str = "") -> Json:
         "false_name_rate": None,
         "misfit": {"rms_per_m": None, "noise_per_m": None, "p_value": None, "where": ""},
         "ruptures": None,
+        "contradicted": None,
         "next_experiments": [],
     }
 
@@ -117,7 +134,7 @@ def explain(judgement: Judgement, where: str) -> str:
         Outcome.AMBIGUOUS: _ambiguous,
         Outcome.NAMED: _named,
     }[judgement.decision.outcome](story)
-    return " ".join(part for part in (words, _ruptures(judgement), _edge(judgement)) if part)
+    return " ".join(part for part in (words, _beside(judgement), _edge(judgement)) if part)
 
 
 def _adequate(story: Story) -> str:
@@ -197,14 +214,23 @@ def _gained(judgement: Judgement, name: str) -> str:
     )
 
 
-def _ruptures(judgement: Judgement) -> str:
-    found = judgement.rupture
-    if found is None or found.p_value > SMALL_CHANCE:
-        return ""
-    return (
-        f"{found.burst} actuators burst, where the base model expects {found.expected:.1f} "
-        f"(p = {found.p_value:.2g})."
-    )
+def _beside(judgement: Judgement) -> str:
+    """Return what the base model contradicts beside the readings: ruptures and measured means."""
+    parts = []
+    ruptures, mean = judgement.rupture, judgement.contradicted
+    if ruptures is not None and ruptures.p_value <= SMALL_CHANCE:
+        parts.append(
+            f"{ruptures.burst} actuators burst, where the base model expects "
+            f"{ruptures.expected:.1f} (p = {ruptures.p_value:.2g})."
+        )
+    if mean is not None and mean.p_value <= SMALL_CHANCE:
+        measured = mean.statistic
+        parts.append(
+            f"Calibrated without a cause, the model takes {mean.wanted:.3g} for the "
+            f"{measured.quantity.replace('_', ' ')}, where {measured.value:.3g} ± "
+            f"{measured.se:.2g} was measured ({measured.source}; p = {mean.p_value:.2g})."
+        )
+    return " ".join(parts)
 
 
 def _edge(judgement: Judgement) -> str:

@@ -2,6 +2,7 @@
 
 from concurrent.futures import Executor
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,11 +10,12 @@ from numpy.typing import NDArray
 from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.candidates import Candidate, candidates
+from bayesdeg.criticism.conflict import conflict
 from bayesdeg.criticism.confusability import confusability
 from bayesdeg.criticism.experiments import next_experiments_document, rank
 from bayesdeg.criticism.experiments_candidates import candidate_experiments
 from bayesdeg.criticism.held_out import HeldOut, by_level, joined, predict_folds
-from bayesdeg.criticism.model_readings import ModelReadings
+from bayesdeg.criticism.model_readings import Held, ModelReadings
 from bayesdeg.criticism.rupture_misfit import rupture_misfit
 from bayesdeg.criticism.search import Names, Search, SearchEffort, run_search
 from bayesdeg.criticism.subject import Subject
@@ -32,7 +34,8 @@ JUDGE_EFFORTS = {
     "standard": SearchEffort(replicates=500, fitted=6, pairs=3, levels_out=True),
     "thorough": SearchEffort(replicates=2000, fitted=10, pairs=6, levels_out=True),
 }
-RUPTURE_DRAWS = 100
+FEW_DRAWS = 100  # for what is compared beside the readings
+BESIDE: tuple[Held, ...] = ("films", "statistics")
 IN_QUESTION = 3  # rivals between which experiments are ranked
 
 
@@ -69,7 +72,9 @@ def judge(
     progress.stage("causes, one by one and together")
     chosen = run_search(search)
     final = search.step(chosen)
-    rupture = rupture_misfit(fit.model, search.base.draws(generator, RUPTURE_DRAWS), generator)
+    draws = search.base.draws(generator, FEW_DRAWS)
+    rupture = rupture_misfit(fit.model, draws, generator)
+    contradicted = conflict(fit.model, draws)
     progress.stage("held-out specimens")
     held_out = hold_out(
         search,
@@ -78,15 +83,23 @@ def judge(
         executor=executor,
         on_set=lambda names: progress.advance(1, label(names)),
     )
-    everything = _with_films(search, chosen, held_out, seed=folding, executor=executor)
+    everything = _all_held_out(search, chosen, held_out, seed=folding, executor=executor)
     supported = supports(search, chosen, everything)
-    decision = decide(base, final, supported, rupture=rupture, on_rupture=_on_rupture(search))
+    decision = decide(
+        base,
+        final,
+        supported,
+        rupture=rupture,
+        contradicted=contradicted,
+        on_rupture=_on_rupture(search),
+    )
     names = extension(decision, tuple(supported)) if effort.levels_out else BASE
     judged = candidates(search, supported, everything, generator)
     return Judgement(
         misfit=base.misfit,
         left=final.misfit,
         rupture=rupture,
+        contradicted=contradicted,
         candidates=(*judged, *_unjudged(assembly)),
         supported=tuple(supported),
         decision=decision,
@@ -99,26 +112,33 @@ def judge(
     )
 
 
-def _with_films(
+def _all_held_out(
     search: Search,
     chosen: Names,
-    held_out: dict[Names, HeldOut],
+    actuators: dict[Names, HeldOut],
     *,
     seed: np.random.SeedSequence,
     executor: Executor | None,
 ) -> dict[Names, HeldOut]:
-    """Hold films out too, beside actuators, where a cause acts on them: they must agree as well."""
-    model = search.base.subject.model if isinstance(search.base.subject, ModelReadings) else None
-    acting = any("tensile" in c.acts_on for c in search.causes if c.name in chosen)
-    if not acting or model is None or model.actuator is None or model.tensile is None:
-        return held_out
-    films = hold_out(search, chosen, seed=seed, of=_films_held, executor=executor)
-    return {names: joined(found, films[names]) for names, found in held_out.items()}
+    """Hold out films and means of replicates too, beside actuators.
+
+    A model that is wrong for actuators is bent by them, and predicts them well; what bends it then
+    is that it contradicts the films or the measured volume ratio.
+    """
+    subject = search.base.subject
+    if not actuators or not isinstance(subject, ModelReadings) or subject.model.actuator is None:
+        return actuators
+    found = dict(actuators)
+    for held in BESIDE:
+        other = hold_out(search, chosen, seed=seed, of=partial(_holding, held), executor=executor)
+        for names, beside in other.items():
+            found[names] = joined(found[names], beside)
+    return found
 
 
-def _films_held(subject: Subject) -> Subject:
+def _holding(held: Held, subject: Subject) -> Subject:
     assert isinstance(subject, ModelReadings)
-    return replace(subject, films_held=True)
+    return replace(subject, held=held)
 
 
 def _next(

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from bayesdeg.causes.catalogue import find
 from bayesdeg.criticism.candidates import Candidate, effect_size
+from bayesdeg.criticism.conflict import Conflict
 from bayesdeg.criticism.confusability import Confusability
 from bayesdeg.criticism.discrepancy import Misfit
 from bayesdeg.criticism.held_out import HeldOut
@@ -33,6 +34,8 @@ class Judgement:
         Of the base model, and of the one with all causes that the evidence favours.
     rupture : RuptureMisfit or None
         Whether the base model expects the ruptures; None where there are none to judge.
+    contradicted : Conflict or None
+        The measured mean that the base model contradicts most; None where none was measured.
     candidates : tuple of Candidate
         All that were tried, best first.
     supported : tuple of Support
@@ -54,6 +57,7 @@ class Judgement:
     misfit: Misfit
     left: Misfit
     rupture: RuptureMisfit | None
+    contradicted: Conflict | None
     candidates: tuple[Candidate, ...]
     supported: tuple[Support, ...]
     decision: Decision

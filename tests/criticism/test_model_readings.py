@@ -4,6 +4,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from bayesdeg.causes.catalogue import find
 from bayesdeg.criticism.model_readings import (
@@ -15,6 +16,7 @@ from bayesdeg.criticism.model_readings import (
     ModelReadings,
 )
 from bayesdeg.criticism.subject import Places
+from bayesdeg.inference.data import Statistic
 from tests.criticism.linear_case import noise_correlation_by_hand, tight_model
 from tests.inference.small_study import TRUTH, draws_near_truth, small_model, values_of
 
@@ -173,8 +175,7 @@ def test_actuators_are_held_out_one_by_one_and_films_never(subject, vectors):
 
 def test_films_beside_actuators_are_held_out_where_that_is_wanted(subject, vectors):
     """Then actuators stay, and the density of each film is what the model gives its row."""
-    one_mode = replace(subject.model.tensile, modes=4 * ("uniaxial",))
-    films = ModelReadings(replace(subject.model, tensile=one_mode), films_held=True)
+    films = replace(subject, held="films")
     assert films.groups == ("f1", "f2", "f3", "f4")
     of_films = films.places.family == FILM
     np.testing.assert_array_equal(films.group[of_films], films.places.specimen[of_films])
@@ -186,6 +187,27 @@ def test_films_beside_actuators_are_held_out_where_that_is_wanted(subject, vecto
     assert without.model.actuator.specimens == subject.groups
     change = films.log_prob(vectors) - without.log_prob(vectors)
     np.testing.assert_allclose(change, each[:, 2], rtol=1e-6)
+    assert replace(films, model=replace(films.model, tensile=None)).groups == ()
+
+
+def test_means_of_replicates_are_held_out_where_that_is_wanted(subject, vectors):
+    """A mean of four films follows Student's law about what the model expects."""
+    shrinkage = Statistic("volume_ratio", 0.0, 0.62, 0.03, "shrinkage.csv, 4 films", 3.0)
+    modulus = Statistic("young_modulus", 0.0, 1.73, 0.15, "summary.csv")
+    model = replace(subject.model, statistics=(shrinkage, modulus))
+    means = ModelReadings(model, held="statistics")
+    assert len(means.groups) == 2
+    assert "volume_ratio" in means.groups[0]
+    assert set(means.group) == {""}
+    ratio = means.table.named(vectors)["volume_ratio"]
+    exact = stats.t(3.0, ratio, 0.03).logpdf(0.62)
+    np.testing.assert_allclose(means.group_density(vectors)[:, 0], exact)
+    without = means.without(np.array([0]))
+    assert without.model.statistics == (modulus,)
+    np.testing.assert_allclose(
+        means.log_prob(vectors) - without.log_prob(vectors), exact, rtol=1e-6
+    )
+    assert means.only(np.array([1])).groups == means.groups[1:]
 
 
 def test_films_alone_are_held_out_by_mode_where_there_are_several():

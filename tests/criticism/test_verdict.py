@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import norm
 
+from bayesdeg.criticism.conflict import Conflict
 from bayesdeg.criticism.discrepancy import Misfit
 from bayesdeg.criticism.held_out import HeldOut
 from bayesdeg.criticism.rupture_misfit import RuptureMisfit
@@ -30,6 +31,7 @@ from bayesdeg.criticism.verdict import (
     share_explained,
     supports,
 )
+from bayesdeg.inference.data import Statistic
 from bayesdeg.laws import Normal, TruncatedNormal
 from tests.criticism import straight_subject as straight
 from tests.criticism.straight_subject import linear_cause
@@ -142,6 +144,21 @@ def test_a_gain_without_a_standard_error_has_to_be_a_gain():
 
 
 @pytest.mark.parametrize(
+    ("gain", "together", "agrees"),
+    [
+        (0.1, (20.0, 6.0), True),
+        (-0.1, (20.0, 6.0), False),
+        (30.0, (5.0, 6.0), False),
+        (float("nan"), (20.0, 6.0), False),
+        (20.0, (float("nan"), 6.0), False),
+    ],
+)
+def test_one_of_several_must_add_to_what_all_gain_together(gain, together, agrees):
+    one = support(elpd_diff=gain, elpd_diff_se=4.0, together=together)
+    assert one.held_out_agrees is agrees
+
+
+@pytest.mark.parametrize(
     ("left", "p_value", "outcome"),
     [
         (1.0 + 40.0 * (1.0 - LEAST_EXPLAINED) + 0.1, CHANCE, Outcome.UNEXPLAINED),
@@ -224,6 +241,15 @@ def test_ruptures_that_the_model_does_not_expect_are_a_misfit_too():
     assert outcome_of(base=even, rupture=None).outcome is Outcome.ADEQUATE
 
 
+def test_a_measured_mean_that_the_model_contradicts_is_a_misfit_too():
+    """Nothing else is off: the readings agree with a volume ratio that nobody measured."""
+    mean = Statistic("volume_ratio", 0.0, 0.62, 0.03, "shrinkage.csv", 3.0)
+    wrong = Conflict(mean, 0.96, 0.04, MISFIT_LEVEL)
+    fine = replace(wrong, p_value=MISFIT_LEVEL + 1e-6)
+    assert outcome_of(base=CLEAN, contradicted=wrong).outcome is Outcome.UNEXPLAINED
+    assert outcome_of(base=CLEAN, contradicted=fine).outcome is Outcome.ADEQUATE
+
+
 def test_a_cause_of_ruptures_need_not_explain_the_readings():
     flaws = support("flaw_embrittlement")
     off = step(0.001, 41.0)
@@ -274,6 +300,12 @@ def test_supports_hold_exact_factors_gains_and_rivals(twins):
     assert (found["lag"].elpd_diff, found["lag"].elpd_diff_se) == (10.0, 0.0)
     # the set without the other was not held out
     assert found[one].elpd_diff is None
+    assert found[one].together is None
+    base = {BASE: HeldOut(np.array([1.0, 5.0]), np.zeros((1, 48)))}
+    both = supports(search, chosen, held_out | base)
+    gaps = np.array([9.0, 10.0]) - np.array([1.0, 5.0])
+    wanted = (gaps.sum(), np.sqrt(2.0) * gaps.std(ddof=1))
+    assert all(s.together == pytest.approx(wanted) for s in both)
     gap = straight.log_factor(observed, best, beside=[lag]) - straight.log_factor(
         observed, linear_cause(other), beside=[lag]
     )

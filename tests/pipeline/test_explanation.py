@@ -9,11 +9,13 @@ import pytest
 
 from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.criticism.candidates import Candidate, EffectSize
+from bayesdeg.criticism.conflict import Conflict
 from bayesdeg.criticism.confusability import Confusability
 from bayesdeg.criticism.discrepancy import Misfit
 from bayesdeg.criticism.rupture_misfit import RuptureMisfit
 from bayesdeg.criticism.step import Step
 from bayesdeg.criticism.verdict import Decision, Outcome, Support
+from bayesdeg.inference.data import Statistic
 from bayesdeg.pipeline.explanation import explain, unjudged_document, verdict_document
 from bayesdeg.pipeline.judgement import Judgement, readings_misfit
 from tests.criticism.linear_case import known_linear, with_readings
@@ -58,7 +60,13 @@ def support(cause, *, rivals=None, factor=41.2):
 
 
 def judgement_of(
-    decision, *supported, candidates=CANDIDATES, p_value=1 / 501, lost=0.0, rupture=None
+    decision,
+    *supported,
+    candidates=CANDIDATES,
+    p_value=1 / 501,
+    lost=0.0,
+    rupture=None,
+    contradicted=None,
 ):
     base = misfit_of(p_value, lost=lost)
     left = misfit_of(0.4, statistic=1.0, discrepancy=RESIDUAL - LEFT)
@@ -66,6 +74,7 @@ def judgement_of(
         misfit=base,
         left=left,
         rupture=rupture,
+        contradicted=contradicted,
         candidates=candidates,
         supported=supported,
         decision=decision,
@@ -195,6 +204,20 @@ def test_ruptures_are_told_where_they_are_no_chance(p_value, told):
         "p_value": p_value,
     }
     assert verdict_document(ONE, WHERE)["ruptures"] is None
+
+
+@pytest.mark.parametrize(("p_value", "told"), [(0.001, True), (0.2, False)])
+def test_a_measured_mean_that_is_contradicted_is_told_with_its_source(p_value, told):
+    adequate = Decision(Outcome.ADEQUATE, ())
+    measured = Statistic("volume_ratio", 0.0, 0.617, 0.026, "shrinkage.csv, 4 films", 3.0)
+    found = Conflict(measured, 0.962, 0.036, p_value)
+    text = explain(judgement_of(adequate, p_value=0.5, contradicted=found), WHERE)
+    assert ("0.962" in text) is told
+    assert ("0.617 ± 0.026 was measured (shrinkage.csv, 4 films; p = 0.001)" in text) is told
+    document = verdict_document(judgement_of(adequate, contradicted=found), WHERE)
+    assert document["contradicted"]["calibrated"] == 0.962
+    assert document["contradicted"]["p_value"] == p_value
+    assert verdict_document(judgement_of(adequate), WHERE)["contradicted"] is None
 
 
 def test_where_ruptures_alone_are_off_the_readings_are_said_to_agree():
