@@ -10,20 +10,20 @@ from numpy.typing import NDArray
 from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.candidates import Candidate, candidates
-from bayesdeg.criticism.conflict import conflict
+from bayesdeg.criticism.conflict import Conflict, conflict
 from bayesdeg.criticism.confusability import confusability
 from bayesdeg.criticism.experiments import next_experiments_document, rank
 from bayesdeg.criticism.experiments_candidates import candidate_experiments
-from bayesdeg.criticism.held_out import HeldOut, by_level, joined, predict_folds
-from bayesdeg.criticism.model_readings import Held, ModelReadings
-from bayesdeg.criticism.rupture_misfit import rupture_misfit
+from bayesdeg.criticism.model_readings import ModelReadings
+from bayesdeg.criticism.rupture_misfit import RuptureMisfit, rupture_misfit
 from bayesdeg.criticism.search import Names, Search, SearchEffort, run_search
-from bayesdeg.criticism.subject import Subject
-from bayesdeg.criticism.trials import base_trial
+from bayesdeg.criticism.trials import Trial, base_trial
 from bayesdeg.criticism.verdict import Decision, Outcome, Support, decide, hold_out, supports
 from bayesdeg.inference.laplace import FEWEST_EFFECTIVE, Evidence
+from bayesdeg.inference.model import Model
 from bayesdeg.pipeline.assemble import Assembly
 from bayesdeg.pipeline.calibrate import Fit
+from bayesdeg.pipeline.holding_out import all_held_out, levels_out
 from bayesdeg.pipeline.judgement import BASE, Judgement, extension, label
 from bayesdeg.pipeline.progress import Progress
 
@@ -35,7 +35,6 @@ JUDGE_EFFORTS = {
     "thorough": SearchEffort(replicates=2000, fitted=10, pairs=6, levels_out=True),
 }
 FEW_DRAWS = 100  # for what is compared beside the readings
-BESIDE: tuple[Held, ...] = ("films", "statistics")
 IN_QUESTION = 3  # rivals between which experiments are ranked
 
 
@@ -72,26 +71,16 @@ def judge(
     progress.stage("causes, one by one and together")
     chosen = run_search(search)
     final = search.step(chosen)
-    draws = search.base.draws(generator, FEW_DRAWS)
-    rupture = rupture_misfit(fit.model, draws, generator)
-    contradicted = conflict(fit.model, draws)
+    rupture, contradicted = _beside(fit.model, search.base, generator)
     progress.stage("held-out specimens")
     held_out = hold_out(
-        search,
-        chosen,
-        seed=folding,
-        executor=executor,
-        on_set=lambda names: progress.advance(1, label(names)),
+        search, chosen, seed=folding, executor=executor, on_set=partial(_told, progress)
     )
-    everything = _all_held_out(search, chosen, held_out, seed=folding, executor=executor)
+    everything = all_held_out(search, chosen, held_out, seed=folding, executor=executor)
     supported = supports(search, chosen, everything)
+    alone = _on_rupture(search)
     decision = decide(
-        base,
-        final,
-        supported,
-        rupture=rupture,
-        contradicted=contradicted,
-        on_rupture=_on_rupture(search),
+        base, final, supported, rupture=rupture, contradicted=contradicted, on_rupture=alone
     )
     names = extension(decision, tuple(supported)) if effort.levels_out else BASE
     judged = candidates(search, supported, everything, generator)
@@ -106,39 +95,22 @@ def judge(
         threshold=base.threshold,
         confusability=confusability(search.base.linear, search.causes, generator),
         held_out={label(names): found for names, found in held_out.items()},
-        levels_out=_levels_out(search, names, seed=folding, executor=executor),
+        levels_out=levels_out(search, names, seed=folding, executor=executor),
         search=search,
         experiments=_next(search, decision, supported, assembly, generator),
     )
 
 
-def _all_held_out(
-    search: Search,
-    chosen: Names,
-    actuators: dict[Names, HeldOut],
-    *,
-    seed: np.random.SeedSequence,
-    executor: Executor | None,
-) -> dict[Names, HeldOut]:
-    """Hold out films and means of replicates too, beside actuators.
-
-    A model that is wrong for actuators is bent by them, and predicts them well; what bends it then
-    is that it contradicts the films or the measured volume ratio.
-    """
-    subject = search.base.subject
-    if not actuators or not isinstance(subject, ModelReadings) or subject.model.actuator is None:
-        return actuators
-    found = dict(actuators)
-    for held in BESIDE:
-        other = hold_out(search, chosen, seed=seed, of=partial(_holding, held), executor=executor)
-        for names, beside in other.items():
-            found[names] = joined(found[names], beside)
-    return found
+def _told(progress: Progress, names: Names) -> None:
+    progress.advance(1, label(names))
 
 
-def _holding(held: Held, subject: Subject) -> Subject:
-    assert isinstance(subject, ModelReadings)
-    return replace(subject, held=held)
+def _beside(
+    model: Model, base: Trial, generator: np.random.Generator
+) -> tuple[RuptureMisfit | None, Conflict | None]:
+    """Return what the base model makes of ruptures, and of measured means."""
+    draws = base.draws(generator, FEW_DRAWS)
+    return rupture_misfit(model, draws, generator), conflict(model, draws)
 
 
 def _next(
@@ -210,19 +182,6 @@ def _posterior(fit: Fit) -> Evidence:
     flat = fit.chain.vectors.reshape(-1, fit.chain.vectors.shape[-1])
     even = np.zeros(len(flat))
     return replace(fit.evidence, draws=flat, log_weights=even, effective=float(len(flat)))
-
-
-def _levels_out(
-    search: Search, names: Names, *, seed: np.random.SeedSequence, executor: Executor | None
-) -> dict[str, HeldOut]:
-    """Predict whole levels of degradation that were left out, if there are several."""
-    fold = by_level(search.base.subject)
-    if not names or fold.max() < 1:
-        return {}
-    return {
-        label(one): predict_folds(search.trials[one], fold, seed=seed, executor=executor)
-        for one in (BASE, names)
-    }
 
 
 def _unjudged(assembly: Assembly) -> list[Candidate]:

@@ -16,7 +16,7 @@ from bayesdeg.pipeline.assemble import level_grid
 from bayesdeg.pipeline.calibrate import Fit
 from bayesdeg.pipeline.decisions import decisions
 from bayesdeg.pipeline.deformed import write_deformed
-from bayesdeg.pipeline.explanation import unjudged_document, verdict_document
+from bayesdeg.pipeline.document import unjudged_document, verdict_document
 from bayesdeg.pipeline.films import Films
 from bayesdeg.pipeline.judgement import Judgement, readings_misfit
 from bayesdeg.pipeline.results import Results

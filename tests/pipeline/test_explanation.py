@@ -16,7 +16,8 @@ from bayesdeg.criticism.rupture_misfit import RuptureMisfit
 from bayesdeg.criticism.step import Step
 from bayesdeg.criticism.verdict import Decision, Outcome, Support
 from bayesdeg.inference.data import Statistic
-from bayesdeg.pipeline.explanation import explain, unjudged_document, verdict_document
+from bayesdeg.pipeline.document import unjudged_document, verdict_document
+from bayesdeg.pipeline.explanation import explain
 from bayesdeg.pipeline.judgement import Judgement, readings_misfit
 from tests.criticism.linear_case import known_linear, with_readings
 

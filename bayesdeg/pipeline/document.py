@@ -1,0 +1,122 @@
+"""The verdict as the document that others' tools read."""
+
+from bayesdeg.causes.catalogue import CATALOGUE
+from bayesdeg.criticism.candidates import Candidate
+from bayesdeg.criticism.conflict import Conflict
+from bayesdeg.criticism.model_readings import STRESS
+from bayesdeg.criticism.search import FALSE_NAME_RATE
+from bayesdeg.criticism.verdict import Outcome
+from bayesdeg.pipeline.explanation import explain
+from bayesdeg.pipeline.judgement import Judgement, readings_misfit
+
+Json = dict[str, object]
+
+
+def verdict_document(
+    judgement: Judgement, where: str, experiments: list[Json] | None = None, *, note: str = ""
+) -> Json:
+    """Return the content of ``verdict.json`` for a study whose readings could be judged.
+
+    Parameters
+    ----------
+    judgement : Judgement
+        The verdict.
+    where : str
+        Where the misfit sits.
+    experiments : list, optional
+        What to measure next.
+    note : str
+        What is wrong with modes of tension that were predicted only.
+    """
+    decision = judgement.decision
+    rms, noise = readings_misfit(judgement)
+    return {
+        "outcome": str(decision.outcome),
+        "causes": list(decision.causes),
+        "one_of": [list(names) for names in decision.one_of],
+        "explanation": f"{explain(judgement, where)} {note}".strip(),
+        "candidates": [_candidate(c) for c in judgement.candidates],
+        "confusable": [list(pair) for pair in judgement.confusability.pairs()],
+        "false_name_rate": FALSE_NAME_RATE,
+        "misfit": {
+            "rms_per_m": rms,
+            "noise_per_m": noise,
+            "p_value": judgement.misfit.p_value,
+            "where": where,
+            **_of_films(judgement, rms),
+        },
+        "ruptures": None if judgement.rupture is None else vars(judgement.rupture),
+        "contradicted": _contradicted(judgement.contradicted),
+        "next_experiments": experiments or [],
+    }
+
+
+def _contradicted(found: Conflict | None) -> Json | None:
+    if found is None:
+        return None
+    measured = found.statistic
+    return {
+        "quantity": measured.quantity,
+        "measured": measured.value,
+        "standard_error": measured.se,
+        "source": measured.source,
+        "calibrated": found.wanted,
+        "p_value": found.p_value,
+    }
+
+
+def _of_films(judgement: Judgement, rms: float | None) -> Json:
+    """Return the misfit of the stresses [MPa] where there are no curvatures."""
+    if rms is not None:
+        return {}
+    of_stress, noise = readings_misfit(judgement, STRESS)
+    return {"rms_MPa": of_stress, "noise_MPa": noise}
+
+
+def unjudged_document(unjudged: dict[str, str], held_out: str = "") -> Json:
+    """Return the content of ``verdict.json`` for a study without readings to judge.
+
+    Parameters
+    ----------
+    unjudged : dict of str to str
+        Causes, and why each cannot be judged.
+    held_out : str
+        What is wrong with modes of tension that were predicted only.
+    """
+    return {
+        "outcome": str(Outcome.ADEQUATE),
+        "causes": [],
+        "one_of": [],
+        "explanation": "There are no readings of an actuator and no tensile curves in this study, "
+        "so there is no misfit to judge and no cause is named. "
+        + (held_out or "What the material law gets right is shown with the published statistics."),
+        "candidates": [
+            _candidate(Candidate(n, *5 * (None,), {}, fitted=False, why=w))
+            for n, w in unjudged.items()
+        ],
+        "confusable": [],
+        "false_name_rate": None,
+        "misfit": {"rms_per_m": None, "noise_per_m": None, "p_value": None, "where": ""},
+        "ruptures": None,
+        "contradicted": None,
+        "next_experiments": [],
+    }
+
+
+def _candidate(candidate: Candidate) -> Json:
+    known = CATALOGUE.get(candidate.cause)
+    entry: Json = {
+        "cause": candidate.cause,
+        "probability": candidate.probability,
+        "log_bayes_factor": candidate.log_bayes_factor,
+        "elpd_diff": candidate.elpd_diff,
+        "elpd_diff_se": candidate.elpd_diff_se,
+        "explained_fraction": candidate.explained_fraction,
+        "effect": {name: vars(size) for name, size in candidate.effect.items()},
+        "mechanism": known.mechanism if known else "",
+    }
+    if candidate.why:
+        entry["why"] = candidate.why
+    else:
+        entry["judged_by"] = "full fit" if candidate.fitted else "screening"
+    return entry
