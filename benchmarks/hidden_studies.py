@@ -42,6 +42,7 @@ CAREFUL: Mapping[str, float] = {
     "tensile_noise": 0.005,
     "tensile_noise_floor": 0.002,
 }
+TOUCHING = 20.0  # curvature at which chambers touch, where they do [1/m]
 CAREFULLY = ("careful", "mounts")
 PAPER_TEST = 0.05  # sd of ln stiffness of the paper, which is then measured too
 # sizes that count as 1: most are some 5 to 10 standard deviations in their designs
@@ -290,6 +291,23 @@ def _slipping(prediction: Prediction, conditions: Conditions, effect: Effect) ->
     )
 
 
+def _contact(prediction: Prediction, conditions: Conditions, effect: Effect) -> Prediction:
+    """Neighbouring chambers touch: what bends beyond that is partly lost."""
+    beyond = np.maximum(prediction.curvature - TOUCHING, 0.0)
+    share = 1.0 - effect["lost"] * beyond / np.maximum(prediction.curvature, TOUCHING)
+    return replace(
+        prediction,
+        curvature=prediction.curvature * share,
+        bend_angle=prediction.bend_angle * share,
+    )
+
+
+def _second_gauge(inputs: Inputs, conditions: Conditions, effect: Effect) -> Inputs:
+    """Every third actuator hung on another gauge, which reads too much."""
+    other = np.arange(conditions.pressure.shape[-2])[:, None] % 3 == 1
+    return replace(inputs, pressure=inputs.pressure * (1.0 - effect["excess"] * other))
+
+
 def _effect(name: str, unit: str, size: float, stage: Stage) -> dict[str, object]:
     parameter = Parameter(name, Normal(0.0, 10.0 * size), unit, "of a made-up effect", 0.0)
     return {"stage": stage, "parameters": (parameter,), "typical": {name: size}}
@@ -316,5 +334,19 @@ OUTSIDE = (
         revealed_by="nothing in the catalogue",
         on_reading=_slipping,
         **_effect("share", "–", 0.2, Stage.READING),
+    ),
+    Cause(
+        name="outside_contact",
+        mechanism="chambers touch when the actuator is bent far",
+        revealed_by="nothing in the catalogue",
+        on_reading=_contact,
+        **_effect("lost", "–", 0.4, Stage.READING),
+    ),
+    Cause(
+        name="outside_second_gauge",
+        mechanism="every third actuator hung on a gauge that reads too much",
+        revealed_by="nothing in the catalogue",
+        on_inputs=_second_gauge,
+        **_effect("excess", "–", 0.15, Stage.LOAD),
     ),
 )

@@ -27,7 +27,10 @@ SAMPLING = Effort(total=150)
 
 
 class ExactMap:
-    """The finite element model as a forward map: one load path for each material.
+    """The finite element model as a forward map: one load path for each specimen.
+
+    Where its material, weight or shape is not the same in all readings, as in several mounts, one
+    for each of them.
 
     Parameters
     ----------
@@ -65,17 +68,16 @@ class ExactMap:
             name: np.broadcast_to(group, shape).reshape(-1, shape[-1])
             for name, group in groups.items()
         }
-        curves = [
-            _curve(row, {name: group[i] for name, group in rows.items()})
-            for i, row in enumerate(load)
-        ]
         scale = np.broadcast_to(inputs.linear_scale, shape).reshape(-1, shape[-1])
-        parts = [
-            _place(solution, curve, load[i], scale[i])
-            for i, (curve, solution) in enumerate(zip(curves, self._solve(curves), strict=True))
+        places = [(i, at) for i in range(len(load)) for at in _alike(rows, i)]
+        curves = [
+            _curve(load[i, at], {name: group[i, at[0]] for name, group in rows.items()})
+            for i, at in places
         ]
-        arrays = [np.stack(column).reshape(shape) for column in zip(*parts, strict=True)]
-        curvature, angle, stretch, slope, status = arrays
+        found = np.empty((5, *load.shape))
+        for (i, at), curve, solution in zip(places, curves, self._solve(curves), strict=True):
+            found[:, i, at] = _place(solution, curve, load[i, at], scale[i, at])
+        curvature, angle, stretch, slope, status = found.reshape(5, *shape)
         return Prediction(
             curvature=curvature,
             bend_angle=angle,
@@ -162,12 +164,16 @@ def sample_task(
     return _HELD.get(geometry, resolution).sample(curve, effort=effort or SAMPLING)
 
 
+def _alike(rows: dict[str, Floats], row: int) -> list[NDArray[np.intp]]:
+    """Return which readings of a specimen have the same material, weight and shape."""
+    columns = np.stack([group[row] for group in rows.values()])
+    which = np.unique(columns, axis=1, return_inverse=True)[1].ravel()
+    return [np.flatnonzero(which == k) for k in range(int(which.max(initial=-1)) + 1)]
+
+
 def _curve(load: Floats, groups: dict[str, Floats]) -> Curve:
-    for name, group in groups.items():
-        if np.ptp(group) > 0.0:
-            raise ValueError(f"{name} changes along a curve: a load path needs one material")
     loads = np.unique(load[(load > 0.0) | ~np.isfinite(load)])
-    material = Material(**{name: float(group[0]) for name, group in groups.items()})
+    material = Material(**{name: float(group) for name, group in groups.items()})
     return Curve(tuple(float(q) for q in loads), material)
 
 
