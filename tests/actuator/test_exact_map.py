@@ -163,10 +163,10 @@ def test_reference_at_rest_changes_nothing(forward):
 
 def test_readings_in_several_mounts_are_those_of_a_path_in_each(forward):
     """Weight along, none, and along again: two paths, put where their readings stand."""
-    weight = np.array([0.012, 0.0, 0.0, 0.012])
+    weight = np.array([100.0, 0.0, 0.0, 100.0])  # kN/m³, as of nine times the material
     answer = forward(replace(inputs(), weight_along=weight))
     still = forward(inputs())
-    hanging = forward(replace(inputs(), weight_along=np.full(4, 0.012)))
+    hanging = forward(replace(inputs(), weight_along=np.full(4, 100.0)))
     for name in ("curvature", "bend_angle", "peak_stretch", "slope"):
         wanted = np.where(weight > 0.0, getattr(hanging, name), getattr(still, name))
         # a path with fewer loads takes other steps, and Newton stops a little elsewhere
