@@ -2,8 +2,9 @@
 
     uv run python benchmarks/planted_studies.py --workers 2
 
-solves their curves, half a minute each, and writes the folders; names choose some of them. What
-was hidden goes to ``truths``, apart from what a pipeline reads. What stands there is left alone.
+solves their curves, half a minute each, and writes the folders; numbers choose some of them, places
+in `PLANTED`. What was hidden goes to ``truths``, apart from what a pipeline reads, which bears the
+number alone. What stands there is left alone.
 """
 
 import argparse
@@ -101,14 +102,14 @@ def _cause(name: str) -> Cause:
     return outside[name] if name in outside else find(name)
 
 
-def plant(name: str, folder: Path, truths: Path, *, forward: ForwardMap) -> None:
+def plant(number: int, folder: Path, truths: Path, *, forward: ForwardMap) -> None:
     """Make one study; what was hidden in it is written elsewhere."""
-    planted = PLANTED[name]
+    name, planted = list(PLANTED.items())[number - 1]
     study = HiddenStudy(planted.seed, name, planted.design, planted.effects(), 1.0)
-    command = f"python benchmarks/planted_studies.py {name}"
+    command = f"python benchmarks/planted_studies.py {number}"
     made(study, folder, forward=forward, seed=planted.seed, command=command, design=planted.tests())
     truths.mkdir(parents=True, exist_ok=True)
-    (folder / "truth.json").replace(truths / f"{name}.json")
+    (folder / "truth.json").replace(truths / f"{number:02d}.json")
 
 
 def fine(executor: Executor | None, on_curve: Callable[[], None]) -> ForwardMap:
@@ -119,19 +120,17 @@ def fine(executor: Executor | None, on_curve: Callable[[], None]) -> ForwardMap:
 def main() -> None:
     """Plant the studies that are missing."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("names", nargs="*", help=f"of {', '.join(PLANTED)}; by default all")
+    every = range(1, len(PLANTED) + 1)
+    parser.add_argument("numbers", nargs="*", type=int, choices=every, help="by default all")
     parser.add_argument("--workers", type=int, default=2)
     options = parser.parse_args()
-    missing = [
-        name
-        for name in options.names or PLANTED
-        if not (FOLDER / "truths" / f"{name}.json").exists()
-    ]
+    truths = FOLDER / "truths"
+    missing = [n for n in options.numbers or every if not (truths / f"{n:02d}.json").exists()]
     with pool(options.workers) as executor, shown(quiet=False) as progress:
-        for name in missing:
-            progress.stage(name, total=3 * PLANTED[name].copies)
+        for number in missing:
+            progress.stage(f"study {number}")
             forward = fine(executor, progress.advance)
-            plant(name, FOLDER / "studies" / name, FOLDER / "truths", forward=forward)
+            plant(number, FOLDER / "studies" / f"{number:02d}", truths, forward=forward)
 
 
 if __name__ == "__main__":
