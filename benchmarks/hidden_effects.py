@@ -162,6 +162,8 @@ def _visible(judgement: Judgement, study: HiddenStudy, truth: Truth) -> dict[str
         others = [other for n, other in columns.items() if n != name and np.any(other)]
         basis = np.linalg.qr(np.array(others).T)[0] if others else np.zeros((len(column), 0))
         sizes[name] = float(np.linalg.norm(column - basis @ (basis.T @ column)))
+    if len(columns) > 1:  # effects may cancel: then neither shows
+        sizes["together"] = float(np.linalg.norm(sum(columns.values())))
     return sizes
 
 

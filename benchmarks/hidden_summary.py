@@ -5,6 +5,7 @@ from collections.abc import Iterable
 from itertools import pairwise
 
 import numpy as np
+from hidden_studies import CAREFULLY
 
 Json = dict[str, object]
 
@@ -21,7 +22,15 @@ def summary(found: list[Json], again: list[Json]) -> Json:
     none = [one for one in found if one["kind"] == "none"]
     outside = [one for one in found if one["kind"] == "outside"]
     pairs = [one for one in found if one["kind"] == "pair" and _z(one) >= VISIBLE]
-    sizes = [covered for one in found for covered in _covered(one)]
+    usual, careful = (
+        [
+            covered
+            for one in found
+            if (one["design"] in CAREFULLY) is with_care
+            for covered in _covered(one)
+        ]
+        for with_care in (False, True)
+    )
     standard = {one["number"]: one for one in again}
     same = [_same(one, standard[one["number"]]) for one in found if one["number"] in standard]
     return {
@@ -42,8 +51,11 @@ def summary(found: list[Json], again: list[Json]) -> Json:
         "two_causes_both_in_a_stated_set": _share(_both_stated(one) for one in pairs),
         "two_causes_none_wrong": _share(not _wrong(one) for one in pairs),
         "pair_studies": len(pairs),
-        "size_coverage_90": _share(sizes),
-        "sizes": len(sizes),
+        "size_coverage_90": _share([*usual, *careful]),
+        "sizes": len(usual) + len(careful),
+        "size_coverage_90_usual_scatter": _share(usual),
+        "sizes_usual_scatter": len(usual),
+        "size_coverage_90_little_scatter": _share(careful),
         "ambiguous_rate": _share(one["outcome"] == "ambiguous" for one in found),
         "wrongly_named": _share(_wrong(one) for one in single),
         "baseline_named_correctly": _share(

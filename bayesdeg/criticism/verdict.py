@@ -275,6 +275,8 @@ def _against(one: Support) -> str:
 def _against_all(base: Step, final: Step) -> list[str]:
     if final.misfit.p_value > CHANCE:
         return []
+    if final.misfit.p_value <= MISFIT_LEVEL < base.misfit.p_value:
+        return ["it removes no misfit that was more than chance, and what is left is more"]
     own, common = share_explained(base, final)
     share = max(own, common)
     if own < LEAST_EXPLAINED and common < LEAST_ON_ONE_SCALE:

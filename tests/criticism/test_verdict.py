@@ -209,6 +209,16 @@ def test_where_there_was_no_misfit_to_explain_none_has_to_be():
     assert outcome_of(support(), base=slight, final=CLEAN).outcome is Outcome.NAMED
 
 
+def test_what_leaves_a_misfit_where_there_was_none_is_not_named():
+    """A base model with wide errors expects anything; what is named must expect what there is."""
+    none = step(p_value=0.8, statistic=1400.0)
+    found = outcome_of(support(), base=none, final=step(p_value=MISFIT_LEVEL, statistic=25.0))
+    assert found.outcome is Outcome.ADEQUATE
+    assert "what is left is more" in found.reasons[0]
+    fine = outcome_of(support(), base=none, final=step(p_value=0.03, statistic=1.0))
+    assert fine.outcome is Outcome.NAMED
+
+
 def test_rivals_within_the_odds_of_twenty_are_ambiguous_and_others_are_not():
     rivals = {"gravity": 1.5, "erosion": INSEPARABLE - 0.01, "mullins": INSEPARABLE + 0.01}
     found = outcome_of(support(rivals=rivals))
