@@ -22,6 +22,7 @@ import numpy as np
 from fine_library import fine_library
 from hidden_studies import HiddenStudy, drawn_study, made
 from hidden_summary import summary
+from hidden_tables import markdown
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
@@ -233,12 +234,13 @@ def main() -> None:
     )
     parser.add_argument("--seed", type=int, default=SEED)
     parser.add_argument("--json", action="store_true")
+    parser.add_argument("--markdown", action="store_true", help="the tables of the README")
     options = parser.parse_args()
     numbers = list(range(options.first, options.first + options.studies))
     found = []
     for one in run_all(numbers, workers=options.workers, effort=options.effort, seed=options.seed):
         found.append(one)
-        if not options.json:
+        if not (options.json or options.markdown):
             print(
                 len(found),
                 one["kind"],
@@ -252,7 +254,7 @@ def main() -> None:
         numbers[: options.again], workers=options.workers, effort="standard", seed=options.seed
     )
     figures = {"failed": len(numbers) - len(found), **summary(found, list(again))}
-    print(json.dumps(figures, indent=1))
+    print(markdown(figures) if options.markdown else json.dumps(figures, indent=1))
 
 
 if __name__ == "__main__":
