@@ -16,7 +16,7 @@ from tests.hidden_effects.judging import Verdict, side_by_side
 pytestmark = pytest.mark.slow
 
 STUDIES, TRUTHS = Path(__file__).parent / "studies", Path(__file__).parent / "truths"
-SCALE, LEAK, TWO, NOTHING, OUTSIDE = "09", "12", "16", "17", "18"
+WALLS, LEAK, TWO, NOTHING, OUTSIDE = "10", "12", "16", "17", "18"
 SINGLE = [f"{number:02d}" for number in range(1, 16)]
 # what reads like the hidden cause in that study and may stand beside it
 ALIKE = {
@@ -30,9 +30,9 @@ FARTHEST = 3.5  # standard deviations of a size
 @pytest.fixture(scope="module")
 def verdicts(tmp_path_factory):
     """Verdicts on all studies; on one without its bend angles; on each with its cause idle."""
-    blind = tmp_path_factory.mktemp("without") / SCALE
+    blind = tmp_path_factory.mktemp("without") / WALLS
     blind.mkdir()
-    for path in (STUDIES / SCALE).iterdir():
+    for path in (STUDIES / WALLS).iterdir():
         (blind / path.name).write_bytes(path.read_bytes())
     table = pd.read_csv(blind / "actuator.csv", comment="#")
     table.drop(columns="bend_angle_deg").to_csv(blind / "actuator.csv", index=False)
@@ -101,11 +101,11 @@ def test_two_causes_are_both_named(verdicts):
 
 
 def test_the_bend_angle_separates_what_the_curvature_alone_cannot(verdicts):
-    """A wrong scale changes lengths and no angle; without the angle stiffness does as well."""
-    assert verdicts[SCALE].result().outcome == "named"
+    """Thicker walls bend less; a wrong scale changes the curvature as much, and no angle."""
+    assert verdicts[WALLS].result().outcome == "named"
     without = verdicts["without angle"].result()
     assert without.outcome == "ambiguous"
-    assert "shrinkage_reading" in without.causes
+    assert set(without.causes) == {"wall_thickness", "shrinkage_reading"}
 
 
 def test_where_nothing_is_hidden_nothing_is_named(verdicts):
