@@ -40,6 +40,8 @@ def summary(found: list[Json], again: list[Json]) -> Json:
         "named_alone": _share(one["causes"] == list(one["hidden"]) for one in seen),
         "named_correctly_all_sizes": _share(_right(one) for one in single),
         "visible_studies": len(seen),
+        "strong_studies": sum(_z(one) >= STRONG for one in seen),
+        "single_studies": len(single),
         "false_name_rate": _share(one["outcome"] == "named" for one in none),
         "none_adequate": _share(one["outcome"] == "adequate" for one in none),
         "none_studies": len(none),
@@ -56,6 +58,7 @@ def summary(found: list[Json], again: list[Json]) -> Json:
         "size_coverage_90_usual_scatter": _share(usual),
         "sizes_usual_scatter": len(usual),
         "size_coverage_90_little_scatter": _share(careful),
+        "sizes_little_scatter": len(careful),
         "ambiguous_rate": _share(one["outcome"] == "ambiguous" for one in found),
         "wrongly_named": _share(_wrong(one) for one in single),
         "baseline_named_correctly": _share(

@@ -4,21 +4,22 @@ from collections.abc import Iterable
 
 Json = dict[str, object]
 
+# key, words, key of the number of studies or sizes
 SAID = (
-    ("named_correctly", "right, of single causes of 5 standard deviations and more"),
-    ("named_alone", "of these, named alone"),
-    ("named_correctly_strong", "right, of single causes of 10 standard deviations and more"),
-    ("wrongly_named", "another cause named, of all single ones"),
-    ("false_name_rate", "named where nothing is hidden"),
-    ("none_adequate", "`adequate` where nothing is hidden"),
-    ("outside_catalogue_named", "named where the effect is not in the catalogue"),
-    ("two_causes_both_named", "both named, of two causes that show"),
-    ("two_causes_both_in_a_stated_set", "both named, or in a set of which one is said to act"),
-    ("size_coverage_90", "sizes inside their 90 % intervals"),
-    ("size_coverage_90_usual_scatter", "of these, with the usual scatter"),
-    ("size_coverage_90_little_scatter", "of these, with little scatter"),
-    ("ambiguous_rate", "`ambiguous`, of all studies"),
-    ("same_verdict", "same verdict at standard effort"),
+    ("named_correctly", "right, of single causes of 5 sd and more", "visible_studies"),
+    ("named_alone", "of these, named alone", "visible_studies"),
+    ("named_correctly_strong", "right, of single causes of 10 sd and more", "strong_studies"),
+    ("wrongly_named", "another cause named, of all single ones", "single_studies"),
+    ("false_name_rate", "named where nothing is hidden", "none_studies"),
+    ("none_adequate", "`adequate` where nothing is hidden", "none_studies"),
+    ("outside_catalogue_named", "named where the effect has no entry", "outside_studies"),
+    ("two_causes_both_named", "both named, of two causes that show", "pair_studies"),
+    ("two_causes_both_in_a_stated_set", "both named or in a stated set", "pair_studies"),
+    ("size_coverage_90", "sizes inside their 90 % intervals", "sizes"),
+    ("size_coverage_90_usual_scatter", "of these, usual scatter", "sizes_usual_scatter"),
+    ("size_coverage_90_little_scatter", "of these, little scatter", "sizes_little_scatter"),
+    ("ambiguous_rate", "`ambiguous`", "studies"),
+    ("same_verdict", "same verdict at standard effort", "compared_efforts"),
 )
 BASELINE = {
     "named_correctly": "baseline_named_correctly",
@@ -35,11 +36,11 @@ def markdown(figures: Json) -> str:
 
 def _rates(figures: Json) -> str:
     rows = [
-        (words, _share(figures.get(key)), _share(figures.get(BASELINE.get(key, ""))))
-        for key, words in SAID
+        (words, figures[of], _share(figures[key]), _share(figures.get(BASELINE.get(key, ""))))
+        for key, words, of in SAID
         if figures.get(key) is not None
     ]
-    return _table(("what", "pipeline", "closed form"), rows)
+    return _table(("what", "of", "pipeline", "closed form"), rows)
 
 
 def _power(rows: Iterable[Json]) -> str:

@@ -36,10 +36,18 @@ class HeldOut:
         Log predictive density of all that was read on each group.
     draws : array, shape (n_draws, n_readings)
         Predictive draws; nan of readings that are never held out.
+    kind : array of int, shape (n_groups,), optional
+        Which groups are alike, as actuators are, and films; None if all are.
     """
 
     log_density: Floats
     draws: Floats
+    kind: NDArray[np.int64] | None = None
+
+    @property
+    def kinds(self) -> NDArray[np.int64]:
+        """Which groups are alike, (n_groups,)."""
+        return np.zeros(len(self.log_density), dtype=np.int64) if self.kind is None else self.kind
 
     @property
     def mean(self) -> Floats:
@@ -50,8 +58,16 @@ class HeldOut:
 
 
 def joined(first: HeldOut, second: HeldOut) -> HeldOut:
-    """Return both as one; predictive draws are those of the first."""
-    return HeldOut(np.concatenate([first.log_density, second.log_density]), first.draws)
+    """Return both as one, the groups of either being of other kinds; draws are those of the first.
+
+    Examples
+    --------
+    >>> films = HeldOut(np.zeros(3), np.zeros((1, 0)))
+    >>> joined(films, films).kinds.tolist()
+    [0, 0, 0, 1, 1, 1]
+    """
+    kind = np.concatenate([first.kinds, 1 + first.kinds.max() + second.kinds])
+    return HeldOut(np.concatenate([first.log_density, second.log_density]), first.draws, kind)
 
 
 def group_levels(subject: Subject) -> Floats:
@@ -142,9 +158,17 @@ def predict_folds(
 
 
 def difference(held_out: HeldOut, base: HeldOut) -> tuple[float, float]:
-    """Return the gain in log predictive density over all groups and its standard error."""
+    """Return the gain in log predictive density over all groups and its standard error.
+
+    The variance of a sum over several kinds of groups is that of the sums over each. What a single
+    group of its kind would gain another time is not known: its error is taken as large as its gain.
+    """
     gap = held_out.log_density - base.log_density
-    return float(np.sum(gap)), standard_error(gap)
+    parts = [gap[held_out.kinds == kind] for kind in np.unique(held_out.kinds)]
+    if len(parts) == 1:
+        return float(np.sum(gap)), standard_error(gap)
+    errors = [standard_error(part) if len(part) > 1 else abs(float(part[0])) for part in parts]
+    return float(np.sum(gap)), float(np.sqrt(np.sum(np.square(errors))))
 
 
 def standard_error(values: Floats) -> float:

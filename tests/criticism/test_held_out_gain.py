@@ -15,6 +15,7 @@ from bayesdeg.criticism.held_out import (
     by_level,
     difference,
     group_levels,
+    joined,
     predict_folds,
     predict_one_by_one,
     standard_error,
@@ -285,3 +286,27 @@ def test_modes_of_tension_are_held_out_where_there_are_no_actuators():
         assert np.all(np.isfinite(found.draws))
         # draws are skewed a little by the specimens' ln stiffness
         assert np.max(np.abs(found.mean - law) / spread) < 5.0 / np.sqrt(150)
+
+
+def gains(*values):
+    return HeldOut(np.array(values), np.zeros((1, 0)))
+
+
+def test_the_error_of_a_gain_over_several_kinds_is_that_of_the_sums_over_each():
+    """Films that gain nothing do not make the gain of actuators uncertain."""
+    actuators, films = gains(10.0, 11.0, 12.0, 11.0), gains(0.0, 0.1, 0.0, -0.1, 0.0)
+    gain, error = difference(joined(actuators, films), joined(gains(*4 * [0.0]), gains(*5 * [0.0])))
+    assert gain == pytest.approx(44.0)
+    own = [difference(one, gains(*np.zeros(len(one.log_density)))) for one in (actuators, films)]
+    assert error == pytest.approx(np.hypot(own[0][1], own[1][1]))
+    pooled = gains(*actuators.log_density, *films.log_density)
+    assert error < 0.2 * difference(pooled, gains(*9 * [0.0]))[1]
+
+
+@pytest.mark.parametrize(("rest", "agrees"), [(0.5, True), (-0.5, False)])
+def test_a_single_mean_alone_cannot_decide(rest, agrees):
+    """Its gain counts, and is as uncertain as it is large: the specimens have the casting vote."""
+    specimens, mean = gains(rest / 2.0, rest / 2.0), gains(9.0)
+    gain, error = difference(joined(specimens, mean), joined(gains(0.0, 0.0), gains(0.0)))
+    assert error == pytest.approx(9.0)
+    assert (gain > error) is agrees
