@@ -1,5 +1,6 @@
 """A Dask cluster as the executor of a campaign; ``distributed`` is an optional extra."""
 
+import gc
 import time
 import warnings
 from collections.abc import Callable, Iterator
@@ -129,6 +130,8 @@ def _distributed() -> Any:
 
 def _connected(address: str) -> Any:
     distributed = _distributed()
+    # a client that could not connect, collected while the next one starts, waits for its lock
+    gc.collect()
     try:
         return distributed.Client(address, timeout=CONNECTING, set_as_default=False)
     except (OSError, ValueError, TypeError) as fault:
