@@ -11,7 +11,6 @@ Finished studies are kept in ``.cache/hidden_effects`` and not judged again.
 import argparse
 import json
 import time
-import traceback
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict
@@ -35,16 +34,11 @@ from bayesdeg.criticism.linear import (
     neutral_sizes,
     sensitivities,
 )
-from bayesdeg.inference.chain import Chain
-from bayesdeg.inference.ensemble import EFFORTS, sample
-from bayesdeg.inference.importance import about_mode
-from bayesdeg.inference.laplace import FEWEST_EFFECTIVE, approximate
-from bayesdeg.inference.least_squares import near_films
 from bayesdeg.laboratory.effects import HiddenEffect
 from bayesdeg.laboratory.truth import Truth
 from bayesdeg.measure.study import read_study
 from bayesdeg.pipeline.assemble import assemble
-from bayesdeg.pipeline.calibrate import Fit
+from bayesdeg.pipeline.base import base_without_chain
 from bayesdeg.pipeline.judge import JUDGE_EFFORTS, judge
 from bayesdeg.pipeline.judgement import Judgement
 from bayesdeg.pipeline.progress import Silent
@@ -75,13 +69,15 @@ def judged(study: HiddenStudy, folder: Path, *, effort: str, seed: int) -> Json:
     (folder / "truth.json").unlink()
     start = time.perf_counter()
     with threadpool_limits(limits=1):
-        fit, assembly = _fitted(folder)
+        assembly = assemble(read_study(folder))
+        fitting, judging = np.random.SeedSequence(study.number).spawn(2)
+        base = base_without_chain(assembly.model, fitting)
         begun = time.perf_counter()
         judgement = judge(
             assembly,
-            fit,
+            base,
             effort=JUDGE_EFFORTS[effort],
-            seed=np.random.SeedSequence(study.number),
+            seed=judging,
             progress=Silent(),
         )
     linear = judgement.search.base.linear
@@ -98,20 +94,6 @@ def judged(study: HiddenStudy, folder: Path, *, effort: str, seed: int) -> Json:
         "seconds_verdict": time.perf_counter() - begun,
         **_found(judgement),
     }
-
-
-def _fitted(folder: Path) -> tuple[Fit, object]:
-    """Calibrate as `run` does; the chain only where the verdict would use it."""
-    assembly = assemble(read_study(folder))
-    generator = np.random.default_rng(0)
-    start = near_films(assembly.model, generator)
-    laplace = approximate(assembly.model, generator, start=start)
-    evidence = about_mode(assembly.model, laplace, generator)
-    chain = Chain(evidence.draws[None, :, None], np.zeros((1, 1, 1)), np.ones(1))
-    if evidence.effective < FEWEST_EFFECTIVE:
-        seed = np.random.SeedSequence(1)
-        chain = sample(assembly.model, evidence, effort=EFFORTS["quick"], seed=seed)
-    return Fit(assembly.model, laplace, evidence, chain, None), assembly
 
 
 def _found(judgement: Judgement) -> Json:
@@ -206,12 +188,13 @@ def run_all(numbers: list[int], *, workers: int, effort: str, seed: int) -> Iter
         jobs = [pool.submit(_one, number, store, effort, seed) for number in left]
         try:
             for job in as_completed(jobs):
-                try:
+                if job.exception() is None:
                     yield job.result()
-                except Exception:  # the others are still wanted; it is counted, and shown here
-                    traceback.print_exc()
         finally:
             pool.shutdown(cancel_futures=True)
+    faults = [fault for job in jobs if (fault := job.exception()) is not None]
+    if faults:  # no figures without them; the others are stored
+        raise BaseExceptionGroup(f"{len(faults)} studies could not be judged", faults)
 
 
 def _one(number: int, store: Path, effort: str, seed: int) -> Json:
@@ -253,7 +236,7 @@ def main() -> None:
     again = run_all(
         numbers[: options.again], workers=options.workers, effort="standard", seed=options.seed
     )
-    figures = {"failed": len(numbers) - len(found), **summary(found, list(again))}
+    figures = summary(found, list(again))
     print(markdown(figures) if options.markdown else json.dumps(figures, indent=1))
 
 

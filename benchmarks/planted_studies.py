@@ -11,6 +11,7 @@ import argparse
 from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 from hidden_studies import OUTSIDE, HiddenStudy, designs, made
@@ -27,17 +28,16 @@ from bayesdeg.laboratory.effects import HiddenEffect
 from bayesdeg.measure.settings import Dimensions
 
 FOLDER = Path("tests/hidden_effects")
+SEED = 1
 LEVELS = (0.0, 10.0, 25.0)  # of the actuators; films are tested at six
 
 
 @dataclass(frozen=True)
 class Planted:
-    """What is hidden in a study, and how it was tested.
+    """What is hidden in a study, and how it was tested; all else is drawn from its number.
 
     Parameters
     ----------
-    seed : int
-        Of all that is drawn.
     design : str
         As in `hidden_studies.designs`; fewer actuators are tested.
     hidden : dict
@@ -46,7 +46,6 @@ class Planted:
         Actuators a level.
     """
 
-    seed: int
     design: str
     hidden: dict[str, dict[str, float]]
     copies: int = 2
@@ -66,34 +65,33 @@ class Planted:
 
 PLANTED = {
     "degradation_misread": Planted(
-        1, "careful", {"degradation_misread": {"shift": 3.0, "scatter": 0.2}}
+        "careful", {"degradation_misread": {"shift": 3.0, "scatter": 0.2}}
     ),
-    "degraded_skin": Planted(1, "careful", {"degraded_skin": {"skin_stiffening": 1.1}}, 3),
-    "film_mismatch": Planted(1, "careful", {"film_mismatch": {"log_ratio": -0.15}}),
-    "paper_softening": Planted(1, "careful", {"paper_softening": {"softening": 1.8}}, 3),
-    "second_invariant": Planted(1, "careful", {"second_invariant": {"ratio": 0.5}}),
-    "erosion": Planted(1, "careful", {"erosion": {"lost_share": 0.12}}),
-    "initial_curvature": Planted(1, "careful", {"initial_curvature": {"mismatch": 0.026}}, 3),
-    "paper_slack": Planted(1, "careful", {"paper_slack": {"slack": 0.015}}),
-    "shrinkage_reading": Planted(1, "careful", {"shrinkage_reading": {"scale_error": -0.18}}),
-    "wall_thickness": Planted(1, "careful", {"wall_thickness": {"excess": 0.08}}),
-    "gravity": Planted(1, "mounts", {"gravity": {"density": 1500.0}}),
-    "pressure_loss": Planted(1, "careful", {"pressure_loss": {"fraction": 0.15}}),
-    "creep": Planted(1, "history", {"creep": {"amount": 0.12, "time_constant": 30.0}}),
+    "degraded_skin": Planted("careful", {"degraded_skin": {"skin_stiffening": 1.1}}, 3),
+    "film_mismatch": Planted("careful", {"film_mismatch": {"log_ratio": -0.15}}),
+    "paper_softening": Planted("careful", {"paper_softening": {"softening": 1.8}}, 3),
+    "second_invariant": Planted("careful", {"second_invariant": {"ratio": 0.5}}),
+    "erosion": Planted("careful", {"erosion": {"lost_share": 0.12}}),
+    "initial_curvature": Planted("careful", {"initial_curvature": {"mismatch": 0.026}}, 3),
+    "paper_slack": Planted("careful", {"paper_slack": {"slack": 0.015}}),
+    "shrinkage_reading": Planted("careful", {"shrinkage_reading": {"scale_error": -0.18}}),
+    "wall_thickness": Planted("careful", {"wall_thickness": {"excess": 0.08}}),
+    "gravity": Planted("mounts", {"gravity": {"density": 1500.0}}),
+    "pressure_loss": Planted("careful", {"pressure_loss": {"fraction": 0.15}}),
+    "creep": Planted("history", {"creep": {"amount": 0.12, "time_constant": 30.0}}),
     "humidity_drift": Planted(
-        1, "history", {"humidity_drift": {"stiffening": 0.15, "time_constant": 900.0}}
+        "history", {"humidity_drift": {"stiffening": 0.15, "time_constant": 900.0}}
     ),
-    "mullins": Planted(1, "history", {"mullins": {"softening": 0.15}}),
+    "mullins": Planted("history", {"mullins": {"softening": 0.15}}),
     "offset_and_curvature_reading": Planted(
-        1,
         "careful",
         {
             "pressure_offset": {"offset": 9.0},
             "curvature_reading": {"fibre_height": 6.0, "magnification": 0.0},
         },
     ),
-    "nothing": Planted(1, "careful", {}),
-    "outside_slipping": Planted(1, "careful", {"outside_slipping": {"share": 0.15}}),
+    "nothing": Planted("careful", {}),
+    "outside_slipping": Planted("careful", {"outside_slipping": {"share": 0.15}}),
 }
 
 
@@ -105,16 +103,20 @@ def _cause(name: str) -> Cause:
 def plant(number: int, folder: Path, truths: Path, *, forward: ForwardMap) -> None:
     """Make one study; what was hidden in it is written elsewhere."""
     name, planted = list(PLANTED.items())[number - 1]
-    study = HiddenStudy(planted.seed, name, planted.design, planted.effects(), 1.0)
+    study = HiddenStudy(number, name, planted.design, planted.effects(), 1.0)
     command = f"python benchmarks/planted_studies.py {number}"
-    made(study, folder, forward=forward, seed=planted.seed, command=command, design=planted.tests())
+    made(study, folder, forward=forward, seed=SEED, command=command, design=planted.tests())
     truths.mkdir(parents=True, exist_ok=True)
     (folder / "truth.json").replace(truths / f"{number:02d}.json")
 
 
-def fine(executor: Executor | None, on_curve: Callable[[], None]) -> ForwardMap:
+def fine(
+    executor: Executor | None, on_start: Callable[[int], None], on_curve: Callable[[], None]
+) -> ForwardMap:
     """Return the finite element model on a mesh finer than any emulator's."""
-    return ExactMap(Geometry(Dimensions()), FINE, executor=executor, on_curve=on_curve)
+    return ExactMap(
+        Geometry(Dimensions()), FINE, executor=executor, on_start=on_start, on_curve=on_curve
+    )
 
 
 def main() -> None:
@@ -128,8 +130,7 @@ def main() -> None:
     missing = [n for n in options.numbers or every if not (truths / f"{n:02d}.json").exists()]
     with pool(options.workers) as executor, shown(quiet=False) as progress:
         for number in missing:
-            progress.stage(f"study {number}")
-            forward = fine(executor, progress.advance)
+            forward = fine(executor, partial(progress.stage, f"study {number}"), progress.advance)
             plant(number, FOLDER / "studies" / f"{number:02d}", truths, forward=forward)
 
 

@@ -40,8 +40,8 @@ class ExactMap:
         Of the mesh.
     executor : Executor, optional
         Where the curves are solved; by default here, one after another.
-    on_curve : callable, optional
-        Called after each curve, for a progress bar.
+    on_start, on_curve : callable, optional
+        Called with the number of curves before, and after each curve, for a progress bar.
     """
 
     def __init__(
@@ -50,10 +50,12 @@ class ExactMap:
         resolution: Resolution,
         *,
         executor: Executor | None = None,
+        on_start: Callable[[int], None] | None = None,
         on_curve: Callable[[], None] | None = None,
     ) -> None:
         self.geometry, self.resolution = geometry, resolution
         self._executor = executor
+        self._on_start = on_start or (lambda count: None)
         self._on_curve = on_curve or (lambda: None)
 
     def __call__(self, inputs: Inputs) -> Prediction:
@@ -92,10 +94,12 @@ class ExactMap:
     def _solve(self, curves: list[Curve]) -> list[CurveSolution]:
         tasks = [(self.geometry, self.resolution, curve) for curve in curves]
         apply = map if self._executor is None else self._executor.map
+        # a curve without loads is no work
+        self._on_start(sum(len(curve.loads) > 0 for curve in curves))
         solutions = []
-        for solution in apply(solve_task, tasks):
-            if len(solution.readings) or solution.status != Status.CONVERGED:
-                self._on_curve()  # a curve without loads is no work
+        for curve, solution in zip(curves, apply(solve_task, tasks), strict=True):
+            if curve.loads:
+                self._on_curve()
             solutions.append(solution)
         return solutions
 

@@ -1,6 +1,7 @@
 """``bayesdeg simulate``: a virtual experiment."""
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -51,9 +52,13 @@ def simulate(
     design = design_of(template)
     geometry = Geometry(template.settings.dimensions)
     with workplace(workers, None) as executor, shown(quiet) as progress:
-        curves = design.actuator["specimen_id"].nunique()
-        progress.stage("finite element curves", total=curves)
-        forward = ExactMap(geometry, FINE, executor=executor, on_curve=progress.advance)
+        forward = ExactMap(
+            geometry,
+            FINE,
+            executor=executor,
+            on_start=partial(progress.stage, "finite element curves"),
+            on_curve=progress.advance,
+        )
         experiment = run_experiment(
             design, truth, forward=forward, generator=generator, effects=effects
         )

@@ -49,6 +49,11 @@ def conflict(model: Model, vectors: Floats) -> Conflict | None:
         With statistics; else there is nothing to compare: None.
     vectors : array, shape (k, n_parameters)
         Posterior draws.
+
+    References
+    ----------
+    Evans and Moshonov (2006), doi:10.1214/06-BA129, for conflicts between what is known beforehand
+    and data; Student's law is that of a mean of few replicates.
     """
     values = model.table.named(vectors)
     found = [_of(statistic, model.expected(values, statistic)) for statistic in model.statistics]

@@ -108,9 +108,8 @@ def predict_one_by_one(
     Vehtari, Gelman and Gabry (2017), doi:10.1007/s11222-016-9696-4.
     """
     subject, generator = trial.subject, np.random.default_rng(seed)
-    if (
-        np.any(subject.group != "") and len(subject.groups) <= FEW
-    ):  # each is too much of the data to be weighted away
+    # each of few specimens is too much of the data to be weighted away; a measured mean is not
+    if len(subject.groups) <= FEW and np.any(subject.group != ""):
         return predict_folds(trial, np.arange(len(subject.groups)), seed=seed, executor=executor)
     vectors = trial.draws(generator, KEPT)
     density = subject.group_density(vectors)

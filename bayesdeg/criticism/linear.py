@@ -20,10 +20,12 @@ from bayesdeg.criticism.subject import Subject, columns_of, with_neutral
 from bayesdeg.inference.density import Density
 from bayesdeg.inference.importance import about_mode
 from bayesdeg.inference.laplace import FEWEST_EFFECTIVE, approximate
+from bayesdeg.inference.mode import slopes
 from bayesdeg.laws import Parameter
 
 Floats = NDArray[np.float64]
 
+SHORT = 1e-3  # standard deviations, of differences
 SMALL = 0.25  # of a prior's size: large enough to see an effect, small enough to be near neutral
 
 
@@ -40,8 +42,7 @@ class Linear:
     prediction : array, shape (n,)
         Readings predicted at the mode.
     mean : array, shape (n,)
-        Readings expected from all other data: the prediction with the shift X δ₀, where δ₀ is such
-        that the mode is the most probable point given the readings too.
+        Readings expected from all other data: the prediction with the shift X δ₀.
     jacobian : array, shape (n, n_parameters)
         X, on the sampler's scale.
     scatter : array, shape (n, n)
@@ -124,7 +125,10 @@ def linearise(
     uncertain : array, shape (n_parameters, n_parameters), optional
         Λ⁻¹ if it is known already, see `rest_law`.
     centre : array, shape (n_parameters,), optional
-        Mean of the parameters given all but the readings, for a point that is not the mode.
+        Mean of the parameters given all but the readings. By default that of the normal law whose
+        slope at the mode is the one there: δ₀ = Λ⁻¹ ∇ ln p. Laws of few replicates have heavy
+        tails; where the readings have moved a parameter into one, it pulls back less than a
+        normal law of their width.
     """
     prediction = subject.expected(mode[None])[0]
     jacobian = _jacobian(subject, mode)
@@ -132,13 +136,17 @@ def linearise(
         uncertain = rest_covariance(subject, mode)
     spread = jacobian @ uncertain @ jacobian.T
     scatter = subject.scatter(mode)
-    if centre is None:
-        # at the mode δ = 0 is the most probable deviation given the readings: that fixes δ₀
-        mean = prediction - spread @ np.linalg.solve(scatter, subject.observed - prediction)
-    else:
-        mean = prediction + jacobian @ (centre - mode)
+    moves = np.any(jacobian != 0.0, axis=0)  # what only widens the scatter shifts no mean
+    shift = uncertain @ np.where(moves, _slope(subject, mode, uncertain), 0.0)
+    mean = prediction + jacobian @ (shift if centre is None else centre - mode)
     factor = np.linalg.cholesky(scatter + spread)
     return Linear(subject, mode, prediction, mean, jacobian, scatter, factor)
+
+
+def _slope(subject: Subject, mode: Floats, uncertain: Floats) -> Floats:
+    """Return the gradient of the log density of the parameters given all but the readings."""
+    found: Floats = slopes(subject.rest(), mode[None], SHORT * np.sqrt(np.diag(uncertain)))[0]
+    return found
 
 
 def rest_covariance(subject: Subject, start: Floats) -> Floats:

@@ -3,9 +3,10 @@
 The chain of argument: (1) the misfit is calibrated by simulating from the fitted base model;
 (2) a Gaussian-process discrepancy says how much there is to explain; (3) causes are added one after
 another as long as the evidence passes what chance gives in 5 % of data without an effect, and are
-then judged jointly (`bayesdeg.criticism.search`); (4) each must raise the predictive density of
-held-out specimens, and together they must remove the misfit; (5) what could stand in the place of
-one of them is reported beside it.
+then judged jointly (`bayesdeg.criticism.search`); (4) together they must raise the predictive
+density of what is held out by more than a standard error, each adding to it, and remove the misfit,
+and the base model must contradict neither ruptures nor measured means to be adequate; (5) what
+could stand in the place of one of them is reported beside it.
 """
 
 from collections.abc import Callable, Mapping

@@ -97,7 +97,7 @@ def _from_gradients(density: Density, point: Floats, steps: Floats) -> tuple[Flo
     size = len(point)
     around = point + np.vstack([np.zeros(size), np.diag(steps), -np.diag(steps)])
     possible = (bounded(density, around) > IMPOSSIBLE)[:, None]
-    gradients = _gradient(density, around, INNER * steps)
+    gradients = slopes(density, around, INNER * steps)
     here = gradients[0]
     forth = np.where(possible[1 : size + 1], gradients[1 : size + 1], here)
     back = np.where(possible[size + 1 :], gradients[size + 1 :], here)
@@ -122,8 +122,8 @@ def bounded(density: Density, points: Floats) -> Floats:
     return np.maximum(continued(density)(points), IMPOSSIBLE)
 
 
-def _gradient(density: Density, points: Floats, step: Floats) -> Floats:
-    """Differences for a batch of points, (n, size), all in one call; central where possible."""
+def slopes(density: Density, points: Floats, step: Floats) -> Floats:
+    """Return gradients at points, (n, size): differences in one call, central where possible."""
     count, size = points.shape
     steps = np.vstack([np.zeros(size), np.diag(step), -np.diag(step)])
     values = bounded(density, (points[:, None, :] + steps).reshape(-1, size))
@@ -136,8 +136,8 @@ def _slopes(values: Floats, step: float | Floats) -> Floats:
     here, forth, back = values[..., :1], values[..., 1 : size + 1], values[..., size + 1 :]
     possible = (forth > IMPOSSIBLE).astype(np.float64) + (back > IMPOSSIBLE)
     change = np.where(forth > IMPOSSIBLE, forth, here) - np.where(back > IMPOSSIBLE, back, here)
-    slopes: Floats = change / (step * np.maximum(possible, 1.0))
-    return slopes
+    found: Floats = change / (step * np.maximum(possible, 1.0))
+    return found
 
 
 def climb(density: Density, start: Floats, generator: np.random.Generator) -> tuple[Floats, Floats]:

@@ -116,7 +116,7 @@ def _gained(judgement: Judgement, name: str) -> str:
         return ""
     beside = " beside the others" if len(judgement.decision.causes) > 1 else ""
     return (
-        f"Specimens that took no part in the calibration are predicted better with {name}{beside} "
+        f"What was left out of the calibration in turn is predicted better with {name}{beside} "
         f"by {found.elpd_diff:.1f} ± {found.elpd_diff_se or 0.0:.1f} in log density."
     )
 

@@ -30,7 +30,9 @@ def all_held_out(
     is that it contradicts the films or the measured volume ratio.
     """
     subject = search.base.subject
-    if not actuators or not isinstance(subject, ModelReadings) or subject.model.actuator is None:
+    if not isinstance(subject, ModelReadings) or subject.model.actuator is None:
+        return actuators
+    if not chosen or not actuators:  # nothing to compare
         return actuators
     found = dict(actuators)
     for held in BESIDE:

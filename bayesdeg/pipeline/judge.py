@@ -1,11 +1,9 @@
 """The base fit becomes a verdict: misfit, causes, held-out specimens, decision."""
 
 from concurrent.futures import Executor
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.causes.cause import Cause
@@ -17,17 +15,12 @@ from bayesdeg.criticism.experiments_candidates import candidate_experiments
 from bayesdeg.criticism.model_readings import ModelReadings
 from bayesdeg.criticism.rupture_misfit import RuptureMisfit, rupture_misfit
 from bayesdeg.criticism.search import Names, Search, SearchEffort, run_search
-from bayesdeg.criticism.trials import Trial, base_trial
+from bayesdeg.criticism.trials import Trial
 from bayesdeg.criticism.verdict import Decision, Outcome, Support, decide, hold_out, supports
-from bayesdeg.inference.laplace import FEWEST_EFFECTIVE, Evidence
-from bayesdeg.inference.model import Model
 from bayesdeg.pipeline.assemble import Assembly
-from bayesdeg.pipeline.calibrate import Fit
 from bayesdeg.pipeline.holding_out import all_held_out, levels_out
 from bayesdeg.pipeline.judgement import BASE, Judgement, extension, label
 from bayesdeg.pipeline.progress import Progress
-
-Floats = NDArray[np.float64]
 
 JUDGE_EFFORTS = {
     "quick": SearchEffort(replicates=200, fitted=3, pairs=1, levels_out=False),
@@ -40,21 +33,21 @@ IN_QUESTION = 3  # rivals between which experiments are ranked
 
 def judge(
     assembly: Assembly,
-    fit: Fit,
+    base: Trial,
     *,
     effort: SearchEffort,
     seed: np.random.SeedSequence,
     progress: Progress,
     executor: Executor | None = None,
 ) -> Judgement:
-    """Judge the base fit of a study with readings of actuators or films.
+    """Judge the base model of a study with readings of actuators or films.
 
     Parameters
     ----------
     assembly : Assembly
         Base model and candidates.
-    fit : Fit
-        Its calibration.
+    base : Trial
+        The base model, calibrated.
     effort : SearchEffort
         Replicates and trials.
     seed : SeedSequence
@@ -66,34 +59,46 @@ def judge(
     """
     searching, folding, drawing = seed.spawn(3)
     generator = np.random.default_rng(drawing)
-    search = _begun(assembly, fit, effort, searching, progress=progress, executor=executor)
-    base = search.step(BASE)
+    progress.stage("misfit, calibrated by simulation")
+    search = Search(
+        base,
+        assembly.candidates,
+        effort,
+        searching,
+        executor=executor,
+        on_fit=lambda names: progress.advance(1, names),
+    )
+    alone = search.step(BASE)
     progress.stage("causes, one by one and together")
     chosen = run_search(search)
     final = search.step(chosen)
-    rupture, contradicted = _beside(fit.model, search.base, generator)
+    rupture, contradicted = _beside(base, generator)
     progress.stage("held-out specimens")
     held_out = hold_out(
         search, chosen, seed=folding, executor=executor, on_set=partial(_told, progress)
     )
     everything = all_held_out(search, chosen, held_out, seed=folding, executor=executor)
     supported = supports(search, chosen, everything)
-    alone = _on_rupture(search)
     decision = decide(
-        base, final, supported, rupture=rupture, contradicted=contradicted, on_rupture=alone
+        alone,
+        final,
+        supported,
+        rupture=rupture,
+        contradicted=contradicted,
+        on_rupture=frozenset(cause.name for cause in search.causes if cause.is_of_rupture_alone),
     )
     names = extension(decision, tuple(supported)) if effort.levels_out else BASE
     judged = candidates(search, supported, everything, generator)
     return Judgement(
-        misfit=base.misfit,
+        misfit=alone.misfit,
         left=final.misfit,
         rupture=rupture,
         contradicted=contradicted,
         candidates=(*judged, *_unjudged(assembly)),
         supported=tuple(supported),
         decision=decision,
-        threshold=base.threshold,
-        confusability=confusability(search.base.linear, search.causes, generator),
+        threshold=alone.threshold,
+        confusability=confusability(base.linear, search.causes, generator),
         held_out={label(names): found for names, found in held_out.items()},
         levels_out=levels_out(search, names, seed=folding, executor=executor),
         search=search,
@@ -106,10 +111,11 @@ def _told(progress: Progress, names: Names) -> None:
 
 
 def _beside(
-    model: Model, base: Trial, generator: np.random.Generator
+    base: Trial, generator: np.random.Generator
 ) -> tuple[RuptureMisfit | None, Conflict | None]:
     """Return what the base model makes of ruptures, and of measured means."""
-    draws = base.draws(generator, FEW_DRAWS)
+    assert isinstance(base.subject, ModelReadings)
+    model, draws = base.subject.model, base.draws(generator, FEW_DRAWS)
     return rupture_misfit(model, draws, generator), conflict(model, draws)
 
 
@@ -143,45 +149,6 @@ def _next(
     trials = [search.trials[names] for names in sets]
     ranked = rank(trials, candidate_experiments(base.subject.model), generator, untested=untested)
     return next_experiments_document(ranked)
-
-
-def _begun(
-    assembly: Assembly,
-    fit: Fit,
-    effort: SearchEffort,
-    seed: np.random.SeedSequence,
-    *,
-    progress: Progress,
-    executor: Executor | None,
-) -> Search:
-    progress.stage("misfit, calibrated by simulation")
-    return Search(
-        base_trial(
-            ModelReadings(fit.model),
-            fit.laplace.mode,
-            _posterior(fit),
-            covariance=fit.laplace.covariance,
-        ),
-        assembly.candidates,
-        effort,
-        seed,
-        executor=executor,
-        on_fit=lambda names: progress.advance(1, names),
-    )
-
-
-def _on_rupture(search: Search) -> frozenset[str]:
-    """Return the causes that act on rupture alone."""
-    return frozenset(cause.name for cause in search.causes if cause.is_of_rupture_alone)
-
-
-def _posterior(fit: Fit) -> Evidence:
-    """Return the posterior's draws with the evidence: of the chain where the sample is poor."""
-    if fit.evidence.effective >= FEWEST_EFFECTIVE:
-        return fit.evidence
-    flat = fit.chain.vectors.reshape(-1, fit.chain.vectors.shape[-1])
-    even = np.zeros(len(flat))
-    return replace(fit.evidence, draws=flat, log_weights=even, effective=float(len(flat)))
 
 
 def _unjudged(assembly: Assembly) -> list[Candidate]:

@@ -17,6 +17,7 @@ from bayesdeg.emulator.trained import default_surrogate, to_bytes
 from bayesdeg.inference.ensemble import EFFORTS
 from bayesdeg.measure.study import Study
 from bayesdeg.pipeline.assemble import assemble
+from bayesdeg.pipeline.base import base_of
 from bayesdeg.pipeline.calibrate import Fit, calibrate
 from bayesdeg.pipeline.checks import check
 from bayesdeg.pipeline.films import examine
@@ -96,7 +97,7 @@ def run_study(
         with clock.stage("verdict"):
             judgement = judge(
                 assembly,
-                base,
+                base_of(base),
                 effort=JUDGE_EFFORTS[study.settings.effort],
                 seed=seeds[2],
                 progress=progress,

@@ -134,7 +134,7 @@ def _gained(verdict: Verdict, gain: pd.DataFrame | None) -> KeyNumber:
     if after["rmse_per_m"] is None and after.get("rmse_MPa") is None:
         return KeyNumber("Gain on held-out specimens", gained, "elpd, over the base model")
     before = f"{_error(base).split(SPACE)[0]} → " if base else ""
-    note = f"rms before and after the cause is included; elpd {gained}"
+    note = f"rms before and after the cause is included; elpd of these specimens {gained}"
     return KeyNumber(label, f"{before}{_error(after)}", note)
 
 

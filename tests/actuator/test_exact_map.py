@@ -131,15 +131,17 @@ def test_axes_before_the_pressure_are_separate_curves(forward):
 
 
 def test_an_executor_and_a_progress_call_change_nothing(forward):
-    calls = []
+    totals, calls = [], []
     with ThreadPoolExecutor(1) as executor:
         other = ExactMap(
             forward.geometry,
             forward.resolution,
             executor=executor,
+            on_start=totals.append,
             on_curve=lambda: calls.append(1),
         )
         answer = other(inputs(c1=np.array([[0.288], [0.4]])))
+    assert totals == [2]
     assert len(calls) == 2
     plain = forward(inputs(c1=np.array([[0.288], [0.4]])))
     np.testing.assert_array_equal(answer.curvature, plain.curvature)

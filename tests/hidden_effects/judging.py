@@ -12,14 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from bayesdeg.causes.cause import Cause
-from bayesdeg.inference.chain import Chain
-from bayesdeg.inference.ensemble import EFFORTS, sample
-from bayesdeg.inference.importance import about_mode
-from bayesdeg.inference.laplace import FEWEST_EFFECTIVE, approximate
-from bayesdeg.inference.least_squares import near_films
 from bayesdeg.measure.study import read_study
 from bayesdeg.pipeline.assemble import Assembly, assemble
-from bayesdeg.pipeline.calibrate import Fit
+from bayesdeg.pipeline.base import base_without_chain
 from bayesdeg.pipeline.judge import JUDGE_EFFORTS, judge
 from bayesdeg.pipeline.judgement import Judgement
 from bayesdeg.pipeline.progress import Silent
@@ -66,16 +61,14 @@ def side_by_side(folders: Iterable[tuple[str, Path, str]]) -> dict[str, Future[V
 
 def judged(assembly: Assembly, *, seed: int = 1) -> Judgement:
     """Return the verdict at quick effort; the chain only where the verdict would use it."""
-    generator, model = np.random.default_rng(seed), assembly.model
-    laplace = approximate(model, generator, start=near_films(model, generator))
-    evidence = about_mode(model, laplace, generator)
-    chain = Chain(evidence.draws[None, :, None], np.zeros((1, 1, 1)), np.ones(1))
-    if evidence.effective < FEWEST_EFFECTIVE:
-        sequence = np.random.SeedSequence(seed)
-        chain = sample(model, evidence, effort=EFFORTS["quick"], seed=sequence)
-    fit = Fit(model, laplace, evidence, chain, None)
-    seeds = np.random.SeedSequence(seed)
-    return judge(assembly, fit, effort=JUDGE_EFFORTS["quick"], seed=seeds, progress=Silent())
+    fitting, judging = np.random.SeedSequence(seed).spawn(2)
+    return judge(
+        assembly,
+        base_without_chain(assembly.model, fitting),
+        effort=JUDGE_EFFORTS["quick"],
+        seed=judging,
+        progress=Silent(),
+    )
 
 
 def idle_alone(assembly: Assembly, name: str) -> Assembly:

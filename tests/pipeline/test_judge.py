@@ -17,6 +17,7 @@ from bayesdeg.inference.parameters import with_priors
 from bayesdeg.laws import LogNormal, Normal
 from bayesdeg.pipeline import judge as judging
 from bayesdeg.pipeline.assemble import Assembly
+from bayesdeg.pipeline.base import base_of
 from bayesdeg.pipeline.calibrate import Fit
 from bayesdeg.pipeline.judge import JUDGE_EFFORTS, judge
 from bayesdeg.pipeline.judgement import (
@@ -77,7 +78,7 @@ def judged(model, progress=None):
     assembly = Assembly(model, CAUSES, UNJUDGED, ())
     return judge(
         assembly,
-        fit_of(model),
+        base_of(fit_of(model)),
         effort=EFFORT,
         seed=np.random.SeedSequence(5),
         progress=progress or Silent(),
