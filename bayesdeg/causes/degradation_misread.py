@@ -46,7 +46,7 @@ CAUSE = Cause(
     name="degradation_misread",
     stage=Stage.DEGRADATION,
     parameters=(
-        Parameter("shift", Normal(0.0, 2.0), "%", "true less recorded degradation rate", 0.0),
+        Parameter("shift", Normal(0.0, 2.5), "%", "true less recorded degradation rate", 0.0),
         Parameter(
             "scatter",
             TruncatedNormal(0.0, 1.5, 0.0, np.inf),

@@ -46,7 +46,7 @@ CAUSE = Cause(
     parameters=(
         Parameter(
             "skin_stiffening",
-            TruncatedNormal(0.0, 0.5, 0.0, 1.2),
+            TruncatedNormal(0.0, 0.7, 0.0, 1.2),
             "–",
             "ln of surface over mean stiffness at a degradation rate of 25 %",
             0.0,

@@ -46,7 +46,7 @@ CAUSE = Cause(
     parameters=(
         Parameter(
             "mismatch",
-            TruncatedNormal(0.0, 0.01, -0.02, 0.03),
+            TruncatedNormal(0.0, 0.015, -0.02, 0.03),
             "–",
             "strain by which the gel shrank after the paper was bonded",
             0.0,

@@ -44,7 +44,7 @@ CAUSE = Cause(
     parameters=(
         Parameter(
             "slack",
-            TruncatedNormal(0.0, 0.01, 0.0, 0.05),
+            TruncatedNormal(0.0, 0.015, 0.0, 0.05),
             "–",
             "strain within which the paper carries next to nothing",
             0.0,

@@ -12,7 +12,8 @@ from bayesdeg.criticism.leave_one_out import largest_k, smoothed
 from bayesdeg.criticism.residuals import levels
 from bayesdeg.criticism.subject import Subject
 from bayesdeg.criticism.trials import Trial
-from bayesdeg.inference.ensemble import EFFORTS, sample
+from bayesdeg.inference.chain import Effort
+from bayesdeg.inference.ensemble import sample
 from bayesdeg.inference.importance import about_mode, improved
 from bayesdeg.inference.laplace import approximate, surrounding
 
@@ -24,6 +25,8 @@ DRAWS, KEPT = 400, 1000
 ROUND, WANTED = 1000, 150.0  # draws of a round of importance sampling, effective draws wanted
 FEW = 6  # groups
 FEWEST = 20.0  # effective draws below which another way is tried
+# the last way: a density averaged over draws needs few
+ANEW = Effort(effective=100.0, r_hat=1.1, chunk=25, longest=400)
 
 
 @dataclass(frozen=True)
@@ -226,6 +229,6 @@ def _draws(
     if posterior.effective >= FEWEST:
         return posterior.resample(generator, DRAWS), posterior.log_evidence
     near = surrounding(training, trial.mode, laplace.covariance, generator)
-    chain = sample(training, near, effort=EFFORTS["quick"], seed=seed)
+    chain = sample(training, near, effort=ANEW, seed=seed)
     flat = chain.vectors.reshape(-1, chain.vectors.shape[-1])
     return flat[generator.integers(len(flat), size=DRAWS)], float("nan")
