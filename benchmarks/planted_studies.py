@@ -91,7 +91,7 @@ PLANTED = {
         },
     ),
     "nothing": Planted("careful", {}),
-    "outside_slipping": Planted("careful", {"outside_slipping": {"share": 0.15}}),
+    "outside_slipping": Planted("angle", {"outside_slipping": {"share": 0.2}}),
 }
 
 

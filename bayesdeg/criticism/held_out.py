@@ -26,7 +26,7 @@ ROUND, WANTED = 1000, 150.0  # draws of a round of importance sampling, effectiv
 FEW = 6  # groups
 FEWEST = 20.0  # effective draws below which another way is tried
 # the last way: a density averaged over draws needs few
-ANEW = Effort(effective=100.0, r_hat=1.1, chunk=25, longest=400)
+ANEW = Effort(effective=60.0, r_hat=1.2, chunk=25, longest=200, ensembles=2)
 
 
 @dataclass(frozen=True)

@@ -171,18 +171,22 @@ def rest_law(subject: Subject, start: Floats) -> tuple[Floats, Floats]:
     return mean, np.atleast_2d(np.cov(found.draws[known].T, aweights=weights[known]))
 
 
-def with_prior_variance(covariance: Floats, density: Density, extended: Density) -> Floats:
-    """Return Λ⁻¹ of an extended model: what was added is known from its prior alone."""
+def with_prior_moments(
+    mean: Floats, covariance: Floats, density: Density, extended: Density
+) -> tuple[Floats, Floats]:
+    """Return mean and Λ⁻¹ of an extended model: what was added is known from its prior alone."""
     known = {name: i for i, name in enumerate(density.table.names)}
     rows = [known.get(name, -1) for name in extended.table.names]
-    wider = np.zeros((len(rows), len(rows)))
+    centre, wider = np.zeros(len(rows)), np.zeros((len(rows), len(rows)))
     old = np.array([i for i, row in enumerate(rows) if row >= 0])
-    wider[np.ix_(old, old)] = covariance[np.ix_(*[[r for r in rows if r >= 0]] * 2)]
+    kept = [row for row in rows if row >= 0]
+    centre[old], wider[np.ix_(old, old)] = mean[kept], covariance[np.ix_(kept, kept)]
     for i, parameter in enumerate(extended.table.parameters):
         if rows[i] < 0:
             values = parameter.law.quantile((np.arange(1000) + 0.5) / 1000.0)
-            wider[i, i] = float(np.var(parameter.law.to_unconstrained(values)))
-    return wider
+            draws = parameter.law.to_unconstrained(values)
+            centre[i], wider[i, i] = float(np.mean(draws)), float(np.var(draws))
+    return centre, wider
 
 
 def effects(linear: Linear, cause: Cause, sizes: Floats) -> Floats:

@@ -13,7 +13,7 @@ from bayesdeg.criticism.linear import (
     effects,
     linearise,
     rest_law,
-    with_prior_variance,
+    with_prior_moments,
 )
 from bayesdeg.criticism.subject import Subject, columns_of, with_neutral
 from bayesdeg.inference.importance import about_mode, improved
@@ -47,8 +47,8 @@ class Trial:
         Weighted draws.
     uncertain : array, shape (n_parameters, n_parameters)
         Covariance of the parameters given all but the readings.
-    centre : array, shape (n_parameters,), optional
-        Their mean given all but the readings; of the base model.
+    centre : array, shape (n_parameters,)
+        Their mean given all but the readings.
     """
 
     subject: Subject
@@ -56,7 +56,7 @@ class Trial:
     log_evidence: float
     posterior: Evidence
     uncertain: Floats
-    centre: Floats | None = None
+    centre: Floats
 
     @property
     def names(self) -> frozenset[str]:
@@ -73,12 +73,12 @@ class Trial:
 
         A law with heavy tails gives way to a misfit of the readings: its parameter takes the effect
         of a cause up, which then seems to be none. None if no parameter has, or the model does not
-        answer there.
+        answer there. The size of an active cause is what the readings say it is.
         """
-        if self.centre is None:
-            return None
         sd = np.sqrt(np.diag(self.uncertain))
         bent = np.abs(self.mode - self.centre) > BENT * sd
+        for cause in self.subject.causes:
+            bent[columns_of(self.subject, cause)] = False
         if not bent.any():
             return None
         point = np.where(bent, self.centre, self.mode)
@@ -163,8 +163,8 @@ def try_causes(parent: Trial, cause: Cause, size: Floats, generator: np.random.G
     if posterior.effective < ENOUGH or outside:
         posterior = _other_way(parent, cause, posterior, generator)
     top = most_probable(subject, laplace.mode, posterior, covariance=laplace.covariance)
-    uncertain = with_prior_variance(parent.uncertain, parent.subject, subject)
-    return Trial(subject, top, posterior.log_evidence, posterior, uncertain)
+    centre, uncertain = with_prior_moments(parent.centre, parent.uncertain, parent.subject, subject)
+    return Trial(subject, top, posterior.log_evidence, posterior, uncertain, centre)
 
 
 def _starts(parent: Trial, subject: Subject, cause: Cause, size: Floats) -> list[Floats]:

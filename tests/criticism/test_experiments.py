@@ -357,7 +357,8 @@ def trial_of(hypothesis):
     posterior = Evidence(0.0, 0.0, hypothesis.draws, weights, float(DRAWS))
     subject = ModelReadings(hypothesis.model)
     size = hypothesis.draws.shape[1]
-    return Trial(subject, hypothesis.draws.mean(axis=0), 0.0, posterior, np.eye(size))
+    mode = hypothesis.draws.mean(axis=0)
+    return Trial(subject, mode, 0.0, posterior, np.eye(size), mode)
 
 
 def test_causes_that_all_have_in_common_are_not_in_question(model):

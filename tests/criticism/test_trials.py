@@ -7,7 +7,7 @@ import pytest
 from scipy.special import logsumexp
 
 from bayesdeg.criticism import trials
-from bayesdeg.criticism.linear import effects, with_prior_variance
+from bayesdeg.criticism.linear import effects, with_prior_moments
 from bayesdeg.criticism.subject import columns_of, with_neutral
 from bayesdeg.criticism.trials import BENT, EDGE, STRONG, WANTED, Trial, from_prior, try_causes
 from bayesdeg.inference.density import CustomDensity
@@ -152,7 +152,7 @@ def exact_parent(observed):
     subject, law = straight.subject_of(observed), straight.joint_of()
     mode = law.posterior(observed)[0]
     one = Evidence(0.0, 0.0, mode[None], np.zeros(1), 1.0)
-    return Trial(subject, mode, 0.0, one, np.diag(law.sd**2))
+    return Trial(subject, mode, 0.0, one, np.diag(law.sd**2), law.mean)
 
 
 def starts_at(observed, size, cause=WAVE):
@@ -221,7 +221,20 @@ def test_a_parameter_that_gave_way_is_put_where_all_else_has_it_and_no_other():
 def test_where_no_parameter_gave_way_there_is_nothing_to_put_back():
     assert bent(BENT - 0.1).unbent() is None
     assert bent(-(BENT - 0.1)).unbent() is None
-    assert replace(bent(BENT + 0.1), centre=None).unbent() is None
+    assert bent(BENT + 0.1).unbent() is not None
+
+
+def test_the_size_of_a_cause_is_no_parameter_that_gave_way():
+    """It is far from its prior because the readings say so."""
+    trial = bent(BENT - 0.1)
+    cause = linear_cause("wave")
+    extended = trial.subject.extended(cause)
+    point = with_neutral(trial.mode, trial.subject, extended)
+    centre, uncertain = with_prior_moments(trial.centre, trial.uncertain, trial.subject, extended)
+    at = columns_of(extended, cause)
+    point[at] += 20.0 * np.sqrt(np.diag(uncertain))[at]
+    far = replace(trial, subject=extended, mode=point, uncertain=uncertain, centre=centre)
+    assert far.unbent() is None
 
 
 def test_a_model_that_does_not_answer_where_all_else_has_it_is_not_put_back():
@@ -293,14 +306,17 @@ def test_what_is_known_of_added_parameters_is_their_prior():
     subject = straight.subject_of(straight.readings(10))
     extended = subject.extended(linear_cause("wave"), cause)
     known = np.array([[0.2, 0.05], [0.05, 0.1]])
-    found = with_prior_variance(known, subject, extended)
+    mean, found = with_prior_moments(np.array([0.7, -0.2]), known, subject, extended)
     names = list(extended.table.names)
     base = [names.index(name) for name in ("slope", "bend")]
     np.testing.assert_array_equal(found[np.ix_(base, base)], known)
+    np.testing.assert_array_equal(mean[base], [0.7, -0.2])
     own = [names.index(name) for name in ("wave.size", "two.size", "two.more")]
     # a half normal law of scale 2 has the variance 4 (1 − 2/π)
     expected = np.diag([0.3**2, 0.4**2, 4.0 * (1.0 - 2.0 / np.pi)])
     np.testing.assert_allclose(found[np.ix_(own, own)], expected, rtol=0.02)
+    centre = [0.0, 0.5, 2.0 * np.sqrt(2.0 / np.pi)]
+    np.testing.assert_allclose(mean[own], centre, rtol=0.02, atol=1e-9)
     assert not np.any(found[np.ix_(base, own)])
 
 
@@ -308,7 +324,8 @@ def test_prior_variance_is_on_the_scale_of_the_vectors():
     ratio = Parameter("ratio", LogNormal(2.0, 0.7), "–", "of a test")
     shift = Parameter("shift", Normal(0.0, 1.0), "–", "of a test")
     small, large = CustomDensity((shift,), len), CustomDensity((ratio, shift), len)
-    wider = with_prior_variance(np.array([[0.3]]), small, large)
+    mean, wider = with_prior_moments(np.array([0.1]), np.array([[0.3]]), small, large)
+    np.testing.assert_allclose(mean, [np.log(2.0), 0.1], rtol=1e-6)
     np.testing.assert_allclose(wider, [[0.49, 0.0], [0.0, 0.3]], rtol=0.02)
 
 
