@@ -25,6 +25,7 @@ from bayesdeg.laws import Parameter
 
 Floats = NDArray[np.float64]
 
+ROUNDING = 1e-6  # standard deviations of the readings
 SHORT = 1e-3  # standard deviations, of differences
 SMALL = 0.25  # of a prior's size: large enough to see an effect, small enough to be near neutral
 
@@ -136,10 +137,10 @@ def linearise(
         uncertain = rest_covariance(subject, mode)
     spread = jacobian @ uncertain @ jacobian.T
     scatter = subject.scatter(mode)
-    moves = np.any(jacobian != 0.0, axis=0)  # what only widens the scatter shifts no mean
+    factor = np.linalg.cholesky(scatter + spread)
+    moves = is_seen(solve_triangular(factor, jacobian, lower=True))
     shift = uncertain @ np.where(moves, _slope(subject, mode, uncertain), 0.0)
     mean = prediction + jacobian @ (shift if centre is None else centre - mode)
-    factor = np.linalg.cholesky(scatter + spread)
     return Linear(subject, mode, prediction, mean, jacobian, scatter, factor)
 
 
@@ -187,6 +188,15 @@ def with_prior_moments(
             draws = parameter.law.to_unconstrained(values)
             centre[i], wider[i, i] = float(np.mean(draws)), float(np.var(draws))
     return centre, wider
+
+
+def is_seen(columns: Floats) -> NDArray[np.bool_]:
+    """Return which whitened columns (n, k) change the mean by more than rounding, (k,).
+
+    What only widens a scatter does not.
+    """
+    seen: NDArray[np.bool_] = np.max(np.abs(columns), axis=0, initial=0.0) > ROUNDING
+    return seen
 
 
 def effects(linear: Linear, cause: Cause, sizes: Floats) -> Floats:

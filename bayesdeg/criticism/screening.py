@@ -18,7 +18,7 @@ from scipy.special import logsumexp
 from scipy.stats import multivariate_t, qmc
 
 from bayesdeg.causes.cause import Cause
-from bayesdeg.criticism.linear import Linear, effects, neutral_sizes, prior_size
+from bayesdeg.criticism.linear import Linear, effects, is_seen, neutral_sizes, prior_size
 from bayesdeg.criticism.subject import columns_of, with_neutral
 from bayesdeg.inference.laplace import DEGREES_OF_FREEDOM
 
@@ -194,8 +194,8 @@ def _widening(linear: Linear, one: Screened) -> float:
     The other parameters are integrated out, linear about their most probable size.
     """
     cause, size, columns = one.cause, one.size, one.columns
-    wide = [k for k in range(len(size)) if not np.any(columns[:, k])]
-    if not wide or cause.is_of_rupture_alone:
+    wide = np.flatnonzero(~is_seen(columns))
+    if not len(wide) or cause.is_of_rupture_alone:
         return 0.0
     extended = linear.subject.extended(cause)
     point = with_neutral(linear.mode, linear.subject, extended)

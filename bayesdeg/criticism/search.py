@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.discrepancy import measure
-from bayesdeg.criticism.linear import Linear, log_bayes_factor, sensitivities
+from bayesdeg.criticism.linear import Linear, is_seen, log_bayes_factor, sensitivities
 from bayesdeg.criticism.screening import Screened, screen, screen_pairs
 from bayesdeg.criticism.step import Step, near
 from bayesdeg.criticism.trials import Trial, from_prior, try_causes
@@ -144,7 +144,7 @@ def _as_refitted(linear: Linear, draws: Floats) -> Floats:
     The errors of data simulated at a draw would be estimated from them again, and the statistics
     are against errors that are estimated.
     """
-    moves = np.any(linear.jacobian != 0.0, axis=0)
+    moves = is_seen(linear.whiten_columns(linear.jacobian))
     return np.where(moves, draws, linear.mode)
 
 
