@@ -138,7 +138,8 @@ def linearise(
     spread = jacobian @ uncertain @ jacobian.T
     scatter = subject.scatter(mode)
     factor = np.linalg.cholesky(scatter + spread)
-    moves = is_seen(solve_triangular(factor, jacobian, lower=True))
+    # where the model does not answer nothing is finite, which `is_known` says
+    moves = is_seen(solve_triangular(factor, jacobian, lower=True, check_finite=False))
     shift = uncertain @ np.where(moves, _slope(subject, mode, uncertain), 0.0)
     mean = prediction + jacobian @ (shift if centre is None else centre - mode)
     return Linear(subject, mode, prediction, mean, jacobian, scatter, factor)
