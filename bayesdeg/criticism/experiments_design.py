@@ -83,7 +83,8 @@ class ActuatorDesign:
     def words(self, level: float) -> str:
         """Word the specimens of a test."""
         plural = "s" if self.copies > 1 else ""
-        return f"{self.copies} new specimen{plural} at {level:g} %"
+        degraded = f"degraded by {level:g} %" if level else "that are fresh"
+        return f"{self.copies} new specimen{plural} {degraded}"
 
     def another_level(self, last_of_films: float) -> float | None:
         """Return a degradation rate that was not tested, at which the films' law is known."""

@@ -8,6 +8,7 @@ from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.criticism.candidates import Candidate, EffectSize
 from bayesdeg.criticism.search import FALSE_NAME_RATE
 from bayesdeg.criticism.verdict import Outcome, share_explained
+from bayesdeg.laws import Parameter
 from bayesdeg.pipeline.judgement import Judgement
 
 Json = dict[str, object]
@@ -106,8 +107,9 @@ def _wrong(story: Story) -> str:
 
 def _cause(judgement: Judgement, name: str) -> str:
     found = _entry(judgement, name)
-    size = ", ".join(_size(parameter, effect) for parameter, effect in found.effect.items())
-    return f"{name}: {CATALOGUE[name].mechanism} ({size})"
+    cause = CATALOGUE[name]
+    size = "; ".join(_size(p, found.effect[p.name]) for p in cause.parameters)
+    return f"{name}: {cause.mechanism} ({size})"
 
 
 def _gained(judgement: Judgement, name: str) -> str:
@@ -152,10 +154,10 @@ def _edge(judgement: Judgement) -> str:
     )
 
 
-def _size(name: str, effect: EffectSize) -> str:
+def _size(parameter: Parameter, effect: EffectSize) -> str:
     unit = "" if effect.unit == "–" else f" {effect.unit}"
     interval = f"90 % interval {effect.q05:.3g} to {effect.q95:.3g}"
-    return f"{name.replace('_', ' ')} {effect.mean:.3g}{unit}, {interval}"
+    return f"{parameter.meaning}: {effect.mean:.3g}{unit}, {interval}"
 
 
 def _entry(judgement: Judgement, name: str) -> Candidate:

@@ -6,7 +6,9 @@ import pandas as pd
 
 from bayesdeg.report.record import Outcome, Verdict
 from bayesdeg.report.summaries import BASE, Row, extended_model, pooled, rows_of
-from bayesdeg.report.wording import BADGES, SPACE, fixed, listed, p_value, percent, words
+from bayesdeg.report.wording import BADGES, NOTHING, SPACE, fixed, listed, p_value, percent, words
+
+SURE = 0.99999  # which is worded as more than 99.9 %
 
 NOT_JUDGED = "Not judged"
 
@@ -95,9 +97,19 @@ def _certainty(verdict: Verdict) -> KeyNumber:
     if verdict.outcome is Outcome.UNEXPLAINED:
         return _best(verdict)
     found = [verdict.candidate(cause) for cause in verdict.causes]
-    shown = [percent(entry.probability if entry else None) for entry in found]
+    shown = [percent(_less_than_sure(entry.probability)) if entry else NOTHING for entry in found]
     of = " and ".join(words(cause) for cause in verdict.causes)
-    return KeyNumber(label, " / ".join(shown), f"probability of {of}{rate}")
+    among = (
+        ""
+        if all(entry.probability is not None for entry in verdict.candidates)
+        else " among the causes judged"
+    )
+    return KeyNumber(label, " / ".join(shown), f"probability of {of}{among}{rate}")
+
+
+def _less_than_sure(probability: float | None) -> float | None:
+    """Return a probability that is short of 1, however it was rounded."""
+    return None if probability is None else min(probability, SURE)
 
 
 def _false_names(verdict: Verdict) -> str:

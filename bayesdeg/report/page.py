@@ -97,7 +97,9 @@ def content_of(verdict: Verdict, run: Run, tables: Tables) -> Content:
         sensitivity=rows_of(tables.prior_sensitivity),
         orders=rows_of(tables.orders),
         gain_levels=rows_of(pooled(tables.gain_levels)),
-        decisions=rows_of(tables.decisions),
+        decisions=sorted(
+            rows_of(tables.decisions), key=lambda row: float(row["degradation_pct"] or 0.0)
+        ),
         lookalikes=lookalikes(verdict),
     )
 
@@ -123,6 +125,7 @@ def render(content: Content) -> str:
         "fixed": wording.fixed,
         "percent": wording.percent,
         "p_value": wording.p_value,
+        "strength": wording.strength,
         "unbroken": wording.unbroken,
         "words": wording.words,
         "listed": wording.listed,

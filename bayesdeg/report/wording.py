@@ -133,6 +133,22 @@ def p_value(value: float | None) -> str:
     return f"p {relation}".replace(" ", SPACE)
 
 
+def strength(log_bayes_factor: float) -> str:
+    """Word the evidence of a log Bayes factor [nats], on the scale of Kass and Raftery (1995).
+
+    References
+    ----------
+    doi:10.1080/01621459.1995.10476572
+
+    Examples
+    --------
+    >>> [strength(value) for value in (547.0, 4.0, 2.0, 0.3)]
+    ['very strong', 'strong', 'positive', 'weak']
+    """
+    scale = ((5.0, "very strong"), (3.0, "strong"), (1.0, "positive"))
+    return next((word for least, word in scale if log_bayes_factor >= least), "weak")
+
+
 def unbroken(text: str) -> str:
     """Keep numbers and their units on one line.
 

@@ -101,7 +101,7 @@ def test_a_named_cause_is_explained_with_mechanism_size_unit_and_gain():
     text = explain(ONE, WHERE)
     assert text.startswith(WHERE)
     assert f"The cause is pressure_offset: {CATALOGUE['pressure_offset'].mechanism}" in text
-    assert "(offset 13.9 kPa, 90 % interval 12.9 to 14.9)" in text
+    assert "(pressure read but not in the chambers: 13.9 kPa, 90 % interval 12.9 to 14.9)" in text
     assert "With it 100 % of the misfit is explained" in text
     assert "predicted better with pressure_offset by 39.5 ± 6.1 in log density" in text
     assert "The next best candidate, pressure_loss, is 35.2 behind in log Bayes factor" in text
