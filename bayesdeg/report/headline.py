@@ -99,11 +99,8 @@ def _certainty(verdict: Verdict) -> KeyNumber:
     found = [verdict.candidate(cause) for cause in verdict.causes]
     shown = [percent(_less_than_sure(entry.probability)) if entry else NOTHING for entry in found]
     of = " and ".join(words(cause) for cause in verdict.causes)
-    among = (
-        ""
-        if all(entry.probability is not None for entry in verdict.candidates)
-        else " among the causes judged"
-    )
+    every = all(entry.probability is not None for entry in verdict.candidates)
+    among = "" if every else " among the causes judged"
     return KeyNumber(label, " / ".join(shown), f"probability of {of}{among}{rate}")
 
 

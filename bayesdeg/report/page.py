@@ -97,11 +97,14 @@ def content_of(verdict: Verdict, run: Run, tables: Tables) -> Content:
         sensitivity=rows_of(tables.prior_sensitivity),
         orders=rows_of(tables.orders),
         gain_levels=rows_of(pooled(tables.gain_levels)),
-        decisions=sorted(
-            rows_of(tables.decisions), key=lambda row: float(row["degradation_pct"] or 0.0)
-        ),
+        decisions=sorted(rows_of(tables.decisions), key=_level),
         lookalikes=lookalikes(verdict),
     )
+
+
+def _level(row: Row) -> float:
+    """Return the degradation rate of a row: what is compared at one stands together."""
+    return float(row["degradation_pct"] or 0.0)
 
 
 def lookalikes(verdict: Verdict) -> list[str]:

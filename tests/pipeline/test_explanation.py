@@ -116,7 +116,7 @@ def test_a_cause_without_rivals_has_no_runner_up():
 
 def test_a_size_without_a_unit_shows_no_dash():
     text = explain(judgement_of(named("pressure_loss"), support("pressure_loss")), WHERE)
-    assert "fraction 0.1, 90 % interval 0.06 to 0.13" in text
+    assert "before the chambers: 0.1, 90 % interval 0.06 to 0.13" in text
     assert "–" not in text.replace(WHERE, "")
 
 
