@@ -162,9 +162,7 @@ def interval_with_discrepancy(trial: Trial, name: str) -> tuple[float, float]:
 
     spread = linear.whiten_columns(jacobian @ trial.uncertain)
     weighed = spread - shrink @ (kernel.vectors.T @ spread)
-    residual = subject.observed - linear.prediction
-    shift = -trial.uncertain @ jacobian.T @ np.linalg.solve(linear.scatter, residual)
-    centre = trial.mode + shift + weighed.T @ linear.observed
+    centre = trial.mode + linear.shift + weighed.T @ linear.observed
     covariance = trial.uncertain - spread.T @ weighed
     row = subject.table.names.index(name)
     half = 1.645 * np.sqrt(covariance[row, row])

@@ -44,6 +44,8 @@ class Linear:
         Readings predicted at the mode.
     mean : array, shape (n,)
         Readings expected from all other data: the prediction with the shift X δ₀.
+    shift : array, shape (n_parameters,)
+        δ₀, on the sampler's scale.
     jacobian : array, shape (n, n_parameters)
         X, on the sampler's scale.
     scatter : array, shape (n, n)
@@ -56,6 +58,7 @@ class Linear:
     mode: Floats
     prediction: Floats
     mean: Floats
+    shift: Floats
     jacobian: Floats
     scatter: Floats
     factor: Floats
@@ -140,9 +143,12 @@ def linearise(
     factor = np.linalg.cholesky(scatter + spread)
     # where the model does not answer nothing is finite, which `is_known` says
     moves = is_seen(solve_triangular(factor, jacobian, lower=True, check_finite=False))
-    shift = uncertain @ np.where(moves, _slope(subject, mode, uncertain), 0.0)
-    mean = prediction + jacobian @ (shift if centre is None else centre - mode)
-    return Linear(subject, mode, prediction, mean, jacobian, scatter, factor)
+    if centre is None:
+        shift = uncertain @ np.where(moves, _slope(subject, mode, uncertain), 0.0)
+    else:
+        shift = centre - mode
+    mean = prediction + jacobian @ shift
+    return Linear(subject, mode, prediction, mean, shift, jacobian, scatter, factor)
 
 
 def _slope(subject: Subject, mode: Floats, uncertain: Floats) -> Floats:

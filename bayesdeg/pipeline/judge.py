@@ -15,6 +15,7 @@ from bayesdeg.criticism.experiments_candidates import candidate_experiments
 from bayesdeg.criticism.model_readings import ModelReadings
 from bayesdeg.criticism.rupture_misfit import RuptureMisfit, rupture_misfit
 from bayesdeg.criticism.search import Names, Search, SearchEffort, run_search
+from bayesdeg.criticism.step import Step
 from bayesdeg.criticism.trials import Trial
 from bayesdeg.criticism.verdict import Decision, Outcome, Support, decide, hold_out, supports
 from bayesdeg.pipeline.assemble import Assembly
@@ -59,19 +60,9 @@ def judge(
     """
     searching, folding, drawing = seed.spawn(3)
     generator = np.random.default_rng(drawing)
-    progress.stage("misfit, calibrated by simulation")
-    search = Search(
-        base,
-        assembly.candidates,
-        effort,
-        searching,
-        executor=executor,
-        on_fit=lambda names: progress.advance(1, names),
-    )
-    alone = search.step(BASE)
-    progress.stage("causes, one by one and together")
-    chosen = run_search(search)
-    final = search.step(chosen)
+    search = Search(base, assembly.candidates, effort, searching, executor=executor)
+    search.on_fit = partial(progress.advance, 1)
+    chosen, alone, final = _searched(search, progress)
     rupture, contradicted = _beside(base, generator)
     progress.stage("held-out specimens")
     held_out = hold_out(
@@ -79,13 +70,9 @@ def judge(
     )
     everything = all_held_out(search, chosen, held_out, seed=folding, executor=executor)
     supported = supports(search, chosen, everything)
+    silent = frozenset(cause.name for cause in search.causes if cause.is_of_rupture_alone)
     decision = decide(
-        alone,
-        final,
-        supported,
-        rupture=rupture,
-        contradicted=contradicted,
-        on_rupture=frozenset(cause.name for cause in search.causes if cause.is_of_rupture_alone),
+        alone, final, supported, rupture=rupture, contradicted=contradicted, on_rupture=silent
     )
     names = extension(decision, tuple(supported)) if effort.levels_out else BASE
     judged = candidates(search, supported, everything, generator)
@@ -104,6 +91,15 @@ def judge(
         search=search,
         experiments=_next(search, decision, supported, assembly, generator),
     )
+
+
+def _searched(search: Search, progress: Progress) -> tuple[Names, Step, Step]:
+    """Return what the data support, and what is known without a cause and with all of that."""
+    progress.stage("misfit, calibrated by simulation")
+    alone = search.step(BASE)
+    progress.stage("causes, one by one and together")
+    chosen = run_search(search)
+    return chosen, alone, search.step(chosen)
 
 
 def _told(progress: Progress, names: Names) -> None:

@@ -98,7 +98,7 @@ def known_linear(*, with_angle=False):
     flat = prediction.ravel()
     factor = np.linalg.cholesky(covariance)
     jacobian = np.zeros((len(flat), len(mode)))  # nothing is uncertain
-    return Linear(ModelReadings(model), mode, flat, flat, jacobian, covariance, factor)
+    return Linear(ModelReadings(model), mode, flat, flat, 0.0 * mode, jacobian, covariance, factor)
 
 
 def with_readings(linear, readings):

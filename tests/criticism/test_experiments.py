@@ -222,7 +222,7 @@ def test_thickness_separates_the_walls_from_the_material(model, experiments):
     of = {
         e.kind.split()[0]: expected_of(pair, e)
         for e in candidate_experiments(model)
-        if e.design.endswith(" at 0.0 %") or e.design.endswith(" at 0 %")
+        if e.design.endswith("that are fresh")
     }
     assert of["thickness"] > 2.0
     assert of["tension"] > 2.0
@@ -243,7 +243,7 @@ def test_weighing_the_actuator_reveals_a_misread_degradation_rate(model, experim
     pair = around(model, misread), around(model, {"erosion.lost_share": 0.1}, seed=1)
     [weighed] = [e for e in experiments if e.kind.startswith("degradation rate")]
     assert expected_of(pair, weighed) > LEAST
-    [walls] = [e for e in of_kind(experiments, WALLS) if " at 0" not in e.design]
+    [walls] = [e for e in of_kind(experiments, WALLS) if "fresh" not in e.design]
     assert expected_of(pair, walls) > LEAST
 
 
