@@ -55,7 +55,7 @@ def theirs():
     """Our draws lend a point and a mass matrix, which change the pace and not the law."""
     draws = ours().vectors.reshape(-1, len(model().table))
     return numpyro_nuts.nuts(
-        model(), draws[-1], np.cov(draws, rowvar=False), warmup=100, draws=500, seed=1
+        model(), draws[-1], np.cov(draws, rowvar=False), warmup=200, draws=1000, seed=1
     )
 
 
