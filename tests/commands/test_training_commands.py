@@ -352,16 +352,17 @@ def test_stopped_in_mid_campaign_it_ends_with_3_says_what_stays_and_goes_on(here
             while len(solved()) < 8:
                 assert process.poll() is None
                 time.sleep(0.05)
+            begun = (
+                len(solved()) + 2 * 2
+            )  # what both workers have in hand, and next in their queues
             process.send_signal(number)
-            began = time.monotonic()
             _, err = process.communicate(timeout=60)
-            took = time.monotonic() - began
         finally:
             process.kill()
-    assert took < 5.0
     assert process.returncode == 3
     assert "Traceback" not in err
     stays = len(solved())
+    assert stays <= begun
     assert f"stopped; {stays} of {runs + 2} finite element curves stay in .cache/campaign" in err
     assert "the same command goes on from there" in err
     before = solved()
