@@ -182,7 +182,15 @@ def rest_law(subject: Subject, start: Floats) -> tuple[Floats, Floats]:
 def with_prior_moments(
     mean: Floats, covariance: Floats, density: Density, extended: Density
 ) -> tuple[Floats, Floats]:
-    """Return mean and Λ⁻¹ of an extended model: what was added is known from its prior alone."""
+    """Return mean and Λ⁻¹ of an extended model: what was added is known from its prior alone.
+
+    Parameters
+    ----------
+    mean, covariance : array, shape (n_parameters,) and (n_parameters, n_parameters)
+        Those of the smaller model, on the sampler's scale.
+    density, extended : Density
+        The smaller model, and the one with more parameters.
+    """
     known = {name: i for i, name in enumerate(density.table.names)}
     rows = [known.get(name, -1) for name in extended.table.names]
     centre, wider = np.zeros(len(rows)), np.zeros((len(rows), len(rows)))

@@ -123,7 +123,21 @@ def bounded(density: Density, points: Floats) -> Floats:
 
 
 def slopes(density: Density, points: Floats, step: Floats) -> Floats:
-    """Return gradients at points, (n, size): differences in one call, central where possible."""
+    """Return gradients ∇ ln p at points: differences in one call, central where possible.
+
+    Parameters
+    ----------
+    density : Density
+        p, whose priors are taken without their bounds.
+    points : array, shape (n, size)
+        On the sampler's scale.
+    step : array, shape (size,)
+        Of the differences.
+
+    Returns
+    -------
+    array, shape (n, size)
+    """
     count, size = points.shape
     steps = np.vstack([np.zeros(size), np.diag(step), -np.diag(step)])
     values = bounded(density, (points[:, None, :] + steps).reshape(-1, size))

@@ -352,9 +352,8 @@ def test_stopped_in_mid_campaign_it_ends_with_3_says_what_stays_and_goes_on(here
             while len(solved()) < 8:
                 assert process.poll() is None
                 time.sleep(0.05)
-            begun = (
-                len(solved()) + 2 * 2
-            )  # what both workers have in hand, and next in their queues
+            # both workers have a curve in hand, and the next in their queues
+            begun = len(solved()) + 4
             process.send_signal(number)
             _, err = process.communicate(timeout=60)
         finally:
