@@ -82,15 +82,10 @@ def _z(one: Json) -> float:
 
 
 def _right(one: Json) -> bool:
-    """Whether the hidden cause is named, or stands in a set that cannot be told apart."""
-    [hidden] = one["hidden"]
+    """Whether the hidden cause alone is named, or stands in a set that cannot be told apart."""
     if one["outcome"] == "named":
-        alone = one["causes"] == [hidden]
-        return alone or any(hidden in names for names in one["one_of"])
-    if one["outcome"] != "ambiguous" or hidden not in one["causes"]:
-        return False
-    others = set(one["causes"]) - {hidden}
-    return others <= set(one["confusable"].get(hidden, ()))
+        return one["causes"] == list(one["hidden"]) and not one["one_of"]
+    return one["outcome"] == "ambiguous" and _inseparable(one, one["causes"])
 
 
 def _both(one: Json) -> bool:
@@ -98,10 +93,21 @@ def _both(one: Json) -> bool:
 
 
 def _both_stated(one: Json) -> bool:
-    """Whether every hidden cause is named, or stands in a set with a named one."""
-    stated = set(one["causes"]).union(*one["one_of"]) if one["one_of"] else set(one["causes"])
-    said = one["outcome"] in ("named", "ambiguous")
-    return said and set(one["hidden"]) <= stated
+    """Whether every hidden cause is named, or stands in a set that cannot be told apart."""
+    hidden, said = set(one["hidden"]), set(one["causes"])
+    if one["outcome"] == "ambiguous":
+        return hidden <= said and _inseparable(one, one["causes"])
+    if one["outcome"] != "named" or not said <= hidden:
+        return False
+    sets = one["one_of"]
+    return hidden <= said.union(*sets) and all(_inseparable(one, names) for names in sets)
+
+
+def _inseparable(one: Json, names: Iterable[str]) -> bool:
+    """Whether a set holds a hidden cause, and else only what the study would take it for."""
+    known = set(names) & set(one["hidden"])
+    rivals = set().union(*(one["confusable"].get(name, ()) for name in known))
+    return bool(known) and set(names) <= known | rivals
 
 
 def _wrong(one: Json) -> bool:

@@ -55,6 +55,8 @@ class Candidate:
         Whether the model with it was fitted as a whole, or the cause only screened.
     why : str
         Why it could not be judged; empty if it was.
+    log_bayes_factor_error : float or None
+        Monte Carlo standard error of the log Bayes factor [nats]; None if it was screened only.
     """
 
     cause: str
@@ -66,6 +68,7 @@ class Candidate:
     effect: dict[str, EffectSize]
     fitted: bool = True
     why: str = ""
+    log_bayes_factor_error: float | None = None
 
 
 def candidates(
@@ -141,6 +144,7 @@ def _named(
         elpd_diff=one.elpd_diff,
         elpd_diff_se=one.elpd_diff_se,
         effect=effect_sizes(search.trials[chosen], cause, generator),
+        log_bayes_factor_error=_error(search, chosen, chosen - {cause.name}),
     )
 
 
@@ -168,4 +172,10 @@ def _other(
         elpd_diff=gain,
         elpd_diff_se=error,
         effect=effect_sizes(search.trials[alone], cause, generator),
+        log_bayes_factor_error=_error(search, alone, base),
     )
+
+
+def _error(search: Search, one: Names, other: Names) -> float:
+    """Return the Monte Carlo standard error of the log Bayes factor of two sets [nats]."""
+    return float(np.hypot(search.trials[one].posterior.error, search.trials[other].posterior.error))

@@ -11,6 +11,7 @@ from bayesdeg.criticism.experiments_measurement import ActuatorTests, FilmTests
 from bayesdeg.criticism.experiments_part import (
     GAUGE,
     LENGTH,
+    PAPER,
     STRIP,
     WALL,
     WEIGHED,
@@ -144,6 +145,7 @@ def _of_part(design: ActuatorDesign, level: float) -> Iterator[Experiment]:
         ("length of the part, by calliper", LENGTH, rising[-1:]),
         ("thickness of the roof, cut open under a microscope", WALL, rising[-1:]),
         ("tension of a strip cut from the wall, beside the films'", STRIP, rising[-1:]),
+        ("stiffness of a strip of the paper, peeled off the part", PAPER, rising[-1:]),
         ("a second gauge at the far end of the chambers", GAUGE, gauge),
     ]
     if level > FRESH:

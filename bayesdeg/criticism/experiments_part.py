@@ -23,6 +23,7 @@ LENGTH_ERROR = 0.01  # of the length: 0.5 mm in 50 mm, calliper and moulding
 WALL_ERROR = 0.05 / NOMINAL_WALL  # 0.05 mm under a microscope
 WALL_SCATTER = 0.02  # of the thickness, from part to part
 STRIP_ERROR = 0.05  # of the stiffness of a small strip, beside the specimens' scatter
+PAPER_ERROR = 0.05  # of the stiffness of a strip of paper, with its scatter
 GAUGE_ERROR = 1.0  # kPa
 WEIGHING_ERROR = 1.0  # points of the degradation rate of one weighed piece
 
@@ -162,6 +163,10 @@ LENGTH = Quantity(
 )
 WALL = Quantity(mean=_wall, variance=lambda part: WALL_ERROR**2 + (WALL_SCATTER * _wall(part)) ** 2)
 STRIP = Quantity(mean=_log_stiffness, variance=_strip_variance)
+PAPER = Quantity(
+    mean=lambda part: np.log(part.inputs.paper_stiffness),
+    variance=lambda part: np.array(PAPER_ERROR**2),
+)
 GAUGE = Quantity(
     mean=lambda part: part.inputs.pressure, variance=lambda part: np.array(GAUGE_ERROR**2)
 )

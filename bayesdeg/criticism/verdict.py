@@ -4,9 +4,10 @@ The chain of argument: (1) the misfit is calibrated by simulating from the fitte
 (2) a Gaussian-process discrepancy says how much there is to explain; (3) causes are added one after
 another as long as the evidence passes what chance gives in 5 % of data without an effect, and are
 then judged jointly (`bayesdeg.criticism.search`); (4) together they must raise the predictive
-density of what is held out by more than a standard error, each adding to it, and remove the misfit,
-and the base model must contradict neither ruptures nor measured means to be adequate; (5) what
-could stand in the place of one of them is reported beside it.
+density of what is held out by more than a standard error, each adding to it, and remove the misfit;
+none may need an implausible size unless the evidence is strong; and the base model must contradict
+neither ruptures nor measured means to be adequate; (5) what could stand in the place of one of them
+is reported beside it.
 """
 
 from collections.abc import Callable, Mapping
@@ -34,6 +35,7 @@ INSEPARABLE = float(np.log(20.0))
 MISFIT_LEVEL = 0.02
 CHANCE = 0.1  # p-value of what is left above which nothing is left to explain
 IMPLAUSIBLE = 0.005  # prior probability of a size as far from neutral
+MODERATE = 2.0 * INSEPARABLE  # evidence that cannot carry an implausible size
 
 
 class Outcome(StrEnum):
@@ -107,6 +109,11 @@ class Support:
         if self.together is None:
             return self.elpd_diff > (self.elpd_diff_se or 0.0)
         return self.elpd_diff > 0.0 and self.together[0] > self.together[1]
+
+    @property
+    def is_plausible(self) -> bool:
+        """Whether its size is one that its prior expects, or the evidence leaves no choice."""
+        return self.prior_tail >= IMPLAUSIBLE or self.log_bayes_factor >= MODERATE
 
     @property
     def inseparable(self) -> tuple[str, ...]:
@@ -223,6 +230,7 @@ def decide(
     off = off or any(found.p_value <= MISFIT_LEVEL for found in beside)
     unconfirmed = (_against(one) for one in supported if not one.held_out_agrees)
     reasons = list(dict.fromkeys(unconfirmed))
+    reasons += [_implausible(one) for one in supported if not one.is_plausible]
     if any(one.cause not in on_rupture for one in supported):
         reasons += _against_all(base, final)
     if not supported or reasons:
@@ -270,6 +278,13 @@ def _against(one: Support) -> str:
     return (
         f"with {one.cause} held-out specimens are not predicted better "
         f"({one.elpd_diff:+.1f} ± {one.elpd_diff_se:.1f} in log density)"
+    )
+
+
+def _implausible(one: Support) -> str:
+    return (
+        f"{one.cause} would need a size to which its prior gives {one.prior_tail:.1g}, "
+        f"for which a log Bayes factor of {one.log_bayes_factor:.1f} is too little"
     )
 
 

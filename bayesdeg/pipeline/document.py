@@ -109,6 +109,7 @@ def _candidate(candidate: Candidate) -> Json:
         "cause": candidate.cause,
         "probability": candidate.probability,
         "log_bayes_factor": candidate.log_bayes_factor,
+        "log_bayes_factor_error": candidate.log_bayes_factor_error,
         "elpd_diff": candidate.elpd_diff,
         "elpd_diff_se": candidate.elpd_diff_se,
         "explained_fraction": candidate.explained_fraction,

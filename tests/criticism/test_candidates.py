@@ -51,6 +51,9 @@ def test_a_named_cause_has_its_factor_gain_share_and_size(judged):
     assert best.fitted
     exact = straight.log_factor(observed, cause)
     assert best.log_bayes_factor == pytest.approx(exact, abs=0.15)
+    errors = [search.trials[names].posterior.error for names in (BASE, frozenset({"wave"}))]
+    assert 0.0 < best.log_bayes_factor_error == pytest.approx(np.hypot(*errors))
+    assert abs(best.log_bayes_factor - exact) < 5.0 * best.log_bayes_factor_error
     gaps = np.array([3.0, 4.0, 3.0])
     assert best.elpd_diff == pytest.approx(gaps.sum())
     assert best.elpd_diff_se == pytest.approx(np.sqrt(3.0) * np.std(gaps, ddof=1))
@@ -73,6 +76,7 @@ def test_a_cause_that_was_screened_only_has_no_size(judged):
         assert frozenset({one.cause}) not in search.trials
         assert one.log_bayes_factor == max(screened[one.cause].log_bayes_factor, LEAST)
         assert (one.explained_fraction, one.elpd_diff, one.effect) == (None, None, {})
+        assert one.log_bayes_factor_error is None
 
 
 def test_causes_fitted_alone_are_told_against_the_base_model():

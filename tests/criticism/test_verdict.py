@@ -22,6 +22,7 @@ from bayesdeg.criticism.verdict import (
     LEAST_EXPLAINED,
     LEAST_ON_ONE_SCALE,
     MISFIT_LEVEL,
+    MODERATE,
     NEARLY_ALL,
     Decision,
     Outcome,
@@ -131,8 +132,20 @@ def test_an_implausible_size_doubles_the_margin_within_which_rivals_are_as_good(
     assert found == Decision(outcome, causes)
 
 
-def test_an_implausible_size_alone_speaks_against_nothing():
-    assert outcome_of(support(prior_tail=0.0)) == Decision(Outcome.NAMED, ("creep",))
+@pytest.mark.parametrize(
+    ("tail", "factor", "outcome"),
+    [
+        (IMPLAUSIBLE / 2.0, MODERATE - 0.1, Outcome.UNEXPLAINED),
+        (IMPLAUSIBLE / 2.0, MODERATE, Outcome.NAMED),
+        (IMPLAUSIBLE, MODERATE - 0.1, Outcome.NAMED),
+        (0.0, 10.0 * MODERATE, Outcome.NAMED),
+    ],
+)
+def test_a_moderately_better_fit_does_not_carry_an_implausible_size(tail, factor, outcome):
+    found = outcome_of(support(prior_tail=tail, log_bayes_factor=factor))
+    assert found.outcome is outcome
+    assert len(found.reasons) == (outcome is Outcome.UNEXPLAINED)
+    assert all("creep would need a size" in reason for reason in found.reasons)
 
 
 def test_a_gain_without_a_standard_error_has_to_be_a_gain():
