@@ -5,7 +5,9 @@
 makes that many studies with the second surrogate of the fine finite element model (see
 ``fine_library.py``), judges each from its folder alone as ``bayesdeg run`` does at quick effort,
 and holds the verdicts against what was hidden and a closed-form analysis of the same data.
-Finished studies are kept in ``.cache/hidden_effects`` and not judged again.
+Finished studies are kept in ``.cache/hidden_effects`` and not judged again. With ``--record FILE``
+those in the file are not either, and the file is written anew; ``hidden_effects.jsonl`` beside this
+script holds the studies of the published figures, as the commit that it came with judged them.
 """
 
 import argparse
@@ -19,6 +21,7 @@ from pathlib import Path
 
 import numpy as np
 from fine_library import fine_library
+from hidden_record import read_record, write_record
 from hidden_studies import HiddenStudy, drawn_study, made
 from hidden_summary import summary
 from hidden_tables import markdown
@@ -45,6 +48,7 @@ from bayesdeg.pipeline.progress import Silent
 
 Floats = NDArray[np.float64]
 Json = dict[str, object]
+Recorded = dict[tuple[int, str, int], Json]
 
 STORE = Path(".cache/hidden_effects")
 SEED = 6
@@ -82,6 +86,7 @@ def judged(study: HiddenStudy, folder: Path, *, effort: str, seed: int) -> Json:
         )
     linear = judgement.search.base.linear
     return {
+        "seed": seed,
         "number": study.number,
         "kind": study.kind,
         "design": study.design,
@@ -173,15 +178,19 @@ def _baseline(linear: Linear, judgement: Judgement) -> Json:
     return {"named": named, "log_bayes_factor": factors[best]}
 
 
-def run_all(numbers: list[int], *, workers: int, effort: str, seed: int) -> Iterator[Json]:
-    """Judge studies side by side; those that stand in the store are read."""
+def run_all(
+    numbers: list[int], *, workers: int, effort: str, seed: int, record: Recorded
+) -> Iterator[Json]:
+    """Judge studies side by side; those that stand in the record or the store are read."""
     store = STORE / f"seed-{seed}" / effort
     store.mkdir(parents=True, exist_ok=True)
     left = []
     for number in numbers:
         path = store / f"{number}.json"
-        if path.exists():
-            yield json.loads(path.read_text(encoding="utf-8"))
+        if (seed, effort, number) in record:
+            yield record[seed, effort, number]
+        elif path.exists():
+            yield json.loads(path.read_text(encoding="utf-8")) | {"seed": seed}
         else:
             left.append(number)
     with ProcessPoolExecutor(workers) as pool:
@@ -216,27 +225,23 @@ def main() -> None:
         "--again", type=int, default=0, help="of them judged at standard effort too"
     )
     parser.add_argument("--seed", type=int, default=SEED)
+    parser.add_argument("--record", type=Path, help="file of studies that were judged, to go on")
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--markdown", action="store_true", help="the tables of the README")
     options = parser.parse_args()
     numbers = list(range(options.first, options.first + options.studies))
+    record = read_record(options.record)
+    how = {"workers": options.workers, "seed": options.seed, "record": record}
     found = []
-    for one in run_all(numbers, workers=options.workers, effort=options.effort, seed=options.seed):
+    for one in run_all(numbers, effort=options.effort, **how):
         found.append(one)
         if not (options.json or options.markdown):
-            print(
-                len(found),
-                one["kind"],
-                one["hidden"],
-                "->",
-                one["outcome"],
-                one["causes"],
-                flush=True,
-            )
-    again = run_all(
-        numbers[: options.again], workers=options.workers, effort="standard", seed=options.seed
-    )
-    figures = summary(found, list(again))
+            said = (one["kind"], one["hidden"], "->", one["outcome"], one["causes"])
+            print(len(found), *said, flush=True)
+    again = list(run_all(numbers[: options.again], effort="standard", **how))
+    if options.record is not None:
+        write_record(options.record, [*record.values(), *found, *again])
+    figures = summary(found, again)
     print(markdown(figures) if options.markdown else json.dumps(figures, indent=1))
 
 
