@@ -4,10 +4,9 @@ from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.criticism.candidates import Candidate
 from bayesdeg.criticism.conflict import Conflict
 from bayesdeg.criticism.model_readings import STRESS
-from bayesdeg.criticism.search import FALSE_NAME_RATE
 from bayesdeg.criticism.verdict import Outcome
 from bayesdeg.pipeline.explanation import explain
-from bayesdeg.pipeline.judgement import Judgement, readings_misfit
+from bayesdeg.pipeline.judgement import Judgement, extension, readings_misfit
 
 Json = dict[str, object]
 
@@ -28,7 +27,7 @@ def verdict_document(
     note : str
         What is wrong with modes of tension that were predicted only.
     """
-    decision = judgement.decision
+    decision, base = judgement.decision, judgement.steps[0]
     rms, noise = readings_misfit(judgement)
     return {
         "outcome": str(decision.outcome),
@@ -37,7 +36,9 @@ def verdict_document(
         "explanation": f"{explain(judgement, where)} {note}".strip(),
         "candidates": [_candidate(c) for c in judgement.candidates],
         "confusable": [list(pair) for pair in judgement.confusability.pairs()],
-        "false_name_rate": FALSE_NAME_RATE,
+        "false_name_rate": base.false_name_rate,
+        "naming": {"log_bayes_factor": judgement.threshold, "replicates": len(base.chance)},
+        "predicted_with": sorted(extension(decision, judgement.supported)),
         "misfit": {
             "rms_per_m": rms,
             "noise_per_m": noise,
@@ -96,6 +97,8 @@ def unjudged_document(unjudged: dict[str, str], held_out: str = "") -> Json:
         ],
         "confusable": [],
         "false_name_rate": None,
+        "naming": None,
+        "predicted_with": [],
         "misfit": {"rms_per_m": None, "noise_per_m": None, "p_value": None, "where": ""},
         "ruptures": None,
         "contradicted": None,
@@ -115,6 +118,8 @@ def _candidate(candidate: Candidate) -> Json:
         "effect": {name: vars(size) for name, size in candidate.effect.items()},
         "mechanism": known.mechanism if known else "",
     }
+    if candidate.naming_p_value is not None:
+        entry["naming_p_value"] = candidate.naming_p_value
     if candidate.why:
         entry["why"] = candidate.why
     else:

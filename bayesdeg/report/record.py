@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
+from bayesdeg.criticism.verdict import MISFIT_LEVEL
 from bayesdeg.report.emulator import Emulator, emulator_of
 from bayesdeg.report.fields import (
     Json,
@@ -55,6 +56,7 @@ class Candidate:
     effects: tuple[Effect, ...]
     why: str
     mechanism: str
+    naming_p_value: float | None = None
 
 
 @dataclass(frozen=True)
@@ -90,6 +92,13 @@ class Verdict:
     false_name_rate: float | None
     misfit: Misfit
     next_experiments: tuple[Experiment, ...]
+    predicted_with: tuple[str, ...] = ()
+
+    @property
+    def is_directed(self) -> bool:
+        """Whether causes were found by the test directed at them, where the misfit shows none."""
+        p_value = self.misfit.p_value
+        return bool(self.causes) and p_value is not None and p_value > MISFIT_LEVEL
 
     @property
     def judged(self) -> bool:
@@ -189,6 +198,7 @@ def verdict_of(content: Json) -> Verdict:
             number_of(misfit, "noise_MPa"),
         ),
         each_of(content, "next_experiments", _experiment),
+        texts_of(content, "predicted_with"),
     )
 
 
@@ -247,6 +257,7 @@ def _candidate(entry: Json) -> Candidate:
         tuple(_effect(name, mapping_of(effects, name)) for name in effects),
         text_of(entry, "why"),
         text_of(entry, "mechanism"),
+        number_of(entry, "naming_p_value"),
     )
 
 
