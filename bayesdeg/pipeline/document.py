@@ -2,6 +2,7 @@
 
 from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.criticism.candidates import Candidate
+from bayesdeg.criticism.concentration import Concentration
 from bayesdeg.criticism.conflict import Conflict
 from bayesdeg.criticism.model_readings import STRESS
 from bayesdeg.criticism.verdict import Outcome
@@ -12,7 +13,12 @@ Json = dict[str, object]
 
 
 def verdict_document(
-    judgement: Judgement, where: str, experiments: list[Json] | None = None, *, note: str = ""
+    judgement: Judgement,
+    where: str,
+    experiments: list[Json] | None = None,
+    *,
+    note: str = "",
+    concentrated: Concentration | None = None,
 ) -> Json:
     """Return the content of ``verdict.json`` for a study whose readings could be judged.
 
@@ -26,6 +32,8 @@ def verdict_document(
         What to measure next.
     note : str
         What is wrong with modes of tension that were predicted only.
+    concentrated : Concentration, optional
+        The branch, cycle, hold or few specimens in which most of the misfit sits.
     """
     decision, base = judgement.decision, judgement.steps[0]
     rms, noise = readings_misfit(judgement)
@@ -44,11 +52,25 @@ def verdict_document(
             "noise_per_m": noise,
             "p_value": judgement.misfit.p_value,
             "where": where,
+            "concentrated": _concentrated(concentrated),
             **_of_films(judgement, rms),
         },
         "ruptures": None if judgement.rupture is None else vars(judgement.rupture),
         "contradicted": _contradicted(judgement.contradicted),
         "next_experiments": experiments or [],
+    }
+
+
+def _concentrated(found: Concentration | None) -> Json | None:
+    if found is None:
+        return None
+    return {
+        "kind": found.kind,
+        "members": list(found.members),
+        "excess_pct": list(found.excess),
+        "share_of_misfit": found.share,
+        "share_of_readings": found.readings,
+        "p_value": found.p_value,
     }
 
 

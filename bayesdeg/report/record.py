@@ -61,7 +61,10 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Misfit:
-    """How far the base model is off, beside the noise; None where there is nothing to judge."""
+    """How far the base model is off, beside the noise; None where there is nothing to judge.
+
+    `specimens` are those few in which most of the misfit sits, if it does.
+    """
 
     rms_per_m: float | None
     noise_per_m: float | None
@@ -69,6 +72,7 @@ class Misfit:
     where: str
     rms_mpa: float | None = None
     noise_mpa: float | None = None
+    specimens: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -196,6 +200,7 @@ def verdict_of(content: Json) -> Verdict:
             text_of(misfit, "where"),
             number_of(misfit, "rms_MPa"),
             number_of(misfit, "noise_MPa"),
+            _specimens(mapping_of(misfit, "concentrated")),
         ),
         each_of(content, "next_experiments", _experiment),
         texts_of(content, "predicted_with"),
@@ -259,6 +264,11 @@ def _candidate(entry: Json) -> Candidate:
         text_of(entry, "mechanism"),
         number_of(entry, "naming_p_value"),
     )
+
+
+def _specimens(concentrated: Json) -> tuple[str, ...]:
+    is_of_specimens = text_of(concentrated, "kind") == "specimen"
+    return texts_of(concentrated, "members") if is_of_specimens else ()
 
 
 def _effect(name: str, entry: Json) -> Effect:

@@ -9,6 +9,7 @@ import pytest
 
 from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.criticism.candidates import Candidate, EffectSize
+from bayesdeg.criticism.concentration import Concentration
 from bayesdeg.criticism.conflict import Conflict
 from bayesdeg.criticism.confusability import Confusability
 from bayesdeg.criticism.discrepancy import Misfit
@@ -257,6 +258,7 @@ def test_the_document_holds_what_was_promised():
         "noise_per_m": pytest.approx(LEFT),
         "p_value": 1 / 501,
         "where": WHERE,
+        "concentrated": None,
     }
     assert json.loads(json.dumps(document)) == document
 
@@ -265,6 +267,20 @@ def test_the_false_name_rate_is_never_none_of_as_many_as_were_simulated():
     base = ONE.steps[0]
     assert replace(base, chance=np.zeros(500)).false_name_rate == pytest.approx(1 / 501)
     assert replace(base, chance=np.zeros(0)).false_name_rate is None
+
+
+def test_where_most_of_the_misfit_sits_is_for_other_tools_too():
+    found = Concentration("specimen", ("G7",), (-14.0,), 0.88, 0.06, 0.002)
+    document = verdict_document(ONE, WHERE, concentrated=found)
+    assert document["misfit"]["concentrated"] == {
+        "kind": "specimen",
+        "members": ["G7"],
+        "excess_pct": [-14.0],
+        "share_of_misfit": 0.88,
+        "share_of_readings": 0.06,
+        "p_value": 0.002,
+    }
+    assert json.loads(json.dumps(document)) == document
 
 
 def test_candidates_tell_how_often_chance_gains_as_much():
