@@ -13,8 +13,8 @@ def directed(judgement: Judgement) -> str:
         return ""
     shares = " and ".join(f"p = {p:.2g} in data simulated without {name}" for name, p in known)
     text = (
-        "The test that names is directed at the candidates; that the best of them gains as much "
-        f"evidence by chance has {shares}."
+        "The test that names is directed at the candidates: by chance, the best of them gains as "
+        f"much evidence with {shares}."
     )
     if judgement.misfit.p_value <= MISFIT_LEVEL:
         return text

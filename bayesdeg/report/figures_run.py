@@ -88,6 +88,8 @@ def _residuals(verdict: Verdict, tables: Tables) -> Sketch | None:
     )
     if (tables.observations["branch"] == UNLOADING).any():
         caption += " Unloading is dashed, with hollow marks."
+    if (tables.observations["cycle"] > 1).any():
+        caption += " Squares are of cycles after the first."
     if verdict.misfit.specimens:
         named = " and ".join(verdict.misfit.specimens)
         caption += f" Most of the misfit sits in {named}: the thick lines."

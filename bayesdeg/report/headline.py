@@ -100,8 +100,8 @@ def _misfit(verdict: Verdict) -> KeyNumber:
 
 
 def _directed(verdict: Verdict) -> str:
-    """Say the largest p-value of the test that names, over the causes that have one."""
-    entries = (verdict.candidate(cause) for cause in verdict.causes)
+    """Say the largest p-value of the test that names, over the causes that passed it."""
+    entries = (verdict.candidate(cause) for cause in verdict.predicted_with or verdict.causes)
     found = [entry.naming_p_value for entry in entries if entry and entry.naming_p_value]
     return f", {p_value(max(found))} where it is directed at the candidates" if found else ""
 

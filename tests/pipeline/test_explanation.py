@@ -299,7 +299,7 @@ def directed_words(p_value):
 def test_the_test_that_names_is_told_with_its_own_p_value():
     text = directed_words(1 / 501)
     assert "directed at the candidates" in text
-    assert "has p = 0.002 in data simulated without pressure_offset." in text
+    assert "with p = 0.002 in data simulated without pressure_offset." in text
     assert "does not show it" not in text
 
 
