@@ -12,7 +12,7 @@ from bayesdeg.criticism.discrepancy import explained
 from bayesdeg.criticism.held_out import HeldOut, difference
 from bayesdeg.criticism.search import Names, Search
 from bayesdeg.criticism.trials import Trial
-from bayesdeg.criticism.verdict import Support, share_explained
+from bayesdeg.criticism.verdict import Support
 
 Floats = NDArray[np.float64]
 
@@ -45,8 +45,9 @@ class Candidate:
     probability : float or None
         Posterior probability that it acts.
     explained_fraction : float or None
-        Share of the misfit statistic that it removes, of a named one together with the others;
-        None if it was screened only.
+        Share of the misfit statistic, less what chance gives, that it removes: each model against
+        its own errors (`bayesdeg.criticism.discrepancy.explained`); of a named one together with
+        the others. None if it was screened only, or if there is no more misfit than chance gives.
     elpd_diff, elpd_diff_se : float or None
         Gain in log predictive density on held-out specimens; None if it was not tried on them.
     effect : mapping
@@ -57,6 +58,9 @@ class Candidate:
         Why it could not be judged; empty if it was.
     log_bayes_factor_error : float or None
         Monte Carlo standard error of the log Bayes factor [nats]; None if it was screened only.
+    naming_p_value : float or None
+        Share of data sets simulated from the model without it in which the best of all causes has
+        as large a log Bayes factor, (1 + #)/(1 + n).
     """
 
     cause: str
@@ -69,6 +73,7 @@ class Candidate:
     fitted: bool = True
     why: str = ""
     log_bayes_factor_error: float | None = None
+    naming_p_value: float | None = None
 
 
 def candidates(
@@ -135,16 +140,17 @@ def _named(
     generator: np.random.Generator,
 ) -> Candidate:
     one, chosen = named[cause.name], frozenset(named)
-    share = max(share_explained(search.step(search.base.names), search.step(chosen)))
+    share = explained(search.step(search.base.names).misfit, search.step(chosen).misfit)
     return Candidate(
         cause=cause.name,
         log_bayes_factor=one.log_bayes_factor,
         probability=probability,
-        explained_fraction=share,
+        explained_fraction=None if np.isnan(share) else share,
         elpd_diff=one.elpd_diff,
         elpd_diff_se=one.elpd_diff_se,
         effect=effect_sizes(search.trials[chosen], cause, generator),
         log_bayes_factor_error=_error(search, chosen, chosen - {cause.name}),
+        naming_p_value=one.chance,
     )
 
 
@@ -159,7 +165,13 @@ def _other(
     if alone not in search.trials:
         factor = search.step(base).screened[cause.name].log_bayes_factor
         return Candidate(
-            cause.name, max(factor, LEAST), probability, None, None, None, {}, fitted=False
+            cause.name,
+            max(factor, LEAST),
+            probability,
+            *3 * (None,),
+            {},
+            fitted=False,
+            naming_p_value=search.step(base).chance_of(factor),
         )
     share = explained(search.step(base).misfit, search.step(alone).misfit)
     tested = alone in held_out and base in held_out
@@ -173,6 +185,7 @@ def _other(
         elpd_diff_se=error,
         effect=effect_sizes(search.trials[alone], cause, generator),
         log_bayes_factor_error=_error(search, alone, base),
+        naming_p_value=search.step(base).chance_of(search.factor(alone)),
     )
 
 

@@ -129,8 +129,9 @@ class Search:
             cause.name: _screened(trial, cause, self._seed(trial.names | {cause.name}, 2))
             for cause in others
         }
-        threshold = naming_threshold(linear, others, known)
-        return Step(trial, misfit, known, screened, threshold, _unbent(trial, others))
+        chance = factors_by_chance(linear, others, known)
+        least = _threshold(chance)
+        return Step(trial, misfit, known, screened, least, _unbent(trial, others), chance)
 
     def _seed(self, names: Names, use: int = 0) -> np.random.SeedSequence:
         known = [cause.name for cause in self.causes]
@@ -162,12 +163,25 @@ def naming_threshold(linear: Linear, causes: Iterable[Cause], replicates: Floats
     replicates : array, shape (k, n_readings)
         Data simulated from the model.
     """
+    return _threshold(factors_by_chance(linear, causes, replicates))
+
+
+def factors_by_chance(linear: Linear, causes: Iterable[Cause], replicates: Floats) -> Floats:
+    """Return the largest log Bayes factor of all causes in each data set without an effect, (k,).
+
+    Parameters as in `naming_threshold`; empty where there is no cause or no data set.
+    """
     whitened = linear.whiten(replicates)
     factors = [log_bayes_factor(whitened, sensitivities(linear, cause)) for cause in causes]
     if not factors or not len(replicates):
+        return np.zeros(0)
+    return np.asarray(np.max(factors, axis=0))
+
+
+def _threshold(chance: Floats) -> float:
+    if not len(chance):
         return LEAST_FACTOR
-    largest = np.max(factors, axis=0)
-    return max(LEAST_FACTOR, float(np.quantile(largest, 1.0 - FALSE_NAME_RATE)))
+    return max(LEAST_FACTOR, float(np.quantile(chance, 1.0 - FALSE_NAME_RATE)))
 
 
 def _unbent(trial: Trial, causes: Iterable[Cause]) -> dict[str, Screened]:

@@ -35,6 +35,9 @@ class Step:
     unbent : mapping
         The causes screened where no parameter has given way to the misfit, see `Trial.unbent`;
         empty if none has.
+    chance : array, shape (k,)
+        Log Bayes factor of the best of all other causes in each of the simulated data sets, which
+        hold no further effect: what `threshold` comes from [nats]. Empty if there are none.
     """
 
     trial: Trial
@@ -43,6 +46,36 @@ class Step:
     screened: dict[str, Screened]
     threshold: float
     unbent: dict[str, Screened] = field(default_factory=dict)
+    chance: Floats = field(default_factory=lambda: np.zeros(0))
+
+    @property
+    def false_name_rate(self) -> float | None:
+        """Share of data without a further effect in which the best cause passes the threshold.
+
+        At least one in as many as were simulated; None if none were. It is below 5 % where odds of
+        20 ask for more than chance gives.
+        """
+        if not len(self.chance):
+            return None
+        return max(float(np.mean(self.chance > self.threshold)), 1.0 / (1 + len(self.chance)))
+
+    def chance_of(self, log_bayes_factor: float) -> float | None:
+        """Return how often the best cause gains as much where nothing acts, (1 + #)/(1 + k).
+
+        Parameters
+        ----------
+        log_bayes_factor : float
+            Of a set with one more cause against this one [nats].
+
+        Returns
+        -------
+        float or None
+            None if no data were simulated.
+        """
+        if not len(self.chance):
+            return None
+        larger = int(np.sum(self.chance >= log_bayes_factor))
+        return (1 + larger) / (1 + len(self.chance))
 
     def guess(self, name: str) -> tuple[Cause, Floats]:
         """Return a cause with the size at which a full fit begins."""

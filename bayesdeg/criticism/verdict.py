@@ -1,13 +1,14 @@
 """Which cause, several, or that none can be named.
 
-The chain of argument: (1) the misfit is calibrated by simulating from the fitted base model;
-(2) a Gaussian-process discrepancy says how much there is to explain; (3) causes are added one after
-another as long as the evidence passes what chance gives in 5 % of data without an effect, and are
-then judged jointly (`bayesdeg.criticism.search`); (4) together they must raise the predictive
-density of what is held out by more than a standard error, each adding to it, and remove the misfit;
-none may need an implausible size unless the evidence is strong; and the base model must contradict
-neither ruptures nor measured means to be adequate; (5) what could stand in the place of one of them
-is reported beside it.
+The chain of argument: (1) the misfit as a whole is calibrated by simulating from the fitted base
+model; (2) a Gaussian-process discrepancy says how much there is to explain; (3) causes are added
+one after another as long as the evidence passes what chance gives in 5 % of data without an effect,
+which is a test of its own, directed at the catalogue, and they are then judged jointly
+(`bayesdeg.criticism.search`); (4) together they must raise the predictive density of what is held
+out by more than a standard error, each adding to it, and leave no more than chance or remove most
+of the misfit, and none may need an implausible size unless the evidence is strong; without a cause,
+the misfit as a whole, ruptures and measured means say whether the base model is adequate; (5) what
+could stand in the place of a cause is reported beside it.
 """
 
 from collections.abc import Callable, Mapping
@@ -87,6 +88,9 @@ class Support:
         Prior probability of a size at least as far from neutral.
     together : (float, float), optional
         Gain of the whole set over the base model, and its standard error; of one of several.
+    chance : float or None
+        Share of data sets simulated without it in which the best of all candidates has as large a
+        log Bayes factor, (1 + #)/(1 + n): the test that names, directed at the catalogue.
     """
 
     cause: str
@@ -96,6 +100,7 @@ class Support:
     rivals: Mapping[str, float]
     prior_tail: float
     together: tuple[float, float] | None = None
+    chance: float | None = None
 
     @property
     def held_out_agrees(self) -> bool:
@@ -187,15 +192,17 @@ def supports(search: Search, chosen: Names, held_out: Mapping[Names, HeldOut]) -
         gain, error = difference(held_out[chosen], held_out[rest]) if tested else (None, None)
         others = rivals(search, chosen, name)
         whole = search.factor(chosen)
+        factor = whole - search.factor(rest)
         found.append(
             Support(
                 name,
-                whole - search.factor(rest),
+                factor,
                 gain,
                 error,
                 {rival: whole - factor for rival, factor in others.items()},
                 prior_tail(search, chosen, name),
                 together,
+                search.step(rest).chance_of(factor),
             )
         )
     return sorted(found, key=lambda one: -one.log_bayes_factor)
@@ -211,6 +218,10 @@ def decide(
     on_rupture: frozenset[str] = frozenset(),
 ) -> Decision:
     """Return the outcome.
+
+    A cause may be named where the misfit as a whole is within chance: `supported` passed a test
+    that is directed at what causes look like and calibrated as well, which has more power than one
+    for any smooth discrepancy. Without such a cause the misfit as a whole decides.
 
     Parameters
     ----------

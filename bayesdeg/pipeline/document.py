@@ -2,18 +2,23 @@
 
 from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.criticism.candidates import Candidate
+from bayesdeg.criticism.concentration import Concentration
 from bayesdeg.criticism.conflict import Conflict
 from bayesdeg.criticism.model_readings import STRESS
-from bayesdeg.criticism.search import FALSE_NAME_RATE
 from bayesdeg.criticism.verdict import Outcome
 from bayesdeg.pipeline.explanation import explain
-from bayesdeg.pipeline.judgement import Judgement, readings_misfit
+from bayesdeg.pipeline.judgement import Judgement, extension, readings_misfit
 
 Json = dict[str, object]
 
 
 def verdict_document(
-    judgement: Judgement, where: str, experiments: list[Json] | None = None, *, note: str = ""
+    judgement: Judgement,
+    where: str,
+    experiments: list[Json] | None = None,
+    *,
+    note: str = "",
+    concentrated: Concentration | None = None,
 ) -> Json:
     """Return the content of ``verdict.json`` for a study whose readings could be judged.
 
@@ -27,8 +32,10 @@ def verdict_document(
         What to measure next.
     note : str
         What is wrong with modes of tension that were predicted only.
+    concentrated : Concentration, optional
+        The branch, cycle, hold or few specimens in which most of the misfit sits.
     """
-    decision = judgement.decision
+    decision, base = judgement.decision, judgement.steps[0]
     rms, noise = readings_misfit(judgement)
     return {
         "outcome": str(decision.outcome),
@@ -37,17 +44,33 @@ def verdict_document(
         "explanation": f"{explain(judgement, where)} {note}".strip(),
         "candidates": [_candidate(c) for c in judgement.candidates],
         "confusable": [list(pair) for pair in judgement.confusability.pairs()],
-        "false_name_rate": FALSE_NAME_RATE,
+        "false_name_rate": base.false_name_rate,
+        "naming": {"log_bayes_factor": judgement.threshold, "replicates": len(base.chance)},
+        "predicted_with": sorted(extension(decision, judgement.supported)),
         "misfit": {
             "rms_per_m": rms,
             "noise_per_m": noise,
             "p_value": judgement.misfit.p_value,
             "where": where,
+            "concentrated": _concentrated(concentrated),
             **_of_films(judgement, rms),
         },
         "ruptures": None if judgement.rupture is None else vars(judgement.rupture),
         "contradicted": _contradicted(judgement.contradicted),
         "next_experiments": experiments or [],
+    }
+
+
+def _concentrated(found: Concentration | None) -> Json | None:
+    if found is None:
+        return None
+    return {
+        "kind": found.kind,
+        "members": list(found.members),
+        "excess_pct": list(found.excess),
+        "share_of_misfit": found.share,
+        "share_of_readings": found.readings,
+        "p_value": found.p_value,
     }
 
 
@@ -96,6 +119,8 @@ def unjudged_document(unjudged: dict[str, str], held_out: str = "") -> Json:
         ],
         "confusable": [],
         "false_name_rate": None,
+        "naming": None,
+        "predicted_with": [],
         "misfit": {"rms_per_m": None, "noise_per_m": None, "p_value": None, "where": ""},
         "ruptures": None,
         "contradicted": None,
@@ -116,6 +141,8 @@ def _candidate(candidate: Candidate) -> Json:
         "effect": {name: vars(size) for name, size in candidate.effect.items()},
         "mechanism": known.mechanism if known else "",
     }
+    if candidate.naming_p_value is not None:
+        entry["naming_p_value"] = candidate.naming_p_value
     if candidate.why:
         entry["why"] = candidate.why
     else:

@@ -7,9 +7,10 @@ import numpy as np
 from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.criticism.candidates import Candidate, EffectSize
 from bayesdeg.criticism.search import FALSE_NAME_RATE
-from bayesdeg.criticism.verdict import Outcome, share_explained
+from bayesdeg.criticism.verdict import MISFIT_LEVEL, Outcome, share_explained
 from bayesdeg.laws import Parameter
 from bayesdeg.pipeline.judgement import Judgement
+from bayesdeg.pipeline.support_in_words import directed, gains, predicted_with
 
 Json = dict[str, object]
 
@@ -69,22 +70,24 @@ def _unexplained(story: Story) -> str:
 
 
 def _ambiguous(story: Story) -> str:
-    names = " or ".join(story.judgement.decision.causes)
-    return (
-        f"{_wrong(story)} It is explained by {names}; these readings cannot tell them apart. "
-        f"{_mechanisms(story.judgement.decision.causes)}"
-    )
+    judgement = story.judgement
+    names = " or ".join(judgement.decision.causes)
+    parts = [
+        _wrong(story),
+        f"It is explained by {names}; these readings cannot tell them apart.",
+        directed(judgement),
+        _mechanisms(judgement.decision.causes),
+        *(gains(judgement) if len(judgement.supported) > 1 else ()),
+        predicted_with(judgement),
+    ]
+    return " ".join(part for part in parts if part)
 
 
 def _named(story: Story) -> str:
     judgement, causes = story.judgement, story.judgement.decision.causes
-    share = _share(judgement)
     verb = "The cause is" if len(causes) == 1 else "The causes, acting together, are"
     parts = [_wrong(story), f"{verb} {'; and '.join(_cause(judgement, name) for name in causes)}."]
-    if judgement.misfit.statistic > float(np.mean(judgement.misfit.null)):
-        included = "it" if len(causes) == 1 else "them"
-        parts.append(f"With {included} {100 * share:.0f} % of the misfit is explained.")
-    parts += [_gained(judgement, name) for name in causes]
+    parts += [_share(judgement), directed(judgement), *gains(judgement)]
     parts += [
         f"Beside this one of {' or '.join(names)} acts; these readings cannot tell which."
         for names in judgement.decision.one_of
@@ -93,16 +96,28 @@ def _named(story: Story) -> str:
     return " ".join(part for part in parts if part)
 
 
-def _share(judgement: Judgement) -> float:
-    search = judgement.search
-    chosen = frozenset(one.cause for one in judgement.supported)
-    return max(share_explained(search.step(search.base.names), search.step(chosen)))
+def _share(judgement: Judgement) -> str:
+    """Say how much of the misfit is explained, on one scale too where that is more."""
+    if judgement.misfit.statistic <= float(np.mean(judgement.misfit.null)):
+        return ""
+    own, common = (round(100 * share) for share in share_explained(*judgement.steps))
+    included = "it" if len(judgement.supported) == 1 else "them"
+    text = f"With {included} {own} % of the misfit is explained"
+    if common > own:
+        text += (
+            f", and {common} % against the errors of the model that has {included}: the model "
+            "without takes part of the misfit for error"
+        )
+    return f"{text}."
 
 
 def _wrong(story: Story) -> str:
-    if story.judgement.misfit.p_value > FALSE_NAME_RATE and not story.judgement.decision.causes:
+    judgement = story.judgement
+    if judgement.misfit.p_value > FALSE_NAME_RATE and not judgement.decision.causes:
         return "The readings alone agree with the simulation."
-    return f"{story.where} {_not_chance(story.judgement)}".strip()
+    if judgement.misfit.p_value > MISFIT_LEVEL and judgement.decision.causes:
+        return f"{story.where} As a whole that is within chance: {_chance(judgement)}.".strip()
+    return f"{story.where} {_not_chance(judgement)}".strip()
 
 
 def _cause(judgement: Judgement, name: str) -> str:
@@ -110,17 +125,6 @@ def _cause(judgement: Judgement, name: str) -> str:
     cause = CATALOGUE[name]
     size = "; ".join(_size(p, found.effect[p.name]) for p in cause.parameters)
     return f"{name}: {cause.mechanism} ({size})"
-
-
-def _gained(judgement: Judgement, name: str) -> str:
-    found = _entry(judgement, name)
-    if found.elpd_diff is None:
-        return ""
-    beside = " beside the others" if len(judgement.decision.causes) > 1 else ""
-    return (
-        f"What was left out of the calibration in turn is predicted better with {name}{beside} "
-        f"by {found.elpd_diff:.1f} ± {found.elpd_diff_se or 0.0:.1f} in log density."
-    )
 
 
 def _beside(judgement: Judgement) -> str:

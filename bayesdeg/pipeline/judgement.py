@@ -99,7 +99,9 @@ def extended_model(judgement: Judgement) -> tuple[Model, Floats] | None:
 def extension(decision: Decision, supported: tuple[Support, ...]) -> Names:
     """Return the causes that join the final model: all that the evidence favours, if any is named.
 
-    Of inseparable ones the best joins: predictions are nearly the same with each.
+    Of inseparable ones the best joins. At what was read its predictions are as good as those of the
+    others, elsewhere they may differ: a wrong scale and thicker walls give the same curvatures, and
+    other bend angles. Reports of ambiguous outcomes therefore say with which one they predict.
     """
     return frozenset(one.cause for one in supported) if decision.causes else BASE
 

@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.criticism import loo_pit, statistics
+from bayesdeg.criticism.concentration import concentration, with_concentration
 from bayesdeg.criticism.gain import gain_table
 from bayesdeg.criticism.residuals import level_table, predict_readings, where, where_films
 from bayesdeg.criticism.statistics_of_residuals import misfit_frame
@@ -60,12 +61,16 @@ def write_results(
     null = pd.DataFrame({"statistic": judgement.misfit.null})
     folder.write_table(columns.MISFIT_NULL, null.assign(replicate=np.arange(len(null))))
     _, noise = readings_misfit(judgement)
-    place = (
-        where_films(judgement.search.base.linear)
-        if residual is None
-        else where(base, residual, noise or 0.0)
+    linear = judgement.search.base.linear
+    place = where_films(linear) if residual is None else where(base, residual, noise or 0.0)
+    found = concentration(linear, judgement.steps[0].simulated, judgement.misfit.statistic)
+    return verdict_document(
+        judgement,
+        with_concentration(place, found),
+        judgement.experiments,
+        note=held_out,
+        concentrated=found,
     )
-    return verdict_document(judgement, place, judgement.experiments, note=held_out)
 
 
 def _write_criticism(folder: RunFolder, judgement: Judgement) -> None:

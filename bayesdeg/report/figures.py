@@ -71,6 +71,7 @@ type Sharing = Literal["all", "row", "none"]
 
 FULL_WIDTH = 7.6
 HALF_WIDTH = 3.8
+ONE_ROW = 4  # entries of a legend that have room beside one another
 
 
 @dataclass(frozen=True)
@@ -168,7 +169,7 @@ def legend_above(figure: Figure, entries: dict[str, Line2D]) -> None:
             list(entries.values()),
             list(entries),
             loc="outside upper left",
-            ncols=len(entries),
+            ncols=len(entries) if len(entries) <= ONE_ROW else -(-len(entries) // 2),
             handlelength=1.6,
             columnspacing=1.4,
         )

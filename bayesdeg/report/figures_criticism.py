@@ -28,6 +28,7 @@ from bayesdeg.report.figures import (
     styled,
 )
 from bayesdeg.report.figures_curvature import COLOURS
+from bayesdeg.report.figures_residuals import marker_of, path_keys
 from bayesdeg.report.summaries import BASE, FINAL, MOST_LEVELS, nearest_level, panel_levels
 from bayesdeg.report.wording import SPACE, level_words, model_words, number, p_value, unbroken
 
@@ -203,7 +204,11 @@ def _discrepancy_keys(chosen: pd.DataFrame) -> dict[str, Line2D]:
     entries: dict[str, Line2D] = {"to explain": key(BASE_COLOUR)}
     if (chosen["model"] == FINAL).any():
         entries["left after the named cause"] = key(FINAL_COLOUR)
-    return entries | {"measured less base model": points_key()}
+    entries["measured less base model"] = points_key()
+    for name, entry in path_keys(*_paths(chosen)).items():
+        entry.set_linestyle("")
+        entries[name] = entry
+    return entries
 
 
 def _axes_of(kind: str) -> tuple[str, str]:
@@ -227,16 +232,28 @@ def _panels_of(chosen: pd.DataFrame, kind: str) -> tuple[NDArray[np.int64], list
 
 
 def _draw_points(axes: Axes, here: pd.DataFrame) -> None:
-    axes.plot(
-        here["along"],
-        here["residual"],
-        "o",
-        color=INK,
-        markersize=2.4,
-        markerfacecolor=PAPER,
-        markeredgewidth=0.6,
-        alpha=0.7,
-    )
+    unloading, later = _paths(here)
+    for down, again in ((False, False), (True, False), (False, True), (True, True)):
+        chosen = here[(unloading == down) & (later == again)]
+        if chosen.empty:
+            continue
+        axes.plot(
+            chosen["along"],
+            chosen["residual"],
+            marker_of(later=again, unloading=down),
+            color=INK,
+            markersize=2.4,
+            markerfacecolor=PAPER if down or not again else INK,
+            markeredgewidth=0.6,
+            alpha=0.7,
+        )
+
+
+def _paths(here: pd.DataFrame) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return which readings are of unloading, and which of cycles after the first."""
+    words = [str(history).split() for history in here["history"]]
+    unloading = np.array([word[:1] == ["unloading"] for word in words], bool)
+    return unloading, np.array([len(word) > 1 and word[1] != "1" for word in words], bool)
 
 
 def _draw_discrepancy(axes: Axes, here: pd.DataFrame, colour: str) -> None:

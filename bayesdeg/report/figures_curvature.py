@@ -1,4 +1,4 @@
-"""Figures of the actuator: residuals, gain, curvature bands, rupture, the calibrated misfit."""
+"""Figures of the actuator: gain, curvature bands, rupture, the calibrated misfit."""
 
 from collections.abc import Sequence
 
@@ -6,7 +6,6 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from bayesdeg.nomenclature import axis_label
 from bayesdeg.report.figures import (
@@ -28,43 +27,6 @@ from bayesdeg.report.summaries import BASE, FINAL, nearest_level
 from bayesdeg.report.wording import level_words, model_words, words
 
 COLOURS = {BASE: BASE_COLOUR, FINAL: FINAL_COLOUR}
-
-
-@styled
-def residual_figure(
-    observations: pd.DataFrame, levels: Sequence[float], *, noise_per_m: float | None
-) -> Figure:
-    """Draw measured less predicted curvature against pressure, a panel a degradation rate.
-
-    Parameters
-    ----------
-    observations : pandas.DataFrame
-        Table ``observations``.
-    levels : sequence of float
-        Degradation rates that get a panel; specimens go to the nearest [%].
-    noise_per_m : float, optional
-        Standard deviation of the noise, drawn as a band about zero [1/m].
-    """
-    figure, every_axes = panels(len(levels))
-    panel = nearest_level(observations["degradation_pct"], levels)
-    for axes, level in zip(every_axes, levels, strict=True):
-        if noise_per_m is not None:
-            axes.axhspan(-noise_per_m, noise_per_m, color=MUTED, alpha=0.22, linewidth=0)
-        axes.axhline(0.0, color=MUTED, linewidth=0.9)
-        for model in (BASE, FINAL):
-            chosen = observations[(panel == level) & (observations["model"] == model)]
-            _draw_curves(axes, chosen, "residual_per_m", COLOURS[model])
-        axes.set_title(f"{level_words(level)} degradation")
-    _label(figure, axis_label("pressure_kPa"), "measured − simulated [1/m]")
-    entries = {
-        model_words(model): key(COLOURS[model], marker="o")
-        for model in (BASE, FINAL)
-        if (observations["model"] == model).any()
-    }
-    if noise_per_m is not None:
-        entries["± one standard deviation of the noise"] = _patch_key()
-    legend_above(figure, entries)
-    return figure
 
 
 @styled
@@ -171,19 +133,6 @@ def null_figure(null: pd.DataFrame, *, observed: float | None, name: str) -> Fig
     return figure
 
 
-def _draw_curves(axes: Axes, chosen: pd.DataFrame, column: str, colour: str) -> None:
-    for _, curve in chosen.groupby(["specimen_id", "branch", "cycle"], sort=False, dropna=False):
-        axes.plot(
-            curve["pressure_kPa"],
-            curve[column],
-            color=colour,
-            marker="o",
-            markersize=2.2,
-            linewidth=0.8,
-            alpha=0.85,
-        )
-
-
 def _draw_measured(
     every_axes: Sequence[Axes], observations: pd.DataFrame, levels: Sequence[float]
 ) -> None:
@@ -243,10 +192,3 @@ def _added(model: str) -> str:
 def _label(figure: Figure, x: str, y: str) -> None:
     figure.supxlabel(x, fontsize=8.0)
     figure.supylabel(y, fontsize=8.0)
-
-
-def _patch_key() -> Line2D:
-    entry = key(MUTED)
-    entry.set_linewidth(6)
-    entry.set_alpha(0.3)
-    return entry

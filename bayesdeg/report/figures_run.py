@@ -14,10 +14,10 @@ from bayesdeg.report.figures_curvature import (
     elongation_figure,
     gain_figure,
     null_figure,
-    residual_figure,
     rupture_figure,
 )
 from bayesdeg.report.figures_material import constants_figure, tensile_figure, tensile_panels
+from bayesdeg.report.figures_residuals import UNLOADING, residual_figure
 from bayesdeg.report.record import Run, Verdict
 from bayesdeg.report.summaries import (
     BASE,
@@ -86,10 +86,20 @@ def _residuals(verdict: Verdict, tables: Tables) -> Sketch | None:
         "Measured less simulated curvature against pressure, one panel a degradation rate, one "
         "line a specimen. A model that is right scatters about zero inside the noise."
     )
-    noise = verdict.misfit.noise_per_m
-    return Sketch(
-        "residuals", residual_figure(tables.observations, levels, noise_per_m=noise), caption
+    if (tables.observations["branch"] == UNLOADING).any():
+        caption += " Unloading is dashed, with hollow marks."
+    if (tables.observations["cycle"] > 1).any():
+        caption += " Squares are of cycles after the first."
+    if verdict.misfit.specimens:
+        named = " and ".join(verdict.misfit.specimens)
+        caption += f" Most of the misfit sits in {named}: the thick lines."
+    figure = residual_figure(
+        tables.observations,
+        levels,
+        noise_per_m=verdict.misfit.noise_per_m,
+        specimens=verdict.misfit.specimens,
     )
+    return Sketch("residuals", figure, caption)
 
 
 def _null(run: Run, tables: Tables) -> Sketch | None:

@@ -65,11 +65,19 @@ def _sentence(verdict: Verdict) -> str:
     match verdict.outcome:
         case Outcome.ADEQUATE:
             return "No misfit beyond the noise"
+        case Outcome.NAMED if verdict.is_directed:
+            beyond = "though the misfit as a whole is within chance"
+            return f"The readings speak for {listed(verdict.causes)}, {beyond}"
         case Outcome.NAMED:
             together = " acting together" if len(verdict.causes) > 1 else ""
             return f"The misfit is explained by {listed(verdict.causes)}{together}"
         case Outcome.AMBIGUOUS:
             either = " or ".join(words(cause) for cause in verdict.causes)
+            if verdict.is_directed:
+                within = (
+                    "The misfit as a whole is within chance, yet the readings speak for a cause"
+                )
+                return f"{within}, and cannot tell which: {either}"
             return f"There is a misfit, and this data cannot tell its cause: {either}"
         case Outcome.UNEXPLAINED:
             return "There is a misfit, and no cause in the catalogue accounts for it"
@@ -86,7 +94,16 @@ def _misfit(verdict: Verdict) -> KeyNumber:
     note = f"rms in {kind}; the noise is {fixed(noise)}{SPACE}{unit}"
     if misfit.p_value is not None:
         note += f"; {p_value(misfit.p_value)}"
+    if verdict.is_directed:
+        note += f" as a whole{_directed(verdict)}"
     return KeyNumber(label, f"{fixed(rms)}{SPACE}{unit}", note)
+
+
+def _directed(verdict: Verdict) -> str:
+    """Say the largest p-value of the test that names, over the causes that passed it."""
+    entries = (verdict.candidate(cause) for cause in verdict.predicted_with or verdict.causes)
+    found = [entry.naming_p_value for entry in entries if entry and entry.naming_p_value]
+    return f", {p_value(max(found))} where it is directed at the candidates" if found else ""
 
 
 def _certainty(verdict: Verdict) -> KeyNumber:
@@ -113,7 +130,7 @@ def _false_names(verdict: Verdict) -> str:
     if verdict.false_name_rate is None:
         return ""
     rate = percent(verdict.false_name_rate)
-    return f"; where nothing is wrong, a cause is named in {rate} of studies"
+    return f"; where nothing is wrong, chance favours a cause in {rate} of such studies at most"
 
 
 def _best(verdict: Verdict) -> KeyNumber:

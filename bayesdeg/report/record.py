@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
+from bayesdeg.criticism.verdict import MISFIT_LEVEL
 from bayesdeg.report.emulator import Emulator, emulator_of
 from bayesdeg.report.fields import (
     Json,
@@ -55,11 +56,15 @@ class Candidate:
     effects: tuple[Effect, ...]
     why: str
     mechanism: str
+    naming_p_value: float | None = None
 
 
 @dataclass(frozen=True)
 class Misfit:
-    """How far the base model is off, beside the noise; None where there is nothing to judge."""
+    """How far the base model is off, beside the noise; None where there is nothing to judge.
+
+    `specimens` are those few in which most of the misfit sits, if it does.
+    """
 
     rms_per_m: float | None
     noise_per_m: float | None
@@ -67,6 +72,7 @@ class Misfit:
     where: str
     rms_mpa: float | None = None
     noise_mpa: float | None = None
+    specimens: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -90,6 +96,13 @@ class Verdict:
     false_name_rate: float | None
     misfit: Misfit
     next_experiments: tuple[Experiment, ...]
+    predicted_with: tuple[str, ...] = ()
+
+    @property
+    def is_directed(self) -> bool:
+        """Whether causes were found by the test directed at them, where the misfit shows none."""
+        p_value = self.misfit.p_value
+        return bool(self.causes) and p_value is not None and p_value > MISFIT_LEVEL
 
     @property
     def judged(self) -> bool:
@@ -187,8 +200,10 @@ def verdict_of(content: Json) -> Verdict:
             text_of(misfit, "where"),
             number_of(misfit, "rms_MPa"),
             number_of(misfit, "noise_MPa"),
+            _specimens(mapping_of(misfit, "concentrated")),
         ),
         each_of(content, "next_experiments", _experiment),
+        texts_of(content, "predicted_with"),
     )
 
 
@@ -247,7 +262,13 @@ def _candidate(entry: Json) -> Candidate:
         tuple(_effect(name, mapping_of(effects, name)) for name in effects),
         text_of(entry, "why"),
         text_of(entry, "mechanism"),
+        number_of(entry, "naming_p_value"),
     )
+
+
+def _specimens(concentrated: Json) -> tuple[str, ...]:
+    is_of_specimens = text_of(concentrated, "kind") == "specimen"
+    return texts_of(concentrated, "members") if is_of_specimens else ()
 
 
 def _effect(name: str, entry: Json) -> Effect:

@@ -58,6 +58,9 @@ def test_a_named_cause_has_its_factor_gain_share_and_size(judged):
     assert best.elpd_diff == pytest.approx(gaps.sum())
     assert best.elpd_diff_se == pytest.approx(np.sqrt(3.0) * np.std(gaps, ddof=1))
     assert best.explained_fraction > 0.8
+    base = search.step(BASE)
+    assert len(base.chance) == len(base.simulated)
+    assert best.naming_p_value == 1 / (1 + len(base.chance))  # none of the simulated gains as much
     mean, covariance = straight.joint_of(cause).posterior(observed)
     sd = np.sqrt(covariance[-1, -1])
     size = best.effect["size"]
@@ -91,6 +94,9 @@ def test_causes_fitted_alone_are_told_against_the_base_model():
         assert set(one.effect) == {"size"}
     assert found["wave"].explained_fraction > 0.8
     assert found["lag"].explained_fraction < 0.2
+    chance = search.step(BASE).chance
+    larger = np.sum(chance >= found["lag"].log_bayes_factor)
+    assert found["lag"].naming_p_value == (1 + larger) / (1 + len(chance))
 
 
 def test_probabilities_are_those_of_sets_by_bayes_rule():

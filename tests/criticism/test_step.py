@@ -1,5 +1,6 @@
 """Which causes deserve a full fit, and at which size it begins."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -51,6 +52,14 @@ def test_causes_near_the_best_are_those_behind_by_little_or_by_a_share(best, beh
 def test_causes_below_the_least_are_not_near_however_close_to_the_best():
     assert near(screened(one=3.0, two=2.0), least=2.5) == ["one"]
     assert near({}, least=0.0) == []
+
+
+def test_what_chance_gains_is_counted_and_never_told_as_nothing():
+    step = replace(step_of({}), chance=np.array([1.0, 2.0, 3.0, 5.0]))  # the threshold is 4
+    assert step.false_name_rate == 0.25
+    assert [step.chance_of(factor) for factor in (0.5, 3.0, 9.0)] == [1.0, 0.6, 0.2]
+    assert replace(step, threshold=6.0).false_name_rate == 0.2
+    assert (step_of({}).false_name_rate, step_of({}).chance_of(3.0)) == (None, None)
 
 
 @pytest.mark.parametrize(("straight_factor", "size"), [(5.1, 0.7), (4.9, 0.1)])

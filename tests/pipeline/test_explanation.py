@@ -9,6 +9,7 @@ import pytest
 
 from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.criticism.candidates import Candidate, EffectSize
+from bayesdeg.criticism.concentration import Concentration
 from bayesdeg.criticism.conflict import Conflict
 from bayesdeg.criticism.confusability import Confusability
 from bayesdeg.criticism.discrepancy import Misfit
@@ -34,6 +35,7 @@ CANDIDATES = (OFFSET, LOSS, SCREENED, UNJUDGED)
 CONFUSABLE = Confusability(
     ("pressure_loss", "film_mismatch"), np.array([9.0, 9.0]), np.array([[1.0, 0.9], [0.8, 1.0]])
 )
+CHANCE = np.append(np.full(490, 1.0), np.full(10, 5.0))  # 2 % above the threshold
 RESIDUAL, LEFT = 2.0, 0.5  # by which curvatures are off [1/m], and what no discrepancy explains
 
 
@@ -50,14 +52,19 @@ def search_of(base, left):
     def step(names):
         found = left if names else base
         return Step(
-            trial=trial, misfit=found, simulated=np.zeros((0, 1)), screened={}, threshold=4.2
+            trial=trial,
+            misfit=found,
+            simulated=np.zeros((0, 1)),
+            screened={},
+            threshold=4.2,
+            chance=CHANCE,
         )
 
     return SimpleNamespace(base=trial, step=step)
 
 
-def support(cause, *, rivals=None, factor=41.2):
-    return Support(cause, factor, 39.5, 6.1, rivals or {}, 0.1)
+def support(cause, *, rivals=None, factor=41.2, gain=39.5, together=None, chance=None):
+    return Support(cause, factor, gain, 6.1, rivals or {}, 0.1, together, chance)
 
 
 def judgement_of(
@@ -243,14 +250,98 @@ def test_the_document_holds_what_was_promised():
     assert document["causes"] == ["pressure_offset"]
     assert document["one_of"] == []
     assert document["confusable"] == [["pressure_loss", "film_mismatch"]]
-    assert document["false_name_rate"] == 0.05
+    assert document["false_name_rate"] == pytest.approx(0.02)
+    assert document["naming"] == {"log_bayes_factor": 4.2, "replicates": 500}
+    assert document["predicted_with"] == ["pressure_offset"]
     assert document["misfit"] == {
         "rms_per_m": pytest.approx(RESIDUAL),
         "noise_per_m": pytest.approx(LEFT),
         "p_value": 1 / 501,
         "where": WHERE,
+        "concentrated": None,
     }
     assert json.loads(json.dumps(document)) == document
+
+
+def test_the_false_name_rate_is_never_none_of_as_many_as_were_simulated():
+    base = ONE.steps[0]
+    assert replace(base, chance=np.zeros(500)).false_name_rate == pytest.approx(1 / 501)
+    assert replace(base, chance=np.zeros(0)).false_name_rate is None
+
+
+def test_where_most_of_the_misfit_sits_is_for_other_tools_too():
+    found = Concentration("specimen", ("G7",), (-14.0,), 0.88, 0.06, 0.002)
+    document = verdict_document(ONE, WHERE, concentrated=found)
+    assert document["misfit"]["concentrated"] == {
+        "kind": "specimen",
+        "members": ["G7"],
+        "excess_pct": [-14.0],
+        "share_of_misfit": 0.88,
+        "share_of_readings": 0.06,
+        "p_value": 0.002,
+    }
+    assert json.loads(json.dumps(document)) == document
+
+
+def test_candidates_tell_how_often_chance_gains_as_much():
+    known = replace(OFFSET, naming_p_value=0.002)
+    document = verdict_document(replace(ONE, candidates=(known, LOSS, UNJUDGED)), WHERE)
+    first, *others = document["candidates"]
+    assert first["naming_p_value"] == 0.002
+    assert all("naming_p_value" not in one for one in others)
+
+
+def directed_words(p_value):
+    supported = support("pressure_offset", chance=0.002)
+    return explain(judgement_of(named("pressure_offset"), supported, p_value=p_value), WHERE)
+
+
+def test_the_test_that_names_is_told_with_its_own_p_value():
+    text = directed_words(1 / 501)
+    assert "directed at the candidates" in text
+    assert "with p = 0.002 in data simulated without pressure_offset." in text
+    assert "does not show it" not in text
+
+
+def test_where_the_misfit_as_a_whole_is_chance_that_is_said():
+    text = directed_words(0.63)
+    assert "As a whole that is within chance: 63 % of 500 data sets" in text
+    assert "without pressure_offset. The misfit as a whole, measured without a cand" in text
+    assert "does not show it." in text
+    assert "misfit as much (p = 0.63)" not in text
+
+
+@pytest.mark.parametrize(("gain", "unsure"), [(12.1, True), (12.3, False)])
+def test_gains_of_joint_causes_within_two_standard_errors_are_said_to_prove_nothing(gain, unsure):
+    together = (51.6, 8.0)
+    judgement = judgement_of(
+        named("pressure_offset", "pressure_loss"),
+        support("pressure_offset", together=together),
+        support("pressure_loss", gain=gain, together=together),
+    )
+    text = explain(judgement, WHERE)
+    assert "better with pressure_offset beside the others by 39.5 ± 6.1 in log density." in text
+    assert f"with pressure_loss beside the others by {gain} ± 6.1 in log density" in text
+    assert ("neither confirm nor contradict pressure_loss by itself" in text) is unsure
+    assert "All of them together raise it by 51.6 ± 8.0." in text
+
+
+def test_the_gain_of_a_single_cause_is_not_doubted():
+    text = explain(judgement_of(named("pressure_offset"), support("pressure_offset", gain=7.0)), "")
+    assert "by 7.0 ± 6.1" in text
+    assert "neither confirm" not in text
+
+
+@pytest.mark.parametrize("outcome", list(Outcome))
+def test_only_an_ambiguous_outcome_says_with_which_cause_it_predicts(outcome):
+    causes = ("pressure_offset", "pressure_loss")
+    decision = Decision(outcome, causes if outcome in ("named", "ambiguous") else ())
+    judgement = judgement_of(decision, support("pressure_offset"))
+    told = "predicted with pressure_offset, one of the possible answers" in explain(judgement, "")
+    assert told is (outcome is Outcome.AMBIGUOUS)
+    assert verdict_document(judgement, "")["predicted_with"] == (
+        ["pressure_offset"] if decision.causes else []
+    )
 
 
 def test_residuals_are_told_before_and_after_what_is_explained():

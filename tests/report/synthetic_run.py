@@ -52,6 +52,7 @@ def candidates(outcome):
             "elpd_diff": 39.5 - 32 * place,
             "elpd_diff_se": 6.1,
             "explained_fraction": (0.93 if outcome == "named" else 0.34) - 0.1 * place,
+            "naming_p_value": 0.002 + 0.02 * place,
             "effect": effects[place],
             "mechanism": "the outer layer is stiffer than the mean" if place == 0 else "",
         }
@@ -98,6 +99,7 @@ def verdict(outcome):
         "candidates": candidates(outcome),
         "confusable": [["wall_thickness", "film_mismatch"], ["erosion", "degradation_misread"]],
         "false_name_rate": 0.05,
+        "predicted_with": CAUSES[outcome][:1],
         "misfit": {
             "rms_per_m": 0.61 if good else 2.13,
             "noise_per_m": 0.63,

@@ -119,6 +119,20 @@ def test_the_figures_are_the_same_from_the_files_of_a_run(tmp_path):
             np.testing.assert_allclose(one, other)
 
 
+def test_unloading_and_later_cycles_have_marks_of_their_own_in_the_discrepancy():
+    one = discrepancy().query("model == 'base'")
+    histories = ("loading 1 hanging", "unloading 1 hanging", "loading 2 hanging")
+    figure = discrepancy_figure(pd.concat([one.assign(history=h) for h in histories]))
+    for axes in figure.axes:
+        assert [line.get_marker() for line in axes.lines if line.get_linestyle() == "None"] == [
+            "o",
+            "v",
+            "s",
+        ]
+    entries = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert entries[-2:] == ["unloading", "later cycles"]
+
+
 def test_the_most_remarkable_statistic_stands_on_top_with_its_unit_and_value():
     axes = FIGURES["statistics"]().axes[0]
     labels = [tick.get_text().replace("\N{NO-BREAK SPACE}", " ") for tick in axes.get_yticklabels()]

@@ -13,10 +13,10 @@ from bayesdeg.report.figures_curvature import (
     elongation_figure,
     gain_figure,
     null_figure,
-    residual_figure,
     rupture_figure,
 )
 from bayesdeg.report.figures_material import constants_figure, tensile_figure
+from bayesdeg.report.figures_residuals import residual_figure
 from bayesdeg.report.summaries import MOST_LEVELS, by_level, pooled
 from tests.report.synthetic_run import (
     LEVELS,
@@ -34,7 +34,20 @@ GENERATOR = np.random.default_rng(5)
 OBSERVED = observations(GENERATOR, final=True)
 NULL = pd.DataFrame({"replicate": range(50), "statistic": GENERATOR.gamma(5.0, 1.0, 50)})
 
+CYCLED = pd.concat(
+    [
+        OBSERVED.assign(
+            branch=branch, cycle=cycle, residual_per_m=OBSERVED["residual_per_m"] + cycle
+        )
+        for branch in ("loading", "unloading")
+        for cycle in (1, 2)
+    ]
+)
+
 FIGURES = {
+    "residuals-of-cycles": lambda: residual_figure(
+        CYCLED, LEVELS, noise_per_m=0.6, specimens=("A5-1", "A25-2")
+    ),
     "residuals": lambda: residual_figure(OBSERVED, LEVELS, noise_per_m=0.6),
     "bands": lambda: bands_figure(bands(), OBSERVED, LEVELS),
     "bands_alone": lambda: bands_figure(bands(), None, LEVELS),
@@ -103,6 +116,34 @@ def test_the_same_figure_gives_the_same_bytes():
         inline_svg(FIGURES["rupture"](), "r", description="", virtual=False) for _ in range(2)
     )
     assert first == second
+
+
+def test_branches_and_cycles_have_marks_of_their_own_and_a_key():
+    figure = FIGURES["residuals-of-cycles"]()
+    lines = [line for axes in figure.axes for line in axes.lines if len(line.get_xdata()) > 2]
+    for branch in ("loading", "unloading"):
+        for cycle in (1, 2):
+            dashed, mark = branch == "unloading", "s" if cycle == 2 else "ov"[branch != "loading"]
+            own = [
+                line
+                for line in lines
+                if line.get_marker() == mark and (line.get_linestyle() == "--") is dashed
+            ]
+            assert len(own) == 2 * 3 * len(LEVELS), (branch, cycle)
+    entries = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert entries[-2:] == ["unloading", "later cycles"]
+    plain = [text.get_text() for text in FIGURES["residuals"]().legends[0].get_texts()]
+    assert not {"unloading", "later cycles"} & set(plain)
+
+
+def test_specimens_in_which_the_misfit_sits_are_named_in_their_panels_and_thick():
+    figure = FIGURES["residuals-of-cycles"]()
+    named = [[text.get_text() for text in axes.texts] for axes in figure.axes]
+    assert named == [[], ["A5-1"], [], [], [], ["A25-2"]]
+    for axes, names in zip(figure.axes, named, strict=True):
+        thick = [line for line in axes.lines if line.get_linewidth() > 1.5]
+        assert len(thick) == 8 * len(names)  # of two models, branches and cycles each
+    assert not any(axes.texts for axes in FIGURES["residuals"]().axes)
 
 
 @pytest.mark.parametrize(("model", "colour"), [("base", BASE_COLOUR), ("final", FINAL_COLOUR)])

@@ -108,6 +108,34 @@ def test_only_a_named_cause_is_said_to_have_gained_something(built):
         assert "→" not in read_html(built(outcome)[1]).by_id("verdict").text
 
 
+@pytest.mark.parametrize("outcome", FULL)
+def test_only_an_ambiguous_page_says_with_which_cause_it_predicts(built, outcome):
+    page = read_html(built(outcome)[1])
+    said = "Predicted with erosion, out of what cannot be told apart: erosion or degradation misr"
+    for section in ("curvature", "rupture"):
+        assert (said in page.by_id(section).text) is (outcome == "ambiguous")
+    assert ("may predict differently" in page.text) is (outcome == "ambiguous")
+
+
+@pytest.mark.parametrize(
+    ("outcome", "sentence"),
+    [
+        ("named", "The readings speak for degraded skin, though the misfit as a whole is within"),
+        ("ambiguous", "the readings speak for a cause, and cannot tell which: erosion or degrad"),
+    ],
+)
+def test_a_cause_found_by_the_directed_test_alone_is_not_said_to_explain_a_misfit(
+    built, outcome, sentence
+):
+    verdict = built(outcome)[0].read_verdict()
+    weak = replace(verdict, misfit=replace(verdict.misfit, p_value=0.63))
+    headline = headline_of(weak, None)
+    assert sentence in headline.sentence
+    note = headline.numbers[0].note.replace("\N{NO-BREAK SPACE}", " ")
+    assert "p = 0.63 as a whole, p = 0.0" in note
+    assert "as a whole" not in headline_of(verdict, None).numbers[0].note
+
+
 def test_the_candidates_are_those_of_the_verdict(built):
     folder, html = built("named")
     verdict, page = folder.read_verdict(), read_html(html)
@@ -118,13 +146,15 @@ def test_the_candidates_are_those_of_the_verdict(built):
         assert cells[0].startswith(entry.cause.replace("_", " "))
         assert close(cells[1], max(100 * entry.probability, 0.1), within=0.5)
         assert close(cells[2], entry.log_bayes_factor, within=0.05)
-        assert close(cells[3], entry.elpd_diff, within=0.05)
-        assert close(cells[3], entry.elpd_diff_se, within=0.05)
-        assert close(cells[4], 100 * entry.explained_fraction, within=0.5)
+        chance = entry.naming_p_value
+        assert cells[3] == "–" if chance is None else close(cells[3], chance, within=0.0005)
+        assert close(cells[4], entry.elpd_diff, within=0.05)
+        assert close(cells[4], entry.elpd_diff_se, within=0.05)
+        assert close(cells[5], 100 * entry.explained_fraction, within=0.5)
         for effect in entry.effects:
             for value in (effect.mean, effect.q05, effect.q95):
-                assert close(cells[5], value, within=0.006 * abs(value))
-            assert effect.unit == "–" or effect.unit in cells[5]
+                assert close(cells[6], value, within=0.006 * abs(value))
+            assert effect.unit == "–" or effect.unit in cells[6]
     unjudged = table_cells(page, "Causes that this data says nothing about")
     assert unjudged == [
         ["Mullins", "needs the column cycle of actuator.csv"],
