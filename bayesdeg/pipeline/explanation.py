@@ -6,6 +6,7 @@ import numpy as np
 
 from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.criticism.candidates import Candidate, EffectSize
+from bayesdeg.criticism.discrepancy import MISFIT_LEVEL
 from bayesdeg.criticism.search import FALSE_NAME_RATE
 from bayesdeg.criticism.verdict import Outcome, share_explained
 from bayesdeg.laws import Parameter
@@ -49,7 +50,7 @@ def _adequate(story: Story) -> str:
     return (
         "The simulation agrees with the measurements within specimen scatter and reading noise "
         f"({_chance(story.judgement)}). No cause is named."
-    )
+    ) + _hidden(story.judgement)
 
 
 def _unexplained(story: Story) -> str:
@@ -68,12 +69,31 @@ def _unexplained(story: Story) -> str:
     )
 
 
+def _hidden(judgement: Judgement) -> str:
+    """Say which causes such films would not have shown."""
+    if not judgement.alike:
+        return ""
+    return (
+        f" Whether {' or '.join(judgement.alike)} acts these films cannot show: any stress–stretch "
+        "curve in one mode of tension is that of some energy in I₁ alone."
+    )
+
+
 def _ambiguous(story: Story) -> str:
     names = " or ".join(story.judgement.decision.causes)
-    return (
-        f"{_wrong(story)} It is explained by {names}; these readings cannot tell them apart. "
-        f"{_mechanisms(story.judgement.decision.causes)}"
-    )
+    if not story.judgement.supported:
+        return (
+            f"{_wrong(story)} It may be {names}, or no more than the form of the law: any "
+            "stress–stretch curve in one mode of tension is that of some energy in I₁ alone, so "
+            "these films cannot tell them apart, and nothing is named. "
+            f"{_mechanisms(story.judgement.decision.causes)}"
+        )
+    parts = [
+        f"{_wrong(story)} It is explained by {names}; these readings cannot tell them apart.",
+        _mechanisms(story.judgement.decision.causes),
+        _left(story.judgement),
+    ]
+    return " ".join(part for part in parts if part)
 
 
 def _named(story: Story) -> str:
@@ -89,8 +109,19 @@ def _named(story: Story) -> str:
         f"Beside this one of {' or '.join(names)} acts; these readings cannot tell which."
         for names in judgement.decision.one_of
     ]
-    parts.append(_runner_up(judgement))
+    parts += [_runner_up(judgement), _left(judgement)]
     return " ".join(part for part in parts if part)
+
+
+def _left(judgement: Judgement) -> str:
+    """Say so where what is left is no chance either."""
+    if judgement.left.p_value > MISFIT_LEVEL:
+        return ""
+    return (
+        f"What is left is still more than chance gives (p = {judgement.left.p_value:.2g}, from "
+        f"{len(judgement.left.null)} data sets simulated from the extended model): something that "
+        "is not named is wrong too."
+    )
 
 
 def _share(judgement: Judgement) -> float:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.stats import norm
 
 from bayesdeg.criticism.conflict import Conflict
-from bayesdeg.criticism.discrepancy import Misfit
+from bayesdeg.criticism.discrepancy import MISFIT_LEVEL, Misfit
 from bayesdeg.criticism.held_out import HeldOut
 from bayesdeg.criticism.rupture_misfit import RuptureMisfit
 from bayesdeg.criticism.search import Search, SearchEffort, run_search
@@ -21,7 +21,6 @@ from bayesdeg.criticism.verdict import (
     INSEPARABLE,
     LEAST_EXPLAINED,
     LEAST_ON_ONE_SCALE,
-    MISFIT_LEVEL,
     NEARLY_ALL,
     Decision,
     Outcome,
