@@ -10,6 +10,7 @@ from bayesdeg.criticism.discrepancy import MISFIT_LEVEL
 from bayesdeg.criticism.search import FALSE_NAME_RATE
 from bayesdeg.criticism.verdict import Outcome, share_explained
 from bayesdeg.laws import Parameter
+from bayesdeg.pipeline.explanation_of_films import by_mode, hidden, one_mode
 from bayesdeg.pipeline.judgement import Judgement
 
 Json = dict[str, object]
@@ -47,10 +48,11 @@ def explain(judgement: Judgement, where: str) -> str:
 
 
 def _adequate(story: Story) -> str:
-    return (
+    said = (
         "The simulation agrees with the measurements within specimen scatter and reading noise "
         f"({_chance(story.judgement)}). No cause is named."
-    ) + _hidden(story.judgement)
+    )
+    return " ".join(part for part in (said, hidden(story.judgement.alike)) if part)
 
 
 def _unexplained(story: Story) -> str:
@@ -69,25 +71,10 @@ def _unexplained(story: Story) -> str:
     )
 
 
-def _hidden(judgement: Judgement) -> str:
-    """Say which causes such films would not have shown."""
-    if not judgement.alike:
-        return ""
-    return (
-        f" Whether {' or '.join(judgement.alike)} acts these films cannot show: any stress–stretch "
-        "curve in one mode of tension is that of some energy in I₁ alone."
-    )
-
-
 def _ambiguous(story: Story) -> str:
     names = " or ".join(story.judgement.decision.causes)
     if not story.judgement.supported:
-        return (
-            f"{_wrong(story)} It may be {names}, or no more than the form of the law: any "
-            "stress–stretch curve in one mode of tension is that of some energy in I₁ alone, so "
-            "these films cannot tell them apart, and nothing is named. "
-            f"{_mechanisms(story.judgement.decision.causes)}"
-        )
+        return f"{_wrong(story)} {one_mode(names)} {_mechanisms(story.judgement.decision.causes)}"
     parts = [
         f"{_wrong(story)} It is explained by {names}; these readings cannot tell them apart.",
         _mechanisms(story.judgement.decision.causes),
@@ -105,6 +92,7 @@ def _named(story: Story) -> str:
         included = "it" if len(causes) == 1 else "them"
         parts.append(f"With {included} {100 * share:.0f} % of the misfit is explained.")
     parts += [_gained(judgement, name) for name in causes]
+    parts.append(by_mode(judgement.search.base.subject, judgement.held_out))
     parts += [
         f"Beside this one of {' or '.join(names)} acts; these readings cannot tell which."
         for names in judgement.decision.one_of

@@ -11,6 +11,7 @@ import pytest
 
 from bayesdeg.causes.cause import Cause, Stage
 from bayesdeg.criticism.discrepancy import MISFIT_LEVEL
+from bayesdeg.criticism.gain import mode_table
 from bayesdeg.criticism.residuals import where_films
 from bayesdeg.criticism.verdict import Outcome, hold_out
 from bayesdeg.laws import Normal, Parameter
@@ -85,6 +86,18 @@ def test_all_modes_name_the_second_invariant_whatever_the_seed(full, seed):
     assert found.decision.causes == ("second_invariant",)
     size = found.candidates[0].effect["ratio"]
     assert size.q05 < 0.64 < size.q95
+
+
+def test_each_held_out_mode_is_told_by_itself(full):
+    """Equibiaxial tension gains most, which the pooled error of all modes hides."""
+    found = full[1]
+    table = mode_table(found.search.base.subject, found.held_out)
+    error = table.pivot(index="mode", columns="model", values="rmse_MPa")
+    after, before = error["base+second_invariant"], error["base"]
+    assert before["equibiaxial"] == pytest.approx(0.20, abs=0.02)
+    assert after["equibiaxial"] == pytest.approx(0.05, abs=0.015)
+    assert np.all(after < before)
+    assert "equibiaxial 0.20" in document(found)["explanation"]
 
 
 def test_what_is_left_after_naming_is_said_where_it_is_no_chance(full):
