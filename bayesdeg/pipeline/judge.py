@@ -63,36 +63,24 @@ def judge(
     """
     searching, folding, drawing = seed.spawn(3)
     generator = np.random.default_rng(drawing)
-    if assembly.model.actuator is None:
-        effort = replace(effort, most=MOST_OF_FILMS)
-    search = Search(base, assembly.candidates, effort, searching, executor=executor)
+    search = Search(base, assembly.candidates, _on(assembly, effort), searching, executor=executor)
     search.on_fit = partial(progress.advance, 1)
     chosen, alone, final = _searched(search, progress)
-    rupture, contradicted = _beside(base, generator)
+    beside = _beside(base, generator)
     progress.stage("held-out specimens")
     held_out = hold_out(
         search, chosen, seed=folding, executor=executor, on_set=partial(_told, progress)
     )
     everything = all_held_out(search, chosen, held_out, seed=folding, executor=executor)
     supported = supports(search, chosen, everything)
-    silent = frozenset(cause.name for cause in search.causes if cause.is_of_rupture_alone)
-    alike = tuple(cause.name for cause in assembly.alike)
-    decision = decide(
-        alone,
-        final,
-        supported,
-        rupture=rupture,
-        contradicted=contradicted,
-        on_rupture=silent,
-        alike=alike,
-    )
+    decision = _decided((alone, final), supported, beside, assembly)
     names = extension(decision, tuple(supported)) if effort.levels_out else BASE
     judged = candidates(search, supported, everything, generator)
     return Judgement(
         misfit=alone.misfit,
         left=final.misfit,
-        rupture=rupture,
-        contradicted=contradicted,
+        rupture=beside[0],
+        contradicted=beside[1],
         candidates=(*judged, *_unjudged(assembly)),
         supported=tuple(supported),
         decision=decision,
@@ -102,8 +90,13 @@ def judge(
         levels_out=levels_out(search, names, seed=folding, executor=executor),
         search=search,
         experiments=_next(search, decision, supported, assembly, generator),
-        alike=alike,
+        alike=tuple(cause.name for cause in assembly.alike),
     )
+
+
+def _on(assembly: Assembly, effort: SearchEffort) -> SearchEffort:
+    """Return the effort with as many replicates as p-values near the level may need of films."""
+    return replace(effort, most=MOST_OF_FILMS) if assembly.model.actuator is None else effort
 
 
 def _searched(search: Search, progress: Progress) -> tuple[Names, Step, Step]:
@@ -126,6 +119,23 @@ def _beside(
     assert isinstance(base.subject, ModelReadings)
     model, draws = base.subject.model, base.draws(generator, FEW_DRAWS)
     return rupture_misfit(model, draws, generator), conflict(model, draws)
+
+
+def _decided(
+    steps: tuple[Step, Step],
+    supported: list[Support],
+    beside: tuple[RuptureMisfit | None, Conflict | None],
+    assembly: Assembly,
+) -> Decision:
+    silent = frozenset(cause.name for cause in assembly.candidates if cause.is_of_rupture_alone)
+    return decide(
+        *steps,
+        supported,
+        rupture=beside[0],
+        contradicted=beside[1],
+        on_rupture=silent,
+        alike=tuple(cause.name for cause in assembly.alike),
+    )
 
 
 def _next(
