@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from bayesdeg.causes.cause import Conditions
+from bayesdeg.causes.cause import Conditions, FilmConditions
 from bayesdeg.causes.history import known_time
 
 FRESH = 0.5
@@ -32,3 +32,36 @@ def without_time(conditions: Conditions) -> str | None:
         return "no time was recorded"
     passed = np.ptp(known_time(conditions), axis=-1)
     return None if np.any(passed > 0.0) else "no time passed between readings"
+
+
+def in_one_mode(films: FilmConditions) -> str | None:
+    """Say so where all films were stretched in one mode, all in tension or all in compression.
+
+    Along such a path I₁ − 3 and the stretch determine each other, and an energy W(I₁) with
+    W' = σ/(∂I₁/∂λ) has any given nominal stress σ(λ): whatever acts on the stress reads like
+    another form of the law. Only that Yeoh's polynomial ends with its third term speaks against it.
+
+    Examples
+    --------
+    >>> stretch, plain = np.array([[1.5, 2.0], [1.5, 2.0]]), np.full((2, 2), False)
+    >>> modes = np.array(["uniaxial", "planar"])
+    >>> in_one_mode(FilmConditions(stretch, modes, plain, np.zeros(2)))
+    >>> one = FilmConditions(stretch[:1], modes[:1], plain[:1], np.zeros(1))
+    >>> in_one_mode(one)[:57]
+    'films were stretched in one mode only (uniaxial), without'
+    """
+    modes = sorted(set(films.mode.tolist()))
+    both_ways = np.any(films.stretch > 1.0) and np.any(films.stretch < 1.0)
+    if len(modes) > 1 or both_ways:
+        return None
+    return (
+        f"films were stretched in one mode only ({modes[0]}), without actuators beside them: any "
+        "curve in one mode is that of some energy in I₁ alone, so this cannot be told from another "
+        "form of the law"
+    )
+
+
+def in_one_mode_and_measure(films: FilmConditions) -> str | None:
+    """Say so where besides all stresses bear the same label, nominal or Cauchy."""
+    labels = np.unique(films.cauchy[films.stretch != 1.0])  # what pads a curve has no label
+    return in_one_mode(films) if len(labels) < 2 else None

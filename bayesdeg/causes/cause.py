@@ -139,7 +139,7 @@ class Strength:
     scatter: Floats
 
 
-def always_visible(conditions: Conditions) -> None:
+def always_visible(conditions: Conditions | FilmConditions) -> None:
     """Say nothing: no test is blind to the cause."""
 
 
@@ -178,6 +178,8 @@ class Cause:
         (walkers, n_specimens) [%]; the effect is shaped (walkers, 1).
     blind : callable
         Says why tests cannot reveal it although the columns are there; None if they can.
+    blind_on_films : callable
+        Says why tensile tests alone, without actuators, cannot reveal it; None if they can.
     """
 
     name: str
@@ -194,6 +196,7 @@ class Cause:
     on_stress: Callable[[Floats, FilmConditions, Effect, Floats], Floats] | None = None
     on_strength: Callable[[Strength, Floats, Effect], Strength] | None = None
     blind: Callable[[Conditions], str | None] = always_visible
+    blind_on_films: Callable[[FilmConditions], str | None] = always_visible
 
     def qualified(self, parameter: str) -> str:
         """Return the parameter's name in a posterior: prefixed with that of the cause."""

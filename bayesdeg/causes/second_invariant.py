@@ -15,7 +15,8 @@ Typical size
     trained up to x = 1, which is where the prior ends.
 
 Revealed by
-    Films in a second mode; a misfit at high pressure and low degradation rate.
+    Films in a second mode; a misfit at high pressure and low degradation rate. Films in one mode
+    alone do not show it: another energy in I₁ has the same curve.
 
 Refuted by
     Equibiaxial films that the law fitted in uniaxial tension predicts.
@@ -30,6 +31,7 @@ from dataclasses import replace
 import numpy as np
 
 from bayesdeg.actuator.inputs import Inputs
+from bayesdeg.causes.blindness import in_one_mode
 from bayesdeg.causes.cause import Cause, Conditions, Effect, FilmConditions, Floats, Stage
 from bayesdeg.laws import Parameter, TruncatedNormal
 from bayesdeg.material.stress import root_second_invariant_basis
@@ -70,4 +72,5 @@ CAUSE = Cause(
     confusable_with=("film_mismatch", "stress_measure"),
     on_inputs=add_to_energy,
     on_stress=add_to_stress,
+    blind_on_films=in_one_mode,
 )

@@ -15,8 +15,8 @@ Typical size
 
 Revealed by
     Tensile curves that agree with curvatures at small strain after exchange only; films tested in
-    two modes, which one law fits in the right measure only. With one mode and no actuators the
-    constants take it up.
+    two modes, which one law fits in the right measure only. With one mode, one label
+    and no actuators another form of the law takes it up.
 
 Refuted by
     Forces and areas as they were recorded.
@@ -28,6 +28,7 @@ Source
 
 import numpy as np
 
+from bayesdeg.causes.blindness import in_one_mode_and_measure
 from bayesdeg.causes.cause import Cause, Effect, FilmConditions, Floats, Stage
 from bayesdeg.laws import Parameter, TruncatedNormal
 
@@ -59,4 +60,5 @@ CAUSE = Cause(
     "the other measure only; refuted by the recorded forces and areas",
     confusable_with=("film_mismatch", "second_invariant"),
     on_stress=confuse_measure,
+    blind_on_films=in_one_mode_and_measure,
 )

@@ -74,6 +74,8 @@ def confusability(
     generator : Generator
         For the noise.
     """
+    if not causes:
+        return Confusability((), np.zeros(0), np.zeros((0, 0)))
     columns = [sensitivities(linear, cause) for cause in causes]
     changes = np.stack([_typical_effect(linear, cause) for cause in causes])
     noise = generator.standard_normal((DRAWS, changes.shape[1]))

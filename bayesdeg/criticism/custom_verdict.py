@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.causes.cause import Cause
-from bayesdeg.criticism.discrepancy import AMPLITUDES, largest_ratio
+from bayesdeg.criticism.discrepancy import AMPLITUDES, MISFIT_LEVEL, largest_ratio
 from bayesdeg.criticism.held_out import HeldOut
 from bayesdeg.criticism.kernels import discrepancies
 from bayesdeg.criticism.search import Names, Search, SearchEffort, run_search
@@ -22,7 +22,6 @@ from bayesdeg.criticism.step import Step
 from bayesdeg.criticism.subject import Subject
 from bayesdeg.criticism.trials import Trial, base_trial
 from bayesdeg.criticism.verdict import (
-    MISFIT_LEVEL,
     Decision,
     Outcome,
     Support,

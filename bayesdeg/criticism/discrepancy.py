@@ -8,6 +8,7 @@ It is a measuring stick only: it never enters the physics. What it may look like
 over kernels K and amplitudes a, z the whitened readings.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,6 +21,9 @@ Floats = NDArray[np.float64]
 
 AMPLITUDES = np.geomspace(0.005, 1.0, 25)
 REPLICATES = 200  # of pure noise, for what chance gives
+MISFIT_LEVEL = 0.02
+"""p-value up to which a misfit is more than chance gives."""
+CLEAR = 4.0  # Monte Carlo errors of the p-value from that level at which its side is clear
 
 
 @dataclass(frozen=True)
@@ -75,6 +79,46 @@ def measure(linear: Linear, simulated: Floats) -> Misfit:
         discrepancy=_posterior_mean(linear, kernel, AMPLITUDES[int(best[0]) % len(AMPLITUDES)]),
         lost=1.0 - float(np.mean(known)),
     )
+
+
+def resolved(
+    misfit: Misfit, linear: Linear, simulate: Callable[[int], Floats], *, most: int
+) -> Misfit:
+    """Simulate more data until it is clear on which side of `MISFIT_LEVEL` the p-value is.
+
+    Each round doubles the number of data sets. With few, chance would decide the outcome where the
+    p-value is near the level.
+
+    Parameters
+    ----------
+    misfit : Misfit
+        As it was measured with some data sets.
+    linear : Linear
+        The model linearised at its mode.
+    simulate : callable
+        Returns so many more data sets, (k, n_readings).
+    most : int
+        Data sets at which to stop in any case.
+
+    References
+    ----------
+    Besag and Clifford (1991), doi:10.1093/biomet/78.2.301, for sequential Monte Carlo p-values.
+    """
+    null, p_value = misfit.null, misfit.p_value
+    while 0 < len(null) < most and abs(p_value - MISFIT_LEVEL) < CLEAR * _error(len(null)):
+        simulated = simulate(min(len(null), most - len(null)))
+        known = simulated[np.all(np.isfinite(simulated), axis=1)]
+        if not len(known):
+            break
+        more, _ = largest_ratio(linear.whiten(known), discrepancies(linear))
+        null = np.append(null, more)
+        p_value = float((1 + np.sum(null >= misfit.statistic)) / (1 + len(null)))
+    return replace(misfit, null=null, p_value=p_value)
+
+
+def _error(count: int) -> float:
+    """Return the Monte Carlo error of a p-value at the level, from so many data sets."""
+    return float(np.sqrt(MISFIT_LEVEL * (1.0 - MISFIT_LEVEL) / count))
 
 
 def explained(before: Misfit, after: Misfit) -> float:

@@ -34,12 +34,38 @@ def gain_table(subject: Subject, results: dict[str, HeldOut]) -> pd.DataFrame:
     rows = []
     for name, held_out in results.items():
         base = next(iter(results.values()))
-        several = len(centres) > 1
         for k, centre in enumerate(centres):
-            if several:
-                rows.append(_scores(name, f"{centre:.4g}", subject, held_out, base, member == k))
+            rows.append(_scores(name, f"{centre:.4g}", subject, held_out, base, member == k))
         rows.append(_scores(name, "all", subject, held_out, base, member >= 0))
     return pd.DataFrame(rows)
+
+
+def mode_table(subject: Subject, results: dict[str, HeldOut]) -> pd.DataFrame:
+    """Return the scores of each model by mode of tension, each predicted from the others.
+
+    Parameters
+    ----------
+    subject : Subject
+        With films, of which whole modes are held out.
+    results : mapping
+        As in `gain_table`.
+
+    Returns
+    -------
+    DataFrame
+        The columns of ``gain_modes.csv``. A mode is one group, so there is no standard error.
+    """
+    base = next(iter(results.values()))
+    rows = [
+        {
+            "mode": mode,
+            **_scores(name, "", subject, held_out, base, np.array(subject.groups) == mode),
+        }
+        for name, held_out in results.items()
+        for mode in subject.groups
+    ]
+    no_use = ["degradation_pct", "elpd_se", "elpd_diff_se", "rmse_per_m", "crps_per_m"]
+    return pd.DataFrame(rows).drop(columns=no_use)
 
 
 def crps(draws: Floats, observed: Floats) -> Floats:

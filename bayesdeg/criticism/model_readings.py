@@ -182,6 +182,11 @@ class ModelReadings:
         return np.stack([film[:, labels == g].sum(axis=1) for g in self.groups], axis=1)
 
     @property
+    def holds_out_modes(self) -> bool:
+        """Whether what is held out are whole modes of tension."""
+        return self._held_actuators is None and self.held != "statistics" and self._by_mode
+
+    @property
     def _held_actuators(self) -> ActuatorCurves | None:
         return self.model.actuator if self.held == "readings" else None
 

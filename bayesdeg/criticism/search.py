@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.causes.cause import Cause
-from bayesdeg.criticism.discrepancy import measure
+from bayesdeg.criticism.discrepancy import measure, resolved
 from bayesdeg.criticism.linear import Linear, is_seen, log_bayes_factor, sensitivities
 from bayesdeg.criticism.screening import Screened, screen, screen_pairs
 from bayesdeg.criticism.step import Step, near
@@ -45,12 +45,15 @@ class SearchEffort:
         Pairs that are fitted fully.
     levels_out : bool
         Whether whole levels of degradation are held out too.
+    most : int
+        Data sets up to which misfit is calibrated where its p-value is near the level that decides.
     """
 
     replicates: int
     fitted: int
     pairs: int
     levels_out: bool = False
+    most: int = 0
 
 
 @dataclass
@@ -120,9 +123,10 @@ class Search:
     def _look(self, trial: Trial) -> Step:
         generator = np.random.default_rng(self._seed(trial.names, 1))
         linear = trial.linear
-        draws = _as_refitted(linear, trial.draws(generator, self.effort.replicates))
-        simulated = linear.straightened(draws, trial.subject.simulated(draws, generator))
+        simulate = partial(_simulated, trial, generator)
+        simulated = simulate(self.effort.replicates)
         misfit = measure(linear, simulated)
+        misfit = resolved(misfit, linear, simulate, most=self.effort.most)
         others = [cause for cause in self.causes if cause.name not in trial.names]
         known = simulated[np.all(np.isfinite(simulated), axis=1)]
         screened = {
@@ -137,6 +141,12 @@ class Search:
         known = [cause.name for cause in self.causes]
         key = (use, *sorted(known.index(name) for name in names))
         return np.random.SeedSequence(self.seed.entropy, spawn_key=(*self.seed.spawn_key, *key))
+
+
+def _simulated(trial: Trial, generator: np.random.Generator, count: int) -> Floats:
+    """Return data sets simulated from a fitted model, (count, n_readings)."""
+    draws = _as_refitted(trial.linear, trial.draws(generator, count))
+    return trial.linear.straightened(draws, trial.subject.simulated(draws, generator))
 
 
 def _as_refitted(linear: Linear, draws: Floats) -> Floats:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.conflict import Conflict
-from bayesdeg.criticism.discrepancy import explained, explained_on_one_scale
+from bayesdeg.criticism.discrepancy import MISFIT_LEVEL, explained, explained_on_one_scale
 from bayesdeg.criticism.held_out import HeldOut, difference, predict_one_by_one
 from bayesdeg.criticism.rupture_misfit import RuptureMisfit
 from bayesdeg.criticism.search import Names, Search, rivals
@@ -33,7 +33,6 @@ Floats = NDArray[np.float64]
 LEAST_EXPLAINED, LEAST_ON_ONE_SCALE = 0.5, 0.8
 NEARLY_ALL = 0.9  # of the misfit: what is left may be small and yet significant
 INSEPARABLE = float(np.log(20.0))
-MISFIT_LEVEL = 0.02
 CHANCE = 0.1  # p-value of what is left above which nothing is left to explain
 IMPLAUSIBLE = 0.005  # prior probability of a size as far from neutral
 MODERATE = 2.0 * INSEPARABLE  # evidence that cannot carry an implausible size
@@ -216,6 +215,7 @@ def decide(
     rupture: RuptureMisfit | None = None,
     contradicted: Conflict | None = None,
     on_rupture: frozenset[str] = frozenset(),
+    alike: tuple[str, ...] = (),
 ) -> Decision:
     """Return the outcome.
 
@@ -235,16 +235,21 @@ def decide(
         The measured mean that the base model contradicts most.
     on_rupture : frozenset of str
         Causes that act on rupture alone: they need not explain the misfit of the readings.
+    alike : tuple of str
+        Causes that could not be judged since another form of the law reads like them: a misfit of
+        the readings that nothing else explains may be any of them.
     """
-    off = base.misfit.p_value <= MISFIT_LEVEL
+    misread = base.misfit.p_value <= MISFIT_LEVEL
     beside = (found for found in (rupture, contradicted) if found is not None)
-    off = off or any(found.p_value <= MISFIT_LEVEL for found in beside)
+    off = misread or any(found.p_value <= MISFIT_LEVEL for found in beside)
     unconfirmed = (_against(one) for one in supported if not one.held_out_agrees)
     reasons = list(dict.fromkeys(unconfirmed))
     reasons += [_implausible(one) for one in supported if not one.is_plausible]
     if any(one.cause not in on_rupture for one in supported):
         reasons += _against_all(base, final)
     if not supported or reasons:
+        if misread and len(alike) > 1:
+            return Decision(Outcome.AMBIGUOUS, alike, reasons=tuple(reasons))
         outcome = Outcome.UNEXPLAINED if off else Outcome.ADEQUATE
         return Decision(outcome, (), reasons=tuple(reasons))
     certain = tuple(one.cause for one in supported if not one.inseparable)

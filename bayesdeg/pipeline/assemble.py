@@ -36,12 +36,16 @@ class Assembly:
         Causes that cannot, and why.
     missing : tuple of (str, str)
         Data that are not there, and what that costs.
+    alike : tuple of Cause
+        Those of the unjudged that act on the films of a study without actuators, and that these
+        films cannot tell from another form of the law, nor from each other.
     """
 
     model: Model
     candidates: tuple[Cause, ...]
     unjudged: dict[str, str]
     missing: tuple[tuple[str, str], ...]
+    alike: tuple[Cause, ...] = ()
 
 
 def assemble(study: Study, forward: ForwardMap | None = None) -> Assembly:
@@ -80,8 +84,8 @@ def assemble(study: Study, forward: ForwardMap | None = None) -> Assembly:
     if needs_forward and (forward is None or isinstance(forward, Surrogate)):
         forward = surrogate_for(Geometry(study.settings.dimensions), forward)
         base += known.EMULATOR if actuator is not None else ()
-    candidates, unjudged = _candidates(study, actuator, tensile)
-    _check(study, base, candidates)
+    candidates, unjudged, alike = _candidates(study, actuator, tensile, tests)
+    _check(study, base, (*candidates, *alike))
     model = Model(
         base=known.with_priors(_default_priors(base, statistics), study.settings.priors),
         nodes=nodes,
@@ -95,7 +99,7 @@ def assemble(study: Study, forward: ForwardMap | None = None) -> Assembly:
         paper_thickness=study.settings.paper_thickness_mm,
         largest_pressure=largest,
     )
-    return Assembly(model, candidates, unjudged, _missing(study))
+    return Assembly(model, candidates, unjudged, _missing(study), alike)
 
 
 def _nodes(
@@ -130,18 +134,28 @@ def _default_priors(
 
 
 def _candidates(
-    study: Study, actuator: ActuatorCurves | None, tensile: TensileCurves | None
-) -> tuple[tuple[Cause, ...], dict[str, str]]:
+    study: Study,
+    actuator: ActuatorCurves | None,
+    tensile: TensileCurves | None,
+    tests: PublishedTests | None,
+) -> tuple[tuple[Cause, ...], dict[str, str], tuple[Cause, ...]]:
+    """Return what can be judged, what cannot and why, and what films alone cannot tell apart."""
     wanted = study.settings.candidates
     causes = CATALOGUE.values() if wanted is None else [find(name) for name in wanted]
-    judged, unjudged = [], {}
+    alone = tensile if actuator is None and tests is None else None
+    judged: list[Cause] = []
+    alike: list[Cause] = []
+    unjudged: dict[str, str] = {}
     for cause in causes:
-        why = _unseen(cause, study, actuator, tensile)
-        if why is None:
-            judged.append(replace(cause, parameters=_stated_priors(cause, study)))
-        else:
+        on_films = "tensile" in cause.acts_on
+        indistinct = cause.blind_on_films(alone.conditions) if alone and on_films else None
+        why = indistinct or _unseen(cause, study, actuator, tensile)
+        if why is not None:
             unjudged[cause.name] = why
-    return tuple(judged), unjudged
+        if why is None or indistinct is not None:
+            stated = replace(cause, parameters=_stated_priors(cause, study))
+            (judged if why is None else alike).append(stated)
+    return tuple(judged), unjudged, tuple(alike)
 
 
 def _unseen(

@@ -6,9 +6,11 @@ import numpy as np
 
 from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.criticism.candidates import Candidate, EffectSize
+from bayesdeg.criticism.discrepancy import MISFIT_LEVEL
 from bayesdeg.criticism.search import FALSE_NAME_RATE
-from bayesdeg.criticism.verdict import MISFIT_LEVEL, Outcome, share_explained
+from bayesdeg.criticism.verdict import Outcome, share_explained
 from bayesdeg.laws import Parameter
+from bayesdeg.pipeline.explanation_of_films import by_mode, hidden, one_mode
 from bayesdeg.pipeline.judgement import Judgement
 from bayesdeg.pipeline.support_in_words import directed, gains, predicted_with
 
@@ -47,10 +49,11 @@ def explain(judgement: Judgement, where: str) -> str:
 
 
 def _adequate(story: Story) -> str:
-    return (
+    said = (
         "The simulation agrees with the measurements within specimen scatter and reading noise "
         f"({_chance(story.judgement)}). No cause is named."
     )
+    return " ".join(part for part in (said, hidden(story.judgement.alike)) if part)
 
 
 def _unexplained(story: Story) -> str:
@@ -72,12 +75,15 @@ def _unexplained(story: Story) -> str:
 def _ambiguous(story: Story) -> str:
     judgement = story.judgement
     names = " or ".join(judgement.decision.causes)
+    if not judgement.supported:
+        return f"{_wrong(story)} {one_mode(names)} {_mechanisms(judgement.decision.causes)}"
     parts = [
         _wrong(story),
         f"It is explained by {names}; these readings cannot tell them apart.",
         directed(judgement),
         _mechanisms(judgement.decision.causes),
         *(gains(judgement) if len(judgement.supported) > 1 else ()),
+        _left(judgement),
         predicted_with(judgement),
     ]
     return " ".join(part for part in parts if part)
@@ -88,12 +94,24 @@ def _named(story: Story) -> str:
     verb = "The cause is" if len(causes) == 1 else "The causes, acting together, are"
     parts = [_wrong(story), f"{verb} {'; and '.join(_cause(judgement, name) for name in causes)}."]
     parts += [_share(judgement), directed(judgement), *gains(judgement)]
+    parts.append(by_mode(judgement.search.base.subject, judgement.held_out))
     parts += [
         f"Beside this one of {' or '.join(names)} acts; these readings cannot tell which."
         for names in judgement.decision.one_of
     ]
-    parts.append(_runner_up(judgement))
+    parts += [_runner_up(judgement), _left(judgement)]
     return " ".join(part for part in parts if part)
+
+
+def _left(judgement: Judgement) -> str:
+    """Say so where what is left is no chance either."""
+    if judgement.left.p_value > MISFIT_LEVEL:
+        return ""
+    return (
+        f"What is left is still more than chance gives (p = {judgement.left.p_value:.2g}, from "
+        f"{len(judgement.left.null)} data sets simulated from the extended model): something that "
+        "is not named is wrong too."
+    )
 
 
 def _share(judgement: Judgement) -> str:

@@ -1,6 +1,7 @@
 """The base fit becomes a verdict: misfit, causes, held-out specimens, decision."""
 
 from concurrent.futures import Executor
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -12,11 +13,12 @@ from bayesdeg.criticism.conflict import Conflict, conflict
 from bayesdeg.criticism.confusability import confusability
 from bayesdeg.criticism.experiments import next_experiments_document, rank
 from bayesdeg.criticism.experiments_candidates import candidate_experiments
+from bayesdeg.criticism.linear import neutral_sizes
 from bayesdeg.criticism.model_readings import ModelReadings
 from bayesdeg.criticism.rupture_misfit import RuptureMisfit, rupture_misfit
 from bayesdeg.criticism.search import Names, Search, SearchEffort, run_search
 from bayesdeg.criticism.step import Step
-from bayesdeg.criticism.trials import Trial
+from bayesdeg.criticism.trials import Trial, try_causes
 from bayesdeg.criticism.verdict import Decision, Outcome, Support, decide, hold_out, supports
 from bayesdeg.pipeline.assemble import Assembly
 from bayesdeg.pipeline.holding_out import all_held_out, levels_out
@@ -28,6 +30,7 @@ JUDGE_EFFORTS = {
     "standard": SearchEffort(replicates=500, fitted=6, pairs=3, levels_out=True),
     "thorough": SearchEffort(replicates=2000, fitted=10, pairs=6, levels_out=True),
 }
+MOST_OF_FILMS = 20_000  # replicates where a p-value is near the level: films cost next to nothing
 FEW_DRAWS = 100  # for what is compared beside the readings
 IN_QUESTION = 3  # rivals between which experiments are ranked
 
@@ -60,27 +63,24 @@ def judge(
     """
     searching, folding, drawing = seed.spawn(3)
     generator = np.random.default_rng(drawing)
-    search = Search(base, assembly.candidates, effort, searching, executor=executor)
+    search = Search(base, assembly.candidates, _on(assembly, effort), searching, executor=executor)
     search.on_fit = partial(progress.advance, 1)
     chosen, alone, final = _searched(search, progress)
-    rupture, contradicted = _beside(base, generator)
+    beside = _beside(base, generator)
     progress.stage("held-out specimens")
     held_out = hold_out(
         search, chosen, seed=folding, executor=executor, on_set=partial(_told, progress)
     )
     everything = all_held_out(search, chosen, held_out, seed=folding, executor=executor)
     supported = supports(search, chosen, everything)
-    silent = frozenset(cause.name for cause in search.causes if cause.is_of_rupture_alone)
-    decision = decide(
-        alone, final, supported, rupture=rupture, contradicted=contradicted, on_rupture=silent
-    )
+    decision = _decided((alone, final), supported, beside, assembly)
     names = extension(decision, tuple(supported)) if effort.levels_out else BASE
     judged = candidates(search, supported, everything, generator)
     return Judgement(
         misfit=alone.misfit,
         left=final.misfit,
-        rupture=rupture,
-        contradicted=contradicted,
+        rupture=beside[0],
+        contradicted=beside[1],
         candidates=(*judged, *_unjudged(assembly)),
         supported=tuple(supported),
         decision=decision,
@@ -90,7 +90,13 @@ def judge(
         levels_out=levels_out(search, names, seed=folding, executor=executor),
         search=search,
         experiments=_next(search, decision, supported, assembly, generator),
+        alike=tuple(cause.name for cause in assembly.alike),
     )
+
+
+def _on(assembly: Assembly, effort: SearchEffort) -> SearchEffort:
+    """Return the effort with as many replicates as p-values near the level may need of films."""
+    return replace(effort, most=MOST_OF_FILMS) if assembly.model.actuator is None else effort
 
 
 def _searched(search: Search, progress: Progress) -> tuple[Names, Step, Step]:
@@ -115,6 +121,23 @@ def _beside(
     return rupture_misfit(model, draws, generator), conflict(model, draws)
 
 
+def _decided(
+    steps: tuple[Step, Step],
+    supported: list[Support],
+    beside: tuple[RuptureMisfit | None, Conflict | None],
+    assembly: Assembly,
+) -> Decision:
+    silent = frozenset(cause.name for cause in assembly.candidates if cause.is_of_rupture_alone)
+    return decide(
+        *steps,
+        supported,
+        rupture=beside[0],
+        contradicted=beside[1],
+        on_rupture=silent,
+        alike=tuple(cause.name for cause in assembly.alike),
+    )
+
+
 def _next(
     search: Search,
     decision: Decision,
@@ -133,6 +156,8 @@ def _next(
         nearest = sorted(search.trials, key=search.factor)[-IN_QUESTION:]
         sets = dict.fromkeys([BASE, *nearest])
         untested = tuple(CATALOGUE[n] for n in assembly.unjudged if n in CATALOGUE)[:IN_QUESTION]
+    elif not supported:
+        return _beside_the_law(base, assembly, generator)
     else:
         others = {
             one.replaced(chosen, rival): gap
@@ -144,6 +169,15 @@ def _next(
         sets = dict.fromkeys([chosen, *(near[:IN_QUESTION] or [BASE])])
     trials = [search.trials[names] for names in sets]
     ranked = rank(trials, candidate_experiments(base.subject.model), generator, untested=untested)
+    return next_experiments_document(ranked)
+
+
+def _beside_the_law(
+    base: Trial, assembly: Assembly, generator: np.random.Generator
+) -> list[dict[str, object]]:
+    """Rank what would show causes that read like another form of the law in the tests so far."""
+    trials = [try_causes(base, c, neutral_sizes(c), generator) for c in assembly.alike]
+    ranked = rank([base, *trials], candidate_experiments(assembly.model), generator)
     return next_experiments_document(ranked)
 
 

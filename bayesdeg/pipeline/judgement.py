@@ -52,6 +52,8 @@ class Judgement:
         The fitted sets of causes.
     experiments : list
         What to measure next, as in ``verdict.json``.
+    alike : tuple of str
+        Causes that could not be judged since another form of the law reads like them.
     """
 
     misfit: Misfit
@@ -67,6 +69,7 @@ class Judgement:
     levels_out: dict[str, HeldOut]
     search: Search
     experiments: list[dict[str, object]]
+    alike: tuple[str, ...] = ()
 
     @property
     def steps(self) -> tuple[Step, Step]:

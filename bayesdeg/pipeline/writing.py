@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.criticism import loo_pit, statistics
 from bayesdeg.criticism.concentration import concentration, with_concentration
-from bayesdeg.criticism.gain import gain_table
+from bayesdeg.criticism.gain import gain_table, mode_table
+from bayesdeg.criticism.model_readings import ModelReadings
 from bayesdeg.criticism.residuals import level_table, predict_readings, where, where_films
 from bayesdeg.criticism.statistics_of_residuals import misfit_frame
 from bayesdeg.inference.ensemble import EFFORTS, to_datatree
@@ -55,6 +56,8 @@ def write_results(
     subject = judgement.search.base.subject
     if judgement.held_out:
         folder.write_table(columns.GAIN, gain_table(subject, judgement.held_out))
+        if isinstance(subject, ModelReadings) and subject.holds_out_modes:
+            folder.write_table(columns.GAIN_MODES, mode_table(subject, judgement.held_out))
     if judgement.levels_out:
         folder.write_table(columns.GAIN_LEVELS, gain_table(subject, judgement.levels_out))
     _write_criticism(folder, judgement)

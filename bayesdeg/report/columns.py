@@ -7,6 +7,7 @@ from types import MappingProxyType
 
 GAIN = "gain"
 GAIN_LEVELS = "gain_levels"
+GAIN_MODES = "gain_modes"
 BANDS = "bands"
 RUPTURE = "rupture"
 OBSERVATIONS = "observations"
@@ -98,6 +99,17 @@ TABLES: Mapping[str, tuple[Column, ...]] = MappingProxyType(
     {
         GAIN: _GAIN,
         GAIN_LEVELS: _GAIN,
+        GAIN_MODES: (
+            _MODEL,
+            _text("mode", "uniaxial, equibiaxial or planar: held out, predicted from the others"),
+            Column("elpd", "–", "log predictive density of the mode's readings"),
+            Column("elpd_diff", "–", "its difference to the base model; positive is better"),
+            Column("rmse_MPa", "MPa", "root mean square error of the prediction"),
+            Column("crps_MPa", "MPa", "continuous ranked probability score"),
+            Column("r_squared", "–", "1 − SSE/SST"),
+            Column("coverage_50", "–", "fraction of readings inside the 50 % interval"),
+            Column("coverage_90", "–", "fraction of readings inside the 90 % interval"),
+        ),
         STATISTICS: (
             _text("statistic", "what is measured"),
             Column("value", "as stated", "on the data"),

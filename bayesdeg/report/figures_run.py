@@ -26,6 +26,7 @@ from bayesdeg.report.summaries import (
     models_of,
     panel_levels,
     pooled,
+    several_levels,
 )
 from bayesdeg.report.tables import Tables
 from bayesdeg.report.wording import level_words, model_words, number
@@ -125,7 +126,7 @@ def _gain(verdict: Verdict, tables: Tables) -> Sketch | None:
         "Prediction of specimens that the model has not seen. Left: error of the base model and of "
         f"{model_words(final)} by degradation rate. Right: gain in expected log predictive density."
     )
-    figure = gain_figure(pooled(tables.gain), by_level(tables.gain), final)
+    figure = gain_figure(pooled(tables.gain), several_levels(tables.gain), final)
     return Sketch("gain", figure, caption)
 
 

@@ -114,6 +114,9 @@ def _certainty(verdict: Verdict) -> KeyNumber:
     if verdict.outcome is Outcome.UNEXPLAINED:
         return _best(verdict)
     found = [verdict.candidate(cause) for cause in verdict.causes]
+    if found and all(entry is not None and entry.probability is None for entry in found):
+        chance = "how often a misfit this large comes about by chance; of its cause nothing can be"
+        return KeyNumber(label, p_value(verdict.misfit.p_value), f"{chance} said")
     shown = [percent(_less_than_sure(entry.probability)) if entry else NOTHING for entry in found]
     of = " and ".join(words(cause) for cause in verdict.causes)
     every = all(entry.probability is not None for entry in verdict.candidates)

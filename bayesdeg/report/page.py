@@ -17,12 +17,12 @@ from bayesdeg.report.summaries import (
     ParameterRow,
     Row,
     TensileError,
-    by_level,
     extended_model,
     level_rows,
     parameter_rows,
     pooled,
     rows_of,
+    several_levels,
     tensile_errors,
 )
 from bayesdeg.report.tables import Tables, read_tables
@@ -49,6 +49,7 @@ class Content:
     sensitivity: list[Row]
     orders: list[Row]
     gain_levels: list[Row]
+    gain_modes: list[Row]
     decisions: list[Row]
     lookalikes: list[str]
 
@@ -88,7 +89,7 @@ def content_of(verdict: Verdict, run: Run, tables: Tables) -> Content:
         not_judged=[entry for entry in verdict.candidates if entry.probability is None],
         levels=level_rows(tables.levels),
         gain=rows_of(pooled(tables.gain)),
-        gain_by_level=rows_of(by_level(tables.gain)),
+        gain_by_level=rows_of(several_levels(tables.gain)),
         extended=extended_model(tables.gain, verdict),
         parameters=parameter_rows(tables.parameters),
         tensile=tensile_errors(tables.tensile),
@@ -97,6 +98,7 @@ def content_of(verdict: Verdict, run: Run, tables: Tables) -> Content:
         sensitivity=rows_of(tables.prior_sensitivity),
         orders=rows_of(tables.orders),
         gain_levels=rows_of(pooled(tables.gain_levels)),
+        gain_modes=sorted(rows_of(tables.gain_modes), key=lambda row: str(row["mode"])),
         decisions=sorted(rows_of(tables.decisions), key=_level),
         lookalikes=lookalikes(verdict),
     )

@@ -144,6 +144,12 @@ def by_level(table: pd.DataFrame | None) -> pd.DataFrame | None:
     return present(single.assign(degradation_pct=single["degradation_pct"].astype(float)))
 
 
+def several_levels(table: pd.DataFrame | None) -> pd.DataFrame | None:
+    """Return the rows by degradation rate where there is more than one: else the pooled say it."""
+    single = by_level(table)
+    return None if single is None or single["degradation_pct"].nunique() < 2 else single
+
+
 def level_rows(levels: pd.DataFrame | None) -> list[LevelRow]:
     """Put the models side by side, one row a degradation rate, the pooled row last."""
     rows: dict[str, dict[str, Row]] = {}

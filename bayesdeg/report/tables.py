@@ -18,6 +18,7 @@ from bayesdeg.report.columns import (
     ELONGATION,
     GAIN,
     GAIN_LEVELS,
+    GAIN_MODES,
     LEAVE_ONE_OUT,
     LEVELS,
     LOO_PIT,
@@ -57,6 +58,7 @@ class Tables:
     course: pd.DataFrame | None = None
     orders: pd.DataFrame | None = None
     gain_levels: pd.DataFrame | None = None
+    gain_modes: pd.DataFrame | None = None
     decisions: pd.DataFrame | None = None
     statistics: pd.DataFrame | None = None
     loo_pit: pd.DataFrame | None = None
@@ -94,6 +96,7 @@ def read_tables(folder: RunFolder) -> Tables:
         course=read(COURSE),
         orders=read(ORDERS),
         gain_levels=read(GAIN_LEVELS),
+        gain_modes=read(GAIN_MODES),
         decisions=read(DECISIONS),
         statistics=read(STATISTICS),
         loo_pit=read(LOO_PIT),

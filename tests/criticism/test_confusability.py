@@ -100,3 +100,7 @@ def test_effects_on_actuators_are_confused_as_their_shapes_are():
     assert found.pairs() == [("first", "twin")]
     one = np.linalg.norm(known.whiten_columns(0.1 * known.prediction))
     np.testing.assert_allclose(found.visible, [one, 2.0 * one], rtol=1e-9)
+
+
+def test_without_a_cause_there_is_nothing_to_confuse():
+    assert judged().pairs() == []

@@ -9,11 +9,13 @@ from scipy.stats import kstest, multivariate_normal
 
 from bayesdeg.criticism.discrepancy import (
     AMPLITUDES,
+    MISFIT_LEVEL,
     Misfit,
     explained,
     explained_on_one_scale,
     largest_ratio,
     measure,
+    resolved,
 )
 from bayesdeg.criticism.kernels import (
     ALIKE,
@@ -159,6 +161,33 @@ def test_the_p_value_counts_simulated_data_that_misfit_as_much(linear):
     larger = np.sum(misfit.null >= misfit.statistic)
     assert misfit.p_value == pytest.approx((1 + larger) / 100)
     assert measured(linear, linear.mean, generator, replicates=9).p_value == 1.0
+
+
+@pytest.mark.parametrize(
+    ("share", "most", "count"),
+    [
+        (0.3, 5000, range(200, 201)),  # far from the level
+        (0.005, 5000, range(1000, 5000)),  # clear at about 1400
+        (MISFIT_LEVEL, 1000, range(1000, 1001)),  # never clear
+        (MISFIT_LEVEL, 0, range(200, 201)),
+    ],
+)
+def test_data_are_simulated_until_the_side_of_the_level_is_clear(linear, share, most, count):
+    generator = np.random.default_rng(8)
+
+    def simulate(size):
+        return drawn(linear, generator, size)
+
+    def null(size):
+        return largest_ratio(linear.whiten(simulate(size)), discrepancies(linear))[0]
+
+    statistic, few = float(np.quantile(null(5000), 1.0 - share)), null(200)
+    p_value = (1 + np.sum(few >= statistic)) / 201
+    first = Misfit(statistic, few, p_value, "actuator", "the path", few, 0.0)
+    found = resolved(first, linear, simulate, most=most)
+    assert len(found.null) in count
+    assert found.p_value == pytest.approx(share, abs=4.0 * np.sqrt(share / len(found.null)))
+    np.testing.assert_array_equal(found.null[:200], few)
 
 
 def test_simulated_data_without_an_answer_are_left_out_and_counted(linear):

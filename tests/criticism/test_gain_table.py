@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import norm
 
-from bayesdeg.criticism.gain import crps, gain_table
+from bayesdeg.criticism.gain import crps, gain_table, mode_table
 from bayesdeg.criticism.held_out import HeldOut, difference
 from bayesdeg.criticism.model_readings import CURVATURE, ModelReadings
 from tests.criticism.linear_case import tight_model
@@ -134,9 +134,30 @@ def test_stresses_of_films_alone_are_scored_in_their_own_unit():
     found = made_up([1.0, 2.0, 3.0], subject.observed + 0.05, subject, sd=0.01)
     table = gain_table(subject, {"base": found})
     assert set(table.columns) == {*COLUMNS, "rmse_MPa", "crps_MPa"}
-    assert table["degradation_pct"].tolist() == ["all"]
+    assert table["degradation_pct"].tolist() == ["0", "all"]
+    for name in table.columns.drop("degradation_pct"):  # of one level, which is all
+        assert table[name].iloc[0] == pytest.approx(table[name].iloc[1], nan_ok=True)
     row = table.iloc[0]
     assert row["rmse_MPa"] == pytest.approx(0.05)
     assert row["elpd"] == pytest.approx(6.0)
     assert np.isnan(row["rmse_per_m"])
     assert np.isnan(row["crps_per_m"])
+
+
+def test_modes_of_tension_are_scored_one_by_one():
+    model = replace(small_model(), actuator=None, forward=None)
+    subject = ModelReadings(replace(model, tensile=replace(model.tensile, degradation=np.zeros(4))))
+    assert subject.holds_out_modes
+    modes = np.array(subject.groups)
+    off = np.select([subject.group == mode for mode in modes], [0.1, 0.2, 0.3])
+    base = made_up([1.0, 2.0, 3.0], subject.observed + 0.5, subject, sd=0.01)
+    found = made_up([4.0, 4.0, 4.0], subject.observed + off, subject, sd=0.01)
+    table = mode_table(subject, {"base": base, "base+x": found}).set_index(["model", "mode"])
+    assert table.loc["base+x", "rmse_MPa"].tolist() == pytest.approx([0.1, 0.2, 0.3])
+    assert table.loc["base", "rmse_MPa"].tolist() == pytest.approx([0.5, 0.5, 0.5])
+    assert table.loc["base+x", "elpd_diff"].tolist() == [3.0, 2.0, 1.0]
+    assert not [name for name in table.columns if name.endswith(("per_m", "_se"))]
+
+
+def test_actuators_are_not_held_out_by_mode():
+    assert not ModelReadings(small_model()).holds_out_modes

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.stats import norm
 
 from bayesdeg.criticism.conflict import Conflict
-from bayesdeg.criticism.discrepancy import Misfit
+from bayesdeg.criticism.discrepancy import MISFIT_LEVEL, Misfit
 from bayesdeg.criticism.held_out import HeldOut
 from bayesdeg.criticism.rupture_misfit import RuptureMisfit
 from bayesdeg.criticism.search import Search, SearchEffort, run_search
@@ -21,7 +21,6 @@ from bayesdeg.criticism.verdict import (
     INSEPARABLE,
     LEAST_EXPLAINED,
     LEAST_ON_ONE_SCALE,
-    MISFIT_LEVEL,
     MODERATE,
     NEARLY_ALL,
     Decision,
@@ -92,6 +91,27 @@ def test_causes_that_act_together_are_named_together():
 )
 def test_without_a_cause_the_misfit_decides(p_value, outcome):
     assert outcome_of(base=step(p_value)) == Decision(outcome, ())
+
+
+@pytest.mark.parametrize(
+    ("p_value", "alike", "outcome"),
+    [
+        (MISFIT_LEVEL, ("creep", "erosion"), Outcome.AMBIGUOUS),
+        (MISFIT_LEVEL, ("creep",), Outcome.UNEXPLAINED),
+        (MISFIT_LEVEL + 1e-6, ("creep", "erosion"), Outcome.ADEQUATE),
+    ],
+)
+def test_a_misfit_may_be_any_cause_that_reads_like_another_form_of_the_law(p_value, alike, outcome):
+    causes = alike if outcome is Outcome.AMBIGUOUS else ()
+    assert outcome_of(base=step(p_value), alike=alike) == Decision(outcome, causes)
+
+
+def test_causes_that_read_like_the_law_answer_for_no_contradicted_mean():
+    """A measured mean that is contradicted is no misfit of the readings."""
+    mean = Statistic("volume_ratio", 0.0, 0.62, 0.03, "shrinkage.csv", 3.0)
+    wrong = Conflict(mean, 0.96, 0.04, MISFIT_LEVEL)
+    found = outcome_of(base=step(0.5), contradicted=wrong, alike=("creep", "erosion"))
+    assert found == Decision(Outcome.UNEXPLAINED, ())
 
 
 @pytest.mark.parametrize(

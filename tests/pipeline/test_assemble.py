@@ -7,7 +7,7 @@ from bayesdeg.errors import BayesdegError, StudyError
 from bayesdeg.laws import Normal, Uniform
 from bayesdeg.pipeline.assemble import assemble, level_grid
 from tests.emulator.closed_form import ClosedFormMap
-from tests.pipeline.study_files import ACTUATOR, SETTINGS, SUMMARY, study_in
+from tests.pipeline.study_files import ACTUATOR, SETTINGS, SUMMARY, TENSILE, study_in
 
 
 def prior_of(model, name):
@@ -83,9 +83,19 @@ def test_all_causes_are_candidates_unless_the_study_lists_some(tmp_path):
 FILMS = {name for name, cause in CATALOGUE.items() if "tensile" in cause.acts_on}
 
 
+NO_R_SQUARED = "".join(
+    r for r in SUMMARY.splitlines(keepends=True) if not r.startswith("r_squared")
+)
+
+
+def films_alone(folder, tensile):
+    texts = {"summary.csv": NO_R_SQUARED, "tensile.csv": tensile}
+    return assemble(study_in(folder, texts, without=("actuator.csv",)))
+
+
 def test_without_an_actuator_causes_that_films_show_can_be_judged(tmp_path):
-    summary = "".join(r for r in SUMMARY.splitlines(keepends=True) if not r.startswith("r_squared"))
-    assembly = assemble(study_in(tmp_path, {"summary.csv": summary}, without=("actuator.csv",)))
+    assembly = films_alone(tmp_path, TENSILE.replace("f2,25,uniaxial", "f2,25,planar"))
+    assert assembly.alike == ()
     assert {c.name for c in assembly.candidates} == FILMS == {"second_invariant", "stress_measure"}
     assert set(assembly.unjudged) == set(CATALOGUE) - FILMS
     assert not [n for n in assembly.model.table.names if n.startswith(("curvature", "emulator"))]
@@ -93,6 +103,31 @@ def test_without_an_actuator_causes_that_films_show_can_be_judged(tmp_path):
     # nothing in the model depends on the volume ratio
     assert "volume_ratio" not in {s.quantity for s in assembly.model.statistics}
     assert "actuator.csv" in dict(assembly.missing)
+
+
+@pytest.mark.parametrize(
+    ("tensile", "seen"),
+    [
+        (TENSILE.replace("cauchy", "nominal"), set()),
+        (TENSILE, {"stress_measure"}),  # the labels differ, and one law has to fit both
+        (TENSILE.replace("cauchy", "nominal").replace("2,25,uniaxial", "2,25,planar"), FILMS),
+        (TENSILE.replace("cauchy", "nominal").replace("1.1,0.90", "0.8,-0.90"), FILMS),
+    ],
+)
+def test_films_in_one_mode_cannot_tell_a_cause_from_another_form_of_the_law(
+    tmp_path, tensile, seen
+):
+    assembly = films_alone(tmp_path, tensile)
+    assert {c.name for c in assembly.candidates} == seen
+    assert {c.name for c in assembly.alike} == FILMS - seen
+    for cause in assembly.alike:
+        assert "one mode only (uniaxial)" in assembly.unjudged[cause.name]
+
+
+def test_beside_actuators_films_in_one_mode_are_judged(tmp_path):
+    assembly = assemble(study_in(tmp_path))
+    assert {c.name for c in assembly.candidates} >= FILMS
+    assert assembly.alike == ()
 
 
 def test_a_published_r_squared_speaks_of_actuators_that_are_not_there(tmp_path):

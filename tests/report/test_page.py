@@ -9,6 +9,7 @@ from bayesdeg.errors import BayesdegError
 from bayesdeg.report.columns import TABLES
 from bayesdeg.report.headline import headline_of
 from bayesdeg.report.page import build_page, content_of, render
+from bayesdeg.report.summaries import by_level, several_levels
 from bayesdeg.report.tables import Tables, read_tables
 from tests.report.html_reading import numbers_in, read_html, table_cells
 from tests.report.synthetic_run import write_bare, write_full
@@ -344,3 +345,36 @@ def test_what_would_have_been_decided_is_shown_as_each_model_has_it(tmp_path):
     assert numbers_in(shown[0][5]) == [31.0]
     assert numbers_in(shown[1][5]) == []
     assert "degraded skin" in shown[1][0]
+
+
+def test_held_out_modes_of_tension_are_shown_one_by_one(tmp_path):
+    folder = write_full(tmp_path, "named")
+    rows = [
+        (model, mode, 30.0, gain, error, error, 0.9, 0.5, 0.9)
+        for model, gain, error in (("base", 0.0, 0.201), ("base+degraded_skin", 3.6, 0.05))
+        for mode in ("uniaxial", "equibiaxial")
+    ]
+    names = [column.name for column in TABLES["gain_modes"]]
+    folder.write_table("gain_modes", pd.DataFrame(rows, columns=names))
+    page = read_html(build_page(tmp_path).read_text(encoding="utf-8"))
+    shown = table_cells(page, "Prediction of each mode of tension from the others")
+    assert [row[0] for row in shown] == ["equibiaxial", "equibiaxial", "uniaxial", "uniaxial"]
+    assert [numbers_in(row[3]) for row in shown] == [[0.201], [0.05]] * 2
+
+
+def test_of_causes_that_could_not_be_judged_no_probability_is_told(built):
+    folder, _ = built("ambiguous")
+    verdict = folder.read_verdict()
+    unknown = tuple(replace(c, probability=None) for c in verdict.candidates)
+    sure = headline_of(replace(verdict, candidates=unknown), None).numbers[1]
+    assert "nothing can be said" in sure.note
+    assert sure.value.startswith("p")
+
+
+def test_scores_by_degradation_rate_are_shown_where_there_are_several(tmp_path):
+    folder = write_full(tmp_path, "named")
+    gain = folder.read_table("gain")
+    assert len(several_levels(gain)) == len(by_level(gain))
+    rate = gain["degradation_pct"].iloc[1]
+    assert several_levels(gain[gain["degradation_pct"].isin([rate, "all"])]) is None
+    assert several_levels(None) is None
