@@ -80,7 +80,7 @@ def assemble(study: Study, forward: ForwardMap | None = None) -> Assembly:
     if needs_forward and (forward is None or isinstance(forward, Surrogate)):
         forward = surrogate_for(Geometry(study.settings.dimensions), forward)
         base += known.EMULATOR if actuator is not None else ()
-    candidates, unjudged = _candidates(study, actuator, tensile)
+    candidates, unjudged = _candidates(study, actuator, tensile, limited=bool(elongation_nodes))
     _check(study, base, candidates)
     model = Model(
         base=known.with_priors(_default_priors(base, statistics), study.settings.priors),
@@ -130,13 +130,21 @@ def _default_priors(
 
 
 def _candidates(
-    study: Study, actuator: ActuatorCurves | None, tensile: TensileCurves | None
+    study: Study,
+    actuator: ActuatorCurves | None,
+    tensile: TensileCurves | None,
+    *,
+    limited: bool,
 ) -> tuple[tuple[Cause, ...], dict[str, str]]:
+    """Return the causes that can be judged, and of the others why they cannot.
+
+    They are judged on ruptures where the model has a limit of elongation, whatever that rests on.
+    """
     wanted = study.settings.candidates
     causes = CATALOGUE.values() if wanted is None else [find(name) for name in wanted]
     judged, unjudged = [], {}
     for cause in causes:
-        why = _unseen(cause, study, actuator, tensile)
+        why = _unseen(cause, study, actuator, tensile, limited=limited)
         if why is None:
             judged.append(replace(cause, parameters=_stated_priors(cause, study)))
         else:
@@ -149,6 +157,8 @@ def _unseen(
     study: Study,
     actuator: ActuatorCurves | None,
     tensile: TensileCurves | None,
+    *,
+    limited: bool,
 ) -> str | None:
     """Say why the data at hand cannot reveal a cause; None if they can."""
     if "tensile" in cause.acts_on and tensile is not None:
@@ -161,8 +171,8 @@ def _unseen(
     lacking = [column for column in cause.needs if column not in recorded]
     if lacking:
         return f"actuator.csv does not record {', '.join(lacking)}"
-    if cause.is_of_rupture_alone and study.breaks is None:
-        return "there is no elongation at break (break.csv) to compare ruptures with"
+    if cause.is_of_rupture_alone and not limited:
+        return "there is no elongation at break (break.csv, summary.csv) to compare ruptures with"
     return cause.blind(actuator.conditions)
 
 
