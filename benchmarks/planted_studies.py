@@ -14,22 +14,32 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
-from hidden_studies import OUTSIDE, HiddenStudy, designs, made
+import numpy as np
+import pandas as pd
+from hidden_studies import LARGEST_PRESSURE, OUTSIDE, HiddenStudy, designs, made
 
 from bayesdeg.actuator.forward import ExactMap
 from bayesdeg.actuator.geometry import Geometry
-from bayesdeg.actuator.inputs import ForwardMap
+from bayesdeg.actuator.inputs import ForwardMap, Inputs, Prediction
 from bayesdeg.actuator.mesh import FINE
 from bayesdeg.causes.catalogue import find
 from bayesdeg.causes.cause import Cause
+from bayesdeg.causes.flaw_embrittlement import ONSET
 from bayesdeg.console import pool, shown
 from bayesdeg.laboratory.design import Design
 from bayesdeg.laboratory.effects import HiddenEffect
+from bayesdeg.laboratory.truth import Three
 from bayesdeg.measure.settings import Dimensions
+
+Key = tuple[tuple[str, tuple[int, ...], bytes], ...]
 
 FOLDER = Path("tests/hidden_effects")
 SEED = 1
 LEVELS = (0.0, 10.0, 25.0)  # of the actuators; films are tested at six
+FLAWS = "flaw_embrittlement"
+COPIES = {0.0: 2, 10.0: 2, 22.5: 3, 25.0: 5}  # of actuators that are inflated until they burst
+STEP, LARGEST_OF_STIFF = 40.0, 520.0  # kPa; of those, and of what is degraded beyond `ONSET`
+BRITTLE = (209.8, 75.0, 16.0)  # elongation at break of films that break early [%]
 
 
 @dataclass(frozen=True)
@@ -44,11 +54,20 @@ class Planted:
         Sizes by cause and parameter.
     copies : int
         Actuators a level.
+    bursts : bool
+        Whether actuators are inflated until they burst, see `until_burst`.
+    twin : str
+        The study whose actuators it tests anew, with curves that are solved once; empty if none.
+    elongation : tuple of float, optional
+        At break, of films [%].
     """
 
     design: str
     hidden: dict[str, dict[str, float]]
     copies: int = 2
+    bursts: bool = False
+    twin: str = ""
+    elongation: Three | None = None
 
     def effects(self) -> tuple[HiddenEffect, ...]:
         """Return what is hidden."""
@@ -57,6 +76,8 @@ class Planted:
     def tests(self) -> Design:
         """Return the design with fewer actuators."""
         whole = designs()[self.design]
+        if self.bursts:
+            return replace(whole, actuator=until_burst())
         table = whole.actuator
         copy = table["specimen_id"].str[-1].astype(int)
         kept = table["degradation_pct"].isin(LEVELS) & (copy <= self.copies)
@@ -92,7 +113,32 @@ PLANTED = {
     ),
     "nothing": Planted("careful", {}),
     "outside_slipping": Planted("angle", {"outside_slipping": {"share": 0.2}}),
+    FLAWS: Planted("careful", {FLAWS: {"cut": 1.5, "widening": 0.4}}, bursts=True),
+    "brittle_films": Planted("careful", {}, bursts=True, twin=FLAWS, elongation=BRITTLE),
+    "stress_measure": Planted(
+        "careful", {"stress_measure": {"confusion": 0.4}}, bursts=True, twin=FLAWS
+    ),
 }
+
+
+def until_burst() -> pd.DataFrame:
+    """Return tests of actuators of which those with flaws burst: ``Design.actuator``.
+
+    Beyond the pressures of the other studies, where films of the published elongation would not
+    let any burst yet.
+    """
+    rows = [
+        {"specimen_id": f"A{level:04.1f}-{copy + 1}", "degradation_pct": level, "pressure_kPa": p}
+        for level, copies in COPIES.items()
+        for copy in range(copies)
+        for p in _steps(level)
+    ]
+    return pd.DataFrame(rows).assign(degradation_sd_pct=np.nan)
+
+
+def _steps(level: float) -> list[float]:
+    largest = LARGEST_PRESSURE if level < ONSET else LARGEST_OF_STIFF
+    return np.arange(STEP, largest + 1.0, STEP).tolist()
 
 
 def _cause(name: str) -> Cause:
@@ -103,9 +149,18 @@ def _cause(name: str) -> Cause:
 def plant(number: int, folder: Path, truths: Path, *, forward: ForwardMap) -> None:
     """Make one study; what was hidden in it is written elsewhere."""
     name, planted = list(PLANTED.items())[number - 1]
-    study = HiddenStudy(number, name, planted.design, planted.effects(), 1.0)
-    command = f"python benchmarks/planted_studies.py {number}"
-    made(study, folder, forward=forward, seed=SEED, command=command, design=planted.tests())
+    drawn_as = list(PLANTED).index(planted.twin or name) + 1
+    study = HiddenStudy(number, name, planted.design, planted.effects(), 1.0, drawn_as)
+    made(
+        study,
+        folder,
+        forward=forward,
+        seed=SEED,
+        command=f"python benchmarks/planted_studies.py {number}",
+        design=planted.tests(),
+        bursts=planted.bursts,
+        elongation=planted.elongation,
+    )
     truths.mkdir(parents=True, exist_ok=True)
     (folder / "truth.json").replace(truths / f"{number:02d}.json")
 
@@ -119,6 +174,19 @@ def fine(
     )
 
 
+def remembering(forward: ForwardMap, known: dict[Key, Prediction]) -> ForwardMap:
+    """Return a map that asks another only for what is not known yet, and then knows it."""
+
+    def answered(inputs: Inputs) -> Prediction:
+        given = {name: np.asarray(v) for name, v in vars(inputs).items() if v is not None}
+        key = tuple((name, v.shape, v.tobytes()) for name, v in given.items())
+        if key not in known:
+            known[key] = forward(inputs)
+        return known[key]
+
+    return answered
+
+
 def main() -> None:
     """Plant the studies that are missing."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -128,10 +196,12 @@ def main() -> None:
     options = parser.parse_args()
     truths = FOLDER / "truths"
     missing = [n for n in options.numbers or every if not (truths / f"{n:02d}.json").exists()]
+    known: dict[Key, Prediction] = {}
     with pool(options.workers) as executor, shown(quiet=False) as progress:
         for number in missing:
             forward = fine(executor, partial(progress.stage, f"study {number}"), progress.advance)
-            plant(number, FOLDER / "studies" / f"{number:02d}", truths, forward=forward)
+            shared = remembering(forward, known)
+            plant(number, FOLDER / "studies" / f"{number:02d}", truths, forward=shared)
 
 
 if __name__ == "__main__":

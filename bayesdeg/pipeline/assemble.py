@@ -84,7 +84,8 @@ def assemble(study: Study, forward: ForwardMap | None = None) -> Assembly:
     if needs_forward and (forward is None or isinstance(forward, Surrogate)):
         forward = surrogate_for(Geometry(study.settings.dimensions), forward)
         base += known.EMULATOR if actuator is not None else ()
-    candidates, unjudged, alike = _candidates(study, actuator, tensile, tests)
+    limited = bool(elongation_nodes)
+    candidates, unjudged, alike = _candidates(study, actuator, tensile, tests, limited=limited)
     _check(study, base, (*candidates, *alike))
     model = Model(
         base=known.with_priors(_default_priors(base, statistics), study.settings.priors),
@@ -138,8 +139,13 @@ def _candidates(
     actuator: ActuatorCurves | None,
     tensile: TensileCurves | None,
     tests: PublishedTests | None,
+    *,
+    limited: bool,
 ) -> tuple[tuple[Cause, ...], dict[str, str], tuple[Cause, ...]]:
-    """Return what can be judged, what cannot and why, and what films alone cannot tell apart."""
+    """Return what can be judged, what cannot and why, and what films alone cannot tell apart.
+
+    Causes are judged on ruptures where the model has a limit of elongation, whatever that rests on.
+    """
     wanted = study.settings.candidates
     causes = CATALOGUE.values() if wanted is None else [find(name) for name in wanted]
     alone = tensile if actuator is None and tests is None else None
@@ -149,7 +155,7 @@ def _candidates(
     for cause in causes:
         on_films = "tensile" in cause.acts_on
         indistinct = cause.blind_on_films(alone.conditions) if alone and on_films else None
-        why = indistinct or _unseen(cause, study, actuator, tensile)
+        why = indistinct or _unseen(cause, study, actuator, tensile, limited=limited)
         if why is not None:
             unjudged[cause.name] = why
         if why is None or indistinct is not None:
@@ -163,6 +169,8 @@ def _unseen(
     study: Study,
     actuator: ActuatorCurves | None,
     tensile: TensileCurves | None,
+    *,
+    limited: bool,
 ) -> str | None:
     """Say why the data at hand cannot reveal a cause; None if they can."""
     if "tensile" in cause.acts_on and tensile is not None:
@@ -175,8 +183,8 @@ def _unseen(
     lacking = [column for column in cause.needs if column not in recorded]
     if lacking:
         return f"actuator.csv does not record {', '.join(lacking)}"
-    if cause.is_of_rupture_alone and study.breaks is None:
-        return "there is no elongation at break (break.csv) to compare ruptures with"
+    if cause.is_of_rupture_alone and not limited:
+        return "there is no elongation at break (break.csv, summary.csv) to compare ruptures with"
     return cause.blind(actuator.conditions)
 
 

@@ -1,6 +1,7 @@
 """From a study folder alone to its verdict, as ``bayesdeg run --effort quick`` comes to it.
 
-Verdicts are made in processes of their own, which open the folder and nothing else.
+Verdicts are made in processes of their own, which open the folder and nothing else. So are those of
+a catalogue in which one cause does nothing (`verdict_with_idle`).
 """
 
 import multiprocessing
@@ -12,12 +13,20 @@ from pathlib import Path
 import numpy as np
 
 from bayesdeg.causes.cause import Cause
+from bayesdeg.criticism.candidates import effect_sizes
+from bayesdeg.criticism.screening import screen
+from bayesdeg.criticism.search import Search, naming_threshold, run_search
+from bayesdeg.criticism.step import Step
+from bayesdeg.criticism.verdict import Support, decide, supports
 from bayesdeg.measure.study import read_study
 from bayesdeg.pipeline.assemble import Assembly, assemble
 from bayesdeg.pipeline.base import base_without_chain
 from bayesdeg.pipeline.judge import JUDGE_EFFORTS, judge
-from bayesdeg.pipeline.judgement import Judgement
+from bayesdeg.pipeline.judgement import BASE, Judgement
 from bayesdeg.pipeline.progress import Silent
+
+NARROW = replace(JUDGE_EFFORTS["quick"], fitted=1, pairs=0)
+HOOKS = ("on_degradation", "on_inputs", "on_reading", "on_stress", "on_strength")
 
 
 @dataclass(frozen=True)
@@ -36,6 +45,8 @@ class Verdict:
         Whether held-out specimens agree.
     p_value : float
         Of the base model's misfit.
+    rupture_p_value : float
+        Of the ruptures that the base model expects.
     """
 
     outcome: str
@@ -44,19 +55,37 @@ class Verdict:
     factors: dict[str, float]
     confirmed: dict[str, bool]
     p_value: float
+    rupture_p_value: float
 
 
-def verdict_on(folder: Path, idle: str = "") -> Verdict:
-    """Judge a folder; or against a cause that does nothing, if one is given."""
-    assembly = assemble(read_study(folder))
-    return _told(judged(idle_alone(assembly, idle) if idle else assembly))
+@dataclass(frozen=True)
+class Verdicts:
+    """The verdict on a folder, and those with a cause of the catalogue that does nothing.
+
+    Parameters
+    ----------
+    plain : Verdict
+    idle : dict of str to Verdict
+        By the name of that cause.
+    """
+
+    plain: Verdict
+    idle: dict[str, Verdict]
 
 
-def side_by_side(folders: Iterable[tuple[str, Path, str]]) -> dict[str, Future[Verdict]]:
+def verdicts_on(folder: Path, idle: tuple[str, ...] = ()) -> Verdicts:
+    """Judge a folder; then anew with each of some causes doing nothing."""
+    judgement = judged(assemble(read_study(folder)))
+    return Verdicts(_told(judgement), {name: verdict_with_idle(judgement, name) for name in idle})
+
+
+def side_by_side(
+    folders: Iterable[tuple[str, Path, tuple[str, ...]]],
+) -> dict[str, Future[Verdicts]]:
     """Begin to judge folders, two at a time."""
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(2, mp_context=context) as pool:
-        return {key: pool.submit(verdict_on, folder, idle) for key, folder, idle in folders}
+        return {key: pool.submit(verdicts_on, folder, idle) for key, folder, idle in folders}
 
 
 def judged(assembly: Assembly, *, seed: int = 1) -> Judgement:
@@ -71,16 +100,70 @@ def judged(assembly: Assembly, *, seed: int = 1) -> Judgement:
     )
 
 
-def idle_alone(assembly: Assembly, name: str) -> Assembly:
-    """Return the assembly with a single candidate, a cause of the catalogue that does nothing."""
+def verdict_with_idle(judgement: Judgement, name: str) -> Verdict:
+    """Return the verdict of a catalogue in which one cause does nothing, all else as it was.
+
+    The search is made anew, but what it knows already of sets without that cause is the same for
+    both and is not computed twice. Further sets are fitted only with the cause that screening finds
+    best. Held-out specimens, the dear part, are taken to agree with all that is found: they can but
+    take causes away, so a test that fails this verdict fails the whole one.
+    """
+    search = search_with_idle(judgement.search, name)
+    chosen = run_search(search)
+    agreed = [
+        replace(one, elpd_diff=np.inf, elpd_diff_se=0.0, together=None)
+        for one in (supports(search, chosen, {}))
+    ]
+    decision = decide(
+        search.step(BASE),
+        search.step(chosen),
+        agreed,
+        rupture=judgement.rupture,
+        contradicted=judgement.contradicted,
+        on_rupture=frozenset(cause.name for cause in search.causes if cause.is_of_rupture_alone),
+    )
+    generator, trial = np.random.default_rng(0), search.trials[chosen]
     return replace(
-        assembly, candidates=tuple(_idle(c) for c in assembly.candidates if c.name == name)
+        _told(judgement),
+        outcome=str(decision.outcome),
+        causes=decision.causes,
+        sizes={
+            cause.name: {
+                p: (s.mean, s.sd) for p, s in effect_sizes(trial, cause, generator).items()
+            }
+            for cause in trial.subject.causes
+        },
+        **_evidence(agreed, search.step(BASE).threshold),
+    )
+
+
+def search_with_idle(search: Search, name: str) -> Search:
+    """Return a search whose cause of that name does nothing, with what is known without it."""
+    causes = tuple(_idle(c) if c.name == name else c for c in search.causes)
+    other = replace(search, causes=causes, effort=NARROW, trials={}, steps={}, on_fit=None)
+    other.trials |= {n: trial for n, trial in search.trials.items() if name not in n}
+    [idle] = (cause for cause in causes if cause.name == name)
+    for names, step in search.steps.items():
+        if name not in names:
+            others = [cause for cause in causes if cause.name not in names]
+            other.steps[names] = _without(step, idle, others)
+    return other
+
+
+def _without(step: Step, idle: Cause, others: list[Cause]) -> Step:
+    """Return what is known of a set where another cause has become idle."""
+    linear = step.trial.linear
+    found = {idle.name: screen(linear, idle)}
+    return replace(
+        step,
+        screened=step.screened | found,
+        threshold=naming_threshold(linear, others, step.simulated),
+        unbent=step.unbent | found if idle.name in step.unbent else step.unbent,
     )
 
 
 def _idle(cause: Cause) -> Cause:
-    hooks = ("on_degradation", "on_inputs", "on_reading", "on_stress", "on_strength")
-    return replace(cause, **{hook: _unchanged for hook in hooks if getattr(cause, hook)})
+    return replace(cause, **{hook: _unchanged for hook in HOOKS if getattr(cause, hook)})
 
 
 def _unchanged(state: object, *_: object) -> object:
@@ -88,6 +171,7 @@ def _unchanged(state: object, *_: object) -> object:
 
 
 def _told(judgement: Judgement) -> Verdict:
+    rupture = judgement.rupture
     return Verdict(
         str(judgement.decision.outcome),
         judgement.decision.causes,
@@ -95,7 +179,15 @@ def _told(judgement: Judgement) -> Verdict:
             c.cause: {name: (size.mean, size.sd) for name, size in c.effect.items()}
             for c in judgement.candidates
         },
-        {one.cause: one.log_bayes_factor - judgement.threshold for one in judgement.supported},
-        {one.cause: one.held_out_agrees for one in judgement.supported},
-        judgement.misfit.p_value,
+        p_value=judgement.misfit.p_value,
+        rupture_p_value=1.0 if rupture is None else rupture.p_value,
+        **_evidence(judgement.supported, judgement.threshold),
     )
+
+
+def _evidence(supported: Iterable[Support], threshold: float) -> dict[str, dict[str, float]]:
+    found = list(supported)
+    return {
+        "factors": {one.cause: one.log_bayes_factor - threshold for one in found},
+        "confirmed": {one.cause: one.held_out_agrees for one in found},
+    }

@@ -12,32 +12,48 @@ from bayesdeg.inference.parameters import control_name
 from bayesdeg.laboratory.truth import TRUTH_NODES
 from bayesdeg.material.trend import bernstein_weights
 from bayesdeg.measure.study import read_study
+from bayesdeg.pipeline import run as running
+from bayesdeg.pipeline.judge import judge
 from bayesdeg.pipeline.progress import Silent
 from bayesdeg.pipeline.run import fingerprint, run_study
 from bayesdeg.report.checkpoints import Checkpoints
 from bayesdeg.report.folder import RunFolder
 from bayesdeg.report.page import build_page
+from tests.hidden_effects.judging import verdict_with_idle
 
 STUDY = Path(__file__).parents[2] / "studies" / "gelatin_actuator"
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory):
-    """A run at quick effort on a copy of the folder from which the truth is missing."""
+def judged_run(tmp_path_factory):
+    """A run at quick effort on a copy of the folder without the truth, and its judgement."""
     folder = tmp_path_factory.mktemp("gelatin") / "study"
     shutil.copytree(STUDY, folder, ignore=shutil.ignore_patterns("truth.json"))
     study = read_study(folder)
     study = replace(study, settings=replace(study.settings, effort="quick"))
     target = folder / "run"
     checkpoints = Checkpoints(target / "checkpoints", fingerprint(study))
-    run_study(study, RunFolder(target), checkpoints, progress=Silent())
+    judgements = []
+
+    def watched(*args, **options):
+        judgements.append(judge(*args, **options))
+        return judgements[-1]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(running, "judge", watched)
+        run_study(study, RunFolder(target), checkpoints, progress=Silent())
     build_page(target)
-    return target
+    [judgement] = judgements
+    return target, judgement
 
 
-@pytest.mark.slow
-def test_the_hidden_effect_is_named_and_its_size_found(run):
-    verdict = RunFolder(run).read_json("verdict")
+@pytest.fixture(scope="module")
+def run(judged_run):
+    return judged_run[0]
+
+
+def assert_named(verdict):
+    """Check what ``verdict.json`` says of what was hidden."""
     truth = json.loads((STUDY / "truth.json").read_text(encoding="utf-8"))
     assert verdict["outcome"] == "named"
     assert verdict["causes"] == list(truth["causes"])
@@ -47,6 +63,19 @@ def test_the_hidden_effect_is_named_and_its_size_found(run):
     assert abs(effect["mean"] - hidden) < 3.0 * effect["sd"]
     assert best["explained_fraction"] > 0.9
     assert best["elpd_diff"] > 5.0 * best["elpd_diff_se"]
+
+
+@pytest.mark.slow
+def test_the_hidden_effect_is_named_and_its_size_found(run):
+    assert_named(RunFolder(run).read_json("verdict"))
+
+
+@pytest.mark.slow
+def test_with_an_offset_that_does_nothing_that_test_fails(judged_run):
+    """The mutation check, as of the planted studies."""
+    mutated = verdict_with_idle(judged_run[1], "pressure_offset")
+    with pytest.raises(AssertionError):
+        assert_named({"outcome": mutated.outcome, "causes": list(mutated.causes)})
 
 
 @pytest.mark.slow

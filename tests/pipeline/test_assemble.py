@@ -80,6 +80,25 @@ def test_all_causes_are_candidates_unless_the_study_lists_some(tmp_path):
     assert [c.name for c in some] == ["pressure_loss"]
 
 
+FLAWS = "flaw_embrittlement"  # of rupture alone
+
+
+@pytest.mark.parametrize("without", ["break.csv", "summary.csv"])
+def test_ruptures_are_judged_wherever_there_is_an_elongation_at_break(tmp_path, without):
+    """Torn films or a published elongation: of either the model has a limit of elongation."""
+    assembly = assemble(study_in(tmp_path, without=(without,)))
+    assert assembly.model.has_elongation
+    assert FLAWS in {c.name for c in assembly.candidates}
+
+
+def test_without_any_elongation_at_break_the_reason_says_so(tmp_path):
+    published = "".join(r for r in SUMMARY.splitlines(keepends=True) if "elongation" not in r)
+    files = {"summary.csv": published}
+    assembly = assemble(study_in(tmp_path, files, without=("break.csv",)))
+    assert not assembly.model.has_elongation
+    assert "no elongation at break" in assembly.unjudged[FLAWS]
+
+
 FILMS = {name for name, cause in CATALOGUE.items() if "tensile" in cause.acts_on}
 
 
