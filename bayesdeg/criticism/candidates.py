@@ -11,8 +11,8 @@ from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.discrepancy import explained
 from bayesdeg.criticism.held_out import HeldOut, difference
 from bayesdeg.criticism.search import Names, Search
+from bayesdeg.criticism.support import Support
 from bayesdeg.criticism.trials import Trial
-from bayesdeg.criticism.verdict import Support
 
 Floats = NDArray[np.float64]
 

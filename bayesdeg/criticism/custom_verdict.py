@@ -20,15 +20,9 @@ from bayesdeg.criticism.kernels import discrepancies
 from bayesdeg.criticism.search import Names, Search, SearchEffort, run_search
 from bayesdeg.criticism.step import Step
 from bayesdeg.criticism.subject import Subject
+from bayesdeg.criticism.support import Support, hold_out, supports
 from bayesdeg.criticism.trials import Trial, base_trial
-from bayesdeg.criticism.verdict import (
-    Decision,
-    Outcome,
-    Support,
-    decide,
-    hold_out,
-    supports,
-)
+from bayesdeg.criticism.verdict import Decision, Outcome, decide
 from bayesdeg.inference.importance import about_mode
 from bayesdeg.inference.laplace import approximate
 

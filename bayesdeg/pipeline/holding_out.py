@@ -10,7 +10,7 @@ from bayesdeg.criticism.held_out import HeldOut, by_level, joined, predict_folds
 from bayesdeg.criticism.model_readings import Held, ModelReadings
 from bayesdeg.criticism.search import Names, Search
 from bayesdeg.criticism.subject import Subject
-from bayesdeg.criticism.verdict import hold_out
+from bayesdeg.criticism.support import hold_out
 from bayesdeg.pipeline.judgement import BASE, label
 
 BESIDE: tuple[Held, ...] = ("films", "statistics")

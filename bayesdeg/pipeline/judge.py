@@ -18,8 +18,9 @@ from bayesdeg.criticism.model_readings import ModelReadings
 from bayesdeg.criticism.rupture_misfit import RuptureMisfit, rupture_misfit
 from bayesdeg.criticism.search import Names, Search, SearchEffort, run_search
 from bayesdeg.criticism.step import Step
+from bayesdeg.criticism.support import Support, hold_out, supports
 from bayesdeg.criticism.trials import Trial, try_causes
-from bayesdeg.criticism.verdict import Decision, Outcome, Support, decide, hold_out, supports
+from bayesdeg.criticism.verdict import Decision, Outcome, decide
 from bayesdeg.pipeline.assemble import Assembly
 from bayesdeg.pipeline.holding_out import all_held_out, levels_out
 from bayesdeg.pipeline.judgement import BASE, Judgement, extension, label

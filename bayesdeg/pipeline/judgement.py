@@ -15,7 +15,8 @@ from bayesdeg.criticism.model_readings import CURVATURE, ModelReadings
 from bayesdeg.criticism.rupture_misfit import RuptureMisfit
 from bayesdeg.criticism.search import Names, Search
 from bayesdeg.criticism.step import Step
-from bayesdeg.criticism.verdict import Decision, Support
+from bayesdeg.criticism.support import Support
+from bayesdeg.criticism.verdict import Decision
 from bayesdeg.inference.model import Model
 from bayesdeg.pipeline.calibrate import Fit
 

@@ -1,7 +1,7 @@
 """What speaks for the causes that the evidence favours, in plain words."""
 
 from bayesdeg.criticism.discrepancy import MISFIT_LEVEL
-from bayesdeg.criticism.verdict import Support
+from bayesdeg.criticism.support import Support
 from bayesdeg.pipeline.judgement import Judgement, extension
 
 FEW_ERRORS = 2.0  # standard errors within which a gain may as well be nothing

@@ -12,7 +12,7 @@ from bayesdeg.criticism.candidates import (
 )
 from bayesdeg.criticism.held_out import HeldOut
 from bayesdeg.criticism.search import Search, SearchEffort, run_search
-from bayesdeg.criticism.verdict import supports
+from bayesdeg.criticism.support import supports
 from tests.criticism import straight_subject as straight
 from tests.criticism.straight_subject import linear_cause
 

@@ -15,21 +15,23 @@ from bayesdeg.criticism.held_out import HeldOut
 from bayesdeg.criticism.rupture_misfit import RuptureMisfit
 from bayesdeg.criticism.search import Search, SearchEffort, run_search
 from bayesdeg.criticism.step import Step
-from bayesdeg.criticism.verdict import (
-    CHANCE,
+from bayesdeg.criticism.support import (
     IMPLAUSIBLE,
     INSEPARABLE,
+    MODERATE,
+    Support,
+    prior_tail,
+    supports,
+)
+from bayesdeg.criticism.verdict import (
+    CHANCE,
     LEAST_EXPLAINED,
     LEAST_ON_ONE_SCALE,
-    MODERATE,
     NEARLY_ALL,
     Decision,
     Outcome,
-    Support,
     decide,
-    prior_tail,
     share_explained,
-    supports,
 )
 from bayesdeg.inference.data import Statistic
 from bayesdeg.laws import Normal, TruncatedNormal

@@ -17,7 +17,8 @@ from bayesdeg.criticism.candidates import effect_sizes
 from bayesdeg.criticism.screening import screen
 from bayesdeg.criticism.search import Search, naming_threshold, run_search
 from bayesdeg.criticism.step import Step
-from bayesdeg.criticism.verdict import Support, decide, supports
+from bayesdeg.criticism.support import Support, supports
+from bayesdeg.criticism.verdict import decide
 from bayesdeg.measure.study import read_study
 from bayesdeg.pipeline.assemble import Assembly, assemble
 from bayesdeg.pipeline.base import base_without_chain

@@ -15,7 +15,8 @@ from bayesdeg.criticism.confusability import Confusability
 from bayesdeg.criticism.discrepancy import Misfit
 from bayesdeg.criticism.rupture_misfit import RuptureMisfit
 from bayesdeg.criticism.step import Step
-from bayesdeg.criticism.verdict import Decision, Outcome, Support
+from bayesdeg.criticism.support import Support
+from bayesdeg.criticism.verdict import Decision, Outcome
 from bayesdeg.inference.data import Statistic
 from bayesdeg.pipeline.document import unjudged_document, verdict_document
 from bayesdeg.pipeline.explanation import explain

@@ -8,7 +8,8 @@ import pytest
 from bayesdeg.causes.catalogue import find
 from bayesdeg.criticism.convergence import diagnose
 from bayesdeg.criticism.search import SearchEffort
-from bayesdeg.criticism.verdict import INSEPARABLE, Decision, Outcome, Support
+from bayesdeg.criticism.support import INSEPARABLE, Support
+from bayesdeg.criticism.verdict import Decision, Outcome
 from bayesdeg.inference.chain import Chain
 from bayesdeg.inference.ensemble import EFFORTS
 from bayesdeg.inference.importance import about_mode

@@ -13,7 +13,8 @@ from bayesdeg.causes.cause import Cause, Stage
 from bayesdeg.criticism.discrepancy import MISFIT_LEVEL
 from bayesdeg.criticism.gain import mode_table
 from bayesdeg.criticism.residuals import where_films
-from bayesdeg.criticism.verdict import Outcome, hold_out
+from bayesdeg.criticism.support import hold_out
+from bayesdeg.criticism.verdict import Outcome
 from bayesdeg.laws import Normal, Parameter
 from bayesdeg.measure.study import read_study
 from bayesdeg.pipeline.assemble import assemble
