@@ -342,7 +342,16 @@ def test_yes_goes_on_without_a_question(here):
     assert CACHED.exists()
 
 
+@pytest.fixture
+def interruptible():
+    """A shell's background jobs ignore SIGINT, and so would what they start."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 @pytest.mark.slow
+@pytest.mark.usefixtures("interruptible")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_stopped_in_mid_campaign_it_ends_with_3_says_what_stays_and_goes_on(here, number):
     runs = 40
