@@ -13,6 +13,7 @@ from bayesdeg.criticism.held_out import HeldOut, difference
 from bayesdeg.criticism.search import Names, Search
 from bayesdeg.criticism.support import Support
 from bayesdeg.criticism.trials import Trial
+from bayesdeg.criticism.verdict import share_explained
 
 Floats = NDArray[np.float64]
 
@@ -45,9 +46,10 @@ class Candidate:
     probability : float or None
         Posterior probability that it acts.
     explained_fraction : float or None
-        Share of the misfit statistic, less what chance gives, that it removes: each model against
-        its own errors (`bayesdeg.criticism.discrepancy.explained`); of a named one together with
-        the others. None if it was screened only, or if there is no more misfit than chance gives.
+        Share of the misfit statistic, less what chance gives, that it removes: the larger of each
+        model against its own errors and both against the errors of the model with it
+        (`bayesdeg.criticism.verdict.share_explained`); of a named one together with the others.
+        None if it was screened only, or if there is no more misfit than chance gives.
     elpd_diff, elpd_diff_se : float or None
         Gain in log predictive density on held-out specimens; None if it was not tried on them.
     effect : mapping
@@ -140,12 +142,11 @@ def _named(
     generator: np.random.Generator,
 ) -> Candidate:
     one, chosen = named[cause.name], frozenset(named)
-    share = explained(search.step(search.base.names).misfit, search.step(chosen).misfit)
     return Candidate(
         cause=cause.name,
         log_bayes_factor=one.log_bayes_factor,
         probability=probability,
-        explained_fraction=None if np.isnan(share) else share,
+        explained_fraction=_share(search, chosen),
         elpd_diff=one.elpd_diff,
         elpd_diff_se=one.elpd_diff_se,
         effect=effect_sizes(search.trials[chosen], cause, generator),
@@ -173,20 +174,27 @@ def _other(
             fitted=False,
             naming_p_value=search.step(base).chance_of(factor),
         )
-    share = explained(search.step(base).misfit, search.step(alone).misfit)
     tested = alone in held_out and base in held_out
     gain, error = difference(held_out[alone], held_out[base]) if tested else (None, None)
     return Candidate(
         cause=cause.name,
         log_bayes_factor=max(search.factor(alone), LEAST),
         probability=probability,
-        explained_fraction=None if np.isnan(share) else share,
+        explained_fraction=_share(search, alone),
         elpd_diff=gain,
         elpd_diff_se=error,
         effect=effect_sizes(search.trials[alone], cause, generator),
         log_bayes_factor_error=_error(search, alone, base),
         naming_p_value=search.step(base).chance_of(search.factor(alone)),
     )
+
+
+def _share(search: Search, names: Names) -> float | None:
+    """Return the share of the misfit that a set explains; None where there is none."""
+    base, final = search.step(search.base.names), search.step(names)
+    if np.isnan(explained(base.misfit, final.misfit)):
+        return None
+    return max(share_explained(base, final))
 
 
 def _error(search: Search, one: Names, other: Names) -> float:

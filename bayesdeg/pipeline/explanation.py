@@ -115,16 +115,16 @@ def _left(judgement: Judgement) -> str:
 
 
 def _share(judgement: Judgement) -> str:
-    """Say how much of the misfit is explained, on one scale too where that is more."""
+    """Say how much of the misfit is explained, and on whose scale where that matters."""
     if judgement.misfit.statistic <= float(np.mean(judgement.misfit.null)):
         return ""
     own, common = (round(100 * share) for share in share_explained(*judgement.steps))
     included = "it" if len(judgement.supported) == 1 else "them"
-    text = f"With {included} {own} % of the misfit is explained"
+    text = f"With {included} {max(own, common)} % of the misfit is explained"
     if common > own:
         text += (
-            f", and {common} % against the errors of the model that has {included}: the model "
-            "without takes part of the misfit for error"
+            f", against the errors of the model that has {included}: the model without takes part "
+            "of the misfit for error"
         )
     return f"{text}."
 
