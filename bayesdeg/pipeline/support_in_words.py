@@ -8,18 +8,19 @@ FEW_ERRORS = 2.0  # standard errors within which a gain may as well be nothing
 
 
 def directed(judgement: Judgement) -> str:
-    """Say which calibrated test named: the one directed at the candidates, with its p-value."""
+    """Say what named where the misfit as a whole does not show it: a test with a p-value each.
+
+    Empty where the misfit as a whole shows it too.
+    """
     known = [(one.cause, one.chance) for one in judgement.supported if one.chance is not None]
-    if not known:
+    if not known or judgement.misfit.p_value <= MISFIT_LEVEL:
         return ""
     shares = " and ".join(f"p = {p:.2g} in data simulated without {name}" for name, p in known)
-    text = (
-        "The test that names is directed at the candidates: by chance, the best of them gains as "
-        f"much evidence with {shares}."
+    return (
+        "What names is a test directed at the candidates, which sees what the misfit as a whole, "
+        "measured without a candidate in mind, does not: by chance the best of them gains as much "
+        f"evidence with {shares}."
     )
-    if judgement.misfit.p_value <= MISFIT_LEVEL:
-        return text
-    return f"{text} The misfit as a whole, measured without a candidate in mind, does not show it."
 
 
 def gains(judgement: Judgement) -> list[str]:
