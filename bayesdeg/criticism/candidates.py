@@ -8,12 +8,11 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from bayesdeg.causes.cause import Cause
-from bayesdeg.criticism.discrepancy import explained
 from bayesdeg.criticism.held_out import HeldOut, difference
 from bayesdeg.criticism.search import Names, Search
 from bayesdeg.criticism.support import Support
 from bayesdeg.criticism.trials import Trial
-from bayesdeg.criticism.verdict import share_explained
+from bayesdeg.criticism.verdict import fraction_explained
 
 Floats = NDArray[np.float64]
 
@@ -48,7 +47,7 @@ class Candidate:
     explained_fraction : float or None
         Share of the misfit statistic, less what chance gives, that it removes: the larger of each
         model against its own errors and both against the errors of the model with it
-        (`bayesdeg.criticism.verdict.share_explained`); of a named one together with the others.
+        (`bayesdeg.criticism.verdict.fraction_explained`); of a named one together with the others.
         None if it was screened only, or if there is no more misfit than chance gives.
     elpd_diff, elpd_diff_se : float or None
         Gain in log predictive density on held-out specimens; None if it was not tried on them.
@@ -146,7 +145,7 @@ def _named(
         cause=cause.name,
         log_bayes_factor=one.log_bayes_factor,
         probability=probability,
-        explained_fraction=_share(search, chosen),
+        explained_fraction=fraction_explained(search.step(search.base.names), search.step(chosen)),
         elpd_diff=one.elpd_diff,
         elpd_diff_se=one.elpd_diff_se,
         effect=effect_sizes(search.trials[chosen], cause, generator),
@@ -180,21 +179,13 @@ def _other(
         cause=cause.name,
         log_bayes_factor=max(search.factor(alone), LEAST),
         probability=probability,
-        explained_fraction=_share(search, alone),
+        explained_fraction=fraction_explained(search.step(base), search.step(alone)),
         elpd_diff=gain,
         elpd_diff_se=error,
         effect=effect_sizes(search.trials[alone], cause, generator),
         log_bayes_factor_error=_error(search, alone, base),
         naming_p_value=search.step(base).chance_of(search.factor(alone)),
     )
-
-
-def _share(search: Search, names: Names) -> float | None:
-    """Return the share of the misfit that a set explains; None where there is none."""
-    base, final = search.step(search.base.names), search.step(names)
-    if np.isnan(explained(base.misfit, final.misfit)):
-        return None
-    return max(share_explained(base, final))
 
 
 def _error(search: Search, one: Names, other: Names) -> float:

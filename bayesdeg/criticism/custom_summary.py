@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 
 from bayesdeg.criticism.custom_verdict import Judgement, posterior_draws
-from bayesdeg.criticism.discrepancy import explained
 from bayesdeg.criticism.search import Names
+from bayesdeg.criticism.verdict import fraction_explained
 
 SEED = 0  # of the draws that are summarised
 
@@ -24,7 +24,6 @@ def summary(judgement: Judgement) -> dict[str, Any]:
     """
     search = judgement.search
     base, final = judgement.base.misfit, judgement.final.misfit
-    share = explained(base, final)
     parameters = search.base.subject.table.parameters
     return {
         "outcome": str(judgement.decision.outcome),
@@ -34,7 +33,7 @@ def summary(judgement: Judgement) -> dict[str, Any]:
         "threshold": judgement.base.threshold,
         "misfit": {"statistic": base.statistic, "p_value": base.p_value},
         "misfit_left": {"statistic": final.statistic, "p_value": final.p_value},
-        "explained_fraction": None if np.isnan(share) else share,
+        "explained_fraction": fraction_explained(judgement.base, judgement.final),
         "held_out": {one.cause: [one.elpd_diff, one.elpd_diff_se] for one in judgement.supported},
         "units": {p.name: p.unit for p in search.trials[judgement.chosen].subject.table.parameters}
         | {c.qualified(p.name): p.unit for c in search.causes for p in c.parameters},

@@ -134,7 +134,7 @@ class Search:
             for cause in others
         }
         chance = factors_by_chance(linear, others, known)
-        least = _threshold(chance)
+        least = naming_threshold(chance)
         return Step(trial, misfit, known, screened, least, _unbent(trial, others), chance)
 
     def _seed(self, names: Names, use: int = 0) -> np.random.SeedSequence:
@@ -159,10 +159,8 @@ def _as_refitted(linear: Linear, draws: Floats) -> Floats:
     return np.where(moves, draws, linear.mode)
 
 
-def naming_threshold(linear: Linear, causes: Iterable[Cause], replicates: Floats) -> float:
-    """Return the log Bayes factor that naming takes: exceeded by 5 % of data without an effect.
-
-    It is at least ln 20.
+def factors_by_chance(linear: Linear, causes: Iterable[Cause], replicates: Floats) -> Floats:
+    """Return the largest log Bayes factor of all causes in each data set without an effect, (k,).
 
     Parameters
     ----------
@@ -172,14 +170,11 @@ def naming_threshold(linear: Linear, causes: Iterable[Cause], replicates: Floats
         All that are tried: the largest factor counts.
     replicates : array, shape (k, n_readings)
         Data simulated from the model.
-    """
-    return _threshold(factors_by_chance(linear, causes, replicates))
 
-
-def factors_by_chance(linear: Linear, causes: Iterable[Cause], replicates: Floats) -> Floats:
-    """Return the largest log Bayes factor of all causes in each data set without an effect, (k,).
-
-    Parameters as in `naming_threshold`; empty where there is no cause or no data set.
+    Returns
+    -------
+    array
+        [nats]; empty where there is no cause or no data set.
     """
     whitened = linear.whiten(replicates)
     factors = [log_bayes_factor(whitened, sensitivities(linear, cause)) for cause in causes]
@@ -188,7 +183,16 @@ def factors_by_chance(linear: Linear, causes: Iterable[Cause], replicates: Float
     return np.asarray(np.max(factors, axis=0))
 
 
-def _threshold(chance: Floats) -> float:
+def naming_threshold(chance: Floats) -> float:
+    """Return the log Bayes factor that naming takes, at least ln 20 [nats].
+
+    Chance reaches it in 5 % of data sets.
+
+    Parameters
+    ----------
+    chance : array, shape (k,)
+        What the best cause reaches in data sets without an effect, `factors_by_chance`.
+    """
     if not len(chance):
         return LEAST_FACTOR
     return max(LEAST_FACTOR, float(np.quantile(chance, 1.0 - FALSE_NAME_RATE)))

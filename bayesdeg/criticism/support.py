@@ -145,7 +145,7 @@ def supports(search: Search, chosen: Names, held_out: Mapping[Names, HeldOut]) -
                 factor,
                 gain,
                 error,
-                {rival: whole - factor for rival, factor in others.items()},
+                {rival: whole - other for rival, other in others.items()},
                 prior_tail(search, chosen, name),
                 together,
                 search.step(rest).chance_of(factor),

@@ -128,6 +128,13 @@ def share_explained(base: Step, final: Step) -> tuple[float, float]:
     return own, 1.0 if np.isnan(common) else common
 
 
+def fraction_explained(base: Step, final: Step) -> float | None:
+    """Return the larger of both shares of `share_explained`; None where there was no misfit."""
+    if np.isnan(explained(base.misfit, final.misfit)):
+        return None
+    return max(share_explained(base, final))
+
+
 def _against(one: Support) -> str:
     if one.elpd_diff is None:
         return "there is nothing to hold out: a single specimen cannot confirm a cause"

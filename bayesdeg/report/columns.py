@@ -80,6 +80,11 @@ def _quantiles(unit: str, *percents: int, prefix: str = "", suffix: str = "") ->
     )
 
 
+_AGREEMENT = (
+    Column("r_squared", "–", "1 − SSE/SST"),
+    Column("coverage_50", "–", "fraction of readings inside the 50 % interval"),
+    Column("coverage_90", "–", "fraction of readings inside the 90 % interval"),
+)
 _GAIN = (
     _MODEL,
     _LEVEL,
@@ -89,9 +94,7 @@ _GAIN = (
     Column("elpd_diff_se", "–", "standard error of the difference"),
     Column("rmse_per_m", "1/m", "root mean square error of the prediction"),
     Column("crps_per_m", "1/m", "continuous ranked probability score"),
-    Column("r_squared", "–", "1 − SSE/SST"),
-    Column("coverage_50", "–", "fraction of readings inside the 50 % interval"),
-    Column("coverage_90", "–", "fraction of readings inside the 90 % interval"),
+    *_AGREEMENT,
 )
 
 #: Columns of every table by its name; a file may hold more, which are kept.
@@ -106,9 +109,7 @@ TABLES: Mapping[str, tuple[Column, ...]] = MappingProxyType(
             Column("elpd_diff", "–", "its difference to the base model; positive is better"),
             Column("rmse_MPa", "MPa", "root mean square error of the prediction"),
             Column("crps_MPa", "MPa", "continuous ranked probability score"),
-            Column("r_squared", "–", "1 − SSE/SST"),
-            Column("coverage_50", "–", "fraction of readings inside the 50 % interval"),
-            Column("coverage_90", "–", "fraction of readings inside the 90 % interval"),
+            *_AGREEMENT,
         ),
         STATISTICS: (
             _text("statistic", "what is measured"),

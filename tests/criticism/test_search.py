@@ -14,6 +14,7 @@ from bayesdeg.criticism.search import (
     LEAST_FACTOR,
     Search,
     SearchEffort,
+    factors_by_chance,
     naming_threshold,
     rivals,
     run_search,
@@ -147,9 +148,13 @@ def test_a_pair_is_found_without_the_cause_that_looks_like_both():
 def test_naming_takes_at_least_odds_of_twenty():
     linear = straight.exact_linear(straight.readings(5))
     exact = np.tile(linear.mean, (50, 1))
-    assert naming_threshold(linear, straight.CAUSES, exact) == LEAST_FACTOR == np.log(20.0)
-    assert naming_threshold(linear, (), exact) == LEAST_FACTOR
-    assert naming_threshold(linear, straight.CAUSES, exact[:0]) == LEAST_FACTOR
+    assert (
+        naming_threshold(factors_by_chance(linear, straight.CAUSES, exact))
+        == LEAST_FACTOR
+        == np.log(20.0)
+    )
+    assert naming_threshold(factors_by_chance(linear, (), exact)) == LEAST_FACTOR
+    assert naming_threshold(factors_by_chance(linear, straight.CAUSES, exact[:0])) == LEAST_FACTOR
 
 
 def test_one_in_twenty_data_sets_without_an_effect_exceeds_the_threshold():
@@ -158,7 +163,7 @@ def test_one_in_twenty_data_sets_without_an_effect_exceeds_the_threshold():
     generator = np.random.default_rng(7)
     noise = 2.0 * generator.standard_normal((2, 4000, len(X))) @ linear.factor.T
     calibrating, fresh = linear.mean + noise
-    threshold = naming_threshold(linear, straight.CAUSES, calibrating)
+    threshold = naming_threshold(factors_by_chance(linear, straight.CAUSES, calibrating))
     assert threshold > LEAST_FACTOR
     z = linear.whiten(fresh)
     largest = np.max(
@@ -167,7 +172,9 @@ def test_one_in_twenty_data_sets_without_an_effect_exceeds_the_threshold():
     error = 4.0 * np.sqrt(2.0 * 0.05 * 0.95 / 4000)
     assert np.mean(largest > threshold) == pytest.approx(FALSE_NAME_RATE, abs=error)
     assert np.mean(largest > LEAST_FACTOR) > 2.0 * FALSE_NAME_RATE
-    assert naming_threshold(linear, straight.CAUSES[:1], calibrating) <= threshold
+    assert (
+        naming_threshold(factors_by_chance(linear, straight.CAUSES[:1], calibrating)) <= threshold
+    )
 
 
 def test_draws_are_taken_as_refitted_where_they_do_not_move_the_mean():

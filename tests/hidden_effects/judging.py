@@ -15,7 +15,7 @@ import numpy as np
 from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.candidates import effect_sizes
 from bayesdeg.criticism.screening import screen
-from bayesdeg.criticism.search import Search, naming_threshold, run_search
+from bayesdeg.criticism.search import Search, factors_by_chance, naming_threshold, run_search
 from bayesdeg.criticism.step import Step
 from bayesdeg.criticism.support import Support, supports
 from bayesdeg.criticism.verdict import decide
@@ -155,10 +155,12 @@ def _without(step: Step, idle: Cause, others: list[Cause]) -> Step:
     """Return what is known of a set where another cause has become idle."""
     linear = step.trial.linear
     found = {idle.name: screen(linear, idle)}
+    chance = factors_by_chance(linear, others, step.simulated)
     return replace(
         step,
         screened=step.screened | found,
-        threshold=naming_threshold(linear, others, step.simulated),
+        threshold=naming_threshold(chance),
+        chance=chance,
         unbent=step.unbent | found if idle.name in step.unbent else step.unbent,
     )
 
