@@ -120,6 +120,7 @@ def _found(judgement: Judgement) -> Json:
         "left": judgement.left.statistic,
         "threshold": judgement.threshold,
         "supported": [one.cause for one in judgement.supported],
+        "held_out": {c.cause: [c.elpd_diff, c.elpd_diff_se] for c in judgement.supported},
         "effects": effects_found,
         "factors": {c.cause: c.log_bayes_factor for c in tops},
         "confusable": {

@@ -96,6 +96,8 @@ def decide(
     misread = base.misfit.p_value <= MISFIT_LEVEL
     beside = (found for found in (rupture, contradicted) if found is not None)
     off = misread or any(found.p_value <= MISFIT_LEVEL for found in beside)
+    # evidence against the base model whose best remedy fits no better than by chance
+    off = off or (bool(supported) and final.misfit.p_value <= MISFIT_LEVEL)
     unconfirmed = (_against(one) for one in supported if not one.held_out_agrees)
     reasons = list(dict.fromkeys(unconfirmed))
     reasons += [_implausible(one) for one in supported if not one.is_plausible]

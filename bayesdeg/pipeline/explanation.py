@@ -132,6 +132,13 @@ def _share(judgement: Judgement) -> str:
 def _wrong(story: Story) -> str:
     judgement = story.judgement
     if judgement.misfit.p_value > FALSE_NAME_RATE and not judgement.decision.causes:
+        if judgement.supported and judgement.left.p_value <= MISFIT_LEVEL:
+            return (
+                "The readings agree with the simulation only because it takes wide errors for "
+                f"them: {' and '.join(one.cause for one in judgement.supported)} would describe "
+                "them with smaller ones, and what is then left is more than chance gives "
+                f"(p = {judgement.left.p_value:.2g})."
+            )
         return "The readings alone agree with the simulation."
     if judgement.misfit.p_value > MISFIT_LEVEL and judgement.decision.causes:
         return f"{story.where} As a whole that is within chance: {_chance(judgement)}.".strip()

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy import stats
 
 from bayesdeg.criticism import held_out as held_out_module
 from bayesdeg.criticism.held_out import (
@@ -303,10 +304,21 @@ def test_the_error_of_a_gain_over_several_kinds_is_that_of_the_sums_over_each():
     assert error < 0.2 * difference(pooled, gains(*9 * [0.0]))[1]
 
 
-@pytest.mark.parametrize(("rest", "agrees"), [(0.5, True), (-0.5, False)])
-def test_a_single_mean_alone_cannot_decide(rest, agrees):
-    """Its gain counts, and is as uncertain as it is large: the specimens have the casting vote."""
-    specimens, mean = gains(rest / 2.0, rest / 2.0), gains(9.0)
+@pytest.mark.parametrize(("single", "agrees"), [(9.0, True), (1.5, False)])
+def test_a_single_mean_counts_as_much_as_it_is_contradicted(single, agrees):
+    """It has no spread of its own: its gain is as uncertain as that of one normal reading."""
+    specimens, mean = gains(0.5, -0.5), gains(single)
     gain, error = difference(joined(specimens, mean), joined(gains(0.0, 0.0), gains(0.0)))
-    assert error == pytest.approx(9.0)
+    assert error == pytest.approx(np.hypot(1.0, np.sqrt(2.0 * single)))
     assert (gain > error) is agrees
+
+
+@pytest.mark.parametrize("shift", [0.5, 3.0, 8.0])
+def test_a_single_gain_scatters_as_that_of_a_normal_reading(shift):
+    """The log ratio of two normal densities, where the shifted one is right."""
+    readings = stats.norm(shift).rvs(200_000, random_state=np.random.default_rng(3))
+    gain = stats.norm(shift).logpdf(readings) - stats.norm().logpdf(readings)
+    _, error = difference(
+        joined(gains(0.0, 0.0), gains(np.mean(gain))), joined(gains(0.0, 0.0), gains(0.0))
+    )
+    assert error == pytest.approx(np.std(gain), rel=0.01)

@@ -248,7 +248,7 @@ def test_what_leaves_a_misfit_where_there_was_none_is_not_named():
     """A base model with wide errors expects anything; what is named must expect what there is."""
     none = step(p_value=0.8, statistic=1400.0)
     found = outcome_of(support(), base=none, final=step(p_value=MISFIT_LEVEL, statistic=25.0))
-    assert found.outcome is Outcome.ADEQUATE
+    assert found.outcome is Outcome.UNEXPLAINED
     assert "what is left is more" in found.reasons[0]
     fine = outcome_of(support(), base=none, final=step(p_value=0.03, statistic=1.0))
     assert fine.outcome is Outcome.NAMED

@@ -237,6 +237,15 @@ def test_where_ruptures_alone_are_off_the_readings_are_said_to_agree():
     assert WHERE not in text
 
 
+def test_where_wide_errors_hid_the_misfit_it_is_said_so():
+    decision = Decision(Outcome.UNEXPLAINED, (), reasons=("what is left is more",))
+    judgement = judgement_of(decision, support("creep"), p_value=0.6)
+    text = explain(replace(judgement, left=replace(judgement.left, p_value=0.01)), WHERE)
+    assert text.startswith("The readings agree with the simulation only because it takes wide")
+    assert "creep would describe them with smaller ones" in text
+    assert "(p = 0.01)" in text
+
+
 @pytest.mark.parametrize(("lost", "warned"), [(0.04, False), (0.12, True)])
 def test_many_simulated_sets_beyond_the_emulator_are_warned_of(lost, warned):
     judgement = judgement_of(Decision(Outcome.ADEQUATE, ()), p_value=0.5, lost=lost)
