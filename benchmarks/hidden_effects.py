@@ -8,6 +8,8 @@ and holds the verdicts against what was hidden and a closed-form analysis of the
 Finished studies are kept in ``.cache/hidden_effects`` and not judged again. With ``--record FILE``
 those in the file are not either, and the file is written anew; ``hidden_effects.jsonl`` beside this
 script holds the studies of the published figures, as the commit that it came with judged them.
+``--gelatin`` runs ``bayesdeg run studies/gelatin_actuator`` too, at both efforts, and adds the
+seconds that its verdict and the whole run take on all cores.
 """
 
 import argparse
@@ -21,6 +23,7 @@ from pathlib import Path
 
 import numpy as np
 from fine_library import fine_library
+from gelatin_seconds import gelatin_seconds
 from hidden_record import read_record, write_record
 from hidden_studies import HiddenStudy, drawn_study, made
 from hidden_summary import summary
@@ -227,6 +230,7 @@ def main() -> None:
     )
     parser.add_argument("--seed", type=int, default=SEED)
     parser.add_argument("--record", type=Path, help="file of studies that were judged, to go on")
+    parser.add_argument("--gelatin", action="store_true", help="time the study of the README too")
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--markdown", action="store_true", help="the tables of the README")
     options = parser.parse_args()
@@ -243,6 +247,8 @@ def main() -> None:
     if options.record is not None:
         write_record(options.record, [*record.values(), *found, *again])
     figures = summary(found, again)
+    for timed in ("standard", "quick") if options.gelatin else ():
+        figures |= gelatin_seconds(timed)
     print(markdown(figures) if options.markdown else json.dumps(figures, indent=1))
 
 

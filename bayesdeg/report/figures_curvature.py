@@ -1,4 +1,4 @@
-"""Figures of the actuator: gain, curvature bands, rupture, the calibrated misfit."""
+"""Figures of the actuator: curvature bands, rupture, the calibrated misfit."""
 
 from collections.abc import Sequence
 
@@ -19,12 +19,11 @@ from bayesdeg.report.figures import (
     panels,
     points,
     points_key,
-    side_by_side,
     single,
     styled,
 )
 from bayesdeg.report.summaries import BASE, FINAL, nearest_level
-from bayesdeg.report.wording import level_words, model_words, words
+from bayesdeg.report.wording import level_words
 
 COLOURS = {BASE: BASE_COLOUR, FINAL: FINAL_COLOUR}
 
@@ -59,31 +58,6 @@ def bands_figure(
         entries["base model"] = key(BASE_COLOUR, dashed=True)
     _label(figure, axis_label("pressure_kPa"), axis_label("curvature_per_m"))
     legend_above(figure, entries)
-    return figure
-
-
-@styled
-def gain_figure(pooled: pd.DataFrame | None, by_level: pd.DataFrame | None, final: str) -> Figure:
-    """Draw what the extended model gains on held-out specimens.
-
-    Parameters
-    ----------
-    pooled : pandas.DataFrame, optional
-        Rows of table ``gain`` over all degradation rates: gain in elpd of each model.
-    by_level : pandas.DataFrame, optional
-        Rows of table ``gain`` by degradation rate: error of base and extended model.
-    final : str
-        The model that is set against the base model.
-    """
-    figure, left, right = side_by_side(height=2.9)
-    if by_level is not None:
-        _draw_errors(left, by_level, final)
-    else:
-        left.set_axis_off()
-    if pooled is not None:
-        _draw_elpd(right, pooled, final)
-    else:
-        right.set_axis_off()
     return figure
 
 
@@ -148,45 +122,6 @@ def _draw_measured(
                 linestyle=(0, (4, 2)),
             )
         points(axes, here["pressure_kPa"], here["curvature_per_m"])
-
-
-def _draw_errors(axes: Axes, by_level: pd.DataFrame, final: str) -> None:
-    errors = by_level.pivot_table(index="degradation_pct", columns="model", values="rmse_per_m")
-    place = np.arange(len(errors))
-    if final in errors and BASE in errors:
-        axes.hlines(place, errors[BASE], errors[final], color=MUTED, alpha=0.6, linewidth=1.6)
-    for model, colour in ((BASE, BASE_COLOUR), (final, FINAL_COLOUR)):
-        if model in errors:
-            axes.plot(
-                errors[model], place, "o", color=colour, markersize=5, label=model_words(model)
-            )
-    axes.set_yticks(place, [level_words(float(level)) for level in errors.index])
-    axes.set(xlabel="error on held-out specimens, rms [1/m]", ylabel=axis_label("degradation_pct"))
-    axes.set_xlim(left=0.0)
-    axes.margins(y=0.12)
-    axes.grid(visible=False, axis="y")
-    axes.set_title("error by degradation rate")
-    axes.legend(loc="upper left", bbox_to_anchor=(0.0, -0.2), borderaxespad=0.0)
-
-
-def _draw_elpd(axes: Axes, pooled: pd.DataFrame, final: str) -> None:
-    extended = pooled[pooled["model"] != BASE].head(8)
-    place = np.arange(len(extended))[::-1]
-    for y, (_, row) in zip(place, extended.iterrows(), strict=True):
-        colour = FINAL_COLOUR if row["model"] == final else MUTED
-        axes.errorbar(
-            row["elpd_diff"], y, xerr=row["elpd_diff_se"], fmt="o", color=colour, markersize=5
-        )
-    axes.axvline(0.0, color=BASE_COLOUR, linewidth=1.2)
-    axes.set_yticks(place, [_added(str(model)) for model in extended["model"]])
-    axes.set_xlabel("gain in elpd over the base model ± se [–]")
-    axes.margins(x=0.1, y=0.25)
-    axes.grid(visible=False, axis="y")
-    axes.set_title("gain in held-out prediction")
-
-
-def _added(model: str) -> str:
-    return "\n".join(f"+ {words(part)}" for part in model.split("+") if part != BASE)
 
 
 def _label(figure: Figure, x: str, y: str) -> None:

@@ -12,24 +12,19 @@ from bayesdeg.report.figures_criticism import (
 from bayesdeg.report.figures_curvature import (
     bands_figure,
     elongation_figure,
-    gain_figure,
     null_figure,
     rupture_figure,
 )
+from bayesdeg.report.figures_gain import gain_sketch
 from bayesdeg.report.figures_material import constants_figure, tensile_figure, tensile_panels
 from bayesdeg.report.figures_residuals import UNLOADING, residual_figure
 from bayesdeg.report.record import Run, Verdict
 from bayesdeg.report.summaries import (
-    BASE,
     by_level,
-    extended_model,
-    models_of,
     panel_levels,
-    pooled,
-    several_levels,
 )
 from bayesdeg.report.tables import Tables
-from bayesdeg.report.wording import level_words, model_words, number
+from bayesdeg.report.wording import level_words, number
 
 
 def drawings_of(verdict: Verdict, run: Run, tables: Tables) -> dict[str, Drawing]:
@@ -46,7 +41,7 @@ def drawings_of(verdict: Verdict, run: Run, tables: Tables) -> dict[str, Drawing
     sketches = (
         _residuals(verdict, tables),
         _null(run, tables),
-        _gain(verdict, tables),
+        gain_sketch(verdict, tables),
         _bands(tables),
         _deformed(tables),
         _rupture(tables),
@@ -115,19 +110,6 @@ def _null(run: Run, tables: Tables) -> Sketch | None:
     return Sketch(
         "null", null_figure(tables.misfit_null, observed=observed, name=name), caption, half=True
     )
-
-
-def _gain(verdict: Verdict, tables: Tables) -> Sketch | None:
-    others = [model for model in models_of(tables.gain) if model != BASE]
-    if not others:
-        return None
-    final = extended_model(tables.gain, verdict) or others[0]
-    caption = (
-        "Prediction of specimens that the model has not seen. Left: error of the base model and of "
-        f"{model_words(final)} by degradation rate. Right: gain in expected log predictive density."
-    )
-    figure = gain_figure(pooled(tables.gain), several_levels(tables.gain), final)
-    return Sketch("gain", figure, caption)
 
 
 def _bands(tables: Tables) -> Sketch | None:

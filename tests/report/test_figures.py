@@ -11,10 +11,10 @@ from bayesdeg.report.figures import BASE_COLOUR, FINAL_COLOUR, VIRTUAL, inline_s
 from bayesdeg.report.figures_curvature import (
     bands_figure,
     elongation_figure,
-    gain_figure,
     null_figure,
     rupture_figure,
 )
+from bayesdeg.report.figures_gain import gain_figure
 from bayesdeg.report.figures_material import constants_figure, tensile_figure
 from bayesdeg.report.figures_residuals import residual_figure
 from bayesdeg.report.summaries import MOST_LEVELS, by_level, pooled
@@ -205,7 +205,22 @@ def test_gain_with_one_table_only():
     figure = gain_figure(None, by_level(gain("named")), "base+degraded_skin")
     assert [axes.axison for axes in figure.axes] == [True, False]
     figure = gain_figure(pooled(gain("named")), None, "base+degraded_skin")
-    assert [axes.axison for axes in figure.axes] == [False, True]
+    assert [axes.axison for axes in figure.axes] == [True]
+
+
+def test_errors_of_held_out_modes_are_drawn_where_there_is_one_degradation_rate():
+    modes = pd.DataFrame(
+        {
+            "model": ["base", "base", "base+second_invariant", "base+second_invariant"],
+            "mode": ["equibiaxial", "planar"] * 2,
+            "rmse_MPa": [0.21, 0.06, 0.05, 0.02],
+        }
+    )
+    figure = gain_figure(pooled(gain("named")), None, "base+second_invariant", modes)
+    left = figure.axes[0]
+    assert [label.get_text() for label in left.get_yticklabels()] == ["equibiaxial", "planar"]
+    assert "[MPa]" in left.get_xlabel()
+    assert ([0.05, 0.02], [0, 1]) in drawn(figure, FINAL_COLOUR)
 
 
 MEAGRE = {
