@@ -17,7 +17,7 @@ from bayesdeg.criticism.linear import (
 )
 from bayesdeg.criticism.subject import Subject, columns_of, with_neutral
 from bayesdeg.inference.importance import about_mode, improved
-from bayesdeg.inference.laplace import Evidence, approximate, weighted
+from bayesdeg.inference.laplace import Evidence, Laplace, approximate, weighted
 
 Floats = NDArray[np.float64]
 
@@ -135,7 +135,8 @@ def try_causes(parent: Trial, cause: Cause, size: Floats, generator: np.random.G
     """Fit a model extended by one more cause.
 
     The evidence is an importance sample about the mode; where that has too few draws or is outside
-    the prior, an average over the parent's posterior and the prior if that is larger.
+    the prior, an average over the parent's posterior and the prior if that is larger, and a sample
+    about the mode to which the best of those draws leads if that is larger still.
 
     Parameters
     ----------
@@ -162,6 +163,7 @@ def try_causes(parent: Trial, cause: Cause, size: Floats, generator: np.random.G
     outside = not np.isfinite(subject.log_prob(laplace.mode[None])[0])
     if posterior.effective < ENOUGH or outside:
         posterior = _other_way(parent, cause, posterior, generator)
+        laplace, posterior = _from_above(subject, laplace, posterior, generator)
     top = most_probable(subject, laplace.mode, posterior, covariance=laplace.covariance)
     centre, uncertain = with_prior_moments(parent.centre, parent.uncertain, parent.subject, subject)
     return Trial(subject, top, posterior.log_evidence, posterior, uncertain, centre)
@@ -172,7 +174,7 @@ def _starts(parent: Trial, subject: Subject, cause: Cause, size: Floats) -> list
 
     The last is the most probable δ of the parent's linear model for readings less the effect. Where
     the effect is strong it is a start of its own: the base model may have bent itself into a corner
-    from which there is no way up.
+    from which there is no way up. So is the better of the last two where no effect is best.
     """
     neutral = with_neutral(parent.mode, parent.subject, subject)
     guess = neutral.copy()
@@ -189,6 +191,9 @@ def _starts(parent: Trial, subject: Subject, cause: Cause, size: Floats) -> list
     points = np.stack([neutral, guess, room])
     densities = subject.log_prob(points)
     best = int(np.argmax(densities))
+    with_effect = 1 + int(np.argmax(densities[1:]))
+    if best == 0:  # no effect may be a mode of its own, from which no climb gets away
+        return [neutral, points[with_effect]] if np.isfinite(densities[with_effect]) else [neutral]
     apart = np.linalg.norm(effect) > STRONG and np.isfinite(densities[2]) and best != 2
     return [points[best], room] if apart else [points[best]]
 
@@ -205,6 +210,36 @@ def _other_way(
         return best
     again = improved(parent.subject.extended(cause), best, generator, draws=ROUND, enough=WANTED)
     return again if again.effective > best.effective else best
+
+
+def _from_above(
+    subject: Subject, laplace: Laplace, posterior: Evidence, generator: np.random.Generator
+) -> tuple[Laplace, Evidence]:
+    """Climb from the best draw, and sample about where that leads if it is higher.
+
+    A climb that began where the parent is may have ended at once, between walls: where the base
+    model was driven to the edge of what the forward map answers, or where an effect of no size is
+    a mode of its own.
+    """
+    for _ in range(CLIMBS):
+        climbed = approximate(subject, generator, start=_best_draw(subject, posterior))
+        if climbed.log_density < laplace.log_density + HIGHER:
+            break
+        laplace = climbed
+        found = about_mode(subject, laplace, generator, enough=WANTED)
+        if found.log_evidence > posterior.log_evidence:
+            posterior = found
+    if posterior.effective < ENOUGH:
+        more = improved(subject, posterior, generator, draws=DRAWS, enough=WANTED)
+        posterior = more if more.effective > posterior.effective else posterior
+    return laplace, posterior
+
+
+def _best_draw(subject: Subject, posterior: Evidence) -> Floats:
+    """Return the most probable of the draws that weigh most."""
+    points = posterior.draws[np.argsort(-posterior.log_weights)[:LOOKED_AT]]
+    best: Floats = points[int(np.argmax(subject.log_prob(points)))]
+    return best
 
 
 def from_prior(

@@ -10,8 +10,8 @@ from bayesdeg.criticism import trials
 from bayesdeg.criticism.linear import effects, with_prior_moments
 from bayesdeg.criticism.subject import columns_of, with_neutral
 from bayesdeg.criticism.trials import BENT, EDGE, STRONG, WANTED, Trial, from_prior, try_causes
-from bayesdeg.inference.density import CustomDensity
-from bayesdeg.inference.laplace import Evidence
+from bayesdeg.inference.density import CustomDensity, guesses
+from bayesdeg.inference.laplace import Evidence, Laplace, approximate, weighted
 from bayesdeg.laws import LogNormal, Normal, Parameter, TruncatedNormal
 from tests.criticism import straight_subject as straight
 from tests.criticism.straight_subject import linear_cause
@@ -183,11 +183,60 @@ def test_a_strong_effect_that_looks_worse_than_none_is_climbed_to_from_two_sides
     np.testing.assert_allclose(room, making_room(observed, 0.5), atol=1e-6)
 
 
-def test_a_weak_effect_that_looks_worse_than_none_is_climbed_to_from_none():
+def test_a_weak_effect_that_looks_worse_than_none_is_climbed_to_from_two_sides_too():
     observed = straight.readings(13, wave=0.02)
-    [start], strength = starts_at(observed, -0.04)
+    (none, room), strength = starts_at(observed, -0.04)
     assert 0.0 < strength < STRONG
-    np.testing.assert_allclose(start, [*exact_parent(observed).mode, 0.0], atol=1e-12)
+    np.testing.assert_allclose(none, [*exact_parent(observed).mode, 0.0], atol=1e-12)
+    np.testing.assert_allclose(room, making_room(observed, -0.04), atol=1e-6)
+
+
+def test_an_effect_with_a_dead_band_is_found_from_a_guess_that_looks_worse_than_none():
+    """No effect is a mode of its own: within the band nothing changes, and the prior holds it."""
+
+    def beyond(readings, conditions, effect):
+        return readings + np.maximum(effect["size"] - 0.1, 0.0) * straight.SHAPES["wave"]
+
+    observed = straight.readings(13, wave=0.2)
+    cause = straight.cause_of("band", {"size": TruncatedNormal(0.0, 0.3, 0.0, 2.0)}, beyond)
+    parent = straight.fitted(straight.subject_of(observed))
+    neutral = with_neutral(parent.mode, parent.subject, parent.subject.extended(cause))
+    stuck = approximate(
+        parent.subject.extended(cause), np.random.default_rng(2), start=neutral
+    ).log_density
+    found = try_causes(parent, cause, np.array([0.8]), np.random.default_rng(2))
+    assert found.subject.log_prob(found.mode[None])[0] > stuck + 10.0
+    assert found.mode[-1] == pytest.approx(0.3, abs=0.1)
+
+
+def poor_sample(observed, draws=400):
+    """Draws from the priors, of which few weigh anything."""
+    subject = straight.subject_of(observed).extended(WAVE)
+    points = guesses(subject.table, np.random.default_rng(4), draws)
+    ratio = subject.log_prob(points) - subject.table.log_prior(points)
+    return subject, weighted(points, ratio)
+
+
+def test_where_a_draw_leads_higher_than_the_climb_the_evidence_is_taken_there():
+    observed = straight.readings(13, wave=0.3)
+    subject, poor = poor_sample(observed)
+    lost = Laplace(poor.draws[0], np.eye(3), float(subject.log_prob(poor.draws[:1])[0]))
+    top, found = trials._from_above(subject, lost, poor, np.random.default_rng(5))
+    mean, _ = straight.joint_of(WAVE).posterior(observed)
+    np.testing.assert_allclose(top.mode, mean, atol=1e-2)
+    exact = straight.joint_of(WAVE).log_evidence(observed)
+    assert found.effective > WANTED > poor.effective
+    assert found.log_evidence == pytest.approx(exact, abs=0.2)
+
+
+def test_where_no_draw_leads_higher_a_good_sample_is_kept():
+    observed = straight.readings(13, wave=0.3)
+    good = trial_of(observed, WAVE)
+    subject = good.subject
+    mode = approximate(subject, np.random.default_rng(5), start=good.mode)
+    found = trials._from_above(subject, mode, good.posterior, np.random.default_rng(5))
+    assert found[0] is mode
+    assert found[1] is good.posterior
 
 
 def test_a_guess_that_the_model_refuses_is_no_start():
