@@ -89,7 +89,9 @@ def _right(one: Json) -> bool:
 
 
 def _both(one: Json) -> bool:
-    return one["outcome"] == "named" and set(one["causes"]) == set(one["hidden"])
+    """Whether the hidden causes are named, and none beside them, not even as one of several."""
+    named = one["outcome"] == "named" and not one["one_of"]
+    return named and set(one["causes"]) == set(one["hidden"])
 
 
 def _both_stated(one: Json) -> bool:

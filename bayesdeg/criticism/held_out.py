@@ -170,7 +170,7 @@ def difference(held_out: HeldOut, base: HeldOut) -> tuple[float, float]:
     parts = [gap[held_out.kinds == kind] for kind in np.unique(held_out.kinds)]
     if len(parts) == 1:
         return float(np.sum(gap)), standard_error(gap)
-    errors = [standard_error(part) if len(part) > 1 else _of_single(part[0]) for part in parts]
+    errors = [standard_error(part) if len(part) > 1 else _single_error(part[0]) for part in parts]
     return float(np.sum(gap)), float(np.sqrt(np.sum(np.square(errors))))
 
 
@@ -179,8 +179,8 @@ def standard_error(values: Floats) -> float:
     return float(np.sqrt(len(values)) * np.std(values, ddof=1)) if len(values) > 1 else float("nan")
 
 
-def _of_single(gain: float) -> float:
-    """Return by how much a gain of g scatters, √(2|g|).
+def _single_error(gain: float) -> float:
+    """Return the standard error of a gain g that stands alone, √(2|g|).
 
     Of ln N(y | a, 1) - ln N(y | b, 1), which is (a - b)²/2 on average if a is right, and scatters
     by |a - b|.

@@ -75,7 +75,9 @@ def decide(
 
     A cause may be named where the misfit as a whole is within chance: `supported` passed a test
     that is directed at what causes look like and calibrated as well, which has more power than one
-    for any smooth discrepancy. Without such a cause the misfit as a whole decides.
+    for any smooth discrepancy. Without such a cause the misfit as a whole decides. Where there is
+    such a cause and what is left beside it is no chance, there is a misfit, even if the base model
+    on its own shows none.
 
     Parameters
     ----------
@@ -96,12 +98,13 @@ def decide(
     misread = base.misfit.p_value <= MISFIT_LEVEL
     beside = (found for found in (rupture, contradicted) if found is not None)
     off = misread or any(found.p_value <= MISFIT_LEVEL for found in beside)
-    # evidence against the base model whose best remedy fits no better than by chance
-    off = off or (bool(supported) and final.misfit.p_value <= MISFIT_LEVEL)
+    of_readings = any(one.cause not in on_rupture for one in supported)
+    # a model that takes wide errors for its readings shows no misfit
+    off = off or (of_readings and final.misfit.p_value <= MISFIT_LEVEL)
     unconfirmed = (_against(one) for one in supported if not one.held_out_agrees)
     reasons = list(dict.fromkeys(unconfirmed))
     reasons += [_implausible(one) for one in supported if not one.is_plausible]
-    if any(one.cause not in on_rupture for one in supported):
+    if of_readings:
         reasons += _against_all(base, final)
     if not supported or reasons:
         if misread and len(alike) > 1:

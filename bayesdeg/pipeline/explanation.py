@@ -133,11 +133,11 @@ def _wrong(story: Story) -> str:
     judgement = story.judgement
     if judgement.misfit.p_value > FALSE_NAME_RATE and not judgement.decision.causes:
         if judgement.supported and judgement.left.p_value <= MISFIT_LEVEL:
+            favoured = " and ".join(one.cause for one in judgement.supported)
             return (
-                "The readings agree with the simulation only because it takes wide errors for "
-                f"them: {' and '.join(one.cause for one in judgement.supported)} would describe "
-                "them with smaller ones, and what is then left is more than chance gives "
-                f"(p = {judgement.left.p_value:.2g})."
+                f"Taken alone, the readings agree with the simulation ({_chance(judgement)}), but "
+                f"they favour {favoured}, and what is left beside it is more than chance gives "
+                f"(p = {judgement.left.p_value:.2g}): errors taken for wide may hide a misfit."
             )
         return "The readings alone agree with the simulation."
     if judgement.misfit.p_value > MISFIT_LEVEL and judgement.decision.causes:

@@ -19,10 +19,7 @@ from bayesdeg.report.figures_gain import gain_sketch
 from bayesdeg.report.figures_material import constants_figure, tensile_figure, tensile_panels
 from bayesdeg.report.figures_residuals import UNLOADING, residual_figure
 from bayesdeg.report.record import Run, Verdict
-from bayesdeg.report.summaries import (
-    by_level,
-    panel_levels,
-)
+from bayesdeg.report.summaries import by_level, panel_levels
 from bayesdeg.report.tables import Tables
 from bayesdeg.report.wording import level_words, number
 

@@ -191,24 +191,6 @@ def test_a_weak_effect_that_looks_worse_than_none_is_climbed_to_from_two_sides_t
     np.testing.assert_allclose(room, making_room(observed, -0.04), atol=1e-6)
 
 
-def test_an_effect_with_a_dead_band_is_found_from_a_guess_that_looks_worse_than_none():
-    """No effect is a mode of its own: within the band nothing changes, and the prior holds it."""
-
-    def beyond(readings, conditions, effect):
-        return readings + np.maximum(effect["size"] - 0.1, 0.0) * straight.SHAPES["wave"]
-
-    observed = straight.readings(13, wave=0.2)
-    cause = straight.cause_of("band", {"size": TruncatedNormal(0.0, 0.3, 0.0, 2.0)}, beyond)
-    parent = straight.fitted(straight.subject_of(observed))
-    neutral = with_neutral(parent.mode, parent.subject, parent.subject.extended(cause))
-    stuck = approximate(
-        parent.subject.extended(cause), np.random.default_rng(2), start=neutral
-    ).log_density
-    found = try_causes(parent, cause, np.array([0.8]), np.random.default_rng(2))
-    assert found.subject.log_prob(found.mode[None])[0] > stuck + 10.0
-    assert found.mode[-1] == pytest.approx(0.3, abs=0.1)
-
-
 def poor_sample(observed, draws=400):
     """Draws from the priors, of which few weigh anything."""
     subject = straight.subject_of(observed).extended(WAVE)

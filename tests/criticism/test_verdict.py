@@ -250,6 +250,9 @@ def test_what_leaves_a_misfit_where_there_was_none_is_not_named():
     found = outcome_of(support(), base=none, final=step(p_value=MISFIT_LEVEL, statistic=25.0))
     assert found.outcome is Outcome.UNEXPLAINED
     assert "what is left is more" in found.reasons[0]
+    failed = support(elpd_diff=-1.0)
+    of_rupture = decide(none, step(p_value=MISFIT_LEVEL), [failed], on_rupture=frozenset({"creep"}))
+    assert of_rupture.outcome is Outcome.ADEQUATE
     fine = outcome_of(support(), base=none, final=step(p_value=0.03, statistic=1.0))
     assert fine.outcome is Outcome.NAMED
 

@@ -237,12 +237,12 @@ def test_where_ruptures_alone_are_off_the_readings_are_said_to_agree():
     assert WHERE not in text
 
 
-def test_where_wide_errors_hid_the_misfit_it_is_said_so():
+def test_where_wide_errors_may_hide_a_misfit_it_is_said_so():
     decision = Decision(Outcome.UNEXPLAINED, (), reasons=("what is left is more",))
     judgement = judgement_of(decision, support("creep"), p_value=0.6)
     text = explain(replace(judgement, left=replace(judgement.left, p_value=0.01)), WHERE)
-    assert text.startswith("The readings agree with the simulation only because it takes wide")
-    assert "creep would describe them with smaller ones" in text
+    assert text.startswith("Taken alone, the readings agree with the simulation (60 % of 500")
+    assert "but they favour creep, and what is left beside it is more than chance" in text
     assert "(p = 0.01)" in text
 
 
