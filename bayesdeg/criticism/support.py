@@ -1,15 +1,19 @@
 """What speaks for each cause of a set: evidence, held-out specimens, rivals, a plausible size."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from bayesdeg.causes.cause import Cause
-from bayesdeg.criticism.held_out import HeldOut, difference, predict_one_by_one
+from bayesdeg.criticism.held_out import HeldOut, difference
+from bayesdeg.criticism.leaving_out import carried_out, one_by_one
 from bayesdeg.criticism.search import Names, Search, rivals
 from bayesdeg.criticism.subject import Subject, columns_of
+from bayesdeg.criticism.trials import Trial
+
+Regroup = Callable[[Subject], Subject]
 
 INSEPARABLE = float(np.log(20.0))
 IMPLAUSIBLE = 0.005  # prior probability of a size as far from neutral
@@ -86,7 +90,6 @@ def hold_out(
     chosen: Names,
     *,
     seed: np.random.SeedSequence,
-    of: Callable[[Subject], Subject] | None = None,
     executor: Executor | None = None,
     on_set: Callable[[Names], None] | None = None,
 ) -> dict[Names, HeldOut]:
@@ -100,8 +103,6 @@ def hold_out(
         The set.
     seed : SeedSequence
         The same for each, so that they are compared on the same draws.
-    of : callable, optional
-        Makes of each model one that holds out other groups.
     executor : Executor, optional
         Runs calibrations side by side.
     on_set : callable, optional
@@ -113,18 +114,61 @@ def hold_out(
         Empty where there is a single group of readings, without which nothing would be left, or
         no group.
     """
-    regroup = (lambda subject: subject) if of is None else of
-    regrouped = regroup(search.base.subject)
-    if len(regrouped.groups) < (2 if np.any(regrouped.group != "") else 1):
-        return {}
-    smaller = (chosen - {name} for name in sorted(chosen))
-    found = {}
-    for names in dict.fromkeys([search.base.names, *smaller, chosen]):
-        trial = replace(search.trials[names], subject=regroup(search.trials[names].subject))
-        found[names] = predict_one_by_one(trial, seed=seed, executor=executor)
-        if on_set is not None:
-            on_set(names)
+    [found] = hold_out_each(search, chosen, [as_it_is], seed=seed, executor=executor, on_set=on_set)
     return found
+
+
+def hold_out_each(
+    search: Search,
+    chosen: Names,
+    ways: Sequence[Regroup],
+    *,
+    seed: np.random.SeedSequence,
+    executor: Executor | None = None,
+    on_set: Callable[[Names], None] | None = None,
+) -> list[dict[Names, HeldOut]]:
+    """Do what `hold_out` does for several kinds of groups, all calibrations side by side.
+
+    Parameters
+    ----------
+    search, chosen, seed, executor, on_set
+        As of `hold_out`.
+    ways : sequence of callable
+        Each makes of a model one that holds out other groups.
+
+    Returns
+    -------
+    list of dict
+        One for each way.
+    """
+    smaller = (chosen - {name} for name in sorted(chosen))
+    sets = list(dict.fromkeys([search.base.names, *smaller, chosen]))
+    asked = [
+        (way, names)
+        for way, regroup in enumerate(ways)
+        if can_be_held_out(regroup(search.base.subject))
+        for names in sets
+    ]
+    plans = (one_by_one(_regrouped(search.trials[n], ways[way]), seed) for way, n in asked)
+    told = None if on_set is None else (lambda place: on_set(asked[place][1]))
+    found: list[dict[Names, HeldOut]] = [{} for _ in ways]
+    for (way, names), held_out in zip(asked, carried_out(plans, executor, told), strict=True):
+        found[way][names] = held_out
+    return found
+
+
+def as_it_is(subject: Subject) -> Subject:
+    """Return a model that holds out the groups that it has."""
+    return subject
+
+
+def can_be_held_out(subject: Subject) -> bool:
+    """Return whether something is left to predict from: a measured mean may stand alone."""
+    return len(subject.groups) >= (2 if np.any(subject.group != "") else 1)
+
+
+def _regrouped(trial: Trial, regroup: Regroup) -> Trial:
+    return replace(trial, subject=regroup(trial.subject))
 
 
 def supports(search: Search, chosen: Names, held_out: Mapping[Names, HeldOut]) -> list[Support]:

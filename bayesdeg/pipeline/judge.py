@@ -18,11 +18,11 @@ from bayesdeg.criticism.model_readings import ModelReadings
 from bayesdeg.criticism.rupture_misfit import RuptureMisfit, rupture_misfit
 from bayesdeg.criticism.search import Names, Search, SearchEffort, run_search
 from bayesdeg.criticism.step import Step
-from bayesdeg.criticism.support import Support, hold_out, supports
+from bayesdeg.criticism.support import Support, supports
 from bayesdeg.criticism.trials import Trial, try_causes
 from bayesdeg.criticism.verdict import Decision, Outcome, decide
 from bayesdeg.pipeline.assemble import Assembly
-from bayesdeg.pipeline.holding_out import all_held_out, levels_out
+from bayesdeg.pipeline.holding_out import held_out_and_all, levels_out
 from bayesdeg.pipeline.judgement import BASE, Judgement, extension, label
 from bayesdeg.pipeline.progress import Progress
 
@@ -69,10 +69,9 @@ def judge(
     chosen, alone, final = _searched(search, progress)
     beside = _beside(base, generator)
     progress.stage("held-out specimens")
-    held_out = hold_out(
+    held_out, everything = held_out_and_all(
         search, chosen, seed=folding, executor=executor, on_set=partial(_told, progress)
     )
-    everything = all_held_out(search, chosen, held_out, seed=folding, executor=executor)
     supported = supports(search, chosen, everything)
     decision = _decided((alone, final), supported, beside, assembly)
     names = extension(decision, tuple(supported)) if effort.levels_out else BASE

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 import bayesdeg
 from bayesdeg.emulator.surrogate import Surrogate
@@ -94,7 +95,7 @@ def run_study(
         base = fit(assembly.model, "base", seed=seeds[1])
     results = Results(assembly, base, base, None)
     if assembly.model.actuator is not None or assembly.model.tensile is not None:
-        with clock.stage("verdict"):
+        with clock.stage("verdict"), threadpool_limits(limits=1):
             judgement = judge(
                 assembly,
                 base_of(base),

@@ -12,8 +12,8 @@ from bayesdeg.criticism.custom import CustomModel
 from bayesdeg.criticism.custom_readings import places_of
 from bayesdeg.criticism.custom_verdict import first_trial, interval_with_discrepancy, judge
 from bayesdeg.criticism.discrepancy import AMPLITUDES, largest_ratio
-from bayesdeg.criticism.held_out import predict_one_by_one
 from bayesdeg.criticism.kernels import discrepancies
+from bayesdeg.criticism.leaving_out import predict_one_by_one
 from bayesdeg.criticism.screening import screen
 from bayesdeg.criticism.trials import try_causes
 from bayesdeg.laws import Normal, Parameter

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from bayesdeg.criticism import held_out as held_out_module
+from bayesdeg.criticism import leaving_out
 from bayesdeg.criticism.held_out import (
     DRAWS,
     HeldOut,
@@ -17,10 +17,9 @@ from bayesdeg.criticism.held_out import (
     difference,
     group_levels,
     joined,
-    predict_folds,
-    predict_one_by_one,
     standard_error,
 )
+from bayesdeg.criticism.leaving_out import carried_out, predict_folds, predict_one_by_one
 from bayesdeg.criticism.model_readings import ModelReadings
 from bayesdeg.criticism.trials import base_trial, try_causes
 from bayesdeg.inference.importance import about_mode
@@ -109,17 +108,11 @@ def outlying(observed):
     return observed + np.where(np.isin(SPECIMEN, ["f"]), 1.5 * straight.X, 0.0)
 
 
-def test_a_specimen_that_carries_the_fit_is_left_out_in_earnest(monkeypatch):
-    observed, anew = outlying(straight.readings(3)), []
-    original = held_out_module._calibrated_anew
-
-    def watched(trial, parts, seed, executor):
-        anew.extend(int(g) for part in parts for g in part)
-        return original(trial, parts, seed, executor)
-
-    monkeypatch.setattr(held_out_module, "_calibrated_anew", watched)
+def test_a_specimen_that_carries_the_fit_is_left_out_in_earnest():
+    observed = outlying(straight.readings(3))
+    plan = leaving_out.one_by_one(trial_of(observed), np.random.SeedSequence(3))
+    assert 5 in np.concatenate(plan.parts)
     found, exact = one_by_one(observed), exact_held_out(observed)
-    assert 5 in anew
     assert exact[5] < exact[:5].min() - 100.0
     # a ratio of evidences: no draw of the others' posterior comes near it
     assert found.log_density[5] == pytest.approx(exact[5], abs=0.25)
@@ -130,7 +123,7 @@ def test_each_of_few_specimens_is_left_out_in_earnest(monkeypatch):
     def never(*args):
         raise AssertionError("weights of draws that know the specimen")
 
-    monkeypatch.setattr(held_out_module, "smoothed", never)
+    monkeypatch.setattr(leaving_out, "smoothed", never)
     observed = straight.readings(8)
     subject = straight.subject_of(observed).only(np.array([0, 2, 4]))
     found = predict_one_by_one(straight.fitted(subject), seed=np.random.SeedSequence(3))
@@ -207,6 +200,20 @@ def test_workers_do_not_change_the_prediction():
             together = predict(observed, executor=executor)
         np.testing.assert_array_equal(together.draws, alone.draws)
         np.testing.assert_array_equal(together.log_density, alone.log_density)
+
+
+def test_plans_carried_out_together_give_what_each_gives_alone():
+    observed = outlying(straight.readings(7))
+    trials = trial_of(observed), trial_of(observed, linear_cause("wave"))
+    plans = [leaving_out.one_by_one(trial, np.random.SeedSequence(3)) for trial in trials]
+    done = []
+    with ThreadPoolExecutor(2) as executor:
+        together = carried_out(plans, executor, done.append)
+    assert done == [0, 1]
+    for trial, found in zip(trials, together, strict=True):
+        alone = predict_one_by_one(trial, seed=np.random.SeedSequence(3))
+        np.testing.assert_array_equal(found.log_density, alone.log_density)
+        np.testing.assert_array_equal(found.draws, alone.draws)
 
 
 def test_one_group_has_no_standard_error():
