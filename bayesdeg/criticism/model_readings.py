@@ -130,6 +130,20 @@ class ModelReadings:
             blocks += _blocks(self.model.actuator_linearised(values))
         return np.asarray(block_diag(*blocks))
 
+    def deviations(self, vector: Floats) -> tuple[Floats, Floats]:
+        """Return what a deviation of an actuator's ln stiffness does, and the variances of those.
+
+        Of shape (n, n_specimens), zero in readings of others, and (n_specimens,).
+        """
+        curves = self.model.actuator_linearised(self.table.named(vector[None]))
+        mask = curves.paths.mask
+        slope = np.zeros((len(self.places), len(mask)))
+        read = np.zeros((*mask.shape, len(mask)))
+        own = np.arange(len(mask))
+        read[own, :, own] = curves.slope[0, :, :, 0]
+        slope[len(slope) - int(mask.sum()) :] = read[mask]
+        return slope, curves.spread[0, :, 0]
+
     def simulated(self, vectors: Floats, generator: np.random.Generator) -> Floats:
         """Draw readings of new specimens in the same tests, (k, n); nan where refused."""
         values = self.table.named(vectors)

@@ -6,11 +6,13 @@ one after another as long as the evidence passes what chance gives in 5 % of dat
 which is a test of its own, directed at the catalogue, and they are then judged jointly
 (`bayesdeg.criticism.search`); (4) together they must raise the predictive density of what is held
 out by more than a standard error, each adding to it, and leave no more than chance or remove most
-of the misfit, and none may need an implausible size unless the evidence is strong; without a cause,
+of the misfit, and none may need an implausible size unless the evidence is strong, or a scatter of
+single specimens that is one of whole levels (`bayesdeg.criticism.shared_scatter`); without a cause,
 the misfit as a whole, ruptures and measured means say whether the base model is adequate; (5) what
 could stand in the place of a cause is reported beside it.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -20,6 +22,7 @@ from numpy.typing import NDArray
 from bayesdeg.criticism.conflict import Conflict
 from bayesdeg.criticism.discrepancy import MISFIT_LEVEL, explained, explained_on_one_scale
 from bayesdeg.criticism.rupture_misfit import RuptureMisfit
+from bayesdeg.criticism.shared_scatter import SharedScatter
 from bayesdeg.criticism.step import Step
 from bayesdeg.criticism.support import Support
 
@@ -70,6 +73,7 @@ def decide(
     contradicted: Conflict | None = None,
     on_rupture: frozenset[str] = frozenset(),
     alike: tuple[str, ...] = (),
+    shared: Sequence[SharedScatter] = (),
 ) -> Decision:
     """Return the outcome.
 
@@ -94,6 +98,8 @@ def decide(
     alike : tuple of str
         Causes that could not be judged since another form of the law reads like them: a misfit of
         the readings that nothing else explains may be any of them.
+    shared : sequence of SharedScatter
+        Whether specimens that those causes let scatter one by one deviate level by level.
     """
     misread = base.misfit.p_value <= MISFIT_LEVEL
     beside = (found for found in (rupture, contradicted) if found is not None)
@@ -101,9 +107,12 @@ def decide(
     of_readings = any(one.cause not in on_rupture for one in supported)
     # a model that takes wide errors for its readings shows no misfit
     off = off or (of_readings and final.misfit.p_value <= MISFIT_LEVEL)
+    by_level = [one for one in shared if one.is_more_than_chance]
+    off = off or bool(by_level)
     unconfirmed = (_against(one) for one in supported if not one.held_out_agrees)
     reasons = list(dict.fromkeys(unconfirmed))
     reasons += [_implausible(one) for one in supported if not one.is_plausible]
+    reasons += [_of_whole_levels(one) for one in by_level]
     if of_readings:
         reasons += _against_all(base, final)
     if not supported or reasons:
@@ -153,6 +162,13 @@ def _implausible(one: Support) -> str:
     return (
         f"{one.cause} would need a size to which its prior gives {one.prior_tail:.1g}, "
         f"for which a log Bayes factor of {one.log_bayes_factor:.1f} is too little"
+    )
+
+
+def _of_whole_levels(one: SharedScatter) -> str:
+    return (
+        f"{one.cause} lets each specimen deviate on its own, but those of one degradation rate "
+        f"deviate together (p = {one.p_value:.2g})"
     )
 
 

@@ -7,17 +7,14 @@ import numpy as np
 from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.criticism.candidates import Candidate, EffectSize
 from bayesdeg.criticism.discrepancy import MISFIT_LEVEL
-from bayesdeg.criticism.search import FALSE_NAME_RATE
 from bayesdeg.criticism.verdict import Outcome, share_explained
 from bayesdeg.laws import Parameter
 from bayesdeg.pipeline.explanation_of_films import by_mode, hidden, one_mode
 from bayesdeg.pipeline.judgement import Judgement
+from bayesdeg.pipeline.misfit_in_words import beside, chance, edge, wrong
 from bayesdeg.pipeline.support_in_words import directed, gains, predicted_with
 
 Json = dict[str, object]
-
-LARGEST_LOSS = 0.05  # of simulated data sets, before the reader is warned
-SMALL_CHANCE = 0.05  # p-value of ruptures that deserves a sentence
 
 
 @dataclass(frozen=True)
@@ -45,20 +42,20 @@ def explain(judgement: Judgement, where: str) -> str:
         Outcome.AMBIGUOUS: _ambiguous,
         Outcome.NAMED: _named,
     }[judgement.decision.outcome](story)
-    return " ".join(part for part in (words, _beside(judgement), _edge(judgement)) if part)
+    return " ".join(part for part in (words, beside(judgement), edge(judgement)) if part)
 
 
 def _adequate(story: Story) -> str:
     said = (
         "The simulation agrees with the measurements within specimen scatter and reading noise "
-        f"({_chance(story.judgement)}). No cause is named."
+        f"({chance(story.judgement)}). No cause is named."
     )
     return " ".join(part for part in (said, hidden(story.judgement.alike)) if part)
 
 
 def _unexplained(story: Story) -> str:
     judgement = story.judgement
-    text = f"{_wrong(story)} No cause in the catalogue accounts for it."
+    text = f"{wrong(judgement, story.where)} No cause in the catalogue accounts for it."
     judged = [c for c in judgement.candidates if c.log_bayes_factor is not None]
     if not judged:
         return text
@@ -76,9 +73,14 @@ def _ambiguous(story: Story) -> str:
     judgement = story.judgement
     names = " or ".join(judgement.decision.causes)
     if not judgement.supported:
-        return f"{_wrong(story)} {one_mode(names)} {_mechanisms(judgement.decision.causes)}"
+        said = (
+            wrong(judgement, story.where),
+            one_mode(names),
+            _mechanisms(judgement.decision.causes),
+        )
+        return " ".join(said)
     parts = [
-        _wrong(story),
+        wrong(judgement, story.where),
         f"It is explained by {names}; these readings cannot tell them apart.",
         directed(judgement),
         _mechanisms(judgement.decision.causes),
@@ -92,7 +94,10 @@ def _ambiguous(story: Story) -> str:
 def _named(story: Story) -> str:
     judgement, causes = story.judgement, story.judgement.decision.causes
     verb = "The cause is" if len(causes) == 1 else "The causes, acting together, are"
-    parts = [_wrong(story), f"{verb} {'; and '.join(_cause(judgement, name) for name in causes)}."]
+    parts = [
+        wrong(judgement, story.where),
+        f"{verb} {'; and '.join(_cause(judgement, name) for name in causes)}.",
+    ]
     parts += [_share(judgement), directed(judgement), *gains(judgement)]
     parts.append(by_mode(judgement.search.base.subject, judgement.held_out))
     parts += [
@@ -129,58 +134,11 @@ def _share(judgement: Judgement) -> str:
     return f"{text}."
 
 
-def _wrong(story: Story) -> str:
-    judgement = story.judgement
-    if judgement.misfit.p_value > FALSE_NAME_RATE and not judgement.decision.causes:
-        if judgement.supported and judgement.left.p_value <= MISFIT_LEVEL:
-            favoured = " and ".join(one.cause for one in judgement.supported)
-            return (
-                f"Taken alone, the readings agree with the simulation ({_chance(judgement)}), but "
-                f"they favour {favoured}, and what is left beside it is more than chance gives "
-                f"(p = {judgement.left.p_value:.2g}): errors taken for wide may hide a misfit."
-            )
-        return "The readings alone agree with the simulation."
-    if judgement.misfit.p_value > MISFIT_LEVEL and judgement.decision.causes:
-        return f"{story.where} As a whole that is within chance: {_chance(judgement)}.".strip()
-    return f"{story.where} {_not_chance(judgement)}".strip()
-
-
 def _cause(judgement: Judgement, name: str) -> str:
     found = _entry(judgement, name)
     cause = CATALOGUE[name]
     size = "; ".join(_size(p, found.effect[p.name]) for p in cause.parameters)
     return f"{name}: {cause.mechanism} ({size})"
-
-
-def _beside(judgement: Judgement) -> str:
-    """Return what the base model contradicts beside the readings: ruptures and measured means."""
-    parts = []
-    ruptures, mean = judgement.rupture, judgement.contradicted
-    if ruptures is not None and ruptures.p_value <= SMALL_CHANCE:
-        parts.append(
-            f"{ruptures.burst} actuators burst, where the base model expects "
-            f"{ruptures.expected:.1f} (p = {ruptures.p_value:.2g})."
-        )
-    if mean is not None and mean.p_value <= SMALL_CHANCE:
-        measured = mean.statistic
-        parts.append(
-            f"Calibrated without a cause, the model takes {mean.wanted:.3g} for the "
-            f"{measured.quantity.replace('_', ' ')}, where {measured.value:.3g} ± "
-            f"{measured.se:.2g} was measured ({measured.source}; p = {mean.p_value:.2g})."
-        )
-    return " ".join(parts)
-
-
-def _edge(judgement: Judgement) -> str:
-    lost = judgement.misfit.lost
-    if lost <= LARGEST_LOSS:
-        return ""
-    return (
-        f"Caution: {100 * lost:.0f} % of the data sets simulated from the calibrated model leave "
-        "the range on which the emulator was trained, because actuators of this material are "
-        "about to balloon at the highest pressures; leave those pressures out of actuator.csv "
-        "and compare."
-    )
 
 
 def _size(parameter: Parameter, effect: EffectSize) -> str:
@@ -213,17 +171,3 @@ def _runner_up(judgement: Judgement) -> str:
 
 def _mechanisms(names: tuple[str, ...]) -> str:
     return " ".join(f"{name}: {CATALOGUE[name].mechanism}." for name in names)
-
-
-def _chance(judgement: Judgement) -> str:
-    count, p = len(judgement.misfit.null), judgement.misfit.p_value
-    return f"{100 * p:.0f} % of {count} data sets simulated from the model misfit as much or more"
-
-
-def _not_chance(judgement: Judgement) -> str:
-    count, p = len(judgement.misfit.null), judgement.misfit.p_value
-    larger = round(p * (count + 1) - 1)
-    return (
-        f"Of {count} data sets simulated from the calibrated model, {larger or 'none'} misfit as "
-        f"much (p = {p:.3g})."
-    )

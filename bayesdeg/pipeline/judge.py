@@ -17,6 +17,7 @@ from bayesdeg.criticism.linear import neutral_sizes
 from bayesdeg.criticism.model_readings import ModelReadings
 from bayesdeg.criticism.rupture_misfit import RuptureMisfit, rupture_misfit
 from bayesdeg.criticism.search import Names, Search, SearchEffort, run_search
+from bayesdeg.criticism.shared_scatter import SharedScatter, shared_scatter
 from bayesdeg.criticism.step import Step
 from bayesdeg.criticism.support import Support, supports
 from bayesdeg.criticism.trials import Trial, try_causes
@@ -73,7 +74,8 @@ def judge(
         search, chosen, seed=folding, executor=executor, on_set=partial(_told, progress)
     )
     supported = supports(search, chosen, everything)
-    decision = _decided((alone, final), supported, beside, assembly)
+    shared = shared_scatter(final.trial, final.simulated)
+    decision = _decided((alone, final), supported, beside, assembly, shared)
     names = extension(decision, tuple(supported)) if effort.levels_out else BASE
     judged = candidates(search, supported, everything, generator)
     return Judgement(
@@ -89,6 +91,7 @@ def judge(
         held_out={label(names): found for names, found in held_out.items()},
         levels_out=levels_out(search, names, seed=folding, executor=executor),
         search=search,
+        shared=tuple(shared),
         experiments=_next(search, decision, supported, assembly, generator),
         alike=tuple(cause.name for cause in assembly.alike),
     )
@@ -126,6 +129,7 @@ def _decided(
     supported: list[Support],
     beside: tuple[RuptureMisfit | None, Conflict | None],
     assembly: Assembly,
+    shared: list[SharedScatter],
 ) -> Decision:
     silent = frozenset(cause.name for cause in assembly.candidates if cause.is_of_rupture_alone)
     return decide(
@@ -135,6 +139,7 @@ def _decided(
         contradicted=beside[1],
         on_rupture=silent,
         alike=tuple(cause.name for cause in assembly.alike),
+        shared=shared,
     )
 
 

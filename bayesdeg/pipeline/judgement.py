@@ -14,6 +14,7 @@ from bayesdeg.criticism.held_out import HeldOut
 from bayesdeg.criticism.model_readings import CURVATURE, ModelReadings
 from bayesdeg.criticism.rupture_misfit import RuptureMisfit
 from bayesdeg.criticism.search import Names, Search
+from bayesdeg.criticism.shared_scatter import SharedScatter
 from bayesdeg.criticism.step import Step
 from bayesdeg.criticism.support import Support
 from bayesdeg.criticism.verdict import Decision
@@ -55,6 +56,8 @@ class Judgement:
         What to measure next, as in ``verdict.json``.
     alike : tuple of str
         Causes that could not be judged since another form of the law reads like them.
+    shared : tuple of SharedScatter
+        Whether specimens that the favoured causes let scatter one by one deviate level by level.
     """
 
     misfit: Misfit
@@ -71,6 +74,7 @@ class Judgement:
     search: Search
     experiments: list[dict[str, object]]
     alike: tuple[str, ...] = ()
+    shared: tuple[SharedScatter, ...] = ()
 
     @property
     def steps(self) -> tuple[Step, Step]:

@@ -14,6 +14,7 @@ from bayesdeg.criticism.discrepancy import MISFIT_LEVEL, Misfit
 from bayesdeg.criticism.held_out import HeldOut
 from bayesdeg.criticism.rupture_misfit import RuptureMisfit
 from bayesdeg.criticism.search import Search, SearchEffort, run_search
+from bayesdeg.criticism.shared_scatter import SharedScatter
 from bayesdeg.criticism.step import Step
 from bayesdeg.criticism.support import (
     IMPLAUSIBLE,
@@ -131,6 +132,20 @@ def test_what_speaks_against_a_cause_is_said_and_nothing_is_named(change, said):
     assert said in found.reasons[0]
     without = outcome_of(support(**change), base=step(p_value=0.5))
     assert (without.outcome, without.reasons) == (Outcome.ADEQUATE, found.reasons)
+
+
+@pytest.mark.parametrize("p_value", [0.001, 0.5])
+def test_scatter_of_whole_levels_is_not_named_as_one_of_single_specimens(p_value):
+    """Not even where no misfit is seen: the scatter has taken it up."""
+    misread = support("degradation_misread")
+    by_level = SharedScatter("degradation_misread", 7.2, 0.95, MISFIT_LEVEL)
+    found = outcome_of(misread, base=step(p_value), shared=[by_level])
+    assert (found.outcome, found.causes) == (Outcome.UNEXPLAINED, ())
+    [reason] = found.reasons
+    assert "those of one degradation rate deviate together (p = 0.02)" in reason
+    one_by_one = replace(by_level, p_value=MISFIT_LEVEL + 1e-6)
+    named = outcome_of(misread, base=step(p_value), shared=[one_by_one])
+    assert named == Decision(Outcome.NAMED, ("degradation_misread",))
 
 
 def test_one_of_two_causes_with_a_reason_against_it_keeps_both_from_being_named():

@@ -14,6 +14,7 @@ from bayesdeg.criticism.conflict import Conflict
 from bayesdeg.criticism.confusability import Confusability
 from bayesdeg.criticism.discrepancy import Misfit
 from bayesdeg.criticism.rupture_misfit import RuptureMisfit
+from bayesdeg.criticism.shared_scatter import SharedScatter
 from bayesdeg.criticism.step import Step
 from bayesdeg.criticism.support import Support
 from bayesdeg.criticism.verdict import Decision, Outcome
@@ -244,6 +245,17 @@ def test_where_wide_errors_may_hide_a_misfit_it_is_said_so():
     assert text.startswith("Taken alone, the readings agree with the simulation (60 % of 500")
     assert "but they favour creep, and what is left beside it is more than chance" in text
     assert "(p = 0.01)" in text
+
+
+def test_specimens_that_deviate_together_are_told_where_no_misfit_is_seen():
+    by_level = SharedScatter("degradation_misread", 7.2, 0.95, 0.005)
+    reasons = ("degradation_misread lets each specimen deviate on its own, but",)
+    decision = Decision(Outcome.UNEXPLAINED, (), reasons=reasons)
+    judgement = judgement_of(decision, support("degradation_misread"), p_value=0.6)
+    text = explain(replace(judgement, shared=(by_level,)), WHERE)
+    assert text.startswith("Taken alone, the readings agree with the simulation (60 % of 500")
+    assert "those of one degradation rate deviate together. Ask what they have in common" in text
+    assert "The nearest is degradation_misread: degradation_misread lets each specimen" in text
 
 
 @pytest.mark.parametrize(("lost", "warned"), [(0.04, False), (0.12, True)])
