@@ -12,6 +12,8 @@ Json = dict[str, object]
 # size of an effect after a refit of all else [standard deviations]: what a test must plant to be
 # seen, which is more than twice what noise alone gives any one effect, and what nobody overlooks
 VISIBLE, STRONG = 5.0, 10.0
+# a study without another scale sees pressure over stiffness: each of these looks like the others
+ON_ONE_SCALE = frozenset({"pressure_loss", "film_mismatch", "wall_thickness"})
 BINS = (0.0, 2.0, 3.5, 5.0, 7.0, 10.0, 15.0, 25.0, np.inf)
 
 
@@ -22,6 +24,7 @@ def summary(found: list[Json], again: list[Json]) -> Json:
     none = [one for one in found if one["kind"] == "none"]
     outside = [one for one in found if one["kind"] == "outside"]
     pairs = [one for one in found if one["kind"] == "pair" and _z(one) >= VISIBLE]
+    apart = [one for one in pairs if not ON_ONE_SCALE & set(one["hidden"])]
     usual, careful = (
         [
             covered
@@ -53,6 +56,8 @@ def summary(found: list[Json], again: list[Json]) -> Json:
         "two_causes_both_in_a_stated_set": _share(_both_stated(one) for one in pairs),
         "two_causes_none_wrong": _share(not _wrong(one) for one in pairs),
         "pair_studies": len(pairs),
+        "two_causes_both_named_not_on_one_scale": _share(_both(one) for one in apart),
+        "pair_studies_not_on_one_scale": len(apart),
         "size_coverage_90": _share([*usual, *careful]),
         "sizes": len(usual) + len(careful),
         "size_coverage_90_usual_scatter": _share(usual),

@@ -14,6 +14,11 @@ SAID = (
     ("none_adequate", "`adequate` where nothing is hidden", "none_studies"),
     ("outside_catalogue_named", "named where the effect has no entry", "outside_studies"),
     ("two_causes_both_named", "both named, of two causes that show", "pair_studies"),
+    (
+        "two_causes_both_named_not_on_one_scale",
+        "of these, no pressure loss, other film or wall thickness",
+        "pair_studies_not_on_one_scale",
+    ),
     ("two_causes_both_in_a_stated_set", "both named or in a stated set", "pair_studies"),
     ("size_coverage_90", "sizes inside their 90 % intervals", "sizes"),
     ("size_coverage_90_usual_scatter", "of these, usual scatter", "sizes_usual_scatter"),
