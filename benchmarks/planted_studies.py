@@ -35,7 +35,8 @@ Key = tuple[tuple[str, tuple[int, ...], bytes], ...]
 
 FOLDER = Path("tests/hidden_effects")
 SEED = 1
-LEVELS = (0.0, 10.0, 25.0)  # of the actuators; films are tested at six
+LEVELS = (0.0, 10.0, 25.0)  # of the actuators of most studies; films are tested at six
+EVERY_LEVEL = (0.0, 5.0, 10.0, 15.0, 20.0, 25.0)
 FLAWS = "flaw_embrittlement"
 COPIES = {0.0: 2, 10.0: 2, 22.5: 3, 25.0: 5}  # of actuators that are inflated until they burst
 STEP, LARGEST_OF_STIFF = 40.0, 520.0  # kPa; of those, and of what is degraded beyond `ONSET`
@@ -54,6 +55,8 @@ class Planted:
         Sizes by cause and parameter.
     copies : int
         Actuators a level.
+    levels : tuple of float
+        Their degradation rates [%].
     bursts : bool
         Whether actuators are inflated until they burst, see `until_burst`.
     twin : str
@@ -65,6 +68,7 @@ class Planted:
     design: str
     hidden: dict[str, dict[str, float]]
     copies: int = 2
+    levels: tuple[float, ...] = LEVELS
     bursts: bool = False
     twin: str = ""
     elongation: Three | None = None
@@ -80,7 +84,7 @@ class Planted:
             return replace(whole, actuator=until_burst())
         table = whole.actuator
         copy = table["specimen_id"].str[-1].astype(int)
-        kept = table["degradation_pct"].isin(LEVELS) & (copy <= self.copies)
+        kept = table["degradation_pct"].isin(self.levels) & (copy <= self.copies)
         return replace(whole, actuator=table[kept].reset_index(drop=True))
 
 
@@ -117,6 +121,9 @@ PLANTED = {
     "brittle_films": Planted("careful", {}, bursts=True, twin=FLAWS, elongation=BRITTLE),
     "stress_measure": Planted(
         "careful", {"stress_measure": {"confusion": 0.4}}, bursts=True, twin=FLAWS
+    ),
+    "outside_one_batch": Planted(
+        "angle", {"outside_one_batch": {"log_ratio": 0.4}}, levels=EVERY_LEVEL
     ),
 }
 

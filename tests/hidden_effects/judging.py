@@ -48,6 +48,8 @@ class Verdict:
         Of the base model's misfit.
     rupture_p_value : float
         Of the ruptures that the base model expects.
+    reasons : tuple of str
+        Why what the evidence favours is not named.
     """
 
     outcome: str
@@ -57,6 +59,7 @@ class Verdict:
     confirmed: dict[str, bool]
     p_value: float
     rupture_p_value: float
+    reasons: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -184,6 +187,7 @@ def _told(judgement: Judgement) -> Verdict:
         },
         p_value=judgement.misfit.p_value,
         rupture_p_value=1.0 if rupture is None else rupture.p_value,
+        reasons=judgement.decision.reasons,
         **_evidence(judgement.supported, judgement.threshold),
     )
 

@@ -18,6 +18,7 @@ pytestmark = pytest.mark.slow
 STUDIES, TRUTHS = Path(__file__).parent / "studies", Path(__file__).parent / "truths"
 WALLS, LEAK, TWO, NOTHING, OUTSIDE = "10", "12", "16", "17", "18"
 FLAWS, BRITTLE, MISLABELLED = "19", "20", "21"  # actuators that are inflated until they burst
+BATCH = "22"
 SINGLE = [*(f"{number:02d}" for number in range(1, 16)), FLAWS, MISLABELLED]
 # what reads like the hidden cause in that study and may stand beside it
 ALIKE = {
@@ -121,6 +122,16 @@ def test_where_nothing_is_hidden_nothing_is_named(verdicts):
 def test_an_effect_outside_the_catalogue_is_not_named(verdicts):
     assert not set(hidden_in(OUTSIDE)) & set(CATALOGUE)
     assert verdicts[OUTSIDE].result().plain.outcome == "unexplained"
+
+
+def test_a_batch_that_was_mixed_wrongly_is_not_taken_for_misread_degradation_rates(verdicts):
+    """Those would scatter from specimen to specimen; a batch is off as a whole."""
+    assert set(hidden_in(BATCH)) == {"outside_one_batch"}
+    found = verdicts[BATCH].result().plain
+    assert (found.outcome, found.causes) == ("unexplained", ())
+    assert found.factors["degradation_misread"] > 0.0
+    assert found.p_value > 0.1  # a wider scatter takes the misfit up
+    assert any("those of one degradation rate deviate together" in r for r in found.reasons)
 
 
 def test_ruptures_without_flaws_where_films_break_as_early_are_expected(verdicts):
