@@ -17,7 +17,8 @@ Revealed by
     fresh specimens; a scatter between specimens that grows with the slope of stiffness.
 
 Refuted by
-    The same misfit in fresh specimens, or moisture of the actuators' own material.
+    The same misfit in fresh specimens, moisture of the actuators' own material, or specimens of one
+    rate that deviate together, as those of a batch do (`bayesdeg.criticism.shared_scatter`).
 
 Source
     Nagai, Kurita, Shintake (2021), doi:10.3389/frobt.2021.760485, who name it as the cause.

@@ -73,6 +73,10 @@ def shared_scatter(trial: Trial, simulated: Floats) -> list[SharedScatter]:
     -------
     list of SharedScatter
         One for each cause that widens the scatter; none where nothing is read on actuators.
+
+    References
+    ----------
+    Atenafu et al. (2012), doi:10.1186/1471-2288-12-126, on correlations within classes.
     """
     subject = trial.subject
     if not isinstance(subject, ModelReadings) or subject.model.actuator is None:
