@@ -5,18 +5,13 @@ import signal
 import sys
 import traceback
 from types import FrameType
+from typing import Annotated
 
 import typer
 
 import bayesdeg
-from bayesdeg.commands import look
-from bayesdeg.commands.control import control
-from bayesdeg.commands.emulate import emulate
-from bayesdeg.commands.next import next_experiment
+from bayesdeg.commands.lazy import COMMANDS, LazyGroup, placeholder
 from bayesdeg.commands.options import Stopped
-from bayesdeg.commands.predict import predict
-from bayesdeg.commands.run import run
-from bayesdeg.commands.simulate import simulate
 from bayesdeg.console import errors
 from bayesdeg.errors import BayesdegError, ResumableError, StudyError
 
@@ -27,12 +22,31 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode="markdown",
     add_completion=False,
+    cls=LazyGroup,
 )
-for command in (run, look.check, look.causes, look.report, simulate, emulate, predict, control):
-    app.command()(command)
-app.command("next")(next_experiment)
+for command in COMMANDS:
+    app.command(command.name, help=command.summary)(placeholder)
 
 DONE, OUR_FAULT, INPUT_FAULT, STOPPED = 0, 1, 2, 3
+INTERRUPTED = 130  # what typer returns of a command that Ctrl-C stopped
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        sys.stdout.write(f"bayesdeg {bayesdeg.__version__}\n")
+        raise typer.Exit
+
+
+@app.callback()
+def group(
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", help="Show the version and exit.", callback=_print_version, is_eager=True
+        ),
+    ] = False,
+) -> None:
+    """Offer what all commands share; its own help is that of the group."""
 
 
 def main() -> None:
@@ -54,7 +68,9 @@ def _stop(_signal: int, _frame: FrameType | None) -> None:
 def exit_code() -> int:
     """Run the command that stands in ``sys.argv``; return its exit code."""
     try:
-        app(standalone_mode=False)
+        ended = app(standalone_mode=False)
+        if ended == INTERRUPTED:
+            raise KeyboardInterrupt
     except StudyError as fault:
         return _say(*(str(line) for line in fault.faults))
     except ResumableError as fault:
@@ -62,8 +78,6 @@ def exit_code() -> int:
         return STOPPED
     except BayesdegError as fault:
         return _say(str(fault))
-    except typer.Exit as done:
-        return done.exit_code
     except Stopped as stopped:
         errors.print(str(stopped), markup=False, highlight=False, soft_wrap=True)
         return STOPPED
@@ -78,7 +92,7 @@ def exit_code() -> int:
             f"This is a fault of bayesdeg {bayesdeg.__version__}: please send us the above."
         )
         return OUR_FAULT
-    return DONE
+    return ended if isinstance(ended, int) else DONE  # the code of a `typer.Exit`
 
 
 def _say(*faults: str) -> int:

@@ -1,16 +1,12 @@
-"""Progress bars on standard error, and the worker processes of a command."""
+"""Messages and progress bars on standard error."""
 
-import os
 from collections.abc import Iterator
-from concurrent.futures import Executor
 from contextlib import contextmanager
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
 from rich.table import Column
 
-from bayesdeg.emulator.cluster import cluster_executor
-from bayesdeg.emulator.workers import WorkerProcesses
 from bayesdeg.pipeline.progress import Silent
 
 errors = Console(stderr=True)
@@ -57,27 +53,3 @@ def shown(quiet: bool) -> Iterator[Bars | Silent]:
         display = Bars(bars)
         yield display
         display.finish()
-
-
-@contextmanager
-def pool(workers: int, scheduler: str | None = None) -> Iterator[Executor | None]:
-    """Open where finite element runs are solved.
-
-    Parameters
-    ----------
-    workers : int
-        Processes on this machine, each with one thread of linear algebra; none for 1.
-    scheduler : str, optional
-        Address of a Dask scheduler, whose workers are taken instead.
-    """
-    if scheduler is not None:
-        with cluster_executor(scheduler) as executor:
-            yield executor
-        return
-    if workers == 1:
-        yield None
-        return
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-        os.environ.setdefault(name, "1")
-    with WorkerProcesses(workers) as processes:
-        yield processes

@@ -46,9 +46,10 @@ import emulator_posterior
 import emulator_speed
 from forward_case import say
 
+from bayesdeg.emulator.kept import outdated
 from bayesdeg.emulator.solutions import SolutionStore
 from bayesdeg.emulator.surrogate import Surrogate
-from bayesdeg.emulator.trained import default_surrogate, outdated, read_trained
+from bayesdeg.emulator.trained import default_surrogate, read_trained
 
 Document = dict[str, object]
 STORE = Path(".cache/campaign")
@@ -115,7 +116,7 @@ def campaign(_: Surrogate, __: SolutionStore, document: Document) -> Document:
 def main() -> None:
     options = _options()
     emulator = read_trained(options.emulator) if options.emulator else default_surrogate()
-    if old := outdated(emulator):
+    if old := outdated(emulator.record):
         raise SystemExit(f"the emulator {old}")
 
     def posterior(emulator: Surrogate, store: SolutionStore, document: Document) -> Document:

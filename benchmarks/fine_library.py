@@ -17,9 +17,10 @@ import argparse
 import hashlib
 import json
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from emulator_held_out import inputs_of
@@ -33,7 +34,7 @@ from bayesdeg.actuator.curve import Curve, PathSamples
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.actuator.mesh import FINE, Resolution
-from bayesdeg.console import pool
+from bayesdeg.commands.workplace import pool
 from bayesdeg.emulator.campaign import Kind, Run, complete
 from bayesdeg.emulator.coordinates import ALONG, UP
 from bayesdeg.emulator.held_out import study_like
@@ -160,10 +161,14 @@ def library(store: Path, workers: int) -> Library:
         if path.exists():
             with np.load(path) as stored:
                 if str(stored["name"]) == plan.name:
-                    layers = (restored(stored, name) for name in ("bending", "stretch"))
-                    ends = (stored[name] for name in ("lower", "upper", "errors"))
-                    return Library(*layers, *ends)
+                    return _restored(stored)
     return made(plan, store, workers)[0]
+
+
+def _restored(stored: Mapping[str, Any]) -> Library:
+    layers = (restored(stored, name) for name in ("bending", "stretch"))
+    ends = (stored[name] for name in ("lower", "upper", "errors"))
+    return Library(*layers, *ends)
 
 
 def made(plan: Campaign, store: Path, workers: int) -> tuple[Library, Floats]:
@@ -188,6 +193,16 @@ def made(plan: Campaign, store: Path, workers: int) -> tuple[Library, Floats]:
 def fine_library(store: Path = STORE, *, workers: int = 1) -> FineLibrary:
     """Return the forward map; the first time it takes the campaign of this file."""
     return FineLibrary(library(store, workers))
+
+
+def shipped_library() -> FineLibrary:
+    """Return the shipped fit, whatever this machine would call the curves that it rests on.
+
+    Their name is a hash of planned curves to the last bit: another machine, or other versions of
+    the libraries, may plan them otherwise, and would solve all of them anew.
+    """
+    with np.load(SHIPPED) as stored:
+        return FineLibrary(_restored(stored))
 
 
 def rms(values: Floats) -> Floats:

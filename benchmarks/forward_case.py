@@ -3,6 +3,8 @@
 Twelve pressures on the default geometry, fresh and degraded material, with paper.
 """
 
+import os
+import platform
 import statistics
 import sys
 import time
@@ -52,6 +54,17 @@ def curvature_of(solution: CurveSolution) -> Floats:
 def largest_deviation_pct(values: Floats, truth: Floats) -> float:
     """Return the largest relative difference [%]."""
     return 100.0 * float(np.max(np.abs(values / truth - 1.0)))
+
+
+def machine() -> dict[str, object]:
+    """Return what a time depends on beside the program."""
+    return {
+        "cores": os.cpu_count(),
+        "load_average": os.getloadavg()[0] if hasattr(os, "getloadavg") else None,
+        "platform": platform.platform(),
+        "python": platform.python_version(),
+        "date": time.strftime("%Y-%m-%d"),
+    }
 
 
 def say(text: str) -> None:

@@ -22,7 +22,7 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-from fine_library import fine_library
+from fine_library import shipped_library
 from gelatin_seconds import gelatin_seconds
 from hidden_record import read_record, write_record
 from hidden_studies import HiddenStudy, drawn_study, made
@@ -66,7 +66,7 @@ NAMED_FROM = float(np.log(20.0))
 @cache
 def library() -> ForwardMap:
     """Return the second surrogate, loaded once a process."""
-    return fine_library()
+    return shipped_library()
 
 
 def judged(study: HiddenStudy, folder: Path, *, effort: str, seed: int) -> Json:

@@ -260,22 +260,34 @@ def made(
         experiment = run_experiment(
             design, truth, forward=forward, generator=generator, effects=study.effects
         )
-        # every specimen read to its end: nothing balloons, nothing is refused
         solved = bool((experiment.actuators["status"] == "converged").all())
-        if solved and (bursts or len(experiment.tables["actuator"]) == len(design.actuator)):
+        if complete(experiment, design) or (bursts and solved):
             break
     else:
         raise RuntimeError(f"study {study.number}: no material stays in range in {TRIES} draws")
-    folder.mkdir(parents=True, exist_ok=True)
-    provenance = Provenance(command=command, seed=seed, mesh=vars(FINE))
     priors = {}
     if study.design in CAREFULLY:
         known = truth.paper_stiffness * float(np.exp(PAPER_TEST * generator.standard_normal()))
         priors["paper_stiffness"] = LogNormal(known, PAPER_TEST)
     settings = Settings(title=f"hidden effect {study.number}", seed=study.number, priors=priors)
+    provenance = Provenance(command=command, seed=seed, mesh=vars(FINE))
+    write_folder(experiment, settings, folder, provenance=provenance)
+    return experiment, truth
+
+
+def complete(experiment: VirtualExperiment, design: Design) -> bool:
+    """Return whether every specimen was read to its end: nothing ballooned, nothing burst."""
+    solved = bool((experiment.actuators["status"] == "converged").all())
+    return solved and len(experiment.tables["actuator"]) == len(design.actuator)
+
+
+def write_folder(
+    experiment: VirtualExperiment, settings: Settings, folder: Path, *, provenance: Provenance
+) -> None:
+    """Write all files of a virtual experiment, ``truth.json`` among them."""
+    folder.mkdir(parents=True, exist_ok=True)
     for name, text in study_files(experiment, settings, provenance=provenance).items():
         (folder / name).write_text(text, encoding="utf-8")
-    return experiment, truth
 
 
 def _gauge_wave(inputs: Inputs, conditions: Conditions, effect: Effect) -> Inputs:

@@ -33,7 +33,6 @@ os.environ["MKL_NUM_THREADS"] = "1"
 import argparse
 import json
 import multiprocessing
-import platform
 import tempfile
 import time
 from collections.abc import Callable
@@ -45,7 +44,7 @@ from pathlib import Path
 import calibration
 import inference_sampling
 import numpy as np
-from forward_case import say
+from forward_case import machine, say
 from inference_sampling import Sampled
 from numpy.typing import NDArray
 
@@ -83,16 +82,6 @@ class Case:
     @cached_property
     def sampled(self) -> Sampled:
         return inference_sampling.sampled(self.model, self.start, EFFORTS["standard"])
-
-
-def machine() -> Document:
-    return {
-        "cores": os.cpu_count(),
-        "load_average": os.getloadavg()[0] if hasattr(os, "getloadavg") else None,
-        "platform": platform.platform(),
-        "python": platform.python_version(),
-        "date": time.strftime("%Y-%m-%d"),
-    }
 
 
 def density(case: Case, document: Document) -> Document:

@@ -25,7 +25,8 @@ from bayesdeg.actuator.mesh import FINE
 from bayesdeg.causes.catalogue import find
 from bayesdeg.causes.cause import Cause
 from bayesdeg.causes.flaw_embrittlement import ONSET
-from bayesdeg.console import pool, shown
+from bayesdeg.commands.workplace import pool
+from bayesdeg.console import shown
 from bayesdeg.laboratory.design import Design
 from bayesdeg.laboratory.effects import HiddenEffect
 from bayesdeg.laboratory.truth import Three

@@ -18,11 +18,10 @@ from bayesdeg.actuator.sensitivity import INPUTS
 from bayesdeg.actuator.shape import variations
 from bayesdeg.actuator.status import Effort, Status
 from bayesdeg.actuator.system import System
+from bayesdeg.actuator.version import MODEL_VERSION as MODEL_VERSION
 from bayesdeg.errors import GeometryError
 
 Floats = NDArray[np.float64]
-
-MODEL_VERSION = "3"  # raised when numbers change: stored solutions then count no more
 
 
 @dataclass(frozen=True)

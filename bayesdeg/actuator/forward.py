@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from concurrent.futures import Executor
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,14 +9,15 @@ from numpy.typing import NDArray
 from bayesdeg.actuator.curve import Actuator, Curve, CurveSolution, PathSamples
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.inputs import (
-    ForwardMap,
     Inputs,
     Prediction,
     dimensionless,
     material_groups,
+    relative_to_reference,
 )
 from bayesdeg.actuator.material import Material
-from bayesdeg.actuator.mesh import Resolution, build_mesh
+from bayesdeg.actuator.mesh import build_mesh
+from bayesdeg.actuator.resolution import Resolution
 from bayesdeg.actuator.status import Effort, Status
 
 Floats = NDArray[np.float64]
@@ -102,33 +102,6 @@ class ExactMap:
                 self._on_curve()
             solutions.append(solution)
         return solutions
-
-
-def relative_to_reference(forward: ForwardMap, inputs: Inputs) -> Prediction:
-    """Return the prediction with the curvature at the reference pressure taken off.
-
-    Errors of a map are taken to grow along a curve by independent steps, so that the covariance
-    of two readings is the smaller variance: their difference has the variance |σ² − σ₀²|. That is
-    0 where the pressure is the reference, and not below what an error common to the whole curve
-    leaves, |σ − σ₀|.
-    """
-    assert inputs.reference_pressure is not None
-    plain = forward(replace(inputs, reference_pressure=None))
-    zero = forward(replace(inputs, pressure=inputs.reference_pressure, reference_pressure=None))
-    return replace(
-        plain,
-        curvature=plain.curvature - zero.curvature,
-        bend_angle=plain.bend_angle - zero.bend_angle,
-        slope=plain.slope - zero.slope,
-        sd=_difference_sd(plain.sd, zero.sd),
-        bend_angle_sd=_difference_sd(plain.bend_angle_sd, zero.bend_angle_sd),
-        status=np.maximum(plain.status, zero.status),
-    )
-
-
-def _difference_sd(sd: Floats, reference_sd: Floats) -> Floats:
-    difference: Floats = np.sqrt(np.abs(sd**2 - reference_sd**2))
-    return difference
 
 
 MESHES = 3  # held by a process; factors of a fine one take some hundred megabytes

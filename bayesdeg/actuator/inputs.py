@@ -1,6 +1,6 @@
 """What a forward map takes and gives, and the dimensionless groups of its inputs."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -88,6 +88,8 @@ class Prediction:
         Standard error of the map's own peak stretch [–].
     status : array of int
         ``Status`` of each value.
+    excess : array, optional
+        How far outside its range a map was asked that goes on beyond it, see `continuation` [–].
     """
 
     curvature: Floats
@@ -98,6 +100,7 @@ class Prediction:
     bend_angle_sd: Floats
     peak_stretch_sd: Floats
     status: NDArray[np.int64]
+    excess: Floats | None = None
 
 
 class ForwardMap(Protocol):
@@ -105,6 +108,17 @@ class ForwardMap(Protocol):
 
     def __call__(self, inputs: Inputs) -> Prediction:
         """Return the prediction for the inputs."""
+
+
+def continuation(forward: ForwardMap) -> ForwardMap:
+    """Return a map that goes on smoothly outside the range of this one, if it can; else itself.
+
+    For the search of a mode and the linearisation about it, which must find the way back inside:
+    ``excess`` says by how much it was asked outside, and the likelihood falls with its square. What
+    it answers there is no prediction.
+    """
+    beyond: ForwardMap = getattr(forward, "continued", forward)
+    return beyond
 
 
 def dimensionless(inputs: Inputs) -> tuple[Floats, Floats, Floats, Floats]:
@@ -208,3 +222,38 @@ def gravity_direction(mount: str) -> tuple[float, float]:
         "bending_down": (0.0, -1.0),
     }
     return directions[mount]
+
+
+def relative_to_reference(forward: ForwardMap, inputs: Inputs) -> Prediction:
+    """Return the prediction with the curvature at the reference pressure taken off.
+
+    Errors of a map are taken to grow along a curve by independent steps, so that the covariance
+    of two readings is the smaller variance: their difference has the variance |σ² − σ₀²|. That is
+    0 where the pressure is the reference, and not below what an error common to the whole curve
+    leaves, |σ − σ₀|.
+    """
+    assert inputs.reference_pressure is not None
+    plain = forward(replace(inputs, reference_pressure=None))
+    zero = forward(replace(inputs, pressure=inputs.reference_pressure, reference_pressure=None))
+    return replace(
+        plain,
+        curvature=plain.curvature - zero.curvature,
+        bend_angle=plain.bend_angle - zero.bend_angle,
+        slope=plain.slope - zero.slope,
+        sd=_difference_sd(plain.sd, zero.sd),
+        bend_angle_sd=_difference_sd(plain.bend_angle_sd, zero.bend_angle_sd),
+        status=np.maximum(plain.status, zero.status),
+        excess=_either(plain.excess, zero.excess),
+    )
+
+
+def _either(excess: Floats | None, reference: Floats | None) -> Floats | None:
+    if excess is None or reference is None:
+        return None
+    both: Floats = np.hypot(excess, reference)
+    return both
+
+
+def _difference_sd(sd: Floats, reference_sd: Floats) -> Floats:
+    difference: Floats = np.sqrt(np.abs(sd**2 - reference_sd**2))
+    return difference

@@ -37,8 +37,10 @@ def solid_products(
     local = np.empty((n_local, 3 + 3 * count))
     for e in range(weights.shape[0]):
         for n in range(n_local):
-            local[n, :3] = displacement[elements[e, n]]
-            local[n, 3:] = directions[elements[e, n]]
+            for i in range(3):
+                local[n, i] = displacement[elements[e, n], i]
+            for i in range(3 * count):
+                local[n, 3 + i] = directions[elements[e, n], i]
         gradient = gradients[e].reshape((3 * n_points, n_local))
         volume_rates[e] = 0.0
         _evaluate_products(
@@ -94,7 +96,8 @@ def _evaluate_products(
                 for j in range(3):
                     rows[3 * k + i, 3 * q + j] = w * (change[i, j] + dp * jacobian * g[i, j])
                     grown += jacobian * g[i, j] * df[i, j]
-            volume_rates[k] += w * (grown - dp / bulk) * modes[q]
+            for m in range(modes.shape[1]):
+                volume_rates[k, m] += w * (grown - dp / bulk) * modes[q, m]
 
 
 @njit(cache=True)

@@ -7,6 +7,9 @@ invariants and with the pressure as an independent field, discontinuous over the
 
 Ī₁ = J^(-2/3) I₁, Ī₂ = J^(-4/3) I₂. At each quadrature point the law gives the stress P = ∂W/∂F and
 the elasticity A = ∂²W/∂F∂F; an element's tangent is then one product of matrices.
+
+Rows are copied entry by entry: an assignment of slices brings with it the text of its error, which
+takes longer to compile than a kernel.
 """
 
 import numpy as np
@@ -96,7 +99,7 @@ def solid(
         smallest = min(smallest, jacobian)
         products = rows @ gradient
         add_force(products[:3], elements[e], force)
-        coupling[e] = products[3:].reshape((n_modes, 3 * n_local))
+        _couple(products, coupling[e])
         if data.size > 0:
             volumetric = coupling[e].T @ ((bulk * inverse_mass[e]) @ coupling[e])
             scatter_upper(gradient.T @ right, volumetric, position[e], data)
@@ -104,10 +107,21 @@ def solid(
 
 
 @njit(cache=True)
+def _couple(products: Floats, coupling: Floats) -> None:  # pragma: no cover - compiled
+    """Overwrite ``coupling`` (n_modes, 3 n_local) with the rows after the first three."""
+    n_local = products.shape[1]
+    for m in range(coupling.shape[0]):
+        for i in range(3):
+            for n in range(n_local):
+                coupling[m, i * n_local + n] = products[3 + 3 * m + i, n]
+
+
+@njit(cache=True)
 def gather(field: Floats, nodes: Indices, local: Floats) -> None:  # pragma: no cover - compiled
     """Overwrite ``local`` with the rows of an element's nodes."""
     for n in range(nodes.shape[0]):
-        local[n] = field[nodes[n]]
+        for i in range(field.shape[1]):
+            local[n, i] = field[nodes[n], i]
 
 
 @njit(cache=True)
@@ -239,7 +253,9 @@ def pressure_increment(
         for n in range(n_local):
             for i in range(3):
                 local[i * n_local + n] = displacement[elements[e, n], i]
-        out[e] = (bulk * inverse_mass[e]) @ (coupling[e] @ local + volume_residual[e])
+        change = (bulk * inverse_mass[e]) @ (coupling[e] @ local + volume_residual[e])
+        for m in range(change.shape[0]):
+            out[e, m] = change[m]
 
 
 @njit(cache=True)

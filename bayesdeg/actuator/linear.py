@@ -9,10 +9,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.sparse import linalg as sparse_linalg
 
-try:  # MKL exists for x86-64 only
-    import pypardiso
-except ImportError:  # pragma: no cover - depends on the machine
-    pypardiso = None
+from bayesdeg.actuator.mkl import pypardiso
 
 Floats = NDArray[np.float64]
 

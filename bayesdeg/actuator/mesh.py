@@ -9,35 +9,14 @@ from skfem import MeshHex
 
 from bayesdeg.actuator.body import QUADRATIC, Body, Element, body_of, boundary_faces
 from bayesdeg.actuator.geometry import Box, Geometry
+from bayesdeg.actuator.resolution import COARSE as COARSE
+from bayesdeg.actuator.resolution import CONVERGED as CONVERGED
+from bayesdeg.actuator.resolution import FINE as FINE
+from bayesdeg.actuator.resolution import Resolution
 from bayesdeg.errors import GeometryError
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
-
-
-@dataclass(frozen=True)
-class Resolution:
-    """How finely the space between two planes of the geometry is divided.
-
-    Parameters
-    ----------
-    along, across, up : float
-        Largest size of an element in x, y and z, before grading [mm].
-    grading : float
-        Between 0, for elements of one size, and 1: how much smaller elements are next to planes
-        where re-entrant edges may stand, see ``graded`` [–].
-    """
-
-    along: float
-    across: float
-    up: float
-    grading: float = 0.0
-
-
-COARSE = Resolution(along=3.5, across=2.5, up=5.0)
-# on the default geometry within 1 % of the curvature of vanishing elements
-CONVERGED = Resolution(along=1.2, across=1.05, up=1.0, grading=0.75)
-FINE = Resolution(along=1.0, across=0.7, up=0.9, grading=0.75)
 
 
 @dataclass(frozen=True, eq=False)

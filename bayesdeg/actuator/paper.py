@@ -46,19 +46,22 @@ def membrane(
     gradient, local = np.empty((count, 2)), np.empty((count, 3))
     for face in range(faces.shape[0]):
         for a in range(count):
-            local[a] = placed[faces[face, a]]
+            for i in range(3):
+                local[a, i] = placed[faces[face, a], i]
         size = _size(nodes, faces[face], 1.0 + law[3])
         tangent = np.zeros((3 * count, 3 * count))
         for q in range(weights.shape[0]):
-            gradient[:, 0] = along_first[q] / size[0]
-            gradient[:, 1] = along_second[q] / size[1]
+            for a in range(count):
+                gradient[a, 0] = along_first[q, a] / size[0]
+                gradient[a, 1] = along_second[q, a] / size[1]
             w = weights[q] * size[0] * size[1]
             first = local.T @ gradient
             plain, share, slope, energy = membrane_law(first, law)
             total += w * energy
             push = gradient @ (first @ plain).T
             for a in range(count):
-                force[faces[face, a]] += w * share * push[a]
+                for i in range(3):
+                    force[faces[face, a], i] += w * share * push[a, i]
             if data.size > 0:
                 _add_stiffness(gradient, first, w * share, law, tangent)
                 _add_stress(gradient, w * share * plain, push, w * slope, tangent)

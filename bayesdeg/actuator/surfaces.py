@@ -110,7 +110,8 @@ def cavity_volume(
     for face in range(faces.shape[0]):
         nodes = faces[face]
         for a in range(count):
-            local[a] = placed[nodes[a]]
+            for i in range(3):
+                local[a, i] = placed[nodes[a], i]
         axial = (flat @ local).reshape((count, count, 3))
         for a in range(count):
             x, y, z = 0.0, 0.0, 0.0

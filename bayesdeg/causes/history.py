@@ -75,5 +75,8 @@ def lagging(steps: Floats, time: Floats, time_constant: Floats) -> Floats:
     # steps that are still to come have no age
     age = np.maximum(time[:, :, None] - begun[:, None, :], 0.0)
     memory = -np.expm1(-age / time_constant[..., None])
+    if len(time) == 1:  # a product of matrices for each walker
+        shared: Floats = steps @ np.swapaxes(memory[..., 0, :, :], -1, -2)
+        return shared
     response: Floats = (memory @ steps[..., None])[..., 0]
     return response

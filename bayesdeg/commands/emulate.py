@@ -10,10 +10,11 @@ import typer
 
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.commands import training
-from bayesdeg.commands.options import CORES, Quiet, Scheduler, Workers, Yes, workplace
+from bayesdeg.commands.options import CORES, Quiet, Scheduler, Workers, Yes
+from bayesdeg.commands.workplace import workplace
 from bayesdeg.console import errors
+from bayesdeg.emulator.kept import CACHE, cached_path
 from bayesdeg.emulator.solutions import SolutionStore
-from bayesdeg.emulator.trained import CACHE, cached_path
 from bayesdeg.errors import Fault, StudyError
 from bayesdeg.measure.settings import Dimensions
 from bayesdeg.measure.settings_file import FILE, parse_settings

@@ -15,6 +15,7 @@ from bayesdeg.criticism.experiments import LEAST
 from bayesdeg.errors import BayesdegError
 from bayesdeg.report.fields import Json, RunFaultError, each_of, number_of, text_of, texts_of
 from bayesdeg.report.folder import VERDICT, RunFolder
+from bayesdeg.report.left_out import Stage
 from bayesdeg.report.record import Outcome, Run, Verdict
 from bayesdeg.report.wording import NOTHING, count, fixed, listed
 
@@ -124,7 +125,11 @@ def _explained(verdict: Verdict, proposals: Sequence[Proposal]) -> Iterator[str]
     """Say why nothing is proposed."""
     if proposals:
         return
-    if not verdict.judged:
+    if why := dict(verdict.left_out).get(Stage.EXPERIMENTS):
+        yield f"The run left the ranking of experiments out. {why}"
+    elif verdict.outcome is Outcome.NOT_JUDGED and verdict.left_out:
+        yield f"The run could not judge the simulation. {verdict.explanation}"
+    elif not verdict.judged:
         yield (
             "The study has no readings on which the simulation could be judged, so no cause is in "
             "question; measure curvature against pressure at two or more degradation rates."

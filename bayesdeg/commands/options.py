@@ -1,15 +1,10 @@
-"""Options that several commands share, and what they do when they are stopped."""
+"""Options that several commands share."""
 
 import os
-from collections.abc import Iterator
-from concurrent.futures import Executor
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
 import typer
-
-from bayesdeg.console import pool
 
 CORES = min(4, os.cpu_count() or 1)
 
@@ -37,15 +32,3 @@ Quiet = Annotated[bool, typer.Option("--quiet", help="Print nothing but the resu
 
 class Stopped(Exception):  # noqa: N818 - it is not an error
     """The user stopped a command, which can be resumed; the message says what stays and how."""
-
-
-@contextmanager
-def workplace(workers: int, scheduler: str | None) -> Iterator[Executor | None]:
-    """Open worker processes or a cluster; when stopped, do not wait for what is under way."""
-    with pool(workers, scheduler) as executor:
-        try:
-            yield executor
-        except BaseException:
-            if executor is not None:
-                executor.shutdown(wait=False, cancel_futures=True)
-            raise

@@ -4,6 +4,7 @@ import json
 import sys
 from dataclasses import replace
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -17,14 +18,16 @@ from bayesdeg.commands.options import (
     StudyFolder,
     Workers,
     Yes,
-    workplace,
 )
 from bayesdeg.commands.training import Manner, emulator_for
+from bayesdeg.commands.workplace import workplace
 from bayesdeg.console import errors, shown
 from bayesdeg.measure.study import Study, read_study
-from bayesdeg.pipeline.run import fingerprint, run_study
+from bayesdeg.pipeline.run import fingerprint, run_study, say_left_out
+from bayesdeg.pipeline.warming import compile_beside
 from bayesdeg.report.checkpoints import Checkpoints
-from bayesdeg.report.folder import RunFolder
+from bayesdeg.report.folder import LEFT_OUT, RunFolder
+from bayesdeg.report.left_out import Guard, Stage
 from bayesdeg.report.page import build_page
 
 
@@ -69,6 +72,8 @@ def run(
     """
     checked = _with_options(read_study(study), effort, seed)
     target = out or Path("reports") / checked.name
+    if checked.actuator is not None:
+        compile_beside()
     with workplace(workers, scheduler) as executor:
         forward = emulator_for(
             checked, emulator, manner=Manner(yes=yes, quiet=quiet), executor=executor
@@ -76,19 +81,17 @@ def run(
         checkpoints = Checkpoints(target / "checkpoints", fingerprint(checked, forward))
         if fresh:
             checkpoints.clear()
+        guard, folder = Guard(), RunFolder(target)
+        work = partial(run_study, executor=executor, forward=forward, guard=guard)
         with shown(quiet) as progress:
-            document = run_study(
-                checked,
-                RunFolder(target),
-                checkpoints,
-                progress=progress,
-                executor=executor,
-                forward=forward,
-            )
+            document = work(checked, folder, checkpoints, progress=progress)
             progress.stage("report")
-            page = build_page(target)
+            page = guard.attempt(Stage.PAGE, build_page, target, guard)
+            if guard.left_out:
+                document = say_left_out(folder, document, guard)
     if not quiet:
         _say_verdict(document, page, virtual=checked.settings.virtual)
+        _say_left_out(guard, target)
     if as_json:
         sys.stdout.write(json.dumps(RunFolder(target).read_json("verdict"), indent=2) + "\n")
 
@@ -102,9 +105,20 @@ def _with_options(study: Study, effort: EffortChoice | None, seed: int | None) -
     return replace(study, settings=settings)
 
 
-def _say_verdict(document: dict[str, object], page: Path, *, virtual: bool) -> None:
+def _say_left_out(guard: Guard, target: Path) -> None:
+    if not guard.left_out:
+        return
+    errors.print("\nleft out, as it could not be computed:", style="yellow")
+    for one in guard.left_out:
+        said = f"  {one.stage}: {one.why}"
+        errors.print(said, style="yellow", markup=False, highlight=False, soft_wrap=True)
+    errors.print(f"what happened: {target / LEFT_OUT}", highlight=False, soft_wrap=True)
+
+
+def _say_verdict(document: dict[str, object], page: Path | None, *, virtual: bool) -> None:
     label = "virtual experiment: " if virtual else ""
     names = ", ".join(str(c) for c in document["causes"])  # type: ignore[attr-defined]
     errors.print(f"\n[bold]{label}{document['outcome']}[/bold]{': ' + names if names else ''}")
     errors.print(str(document["explanation"]), markup=False, highlight=False)
-    errors.print(f"\nreport: {page}", highlight=False)
+    if page is not None:
+        errors.print(f"\nreport: {page}", highlight=False)

@@ -10,8 +10,9 @@ import typer
 
 from bayesdeg.actuator.forward import ExactMap
 from bayesdeg.actuator.geometry import Geometry
-from bayesdeg.actuator.mesh import FINE
-from bayesdeg.commands.options import CORES, Quiet, Seed, StudyFolder, Workers, workplace
+from bayesdeg.actuator.resolution import FINE
+from bayesdeg.commands.options import CORES, Quiet, Seed, StudyFolder, Workers
+from bayesdeg.commands.workplace import workplace
 from bayesdeg.console import errors, shown
 from bayesdeg.laboratory.design import design_of
 from bayesdeg.laboratory.effects import parse_effects

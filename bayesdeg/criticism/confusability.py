@@ -60,6 +60,9 @@ class Confusability:
         )
 
 
+NOT_KNOWN = Confusability((), np.zeros(0), np.zeros((0, 0)))
+
+
 def confusability(
     linear: Linear, causes: tuple[Cause, ...], generator: np.random.Generator
 ) -> Confusability:
@@ -75,7 +78,7 @@ def confusability(
         For the noise.
     """
     if not causes:
-        return Confusability((), np.zeros(0), np.zeros((0, 0)))
+        return NOT_KNOWN
     columns = [sensitivities(linear, cause) for cause in causes]
     changes = np.stack([_typical_effect(linear, cause) for cause in causes])
     noise = generator.standard_normal((DRAWS, changes.shape[1]))

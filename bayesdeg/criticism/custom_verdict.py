@@ -69,7 +69,7 @@ class Judgement:
     @property
     def possible(self) -> tuple[Names, ...]:
         """Sets of causes that may be right, the favoured one first; none where a misfit is left."""
-        if self.decision.outcome is Outcome.UNEXPLAINED:
+        if self.decision.outcome in (Outcome.UNEXPLAINED, Outcome.NOT_JUDGED):
             return ()
         if not self.decision.causes:
             return (self.search.base.names,)
@@ -129,7 +129,7 @@ def first_trial(subject: Subject, generator: np.random.Generator) -> Trial:
     """Return a model without a cause, fitted from its priors."""
     laplace = approximate(subject, generator)
     posterior = about_mode(subject, laplace, generator)
-    return base_trial(subject, laplace.mode, posterior, covariance=laplace.covariance)
+    return base_trial(subject, laplace.mode, posterior)
 
 
 def posterior_draws(

@@ -23,6 +23,8 @@ AMPLITUDES = np.geomspace(0.005, 1.0, 25)
 REPLICATES = 200  # of pure noise, for what chance gives
 MISFIT_LEVEL = 0.02
 """p-value up to which a misfit is more than chance gives."""
+FEWEST = round(1.0 / MISFIT_LEVEL) - 1
+"""Simulated data sets below which no p-value could reach that level, however large the misfit."""
 CLEAR = 4.0  # Monte Carlo errors of the p-value from that level at which its side is clear
 
 
@@ -37,13 +39,16 @@ class Misfit:
     null : array, shape (n,)
         The same for data simulated from the fitted model.
     p_value : float
-        Share of simulated data with at least this statistic, (1 + #)/(1 + n).
+        Share of simulated data with at least this statistic, (1 + #)/(1 + n); nan where n is below
+        `FEWEST`: then nothing is known of the misfit.
     family, label : str
         Which readings the best discrepancy is of, and what it is a function of.
     discrepancy : array, shape (n_readings,)
         Its posterior mean, in the readings' units.
     lost : float
         Share of simulated data sets that left the range of the forward map.
+    drawn : int
+        Data sets that were simulated, with those that left that range.
     """
 
     statistic: float
@@ -53,6 +58,17 @@ class Misfit:
     label: str
     discrepancy: Floats
     lost: float
+    drawn: int = 0
+
+    @property
+    def is_calibrated(self) -> bool:
+        """Whether enough data could be simulated to tell misfit from chance."""
+        return not np.isnan(self.p_value)
+
+    @property
+    def by_chance(self) -> float:
+        """What the statistic is by chance on average [nats]; 0 where no data were simulated."""
+        return float(np.mean(self.null)) if len(self.null) else 0.0
 
 
 def measure(linear: Linear, simulated: Floats) -> Misfit:
@@ -73,12 +89,31 @@ def measure(linear: Linear, simulated: Floats) -> Misfit:
     return Misfit(
         statistic=float(statistic[0]),
         null=null,
-        p_value=float((1 + np.sum(null >= statistic[0])) / (1 + len(null))),
+        p_value=_p_value(float(statistic[0]), null),
         family=kernel.family,
         label=kernel.label,
         discrepancy=_posterior_mean(linear, kernel, AMPLITUDES[int(best[0]) % len(AMPLITUDES)]),
-        lost=1.0 - float(np.mean(known)),
+        lost=1.0 - float(np.mean(known)) if len(known) else 0.0,
+        drawn=len(known),
     )
+
+
+def too_few(known: int, drawn: int) -> str:
+    """Say how few of the simulated data sets can be used.
+
+    Examples
+    --------
+    >>> too_few(18, 200)
+    "only 18 of 200 simulated data sets stayed within the emulator's range"
+    """
+    few = f"only {known}" if known else "none"
+    return f"{few} of {drawn} simulated data sets stayed within the emulator's range"
+
+
+def _p_value(statistic: float, null: Floats) -> float:
+    if len(null) < FEWEST:
+        return float("nan")
+    return float((1 + np.sum(null >= statistic)) / (1 + len(null)))
 
 
 def resolved(
@@ -104,16 +139,17 @@ def resolved(
     ----------
     Besag and Clifford (1991), doi:10.1093/biomet/78.2.301, for sequential Monte Carlo p-values.
     """
-    null, p_value = misfit.null, misfit.p_value
+    null, p_value, drawn = misfit.null, misfit.p_value, misfit.drawn
     while 0 < len(null) < most and abs(p_value - MISFIT_LEVEL) < CLEAR * _error(len(null)):
         simulated = simulate(min(len(null), most - len(null)))
         known = simulated[np.all(np.isfinite(simulated), axis=1)]
+        drawn += len(simulated)
         if not len(known):
             break
         more, _ = largest_ratio(linear.whiten(known), discrepancies(linear))
         null = np.append(null, more)
-        p_value = float((1 + np.sum(null >= misfit.statistic)) / (1 + len(null)))
-    return replace(misfit, null=null, p_value=p_value)
+        p_value = _p_value(misfit.statistic, null)
+    return replace(misfit, null=null, p_value=p_value, drawn=drawn)
 
 
 def _error(count: int) -> float:
@@ -133,10 +169,10 @@ def explained(before: Misfit, after: Misfit) -> float:
     >>> explained(full, Misfit(5.0, null, 0.5, "actuator", "the path", null, 0.0))
     0.9
     """
-    ceiling = before.statistic - float(np.mean(before.null))
+    ceiling = before.statistic - before.by_chance
     if ceiling <= 0.0:
         return float("nan")
-    left = max(after.statistic - float(np.mean(after.null)), 0.0)
+    left = max(after.statistic - after.by_chance, 0.0)
     return float(np.clip(1.0 - left / ceiling, 0.0, 1.0))
 
 
@@ -149,9 +185,7 @@ def explained_on_one_scale(before: Linear, after: Linear) -> float:
     generator = np.random.default_rng(0)
     left = []
     for linear in (before, after):
-        spread = linear.factor @ linear.factor.T - linear.scatter
-        factor = np.linalg.cholesky(after.scatter + spread)
-        seen = replace(linear, scatter=after.scatter, factor=factor)
+        seen = linear.with_scatter(after.scatter)
         kernels = discrepancies(seen)
         noise = generator.standard_normal((REPLICATES, len(after.mean)))
         chance = float(np.mean(largest_ratio(noise, kernels)[0]))
@@ -186,4 +220,4 @@ def largest_ratio(
 def _posterior_mean(linear: Linear, kernel: Discrepancy, amplitude: float) -> Floats:
     signal = amplitude**2 * kernel.values
     shrunk = kernel.vectors @ ((signal / (1.0 + signal)) * (linear.observed @ kernel.vectors))
-    return np.asarray(linear.factor @ shrunk)
+    return linear.whitening.coloured(shrunk)

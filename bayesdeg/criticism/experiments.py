@@ -16,7 +16,9 @@ Kullback and Leibler (1951), Ann. Math. Stat. 22:79, doi:10.1214/aoms/1177729694
 """
 
 from collections.abc import Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
+from functools import partial
 from itertools import combinations
 
 import numpy as np
@@ -26,6 +28,7 @@ from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.experiments_hypotheses import Hypothesis, hypotheses_of
 from bayesdeg.criticism.experiments_law import Separation, foretell, separation
 from bayesdeg.criticism.experiments_measurement import Measurement, with_noise
+from bayesdeg.criticism.side_by_side import apply
 from bayesdeg.criticism.trials import Trial
 from bayesdeg.inference.model import Model
 
@@ -115,6 +118,7 @@ def rank(
     generator: np.random.Generator,
     *,
     untested: Sequence[Cause] = (),
+    executor: Executor | None = None,
 ) -> tuple[Ranked, ...]:
     """Rank experiments by what they are expected to tell of the models in question.
 
@@ -131,6 +135,8 @@ def rank(
         Draws everything.
     untested : sequence of Cause
         Causes that the data so far cannot reveal, where they are in question too.
+    executor : Executor, optional
+        Foretells experiments side by side.
 
     Returns
     -------
@@ -141,7 +147,10 @@ def rank(
     if len(trials) + len(untested) < 2 or not trials:
         return ()
     return rank_hypotheses(
-        hypotheses_of(trials, generator, untested=untested), experiments, generator
+        hypotheses_of(trials, generator, untested=untested),
+        experiments,
+        generator,
+        executor=executor,
     )
 
 
@@ -149,18 +158,28 @@ def rank_hypotheses(
     hypotheses: Sequence[Hypothesis],
     experiments: Sequence[Experiment],
     generator: np.random.Generator,
+    *,
+    executor: Executor | None = None,
 ) -> tuple[Ranked, ...]:
     """Rank experiments by what they are expected to tell of hypotheses, as `rank` does."""
     best: dict[str, Ranked] = {}
-    for experiment in experiments:
-        pairs = compare(hypotheses, experiment.measurement, generator)
+    children = generator.spawn(len(experiments))
+    jobs = [(e.measurement, child) for e, child in zip(experiments, children, strict=True)]
+    found = apply(partial(_compared, hypotheses), jobs, executor)
+    for experiment, pairs in zip(experiments, found, strict=True):
         if not pairs:
             continue
-        found = Ranked(experiment, pairs)
+        one = Ranked(experiment, pairs)
         known = best.get(experiment.kind)
-        if known is None or _order(found) < _order(known):
-            best[experiment.kind] = found
+        if known is None or _order(one) < _order(known):
+            best[experiment.kind] = one
     return tuple(sorted(best.values(), key=_order))
+
+
+def _compared(
+    hypotheses: Sequence[Hypothesis], job: tuple[Measurement, np.random.Generator]
+) -> tuple[Pair, ...]:
+    return compare(hypotheses, *job)
 
 
 def compare(

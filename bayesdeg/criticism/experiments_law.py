@@ -54,8 +54,8 @@ class Law:
         )
         if k > 1:
             contrasts = np.tensordot(helmert(k), readings, axes=1)
-            for contrast in contrasts:
-                total = total + _log_normal(contrast, self.own)
+            flat = _log_normal(contrasts.reshape(-1, contrasts.shape[-1]), self.own)
+            total = total + flat.reshape(contrasts.shape[:2]).sum(axis=0)
         return total
 
     def divergence(self, other: "Law") -> float:

@@ -157,20 +157,50 @@ def _strip_variance(part: Part) -> Floats:
     return variance
 
 
-LENGTH = Quantity(
-    mean=lambda part: part.inputs.linear_scale,
-    variance=lambda part: (LENGTH_ERROR * part.inputs.linear_scale) ** 2,
-)
-WALL = Quantity(mean=_wall, variance=lambda part: WALL_ERROR**2 + (WALL_SCATTER * _wall(part)) ** 2)
+def _scale(part: Part) -> Floats:
+    return part.inputs.linear_scale
+
+
+def _scale_variance(part: Part) -> Floats:
+    variance: Floats = (LENGTH_ERROR * part.inputs.linear_scale) ** 2
+    return variance
+
+
+def _wall_variance(part: Part) -> Floats:
+    variance: Floats = WALL_ERROR**2 + (WALL_SCATTER * _wall(part)) ** 2
+    return variance
+
+
+def _log_paper(part: Part) -> Floats:
+    stiffness: Floats = np.log(part.inputs.paper_stiffness)
+    return stiffness
+
+
+def _paper_variance(part: Part) -> Floats:
+    return np.array(PAPER_ERROR**2)
+
+
+def _pressure(part: Part) -> Floats:
+    return part.inputs.pressure
+
+
+def _gauge_variance(part: Part) -> Floats:
+    return np.array(GAUGE_ERROR**2)
+
+
+def _degradation(part: Part) -> Floats:
+    return part.degradation.value
+
+
+def _weighing_variance(part: Part) -> Floats:
+    variance: Floats = part.degradation.sd**2 + WEIGHING_ERROR**2
+    return variance
+
+
+# functions of the module, which can be sent to other processes
+LENGTH = Quantity(mean=_scale, variance=_scale_variance)
+WALL = Quantity(mean=_wall, variance=_wall_variance)
 STRIP = Quantity(mean=_log_stiffness, variance=_strip_variance)
-PAPER = Quantity(
-    mean=lambda part: np.log(part.inputs.paper_stiffness),
-    variance=lambda part: np.array(PAPER_ERROR**2),
-)
-GAUGE = Quantity(
-    mean=lambda part: part.inputs.pressure, variance=lambda part: np.array(GAUGE_ERROR**2)
-)
-WEIGHED = Quantity(
-    mean=lambda part: part.degradation.value,
-    variance=lambda part: part.degradation.sd**2 + WEIGHING_ERROR**2,
-)
+PAPER = Quantity(mean=_log_paper, variance=_paper_variance)
+GAUGE = Quantity(mean=_pressure, variance=_gauge_variance)
+WEIGHED = Quantity(mean=_degradation, variance=_weighing_variance)

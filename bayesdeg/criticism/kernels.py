@@ -60,8 +60,8 @@ class Discrepancy:
 def discrepancies(linear: Linear) -> tuple[Discrepancy, ...]:
     """Return every discrepancy that is tried, on the whitened scale of a linearised model."""
     found = []
-    for family, label, kernel in _kernels(linear.subject.places, linear.mean):
-        half = linear.whiten_columns(_root(kernel))
+    for family, label, root in _roots(linear.subject.places, linear.mean):
+        half = linear.whiten_columns(root)
         values, turned = np.linalg.eigh(half.T @ half)
         keep = values > SMALLEST * max(float(values[-1]), 1e-300)
         vectors = half @ turned[:, keep] / np.sqrt(values[keep])
@@ -69,14 +69,19 @@ def discrepancies(linear: Linear) -> tuple[Discrepancy, ...]:
     return tuple(found)
 
 
-def _kernels(places: Places, mean: Floats) -> Iterator[tuple[str, str, Floats]]:
+def _roots(places: Places, mean: Floats) -> Iterator[tuple[str, str, Floats]]:
+    """Yield a factor (n, r) of every kernel; it is zero in readings of other families."""
     for family in dict.fromkeys(places.family.tolist()):
         rows = places.family == family
         kinds = list(dict.fromkeys(places.kind[rows].tolist()))
+        shapes = list(_shapes(places.subset(rows)))
         for of_others in ALIKE if len(kinds) > 1 else ALIKE[:1]:
-            envelope = _envelope(places, mean, rows, kinds, of_others)
-            for label, kernel in _shapes(places, rows):
-                yield family, label, kernel * np.outer(envelope, envelope)
+            envelope = _envelope(places, mean, rows, kinds, of_others)[rows]
+            for label, kernel in shapes:
+                root = _root(kernel * np.outer(envelope, envelope))
+                whole = np.zeros((len(rows), root.shape[1]))
+                whole[rows] = root
+                yield family, label, whole
 
 
 def _envelope(
@@ -91,10 +96,10 @@ def _envelope(
     return envelope
 
 
-def _shapes(places: Places, rows: NDArray[np.bool_]) -> Iterator[tuple[str, Floats]]:
+def _shapes(places: Places) -> Iterator[tuple[str, Floats]]:
     """Return what a discrepancy of one family may be a function of, each (n, n)."""
-    along = places.along / max(float(np.ptp(places.along[rows])), 1e-12)
-    levels = len(np.unique(places.level[rows].round(6)))
+    along = places.along / max(float(np.ptp(places.along)), 1e-12)
+    levels = len(np.unique(places.level.round(6)))
 
     def smooth(short: float, across: float) -> Floats:
         square = ((along[:, None] - along) / short) ** 2
@@ -108,7 +113,7 @@ def _shapes(places: Places, rows: NDArray[np.bool_]) -> Iterator[tuple[str, Floa
         yield "the path, slowly, drifting with degradation", smooth(LONG, DRIFT)
         yield "the path, for each degradation rate", smooth(LONG, EACH)
     for label, group in (("history of load", places.history), ("specimen", places.specimen)):
-        if 1 < len(np.unique(group[rows])) < int(rows.sum()):
+        if 1 < len(np.unique(group)) < len(places):
             same = (group[:, None] == group).astype(np.float64)
             yield f"the path, for each {label}", smooth(LONG, EVERYWHERE) * same
 

@@ -22,7 +22,7 @@ _Fold = tuple[NDArray[np.intp], Floats, Floats]
 _Job = tuple[Trial, NDArray[np.intp], np.random.SeedSequence]
 
 KEPT = 1000
-ROUND, WANTED = 1000, 150.0  # draws of a round of importance sampling, effective draws wanted
+ROUND, WANTED = 1000, 80.0  # draws of a round of importance sampling, effective draws wanted
 FEW = 6  # groups
 FEWEST = 20.0  # effective draws below which another way is tried
 # the last way: a density averaged over draws needs few
@@ -136,9 +136,10 @@ def one_by_one(trial: Trial, seed: np.random.SeedSequence) -> Plan:
     density = subject.group_density(vectors)
     relative = float(np.clip(trial.posterior.effective / KEPT, 1e-3, 1.0))
     smooth = smoothed(density[None], relative)
-    simulated = subject.simulated(vectors, generator)
     draws = np.full((DRAWS, len(subject.places)), np.nan)
-    for g, name in enumerate(subject.groups):
+    shown = np.any(subject.group != "") and not is_beside(subject)
+    simulated = subject.simulated(vectors, generator) if shown else np.empty((KEPT, 0))
+    for g, name in enumerate(subject.groups if shown else ()):
         rows = subject.group == name
         weights = np.exp(smooth.log_weights[:, g])
         chosen = generator.choice(KEPT, DRAWS, p=weights / weights.sum())
@@ -201,8 +202,15 @@ def _predict_fold(job: _Job) -> _Fold:
         density = np.array([trial.log_evidence - log_evidence])
     else:
         density = logsumexp(testing.group_density(vectors), axis=0) - np.log(DRAWS)
+    if is_beside(trial.subject):
+        return groups, density, np.full((DRAWS, int(np.sum(testing.group != ""))), np.nan)
     simulated = testing.simulated(vectors, generator)
     return groups, density, simulated[:, testing.group != ""]
+
+
+def is_beside(subject: Subject) -> bool:
+    """Return whether nobody looks at the readings predicted, only at their density."""
+    return bool(getattr(subject, "is_beside", False))
 
 
 def _draws(

@@ -7,16 +7,16 @@ is whitened, the base model says z ~ N(0, I), and an effect with a normal prior 
 larger.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
 from scipy.special import logsumexp
 
 from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.subject import Subject, columns_of, with_neutral
+from bayesdeg.criticism.whitening import Whitening
 from bayesdeg.inference.density import Density
 from bayesdeg.inference.importance import about_mode
 from bayesdeg.inference.laplace import FEWEST_EFFECTIVE, approximate
@@ -50,8 +50,8 @@ class Linear:
         X, on the sampler's scale.
     scatter : array, shape (n, n)
         V, of specimens and errors.
-    factor : array, shape (n, n)
-        Cholesky factor of V + X Λ⁻¹ Xᵀ.
+    whitening : Whitening
+        Of V + X Λ⁻¹ Xᵀ.
     """
 
     subject: Subject
@@ -61,23 +61,38 @@ class Linear:
     shift: Floats
     jacobian: Floats
     scatter: Floats
-    factor: Floats
+    whitening: Whitening
 
     @property
     def is_known(self) -> bool:
         """Whether the model answers at and about the mode."""
-        return bool(np.all(np.isfinite(self.mean)) and np.all(np.isfinite(self.factor)))
+        return bool(np.all(np.isfinite(self.mean))) and self.whitening.is_finite
+
+    @cached_property
+    def factor(self) -> Floats:
+        """A root F of the covariance V + X Λ⁻¹ Xᵀ; readings less their mean are F z, (n, n)."""
+        return self.whitening.factor
 
     def whiten(self, readings: Floats) -> Floats:
         """Return z for readings (..., n), of the same shape."""
         residual = readings - self.mean
         flat = residual.reshape(-1, residual.shape[-1]).T
-        whitened: Floats = solve_triangular(self.factor, flat, lower=True).T
-        return whitened.reshape(residual.shape)
+        return self.whitening.whitened(flat).T.reshape(residual.shape)
 
     def whiten_columns(self, columns: Floats) -> Floats:
         """Return directions (n, k) on the whitened scale."""
-        return np.asarray(solve_triangular(self.factor, columns, lower=True))
+        return self.whitening.whitened(columns)
+
+    @cached_property
+    def covariance(self) -> Floats:
+        """V + X Λ⁻¹ Xᵀ, (n, n)."""
+        total: Floats = self.factor @ self.factor.T
+        return total
+
+    def with_scatter(self, scatter: Floats) -> "Linear":
+        """Return the model with another scatter V, (n, n), and what it shares as it is."""
+        shared = self.whitening.lower @ (self.whitening.basis * self.whitening.size)
+        return replace(self, scatter=scatter, whitening=Whitening.of(scatter, shared))
 
     @cached_property
     def observed(self) -> Floats:
@@ -106,9 +121,9 @@ class Linear:
 
         The posterior mean of e: V (V + X Λ⁻¹ Xᵀ)⁻¹ (y − mean), in the readings' units.
         """
-        half = solve_triangular(self.factor, self.scatter, lower=True)
-        errors: Floats = whitened @ half
-        return errors
+        flat = whitened.reshape(-1, whitened.shape[-1]).T
+        errors = (self.scatter @ self.whitening.adjoint(flat)).T
+        return np.asarray(errors.reshape(whitened.shape))
 
 
 def linearise(
@@ -138,17 +153,23 @@ def linearise(
     jacobian = _jacobian(subject, mode)
     if uncertain is None:
         uncertain = rest_covariance(subject, mode)
-    spread = jacobian @ uncertain @ jacobian.T
     scatter = subject.scatter(mode)
-    factor = np.linalg.cholesky(scatter + spread)
     # where the model does not answer nothing is finite, which `is_known` says
-    moves = is_seen(solve_triangular(factor, jacobian, lower=True, check_finite=False))
+    whitening = Whitening.of(scatter, jacobian @ _root(uncertain))
+    moves = is_seen(whitening.whitened(jacobian))
     if centre is None:
         shift = uncertain @ np.where(moves, _slope(subject, mode, uncertain), 0.0)
     else:
         shift = centre - mode
     mean = prediction + jacobian @ shift
-    return Linear(subject, mode, prediction, mean, shift, jacobian, scatter, factor)
+    return Linear(subject, mode, prediction, mean, shift, jacobian, scatter, whitening)
+
+
+def _root(covariance: Floats) -> Floats:
+    """Return R with R Rᵀ a covariance, which may be singular."""
+    values, vectors = np.linalg.eigh(covariance)
+    root: Floats = vectors * np.sqrt(np.maximum(values, 0.0))
+    return root
 
 
 def _slope(subject: Subject, mode: Floats, uncertain: Floats) -> Floats:

@@ -39,7 +39,8 @@ class LooPit:
     low, high : array, shape (m,)
         Band in which 95 % of data sets drawn from the predictions stay everywhere.
     p_value : float
-        Share of them at least as far out as the data, (1 + #)/(1 + D).
+        Share of them at least as far out as the data, (1 + #)/(1 + D); nan where fewer than
+        `FEWEST` draws are finite, and all curves with it.
     sentence : str
         What it means.
     """
@@ -51,6 +52,11 @@ class LooPit:
     high: Floats
     p_value: float
     sentence: str
+
+    @property
+    def is_available(self) -> bool:
+        """Whether there were draws enough for a band."""
+        return not np.isnan(self.p_value)
 
 
 def loo_pit(draws: Floats, observed: Floats) -> LooPit:
@@ -68,11 +74,6 @@ def loo_pit(draws: Floats, observed: Floats) -> LooPit:
     observed : array, shape (n,)
         The readings.
 
-    Raises
-    ------
-    ValueError
-        If fewer than 100 draws are finite.
-
     Examples
     --------
     >>> generator = np.random.default_rng(0)
@@ -81,8 +82,8 @@ def loo_pit(draws: Floats, observed: Floats) -> LooPit:
     'Predictions of held-out specimens are too narrow'
     """
     known = draws[np.all(np.isfinite(draws), axis=1)]
-    if len(known) < FEWEST:
-        raise ValueError(f"{FEWEST} finite draws are needed at least, not {len(known)}")
+    if len(known) < FEWEST or not len(observed):
+        return _unavailable(len(known), draws)
     ordered = np.sort(known, axis=0)
     pit = _shares(ordered, observed[None])[0]
     simulated = _left_out(known)
@@ -129,6 +130,16 @@ def frame(models: Mapping[str, LooPit]) -> pd.DataFrame:
         for name, one in models.items()
     ]
     return pd.concat(parts, ignore_index=True)
+
+
+def _unavailable(known: int, draws: Floats) -> LooPit:
+    readings, nothing = np.full(draws.shape[1], np.nan), np.full(len(GRID), np.nan)
+    few = f"only {known}" if known and len(readings) else "none"
+    why = (
+        f"Not available: {few} of {len(draws)} predictive draws of the held-out specimens stayed "
+        "within the emulator's range."
+    )
+    return LooPit(readings, GRID, nothing, nothing, nothing, float("nan"), why)
 
 
 def _shares(ordered: Floats, readings: Floats) -> Floats:

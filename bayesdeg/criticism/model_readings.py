@@ -12,6 +12,7 @@ from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.subject import Places
 from bayesdeg.inference.curves import ActuatorCurves, TensileCurves
 from bayesdeg.inference.data import Statistic
+from bayesdeg.inference.density import Factors
 from bayesdeg.inference.likelihood import Linearised, covariance
 from bayesdeg.inference.model import Model
 from bayesdeg.inference.parameters import ParameterTable
@@ -61,6 +62,10 @@ class ModelReadings:
     def log_prob(self, vectors: Floats, *, truncate: bool = True) -> Floats:
         """Return the log posterior density of the model, (k,)."""
         return self.model.log_prob(vectors, truncate=truncate)
+
+    def factors(self, vectors: Floats) -> Factors | None:
+        """Return the factors of the model's density, see `Model.factors`."""
+        return self.model.factors(vectors)
 
     def extended(self, *causes: Cause) -> Self:
         """Return the model with further causes active."""
@@ -117,7 +122,8 @@ class ModelReadings:
             stresses = self.model.stresses(values, self.model.tensile).at_rest
             parts.append(stresses[:, self.model.tensile.mask])
         if self.model.actuator is not None:
-            parts.append(self.model.predict(values).mean[:, self.model.actuator.paths.mask])
+            mean = self.model.continued.predict(values).mean
+            parts.append(mean[:, self.model.actuator.paths.mask])
         return np.concatenate(parts, axis=1)
 
     def scatter(self, vector: Floats) -> Floats:
@@ -152,7 +158,7 @@ class ModelReadings:
             stresses = simulated_films(self.model, self.model.tensile, values, generator)
             parts.append(stresses[:, self.model.tensile.mask])
         if self.model.actuator is not None:
-            readings = self.model.simulate(values, generator)
+            readings = self.model.continued.simulate(values, generator)
             parts.append(readings[:, self.model.actuator.paths.mask])
         return np.concatenate(parts, axis=1)
 
@@ -194,6 +200,11 @@ class ModelReadings:
         film = self.model.log_likelihood(values)["tensile"]
         labels = np.array(self._labels)
         return np.stack([film[:, labels == g].sum(axis=1) for g in self.groups], axis=1)
+
+    @property
+    def is_beside(self) -> bool:
+        """Whether what is held out is compared beside the readings, by its density alone."""
+        return self.held != "readings"
 
     @property
     def holds_out_modes(self) -> bool:

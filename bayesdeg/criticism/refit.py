@@ -17,13 +17,12 @@ from scipy.special import logsumexp
 
 from bayesdeg.criticism.specimen_density import specimen_density
 from bayesdeg.inference.ensemble import EFFORTS, sample
-from bayesdeg.inference.importance import improved
+from bayesdeg.inference.importance import about_mode
 from bayesdeg.inference.laplace import (
     FEWEST_EFFECTIVE,
     Evidence,
     Laplace,
     approximate,
-    evidence,
     surrounding,
 )
 from bayesdeg.inference.model import Model
@@ -31,10 +30,7 @@ from bayesdeg.inference.subset import blocks_of, without
 
 Floats = NDArray[np.float64]
 
-ENOUGH_EFFECTIVE = 60.0  # draws at which a proposal is not improved any more
-ROUNDS = 8
-IMPROVEMENTS = 3
-AGREEING = 3.0  # standard errors, within which the evidences of two rounds agree
+ENOUGH_EFFECTIVE = 150.0  # draws: a log evidence is then known to 0.08
 DRAWS = 3000
 LARGEST_ERROR = 0.08  # of a log density by bridge sampling, before another way is tried
 STEPS = 200  # of the bridge's fixed point, most
@@ -68,8 +64,8 @@ def predict_left_out(
 ) -> Prediction:
     """Calibrate a model without one specimen and predict it.
 
-    The posterior is an importance sample from a law fitted to the weighted draws; where that is
-    too far off, one from the Laplace approximation; and where that is too, chains of emcee.
+    The posterior is an importance sample about its mode; where that has too few draws, chains of
+    emcee.
 
     Parameters
     ----------
@@ -89,13 +85,11 @@ def predict_left_out(
     generator = np.random.default_rng(seed)
     training = without(model, [specimen])
     testing = without(model, [name for name in _names(model) if name != specimen])
-    posterior = matched(training, draws, log_weights, generator)
+    best = draws[int(np.argmax(log_weights))]
+    laplace = approximate(training, generator, start=best)
+    posterior = about_mode(training, laplace, generator, enough=ENOUGH_EFFECTIVE)
     if posterior.effective < FEWEST_EFFECTIVE:
-        best = draws[int(np.argmax(log_weights))]
-        laplace = approximate(training, generator, start=best)
-        posterior = evidence(training, laplace, generator, draws=DRAWS)
-        if posterior.effective < FEWEST_EFFECTIVE:
-            posterior = _chain(training, laplace, generator, seed)
+        posterior = _chain(training, laplace, generator, seed)
     possible = np.isfinite(posterior.log_weights)
     weights = posterior.log_weights[possible] - logsumexp(posterior.log_weights[possible])
     density, error = bridge(
@@ -105,7 +99,8 @@ def predict_left_out(
         effective=(effective, posterior.effective),
     )
     if error > LARGEST_ERROR:  # the two posteriors hardly overlap: from their evidences themselves
-        whole = matched(model, draws, np.zeros(len(draws)), generator)
+        top = approximate(model, generator, start=best)
+        whole = about_mode(model, top, generator)
         wide = float(np.hypot(whole.error, posterior.error))
         if wide < error:
             return Prediction(
@@ -150,66 +145,6 @@ def bridge(
     variance = np.sum(np.exp(2.0 * log_weights) * np.expm1(up - forth) ** 2)
     variance += np.mean(np.expm1(down - back) ** 2) / effective[0]
     return log_ratio, float(np.sqrt(variance))
-
-
-def matched(
-    density: Model, draws: Floats, log_weights: Floats, generator: np.random.Generator
-) -> Evidence:
-    """Return an importance sample of a posterior from weighted draws of a similar one.
-
-    Each round draws from a Student law with the moments of the last round's weighted draws. It is
-    symmetric: a law that follows the skewness of draws far off would be cut off where they are.
-    Once two rounds agree and effective draws are still few, laws that do follow it are taken.
-
-    Parameters
-    ----------
-    density : Model
-        What is sampled.
-    draws, log_weights : array, shapes (n, n_parameters) and (n,)
-        Roughly distributed as it.
-    generator : Generator
-        Draws the proposals.
-
-    Notes
-    -----
-    Adaptive importance sampling: Cappé et al. (2008), doi:10.1007/s11222-008-9059-x.
-    """
-    last = Evidence(float("nan"), float("nan"), draws, log_weights, float("nan"))
-    for _ in range(ROUNDS):
-        mean, covariance = moments(last.draws, last.log_weights)
-        proposal = Laplace(mean, covariance, float("nan"))
-        found = evidence(density, proposal, generator, draws=DRAWS)
-        # a sample that has not come to the posterior yet may have many effective draws by itself
-        change = abs(found.log_evidence - last.log_evidence)
-        if found.effective == 0.0 or change < AGREEING * np.hypot(found.error, last.error):
-            break
-        last = found
-    if 0.0 < found.effective < ENOUGH_EFFECTIVE:
-        return improved(density, found, generator, enough=ENOUGH_EFFECTIVE, rounds=IMPROVEMENTS)
-    return found
-
-
-def moments(draws: Floats, log_weights: Floats) -> tuple[Floats, Floats]:
-    """Return mean and covariance of weighted draws.
-
-    The covariance is drawn towards that without weights as far as too few draws carry the weight.
-
-    Examples
-    --------
-    >>> mean, covariance = moments(np.array([[0.0], [2.0]]), np.zeros(2))
-    >>> mean.round(12).tolist(), covariance.round(3).tolist()
-    ([1.0], [[1.333]])
-    """
-    log_weights = np.where(np.isfinite(log_weights), log_weights, -np.inf)
-    weights = np.exp(log_weights - logsumexp(log_weights))
-    mean = weights @ draws
-    plain = np.atleast_2d(np.cov(draws.T))
-    centred = draws - mean
-    weighted = (weights[:, None] * centred).T @ centred
-    effective = 1.0 / np.sum(weights**2)
-    share = draws.shape[1] / (draws.shape[1] + effective)
-    covariance: Floats = share * plain + (1.0 - share) * weighted
-    return mean, covariance
 
 
 def _chain(

@@ -10,6 +10,9 @@ from bayesdeg.inference.replicate import replicate
 
 Floats = NDArray[np.float64]
 
+FEWEST = 19
+"""Simulated data sets below which no p-value could reach 0.05, from which ruptures are told of."""
+
 
 @dataclass(frozen=True)
 class RuptureMisfit:
@@ -24,13 +27,18 @@ class RuptureMisfit:
     deviance : float
         −2 Σ ln of the probability of what each did, averaged over the posterior.
     p_value : float
-        Share of simulated data sets that are at least as improbable.
+        Share of simulated data sets that are at least as improbable; nan where fewer than `FEWEST`
+        have a probability at all.
+    known, drawn : int
+        Data sets that have one, of so many that were simulated.
     """
 
     burst: int
     expected: float
     deviance: float
     p_value: float
+    known: int = 0
+    drawn: int = 0
 
 
 def rupture_misfit(
@@ -64,17 +72,21 @@ def rupture_misfit(
         assert again.actuator is not None
         simulated.append(_deviances(again, vector[None])[0])
         bursts.append(int(again.actuator.ruptured.any(axis=1).sum()))
-    worse = int(np.sum(np.array(simulated) >= observed))
+    known = np.isfinite(observed) & np.isfinite(simulated)
+    count = int(np.sum(known))
+    worse = int(np.sum(np.array(simulated)[known] >= observed[known]))
     return RuptureMisfit(
         int(model.actuator.ruptured.any(axis=1).sum()),
         float(np.mean(bursts)),
-        float(np.mean(observed)),
-        (1 + worse) / (1 + len(vectors)),
+        float(np.mean(observed[known])) if count else float("nan"),
+        (1 + worse) / (1 + count) if count >= FEWEST else float("nan"),
+        count,
+        len(vectors),
     )
 
 
 def _deviances(model: Model, vectors: Floats) -> Floats:
     """Return −2 ln of the ruptures' probability, (k,); readings that are nan play no part."""
     with np.errstate(all="ignore"):
-        blocks = model.log_likelihood(model.table.named(vectors))
-        return np.asarray(-2.0 * np.sum(blocks["rupture"], axis=1))
+        density = model.rupture_density(model.table.named(vectors))
+        return np.asarray(-2.0 * np.sum(density, axis=1))

@@ -20,7 +20,7 @@ from scipy.stats import multivariate_t, qmc
 from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.linear import Linear, effects, is_seen, neutral_sizes, prior_size
 from bayesdeg.criticism.subject import columns_of, with_neutral
-from bayesdeg.inference.laplace import DEGREES_OF_FREEDOM
+from bayesdeg.inference.two_piece import DEGREES_OF_FREEDOM
 
 Floats = NDArray[np.float64]
 
@@ -202,9 +202,14 @@ def _widening(linear: Linear, one: Screened) -> float:
     where = columns_of(extended, cause)
     neutral = neutral_sizes(cause)
     point[where] = np.where(np.isin(np.arange(len(size)), wide), neutral, size)
-    residual = linear.factor @ (linear.observed - one.effect + columns @ _offset(one))
-    half = linear.factor @ np.hstack([np.eye(len(columns)), columns])
-    base = half @ half.T - extended.scatter(point)
+    offset = columns @ _offset(one)
+    residual = linear.whitening.coloured(linear.observed - one.effect + offset)
+    own = linear.whitening.coloured(columns)
+    scatter = extended.scatter(point)
+    point[where] = np.where(np.isin(np.arange(len(size)), wide), _outermost(cause), point[where])
+    if np.array_equal(extended.scatter(point), scatter):
+        return 0.0
+    base = linear.covariance + own @ own.T - scatter
     if not np.all(np.isfinite(base)):
         return 0.0
     ratios = []
@@ -216,6 +221,13 @@ def _widening(linear: Linear, one: Screened) -> float:
     point[[where[k] for k in wide]] = neutral[wide]
     even = _normal(residual, base + extended.scatter(point))
     return float(logsumexp(np.array(ratios) - even) - np.log(WIDTHS))
+
+
+def _outermost(cause: Cause) -> Floats:
+    """Return the largest size of each parameter that `_widening` looks at."""
+    share = (WIDTHS - 0.5) / WIDTHS
+    ends = [p.law.to_unconstrained(p.law.quantile(share)) for p in cause.parameters]
+    return np.array(ends, dtype=np.float64)
 
 
 def _normal(residual: Floats, covariance: Floats) -> float:

@@ -18,6 +18,7 @@ from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.discrepancy import measure, resolved
 from bayesdeg.criticism.linear import Linear, is_seen, log_bayes_factor, sensitivities
 from bayesdeg.criticism.screening import Screened, screen, screen_pairs
+from bayesdeg.criticism.side_by_side import apply
 from bayesdeg.criticism.step import Step, near
 from bayesdeg.criticism.trials import Trial, from_prior, try_causes
 
@@ -103,8 +104,8 @@ class Search:
         step, wanted = self.step(parent), list(additions)
         missing = [name for name in wanted if parent | {name} not in self.trials]
         jobs = [(*step.guess(name), self._seed(parent | {name})) for name in missing]
-        apply = map if self.executor is None else self.executor.map
-        for name, trial in zip(missing, apply(partial(_fitted, step.trial), jobs), strict=True):
+        run = map if self.executor is None else self.executor.map
+        for name, trial in zip(missing, run(partial(_fitted, step.trial), jobs), strict=True):
             self.trials[parent | {name}] = trial
             if self.on_fit is not None:
                 self.on_fit(" and ".join(sorted(parent | {name})))
@@ -129,13 +130,20 @@ class Search:
         misfit = resolved(misfit, linear, simulate, most=self.effort.most)
         others = [cause for cause in self.causes if cause.name not in trial.names]
         known = simulated[np.all(np.isfinite(simulated), axis=1)]
-        screened = {
-            cause.name: _screened(trial, cause, self._seed(trial.names | {cause.name}, 2))
-            for cause in others
-        }
+        jobs = [(c, self._seed(trial.names | {c.name}, 2)) for c in others]
+        found = apply(partial(_screened, trial), jobs, self.executor)
+        screened = {cause.name: one for cause, one in zip(others, found, strict=True)}
         chance = factors_by_chance(linear, others, known)
         least = naming_threshold(chance)
-        return Step(trial, misfit, known, screened, least, _unbent(trial, others), chance)
+        return Step(trial, misfit, known, screened, least, self._unbent(trial, others), chance)
+
+    def _unbent(self, trial: Trial, causes: list[Cause]) -> dict[str, Screened]:
+        linear = trial.unbent()
+        if linear is None:
+            return {}
+        judged = [c for c in causes if not c.is_of_rupture_alone]
+        found = apply(partial(screen, linear), judged, self.executor)
+        return {cause.name: one for cause, one in zip(judged, found, strict=True)}
 
     def _seed(self, names: Names, use: int = 0) -> np.random.SeedSequence:
         known = [cause.name for cause in self.causes]
@@ -196,13 +204,6 @@ def naming_threshold(chance: Floats) -> float:
     if not len(chance):
         return LEAST_FACTOR
     return max(LEAST_FACTOR, float(np.quantile(chance, 1.0 - FALSE_NAME_RATE)))
-
-
-def _unbent(trial: Trial, causes: Iterable[Cause]) -> dict[str, Screened]:
-    linear = trial.unbent()
-    if linear is None:
-        return {}
-    return {c.name: screen(linear, c) for c in causes if not c.is_of_rupture_alone}
 
 
 def run_search(search: Search) -> Names:
@@ -287,7 +288,8 @@ def _fitted(parent: Trial, job: tuple[Cause, Floats, np.random.SeedSequence]) ->
     return try_causes(parent, cause, size, np.random.default_rng(seed))
 
 
-def _screened(trial: Trial, cause: Cause, seed: np.random.SeedSequence) -> Screened:
+def _screened(trial: Trial, job: tuple[Cause, np.random.SeedSequence]) -> Screened:
+    cause, seed = job
     found = screen(trial.linear, cause)
     if not cause.is_of_rupture_alone:
         return found

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.causes.cause import Cause
-from bayesdeg.criticism.discrepancy import MISFIT_LEVEL
+from bayesdeg.criticism.discrepancy import FEWEST, MISFIT_LEVEL
 from bayesdeg.criticism.linear import is_seen
 from bayesdeg.criticism.model_readings import ModelReadings
 from bayesdeg.criticism.residuals import levels
@@ -37,13 +37,19 @@ class SharedScatter:
     share : float
         The correlation between specimens of a level at which that is reached.
     p_value : float
-        Share of data simulated from the model with at least this statistic, (1 + #)/(1 + n).
+        Share of data simulated from the model with at least this statistic, (1 + #)/(1 + n); nan
+        where there are too few such data.
     """
 
     cause: str
     statistic: float
     share: float
     p_value: float
+
+    @property
+    def is_tested(self) -> bool:
+        """Whether there were data enough to test it."""
+        return not np.isnan(self.p_value)
 
     @property
     def is_more_than_chance(self) -> bool:
@@ -84,7 +90,7 @@ def shared_scatter(trial: Trial, simulated: Floats) -> list[SharedScatter]:
     found = []
     for cause in subject.causes:
         added = _added_scatter(trial, cause)
-        if len(simulated) and np.any(is_seen(added)):
+        if np.any(is_seen(added)):
             level = levels(subject.model.actuator.degradation[:, 0])[1]
             found.append(_tested(trial, cause.name, added, level, simulated))
     return found
@@ -112,10 +118,10 @@ def _tested(
     values, turned = np.linalg.eigh(triangle @ other @ triangle.T)
     vectors = basis @ turned
     ratios = _ratios(trial.linear.observed[None], values, vectors)[:, 0]
-    chance = _ratios(trial.linear.whiten(simulated), values, vectors).max(axis=0)
-    best = int(np.argmax(ratios))
-    larger = int(np.sum(chance >= ratios[best]))
-    p_value = (1 + larger) / (1 + len(chance))
+    best, p_value = int(np.argmax(ratios)), float("nan")
+    if len(simulated) >= FEWEST:
+        chance = _ratios(trial.linear.whiten(simulated), values, vectors).max(axis=0)
+        p_value = (1 + int(np.sum(chance >= ratios[best]))) / (1 + len(chance))
     return SharedScatter(name, float(ratios[best]), float(SHARES[best]), p_value)
 
 

@@ -19,6 +19,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from bayesdeg.criticism.discrepancy import too_few
 from bayesdeg.criticism.linear import Linear
 from bayesdeg.criticism.statistics_of_actuators import actuator_statistics
 from bayesdeg.criticism.statistics_of_films import film_statistics, other_statistics
@@ -51,7 +52,7 @@ class Physical:
     reading : str
         What a value on this side of the simulated ones means, were it significant.
     unavailable : str
-        What the study lacks for it; empty where it has it.
+        What the study lacks for it, or why it could not be calibrated; empty where it could.
     """
 
     name: str
@@ -72,8 +73,13 @@ class Physical:
         return self.reading if self.p_adjusted <= SIGNIFICANT else UNREMARKABLE
 
 
-def statistics_table(linear: Linear, simulated: Floats) -> tuple[Physical, ...]:
+def statistics_table(
+    linear: Linear, simulated: Floats, drawn: int | None = None
+) -> tuple[Physical, ...]:
     """Compute every statistic and calibrate it, in the order of the catalogue.
+
+    Fewer than 19 finite data sets calibrate nothing: no p-value could reach 0.05. All statistics
+    are unavailable then, and say why.
 
     Parameters
     ----------
@@ -81,28 +87,27 @@ def statistics_table(linear: Linear, simulated: Floats) -> tuple[Physical, ...]:
         The model linearised at its mode.
     simulated : array, shape (k, n)
         Readings of data sets simulated from the fitted model; nan where it had no answer.
-
-    Raises
-    ------
-    ValueError
-        If fewer than 19 simulated data sets are finite: no p-value could reach 0.05.
+    drawn : int, optional
+        How many were simulated, where those without an answer were left out already.
     """
     known = simulated[np.all(np.isfinite(simulated), axis=1)]
-    if len(known) < FEWEST:
-        raise ValueError(f"{FEWEST} simulated data sets are needed at least, not {len(known)}")
     every = statistics_of(linear)
+    if len(known) < FEWEST:
+        why = too_few(len(known), len(simulated) if drawn is None else drawn)
+        return tuple(_missing(s, s.why if s.projections is None else why) for s in every)
     there = [s for s in every if s.projections is not None]
     null = linear.whiten(known)
-    drawn = np.stack([s.of(null) for s in there]) if there else np.empty((0, len(known)))
+    replicated = np.stack([s.of(null) for s in there]) if there else np.empty((0, len(known)))
     value = np.array([float(s.of(linear.observed)) for s in there])
     far = _distance(
-        np.column_stack([value, drawn]), np.array([s.squares for s in there], dtype=bool)
+        np.column_stack([value, replicated]), np.array([s.squares for s in there], dtype=bool)
     )
     p_value = (1.0 + np.sum(far[:, 1:] >= far[:, :1], axis=1)) / (1.0 + len(known))
     adjusted = adjusted_p_values(far[:, 0], far[:, 1:])
-    calibrated = iter(zip(value, drawn, p_value, adjusted, strict=True))
+    calibrated = iter(zip(value, replicated, p_value, adjusted, strict=True))
     return tuple(
-        _missing(s) if s.projections is None else _physical(s, *next(calibrated)) for s in every
+        _missing(s, s.why) if s.projections is None else _physical(s, *next(calibrated))
+        for s in every
     )
 
 
@@ -198,8 +203,6 @@ def _physical(
     )
 
 
-def _missing(statistic: Statistic) -> Physical:
+def _missing(statistic: Statistic, why: str) -> Physical:
     nan = float("nan")
-    return Physical(
-        statistic.name, statistic.unit, nan, nan, nan, nan, nan, "", unavailable=statistic.why
-    )
+    return Physical(statistic.name, statistic.unit, nan, nan, nan, nan, nan, "", unavailable=why)

@@ -1,6 +1,6 @@
 """What can be judged: readings, a model of them, and causes that may extend it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Protocol, Self
 
 import numpy as np
@@ -47,6 +47,10 @@ class Places:
     def __len__(self) -> int:
         """Return the number of readings."""
         return len(self.kind)
+
+    def subset(self, rows: NDArray[np.bool_]) -> "Places":
+        """Return where some of the readings stand."""
+        return Places(*(getattr(self, field.name)[rows] for field in fields(self)))
 
 
 class Subject(Density, Protocol):

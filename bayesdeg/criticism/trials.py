@@ -1,11 +1,10 @@
 """A set of causes joins the model, and everything is fitted again: mode, evidence, what is left."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
 
 from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.linear import (
@@ -16,19 +15,17 @@ from bayesdeg.criticism.linear import (
     with_prior_moments,
 )
 from bayesdeg.criticism.subject import Subject, columns_of, with_neutral
-from bayesdeg.inference.importance import about_mode, improved
-from bayesdeg.inference.laplace import Evidence, Laplace, approximate, weighted
+from bayesdeg.inference.density import bounds
+from bayesdeg.inference.importance import about_mode
+from bayesdeg.inference.laplace import Evidence, approximate, weighted
 
 Floats = NDArray[np.float64]
 
-LOOKED_AT = 2000  # draws
 STRONG = 5.0  # size of an effect, in standard deviations, that is climbed to from two sides
 CLIMBS, HIGHER = 2, 1.0  # more, where draws are higher than the mode by so much
 BENT = 4.0  # standard deviations by which a parameter has given way
-EDGE = 1e-4  # prior probability beyond a point that is put inside
-ROUND = 1000  # draws of a round of importance sampling
 DRAWS = 3000  # of the estimate from the prior
-ENOUGH, WANTED = 40.0, 80.0  # effective draws: fewer need a second estimate; where to stop
+WANTED = 80.0  # effective draws
 
 
 @dataclass(frozen=True)
@@ -40,7 +37,7 @@ class Trial:
     subject : Subject
         With the causes active.
     mode : array, shape (n_parameters,)
-        The mode, or where that is outside the bounds of a prior the most probable draw.
+        The mode within the bounds of priors.
     log_evidence : float
         Marginal likelihood.
     posterior : Evidence
@@ -90,53 +87,14 @@ class Trial:
         return self.posterior.resample(generator, count)
 
 
-def base_trial(
-    subject: Subject, mode: Floats, posterior: Evidence, *, covariance: Floats | None = None
-) -> Trial:
-    """Return the trial of a model that is fitted already, with the covariance at its mode."""
-    top = most_probable(subject, mode, posterior, covariance=covariance)
-    centre, uncertain = rest_law(subject, top)
-    return Trial(subject, top, posterior.log_evidence, posterior, uncertain, centre)
-
-
-def most_probable(
-    subject: Subject, mode: Floats, posterior: Evidence, *, covariance: Floats | None = None
-) -> Floats:
-    """Return the mode, or where it is outside the bounds of a prior the best point within.
-
-    That is the mode of the normal law at the mode given that what is outside is at its bound, or
-    the most probable draw.
-    """
-    known = posterior.draws[np.isfinite(posterior.log_weights)]
-    points = np.vstack([mode, known[:: max(1, len(known) // LOOKED_AT)]])
-    if covariance is not None:
-        points = np.vstack([_within_bounds(subject, mode, covariance), points])
-    top: Floats = points[int(np.argmax(subject.log_prob(points)))]
-    return top
-
-
-def _within_bounds(subject: Subject, mode: Floats, covariance: Floats) -> Floats:
-    """Return the conditional mode with parameters that are outside their priors put inside."""
-    point = mode.copy()
-    for i, parameter in enumerate(subject.table.parameters):
-        law = parameter.law
-        if not np.isfinite(float(law.log_density(law.from_unconstrained(mode[i])))):
-            ends = law.to_unconstrained(law.quantile(np.array([EDGE, 1.0 - EDGE])))
-            point[i] = float(ends[int(np.argmin(np.abs(ends - mode[i])))])
-    moved = point != mode
-    if not moved.any() or not np.all(np.isfinite(point)):
-        return mode
-    inner = np.linalg.solve(covariance[np.ix_(moved, moved)], (point - mode)[moved])
-    point[~moved] += covariance[np.ix_(~moved, moved)] @ inner
-    return point
+def base_trial(subject: Subject, mode: Floats, posterior: Evidence) -> Trial:
+    """Return the trial of a model that is fitted already."""
+    centre, uncertain = rest_law(subject, mode)
+    return Trial(subject, mode, posterior.log_evidence, posterior, uncertain, centre)
 
 
 def try_causes(parent: Trial, cause: Cause, size: Floats, generator: np.random.Generator) -> Trial:
-    """Fit a model extended by one more cause.
-
-    The evidence is an importance sample about the mode; where that has too few draws or is outside
-    the prior, an average over the parent's posterior and the prior if that is larger, and a sample
-    about the mode to which the best of those draws leads if that is larger still.
+    """Fit a model extended by one more cause: its mode, and an importance sample about it.
 
     Parameters
     ----------
@@ -155,18 +113,13 @@ def try_causes(parent: Trial, cause: Cause, size: Floats, generator: np.random.G
     laplace = max(climbs, key=lambda climbed: climbed.log_density)
     posterior = about_mode(subject, laplace, generator, enough=WANTED)
     for _ in range(CLIMBS):
-        top = most_probable(subject, laplace.mode, posterior)
-        if subject.log_prob(top[None])[0] < laplace.log_density + HIGHER:
+        top = posterior.top
+        if top is None or top[1] < laplace.log_density + HIGHER:
             break
-        laplace = approximate(subject, generator, start=top)
+        laplace = approximate(subject, generator, start=top[0])
         posterior = about_mode(subject, laplace, generator, enough=WANTED)
-    outside = not np.isfinite(subject.log_prob(laplace.mode[None])[0])
-    if posterior.effective < ENOUGH or outside:
-        posterior = _other_way(parent, cause, posterior, generator)
-        laplace, posterior = _from_above(subject, laplace, posterior, generator)
-    top = most_probable(subject, laplace.mode, posterior, covariance=laplace.covariance)
     centre, uncertain = with_prior_moments(parent.centre, parent.uncertain, parent.subject, subject)
-    return Trial(subject, top, posterior.log_evidence, posterior, uncertain, centre)
+    return Trial(subject, laplace.mode, posterior.log_evidence, posterior, uncertain, centre)
 
 
 def _starts(parent: Trial, subject: Subject, cause: Cause, size: Floats) -> list[Floats]:
@@ -181,65 +134,22 @@ def _starts(parent: Trial, subject: Subject, cause: Cause, size: Floats) -> list
     guess[columns_of(subject, cause)] = size
     linear = parent.linear
     effect = np.nan_to_num(effects(linear, cause, size[None])[0])
-    back = solve_triangular(linear.factor, effect, lower=True, trans="T")
+    back = linear.whitening.adjoint(effect)
     known = {name: i for i, name in enumerate(parent.subject.table.names)}
     shift = -parent.uncertain @ (linear.jacobian.T @ back)
     room = guess.copy()
     for i, name in enumerate(subject.table.names):
         if name in known:
             room[i] += shift[known[name]]
-    points = np.stack([neutral, guess, room])
+    low, high = bounds(subject.table)
+    points = np.clip(np.stack([neutral, guess, room]), low, high)
     densities = subject.log_prob(points)
     best = int(np.argmax(densities))
     with_effect = 1 + int(np.argmax(densities[1:]))
     if best == 0:  # no effect may be a mode of its own, from which no climb gets away
         return [neutral, points[with_effect]] if np.isfinite(densities[with_effect]) else [neutral]
     apart = np.linalg.norm(effect) > STRONG and np.isfinite(densities[2]) and best != 2
-    return [points[best], room] if apart else [points[best]]
-
-
-def _other_way(
-    parent: Trial, cause: Cause, posterior: Evidence, generator: np.random.Generator
-) -> Evidence:
-    """Sample a posterior from the parent's and the prior, where its own mode is of no use."""
-    ratio = from_prior(parent, cause, generator)
-    other = replace(ratio, log_evidence=parent.log_evidence + ratio.log_evidence)
-    # what a sample does not reach is missing from its evidence
-    best = max(posterior, other, key=lambda found: found.log_evidence)
-    if best.effective >= WANTED:
-        return best
-    again = improved(parent.subject.extended(cause), best, generator, draws=ROUND, enough=WANTED)
-    return again if again.effective > best.effective else best
-
-
-def _from_above(
-    subject: Subject, laplace: Laplace, posterior: Evidence, generator: np.random.Generator
-) -> tuple[Laplace, Evidence]:
-    """Climb from the best draw, and sample about where that leads if it is higher.
-
-    A climb that began where the parent is may have ended at once, between walls: where the base
-    model was driven to the edge of what the forward map answers, or where an effect of no size is
-    a mode of its own.
-    """
-    for _ in range(CLIMBS):
-        climbed = approximate(subject, generator, start=_best_draw(subject, posterior))
-        if climbed.log_density < laplace.log_density + HIGHER:
-            break
-        laplace = climbed
-        found = about_mode(subject, laplace, generator, enough=WANTED)
-        if found.log_evidence > posterior.log_evidence:
-            posterior = found
-    if posterior.effective < ENOUGH:
-        more = improved(subject, posterior, generator, draws=DRAWS, enough=WANTED)
-        posterior = more if more.effective > posterior.effective else posterior
-    return laplace, posterior
-
-
-def _best_draw(subject: Subject, posterior: Evidence) -> Floats:
-    """Return the most probable of the draws that weigh most."""
-    points = posterior.draws[np.argsort(-posterior.log_weights)[:LOOKED_AT]]
-    best: Floats = points[int(np.argmax(subject.log_prob(points)))]
-    return best
+    return [points[best], points[2]] if apart else [points[best]]
 
 
 def from_prior(

@@ -20,7 +20,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.criticism.conflict import Conflict
-from bayesdeg.criticism.discrepancy import MISFIT_LEVEL, explained, explained_on_one_scale
+from bayesdeg.criticism.discrepancy import (
+    MISFIT_LEVEL,
+    Misfit,
+    explained,
+    explained_on_one_scale,
+    too_few,
+)
 from bayesdeg.criticism.rupture_misfit import RuptureMisfit
 from bayesdeg.criticism.shared_scatter import SharedScatter
 from bayesdeg.criticism.step import Step
@@ -40,6 +46,7 @@ class Outcome(StrEnum):
     NAMED = "named"
     AMBIGUOUS = "ambiguous"
     UNEXPLAINED = "unexplained"
+    NOT_JUDGED = "not_judged"
 
 
 @dataclass(frozen=True)
@@ -55,7 +62,7 @@ class Decision:
     one_of : tuple of tuple of str
         Beside named causes: sets of which one more acts, but which cannot be said.
     reasons : tuple of str
-        Why causes that the evidence favours were not named.
+        Why causes that the evidence favours were not named, or why nothing could be judged.
     """
 
     outcome: Outcome
@@ -74,6 +81,7 @@ def decide(
     on_rupture: frozenset[str] = frozenset(),
     alike: tuple[str, ...] = (),
     shared: Sequence[SharedScatter] = (),
+    untested: Sequence[str] = (),
 ) -> Decision:
     """Return the outcome.
 
@@ -82,6 +90,9 @@ def decide(
     for any smooth discrepancy. Without such a cause the misfit as a whole decides. Where there is
     such a cause and what is left beside it is no chance, there is a misfit, even if the base model
     on its own shows none.
+
+    A model whose misfit could not be set against chance is never adequate, and a cause that missed
+    a test which might have refuted it is never named: nothing is judged then.
 
     Parameters
     ----------
@@ -100,7 +111,12 @@ def decide(
         the readings that nothing else explains may be any of them.
     shared : sequence of SharedScatter
         Whether specimens that those causes let scatter one by one deviate level by level.
+    untested : sequence of str
+        Why tests that might refute a favoured cause could not be made.
     """
+    missed = [*untested, *(_not_tested(one) for one in shared if not one.is_tested)]
+    if supported and missed:
+        return Decision(Outcome.NOT_JUDGED, (), reasons=tuple(missed))
     misread = base.misfit.p_value <= MISFIT_LEVEL
     beside = (found for found in (rupture, contradicted) if found is not None)
     off = misread or any(found.p_value <= MISFIT_LEVEL for found in beside)
@@ -118,6 +134,8 @@ def decide(
     if not supported or reasons:
         if misread and len(alike) > 1:
             return Decision(Outcome.AMBIGUOUS, alike, reasons=tuple(reasons))
+        if not off and not base.misfit.is_calibrated:
+            return Decision(Outcome.NOT_JUDGED, (), reasons=(*reasons, uncalibrated(base.misfit)))
         outcome = Outcome.UNEXPLAINED if off else Outcome.ADEQUATE
         return Decision(outcome, (), reasons=tuple(reasons))
     certain = tuple(one.cause for one in supported if not one.inseparable)
@@ -131,11 +149,14 @@ def decide(
 def share_explained(base: Step, final: Step) -> tuple[float, float]:
     """Return the share of the misfit that is explained, on each model's own scale and on one.
 
-    1 where there was no misfit. The second is measured against the errors of the final model
+    1 where there was no misfit; the first is 0 where a misfit could not be set against chance. The
+    second is measured against the errors of the final model
     (`explained_on_one_scale`); it is asked for only where the first leaves a doubt.
     """
     own = explained(base.misfit, final.misfit)
     own = 1.0 if np.isnan(own) else own
+    if not (base.misfit.is_calibrated and final.misfit.is_calibrated):
+        own = 0.0
     if own >= NEARLY_ALL:
         return own, own
     common = explained_on_one_scale(base.trial.linear, final.trial.linear)
@@ -147,6 +168,19 @@ def fraction_explained(base: Step, final: Step) -> float | None:
     if np.isnan(explained(base.misfit, final.misfit)):
         return None
     return max(share_explained(base, final))
+
+
+def uncalibrated(misfit: Misfit) -> str:
+    """Say why a misfit could not be set against chance."""
+    return f"it could not be set against chance: {too_few(len(misfit.null), misfit.drawn)}"
+
+
+def _not_tested(one: SharedScatter) -> str:
+    return (
+        f"{one.cause} lets each specimen deviate on its own, and whether those of one degradation "
+        "rate deviate together could not be tested: too few simulated data sets stayed within the "
+        "emulator's range"
+    )
 
 
 def _against(one: Support) -> str:
@@ -181,6 +215,8 @@ def _against_all(base: Step, final: Step) -> list[str]:
     share = max(own, common)
     if own < LEAST_EXPLAINED and common < LEAST_ON_ONE_SCALE:
         return [f"it removes only {100 * share:.0f} % of the misfit"]
+    if not final.misfit.is_calibrated and share < NEARLY_ALL:
+        return [f"of what is left, {uncalibrated(final.misfit)}"]
     if final.misfit.p_value <= MISFIT_LEVEL and share < NEARLY_ALL:
         return [f"it removes {100 * share:.0f} % of the misfit, and what is left is no chance"]
     return []

@@ -9,7 +9,7 @@ from contextlib import contextmanager, suppress
 from importlib import import_module
 from typing import Any
 
-from bayesdeg.actuator.curve import MODEL_VERSION
+from bayesdeg.actuator.version import MODEL_VERSION
 from bayesdeg.errors import BayesdegError, ResumableError
 
 CONNECTING = 10.0  # how long a scheduler is waited for [s]

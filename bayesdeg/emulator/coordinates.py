@@ -25,6 +25,7 @@ ALONG, UP = NAMES.index("gravity_along"), NAMES.index("gravity_up")
 LARGEST_WARPED = 1.5  # range of x [–]
 STRAIN, GIVE = 2.9, 30.0  # k [mm] and P₀ [mm] of the paper's strain
 TAKEN_UP = 1e-3  # slack and mismatch up to which they may go together [–]
+ROOM = 1e-9  # share of a range that rounding may overstep it by
 SAGGING = 60.0  # strain at rest over the group of gravity [mm]
 
 # first and second order of W in the scaled causes, from first slopes of the default geometry
@@ -146,7 +147,7 @@ def inside(groups: Floats, span: TrainingRange) -> NDArray[np.bool_]:
     A paper both slack and mismatched is not trained: the mismatch takes up the slack, or adds to
     it, with a corner where it is used up. The slack then counts as out of range.
     """
-    room = 1e-9 * (span.upper - span.lower)
+    room = ROOM * (span.upper - span.lower)
     within: NDArray[np.bool_] = (groups >= span.lower - room) & (groups <= span.upper + room)
     mismatched = np.abs(groups[:, MISMATCH - 1]) > TAKEN_UP
     within[:, SLACK - 1] &= ~(mismatched & (groups[:, SLACK - 1] > TAKEN_UP))

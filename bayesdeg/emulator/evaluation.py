@@ -12,7 +12,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from bayesdeg.emulator.coordinates import SLACK
-from bayesdeg.emulator.plan import ROW_AXES, plan_of
+from bayesdeg.emulator.plan import ROW_AXES, Plan, plan_of
 from bayesdeg.emulator.scaling import CAUSES, MATERIAL, NAMES
 from bayesdeg.emulator.terms import Terms
 
@@ -41,12 +41,9 @@ def evaluate(
     slopes : bool
         Whether the derivatives of the first output by load and φ follow the outputs.
     """
-    causes = rows[len(NAMES) - len(CAUSES) :]
-    acts = np.any(causes != 0.0, axis=1)
-    acts[SLACK - len(NAMES) + len(CAUSES)] = phi is not None and bool(np.any(phi != 0.0))
-    plan = plan_of(terms, tuple(acts.tolist()))
+    plan = active_plan(terms, rows, slack=phi is not None and bool(np.any(phi != 0.0)))
     summed: Floats = _sum_terms(
-        np.ascontiguousarray(rows[list(ROW_AXES)]),
+        rows[list(ROW_AXES)],
         np.ascontiguousarray(loads),
         np.zeros((1, 1)) if phi is None else np.ascontiguousarray(phi),
         plan.starts,
@@ -62,8 +59,15 @@ def evaluate(
     return summed
 
 
-@njit(cache=True)
-def _fill(
+def active_plan(terms: Terms, rows: Floats, *, slack: bool) -> Plan:
+    """Return the plan for the causes that act in any of the rows (13, n_rows), and the slack."""
+    acts = np.any(rows[len(NAMES) - len(CAUSES) :] != 0.0, axis=1)
+    acts[SLACK - len(NAMES) + len(CAUSES)] = slack
+    return plan_of(terms, tuple(acts.tolist()))
+
+
+@njit(cache=True, nogil=True)
+def fill(
     table: Floats, axis_points: Floats, starts: Indices, first: int, count: int
 ) -> None:  # pragma: no cover - compiled
     """Tabulate the factors of a block of rows; lanes beyond the last row hold zeros."""
@@ -84,8 +88,8 @@ def _fill(
                     table[n, lane] = z * table[n - 1, lane]
 
 
-@njit(cache=True)
-def _contract(
+@njit(cache=True, nogil=True)
+def contract(
     along: Floats,
     product: Floats,
     table: Floats,
@@ -117,7 +121,7 @@ def _contract(
                 )
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _along(
     value: Floats,
     along: Floats,
@@ -161,7 +165,7 @@ def _along(
             power[lane] *= phi[lane]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _sum_terms(
     points: Floats,
     loads: Floats,
@@ -189,8 +193,8 @@ def _sum_terms(
     load, slack = np.zeros(BLOCK), np.zeros(BLOCK)
     for first in range(0, n_rows, BLOCK):
         count = min(BLOCK, n_rows - first)
-        _fill(table, points, starts, first, count)
-        _contract(along, product, table, parents, factors, products, slots, coefficients)
+        fill(table, points, starts, first, count)
+        contract(along, product, table, parents, factors, products, slots, coefficients)
         for column in range(n_columns):
             for lane in range(count):
                 load[lane] = loads[first + lane, column]

@@ -1,7 +1,7 @@
 """How sums of terms are carried out: what terms share, and which of them are left out."""
 
-from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +17,8 @@ TOGETHER = 4  # terms, so that what they add to is read and written once
 ROW_AXES = tuple(axis for axis in range(1, len(NAMES)) if axis != SLACK)
 
 
-@dataclass(frozen=True)
-class Plan:
-    """How terms are summed.
+class Plan(NamedTuple):
+    """How terms are summed; a tuple, which compiled functions take as it is.
 
     Parameters
     ----------

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from bayesdeg.actuator.mesh import CONVERGED, Resolution
+from bayesdeg.actuator.resolution import CONVERGED, Resolution
 
 FIRST_STAGE = (512, 96, 11)  # numbers of runs and seed for which the second stage was chosen
 

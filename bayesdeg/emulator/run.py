@@ -7,10 +7,11 @@ from enum import StrEnum
 from numbers import Real
 from typing import Any
 
-from bayesdeg.actuator.curve import MODEL_VERSION, Curve, CurveSolution, PathSamples
+from bayesdeg.actuator.curve import Curve, CurveSolution, PathSamples
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.material import Material
-from bayesdeg.actuator.mesh import Resolution
+from bayesdeg.actuator.resolution import Resolution
+from bayesdeg.actuator.version import MODEL_VERSION
 from bayesdeg.measure.settings import Dimensions
 
 Solution = CurveSolution | PathSamples

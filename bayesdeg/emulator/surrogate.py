@@ -17,13 +17,14 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdeg.actuator.forward import relative_to_reference
-from bayesdeg.actuator.inputs import Inputs, Prediction
+from bayesdeg.actuator.inputs import Inputs, Prediction, relative_to_reference
 from bayesdeg.actuator.status import Status
 from bayesdeg.emulator.batch import Batch
+from bayesdeg.emulator.compiled_map import Rows, map_of_rows
 from bayesdeg.emulator.coordinates import GIVE, LARGEST_WARPED, SAGGING, SLACK, STRAIN, WARP
-from bayesdeg.emulator.evaluation import evaluate
+from bayesdeg.emulator.evaluation import active_plan, evaluate
 from bayesdeg.emulator.input_gradient import curvature_gradient
+from bayesdeg.emulator.plan import ROW_AXES
 from bayesdeg.emulator.refused import describe
 from bayesdeg.emulator.scaling import GROUPS, NAMES, SECOND, TrainingRange
 from bayesdeg.emulator.terms import Terms
@@ -35,6 +36,9 @@ OUTPUTS = ("curvature", "bend_angle", "peak_stretch")
 _MISMATCH, _ALONG, _UP = (
     NAMES.index(name) for name in ("paper_mismatch", "gravity_along", "gravity_up")
 )
+OUTSIDE_BY = 0.01
+"""Distance outside the range at which a density has fallen by one half, of range or ln load: small
+against the widths of posteriors, large against the steps of derivatives."""
 LIMIT_MARGIN = 2.0  # standard errors that are kept away from a limit
 _TABLES = ("terms", "error", "limit")
 _NUMBERS = ("length", "mesh_error")
@@ -114,34 +118,50 @@ class Surrogate:
         """Return the prediction; outside the training range it is nan with a status."""
         if inputs.reference_pressure is not None:
             return relative_to_reference(self, inputs)
-        batch = Batch.of(inputs, self.span)
-        allowed = self._allowed(batch)
-        loads = np.where(allowed, batch.loads, 0.0)
-        stretching = np.exp(batch.warp)
-        u = loads * (2.0 / LARGEST_WARPED * stretching) - 1.0
-        phi = batch.phi(loads)
-        y = evaluate(self.terms, batch.scaled, u, phi, slopes=True)
-        growth = 1.0 + (u + 1.0) * y[3]
-        if phi is not None:
-            growth -= phi * (1.0 - phi) * y[4]
-        share = np.exp(0.5 * evaluate(self.error, batch.scaled, u, phi))
-        if self.mesh_error > 0.0:
-            share = np.hypot(share, self.mesh_error)
-        load = np.where(allowed, loads, np.nan)
-        gain = np.exp(y[:3]) * stretching
-        scale = np.broadcast_to(inputs.linear_scale, batch.shape).reshape(loads.shape)
-        curvature = load * gain[0] * (1e3 / self.length) / scale
-        angle = np.degrees(load * gain[1])
-        stretch = (load + stretch_offset(batch.groups)[:, None]) * gain[2]
+        return self._answer(inputs, Batch.of(inputs, self.span))
+
+    def continued(self, inputs: Inputs) -> Prediction:
+        """Return the prediction, and outside the training range a continuation with its excess.
+
+        Groups outside are put on the end of their range, and curves go on from the largest load
+        along their tangent in ln load. The excess is the distance in `OUTSIDE_BY`: hundredths of
+        a group's range, and of ln load. Where inputs are no material at all it is nan.
+        """
+        if inputs.reference_pressure is not None:
+            return relative_to_reference(self.continued, inputs)
+        inner, distance = Batch.of(inputs, self.span).brought_inside(self.span)
+        largest = self._largest(inner)[:, None]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            above = np.log(np.maximum(inner.loads / largest, 1.0))
+            below = np.maximum(-inner.loads / largest, 0.0)
+        loads = np.clip(inner.loads, 0.0, np.maximum(largest, 0.0))
+        found = self._answer(inputs, replace(inner, loads=loads))
+        excess = np.sqrt(distance[:, None] ** 2 + above**2 + below**2) / OUTSIDE_BY
+        if not np.any(excess > 0.0):
+            return replace(found, excess=np.zeros(inner.shape))
+        return _continued(found, above.reshape(inner.shape), excess.reshape(inner.shape))
+
+    def _answer(self, inputs: Inputs, batch: Batch) -> Prediction:
+        rows = self._rows(inputs, batch)
+        slack = bool(np.any(rows.slack > 0.0))
+        values, allowed = map_of_rows(
+            np.require(batch.loads, requirements=("C", "W")),  # one kind of array: compiled once
+            rows,
+            active_plan(self.terms, batch.scaled, slack=slack),
+            active_plan(self.error, batch.scaled, slack=slack),
+            self.mesh_error,
+        )
+        curvature, angle, stretch, slope, *sds = values.reshape(len(values), *batch.shape)
         return Prediction(
-            curvature=curvature.reshape(batch.shape),
-            bend_angle=angle.reshape(batch.shape),
-            peak_stretch=(1.0 + stretch).reshape(batch.shape),
-            slope=(curvature * growth).reshape(batch.shape),
-            sd=(curvature * share[0]).reshape(batch.shape),
-            bend_angle_sd=(angle * share[1]).reshape(batch.shape),
-            peak_stretch_sd=(stretch * share[2]).reshape(batch.shape),
+            curvature=curvature,
+            bend_angle=angle,
+            peak_stretch=stretch,
+            slope=slope,
+            sd=sds[0],
+            bend_angle_sd=sds[1],
+            peak_stretch_sd=sds[2],
             status=np.where(allowed, 0, int(Status.OUTSIDE_TRAINING)).reshape(batch.shape),
+            excess=np.zeros(batch.shape),
         )
 
     def without_mesh_error(self) -> Self:
@@ -259,8 +279,40 @@ class Surrogate:
         safe: Floats = load * np.exp(-LIMIT_MARGIN * error)
         return safe
 
-    def _allowed(self, batch: Batch) -> Flags:
+    def _largest(self, batch: Batch) -> Floats:
+        """Return p/M up to which there is an answer, (n_rows,); −1 in rows outside."""
         largest = np.minimum(self._limit_load(batch), batch.largest_load(self.span))
-        largest = np.where(batch.within, largest, -1.0)[:, None]
-        allowed: Flags = (batch.loads >= 0.0) & (batch.loads <= largest)
+        return np.where(batch.within, largest, -1.0)
+
+    def _allowed(self, batch: Batch) -> Flags:
+        allowed: Flags = (batch.loads >= 0.0) & (batch.loads <= self._largest(batch)[:, None])
         return allowed
+
+    def _rows(self, inputs: Inputs, batch: Batch) -> Rows:
+        slack, give = batch.slack
+        rows = batch.shape if len(batch.warp) == np.prod(batch.shape) else (*batch.shape[:-1], 1)
+        scale = np.broadcast_to(inputs.linear_scale, rows).ravel()
+        return Rows(
+            points=batch.scaled[list(ROW_AXES)],
+            largest=self._largest(batch),
+            stretching=np.exp(batch.warp[:, 0]),
+            slack=slack,
+            give=give,
+            offset=stretch_offset(batch.groups),
+            bending=1e3 / self.length / scale,
+        )
+
+
+def _continued(found: Prediction, above: Floats, excess: Floats) -> Prediction:
+    """Let curves go on along their tangents by so much in ln load."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        growth = np.where(found.curvature > 0.0, found.slope / found.curvature, 1.0) * above
+    outside = np.where(excess > 0.0, int(Status.OUTSIDE_TRAINING), found.status)
+    return replace(
+        found,
+        curvature=found.curvature * (1.0 + growth),
+        bend_angle=found.bend_angle * (1.0 + growth),
+        peak_stretch=1.0 + (found.peak_stretch - 1.0) * (1.0 + growth),
+        status=outside,
+        excess=excess,
+    )

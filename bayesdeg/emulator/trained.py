@@ -1,26 +1,25 @@
 """Trained emulators on disk: the one that ships with the package, and those of other geometries."""
 
-import hashlib
 import io
-import json
 import os
-import zlib
-from dataclasses import asdict, dataclass
-from importlib.resources import files
+from dataclasses import dataclass, replace
+from importlib.resources.abc import Traversable
 from pathlib import Path
-from zipfile import BadZipFile
 
 import numpy as np
 
-from bayesdeg.actuator.curve import MODEL_VERSION
 from bayesdeg.actuator.geometry import Geometry
+from bayesdeg.emulator.kept import (
+    CACHE,
+    SHIPPED,
+    read_content,
+    refuse_other,
+    refuse_outdated,
+    search,
+)
 from bayesdeg.emulator.recipe import Recipe
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.errors import BayesdegError
-
-SHIPPED = "default.npz"
-# under the working directory, beside the solutions of the campaign
-CACHE = Path(".cache/emulators")
 
 
 @dataclass(frozen=True)
@@ -63,7 +62,7 @@ def default_surrogate() -> Surrogate:
     >>> default_surrogate().length
     50.0
     """
-    return from_bytes((files("bayesdeg.emulator") / SHIPPED).read_bytes())
+    return from_bytes(SHIPPED.read_bytes())
 
 
 def surrogate_for(geometry: Geometry, surrogate: Surrogate | None = None) -> Surrogate:
@@ -82,56 +81,11 @@ def surrogate_for(geometry: Geometry, surrogate: Surrogate | None = None) -> Sur
         If it is not, naming the dimensions that differ.
     """
     surrogate = surrogate or default_surrogate()
-    changed = other_dimensions(geometry, surrogate)
-    if changed:
-        raise BayesdegError(
-            f"the emulator is of another geometry: {', '.join(changed)}; train one with "
-            "'bayesdeg emulate STUDY --out FILE' and give it to 'bayesdeg run' with --emulator FILE"
-        )
+    refuse_other(geometry, surrogate.record)
     return surrogate
 
 
-def other_dimensions(geometry: Geometry, surrogate: Surrogate) -> list[str]:
-    """Return in words the dimensions of a geometry that an emulator was not trained for."""
-    trained = json.loads(surrogate.record).get("dimensions_mm", {})
-    return [
-        f"{name} = {value:g} (trained: {trained.get(name, float('nan')):g})"
-        for name, value in asdict(geometry.dimensions).items()
-        if trained.get(name) != value
-    ]
-
-
-def outdated(surrogate: Surrogate) -> str:
-    """Say that an emulator is of another version of the finite element model; empty if it is not.
-
-    Examples
-    --------
-    >>> from dataclasses import replace
-    >>> outdated(replace(default_surrogate(), record='{"model_version": "0"}'))[:46]
-    'was trained on version 0 of the finite element'
-    """
-    version = json.loads(surrogate.record).get("model_version", "unknown")
-    if version == MODEL_VERSION:
-        return ""
-    return f"was trained on version {version} of the finite element model, this is {MODEL_VERSION}"
-
-
-def cached_path(geometry: Geometry, recipe: Recipe, cache: Path = CACHE) -> Path:
-    """Return where the emulator of a geometry is kept: named by dimensions and recipe.
-
-    Examples
-    --------
-    >>> from bayesdeg.measure.settings import Dimensions
-    >>> one, other = (Geometry(Dimensions(length=mm)) for mm in (50.0, 60.0))
-    >>> cached_path(one, Recipe()) == cached_path(other, Recipe())
-    False
-    """
-    content = json.dumps([asdict(geometry), asdict(recipe)])
-    content = json.dumps(json.loads(content, parse_int=float), sort_keys=True)  # 60 and 60.0
-    return cache / f"{hashlib.sha256(content.encode()).hexdigest()[:16]}.npz"
-
-
-def read_trained(path: Path) -> Surrogate:
+def read_trained(path: Traversable) -> Surrogate:
     """Return the emulator in a file.
 
     Raises
@@ -139,22 +93,8 @@ def read_trained(path: Path) -> Surrogate:
     BayesdegError
         If it cannot be read, is damaged, or is of another version of the finite element model.
     """
-    try:
-        content = path.read_bytes()
-    except OSError as fault:
-        raise BayesdegError(
-            f"{path} cannot be read ({fault.strerror}); name a file made by 'bayesdeg emulate'"
-        ) from fault
-    try:
-        surrogate = from_bytes(content)
-        old = outdated(surrogate)
-    except (OSError, ValueError, LookupError, EOFError, BadZipFile, zlib.error) as fault:
-        raise BayesdegError(
-            f"{path} is damaged, or no emulator made by 'bayesdeg emulate' ({fault}); "
-            "train it again"
-        ) from fault
-    if old:
-        raise BayesdegError(f"{path} {old}; train it again with 'bayesdeg emulate'")
+    surrogate = read_content(path, from_bytes)
+    refuse_outdated(path, surrogate.record)
     return surrogate
 
 
@@ -196,24 +136,10 @@ def find(geometry: Geometry, *, recipe: Recipe | None = None, cache: Path = CACH
     cache : Path
         Folder of emulators of other geometries.
     """
-    recipe = recipe or Recipe()
-    path = cached_path(geometry, recipe, cache)
-    reasons = []
-    if recipe == Recipe():
-        shipped = default_surrogate()
-        changed, old = other_dimensions(geometry, shipped), outdated(shipped)
-        if not changed and not old:
-            return Found(shipped, path)
-        reasons.append(
-            f"the package's emulator is of another geometry: {', '.join(changed)}"
-            if changed
-            else f"the package's emulator {old}"
-        )
-    if path.exists():
-        try:
-            return Found(surrogate_for(geometry, read_trained(path)), path)
-        except BayesdegError as fault:
-            reasons.append(str(fault))
-    return Found(
-        None, path, "; ".join(reasons) or "no emulator of this geometry has been trained yet"
-    )
+    found = search(geometry, recipe=recipe, cache=cache)
+    if found.source is None:
+        return Found(None, found.path, found.reason)
+    try:
+        return Found(read_trained(found.source), found.path)
+    except BayesdegError as fault:  # its record was whole, the rest is not
+        return Found(None, found.path, replace(found, reasons=(*found.reasons, str(fault))).reason)

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdeg.actuator.curve import MODEL_VERSION, Curve, PathSamples
+from bayesdeg.actuator.curve import Curve, PathSamples
 from bayesdeg.actuator.status import Status
+from bayesdeg.actuator.version import MODEL_VERSION
 from bayesdeg.emulator.coordinates import coordinates
 from bayesdeg.emulator.design import is_answered, likely
 from bayesdeg.emulator.errors_of_fit import coverage, fit_errors, nearness, summary

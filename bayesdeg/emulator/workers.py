@@ -15,8 +15,8 @@ from typing import Protocol, runtime_checkable
 
 from threadpoolctl import threadpool_limits
 
-from bayesdeg.actuator.curve import MODEL_VERSION
 from bayesdeg.actuator.forward import SAMPLING, sample_task, solve_task
+from bayesdeg.actuator.version import MODEL_VERSION
 from bayesdeg.emulator.run import Kind, Run, Solution
 from bayesdeg.errors import BayesdegError
 
@@ -131,10 +131,10 @@ class WorkerProcesses(Executor):
 
     def _open(self) -> ProcessPoolExecutor:
         context = multiprocessing.get_context("spawn")
-        return ProcessPoolExecutor(self._workers, mp_context=context, initializer=_end_with_parent)
+        return ProcessPoolExecutor(self._workers, mp_context=context, initializer=end_with_parent)
 
 
-def _end_with_parent() -> None:
+def end_with_parent() -> None:
     """Let a worker die with the command that started it, even if that was killed."""
     parent = multiprocessing.parent_process()
     assert parent is not None

@@ -8,10 +8,11 @@ from numpy.typing import NDArray
 
 from bayesdeg.actuator.inputs import ForwardMap, Inputs, Prediction
 from bayesdeg.causes.cause import Cause, Conditions, Degradation, Strength
+from bayesdeg.inference.curve_density import Curves, curve_density
 from bayesdeg.inference.curves import ActuatorCurves
-from bayesdeg.inference.likelihood import Linearised, density_and_mode, log_interval
+from bayesdeg.inference.likelihood import Linearised, log_interval
 from bayesdeg.inference.parameters import Named
-from bayesdeg.inference.specimens import Material, elongation_at, elongation_spread
+from bayesdeg.inference.specimens import Material, elongation_at, elongation_spread, shared
 from bayesdeg.material.degradation import Nodes
 
 Floats = NDArray[np.float64]
@@ -83,6 +84,13 @@ def believed_degradation(rig: Rig, values: Named) -> Degradation:
 
 def predict(rig: Rig, values: Named, material: Material, deviation: Floats) -> Predicted:
     """Return what actuators with these deviations of ln stiffness, (n, n_specimens, 1), read."""
+    return _readings(rig.data, values, *_predictions(rig, values, material, deviation))
+
+
+def _predictions(
+    rig: Rig, values: Named, material: Material, deviation: Floats
+) -> tuple[Prediction, Prediction]:
+    """Return predictions before and after causes that act on the reading."""
     factor = np.exp(deviation)
     c1, c2, c3 = (material.constants[..., i, None] * factor for i in range(3))
     inputs = Inputs(
@@ -102,7 +110,7 @@ def predict(rig: Rig, values: Named, material: Material, deviation: Floats) -> P
     for cause in rig.causes:
         if cause.on_reading is not None:
             prediction = cause.on_reading(prediction, rig.conditions, cause.effect(values))
-    return _readings(rig.data, values, mechanics, prediction)
+    return mechanics, prediction
 
 
 def linearise_actuators(
@@ -121,30 +129,101 @@ def linearise_actuators(
     spread : array, shape (n, n_specimens)
         τ² of the deviations.
     """
-    length = values["curvature_noise_length"]
-    correlation = values["reading_correlation"] if rig.data.with_angle else np.zeros(len(length))
-    mode = np.zeros((*spread.shape, 1))
-    for number in range(PASSES):
-        predicted = predict(rig, values, material, mode)
-        at_mode = Linearised(
-            rig.data.readings - predicted.mean + predicted.slope * mode,
-            predicted.slope[..., None],
-            predicted.variance,
-            spread[..., None],
-            length,
-            correlation,
-            rig.data.paths,
+    mode, _, _ = _mode_and_density(rig, values, material, spread, passes=PASSES - 1)
+    predicted = predict(rig, values, material, mode[..., None])
+    linearised = Linearised(
+        rig.data.readings - predicted.mean + predicted.slope * mode[..., None],
+        predicted.slope[..., None],
+        predicted.variance,
+        spread[..., None],
+        values["curvature_noise_length"],
+        _correlation(rig, values),
+        rig.data.paths,
+    )
+    return linearised, predicted
+
+
+def log_density(
+    rig: Rig, values: Named, material: Material, spread: Floats
+) -> tuple[Floats, Prediction]:
+    """Return log densities of whole specimens, (n, n_specimens), and their prediction.
+
+    It is that of the readings as `linearise_actuators`, whose arguments it has, linearises them.
+    """
+    _, density, prediction = _mode_and_density(rig, values, material, spread, passes=PASSES)
+    return density, prediction
+
+
+def _mode_and_density(
+    rig: Rig, values: Named, material: Material, spread: Floats, *, passes: int
+) -> tuple[Floats, Floats, Prediction]:
+    """Return the most probable deviations, and density and prediction of the last pass.
+
+    The mode that the last pass finds comes after its density, which is at the mode before it.
+    """
+    data = rig.data
+    names = ["curvature_noise_floor", "curvature_noise"]
+    names += ["bend_angle_noise_floor", "bend_angle_noise"] if data.with_angle else names
+    noise = np.stack([values[name] for name in names], axis=-1)
+    density, mode = np.empty(spread.shape), np.zeros(spread.shape)
+    for _ in range(passes):
+        at = mode
+        mode = np.empty(spread.shape)
+        mechanics, prediction = _predictions(rig, values, material, at[..., None])
+        curve_density(
+            np.ascontiguousarray(data.readings),
+            np.ascontiguousarray(np.broadcast_to(data.curvature_sd, data.pressure.shape)),
+            _curves(mechanics, prediction),
+            noise,
+            at,
+            np.ascontiguousarray(spread),
+            np.ascontiguousarray(values["curvature_noise_length"]),
+            np.ascontiguousarray(_correlation(rig, values)),
+            *(np.ascontiguousarray(array) for array in data.paths[:2]),
+            density,
+            mode,
         )
-        if number + 1 < PASSES:
-            _, mode = density_and_mode(at_mode)
-    return at_mode, predicted
+    return mode, density, prediction
+
+
+def _curves(mechanics: Prediction, prediction: Prediction) -> Curves:
+    curves = (
+        prediction.curvature,
+        prediction.slope,
+        prediction.sd,
+        prediction.bend_angle,
+        prediction.bend_angle_sd,
+        mechanics.curvature,
+        mechanics.slope,
+    )
+    return Curves(*(np.ascontiguousarray(np.broadcast_to(c, curves[0].shape)) for c in curves))
+
+
+def _correlation(rig: Rig, values: Named) -> Floats:
+    """Return the correlation of the errors of both outputs, (n,); 0 where there is one."""
+    if rig.data.with_angle:
+        return values["reading_correlation"]
+    return np.zeros(len(values["curvature_noise_length"]))
+
+
+def range_excess(data: ActuatorCurves, prediction: Prediction) -> Floats:
+    """Return how far outside the forward map's range readings of each specimen lie, (n, S).
+
+    The root of the sum of squares over the readings that there are; 0 of maps that do not go on.
+    """
+    if prediction.excess is None:
+        return np.zeros((len(prediction.curvature), len(data.specimens)))
+    shape = (len(prediction.curvature), *data.mask.shape)
+    each = np.where(data.mask, np.broadcast_to(prediction.excess, shape), 0.0)
+    excess: Floats = np.sqrt(np.sum(each**2, axis=-1))
+    return excess
 
 
 def strength_of(rig: Rig, values: Named, believed: Degradation, *, nodes: Nodes) -> Strength:
     """Return the elongation limit of actuators believed to be degraded so far, (n, n_specimens)."""
     level = believed.value
-    spread = elongation_spread(values, level, believed.sd, nodes=nodes)
-    strength = Strength(elongation_at(values, level, nodes) / 100.0, np.sqrt(spread))
+    spread = elongation_spread(values, shared(level), believed.sd, nodes=nodes)
+    strength = Strength(elongation_at(values, shared(level), nodes) / 100.0, np.sqrt(spread))
     for cause in rig.causes:
         if cause.on_strength is not None:
             effect = {name: size[..., 0] for name, size in cause.effect(values).items()}
@@ -176,6 +255,8 @@ def log_rupture(data: ActuatorCurves, prediction: Prediction, strength: Strength
 
     def score(at: NDArray[np.int64], *, refused: float) -> Floats:
         strain = prediction.peak_stretch[:, rows, at] - 1.0
+        if np.isinf(refused) and refused > 0.0 and prediction.excess is not None:
+            strain = np.where(prediction.excess[:, rows, at] > 0.0, np.nan, strain)
         share = prediction.peak_stretch_sd[:, rows, at] / np.maximum(strain, 1e-12)
         stretched = strain > 0.0
         spread = np.hypot(strength.scatter, share)

@@ -16,31 +16,14 @@ from numpy.typing import NDArray
 
 from bayesdeg.inference.density import CustomDensity
 from bayesdeg.inference.likelihood import normal
+from bayesdeg.inference.parameters import COURSE as PARAMETERS
 from bayesdeg.inference.parameters import Named, ParameterTable, with_priors
-from bayesdeg.laws import HalfNormal, LogNormal, Parameter, Uniform
+from bayesdeg.laws import Parameter
 from bayesdeg.measure.course import saturating
 from bayesdeg.measure.moisture import moisture_content
 from bayesdeg.measure.study import Study
 
 Floats = NDArray[np.float64]
-
-PARAMETERS = (
-    # 10 to 30 % of moisture make the published volume ratio plausible
-    Parameter("fresh_moisture", LogNormal(20.0, 0.4), "%", "moisture content before degradation"),
-    # a film cannot lose more than all of its moisture
-    Parameter(
-        "degradation_limit", Uniform(0.0, 100.0), "%", "degradation rate that is approached in time"
-    ),
-    # the films of the source were followed over a day
-    Parameter(
-        "degradation_time_constant",
-        LogNormal(12.0, 1.0),
-        "h",
-        "time after which 63 % of the limit is reached",
-    ),
-    # a tenth of the fresh moisture
-    Parameter("moisture_scatter", HalfNormal(2.0), "%", "sd of moisture content from film to film"),
-)
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.causes.cause import Conditions, FilmConditions
-from bayesdeg.inference.likelihood import Paths, paths_of
+from bayesdeg.inference.paths import Paths, paths_of
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]

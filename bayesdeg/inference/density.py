@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from inspect import signature
-from typing import Protocol, cast
+from typing import NamedTuple, Protocol, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,9 @@ class Density(Protocol):
     """A posterior density up to a constant, as mode search, evidence and sampler need it.
 
     ``log_prob`` may take a keyword ``truncate``; with False it leaves out the bounds of truncated
-    priors (`ParameterTable.log_prior` does so), so that a mode beyond a bound can be found.
+    priors (`ParameterTable.log_prior` does so), so that derivatives exist on a bound. A density
+    that is a product of normal laws of readings may say so (`Factored`): then its mode is climbed
+    to with expected second derivatives, at the cost of first ones.
     """
 
     @property
@@ -32,6 +34,41 @@ class Density(Protocol):
 
     def log_prob(self, vectors: Floats) -> Floats:
         """Return log densities on the unconstrained scale, (n,) of (n, n_parameters)."""
+        ...
+
+
+class Factors(NamedTuple):
+    r"""A log density as the sum of its factors, without the bounds of priors.
+
+    .. math:: \ln p = \sum_j \left(-\tfrac12 z_j^2 - \ln s_j - \tfrac12 \ln 2\pi\right)
+        + \sum_k g_k + \sum_i \ln p(\theta_i)
+
+    Parameters
+    ----------
+    score : array, shape (n, n_readings)
+        z_j, each reading given those before it, less its mean, over its standard deviation.
+    log_sd : array, shape (n, n_readings)
+        ln s_j, the logarithm of that standard deviation.
+    other : array, shape (n, n_other)
+        g_k, log densities of what is not normal.
+    signal : array, shape (n, n_other)
+        Quantities u_k with E[(∂g_k)²] = (∂u_k)²: their slopes give the expected information.
+    prior : array, shape (n, n_parameters)
+        Log density of each parameter on the unconstrained scale.
+    """
+
+    score: Floats
+    log_sd: Floats
+    other: Floats
+    signal: Floats
+    prior: Floats
+
+
+class Factored(Density, Protocol):
+    """A density that can say what its factors are."""
+
+    def factors(self, vectors: Floats) -> Factors | None:
+        """Return the factors at vectors (n, n_parameters); None if some are of another kind."""
         ...
 
 
@@ -135,6 +172,31 @@ def continued(density: Density) -> Callable[[Floats], Floats]:
     if "truncate" in signature(density.log_prob).parameters:
         return partial(cast(_Continued, density).log_prob, truncate=False)
     return density.log_prob
+
+
+def factors_of(density: Density, vectors: Floats) -> Factors | None:
+    """Return the factors of a density where it says what they are, else None."""
+    known = getattr(density, "factors", None)
+    if known is None:
+        return None
+    found: Factors | None = known(vectors)
+    return found
+
+
+def bounds(table: ParameterTable) -> tuple[Floats, Floats]:
+    """Return the least and largest possible vector, each (n_parameters,); infinite mostly.
+
+    Only truncated laws have bounds on the unconstrained scale.
+
+    Examples
+    --------
+    >>> from bayesdeg.laws import Normal, TruncatedNormal
+    >>> size = Parameter("size", TruncatedNormal(0.0, 1.0, 0.0), "–", "of an effect")
+    >>> bounds(ParameterTable((size, Parameter("shift", Normal(0.0, 1.0), "–", "of it"))))
+    (array([  0., -inf]), array([inf, inf]))
+    """
+    ends = np.array([p.law.to_unconstrained(np.array(p.law.support)) for p in table.parameters])
+    return ends[:, 0], ends[:, 1]
 
 
 def guesses(table: ParameterTable, generator: np.random.Generator, count: int) -> Floats:

@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from bayesdeg.causes.cause import Cause
 from bayesdeg.inference.curves import TensileCurves
-from bayesdeg.inference.likelihood import Linearised, density_and_mode
+from bayesdeg.inference.film_density import film_density
+from bayesdeg.inference.likelihood import Linearised
 from bayesdeg.inference.parameters import Named
 from bayesdeg.inference.specimens import Material
 
@@ -53,15 +54,16 @@ def linearise_films(data: TensileCurves, values: Named, median: Stresses) -> Lin
 
     with m the deviation of ln stiffness and d that of the degradation rate [%], φ Yeoh's basis.
     """
-    spread = np.empty((*median.at_rest.shape[:2], 2))
-    spread[..., 0] = values["stiffness_scatter"][:, None] ** 2
-    spread[..., 1] = data.degradation_sd**2
-    deviation = np.zeros_like(spread)
-    for number in range(PASSES):
-        at_mode = _linearised(data, values, median, spread, deviation)
-        if number + 1 < PASSES:
-            _, deviation = density_and_mode(at_mode)
-    return at_mode
+    deviation = _density_and_mode(data, values, median, passes=PASSES - 1)[1]
+    return _linearised(data, values, median, _spread(data, values), deviation)
+
+
+def log_density(data: TensileCurves, values: Named, median: Stresses) -> Floats:
+    """Return log densities of whole films, (n, n_specimens).
+
+    It is that of the readings as `linearise_films` linearises them.
+    """
+    return _density_and_mode(data, values, median, passes=PASSES)[0]
 
 
 def film_readings(median: Stresses, deviation: Floats) -> tuple[Floats, Floats]:
@@ -94,6 +96,35 @@ def stress_variance(values: Named, stress: Floats) -> Floats:
     )
     variance: Floats = floor**2 + (share * stress) ** 2
     return variance
+
+
+def _density_and_mode(
+    data: TensileCurves, values: Named, median: Stresses, *, passes: int
+) -> tuple[Floats, Floats]:
+    """Return the density at the last of the linearisations, and the deviations found there."""
+    spread = _spread(data, values)
+    density, deviation = np.empty(spread.shape[:2]), np.empty(spread.shape)
+    film_density(
+        np.ascontiguousarray(data.stress),
+        *(np.ascontiguousarray(stress) for stress in median),
+        np.stack([values["tensile_noise_floor"], values["tensile_noise"]], axis=-1),
+        spread,
+        np.ascontiguousarray(values["tensile_noise_length"]),
+        *(np.ascontiguousarray(array) for array in data.paths[:2]),
+        passes,
+        density,
+        deviation,
+    )
+    return density, deviation
+
+
+def _spread(data: TensileCurves, values: Named) -> Floats:
+    """Return τ² of ln stiffness [–] and of the degradation rate [%²], (n, n_specimens, 2)."""
+    scatter = values["stiffness_scatter"]
+    spread = np.empty((len(scatter), len(data.stress), 2))
+    spread[..., 0] = scatter[:, None] ** 2
+    spread[..., 1] = data.degradation_sd**2
+    return spread
 
 
 def _linearised(

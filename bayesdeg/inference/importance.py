@@ -8,12 +8,21 @@ from scipy.optimize import brentq
 from scipy.special import gammaln, logsumexp
 
 from bayesdeg.inference.density import Density
-from bayesdeg.inference.laplace import Evidence, Laplace, effective_draws, evidence, weighted
+from bayesdeg.inference.laplace import (
+    POOR,
+    Evidence,
+    Laplace,
+    effective_draws,
+    evidence,
+    weighted,
+    with_exact_curvature,
+)
 from bayesdeg.inference.proposals import DEGREES_OF_FREEDOM, Proposal
 
 Floats = NDArray[np.float64]
 
 ENOUGH, DRAWS = 300.0, 1000  # effective draws wanted about a mode, and draws of each round
+MOST = 4000  # draws about a mode before a better proposal is fitted to them
 FITTED = 2000  # draws that a proposal is fitted to
 WIDER = 1.3  # than the fit: what the draws so far did not reach has to be found
 LEAST = 20.0  # effective draws for each parameter that a proposal is fitted to
@@ -33,8 +42,17 @@ def about_mode(
     enough : float
         Effective draws wanted.
     """
-    rough = evidence(density, laplace, generator, draws=DRAWS)
-    return improved(density, rough, generator, draws=DRAWS, enough=enough)
+    found = evidence(density, laplace, generator, draws=MOST, enough=enough)
+    if found.effective >= enough:
+        return found
+    if found.effective < POOR * len(found.draws):  # expected curvature may mislead, as of ruptures
+        exact = with_exact_curvature(density, laplace)
+        second = evidence(density, exact, generator, draws=MOST, enough=enough)
+        found = max(found, second, key=lambda one: one.effective)
+        if found.effective >= enough:
+            return found
+    again = improved(density, found, generator, draws=DRAWS, enough=enough)
+    return again if again.effective > found.effective else found
 
 
 def improved(
@@ -86,7 +104,7 @@ def improved(
         points = np.concatenate([points, more])
         densities = np.concatenate([densities, density.log_prob(more)])
         mixture = logsumexp([log_density(law, points) for law in laws], axis=0) - np.log(len(laws))
-        found = weighted(points, densities - mixture)
+        found = replace(weighted(points, densities - mixture), log_densities=densities)
         if not np.isfinite(found.log_evidence) or found.effective >= enough:
             break
         known = found

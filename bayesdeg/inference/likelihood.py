@@ -22,34 +22,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaln, log_ndtr
 
+from bayesdeg.inference.innovations import path_innovations
 from bayesdeg.inference.path_density import INDEPENDENT, path_density
+from bayesdeg.inference.paths import Paths
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 LOG_TWO_PI = float(np.log(2.0 * np.pi))
-LARGEST = 20_000_000  # entries of covariance matrices that are held at a time
-
-
-class Paths(NamedTuple):
-    """Which readings follow one another, n_readings = n_outputs × n_points a specimen.
-
-    Parameters
-    ----------
-    mask : array of bool, shape (n_specimens, n_readings)
-        Where there is a reading; one of the second output needs one of the first beside it.
-    gap : array, shape (n_specimens, n_readings)
-        Length of path since the reading before it of the same output; infinite for the first.
-    place : array, shape (n_specimens, n_readings)
-        Length of path up to it.
-    points : int
-        Readings of the first output; those of the second follow them.
-    """
-
-    mask: Flags
-    gap: Floats
-    place: Floats
-    points: int
+HELD = 300_000  # entries of covariance matrices that are held at a time: what a cache holds
 
 
 class Linearised(NamedTuple):
@@ -91,38 +72,6 @@ class Linearised(NamedTuple):
         )
 
 
-def paths_of(mask: Flags, place: Floats) -> Paths:
-    """Return the paths of readings at places along them.
-
-    Parameters
-    ----------
-    mask : array of bool, shape (n_specimens, n_outputs, n_points)
-        Where there is a reading.
-    place : array, shape (n_specimens, n_points)
-        Length of path up to each reading, not falling.
-
-    Examples
-    --------
-    >>> paths = paths_of(np.array([[[True, False, True]]]), np.array([[20.0, 40.0, 60.0]]))
-    >>> paths.gap[0, [0, 2]]
-    array([inf, 40.])
-    """
-    n_specimens, n_outputs, n_points = mask.shape
-    read = mask & mask[:, :1]
-    gap = np.full(mask.shape, np.inf)
-    last = np.full((n_specimens, n_outputs), -np.inf)
-    for j in range(n_points):
-        here = place[:, None, j]
-        gap[..., j] = here - last
-        last = np.where(read[..., j], here, last)
-    return Paths(
-        read.reshape(n_specimens, -1),
-        gap.reshape(n_specimens, -1),
-        np.tile(place, n_outputs),
-        n_points,
-    )
-
-
 def density_and_mode(curves: Linearised) -> tuple[Floats, Floats]:
     r"""Return the log density of each specimen's readings with m integrated out, and m̂.
 
@@ -147,6 +96,28 @@ def density_and_mode(curves: Linearised) -> tuple[Floats, Floats]:
         deviation,
     )
     return density, deviation
+
+
+def innovations(curves: Linearised) -> tuple[Floats, Floats]:
+    """Return z and ln s of each reading given those before it on its specimen.
+
+    The log density of a specimen is the sum of −z²/2 − ln s − ln(2π)/2 over its readings; those of
+    the second output come after all of the first.
+
+    Returns
+    -------
+    score, log_sd : array, shape (n, n_recorded)
+        Of the readings that there are, specimen by specimen.
+    """
+    score, log_sd = np.empty_like(curves.residual), np.empty_like(curves.residual)
+    path_innovations(
+        *(np.ascontiguousarray(array) for array in curves[:6]),
+        *(np.ascontiguousarray(array) for array in curves.paths[:2]),
+        curves.paths.points,
+        score,
+        log_sd,
+    )
+    return score[:, curves.paths.mask], log_sd[:, curves.paths.mask]
 
 
 def covariance(curves: Linearised) -> Floats:
@@ -186,7 +157,7 @@ def sequential(curves: Linearised) -> Floats:
     """
     mask = curves.paths.mask
     out = np.zeros(curves.residual.shape)
-    size = max(1, LARGEST // (mask.size * mask.shape[1]))
+    size = max(1, HELD // (mask.size * mask.shape[1]))
     for start in range(0, len(out), size):
         rows = slice(start, start + size)
         part = curves.subset(rows)
@@ -240,6 +211,33 @@ def student(value: float, mean: Floats, scale: float, dof: float) -> Floats:
     constant = gammaln(0.5 * (dof + 1.0)) - gammaln(0.5 * dof) - 0.5 * np.log(dof * np.pi)
     density: Floats = constant - np.log(scale) - 0.5 * (dof + 1.0) * np.log1p(z**2 / dof)
     return density
+
+
+def event_signal(log_probability: Floats) -> Floats:
+    """Return 2 arcsin √P, whose slope squared is the information that an event gives.
+
+    Of an event of probability P that is P'²/(P (1 − P)).
+
+    Examples
+    --------
+    >>> event_signal(np.log([0.5])).round(4)  # π/2
+    array([1.5708])
+    """
+    signal: Floats = 2.0 * np.arcsin(np.exp(np.minimum(0.5 * log_probability, 0.0)))
+    return signal
+
+
+def student_information(dof: float) -> float:
+    """Return the square root of the expected information of a shift by one scale.
+
+    That of Student's law is (ν + 1)/(ν + 3); of the normal law 1.
+
+    Examples
+    --------
+    >>> student_information(float("inf")), round(student_information(3.0), 4)
+    (1.0, 0.8165)
+    """
+    return 1.0 if np.isinf(dof) else float(np.sqrt((dof + 1.0) / (dof + 3.0)))
 
 
 def log_normal(value: Floats, median: Floats, scatter: Floats) -> Floats:

@@ -1,39 +1,215 @@
-"""The mode of a log density: derivatives by differences of whole batches, and the climb to it."""
+"""The mode of a log density and the curvature there.
+
+A density that says what its factors are (`bayesdeg.inference.density.Factored`) is climbed by
+Fisher scoring: first derivatives of the factors give the gradient and the expected second
+derivatives, at the cost of two densities for each parameter. Any other density is differenced
+twice.
+"""
+
+from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 
-from bayesdeg.inference.density import Density, continued
+from bayesdeg.distributions.improper import Flat
+from bayesdeg.inference.density import Density, Factors, bounds, continued, factors_of
+from bayesdeg.inference.parameters import ParameterTable
+from bayesdeg.inference.path_density import LOG_TWO_PI
+from bayesdeg.laws import Law
 
 Floats = NDArray[np.float64]
-Vector = np.ndarray[tuple[int], np.dtype[np.float64]]
+Flags = NDArray[np.bool_]
 
-STEP = 1e-3  # of differences, in units of a parameter's scale
+STEP = 1e-3  # of second differences, in units of a parameter's scale
+SHORT = 1e-4  # of differences of factors, in prior widths: rounding 1e-12, curvature 1e-8
 INNER = 0.1  # of it, between the densities of a gradient where gradients are differenced
 REGULAR = (1e-2, 10.0)  # conditional widths between which a parameter's scale is taken as 1
 USUAL, ANY = 10.0 ** np.arange(-3.0, 1.5, 0.5), 10.0 ** np.arange(-10.0, 10.5, 0.5)
-IMPOSSIBLE = -1e12  # stands for −inf where an optimiser needs a number
+IMPOSSIBLE = -1e12  # stands for −inf where a number is needed
+FAR = 1e-3  # share of a large log density by which it has to change: rounding hides less
 LARGEST = 1e4  # density of which second differences still have digits to spare
 FLATTEST = 1e-4  # curvature, in units of the scales, below which a direction is taken as flat
-LENGTHS = np.concatenate([[0.0], 2.0 ** np.arange(-8.0, 3.0)])  # of Newton steps tried
-CLOSE = 1e-2  # what is still to be gained where a climb ends
-LONGEST = 20
-ROUNDS, TRIALS, PATIENCE = 200, 100, 4  # of random steps where derivatives do not help
+DAMPING = np.concatenate([[0.0], 10.0 ** np.arange(-2.0, 7.0)])  # of a step, in curvatures
+LENGTHS = np.array([0.25, 0.5, 2.0, 4.0])  # of the undamped step: what is left at the end is slow
+CLOSE = 2e-4  # gain in log density at which a climb ends: a fiftieth of a standard deviation
+LONGEST = 60
+WIDEST = 5.0  # step of a logarithm or logit: beyond, its law is far from a quadratic
+
+
+class Expansion(NamedTuple):
+    """A log density about a point: ln p ≈ value + gradient · δ − δ · information δ/2.
+
+    ``gradient`` is (n_parameters,), ``information`` (n_parameters, n_parameters); ``unit`` holds
+    the distances over which each parameter matters, (n_parameters,).
+    """
+
+    value: float
+    gradient: Floats
+    information: Floats
+    unit: Floats
+
+
+def find_mode(density: Density, start: Floats) -> tuple[Floats, Floats]:
+    """Climb from a start to a mode within the bounds of truncated priors.
+
+    Steps are those of Levenberg and Marquardt, of which the best of several dampings is taken, cut
+    at the bounds; a parameter that presses against its bound stays there.
+
+    Parameters
+    ----------
+    density : Density
+        Preferably `Factored`.
+    start : array, shape (n_parameters,)
+        Where to begin.
+
+    Returns
+    -------
+    mode : array, shape (n_parameters,)
+    covariance : array, shape (n_parameters, n_parameters)
+        Inverse of the information there.
+
+    Examples
+    --------
+    >>> from bayesdeg.inference.density import CustomDensity
+    >>> from bayesdeg.laws import Normal, Parameter
+    >>> shift = Parameter("shift", Normal(1.0, 2.0), "–", "of a reading")
+    >>> plain = CustomDensity((shift,), lambda values: np.zeros(len(values["shift"])))
+    >>> mode, covariance = find_mode(plain, np.zeros(1))
+    >>> mode.round(4), covariance.round(4)
+    (array([1.]), array([[4.]]))
+    """
+    low, high = bounds(density.table)
+    point = np.clip(np.ravel(start), low, high)
+    for _ in range(LONGEST):
+        about = expansion(density, point)
+        free = ~((point <= low) & (about.gradient < 0.0) | (point >= high) & (about.gradient > 0.0))
+        trials = np.clip(point + _steps(about, free, density.table), low, high)
+        values = density.log_prob(trials)
+        best = int(np.argmax(values))
+        gain = float(values[best]) - about.value
+        if gain > 0.0:
+            point = trials[best]
+        if not gain > CLOSE:
+            break
+    unit = np.outer(about.unit, about.unit)
+    return point, unit * positive_inverse(unit * about.information)
+
+
+def expansion(density: Density, point: Floats) -> Expansion:
+    """Return a quadratic that touches the log density at a point.
+
+    Its curvature is the expected one where the density is factored, else the differences' own. It
+    may point up in directions in which the density is no dome.
+    """
+    width = SHORT * _widths(density.table)
+    around = point + np.vstack([np.zeros(len(point)), np.diag(width), -np.diag(width)])
+    found = factors_of(density, around)
+    if found is not None and np.isfinite(_total(found)).all():
+        return _scored(found, density.table, point, width)
+    scale = scales(density, point)
+    gradient, hessian = derivatives(density, point, STEP * scale)
+    return Expansion(float(bounded(density, point[None])[0]), gradient, -hessian, scale)
+
+
+def _total(found: Factors) -> Floats:
+    """Return the log density of factors up to a constant, (n,)."""
+    readings = np.sum(-0.5 * found.score**2 - found.log_sd, axis=-1)
+    total: Floats = readings + np.sum(found.other, axis=-1) + np.sum(found.prior, axis=-1)
+    return total
+
+
+def _scored(found: Factors, table: ParameterTable, point: Floats, width: Floats) -> Expansion:
+    r"""Return gradient and expected information from factors here, a step forth and a step back.
+
+    With z the scores, s their standard deviations and a = ∂z + z ∂ ln s, the slope of the expected
+    reading over s, the information of readings is :math:`\sum_j a a^T + 2\, ∂\ln s\, (∂\ln s)^T`.
+    """
+    size = len(point)
+    value = float(_total(found)[0]) - 0.5 * LOG_TWO_PI * found.score.shape[-1]
+    slope = Factors(*(_central(part, width) for part in found))
+    data = -slope.score @ found.score[0] - slope.log_sd.sum(axis=1) + slope.other.sum(axis=1)
+    own = np.arange(size)
+    here, forth, back = found.prior[0], found.prior[1 + own, own], found.prior[1 + size + own, own]
+    by_prior = (forth - back) / (2.0 * width)
+    bend = (2.0 * here - forth - back) / width**2
+    mean = slope.score + slope.log_sd * found.score[0]
+    information = mean @ mean.T + 2.0 * slope.log_sd @ slope.log_sd.T
+    information += slope.signal @ slope.signal.T
+    information[own, own] += bend + _from_the_scale(table, point, data)
+    return Expansion(value, data + by_prior, information, width / SHORT)
+
+
+def _central(part: Floats, width: Floats) -> Floats:
+    """Return slopes of what was found at 1 + 2n points, (n, k)."""
+    size = len(width)
+    slopes: Floats = (part[1 : size + 1] - part[size + 1 :]) / (2.0 * width[:, None])
+    return slopes
+
+
+def _from_the_scale(table: ParameterTable, point: Floats, slope: Floats) -> Floats:
+    """Return what the curvature of the scale x(z) adds to the information, (n_parameters,).
+
+    −∂ln L/∂z · x''/x' where that is positive: as a logarithm or a logit runs to its end, data press
+    against the fall of the prior with a force that dies away, which first derivatives do not tell.
+    """
+    columns = []
+    for i, p in enumerate(table.parameters):
+        ends = p.law.log_jacobian(point[i] + STEP * np.array([-1.0, 1.0]))
+        columns.append(float(ends[1] - ends[0]) / (2.0 * STEP))
+    added: Floats = np.maximum(-slope * np.array(columns), 0.0)
+    return added
+
+
+def _steps(about: Expansion, free: Flags, table: ParameterTable) -> Floats:
+    """Return steps to try, (n, n_parameters), zero in what is not free."""
+    unit = np.where(free, about.unit, 0.0)
+    gradient = unit * about.gradient
+    values, vectors = np.linalg.eigh(np.outer(unit, unit) * about.information)
+    along = vectors.T @ gradient
+    # a direction in which the density is no dome is climbed as if it were one
+    curvature = np.maximum(np.abs(values), FLATTEST)
+    size = np.maximum(np.sum(vectors**2 * curvature, axis=1), FLATTEST)
+    damped = [vectors @ (along / curvature)]
+    inner = (vectors * curvature) @ vectors.T
+    damped += [np.linalg.solve(inner + np.diag(d * size), gradient) for d in DAMPING[1:]]
+    steps = unit * np.vstack([np.array(damped), LENGTHS[:, None] * damped[0]])
+    reach = np.where([_is_bent(p.law) for p in table.parameters], np.abs(steps), 0.0)
+    return steps / np.maximum(np.max(reach, axis=1, initial=0.0) / WIDEST, 1.0)[:, None]
+
+
+def _is_bent(law: Law) -> bool:
+    """Return whether the unconstrained scale of a law is a logarithm or a logit."""
+    return float(law.log_jacobian(0.0)) != float(law.log_jacobian(1.0))
+
+
+def _width(law: Law) -> float:
+    """Return half the distance between the 16 % and 84 % quantiles of a prior, as sampled."""
+    if isinstance(law, Flat):
+        return 1.0
+    low, high = law.to_unconstrained(law.quantile(np.array([0.16, 0.84])))
+    return float(0.5 * (high - low))
+
+
+@lru_cache(maxsize=64)
+def _widths(table: ParameterTable) -> Floats:
+    return np.array([_width(p.law) for p in table.parameters])
 
 
 def scales(density: Density, point: Floats) -> Floats:
     """Return the unit in which each parameter is treated at a point, shape (n_parameters,).
 
     1 where the log density changes by one half over a distance between 0.01 and 10 in all of them,
-    as it does for logarithms; else for each the smallest power of √10 over which it does.
+    as it does for logarithms; else for each the smallest power of √10 over which it does. Far from
+    a mode, where densities are large, it is a change by a thousandth that counts.
     """
     here = float(bounded(density, point[None])[0])
+    enough = max(0.5, FAR * abs(here)) if here > IMPOSSIBLE else 0.5
 
     def changes(steps: Floats) -> NDArray[np.bool_]:
         moves = (steps[:, None, None] * np.eye(len(point))).reshape(-1, len(point))
         change = bounded(density, np.vstack([point + moves, point - moves])) - here
-        return np.any(np.abs(change.reshape(2, len(steps), -1)) >= 0.5, axis=0)
+        return np.any(np.abs(change.reshape(2, len(steps), -1)) >= enough, axis=0)
 
     narrow, regular = changes(np.array(REGULAR))
     if np.all(regular & ~narrow):
@@ -152,93 +328,3 @@ def _slopes(values: Floats, step: float | Floats) -> Floats:
     change = np.where(forth > IMPOSSIBLE, forth, here) - np.where(back > IMPOSSIBLE, back, here)
     found: Floats = change / (step * np.maximum(possible, 1.0))
     return found
-
-
-def climb(density: Density, start: Floats, generator: np.random.Generator) -> tuple[Floats, Floats]:
-    """Climb from a start to a mode: Newton's method where it serves, L-BFGS where it does not.
-
-    Where neither gains, steps at random find the way along a wall, if there is one.
-
-    Returns
-    -------
-    mode : array, shape (n_parameters,)
-    covariance : array, shape (n_parameters, n_parameters)
-        Inverse of the negative Hessian there.
-    """
-    point = np.ravel(start)
-    for _ in range(LONGEST):
-        scale = scales(density, point)
-        gradient, hessian = derivatives(density, point, STEP * scale)
-        unit = np.outer(scale, scale)
-        regular = positive_inverse(-hessian * unit)
-        covariance = unit * regular
-        direction = covariance @ gradient
-        promised = 0.5 * float(gradient @ direction)
-        if np.all(np.linalg.eigvalsh(-hessian * unit) > FLATTEST):
-            further = _best(density, point + LENGTHS[:, None] * direction)
-            if promised < CLOSE:
-                return further, covariance
-            if _gain(density, point, further) > 0.3 * promised:
-                point = further
-                continue
-        found = _ascend(density, point, scale[:, None] * np.linalg.cholesky(regular))
-        found = _best(density, np.stack([point, found]))
-        if _gain(density, point, found) < CLOSE:  # a wall may be in the way
-            found = _along_walls(density, found, covariance, generator)
-        if _gain(density, point, found) < CLOSE:
-            return found, covariance
-        point = found
-    return point, covariance
-
-
-def _gain(density: Density, before: Floats, after: Floats) -> float:
-    low, high = bounded(density, np.stack([before, after]))
-    return float(high - low)
-
-
-def _best(density: Density, points: Floats) -> Floats:
-    found: Floats = points[int(np.argmax(bounded(density, points)))]
-    return found
-
-
-def _along_walls(
-    density: Density, point: Floats, covariance: Floats, generator: np.random.Generator
-) -> Floats:
-    """Climb by random steps, which need no derivative, until none of them gains.
-
-    Where the density is zero beyond a wall, as where the forward map refuses, its gradient may
-    point there while the way up leads along it.
-    """
-    factor = np.linalg.cholesky(covariance)
-    here = float(bounded(density, point[None])[0])
-    width, failed = 0.3, 0
-    for _ in range(ROUNDS):
-        moves = generator.standard_normal((TRIALS, len(point))) @ factor.T
-        values = bounded(density, point + width * moves)
-        best = int(np.argmax(values))
-        gains = values[best] - here >= CLOSE
-        if gains:
-            point, here = point + width * moves[best], float(values[best])
-        width, failed = (min(1.5 * width, 1.0), 0) if gains else (0.5 * width, failed + 1)
-        if failed > PATIENCE:
-            break
-    return point
-
-
-def _ascend(density: Density, origin: Floats, width: Floats) -> Floats:
-    """Run L-BFGS once, in units of a width (a square root of the covariance) about the origin."""
-    size = len(origin)
-    moves = STEP * np.vstack([np.zeros(size), np.eye(size), -np.eye(size)])
-
-    def objective(x: Vector) -> tuple[float, Vector]:
-        values = bounded(density, origin + (x + moves) @ width.T)
-        return -float(values[0]), np.ravel(-_slopes(values, STEP))
-
-    found = minimize(
-        objective,
-        np.zeros(size),
-        jac=True,
-        method="L-BFGS-B",
-        options={"maxiter": 40, "maxcor": 30},
-    )
-    return origin + width @ found.x

@@ -6,22 +6,26 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdeg.actuator.inputs import PAPER_THICKNESS, ForwardMap, Prediction
+from bayesdeg.actuator.inputs import PAPER_THICKNESS, ForwardMap, Prediction, continuation
 from bayesdeg.causes.catalogue import in_order
 from bayesdeg.causes.cause import Cause, Degradation, Strength
 from bayesdeg.inference import actuators, films, likelihood, published
 from bayesdeg.inference.actuators import Rig
 from bayesdeg.inference.curves import ActuatorCurves, Breaks, TensileCurves
 from bayesdeg.inference.data import Statistic
+from bayesdeg.inference.density import Factors
 from bayesdeg.inference.likelihood import Linearised
 from bayesdeg.inference.parameters import Named, ParameterTable, with_causes
 from bayesdeg.inference.published import PublishedTests
 from bayesdeg.inference.specimens import (
     Material,
+    constants_at,
     controls_of,
     elongation_at,
     elongation_spread,
+    expected_statistics,
     material_at,
+    shared,
 )
 from bayesdeg.laws import Parameter
 from bayesdeg.material import degradation as law
@@ -29,6 +33,9 @@ from bayesdeg.material.stability import satisfies_baker_ericksen
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+
+AT_ONCE = 256
+"""Vectors of a batch that are worked on at a time: so few that what lies between fits the cache."""
 
 
 @dataclass(frozen=True)
@@ -82,37 +89,100 @@ class Model:
         """Return the model with further causes active."""
         return replace(self, causes=in_order((*self.causes, *causes)))
 
+    @property
+    def continued(self) -> Self:
+        """The model with a forward map that goes on outside its range, if it can.
+
+        Its density is the same; what it predicts outside serves to linearise it and to simulate
+        readings about its mode, and is no prediction.
+        """
+        if self.forward is None:
+            return self
+        return replace(self, forward=continuation(self.forward))
+
     def log_prob(self, vectors: Floats, *, truncate: bool = True) -> Floats:
         """Return the log posterior density of each vector, shape (n,); −inf where impossible."""
+        parts = [
+            self._log_prob(vectors[k : k + AT_ONCE], truncate=truncate)
+            for k in range(0, max(len(vectors), 1), AT_ONCE)
+        ]
+        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+    def _log_prob(self, vectors: Floats, *, truncate: bool) -> Floats:
         table = self.table
         with np.errstate(all="ignore"):
-            total = table.log_prior(vectors, truncate=truncate)
             values = table.named(vectors)
+            total = table.log_prior(vectors, truncate=truncate, values=values)
             for block in self.log_likelihood(values).values():
                 total = total + np.sum(block, axis=-1)
             total = np.where(self.is_stable(values), total, -np.inf)
         return np.where(np.isfinite(total), total, -np.inf)
 
+    def factors(self, vectors: Floats) -> Factors | None:
+        """Return the factors of the density, without the bounds of priors.
+
+        None where published results of others are data, whose laws are of another kind.
+        """
+        if self.published is not None:
+            return None
+        with np.errstate(all="ignore"):
+            values = self.table.named(vectors)
+            normal, events = self._film_factors(values), self._mean_factors(values)
+            if self.actuator is not None:
+                curves, predicted = self._actuators(values)
+                normal.append(likelihood.innovations(curves))
+                excess = actuators.range_excess(self.actuator, predicted.prediction)
+                events.append((-0.5 * excess**2, excess))
+                if self.has_elongation:
+                    log_rupture = self._log_rupture(values, predicted.prediction)
+                    events.append((log_rupture, likelihood.event_signal(log_rupture)))
+            prior = self.table.log_priors(vectors, truncate=False)
+        count = len(vectors)
+        return Factors(*_side_by_side(normal, count), *_side_by_side(events, count), prior)
+
+    def _film_factors(self, values: Named) -> list[tuple[Floats, Floats]]:
+        """Return z and ln s of stresses and of elongations at break, each (n, n_readings)."""
+        found = []
+        if self.tensile is not None:
+            found.append(likelihood.innovations(self.tensile_linearised(values)))
+        if self.breaks is not None:
+            median, spread = self._break_law(values, self.breaks)
+            score = np.log(self.breaks.elongation / median) / spread
+            found.append((score, np.log(spread * self.breaks.elongation)))
+        return found
+
+    def _mean_factors(self, values: Named) -> list[tuple[Floats, Floats]]:
+        """Return log densities of measured means and their signals, each (n, n_statistics)."""
+        if not self.statistics:
+            return []
+        known = [(s.value, s.se, s.dof) for s in self.statistics]
+        means = self._expected(values, self.statistics)
+        densities = [
+            likelihood.student(value, mean, se, dof)
+            for (value, se, dof), mean in zip(known, means.T, strict=True)
+        ]
+        scale = np.array([likelihood.student_information(dof) / se for _, se, dof in known])
+        return [(np.stack(densities, axis=-1), scale * means)]
+
     def log_likelihood(self, values: Named) -> dict[str, Floats]:
         """Return log densities of whole specimens by kind of data, each (n, n_specimens)."""
         blocks = {}
         if self.tensile is not None:
-            blocks["tensile"] = likelihood.density_and_mode(self.tensile_linearised(values))[0]
+            stresses = self.stresses(values, self.tensile)
+            blocks["tensile"] = films.log_density(self.tensile, values, stresses)
         if self.actuator is not None:
-            curves, predicted = self._actuators(values)
-            blocks["actuator"] = likelihood.density_and_mode(curves)[0]
+            rig, actuators_of = self.continued.rig, self._material_of_actuators(values)
+            density, prediction = actuators.log_density(rig, values, *actuators_of)
+            excess = actuators.range_excess(self.actuator, prediction)
+            blocks["actuator"] = density - 0.5 * excess**2
             if self.has_elongation:
-                blocks["rupture"] = self._log_rupture(values, predicted.prediction)
+                blocks["rupture"] = self._log_rupture(values, prediction)
         if self.breaks is not None:
             blocks["breaks"] = self._log_breaks(values, self.breaks)
         if self.statistics:
-            blocks["statistics"] = np.stack(
-                [
-                    likelihood.student(s.value, self.expected(values, s), s.se, s.dof)
-                    for s in self.statistics
-                ],
-                axis=-1,
-            )
+            expected = zip(self.statistics, self._expected(values, self.statistics).T, strict=True)
+            densities = [likelihood.student(s.value, mean, s.se, s.dof) for s, mean in expected]
+            blocks["statistics"] = np.stack(densities, axis=-1)
         if self.published is not None:
             blocks |= self._log_published(values, self.published)
         return blocks
@@ -136,7 +206,7 @@ class Model:
 
     def constants(self, values: Named, degradation: Floats) -> Floats:
         """Return C1, C2, C3 [MPa] at degradation rates (S,) or (n, S), shape (n, S, 3)."""
-        return self.material(values, degradation).constants
+        return constants_at(controls_of(values, self.nodes), degradation, self.nodes)
 
     def material(self, values: Named, degradation: Floats) -> Material:
         """Return the median material at degradation rates (S,) or (n, S)."""
@@ -161,6 +231,10 @@ class Model:
         """Return what films of the median material read in these tests."""
         material = self.material(values, data.degradation)
         return films.median_stresses(data, values, material, self.causes)
+
+    def rupture_density(self, values: Named) -> Floats:
+        """Return log probabilities of what each actuator survived or burst at, (n, S)."""
+        return self._log_rupture(values, self._actuators(values)[1].prediction)
 
     def strength(self, values: Named) -> Strength:
         """Return the elongation limit of the actuators, (n, n_specimens)."""
@@ -246,12 +320,13 @@ class Model:
         )
 
     def _actuators(self, values: Named) -> tuple[Linearised, actuators.Predicted]:
-        material, spread = self._material_of_actuators(values)
-        return actuators.linearise_actuators(self.rig, values, material, spread)
+        return actuators.linearise_actuators(
+            self.continued.rig, values, *self._material_of_actuators(values)
+        )
 
     def _material_of_actuators(self, values: Named) -> tuple[Material, Floats]:
         believed = self._degradation(values)
-        material = self.material(values, believed.value)
+        material = self.material(values, shared(believed.value))
         return material, self.spread(values, material, believed.sd)
 
     def _degradation(self, values: Named) -> Degradation:
@@ -273,10 +348,13 @@ class Model:
         )
 
     def _log_breaks(self, values: Named, data: Breaks) -> Floats:
+        return likelihood.log_normal(data.elongation, *self._break_law(values, data))
+
+    def _break_law(self, values: Named, data: Breaks) -> tuple[Floats, Floats]:
+        """Return median and sd of the logarithm of elongations at break, each (n, n_films)."""
         nodes = self.elongation_nodes
         spread = elongation_spread(values, data.degradation, data.degradation_sd, nodes=nodes)
-        median = self.elongation(values, data.degradation)
-        return likelihood.log_normal(data.elongation, median, np.sqrt(spread))
+        return self.elongation(values, data.degradation), np.sqrt(spread)
 
     def _beyond_nodes(self) -> Floats:
         data = [d for d in (self.tensile, self.actuator) if d is not None]
@@ -285,9 +363,15 @@ class Model:
 
     def expected(self, values: Named, statistic: Statistic) -> Floats:
         """Return what a statistic is of, in its unit, (n,)."""
-        if statistic.quantity == "volume_ratio":
-            return values["volume_ratio"]
-        level = np.array([statistic.degradation])
-        if statistic.quantity == "young_modulus":
-            return law.young_modulus(self.constants(values, level)[:, 0, 0])
-        return self.elongation(values, level)[:, 0]
+        return self._expected(values, (statistic,))[:, 0]
+
+    def _expected(self, values: Named, statistics: tuple[Statistic, ...]) -> Floats:
+        nodes, at = self.nodes, self.elongation_nodes
+        return expected_statistics(values, statistics, nodes=nodes, elongation_nodes=at)
+
+
+def _side_by_side(parts: list[tuple[Floats, Floats]], count: int) -> tuple[Floats, Floats]:
+    """Join pairs of arrays (count, k) along their last axis."""
+    nothing = np.empty((count, 0))
+    first, second = zip((nothing, nothing), *parts, strict=True)
+    return np.concatenate(first, axis=-1), np.concatenate(second, axis=-1)

@@ -73,7 +73,9 @@ class ParameterTable:
             [p.law.to_unconstrained(np.asarray(values[p.name])) for p in self.parameters], axis=-1
         )
 
-    def log_prior(self, vectors: Floats, *, truncate: bool = True) -> Floats:
+    def log_prior(
+        self, vectors: Floats, *, truncate: bool = True, values: Named | None = None
+    ) -> Floats:
         """Return the log prior density on the unconstrained scale, shape (...).
 
         Parameters
@@ -82,14 +84,28 @@ class ParameterTable:
             Unconstrained.
         truncate : bool
             False leaves out the bounds of truncated laws, for derivatives at a bound.
+        values : mapping, optional
+            What ``named`` returns of the vectors, where it is known already.
         """
         total = np.zeros(vectors.shape[:-1])
-        for i, p in enumerate(self.parameters):
-            z = vectors[..., i]
-            x = p.law.from_unconstrained(z)
-            density = p.law.log_density(x) if truncate else p.law.untruncated_log_density(x)
-            total = total + density + p.law.log_jacobian(z)
+        for one in np.moveaxis(self.log_priors(vectors, truncate=truncate, values=values), -1, 0):
+            total = total + one
         return total
+
+    def log_priors(
+        self, vectors: Floats, *, truncate: bool = True, values: Named | None = None
+    ) -> Floats:
+        """Return the log prior density of each parameter, shape (..., n_parameters).
+
+        The arguments are those of `log_prior`.
+        """
+        values = self.named(vectors) if values is None else values
+        columns = []
+        for i, p in enumerate(self.parameters):
+            z, x = vectors[..., i], values[p.name]
+            density = p.law.log_density(x) if truncate else p.law.untruncated_log_density(x)
+            columns.append(density + p.law.log_jacobian(z))
+        return np.stack(columns, axis=-1) if columns else np.zeros((*vectors.shape[:-1], 0))
 
     def sample(self, generator: np.random.Generator, count: int) -> Floats:
         """Draw vectors from the prior, shape (count, n_parameters)."""
@@ -207,6 +223,24 @@ EMULATOR = (
         "–",
         _ERROR_MEANING.format("with degradation"),
     ),
+)
+# of the course of degradation in films
+COURSE = (
+    # 10 to 30 % of moisture make the published volume ratio plausible
+    Parameter("fresh_moisture", LogNormal(20.0, 0.4), "%", "moisture content before degradation"),
+    # a film cannot lose more than all of its moisture
+    Parameter(
+        "degradation_limit", Uniform(0.0, 100.0), "%", "degradation rate that is approached in time"
+    ),
+    # the films of the source were followed over a day
+    Parameter(
+        "degradation_time_constant",
+        LogNormal(12.0, 1.0),
+        "h",
+        "time after which 63 % of the limit is reached",
+    ),
+    # a tenth of the fresh moisture
+    Parameter("moisture_scatter", HalfNormal(2.0), "%", "sd of moisture content from film to film"),
 )
 
 

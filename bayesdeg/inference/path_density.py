@@ -1,4 +1,9 @@
-"""The inner loop of the likelihood: one pass along each path, compiled."""
+"""The inner loop of the likelihood: one pass along each path, compiled.
+
+What a reading has in common with those before it depends on the path and the length ℓ alone, not
+on what was read: the filter is worked out once for all specimens that follow one another on the
+same path, and the pass along a specimen's readings is left with products and sums.
+"""
 
 import math
 
@@ -8,13 +13,19 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+Indices = NDArray[np.int64]
 
 LOG_TWO_PI = math.log(2.0 * math.pi)
 INDEPENDENT = 0.2
 """Share of the variance of an error that is the reading's own: rounding, picking of markers."""
+MOST_DEVIATIONS = 2
+"""Of a specimen; the normal equations are written out for so many."""
+
+# products may be taken into one rounding, nothing else: no sum is taken in another order
+_COMPILED = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@_COMPILED  # type: ignore[untyped-decorator]
 def path_density(
     residual: Floats,
     slope: Floats,
@@ -31,7 +42,7 @@ def path_density(
     """Write the log density of each specimen's readings and its most probable deviations.
 
     Arguments as `bayesdeg.inference.likelihood.Linearised`; ``density`` (n, n_specimens) and
-    ``deviation`` (n, n_specimens, n_deviations) are written.
+    ``deviation`` (n, n_specimens, n_deviations) are written. A specimen has one or two deviations.
 
     Notes
     -----
@@ -40,104 +51,176 @@ def path_density(
     regression of the whitened readings on τ J with unit errors, whose normal equations have as many
     unknowns as a specimen has deviations.
     """
-    n, n_specimens, _ = residual.shape
-    k = slope.shape[-1]
-    row, last = np.empty(k + 1), np.empty(k + 1)
-    first = np.empty((points, k + 1))
-    gram = np.empty((k + 1, k + 1))
-    width = np.empty(k)
+    n, n_specimens, n_readings = residual.shape
+    two = slope.shape[-1] == MOST_DEVIATIONS
+    alike = same_path(mask, gap)
+    gains, order = np.empty((3, n_readings)), np.empty(n_readings, np.int64)
+    scales, first = np.empty(n_readings), np.empty((points, 3))
     for b in range(n):
+        count, constant = 0, 0.0
         for s in range(n_specimens):
-            for i in range(k):
-                width[i] = math.sqrt(spread[b, s, i])
-            gram[:] = 0.0
-            logs = _whiten(
-                residual[b, s], slope[b, s], variance[b, s], width, length[b], correlation[b],
-                mask[s], gap[s], row, last, first, gram,
+            if not alike[s]:
+                count, constant = filter_of(
+                    length[b], correlation[b], mask[s], gap[s], points, gains, order
+                )
+            widths = (
+                math.sqrt(spread[b, s, 0]),
+                math.sqrt(spread[b, s, 1]) if two else 0.0,
+            )
+            density[b, s], mean, other = specimen_density(
+                residual[b, s], slope[b, s], variance[b, s], widths, correlation[b],
+                constant, gains, order[:count], scales, first,
             )  # fmt: skip
-            density[b, s] = -0.5 * (logs + _solve(gram, k, deviation[b, s]))
-            for i in range(k):
-                deviation[b, s, i] *= width[i]
+            deviation[b, s, 0] = mean
+            if two:
+                deviation[b, s, 1] = other
 
 
-# fmt: off
-@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
-def _whiten(
-    residual: Floats, slope: Floats, variance: Floats, width: Floats, length: float,
-    correlation: float, mask: Flags, gap: Floats, row: Floats, last: Floats, first: Floats,
-    gram: Floats,
-) -> float:
-    # fmt: on
-    """Add the products of a path's whitened columns to ``gram``; return ln det(2π V^½ R V^½).
+@_COMPILED  # type: ignore[untyped-decorator]
+def same_path(mask: Flags, gap: Floats) -> Flags:
+    """Return whether each specimen's path is that of the specimen before it."""
+    alike = np.zeros(len(mask), np.bool_)
+    for s in range(1, len(mask)):
+        same = True
+        for j in range(mask.shape[1]):
+            if mask[s, j] != mask[s - 1, j] or (mask[s, j] and gap[s, j] != gap[s - 1, j]):
+                same = False
+                break
+        alike[s] = same
+    return alike
 
-    ``row``, ``last`` and ``first`` are working space, the latter for all of the first output.
+
+@_COMPILED  # type: ignore[untyped-decorator]
+def filter_of(
+    length: float,
+    correlation: float,
+    mask: Flags,
+    gap: Floats,
+    points: int,
+    gains: Floats,
+    order: Indices,
+) -> tuple[int, float]:
+    """Write the filter of one path; return how many readings it has, and its part of ln det.
+
+    ``order`` receives which readings there are; ``gains`` for each of them, in that order, the
+    decay since the last, the gain, and 1 over the standard deviation of the innovation. The part
+    of ln det(2π R) is that of the correlations R, without the variances.
     """
-    k, points = len(width), len(first)
-    share = math.sqrt(1.0 - correlation * correlation)
-    logs, product = 0.0, 1.0
+    count, logs, product = 0, 0.0, 1.0
     step, decay, known = -1.0, 0.0, 0.0
-    for j in range(len(residual)):
+    share = 1.0 - correlation * correlation
+    for j in range(len(mask)):
         if j % points == 0:  # before the first reading of an output nothing is known
-            last[:] = 0.0
             known = 1.0 - INDEPENDENT
         if not mask[j]:
             continue
-        scale = 1.0 / math.sqrt(variance[j])
-        row[k] = residual[j] * scale
-        for i in range(k):
-            row[i] = slope[j, i] * width[i] * scale
-        if j < points:
-            first[j] = row
-        else:
-            for i in range(k + 1):
-                row[i] = (row[i] - correlation * first[j - points, i]) / share
-            product *= share * share
         if gap[j] != step:  # most steps of a path are alike
             step = gap[j]
             decay = math.exp(-step / length)
         ahead = decay * decay * known + (1.0 - decay * decay) * (1.0 - INDEPENDENT)
         total = ahead + INDEPENDENT
-        product *= total * variance[j]
+        known = ahead * INDEPENDENT / total
+        gains[0, count], gains[1, count] = decay, ahead / total
+        gains[2, count] = 1.0 / math.sqrt(total)
+        order[count] = j
+        count += 1
+        product *= total * (share if j >= points else 1.0)
         if not 1e-200 < product < 1e200:  # also where it is not a number
             logs += math.log(product)
             product = 1.0
-        known = ahead * INDEPENDENT / total
-        gain, narrowing = ahead / total, 1.0 / math.sqrt(total)
-        for i in range(k + 1):
-            innovation = row[i] - decay * last[i]
-            last[i] = decay * last[i] + gain * innovation
-            row[i] = innovation * narrowing
-            for m in range(i + 1):
-                gram[i, m] += row[i] * row[m]
-        logs += LOG_TWO_PI
-    return logs + math.log(product)
+    return count, logs + math.log(product) + count * LOG_TWO_PI
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
-def _solve(gram: Floats, k: int, mean: Floats) -> float:
-    """Factorise I + the first k rows in place; return ln det and the quadratic form.
+@_COMPILED  # type: ignore[untyped-decorator]
+def specimen_density(
+    residual: Floats,
+    slope: Floats,
+    variance: Floats,
+    widths: tuple[float, float],
+    correlation: float,
+    constant: float,
+    gains: Floats,
+    order: Indices,
+    scales: Floats,
+    first: Floats,
+) -> tuple[float, float, float]:
+    """Return the log density of one specimen's readings and its most probable deviations.
 
-    ``gram`` holds the products of the whitened columns, the residual last, in its lower half;
-    ``mean`` receives the solution, in units of τ.
+    Parameters
+    ----------
+    residual, slope, variance : array, shape (n_readings,), (n_readings, n_deviations)
+        As `bayesdeg.inference.likelihood.Linearised`.
+    widths : tuple of float
+        τ of the deviations; the second is not read where there is one.
+    correlation : float
+        c of the outputs.
+    constant, gains, order
+        From `filter_of`; ``order`` is cut to its count.
+    scales, first : array, shape (n_readings,), (n_points, 3)
+        Working space; the latter for all of the first output.
     """
-    logs = 0.0
-    for i in range(k):
-        gram[i, i] += 1.0
-    for i in range(k + 1):  # Cholesky, row by row; the last row becomes the forward solution
-        for j in range(min(i, k - 1) + 1):
-            total = gram[i, j]
-            for m in range(j):
-                total -= gram[i, m] * gram[j, m]
-            gram[i, j] = math.sqrt(total) if j == i else total / gram[j, j]
-        if i < k:
-            logs += 2.0 * math.log(gram[i, i])
-    left: float = gram[k, k]
-    for i in range(k):
-        left -= gram[k, i] * gram[k, i]
-    left = max(left, 0.0)  # what rounding leaves of an exact fit
-    for i in range(k - 1, -1, -1):
-        total = gram[k, i]
-        for m in range(i + 1, k):
-            total -= gram[m, i] * mean[m]
-        mean[i] = total / gram[i, i]
-    return logs + left
+    points = len(first)
+    two = slope.shape[1] == MOST_DEVIATIONS
+    share = 1.0 / math.sqrt(1.0 - correlation * correlation)
+    logs = constant + _scales(variance, order, scales)
+    # of the process of the residual and of both slopes; an output's first gap is infinite
+    last, one, other = 0.0, 0.0, 0.0
+    g00, g10, g11, g20, g21, g22 = 1.0, 0.0, 1.0, 0.0, 0.0, 0.0
+    for i in range(len(order)):
+        j = order[i]
+        decay, gain, narrowing = gains[0, i], gains[1, i], gains[2, i]
+        x, y = residual[j] * scales[i], slope[j, 0] * (widths[0] * scales[i])
+        z = slope[j, 1] * (widths[1] * scales[i]) if two else 0.0
+        if j < points:
+            first[j, 0], first[j, 1], first[j, 2] = x, y, z
+        else:
+            at = j - points
+            x = (x - correlation * first[at, 0]) * share
+            y = (y - correlation * first[at, 1]) * share
+            z = (z - correlation * first[at, 2]) * share
+        x, y, z = x - decay * last, y - decay * one, z - decay * other
+        last = decay * last + gain * x
+        one = decay * one + gain * y
+        other = decay * other + gain * z
+        x, y, z = x * narrowing, y * narrowing, z * narrowing
+        g00, g10, g11 = g00 + y * y, g10 + y * z, g11 + z * z
+        g20, g21, g22 = g20 + x * y, g21 + x * z, g22 + x * x
+    left, u, v = _regression(g00, g10, g11, g20, g21, g22)
+    return -0.5 * (logs + left), u * widths[0], v * widths[1]
+
+
+@_COMPILED  # type: ignore[untyped-decorator]
+def _regression(
+    g00: float, g10: float, g11: float, g20: float, g21: float, g22: float
+) -> tuple[float, float, float]:
+    """Return ln det plus the misfit that is left, and the solution, by Cholesky.
+
+    g₀₀, g₁₀ and g₁₁ are those of the normal matrix, g₂₀ and g₂₁ of the right-hand side, and g₂₂ is
+    the square of what is to be explained.
+    """
+    root = math.sqrt(g00)
+    below = g10 / root
+    rest = math.sqrt(g11 - below * below)
+    u = g20 / root
+    v = (g21 - u * below) / rest
+    left = g22 - u * u - v * v
+    if left < 0.0:  # what rounding leaves of an exact fit; what is no number stays none
+        left = 0.0
+    v /= rest
+    return left + 2.0 * math.log(root * rest), (u - below * v) / root, v
+
+
+@_COMPILED  # type: ignore[untyped-decorator]
+def _scales(variance: Floats, order: Indices, scales: Floats) -> float:
+    """Write 1 over the standard deviations of the readings in order; return ln Π v."""
+    logs, product = 0.0, 1.0
+    for i in range(len(order)):
+        v = variance[order[i]]
+        scales[i] = v
+        product *= v
+        if not 1e-200 < product < 1e200:  # also where it is not a number
+            logs += math.log(product)
+            product = 1.0
+    for i in range(len(order)):
+        scales[i] = 1.0 / math.sqrt(scales[i])
+    return logs + math.log(product)

@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdeg.actuator.inputs import Inputs, Prediction
+from bayesdeg.actuator.inputs import Inputs, Prediction, continuation
 from bayesdeg.actuator.status import Status
 from bayesdeg.inference.density import Density
-from bayesdeg.inference.model import Model
+from bayesdeg.inference.model import AT_ONCE, Model
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -45,6 +45,26 @@ class Refusals:
         return self.refused / self.proposed if self.proposed else 0.0
 
 
+def share_outside(model: Model, vectors: Floats) -> float:
+    """Return the share of vectors at which the forward map has no answer for some reading [–].
+
+    There the likelihood only leads back inside: a posterior of which much lies there is not to be
+    trusted.
+
+    Parameters
+    ----------
+    model : Model
+        One without actuators has nothing outside.
+    vectors : array, shape (n, n_parameters)
+        Posterior draws.
+    """
+    if model.actuator is None or not len(vectors):
+        return 0.0
+    status = model.predict(model.table.named(vectors)).prediction.status
+    outside = np.any((status != Status.CONVERGED) & model.actuator.mask, axis=(-2, -1))
+    return float(np.mean(outside))
+
+
 class CountedDensity:
     """A log density that counts on the way how many vectors a model's forward map refused.
 
@@ -68,6 +88,11 @@ class CountedDensity:
 
     def __call__(self, vectors: Floats) -> Floats:
         """Return the log posterior density of each vector, shape (n,)."""
+        # as many at once as the model takes, which asks its forward map for each part
+        parts = [vectors[k : k + AT_ONCE] for k in range(0, max(len(vectors), 1), AT_ONCE)]
+        return np.concatenate([self._counted(part) for part in parts])
+
+    def _counted(self, vectors: Floats) -> Floats:
         self._outside = None
         density = self._watched.log_prob(vectors)
         outside = np.zeros(len(vectors), dtype=bool) if self._outside is None else self._outside
@@ -79,7 +104,7 @@ class CountedDensity:
         """Answer as the model's forward map, and remember whose readings it refused."""
         assert self._model.forward is not None
         assert self._model.actuator is not None
-        prediction = self._model.forward(inputs)
+        prediction = continuation(self._model.forward)(inputs)
         refused = (prediction.status == Status.OUTSIDE_TRAINING) & self._model.actuator.mask
         outside = np.any(refused, axis=(-2, -1))
         self._outside = outside if self._outside is None else self._outside | outside

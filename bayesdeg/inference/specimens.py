@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdeg.inference.data import Statistic
 from bayesdeg.inference.parameters import Named, control_name, node_name
 from bayesdeg.material import degradation as law
 from bayesdeg.material.degradation import Nodes
@@ -47,9 +48,28 @@ def controls_of(values: Named, nodes: Nodes) -> Controls:
 def material_at(controls: Controls, degradation: Floats, nodes: Nodes) -> Material:
     """Return the material at degradation rates (S,) or (n, S)."""
     return Material(
-        constants(controls, bernstein_weights(degradation, nodes)),
+        constants_at(controls, degradation, nodes),
         constants(controls, bernstein_slopes(degradation, nodes)),
     )
+
+
+def constants_at(controls: Controls, degradation: Floats, nodes: Nodes) -> Floats:
+    """Return the constants alone, as of `material_at`."""
+    return constants(controls, bernstein_weights(degradation, nodes))
+
+
+def shared(degradation: Floats) -> Floats:
+    """Return degradation rates (n, S) as (S,) where they are one row, broadcast over draws.
+
+    What follows from them alone is then worked out once.
+
+    Examples
+    --------
+    >>> shared(np.broadcast_to([0.0, 25.0], (3, 2))).tolist()
+    [0.0, 25.0]
+    """
+    one = len(degradation) > 0 and degradation.strides[0] == 0
+    return degradation[0] if one else degradation
 
 
 def elongation_at(values: Named, degradation: Floats, nodes: Nodes) -> Floats:
@@ -68,3 +88,23 @@ def elongation_spread(values: Named, degradation: Floats, sd: Floats, *, nodes: 
     sensitivity = law.derivative(log_values, degradation, nodes)
     spread: Floats = values["elongation_scatter"][:, None] ** 2 + (sensitivity * sd) ** 2
     return spread
+
+
+def expected_statistics(
+    values: Named, statistics: tuple[Statistic, ...], *, nodes: Nodes, elongation_nodes: Nodes
+) -> Floats:
+    """Return what statistics are of, in their units, (n, n_statistics)."""
+    kinds = np.array([s.quantity for s in statistics])
+    levels = np.array([s.degradation for s in statistics])
+    count = len(next(iter(values.values())))
+    means = np.empty((count, len(statistics)))
+    ratio, modulus = kinds == "volume_ratio", kinds == "young_modulus"
+    elongation = ~(ratio | modulus)
+    if np.any(ratio):
+        means[:, ratio] = values["volume_ratio"][:, None]
+    if np.any(modulus):
+        at = constants_at(controls_of(values, nodes), levels[modulus], nodes)
+        means[:, modulus] = law.young_modulus(at[..., 0])
+    if np.any(elongation):
+        means[:, elongation] = elongation_at(values, levels[elongation], elongation_nodes)
+    return means

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, fields, replace
 
 import bayesdeg
-from bayesdeg.actuator.curve import MODEL_VERSION
+from bayesdeg.actuator.version import MODEL_VERSION
 from bayesdeg.laboratory.experiment import VirtualExperiment
 from bayesdeg.laws import LAWS, Law
 from bayesdeg.measure.settings import Dimensions, Settings

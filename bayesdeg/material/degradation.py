@@ -4,6 +4,8 @@ Values at nodes are quantities of the material itself, so that priors can be sta
 the sampler finds them little correlated; the coefficients of the powers of D_R are neither.
 """
 
+from functools import lru_cache
+
 import numpy as np
 import numpy.typing as npt
 
@@ -269,13 +271,20 @@ def _combine(weights: FloatArray, values_at_nodes: npt.ArrayLike) -> FloatArray:
 
 
 def _node_differences(degradation: npt.ArrayLike, nodes: Nodes) -> tuple[FloatArray, FloatArray]:
+    others, spacing = _other_nodes(tuple(nodes))
+    degradation = np.asarray(degradation, dtype=np.float64)
+    factors: FloatArray = degradation[..., np.newaxis, np.newaxis] - others
+    return factors, spacing
+
+
+@lru_cache(maxsize=16)
+def _other_nodes(nodes: Nodes) -> tuple[FloatArray, FloatArray]:
+    """Return the nodes other than each, (n_nodes, n_nodes - 1), and the product of distances."""
     places = np.asarray(nodes, dtype=np.float64)
     if np.unique(places).size != places.size:
         raise ValueError(f"nodes must differ from each other, not {nodes}")
     others = np.array([np.delete(places, i) for i in range(places.size)])
-    degradation = np.asarray(degradation, dtype=np.float64)
-    factors: FloatArray = degradation[..., np.newaxis, np.newaxis] - others
-    return factors, np.prod(places[:, np.newaxis] - others, axis=-1)
+    return others, np.prod(places[:, np.newaxis] - others, axis=-1)
 
 
 def _count_distinct(levels: FloatArray) -> int:

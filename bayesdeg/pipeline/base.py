@@ -47,7 +47,7 @@ def base_without_chain(model: Model, seed: np.random.SeedSequence) -> Trial:
 
 
 def _trial(model: Model, laplace: Laplace, posterior: Evidence) -> Trial:
-    return base_trial(ModelReadings(model), laplace.mode, posterior, covariance=laplace.covariance)
+    return base_trial(ModelReadings(model), laplace.mode, posterior)
 
 
 def _enough(posterior: Evidence) -> bool:

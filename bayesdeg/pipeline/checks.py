@@ -1,5 +1,6 @@
 """What a posterior rests on: single specimens, priors, and what the priors alone predict."""
 
+from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass
 
@@ -16,6 +17,7 @@ from bayesdeg.pipeline.progress import Progress
 from bayesdeg.prediction import prior_predictive as alone
 from bayesdeg.prediction.prior_predictive import PriorPredictive
 from bayesdeg.report import columns
+from bayesdeg.report.left_out import Guard, Stage
 
 FEWEST = 2  # specimens, of which one can be left out
 
@@ -28,32 +30,34 @@ class Checks:
     ----------
     leave_one_out : LeaveOneOut, optional
         None where there are fewer than two specimens.
-    prior_sensitivity : PriorSensitivity
+    prior_sensitivity : PriorSensitivity, optional
         Of conclusions and parameters.
-    prior_predictive : PriorPredictive
+    prior_predictive : PriorPredictive, optional
         Curves before any reading.
     """
 
     leave_one_out: LeaveOneOut | None
-    prior_sensitivity: PriorSensitivity
-    prior_predictive: PriorPredictive
+    prior_sensitivity: PriorSensitivity | None
+    prior_predictive: PriorPredictive | None
 
-    def tables(self) -> dict[str, pd.DataFrame]:
-        """Return the tables of the run folder by their names."""
-        found = {
-            columns.PRIOR_SENSITIVITY: self.prior_sensitivity.table(),
-            columns.PRIOR_PREDICTIVE: self.prior_predictive.table,
-        }
+    def tables(self) -> dict[str, Callable[[], pd.DataFrame]]:
+        """Return what makes the tables of the run folder, by their names."""
+        found: dict[str, Callable[[], pd.DataFrame]] = {}
+        if self.prior_sensitivity is not None:
+            found[columns.PRIOR_SENSITIVITY] = self.prior_sensitivity.table
+        if self.prior_predictive is not None:
+            found[columns.PRIOR_PREDICTIVE] = self.prior_predictive.table.copy
         if self.leave_one_out is not None:
-            found[columns.LEAVE_ONE_OUT] = self.leave_one_out.table()
+            found[columns.LEAVE_ONE_OUT] = self.leave_one_out.table
         return found
 
     def sentences(self) -> dict[str, str]:
         """Return what each check came to, in plain words, by the names of the tables."""
-        said = {
-            columns.PRIOR_SENSITIVITY: priors.sentence(self.prior_sensitivity.rows),
-            columns.PRIOR_PREDICTIVE: alone.sentence(self.prior_predictive),
-        }
+        said = {}
+        if self.prior_sensitivity is not None:
+            said[columns.PRIOR_SENSITIVITY] = priors.sentence(self.prior_sensitivity.rows)
+        if self.prior_predictive is not None:
+            said[columns.PRIOR_PREDICTIVE] = alone.sentence(self.prior_predictive)
         if self.leave_one_out is not None:
             said[columns.LEAVE_ONE_OUT] = specimens.sentence(self.leave_one_out)
         return said
@@ -65,6 +69,7 @@ def check(
     seed: np.random.SeedSequence,
     progress: Progress,
     executor: Executor | None = None,
+    guard: Guard | None = None,
 ) -> Checks:
     """Ask of a posterior what it rests on.
 
@@ -78,16 +83,22 @@ def check(
         Shows each refit.
     executor : Executor, optional
         For refits.
+    guard : Guard, optional
+        Leaves out what fails; by default nothing is left out and faults are raised.
     """
+    guard = guard or Guard(strict=True)
     refits, draws = seed.spawn(2)
     model, chain = fit.model, fit.chain
     progress.stage("what hangs on priors")
-    sensitivity = priors.prior_sensitivity(model, chain)
-    predictive = alone.prior_predictive(model, np.random.default_rng(draws))
+    sensitivity = guard.attempt(Stage.PRIOR_SENSITIVITY, priors.prior_sensitivity, model, chain)
+    generator = np.random.default_rng(draws)
+    predictive = guard.attempt(Stage.PRIOR_PREDICTIVE, alone.prior_predictive, model, generator)
     progress.stage("specimens left out in turn")
     left_out = None
     if len(blocks_of(model, ("tensile", "actuator", "breaks"))) >= FEWEST:
-        left_out = specimens.leave_one_out(
+        left_out = guard.attempt(
+            Stage.LEAVE_ONE_OUT,
+            specimens.leave_one_out,
             model,
             chain,
             seed=refits,

@@ -1,25 +1,31 @@
 """The fitted actuator solved by finite elements, for the report's picture and for ParaView."""
 
+from collections.abc import Callable
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdeg.actuator.body import Body
 from bayesdeg.actuator.curve import Actuator, Curve
 from bayesdeg.actuator.equilibrium import follow
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.inputs import Inputs, dimensionless, material_groups
 from bayesdeg.actuator.linear import open_factorization
 from bayesdeg.actuator.material import Material
-from bayesdeg.actuator.mesh import Resolution, build_mesh
+from bayesdeg.actuator.mesh import build_mesh
+from bayesdeg.actuator.resolution import Resolution
+from bayesdeg.criticism.side_by_side import later
 from bayesdeg.errors import GeometryError
 from bayesdeg.pipeline.assemble import level_grid
 from bayesdeg.pipeline.calibrate import Fit
 from bayesdeg.pipeline.listening import Listener
 from bayesdeg.prediction.bands import at_conditions
-from bayesdeg.report.actuator_fields import nodal_fields
+from bayesdeg.report.actuator_fields import NodalFields, nodal_fields
 from bayesdeg.report.actuator_files import clear_solved, vtu_name, write_surface, write_vtu
-from bayesdeg.report.actuator_surface import Shape, faces_of, shape_of
+from bayesdeg.report.actuator_surface import Shape, Surface, faces_of, shape_of
 from bayesdeg.report.folder import RunFolder
 
 Floats = NDArray[np.float64]
@@ -54,8 +60,81 @@ class Case:
     c1: float
 
 
+@dataclass(frozen=True)
+class Solved:
+    """An equilibrium of a case.
+
+    Parameters
+    ----------
+    case : Case
+        What was solved.
+    body : Body
+        As the material left it.
+    surface : Surface
+        Its faces, without a shape.
+    nodes : array of int
+        Of the surface.
+    fields : NodalFields
+        At the nodes.
+    pressure : float
+        As read by the sensor; the last one that has an equilibrium [kPa].
+    """
+
+    case: Case
+    body: Body
+    surface: Surface
+    nodes: NDArray[np.int64]
+    fields: NodalFields
+    pressure: float
+
+    @property
+    def shape(self) -> Shape:
+        """What the report draws."""
+        return shape_of(
+            self.body,
+            self.fields,
+            self.nodes,
+            linear_scale=self.case.linear_scale,
+            degradation=self.case.degradation,
+            pressure=self.pressure,
+        )
+
+
+type Begun = Callable[[], list[Solved]]
+
+
+def begin(
+    fit: Fit,
+    geometry: Geometry,
+    executor: Executor | None = None,
+    *,
+    resolution: Resolution = PICTURE_MESH,
+) -> Begun:
+    """Begin to solve the actuators of a picture; return what waits for those that have a solution.
+
+    Parameters
+    ----------
+    fit, geometry, resolution
+        As of `write_deformed`.
+    executor : Executor, optional
+        Where to solve, each case by itself, beside other work; by default when they are asked for.
+    """
+    work = partial(solve, geometry, resolution)
+    cases = [later(partial(work, case), executor) for case in fitted_cases(fit)]
+    return partial(_those_solved, cases)
+
+
+def _those_solved(cases: list[Callable[[], Solved | None]]) -> list[Solved]:
+    return [found for found in (case() for case in cases) if found is not None]
+
+
 def write_deformed(
-    folder: RunFolder, fit: Fit, geometry: Geometry, *, resolution: Resolution = PICTURE_MESH
+    folder: RunFolder,
+    fit: Fit,
+    geometry: Geometry,
+    *,
+    resolution: Resolution = PICTURE_MESH,
+    begun: Begun | None = None,
 ) -> None:
     """Solve the fitted actuator at the lowest and highest degradation rate; write what it shows.
 
@@ -72,17 +151,18 @@ def write_deformed(
         The actuator as moulded.
     resolution : Resolution
         Of the mesh.
+    begun : callable, optional
+        What `begin` returned, where they are being solved already.
     """
     clear_solved(folder.path)
-    actuator = Actuator(build_mesh(geometry, resolution))
-    surface, nodes = faces_of(actuator.mesh.body)
-    shapes = [
-        shape
-        for case in fitted_cases(fit)
-        if (shape := _solve(folder, actuator, case, nodes)) is not None
-    ]
-    if shapes:
-        write_surface(folder.path, replace(surface, shapes=tuple(shapes)))
+    solved = (begun or begin(fit, geometry, resolution=resolution))()
+    for one in solved:
+        file = folder.path / vtu_name(one.case.degradation)
+        scale = one.case.linear_scale
+        write_vtu(file, one.body, one.fields, linear_scale=scale, c1=one.case.c1)
+    if solved:
+        shapes = tuple(one.shape for one in solved)
+        write_surface(folder.path, replace(solved[0].surface, shapes=shapes))
 
 
 def fitted_cases(fit: Fit) -> list[Case]:
@@ -139,10 +219,20 @@ def fitted_inputs(fit: Fit, degradation: Floats, pressure: Floats) -> Inputs:
     return listener.heard[0]
 
 
-def _solve(
-    folder: RunFolder, actuator: Actuator, case: Case, nodes: NDArray[np.int64]
-) -> Shape | None:
-    """Write the VTU file of a case and return its shape; None if it has no equilibrium."""
+def solve(geometry: Geometry, resolution: Resolution, case: Case) -> Solved | None:
+    """Solve a case; None if it has no equilibrium.
+
+    Parameters
+    ----------
+    geometry : Geometry
+        The actuator as moulded.
+    resolution : Resolution
+        Of the mesh.
+    case : Case
+        Material and pressures.
+    """
+    actuator = Actuator(build_mesh(geometry, resolution))
+    surface, nodes = faces_of(actuator.mesh.body)
     try:
         _, problem = actuator.problem(case.curve)
     except (GeometryError, ValueError):
@@ -154,14 +244,6 @@ def _solve(
         factorization.close()
     if not path.points:
         return None
-    fields, body = nodal_fields(problem, path.points[-1].state), problem.system.body
-    file = folder.path / vtu_name(case.degradation)
-    write_vtu(file, body, fields, linear_scale=case.linear_scale, c1=case.c1)
-    return shape_of(
-        body,
-        fields,
-        nodes,
-        linear_scale=case.linear_scale,
-        degradation=case.degradation,
-        pressure=float(case.pressures[len(path.points) - 1]),
-    )
+    fields = nodal_fields(problem, path.points[-1].state)
+    pressure = float(case.pressures[len(path.points) - 1])
+    return Solved(case, problem.system.body, surface, nodes, fields, pressure)

@@ -5,11 +5,18 @@ from bayesdeg.criticism.candidates import Candidate
 from bayesdeg.criticism.concentration import Concentration
 from bayesdeg.criticism.conflict import Conflict
 from bayesdeg.criticism.model_readings import STRESS
+from bayesdeg.criticism.rupture_misfit import RuptureMisfit
 from bayesdeg.criticism.verdict import Outcome
 from bayesdeg.pipeline.explanation import explain
-from bayesdeg.pipeline.judgement import Judgement, extension, readings_misfit
+from bayesdeg.pipeline.judgement import Judgement, readings_misfit
 
 Json = dict[str, object]
+
+NOTHING_TO_JUDGE = (
+    "There are no readings of an actuator and no tensile curves in this study, so there is no "
+    "misfit to judge and no cause is named."
+)
+SHOWN = "What the material law gets right is shown with the published statistics."
 
 
 def verdict_document(
@@ -19,6 +26,7 @@ def verdict_document(
     *,
     note: str = "",
     concentrated: Concentration | None = None,
+    explanation: str | None = None,
 ) -> Json:
     """Return the content of ``verdict.json`` for a study whose readings could be judged.
 
@@ -34,19 +42,22 @@ def verdict_document(
         What is wrong with modes of tension that were predicted only.
     concentrated : Concentration, optional
         The branch, cycle, hold or few specimens in which most of the misfit sits.
+    explanation : str, optional
+        In place of what `bayesdeg.pipeline.explanation.explain` says.
     """
+    said = explain(judgement, where) if explanation is None else explanation
     decision, base = judgement.decision, judgement.steps[0]
     rms, noise = readings_misfit(judgement)
     return {
         "outcome": str(decision.outcome),
         "causes": list(decision.causes),
         "one_of": [list(names) for names in decision.one_of],
-        "explanation": f"{explain(judgement, where)} {note}".strip(),
+        "explanation": f"{said} {note}".strip(),
         "candidates": [_candidate(c) for c in judgement.candidates],
         "confusable": [list(pair) for pair in judgement.confusability.pairs()],
         "false_name_rate": base.false_name_rate,
         "naming": {"log_bayes_factor": judgement.threshold, "replicates": len(base.chance)},
-        "predicted_with": sorted(extension(decision, judgement.supported)),
+        "predicted_with": list(judgement.predicted_with),
         "misfit": {
             "rms_per_m": rms,
             "noise_per_m": noise,
@@ -55,7 +66,7 @@ def verdict_document(
             "concentrated": _concentrated(concentrated),
             **_of_films(judgement, rms),
         },
-        "ruptures": None if judgement.rupture is None else vars(judgement.rupture),
+        "ruptures": _ruptures(judgement.rupture),
         "contradicted": _contradicted(judgement.contradicted),
         "next_experiments": experiments or [],
     }
@@ -70,6 +81,17 @@ def _concentrated(found: Concentration | None) -> Json | None:
         "excess_pct": list(found.excess),
         "share_of_misfit": found.share,
         "share_of_readings": found.readings,
+        "p_value": found.p_value,
+    }
+
+
+def _ruptures(found: RuptureMisfit | None) -> Json | None:
+    if found is None:
+        return None
+    return {
+        "burst": found.burst,
+        "expected": found.expected,
+        "deviance": found.deviance,
         "p_value": found.p_value,
     }
 
@@ -96,8 +118,10 @@ def _of_films(judgement: Judgement, rms: float | None) -> Json:
     return {"rms_MPa": of_stress, "noise_MPa": noise}
 
 
-def unjudged_document(unjudged: dict[str, str], held_out: str = "") -> Json:
-    """Return the content of ``verdict.json`` for a study without readings to judge.
+def unjudged_document(unjudged: dict[str, str], held_out: str = "", failed: str = "") -> Json:
+    """Return the content of ``verdict.json`` where nothing was judged.
+
+    Either the study has no readings to judge, or judging them failed.
 
     Parameters
     ----------
@@ -105,14 +129,16 @@ def unjudged_document(unjudged: dict[str, str], held_out: str = "") -> Json:
         Causes, and why each cannot be judged.
     held_out : str
         What is wrong with modes of tension that were predicted only.
+    failed : str
+        Why judging failed; empty where there was nothing to judge.
     """
     return {
-        "outcome": str(Outcome.ADEQUATE),
+        "outcome": str(Outcome.NOT_JUDGED),
         "causes": [],
         "one_of": [],
-        "explanation": "There are no readings of an actuator and no tensile curves in this study, "
-        "so there is no misfit to judge and no cause is named. "
-        + (held_out or "What the material law gets right is shown with the published statistics."),
+        "explanation": f"{_of_failure(failed)} {held_out}".strip()
+        if failed
+        else f"{NOTHING_TO_JUDGE} {held_out or SHOWN}",
         "candidates": [
             _candidate(Candidate(n, *5 * (None,), {}, fitted=False, why=w))
             for n, w in unjudged.items()
@@ -126,6 +152,15 @@ def unjudged_document(unjudged: dict[str, str], held_out: str = "") -> Json:
         "contradicted": None,
         "next_experiments": [],
     }
+
+
+def _of_failure(why: str) -> str:
+    return (
+        f"The verdict could not be computed, so no cause is named, and nothing is said of whether "
+        f"the simulation is adequate. {why} The base model was calibrated, and what follows from "
+        "it is written. Run the study again with another --seed; if that fails too, please send "
+        "us left_out.txt of the run folder."
+    )
 
 
 def _candidate(candidate: Candidate) -> Json:

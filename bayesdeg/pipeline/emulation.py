@@ -10,7 +10,7 @@ from statistics import median
 import numpy as np
 
 from bayesdeg.actuator.geometry import Geometry
-from bayesdeg.actuator.mesh import Resolution
+from bayesdeg.actuator.resolution import Resolution
 from bayesdeg.actuator.status import Status
 from bayesdeg.emulator.build import build, runs
 from bayesdeg.emulator.campaign import Finished, complete, missing

@@ -2,8 +2,6 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.criticism.candidates import Candidate, EffectSize
 from bayesdeg.criticism.discrepancy import MISFIT_LEVEL
@@ -41,6 +39,7 @@ def explain(judgement: Judgement, where: str) -> str:
         Outcome.UNEXPLAINED: _unexplained,
         Outcome.AMBIGUOUS: _ambiguous,
         Outcome.NAMED: _named,
+        Outcome.NOT_JUDGED: _not_judged,
     }[judgement.decision.outcome](story)
     return " ".join(part for part in (words, beside(judgement), edge(judgement)) if part)
 
@@ -67,6 +66,22 @@ def _unexplained(story: Story) -> str:
         f"{text} The nearest is {best.cause}: its log Bayes factor {best.log_bayes_factor:.1f} is "
         f"below the {judgement.threshold:.1f} that naming takes."
     )
+
+
+def _not_judged(story: Story) -> str:
+    """Say why nothing can be said, and what was seen."""
+    judgement = story.judgement
+    why = "; ".join(judgement.decision.reasons)
+    if not judgement.supported:
+        return (
+            "Nothing can be said of whether the base model is adequate, and no cause is named. Of "
+            f"its misfit, {why}. {story.where}"
+        ).strip()
+    favoured = " and ".join(one.cause for one in judgement.supported)
+    return (
+        f"{story.where} The readings favour {favoured}, but nothing is judged and nothing named: "
+        f"{why}."
+    ).strip()
 
 
 def _ambiguous(story: Story) -> str:
@@ -110,7 +125,7 @@ def _named(story: Story) -> str:
 
 def _left(judgement: Judgement) -> str:
     """Say so where what is left is no chance either."""
-    if judgement.left.p_value > MISFIT_LEVEL:
+    if not judgement.left.p_value <= MISFIT_LEVEL:  # nan where it could not be calibrated
         return ""
     return (
         f"What is left is still more than chance gives (p = {judgement.left.p_value:.2g}, from "
@@ -121,7 +136,7 @@ def _left(judgement: Judgement) -> str:
 
 def _share(judgement: Judgement) -> str:
     """Say how much of the misfit is explained, and on whose scale where that matters."""
-    if judgement.misfit.statistic <= float(np.mean(judgement.misfit.null)):
+    if judgement.misfit.statistic <= judgement.misfit.by_chance:
         return ""
     own, common = (round(100 * share) for share in share_explained(*judgement.steps))
     included = "it" if len(judgement.supported) == 1 else "them"

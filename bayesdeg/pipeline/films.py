@@ -1,6 +1,8 @@
 """What the films alone say: their course of degradation, and the order of the polynomials."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -25,6 +27,7 @@ from bayesdeg.inference.model import Model
 from bayesdeg.measure.study import Study
 from bayesdeg.pipeline.progress import Progress
 from bayesdeg.report import columns
+from bayesdeg.report.left_out import Guard, Stage
 
 Floats = NDArray[np.float64]
 
@@ -66,13 +69,13 @@ class Films:
     orders: OrderComparison | None
     stated: Floats
 
-    def tables(self, generator: np.random.Generator) -> dict[str, pd.DataFrame]:
-        """Return the tables of the run folder by their names."""
-        found = {}
+    def tables(self, generator: np.random.Generator) -> dict[str, Callable[[], pd.DataFrame]]:
+        """Return what makes the tables of the run folder, by their names."""
+        found: dict[str, Callable[[], pd.DataFrame]] = {}
         if self.course is not None:
-            found[columns.COURSE] = course_table(self.course, generator)
+            found[columns.COURSE] = partial(course_table, self.course, generator)
         if self.orders is not None:
-            found[columns.ORDERS] = self.orders.table()
+            found[columns.ORDERS] = self.orders.table
         return found
 
     def sentences(self) -> dict[str, str]:
@@ -93,6 +96,7 @@ def examine(
     effort: Effort,
     seed: np.random.SeedSequence,
     progress: Progress,
+    guard: Guard | None = None,
 ) -> Films:
     """Calibrate the course of degradation, and compare orders of the polynomials.
 
@@ -108,14 +112,16 @@ def examine(
         Everything random comes from it.
     progress : Progress
         Shows each stage.
+    guard : Guard, optional
+        Leaves out what fails; by default nothing is left out and faults are raised.
     """
+    guard = guard or Guard(strict=True)
     of_course, of_orders = seed.spawn(2)
     progress.stage("course of degradation")
-    course = course_model(study)
-    fit = None if course is None else _calibrate(course, effort=effort, seed=of_course)
+    fit = guard.attempt(Stage.COURSE, _course, study, effort=effort, seed=of_course)
     progress.stage("order of the polynomials of the degradation rate")
     with threadpool_limits(limits=1):
-        orders = compare_orders(model, seed=of_orders)
+        orders = guard.attempt(Stage.ORDERS, compare_orders, model, seed=of_orders)
     return Films(fit, orders, _stated(study))
 
 
@@ -213,6 +219,12 @@ def common_error_words(fit: CourseFit, stated: Floats) -> str:
         f"{said} The study states {given:.2g} points for its specimens, {verdict}. The model takes "
         "these errors as independent; one that is common acts like the cause degradation misread."
     )
+
+
+def _course(study: Study, *, effort: Effort, seed: np.random.SeedSequence) -> CourseFit | None:
+    """Calibrate the course of degradation; None without readings of moisture at two times."""
+    course = course_model(study)
+    return None if course is None else _calibrate(course, effort=effort, seed=seed)
 
 
 def _calibrate(course: CourseModel, *, effort: Effort, seed: np.random.SeedSequence) -> CourseFit:

@@ -1,5 +1,6 @@
 """The base fit becomes a verdict: misfit, causes, held-out specimens, decision."""
 
+from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import replace
 from functools import partial
@@ -10,22 +11,26 @@ from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.candidates import Candidate, candidates
 from bayesdeg.criticism.conflict import Conflict, conflict
-from bayesdeg.criticism.confusability import confusability
+from bayesdeg.criticism.confusability import NOT_KNOWN, Confusability, confusability
+from bayesdeg.criticism.discrepancy import too_few
 from bayesdeg.criticism.experiments import next_experiments_document, rank
 from bayesdeg.criticism.experiments_candidates import candidate_experiments
+from bayesdeg.criticism.held_out import HeldOut
 from bayesdeg.criticism.linear import neutral_sizes
 from bayesdeg.criticism.model_readings import ModelReadings
 from bayesdeg.criticism.rupture_misfit import RuptureMisfit, rupture_misfit
 from bayesdeg.criticism.search import Names, Search, SearchEffort, run_search
 from bayesdeg.criticism.shared_scatter import SharedScatter, shared_scatter
+from bayesdeg.criticism.side_by_side import later
 from bayesdeg.criticism.step import Step
 from bayesdeg.criticism.support import Support, supports
 from bayesdeg.criticism.trials import Trial, try_causes
-from bayesdeg.criticism.verdict import Decision, Outcome, decide
+from bayesdeg.criticism.verdict import Decision, Outcome, decide, uncalibrated
 from bayesdeg.pipeline.assemble import Assembly
 from bayesdeg.pipeline.holding_out import held_out_and_all, levels_out
 from bayesdeg.pipeline.judgement import BASE, Judgement, extension, label
 from bayesdeg.pipeline.progress import Progress
+from bayesdeg.report.left_out import Guard, Stage
 
 JUDGE_EFFORTS = {
     "quick": SearchEffort(replicates=200, fitted=3, pairs=1, levels_out=False),
@@ -34,6 +39,7 @@ JUDGE_EFFORTS = {
 }
 MOST_OF_FILMS = 20_000  # replicates where a p-value is near the level: films cost next to nothing
 FEW_DRAWS = 100  # for what is compared beside the readings
+REFUTING = (Stage.HELD_OUT, Stage.SHARED_SCATTER)  # tests that a cause must pass to be named
 IN_QUESTION = 3  # rivals between which experiments are ranked
 
 
@@ -45,6 +51,7 @@ def judge(
     seed: np.random.SeedSequence,
     progress: Progress,
     executor: Executor | None = None,
+    guard: Guard | None = None,
 ) -> Judgement:
     """Judge the base model of a study with readings of actuators or films.
 
@@ -62,20 +69,21 @@ def judge(
         Shows each trial.
     executor : Executor, optional
         For trials and folds.
+    guard : Guard, optional
+        Leaves out what fails; by default nothing is left out and faults are raised.
     """
+    guard = guard or Guard(strict=True)
     searching, folding, drawing = seed.spawn(3)
     generator = np.random.default_rng(drawing)
     search = Search(base, assembly.candidates, _on(assembly, effort), searching, executor=executor)
     search.on_fit = partial(progress.advance, 1)
+    rupture, confused = _begun(search, generator)
     chosen, alone, final = _searched(search, progress)
-    beside = _beside(base, generator)
-    progress.stage("held-out specimens")
-    held_out, everything = held_out_and_all(
-        search, chosen, seed=folding, executor=executor, on_set=partial(_told, progress)
-    )
+    beside = _beside(base, rupture, generator, guard)
+    held_out, everything = _held_out(search, chosen, folding, progress, guard)
     supported = supports(search, chosen, everything)
-    shared = shared_scatter(final.trial, final.simulated)
-    decision = _decided((alone, final), supported, beside, assembly, shared)
+    shared = guard.attempt(Stage.SHARED_SCATTER, shared_scatter, final.trial, final.simulated) or []
+    decision = _decided((alone, final), supported, beside, assembly, shared, guard)
     names = extension(decision, tuple(supported)) if effort.levels_out else BASE
     judged = candidates(search, supported, everything, generator)
     return Judgement(
@@ -87,12 +95,15 @@ def judge(
         supported=tuple(supported),
         decision=decision,
         threshold=alone.threshold,
-        confusability=confusability(base.linear, search.causes, generator),
+        confusability=guard.attempt(Stage.CONFUSABILITY, confused) or NOT_KNOWN,
         held_out={label(names): found for names, found in held_out.items()},
-        levels_out=levels_out(search, names, seed=folding, executor=executor),
+        levels_out=_levels_out(search, names, folding, guard),
         search=search,
         shared=tuple(shared),
-        experiments=_next(search, decision, supported, assembly, generator),
+        experiments=guard.attempt(
+            Stage.EXPERIMENTS, _next, search, decision, supported, assembly, generator
+        )
+        or [],
         alike=tuple(cause.name for cause in assembly.alike),
     )
 
@@ -111,17 +122,70 @@ def _searched(search: Search, progress: Progress) -> tuple[Names, Step, Step]:
     return chosen, alone, search.step(chosen)
 
 
+def _held_out(
+    search: Search,
+    chosen: Names,
+    seed: np.random.SeedSequence,
+    progress: Progress,
+    guard: Guard,
+) -> tuple[dict[Names, HeldOut], dict[Names, HeldOut]]:
+    """Return what `held_out_and_all` does; nothing where it could not be computed."""
+    progress.stage("held-out specimens")
+    found = guard.attempt(
+        Stage.HELD_OUT,
+        held_out_and_all,
+        search,
+        chosen,
+        seed=seed,
+        executor=search.executor,
+        on_set=partial(_told, progress),
+    )
+    return found or ({}, {})
+
+
+def _levels_out(
+    search: Search, names: Names, seed: np.random.SeedSequence, guard: Guard
+) -> dict[str, HeldOut]:
+    """Return what `levels_out` does; nothing where it could not be computed."""
+    found = guard.attempt(
+        Stage.LEVELS_OUT, levels_out, search, names, seed=seed, executor=search.executor
+    )
+    return found or {}
+
+
 def _told(progress: Progress, names: Names) -> None:
     progress.advance(1, label(names))
 
 
+def _begun(
+    search: Search, generator: np.random.Generator
+) -> tuple[Callable[[], RuptureMisfit | None], Callable[[], Confusability]]:
+    """Begin what rests on the base model alone, beside the search; the calls return what it is."""
+    base = search.base
+    assert isinstance(base.subject, ModelReadings)
+    first, second, drawing = generator.spawn(3)
+    draws = base.draws(drawing, FEW_DRAWS)
+    return (
+        later(partial(rupture_misfit, base.subject.model, draws, first), search.executor),
+        later(partial(confusability, base.linear, search.causes, second), search.executor),
+    )
+
+
 def _beside(
-    base: Trial, generator: np.random.Generator
+    base: Trial,
+    begun: Callable[[], RuptureMisfit | None],
+    generator: np.random.Generator,
+    guard: Guard,
 ) -> tuple[RuptureMisfit | None, Conflict | None]:
     """Return what the base model makes of ruptures, and of measured means."""
     assert isinstance(base.subject, ModelReadings)
     model, draws = base.subject.model, base.draws(generator, FEW_DRAWS)
-    return rupture_misfit(model, draws, generator), conflict(model, draws)
+    rupture = guard.attempt(Stage.RUPTURE_MISFIT, begun)
+    if rupture is not None and np.isnan(rupture.p_value):
+        few = too_few(rupture.known, rupture.drawn)
+        guard.note(Stage.RUPTURE_MISFIT, f"The verdict takes no notice of ruptures: {few}.")
+        rupture = None
+    return rupture, guard.attempt(Stage.CONFLICT, conflict, model, draws)
 
 
 def _decided(
@@ -130,7 +194,11 @@ def _decided(
     beside: tuple[RuptureMisfit | None, Conflict | None],
     assembly: Assembly,
     shared: list[SharedScatter],
+    guard: Guard,
 ) -> Decision:
+    if not steps[0].misfit.is_calibrated:
+        why = uncalibrated(steps[0].misfit)
+        guard.note(Stage.CALIBRATION, f"Whether the base model is adequate is not known: {why}.")
     silent = frozenset(cause.name for cause in assembly.candidates if cause.is_of_rupture_alone)
     return decide(
         *steps,
@@ -140,7 +208,13 @@ def _decided(
         on_rupture=silent,
         alike=tuple(cause.name for cause in assembly.alike),
         shared=shared,
+        untested=[_untested(s, guard) for s in REFUTING if s in guard.stages],
     )
+
+
+def _untested(stage: Stage, guard: Guard) -> str:
+    """Say that a test which might have refuted a cause could not be made."""
+    return f"{stage}: {guard.why(stage)}".removesuffix(".")
 
 
 def _next(
@@ -156,6 +230,8 @@ def _next(
     chosen = frozenset(one.cause for one in supported)
     untested: tuple[Cause, ...] = ()
     if decision.outcome is Outcome.ADEQUATE:
+        return []
+    if decision.outcome is Outcome.NOT_JUDGED and not supported:
         return []
     if decision.outcome is Outcome.UNEXPLAINED:
         nearest = sorted(search.trials, key=search.factor)[-IN_QUESTION:]
@@ -173,7 +249,13 @@ def _next(
         near = sorted(others, key=lambda names: others[names])
         sets = dict.fromkeys([chosen, *(near[:IN_QUESTION] or [BASE])])
     trials = [search.trials[names] for names in sets]
-    ranked = rank(trials, candidate_experiments(base.subject.model), generator, untested=untested)
+    ranked = rank(
+        trials,
+        candidate_experiments(base.subject.model),
+        generator,
+        untested=untested,
+        executor=search.executor,
+    )
     return next_experiments_document(ranked)
 
 

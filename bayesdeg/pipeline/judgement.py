@@ -58,6 +58,8 @@ class Judgement:
         Causes that could not be judged since another form of the law reads like them.
     shared : tuple of SharedScatter
         Whether specimens that the favoured causes let scatter one by one deviate level by level.
+    sampled : bool
+        Whether the model with the causes was calibrated, so that predictions are made with it.
     """
 
     misfit: Misfit
@@ -75,6 +77,12 @@ class Judgement:
     experiments: list[dict[str, object]]
     alike: tuple[str, ...] = ()
     shared: tuple[SharedScatter, ...] = ()
+    sampled: bool = True
+
+    @property
+    def predicted_with(self) -> tuple[str, ...]:
+        """Causes that are part of the model with which predictions are made."""
+        return tuple(sorted(extension(self.decision, self.supported))) if self.sampled else ()
 
     @property
     def steps(self) -> tuple[Step, Step]:

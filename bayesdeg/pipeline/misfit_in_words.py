@@ -2,6 +2,7 @@
 
 from bayesdeg.criticism.discrepancy import MISFIT_LEVEL
 from bayesdeg.criticism.search import FALSE_NAME_RATE
+from bayesdeg.criticism.verdict import uncalibrated
 from bayesdeg.pipeline.judgement import Judgement
 
 LARGEST_LOSS = 0.05  # of simulated data sets, before the reader is warned
@@ -10,6 +11,8 @@ SMALL_CHANCE = 0.05  # p-value of ruptures that deserves a sentence
 
 def wrong(judgement: Judgement, where: str) -> str:
     """Say what is wrong, or that it is within chance; `where` says where the misfit sits."""
+    if not judgement.misfit.is_calibrated:
+        return f"{where} Of this misfit, {uncalibrated(judgement.misfit)}.".strip()
     no_cause = not judgement.decision.causes
     if judgement.misfit.p_value > FALSE_NAME_RATE and no_cause:
         return _hidden(judgement) or "The readings alone agree with the simulation."

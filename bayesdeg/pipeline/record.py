@@ -9,15 +9,18 @@ import numpy as np
 
 import bayesdeg
 from bayesdeg.emulator.surrogate import Surrogate
-from bayesdeg.inference.refusals import Refusals
+from bayesdeg.inference.refusals import Refusals, share_outside
 from bayesdeg.measure.study import Study
+from bayesdeg.pipeline.calibrate import Fit
 from bayesdeg.pipeline.comparison import comparisons, rests_on
 from bayesdeg.pipeline.listening import refused_inputs
 from bayesdeg.pipeline.results import Results
 from bayesdeg.pipeline.stored import model_document
+from bayesdeg.report.left_out import Guard, Stage
 
 # share of refused proposals above which the posterior may be cut off
 WORRYING = 0.01
+LOOKED_AT = 1000  # posterior draws
 FACTS = (
     "design",
     "model_version",
@@ -30,9 +33,12 @@ MEASURES = ("rms_pct", "p95_pct", "max_pct", "coverage_90")
 LIBRARIES = ("numpy", "scipy", "scikit-fem", "numba", "emcee", "arviz", "pandas", "xarray")
 
 
-def run_document(study: Study, results: Results, seconds: dict[str, float]) -> dict[str, object]:
+def run_document(
+    study: Study, results: Results, seconds: dict[str, float], guard: Guard | None = None
+) -> dict[str, object]:
     """Return the content of ``run.json``: versions, seed, hashes, effort, times, counts."""
     settings, judgement = study.settings, results.judgement
+    guard = guard or Guard(strict=True)
     libraries = {name: version(name) for name in LIBRARIES}
     return {
         "title": settings.title or study.name,
@@ -50,14 +56,14 @@ def run_document(study: Study, results: Results, seconds: dict[str, float]) -> d
         "missing": [{"what": w, "cost": cost} for w, cost in results.assembly.missing],
         "rests_on": rests_on(study),
         "convergence": _convergence(results),
-        "emulator": _emulator(results),
+        "emulator": _emulator(results, guard),
         "model": model_document(results.base.model),
         "misfit": {
             "observed": None if judgement is None else judgement.misfit.statistic,
             "name": "log-likelihood ratio of a smooth discrepancy",
         },
-        "comparisons": comparisons(study, results.final),
-        "checks": _checks(results),
+        "comparisons": guard.attempt(Stage.COMPARISONS, comparisons, study, results.final) or [],
+        "checks": guard.attempt(Stage.CHECKS_IN_WORDS, _checks, results) or {},
     }
 
 
@@ -72,7 +78,7 @@ def _counts(results: Results) -> dict[str, int]:
     outside, cut = 0, None
     if isinstance(forward, Surrogate):
         cut = emulator_facts(forward.record)["curves_cut_short"]
-        outside = int(np.sum(~np.isfinite(results.final.chain.log_prob)))
+        outside = round(_outside(results.final) * results.final.chain.log_prob.size)
     counts = {
         "posterior draws, base": results.base.chain.log_prob.size,
         "posterior draws, final": results.final.chain.log_prob.size,
@@ -83,6 +89,12 @@ def _counts(results: Results) -> dict[str, int]:
         counts[f"proposals refused by the emulator, {label}"] = fit.chain.refusals.refused
     name = "finite element curves of the emulator that met a limit point"
     return counts | ({name: int(cut)} if isinstance(cut, int) else {})
+
+
+def _outside(fit: Fit) -> float:
+    """Return the share of a posterior that lies outside the emulator's range, from some draws."""
+    vectors = fit.chain.vectors.reshape(-1, fit.chain.vectors.shape[-1])
+    return share_outside(fit.model, vectors[:: max(1, len(vectors) // LOOKED_AT)])
 
 
 def _convergence(results: Results) -> dict[str, object]:
@@ -97,15 +109,22 @@ def _convergence(results: Results) -> dict[str, object]:
     }
 
 
-def _emulator(results: Results) -> dict[str, object]:
+def _emulator(results: Results, guard: Guard) -> dict[str, object]:
     forward = results.base.model.forward
     if not isinstance(forward, Surrogate):
         return {}
     facts = emulator_facts(forward.record)
     chains = {id(fit.chain): fit.chain.refusals for fit in results.fits.values()}
     refusals = sum(chains.values(), start=Refusals())
-    refused = {} if results.final.model.actuator is None else refused_inputs(results.final)
-    said = " ".join(part for part in (refusal_words(refusals), _refused_words(refused)) if part)
+    refused = {}
+    if results.final.model.actuator is not None:
+        refused = guard.attempt(Stage.REFUSED, refused_inputs, results.final) or {}
+    words = (
+        refusal_words(refusals),
+        outside_words(_outside(results.final)),
+        _refused_words(refused),
+    )
+    said = " ".join(part for part in words if part)
     return facts | {
         "refusals": said,
         "refused_inputs": refused,
@@ -171,6 +190,23 @@ def _sentence(facts: dict[str, object], rms: float | None) -> str:
             f"the fine mesh itself is within {facts['mesh_error_pct']:.2f} % rms of a finer one"
         )
     return "; ".join(parts)
+
+
+def outside_words(share: float) -> str:
+    """Say what share of the posterior lies where the emulator has no answer; nothing if none does.
+
+    Examples
+    --------
+    >>> outside_words(0.25).split(", ")[0]
+    "25 % of the posterior lies outside the emulator's range"
+    """
+    if share == 0.0:
+        return ""
+    return (
+        f"{100.0 * share:.2g} % of the posterior lies outside the emulator's range, where the "
+        "likelihood only leads back inside and nothing is predicted: intervals that rest on it "
+        "may be cut off."
+    )
 
 
 def refusal_words(refusals: Refusals) -> str:

@@ -10,28 +10,35 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 import bayesdeg
+from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.emulator.trained import default_surrogate, to_bytes
 from bayesdeg.inference.ensemble import EFFORTS
+from bayesdeg.inference.model import Model
 from bayesdeg.measure.study import Study
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.base import base_of
 from bayesdeg.pipeline.calibrate import Fit, calibrate
 from bayesdeg.pipeline.checks import check
+from bayesdeg.pipeline.deformed import Begun, begin
 from bayesdeg.pipeline.films import examine
 from bayesdeg.pipeline.judge import JUDGE_EFFORTS, judge
-from bayesdeg.pipeline.judgement import extended_model, with_sampled_sizes
+from bayesdeg.pipeline.judgement import Judgement, extended_model, with_sampled_sizes
 from bayesdeg.pipeline.progress import Progress
 from bayesdeg.pipeline.record import run_document
 from bayesdeg.pipeline.results import Results
 from bayesdeg.pipeline.writing import write_results
 from bayesdeg.report.checkpoints import Checkpoints
 from bayesdeg.report.folder import RUN, VERDICT, RunFolder
+from bayesdeg.report.left_out import Guard, Stage
 
 Calibrate = Callable[..., Fit]
+Floats = NDArray[np.float64]
+Json = dict[str, object]
 
 
 @dataclass
@@ -57,8 +64,12 @@ def run_study(
     progress: Progress,
     executor: Executor | None = None,
     forward: Surrogate | None = None,
+    guard: Guard | None = None,
 ) -> dict[str, object]:
     """Do the main job on a study and write the run folder, except for the page.
+
+    Only reading and the calibration of the base model are indispensable. Any other stage that
+    fails is left out, with what happened in ``verdict.json``, ``run.json`` and ``left_out.txt``.
 
     Parameters
     ----------
@@ -74,13 +85,15 @@ def run_study(
         For ensembles and folds.
     forward : Surrogate, optional
         An emulator of the study's geometry; by default the one that ships with the package.
+    guard : Guard, optional
+        Leaves out what fails; a new one by default.
 
     Returns
     -------
     dict
         The content of ``verdict.json``.
     """
-    clock = _Clock()
+    clock, guard = _Clock(), guard or Guard()
     seeds = np.random.SeedSequence(study.settings.seed).spawn(6)
     with clock.stage("read"):
         assembly = assemble(study, forward)
@@ -95,24 +108,71 @@ def run_study(
         base = fit(assembly.model, "base", seed=seeds[1])
     results = Results(assembly, base, base, None)
     if assembly.model.actuator is not None or assembly.model.tensile is not None:
+        judged = partial(_judged, progress=progress, executor=executor, guard=guard)
         with clock.stage("verdict"), threadpool_limits(limits=1):
-            judgement = judge(
-                assembly,
-                base_of(base),
-                effort=JUDGE_EFFORTS[study.settings.effort],
-                seed=seeds[2],
-                progress=progress,
-                executor=executor,
-            )
+            judgement = guard.attempt(Stage.VERDICT, judged, study, results, seeds[2])
         with clock.stage("extended"):
-            results = _extend(replace(results, judgement=judgement), fit, seeds[3])
-    results = _examine(study, results, seeds[4:], clock=clock, progress=progress, executor=executor)
+            results = _extend(replace(results, judgement=judgement), fit, seeds[3], guard)
+    pictures = _begun_pictures(study, results, executor, guard)
+    results = _examine(
+        study, results, seeds[4:], clock=clock, progress=progress, executor=executor, guard=guard
+    )
     progress.stage("predictions and tables")
     with clock.stage("predict"):
-        document = write_results(study, folder, results, np.random.default_rng(seeds[0]))
-    folder.write_json(VERDICT, document)
-    folder.write_json(RUN, run_document(study, results, clock.seconds))
-    return document
+        write = partial(write_results, pictures=pictures)
+        document = write(study, folder, results, np.random.default_rng(seeds[0]), guard)
+    record = run_document(study, results, clock.seconds, guard)
+    folder.write_json(RUN, record)
+    return say_left_out(folder, document, guard)
+
+
+def _begun_pictures(
+    study: Study, results: Results, executor: Executor | None, guard: Guard
+) -> Begun | None:
+    """Begin to solve the deformed actuators, which takes long, beside what comes next."""
+    if results.final.model.actuator is None or executor is None:
+        return None
+    geometry = Geometry(study.settings.dimensions)
+    return guard.attempt(Stage.DEFORMED, begin, results.final, geometry, executor)
+
+
+def say_left_out(folder: RunFolder, document: Json, guard: Guard) -> Json:
+    """Write what was left out into a run folder, and the verdict with it; return the verdict.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        Of a run, with its ``run.json``.
+    document : dict
+        Content of ``verdict.json``.
+    guard : Guard
+        Knows what was left out.
+    """
+    found: Json = {"left_out": guard.documents()}
+    folder.write_json(VERDICT, document | found)
+    folder.write_json(RUN, folder.read_json(RUN) | found)
+    folder.write_left_out(guard.traces())
+    return document | found
+
+
+def _judged(
+    study: Study,
+    results: Results,
+    seed: np.random.SeedSequence,
+    *,
+    progress: Progress,
+    executor: Executor | None,
+    guard: Guard,
+) -> Judgement:
+    return judge(
+        results.assembly,
+        base_of(results.base),
+        effort=JUDGE_EFFORTS[study.settings.effort],
+        seed=seed,
+        progress=progress,
+        executor=executor,
+        guard=guard,
+    )
 
 
 def fingerprint(study: Study, forward: Surrogate | None = None) -> str:
@@ -132,15 +192,28 @@ def fingerprint(study: Study, forward: Surrogate | None = None) -> str:
     return hashlib.sha256(content.encode()).hexdigest()
 
 
-def _extend(results: Results, fit: Calibrate, seed: np.random.SeedSequence) -> Results:
+def _extend(
+    results: Results, fit: Calibrate, seed: np.random.SeedSequence, guard: Guard
+) -> Results:
     """Calibrate the model with the leading cause, if there is one."""
     judgement = results.judgement
-    assert judgement is not None
-    extended = extended_model(judgement)
-    if extended is None:
+    extended = None if judgement is None else extended_model(judgement)
+    if judgement is None or extended is None:
         return results
+    found = guard.attempt(Stage.EXTENDED, _final, judgement, extended, fit, seed)
+    if found is None:
+        return replace(results, judgement=replace(judgement, sampled=False))
+    return replace(results, final=found[0], judgement=found[1])
+
+
+def _final(
+    judgement: Judgement,
+    extended: tuple[Model, Floats],
+    fit: Calibrate,
+    seed: np.random.SeedSequence,
+) -> tuple[Fit, Judgement]:
     final = fit(extended[0], "final", seed=seed, start=extended[1])
-    return replace(results, final=final, judgement=with_sampled_sizes(judgement, final))
+    return final, with_sampled_sizes(judgement, final)
 
 
 def _examine(
@@ -151,12 +224,15 @@ def _examine(
     clock: _Clock,
     progress: Progress,
     executor: Executor | None,
+    guard: Guard,
 ) -> Results:
     """Ask what the final calibration rests on, and what the films alone say."""
     with clock.stage("checks"):
-        checks = check(results.final, seed=seeds[0], progress=progress, executor=executor)
+        checks = check(
+            results.final, seed=seeds[0], progress=progress, executor=executor, guard=guard
+        )
     with clock.stage("films"):
         effort = EFFORTS[study.settings.effort]
         model = results.base.model
-        films = examine(study, model, effort=effort, seed=seeds[1], progress=progress)
+        films = examine(study, model, effort=effort, seed=seeds[1], progress=progress, guard=guard)
     return replace(results, checks=checks, films=films)

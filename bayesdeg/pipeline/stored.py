@@ -13,9 +13,10 @@ from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.causes.catalogue import find, in_order
 from bayesdeg.causes.cause import Cause
 from bayesdeg.distributions.improper import Flat
+from bayesdeg.emulator.kept import CACHE, cached_path
 from bayesdeg.emulator.recipe import Recipe
 from bayesdeg.emulator.surrogate import Surrogate
-from bayesdeg.emulator.trained import CACHE, cached_path, default_surrogate, read_trained
+from bayesdeg.emulator.trained import default_surrogate, read_trained
 from bayesdeg.errors import BayesdegError
 from bayesdeg.inference.ensemble import Chain
 from bayesdeg.inference.model import Model

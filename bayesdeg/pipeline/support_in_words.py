@@ -2,7 +2,7 @@
 
 from bayesdeg.criticism.discrepancy import MISFIT_LEVEL
 from bayesdeg.criticism.support import Support
-from bayesdeg.pipeline.judgement import Judgement, extension
+from bayesdeg.pipeline.judgement import Judgement
 
 FEW_ERRORS = 2.0  # standard errors within which a gain may as well be nothing
 
@@ -13,7 +13,7 @@ def directed(judgement: Judgement) -> str:
     Empty where the misfit as a whole shows it too.
     """
     known = [(one.cause, one.chance) for one in judgement.supported if one.chance is not None]
-    if not known or judgement.misfit.p_value <= MISFIT_LEVEL:
+    if not known or not judgement.misfit.p_value > MISFIT_LEVEL:  # nan where not calibrated
         return ""
     shares = " and ".join(f"p = {p:.2g} in data simulated without {name}" for name, p in known)
     return (
@@ -36,11 +36,11 @@ def gains(judgement: Judgement) -> list[str]:
 
 def predicted_with(judgement: Judgement) -> str:
     """Say with which of the causes that cannot be told apart predictions are made."""
-    used = extension(judgement.decision, judgement.supported)
+    used = judgement.predicted_with
     if not used:
         return ""
     return (
-        f"Bands, ruptures and decisions are predicted with {' and '.join(sorted(used))}, one of "
+        f"Bands, ruptures and decisions are predicted with {' and '.join(used)}, one of "
         "the possible answers; the others may predict differently where nothing was measured."
     )
 

@@ -32,48 +32,59 @@ NOTICEABLE = 0.05
 PRIOR = "prior: median, 50 % and 90 % band"
 
 
-def check_sketches(tables: Tables) -> list[Sketch]:
-    """Return the figures of the tables that are there, with their captions."""
-    found = []
-    if tables.leave_one_out is not None:
-        caption = (
-            "Every specimen left out in turn. Above: shape k of the importance weights; from 0.7 "
-            "on they cannot be relied on, and the model was calibrated anew without that specimen "
-            "(filled). Below: what its own readings add to its log density."
-        )
-        found.append(Sketch("leave-one-out", leave_one_out_figure(tables.leave_one_out), caption))
-    if tables.prior_sensitivity is not None:
-        caption = (
-            "How much the posterior of each conclusion changes per doubling of the weight of all "
-            "priors, and of the likelihood. Right of the dashed line priors have a noticeable say, "
-            "if that is beyond the noise of the draws (table)."
-        )
-        figure = sensitivity_figure(tables.prior_sensitivity)
-        found.append(Sketch("prior-sensitivity", figure, caption))
-    if tables.prior_predictive is not None:
-        found += _prior_sketches(tables.prior_predictive, tables)
-    return found
+def leave_one_out_sketch(tables: Tables) -> Sketch | None:
+    """Draw what single specimens make of the posterior, if they were left out."""
+    if tables.leave_one_out is None:
+        return None
+    caption = (
+        "Every specimen left out in turn. Above: shape k of the importance weights; from 0.7 "
+        "on they cannot be relied on, and the model was calibrated anew without that specimen "
+        "(filled). Below: what its own readings add to its log density."
+    )
+    return Sketch("leave-one-out", leave_one_out_figure(tables.leave_one_out), caption)
 
 
-def _prior_sketches(prior: pd.DataFrame, tables: Tables) -> list[Sketch]:
-    found = []
-    curvature = prior[prior["quantity"] == "curvature"]
-    if not curvature.empty:
-        caption = (
-            "Curvature against pressure as the priors alone predict it, before any reading: 50 % "
-            "and 90 % bands of the draws that have an equilibrium, median, and the readings."
-        )
-        figure = prior_curvature_figure(curvature, tables.observations)
-        found.append(Sketch("prior-curvature", figure, caption))
-    stress = prior[prior["quantity"] == "nominal_stress"]
-    if not stress.empty:
-        caption = (
-            "Nominal stress against stretch as the priors alone predict it: 50 % and 90 % bands, "
-            "median, and the readings."
-        )
-        figure = prior_stress_figure(stress, tables.tensile)
-        found.append(Sketch("prior-stress", figure, caption))
-    return found
+def sensitivity_sketch(tables: Tables) -> Sketch | None:
+    """Draw what conclusions owe to priors and data, if that is known."""
+    if tables.prior_sensitivity is None:
+        return None
+    caption = (
+        "How much the posterior of each conclusion changes per doubling of the weight of all "
+        "priors, and of the likelihood. Right of the dashed line priors have a noticeable say, "
+        "if that is beyond the noise of the draws (table)."
+    )
+    return Sketch("prior-sensitivity", sensitivity_figure(tables.prior_sensitivity), caption)
+
+
+def prior_curvature_sketch(tables: Tables) -> Sketch | None:
+    """Draw the curvature that the priors alone predict, if any."""
+    curvature = _of_priors(tables, "curvature")
+    if curvature is None:
+        return None
+    caption = (
+        "Curvature against pressure as the priors alone predict it, before any reading: 50 % "
+        "and 90 % bands of the draws that have an equilibrium, median, and the readings."
+    )
+    figure = prior_curvature_figure(curvature, tables.observations)
+    return Sketch("prior-curvature", figure, caption)
+
+
+def prior_stress_sketch(tables: Tables) -> Sketch | None:
+    """Draw the stress that the priors alone predict, if any."""
+    stress = _of_priors(tables, "nominal_stress")
+    if stress is None:
+        return None
+    caption = (
+        "Nominal stress against stretch as the priors alone predict it: 50 % and 90 % bands, "
+        "median, and the readings."
+    )
+    return Sketch("prior-stress", prior_stress_figure(stress, tables.tensile), caption)
+
+
+def _of_priors(tables: Tables, quantity: str) -> pd.DataFrame | None:
+    prior = tables.prior_predictive
+    chosen = None if prior is None else prior[prior["quantity"] == quantity]
+    return None if chosen is None or chosen.empty else chosen
 
 
 @styled

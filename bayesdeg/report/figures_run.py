@@ -1,8 +1,15 @@
 """Which figures a run has, with captions and descriptions for those who cannot see them."""
 
+from collections.abc import Callable
+
 from bayesdeg.report.figures import Drawing, Sketch, inline_svg
 from bayesdeg.report.figures_actuator import deformed_figure
-from bayesdeg.report.figures_checks import check_sketches
+from bayesdeg.report.figures_checks import (
+    leave_one_out_sketch,
+    prior_curvature_sketch,
+    prior_stress_sketch,
+    sensitivity_sketch,
+)
 from bayesdeg.report.figures_course import course_sketch
 from bayesdeg.report.figures_criticism import (
     discrepancy_sketch,
@@ -18,57 +25,46 @@ from bayesdeg.report.figures_curvature import (
 from bayesdeg.report.figures_gain import gain_sketch
 from bayesdeg.report.figures_material import constants_figure, tensile_figure, tensile_panels
 from bayesdeg.report.figures_residuals import UNLOADING, residual_figure
+from bayesdeg.report.left_out import Guard, figure_stage
 from bayesdeg.report.record import Run, Verdict
 from bayesdeg.report.summaries import by_level, panel_levels
 from bayesdeg.report.tables import Tables
 from bayesdeg.report.wording import level_words, number
 
+type Draw = Callable[[Verdict, Run, Tables], Sketch | None]
 
-def drawings_of(verdict: Verdict, run: Run, tables: Tables) -> dict[str, Drawing]:
-    """Draw every figure for which the run has data.
+
+def drawings_of(
+    verdict: Verdict, run: Run, tables: Tables, guard: Guard | None = None
+) -> dict[str, Drawing]:
+    """Draw every figure of `FIGURES` for which the run has data.
+
+    Parameters
+    ----------
+    verdict, run, tables : Verdict, Run, Tables
+        What the run found.
+    guard : Guard, optional
+        Leaves out figures that fail; by default nothing is left out and faults are raised.
 
     Returns
     -------
     dict
-        By name: ``residuals``, ``statistics``, ``discrepancy``, ``loo-pit``, ``null``, ``gain``,
-        ``bands``, ``deformed``, ``rupture``, ``elongation``, ``constants``, ``tensile``,
-        ``leave-one-out``, ``prior-sensitivity``, ``prior-curvature``, ``prior-stress``,
-        ``course``; those without data are left out.
+        By name; those without data are left out.
     """
-    sketches = (
-        _residuals(verdict, tables),
-        _null(run, tables),
-        gain_sketch(verdict, tables),
-        _bands(tables),
-        _deformed(tables),
-        _rupture(tables),
-        _elongation(tables),
-        _constants(tables),
-        _tensile(tables),
-        *criticism_sketches(tables),
-        *check_sketches(tables),
-        course_sketch(tables),
-    )
-    return {
-        sketch.name: Drawing(
-            sketch.name,
-            inline_svg(sketch.figure, sketch.name, description=sketch.caption, virtual=run.virtual),
-            sketch.caption,
-            sketch.half,
-        )
-        for sketch in sketches
-        if sketch is not None
-    }
-
-
-def criticism_sketches(tables: Tables) -> list[Sketch]:
-    """Return what there is to explain, statistics of it, and the fit to held-out readings."""
+    guard = guard or Guard(strict=True)
     drawn = (
-        (discrepancy_sketch, tables.discrepancy),
-        (statistics_sketch, tables.statistics),
-        (loo_pit_sketch, tables.loo_pit),
+        guard.attempt(figure_stage(name), _drawing, draw, verdict, run, tables)
+        for name, draw in FIGURES.items()
     )
-    return [draw(table) for draw, table in drawn if table is not None]
+    return {drawing.name: drawing for drawing in drawn if drawing is not None}
+
+
+def _drawing(draw: Draw, verdict: Verdict, run: Run, tables: Tables) -> Drawing | None:
+    sketch = draw(verdict, run, tables)
+    if sketch is None:
+        return None
+    svg = inline_svg(sketch.figure, sketch.name, description=sketch.caption, virtual=run.virtual)
+    return Drawing(sketch.name, svg, sketch.caption, sketch.half)
 
 
 def _residuals(verdict: Verdict, tables: Tables) -> Sketch | None:
@@ -172,3 +168,43 @@ def _tensile(tables: Tables) -> Sketch | None:
     if len(shown) < len(kinds):
         caption += f" {len(shown)} of {len(kinds)} combinations of mode and rate are drawn."
     return Sketch("tensile", tensile_figure(tables.tensile), caption)
+
+
+def _discrepancy(tables: Tables) -> Sketch | None:
+    return None if tables.discrepancy is None else discrepancy_sketch(tables.discrepancy)
+
+
+def _statistics(tables: Tables) -> Sketch | None:
+    if tables.statistics is None or tables.statistics["value"].isna().all():
+        return None
+    return statistics_sketch(tables.statistics)
+
+
+def _loo_pit(tables: Tables) -> Sketch | None:
+    return None if tables.loo_pit is None else loo_pit_sketch(tables.loo_pit)
+
+
+def _of_tables(draw: Callable[[Tables], Sketch | None]) -> Draw:
+    return lambda _verdict, _run, tables: draw(tables)
+
+
+FIGURES: dict[str, Draw] = {
+    "residuals": lambda verdict, _run, tables: _residuals(verdict, tables),
+    "null": lambda _verdict, run, tables: _null(run, tables),
+    "gain": lambda verdict, _run, tables: gain_sketch(verdict, tables),
+    "bands": _of_tables(_bands),
+    "deformed": _of_tables(_deformed),
+    "rupture": _of_tables(_rupture),
+    "elongation": _of_tables(_elongation),
+    "constants": _of_tables(_constants),
+    "tensile": _of_tables(_tensile),
+    "discrepancy": _of_tables(_discrepancy),
+    "statistics": _of_tables(_statistics),
+    "loo-pit": _of_tables(_loo_pit),
+    "leave-one-out": _of_tables(leave_one_out_sketch),
+    "prior-sensitivity": _of_tables(sensitivity_sketch),
+    "prior-curvature": _of_tables(prior_curvature_sketch),
+    "prior-stress": _of_tables(prior_stress_sketch),
+    "course": _of_tables(course_sketch),
+}
+"""Every figure of a report by its name in the page; it draws None where the run has no data."""

@@ -22,6 +22,7 @@ from bayesdeg.report.fields import RunFaultError
 from bayesdeg.report.record import Run, Verdict, run_of, verdict_of
 
 INDEX: Final = "index.html"
+LEFT_OUT: Final = "left_out.txt"
 VERDICT: Final = "verdict"
 RUN: Final = "run"
 POSTERIOR: Final = "posterior"
@@ -183,6 +184,17 @@ class RunFolder:
                 return tree.load()
         except (OSError, ValueError, KeyError) as fault:
             raise self._corrupted(file, str(fault)) from fault
+
+    def remove(self, file: str) -> None:
+        """Remove a file of an earlier run, if there is one."""
+        (self.path / file).unlink(missing_ok=True)
+
+    def write_left_out(self, text: str) -> None:
+        """Write the tracebacks of what was left out; remove those of an earlier run if none."""
+        if text:
+            self._write(LEFT_OUT, lambda path: _write_text(path, text))
+        else:
+            self.remove(LEFT_OUT)
 
     def write_page(self, html: str) -> Path:
         """Write the report and return its path."""

@@ -4,13 +4,13 @@ from dataclasses import dataclass
 
 import pandas as pd
 
+from bayesdeg.report.left_out import Stage
 from bayesdeg.report.record import Outcome, Verdict
 from bayesdeg.report.summaries import BASE, Row, extended_model, pooled, rows_of
 from bayesdeg.report.wording import BADGES, NOTHING, SPACE, fixed, listed, p_value, percent, words
 
+UNJUDGED = "The simulation could not be judged on this data"
 SURE = 0.99999  # which is worded as more than 99.9 %
-
-NOT_JUDGED = "Not judged"
 
 
 @dataclass(frozen=True)
@@ -55,8 +55,7 @@ def headline_of(verdict: Verdict, gain: pd.DataFrame | None) -> Headline:
     '2.00 1/m'
     """
     if not verdict.judged:
-        sentence = "The simulation could not be judged on this data"
-        return Headline(NOT_JUDGED, sentence, (_misfit(verdict),))
+        return Headline(BADGES[Outcome.NOT_JUDGED], UNJUDGED, (_misfit(verdict),))
     numbers = (_misfit(verdict), _certainty(verdict), _gained(verdict, gain))
     return Headline(BADGES[verdict.outcome], _sentence(verdict), numbers)
 
@@ -81,6 +80,8 @@ def _sentence(verdict: Verdict) -> str:
             return f"There is a misfit, and this data cannot tell its cause: {either}"
         case Outcome.UNEXPLAINED:
             return "There is a misfit, and no cause in the catalogue accounts for it"
+        case Outcome.NOT_JUDGED:
+            return UNJUDGED
 
 
 def _misfit(verdict: Verdict) -> KeyNumber:
@@ -90,7 +91,9 @@ def _misfit(verdict: Verdict) -> KeyNumber:
     if rms is None:
         rms, noise, unit, kind = misfit.rms_mpa, misfit.noise_mpa, "MPa", "stress"
     if rms is None:
-        return KeyNumber(label, "–", "no actuator curvature to hold the simulation against")
+        failed = "the verdict was left out of this run"
+        absent = "no actuator curvature to hold the simulation against"
+        return KeyNumber(label, "–", failed if Stage.VERDICT in dict(verdict.left_out) else absent)
     note = f"rms in {kind}; the noise is {fixed(noise)}{SPACE}{unit}"
     if misfit.p_value is not None:
         note += f"; {p_value(misfit.p_value)}"

@@ -11,6 +11,7 @@ from bayesdeg.report.figures import Drawing
 from bayesdeg.report.figures_run import drawings_of
 from bayesdeg.report.folder import RunFolder
 from bayesdeg.report.headline import Headline, headline_of
+from bayesdeg.report.left_out import FIGURE, Guard, Stage
 from bayesdeg.report.record import Candidate, Run, Verdict
 from bayesdeg.report.summaries import (
     LevelRow,
@@ -52,15 +53,18 @@ class Content:
     gain_modes: list[Row]
     decisions: list[Row]
     lookalikes: list[str]
+    left_out: tuple[tuple[str, str], ...] = ()
 
 
-def build_page(folder: Path) -> Path:
+def build_page(folder: Path, guard: Guard | None = None) -> Path:
     """Write the report of a run.
 
     Parameters
     ----------
     folder : pathlib.Path
         A run folder that holds at least ``verdict.json`` and ``run.json``.
+    guard : Guard, optional
+        Leaves out figures that fail; by default a new one, which is silent but for the page.
 
     Returns
     -------
@@ -74,17 +78,19 @@ def build_page(folder: Path) -> Path:
     """
     run_folder = RunFolder(folder)
     verdict, run = run_folder.read_verdict(), run_folder.read_run()
-    content = content_of(verdict, run, read_tables(run_folder))
+    content = content_of(verdict, run, read_tables(run_folder), guard or Guard())
     return run_folder.write_page(render(content))
 
 
-def content_of(verdict: Verdict, run: Run, tables: Tables) -> Content:
+def content_of(verdict: Verdict, run: Run, tables: Tables, guard: Guard | None = None) -> Content:
     """Arrange what a run found for the template."""
+    guard = guard or Guard(strict=True)
+    drawings = drawings_of(verdict, run, tables, guard)
     return Content(
         verdict=verdict,
         run=run,
         headline=headline_of(verdict, tables.gain),
-        drawings=drawings_of(verdict, run, tables),
+        drawings=drawings,
         judged=[entry for entry in verdict.candidates if entry.probability is not None],
         not_judged=[entry for entry in verdict.candidates if entry.probability is None],
         levels=level_rows(tables.levels),
@@ -101,7 +107,16 @@ def content_of(verdict: Verdict, run: Run, tables: Tables) -> Content:
         gain_modes=sorted(rows_of(tables.gain_modes), key=lambda row: str(row["mode"])),
         decisions=sorted(rows_of(tables.decisions), key=_level),
         lookalikes=lookalikes(verdict),
+        left_out=_left_out(verdict, guard),
     )
+
+
+def _left_out(verdict: Verdict, guard: Guard) -> tuple[tuple[str, str], ...]:
+    """Return what the run left out, and the figures that failed now instead of those then."""
+    of_page = (FIGURE, Stage.PAGE)
+    stages = [entry for entry in verdict.left_out if not entry[0].startswith(of_page)]
+    figures = [(o.stage, o.why) for o in guard.left_out if o.stage.startswith(FIGURE)]
+    return (*stages, *figures)
 
 
 def _level(row: Row) -> float:

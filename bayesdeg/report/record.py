@@ -29,6 +29,7 @@ class Outcome(StrEnum):
     NAMED = "named"
     AMBIGUOUS = "ambiguous"
     UNEXPLAINED = "unexplained"
+    NOT_JUDGED = "not_judged"
 
 
 @dataclass(frozen=True)
@@ -97,6 +98,7 @@ class Verdict:
     misfit: Misfit
     next_experiments: tuple[Experiment, ...]
     predicted_with: tuple[str, ...] = ()
+    left_out: tuple[tuple[str, str], ...] = ()
 
     @property
     def is_directed(self) -> bool:
@@ -106,9 +108,10 @@ class Verdict:
 
     @property
     def judged(self) -> bool:
-        """Whether there was any data on which the simulation could be judged."""
-        return self.misfit.rms_per_m is not None or any(
-            candidate.probability is not None for candidate in self.candidates
+        """Whether the simulation was judged: there was data for it, and the stages worked."""
+        return self.outcome is not Outcome.NOT_JUDGED and (
+            self.misfit.rms_per_m is not None
+            or any(candidate.probability is not None for candidate in self.candidates)
         )
 
     def candidate(self, cause: str) -> Candidate | None:
@@ -178,13 +181,11 @@ def verdict_of(content: Json) -> Verdict:
     >>> verdict_of({"outcome": "fine"})
     Traceback (most recent call last):
     ...
-    bayesdeg.report.fields.RunFaultError: 'outcome' must be adequate, named, ambiguous or ...
+    bayesdeg.report.fields.RunFaultError: 'outcome' must be adequate or named or ambiguous or ...
     """
     word = content.get("outcome")
     if word not in list(Outcome):
-        raise RunFaultError(
-            f"'outcome' must be adequate, named, ambiguous or unexplained, not {word!r}"
-        )
+        raise RunFaultError(f"'outcome' must be {' or '.join(Outcome)}, not {word!r}")
     misfit = mapping_of(content, "misfit")
     return Verdict(
         Outcome(str(word)),
@@ -204,6 +205,7 @@ def verdict_of(content: Json) -> Verdict:
         ),
         each_of(content, "next_experiments", _experiment),
         texts_of(content, "predicted_with"),
+        pairs_of(content, "left_out", ("stage", "why")),
     )
 
 

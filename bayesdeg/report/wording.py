@@ -29,6 +29,7 @@ BADGES = {
     Outcome.NAMED: "Cause named",
     Outcome.AMBIGUOUS: "Ambiguous",
     Outcome.UNEXPLAINED: "Unexplained",
+    Outcome.NOT_JUDGED: "Not judged",
 }
 
 

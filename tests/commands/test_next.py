@@ -140,3 +140,17 @@ def test_a_damaged_verdict_ends_with_2(ask, tmp_path, entry):
     code, out, err = ask(path)
     assert (code, out) == (2, "")
     assert "Traceback" not in err
+
+
+def test_a_ranking_that_was_left_out_is_not_taken_for_none_needed(ask, tmp_path):
+    path = folder_of(tmp_path / "run", "named", [])
+    folder = RunFolder(path)
+    left_out = [{"stage": "next experiments", "why": "No experiment is proposed."}]
+    folder.write_json("verdict", folder.read_json("verdict") | {"left_out": left_out})
+    said = " ".join(ask(path)[1].split())
+    assert "left the ranking of experiments out" in said
+    assert "nothing to tell apart" not in said
+    left_out[0]["stage"] = "verdict"
+    changes = {"outcome": "not_judged", "left_out": left_out, "explanation": "It broke."}
+    folder.write_json("verdict", folder.read_json("verdict") | changes)
+    assert "could not judge the simulation. It broke." in " ".join(ask(path)[1].split())

@@ -15,10 +15,11 @@ from pathlib import Path
 import pytest
 
 from bayesdeg import cli
-from bayesdeg.commands import options, training
 from bayesdeg.commands import run as run_command
+from bayesdeg.commands import training, workplace
+from bayesdeg.emulator.kept import cached_path
 from bayesdeg.emulator.solutions import SolutionStore
-from bayesdeg.emulator.trained import cached_path, read_trained, write_trained
+from bayesdeg.emulator.trained import read_trained, write_trained
 from bayesdeg.pipeline import emulation
 from tests.pipeline.study_files import SETTINGS, study_in
 from tests.pipeline.tiny_campaign import GEOMETRY, RECIPE, TABLE, build, emulator
@@ -62,7 +63,7 @@ def pipeline(monkeypatch):
         return {"outcome": "adequate", "causes": [], "explanation": "nothing was calibrated"}
 
     monkeypatch.setattr(run_command, "run_study", run_study)
-    monkeypatch.setattr(run_command, "build_page", lambda folder: folder / "index.html")
+    monkeypatch.setattr(run_command, "build_page", lambda folder, _guard: folder / "index.html")
     return given
 
 
@@ -181,7 +182,7 @@ def test_the_cluster_is_asked_for_by_its_address(here, command, pipeline, monkey
         asked.append((workers, scheduler))
         yield None
 
-    monkeypatch.setattr(options, "pool", pool)
+    monkeypatch.setattr(workplace, "pool", pool)
     code, *_ = command(name, "study", "--scheduler", "tcp://192.0.2.1:8786", "--workers", 3)
     assert code == 0
     assert asked == [(3, "tcp://192.0.2.1:8786")]

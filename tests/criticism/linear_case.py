@@ -8,6 +8,7 @@ import numpy as np
 from bayesdeg.causes.cause import Cause, Stage
 from bayesdeg.criticism.linear import Linear
 from bayesdeg.criticism.model_readings import ModelReadings
+from bayesdeg.criticism.whitening import Whitening
 from bayesdeg.inference.ensemble import Chain
 from bayesdeg.inference.parameters import with_priors
 from bayesdeg.laws import LogNormal, Normal, Parameter
@@ -96,9 +97,11 @@ def known_linear(*, with_angle=False):
         sd, slope = np.sqrt(predicted.variance[0, i]), predicted.slope[0, i]
         covariance[own, own] = correlation * np.outer(sd, sd) + spread[i] * np.outer(slope, slope)
     flat = prediction.ravel()
-    factor = np.linalg.cholesky(covariance)
     jacobian = np.zeros((len(flat), len(mode)))  # nothing is uncertain
-    return Linear(ModelReadings(model), mode, flat, flat, 0.0 * mode, jacobian, covariance, factor)
+    whitening = Whitening.of(covariance, jacobian)
+    return Linear(
+        ModelReadings(model), mode, flat, flat, 0.0 * mode, jacobian, covariance, whitening
+    )
 
 
 def with_readings(linear, readings):

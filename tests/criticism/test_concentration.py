@@ -19,6 +19,7 @@ from bayesdeg.criticism.discrepancy import largest_ratio
 from bayesdeg.criticism.kernels import discrepancies
 from bayesdeg.criticism.linear import Linear
 from bayesdeg.criticism.subject import Places
+from bayesdeg.criticism.whitening import Whitening
 
 LEVELS = np.repeat([0.0, 8.0, 16.0, 24.0], 3)
 UP = np.array([40.0, 80.0, 120.0, 160.0, 160.0])  # held at the top
@@ -54,10 +55,10 @@ def model():
     same = places.specimen[:, None] == places.specimen
     scatter = np.outer(mean, mean) * (SCALE**2 * same + NOISE**2 * np.eye(len(mean)))
     jacobian = mean[:, None]
-    factor = np.linalg.cholesky(scatter + 0.2**2 * jacobian @ jacobian.T)
+    whitening = Whitening.of(scatter, 0.2 * jacobian)
     subject = SimpleNamespace(places=places, observed=mean)
     zero = np.zeros(1)
-    return Linear(subject, zero, mean, mean, zero, jacobian, scatter, factor)
+    return Linear(subject, zero, mean, mean, zero, jacobian, scatter, whitening)
 
 
 def drawn(seed, count):

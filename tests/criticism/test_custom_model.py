@@ -282,7 +282,9 @@ def test_nothing_is_named_where_there_is_nothing():
 
 def test_the_interval_with_a_discrepancy_is_that_of_the_full_covariance():
     bent = 1.3 * ALONG + 0.4 * ALONG**2
-    trial = first_trial(model(observed=bent), np.random.default_rng(0))
+    # a prior away from zero: discrepancies are in proportion to what it expects
+    prior = (Parameter("slope", Normal(1.0, SLOPE_SD), "–", "of the line"),)
+    trial = first_trial(model(observed=bent, parameters=prior), np.random.default_rng(0))
     linear = trial.linear
     kernels = discrepancies(linear)
     best = int(largest_ratio(linear.observed[None], kernels)[1][0])
@@ -290,7 +292,7 @@ def test_the_interval_with_a_discrepancy_is_that_of_the_full_covariance():
     half = linear.factor @ kernel.vectors * (amplitude * np.sqrt(kernel.values))
     total = trial.subject.scatter(trial.mode) + half @ half.T
     precision = ALONG @ np.linalg.solve(total, ALONG) + SLOPE_SD**-2
-    centre = ALONG @ np.linalg.solve(total, bent) / precision
+    centre = (ALONG @ np.linalg.solve(total, bent) + SLOPE_SD**-2) / precision
     low, high = interval_with_discrepancy(trial, "slope")
     without = SD / np.linalg.norm(ALONG)
     assert 0.5 * (low + high) == pytest.approx(centre, abs=0.02)

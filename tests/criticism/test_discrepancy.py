@@ -9,6 +9,7 @@ from scipy.stats import kstest, multivariate_normal
 
 from bayesdeg.criticism.discrepancy import (
     AMPLITUDES,
+    FEWEST,
     MISFIT_LEVEL,
     Misfit,
     explained,
@@ -160,7 +161,7 @@ def test_the_p_value_counts_simulated_data_that_misfit_as_much(linear):
     misfit = measured(linear, readings, generator, replicates=99)
     larger = np.sum(misfit.null >= misfit.statistic)
     assert misfit.p_value == pytest.approx((1 + larger) / 100)
-    assert measured(linear, linear.mean, generator, replicates=9).p_value == 1.0
+    assert measured(linear, linear.mean, generator, replicates=99).p_value == 1.0
 
 
 @pytest.mark.parametrize(
@@ -201,6 +202,27 @@ def test_simulated_data_without_an_answer_are_left_out_and_counted(linear):
     np.testing.assert_array_equal(
         misfit.null, measure(with_readings(linear, readings), simulated[kept]).null
     )
+
+
+@pytest.mark.parametrize("count", [0, FEWEST - 1, FEWEST])
+def test_with_too_few_simulated_data_nothing_is_known_of_the_misfit(linear, count):
+    """An empty null once gave p = 1, which reads as adequate."""
+    generator = np.random.default_rng(21)
+    readings = drawn(linear, generator) + bump(linear, 0.15)
+    simulated = drawn(linear, generator, 60)
+    simulated[count:, 0] = np.nan
+    misfit = measure(with_readings(linear, readings), simulated)
+    assert (len(misfit.null), misfit.drawn) == (count, 60)
+    assert misfit.is_calibrated == (count == FEWEST)
+    # the smallest that so many data sets can give
+    np.testing.assert_equal(misfit.p_value, MISFIT_LEVEL if count == FEWEST else np.nan)
+    again = resolved(misfit, linear, lambda size: drawn(linear, generator, size), most=500)
+    assert again.is_calibrated == (count == FEWEST)
+
+
+def test_without_simulated_data_the_share_that_is_explained_is_of_the_whole_statistic():
+    assert misfit_of(8.0, null=()).by_chance == 0.0
+    assert explained(misfit_of(8.0, null=()), misfit_of(2.0, null=())) == pytest.approx(0.75)
 
 
 def test_a_planted_discrepancy_is_measured(linear):
@@ -311,7 +333,7 @@ def test_kernels_are_positive_and_their_directions_orthonormal_in_kernel_space(l
 def test_the_same_data_give_the_same_misfit(linear):
     readings = drawn(linear, np.random.default_rng(16))
     one, two = (
-        measured(linear, readings, np.random.default_rng(17), replicates=20) for _ in range(2)
+        measured(linear, readings, np.random.default_rng(17), replicates=60) for _ in range(2)
     )
     assert one.p_value == two.p_value
     np.testing.assert_array_equal(one.null, two.null)
@@ -339,9 +361,7 @@ def test_what_makes_the_misfit_worse_explains_nothing():
 
 def widened(linear, times):
     """A model that takes its errors and scatter for larger than they are."""
-    scatter = times**2 * linear.scatter
-    spread = linear.factor @ linear.factor.T - linear.scatter
-    return replace(linear, scatter=scatter, factor=np.linalg.cholesky(scatter + spread))
+    return linear.with_scatter(times**2 * linear.scatter)
 
 
 def test_errors_that_a_model_widened_do_not_hide_its_misfit_on_one_scale():

@@ -8,7 +8,7 @@ from scipy.special import logsumexp
 from scipy.stats import multivariate_normal, norm
 
 from bayesdeg.criticism.leave_one_out import largest_k, leave_one_out, smoothed
-from bayesdeg.criticism.refit import bridge, matched, moments, predict_left_out
+from bayesdeg.criticism.refit import bridge, predict_left_out
 from bayesdeg.criticism.specimen_density import specimen_density
 from bayesdeg.inference.curves import Breaks
 from bayesdeg.inference.ensemble import EFFORTS, Chain, sample
@@ -268,30 +268,3 @@ def test_the_bridge_is_exact_where_one_end_alone_is_blind():
     assert found == pytest.approx(exact, abs=4.0 * error)
     assert error < 0.1
     assert abs(logsumexp(weights + density[1]) - exact) > abs(found - exact)
-
-
-def test_weighted_moments_are_those_of_the_law_that_the_weights_lead_to():
-    generator = np.random.default_rng(0)
-    draws = generator.standard_normal((200000, 2))
-    mean, covariance = moments(draws, 0.5 * draws[:, 0])  # N(0, 1) tilted by exp(x/2): N(1/2, 1)
-    np.testing.assert_allclose(mean, [0.5, 0.0], atol=0.01)
-    np.testing.assert_allclose(covariance, np.eye(2), atol=0.02)
-
-
-def test_weights_on_one_draw_still_give_a_proposal():
-    draws = np.random.default_rng(0).standard_normal((50, 3))
-    weights = np.full(50, -np.inf)
-    weights[7] = 0.0
-    mean, covariance = moments(draws, weights)
-    np.testing.assert_allclose(mean, draws[7])
-    assert np.linalg.eigvalsh(covariance).min() > 0.1
-
-
-def test_a_sample_from_draws_far_off_comes_to_the_posterior():
-    model = study(specimens=3)
-    centre, sd = model.posterior()
-    draws = centre + 5.0 * sd + sd * np.random.default_rng(0).standard_normal((500, 1))
-    found = matched(model, draws, np.zeros(500), np.random.default_rng(1))
-    weights = np.exp(found.log_weights - found.log_weights.max())
-    assert found.effective > 1000.0
-    assert np.average(found.draws[:, 0], weights=weights) == pytest.approx(centre, abs=0.1 * sd)

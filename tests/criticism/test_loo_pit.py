@@ -97,12 +97,17 @@ def test_the_shares_in_the_sentence_are_those_of_the_readings(draws):
     assert said == pytest.approx(inside, abs=1.5)
 
 
-def test_draws_without_an_answer_are_left_out_and_too_few_are_refused(draws):
+def test_draws_without_an_answer_are_left_out_and_too_few_give_no_answer(draws):
     observed = draws[0]
     broken = np.vstack([draws, np.full((5, draws.shape[1]), np.nan)])
     assert loo_pit(broken, observed).p_value == loo_pit(draws, observed).p_value
-    with pytest.raises(ValueError, match="100 finite draws"):
-        loo_pit(draws[:50], observed)
+    for few, said in ((draws[:50], "only 50 of 50 predictive"), (broken[-5:], "none of 5")):
+        found = loo_pit(few, observed)
+        assert not found.is_available
+        assert np.isnan(found.p_value)
+        assert np.all(np.isnan(found.difference))
+        assert said in found.sentence
+    assert not loo_pit(draws[:, :0], observed[:0]).is_available
 
 
 def test_the_table_holds_the_curves_of_every_model(draws):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import kstest, norm
 
+from bayesdeg.criticism import rupture_misfit as module
 from bayesdeg.criticism.rupture_misfit import rupture_misfit
 from bayesdeg.inference.replicate import replicate
 from tests.criticism.linear_case import tight_model
@@ -102,6 +103,29 @@ def test_survival_that_is_expected_is_no_misfit(model):
 
 
 def test_the_same_seed_gives_the_same_p_value(model):
-    vectors = draws_of(model, WEAK, 10)
+    vectors = draws_of(model, WEAK, 19)
     one, two = (rupture_misfit(model, vectors, np.random.default_rng(6)) for _ in range(2))
     assert one == two
+
+
+def test_too_few_simulated_data_sets_have_no_p_value(model):
+    found = rupture_misfit(model, draws_of(model, WEAK, 18), np.random.default_rng(6))
+    assert np.isnan(found.p_value)
+    assert (found.known, found.drawn) == (18, 18)
+
+
+def test_data_sets_without_a_probability_count_neither_for_nor_against(model, monkeypatch):
+    """A nan is no ruptures more improbable than the data, and none less."""
+    vectors = draws_of(model, TRUTH, 49)
+    whole = rupture_misfit(model, vectors, np.random.default_rng(5))
+    real = module._deviances
+    calls = iter(range(100))
+
+    def broken(one, points):
+        found = real(one, points)
+        return np.full_like(found, np.nan) if next(calls) in (1, 2, 3) else found
+
+    monkeypatch.setattr(module, "_deviances", broken)
+    found = rupture_misfit(model, vectors, np.random.default_rng(5))
+    assert (found.known, found.drawn) == (46, 49)
+    assert found.p_value == pytest.approx(whole.p_value, abs=3 / 47)

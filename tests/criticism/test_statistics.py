@@ -407,12 +407,19 @@ def test_adjusted_p_values_are_between_the_single_ones_and_holms():
     np.testing.assert_array_equal(adjusted_p_values(observed[order], null[order]), adjusted[order])
 
 
-def test_data_sets_without_an_answer_are_left_out_and_too_few_are_refused():
+def test_data_sets_without_an_answer_are_left_out_and_too_few_calibrate_nothing():
     simulated = drawn(rich(), 99, 0)
     broken = np.vstack([simulated, np.full((3, simulated.shape[1]), np.nan)])
     assert statistics_table(rich(), broken)[0] == statistics_table(rich(), simulated)[0]
-    with pytest.raises(ValueError, match="19 simulated data sets"):
-        statistics_table(rich(), simulated[:18])
+    few = statistics_table(rich(), simulated[:18], 200)
+    why = "only 18 of 200 simulated data sets stayed within the emulator's range"
+    assert [one.name for one in few] == [one.name for one in statistics_table(rich(), simulated)]
+    assert {one.finding for one in few} >= {f"not available: {why}"}
+    assert all(one.finding.startswith("not available: ") for one in few)
+    assert all(np.isnan([one.value, one.p_value, one.p_adjusted]).all() for one in few)
+    assert len(frame(few)) == len(few)
+    none = statistics_table(rich(), broken[-3:])
+    assert any("none of 3 simulated data sets" in one.unavailable for one in none)
 
 
 # ---- other models

@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import norm
 
+from bayesdeg.criticism import verdict as deciding
 from bayesdeg.criticism.conflict import Conflict
 from bayesdeg.criticism.discrepancy import MISFIT_LEVEL, Misfit
 from bayesdeg.criticism.held_out import HeldOut
@@ -406,3 +407,59 @@ def test_the_tail_of_the_prior_is_that_of_its_law(law, of_law):
     size = search.trials[chosen].mode[-1]
     assert prior_tail(search, chosen, "wave") == pytest.approx(of_law(size), abs=2e-3)
     assert of_law(size) > 0.005
+
+
+# ---- what could not be set against chance
+
+
+UNKNOWN = step(np.nan)
+UNKNOWN = replace(UNKNOWN, misfit=replace(UNKNOWN.misfit, null=np.ones(18), drawn=200))
+
+
+def test_a_misfit_that_could_not_be_set_against_chance_is_never_adequate():
+    found = outcome_of(base=UNKNOWN)
+    assert (found.outcome, found.causes) == (Outcome.NOT_JUDGED, ())
+    assert "only 18 of 200 simulated data sets" in found.reasons[-1]
+
+
+def test_what_is_known_beside_it_still_contradicts_the_model():
+    burst = RuptureMisfit(3, 0.1, 9.0, MISFIT_LEVEL)
+    assert outcome_of(base=UNKNOWN, rupture=burst).outcome is Outcome.UNEXPLAINED
+
+
+def test_a_cause_that_removes_the_misfit_may_be_named_although_that_was_not_calibrated():
+    """What is left is calibrated, and held-out specimens confirm it."""
+    assert outcome_of(support(), base=UNKNOWN) == Decision(Outcome.NAMED, ("creep",))
+
+
+@pytest.mark.parametrize(
+    ("share", "reason"),
+    [
+        (0.5, "it removes only 50 % of the misfit"),
+        (NEARLY_ALL - 0.01, "of what is left, it could not be set against chance: only 18 of 200"),
+        (NEARLY_ALL, None),
+    ],
+)
+def test_with_what_is_left_unknown_the_cause_must_remove_nearly_all(monkeypatch, share, reason):
+    monkeypatch.setattr(deciding, "explained_on_one_scale", lambda *_: share)
+    found = outcome_of(support(), final=UNKNOWN)
+    assert found.outcome is (Outcome.UNEXPLAINED if reason else Outcome.NAMED)
+    assert not reason or found.reasons[0].startswith(reason)
+
+
+@pytest.mark.parametrize("p_value", [0.5, 0.001])
+def test_a_cause_that_missed_a_test_is_not_named(p_value):
+    untested = ("held-out specimens could not be computed",)
+    found = outcome_of(support(), base=step(p_value), untested=untested)
+    assert found == Decision(Outcome.NOT_JUDGED, (), reasons=untested)
+    # where nothing is favoured, nothing had to be tested
+    without = outcome_of(base=step(p_value), untested=untested)
+    assert without == outcome_of(base=step(p_value))
+
+
+def test_a_shared_scatter_that_could_not_be_tested_names_nothing():
+    untested = SharedScatter("creep", 3.0, 0.5, np.nan)
+    assert not untested.is_more_than_chance
+    found = outcome_of(support(), shared=[untested])
+    assert found.outcome is Outcome.NOT_JUDGED
+    assert "creep lets each specimen deviate on its own" in found.reasons[0]

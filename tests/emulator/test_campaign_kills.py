@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from bayesdeg.actuator.status import Status
-from bayesdeg.console import pool
+from bayesdeg.commands.workplace import pool
 from bayesdeg.emulator import workers
 from bayesdeg.emulator.campaign import Run, complete, missing
 from bayesdeg.emulator.solutions import SolutionStore

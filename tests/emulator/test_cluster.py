@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from bayesdeg.console import pool
+from bayesdeg.commands.workplace import pool
 from bayesdeg.emulator import cluster
 from bayesdeg.emulator.campaign import complete, missing
 from bayesdeg.emulator.cluster import cluster_executor

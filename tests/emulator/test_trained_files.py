@@ -7,10 +7,11 @@ import pytest
 
 from bayesdeg.actuator.curve import MODEL_VERSION
 from bayesdeg.actuator.geometry import Geometry
+from bayesdeg.emulator import kept as kept_emulators
 from bayesdeg.emulator import trained
+from bayesdeg.emulator.kept import cached_path
 from bayesdeg.emulator.recipe import Recipe
 from bayesdeg.emulator.trained import (
-    cached_path,
     default_surrogate,
     find,
     read_trained,
@@ -115,12 +116,15 @@ def test_an_emulator_that_does_not_say_its_geometry_is_of_none():
 def test_the_package_has_the_emulator_of_the_paper(tmp_path, monkeypatch):
     version = "of the package"
     shipped = replace(default_surrogate(), record=emulator(PAPER, version=version).record)
-    monkeypatch.setattr(trained, "default_surrogate", lambda: shipped)
-    monkeypatch.setattr(trained, "MODEL_VERSION", version)
-    assert find(PAPER, cache=tmp_path).surrogate is shipped
+    write_trained(tmp_path / "shipped.npz", shipped)
+    monkeypatch.setattr(kept_emulators, "SHIPPED", tmp_path / "shipped.npz")
+    monkeypatch.setattr(kept_emulators, "MODEL_VERSION", version)
+    found = find(PAPER, cache=tmp_path).surrogate
+    assert found is not None
+    assert found.record == shipped.record
     # another recipe is another emulator
     assert find(PAPER, recipe=RECIPE, cache=tmp_path).surrogate is None
-    monkeypatch.setattr(trained, "MODEL_VERSION", "later")
+    monkeypatch.setattr(kept_emulators, "MODEL_VERSION", "later")
     assert "version of the package" in find(PAPER, cache=tmp_path).reason
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy import stats
+from scipy.special import logsumexp
 
 from bayesdeg.inference.laplace import approximate, evidence
 from bayesdeg.inference.mode import derivatives, positive_inverse
@@ -59,13 +60,14 @@ def test_the_evidence_is_that_of_the_closed_form():
     model = conjugate()
     laplace = approximate(model, np.random.default_rng(0))
     misses = []
-    for seed in range(20):
+    for seed in range(200):
         found = evidence(model, laplace, np.random.default_rng(seed), draws=1000)
         assert 0.0 < found.error < 0.05
         assert 500 < found.effective <= 1000
         misses.append((found.log_evidence - closed_form_evidence()) / found.error)
-    assert np.max(np.abs(misses)) < 3.0
-    assert 0.5 < np.sqrt(np.mean(np.square(misses))) < 1.6  # the stated error is the true one
+    assert abs(np.mean(misses)) < 0.25
+    assert np.max(np.abs(misses)) < 4.5
+    assert 0.85 < np.sqrt(np.mean(np.square(misses))) < 1.2  # the stated error is the true one
 
 
 def test_the_evidence_does_not_depend_on_a_good_proposal():
@@ -94,25 +96,28 @@ def truncated_model(low, high):
 
 def truncated_evidence(low, high):
     grid = np.linspace(max(low, -9.0), min(high, 9.0), 200001)
-    density = np.exp(truncated_model(low, high).log_prob(grid[:, None]))
-    return np.log(np.sum(0.5 * (density[1:] + density[:-1])) * (grid[1] - grid[0]))
+    density = truncated_model(low, high).log_prob(grid[:, None])
+    between = np.logaddexp(density[1:], density[:-1]) - np.log(2.0)
+    return logsumexp(between) + np.log(grid[1] - grid[0])
 
 
 def test_a_truncated_prior_whose_bound_cuts_the_posterior():
     model = truncated_model(1.7, np.inf)
     laplace = approximate(model, np.random.default_rng(0), start=np.array([1.9]))
     found = evidence(model, laplace, np.random.default_rng(1), draws=4000)
-    assert 500 < found.effective < 3000
+    assert found.effective > 3000  # the proposal knows the bound
     assert abs(found.log_evidence - truncated_evidence(1.7, np.inf)) < 3.0 * found.error
 
 
-def test_a_truncated_prior_with_the_mode_far_outside_is_impossible():
-    model = truncated_model(-np.inf, -8.0)
+def test_a_truncated_prior_that_holds_the_mode_far_outside_has_its_evidence():
+    """The data pull with a slope of 107 against the bound; without it the mode would be above 0."""
+    model = truncated_model(-9.0, -8.0)
     laplace = approximate(model, np.random.default_rng(0), start=np.array([-8.5]))
-    assert laplace.mode[0] > 0.0  # bounds are left out of the search
-    found = evidence(model, laplace, np.random.default_rng(1), draws=500)
-    assert found.log_evidence == -np.inf
-    assert found.effective == 0.0
+    assert laplace.mode[0] == -8.0
+    found = evidence(model, laplace, np.random.default_rng(1), draws=2000)
+    assert np.all((found.draws >= -9.0) & (found.draws <= -8.0))
+    assert found.effective > 500.0
+    assert abs(found.log_evidence - truncated_evidence(-9.0, -8.0)) < 4.0 * found.error < 0.2
 
 
 def test_derivatives_are_those_of_the_quadratic():
@@ -138,4 +143,5 @@ def test_the_mode_of_a_real_posterior_is_a_mode():
     sd = np.sqrt(np.diag(found.covariance))
     assert np.all(np.abs(gradient) * sd < 0.05)
     around = found.mode + 0.2 * sd * np.vstack([np.eye(len(sd)), -np.eye(len(sd))])
-    assert np.all(model.log_prob(around, truncate=False) < found.log_density + 1e-3)
+    # a climb ends where a step gains next to nothing, a few hundredths of a standard deviation off
+    assert np.all(model.log_prob(around, truncate=False) < found.log_density + 0.01)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from bayesdeg.inference.least_squares import least_squares, near_films
+from bayesdeg.inference.refusals import share_outside
 from bayesdeg.laws import LogNormal
 from bayesdeg.measure.study import read_study
 from bayesdeg.pipeline.assemble import assemble
@@ -52,16 +53,20 @@ def test_where_the_medians_are_refused_others_are_tried():
         for p in model.base
     )
     model = replace(model, base=base, forward=trained())
-    assert model.log_prob(least_squares(model)[None])[0] == -np.inf
+    medians = least_squares(model)
     found = near_films(model, np.random.default_rng(0))
-    assert np.isfinite(model.log_prob(found[None])[0])
+    assert model.log_prob(found[None])[0] > model.log_prob(medians[None])[0] + 100.0
+    assert share_outside(model, np.stack([medians, found])) == 0.5
 
 
-def test_where_nothing_is_possible_there_is_no_start():
+def test_where_nothing_is_answered_there_is_still_a_way_back():
+    """A prior wholly outside the emulator's range: said by the share of the posterior there."""
     model = small_model()
     base = tuple(
         replace(p, law=LogNormal(1e12, 0.1)) if p.name == "paper_stiffness" else p
         for p in model.base
     )
     model = replace(model, base=base, forward=trained())
-    assert near_films(model, np.random.default_rng(0)) is None
+    found = near_films(model, np.random.default_rng(0))
+    assert np.isfinite(model.log_prob(found[None])[0])
+    assert share_outside(model, found[None]) == 1.0

@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from bayesdeg.inference import likelihood
-from bayesdeg.inference.likelihood import Linearised, density_and_mode, paths_of
+from bayesdeg.inference.likelihood import Linearised, density_and_mode
+from bayesdeg.inference.paths import paths_of
 
 POINTS = 5
 

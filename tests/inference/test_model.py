@@ -275,11 +275,6 @@ def test_kinds_of_data_that_are_missing_add_nothing(model, vectors):
     "change",
     [
         {"c2_ratio_at_25": -1.2},  # dW/dI1 below 0: unstable, and outside the prior
-        {"c1_at_0": 0.01},  # p/C1 beyond the training range
-        {"c3_at_0": 1e-7},
-        {"c3_at_0": 5.0},
-        {"paper_stiffness": 1e9},
-        {"paper_stiffness": 1e2},
         {"volume_ratio": 1.4},  # outside the prior's bounds
         {"volume_ratio": -0.3},
         {"reading_correlation": 0.99},
@@ -293,6 +288,28 @@ def test_impossible_vectors_have_density_zero_and_not_nan(model, change):
     density = model.log_prob(vectors)
     assert np.isfinite(density[0])
     assert density[1] == -np.inf
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("c1_at_0", (0.1, 0.05, 0.01)),  # p/C1 beyond the training range
+        ("c3_at_0", (1e-5, 1e-6, 1e-7)),
+        ("c3_at_0", (1.0, 2.0, 5.0)),
+        ("paper_stiffness", (1e7, 1e8, 1e9)),
+        ("paper_stiffness", (400.0, 200.0, 100.0)),
+    ],
+)
+def test_outside_the_range_of_the_emulator_the_density_falls_the_farther_out(model, name, values):
+    model = replace(model, forward=trained())
+    vectors = np.concatenate([model.table.vectors(values_of(TRUTH | {name: v})) for v in values])
+    at = model.table.named(vectors)
+    assert np.isnan(model.predict(at).mean[:, model.actuator.paths.mask]).any(axis=1).all()
+    density = model.log_prob(vectors)
+    assert np.all(np.isfinite(density))
+    assert np.all(np.diff(density) < 0.0)
+    inside = model.log_prob(model.table.vectors(values_of()))[0]
+    assert np.all(density < inside - 100.0)
 
 
 def test_no_vector_gives_nan(model):

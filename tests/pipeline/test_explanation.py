@@ -403,3 +403,60 @@ def test_a_study_without_readings_names_nothing():
 def test_modes_of_tension_that_were_predicted_wrong_are_told_without_readings_to_judge():
     document = unjudged_document({}, "Planar tension is off by 3 %.")
     assert document["explanation"].endswith("Planar tension is off by 3 %.")
+
+
+# ---- what could not be judged
+
+
+def unknown(outcome, *supported, reasons=("of chance nothing is known",)):
+    found = judgement_of(Decision(outcome, (), reasons=reasons), *supported, p_value=np.nan)
+    few = replace(found.misfit, null=np.ones(18), drawn=200, lost=0.91)
+    return replace(found, misfit=few, search=search_of(few, found.left))
+
+
+def test_what_could_not_be_set_against_chance_is_neither_adequate_nor_a_misfit():
+    text = explain(unknown(Outcome.NOT_JUDGED), WHERE)
+    assert "Nothing can be said of whether the base model is adequate" in text
+    assert "of chance nothing is known" in text
+    assert "agrees with the measurements" not in text
+    assert "leave those pressures out of actuator.csv" in text  # what to do
+    document = verdict_document(unknown(Outcome.NOT_JUDGED), WHERE)
+    assert document["outcome"] == "not_judged"
+    assert document["causes"] == document["predicted_with"] == []
+
+
+def test_what_is_favoured_but_could_not_be_tested_is_told_and_not_named():
+    text = explain(unknown(Outcome.NOT_JUDGED, support("pressure_offset")), WHERE)
+    assert "The readings favour pressure_offset, but nothing is judged and nothing named" in text
+
+
+@pytest.mark.parametrize("outcome", [Outcome.UNEXPLAINED, Outcome.NOT_JUDGED])
+def test_few_simulated_data_sets_are_counted_in_words(outcome):
+    text = explain(unknown(outcome, reasons=()), WHERE)
+    if outcome is Outcome.UNEXPLAINED:
+        assert "only 18 of 200 simulated data sets stayed within the emulator's range" in text
+    assert "nan" not in text
+
+
+def test_a_named_cause_is_explained_although_the_misfit_was_not_calibrated():
+    found = replace(unknown(Outcome.NAMED), decision=named("pressure_offset"))
+    found = replace(found, supported=(support("pressure_offset", chance=None),))
+    text = explain(found, WHERE)
+    assert "The cause is pressure_offset" in text
+    assert "only 18 of 200 simulated data sets" in text
+    assert "nan" not in text
+
+
+def test_with_a_cause_that_was_not_sampled_nothing_is_predicted():
+    assert ONE.predicted_with == ("pressure_offset",)
+    without = replace(ONE, sampled=False)
+    assert without.predicted_with == ()
+    assert verdict_document(without, WHERE)["predicted_with"] == []
+
+
+def test_a_verdict_that_failed_says_why_and_what_to_do():
+    document = unjudged_document({"creep": "no time"}, "", "It broke.")
+    assert set(document) == set(verdict_document(ONE, WHERE))
+    assert document["outcome"] == unjudged_document({})["outcome"] == "not_judged"
+    for words in ("could not be computed", "It broke.", "left_out.txt", "--seed"):
+        assert words in document["explanation"]

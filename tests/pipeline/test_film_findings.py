@@ -41,7 +41,7 @@ def fit_of(*, width=1e-6, times=TIMES, **changes):
 
 def test_the_table_holds_bands_and_films():
     fit = fit_of(width=0.02)
-    table = Films(fit, None, np.empty((0, 2))).tables(np.random.default_rng(2))[COURSE]
+    table = Films(fit, None, np.empty((0, 2))).tables(np.random.default_rng(2))[COURSE]()
     assert {c.name for c in TABLES[COURSE]} <= set(table.columns)
     films = table[table["kind"] == "film"]
     assert len(films) == 36
@@ -56,7 +56,7 @@ def test_the_table_holds_bands_and_films():
 
 
 def test_the_band_of_moisture_is_that_of_a_film():
-    table = Films(fit_of(), None, np.empty((0, 2))).tables(np.random.default_rng(3))[COURSE]
+    table = Films(fit_of(), None, np.empty((0, 2))).tables(np.random.default_rng(3))[COURSE]()
     start = table[(table["kind"] == "band") & (table["time_h"] == 0.0)].iloc[0]
     reach = 1.645 * TRUTH["moisture_scatter"]
     assert start["moisture_q05"] == pytest.approx(20.0 - reach, abs=0.1)
@@ -169,7 +169,7 @@ def test_a_study_without_moisture_has_no_course(tmp_path):
 
 
 def test_the_figure_shows_films_and_bands(examined):
-    table = examined.tables(np.random.default_rng(1))["course"]
+    table = examined.tables(np.random.default_rng(1))["course"]()
     left, right = course_figure(table).axes
     assert left.get_xlabel() == "time [h]"
     assert left.get_ylabel() == "moisture content [%]"
@@ -182,8 +182,8 @@ def test_the_figure_shows_films_and_bands(examined):
 
 def test_the_page_shows_course_and_orders(tmp_path, examined):
     folder = write_full(tmp_path / "run", "named")
-    for name, frame in examined.tables(np.random.default_rng(1)).items():
-        folder.write_table(name, frame)
+    for name, compute in examined.tables(np.random.default_rng(1)).items():
+        folder.write_table(name, compute())
     content = folder.read_json("run")
     folder.write_json("run", content | {"checks": examined.sentences()})
     plain = read_html(build_page(tmp_path / "run").read_text(encoding="utf-8")).text

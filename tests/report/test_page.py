@@ -6,8 +6,10 @@ import pandas as pd
 import pytest
 
 from bayesdeg.errors import BayesdegError
+from bayesdeg.report import figures_run
 from bayesdeg.report.columns import TABLES
 from bayesdeg.report.headline import headline_of
+from bayesdeg.report.left_out import Guard
 from bayesdeg.report.page import build_page, content_of, render
 from bayesdeg.report.summaries import by_level, several_levels
 from bayesdeg.report.tables import Tables, read_tables
@@ -378,3 +380,65 @@ def test_scores_by_degradation_rate_are_shown_where_there_are_several(tmp_path):
     rate = gain["degradation_pct"].iloc[1]
     assert several_levels(gain[gain["degradation_pct"].isin([rate, "all"])]) is None
     assert several_levels(None) is None
+
+
+# ---- what was left out
+
+
+LEFT_OUT = [{"stage": "bands.csv", "why": "It could not be computed (ValueError: <odd>)."}]
+
+
+@pytest.fixture
+def incomplete(tmp_path):
+    folder = write_full(tmp_path / "run", "named")
+    (tmp_path / "run" / "bands.csv").unlink()
+    folder.write_json("verdict", folder.read_json("verdict") | {"left_out": LEFT_OUT})
+    return folder
+
+
+def test_what_was_left_out_stands_at_the_top_and_in_its_place(incomplete):
+    page = read_html(build_page(incomplete.path).read_text(encoding="utf-8"))
+    box = page.by_id("verdict").by_id("left-out")
+    assert "bands.csv: It could not be computed (ValueError: <odd>)." in box.text
+    assert "Or it was left out." in page.by_id("curvature").text
+
+
+def test_a_figure_that_fails_is_left_out_of_the_page_alone(incomplete, monkeypatch):
+    def broken(*_):
+        raise RuntimeError("no ink")
+
+    monkeypatch.setitem(figures_run.FIGURES, "residuals", broken)
+    with pytest.raises(RuntimeError, match="no ink"):
+        build_page(incomplete.path)
+    guard = Guard(strict=False)
+    page = read_html(build_page(incomplete.path, guard).read_text(encoding="utf-8"))
+    assert guard.stages == ("figure residuals",)
+    assert (
+        "figure residuals: It could not be computed (RuntimeError: no ink)."
+        in page.by_id("left-out").text
+    )
+    assert page.by_id("figure-tensile")
+
+
+def test_figures_that_failed_before_and_are_drawn_now_are_not_left_out(incomplete):
+    entry = {"stage": "figure residuals", "why": "It could not be computed."}
+    verdict = incomplete.read_json("verdict")
+    incomplete.write_json("verdict", verdict | {"left_out": [entry]})
+    html = build_page(incomplete.path).read_text(encoding="utf-8")
+    assert 'id="left-out"' not in html
+
+
+def test_a_verdict_that_was_left_out_is_not_called_adequate(incomplete):
+    verdict = incomplete.read_json("verdict") | {"outcome": "not_judged", "causes": []}
+    verdict["left_out"] = [{"stage": "verdict", "why": "It broke."}]
+    verdict["next_experiments"] = []
+    incomplete.write_json("verdict", verdict)
+    page = read_html(build_page(incomplete.path).read_text(encoding="utf-8"))
+    assert page.by_id("verdict").all("span")[0].text == "Not judged"
+    assert "adequate" not in page.by_id("verdict").text.lower()
+    assert "run the study again" in page.by_id("verdict").text
+
+
+def test_the_tests_themselves_are_strict():
+    with pytest.raises(ValueError, match="seven"):
+        Guard().attempt("bands.csv", float, "seven")

@@ -1,0 +1,39 @@
+"""``bayesdeg check``: read and check a study, and compute nothing."""
+
+from collections.abc import Iterator
+
+from rich.table import Table
+
+from bayesdeg.actuator.geometry import Geometry
+from bayesdeg.commands.options import StudyFolder
+from bayesdeg.console import errors
+from bayesdeg.emulator.kept import search
+from bayesdeg.measure.study import Study, read_study
+from bayesdeg.pipeline.outline import outline
+
+
+def check(study: StudyFolder) -> None:
+    """Read and check the data only; exit code 2 and the list of faults if there are any."""
+    checked = read_study(study)
+    plan = outline(checked)
+    table = Table(title=f"{checked.name}: no faults", title_justify="left")
+    for heading in ("file", "rows", "read"):
+        table.add_column(heading, justify="right" if heading == "rows" else "left")
+    for name, frame in _tables(checked):
+        table.add_row(name, "–" if frame is None else str(frame), "" if frame else "not there")
+    errors.print(table)
+    for what, cost in plan.missing:
+        errors.print(f"without {what}: {cost}")
+    if plan.actuator is not None:
+        found = search(Geometry(checked.settings.dimensions))
+        if found.source is None:
+            errors.print(f"{found.reason}; 'bayesdeg run' trains one first", soft_wrap=True)
+
+
+def _tables(study: Study) -> Iterator[tuple[str, int | None]]:
+    for name in ("moisture", "shrinkage", "tensile", "breaks", "actuator", "summary"):
+        frame = getattr(study, name)
+        yield (
+            ("break.csv" if name == "breaks" else f"{name}.csv"),
+            None if frame is None else len(frame),
+        )

@@ -1,0 +1,114 @@
+"""The commands by name: the module of each is imported when it is called, and no sooner.
+
+A command needs numba, scipy and more, which take seconds to import; the list of commands does not.
+"""
+
+import importlib
+from dataclasses import dataclass
+from typing import Any
+
+import typer
+from typer.core import TyperGroup
+from typer.main import get_command
+
+
+@dataclass(frozen=True)
+class Command:
+    """Where a command is, and what the list of commands says of it.
+
+    Parameters
+    ----------
+    name : str
+        On the command line.
+    module : str
+        In ``bayesdeg.commands``.
+    function : str
+        In the module; its docstring is the help of the command.
+    summary : str
+        First sentence of that docstring.
+    """
+
+    name: str
+    module: str
+    function: str
+    summary: str
+
+
+COMMANDS = (
+    Command(
+        "run",
+        "run",
+        "run",
+        "Calibrate, criticise, name the cause, measure the gain, predict, and write the report.",
+    ),
+    Command(
+        "check",
+        "check",
+        "check",
+        "Read and check the data only; exit code 2 and the list of faults if there are any.",
+    ),
+    Command(
+        "causes",
+        "causes",
+        "causes",
+        "List the catalogue: mechanism, parameters with units and priors, what reveals each cause.",
+    ),
+    Command(
+        "report",
+        "report",
+        "report",
+        "Rebuild the HTML report from a run folder without computing anything.",
+    ),
+    Command(
+        "simulate",
+        "simulate",
+        "simulate",
+        "Make a virtual experiment with the study's design, from a fine finite element model.",
+    ),
+    Command(
+        "emulate",
+        "emulate",
+        "emulate",
+        "Train an emulator on finite element curves of a geometry.",
+    ),
+    Command(
+        "predict",
+        "predict",
+        "predict",
+        "Predict curvature and rupture of a new specimen from the posterior of a finished run.",
+    ),
+    Command(
+        "control",
+        "control",
+        "control",
+        "Find the pressure that reaches a wanted curvature at a bounded risk of rupture.",
+    ),
+    Command(
+        "next",
+        "next",
+        "next_experiment",
+        "Rank further experiments by how well they would tell the causes still in question apart.",
+    ),
+)
+
+
+def placeholder() -> None:
+    """Stand in the list of commands for one that is not imported yet."""
+
+
+class LazyGroup(TyperGroup):
+    """A group whose commands are imported when they are called."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Return name, command and remaining arguments, the command imported."""
+        name, command, rest = super().resolve_command(ctx, args)
+        found = [known for known in COMMANDS if known.name == name]
+        return name, (loaded(found[0]) if found else command), rest
+
+
+def loaded(command: Command) -> Any:
+    """Import the module of a command and return what the command line calls."""
+    module = importlib.import_module(f"bayesdeg.commands.{command.module}")
+    app = typer.Typer(rich_markup_mode="markdown", add_completion=False)
+    app.command(command.name)(getattr(module, command.function))
+    return get_command(app)

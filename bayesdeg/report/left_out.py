@@ -1,0 +1,181 @@
+"""Stages that a run can do without: what fails is left out and said, and the run goes on."""
+
+import os
+import traceback
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from types import MappingProxyType
+from typing import Final
+
+from bayesdeg.errors import ResumableError, StudyError
+
+STRICT: Final = "BAYESDEG_STRICT"
+"""Environment variable; where it is 1 nothing is left out: the first fault ends the run."""
+
+_PASSED_ON = (StudyError, ResumableError)  # the user's to mend, or to be resumed
+
+
+class Stage(StrEnum):
+    """Stages that compute what is more than one table or figure."""
+
+    VERDICT = "verdict"
+    CALIBRATION = "misfit against chance"
+    RUPTURE_MISFIT = "ruptures against the base model"
+    CONFLICT = "measured means against the base model"
+    HELD_OUT = "held-out specimens"
+    SHARED_SCATTER = "scatter shared by a degradation rate"
+    CONFUSABILITY = "causes that this design could confuse"
+    LEVELS_OUT = "held-out degradation rates"
+    EXPERIMENTS = "next experiments"
+    EXTENDED = "calibration with the cause"
+    PRIOR_SENSITIVITY = "sensitivity to priors"
+    PRIOR_PREDICTIVE = "predictions of the priors alone"
+    LEAVE_ONE_OUT = "specimens left out in turn"
+    COURSE = "course of degradation"
+    ORDERS = "order of the polynomials"
+    READINGS = "predictions at the readings"
+    DEFORMED = "deformed actuator"
+    HELD_OUT_MODES = "held-out modes of tension"
+    WHERE = "where the misfit sits"
+    CONCENTRATION = "specimens and branches in which the misfit sits"
+    EXPLANATION = "explanation in words"
+    COMPARISONS = "published values against the posterior"
+    REFUSED = "inputs that the emulator refuses"
+    CHECKS_IN_WORDS = "checks in words"
+    PAGE = "report page"
+
+
+_COST: Final[Mapping[str, str]] = MappingProxyType(
+    {
+        Stage.VERDICT: "Nothing is judged and no cause is named",
+        Stage.RUPTURE_MISFIT: "The verdict takes no notice of ruptures",
+        Stage.CONFLICT: "The verdict takes no notice of measured means",
+        Stage.HELD_OUT: "No cause can be named",
+        Stage.SHARED_SCATTER: "No cause can be named",
+        Stage.CONFUSABILITY: "Pairs of causes that could be confused are not listed",
+        Stage.LEVELS_OUT: "Predictions of whole degradation rates are missing",
+        Stage.EXPERIMENTS: "No experiment is proposed",
+        Stage.EXTENDED: "All predictions are those of the base model",
+        Stage.READINGS: "Residuals and the fit by degradation rate are missing",
+    }
+)
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """A stage without which a run went on.
+
+    Parameters
+    ----------
+    stage : str
+        A member of `Stage`, or a table, posterior or figure by name.
+    why : str
+        What it costs, and what happened.
+    trace : str
+        The traceback; empty where nothing was raised.
+    """
+
+    stage: str
+    why: str
+    trace: str = ""
+
+    def document(self) -> dict[str, object]:
+        """Return the entry of ``left_out`` in ``verdict.json``."""
+        return {"stage": str(self.stage), "why": self.why}
+
+
+class Guard:
+    """Runs the stages that a run can do without, and keeps what had to be left out.
+
+    Parameters
+    ----------
+    strict : bool, optional
+        Whether to raise instead of leaving out; by default where `STRICT` is 1 in the environment.
+
+    Examples
+    --------
+    >>> guard = Guard(strict=False)
+    >>> guard.attempt("bands.csv", float, "seven")
+    >>> guard.left_out[0].why
+    "It could not be computed (ValueError: could not convert string to float: 'seven')."
+    """
+
+    def __init__(self, *, strict: bool | None = None) -> None:
+        self.strict = os.environ.get(STRICT) == "1" if strict is None else strict
+        self.left_out: list[LeftOut] = []
+
+    def attempt[T, **P](
+        self, stage: str, compute: Callable[P, T], *args: P.args, **kwargs: P.kwargs
+    ) -> T | None:
+        """Return what a stage computes; None where it fails, which is kept.
+
+        Faults of the user's input and what can be resumed are passed on, as are interrupts.
+
+        Parameters
+        ----------
+        stage : str
+            Under which name it is left out.
+        compute : callable
+            Called with the other arguments.
+        """
+        try:
+            return compute(*args, **kwargs)
+        except _PASSED_ON:
+            raise
+        except Exception as fault:
+            if self.strict:
+                raise
+            said = f"{_COST.get(stage, 'It')}{' as it' if stage in _COST else ''}"
+            what = f"{type(fault).__name__}: {fault}".rstrip(": .")
+            why = f"{said} could not be computed ({' '.join(what.split())})."
+            self.note(stage, why, traceback.format_exc())
+            return None
+
+    def note(self, stage: str, why: str, trace: str = "") -> None:
+        """Keep that a stage was left out; of several reasons for one stage the first."""
+        if stage not in self.stages:
+            self.left_out.append(LeftOut(stage, why, trace))
+
+    @property
+    def stages(self) -> tuple[str, ...]:
+        """Names of all that was left out."""
+        return tuple(one.stage for one in self.left_out)
+
+    def why(self, stage: str) -> str:
+        """Return why a stage was left out; empty if it was not."""
+        return next((one.why for one in self.left_out if one.stage == stage), "")
+
+    def documents(self) -> list[dict[str, object]]:
+        """Return ``left_out`` of ``verdict.json`` and ``run.json``."""
+        return [one.document() for one in self.left_out]
+
+    def traces(self) -> str:
+        """Return the content of ``left_out.txt``; empty if nothing was left out."""
+        return "\n".join(
+            f"{one.stage}: {one.why}\n\n{one.trace}".rstrip() + "\n" for one in self.left_out
+        )
+
+
+def table_stage(name: str) -> str:
+    """Return under which name a table is left out.
+
+    Examples
+    --------
+    >>> table_stage("bands"), posterior_stage("posterior"), figure_stage("bands")
+    ('bands.csv', 'posterior.nc', 'figure bands')
+    """
+    return f"{name}.csv"
+
+
+def posterior_stage(name: str) -> str:
+    """Return under which name a posterior is left out."""
+    return f"{name}.nc"
+
+
+def figure_stage(name: str) -> str:
+    """Return under which name a figure is left out."""
+    return f"{FIGURE}{name}"
+
+
+FIGURE: Final = "figure "

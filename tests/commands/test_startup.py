@@ -1,0 +1,70 @@
+"""What a command imports: those that compute nothing come without what takes seconds to import."""
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+import bayesdeg
+from bayesdeg.cli import app
+from bayesdeg.commands.lazy import COMMANDS, loaded
+
+STUDIES = Path(__file__).parents[2] / "studies"
+# each takes a tenth of a second or more to import
+HEAVY = ("numba", "matplotlib", "sklearn", "skfem", "arviz_stats", "xarray", "emcee", "scipy.stats")
+FOR_TABLES = ("numpy", "pandas", "scipy")
+
+SCRIPT = """
+import json, sys
+from bayesdeg.cli import exit_code
+code = exit_code()
+sys.stderr.write("\\n" + json.dumps([code, sorted(sys.modules)]))
+"""
+
+
+def modules_after(*arguments):
+    done = subprocess.run(
+        [sys.executable, "-c", SCRIPT, *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=True,
+    )
+    code, modules = json.loads(done.stderr.splitlines()[-1])
+    assert code == 0, done.stderr
+    return set(modules)
+
+
+@pytest.mark.parametrize("option", ["--help", "--version"])
+def test_the_list_of_commands_needs_nothing_heavy(option):
+    modules = modules_after(option)
+    assert not modules & {*HEAVY, *FOR_TABLES}
+    assert not {name for name in modules if name.startswith("bayesdeg.emulator")}
+
+
+def test_checking_a_study_needs_neither_emulator_nor_compiler():
+    modules = modules_after("check", STUDIES / "gelatin_actuator")
+    assert "bayesdeg.measure.study" in modules
+    assert not modules & {*HEAVY, "bayesdeg.emulator.surrogate", "bayesdeg.inference.model"}
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=lambda command: command.name)
+def test_the_list_says_of_a_command_what_its_own_help_begins_with(command):
+    text = loaded(command).help
+    assert " ".join(text.split("\n\n")[0].split()).startswith(command.summary)
+
+
+def test_the_version_is_printed():
+    shown = CliRunner().invoke(app, ["--version"])
+    assert shown.exit_code == 0
+    assert shown.stdout == f"bayesdeg {bayesdeg.__version__}\n"
+
+
+def test_help_of_a_command_is_its_own():
+    shown = CliRunner().invoke(app, ["emulate", "--help"], env={"COLUMNS": "200"})
+    assert shown.exit_code == 0
+    assert "--timeout" in re.sub(r"\x1b\[[0-9;]*m", "", shown.stdout)

@@ -1,0 +1,27 @@
+"""The compiled map over batches of rows; its values are tested with the surrogate."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from bayesdeg.emulator.evaluation import BLOCK
+from tests.emulator.term_sums import OPTIONAL, random_inputs, small_surrogate
+
+
+@pytest.mark.parametrize("given", [(), ("paper_slack",), ("skin", "weight_up"), sorted(OPTIONAL)])
+def test_neither_the_number_of_rows_nor_their_order_changes_a_result(given):
+    surrogate = small_surrogate()
+    inputs = random_inputs(np.random.default_rng(2), (BLOCK + 5,), given=given, columns=3)
+    whole = surrogate(inputs)
+    order = np.arange(BLOCK + 5)[::-1]
+    fields = {
+        field.name: value if value is None else value[order]
+        for field in dataclasses.fields(inputs)
+        for value in [getattr(inputs, field.name)]
+    }
+    turned = surrogate(dataclasses.replace(inputs, **fields))
+    for field in dataclasses.fields(whole):
+        np.testing.assert_array_equal(
+            getattr(turned, field.name), getattr(whole, field.name)[order], err_msg=field.name
+        )

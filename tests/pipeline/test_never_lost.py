@@ -1,0 +1,421 @@
+"""No run is ever lost: every stage that a run can do without is broken in turn."""
+
+import re
+import shutil
+import sys
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+
+from bayesdeg import cli
+from bayesdeg.actuator.mesh import Resolution
+from bayesdeg.commands import run as command
+from bayesdeg.criticism import leave_one_out, loo_pit, prior_sensitivity, statistics
+from bayesdeg.criticism.search import SearchEffort
+from bayesdeg.errors import Fault, ResumableError, StudyError
+from bayesdeg.pipeline import (
+    concluding,
+    files,
+    films,
+    holding_out,
+    judge,
+    record,
+    run,
+    tables,
+    writing,
+)
+from bayesdeg.pipeline import decisions as deciding
+from bayesdeg.prediction import prior_predictive
+from bayesdeg.report import columns, figures_run
+from bayesdeg.report.folder import LEFT_OUT, POSTERIORS, RunFolder
+from bayesdeg.report.left_out import (
+    STRICT,
+    Guard,
+    Stage,
+    figure_stage,
+    posterior_stage,
+    table_stage,
+)
+from tests.pipeline.planted_offset import emulator, planted_study
+from tests.report.html_reading import read_html
+
+EFFORT = SearchEffort(replicates=60, fitted=1, pairs=0, levels_out=True)
+COARSEST = Resolution(along=9.0, across=9.0, up=9.0)
+
+# what breaks each stage: the function that does it, where it is looked up
+BROKEN = {
+    Stage.VERDICT: (judge, "run_search"),
+    Stage.RUPTURE_MISFIT: (judge, "rupture_misfit"),
+    Stage.CONFLICT: (judge, "conflict"),
+    Stage.HELD_OUT: (judge, "held_out_and_all"),
+    Stage.SHARED_SCATTER: (judge, "shared_scatter"),
+    Stage.CONFUSABILITY: (judge, "confusability"),
+    Stage.LEVELS_OUT: (judge, "levels_out"),
+    Stage.EXPERIMENTS: (judge, "rank"),
+    Stage.EXTENDED: (run, "with_sampled_sizes"),
+    Stage.PRIOR_SENSITIVITY: (prior_sensitivity, "prior_sensitivity"),
+    Stage.PRIOR_PREDICTIVE: (prior_predictive, "prior_predictive"),
+    Stage.LEAVE_ONE_OUT: (leave_one_out, "leave_one_out"),
+    Stage.COURSE: (films, "_course"),
+    Stage.ORDERS: (films, "compare_orders"),
+    Stage.READINGS: (writing, "predict_readings"),
+    Stage.DEFORMED: (writing, "write_deformed"),
+    Stage.HELD_OUT_MODES: (tables, "held_out_modes"),
+    Stage.WHERE: (concluding, "where"),
+    Stage.CONCENTRATION: (concluding, "concentration"),
+    Stage.EXPLANATION: (concluding, "explain"),
+    Stage.COMPARISONS: (record, "comparisons"),
+    Stage.REFUSED: (record, "refused_inputs"),
+    Stage.CHECKS_IN_WORDS: (record, "_checks"),
+    Stage.PAGE: (command, "build_page"),
+    table_stage(columns.STATISTICS): (statistics, "statistics_table"),
+    table_stage(columns.LOO_PIT): (loo_pit, "loo_pit"),
+    table_stage(columns.DISCREPANCY): (writing, "misfit_frame"),
+    table_stage(columns.CONSTANTS): (tables, "constants"),
+    table_stage(columns.PARAMETERS): (tables, "parameters"),
+    table_stage(columns.TENSILE): (tables, "tensile"),
+    table_stage(columns.ELONGATION): (tables, "elongation"),
+    table_stage(columns.MEASURED): (tables, "measured"),
+    table_stage(columns.OBSERVATIONS): (tables, "observations"),
+    table_stage(columns.LEVELS): (writing, "level_table"),
+    table_stage(columns.BANDS): (writing, "curvature_bands"),
+    table_stage(columns.RUPTURE): (writing, "rupture_table"),
+    table_stage(columns.DECISIONS): (writing, "decisions"),
+    table_stage(columns.COURSE): (films, "course_table"),
+}
+# the rest: where it is written
+WRITTEN = {table_stage(name): name for name in columns.TABLES} | {
+    posterior_stage(name): name for name in POSTERIORS
+}
+FIGURES = {figure_stage(name): name for name in figures_run.FIGURES}
+# what can only be said, not raised: see the tests of too few simulated data sets
+SAID = {Stage.CALIBRATION}
+# of a study of films alone
+ELSEWHERE = {table_stage(columns.GAIN_MODES)}
+STAGES = sorted({*Stage, *WRITTEN, *FIGURES} - SAID - ELSEWHERE)
+
+# what goes with a stage
+WITHOUT = {
+    Stage.VERDICT: {
+        *("gain.csv", "gain_levels.csv", "statistics.csv", "discrepancy.csv", "loo_pit.csv"),
+        "misfit_null.csv",
+    },
+    Stage.HELD_OUT: {"gain.csv", "gain_levels.csv", "loo_pit.csv"},
+    Stage.SHARED_SCATTER: {"gain_levels.csv"},
+    Stage.LEVELS_OUT: {"gain_levels.csv"},
+    Stage.PRIOR_SENSITIVITY: {"prior_sensitivity.csv"},
+    Stage.PRIOR_PREDICTIVE: {"prior_predictive.csv"},
+    Stage.LEAVE_ONE_OUT: {"leave_one_out.csv"},
+    Stage.COURSE: {"course.csv", "posterior_course.nc"},
+    Stage.ORDERS: {"orders.csv"},
+    Stage.READINGS: {"observations.csv", "levels.csv"},
+    Stage.DEFORMED: {"deformed.npz", "actuator_0pct.vtu", "actuator_25pct.vtu"},
+    Stage.PAGE: {"index.html"},
+}
+
+
+class Kept:
+    """A function whose results are kept: what it costs is paid once for all runs."""
+
+    def __init__(self, real, key=lambda *_args, **_options: None):
+        self.real, self.key, self.known = real, key, {}
+
+    def __call__(self, *args, **options):
+        key = self.key(*args, **options)
+        if key not in self.known:
+            self.known[key] = self.real(*args, **options)
+        return self.known[key]
+
+
+class KeptFiles:
+    """A function whose files are kept and copied: of calls with the same texts the first counts."""
+
+    def __init__(self, real):
+        self.real, self.known = real, {}
+
+    def __call__(self, folder, *args, **options):
+        path = folder.path
+        path.mkdir(parents=True, exist_ok=True)
+        key = tuple(one for one in args if isinstance(one, str))
+        if key not in self.known:
+            before = set(path.glob("*"))
+            self.real(folder, *args, **options)
+            new = set(path.glob("*")) - before
+            self.known[key] = {file.name: file.read_bytes() for file in new}
+        for name, content in self.known[key].items():
+            (path / name).write_bytes(content)
+
+
+# the table of a figure, where it has another name
+TABLE_OF = {
+    "residuals": "observations",
+    "null": "misfit_null",
+    "prior-curvature": "prior_predictive",
+    "prior-stress": "prior_predictive",
+}
+
+
+def has_table(figure, _verdict, _run, tables):
+    return getattr(tables, TABLE_OF.get(figure, figure.replace("-", "_"))) is not None
+
+
+KEPT = [
+    (run, "calibrate", lambda _model, name, **_options: name),
+    (run, "base_of", None),
+    (judge, "Search", None),
+    (judge, "held_out_and_all", None),
+    (judge, "levels_out", lambda _search, names, **_options: names),
+    (judge, "rank", lambda trials, *_args, **_options: tuple(t.names for t in trials)),
+    (judge, "rupture_misfit", None),
+    (prior_sensitivity, "prior_sensitivity", lambda model, _chain: len(model.table.names)),
+    (prior_predictive, "prior_predictive", lambda model, _rng: len(model.table.names)),
+    (leave_one_out, "leave_one_out", lambda model, *_args, **_o: len(model.table.names)),
+    (films, "_course", None),
+    (films, "compare_orders", None),
+    (files, "to_datatree", lambda model, *_args: len(model.table.names)),
+    (writing, "decisions", None),
+    (figures_run, "inline_svg", lambda _figure, name, **_options: name),
+]
+
+
+@pytest.fixture(scope="module")
+def cheap(tmp_path_factory):
+    """A study, and a run command whose costly functions are computed once."""
+    folder = tmp_path_factory.mktemp("planted")
+    planted_study(folder)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(STRICT, "0")
+        patch.setattr(command, "emulator_for", lambda *_args, **_options: emulator())
+        patch.setattr(run, "JUDGE_EFFORTS", {"quick": EFFORT})
+        short = replace(run.EFFORTS["quick"], effective=1.0, r_hat=9.0, longest=60, chunk=30)
+        patch.setattr(run, "EFFORTS", {"quick": short})
+        patch.setattr(holding_out, "BESIDE", ())
+        patch.setattr(deciding, "DRAWS", 10)
+        coarse = partial(writing.write_deformed, resolution=COARSEST)
+        patch.setattr(writing, "write_deformed", KeptFiles(coarse))
+        posterior = KeptFiles(RunFolder.write_posterior)
+        patch.setattr(RunFolder, "write_posterior", lambda *args: posterior(*args))
+        for name, draw in figures_run.FIGURES.items():
+            patch.setitem(figures_run.FIGURES, name, Kept(draw, partial(has_table, name)))
+        for module, name, key in KEPT:
+            kept = Kept(getattr(module, name), *([key] if key else []))
+            patch.setattr(module, name, kept)
+        yield folder
+
+
+def command_of(study, out, monkeypatch):
+    """Run the command; return its exit code and what is in the folder."""
+    words = ["bayesdeg", "run", str(study), "--out", str(out), "--workers", "1"]
+    monkeypatch.setattr(sys, "argv", words)
+    code = cli.exit_code()
+    found = {p.name for p in out.iterdir() if p.is_file()} if out.exists() else set()
+    return code, found
+
+
+@pytest.fixture(scope="module")
+def whole(cheap, tmp_path_factory):
+    """A run in which nothing breaks."""
+    out = tmp_path_factory.mktemp("whole") / "run"
+    with pytest.MonkeyPatch.context() as patch:
+        code, found = command_of(cheap, out, patch)
+    assert code == 0
+    return out, found
+
+
+def raising(fault):
+    def broken(*_args, **_options):
+        raise fault
+
+    return broken
+
+
+def broken_at(stage, fault, patch):
+    """Let the function of a stage raise."""
+    if stage in BROKEN:
+        patch.setattr(*BROKEN[stage], raising(fault))
+    elif stage in FIGURES:
+        patch.setitem(figures_run.FIGURES, FIGURES[stage], raising(fault))
+    else:
+        name = "write_posterior" if stage.endswith(".nc") else "write_table"
+        real = getattr(RunFolder, name)
+
+        def write(folder, what, content):
+            if what == WRITTEN[stage]:
+                raise fault
+            real(folder, what, content)
+
+        patch.setattr(RunFolder, name, write)
+
+
+def test_every_stage_that_may_be_left_out_is_known_here():
+    """The stages of the tables, posteriors and figures are made of their lists."""
+    assert set(BROKEN) <= set(STAGES)
+    assert set(Stage) - SAID <= set(BROKEN)
+    assert not set(WRITTEN) & set(FIGURES)
+
+
+@pytest.mark.slow
+def test_a_run_in_which_nothing_breaks_leaves_nothing_out(whole):
+    out, found = whole
+    verdict, document = (RunFolder(out).read_json(name) for name in ("verdict", "run"))
+    assert verdict["outcome"] == "named"
+    assert verdict["causes"] == verdict["predicted_with"] == ["pressure_offset"]
+    assert verdict["left_out"] == document["left_out"] == []
+    assert "left_out.txt" not in found
+    assert not set(WRITTEN) - ELSEWHERE - found
+    page = (out / "index.html").read_text(encoding="utf-8")
+    assert 'id="left-out"' not in page
+    # whatever can be drawn is drawn, so that the tests below lack nothing
+    assert set(figures_run.FIGURES) == set(re.findall(r'id="figure-([a-z-]+)"', page))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("stage", STAGES)
+def test_a_stage_that_breaks_is_left_out_and_all_else_is_written(
+    cheap, whole, stage, tmp_path, monkeypatch, capsys
+):
+    out = tmp_path / "run"
+    broken_at(stage, RuntimeError("broken on purpose"), monkeypatch)
+    code, found = command_of(cheap, out, monkeypatch)
+    said = capsys.readouterr().err
+    assert code == 0, said
+    missing = WITHOUT.get(stage, {stage} if stage in WRITTEN else set())
+    assert found == whole[1] - missing | {"left_out.txt"}
+    verdict, document = (RunFolder(out).read_json(name) for name in ("verdict", "run"))
+    assert [entry["stage"] for entry in verdict["left_out"]] == [stage]
+    why = verdict["left_out"][0]["why"]
+    assert "could not be computed (RuntimeError: broken on purpose)" in why
+    assert document["left_out"] == verdict["left_out"]
+    assert "raise fault\nRuntimeError: broken on purpose" in (out / "left_out.txt").read_text()
+    assert f"{stage}: {why}" in said
+    assert "left_out.txt" in said.replace("\n", "")
+    assert_judged_as_far_as_known(stage, verdict)
+    if stage != Stage.PAGE:
+        page = read_html((out / "index.html").read_text(encoding="utf-8"))
+        assert f"{stage}: {why}" in page.by_id("left-out").text
+
+
+def assert_judged_as_far_as_known(stage, verdict):
+    """Nothing is named where a test that may refute it is missing, and nothing is adequate."""
+    if stage in (Stage.VERDICT, Stage.HELD_OUT, Stage.SHARED_SCATTER):
+        assert verdict["outcome"] == "not_judged"
+        assert verdict["causes"] == verdict["predicted_with"] == []
+        assert "broken on purpose" in verdict["explanation"]
+    else:
+        assert verdict["outcome"] == "named"
+        with_cause = [] if stage == Stage.EXTENDED else ["pressure_offset"]
+        assert verdict["predicted_with"] == with_cause
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("stage", STAGES)
+def test_ctrl_c_stops_a_run_in_any_stage(cheap, whole, stage, tmp_path, monkeypatch):
+    broken_at(stage, KeyboardInterrupt(), monkeypatch)
+    code, found = command_of(cheap, tmp_path / "run", monkeypatch)
+    assert code == cli.STOPPED
+    assert "left_out.txt" not in found
+
+
+@pytest.mark.slow
+def test_several_stages_may_break_at_once_and_files_of_the_run_before_are_removed(
+    cheap, whole, tmp_path, monkeypatch
+):
+    out = tmp_path / "run"
+    shutil.copytree(whole[0], out)
+    broken = ("bands.csv", Stage.COURSE, Stage.EXPERIMENTS, figure_stage("tensile"))
+    for stage in broken:
+        broken_at(stage, ValueError("no"), monkeypatch)
+    code, found = command_of(cheap, out, monkeypatch)
+    assert code == 0
+    gone = {"bands.csv", "course.csv", "posterior_course.nc"}
+    assert found == whole[1] - gone | {"left_out.txt"}
+    verdict = RunFolder(out).read_json("verdict")
+    assert {entry["stage"] for entry in verdict["left_out"]} == set(broken)
+
+
+@pytest.mark.slow
+def test_in_strict_mode_a_fault_of_ours_ends_the_run(cheap, whole, tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv(STRICT, "1")
+    broken_at("bands.csv", RuntimeError("broken on purpose"), monkeypatch)
+    assert command_of(cheap, tmp_path / "run", monkeypatch)[0] == cli.OUR_FAULT
+    assert "Traceback" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_where_most_simulated_data_sets_have_no_answer_nothing_is_judged(
+    cheap, whole, tmp_path, monkeypatch, capsys
+):
+    """Once a run ended with a traceback: 19 simulated data sets are needed at least, not 18."""
+    steps = judge.Search().steps
+    step = steps[frozenset()]
+    few = replace(
+        step.misfit, null=step.misfit.null[:18], p_value=np.nan, drawn=200, lost=1.0 - 18 / 200
+    )
+    left = replace(step, misfit=few, simulated=step.simulated[:18], chance=step.chance[:18])
+    monkeypatch.setitem(steps, frozenset(), left)
+    monkeypatch.setattr(judge, "run_search", lambda _search: frozenset())
+    out = tmp_path / "run"
+    code, found = command_of(cheap, out, monkeypatch)
+    assert code == 0
+    verdict = RunFolder(out).read_json("verdict")
+    assert verdict["outcome"] == "not_judged"
+    assert verdict["misfit"]["p_value"] is None
+    said = "only 18 of 200 simulated data sets stayed within the emulator's range"
+    assert said in verdict["explanation"]
+    stages = {entry["stage"]: entry["why"] for entry in verdict["left_out"]}
+    assert set(stages) == {Stage.CALIBRATION, "statistics.csv"}
+    assert all(said in why for why in stages.values())
+    assert said in " ".join(capsys.readouterr().err.split())
+    assert {"bands.csv", "statistics.csv", "misfit_null.csv", "index.html"} <= found
+    table = RunFolder(out).read_table("statistics")
+    assert table["reading"].str.startswith("not available").all()
+    page = read_html((out / "index.html").read_text(encoding="utf-8"))
+    assert page.by_id("verdict").all("span")[0].text == "Not judged"
+    assert said in page.by_id("left-out").text
+
+
+# ---- the guard
+
+
+@pytest.mark.parametrize("strict", [True, False])
+@pytest.mark.parametrize(
+    "fault",
+    [
+        KeyboardInterrupt(),
+        SystemExit(1),
+        ResumableError("the scheduler is gone"),
+        StudyError([Fault("a.csv", "is wrong", "mend it")]),
+    ],
+)
+def test_what_is_no_fault_of_ours_is_passed_on(fault, strict):
+    guard = Guard(strict=strict)
+    with pytest.raises(type(fault)):
+        guard.attempt(Stage.COURSE, raising(fault))
+    assert guard.left_out == []
+
+
+def test_what_is_left_out_is_kept_with_its_reason_and_traceback():
+    guard = Guard(strict=False)
+    assert guard.attempt(Stage.COURSE, int, "7") == 7
+    assert guard.attempt(Stage.HELD_OUT, raising(ValueError("two\n  lines."))) is None
+    assert guard.attempt("bands.csv", raising(ValueError())) is None
+    guard.note(Stage.HELD_OUT, "the first reason counts")
+    assert guard.stages == ("held-out specimens", "bands.csv")
+    assert guard.why(Stage.HELD_OUT) == (
+        "No cause can be named as it could not be computed (ValueError: two lines)."
+    )
+    assert guard.why("bands.csv") == "It could not be computed (ValueError)."
+    assert guard.why(Stage.COURSE) == ""
+    assert guard.documents()[0] == {"stage": "held-out specimens", "why": guard.left_out[0].why}
+    assert guard.traces().count("Traceback (most recent call last)") == 2
+
+
+def test_a_folder_keeps_no_tracebacks_of_an_earlier_run(tmp_path):
+    folder = RunFolder(tmp_path)
+    folder.write_left_out("of the first")
+    assert (tmp_path / LEFT_OUT).read_text() == "of the first"
+    folder.write_left_out("")
+    folder.write_left_out("")
+    assert not (tmp_path / LEFT_OUT).exists()
