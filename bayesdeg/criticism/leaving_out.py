@@ -15,7 +15,7 @@ from bayesdeg.criticism.trials import Trial
 from bayesdeg.inference.chain import Effort
 from bayesdeg.inference.ensemble import sample
 from bayesdeg.inference.importance import about_mode, improved
-from bayesdeg.inference.laplace import approximate, surrounding
+from bayesdeg.inference.laplace import approximate
 
 Floats = NDArray[np.float64]
 _Fold = tuple[NDArray[np.intp], Floats, Floats]
@@ -230,7 +230,7 @@ def _draws(
         posterior = improved(training, trial.posterior, generator, draws=ROUND, enough=WANTED)
     if posterior.effective >= FEWEST:
         return posterior.resample(generator, DRAWS), posterior.log_evidence
-    near = surrounding(training, trial.mode, laplace.covariance, generator)
-    chain = sample(training, near, effort=ANEW, seed=seed)
+    begun = posterior if posterior.effective > 0.0 else trial.posterior
+    chain = sample(training, begun, effort=ANEW, seed=seed)
     flat = chain.vectors.reshape(-1, chain.vectors.shape[-1])
     return flat[generator.integers(len(flat), size=DRAWS)], float("nan")

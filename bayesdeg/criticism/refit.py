@@ -21,9 +21,7 @@ from bayesdeg.inference.importance import about_mode
 from bayesdeg.inference.laplace import (
     FEWEST_EFFECTIVE,
     Evidence,
-    Laplace,
     approximate,
-    surrounding,
 )
 from bayesdeg.inference.model import Model
 from bayesdeg.inference.subset import blocks_of, without
@@ -89,7 +87,7 @@ def predict_left_out(
     laplace = approximate(training, generator, start=best)
     posterior = about_mode(training, laplace, generator, enough=ENOUGH_EFFECTIVE)
     if posterior.effective < FEWEST_EFFECTIVE:
-        posterior = _chain(training, laplace, generator, seed)
+        posterior = _chain(training, posterior, seed)
     possible = np.isfinite(posterior.log_weights)
     weights = posterior.log_weights[possible] - logsumexp(posterior.log_weights[possible])
     density, error = bridge(
@@ -147,15 +145,9 @@ def bridge(
     return log_ratio, float(np.sqrt(variance))
 
 
-def _chain(
-    training: Model,
-    laplace: Laplace,
-    generator: np.random.Generator,
-    seed: np.random.SeedSequence,
-) -> Evidence:
-    """Return draws of emcee, equally weighted."""
-    near = surrounding(training, laplace.mode, laplace.covariance, generator)
-    chain = sample(training, near, effort=EFFORTS["quick"], seed=seed)
+def _chain(training: Model, begun: Evidence, seed: np.random.SeedSequence) -> Evidence:
+    """Return draws of emcee, equally weighted, from walkers at a poor importance sample."""
+    chain = sample(training, begun, effort=EFFORTS["quick"], seed=seed)
     vectors = chain.thinned(DRAWS // len(chain.vectors)).vectors
     flat = vectors.reshape(-1, vectors.shape[-1])
     effective = min(float(np.min(chain.effective())), float(len(flat)))

@@ -11,9 +11,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from bayesdeg.compiled import compiled
 from bayesdeg.emulator.coordinates import LARGEST_WARPED
 from bayesdeg.emulator.evaluation import BLOCK, contract, fill
 from bayesdeg.emulator.exponentials import exponentials
@@ -39,9 +39,6 @@ _BY_LOAD = _OUT + Y * BLOCK  # derivative of the first
 _ERROR = _OUT + _SUMS * BLOCK  # ln of squared relative standard errors
 _BY_PHI = _ERROR + Y * BLOCK  # derivative of the first output
 _END = _BY_PHI + BLOCK
-
-# products may be taken into one rounding, nothing else: no sum is taken in another order
-_COMPILED = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 
 
 class Rows(NamedTuple):
@@ -72,7 +69,7 @@ class Rows(NamedTuple):
     bending: Floats
 
 
-@_COMPILED  # type: ignore[untyped-decorator]
+@compiled
 def map_of_rows(
     loads: Floats, rows: Rows, terms: Plan, errors: Plan, mesh_error: float
 ) -> tuple[Floats, Flags]:  # pragma: no cover - compiled
@@ -121,13 +118,13 @@ def map_of_rows(
     return out, allowed
 
 
-@_COMPILED  # type: ignore[untyped-decorator]
+@compiled
 def _even(count: int) -> int:  # pragma: no cover - compiled
     """Return the next even number, at least 2: orders are added up in pairs."""
     return max(2, count + count % 2)
 
 
-@_COMPILED  # type: ignore[untyped-decorator]
+@compiled
 def _take(work: Floats, rows: Rows, first: int, count: int) -> None:  # pragma: no cover - compiled
     """Copy what is the same along a row to the working space of a block."""
     for lane in range(count):
@@ -140,7 +137,7 @@ def _take(work: Floats, rows: Rows, first: int, count: int) -> None:  # pragma: 
         work[_OFFSET + lane], work[_BENDING + lane] = rows.offset[row], rows.bending[row]
 
 
-@_COMPILED  # type: ignore[untyped-decorator]
+@compiled
 def _contracted(
     along: Floats, points: Floats, plan: Plan, first: int, count: int
 ) -> None:  # pragma: no cover - compiled
@@ -160,7 +157,7 @@ def _contracted(
     )
 
 
-@_COMPILED  # type: ignore[untyped-decorator]
+@compiled
 def _place(
     work: Floats, loads: Floats, allowed: Flags, first: int, count: int, column: int
 ) -> None:  # pragma: no cover - compiled
@@ -179,7 +176,7 @@ def _place(
         work[_PHI + lane] = slack / (strain if slack > 0.0 else 1.0)
 
 
-@_COMPILED  # type: ignore[untyped-decorator]
+@compiled
 def _series(
     series: Floats, by_phi: Floats, along: Floats, phi: Floats, plan: Plan
 ) -> None:  # pragma: no cover - compiled
@@ -203,7 +200,7 @@ def _series(
                     by_phi[n, 0, lane] += along[slot, 0, lane] * before[lane]
 
 
-@_COMPILED  # type: ignore[untyped-decorator]
+@compiled
 def _differentiate(series: Floats, n_orders: int) -> None:  # pragma: no cover - compiled
     """Write the Chebyshev series of the derivative of the first output by the load, as the last.
 
@@ -217,7 +214,7 @@ def _differentiate(series: Floats, n_orders: int) -> None:  # pragma: no cover -
             series[n - 1, Y, lane] = half * (above + 2.0 * n * series[n, 0, lane])
 
 
-@_COMPILED  # type: ignore[untyped-decorator]
+@compiled
 def _tabulate(polynomials: Floats, load: Floats) -> None:  # pragma: no cover - compiled
     """Tabulate the Chebyshev polynomials of the load."""
     polynomials[0, :] = 1.0
@@ -228,7 +225,7 @@ def _tabulate(polynomials: Floats, load: Floats) -> None:  # pragma: no cover - 
             three[2 * BLOCK + lane] = 2.0 * load[lane] * three[BLOCK + lane] - three[lane]
 
 
-@_COMPILED  # type: ignore[untyped-decorator]
+@compiled
 def _sum(sums: Floats, series: Floats, polynomials: Floats) -> None:  # pragma: no cover - compiled
     """Write the sums of four series in the load, two orders at a time."""
     sums[: _SUMS * BLOCK] = 0.0
@@ -242,7 +239,7 @@ def _sum(sums: Floats, series: Floats, polynomials: Floats) -> None:  # pragma: 
             sums[3 * BLOCK + lane] += c[3 * BLOCK + lane] * even + c[7 * BLOCK + lane] * odd
 
 
-@_COMPILED  # type: ignore[untyped-decorator]
+@compiled
 def _sum_errors(
     sums: Floats, series: Floats, polynomials: Floats
 ) -> None:  # pragma: no cover - compiled
@@ -257,7 +254,7 @@ def _sum_errors(
             sums[2 * BLOCK + lane] += c[2 * BLOCK + lane] * even + c[6 * BLOCK + lane] * odd
 
 
-@_COMPILED  # type: ignore[untyped-decorator]
+@compiled
 def _finish(work: Floats, mesh_error: float) -> None:  # pragma: no cover - compiled
     """Make the sums of a column its outputs, slope and standard errors, in their places."""
     exponentials(work[_OUT:_BY_LOAD])
@@ -281,7 +278,7 @@ def _finish(work: Floats, mesh_error: float) -> None:  # pragma: no cover - comp
         work[_ERROR + 2 * BLOCK + lane] = stretch * math.sqrt(of_stretch + floor)
 
 
-@_COMPILED  # type: ignore[untyped-decorator]
+@compiled
 def _write(
     out: Floats, work: Floats, first: int, count: int, column: int
 ) -> None:  # pragma: no cover - compiled

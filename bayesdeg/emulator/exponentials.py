@@ -3,13 +3,12 @@
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from bayesdeg.compiled import compiled
 
 Floats = NDArray[np.float64]
 
-# products may be taken into one rounding, nothing else: no sum is taken in another order
-_COMPILED = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 
 _LOG2E = 1.0 / math.log(2.0)
 _LN2_HIGH = 6.93147180369123816490e-01  # ln 2 in two parts, the first with 32 bits free
@@ -19,7 +18,7 @@ _LARGEST = 700.0  # exponents that a number of 64 bits holds
 _INVERSE_FACTORIALS = tuple(1.0 / math.factorial(n) for n in range(14))
 
 
-@_COMPILED  # type: ignore[untyped-decorator]
+@compiled
 def exponentials(values: Floats) -> None:  # pragma: no cover - compiled
     """Replace values by their exponentials, as vectors: e^x = 2^n e^r with |r| ≤ ln 2/2.
 

@@ -179,7 +179,8 @@ def _mode_and_density(
             np.ascontiguousarray(spread),
             np.ascontiguousarray(values["curvature_noise_length"]),
             np.ascontiguousarray(_correlation(rig, values)),
-            *(np.ascontiguousarray(array) for array in data.paths[:2]),
+            np.ascontiguousarray(data.paths.mask),
+            np.ascontiguousarray(data.paths.gap),
             density,
             mode,
         )

@@ -4,16 +4,13 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from bayesdeg.compiled import compiled
 from bayesdeg.inference.path_density import filter_of, same_path, specimen_density
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-
-# products may be taken into one rounding, nothing else: no sum is taken in another order
-_COMPILED = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 
 
 class Curves(NamedTuple):
@@ -38,7 +35,7 @@ class Curves(NamedTuple):
     unread_slope: Floats
 
 
-@_COMPILED  # type: ignore[untyped-decorator]
+@compiled
 def curve_density(
     readings: Floats,
     reading_sd: Floats,
@@ -104,7 +101,7 @@ def curve_density(
             )  # fmt: skip
 
 
-@_COMPILED  # type: ignore[untyped-decorator]
+@compiled
 def _curvatures(
     readings: Floats,
     reading_sd: Floats,
@@ -126,7 +123,7 @@ def _curvatures(
         variance[j] += reading_sd[j] * reading_sd[j]
 
 
-@_COMPILED  # type: ignore[untyped-decorator]
+@compiled
 def _angles(
     readings: Floats,
     angle: Floats,

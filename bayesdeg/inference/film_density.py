@@ -3,19 +3,16 @@
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from bayesdeg.compiled import compiled
 from bayesdeg.inference.path_density import filter_of, same_path, specimen_density
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-# products may be taken into one rounding, nothing else: no sum is taken in another order
-_COMPILED = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 
-
-@_COMPILED  # type: ignore[untyped-decorator]
+@compiled
 def film_density(
     stress: Floats,
     at_rest: Floats,
@@ -74,7 +71,7 @@ def film_density(
             deviation[b, s, 0], deviation[b, s, 1] = log_stiffness, rate
 
 
-@_COMPILED  # type: ignore[untyped-decorator]
+@compiled
 def _linearise(
     stress: Floats,
     at_rest: Floats,

@@ -106,11 +106,13 @@ def _density_and_mode(
     density, deviation = np.empty(spread.shape[:2]), np.empty(spread.shape)
     film_density(
         np.ascontiguousarray(data.stress),
-        *(np.ascontiguousarray(stress) for stress in median),
+        np.ascontiguousarray(median.at_rest),
+        np.ascontiguousarray(median.by_rate),
         np.stack([values["tensile_noise_floor"], values["tensile_noise"]], axis=-1),
         spread,
         np.ascontiguousarray(values["tensile_noise_length"]),
-        *(np.ascontiguousarray(array) for array in data.paths[:2]),
+        np.ascontiguousarray(data.paths.mask),
+        np.ascontiguousarray(data.paths.gap),
         passes,
         density,
         deviation,

@@ -3,16 +3,16 @@
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from bayesdeg.compiled import compiled
 from bayesdeg.inference.path_density import INDEPENDENT
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@compiled
 def path_innovations(
     residual: Floats,
     slope: Floats,
@@ -71,7 +71,7 @@ def path_innovations(
                 log_sd[b, s, j] += 0.5 * math.log(total)
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@compiled
 def _begin_output(mean: Floats, state: Floats) -> None:
     """Let the process of an output begin anew, independent of what was before."""
     k = len(mean) - 1
@@ -82,7 +82,7 @@ def _begin_output(mean: Floats, state: Floats) -> None:
     state[k, k] = 1.0 - INDEPENDENT
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@compiled
 def _predict(mean: Floats, state: Floats, decay: float) -> None:
     """Let the process run to the next reading."""
     k = len(mean) - 1
@@ -94,7 +94,7 @@ def _predict(mean: Floats, state: Floats, decay: float) -> None:
     state[k, k] = square * state[k, k] + (1.0 - square) * (1.0 - INDEPENDENT)
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@compiled
 def _update(mean: Floats, state: Floats, row: Floats, cross: Floats) -> tuple[float, float]:
     """Learn from a reading u = J m + x + e, ``row`` being J and u.
 

@@ -206,20 +206,3 @@ def effective_draws(log_weights: Floats) -> float:
     2.78
     """
     return float(np.exp(2.0 * logsumexp(log_weights) - logsumexp(2.0 * log_weights)))
-
-
-def surrounding(
-    density: Density,
-    point: Floats,
-    covariance: Floats,
-    generator: np.random.Generator,
-    draws: int = 2000,
-) -> Evidence:
-    """Return possible points close to a possible point, equally weighted, to start a sampler from.
-
-    Their log evidence is not known: nan.
-    """
-    factor = 0.1 * np.linalg.cholesky(covariance)
-    points = point + generator.standard_normal((draws, len(point))) @ factor.T
-    weights = np.where(np.isfinite(density.log_prob(points)), 0.0, -np.inf)
-    return Evidence(float("nan"), float("nan"), points, weights, float(np.sum(weights == 0.0)))

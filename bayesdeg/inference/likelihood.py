@@ -89,9 +89,7 @@ def density_and_mode(curves: Linearised) -> tuple[Floats, Floats]:
     density = np.empty((n, n_specimens))
     deviation = np.empty((n, n_specimens, curves.slope.shape[-1]))
     path_density(
-        *(np.ascontiguousarray(array) for array in curves[:6]),
-        *(np.ascontiguousarray(array) for array in curves.paths[:2]),
-        curves.paths.points,
+        *_contiguous(curves),
         density,
         deviation,
     )
@@ -111,13 +109,20 @@ def innovations(curves: Linearised) -> tuple[Floats, Floats]:
     """
     score, log_sd = np.empty_like(curves.residual), np.empty_like(curves.residual)
     path_innovations(
-        *(np.ascontiguousarray(array) for array in curves[:6]),
-        *(np.ascontiguousarray(array) for array in curves.paths[:2]),
-        curves.paths.points,
+        *_contiguous(curves),
         score,
         log_sd,
     )
     return score[:, curves.paths.mask], log_sd[:, curves.paths.mask]
+
+
+def _contiguous(
+    curves: Linearised,
+) -> tuple[Floats, Floats, Floats, Floats, Floats, Floats, Flags, Floats, int]:
+    """Return all fields as compiled code takes them, those of the paths last."""
+    one, two, three, four, five, six = (np.ascontiguousarray(array) for array in curves[:6])
+    mask, gap = np.ascontiguousarray(curves.paths.mask), np.ascontiguousarray(curves.paths.gap)
+    return one, two, three, four, five, six, mask, gap, curves.paths.points
 
 
 def covariance(curves: Linearised) -> Floats:

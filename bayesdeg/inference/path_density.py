@@ -8,8 +8,9 @@ same path, and the pass along a specimen's readings is left with products and su
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from bayesdeg.compiled import compiled
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -21,11 +22,8 @@ INDEPENDENT = 0.2
 MOST_DEVIATIONS = 2
 """Of a specimen; the normal equations are written out for so many."""
 
-# products may be taken into one rounding, nothing else: no sum is taken in another order
-_COMPILED = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 
-
-@_COMPILED  # type: ignore[untyped-decorator]
+@compiled
 def path_density(
     residual: Floats,
     slope: Floats,
@@ -76,7 +74,7 @@ def path_density(
                 deviation[b, s, 1] = other
 
 
-@_COMPILED  # type: ignore[untyped-decorator]
+@compiled
 def same_path(mask: Flags, gap: Floats) -> Flags:
     """Return whether each specimen's path is that of the specimen before it."""
     alike = np.zeros(len(mask), np.bool_)
@@ -90,7 +88,7 @@ def same_path(mask: Flags, gap: Floats) -> Flags:
     return alike
 
 
-@_COMPILED  # type: ignore[untyped-decorator]
+@compiled
 def filter_of(
     length: float,
     correlation: float,
@@ -131,7 +129,7 @@ def filter_of(
     return count, logs + math.log(product) + count * LOG_TWO_PI
 
 
-@_COMPILED  # type: ignore[untyped-decorator]
+@compiled
 def specimen_density(
     residual: Floats,
     slope: Floats,
@@ -189,7 +187,7 @@ def specimen_density(
     return -0.5 * (logs + left), u * widths[0], v * widths[1]
 
 
-@_COMPILED  # type: ignore[untyped-decorator]
+@compiled
 def _regression(
     g00: float, g10: float, g11: float, g20: float, g21: float, g22: float
 ) -> tuple[float, float, float]:
@@ -210,7 +208,7 @@ def _regression(
     return left + 2.0 * math.log(root * rest), (u - below * v) / root, v
 
 
-@_COMPILED  # type: ignore[untyped-decorator]
+@compiled
 def _scales(variance: Floats, order: Indices, scales: Floats) -> float:
     """Write 1 over the standard deviations of the readings in order; return ln Π v."""
     logs, product = 0.0, 1.0
