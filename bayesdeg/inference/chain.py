@@ -43,21 +43,33 @@ class Effort:
     kept: int = 500
     times: float = 5.0
 
-    def periods(self) -> tuple[tuple[int, ...], ...]:
+    def periods(self, *, settled: bool = False) -> tuple[tuple[int, ...], ...]:
         """Return the steps to each look at the chain, period by period.
 
         Moves are fitted anew before each period, to the draws of the one before, and draws of the
         last period alone are kept; so each is twice as long as the one before. The first is for
         fitting alone. The last goes on to the limit.
 
+        Parameters
+        ----------
+        settled : bool
+            Whether the moves of the first period served well: the second is then the last.
+
         Examples
         --------
-        >>> Effort(effective=400.0, r_hat=1.01, chunk=50, longest=1000).periods()
+        >>> effort = Effort(effective=400.0, r_hat=1.01, chunk=50, longest=1000)
+        >>> effort.periods()
         ((50,), (50, 50), (100, 100), (200, 200, 200, 50))
+        >>> effort.periods(settled=True)[1][:6]
+        (25, 25, 25, 25, 25, 31)
         >>> Effort(effective=400.0, r_hat=1.01, chunk=10, longest=20).periods()
         ((10,), (10,))
         """
         first = min(self.chunk, max(1, self.longest // 2))
+        if settled:
+            return (first,), _growing(
+                self.longest - first, max(1, first // 2), LONGEST_LOOK * first
+            )
         lengths, left = [first], self.longest - first
         while left >= 2 * lengths[-1]:
             lengths.append(2 * lengths[-1])
@@ -74,10 +86,18 @@ def _split(length: int, part: int) -> tuple[int, ...]:
     return (part,) * (length // part) + ((rest,) if rest else ())
 
 
+def _growing(length: int, least: int, most: int) -> tuple[int, ...]:
+    """Split a length: a look whenever the chain is a quarter longer than at the last."""
+    parts: list[int] = []
+    while (done := sum(parts)) < length:
+        parts.append(min(max(least, done // 4), most, length - done))
+    return tuple(parts)
+
+
 EFFORTS = {
     "quick": Effort(effective=150.0, r_hat=1.05, chunk=25, longest=1200),
-    "standard": Effort(effective=400.0, r_hat=1.01, chunk=50, longest=6000),
-    "thorough": Effort(effective=2000.0, r_hat=1.005, chunk=100, longest=40000, kept=2000),
+    "standard": Effort(effective=400.0, r_hat=1.01, chunk=25, longest=6000),
+    "thorough": Effort(effective=2000.0, r_hat=1.005, chunk=50, longest=40000, kept=2000),
 }
 
 
@@ -95,6 +115,8 @@ class Standing:
         Autocorrelation times that the walkers have gone; nan of none.
     resumed : int
         Steps that an earlier run had done.
+    settled : bool
+        Whether moves are fitted no more.
     """
 
     steps: int = 0
@@ -103,6 +125,7 @@ class Standing:
     r_hat: float = math.nan
     times: float = math.nan
     resumed: int = 0
+    settled: bool = False
 
     def steps_wanted(self, effort: Effort) -> float:
         """Return how many kept steps would meet an effort's criteria; nan while none are kept.

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
+from dataclasses import replace
 from functools import partial
 from itertools import count
 
@@ -42,6 +43,9 @@ Floats = NDArray[np.float64]
 # shares of the steps; chosen by benchmarks/sampler_moves.py. Independent proposals are worth most
 # where the posterior is nearly the fitted law; differential evolution gets through where it is not
 INDEPENDENT, DIFFERENTIAL = 0.8, 0.2
+# accepted share from which fitting the moves once is enough: a better law would not gain the steps
+# that a further period costs
+SERVED = 0.2
 
 
 def sample(
@@ -59,8 +63,9 @@ def sample(
     Walkers start from draws of the posterior's importance sample, each ensemble from its own. Most
     moves are independent proposals from a law that is fitted to the draws of all ensembles; the
     others are differential evolution, which needs no fit. The law is fitted anew before each
-    period of the effort and stays as it is within it; only draws of the last period are kept, so
-    that detailed balance holds for all of them. The same seed gives the same chain whatever the
+    period of the effort and stays as it is within it; where the first law served well already, the
+    second period is the last. Only draws of the last period are kept, so that detailed balance
+    holds for all of them. The same seed gives the same chain whatever the
     executor, the threads, and what the store held before.
 
     A posterior of several separate modes is explored about the one that the start knows of.
@@ -94,8 +99,9 @@ def sample(
         begun = start_of(density, start, np.random.default_rng(first))
         positions = [_first(density, begun, child) for child in others]
         proposal, asked, standing = begun.proposal, Refusals(), Standing()
-        numbers = count()
-        for period, looks in enumerate(effort.periods()):
+        numbers, period = count(), 0
+        while True:
+            looks = effort.periods(settled=standing.settled)[period]
             pieces: list[list[Piece]] = [[] for _ in positions]
             for look in looks:
                 done, resumed = run(next(numbers), [Task(p, proposal, look) for p in positions])
@@ -104,15 +110,23 @@ def sample(
                 for history, piece in zip(pieces, done, strict=True):
                     history.append(piece)
                 chain = _joined(pieces, asked)
-                standing = Standing(standing.steps + look, resumed=standing.resumed + resumed)
+                standing = Standing(
+                    standing.steps + look,
+                    resumed=standing.resumed + resumed,
+                    settled=standing.settled,
+                )
                 if period > 0:
                     standing = chain.judged(standing)
                 if on_chunk is not None:
                     on_chunk(standing)
-                if standing.enough(effort):
+                if standing.enough(effort) or standing.steps >= effort.longest:
                     return chain
-            proposal = Proposal.fit(_later_half(chain.vectors))
-    return chain
+            served = float(np.min(chain.acceptance)) >= SERVED
+            if period == 0:
+                standing = replace(standing, settled=served)
+            # draws of walkers that were sent about by a poor law are still on their way at first
+            proposal = Proposal.fit(_flat(chain.vectors, share=1.0 if served else 0.5))
+            period += 1
 
 
 def to_datatree(density: Density, chain: Chain, generator: np.random.Generator) -> xr.DataTree:
@@ -210,9 +224,10 @@ def moves_of(proposal: Proposal) -> list[tuple[emcee.moves.Move, float]]:
     ]
 
 
-def _later_half(vectors: Floats) -> Floats:
-    half = vectors[:, vectors.shape[1] // 2 :]
-    return half.reshape(-1, vectors.shape[-1])
+def _flat(vectors: Floats, *, share: float) -> Floats:
+    """Return the last share of the steps of all ensembles, one draw a row."""
+    last = vectors[:, round((1.0 - share) * vectors.shape[1]) :]
+    return last.reshape(-1, vectors.shape[-1])
 
 
 def _joined(history: list[list[Piece]], asked: Refusals) -> Chain:

@@ -25,11 +25,12 @@ def steps_left(standing: Standing, effort: Effort) -> float:
         return math.nan
     if standing.enough(effort):
         return 0.0
-    for looks in effort.periods()[1:]:
+    first, *periods = effort.periods(settled=standing.settled)
+    for looks in periods:
         kept = 0
         for look in looks:
             kept += look
-            reached = effort.periods()[0][0] + done + kept
+            reached = sum(first) + done + kept
             if kept >= wanted and reached > standing.steps:
                 return float(reached - standing.steps)
         done += kept

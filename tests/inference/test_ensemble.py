@@ -4,6 +4,7 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import cache
 from itertools import accumulate, pairwise
+from itertools import chain as joined
 from multiprocessing import get_context
 
 import numpy as np
@@ -74,7 +75,7 @@ def test_draws_of_the_last_period_alone_are_kept_and_walkers_suffice():
     chain = gaussian_chain()
     ensembles, steps, walkers, size = chain.vectors.shape
     assert (ensembles, walkers, size) == (4, 40, 3)
-    assert steps == 50  # of 50 for fitting, and 50 to the first look, which were enough
+    assert steps == 25  # after 50 for fitting: those to the first look, which were enough
     assert chain.log_prob.shape == (4, steps, 40)
     assert np.all((chain.acceptance > 0.1) & (chain.acceptance < 0.9))
 
@@ -87,6 +88,30 @@ def test_periods_add_up_to_the_limit_and_double(longest):
     assert all(later == 2 * earlier for earlier, later in pairwise(periods[:-1]))
     assert periods[-1] >= periods[-2]
     assert all(0 < look <= 160 for looks in effort.periods() for look in looks)
+
+
+@pytest.mark.parametrize("chunk", [1, 20, 50])
+def test_settled_there_are_two_periods_and_looks_grow_up_to_a_limit(chunk):
+    effort = Effort(effective=1.0, r_hat=1.1, chunk=chunk, longest=6000)
+    first, rest = effort.periods(settled=True)
+    assert first == (chunk,)
+    assert sum(first) + sum(rest) == 6000
+    assert all(0 < earlier <= later <= 8 * chunk for earlier, later in pairwise(rest[:-1]))
+
+
+@pytest.mark.parametrize(("width", "settled"), [(1.0, True), (100.0, False)])
+def test_moves_are_fitted_again_only_where_the_first_law_served_badly(width, settled):
+    told, model = [], GaussianModel()
+    draws = MEAN + width * np.random.default_rng(0).standard_normal((300, 3))
+    start = Evidence(0.0, 0.1, draws, np.zeros(300), 300.0)
+    effort = Effort(effective=1e9, r_hat=1.0, chunk=20, longest=300, ensembles=2)
+    chain = sample(
+        model, start, effort=effort, seed=np.random.SeedSequence(0), on_chunk=told.append
+    )
+    assert told[-1].settled is settled
+    kept = sum(effort.periods(settled=settled)[-1])
+    assert told[-1].kept == chain.vectors.shape[1] == kept
+    assert told[-1].steps == 300
 
 
 def test_the_same_seed_gives_the_same_chain_and_another_seed_another():
@@ -111,7 +136,8 @@ def test_sampling_stops_when_it_is_enough_and_tells_how_far_it_is():
     chain = sample(
         model, start, effort=effort, seed=np.random.SeedSequence(0), on_chunk=told.append
     )
-    looks = list(accumulate(look for looks in effort.periods() for look in looks))
+    looks = list(accumulate(joined.from_iterable(effort.periods(settled=True))))
+    assert all(state.settled for state in told[1:])
     assert [state.steps for state in told] == looks[: len(told)]
     assert 2 < len(told) < len(looks)
     assert told[0].kept == 0

@@ -102,7 +102,7 @@ def test_the_sampler_counts_every_density_that_it_asks_for():
 
 def test_refusals_of_the_sampler_are_those_of_its_ensembles():
     """Walkers that start at the edge of the training propose what is outside."""
-    draws = draws_near_truth(model(), 60, spread=0.1)
+    draws = draws_near_truth(model(), 60, spread=0.2)
     possible = np.isfinite(model().log_prob(draws))
     edge = Evidence(0.0, 0.1, draws, np.where(possible, 0.0, -np.inf), float(possible.sum()))
     chain = sample(model(), edge, effort=SHORT, seed=np.random.SeedSequence(1))

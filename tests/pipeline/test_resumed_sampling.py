@@ -20,7 +20,7 @@ from bayesdeg.report.checkpoints import Checkpoints
 from tests.inference.test_ensemble import GaussianModel
 
 EFFORT = Effort(effective=1e9, r_hat=1.0, chunk=5, longest=35, ensembles=2)
-PIECES = 5  # of each ensemble: 5, 5 and 5, 10 and 10 steps
+PIECES = sum(len(looks) for looks in EFFORT.periods(settled=True))  # of each ensemble
 
 
 class KilledError(Exception):
