@@ -1,14 +1,13 @@
 """Simulation-based calibration of the pipeline at the size of a study, with a figure.
 
 Parameters are drawn from the priors, readings of films, actuators and shrinkage from the law of
-the likelihood, in the tests of the gelatin study; each set of data is calibrated as `bayesdeg run`
-does at quick effort. If all is right, the rank of the true value among 99 posterior draws is
+the likelihood, in the tests of a study; each set of data is calibrated as `bayesdeg run` does at
+quick effort. If all is right, the rank of the true value among 99 posterior draws is
 uniform (Talts et al. 2018, arXiv:1804.06788), that of the true log density too (Modrák et al.
 2023, doi:10.1214/23-BA1404).
 
-Draws at whose pressures the forward map has no answer, with or without the specimens' deviations,
-make no data: the prior is conditional on an answer, as every posterior is, whose density is zero
-elsewhere.
+Outside the range of the forward map the log likelihood falls by half the square of the excess,
+whatever is read there; so a pair of parameters and data is kept with just that probability.
 
 The keys of the document:
 
@@ -20,6 +19,8 @@ outside_band            names whose ECDF leaves its band; one of twenty does by 
 outside_joint_band      those that leave the band which all together stay within with 95 %
 smallest_p              of the χ² tests; of n tests 0.05/n is small
 coverage_50, coverage_90  over all parameters
+ecdf_outside            how many of them, and of the log density, leave the joint band
+converged               share of the fits that met the criteria of their effort; all are counted
 sbc_replicates_per_hour at the number of workers
 details                 circumstances
 
@@ -45,7 +46,7 @@ import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -57,7 +58,6 @@ from numpy.typing import NDArray
 import bayesdeg
 from bayesdeg.inference.ensemble import EFFORTS
 from bayesdeg.inference.model import Model
-from bayesdeg.inference.parameters import Named
 from bayesdeg.inference.replicate import replicate
 from bayesdeg.measure.study import read_study
 from bayesdeg.pipeline.assemble import assemble
@@ -91,7 +91,7 @@ class Replicate:
     r_hat, effective : float
         Largest and smallest of the parameters.
     refused : int
-        Prior draws without an answer of the forward map before this one.
+        Pairs of parameters and data before this one that were not kept.
     seconds : float
         That calibrating took.
     """
@@ -106,36 +106,32 @@ class Replicate:
 
 
 @cache
-def model() -> Model:
-    """Return the base model of the study's films, actuators and shrinkage."""
-    study = replace(read_study(STUDY), breaks=None, summary=None)
+def model(folder: Path) -> Model:
+    """Return the base model of a study's films, actuators and shrinkage."""
+    study = replace(read_study(folder), breaks=None, summary=None)
     return assemble(study).model
 
 
-def drawn(generator: np.random.Generator) -> tuple[Floats, Model, int]:
-    """Return a vector from the prior that has an answer, data made of it, and how many had none."""
-    empty, refused = model(), 0
+def drawn(empty: Model, generator: np.random.Generator) -> tuple[Floats, Model, int]:
+    """Return a vector from the prior, data made of it, and how many pairs were not kept."""
+    refused = 0
     while True:
-        for vector in empty.table.sample(generator, 16):
-            with np.errstate(all="ignore"):  # refusals are nan
-                if answers(empty, empty.table.named(vector[None])):
-                    data = replicate(empty, empty.table.named(vector[None]), generator)
-                    if np.isfinite(data.log_prob(vector[None])[0]):
-                        return vector, data, refused
-            refused += 1
+        vector = empty.table.sample(generator, 1)
+        values = empty.table.named(vector)
+        with np.errstate(all="ignore"):  # what is far outside overflows, and is not kept
+            data = replace(replicate(empty.continued, values, generator), forward=empty.forward)
+            excess = float(np.sum(data.range_excess(values) ** 2))
+            kept = generator.uniform() < np.exp(-0.5 * excess)
+            if kept and np.isfinite(data.log_prob(vector)[0]):
+                return vector[0], data, refused
+        refused += 1
 
 
-def answers(empty: Model, values: Named) -> bool:
-    assert empty.actuator is not None
-    curvature = empty.curvature(values).curvature[0]
-    return bool(np.all(np.isfinite(curvature[empty.actuator.mask])))
-
-
-def one(seed: int) -> Replicate:
+def one(folder: Path, seed: int) -> Replicate:
     """Draw, simulate, calibrate, rank."""
     sequence = np.random.SeedSequence([20211124, seed])
     simulation, calibration = sequence.spawn(2)
-    vector, data, refused = drawn(np.random.default_rng(simulation))
+    vector, data, refused = drawn(model(folder), np.random.default_rng(simulation))
     begin = time.perf_counter()
     with tempfile.TemporaryDirectory() as folder:
         fit = calibrate(
@@ -171,8 +167,8 @@ def ranks_of(fit: Fit, vector: Floats) -> dict[str, int]:
 class Store:
     """Replicates that are done, a file each, of one version of the laws and of the study."""
 
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder / key()
+    def __init__(self, folder: Path, study: Path) -> None:
+        self._folder = folder / key(study)
         self._folder.mkdir(parents=True, exist_ok=True)
 
     def load(self, seed: int) -> Replicate | None:
@@ -186,10 +182,10 @@ class Store:
         part.replace(path)
 
 
-def key() -> str:
+def key(study: Path) -> str:
     """Return a hash of all that a replicate depends on: study, emulator, and the code of laws."""
     package = Path(bayesdeg.__file__).parent
-    content = hashlib.sha256(fingerprint(read_study(STUDY)).encode())
+    content = hashlib.sha256(fingerprint(read_study(study)).encode())
     for name in LAWS:
         place = package / name
         for path in sorted(place.rglob("*.py")) if place.is_dir() else [place]:
@@ -198,14 +194,16 @@ def key() -> str:
     return content.hexdigest()[:16]
 
 
-def replicates(count: int, *, store: Store, workers: int) -> tuple[list[Replicate], float]:
+def replicates(
+    count: int, *, study: Path, store: Store, workers: int
+) -> tuple[list[Replicate], float]:
     """Return replicates, those of the store included, and how many were made in an hour."""
     known = {seed: store.load(seed) for seed in range(count)}
     found = [done for done in known.values() if done is not None]
     missing = [seed for seed, done in known.items() if done is None]
     say(f"{len(found)} of {count} replicates are in the store")
     begin = time.perf_counter()
-    for number, done in enumerate(made(missing, workers), start=1):
+    for number, done in enumerate(made(study, missing, workers), start=1):
         store.save(done)
         found.append(done)
         rate = 3600.0 * number / (time.perf_counter() - begin)
@@ -218,13 +216,13 @@ def replicates(count: int, *, store: Store, workers: int) -> tuple[list[Replicat
     return sorted(found, key=lambda done: done.seed), rate
 
 
-def made(seeds: Sequence[int], workers: int) -> Iterator[Replicate]:
+def made(study: Path, seeds: Sequence[int], workers: int) -> Iterator[Replicate]:
     if workers == 1 or len(seeds) < 2:
-        yield from map(one, seeds)
+        yield from map(partial(one, study), seeds)
         return
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(workers, mp_context=context) as executor:
-        yield from executor.map(one, seeds)
+        yield from executor.map(partial(one, study), seeds)
 
 
 def judged(done: Sequence[Replicate]) -> dict[str, object]:
@@ -247,6 +245,8 @@ def judged(done: Sequence[Replicate]) -> dict[str, object]:
         "parameters": parameters,
         "outside_band": [name for name in names if leaves(ranks[name], DRAWS)],
         "outside_joint_band": [name for name in names if leaves(ranks[name], DRAWS, joint)],
+        "ecdf_outside": sum(leaves(ranks[name], DRAWS, joint) for name in names),
+        "converged": float(np.mean([d.converged for d in done])),
         "smallest_p": min(p["chi_square_p"] for p in parameters.values()),
         "coverage_50": coverage(everything, DRAWS, 0.5),
         "coverage_90": coverage(everything, DRAWS, 0.9),
@@ -257,25 +257,28 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
+    parser.add_argument("--study", type=Path, default=STUDY, help="whose tests are simulated")
     parser.add_argument("--replicates", type=int, default=200)
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--store", type=Path, default=STORE)
     parser.add_argument("--figure", type=Path, help="draw the ECDFs of the ranks (PNG or SVG)")
     parser.add_argument("--json", action="store_true", help="print the document as JSON last")
     options = parser.parse_args()
-    done, rate = replicates(options.replicates, store=Store(options.store), workers=options.workers)
+    store = Store(options.store, options.study)
+    done, rate = replicates(
+        options.replicates, study=options.study, store=store, workers=options.workers
+    )
     document = judged(done) | {
         "sbc_replicates_per_hour": rate,
         "details": {
-            "study": str(STUDY),
+            "study": str(options.study),
             "effort": EFFORT,
             "workers": options.workers,
             "cores": os.cpu_count(),
-            "converged": sum(d.converged for d in done),
             "largest_r_hat": max(d.r_hat for d in done),
             "smallest_effective": min(d.effective for d in done),
             "median_seconds": float(np.median([d.seconds for d in done])),
-            "prior_draws_refused": sum(d.refused for d in done),
+            "pairs_not_kept": sum(d.refused for d in done),
         },
     }
     if options.figure is not None:

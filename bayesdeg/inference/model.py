@@ -236,6 +236,14 @@ class Model:
         """Return log probabilities of what each actuator survived or burst at, (n, S)."""
         return self._log_rupture(values, self._actuators(values)[1].prediction)
 
+    def range_excess(self, values: Named) -> Floats:
+        """Return how far outside the forward map's range each actuator is asked, (n, S).
+
+        The log likelihood falls with half its square; 0 inside.
+        """
+        assert self.actuator is not None
+        return actuators.range_excess(self.actuator, self._actuators(values)[1].prediction)
+
     def strength(self, values: Named) -> Strength:
         """Return the elongation limit of the actuators, (n, n_specimens)."""
         believed = self._degradation(values)
