@@ -1,12 +1,14 @@
 """May this posterior be used? R̂ across independent ensembles, effective sizes, in plain words."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from bayesdeg.inference.chain import EFFORTS, Chain, Effort, Standing
 from bayesdeg.inference.density import Density
+from bayesdeg.inference.modes import words
 
 
 @dataclass(frozen=True)
@@ -41,8 +43,12 @@ class Convergence:
     tau: tuple[float, ...]
 
 
-def diagnose(density: Density, chain: Chain, effort: Effort) -> Convergence:
+def diagnose(
+    density: Density, chain: Chain, effort: Effort, *, shares: Sequence[float] = (1.0,)
+) -> Convergence:
     """Say whether a chain is long enough, and what to do if not.
+
+    ``shares`` are those of the posterior's separate modes that were found before.
 
     R̂ is that of Vehtari et al. (2021), doi:10.1214/20-BA1221, over ensembles, which are
     independent of one another; the walkers of one ensemble are not.
@@ -67,6 +73,7 @@ def diagnose(density: Density, chain: Chain, effort: Effort) -> Convergence:
             f"{effort.times:g} autocorrelation times): means and intervals are rough; "
             f"{_remedy(standing, effort, names[worst])}."
         )
+    sentence = " ".join(part for part in (sentence, words(shares)) if part)
     return Convergence(
         names,
         tuple(float(v) for v in r_hat),

@@ -33,6 +33,8 @@ class Effort:
     times : float
         Autocorrelation times that every walker must have gone, at least. Without it as many
         walkers as effective draws are wanted would be enough where they stand.
+    starts : int
+        Dispersed starts from which separate modes are looked for before sampling.
     """
 
     effective: float
@@ -42,6 +44,7 @@ class Effort:
     ensembles: int = 4
     kept: int = 500
     times: float = 5.0
+    starts: int = 0
 
     def periods(self, *, settled: bool = False) -> tuple[tuple[int, ...], ...]:
         """Return the steps to each look at the chain, period by period.
@@ -96,8 +99,8 @@ def _growing(length: int, least: int, most: int) -> tuple[int, ...]:
 
 EFFORTS = {
     "quick": Effort(effective=150.0, r_hat=1.05, chunk=25, longest=1200),
-    "standard": Effort(effective=400.0, r_hat=1.01, chunk=25, longest=6000),
-    "thorough": Effort(effective=2000.0, r_hat=1.005, chunk=50, longest=40000, kept=2000),
+    "standard": Effort(effective=400.0, r_hat=1.01, chunk=25, longest=6000, starts=4),
+    "thorough": Effort(effective=2000.0, r_hat=1.005, chunk=50, longest=40000, kept=2000, starts=8),
 }
 
 

@@ -7,11 +7,14 @@ densities that are unbounded at the end of a funnel.
 """
 
 from collections.abc import Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
+from threadpoolctl import threadpool_limits
 
 from bayesdeg.inference.density import Density, guesses
 from bayesdeg.inference.importance import log_density
@@ -87,17 +90,33 @@ class Modes:
         >>> Modes((Mode(top, 0.7, 0.01), Mode(top, 0.3, 0.01)), nothing, True).warning
         'Several modes: the posterior has 2 separate ones, with shares of 70 % and 30 %.'
         """
-        if len(self.modes) < 2:
-            return ""
-        *first, last = (f"{100.0 * mode.weight:.0f} %" for mode in self.modes)
-        return (
-            f"Several modes: the posterior has {len(self.modes)} separate ones, with shares of "
-            f"{', '.join(first)} and {last}."
-        )
+        return words([mode.weight for mode in self.modes])
+
+
+def words(shares: Sequence[float]) -> str:
+    """Say that there are several modes, with their shares; nothing of a single one.
+
+    Examples
+    --------
+    >>> words([1.0])
+    ''
+    """
+    if len(shares) < 2:
+        return ""
+    *first, last = (f"{100.0 * share:.0f} %" for share in shares)
+    return (
+        f"Several modes: the posterior has {len(shares)} separate ones, with shares of "
+        f"{', '.join(first)} and {last}."
+    )
 
 
 def find_modes(
-    density: Density, generator: np.random.Generator, *, known: Sequence[Laplace] = ()
+    density: Density,
+    generator: np.random.Generator,
+    *,
+    known: Sequence[Laplace] = (),
+    starts: int = STARTS,
+    executor: Executor | None = None,
 ) -> Modes:
     """Look for separate modes, and weigh them.
 
@@ -109,8 +128,13 @@ def find_modes(
         Draws starts and the population.
     known : sequence of Laplace
         Modes that are known already.
+    starts : int
+        Climbs.
+    executor : Executor, optional
+        Runs the climbs side by side.
     """
-    climbs = [approximate(density, generator, start=s) for s in dispersed(density, generator)]
+    apply = map if executor is None else executor.map
+    climbs = apply(partial(_climb, density), dispersed(density, generator, starts))
     tops = separate(density, [*known, *climbs])
     samples = [evidence(density, top, generator, draws=DRAWS) for top in tops]
     held = [
@@ -122,6 +146,11 @@ def find_modes(
         return Modes((Mode(tops[0], 1.0, 0.0),), samples[0], tempered=False)
     population, level = tempered(density, generator)
     return _weighed(density, [tops[k] for k in held], population, level, generator=generator)
+
+
+def _climb(density: Density, start: Floats) -> Laplace:
+    with threadpool_limits(limits=1):  # the same bits in whatever process
+        return approximate(density, np.random.default_rng(0), start=start)
 
 
 def _goes_on(density: Density, top: Laplace) -> bool:

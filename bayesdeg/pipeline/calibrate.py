@@ -15,6 +15,7 @@ from bayesdeg.inference.importance import about_mode
 from bayesdeg.inference.laplace import Evidence, Laplace, approximate
 from bayesdeg.inference.least_squares import near_films
 from bayesdeg.inference.model import Model
+from bayesdeg.inference.modes import find_modes
 from bayesdeg.pipeline.progress import Progress
 from bayesdeg.pipeline.time_left import Pace, steps_left, words
 from bayesdeg.report.chain_pieces import ChainPieces
@@ -81,8 +82,18 @@ def calibrate(
         A point near the mode.
     """
     approximation, chains = seed.spawn(2)
-    laplace, importance = _begun(
-        model, name, approximation, checkpoints=checkpoints, progress=progress, start=start
+    progress.stage(f"{name}: mode and curvature")
+    begun = checkpoints.load(f"begun-{name}")
+    if begun is None:
+        begun = _begun(model, approximation, effort.starts, executor=executor, start=start)
+        checkpoints.save(f"begun-{name}", begun)
+    laplace = Laplace(begun["mode"], begun["covariance"], float(begun["log_density"]))
+    importance = Evidence(
+        float(begun["log_evidence"]),
+        float(begun["error"]),
+        begun["draws"],
+        begun["log_weights"],
+        float(begun["effective"]),
     )
     store = checkpoints.chain(name)
     show = _Shown(name, effort, progress, store)
@@ -95,7 +106,8 @@ def calibrate(
         on_chunk=show,
         store=store,
     )
-    return Fit(model, laplace, importance, chain, diagnose(model, chain, effort))
+    diagnosis = diagnose(model, chain, effort, shares=begun["shares"].tolist())
+    return Fit(model, laplace, importance, chain, diagnosis)
 
 
 class _Shown:
@@ -130,39 +142,33 @@ class _Shown:
 
 def _begun(
     model: Model,
-    name: str,
     seed: np.random.SeedSequence,
+    starts: int,
     *,
-    checkpoints: Checkpoints,
-    progress: Progress,
+    executor: Executor | None,
     start: Floats | None,
-) -> tuple[Laplace, Evidence]:
-    """Find mode and importance sample, or read them."""
-    progress.stage(f"{name}: mode and curvature")
-    stored = checkpoints.load(f"start-{name}")
-    if stored is None:
-        generator = np.random.default_rng(seed)
-        # one thread: the same bits whatever the machine's number of them
-        with threadpool_limits(limits=1):
-            if start is None and isinstance(model, Model):
-                start = near_films(model, generator)
-            laplace = approximate(model, generator, start=start)
-            importance = about_mode(model, laplace, generator)
-        checkpoints.save(f"start-{name}", _arrays(laplace, importance))
-        return laplace, importance
-    laplace = Laplace(stored["mode"], stored["covariance"], float(stored["log_density"]))
-    log_evidence, error, effective = (float(number) for number in stored["evidence"])
-    draws, log_weights = stored["draws"], stored["log_weights"]
-    return laplace, Evidence(log_evidence, error, draws, log_weights, effective)
-
-
-def _arrays(laplace: Laplace, importance: Evidence) -> dict[str, Floats]:
-    found = importance
+) -> dict[str, Floats]:
+    """Find the mode, an importance sample, and the shares of separate modes."""
+    generator = np.random.default_rng(seed)
+    # one thread: the same bits whatever the machine's number of them
+    with threadpool_limits(limits=1):
+        if start is None and isinstance(model, Model):
+            start = near_films(model, generator)
+        laplace = approximate(model, generator, start=start)
+        found, shares = about_mode(model, laplace, generator), [1.0]
+        if starts > 0:
+            modes = find_modes(model, generator, known=[laplace], starts=starts, executor=executor)
+            if modes.warning:
+                found, shares = modes.posterior, [mode.weight for mode in modes.modes]
+                laplace = modes.modes[0].laplace
     return {
         "mode": laplace.mode,
         "covariance": laplace.covariance,
         "log_density": np.array(laplace.log_density),
-        "evidence": np.array([found.log_evidence, found.error, found.effective]),
+        "log_evidence": np.array(found.log_evidence),
+        "error": np.array(found.error),
         "draws": found.draws,
         "log_weights": found.log_weights,
+        "effective": np.array(found.effective),
+        "shares": np.array(shares),
     }
