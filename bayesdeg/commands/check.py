@@ -23,7 +23,7 @@ def check(study: StudyFolder) -> None:
         table.add_row(name, "–" if frame is None else str(frame), "" if frame else "not there")
     errors.print(table)
     for what, cost in plan.missing:
-        errors.print(f"without {what}: {cost}")
+        errors.print(f"without {what}: {cost}", soft_wrap=True)
     if plan.actuator is not None:
         found = search(Geometry(checked.settings.dimensions))
         if found.source is None:

@@ -138,4 +138,4 @@ def _what_stays(campaign: Campaign) -> str:
 
 
 def _print(text: str) -> None:
-    errors.print(text, markup=False, highlight=False, soft_wrap=True)
+    errors.print(text, soft_wrap=True)

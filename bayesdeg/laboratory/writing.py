@@ -3,17 +3,26 @@
 import json
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, fields, replace
+from pathlib import Path
 
 import bayesdeg
 from bayesdeg.actuator.version import MODEL_VERSION
+from bayesdeg.files import parse_json, read_bytes, spreadsheet_safe
 from bayesdeg.laboratory.experiment import VirtualExperiment
 from bayesdeg.laws import LAWS, Law
 from bayesdeg.measure.settings import Dimensions, Settings
-from bayesdeg.measure.settings_file import ENTRIES
+from bayesdeg.measure.settings_file import ENTRIES, parse_settings
 from bayesdeg.measure.settings_file import FILE as SETTINGS_FILE
 from bayesdeg.measure.tables import TABLES
 
 TRUTH_FILE = "truth.json"
+#: What a virtual experiment writes; published statistics are not virtual.
+VIRTUAL_FILES = (
+    *(SETTINGS_FILE, TRUTH_FILE),
+    *(table.file for name, table in TABLES.items() if name != "summary"),
+)
+_FIRST_WORDS = "# virtual experiment made by"
+_LONGEST_TRUTH_MB = 20.0
 NOTE = (
     "This is a virtual experiment: all specimens were simulated by the fine finite element model, "
     "with scatter of specimens and errors of reading. Whether an effect is hidden in it, and "
@@ -43,7 +52,7 @@ class Provenance:
     def comment(self) -> str:
         """The first line of every file."""
         command = " ".join(self.command.split())
-        return f"# virtual experiment made by {command} (seed {self.seed})\n"
+        return f"{_FIRST_WORDS} {command} (seed {self.seed})\n"
 
 
 def study_files(
@@ -67,7 +76,8 @@ def study_files(
         reads.
     """
     texts = {
-        TABLES[name].file: provenance.comment + table.to_csv(index=False, lineterminator="\n")
+        TABLES[name].file: provenance.comment
+        + table.map(spreadsheet_safe).to_csv(index=False, lineterminator="\n")
         for name, table in experiment.tables.items()
     }
     virtual = virtual_settings(settings, seed=provenance.seed)
@@ -77,6 +87,26 @@ def study_files(
         **texts,
         TRUTH_FILE: record + "\n",
     }
+
+
+def is_virtual(path: Path) -> bool:
+    """Return whether a file that is there says that a virtual experiment made it.
+
+    Parameters
+    ----------
+    path : Path
+        A file of `VIRTUAL_FILES`.
+    """
+    try:
+        content = read_bytes(path, most_mb=_LONGEST_TRUTH_MB)
+        if path.name == TRUTH_FILE:
+            record = parse_json(content)
+            return isinstance(record, dict) and {"causes", "constants", "command"} <= set(record)
+    except (OSError, ValueError):
+        return False
+    if content.decode("utf-8-sig", "replace").startswith(_FIRST_WORDS):
+        return True
+    return path.name == SETTINGS_FILE and parse_settings(content)[0].virtual
 
 
 def truth_record(experiment: VirtualExperiment, provenance: Provenance) -> dict[str, object]:

@@ -1,6 +1,5 @@
 """The text of ``study.toml`` → `Settings`, or every fault in it."""
 
-import math
 import re
 import tomllib
 from collections.abc import Callable, Mapping
@@ -8,9 +7,12 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 from bayesdeg.errors import Fault
+from bayesdeg.files import too_deep
 from bayesdeg.laws import Law, law_from_mapping
 from bayesdeg.measure.nearest import nearest
+from bayesdeg.measure.number import LARGEST
 from bayesdeg.measure.settings import EFFORTS, MODES, Dimensions, Settings
+from bayesdeg.nomenclature import LARGEST_SEED
 
 FILE = "study.toml"
 
@@ -28,7 +30,9 @@ class _Entry:
 
 
 def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    return abs(value) <= LARGEST
 
 
 def _is_whole(value: object) -> bool:
@@ -50,7 +54,12 @@ ENTRIES: tuple[_Entry, ...] = (
     _Entry("", "note", "note", "a text in quotes", lambda v: isinstance(v, str), str),
     _Entry("", "virtual", "virtual", "true or false", lambda v: isinstance(v, bool), bool),
     _Entry(
-        "", "seed", "seed", "a whole number not below 0", lambda v: _is_whole(v) and v >= 0, int
+        "",
+        "seed",
+        "seed",
+        f"a whole number not below 0 and up to {LARGEST_SEED}",
+        lambda v: _is_whole(v) and 0 <= v <= LARGEST_SEED,
+        int,
     ),
     *(_dimension(entry.name) for entry in fields(Dimensions)),
     _Entry(
@@ -105,6 +114,9 @@ ENTRIES: tuple[_Entry, ...] = (
 TABLES = ("actuator", "paper", "priors", "noise", "causes", "sampling", "tensile", "material")
 
 
+_TOO_DEEP = Fault(FILE, "is nested too deeply", "write tables and lists as the contract shows")
+
+
 def parse_settings(content: bytes) -> tuple[Settings, tuple[Fault, ...]]:
     r"""Read the settings of a study.
 
@@ -135,8 +147,12 @@ def parse_settings(content: bytes) -> tuple[Settings, tuple[Fault, ...]]:
         return Settings(), (Fault(FILE, "is not UTF-8 text", "save it as UTF-8", row),)
     try:
         document = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except RecursionError:
+        return Settings(), (_TOO_DEEP,)
+    except ValueError as error:
         return Settings(), (_invalid(str(error), text),)
+    if too_deep(document):
+        return Settings(), (_TOO_DEEP,)
     return _from_document(document, text)
 
 

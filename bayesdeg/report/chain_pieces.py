@@ -4,9 +4,7 @@ An HDF5 file does not survive its writer being killed; a file that appears whole
 or not at all, does.
 """
 
-import os
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -14,6 +12,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdeg.files import refuse_special, written
 from bayesdeg.inference.chain_store import Piece, digest
 
 ENDING = ".h5"
@@ -46,6 +45,7 @@ class ChainPieces:
         if not path.exists():
             return None
         try:
+            refuse_special(path)
             with h5py.File(path, "r") as file:
                 owner = (str(file.attrs["fingerprint"]), str(file.attrs["key"]))
                 arrays = {name: np.asarray(file[name]) for name in file}
@@ -69,20 +69,6 @@ class ChainPieces:
 
     def _path(self, ensemble: int, number: int) -> Path:
         return self.folder / f"ensemble-{ensemble}-{number:03d}{ENDING}"
-
-
-@contextmanager
-def written(path: Path) -> Iterator[Path]:
-    """Give a temporary name to write to; the file is at its own once it is whole, on disk."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        yield part
-        with part.open("rb+") as file:
-            os.fsync(file.fileno())
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
 
 
 def save_arrays(path: Path, arrays: Mapping[str, NDArray[np.generic]]) -> None:
