@@ -1,5 +1,6 @@
 """The command line: ``bayesdeg run STUDY`` and what stands around it, with its exit codes."""
 
+import errno
 import io
 import os
 import signal
@@ -100,6 +101,8 @@ def exit_code() -> int:
         _say("there is not enough memory; close other programs, or make the study smaller")
         return STOPPED
     except OSError as fault:
+        if fault.errno == errno.ENAMETOOLONG:
+            return _say(f"{str(fault.filename)[:60]}… is too long for a name; give a shorter one")
         if not no_room(fault):
             return _our_fault()
         place = f" for {fault.filename}" if fault.filename else ""

@@ -174,6 +174,16 @@ def written(path: Path) -> Iterator[Path]:
         ) from fault
 
 
+def write_bytes(path: Path, content: bytes | memoryview) -> None:
+    """Write a content: whole or not at all.
+
+    HDF5 and zip archives are made in memory first, since their libraries do not end in good order
+    on a full disk.
+    """
+    with written(path) as part:
+        part.write_bytes(content)
+
+
 def write_text(path: Path, text: str) -> None:
     """Write a text in UTF-8, with the line ends that it has: whole or not at all."""
     with written(path) as part:

@@ -159,14 +159,21 @@ def claimed(path: Path) -> Iterator[None]:
         file = _locked(path / LOCK)
     except OSError as fault:
         _remove_empty(new)
-        place = "is there and is no folder" if path.is_file() else "cannot be written to"
-        raise BayesdegError(f"{path} {place} ({reason(fault)}); {OTHER}") from fault
+        raise BayesdegError(
+            f"{path} cannot be made and written to ({_why(fault)}); {OTHER}"
+        ) from fault
     try:
         yield
     finally:
         (path / LOCK).unlink(missing_ok=True)
         file.close()
         _remove_empty(new)
+
+
+def _why(fault: OSError) -> str:
+    if isinstance(fault, FileExistsError | NotADirectoryError):
+        return f"{fault.filename} is not a folder"
+    return reason(fault)
 
 
 def _locked(path: Path) -> IO[bytes]:

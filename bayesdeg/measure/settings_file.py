@@ -7,11 +7,11 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 from bayesdeg.errors import Fault
-from bayesdeg.files import too_deep
+from bayesdeg.files import DEEPEST, too_deep
 from bayesdeg.laws import Law, law_from_mapping
 from bayesdeg.measure.nearest import nearest
 from bayesdeg.measure.number import LARGEST
-from bayesdeg.measure.settings import EFFORTS, MODES, Dimensions, Settings
+from bayesdeg.measure.settings import EFFORTS, LARGEST_MM, MODES, Dimensions, Settings
 from bayesdeg.nomenclature import LARGEST_SEED
 
 FILE = "study.toml"
@@ -46,7 +46,8 @@ def _is_names(value: object) -> bool:
 def _dimension(name: str) -> _Entry:
     if name == "chambers":
         return _Entry("actuator", name, name, "a whole number of at least 1", _is_whole, int)
-    return _Entry("actuator", name, name, "a number [mm]", _is_number, float)
+    wanted = f"a number up to {LARGEST_MM:g} [mm]"
+    return _Entry("actuator", name, name, wanted, _is_number, float)
 
 
 ENTRIES: tuple[_Entry, ...] = (
@@ -145,6 +146,8 @@ def parse_settings(content: bytes) -> tuple[Settings, tuple[Fault, ...]]:
     except UnicodeDecodeError as error:
         row = content.count(b"\n", 0, error.start) + 1
         return Settings(), (Fault(FILE, "is not UTF-8 text", "save it as UTF-8", row),)
+    if _has_long_key(text):
+        return Settings(), (_TOO_DEEP,)
     try:
         document = tomllib.loads(text)
     except RecursionError:
@@ -154,6 +157,12 @@ def parse_settings(content: bytes) -> tuple[Settings, tuple[Fault, ...]]:
     if too_deep(document):
         return Settings(), (_TOO_DEEP,)
     return _from_document(document, text)
+
+
+def _has_long_key(text: str) -> bool:
+    """Return whether a key has very many parts; `tomllib` takes minutes for thousands of them."""
+    keys = (line.partition("=")[0] for line in text.splitlines() if "=" in line or line[:1] == "[")
+    return any(key.count(".") > DEEPEST for key in keys)
 
 
 def _invalid(message: str, text: str) -> Fault:

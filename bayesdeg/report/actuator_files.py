@@ -1,5 +1,6 @@
 """Solved actuators as files: VTU for ParaView, and the surface that the report draws."""
 
+import io
 from dataclasses import fields as fields_of
 from pathlib import Path
 from zipfile import BadZipFile
@@ -11,7 +12,7 @@ from skfem import ElementHex1, ElementHex2
 
 from bayesdeg.actuator.body import Body, Element
 from bayesdeg.errors import BayesdegError
-from bayesdeg.files import refuse_special, written
+from bayesdeg.files import refuse_special, write_bytes, written
 from bayesdeg.report.actuator_fields import NodalFields
 from bayesdeg.report.actuator_surface import Shape, Surface
 
@@ -126,8 +127,9 @@ def write_surface(folder: Path, surface: Surface) -> None:
         values = np.array([getattr(shape, field.name) for shape in surface.shapes])
         arrays[field.name] = values.astype(np.float32)
 
-    with written(folder / SURFACE) as part, part.open("wb") as file:
-        np.savez_compressed(file, allow_pickle=False, **arrays)
+    made = io.BytesIO()
+    np.savez_compressed(made, allow_pickle=False, **arrays)
+    write_bytes(folder / SURFACE, made.getbuffer())
 
 
 def read_surface(folder: Path) -> Surface | None:

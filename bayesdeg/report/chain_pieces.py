@@ -4,6 +4,7 @@ An HDF5 file does not survive its writer being killed; a file that appears whole
 or not at all, does.
 """
 
+import io
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,7 +13,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdeg.files import refuse_special, written
+from bayesdeg.files import refuse_special, write_bytes
 from bayesdeg.inference.chain_store import Piece, digest
 
 ENDING = ".h5"
@@ -60,12 +61,14 @@ class ChainPieces:
     def save(self, ensemble: int, number: int, key: str, piece: Piece) -> None:
         """Keep a piece: whole or not at all."""
         arrays = piece.arrays()
-        with written(self._path(ensemble, number)) as part, h5py.File(part, "w") as file:
+        made = io.BytesIO()
+        with h5py.File(made, "w") as file:
             for name, array in arrays.items():
                 file.create_dataset(name, data=array)
             file.attrs["fingerprint"] = self.fingerprint
             file.attrs["key"] = key
             file.attrs["digest"] = digest(arrays)
+        write_bytes(self._path(ensemble, number), made.getbuffer())
 
     def _path(self, ensemble: int, number: int) -> Path:
         return self.folder / f"ensemble-{ensemble}-{number:03d}{ENDING}"
@@ -73,5 +76,6 @@ class ChainPieces:
 
 def save_arrays(path: Path, arrays: Mapping[str, NDArray[np.generic]]) -> None:
     """Keep arrays as ``npz``: whole or not at all."""
-    with written(path) as part, part.open("wb") as file:
-        np.savez(file, allow_pickle=False, **arrays)
+    made = io.BytesIO()
+    np.savez(made, allow_pickle=False, **arrays)
+    write_bytes(path, made.getbuffer())

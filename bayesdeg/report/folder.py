@@ -26,6 +26,7 @@ from bayesdeg.files import (
     reason,
     refuse_special,
     spreadsheet_safe,
+    write_bytes,
     write_text,
     written,
 )
@@ -198,8 +199,7 @@ class RunFolder:
     def write_posterior(self, name: str, tree: xr.DataTree) -> None:
         """Write one of `POSTERIORS` as netCDF."""
         file = f"{_known(name, POSTERIORS)}.nc"
-        with written(self.path / file) as part:
-            tree.to_netcdf(part, engine="h5netcdf")
+        write_bytes(self.path / file, tree.to_netcdf(engine="h5netcdf"))
 
     def read_posterior(self, name: str) -> xr.DataTree:
         """Read one of `POSTERIORS` into memory.
