@@ -1,4 +1,5 @@
 import json
+import os
 import shutil
 import signal
 import subprocess
@@ -133,6 +134,27 @@ def test_workers_do_not_change_the_result(rubber):
         assert done.returncode == 0, done.stderr
         draws.append(RunFolder(out).read_posterior("posterior")["posterior"].to_dataset())
     assert draws[0].equals(draws[1])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seconds", [1.5, 6.0])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_stopped_run_ends_with_3_and_one_line(rubber, number, seconds):
+    """Ctrl-C goes to the workers too, which say nothing."""
+    with subprocess.Popen(
+        [sys.executable, "-m", "bayesdeg", "run", str(rubber), "--workers", "2", "--quiet"],
+        cwd=rubber.parent,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    ) as running:
+        time.sleep(seconds)
+        os.killpg(running.pid, number)
+        said = running.communicate(timeout=60)[1]
+    assert running.returncode == 3
+    assert len(said.splitlines()) == 1
+    assert said.startswith("stopped")
+    assert not list((rubber.parent / "reports").rglob(".lock"))
 
 
 @pytest.mark.slow
