@@ -9,9 +9,18 @@ from pathlib import Path
 from typing import IO
 
 from bayesdeg.errors import BayesdegError
-from bayesdeg.files import RUN_MB, parse_json, read_bytes, reason, refuse_special, write_text
-from bayesdeg.laboratory.writing import is_virtual
+from bayesdeg.files import (
+    RUN_MB,
+    STUDY_MB,
+    parse_json,
+    read_bytes,
+    reason,
+    refuse_special,
+    write_text,
+)
+from bayesdeg.laboratory.writing import FIRST_WORDS, TRUTH_FILE
 from bayesdeg.measure.settings_file import FILE as SETTINGS_FILE
+from bayesdeg.measure.settings_file import parse_settings
 from bayesdeg.measure.study import DATA_FILES, Study
 from bayesdeg.report.folder import RUN, RUN_FILES, RunFolder
 
@@ -79,6 +88,20 @@ def virtual_study(path: Path, files: Iterable[str]) -> Iterator[Path]:
                     f"{OTHER}, such as {path.name}_virtual"
                 )
         yield path
+
+
+def is_virtual(path: Path) -> bool:
+    """Return whether a file that is there says that a virtual experiment made it."""
+    try:
+        content = read_bytes(path, most_mb=STUDY_MB)
+        if path.name == TRUTH_FILE:
+            record = parse_json(content)
+            return isinstance(record, dict) and {"causes", "constants", "command"} <= set(record)
+    except (OSError, ValueError):
+        return False
+    if content.decode("utf-8-sig", "replace").startswith(FIRST_WORDS):
+        return True
+    return path.name == SETTINGS_FILE and parse_settings(content)[0].virtual
 
 
 def output_file(path: Path) -> Path:

@@ -3,15 +3,14 @@
 import json
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, fields, replace
-from pathlib import Path
 
 import bayesdeg
 from bayesdeg.actuator.version import MODEL_VERSION
-from bayesdeg.files import parse_json, read_bytes, spreadsheet_safe
+from bayesdeg.files import spreadsheet_safe
 from bayesdeg.laboratory.experiment import VirtualExperiment
 from bayesdeg.laws import LAWS, Law
 from bayesdeg.measure.settings import Dimensions, Settings
-from bayesdeg.measure.settings_file import ENTRIES, parse_settings
+from bayesdeg.measure.settings_file import ENTRIES
 from bayesdeg.measure.settings_file import FILE as SETTINGS_FILE
 from bayesdeg.measure.tables import TABLES
 
@@ -21,8 +20,8 @@ VIRTUAL_FILES = (
     *(SETTINGS_FILE, TRUTH_FILE),
     *(table.file for name, table in TABLES.items() if name != "summary"),
 )
-_FIRST_WORDS = "# virtual experiment made by"
-_LONGEST_TRUTH_MB = 20.0
+#: Of every file of it but `TRUTH_FILE`.
+FIRST_WORDS = "# virtual experiment made by"
 NOTE = (
     "This is a virtual experiment: all specimens were simulated by the fine finite element model, "
     "with scatter of specimens and errors of reading. Whether an effect is hidden in it, and "
@@ -52,7 +51,7 @@ class Provenance:
     def comment(self) -> str:
         """The first line of every file."""
         command = " ".join(self.command.split())
-        return f"{_FIRST_WORDS} {command} (seed {self.seed})\n"
+        return f"{FIRST_WORDS} {command} (seed {self.seed})\n"
 
 
 def study_files(
@@ -87,26 +86,6 @@ def study_files(
         **texts,
         TRUTH_FILE: record + "\n",
     }
-
-
-def is_virtual(path: Path) -> bool:
-    """Return whether a file that is there says that a virtual experiment made it.
-
-    Parameters
-    ----------
-    path : Path
-        A file of `VIRTUAL_FILES`.
-    """
-    try:
-        content = read_bytes(path, most_mb=_LONGEST_TRUTH_MB)
-        if path.name == TRUTH_FILE:
-            record = parse_json(content)
-            return isinstance(record, dict) and {"causes", "constants", "command"} <= set(record)
-    except (OSError, ValueError):
-        return False
-    if content.decode("utf-8-sig", "replace").startswith(_FIRST_WORDS):
-        return True
-    return path.name == SETTINGS_FILE and parse_settings(content)[0].virtual
 
 
 def truth_record(experiment: VirtualExperiment, provenance: Provenance) -> dict[str, object]:

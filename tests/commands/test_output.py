@@ -14,9 +14,9 @@ from bayesdeg import cli
 from bayesdeg.commands import output
 from bayesdeg.commands import run as command
 from bayesdeg.commands import simulate as simulating
-from bayesdeg.commands.output import claimed, output_file, run_folder, virtual_study
+from bayesdeg.commands.output import claimed, is_virtual, output_file, run_folder, virtual_study
 from bayesdeg.errors import BayesdegError
-from bayesdeg.laboratory.writing import VIRTUAL_FILES, is_virtual
+from bayesdeg.laboratory.writing import VIRTUAL_FILES
 from bayesdeg.measure.study import read_study
 
 STUDIES = Path(__file__).parents[2] / "studies"
