@@ -1,5 +1,7 @@
 """The command line: ``bayesdeg run STUDY`` and what stands around it, with its exit codes."""
 
+import errno
+import io
 import os
 import signal
 import sys
@@ -14,6 +16,7 @@ from bayesdeg.commands.lazy import COMMANDS, LazyGroup, placeholder
 from bayesdeg.commands.options import Stopped
 from bayesdeg.console import errors
 from bayesdeg.errors import BayesdegError, ResumableError, StudyError
+from bayesdeg.files import no_room, reason
 
 app = typer.Typer(
     name="bayesdeg",
@@ -29,6 +32,7 @@ for command in COMMANDS:
 
 DONE, OUR_FAULT, INPUT_FAULT, STOPPED = 0, 1, 2, 3
 INTERRUPTED = 130  # what typer returns of a command that Ctrl-C stopped
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 def _print_version(wanted: bool) -> None:
@@ -51,8 +55,17 @@ def group(
 
 def main() -> None:
     """Run the command line with the exit codes of the contract."""
-    signal.signal(signal.SIGTERM, _stop)
-    code = exit_code()
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")
+    for number in SIGNALS:
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, _stop)
+    try:
+        code = exit_code()
+    except KeyboardInterrupt:  # a second signal, while the first was being answered
+        code = STOPPED
+    for number in SIGNALS:
+        signal.signal(number, signal.SIG_IGN)  # what is done is done
     if code != DONE:
         # at once: worker processes end with this one, whatever they are at
         sys.stdout.flush()
@@ -61,7 +74,7 @@ def main() -> None:
 
 
 def _stop(_signal: int, _frame: FrameType | None) -> None:
-    """Take a request to end as if the user had pressed Ctrl-C."""
+    """Take any request to end as if the user had pressed Ctrl-C."""
     raise KeyboardInterrupt
 
 
@@ -79,25 +92,39 @@ def exit_code() -> int:
     except BayesdegError as fault:
         return _say(str(fault))
     except Stopped as stopped:
-        errors.print(str(stopped), markup=False, highlight=False, soft_wrap=True)
+        errors.print(str(stopped), soft_wrap=True)
         return STOPPED
     except (KeyboardInterrupt, typer.Abort):
         errors.print("stopped; the same command goes on where this run stopped")
         return STOPPED
+    except MemoryError:
+        _say("there is not enough memory; close other programs, or make the study smaller")
+        return STOPPED
+    except OSError as fault:
+        if fault.errno == errno.ENAMETOOLONG:
+            return _say(f"{str(fault.filename)[:60]}… is too long for a name; give a shorter one")
+        if not no_room(fault):
+            return _our_fault()
+        place = f" for {fault.filename}" if fault.filename else ""
+        _say(f"there is no room{place} ({reason(fault)}); make room and repeat the command")
+        return STOPPED
     except Exception as fault:
         if hasattr(fault, "format_message") and hasattr(fault, "exit_code"):  # click's usage errors
             return _say(fault.format_message())
-        traceback.print_exc()
-        errors.print(
-            f"This is a fault of bayesdeg {bayesdeg.__version__}: please send us the above."
-        )
-        return OUR_FAULT
+        return _our_fault()
     return ended if isinstance(ended, int) else DONE  # the code of a `typer.Exit`
+
+
+def _our_fault() -> int:
+    """Print the fault that is being handled, to be sent to us."""
+    traceback.print_exc()
+    errors.print(f"This is a fault of bayesdeg {bayesdeg.__version__}: please send us the above.")
+    return OUR_FAULT
 
 
 def _say(*faults: str) -> int:
     for fault in faults:
-        errors.print(fault, style="red", markup=False, highlight=False, soft_wrap=True)
+        errors.print(fault, style="red", soft_wrap=True)
     return INPUT_FAULT
 
 

@@ -1,6 +1,7 @@
-"""Messages and progress bars on standard error."""
+"""Messages and progress on standard error: bars on a terminal, plain lines in a file."""
 
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 
 from rich.console import Console
@@ -9,7 +10,31 @@ from rich.table import Column
 
 from bayesdeg.pipeline.progress import Silent
 
-errors = Console(stderr=True)
+LINE_EVERY = 30.0  # of a stage that goes on [s]: a log of an hour keeps to a hundred lines
+
+
+def console(*, stderr: bool = False, width: int | None = None) -> Console:
+    """Return a console that prints texts as they are.
+
+    Names and paths of users may hold what rich takes for markup or the code of an emoji.
+
+    Parameters
+    ----------
+    stderr : bool
+        Standard error instead of standard output.
+    width : int, optional
+        By default that of the terminal.
+    """
+    return Console(stderr=stderr, width=width, markup=False, emoji=False, highlight=False)
+
+
+errors = console(stderr=True)
+
+
+def say(messages: Iterable[str]) -> None:
+    """Print messages to standard error."""
+    for message in messages:
+        errors.print(message, style="yellow", soft_wrap=True)
 
 
 class Bars:
@@ -36,20 +61,84 @@ class Bars:
             self._bars.stop_task(self._task)
 
 
+class Lines:
+    """Shows stages as lines of text, where standard error is no terminal.
+
+    A stage has a line when it begins, one when it ends, and now and then one between them.
+
+    Parameters
+    ----------
+    write : callable
+        Takes a line.
+    clock : callable
+        Returns the time [s].
+
+    Examples
+    --------
+    >>> lines = Lines(print, clock=iter((0.0, 5.0, 40.0, 70.0)).__next__)
+    >>> lines.stage("sampling")
+    sampling ...
+    >>> lines.advance(note="10 draws")
+    >>> lines.advance(note="90 draws")
+    sampling: 0:40, 90 draws
+    >>> lines.finish()
+    sampling: done in 1:10, 90 draws
+    """
+
+    def __init__(
+        self, write: Callable[[str], object], clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._write, self._clock = write, clock
+        self._name, self._note = "", ""
+        self._began = self._shown = 0.0
+
+    def stage(self, name: str, total: float | None = None) -> None:
+        """Finish the stage before and begin another."""
+        self.finish()
+        self._name, self._note = name, ""
+        self._began = self._shown = self._clock()
+        self._write(f"{name} ...")
+
+    def advance(self, steps: float = 1.0, note: str = "") -> None:
+        """Take notice, and say so if nothing was said for a while."""
+        self._note = note or self._note
+        now = self._clock()
+        if self._name and now - self._shown >= LINE_EVERY:
+            self._shown = now
+            self._write(f"{self._name}: {self._state(now)}")
+
+    def finish(self) -> None:
+        """Say that the stage is done."""
+        if self._name:
+            self._write(f"{self._name}: done in {self._state(self._clock())}")
+        self._name = ""
+
+    def _state(self, now: float) -> str:
+        minutes, seconds = divmod(round(now - self._began), 60)
+        return f"{minutes}:{seconds:02d}" + (f", {self._note}" if self._note else "")
+
+
 @contextmanager
-def shown(quiet: bool) -> Iterator[Bars | Silent]:
+def shown(quiet: bool) -> Iterator[Bars | Lines | Silent]:
     """Show the progress of a command, or nothing if it is to be quiet."""
     if quiet:
         yield Silent()
-        return
-    columns = (
+    elif errors.is_terminal:
+        with Progress(*_columns(), console=errors) as bars:
+            display = Bars(bars)
+            yield display
+            display.finish()
+    else:
+        lines = Lines(lambda line: errors.print(line, soft_wrap=True))
+        yield lines
+        lines.finish()
+
+
+def _columns() -> tuple[SpinnerColumn, TextColumn, BarColumn, TimeElapsedColumn, TextColumn]:
+    return (
         SpinnerColumn(finished_text="✓"),
-        TextColumn("{task.description:<32}"),
+        TextColumn("{task.description:<32}", markup=False),
         BarColumn(bar_width=8),
         TimeElapsedColumn(table_column=Column(min_width=7, no_wrap=True)),
-        TextColumn("{task.fields[note]}"),
+        TextColumn("{task.fields[note]}", markup=False),
     )
-    with Progress(*columns, console=errors) as bars:
-        display = Bars(bars)
-        yield display
-        display.finish()

@@ -3,6 +3,8 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+LONGEST = 120  # characters of a value that are shown
+
 
 @dataclass(frozen=True)
 class Fault:
@@ -44,7 +46,8 @@ class Fault:
         if self.column is not None:
             place.append(f"column {self.column}")
         if self.value is not None:
-            place.append(f"value {self.value!r}")
+            shown = f"{self.value[:LONGEST]}…" if len(self.value) > LONGEST else self.value
+            place.append(f"value {shown!r}")
         return f"{', '.join(place)}: {self.problem}; {self.remedy}"
 
 

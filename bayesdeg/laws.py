@@ -44,6 +44,9 @@ LAWS: Mapping[str, _LawClass] = {
     "half_cauchy": HalfCauchy,
 }
 
+#: Of an argument; no parameter is as large in its unit.
+_LARGEST = 1e12
+
 
 @dataclass(frozen=True)
 class Parameter:
@@ -147,4 +150,6 @@ def _suggestion(word: str, known: list[str]) -> str:
 def _number(value: object, key: str) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise ValueError(f"{key} must be a number, not {value!r}")
+    if _LARGEST < abs(value) < math.inf:  # bounds may be infinite
+        raise ValueError(f"{key} must be a number between −{_LARGEST:g} and {_LARGEST:g}")
     return float(value)

@@ -11,6 +11,9 @@ from types import MappingProxyType
 
 DIMENSIONLESS = "–"
 
+#: A seed is a whole number from 0 to this, the largest integer of a TOML file.
+LARGEST_SEED = 2**63 - 1
+
 #: What a name ends with when the quantity has the unit.
 SUFFIXES: Mapping[str, str] = MappingProxyType(
     {

@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,13 +16,16 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from bayesdeg.console import errors
+from bayesdeg.console import console
 from bayesdeg.errors import BayesdegError
+from bayesdeg.files import spreadsheet_safe, written
+from bayesdeg.nomenclature import LARGEST_SEED
 from bayesdeg.pipeline.stored import Stored
 
 Floats = NDArray[np.float64]
 
 MOST_ROWS = 5000
+_WHOLE = re.compile(r"\d{1,19}")
 WIDTH = 120  # of what is not printed to a terminal
 
 RunFolderPath = Annotated[
@@ -47,7 +51,10 @@ EmulatorFile = Annotated[
         metavar="FILE",
     ),
 ]
-Seed = Annotated[int | None, typer.Option(help="Instead of the seed of the run.", min=0)]
+Seed = Annotated[
+    int | None,
+    typer.Option(help="Instead of the seed of the run.", min=0, max=LARGEST_SEED),
+]
 OutFile = Annotated[Path | None, typer.Option(help="Also write a CSV file.", metavar="FILE")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON, nothing else.")]
 
@@ -137,7 +144,12 @@ def seed_of(stored: Stored, given: int | None) -> np.random.SeedSequence:
     """Return the seed of an answer: the user's, or one that follows from the run's."""
     if given is not None:
         return np.random.SeedSequence(given)
-    return np.random.SeedSequence([int(stored.run.seed or 0), 1])
+    text = stored.run.seed or "0"
+    if not _WHOLE.fullmatch(text):
+        raise BayesdegError(
+            f"run.json: seed {text[:40]!r} is no seed; give one with --seed, or run the study again"
+        )
+    return np.random.SeedSequence([int(text), 1])
 
 
 def give(
@@ -177,16 +189,11 @@ def write_csv(path: Path, table: pd.DataFrame) -> None:
 
     Raises
     ------
-    BayesdegError
-        If the file cannot be written.
+    ResumableError
+        If the file cannot be written, as when the disk is full.
     """
-    try:
-        table.to_csv(path, index=False, encoding="utf-8")
-    except OSError as fault:
-        raise BayesdegError(
-            f"{path} cannot be written ({fault.strerror or fault}); name a file in a folder that "
-            "exists and can be written to"
-        ) from fault
+    with written(path) as part:
+        table.map(spreadsheet_safe).to_csv(part, index=False, encoding="utf-8")
 
 
 def empty_table(stored: Stored, headings: Sequence[str], addition: str = "") -> Table:
@@ -203,11 +210,5 @@ def empty_table(stored: Stored, headings: Sequence[str], addition: str = "") -> 
 
 def output() -> Console:
     """Return standard output, wide enough for a table where it is no terminal."""
-    console = Console(highlight=False)
-    return console if console.is_terminal else Console(highlight=False, width=WIDTH)
-
-
-def say(messages: Sequence[str]) -> None:
-    """Print messages to standard error."""
-    for message in messages:
-        errors.print(message, style="yellow", markup=False, highlight=False, soft_wrap=True)
+    printed = console()
+    return printed if printed.is_terminal else console(width=WIDTH)

@@ -1,19 +1,20 @@
 """``bayesdeg causes``: the catalogue of causes."""
 
-from rich.console import Console
+from rich.text import Text
 
 from bayesdeg.causes.catalogue import CATALOGUE
+from bayesdeg.console import console
 
 
 def causes() -> None:
     """List the catalogue: mechanism, parameters with units and priors, what reveals each cause."""
-    console = Console()
+    printed = console()
     for cause in CATALOGUE.values():
-        console.print(f"[bold]{cause.name}[/bold]: {cause.mechanism}")
+        printed.print(Text.assemble((cause.name, "bold"), f": {cause.mechanism}"))
         for p in cause.parameters:
-            console.print(f"    {p.name} [{p.unit}]: {p.meaning}; prior {p.law}", markup=False)
-        console.print(f"    revealed by: {cause.revealed_by}", markup=False)
+            printed.print(f"    {p.name} [{p.unit}]: {p.meaning}; prior {p.law}")
+        printed.print(f"    revealed by: {cause.revealed_by}")
         if cause.confusable_with:
-            console.print(f"    can be confused with: {', '.join(cause.confusable_with)}")
+            printed.print(f"    can be confused with: {', '.join(cause.confusable_with)}")
         if cause.needs:
-            console.print(f"    needs columns: {', '.join(cause.needs)}")
+            printed.print(f"    needs columns: {', '.join(cause.needs)}")

@@ -5,8 +5,9 @@ from collections.abc import Iterator
 from rich.table import Table
 
 from bayesdeg.actuator.geometry import Geometry
-from bayesdeg.commands.options import StudyFolder
+from bayesdeg.commands.options import CORES, StudyFolder
 from bayesdeg.console import errors
+from bayesdeg.emulator.cost import duration, rough_seconds
 from bayesdeg.emulator.kept import search
 from bayesdeg.measure.study import Study, read_study
 from bayesdeg.pipeline.outline import outline
@@ -23,11 +24,16 @@ def check(study: StudyFolder) -> None:
         table.add_row(name, "–" if frame is None else str(frame), "" if frame else "not there")
     errors.print(table)
     for what, cost in plan.missing:
-        errors.print(f"without {what}: {cost}")
+        errors.print(f"without {what}: {cost}", soft_wrap=True)
     if plan.actuator is not None:
         found = search(Geometry(checked.settings.dimensions))
         if found.source is None:
-            errors.print(f"{found.reason}; 'bayesdeg run' trains one first", soft_wrap=True)
+            seconds = rough_seconds(checked.settings.dimensions, workers=CORES)
+            errors.print(
+                f"{found.reason}; 'bayesdeg run' trains one first: {duration(seconds)} with "
+                f"--workers {CORES}, a rough guess that it replaces by a measured time",
+                soft_wrap=True,
+            )
 
 
 def _tables(study: Study) -> Iterator[tuple[str, int | None]]:

@@ -18,12 +18,12 @@ from bayesdeg.commands.answers import (
     numbers,
     output,
     refuse_too_many,
-    say,
     seed_of,
     write_csv,
 )
 from bayesdeg.commands.options import Quiet
-from bayesdeg.console import shown
+from bayesdeg.commands.output import output_file
+from bayesdeg.console import say, shown
 from bayesdeg.pipeline import forecast
 from bayesdeg.pipeline.stored import Stored, read_stored
 from bayesdeg.prediction.control import Setting
@@ -96,6 +96,7 @@ def control(
             "and below 1, such as 0.05"
         )
     refuse_too_many(wanted, rates, most=MOST_SETTINGS)
+    out = None if out is None else output_file(out)
     stored = read_stored(report, base=base, emulator=emulator)
     with shown(quiet or as_json) as progress:
         found = forecast.settings(
@@ -135,7 +136,7 @@ def _show(stored: Stored, found: list[Setting]) -> None:
     console.print(table)
     for s in found:
         if not s.reached:
-            console.print(forecast.statement(s), markup=False, soft_wrap=True)
+            console.print(forecast.statement(s), soft_wrap=True)
 
 
 def _interval(low: float, high: float, style: str) -> str:

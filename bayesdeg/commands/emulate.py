@@ -11,11 +11,13 @@ import typer
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.commands import training
 from bayesdeg.commands.options import CORES, Quiet, Scheduler, Workers, Yes
+from bayesdeg.commands.output import output_file
 from bayesdeg.commands.workplace import workplace
 from bayesdeg.console import errors
 from bayesdeg.emulator.kept import CACHE, cached_path
 from bayesdeg.emulator.solutions import SolutionStore
 from bayesdeg.errors import Fault, StudyError
+from bayesdeg.files import STUDY_MB, read_bytes, reason
 from bayesdeg.measure.settings import Dimensions
 from bayesdeg.measure.settings_file import FILE, parse_settings
 from bayesdeg.pipeline.emulation import Campaign
@@ -74,12 +76,12 @@ def emulate(
     if not timeout > 0.0:
         raise typer.BadParameter(f"{timeout:g} s is no time to solve anything; give more than 0")
     actuator = Geometry(_dimensions(geometry))
-    path = out or cached_path(actuator, training.RECIPE, CACHE)
+    path = cached_path(actuator, training.RECIPE, CACHE) if out is None else output_file(out)
     with workplace(workers, scheduler) as executor:
         campaign = Campaign(actuator, training.RECIPE, SolutionStore(store), executor, timeout)
         training.train(campaign, path, training.Manner(yes=yes, quiet=quiet))
     if not quiet:
-        errors.print(f"wrote {path}", markup=False, highlight=False, soft_wrap=True)
+        errors.print(f"wrote {path}", soft_wrap=True)
 
 
 def _dimensions(path: Path | None) -> Dimensions:
@@ -88,12 +90,10 @@ def _dimensions(path: Path | None) -> Dimensions:
         return Dimensions()
     file = path / FILE if path.is_dir() else path
     try:
-        content = file.read_bytes()
+        content = read_bytes(file, most_mb=STUDY_MB)
     except OSError as fault:
         remedy = f"name a study folder that holds {FILE}, or a TOML file with an [actuator] table"
-        raise StudyError(
-            [Fault(str(file), f"cannot be read ({fault.strerror})", remedy)]
-        ) from fault
+        raise StudyError([Fault(str(file), f"cannot be read ({reason(fault)})", remedy)]) from fault
     settings, faults = parse_settings(content)
     if faults:
         raise StudyError([replace(fault, file=str(file)) for fault in faults])

@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from rich.table import Table
 from rich.text import Text
 
-from bayesdeg.commands.answers import AsJson, RunFolderPath, output, say
+from bayesdeg.commands.answers import AsJson, RunFolderPath, output
 from bayesdeg.commands.options import Quiet
+from bayesdeg.console import say
 from bayesdeg.criticism.experiments import LEAST
 from bayesdeg.errors import BayesdegError
 from bayesdeg.report.fields import Json, RunFaultError, each_of, number_of, text_of, texts_of
@@ -83,7 +84,7 @@ def next_experiment(report: RunFolderPath, as_json: AsJson = False, quiet: Quiet
     if proposals:
         output().print(_table(run, verdict, proposals))
     else:
-        output().print(messages[0], markup=False, soft_wrap=True)
+        output().print(messages[0], soft_wrap=True)
         messages = messages[1:]
     if not quiet:
         say(messages)

@@ -6,12 +6,17 @@ from typing import Annotated
 
 import typer
 
+from bayesdeg.nomenclature import LARGEST_SEED
+
 CORES = min(4, os.cpu_count() or 1)
 
 StudyFolder = Annotated[
     Path, typer.Argument(help="A study folder: study.toml and CSV files.", metavar="STUDY")
 ]
-Seed = Annotated[int | None, typer.Option(help="Instead of the study's own seed.")]
+Seed = Annotated[
+    int | None,
+    typer.Option(help="Instead of the study's own seed.", min=0, max=LARGEST_SEED),
+]
 Workers = Annotated[
     int,
     typer.Option(help="Processes on this machine; the results do not depend on it.", min=1),

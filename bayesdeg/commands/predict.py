@@ -18,12 +18,12 @@ from bayesdeg.commands.answers import (
     numbers,
     output,
     refuse_too_many,
-    say,
     seed_of,
     write_csv,
 )
 from bayesdeg.commands.options import Quiet
-from bayesdeg.console import shown
+from bayesdeg.commands.output import output_file
+from bayesdeg.console import say, shown
 from bayesdeg.pipeline import forecast
 from bayesdeg.pipeline.stored import Stored, read_stored
 from bayesdeg.report.wording import number, percent
@@ -65,6 +65,7 @@ def predict(
     pressures = numbers(pressure, "--pressure", "kPa", low=0.0, high=float("inf"))
     rates = numbers(degradation, "--degradation", "%", low=0.0, high=100.0)
     refuse_too_many(pressures, rates)
+    out = None if out is None else output_file(out)
     stored = read_stored(report, base=base, emulator=emulator)
     messages = forecast.warnings(stored, rates, pressures)
     with shown(quiet or as_json) as progress:
@@ -102,4 +103,4 @@ def _show(stored: Stored, table: pd.DataFrame) -> None:
     console.print(shown_table)
     for row in table[table["why"] != ""].to_dict("records"):
         place = f"{row['degradation_pct']:g} %, {row['pressure_kPa']:g} kPa"
-        console.print(f"{place}: {row['why']}", markup=False, soft_wrap=True)
+        console.print(f"{place}: {row['why']}", soft_wrap=True)

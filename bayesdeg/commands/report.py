@@ -15,6 +15,6 @@ def report(
 ) -> None:
     """Rebuild the HTML report from a run folder without computing anything."""
     guard = Guard()
-    errors.print(f"wrote {build_page(folder, guard)}")
+    errors.print(f"wrote {build_page(folder, guard)}", soft_wrap=True)
     for one in guard.left_out:
-        errors.print(f"left out: {one.stage}: {one.why}", markup=False, soft_wrap=True)
+        errors.print(f"left out: {one.stage}: {one.why}", soft_wrap=True)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from rich.text import Text
 
 from bayesdeg.commands.options import (
     CORES,
@@ -19,10 +20,12 @@ from bayesdeg.commands.options import (
     Workers,
     Yes,
 )
+from bayesdeg.commands.output import CHECKPOINTS, run_folder
 from bayesdeg.commands.training import Manner, emulator_for
 from bayesdeg.commands.workplace import workplace
-from bayesdeg.console import errors, shown
+from bayesdeg.console import errors, say, shown
 from bayesdeg.measure.study import Study, read_study
+from bayesdeg.pipeline.outline import passed_over
 from bayesdeg.pipeline.run import fingerprint, run_study, say_left_out
 from bayesdeg.pipeline.warming import compile_beside
 from bayesdeg.report.checkpoints import Checkpoints
@@ -71,17 +74,18 @@ def run(
     finite element solutions are kept in .cache/campaign, the emulator in .cache/emulators.
     """
     checked = _with_options(read_study(study), effort, seed)
-    target = out or Path("reports") / checked.name
-    if checked.actuator is not None:
-        compile_beside()
-    with workplace(workers, scheduler) as executor:
+    target, guard = out or Path("reports") / checked.name, Guard()
+    with run_folder(target, checked) as folder, workplace(workers, scheduler) as executor:
+        if not quiet:
+            say(f"without {what}: {cost}" for what, cost in passed_over(checked))
+        if checked.actuator is not None:
+            compile_beside()
         forward = emulator_for(
             checked, emulator, manner=Manner(yes=yes, quiet=quiet), executor=executor
         )
-        checkpoints = Checkpoints(target / "checkpoints", fingerprint(checked, forward))
+        checkpoints = Checkpoints(target / CHECKPOINTS, fingerprint(checked, forward))
         if fresh:
             checkpoints.clear()
-        guard, folder = Guard(), RunFolder(target)
         work = partial(run_study, executor=executor, forward=forward, guard=guard)
         with shown(quiet) as progress:
             document = work(checked, folder, checkpoints, progress=progress)
@@ -111,14 +115,15 @@ def _say_left_out(guard: Guard, target: Path) -> None:
     errors.print("\nleft out, as it could not be computed:", style="yellow")
     for one in guard.left_out:
         said = f"  {one.stage}: {one.why}"
-        errors.print(said, style="yellow", markup=False, highlight=False, soft_wrap=True)
-    errors.print(f"what happened: {target / LEFT_OUT}", highlight=False, soft_wrap=True)
+        errors.print(said, style="yellow", soft_wrap=True)
+    errors.print(f"what happened: {target / LEFT_OUT}", soft_wrap=True)
 
 
 def _say_verdict(document: dict[str, object], page: Path | None, *, virtual: bool) -> None:
     label = "virtual experiment: " if virtual else ""
     names = ", ".join(str(c) for c in document["causes"])  # type: ignore[attr-defined]
-    errors.print(f"\n[bold]{label}{document['outcome']}[/bold]{': ' + names if names else ''}")
-    errors.print(str(document["explanation"]), markup=False, highlight=False)
+    outcome = (f"{label}{document['outcome']}", "bold")
+    errors.print(Text.assemble("\n", outcome, f": {names}" if names else ""))
+    errors.print(str(document["explanation"]))
     if page is not None:
-        errors.print(f"\nreport: {page}", highlight=False)
+        errors.print(f"\nreport: {page}", soft_wrap=True)

@@ -12,13 +12,16 @@ from bayesdeg.actuator.forward import ExactMap
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.resolution import FINE
 from bayesdeg.commands.options import CORES, Quiet, Seed, StudyFolder, Workers
+from bayesdeg.commands.output import virtual_study
 from bayesdeg.commands.workplace import workplace
 from bayesdeg.console import errors, shown
+from bayesdeg.files import write_text
 from bayesdeg.laboratory.design import design_of
 from bayesdeg.laboratory.effects import parse_effects
 from bayesdeg.laboratory.experiment import run_experiment
 from bayesdeg.laboratory.truth import Truth, drawn_truth
-from bayesdeg.laboratory.writing import Provenance, study_files
+from bayesdeg.laboratory.writing import VIRTUAL_FILES, Provenance, study_files
+from bayesdeg.measure.settings_file import FILE as SETTINGS_FILE
 from bayesdeg.measure.study import read_study
 
 
@@ -50,25 +53,24 @@ def simulate(
     effects = parse_effects(cause or [])
     truth = drawn_truth(generator) if draw_material else Truth()
     truth = replace(truth, paper_thickness=template.settings.paper_thickness_mm)
-    design = design_of(template)
-    geometry = Geometry(template.settings.dimensions)
-    with workplace(workers, None) as executor, shown(quiet) as progress:
-        forward = ExactMap(
-            geometry,
-            FINE,
-            executor=executor,
-            on_start=partial(progress.stage, "finite element curves"),
-            on_curve=progress.advance,
-        )
-        experiment = run_experiment(
-            design, truth, forward=forward, generator=generator, effects=effects
-        )
     named = " ".join(f"--cause {text}" for text in cause or [])
     drawn = " --draw-material" if draw_material else ""
     command = f"bayesdeg simulate {study} {named}{drawn} --out {out} --seed {chosen}"
     provenance = Provenance(command=command, seed=chosen, mesh=vars(FINE))
-    out.mkdir(parents=True, exist_ok=True)
-    for name, text in study_files(experiment, template.settings, provenance=provenance).items():
-        if not (name == "study.toml" and study.resolve() == out.resolve()):
-            (out / name).write_text(text, encoding="utf-8")
-    errors.print(f"wrote a virtual experiment to {out}", highlight=False)
+    with virtual_study(out, VIRTUAL_FILES), workplace(workers, None) as executor:
+        with shown(quiet) as progress:
+            forward = ExactMap(
+                Geometry(template.settings.dimensions),
+                FINE,
+                executor=executor,
+                on_start=partial(progress.stage, "finite element curves"),
+                on_curve=progress.advance,
+            )
+            experiment = run_experiment(
+                design_of(template), truth, forward=forward, generator=generator, effects=effects
+            )
+        files = study_files(experiment, template.settings, provenance=provenance)
+        for name, text in files.items():
+            if not (name == SETTINGS_FILE and study.resolve() == out.resolve()):
+                write_text(out / name, text)
+    errors.print(f"wrote a virtual experiment to {out}", soft_wrap=True)

@@ -11,6 +11,7 @@ from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.commands.options import Stopped
 from bayesdeg.commands.outcome import accuracy_table, list_failures, runs_table
 from bayesdeg.console import errors, shown
+from bayesdeg.emulator.cost import duration
 from bayesdeg.emulator.kept import CACHE
 from bayesdeg.emulator.recipe import Recipe
 from bayesdeg.emulator.solutions import SolutionStore
@@ -20,7 +21,6 @@ from bayesdeg.measure.study import Study
 from bayesdeg.pipeline.emulation import (
     Campaign,
     Expectation,
-    duration,
     endings,
     expect,
     train_emulator,
@@ -138,4 +138,4 @@ def _what_stays(campaign: Campaign) -> str:
 
 
 def _print(text: str) -> None:
-    errors.print(text, markup=False, highlight=False, soft_wrap=True)
+    errors.print(text, soft_wrap=True)

@@ -177,10 +177,9 @@ def prior_sensitivity(model: Model, chain: Chain) -> PriorSensitivity:
         {name: Scaling.of(part) for name, part in density.items()}
         for density in (log_prior, log_likelihood)
     ]
-    whole = [
-        Scaling.of(np.sum(list(density.values()), axis=0))
-        for density in (log_prior, log_likelihood)
-    ]
+    # a model without data has no kinds of likelihood, and their sum is 0
+    nothing = np.zeros((len(vectors), len(values[model.table.names[0]]) // len(vectors)))
+    whole = [Scaling.of(sum(density.values(), nothing)) for density in (log_prior, log_likelihood)]
     rows = [
         _sensitivity(
             name,

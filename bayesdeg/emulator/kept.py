@@ -20,6 +20,7 @@ from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.version import MODEL_VERSION
 from bayesdeg.emulator.recipe import Recipe
 from bayesdeg.errors import BayesdegError
+from bayesdeg.files import EMULATOR_MB, read_bytes, reason
 
 SHIPPED = files("bayesdeg.emulator") / "default.npz"
 # under the working directory, beside the solutions of the campaign
@@ -98,10 +99,10 @@ def read_content[T](path: Traversable, take: Callable[[bytes], T]) -> T:
         If it cannot be read or is damaged.
     """
     try:
-        content = path.read_bytes()
+        content = read_bytes(path, most_mb=EMULATOR_MB)
     except OSError as fault:
         raise BayesdegError(
-            f"{path} cannot be read ({fault.strerror}); name a file made by 'bayesdeg emulate'"
+            f"{path} cannot be read ({reason(fault)}); name a file made by 'bayesdeg emulate'"
         ) from fault
     try:
         return take(content)

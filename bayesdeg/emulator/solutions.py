@@ -20,6 +20,7 @@ from bayesdeg.actuator.sensitivity import INPUTS
 from bayesdeg.actuator.status import Status
 from bayesdeg.emulator.run import Kind, Run, Solution, key_of, run_of
 from bayesdeg.errors import BayesdegError, ResumableError
+from bayesdeg.files import RUN_MB, read_bytes, reason
 
 # answers of the mechanics, though the path may end before its last load
 ANSWERS = (Status.CONVERGED, Status.LIMIT_POINT, Status.BUCKLED)
@@ -89,11 +90,11 @@ class SolutionStore:
     def _read(self, run: Run, timeout: float) -> Solution | None:
         path = self._path(run.key())
         try:
-            content = path.read_bytes()
+            content = read_bytes(path, most_mb=RUN_MB)
         except FileNotFoundError:
             return None
         except OSError as fault:
-            raise BayesdegError(f"{path} cannot be read: {fault.strerror}") from fault
+            raise BayesdegError(f"{path} cannot be read: {reason(fault)}") from fault
         solution, record = decode(content, run)
         given_up = solution.status is Status.TIMED_OUT and float(record["timeout_s"]) < timeout
         return None if given_up else solution
@@ -129,7 +130,7 @@ class SolutionStore:
             _write(self._path(key), encode(run, solution, timeout=timeout))
         except OSError as fault:
             raise ResumableError(
-                f"the store {self.folder} cannot be written: {fault.strerror}; what is solved so "
+                f"the store {self.folder} cannot be written: {reason(fault)}; what is solved so "
                 "far stays there: make room, or allow writing, and repeat the command to go on"
             ) from fault
         return True
@@ -145,7 +146,7 @@ class SolutionStore:
         found = []
         for path in sorted(self.folder.glob("*.npz")):
             try:
-                record = json.loads(str(_members(path.read_bytes())["record"]))
+                record = json.loads(str(_members(read_bytes(path, most_mb=RUN_MB))["record"]))
                 status, run = Status[record["status"]], run_of(record["run"])
             except Exception:  # of another version, or damaged: the next campaign says so
                 continue
@@ -160,8 +161,8 @@ class SolutionStore:
     def _times(self) -> Iterator[tuple[str, float]]:
         for path in sorted(self.folder.glob("*.seconds")):
             try:
-                yield path.stem, float(path.read_text(encoding="ascii"))
-            except ValueError:  # of no consequence
+                yield path.stem, float(read_bytes(path, most_mb=RUN_MB))
+            except (OSError, ValueError):  # of no consequence
                 continue
 
     def clean(self) -> None:

@@ -1,7 +1,6 @@
 """Trained emulators on disk: the one that ships with the package, and those of other geometries."""
 
 import io
-import os
 from dataclasses import dataclass, replace
 from importlib.resources.abc import Traversable
 from pathlib import Path
@@ -19,7 +18,8 @@ from bayesdeg.emulator.kept import (
 )
 from bayesdeg.emulator.recipe import Recipe
 from bayesdeg.emulator.surrogate import Surrogate
-from bayesdeg.errors import BayesdegError
+from bayesdeg.errors import BayesdegError, ResumableError
+from bayesdeg.files import written
 
 
 @dataclass(frozen=True)
@@ -103,25 +103,14 @@ def write_trained(path: Path, surrogate: Surrogate) -> None:
 
     Raises
     ------
-    BayesdegError
-        If the file cannot be written.
+    ResumableError
+        If the file cannot be written; nothing that was solved is lost.
     """
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        part = path.with_name(f".{path.name}.{os.getpid()}.part")
-        try:
-            with part.open("wb") as file:
-                file.write(to_bytes(surrogate))
-                file.flush()
-                os.fsync(file.fileno())
-            part.replace(path)
-        finally:
-            part.unlink(missing_ok=True)
-    except OSError as fault:
-        raise BayesdegError(
-            f"the emulator cannot be written to {path} ({fault.strerror}); make room or name "
-            "another place; nothing that was solved is lost"
-        ) from fault
+        with written(path) as part:
+            part.write_bytes(to_bytes(surrogate))
+    except ResumableError as fault:
+        raise ResumableError(f"{fault}; nothing that was solved is lost") from fault
 
 
 def find(geometry: Geometry, *, recipe: Recipe | None = None, cache: Path = CACHE) -> Found:

@@ -6,6 +6,7 @@ from dataclasses import MISSING, dataclass, fields, replace
 
 import bayesdeg
 from bayesdeg.actuator.version import MODEL_VERSION
+from bayesdeg.files import spreadsheet_safe
 from bayesdeg.laboratory.experiment import VirtualExperiment
 from bayesdeg.laws import LAWS, Law
 from bayesdeg.measure.settings import Dimensions, Settings
@@ -14,6 +15,13 @@ from bayesdeg.measure.settings_file import FILE as SETTINGS_FILE
 from bayesdeg.measure.tables import TABLES
 
 TRUTH_FILE = "truth.json"
+#: What a virtual experiment writes; published statistics are not virtual.
+VIRTUAL_FILES = (
+    *(SETTINGS_FILE, TRUTH_FILE),
+    *(table.file for name, table in TABLES.items() if name != "summary"),
+)
+#: Of every file of it but `TRUTH_FILE`.
+FIRST_WORDS = "# virtual experiment made by"
 NOTE = (
     "This is a virtual experiment: all specimens were simulated by the fine finite element model, "
     "with scatter of specimens and errors of reading. Whether an effect is hidden in it, and "
@@ -43,7 +51,7 @@ class Provenance:
     def comment(self) -> str:
         """The first line of every file."""
         command = " ".join(self.command.split())
-        return f"# virtual experiment made by {command} (seed {self.seed})\n"
+        return f"{FIRST_WORDS} {command} (seed {self.seed})\n"
 
 
 def study_files(
@@ -67,7 +75,8 @@ def study_files(
         reads.
     """
     texts = {
-        TABLES[name].file: provenance.comment + table.to_csv(index=False, lineterminator="\n")
+        TABLES[name].file: provenance.comment
+        + table.map(spreadsheet_safe).to_csv(index=False, lineterminator="\n")
         for name, table in experiment.tables.items()
     }
     virtual = virtual_settings(settings, seed=provenance.seed)

@@ -3,11 +3,14 @@
 import csv
 import io
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import pandas as pd
 
 from bayesdeg.errors import Fault
+from bayesdeg.measure.number import NUMBER
+
+IN_QUOTES = 'put a name that begins with # in quotation marks, "#1", and it is read as a name'
 
 
 @dataclass(frozen=True)
@@ -22,11 +25,15 @@ class Cells:
         Line of the header, counted from 1.
     texts : pandas.DataFrame
         Cells as they stand but for the blanks around them; the index is the line of the file.
+    rows_in_comments : tuple of int
+        Lines that begin with ``#``, so that they are comments, but look like rows of data: the
+        name of a specimen may begin so.
     """
 
     file: str
     header_row: int
     texts: pd.DataFrame
+    rows_in_comments: tuple[int, ...] = ()
 
 
 def read_cells(content: bytes, file: str) -> tuple[Cells | None, tuple[Fault, ...]]:
@@ -68,10 +75,27 @@ def read_cells(content: bytes, file: str) -> tuple[Cells | None, tuple[Fault, ..
     wrong = _wrong_header(header, header_row, file)
     if wrong:
         return None, wrong
+    in_comments = _rows_in_comments(text, header, header_row)
     if len(rows) == 1:
         problem, remedy = "has a header but no data", "add rows, or remove the file"
+        if in_comments:
+            problem += f": lines that begin with # are comments, {len(in_comments)} of them here"
+            remedy = IN_QUOTES
         return None, (Fault(file, problem, remedy, header_row),)
-    return _assemble(rows, file)
+    cells, faults = _assemble(rows, file)
+    return replace(cells, rows_in_comments=in_comments), faults
+
+
+def _rows_in_comments(text: str, header: list[str], header_row: int) -> tuple[int, ...]:
+    """Return the comments below the header with as many cells as it, of which one is a number."""
+    found = []
+    for row, line in enumerate(io.StringIO(text, newline=""), start=1):
+        if row <= header_row or not line.startswith("#") or line.count(",") < len(header) - 1:
+            continue
+        cells = [cell.strip() for cell in line[1:].split(",")]
+        if len(cells) == len(header) and any(NUMBER.fullmatch(cell) for cell in cells[1:]):
+            found.append(row)
+    return tuple(found)
 
 
 def _decode(content: bytes, file: str) -> str | Fault:

@@ -8,6 +8,7 @@ import pandas as pd
 import pandera.pandas as pa
 
 from bayesdeg.errors import Fault
+from bayesdeg.files import as_named
 from bayesdeg.measure.cells import Cells, read_cells
 from bayesdeg.measure.header import check_header
 from bayesdeg.measure.nearest import use_one_of
@@ -32,11 +33,14 @@ class CheckedTable:
         Everything that is wrong with the file.
     recorded : frozenset of str
         Columns in which the file itself gives at least one cell.
+    passed_over : int
+        Comments that look like rows of data.
     """
 
     frame: pd.DataFrame
     faults: tuple[Fault, ...]
     recorded: frozenset[str]
+    passed_over: int = 0
 
 
 def check_table(content: bytes, table: Table, *, degradation_sd_pct: float) -> CheckedTable:
@@ -84,7 +88,10 @@ def check_table(content: bytes, table: Table, *, degradation_sd_pct: float) -> C
     in_order = sorted((*wrong_cells, *wrong_rows), key=lambda fault: fault.row or 0)
     recorded = frozenset(str(name) for name in names if (cells.texts[name] != "").any())
     return CheckedTable(
-        _finish(frame, table), _capped((*faults, *blamed.values(), *in_order)), recorded
+        _finish(frame, table),
+        _capped((*faults, *blamed.values(), *in_order)),
+        recorded,
+        len(cells.rows_in_comments),
     )
 
 
@@ -122,7 +129,7 @@ def _read_column(cells: Cells, column: Column, faults: list[Fault]) -> pd.Series
                 remedy = "give a value; only optional columns may have empty cells"
                 faults.append(_fault(cells, int(str(row)), column.name, "is empty", remedy))
         elif column.kind == "text":
-            value = text
+            value = as_named(text)
         else:
             number = read_number(text)
             if isinstance(number, float):

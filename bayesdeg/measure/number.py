@@ -1,10 +1,11 @@
 """Cells of text → numbers, or what keeps them from being numbers."""
 
-import math
 import re
 
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
+#: In every unit of the contract; 1e9 s are thirty years.
+LARGEST = 1e9
 NOT_FINITE = re.compile(r"[+-]?(nan|inf|infinity|na|n/a|null|none|-+|#n/a)", re.IGNORECASE)
 
 
@@ -32,9 +33,9 @@ def read_number(text: str) -> float | tuple[str, str]:
     """
     if NUMBER.fullmatch(text):
         value = float(text)
-        if math.isfinite(value):
+        if abs(value) <= LARGEST:
             return value
-        return "is too large for a number", "give a finite number"
+        return "is too large for a measured value", f"give a number up to {LARGEST:g}"
     if DECIMAL_COMMA.fullmatch(text):
         point = text.replace(",", ".")
         return "is written with a decimal comma", f"write decimals with a point, {point}"

@@ -85,6 +85,43 @@ def once(column: str, remedy: str) -> Rule:
     return Rule(column, "stands on more than one row", remedy, (column,), holds)
 
 
+def not_all_zero(column: str, *within: str, least: float, remedy: str) -> Rule:
+    """Demand that something was applied or measured at all.
+
+    Parameters
+    ----------
+    column : str
+        What must not be 0 on every row.
+    *within : str
+        Columns by which the rows are grouped first.
+    least : float
+        Below this, of the column's unit, a value counts as 0.
+    remedy : str
+        What would be right.
+
+    Returns
+    -------
+    Rule
+        Broken on the first row of a group.
+
+    Examples
+    --------
+    >>> rule = not_all_zero("stress_MPa", least=1e-9, remedy="give stresses")
+    >>> rule.holds(pd.DataFrame({"stress_MPa": [0.0, 0.0]})).tolist()
+    [False, True]
+    """
+
+    def holds(frame: pd.DataFrame) -> pd.Series:
+        keys = frame[list(within)].astype(str).agg(" ".join, axis=1) if within else frame.index * 0
+        nothing = ~(frame[column].abs() > least).groupby(keys).transform("any")
+        unknown = frame[column].isna().groupby(keys).transform("any")
+        first = ~pd.Series(keys, index=frame.index).duplicated()
+        return ~(nothing & first & ~unknown)
+
+    problem = "is 0, and so is every other one" + (f" of this {within[0]}" if within else "")
+    return Rule(column, problem, remedy, (column, *within), holds)
+
+
 def _one_degradation(frame: pd.DataFrame) -> pd.Series:
     rate = frame["degradation_pct"]
     first = rate.groupby(frame["specimen_id"]).transform("first")
@@ -141,4 +178,12 @@ CURVATURE_RECORDED = Rule(
     "give the curvature; it may be empty only on the row with ruptured = 1",
     ("curvature_per_m", "ruptured"),
     _curvature_recorded,
+)
+SOMETHING_APPLIED = not_all_zero(
+    "pressure_kPa",
+    least=1e-6,
+    remedy="give gauge pressures in kPa; an actuator without pressure shows nothing",
+)
+SOMETHING_STRESSED = not_all_zero(
+    "stress_MPa", "mode", least=1e-9, remedy="give the measured stresses in MPa, or remove the rows"
 )

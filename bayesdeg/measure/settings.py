@@ -11,6 +11,9 @@ Effort = Literal["quick", "standard", "thorough"]
 EFFORTS: tuple[Effort, ...] = ("quick", "standard", "thorough")
 MODES = ("uniaxial", "equibiaxial", "planar")
 
+#: Limits of a dimension [mm] and of the number of chambers; beyond them no mesh can be made.
+SMALLEST_MM, LARGEST_MM, MOST_CHAMBERS = 1e-3, 2000.0, 200
+
 
 @dataclass(frozen=True)
 class Dimensions:
@@ -77,8 +80,17 @@ class Dimensions:
             for entry in fields(self)
             if entry.name not in ("chambers", "gap") and not getattr(self, entry.name) > 0.0
         ]
-        if not isinstance(self.chambers, int) or self.chambers < 1:
-            wrong.append(f"chambers must be a whole number of at least 1, not {self.chambers:g}")
+        wrong += [
+            f"{entry.name} must be between {SMALLEST_MM:g} and {LARGEST_MM:g} mm, not {value:g}"
+            for entry in fields(self)
+            if entry.name != "chambers"
+            and (value := getattr(self, entry.name)) > 0.0
+            and not SMALLEST_MM <= value <= LARGEST_MM
+        ]
+        if not isinstance(self.chambers, int) or not 1 <= self.chambers <= MOST_CHAMBERS:
+            wrong.append(
+                f"chambers must be a whole number from 1 to {MOST_CHAMBERS}, not {self.chambers}"
+            )
         if not self.gap >= 0.0:
             wrong.append(f"gap must not be below 0, not {self.gap:g}")
         return tuple(wrong)

@@ -1,6 +1,5 @@
 """The text of ``study.toml`` → `Settings`, or every fault in it."""
 
-import math
 import re
 import tomllib
 from collections.abc import Callable, Mapping
@@ -8,9 +7,12 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 from bayesdeg.errors import Fault
+from bayesdeg.files import DEEPEST, too_deep
 from bayesdeg.laws import Law, law_from_mapping
 from bayesdeg.measure.nearest import nearest
-from bayesdeg.measure.settings import EFFORTS, MODES, Dimensions, Settings
+from bayesdeg.measure.number import LARGEST
+from bayesdeg.measure.settings import EFFORTS, LARGEST_MM, MODES, Dimensions, Settings
+from bayesdeg.nomenclature import LARGEST_SEED
 
 FILE = "study.toml"
 
@@ -28,7 +30,9 @@ class _Entry:
 
 
 def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    return abs(value) <= LARGEST
 
 
 def _is_whole(value: object) -> bool:
@@ -42,7 +46,8 @@ def _is_names(value: object) -> bool:
 def _dimension(name: str) -> _Entry:
     if name == "chambers":
         return _Entry("actuator", name, name, "a whole number of at least 1", _is_whole, int)
-    return _Entry("actuator", name, name, "a number [mm]", _is_number, float)
+    wanted = f"a number up to {LARGEST_MM:g} [mm]"
+    return _Entry("actuator", name, name, wanted, _is_number, float)
 
 
 ENTRIES: tuple[_Entry, ...] = (
@@ -50,7 +55,12 @@ ENTRIES: tuple[_Entry, ...] = (
     _Entry("", "note", "note", "a text in quotes", lambda v: isinstance(v, str), str),
     _Entry("", "virtual", "virtual", "true or false", lambda v: isinstance(v, bool), bool),
     _Entry(
-        "", "seed", "seed", "a whole number not below 0", lambda v: _is_whole(v) and v >= 0, int
+        "",
+        "seed",
+        "seed",
+        f"a whole number not below 0 and up to {LARGEST_SEED}",
+        lambda v: _is_whole(v) and 0 <= v <= LARGEST_SEED,
+        int,
     ),
     *(_dimension(entry.name) for entry in fields(Dimensions)),
     _Entry(
@@ -105,6 +115,9 @@ ENTRIES: tuple[_Entry, ...] = (
 TABLES = ("actuator", "paper", "priors", "noise", "causes", "sampling", "tensile", "material")
 
 
+_TOO_DEEP = Fault(FILE, "is nested too deeply", "write tables and lists as the contract shows")
+
+
 def parse_settings(content: bytes) -> tuple[Settings, tuple[Fault, ...]]:
     r"""Read the settings of a study.
 
@@ -133,11 +146,23 @@ def parse_settings(content: bytes) -> tuple[Settings, tuple[Fault, ...]]:
     except UnicodeDecodeError as error:
         row = content.count(b"\n", 0, error.start) + 1
         return Settings(), (Fault(FILE, "is not UTF-8 text", "save it as UTF-8", row),)
+    if _has_long_key(text):
+        return Settings(), (_TOO_DEEP,)
     try:
         document = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except RecursionError:
+        return Settings(), (_TOO_DEEP,)
+    except ValueError as error:
         return Settings(), (_invalid(str(error), text),)
+    if too_deep(document):
+        return Settings(), (_TOO_DEEP,)
     return _from_document(document, text)
+
+
+def _has_long_key(text: str) -> bool:
+    """Return whether a key has very many parts; `tomllib` takes minutes for thousands of them."""
+    keys = (line.partition("=")[0] for line in text.splitlines() if "=" in line or line[:1] == "[")
+    return any(key.count(".") > DEEPEST for key in keys)
 
 
 def _invalid(message: str, text: str) -> Fault:

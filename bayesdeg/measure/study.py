@@ -8,6 +8,7 @@ from pathlib import Path
 import pandas as pd
 
 from bayesdeg.errors import Fault, StudyError
+from bayesdeg.files import STUDY_MB, read_bytes, reason
 from bayesdeg.measure.checking import CheckedTable, check_table
 from bayesdeg.measure.nearest import nearest
 from bayesdeg.measure.settings import Settings
@@ -38,6 +39,8 @@ class Study:
         SHA-256 of each input file.
     recorded : mapping of str to frozenset of str
         By table, the columns in which the file itself gives at least one cell.
+    passed_over : mapping of str to int
+        By file, the number of comments that look like rows of data.
     """
 
     name: str
@@ -51,6 +54,7 @@ class Study:
     summary: pd.DataFrame | None = None
     hashes: Mapping[str, str] = field(default_factory=dict)
     recorded: Mapping[str, frozenset[str]] = field(default_factory=dict)
+    passed_over: Mapping[str, int] = field(default_factory=dict)
 
 
 def read_study(folder: Path) -> Study:
@@ -96,9 +100,22 @@ def read_study(folder: Path) -> Study:
     }
     faults = [*unreadable, *_wrong_files(folder, set(contents), unreadable), *wrong_settings]
     faults += [fault for table in tables.values() for fault in table.faults]
+    if not faults and "tensile" in tables:
+        faults += _absent_modes(settings, tables["tensile"].frame)
     if faults:
         raise StudyError(faults)
     return _assemble(folder, settings, tables, contents)
+
+
+def _absent_modes(settings: Settings, tensile: pd.DataFrame) -> Iterator[Fault]:
+    """Refuse to fit modes of which there are no curves: nothing would be fitted."""
+    there = sorted(set(tensile["mode"]))
+    if set(settings.fit_modes) & set(there):
+        return
+    asked = ", ".join(settings.fit_modes)
+    problem = "names no mode of which tensile.csv has a curve, so none would be fitted"
+    remedy = f"name at least one of {', '.join(there)}, or leave the key out to fit all"
+    yield Fault(SETTINGS_FILE, problem, remedy, None, "tensile.fit_modes", asked)
 
 
 def _assemble(
@@ -120,6 +137,7 @@ def _assemble(
         frames.get("summary"),
         {file: sha256(content).hexdigest() for file, content in contents.items()},
         {name: table.recorded for name, table in tables.items()},
+        {TABLES[name].file: t.passed_over for name, t in tables.items() if t.passed_over},
     )
 
 
@@ -133,10 +151,10 @@ def _read_files(folder: Path) -> tuple[dict[str, bytes], tuple[Fault, ...]]:
         if path.name not in (SETTINGS_FILE, *DATA_FILES):
             continue
         try:
-            contents[path.name] = path.read_bytes()
+            contents[path.name] = read_bytes(path, most_mb=STUDY_MB)
         except OSError as error:
-            reason = error.strerror or "unknown reason"
-            faults.append(Fault(path.name, f"cannot be read ({reason})", "make it readable"))
+            remedy = "give a file that can be read"
+            faults.append(Fault(path.name, f"cannot be read ({reason(error)})", remedy))
     return contents, tuple(faults)
 
 

@@ -13,6 +13,8 @@ from bayesdeg.measure.rules import (
     CURVATURE_RECORDED,
     ONE_DEGRADATION,
     PRESSURE_PROCEEDS,
+    SOMETHING_APPLIED,
+    SOMETHING_STRESSED,
     TIME_PROCEEDS,
     Rule,
     at_most,
@@ -24,6 +26,8 @@ Kind = Literal["text", "number", "whole"]
 
 #: A rate is a ratio of two means, so near 0 its scatter may take it below.
 LOWEST_DEGRADATION_PCT = -5.0
+#: The toughest hydrogels break at about 25; a length in percent is 100 and more.
+LARGEST_STRETCH = 50.0
 
 
 @dataclass(frozen=True)
@@ -86,6 +90,11 @@ NOT_NEGATIVE = Demand("is below 0", "give 0 or a number above 0", lambda x: x >=
 PERCENT = Demand("is above 100 %", "give a percentage up to 100", lambda x: x <= 100.0)
 WHOLE = Demand("is not a whole number", "give a whole number", lambda x: x % 1.0 == 0.0)
 BURST = Demand("is neither 0 nor 1", "give 1 where it burst, else 0", lambda x: x.isin([0, 1]))
+STRETCHABLE = Demand(
+    f"is above {LARGEST_STRETCH:g}, which no elastomer bears",
+    "give a ratio of lengths, 1 = undeformed; 150 % of the length is 1.5",
+    lambda x: x <= LARGEST_STRETCH,
+)
 MEASURED_RATE = Demand(
     f"is below {LOWEST_DEGRADATION_PCT:g} %, which scatter cannot explain",
     "give the degradation rate in percent, 0 for undegraded",
@@ -140,11 +149,11 @@ TENSILE = Table(
         _DEGRADATION,
         _DEGRADATION_SD,
         _word("mode", *MODES),
-        Column("stretch", demands=(POSITIVE,)),
+        Column("stretch", demands=(POSITIVE, STRETCHABLE)),
         Column("stress_MPa"),
         _word("stress_measure", "nominal", "cauchy"),
     ),
-    (ONE_DEGRADATION,),
+    (ONE_DEGRADATION, SOMETHING_STRESSED),
 )
 BREAKS = Table(
     "breaks",
@@ -170,7 +179,13 @@ ACTUATOR = Table(
         _word("mount", "horizontal", "hanging", "bending_up", "bending_down"),
         Column("ruptured", "whole", (BURST,), required=False, default=0),
     ),
-    (ONE_DEGRADATION, PRESSURE_PROCEEDS, TIME_PROCEEDS, CURVATURE_RECORDED),
+    (
+        ONE_DEGRADATION,
+        PRESSURE_PROCEEDS,
+        TIME_PROCEEDS,
+        CURVATURE_RECORDED,
+        SOMETHING_APPLIED,
+    ),
 )
 SUMMARY = Table(
     "summary",

@@ -14,6 +14,7 @@ from bayesdeg.actuator.resolution import Resolution
 from bayesdeg.actuator.status import Status
 from bayesdeg.emulator.build import build, runs
 from bayesdeg.emulator.campaign import Finished, complete, missing
+from bayesdeg.emulator.cost import duration
 from bayesdeg.emulator.recipe import Recipe
 from bayesdeg.emulator.run import Run
 from bayesdeg.emulator.solutions import ANSWERS, SolutionStore
@@ -107,20 +108,6 @@ class Expectation:
         ]
         at_once = "one at a time" if self.workers == 1 else f"{self.workers} at a time"
         return f"{duration(self.seconds)}: finite element curves, {' and '.join(runs)}, {at_once}"
-
-
-def duration(seconds: float) -> str:
-    """Word a time to come in minutes.
-
-    Examples
-    --------
-    >>> duration(20.0), duration(500.0), duration(9000.0)
-    ('less than a minute', 'about 8 min', 'about 2 h 30 min')
-    """
-    if seconds < 60.0:
-        return "less than a minute"
-    minutes = round(seconds / 60.0)
-    return f"about {minutes} min" if minutes < 60 else f"about {minutes // 60} h {minutes % 60} min"
 
 
 def expect(campaign: Campaign, progress: Progress) -> Expectation:

@@ -16,6 +16,7 @@ from bayesdeg.inference.curves import ActuatorCurves, Breaks, TensileCurves
 from bayesdeg.inference.published import PublishedTests, published_tests
 from bayesdeg.laws import Law, Parameter, Uniform
 from bayesdeg.material.degradation import Nodes, nodes_for
+from bayesdeg.measure.cells import IN_QUOTES
 from bayesdeg.measure.study import Study
 
 
@@ -234,8 +235,27 @@ def _missing(study: Study) -> tuple[tuple[str, str], ...]:
         "summary": "nothing is compared with, or rests on, published statistics",
     }
     files = {"breaks": "break.csv"}
-    return tuple(
+    absent = (
         (files.get(name, f"{name}.csv"), cost)
         for name, cost in costs.items()
         if getattr(study, name) is None
+    )
+    return (*passed_over(study), *absent)
+
+
+def passed_over(study: Study) -> tuple[tuple[str, str], ...]:
+    """Say which lines of a study look like rows but are comments.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> passed_over(Study("rubber", Path("rubber"), passed_over={"tensile.csv": 1}))[0][0]
+    'the lines of tensile.csv that begin with # (1 with the cells of a row)'
+    """
+    return tuple(
+        (
+            f"the lines of {file} that begin with # ({count} with the cells of a row)",
+            f"they are comments; {IN_QUOTES}",
+        )
+        for file, count in study.passed_over.items()
     )

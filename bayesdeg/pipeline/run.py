@@ -33,7 +33,7 @@ from bayesdeg.pipeline.record import run_document
 from bayesdeg.pipeline.results import Results
 from bayesdeg.pipeline.writing import write_results
 from bayesdeg.report.checkpoints import Checkpoints
-from bayesdeg.report.folder import RUN, VERDICT, RunFolder
+from bayesdeg.report.folder import HASHES, RUN, VERDICT, RunFolder
 from bayesdeg.report.left_out import Guard, Stage
 
 Calibrate = Callable[..., Fit]
@@ -122,7 +122,7 @@ def run_study(
         write = partial(write_results, pictures=pictures)
         document = write(study, folder, results, np.random.default_rng(seeds[0]), guard)
     record = run_document(study, results, clock.seconds, guard)
-    folder.write_json(RUN, record)
+    folder.write_json(RUN, record | {HASHES: folder.posterior_hashes()})
     return say_left_out(folder, document, guard)
 
 

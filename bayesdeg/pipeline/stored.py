@@ -23,7 +23,7 @@ from bayesdeg.inference.model import Model
 from bayesdeg.inference.parameters import control_name
 from bayesdeg.laws import Parameter
 from bayesdeg.measure.settings import Dimensions
-from bayesdeg.report.fields import Json, RunFaultError, entries_of, mapping_of, number_of
+from bayesdeg.report.fields import LARGEST, Json, RunFaultError, entries_of, mapping_of, number_of
 from bayesdeg.report.folder import POSTERIOR, POSTERIOR_BASE, RUN, RunFolder
 from bayesdeg.report.record import Run, Verdict
 
@@ -31,6 +31,8 @@ Floats = NDArray[np.float64]
 Range = tuple[float, float]
 
 _NEEDED = ("volume_ratio", "paper_stiffness")
+# beginnings of names of what can only be above 0
+_POSITIVE = (*_NEEDED, "c1_", "c3_", "elongation_at_")
 
 
 @dataclass(frozen=True)
@@ -119,6 +121,7 @@ def read_stored(
     run, verdict, content = folder.read_run(), folder.read_verdict(), folder.read_json(RUN)
     tree = folder.read_posterior(POSTERIOR_BASE if base else POSTERIOR)
     draws = {str(n): v.to_numpy() for n, v in _posterior(tree, path).items()}
+    _refuse_impossible(draws, path)
     if any(name not in draws for name in _NEEDED):
         raise BayesdegError(
             f"{path}: the study has no readings of actuators, so its posterior does not say how an "
@@ -145,6 +148,25 @@ def _posterior(tree: xr.DataTree, path: Path) -> xr.Dataset:
     return tree["posterior"].to_dataset()
 
 
+def _refuse_impossible(draws: Mapping[str, Floats], path: Path) -> None:
+    """Refuse draws that no calibration leaves: not finite, or not positive where it must be."""
+    shapes = {values.shape for values in draws.values()}
+    if len(shapes) != 1 or len(shape := shapes.pop()) != 2 or 0 in shape:
+        raise _impossible(path, "its parameters have no draws, or not the same number of them")
+    for name, values in draws.items():
+        if not np.issubdtype(values.dtype, np.floating) or not np.all(np.isfinite(values)):
+            raise _impossible(path, f"draws of {name} are no finite numbers")
+        if name.startswith(_POSITIVE) and not np.all(values > 0.0):
+            raise _impossible(path, f"{name} is {values.min():.3g}, and can only be above 0")
+
+
+def _impossible(path: Path, problem: str) -> BayesdegError:
+    return BayesdegError(
+        f"{path}: the posterior is damaged, or is not of bayesdeg: {problem}; run the study again "
+        "with --fresh"
+    )
+
+
 def _model(document: Json, draws: Mapping[str, Floats], forward: Surrogate) -> Model:
     """Rebuild a model from its document and the names of its draws."""
     if not document:
@@ -168,8 +190,11 @@ def _model(document: Json, draws: Mapping[str, Floats], forward: Surrogate) -> M
     thickness, largest = (
         number_of(document, name) for name in ("paper_thickness_mm", "largest_pressure_kPa")
     )
-    if thickness is None or largest is None:
-        raise RunFaultError("run.json lacks the paper's thickness or the largest pressure")
+    if not (thickness and largest and thickness > 0.0 and largest > 0.0):
+        raise RunFaultError(
+            "run.json must give the paper's thickness and the largest pressure, both above 0, not "
+            f"{thickness} and {largest}; run the study again with --fresh"
+        )
     return Model(
         base=tuple(Parameter(name, Flat(), "–", "") for name in draws if "." not in name),
         nodes=nodes,
@@ -236,4 +261,7 @@ def _numbers(content: Json, key: str) -> tuple[float, ...]:
     values = entries_of(content, key)
     if not values or any(isinstance(v, bool) or not isinstance(v, int | float) for v in values):
         raise RunFaultError(f"run.json: {key!r} must list numbers, not {values!r}")
-    return tuple(float(v) for v in values if isinstance(v, int | float))
+    numbers = [v for v in values if isinstance(v, int | float)]
+    if not all(-LARGEST <= v <= LARGEST for v in numbers):
+        raise RunFaultError(f"run.json: {key!r} must list finite numbers of a usual size")
+    return tuple(float(v) for v in numbers)

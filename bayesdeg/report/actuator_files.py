@@ -1,7 +1,6 @@
 """Solved actuators as files: VTU for ParaView, and the surface that the report draws."""
 
-import os
-from collections.abc import Callable
+import io
 from dataclasses import fields as fields_of
 from pathlib import Path
 from zipfile import BadZipFile
@@ -13,6 +12,7 @@ from skfem import ElementHex1, ElementHex2
 
 from bayesdeg.actuator.body import Body, Element
 from bayesdeg.errors import BayesdegError
+from bayesdeg.files import refuse_special, write_bytes, written
 from bayesdeg.report.actuator_fields import NodalFields
 from bayesdeg.report.actuator_surface import Shape, Surface
 
@@ -95,7 +95,8 @@ def write_vtu(
             "cauchy_stress_MPa": stress[:, [0, 1, 2, 0, 1, 0], [0, 1, 2, 1, 2, 2]],
         },
     )
-    _write_whole(path, lambda beside: meshio.write(beside, mesh, file_format="vtu"))
+    with written(path) as part:
+        meshio.write(part, mesh, file_format="vtu")
 
 
 def vtu_name(degradation: float) -> str:
@@ -126,11 +127,9 @@ def write_surface(folder: Path, surface: Surface) -> None:
         values = np.array([getattr(shape, field.name) for shape in surface.shapes])
         arrays[field.name] = values.astype(np.float32)
 
-    def write(beside: Path) -> None:
-        with beside.open("wb") as file:
-            np.savez_compressed(file, allow_pickle=False, **arrays)
-
-    _write_whole(folder / SURFACE, write)
+    made = io.BytesIO()
+    np.savez_compressed(made, allow_pickle=False, **arrays)
+    write_bytes(folder / SURFACE, made.getbuffer())
 
 
 def read_surface(folder: Path) -> Surface | None:
@@ -145,6 +144,7 @@ def read_surface(folder: Path) -> Surface | None:
     if not path.exists():
         return None
     try:
+        refuse_special(path)
         with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
             columns = [stored[field.name].astype(np.float64) for field in fields_of(Shape)]
             surface = Surface(
@@ -169,13 +169,3 @@ def _check(surface: Surface) -> None:
         raise ValueError("faces and their flags do not go together")
     if not surface.shapes or surface.faces.min() < 0 or surface.faces.max() >= known:
         raise ValueError("a face names a node that is not there")
-
-
-def _write_whole(path: Path, write: Callable[[Path], object]) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    beside = path.parent / f".{path.name}.{os.getpid()}.part"
-    try:
-        write(beside)
-        beside.replace(path)
-    finally:
-        beside.unlink(missing_ok=True)

@@ -4,9 +4,8 @@ An HDF5 file does not survive its writer being killed; a file that appears whole
 or not at all, does.
 """
 
-import os
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+import io
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -14,6 +13,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdeg.files import refuse_special, write_bytes
 from bayesdeg.inference.chain_store import Piece, digest
 
 ENDING = ".h5"
@@ -46,6 +46,7 @@ class ChainPieces:
         if not path.exists():
             return None
         try:
+            refuse_special(path)
             with h5py.File(path, "r") as file:
                 owner = (str(file.attrs["fingerprint"]), str(file.attrs["key"]))
                 arrays = {name: np.asarray(file[name]) for name in file}
@@ -60,32 +61,21 @@ class ChainPieces:
     def save(self, ensemble: int, number: int, key: str, piece: Piece) -> None:
         """Keep a piece: whole or not at all."""
         arrays = piece.arrays()
-        with written(self._path(ensemble, number)) as part, h5py.File(part, "w") as file:
+        made = io.BytesIO()
+        with h5py.File(made, "w") as file:
             for name, array in arrays.items():
                 file.create_dataset(name, data=array)
             file.attrs["fingerprint"] = self.fingerprint
             file.attrs["key"] = key
             file.attrs["digest"] = digest(arrays)
+        write_bytes(self._path(ensemble, number), made.getbuffer())
 
     def _path(self, ensemble: int, number: int) -> Path:
         return self.folder / f"ensemble-{ensemble}-{number:03d}{ENDING}"
 
 
-@contextmanager
-def written(path: Path) -> Iterator[Path]:
-    """Give a temporary name to write to; the file is at its own once it is whole, on disk."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        yield part
-        with part.open("rb+") as file:
-            os.fsync(file.fileno())
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
-
-
 def save_arrays(path: Path, arrays: Mapping[str, NDArray[np.generic]]) -> None:
     """Keep arrays as ``npz``: whole or not at all."""
-    with written(path) as part, part.open("wb") as file:
-        np.savez(file, allow_pickle=False, **arrays)
+    made = io.BytesIO()
+    np.savez(made, allow_pickle=False, **arrays)
+    write_bytes(path, made.getbuffer())

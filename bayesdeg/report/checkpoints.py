@@ -9,6 +9,7 @@ from zipfile import BadZipFile
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdeg.files import refuse_special
 from bayesdeg.report.chain_pieces import ENDING, ChainPieces, save_arrays
 
 
@@ -31,6 +32,7 @@ class Checkpoints:
         """Return the arrays of a stage; None if they are not there, of other inputs, or broken."""
         path = self.folder / f"{name}.npz"
         try:
+            refuse_special(path)
             with np.load(path, allow_pickle=False) as stored:
                 if str(stored["fingerprint"]) != self.fingerprint:
                     return None

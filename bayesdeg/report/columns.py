@@ -54,12 +54,20 @@ class Column:
         In a few words.
     kind : Kind
         What the cells hold; an empty cell is always allowed and means "not available".
+    finite : bool
+        Whether a number must be finite; what is not is written as "not available".
     """
 
     name: str
     unit: str
     meaning: str
     kind: Kind = Kind.NUMBER
+    finite: bool = True
+
+
+def _log(name: str, meaning: str) -> Column:
+    """Return a column of log densities or tails, which may be infinite."""
+    return Column(name, "–", meaning, finite=False)
 
 
 def _text(name: str, meaning: str) -> Column:
@@ -88,10 +96,10 @@ _AGREEMENT = (
 _GAIN = (
     _MODEL,
     _LEVEL,
-    Column("elpd", "–", "expected log predictive density of held-out specimens"),
-    Column("elpd_se", "–", "its standard error"),
-    Column("elpd_diff", "–", "its difference to the base model; positive is better"),
-    Column("elpd_diff_se", "–", "standard error of the difference"),
+    _log("elpd", "expected log predictive density of held-out specimens"),
+    _log("elpd_se", "its standard error"),
+    _log("elpd_diff", "its difference to the base model; positive is better"),
+    _log("elpd_diff_se", "standard error of the difference"),
     Column("rmse_per_m", "1/m", "root mean square error of the prediction"),
     Column("crps_per_m", "1/m", "continuous ranked probability score"),
     *_AGREEMENT,
@@ -105,8 +113,8 @@ TABLES: Mapping[str, tuple[Column, ...]] = MappingProxyType(
         GAIN_MODES: (
             _MODEL,
             _text("mode", "uniaxial, equibiaxial or planar: held out, predicted from the others"),
-            Column("elpd", "–", "log predictive density of the mode's readings"),
-            Column("elpd_diff", "–", "its difference to the base model; positive is better"),
+            _log("elpd", "log predictive density of the mode's readings"),
+            _log("elpd_diff", "its difference to the base model; positive is better"),
             Column("rmse_MPa", "MPa", "root mean square error of the prediction"),
             Column("crps_MPa", "MPa", "continuous ranked probability score"),
             *_AGREEMENT,
@@ -227,10 +235,10 @@ TABLES: Mapping[str, tuple[Column, ...]] = MappingProxyType(
         LEAVE_ONE_OUT: (
             _SPECIMEN,
             _text("kind", "what was read on it, all of which is left out"),
-            Column("elpd", "–", "log predictive density of its readings given the other specimens"),
-            Column("elpd_error", "–", "Monte Carlo standard error of it"),
-            Column("influence", "–", "what its own readings add to its log density"),
-            Column("pareto_k", "–", "shape of the tail of the importance weights"),
+            _log("elpd", "log predictive density of its readings given the other specimens"),
+            _log("elpd_error", "Monte Carlo standard error of it"),
+            _log("influence", "what its own readings add to its log density"),
+            _log("pareto_k", "shape of the tail of the importance weights"),
             Column("refitted", "–", "1 if the model was calibrated anew without it"),
         ),
         PRIOR_SENSITIVITY: (
@@ -268,15 +276,15 @@ TABLES: Mapping[str, tuple[Column, ...]] = MappingProxyType(
             Column("order", "–", "order of the polynomials of the degradation rate"),
             Column("used", "–", "1 for the order of the study's model"),
             Column("parameters", "–", "number of parameters"),
-            Column("log_evidence", "–", "log marginal likelihood of the films"),
-            Column("log_evidence_error", "–", "Monte Carlo standard error of it"),
-            Column("log_bayes_factor", "–", "its difference to the order used"),
-            Column("log_bayes_factor_error", "–", "Monte Carlo standard error of it"),
-            Column("elpd", "–", "log predictive density of held-out films"),
-            Column("elpd_diff", "–", "its difference to the order used; positive is better"),
-            Column("elpd_diff_se", "–", "standard error of it, over films"),
+            _log("log_evidence", "log marginal likelihood of the films"),
+            _log("log_evidence_error", "Monte Carlo standard error of it"),
+            _log("log_bayes_factor", "its difference to the order used"),
+            _log("log_bayes_factor_error", "Monte Carlo standard error of it"),
+            _log("elpd", "log predictive density of held-out films"),
+            _log("elpd_diff", "its difference to the order used; positive is better"),
+            _log("elpd_diff_se", "standard error of it, over films"),
             Column("films", "–", "number of films, each left out in turn"),
-            Column("pareto_k_max", "–", "heaviest tail of the importance weights"),
+            _log("pareto_k_max", "heaviest tail of the importance weights"),
             Column("refitted", "–", "films for which the model was calibrated anew"),
             Column("effective", "–", "effective draws that the evidence rests on"),
         ),

@@ -1,8 +1,12 @@
 """Typed access to the fields of a JSON object, with errors that say which field is wrong."""
 
 from collections.abc import Callable, Mapping
+from typing import Final
 
 type Json = Mapping[str, object]
+
+#: No quantity in whatever unit is larger; the square of it is still a number.
+LARGEST: Final = 1e100
 
 
 class RunFaultError(ValueError):
@@ -55,6 +59,8 @@ def number_of(content: Json, key: str) -> float | None:
         return None
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise RunFaultError(f"{key!r} must be a number or null, not {value!r}")
+    if not -LARGEST <= value <= LARGEST:
+        raise RunFaultError(f"{key!r} must be a finite number of a quantity, not {str(value)[:12]}")
     return float(value)
 
 

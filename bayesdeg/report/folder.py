@@ -4,9 +4,10 @@ Every file is written beside its place and then renamed, so an interrupted run l
 or the new one, never half of one. The columns of the tables stand in `bayesdeg.report.columns`.
 """
 
+import hashlib
+import io
 import json
 import math
-import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,8 +18,20 @@ import pandas as pd
 import xarray as xr
 
 from bayesdeg.errors import BayesdegError
+from bayesdeg.files import (
+    RUN_MB,
+    as_named,
+    parse_json,
+    read_bytes,
+    reason,
+    refuse_special,
+    spreadsheet_safe,
+    write_bytes,
+    write_text,
+    written,
+)
 from bayesdeg.report.columns import TABLES, Column, Kind
-from bayesdeg.report.fields import RunFaultError
+from bayesdeg.report.fields import LARGEST, RunFaultError, text_map_of
 from bayesdeg.report.record import Run, Verdict, run_of, verdict_of
 
 INDEX: Final = "index.html"
@@ -32,6 +45,16 @@ POSTERIOR_COURSE: Final = "posterior_course"
 #: Documents kept as JSON and posteriors kept as netCDF, by name.
 DOCUMENTS: Final = (VERDICT, RUN)
 POSTERIORS: Final = (POSTERIOR, POSTERIOR_BASE, POSTERIOR_COURSE)
+#: Key of ``run.json`` under which the hashes of the posteriors stand.
+HASHES: Final = "posteriors"
+
+#: All files of fixed name that a run writes.
+RUN_FILES: Final = (
+    *(INDEX, LEFT_OUT),
+    *(f"{name}.json" for name in DOCUMENTS),
+    *(f"{name}.nc" for name in POSTERIORS),
+    *(f"{name}.csv" for name in TABLES),
+)
 
 
 @dataclass(frozen=True)
@@ -59,6 +82,9 @@ class RunFolder:
     def write_table(self, name: str, frame: pd.DataFrame) -> None:
         """Write a table, its columns in the documented order and any others after them.
 
+        What is not finite is left empty where a finite number belongs, and a text that a
+        spreadsheet would take for a formula gets a quote before it.
+
         Parameters
         ----------
         name : str
@@ -76,7 +102,9 @@ class RunFolder:
             raise ValueError(f"table {name!r}: {problem}")
         known = [column.name for column in columns]
         ordered = frame[known + [column for column in frame.columns if column not in known]]
-        self._write(f"{name}.csv", lambda path: ordered.to_csv(path, index=False, encoding="utf-8"))
+        safe = _texts(_finite(columns, ordered), spreadsheet_safe)
+        with written(self.path / f"{name}.csv") as part:
+            safe.to_csv(part, index=False, encoding="utf-8")
 
     def read_table(self, name: str) -> pd.DataFrame | None:
         """Read a table.
@@ -101,17 +129,20 @@ class RunFolder:
         if not path.exists():
             return None
         try:
-            text = pd.read_csv(path, dtype=str, keep_default_na=False, na_values=[""])
-        except (OSError, ValueError) as fault:
+            content = io.BytesIO(read_bytes(path, most_mb=RUN_MB))
+            text = pd.read_csv(content, dtype=str, keep_default_na=False, na_values=[""])
+        except OSError as fault:
+            raise self._corrupted(path.name, reason(fault)) from fault
+        except ValueError as fault:
             raise self._corrupted(path.name, str(fault)) from fault
-        if problem := _problem(columns, text):
+        if problem := _problem(columns, text) or _unbounded(columns, text):
             raise self._corrupted(path.name, problem)
         numbers = {
             column.name: text[column.name].to_numpy(object).astype(np.float64)
             for column in columns
             if column.kind is Kind.NUMBER
         }
-        return text.assign(**numbers)
+        return _texts(text, as_named).assign(**numbers)
 
     def write_json(self, name: str, content: Mapping[str, object]) -> None:
         """Write ``verdict`` or ``run``; values that are not finite become null.
@@ -122,7 +153,7 @@ class RunFolder:
             If there is no document of that name.
         """
         text = json.dumps(_plain(content), indent=2, ensure_ascii=False, allow_nan=False)
-        self._write(f"{_known(name, DOCUMENTS)}.json", lambda path: _write_text(path, text + "\n"))
+        write_text(self.path / f"{_known(name, DOCUMENTS)}.json", text + "\n")
 
     def read_json(self, name: str) -> dict[str, object]:
         """Read ``verdict`` or ``run``.
@@ -134,10 +165,12 @@ class RunFolder:
         """
         file = f"{_known(name, DOCUMENTS)}.json"
         try:
-            content = json.loads((self.path / file).read_text(encoding="utf-8"))
-        except FileNotFoundError as fault:
+            content = parse_json(read_bytes(self.path / file, most_mb=RUN_MB))
+        except (FileNotFoundError, NotADirectoryError) as fault:
             raise self._incomplete(file) from fault
-        except (OSError, ValueError) as fault:
+        except OSError as fault:
+            raise self._corrupted(file, reason(fault)) from fault
+        except ValueError as fault:
             raise self._corrupted(file, str(fault)) from fault
         if not isinstance(content, dict):
             raise self._corrupted(file, "it holds no JSON object")
@@ -166,7 +199,7 @@ class RunFolder:
     def write_posterior(self, name: str, tree: xr.DataTree) -> None:
         """Write one of `POSTERIORS` as netCDF."""
         file = f"{_known(name, POSTERIORS)}.nc"
-        self._write(file, lambda path: tree.to_netcdf(path, engine="h5netcdf"))
+        write_bytes(self.path / file, tree.to_netcdf(engine="h5netcdf"))
 
     def read_posterior(self, name: str) -> xr.DataTree:
         """Read one of `POSTERIORS` into memory.
@@ -174,16 +207,35 @@ class RunFolder:
         Raises
         ------
         BayesdegError
-            If the file is missing or cannot be read.
+            If the file is missing, cannot be read, or is not the one that the run wrote.
         """
         file = f"{_known(name, POSTERIORS)}.nc"
         if not (self.path / file).exists():
             raise self._incomplete(file)
         try:
+            refuse_special(self.path / file)
+            self._refuse_other(file)
             with xr.open_datatree(self.path / file, engine="h5netcdf") as tree:
                 return tree.load()
-        except (OSError, ValueError, KeyError) as fault:
+        except (OSError, ValueError, KeyError, RuntimeError) as fault:
             raise self._corrupted(file, str(fault)) from fault
+
+    def posterior_hashes(self) -> dict[str, str]:
+        """Return the hash of each posterior that is there, by file: for ``run.json``."""
+        files = (f"{name}.nc" for name in POSTERIORS)
+        return {file: self._hash(file) for file in files if (self.path / file).exists()}
+
+    def _refuse_other(self, file: str) -> None:
+        """Refuse a posterior that is not the one of which ``run.json`` has the hash."""
+        if not (self.path / f"{RUN}.json").exists():
+            return
+        known = text_map_of(self.read_json(RUN), HASHES).get(file)
+        if known is not None and known != self._hash(file):
+            raise ValueError("it is not the posterior that this run wrote")
+
+    def _hash(self, file: str) -> str:
+        with (self.path / file).open("rb") as content:
+            return hashlib.file_digest(content, "sha256").hexdigest()
 
     def remove(self, file: str) -> None:
         """Remove a file of an earlier run, if there is one."""
@@ -192,13 +244,13 @@ class RunFolder:
     def write_left_out(self, text: str) -> None:
         """Write the tracebacks of what was left out; remove those of an earlier run if none."""
         if text:
-            self._write(LEFT_OUT, lambda path: _write_text(path, text))
+            write_text(self.path / LEFT_OUT, text)
         else:
             self.remove(LEFT_OUT)
 
     def write_page(self, html: str) -> Path:
         """Write the report and return its path."""
-        self._write(INDEX, lambda path: _write_text(path, html))
+        write_text(self.path / INDEX, html)
         return self.path / INDEX
 
     def _typed[T](self, name: str, parse: Callable[[Mapping[str, object]], T]) -> T:
@@ -206,15 +258,6 @@ class RunFolder:
             return parse(self.read_json(name))
         except RunFaultError as fault:
             raise self._corrupted(f"{name}.json", str(fault)) from fault
-
-    def _write(self, file: str, write: Callable[[Path], object]) -> None:
-        self.path.mkdir(parents=True, exist_ok=True)
-        beside = self.path / f".{file}.{os.getpid()}.part"
-        try:
-            write(beside)
-            beside.replace(self.path / file)
-        finally:
-            beside.unlink(missing_ok=True)
 
     def _incomplete(self, file: str) -> BayesdegError:
         return BayesdegError(
@@ -250,6 +293,41 @@ def _problem(columns: Sequence[Column], frame: pd.DataFrame) -> str | None:
     return None
 
 
+def _finite(columns: Sequence[Column], frame: pd.DataFrame) -> pd.DataFrame:
+    """Return a table without what is no finite number where one belongs."""
+    numbers = [column for column in columns if column.kind is Kind.NUMBER and column.finite]
+    return frame.assign(
+        **{
+            column.name: frame[column.name].where(_magnitude(frame[column.name]) <= LARGEST)
+            for column in numbers
+        }
+    )
+
+
+def _texts(frame: pd.DataFrame, change: Callable[[object], object]) -> pd.DataFrame:
+    """Return a table with every cell changed of the columns that are no numbers."""
+    names = [n for n in frame.columns if not pd.api.types.is_numeric_dtype(frame[n])]
+    return frame.assign(**{str(name): frame[name].map(change) for name in names})
+
+
+def _unbounded(columns: Sequence[Column], frame: pd.DataFrame) -> str | None:
+    """Say which cell holds a number that no run can have found."""
+    for column in columns:
+        if column.kind is Kind.TEXT:
+            continue
+        cells = frame[column.name]
+        size = _magnitude(cells.where(cells != "all"))
+        wrong = (size > LARGEST) & (column.finite | np.isfinite(size))
+        if wrong.any():
+            row = int(np.flatnonzero(wrong)[0])
+            return f"column {column.name}, row {row + 1}: {cells.iloc[row]!r} is too large"
+    return None
+
+
+def _magnitude(cells: pd.Series) -> pd.Series:
+    return cells.astype(object).where(cells.notna(), np.nan).astype(np.float64).abs()
+
+
 def _fits(cell: object, kind: Kind) -> bool:
     if kind is Kind.TEXT or cell is None or cell is pd.NA:
         return True
@@ -272,7 +350,3 @@ def _plain(value: object) -> object:
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value
-
-
-def _write_text(path: Path, text: str) -> None:
-    path.write_text(text, encoding="utf-8", newline="\n")

@@ -1,4 +1,5 @@
 import json
+import os
 import shutil
 import signal
 import subprocess
@@ -39,7 +40,7 @@ def test_check_lists_every_fault_and_ends_with_2(rubber):
     )
     settings = (rubber / "study.toml").read_text(encoding="utf-8")
     (rubber / "study.toml").write_text(settings.replace("seed =", "sead ="), encoding="utf-8")
-    done = bayesdeg("check", rubber, cwd=rubber)
+    done = bayesdeg("check", rubber, cwd=rubber.parent)
     assert done.returncode == 2
     assert "Traceback" not in done.stderr
     assert done.stdout == ""
@@ -50,7 +51,7 @@ def test_check_lists_every_fault_and_ends_with_2(rubber):
 
 
 def test_a_sound_study_passes_the_check(rubber):
-    done = bayesdeg("check", rubber, cwd=rubber)
+    done = bayesdeg("check", rubber, cwd=rubber.parent)
     assert done.returncode == 0
     assert "without actuator.csv" in done.stderr
 
@@ -73,7 +74,13 @@ def test_wrong_input_ends_with_2_and_no_traceback(tmp_path, arguments, words):
 
 def test_simulate_suggests_the_nearest_cause(rubber):
     done = bayesdeg(
-        "simulate", rubber, "--cause", "presure_offset=3", "--out", rubber / "out", cwd=rubber
+        "simulate",
+        rubber,
+        "--cause",
+        "presure_offset=3",
+        "--out",
+        rubber.parent / "out",
+        cwd=rubber.parent,
     )
     assert done.returncode == 2
     assert "pressure_offset" in done.stderr
@@ -90,7 +97,7 @@ def test_an_unknown_prior_is_named(rubber):
     settings = (rubber / "study.toml").read_text(encoding="utf-8")
     wrong = settings.replace('"c1_at_0"', '"c1_at_9"')
     (rubber / "study.toml").write_text(wrong, encoding="utf-8")
-    done = bayesdeg("run", rubber, cwd=rubber)
+    done = bayesdeg("run", rubber, cwd=rubber.parent)
     assert done.returncode == 2
     assert "c1_at_9" in done.stderr
     assert "c1_at_0" in done.stderr
@@ -98,20 +105,20 @@ def test_an_unknown_prior_is_named(rubber):
 
 @pytest.mark.slow
 def test_run_writes_the_folder_prints_json_and_resumes(rubber):
-    first = bayesdeg("run", rubber, "--effort", "quick", "--quiet", "--json", cwd=rubber)
+    first = bayesdeg("run", rubber, "--effort", "quick", "--quiet", "--json", cwd=rubber.parent)
     assert first.returncode == 0, first.stderr
     assert first.stderr == ""
     assert json.loads(first.stdout)["outcome"] == "ambiguous"
-    target = rubber / "reports" / "rubber"
+    target = rubber.parent / "reports" / "rubber"
     for name in ("index.html", "verdict.json", "posterior.nc", "posterior_base.nc", "run.json"):
         assert (target / name).exists()
     posterior = RunFolder(target).read_posterior("posterior")["posterior"].to_dataset()
-    again = bayesdeg("run", rubber, "--effort", "quick", cwd=rubber)
+    again = bayesdeg("run", rubber, "--effort", "quick", cwd=rubber.parent)
     assert "taken from the interrupted run" in again.stderr
     again_posterior = RunFolder(target).read_posterior("posterior")["posterior"].to_dataset()
     assert posterior.equals(again_posterior)
     (target / "index.html").unlink()
-    assert bayesdeg("report", target, cwd=rubber).returncode == 0
+    assert bayesdeg("report", target, cwd=rubber.parent).returncode == 0
     assert (target / "index.html").exists()
 
 
@@ -119,9 +126,10 @@ def test_run_writes_the_folder_prints_json_and_resumes(rubber):
 def test_workers_do_not_change_the_result(rubber):
     draws = []
     for workers in (1, 2):
-        out = rubber / f"out{workers}"
+        out = rubber.parent / f"out{workers}"
         done = bayesdeg(
-            *("run", rubber, "--effort", "quick", "--out", out, "--workers", workers), cwd=rubber
+            *("run", rubber, "--effort", "quick", "--out", out, "--workers", workers),
+            cwd=rubber.parent,
         )
         assert done.returncode == 0, done.stderr
         draws.append(RunFolder(out).read_posterior("posterior")["posterior"].to_dataset())
@@ -129,12 +137,33 @@ def test_workers_do_not_change_the_result(rubber):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("seconds", [1.5, 6.0])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_stopped_run_ends_with_3_and_one_line(rubber, number, seconds):
+    """Ctrl-C goes to the workers too, which say nothing."""
+    with subprocess.Popen(
+        [sys.executable, "-m", "bayesdeg", "run", str(rubber), "--workers", "2", "--quiet"],
+        cwd=rubber.parent,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    ) as running:
+        time.sleep(seconds)
+        os.killpg(running.pid, number)
+        said = running.communicate(timeout=60)[1]
+    assert running.returncode == 3
+    assert len(said.splitlines()) == 1
+    assert said.startswith("stopped")
+    assert not list((rubber.parent / "reports").rglob(".lock"))
+
+
+@pytest.mark.slow
 def test_a_killed_run_leaves_nothing_broken_and_goes_on(rubber):
     command = [sys.executable, "-m", "bayesdeg.cli", "run", str(rubber), "--effort", "quick"]
     for seconds in (2.0, 5.0):
-        with subprocess.Popen(command, cwd=rubber, stderr=subprocess.DEVNULL) as running:
+        with subprocess.Popen(command, cwd=rubber.parent, stderr=subprocess.DEVNULL) as running:
             time.sleep(seconds)
             running.send_signal(signal.SIGKILL)
-    done = bayesdeg("run", rubber, "--effort", "quick", cwd=rubber)
+    done = bayesdeg("run", rubber, "--effort", "quick", cwd=rubber.parent)
     assert done.returncode == 0, done.stderr
-    assert not list((rubber / "reports").rglob("*.part"))
+    assert not list((rubber.parent / "reports").rglob("*.part"))

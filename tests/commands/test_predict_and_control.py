@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+import xarray as xr
 
 from bayesdeg.causes.catalogue import find
 from bayesdeg.cli import exit_code
@@ -415,3 +416,99 @@ def test_a_posterior_of_another_model_is_refused(bayesdeg, report, tmp_path):
     assert code == 2
     assert "do not belong together" in messages
     assert "c1_control_8_33" in messages
+
+
+def changed(report, tmp_path, change):
+    """Return a copy of a run whose posterior was changed by hand."""
+    copy = tmp_path / "changed"
+    shutil.copytree(report, copy)
+    folder = RunFolder(copy)
+    tree = folder.read_posterior("posterior")
+    draws = change(tree["posterior"].to_dataset())
+    folder.write_posterior("posterior", xr.DataTree.from_dict({"posterior": draws}))
+    return copy
+
+
+def with_draw(name, value):
+    def change(draws):
+        values = draws[name].to_numpy().copy()
+        values[-1, -1] = value
+        return draws.assign({name: (draws[name].dims, values)})
+
+    return change
+
+
+@pytest.mark.parametrize("command", [("predict", *PREDICT), ("control", *CONTROL)])
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (with_draw("c1_at_0", np.nan), "draws of c1_at_0 are no finite numbers"),
+        (with_draw("emulator_error_level", np.inf), "draws of emulator_error_level are no finite"),
+        (with_draw("c1_at_25", -0.2), "c1_at_25 is -0.2, and can only be above 0"),
+        (with_draw("volume_ratio", 0.0), "volume_ratio is 0, and can only be above 0"),
+        (lambda draws: draws.isel(draw=slice(0, 0)), "have no draws"),
+        (lambda draws: draws.assign(c1_at_0=("chain", np.ones(2))), "not the same number"),
+    ],
+)
+def test_draws_that_no_calibration_leaves_are_refused(
+    bayesdeg, report, tmp_path, command, change, words
+):
+    name, *rest = command
+    code, printed, messages = bayesdeg(name, changed(report, tmp_path, change), *rest)
+    assert code == 2
+    assert printed == ""
+    assert words in messages
+    assert len(messages.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"largest_pressure_kPa": -3.0}, "both above 0"),
+        ({"paper_thickness_mm": 0.0}, "both above 0"),
+        ({"largest_pressure_kPa": 10**300}, "must be a finite number"),
+        ({"nodes_pct": [0.0, 10**300, 25.0]}, "finite numbers"),
+    ],
+)
+def test_an_impossible_model_is_refused(bayesdeg, report, tmp_path, change, words):
+    damaged = tmp_path / "damaged"
+    shutil.copytree(report, damaged)
+    folder = RunFolder(damaged)
+    content = folder.read_json("run")
+    folder.write_json("run", content | {"model": content["model"] | change})
+    code, _, messages = bayesdeg("predict", damaged, *PREDICT)
+    assert code == 2
+    assert words in messages
+
+
+@pytest.mark.parametrize("seed", ["-1", str(2**63), 5000 * "9"])
+def test_an_impossible_seed_is_refused(bayesdeg, report, seed):
+    code, _, messages = bayesdeg("predict", report, *PREDICT, "--seed", seed)
+    assert code == 2
+    assert "--seed" in messages
+    assert "Traceback" not in messages
+
+
+@pytest.mark.parametrize("seed", ["many", -4, 1.5])
+def test_an_impossible_seed_of_the_run_is_refused(bayesdeg, report, tmp_path, seed):
+    damaged = tmp_path / "damaged"
+    shutil.copytree(report, damaged)
+    folder = RunFolder(damaged)
+    folder.write_json("run", folder.read_json("run") | {"seed": seed})
+    code, _, messages = bayesdeg("predict", damaged, *PREDICT)
+    assert code == 2
+    assert "is no seed" in messages
+
+
+def test_titles_and_names_are_shown_as_they_are(bayesdeg, report, tmp_path):
+    named = tmp_path / "[red]x[/blue] :100:"
+    shutil.copytree(report, named)
+    folder = RunFolder(named)
+    folder.write_json("run", folder.read_json("run") | {"title": "a [/b] :100: title"})
+    code, printed, _ = bayesdeg("predict", named, *PREDICT)
+    assert code == 0
+    assert "a [/b] :100: title" in printed
+    (named / "run.json").unlink()
+    code, _, messages = bayesdeg("predict", named, *PREDICT)
+    assert code == 2
+    assert str(named) in messages

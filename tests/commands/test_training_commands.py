@@ -275,7 +275,7 @@ def test_check_takes_another_geometry_and_says_that_it_will_be_trained(here, com
     code, _, err = command("check", "study")
     assert code == 0
     assert "no faults" in err
-    assert "'bayesdeg run' trains one first" in " ".join(err.split())
+    assert "'bayesdeg run' trains one first: about " in " ".join(err.split())
     assert not Path(".cache").exists()
 
 

@@ -18,6 +18,8 @@ from bayesdeg.criticism.prior_sensitivity import (
 from bayesdeg.inference.ensemble import Chain
 from bayesdeg.inference.parameters import ParameterTable
 from bayesdeg.laws import Normal, Parameter
+from bayesdeg.measure.study import read_study
+from bayesdeg.pipeline.assemble import assemble
 from tests.criticism.linear_case import scaling_cause
 from tests.inference.small_study import draws_near_truth, small_model
 
@@ -214,3 +216,23 @@ def possible_chain(model):
     draws = draws[np.isfinite(model.log_prob(draws))][:2000]
     vectors = draws.reshape(4, 500, 1, -1)
     return Chain(vectors, np.zeros((4, 500, 1)), np.full(4, 0.4))
+
+
+@pytest.mark.parametrize("file", ["moisture.csv", "shrinkage.csv"])
+def test_a_study_of_film_masses_alone_hangs_on_priors_and_nothing_else(tmp_path, file):
+    """Its model has no likelihood: once the transposed weights of nothing ended the stage."""
+    tables = {
+        "moisture.csv": "film_id,time_h,mass_equilibrated_g,mass_dry_g\na,0,2.0,1.7\nb,9,2.1,1.8\n",
+        "shrinkage.csv": "film_id,mass_poured_g,mass_cured_g,mass_conditioned_g\na,10,6.5,6.2\n",
+    }
+    (tmp_path / "study.toml").write_text("")
+    (tmp_path / file).write_text(tables[file])
+    model = assemble(read_study(tmp_path)).model
+    vectors = model.table.sample(np.random.default_rng(1), 800).reshape(4, 20, 10, -1)
+    chain = Chain(vectors, np.zeros(vectors.shape[:3]), np.full(4, 0.4))
+    rows = prior_sensitivity(model, chain).rows
+    assert rows
+    assert max(max(row.likelihood, row.likelihood_noise) for row in rows) < 1e-6
+    assert {row.rests_on for row in rows} == {""}
+    assert {row.diagnosis for row in rows} <= {Diagnosis.PRIOR, Diagnosis.NEITHER}
+    assert sentence(rows)

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bayesdeg import files
 from bayesdeg.actuator.curve import MODEL_VERSION
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.emulator import kept as kept_emulators
-from bayesdeg.emulator import trained
 from bayesdeg.emulator.kept import cached_path
 from bayesdeg.emulator.recipe import Recipe
 from bayesdeg.emulator.trained import (
@@ -142,7 +142,7 @@ def test_a_full_disk_leaves_what_was_there(kept, monkeypatch):
     def full(_file):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(trained.os, "fsync", full)
+    monkeypatch.setattr(files.os, "fsync", full)
     with pytest.raises(BayesdegError, match="No space left on device"):
         write_trained(kept, emulator(PAPER))
     assert kept.read_bytes() == before

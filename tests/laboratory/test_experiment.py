@@ -218,7 +218,9 @@ laws = st.one_of(
         title=texts,
         note=texts,
         seed=st.integers(0, 2**62),
-        dimensions=st.builds(Dimensions, length=st.floats(40.0, 90.0), gap=st.floats(0.0, 2.0)),
+        dimensions=st.builds(
+            Dimensions, length=st.floats(40.0, 90.0), gap=st.just(0.0) | st.floats(0.01, 2.0)
+        ),
         paper_thickness_mm=positive,
         priors=st.dictionaries(
             st.from_regex(r"[a-z_0-9]{1,8}(\.[a-z_]{1,8})?", fullmatch=True), laws, max_size=3

@@ -6,13 +6,13 @@ import pytest
 
 from bayesdeg.actuator.status import Status
 from bayesdeg.emulator.campaign import Finished
+from bayesdeg.emulator.cost import duration
 from bayesdeg.emulator.solutions import SolutionStore
 from bayesdeg.pipeline import emulation
 from bayesdeg.pipeline.emulation import (
     Campaign,
     Expectation,
     Meter,
-    duration,
     endings,
     expect,
     train_emulator,

@@ -11,10 +11,11 @@ from hypothesis import strategies as st
 
 from bayesdeg.errors import BayesdegError
 from bayesdeg.report.columns import TABLES, Kind
+from bayesdeg.report.fields import LARGEST
 from bayesdeg.report.folder import RunFolder
 from tests.report.synthetic_run import bands, gain, levels, write_full
 
-FLOATS = st.floats(allow_nan=False, allow_infinity=False)
+FLOATS = st.floats(-LARGEST, LARGEST)
 NAMES = st.text("abcNA-_ 0123456789,\"'µ%", min_size=1).filter(lambda name: name.strip() == name)
 
 

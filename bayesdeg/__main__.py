@@ -1,0 +1,26 @@
+"""Where the command starts; stopped while it is still being imported, it ends in good order."""
+
+import importlib
+import os
+import signal
+from types import FrameType
+
+STOPPED = 3
+MESSAGE = "stopped before anything was begun; the same command starts again\n"
+
+
+def main() -> None:
+    """Run the command line, of which a signal may stop even the import."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, _end)
+    importlib.import_module("bayesdeg.cli").main()
+
+
+def _end(_signal: int, _frame: FrameType | None) -> None:
+    os.write(2, MESSAGE.encode())
+    os._exit(STOPPED)
+
+
+if __name__ == "__main__":
+    main()

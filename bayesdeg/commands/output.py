@@ -1,0 +1,294 @@
+"""Where a command writes: refused where it would destroy something, tried and locked beforehand."""
+
+import json
+import os
+import sys
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import IO
+
+from bayesdeg.errors import BayesdegError
+from bayesdeg.files import (
+    RUN_MB,
+    STUDY_MB,
+    parse_json,
+    read_bytes,
+    reason,
+    refuse_special,
+    write_text,
+)
+from bayesdeg.laboratory.writing import FIRST_WORDS, TRUTH_FILE
+from bayesdeg.measure.settings_file import FILE as SETTINGS_FILE
+from bayesdeg.measure.settings_file import parse_settings
+from bayesdeg.measure.study import DATA_FILES, Study
+from bayesdeg.report.folder import RUN, RUN_FILES, RunFolder
+
+if sys.platform == "win32":
+    import msvcrt
+else:
+    import fcntl
+
+LOCK = ".lock"
+OWNER = ".study.json"
+"""Says in a run folder which study's it is, also of a run that has not ended."""
+
+CHECKPOINTS = "checkpoints"
+OTHER = "name another folder with --out"
+
+
+@contextmanager
+def run_folder(path: Path, study: Study) -> Iterator[RunFolder]:
+    """Claim a folder for the run of a study, before anything is computed.
+
+    Parameters
+    ----------
+    path : Path
+        The folder; it is made if it is not there.
+    study : Study
+        Whose run it is.
+
+    Raises
+    ------
+    BayesdegError
+        If it is in a study, holds another study's run or files that no run wrote, cannot be
+        written to, or is in use by another command.
+    """
+    refuse_study(path)
+    with claimed(path):
+        _refuse_other_run(path, study)
+        owner = {"study": study.name, "folder": _from(path, study.folder)}
+        write_text(path / OWNER, json.dumps(owner | {"hashes": dict(study.hashes)}) + "\n")
+        yield RunFolder(path)
+
+
+@contextmanager
+def virtual_study(path: Path, files: Iterable[str]) -> Iterator[Path]:
+    """Claim a folder for a virtual study, before anything is computed.
+
+    Parameters
+    ----------
+    path : Path
+        The folder; it is made if it is not there.
+    files : iterable of str
+        Names of the files that will be written.
+
+    Raises
+    ------
+    BayesdegError
+        If data that are not virtual would be overwritten, if it is within another study, cannot
+        be written to, or is in use by another command.
+    """
+    refuse_study(path, itself=False)
+    with claimed(path):
+        for name in files:
+            if (path / name).exists() and not is_virtual(path / name):
+                raise BayesdegError(
+                    f"{path / name} is not of a virtual experiment and would be overwritten; "
+                    f"{OTHER}, such as {path.name}_virtual"
+                )
+        yield path
+
+
+def is_virtual(path: Path) -> bool:
+    """Return whether a file that is there says that a virtual experiment made it."""
+    try:
+        content = read_bytes(path, most_mb=STUDY_MB)
+        if path.name == TRUTH_FILE:
+            record = parse_json(content)
+            return isinstance(record, dict) and {"causes", "constants", "command"} <= set(record)
+    except (OSError, ValueError):
+        return False
+    if content.decode("utf-8-sig", "replace").startswith(FIRST_WORDS):
+        return True
+    return path.name == SETTINGS_FILE and parse_settings(content)[0].virtual
+
+
+def output_file(path: Path) -> Path:
+    """Return where one file goes, after it was refused or found to be possible.
+
+    Parameters
+    ----------
+    path : Path
+        As the user names it.
+
+    Raises
+    ------
+    BayesdegError
+        If it is a file of a study or of a run, or cannot be written.
+    """
+    folder = path.parent
+    of_study = path.name in (SETTINGS_FILE, *DATA_FILES) and _is_there(folder / SETTINGS_FILE)
+    of_run = path.name in RUN_FILES and _is_there(folder / f"{RUN}.json")
+    if of_study or of_run:
+        whose = "the data of a study" if of_study else "the results of a run"
+        raise BayesdegError(f"{path} belongs to {whose}; name another file with --out")
+    try:
+        was_there = path.exists()
+        if was_there:
+            refuse_special(path)
+        with path.open("ab"):
+            pass
+        if not was_there:
+            path.unlink()
+    except OSError as fault:
+        raise BayesdegError(
+            f"{path} cannot be written ({reason(fault)}); name a file in a folder that exists and "
+            "can be written to"
+        ) from fault
+    return path
+
+
+def refuse_study(path: Path, *, itself: bool = True) -> None:
+    """Refuse a folder that is a study's, or lies in one: names of results are names of data too.
+
+    Parameters
+    ----------
+    path : Path
+        The folder, which need not be there.
+    itself : bool
+        Whether it may not be a study itself.
+
+    Raises
+    ------
+    BayesdegError
+        Naming the study.
+    """
+    whole = path.resolve()
+    for folder in (whole, *whole.parents)[0 if itself else 1 :]:
+        if _is_there(folder / SETTINGS_FILE):
+            place = "is" if folder == whole else "lies in"
+            raise BayesdegError(
+                f"{path} {place} the study {folder}, whose data a result must not be mixed with; "
+                f"{OTHER}"
+            )
+
+
+@contextmanager
+def claimed(path: Path) -> Iterator[None]:
+    """Make a folder, see that it can be written to, and lock it until the command ends.
+
+    The lock is the operating system's: it ends with the process, however that ends. A folder that
+    stays empty is removed again.
+
+    Raises
+    ------
+    BayesdegError
+        If it cannot be written to, or another command is writing there.
+    """
+    new = [folder for folder in (path, *path.parents) if not _is_there(folder)]
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        file = _locked(path / LOCK)
+    except OSError as fault:
+        _remove_empty(new)
+        raise BayesdegError(
+            f"{path} cannot be made and written to ({_why(fault)}); {OTHER}"
+        ) from fault
+    try:
+        yield
+    finally:
+        (path / LOCK).unlink(missing_ok=True)
+        file.close()
+        _remove_empty(new)
+
+
+def _why(fault: OSError) -> str:
+    if isinstance(fault, FileExistsError | NotADirectoryError):
+        return f"{fault.filename} is not a folder"
+    return reason(fault)
+
+
+def _locked(path: Path) -> IO[bytes]:
+    """Open and lock a file; another process may remove it in between."""
+    while True:
+        if path.exists():
+            refuse_special(path)
+        file = path.open("ab")
+        try:
+            _lock(file)
+            with suppress(FileNotFoundError):
+                if os.path.samestat(os.fstat(file.fileno()), path.stat()):
+                    return file
+        except BlockingIOError as fault:
+            file.close()
+            raise BayesdegError(
+                f"another command is writing to {path.parent}; wait for its end, or {OTHER}"
+            ) from fault
+        file.close()
+
+
+def _lock(file: IO[bytes]) -> None:
+    """Lock a file for this process; where the file system has no locks, go without.
+
+    Record locks are not inherited by worker processes, which may outlive a killed command.
+    """
+    try:
+        if sys.platform == "win32":
+            msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
+        else:
+            fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except (BlockingIOError, PermissionError) as fault:
+        raise BlockingIOError from fault
+    except OSError:
+        return
+
+
+def _refuse_other_run(path: Path, study: Study) -> None:
+    """Refuse a folder that is in use for anything but earlier runs of the same study."""
+    owner = _owner(path)
+    if owner is None:
+        taken = sorted(name for name in RUN_FILES if _is_there(path / name))
+        if taken and not _is_there(path / CHECKPOINTS):
+            raise BayesdegError(
+                f"{path} holds {taken[0]}, which no run has written, and which would be "
+                f"overwritten; {OTHER}"
+            )
+        return
+    if not _is_same(path, owner, study):
+        whose = owner.get("folder") or owner.get("study")
+        raise BayesdegError(
+            f"{path} holds the run of another study, {whose}, and not of {study.folder}; {OTHER}, "
+            "or remove that run"
+        )
+
+
+def _owner(path: Path) -> dict[str, object] | None:
+    """Return what a run folder says of its study; None if it holds no run."""
+    for name in (OWNER, f"{RUN}.json"):
+        try:
+            content = parse_json(read_bytes(path / name, most_mb=RUN_MB))
+        except (OSError, ValueError):
+            continue
+        if isinstance(content, dict):
+            return content
+    return None
+
+
+def _is_same(path: Path, owner: dict[str, object], study: Study) -> bool:
+    """Return whether a run is of a study: from the same place, or of the same files."""
+    if "folder" not in owner:  # of a version that did not record it
+        return owner.get("study") in (None, study.name)
+    folder = (path / str(owner["folder"])).resolve()
+    return folder == study.folder.resolve() or owner.get("hashes") == dict(study.hashes)
+
+
+def _from(path: Path, folder: Path) -> str:
+    """Return the way from a run folder to its study, which stays right if both are moved."""
+    try:
+        return os.path.relpath(folder.resolve(), path.resolve())
+    except ValueError:  # on another drive
+        return str(folder.resolve())
+
+
+def _is_there(path: Path) -> bool:
+    try:
+        return path.exists()
+    except OSError:  # such as a name that is too long
+        return False
+
+
+def _remove_empty(folders: Iterable[Path]) -> None:
+    for folder in folders:
+        with suppress(OSError):
+            folder.rmdir()
