@@ -34,7 +34,9 @@ from bayesdeg.report.left_out import Guard, figure_stage
 from bayesdeg.report.record import Run, Verdict
 from bayesdeg.report.summaries import by_level, panel_levels
 from bayesdeg.report.tables import Tables
-from bayesdeg.report.wording import level_words, number
+from bayesdeg.report.wording import level_words, number, percent
+
+RARE = 0.01  # a probability that cannot be told from none in the figure
 
 type Draw = Callable[[Verdict, Run, Tables], Sketch | None]
 
@@ -145,6 +147,9 @@ def _rupture(tables: Tables) -> Sketch | None:
     if tables.rupture is None:
         return None
     caption = "Probability that the actuator bursts up to a pressure, with its 90 % interval."
+    largest = float(tables.rupture["probability"].max())
+    if largest < RARE:
+        caption += f" It is at most {percent(largest)} everywhere: all curves lie on the axis."
     return Sketch("rupture", rupture_figure(tables.rupture), caption, half=True)
 
 

@@ -263,13 +263,20 @@ def _explained(verdict: Verdict, gain: pd.DataFrame | None) -> str:
     rows = {str(row["model"]): row for row in rows_of(pooled(gain))}
     fractions = [c.explained_fraction for c in map(verdict.candidate, verdict.causes) if c]
     share = max((fraction for fraction in fractions if fraction is not None), default=None)
-    verb = "They explain" if len(verdict.causes) > 1 else "It explains"
-    said = "" if share is None else f"{verb} {percent(share)} of the misfit"
+    plural = len(verdict.causes) > 1
+    doing = "Together they explain" if plural else f"{_begun(verdict.causes[0])} explains"
+    said = "" if share is None else f"{doing} {percent(share)} of the misfit"
     if extended not in rows or BASE not in rows or _error(rows[BASE]).startswith(NOTHING):
         return f"{said}." if said else ""
     before, after = _error(rows[BASE]).split(SPACE)[0], _error(rows[extended])
     error = f"the error on held-out specimens goes from {before} to {after}"
     return f"{said}; {error}." if said else f"{error.capitalize()}."
+
+
+def _begun(cause: str) -> str:
+    """Word a cause at the beginning of a sentence."""
+    name = words(cause)
+    return name[0].upper() + name[1:]
 
 
 def _open(verdict: Verdict) -> str:
