@@ -310,6 +310,16 @@ def test_how_wrong_a_held_out_mode_is_stands_above_the_figure(built):
     assert "Uniaxial" not in callout.text
 
 
+def test_measured_against_predicted_comes_first_also_of_films_alone(built):
+    folder, _ = built("named")
+    verdict, run = folder.read_verdict(), folder.read_run()
+    tables = replace(Tables(*(None,) * len(TABLES)), tensile=read_tables(folder).tensile)
+    page = read_html(render(content_of(verdict, run, tables)))
+    (figure,) = page.all("figure")
+    assert figure.attributes["id"] == "figure-tensile"
+    assert figure in page.by_id("curvature").all("figure")
+
+
 def test_caveats_and_provenance_are_stated(built):
     page = read_html(built("named")[1])
     methods, provenance = page.by_id("methods").text, page.by_id("provenance").text
