@@ -65,7 +65,7 @@ def against_felupe(
     element: Element, resolution: Resolution, *, repeats: int, effort: Effort
 ) -> Comparison:
     """Time the default actuator with paper."""
-    from tests.peers import felupe_actuator  # noqa: PLC0415  needs the group `peers`
+    from tests.peers import felupe_actuator  # noqa: PLC0415  needs the group `dev`
 
     mesh = build_mesh(Geometry(Dimensions()), resolution, element=element)
 

@@ -35,8 +35,8 @@ Ratio = tuple[float | None, dict[str, object]]
 def felupe_ratio(mesh_name: str, element_name: str, *, repeats: int) -> Ratio:
     """Time felupe with pypardiso, from the arrays of a body to twelve equilibria with paper."""
     if importlib.util.find_spec("felupe") is None:
-        return None, {"missing": "felupe: uv sync --group peers"}
-    from tests.peers import felupe_actuator  # noqa: PLC0415  needs the group `peers`
+        return None, {"missing": "felupe: uv sync"}
+    from tests.peers import felupe_actuator  # noqa: PLC0415  needs the group `dev`
 
     mesh = named_mesh(mesh_name, ELEMENTS[element_name])
 

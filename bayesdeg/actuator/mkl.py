@@ -12,6 +12,7 @@ from pathlib import Path
 # of the wheel ``mkl``, under sys.prefix: Linux, macOS, Windows
 PLACES = ("lib/libmkl_rt.so*", "lib/libmkl_rt*.dylib", "Library/bin/mkl_rt*.dll")
 VARIABLE = "PYPARDISO_MKL_RT"
+LAYER = "MKL_THREADING_LAYER"  # one thread a process: no threading runtime has to be there
 
 
 def name_library(
@@ -32,6 +33,7 @@ def name_library(
 
 
 name_library()
+os.environ.setdefault(LAYER, "SEQUENTIAL")
 try:  # MKL exists for x86-64 only
     import pypardiso as pypardiso
 except ImportError:  # pragma: no cover - depends on the machine

@@ -165,6 +165,7 @@ def _of_part(design: ActuatorDesign, level: float) -> Iterator[Experiment]:
 def _modes(films: FilmDesign) -> Iterator[Experiment]:
     """Yield tests of films in modes of tension that there are none of."""
     for mode in [m for m in MODES if m not in films.data.modes]:
-        words = f"{MODES[mode]} of {films.copies} new films at {films.level:g} %"
+        number = f"{films.copies} new films" if films.copies > 1 else "a new film"
+        words = f"{MODES[mode]} of {number} at {films.level:g} %"
         test = FilmTests(films.curves(mode), films.copies)
         yield Experiment(mode, words, films.copies, test)

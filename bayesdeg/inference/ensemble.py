@@ -30,10 +30,11 @@ from bayesdeg.inference.refusals import CountedDensity, Refusals
 from bayesdeg.inference.start import Start, start_of
 from bayesdeg.inference.tree import (
     Groups,
+    add_likelihoods,
     add_observations,
     label_observations,
     observation_axes,
-    specimen_labels,
+    with_one_likelihood,
 )
 
 __all__ = ["EFFORTS", "Chain", "Effort", "Standing", "sample", "to_datatree"]
@@ -133,8 +134,9 @@ def to_datatree(density: Density, chain: Chain, generator: np.random.Generator) 
     """Return the chain as an arviz DataTree.
 
     Groups: ``posterior`` (named parameters, in the users' units), ``sample_stats`` (``lp``); of a
-    ``Model`` also ``log_likelihood`` (each reading given those before it on its specimen; and
-    whole specimens), ``posterior_predictive``, ``observed_data``,
+    ``Model`` also ``log_likelihood`` (``joint``: all that was read on each specimen, for
+    ``arviz.loo``; as coordinates its parts: each reading given those before it on its specimen,
+    and whole specimens by kind of data), ``posterior_predictive``, ``observed_data``,
     ``constant_data``. Chains are ensembles.
     """
     ensembles, steps, walkers, size = chain.vectors.shape
@@ -145,23 +147,18 @@ def to_datatree(density: Density, chain: Chain, generator: np.random.Generator) 
         "posterior": {name: v.reshape(shape) for name, v in values.items()},
         "sample_stats": {"lp": np.swapaxes(chain.log_prob, 1, 2).reshape(shape)},
     }
-    coords: dict[str, NDArray[np.generic]] = {}
-    dims: dict[str, list[str]] = {}
     if not isinstance(density, Model):
         plain: xr.DataTree = from_dict(groups)
         return plain
-    groups["log_likelihood"] = {}
-    for kind, block in density.log_likelihood(values).items():
-        groups["log_likelihood"][f"{kind}_specimens"] = block.reshape(*shape, -1)
-        dims[f"{kind}_specimens"] = [f"{kind}_specimen"]
-        coords[f"{kind}_specimen"] = specimen_labels(density, kind)
+    coords, dims = add_likelihoods(density, density.log_likelihood(values), groups, shape=shape)
     if density.actuator is not None:
         add_observations(density, values, generator, groups=groups, shape=shape)
         further, along = observation_axes(density)
         coords |= further
         dims |= along
     tree: xr.DataTree = from_dict(groups, coords=coords, dims=dims)
-    return tree if density.actuator is None else label_observations(tree, density)
+    tree = tree if density.actuator is None else label_observations(tree, density)
+    return with_one_likelihood(tree)
 
 
 def _first(density: Density, start: Start, seed: np.random.SeedSequence) -> Position:

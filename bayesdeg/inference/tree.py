@@ -1,15 +1,18 @@
 """What a model adds to the DataTree of its chain: labels of specimens, and observations."""
 
+from collections.abc import Mapping
+
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
 from bayesdeg.inference.model import Model
+from bayesdeg.inference.subset import blocks_of, specimens_of
 
 Floats = NDArray[np.float64]
 Groups = dict[str, dict[str, NDArray[np.generic]]]
 
-
+JOINT = "joint"
 OBSERVED = ("log_likelihood", "posterior_predictive", "observed_data", "constant_data")
 
 
@@ -35,6 +38,71 @@ def readings_of(model: Model) -> dict[str, tuple[NDArray[np.bool_], slice]]:
     if data.with_angle:
         found["bend_angle"] = (data.mask & data.angle_mask, slice(points, 2 * points))
     return found
+
+
+def add_likelihoods(
+    model: Model, by_kind: Mapping[str, Floats], groups: Groups, *, shape: tuple[int, int]
+) -> tuple[dict[str, NDArray[np.generic]], dict[str, list[str]]]:
+    """Add log densities of whole specimens, by kind of data and jointly.
+
+    Given the parameters, the readings of a specimen in different tables are independent, so their
+    log densities add up to its joint one; a summary statistic is a specimen of its own. The joint
+    ones sum to the log likelihood. They are what ``arviz.loo`` leaves out one by one: whole
+    specimens, not single points of a curve.
+
+    Parameters
+    ----------
+    model : Model
+        With its data.
+    by_kind : mapping
+        What ``Model.log_likelihood`` returns.
+    groups : dict
+        To which ``log_likelihood`` is added.
+    shape : (int, int)
+        Chains and draws.
+
+    Returns
+    -------
+    coords, dims : dict
+        Labels, and along what each variable goes.
+    """
+    densities = {f"{kind}_specimens": block for kind, block in by_kind.items()}
+    dims = {f"{kind}_specimens": [f"{kind}_specimen"] for kind in by_kind}
+    coords: dict[str, NDArray[np.generic]] = {
+        f"{kind}_specimen": specimen_labels(model, kind) for kind in by_kind
+    }
+    blocks = _blocks(model, by_kind)
+    densities[JOINT] = np.stack(
+        [sum(by_kind[k][:, rows].sum(axis=-1) for k, rows in found.items()) for _, found in blocks],
+        axis=-1,
+    )
+    groups["log_likelihood"] = {name: d.reshape(*shape, -1) for name, d in densities.items()}
+    coords["specimen"] = np.array([name for name, _ in blocks])
+    return coords, dims | {JOINT: ["specimen"]}
+
+
+def _blocks(
+    model: Model, by_kind: Mapping[str, Floats]
+) -> list[tuple[str, dict[str, NDArray[np.intp]]]]:
+    """Return the rows of every specimen in every kind of data, and of every statistic."""
+    blocks = list(blocks_of(model, by_kind).items())
+    for kind in [kind for kind in by_kind if not specimens_of(model, kind)]:
+        labels = specimen_labels(model, kind).tolist()
+        blocks += [(name, {kind: np.array([row])}) for row, name in enumerate(labels)]
+    return blocks
+
+
+def with_one_likelihood(tree: xr.DataTree) -> xr.DataTree:
+    """Leave the joint density as the one data variable of ``log_likelihood``.
+
+    ``arviz.loo`` takes the one that there is, and refuses to choose among several. The others keep
+    their names and places as coordinates: ``tree.log_likelihood["curvature"]`` and
+    ``arviz.loo(tree, var_name="curvature")`` find them.
+    """
+    whole = tree["log_likelihood"].to_dataset()
+    parts = [name for name in whole.data_vars if name != JOINT]
+    tree["log_likelihood"] = xr.DataTree(whole.set_coords(parts))
+    return tree
 
 
 def add_observations(

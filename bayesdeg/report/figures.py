@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
+import pandas as pd
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -88,12 +89,15 @@ class Drawing:
         What is drawn.
     half : bool
         Whether two of its kind fit side by side.
+    files : tuple of str
+        The tables of the run folder that are drawn.
     """
 
     name: str
     svg: str
     caption: str
     half: bool = False
+    files: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -107,7 +111,10 @@ class Sketch:
 
 
 def level_colour(index: int, levels: int) -> str:
-    """Return the colour of a degradation rate: from dark to bright with increasing rate."""
+    """Return the colour of a degradation rate: from dark to bright with increasing rate.
+
+    The page's style defines them: viridis, cut where its contrast with the page falls below 3:1.
+    """
     last = len(_LEVEL_COLOURS) - 1
     return _LEVEL_COLOURS[round(index * last / max(levels - 1, 1))]
 
@@ -198,6 +205,27 @@ def band(axes: Axes, x: object, lower: object, upper: object, colour: str, alpha
         alpha=alpha,
         linewidth=0,
     )
+
+
+def intervals(axes: Axes, at: float, row: pd.Series, colour: str) -> None:
+    """Draw a median as a point with its 50 % (thick) and 90 % interval, where a band has no width.
+
+    Parameters
+    ----------
+    axes : Axes
+        To draw on.
+    at : float
+        Place on the horizontal axis.
+    row : Series
+        With ``q05``, ``q25``, ``q50``, ``q75`` and ``q95``; without those in between there is
+        the 90 % interval alone.
+    colour : str
+        Of point and intervals.
+    """
+    axes.vlines(at, row["q05"], row["q95"], color=colour, linewidth=1.2)
+    if "q25" in row:
+        axes.vlines(at, row["q25"], row["q75"], color=colour, linewidth=3.6)
+    axes.plot([at], [row["q50"]], "o", color=colour, markersize=5.5, markeredgecolor=PAPER)
 
 
 def points(axes: Axes, x: object, y: object, label: str = "") -> None:

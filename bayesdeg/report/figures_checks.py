@@ -159,7 +159,7 @@ def prior_curvature_figure(prior: pd.DataFrame, observations: pd.DataFrame | Non
         Table ``observations``.
     """
     levels = panel_levels(prior)
-    figure, every_axes = panels(len(levels), share_y="row")
+    figure, every_axes = panels(len(levels))
     for axes, level in zip(every_axes, levels, strict=True):
         _draw_prior(axes, prior[prior["degradation_pct"] == level], "pressure_kPa")
         axes.set_title(f"{level_words(level)} degradation")
@@ -191,7 +191,7 @@ def prior_stress_figure(prior: pd.DataFrame, tensile: pd.DataFrame | None) -> Fi
     kinds = [(str(row["mode"]), float(row["degradation_pct"])) for _, row in pairs.iterrows()]
     kept = np.linspace(0, len(kinds) - 1, min(len(kinds), MOST_LEVELS)).round().astype(int)
     shown = [kinds[i] for i in kept]
-    figure, every_axes = panels(len(shown), share_y="none", height=2.2)
+    figure, every_axes = panels(len(shown), height=2.2)
     for axes, (mode, level) in zip(every_axes, shown, strict=True):
         here = prior[(prior["mode"] == mode) & (prior["degradation_pct"] == level)]
         _draw_prior(axes, here, "stretch")

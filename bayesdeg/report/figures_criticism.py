@@ -185,7 +185,7 @@ def discrepancy_figure(discrepancy: pd.DataFrame) -> Figure:
     kind = next((k for k in (CURVATURE, STRESS) if k in kinds), sorted(kinds)[0])
     chosen = discrepancy[discrepancy["kind"] == kind]
     rows, titles = _panels_of(chosen, kind)
-    figure, every_axes = panels(len(titles), share_y="none" if kind == STRESS else "row")
+    figure, every_axes = panels(len(titles))
     for number_of, (axes, title) in enumerate(zip(every_axes, titles, strict=True)):
         here = chosen[rows == number_of]
         axes.axhline(0.0, color=MUTED, linewidth=0.9)

@@ -13,6 +13,7 @@ from bayesdeg.report.figures import (
     FINAL_COLOUR,
     MUTED,
     band,
+    intervals,
     key,
     legend_above,
     level_colour,
@@ -23,7 +24,7 @@ from bayesdeg.report.figures import (
     styled,
 )
 from bayesdeg.report.summaries import BASE, FINAL, nearest_level
-from bayesdeg.report.wording import level_words
+from bayesdeg.report.wording import level_words, model_words
 
 COLOURS = {BASE: BASE_COLOUR, FINAL: FINAL_COLOUR}
 
@@ -39,11 +40,11 @@ def bands_figure(
     bands : pandas.DataFrame
         Table ``bands``.
     observations : pandas.DataFrame, optional
-        Table ``observations``: readings as points, the base model as dashed lines.
+        Table ``observations``: readings as points, what the models say of them as dashed lines.
     levels : sequence of float
         Degradation rates of the bands that get a panel [%].
     """
-    figure, every_axes = panels(len(levels), share_y="row")
+    figure, every_axes = panels(len(levels))
     for axes, level in zip(every_axes, levels, strict=True):
         chosen = bands[bands["degradation_pct"] == level].sort_values("pressure_kPa")
         pressure = chosen["pressure_kPa"]
@@ -51,11 +52,13 @@ def bands_figure(
         band(axes, pressure, chosen["q25"], chosen["q75"], FINAL_COLOUR, 0.28)
         axes.plot(pressure, chosen["q50"], color=FINAL_COLOUR)
         axes.set_title(f"{level_words(level)} degradation")
-    entries = {"predicted: median, 50 % and 90 % band": key(FINAL_COLOUR)}
+    entries = {"new specimen: median, 50 % and 90 % band": key(FINAL_COLOUR)}
     if observations is not None:
         _draw_measured(every_axes, observations, levels)
         entries["measured"] = points_key()
-        entries["base model"] = key(BASE_COLOUR, dashed=True)
+        for model in (BASE, FINAL):
+            if (observations["model"] == model).any():
+                entries[model_words(model)] = key(COLOURS[model], dashed=True)
     _label(figure, axis_label("pressure_kPa"), axis_label("curvature_per_m"))
     legend_above(figure, entries)
     return figure
@@ -83,8 +86,13 @@ def elongation_figure(elongation: pd.DataFrame) -> Figure:
     figure, axes = single()
     limit = elongation[elongation["kind"] == "band"].sort_values("degradation_pct")
     measured = elongation[elongation["kind"] == "measured"]
-    band(axes, limit["degradation_pct"], limit["q05"], limit["q95"], FINAL_COLOUR, 0.22)
-    axes.plot(limit["degradation_pct"], limit["q50"], color=FINAL_COLOUR, label="median, 90 % band")
+    if np.unique(limit["degradation_pct"]).size == 1:
+        intervals(axes, *_first(limit[["degradation_pct", "q05", "q50", "q95"]]), FINAL_COLOUR)
+        axes.plot([], [], "o-", color=FINAL_COLOUR, label="median, 90 % interval")
+    else:
+        band(axes, limit["degradation_pct"], limit["q05"], limit["q95"], FINAL_COLOUR, 0.22)
+        label = "median, 90 % band"
+        axes.plot(limit["degradation_pct"], limit["q50"], color=FINAL_COLOUR, label=label)
     points(axes, measured["degradation_pct"], measured["value"], "measured")
     axes.set(xlabel=axis_label("degradation_pct"), ylabel="elongation at break [%]")
     axes.set_ylim(bottom=0.0)
@@ -97,14 +105,19 @@ def null_figure(null: pd.DataFrame, *, observed: float | None, name: str) -> Fig
     """Draw the misfit statistic of data simulated from the base model, and the observed one."""
     figure, axes = single(height=2.4)
     axes.hist(null["statistic"].dropna(), bins="auto", color=MUTED, alpha=0.55)
+    entries = {"if the base model were right": key(MUTED)}
+    entries["if the base model were right"].set(linewidth=5, alpha=0.55)
     if observed is not None:
         axes.axvline(observed, color=BASE_COLOUR, linewidth=2)
-        axes.plot([], [], color=BASE_COLOUR, linewidth=2, label="this study")
-    axes.plot([], [], color=MUTED, linewidth=5, alpha=0.55, label="if the base model were right")
+        entries["this study"] = key(BASE_COLOUR)
     axes.set(xlabel=f"{name or 'misfit statistic'} [–]", ylabel="simulated studies [–]")
-    axes.margins(y=0.32)
-    axes.legend(loc="upper center", ncols=2, handlelength=1.2)
+    legend_above(figure, entries)
     return figure
+
+
+def _first(limit: pd.DataFrame) -> tuple[float, pd.Series]:
+    row = limit.iloc[0]
+    return float(row["degradation_pct"]), row
 
 
 def _draw_measured(
@@ -112,16 +125,23 @@ def _draw_measured(
 ) -> None:
     panel = nearest_level(observations["degradation_pct"], levels)
     for axes, level in zip(every_axes, levels, strict=True):
-        here = observations[(panel == level) & (observations["model"] == BASE)]
-        for _, curve in here.groupby(["specimen_id", "branch", "cycle"], sort=False, dropna=False):
-            axes.plot(
-                curve["pressure_kPa"],
-                curve["mean_per_m"],
-                color=BASE_COLOUR,
-                linewidth=0.9,
-                linestyle=(0, (4, 2)),
-            )
-        points(axes, here["pressure_kPa"], here["curvature_per_m"])
+        here = observations[panel == level]
+        for model in (BASE, FINAL):
+            _draw_means(axes, here[here["model"] == model], COLOURS[model])
+        readings = here[here["model"] == BASE]
+        points(axes, readings["pressure_kPa"], readings["curvature_per_m"])
+
+
+def _draw_means(axes: Axes, chosen: pd.DataFrame, colour: str) -> None:
+    """Draw what a model says of the measured specimens themselves."""
+    for _, curve in chosen.groupby(["specimen_id", "branch", "cycle"], sort=False, dropna=False):
+        axes.plot(
+            curve["pressure_kPa"],
+            curve["mean_per_m"],
+            color=colour,
+            linewidth=0.9,
+            linestyle=(0, (4, 2)),
+        )
 
 
 def _label(figure: Figure, x: str, y: str) -> None:

@@ -9,8 +9,11 @@ from bayesdeg.nomenclature import axis_label
 from bayesdeg.report.figures import (
     BASE_COLOUR,
     FINAL_COLOUR,
+    FULL_WIDTH,
     MUTED,
     Sketch,
+    key,
+    legend_above,
     side_by_side,
     single,
     styled,
@@ -36,6 +39,8 @@ def gain_sketch(verdict: Verdict, tables: Tables) -> Sketch | None:
         unseen, per = ("modes of tension", "mode")
     gains = "gain in expected log predictive density"
     said = f"Left: error of the base model and of {model_words(final)} by {per}. Right: {gains}."
+    if len(others) == 1:
+        said = f"Error of the base model and of {model_words(final)} by {per}."
     if by_level is None and by_mode is None:
         said = f"{gains.capitalize()}."
     caption = f"Prediction of {unseen} that the model has not seen. {said}"
@@ -54,7 +59,8 @@ def gain_figure(
     Parameters
     ----------
     pooled : pandas.DataFrame, optional
-        Rows of table ``gain`` over all degradation rates: gain in elpd of each model.
+        Rows of table ``gain`` over all degradation rates: gain in elpd of each model, drawn beside
+        the errors where several are compared.
     by_level : pandas.DataFrame, optional
         Rows of table ``gain`` by degradation rate: error of base and extended model.
     final : str
@@ -62,18 +68,23 @@ def gain_figure(
     by_mode : pandas.DataFrame, optional
         Table ``gain_modes``, drawn where there are no rows by degradation rate.
     """
-    if by_level is None and by_mode is None:
-        figure, right = single(height=2.9)
-    else:
+    has_errors = by_level is not None or by_mode is not None
+    has_gains = pooled is not None and (not has_errors or (pooled["model"] != BASE).sum() > 1)
+    if has_errors and has_gains:
         figure, left, right = side_by_side(height=2.9)
-        if by_level is not None:
-            _draw_by_level(left, by_level, final)
-        elif by_mode is not None:
-            _draw_by_mode(left, by_mode, final)
-    if pooled is not None:
-        _draw_elpd(right, pooled, final)
     else:
-        right.set_axis_off()
+        figure, left = single(width=FULL_WIDTH, height=2.9)
+        right = left
+    if by_level is not None:
+        _draw_by_level(left, by_level, final)
+    elif by_mode is not None:
+        _draw_by_mode(left, by_mode, final)
+    if pooled is not None and has_gains:
+        _draw_elpd(right, pooled, final)
+    if has_errors:
+        models = {BASE: BASE_COLOUR, final: FINAL_COLOUR}
+        keys = {model_words(m): key(c, marker="o", line=False) for m, c in models.items()}
+        legend_above(figure, keys)
     return figure
 
 
@@ -97,14 +108,12 @@ def _draw_errors(axes: Axes, errors: pd.DataFrame, labels: list[str], final: str
         axes.hlines(place, errors[BASE], errors[final], color=MUTED, alpha=0.6, linewidth=1.6)
     for model, colour in ((BASE, BASE_COLOUR), (final, FINAL_COLOUR)):
         if model in errors:
-            axes.plot(
-                errors[model], place, "o", color=colour, markersize=5, label=model_words(model)
-            )
+            axes.plot(errors[model], place, "o", color=colour, markersize=5)
     axes.set_yticks(place, labels)
     axes.set_xlim(left=0.0)
     axes.margins(y=0.12)
     axes.grid(visible=False, axis="y")
-    axes.legend(loc="upper left", bbox_to_anchor=(0.0, -0.2), borderaxespad=0.0)
+    axes.invert_yaxis()
 
 
 def _draw_elpd(axes: Axes, pooled: pd.DataFrame, final: str) -> None:

@@ -14,6 +14,7 @@ from bayesdeg.report.figures import (
     MUTED,
     PAPER,
     band,
+    intervals,
     key,
     legend_above,
     panels,
@@ -23,6 +24,8 @@ from bayesdeg.report.figures import (
 from bayesdeg.report.figures_curvature import COLOURS
 from bayesdeg.report.summaries import BASE, FINAL, MOST_LEVELS
 from bayesdeg.report.wording import level_words, model_words, words
+
+APART = 0.25  # between points of one degradation rate, where there is no other [%]
 
 CONSTANT_ORDER = ("c1", "c2", "c3", "young_modulus")
 
@@ -55,12 +58,14 @@ def constants_figure(constants: pd.DataFrame, measured: pd.DataFrame | None) -> 
     """
     names = [name for name in CONSTANT_ORDER if (constants["constant"] == name).any()]
     figure, every_axes = panels(len(names), columns=2, share_y="none", height=2.0)
+    single_rate = has_one_rate(constants)
     for axes, name in zip(every_axes, names, strict=True):
         chosen = constants[constants["constant"] == name]
-        for model in (BASE, FINAL):
-            _draw_constant(axes, chosen[chosen["model"] == model], COLOURS[model])
-        if measured is not None:
-            _draw_values(axes, measured[measured["quantity"] == name])
+        values = None if measured is None else measured[measured["quantity"] == name]
+        if single_rate:
+            _draw_at_one_rate(axes, chosen, values)
+        else:
+            _draw_along_rates(axes, chosen, values)
         axes.set_title(words(name))
         axes.set_ylabel(f"{words(name)} [{chosen['unit'].iloc[0]}]")
     figure.supxlabel(axis_label("degradation_pct"), fontsize=8.0)
@@ -73,6 +78,17 @@ def constants_figure(constants: pd.DataFrame, measured: pd.DataFrame | None) -> 
         entries["measured ± sd"] = points_key()
     legend_above(figure, entries)
     return figure
+
+
+def has_one_rate(constants: pd.DataFrame) -> bool:
+    """Return whether the constants are known at a single degradation rate, where no curve is.
+
+    Examples
+    --------
+    >>> has_one_rate(pd.DataFrame({"degradation_pct": [0.0, 0.0]}))
+    True
+    """
+    return np.unique(constants["degradation_pct"]).size == 1
 
 
 def tensile_panels(tensile: pd.DataFrame) -> list[TensilePanel]:
@@ -96,7 +112,7 @@ def tensile_figure(tensile: pd.DataFrame) -> Figure:
         Table ``tensile``.
     """
     chosen = tensile_panels(tensile)
-    figure, every_axes = panels(len(chosen), share_y="none", height=2.2)
+    figure, every_axes = panels(len(chosen), height=2.2)
     for axes, panel in zip(every_axes, chosen, strict=True):
         here = tensile[
             (tensile["mode"] == panel.mode)
@@ -116,6 +132,26 @@ def tensile_figure(tensile: pd.DataFrame) -> Figure:
     }
     legend_above(figure, entries)
     return figure
+
+
+def _draw_along_rates(axes: Axes, chosen: pd.DataFrame, values: pd.DataFrame | None) -> None:
+    for model in (BASE, FINAL):
+        _draw_constant(axes, chosen[chosen["model"] == model], COLOURS[model])
+    if values is not None:
+        _draw_values(axes, values)
+
+
+def _draw_at_one_rate(axes: Axes, chosen: pd.DataFrame, values: pd.DataFrame | None) -> None:
+    """Draw points with intervals beside one another, about the rate that they all have."""
+    rate = float(chosen["degradation_pct"].iloc[0])
+    models = [model for model in (BASE, FINAL) if (chosen["model"] == model).any()]
+    places = rate + APART * (np.arange(len(models)) - 0.5 * (len(models) - 1))
+    for place, model in zip(places, models, strict=True):
+        intervals(axes, place, chosen[chosen["model"] == model].iloc[0], COLOURS[model])
+    if values is not None and not values.empty:
+        _draw_values(axes, values.assign(degradation_pct=places[-1] + APART))
+    axes.set_xlim(rate - 3.0 * APART, rate + 3.0 * APART)
+    axes.set_xticks([rate], [f"{rate:.3g}"])
 
 
 def _draw_constant(axes: Axes, chosen: pd.DataFrame, colour: str) -> None:

@@ -23,13 +23,20 @@ from bayesdeg.report.figures_curvature import (
     rupture_figure,
 )
 from bayesdeg.report.figures_gain import gain_sketch
-from bayesdeg.report.figures_material import constants_figure, tensile_figure, tensile_panels
+from bayesdeg.report.figures_material import (
+    constants_figure,
+    has_one_rate,
+    tensile_figure,
+    tensile_panels,
+)
 from bayesdeg.report.figures_residuals import UNLOADING, residual_figure
 from bayesdeg.report.left_out import Guard, figure_stage
 from bayesdeg.report.record import Run, Verdict
 from bayesdeg.report.summaries import by_level, panel_levels
 from bayesdeg.report.tables import Tables
-from bayesdeg.report.wording import level_words, number
+from bayesdeg.report.wording import level_words, number, percent
+
+RARE = 0.01  # a probability that cannot be told from none in the figure
 
 type Draw = Callable[[Verdict, Run, Tables], Sketch | None]
 
@@ -64,7 +71,8 @@ def _drawing(draw: Draw, verdict: Verdict, run: Run, tables: Tables) -> Drawing 
     if sketch is None:
         return None
     svg = inline_svg(sketch.figure, sketch.name, description=sketch.caption, virtual=run.virtual)
-    return Drawing(sketch.name, svg, sketch.caption, sketch.half)
+    there = [name for name in SOURCES.get(sketch.name, ()) if name in tables.files]
+    return Drawing(sketch.name, svg, sketch.caption, sketch.half, tuple(there))
 
 
 def _residuals(verdict: Verdict, tables: Tables) -> Sketch | None:
@@ -110,13 +118,15 @@ def _bands(tables: Tables) -> Sketch | None:
         return None
     levels = panel_levels(tables.bands)
     caption = (
-        "Predicted curvature against pressure at "
-        f"{', '.join(level_words(level) for level in levels)} degradation."
+        "Measured curvature against pressure, and that predicted for new specimens at "
+        f"{', '.join(level_words(level) for level in levels)} degradation; all panels have one "
+        "scale."
     )
     if tables.observations is not None:
         caption += (
-            " Measured specimens stand in the panel nearest to their own degradation rate, so "
-            "they may lie beside a band for that reason alone."
+            " Dashed: what the models say of the measured specimens themselves, at their own "
+            "degradation rate and with their own history of loading, of which a band, that of a "
+            "new specimen at the rate of its panel, knows nothing."
         )
     return Sketch("bands", bands_figure(tables.bands, tables.observations, levels), caption)
 
@@ -137,6 +147,9 @@ def _rupture(tables: Tables) -> Sketch | None:
     if tables.rupture is None:
         return None
     caption = "Probability that the actuator bursts up to a pressure, with its 90 % interval."
+    largest = float(tables.rupture["probability"].max())
+    if largest < RARE:
+        caption += f" It is at most {percent(largest)} everywhere: all curves lie on the axis."
     return Sketch("rupture", rupture_figure(tables.rupture), caption, half=True)
 
 
@@ -152,8 +165,15 @@ def _constants(tables: Tables) -> Sketch | None:
         return None
     caption = (
         "Constants of Yeoh's law and Young's modulus against degradation rate: posterior median "
-        "with 50 % and 90 % bands."
+        "with 50 % and 90 % bands, each constant to its own scale."
     )
+    if has_one_rate(tables.constants):
+        rate = level_words(float(tables.constants["degradation_pct"].iloc[0]))
+        caption = (
+            f"Constants of Yeoh's law and Young's modulus at {rate} degradation, the only rate of "
+            "the study: posterior median with 50 % (thick) and 90 % intervals, each constant to "
+            "its own scale."
+        )
     return Sketch("constants", constants_figure(tables.constants, tables.measured), caption)
 
 
@@ -208,3 +228,23 @@ FIGURES: dict[str, Draw] = {
     "course": _of_tables(course_sketch),
 }
 """Every figure of a report by its name in the page; it draws None where the run has no data."""
+
+SOURCES: dict[str, tuple[str, ...]] = {
+    "residuals": ("observations.csv",),
+    "null": ("misfit_null.csv",),
+    "gain": ("gain.csv", "gain_modes.csv"),
+    "bands": ("bands.csv", "observations.csv"),
+    "rupture": ("rupture.csv",),
+    "elongation": ("elongation.csv",),
+    "constants": ("constants.csv", "measured.csv"),
+    "tensile": ("tensile.csv",),
+    "discrepancy": ("discrepancy.csv",),
+    "statistics": ("statistics.csv",),
+    "loo-pit": ("loo_pit.csv",),
+    "leave-one-out": ("leave_one_out.csv",),
+    "prior-sensitivity": ("prior_sensitivity.csv",),
+    "prior-curvature": ("prior_predictive.csv", "observations.csv"),
+    "prior-stress": ("prior_predictive.csv", "tensile.csv"),
+    "course": ("course.csv",),
+}
+"""The tables of the run folder that each figure draws."""

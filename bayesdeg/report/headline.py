@@ -1,5 +1,6 @@
-"""The verdict in plain words: one sentence and three numbers."""
+"""The verdict in plain words: one sentence, two that say why, and three numbers."""
 
+import re
 from dataclasses import dataclass
 
 import pandas as pd
@@ -7,7 +8,17 @@ import pandas as pd
 from bayesdeg.report.left_out import Stage
 from bayesdeg.report.record import Outcome, Verdict
 from bayesdeg.report.summaries import BASE, Row, extended_model, pooled, rows_of
-from bayesdeg.report.wording import BADGES, NOTHING, SPACE, fixed, listed, p_value, percent, words
+from bayesdeg.report.wording import (
+    BADGES,
+    NOTHING,
+    SPACE,
+    fixed,
+    listed,
+    number,
+    p_value,
+    percent,
+    words,
+)
 
 UNJUDGED = "The simulation could not be judged on this data"
 SURE = 0.99999  # which is worded as more than 99.9 %
@@ -34,11 +45,14 @@ class Headline:
         The outcome in one sentence.
     numbers : tuple of KeyNumber
         Misfit beside noise, how sure, what was gained.
+    lede : tuple of str
+        What is wrong, and what was made of it: a sentence each.
     """
 
     badge: str
     sentence: str
     numbers: tuple[KeyNumber, ...]
+    lede: tuple[str, ...] = ()
 
 
 def headline_of(verdict: Verdict, gain: pd.DataFrame | None) -> Headline:
@@ -54,10 +68,11 @@ def headline_of(verdict: Verdict, gain: pd.DataFrame | None) -> Headline:
     >>> headline_of(named, None).numbers[0].value.replace(SPACE, " ")
     '2.00 1/m'
     """
+    badge, lede = BADGES[verdict.outcome], lede_of(verdict, gain)
     if not verdict.judged:
-        return Headline(BADGES[Outcome.NOT_JUDGED], UNJUDGED, (_misfit(verdict),))
+        return Headline(badge, UNJUDGED, (_misfit(verdict),), lede)
     numbers = (_misfit(verdict), _certainty(verdict), _gained(verdict, gain))
-    return Headline(BADGES[verdict.outcome], _sentence(verdict), numbers)
+    return Headline(badge, _sentence(verdict), numbers, lede)
 
 
 def _sentence(verdict: Verdict) -> str:
@@ -66,10 +81,10 @@ def _sentence(verdict: Verdict) -> str:
             return "No misfit beyond the noise"
         case Outcome.NAMED if verdict.is_directed:
             beyond = "though the misfit as a whole is within chance"
-            return f"The readings speak for {listed(verdict.causes)}, {beyond}"
+            return f"The readings speak for {_sized(verdict)}, {beyond}"
         case Outcome.NAMED:
             together = " acting together" if len(verdict.causes) > 1 else ""
-            return f"The misfit is explained by {listed(verdict.causes)}{together}"
+            return f"The misfit is explained by {_sized(verdict)}{together}"
         case Outcome.AMBIGUOUS:
             either = " or ".join(words(cause) for cause in verdict.causes)
             if verdict.is_directed:
@@ -82,6 +97,38 @@ def _sentence(verdict: Verdict) -> str:
             return "There is a misfit, and no cause in the catalogue accounts for it"
         case Outcome.NOT_JUDGED:
             return UNJUDGED
+
+
+def _sized(verdict: Verdict) -> str:
+    """Name the causes with the size of each: of one alone with its 90 % interval."""
+    alone = len(verdict.causes) == 1
+    sizes = [(cause, size_of(verdict, cause, interval=alone)) for cause in verdict.causes]
+    if alone:
+        return ": ".join(filter(None, (words(sizes[0][0]), sizes[0][1])))
+    return listed([f"{words(cause)} ({size})" if size else words(cause) for cause, size in sizes])
+
+
+def size_of(verdict: Verdict, cause: str, *, interval: bool) -> str:
+    """Word the first effect of a cause, which is its size; empty if it was not fitted.
+
+    Examples
+    --------
+    >>> from bayesdeg.report.record import verdict_of
+    >>> effect = {"offset": {"mean": 14.17, "sd": 0.25, "q05": 13.76, "q95": 14.57, "unit": "kPa"}}
+    >>> leak = {"cause": "pressure_offset", "effect": effect}
+    >>> verdict = verdict_of({"outcome": "named", "candidates": [leak]})
+    >>> size_of(verdict, "pressure_offset", interval=True).replace(SPACE, " ")
+    '14.2 kPa [13.8, 14.6]'
+    """
+    found = verdict.candidate(cause)
+    if found is None or not found.effects or found.effects[0].mean is None:
+        return ""
+    effect = found.effects[0]
+    unit = "" if effect.unit in ("", NOTHING) else f"{SPACE}{effect.unit}"
+    name = "" if unit else f"{words(effect.name)} "
+    ends = f" [{number(effect.q05)},{SPACE}{number(effect.q95)}]"
+    known = interval and effect.q05 is not None and effect.q95 is not None
+    return f"{name}{number(effect.mean)}{unit}{ends if known else ''}"
 
 
 def _misfit(verdict: Verdict) -> KeyNumber:
@@ -162,12 +209,14 @@ def _gained(verdict: Verdict, gain: pd.DataFrame | None) -> KeyNumber:
             return KeyNumber(label, "–", "prediction of held-out specimens was not tried")
         return KeyNumber(label, _error(base), note)
     after = rows[extended]
-    gained = f"{_elpd(after['elpd_diff'])} ± {_elpd(after['elpd_diff_se']).lstrip('+')}"
     if after["rmse_per_m"] is None and after.get("rmse_MPa") is None:
+        gained = f"{_elpd(after['elpd_diff'])} ± {_elpd(after['elpd_diff_se']).lstrip('+')}"
         return KeyNumber("Gain on held-out specimens", gained, "elpd, over the base model")
     before = f"{_error(base).split(SPACE)[0]} → " if base else ""
-    note = f"rms before and after the cause is included; elpd of these specimens {gained}"
-    return KeyNumber(label, f"{before}{_error(after)}", note)
+    plural = "s are" if len(verdict.causes) > 1 else " is"
+    return KeyNumber(
+        label, f"{before}{_error(after)}", f"rms before and after the cause{plural} in"
+    )
 
 
 def _error(row: Row) -> str:
@@ -175,6 +224,67 @@ def _error(row: Row) -> str:
     if row["rmse_per_m"] is None and row.get("rmse_MPa") is not None:
         return f"{_cell(row['rmse_MPa'])}{SPACE}MPa"
     return f"{_cell(row['rmse_per_m'])}{SPACE}1/m"
+
+
+def lede_of(verdict: Verdict, gain: pd.DataFrame | None) -> tuple[str, ...]:
+    """Return what is wrong and what was made of it, a sentence each; those that can be said."""
+    if not verdict.judged:
+        return tuple(filter(None, (first_sentence(verdict.explanation),)))
+    match verdict.outcome:
+        case Outcome.NAMED:
+            made = _explained(verdict, gain)
+        case Outcome.AMBIGUOUS:
+            made = _open(verdict)
+        case Outcome.ADEQUATE:
+            made = "Data simulated from the calibrated model misfit as much: no cause is needed."
+        case _:
+            best = _best(verdict)
+            made = f"{best.label} {best.value} {best.note}." if best.value != NOTHING else ""
+    return tuple(filter(None, (first_sentence(verdict.misfit.where), made)))
+
+
+def first_sentence(text: str) -> str:
+    """Return the first sentence of a text, or what comes before its first semicolon.
+
+    Examples
+    --------
+    >>> first_sentence("It departs by 0.3 MPa. Of 20 data sets, none misfit as much.")
+    'It departs by 0.3 MPa.'
+    >>> first_sentence("It departs by 0.3 MPa; most of it in one specimen.")
+    'It departs by 0.3 MPa.'
+    """
+    first = re.split(r"(?:\.|;) ", text, maxsplit=1)[0]
+    return first if not first or first.endswith(".") else f"{first}."
+
+
+def _explained(verdict: Verdict, gain: pd.DataFrame | None) -> str:
+    """Say what including the named causes does to held-out predictions."""
+    extended = extended_model(gain, verdict)
+    rows = {str(row["model"]): row for row in rows_of(pooled(gain))}
+    fractions = [c.explained_fraction for c in map(verdict.candidate, verdict.causes) if c]
+    share = max((fraction for fraction in fractions if fraction is not None), default=None)
+    plural = len(verdict.causes) > 1
+    doing = "Together they explain" if plural else f"{_begun(verdict.causes[0])} explains"
+    said = "" if share is None else f"{doing} {percent(share)} of the misfit"
+    if extended not in rows or BASE not in rows or _error(rows[BASE]).startswith(NOTHING):
+        return f"{said}." if said else ""
+    before, after = _error(rows[BASE]).split(SPACE)[0], _error(rows[extended])
+    error = f"the error on held-out specimens goes from {before} to {after}"
+    return f"{said}; {error}." if said else f"{error.capitalize()}."
+
+
+def _begun(cause: str) -> str:
+    """Word a cause at the beginning of a sentence."""
+    name = words(cause)
+    return name[0].upper() + name[1:]
+
+
+def _open(verdict: Verdict) -> str:
+    """Say what would tell apart causes that fit alike."""
+    alike = "These fit alike, so none is named"
+    if not verdict.next_experiments:
+        return f"{alike}."
+    return f"{alike}; what would tell most: {verdict.next_experiments[0].design}."
 
 
 def _cell(value: float | str | None) -> str:

@@ -1,5 +1,6 @@
 """A run folder becomes one self-contained page; nothing is computed anew."""
 
+from collections import defaultdict
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,17 +10,22 @@ from markupsafe import Markup
 from bayesdeg.report import wording
 from bayesdeg.report.figures import Drawing
 from bayesdeg.report.figures_run import drawings_of
-from bayesdeg.report.folder import RunFolder
+from bayesdeg.report.folder import RUN, VERDICT, RunFolder
 from bayesdeg.report.headline import Headline, headline_of
 from bayesdeg.report.left_out import FIGURE, Guard, Stage
 from bayesdeg.report.record import Candidate, Run, Verdict
 from bayesdeg.report.summaries import (
+    DecisionPair,
+    GainParts,
     LevelRow,
     ParameterRow,
     Row,
     TensileError,
+    decision_pairs,
     extended_model,
+    gain_parts,
     level_rows,
+    meanings_of,
     parameter_rows,
     pooled,
     rows_of,
@@ -51,8 +57,12 @@ class Content:
     orders: list[Row]
     gain_levels: list[Row]
     gain_modes: list[Row]
-    decisions: list[Row]
+    decisions: list[DecisionPair]
     lookalikes: list[str]
+    sized: list[Candidate]
+    meanings: defaultdict[str, str]
+    gain_parts: GainParts | None
+    files: tuple[str, ...]
     left_out: tuple[tuple[str, str], ...] = ()
 
 
@@ -105,8 +115,12 @@ def content_of(verdict: Verdict, run: Run, tables: Tables, guard: Guard | None =
         orders=rows_of(tables.orders),
         gain_levels=rows_of(pooled(tables.gain_levels)),
         gain_modes=sorted(rows_of(tables.gain_modes), key=lambda row: str(row["mode"])),
-        decisions=sorted(rows_of(tables.decisions), key=_level),
+        decisions=decision_pairs(tables.decisions),
         lookalikes=lookalikes(verdict),
+        sized=[c for c in map(verdict.candidate, verdict.causes) if c is not None and c.effects],
+        meanings=defaultdict(str, meanings_of(tables.parameters)),
+        gain_parts=gain_parts(tables.gain, verdict),
+        files=(*tables.files, f"{VERDICT}.json", f"{RUN}.json"),
         left_out=_left_out(verdict, guard),
     )
 
@@ -119,11 +133,6 @@ def _left_out(verdict: Verdict, guard: Guard) -> tuple[tuple[str, str], ...]:
     return (*stages, *figures)
 
 
-def _level(row: Row) -> float:
-    """Return the degradation rate of a row: what is compared at one stands together."""
-    return float(row["degradation_pct"] or 0.0)
-
-
 def lookalikes(verdict: Verdict) -> list[str]:
     """Return causes that a study of this design could take for one that is named."""
     near = (set(pair) for pair in verdict.confusable if set(pair) & set(verdict.causes))
@@ -132,6 +141,7 @@ def lookalikes(verdict: Verdict) -> list[str]:
 
 def render(content: Content) -> str:
     """Fill the template."""
+    names = [candidate.cause for candidate in content.verdict.candidates]
     environment = Environment(
         loader=PackageLoader("bayesdeg", "report"),
         autoescape=True,
@@ -146,7 +156,8 @@ def render(content: Content) -> str:
         "percent": wording.percent,
         "p_value": wording.p_value,
         "strength": wording.strength,
-        "unbroken": wording.unbroken,
+        "unbroken": _unbroken,
+        "plain": lambda text: wording.plain(text, names),
         "words": wording.words,
         "listed": wording.listed,
         "model": wording.model_words,
@@ -155,3 +166,9 @@ def render(content: Content) -> str:
         "drawing": lambda drawing: Markup(drawing.svg),
     }
     return environment.get_template("page.html").render(c=content).lstrip()
+
+
+def _unbroken(text: str) -> str:
+    """Keep numbers and units on one line, in markup as in plain text."""
+    whole = wording.unbroken(text)
+    return Markup(whole) if isinstance(text, Markup) else whole

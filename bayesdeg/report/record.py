@@ -108,11 +108,12 @@ class Verdict:
 
     @property
     def judged(self) -> bool:
-        """Whether the simulation was judged: there was data for it, and the stages worked."""
-        return self.outcome is not Outcome.NOT_JUDGED and (
-            self.misfit.rms_per_m is not None
-            or any(candidate.probability is not None for candidate in self.candidates)
-        )
+        """Whether the simulation was judged: there was data for it, and the stages worked.
+
+        The outcome alone says so. Misfit and candidates do not: films have no misfit in curvature,
+        and causes that no data tell apart have no probability.
+        """
+        return self.outcome is not Outcome.NOT_JUDGED
 
     def candidate(self, cause: str) -> Candidate | None:
         """Return what was found for a cause, or None if it was not tried."""
@@ -176,8 +177,8 @@ def verdict_of(content: Json) -> Verdict:
 
     Examples
     --------
-    >>> verdict_of({"outcome": "adequate"}).judged
-    False
+    >>> verdict_of({"outcome": "ambiguous"}).judged
+    True
     >>> verdict_of({"outcome": "fine"})
     Traceback (most recent call last):
     ...

@@ -13,6 +13,7 @@ from bayesdeg.report.record import Outcome, Verdict
 BASE = "base"
 FINAL = "final"
 MOST_LEVELS = 9
+LEAST_PART = 0.05  # of a gain in log density that is worded to one decimal
 WIDE = 10.0  # a positive prior whose ends differ by this factor is drawn to a logarithmic scale
 
 type Row = dict[str, float | str | None]
@@ -88,6 +89,47 @@ class ParameterRow:
     logarithmic: bool = False
 
 
+@dataclass(frozen=True)
+class DecisionPair:
+    """What each model would have decided at one degradation rate.
+
+    Parameters
+    ----------
+    degradation_pct, wanted_per_m : float
+        Where, and which curvature is wanted.
+    before : dict
+        Row of ``decisions.csv`` of the base model.
+    after : dict or None
+        That of the final model; None where nothing was added to the base model.
+    """
+
+    degradation_pct: float
+    wanted_per_m: float
+    before: Row
+    after: Row | None
+
+    @property
+    def change_kPa(self) -> float | None:  # noqa: N802  a unit
+        """How far the pressures lie apart [kPa]; None where one of them is not known."""
+        ends = [row["needed_q50_kPa"] for row in (self.before, self.after) if row]
+        known = [float(end) for end in ends if end is not None]
+        return known[1] - known[0] if len(known) > 1 else None
+
+
+@dataclass(frozen=True)
+class GainParts:
+    """What makes up the gain of a cause in log predictive density of all that was held out."""
+
+    total: float
+    total_se: float | None
+    here: float
+
+    @property
+    def beside(self) -> float:
+        """What is not of the specimens in ``gain.csv``: of films and measured means."""
+        return self.total - self.here
+
+
 def rows_of(frame: pd.DataFrame | None) -> list[Row]:
     """Return a table row by row, missing values as None.
 
@@ -129,6 +171,36 @@ def extended_model(gain: pd.DataFrame | None, verdict: Verdict) -> str | None:
         if model == FINAL or set(model.split("+")) == wanted:
             return model
     return None
+
+
+def gain_parts(gain: pd.DataFrame | None, verdict: Verdict) -> GainParts | None:
+    """Return of what the gain of a single named cause is made up; None where it is all in one.
+
+    A cause is judged by all that was held out, while ``gain.csv`` scores what the study predicts.
+    """
+    extended = extended_model(gain, verdict)
+    found = verdict.candidate(verdict.causes[0]) if len(verdict.causes) == 1 else None
+    rows = {row["model"]: row for row in rows_of(pooled(gain))}
+    here = rows[extended]["elpd_diff"] if extended in rows else None
+    if found is None or found.elpd_diff is None or here is None:
+        return None
+    parts = GainParts(found.elpd_diff, found.elpd_diff_se, float(here))
+    return None if abs(parts.beside) < LEAST_PART else parts
+
+
+def decision_pairs(decisions: pd.DataFrame | None) -> list[DecisionPair]:
+    """Put what the base model and the final one would have decided side by side, by rate."""
+    by_rate: dict[float, list[Row]] = {}
+    for row in rows_of(decisions):
+        by_rate.setdefault(float(row["degradation_pct"] or 0.0), []).append(row)
+    return [
+        DecisionPair(rate, float(rows[0]["wanted_per_m"] or 0.0), rows[0], _other(rows))
+        for rate, rows in sorted(by_rate.items())
+    ]
+
+
+def _other(rows: Sequence[Row]) -> Row | None:
+    return rows[1] if len(rows) > 1 else None
 
 
 def pooled(gain: pd.DataFrame | None) -> pd.DataFrame | None:
@@ -207,6 +279,11 @@ def tensile_errors(tensile: pd.DataFrame | None) -> list[TensileError]:
         for (fitted, mode, model), curve in groups
     ]
     return sorted(errors, key=lambda error: error.fitted)
+
+
+def meanings_of(parameters: pd.DataFrame | None) -> dict[str, str]:
+    """Return what each parameter means, by its name in the posterior."""
+    return {str(row["parameter"]): str(row["meaning"] or "") for row in rows_of(parameters)}
 
 
 def parameter_rows(parameters: pd.DataFrame | None) -> list[ParameterRow]:

@@ -3,7 +3,7 @@
 The surface of the solved actuators comes with them.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import pandas as pd
 
@@ -64,6 +64,12 @@ class Tables:
     loo_pit: pd.DataFrame | None = None
     discrepancy: pd.DataFrame | None = None
     deformed: Surface | None = None
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Names of the files whose tables are there."""
+        there = (field.name for field in fields(self) if getattr(self, field.name) is not None)
+        return tuple(f"{name}.csv" for name in there if name != "deformed")
 
 
 def read_tables(folder: RunFolder) -> Tables:

@@ -172,6 +172,19 @@ def words(name: str) -> str:
     return _PROPER.get(name, name.replace("_", " "))
 
 
+def plain(text: str, names: Sequence[str]) -> str:
+    """Word the names of the code that stand in a text.
+
+    Examples
+    --------
+    >>> plain("It may be pressure_offset.", ["pressure_offset", "creep"])
+    'It may be pressure offset.'
+    """
+    known = sorted((name for name in names if "_" in name), key=len, reverse=True)
+    pattern = "|".join(map(re.escape, known))
+    return re.sub(rf"\b({pattern})\b", lambda found: words(found[0]), text) if known else text
+
+
 def listed(names: Sequence[str]) -> str:
     """Join names as a sentence does.
 

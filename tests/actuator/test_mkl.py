@@ -1,4 +1,11 @@
-from bayesdeg.actuator.mkl import VARIABLE, name_library
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from bayesdeg.actuator.mkl import VARIABLE, name_library, pypardiso
 
 
 def test_the_library_of_the_environment_is_named(tmp_path):
@@ -22,3 +29,21 @@ def test_where_there_is_none_nothing_is_named(tmp_path):
     environment = {}
     name_library(tmp_path, environment)
     assert environment == {}
+
+
+@pytest.mark.skipif(not Path("/proc/self/maps").exists(), reason="libraries are listed on Linux")
+@pytest.mark.skipif(pypardiso is None, reason="no MKL on this machine")
+def test_no_threading_runtime_is_loaded():
+    """The project leaves them out of its environment: 300 MB for one thread."""
+    script = (
+        "import numpy as np, scipy.sparse as sp\n"
+        "from bayesdeg.actuator import mkl\n"
+        "matrix = sp.csr_matrix(np.diag([1.0, 2.0, 4.0]))\n"
+        "print(mkl.pypardiso.spsolve(matrix, np.ones(3)))\n"
+        "print([m for m in open('/proc/self/maps') if 'iomp' in m or 'libtbb' in m])\n"
+    )
+    environment = {k: v for k, v in os.environ.items() if k != "MKL_THREADING_LAYER"}
+    done = subprocess.run(
+        [sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=True
+    )
+    assert done.stdout.splitlines() == ["[1.   0.5  0.25]", "[]"]

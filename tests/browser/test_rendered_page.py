@@ -44,6 +44,11 @@ PROBE = """<script>addEventListener("load", () => {
   say("window-width", innerWidth);
   say("figures", [...document.querySelectorAll("figure svg")].filter(
     (svg) => box(svg).width > 200 && box(svg).height > 100).length);
+  const wide = [...document.querySelectorAll(".scroll, figure .canvas")].filter(
+    (part) => part.scrollWidth > part.clientWidth + 1);
+  say("wide", wide.length);
+  say("cues", document.querySelectorAll(".cue.shown").length);
+  say("uncued", wide.filter((part) => !part.previousElementSibling.matches(".cue.shown")).length);
   say("ink", getComputedStyle(document.body).color);
   say("tick", getComputedStyle(document.querySelector("svg text") || document.body).fill);
   dispatchEvent(new Event("beforeprint"));
@@ -97,6 +102,8 @@ def test_a_wide_window_shows_the_verdict_first_and_without_scrolling(page, tmp_p
     assert found["data-closed-in-print"] == "0"
     assert found["data-open-after-print"] == "0"
     assert found["data-tick"] == found["data-ink"]
+    assert int(found["data-wide"]) < 3
+    assert found["data-cues"] == found["data-wide"]
 
 
 def test_a_narrow_window_does_not_scroll_sideways(page, tmp_path):
@@ -105,6 +112,9 @@ def test_a_narrow_window_does_not_scroll_sideways(page, tmp_path):
     assert int(found["data-window-width"]) < 600
     assert int(found["data-page-width"]) <= int(found["data-window-width"])
     assert found["data-figures"] == "12"
+    assert int(found["data-wide"]) > 10
+    assert found["data-cues"] == found["data-wide"]
+    assert found["data-uncued"] == "0"
 
 
 def test_the_page_of_a_study_without_actuator_data_renders(tmp_path):

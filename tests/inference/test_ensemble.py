@@ -7,6 +7,7 @@ from itertools import accumulate, pairwise
 from itertools import chain as joined
 from multiprocessing import get_context
 
+import arviz
 import numpy as np
 import pytest
 import xarray as xr
@@ -401,6 +402,31 @@ def test_likelihoods_and_prior_sum_to_the_log_density():
     np.testing.assert_allclose(both, densities["actuator_specimens"].values, rtol=1e-9)
 
 
+def test_the_joint_likelihood_is_of_all_that_was_read_on_each_specimen():
+    densities = tree()["log_likelihood"].to_dataset()
+    assert list(densities.data_vars) == ["joint"]
+    parts = [densities[f"{k}_specimens"] for k in ("tensile", "actuator", "rupture", "breaks")]
+    total = sum(part.sum(part.dims[-1]) for part in [*parts, densities["statistics_specimens"]])
+    np.testing.assert_allclose(densities["joint"].sum("specimen"), total, rtol=1e-9)
+    name = real_model().actuator.specimens[0]
+    both = sum(densities[f"{kind}_specimens"].values[..., 0] for kind in ("actuator", "rupture"))
+    np.testing.assert_allclose(densities["joint"].sel(specimen=name), both, rtol=1e-9)
+
+
+@pytest.mark.filterwarnings("ignore:Estimated shape parameter of Pareto:UserWarning")
+def test_arviz_leaves_out_whole_specimens_of_the_stored_tree_and_parts_by_name(tmp_path):
+    tree().to_netcdf(tmp_path / "posterior.nc", engine="h5netcdf")
+    stored = arviz.from_netcdf(tmp_path / "posterior.nc")
+    found = arviz.loo(stored, pointwise=True)
+    specimens = stored["log_likelihood"]["joint"].sizes["specimen"]
+    assert found.n_data_points == specimens == len(found.elpd_i)
+    assert float(found.elpd_i.sum()) == pytest.approx(found.elpd)
+    data = real_model().actuator
+    parts = arviz.loo(stored, var_name="curvature")
+    assert parts.n_data_points == data.mask.sum()
+    assert arviz.loo(stored, var_name="actuator_specimens").n_data_points == len(data.specimens)
+
+
 @pytest.mark.parametrize(
     "group", ["log_likelihood", "posterior_predictive", "observed_data", "constant_data"]
 )
@@ -436,7 +462,7 @@ def test_a_model_without_actuators_has_a_tree_without_observations():
     model = replace(real_model(), actuator=None, forward=None)
     small = to_datatree(model, real_chain().thinned(4), np.random.default_rng(0))
     assert "observed_data" not in small.children
-    assert "tensile_specimens" in small["log_likelihood"].data_vars
+    assert "tensile_specimens" in small["log_likelihood"].to_dataset()
 
 
 def test_the_tree_survives_netcdf(tmp_path):

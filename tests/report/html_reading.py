@@ -72,7 +72,7 @@ def table_cells(page: Element, caption_begins: str) -> list[list[str]]:
     """Return the body of the table whose caption begins with these words."""
     for table in page.all("table"):
         captions = table.all("caption")
-        if captions and captions[0].text.startswith(caption_begins):
+        if captions and re.sub(r"^Table \d+\. ", "", captions[0].text).startswith(caption_begins):
             rows = table.all("tbody")[0].all("tr")
             cells = [[c for c in row.children if isinstance(c, Element)] for row in rows]
             return [[cell.text for cell in row] for row in cells]

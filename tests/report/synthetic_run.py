@@ -17,6 +17,7 @@ CAUSES = {
     "ambiguous": ["erosion", "degradation_misread"],
     "adequate": [],
     "unexplained": [],
+    "not_judged": [],
 }
 EXPLANATIONS = {
     "named": "The base model bends too little at low and too much at high degradation. A skin that "
@@ -26,6 +27,7 @@ EXPLANATIONS = {
     "rate both would make it; curvature alone cannot separate them.",
     "adequate": "The residuals look like those of data simulated from the model itself.",
     "unexplained": "The misfit is real, yet the best candidate accounts for a third of it.",
+    "not_judged": "Too few simulated data sets had an answer. The misfit cannot be judged.",
 }
 
 
@@ -126,7 +128,7 @@ def verdict(outcome):
 
 def unjudged_verdict():
     return {
-        "outcome": "adequate",
+        "outcome": "not_judged",
         "causes": [],
         "explanation": "There is no actuator data, so the simulation was not judged.",
         "candidates": unjudged(),

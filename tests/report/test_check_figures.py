@@ -100,6 +100,12 @@ def test_the_priors_curves_get_a_panel_a_condition_and_the_readings_once():
     assert circles == 3 * len(LEVELS) * 12  # not once for each model
 
 
+@pytest.mark.parametrize("name", ["prior-curvature", "prior-stress"])
+def test_the_priors_curves_have_one_scale(name):
+    shown = [axes for axes in FIGURES[name]().axes if axes.axison]
+    assert len({axes.get_ylim() for axes in shown}) == 1
+
+
 def test_no_more_panels_of_stress_than_fit():
     many = pd.concat(
         STRESS[STRESS["degradation_pct"] == 0.0].assign(degradation_pct=rate)

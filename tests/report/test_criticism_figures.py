@@ -199,6 +199,12 @@ def test_what_there_is_to_explain_and_what_is_left_stand_in_one_panel_a_level():
     np.testing.assert_allclose(drawn, np.sort(table[table["model"] == "base"]["residual"]))
 
 
+@pytest.mark.parametrize("name", ["discrepancy", "discrepancy-films"])
+def test_what_there_is_to_explain_has_one_scale(name):
+    shown = [axes for axes in FIGURES[name]().axes if axes.axison]
+    assert len({axes.get_ylim() for axes in shown}) == 1
+
+
 def test_films_are_drawn_over_stretch_in_a_panel_a_mode():
     figure = FIGURES["discrepancy-films"]()
     assert [a.get_title(loc="left") for a in figure.axes if a.axison] == ["equibiaxial", "uniaxial"]

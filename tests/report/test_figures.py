@@ -65,7 +65,7 @@ FIGURES = {
 def drawn(figure: Figure, colour: str) -> list[tuple[list[float], list[float]]]:
     return [
         (list(line.get_xdata()), list(line.get_ydata()))
-        for axes in figure.axes
+        for axes in (figure.axes if isinstance(figure, Figure) else [figure])
         for line in axes.lines
         if same_color(line.get_color(), colour)
     ]
@@ -173,6 +173,47 @@ def test_bands_are_those_of_the_table():
         assert y == rows["q50"].tolist()
 
 
+def test_the_models_are_drawn_beside_the_readings_of_the_same_specimens():
+    figure = FIGURES["bands"]()
+    for model, colour in (("base", BASE_COLOUR), ("final", FINAL_COLOUR)):
+        dashed = [
+            (x, y) for x, y in drawn(figure, colour) if y not in list(bands().groupby("q50").groups)
+        ]
+        means = OBSERVED[OBSERVED["model"] == model]["mean_per_m"]
+        assert set(means) <= {value for _, y in dashed for value in y}
+
+
+@pytest.mark.parametrize("name", ["bands", "residuals", "tensile"])
+def test_panels_of_one_quantity_have_one_scale(name):
+    shown = [axes for axes in FIGURES[name]().axes if axes.axison]
+    assert len(shown) > 1
+    assert len({axes.get_ylim() for axes in shown}) == 1
+    assert len({axes.get_xlim() for axes in shown}) == 1
+
+
+def test_constants_at_a_single_rate_are_points_with_intervals():
+    single = constants(final=True).query("degradation_pct == 0")
+    figure = constants_figure(single, measured().query("degradation_pct == 0"))
+    for axes in figure.axes:
+        points = [line for line in axes.lines if line.get_marker() == "o"]
+        modulus = axes.get_title(loc="left") == "Young's modulus"
+        assert len(points) == 2 + modulus  # base, final, and what was measured
+        assert len({line.get_xdata()[0] for line in points}) == len(points)
+        left, right = axes.get_xlim()
+        assert all(left < line.get_xdata()[0] < right for line in points)
+        drawn_intervals = [path.vertices for c in axes.collections for path in c.get_paths()]
+        assert sum(np.ptp(vertices[:, 1]) > 0.0 for vertices in drawn_intervals) >= 4
+    rows = single[(single["constant"] == "c1") & (single["model"] == "final")].iloc[0]
+    (final,) = drawn(figure.axes[0], FINAL_COLOUR)
+    assert final[1] == [rows["q50"]]
+
+
+def test_the_limit_of_elongation_at_a_single_rate_is_a_point_with_its_interval():
+    axes = elongation_figure(elongation().query("degradation_pct == 0")).axes[0]
+    (path,) = axes.collections[0].get_paths()
+    assert np.ptp(path.vertices[:, 1]) > 0.0
+
+
 def test_rupture_curves_are_those_of_the_table():
     axes = FIGURES["rupture"]().axes[0]
     table = rupture()
@@ -201,9 +242,16 @@ def test_as_many_panels_as_asked_for(number):
     assert sum(entry.axison for entry in figure.axes) == number
 
 
+def test_gains_are_drawn_beside_errors_only_where_several_are_compared():
+    figure = gain_figure(pooled(gain("named")), by_level(gain("named")), "base+degraded_skin")
+    assert len(figure.axes) == 2
+    figure = gain_figure(pooled(gain("ambiguous")), by_level(gain("ambiguous")), "base+erosion")
+    assert len(figure.axes) == 1
+
+
 def test_gain_with_one_table_only():
     figure = gain_figure(None, by_level(gain("named")), "base+degraded_skin")
-    assert [axes.axison for axes in figure.axes] == [True, False]
+    assert [axes.axison for axes in figure.axes] == [True]
     figure = gain_figure(pooled(gain("named")), None, "base+degraded_skin")
     assert [axes.axison for axes in figure.axes] == [True]
 

@@ -8,13 +8,14 @@ from bayesdeg.report.record import verdict_of
 from bayesdeg.report.summaries import (
     MOST_LEVELS,
     extended_model,
+    gain_parts,
     level_rows,
     nearest_level,
     panel_levels,
     parameter_rows,
     tensile_errors,
 )
-from tests.report.synthetic_run import PUBLISHED, levels, parameters, tensile
+from tests.report.synthetic_run import PUBLISHED, gain, levels, parameters, tensile
 
 RATES = st.lists(st.floats(0, 60), min_size=1, max_size=40)
 
@@ -91,3 +92,15 @@ def test_both_intervals_of_a_parameter_fill_one_bar_together():
 def test_a_parameter_without_a_prior_interval_has_no_bar():
     entry = parameter_rows(parameters().assign(prior_q05=np.nan))[0]
     assert entry.prior is None
+
+
+def test_the_parts_of_a_gain_add_up_to_the_one_by_which_a_cause_is_judged():
+    candidate = {"cause": "degraded_skin", "elpd_diff": 46.0, "elpd_diff_se": 6.4}
+    verdict = {"outcome": "named", "causes": ["degraded_skin"], "candidates": [candidate]}
+    parts = gain_parts(gain("named"), verdict_of(verdict))
+    assert (parts.total, parts.total_se, parts.here) == (46.0, 6.4, 39.5)
+    assert parts.here + parts.beside == parts.total
+    alone = verdict | {"candidates": [candidate | {"elpd_diff": 39.5}]}
+    assert gain_parts(gain("named"), verdict_of(alone)) is None
+    assert gain_parts(None, verdict_of(verdict)) is None
+    assert gain_parts(gain("named"), verdict_of({"outcome": "unexplained"})) is None

@@ -1,0 +1,110 @@
+"""The headline follows the outcome, whatever else the verdict holds."""
+
+from itertools import product
+
+import pytest
+
+from bayesdeg.report.headline import UNJUDGED, headline_of
+from bayesdeg.report.record import Outcome, verdict_of
+from bayesdeg.report.wording import BADGES
+from tests.report.synthetic_run import gain
+
+SPACE = "\N{NO-BREAK SPACE}"
+SAID = {
+    Outcome.ADEQUATE: "No misfit beyond the noise",
+    Outcome.NAMED: "The misfit is explained by",
+    Outcome.AMBIGUOUS: "this data cannot tell its cause: second invariant or stress measure",
+    Outcome.UNEXPLAINED: "no cause in the catalogue accounts for it",
+    Outcome.NOT_JUDGED: UNJUDGED,
+}
+CAUSES = {
+    Outcome.NAMED: ["second_invariant"],
+    Outcome.AMBIGUOUS: ["second_invariant", "stress_measure"],
+}
+WHERE = "Measured stress departs most in uniaxial tension, 0.113 MPa; most of it at the end."
+MISFITS = {
+    "of actuators": {"rms_per_m": 2.1, "noise_per_m": 0.6, "p_value": 0.013},
+    "of films": {"rms_MPa": 0.113, "noise_MPa": 0.160, "p_value": 0.013},
+    "unknown": {},
+}
+
+
+def verdict(outcome, misfit="of films", *, probability=None, effects=None):
+    effects = effects or {}
+    causes = ["second_invariant", "stress_measure"]
+    return verdict_of(
+        {
+            "outcome": str(outcome),
+            "causes": CAUSES.get(outcome, []),
+            "explanation": "Nothing was read. Therefore nothing is said.",
+            "candidates": [
+                {"cause": name, "probability": probability, "effect": effects.get(name, {})}
+                for name in causes
+            ],
+            "misfit": MISFITS[misfit] | {"where": WHERE},
+            "next_experiments": [{"design": "planar tension of a new film", "separates": causes}],
+        }
+    )
+
+
+def size(name, unit, mean=14.17):
+    effect = {"mean": mean, "sd": 0.3, "q05": mean - 0.4, "q95": mean + 0.4, "unit": unit}
+    return {name: effect}
+
+
+@pytest.mark.parametrize(
+    ("outcome", "misfit", "probability"), list(product(Outcome, MISFITS, (None, 0.5)))
+)
+def test_the_headline_follows_the_outcome(outcome, misfit, probability):
+    headline = headline_of(verdict(outcome, misfit, probability=probability), None)
+    assert headline.badge == BADGES[outcome]
+    assert SAID[outcome] in headline.sentence
+
+
+@pytest.mark.parametrize("outcome", Outcome)
+def test_the_lede_is_at_most_two_sentences(outcome):
+    lede = headline_of(verdict(outcome), None).lede
+    assert 1 <= len(lede) <= 2
+    assert all(sentence.endswith(".") and "most of it" not in sentence for sentence in lede)
+
+
+@pytest.mark.parametrize(
+    ("effect", "said"),
+    [
+        (size("offset", "kPa"), "second invariant: 14.2 kPa [13.8, 14.6]"),
+        (size("ratio", "–"), "second invariant: ratio 14.2 [13.8, 14.6]"),
+        ({"offset": {"mean": 14.17, "unit": "kPa"}}, "second invariant: 14.2 kPa"),
+        ({}, "explained by second invariant"),
+    ],
+)
+def test_the_size_of_a_named_effect_is_in_the_headline(effect, said):
+    named = verdict(Outcome.NAMED, effects={"second_invariant": effect})
+    assert headline_of(named, None).sentence.replace(SPACE, " ").endswith(said)
+
+
+def test_sizes_of_causes_that_act_together_are_in_the_headline():
+    raw = verdict(
+        Outcome.AMBIGUOUS,
+        effects={
+            "second_invariant": size("ratio", "–", 0.63),
+            "stress_measure": size("share", "%"),
+        },
+    )
+    both = headline_of(type(raw)(**{**vars(raw), "outcome": Outcome.NAMED}), None).sentence
+    said = "second invariant (ratio 0.630) and stress measure (14.2 %) acting together"
+    assert both.replace(SPACE, " ").endswith(said)
+
+
+def test_the_lede_says_what_is_gained_by_a_named_cause():
+    named = verdict_of(
+        {
+            "outcome": "named",
+            "causes": ["degraded_skin"],
+            "candidates": [{"cause": "degraded_skin", "explained_fraction": 0.93}],
+        }
+    )
+    (made,) = headline_of(named, gain("named")).lede
+    assert made.replace(SPACE, " ") == (
+        "Degraded skin explains 93 % of the misfit; "
+        "the error on held-out specimens goes from 2.40 to 0.71 1/m."
+    )
