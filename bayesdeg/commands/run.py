@@ -19,10 +19,13 @@ from bayesdeg.commands.options import (
     Workers,
     Yes,
 )
+from bayesdeg.commands.plausible import say_doubts
 from bayesdeg.commands.training import Manner, emulator_for
 from bayesdeg.commands.workplace import workplace
 from bayesdeg.console import errors, shown
+from bayesdeg.measure.plausibility import doubts, refuse_impossible
 from bayesdeg.measure.study import Study, read_study
+from bayesdeg.pipeline.outline import outline
 from bayesdeg.pipeline.run import fingerprint, run_study, say_left_out
 from bayesdeg.pipeline.warming import compile_beside
 from bayesdeg.report.checkpoints import Checkpoints
@@ -71,6 +74,9 @@ def run(
     finite element solutions are kept in .cache/campaign, the emulator in .cache/emulators.
     """
     checked = _with_options(read_study(study), effort, seed)
+    unlikely = refuse_impossible(doubts(checked, outline(checked).expected))
+    if not quiet:
+        say_doubts(unlikely)
     target = out or Path("reports") / checked.name
     if checked.actuator is not None:
         compile_beside()
