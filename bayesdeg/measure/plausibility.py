@@ -77,8 +77,10 @@ AIR_PRESSURE = (90.0, 150.0)
 TOO_STEEP = 0.4
 #: Strain and share of the largest stress below which a sign may be that of an error of reading.
 LEAST_STRAIN, LEAST_STRESS = 0.05, 0.02
-#: Error of reading of a curvature by its prior [1/m]: smaller ones are taken to be as large.
-CURVATURE_ERROR = 0.3
+#: Errors of reading by their priors [1/m, °]: smaller curvatures are taken to be as large.
+CURVATURE_ERROR, ANGLE_ERROR = 0.3, 0.7
+#: Of these errors, from which on curvature and angle are compared.
+CLEAR = 5.0
 #: How far a ratio may be off that of a unit which is named: scatter of specimens and of priors.
 NEAR_UNIT, NEAR_UNIT_OF_PRIOR = 1.4, 2.5
 
@@ -670,6 +672,9 @@ def _angles(
     for curve in curves:
         turned = DEGREE * curve.angle
         wide = np.abs(curve.curvature) >= 0.5 * np.abs(curve.curvature).max()
+        wide &= (np.abs(curve.curvature) >= CLEAR * CURVATURE_ERROR) | (
+            np.abs(curve.angle) >= CLEAR * ANGLE_ERROR
+        )
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = np.abs(turned / (curve.curvature * length))[wide]
         ratio = ratio[np.isfinite(ratio) & (ratio > 0.0)]

@@ -14,6 +14,8 @@ from bayesdeg.pipeline.support_in_words import directed, gains, predicted_with
 
 Json = dict[str, object]
 
+LIKELY = 0.5  # of a cause: a reader of the table asks why it is not named
+
 
 @dataclass(frozen=True)
 class Story:
@@ -49,7 +51,25 @@ def _adequate(story: Story) -> str:
         "The simulation agrees with the measurements within specimen scatter and reading noise "
         f"({chance(story.judgement)}). No cause is named."
     )
-    return " ".join(part for part in (said, hidden(story.judgement.alike)) if part)
+    parts = (said, _not_named(story.judgement), hidden(story.judgement.alike))
+    return " ".join(part for part in parts if part)
+
+
+def _not_named(judgement: Judgement) -> str:
+    """Say why a cause that the table shows as likely is not named; empty if there is none."""
+    if judgement.supported:
+        favoured = " and ".join(one.cause for one in judgement.supported)
+        why = "; ".join(judgement.decision.reasons)
+        return f"The evidence favours {favoured}, which is not named: {why}."
+    likely = [c for c in judgement.candidates if (c.probability or 0.0) >= LIKELY]
+    if not likely or likely[0].log_bayes_factor is None:
+        return ""
+    best, factor = likely[0], likely[0].log_bayes_factor
+    return (
+        f"The likeliest cause, {best.cause}, has a probability of {100.0 * LIKELY:.0f} % or more, "
+        f"but its log Bayes factor {factor:.1f} is below the {judgement.threshold:.1f} that naming "
+        "takes, since data simulated without it reach such a factor too."
+    )
 
 
 def _unexplained(story: Story) -> str:

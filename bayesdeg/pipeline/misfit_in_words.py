@@ -1,5 +1,6 @@
 """What is wrong with the base model, and how sure that is, in plain words."""
 
+from bayesdeg.criticism.conflict import Questioned
 from bayesdeg.criticism.discrepancy import MISFIT_LEVEL
 from bayesdeg.criticism.search import FALSE_NAME_RATE
 from bayesdeg.criticism.verdict import uncalibrated
@@ -40,7 +41,7 @@ def _hidden(judgement: Judgement) -> str:
 
 
 def beside(judgement: Judgement) -> str:
-    """Return what the base model contradicts beside the readings: ruptures and measured means."""
+    """Return what the base model contradicts beside the readings: ruptures, means and priors."""
     parts = []
     ruptures, mean = judgement.rupture, judgement.contradicted
     if ruptures is not None and ruptures.p_value <= SMALL_CHANCE:
@@ -55,7 +56,19 @@ def beside(judgement: Judgement) -> str:
             f"{measured.quantity.replace('_', ' ')}, where {measured.value:.3g} ± "
             f"{measured.se:.2g} was measured ({measured.source}; p = {mean.p_value:.2g})."
         )
-    return " ".join(parts)
+    return " ".join([*parts, *(off_prior(one) for one in judgement.questioned)])
+
+
+def off_prior(one: Questioned) -> str:
+    """Say what a model takes for a parameter, and what its prior expects."""
+    low, high = one.expected
+    unit = "" if one.parameter.unit == "–" else f" {one.parameter.unit}"
+    return (
+        f"Calibrated without a cause, the model takes {one.value:.3g}{unit} for "
+        f"{one.parameter.name} ({one.parameter.meaning}), which its prior all but excludes: 99.9 % "
+        f"of it lies within {low:.3g} to {high:.3g}{unit}. Either the prior is wrong, or something "
+        "is that the model does not have."
+    )
 
 
 def edge(judgement: Judgement) -> str:

@@ -10,7 +10,7 @@ from bayesdeg.report import wording
 from bayesdeg.report.figures import Drawing
 from bayesdeg.report.figures_run import drawings_of
 from bayesdeg.report.folder import RunFolder
-from bayesdeg.report.headline import Headline, headline_of
+from bayesdeg.report.headline import Headline, doubts_of, headline_of
 from bayesdeg.report.left_out import FIGURE, Guard, Stage
 from bayesdeg.report.record import Candidate, Run, Verdict
 from bayesdeg.report.summaries import (
@@ -54,6 +54,7 @@ class Content:
     decisions: list[Row]
     lookalikes: list[str]
     left_out: tuple[tuple[str, str], ...] = ()
+    doubts: tuple[str, ...] = ()
 
 
 def build_page(folder: Path, guard: Guard | None = None) -> Path:
@@ -108,6 +109,7 @@ def content_of(verdict: Verdict, run: Run, tables: Tables, guard: Guard | None =
         decisions=sorted(rows_of(tables.decisions), key=_level),
         lookalikes=lookalikes(verdict),
         left_out=_left_out(verdict, guard),
+        doubts=doubts_of(verdict),
     )
 
 
