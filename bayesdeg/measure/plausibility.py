@@ -87,6 +87,7 @@ NEAR_UNIT, NEAR_UNIT_OF_PRIOR = 1.4, 2.5
 OTHER_UNIT = "likely another unit"
 DEGREE = np.pi / 180.0
 TINY = 1e-300
+SMALLEST_ANGLE = 1e-9  # rad; no bending at all
 
 
 @dataclass(frozen=True)
@@ -143,7 +144,8 @@ def doubts(study: Study, expected: Expected) -> tuple[Doubt, ...]:
         found = [*of_films, *_elongation(study.breaks, trusted, expected)]
         found += [*_published(study, expected), *_rates(study)]
         if study.actuator is not None:
-            found += _bending(study, _Material(expected, film_moduli(trusted)))
+            films = film_moduli(trusted)
+            found += _bending(study, _Material(expected, films[films["c1"] > 0.0]))
             found += _conditions(study.actuator)
     return tuple(found)
 
@@ -182,8 +184,8 @@ def nearest_unit(factor: float, units: Units, tolerance: float) -> str | None:
 def off_neighbours(differences: Floats, rates: Floats) -> Floats:
     r"""Return ln of the factor by which each specimen is off those nearest to it; 0 if it is not.
 
-    It is off if the median of :math:`|d_{ij}| - s |D_i - D_j|` over the nearest j is above
-    ln `LEAST_FACTOR`, with s the steepest effect of degradation.
+    It is off if :math:`|d_{ij}| - s |D_i - D_j|` is above ln `LEAST_FACTOR` for most of the nearest
+    j, with s the steepest effect of degradation.
 
     Parameters
     ----------
@@ -207,7 +209,8 @@ def off_neighbours(differences: Floats, rates: Floats) -> Floats:
         if len(nearest) == 0:
             continue
         excess = np.abs(row[nearest]) - STEEPEST * distance[nearest]
-        if np.median(excess) > np.log(LEAST_FACTOR):
+        # the lower median: of two others both must disagree, else the one may be wrong itself
+        if np.quantile(excess, 0.5, method="lower") > np.log(LEAST_FACTOR):
             at_least = distance[nearest] <= distance[nearest].min() + 1.0
             found[i] = np.median(row[nearest[at_least]])
     return found
@@ -236,7 +239,13 @@ def _off_prior(logs: Floats, rates: Floats, laws: Mapping[float, Law]) -> tuple[
     log_factor, sds = float(np.nanmedian(off)), float(np.nanmedian(np.abs(off) / sd))
     if abs(log_factor) < np.log(LEAST_FACTOR_TO_PRIOR) or sds < UNLIKELY_SDS:
         return log_factor, None
-    return log_factor, abs(log_factor) >= np.log(IMPOSSIBLE_FACTOR) and sds >= IMPOSSIBLE_SDS
+    impossible = abs(log_factor) >= np.log(IMPOSSIBLE_FACTOR) and sds >= IMPOSSIBLE_SDS
+    return log_factor, bool(impossible)
+
+
+def _factor(log_factor: float) -> float:
+    """Return a factor of which the inverse is a number too."""
+    return float(np.exp(np.clip(log_factor, np.log(TINY), -np.log(TINY))))
 
 
 def _times(factor: float) -> str:
@@ -388,7 +397,7 @@ def _moduli(films: pd.DataFrame, expected: Expected) -> Iterator[Doubt]:
         return
     middle = int(np.argmin(np.abs(np.log(c1 / np.median(c1)))))
     prior = np.exp(_prior_at(expected.c1, rates[[middle]])[0][0])
-    factor = float(np.exp(log_factor))
+    factor = _factor(log_factor)
     guess = _likely(factor, STRESS_UNITS, NEAR_UNIT_OF_PRIOR)
     problem = (
         f"gives C1 = {c1[middle]:.3g} MPa at small strain; the films are {_times(factor)} "
@@ -425,12 +434,12 @@ def _odd_ones(
         wrong = wrong[:1]
     names = [str(name) for name in table.index]
     for i in wrong:
-        factor = float(np.exp(off[i]))
+        factor = _factor(off[i])
         slip = "likely another unit, a slipped decimal point or another material"
         guess = _likely(factor, units, NEAR_UNIT, otherwise=slip)
         problem = f"makes the {what} {_times(factor)} that of the specimens nearest in D_R; {guess}"
         said = f"{remedy}; compare it with the record of the test, or leave the specimen out"
-        impossible = abs(off[i]) >= np.log(IMPOSSIBLE_FACTOR)
+        impossible = bool(abs(off[i]) >= np.log(IMPOSSIBLE_FACTOR))
         yield Doubt(_fault(file, names[i], column, values[i], problem, said), impossible)
 
 
@@ -454,7 +463,7 @@ def _elongation(
         )
         yield Doubt(_fault(place[0], table.index[0], place[1], values[0], problem, remedy), True)
     elif impossible is not None:
-        factor = float(np.exp(log_factor))
+        factor = _factor(log_factor)
         guess = _likely(factor, PERCENT_UNITS, NEAR_UNIT_OF_PRIOR)
         problem = f"is, as the others, {_times(factor)} what the prior expects; {guess}"
         fault = _fault(place[0], table.index[0], place[1], values[0], problem, remedy)
@@ -489,7 +498,7 @@ def _published(study: Study, expected: Expected) -> Iterator[Doubt]:
             continue
         log_factor, impossible = _off_prior(np.log(values / share), rates, laws)
         if impossible is not None:
-            factor = float(np.exp(log_factor))
+            factor = _factor(log_factor)
             guess = _likely(factor, units, NEAR_UNIT_OF_PRIOR)
             problem = f"({quantity}) is {_times(factor)} what the prior expects; {guess}"
             remedy = f"give {unit}, or state the prior in study.toml"
@@ -510,7 +519,7 @@ def _rates(study: Study) -> Iterator[Doubt]:
         steep = steepness(rates, np.log(table["value"].to_numpy(float)))
         if abs(steep) < TOO_STEEP or abs(steep) * np.ptp(rates) < np.log(1.5):
             continue
-        factor = float(np.exp(abs(steep) * np.ptp(rates)))
+        factor = _factor(abs(steep) * np.ptp(rates))
         problem = (
             f"is the largest degradation rate, yet {table.attrs['what']} changes "
             f"{_times(factor)} over {np.ptp(rates):.2g} points; likely a fraction in place of "
@@ -681,7 +690,7 @@ def _angles(
         off = float(np.median(np.log(ratio))) if len(ratio) else 0.0
         if abs(off) > np.log(LEAST_FACTOR_OF_ANGLE):
             c1 = material.c1(np.array([curve.rate]))[0][0]
-            faults.append(_wrong_angle(curve, float(np.exp(off)), beam / (1e3 * c1), length))
+            faults.append(_wrong_angle(curve, _factor(off), beam / (1e3 * c1), length))
     yield from _all(_told(faults, len(curves)), impossible=True)
 
 
@@ -734,7 +743,7 @@ def _compliance(
     """Doubt pressure or curvature of all actuators together, against C1 and the dimensions."""
     rates = np.array([curve.rate for curve in curves])
     pressure = np.array([curve.pressure[-1] for curve in curves])
-    turned = np.array([max(curve.curvature[-1], 0.0) for curve in curves]) * length
+    turned = np.array([max(curve.curvature[-1] * length, SMALLEST_ANGLE) for curve in curves])
     c1, source = material.c1(rates)
     load = 1e-3 * pressure / c1
     with np.errstate(divide="ignore"):
@@ -744,9 +753,9 @@ def _compliance(
         return
     at = int(np.argsort(off)[len(off) // 2])
     compared = f"{source} ({c1[at]:.3g} MPa at {rates[at]:g} %)"
-    ratios = (float(np.exp(log_factor)), float(load[at]))
+    ratios = (_factor(log_factor), float(load[at]))
     fault = _stiff_or_soft(curves[at], ratios, compared, length)
-    yield Doubt(fault, abs(log_factor) >= np.log(IMPOSSIBLE_BENDING))
+    yield Doubt(fault, bool(abs(log_factor) >= np.log(IMPOSSIBLE_BENDING)))
 
 
 def _stiff_or_soft(
@@ -782,7 +791,7 @@ def _odd_actuators(curves: list[_Curve]) -> Iterator[Doubt]:
     for i in wrong[:1] if len(curves) == 2 else wrong:
         others = sorted((c for c in curves if c is not curves[i]), key=lambda c: _far(c, curves[i]))
         near = [c for c in others if _far(c, curves[i]) <= _far(others[0], curves[i]) + 1.0]
-        yield _odd_actuator(curves[i], near, float(np.exp(off[i])))
+        yield _odd_actuator(curves[i], near, _factor(off[i]))
 
 
 def _far(one: _Curve, other: _Curve) -> float:
@@ -810,7 +819,7 @@ def _odd_actuator(curve: _Curve, near: list[_Curve], factor: float) -> Doubt:
     )
     remedy = f"give {unit}; compare it with the record of the test, or leave the specimen out"
     fault = _fault("actuator.csv", curve.name, column, float(values[-1]), problem, remedy)
-    return Doubt(fault, abs(np.log(factor)) >= np.log(IMPOSSIBLE_FACTOR))
+    return Doubt(fault, bool(abs(np.log(factor)) >= np.log(IMPOSSIBLE_FACTOR)))
 
 
 def _log_ratio(one: _Curve, other: _Curve) -> float:

@@ -65,16 +65,22 @@ def _not_named(judgement: Judgement) -> str:
     if not likely or likely[0].log_bayes_factor is None:
         return ""
     best, factor = likely[0], likely[0].log_bayes_factor
+    if factor >= judgement.threshold:
+        why = "is that of screening, and no full fit confirms it"
+    else:
+        why = (
+            f"is below the {judgement.threshold:.1f} that naming takes: data simulated without it "
+            "reach such a factor too"
+        )
     return (
-        f"The likeliest cause, {best.cause}, has a probability of {100.0 * LIKELY:.0f} % or more, "
-        f"but its log Bayes factor {factor:.1f} is below the {judgement.threshold:.1f} that naming "
-        "takes, since data simulated without it reach such a factor too."
+        f"The table shows {best.cause} as the likeliest cause; it is not named, as its log Bayes "
+        f"factor {factor:.1f} {why}."
     )
 
 
 def _unexplained(story: Story) -> str:
     judgement = story.judgement
-    text = f"{wrong(judgement, story.where)} No cause in the catalogue accounts for it."
+    text = f"{_off(story)} No cause in the catalogue accounts for it."
     judged = [c for c in judgement.candidates if c.log_bayes_factor is not None]
     if not judged:
         return text
@@ -86,6 +92,17 @@ def _unexplained(story: Story) -> str:
         f"{text} The nearest is {best.cause}: its log Bayes factor {best.log_bayes_factor:.1f} is "
         f"below the {judgement.threshold:.1f} that naming takes."
     )
+
+
+def _off(story: Story) -> str:
+    """Say what is wrong: readings, or values that fit them and should not."""
+    judgement = story.judgement
+    if judgement.questioned and judgement.misfit.p_value > MISFIT_LEVEL:
+        return (
+            "The readings alone agree with the simulation, but only at values that the priors all "
+            "but exclude, and that is a misfit too."
+        )
+    return wrong(judgement, story.where)
 
 
 def _not_judged(story: Story) -> str:

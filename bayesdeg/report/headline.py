@@ -73,6 +73,8 @@ def headline_of(verdict: Verdict, gain: pd.DataFrame | None) -> Headline:
 
 def _sentence(verdict: Verdict) -> str:
     match verdict.outcome:
+        case Outcome.ADEQUATE if verdict.suspects:
+            return "No misfit beyond the noise, but there are readings in doubt"
         case Outcome.ADEQUATE:
             return "No misfit beyond the noise"
         case Outcome.NAMED if verdict.is_directed:
