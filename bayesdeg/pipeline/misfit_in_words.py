@@ -56,18 +56,23 @@ def beside(judgement: Judgement) -> str:
             f"{measured.quantity.replace('_', ' ')}, where {measured.value:.3g} ± "
             f"{measured.se:.2g} was measured ({measured.source}; p = {mean.p_value:.2g})."
         )
-    return " ".join([*parts, *(off_prior(one) for one in judgement.questioned)])
+    if judgement.questioned:
+        taken = "; ".join(_off_prior(one) for one in judgement.questioned)
+        parts.append(
+            f"Calibrated without a cause, the model takes values that their priors all but exclude: "
+            f"{taken}. Either a prior is wrong, or a reading, or something that the model does not "
+            "have acts."
+        )
+    return " ".join(parts)
 
 
-def off_prior(one: Questioned) -> str:
+def _off_prior(one: Questioned) -> str:
     """Say what a model takes for a parameter, and what its prior expects."""
     low, high = one.expected
     unit = "" if one.parameter.unit == "–" else f" {one.parameter.unit}"
     return (
-        f"Calibrated without a cause, the model takes {one.value:.3g}{unit} for "
-        f"{one.parameter.name} ({one.parameter.meaning}), which its prior all but excludes: 99.9 % "
-        f"of it lies within {low:.3g} to {high:.3g}{unit}. Either the prior is wrong, or something "
-        "is that the model does not have."
+        f"{one.value:.3g}{unit} for {one.parameter.name} ({one.parameter.meaning}), where 99.9 % of "
+        f"the prior lies within {low:.3g} to {high:.3g}{unit}"
     )
 
 

@@ -236,8 +236,8 @@ def test_a_fit_at_values_off_their_priors_is_no_agreement():
     judgement = judgement_of(Decision(Outcome.UNEXPLAINED, ()), p_value=0.4)
     text = explain(replace(judgement, questioned=(Questioned(ratio, 0.976, 0.001),)), WHERE)
     assert text.startswith("The readings alone agree with the simulation, but only at values that")
-    assert "takes 0.976 for volume_ratio (α), which its prior all but excludes" in text
-    assert "within 0.39 to 0.85" in text
+    assert "all but exclude: 0.976 for volume_ratio (α), where 99.9 % of the prior" in text
+    assert "within 0.39 to 0.85. Either a prior is wrong, or a reading" in text
 
 
 def test_a_likely_cause_that_is_not_named_is_not_passed_over_in_silence():
