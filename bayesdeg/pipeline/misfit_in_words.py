@@ -59,7 +59,7 @@ def beside(judgement: Judgement) -> str:
     if judgement.questioned:
         taken = "; ".join(_off_prior(one) for one in judgement.questioned)
         parts.append(
-            f"Calibrated without a cause, the model takes values that their priors all but exclude: "
+            "Calibrated without a cause, the model takes values that their priors all but exclude: "
             f"{taken}. Either a prior is wrong, or a reading, or something that the model does not "
             "have acts."
         )
@@ -71,8 +71,8 @@ def _off_prior(one: Questioned) -> str:
     low, high = one.expected
     unit = "" if one.parameter.unit == "–" else f" {one.parameter.unit}"
     return (
-        f"{one.value:.3g}{unit} for {one.parameter.name} ({one.parameter.meaning}), where 99.9 % of "
-        f"the prior lies within {low:.3g} to {high:.3g}{unit}"
+        f"{one.value:.3g}{unit} for {one.parameter.name} ({one.parameter.meaning}), where 99.9 % "
+        f"of the prior lies within {low:.3g} to {high:.3g}{unit}"
     )
 
 
