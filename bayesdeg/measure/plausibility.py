@@ -450,25 +450,34 @@ def _elongation(
         return
     table = breaks.set_index("specimen_id")[["degradation_pct", "elongation_pct"]]
     table.columns = pd.Index(["rate", "value"])
-    values, rates = table["value"].to_numpy(float), table["rate"].to_numpy(float)
-    log_factor, impossible = _off_prior(np.log(values), rates, expected.elongation)
-    stretched = _stretched(tensile, rates)
-    beyond = float(np.nanmedian(np.log(values / stretched))) if stretched is not None else 0.0
+    values = table["value"].to_numpy(float)
+    yield from _all_elongations(table, tensile, expected)
     place = ("break.csv", "elongation_pct", "elongation at break")
+    yield from _odd_ones(table, np.log(values), values, place, PERCENT_UNITS, "give percent")
+
+
+def _all_elongations(
+    table: pd.DataFrame, tensile: pd.DataFrame | None, expected: Expected
+) -> Iterator[Doubt]:
+    """Doubt elongations that are below how far films were stretched, or far off their prior."""
+    values, rates = table["value"].to_numpy(float), table["rate"].to_numpy(float)
+    place = ("break.csv", str(table.index[0]), "elongation_pct", float(values[0]))
     remedy = "give 100 (stretch at break − 1), 210 for a film that breaks at 3.1 times its length"
+    stretched = _stretched(tensile, rates)
+    beyond = 0.0 if stretched is None else float(np.nanmedian(np.log(values / stretched)))
+    log_factor, impossible = _off_prior(np.log(values), rates, expected.elongation)
     if stretched is not None and beyond < -np.log(LEAST_FACTOR):
         problem = (
-            f"is far below the {stretched[0]:.3g} % that films of this degradation rate were "
-            "stretched in tensile.csv; likely a fraction or a stretch in place of percent"
+            "is, as the others, far below how far films of that degradation rate were stretched in "
+            f"tensile.csv (1/{_short(_factor(-beyond))} of that); likely a fraction or a stretch "
+            "in place of percent"
         )
-        yield Doubt(_fault(place[0], table.index[0], place[1], values[0], problem, remedy), True)
+        yield Doubt(_fault(*place, problem, remedy), True)
     elif impossible is not None:
         factor = _factor(log_factor)
         guess = _likely(factor, PERCENT_UNITS, NEAR_UNIT_OF_PRIOR)
         problem = f"is, as the others, {_times(factor)} what the prior expects; {guess}"
-        fault = _fault(place[0], table.index[0], place[1], values[0], problem, remedy)
-        yield Doubt(fault, impossible)
-    yield from _odd_ones(table, np.log(values), values, place, PERCENT_UNITS, "give percent")
+        yield Doubt(_fault(*place, problem, remedy), impossible)
 
 
 def _stretched(tensile: pd.DataFrame | None, rates: Floats) -> Floats | None:

@@ -122,8 +122,9 @@ def run_study(
     with clock.stage("predict"):
         write = partial(write_results, pictures=pictures)
         document = write(study, folder, results, np.random.default_rng(seeds[0]), guard)
-    document |= guard.attempt(Stage.IN_DOUBT, in_doubt, study, results) or {}
-    record = run_document(study, results, clock.seconds, guard)
+    doubted = guard.attempt(Stage.IN_DOUBT, in_doubt, study, results) or {}
+    document |= doubted
+    record = run_document(study, results, clock.seconds, guard) | doubted
     folder.write_json(RUN, record)
     return say_left_out(folder, document, guard)
 
