@@ -547,7 +547,7 @@ def steepness(rates: Floats, logs: Floats) -> float:
 
     Examples
     --------
-    >>> steepness(np.array([0.0, 1.0, 2.0, 3.0]), np.array([0.0, 0.5, 1.0, 9.0]))
+    >>> steepness(np.arange(5.0), np.array([0.0, 0.5, 1.0, 1.5, 9.0]))
     0.5
     """
     first, second = np.triu_indices(len(rates), 1)
