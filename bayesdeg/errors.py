@@ -24,6 +24,8 @@ class Fault:
         Column or key.
     value : str, optional
         The offending value, as it stands in the file.
+    specimen : str, optional
+        The specimen, where the fault is not of one row.
 
     Examples
     --------
@@ -37,12 +39,15 @@ class Fault:
     row: int | None = None
     column: str | None = None
     value: str | None = None
+    specimen: str | None = None
 
     def __str__(self) -> str:
         """Return the fault as one line."""
         place = [self.file]
         if self.row is not None:
             place.append(f"row {self.row}")
+        if self.specimen is not None:
+            place.append(f"specimen {self.specimen!r}")
         if self.column is not None:
             place.append(f"column {self.column}")
         if self.value is not None:

@@ -3,26 +3,36 @@
 from collections.abc import Iterator
 
 from rich.table import Table
+from rich.text import Text
 
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.commands.options import CORES, StudyFolder
+from bayesdeg.commands.plausible import say_doubts
 from bayesdeg.console import errors
 from bayesdeg.emulator.cost import duration, rough_seconds
 from bayesdeg.emulator.kept import search
+from bayesdeg.measure.plausibility import doubts, refuse_impossible
 from bayesdeg.measure.study import Study, read_study
 from bayesdeg.pipeline.outline import outline
 
 
 def check(study: StudyFolder) -> None:
-    """Read and check the data only; exit code 2 and the list of faults if there are any."""
+    """Read and check the data only; exit code 2 and the list of faults if there are any.
+
+    Columns are compared with each other, with the priors and with what is possible: what cannot be
+    is a fault, what is unlikely, such as another unit of one specimen, is said.
+    """
     checked = read_study(study)
     plan = outline(checked)
-    table = Table(title=f"{checked.name}: no faults", title_justify="left")
+    unlikely = refuse_impossible(doubts(checked, plan.expected))
+    doubted = f", {len(unlikely)} in doubt" if unlikely else ""
+    table = Table(title=Text(f"{checked.name}: no faults{doubted}"), title_justify="left")
     for heading in ("file", "rows", "read"):
         table.add_column(heading, justify="right" if heading == "rows" else "left")
     for name, frame in _tables(checked):
         table.add_row(name, "–" if frame is None else str(frame), "" if frame else "not there")
     errors.print(table)
+    say_doubts(unlikely)
     for what, cost in plan.missing:
         errors.print(f"without {what}: {cost}", soft_wrap=True)
     if plan.actuator is not None:

@@ -21,17 +21,21 @@ from bayesdeg.commands.options import (
     Yes,
 )
 from bayesdeg.commands.output import CHECKPOINTS, run_folder
+from bayesdeg.commands.plausible import say_doubts
 from bayesdeg.commands.training import Manner, emulator_for
 from bayesdeg.commands.workplace import workplace
 from bayesdeg.console import errors, say, shown
+from bayesdeg.measure.plausibility import doubts, refuse_impossible
 from bayesdeg.measure.study import Study, read_study
-from bayesdeg.pipeline.outline import passed_over
+from bayesdeg.pipeline.outline import outline, passed_over
 from bayesdeg.pipeline.run import fingerprint, run_study, say_left_out
 from bayesdeg.pipeline.warming import compile_beside
 from bayesdeg.report.checkpoints import Checkpoints
 from bayesdeg.report.folder import LEFT_OUT, RunFolder
+from bayesdeg.report.headline import doubts_of
 from bayesdeg.report.left_out import Guard, Stage
 from bayesdeg.report.page import build_page
+from bayesdeg.report.record import verdict_of
 
 
 class EffortChoice(StrEnum):
@@ -74,9 +78,11 @@ def run(
     finite element solutions are kept in .cache/campaign, the emulator in .cache/emulators.
     """
     checked = _with_options(read_study(study), effort, seed)
+    unlikely = refuse_impossible(doubts(checked, outline(checked).expected))
     target, guard = out or Path("reports") / checked.name, Guard()
     with run_folder(target, checked) as folder, workplace(workers, scheduler) as executor:
         if not quiet:
+            say_doubts(unlikely)
             say(f"without {what}: {cost}" for what, cost in passed_over(checked))
         if checked.actuator is not None:
             compile_beside()
@@ -95,6 +101,7 @@ def run(
                 document = say_left_out(folder, document, guard)
     if not quiet:
         _say_verdict(document, page, virtual=checked.settings.virtual)
+        say_doubts(doubts_of(verdict_of(document)))
         _say_left_out(guard, target)
     if as_json:
         sys.stdout.write(json.dumps(RunFolder(target).read_json("verdict"), indent=2) + "\n")

@@ -118,16 +118,24 @@ def where(model: Model, residual: Floats, noise: float) -> str:
         Measured less predicted [1/m].
     noise : float
         RMS of what no smooth discrepancy explains [1/m].
+
+    Returns
+    -------
+    str
+        Of the readings that can be predicted; empty if none can.
     """
     assert model.actuator is not None
     data = model.actuator
+    known = data.mask & np.isfinite(residual)
+    if not known.any():
+        return ""
     relative = residual / np.maximum(np.abs(data.curvature - residual), noise)
-    bands = np.quantile(data.pressure[data.mask], [0.0, 1 / 3, 2 / 3, 1.0])
+    bands = np.quantile(data.pressure[known], [0.0, 1 / 3, 2 / 3, 1.0])
     centres, member = levels(data.degradation[:, 0])
     third = np.clip(np.searchsorted(bands[1:-1], data.pressure), 0, 2)
-    means = np.array([_mean(relative, data.mask & (third == k)) for k in range(3)])
+    means = np.array([_mean(relative, known & (third == k)) for k in range(3)])
     k = int(np.argmax(np.abs(means)))
-    cell = data.mask & (third == k)
+    cell = known & (third == k)
     by_level = np.array(
         [_mean(relative, cell & (member == m)[:, None]) for m in range(len(centres))]
     )

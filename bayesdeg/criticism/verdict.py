@@ -8,8 +8,8 @@ which is a test of its own, directed at the catalogue, and they are then judged 
 out by more than a standard error, each adding to it, and leave no more than chance or remove most
 of the misfit, and none may need an implausible size unless the evidence is strong, or a scatter of
 single specimens that is one of whole levels (`bayesdeg.criticism.shared_scatter`); without a cause,
-the misfit as a whole, ruptures and measured means say whether the base model is adequate; (5) what
-could stand in the place of a cause is reported beside it.
+the misfit as a whole, ruptures, measured means and priors say whether the base model is adequate;
+(5) what could stand in the place of a cause is reported beside it.
 """
 
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdeg.criticism.conflict import Conflict
+from bayesdeg.criticism.conflict import Conflict, Questioned
 from bayesdeg.criticism.discrepancy import (
     MISFIT_LEVEL,
     Misfit,
@@ -78,6 +78,7 @@ def decide(
     *,
     rupture: RuptureMisfit | None = None,
     contradicted: Conflict | None = None,
+    questioned: Sequence[Questioned] = (),
     on_rupture: frozenset[str] = frozenset(),
     alike: tuple[str, ...] = (),
     shared: Sequence[SharedScatter] = (),
@@ -104,6 +105,8 @@ def decide(
         Whether the base model expects the ruptures that there were.
     contradicted : Conflict, optional
         The measured mean that the base model contradicts most.
+    questioned : sequence of Questioned
+        Parameters that the base model takes far off their priors: it fits, but not as it should.
     on_rupture : frozenset of str
         Causes that act on rupture alone: they need not explain the misfit of the readings.
     alike : tuple of str
@@ -124,7 +127,7 @@ def decide(
     # a model that takes wide errors for its readings shows no misfit
     off = off or (of_readings and final.misfit.p_value <= MISFIT_LEVEL)
     by_level = [one for one in shared if one.is_more_than_chance]
-    off = off or bool(by_level)
+    off = off or bool(by_level) or bool(questioned)
     unconfirmed = (_against(one) for one in supported if not one.held_out_agrees)
     reasons = list(dict.fromkeys(unconfirmed))
     reasons += [_implausible(one) for one in supported if not one.is_plausible]

@@ -14,6 +14,8 @@ from bayesdeg.pipeline.support_in_words import directed, gains, predicted_with
 
 Json = dict[str, object]
 
+LIKELY = 0.5  # of a cause: a reader of the table asks why it is not named
+
 
 @dataclass(frozen=True)
 class Story:
@@ -49,12 +51,36 @@ def _adequate(story: Story) -> str:
         "The simulation agrees with the measurements within specimen scatter and reading noise "
         f"({chance(story.judgement)}). No cause is named."
     )
-    return " ".join(part for part in (said, hidden(story.judgement.alike)) if part)
+    parts = (said, _not_named(story.judgement), hidden(story.judgement.alike))
+    return " ".join(part for part in parts if part)
+
+
+def _not_named(judgement: Judgement) -> str:
+    """Say why a cause that the table shows as likely is not named; empty if there is none."""
+    if judgement.supported:
+        favoured = " and ".join(one.cause for one in judgement.supported)
+        why = "; ".join(judgement.decision.reasons)
+        return f"The evidence favours {favoured}, which is not named: {why}."
+    likely = [c for c in judgement.candidates if (c.probability or 0.0) >= LIKELY]
+    if not likely or likely[0].log_bayes_factor is None:
+        return ""
+    best, factor = likely[0], likely[0].log_bayes_factor
+    if factor >= judgement.threshold:
+        why = "is that of screening, and no full fit confirms it"
+    else:
+        why = (
+            f"is below the {judgement.threshold:.1f} that naming takes: data simulated without it "
+            "reach such a factor too"
+        )
+    return (
+        f"The table shows {best.cause} as the likeliest cause; it is not named, as its log Bayes "
+        f"factor {factor:.1f} {why}."
+    )
 
 
 def _unexplained(story: Story) -> str:
     judgement = story.judgement
-    text = f"{wrong(judgement, story.where)} No cause in the catalogue accounts for it."
+    text = f"{_off(story)} No cause in the catalogue accounts for it."
     judged = [c for c in judgement.candidates if c.log_bayes_factor is not None]
     if not judged:
         return text
@@ -66,6 +92,17 @@ def _unexplained(story: Story) -> str:
         f"{text} The nearest is {best.cause}: its log Bayes factor {best.log_bayes_factor:.1f} is "
         f"below the {judgement.threshold:.1f} that naming takes."
     )
+
+
+def _off(story: Story) -> str:
+    """Say what is wrong: readings, or values that fit them and should not."""
+    judgement = story.judgement
+    if judgement.questioned and judgement.misfit.p_value > MISFIT_LEVEL:
+        return (
+            "The readings alone agree with the simulation, but only at values that the priors all "
+            "but exclude, and that is a misfit too."
+        )
+    return wrong(judgement, story.where)
 
 
 def _not_judged(story: Story) -> str:

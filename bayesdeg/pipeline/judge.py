@@ -10,7 +10,7 @@ import numpy as np
 from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.candidates import Candidate, candidates
-from bayesdeg.criticism.conflict import Conflict, conflict
+from bayesdeg.criticism.conflict import Conflict, Questioned, conflict, questioned
 from bayesdeg.criticism.confusability import NOT_KNOWN, Confusability, confusability
 from bayesdeg.criticism.discrepancy import too_few
 from bayesdeg.criticism.experiments import next_experiments_document, rank
@@ -40,6 +40,7 @@ JUDGE_EFFORTS = {
 MOST_OF_FILMS = 20_000  # replicates where a p-value is near the level: films cost next to nothing
 FEW_DRAWS = 100  # for what is compared beside the readings
 REFUTING = (Stage.HELD_OUT, Stage.SHARED_SCATTER)  # tests that a cause must pass to be named
+Beside = tuple[RuptureMisfit | None, Conflict | None, tuple[Questioned, ...]]
 IN_QUESTION = 3  # rivals between which experiments are ranked
 
 
@@ -91,6 +92,7 @@ def judge(
         left=final.misfit,
         rupture=beside[0],
         contradicted=beside[1],
+        questioned=beside[2],
         candidates=(*judged, *_unjudged(assembly)),
         supported=tuple(supported),
         decision=decision,
@@ -176,8 +178,8 @@ def _beside(
     begun: Callable[[], RuptureMisfit | None],
     generator: np.random.Generator,
     guard: Guard,
-) -> tuple[RuptureMisfit | None, Conflict | None]:
-    """Return what the base model makes of ruptures, and of measured means."""
+) -> Beside:
+    """Return what the base model makes of ruptures, of measured means, and of the priors."""
     assert isinstance(base.subject, ModelReadings)
     model, draws = base.subject.model, base.draws(generator, FEW_DRAWS)
     rupture = guard.attempt(Stage.RUPTURE_MISFIT, begun)
@@ -185,13 +187,15 @@ def _beside(
         few = too_few(rupture.known, rupture.drawn)
         guard.note(Stage.RUPTURE_MISFIT, f"The verdict takes no notice of ruptures: {few}.")
         rupture = None
-    return rupture, guard.attempt(Stage.CONFLICT, conflict, model, draws)
+    contradicted = guard.attempt(Stage.CONFLICT, conflict, model, draws)
+    off_prior = guard.attempt(Stage.CONFLICT, questioned, model, draws) or ()
+    return rupture, contradicted, off_prior
 
 
 def _decided(
     steps: tuple[Step, Step],
     supported: list[Support],
-    beside: tuple[RuptureMisfit | None, Conflict | None],
+    beside: Beside,
     assembly: Assembly,
     shared: list[SharedScatter],
     guard: Guard,
@@ -205,6 +209,7 @@ def _decided(
         supported,
         rupture=beside[0],
         contradicted=beside[1],
+        questioned=beside[2],
         on_rupture=silent,
         alike=tuple(cause.name for cause in assembly.alike),
         shared=shared,

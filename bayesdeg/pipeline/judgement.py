@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from bayesdeg.causes.catalogue import find
 from bayesdeg.criticism.candidates import Candidate, effect_size
-from bayesdeg.criticism.conflict import Conflict
+from bayesdeg.criticism.conflict import Conflict, Questioned
 from bayesdeg.criticism.confusability import Confusability
 from bayesdeg.criticism.discrepancy import Misfit
 from bayesdeg.criticism.held_out import HeldOut
@@ -58,6 +58,8 @@ class Judgement:
         Causes that could not be judged since another form of the law reads like them.
     shared : tuple of SharedScatter
         Whether specimens that the favoured causes let scatter one by one deviate level by level.
+    questioned : tuple of Questioned
+        Parameters that the base model takes far off their priors.
     sampled : bool
         Whether the model with the causes was calibrated, so that predictions are made with it.
     """
@@ -77,6 +79,7 @@ class Judgement:
     experiments: list[dict[str, object]]
     alike: tuple[str, ...] = ()
     shared: tuple[SharedScatter, ...] = ()
+    questioned: tuple[Questioned, ...] = ()
     sampled: bool = True
 
     @property

@@ -1,5 +1,6 @@
 """What is wrong with the base model, and how sure that is, in plain words."""
 
+from bayesdeg.criticism.conflict import Questioned
 from bayesdeg.criticism.discrepancy import MISFIT_LEVEL
 from bayesdeg.criticism.search import FALSE_NAME_RATE
 from bayesdeg.criticism.verdict import uncalibrated
@@ -40,7 +41,7 @@ def _hidden(judgement: Judgement) -> str:
 
 
 def beside(judgement: Judgement) -> str:
-    """Return what the base model contradicts beside the readings: ruptures and measured means."""
+    """Return what the base model contradicts beside the readings: ruptures, means and priors."""
     parts = []
     ruptures, mean = judgement.rupture, judgement.contradicted
     if ruptures is not None and ruptures.p_value <= SMALL_CHANCE:
@@ -55,7 +56,24 @@ def beside(judgement: Judgement) -> str:
             f"{measured.quantity.replace('_', ' ')}, where {measured.value:.3g} ± "
             f"{measured.se:.2g} was measured ({measured.source}; p = {mean.p_value:.2g})."
         )
+    if judgement.questioned:
+        taken = "; ".join(_off_prior(one) for one in judgement.questioned)
+        parts.append(
+            "Calibrated without a cause, the model takes values that their priors all but exclude: "
+            f"{taken}. Either a prior is wrong, or a reading, or something that the model does not "
+            "have acts."
+        )
     return " ".join(parts)
+
+
+def _off_prior(one: Questioned) -> str:
+    """Say what a model takes for a parameter, and what its prior expects."""
+    low, high = one.expected
+    unit = "" if one.parameter.unit == "–" else f" {one.parameter.unit}"
+    return (
+        f"{one.value:.3g}{unit} for {one.parameter.name} ({one.parameter.meaning}), where 99.9 % "
+        f"of the prior lies within {low:.3g} to {high:.3g}{unit}"
+    )
 
 
 def edge(judgement: Judgement) -> str:

@@ -17,6 +17,8 @@ from bayesdeg.inference.published import PublishedTests, published_tests
 from bayesdeg.laws import Law, Parameter, Uniform
 from bayesdeg.material.degradation import Nodes, nodes_for
 from bayesdeg.measure.cells import IN_QUOTES
+from bayesdeg.measure.plausibility import Expected
+from bayesdeg.measure.shrinkage import linear_scale
 from bayesdeg.measure.study import Study
 
 
@@ -58,6 +60,31 @@ class Outline:
     def needs_forward(self) -> bool:
         """Whether there is anything of actuators to predict."""
         return self.actuator is not None or self.tests is not None
+
+    @property
+    def expected(self) -> Expected:
+        """What the priors expect of readings, with which these are compared."""
+        laws = {parameter.name: parameter.law for parameter in self.base}
+        return Expected(
+            _at_nodes("c1", self.nodes, laws),
+            _at_nodes("elongation", self.elongation_nodes, laws),
+            _linear_scale(self.statistics, laws),
+        )
+
+
+def _at_nodes(quantity: str, nodes: Nodes, laws: dict[str, Law]) -> dict[float, Law]:
+    """Return the priors of a quantity's values; control values between the ends are none."""
+    named = {node: known.node_name(quantity, node) for node in nodes}
+    return {node: laws[name] for node, name in named.items() if name in laws}
+
+
+def _linear_scale(statistics: tuple[tables.Statistic, ...], laws: dict[str, Law]) -> float:
+    """Return the length of the part over that of its mould: as measured, else by the prior."""
+    measured = [s.value for s in statistics if s.quantity == "volume_ratio"]
+    if measured:
+        return float(linear_scale(np.median(measured)))
+    law = laws.get("volume_ratio")
+    return 1.0 if law is None else float(linear_scale(law.quantile(0.5)))
 
 
 def outline(study: Study, *, emulated: bool = True) -> Outline:

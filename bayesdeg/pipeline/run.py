@@ -26,6 +26,7 @@ from bayesdeg.pipeline.calibrate import Fit, calibrate
 from bayesdeg.pipeline.checks import check
 from bayesdeg.pipeline.deformed import Begun, begin
 from bayesdeg.pipeline.films import examine
+from bayesdeg.pipeline.in_doubt import in_doubt
 from bayesdeg.pipeline.judge import JUDGE_EFFORTS, judge
 from bayesdeg.pipeline.judgement import Judgement, extended_model, with_sampled_sizes
 from bayesdeg.pipeline.progress import Progress
@@ -121,7 +122,9 @@ def run_study(
     with clock.stage("predict"):
         write = partial(write_results, pictures=pictures)
         document = write(study, folder, results, np.random.default_rng(seeds[0]), guard)
-    record = run_document(study, results, clock.seconds, guard)
+    doubted = guard.attempt(Stage.IN_DOUBT, in_doubt, study, results) or {}
+    document |= doubted
+    record = run_document(study, results, clock.seconds, guard) | doubted
     folder.write_json(RUN, record | {HASHES: folder.posterior_hashes()})
     return say_left_out(folder, document, guard)
 

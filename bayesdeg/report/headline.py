@@ -5,8 +5,9 @@ from dataclasses import dataclass
 
 import pandas as pd
 
+from bayesdeg.criticism.discrepancy import MISFIT_LEVEL
 from bayesdeg.report.left_out import Stage
-from bayesdeg.report.record import Outcome, Verdict
+from bayesdeg.report.record import InQuestion, Outcome, Verdict
 from bayesdeg.report.summaries import BASE, Row, extended_model, pooled, rows_of
 from bayesdeg.report.wording import (
     BADGES,
@@ -77,6 +78,8 @@ def headline_of(verdict: Verdict, gain: pd.DataFrame | None) -> Headline:
 
 def _sentence(verdict: Verdict) -> str:
     match verdict.outcome:
+        case Outcome.ADEQUATE if verdict.suspects:
+            return "No misfit beyond the noise, but there are readings in doubt"
         case Outcome.ADEQUATE:
             return "No misfit beyond the noise"
         case Outcome.NAMED if verdict.is_directed:
@@ -93,6 +96,9 @@ def _sentence(verdict: Verdict) -> str:
                 )
                 return f"{within}, and cannot tell which: {either}"
             return f"There is a misfit, and this data cannot tell its cause: {either}"
+        case Outcome.UNEXPLAINED if fits_off_priors(verdict):
+            odd = listed([one.parameter for one in verdict.in_question])
+            return f"The readings fit only with values that the priors all but exclude: {odd}"
         case Outcome.UNEXPLAINED:
             return "There is a misfit, and no cause in the catalogue accounts for it"
         case Outcome.NOT_JUDGED:
@@ -129,6 +135,35 @@ def size_of(verdict: Verdict, cause: str, *, interval: bool) -> str:
     ends = f" [{number(effect.q05)},{SPACE}{number(effect.q95)}]"
     known = interval and effect.q05 is not None and effect.q95 is not None
     return f"{name}{number(effect.mean)}{unit}{ends if known else ''}"
+
+
+def fits_off_priors(verdict: Verdict) -> bool:
+    """Return whether the readings alone agree with a model that takes values off their priors."""
+    p_value = verdict.misfit.p_value
+    return bool(verdict.in_question) and p_value is not None and p_value > MISFIT_LEVEL
+
+
+def doubts_of(verdict: Verdict) -> tuple[str, ...]:
+    """Return what speaks against taking a verdict as it is: one sentence each.
+
+    Examples
+    --------
+    >>> from bayesdeg.report.record import verdict_of
+    >>> question = {"parameter": "volume_ratio", "meaning": "α", "unit": "–", "median": 0.976,
+    ...             "prior_low": 0.39, "prior_high": 0.85}
+    >>> doubts_of(verdict_of({"outcome": "adequate", "parameters_in_question": [question]}))
+    ('volume ratio is calibrated to 0.976 (α); 99.9 % of its prior lies within 0.390 to 0.850.',)
+    """
+    return (*verdict.suspects, *(_in_question(one) for one in verdict.in_question))
+
+
+def _in_question(one: InQuestion) -> str:
+    unit = "" if one.unit in ("", "–") else f"{SPACE}{one.unit}"
+    low, high = number(one.prior_low), number(one.prior_high)
+    return (
+        f"{words(one.parameter)} is calibrated to {number(one.median)}{unit} ({one.meaning}); "
+        f"99.9 % of its prior lies within {low} to {high}{unit}."
+    )
 
 
 def _misfit(verdict: Verdict) -> KeyNumber:

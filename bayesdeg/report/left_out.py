@@ -22,7 +22,7 @@ class Stage(StrEnum):
     VERDICT = "verdict"
     CALIBRATION = "misfit against chance"
     RUPTURE_MISFIT = "ruptures against the base model"
-    CONFLICT = "measured means against the base model"
+    CONFLICT = "measured means and priors against the base model"
     HELD_OUT = "held-out specimens"
     SHARED_SCATTER = "scatter shared by a degradation rate"
     CONFUSABILITY = "causes that this design could confuse"
@@ -42,6 +42,7 @@ class Stage(StrEnum):
     EXPLANATION = "explanation in words"
     COMPARISONS = "published values against the posterior"
     REFUSED = "inputs that the emulator refuses"
+    IN_DOUBT = "readings and parameters in doubt"
     CHECKS_IN_WORDS = "checks in words"
     PAGE = "report page"
 
@@ -50,7 +51,7 @@ _COST: Final[Mapping[str, str]] = MappingProxyType(
     {
         Stage.VERDICT: "Nothing is judged and no cause is named",
         Stage.RUPTURE_MISFIT: "The verdict takes no notice of ruptures",
-        Stage.CONFLICT: "The verdict takes no notice of measured means",
+        Stage.CONFLICT: "The verdict takes no notice of measured means and priors",
         Stage.HELD_OUT: "No cause can be named",
         Stage.SHARED_SCATTER: "No cause can be named",
         Stage.CONFUSABILITY: "Pairs of causes that could be confused are not listed",

@@ -11,7 +11,7 @@ from bayesdeg.report import wording
 from bayesdeg.report.figures import Drawing
 from bayesdeg.report.figures_run import drawings_of
 from bayesdeg.report.folder import RUN, VERDICT, RunFolder
-from bayesdeg.report.headline import Headline, headline_of
+from bayesdeg.report.headline import Headline, doubts_of, headline_of
 from bayesdeg.report.left_out import FIGURE, Guard, Stage
 from bayesdeg.report.record import Candidate, Run, Verdict
 from bayesdeg.report.summaries import (
@@ -64,6 +64,7 @@ class Content:
     gain_parts: GainParts | None
     files: tuple[str, ...]
     left_out: tuple[tuple[str, str], ...] = ()
+    doubts: tuple[str, ...] = ()
 
 
 def build_page(folder: Path, guard: Guard | None = None) -> Path:
@@ -122,6 +123,7 @@ def content_of(verdict: Verdict, run: Run, tables: Tables, guard: Guard | None =
         gain_parts=gain_parts(tables.gain, verdict),
         files=(*tables.files, f"{VERDICT}.json", f"{RUN}.json"),
         left_out=_left_out(verdict, guard),
+        doubts=doubts_of(verdict),
     )
 
 

@@ -86,6 +86,21 @@ class Experiment:
 
 
 @dataclass(frozen=True)
+class InQuestion:
+    """A parameter calibrated to what its prior all but excludes; bounds None where there is none.
+
+    The bounds are those of the interval that holds 99.9 % of the prior.
+    """
+
+    parameter: str
+    meaning: str
+    unit: str
+    median: float | None
+    prior_low: float | None
+    prior_high: float | None
+
+
+@dataclass(frozen=True)
 class Verdict:
     """The content of ``verdict.json``."""
 
@@ -99,6 +114,8 @@ class Verdict:
     next_experiments: tuple[Experiment, ...]
     predicted_with: tuple[str, ...] = ()
     left_out: tuple[tuple[str, str], ...] = ()
+    suspects: tuple[str, ...] = ()
+    in_question: tuple[InQuestion, ...] = ()
 
     @property
     def is_directed(self) -> bool:
@@ -207,6 +224,8 @@ def verdict_of(content: Json) -> Verdict:
         each_of(content, "next_experiments", _experiment),
         texts_of(content, "predicted_with"),
         pairs_of(content, "left_out", ("stage", "why")),
+        each_of(content, "suspects", lambda entry: text_of(entry, "why")),
+        each_of(content, "parameters_in_question", _in_question),
     )
 
 
@@ -266,6 +285,17 @@ def _candidate(entry: Json) -> Candidate:
         text_of(entry, "why"),
         text_of(entry, "mechanism"),
         number_of(entry, "naming_p_value"),
+    )
+
+
+def _in_question(entry: Json) -> InQuestion:
+    return InQuestion(
+        text_of(entry, "parameter"),
+        text_of(entry, "meaning"),
+        text_of(entry, "unit"),
+        number_of(entry, "median"),
+        number_of(entry, "prior_low"),
+        number_of(entry, "prior_high"),
     )
 
 

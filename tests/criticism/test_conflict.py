@@ -1,13 +1,18 @@
-"""Measured means against what a calibrated model has instead, with scipy's laws."""
+"""Measured means and priors against what a calibrated model has instead, with scipy's laws."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy import stats
 
-from bayesdeg.criticism.conflict import conflict
+from bayesdeg.criticism.conflict import conflict, questioned, surprise
+from bayesdeg.criticism.discrepancy import MISFIT_LEVEL
 from bayesdeg.inference.data import Statistic
+from bayesdeg.inference.parameters import with_priors
+from bayesdeg.laws import HalfNormal, LogNormal, Normal, TruncatedNormal, Uniform
 from tests.inference.small_study import draws_near_truth, small_model
 
 
@@ -46,3 +51,52 @@ def test_the_worst_of_several_is_told_and_pays_for_having_been_chosen(vectors):
 
 def test_where_nothing_was_measured_nothing_is_contradicted(vectors):
     assert compared(vectors) is None
+
+
+# ---- priors
+
+GELATIN = TruncatedNormal(0.62, 0.07, 0.1, 1.0)
+
+
+def calibrated_to(vectors, value, law=GELATIN):
+    """What is questioned where the volume ratio is calibrated to a value, under a prior."""
+    model = small_model()
+    values = model.table.named(vectors) | {"volume_ratio": np.full(len(vectors), value)}
+    stated = replace(model, base=with_priors(model.base, {"volume_ratio": law}))
+    return questioned(stated, stated.table.vectors(values))
+
+
+@given(st.floats(-6.0, 6.0))
+def test_the_surprise_of_a_normal_law_is_its_two_sided_tail(value):
+    assert surprise(Normal(0.0, 1.0), value) == pytest.approx(
+        2.0 * stats.norm.sf(abs(value)), abs=1e-4
+    )
+
+
+@given(st.floats(0.0, 1.0), st.floats(0.2, 5.0))
+def test_the_surprise_does_not_depend_on_the_unit(share, unit):
+    value = 0.01 + 3.0 * share
+    plain, other = LogNormal(0.5, 0.6), LogNormal(0.5 * unit, 0.6)
+    assert surprise(other, unit * value) == pytest.approx(surprise(plain, value), abs=2e-4)
+
+
+def test_neither_a_uniform_prior_nor_readings_better_than_expected_are_surprising():
+    assert surprise(Uniform(0.0, 1.0), 1e-9) == 1.0
+    assert surprise(HalfNormal(0.3), 1e-6) > 0.999
+
+
+def test_a_part_that_did_not_shrink_questions_the_prior_of_one_that_did(vectors):
+    """A volume ratio of 0.98 under 0.62 ± 0.07 once stood in a report as adequate."""
+    [found] = calibrated_to(vectors, 0.98)
+    assert found.parameter.name == "volume_ratio"
+    assert found.value == pytest.approx(0.98)
+    assert found.p_value <= MISFIT_LEVEL
+    low, high = found.expected
+    assert (low, high) == pytest.approx((0.62 - 3.29 * 0.07, 0.62 + 3.29 * 0.07), abs=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("value", "law"), [(0.62, GELATIN), (0.80, GELATIN), (0.98, Uniform(0.2, 1.0))]
+)
+def test_what_a_prior_allows_is_not_in_question(vectors, value, law):
+    assert calibrated_to(vectors, value, law) == ()

@@ -139,6 +139,15 @@ def off_by(**modes):
     return linearise(ModelReadings(replace(model, tensile=curves)), mode)
 
 
+def test_where_leaves_out_what_cannot_be_predicted(model):
+    study, truth = model
+    residual = study.actuator.curvature - truth
+    beyond = residual.copy()
+    beyond[0] = np.nan
+    assert "nan" not in where(study, beyond, 0.01)
+    assert where(study, np.full_like(residual, np.nan), 0.01) == ""
+
+
 def test_where_of_films_names_the_worst_mode_and_by_how_much():
     sentence = where_films(off_by(equibiaxial=0.3, planar=-0.1))
     assert "departs most in equibiaxial tension" in sentence

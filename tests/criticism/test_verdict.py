@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.stats import norm
 
 from bayesdeg.criticism import verdict as deciding
-from bayesdeg.criticism.conflict import Conflict
+from bayesdeg.criticism.conflict import Conflict, Questioned
 from bayesdeg.criticism.discrepancy import MISFIT_LEVEL, Misfit
 from bayesdeg.criticism.held_out import HeldOut
 from bayesdeg.criticism.rupture_misfit import RuptureMisfit
@@ -36,7 +36,7 @@ from bayesdeg.criticism.verdict import (
     share_explained,
 )
 from bayesdeg.inference.data import Statistic
-from bayesdeg.laws import Normal, TruncatedNormal
+from bayesdeg.laws import Normal, Parameter, TruncatedNormal
 from tests.criticism import straight_subject as straight
 from tests.criticism.straight_subject import linear_cause
 
@@ -312,6 +312,16 @@ def test_a_measured_mean_that_the_model_contradicts_is_a_misfit_too():
     fine = replace(wrong, p_value=MISFIT_LEVEL + 1e-6)
     assert outcome_of(base=CLEAN, contradicted=wrong).outcome is Outcome.UNEXPLAINED
     assert outcome_of(base=CLEAN, contradicted=fine).outcome is Outcome.ADEQUATE
+
+
+def test_a_value_that_its_prior_excludes_is_a_misfit_too_and_stops_no_naming():
+    ratio = Parameter("volume_ratio", TruncatedNormal(0.62, 0.07, 0.1, 1.0), "–", "α")
+    off = (Questioned(ratio, 0.98, 1e-4),)
+    assert outcome_of(base=CLEAN, questioned=off).outcome is Outcome.UNEXPLAINED
+    assert outcome_of(base=CLEAN).outcome is Outcome.ADEQUATE
+    with_cause = outcome_of(support("creep"), questioned=off)
+    assert with_cause == outcome_of(support("creep"))
+    assert with_cause.outcome is Outcome.NAMED
 
 
 def test_a_cause_of_ruptures_need_not_explain_the_readings():

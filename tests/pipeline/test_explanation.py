@@ -10,7 +10,7 @@ import pytest
 from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.criticism.candidates import Candidate, EffectSize
 from bayesdeg.criticism.concentration import Concentration
-from bayesdeg.criticism.conflict import Conflict
+from bayesdeg.criticism.conflict import Conflict, Questioned
 from bayesdeg.criticism.confusability import Confusability
 from bayesdeg.criticism.discrepancy import Misfit
 from bayesdeg.criticism.rupture_misfit import RuptureMisfit
@@ -19,6 +19,7 @@ from bayesdeg.criticism.step import Step
 from bayesdeg.criticism.support import Support
 from bayesdeg.criticism.verdict import Decision, Outcome
 from bayesdeg.inference.data import Statistic
+from bayesdeg.laws import Parameter, TruncatedNormal
 from bayesdeg.pipeline.document import unjudged_document, verdict_document
 from bayesdeg.pipeline.explanation import explain
 from bayesdeg.pipeline.judgement import Judgement, readings_misfit
@@ -228,6 +229,36 @@ def test_a_measured_mean_that_is_contradicted_is_told_with_its_source(p_value, t
     assert document["contradicted"]["calibrated"] == 0.962
     assert document["contradicted"]["p_value"] == p_value
     assert verdict_document(judgement_of(adequate), WHERE)["contradicted"] is None
+
+
+def test_a_fit_at_values_off_their_priors_is_no_agreement():
+    ratio = Parameter("volume_ratio", TruncatedNormal(0.62, 0.07, 0.1, 1.0), "–", "α")
+    judgement = judgement_of(Decision(Outcome.UNEXPLAINED, ()), p_value=0.4)
+    text = explain(replace(judgement, questioned=(Questioned(ratio, 0.976, 0.001),)), WHERE)
+    assert text.startswith("The readings alone agree with the simulation, but only at values that")
+    assert "all but exclude: 0.976 for volume_ratio (α), where 99.9 % of the prior" in text
+    assert "within 0.39 to 0.85. Either a prior is wrong, or a reading" in text
+
+
+def test_a_likely_cause_that_is_not_named_is_not_passed_over_in_silence():
+    """The table once said 99.5 % of a cause while the text said that no cause was named."""
+    adequate, [leader, *_] = Decision(Outcome.ADEQUATE, ()), CANDIDATES
+    below = replace(leader, probability=0.995, log_bayes_factor=3.0)
+    text = explain(judgement_of(adequate, p_value=0.4, candidates=(below,)), WHERE)
+    assert f"{leader.cause} as the likeliest cause; it is not named" in text
+    assert "3.0 is below the 4.2 that naming takes" in text
+    above = replace(below, log_bayes_factor=99.0)
+    text = explain(judgement_of(adequate, p_value=0.4, candidates=(above,)), WHERE)
+    assert "99.0 is that of screening, and no full fit confirms it" in text
+    unlikely = replace(below, probability=0.2)
+    text = explain(judgement_of(adequate, p_value=0.4, candidates=(unlikely,)), WHERE)
+    assert "likeliest" not in text
+
+
+def test_a_cause_that_evidence_favours_and_held_out_specimens_do_not_is_told():
+    adequate = Decision(Outcome.ADEQUATE, (), reasons=("held-out specimens disagree",))
+    text = explain(judgement_of(adequate, support("creep"), p_value=0.4), WHERE)
+    assert "The evidence favours creep, which is not named: held-out specimens disagree." in text
 
 
 def test_where_ruptures_alone_are_off_the_readings_are_said_to_agree():

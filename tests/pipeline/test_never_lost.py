@@ -68,6 +68,7 @@ BROKEN = {
     Stage.EXPLANATION: (concluding, "explain"),
     Stage.COMPARISONS: (record, "comparisons"),
     Stage.REFUSED: (record, "refused_inputs"),
+    Stage.IN_DOUBT: (run, "in_doubt"),
     Stage.CHECKS_IN_WORDS: (record, "_checks"),
     Stage.PAGE: (command, "build_page"),
     table_stage(columns.STATISTICS): (statistics, "statistics_table"),

@@ -353,6 +353,44 @@ def test_a_posterior_that_may_not_be_used_is_said_beside_the_verdict(tmp_path):
     assert "Do not rely on the numbers of the base model: The ensembles disagree" in verdict
 
 
+DOUBT = "actuator.csv, specimen 'A10-2', column pressure_kPa: is 10.1 times <that> of the others"
+QUESTION = {
+    "parameter": "volume_ratio",
+    "meaning": "volume of the part over that of its mould",
+    "unit": "–",
+    "median": 0.976,
+    "prior_low": 0.39,
+    "prior_high": 0.85,
+}
+
+
+@pytest.mark.parametrize(
+    ("outcome", "found", "title", "said"),
+    [
+        ("adequate", {"suspects": [{"why": DOUBT}]}, "but there are readings in doubt", DOUBT),
+        ("named", {"suspects": [{"why": DOUBT}]}, "", DOUBT),
+        (
+            "unexplained",
+            {"parameters_in_question": [QUESTION], "misfit": {"p_value": 0.4}},
+            "fit only with values that the priors all but exclude: volume ratio",
+            "volume ratio is calibrated to 0.976",
+        ),
+    ],
+)
+def test_what_is_in_doubt_stands_at_the_top(tmp_path, outcome, found, title, said):
+    folder = write_full(tmp_path / "run", outcome)
+    verdict = folder.read_json("verdict")
+    found = found | {"misfit": verdict["misfit"] | found.get("misfit", {})}
+    folder.write_json("verdict", verdict | found)
+    page = read_html(build_page(folder.path).read_text(encoding="utf-8")).by_id("verdict")
+    assert title in page.all("h1")[0].text
+    assert said in page.by_id("doubts").text
+
+
+def test_where_nothing_is_in_doubt_nothing_is_said_of_it(built):
+    assert 'id="doubts"' not in built("adequate")[1]
+
+
 def test_a_gain_without_curvature_is_given_in_elpd(built):
     folder, _ = built("named")
     gain = folder.read_table("gain").assign(rmse_per_m=math.nan)

@@ -1,0 +1,80 @@
+"""What ``bayesdeg check`` says of columns that cannot be what their names say."""
+
+import shutil
+import sys
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from bayesdeg import cli
+
+STUDIES = Path(__file__).parents[2] / "studies"
+
+
+def check(name, folder, monkeypatch, capsys, *, command="check", **changes):
+    """Check a shipped study, columns of whose files were changed; return exit code and output."""
+    made = shutil.copytree(STUDIES / name, folder / "study")
+    for table, change in changes.items():
+        frame = pd.read_csv(made / f"{table}.csv", comment="#")
+        change(frame).to_csv(made / f"{table}.csv", index=False)
+    monkeypatch.setattr(sys, "argv", ["bayesdeg", command, str(made)])
+    monkeypatch.chdir(folder)
+    code = cli.exit_code()
+    said = capsys.readouterr()
+    assert said.out == ""
+    return code, said.err
+
+
+@pytest.mark.parametrize("name", ["gelatin_actuator", "treloar", "treloar_uniaxial"])
+def test_a_shipped_study_is_in_no_doubt(name, tmp_path, monkeypatch, capsys):
+    code, said = check(name, tmp_path, monkeypatch, capsys)
+    assert code == 0
+    assert "doubt" not in said
+
+
+@pytest.mark.parametrize("command", ["check", "run"])
+def test_an_angle_57_times_too_large_is_refused_at_once(command, tmp_path, monkeypatch, capsys):
+    """It once gave no verdict in eight minutes."""
+    code, said = check(
+        "gelatin_actuator",
+        tmp_path,
+        monkeypatch,
+        capsys,
+        command=command,
+        actuator=lambda rows: rows.assign(bend_angle_deg=57.296 * rows["bend_angle_deg"]),
+    )
+    assert code == 2
+    assert len(said.strip().splitlines()) == 1
+    assert "column bend_angle_deg, value '4645.79': is 57.4 times what the curvature" in said
+    assert "180/π once too often" in said
+    assert not (tmp_path / "reports").exists()
+
+
+def test_all_that_is_impossible_is_refused_together(tmp_path, monkeypatch, capsys):
+    code, said = check(
+        "gelatin_actuator",
+        tmp_path,
+        monkeypatch,
+        capsys,
+        tensile=lambda rows: rows.assign(stress_MPa=-rows["stress_MPa"]),
+        actuator=lambda rows: rows.assign(bend_angle_deg=rows["bend_angle_deg"] / 57.296),
+    )
+    assert code == 2
+    first, second = said.strip().splitlines()
+    assert first.startswith("tensile.csv, specimen 'F00-1', column stress_MPa, value '-0.2123'")
+    assert "likely in radians" in second
+
+
+def test_one_actuator_with_ten_times_the_pressure_is_named_and_not_refused(
+    tmp_path, monkeypatch, capsys
+):
+    def slip(rows):
+        factor = rows["specimen_id"].eq("A10-2").map({True: 10.0, False: 1.0})
+        return rows.assign(pressure_kPa=factor * rows["pressure_kPa"])
+
+    code, said = check("gelatin_actuator", tmp_path, monkeypatch, capsys, actuator=slip)
+    assert code == 0
+    assert "1 in doubt" in said
+    [line] = [line for line in said.splitlines() if line.startswith("in doubt:")]
+    assert "specimen 'A10-2', column pressure_kPa, value '2400'" in line
