@@ -112,10 +112,10 @@ def doubts_of(verdict: Verdict) -> tuple[str, ...]:
     Examples
     --------
     >>> from bayesdeg.report.record import verdict_of
-    >>> question = {"parameter": "volume_ratio", "meaning": "volume", "unit": "–", "median": 0.976,
+    >>> question = {"parameter": "volume_ratio", "meaning": "α", "unit": "–", "median": 0.976,
     ...             "prior_low": 0.39, "prior_high": 0.85}
     >>> doubts_of(verdict_of({"outcome": "adequate", "parameters_in_question": [question]}))
-    ('volume ratio is calibrated to 0.976 (volume); 99.9 % of its prior lies within 0.390 to 0.850.',)
+    ('volume ratio is calibrated to 0.976 (α); 99.9 % of its prior lies within 0.390 to 0.850.',)
     """
     return (*verdict.suspects, *(_in_question(one) for one in verdict.in_question))
 
