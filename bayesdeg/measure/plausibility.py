@@ -51,14 +51,17 @@ PERCENT_UNITS: Units = {"a fraction in place of percent": 1e-2}
 LEAST_FACTOR = 4.0
 #: ln of stiffness per point of degradation: films of the publication give 0.05 to 0.09.
 STEEPEST = 0.1
-#: Nearest specimens that one is compared with: those of a level of three, and as many of the next.
-NEIGHBOURS = 4
+#: Specimens that one is compared with: at least two of its level, within so many points, else so
+#: many nearest to it, which are those of the next level of three and one more.
+LEVEL, FEWEST_OF_LEVEL, NEIGHBOURS = 1.0, 2, 4
 #: From here on it is no scatter, whatever the material: two specimens of one study, or a prior.
 IMPOSSIBLE_FACTOR = 100.0
 #: Of a prior's own standard deviations: beyond 99.9 %, and where no posterior can follow.
 UNLIKELY_SDS, IMPOSSIBLE_SDS = 3.3, 5.0
 #: A median off its prior: bar for MPa is 10, and a prior may be twofold off without any fault.
 LEAST_FACTOR_TO_PRIOR = 5.0
+#: Of pressures at the same curvature: two specimens of a level are nearer in stiffness than that.
+LEAST_FACTOR_OF_PRESSURE = 2.0
 #: Of bend angle to curvature times length: scale and fibre of reading change it 0.6 to 1.4 times.
 LEAST_FACTOR_OF_ANGLE = 3.0
 #: Of bending to what the dimensions give: bulging and ballooning stay within some tenfold.
@@ -205,13 +208,14 @@ def off_neighbours(differences: Floats, rates: Floats) -> Floats:
     for i, row in enumerate(differences):
         distance = np.abs(rates - rates[i])
         others = [j for j in np.argsort(distance, kind="stable") if j != i and np.isfinite(row[j])]
-        nearest = np.array(others[:NEIGHBOURS], int)
-        if len(nearest) == 0:
+        if not others:
             continue
+        of_level = int(np.sum(distance[others] <= LEVEL))
+        nearest = np.array(others[: of_level if of_level >= FEWEST_OF_LEVEL else NEIGHBOURS])
         excess = np.abs(row[nearest]) - STEEPEST * distance[nearest]
         # the lower median: of two others both must disagree, else the one may be wrong itself
         if np.quantile(excess, 0.5, method="lower") > np.log(LEAST_FACTOR):
-            at_least = distance[nearest] <= distance[nearest].min() + 1.0
+            at_least = distance[nearest] <= distance[nearest].min() + LEVEL
             found[i] = np.median(row[nearest[at_least]])
     return found
 
@@ -799,7 +803,7 @@ def _odd_actuators(curves: list[_Curve]) -> Iterator[Doubt]:
     wrong = np.flatnonzero(off)
     for i in wrong[:1] if len(curves) == 2 else wrong:
         others = sorted((c for c in curves if c is not curves[i]), key=lambda c: _far(c, curves[i]))
-        near = [c for c in others if _far(c, curves[i]) <= _far(others[0], curves[i]) + 1.0]
+        near = [c for c in others if _far(c, curves[i]) <= _far(others[0], curves[i]) + LEVEL]
         yield _odd_actuator(curves[i], near, _factor(off[i]))
 
 
@@ -834,8 +838,12 @@ def _odd_actuator(curve: _Curve, near: list[_Curve], factor: float) -> Doubt:
 def _log_ratio(one: _Curve, other: _Curve) -> float:
     """Return ln of the ratio of curvatures at the largest pressure that both were read at.
 
-    Where the pressures of both do not meet, of the curvatures over their pressures.
+    Where the pressures of both do not meet, of the curvatures over their pressures. Near ballooning
+    curvatures differ much at the same pressure, and pressures little at the same curvature: then 0.
     """
+    bent = min(float(one.curvature.max()), float(other.curvature.max())) > CURVATURE_ERROR
+    if bent and abs(np.log(_pressure_ratio(one, other))) < np.log(LEAST_FACTOR_OF_PRESSURE):
+        return 0.0
     top = min(one.pressure[-1], other.pressure[-1])
     if top >= max(one.pressure[0], other.pressure[0]):
         values = [float(np.interp(top, c.pressure, c.curvature)) for c in (one, other)]
@@ -856,10 +864,14 @@ def _pressure_ratio(one: _Curve, other: _Curve) -> float:
     """Return the ratio of the pressures that bend both alike, near the end of their curves."""
     reached = 0.8 * min(float(one.curvature.max()), float(other.curvature.max()))
     first, second = (
-        float(np.interp(reached, np.maximum.accumulate(c.curvature), c.pressure))
-        for c in (one, other)
+        float(np.interp(reached, [0.0, *_rising(c)], [0.0, *c.pressure])) for c in (one, other)
     )
     return first / second if second != 0.0 else float("nan")
+
+
+def _rising(curve: _Curve) -> Floats:
+    """Return the largest curvature up to each pressure."""
+    return np.asarray(np.maximum.accumulate(np.maximum(curve.curvature, 0.0)), np.float64)
 
 
 def _conditions(actuator: pd.DataFrame) -> Iterator[Doubt]:

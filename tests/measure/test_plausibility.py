@@ -204,6 +204,9 @@ WRONG = {
     "curvature in degrees a metre": lambda: Wrong(
         of_actuators("curvature_per_m", 57.296), *CURVATURE, "likely in °/m"
     ),
+    "an actuator bent ten times as far": lambda: Wrong(
+        of_actuators("curvature_per_m", 10.0, ["A10-2"]), *CURVATURE, "9.85 times", False, "A10-2"
+    ),
     "an actuator in 1/mm": lambda: Wrong(
         of_actuators("curvature_per_m", 1e-3, ["A10-2"]),
         *CURVATURE,
