@@ -100,6 +100,9 @@ def exit_code() -> int:
     except MemoryError:
         _say("there is not enough memory; close other programs, or make the study smaller")
         return STOPPED
+    except (BrokenPipeError, SystemExit):  # rich's: whoever read the output has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+        return DONE
     except OSError as fault:
         if fault.errno == errno.ENAMETOOLONG:
             return _say(f"{str(fault.filename)[:60]}… is too long for a name; give a shorter one")
