@@ -6,6 +6,7 @@ import os
 import signal
 import sys
 import traceback
+from contextlib import suppress
 from types import FrameType
 from typing import Annotated
 
@@ -70,7 +71,16 @@ def main() -> None:
         # at once: worker processes end with this one, whatever they are at
         sys.stdout.flush()
         sys.stderr.flush()
+        _give_back_semaphores()
         os._exit(code)
+
+
+def _give_back_semaphores() -> None:
+    """Remove what workers shared: else the system is told of it as leaked, on the terminal."""
+    util = sys.modules.get("multiprocessing.util")
+    if util is not None:
+        with suppress(Exception):  # nothing may keep the command from ending
+            util._run_finalizers(0)
 
 
 def _stop(_signal: int, _frame: FrameType | None) -> None:
@@ -100,6 +110,9 @@ def exit_code() -> int:
     except MemoryError:
         _say("there is not enough memory; close other programs, or make the study smaller")
         return STOPPED
+    except (BrokenPipeError, SystemExit):  # rich's: whoever read the output has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+        return DONE
     except OSError as fault:
         if fault.errno == errno.ENAMETOOLONG:
             return _say(f"{str(fault.filename)[:60]}… is too long for a name; give a shorter one")

@@ -253,6 +253,18 @@ def test_what_the_system_refuses_ends_with_its_code(monkeypatch, capsys, fault, 
     assert ("Traceback" in said) == (code == cli.OUR_FAULT)
 
 
+def test_a_reader_that_has_seen_enough_is_no_fault():
+    with subprocess.Popen(
+        [sys.executable, "-m", "bayesdeg", "causes"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    ) as running:
+        running.stdout.close()
+        said = running.stderr.read()
+    assert running.returncode == cli.DONE
+    assert said == b""
+
+
 # ---- signals
 
 START = """

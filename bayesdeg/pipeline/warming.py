@@ -15,7 +15,7 @@ from bayesdeg.actuator.curve import Curve
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.material import Material
 from bayesdeg.actuator.resolution import COARSE
-from bayesdeg.emulator.workers import end_with_parent
+from bayesdeg.emulator.workers import deaf_to_interrupts, end_with_parent
 from bayesdeg.measure.settings import Dimensions
 from bayesdeg.pipeline.deformed import Case, solve
 
@@ -31,7 +31,8 @@ def compile_beside() -> None:
     """Compile the kernels in a process of their own, behind all others, unless that was done."""
     if not is_compiled(Path(kernels.solid.stats.cache_path)):
         context = multiprocessing.get_context("spawn")
-        context.Process(target=compile_kernels, daemon=True).start()
+        with deaf_to_interrupts():
+            context.Process(target=compile_kernels, daemon=True).start()
 
 
 def compile_kernels() -> None:

@@ -229,3 +229,14 @@ def test_a_file_that_cannot_be_written_is_refused(tmp_path, name):
     (tmp_path / "folder").mkdir()
     with pytest.raises(BayesdegError, match="cannot be written"):
         output_file(tmp_path / name)
+
+
+@pytest.mark.parametrize("name", ["run", "check"])
+def test_rows_that_are_read_as_comments_are_told(here, monkeypatch, capsys, name):
+    table, row = here / "rubber" / "tensile.csv", ",0,uniaxial,1.9,"
+    table.write_text(table.read_text().replace(f"treloar_uniaxial{row}", f"#1{row}"))
+    monkeypatch.setattr(sys, "argv", ["bayesdeg", name, "rubber"])
+    cli.exit_code()
+    said = capsys.readouterr().err
+    assert "the lines of tensile.csv that begin with # (1 with the cells of a row)" in said
+    assert "in quotation marks" in said
