@@ -25,7 +25,7 @@ from bayesdeg.inference.chain import Chain, Effort
 from bayesdeg.inference.density import Density
 from bayesdeg.inference.ensemble import sample
 from bayesdeg.inference.laplace import approximate, evidence
-from bayesdeg.inference.proposals import DEGREES_OF_FREEDOM, Proposal
+from bayesdeg.inference.proposals import FOR_WALKERS, Proposal
 from bayesdeg.inference.warp import Warp
 from bayesdeg.measure.study import read_study
 from bayesdeg.pipeline.assemble import assemble
@@ -69,8 +69,8 @@ def local(
     doi:10.48550/arXiv.2407.07781.
     """
     here = law.white(vectors)[0]
-    shape = 0.5 * (DEGREES_OF_FREEDOM + here.shape[1])
-    rate = 0.5 * (DEGREES_OF_FREEDOM + np.sum(here**2, axis=-1))
+    shape = 0.5 * (FOR_WALKERS + here.shape[1])
+    rate = 0.5 * (FOR_WALKERS + np.sum(here**2, axis=-1))
     precision = random.standard_gamma(shape, len(here)) / rate
     noise = random.standard_normal(here.shape) / np.sqrt(precision)[:, None]
     proposed = law.original(np.sqrt(1.0 - share**2) * here + share * noise)

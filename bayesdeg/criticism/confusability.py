@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.linear import Linear, effects, log_bayes_factor, sensitivities
+from bayesdeg.criticism.subject import typical_size
 
 Floats = NDArray[np.float64]
 
@@ -95,11 +96,7 @@ def confusability(
 
 
 def _typical_effect(linear: Linear, cause: Cause) -> Floats:
-    size = [
-        float(p.law.to_unconstrained(cause.typical.get(p.name, p.neutral or 0.0)))
-        for p in cause.parameters
-    ]
-    effect: Floats = np.nan_to_num(effects(linear, cause, np.array([size]))[0])
+    effect: Floats = np.nan_to_num(effects(linear, cause, typical_size(cause)[None])[0])
     return effect
 
 

@@ -130,6 +130,15 @@ def with_neutral(vector: Floats, density: Density, extended: Density) -> Floats:
     )
 
 
+def typical_size(cause: Cause) -> Floats:
+    """Return the size that the catalogue gives for a cause, on the unconstrained scale, (k,)."""
+    sizes = [
+        float(p.law.to_unconstrained(cause.typical.get(p.name, p.neutral or 0.0)))
+        for p in cause.parameters
+    ]
+    return np.array(sizes)
+
+
 def columns_of(extended: Density, cause: Cause) -> list[int]:
     """Return where the parameters of a cause stand in the vectors of an extended model."""
     names = extended.table.names

@@ -14,7 +14,7 @@ from bayesdeg.criticism.linear import (
     rest_law,
     with_prior_moments,
 )
-from bayesdeg.criticism.subject import Subject, columns_of, with_neutral
+from bayesdeg.criticism.subject import Subject, columns_of, typical_size, with_neutral
 from bayesdeg.inference.density import bounds
 from bayesdeg.inference.importance import about_mode
 from bayesdeg.inference.laplace import Evidence, approximate, weighted
@@ -23,6 +23,7 @@ Floats = NDArray[np.float64]
 
 STRONG = 5.0  # size of an effect, in standard deviations, that is climbed to from two sides
 CLIMBS, HIGHER = 2, 1.0  # more, where draws are higher than the mode by so much
+NEAR = 0.2  # of its bound, in typical sizes: a size from which a climb may slide back to none
 BENT = 4.0  # standard deviations by which a parameter has given way
 DRAWS = 3000  # of the estimate from the prior
 WANTED = 80.0  # effective draws
@@ -146,10 +147,28 @@ def _starts(parent: Trial, subject: Subject, cause: Cause, size: Floats) -> list
     densities = subject.log_prob(points)
     best = int(np.argmax(densities))
     with_effect = 1 + int(np.argmax(densities[1:]))
+    starts = [points[best]]
     if best == 0:  # no effect may be a mode of its own, from which no climb gets away
-        return [neutral, points[with_effect]] if np.isfinite(densities[with_effect]) else [neutral]
-    apart = np.linalg.norm(effect) > STRONG and np.isfinite(densities[2]) and best != 2
-    return [points[best], points[2]] if apart else [points[best]]
+        starts += [points[with_effect]] if np.isfinite(densities[with_effect]) else []
+    elif best == 1 and np.linalg.norm(effect) > STRONG and np.isfinite(densities[2]):
+        starts.append(points[2])
+    return starts + _off_bounds(subject, cause, points[with_effect])
+
+
+def _off_bounds(subject: Subject, cause: Cause, guess: Floats) -> list[Floats]:
+    """Return the guess with what lies on its bound at its typical size, if anything does.
+
+    A standard deviation of 0 is a top of its own: readings tell of its square.
+    """
+    low, high = bounds(subject.table)
+    columns, typical = columns_of(subject, cause), typical_size(cause)
+    point = guess.copy()
+    for column, size in zip(columns, typical, strict=True):
+        for end in (low[column], high[column]):
+            if np.abs(guess[column] - end) < NEAR * np.abs(size - end):
+                point[column] = size
+    is_new = not np.array_equal(point, guess)
+    return [point] if is_new and np.isfinite(subject.log_prob(point[None])[0]) else []
 
 
 def from_prior(

@@ -25,7 +25,7 @@ from bayesdeg.inference.chain_store import (
 from bayesdeg.inference.density import Density
 from bayesdeg.inference.laplace import Evidence
 from bayesdeg.inference.model import Model
-from bayesdeg.inference.proposals import Proposal
+from bayesdeg.inference.proposals import FOR_WALKERS, Proposal
 from bayesdeg.inference.refusals import CountedDensity, Refusals
 from bayesdeg.inference.start import Start, start_of
 from bayesdeg.inference.tree import (
@@ -64,10 +64,10 @@ def sample(
     Walkers start from draws of the posterior's importance sample, each ensemble from its own. Most
     moves are independent proposals from a law that is fitted to the draws of all ensembles; the
     others are differential evolution, which needs no fit. The law is fitted anew before each
-    period of the effort and stays as it is within it; where the first law served well already, the
-    second period is the last. Only draws of the last period are kept, so that detailed balance
-    holds for all of them. The same seed gives the same chain whatever the
-    executor, the threads, and what the store held before.
+    period of the effort and stays as it is within it; where the start has many effective draws and
+    their law served well already, the second period is the last. Only draws of the last period are
+    kept, so that detailed balance holds for all of them. The same seed gives the same chain
+    whatever the executor, the threads, and what the store held before.
 
     A posterior of several separate modes is explored about the one that the start knows of.
 
@@ -124,9 +124,10 @@ def sample(
                     return chain
             served = float(np.min(chain.acceptance)) >= SERVED
             if period == 0:
-                standing = replace(standing, settled=served)
+                standing = replace(standing, settled=served and begun.faithful)
             # draws of walkers that were sent about by a poor law are still on their way at first
-            proposal = Proposal.fit(_flat(chain.vectors, share=1.0 if served else 0.5))
+            draws = _flat(chain.vectors, share=1.0 if served else 0.5)
+            proposal = Proposal.fit(draws, degrees=FOR_WALKERS)
             period += 1
 
 

@@ -17,7 +17,7 @@ from bayesdeg.inference.laplace import (
     weighted,
     with_exact_curvature,
 )
-from bayesdeg.inference.proposals import DEGREES_OF_FREEDOM, Proposal
+from bayesdeg.inference.proposals import Proposal
 
 Floats = NDArray[np.float64]
 
@@ -113,11 +113,11 @@ def improved(
 
 def log_density(law: Proposal, points: Floats) -> Floats:
     """Return the normalised log density of a proposal, shape (n,)."""
-    size, half = points.shape[-1], 0.5 * DEGREES_OF_FREEDOM
+    size, half = points.shape[-1], 0.5 * law.degrees
     constant = (
         gammaln(half + 0.5 * size)
         - gammaln(half)
-        - 0.5 * size * np.log(DEGREES_OF_FREEDOM * np.pi)
+        - 0.5 * size * np.log(law.degrees * np.pi)
         - np.sum(np.log(np.diag(law.factor)))
     )
     density: Floats = law.log_density(points) + constant

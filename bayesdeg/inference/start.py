@@ -9,7 +9,7 @@ from scipy.special import logsumexp
 from bayesdeg.errors import BayesdegError
 from bayesdeg.inference.density import Density
 from bayesdeg.inference.laplace import Evidence, effective_draws
-from bayesdeg.inference.proposals import Proposal
+from bayesdeg.inference.proposals import FOR_WALKERS, Proposal
 
 Floats = NDArray[np.float64]
 
@@ -31,10 +31,13 @@ class Start:
         Possible vectors, some more than once.
     proposal : Proposal
         Law of the draws.
+    faithful : bool
+        Whether the draws are of the posterior itself, not of something wider or narrower.
     """
 
     draws: Floats
     proposal: Proposal
+    faithful: bool = False
 
     def walkers(self, density: Density, generator: np.random.Generator, count: int) -> Floats:
         """Return possible vectors (count, n_parameters), all different, in no plane.
@@ -72,11 +75,14 @@ def start_of(density: Density, importance: Evidence, generator: np.random.Genera
             "each other, or a prior leaves out what the data show; widen the priors"
         )
     draws, log_weights = importance.draws[possible], importance.log_weights[possible]
-    weights = _tempered(log_weights, FEWEST_A_PARAMETER * draws.shape[1])
+    wanted = FEWEST_A_PARAMETER * draws.shape[1]
+    weights = _tempered(log_weights, wanted)
     chosen = draws[generator.choice(len(draws), FITTED, p=weights)]
     if lie_in_a_plane(chosen):
         chosen = _widened(density, draws, generator)
-    return Start(chosen, Proposal.fit(chosen))
+        return Start(chosen, Proposal.fit(chosen, degrees=FOR_WALKERS))
+    faithful = effective_draws(log_weights) >= wanted
+    return Start(chosen, Proposal.fit(chosen, degrees=FOR_WALKERS), faithful)
 
 
 def lie_in_a_plane(draws: Floats) -> bool:
