@@ -1,6 +1,7 @@
 """Settings of the test run that must stand before numpy is imported."""
 
 import os
+import signal
 
 # many small matrices: threads of linear algebra cost more than they give, and disturb one another
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -8,3 +9,11 @@ for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 
 # a fault of ours ends a run instead of being left out; tests of that pass a guard of their own
 os.environ["BAYESDEG_STRICT"] = "1"
+
+# a test run that was started in the background is deaf to Ctrl-C, and so would be the commands that
+# tests stop by it
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
+# for a process of its own, see tests/peers/numpyro_process.py
+collect_ignore = ["tests/peers/numpyro_nuts.py"]

@@ -159,7 +159,7 @@ def test_a_single_chamber_needs_no_channel():
         ({"roof": -1.0}, "roof must be above 0"),
         ({"roof": float("nan")}, "roof must be above 0"),
         ({"gap": -0.1}, "gap must not be below 0"),
-        ({"chambers": 0}, "whole number of at least 1"),
+        ({"chambers": 0}, "whole number from 1 to 200"),
     ],
 )
 def test_impossible_dimensions_are_refused_with_the_reason(wrong, reason):

@@ -132,11 +132,6 @@ def test_a_subset_takes_whole_specimens(study_of):
     assert again.specimens == ("second", "first", "second")
 
 
-def test_readings_at_zero_pressure_alone_are_no_curves(study_of):
-    text = "specimen_id,degradation_pct,pressure_kPa,curvature_per_m\na,0,0,0\n"
-    assert actuator_curves(study_of(actuator=text)) is None
-
-
 def test_bend_angles_are_read_beside_the_curvature(study_of):
     header, *rows = FILES["actuator.csv"].splitlines()
     angles = ("0", "11", "", "0", "", "52", "", "54")
