@@ -18,7 +18,6 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 import bayesdeg
-from bayesdeg.commands.workplace import pool
 from bayesdeg.criticism.trials import Trial
 from bayesdeg.inference.density import guesses
 from bayesdeg.inference.importance import about_mode
@@ -30,6 +29,11 @@ from bayesdeg.pipeline.assemble import Assembly, assemble
 from bayesdeg.pipeline.base import base_without_chain
 from bayesdeg.pipeline.judge import JUDGE_EFFORTS, judge
 from bayesdeg.pipeline.progress import Silent
+
+try:
+    from bayesdeg.commands.workplace import pool
+except ImportError:  # versions up to the commit `OLD` of verdict_seconds.py
+    from bayesdeg.console import pool
 
 REPEATS = 3  # of a fit
 WARMING = 64  # densities

@@ -31,7 +31,7 @@ from bayesdeg.pipeline.outline import outline, passed_over
 from bayesdeg.pipeline.run import fingerprint, run_study, say_left_out
 from bayesdeg.pipeline.warming import compile_beside
 from bayesdeg.report.checkpoints import Checkpoints
-from bayesdeg.report.folder import LEFT_OUT, VERDICT, RunFolder
+from bayesdeg.report.folder import LEFT_OUT, RunFolder, plain
 from bayesdeg.report.headline import doubts_of
 from bayesdeg.report.left_out import Guard, Stage
 from bayesdeg.report.page import build_page
@@ -101,7 +101,7 @@ def run(
                 document = say_left_out(folder, document, guard)
     if not quiet:
         _say_verdict(document, page, virtual=checked.settings.virtual)
-        say_doubts(doubts_of(verdict_of(RunFolder(target).read_json(VERDICT))))
+        say_doubts(doubts_of(verdict_of(plain(document))))
         _say_left_out(guard, target)
     if as_json:
         sys.stdout.write(json.dumps(RunFolder(target).read_json("verdict"), indent=2) + "\n")

@@ -125,10 +125,7 @@ def sample(
             served = float(np.min(chain.acceptance)) >= SERVED
             if period == 0:
                 standing = replace(standing, settled=served and begun.faithful)
-            # draws of walkers that were sent about by a poor law are still on their way at first
-            draws = _flat(chain.vectors, share=1.0 if served else 0.5)
-            proposal = Proposal.fit(draws, degrees=FOR_WALKERS)
-            period += 1
+            proposal, period = _fitted(chain, served=served), period + 1
 
 
 def to_datatree(density: Density, chain: Chain, generator: np.random.Generator) -> xr.DataTree:
@@ -222,10 +219,10 @@ def moves_of(proposal: Proposal) -> list[tuple[emcee.moves.Move, float]]:
     ]
 
 
-def _flat(vectors: Floats, *, share: float) -> Floats:
-    """Return the last share of the steps of all ensembles, one draw a row."""
-    last = vectors[:, round((1.0 - share) * vectors.shape[1]) :]
-    return last.reshape(-1, vectors.shape[-1])
+def _fitted(chain: Chain, *, served: bool) -> Proposal:
+    """Fit a law to a period; walkers sent about by a poor one are still on their way at first."""
+    vectors = chain.vectors if served else chain.vectors[:, chain.vectors.shape[1] // 2 :]
+    return Proposal.fit(vectors.reshape(-1, vectors.shape[-1]), degrees=FOR_WALKERS)
 
 
 def _joined(history: list[list[Piece]], asked: Refusals) -> Chain:

@@ -3,7 +3,7 @@
 from bayesdeg.criticism.conflict import Questioned
 from bayesdeg.criticism.discrepancy import MISFIT_LEVEL
 from bayesdeg.criticism.search import FALSE_NAME_RATE
-from bayesdeg.criticism.verdict import uncalibrated
+from bayesdeg.criticism.verdict import Outcome, uncalibrated
 from bayesdeg.pipeline.judgement import Judgement
 
 LARGEST_LOSS = 0.05  # of simulated data sets, before the reader is warned
@@ -56,7 +56,7 @@ def beside(judgement: Judgement) -> str:
             f"{measured.quantity.replace('_', ' ')}, where {measured.value:.3g} ± "
             f"{measured.se:.2g} was measured ({measured.source}; p = {mean.p_value:.2g})."
         )
-    if judgement.questioned:
+    if judgement.questioned and judgement.decision.outcome is not Outcome.NAMED:
         taken = "; ".join(_off_prior(one) for one in judgement.questioned)
         parts.append(
             "Calibrated without a cause, the model takes values that their priors all but exclude: "

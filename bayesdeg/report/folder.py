@@ -152,7 +152,7 @@ class RunFolder:
         ValueError
             If there is no document of that name.
         """
-        text = json.dumps(_plain(content), indent=2, ensure_ascii=False, allow_nan=False)
+        text = json.dumps(plain(content), indent=2, ensure_ascii=False, allow_nan=False)
         write_text(self.path / f"{_known(name, DOCUMENTS)}.json", text + "\n")
 
     def read_json(self, name: str) -> dict[str, object]:
@@ -340,9 +340,20 @@ def _fits(cell: object, kind: Kind) -> bool:
     return True
 
 
+def plain(content: Mapping[str, object]) -> dict[str, object]:
+    """Return a document as JSON has it: values that are not finite become null.
+
+    Examples
+    --------
+    >>> plain({"p_value": float("nan"), "causes": ("creep",)})
+    {'p_value': None, 'causes': ['creep']}
+    """
+    return {str(key): _plain(item) for key, item in content.items()}
+
+
 def _plain(value: object) -> object:
     if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
+        return plain(value)
     if isinstance(value, np.ndarray | list | tuple):
         return [_plain(item) for item in value]
     if isinstance(value, np.generic):
