@@ -16,7 +16,7 @@ from bayesdeg.inference.chain import Chain, Effort
 from bayesdeg.inference.ensemble import moves_of, sample
 from bayesdeg.inference.laplace import Evidence
 from bayesdeg.inference.model import Model
-from bayesdeg.inference.proposals import Proposal
+from bayesdeg.inference.proposals import FOR_WALKERS, Proposal
 
 Floats = NDArray[np.float64]
 Moves = list[tuple[emcee.moves.Move, float]]
@@ -68,7 +68,8 @@ class Steps:
 
 def moves_fitted_to(chain: Chain) -> Moves:
     """Return the sampler's moves, fitted to a chain."""
-    return moves_of(Proposal.fit(chain.vectors.reshape(-1, chain.vectors.shape[-1])))
+    draws = chain.vectors.reshape(-1, chain.vectors.shape[-1])
+    return moves_of(Proposal.fit(draws, degrees=FOR_WALKERS))
 
 
 def steps(model: Model, chain: Chain, *, batch: bool, count: int, compared: int) -> Steps:
@@ -117,21 +118,21 @@ def default_moves(model: Model, chain: Chain, *, count: int = 400) -> float:
 
 def nuts(model: Model, chain: Chain, *, draws: int) -> dict[str, object]:
     """Sample the same density by numpyro's NUTS, from the posterior, with its covariance."""
-    from tests.peers import numpyro_nuts  # noqa: PLC0415  needs the group `peers`
+    from tests.peers import numpyro_process  # noqa: PLC0415  needs the group `dev`
 
     flat = chain.vectors.reshape(-1, chain.vectors.shape[-1])
-    found = numpyro_nuts.nuts(
+    found = numpyro_process.nuts(
         model, flat[-1], np.cov(flat, rowvar=False), warmup=50, draws=draws, seed=1
     )
-    effective = min(_bulk(column[None]) for column in found.vectors.T)
+    effective = min(_bulk(column[None]) for column in found["vectors"].T)
     return {
-        "ess_per_second": effective / found.seconds,
+        "ess_per_second": effective / found["seconds"],
         "effective": effective,
         "draws": draws,
-        "seconds": found.seconds,
-        "wall_seconds": found.wall_seconds,
-        "divergent": found.divergent,
-        "gradients_per_effective_draw": found.gradients / effective,
+        "seconds": found["seconds"],
+        "wall_seconds": found["wall_seconds"],
+        "divergent": found["divergent"],
+        "gradients_per_effective_draw": found["gradients"] / effective,
         "densities_per_gradient": 1 + 2 * flat.shape[1],
     }
 

@@ -56,7 +56,8 @@ def normal_law(draws: Floats) -> Proposal:
     nothing = Warp(np.zeros(size), np.full(size, 1e8), np.zeros(size), np.ones(size))
     covariance = np.cov(draws, rowvar=False) * 1e-16
     factor = np.linalg.cholesky(covariance)
-    return Proposal(nothing, 1e-8 * draws.mean(axis=0), factor, np.linalg.inv(factor))
+    mean = 1e-8 * draws.mean(axis=0)
+    return Proposal(nothing, mean, factor, np.linalg.inv(factor), FOR_WALKERS)
 
 
 def local(
@@ -139,7 +140,7 @@ def table(density: Density, chain: Chain) -> dict[str, Measured]:
     """Return what each mixture is worth; walkers from one ensemble, laws from the others."""
     begin = chain.vectors[0, -1]
     others = chain.vectors[1:].reshape(-1, chain.vectors.shape[-1])
-    candidates = mixtures(Proposal.fit(others), normal_law(others))
+    candidates = mixtures(Proposal.fit(others, degrees=FOR_WALKERS), normal_law(others))
     return {name: measured(density, moves, begin) for name, moves in candidates.items()}
 
 

@@ -10,7 +10,7 @@ cycle_quick, cycle_standard       18 actuators, loading and unloading, 23 readin
 cycle_none_quick                  the same with nothing hidden
 cycle_outside_quick               the same with an effect that no cause describes
 edge_quick                        the same with actuators that are about to balloon
-specimens_100                     100 actuators, 12 readings each, at quick effort
+specimens_100                     100 actuators, 12 readings each, at standard effort
 fit_seconds                       mode and evidence of the gelatin study's base model
 old_over_new                      the gelatin study's verdict at quick effort by an older version
                                   over that by this one, medians of runs in turns
@@ -58,7 +58,7 @@ TIMED = {
     "cycle_none_quick": ("cycle_none", "quick"),
     "cycle_outside_quick": ("cycle_outside", "quick"),
     "edge_quick": ("edge", "quick"),
-    "specimens_100": ("specimens_100", "quick"),
+    "specimens_100": ("specimens_100", "standard"),
 }
 OTHERS = ("fit_seconds", "old_over_new")
 

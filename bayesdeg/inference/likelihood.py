@@ -23,13 +23,12 @@ from numpy.typing import NDArray
 from scipy.special import gammaln, log_ndtr
 
 from bayesdeg.inference.innovations import path_innovations
-from bayesdeg.inference.path_density import INDEPENDENT, path_density
+from bayesdeg.inference.path_density import INDEPENDENT, LOG_TWO_PI
 from bayesdeg.inference.paths import Paths
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-LOG_TWO_PI = float(np.log(2.0 * np.pi))
 HELD = 300_000  # entries of covariance matrices that are held at a time: what a cache holds
 
 
@@ -72,30 +71,6 @@ class Linearised(NamedTuple):
         )
 
 
-def density_and_mode(curves: Linearised) -> tuple[Floats, Floats]:
-    r"""Return the log density of each specimen's readings with m integrated out, and m̂.
-
-    The law is normal with covariance :math:`V^{1/2} R V^{1/2} + J \tau^2 J^T`; the Markov property
-    of z makes it linear in the number of readings.
-
-    Returns
-    -------
-    density : array, shape (n, n_specimens)
-        nan where a residual is not finite.
-    deviation : array, shape (n, n_specimens, n_deviations)
-        Mean of m given the readings.
-    """
-    n, n_specimens = curves.residual.shape[:2]
-    density = np.empty((n, n_specimens))
-    deviation = np.empty((n, n_specimens, curves.slope.shape[-1]))
-    path_density(
-        *_contiguous(curves),
-        density,
-        deviation,
-    )
-    return density, deviation
-
-
 def innovations(curves: Linearised) -> tuple[Floats, Floats]:
     """Return z and ln s of each reading given those before it on its specimen.
 
@@ -109,20 +84,19 @@ def innovations(curves: Linearised) -> tuple[Floats, Floats]:
     """
     score, log_sd = np.empty_like(curves.residual), np.empty_like(curves.residual)
     path_innovations(
-        *_contiguous(curves),
+        np.ascontiguousarray(curves.residual),
+        np.ascontiguousarray(curves.slope),
+        np.ascontiguousarray(curves.variance),
+        np.ascontiguousarray(curves.spread),
+        np.ascontiguousarray(curves.length),
+        np.ascontiguousarray(curves.correlation),
+        np.ascontiguousarray(curves.paths.mask),
+        np.ascontiguousarray(curves.paths.gap),
+        curves.paths.points,
         score,
         log_sd,
     )
     return score[:, curves.paths.mask], log_sd[:, curves.paths.mask]
-
-
-def _contiguous(
-    curves: Linearised,
-) -> tuple[Floats, Floats, Floats, Floats, Floats, Floats, Flags, Floats, int]:
-    """Return all fields as compiled code takes them, those of the paths last."""
-    one, two, three, four, five, six = (np.ascontiguousarray(array) for array in curves[:6])
-    mask, gap = np.ascontiguousarray(curves.paths.mask), np.ascontiguousarray(curves.paths.gap)
-    return one, two, three, four, five, six, mask, gap, curves.paths.points
 
 
 def covariance(curves: Linearised) -> Floats:

@@ -138,7 +138,7 @@ class Model:
                     events.append((log_rupture, likelihood.event_signal(log_rupture)))
             prior = self.table.log_priors(vectors, truncate=False)
         count = len(vectors)
-        return Factors(*_side_by_side(normal, count), *_side_by_side(events, count), prior)
+        return Factors(*_joined(normal, count), *_joined(events, count), prior)
 
     def _film_factors(self, values: Named) -> list[tuple[Floats, Floats]]:
         """Return z and ln s of stresses and of elongations at break, each (n, n_readings)."""
@@ -378,7 +378,7 @@ class Model:
         return expected_statistics(values, statistics, nodes=nodes, elongation_nodes=at)
 
 
-def _side_by_side(parts: list[tuple[Floats, Floats]], count: int) -> tuple[Floats, Floats]:
+def _joined(parts: list[tuple[Floats, Floats]], count: int) -> tuple[Floats, Floats]:
     """Join pairs of arrays (count, k) along their last axis."""
     nothing = np.empty((count, 0))
     first, second = zip((nothing, nothing), *parts, strict=True)

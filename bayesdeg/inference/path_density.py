@@ -24,57 +24,6 @@ MOST_DEVIATIONS = 2
 
 
 @compiled
-def path_density(
-    residual: Floats,
-    slope: Floats,
-    variance: Floats,
-    spread: Floats,
-    length: Floats,
-    correlation: Floats,
-    mask: Flags,
-    gap: Floats,
-    points: int,
-    density: Floats,
-    deviation: Floats,
-) -> None:
-    """Write the log density of each specimen's readings and its most probable deviations.
-
-    Arguments as `bayesdeg.inference.likelihood.Linearised`; ``density`` (n, n_specimens) and
-    ``deviation`` (n, n_specimens, n_deviations) are written. A specimen has one or two deviations.
-
-    Notes
-    -----
-    Each reading is whitened by those before it, with the Kalman filter of a process of
-    Ornstein–Uhlenbeck that is read with errors; the same for the columns of J. What remains is the
-    regression of the whitened readings on τ J with unit errors, whose normal equations have as many
-    unknowns as a specimen has deviations.
-    """
-    n, n_specimens, n_readings = residual.shape
-    two = slope.shape[-1] == MOST_DEVIATIONS
-    alike = same_path(mask, gap)
-    gains, order = np.empty((3, n_readings)), np.empty(n_readings, np.int64)
-    scales, first = np.empty(n_readings), np.empty((points, 3))
-    for b in range(n):
-        count, constant = 0, 0.0
-        for s in range(n_specimens):
-            if not alike[s]:
-                count, constant = filter_of(
-                    length[b], correlation[b], mask[s], gap[s], points, gains, order
-                )
-            widths = (
-                math.sqrt(spread[b, s, 0]),
-                math.sqrt(spread[b, s, 1]) if two else 0.0,
-            )
-            density[b, s], mean, other = specimen_density(
-                residual[b, s], slope[b, s], variance[b, s], widths, correlation[b],
-                constant, gains, order[:count], scales, first,
-            )  # fmt: skip
-            deviation[b, s, 0] = mean
-            if two:
-                deviation[b, s, 1] = other
-
-
-@compiled
 def same_path(mask: Flags, gap: Floats) -> Flags:
     """Return whether each specimen's path is that of the specimen before it."""
     alike = np.zeros(len(mask), np.bool_)
@@ -156,6 +105,13 @@ def specimen_density(
         From `filter_of`; ``order`` is cut to its count.
     scales, first : array, shape (n_readings,), (n_points, 3)
         Working space; the latter for all of the first output.
+
+    Notes
+    -----
+    Each reading is whitened by those before it, with the Kalman filter of a process of
+    Ornstein–Uhlenbeck that is read with errors; the same for the columns of J. What remains is the
+    regression of the whitened readings on τ J with unit errors, whose normal equations have as many
+    unknowns as a specimen has deviations.
     """
     points = len(first)
     two = slope.shape[1] == MOST_DEVIATIONS

@@ -5,8 +5,9 @@ import pytest
 
 from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.inference import actuators, films
-from bayesdeg.inference.likelihood import Linearised, density_and_mode
+from bayesdeg.inference.likelihood import Linearised
 from bayesdeg.inference.model import AT_ONCE
+from tests.inference.path_filter import density_and_mode
 from tests.inference.small_study import draws_near_truth, small_model
 
 CAUSES = (

@@ -6,6 +6,7 @@ import pytest
 from bayesdeg.inference import likelihood
 from bayesdeg.inference.likelihood import Linearised
 from bayesdeg.inference.paths import paths_of
+from tests.inference.path_filter import density_and_mode
 
 
 def linearised(*, outputs, deviations, seed=0):
@@ -43,5 +44,5 @@ def test_they_sum_to_the_density_of_the_specimens():
     curves = linearised(outputs=2, deviations=2, seed=3)
     score, log_sd = likelihood.innovations(curves)
     total = np.sum(-0.5 * score**2 - log_sd - 0.5 * np.log(2.0 * np.pi), axis=1)
-    density = likelihood.density_and_mode(curves)[0].sum(axis=1)
+    density = density_and_mode(curves)[0].sum(axis=1)
     np.testing.assert_allclose(total, density, rtol=1e-10)

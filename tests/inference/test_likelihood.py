@@ -7,8 +7,9 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from bayesdeg.inference import likelihood
-from bayesdeg.inference.likelihood import Linearised, density_and_mode
+from bayesdeg.inference.likelihood import Linearised
 from bayesdeg.inference.paths import paths_of
+from tests.inference.path_filter import density_and_mode
 
 POINTS = 5
 

@@ -62,7 +62,8 @@ def nuts(density, start, covariance, **settings):
         [*command(), "-m", __name__], input=asked, capture_output=True, cwd=ROOT, check=False
     )
     assert done.returncode == 0, done.stderr.decode()
-    return dict(np.load(io.BytesIO(done.stdout)))
+    found = np.load(io.BytesIO(done.stdout))
+    return {name: found[name] if found[name].ndim else found[name].item() for name in found}
 
 
 def answer():
