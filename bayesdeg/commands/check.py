@@ -7,8 +7,7 @@ from rich.text import Text
 
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.commands.options import CORES, StudyFolder
-from bayesdeg.commands.plausible import say_doubts
-from bayesdeg.console import errors
+from bayesdeg.console import errors, say
 from bayesdeg.emulator.cost import duration, rough_seconds
 from bayesdeg.emulator.kept import search
 from bayesdeg.measure.plausibility import doubts, refuse_impossible
@@ -32,7 +31,7 @@ def check(study: StudyFolder) -> None:
     for name, frame in _tables(checked):
         table.add_row(name, "–" if frame is None else str(frame), "" if frame else "not there")
     errors.print(table)
-    say_doubts(unlikely)
+    say(f"in doubt: {doubt}" for doubt in unlikely)
     for what, cost in plan.missing:
         errors.print(f"without {what}: {cost}", soft_wrap=True)
     if plan.actuator is not None:

@@ -21,7 +21,6 @@ from bayesdeg.commands.options import (
     Yes,
 )
 from bayesdeg.commands.output import CHECKPOINTS, run_folder
-from bayesdeg.commands.plausible import say_doubts
 from bayesdeg.commands.training import Manner, emulator_for
 from bayesdeg.commands.workplace import workplace
 from bayesdeg.console import errors, say, shown
@@ -82,7 +81,7 @@ def run(
     target, guard = out or Path("reports") / checked.name, Guard()
     with run_folder(target, checked) as folder, workplace(workers, scheduler) as executor:
         if not quiet:
-            say_doubts(unlikely)
+            say(f"in doubt: {doubt}" for doubt in unlikely)
             say(f"without {what}: {cost}" for what, cost in passed_over(checked))
         if checked.actuator is not None:
             compile_beside()
@@ -101,7 +100,7 @@ def run(
                 document = say_left_out(folder, document, guard)
     if not quiet:
         _say_verdict(document, page, virtual=checked.settings.virtual)
-        say_doubts(doubts_of(verdict_of(plain(document))))
+        say(f"in doubt: {why}" for why in doubts_of(verdict_of(plain(document))))
         _say_left_out(guard, target)
     if as_json:
         sys.stdout.write(json.dumps(RunFolder(target).read_json("verdict"), indent=2) + "\n")
