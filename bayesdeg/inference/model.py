@@ -239,7 +239,8 @@ class Model:
     def range_excess(self, values: Named) -> Floats:
         """Return how far outside the forward map's range each actuator is asked, (n, S).
 
-        The log likelihood falls with half its square; 0 inside.
+        At the most probable deviations of the specimens, as in the density: the log likelihood
+        falls with half its square; 0 inside.
         """
         assert self.actuator is not None
         return actuators.range_excess(self.actuator, self._actuators(values)[1].prediction)
