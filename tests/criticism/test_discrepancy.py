@@ -26,10 +26,11 @@ from bayesdeg.criticism.checks.discrepancy import (
     resolved,
 )
 from bayesdeg.criticism.fit.linear import linearise
-from bayesdeg.criticism.model_readings import ANGLE, CURVATURE, ModelReadings
+from bayesdeg.observations.curvature import ANGLE, CURVATURE
 from tests.criticism import straight_subject as straight
 from tests.criticism.linear_case import known_linear, with_readings
-from tests.inference.small_study import small_model, values_of
+from tests.criticism.straight_subject import reading
+from tests.inference.small_study import altered, small_model, values_of
 
 PATHS = [(SHORT, EVERYWHERE), (SHORT, DRIFT), (LONG, EVERYWHERE), (LONG, DRIFT), (LONG, EACH)]
 
@@ -241,7 +242,7 @@ def test_misfit_grows_with_what_is_planted(linear):
 
 def test_a_stiff_specimen_is_scatter_and_no_misfit(linear):
     """One specimen along its own slope, by one sd of specimens: the model expects that."""
-    model = linear.subject.model
+    model = linear.subject
     values = model.table.named(linear.mode[None])
     slope = model.predict(values).slope[0]
     moved = np.zeros_like(slope)
@@ -275,10 +276,10 @@ def test_a_discrepancy_of_one_specimen_is_found_as_such():
 
 def with_histories(linear):
     """The same tests, every other reading unloaded."""
-    data = linear.subject.model.actuator
+    data = linear.subject.actuator
     branch = np.where(np.arange(data.pressure.shape[1]) % 2 == 0, "loading", "unloading")
     recorded = replace(data, branch=np.broadcast_to(branch, data.pressure.shape))
-    subject = ModelReadings(replace(linear.subject.model, actuator=recorded))
+    subject = altered(linear.subject, actuator=recorded)
     return replace(linear, subject=subject)
 
 
@@ -294,7 +295,7 @@ def test_a_discrepancy_of_one_branch_is_found_as_such():
 @pytest.fixture(scope="module")
 def with_films():
     model = small_model()
-    return linearise(ModelReadings(model), model.table.vectors(values_of())[0])
+    return linearise(model, model.table.vectors(values_of())[0])
 
 
 def test_films_and_actuators_have_discrepancies_of_their_own(with_films):
@@ -383,5 +384,5 @@ def test_the_same_model_explains_nothing_on_one_scale():
 
 def test_no_share_is_told_on_one_scale_where_there_is_nothing_to_explain():
     linear = straight.exact_linear(straight.readings(3))
-    exact = replace(linear, subject=replace(linear.subject, observed=linear.mean))
+    exact = replace(linear, subject=reading(linear.subject, observed_values=linear.mean))
     assert np.isnan(explained_on_one_scale(exact, exact))

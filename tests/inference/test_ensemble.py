@@ -1,7 +1,6 @@
 """Sampling of known targets, seeds and executors, and the chain as a DataTree."""
 
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import replace
 from functools import cache
 from itertools import accumulate, pairwise
 from itertools import chain as joined
@@ -16,7 +15,6 @@ from scipy import stats
 from bayesdeg.errors import BayesdegError
 from bayesdeg.inference.importance import Proposal
 from bayesdeg.inference.laplace import Evidence, Laplace, approximate, evidence
-from bayesdeg.inference.parameters import ParameterTable
 from bayesdeg.inference.sampling import (
     EFFORTS,
     Chain,
@@ -31,10 +29,10 @@ from bayesdeg.inference.sampling import (
     start_of,
     to_datatree,
 )
-from bayesdeg.inference.tree import readings_of
-from bayesdeg.priors import Normal, Parameter
+from bayesdeg.observations.noise import sequential
+from bayesdeg.priors import Normal, Parameter, ParameterTable
 from tests.emulator.closed_form import trained
-from tests.inference.small_study import TRUTH, draws_near_truth, small_model, values_of
+from tests.inference.small_study import TRUTH, altered, draws_near_truth, small_model, values_of
 
 MEAN = np.array([1.0, -2.0, 0.5])
 COVARIANCE = np.array([[1.0, 0.9, 0.0], [0.9, 1.0, -0.2], [0.0, -0.2, 0.25]])
@@ -301,7 +299,7 @@ def test_more_effort_asks_for_more():
 
 @cache
 def real_model():
-    return replace(small_model(), forward=trained())
+    return altered(small_model(), forward=trained())
 
 
 @cache
@@ -383,8 +381,12 @@ def test_stored_draws_have_the_stored_log_likelihoods():
         for kind, block in model.log_likelihood(values).items():
             got = densities[f"{kind}_specimens"].values[chain, draw]
             np.testing.assert_allclose(got, block[0], rtol=1e-9)
-        pointwise = model.readings_pointwise(values)[0]
-        for name, (mask, columns) in readings_of(model).items():
+        pointwise = sequential(model.actuator_linearised(values))[0]
+        data, points = model.actuator, model.actuator.pressure.shape[1]
+        for name, mask, columns in (
+            ("curvature", data.mask, slice(0, points)),
+            ("bend_angle", data.angle_mask, slice(points, 2 * points)),
+        ):
             np.testing.assert_allclose(
                 densities[name].values[chain, draw],
                 pointwise[:, columns][mask],
@@ -469,7 +471,7 @@ def test_the_posterior_predictive_is_about_what_was_observed():
 
 
 def test_a_model_without_actuators_has_a_tree_without_observations():
-    model = replace(real_model(), actuator=None, forward=None)
+    model = altered(real_model(), actuator=None, forward=None)
     small = to_datatree(model, real_chain().thinned(4), np.random.default_rng(0))
     assert "observed_data" not in small.children
     assert "tensile_specimens" in small["log_likelihood"].to_dataset()

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from bayesdeg.criticism.checks.discrepancy import MISFIT_LEVEL
-from bayesdeg.inference.data import Statistic
 from bayesdeg.inference.model import Model
+from bayesdeg.observations.means import Statistic
 from bayesdeg.priors import Law, Parameter
 
 Floats = NDArray[np.float64]
@@ -63,7 +63,7 @@ def conflict(model: Model, vectors: Floats) -> Conflict | None:
     and data; Student's law is that of a mean of few replicates.
     """
     values = model.table.named(vectors)
-    found = [_of(statistic, model.expected(values, statistic)) for statistic in model.statistics]
+    found = [_of(*one) for one in model.compared(values)]
     if not found:
         return None
     worst = min(found, key=lambda one: one.p_value)

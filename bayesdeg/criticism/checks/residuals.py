@@ -29,10 +29,10 @@ from numpy.typing import NDArray
 
 from bayesdeg.criticism.checks.discrepancy import Misfit
 from bayesdeg.criticism.fit.linear import Linear
-from bayesdeg.criticism.model_readings import ACTUATOR
-from bayesdeg.criticism.subject import Labels, Places
 from bayesdeg.inference.model import Model
 from bayesdeg.inference.sampling import Chain
+from bayesdeg.observations.curvature import ACTUATOR
+from bayesdeg.observations.kinds import Labels, Places
 
 Floats = NDArray[np.float64]
 

@@ -27,8 +27,9 @@ from numpy.typing import NDArray
 from bayesdeg.criticism.checks.discrepancy import too_few
 from bayesdeg.criticism.checks.residuals import Statistic, between_specimens, functional, regression
 from bayesdeg.criticism.fit.linear import Linear
-from bayesdeg.criticism.model_readings import ACTUATOR, ANGLE, CURVATURE, FILM
-from bayesdeg.criticism.subject import Places
+from bayesdeg.observations.curvature import ACTUATOR, ANGLE, CURVATURE
+from bayesdeg.observations.kinds import Places
+from bayesdeg.observations.tensile import FILM
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
