@@ -188,6 +188,8 @@ def main() -> None:
     parser.add_argument("--verdicts", action="store_true", help="what is concluded too")
     parser.add_argument("--redraw", action="store_true", help="draw parameter vectors anew")
     given = parser.parse_args()
+    if unknown := set(given.names) - {*engine.LOADERS, *engine.VERDICTS}:
+        parser.error(f"no study of the name {', '.join(sorted(unknown))}")
     known = stored() if ARRAYS.exists() else {}
     for name in (n for n in engine.LOADERS if n in given.names or not given.names):
         base = engine.load(name)
