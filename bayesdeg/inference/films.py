@@ -10,7 +10,7 @@ from bayesdeg.inference.curves import TensileCurves
 from bayesdeg.inference.film_density import film_density
 from bayesdeg.inference.likelihood import Linearised
 from bayesdeg.inference.parameters import Named
-from bayesdeg.inference.specimens import Material
+from bayesdeg.inference.specimens import Material, with_effects
 
 Floats = NDArray[np.float64]
 
@@ -37,13 +37,9 @@ def median_stresses(
     data: TensileCurves, values: Named, material: Material, causes: tuple[Cause, ...] = ()
 ) -> Stresses:
     """Return what films of the median material read."""
-    parts = []
-    for constants in material:
-        stress = _stress(data.basis, constants)
-        for cause in causes:
-            if cause.on_stress is not None:
-                stress = cause.on_stress(stress, data.conditions, cause.effect(values), constants)
-        parts.append(stress)
+    parts = (
+        with_effects(_stress(data.basis, c), data.conditions, values, c, causes) for c in material
+    )
     return Stresses(*parts)
 
 

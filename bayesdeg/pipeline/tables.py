@@ -9,7 +9,6 @@ from bayesdeg.inference.curves import TensileCurves
 from bayesdeg.inference.data import statistics, tensile_curves
 from bayesdeg.inference.films import film_readings, stress_variance
 from bayesdeg.inference.model import Model
-from bayesdeg.material.degradation import young_modulus
 from bayesdeg.measure.course import degradation_of_films
 from bayesdeg.measure.moisture import moisture_content
 from bayesdeg.measure.study import Study
@@ -117,7 +116,8 @@ def constants(fit: Fit, label: str, generator: np.random.Generator) -> pd.DataFr
     grid = level_grid(fit.model)
     values = draw_values(fit.model, fit.chain, generator, 2000)
     c1, c2, c3 = np.moveaxis(fit.model.constants(values, grid), -1, 0)
-    named = {"c1": c1, "c2": c2, "c3": c3, "young_modulus": young_modulus(c1)}
+    modulus = fit.model.young_modulus(values, grid)
+    named = {"c1": c1, "c2": c2, "c3": c3, "young_modulus": modulus}
     frames = [
         pd.DataFrame(
             {"model": label, "degradation_pct": grid, "constant": name, "unit": "MPa"}
