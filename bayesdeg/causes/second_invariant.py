@@ -12,9 +12,9 @@ Equation
 
 Typical size
     x = 0.6–0.7 in vulcanised rubber (all three modes of Treloar's data). Curvature −13 … −23 % for
-    x = 0.5 in fresh material at the same C1, most at high pressure, and −12 % at 25 %, where strains
-    are small and all of it is the larger modulus (+14 %). The emulator is trained up to x = 1,
-    which is where the prior ends.
+    x = 0.5 in fresh material at the same C1, most at high pressure, and −12 % at 25 %, where
+    strains are small and all of it is the larger modulus (+14 %). The emulator is trained up to
+    x = 1, which is where the prior ends.
 
 Revealed by
     Films in a second mode; a misfit at high pressure and low degradation rate. Films in one mode

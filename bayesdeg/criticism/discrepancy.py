@@ -25,6 +25,8 @@ MISFIT_LEVEL = 0.02
 """p-value up to which a misfit is more than chance gives."""
 FEWEST = round(1.0 / MISFIT_LEVEL) - 1
 """Simulated data sets below which no p-value could reach that level, however large the misfit."""
+LARGE = 0.5
+"""Size of a discrepancy, over that of the readings, that any test of a model must show."""
 CLEAR = 4.0  # Monte Carlo errors of the p-value from that level at which its side is clear
 
 
@@ -155,6 +157,37 @@ def resolved(
 def _error(count: int) -> float:
     """Return the Monte Carlo error of a p-value at the level, from so many data sets."""
     return float(np.sqrt(MISFIT_LEVEL * (1.0 - MISFIT_LEVEL) / count))
+
+
+def power(linear: Linear) -> float:
+    """Return how often a misfit of half the readings' size would be more than chance gives.
+
+    It is the share of data sets with such a discrepancy whose statistic is above what
+    `MISFIT_LEVEL` of those without reach, for the kernel that is seen best. A single reading, which
+    the parameters can meet whatever it is, has hardly more than that level; a curve has nearly 1.
+
+    Parameters
+    ----------
+    linear : Linear
+        The model linearised at its mode.
+
+    Returns
+    -------
+    float
+        Between 0 and 1, with a Monte Carlo error of 0.04 or less.
+    """
+    generator, kernels = np.random.default_rng(0), discrepancies(linear)
+    size = (REPLICATES, len(linear.mean))
+    limit = np.quantile(
+        largest_ratio(generator.standard_normal(size), kernels)[0], 1 - MISFIT_LEVEL
+    )
+    seen = [0.0]
+    for kernel in kernels:
+        weight = generator.standard_normal((REPLICATES, len(kernel.values)))
+        signal = LARGE * (weight * np.sqrt(kernel.values)) @ kernel.vectors.T
+        ratio, _ = largest_ratio(signal + generator.standard_normal(size), kernels)
+        seen.append(float(np.mean(ratio > limit)))
+    return max(seen)
 
 
 def explained(before: Misfit, after: Misfit) -> float:

@@ -53,7 +53,8 @@ def verdict_of(results: Results, residual: Floats | None, note: str, guard: Guar
     if failed:
         tried = {cause.name: "the verdict was left out" for cause in results.assembly.candidates}
         unjudged = tried | unjudged
-    return unjudged_document(unjudged, note, failed)
+    shown = bool(results.base.model.statistics)
+    return unjudged_document(unjudged, note, failed, published=shown)
 
 
 def _verdict(
