@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.causes.cause import Cause
-from bayesdeg.criticism.discrepancy import AMPLITUDES, MISFIT_LEVEL, largest_ratio, power
+from bayesdeg.criticism.discrepancy import AMPLITUDES, MISFIT_LEVEL, largest_ratio
 from bayesdeg.criticism.held_out import HeldOut
 from bayesdeg.criticism.kernels import discrepancies
 from bayesdeg.criticism.search import Names, Search, SearchEffort, run_search
@@ -121,8 +121,7 @@ def judge(
     chosen = run_search(search)
     held_out = hold_out(search, chosen, seed=folds)
     supported = supports(search, chosen, held_out)
-    steps = (search.step(base.names), search.step(chosen))
-    decision = decide(*steps, supported, power=power(base.linear))
+    decision = decide(search.step(base.names), search.step(chosen), supported)
     return Judgement(search, chosen, supported, held_out, decision)
 
 

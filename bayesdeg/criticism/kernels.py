@@ -60,7 +60,7 @@ class Discrepancy:
 def discrepancies(linear: Linear) -> tuple[Discrepancy, ...]:
     """Return every discrepancy that is tried, on the whitened scale of a linearised model."""
     found = []
-    for family, label, root in _roots(linear.subject.places, linear.mean):
+    for family, label, root in discrepancy_roots(linear.subject.places, linear.mean):
         half = linear.whiten_columns(root)
         values, turned = np.linalg.eigh(half.T @ half)
         keep = values > SMALLEST * max(float(values[-1]), 1e-300)
@@ -69,8 +69,12 @@ def discrepancies(linear: Linear) -> tuple[Discrepancy, ...]:
     return tuple(found)
 
 
-def _roots(places: Places, mean: Floats) -> Iterator[tuple[str, str, Floats]]:
-    """Yield a factor (n, r) of every kernel; it is zero in readings of other families."""
+def discrepancy_roots(places: Places, mean: Floats) -> Iterator[tuple[str, str, Floats]]:
+    """Yield family, label and a factor (n, r) of every kernel of relative size 1.
+
+    The discrepancy is in proportion to the given readings (n,); the factor is zero in readings of
+    other families.
+    """
     for family in dict.fromkeys(places.family.tolist()):
         rows = places.family == family
         kinds = list(dict.fromkeys(places.kind[rows].tolist()))

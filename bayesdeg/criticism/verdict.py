@@ -26,6 +26,7 @@ from bayesdeg.criticism.discrepancy import (
     Misfit,
     explained,
     explained_on_one_scale,
+    power,
     too_few,
 )
 from bayesdeg.criticism.rupture_misfit import RuptureMisfit
@@ -85,7 +86,6 @@ def decide(
     alike: tuple[str, ...] = (),
     shared: Sequence[SharedScatter] = (),
     untested: Sequence[str] = (),
-    power: float = 1.0,
 ) -> Decision:
     """Return the outcome.
 
@@ -121,8 +121,6 @@ def decide(
         Whether specimens that those causes let scatter one by one deviate level by level.
     untested : sequence of str
         Why tests that might refute a favoured cause could not be made.
-    power : float
-        How often a large misfit would be seen (`bayesdeg.criticism.discrepancy.power`).
     """
     missed = [*untested, *(_not_tested(one) for one in shared if not one.is_tested)]
     if supported and missed:
@@ -144,7 +142,7 @@ def decide(
     if not supported or reasons:
         if misread and len(alike) > 1:
             return Decision(Outcome.AMBIGUOUS, alike, reasons=tuple(reasons))
-        unknown = [] if off else _unknown(base, supported, power)
+        unknown = [] if off else _unknown(base, supported)
         if unknown:
             both = dict.fromkeys([*reasons, *unknown])
             return Decision(Outcome.NOT_JUDGED, (), reasons=tuple(both))
@@ -187,14 +185,15 @@ def uncalibrated(misfit: Misfit) -> str:
     return f"it could not be set against chance: {too_few(len(misfit.null), misfit.drawn)}"
 
 
-def _unknown(base: Step, supported: list[Support], power: float) -> list[str]:
+def _unknown(base: Step, supported: list[Support]) -> list[str]:
     """Say why a model in which nothing was found wrong can't be taken as adequate for that."""
     if not base.misfit.is_calibrated:
         return [uncalibrated(base.misfit)]
-    if power < LEAST_POWER:
+    seen = power(base.trial.linear)
+    if seen < LEAST_POWER:
         return [
             f"too little can be seen: even a discrepancy of {100 * LARGE:.0f} % would be more than "
-            f"chance gives in only {100 * power:.0f} % of such studies"
+            f"chance gives in only {100 * seen:.0f} % of such studies"
         ]
     return [_against(one) for one in supported if one.elpd_diff is None]
 

@@ -12,7 +12,7 @@ from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.candidates import Candidate, candidates
 from bayesdeg.criticism.conflict import Conflict, Questioned, conflict, questioned
 from bayesdeg.criticism.confusability import NOT_KNOWN, Confusability, confusability
-from bayesdeg.criticism.discrepancy import power, too_few
+from bayesdeg.criticism.discrepancy import too_few
 from bayesdeg.criticism.experiments import next_experiments_document, rank
 from bayesdeg.criticism.experiments_candidates import candidate_experiments
 from bayesdeg.criticism.held_out import HeldOut
@@ -214,7 +214,6 @@ def _decided(
         alike=tuple(cause.name for cause in assembly.alike),
         shared=shared,
         untested=[_untested(s, guard) for s in REFUTING if s in guard.stages],
-        power=power(steps[0].trial.linear),
     )
 
 

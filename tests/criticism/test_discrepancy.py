@@ -11,6 +11,7 @@ from bayesdeg.criticism.custom_readings import places_of
 from bayesdeg.criticism.discrepancy import (
     AMPLITUDES,
     FEWEST,
+    LARGE,
     MISFIT_LEVEL,
     Misfit,
     explained,
@@ -198,7 +199,7 @@ def test_of_readings_of_many_specimens_a_large_misfit_is_seen(linear):
 
 
 def test_of_a_single_reading_the_power_is_that_of_its_chi_square():
-    """z ~ N(0, 1 + 0.25 κ²/s²) beyond the bound that pure noise passes at the level."""
+    """z ~ N(0, 1 + 0.25 e²/s²) beyond the bound that pure noise passes at the level."""
     row = np.array([3])
     specimen, level, x = (of[row] for of in (straight.SPECIMEN, straight.LEVEL, straight.X))
     whole = straight.subject_of(straight.readings(0))
@@ -211,11 +212,11 @@ def test_of_a_single_reading_the_power_is_that_of_its_chi_square():
         group=specimen,
     )
     linear = linearise(subject, np.array([1.0, 0.0]), uncertain=np.diag([0.5, 0.3]) ** 2)
-    mean, sd = abs(linear.mean[0]), float(linear.factor[0, 0])
-    widened = np.sqrt(1.0 + (0.5 * 1.1 * mean / sd) ** 2)  # its envelope is 1.1 times the reading
-    exact = 2.0 * norm.sf(norm.isf(0.5 * MISFIT_LEVEL) / widened)
-    assert exact < 0.5
-    assert power(linear) == pytest.approx(exact, abs=0.11)  # 3 Monte Carlo errors
+    envelope, sd = 1.1 * abs(subject.observed[0]), abs(float(linear.factor[0, 0]))
+    widened = norm(scale=np.hypot(1.0, LARGE * envelope / sd))
+    exact = 2.0 * widened.sf(norm.isf(0.5 * MISFIT_LEVEL))
+    assert MISFIT_LEVEL < exact < 0.5
+    assert power(linear) == pytest.approx(exact, rel=1e-6)
 
 
 def test_simulated_data_without_an_answer_are_left_out_and_counted(linear):

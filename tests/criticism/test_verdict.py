@@ -152,8 +152,11 @@ def test_a_cause_with_nothing_to_hold_out_leaves_only_a_misfit_to_be_judged(p_va
         (0.001, 0.0, Outcome.UNEXPLAINED),
     ],
 )
-def test_readings_that_would_hide_a_large_misfit_make_no_model_adequate(p_value, power, outcome):
-    found = outcome_of(base=step(p_value), power=power)
+def test_readings_that_would_hide_a_large_misfit_make_no_model_adequate(
+    p_value, power, outcome, monkeypatch
+):
+    monkeypatch.setattr(deciding, "power", lambda linear: power)
+    found = outcome_of(base=step(p_value))
     assert (found.outcome, found.causes) == (outcome, ())
     assert bool(found.reasons) == (outcome is Outcome.NOT_JUDGED)
 
