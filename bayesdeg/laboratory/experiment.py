@@ -83,7 +83,7 @@ def run_experiment(
         actuator = actuator.drop(columns="bend_angle_deg")
     tables = {
         "moisture": weigh_moisture(design.moisture, truth, moisture),
-        "shrinkage": weigh_shrinkage(design.shrinkage, truth, shrinkage),
+        "shrinkage": weigh_shrinkage(design.shrinkage, truth, shrinkage, design.mixture),
         "tensile": tensile,
         "breaks": breaks,
         "actuator": actuator,

@@ -9,7 +9,8 @@ from bayesdeg.actuator.version import MODEL_VERSION
 from bayesdeg.files import spreadsheet_safe
 from bayesdeg.laboratory.experiment import VirtualExperiment
 from bayesdeg.laws import LAWS, Law
-from bayesdeg.measure.settings import Dimensions, Settings
+from bayesdeg.measure.mixture import Known
+from bayesdeg.measure.settings import Settings
 from bayesdeg.measure.settings_file import ENTRIES
 from bayesdeg.measure.settings_file import FILE as SETTINGS_FILE
 from bayesdeg.measure.tables import TABLES
@@ -139,12 +140,10 @@ def settings_text(settings: Settings) -> str:
     """
     written: dict[str, list[str]] = {"": []}
     for entry in ENTRIES:
-        holder: Settings | Dimensions = settings
-        default: Settings | Dimensions = Settings()
-        if not hasattr(holder, entry.field):
-            holder, default = settings.dimensions, Dimensions()
+        holders = (settings, settings.dimensions, settings.recipe)
+        [holder] = [one for one in holders if hasattr(one, entry.field)]
         value = getattr(holder, entry.field)
-        if entry.key == "seed" or value != getattr(default, entry.field):
+        if entry.key == "seed" or value != getattr(type(holder)(), entry.field):
             written.setdefault(entry.table, []).append(f"{entry.key} = {_literal(value)}")
     if settings.priors:
         priors = settings.priors.items()
@@ -171,6 +170,9 @@ def _literal(value: object) -> str:
         return str(value).lower()
     if isinstance(value, tuple):
         return f"[{', '.join(_literal(entry) for entry in value)}]"
+    if isinstance(value, Known):
+        both = f"{{ value = {value.value!r}, sd = {value.sd!r} }}"
+        return both if value.sd > 0.0 else repr(value.value)
     return _quoted(value) if isinstance(value, str) else repr(value)
 
 

@@ -3,7 +3,7 @@
 Source: doi:10.3389/frobt.2021.760485. Only water is lost; gelatin and glycerol stay.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 import numpy.typing as npt
@@ -37,6 +37,59 @@ class Mixture:
     def total(self) -> float:
         """Sum of the parts, M_0."""
         return self.gelatin + self.glycerol + self.water
+
+    @property
+    def solids(self) -> float:
+        """Share of what stays when all water is lost, gelatin and glycerol, by mass."""
+        return (self.gelatin + self.glycerol) / self.total
+
+
+@dataclass(frozen=True)
+class Known:
+    """A number with its standard uncertainty.
+
+    Parameters
+    ----------
+    value : float
+        The number.
+    sd : float
+        Its standard uncertainty, in the same unit; 0 where it is taken as exact.
+    """
+
+    value: float
+    sd: float = 0.0
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """What a `Mixture` is made of and how well that is known; the defaults are taken as exact.
+
+    All films of a study share it, so its errors are common to them and no average removes them.
+
+    Parameters
+    ----------
+    gelatin, glycerol, water : Known
+        Parts by mass.
+    gelatin_density, glycerol_density, water_density : Known
+        [g/cm³]
+
+    Examples
+    --------
+    >>> Recipe(gelatin_density=Known(1.35, 0.05)).mixture == Mixture()
+    True
+    """
+
+    gelatin: Known = Known(Mixture.gelatin)
+    glycerol: Known = Known(Mixture.glycerol)
+    water: Known = Known(Mixture.water)
+    gelatin_density: Known = Known(Mixture.gelatin_density)
+    glycerol_density: Known = Known(Mixture.glycerol_density)
+    water_density: Known = Known(Mixture.water_density)
+
+    @property
+    def mixture(self) -> Mixture:
+        """The mixture at the values given."""
+        return Mixture(**{entry.name: getattr(self, entry.name).value for entry in fields(self)})
 
 
 def component_masses(
@@ -72,15 +125,12 @@ def component_masses(
     """
     mixture = mixture or Mixture()
     poured, now = np.broadcast_arrays(np.asarray(mass_poured, float), np.asarray(mass, float))
-    gelatin = mixture.gelatin / mixture.total * poured
-    glycerol = mixture.glycerol / mixture.total * poured
-    water = now - gelatin - glycerol
+    gelatin, glycerol, water = _parts(poured, now, mixture)
     if np.any(water < 0.0):
         lightest = float(np.min(now / poured))
-        solids = (mixture.gelatin + mixture.glycerol) / mixture.total
         raise ValueError(
             f"a film has {lightest:.3g} of the mass poured, but gelatin and glycerol alone are "
-            f"{solids:.3g}; check the masses or the mixture"
+            f"{mixture.solids:.3g}; check the masses or the mixture"
         )
     if np.any(now > poured):
         raise ValueError("a film weighs more than was poured; check the masses")
@@ -114,12 +164,29 @@ def film_volume(
     13.0231
     """
     mixture = mixture or Mixture()
-    gelatin, glycerol, water = component_masses(mass_poured, mass, mixture)
-    return (
+    component_masses(mass_poured, mass, mixture)
+    poured, now = np.broadcast_arrays(np.asarray(mass_poured, float), np.asarray(mass, float))
+    return volume_of_parts(poured, now, mixture)
+
+
+def volume_of_parts(poured: Floats, mass: Floats, mixture: Mixture) -> Floats:
+    """Return what `film_volume` does [cm³], also of films lighter than their gelatin and glycerol.
+
+    A film that is dry is so for a slightly changed mixture, by which errors are carried over.
+    """
+    gelatin, glycerol, water = _parts(poured, mass, mixture)
+    volume: Floats = (
         gelatin / mixture.gelatin_density
         + glycerol / mixture.glycerol_density
         + water / mixture.water_density
     )
+    return volume
+
+
+def _parts(poured: Floats, mass: Floats, mixture: Mixture) -> tuple[Floats, Floats, Floats]:
+    gelatin = mixture.gelatin / mixture.total * poured
+    glycerol = mixture.glycerol / mixture.total * poured
+    return gelatin, glycerol, mass - gelatin - glycerol
 
 
 def density_by_mass_average(

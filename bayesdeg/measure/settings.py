@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, fields
 from typing import Literal
 
 from bayesdeg.laws import Law
+from bayesdeg.measure.mixture import Recipe
 
 Effort = Literal["quick", "standard", "thorough"]
 
@@ -154,6 +155,8 @@ class Settings:
         The actuator as moulded.
     paper_thickness_mm : float
         Thickness of the strain-limiting paper [mm].
+    recipe : Recipe
+        Parts by mass and densities of what films are poured of.
     priors : mapping of str to Law
         Only the priors that the study states; all other parameters keep theirs.
     degradation_sd_pct : float
@@ -181,6 +184,7 @@ class Settings:
     seed: int = 20211124
     dimensions: Dimensions = field(default_factory=Dimensions)
     paper_thickness_mm: float = 0.1
+    recipe: Recipe = field(default_factory=Recipe)
     priors: Mapping[str, Law] = field(default_factory=dict)
     degradation_sd_pct: float = 1.0
     candidates: tuple[str, ...] | None = None

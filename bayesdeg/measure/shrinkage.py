@@ -5,19 +5,27 @@ Source: doi:10.3389/frobt.2021.760485. Eqs 10–11 define α as conditioned over
 poured volume is offered too.
 """
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import numpy.typing as npt
+import pandas as pd
 
 from bayesdeg.measure.mixture import (
     Mixture,
+    Recipe,
     component_masses,
     density_by_mass_average,
     film_volume,
+    volume_of_parts,
 )
 
 Floats = npt.NDArray[np.float64]
+Masses = tuple[Floats, Floats, Floats]
+
+SMALL = 1e-4
+"""Step of derivatives, as a share of the value: its error is a part in 1e8."""
 
 
 def volume_ratio(
@@ -171,6 +179,98 @@ def mean_of_replicates(values: npt.ArrayLike) -> Mean:
         raise ValueError("there is no film to average")
     sd = float(np.std(films, ddof=1)) if films.size > 1 else float("nan")
     return Mean(float(np.mean(films)), sd / float(np.sqrt(films.size)), sd, films.size)
+
+
+def recipe_error(masses: Masses, recipe: Recipe) -> float:
+    r"""Compute the standard error of the films' mean α that comes from their recipe.
+
+    .. math:: \sigma^2 = \sum_k \left(\frac{\partial \bar\alpha}{\partial x_k} \sigma_k\right)^2
+
+    over its parts and densities x. All films share the recipe, so this error does not fall with
+    their number; it adds in squares to the standard error of the mean.
+
+    Parameters
+    ----------
+    masses : tuple of numpy.ndarray
+        m_0, m_1, m_2 of each film [g].
+    recipe : Recipe
+        Its values and their standard uncertainties.
+
+    Returns
+    -------
+    float
+        [–]
+
+    Examples
+    --------
+    A density of gelatin known to ± 0.05 g/cm³ moves V_1 = 13.0231 cm³ by 5.4545 × 0.05/1.35²:
+
+    >>> from bayesdeg.measure.mixture import Known
+    >>> films = (np.array([30.0]), np.array([15.0]), np.array([10.0]))
+    >>> round(recipe_error(films, Recipe(gelatin_density=Known(1.35, 0.05))), 4)
+    0.0044
+    """
+    terms = [
+        _slope(masses, recipe.mixture, entry.name) * known.sd
+        for entry in fields(recipe)
+        if (known := getattr(recipe, entry.name)).sd > 0.0
+    ]
+    return math.hypot(*terms)
+
+
+def _slope(masses: Masses, mixture: Mixture, name: str) -> float:
+    """Return the derivative of the mean α by a part or a density."""
+    value: float = getattr(mixture, name)
+    step = SMALL * value
+    poured, cured, conditioned = masses
+    up, down = (
+        np.mean(volume_of_parts(poured, conditioned, m) / volume_of_parts(poured, cured, m))
+        for m in (replace(mixture, **{name: value + change}) for change in (step, -step))
+    )
+    return float(up - down) / (2.0 * step)
+
+
+def film_masses(table: pd.DataFrame) -> Masses:
+    """Return m_0, m_1, m_2 of each film of ``shrinkage.csv`` [g]."""
+    poured, cured, conditioned = (
+        table[f"mass_{state}_g"].to_numpy(np.float64)
+        for state in ("poured", "cured", "conditioned")
+    )
+    return poured, cured, conditioned
+
+
+def mean_over_films(masses: Masses, recipe: Recipe) -> tuple[Mean, float]:
+    """Average α over films, with the errors that they do not share and that of their recipe.
+
+    Parameters
+    ----------
+    masses : tuple of numpy.ndarray
+        m_0, m_1, m_2 of each film [g].
+    recipe : Recipe
+        Of all of them.
+
+    Returns
+    -------
+    mean : Mean
+        Its standard error has both.
+    dof : float
+        Degrees of freedom of that standard error: n − 1 of the scatter, which is estimated, and
+        more the larger the share of the recipe's error, which is stated (Welch and Satterthwaite).
+
+    Examples
+    --------
+    >>> films = (np.full(2, 30.0), np.array([15.0, 16.0]), np.array([10.0, 10.5]))
+    >>> mean_over_films(films, Recipe())[1]
+    1.0
+    """
+    mean = mean_of_replicates(volume_ratio(*masses, recipe.mixture))
+    common = recipe_error(masses, recipe)
+    if not common > 0.0:
+        return mean, mean.count - 1.0
+    total = math.hypot(mean.standard_error, common)
+    scatter = mean.standard_error / total
+    dof = (mean.count - 1.0) / scatter**4 if scatter > 0.0 else math.inf
+    return replace(mean, standard_error=total), dof
 
 
 def linear_scale(volume_ratio: npt.ArrayLike) -> Floats:

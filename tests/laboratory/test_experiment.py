@@ -23,6 +23,7 @@ from bayesdeg.laboratory.writing import (
     virtual_settings,
 )
 from bayesdeg.laws import LogNormal, Normal, TruncatedNormal
+from bayesdeg.measure.mixture import Known, Recipe
 from bayesdeg.measure.settings import MODES, Dimensions, Settings
 from bayesdeg.measure.settings_file import parse_settings
 from bayesdeg.measure.study import read_study
@@ -226,6 +227,11 @@ laws = st.one_of(
             st.from_regex(r"[a-z_0-9]{1,8}(\.[a-z_]{1,8})?", fullmatch=True), laws, max_size=3
         ),
         degradation_sd_pct=positive,
+        recipe=st.builds(
+            Recipe,
+            glycerol=st.builds(Known, positive),
+            gelatin_density=st.builds(Known, st.floats(1.0, 2.0), st.floats(0.0, 0.5)),
+        ),
         candidates=st.none() | st.just(()) | st.just(("pressure_loss", "pressure_offset")),
         effort=st.sampled_from(["quick", "standard", "thorough"]),
         fit_modes=st.sampled_from([("uniaxial",), MODES]),
