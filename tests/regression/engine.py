@@ -23,21 +23,19 @@ from numpy.typing import NDArray
 
 from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.custom import CustomModel
-from bayesdeg.criticism.custom_summary import summary
 from bayesdeg.criticism.custom_verdict import judge as judge_custom
-from bayesdeg.criticism.gain import gain_table
+from bayesdeg.criticism.custom_verdict import summary
+from bayesdeg.criticism.holdout.gain import gain_table
 from bayesdeg.criticism.model_readings import ModelReadings
+from bayesdeg.data.study import Study, read_study
 from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.inference import likelihood
 from bayesdeg.inference.course import CourseModel, course_model, moisture_at
-from bayesdeg.inference.curves import ActuatorCurves
+from bayesdeg.inference.data import ActuatorCurves
 from bayesdeg.inference.laplace import approximate
-from bayesdeg.inference.least_squares import near_films
-from bayesdeg.inference.model import Model
+from bayesdeg.inference.model import Model, near_films, replicate
 from bayesdeg.inference.parameters import ParameterTable
 from bayesdeg.inference.published import published_tests
-from bayesdeg.inference.replicate import replicate
-from bayesdeg.measure.study import Study, read_study
 from bayesdeg.pipeline.assemble import Assembly, assemble
 from tests.hidden_effects.judging import judged
 
