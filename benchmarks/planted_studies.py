@@ -27,10 +27,9 @@ from bayesdeg.causes.cause import Cause
 from bayesdeg.causes.flaw_embrittlement import ONSET
 from bayesdeg.commands.workplace import pool
 from bayesdeg.console import shown
+from bayesdeg.data.settings import Dimensions
 from bayesdeg.laboratory.design import Design
-from bayesdeg.laboratory.effects import HiddenEffect
-from bayesdeg.laboratory.truth import Three
-from bayesdeg.measure.settings import Dimensions
+from bayesdeg.laboratory.truth import HiddenEffect, Three
 
 Key = tuple[tuple[str, tuple[int, ...], bytes], ...]
 

@@ -25,7 +25,7 @@ from bayesdeg.commands.options import Quiet
 from bayesdeg.commands.output import output_file
 from bayesdeg.console import say, shown
 from bayesdeg.pipeline import forecast
-from bayesdeg.pipeline.stored import Stored, read_stored
+from bayesdeg.pipeline.forecast import Stored, read_stored
 from bayesdeg.report.wording import number, percent
 
 UNITS = (

@@ -24,8 +24,8 @@ from bayesdeg.commands.output import CHECKPOINTS, run_folder
 from bayesdeg.commands.training import Manner, emulator_for
 from bayesdeg.commands.workplace import workplace
 from bayesdeg.console import errors, say, shown
-from bayesdeg.measure.plausibility import doubts, refuse_impossible
-from bayesdeg.measure.study import Study, read_study
+from bayesdeg.data.plausibility import doubts, refuse_impossible
+from bayesdeg.data.study import Study, read_study
 from bayesdeg.pipeline.outline import outline, passed_over
 from bayesdeg.pipeline.run import fingerprint, run_study, say_left_out
 from bayesdeg.pipeline.warming import compile_beside

@@ -10,18 +10,18 @@ from scipy.linalg import block_diag
 
 from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.subject import Places
-from bayesdeg.inference.curves import ActuatorCurves, TensileCurves
-from bayesdeg.inference.data import Statistic
+from bayesdeg.inference.data import ActuatorCurves, Statistic, TensileCurves
 from bayesdeg.inference.density import Factors
 from bayesdeg.inference.likelihood import Linearised, covariance
-from bayesdeg.inference.model import Model
+from bayesdeg.inference.model import Model, simulated_films
 from bayesdeg.inference.parameters import ParameterTable
-from bayesdeg.inference.replicate import simulated_films
 
 Floats = NDArray[np.float64]
 
 CURVATURE, ANGLE, STRESS = "curvature", "bend angle", "stress"
 ACTUATOR, FILM = "actuator", "film"
+FARTHEST = 1.0
+"""Excess over the forward map's range at which data are still simulated: it costs half a nat."""
 Held = Literal["readings", "films", "statistics"]
 
 
@@ -159,6 +159,7 @@ class ModelReadings:
             parts.append(stresses[:, self.model.tensile.mask])
         if self.model.actuator is not None:
             readings = self.model.continued.simulate(values, generator)
+            readings[self.model.range_excess(values).max(axis=1) > FARTHEST] = np.nan
             parts.append(readings[:, self.model.actuator.paths.mask])
         return np.concatenate(parts, axis=1)
 

@@ -9,9 +9,14 @@ from bayesdeg.causes.cause import Cause, FilmConditions
 from bayesdeg.inference.data import Statistic
 from bayesdeg.inference.parameters import Named, control_name, node_name
 from bayesdeg.material import degradation as law
-from bayesdeg.material.degradation import Nodes
-from bayesdeg.material.stress import yeoh_basis
-from bayesdeg.material.trend import Controls, bernstein_slopes, bernstein_weights, constants
+from bayesdeg.material.degradation import (
+    Controls,
+    Nodes,
+    bernstein_slopes,
+    bernstein_weights,
+    constants,
+)
+from bayesdeg.material.hyperelastic import yeoh_basis
 
 Floats = NDArray[np.float64]
 Causes = tuple[Cause, ...]

@@ -15,9 +15,9 @@ from bayesdeg.commands import output
 from bayesdeg.commands import run as command
 from bayesdeg.commands import simulate as simulating
 from bayesdeg.commands.output import claimed, is_virtual, output_file, run_folder, virtual_study
+from bayesdeg.data.study import read_study
 from bayesdeg.errors import BayesdegError
 from bayesdeg.laboratory.writing import VIRTUAL_FILES
-from bayesdeg.measure.study import read_study
 
 STUDIES = Path(__file__).parents[2] / "studies"
 

@@ -48,7 +48,7 @@ def test_the_list_of_commands_needs_nothing_heavy(option):
 
 def test_checking_a_study_needs_neither_emulator_nor_compiler():
     modules = modules_after("check", STUDIES / "gelatin_actuator")
-    assert "bayesdeg.measure.study" in modules
+    assert "bayesdeg.data.study" in modules
     assert not modules & {*HEAVY, "bayesdeg.emulator.surrogate", "bayesdeg.inference.model"}
 
 

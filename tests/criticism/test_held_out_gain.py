@@ -9,8 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from bayesdeg.criticism import leaving_out
-from bayesdeg.criticism.held_out import (
+from bayesdeg.criticism.fit.trials import base_trial, try_causes
+from bayesdeg.criticism.holdout import leaving_out
+from bayesdeg.criticism.holdout.held_out import (
     DRAWS,
     HeldOut,
     by_level,
@@ -19,13 +20,12 @@ from bayesdeg.criticism.held_out import (
     joined,
     standard_error,
 )
-from bayesdeg.criticism.leaving_out import carried_out, predict_folds, predict_one_by_one
+from bayesdeg.criticism.holdout.leaving_out import carried_out, predict_folds, predict_one_by_one
 from bayesdeg.criticism.model_readings import ModelReadings
-from bayesdeg.criticism.trials import base_trial, try_causes
 from bayesdeg.inference.importance import about_mode
 from bayesdeg.inference.laplace import approximate
 from bayesdeg.inference.parameters import with_priors
-from bayesdeg.laws import LogNormal, Normal, TruncatedNormal
+from bayesdeg.priors import LogNormal, Normal, TruncatedNormal
 from tests.criticism import straight_subject as straight
 from tests.criticism.linear_case import tight_model, with_known_scatter
 from tests.criticism.straight_subject import LEVEL, SPECIMEN, linear_cause

@@ -5,8 +5,7 @@ from functools import cache
 
 import numpy as np
 
-from bayesdeg.inference.curves import ActuatorCurves, Breaks, TensileCurves
-from bayesdeg.inference.data import Statistic
+from bayesdeg.inference.data import ActuatorCurves, Breaks, Statistic, TensileCurves
 from bayesdeg.inference.model import Model
 from bayesdeg.inference.parameters import (
     BEND_ANGLE,
@@ -17,7 +16,7 @@ from bayesdeg.inference.parameters import (
     elongation_parameters,
     material_parameters,
 )
-from bayesdeg.material.stress import yeoh_basis
+from bayesdeg.material.hyperelastic import yeoh_basis
 from tests.emulator.closed_form import ClosedFormMap
 
 NODES = (0.0, 12.5, 25.0)

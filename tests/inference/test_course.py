@@ -8,6 +8,7 @@ import pytest
 from scipy import stats
 from scipy.integrate import nquad
 
+from bayesdeg.data.moisture import degradation_of_films, fit_saturating_course
 from bayesdeg.inference.course import (
     PARAMETERS,
     CourseModel,
@@ -17,10 +18,9 @@ from bayesdeg.inference.course import (
     rate_errors,
     time_to_reach,
 )
-from bayesdeg.inference.ensemble import EFFORTS, sample
 from bayesdeg.inference.laplace import approximate, evidence
-from bayesdeg.laws import Normal
-from bayesdeg.measure.course import degradation_of_films, fit_saturating_course
+from bayesdeg.inference.sampling import EFFORTS, sample
+from bayesdeg.priors import Normal
 from tests.pipeline.study_files import SETTINGS, study_in
 
 TRUTH = {

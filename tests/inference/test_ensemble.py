@@ -14,9 +14,7 @@ import xarray as xr
 from scipy import stats
 
 from bayesdeg.errors import BayesdegError
-from bayesdeg.inference.chain import EFFORTS, Chain, Effort, Standing
-from bayesdeg.inference.chain_store import Position, RandomState, Task
-from bayesdeg.inference.ensemble import advance, sample, to_datatree
+from bayesdeg.inference.importance import Proposal
 from bayesdeg.inference.laplace import Evidence, Laplace, approximate, evidence
 from bayesdeg.inference.model import Model
 from bayesdeg.inference.parameters import (
@@ -24,10 +22,22 @@ from bayesdeg.inference.parameters import (
     ParameterTable,
     material_parameters,
 )
-from bayesdeg.inference.proposals import Proposal
-from bayesdeg.inference.start import lie_in_a_plane, start_of
+from bayesdeg.inference.sampling import (
+    EFFORTS,
+    Chain,
+    Effort,
+    Position,
+    RandomState,
+    Standing,
+    Task,
+    advance,
+    lie_in_a_plane,
+    sample,
+    start_of,
+    to_datatree,
+)
 from bayesdeg.inference.tree import readings_of
-from bayesdeg.laws import Normal, Parameter
+from bayesdeg.priors import Normal, Parameter
 from tests.emulator.closed_form import trained
 from tests.inference.small_study import TRUTH, draws_near_truth, small_model, values_of
 

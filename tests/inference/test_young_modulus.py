@@ -3,8 +3,7 @@ import pytest
 
 from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.inference.specimens import young_modulus
-from bayesdeg.material.hyperelastic import YeohRootSecondInvariant
-from bayesdeg.material.stress import nominal_stress, tangent
+from bayesdeg.material.hyperelastic import YeohRootSecondInvariant, nominal_stress, tangent
 from tests.inference.slow_model import log_statistics
 from tests.inference.small_study import TRUTH, small_model, values_of
 

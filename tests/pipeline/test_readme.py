@@ -10,8 +10,8 @@ from typer.testing import CliRunner
 
 from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.cli import app
-from bayesdeg.measure.settings_file import parse_settings
-from bayesdeg.measure.tables import TABLES
+from bayesdeg.data.settings import parse_settings
+from bayesdeg.data.tables import TABLES
 
 ROOT = Path(__file__).resolve().parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
