@@ -128,7 +128,7 @@ def _explained(verdict: Verdict, proposals: Sequence[Proposal]) -> Iterator[str]
         return
     if why := dict(verdict.left_out).get(Stage.EXPERIMENTS):
         yield f"The run left the ranking of experiments out. {why}"
-    elif verdict.outcome is Outcome.NOT_JUDGED and verdict.left_out:
+    elif not verdict.judged and (verdict.left_out or verdict.misfit.p_value is not None):
         yield f"The run could not judge the simulation. {verdict.explanation}"
     elif not verdict.judged:
         yield (

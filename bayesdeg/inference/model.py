@@ -33,7 +33,7 @@ from bayesdeg.observations.means import Means, Statistic
 from bayesdeg.observations.noise import Linearised
 from bayesdeg.observations.published import PublishedTests, RSquared
 from bayesdeg.observations.rupture import Rupture, strength_of
-from bayesdeg.observations.specimens import FilmsAndActuators, Material
+from bayesdeg.observations.specimens import FilmsAndActuators, Material, young_modulus
 from bayesdeg.observations.tensile import Stresses, Tensile, TensileCurves, median_stresses
 from bayesdeg.priors import Named, Parameter, ParameterTable
 
@@ -411,6 +411,10 @@ class Model:
     def constants(self, values: Named, degradation: Floats) -> Floats:
         """Return C1, C2, C3 [MPa] at degradation rates (S,) or (n, S), shape (n, S, 3)."""
         return self.films_and_actuators.constants(values, degradation)
+
+    def young_modulus(self, values: Named, degradation: Floats) -> Floats:
+        """Return Young's modulus of films with the active causes [MPa], (n, S)."""
+        return young_modulus(values, self.constants(values, degradation), self.causes)
 
     def material(self, values: Named, degradation: Floats) -> Material:
         """Return the median material at degradation rates (S,) or (n, S)."""

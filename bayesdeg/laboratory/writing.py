@@ -6,8 +6,9 @@ from dataclasses import MISSING, dataclass, fields, replace
 
 import bayesdeg
 from bayesdeg.actuator.status import MODEL_VERSION
-from bayesdeg.data.settings import ENTRIES, Dimensions, Settings
+from bayesdeg.data.settings import ENTRIES, Settings
 from bayesdeg.data.settings import FILE as SETTINGS_FILE
+from bayesdeg.data.shrinkage import Known
 from bayesdeg.data.tables import TABLES
 from bayesdeg.files import spreadsheet_safe
 from bayesdeg.laboratory.experiment import VirtualExperiment
@@ -138,12 +139,10 @@ def settings_text(settings: Settings) -> str:
     """
     written: dict[str, list[str]] = {"": []}
     for entry in ENTRIES:
-        holder: Settings | Dimensions = settings
-        default: Settings | Dimensions = Settings()
-        if not hasattr(holder, entry.field):
-            holder, default = settings.dimensions, Dimensions()
+        holders = (settings, settings.dimensions, settings.recipe)
+        [holder] = [one for one in holders if hasattr(one, entry.field)]
         value = getattr(holder, entry.field)
-        if entry.key == "seed" or value != getattr(default, entry.field):
+        if entry.key == "seed" or value != getattr(type(holder)(), entry.field):
             written.setdefault(entry.table, []).append(f"{entry.key} = {_literal(value)}")
     if settings.priors:
         priors = settings.priors.items()
@@ -170,6 +169,9 @@ def _literal(value: object) -> str:
         return str(value).lower()
     if isinstance(value, tuple):
         return f"[{', '.join(_literal(entry) for entry in value)}]"
+    if isinstance(value, Known):
+        both = f"{{ value = {value.value!r}, sd = {value.sd!r} }}"
+        return both if value.sd > 0.0 else repr(value.value)
     return _quoted(value) if isinstance(value, str) else repr(value)
 
 

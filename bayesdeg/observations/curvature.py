@@ -394,6 +394,8 @@ def _angles(
         variance[points + j] = noise[2] * noise[2] + error * error + sd[j] * sd[j]
 
 
+FARTHEST = 1.0
+"""Excess over the forward map's range at which data are still simulated: it costs half a nat."""
 PASSES = 2
 """Linearisations, the first at no deviation."""
 
@@ -704,7 +706,9 @@ class Curvature(Observations):
 
     @override
     def simulate(self, state: State[FilmsAndActuators], generator: np.random.Generator) -> Floats:
-        return self.drawn(state, generator)[:, self.curves.paths.mask]
+        readings = self.drawn(state, generator)
+        readings[self.range_excess(state).max(axis=1) > FARTHEST] = np.nan
+        return readings[:, self.curves.paths.mask]
 
     @override
     def replicated(

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from bayesdeg.actuator.inputs import PAPER_THICKNESS, ForwardMap, Inputs, Prediction, continuation
 from bayesdeg.actuator.status import Status
-from bayesdeg.causes.cause import Cause
+from bayesdeg.causes.cause import Cause, FilmConditions
+from bayesdeg.causes.fold import acting, applied
 from bayesdeg.material import degradation as law
 from bayesdeg.material.degradation import (
     Controls,
@@ -19,6 +20,7 @@ from bayesdeg.material.degradation import (
     constants,
     satisfies_baker_ericksen,
 )
+from bayesdeg.material.hyperelastic import yeoh_basis
 from bayesdeg.priors import HalfNormal, Law, LogNormal, Named, Parameter, TruncatedNormal, Uniform
 
 Floats = NDArray[np.float64]
@@ -44,6 +46,12 @@ _C3 = {
 _RATIO_AT_ENDS = TruncatedNormal(-0.15, 0.25, -0.65, 0.6)
 _RATIO_BETWEEN = TruncatedNormal(-0.15, 0.4, -0.9, 1.5)
 _ELONGATION = {0.0: LogNormal(200.0, 0.5), 12.5: LogNormal(110.0, 0.6), 25.0: LogNormal(50.0, 0.6)}
+
+
+_STEP = 5e-4
+_STENCIL = np.array([1.0, -8.0, 8.0, -1.0]) / (12.0 * _STEP)
+_AROUND_ONE = 1.0 + _STEP * np.array([-2.0, -1.0, 1.0, 2.0])
+"""Stretches about 1, and weights with which stresses there give the slope to a part in 1e11."""
 
 
 def node_name(quantity: str, node: float) -> str:
@@ -323,3 +331,48 @@ def stiffness_spread(values: Named, material: Material, sd: Floats) -> Floats:
     scatter = values["stiffness_scatter"][:, None]
     spread: Floats = scatter**2 + (material.sensitivity * sd) ** 2
     return spread
+
+
+def young_modulus(values: Named, constants: Floats, causes: tuple[Cause, ...] = ()) -> Floats:
+    r"""Return Young's modulus of films at zero strain under causes [MPa].
+
+    It is the slope of the nominal stress that films show in uniaxial tension, at stretch 1:
+
+    .. math:: Y = \left. \frac{dP}{d\lambda} \right|_{\lambda = 1}
+
+    which is 6 C₁ where no cause acts on that stress, and 6 C₁ (1 + x/(2√3)) with a
+    `second_invariant` of ratio x. It is taken from what causes do to stresses, by differences of
+    fourth order, so no cause has to state it.
+
+    Parameters
+    ----------
+    values : mapping
+        Named values with the parameters of the causes, each (n,).
+    constants : array, shape (n, S, 3)
+        Yeoh's C1, C2, C3 [MPa].
+    causes : tuple of Cause
+        Those that act.
+
+    Returns
+    -------
+    array, shape (n, S)
+        [MPa]
+
+    Examples
+    --------
+    >>> from bayesdeg.causes.catalogue import CATALOGUE
+    >>> constants = np.array([[[0.3, -0.01, 0.002]]])
+    >>> values = {"second_invariant.ratio": np.array([0.5])}
+    >>> young_modulus(values, constants, (CATALOGUE["second_invariant"],)).round(4)
+    array([[2.0598]])
+    """
+    if not any(cause.on_stress is not None for cause in causes):
+        return law.young_modulus(constants[..., 0])
+    count = constants.shape[-2]
+    stretch = np.broadcast_to(_AROUND_ONE, (count, len(_AROUND_ONE)))
+    nominal = np.zeros(stretch.shape, dtype=bool)
+    tests = FilmConditions(stretch, np.full(count, "uniaxial"), nominal, np.zeros(count))
+    stress = constants @ yeoh_basis(_AROUND_ONE, "uniaxial").T
+    acted = applied("on_stress", stress, tests, acting(causes, values), constants)
+    slope: Floats = acted @ _STENCIL
+    return slope

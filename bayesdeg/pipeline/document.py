@@ -30,7 +30,7 @@ NOTHING_TO_JUDGE = (
     "There are no readings of an actuator and no tensile curves in this study, so there is no "
     "misfit to judge and no cause is named."
 )
-SHOWN = "What the material law gets right is shown with the published statistics."
+SHOWN = "What the material law makes of the published statistics is shown beside them."
 
 
 def verdict_document(
@@ -132,7 +132,9 @@ def _of_films(judgement: Judgement, rms: float | None) -> Json:
     return {"rms_MPa": of_stress, "noise_MPa": noise}
 
 
-def unjudged_document(unjudged: dict[str, str], held_out: str = "", failed: str = "") -> Json:
+def unjudged_document(
+    unjudged: dict[str, str], held_out: str = "", failed: str = "", *, published: bool = False
+) -> Json:
     """Return the content of ``verdict.json`` where nothing was judged.
 
     Either the study has no readings to judge, or judging them failed.
@@ -145,6 +147,8 @@ def unjudged_document(unjudged: dict[str, str], held_out: str = "", failed: str 
         What is wrong with modes of tension that were predicted only.
     failed : str
         Why judging failed; empty where there was nothing to judge.
+    published : bool
+        Whether published statistics are shown beside what the model makes of them.
     """
     return {
         "outcome": str(Outcome.NOT_JUDGED),
@@ -152,7 +156,7 @@ def unjudged_document(unjudged: dict[str, str], held_out: str = "", failed: str 
         "one_of": [],
         "explanation": f"{_of_failure(failed)} {held_out}".strip()
         if failed
-        else f"{NOTHING_TO_JUDGE} {held_out or SHOWN}",
+        else f"{NOTHING_TO_JUDGE} {held_out or (SHOWN if published else '')}".strip(),
         "candidates": [
             _candidate(Candidate(n, *5 * (None,), {}, fitted=False, why=w))
             for n, w in unjudged.items()
@@ -240,7 +244,8 @@ def verdict_of(results: Results, residual: Floats | None, note: str, guard: Guar
     if failed:
         tried = {cause.name: "the verdict was left out" for cause in results.assembly.candidates}
         unjudged = tried | unjudged
-    return unjudged_document(unjudged, note, failed)
+    shown = bool(results.base.model.statistics)
+    return unjudged_document(unjudged, note, failed, published=shown)
 
 
 def _verdict(

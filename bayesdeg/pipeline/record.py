@@ -29,7 +29,7 @@ def comparisons(study: Study, fit: Fit) -> list[Json]:
     for row in study.summary.to_dict("records"):
         level = np.array([float(row["degradation_pct"])])
         if row["quantity"] == "young_modulus":
-            draws = 6.0 * fit.model.constants(values, level)[:, 0, 0]
+            draws = fit.model.young_modulus(values, level)[:, 0]
         elif row["quantity"] == "elongation_at_break" and "elongation_scatter" in values:
             draws = fit.model.elongation(values, level)[:, 0]
         elif row["quantity"] == "volume_ratio" and "volume_ratio" in values:

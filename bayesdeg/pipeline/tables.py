@@ -8,7 +8,6 @@ from bayesdeg.criticism.checks.residuals import CurvatureFit
 from bayesdeg.data.moisture import degradation_of_films, moisture_content
 from bayesdeg.data.study import Study
 from bayesdeg.inference.model import Model
-from bayesdeg.material.degradation import young_modulus
 from bayesdeg.observations.means import statistics
 from bayesdeg.observations.tensile import (
     TensileCurves,
@@ -120,7 +119,8 @@ def constants(fit: Fit, label: str, generator: np.random.Generator) -> pd.DataFr
     grid = level_grid(fit.model)
     values = draw_values(fit.model, fit.chain, generator, 2000)
     c1, c2, c3 = np.moveaxis(fit.model.constants(values, grid), -1, 0)
-    named = {"c1": c1, "c2": c2, "c3": c3, "young_modulus": young_modulus(c1)}
+    modulus = fit.model.young_modulus(values, grid)
+    named = {"c1": c1, "c2": c2, "c3": c3, "young_modulus": modulus}
     frames = [
         pd.DataFrame(
             {"model": label, "degradation_pct": grid, "constant": name, "unit": "MPa"}

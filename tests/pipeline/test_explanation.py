@@ -431,6 +431,8 @@ def test_a_study_without_readings_names_nothing():
 
 
 def test_modes_of_tension_that_were_predicted_wrong_are_told_without_readings_to_judge():
+    assert "published" not in unjudged_document({})["explanation"]
+    assert "published" in unjudged_document({}, published=True)["explanation"]
     document = unjudged_document({}, "Planar tension is off by 3 %.")
     assert document["explanation"].endswith("Planar tension is off by 3 %.")
 

@@ -17,6 +17,7 @@ from bayesdeg.causes.erosion import NOMINAL_WALL
 from bayesdeg.causes.fold import acting, applied
 from bayesdeg.criticism.experiments.ranking import ActuatorTests, Experiment, FilmTests
 from bayesdeg.inference.model import Model
+from bayesdeg.material.degradation import young_modulus
 from bayesdeg.material.hyperelastic import yeoh_basis
 from bayesdeg.observations.curvature import ActuatorCurves, Curvature
 from bayesdeg.observations.tensile import Tensile, TensileCurves
@@ -335,8 +336,8 @@ def _wall(part: Part) -> Floats:
 
 
 def _log_stiffness(part: Part) -> Floats:
-    """Return ln of a sixth of Young's modulus: C1, and r/(2√3) of a term r (√I₂ − √3)."""
-    total: Floats = np.log(part.inputs.c1 + part.of("second_invariant") / (2.0 * np.sqrt(3.0)))
+    """Return ln of Young's modulus [MPa] of the part's material."""
+    total: Floats = np.log(young_modulus(part.inputs.c1, part.of("second_invariant")))
     return total
 
 
