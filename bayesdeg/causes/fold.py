@@ -57,13 +57,14 @@ def applied[T](hook: Hook, value: T, conditions: Any, causes: Iterable[Acting], 
     Examples
     --------
     >>> from bayesdeg.causes.catalogue import find
-    >>> from bayesdeg.causes.cause import Degradation
-    >>> misread = find("degradation_misread")
-    >>> sizes = {misread.qualified(p.name): np.zeros(1) for p in misread.parameters}
-    >>> ten = Degradation(np.array([[10.0]]), np.array([[0.0]]))
-    >>> found = applied("on_degradation", ten, None, acting([misread], sizes))
-    >>> np.squeeze(found.value).tolist()
-    10.0
+    >>> from bayesdeg.causes.cause import Conditions
+    >>> from bayesdeg.actuator.inputs import Inputs
+    >>> offset, one = find("pressure_offset"), np.ones(1)
+    >>> sizes = acting([offset], {"pressure_offset.offset": np.array([2.0])})
+    >>> tests = Conditions(np.array([[20.0, 40.0]]), np.array([[0.0]]))
+    >>> recorded = Inputs(tests.pressure, one, one, one, one, one)
+    >>> applied("on_inputs", recorded, tests, sizes).pressure
+    array([[[18., 38.]]])
     """
     for cause, effect in causes:
         act = getattr(cause, hook)

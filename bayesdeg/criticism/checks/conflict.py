@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from bayesdeg.criticism.chance import chance_of
 from bayesdeg.criticism.checks.discrepancy import MISFIT_LEVEL
 from bayesdeg.inference.model import Model
 from bayesdeg.observations.means import Statistic
@@ -149,4 +150,4 @@ def surprise(law: Law, value: float) -> float:
     density = float(law.log_density(value))
     # a density that is constant is the same in all digits but the last
     as_small = law.log_density(drawn) <= density + 1e-9 * max(1.0, abs(density))
-    return (1 + int(np.sum(as_small))) / (1 + PRIOR_VALUES)
+    return float(chance_of(1.0, as_small.astype(np.float64)))

@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from scipy.linalg.lapack import dpstrf
 from scipy.special import ndtr, ndtri
 
+from bayesdeg.criticism.chance import chance_of
 from bayesdeg.criticism.fit.linear import Linear
 from bayesdeg.criticism.fit.trials import Trial
 from bayesdeg.observations.kinds import Places
@@ -234,9 +235,7 @@ def too_few(known: int, drawn: int) -> str:
 
 
 def _p_value(statistic: float, null: Floats) -> float:
-    if len(null) < FEWEST:
-        return float("nan")
-    return float((1 + np.sum(null >= statistic)) / (1 + len(null)))
+    return float(chance_of(statistic, null, fewest=FEWEST))
 
 
 def resolved(

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdeg.criticism.chance import chance_of
 from bayesdeg.inference.model import Model, replicate
 
 Floats = NDArray[np.float64]
@@ -73,12 +74,12 @@ def rupture_misfit(
         bursts.append(_events(again) or 0)
     known = np.isfinite(observed) & np.isfinite(simulated)
     count = int(np.sum(known))
-    worse = int(np.sum(np.array(simulated)[known] >= observed[known]))
+    excess = np.array(simulated)[known] - observed[known]
     return RuptureMisfit(
         happened,
         float(np.mean(bursts)),
         float(np.mean(observed[known])) if count else float("nan"),
-        (1 + worse) / (1 + count) if count >= FEWEST else float("nan"),
+        float(chance_of(0.0, excess, fewest=FEWEST)),
         count,
         len(vectors),
     )

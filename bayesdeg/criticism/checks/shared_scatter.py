@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.causes.cause import Cause
+from bayesdeg.criticism.chance import chance_of
 from bayesdeg.criticism.checks.discrepancy import FEWEST, MISFIT_LEVEL
 from bayesdeg.criticism.checks.residuals import levels
 from bayesdeg.criticism.fit.linear import is_seen
@@ -114,10 +115,9 @@ def _tested(
     values, turned = np.linalg.eigh(triangle @ other @ triangle.T)
     vectors = basis @ turned
     ratios = _ratios(trial.linear.observed[None], values, vectors)[:, 0]
-    best, p_value = int(np.argmax(ratios)), float("nan")
-    if len(simulated) >= FEWEST:
-        chance = _ratios(trial.linear.whiten(simulated), values, vectors).max(axis=0)
-        p_value = (1 + int(np.sum(chance >= ratios[best]))) / (1 + len(chance))
+    best = int(np.argmax(ratios))
+    chance = _ratios(trial.linear.whiten(simulated), values, vectors).max(axis=0)
+    p_value = float(chance_of(ratios[best], chance, fewest=FEWEST))
     return SharedScatter(name, float(ratios[best]), float(SHARES[best]), p_value)
 
 

@@ -16,6 +16,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
+from bayesdeg.criticism.chance import chance_of
 from bayesdeg.criticism.checks.residuals import levels, r_squared
 from bayesdeg.criticism.holdout.held_out import HeldOut, group_levels, standard_error
 from bayesdeg.inference.model import Model
@@ -216,7 +217,7 @@ def loo_pit(draws: Floats, observed: Floats) -> LooPit:
     mean, sd = null.mean(axis=0), np.maximum(null.std(axis=0), 1e-12)
     far = np.max(np.abs(null - mean) / sd, axis=1)
     own = float(np.max(np.abs(difference - mean) / sd))
-    p_value = float((1 + np.sum(far >= own)) / (1 + len(far)))
+    p_value = float(chance_of(own, far))
     width = float(np.quantile(far, 0.95)) * sd
     return LooPit(
         pit,
