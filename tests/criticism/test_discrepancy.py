@@ -202,13 +202,13 @@ def test_of_a_single_reading_the_power_is_that_of_its_chi_square():
     row = np.array([3])
     specimen, level, x = (of[row] for of in (straight.SPECIMEN, straight.LEVEL, straight.X))
     whole = straight.subject_of(straight.readings(0))
-    subject = replace(
+    subject = straight.reading(
         whole,
-        forward=lambda values, inputs: straight.straight(values, inputs)[..., row],
-        common=lambda values, readings: straight.COMMON * x,
-        observed=whole.observed[row],
-        places=places_of(x, level=level, specimen=specimen),
+        observed_values=whole.observed[row],
+        read_at=places_of(x, level=level, specimen=specimen),
         group=specimen,
+        common=lambda values, readings: straight.COMMON * x,
+        rows=row,
     )
     linear = linearise(subject, np.array([1.0, 0.0]), uncertain=np.diag([0.5, 0.3]) ** 2)
     envelope, sd = 1.1 * abs(subject.observed[0]), abs(float(linear.factor[0, 0]))
