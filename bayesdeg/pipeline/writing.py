@@ -29,9 +29,9 @@ from bayesdeg.pipeline import tables
 from bayesdeg.pipeline.assemble import level_grid
 from bayesdeg.pipeline.calibrate import Fit
 from bayesdeg.pipeline.deformed import Begun, write_deformed
-from bayesdeg.pipeline.document import verdict_of
 from bayesdeg.pipeline.films import CourseFit
 from bayesdeg.pipeline.judge import Judgement
+from bayesdeg.pipeline.record import verdict_of
 from bayesdeg.pipeline.results import Results
 from bayesdeg.prediction.control import INTERVAL, largest_allowed, needed_by
 from bayesdeg.prediction.predictive import (
@@ -50,6 +50,7 @@ from bayesdeg.report.folder import (
     RunFolder,
 )
 from bayesdeg.report.left_out import Guard, Stage, posterior_stage, table_stage
+from bayesdeg.report.record import Verdict
 
 
 @dataclass(frozen=True)
@@ -165,9 +166,6 @@ def _wanted(data: ActuatorCurves) -> list[tuple[float, float]]:
     return [(level, wanted) for level, wanted in found if wanted > 0.0]
 
 
-Json = dict[str, object]
-
-
 def write_results(
     study: Study,
     folder: RunFolder,
@@ -176,7 +174,7 @@ def write_results(
     guard: Guard | None = None,
     *,
     pictures: Begun | None = None,
-) -> Json:
+) -> Verdict:
     """Write posteriors and tables; return the content of ``verdict.json``.
 
     Parameters

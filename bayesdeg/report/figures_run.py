@@ -31,24 +31,24 @@ from bayesdeg.report.figures_material import (
 )
 from bayesdeg.report.figures_residuals import UNLOADING, residual_figure
 from bayesdeg.report.left_out import Guard, figure_stage
-from bayesdeg.report.record import Run, Verdict
+from bayesdeg.report.record import RunRecord, Verdict
 from bayesdeg.report.summaries import by_level, panel_levels
 from bayesdeg.report.tables import Tables
 from bayesdeg.report.wording import level_words, number, percent
 
 RARE = 0.01  # a probability that cannot be told from none in the figure
 
-type Draw = Callable[[Verdict, Run, Tables], Sketch | None]
+type Draw = Callable[[Verdict, RunRecord, Tables], Sketch | None]
 
 
 def drawings_of(
-    verdict: Verdict, run: Run, tables: Tables, guard: Guard | None = None
+    verdict: Verdict, run: RunRecord, tables: Tables, guard: Guard | None = None
 ) -> dict[str, Drawing]:
     """Draw every figure of `FIGURES` for which the run has data.
 
     Parameters
     ----------
-    verdict, run, tables : Verdict, Run, Tables
+    verdict, run, tables : Verdict, RunRecord, Tables
         What the run found.
     guard : Guard, optional
         Leaves out figures that fail; by default nothing is left out and faults are raised.
@@ -66,7 +66,7 @@ def drawings_of(
     return {drawing.name: drawing for drawing in drawn if drawing is not None}
 
 
-def _drawing(draw: Draw, verdict: Verdict, run: Run, tables: Tables) -> Drawing | None:
+def _drawing(draw: Draw, verdict: Verdict, run: RunRecord, tables: Tables) -> Drawing | None:
     sketch = draw(verdict, run, tables)
     if sketch is None:
         return None
@@ -99,15 +99,15 @@ def _residuals(verdict: Verdict, tables: Tables) -> Sketch | None:
     return Sketch("residuals", figure, caption)
 
 
-def _null(run: Run, tables: Tables) -> Sketch | None:
+def _null(run: RunRecord, tables: Tables) -> Sketch | None:
     if tables.misfit_null is None:
         return None
-    observed = run.misfit_observed
+    observed = run.misfit.observed
     caption = (
         f"The misfit statistic of {len(tables.misfit_null)} studies simulated from the fitted base "
         f"model; in this study it is {number(observed)}."
     )
-    name = run.misfit_name
+    name = run.misfit.name
     return Sketch(
         "null", null_figure(tables.misfit_null, observed=observed, name=name), caption, half=True
     )

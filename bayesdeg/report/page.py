@@ -13,7 +13,7 @@ from bayesdeg.report.figures_run import drawings_of
 from bayesdeg.report.folder import RUN, VERDICT, RunFolder
 from bayesdeg.report.headline import Headline, doubts_of, headline_of
 from bayesdeg.report.left_out import FIGURE, Guard, Stage
-from bayesdeg.report.record import Candidate, Run, Verdict
+from bayesdeg.report.record import CandidateEntry, RunRecord, Verdict
 from bayesdeg.report.summaries import (
     DecisionPair,
     GainParts,
@@ -40,11 +40,11 @@ class Content:
     """Everything the template shows."""
 
     verdict: Verdict
-    run: Run
+    run: RunRecord
     headline: Headline
     drawings: dict[str, Drawing]
-    judged: list[Candidate]
-    not_judged: list[Candidate]
+    judged: list[CandidateEntry]
+    not_judged: list[CandidateEntry]
     levels: list[LevelRow]
     gain: list[Row]
     gain_by_level: list[Row]
@@ -59,7 +59,7 @@ class Content:
     gain_modes: list[Row]
     decisions: list[DecisionPair]
     lookalikes: list[str]
-    sized: list[Candidate]
+    sized: list[CandidateEntry]
     meanings: defaultdict[str, str]
     gain_parts: GainParts | None
     files: tuple[str, ...]
@@ -93,7 +93,9 @@ def build_page(folder: Path, guard: Guard | None = None) -> Path:
     return run_folder.write_page(render(content))
 
 
-def content_of(verdict: Verdict, run: Run, tables: Tables, guard: Guard | None = None) -> Content:
+def content_of(
+    verdict: Verdict, run: RunRecord, tables: Tables, guard: Guard | None = None
+) -> Content:
     """Arrange what a run found for the template."""
     guard = guard or Guard(strict=True)
     drawings = drawings_of(verdict, run, tables, guard)
@@ -118,7 +120,7 @@ def content_of(verdict: Verdict, run: Run, tables: Tables, guard: Guard | None =
         gain_modes=sorted(rows_of(tables.gain_modes), key=lambda row: str(row["mode"])),
         decisions=decision_pairs(tables.decisions),
         lookalikes=lookalikes(verdict),
-        sized=[c for c in map(verdict.candidate, verdict.causes) if c is not None and c.effects],
+        sized=[c for c in map(verdict.candidate, verdict.causes) if c is not None and c.effect],
         meanings=defaultdict(str, meanings_of(tables.parameters)),
         gain_parts=gain_parts(tables.gain, verdict),
         files=(*tables.files, f"{VERDICT}.json", f"{RUN}.json"),
@@ -130,7 +132,7 @@ def content_of(verdict: Verdict, run: Run, tables: Tables, guard: Guard | None =
 def _left_out(verdict: Verdict, guard: Guard) -> tuple[tuple[str, str], ...]:
     """Return what the run left out, and the figures that failed now instead of those then."""
     of_page = (FIGURE, Stage.PAGE)
-    stages = [entry for entry in verdict.left_out if not entry[0].startswith(of_page)]
+    stages = [(o.stage, o.why) for o in verdict.left_out if not o.stage.startswith(of_page)]
     figures = [(o.stage, o.why) for o in guard.left_out if o.stage.startswith(FIGURE)]
     return (*stages, *figures)
 

@@ -7,8 +7,9 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
+from bayesdeg.criticism.decide.verdict import Outcome
 from bayesdeg.report.columns import ALL_LEVELS
-from bayesdeg.report.record import Outcome, Verdict
+from bayesdeg.report.record import Verdict
 
 BASE = "base"
 FINAL = "final"
@@ -159,9 +160,9 @@ def extended_model(gain: pd.DataFrame | None, verdict: Verdict) -> str | None:
 
     Examples
     --------
-    >>> from bayesdeg.report.record import verdict_of
+    >>> from bayesdeg.report.record import Verdict
     >>> gain = pd.DataFrame({"model": ["base", "base+creep"]})
-    >>> extended_model(gain, verdict_of({"outcome": "named", "causes": ["creep"]}))
+    >>> extended_model(gain, Verdict.read({"outcome": "named", "causes": ["creep"]}))
     'base+creep'
     """
     if verdict.outcome is not Outcome.NAMED:

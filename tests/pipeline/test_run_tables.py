@@ -148,7 +148,7 @@ def test_films_in_the_soil_give_degradation_rates(tmp_path):
 
 
 def test_published_values_stand_beside_those_of_the_posterior(study, model):
-    rows = {row["quantity"]: row for row in comparisons(study, fit_of(model))}
+    rows = {row.quantity: row.document() for row in comparisons(study, fit_of(model))}
     assert set(rows) == {"young_modulus", "elongation_at_break", "volume_ratio"}
     assert rows["young_modulus"]["predicted"] == "1.8 (1.8 to 1.8) MPa"
     assert rows["young_modulus"]["published"] == "1.73 ± 0.15 MPa"
@@ -164,10 +164,10 @@ def test_without_a_summary_nothing_is_compared(tmp_path):
 
 
 def test_statements_name_the_data_that_they_rest_on(study, tmp_path):
-    rows = {row["statement"]: row["rests_on"] for row in rests_on(study)}
+    rows = {row.statement: row.rests_on for row in rests_on(study)}
     assert rows["Yeoh constants against degradation"] == "tensile.csv, 2 specimens (measured)"
     assert rows["verdict, gain, curvature bands"] == "actuator.csv, 3 specimens (measured)"
     assert rows["elongation limit and rupture"] == "break.csv, 3 specimens (measured)"
     assert rows["shown, not fitted: r_squared"] == "summary.csv (published)"
     virtual = study_in(tmp_path, {"study.toml": SETTINGS + "virtual = true\n"})
-    assert all("measured" not in str(row["rests_on"]) for row in rests_on(virtual))
+    assert all("measured" not in row.rests_on for row in rests_on(virtual))

@@ -9,9 +9,9 @@ import pytest
 import xarray as xr
 
 from bayesdeg.errors import BayesdegError
+from bayesdeg.records import LARGEST
 from bayesdeg.report.columns import TABLES, Kind
-from bayesdeg.report.fields import LARGEST
-from bayesdeg.report.folder import HASHES, POSTERIOR, RUN_FILES, RunFolder
+from bayesdeg.report.folder import POSTERIOR, RUN_FILES, RunFolder
 from bayesdeg.report.left_out import Guard
 from bayesdeg.report.page import build_page
 from tests.report.synthetic_run import write_full
@@ -112,7 +112,7 @@ def write_posterior(folder, value=1.0):
 def test_a_posterior_of_another_run_is_refused(run):
     write_posterior(run)
     assert list(run.posterior_hashes())[:1] == ["posterior.nc"]
-    run.write_json("run", run.read_json("run") | {HASHES: run.posterior_hashes()})
+    run.write_json("run", run.read_json("run") | {"posteriors": run.posterior_hashes()})
     run.read_posterior(POSTERIOR)
     write_posterior(run, 2.0)
     with pytest.raises(BayesdegError, match="it is not the posterior that this run wrote"):

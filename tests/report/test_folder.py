@@ -10,8 +10,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from bayesdeg.errors import BayesdegError
+from bayesdeg.records import LARGEST
 from bayesdeg.report.columns import TABLES, Kind
-from bayesdeg.report.fields import LARGEST
 from bayesdeg.report.folder import RunFolder
 from tests.report.synthetic_run import bands, gain, levels, write_full
 
@@ -138,9 +138,12 @@ def test_a_damaged_or_missing_document_says_which_file(name, content, tmp_path):
     [
         ({"outcome": "certain"}, "'outcome' must be"),
         ({"candidates": "none"}, "'candidates' must be a list"),
-        ({"candidates": ["creep"]}, "'candidates' must list objects"),
-        ({"misfit": {"p_value": "small"}}, "'p_value' must be a number or null"),
-        ({"causes": [1]}, "'causes' must hold"),
+        ({"candidates": ["creep"]}, "'candidates[0]' must be an object, not 'creep'"),
+        (
+            {"misfit": {"p_value": "small"}},
+            "'misfit.p_value' must be a number or null, not 'small'",
+        ),
+        ({"causes": [1]}, "'causes' must be a list of names, not [1]"),
     ],
 )
 def test_a_verdict_that_breaks_its_format_is_refused(change, what, tmp_path):
@@ -220,7 +223,7 @@ def test_the_verdict_comes_back_as_it_was_written(tmp_path):
     verdict = write_full(tmp_path, "ambiguous").read_verdict()
     assert verdict.causes == ("erosion", "degradation_misread")
     assert verdict.candidates[0].probability == 0.52
-    assert verdict.candidates[0].effects[0].q95 == 0.97
+    assert next(iter(verdict.candidates[0].effect.values())).q95 == 0.97
     assert verdict.candidates[-1].probability is None
     assert verdict.candidates[-1].why == "needs humidity_pct"
     assert verdict.confusable[0] == ("wall_thickness", "film_mismatch")

@@ -153,7 +153,9 @@ def test_a_cause_found_by_the_directed_test_alone_is_not_said_to_explain_a_misfi
     built, outcome, sentence
 ):
     verdict = built(outcome)[0].read_verdict()
-    weak = replace(verdict, misfit=replace(verdict.misfit, p_value=0.63))
+    weak = verdict.model_copy(
+        update={"misfit": verdict.misfit.model_copy(update={"p_value": 0.63})}
+    )
     headline = headline_of(weak, None)
     assert sentence in headline.sentence.replace("\N{NO-BREAK SPACE}", " ")
     note = headline.numbers[0].note.replace("\N{NO-BREAK SPACE}", " ")
@@ -176,7 +178,7 @@ def test_the_candidates_are_those_of_the_verdict(built):
         assert close(cells[4], entry.elpd_diff, within=0.05)
         assert close(cells[4], entry.elpd_diff_se, within=0.05)
         assert close(cells[5], 100 * entry.explained_fraction, within=0.5)
-        for effect in entry.effects:
+        for effect in entry.effect.values():
             for value in (effect.mean, effect.q05, effect.q95):
                 assert close(cells[6], value, within=0.006 * abs(value))
             assert effect.unit == "–" or effect.unit in cells[6]
@@ -440,8 +442,8 @@ def test_held_out_modes_of_tension_are_shown_one_by_one(tmp_path):
 def test_of_causes_that_could_not_be_judged_no_probability_is_told(built):
     folder, _ = built("ambiguous")
     verdict = folder.read_verdict()
-    unknown = tuple(replace(c, probability=None) for c in verdict.candidates)
-    sure = headline_of(replace(verdict, candidates=unknown), None).numbers[1]
+    unknown = tuple(c.model_copy(update={"probability": None}) for c in verdict.candidates)
+    sure = headline_of(verdict.model_copy(update={"candidates": unknown}), None).numbers[1]
     assert "nothing can be said" in sure.note
     assert sure.value.startswith("p")
 
