@@ -1,7 +1,7 @@
 """The run folder: the one place that knows its file names, and how they are read and written.
 
 Every file is written beside its place and then renamed, so an interrupted run leaves the old file
-or the new one, never half of one. The columns of the tables stand in `bayesdeg.report.columns`.
+or the new one, never half of one. The columns of the tables stand in `bayesdeg.report.tables`.
 """
 
 import hashlib
@@ -30,8 +30,8 @@ from bayesdeg.files import (
     written,
 )
 from bayesdeg.records import LARGEST, FileRecord, RecordError, plain
-from bayesdeg.report.columns import TABLES, Column, Kind
 from bayesdeg.report.record import RunRecord, Verdict
+from bayesdeg.report.tables import TABLES, Column, Kind, Tables
 
 INDEX: Final = "index.html"
 LEFT_OUT: Final = "left_out.txt"
@@ -50,7 +50,7 @@ RUN_FILES: Final = (
     *(INDEX, LEFT_OUT),
     *(f"{name}.json" for name in DOCUMENTS),
     *(f"{name}.nc" for name in POSTERIORS),
-    *(f"{name}.csv" for name in TABLES),
+    *(table.file for table in TABLES.values()),
 )
 
 
@@ -85,7 +85,7 @@ class RunFolder:
         Parameters
         ----------
         name : str
-            A key of `bayesdeg.report.columns.TABLES`.
+            A key of `bayesdeg.report.tables.TABLES`.
         frame : pandas.DataFrame
             At least the documented columns; it may have no rows.
 
@@ -109,7 +109,7 @@ class RunFolder:
         Parameters
         ----------
         name : str
-            A key of `bayesdeg.report.columns.TABLES`.
+            A key of `bayesdeg.report.tables.TABLES`.
 
         Returns
         -------
@@ -151,6 +151,17 @@ class RunFolder:
         """
         text = json.dumps(plain(content), indent=2, ensure_ascii=False, allow_nan=False)
         write_text(self.path / f"{_known(name, DOCUMENTS)}.json", text + "\n")
+
+    def read_tables(self) -> Tables:
+        """Read every table that is there.
+
+        Raises
+        ------
+        BayesdegError
+            If a file is there but damaged.
+        """
+        frames = {name: self.read_table(name) for name in TABLES}
+        return Tables({name: frame for name, frame in frames.items() if frame is not None})
 
     def write(self, record: Verdict | RunRecord) -> None:
         """Write the verdict, or what is recorded of the run itself."""
@@ -222,6 +233,13 @@ class RunFolder:
         except (OSError, ValueError, KeyError, RuntimeError) as fault:
             raise self._corrupted(file, str(fault)) from fault
 
+    def draws_of(self, name: str) -> xr.Dataset | None:
+        """Return the draws of one of `POSTERIORS`; None where the run has none."""
+        if not (self.path / f"{_known(name, POSTERIORS)}.nc").exists():
+            return None
+        tree = self.read_posterior(name)
+        return tree["posterior"].to_dataset() if "posterior" in tree.children else None
+
     def posterior_hashes(self) -> dict[str, str]:
         """Return the hash of each posterior that is there, by file: for ``run.json``."""
         files = (f"{name}.nc" for name in POSTERIORS)
@@ -275,7 +293,7 @@ class RunFolder:
 
 
 def _columns(name: str) -> tuple[Column, ...]:
-    return TABLES[_known(name, tuple(TABLES))]
+    return TABLES[_known(name, tuple(TABLES))].columns
 
 
 def _known(name: str, names: Sequence[str]) -> str:

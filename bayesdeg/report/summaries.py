@@ -8,8 +8,8 @@ import numpy.typing as npt
 import pandas as pd
 
 from bayesdeg.criticism.decide.verdict import Outcome
-from bayesdeg.report.columns import ALL_LEVELS
 from bayesdeg.report.record import Verdict
+from bayesdeg.report.tables import ALL_LEVELS, present
 
 BASE = "base"
 FINAL = "final"
@@ -143,11 +143,6 @@ def rows_of(frame: pd.DataFrame | None) -> list[Row]:
         return []
     plain = frame.astype(object).where(frame.notna(), None)
     return [{str(key): value for key, value in row.items()} for row in plain.to_dict("records")]
-
-
-def present(frame: pd.DataFrame | None) -> pd.DataFrame | None:
-    """Return a table, or None if it is absent or has no rows."""
-    return None if frame is None or frame.empty else frame
 
 
 def models_of(frame: pd.DataFrame | None) -> tuple[str, ...]:

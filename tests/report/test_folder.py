@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from bayesdeg.errors import BayesdegError
 from bayesdeg.records import LARGEST
-from bayesdeg.report.columns import TABLES, Kind
 from bayesdeg.report.folder import RunFolder
+from bayesdeg.report.tables import TABLES, Kind
 from tests.report.synthetic_run import bands, gain, levels, write_full
 
 FLOATS = st.floats(-LARGEST, LARGEST)
@@ -26,7 +26,7 @@ NAMES = st.text("abcNA-_ 0123456789,\"'µ%", min_size=1).filter(lambda name: nam
 )
 @settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_a_table_comes_back_as_it_was_written(rows, tmp_path):
-    columns = [column.name for column in TABLES["measured"]]
+    columns = [column.name for column in TABLES["measured"].columns]
     frame = pd.DataFrame(
         [(name, rate, value, None, unit, 3, "NA") for name, rate, value, unit in rows],
         columns=columns,
@@ -45,7 +45,7 @@ def test_a_table_comes_back_as_it_was_written(rows, tmp_path):
 
 @pytest.mark.parametrize("name", TABLES)
 def test_columns_are_written_in_the_documented_order_with_others_after(name, tmp_path):
-    columns = TABLES[name]
+    columns = TABLES[name].columns
     cells = {column.name: ["x" if column.kind is Kind.TEXT else 1.5] for column in columns}
     shuffled = pd.DataFrame({"extra": ["kept"], **dict(reversed(cells.items()))})
     folder = RunFolder(tmp_path)
@@ -56,7 +56,7 @@ def test_columns_are_written_in_the_documented_order_with_others_after(name, tmp
 
 
 def test_the_contract_columns_come_first():
-    names = {table: [column.name for column in columns] for table, columns in TABLES.items()}
+    names = {name: table.headings for name, table in TABLES.items()}
     assert names["bands"] == ["degradation_pct", "pressure_kPa", "q05", "q25", "q50", "q75", "q95"]
     assert names["rupture"] == [
         "degradation_pct",

@@ -6,13 +6,13 @@ import pandas as pd
 import pytest
 
 from bayesdeg.errors import BayesdegError
-from bayesdeg.report import figures_run
-from bayesdeg.report.columns import TABLES
+from bayesdeg.report.drawing import Shown
+from bayesdeg.report.figures import registry
 from bayesdeg.report.headline import headline_of
 from bayesdeg.report.left_out import Guard
 from bayesdeg.report.page import build_page, content_of, render
 from bayesdeg.report.summaries import by_level, several_levels
-from bayesdeg.report.tables import Tables, read_tables
+from bayesdeg.report.tables import TABLES, Tables
 from tests.report.html_reading import numbers_in, read_html, table_cells
 from tests.report.synthetic_run import write_bare, write_full
 
@@ -283,10 +283,16 @@ MISSING = {
 }
 
 
+def page_of(folder, names):
+    """Return the page of a run that has no other tables."""
+    frames = folder.read_tables().frames
+    kept = Tables({name: frame for name, frame in frames.items() if name in names})
+    return read_html(render(content_of(Shown(folder.read_verdict(), folder.read_run(), kept))))
+
+
 def test_what_is_missing_is_said_in_its_place(built):
     folder, _ = built("named")
-    verdict, run, nothing = folder.read_verdict(), folder.read_run(), Tables(*(None,) * len(TABLES))
-    page = read_html(render(content_of(verdict, run, nothing)))
+    page = page_of(folder, ())
     for section, words in MISSING.values():
         assert words in page.by_id(section).text
 
@@ -294,10 +300,8 @@ def test_what_is_missing_is_said_in_its_place(built):
 @pytest.mark.parametrize("name", MISSING)
 def test_one_missing_table_takes_nothing_else_away(built, name):
     folder, _ = built("named")
-    verdict, run = folder.read_verdict(), folder.read_run()
-    slim = {"tensile": None, "constants": None, "bands": None, "observations": None}
-    tables = replace(read_tables(folder), **slim) if name not in slim else read_tables(folder)
-    page = read_html(render(content_of(verdict, run, replace(tables, **{name: None}))))
+    slim = {"tensile", "constants", "bands", "observations"}
+    page = page_of(folder, set(TABLES) - ({name} if name in slim else {name} | slim))
     section, words = MISSING[name]
     assert words in page.by_id(section).text
     assert page.by_id("verdict").text
@@ -314,9 +318,7 @@ def test_how_wrong_a_held_out_mode_is_stands_above_the_figure(built):
 
 def test_measured_against_predicted_comes_first_also_of_films_alone(built):
     folder, _ = built("named")
-    verdict, run = folder.read_verdict(), folder.read_run()
-    tables = replace(Tables(*(None,) * len(TABLES)), tensile=read_tables(folder).tensile)
-    page = read_html(render(content_of(verdict, run, tables)))
+    page = page_of(folder, {"tensile"})
     (figure,) = page.all("figure")
     assert figure.attributes["id"] == "figure-tensile"
     assert figure in page.by_id("curvature").all("figure")
@@ -408,7 +410,7 @@ def test_what_would_have_been_decided_is_shown_as_each_model_has_it(tmp_path):
         ("base", 10.0, 4.1, 81.0, 86.0, 92.0, 75.0, 0.31),
         ("base+degraded_skin", 10.0, 4.1, 70.0, 73.5, 78.0, 76.0, math.nan),
     ]
-    names = [column.name for column in TABLES["decisions"]]
+    names = TABLES["decisions"].headings
     folder.write_table("decisions", pd.DataFrame(rows, columns=names))
     page = read_html(build_page(tmp_path).read_text(encoding="utf-8"))
     shown = table_cells(page, "The pressure for half of the largest curvature")
@@ -431,7 +433,7 @@ def test_held_out_modes_of_tension_are_shown_one_by_one(tmp_path):
         for model, gain, error in (("base", 0.0, 0.201), ("base+degraded_skin", 3.6, 0.05))
         for mode in ("uniaxial", "equibiaxial")
     ]
-    names = [column.name for column in TABLES["gain_modes"]]
+    names = TABLES["gain_modes"].headings
     folder.write_table("gain_modes", pd.DataFrame(rows, columns=names))
     page = read_html(build_page(tmp_path).read_text(encoding="utf-8"))
     shown = table_cells(page, "Prediction of each mode of tension from the others")
@@ -482,7 +484,8 @@ def test_a_figure_that_fails_is_left_out_of_the_page_alone(incomplete, monkeypat
     def broken(*_):
         raise RuntimeError("no ink")
 
-    monkeypatch.setitem(figures_run.FIGURES, "residuals", broken)
+    figure = registry.FIGURES["residuals"]
+    monkeypatch.setitem(registry.FIGURES, "residuals", replace(figure, draw=broken))
     with pytest.raises(RuntimeError, match="no ink"):
         build_page(incomplete.path)
     guard = Guard(strict=False)
