@@ -1,10 +1,9 @@
 """What commands that ask a stored posterior share: numbers on the command line, and the answer."""
 
-import json
 import math
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -12,15 +11,18 @@ import numpy as np
 import pandas as pd
 import typer
 from numpy.typing import NDArray
+from pydantic import Field
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
 from bayesdeg.console import console
+from bayesdeg.criticism.decide.verdict import Outcome
 from bayesdeg.errors import BayesdegError
 from bayesdeg.files import spreadsheet_safe, written
 from bayesdeg.pipeline.forecast import Stored
 from bayesdeg.quantities import LARGEST_SEED
+from bayesdeg.records import FileRecord, Names, Scalar
 
 Floats = NDArray[np.float64]
 
@@ -144,12 +146,24 @@ def seed_of(stored: Stored, given: int | None) -> np.random.SeedSequence:
     """Return the seed of an answer: the user's, or one that follows from the run's."""
     if given is not None:
         return np.random.SeedSequence(given)
-    text = stored.run.seed or "0"
+    text = str(stored.run.seed or 0)
     if not _WHOLE.fullmatch(text):
         raise BayesdegError(
             f"run.json: seed {text[:40]!r} is no seed; give one with --seed, or run the study again"
         )
     return np.random.SeedSequence([int(text), 1])
+
+
+class Answer(FileRecord):
+    """What ``predict`` and ``control`` print with ``--json``."""
+
+    title: str
+    virtual: bool
+    model: str = Field(description="the model by its causes: base, base+pressure_offset")
+    outcome: Outcome = Field(description="of the run")
+    units: Mapping[str, str] = Field(description="by column of the rows")
+    messages: Names = Field(description="what its user should know")
+    rows: tuple[Mapping[str, Scalar], ...]
 
 
 def give(
@@ -172,16 +186,16 @@ def give(
         {name: None if pd.isna(value) else value for name, value in row.items()}
         for row in table.to_dict("records")
     ]
-    content = {
-        "title": stored.run.title,
-        "virtual": stored.run.virtual,
-        "model": stored.name,
-        "outcome": str(stored.verdict.outcome),
-        "units": units,
-        "messages": list(messages),
-        "rows": rows,
-    }
-    sys.stdout.write(json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+    answer = Answer(
+        title=stored.run.title,
+        virtual=stored.run.virtual,
+        model=stored.name,
+        outcome=stored.verdict.outcome,
+        units=units,
+        messages=tuple(messages),
+        rows=tuple({str(name): cell for name, cell in row.items()} for row in rows),
+    )
+    sys.stdout.write(answer.text())
 
 
 def write_csv(path: Path, table: pd.DataFrame) -> None:

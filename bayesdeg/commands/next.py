@@ -1,23 +1,23 @@
 """``bayesdeg next``: which further experiment would best tell apart the causes in question."""
 
-import json
 import math
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
+from pydantic import Field
 from rich.table import Table
 from rich.text import Text
 
 from bayesdeg.commands.answers import AsJson, RunFolderPath, output
 from bayesdeg.commands.options import Quiet
 from bayesdeg.console import say
+from bayesdeg.criticism.decide.verdict import Outcome
 from bayesdeg.criticism.experiments.ranking import LEAST
 from bayesdeg.errors import BayesdegError
-from bayesdeg.report.fields import Json, RunFaultError, each_of, number_of, text_of, texts_of
-from bayesdeg.report.folder import VERDICT, RunFolder
+from bayesdeg.records import FileRecord, Names
+from bayesdeg.report.folder import RunFolder
 from bayesdeg.report.left_out import Stage
-from bayesdeg.report.record import Outcome, Run, Verdict
+from bayesdeg.report.record import ExperimentEntry, RunRecord, Verdict
 from bayesdeg.report.wording import NOTHING, count, fixed, listed
 
 HEADINGS = (
@@ -32,31 +32,15 @@ HEADINGS = (
 LARGE = 1e6
 
 
-@dataclass(frozen=True)
-class Proposal:
-    """One entry of ``next_experiments``; None where the run did not record it.
+class Proposals(FileRecord):
+    """What ``next`` prints with ``--json``."""
 
-    Parameters
-    ----------
-    design : str
-        What to do.
-    separates : tuple of str
-        Causes.
-    expected : float
-        Expected log Bayes factor [nats].
-    specimens, readings, per_specimen : float
-        What it costs, and the expected log Bayes factor for each specimen.
-    pairs : tuple
-        Every pair of causes in question and its expected log Bayes factor.
-    """
-
-    design: str
-    separates: tuple[str, ...]
-    expected: float | None
-    specimens: float | None
-    readings: float | None
-    per_specimen: float | None
-    pairs: tuple[tuple[tuple[str, ...], float | None], ...]
+    title: str
+    virtual: bool
+    outcome: Outcome
+    causes: Names
+    messages: Names = Field(description="what its user should know")
+    next_experiments: tuple[ExperimentEntry, ...]
 
 
 def next_experiment(report: RunFolderPath, as_json: AsJson = False, quiet: Quiet = False) -> None:
@@ -72,17 +56,14 @@ def next_experiment(report: RunFolderPath, as_json: AsJson = False, quiet: Quiet
             f"{report}: there is no such folder; name a run folder, such as reports/NAME, that "
             "`bayesdeg run` has written"
         )
-    run, verdict, content = folder.read_run(), folder.read_verdict(), folder.read_json(VERDICT)
-    try:
-        proposals = each_of(content, "next_experiments", _proposal)
-    except RunFaultError as fault:
-        raise BayesdegError(f"{report}: verdict.json: {fault}; run the study again") from fault
-    messages = [*_explained(verdict, proposals), *_never_told_apart(proposals)]
+    run, verdict = folder.read_run(), folder.read_verdict()
+    proposals = verdict.next_experiments
+    messages = [*_explained(verdict), *_never_told_apart(proposals)]
     if as_json:
-        _give(run, verdict, content, messages)
+        _give(run, verdict, messages)
         return
     if proposals:
-        output().print(_table(run, verdict, proposals))
+        output().print(_table(run, verdict))
     else:
         output().print(messages[0], soft_wrap=True)
         messages = messages[1:]
@@ -106,27 +87,11 @@ def odds(expected: float | None) -> str:
     return f"{count(ratio) if ratio >= 10.0 else fixed(ratio, 1)} : 1"
 
 
-def _proposal(entry: Json) -> Proposal:
-    return Proposal(
-        design=text_of(entry, "design"),
-        separates=texts_of(entry, "separates"),
-        expected=number_of(entry, "expected_log_bayes_factor"),
-        specimens=number_of(entry, "specimens"),
-        readings=number_of(entry, "readings"),
-        per_specimen=number_of(entry, "per_specimen"),
-        pairs=each_of(entry, "pairs", _pair),
-    )
-
-
-def _pair(entry: Json) -> tuple[tuple[str, ...], float | None]:
-    return texts_of(entry, "causes"), number_of(entry, "expected_log_bayes_factor")
-
-
-def _explained(verdict: Verdict, proposals: Sequence[Proposal]) -> Iterator[str]:
+def _explained(verdict: Verdict) -> Iterator[str]:
     """Say why nothing is proposed."""
-    if proposals:
+    if verdict.next_experiments:
         return
-    if why := dict(verdict.left_out).get(Stage.EXPERIMENTS):
+    if why := verdict.why_left_out(Stage.EXPERIMENTS):
         yield f"The run left the ranking of experiments out. {why}"
     elif not verdict.judged and (verdict.left_out or verdict.misfit.p_value is not None):
         yield f"The run could not judge the simulation. {verdict.explanation}"
@@ -151,43 +116,43 @@ def _explained(verdict: Verdict, proposals: Sequence[Proposal]) -> Iterator[str]
         )
 
 
-def _never_told_apart(proposals: Sequence[Proposal]) -> Iterator[str]:
+def _never_told_apart(proposals: Sequence[ExperimentEntry]) -> Iterator[str]:
     """Say which pairs of causes are left in question by every experiment."""
     best: dict[tuple[str, ...], float] = {}
     for proposal in proposals:
-        for causes, expected in proposal.pairs:
-            key = tuple(sorted(causes))
-            best[key] = max(best.get(key, 0.0), expected or 0.0)
+        for pair in proposal.pairs:
+            key = tuple(sorted(pair.causes))
+            best[key] = max(best.get(key, 0.0), pair.expected_log_bayes_factor or 0.0)
     for causes, expected in best.items():
         if expected < LEAST:
             yield f"None of these experiments is expected to tell {listed(causes)} apart."
 
 
-def _give(run: Run, verdict: Verdict, content: Json, messages: Sequence[str]) -> None:
-    answer = {
-        "title": run.title,
-        "virtual": run.virtual,
-        "outcome": str(verdict.outcome),
-        "causes": list(verdict.causes),
-        "messages": list(messages),
-        "next_experiments": content.get("next_experiments") or [],
-    }
-    sys.stdout.write(json.dumps(answer, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+def _give(run: RunRecord, verdict: Verdict, messages: Sequence[str]) -> None:
+    answer = Proposals(
+        title=run.title,
+        virtual=run.virtual,
+        outcome=verdict.outcome,
+        causes=verdict.causes,
+        messages=tuple(messages),
+        next_experiments=verdict.next_experiments,
+    )
+    sys.stdout.write(answer.text())
 
 
-def _table(run: Run, verdict: Verdict, proposals: Sequence[Proposal]) -> Table:
+def _table(run: RunRecord, verdict: Verdict) -> Table:
     virtual = "; virtual experiment" if run.virtual else ""
     title = f"{run.title}\nnext experiments, the best first (verdict: {verdict.outcome}{virtual})"
     # as Text, lest brackets be taken for markup
     table = Table(title=Text(title), title_justify="left", show_lines=True)
     for number, heading in enumerate(HEADINGS):
         table.add_column(Text(heading), justify="left" if number < 2 else "right")
-    for p in proposals:
+    for p in verdict.next_experiments:
         table.add_row(
             Text(p.design),
             listed(p.separates),
-            fixed(p.expected, 1),
-            odds(p.expected),
+            fixed(p.expected_log_bayes_factor, 1),
+            odds(p.expected_log_bayes_factor),
             count(p.specimens),
             count(p.readings),
             fixed(p.per_specimen, 1),

@@ -4,7 +4,6 @@ import csv
 from collections import Counter
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 from rich.table import Table
 
@@ -64,12 +63,11 @@ def runs_table(ended: list[tuple[Run, Status]]) -> Table:
 
 def accuracy_table(surrogate: Surrogate) -> Table:
     """Return how accurate an emulator is on curves that it was not trained on."""
-    facts: dict[str, Any] = emulator_facts(surrogate.record)
     table = Table(title="emulator, on curves not trained on [%]", title_justify="left")
     table.add_column("quantity")
     for heading in ("rms", "95th percentile", "largest", "inside its 90 %"):
         table.add_column(heading, justify="right")
-    for row in facts["accuracy"]:
-        sizes = [fixed(row[name]) for name in ("rms_pct", "p95_pct", "max_pct")]
-        table.add_row(words(row["quantity"]), *sizes, percent(row["coverage_90"]))
+    for row in emulator_facts(surrogate.record).accuracy:
+        sizes = [fixed(size) for size in (row.rms_pct, row.p95_pct, row.max_pct)]
+        table.add_row(words(row.quantity), *sizes, percent(row.coverage_90))
     return table

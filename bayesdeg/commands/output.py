@@ -1,12 +1,13 @@
 """Where a command writes: refused where it would destroy something, tried and locked beforehand."""
 
-import json
 import os
 import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO
+
+from pydantic import Field
 
 from bayesdeg.data.settings import FILE as SETTINGS_FILE
 from bayesdeg.data.settings import parse_settings
@@ -22,6 +23,7 @@ from bayesdeg.files import (
     write_text,
 )
 from bayesdeg.laboratory.writing import FIRST_WORDS, TRUTH_FILE
+from bayesdeg.records import FileRecord, Text, Texts
 from bayesdeg.report.folder import RUN, RUN_FILES, RunFolder
 
 if sys.platform == "win32":
@@ -35,6 +37,14 @@ OWNER = ".study.json"
 
 CHECKPOINTS = "checkpoints"
 OTHER = "name another folder with --out"
+
+
+class Owner(FileRecord):
+    """The content of ``.study.json``."""
+
+    study: Text = Field(default="", description="name of the study")
+    folder: Text = Field(default="", description="way from the run folder to that of the study")
+    hashes: Texts = Field(default={}, description="SHA-256 of the files of the study")
 
 
 @contextmanager
@@ -57,8 +67,8 @@ def run_folder(path: Path, study: Study) -> Iterator[RunFolder]:
     refuse_study(path)
     with claimed(path):
         _refuse_other_run(path, study)
-        owner = {"study": study.name, "folder": _from(path, study.folder)}
-        write_text(path / OWNER, json.dumps(owner | {"hashes": dict(study.hashes)}) + "\n")
+        place, hashes = _from(path, study.folder), dict(study.hashes)
+        write_text(path / OWNER, Owner(study=study.name, folder=place, hashes=hashes).text())
         yield RunFolder(path)
 
 
@@ -246,31 +256,27 @@ def _refuse_other_run(path: Path, study: Study) -> None:
             )
         return
     if not _is_same(path, owner, study):
-        whose = owner.get("folder") or owner.get("study")
+        whose = owner.folder or owner.study
         raise BayesdegError(
             f"{path} holds the run of another study, {whose}, and not of {study.folder}; {OTHER}, "
             "or remove that run"
         )
 
 
-def _owner(path: Path) -> dict[str, object] | None:
+def _owner(path: Path) -> Owner | None:
     """Return what a run folder says of its study; None if it holds no run."""
     for name in (OWNER, f"{RUN}.json"):
-        try:
-            content = parse_json(read_bytes(path / name, most_mb=RUN_MB))
-        except (OSError, ValueError):
-            continue
-        if isinstance(content, dict):
-            return content
+        with suppress(OSError, ValueError):
+            return Owner.read(parse_json(read_bytes(path / name, most_mb=RUN_MB)))
     return None
 
 
-def _is_same(path: Path, owner: dict[str, object], study: Study) -> bool:
+def _is_same(path: Path, owner: Owner, study: Study) -> bool:
     """Return whether a run is of a study: from the same place, or of the same files."""
-    if "folder" not in owner:  # of a version that did not record it
-        return owner.get("study") in (None, study.name)
-    folder = (path / str(owner["folder"])).resolve()
-    return folder == study.folder.resolve() or owner.get("hashes") == dict(study.hashes)
+    if not owner.folder:  # of a version that did not record it
+        return owner.study in ("", study.name)
+    folder = (path / owner.folder).resolve()
+    return folder == study.folder.resolve() or dict(owner.hashes) == dict(study.hashes)
 
 
 def _from(path: Path, folder: Path) -> str:

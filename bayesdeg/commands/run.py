@@ -30,11 +30,11 @@ from bayesdeg.pipeline.outline import outline, passed_over
 from bayesdeg.pipeline.run import fingerprint, run_study, say_left_out
 from bayesdeg.pipeline.warming import compile_beside
 from bayesdeg.report.checkpoints import Checkpoints
-from bayesdeg.report.folder import LEFT_OUT, RunFolder, plain
+from bayesdeg.report.folder import LEFT_OUT, RunFolder
 from bayesdeg.report.headline import doubts_of
 from bayesdeg.report.left_out import Guard, Stage
 from bayesdeg.report.page import build_page
-from bayesdeg.report.record import verdict_of
+from bayesdeg.report.record import Verdict
 
 
 class EffortChoice(StrEnum):
@@ -100,7 +100,7 @@ def run(
                 document = say_left_out(folder, document, guard)
     if not quiet:
         _say_verdict(document, page, virtual=checked.settings.virtual)
-        say(f"in doubt: {why}" for why in doubts_of(verdict_of(plain(document))))
+        say(f"in doubt: {why}" for why in doubts_of(document))
         _say_left_out(guard, target)
     if as_json:
         sys.stdout.write(json.dumps(RunFolder(target).read_json("verdict"), indent=2) + "\n")
@@ -125,11 +125,11 @@ def _say_left_out(guard: Guard, target: Path) -> None:
     errors.print(f"what happened: {target / LEFT_OUT}", soft_wrap=True)
 
 
-def _say_verdict(document: dict[str, object], page: Path | None, *, virtual: bool) -> None:
+def _say_verdict(verdict: Verdict, page: Path | None, *, virtual: bool) -> None:
     label = "virtual experiment: " if virtual else ""
-    names = ", ".join(str(c) for c in document["causes"])  # type: ignore[attr-defined]
-    outcome = (f"{label}{document['outcome']}", "bold")
+    names = ", ".join(verdict.causes)
+    outcome = (f"{label}{verdict.outcome}", "bold")
     errors.print(Text.assemble("\n", outcome, f": {names}" if names else ""))
-    errors.print(str(document["explanation"]))
+    errors.print(verdict.explanation)
     if page is not None:
         errors.print(f"\nreport: {page}", soft_wrap=True)

@@ -4,6 +4,9 @@ import json
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, fields, replace
 
+import pandas as pd
+from pydantic import Field
+
 import bayesdeg
 from bayesdeg.actuator.status import MODEL_VERSION
 from bayesdeg.data.settings import ENTRIES, Settings
@@ -13,6 +16,7 @@ from bayesdeg.data.tables import TABLES
 from bayesdeg.files import spreadsheet_safe
 from bayesdeg.laboratory.experiment import VirtualExperiment
 from bayesdeg.priors import LAWS, Law
+from bayesdeg.records import FileRecord, Numbers, Record, Scalar, Text
 
 TRUTH_FILE = "truth.json"
 #: What a virtual experiment writes; published statistics are not virtual.
@@ -80,33 +84,50 @@ def study_files(
         for name, table in experiment.tables.items()
     }
     virtual = virtual_settings(settings, seed=provenance.seed)
-    record = json.dumps(truth_record(experiment, provenance), indent=2, ensure_ascii=False)
     return {
         SETTINGS_FILE: provenance.comment + settings_text(virtual),
         **texts,
-        TRUTH_FILE: record + "\n",
+        TRUTH_FILE: truth_record(experiment, provenance).text(),
     }
 
 
-def truth_record(experiment: VirtualExperiment, provenance: Provenance) -> dict[str, object]:
-    """Return what ``truth.json`` holds.
+class TruthVersion(Record):
+    """Which programs made a virtual experiment."""
 
-    Returns
-    -------
-    dict
-        ``constants`` by the names of calibrated parameters, ``causes`` with the values of their
-        parameters by short name, ``actuators`` and ``films`` by specimen, and how it was made.
-    """
-    return {
-        "causes": {hidden.cause.name: dict(hidden.values) for hidden in experiment.effects},
-        "constants": experiment.truth.named(),
-        "actuators": experiment.actuators.to_dict("index"),
-        "films": experiment.films.to_dict("index"),
-        "seed": provenance.seed,
-        "command": provenance.command,
-        "mesh": dict(provenance.mesh),
-        "version": {"bayesdeg": bayesdeg.__version__, "model": MODEL_VERSION},
-    }
+    bayesdeg: Text
+    model: Text = Field(default="", description="version of the finite element model")
+
+
+class Truth(FileRecord):
+    """The content of ``truth.json``: what a virtual experiment hides, which no study reads."""
+
+    causes: Mapping[str, Numbers] = Field(description="values of the parameters, by hidden cause")
+    constants: Numbers = Field(description="by the names of calibrated parameters")
+    actuators: Mapping[str, Mapping[str, Scalar]] = Field(description="by specimen")
+    films: Mapping[str, Mapping[str, Scalar]] = Field(description="by specimen")
+    seed: int
+    command: Text
+    mesh: Numbers = Field(description="sizes of the elements [mm]")
+    version: TruthVersion
+
+
+def truth_record(experiment: VirtualExperiment, provenance: Provenance) -> Truth:
+    """Return what ``truth.json`` holds."""
+    return Truth(
+        causes={hidden.cause.name: dict(hidden.values) for hidden in experiment.effects},
+        constants=experiment.truth.named(),
+        actuators=_by_specimen(experiment.actuators),
+        films=_by_specimen(experiment.films),
+        seed=provenance.seed,
+        command=provenance.command,
+        mesh=dict(provenance.mesh),
+        version=TruthVersion(bayesdeg=bayesdeg.__version__, model=str(MODEL_VERSION)),
+    )
+
+
+def _by_specimen(frame: pd.DataFrame) -> dict[str, dict[str, float | str | None]]:
+    rows = frame.to_dict("index").items()
+    return {str(name): {str(key): cell for key, cell in row.items()} for name, row in rows}
 
 
 def virtual_settings(settings: Settings, *, seed: int) -> Settings:

@@ -20,8 +20,7 @@ from bayesdeg.inference.model import Model, near_films
 from bayesdeg.inference.modes import find_modes
 from bayesdeg.inference.sampling import EFFORTS, Chain, Effort, Standing, sample
 from bayesdeg.pipeline.progress import Progress
-from bayesdeg.report.chain_pieces import ChainPieces
-from bayesdeg.report.checkpoints import Checkpoints
+from bayesdeg.report.checkpoints import ChainPieces, Checkpoints
 
 
 def steps_left(standing: Standing, effort: Effort) -> float:

@@ -16,7 +16,7 @@ from bayesdeg.pipeline.calibrate import Fit
 from bayesdeg.pipeline.progress import Progress
 from bayesdeg.prediction import prior_predictive as alone
 from bayesdeg.prediction.prior_predictive import PriorPredictive
-from bayesdeg.report import columns
+from bayesdeg.report import tables as columns
 from bayesdeg.report.left_out import Guard, Stage
 
 FEWEST = 2  # specimens, of which one can be left out

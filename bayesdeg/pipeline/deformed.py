@@ -22,10 +22,19 @@ from bayesdeg.errors import GeometryError
 from bayesdeg.pipeline.assemble import level_grid
 from bayesdeg.pipeline.calibrate import Fit, Listener
 from bayesdeg.prediction.predictive import at_conditions
-from bayesdeg.report.actuator_fields import NodalFields, nodal_fields
-from bayesdeg.report.actuator_files import clear_solved, vtu_name, write_surface, write_vtu
-from bayesdeg.report.actuator_surface import Shape, Surface, faces_of, shape_of
 from bayesdeg.report.folder import RunFolder
+from bayesdeg.report.surface import (
+    NodalFields,
+    Shape,
+    Surface,
+    clear_solved,
+    faces_of,
+    nodal_fields,
+    shape_of,
+    vtu_name,
+    write_surface,
+    write_vtu,
+)
 
 Floats = NDArray[np.float64]
 

@@ -24,7 +24,7 @@ from bayesdeg.inference.laplace import approximate, evidence
 from bayesdeg.inference.model import Model
 from bayesdeg.inference.sampling import Chain, Effort, sample
 from bayesdeg.pipeline.progress import Progress
-from bayesdeg.report import columns
+from bayesdeg.report import tables as columns
 from bayesdeg.report.left_out import Guard, Stage
 
 Floats = NDArray[np.float64]

@@ -1,7 +1,7 @@
 """A finished run becomes a model again that predicts, from its folder alone."""
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
@@ -34,9 +34,9 @@ from bayesdeg.prediction.predictive import (
     rupture_table,
 )
 from bayesdeg.priors import Flat, Parameter
-from bayesdeg.report.fields import LARGEST, Json, RunFaultError, entries_of, mapping_of, number_of
-from bayesdeg.report.folder import POSTERIOR, POSTERIOR_BASE, RUN, RunFolder
-from bayesdeg.report.record import Run, Verdict
+from bayesdeg.records import RecordError
+from bayesdeg.report.folder import POSTERIOR, POSTERIOR_BASE, RunFolder
+from bayesdeg.report.record import ModelEntry, RunRecord, Verdict
 
 Floats = NDArray[np.float64]
 Range = tuple[float, float]
@@ -59,14 +59,14 @@ class Stored:
     measured : mapping of str to (float, float)
         Ranges of ``pressure_kPa`` and ``degradation_pct`` of the actuators that were read, and of
         ``film_degradation_pct``; what was not measured is not there.
-    run, verdict : Run, Verdict
+    run, verdict : RunRecord, Verdict
         What is recorded of the run.
     """
 
     model: Model
     chain: Chain
     measured: Mapping[str, Range]
-    run: Run
+    run: RunRecord
     verdict: Verdict
 
     @property
@@ -75,7 +75,7 @@ class Stored:
         return "+".join(["base", *(cause.name for cause in self.model.causes)])
 
 
-def model_document(model: Model) -> dict[str, object]:
+def model_document(model: Model) -> ModelEntry:
     """Return what `read_stored` needs of a model beside its posterior: ``model`` of ``run.json``.
 
     Parameters
@@ -90,13 +90,13 @@ def model_document(model: Model) -> dict[str, object]:
     films = [float(level) for one in model.of_kind(Tensile) for level in one.levels]
     films += [s.degradation for s in model.statistics if s.quantity == "young_modulus"]
     measured |= {"film_degradation_pct": films} if films else {}
-    return {
-        "nodes_pct": list(model.nodes),
-        "elongation_nodes_pct": list(model.elongation_nodes),
-        "paper_thickness_mm": model.paper_thickness,
-        "largest_pressure_kPa": model.largest_pressure,
-        "measured": {name: [float(min(v)), float(max(v))] for name, v in measured.items()},
-    }
+    return ModelEntry(
+        nodes_pct=model.nodes,
+        elongation_nodes_pct=model.elongation_nodes,
+        paper_thickness_mm=model.paper_thickness,
+        largest_pressure_kPa=model.largest_pressure,
+        measured={name: (float(min(v)), float(max(v))) for name, v in measured.items()},
+    )
 
 
 def read_stored(
@@ -128,7 +128,7 @@ def read_stored(
             "`bayesdeg run` has written"
         )
     folder = RunFolder(path)
-    run, verdict, content = folder.read_run(), folder.read_verdict(), folder.read_json(RUN)
+    run, verdict = folder.read_run(), folder.read_verdict()
     tree = folder.read_posterior(POSTERIOR_BASE if base else POSTERIOR)
     draws = {str(n): v.to_numpy() for n, v in _posterior(tree, path).items()}
     _refuse_impossible(draws, path)
@@ -138,11 +138,14 @@ def read_stored(
             "actuator bends; add actuator.csv to the study and run it again"
         )
     try:
-        document = mapping_of(content, "model")
-        training = mapping_of(mapping_of(content, "emulator"), "training")
-        model = _model(document, draws, _emulator(training, emulator, cache))
-        measured = _ranges(mapping_of(document, "measured"))
-    except (RunFaultError, BayesdegError) as fault:
+        if run.model is None:
+            raise BayesdegError(
+                "run.json is from an older version and does not say what the posterior is of; run "
+                "the study again with `bayesdeg run`"
+            )
+        model = _model(run.model, draws, _emulator(run.emulator.training, emulator, cache))
+        measured = {name: (_known(n)[0], _known(n)[-1]) for name, n in run.model.measured.items()}
+    except (RecordError, BayesdegError) as fault:
         raise BayesdegError(f"{path}: {fault}") from fault
     vectors = np.stack([draws[name] for name in model.table.names], axis=-1)[:, :, None, :]
     chain = Chain(vectors, np.zeros(vectors.shape[:3]), np.ones(len(vectors)))
@@ -177,14 +180,9 @@ def _impossible(path: Path, problem: str) -> BayesdegError:
     )
 
 
-def _model(document: Json, draws: Mapping[str, Floats], forward: Surrogate) -> Model:
-    """Rebuild a model from its document and the names of its draws."""
-    if not document:
-        raise BayesdegError(
-            "run.json is from an older version and does not say what the posterior is of; run the "
-            "study again with `bayesdeg run`"
-        )
-    nodes = _numbers(document, "nodes_pct")
+def _model(entry: ModelEntry, draws: Mapping[str, Floats], forward: Surrogate) -> Model:
+    """Rebuild a model from its record and the names of its draws."""
+    nodes = _known(entry.nodes_pct)
     wanted = [
         control_name(quantity, nodes, k)
         for quantity in ("c1", "c2_ratio", "c3")
@@ -192,16 +190,14 @@ def _model(document: Json, draws: Mapping[str, Floats], forward: Surrogate) -> M
     ]
     missing = [name for name in wanted if name not in draws]
     if missing:
-        raise RunFaultError(
+        raise RecordError(
             f"posterior and run.json do not belong together ({', '.join(missing)} is missing); "
             "run the study again with --fresh"
         )
     names = dict.fromkeys(name.split(".")[0] for name in draws if "." in name)
-    thickness, largest = (
-        number_of(document, name) for name in ("paper_thickness_mm", "largest_pressure_kPa")
-    )
+    thickness, largest = entry.paper_thickness_mm, entry.largest_pressure_kPa
     if not (thickness and largest and thickness > 0.0 and largest > 0.0):
-        raise RunFaultError(
+        raise RecordError(
             "run.json must give the paper's thickness and the largest pressure, both above 0, not "
             f"{thickness} and {largest}; run the study again with --fresh"
         )
@@ -210,7 +206,7 @@ def _model(document: Json, draws: Mapping[str, Floats], forward: Surrogate) -> M
         observations=(),
         world=FilmsAndActuators(
             nodes=nodes,
-            elongation_nodes=_numbers(document, "elongation_nodes_pct"),
+            elongation_nodes=_known(entry.elongation_nodes_pct),
             forward=forward,
             paper_thickness=thickness,
             largest_pressure=largest,
@@ -224,7 +220,7 @@ def _flat(cause: Cause) -> Cause:
     return replace(cause, parameters=tuple(replace(p, law=Flat()) for p in cause.parameters))
 
 
-def _emulator(training: Json, given: Path | None, cache: Path) -> Surrogate:
+def _emulator(training: Mapping[str, object], given: Path | None, cache: Path) -> Surrogate:
     """Return the emulator that the run used, told by the record of its training."""
     if not training:
         raise BayesdegError(
@@ -250,34 +246,29 @@ def _emulator(training: Json, given: Path | None, cache: Path) -> Surrogate:
     )
 
 
-def _same(surrogate: Surrogate, training: Json) -> bool:
+def _same(surrogate: Surrogate, training: Mapping[str, object]) -> bool:
     # what is not finite is written as null
     return bool(json.loads(surrogate.record, parse_constant=lambda _: None) == training)
 
 
-def _kept(training: Json, cache: Path) -> Path | None:
+def _kept(training: Mapping[str, object], cache: Path) -> Path | None:
     """Return where an emulator of that geometry is kept."""
-    trained = mapping_of(training, "dimensions_mm")
+    trained = training.get("dimensions_mm")
     known = {field.name for field in fields(Dimensions)}
-    if set(trained) != known:
+    if not isinstance(trained, dict) or set(trained) != known:
         return None
-    numbers = {name: number_of(trained, name) or 0.0 for name in trained}
+    numbers = {name: float(value or 0.0) for name, value in trained.items()}
     chambers = round(numbers.pop("chambers"))
     return cached_path(Geometry(Dimensions(**numbers, chambers=chambers)), Recipe(), cache)
 
 
-def _ranges(measured: Json) -> dict[str, Range]:
-    return {name: (ends[0], ends[-1]) for name in measured if (ends := _numbers(measured, name))}
-
-
-def _numbers(content: Json, key: str) -> tuple[float, ...]:
-    values = entries_of(content, key)
-    if not values or any(isinstance(v, bool) or not isinstance(v, int | float) for v in values):
-        raise RunFaultError(f"run.json: {key!r} must list numbers, not {values!r}")
-    numbers = [v for v in values if isinstance(v, int | float)]
-    if not all(-LARGEST <= v <= LARGEST for v in numbers):
-        raise RunFaultError(f"run.json: {key!r} must list finite numbers of a usual size")
-    return tuple(float(v) for v in numbers)
+def _known(numbers: Sequence[float | None]) -> tuple[float, ...]:
+    known = tuple(number for number in numbers if number is not None)
+    if not known or len(known) < len(numbers):
+        raise RecordError(
+            f"run.json: nodes and ranges of 'model' must list numbers, not {list(numbers)}"
+        )
+    return known
 
 
 BAND_DRAWS, RUPTURE_DRAWS = 2000, 1000

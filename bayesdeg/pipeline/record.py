@@ -1,31 +1,361 @@
-"""What was published beside what the posterior says, and which statement rests on which data."""
+"""What a run found, as the records that ``verdict.json`` and ``run.json`` hold."""
 
 import json
 import platform
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from importlib.metadata import version
 
 import numpy as np
+from numpy.typing import NDArray
 
 import bayesdeg
+from bayesdeg.causes.catalogue import CATALOGUE
+from bayesdeg.criticism.checks.conflict import Conflict, Questioned, questioned
+from bayesdeg.criticism.checks.residuals import (
+    Concentration,
+    concentration,
+    where,
+    where_films,
+    with_concentration,
+)
+from bayesdeg.criticism.checks.rupture_misfit import RuptureMisfit
+from bayesdeg.criticism.decide.candidates import Candidate
+from bayesdeg.criticism.decide.verdict import Outcome
+from bayesdeg.data.plausibility import Doubt, doubts
 from bayesdeg.data.study import Study
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.inference.model import Refusals, share_outside
+from bayesdeg.observations.tensile import STRESS
 from bayesdeg.pipeline.calibrate import Fit, refused_inputs
+from bayesdeg.pipeline.explanation import explain
 from bayesdeg.pipeline.forecast import model_document
+from bayesdeg.pipeline.judge import Judgement, readings_misfit
+from bayesdeg.pipeline.outline import outline
 from bayesdeg.pipeline.results import Results
 from bayesdeg.report.left_out import Guard, Stage
+from bayesdeg.report.record import (
+    BasisEntry,
+    CandidateEntry,
+    ComparisonEntry,
+    ConcentrationEntry,
+    ContradictionEntry,
+    ConvergenceEntry,
+    EffectEntry,
+    EmulatorEntry,
+    ExperimentEntry,
+    InDoubt,
+    MisfitEntry,
+    MissingEntry,
+    NamingEntry,
+    QuestionedEntry,
+    RunRecord,
+    RuptureEntry,
+    StatisticEntry,
+    SuspectEntry,
+    Verdict,
+)
 
-Json = dict[str, object]
+NOTHING_TO_JUDGE = (
+    "There are no readings of an actuator and no tensile curves in this study, so there is no "
+    "misfit to judge and no cause is named."
+)
+SHOWN = "What the material law makes of the published statistics is shown beside them."
 
 
-def comparisons(study: Study, fit: Fit) -> list[Json]:
+def verdict_document(
+    judgement: Judgement,
+    where: str,
+    experiments: Sequence[Mapping[str, object]] = (),
+    *,
+    note: str = "",
+    concentrated: Concentration | None = None,
+    explanation: str | None = None,
+) -> Verdict:
+    """Return the content of ``verdict.json`` for a study whose readings could be judged.
+
+    Parameters
+    ----------
+    judgement : Judgement
+        The verdict.
+    where : str
+        Where the misfit sits.
+    experiments : sequence, optional
+        What to measure next, with the keys of `bayesdeg.report.record.ExperimentEntry`.
+    note : str
+        What is wrong with modes of tension that were predicted only.
+    concentrated : Concentration, optional
+        The branch, cycle, hold or few specimens in which most of the misfit sits.
+    explanation : str, optional
+        In place of what `bayesdeg.pipeline.explanation.explain` says.
+    """
+    said = explain(judgement, where) if explanation is None else explanation
+    decision, base = judgement.decision, judgement.steps[0]
+    return Verdict(
+        outcome=decision.outcome,
+        causes=decision.causes,
+        one_of=decision.one_of,
+        explanation=f"{said} {note}".strip(),
+        candidates=tuple(_candidate(c) for c in judgement.candidates),
+        confusable=tuple(judgement.confusability.pairs()),
+        false_name_rate=base.false_name_rate,
+        naming=NamingEntry(log_bayes_factor=judgement.threshold, replicates=len(base.chance)),
+        predicted_with=judgement.predicted_with,
+        misfit=_misfit(judgement, where, concentrated),
+        ruptures=_ruptures(judgement.rupture),
+        contradicted=_contradicted(judgement.contradicted),
+        next_experiments=tuple(ExperimentEntry.model_validate(one) for one in experiments),
+    )
+
+
+def _misfit(judgement: Judgement, where: str, found: Concentration | None) -> MisfitEntry:
+    """Return the misfit of the curvatures, or of the stresses where there are none."""
+    rms, noise = readings_misfit(judgement)
+    stress = readings_misfit(judgement, STRESS) if rms is None else (None, None)
+    return MisfitEntry(
+        rms_per_m=rms,
+        noise_per_m=noise,
+        p_value=judgement.misfit.p_value,
+        where=where,
+        concentrated=None if found is None else _concentrated(found),
+        rms_MPa=stress[0],
+        noise_MPa=stress[1],
+    )
+
+
+def _concentrated(found: Concentration) -> ConcentrationEntry:
+    return ConcentrationEntry(
+        kind=found.kind,
+        members=found.members,
+        excess_pct=found.excess,
+        share_of_misfit=found.share,
+        share_of_readings=found.readings,
+        p_value=found.p_value,
+    )
+
+
+def _ruptures(found: RuptureMisfit | None) -> RuptureEntry | None:
+    return None if found is None else RuptureEntry.of(found)
+
+
+def _contradicted(found: Conflict | None) -> ContradictionEntry | None:
+    if found is None:
+        return None
+    measured = found.statistic
+    return ContradictionEntry(
+        quantity=measured.quantity,
+        measured=measured.value,
+        standard_error=measured.se,
+        source=measured.source,
+        calibrated=found.wanted,
+        p_value=found.p_value,
+    )
+
+
+def unjudged_document(
+    unjudged: dict[str, str], held_out: str = "", failed: str = "", *, published: bool = False
+) -> Verdict:
+    """Return the content of ``verdict.json`` where nothing was judged.
+
+    Either the study has no readings to judge, or judging them failed.
+
+    Parameters
+    ----------
+    unjudged : dict of str to str
+        Causes, and why each cannot be judged.
+    held_out : str
+        What is wrong with modes of tension that were predicted only.
+    failed : str
+        Why judging failed; empty where there was nothing to judge.
+    published : bool
+        Whether published statistics are shown beside what the model makes of them.
+    """
+    shown = held_out or (SHOWN if published else "")
+    said = f"{_of_failure(failed)} {held_out}" if failed else f"{NOTHING_TO_JUDGE} {shown}"
+    return Verdict(
+        outcome=Outcome.NOT_JUDGED,
+        explanation=said.strip(),
+        candidates=tuple(
+            CandidateEntry(cause=name, mechanism=_mechanism(name), why=why)
+            for name, why in unjudged.items()
+        ),
+    )
+
+
+def _of_failure(why: str) -> str:
+    return (
+        f"The verdict could not be computed, so no cause is named, and nothing is said of whether "
+        f"the simulation is adequate. {why} The base model was calibrated, and what follows from "
+        "it is written. Run the study again with another --seed; if that fails too, please send "
+        "us left_out.txt of the run folder."
+    )
+
+
+def _candidate(candidate: Candidate) -> CandidateEntry:
+    fit = "full fit" if candidate.fitted else "screening"
+    return CandidateEntry(
+        cause=candidate.cause,
+        probability=candidate.probability,
+        log_bayes_factor=candidate.log_bayes_factor,
+        log_bayes_factor_error=candidate.log_bayes_factor_error,
+        elpd_diff=candidate.elpd_diff,
+        elpd_diff_se=candidate.elpd_diff_se,
+        explained_fraction=candidate.explained_fraction,
+        effect={name: EffectEntry.of(size) for name, size in candidate.effect.items()},
+        mechanism=_mechanism(candidate.cause),
+        naming_p_value=candidate.naming_p_value,
+        why=candidate.why,
+        judged_by="" if candidate.why else fit,
+    )
+
+
+def _mechanism(cause: str) -> str:
+    known = CATALOGUE.get(cause)
+    return known.mechanism if known else ""
+
+
+Floats = NDArray[np.float64]
+
+OF_VERDICT = (
+    Stage.RUPTURE_MISFIT,
+    Stage.CONFLICT,
+    Stage.LEVELS_OUT,
+    Stage.EXPERIMENTS,
+    Stage.CONFUSABILITY,
+    Stage.EXTENDED,
+    Stage.WHERE,
+)
+"""What a reader of the verdict misses, where no reason of the decision says it already."""
+
+
+def verdict_of(results: Results, residual: Floats | None, note: str, guard: Guard) -> Verdict:
+    """Return the content of ``verdict.json``.
+
+    Where judging failed, or its outcome cannot be put into words and numbers, it says so.
+
+    Parameters
+    ----------
+    results : Results
+        What was found.
+    residual : array, optional
+        Residuals of curvature under the base model [1/m]; None where they are not known.
+    note : str
+        What is wrong with modes of tension that were predicted only.
+    guard : Guard
+        Knows what was left out, and leaves out what fails.
+    """
+    found = None
+    if results.judgement is not None:
+        found = guard.attempt(
+            Stage.VERDICT, _verdict, results, results.judgement, residual, note, guard
+        )
+    if found is not None:
+        return found
+    unjudged, failed = results.assembly.unjudged, guard.why(Stage.VERDICT)
+    if failed:
+        tried = {cause.name: "the verdict was left out" for cause in results.assembly.candidates}
+        unjudged = tried | unjudged
+    shown = bool(results.base.model.statistics)
+    return unjudged_document(unjudged, note, failed, published=shown)
+
+
+def _verdict(
+    results: Results, judgement: Judgement, residual: Floats | None, note: str, guard: Guard
+) -> Verdict:
+    linear = judgement.search.base.linear
+    place = guard.attempt(Stage.WHERE, _place, results, judgement, residual) or ""
+    found = guard.attempt(
+        Stage.CONCENTRATION,
+        concentration,
+        linear,
+        judgement.steps[0].simulated,
+        judgement.misfit.statistic,
+    )
+    place = with_concentration(place, found) if place else ""
+    said = guard.attempt(Stage.EXPLANATION, explain, judgement, place)
+    missing = " ".join(guard.why(stage) for stage in OF_VERDICT)
+    return verdict_document(
+        judgement,
+        place,
+        judgement.experiments,
+        note=f"{note} {missing}".strip(),
+        concentrated=found,
+        explanation=said or f"The verdict is: {judgement.decision.outcome}.",
+    )
+
+
+def _place(results: Results, judgement: Judgement, residual: Floats | None) -> str:
+    """Say where the misfit sits; empty where the readings could not be predicted."""
+    if results.base.model.actuator is None:
+        return where_films(judgement.search.base.linear)
+    noise = readings_misfit(judgement)[1]
+    return "" if residual is None else where(results.base.model, residual, noise or 0.0)
+
+
+DRAWS = 4000  # of a posterior, for its medians
+
+
+def in_doubt(study: Study, results: Results) -> InDoubt:
+    """Return what a reader of the verdict should know before it is used.
+
+    Parameters
+    ----------
+    study : Study
+        What was run.
+    results : Results
+        Of which the final calibration is held against its priors.
+
+    Returns
+    -------
+    InDoubt
+        Readings and specimens that are unlikely, and parameters that are calibrated to what their
+        priors all but exclude.
+    """
+    found = doubts(study, outline(study).expected)
+    return InDoubt(
+        suspects=tuple(_suspect(doubt) for doubt in found),
+        parameters_in_question=_off_priors(results),
+    )
+
+
+def _suspect(doubt: Doubt) -> SuspectEntry:
+    fault = doubt.fault
+    return SuspectEntry(
+        file=fault.file,
+        specimen=fault.specimen,
+        column=fault.column,
+        value=fault.value,
+        why=str(doubt),
+    )
+
+
+def _off_priors(results: Results) -> tuple[QuestionedEntry, ...]:
+    fit = results.final
+    vectors = fit.chain.vectors.reshape(-1, fit.chain.vectors.shape[-1])
+    step = max(1, len(vectors) // DRAWS)
+    return tuple(_question(one) for one in questioned(fit.model, vectors[::step]))
+
+
+def _question(one: Questioned) -> QuestionedEntry:
+    low, high = one.expected
+    return QuestionedEntry(
+        parameter=one.parameter.name,
+        meaning=one.parameter.meaning,
+        unit=one.parameter.unit,
+        median=one.value,
+        prior_low=low,
+        prior_high=high,
+        p_value=one.p_value,
+    )
+
+
+def comparisons(study: Study, fit: Fit) -> list[ComparisonEntry]:
     """Return published statistics beside the posterior's own, 90 % intervals."""
     if study.summary is None:
         return []
     flat = fit.chain.vectors.reshape(-1, fit.chain.vectors.shape[-1])
     values = fit.model.table.named(flat[:: max(1, len(flat) // 2000)])
-    rows: list[Json] = []
+    rows: list[ComparisonEntry] = []
     for row in study.summary.to_dict("records"):
         level = np.array([float(row["degradation_pct"])])
         if row["quantity"] == "young_modulus":
@@ -39,18 +369,18 @@ def comparisons(study: Study, fit: Fit) -> list[Json]:
         low, middle, high = np.quantile(draws, [0.05, 0.5, 0.95])
         unit = str(row["unit"]).replace("–", "")
         rows.append(
-            {
-                "quantity": row["quantity"],
-                "degradation_pct": None if np.isnan(level[0]) else float(level[0]),
-                "predicted": f"{middle:.3g} ({low:.3g} to {high:.3g}) {unit}".strip(),
-                "published": f"{row['value']:g} ± {row['sd']:g} {unit}".strip(),
-                "source": row["source"],
-            }
+            ComparisonEntry(
+                quantity=str(row["quantity"]),
+                degradation_pct=float(level[0]),
+                predicted=f"{middle:.3g} ({low:.3g} to {high:.3g}) {unit}".strip(),
+                published=f"{row['value']:g} ± {row['sd']:g} {unit}".strip(),
+                source=str(row["source"]),
+            )
         )
     return rows
 
 
-def rests_on(study: Study) -> list[Json]:
+def rests_on(study: Study) -> list[BasisEntry]:
     """Return which statement rests on which data."""
     specimens = "virtual experiment" if study.settings.virtual else "measured"
     statements = []
@@ -84,7 +414,7 @@ def rests_on(study: Study) -> list[Json]:
             statements.append((f"also used as data: {', '.join(names)}", "summary.csv (published)"))
         if shown:
             statements.append((f"shown, not fitted: {', '.join(shown)}", "summary.csv (published)"))
-    return [{"statement": statement, "rests_on": basis} for statement, basis in statements]
+    return [BasisEntry(statement=statement, rests_on=basis) for statement, basis in statements]
 
 
 # share of refused proposals above which the posterior may be cut off
@@ -98,42 +428,48 @@ FACTS = (
     "curves_cut_short",
     "mesh_error_pct",
 )
-MEASURES = ("rms_pct", "p95_pct", "max_pct", "coverage_90")
 LIBRARIES = ("numpy", "scipy", "scikit-fem", "numba", "emcee", "arviz", "pandas", "xarray")
 
 
 def run_document(
-    study: Study, results: Results, seconds: dict[str, float], guard: Guard | None = None
-) -> dict[str, object]:
+    study: Study,
+    results: Results,
+    seconds: dict[str, float],
+    guard: Guard | None = None,
+    doubted: InDoubt | None = None,
+) -> RunRecord:
     """Return the content of ``run.json``: versions, seed, hashes, effort, times, counts."""
     settings, judgement = study.settings, results.judgement
-    guard = guard or Guard(strict=True)
-    libraries = {name: version(name) for name in LIBRARIES}
-    return {
-        "title": settings.title or study.name,
-        "study": study.name,
-        "created": datetime.now(UTC).isoformat(timespec="seconds"),
-        "virtual": settings.virtual,
-        "note": settings.note,
-        "seed": settings.seed,
-        "effort": settings.effort,
-        "version": bayesdeg.__version__,
-        "versions": libraries | {"python": platform.python_version()},
-        "hashes": dict(study.hashes),
-        "seconds": seconds,
-        "counts": _counts(results),
-        "missing": [{"what": w, "cost": cost} for w, cost in results.assembly.missing],
-        "rests_on": rests_on(study),
-        "convergence": _convergence(results),
-        "emulator": _emulator(results, guard),
-        "model": model_document(results.base.model),
-        "misfit": {
-            "observed": None if judgement is None else judgement.misfit.statistic,
-            "name": "log-likelihood ratio of a smooth discrepancy",
-        },
-        "comparisons": guard.attempt(Stage.COMPARISONS, comparisons, study, results.final) or [],
-        "checks": guard.attempt(Stage.CHECKS_IN_WORDS, _checks, results) or {},
-    }
+    guard, doubted = guard or Guard(strict=True), doubted or InDoubt()
+    compared = guard.attempt(Stage.COMPARISONS, comparisons, study, results.final) or ()
+    return RunRecord(
+        title=settings.title or study.name,
+        study=study.name,
+        created=datetime.now(UTC).isoformat(timespec="seconds"),
+        virtual=settings.virtual,
+        note=settings.note,
+        seed=settings.seed,
+        effort=settings.effort,
+        version=bayesdeg.__version__,
+        versions={name: version(name) for name in LIBRARIES}
+        | {"python": platform.python_version()},
+        hashes=dict(study.hashes),
+        seconds=seconds,
+        counts=_counts(results),
+        missing=tuple(MissingEntry(what=w, cost=c) for w, c in results.assembly.missing),
+        rests_on=tuple(rests_on(study)),
+        convergence=_convergence(results),
+        emulator=_emulator(results, guard),
+        model=model_document(results.base.model),
+        misfit=StatisticEntry(
+            observed=None if judgement is None else judgement.misfit.statistic,
+            name="log-likelihood ratio of a smooth discrepancy",
+        ),
+        comparisons=tuple(compared),
+        checks=guard.attempt(Stage.CHECKS_IN_WORDS, _checks, results) or {},
+        suspects=doubted.suspects,
+        parameters_in_question=doubted.parameters_in_question,
+    )
 
 
 def _checks(results: Results) -> dict[str, str]:
@@ -146,7 +482,7 @@ def _counts(results: Results) -> dict[str, int]:
     forward = results.base.model.forward
     outside, cut = 0, None
     if isinstance(forward, Surrogate):
-        cut = emulator_facts(forward.record)["curves_cut_short"]
+        cut = emulator_facts(forward.record).curves_cut_short
         outside = round(_outside(results.final) * results.final.chain.log_prob.size)
     counts = {
         "posterior draws, base": results.base.chain.log_prob.size,
@@ -157,7 +493,7 @@ def _counts(results: Results) -> dict[str, int]:
         counts[f"proposals of the sampler, {label}"] = fit.chain.refusals.proposed
         counts[f"proposals refused by the emulator, {label}"] = fit.chain.refusals.refused
     name = "finite element curves of the emulator that met a limit point"
-    return counts | ({name: int(cut)} if isinstance(cut, int) else {})
+    return counts | ({} if cut is None else {name: int(cut)})
 
 
 def _outside(fit: Fit) -> float:
@@ -166,23 +502,22 @@ def _outside(fit: Fit) -> float:
     return share_outside(fit.model, vectors[:: max(1, len(vectors) // LOOKED_AT)])
 
 
-def _convergence(results: Results) -> dict[str, object]:
+def _convergence(results: Results) -> dict[str, ConvergenceEntry]:
     return {
-        label: {
-            "r_hat_max": max(fit.diagnosis.r_hat),
-            "ess_min": min(fit.diagnosis.ess_bulk),
-            "sentence": fit.diagnosis.sentence,
-            "usable": fit.diagnosis.usable,
-        }
+        label: ConvergenceEntry(
+            r_hat_max=max(fit.diagnosis.r_hat),
+            ess_min=min(fit.diagnosis.ess_bulk),
+            sentence=fit.diagnosis.sentence,
+            usable=bool(fit.diagnosis.usable),
+        )
         for label, fit in results.sampled.items()
     }
 
 
-def _emulator(results: Results, guard: Guard) -> dict[str, object]:
+def _emulator(results: Results, guard: Guard) -> EmulatorEntry:
     forward = results.base.model.forward
     if not isinstance(forward, Surrogate):
-        return {}
-    facts = emulator_facts(forward.record)
+        return EmulatorEntry()
     chains = {id(fit.chain): fit.chain.refusals for fit in results.fits.values()}
     refusals = sum(chains.values(), start=Refusals())
     refused = {}
@@ -193,12 +528,13 @@ def _emulator(results: Results, guard: Guard) -> dict[str, object]:
         outside_words(_outside(results.final)),
         _refused_words(refused),
     )
-    said = " ".join(part for part in words if part)
-    return facts | {
-        "refusals": said,
-        "refused_inputs": refused,
-        "training": json.loads(forward.record),
-    }
+    return emulator_facts(forward.record).model_copy(
+        update={
+            "refusals": " ".join(part for part in words if part),
+            "refused_inputs": refused,
+            "training": json.loads(forward.record),
+        }
+    )
 
 
 def _refused_words(refused: dict[str, str]) -> str:
@@ -208,7 +544,7 @@ def _refused_words(refused: dict[str, str]) -> str:
     return f"Of new specimens in the same tests it refuses: {'; '.join(refused.values())}."
 
 
-def emulator_facts(record: str) -> dict[str, object]:
+def emulator_facts(record: str) -> EmulatorEntry:
     """Return what a trained emulator's record says of itself, as far as it says it.
 
     Parameters
@@ -222,9 +558,9 @@ def emulator_facts(record: str) -> dict[str, object]:
     Examples
     --------
     >>> facts = emulator_facts('{"coarse_curves": 64, "accuracy": {"limit": {"p95_pct": 1.5}}}')
-    >>> facts["coarse_curves"], facts["accuracy"]
-    (64, [{'quantity': 'limit', 'rms_pct': None, 'p95_pct': 1.5, 'max_pct': None, 'coverage_90': None}])
-    """  # noqa: E501
+    >>> facts.coarse_curves, facts.accuracy[0].quantity, facts.accuracy[0].p95_pct
+    (64, 'limit', 1.5)
+    """
     trained = json.loads(record)
     by_quantity = trained.get("accuracy", {})
     if not by_quantity and "left_out_rms_pct" in trained:
@@ -234,29 +570,26 @@ def emulator_facts(record: str) -> dict[str, object]:
             "max": "left_out_largest_pct",
         }
         by_quantity = {"curvature": {f"{k}_pct": trained.get(key) for k, key in older.items()}}
-    accuracy = [
-        {"quantity": quantity, **{measure: entry.get(measure) for measure in MEASURES}}
-        for quantity, entry in by_quantity.items()
-    ]
-    facts = {key: trained.get(key) for key in FACTS}
+    entries = [{"quantity": name} | measured for name, measured in by_quantity.items()]
+    facts = EmulatorEntry.read({name: trained.get(name) for name in FACTS} | {"accuracy": entries})
     rms = by_quantity.get("curvature", {}).get("rms_pct")
-    error = None if rms is None else float(np.hypot(rms, facts["mesh_error_pct"] or 0.0))
-    return facts | {"accuracy": accuracy, "error_pct": error, "record": _sentence(facts, rms)}
+    error = None if rms is None else float(np.hypot(rms, facts.mesh_error_pct or 0.0))
+    return facts.model_copy(update={"error_pct": error, "record": _sentence(facts, rms)})
 
 
-def _sentence(facts: dict[str, object], rms: float | None) -> str:
+def _sentence(facts: EmulatorEntry, rms: float | None) -> str:
     parts = []
-    if facts["coarse_curves"] is not None:
-        few = facts["fine_curves"]
+    if facts.coarse_curves is not None:
+        few = facts.fine_curves
         parts.append(
-            f"{facts['coarse_curves']} curves of a coarse mesh"
+            f"{facts.coarse_curves} curves of a coarse mesh"
             + ("" if few is None else f", corrected by {few} of a fine one")
         )
     if rms is not None:
         parts.append(f"curves that it was not trained on are predicted to {rms:.2f} % rms")
-    if facts["mesh_error_pct"] is not None:
+    if facts.mesh_error_pct is not None:
         parts.append(
-            f"the fine mesh itself is within {facts['mesh_error_pct']:.2f} % rms of a finer one"
+            f"the fine mesh itself is within {facts.mesh_error_pct:.2f} % rms of a finer one"
         )
     return "; ".join(parts)
 

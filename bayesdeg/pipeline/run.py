@@ -24,7 +24,6 @@ from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.calibrate import Fit, base_of, calibrate
 from bayesdeg.pipeline.checks import check
 from bayesdeg.pipeline.deformed import Begun, begin
-from bayesdeg.pipeline.document import in_doubt
 from bayesdeg.pipeline.films import examine
 from bayesdeg.pipeline.judge import (
     JUDGE_EFFORTS,
@@ -34,16 +33,16 @@ from bayesdeg.pipeline.judge import (
     with_sampled_sizes,
 )
 from bayesdeg.pipeline.progress import Progress
-from bayesdeg.pipeline.record import run_document
+from bayesdeg.pipeline.record import in_doubt, run_document
 from bayesdeg.pipeline.results import Results
 from bayesdeg.pipeline.writing import write_results
 from bayesdeg.report.checkpoints import Checkpoints
-from bayesdeg.report.folder import HASHES, RUN, VERDICT, RunFolder
+from bayesdeg.report.folder import RunFolder
 from bayesdeg.report.left_out import Guard, Stage
+from bayesdeg.report.record import InDoubt, Verdict
 
 Calibrate = Callable[..., Fit]
 Floats = NDArray[np.float64]
-Json = dict[str, object]
 
 
 @dataclass
@@ -70,7 +69,7 @@ def run_study(
     executor: Executor | None = None,
     forward: Surrogate | None = None,
     guard: Guard | None = None,
-) -> dict[str, object]:
+) -> Verdict:
     """Do the main job on a study and write the run folder, except for the page.
 
     Only reading and the calibration of the base model are indispensable. Any other stage that
@@ -95,7 +94,7 @@ def run_study(
 
     Returns
     -------
-    dict
+    Verdict
         The content of ``verdict.json``.
     """
     clock, guard = _Clock(), guard or Guard()
@@ -126,11 +125,10 @@ def run_study(
     with clock.stage("predict"):
         write = partial(write_results, pictures=pictures)
         document = write(study, folder, results, np.random.default_rng(seeds[0]), guard)
-    doubted = guard.attempt(Stage.IN_DOUBT, in_doubt, study, results) or {}
-    document |= doubted
-    record = run_document(study, results, clock.seconds, guard) | doubted
-    folder.write_json(RUN, record | {HASHES: folder.posterior_hashes()})
-    return say_left_out(folder, document, guard)
+    doubted = guard.attempt(Stage.IN_DOUBT, in_doubt, study, results) or InDoubt()
+    record = run_document(study, results, clock.seconds, guard, doubted)
+    folder.write(record.model_copy(update={"posteriors": folder.posterior_hashes()}))
+    return say_left_out(folder, document.model_copy(update=dict(doubted)), guard)
 
 
 def _begun_pictures(
@@ -143,23 +141,24 @@ def _begun_pictures(
     return guard.attempt(Stage.DEFORMED, begin, results.final, geometry, executor)
 
 
-def say_left_out(folder: RunFolder, document: Json, guard: Guard) -> Json:
+def say_left_out(folder: RunFolder, document: Verdict, guard: Guard) -> Verdict:
     """Write what was left out into a run folder, and the verdict with it; return the verdict.
 
     Parameters
     ----------
     folder : RunFolder
         Of a run, with its ``run.json``.
-    document : dict
+    document : Verdict
         Content of ``verdict.json``.
     guard : Guard
         Knows what was left out.
     """
-    found: Json = {"left_out": guard.documents()}
-    folder.write_json(VERDICT, document | found)
-    folder.write_json(RUN, folder.read_json(RUN) | found)
+    found = {"left_out": guard.entries()}
+    document = document.model_copy(update=found)
+    folder.write(document)
+    folder.write(folder.read_run().model_copy(update=found))
     folder.write_left_out(guard.traces())
-    return document | found
+    return document
 
 
 def _judged(

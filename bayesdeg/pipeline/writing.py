@@ -1,15 +1,15 @@
-"""The files of a run, each written on its own."""
+"""The tables and posteriors of a run: how each is made, and which are written."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
 from bayesdeg.actuator.geometry import Geometry
-from bayesdeg.criticism.checks import statistics
+from bayesdeg.criticism.checks import statistics as residual_statistics
 from bayesdeg.criticism.checks.discrepancy import too_few
 from bayesdeg.criticism.checks.residuals import (
     CurvatureFit,
@@ -21,26 +21,35 @@ from bayesdeg.criticism.checks.residuals import (
 from bayesdeg.criticism.fit.search import Step
 from bayesdeg.criticism.holdout import gain
 from bayesdeg.criticism.holdout.gain import LooPit, gain_table, mode_table
+from bayesdeg.data.moisture import degradation_of_films, moisture_content
 from bayesdeg.data.study import Study
+from bayesdeg.inference.model import Model
 from bayesdeg.inference.sampling import EFFORTS, to_datatree
 from bayesdeg.observations.curvature import ActuatorCurves
-from bayesdeg.pipeline import tables
+from bayesdeg.observations.means import statistics
+from bayesdeg.observations.tensile import (
+    TensileCurves,
+    film_readings,
+    stress_variance,
+    tensile_curves,
+)
 from bayesdeg.pipeline.assemble import level_grid
 from bayesdeg.pipeline.calibrate import Fit
 from bayesdeg.pipeline.deformed import Begun, write_deformed
-from bayesdeg.pipeline.document import verdict_of
 from bayesdeg.pipeline.films import CourseFit
 from bayesdeg.pipeline.judge import Judgement
+from bayesdeg.pipeline.record import verdict_of
 from bayesdeg.pipeline.results import Results
 from bayesdeg.prediction.control import INTERVAL, largest_allowed, needed_by
 from bayesdeg.prediction.predictive import (
     Specimens,
     curvature_bands,
     draw_specimens,
+    draw_values,
     respond,
     rupture_table,
 )
-from bayesdeg.report import columns
+from bayesdeg.report import tables as columns
 from bayesdeg.report.folder import (
     POSTERIOR,
     POSTERIOR_BASE,
@@ -49,6 +58,221 @@ from bayesdeg.report.folder import (
     RunFolder,
 )
 from bayesdeg.report.left_out import Guard, Stage, posterior_stage, table_stage
+from bayesdeg.report.record import Verdict
+
+Floats = NDArray[np.float64]
+
+FIVE = (0.05, 0.25, 0.5, 0.75, 0.95)
+
+
+def observations(model: Model, label: str, fit: CurvatureFit) -> pd.DataFrame:
+    """Return every reading of curvature beside its posterior prediction."""
+    assert model.actuator is not None
+    data, mask = model.actuator, model.actuator.mask
+    shape = mask.shape
+    return pd.DataFrame(
+        {
+            "model": label,
+            "specimen_id": np.broadcast_to(np.array(data.specimens)[:, None], shape)[mask],
+            "degradation_pct": np.broadcast_to(data.degradation, shape)[mask],
+            "pressure_kPa": data.pressure[mask],
+            "branch": data.branch[mask],
+            "cycle": data.cycle[mask],
+            "curvature_per_m": data.curvature[mask],
+            "mean_per_m": fit.mean[mask],
+            "q05_per_m": fit.low[mask],
+            "q95_per_m": fit.high[mask],
+            "residual_per_m": (data.curvature - fit.mean)[mask],
+        }
+    )
+
+
+def tensile(study: Study, fit: Fit, label: str, generator: np.random.Generator) -> pd.DataFrame:
+    """Return every reading of stress, fitted or held out, beside its posterior prediction."""
+    frames = []
+    values = draw_values(fit.model, fit.chain, generator, 400)
+    for fitted in (True, False):
+        curves = tensile_curves(study, fitted=fitted)
+        if curves is not None:
+            frames.append(
+                _tensile(curves, fit.model, values, generator, label=label, fitted=fitted)
+            )
+    return pd.concat(frames, ignore_index=True)
+
+
+def held_out_modes(table: pd.DataFrame) -> str:
+    """Say how wrong modes of tension are that were predicted, not fitted; empty if none was."""
+    held = table[(table["model"] == "final") & (table["fitted"] == 0)]
+    sentences = []
+    for mode, rows in held.groupby("mode"):
+        error = float(np.sqrt(np.mean((rows["stress_MPa"] - rows["mean_MPa"]) ** 2)))
+        inside = np.mean(rows["stress_MPa"].between(rows["q05_MPa"], rows["q95_MPa"]))
+        share = 100.0 * error / float(np.abs(rows["stress_MPa"]).max())
+        sentences.append(
+            f"Predicted without having been fitted, {mode} tension is off by {error:.3g} MPa rms "
+            f"({share:.0f} % of its largest stress), with {100 * inside:.0f} % of the readings "
+            "inside the 90 % interval."
+        )
+    return " ".join(sentences)
+
+
+def _tensile(
+    curves: TensileCurves,
+    model: Model,
+    values: dict[str, Floats],
+    generator: np.random.Generator,
+    *,
+    label: str,
+    fitted: bool,
+) -> pd.DataFrame:
+    median = model.stresses(values, curves)
+    stress = median.at_rest
+    scatter = np.stack(
+        np.broadcast_arrays(values["stiffness_scatter"][:, None], curves.degradation_sd), axis=-1
+    )
+    deviation = scatter * generator.standard_normal(scatter.shape)
+    drawn, _ = film_readings(median, deviation)
+    noise = np.sqrt(stress_variance(values, drawn))
+    readings = drawn + noise * generator.standard_normal(drawn.shape)
+    low, high = np.quantile(readings, [0.05, 0.95], axis=0)
+    # the table is in nominal stress, whatever was recorded
+    to_nominal = np.where(curves.cauchy, 1.0 / curves.stretch, 1.0)
+    mask, shape = curves.mask, curves.mask.shape
+    return pd.DataFrame(
+        {
+            "model": label,
+            "specimen_id": np.broadcast_to(np.array(curves.specimens)[:, None], shape)[mask],
+            "mode": np.broadcast_to(np.array(curves.modes)[:, None], shape)[mask],
+            "degradation_pct": np.broadcast_to(curves.degradation[:, None], shape)[mask],
+            "stretch": curves.stretch[mask],
+            "stress_MPa": (curves.stress * to_nominal)[mask],
+            "fitted": int(fitted),
+            "mean_MPa": (stress.mean(axis=0) * to_nominal)[mask],
+            "q05_MPa": (low * to_nominal)[mask],
+            "q95_MPa": (high * to_nominal)[mask],
+        }
+    )
+
+
+def constants(fit: Fit, label: str, generator: np.random.Generator) -> pd.DataFrame:
+    """Return quantiles of the Yeoh constants and of Young's modulus against degradation."""
+    grid = level_grid(fit.model)
+    values = draw_values(fit.model, fit.chain, generator, 2000)
+    c1, c2, c3 = np.moveaxis(fit.model.constants(values, grid), -1, 0)
+    named = {"c1": c1, "c2": c2, "c3": c3, "young_modulus": fit.model.young_modulus(values, grid)}
+    frames = [
+        pd.DataFrame(
+            {"model": label, "degradation_pct": grid, "constant": name, "unit": "MPa"}
+            | _quantiles(draws)
+        )
+        for name, draws in named.items()
+    ]
+    return pd.concat(frames, ignore_index=True)
+
+
+def parameters(fit: Fit | CourseFit, label: str) -> pd.DataFrame:
+    """Return posterior and prior of every parameter, with its diagnostics."""
+    model, chain, diagnosis = fit.model, fit.chain, fit.diagnosis
+    flat = model.table.named(chain.vectors.reshape(-1, chain.vectors.shape[-1]))
+    rows = []
+    for i, p in enumerate(model.table.parameters):
+        draws, prior = flat[p.name], p.law.quantile(np.array([0.05, 0.5, 0.95]))
+        low, middle, high = np.quantile(draws, [0.05, 0.5, 0.95])
+        rows.append(
+            {
+                "model": label,
+                "parameter": p.name,
+                "unit": p.unit,
+                "meaning": p.meaning,
+                "mean": float(np.mean(draws)),
+                "sd": float(np.std(draws)),
+                "q05": low,
+                "q50": middle,
+                "q95": high,
+                "prior_q05": prior[0],
+                "prior_q50": prior[1],
+                "prior_q95": prior[2],
+                "r_hat": diagnosis.r_hat[i],
+                "ess_bulk": diagnosis.ess_bulk[i],
+                "ess_tail": diagnosis.ess_tail[i],
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def elongation(fit: Fit, generator: np.random.Generator) -> pd.DataFrame | None:
+    """Return the elongation limit against degradation: band of specimens, and measurements."""
+    if "elongation_scatter" not in fit.model.table.names:
+        return None
+    grid = level_grid(fit.model)
+    values = draw_values(fit.model, fit.chain, generator, 2000)
+    median = fit.model.elongation(values, grid)
+    scatter = values["elongation_scatter"][:, None] * generator.standard_normal(median.shape)
+    low, middle, high = np.quantile(median * np.exp(scatter), [0.05, 0.5, 0.95], axis=0)
+    band = pd.DataFrame(
+        {"kind": "band", "degradation_pct": grid, "value": np.nan}
+        | {"q05": low, "q50": middle, "q95": high}
+    )
+    if fit.model.breaks is None:
+        return band
+    measured = pd.DataFrame(
+        {
+            "kind": "measured",
+            "degradation_pct": fit.model.breaks.degradation,
+            "value": fit.model.breaks.elongation,
+        }
+    )
+    return pd.concat([band, measured.assign(q05=np.nan, q50=np.nan, q95=np.nan)])
+
+
+def measured(study: Study) -> pd.DataFrame:
+    """Return what was reduced from readings or taken from publications, and what it rests on."""
+    units = {"young_modulus": "MPa", "elongation_at_break": "%", "volume_ratio": "–"}
+    rows: list[dict[str, object]] = [
+        {
+            "quantity": s.quantity,
+            "degradation_pct": np.nan if s.quantity == "volume_ratio" else s.degradation,
+            "value": s.value,
+            "sd": s.se,
+            "unit": units[s.quantity],
+            "n": np.nan,
+            "rests_on": s.source,
+        }
+        for s in statistics(study)
+    ]
+    if study.moisture is not None:
+        rows += _moisture(study)
+    names = ["quantity", "degradation_pct", "value", "sd", "unit", "n", "rests_on"]
+    return pd.DataFrame(rows, columns=names)
+
+
+def _moisture(study: Study) -> list[dict[str, object]]:
+    assert study.moisture is not None
+    table = study.moisture
+    content = moisture_content(table["mass_equilibrated_g"], table["mass_dry_g"])
+    try:
+        films = degradation_of_films(table["time_h"].to_numpy(np.float64), content)
+    except ValueError:  # no films at time 0, or no replicates: there is no rate to speak of
+        return []
+    return [
+        {
+            "quantity": f"degradation rate after {time:g} h",
+            "degradation_pct": np.nan,
+            "value": float(rate),
+            "sd": float(error),
+            "unit": "%",
+            "n": float(np.sum(table["time_h"] == time)),
+            "rests_on": "moisture.csv",
+        }
+        for time, rate, error in zip(
+            films.time_h, films.degradation_pct, films.standard_error, strict=True
+        )
+    ]
+
+
+def _quantiles(draws: Floats) -> dict[str, Floats]:
+    values = np.quantile(draws, FIVE, axis=0)
+    return {f"q{round(100 * q):02d}": values[i] for i, q in enumerate(FIVE)}
 
 
 @dataclass(frozen=True)
@@ -94,8 +318,6 @@ class Files:
         for name in set(POSTERIORS) - self.written:
             self.folder.remove(posterior_stage(name))
 
-
-Floats = NDArray[np.float64]
 
 RISK = 0.05
 SHARE = 0.5  # of the largest curvature measured at a level: what is wanted there
@@ -164,7 +386,61 @@ def _wanted(data: ActuatorCurves) -> list[tuple[float, float]]:
     return [(level, wanted) for level, wanted in found if wanted > 0.0]
 
 
-Json = dict[str, object]
+@dataclass
+class Found:
+    """What the tables of a run are made of.
+
+    Parameters
+    ----------
+    study : Study
+        What was run.
+    results : Results
+        What was found.
+    generator : Generator
+        Draws what is predicted: tables are made in the order of `BUILDS`.
+    guard : Guard
+        Leaves out what fails.
+    """
+
+    study: Study
+    results: Results
+    generator: np.random.Generator
+    guard: Guard
+
+    @cached_property
+    def readings(self) -> dict[str, CurvatureFit]:
+        """Predictions at the readings of curvature by model; empty where they failed."""
+        fits = self.results.fits
+        found = self.guard.attempt(Stage.READINGS, _predicted, fits, self.generator)
+        return found or {}
+
+    @property
+    def judgement(self) -> Judgement | None:
+        """None where nothing was judged."""
+        return self.results.judgement
+
+    @property
+    def has_actuators(self) -> bool:
+        """Whether curvature was read."""
+        return self.results.base.model.actuator is not None
+
+    @property
+    def steps(self) -> dict[str, Step]:
+        """The base model and the one with all that is supported, by their names in the tables."""
+        if self.judgement is None:
+            return {}
+        base, final = self.judgement.steps
+        return {"base": base} if base is final else {"base": base, "final": final}
+
+    def residual(self) -> Floats | None:
+        """Return the residuals of the base model [1/m]; None where they are not known."""
+        data = self.results.base.model.actuator
+        if data is None or not self.readings:
+            return None
+        return data.curvature - self.readings["base"].mean
+
+
+type Build = Callable[[Found], pd.DataFrame | None]
 
 
 def write_results(
@@ -175,7 +451,7 @@ def write_results(
     guard: Guard | None = None,
     *,
     pictures: Begun | None = None,
-) -> Json:
+) -> Verdict:
     """Write posteriors and tables; return the content of ``verdict.json``.
 
     Parameters
@@ -194,174 +470,74 @@ def write_results(
         What waits for the deformed actuators, where they are being solved already.
     """
     guard = guard or Guard(strict=True)
-    files = Files(folder, guard)
-    kept = EFFORTS[study.settings.effort].kept
-    for name, fit in ((POSTERIOR_BASE, results.base), (POSTERIOR, results.final)):
-        files.posterior(name, fit, generator, kept=kept)
-    if results.checks is not None:
-        for name, compute in results.checks.tables().items():
-            files.table(name, compute)
-    _write_films(files, results, generator, kept=kept)
-    note = _write_material(study, files, results, generator)
-    residual = None
-    if results.base.model.actuator is not None:
-        _write_predictions(files, results.final, generator)
+    files, found = Files(folder, guard), Found(study, results, generator, guard)
+    _write_posteriors(files, found)
+    frames = {name: files.table(name, partial(build, found)) for name, build in BUILDS.items()}
+    if found.has_actuators:
         geometry = Geometry(study.settings.dimensions)
         draw = partial(write_deformed, begun=pictures)
         guard.attempt(Stage.DEFORMED, draw, folder, results.final, geometry)
-        residual = _write_readings(study, files, results, generator)
-        files.table(columns.DECISIONS, lambda: decisions(results.fits, generator))
-    if results.judgement is not None:
-        _write_held_out(files, results.judgement)
-        _write_criticism(files, results.judgement)
     files.remove_others()
-    return verdict_of(results, residual, note, guard)
+    films = frames[columns.TENSILE]
+    note = "" if films is None else guard.attempt(Stage.HELD_OUT_MODES, held_out_modes, films)
+    return verdict_of(results, found.residual(), note or "", guard)
 
 
-def _write_held_out(files: Files, judgement: Judgement) -> None:
-    """Write how well specimens, modes of tension and levels that took no part are predicted."""
-    subject = judgement.search.base.subject
-    if judgement.held_out:
-        files.table(columns.GAIN, lambda: gain_table(subject, judgement.held_out))
-        if subject.holds_out_modes:
-            files.table(columns.GAIN_MODES, lambda: mode_table(subject, judgement.held_out))
-    if judgement.levels_out:
-        files.table(columns.GAIN_LEVELS, lambda: gain_table(subject, judgement.levels_out))
-
-
-def _write_criticism(files: Files, judgement: Judgement) -> None:
-    """Write statistics, what there is to explain, and the fit to held-out readings."""
-    base, final = judgement.steps
-    files.table(columns.STATISTICS, lambda: _statistics(base, files.guard))
-    parts = {"base": base} if base is final else {"base": base, "final": final}
-    files.table(columns.DISCREPANCY, lambda: _discrepancies(parts))
-    if judgement.held_out:
-        files.table(columns.LOO_PIT, lambda: _loo_pit(judgement, tuple(parts), files.guard))
-    null = judgement.misfit.null
-    files.table(
-        columns.MISFIT_NULL,
-        lambda: pd.DataFrame({"statistic": null, "replicate": np.arange(len(null))}),
-    )
-
-
-def _statistics(base: Step, guard: Guard) -> pd.DataFrame:
-    drawn, known = base.misfit.drawn, len(base.simulated)
-    if known < statistics.FEWEST:
-        why = f"The statistics are not available: {too_few(known, drawn)}."
-        guard.note(table_stage(columns.STATISTICS), why)
-    return statistics.frame(statistics.statistics_table(base.trial.linear, base.simulated, drawn))
-
-
-def _discrepancies(parts: dict[str, Step]) -> pd.DataFrame:
-    misfits = [misfit_frame(s.trial.linear, s.misfit, name) for name, s in parts.items()]
-    return pd.concat(misfits, ignore_index=True)
-
-
-def _loo_pit(judgement: Judgement, names: tuple[str, ...], guard: Guard) -> pd.DataFrame | None:
-    """Return the fit to held-out readings; None where too few of them could be predicted."""
-    held_out = list(judgement.held_out.values())
-    observed = judgement.search.base.subject.observed
-    known: dict[str, LooPit] = {}
-    for name, one in zip(names, (held_out[0], held_out[-1]), strict=False):
-        rows = np.all(np.isfinite(one.draws), axis=0)
-        found = gain.loo_pit(one.draws[:, rows], observed[rows])
-        if found.is_available:
-            known[name] = found
-        else:
-            guard.note(table_stage(columns.LOO_PIT), found.sentence)
-    return gain.frame(known) if known else None
-
-
-def _write_films(
-    files: Files, results: Results, generator: np.random.Generator, *, kept: int
-) -> None:
-    if results.films is None:
-        return
-    for name, compute in results.films.tables(generator).items():
+def _write_posteriors(files: Files, found: Found) -> None:
+    """Write the draws of every posterior, and what checks and films say of themselves."""
+    results, generator = found.results, found.generator
+    kept = EFFORTS[found.study.settings.effort].kept
+    for name, fit in ((POSTERIOR_BASE, results.base), (POSTERIOR, results.final)):
+        files.posterior(name, fit, generator, kept=kept)
+    of_checks = {} if results.checks is None else results.checks.tables()
+    of_films = {} if results.films is None else results.films.tables(generator)
+    for name, compute in (of_checks | of_films).items():
         files.table(name, compute)
-    if results.films.course is not None:
+    if results.films is not None and results.films.course is not None:
         files.posterior(POSTERIOR_COURSE, results.films.course, generator, kept=kept)
 
 
-def _write_material(
-    study: Study, files: Files, results: Results, generator: np.random.Generator
-) -> str:
-    """Write the tables of the material; return what is wrong with held-out modes of tension."""
-    fits = results.fits.items()
-    files.table(
-        columns.CONSTANTS,
-        lambda: _joined([tables.constants(fit, label, generator) for label, fit in fits]),
-    )
-    files.table(
-        columns.PARAMETERS,
-        lambda: _joined([tables.parameters(fit, label) for label, fit in results.sampled.items()]),
-    )
-    films = None
-    if study.tensile is not None:
-        films = files.table(
-            columns.TENSILE,
-            lambda: _joined([tables.tensile(study, fit, label, generator) for label, fit in fits]),
-        )
-    files.table(columns.ELONGATION, lambda: tables.elongation(results.final, generator))
-    files.table(columns.MEASURED, lambda: tables.measured(study))
-    if films is None:
-        return ""
-    return files.guard.attempt(Stage.HELD_OUT_MODES, tables.held_out_modes, films) or ""
+def _predicted(fits: Mapping[str, Fit], generator: np.random.Generator) -> dict[str, CurvatureFit]:
+    return {label: predict_readings(fit.model, fit.chain, generator) for label, fit in fits.items()}
+
+
+def _statistics(found: Found) -> pd.DataFrame | None:
+    if found.judgement is None:
+        return None
+    base = found.steps["base"]
+    drawn, known = base.misfit.drawn, len(base.simulated)
+    if known < residual_statistics.FEWEST:
+        why = f"The statistics are not available: {too_few(known, drawn)}."
+        found.guard.note(table_stage(columns.STATISTICS), why)
+    table = residual_statistics.statistics_table(base.trial.linear, base.simulated, drawn)
+    return residual_statistics.frame(table)
+
+
+def _discrepancies(steps: Mapping[str, Step]) -> pd.DataFrame | None:
+    misfits = [misfit_frame(s.trial.linear, s.misfit, name) for name, s in steps.items()]
+    return _joined(misfits) if misfits else None
+
+
+def _loo_pit(found: Found) -> pd.DataFrame | None:
+    """Return the fit to held-out readings; None where too few of them could be predicted."""
+    judgement = found.judgement
+    if judgement is None or not judgement.held_out:
+        return None
+    held_out = list(judgement.held_out.values())
+    observed = judgement.search.base.subject.observed
+    known: dict[str, LooPit] = {}
+    for name, one in zip(found.steps, (held_out[0], held_out[-1]), strict=False):
+        rows = np.all(np.isfinite(one.draws), axis=0)
+        fit = gain.loo_pit(one.draws[:, rows], observed[rows])
+        if fit.is_available:
+            known[name] = fit
+        else:
+            found.guard.note(table_stage(columns.LOO_PIT), fit.sentence)
+    return gain.frame(known) if known else None
 
 
 def _joined(frames: list[pd.DataFrame]) -> pd.DataFrame:
     return pd.concat(frames, ignore_index=True)
-
-
-def _write_readings(
-    study: Study, files: Files, results: Results, generator: np.random.Generator
-) -> Floats | None:
-    """Write predictions at the readings; return the residuals of the base model [1/m], if known."""
-    found = files.guard.attempt(Stage.READINGS, _predicted, results, generator)
-    if found is None:
-        return None
-    published = _published_r_squared(study)
-    fits = results.fits
-    files.table(
-        columns.OBSERVATIONS,
-        lambda: _joined([tables.observations(fits[n].model, n, r) for n, r in found.items()]),
-    )
-    files.table(
-        columns.LEVELS,
-        lambda: _joined(
-            [level_table(fits[n].model, r, published).assign(model=n) for n, r in found.items()]
-        ),
-    )
-    data = results.base.model.actuator
-    assert data is not None
-    return data.curvature - found["base"].mean
-
-
-def _predicted(results: Results, generator: np.random.Generator) -> dict[str, CurvatureFit]:
-    return {
-        label: predict_readings(fit.model, fit.chain, generator)
-        for label, fit in results.fits.items()
-    }
-
-
-def _write_predictions(files: Files, fit: Fit, generator: np.random.Generator) -> None:
-    assert fit.model.actuator is not None
-    grid = level_grid(fit.model)
-    pressure = np.arange(0.0, float(np.max(fit.model.actuator.pressure)) + 1e-9, 10.0)
-    files.table(
-        columns.BANDS,
-        lambda: curvature_bands(
-            fit.model, fit.chain, generator, degradation=grid, pressure=pressure
-        ),
-    )
-    files.table(
-        columns.RUPTURE,
-        lambda: (
-            rupture_table(fit.model, fit.chain, generator, degradation=grid, pressure=pressure)
-            if "elongation_scatter" in fit.model.table.names
-            else pd.DataFrame(columns=[c.name for c in columns.TABLES[columns.RUPTURE]])
-        ),
-    )
 
 
 def _published_r_squared(study: Study) -> dict[float, float]:
@@ -372,3 +548,118 @@ def _published_r_squared(study: Study) -> dict[float, float]:
         float(level): float(value)
         for level, value in zip(rows["degradation_pct"], rows["value"], strict=True)
     }
+
+
+def _constants_table(found: Found) -> pd.DataFrame:
+    fits = found.results.fits.items()
+    return _joined([constants(fit, label, found.generator) for label, fit in fits])
+
+
+def _parameters_table(found: Found) -> pd.DataFrame:
+    return _joined([parameters(fit, label) for label, fit in found.results.sampled.items()])
+
+
+def _tensile_table(found: Found) -> pd.DataFrame | None:
+    if found.study.tensile is None:
+        return None
+    fits = found.results.fits.items()
+    return _joined([tensile(found.study, fit, label, found.generator) for label, fit in fits])
+
+
+def _bands_table(found: Found) -> pd.DataFrame | None:
+    return _on_grid(found, curvature_bands)
+
+
+def _rupture_table(found: Found) -> pd.DataFrame | None:
+    if not found.has_actuators:
+        return None
+    if "elongation_scatter" not in found.results.final.model.table.names:
+        return columns.TABLES[columns.RUPTURE].empty()
+    return _on_grid(found, rupture_table)
+
+
+def _on_grid(found: Found, predict: Callable[..., pd.DataFrame]) -> pd.DataFrame | None:
+    """Return what is predicted of new specimens on a grid of degradation rates and pressures."""
+    fit = found.results.final
+    if fit.model.actuator is None:
+        return None
+    pressure = np.arange(0.0, float(np.max(fit.model.actuator.pressure)) + 1e-9, 10.0)
+    grid = level_grid(fit.model)
+    return predict(fit.model, fit.chain, found.generator, degradation=grid, pressure=pressure)
+
+
+def _observations_table(found: Found) -> pd.DataFrame | None:
+    if not found.has_actuators or not found.readings:
+        return None
+    fits = found.results.fits
+    return _joined([observations(fits[n].model, n, r) for n, r in found.readings.items()])
+
+
+def _levels_table(found: Found) -> pd.DataFrame | None:
+    if not found.has_actuators or not found.readings:
+        return None
+    fits, published = found.results.fits, _published_r_squared(found.study)
+    return _joined(
+        [
+            level_table(fits[n].model, r, published).assign(model=n)
+            for n, r in found.readings.items()
+        ]
+    )
+
+
+def _gain_table(found: Found) -> pd.DataFrame | None:
+    """Return how well specimens that took no part are predicted."""
+    judgement = found.judgement
+    if judgement is None or not judgement.held_out:
+        return None
+    return gain_table(judgement.search.base.subject, judgement.held_out)
+
+
+def _gain_modes_table(found: Found) -> pd.DataFrame | None:
+    """Return the same of modes of tension."""
+    judgement = found.judgement
+    if judgement is None or not judgement.held_out:
+        return None
+    subject = judgement.search.base.subject
+    whole = subject.holds_out_modes
+    return mode_table(subject, judgement.held_out) if whole else None
+
+
+def _gain_levels_table(found: Found) -> pd.DataFrame | None:
+    """Return the same of degradation rates."""
+    judgement = found.judgement
+    if judgement is None or not judgement.levels_out:
+        return None
+    return gain_table(judgement.search.base.subject, judgement.levels_out)
+
+
+def _null_table(found: Found) -> pd.DataFrame | None:
+    if found.judgement is None:
+        return None
+    null = found.judgement.misfit.null
+    return pd.DataFrame({"statistic": null, "replicate": np.arange(len(null))})
+
+
+#: What makes each table, in the order in which they draw random numbers; None where there is
+#: nothing to tell. Those of checks and films are theirs.
+BUILDS: Mapping[str, Build] = {
+    columns.CONSTANTS: _constants_table,
+    columns.PARAMETERS: _parameters_table,
+    columns.TENSILE: _tensile_table,
+    columns.ELONGATION: lambda found: elongation(found.results.final, found.generator),
+    columns.MEASURED: lambda found: measured(found.study),
+    columns.BANDS: _bands_table,
+    columns.RUPTURE: _rupture_table,
+    columns.OBSERVATIONS: _observations_table,
+    columns.LEVELS: _levels_table,
+    columns.DECISIONS: lambda found: (
+        decisions(found.results.fits, found.generator) if found.has_actuators else None
+    ),
+    columns.GAIN: _gain_table,
+    columns.GAIN_MODES: _gain_modes_table,
+    columns.GAIN_LEVELS: _gain_levels_table,
+    columns.STATISTICS: _statistics,
+    columns.DISCREPANCY: lambda found: _discrepancies(found.steps),
+    columns.LOO_PIT: _loo_pit,
+    columns.MISFIT_NULL: _null_table,
+}

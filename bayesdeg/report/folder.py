@@ -1,13 +1,12 @@
 """The run folder: the one place that knows its file names, and how they are read and written.
 
 Every file is written beside its place and then renamed, so an interrupted run leaves the old file
-or the new one, never half of one. The columns of the tables stand in `bayesdeg.report.columns`.
+or the new one, never half of one. The columns of the tables stand in `bayesdeg.report.tables`.
 """
 
 import hashlib
 import io
 import json
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,9 +29,9 @@ from bayesdeg.files import (
     write_text,
     written,
 )
-from bayesdeg.report.columns import TABLES, Column, Kind
-from bayesdeg.report.fields import LARGEST, RunFaultError, text_map_of
-from bayesdeg.report.record import Run, Verdict, run_of, verdict_of
+from bayesdeg.records import LARGEST, FileRecord, RecordError, plain
+from bayesdeg.report.record import RunRecord, Verdict
+from bayesdeg.report.tables import TABLES, Column, Kind, Tables
 
 INDEX: Final = "index.html"
 LEFT_OUT: Final = "left_out.txt"
@@ -45,15 +44,13 @@ POSTERIOR_COURSE: Final = "posterior_course"
 #: Documents kept as JSON and posteriors kept as netCDF, by name.
 DOCUMENTS: Final = (VERDICT, RUN)
 POSTERIORS: Final = (POSTERIOR, POSTERIOR_BASE, POSTERIOR_COURSE)
-#: Key of ``run.json`` under which the hashes of the posteriors stand.
-HASHES: Final = "posteriors"
 
 #: All files of fixed name that a run writes.
 RUN_FILES: Final = (
     *(INDEX, LEFT_OUT),
     *(f"{name}.json" for name in DOCUMENTS),
     *(f"{name}.nc" for name in POSTERIORS),
-    *(f"{name}.csv" for name in TABLES),
+    *(table.file for table in TABLES.values()),
 )
 
 
@@ -88,7 +85,7 @@ class RunFolder:
         Parameters
         ----------
         name : str
-            A key of `bayesdeg.report.columns.TABLES`.
+            A key of `bayesdeg.report.tables.TABLES`.
         frame : pandas.DataFrame
             At least the documented columns; it may have no rows.
 
@@ -112,7 +109,7 @@ class RunFolder:
         Parameters
         ----------
         name : str
-            A key of `bayesdeg.report.columns.TABLES`.
+            A key of `bayesdeg.report.tables.TABLES`.
 
         Returns
         -------
@@ -155,6 +152,22 @@ class RunFolder:
         text = json.dumps(plain(content), indent=2, ensure_ascii=False, allow_nan=False)
         write_text(self.path / f"{_known(name, DOCUMENTS)}.json", text + "\n")
 
+    def read_tables(self) -> Tables:
+        """Read every table that is there.
+
+        Raises
+        ------
+        BayesdegError
+            If a file is there but damaged.
+        """
+        frames = {name: self.read_table(name) for name in TABLES}
+        return Tables({name: frame for name, frame in frames.items() if frame is not None})
+
+    def write(self, record: Verdict | RunRecord) -> None:
+        """Write the verdict, or what is recorded of the run itself."""
+        name = VERDICT if isinstance(record, Verdict) else RUN
+        write_text(self.path / f"{name}.json", record.text())
+
     def read_json(self, name: str) -> dict[str, object]:
         """Read ``verdict`` or ``run``.
 
@@ -184,9 +197,9 @@ class RunFolder:
         BayesdegError
             If it is missing or breaks its format.
         """
-        return self._typed(VERDICT, verdict_of)
+        return self._read(VERDICT, Verdict)
 
-    def read_run(self) -> Run:
+    def read_run(self) -> RunRecord:
         """Read and check what is recorded of the run itself.
 
         Raises
@@ -194,7 +207,7 @@ class RunFolder:
         BayesdegError
             If it is missing or breaks its format.
         """
-        return self._typed(RUN, run_of)
+        return self._read(RUN, RunRecord)
 
     def write_posterior(self, name: str, tree: xr.DataTree) -> None:
         """Write one of `POSTERIORS` as netCDF."""
@@ -220,6 +233,13 @@ class RunFolder:
         except (OSError, ValueError, KeyError, RuntimeError) as fault:
             raise self._corrupted(file, str(fault)) from fault
 
+    def draws_of(self, name: str) -> xr.Dataset | None:
+        """Return the draws of one of `POSTERIORS`; None where the run has none."""
+        if not (self.path / f"{_known(name, POSTERIORS)}.nc").exists():
+            return None
+        tree = self.read_posterior(name)
+        return tree["posterior"].to_dataset() if "posterior" in tree.children else None
+
     def posterior_hashes(self) -> dict[str, str]:
         """Return the hash of each posterior that is there, by file: for ``run.json``."""
         files = (f"{name}.nc" for name in POSTERIORS)
@@ -229,7 +249,7 @@ class RunFolder:
         """Refuse a posterior that is not the one of which ``run.json`` has the hash."""
         if not (self.path / f"{RUN}.json").exists():
             return
-        known = text_map_of(self.read_json(RUN), HASHES).get(file)
+        known = self.read_run().posteriors.get(file)
         if known is not None and known != self._hash(file):
             raise ValueError("it is not the posterior that this run wrote")
 
@@ -253,10 +273,10 @@ class RunFolder:
         write_text(self.path / INDEX, html)
         return self.path / INDEX
 
-    def _typed[T](self, name: str, parse: Callable[[Mapping[str, object]], T]) -> T:
+    def _read[T: FileRecord](self, name: str, kind: type[T]) -> T:
         try:
-            return parse(self.read_json(name))
-        except RunFaultError as fault:
+            return kind.read(self.read_json(name))
+        except RecordError as fault:
             raise self._corrupted(f"{name}.json", str(fault)) from fault
 
     def _incomplete(self, file: str) -> BayesdegError:
@@ -273,7 +293,7 @@ class RunFolder:
 
 
 def _columns(name: str) -> tuple[Column, ...]:
-    return TABLES[_known(name, tuple(TABLES))]
+    return TABLES[_known(name, tuple(TABLES))].columns
 
 
 def _known(name: str, names: Sequence[str]) -> str:
@@ -338,26 +358,3 @@ def _fits(cell: object, kind: Kind) -> bool:
     except ValueError:
         return False
     return True
-
-
-def plain(content: Mapping[str, object]) -> dict[str, object]:
-    """Return a document as JSON has it: values that are not finite become null.
-
-    Examples
-    --------
-    >>> plain({"p_value": float("nan"), "causes": ("creep",)})
-    {'p_value': None, 'causes': ['creep']}
-    """
-    return {str(key): _plain(item) for key, item in content.items()}
-
-
-def _plain(value: object) -> object:
-    if isinstance(value, Mapping):
-        return plain(value)
-    if isinstance(value, np.ndarray | list | tuple):
-        return [_plain(item) for item in value]
-    if isinstance(value, np.generic):
-        return _plain(value.item())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 import pandas as pd
 
 from bayesdeg.criticism.checks.discrepancy import MISFIT_LEVEL
+from bayesdeg.criticism.decide.verdict import Outcome
 from bayesdeg.report.left_out import Stage
-from bayesdeg.report.record import InQuestion, Outcome, Verdict
+from bayesdeg.report.record import QuestionedEntry, Verdict
 from bayesdeg.report.summaries import BASE, Row, extended_model, pooled, rows_of
 from bayesdeg.report.wording import (
     BADGES,
@@ -61,8 +62,8 @@ def headline_of(verdict: Verdict, gain: pd.DataFrame | None) -> Headline:
 
     Examples
     --------
-    >>> from bayesdeg.report.record import verdict_of
-    >>> named = verdict_of({"outcome": "named", "causes": ["creep"], "candidates": [],
+    >>> from bayesdeg.report.record import Verdict
+    >>> named = Verdict.read({"outcome": "named", "causes": ["creep"], "candidates": [],
     ...                     "misfit": {"rms_per_m": 2.0, "noise_per_m": 0.5, "p_value": 0.002}})
     >>> headline_of(named, None).sentence
     'The misfit is explained by creep'
@@ -97,7 +98,7 @@ def _sentence(verdict: Verdict) -> str:
                 return f"{within}, and cannot tell which: {either}"
             return f"There is a misfit, and this data cannot tell its cause: {either}"
         case Outcome.UNEXPLAINED if fits_off_priors(verdict):
-            odd = listed([one.parameter for one in verdict.in_question])
+            odd = listed([one.parameter for one in verdict.parameters_in_question])
             return f"The readings fit only with values that the priors all but exclude: {odd}"
         case Outcome.UNEXPLAINED:
             return "There is a misfit, and no cause in the catalogue accounts for it"
@@ -119,28 +120,28 @@ def size_of(verdict: Verdict, cause: str, *, interval: bool) -> str:
 
     Examples
     --------
-    >>> from bayesdeg.report.record import verdict_of
+    >>> from bayesdeg.report.record import Verdict
     >>> effect = {"offset": {"mean": 14.17, "sd": 0.25, "q05": 13.76, "q95": 14.57, "unit": "kPa"}}
     >>> leak = {"cause": "pressure_offset", "effect": effect}
-    >>> verdict = verdict_of({"outcome": "named", "candidates": [leak]})
+    >>> verdict = Verdict.read({"outcome": "named", "candidates": [leak]})
     >>> size_of(verdict, "pressure_offset", interval=True).replace(SPACE, " ")
     '14.2 kPa [13.8, 14.6]'
     """
     found = verdict.candidate(cause)
-    if found is None or not found.effects or found.effects[0].mean is None:
+    name, effect = next(iter(found.effect.items()), ("", None)) if found else ("", None)
+    if effect is None or effect.mean is None:
         return ""
-    effect = found.effects[0]
     unit = "" if effect.unit in ("", NOTHING) else f"{SPACE}{effect.unit}"
-    name = "" if unit else f"{words(effect.name)} "
+    said = "" if unit else f"{words(name)} "
     ends = f" [{number(effect.q05)},{SPACE}{number(effect.q95)}]"
     known = interval and effect.q05 is not None and effect.q95 is not None
-    return f"{name}{number(effect.mean)}{unit}{ends if known else ''}"
+    return f"{said}{number(effect.mean)}{unit}{ends if known else ''}"
 
 
 def fits_off_priors(verdict: Verdict) -> bool:
     """Return whether the readings alone agree with a model that takes values off their priors."""
     p_value = verdict.misfit.p_value
-    return bool(verdict.in_question) and p_value is not None and p_value > MISFIT_LEVEL
+    return bool(verdict.parameters_in_question) and p_value is not None and p_value > MISFIT_LEVEL
 
 
 def doubts_of(verdict: Verdict) -> tuple[str, ...]:
@@ -148,16 +149,17 @@ def doubts_of(verdict: Verdict) -> tuple[str, ...]:
 
     Examples
     --------
-    >>> from bayesdeg.report.record import verdict_of
+    >>> from bayesdeg.report.record import Verdict
     >>> question = {"parameter": "volume_ratio", "meaning": "α", "unit": "–", "median": 0.976,
     ...             "prior_low": 0.39, "prior_high": 0.85}
-    >>> doubts_of(verdict_of({"outcome": "adequate", "parameters_in_question": [question]}))
+    >>> doubts_of(Verdict.read({"outcome": "adequate", "parameters_in_question": [question]}))
     ('volume ratio is calibrated to 0.976 (α); 99.9 % of its prior lies within 0.390 to 0.850.',)
     """
-    return (*verdict.suspects, *(_in_question(one) for one in verdict.in_question))
+    suspects = (one.why for one in verdict.suspects)
+    return (*suspects, *(_in_question(one) for one in verdict.parameters_in_question))
 
 
-def _in_question(one: InQuestion) -> str:
+def _in_question(one: QuestionedEntry) -> str:
     unit = "" if one.unit in ("", "–") else f"{SPACE}{one.unit}"
     low, high = number(one.prior_low), number(one.prior_high)
     return (
@@ -171,11 +173,11 @@ def _misfit(verdict: Verdict) -> KeyNumber:
     label = "Misfit of the base model"
     rms, noise, unit, kind = misfit.rms_per_m, misfit.noise_per_m, "1/m", "curvature"
     if rms is None:
-        rms, noise, unit, kind = misfit.rms_mpa, misfit.noise_mpa, "MPa", "stress"
+        rms, noise, unit, kind = misfit.rms_MPa, misfit.noise_MPa, "MPa", "stress"
     if rms is None:
         failed = "the verdict was left out of this run"
         absent = "no actuator curvature to hold the simulation against"
-        return KeyNumber(label, "–", failed if Stage.VERDICT in dict(verdict.left_out) else absent)
+        return KeyNumber(label, "–", failed if verdict.why_left_out(Stage.VERDICT) else absent)
     note = f"rms in {kind}; the noise is {fixed(noise)}{SPACE}{unit}"
     if misfit.p_value is not None:
         note += f"; {p_value(misfit.p_value)}"

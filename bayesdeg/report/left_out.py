@@ -9,6 +9,7 @@ from types import MappingProxyType
 from typing import Final
 
 from bayesdeg.errors import ResumableError, StudyError
+from bayesdeg.report.record import LeftOutEntry
 
 STRICT: Final = "BAYESDEG_STRICT"
 """Environment variable; where it is 1 nothing is left out: the first fault ends the run."""
@@ -81,9 +82,10 @@ class LeftOut:
     why: str
     trace: str = ""
 
-    def document(self) -> dict[str, object]:
-        """Return the entry of ``left_out`` in ``verdict.json``."""
-        return {"stage": str(self.stage), "why": self.why}
+    @property
+    def entry(self) -> LeftOutEntry:
+        """The entry of ``left_out`` in ``verdict.json``."""
+        return LeftOutEntry(stage=str(self.stage), why=self.why)
 
 
 class Guard:
@@ -147,9 +149,9 @@ class Guard:
         """Return why a stage was left out; empty if it was not."""
         return next((one.why for one in self.left_out if one.stage == stage), "")
 
-    def documents(self) -> list[dict[str, object]]:
+    def entries(self) -> tuple[LeftOutEntry, ...]:
         """Return ``left_out`` of ``verdict.json`` and ``run.json``."""
-        return [one.document() for one in self.left_out]
+        return tuple(one.entry for one in self.left_out)
 
     def traces(self) -> str:
         """Return the content of ``left_out.txt``; empty if nothing was left out."""

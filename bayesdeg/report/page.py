@@ -4,16 +4,15 @@ from collections import defaultdict
 from dataclasses import dataclass
 from pathlib import Path
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from bayesdeg.report import wording
-from bayesdeg.report.figures import Drawing
-from bayesdeg.report.figures_run import drawings_of
+from bayesdeg.report.drawing import Drawing, Shown
+from bayesdeg.report.figures.registry import drawings_of
 from bayesdeg.report.folder import RUN, VERDICT, RunFolder
 from bayesdeg.report.headline import Headline, doubts_of, headline_of
 from bayesdeg.report.left_out import FIGURE, Guard, Stage
-from bayesdeg.report.record import Candidate, Run, Verdict
+from bayesdeg.report.record import CandidateEntry, RunRecord, Verdict
 from bayesdeg.report.summaries import (
     DecisionPair,
     GainParts,
@@ -32,7 +31,8 @@ from bayesdeg.report.summaries import (
     several_levels,
     tensile_errors,
 )
-from bayesdeg.report.tables import Tables, read_tables
+from bayesdeg.report.surface import read_surface
+from bayesdeg.report.text import environment
 
 
 @dataclass(frozen=True)
@@ -40,11 +40,11 @@ class Content:
     """Everything the template shows."""
 
     verdict: Verdict
-    run: Run
+    run: RunRecord
     headline: Headline
     drawings: dict[str, Drawing]
-    judged: list[Candidate]
-    not_judged: list[Candidate]
+    judged: list[CandidateEntry]
+    not_judged: list[CandidateEntry]
     levels: list[LevelRow]
     gain: list[Row]
     gain_by_level: list[Row]
@@ -59,7 +59,7 @@ class Content:
     gain_modes: list[Row]
     decisions: list[DecisionPair]
     lookalikes: list[str]
-    sized: list[Candidate]
+    sized: list[CandidateEntry]
     meanings: defaultdict[str, str]
     gain_parts: GainParts | None
     files: tuple[str, ...]
@@ -89,38 +89,38 @@ def build_page(folder: Path, guard: Guard | None = None) -> Path:
     """
     run_folder = RunFolder(folder)
     verdict, run = run_folder.read_verdict(), run_folder.read_run()
-    content = content_of(verdict, run, read_tables(run_folder), guard or Guard())
-    return run_folder.write_page(render(content))
+    shown = Shown(verdict, run, run_folder.read_tables(), read_surface(folder), run_folder.draws_of)
+    return run_folder.write_page(render(content_of(shown, guard or Guard())))
 
 
-def content_of(verdict: Verdict, run: Run, tables: Tables, guard: Guard | None = None) -> Content:
+def content_of(shown: Shown, guard: Guard | None = None) -> Content:
     """Arrange what a run found for the template."""
     guard = guard or Guard(strict=True)
-    drawings = drawings_of(verdict, run, tables, guard)
+    verdict, tables, drawings = shown.verdict, shown.tables, drawings_of(shown, guard)
     return Content(
         verdict=verdict,
-        run=run,
-        headline=headline_of(verdict, tables.gain),
+        run=shown.run,
+        headline=headline_of(verdict, tables["gain"]),
         drawings=drawings,
         judged=[entry for entry in verdict.candidates if entry.probability is not None],
         not_judged=[entry for entry in verdict.candidates if entry.probability is None],
-        levels=level_rows(tables.levels),
-        gain=rows_of(pooled(tables.gain)),
-        gain_by_level=rows_of(several_levels(tables.gain)),
-        extended=extended_model(tables.gain, verdict),
-        parameters=parameter_rows(tables.parameters),
-        tensile=tensile_errors(tables.tensile),
-        measured=rows_of(tables.measured),
-        leave_one_out=rows_of(tables.leave_one_out),
-        sensitivity=rows_of(tables.prior_sensitivity),
-        orders=rows_of(tables.orders),
-        gain_levels=rows_of(pooled(tables.gain_levels)),
-        gain_modes=sorted(rows_of(tables.gain_modes), key=lambda row: str(row["mode"])),
-        decisions=decision_pairs(tables.decisions),
+        levels=level_rows(tables["levels"]),
+        gain=rows_of(pooled(tables["gain"])),
+        gain_by_level=rows_of(several_levels(tables["gain"])),
+        extended=extended_model(tables["gain"], verdict),
+        parameters=parameter_rows(tables["parameters"]),
+        tensile=tensile_errors(tables["tensile"]),
+        measured=rows_of(tables["measured"]),
+        leave_one_out=rows_of(tables["leave_one_out"]),
+        sensitivity=rows_of(tables["prior_sensitivity"]),
+        orders=rows_of(tables["orders"]),
+        gain_levels=rows_of(pooled(tables["gain_levels"])),
+        gain_modes=sorted(rows_of(tables["gain_modes"]), key=lambda row: str(row["mode"])),
+        decisions=decision_pairs(tables["decisions"]),
         lookalikes=lookalikes(verdict),
-        sized=[c for c in map(verdict.candidate, verdict.causes) if c is not None and c.effects],
-        meanings=defaultdict(str, meanings_of(tables.parameters)),
-        gain_parts=gain_parts(tables.gain, verdict),
+        sized=[c for c in map(verdict.candidate, verdict.causes) if c is not None and c.effect],
+        meanings=defaultdict(str, meanings_of(tables["parameters"])),
+        gain_parts=gain_parts(tables["gain"], verdict),
         files=(*tables.files, f"{VERDICT}.json", f"{RUN}.json"),
         left_out=_left_out(verdict, guard),
         doubts=doubts_of(verdict),
@@ -130,7 +130,7 @@ def content_of(verdict: Verdict, run: Run, tables: Tables, guard: Guard | None =
 def _left_out(verdict: Verdict, guard: Guard) -> tuple[tuple[str, str], ...]:
     """Return what the run left out, and the figures that failed now instead of those then."""
     of_page = (FIGURE, Stage.PAGE)
-    stages = [entry for entry in verdict.left_out if not entry[0].startswith(of_page)]
+    stages = [(o.stage, o.why) for o in verdict.left_out if not o.stage.startswith(of_page)]
     figures = [(o.stage, o.why) for o in guard.left_out if o.stage.startswith(FIGURE)]
     return (*stages, *figures)
 
@@ -144,30 +144,13 @@ def lookalikes(verdict: Verdict) -> list[str]:
 def render(content: Content) -> str:
     """Fill the template."""
     names = [candidate.cause for candidate in content.verdict.candidates]
-    environment = Environment(
-        loader=PackageLoader("bayesdeg", "report"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters |= {
-        "number": wording.number,
-        "count": wording.count,
-        "fixed": wording.fixed,
-        "percent": wording.percent,
-        "p_value": wording.p_value,
-        "strength": wording.strength,
+    page = environment(autoescape=True)
+    page.filters |= {
         "unbroken": _unbroken,
         "plain": lambda text: wording.plain(text, names),
-        "words": wording.words,
-        "listed": wording.listed,
-        "model": wording.model_words,
-        "level": wording.level_words,
-        "duration": wording.duration,
         "drawing": lambda drawing: Markup(drawing.svg),
     }
-    return environment.get_template("page.html").render(c=content).lstrip()
+    return page.get_template("page.html").render(c=content).lstrip()
 
 
 def _unbroken(text: str) -> str:

@@ -1,121 +1,206 @@
-"""What a run folder says of the verdict and of the run, as frozen records."""
+"""What ``verdict.json`` and ``run.json`` hold: the records that write, check and read them."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from enum import StrEnum
+
+from pydantic import Field
 
 from bayesdeg.criticism.checks.discrepancy import MISFIT_LEVEL
-from bayesdeg.report.emulator import Emulator, emulator_of
-from bayesdeg.report.fields import (
-    Json,
-    RunFaultError,
-    each_of,
-    entries_of,
-    mapping_of,
-    number_map_of,
-    number_of,
-    pairs_of,
-    strings_of,
-    text_map_of,
-    text_of,
-    texts_of,
+from bayesdeg.criticism.decide.verdict import Outcome
+from bayesdeg.records import (
+    FileRecord,
+    Names,
+    NeededText,
+    Number,
+    Numbers,
+    Record,
+    Scalar,
+    Text,
+    Texts,
+    is_absent,
 )
 
 
-class Outcome(StrEnum):
-    """What the criticism of the base model came to."""
-
-    ADEQUATE = "adequate"
-    NAMED = "named"
-    AMBIGUOUS = "ambiguous"
-    UNEXPLAINED = "unexplained"
-    NOT_JUDGED = "not_judged"
-
-
-@dataclass(frozen=True)
-class Effect:
+class EffectEntry(Record):
     """Posterior of one parameter of a cause, in `unit`."""
 
-    name: str
-    mean: float | None
-    sd: float | None
-    q05: float | None
-    q95: float | None
-    unit: str
+    mean: Number = None
+    sd: Number = None
+    q05: Number = None
+    q95: Number = None
+    unit: Text = ""
 
 
-@dataclass(frozen=True)
-class Candidate:
+class CandidateEntry(Record):
     """One cause that was tried, or that could not be: then `probability` is None, `why` says so."""
 
-    cause: str
-    probability: float | None
-    log_bayes_factor: float | None
-    elpd_diff: float | None
-    elpd_diff_se: float | None
-    explained_fraction: float | None
-    effects: tuple[Effect, ...]
-    why: str
-    mechanism: str
-    naming_p_value: float | None = None
+    cause: Text = ""
+    probability: Number = Field(default=None, description="null if the cause cannot be judged")
+    log_bayes_factor: Number = Field(default=None, description="[nats]")
+    log_bayes_factor_error: Number = Field(default=None, description="Monte Carlo error [nats]")
+    elpd_diff: Number = Field(default=None, description="held-out log predictive gain [nats]")
+    elpd_diff_se: Number = None
+    explained_fraction: Number = Field(default=None, description="of what there is to explain")
+    effect: Mapping[str, EffectEntry] = Field(default={}, description="by parameter of the cause")
+    mechanism: Text = ""
+    naming_p_value: Number = Field(
+        default=None,
+        exclude_if=is_absent,
+        description="share of data simulated without the cause that favour the best as much",
+    )
+    why: Text = Field(default="", exclude_if=is_absent, description="why it cannot be judged")
+    judged_by: Text = Field(default="", exclude_if=is_absent, description="full fit or screening")
 
 
-@dataclass(frozen=True)
-class Misfit:
-    """How far the base model is off, beside the noise; None where there is nothing to judge.
+class ConcentrationEntry(Record):
+    """The branch, cycle, hold or few specimens in which most of a misfit sits."""
 
-    `specimens` are those few in which most of the misfit sits, if it does.
-    """
-
-    rms_per_m: float | None
-    noise_per_m: float | None
-    p_value: float | None
-    where: str
-    rms_mpa: float | None = None
-    noise_mpa: float | None = None
-    specimens: tuple[str, ...] = ()
+    kind: Text = ""
+    members: Names = ()
+    excess_pct: tuple[Number, ...] = ()
+    share_of_misfit: Number = None
+    share_of_readings: Number = None
+    p_value: Number = None
 
 
-@dataclass(frozen=True)
-class Experiment:
-    """A further experiment and the causes it would tell apart."""
+class MisfitEntry(Record):
+    """How far the base model is off, beside the noise; None where there is nothing to judge."""
 
-    design: str
-    separates: tuple[str, ...]
-    expected_log_bayes_factor: float | None
+    rms_per_m: Number = Field(default=None, description="of curvature [1/m]")
+    noise_per_m: Number = Field(default=None, description="of curvature [1/m]")
+    p_value: Number = None
+    where: Text = ""
+    concentrated: ConcentrationEntry | None = None
+    rms_MPa: Number = Field(  # noqa: N815  a unit
+        default=None, exclude_if=is_absent, description="of stress [MPa]"
+    )
+    noise_MPa: Number = Field(  # noqa: N815  a unit
+        default=None, exclude_if=is_absent, description="of stress [MPa]"
+    )
+
+    @property
+    def specimens(self) -> tuple[str, ...]:
+        """Those few in which most of the misfit sits, if it does."""
+        found = self.concentrated
+        return () if found is None or found.kind != "specimen" else found.members
 
 
-@dataclass(frozen=True)
-class InQuestion:
+class PairEntry(Record):
+    """What an experiment is expected to tell of two causes."""
+
+    causes: Names = ()
+    expected_log_bayes_factor: Number = None
+
+
+class ExperimentEntry(Record):
+    """A further experiment, the causes it would tell apart, and what it costs."""
+
+    design: Text = ""
+    separates: Names = ()
+    expected_log_bayes_factor: Number = Field(default=None, description="[nats]")
+    monte_carlo_error: Number = Field(default=None, exclude_if=is_absent)
+    specimens: Number = Field(default=None, exclude_if=is_absent)
+    readings: Number = Field(default=None, exclude_if=is_absent)
+    per_specimen: Number = Field(
+        default=None, exclude_if=is_absent, description="log Bayes factor a specimen [nats]"
+    )
+    pairs: tuple[PairEntry, ...] = ()
+
+
+class NamingEntry(Record):
+    """The log Bayes factor that naming takes, and the simulated data that say so."""
+
+    log_bayes_factor: Number = None
+    replicates: Number = None
+
+
+class RuptureEntry(Record):
+    """Ruptures against what the base model expects."""
+
+    burst: Number = None
+    expected: Number = None
+    deviance: Number = None
+    p_value: Number = None
+
+
+class ContradictionEntry(Record):
+    """The measured mean that the base model contradicts most."""
+
+    quantity: Text = ""
+    measured: Number = None
+    standard_error: Number = None
+    source: Text = ""
+    calibrated: Number = None
+    p_value: Number = None
+
+
+class SuspectEntry(Record):
+    """A reading or a specimen that is unlikely."""
+
+    file: Text = ""
+    specimen: Text | None = None
+    column: Text | None = None
+    value: Scalar = None
+    why: Text = ""
+
+
+class QuestionedEntry(Record):
     """A parameter calibrated to what its prior all but excludes; bounds None where there is none.
 
     The bounds are those of the interval that holds 99.9 % of the prior.
     """
 
-    parameter: str
-    meaning: str
-    unit: str
-    median: float | None
-    prior_low: float | None
-    prior_high: float | None
+    parameter: Text = ""
+    meaning: Text = ""
+    unit: Text = ""
+    median: Number = None
+    prior_low: Number = None
+    prior_high: Number = None
+    p_value: Number = None
 
 
-@dataclass(frozen=True)
-class Verdict:
-    """The content of ``verdict.json``."""
+class LeftOutEntry(Record):
+    """A stage that could not be computed, and why."""
+
+    stage: Text = ""
+    why: Text = ""
+
+
+class InDoubt(Record):
+    """What a reader of a verdict should know before it is used."""
+
+    suspects: tuple[SuspectEntry, ...] = ()
+    parameters_in_question: tuple[QuestionedEntry, ...] = ()
+
+
+class Verdict(FileRecord):
+    """The content of ``verdict.json``.
+
+    Examples
+    --------
+    >>> Verdict.read({"outcome": "ambiguous"}).judged
+    True
+    >>> Verdict.read({"outcome": "fine"})
+    Traceback (most recent call last):
+    ...
+    bayesdeg.records.RecordError: 'outcome' must be 'adequate', 'named', 'ambiguous', ...
+    """
 
     outcome: Outcome
-    causes: tuple[str, ...]
-    explanation: str
-    candidates: tuple[Candidate, ...]
-    confusable: tuple[tuple[str, ...], ...]
-    false_name_rate: float | None
-    misfit: Misfit
-    next_experiments: tuple[Experiment, ...]
-    predicted_with: tuple[str, ...] = ()
-    left_out: tuple[tuple[str, str], ...] = ()
-    suspects: tuple[str, ...] = ()
-    in_question: tuple[InQuestion, ...] = ()
+    causes: Names = Field(default=(), description="named, or that cannot be told apart")
+    one_of: tuple[Names, ...] = ()
+    explanation: Text = ""
+    candidates: tuple[CandidateEntry, ...] = Field(default=(), description="best first")
+    confusable: tuple[Names, ...] = ()
+    false_name_rate: Number = None
+    naming: NamingEntry | None = None
+    predicted_with: Names = ()
+    misfit: MisfitEntry = MisfitEntry()
+    ruptures: RuptureEntry | None = None
+    contradicted: ContradictionEntry | None = None
+    next_experiments: tuple[ExperimentEntry, ...] = ()
+    suspects: tuple[SuspectEntry, ...] = ()
+    parameters_in_question: tuple[QuestionedEntry, ...] = ()
+    left_out: tuple[LeftOutEntry, ...] = ()
 
     @property
     def is_directed(self) -> bool:
@@ -132,200 +217,139 @@ class Verdict:
         """
         return self.outcome is not Outcome.NOT_JUDGED
 
-    def candidate(self, cause: str) -> Candidate | None:
+    def candidate(self, cause: str) -> CandidateEntry | None:
         """Return what was found for a cause, or None if it was not tried."""
         return next((entry for entry in self.candidates if entry.cause == cause), None)
 
+    def why_left_out(self, stage: str) -> str:
+        """Return why a stage was left out; empty if it was not."""
+        return next((entry.why for entry in self.left_out if entry.stage == stage), "")
 
-@dataclass(frozen=True)
-class Comparison:
+
+class ComparisonEntry(Record):
     """A prediction beside the published value of the same quantity."""
 
-    quantity: str
-    degradation_pct: float | None
-    predicted: str
-    published: str
-    source: str
+    quantity: Text = ""
+    degradation_pct: Number = None
+    predicted: Text = ""
+    published: Text = ""
+    source: Text = ""
 
 
-@dataclass(frozen=True)
-class Run:
-    """The content of ``run.json``."""
-
-    title: str
-    study: str
-    created: str
-    virtual: bool
-    note: str
-    seed: str
-    effort: str
-    version: str
-    versions: Mapping[str, str]
-    hashes: Mapping[str, str]
-    seconds: Mapping[str, float]
-    counts: Mapping[str, float]
-    missing: tuple[tuple[str, str], ...]
-    rests_on: tuple[tuple[str, str], ...]
-    convergence: Mapping[str, "Convergence"]
-    emulator: Emulator
-    misfit_observed: float | None
-    misfit_name: str
-    comparisons: tuple[Comparison, ...]
-    checks: Mapping[str, str]
-
-
-@dataclass(frozen=True)
-class Convergence:
+class ConvergenceEntry(Record):
     """Whether the posterior of a model may be used, and why."""
 
-    r_hat_max: float | None
-    ess_min: float | None
-    sentence: str
-    usable: bool
+    r_hat_max: Number = None
+    ess_min: Number = None
+    sentence: Text = ""
+    usable: bool = Field(default=True, strict=True)
 
 
-def verdict_of(content: Json) -> Verdict:
-    """Check the content of ``verdict.json``.
+class AccuracyEntry(Record):
+    """How well an emulator predicts a quantity on curves that it was not trained on."""
 
-    Raises
-    ------
-    RunFaultError
-        If a key that is needed is missing or a value is of the wrong kind.
+    quantity: Text = ""
+    rms_pct: Number = None
+    p95_pct: Number = None
+    max_pct: Number = None
+    coverage_90: Number = Field(default=None, description="share inside its own 90 % interval")
+
+
+class EmulatorEntry(Record):
+    """The emulator that stood in for the finite element model; all absent where none did."""
+
+    design: Text = ""
+    model_version: Text = Field(default="", description="of the finite element model")
+    coarse_curves: Number = None
+    fine_curves: Number = None
+    curves_cut_short: Number = None
+    mesh_error_pct: Number = None
+    accuracy: tuple[AccuracyEntry, ...] = ()
+    error_pct: Number = Field(default=None, description="in curvature, with the mesh's [%]")
+    record: Text = Field(default="", description="how it was trained, in words")
+    refusals: Text = Field(default="", description="how many proposals it refused, in words")
+    refused_inputs: Texts = Field(default={}, description="of new specimens, and why")
+    training: Mapping[str, object] = Field(
+        default={}, description="its own record, by which it is known"
+    )
+
+    @property
+    def facts(self) -> Mapping[str, str]:
+        """Design, version and curves, as far as they are known."""
+        told = {
+            "design": self.design,
+            "version of the finite element model": self.model_version,
+            "curves of the coarse mesh": self.coarse_curves,
+            "curves of the fine mesh": self.fine_curves,
+        }
+        return {label: str(fact) for label, fact in told.items() if not is_absent(fact)}
+
+
+class ModelEntry(Record):
+    """What is needed beside its draws to predict with a posterior."""
+
+    nodes_pct: tuple[Number, ...] = ()
+    elongation_nodes_pct: tuple[Number, ...] = ()
+    paper_thickness_mm: Number = None
+    largest_pressure_kPa: Number = None  # noqa: N815  a unit
+    measured: Mapping[str, tuple[Number, ...]] = Field(default={}, description="ranges by name")
+
+
+class StatisticEntry(Record):
+    """The misfit statistic of this study."""
+
+    observed: Number = None
+    name: Text = ""
+
+
+class MissingEntry(Record):
+    """Data that are not there, and what that costs."""
+
+    what: Text = ""
+    cost: Text = ""
+
+
+class BasisEntry(Record):
+    """A statement of the report, and the data on which it rests."""
+
+    statement: Text = ""
+    rests_on: Text = ""
+
+
+class RunRecord(FileRecord):
+    """The content of ``run.json``.
 
     Examples
     --------
-    >>> verdict_of({"outcome": "ambiguous"}).judged
-    True
-    >>> verdict_of({"outcome": "fine"})
+    >>> RunRecord.read({"title": "Treloar", "seconds": {"sample": 2}}).seconds
+    {'sample': 2}
+    >>> RunRecord.read({})
     Traceback (most recent call last):
     ...
-    bayesdeg.report.fields.RunFaultError: 'outcome' must be adequate or named or ambiguous or ...
+    bayesdeg.records.RecordError: 'title' is missing
     """
-    word = content.get("outcome")
-    if word not in list(Outcome):
-        raise RunFaultError(f"'outcome' must be {' or '.join(Outcome)}, not {word!r}")
-    misfit = mapping_of(content, "misfit")
-    return Verdict(
-        Outcome(str(word)),
-        texts_of(content, "causes"),
-        text_of(content, "explanation"),
-        each_of(content, "candidates", _candidate),
-        tuple(strings_of(pair, "confusable") for pair in entries_of(content, "confusable")),
-        number_of(content, "false_name_rate"),
-        Misfit(
-            number_of(misfit, "rms_per_m"),
-            number_of(misfit, "noise_per_m"),
-            number_of(misfit, "p_value"),
-            text_of(misfit, "where"),
-            number_of(misfit, "rms_MPa"),
-            number_of(misfit, "noise_MPa"),
-            _specimens(mapping_of(misfit, "concentrated")),
-        ),
-        each_of(content, "next_experiments", _experiment),
-        texts_of(content, "predicted_with"),
-        pairs_of(content, "left_out", ("stage", "why")),
-        each_of(content, "suspects", lambda entry: text_of(entry, "why")),
-        each_of(content, "parameters_in_question", _in_question),
-    )
 
-
-def run_of(content: Json) -> Run:
-    """Check the content of ``run.json``.
-
-    Raises
-    ------
-    RunFaultError
-        If the title is missing or a value is of the wrong kind.
-
-    Examples
-    --------
-    >>> run_of({"title": "Treloar", "virtual": False, "seconds": {"sample": 2}}).seconds
-    {'sample': 2.0}
-    """
-    if not text_of(content, "title"):
-        raise RunFaultError("'title' is missing")
-    if not isinstance(content.get("virtual", False), bool):
-        raise RunFaultError("'virtual' must be true or false")
-    misfit = mapping_of(content, "misfit")
-    convergence = mapping_of(content, "convergence")
-    return Run(
-        title=text_of(content, "title"),
-        study=text_of(content, "study"),
-        created=text_of(content, "created"),
-        virtual=content.get("virtual") is True,
-        note=text_of(content, "note"),
-        seed=text_of(content, "seed"),
-        effort=text_of(content, "effort"),
-        version=text_of(content, "version"),
-        versions=text_map_of(content, "versions"),
-        hashes=text_map_of(content, "hashes"),
-        seconds=number_map_of(content, "seconds"),
-        counts=number_map_of(content, "counts"),
-        missing=pairs_of(content, "missing", ("what", "cost")),
-        rests_on=pairs_of(content, "rests_on", ("statement", "rests_on")),
-        convergence={model: _convergence(mapping_of(convergence, model)) for model in convergence},
-        emulator=emulator_of(mapping_of(content, "emulator")),
-        misfit_observed=number_of(misfit, "observed"),
-        misfit_name=text_of(misfit, "name"),
-        comparisons=each_of(content, "comparisons", _comparison),
-        checks=text_map_of(content, "checks"),
-    )
-
-
-def _candidate(entry: Json) -> Candidate:
-    effects = mapping_of(entry, "effect")
-    return Candidate(
-        text_of(entry, "cause"),
-        number_of(entry, "probability"),
-        number_of(entry, "log_bayes_factor"),
-        number_of(entry, "elpd_diff"),
-        number_of(entry, "elpd_diff_se"),
-        number_of(entry, "explained_fraction"),
-        tuple(_effect(name, mapping_of(effects, name)) for name in effects),
-        text_of(entry, "why"),
-        text_of(entry, "mechanism"),
-        number_of(entry, "naming_p_value"),
-    )
-
-
-def _in_question(entry: Json) -> InQuestion:
-    return InQuestion(
-        text_of(entry, "parameter"),
-        text_of(entry, "meaning"),
-        text_of(entry, "unit"),
-        number_of(entry, "median"),
-        number_of(entry, "prior_low"),
-        number_of(entry, "prior_high"),
-    )
-
-
-def _specimens(concentrated: Json) -> tuple[str, ...]:
-    is_of_specimens = text_of(concentrated, "kind") == "specimen"
-    return texts_of(concentrated, "members") if is_of_specimens else ()
-
-
-def _effect(name: str, entry: Json) -> Effect:
-    mean, sd, q05, q95 = (number_of(entry, key) for key in ("mean", "sd", "q05", "q95"))
-    return Effect(name, mean, sd, q05, q95, text_of(entry, "unit"))
-
-
-def _experiment(entry: Json) -> Experiment:
-    return Experiment(
-        text_of(entry, "design"),
-        texts_of(entry, "separates"),
-        number_of(entry, "expected_log_bayes_factor"),
-    )
-
-
-def _convergence(entry: Json) -> Convergence:
-    return Convergence(
-        number_of(entry, "r_hat_max"),
-        number_of(entry, "ess_min"),
-        text_of(entry, "sentence"),
-        entry.get("usable") is not False,
-    )
-
-
-def _comparison(entry: Json) -> Comparison:
-    texts = (text_of(entry, key) for key in ("predicted", "published", "source"))
-    return Comparison(text_of(entry, "quantity"), number_of(entry, "degradation_pct"), *texts)
+    title: NeededText
+    study: Text = ""
+    created: Text = Field(default="", description="date and time, ISO 8601")
+    virtual: bool = Field(default=False, strict=True)
+    note: Text = ""
+    seed: Scalar = None
+    effort: Text = ""
+    version: Text = Field(default="", description="of bayesdeg")
+    versions: Texts = Field(default={}, description="of the libraries")
+    hashes: Texts = Field(default={}, description="SHA-256 of the files of the study")
+    seconds: Numbers = Field(default={}, description="wall time by stage [s]")
+    counts: Numbers = Field(default={}, description="of draws, proposals and refusals")
+    missing: tuple[MissingEntry, ...] = ()
+    rests_on: tuple[BasisEntry, ...] = ()
+    convergence: Mapping[str, ConvergenceEntry] = Field(default={}, description="by model")
+    emulator: EmulatorEntry = EmulatorEntry()
+    model: ModelEntry | None = None
+    misfit: StatisticEntry = StatisticEntry()
+    comparisons: tuple[ComparisonEntry, ...] = ()
+    checks: Texts = Field(default={}, description="what each check came to, in words")
+    suspects: tuple[SuspectEntry, ...] = ()
+    parameters_in_question: tuple[QuestionedEntry, ...] = ()
+    posteriors: Texts = Field(default={}, description="SHA-256 of the posteriors")
+    left_out: tuple[LeftOutEntry, ...] = ()

@@ -7,8 +7,9 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from bayesdeg.report.columns import ALL_LEVELS
-from bayesdeg.report.record import Outcome, Verdict
+from bayesdeg.criticism.decide.verdict import Outcome
+from bayesdeg.report.record import Verdict
+from bayesdeg.report.tables import ALL_LEVELS, present
 
 BASE = "base"
 FINAL = "final"
@@ -144,11 +145,6 @@ def rows_of(frame: pd.DataFrame | None) -> list[Row]:
     return [{str(key): value for key, value in row.items()} for row in plain.to_dict("records")]
 
 
-def present(frame: pd.DataFrame | None) -> pd.DataFrame | None:
-    """Return a table, or None if it is absent or has no rows."""
-    return None if frame is None or frame.empty else frame
-
-
 def models_of(frame: pd.DataFrame | None) -> tuple[str, ...]:
     """Return the models of a table in the order in which they stand."""
     return () if frame is None else tuple(dict.fromkeys(frame["model"].astype(str)))
@@ -159,9 +155,9 @@ def extended_model(gain: pd.DataFrame | None, verdict: Verdict) -> str | None:
 
     Examples
     --------
-    >>> from bayesdeg.report.record import verdict_of
+    >>> from bayesdeg.report.record import Verdict
     >>> gain = pd.DataFrame({"model": ["base", "base+creep"]})
-    >>> extended_model(gain, verdict_of({"outcome": "named", "causes": ["creep"]}))
+    >>> extended_model(gain, Verdict.read({"outcome": "named", "causes": ["creep"]}))
     'base+creep'
     """
     if verdict.outcome is not Outcome.NAMED:

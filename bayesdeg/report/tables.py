@@ -1,111 +1,417 @@
-"""All tables of a run folder at once; those that are absent or have no rows are None.
+"""The tables of a run folder: every column with its unit and meaning, in the order of the file.
 
-The surface of the solved actuators comes with them.
+This is the one list of them: the folder writes and reads what stands here, the page shows it, and a
+run makes it (`bayesdeg.pipeline.writing.BUILDS`).
 """
 
-from dataclasses import dataclass, fields
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum
+from types import MappingProxyType
+from typing import Final
 
 import pandas as pd
 
-from bayesdeg.report.actuator_files import read_surface
-from bayesdeg.report.actuator_surface import Surface
-from bayesdeg.report.columns import (
-    BANDS,
-    CONSTANTS,
-    COURSE,
-    DECISIONS,
-    DISCREPANCY,
-    ELONGATION,
-    GAIN,
-    GAIN_LEVELS,
-    GAIN_MODES,
-    LEAVE_ONE_OUT,
-    LEVELS,
-    LOO_PIT,
-    MEASURED,
-    MISFIT_NULL,
-    OBSERVATIONS,
-    ORDERS,
-    PARAMETERS,
-    PRIOR_PREDICTIVE,
-    PRIOR_SENSITIVITY,
-    RUPTURE,
-    STATISTICS,
-    TENSILE,
+GAIN = "gain"
+GAIN_LEVELS = "gain_levels"
+GAIN_MODES = "gain_modes"
+BANDS = "bands"
+RUPTURE = "rupture"
+OBSERVATIONS = "observations"
+TENSILE = "tensile"
+CONSTANTS = "constants"
+PARAMETERS = "parameters"
+LEVELS = "levels"
+ELONGATION = "elongation"
+MEASURED = "measured"
+MISFIT_NULL = "misfit_null"
+LEAVE_ONE_OUT = "leave_one_out"
+PRIOR_SENSITIVITY = "prior_sensitivity"
+PRIOR_PREDICTIVE = "prior_predictive"
+COURSE = "course"
+ORDERS = "orders"
+DECISIONS = "decisions"
+STATISTICS = "statistics"
+LOO_PIT = "loo_pit"
+DISCREPANCY = "discrepancy"
+
+ALL_LEVELS = "all"
+"""What stands in ``degradation_pct`` of a row that pools every degradation rate."""
+
+
+class Kind(Enum):
+    """What the cells of a column hold."""
+
+    NUMBER = "a number"
+    TEXT = "a text"
+    LEVEL = "a degradation rate or 'all'"
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column of a table.
+
+    Parameters
+    ----------
+    name : str
+        Header in the file.
+    unit : str
+        Unit; an en dash if it has none.
+    meaning : str
+        In a few words.
+    kind : Kind
+        What the cells hold; an empty cell is always allowed and means "not available".
+    finite : bool
+        Whether a number must be finite; what is not is written as "not available".
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    kind: Kind = Kind.NUMBER
+    finite: bool = True
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of the run folder.
+
+    Parameters
+    ----------
+    name : str
+        Of its file, without the ending.
+    columns : tuple of Column
+        In the order of the file, which may hold more; those are kept.
+    """
+
+    name: str
+    columns: tuple[Column, ...]
+
+    @property
+    def file(self) -> str:
+        """The name of its file."""
+        return f"{self.name}.csv"
+
+    @property
+    def headings(self) -> list[str]:
+        """The names of its columns."""
+        return [column.name for column in self.columns]
+
+    def empty(self) -> pd.DataFrame:
+        """Return the table without rows: there is nothing to tell."""
+        return pd.DataFrame(columns=self.headings)
+
+
+def _log(name: str, meaning: str) -> Column:
+    """Return a column of log densities or tails, which may be infinite."""
+    return Column(name, "–", meaning, finite=False)
+
+
+def _text(name: str, meaning: str) -> Column:
+    return Column(name, "–", meaning, Kind.TEXT)
+
+
+_MODEL = _text("model", "base, the base with the causes it was extended by, or the course alone")
+_LEVEL = Column("degradation_pct", "%", "degradation rate, or all of them pooled", Kind.LEVEL)
+_DEGRADATION = Column("degradation_pct", "%", "degradation rate")
+_PRESSURE = Column("pressure_kPa", "kPa", "gauge pressure")
+_SPECIMEN = _text("specimen_id", "the specimen")
+
+
+def _quantiles(unit: str, *percents: int, prefix: str = "", suffix: str = "") -> tuple[Column, ...]:
+    return tuple(
+        Column(f"{prefix}q{percent:02d}{suffix}", unit, f"{percent} % quantile")
+        for percent in percents
+    )
+
+
+_AGREEMENT = (
+    Column("r_squared", "–", "1 − SSE/SST"),
+    Column("coverage_50", "–", "fraction of readings inside the 50 % interval"),
+    Column("coverage_90", "–", "fraction of readings inside the 90 % interval"),
 )
-from bayesdeg.report.folder import RunFolder
-from bayesdeg.report.summaries import present
+_GAIN = (
+    _MODEL,
+    _LEVEL,
+    _log("elpd", "expected log predictive density of held-out specimens"),
+    _log("elpd_se", "its standard error"),
+    _log("elpd_diff", "its difference to the base model; positive is better"),
+    _log("elpd_diff_se", "standard error of the difference"),
+    Column("rmse_per_m", "1/m", "root mean square error of the prediction"),
+    Column("crps_per_m", "1/m", "continuous ranked probability score"),
+    *_AGREEMENT,
+)
+
+_TABLES = (
+    Table(GAIN, _GAIN),
+    Table(GAIN_LEVELS, _GAIN),
+    Table(
+        GAIN_MODES,
+        (
+            _MODEL,
+            _text("mode", "uniaxial, equibiaxial or planar: held out, predicted from the others"),
+            _log("elpd", "log predictive density of the mode's readings"),
+            _log("elpd_diff", "its difference to the base model; positive is better"),
+            Column("rmse_MPa", "MPa", "root mean square error of the prediction"),
+            Column("crps_MPa", "MPa", "continuous ranked probability score"),
+            *_AGREEMENT,
+        ),
+    ),
+    Table(
+        STATISTICS,
+        (
+            _text("statistic", "what is measured"),
+            Column("value", "as stated", "on the data"),
+            _text("unit", "unit of value and quantiles"),
+            Column("simulated_q05", "as stated", "5 % quantile on data simulated from the model"),
+            Column("simulated_q95", "as stated", "95 % quantile on such data"),
+            Column("p_value", "–", "share of simulated data at least as far out"),
+            Column("p_adjusted", "–", "the same for all statistics together"),
+            _text("reading", "what it means physically"),
+        ),
+    ),
+    Table(
+        LOO_PIT,
+        (
+            _MODEL,
+            Column("probability", "–", "where held-out readings lie in their predictions"),
+            Column("difference", "–", "share of readings below it less that probability"),
+            Column("low", "–", "lower end of the 95 % band for whole curves"),
+            Column("high", "–", "upper end of it"),
+            Column("p_value", "–", "share of simulated readings that depart as much"),
+            _text("sentence", "what it means"),
+        ),
+    ),
+    Table(
+        DISCREPANCY,
+        (
+            _MODEL,
+            _text("kind", "what was read"),
+            _text("history", "branch, cycle and mount, or mode of tension"),
+            _SPECIMEN,
+            _DEGRADATION,
+            Column("along", "as stated", "pressure [kPa] or stretch [–]"),
+            Column("discrepancy", "as read", "smooth discrepancy of the model"),
+            Column("residual", "as read", "reading less model, fitted beside the discrepancy"),
+        ),
+    ),
+    Table(
+        DECISIONS,
+        (
+            _MODEL,
+            _DEGRADATION,
+            Column("wanted_per_m", "1/m", "wanted curvature: half of the largest measured"),
+            Column("needed_q05_kPa", "kPa", "pressure that 5 % of new specimens need less than"),
+            Column("needed_q50_kPa", "kPa", "pressure that half of new specimens need"),
+            Column("needed_q95_kPa", "kPa", "pressure that 95 % of new specimens need less than"),
+            Column("allowed_kPa", "kPa", "largest pressure of a risk not above 5 %"),
+            Column("probability", "–", "probability of rupture at the pressure that half need"),
+        ),
+    ),
+    Table(BANDS, (_DEGRADATION, _PRESSURE, *_quantiles("1/m", 5, 25, 50, 75, 95))),
+    Table(
+        RUPTURE,
+        (
+            _DEGRADATION,
+            _PRESSURE,
+            Column("probability", "–", "probability of rupture up to this pressure"),
+            Column("probability_q05", "–", "5 % quantile of it"),
+            Column("probability_q95", "–", "95 % quantile of it"),
+        ),
+    ),
+    Table(
+        OBSERVATIONS,
+        (
+            _MODEL,
+            _SPECIMEN,
+            _DEGRADATION,
+            _PRESSURE,
+            _text("branch", "loading or unloading"),
+            Column("cycle", "–", "loading cycle"),
+            Column("curvature_per_m", "1/m", "measured curvature"),
+            Column("mean_per_m", "1/m", "posterior predictive mean"),
+            *_quantiles("1/m", 5, 95, suffix="_per_m"),
+            Column("residual_per_m", "1/m", "measured less predictive mean"),
+        ),
+    ),
+    Table(
+        TENSILE,
+        (
+            _MODEL,
+            _SPECIMEN,
+            _text("mode", "uniaxial, equibiaxial or planar"),
+            _DEGRADATION,
+            Column("stretch", "–", "stretch along the load"),
+            Column("stress_MPa", "MPa", "measured nominal stress"),
+            Column("fitted", "–", "1 if the model was fitted to it, 0 if it was held out"),
+            Column("mean_MPa", "MPa", "posterior predictive mean"),
+            *_quantiles("MPa", 5, 95, suffix="_MPa"),
+        ),
+    ),
+    Table(
+        CONSTANTS,
+        (
+            _MODEL,
+            _DEGRADATION,
+            _text("constant", "c1, c2, c3 or young_modulus"),
+            _text("unit", "unit of the quantiles"),
+            *_quantiles("as stated", 5, 25, 50, 75, 95),
+        ),
+    ),
+    Table(
+        PARAMETERS,
+        (
+            _MODEL,
+            _text("parameter", "name in the posterior"),
+            _text("unit", "unit of its values"),
+            _text("meaning", "what it is"),
+            Column("mean", "as stated", "posterior mean"),
+            Column("sd", "as stated", "posterior standard deviation"),
+            *_quantiles("as stated", 5, 50, 95),
+            *_quantiles("as stated", 5, 50, 95, prefix="prior_"),
+            Column("r_hat", "–", "R̂ over independent ensembles"),
+            Column("ess_bulk", "–", "effective sample size, bulk"),
+            Column("ess_tail", "–", "effective sample size, tails"),
+        ),
+    ),
+    Table(
+        LEVELS,
+        (
+            _MODEL,
+            _LEVEL,
+            Column("n", "–", "number of readings"),
+            Column("r_squared", "–", "1 − SSE/SST, pooled over the readings"),
+            Column("rms_per_m", "1/m", "root mean square residual"),
+            Column("published_r_squared", "–", "as published for another simulation"),
+        ),
+    ),
+    Table(
+        ELONGATION,
+        (
+            _text("kind", "band or measured"),
+            _DEGRADATION,
+            Column("value", "%", "measured elongation at break; empty for the band"),
+            *_quantiles("%", 5, 50, 95),
+        ),
+    ),
+    Table(
+        MEASURED,
+        (
+            _text("quantity", "which quantity"),
+            _DEGRADATION,
+            Column("value", "as stated", "its value"),
+            Column("sd", "as stated", "its standard deviation"),
+            _text("unit", "unit of value and standard deviation"),
+            Column("n", "–", "number of specimens"),
+            _text("rests_on", "what it was computed from"),
+        ),
+    ),
+    Table(
+        LEAVE_ONE_OUT,
+        (
+            _SPECIMEN,
+            _text("kind", "what was read on it, all of which is left out"),
+            _log("elpd", "log predictive density of its readings given the other specimens"),
+            _log("elpd_error", "Monte Carlo standard error of it"),
+            _log("influence", "what its own readings add to its log density"),
+            _log("pareto_k", "shape of the tail of the importance weights"),
+            Column("refitted", "–", "1 if the model was calibrated anew without it"),
+        ),
+    ),
+    Table(
+        PRIOR_SENSITIVITY,
+        (
+            _text("quantity", "a conclusion of the report, or a parameter"),
+            _text("kind", "conclusion or parameter"),
+            Column("prior", "–", "change of its posterior per doubling of the priors' power"),
+            Column("likelihood", "–", "the same for the likelihood"),
+            Column("prior_noise", "–", "what unrelated draws would show for the priors"),
+            Column("likelihood_noise", "–", "what unrelated draws would show for the likelihood"),
+            Column("shift_sd", "–", "shift of its mean over its sd per doubling of the priors"),
+            _text("diagnosis", "data, prior, prior and data, or neither"),
+            _text("hangs_on", "parameter whose own prior matters most"),
+            _text("rests_on", "kind of data that matters most"),
+        ),
+    ),
+    Table(
+        PRIOR_PREDICTIVE,
+        (
+            _text("quantity", "curvature or nominal_stress"),
+            _text("mode", "of a stress: uniaxial, equibiaxial or planar"),
+            _DEGRADATION,
+            Column("pressure_kPa", "kPa", "gauge pressure; empty for a stress"),
+            Column("stretch", "–", "stretch along the load; empty for a curvature"),
+            _text("unit", "unit of the quantiles"),
+            Column("answered", "–", "share of the prior draws that have an answer"),
+            *_quantiles("as stated", 5, 25, 50, 75, 95),
+        ),
+    ),
+    Table(
+        COURSE,
+        (
+            _text("kind", "band or film"),
+            _text("film_id", "the film; empty for the band"),
+            Column("time_h", "h", "time in the soil"),
+            Column("moisture_pct", "%", "measured moisture content, wet basis"),
+            Column("degradation_pct", "%", "that of a film against the mean fresh moisture"),
+            *_quantiles("%", 5, 25, 50, 75, 95),
+            *_quantiles("%", 5, 50, 95, prefix="moisture_"),
+        ),
+    ),
+    Table(
+        ORDERS,
+        (
+            Column("order", "–", "order of the polynomials of the degradation rate"),
+            Column("used", "–", "1 for the order of the study's model"),
+            Column("parameters", "–", "number of parameters"),
+            _log("log_evidence", "log marginal likelihood of the films"),
+            _log("log_evidence_error", "Monte Carlo standard error of it"),
+            _log("log_bayes_factor", "its difference to the order used"),
+            _log("log_bayes_factor_error", "Monte Carlo standard error of it"),
+            _log("elpd", "log predictive density of held-out films"),
+            _log("elpd_diff", "its difference to the order used; positive is better"),
+            _log("elpd_diff_se", "standard error of it, over films"),
+            Column("films", "–", "number of films, each left out in turn"),
+            _log("pareto_k_max", "heaviest tail of the importance weights"),
+            Column("refitted", "–", "films for which the model was calibrated anew"),
+            Column("effective", "–", "effective draws that the evidence rests on"),
+        ),
+    ),
+    Table(
+        MISFIT_NULL,
+        (
+            Column("replicate", "–", "number of the simulated data set"),
+            Column("statistic", "–", "misfit statistic of data simulated from the base model"),
+        ),
+    ),
+)
+#: Every table by its name.
+TABLES: Final[Mapping[str, Table]] = MappingProxyType({table.name: table for table in _TABLES})
+
+
+def present(frame: pd.DataFrame | None) -> pd.DataFrame | None:
+    """Return a table, or None if it is absent or has no rows."""
+    return None if frame is None or frame.empty else frame
 
 
 @dataclass(frozen=True)
 class Tables:
-    """The tables of a run and its solved actuators, each None if there is nothing of its kind."""
+    """The tables that a run has.
 
-    gain: pd.DataFrame | None
-    bands: pd.DataFrame | None
-    rupture: pd.DataFrame | None
-    observations: pd.DataFrame | None
-    tensile: pd.DataFrame | None
-    constants: pd.DataFrame | None
-    parameters: pd.DataFrame | None
-    levels: pd.DataFrame | None
-    elongation: pd.DataFrame | None
-    measured: pd.DataFrame | None
-    misfit_null: pd.DataFrame | None
-    leave_one_out: pd.DataFrame | None = None
-    prior_sensitivity: pd.DataFrame | None = None
-    prior_predictive: pd.DataFrame | None = None
-    course: pd.DataFrame | None = None
-    orders: pd.DataFrame | None = None
-    gain_levels: pd.DataFrame | None = None
-    gain_modes: pd.DataFrame | None = None
-    decisions: pd.DataFrame | None = None
-    statistics: pd.DataFrame | None = None
-    loo_pit: pd.DataFrame | None = None
-    discrepancy: pd.DataFrame | None = None
-    deformed: Surface | None = None
+    Examples
+    --------
+    >>> tables = Tables({"bands": pd.DataFrame({"q50": [1.0]})})
+    >>> tables["bands"]["q50"].tolist(), tables["rupture"], tables.files
+    ([1.0], None, ('bands.csv',))
+    """
+
+    frames: Mapping[str, pd.DataFrame]
+
+    def __getitem__(self, name: str) -> pd.DataFrame | None:
+        """Return a table; None if there is none, or it has no rows."""
+        return present(self.frames.get(TABLES[name].name))
 
     @property
     def files(self) -> tuple[str, ...]:
         """Names of the files whose tables are there."""
-        there = (field.name for field in fields(self) if getattr(self, field.name) is not None)
-        return tuple(f"{name}.csv" for name in there if name != "deformed")
-
-
-def read_tables(folder: RunFolder) -> Tables:
-    """Read every table of a run folder.
-
-    Raises
-    ------
-    BayesdegError
-        If a file is there but damaged.
-    """
-
-    def read(name: str) -> pd.DataFrame | None:
-        return present(folder.read_table(name))
-
-    return Tables(
-        gain=read(GAIN),
-        bands=read(BANDS),
-        rupture=read(RUPTURE),
-        observations=read(OBSERVATIONS),
-        tensile=read(TENSILE),
-        constants=read(CONSTANTS),
-        parameters=read(PARAMETERS),
-        levels=read(LEVELS),
-        elongation=read(ELONGATION),
-        measured=read(MEASURED),
-        misfit_null=read(MISFIT_NULL),
-        leave_one_out=read(LEAVE_ONE_OUT),
-        prior_sensitivity=read(PRIOR_SENSITIVITY),
-        prior_predictive=read(PRIOR_PREDICTIVE),
-        course=read(COURSE),
-        orders=read(ORDERS),
-        gain_levels=read(GAIN_LEVELS),
-        gain_modes=read(GAIN_MODES),
-        decisions=read(DECISIONS),
-        statistics=read(STATISTICS),
-        loo_pit=read(LOO_PIT),
-        discrepancy=read(DISCREPANCY),
-        deformed=read_surface(folder.path),
-    )
+        return tuple(table.file for table in TABLES.values() if self[table.name] is not None)

@@ -4,7 +4,7 @@ import math
 import re
 from collections.abc import Sequence
 
-from bayesdeg.report.record import Outcome
+from bayesdeg.criticism.decide.verdict import Outcome
 
 SPACE = "\N{NO-BREAK SPACE}"
 

@@ -50,7 +50,7 @@ def write_run(path, model, final, *, width=0.03, training=None):
         {
             "title": "Small",
             "seed": 7,
-            "model": model_document(model),
+            "model": model_document(model).document(),
             "emulator": {"training": record},
         },
     )
@@ -466,7 +466,7 @@ def test_draws_that_no_calibration_leaves_are_refused(
         ({"largest_pressure_kPa": -3.0}, "both above 0"),
         ({"paper_thickness_mm": 0.0}, "both above 0"),
         ({"largest_pressure_kPa": 10**300}, "must be a finite number"),
-        ({"nodes_pct": [0.0, 10**300, 25.0]}, "finite numbers"),
+        ({"nodes_pct": [0.0, 10**300, 25.0]}, "must be a finite number"),
     ],
 )
 def test_an_impossible_model_is_refused(bayesdeg, report, tmp_path, change, words):

@@ -26,7 +26,7 @@ from bayesdeg.observations.specimens import (
 )
 from bayesdeg.observations.tensile import TENSILE, Tensile, TensileCurves
 from bayesdeg.priors import Normal, Parameter, ParameterTable
-from bayesdeg.report.columns import ORDERS, TABLES
+from bayesdeg.report.tables import ORDERS, TABLES
 from tests.inference.small_study import altered
 
 LEVELS = np.repeat([0.0, 5.0, 10.0, 15.0, 20.0, 25.0], 2)
@@ -187,7 +187,7 @@ def test_the_table_holds_differences_to_the_order_used():
         (fit(1, [1.0, 2.0, 4.0], 10.0), fit(2, [2.0, 4.0, 5.0], 14.0)), used=2
     )
     table = comparison.table().set_index("order")
-    assert set(comparison.table().columns) == {c.name for c in TABLES[ORDERS]}
+    assert set(comparison.table().columns) == set(TABLES[ORDERS].headings)
     assert table.loc[1, "elpd_diff"] == pytest.approx(-4.0)
     assert table.loc[1, "elpd_diff_se"] == pytest.approx(np.sqrt(3.0) * np.std([1, 2, 1], ddof=1))
     assert table.loc[1, "log_bayes_factor"] == pytest.approx(-4.0)

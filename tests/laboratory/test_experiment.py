@@ -125,7 +125,7 @@ def test_what_was_hidden_and_what_is_true_stand_in_the_record():
     experiment = make()
     files = study_files(experiment, Settings(), provenance=PROVENANCE)
     record = json.loads(files["truth.json"])
-    assert record == truth_record(experiment, PROVENANCE)
+    assert record == truth_record(experiment, PROVENANCE).document()
     assert record["causes"] == {"pressure_offset": {"offset": 14.0}}
     assert record["constants"]["c1_at_25"] == 1.588
     assert (record["seed"], record["command"]) == (7, COMMAND)
@@ -261,4 +261,4 @@ def test_effects_act_in_the_order_of_the_catalogue_however_they_are_given():
 @pytest.mark.parametrize("effects", [[], ["pressure_offset=14", "pressure_loss=0.1"]])
 def test_none_or_several_effects_can_be_hidden(effects):
     record = truth_record(make(effects=effects), PROVENANCE)
-    assert len(record["causes"]) == len(effects)
+    assert len(record.causes) == len(effects)

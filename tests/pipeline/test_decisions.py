@@ -9,7 +9,7 @@ from scipy.stats import norm
 
 from bayesdeg.inference.sampling import Chain
 from bayesdeg.pipeline.writing import RISK, decisions
-from bayesdeg.report.columns import DECISIONS, TABLES
+from bayesdeg.report.tables import DECISIONS, TABLES
 from tests.inference.small_study import TRUTH, altered, small_model, values_of
 from tests.laboratory.linear_actuator import LinearActuator, curvature_by_hand
 
@@ -59,7 +59,7 @@ def test_half_of_the_largest_curvature_read_at_each_level_is_wanted():
     table = decided(base=fit_of(model_of()))
     assert table["degradation_pct"].tolist() == LEVELS
     assert table["wanted_per_m"].tolist() == (0.5 * LARGEST).tolist()
-    assert set(table.columns) == {column.name for column in TABLES[DECISIONS]}
+    assert set(table.columns) == set(TABLES[DECISIONS].headings)
 
 
 def test_a_wanted_curvature_is_told_in_three_digits():

@@ -11,8 +11,8 @@ from bayesdeg.data.settings import Dimensions
 from bayesdeg.inference.sampling import Chain
 from bayesdeg.pipeline.calibrate import Fit
 from bayesdeg.pipeline.deformed import STEPS, fitted_cases, write_deformed
-from bayesdeg.report.actuator_files import SURFACE, read_surface
 from bayesdeg.report.folder import RunFolder
+from bayesdeg.report.surface import SURFACE, read_surface
 from tests.inference.small_study import TRUTH, altered, draws_near_truth, small_model
 
 pytestmark = pytest.mark.fem

@@ -1,11 +1,9 @@
 """What run.json says of the emulator is what the report shows."""
 
-import json
-
 from bayesdeg.inference.model import Refusals
 from bayesdeg.pipeline.record import emulator_facts, refusal_words
 from bayesdeg.report.page import build_page
-from bayesdeg.report.record import run_of
+from bayesdeg.report.record import RunRecord
 from tests.pipeline.tiny_campaign import emulator
 from tests.report.html_reading import read_html, table_cells
 from tests.report.synthetic_run import write_full
@@ -19,8 +17,8 @@ def page_of(tmp_path, emulator_document):
 
 
 def test_design_version_and_accuracy_of_the_emulator_reach_the_run_record():
-    facts = json.loads(json.dumps(emulator_facts(emulator().record)))
-    shown = run_of({"title": "a run", "emulator": facts}).emulator
+    facts = emulator_facts(emulator().record).document()
+    shown = RunRecord.read({"title": "a run", "emulator": facts}).emulator
     assert shown.facts["design"] == "closed form"
     assert shown.facts["curves of the coarse mesh"] == "6"
     assert shown.facts["curves of the fine mesh"] == "2"
@@ -29,7 +27,7 @@ def test_design_version_and_accuracy_of_the_emulator_reach_the_run_record():
 
 
 def test_the_page_shows_accuracy_and_refusals(tmp_path):
-    facts = emulator_facts(emulator().record)
+    facts = emulator_facts(emulator().record).document()
     said = refusal_words(Refusals(1000, 30))
     html = page_of(tmp_path, facts | {"refusals": said})
     rows = table_cells(read_html(html), "Errors on finite element curves")

@@ -18,11 +18,20 @@ from bayesdeg.criticism.decide.support import Support
 from bayesdeg.criticism.decide.verdict import Decision, Outcome
 from bayesdeg.criticism.fit.search import Step
 from bayesdeg.observations.means import Statistic
-from bayesdeg.pipeline.document import unjudged_document, verdict_document
+from bayesdeg.pipeline import record
 from bayesdeg.pipeline.explanation import explain
 from bayesdeg.pipeline.judge import Judgement, readings_misfit
 from bayesdeg.priors import Parameter, TruncatedNormal
 from tests.criticism.linear_case import known_linear, with_readings
+
+
+def verdict_document(*arguments, **options):
+    return record.verdict_document(*arguments, **options).document()
+
+
+def unjudged_document(*arguments):
+    return record.unjudged_document(*arguments).document()
+
 
 WHERE = "Measured curvature lies below the simulation by 12 % on average at 20–80 kPa."
 SIZE = EffectSize(13.9, 0.6, 12.9, 14.9, "kPa")
@@ -397,9 +406,12 @@ def test_residuals_are_told_before_and_after_what_is_explained():
     assert readings_misfit(ONE) == (pytest.approx(RESIDUAL), pytest.approx(LEFT))
 
 
+PLAN = {"design": "unloading", "separates": ["creep", "mullins"], "specimens": 3}
+
+
 def test_experiments_are_passed_on():
-    plan = [{"experiment": "unloading", "specimens": 3}]
-    assert verdict_document(ONE, WHERE, plan)["next_experiments"] == plan
+    [planned] = verdict_document(ONE, WHERE, [PLAN])["next_experiments"]
+    assert planned == PLAN | {"expected_log_bayes_factor": None, "pairs": []}
     assert verdict_document(ONE, WHERE)["next_experiments"] == []
 
 

@@ -6,14 +6,14 @@ import pytest
 from bayesdeg.criticism.posterior.convergence import diagnose
 from bayesdeg.inference.course import CourseModel, degradation_at, rate_errors
 from bayesdeg.inference.sampling import EFFORTS, Chain, to_datatree
-from bayesdeg.pipeline import tables
+from bayesdeg.pipeline import writing
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.films import CourseFit, Films, common_error_words, course_words, examine
 from bayesdeg.pipeline.progress import Silent
-from bayesdeg.report.columns import COURSE, PARAMETERS, TABLES
-from bayesdeg.report.figures_course import course_figure
+from bayesdeg.report.figures.films import course_figure
 from bayesdeg.report.folder import POSTERIOR_COURSE, RunFolder
 from bayesdeg.report.page import build_page
+from bayesdeg.report.tables import COURSE, PARAMETERS, TABLES
 from tests.pipeline.study_files import SETTINGS, study_in
 from tests.report.html_reading import read_html
 from tests.report.synthetic_run import write_full
@@ -41,7 +41,7 @@ def fit_of(*, width=1e-6, times=TIMES, **changes):
 def test_the_table_holds_bands_and_films():
     fit = fit_of(width=0.02)
     table = Films(fit, None, np.empty((0, 2))).tables(np.random.default_rng(2))[COURSE]()
-    assert {c.name for c in TABLES[COURSE]} <= set(table.columns)
+    assert set(TABLES[COURSE].headings) <= set(table.columns)
     films = table[table["kind"] == "film"]
     assert len(films) == 36
     fresh = fit.draws["fresh_moisture"].mean()
@@ -106,8 +106,8 @@ def test_a_study_without_degraded_specimens_states_no_error():
 
 
 def test_parameters_of_the_course_stand_in_the_table_with_units():
-    table = tables.parameters(fit_of(width=0.02), "course").set_index("parameter")
-    assert {*table.columns, "parameter"} >= {c.name for c in TABLES[PARAMETERS]}
+    table = writing.parameters(fit_of(width=0.02), "course").set_index("parameter")
+    assert {*table.columns, "parameter"} >= set(TABLES[PARAMETERS].headings)
     units = table["unit"].to_dict()
     assert units["degradation_time_constant"] == "h"
     assert units["fresh_moisture"] == "%"

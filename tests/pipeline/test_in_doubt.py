@@ -7,10 +7,10 @@ from types import SimpleNamespace
 import numpy as np
 
 from bayesdeg.data.study import read_study
-from bayesdeg.pipeline.document import in_doubt
+from bayesdeg.pipeline.record import in_doubt
 from bayesdeg.priors import LogNormal, with_priors
 from bayesdeg.report.headline import doubts_of
-from bayesdeg.report.record import verdict_of
+from bayesdeg.report.record import InDoubt, Verdict
 from tests.inference.small_study import altered, draws_near_truth, small_model
 
 STUDY = Path(__file__).resolve().parents[2] / "studies" / "gelatin_actuator"
@@ -29,7 +29,7 @@ def results(**priors):
 
 def test_a_sound_study_near_its_priors_is_in_no_doubt():
     found = in_doubt(read_study(STUDY), results())
-    assert found == {"suspects": [], "parameters_in_question": []}
+    assert found == InDoubt()
 
 
 def test_an_odd_film_and_a_value_off_its_prior_reach_the_reader():
@@ -37,14 +37,14 @@ def test_an_odd_film_and_a_value_off_its_prior_reach_the_reader():
     films = study.tensile.copy()
     films.loc[films["specimen_id"] == "F10-2", "stress_MPa"] *= 10.0
     found = in_doubt(replace(study, tensile=films), results(paper_stiffness=LogNormal(3e5, 0.3)))
-    [suspect], [question] = found["suspects"], found["parameters_in_question"]
-    assert (suspect["file"], suspect["specimen"]) == ("tensile.csv", "F10-2")
-    assert (suspect["column"], suspect["value"]) == ("stress_MPa", "2.7686")
-    assert question["parameter"] == "paper_stiffness"
-    assert question["unit"] == "N/m"
-    assert question["median"] < question["prior_low"] < 3e5 < question["prior_high"]
-    assert 0.0 < question["p_value"] < 0.02
-    said = doubts_of(verdict_of({"outcome": "adequate"} | found))
+    [suspect], [question] = found.suspects, found.parameters_in_question
+    assert (suspect.file, suspect.specimen) == ("tensile.csv", "F10-2")
+    assert (suspect.column, suspect.value) == ("stress_MPa", "2.7686")
+    assert question.parameter == "paper_stiffness"
+    assert question.unit == "N/m"
+    assert question.median < question.prior_low < 3e5 < question.prior_high
+    assert 0.0 < question.p_value < 0.02
+    said = doubts_of(Verdict.read({"outcome": "adequate"} | found.document()))
     assert len(said) == 2
-    assert said[0] == suspect["why"]
+    assert said[0] == suspect.why
     assert np.all(["paper stiffness" in said[1], "N/m" in said[1]])

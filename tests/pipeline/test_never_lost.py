@@ -17,18 +17,12 @@ from bayesdeg.criticism.fit.search import SearchEffort
 from bayesdeg.criticism.holdout import gain, leave_one_out
 from bayesdeg.criticism.posterior import prior_sensitivity
 from bayesdeg.errors import Fault, ResumableError, StudyError
-from bayesdeg.pipeline import (
-    document,
-    films,
-    judge,
-    record,
-    run,
-    tables,
-    writing,
-)
+from bayesdeg.pipeline import films, judge, record, run, writing
 from bayesdeg.pipeline import writing as deciding
 from bayesdeg.prediction import prior_predictive
-from bayesdeg.report import columns, figures_run
+from bayesdeg.report import drawing
+from bayesdeg.report import tables as columns
+from bayesdeg.report.figures import registry
 from bayesdeg.report.folder import LEFT_OUT, POSTERIORS, RunFolder
 from bayesdeg.report.left_out import (
     STRICT,
@@ -62,10 +56,10 @@ BROKEN = {
     Stage.ORDERS: (films, "compare_orders"),
     Stage.READINGS: (writing, "predict_readings"),
     Stage.DEFORMED: (writing, "write_deformed"),
-    Stage.HELD_OUT_MODES: (tables, "held_out_modes"),
-    Stage.WHERE: (document, "where"),
-    Stage.CONCENTRATION: (document, "concentration"),
-    Stage.EXPLANATION: (document, "explain"),
+    Stage.HELD_OUT_MODES: (writing, "held_out_modes"),
+    Stage.WHERE: (record, "where"),
+    Stage.CONCENTRATION: (record, "concentration"),
+    Stage.EXPLANATION: (record, "explain"),
     Stage.COMPARISONS: (record, "comparisons"),
     Stage.REFUSED: (record, "refused_inputs"),
     Stage.IN_DOUBT: (run, "in_doubt"),
@@ -74,12 +68,12 @@ BROKEN = {
     table_stage(columns.STATISTICS): (statistics, "statistics_table"),
     table_stage(columns.LOO_PIT): (gain, "loo_pit"),
     table_stage(columns.DISCREPANCY): (writing, "misfit_frame"),
-    table_stage(columns.CONSTANTS): (tables, "constants"),
-    table_stage(columns.PARAMETERS): (tables, "parameters"),
-    table_stage(columns.TENSILE): (tables, "tensile"),
-    table_stage(columns.ELONGATION): (tables, "elongation"),
-    table_stage(columns.MEASURED): (tables, "measured"),
-    table_stage(columns.OBSERVATIONS): (tables, "observations"),
+    table_stage(columns.CONSTANTS): (writing, "constants"),
+    table_stage(columns.PARAMETERS): (writing, "parameters"),
+    table_stage(columns.TENSILE): (writing, "tensile"),
+    table_stage(columns.ELONGATION): (writing, "elongation"),
+    table_stage(columns.MEASURED): (writing, "measured"),
+    table_stage(columns.OBSERVATIONS): (writing, "observations"),
     table_stage(columns.LEVELS): (writing, "level_table"),
     table_stage(columns.BANDS): (writing, "curvature_bands"),
     table_stage(columns.RUPTURE): (writing, "rupture_table"),
@@ -90,7 +84,7 @@ BROKEN = {
 WRITTEN = {table_stage(name): name for name in columns.TABLES} | {
     posterior_stage(name): name for name in POSTERIORS
 }
-FIGURES = {figure_stage(name): name for name in figures_run.FIGURES}
+FIGURES = {figure_stage(name): name for name in registry.FIGURES}
 # what can only be said, not raised: see the tests of too few simulated data sets
 SAID = {Stage.CALIBRATION}
 # of a study of films alone
@@ -149,17 +143,8 @@ class KeptFiles:
             (path / name).write_bytes(content)
 
 
-# the table of a figure, where it has another name
-TABLE_OF = {
-    "residuals": "observations",
-    "null": "misfit_null",
-    "prior-curvature": "prior_predictive",
-    "prior-stress": "prior_predictive",
-}
-
-
-def has_table(figure, _verdict, _run, tables):
-    return getattr(tables, TABLE_OF.get(figure, figure.replace("-", "_"))) is not None
+def has_table(figure, shown):
+    return [shown.tables[name] is not None for name in figure.tables]
 
 
 KEPT = [
@@ -177,7 +162,7 @@ KEPT = [
     (films, "compare_orders", None),
     (writing, "to_datatree", lambda model, *_args: len(model.table.names)),
     (writing, "decisions", None),
-    (figures_run, "inline_svg", lambda _figure, name, **_options: name),
+    (drawing, "inline_svg", lambda _figure, name, **_options: name),
 ]
 
 
@@ -198,8 +183,9 @@ def cheap(tmp_path_factory):
         patch.setattr(writing, "write_deformed", KeptFiles(coarse))
         posterior = KeptFiles(RunFolder.write_posterior)
         patch.setattr(RunFolder, "write_posterior", lambda *args: posterior(*args))
-        for name, draw in figures_run.FIGURES.items():
-            patch.setitem(figures_run.FIGURES, name, Kept(draw, partial(has_table, name)))
+        for name, figure in registry.FIGURES.items():
+            draw = Kept(figure.draw, partial(has_table, figure))
+            patch.setitem(registry.FIGURES, name, replace(figure, draw=draw))
         for module, name, key in KEPT:
             kept = Kept(getattr(module, name), *([key] if key else []))
             patch.setattr(module, name, kept)
@@ -237,7 +223,8 @@ def broken_at(stage, fault, patch):
     if stage in BROKEN:
         patch.setattr(*BROKEN[stage], raising(fault))
     elif stage in FIGURES:
-        patch.setitem(figures_run.FIGURES, FIGURES[stage], raising(fault))
+        figure = registry.FIGURES[FIGURES[stage]]
+        patch.setitem(registry.FIGURES, figure.name, replace(figure, draw=raising(fault)))
     else:
         name = "write_posterior" if stage.endswith(".nc") else "write_table"
         real = getattr(RunFolder, name)
@@ -269,7 +256,7 @@ def test_a_run_in_which_nothing_breaks_leaves_nothing_out(whole):
     page = (out / "index.html").read_text(encoding="utf-8")
     assert 'id="left-out"' not in page
     # whatever can be drawn is drawn, so that the tests below lack nothing
-    assert set(figures_run.FIGURES) == set(re.findall(r'id="figure-([a-z-]+)"', page))
+    assert set(registry.FIGURES) == set(re.findall(r'id="figure-([a-z-]+)"', page))
 
 
 @pytest.mark.slow

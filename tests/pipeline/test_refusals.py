@@ -148,12 +148,12 @@ def test_without_proposals_nothing_is_said():
 
 
 def test_a_record_shows_what_it_has_and_is_silent_of_the_rest():
-    assert emulator_facts("{}")["record"] == ""
-    assert emulator_facts("{}")["accuracy"] == []
+    assert emulator_facts("{}").record == ""
+    assert emulator_facts("{}").accuracy == ()
     measures = {"rms_pct": 0.3, "p95_pct": 0.6, "max_pct": 1.9, "coverage_90": 0.92}
     accuracy = {"curvature": measures, "limit": {"p95_pct": 1.0}}
     record = {"model_version": "7", "mesh_error_pct": 0.4, "accuracy": accuracy}
-    facts = emulator_facts(json.dumps(record))
+    facts = emulator_facts(json.dumps(record)).document()
     assert facts["model_version"] == "7"
     assert facts["coarse_curves"] is None
     assert facts["error_pct"] == pytest.approx(0.5)
@@ -171,7 +171,7 @@ def test_records_of_the_first_version_are_read():
         "left_out_largest_pct": 5.2,
         "mesh_error_pct": 0.65,
     }
-    facts = emulator_facts(json.dumps(trained_once))
+    facts = emulator_facts(json.dumps(trained_once)).document()
     assert facts["accuracy"] == [
         {
             "quantity": "curvature",

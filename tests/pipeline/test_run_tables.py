@@ -7,11 +7,11 @@ from bayesdeg.criticism.checks.residuals import CurvatureFit
 from bayesdeg.criticism.posterior.convergence import diagnose
 from bayesdeg.inference.laplace import Evidence, Laplace
 from bayesdeg.inference.sampling import EFFORTS, Chain
-from bayesdeg.pipeline import tables
+from bayesdeg.pipeline import writing
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.calibrate import Fit
 from bayesdeg.pipeline.record import comparisons, rests_on
-from bayesdeg.report.columns import TABLES
+from bayesdeg.report.tables import TABLES
 from tests.inference.small_study import TRUTH, values_of
 from tests.pipeline.study_files import FILES, SETTINGS, study_in
 
@@ -47,12 +47,12 @@ def generator():
 
 
 def columns_of(name):
-    return {column.name for column in TABLES[name]}
+    return set(TABLES[name].headings)
 
 
 def test_observations_are_every_reading_beside_its_prediction(model):
     mean = model.curvature(values_of()).curvature[0]
-    table = tables.observations(model, "base", CurvatureFit(mean, mean - 1.0, mean + 1.0))
+    table = writing.observations(model, "base", CurvatureFit(mean, mean - 1.0, mean + 1.0))
     assert set(table.columns) >= columns_of("observations")
     assert len(table) == 9  # 3 specimens, 3 pressures above zero
     row = table[(table["specimen_id"] == "a1") & (table["pressure_kPa"] == 80.0)].iloc[0]
@@ -63,7 +63,7 @@ def test_observations_are_every_reading_beside_its_prediction(model):
 
 
 def test_stresses_are_shown_as_nominal_whatever_was_recorded(study, model, generator):
-    table = tables.tensile(study, fit_of(model), "base", generator)
+    table = writing.tensile(study, fit_of(model), "base", generator)
     assert set(table.columns) >= columns_of("tensile")
     f2 = table[table["specimen_id"] == "f2"].set_index("stretch")
     assert f2.loc[1.3, "stress_MPa"] == pytest.approx(2.60 / 1.3)
@@ -83,7 +83,7 @@ def test_modes_that_are_not_fitted_are_predicted_and_marked(tmp_path, generator)
     films = FILES["tensile.csv"] + "f3,0,equibiaxial,1.2,0.5,nominal\n"
     settings = SETTINGS + '[tensile]\nfit_modes = ["uniaxial"]\n'
     study = study_in(tmp_path, {"tensile.csv": films, "study.toml": settings})
-    table = tables.tensile(study, fit_of(assemble(study).model), "base", generator)
+    table = writing.tensile(study, fit_of(assemble(study).model), "base", generator)
     assert dict(zip(table["specimen_id"], table["fitted"], strict=True)) == {
         "f1": 1,
         "f2": 1,
@@ -92,7 +92,7 @@ def test_modes_that_are_not_fitted_are_predicted_and_marked(tmp_path, generator)
 
 
 def test_constants_of_a_narrow_posterior_are_the_truth(model, generator):
-    table = tables.constants(fit_of(model), "base", generator)
+    table = writing.constants(fit_of(model), "base", generator)
     assert set(table.columns) >= columns_of("constants")
     at_25 = table[table["degradation_pct"] == 25.0].set_index("constant")
     assert at_25.loc["c1", "q50"] == pytest.approx(TRUTH["c1_at_25"], rel=1e-4)
@@ -104,15 +104,15 @@ def test_young_modulus_has_the_share_of_a_named_second_invariant(study, model, g
     stiffer = model.extended(CATALOGUE["second_invariant"])
     fit = fit_of(stiffer, truth=TRUTH | {"second_invariant.ratio": 0.5})
     expected = 6.0 * (1.0 + 0.5 / (2.0 * np.sqrt(3.0))) * np.array([0.3, TRUTH["c1_at_25"]])
-    table = tables.constants(fit, "final", generator).set_index(["constant", "degradation_pct"])
+    table = writing.constants(fit, "final", generator).set_index(["constant", "degradation_pct"])
     found = [table.loc[("young_modulus", level), "q50"] for level in (0.0, 25.0)]
     assert found == pytest.approx(expected, rel=1e-4)
-    (row,) = (r for r in comparisons(study, fit) if r["quantity"] == "young_modulus")
-    assert row["predicted"].startswith(f"{expected[0]:.3g} (")
+    (row,) = (r for r in comparisons(study, fit) if r.quantity == "young_modulus")
+    assert row.predicted.startswith(f"{expected[0]:.3g} (")
 
 
 def test_parameters_are_summarised_beside_their_priors(model):
-    table = tables.parameters(fit_of(model, width=0.1), "base").set_index("parameter")
+    table = writing.parameters(fit_of(model, width=0.1), "base").set_index("parameter")
     assert {*table.columns, "parameter"} >= columns_of("parameters")
     assert list(table.index) == list(model.table.names)
     c1 = table.loc["c1_at_0"]
@@ -124,7 +124,7 @@ def test_parameters_are_summarised_beside_their_priors(model):
 
 
 def test_elongation_limit_is_a_band_of_specimens_beside_the_measured(model, generator):
-    table = tables.elongation(fit_of(model), generator)
+    table = writing.elongation(fit_of(model), generator)
     assert set(table.columns) >= columns_of("elongation")
     measured = table[table["kind"] == "measured"]
     assert measured["value"].tolist() == [208.0, 215.0, 55.0]
@@ -137,11 +137,11 @@ def test_elongation_limit_is_a_band_of_specimens_beside_the_measured(model, gene
 def test_without_breaks_there_is_no_elongation_limit(tmp_path, generator):
     without = ("break.csv", "summary.csv")
     model = assemble(study_in(tmp_path, without=without)).model
-    assert tables.elongation(fit_of(model), generator) is None
+    assert writing.elongation(fit_of(model), generator) is None
 
 
 def test_what_was_measured_says_what_it_rests_on(study):
-    table = tables.measured(study).set_index("quantity")
+    table = writing.measured(study).set_index("quantity")
     assert table.loc["young_modulus", "value"] == 1.73
     assert table.loc["young_modulus", "sd"] == pytest.approx(0.15 / np.sqrt(3.0))
     assert table.loc["volume_ratio", "unit"] == "–"
@@ -154,13 +154,13 @@ def test_films_in_the_soil_give_degradation_rates(tmp_path):
         f"m{i},{time},{10.0 + 0.01 * (i % 2)},{10.0 * (1.0 - content)}\n"
         for i, (time, content) in enumerate([(0, 0.2), (0, 0.2), (24, 0.1), (24, 0.1)])
     )
-    table = tables.measured(study_in(tmp_path, {"moisture.csv": moisture}))
+    table = writing.measured(study_in(tmp_path, {"moisture.csv": moisture}))
     rates = table.set_index("quantity")["value"]
     assert rates["degradation rate after 24 h"] == pytest.approx(50.0, abs=1.0)
 
 
 def test_published_values_stand_beside_those_of_the_posterior(study, model):
-    rows = {row["quantity"]: row for row in comparisons(study, fit_of(model))}
+    rows = {row.quantity: row.document() for row in comparisons(study, fit_of(model))}
     assert set(rows) == {"young_modulus", "elongation_at_break", "volume_ratio"}
     assert rows["young_modulus"]["predicted"] == "1.8 (1.8 to 1.8) MPa"
     assert rows["young_modulus"]["published"] == "1.73 ± 0.15 MPa"
@@ -176,10 +176,10 @@ def test_without_a_summary_nothing_is_compared(tmp_path):
 
 
 def test_statements_name_the_data_that_they_rest_on(study, tmp_path):
-    rows = {row["statement"]: row["rests_on"] for row in rests_on(study)}
+    rows = {row.statement: row.rests_on for row in rests_on(study)}
     assert rows["Yeoh constants against degradation"] == "tensile.csv, 2 specimens (measured)"
     assert rows["verdict, gain, curvature bands"] == "actuator.csv, 3 specimens (measured)"
     assert rows["elongation limit and rupture"] == "break.csv, 3 specimens (measured)"
     assert rows["shown, not fitted: r_squared"] == "summary.csv (published)"
     virtual = study_in(tmp_path, {"study.toml": SETTINGS + "virtual = true\n"})
-    assert all("measured" not in str(row["rests_on"]) for row in rests_on(virtual))
+    assert all("measured" not in row.rests_on for row in rests_on(virtual))

@@ -11,8 +11,7 @@ from bayesdeg.actuator.mesh import Resolution, build_mesh
 from bayesdeg.actuator.problem import Problem
 from bayesdeg.actuator.system import State, System
 from bayesdeg.data.settings import Dimensions
-from bayesdeg.report.actuator_fields import NodalFields, nodal_fields
-from bayesdeg.report.actuator_surface import Surface, faces_of, shape_of
+from bayesdeg.report.surface import NodalFields, Surface, faces_of, nodal_fields, shape_of
 
 SCALE = 0.8
 BENDING = 0.08  # 1/mm

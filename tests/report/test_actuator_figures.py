@@ -10,10 +10,8 @@ from matplotlib.path import Path
 
 from bayesdeg.actuator.body import LINEAR_CONSTANT, box
 from bayesdeg.errors import BayesdegError
-from bayesdeg.report.actuator_files import SURFACE, read_surface, write_surface
-from bayesdeg.report.actuator_surface import faces_of
-from bayesdeg.report.figures import MUTED, inline_svg
-from bayesdeg.report.figures_actuator import (
+from bayesdeg.report.drawing import MUTED, inline_svg
+from bayesdeg.report.figures.actuator import (
     COLOURS,
     RIGHT,
     SHOWN_SHARE,
@@ -22,7 +20,16 @@ from bayesdeg.report.figures_actuator import (
     deformed_figure,
 )
 from bayesdeg.report.page import build_page
-from bayesdeg.report.surface_pieces import normals_of, quads_of, segments_of, sharp_edges
+from bayesdeg.report.surface import (
+    SURFACE,
+    faces_of,
+    normals_of,
+    quads_of,
+    read_surface,
+    segments_of,
+    sharp_edges,
+    write_surface,
+)
 from tests.report.html_reading import read_html
 from tests.report.solved_actuators import BENDING, SCALE, TWO_CHAMBERS, actuator, bent, pictured
 from tests.report.synthetic_run import write_full

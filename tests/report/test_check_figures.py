@@ -6,8 +6,8 @@ import pandas as pd
 import pytest
 from matplotlib.colors import same_color
 
-from bayesdeg.report.figures import BASE_COLOUR, FINAL_COLOUR, inline_svg
-from bayesdeg.report.figures_checks import (
+from bayesdeg.report.drawing import BASE_COLOUR, FINAL_COLOUR, inline_svg
+from bayesdeg.report.figures.checks import (
     leave_one_out_figure,
     prior_curvature_figure,
     prior_stress_figure,

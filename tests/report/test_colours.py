@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
 
-STYLE = files("bayesdeg.report").joinpath("page.html").read_text(encoding="utf-8")
+STYLE = files("bayesdeg.report").joinpath("templates", "page.css").read_text(encoding="utf-8")
 LEVELS = [f"level-{index}" for index in range(8)]
 GRAPHIC, TEXT = 3.0, 4.5  # WCAG 2.2, 1.4.11 and 1.4.3
 

@@ -11,17 +11,17 @@ from bayesdeg.criticism.checks.statistics import Physical
 from bayesdeg.criticism.checks.statistics import frame as statistics_frame
 from bayesdeg.criticism.holdout.gain import frame as pit_frame
 from bayesdeg.criticism.holdout.gain import loo_pit
-from bayesdeg.report.figures import BASE_COLOUR, FINAL_COLOUR, INK, inline_svg
-from bayesdeg.report.figures_criticism import (
+from bayesdeg.report.drawing import BASE_COLOUR, FINAL_COLOUR, INK, Shown, inline_svg
+from bayesdeg.report.figures import registry
+from bayesdeg.report.figures.criticism import (
     FURTHEST,
     band_position,
     discrepancy_figure,
-    discrepancy_sketch,
     loo_pit_figure,
-    loo_pit_sketch,
     statistics_figure,
-    statistics_sketch,
 )
+from bayesdeg.report.record import RunRecord, Verdict
+from bayesdeg.report.tables import Tables
 
 LEVELS = (0.0, 10.0, 25.0)
 
@@ -222,16 +222,23 @@ def test_without_a_named_cause_nothing_is_said_to_be_left():
     ]
 
 
+def caption_of(name, table):
+    tables = Tables({name.replace("-", "_"): table})
+    shown = Shown(Verdict(outcome="adequate"), RunRecord(title="a run"), tables)
+    return registry.FIGURES[name].drawing(shown).caption.replace("\N{NO-BREAK SPACE}", " ")
+
+
 def test_captions_read_what_is_remarkable_and_nothing_else():
-    caption = statistics_sketch(statistics()).caption.replace("\N{NO-BREAK SPACE}", " ")
+    caption = caption_of("statistics", statistics())
     assert "Offset 14.0 kPa: curves start late." in caption
     assert "Trend with degradation −9.00 %: they bend less." in caption
     assert "they steepen" not in caption
     table = transforms()
-    caption = loo_pit_sketch(table).caption
+    caption = caption_of("loo-pit", table)
     for model in ("base", "final"):
         sentence = table[table["model"] == model]["sentence"].iloc[0]
         assert f"{model.capitalize()} model: {sentence}" in caption
-    assert discrepancy_sketch(discrepancy()).caption.endswith("left.")
     alone = discrepancy()[discrepancy()["model"] == "base"]
-    assert "named cause" not in discrepancy_sketch(alone).caption
+    both, one = (caption_of("discrepancy", table) for table in (discrepancy(), alone))
+    assert both.startswith(one)
+    assert both != one

@@ -9,11 +9,11 @@ import pytest
 import xarray as xr
 
 from bayesdeg.errors import BayesdegError
-from bayesdeg.report.columns import TABLES, Kind
-from bayesdeg.report.fields import LARGEST
-from bayesdeg.report.folder import HASHES, POSTERIOR, RUN_FILES, RunFolder
+from bayesdeg.records import LARGEST
+from bayesdeg.report.folder import POSTERIOR, RUN_FILES, RunFolder
 from bayesdeg.report.left_out import Guard
 from bayesdeg.report.page import build_page
+from bayesdeg.report.tables import TABLES, Kind
 from tests.report.synthetic_run import write_full
 
 
@@ -31,8 +31,8 @@ def run(whole, tmp_path):
 
 
 NUMBERS = {
-    name: next(c.name for c in columns if c.kind is Kind.NUMBER and c.finite)
-    for name, columns in TABLES.items()
+    name: next(c.name for c in table.columns if c.kind is Kind.NUMBER and c.finite)
+    for name, table in TABLES.items()
 }
 
 
@@ -62,7 +62,7 @@ def test_log_densities_may_be_infinite_but_not_huge(run):
 
 @pytest.mark.parametrize("name", TABLES)
 def test_what_is_not_finite_is_written_as_not_available(name, tmp_path):
-    columns = TABLES[name]
+    columns = TABLES[name].columns
     cells = {c.name: ["x" if c.kind is Kind.TEXT else 10.0 * LARGEST] for c in columns}
     cells |= {c.name: [np.inf] for c in columns if c.kind is Kind.NUMBER and not c.finite}
     cells |= {c.name: [0.0] for c in columns if c.kind is Kind.LEVEL}
@@ -79,7 +79,9 @@ FORMULAS = ["=1+1", "@a", "+b", "-c", "'=d", "=SUM(A1)", "'quoted'", "-5", "plai
 
 def test_no_spreadsheet_takes_a_name_for_a_formula_and_it_comes_back(tmp_path):
     folder = RunFolder(tmp_path)
-    frame = pd.DataFrame({c.name: 1.0 for c in TABLES["leave_one_out"]}, index=range(len(FORMULAS)))
+    frame = pd.DataFrame(
+        dict.fromkeys(TABLES["leave_one_out"].headings, 1.0), index=range(len(FORMULAS))
+    )
     frame = frame.assign(specimen_id=FORMULAS, kind="curvature", extra=FORMULAS)
     folder.write_table("leave_one_out", frame)
     raw = pd.read_csv(tmp_path / "leave_one_out.csv", dtype=str)
@@ -112,7 +114,7 @@ def write_posterior(folder, value=1.0):
 def test_a_posterior_of_another_run_is_refused(run):
     write_posterior(run)
     assert list(run.posterior_hashes())[:1] == ["posterior.nc"]
-    run.write_json("run", run.read_json("run") | {HASHES: run.posterior_hashes()})
+    run.write_json("run", run.read_json("run") | {"posteriors": run.posterior_hashes()})
     run.read_posterior(POSTERIOR)
     write_posterior(run, 2.0)
     with pytest.raises(BayesdegError, match="it is not the posterior that this run wrote"):

@@ -7,16 +7,16 @@ import pytest
 from matplotlib.colors import same_color
 from matplotlib.figure import Figure
 
-from bayesdeg.report.figures import BASE_COLOUR, FINAL_COLOUR, VIRTUAL, inline_svg, panels
-from bayesdeg.report.figures_curvature import (
+from bayesdeg.report.drawing import BASE_COLOUR, FINAL_COLOUR, VIRTUAL, inline_svg, panels
+from bayesdeg.report.figures.criticism import gain_figure
+from bayesdeg.report.figures.curvature import (
     bands_figure,
     elongation_figure,
     null_figure,
+    residual_figure,
     rupture_figure,
 )
-from bayesdeg.report.figures_gain import gain_figure
-from bayesdeg.report.figures_material import constants_figure, tensile_figure
-from bayesdeg.report.figures_residuals import residual_figure
+from bayesdeg.report.figures.films import constants_figure, tensile_figure
 from bayesdeg.report.summaries import MOST_LEVELS, by_level, pooled
 from tests.report.synthetic_run import (
     LEVELS,

@@ -10,9 +10,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from bayesdeg.errors import BayesdegError
-from bayesdeg.report.columns import TABLES, Kind
-from bayesdeg.report.fields import LARGEST
+from bayesdeg.records import LARGEST
 from bayesdeg.report.folder import RunFolder
+from bayesdeg.report.tables import TABLES, Kind
 from tests.report.synthetic_run import bands, gain, levels, write_full
 
 FLOATS = st.floats(-LARGEST, LARGEST)
@@ -26,7 +26,7 @@ NAMES = st.text("abcNA-_ 0123456789,\"'µ%", min_size=1).filter(lambda name: nam
 )
 @settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_a_table_comes_back_as_it_was_written(rows, tmp_path):
-    columns = [column.name for column in TABLES["measured"]]
+    columns = [column.name for column in TABLES["measured"].columns]
     frame = pd.DataFrame(
         [(name, rate, value, None, unit, 3, "NA") for name, rate, value, unit in rows],
         columns=columns,
@@ -45,7 +45,7 @@ def test_a_table_comes_back_as_it_was_written(rows, tmp_path):
 
 @pytest.mark.parametrize("name", TABLES)
 def test_columns_are_written_in_the_documented_order_with_others_after(name, tmp_path):
-    columns = TABLES[name]
+    columns = TABLES[name].columns
     cells = {column.name: ["x" if column.kind is Kind.TEXT else 1.5] for column in columns}
     shuffled = pd.DataFrame({"extra": ["kept"], **dict(reversed(cells.items()))})
     folder = RunFolder(tmp_path)
@@ -56,7 +56,7 @@ def test_columns_are_written_in_the_documented_order_with_others_after(name, tmp
 
 
 def test_the_contract_columns_come_first():
-    names = {table: [column.name for column in columns] for table, columns in TABLES.items()}
+    names = {name: table.headings for name, table in TABLES.items()}
     assert names["bands"] == ["degradation_pct", "pressure_kPa", "q05", "q25", "q50", "q75", "q95"]
     assert names["rupture"] == [
         "degradation_pct",
@@ -138,9 +138,12 @@ def test_a_damaged_or_missing_document_says_which_file(name, content, tmp_path):
     [
         ({"outcome": "certain"}, "'outcome' must be"),
         ({"candidates": "none"}, "'candidates' must be a list"),
-        ({"candidates": ["creep"]}, "'candidates' must list objects"),
-        ({"misfit": {"p_value": "small"}}, "'p_value' must be a number or null"),
-        ({"causes": [1]}, "'causes' must hold"),
+        ({"candidates": ["creep"]}, "'candidates[0]' must be an object, not 'creep'"),
+        (
+            {"misfit": {"p_value": "small"}},
+            "'misfit.p_value' must be a number or null, not 'small'",
+        ),
+        ({"causes": [1]}, "'causes' must be a list of names, not [1]"),
     ],
 )
 def test_a_verdict_that_breaks_its_format_is_refused(change, what, tmp_path):
@@ -220,7 +223,7 @@ def test_the_verdict_comes_back_as_it_was_written(tmp_path):
     verdict = write_full(tmp_path, "ambiguous").read_verdict()
     assert verdict.causes == ("erosion", "degradation_misread")
     assert verdict.candidates[0].probability == 0.52
-    assert verdict.candidates[0].effects[0].q95 == 0.97
+    assert next(iter(verdict.candidates[0].effect.values())).q95 == 0.97
     assert verdict.candidates[-1].probability is None
     assert verdict.candidates[-1].why == "needs humidity_pct"
     assert verdict.confusable[0] == ("wall_thickness", "film_mismatch")

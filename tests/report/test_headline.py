@@ -4,8 +4,9 @@ from itertools import product
 
 import pytest
 
+from bayesdeg.criticism.decide.verdict import Outcome
 from bayesdeg.report.headline import UNJUDGED, headline_of
-from bayesdeg.report.record import Outcome, verdict_of
+from bayesdeg.report.record import Verdict
 from bayesdeg.report.wording import BADGES
 from tests.report.synthetic_run import gain
 
@@ -32,7 +33,7 @@ MISFITS = {
 def verdict(outcome, misfit="of films", *, probability=None, effects=None):
     effects = effects or {}
     causes = ["second_invariant", "stress_measure"]
-    return verdict_of(
+    return Verdict.read(
         {
             "outcome": str(outcome),
             "causes": CAUSES.get(outcome, []),
@@ -96,7 +97,7 @@ def test_sizes_of_causes_that_act_together_are_in_the_headline():
 
 
 def test_the_lede_says_what_is_gained_by_a_named_cause():
-    named = verdict_of(
+    named = Verdict.read(
         {
             "outcome": "named",
             "causes": ["degraded_skin"],

@@ -6,13 +6,13 @@ import pandas as pd
 import pytest
 
 from bayesdeg.errors import BayesdegError
-from bayesdeg.report import figures_run
-from bayesdeg.report.columns import TABLES
+from bayesdeg.report.drawing import Shown
+from bayesdeg.report.figures import registry
 from bayesdeg.report.headline import headline_of
 from bayesdeg.report.left_out import Guard
 from bayesdeg.report.page import build_page, content_of, render
 from bayesdeg.report.summaries import by_level, several_levels
-from bayesdeg.report.tables import Tables, read_tables
+from bayesdeg.report.tables import TABLES, Tables
 from tests.report.html_reading import numbers_in, read_html, table_cells
 from tests.report.synthetic_run import write_bare, write_full
 
@@ -153,7 +153,9 @@ def test_a_cause_found_by_the_directed_test_alone_is_not_said_to_explain_a_misfi
     built, outcome, sentence
 ):
     verdict = built(outcome)[0].read_verdict()
-    weak = replace(verdict, misfit=replace(verdict.misfit, p_value=0.63))
+    weak = verdict.model_copy(
+        update={"misfit": verdict.misfit.model_copy(update={"p_value": 0.63})}
+    )
     headline = headline_of(weak, None)
     assert sentence in headline.sentence.replace("\N{NO-BREAK SPACE}", " ")
     note = headline.numbers[0].note.replace("\N{NO-BREAK SPACE}", " ")
@@ -176,7 +178,7 @@ def test_the_candidates_are_those_of_the_verdict(built):
         assert close(cells[4], entry.elpd_diff, within=0.05)
         assert close(cells[4], entry.elpd_diff_se, within=0.05)
         assert close(cells[5], 100 * entry.explained_fraction, within=0.5)
-        for effect in entry.effects:
+        for effect in entry.effect.values():
             for value in (effect.mean, effect.q05, effect.q95):
                 assert close(cells[6], value, within=0.006 * abs(value))
             assert effect.unit == "–" or effect.unit in cells[6]
@@ -281,10 +283,16 @@ MISSING = {
 }
 
 
+def page_of(folder, names):
+    """Return the page of a run that has no other tables."""
+    frames = folder.read_tables().frames
+    kept = Tables({name: frame for name, frame in frames.items() if name in names})
+    return read_html(render(content_of(Shown(folder.read_verdict(), folder.read_run(), kept))))
+
+
 def test_what_is_missing_is_said_in_its_place(built):
     folder, _ = built("named")
-    verdict, run, nothing = folder.read_verdict(), folder.read_run(), Tables(*(None,) * len(TABLES))
-    page = read_html(render(content_of(verdict, run, nothing)))
+    page = page_of(folder, ())
     for section, words in MISSING.values():
         assert words in page.by_id(section).text
 
@@ -292,10 +300,8 @@ def test_what_is_missing_is_said_in_its_place(built):
 @pytest.mark.parametrize("name", MISSING)
 def test_one_missing_table_takes_nothing_else_away(built, name):
     folder, _ = built("named")
-    verdict, run = folder.read_verdict(), folder.read_run()
-    slim = {"tensile": None, "constants": None, "bands": None, "observations": None}
-    tables = replace(read_tables(folder), **slim) if name not in slim else read_tables(folder)
-    page = read_html(render(content_of(verdict, run, replace(tables, **{name: None}))))
+    slim = {"tensile", "constants", "bands", "observations"}
+    page = page_of(folder, set(TABLES) - ({name} if name in slim else {name} | slim))
     section, words = MISSING[name]
     assert words in page.by_id(section).text
     assert page.by_id("verdict").text
@@ -312,9 +318,7 @@ def test_how_wrong_a_held_out_mode_is_stands_above_the_figure(built):
 
 def test_measured_against_predicted_comes_first_also_of_films_alone(built):
     folder, _ = built("named")
-    verdict, run = folder.read_verdict(), folder.read_run()
-    tables = replace(Tables(*(None,) * len(TABLES)), tensile=read_tables(folder).tensile)
-    page = read_html(render(content_of(verdict, run, tables)))
+    page = page_of(folder, {"tensile"})
     (figure,) = page.all("figure")
     assert figure.attributes["id"] == "figure-tensile"
     assert figure in page.by_id("curvature").all("figure")
@@ -406,7 +410,7 @@ def test_what_would_have_been_decided_is_shown_as_each_model_has_it(tmp_path):
         ("base", 10.0, 4.1, 81.0, 86.0, 92.0, 75.0, 0.31),
         ("base+degraded_skin", 10.0, 4.1, 70.0, 73.5, 78.0, 76.0, math.nan),
     ]
-    names = [column.name for column in TABLES["decisions"]]
+    names = TABLES["decisions"].headings
     folder.write_table("decisions", pd.DataFrame(rows, columns=names))
     page = read_html(build_page(tmp_path).read_text(encoding="utf-8"))
     shown = table_cells(page, "The pressure for half of the largest curvature")
@@ -429,7 +433,7 @@ def test_held_out_modes_of_tension_are_shown_one_by_one(tmp_path):
         for model, gain, error in (("base", 0.0, 0.201), ("base+degraded_skin", 3.6, 0.05))
         for mode in ("uniaxial", "equibiaxial")
     ]
-    names = [column.name for column in TABLES["gain_modes"]]
+    names = TABLES["gain_modes"].headings
     folder.write_table("gain_modes", pd.DataFrame(rows, columns=names))
     page = read_html(build_page(tmp_path).read_text(encoding="utf-8"))
     shown = table_cells(page, "Prediction of each mode of tension from the others")
@@ -440,8 +444,8 @@ def test_held_out_modes_of_tension_are_shown_one_by_one(tmp_path):
 def test_of_causes_that_could_not_be_judged_no_probability_is_told(built):
     folder, _ = built("ambiguous")
     verdict = folder.read_verdict()
-    unknown = tuple(replace(c, probability=None) for c in verdict.candidates)
-    sure = headline_of(replace(verdict, candidates=unknown), None).numbers[1]
+    unknown = tuple(c.model_copy(update={"probability": None}) for c in verdict.candidates)
+    sure = headline_of(verdict.model_copy(update={"candidates": unknown}), None).numbers[1]
     assert "nothing can be said" in sure.note
     assert sure.value.startswith("p")
 
@@ -480,7 +484,8 @@ def test_a_figure_that_fails_is_left_out_of_the_page_alone(incomplete, monkeypat
     def broken(*_):
         raise RuntimeError("no ink")
 
-    monkeypatch.setitem(figures_run.FIGURES, "residuals", broken)
+    figure = registry.FIGURES["residuals"]
+    monkeypatch.setitem(registry.FIGURES, "residuals", replace(figure, draw=broken))
     with pytest.raises(RuntimeError, match="no ink"):
         build_page(incomplete.path)
     guard = Guard(strict=False)

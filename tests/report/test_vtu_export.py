@@ -14,8 +14,7 @@ from bayesdeg.actuator.body import (
     box,
 )
 from bayesdeg.actuator.material import Material
-from bayesdeg.report.actuator_fields import cauchy_stress, logarithmic_strain
-from bayesdeg.report.actuator_files import vtk_order, write_vtu
+from bayesdeg.report.surface import cauchy_stress, logarithmic_strain, vtk_order, write_vtu
 from tests.report.solved_actuators import BENDING, SCALE, actuator, bent, brick, solved
 
 ELEMENTS = {e.name: e for e in (QUADRATIC, QUADRATIC_CONSTANT, LINEAR_CONSTANT, LINEAR_FULL)}

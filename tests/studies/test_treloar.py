@@ -17,7 +17,7 @@ from bayesdeg.criticism.decide.verdict import Outcome
 from bayesdeg.criticism.holdout.gain import mode_table
 from bayesdeg.data.study import read_study
 from bayesdeg.pipeline.assemble import assemble
-from bayesdeg.pipeline.document import verdict_document
+from bayesdeg.pipeline.record import verdict_document
 from bayesdeg.priors import Normal, Parameter
 from tests.hidden_effects.judging import judged
 
@@ -49,7 +49,7 @@ def full():
 
 def document(judgement):
     where = where_films(judgement.search.base.linear)
-    return verdict_document(judgement, where, judgement.experiments)
+    return verdict_document(judgement, where, judgement.experiments).document()
 
 
 @pytest.mark.parametrize("seed", SEEDS)

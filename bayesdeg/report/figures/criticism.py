@@ -1,4 +1,4 @@
-"""Figures of what is wrong with a model: statistics, held-out prediction, how much to explain."""
+"""Figures of what is wrong with a model, and of what the extended one gains on held-out data."""
 
 from collections.abc import Sequence
 
@@ -11,26 +11,47 @@ from numpy.typing import NDArray
 
 from bayesdeg.criticism.checks.residuals import levels as levels_of
 from bayesdeg.quantities import axis_label
-from bayesdeg.report.figures import (
+from bayesdeg.report.drawing import (
     BASE_COLOUR,
+    COLOURS,
     FINAL_COLOUR,
     FULL_WIDTH,
     INK,
     MUTED,
     PAPER,
+    PageFigure,
+    Shown,
     Sketch,
     band,
     key,
     legend_above,
     panels,
     points_key,
+    side_by_side,
     single,
     styled,
 )
-from bayesdeg.report.figures_curvature import COLOURS
-from bayesdeg.report.figures_residuals import marker_of, path_keys
-from bayesdeg.report.summaries import BASE, FINAL, MOST_LEVELS, nearest_level, panel_levels
-from bayesdeg.report.wording import SPACE, level_words, model_words, number, p_value, unbroken
+from bayesdeg.report.figures.curvature import marker_of, path_keys
+from bayesdeg.report.summaries import (
+    BASE,
+    FINAL,
+    MOST_LEVELS,
+    extended_model,
+    models_of,
+    nearest_level,
+    panel_levels,
+    pooled,
+    rows_of,
+    several_levels,
+)
+from bayesdeg.report.wording import (
+    SPACE,
+    level_words,
+    model_words,
+    number,
+    p_value,
+    words,
+)
 
 Floats = NDArray[np.float64]
 
@@ -38,41 +59,6 @@ FURTHEST = 6.0
 """Half-widths of the simulated band beyond which a value is drawn at the edge."""
 SIGNIFICANT = 0.05
 CURVATURE, STRESS = "curvature", "stress"
-
-
-def statistics_sketch(statistics: pd.DataFrame) -> Sketch:
-    """Draw table ``statistics``, with a caption that reads what is remarkable."""
-    found = statistics[statistics["p_adjusted"] <= SIGNIFICANT]
-    caption = (
-        "Statistics of the residuals against those of data simulated from the fitted base model. "
-        "Filled ones would be rare even as the most remarkable of all."
-    )
-    for _, row in found.iterrows():
-        value = unbroken(f"{number(float(row['value']))} {row['unit']}".removesuffix(" –"))
-        caption += f" {str(row['statistic']).capitalize()} {value}: {row['reading']}."
-    return Sketch("statistics", statistics_figure(statistics), caption)
-
-
-def loo_pit_sketch(curves: pd.DataFrame) -> Sketch:
-    """Draw table ``loo_pit``, with a caption that says what each model's curve means."""
-    caption = (
-        "Where held-out readings lie in their predictions: a curve inside the band is as it should "
-        "be; above zero readings are lower than predicted."
-    )
-    for model, rows in curves.groupby("model", sort=False):
-        caption += f" {model_words(str(model)).capitalize()}: {rows['sentence'].iloc[0]}"
-    return Sketch("loo-pit", loo_pit_figure(curves), caption)
-
-
-def discrepancy_sketch(discrepancy: pd.DataFrame) -> Sketch:
-    """Draw table ``discrepancy``, with a caption."""
-    caption = (
-        "How much there is to explain: the smooth discrepancy of the base model, fitted beside its "
-        "parameters, and the readings about it."
-    )
-    if (discrepancy["model"] == FINAL).any():
-        caption += " What the same measure finds once the named cause has joined the model is left."
-    return Sketch("discrepancy", discrepancy_figure(discrepancy), caption)
 
 
 @styled
@@ -296,3 +282,174 @@ def _write_values(axes: Axes, chosen: pd.DataFrame) -> None:
 
 def _label(row: pd.Series) -> str:
     return f"{row['statistic']} [{row['unit']}]".replace(" [", f"{SPACE}[")
+
+
+@styled
+def gain_figure(
+    pooled: pd.DataFrame | None,
+    by_level: pd.DataFrame | None,
+    final: str,
+    by_mode: pd.DataFrame | None = None,
+) -> Figure:
+    """Draw what the extended model gains on held-out specimens, or modes of tension.
+
+    Parameters
+    ----------
+    pooled : pandas.DataFrame, optional
+        Rows of table ``gain`` over all degradation rates: gain in elpd of each model, drawn beside
+        the errors where several are compared.
+    by_level : pandas.DataFrame, optional
+        Rows of table ``gain`` by degradation rate: error of base and extended model.
+    final : str
+        The model that is set against the base model.
+    by_mode : pandas.DataFrame, optional
+        Table ``gain_modes``, drawn where there are no rows by degradation rate.
+    """
+    has_errors = by_level is not None or by_mode is not None
+    has_gains = pooled is not None and (not has_errors or (pooled["model"] != BASE).sum() > 1)
+    if has_errors and has_gains:
+        figure, left, right = side_by_side(height=2.9)
+    else:
+        figure, left = single(width=FULL_WIDTH, height=2.9)
+        right = left
+    if by_level is not None:
+        _draw_by_level(left, by_level, final)
+    elif by_mode is not None:
+        _draw_by_mode(left, by_mode, final)
+    if pooled is not None and has_gains:
+        _draw_elpd(right, pooled, final)
+    if has_errors:
+        models = {BASE: BASE_COLOUR, final: FINAL_COLOUR}
+        keys = {model_words(m): key(c, marker="o", line=False) for m, c in models.items()}
+        legend_above(figure, keys)
+    return figure
+
+
+def _draw_by_level(axes: Axes, by_level: pd.DataFrame, final: str) -> None:
+    errors = by_level.pivot_table(index="degradation_pct", columns="model", values="rmse_per_m")
+    _draw_errors(axes, errors, [level_words(float(level)) for level in errors.index], final)
+    axes.set(xlabel="error on held-out specimens, rms [1/m]", ylabel=axis_label("degradation_pct"))
+    axes.set_title("error by degradation rate")
+
+
+def _draw_by_mode(axes: Axes, by_mode: pd.DataFrame, final: str) -> None:
+    errors = by_mode.pivot_table(index="mode", columns="model", values="rmse_MPa")
+    _draw_errors(axes, errors, [str(mode) for mode in errors.index], final)
+    axes.set(xlabel="error of nominal stress, rms [MPa]")
+    axes.set_title("error on held-out modes of tension")
+
+
+def _draw_errors(axes: Axes, errors: pd.DataFrame, labels: list[str], final: str) -> None:
+    place = np.arange(len(errors))
+    if final in errors and BASE in errors:
+        axes.hlines(place, errors[BASE], errors[final], color=MUTED, alpha=0.6, linewidth=1.6)
+    for model, colour in ((BASE, BASE_COLOUR), (final, FINAL_COLOUR)):
+        if model in errors:
+            axes.plot(errors[model], place, "o", color=colour, markersize=5)
+    axes.set_yticks(place, labels)
+    axes.set_xlim(left=0.0)
+    axes.margins(y=0.12)
+    axes.grid(visible=False, axis="y")
+    axes.invert_yaxis()
+
+
+def _draw_elpd(axes: Axes, pooled: pd.DataFrame, final: str) -> None:
+    extended = pooled[pooled["model"] != BASE].head(8)
+    place = np.arange(len(extended))[::-1]
+    for y, (_, row) in zip(place, extended.iterrows(), strict=True):
+        colour = FINAL_COLOUR if row["model"] == final else MUTED
+        axes.errorbar(
+            row["elpd_diff"], y, xerr=row["elpd_diff_se"], fmt="o", color=colour, markersize=5
+        )
+    axes.axvline(0.0, color=BASE_COLOUR, linewidth=1.2)
+    axes.set_yticks(place, [_added(str(model)) for model in extended["model"]])
+    axes.set_xlabel("gain in elpd over the base model ± se [–]")
+    axes.margins(x=0.1, y=0.25)
+    axes.grid(visible=False, axis="y")
+    axes.set_title("gain in held-out prediction")
+
+
+def _added(model: str) -> str:
+    return "\n".join(f"+ {words(part)}" for part in model.split("+") if part != BASE)
+
+
+def _statistics(shown: Shown) -> Sketch | None:
+    statistics = shown.tables["statistics"]
+    if statistics is None or statistics["value"].isna().all():
+        return None
+    found = rows_of(statistics[statistics["p_adjusted"] <= SIGNIFICANT])
+    return Sketch(statistics_figure(statistics), {"found": found})
+
+
+def _loo_pit(shown: Shown) -> Sketch | None:
+    curves = shown.tables["loo_pit"]
+    if curves is None:
+        return None
+    said = curves.groupby("model", sort=False)["sentence"].first()
+    return Sketch(loo_pit_figure(curves), {"said": said.to_dict()})
+
+
+def _discrepancy(shown: Shown) -> Sketch | None:
+    discrepancy = shown.tables["discrepancy"]
+    if discrepancy is None:
+        return None
+    final = bool((discrepancy["model"] == FINAL).any())
+    return Sketch(discrepancy_figure(discrepancy), {"final": final})
+
+
+def _gain(shown: Shown) -> Sketch | None:
+    """Draw errors by degradation rate, and of studies with one rate by mode of tension."""
+    gain, by_mode = shown.tables["gain"], shown.tables["gain_modes"]
+    others = [model for model in models_of(gain) if model != BASE]
+    if not others:
+        return None
+    final = extended_model(gain, shown.verdict) or others[0]
+    by_level = several_levels(gain)
+    per = "degradation rate" if by_level is not None else "mode" if by_mode is not None else ""
+    facts = {"final": final, "per": per, "several": len(others) > 1}
+    return Sketch(gain_figure(pooled(gain), by_level, final, by_mode), facts)
+
+
+FIGURES = (
+    PageFigure(
+        "discrepancy",
+        "misfit",
+        _discrepancy,
+        "How much there is to explain: the smooth discrepancy of the base model, fitted together "
+        "with its parameters, and the readings about it.{% if final %} What the same measure finds "
+        "after the named cause has joined the model is left.{% endif %}",
+        ("discrepancy",),
+    ),
+    PageFigure(
+        "statistics",
+        "misfit",
+        _statistics,
+        "Statistics of the residuals against those of data simulated from the fitted base model. "
+        "Filled marks would be rare even as the most remarkable of all."
+        "{% for row in found %} {{ row.statistic | capitalize }} "
+        "{{ (row.value | number ~ ' ' ~ row.unit).removesuffix(' –') | unbroken }}: "
+        "{{ row.reading }}.{% endfor %}",
+        ("statistics",),
+    ),
+    PageFigure(
+        "loo-pit",
+        "gain",
+        _loo_pit,
+        "Where held-out readings lie in their predictions. A curve inside the band is as it should "
+        "be; above zero, readings are lower than predicted."
+        "{% for model, sentence in said.items() %} {{ model | model | capitalize }}: "
+        "{{ sentence }}{% endfor %}",
+        ("loo_pit",),
+    ),
+    PageFigure(
+        "gain",
+        "gain",
+        _gain,
+        "Prediction of {{ 'modes of tension' if per == 'mode' else 'specimens' }} that the model "
+        "has not seen. {% if per and several %}Left: error of the base model and of "
+        "{{ final | model }} by {{ per }}. Right: gain in expected log predictive density."
+        "{% elif per %}Error of the base model and of {{ final | model }} by {{ per }}."
+        "{% else %}Gain in expected log predictive density.{% endif %}",
+        ("gain", "gain_modes"),
+    ),
+)

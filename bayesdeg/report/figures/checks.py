@@ -6,13 +6,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bayesdeg.quantities import axis_label
-from bayesdeg.report.figures import (
+from bayesdeg.report.drawing import (
     BASE_COLOUR,
     FINAL_COLOUR,
     FULL_WIDTH,
     INK,
     MUTED,
     PAPER,
+    PageFigure,
+    Shown,
     Sketch,
     band,
     key,
@@ -24,67 +26,12 @@ from bayesdeg.report.figures import (
     styled,
 )
 from bayesdeg.report.summaries import MOST_LEVELS, nearest_level, panel_levels
-from bayesdeg.report.tables import Tables
+from bayesdeg.report.tables import present
 from bayesdeg.report.wording import level_words
 
 RELIABLE_K = 0.7
 NOTICEABLE = 0.05
 PRIOR = "prior: median, 50 % and 90 % band"
-
-
-def leave_one_out_sketch(tables: Tables) -> Sketch | None:
-    """Draw what single specimens make of the posterior, if they were left out."""
-    if tables.leave_one_out is None:
-        return None
-    caption = (
-        "Every specimen left out in turn. Above: shape k of the importance weights; from 0.7 "
-        "on they cannot be relied on, and the model was calibrated anew without that specimen "
-        "(filled). Below: what its own readings add to its log density."
-    )
-    return Sketch("leave-one-out", leave_one_out_figure(tables.leave_one_out), caption)
-
-
-def sensitivity_sketch(tables: Tables) -> Sketch | None:
-    """Draw what conclusions owe to priors and data, if that is known."""
-    if tables.prior_sensitivity is None:
-        return None
-    caption = (
-        "How much the posterior of each conclusion changes per doubling of the weight of all "
-        "priors, and of the likelihood. Right of the dashed line priors have a noticeable say, "
-        "if that is beyond the noise of the draws (table)."
-    )
-    return Sketch("prior-sensitivity", sensitivity_figure(tables.prior_sensitivity), caption)
-
-
-def prior_curvature_sketch(tables: Tables) -> Sketch | None:
-    """Draw the curvature that the priors alone predict, if any."""
-    curvature = _of_priors(tables, "curvature")
-    if curvature is None:
-        return None
-    caption = (
-        "Curvature against pressure as the priors alone predict it, before any reading: 50 % "
-        "and 90 % bands of the draws that have an equilibrium, median, and the readings."
-    )
-    figure = prior_curvature_figure(curvature, tables.observations)
-    return Sketch("prior-curvature", figure, caption)
-
-
-def prior_stress_sketch(tables: Tables) -> Sketch | None:
-    """Draw the stress that the priors alone predict, if any."""
-    stress = _of_priors(tables, "nominal_stress")
-    if stress is None:
-        return None
-    caption = (
-        "Nominal stress against stretch as the priors alone predict it: 50 % and 90 % bands, "
-        "median, and the readings."
-    )
-    return Sketch("prior-stress", prior_stress_figure(stress, tables.tensile), caption)
-
-
-def _of_priors(tables: Tables, quantity: str) -> pd.DataFrame | None:
-    prior = tables.prior_predictive
-    chosen = None if prior is None else prior[prior["quantity"] == quantity]
-    return None if chosen is None or chosen.empty else chosen
 
 
 @styled
@@ -222,3 +169,68 @@ def _draw_films(
     here = films[nearest_level(films["degradation_pct"], levels) == level]
     for _, curve in here.groupby("specimen_id", sort=False):
         axes.plot(curve["stretch"], curve["stress_MPa"], color=INK, linewidth=0.9)
+
+
+def _leave_one_out(shown: Shown) -> Sketch | None:
+    specimens = shown.tables["leave_one_out"]
+    return None if specimens is None else Sketch(leave_one_out_figure(specimens))
+
+
+def _sensitivity(shown: Shown) -> Sketch | None:
+    sensitivity = shown.tables["prior_sensitivity"]
+    return None if sensitivity is None else Sketch(sensitivity_figure(sensitivity))
+
+
+def _prior_curvature(shown: Shown) -> Sketch | None:
+    curvature = _of_priors(shown, "curvature")
+    if curvature is None:
+        return None
+    return Sketch(prior_curvature_figure(curvature, shown.tables["observations"]))
+
+
+def _prior_stress(shown: Shown) -> Sketch | None:
+    stress = _of_priors(shown, "nominal_stress")
+    return None if stress is None else Sketch(prior_stress_figure(stress, shown.tables["tensile"]))
+
+
+def _of_priors(shown: Shown, quantity: str) -> pd.DataFrame | None:
+    prior = shown.tables["prior_predictive"]
+    return None if prior is None else present(prior[prior["quantity"] == quantity])
+
+
+FIGURES = (
+    PageFigure(
+        "leave-one-out",
+        "posterior",
+        _leave_one_out,
+        "Every specimen left out in turn. Above: shape k of the importance weights. From 0.7 on "
+        "they cannot be relied on, and the model was calibrated again without that specimen "
+        "(filled). Below: what its own readings add to its log density.",
+        ("leave_one_out",),
+    ),
+    PageFigure(
+        "prior-sensitivity",
+        "posterior",
+        _sensitivity,
+        "How much the posterior of each conclusion changes when the weight of all priors, or of "
+        "the likelihood, is doubled. Right of the dashed line the priors matter noticeably, if "
+        "that is more than the noise of the draws (table).",
+        ("prior_sensitivity",),
+    ),
+    PageFigure(
+        "prior-curvature",
+        "posterior",
+        _prior_curvature,
+        "Curvature against pressure as the priors alone predict it, before any reading: 50 % and "
+        "90 % bands of the draws that have an equilibrium, median, and the readings.",
+        ("prior_predictive", "observations"),
+    ),
+    PageFigure(
+        "prior-stress",
+        "posterior",
+        _prior_stress,
+        "Nominal stress against stretch as the priors alone predict it: 50 % and 90 % bands, "
+        "median, and the readings.",
+        ("prior_predictive", "tensile"),
+    ),
+)

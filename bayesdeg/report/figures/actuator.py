@@ -9,9 +9,24 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from bayesdeg.report.actuator_surface import Shape, Surface
-from bayesdeg.report.figures import FULL_WIDTH, INK, MUTED, styled
-from bayesdeg.report.surface_pieces import Quads, normals_of, quads_of, segments_of, sharp_edges
+from bayesdeg.report.drawing import (
+    FULL_WIDTH,
+    INK,
+    MUTED,
+    PageFigure,
+    Shown,
+    Sketch,
+    styled,
+)
+from bayesdeg.report.surface import (
+    Quads,
+    Shape,
+    Surface,
+    normals_of,
+    quads_of,
+    segments_of,
+    sharp_edges,
+)
 from bayesdeg.report.wording import level_words
 
 Floats = NDArray[np.float64]
@@ -217,3 +232,20 @@ def _scale_bar(axes: Axes, box: Floats) -> None:
     x, y = left + MARGIN, low + 0.06 * height
     axes.plot([x, x + BAR], [y, y], color=INK, linewidth=1.6, solid_capstyle="butt")
     axes.text(x + BAR / 2, y + 0.02 * height, f"{BAR:g} mm", ha="center", va="bottom", color=INK)
+
+
+def _deformed(shown: Shown) -> Sketch | None:
+    return None if shown.deformed is None else Sketch(deformed_figure(shown.deformed))
+
+
+FIGURES = (
+    PageFigure(
+        "deformed",
+        "rupture",
+        _deformed,
+        "The actuator solved by finite elements with the fitted material, at true size: the cut "
+        "through its plane of symmetry over the whole; thin lines show it before loading. The "
+        "largest stretches are at re-entrant corners, where they grow as the mesh is refined; the "
+        "colour scale leaves them out.",
+    ),
+)

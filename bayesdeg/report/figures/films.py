@@ -1,4 +1,4 @@
-"""Figures of the material: Yeoh constants against degradation, stress against stretch."""
+"""Figures of the material: Yeoh constants, stress against stretch, the course of degradation."""
 
 from dataclasses import dataclass
 
@@ -8,20 +8,26 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bayesdeg.quantities import axis_label
-from bayesdeg.report.figures import (
+from bayesdeg.report.drawing import (
     BASE_COLOUR,
+    COLOURS,
+    FINAL_COLOUR,
     INK,
     MUTED,
     PAPER,
+    PageFigure,
+    Shown,
+    Sketch,
     band,
     intervals,
     key,
     legend_above,
     panels,
+    points,
     points_key,
+    side_by_side,
     styled,
 )
-from bayesdeg.report.figures_curvature import COLOURS
 from bayesdeg.report.summaries import BASE, FINAL, MOST_LEVELS
 from bayesdeg.report.wording import level_words, model_words, words
 
@@ -196,3 +202,91 @@ def _draw_stress(axes: Axes, here: pd.DataFrame) -> None:
             markerfacecolor=PAPER,
             markeredgewidth=0.8,
         )
+
+
+@styled
+def course_figure(course: pd.DataFrame) -> Figure:
+    """Draw moisture and degradation rate against time.
+
+    Parameters
+    ----------
+    course : pandas.DataFrame
+        Table ``course``.
+    """
+    figure, left, right = side_by_side(height=2.8)
+    curve = course[course["kind"] == "band"].sort_values("time_h")
+    films = course[course["kind"] == "film"]
+    time = curve["time_h"]
+    band(left, time, curve["moisture_q05"], curve["moisture_q95"], FINAL_COLOUR, 0.18)
+    left.plot(time, curve["moisture_q50"], color=FINAL_COLOUR)
+    points(left, films["time_h"], films["moisture_pct"])
+    band(right, time, curve["q05"], curve["q95"], FINAL_COLOUR, 0.18)
+    band(right, time, curve["q25"], curve["q75"], FINAL_COLOUR, 0.28)
+    right.plot(time, curve["q50"], color=FINAL_COLOUR)
+    points(right, films["time_h"], films["degradation_pct"])
+    right.axhline(0.0, color=INK, linewidth=0.6, alpha=0.5)
+    left.set_ylabel(axis_label("moisture_content_pct"))
+    right.set_ylabel(axis_label("degradation_pct"))
+    for axes in (left, right):
+        axes.set_xlabel(axis_label("time_h"))
+    legend_above(figure, {"median and band": key(FINAL_COLOUR), "films": points_key()})
+    return figure
+
+
+def _constants(shown: Shown) -> Sketch | None:
+    constants = shown.tables["constants"]
+    if constants is None:
+        return None
+    rate = float(constants["degradation_pct"].iloc[0]) if has_one_rate(constants) else None
+    return Sketch(constants_figure(constants, shown.tables["measured"]), {"rate": rate})
+
+
+def _tensile(shown: Shown) -> Sketch | None:
+    tensile = shown.tables["tensile"]
+    if tensile is None:
+        return None
+    drawn = tensile_panels(tensile)
+    facts = {
+        "held_out": any(not panel.fitted for panel in drawn),
+        "drawn": len(drawn),
+        "all": len(tensile[["fitted", "mode", "degradation_pct"]].drop_duplicates()),
+    }
+    return Sketch(tensile_figure(tensile), facts)
+
+
+def _course(shown: Shown) -> Sketch | None:
+    course = shown.tables["course"]
+    return None if course is None else Sketch(course_figure(course))
+
+
+FIGURES = (
+    PageFigure(
+        "constants",
+        "posterior",
+        _constants,
+        "Constants of Yeoh's law and Young's modulus {% if rate is none %}against degradation "
+        "rate: posterior median with 50 % and 90 % bands{% else %}at {{ rate | level }} "
+        "degradation, the only rate of the study: posterior median with 50 % (thick) and 90 % "
+        "intervals{% endif %}, each constant on its own scale.",
+        ("constants", "measured"),
+    ),
+    PageFigure(
+        "tensile",
+        "tensile",
+        _tensile,
+        "Nominal stress against stretch: measured, and predicted with 90 % intervals."
+        "{% if held_out %} Panels marked as held out were not used in the fit.{% endif %}"
+        "{% if drawn < all %} {{ drawn }} of {{ all }} combinations of mode and rate are drawn."
+        "{% endif %}",
+        ("tensile",),
+    ),
+    PageFigure(
+        "course",
+        "data",
+        _course,
+        "Left: moisture content of films taken out of the soil, with the 90 % band of a film. "
+        "Right: their degradation rate against the mean fresh moisture, with the 50 % and 90 % "
+        "bands of the mean film.",
+        ("course",),
+    ),
+)

@@ -2,22 +2,32 @@
 
 import io
 import re
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
+import xarray as xr
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.typing import RcKeyType
 
+from bayesdeg.report.record import RunRecord, Verdict
+from bayesdeg.report.summaries import BASE, FINAL
+from bayesdeg.report.surface import Surface
+from bayesdeg.report.tables import TABLES, Tables
+from bayesdeg.report.text import filled
+
 VIRTUAL = "virtual experiment"
 
 # Colours that stand for a variable of the page's style, so that a figure follows light and dark.
 INK, MUTED, PAPER = "#010203", "#010204", "#010205"
 BASE_COLOUR, FINAL_COLOUR = "#010206", "#010207"
+#: Of the two models, by their names in the tables.
+COLOURS = {BASE: BASE_COLOUR, FINAL: FINAL_COLOUR}
 _LEVEL_COLOURS = tuple(f"#0102{10 + index:02d}" for index in range(8))
 _VARIABLES = {
     INK: "currentColor",
@@ -91,6 +101,8 @@ class Drawing:
         Whether two of its kind fit side by side.
     files : tuple of str
         The tables of the run folder that are drawn.
+    section, title : str
+        Of the page where it stands, and the heading over it.
     """
 
     name: str
@@ -98,16 +110,81 @@ class Drawing:
     caption: str
     half: bool = False
     files: tuple[str, ...] = ()
+    section: str = ""
+    title: str = ""
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What figures are drawn from.
+
+    Parameters
+    ----------
+    verdict, run, tables : Verdict, RunRecord, Tables
+        What the run found.
+    deformed : Surface, optional
+        Of the solved actuators.
+    posterior : callable, optional
+        Returns the draws of a posterior of the run folder by its name; None if there are none.
+    """
+
+    verdict: Verdict
+    run: RunRecord
+    tables: Tables
+    deformed: Surface | None = None
+    posterior: Callable[[str], xr.Dataset | None] = lambda _name: None
 
 
 @dataclass(frozen=True)
 class Sketch:
-    """A figure before it is written for the page; fields as in `Drawing`."""
+    """A figure before it is written for the page, and the facts of which its caption speaks."""
+
+    figure: Figure
+    facts: Mapping[str, object] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class PageFigure:
+    """A figure that a report may have. A file of `bayesdeg.report.figures` lists its own.
+
+    Parameters
+    ----------
+    name : str
+        Unique within the page.
+    section : str
+        Of the page; where its template does not place the figure, it stands at the end.
+    draw : callable
+        Draws it; None where the run has no data for it.
+    caption : str
+        What is drawn: a template of the sketch's facts. Those who cannot see the figure are told
+        the same.
+    tables : tuple of str
+        Names of the tables that are drawn.
+    half : bool
+        Whether two of its kind fit side by side.
+    title : str
+        Heading over it, where the section's template does not place it.
+    """
 
     name: str
-    figure: Figure
+    section: str
+    draw: Callable[[Shown], Sketch | None]
     caption: str
+    tables: tuple[str, ...] = ()
     half: bool = False
+    title: str = ""
+
+    def drawing(self, shown: Shown) -> Drawing | None:
+        """Return the figure as it stands in the page; None where the run has no data for it."""
+        sketch = self.draw(shown)
+        if sketch is None:
+            return None
+        caption = filled(self.caption, **sketch.facts)
+        virtual = shown.run.virtual
+        svg = inline_svg(sketch.figure, self.name, description=caption, virtual=virtual)
+        there = (name for name in self.tables if shown.tables[name] is not None)
+        files = tuple(TABLES[name].file for name in there)
+        return Drawing(self.name, svg, caption, self.half, files, self.section, self.title)
 
 
 def level_colour(index: int, levels: int) -> str:
