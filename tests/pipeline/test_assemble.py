@@ -4,6 +4,7 @@ import pytest
 from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.errors import BayesdegError, StudyError
+from bayesdeg.observations.specimens import no_map
 from bayesdeg.pipeline.assemble import assemble, level_grid
 from bayesdeg.priors import Normal, Uniform
 from tests.emulator.closed_form import ClosedFormMap
@@ -118,7 +119,7 @@ def test_without_an_actuator_causes_that_films_show_can_be_judged(tmp_path):
     assert {c.name for c in assembly.candidates} == FILMS == {"second_invariant", "stress_measure"}
     assert set(assembly.unjudged) == set(CATALOGUE) - FILMS
     assert not [n for n in assembly.model.table.names if n.startswith(("curvature", "emulator"))]
-    assert assembly.model.forward is None
+    assert assembly.model.forward is no_map
     # nothing in the model depends on the volume ratio
     assert "volume_ratio" not in {s.quantity for s in assembly.model.statistics}
     assert "actuator.csv" in dict(assembly.missing)

@@ -72,7 +72,7 @@ def test_where_the_truth_is_missing_nothing_is_named_and_no_efficiency_is_given(
     found = judged[MISSING]
     assert (found.decision.outcome, found.decision.causes) == ("unexplained", ())
     assert found.possible == ()
-    assert found.draws("efficiency", np.random.default_rng(0)) is None
+    assert not len(found.draws("efficiency", np.random.default_rng(0)))
     told = summary(found)
     assert told["trusted"] == {"efficiency": None, "reading_error": None}
     assert any(line.startswith("efficiency: not to be trusted") for line in lines(told))
