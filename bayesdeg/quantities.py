@@ -91,7 +91,7 @@ _ROWS = (
     ("n", "N", "–", "number of specimens"),
     ("unit", "", "–", "unit of value and standard deviation"),
     ("source", "", "–", "where the statistic stands"),
-    ("young_modulus", "Y", "MPa", "Young's modulus, 6 C1"),
+    ("young_modulus", "Y", "MPa", "Young's modulus of films at zero strain; 6 C1 of Yeoh's law"),
     ("elongation_at_break", "", "%", "elongation at break"),
     ("r_squared", "R²", "–", "1 − SSE/SST of simulation against experiment"),
     ("ruptured_count", "", "–", "actuators that burst"),

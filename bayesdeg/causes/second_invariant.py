@@ -7,12 +7,14 @@ Mechanism
 Equation
     Energy r (√Ī₂ − √3) with r = x C1 of the material, beside Yeoh's. Its nominal stress is r/√I₂
     times 1 − λ⁻³ in uniaxial (I₂ = 2λ + λ⁻²), λ³ − λ⁻³ in equibiaxial (I₂ = λ⁴ + 2λ⁻²) and λ − λ⁻³
-    in planar tension (I₂ = λ² + 1 + λ⁻²); its Cauchy stress is λ times that.
+    in planar tension (I₂ = λ² + 1 + λ⁻²); its Cauchy stress is λ times that. Young's modulus is
+    6 C1 + √3 r = 6 C1 (1 + x/(2√3)).
 
 Typical size
     x = 0.6–0.7 in vulcanised rubber (all three modes of Treloar's data). Curvature −13 … −23 % for
-    x = 0.5 in fresh material at the same C1, −2.5 % at 25 %, most at high pressure. The emulator is
-    trained up to x = 1, which is where the prior ends.
+    x = 0.5 in fresh material at the same C1, most at high pressure, and −12 % at 25 %, where
+    strains are small and all of it is the larger modulus (+14 %). The emulator is trained up to
+    x = 1, which is where the prior ends.
 
 Revealed by
     Films in a second mode; a misfit at high pressure and low degradation rate. Films in one mode

@@ -93,7 +93,7 @@ def _explained(verdict: Verdict) -> Iterator[str]:
         return
     if why := verdict.why_left_out(Stage.EXPERIMENTS):
         yield f"The run left the ranking of experiments out. {why}"
-    elif verdict.outcome is Outcome.NOT_JUDGED and verdict.left_out:
+    elif not verdict.judged and (verdict.left_out or verdict.misfit.p_value is not None):
         yield f"The run could not judge the simulation. {verdict.explanation}"
     elif not verdict.judged:
         yield (

@@ -20,6 +20,8 @@ Floats = NDArray[np.float64]
 
 CURVATURE, ANGLE, STRESS = "curvature", "bend angle", "stress"
 ACTUATOR, FILM = "actuator", "film"
+FARTHEST = 1.0
+"""Excess over the forward map's range at which data are still simulated: it costs half a nat."""
 Held = Literal["readings", "films", "statistics"]
 
 
@@ -157,6 +159,7 @@ class ModelReadings:
             parts.append(stresses[:, self.model.tensile.mask])
         if self.model.actuator is not None:
             readings = self.model.continued.simulate(values, generator)
+            readings[self.model.range_excess(values).max(axis=1) > FARTHEST] = np.nan
             parts.append(readings[:, self.model.actuator.paths.mask])
         return np.concatenate(parts, axis=1)
 

@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 from bayesdeg.data.cells import LARGEST
 from bayesdeg.data.nearest import nearest
+from bayesdeg.data.shrinkage import Known, Recipe
 from bayesdeg.errors import Fault
 from bayesdeg.files import DEEPEST, too_deep
 from bayesdeg.priors import Law, law_from_mapping
@@ -161,6 +162,8 @@ class Settings:
         The actuator as moulded.
     paper_thickness_mm : float
         Thickness of the strain-limiting paper [mm].
+    recipe : Recipe
+        Parts by mass and densities of what films are poured of.
     priors : mapping of str to Law
         Only the priors that the study states; all other parameters keep theirs.
     degradation_sd_pct : float
@@ -188,6 +191,7 @@ class Settings:
     seed: int = 20211124
     dimensions: Dimensions = field(default_factory=Dimensions)
     paper_thickness_mm: float = 0.1
+    recipe: Recipe = field(default_factory=Recipe)
     priors: Mapping[str, Law] = field(default_factory=dict)
     degradation_sd_pct: float = 1.0
     candidates: tuple[str, ...] | None = None
@@ -199,6 +203,7 @@ class Settings:
 
 
 FILE = "study.toml"
+KNOWN = {field.name for field in fields(Known)}
 
 
 @dataclass(frozen=True)
@@ -234,6 +239,26 @@ def _dimension(name: str) -> _Entry:
     return _Entry("actuator", name, name, wanted, _is_number, float)
 
 
+def _is_known(value: Any) -> bool:
+    """Return whether a value above 0 is given, with or without its standard uncertainty."""
+    both: dict[str, Any] = value if isinstance(value, dict) else {"value": value}
+    number, sd = both.get("value"), both.get("sd", 0.0)
+    numbers = _is_number(number) and _is_number(sd)
+    return bool(set(both) <= KNOWN and numbers and 0 <= sd < number)
+
+
+def _known(value: Any) -> Known:
+    if isinstance(value, dict):
+        return Known(float(value["value"]), float(value.get("sd", 0.0)))
+    return Known(float(value))
+
+
+def _recipe(name: str) -> _Entry:
+    unit = "[g/cm³]" if name.endswith("density") else "[parts by mass]"
+    wanted = f"a number above 0 {unit}, or {{ value = .., sd = .. }} with sd from 0 to below value"
+    return _Entry("shrinkage", name, name, wanted, _is_known, _known)
+
+
 ENTRIES: tuple[_Entry, ...] = (
     _Entry("", "title", "title", "a text in quotes", lambda v: isinstance(v, str), str),
     _Entry("", "note", "note", "a text in quotes", lambda v: isinstance(v, str), str),
@@ -255,6 +280,7 @@ ENTRIES: tuple[_Entry, ...] = (
         lambda v: _is_number(v) and v > 0,
         float,
     ),
+    *(_recipe(entry.name) for entry in fields(Recipe)),
     _Entry(
         "noise",
         "degradation_sd_pct",
@@ -296,7 +322,10 @@ ENTRIES: tuple[_Entry, ...] = (
         int,
     ),
 )
-TABLES = ("actuator", "paper", "priors", "noise", "causes", "sampling", "tensile", "material")
+TABLES = (
+    *("actuator", "paper", "shrinkage", "priors", "noise", "causes", "sampling"),
+    *("tensile", "material"),
+)
 
 
 _TOO_DEEP = Fault(FILE, "is nested too deeply", "write tables and lists as the contract shows")
@@ -374,12 +403,18 @@ def _from_document(document: dict[str, Any], text: str) -> tuple[Settings, tuple
             accepted[entry.field] = entry.convert(value)
         else:
             faults.append(_wrong_value(entry, value, text))
-    names = {entry.name for entry in fields(Dimensions)}
-    dimensions = Dimensions(**{key: accepted.pop(key) for key in names & accepted.keys()})
+    dimensions, recipe = Dimensions(**_of(Dimensions, accepted)), Recipe(**_of(Recipe, accepted))
     # the defaults that stand in for refused keys must not be blamed
     if not any((fault.column or "").startswith("actuator") for fault in faults):
         faults += _impossible(dimensions, text)
-    return Settings(dimensions=dimensions, priors=priors, **accepted), tuple(faults)
+    settings = Settings(dimensions=dimensions, recipe=recipe, priors=priors, **accepted)
+    return settings, tuple(faults)
+
+
+def _of(part: type[Dimensions | Recipe], accepted: dict[str, Any]) -> dict[str, Any]:
+    """Take the fields of a part out of what was accepted."""
+    names = {entry.name for entry in fields(part)}
+    return {name: accepted.pop(name) for name in names & accepted.keys()}
 
 
 def _impossible(dimensions: Dimensions, text: str) -> tuple[Fault, ...]:
@@ -435,6 +470,10 @@ def _wrong_value(entry: _Entry, value: object, text: str) -> Fault:
     remedy = f"give {entry.wanted}"
     if entry.field == "effort" and isinstance(value, str):
         best = nearest(value, EFFORTS)
+        remedy += f"; did you mean {best!r}?" if best else ""
+    if isinstance(value, dict):
+        unknown = [key for key in value if key not in KNOWN]
+        best = nearest(unknown[0], KNOWN, cutoff=0.5) if unknown else None
         remedy += f"; did you mean {best!r}?" if best else ""
     row, column = _row_of(text, entry.table, entry.key), _dotted(entry.table, entry.key)
     return Fault(FILE, "cannot stand here", remedy, row, column, _as_written(value))

@@ -7,12 +7,18 @@ Source: doi:10.3389/frobt.2021.760485. Eqs 10–11 define α as conditioned over
 poured volume is offered too.
 """
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import numpy.typing as npt
+import pandas as pd
 
 Floats = npt.NDArray[np.float64]
+Masses = tuple[Floats, Floats, Floats]
+
+SMALL = 1e-4
+"""Step of derivatives, as a share of the value: its error is a part in 1e8."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +47,59 @@ class Mixture:
     def total(self) -> float:
         """Sum of the parts, M_0."""
         return self.gelatin + self.glycerol + self.water
+
+    @property
+    def solids(self) -> float:
+        """Share of what stays when all water is lost, gelatin and glycerol, by mass."""
+        return (self.gelatin + self.glycerol) / self.total
+
+
+@dataclass(frozen=True)
+class Known:
+    """A number with its standard uncertainty.
+
+    Parameters
+    ----------
+    value : float
+        The number.
+    sd : float
+        Its standard uncertainty, in the same unit; 0 where it is taken as exact.
+    """
+
+    value: float
+    sd: float = 0.0
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """What a `Mixture` is made of and how well that is known; the defaults are taken as exact.
+
+    All films of a study share it, so its errors are common to them and no average removes them.
+
+    Parameters
+    ----------
+    gelatin, glycerol, water : Known
+        Parts by mass.
+    gelatin_density, glycerol_density, water_density : Known
+        [g/cm³]
+
+    Examples
+    --------
+    >>> Recipe(gelatin_density=Known(1.35, 0.05)).mixture == Mixture()
+    True
+    """
+
+    gelatin: Known = Known(Mixture.gelatin)
+    glycerol: Known = Known(Mixture.glycerol)
+    water: Known = Known(Mixture.water)
+    gelatin_density: Known = Known(Mixture.gelatin_density)
+    glycerol_density: Known = Known(Mixture.glycerol_density)
+    water_density: Known = Known(Mixture.water_density)
+
+    @property
+    def mixture(self) -> Mixture:
+        """The mixture at the values given."""
+        return Mixture(**{entry.name: getattr(self, entry.name).value for entry in fields(self)})
 
 
 def component_masses(
@@ -76,15 +135,12 @@ def component_masses(
     """
     mixture = mixture or Mixture()
     poured, now = np.broadcast_arrays(np.asarray(mass_poured, float), np.asarray(mass, float))
-    gelatin = mixture.gelatin / mixture.total * poured
-    glycerol = mixture.glycerol / mixture.total * poured
-    water = now - gelatin - glycerol
+    gelatin, glycerol, water = _parts(poured, now, mixture)
     if np.any(water < 0.0):
         lightest = float(np.min(now / poured))
-        solids = (mixture.gelatin + mixture.glycerol) / mixture.total
         raise ValueError(
             f"a film has {lightest:.3g} of the mass poured, but gelatin and glycerol alone are "
-            f"{solids:.3g}; check the masses or the mixture"
+            f"{mixture.solids:.3g}; check the masses or the mixture"
         )
     if np.any(now > poured):
         raise ValueError("a film weighs more than was poured; check the masses")
@@ -118,12 +174,29 @@ def film_volume(
     13.0231
     """
     mixture = mixture or Mixture()
-    gelatin, glycerol, water = component_masses(mass_poured, mass, mixture)
-    return (
+    component_masses(mass_poured, mass, mixture)
+    poured, now = np.broadcast_arrays(np.asarray(mass_poured, float), np.asarray(mass, float))
+    return volume_of_parts(poured, now, mixture)
+
+
+def volume_of_parts(poured: Floats, mass: Floats, mixture: Mixture) -> Floats:
+    """Return what `film_volume` does [cm³], also of films lighter than their gelatin and glycerol.
+
+    A film that is dry is so for a slightly changed mixture, by which errors are carried over.
+    """
+    gelatin, glycerol, water = _parts(poured, mass, mixture)
+    volume: Floats = (
         gelatin / mixture.gelatin_density
         + glycerol / mixture.glycerol_density
         + water / mixture.water_density
     )
+    return volume
+
+
+def _parts(poured: Floats, mass: Floats, mixture: Mixture) -> tuple[Floats, Floats, Floats]:
+    gelatin = mixture.gelatin / mixture.total * poured
+    glycerol = mixture.glycerol / mixture.total * poured
+    return gelatin, glycerol, mass - gelatin - glycerol
 
 
 def density_by_mass_average(
@@ -316,6 +389,97 @@ def mean_of_replicates(values: npt.ArrayLike) -> Mean:
         raise ValueError("there is no film to average")
     sd = float(np.std(films, ddof=1)) if films.size > 1 else float("nan")
     return Mean(float(np.mean(films)), sd / float(np.sqrt(films.size)), sd, films.size)
+
+
+def recipe_error(masses: Masses, recipe: Recipe) -> float:
+    r"""Compute the standard error of the films' mean α that comes from their recipe.
+
+    .. math:: \sigma^2 = \sum_k \left(\frac{\partial \bar\alpha}{\partial x_k} \sigma_k\right)^2
+
+    over its parts and densities x. All films share the recipe, so this error does not fall with
+    their number; it adds in squares to the standard error of the mean.
+
+    Parameters
+    ----------
+    masses : tuple of numpy.ndarray
+        m_0, m_1, m_2 of each film [g].
+    recipe : Recipe
+        Its values and their standard uncertainties.
+
+    Returns
+    -------
+    float
+        [–]
+
+    Examples
+    --------
+    A density of gelatin known to ± 0.05 g/cm³ moves V_1 = 13.0231 cm³ by 5.4545 × 0.05/1.35²:
+
+    >>> films = (np.array([30.0]), np.array([15.0]), np.array([10.0]))
+    >>> round(recipe_error(films, Recipe(gelatin_density=Known(1.35, 0.05))), 4)
+    0.0044
+    """
+    terms = [
+        _slope(masses, recipe.mixture, entry.name) * known.sd
+        for entry in fields(recipe)
+        if (known := getattr(recipe, entry.name)).sd > 0.0
+    ]
+    return math.hypot(*terms)
+
+
+def _slope(masses: Masses, mixture: Mixture, name: str) -> float:
+    """Return the derivative of the mean α by a part or a density."""
+    value: float = getattr(mixture, name)
+    step = SMALL * value
+    poured, cured, conditioned = masses
+    up, down = (
+        np.mean(volume_of_parts(poured, conditioned, m) / volume_of_parts(poured, cured, m))
+        for m in (replace(mixture, **{name: value + change}) for change in (step, -step))
+    )
+    return float(up - down) / (2.0 * step)
+
+
+def film_masses(table: pd.DataFrame) -> Masses:
+    """Return m_0, m_1, m_2 of each film of ``shrinkage.csv`` [g]."""
+    poured, cured, conditioned = (
+        table[f"mass_{state}_g"].to_numpy(np.float64)
+        for state in ("poured", "cured", "conditioned")
+    )
+    return poured, cured, conditioned
+
+
+def mean_over_films(masses: Masses, recipe: Recipe) -> tuple[Mean, float]:
+    """Average α over films, with the errors that they do not share and that of their recipe.
+
+    Parameters
+    ----------
+    masses : tuple of numpy.ndarray
+        m_0, m_1, m_2 of each film [g].
+    recipe : Recipe
+        Of all of them.
+
+    Returns
+    -------
+    mean : Mean
+        Its standard error has both.
+    dof : float
+        Degrees of freedom of that standard error: n − 1 of the scatter, which is estimated, and
+        more the larger the share of the recipe's error, which is stated (Welch and Satterthwaite).
+
+    Examples
+    --------
+    >>> films = (np.full(2, 30.0), np.array([15.0, 16.0]), np.array([10.0, 10.5]))
+    >>> mean_over_films(films, Recipe())[1]
+    1.0
+    """
+    mean = mean_of_replicates(volume_ratio(*masses, recipe.mixture))
+    common = recipe_error(masses, recipe)
+    if not common > 0.0:
+        return mean, mean.count - 1.0
+    total = math.hypot(mean.standard_error, common)
+    scatter = mean.standard_error / total
+    dof = (mean.count - 1.0) / scatter**4 if scatter > 0.0 else math.inf
+    return replace(mean, standard_error=total), dof
 
 
 def linear_scale(volume_ratio: npt.ArrayLike) -> Floats:

@@ -330,6 +330,8 @@ def read_study(folder: Path) -> Study:
     faults += [fault for table in tables.values() for fault in table.faults]
     if not faults and "tensile" in tables:
         faults += _absent_modes(settings, tables["tensile"].frame)
+    if not faults and "shrinkage" in tables:
+        faults += _too_light(settings, tables["shrinkage"].frame)
     if faults:
         raise StudyError(faults)
     return _assemble(folder, settings, tables, contents)
@@ -344,6 +346,20 @@ def _absent_modes(settings: Settings, tensile: pd.DataFrame) -> Iterator[Fault]:
     problem = "names no mode of which tensile.csv has a curve, so none would be fitted"
     remedy = f"name at least one of {', '.join(there)}, or leave the key out to fit all"
     yield Fault(SETTINGS_FILE, problem, remedy, None, "tensile.fit_modes", asked)
+
+
+def _too_light(settings: Settings, shrinkage: pd.DataFrame) -> Iterator[Fault]:
+    """Refuse films that weigh less than the gelatin and glycerol that were poured."""
+    solids = settings.recipe.mixture.solids
+    share = shrinkage["mass_conditioned_g"] / shrinkage["mass_poured_g"]
+    for row in shrinkage[share < solids].to_dict("records"):
+        weight = float(row["mass_conditioned_g"])
+        problem = (
+            f"is {weight / row['mass_poured_g']:.3g} of what was poured of film {row['film_id']}, "
+            f"where the gelatin and glycerol of the recipe alone are {solids:.3g}"
+        )
+        remedy = f"check the masses, or the parts under [shrinkage] in {SETTINGS_FILE}"
+        yield Fault("shrinkage.csv", problem, remedy, None, "mass_conditioned_g", f"{weight:g}")
 
 
 def _assemble(

@@ -9,7 +9,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from bayesdeg.causes.cause import Conditions, FilmConditions
-from bayesdeg.data.shrinkage import mean_of_replicates, volume_ratio
+from bayesdeg.data.shrinkage import film_masses, mean_over_films
 from bayesdeg.data.study import Study
 from bayesdeg.errors import Fault, StudyError
 from bayesdeg.material.hyperelastic import yeoh_basis
@@ -386,7 +386,8 @@ def breaks(study: Study) -> Breaks | None:
 def statistics(study: Study) -> tuple[Statistic, ...]:
     """Return published means with their standard errors, and α from the films' masses.
 
-    The standard error is sd/√n; without n it is the sd itself.
+    The standard error is sd/√n; without n it is the sd itself. That of α has what the study states
+    of the recipe's and the densities' errors, which all films share.
     """
     found = []
     if study.summary is not None:
@@ -409,13 +410,8 @@ def statistics(study: Study) -> tuple[Statistic, ...]:
                     )
                 )
     if study.shrinkage is not None and len(study.shrinkage) > 1:
-        poured, cured, conditioned = (
-            study.shrinkage[f"mass_{name}_g"].to_numpy(np.float64)
-            for name in ("poured", "cured", "conditioned")
-        )
-        mean = mean_of_replicates(volume_ratio(poured, cured, conditioned))
+        mean, dof = mean_over_films(film_masses(study.shrinkage), study.settings.recipe)
         source = f"shrinkage.csv, {mean.count} films"
-        dof = mean.count - 1.0
         found.append(Statistic("volume_ratio", 0.0, mean.value, mean.standard_error, source, dof))
     _refuse_zero_errors(found)
     return tuple(found)

@@ -11,7 +11,7 @@ from bayesdeg.compiled import compiled
 from bayesdeg.inference.data import TensileCurves
 from bayesdeg.inference.likelihood import Linearised, filter_of, same_path, specimen_density
 from bayesdeg.inference.parameters import Named
-from bayesdeg.inference.specimens import Material
+from bayesdeg.inference.specimens import Material, with_effects
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -122,13 +122,9 @@ def median_stresses(
     data: TensileCurves, values: Named, material: Material, causes: tuple[Cause, ...] = ()
 ) -> Stresses:
     """Return what films of the median material read."""
-    parts = []
-    for constants in material:
-        stress = _stress(data.basis, constants)
-        for cause in causes:
-            if cause.on_stress is not None:
-                stress = cause.on_stress(stress, data.conditions, cause.effect(values), constants)
-        parts.append(stress)
+    parts = (
+        with_effects(_stress(data.basis, c), data.conditions, values, c, causes) for c in material
+    )
     return Stresses(*parts)
 
 

@@ -34,6 +34,7 @@ from bayesdeg.inference.specimens import (
     expected_statistics,
     material_at,
     shared,
+    young_modulus,
 )
 from bayesdeg.material import degradation as law
 from bayesdeg.material.degradation import (
@@ -221,6 +222,10 @@ class Model:
         """Return C1, C2, C3 [MPa] at degradation rates (S,) or (n, S), shape (n, S, 3)."""
         return constants_at(controls_of(values, self.nodes), degradation, self.nodes)
 
+    def young_modulus(self, values: Named, degradation: Floats) -> Floats:
+        """Return Young's modulus of films with the active causes [MPa], (n, S)."""
+        return young_modulus(values, self.constants(values, degradation), self.causes)
+
     def material(self, values: Named, degradation: Floats) -> Material:
         """Return the median material at degradation rates (S,) or (n, S)."""
         return material_at(controls_of(values, self.nodes), degradation, self.nodes)
@@ -389,7 +394,9 @@ class Model:
 
     def _expected(self, values: Named, statistics: tuple[Statistic, ...]) -> Floats:
         nodes, at = self.nodes, self.elongation_nodes
-        return expected_statistics(values, statistics, nodes=nodes, elongation_nodes=at)
+        return expected_statistics(
+            values, statistics, nodes=nodes, elongation_nodes=at, causes=self.causes
+        )
 
 
 def _joined(parts: list[tuple[Floats, Floats]], count: int) -> tuple[Floats, Floats]:

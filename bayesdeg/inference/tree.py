@@ -71,12 +71,12 @@ def add_likelihoods(
         f"{kind}_specimen": specimen_labels(model, kind) for kind in by_kind
     }
     blocks = _blocks(model, by_kind)
-    densities[JOINT] = np.stack(
-        [sum(by_kind[k][:, rows].sum(axis=-1) for k, rows in found.items()) for _, found in blocks],
-        axis=-1,
-    )
-    groups["log_likelihood"] = {name: d.reshape(*shape, -1) for name, d in densities.items()}
-    coords["specimen"] = np.array([name for name, _ in blocks])
+    joint = np.empty((shape[0] * shape[1], len(blocks)))  # of no column where there are no data
+    for column, (_, found) in enumerate(blocks):
+        joint[:, column] = sum(by_kind[k][:, rows].sum(axis=-1) for k, rows in found.items())
+    densities[JOINT] = joint
+    groups["log_likelihood"] = {n: d.reshape(*shape, d.shape[-1]) for n, d in densities.items()}
+    coords["specimen"] = np.array([name for name, _ in blocks], dtype=np.str_)
     return coords, dims | {JOINT: ["specimen"]}
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pandas as pd
 
+from bayesdeg.data.shrinkage import Mixture
 from bayesdeg.data.study import Study
 
 LEVELS = (0, 5, 10, 15, 20, 25)
@@ -80,6 +81,8 @@ class Design:
         ``film_id``, ``time_h``. Default: 9 films each after 0, 4, …, 24 h.
     shrinkage : pandas.DataFrame
         ``film_id``. Default: 4 films.
+    mixture : Mixture
+        Of which the films of ``shrinkage`` are poured.
     bend_angle : bool
         Whether the bend angle is read beside the curvature.
 
@@ -99,6 +102,7 @@ class Design:
     breaks: pd.DataFrame = field(default_factory=_breaks)
     moisture: pd.DataFrame = field(default_factory=_moisture)
     shrinkage: pd.DataFrame = field(default_factory=_shrinkage)
+    mixture: Mixture = field(default_factory=Mixture)
     bend_angle: bool = True
 
 
@@ -135,6 +139,7 @@ def design_of(study: Study) -> Design:
         breaks=_table(study, "breaks", lambda: torn, ()),
         moisture=_films(study.moisture, ["film_id", "time_h"], _moisture),
         shrinkage=_films(study.shrinkage, ["film_id"], _shrinkage),
+        mixture=study.settings.recipe.mixture,
         bend_angle=study.actuator is None or "bend_angle_deg" in recorded,
     )
 

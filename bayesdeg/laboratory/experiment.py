@@ -74,7 +74,10 @@ def weigh_moisture(
 
 
 def weigh_shrinkage(
-    table: pd.DataFrame, truth: Truth, generator: np.random.Generator
+    table: pd.DataFrame,
+    truth: Truth,
+    generator: np.random.Generator,
+    mixture: Mixture | None = None,
 ) -> pd.DataFrame:
     r"""Weigh films when poured, cured and conditioned.
 
@@ -89,6 +92,8 @@ def weigh_shrinkage(
         Volume ratio, moisture, and their scatter.
     generator : numpy.random.Generator
         Source of randomness.
+    mixture : Mixture, optional
+        What is poured; default 2 : 1 : 8.
 
     Returns
     -------
@@ -96,11 +101,11 @@ def weigh_shrinkage(
         The columns of ``shrinkage.csv``.
     """
     z = generator.standard_normal((3, len(table)))
-    mixture = Mixture()
+    mixture = mixture or Mixture()
     poured = MASS_POURED * np.exp(MASS_POURED_SCATTER * z[0])
     moisture = truth.moisture_initial + truth.moisture_scatter * z[1]
     ratio = np.clip(truth.volume_ratio + truth.volume_ratio_scatter * z[2], *VOLUME_RATIO_RANGE)
-    solids = poured * (mixture.gelatin + mixture.glycerol) / mixture.total
+    solids = poured * mixture.solids
     conditioned = solids / (1.0 - moisture / 100.0)
     volume = film_volume(poured, conditioned, mixture)
     cured = conditioned + mixture.water_density * volume * (1.0 / ratio - 1.0)
@@ -489,7 +494,7 @@ def run_experiment(
         actuator = actuator.drop(columns="bend_angle_deg")
     tables = {
         "moisture": weigh_moisture(design.moisture, truth, moisture),
-        "shrinkage": weigh_shrinkage(design.shrinkage, truth, shrinkage),
+        "shrinkage": weigh_shrinkage(design.shrinkage, truth, shrinkage, design.mixture),
         "tensile": tensile,
         "breaks": breaks,
         "actuator": actuator,

@@ -9,8 +9,9 @@ from pydantic import Field
 
 import bayesdeg
 from bayesdeg.actuator.status import MODEL_VERSION
-from bayesdeg.data.settings import ENTRIES, Dimensions, Settings
+from bayesdeg.data.settings import ENTRIES, Settings
 from bayesdeg.data.settings import FILE as SETTINGS_FILE
+from bayesdeg.data.shrinkage import Known
 from bayesdeg.data.tables import TABLES
 from bayesdeg.files import spreadsheet_safe
 from bayesdeg.laboratory.experiment import VirtualExperiment
@@ -159,12 +160,10 @@ def settings_text(settings: Settings) -> str:
     """
     written: dict[str, list[str]] = {"": []}
     for entry in ENTRIES:
-        holder: Settings | Dimensions = settings
-        default: Settings | Dimensions = Settings()
-        if not hasattr(holder, entry.field):
-            holder, default = settings.dimensions, Dimensions()
+        holders = (settings, settings.dimensions, settings.recipe)
+        [holder] = [one for one in holders if hasattr(one, entry.field)]
         value = getattr(holder, entry.field)
-        if entry.key == "seed" or value != getattr(default, entry.field):
+        if entry.key == "seed" or value != getattr(type(holder)(), entry.field):
             written.setdefault(entry.table, []).append(f"{entry.key} = {_literal(value)}")
     if settings.priors:
         priors = settings.priors.items()
@@ -191,6 +190,9 @@ def _literal(value: object) -> str:
         return str(value).lower()
     if isinstance(value, tuple):
         return f"[{', '.join(_literal(entry) for entry in value)}]"
+    if isinstance(value, Known):
+        both = f"{{ value = {value.value!r}, sd = {value.sd!r} }}"
+        return both if value.sd > 0.0 else repr(value.value)
     return _quoted(value) if isinstance(value, str) else repr(value)
 
 

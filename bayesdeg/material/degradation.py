@@ -412,15 +412,25 @@ def is_stable(
     return np.asarray(np.all((c3 > 0.0) & satisfies_baker_ericksen(c1, c2, c3), axis=-1))
 
 
-def young_modulus(c1: npt.ArrayLike) -> FloatArray:
-    """Return Young's modulus at zero strain, Y = 6 C₁ [MPa].
+def young_modulus(c1: npt.ArrayLike, root_term: npt.ArrayLike = 0.0) -> FloatArray:
+    r"""Return Young's modulus at zero strain, Y = 6 C₁ + √3 r [MPa].
+
+    Parameters
+    ----------
+    c1 : array_like
+        C₁ of Yeoh's law [MPa].
+    root_term : array_like, broadcastable
+        r of a further energy r (√I₂ − √3) [MPa].
 
     Examples
     --------
     >>> float(young_modulus(0.25))
     1.5
+    >>> round(float(young_modulus(0.25, 0.125)), 4)
+    1.7165
     """
-    return 6.0 * np.asarray(c1, dtype=np.float64)
+    modulus = 6.0 * np.asarray(c1, dtype=np.float64)
+    return np.asarray(modulus + np.sqrt(3.0) * np.asarray(root_term, dtype=np.float64))
 
 
 def _combine(weights: FloatArray, values_at_nodes: npt.ArrayLike) -> FloatArray:

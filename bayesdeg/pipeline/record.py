@@ -55,12 +55,7 @@ from bayesdeg.report.record import (
     SuspectEntry,
     Verdict,
 )
-
-NOTHING_TO_JUDGE = (
-    "There are no readings of an actuator and no tensile curves in this study, so there is no "
-    "misfit to judge and no cause is named."
-)
-SHOWN = "What the material law gets right is shown with the published statistics."
+from bayesdeg.report.text import sentences
 
 
 def verdict_document(
@@ -152,7 +147,9 @@ def _contradicted(found: Conflict | None) -> ContradictionEntry | None:
     )
 
 
-def unjudged_document(unjudged: dict[str, str], held_out: str = "", failed: str = "") -> Verdict:
+def unjudged_document(
+    unjudged: dict[str, str], held_out: str = "", failed: str = "", *, published: bool = False
+) -> Verdict:
     """Return the content of ``verdict.json`` where nothing was judged.
 
     Either the study has no readings to judge, or judging them failed.
@@ -165,26 +162,17 @@ def unjudged_document(unjudged: dict[str, str], held_out: str = "", failed: str 
         What is wrong with modes of tension that were predicted only.
     failed : str
         Why judging failed; empty where there was nothing to judge.
+    published : bool
+        Whether published statistics are shown next to what the model makes of them.
     """
-    said = (
-        f"{_of_failure(failed)} {held_out}" if failed else f"{NOTHING_TO_JUDGE} {held_out or SHOWN}"
-    )
+    facts = {"failed": failed, "held_out": held_out, "published": published}
     return Verdict(
         outcome=Outcome.NOT_JUDGED,
-        explanation=said.strip(),
+        explanation=sentences("run", "unjudged", **facts),
         candidates=tuple(
             CandidateEntry(cause=name, mechanism=_mechanism(name), why=why)
             for name, why in unjudged.items()
         ),
-    )
-
-
-def _of_failure(why: str) -> str:
-    return (
-        f"The verdict could not be computed, so no cause is named, and nothing is said of whether "
-        f"the simulation is adequate. {why} The base model was calibrated, and what follows from "
-        "it is written. Run the study again with another --seed; if that fails too, please send "
-        "us left_out.txt of the run folder."
     )
 
 
@@ -252,7 +240,8 @@ def verdict_of(results: Results, residual: Floats | None, note: str, guard: Guar
     if failed:
         tried = {cause.name: "the verdict was left out" for cause in results.assembly.candidates}
         unjudged = tried | unjudged
-    return unjudged_document(unjudged, note, failed)
+    shown = bool(results.base.model.statistics)
+    return unjudged_document(unjudged, note, failed, published=shown)
 
 
 def _verdict(
@@ -355,7 +344,7 @@ def comparisons(study: Study, fit: Fit) -> list[ComparisonEntry]:
     for row in study.summary.to_dict("records"):
         level = np.array([float(row["degradation_pct"])])
         if row["quantity"] == "young_modulus":
-            draws = 6.0 * fit.model.constants(values, level)[:, 0, 0]
+            draws = fit.model.young_modulus(values, level)[:, 0]
         elif row["quantity"] == "elongation_at_break" and "elongation_scatter" in values:
             draws = fit.model.elongation(values, level)[:, 0]
         elif row["quantity"] == "volume_ratio" and "volume_ratio" in values:
@@ -574,20 +563,7 @@ def emulator_facts(record: str) -> EmulatorEntry:
 
 
 def _sentence(facts: EmulatorEntry, rms: float | None) -> str:
-    parts = []
-    if facts.coarse_curves is not None:
-        few = facts.fine_curves
-        parts.append(
-            f"{facts.coarse_curves} curves of a coarse mesh"
-            + ("" if few is None else f", corrected by {few} of a fine one")
-        )
-    if rms is not None:
-        parts.append(f"curves that it was not trained on are predicted to {rms:.2f} % rms")
-    if facts.mesh_error_pct is not None:
-        parts.append(
-            f"the fine mesh itself is within {facts.mesh_error_pct:.2f} % rms of a finer one"
-        )
-    return "; ".join(parts)
+    return sentences("run", "trained", facts=facts, rms=rms)
 
 
 def outside_words(share: float) -> str:
@@ -598,13 +574,7 @@ def outside_words(share: float) -> str:
     >>> outside_words(0.25).split(", ")[0]
     "25 % of the posterior lies outside the emulator's range"
     """
-    if share == 0.0:
-        return ""
-    return (
-        f"{100.0 * share:.2g} % of the posterior lies outside the emulator's range, where the "
-        "likelihood only leads back inside and nothing is predicted: intervals that rest on it "
-        "may be cut off."
-    )
+    return sentences("run", "outside", share=share)
 
 
 def refusal_words(refusals: Refusals) -> str:
@@ -615,18 +585,5 @@ def refusal_words(refusals: Refusals) -> str:
     >>> refusal_words(Refusals(200_000, 50))
     'The emulator refused 50 of 200000 proposals of the sampler (0.025 %) as outside its training.'
     """
-    if not refusals.proposed:
-        return ""
-    if not refusals.refused:
-        return f"None of the {refusals.proposed} proposals of the sampler was outside its training."
-    said = (
-        f"The emulator refused {refusals.refused} of {refusals.proposed} proposals of the sampler "
-        f"({100.0 * refusals.share:.2g} %) as outside its training."
-    )
-    if refusals.share <= WORRYING:
-        return said
-    return (
-        f"{said} That is more than {100.0 * WORRYING:g} %: the posterior may be cut off where the "
-        "emulator ends. Give narrower priors in study.toml to the parameters that lead there, or "
-        "leave out the readings next to ballooning, and see whether the result moves."
-    )
+    facts = {"proposed": refusals.proposed, "refused": refusals.refused, "worrying": WORRYING}
+    return sentences("run", "refusals", **facts)

@@ -154,3 +154,11 @@ def test_a_ranking_that_was_left_out_is_not_taken_for_none_needed(ask, tmp_path)
     changes = {"outcome": "not_judged", "left_out": left_out, "explanation": "It broke."}
     folder.write_json("verdict", folder.read_json("verdict") | changes)
     assert "could not judge the simulation. It broke." in " ".join(ask(path)[1].split())
+
+
+def test_a_single_reading_is_not_taken_for_none(ask, tmp_path):
+    path = folder_of(tmp_path / "run", "not_judged", [])
+    folder = RunFolder(path)
+    verdict = folder.read_json("verdict") | {"outcome": "not_judged", "explanation": "One reading."}
+    folder.write_json("verdict", verdict | {"misfit": {"p_value": 0.4}, "left_out": []})
+    assert "could not judge the simulation. One reading." in " ".join(ask(path)[1].split())

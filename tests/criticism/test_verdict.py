@@ -26,6 +26,7 @@ from bayesdeg.criticism.decide.verdict import (
     CHANCE,
     LEAST_EXPLAINED,
     LEAST_ON_ONE_SCALE,
+    LEAST_POWER,
     NEARLY_ALL,
     Decision,
     Outcome,
@@ -122,7 +123,6 @@ def test_causes_that_read_like_the_law_answer_for_no_contradicted_mean():
     [
         ({"elpd_diff": 3.9}, "with creep held-out specimens are not predicted better (+3.9 ± 4.0"),
         ({"elpd_diff": -20.0}, "with creep held-out specimens are not predicted better (-20.0"),
-        ({"elpd_diff": None, "elpd_diff_se": None}, "nothing to hold out"),
     ],
 )
 def test_what_speaks_against_a_cause_is_said_and_nothing_is_named(change, said):
@@ -132,6 +132,32 @@ def test_what_speaks_against_a_cause_is_said_and_nothing_is_named(change, said):
     assert said in found.reasons[0]
     without = outcome_of(support(**change), base=step(p_value=0.5))
     assert (without.outcome, without.reasons) == (Outcome.ADEQUATE, found.reasons)
+
+
+@pytest.mark.parametrize(
+    ("p_value", "outcome"), [(0.001, Outcome.UNEXPLAINED), (0.5, Outcome.NOT_JUDGED)]
+)
+def test_a_cause_with_nothing_to_hold_out_leaves_only_a_misfit_to_be_judged(p_value, outcome):
+    single = support(elpd_diff=None, elpd_diff_se=None)
+    found = outcome_of(single, base=step(p_value=p_value))
+    assert (found.outcome, found.causes, len(found.reasons)) == (outcome, (), 1)
+
+
+@pytest.mark.parametrize(
+    ("p_value", "power", "outcome"),
+    [
+        (0.5, LEAST_POWER, Outcome.ADEQUATE),
+        (0.5, LEAST_POWER - 1e-6, Outcome.NOT_JUDGED),
+        (0.001, 0.0, Outcome.UNEXPLAINED),
+    ],
+)
+def test_readings_that_would_hide_a_large_misfit_make_no_model_adequate(
+    p_value, power, outcome, monkeypatch
+):
+    monkeypatch.setattr(deciding, "power", lambda linear: power)
+    found = outcome_of(base=step(p_value))
+    assert (found.outcome, found.causes) == (outcome, ())
+    assert bool(found.reasons) == (outcome is Outcome.NOT_JUDGED)
 
 
 @pytest.mark.parametrize("p_value", [0.001, 0.5])

@@ -5,13 +5,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bayesdeg.data.shrinkage import (
+    Known,
     Mixture,
+    Recipe,
     component_masses,
     density_by_mass_average,
     film_volume,
     linear_scale,
     linear_scale_error,
     mean_of_replicates,
+    mean_over_films,
+    recipe_error,
     volume_ratio,
     volume_ratio_by_mass_average,
     volume_ratio_to_mould,
@@ -99,3 +103,55 @@ def test_linear_scale_and_its_error(alpha: float) -> None:
     step = 1e-5 * alpha
     slope = (linear_scale(alpha + step) - linear_scale(alpha - step)) / (2 * step)
     np.testing.assert_allclose(linear_scale_error(alpha, 0.07), 0.07 * slope, rtol=1e-6)
+
+
+FILMS = (np.array([30.0, 29.0, 31.0]), np.array([15.0, 16.0, 15.5]), np.array([10.0, 10.5, 10.2]))
+RECIPE = Recipe(
+    gelatin=Known(2.0, 0.1),
+    water=Known(8.0, 0.3),
+    gelatin_density=Known(1.35, 0.05),
+    water_density=Known(1.0, 0.002),
+)
+
+
+def test_an_exact_recipe_leaves_the_mean_of_the_films_as_it_is() -> None:
+    assert mean_over_films(FILMS, Recipe()) == (mean_of_replicates(volume_ratio(*FILMS)), 2.0)
+
+
+def test_the_error_of_the_recipe_is_the_spread_of_the_mean_over_recipes() -> None:
+    """All films share a recipe: it is drawn once for all of them."""
+    generator = np.random.default_rng(0)
+    means = [
+        np.mean(volume_ratio(*FILMS, mixture))
+        for mixture in (
+            Mixture(
+                gelatin=2.0 + 0.1 * z[0],
+                water=8.0 + 0.3 * z[1],
+                gelatin_density=1.35 + 0.05 * z[2],
+                water_density=1.0 + 0.002 * z[3],
+            )
+            for z in generator.standard_normal((8000, 4))
+        )
+    ]
+    assert recipe_error(FILMS, RECIPE) == pytest.approx(np.std(means), rel=0.04)
+
+
+@pytest.mark.parametrize("times", [1, 100])
+def test_more_films_average_their_own_scatter_and_not_the_recipes(times: int) -> None:
+    poured, cured, conditioned = (np.tile(mass, times) for mass in FILMS)
+    films = (poured, cured, conditioned)
+    own, common = mean_of_replicates(volume_ratio(*films)), recipe_error(FILMS, RECIPE)
+    mean, dof = mean_over_films(films, RECIPE)
+    assert mean.standard_error == pytest.approx(np.hypot(own.standard_error, common))
+    assert dof == pytest.approx((3 * times - 1) * (mean.standard_error / own.standard_error) ** 4)
+    assert mean.value == own.value
+
+
+def test_a_scale_common_to_all_parts_or_all_densities_changes_nothing() -> None:
+    other = Mixture(20.0, 10.0, 80.0, 2.70, 2.52, 2.00)
+    np.testing.assert_allclose(volume_ratio(*FILMS, other), volume_ratio(*FILMS), rtol=1e-12)
+
+
+def test_a_film_as_light_as_its_solids_has_an_error_too() -> None:
+    dry = (np.array([11.0]), np.array([6.0]), np.array([3.0]))
+    assert 0.0 < recipe_error(dry, RECIPE) < 0.1

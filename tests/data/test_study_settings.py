@@ -3,6 +3,7 @@ from dataclasses import replace
 import pytest
 
 from bayesdeg.data.settings import Dimensions, Settings, parse_settings
+from bayesdeg.data.shrinkage import Known, Recipe
 from bayesdeg.priors import Normal
 
 CONTRACT = """
@@ -192,3 +193,34 @@ def test_possible_dimensions(change: dict[str, float]) -> None:
 
 def test_several_impossible_dimensions_are_all_named() -> None:
     assert len(Dimensions(side_wall=6.0, roof=9.0, end_wall=30.0).problems()) == 3
+
+
+def test_a_recipe_is_read_with_or_without_its_uncertainty() -> None:
+    text = "[shrinkage]\nglycerol = 1.5\ngelatin_density = { value = 1.3, sd = 0.05 }\n"
+    recipe = parse(text).recipe
+    assert recipe == Recipe(glycerol=Known(1.5), gelatin_density=Known(1.3, 0.05))
+    assert parse("[shrinkage]\n[shrinkage.water]\nvalue = 9\n").recipe.water == Known(9.0)
+    assert parse("").recipe == Recipe()
+
+
+@pytest.mark.parametrize(
+    ("line", "column", "suggested"),
+    [
+        ("gelatine = 2", "shrinkage.gelatine", "'gelatin'"),
+        ("glycerol = 0", "shrinkage.glycerol", "above 0"),
+        ("water = -8.0", "shrinkage.water", "above 0"),
+        ("water_density = inf", "shrinkage.water_density", "[g/cm³]"),
+        ('water = "8"', "shrinkage.water", "above 0"),
+        ("water = { value = 8, sd = -1 }", "shrinkage.water", "sd"),
+        ("water = { value = 8, sd = 8 }", "shrinkage.water", "below value"),
+        ("water = { value = 0 }", "shrinkage.water", "above 0"),
+        ("water = { sd = 1 }", "shrinkage.water", "value"),
+        ("water = { value = { value = 8 } }", "shrinkage.water", "above 0"),
+        ("water = { valeu = 8, sd = 1 }", "shrinkage.water", "'value'"),
+    ],
+)
+def test_faults_of_a_recipe_are_named(line: str, column: str, suggested: str) -> None:
+    settings, faults = parse_settings(f"[shrinkage]\n{line}\n".encode())
+    assert [(fault.column, fault.row) for fault in faults] == [(column, 2)]
+    assert suggested in faults[0].remedy
+    assert settings.recipe == Recipe()

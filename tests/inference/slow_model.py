@@ -289,11 +289,17 @@ def log_breaks(model, values):
     ]
 
 
+def young_modulus(model, values, level):
+    """6 C1, and √3 r of the term r (√I₂ − √3) where its cause is active."""
+    ratio = values.get("second_invariant.ratio", 0.0)
+    return (6.0 + math.sqrt(3.0) * ratio) * constants_at(values, model.nodes, level)[0]
+
+
 def log_statistics(model, values):
     out = []
     for s in model.statistics:
         mean = {
-            "young_modulus": lambda level: 6.0 * constants_at(values, model.nodes, level)[0],
+            "young_modulus": lambda level: young_modulus(model, values, level),
             "elongation_at_break": lambda level: median_elongation(model, values, level),
             "volume_ratio": lambda _: values["volume_ratio"],
         }[s.quantity](s.degradation)

@@ -16,7 +16,12 @@ from scipy import stats
 from bayesdeg.errors import BayesdegError
 from bayesdeg.inference.importance import Proposal
 from bayesdeg.inference.laplace import Evidence, Laplace, approximate, evidence
-from bayesdeg.inference.parameters import ParameterTable
+from bayesdeg.inference.model import Model
+from bayesdeg.inference.parameters import (
+    STIFFNESS_SCATTER,
+    ParameterTable,
+    material_parameters,
+)
 from bayesdeg.inference.sampling import (
     EFFORTS,
     Chain,
@@ -483,3 +488,15 @@ def test_the_tree_survives_netcdf(tmp_path):
     assert set(back.children) == set(tree().children)
     for group in tree().children:
         xr.testing.assert_equal(back[group].to_dataset(), tree()[group].to_dataset())
+
+
+def test_a_study_without_any_likelihood_has_a_joint_density_of_nothing(tmp_path):
+    model = Model(base=(*material_parameters((0.0,)), STIFFNESS_SCATTER), nodes=(0.0,))
+    size = len(model.table)
+    vectors = 0.01 * np.random.default_rng(0).standard_normal((2, 5, 4, size))
+    chain = Chain(vectors, np.zeros(vectors.shape[:3]), np.full(2, 0.4))
+    found = to_datatree(model, chain, np.random.default_rng(1))
+    assert found["log_likelihood"]["joint"].shape == (2, 20, 0)
+    found.to_netcdf(tmp_path / "posterior.nc", engine="h5netcdf")
+    with xr.open_datatree(tmp_path / "posterior.nc", engine="h5netcdf") as again:
+        assert again["posterior"]["stiffness_scatter"].shape == (2, 20)

@@ -7,6 +7,7 @@ import pytest
 from scipy import stats
 
 from bayesdeg.data.study import read_study
+from bayesdeg.errors import StudyError
 from bayesdeg.inference.data import actuator_curves, breaks, statistics, tensile_curves
 
 FILES = {
@@ -223,6 +224,24 @@ def test_the_volume_ratio_of_the_films_is_their_mean(study_of):
         ratios.append((dry + water[1]) / (dry + water[0]))
     assert films.value == pytest.approx(np.mean(ratios), rel=5e-3)
     assert films.se == pytest.approx(stats.sem(ratios), rel=0.02)
+
+
+def test_the_recipe_and_its_error_are_those_of_the_study(study_of):
+    exact = statistics(study_of())[-1]
+    lines = "gelatin_density = { value = 1.35, sd = 0.08 }\nwater = { value = 8, sd = 0.5 }\n"
+    wide = statistics(study_of(toml=f"[shrinkage]\n{lines}"))[-1]
+    assert (wide.value, exact.dof) == (exact.value, 2.0)
+    assert wide.se > 1.1 * exact.se
+    assert wide.dof > 2.0
+    drier = statistics(study_of(toml="[shrinkage]\nwater = 9\n"))[-1]
+    assert drier.value - exact.value == pytest.approx(0.004689, abs=1e-6)
+
+
+def test_films_lighter_than_their_recipe_are_a_fault_of_the_study(study_of):
+    with pytest.raises(StudyError) as raised:
+        study_of(toml="[shrinkage]\nglycerol = 3\n")  # solids are 5/13 of what was poured
+    assert {fault.file for fault in raised.value.faults} == {"shrinkage.csv"}
+    assert len(raised.value.faults) == 3
 
 
 def test_one_film_alone_has_no_standard_error_and_is_not_used(study_of):

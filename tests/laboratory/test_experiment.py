@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 import bayesdeg
 from bayesdeg.data.settings import MODES, Dimensions, Settings, parse_settings
+from bayesdeg.data.shrinkage import Known, Recipe
 from bayesdeg.data.study import read_study
 from bayesdeg.inference.data import actuator_curves, breaks, statistics, tensile_curves
 from bayesdeg.laboratory.design import Design, design_of
@@ -224,6 +225,11 @@ laws = st.one_of(
             st.from_regex(r"[a-z_0-9]{1,8}(\.[a-z_]{1,8})?", fullmatch=True), laws, max_size=3
         ),
         degradation_sd_pct=positive,
+        recipe=st.builds(
+            Recipe,
+            glycerol=st.builds(Known, positive),
+            gelatin_density=st.builds(Known, st.floats(1.0, 2.0), st.floats(0.0, 0.5)),
+        ),
         candidates=st.none() | st.just(()) | st.just(("pressure_loss", "pressure_offset")),
         effort=st.sampled_from(["quick", "standard", "thorough"]),
         fit_modes=st.sampled_from([("uniaxial",), MODES]),

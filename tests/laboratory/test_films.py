@@ -8,7 +8,7 @@ import pytest
 from scipy import stats
 
 from bayesdeg.data.moisture import degradation_of_films, fit_saturating_course, moisture_content
-from bayesdeg.data.shrinkage import mean_of_replicates, volume_ratio
+from bayesdeg.data.shrinkage import Mixture, mean_of_replicates, volume_ratio
 from bayesdeg.laboratory.design import Design
 from bayesdeg.laboratory.experiment import tear_films, weigh_moisture, weigh_shrinkage
 from bayesdeg.laboratory.truth import Truth
@@ -67,6 +67,15 @@ def test_shrinkage_leads_back_to_the_volume_ratio():
     # 13.5–17.7 g cured and 9.1–11.7 g conditioned are what the published α allows
     assert 13.5 < masses[1].mean() < 17.7
     assert 9.1 < masses[2].mean() < 11.7
+
+
+def test_films_of_another_recipe_lead_back_with_that_recipe():
+    table = pd.DataFrame({"film_id": [f"s{i}" for i in range(2000)]})
+    other = Mixture(gelatin=3.0, water=7.0, gelatin_density=1.3)
+    weighed = weigh_shrinkage(table, TRUTH, generator(), other)
+    masses = [weighed[f"mass_{name}_g"] for name in ("poured", "cured", "conditioned")]
+    mean = mean_of_replicates(volume_ratio(*masses, other))
+    assert mean.value == pytest.approx(0.62, abs=4.0 * mean.standard_error)
 
 
 @pytest.mark.parametrize("ratio", [0.35, 0.62, 0.95])

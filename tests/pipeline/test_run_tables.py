@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
+from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.criticism.checks.residuals import CurvatureFit
 from bayesdeg.criticism.posterior.convergence import diagnose
 from bayesdeg.inference.laplace import Evidence, Laplace
@@ -17,11 +18,11 @@ from tests.pipeline.study_files import FILES, SETTINGS, study_in
 DRAWN = 1200
 
 
-def fit_of(model, *, width=1e-6):
+def fit_of(model, *, width=1e-6, truth=TRUTH):
     """A fit whose posterior is known: independent normal laws about the truth."""
     generator = np.random.default_rng(1)
     size = len(model.table)
-    values = values_of()
+    values = values_of(truth)
     centre = model.table.vectors({name: values[name] for name in model.table.names})[0]
     vectors = centre + width * generator.standard_normal((2, DRAWN // 20, 10, size))
     chain = Chain(vectors, np.zeros(vectors.shape[:3]), np.full(2, 0.4))
@@ -97,6 +98,17 @@ def test_constants_of_a_narrow_posterior_are_the_truth(model, generator):
     assert at_25.loc["c1", "q50"] == pytest.approx(TRUTH["c1_at_25"], rel=1e-4)
     assert at_25.loc["young_modulus", "q05"] == pytest.approx(6.0 * TRUTH["c1_at_25"], rel=1e-4)
     assert at_25.loc["c3", "q95"] == pytest.approx(TRUTH["c3_at_25"], rel=1e-4)
+
+
+def test_young_modulus_has_the_share_of_a_named_second_invariant(study, model, generator):
+    stiffer = model.extended(CATALOGUE["second_invariant"])
+    fit = fit_of(stiffer, truth=TRUTH | {"second_invariant.ratio": 0.5})
+    expected = 6.0 * (1.0 + 0.5 / (2.0 * np.sqrt(3.0))) * np.array([0.3, TRUTH["c1_at_25"]])
+    table = writing.constants(fit, "final", generator).set_index(["constant", "degradation_pct"])
+    found = [table.loc[("young_modulus", level), "q50"] for level in (0.0, 25.0)]
+    assert found == pytest.approx(expected, rel=1e-4)
+    (row,) = (r for r in comparisons(study, fit) if r.quantity == "young_modulus")
+    assert row.predicted.startswith(f"{expected[0]:.3g} (")
 
 
 def test_parameters_are_summarised_beside_their_priors(model):

@@ -25,6 +25,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dpstrf
+from scipy.special import ndtr, ndtri
 
 from bayesdeg.criticism.fit.linear import Linear
 from bayesdeg.criticism.subject import Places
@@ -67,7 +68,7 @@ class Discrepancy:
 def discrepancies(linear: Linear) -> tuple[Discrepancy, ...]:
     """Return every discrepancy that is tried, on the whitened scale of a linearised model."""
     found = []
-    for family, label, root in _roots(linear.subject.places, linear.mean):
+    for family, label, root in discrepancy_roots(linear.subject.places, linear.mean):
         half = linear.whiten_columns(root)
         values, turned = np.linalg.eigh(half.T @ half)
         keep = values > SMALLEST * max(float(values[-1]), 1e-300)
@@ -76,8 +77,12 @@ def discrepancies(linear: Linear) -> tuple[Discrepancy, ...]:
     return tuple(found)
 
 
-def _roots(places: Places, mean: Floats) -> Iterator[tuple[str, str, Floats]]:
-    """Yield a factor (n, r) of every kernel; it is zero in readings of other families."""
+def discrepancy_roots(places: Places, mean: Floats) -> Iterator[tuple[str, str, Floats]]:
+    """Yield family, label and a factor (n, r) of every kernel of relative size 1.
+
+    The discrepancy is in proportion to the given readings (n,); the factor is zero in readings of
+    other families.
+    """
     for family in dict.fromkeys(places.family.tolist()):
         rows = places.family == family
         kinds = list(dict.fromkeys(places.kind[rows].tolist()))
@@ -140,6 +145,8 @@ MISFIT_LEVEL = 0.02
 """p-value up to which a misfit is more than chance gives."""
 FEWEST = round(1.0 / MISFIT_LEVEL) - 1
 """Simulated data sets below which no p-value could reach that level, however large the misfit."""
+LARGE = 0.5
+"""Size of a discrepancy, over that of the readings, that any test of a model must show."""
 CLEAR = 4.0  # Monte Carlo errors of the p-value from that level at which its side is clear
 
 
@@ -270,6 +277,35 @@ def resolved(
 def _error(count: int) -> float:
     """Return the Monte Carlo error of a p-value at the level, from so many data sets."""
     return float(np.sqrt(MISFIT_LEVEL * (1.0 - MISFIT_LEVEL) / count))
+
+
+def power(linear: Linear) -> float:
+    r"""Return how often a misfit of half the readings' size would be more than chance gives.
+
+    With z ~ N(0, 1 + a² v) along the direction in which a smooth discrepancy of relative size a is
+    seen best, v its variance there on the whitened scale,
+
+    .. math:: 2 \Phi\left(\frac{\Phi^{-1}(p/2)}{\sqrt{1 + a^2 v}}\right), \qquad a = 0.5,
+
+    at the level p = `MISFIT_LEVEL`. Of a single reading, which the parameters can meet whatever it
+    is, little more than p is left; of a curve it is nearly 1.
+
+    Parameters
+    ----------
+    linear : Linear
+        The model linearised at its mode.
+
+    Returns
+    -------
+    float
+        Between `MISFIT_LEVEL` and 1.
+    """
+    largest = 0.0
+    for _, _, root in discrepancy_roots(linear.subject.places, linear.subject.observed):
+        whitened = linear.whiten_columns(root)
+        largest = max(largest, float(np.linalg.eigvalsh(whitened.T @ whitened)[-1]))
+    bound = ndtri(0.5 * MISFIT_LEVEL) / np.sqrt(1.0 + LARGE**2 * largest)
+    return 2.0 * float(ndtr(bound))
 
 
 def explained(before: Misfit, after: Misfit) -> float:

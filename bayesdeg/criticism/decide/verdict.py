@@ -21,10 +21,12 @@ from numpy.typing import NDArray
 
 from bayesdeg.criticism.checks.conflict import Conflict, Questioned
 from bayesdeg.criticism.checks.discrepancy import (
+    LARGE,
     MISFIT_LEVEL,
     Misfit,
     explained,
     explained_on_one_scale,
+    power,
     too_few,
 )
 from bayesdeg.criticism.checks.rupture_misfit import RuptureMisfit
@@ -35,6 +37,7 @@ from bayesdeg.criticism.fit.search import Step
 Floats = NDArray[np.float64]
 
 LEAST_EXPLAINED, LEAST_ON_ONE_SCALE = 0.5, 0.8
+LEAST_POWER = 0.5  # of the misfit's test: below, a large misfit would more often be missed
 NEARLY_ALL = 0.9  # of the misfit: what is left may be small and yet significant
 CHANCE = 0.1  # p-value of what is left above which nothing is left to explain
 
@@ -92,8 +95,10 @@ def decide(
     such a cause and what is left beside it is no chance, there is a misfit, even if the base model
     on its own shows none.
 
-    A model whose misfit could not be set against chance is never adequate, and a cause that missed
-    a test which might have refuted it is never named: nothing is judged then.
+    A model whose misfit could not be set against chance is never adequate, nor is one of which the
+    readings would hide a large misfit, or a cause of which is favoured with nothing to hold out;
+    and a cause that missed a test which might have refuted it is never named: nothing is judged
+    then.
 
     Parameters
     ----------
@@ -137,8 +142,10 @@ def decide(
     if not supported or reasons:
         if misread and len(alike) > 1:
             return Decision(Outcome.AMBIGUOUS, alike, reasons=tuple(reasons))
-        if not off and not base.misfit.is_calibrated:
-            return Decision(Outcome.NOT_JUDGED, (), reasons=(*reasons, uncalibrated(base.misfit)))
+        unknown = [] if off else _unknown(base, supported)
+        if unknown:
+            both = dict.fromkeys([*reasons, *unknown])
+            return Decision(Outcome.NOT_JUDGED, (), reasons=tuple(both))
         outcome = Outcome.UNEXPLAINED if off else Outcome.ADEQUATE
         return Decision(outcome, (), reasons=tuple(reasons))
     certain = tuple(one.cause for one in supported if not one.inseparable)
@@ -176,6 +183,19 @@ def fraction_explained(base: Step, final: Step) -> float | None:
 def uncalibrated(misfit: Misfit) -> str:
     """Say why a misfit could not be set against chance."""
     return f"it could not be set against chance: {too_few(len(misfit.null), misfit.drawn)}"
+
+
+def _unknown(base: Step, supported: list[Support]) -> list[str]:
+    """Say why a model in which nothing was found wrong can't be taken as adequate for that."""
+    if not base.misfit.is_calibrated:
+        return [uncalibrated(base.misfit)]
+    seen = power(base.trial.linear)
+    if seen < LEAST_POWER:
+        return [
+            f"too little can be seen: even a discrepancy of {100 * LARGE:.0f} % would be more than "
+            f"chance gives in only {100 * seen:.0f} % of such studies"
+        ]
+    return [_against(one) for one in supported if one.elpd_diff is None]
 
 
 def _not_tested(one: SharedScatter) -> str:

@@ -18,6 +18,7 @@ from bayesdeg.criticism.experiments.ranking import ActuatorTests, Experiment, Fi
 from bayesdeg.inference.data import ActuatorCurves, TensileCurves
 from bayesdeg.inference.model import Model
 from bayesdeg.inference.parameters import Named
+from bayesdeg.material.degradation import young_modulus
 from bayesdeg.material.hyperelastic import yeoh_basis
 
 Floats = NDArray[np.float64]
@@ -336,8 +337,8 @@ def _wall(part: Part) -> Floats:
 
 
 def _log_stiffness(part: Part) -> Floats:
-    """Return ln of a sixth of Young's modulus: C1, and r/(2√3) of a term r (√I₂ − √3)."""
-    total: Floats = np.log(part.inputs.c1 + part.of("second_invariant") / (2.0 * np.sqrt(3.0)))
+    """Return ln of Young's modulus [MPa] of the part's material."""
+    total: Floats = np.log(young_modulus(part.inputs.c1, part.of("second_invariant")))
     return total
 
 

@@ -1,6 +1,6 @@
 """A set of causes joins the model, and everything is fitted again: mode, evidence, what is left."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -10,7 +10,7 @@ from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.fit.linear import Linear, effects, linearise, rest_law, with_prior_moments
 from bayesdeg.criticism.subject import Subject, columns_of, typical_size, with_neutral
 from bayesdeg.inference.density import bounds
-from bayesdeg.inference.importance import about_mode
+from bayesdeg.inference.importance import about_mode, improved
 from bayesdeg.inference.laplace import Evidence, approximate, weighted
 
 Floats = NDArray[np.float64]
@@ -18,7 +18,7 @@ Floats = NDArray[np.float64]
 STRONG = 5.0  # size of an effect, in standard deviations, that is climbed to from two sides
 CLIMBS, HIGHER = 2, 1.0  # more, where draws are higher than the mode by so much
 NEAR = 0.2  # of its bound, in typical sizes: a size from which a climb may slide back to none
-BENT = 4.0  # standard deviations by which a parameter has given way
+BENT = 2.5  # standard deviations by which a parameter has given way; heavy tails make them wide
 DRAWS = 3000  # of the estimate from the prior
 WANTED = 80.0  # effective draws
 
@@ -41,6 +41,8 @@ class Trial:
         Covariance of the parameters given all but the readings.
     centre : array, shape (n_parameters,)
         Their mean given all but the readings.
+    is_near_mode : bool
+        Whether the draws are those about the mode, not of a law fitted to what lies far from it.
     """
 
     subject: Subject
@@ -49,6 +51,7 @@ class Trial:
     posterior: Evidence
     uncertain: Floats
     centre: Floats
+    is_near_mode: bool = True
 
     @property
     def names(self) -> frozenset[str]:
@@ -163,6 +166,20 @@ def _off_bounds(subject: Subject, cause: Cause, guess: Floats) -> list[Floats]:
                 point[column] = size
     is_new = not np.array_equal(point, guess)
     return [point] if is_new and np.isfinite(subject.log_prob(point[None])[0]) else []
+
+
+def firm(trial: Trial, generator: np.random.Generator) -> Trial:
+    """Return a trial whose evidence rests on enough draws; itself if it does already.
+
+    Too few effective draws about a mode are a sign of posterior mass far from it. A law fitted to
+    them, and wider, finds it.
+    """
+    if trial.posterior.effective >= WANTED or not trial.posterior.effective > 0.0:
+        return trial
+    found = improved(trial.subject, trial.posterior, generator, enough=WANTED)
+    if found.effective <= trial.posterior.effective:
+        return trial
+    return replace(trial, posterior=found, log_evidence=found.log_evidence, is_near_mode=False)
 
 
 def from_prior(

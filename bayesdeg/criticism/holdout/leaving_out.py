@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from bayesdeg.criticism.fit.trials import Trial
+from bayesdeg.criticism.fit.trials import Trial, firm
 from bayesdeg.criticism.holdout.held_out import DRAWS, Folds, HeldOut
 from bayesdeg.criticism.holdout.leave_one_out import largest_k, smoothed
 from bayesdeg.criticism.subject import Subject
@@ -127,7 +127,9 @@ def one_by_one(trial: Trial, seed: np.random.SeedSequence) -> Plan:
     ----------
     Vehtari, Gelman and Gabry (2017), doi:10.1007/s11222-016-9696-4.
     """
-    subject, generator = trial.subject, np.random.default_rng(seed)
+    generator = np.random.default_rng(seed)
+    trial = firm(trial, generator)
+    subject = trial.subject
     # each of few specimens is too much of the data to be weighted away; a measured mean is not
     if len(subject.groups) <= FEW and np.any(subject.group != ""):
         return in_folds(trial, np.arange(len(subject.groups)), seed)
@@ -151,6 +153,7 @@ def one_by_one(trial: Trial, seed: np.random.SeedSequence) -> Plan:
 
 def in_folds(trial: Trial, fold: Folds, seed: np.random.SeedSequence) -> Plan:
     """Plan to calibrate without each fold of groups in turn; see `predict_folds`."""
+    trial = firm(trial, np.random.default_rng(seed))
     subject = trial.subject
     nothing = HeldOut(
         np.full(len(subject.groups), np.nan), np.full((DRAWS, len(subject.places)), np.nan)
@@ -221,11 +224,15 @@ def _draws(
     """Draw from the posterior without some groups; return the draws and the log evidence.
 
     An importance sample about its mode; one that begins with the posterior of all groups where that
-    has too few draws; and emcee, without an evidence (nan), where that has too few as well.
+    has too few draws, or had too few for all groups: what lies far from the mode has to be found
+    with a group and without it, or their ratio says nothing; and emcee, without an evidence (nan),
+    where that has too few as well.
     """
-    laplace = approximate(training, generator, start=trial.mode)
-    posterior = about_mode(training, laplace, generator, enough=WANTED)
-    if posterior.effective < FEWEST:
+    posterior = trial.posterior
+    if trial.is_near_mode:
+        laplace = approximate(training, generator, start=trial.mode)
+        posterior = about_mode(training, laplace, generator, enough=WANTED)
+    if posterior.effective < FEWEST or not trial.is_near_mode:
         posterior = improved(training, trial.posterior, generator, draws=ROUND, enough=WANTED)
     if posterior.effective >= FEWEST:
         return posterior.resample(generator, DRAWS), posterior.log_evidence
