@@ -55,12 +55,7 @@ from bayesdeg.report.record import (
     SuspectEntry,
     Verdict,
 )
-
-NOTHING_TO_JUDGE = (
-    "There are no readings of an actuator and no tensile curves in this study, so there is no "
-    "misfit to judge and no cause is named."
-)
-SHOWN = "What the material law makes of the published statistics is shown beside them."
+from bayesdeg.report.text import sentences
 
 
 def verdict_document(
@@ -168,26 +163,16 @@ def unjudged_document(
     failed : str
         Why judging failed; empty where there was nothing to judge.
     published : bool
-        Whether published statistics are shown beside what the model makes of them.
+        Whether published statistics are shown next to what the model makes of them.
     """
-    shown = held_out or (SHOWN if published else "")
-    said = f"{_of_failure(failed)} {held_out}" if failed else f"{NOTHING_TO_JUDGE} {shown}"
+    facts = {"failed": failed, "held_out": held_out, "published": published}
     return Verdict(
         outcome=Outcome.NOT_JUDGED,
-        explanation=said.strip(),
+        explanation=sentences("run", "unjudged", **facts),
         candidates=tuple(
             CandidateEntry(cause=name, mechanism=_mechanism(name), why=why)
             for name, why in unjudged.items()
         ),
-    )
-
-
-def _of_failure(why: str) -> str:
-    return (
-        f"The verdict could not be computed, so no cause is named, and nothing is said of whether "
-        f"the simulation is adequate. {why} The base model was calibrated, and what follows from "
-        "it is written. Run the study again with another --seed; if that fails too, please send "
-        "us left_out.txt of the run folder."
     )
 
 
@@ -578,20 +563,7 @@ def emulator_facts(record: str) -> EmulatorEntry:
 
 
 def _sentence(facts: EmulatorEntry, rms: float | None) -> str:
-    parts = []
-    if facts.coarse_curves is not None:
-        few = facts.fine_curves
-        parts.append(
-            f"{facts.coarse_curves} curves of a coarse mesh"
-            + ("" if few is None else f", corrected by {few} of a fine one")
-        )
-    if rms is not None:
-        parts.append(f"curves that it was not trained on are predicted to {rms:.2f} % rms")
-    if facts.mesh_error_pct is not None:
-        parts.append(
-            f"the fine mesh itself is within {facts.mesh_error_pct:.2f} % rms of a finer one"
-        )
-    return "; ".join(parts)
+    return sentences("run", "trained", facts=facts, rms=rms)
 
 
 def outside_words(share: float) -> str:
@@ -602,13 +574,7 @@ def outside_words(share: float) -> str:
     >>> outside_words(0.25).split(", ")[0]
     "25 % of the posterior lies outside the emulator's range"
     """
-    if share == 0.0:
-        return ""
-    return (
-        f"{100.0 * share:.2g} % of the posterior lies outside the emulator's range, where the "
-        "likelihood only leads back inside and nothing is predicted: intervals that rest on it "
-        "may be cut off."
-    )
+    return sentences("run", "outside", share=share)
 
 
 def refusal_words(refusals: Refusals) -> str:
@@ -619,18 +585,5 @@ def refusal_words(refusals: Refusals) -> str:
     >>> refusal_words(Refusals(200_000, 50))
     'The emulator refused 50 of 200000 proposals of the sampler (0.025 %) as outside its training.'
     """
-    if not refusals.proposed:
-        return ""
-    if not refusals.refused:
-        return f"None of the {refusals.proposed} proposals of the sampler was outside its training."
-    said = (
-        f"The emulator refused {refusals.refused} of {refusals.proposed} proposals of the sampler "
-        f"({100.0 * refusals.share:.2g} %) as outside its training."
-    )
-    if refusals.share <= WORRYING:
-        return said
-    return (
-        f"{said} That is more than {100.0 * WORRYING:g} %: the posterior may be cut off where the "
-        "emulator ends. Give narrower priors in study.toml to the parameters that lead there, or "
-        "leave out the readings next to ballooning, and see whether the result moves."
-    )
+    facts = {"proposed": refusals.proposed, "refused": refusals.refused, "worrying": WORRYING}
+    return sentences("run", "refusals", **facts)

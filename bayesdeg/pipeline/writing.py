@@ -59,6 +59,7 @@ from bayesdeg.report.folder import (
 )
 from bayesdeg.report.left_out import Guard, Stage, posterior_stage, table_stage
 from bayesdeg.report.record import Verdict
+from bayesdeg.report.text import sentences
 
 Floats = NDArray[np.float64]
 
@@ -103,17 +104,14 @@ def tensile(study: Study, fit: Fit, label: str, generator: np.random.Generator) 
 def held_out_modes(table: pd.DataFrame) -> str:
     """Say how wrong modes of tension are that were predicted, not fitted; empty if none was."""
     held = table[(table["model"] == "final") & (table["fitted"] == 0)]
-    sentences = []
+    said = []
     for mode, rows in held.groupby("mode"):
         error = float(np.sqrt(np.mean((rows["stress_MPa"] - rows["mean_MPa"]) ** 2)))
         inside = np.mean(rows["stress_MPa"].between(rows["q05_MPa"], rows["q95_MPa"]))
         share = 100.0 * error / float(np.abs(rows["stress_MPa"]).max())
-        sentences.append(
-            f"Predicted without having been fitted, {mode} tension is off by {error:.3g} MPa rms "
-            f"({share:.0f} % of its largest stress), with {100 * inside:.0f} % of the readings "
-            "inside the 90 % interval."
-        )
-    return " ".join(sentences)
+        facts = {"mode": mode, "error": error, "share": share, "inside": 100.0 * inside}
+        said.append(sentences("run", "held_out_mode", **facts))
+    return " ".join(said)
 
 
 def _tensile(
@@ -159,7 +157,8 @@ def constants(fit: Fit, label: str, generator: np.random.Generator) -> pd.DataFr
     grid = level_grid(fit.model)
     values = draw_values(fit.model, fit.chain, generator, 2000)
     c1, c2, c3 = np.moveaxis(fit.model.constants(values, grid), -1, 0)
-    named = {"c1": c1, "c2": c2, "c3": c3, "young_modulus": fit.model.young_modulus(values, grid)}
+    modulus = fit.model.young_modulus(values, grid)
+    named = {"c1": c1, "c2": c2, "c3": c3, "young_modulus": modulus}
     frames = [
         pd.DataFrame(
             {"model": label, "degradation_pct": grid, "constant": name, "unit": "MPa"}
