@@ -208,8 +208,13 @@ class Model:
     @cached_property
     def places(self) -> Places:
         """Where the readings stand."""
-        parts = [one.places for one in self.criticised if len(one.places)]
+        parts = [one.places for one in self._read]
         return joined_places(parts) if parts else NOWHERE
+
+    @property
+    def _read(self) -> tuple[Observations, ...]:
+        """Kinds of data with readings; an empty part would change how others are laid out."""
+        return tuple(one for one in self.criticised if len(one.places))
 
     @cached_property
     def observed(self) -> Floats:
@@ -263,7 +268,7 @@ class Model:
     def expected(self, vectors: Floats) -> Floats:
         """Return readings of specimens that are as the model's mean, (k, n); nan if refused."""
         state = self.state(self.table.named(vectors))
-        return np.concatenate([one.expected(state) for one in self.criticised], axis=1)
+        return np.concatenate([one.expected(state) for one in self._read], axis=1)
 
     def scatter(self, vector: Floats) -> Floats:
         """Return the covariance of readings, of specimens' deviations and of errors, (n, n)."""
@@ -280,7 +285,7 @@ class Model:
     def simulated(self, vectors: Floats, generator: np.random.Generator) -> Floats:
         """Draw readings of new specimens in the same tests, (k, n); nan where refused."""
         state = self.state(self.table.named(vectors))
-        return np.concatenate([one.simulate(state, generator) for one in self.criticised], axis=1)
+        return np.concatenate([one.simulate(state, generator) for one in self._read], axis=1)
 
     def rest(self) -> Self:
         """Return the model without its readings: priors, and all that is known besides."""
