@@ -17,6 +17,8 @@ from bayesdeg.criticism.fit.search import SearchEffort
 from bayesdeg.criticism.holdout import gain, leave_one_out
 from bayesdeg.criticism.posterior import prior_sensitivity
 from bayesdeg.errors import Fault, ResumableError, StudyError
+from bayesdeg.observations.means import Means
+from bayesdeg.observations.tensile import Tensile
 from bayesdeg.pipeline import films, judge, record, run, writing
 from bayesdeg.pipeline import writing as deciding
 from bayesdeg.prediction import prior_predictive
@@ -177,7 +179,8 @@ def cheap(tmp_path_factory):
         patch.setattr(run, "JUDGE_EFFORTS", {"quick": EFFORT})
         short = replace(run.EFFORTS["quick"], effective=1.0, r_hat=9.0, longest=60, chunk=30)
         patch.setattr(run, "EFFORTS", {"quick": short})
-        patch.setattr(judge, "BESIDE", ())
+        patch.setattr(Tensile, "beside", False)
+        patch.setattr(Means, "beside", False)
         patch.setattr(deciding, "DRAWS", 10)
         coarse = partial(writing.write_deformed, resolution=COARSEST)
         patch.setattr(writing, "write_deformed", KeptFiles(coarse))

@@ -7,12 +7,12 @@ import pytest
 from bayesdeg.pipeline.warming import is_compiled
 
 SCRIPT = """
-from bayesdeg.actuator import kernel_products, kernels, paper, surfaces
+from bayesdeg.actuator import kernels, paper
 from bayesdeg.pipeline import warming
 
 warming.end_with_parent = lambda: None  # this process has no parent of multiprocessing's
 warming.compile_kernels()
-used = (kernels.solid, kernel_products.solid_products, paper.membrane, surfaces.cavity_volume)
+used = (kernels.solid, kernels.solid_products, paper.membrane, kernels.cavity_volume)
 assert all(kernel.signatures for kernel in used)
 print(kernels.solid.stats.cache_path)
 """
