@@ -19,7 +19,7 @@ project_copyright = "the bayesdeg developers"
 version = release = package_facts.VERSION
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.viewcode"]
-exclude_patterns = ["_build", "reports", "README.md"]
+exclude_patterns = ["_build", "reports", "README.md", "generated/**/*.inc"]
 myst_enable_extensions = ["dollarmath", "deflist", "attrs_inline", "colon_fence"]
 myst_heading_anchors = 3
 html_theme = "furo"

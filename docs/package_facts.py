@@ -199,13 +199,10 @@ def commands() -> list[CommandHelp]:
 
 
 def _command(entry) -> CommandHelp:
-    import click  # noqa: PLC0415  (typer's own, where it ships one)
-
     command = loaded(entry)
     context = command.make_context(entry.name, [], resilient_parsing=True)
-    usage = " ".join(command.collect_usage_pieces(context))
+    usage = re.sub(r"[{}]", "", " ".join(command.collect_usage_pieces(context)))
     options = tuple(_option(p, context) for p in command.params if not getattr(p, "hidden", False))
-    del click
     return CommandHelp(entry.name, usage, command.help or "", command.epilog or "", options)
 
 
@@ -214,7 +211,7 @@ def _option(option, context) -> Entry:
     name = record[0] if record else (option.metavar or option.name)
     default = option.default
     shown = "" if default in (None, False) or callable(default) else str(default)
-    text = re.sub(r"\s*\[(default|required).*?\]$", "", record[1] if record else "")
+    text = re.sub(r"\s*\[(default|required|\d+<=|x>=).*?\]$", "", record[1] if record else "")
     return Entry(name, "", text, default=shown, required=option.required)
 
 
@@ -328,10 +325,12 @@ def _design(needs) -> Design:
             "mount": "bending_up" if "mount" in needs else "horizontal",
         }
     )
+    between = {f"{level:g} %": level for level in np.arange(2.5, 25.0, 2.5)}
+    levels = LEVELS | between
     specimens = pd.DataFrame(
         {
-            "specimen_id": list(LEVELS),
-            "degradation_pct": list(LEVELS.values()),
+            "specimen_id": list(levels),
+            "degradation_pct": list(levels.values()),
             "degradation_sd_pct": 0.0,
         }
     )

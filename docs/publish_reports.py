@@ -33,7 +33,7 @@ BROWSER = (
     "--hide-scrollbars",
     "--window-size=1200,1400",
 )
-SHOWN = (235, 30, 1200, 1275)  # left, top, right, bottom: the verdict and the first figure
+SHOWN = (235, 52, 1200, 1275)  # left, top, right, bottom: the verdict and the first figure
 LARGEST_BYTES = 1_000_000
 
 
