@@ -324,15 +324,10 @@ def validation_pages(figures: Path) -> dict[str, str]:
     """Return what recorded benchmarks say, to be included by the page on validation."""
     figures.mkdir(parents=True, exist_ok=True)
     shutil.copy(BENCHMARKS / "calibration.svg", figures / "calibration.svg")
-    studies = sum(1 for _ in (BENCHMARKS / "hidden_effects.jsonl").open(encoding="utf-8"))
-    command = [
-        *(sys.executable, str(BENCHMARKS / "hidden_effects.py"), "--studies", "300"),
-        *("--again", "20", "--markdown", "--record", str(BENCHMARKS / "hidden_effects.jsonl")),
-    ]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+    record = BENCHMARKS / "hidden_effects.jsonl"
     published = "\n".join(_published(folder) for folder in sorted(REPORTS.iterdir()))
     return {
-        "validation/hidden_effects.inc": f"{done.stdout}\n({studies} recorded verdicts)\n",
+        "validation/hidden_effects.inc": facts.tables_of_hidden_effects(record),
         "validation/reports.inc": published,
     }
 

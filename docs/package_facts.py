@@ -8,6 +8,7 @@ import importlib
 import inspect
 import pkgutil
 import re
+import sys
 import textwrap
 from dataclasses import MISSING, dataclass, fields
 from functools import cache
@@ -32,6 +33,12 @@ from bayesdeg.measure.tables import TABLES as STUDY_TABLES
 from bayesdeg.nomenclature import QUANTITIES
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.report.columns import TABLES as RUN_TABLES
+
+sys.path.append(str(Path(__file__).resolve().parents[1] / "benchmarks"))  # scripts, no package
+
+from hidden_record import read_record
+from hidden_summary import summary
+from hidden_tables import markdown
 
 ROOT = Path(__file__).resolve().parents[1]
 VERSION = bayesdeg.__version__
@@ -180,6 +187,13 @@ def columns_of_runs() -> dict[str, list[Entry]]:
         f"{name}.csv": [Entry(c.name, c.unit, c.meaning) for c in columns]
         for name, columns in RUN_TABLES.items()
     }
+
+
+def tables_of_hidden_effects(record: Path) -> str:
+    """Return what recorded verdicts on hidden effects come to, as tables in Markdown."""
+    studies = sorted(read_record(record).values(), key=lambda one: one["number"])
+    by_effort = {e: [one for one in studies if one["effort"] == e] for e in ("quick", "standard")}
+    return markdown(summary(by_effort["quick"], by_effort["standard"]))
 
 
 @dataclass(frozen=True)
