@@ -21,10 +21,6 @@ os.environ.setdefault("NUMBA_OPT", "2")
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
-    from bayesdeg.api import Calibration as Calibration
-    from bayesdeg.api import Model as Model
-    from bayesdeg.api import Report as Report
-    from bayesdeg.api import Verdict as Verdict
     from bayesdeg.api import calibrate as calibrate
     from bayesdeg.api import compare as compare
     from bayesdeg.api import control as control
@@ -48,12 +44,13 @@ if TYPE_CHECKING:
     from bayesdeg.measure.study import Study as Study
     from bayesdeg.measure.study import read_study as read_study
     from bayesdeg.pipeline.own import Readings as Readings
+    from bayesdeg.results import Calibration as Calibration
+    from bayesdeg.results import Model as Model
+    from bayesdeg.results import Report as Report
+    from bayesdeg.results import Verdict as Verdict
 
 _HOMES = {
-    "api": (
-        *("Calibration", "Model", "Report", "Verdict", "calibrate", "compare", "control"),
-        *("criticise", "emulator", "predict", "report"),
-    ),
+    "api": (*("calibrate", "compare", "control", "criticise", "emulator", "predict", "report"),),
     "causes.cause": ("Cause", "Stage"),
     "errors": ("BayesdegError", "GeometryError", "StudyError"),
     "laws": (
@@ -63,6 +60,7 @@ _HOMES = {
     "measure.settings": ("Dimensions",),
     "measure.study": ("Study", "read_study"),
     "pipeline.own": ("Readings",),
+    "results": ("Calibration", "Model", "Report", "Verdict"),
 }
 _HOME = {name: f"bayesdeg.{home}" for home, names in _HOMES.items() for name in names}
 

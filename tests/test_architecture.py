@@ -19,6 +19,7 @@ LAYERS = (
     "cli",
     "commands",
     "api",
+    "results",
     "console",
     "pipeline",
     "report",

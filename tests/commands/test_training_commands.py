@@ -63,7 +63,7 @@ def pipeline(monkeypatch):
         return {"outcome": "adequate", "causes": [], "explanation": "nothing was calibrated"}
 
     monkeypatch.setattr(run_command, "run_study", run_study)
-    monkeypatch.setattr(run_command, "build_page", lambda folder, _guard: folder / "index.html")
+    monkeypatch.setattr(run_command, "add_page", lambda _folder, found, _guard: (found, None))
     return given
 
 
