@@ -156,7 +156,7 @@ class StudyExperiment:
         forward = self.assembly.model.forward
         ours = forward is None or isinstance(forward, Surrogate)
         tried = (*self.causes, *self.assembly.candidates)
-        return ours and all(cause.name in CATALOGUE for cause in tried)
+        return ours and all(map(_is_ours, tried))
 
     def cause(self, given: Cause | str) -> Cause:
         """Return a cause by its name, with the priors that the study states, or a cause as it is.
@@ -332,6 +332,12 @@ class StudyExperiment:
         if page is None:
             raise BayesdegError(f"{path}: the page could not be made; see left_out.txt there")
         return page
+
+
+def _is_ours(cause: Cause) -> bool:
+    """Return whether a cause is of the catalogue, whatever the priors of its parameters."""
+    known = CATALOGUE.get(cause.name)
+    return known is not None and replace(cause, parameters=known.parameters) == known
 
 
 def _known_emulator(study: Study) -> Surrogate:

@@ -228,6 +228,7 @@ def _mechanisms(judgement: Judgement) -> str:
 
 
 def _known(judgement: Judgement, name: str) -> Cause:
-    """Return a cause by its name: one that was tried, or one of the catalogue."""
-    tried = {cause.name: cause for cause in judgement.search.causes}
-    return tried.get(name) or CATALOGUE[name]
+    """Return a cause by its name: one of the catalogue, or one of the user's own."""
+    if name in CATALOGUE:
+        return CATALOGUE[name]
+    return next(cause for cause in judgement.search.causes if cause.name == name)
