@@ -34,7 +34,6 @@ from bayesdeg.actuator.curve import Curve, PathSamples
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.actuator.mesh import FINE, Resolution
-from bayesdeg.commands.workplace import pool
 from bayesdeg.emulator.campaign import Kind, Run, complete
 from bayesdeg.emulator.coordinates import ALONG, UP
 from bayesdeg.emulator.held_out import study_like
@@ -42,6 +41,7 @@ from bayesdeg.emulator.recipe import Recipe
 from bayesdeg.emulator.solutions import SolutionStore
 from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.measure.settings import Dimensions
+from bayesdeg.pipeline.workplace import pool
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -25,12 +25,12 @@ from bayesdeg.actuator.mesh import FINE
 from bayesdeg.causes.catalogue import find
 from bayesdeg.causes.cause import Cause
 from bayesdeg.causes.flaw_embrittlement import ONSET
-from bayesdeg.commands.workplace import pool
 from bayesdeg.console import shown
 from bayesdeg.laboratory.design import Design
 from bayesdeg.laboratory.effects import HiddenEffect
 from bayesdeg.laboratory.truth import Three
 from bayesdeg.measure.settings import Dimensions
+from bayesdeg.pipeline.workplace import pool
 
 Key = tuple[tuple[str, tuple[int, ...], bytes], ...]
 

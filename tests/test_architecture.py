@@ -18,6 +18,8 @@ LAYERS = (
     "__main__",
     "cli",
     "commands",
+    "api",
+    "results",
     "console",
     "pipeline",
     "report",

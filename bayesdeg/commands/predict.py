@@ -22,9 +22,9 @@ from bayesdeg.commands.answers import (
     write_csv,
 )
 from bayesdeg.commands.options import Quiet
-from bayesdeg.commands.output import output_file
 from bayesdeg.console import say, shown
 from bayesdeg.pipeline import forecast
+from bayesdeg.pipeline.output import output_file
 from bayesdeg.pipeline.stored import Stored, read_stored
 from bayesdeg.report.wording import number, percent
 

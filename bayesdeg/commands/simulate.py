@@ -12,8 +12,6 @@ from bayesdeg.actuator.forward import ExactMap
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.resolution import FINE
 from bayesdeg.commands.options import CORES, Quiet, Seed, StudyFolder, Workers
-from bayesdeg.commands.output import virtual_study
-from bayesdeg.commands.workplace import workplace
 from bayesdeg.console import errors, shown
 from bayesdeg.files import write_text
 from bayesdeg.laboratory.design import design_of
@@ -23,6 +21,8 @@ from bayesdeg.laboratory.truth import Truth, drawn_truth
 from bayesdeg.laboratory.writing import VIRTUAL_FILES, Provenance, study_files
 from bayesdeg.measure.settings_file import FILE as SETTINGS_FILE
 from bayesdeg.measure.study import read_study
+from bayesdeg.pipeline.output import virtual_study
+from bayesdeg.pipeline.workplace import workplace
 
 
 def simulate(

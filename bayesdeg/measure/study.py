@@ -11,7 +11,7 @@ from bayesdeg.errors import Fault, StudyError
 from bayesdeg.files import STUDY_MB, read_bytes, reason
 from bayesdeg.measure.checking import CheckedTable, check_table
 from bayesdeg.measure.nearest import nearest
-from bayesdeg.measure.settings import Settings
+from bayesdeg.measure.settings import Dimensions, Settings
 from bayesdeg.measure.settings_file import FILE as SETTINGS_FILE
 from bayesdeg.measure.settings_file import parse_settings
 from bayesdeg.measure.tables import TABLES
@@ -56,13 +56,18 @@ class Study:
     recorded: Mapping[str, frozenset[str]] = field(default_factory=dict)
     passed_over: Mapping[str, int] = field(default_factory=dict)
 
+    @property
+    def geometry(self) -> Dimensions:
+        """Dimensions of the actuator as moulded, from ``[actuator]`` of ``study.toml``."""
+        return self.settings.dimensions
 
-def read_study(folder: Path) -> Study:
+
+def read_study(folder: Path | str) -> Study:
     r"""Read a study folder and check everything in it.
 
     Parameters
     ----------
-    folder : Path
+    folder : Path or str
         Holds ``study.toml`` and at least one of the data files.
 
     Returns

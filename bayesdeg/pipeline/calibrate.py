@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from concurrent.futures import Executor
 from dataclasses import dataclass
+from typing import NotRequired, Protocol, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,7 @@ from threadpoolctl import threadpool_limits
 
 from bayesdeg.criticism.convergence import Convergence, diagnose
 from bayesdeg.inference.chain import Chain, Effort, Standing
+from bayesdeg.inference.density import Density
 from bayesdeg.inference.ensemble import sample
 from bayesdeg.inference.importance import about_mode
 from bayesdeg.inference.laplace import Evidence, Laplace, approximate
@@ -18,8 +20,7 @@ from bayesdeg.inference.model import Model
 from bayesdeg.inference.modes import find_modes
 from bayesdeg.pipeline.progress import Progress
 from bayesdeg.pipeline.time_left import Pace, steps_left, words
-from bayesdeg.report.chain_pieces import ChainPieces
-from bayesdeg.report.checkpoints import Checkpoints
+from bayesdeg.report.checkpoints import Pieces, Stages
 
 Floats = NDArray[np.float64]
 
@@ -49,17 +50,37 @@ class Fit:
     diagnosis: Convergence
 
 
-def calibrate(
-    model: Model,
-    name: str,
-    *,
-    effort: Effort,
-    seed: np.random.SeedSequence,
-    checkpoints: Checkpoints,
-    progress: Progress,
-    executor: Executor | None = None,
-    start: Floats | None = None,
-) -> Fit:
+class Sampled(Protocol):
+    """Any density that was sampled, such as a `Fit`."""
+
+    @property
+    def model(self) -> Density:
+        """What was sampled."""
+        ...
+
+    @property
+    def chain(self) -> Chain:
+        """Posterior draws."""
+        ...
+
+    @property
+    def diagnosis(self) -> Convergence:
+        """Whether they may be used."""
+        ...
+
+
+class Options(TypedDict):
+    """How to calibrate; see `fitted`."""
+
+    effort: Effort
+    seed: np.random.SeedSequence
+    checkpoints: Stages
+    progress: Progress
+    executor: NotRequired[Executor | None]
+    start: NotRequired[Floats | None]
+
+
+def calibrate(model: Model, name: str, **options: Unpack[Options]) -> Fit:
     """Calibrate a model, from where an interrupted run stopped.
 
     Parameters
@@ -68,12 +89,37 @@ def calibrate(
         What to calibrate.
     name : str
         Under which its chain is kept.
+    **options
+        As of `fitted`.
+    """
+    return Fit(model, *fitted(model, name, **options))
+
+
+def fitted(
+    model: Density,
+    name: str,
+    *,
+    effort: Effort,
+    seed: np.random.SeedSequence,
+    checkpoints: Stages,
+    progress: Progress,
+    executor: Executor | None = None,
+    start: Floats | None = None,
+) -> tuple[Laplace, Evidence, Chain, Convergence]:
+    """Calibrate any density: its mode, its evidence, and draws that are long enough or say so.
+
+    Parameters
+    ----------
+    model : Density
+        What to calibrate.
+    name : str
+        Under which its chain is kept.
     effort : Effort
         Of sampling.
     seed : SeedSequence
         Everything random comes from it.
-    checkpoints : Checkpoints
-        Results of an interrupted run.
+    checkpoints : Stages
+        Results of an interrupted run, or nothing.
     progress : Progress
         Shows R̂, effective sizes and the time left.
     executor : Executor, optional
@@ -107,13 +153,13 @@ def calibrate(
         store=store,
     )
     diagnosis = diagnose(model, chain, effort, shares=begun["shares"].tolist())
-    return Fit(model, laplace, importance, chain, diagnosis)
+    return laplace, importance, chain, diagnosis
 
 
 class _Shown:
     """Shows how far sampling is: the share of the work, in hundredths, and the criteria."""
 
-    def __init__(self, name: str, effort: Effort, progress: Progress, store: ChainPieces) -> None:
+    def __init__(self, name: str, effort: Effort, progress: Progress, store: Pieces) -> None:
         self._effort, self._progress, self._store = effort, progress, store
         self._pace, self._shown = Pace(), 0.0
         progress.stage(f"{name}: sampling", total=100.0)
@@ -141,7 +187,7 @@ class _Shown:
 
 
 def _begun(
-    model: Model,
+    model: Density,
     seed: np.random.SeedSequence,
     starts: int,
     *,

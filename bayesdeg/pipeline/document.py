@@ -53,7 +53,7 @@ def verdict_document(
         "causes": list(decision.causes),
         "one_of": [list(names) for names in decision.one_of],
         "explanation": f"{said} {note}".strip(),
-        "candidates": [_candidate(c) for c in judgement.candidates],
+        "candidates": [candidate_document(c) for c in judgement.candidates],
         "confusable": [list(pair) for pair in judgement.confusability.pairs()],
         "false_name_rate": base.false_name_rate,
         "naming": {"log_bayes_factor": judgement.threshold, "replicates": len(base.chance)},
@@ -140,7 +140,7 @@ def unjudged_document(unjudged: dict[str, str], held_out: str = "", failed: str 
         if failed
         else f"{NOTHING_TO_JUDGE} {held_out or SHOWN}",
         "candidates": [
-            _candidate(Candidate(n, *5 * (None,), {}, fitted=False, why=w))
+            candidate_document(Candidate(n, *5 * (None,), {}, fitted=False, why=w))
             for n, w in unjudged.items()
         ],
         "confusable": [],
@@ -163,8 +163,19 @@ def _of_failure(why: str) -> str:
     )
 
 
-def _candidate(candidate: Candidate) -> Json:
+def candidate_document(candidate: Candidate, mechanism: str | None = None) -> Json:
+    """Return the entry of ``candidates`` in ``verdict.json``.
+
+    Parameters
+    ----------
+    candidate : Candidate
+        How a cause fared.
+    mechanism : str, optional
+        Of the cause; by default that of the catalogue, empty if it is not of the catalogue.
+    """
     known = CATALOGUE.get(candidate.cause)
+    if mechanism is None:
+        mechanism = known.mechanism if known else ""
     entry: Json = {
         "cause": candidate.cause,
         "probability": candidate.probability,
@@ -174,7 +185,7 @@ def _candidate(candidate: Candidate) -> Json:
         "elpd_diff_se": candidate.elpd_diff_se,
         "explained_fraction": candidate.explained_fraction,
         "effect": {name: vars(size) for name, size in candidate.effect.items()},
-        "mechanism": known.mechanism if known else "",
+        "mechanism": mechanism,
     }
     if candidate.naming_p_value is not None:
         entry["naming_p_value"] = candidate.naming_p_value

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from bayesdeg.causes.catalogue import CATALOGUE
+from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.candidates import Candidate, EffectSize
 from bayesdeg.criticism.discrepancy import MISFIT_LEVEL
 from bayesdeg.criticism.verdict import Outcome, share_explained
@@ -128,14 +129,14 @@ def _ambiguous(story: Story) -> str:
         said = (
             wrong(judgement, story.where),
             one_mode(names),
-            _mechanisms(judgement.decision.causes),
+            _mechanisms(judgement),
         )
         return " ".join(said)
     parts = [
         wrong(judgement, story.where),
         f"It is explained by {names}; these readings cannot tell them apart.",
         directed(judgement),
-        _mechanisms(judgement.decision.causes),
+        _mechanisms(judgement),
         *(gains(judgement) if len(judgement.supported) > 1 else ()),
         _left(judgement),
         predicted_with(judgement),
@@ -188,7 +189,7 @@ def _share(judgement: Judgement) -> str:
 
 def _cause(judgement: Judgement, name: str) -> str:
     found = _entry(judgement, name)
-    cause = CATALOGUE[name]
+    cause = _known(judgement, name)
     size = "; ".join(_size(p, found.effect[p.name]) for p in cause.parameters)
     return f"{name}: {cause.mechanism} ({size})"
 
@@ -221,5 +222,13 @@ def _runner_up(judgement: Judgement) -> str:
     )
 
 
-def _mechanisms(names: tuple[str, ...]) -> str:
-    return " ".join(f"{name}: {CATALOGUE[name].mechanism}." for name in names)
+def _mechanisms(judgement: Judgement) -> str:
+    names = judgement.decision.causes
+    return " ".join(f"{name}: {_known(judgement, name).mechanism}." for name in names)
+
+
+def _known(judgement: Judgement, name: str) -> Cause:
+    """Return a cause by its name: one of the catalogue, or one of the user's own."""
+    if name in CATALOGUE:
+        return CATALOGUE[name]
+    return next(cause for cause in judgement.search.causes if cause.name == name)

@@ -7,8 +7,7 @@ import numpy as np
 import pandas as pd
 
 from bayesdeg.inference.ensemble import to_datatree
-from bayesdeg.pipeline.calibrate import Fit
-from bayesdeg.pipeline.films import CourseFit
+from bayesdeg.pipeline.calibrate import Sampled
 from bayesdeg.report import columns
 from bayesdeg.report.folder import POSTERIORS, RunFolder
 from bayesdeg.report.left_out import Guard, posterior_stage, table_stage
@@ -38,13 +37,13 @@ class Files:
         return frame
 
     def posterior(
-        self, name: str, fit: Fit | CourseFit, generator: np.random.Generator, *, kept: int
+        self, name: str, fit: Sampled, generator: np.random.Generator, *, kept: int
     ) -> None:
         """Write draws of a posterior."""
         self.guard.attempt(posterior_stage(name), self._posterior, name, fit, generator, kept)
 
     def _posterior(
-        self, name: str, fit: Fit | CourseFit, generator: np.random.Generator, kept: int
+        self, name: str, fit: Sampled, generator: np.random.Generator, kept: int
     ) -> None:
         tree = to_datatree(fit.model, fit.chain.thinned(kept), generator)
         self.folder.write_posterior(name, tree)

@@ -1,11 +1,16 @@
 """A stored posterior becomes tables: curvature and rupture, and the pressure for a curvature."""
 
+from collections.abc import Mapping
+from typing import Protocol
+
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from bayesdeg.inference.chain import Chain
+from bayesdeg.inference.model import Model
 from bayesdeg.pipeline.progress import Progress
-from bayesdeg.pipeline.stored import Stored
+from bayesdeg.pipeline.stored import Range, Stored
 from bayesdeg.prediction.bands import QUANTILES, curvature_bands
 from bayesdeg.prediction.control import Setting, control, largest_allowed
 from bayesdeg.prediction.rupture import rupture_table
@@ -22,8 +27,22 @@ PROBABILITY_COLUMNS = ("probability", "probability_q05", "probability_q95")
 POINT = 1.0  # by which a degradation rate may lie outside of what was measured [%]
 
 
+class Drawn(Protocol):
+    """A model and draws of its posterior: of a calibration, or as a run folder holds them."""
+
+    @property
+    def model(self) -> Model:
+        """Predicts."""
+        ...
+
+    @property
+    def chain(self) -> Chain:
+        """The draws."""
+        ...
+
+
 def predict(
-    stored: Stored,
+    stored: Drawn,
     degradation: Floats,
     pressure: Floats,
     *,
@@ -34,7 +53,7 @@ def predict(
 
     Parameters
     ----------
-    stored : Stored
+    stored : Drawn
         Model and posterior.
     degradation, pressure : array
         Degradation rates [%] and pressures as read [kPa], both rising.
@@ -64,7 +83,7 @@ def predict(
 
 
 def _predicted(
-    stored: Stored,
+    stored: Drawn,
     specimens: Specimens,
     level: float,
     pressure: Floats,
@@ -101,7 +120,7 @@ def _why(answered: float, *, rupture: bool) -> str:
 
 
 def settings(
-    stored: Stored,
+    stored: Drawn,
     degradation: Floats,
     wanted: Floats,
     *,
@@ -113,7 +132,7 @@ def settings(
 
     Parameters
     ----------
-    stored : Stored
+    stored : Drawn
         Model and posterior.
     degradation, wanted : array
         Degradation rates [%] and curvatures [1/m].
@@ -207,10 +226,29 @@ def warnings(stored: Stored, degradation: Floats, pressure: Floats) -> tuple[str
     pressure : array
         [kPa].
     """
-    said = list(_about_model(stored))
-    said += _outside_degradation(stored, degradation)
+    return (*_about_model(stored), *extrapolations(stored.measured, degradation, pressure))
+
+
+def extrapolations(
+    measured: Mapping[str, Range], degradation: Floats, pressure: Floats
+) -> tuple[str, ...]:
+    """Say where predictions lie outside of what was measured.
+
+    Parameters
+    ----------
+    measured : mapping
+        As in `bayesdeg.pipeline.stored.Stored`.
+    degradation, pressure : array
+        [%] and [kPa].
+
+    Examples
+    --------
+    >>> extrapolations({"pressure_kPa": (0.0, 240.0)}, np.array([0.0]), np.array([300.0]))
+    ('pressures were measured up to 240 kPa: what is said of 300 kPa extrapolates',)
+    """
+    said = _outside_degradation(measured, degradation)
     highest = float(np.max(pressure, initial=0.0))
-    tested = stored.measured.get("pressure_kPa")
+    tested = measured.get("pressure_kPa")
     if tested is not None and highest > 1.001 * tested[1]:
         said.append(
             f"pressures were measured up to {tested[1]:g} kPa: what is said of {highest:.4g} kPa "
@@ -251,13 +289,12 @@ def _about_model(stored: Stored) -> tuple[str, ...]:
     return tuple(said)
 
 
-def _outside_degradation(stored: Stored, degradation: Floats) -> list[str]:
+def _outside_degradation(measured: Mapping[str, Range], degradation: Floats) -> list[str]:
     said = []
     for name, what in (("degradation_pct", "actuators"), ("film_degradation_pct", "films")):
-        measured = stored.measured.get(name)
-        if measured is None:
+        if name not in measured:
             continue
-        low, high = measured
+        low, high = measured[name]
         outside = degradation[(degradation < low - POINT) | (degradation > high + POINT)]
         if len(outside):
             at = f"at {low:g} %" if low == high else f"from {low:g} to {high:g} %"

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdeg.causes.catalogue import find
 from bayesdeg.criticism.candidates import Candidate, effect_size
 from bayesdeg.criticism.conflict import Conflict, Questioned
 from bayesdeg.criticism.confusability import Confusability
@@ -157,7 +156,7 @@ def with_sampled_sizes(judgement: Judgement, final: Fit) -> Judgement:
         cause.name: {
             p.name: effect_size(values[cause.qualified(p.name)], p.unit) for p in cause.parameters
         }
-        for cause in map(find, extension(judgement.decision, judgement.supported))
+        for cause in final.model.causes
     }
     found = tuple(
         replace(c, effect=sizes[c.cause]) if c.cause in sizes else c for c in judgement.candidates

@@ -14,8 +14,7 @@ from bayesdeg.measure.course import degradation_of_films
 from bayesdeg.measure.moisture import moisture_content
 from bayesdeg.measure.study import Study
 from bayesdeg.pipeline.assemble import level_grid
-from bayesdeg.pipeline.calibrate import Fit
-from bayesdeg.pipeline.films import CourseFit
+from bayesdeg.pipeline.calibrate import Fit, Sampled
 from bayesdeg.prediction.bands import draw_values
 
 Floats = NDArray[np.float64]
@@ -128,7 +127,7 @@ def constants(fit: Fit, label: str, generator: np.random.Generator) -> pd.DataFr
     return pd.concat(frames, ignore_index=True)
 
 
-def parameters(fit: Fit | CourseFit, label: str) -> pd.DataFrame:
+def parameters(fit: Sampled, label: str) -> pd.DataFrame:
     """Return posterior and prior of every parameter, with its diagnostics."""
     model, chain, diagnosis = fit.model, fit.chain, fit.diagnosis
     flat = model.table.named(chain.vectors.reshape(-1, chain.vectors.shape[-1]))

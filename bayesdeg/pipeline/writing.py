@@ -48,6 +48,7 @@ def write_results(
     guard: Guard | None = None,
     *,
     pictures: Begun | None = None,
+    deformed: bool = True,
 ) -> Json:
     """Write posteriors and tables; return the content of ``verdict.json``.
 
@@ -65,6 +66,8 @@ def write_results(
         Leaves out what fails; by default nothing is left out and faults are raised.
     pictures : callable, optional
         What waits for the deformed actuators, where they are being solved already.
+    deformed : bool
+        Whether to solve them at all.
     """
     guard = guard or Guard(strict=True)
     files = Files(folder, guard)
@@ -79,9 +82,10 @@ def write_results(
     residual = None
     if results.base.model.actuator is not None:
         _write_predictions(files, results.final, generator)
-        geometry = Geometry(study.settings.dimensions)
-        draw = partial(write_deformed, begun=pictures)
-        guard.attempt(Stage.DEFORMED, draw, folder, results.final, geometry)
+        if deformed:
+            geometry = Geometry(study.settings.dimensions)
+            draw = partial(write_deformed, begun=pictures)
+            guard.attempt(Stage.DEFORMED, draw, folder, results.final, geometry)
         residual = _write_readings(study, files, results, generator)
         files.table(columns.DECISIONS, lambda: decisions(results.fits, generator))
     if results.judgement is not None:

@@ -46,6 +46,21 @@ def test_the_list_of_commands_needs_nothing_heavy(option):
     assert not {name for name in modules if name.startswith("bayesdeg.emulator")}
 
 
+def test_the_library_is_imported_without_what_its_verbs_need():
+    code = (
+        "import json, sys\nimport bayesdeg as bd\nbefore = sorted(sys.modules)\n"
+        "assert bd.LogNormal(2, 1).median == 2 and issubclass(bd.StudyError, bd.BayesdegError)\n"
+        "print(json.dumps([before, sorted(sys.modules)]))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=True
+    )
+    before, after = map(set, json.loads(done.stdout))
+    assert not before & {*HEAVY, *FOR_TABLES, "inspect", "typing_extensions", "rich"}
+    assert {name for name in before if name.startswith("bayesdeg")} == {"bayesdeg"}
+    assert not after & {*HEAVY, "pandas", "bayesdeg.api"}  # laws and errors come without the verbs
+
+
 def test_checking_a_study_needs_neither_emulator_nor_compiler():
     modules = modules_after("check", STUDIES / "gelatin_actuator")
     assert "bayesdeg.measure.study" in modules

@@ -1,4 +1,4 @@
-"""The worker processes of a command, and what becomes of them when it is stopped."""
+"""The worker processes of a command or verb, and what becomes of them when it is stopped."""
 
 import os
 from collections.abc import Iterator
@@ -10,9 +10,14 @@ from bayesdeg.emulator.workers import WorkerProcesses
 
 
 @contextmanager
-def workplace(workers: int, scheduler: str | None) -> Iterator[Executor | None]:
-    """Open worker processes or a cluster; when stopped, do not wait for what is under way."""
-    with pool(workers, scheduler) as executor:
+def workplace(
+    workers: int, scheduler: str | None = None, *, import_main: bool = True
+) -> Iterator[Executor | None]:
+    """Open worker processes or a cluster; when stopped, do not wait for what is under way.
+
+    The parameters are those of `pool`.
+    """
+    with pool(workers, scheduler, import_main=import_main) as executor:
         try:
             yield executor
         except BaseException:
@@ -22,7 +27,9 @@ def workplace(workers: int, scheduler: str | None) -> Iterator[Executor | None]:
 
 
 @contextmanager
-def pool(workers: int, scheduler: str | None = None) -> Iterator[Executor | None]:
+def pool(
+    workers: int, scheduler: str | None = None, *, import_main: bool = True
+) -> Iterator[Executor | None]:
     """Open where finite element runs are solved.
 
     Parameters
@@ -31,6 +38,8 @@ def pool(workers: int, scheduler: str | None = None) -> Iterator[Executor | None
         Processes on this machine, each with one thread of linear algebra; none for 1.
     scheduler : str, optional
         Address of a Dask scheduler, whose workers are taken instead.
+    import_main : bool
+        As of `bayesdeg.emulator.workers.WorkerProcesses`.
     """
     if scheduler is not None:
         with cluster_executor(scheduler) as executor:
@@ -41,5 +50,5 @@ def pool(workers: int, scheduler: str | None = None) -> Iterator[Executor | None
         return
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
-    with WorkerProcesses(workers) as processes:
+    with WorkerProcesses(workers, import_main=import_main) as processes:
         yield processes
