@@ -1,4 +1,4 @@
-"""What if the prior were another?
+"""What if the prior were another.
 
 The same films, calibrated with the default prior of C1 and with one that is far too sure of a
 softer gel. The posterior moves towards the prior, and the evidence says which of the two the data
