@@ -136,7 +136,7 @@ def calibrate(
     >>> k = bd.Parameter("k", bd.LogNormal(2, 1))
     >>> spring = bd.Model([readings], hooke, parameters=[k])
     >>> fit = bd.calibrate(spring, effort="quick", seed=1)
-    >>> round(fit.summary().loc["k", "mean"], 1), fit.converged
+    >>> round(float(fit.summary().loc["k", "mean"]), 1), fit.converged
     (2.0, True)
     """
     experiment = _model(model).experiment
