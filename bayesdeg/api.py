@@ -6,7 +6,6 @@ frames; nothing is changed in place. The same seed gives the same result, whatev
 workers. Progress is shown on standard error where somebody looks at it.
 """
 
-import importlib.util
 import os
 import time
 import warnings
@@ -22,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.causes.cause import Cause
-from bayesdeg.console import errors, shown
+from bayesdeg.console import can_show_bars, shown
 from bayesdeg.criticism.gain import gain_table
 from bayesdeg.criticism.leaving_out import carried_out, one_by_one
 from bayesdeg.criticism.support import can_be_held_out
@@ -130,12 +129,14 @@ def calibrate(
 
     Examples
     --------
+    >>> import bayesdeg as bd
     >>> def hooke(values, x):
     ...     return values["k"][:, None] * x
-    >>> readings = Readings([1.0, 2.0, 3.0, 4.0], [2.1, 3.9, 6.2, 8.0])
-    >>> spring = Model([readings], hooke, parameters=[Parameter("k", LogNormal(2, 1))])
-    >>> fit = calibrate(spring, effort="quick", seed=1)
-    >>> round(fit.summary().loc["k", "mean"], 1), fit.converged
+    >>> readings = bd.Readings([1.0, 2.0, 3.0, 4.0], [2.1, 3.9, 6.2, 8.0])
+    >>> k = bd.Parameter("k", bd.LogNormal(2, 1))
+    >>> spring = bd.Model([readings], hooke, parameters=[k])
+    >>> fit = bd.calibrate(spring, effort="quick", seed=1)
+    >>> round(float(fit.summary().loc["k", "mean"]), 1), fit.converged
     (2.0, True)
     """
     experiment = _model(model).experiment
@@ -464,15 +465,10 @@ def _work(
     count = workers if workers is not None else os.cpu_count() or 1
     if count < 1:
         raise BayesdegError(f"workers must be 1 or more, not {workers}")
-    looked_at = errors.is_terminal or (errors.is_jupyter and _has_widgets())
+    wanted = can_show_bars() if progress is None else progress
     with ExitStack() as stack:
-        show = stack.enter_context(shown(not (looked_at if progress is None else progress)))
+        show = stack.enter_context(shown(not wanted))
         executor = None
         if parallel:
             executor = stack.enter_context(workplace(count, import_main=False))
         yield show, executor
-
-
-def _has_widgets() -> bool:
-    """Return whether a notebook can show a bar."""
-    return importlib.util.find_spec("ipywidgets") is not None

@@ -80,10 +80,11 @@ class Model:
 
     Examples
     --------
+    >>> import bayesdeg as bd
     >>> def hooke(values, x):
     ...     return values["k"][:, None] * x
-    >>> readings = Readings([1.0, 2.0, 3.0], [2.1, 3.9, 6.2])
-    >>> Model([readings], hooke, parameters=[Parameter("k", LogNormal(2, 1))])
+    >>> readings = bd.Readings([1.0, 2.0, 3.0], [2.1, 3.9, 6.2])
+    >>> bd.Model([readings], hooke, parameters=[bd.Parameter("k", bd.LogNormal(2, 1))])
     Model of reading: k, reading_error
     """
 

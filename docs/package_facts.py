@@ -4,6 +4,7 @@
 that moves is mended here alone.
 """
 
+import hashlib
 import importlib
 import inspect
 import pkgutil
@@ -74,6 +75,20 @@ class Entry:
 def public_names() -> tuple[str, ...]:
     """Return the names that ``bayesdeg`` exports, in its own order."""
     return tuple(name for name in getattr(bayesdeg, "__all__", ()) if not name.startswith("_"))
+
+
+def fingerprint(script: Path) -> str:
+    """Return a hash of a script and of all that its output depends on in this repository."""
+    package = Path(bayesdeg.__file__).parent
+    files = [
+        f for f in package.rglob("*") if f.is_file() and f.suffix not in (".pyc", ".nbi", ".nbc")
+    ]
+    files += [*(ROOT / "studies").rglob("*.csv"), *(ROOT / "studies").rglob("study.toml")]
+    files += sorted((ROOT / "docs" / "reports").rglob("verdict.json"))
+    digest = hashlib.sha256()
+    for file in (script, *sorted(files)):
+        digest.update(file.read_bytes())
+    return digest.hexdigest()[:16]
 
 
 def is_class(name: str) -> bool:

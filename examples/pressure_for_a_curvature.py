@@ -6,7 +6,7 @@ that reads 14 kPa too much moves every setting by as much.
 
 import bayesdeg as bd
 
-SHOWN = ["degradation_pct", "curvature_per_m", "pressure_kPa", "probability"]
+SHOWN = ["degradation_pct", "wanted_per_m", "needed_q05_kPa", "needed_q95_kPa", "pressure_kPa"]
 
 
 def main():
@@ -15,7 +15,12 @@ def main():
     for asked in (model, model.with_causes("pressure_offset")):
         fit = bd.calibrate(asked, effort="quick", seed=1)
         found = bd.control(fit, curvature=[4, 8], degradation=[5, 15], max_risk=0.05)
-        print(asked.name, found[SHOWN].round(3).to_string(index=False), sep="\n", end="\n\n")
+        print(
+            asked.name,
+            found[[*SHOWN, "probability"]].round(2).to_string(index=False),
+            sep="\n",
+            end="\n\n",
+        )
 
 
 if __name__ == "__main__":

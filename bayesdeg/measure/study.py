@@ -19,7 +19,7 @@ from bayesdeg.measure.tables import TABLES
 DATA_FILES = tuple(table.file for table in TABLES.values())
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Study:
     """A study as it was read; a table is ``None`` if its file is not there.
 
@@ -55,6 +55,12 @@ class Study:
     hashes: Mapping[str, str] = field(default_factory=dict)
     recorded: Mapping[str, frozenset[str]] = field(default_factory=dict)
     passed_over: Mapping[str, int] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        """Return its name, and how much of which data it has."""
+        tables = {name: getattr(self, name) for name in TABLES}
+        rows = [f"{TABLES[n].file} {len(t)} rows" for n, t in tables.items() if t is not None]
+        return f"Study {self.name}: {', '.join(rows)}"
 
     @property
     def geometry(self) -> Dimensions:

@@ -39,6 +39,7 @@ from bayesdeg.pipeline.document import candidate_document
 from bayesdeg.pipeline.experiment import Judged, Written
 from bayesdeg.pipeline.judge import JUDGE_EFFORTS
 from bayesdeg.pipeline.progress import Progress
+from bayesdeg.pipeline.run import Streams
 from bayesdeg.report.checkpoints import NoCheckpoints
 from bayesdeg.report.columns import ALL_LEVELS
 
@@ -346,14 +347,14 @@ class OwnExperiment:
         self, effort: Effort, seed: int, progress: Progress, executor: Executor | None
     ) -> OwnFit:
         """Calibrate the model."""
-        model = self.density
+        model, streams = self.density, Streams.of(seed)
         return OwnFit(
             model,
             *fitted(
                 model,
                 "final" if self.causes else "base",
                 effort=EFFORTS[effort],
-                seed=np.random.SeedSequence(seed),
+                seed=streams.final if self.causes else streams.base,
                 checkpoints=NoCheckpoints(),
                 progress=progress,
                 executor=executor,

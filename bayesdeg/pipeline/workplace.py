@@ -48,7 +48,20 @@ def pool(
     if workers == 1:
         yield None
         return
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-        os.environ.setdefault(name, "1")
-    with WorkerProcesses(workers, import_main=import_main) as processes:
+    with _one_thread_each(), WorkerProcesses(workers, import_main=import_main) as processes:
         yield processes
+
+
+@contextmanager
+def _one_thread_each() -> Iterator[None]:
+    """Let processes that start meanwhile use one thread of linear algebra, if nothing else is said.
+
+    They inherit the environment; that of this process is afterwards as it was.
+    """
+    names = {"OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"} - set(os.environ)
+    os.environ.update(dict.fromkeys(names, "1"))
+    try:
+        yield
+    finally:
+        for name in names:
+            os.environ.pop(name, None)

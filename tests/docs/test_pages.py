@@ -111,6 +111,7 @@ def test_a_page_of_the_gallery_shows_what_the_script_prints(generate, tmp_path, 
     script = tmp_path / "sum.py"
     script.write_text('"""A sum.\n\nOf two\nnumbers.\n"""\n\nprint(20 + 22)\n')
     monkeypatch.setattr(generate, "GALLERY", tmp_path)
+    monkeypatch.setattr(generate, "KEPT", tmp_path / "kept")
     page = generate.gallery_pages()["gallery/sum.md"]
     assert page.startswith("# A sum\n\nOf two numbers.\n")
     assert "```text\n42\n```" in page
