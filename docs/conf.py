@@ -1,5 +1,7 @@
 """Sphinx: the pages of this folder, and those that `generate.py` makes of the running package."""
 
+import logging
+import re
 import shutil
 import sys
 from pathlib import Path
@@ -12,6 +14,8 @@ sys.path.insert(0, str(HERE))
 
 import generate  # noqa: E402  (beside this file)
 import package_facts  # noqa: E402
+
+logging.getLogger("arviz").setLevel(logging.WARNING)  # it tells of its plotting backends
 
 project = "bayesdeg"
 author = "the bayesdeg developers"
@@ -47,6 +51,11 @@ def displayed_math(self, node):
     raise SkipNode
 
 
+def escape_bars(app, what, name, obj, options, lines):
+    """Keep |y| in docstrings an absolute value: reStructuredText would take it for a reference."""
+    lines[:] = [re.sub(r"(?<!`)\|([^|`\s][^|`]*)\|", r"\\|\1\\|", line) for line in lines]
+
+
 def write_pages(app):
     """Make the generated pages before Sphinx looks for sources."""
     generate.write_all(HERE / "generated")
@@ -61,6 +70,7 @@ def copy_reports(app, failure):
 def setup(app):
     """Register what is ours."""
     app.add_html_math_renderer("mathml", (inline_math, None), (displayed_math, None))
+    app.connect("autodoc-process-docstring", escape_bars)
     app.connect("builder-inited", write_pages)
     app.connect("build-finished", copy_reports)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -9,6 +9,7 @@ import re
 import shutil
 import subprocess
 import sys
+import textwrap
 import tomllib
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -21,6 +22,7 @@ HERE = ROOT / "docs"
 GALLERY = ROOT / "examples"
 REPORTS = HERE / "reports"
 BENCHMARKS = ROOT / "benchmarks"
+WIDEST = 88  # characters of what a script prints
 KEPT = ROOT / ".cache" / "gallery"
 LONGEST_SCRIPT_S = 600.0  # each takes half a minute of computing at most
 
@@ -311,7 +313,7 @@ def _cause(page) -> str:
 ```{{figure}} {cause.name}.svg
 :alt: signature of {cause.name}
 
-{signatures.CAPTION}
+{signatures.caption(cause)}
 ```
 
 {sections}
@@ -414,5 +416,12 @@ def _shown(script: Path, printed: str) -> str:
     paragraphs = re.sub(r"\n(?=\S)", " ", words.strip().partition("\n")[2]).strip()
     return (
         f"# {_title(script)}\n\n{paragraphs}\n\n```python\n{rest.strip()}\n```\n\n"
-        f"It prints\n\n```text\n{printed.strip()}\n```\n"
+        f"It prints\n\n```text\n{_wrapped(printed.strip())}\n```\n"
+    )
+
+
+def _wrapped(printed: str) -> str:
+    """Return text whose paragraphs are broken into lines; tables, in which cells are apart, stay."""
+    return "\n".join(
+        line if "  " in line else textwrap.fill(line, WIDEST) for line in printed.split("\n")
     )

@@ -299,7 +299,7 @@ def signature(name: str) -> dict[str, pd.DataFrame]:
     """Return the tables of a virtual experiment with a cause at typical size, beside one without.
 
     There is neither scatter nor noise: all that differs is the cause. Actuators are inflated to
-    240 kPa and let down again, with 30 s at each pressure, in a horizontal mount; where the cause
+    200 kPa and let down again, with 30 s at each pressure, in a horizontal mount; where the cause
     cannot show in that, bent against gravity.
 
     Parameters
@@ -344,7 +344,7 @@ def _experiment(design: Design, effects):
 
 
 def _design(needs) -> Design:
-    up = np.arange(10.0, 241.0, 10.0)
+    up = np.arange(10.0, 201.0, 10.0)
     path = np.concatenate([up, up[-2::-1]])
     rows = pd.DataFrame(
         {

@@ -8,10 +8,12 @@ mpl.use("svg")
 import matplotlib.pyplot as plt
 
 CAPTION = (
-    "What the cause changes at its typical size: a virtual experiment without scatter and noise by "
-    "the shipped emulator, with the cause less without it, fresh and degraded by 25 %. Dashed: "
-    "unloading, where it differs. Thirty seconds at each pressure. Lines end where the emulator "
-    "has no answer or the actuator bursts."
+    "What the cause changes at its typical size, by the shipped emulator: a virtual experiment with "
+    "the cause less one without it, neither with scatter or noise."
+)
+CURVES = (
+    " Dashed: unloading, where it differs. Thirty seconds at each pressure. A line ends where the "
+    "emulator has no answer or the actuator bursts."
 )
 COLOURS = {"fresh": "#1b6ca8", "degraded by 25 %": "#b85c00"}
 STYLE = {
@@ -25,6 +27,11 @@ STYLE = {
     "figure.facecolor": "white",
 }
 SAME = 1e-3  # of the largest change: less is not drawn as a line of its own
+
+
+def caption(cause) -> str:
+    """Return what a drawing shows."""
+    return CAPTION + (CURVES if "actuator" in cause.acts_on else "")
 
 
 def draw(cause, tables, file: Path) -> None:

@@ -1,6 +1,6 @@
 """An effect is planted in a virtual experiment and found again.
 
-``bayesdeg simulate`` made the study that ``bayesdeg init`` writes: six actuators from a finer
+``bayesdeg simulate`` made the study that ``bayesdeg init`` writes: four actuators from a finer
 finite element model than the one that calibrates, with 14 kPa hidden in the pressure. What was
 planted is known here; the calibration sees the readings alone.
 """
