@@ -36,7 +36,7 @@ autodoc_member_order = "bysource"
 autodoc_typehints = "none"  # napoleon shows the types that the docstring gives
 napoleon_google_docstring = False
 napoleon_use_rtype = False
-nitpicky = False
+smartquotes = False  # it makes a dash of the two that begin an option
 
 
 def inline_math(self, node):

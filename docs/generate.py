@@ -43,10 +43,16 @@ def write_all(target: Path) -> None:
 
 
 def table(heads: tuple[str, ...], rows) -> str:
-    """Return a table in Markdown; bars in cells are escaped."""
+    """Return a table in Markdown; bars, and what would be taken for a tag, are escaped."""
     lines = [heads, tuple("---" for _ in heads), *rows]
-    escaped = (" | ".join(str(cell).replace("|", "\\|") for cell in line) for line in lines)
+    escaped = (" | ".join(_cell(str(cell)) for cell in line) for line in lines)
     return "\n".join(f"| {line} |" for line in escaped) + "\n"
+
+
+def _cell(text: str) -> str:
+    words = re.split(r"(`[^`]*`)", text)
+    plain = [part if part.startswith("`") else part.replace("<", "&lt;") for part in words]
+    return "".join(plain).replace("|", "\\|")
 
 
 def code(text: str) -> str:
@@ -81,7 +87,10 @@ def _api() -> str:
     parts = ["# Python\n\nWhat `import bayesdeg as bd` offers. Nothing else is public.\n"]
     for name in names:
         if facts.is_class(name):
-            directive = f".. autoclass:: bayesdeg.{name}\n   :members:"
+            members = facts.members(name)
+            directive = f".. autoclass:: bayesdeg.{name}" + (
+                f"\n   :members: {members}" if members else ""
+            )
         elif facts.is_callable(name):
             directive = f".. autofunction:: bayesdeg.{name}"
         else:
@@ -421,7 +430,7 @@ def _shown(script: Path, printed: str) -> str:
 
 
 def _wrapped(printed: str) -> str:
-    """Return text whose paragraphs are broken into lines; tables, in which cells are apart, stay."""
+    """Return text with its paragraphs broken into lines; tables stay as they are."""
     return "\n".join(
         line if "  " in line else textwrap.fill(line, WIDEST) for line in printed.split("\n")
     )

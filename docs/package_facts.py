@@ -96,6 +96,21 @@ def is_class(name: str) -> bool:
     return inspect.isclass(getattr(bayesdeg, name))
 
 
+def members(name: str) -> str:
+    """Return the methods and properties of a public class, separated by commas; no fields."""
+    owner = getattr(bayesdeg, name)
+    kept = [
+        member
+        for member in dir(owner)
+        if not member.startswith("_")
+        and member not in getattr(owner, "__dataclass_fields__", ())
+        and (inspect.getdoc(getattr(owner, member)) or "")
+        and any(member in vars(base) for base in owner.__mro__ if base.__module__ != "builtins")
+        and not any(hasattr(base, member) for base in (Exception, int, str))
+    ]
+    return ", ".join(kept)
+
+
 def is_callable(name: str) -> bool:
     """Return whether a public name is a function or class."""
     return callable(getattr(bayesdeg, name))
@@ -239,6 +254,8 @@ def _option(option, context) -> Entry:
     record = option.get_help_record(context)
     name = record[0] if record else (option.metavar or option.name)
     default = option.default
+    if option.name == "workers":
+        default = "cores, at most 4"
     shown = "" if default in (None, False) or callable(default) else str(default)
     text = re.sub(r"\s*\[(default|required|\d+<=|x>=).*?\]$", "", record[1] if record else "")
     return Entry(name, "", text, default=shown, required=option.required)

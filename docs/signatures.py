@@ -8,8 +8,8 @@ mpl.use("svg")
 import matplotlib.pyplot as plt
 
 CAPTION = (
-    "What the cause changes at its typical size, by the shipped emulator: a virtual experiment with "
-    "the cause less one without it, neither with scatter or noise."
+    "What the cause changes at its typical size, by the shipped emulator: a virtual experiment "
+    "with the cause less one without it, neither with scatter or noise."
 )
 CURVES = (
     " Dashed: unloading, where it differs. Thirty seconds at each pressure. A line ends where the "
