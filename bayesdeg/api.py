@@ -38,7 +38,7 @@ from bayesdeg.pipeline.emulation import Campaign, expect, train_emulator
 from bayesdeg.pipeline.experiment import Written
 from bayesdeg.pipeline.own import OwnExperiment
 from bayesdeg.pipeline.progress import Progress
-from bayesdeg.pipeline.workplace import workplace
+from bayesdeg.pipeline.workplace import kept_processes
 from bayesdeg.results import Calibration, Model, Report, Verdict
 
 Floats = NDArray[np.float64]
@@ -470,5 +470,5 @@ def _work(
         show = stack.enter_context(shown(not wanted))
         executor = None
         if parallel:
-            executor = stack.enter_context(workplace(count, import_main=False))
+            executor = stack.enter_context(kept_processes(count))
         yield show, executor

@@ -485,8 +485,10 @@ def test_a_script_without_a_guard_is_not_started_again_by_its_workers(planted, t
         "import bayesdeg.pipeline.workplace as place\n"
         "with (Path(__file__).parent / 'count').open('a') as file:\n"
         "    file.write('x')\n"
-        "with place.workplace(2, import_main=False) as pool:\n"
-        "    assert list(pool.map(abs, [-1, -2, 3])) == [1, 2, 3]\n"
+        "for _ in range(2):\n"
+        "    with place.kept_processes(2) as pool:\n"
+        "        assert list(pool.map(abs, [-1, -2, 3])) == [1, 2, 3]\n"
+        "assert len(place._KEPT) == 1\n"
         "assert Path(__file__).name == 'script.py'\n"
     )
     subprocess.run([sys.executable, str(script)], check=True, timeout=120)

@@ -8,16 +8,13 @@ from contextlib import contextmanager
 from bayesdeg.emulator.cluster import cluster_executor
 from bayesdeg.emulator.workers import WorkerProcesses
 
+_KEPT: dict[int, WorkerProcesses] = {}
+
 
 @contextmanager
-def workplace(
-    workers: int, scheduler: str | None = None, *, import_main: bool = True
-) -> Iterator[Executor | None]:
-    """Open worker processes or a cluster; when stopped, do not wait for what is under way.
-
-    The parameters are those of `pool`.
-    """
-    with pool(workers, scheduler, import_main=import_main) as executor:
+def workplace(workers: int, scheduler: str | None) -> Iterator[Executor | None]:
+    """Open worker processes or a cluster; when stopped, do not wait for what is under way."""
+    with pool(workers, scheduler) as executor:
         try:
             yield executor
         except BaseException:
@@ -27,9 +24,7 @@ def workplace(
 
 
 @contextmanager
-def pool(
-    workers: int, scheduler: str | None = None, *, import_main: bool = True
-) -> Iterator[Executor | None]:
+def pool(workers: int, scheduler: str | None = None) -> Iterator[Executor | None]:
     """Open where finite element runs are solved.
 
     Parameters
@@ -38,8 +33,6 @@ def pool(
         Processes on this machine, each with one thread of linear algebra; none for 1.
     scheduler : str, optional
         Address of a Dask scheduler, whose workers are taken instead.
-    import_main : bool
-        As of `bayesdeg.emulator.workers.WorkerProcesses`.
     """
     if scheduler is not None:
         with cluster_executor(scheduler) as executor:
@@ -48,8 +41,33 @@ def pool(
     if workers == 1:
         yield None
         return
-    with _one_thread_each(), WorkerProcesses(workers, import_main=import_main) as processes:
+    with _one_thread_each(), WorkerProcesses(workers) as processes:
         yield processes
+
+
+@contextmanager
+def kept_processes(workers: int) -> Iterator[Executor | None]:
+    """Open worker processes that stay open for the next verb, until this process ends.
+
+    Opening them costs as much as a quick calibration. They do not import the program that opens
+    them, so that a script without ``if __name__ == "__main__"`` is not started again.
+
+    Parameters
+    ----------
+    workers : int
+        Number of processes; none for 1.
+    """
+    if workers == 1:
+        yield None
+        return
+    if workers not in _KEPT:
+        _KEPT[workers] = WorkerProcesses(workers, import_main=False)
+    try:
+        with _one_thread_each():
+            yield _KEPT[workers]
+    except BaseException:
+        _KEPT.pop(workers).shutdown(wait=False, cancel_futures=True)
+        raise
 
 
 @contextmanager

@@ -178,7 +178,7 @@ def test_the_cluster_is_asked_for_by_its_address(here, command, pipeline, monkey
     asked = []
 
     @contextmanager
-    def pool(workers, scheduler=None, *, import_main=True):
+    def pool(workers, scheduler=None):
         asked.append((workers, scheduler))
         yield None
 
