@@ -30,20 +30,20 @@ if TYPE_CHECKING:
     from bayesdeg.api import report as report
     from bayesdeg.causes.cause import Cause as Cause
     from bayesdeg.causes.cause import Stage as Stage
+    from bayesdeg.data.settings import Dimensions as Dimensions
+    from bayesdeg.data.study import Study as Study
+    from bayesdeg.data.study import read_study as read_study
     from bayesdeg.errors import BayesdegError as BayesdegError
     from bayesdeg.errors import GeometryError as GeometryError
     from bayesdeg.errors import StudyError as StudyError
-    from bayesdeg.laws import HalfNormal as HalfNormal
-    from bayesdeg.laws import LogNormal as LogNormal
-    from bayesdeg.laws import Normal as Normal
-    from bayesdeg.laws import Parameter as Parameter
-    from bayesdeg.laws import StudentT as StudentT
-    from bayesdeg.laws import TruncatedNormal as TruncatedNormal
-    from bayesdeg.laws import Uniform as Uniform
-    from bayesdeg.measure.settings import Dimensions as Dimensions
-    from bayesdeg.measure.study import Study as Study
-    from bayesdeg.measure.study import read_study as read_study
     from bayesdeg.pipeline.own import Readings as Readings
+    from bayesdeg.priors import HalfNormal as HalfNormal
+    from bayesdeg.priors import LogNormal as LogNormal
+    from bayesdeg.priors import Normal as Normal
+    from bayesdeg.priors import Parameter as Parameter
+    from bayesdeg.priors import StudentT as StudentT
+    from bayesdeg.priors import TruncatedNormal as TruncatedNormal
+    from bayesdeg.priors import Uniform as Uniform
     from bayesdeg.results import Calibration as Calibration
     from bayesdeg.results import Model as Model
     from bayesdeg.results import Report as Report

@@ -13,13 +13,13 @@ import xarray as xr
 
 from bayesdeg.actuator.inputs import ForwardMap
 from bayesdeg.causes.cause import Cause
+from bayesdeg.data.settings import Effort
+from bayesdeg.data.study import Study
 from bayesdeg.errors import BayesdegError
-from bayesdeg.laws import Parameter
-from bayesdeg.measure.settings import Effort
-from bayesdeg.measure.study import Study
 from bayesdeg.pipeline import tables
 from bayesdeg.pipeline.experiment import Judged, StudyExperiment
 from bayesdeg.pipeline.own import Forward, OwnExperiment, Readings
+from bayesdeg.priors import Parameter
 from bayesdeg.report.folder import plain
 from bayesdeg.report.headline import size_of
 from bayesdeg.report.record import verdict_of

@@ -56,10 +56,10 @@ from forward_case import say
 from numpy.typing import NDArray
 
 import bayesdeg
+from bayesdeg.data.study import read_study
 from bayesdeg.inference.ensemble import EFFORTS
 from bayesdeg.inference.model import Model
 from bayesdeg.inference.replicate import replicate
-from bayesdeg.measure.study import read_study
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.calibrate import Fit, calibrate
 from bayesdeg.pipeline.progress import Silent

@@ -41,8 +41,8 @@ from bayesdeg.actuator.curve import MODEL_VERSION, Actuator
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.actuator.mesh import ActuatorMesh, Resolution, build_mesh, graded
+from bayesdeg.data.settings import Dimensions
 from bayesdeg.emulator.trained import default_surrogate
-from bayesdeg.measure.settings import Dimensions
 
 STORE = Path(__file__).with_suffix(".json")
 BASE = (3.0, 2.0, 2.0)  # largest brick of the base mesh along, across and up [mm]

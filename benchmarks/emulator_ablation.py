@@ -14,14 +14,13 @@ from bayesdeg.actuator.curve import Actuator, Curve, PathSamples
 from bayesdeg.actuator.forward import SAMPLING
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.mesh import Resolution, build_mesh
-from bayesdeg.emulator.build import MESH_ERROR, runs
-from bayesdeg.emulator.campaign import Run
-from bayesdeg.emulator.recipe import Recipe
+from bayesdeg.data.settings import Dimensions
+from bayesdeg.emulator.campaign import MESH_ERROR, Run, runs
+from bayesdeg.emulator.kept import Recipe
 from bayesdeg.emulator.scaling import TrainingRange
 from bayesdeg.emulator.solutions import SolutionStore
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.emulator.training import PLANS, Plan, train
-from bayesdeg.measure.settings import Dimensions
 
 TIMED = 1  # curves of each mesh whose derivatives are timed
 

@@ -21,11 +21,10 @@ from bayesdeg.actuator.curve import Curve
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.material import Material
 from bayesdeg.actuator.mesh import COARSE
+from bayesdeg.data.settings import Dimensions
 from bayesdeg.emulator.campaign import Run, complete
-from bayesdeg.emulator.cluster import cluster_executor
 from bayesdeg.emulator.solutions import SolutionStore
-from bayesdeg.emulator.workers import WorkerProcesses, solve
-from bayesdeg.measure.settings import Dimensions
+from bayesdeg.emulator.workers import WorkerProcesses, cluster_executor, solve
 
 DASK = Path(sysconfig.get_path("scripts")) / "dask"
 GEOMETRY = Geometry(Dimensions(length=20.0, chambers=2))

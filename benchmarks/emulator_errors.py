@@ -11,14 +11,14 @@ from scipy.stats import norm
 
 from bayesdeg.actuator.curve import Curve, PathSamples
 from bayesdeg.actuator.geometry import Geometry
-from bayesdeg.emulator import build
-from bayesdeg.emulator.limits import fit_limit
-from bayesdeg.emulator.observations import reach
-from bayesdeg.emulator.recipe import Recipe
+from bayesdeg.data.settings import Dimensions
+from bayesdeg.emulator import campaign
+from bayesdeg.emulator.kept import Recipe
+from bayesdeg.emulator.regression import reach
 from bayesdeg.emulator.scaling import Place
 from bayesdeg.emulator.solutions import SolutionStore
 from bayesdeg.emulator.surrogate import OUTPUTS, Surrogate
-from bayesdeg.measure.settings import Dimensions
+from bayesdeg.emulator.training import fit_limit
 
 Floats = NDArray[np.float64]
 
@@ -163,7 +163,7 @@ def limits_left_out(emulator: Surrogate, store: SolutionStore) -> dict[str, obje
 
     The shift between the meshes comes from every second fine curve, and the others are judged.
     """
-    wanted = build.runs(Geometry(Dimensions()))
+    wanted = campaign.runs(Geometry(Dimensions()))
     found = [(run, store.get(run)) for run in wanted]
     pairs = [(run, got) for run, got in found if isinstance(got, PathSamples)]
     fine = [(run.curve, s) for run, s in pairs if run.resolution == Recipe().fine_mesh]

@@ -21,12 +21,12 @@ from bayesdeg.actuator.forward import relative_to_reference
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.inputs import Inputs, Prediction
 from bayesdeg.actuator.mesh import CONVERGED
+from bayesdeg.data.settings import Dimensions
 from bayesdeg.emulator.campaign import Finished, Kind, Run, complete, missing
-from bayesdeg.emulator.observations import Observed, observe
+from bayesdeg.emulator.regression import Observed, observe
 from bayesdeg.emulator.scaling import GROUPS, LOAD, MATERIAL, NAMES, Place, groups_of
 from bayesdeg.emulator.solutions import SolutionStore
 from bayesdeg.emulator.surrogate import Surrogate
-from bayesdeg.measure.settings import Dimensions
 
 Floats = NDArray[np.float64]
 

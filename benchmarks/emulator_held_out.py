@@ -15,10 +15,10 @@ from bayesdeg.actuator.material import Material
 from bayesdeg.actuator.mesh import CONVERGED
 from bayesdeg.actuator.outputs import OUTPUTS as READINGS
 from bayesdeg.actuator.sensitivity import INPUTS
+from bayesdeg.data.settings import Dimensions
 from bayesdeg.emulator.campaign import Finished, Kind, Run, complete, missing
-from bayesdeg.emulator.held_out import study_like
+from bayesdeg.emulator.design import study_like
 from bayesdeg.emulator.solutions import SolutionStore
-from bayesdeg.measure.settings import Dimensions
 
 Floats = NDArray[np.float64]
 

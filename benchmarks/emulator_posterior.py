@@ -24,6 +24,7 @@ from scipy.special import logsumexp
 from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.causes.catalogue import find
 from bayesdeg.criticism.subject import with_neutral
+from bayesdeg.data.study import read_study
 from bayesdeg.emulator.scaling import LOAD, groups_of
 from bayesdeg.emulator.solutions import SolutionStore
 from bayesdeg.emulator.surrogate import Surrogate
@@ -31,7 +32,6 @@ from bayesdeg.inference.importance import improved
 from bayesdeg.inference.laplace import approximate, evidence
 from bayesdeg.inference.model import Model
 from bayesdeg.inference.parameters import Named
-from bayesdeg.measure.study import read_study
 from bayesdeg.pipeline.assemble import assemble
 
 Floats = NDArray[np.float64]

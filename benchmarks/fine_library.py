@@ -34,13 +34,13 @@ from bayesdeg.actuator.curve import Curve, PathSamples
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.actuator.mesh import FINE, Resolution
+from bayesdeg.data.settings import Dimensions
 from bayesdeg.emulator.campaign import Kind, Run, complete
 from bayesdeg.emulator.coordinates import ALONG, UP
-from bayesdeg.emulator.held_out import study_like
-from bayesdeg.emulator.recipe import Recipe
+from bayesdeg.emulator.design import study_like
+from bayesdeg.emulator.kept import Recipe
 from bayesdeg.emulator.solutions import SolutionStore
 from bayesdeg.emulator.trained import default_surrogate
-from bayesdeg.measure.settings import Dimensions
 from bayesdeg.pipeline.workplace import pool
 
 Floats = NDArray[np.float64]

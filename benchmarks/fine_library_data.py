@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from bayesdeg.actuator.curve import Curve, PathSamples
 from bayesdeg.emulator import coordinates as at
-from bayesdeg.emulator.observations import Observed, observe
+from bayesdeg.emulator.regression import Observed, observe
 from bayesdeg.emulator.scaling import Place, TrainingRange
 from bayesdeg.emulator.surrogate import stretch_offset
 

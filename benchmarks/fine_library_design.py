@@ -6,7 +6,7 @@ import numpy as np
 
 from bayesdeg.actuator.curve import Curve
 from bayesdeg.actuator.material import Material
-from bayesdeg.emulator.held_out import study_like
+from bayesdeg.emulator.design import study_like
 from bayesdeg.emulator.scaling import NOMINAL_SCALE, NOMINAL_THICKNESS, SECOND
 
 SEED = 7701

@@ -3,7 +3,7 @@
 from bayesdeg.actuator.body import LINEAR_CONSTANT, LINEAR_FULL, QUADRATIC, Element
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.mesh import COARSE, CONVERGED, FINE, ActuatorMesh, Resolution, build_mesh
-from bayesdeg.measure.settings import Dimensions
+from bayesdeg.data.settings import Dimensions
 
 RESOLUTIONS = {
     "coarsest": Resolution(along=9.0, across=9.0, up=9.0),

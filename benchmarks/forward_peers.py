@@ -33,7 +33,7 @@ from bayesdeg.actuator.body import (
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.mesh import ActuatorMesh, Resolution, build_mesh
 from bayesdeg.actuator.status import Effort
-from bayesdeg.measure.settings import Dimensions
+from bayesdeg.data.settings import Dimensions
 from tests.peers import calculix_actuator
 from tests.peers.peer_path import FRESH, LOADS, PeerPath, curvatures, own_path
 

@@ -40,9 +40,8 @@ from bayesdeg.criticism.linear import (
     neutral_sizes,
     sensitivities,
 )
-from bayesdeg.laboratory.effects import HiddenEffect
-from bayesdeg.laboratory.truth import Truth
-from bayesdeg.measure.study import read_study
+from bayesdeg.data.study import read_study
+from bayesdeg.laboratory.truth import HiddenEffect, Truth
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.base import base_without_chain
 from bayesdeg.pipeline.judge import JUDGE_EFFORTS, judge

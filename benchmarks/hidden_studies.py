@@ -15,13 +15,12 @@ from bayesdeg.actuator.inputs import ForwardMap, Inputs, Prediction
 from bayesdeg.actuator.mesh import FINE
 from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.causes.cause import Cause, Conditions, Effect, Stage
+from bayesdeg.data.settings import Settings
 from bayesdeg.laboratory.design import PRESSURES, Design
-from bayesdeg.laboratory.effects import HiddenEffect
 from bayesdeg.laboratory.experiment import VirtualExperiment, run_experiment
-from bayesdeg.laboratory.truth import Three, Truth, drawn_truth
+from bayesdeg.laboratory.truth import HiddenEffect, Three, Truth, drawn_truth
 from bayesdeg.laboratory.writing import Provenance, study_files
-from bayesdeg.laws import LogNormal, Normal, Parameter
-from bayesdeg.measure.settings import Settings
+from bayesdeg.priors import LogNormal, Normal, Parameter
 
 SIZES = (0.6, 1.0, 1.4, 1.8)
 LARGEST_PRESSURE = 200.0  # kPa; beyond, soft draws of the material balloon

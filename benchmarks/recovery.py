@@ -21,12 +21,12 @@ import numpy as np
 from fine_library import STORE, FineLibrary, library
 
 from bayesdeg.actuator.mesh import FINE
+from bayesdeg.data.settings import Settings
+from bayesdeg.data.study import read_study
 from bayesdeg.laboratory.design import Design
 from bayesdeg.laboratory.experiment import run_experiment
 from bayesdeg.laboratory.truth import drawn_truth
 from bayesdeg.laboratory.writing import Provenance, study_files
-from bayesdeg.measure.settings import Settings
-from bayesdeg.measure.study import read_study
 from bayesdeg.pipeline.progress import Silent
 from bayesdeg.pipeline.run import fingerprint, run_study
 from bayesdeg.report.checkpoints import Checkpoints

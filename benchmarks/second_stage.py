@@ -13,19 +13,16 @@ from pathlib import Path
 
 from bayesdeg.actuator.curve import Curve, PathSamples
 from bayesdeg.actuator.geometry import Geometry
-from bayesdeg.emulator.build import runs
-from bayesdeg.emulator.campaign import complete
-from bayesdeg.emulator.design import SECOND_STAGE, candidates, likely
-from bayesdeg.emulator.families import Family
-from bayesdeg.emulator.observations import Observed, observe
-from bayesdeg.emulator.recipe import Recipe
-from bayesdeg.emulator.regression import Prior, rows_of
+from bayesdeg.data.settings import Dimensions
+from bayesdeg.emulator.campaign import complete, runs
+from bayesdeg.emulator.design import SECOND_STAGE, Question, candidates, likely, most_telling
+from bayesdeg.emulator.kept import Recipe
+from bayesdeg.emulator.regression import Observed, Prior, observe, rows_of
 from bayesdeg.emulator.scaling import TrainingRange
-from bayesdeg.emulator.sequential import Question, most_telling
 from bayesdeg.emulator.solutions import SolutionStore
+from bayesdeg.emulator.terms import Family
 from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.emulator.training import PLANS
-from bayesdeg.measure.settings import Dimensions
 
 
 def question(observed: list[Observed], family: Family, prior: Prior) -> Question:

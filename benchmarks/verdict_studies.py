@@ -23,12 +23,11 @@ from hidden_studies import OUTSIDE, TRIES, complete, write_folder
 from bayesdeg.actuator.inputs import ForwardMap
 from bayesdeg.actuator.mesh import FINE
 from bayesdeg.causes.catalogue import find
+from bayesdeg.data.settings import Settings
 from bayesdeg.laboratory.design import LEVELS, Design
-from bayesdeg.laboratory.effects import HiddenEffect
 from bayesdeg.laboratory.experiment import run_experiment
-from bayesdeg.laboratory.truth import Truth, drawn_truth
+from bayesdeg.laboratory.truth import HiddenEffect, Truth, drawn_truth
 from bayesdeg.laboratory.writing import TRUTH_FILE, Provenance
-from bayesdeg.measure.settings import Settings
 
 SEED = 11
 TOP, STEP = 240.0, 20.0  # of a cycle [kPa]

@@ -21,18 +21,16 @@ import pandas as pd
 import bayesdeg
 import bayesdeg.causes
 from bayesdeg.commands.lazy import COMMANDS, loaded
+from bayesdeg.data.settings import ENTRIES, Dimensions, Settings
+from bayesdeg.data.study import read_study
+from bayesdeg.data.tables import TABLES as STUDY_TABLES
 from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.laboratory.design import Design
-from bayesdeg.laboratory.effects import HiddenEffect
 from bayesdeg.laboratory.experiment import run_experiment
-from bayesdeg.laboratory.truth import Truth
-from bayesdeg.laws import LAWS
-from bayesdeg.measure.settings import Dimensions, Settings
-from bayesdeg.measure.settings_file import ENTRIES
-from bayesdeg.measure.study import read_study
-from bayesdeg.measure.tables import TABLES as STUDY_TABLES
-from bayesdeg.nomenclature import QUANTITIES
+from bayesdeg.laboratory.truth import HiddenEffect, Truth
 from bayesdeg.pipeline.assemble import assemble
+from bayesdeg.priors import LAWS
+from bayesdeg.quantities import QUANTITIES
 from bayesdeg.report.columns import TABLES as RUN_TABLES
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "benchmarks"))  # scripts, no package

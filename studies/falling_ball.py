@@ -21,7 +21,7 @@ from bayesdeg.criticism.custom_readings import places_of
 from bayesdeg.criticism.custom_summary import lines, summary
 from bayesdeg.criticism.custom_verdict import Judgement, judge, posterior_draws
 from bayesdeg.criticism.trials import try_causes
-from bayesdeg.laws import HalfNormal, Normal, Parameter, TruncatedNormal, Uniform
+from bayesdeg.priors import HalfNormal, Normal, Parameter, TruncatedNormal, Uniform
 
 Floats = NDArray[np.float64]
 

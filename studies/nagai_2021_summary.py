@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.emulator.trained import default_surrogate
-from bayesdeg.material.criteria import CRITERIA
+from bayesdeg.material.strength import CRITERIA
 
 Floats = NDArray[np.float64]
 

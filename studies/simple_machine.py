@@ -24,7 +24,7 @@ from bayesdeg.criticism.custom_verdict import (
     judge,
     posterior_draws,
 )
-from bayesdeg.laws import HalfNormal, Normal, Parameter, TruncatedNormal, Uniform
+from bayesdeg.priors import HalfNormal, Normal, Parameter, TruncatedNormal, Uniform
 
 Floats = NDArray[np.float64]
 

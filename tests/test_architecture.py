@@ -31,13 +31,12 @@ LAYERS = (
     "emulator",
     "actuator",
     "material",
-    "measure",
-    "laws",
-    "distributions",
+    "data",
+    "priors",
     "files",
     "errors",
     "compiled",
-    "nomenclature",
+    "quantities",
 )
 
 
@@ -176,8 +175,8 @@ def test_files_are_read_and_written_in_few_places():
         return opened + imports_of("pathlib", "os", "shutil", "tempfile")(tree)
 
     places = {
-        "measure/study.py",
-        "actuator/mkl.py",  # where a library is
+        "data/study.py",
+        "actuator/linear.py",  # where a library is
         "emulator/campaign.py",
         "emulator/design.py",
         "emulator/kept.py",

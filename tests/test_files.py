@@ -11,11 +11,11 @@ from pathlib import Path
 import pytest
 
 from bayesdeg import cli
+from bayesdeg.data.settings import parse_settings
+from bayesdeg.data.study import read_study
 from bayesdeg.emulator.trained import read_trained
 from bayesdeg.errors import BayesdegError, ResumableError, StudyError
 from bayesdeg.files import LIMIT, parse_json, read_bytes, too_deep, write_bytes, write_text, written
-from bayesdeg.measure.settings_file import parse_settings
-from bayesdeg.measure.study import read_study
 from bayesdeg.report.checkpoints import Checkpoints
 from bayesdeg.report.folder import RunFolder
 from bayesdeg.report.left_out import Guard

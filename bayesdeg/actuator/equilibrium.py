@@ -1,22 +1,414 @@
-"""The load path; a failure is a value, never an exception."""
+"""The load path: Newton's method, continuation, the limit point; a failure is a value."""
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdeg.actuator.continuation import MEMORY, StepControl, extrapolate, interpolate
-from bayesdeg.actuator.limit import locate_limit
-from bayesdeg.actuator.linear import Factorization
+from bayesdeg.actuator.linear import (
+    Factorization,
+    Indefinite,
+    LostDefinitenessError,
+    open_indefinite,
+)
 from bayesdeg.actuator.material import is_elliptic
-from bayesdeg.actuator.newton import Step, find_equilibrium
-from bayesdeg.actuator.problem import Problem
+from bayesdeg.actuator.problem import Linearisation, Problem
 from bayesdeg.actuator.status import Effort, Status
 from bayesdeg.actuator.system import Point, State
 
 Floats = NDArray[np.float64]
+
+LARGEST_STEP = 0.2  # of the body's size; beyond it the iteration has lost its way
+CORRECTIONS = 8
+ROUNDING = 1e-7  # of the body's size: smaller corrections need not shrink
+SHRINKAGE = 0.7  # of each correction against the one before
+
+
+@dataclass(frozen=True)
+class Step:
+    """An equilibrium at one load, or where the search for one stopped.
+
+    Parameters
+    ----------
+    state : State
+        The last iterate.
+    rate : State, optional
+        d(state)/d(load); None where the method failed.
+    factors : Linearisation, optional
+        Whose tangent the solver holds.
+    factorizations : int
+        How many were made.
+    """
+
+    state: State
+    rate: State | None
+    factors: Linearisation | None
+    factorizations: int
+
+
+def find_equilibrium(
+    problem: Problem, solver: Factorization, *, guess: State, effort: Effort
+) -> Step:
+    """Iterate from a guess to the equilibrium at its load.
+
+    The error left is in proportion to the square of the last step, which the tolerance bounds.
+    The path's tangent comes from the last factors, corrected until it is that of the last state.
+    """
+    state, size = guess, float(np.ptp(problem.system.body.nodes, axis=0).max())
+    for count in range(1, effort.iterations + 1):
+        now = problem.linearise(state)
+        if not now.smallest_jacobian > 0.0:
+            return Step(state, None, None, count)
+        try:
+            solver.factorize(now.tangent)
+        except LostDefinitenessError:
+            return Step(state, None, None, count)
+        pushed = problem.on_free(problem.cavity_gradient(state))
+        solution = solver.solve(np.column_stack([-now.residual, pushed]))
+        increment, velocity = (problem.system.expand(column) for column in solution.T)
+        largest = float(np.max(np.abs(increment)))
+        if not largest < LARGEST_STEP * size:
+            return Step(state, None, None, count)
+        change = problem.pressure_increment(now, increment, now.volume_residual)
+        state = state.moved(increment, change)
+        if largest < effort.tolerance * size:
+            rate = State(velocity, problem.pressure_increment(now, velocity), 1.0)
+            point = polished(problem, solver, Point(state, rate), now, effort)
+            if point is not None:
+                return Step(point.state, point.rate, now, count)
+    return Step(state, None, None, effort.iterations)
+
+
+def polished(
+    problem: Problem, solver: Factorization, point: Point, factors: Linearisation, effort: Effort
+) -> Point | None:
+    """Return an equilibrium and the path's tangent from approximate ones and factors near by.
+
+    Each correction takes a step of the modified Newton method of the mixed problem, in which the
+    couplings of the volume equation are as old as the factors, so that a large K does no harm,
+    and removes the defect of the linear equation of the rate. It ends where one changes less
+    than ``effort.rate_tolerance`` of the largest velocity. None if the corrections do not shrink:
+    the factors are too old.
+    """
+    size = float(np.ptp(problem.system.body.nodes, axis=0).max())
+    least = ROUNDING * size
+    largest_move, largest_change = max(effort.tolerance * size, least), np.inf
+    for _ in range(CORRECTIONS):
+        state, rate = point.state, point.rate
+        now = problem.linearise(state, tangent=False)
+        residuals = [(now.force, now.volume_residual), *problem.products(state, [rate])]
+        right = [problem.condensed(force, volume, factors) for force, volume in residuals]
+        solution = solver.solve(np.column_stack(right))
+        moves = []
+        for column, (_, volume) in zip(solution.T, residuals, strict=True):
+            displacement = problem.system.expand(-column)
+            moves.append((displacement, problem.pressure_increment(factors, displacement, volume)))
+        move, change = (float(np.max(np.abs(u))) for u, _ in moves)
+        if not (move <= largest_move and change <= largest_change):
+            return None
+        point = Point(state.moved(*moves[0]), rate.moved(*moves[1]))
+        whole = float(np.max(np.abs(rate.displacement)))
+        if change <= effort.rate_tolerance * whole:
+            return point
+        largest_move = max(SHRINKAGE * move, least)
+        largest_change = max(SHRINKAGE * change, ROUNDING * whole)
+    return None
+
+
+MEMORY = 3  # points that the next guess is extrapolated from
+LONGEST_EXTRAPOLATION = 4.0  # step over the shortest distance between them
+LARGEST_GROWTH = 2.5
+STUCK = 1e-5  # of the last load: shorter steps lead nowhere
+
+
+def extrapolate(points: Sequence[Point], load: float) -> State:
+    """Return the Hermite polynomial through the latest points, at a load beyond them.
+
+    Parameters
+    ----------
+    points : sequence of Point
+        The path so far.
+    load : float
+        Where to.
+    """
+    loads = np.array([point.state.load for point in points[-MEMORY:]])
+    count = len(loads)
+    # from points close together extrapolation is all rounding error
+    while count > 1 and load - loads[-1] > LONGEST_EXTRAPOLATION * np.min(np.diff(loads[-count:])):
+        count -= 1
+    return hermite(points[-count:], load).state
+
+
+def interpolate(points: Sequence[Point], load: float) -> Point:
+    """Return the Hermite polynomial through the points next to a load."""
+    loads = np.array([point.state.load for point in points])
+    at = int(np.searchsorted(loads, load))
+    if loads[at] == load:
+        return points[at]
+    first = int(np.clip(at - MEMORY // 2 - 1, 0, max(0, len(points) - MEMORY)))
+    return hermite(points[first : first + MEMORY], load)
+
+
+def hermite(points: Sequence[Point], load: float) -> Point:
+    """Return the polynomial through states and tangents, and its derivative, at a load.
+
+    Σ (1 − 2 (t − tₖ) Lₖ'(tₖ)) Lₖ²(t) uₖ + (t − tₖ) Lₖ²(t) u̇ₖ with the Lagrange polynomials Lₖ.
+    """
+    at = np.array([point.state.load for point in points])
+    value, slope = _hermite_factors(at, load)
+    fields = []
+    for factors in (value, slope):
+        u, p = np.zeros_like(points[0].state.displacement), np.zeros_like(points[0].state.pressure)
+        for (on_state, on_rate), point in zip(factors, points, strict=True):
+            u += on_state * point.state.displacement + on_rate * point.rate.displacement
+            p += on_state * point.state.pressure + on_rate * point.rate.pressure
+        fields.append((u, p))
+    (u, p), (du, dp) = fields
+    return Point(State(u, p, load), State(du, dp, 1.0))
+
+
+def _hermite_factors(at: Floats, load: float) -> tuple[Floats, Floats]:
+    """Return factors of values and derivatives, (n, 2), for the value and for the slope."""
+    value, slope = np.empty((len(at), 2)), np.empty((len(at), 2))
+    for k, place in enumerate(at):
+        others = np.delete(at, k)
+        lagrange = float(np.prod((load - others) / (place - others)))
+        here = float(np.sum(1.0 / (place - others)))
+        # L' = Σ_j Π_{i≠j} (t − t_i) / Π (t_k − t_i)
+        parts = [np.prod(load - np.delete(others, j)) for j in range(len(others))]
+        change = float(np.sum(parts) / np.prod(place - others)) if len(others) else 0.0
+        t = load - place
+        value[k] = (1.0 - 2.0 * t * here) * lagrange**2, t * lagrange**2
+        double = 2.0 * lagrange * change
+        slope[k] = (
+            -2.0 * here * lagrange**2 + (1.0 - 2.0 * t * here) * double,
+            lagrange**2 + t * double,
+        )
+    return value, slope
+
+
+@dataclass(frozen=True)
+class StepControl:
+    """How long the next step of the load may be.
+
+    Parameters
+    ----------
+    step : float
+        Wanted length of the next step [–].
+    smallest : float
+        A step that fails is not tried below it [–].
+    end : float
+        The last load [–].
+    target : float
+        Wanted error of the guess [mm].
+    exact : bool
+        Whether every load must be met.
+    """
+
+    step: float
+    smallest: float
+    end: float
+    target: float
+    exact: bool
+
+    @classmethod
+    def start(cls, problem: Problem, rest: Point, loads: Sequence[float], effort: Effort) -> Self:
+        """Return the control at the beginning of a path: a first step that bends little."""
+        size = float(np.ptp(problem.system.body.nodes, axis=0).max())
+        speed = float(np.max(np.abs(rest.rate.displacement)))
+        first = effort.first_step * size / max(speed, 1e-300)
+        gaps = np.diff(np.concatenate([[0.0], loads]))
+        smallest = min(float(np.min(gaps)), float(loads[-1]) / len(loads)) / 2**effort.halvings
+        target = effort.tolerance * size
+        end = float(loads[-1])
+        return cls(min(first, end), smallest, end, target, effort.exact)
+
+    def next_load(self, here: float, loads: Sequence[float]) -> float:
+        """Return where the next step ends; never just short of the last load."""
+        wanted = [load for load in loads if load > here]
+        aim = wanted[0] if self.exact else wanted[-1]
+        left = aim - here
+        if self.step >= 0.999 * left:
+            return aim
+        return here + (0.5 * left if self.step > 0.6 * left else self.step)
+
+    @property
+    def is_stuck(self) -> bool:
+        """Whether steps have become so short, though none failed, that the end is out of reach."""
+        return self.step < STUCK * self.end
+
+    def failed(self) -> Self:
+        """Return the control after a step that failed."""
+        return replace(self, step=0.5 * self.step)
+
+    def succeeded(self, error: float, points: int) -> Self:
+        """Return the control after a step whose guess was off by ``error`` [mm]."""
+        order = 2 * min(points, MEMORY) - 1
+        growth = (0.5 * self.target / max(error, 1e-300)) ** (1.0 / order)
+        return replace(self, step=self.step * float(np.clip(growth, 0.4, LARGEST_GROWTH)))
+
+
+STEPS = 40
+ITERATIONS = 12
+WIDEST = 2e-3  # relative width of the bracket, in load, within which a cubic gives the limit
+
+
+@dataclass(frozen=True)
+class Limit:
+    """Where a path cannot be followed further, and why.
+
+    Parameters
+    ----------
+    status : Status
+        LIMIT_POINT, BUCKLED, EFFORT_EXHAUSTED or TIMED_OUT.
+    load : float
+        Largest load; inf if it was not found [–].
+    factorizations : int
+        Spent.
+    """
+
+    status: Status
+    load: float
+    factorizations: int
+
+
+@dataclass(frozen=True)
+class _Place:
+    """An equilibrium under volume control."""
+
+    state: State
+    volume: float
+    load_rate: float  # d(load)/d(volume)
+    direction: State  # d(state)/d(volume)
+    negative: int  # eigenvalues of the tangent
+
+
+def locate_limit(
+    problem: Problem,
+    points: Sequence[Point],
+    *,
+    effort: Effort,
+    highest: float,
+    solver: str | None = None,
+    deadline: float = np.inf,
+) -> Limit:
+    """Return the load at which the pressure no longer rises with the volume.
+
+    The volume of the cavity is raised in steps with the pressure as an unknown: where d(load)/dV
+    changes its sign the actuator balloons. If the tangent becomes indefinite while the pressure
+    still rises, the shape buckles instead.
+
+    Parameters
+    ----------
+    problem : Problem
+        As it was followed.
+    points : sequence of Point
+        The path as far as it was followed under pressure control.
+    effort : Effort
+        Tolerances and bounds.
+    highest : float
+        Largest load of interest [–]; beyond twice that the search ends.
+    solver : str, optional
+        Name of the direct solver; by default the best that this machine has.
+    deadline : float
+        Of ``time.monotonic``, after which the search is given up [s].
+    """
+    opened = open_indefinite(problem.system.upper, solver)
+    search = _Search(problem, opened, effort)
+    try:
+        return search.run(points, highest, deadline)
+    finally:
+        opened.close()
+
+
+class _Search:
+    def __init__(self, problem: Problem, solver: Indefinite, effort: Effort) -> None:
+        self.problem, self.solver, self.effort = problem, solver, effort
+        self.size = float(np.ptp(problem.system.body.nodes, axis=0).max())
+        self.spent = 0
+
+    def run(self, points: Sequence[Point], highest: float, deadline: float) -> Limit:
+        last = points[-1]
+        here = self._settle(last.state, self._volume(last.state))
+        if here is None:
+            return Limit(Status.EFFORT_EXHAUSTED, np.inf, self.spent)
+        step = self._first_step(points, here)
+        for _ in range(STEPS):
+            if time.monotonic() > deadline:
+                return Limit(Status.TIMED_OUT, np.inf, self.spent)
+            if here.negative > 0 and here.load_rate > 0.0:
+                return Limit(Status.BUCKLED, here.state.load, self.spent)
+            if here.state.load > 2.0 * highest or self.spent > self.effort.total:
+                break
+            there = self._settle(self._ahead(here, step), here.volume + step)
+            if there is None:
+                step *= 0.5
+                continue
+            if there.load_rate <= 0.0:
+                top, width = _top(here, there)
+                if width < WIDEST:
+                    return Limit(Status.LIMIT_POINT, top, self.spent)
+                step *= 0.5
+                continue
+            here, step = there, 1.5 * step
+        return Limit(Status.EFFORT_EXHAUSTED, np.inf, self.spent)
+
+    def _first_step(self, points: Sequence[Point], here: _Place) -> float:
+        back = points[-2].state if len(points) > 1 else self.problem.system.rest()
+        return 0.5 * max(here.volume - self._volume(back), 1e-3 * abs(here.volume))
+
+    def _volume(self, state: State) -> float:
+        return self.problem.cavity_volume(state)
+
+    def _ahead(self, here: _Place, step: float) -> State:
+        d = here.direction
+        return here.state.moved(step * d.displacement, step * d.pressure, step * here.load_rate)
+
+    def _settle(self, guess: State, volume: float) -> _Place | None:
+        """Newton's method with the load as an unknown and the volume given."""
+        state, problem = guess, self.problem
+        for _ in range(ITERATIONS):
+            lin = problem.linearise(state)
+            if not lin.smallest_jacobian > 0.0:
+                return None
+            self.spent += 1
+            try:
+                negative = self.solver.factorize(lin.tangent)
+            except LostDefinitenessError:
+                return None
+            gradient = problem.on_free(problem.cavity_gradient(state))
+            a, b = self.solver.solve(np.column_stack([-lin.residual, gradient])).T
+            compliance = float(gradient @ b)
+            change = (volume - lin.cavity_volume - float(gradient @ a)) / compliance
+            increment = problem.system.expand(a + change * b)
+            largest = float(np.max(np.abs(increment)))
+            if not largest < LARGEST_STEP * self.size:
+                return None
+            pressure = problem.pressure_increment(lin, increment, lin.volume_residual)
+            state = state.moved(increment, pressure, change)
+            if largest < self.effort.tolerance * self.size:
+                along = problem.system.expand(b / compliance)
+                direction = State(along, problem.pressure_increment(lin, along), 1.0)
+                return _Place(state, volume, 1.0 / compliance, direction, negative)
+        return None
+
+
+def _top(here: _Place, there: _Place) -> tuple[float, float]:
+    """Return the largest load of the cubic between two places, and the bracket's width."""
+    width = there.volume - here.volume
+    rise = there.state.load - here.state.load
+    # load(t) on [0, 1]: c0 + c1 t + c2 t² + c3 t³
+    c1, end = here.load_rate * width, there.load_rate * width
+    c2, c3 = 3.0 * rise - 2.0 * c1 - end, c1 + end - 2.0 * rise
+    t = np.linspace(0.0, 1.0, 2001)
+    load = here.state.load + t * (c1 + t * (c2 + t * c3))
+    top = float(np.max(load))
+    return top, (top - max(here.state.load, 0.0)) / top
+
+
 Visit = Callable[[Step], None]
 
 SAFE_MISMATCH = 1e-3  # strain of the paper that one step from rest bears

@@ -17,8 +17,7 @@ from bayesdeg.actuator.inputs import (
 )
 from bayesdeg.actuator.material import Material
 from bayesdeg.actuator.mesh import build_mesh
-from bayesdeg.actuator.resolution import Resolution
-from bayesdeg.actuator.status import Effort, Status
+from bayesdeg.actuator.status import Effort, Resolution, Status
 
 Floats = NDArray[np.float64]
 

@@ -6,8 +6,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdeg.data.settings import Dimensions
 from bayesdeg.errors import GeometryError
-from bayesdeg.measure.settings import Dimensions
 
 Box = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
 
@@ -36,7 +36,7 @@ class Geometry:
 
     Examples
     --------
-    >>> from bayesdeg.measure.settings import Dimensions
+    >>> from bayesdeg.data.settings import Dimensions
     >>> round(Geometry(Dimensions()).chamber_length, 3)
     4.8
     """

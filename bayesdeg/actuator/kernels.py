@@ -1,4 +1,6 @@
-"""Compiled element kernels: residual and tangent of the solid.
+"""Compiled element kernels: the law at one point, residual and tangent of the solid, pressed faces.
+
+W(F, p) = Σ cᵢ (Ī₁ − 3)ⁱ + r (√Ī₂ − √3) + p (J − 1), with G = F⁻ᵀ, M = I₁ F − F C = ½ ∂I₂/∂F.
 
 The solid is nearly incompressible, a Yeoh material with a second-invariant term, in isochoric
 invariants and with the pressure as an independent field, discontinuous over the elements:
@@ -16,9 +18,139 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from bayesdeg.actuator.law import elasticity, invert, stress
-
 Floats = NDArray[np.float64]
+
+
+@njit(cache=True)
+def invert(f: Floats, g: Floats) -> float:  # pragma: no cover - compiled
+    """Overwrite ``g`` with F⁻ᵀ and return det F."""
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        for m in range(3):
+            n, o = (m + 1) % 3, (m + 2) % 3
+            g[m, i] = f[n, j] * f[o, k] - f[n, k] * f[o, j]
+    jacobian = f[0, 0] * g[0, 0] + f[0, 1] * g[0, 1] + f[0, 2] * g[0, 2]
+    if jacobian != 0.0:
+        g /= jacobian
+    return float(jacobian)
+
+
+@njit(cache=True)
+def energy(f: Floats, constants: Floats) -> float:  # pragma: no cover - compiled
+    """Return the isochoric energy Σ cᵢ (Ī₁ − 3)ⁱ + r (√Ī₂ − √3) [C1]."""
+    jacobian = np.linalg.det(f)
+    c = f.T @ f
+    first = np.trace(c)
+    second = 0.5 * (first * first - np.sum(c * c))
+    x = first * jacobian ** (-2.0 / 3.0) - 3.0
+    y = second * jacobian ** (-4.0 / 3.0)
+    total = x * (constants[0] + x * (constants[1] + x * constants[2]))
+    return float(total + constants[3] * (np.sqrt(y) - np.sqrt(3.0)))
+
+
+@njit(cache=True)
+def _yeoh(
+    f: Floats, jacobian: float, constants: Floats
+) -> tuple[float, float, float]:  # pragma: no cover - compiled
+    """Return I₁ and J^(-2/3) W', J^(-4/3) W''."""
+    first = 0.0
+    for i in range(3):
+        for j in range(3):
+            first += f[i, j] * f[i, j]
+    isochoric = jacobian ** (-2.0 / 3.0)
+    x = isochoric * first - 3.0
+    w1 = isochoric * (constants[0] + x * (2.0 * constants[1] + 3.0 * constants[2] * x))
+    w2 = isochoric * isochoric * (2.0 * constants[1] + 6.0 * constants[2] * x)
+    return first, w1, w2
+
+
+@njit(cache=True)
+def stress(
+    f: Floats, g: Floats, jacobian: float, p: float, constants: Floats, out: Floats
+) -> None:  # pragma: no cover - compiled
+    """Overwrite ``out`` (3, 3) with P = ∂W/∂F."""
+    first, w1, _ = _yeoh(f, jacobian, constants)
+    on_g, on_f = p * jacobian - 2.0 / 3.0 * first * w1, 2.0 * w1
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = on_g * g[i, j] + on_f * f[i, j]
+    if constants[3] != 0.0:
+        m, second = _second(f, first)
+        v1, isochoric, _ = _root(second, jacobian, constants[3])
+        out += v1 * isochoric * (2.0 * m - 4.0 / 3.0 * second * g)
+
+
+@njit(cache=True)
+def _second(f: Floats, first: float) -> tuple[Floats, float]:  # pragma: no cover - compiled
+    """Return M = I₁ F − F C and I₂ = ½ M : F."""
+    m = first * f - f @ (f.T @ f)
+    return m, 0.5 * np.sum(m * f)
+
+
+@njit(cache=True)
+def _root(
+    second: float, jacobian: float, r: float
+) -> tuple[float, float, float]:  # pragma: no cover - compiled
+    """Return V', J^(-4/3) and V'' of V = r √Ī₂."""
+    isochoric = jacobian ** (-4.0 / 3.0)
+    y = isochoric * second
+    return 0.5 * r / np.sqrt(y), isochoric, -0.25 * r / (y * np.sqrt(y))
+
+
+@njit(cache=True)
+def elasticity(
+    f: Floats, g: Floats, jacobian: float, p: float, constants: Floats, out: Floats
+) -> None:  # pragma: no cover - compiled
+    """Overwrite ``out`` (6, 3, 3) with A_iJkL = ∂²W/∂F_iJ∂F_kL for ik = 00, 01, 02, 11, 12, 22."""
+    first, w1, w2 = _yeoh(f, jacobian, constants)
+    pj = p * jacobian
+    gg = 4.0 / 9.0 * first * (w1 + first * w2) + pj
+    gf = -4.0 / 3.0 * (w1 + first * w2)
+    ff = 4.0 * w2
+    crossed = 2.0 / 3.0 * first * w1 - pj
+    pair = 0
+    for i in range(3):
+        for k in range(i, 3):
+            for j in range(3):
+                on_g, on_f = gg * g[i, j] + gf * f[i, j], gf * g[i, j] + ff * f[i, j]
+                for m in range(3):
+                    out[pair, j, m] = on_g * g[k, m] + on_f * f[k, m] + crossed * g[i, m] * g[k, j]
+                if i == k:
+                    out[pair, j, j] += 2.0 * w1
+            pair += 1
+    if constants[3] != 0.0:
+        _add_second(f, g, jacobian, constants[3], first, out)
+
+
+@njit(cache=True)
+def _add_second(
+    f: Floats, g: Floats, jacobian: float, r: float, first: float, out: Floats
+) -> None:  # pragma: no cover - compiled
+    """Add the part of r √Ī₂ to the elasticity."""
+    m, second = _second(f, first)
+    v1, isochoric, v2 = _root(second, jacobian, r)
+    left, right = f @ f.T, f.T @ f
+    d = isochoric * (2.0 * m - 4.0 / 3.0 * second * g)
+    a = v1 * isochoric
+    pair = 0
+    for i in range(3):
+        for k in range(i, 3):
+            for j in range(3):
+                for n in range(3):
+                    value = 2.0 * (2.0 * f[i, j] * f[k, n] - f[i, n] * f[k, j])
+                    if i == k:
+                        value -= 2.0 * right[n, j]
+                    if j == n:
+                        value -= 2.0 * left[i, k]
+                    if i == k and j == n:
+                        value += 2.0 * first
+                    value -= 8.0 / 3.0 * (g[i, j] * m[k, n] + m[i, j] * g[k, n])
+                    value += 16.0 / 9.0 * second * g[i, j] * g[k, n]
+                    value += 4.0 / 3.0 * second * g[i, n] * g[k, j]
+                    out[pair, j, n] += a * value + v2 * d[i, j] * d[k, n]
+            pair += 1
+
+
 Indices = NDArray[np.int64]
 Places = NDArray[np.int32]
 
@@ -273,3 +405,299 @@ def deformation(
                 for j in range(3):
                     out[e, q, i, j] = slope[3 * q + j, i]
                 out[e, q, i, i] += 1.0
+
+
+@njit(cache=True)
+def solid_products(
+    displacement: Floats,
+    pressure: Floats,
+    elements: Indices,
+    gradients: Floats,
+    weights: Floats,
+    modes: Floats,
+    constants: Floats,
+    bulk: float,
+    directions: Floats,
+    pressure_directions: Floats,
+    forces: Floats,
+    volume_rates: Floats,
+) -> None:  # pragma: no cover - compiled
+    """Add the mixed problem's tangent times several directions, without assembling it.
+
+    ``directions`` and ``forces`` are (n_nodes, 3 k), the latter added to; ``pressure_directions``
+    and ``volume_rates`` are (n_elements, k, n_modes), the latter overwritten. The other arguments
+    are those of ``solid``.
+    """
+    n_local, n_points, count = elements.shape[1], weights.shape[1], pressure_directions.shape[1]
+    rows = np.empty((3 * count, 3 * n_points))
+    local = np.empty((n_local, 3 + 3 * count))
+    for e in range(weights.shape[0]):
+        for n in range(n_local):
+            for i in range(3):
+                local[n, i] = displacement[elements[e, n], i]
+            for i in range(3 * count):
+                local[n, 3 + i] = directions[elements[e, n], i]
+        gradient = gradients[e].reshape((3 * n_points, n_local))
+        volume_rates[e] = 0.0
+        _evaluate_products(
+            gradient @ local,
+            pressure[e],
+            pressure_directions[e],
+            weights[e],
+            modes,
+            constants[e],
+            bulk,
+            rows,
+            volume_rates[e],
+        )
+        products = rows @ gradient
+        add_force(products, elements[e], forces)
+
+
+@njit(cache=True)
+def _evaluate_products(
+    slope: Floats,
+    pressure: Floats,
+    pressure_directions: Floats,
+    weights: Floats,
+    modes: Floats,
+    constants: Floats,
+    bulk: float,
+    rows: Floats,
+    volume_rates: Floats,
+) -> None:  # pragma: no cover - compiled
+    """Overwrite ``rows`` with weighted changes of stress at an element's points, 3 a direction.
+
+    ``volume_rates`` (k, n_modes) is added to.
+    """
+    f, g = np.empty((3, 3)), np.empty((3, 3))
+    df, change = np.empty((3, 3)), np.empty((3, 3))
+    a = np.empty((6, 3, 3))
+    for q in range(weights.shape[0]):
+        for i in range(3):
+            for j in range(3):
+                f[i, j] = slope[3 * q + j, i]
+            f[i, i] += 1.0
+        jacobian = invert(f, g)
+        w, p = weights[q], np.dot(pressure, modes[q])
+        elasticity(f, g, jacobian, p, constants[q], a)
+        for k in range(pressure_directions.shape[0]):
+            for i in range(3):
+                for j in range(3):
+                    df[i, j] = slope[3 * q + j, 3 + 3 * k + i]
+            dp = np.dot(pressure_directions[k], modes[q])
+            apply_elasticity(a, df, change)
+            grown = 0.0
+            for i in range(3):
+                for j in range(3):
+                    rows[3 * k + i, 3 * q + j] = w * (change[i, j] + dp * jacobian * g[i, j])
+                    grown += jacobian * g[i, j] * df[i, j]
+            for m in range(modes.shape[1]):
+                volume_rates[k, m] += w * (grown - dp / bulk) * modes[q, m]
+
+
+@njit(cache=True)
+def constant_rates(
+    displacement: Floats,
+    elements: Indices,
+    gradients: Floats,
+    weights: Floats,
+    constants: Floats,
+    profile: Floats,
+    forces: Floats,
+) -> None:  # pragma: no cover - compiled
+    """Add the internal force's derivatives by C2, C3, r and the skin's contrast.
+
+    The first three are by the logarithm-free ratios: the local constants are the ratios times
+    the local C1. ``profile`` (n_elements, n_points) is that of the skin, ``forces`` (n_nodes, 12)
+    holds the four derivatives side by side.
+    """
+    n_local, n_points = elements.shape[1], weights.shape[1]
+    rows = np.empty((12, 3 * n_points))
+    f, g, p_stress = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
+    local, unit = np.empty((n_local, 3)), np.empty(4)
+    for e in range(weights.shape[0]):
+        gather(displacement, elements[e], local)
+        gradient = gradients[e].reshape((3 * n_points, n_local))
+        slope = gradient @ local
+        for q in range(n_points):
+            for i in range(3):
+                for j in range(3):
+                    f[i, j] = slope[3 * q + j, i]
+                f[i, i] += 1.0
+            jacobian = invert(f, g)
+            for k in range(4):
+                unit[:] = 0.0
+                if k < 3:
+                    unit[k + 1] = weights[e, q] * constants[e, q, 0]
+                else:
+                    unit[:] = weights[e, q] * profile[e, q] * constants[e, q]
+                stress(f, g, jacobian, 0.0, unit, p_stress)
+                for i in range(3):
+                    for j in range(3):
+                        rows[3 * k + i, 3 * q + j] = p_stress[i, j]
+        products = rows @ gradient
+        add_force(products, elements[e], forces)
+
+
+@njit(cache=True)
+def apply_elasticity(a: Floats, df: Floats, out: Floats) -> None:  # pragma: no cover - compiled
+    """Overwrite ``out`` with A : dF."""
+    out[:] = 0.0
+    pair = 0
+    for i in range(3):
+        for k in range(i, 3):
+            for j in range(3):
+                for m in range(3):
+                    out[i, j] += a[pair, j, m] * df[k, m]
+                    if i != k:
+                        out[k, m] += a[pair, j, m] * df[i, j]
+            pair += 1
+
+
+THIRD = 1.0 / 3.0
+
+
+def line_shapes(order: int, points: Floats) -> tuple[Floats, Floats]:
+    """Return Lagrange polynomials on [0, 1] and their derivatives, shape (n, order + 1).
+
+    Parameters
+    ----------
+    order : int
+        1 or 2; the nodes are evenly spaced.
+    points : array, shape (n,)
+        Coordinates on [0, 1].
+
+    Examples
+    --------
+    >>> line_shapes(2, np.array([0.5]))[0]
+    array([[0., 1., 0.]])
+    """
+    t = points
+    if order == 1:
+        one = np.ones_like(t)
+        return np.stack([1 - t, t], axis=1), np.stack([-one, one], axis=1)
+    values = np.stack([(1 - t) * (1 - 2 * t), 4 * t * (1 - t), t * (2 * t - 1)], axis=1)
+    derivatives = np.stack([4 * t - 3, 4 - 8 * t, 4 * t - 1], axis=1)
+    return values, derivatives
+
+
+def gauss(order: int) -> tuple[Floats, Floats]:
+    """Return points and weights of the Gauss rule of ``order + 1`` points on [0, 1]."""
+    points, weights = np.polynomial.legendre.leggauss(order + 1)
+    return 0.5 + 0.5 * points, 0.5 * weights
+
+
+def face_shapes(order: int = 2) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return the shapes of a face at the Gauss points of the unit square.
+
+    Parameters
+    ----------
+    order : int
+        1 or 2, of the brick behind.
+
+    Returns
+    -------
+    values, along_first, along_second : array, shape (n_points, n_nodes)
+        Shapes and their derivatives, nodes in grid order.
+    weights : array, shape (n_points,)
+        Weights of the points.
+
+    Examples
+    --------
+    >>> bool(np.allclose(face_shapes()[0].sum(axis=1), 1.0))
+    True
+    """
+    points, weights = gauss(order)
+    n, dn = line_shapes(order, points)
+    shapes = (np.kron(n, n), np.kron(dn, n), np.kron(n, dn), np.kron(weights, weights))
+    return tuple(np.asarray(a, dtype=np.float64) for a in shapes)  # type: ignore[return-value]
+
+
+def volume_form(order: int = 2) -> Floats:
+    """Return the cubic form of the volume under a face, shape (n, n, n) for its n nodes.
+
+    V = 1/3 ∫ x · (x,₁ × x,₂) = 1/6 Σ S_acb x_a · (x_b × x_c), S without sign changes but those of
+    its indices: the Hessian is ∂²V/∂x_ai∂x_ck = ε_ijk Σ_b S_acb x_bj.
+
+    Examples
+    --------
+    >>> form = volume_form(1)
+    >>> corners = np.array([[0, 0, 3], [0, 1, 3], [1, 0, 3], [1, 1, 3]], dtype=float)
+    >>> cross = np.cross(corners[:, None], corners[None])
+    >>> float(np.round(np.einsum("acb,ai,bci->", form, corners, cross) / 6, 12))
+    1.0
+    """
+    shapes, first, second, weights = face_shapes(order)
+    t = np.einsum("q,qa,qb,qc->abc", weights, shapes, first, second, optimize=True)
+    even = t + np.transpose(t, (1, 2, 0)) + np.transpose(t, (2, 0, 1))
+    antisymmetric = (even - np.transpose(even, (0, 2, 1))) / 6.0
+    return np.ascontiguousarray(2.0 * np.transpose(antisymmetric, (0, 2, 1)))
+
+
+@njit(cache=True)
+def cavity_volume(
+    placed: Floats,
+    faces: Indices,
+    form: Floats,
+    factor: float,
+    force: Floats,
+    position: Places,
+    data: Floats,
+) -> float:  # pragma: no cover - compiled
+    """Add ``factor`` times the gradient and Hessian of the enclosed volume; return the volume.
+
+    The dead volume at the plane of symmetry contributes nothing, since there x · n = 0. ``placed``
+    holds current positions (n_nodes, 3) [mm], ``force`` is (n_nodes, 3), ``data`` is empty if the
+    Hessian is not wanted; ``form`` comes from ``volume_form``.
+    """
+    volume, count = 0.0, faces.shape[1]
+    local = np.empty((count, 3))
+    flat = form.reshape((count * count, count))
+    for face in range(faces.shape[0]):
+        nodes = faces[face]
+        for a in range(count):
+            for i in range(3):
+                local[a, i] = placed[nodes[a], i]
+        axial = (flat @ local).reshape((count, count, 3))
+        for a in range(count):
+            x, y, z = 0.0, 0.0, 0.0
+            for c in range(count):
+                e = axial[a, c]
+                x += 0.5 * (e[1] * local[c, 2] - e[2] * local[c, 1])
+                y += 0.5 * (e[2] * local[c, 0] - e[0] * local[c, 2])
+                z += 0.5 * (e[0] * local[c, 1] - e[1] * local[c, 0])
+            force[nodes[a], 0] += factor * x
+            force[nodes[a], 1] += factor * y
+            force[nodes[a], 2] += factor * z
+            volume += THIRD * (x * local[a, 0] + y * local[a, 1] + z * local[a, 2])
+        if data.size > 0:
+            _scatter_axial(axial, factor, position[face], data)
+    return volume
+
+
+@njit(cache=True)
+def _scatter_axial(
+    axial: Floats, factor: float, position: Places, data: Floats
+) -> None:  # pragma: no cover - compiled
+    """Add blocks with entries ε_ijk e_j to the stored entries of the upper triangle."""
+    for a in range(axial.shape[0]):
+        for c in range(axial.shape[1]):
+            for i in range(3):
+                j, k = (i + 1) % 3, (i + 2) % 3
+                at = position[3 * a + i, 3 * c + k]
+                if at >= 0:
+                    data[at] += factor * axial[a, c, j]
+                at = position[3 * a + k, 3 * c + i]
+                if at >= 0:
+                    data[at] -= factor * axial[a, c, j]
+
+
+@njit(cache=True)
+def scatter(tangent: Floats, position: Places, data: Floats) -> None:  # pragma: no cover - compiled
+    """Add a face's tangent to the stored entries of the upper triangle."""
+    for row in range(tangent.shape[0]):
+        for column in range(tangent.shape[1]):
+            at = position[row, column]
+            if at >= 0:
+                data[at] += tangent[row, column]

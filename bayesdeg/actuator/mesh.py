@@ -9,10 +9,10 @@ from skfem import MeshHex
 
 from bayesdeg.actuator.body import QUADRATIC, Body, Element, body_of, boundary_faces
 from bayesdeg.actuator.geometry import Box, Geometry
-from bayesdeg.actuator.resolution import COARSE as COARSE
-from bayesdeg.actuator.resolution import CONVERGED as CONVERGED
-from bayesdeg.actuator.resolution import FINE as FINE
-from bayesdeg.actuator.resolution import Resolution
+from bayesdeg.actuator.status import COARSE as COARSE
+from bayesdeg.actuator.status import CONVERGED as CONVERGED
+from bayesdeg.actuator.status import FINE as FINE
+from bayesdeg.actuator.status import Resolution
 from bayesdeg.errors import GeometryError
 
 Floats = NDArray[np.float64]
@@ -57,7 +57,7 @@ def build_mesh(
 
     Examples
     --------
-    >>> from bayesdeg.measure.settings import Dimensions
+    >>> from bayesdeg.data.settings import Dimensions
     >>> mesh = build_mesh(Geometry(Dimensions()), COARSE)
     >>> bool(abs(mesh.body.volume - 1818.0) < 1e-6)  # volume of the material [mm³]
     True

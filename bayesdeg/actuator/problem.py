@@ -8,9 +8,8 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdeg.actuator import kernel_products, kernels, paper, surfaces
-from bayesdeg.actuator.material import Material
-from bayesdeg.actuator.skin import skin_profile
+from bayesdeg.actuator import kernels, paper
+from bayesdeg.actuator.material import Material, skin_profile
 from bayesdeg.actuator.system import State, System
 
 Floats = NDArray[np.float64]
@@ -63,8 +62,8 @@ class Problem:
     def __post_init__(self) -> None:
         """Look up the shapes of faces."""
         order = self.system.body.element.order
-        object.__setattr__(self, "face", surfaces.face_shapes(order)[1:])
-        object.__setattr__(self, "_form", surfaces.volume_form(order))
+        object.__setattr__(self, "face", kernels.face_shapes(order)[1:])
+        object.__setattr__(self, "_form", kernels.volume_form(order))
 
     def with_share(self, share: float) -> Self:
         """Return the problem with another share of its dead loads."""
@@ -141,7 +140,7 @@ class Problem:
     def _add_surfaces(self, state: State, force: Floats, data: Floats) -> float:
         system, body = self.system, self.system.body
         placed = body.nodes + state.displacement
-        volume: float = surfaces.cavity_volume(
+        volume: float = kernels.cavity_volume(
             placed, body.cavity, self._form, -state.load, force, system.cavity_at, data
         )
         if self.material.paper_group > 0.0:
@@ -175,7 +174,7 @@ class Problem:
         along = np.concatenate([d.displacement for d in directions], axis=1)
         pressures = np.stack([d.pressure for d in directions], axis=1)
         forces, volume_rates = np.zeros_like(along), np.empty_like(pressures)
-        kernel_products.solid_products(
+        kernels.solid_products(
             state.displacement,
             state.pressure,
             body.elements,
@@ -214,7 +213,7 @@ class Problem:
         body, spare = self.system.body, np.zeros_like(self.system.body.nodes)
         placed = body.nodes + state.displacement
         at, tangents = _own_entries(body.cavity)
-        surfaces.cavity_volume(placed, body.cavity, self._form, -state.load, spare, at, tangents)
+        kernels.cavity_volume(placed, body.cavity, self._form, -state.load, spare, at, tangents)
         found = [(body.cavity, tangents.reshape(at.shape))]
         if self.material.paper_group > 0.0:
             at, tangents = _own_entries(body.paper)
@@ -275,7 +274,7 @@ class Problem:
     def _cavity(self, state: State) -> tuple[float, Floats]:
         gradient = np.zeros_like(self.system.body.nodes)
         placed = self.system.body.nodes + state.displacement
-        volume: float = surfaces.cavity_volume(
+        volume: float = kernels.cavity_volume(
             placed,
             self.system.body.cavity,
             self._form,

@@ -8,8 +8,8 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from bayesdeg.actuator.bending import bending_matrix
 from bayesdeg.actuator.body import Body
+from bayesdeg.actuator.paper import bending_matrix
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.actuator.inputs import Inputs, Prediction
-from bayesdeg.laws import Parameter
+from bayesdeg.priors import Parameter
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]

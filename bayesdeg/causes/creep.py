@@ -36,7 +36,7 @@ from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.causes.blindness import without_time
 from bayesdeg.causes.cause import Cause, Conditions, Effect, Stage
 from bayesdeg.causes.history import known_time, lagging
-from bayesdeg.laws import LogNormal, Parameter, TruncatedNormal
+from bayesdeg.priors import LogNormal, Parameter, TruncatedNormal
 
 
 def creep_under_load(inputs: Inputs, conditions: Conditions, effect: Effect) -> Inputs:

@@ -27,7 +27,7 @@ from dataclasses import replace
 
 from bayesdeg.actuator.inputs import Prediction
 from bayesdeg.causes.cause import Cause, Conditions, Effect, Stage
-from bayesdeg.laws import Normal, Parameter, TruncatedNormal
+from bayesdeg.priors import Normal, Parameter, TruncatedNormal
 
 
 def trace_other_fibre(prediction: Prediction, conditions: Conditions, effect: Effect) -> Prediction:

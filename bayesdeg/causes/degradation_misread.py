@@ -30,7 +30,7 @@ import numpy as np
 
 from bayesdeg.causes.blindness import FRESH, without_degraded
 from bayesdeg.causes.cause import Cause, Conditions, Degradation, Effect, Stage
-from bayesdeg.laws import Normal, Parameter, TruncatedNormal
+from bayesdeg.priors import Normal, Parameter, TruncatedNormal
 
 
 def misread(degradation: Degradation, conditions: Conditions, effect: Effect) -> Degradation:

@@ -31,7 +31,7 @@ from dataclasses import replace
 from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.causes.blindness import without_degraded
 from bayesdeg.causes.cause import REFERENCE_DEGRADATION, Cause, Conditions, Effect, Stage
-from bayesdeg.laws import Parameter, TruncatedNormal
+from bayesdeg.priors import Parameter, TruncatedNormal
 
 
 def stiffen_skin(inputs: Inputs, conditions: Conditions, effect: Effect) -> Inputs:

@@ -31,7 +31,7 @@ from dataclasses import replace
 from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.causes.blindness import without_degraded
 from bayesdeg.causes.cause import REFERENCE_DEGRADATION, Cause, Conditions, Effect, Stage
-from bayesdeg.laws import Parameter, TruncatedNormal
+from bayesdeg.priors import Parameter, TruncatedNormal
 
 NOMINAL_WALL = 2.0  # mm, as moulded
 

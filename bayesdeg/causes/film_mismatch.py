@@ -32,7 +32,7 @@ import numpy as np
 
 from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.causes.cause import Cause, Conditions, Effect, Stage
-from bayesdeg.laws import Normal, Parameter
+from bayesdeg.priors import Normal, Parameter
 
 
 def stiffen_casting(inputs: Inputs, conditions: Conditions, effect: Effect) -> Inputs:

@@ -32,7 +32,7 @@ from dataclasses import replace
 import numpy as np
 
 from bayesdeg.causes.cause import Cause, Conditions, Effect, Floats, Stage, Strength
-from bayesdeg.laws import Parameter, TruncatedNormal
+from bayesdeg.priors import Parameter, TruncatedNormal
 
 ONSET = 20.0
 """Degradation rate up to which fracture surfaces are smooth [%]."""

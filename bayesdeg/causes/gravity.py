@@ -33,7 +33,7 @@ import numpy as np
 
 from bayesdeg.actuator.inputs import Inputs, gravity_direction
 from bayesdeg.causes.cause import Cause, Conditions, Effect, Floats, Stage
-from bayesdeg.laws import Parameter, TruncatedNormal
+from bayesdeg.priors import Parameter, TruncatedNormal
 
 STANDARD_GRAVITY = 9.80665  # m/s²
 

@@ -34,7 +34,7 @@ from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.causes.blindness import without_time
 from bayesdeg.causes.cause import Cause, Conditions, Effect, Floats, Stage
 from bayesdeg.causes.history import filled, known_time, lagging
-from bayesdeg.laws import LogNormal, Parameter, TruncatedNormal
+from bayesdeg.priors import LogNormal, Parameter, TruncatedNormal
 
 STORED = 67.0
 """Relative humidity in which parts are stored [%]."""

@@ -31,7 +31,7 @@ from dataclasses import replace
 
 from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.causes.cause import Cause, Conditions, Effect, Stage
-from bayesdeg.laws import Parameter, TruncatedNormal
+from bayesdeg.priors import Parameter, TruncatedNormal
 
 
 def shrink_on_paper(inputs: Inputs, conditions: Conditions, effect: Effect) -> Inputs:

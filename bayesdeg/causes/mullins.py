@@ -31,7 +31,7 @@ import numpy as np
 
 from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.causes.cause import Cause, Conditions, Effect, Floats, Stage
-from bayesdeg.laws import Parameter, TruncatedNormal
+from bayesdeg.priors import Parameter, TruncatedNormal
 
 
 def soften_below_largest(inputs: Inputs, conditions: Conditions, effect: Effect) -> Inputs:

@@ -33,7 +33,7 @@ import numpy as np
 from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.causes.blindness import without_degraded
 from bayesdeg.causes.cause import REFERENCE_DEGRADATION, Cause, Conditions, Effect, Stage
-from bayesdeg.laws import Parameter, TruncatedNormal
+from bayesdeg.priors import Parameter, TruncatedNormal
 
 
 def soften_paper(inputs: Inputs, conditions: Conditions, effect: Effect) -> Inputs:

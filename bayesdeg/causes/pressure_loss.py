@@ -26,7 +26,7 @@ from dataclasses import replace
 
 from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.causes.cause import Cause, Conditions, Effect, Stage
-from bayesdeg.laws import Parameter, TruncatedNormal
+from bayesdeg.priors import Parameter, TruncatedNormal
 
 
 def lose_pressure(inputs: Inputs, conditions: Conditions, effect: Effect) -> Inputs:

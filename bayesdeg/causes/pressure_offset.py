@@ -28,7 +28,7 @@ import numpy as np
 
 from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.causes.cause import Cause, Conditions, Effect, Stage
-from bayesdeg.laws import Normal, Parameter
+from bayesdeg.priors import Normal, Parameter
 
 
 def shift_pressure(inputs: Inputs, conditions: Conditions, effect: Effect) -> Inputs:

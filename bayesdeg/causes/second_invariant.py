@@ -33,8 +33,8 @@ import numpy as np
 from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.causes.blindness import in_one_mode
 from bayesdeg.causes.cause import Cause, Conditions, Effect, FilmConditions, Floats, Stage
-from bayesdeg.laws import Parameter, TruncatedNormal
-from bayesdeg.material.stress import root_second_invariant_basis
+from bayesdeg.material.hyperelastic import root_second_invariant_basis
+from bayesdeg.priors import Parameter, TruncatedNormal
 
 
 def add_to_energy(inputs: Inputs, conditions: Conditions, effect: Effect) -> Inputs:

@@ -29,7 +29,7 @@ from dataclasses import replace
 
 from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.causes.cause import Cause, Conditions, Effect, Stage
-from bayesdeg.laws import Parameter, TruncatedNormal
+from bayesdeg.priors import Parameter, TruncatedNormal
 
 
 def resize(inputs: Inputs, conditions: Conditions, effect: Effect) -> Inputs:

@@ -30,7 +30,7 @@ import numpy as np
 
 from bayesdeg.causes.blindness import in_one_mode_and_measure
 from bayesdeg.causes.cause import Cause, Effect, FilmConditions, Floats, Stage
-from bayesdeg.laws import Parameter, TruncatedNormal
+from bayesdeg.priors import Parameter, TruncatedNormal
 
 
 def confuse_measure(

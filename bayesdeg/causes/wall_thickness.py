@@ -30,7 +30,7 @@ from dataclasses import replace
 
 from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.causes.cause import Cause, Conditions, Effect, Stage
-from bayesdeg.laws import Parameter, TruncatedNormal
+from bayesdeg.priors import Parameter, TruncatedNormal
 
 
 def thicken_walls(inputs: Inputs, conditions: Conditions, effect: Effect) -> Inputs:

@@ -19,8 +19,8 @@ from rich.text import Text
 from bayesdeg.console import console
 from bayesdeg.errors import BayesdegError
 from bayesdeg.files import spreadsheet_safe, written
-from bayesdeg.nomenclature import LARGEST_SEED
 from bayesdeg.pipeline.stored import Stored
+from bayesdeg.quantities import LARGEST_SEED
 
 Floats = NDArray[np.float64]
 

@@ -8,10 +8,9 @@ from rich.text import Text
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.commands.options import CORES, StudyFolder
 from bayesdeg.console import errors, say
-from bayesdeg.emulator.cost import duration, rough_seconds
-from bayesdeg.emulator.kept import search
-from bayesdeg.measure.plausibility import doubts, refuse_impossible
-from bayesdeg.measure.study import Study, read_study
+from bayesdeg.data.plausibility import doubts, refuse_impossible
+from bayesdeg.data.study import Study, read_study
+from bayesdeg.emulator.kept import duration, rough_seconds, search
 from bayesdeg.pipeline.outline import outline
 
 

@@ -12,12 +12,11 @@ from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.commands import training
 from bayesdeg.commands.options import CORES, Quiet, Scheduler, Workers, Yes
 from bayesdeg.console import errors
+from bayesdeg.data.settings import FILE, Dimensions, parse_settings
 from bayesdeg.emulator.kept import CACHE, cached_path
 from bayesdeg.emulator.solutions import SolutionStore
 from bayesdeg.errors import Fault, StudyError
 from bayesdeg.files import STUDY_MB, read_bytes, reason
-from bayesdeg.measure.settings import Dimensions
-from bayesdeg.measure.settings_file import FILE, parse_settings
 from bayesdeg.pipeline.emulation import Campaign
 from bayesdeg.pipeline.output import output_file
 from bayesdeg.pipeline.workplace import workplace

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from bayesdeg.nomenclature import LARGEST_SEED
+from bayesdeg.quantities import LARGEST_SEED
 
 CORES = min(4, os.cpu_count() or 1)
 

@@ -9,8 +9,7 @@ from typing import Any
 from rich.table import Table
 
 from bayesdeg.actuator.status import Status
-from bayesdeg.emulator.run import Run
-from bayesdeg.emulator.solutions import ANSWERS
+from bayesdeg.emulator.solutions import ANSWERS, Run
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.pipeline.record import emulator_facts
 from bayesdeg.report.wording import fixed, percent, words

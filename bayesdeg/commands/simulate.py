@@ -10,17 +10,16 @@ import typer
 
 from bayesdeg.actuator.forward import ExactMap
 from bayesdeg.actuator.geometry import Geometry
-from bayesdeg.actuator.resolution import FINE
+from bayesdeg.actuator.status import FINE
 from bayesdeg.commands.options import CORES, Quiet, Seed, StudyFolder, Workers
 from bayesdeg.console import errors, shown
+from bayesdeg.data.settings import FILE as SETTINGS_FILE
+from bayesdeg.data.study import read_study
 from bayesdeg.files import write_text
 from bayesdeg.laboratory.design import design_of
-from bayesdeg.laboratory.effects import parse_effects
 from bayesdeg.laboratory.experiment import run_experiment
-from bayesdeg.laboratory.truth import Truth, drawn_truth
+from bayesdeg.laboratory.truth import Truth, drawn_truth, parse_effects
 from bayesdeg.laboratory.writing import VIRTUAL_FILES, Provenance, study_files
-from bayesdeg.measure.settings_file import FILE as SETTINGS_FILE
-from bayesdeg.measure.study import read_study
 from bayesdeg.pipeline.output import virtual_study
 from bayesdeg.pipeline.workplace import workplace
 

@@ -11,13 +11,11 @@ from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.commands.options import Stopped
 from bayesdeg.commands.outcome import accuracy_table, list_failures, runs_table
 from bayesdeg.console import errors, shown
-from bayesdeg.emulator.cost import duration
-from bayesdeg.emulator.kept import CACHE
-from bayesdeg.emulator.recipe import Recipe
+from bayesdeg.data.study import Study
+from bayesdeg.emulator.kept import CACHE, Recipe, duration
 from bayesdeg.emulator.solutions import SolutionStore
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.emulator.trained import find, read_trained, surrogate_for, write_trained
-from bayesdeg.measure.study import Study
 from bayesdeg.pipeline.emulation import (
     Campaign,
     Expectation,

@@ -15,7 +15,7 @@ from scipy import stats
 from bayesdeg.criticism.discrepancy import MISFIT_LEVEL
 from bayesdeg.inference.data import Statistic
 from bayesdeg.inference.model import Model
-from bayesdeg.laws import Law, Parameter
+from bayesdeg.priors import Law, Parameter
 
 Floats = NDArray[np.float64]
 
@@ -141,7 +141,7 @@ def surprise(law: Law, value: float) -> float:
 
     Examples
     --------
-    >>> from bayesdeg.laws import Normal, Uniform
+    >>> from bayesdeg.priors import Normal, Uniform
     >>> round(surprise(Normal(0.0, 1.0), 1.96), 3), surprise(Uniform(0.0, 1.0), 0.999)
     (0.05, 1.0)
     """

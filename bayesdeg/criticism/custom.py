@@ -20,7 +20,7 @@ from bayesdeg.criticism.custom_readings import check_shapes, spread
 from bayesdeg.criticism.subject import Labels, Places
 from bayesdeg.inference.density import CustomDensity
 from bayesdeg.inference.parameters import Named, ParameterTable, with_causes
-from bayesdeg.laws import Parameter
+from bayesdeg.priors import Parameter
 
 Floats = NDArray[np.float64]
 
@@ -75,7 +75,7 @@ class CustomModel[Inputs, Conditions, Prediction]:
 
     >>> from bayesdeg.causes.cause import Stage
     >>> from bayesdeg.criticism.custom_readings import places_of
-    >>> from bayesdeg.laws import LogNormal, Normal
+    >>> from bayesdeg.priors import LogNormal, Normal
     >>> force = np.array([1.0, 2.0, 3.0])
     >>> spring = CustomModel(
     ...     parameters=(Parameter("stiffness", LogNormal(0.1, 1.0), "N/mm", "of the spring"),),

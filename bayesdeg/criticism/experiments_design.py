@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from bayesdeg.criticism.experiments import Experiment
 from bayesdeg.criticism.experiments_measurement import ActuatorTests
 from bayesdeg.inference.curves import ActuatorCurves, TensileCurves
-from bayesdeg.material.stress import yeoh_basis
+from bayesdeg.material.hyperelastic import yeoh_basis
 
 Floats = NDArray[np.float64]
 

@@ -21,7 +21,7 @@ from bayesdeg.inference.density import Density
 from bayesdeg.inference.importance import about_mode
 from bayesdeg.inference.laplace import FEWEST_EFFECTIVE, approximate
 from bayesdeg.inference.mode import slopes
-from bayesdeg.laws import Parameter
+from bayesdeg.priors import Parameter
 
 Floats = NDArray[np.float64]
 
@@ -282,7 +282,7 @@ def prior_size(parameter: Parameter) -> float:
 
     Examples
     --------
-    >>> from bayesdeg.laws import Normal
+    >>> from bayesdeg.priors import Normal
     >>> round(prior_size(Parameter("offset", Normal(0.0, 10.0), "kPa", "of a sensor", 0.0)), 1)
     10.0
     """

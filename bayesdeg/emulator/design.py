@@ -1,20 +1,97 @@
-"""Which curves to solve: space-filling over the material, a few causes at work in each."""
+"""Which curves to solve: a design, held-out curves, and where further runs tell most.
+
+The posterior variance of a linear fit depends on where runs were made and not on what they found;
+times the size of the errors that were found there it says how wrong a prediction may be. A run at
+row r lowers the variance at row j by K_rj²/(1 + K_rr), K the covariance of the predictions.
+"""
 
 import json
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import cholesky, solve_triangular
 from scipy.stats import qmc
 
 from bayesdeg.actuator.curve import Curve
 from bayesdeg.actuator.material import Material
-from bayesdeg.emulator.coordinates import inside
-from bayesdeg.emulator.held_out import study_like
+from bayesdeg.emulator.coordinates import Coordinates, coordinates, inside
+from bayesdeg.emulator.regression import DERIVATIVE_WEIGHT, Prior, half_ranges
 from bayesdeg.emulator.scaling import MATERIAL, NOMINAL_THICKNESS, Place, TrainingRange
+from bayesdeg.emulator.terms import Terms, feature_gradients, features
 
 Floats = NDArray[np.float64]
+
+PRESSURES = tuple(float(p) for p in range(20, 241, 20))  # kPa
+ACTIVE_HELD_OUT = (0.4, 0.4, 0.2)  # how often none, one or two causes are at work
+# constants at 0, 12.5 and 25 % [MPa], softening [–]: assumed about the published moduli
+LEVELS = (0.0, 12.5, 25.0)
+LOG_C1 = np.log((0.288, 0.78, 1.588))
+SOFTENING = (-0.10, -0.15, -0.20)
+LOG_C3 = np.log((0.003, 0.035, 0.1175))
+
+
+def study_like(count: int, *, seed: int) -> list[Curve]:
+    """Return curves of pressures 20, 40, …, 240 kPa as the sampler of a study asks for them.
+
+    Degradation uniform from 0 to 25 %; C1 by 10 %, C3 by half, softening by 0.1 and the paper's
+    stiffness by a factor of 1.6 about their usual values; α = 0.62 ± 0.05; none, one or two
+    causes at a size that is met in practice.
+
+    Parameters
+    ----------
+    count : int
+        Number of curves.
+    seed : int
+        Of all draws.
+
+    Examples
+    --------
+    >>> len(study_like(2, seed=1)[0].loads)
+    12
+    """
+    generator = np.random.default_rng(seed)
+    return [_draw(generator) for _ in range(count)]
+
+
+def _draw(generator: np.random.Generator) -> Curve:
+    level = generator.uniform(0.0, 25.0)
+    z = generator.standard_normal(6)
+    c1 = float(np.exp(np.interp(level, LEVELS, LOG_C1) + 0.10 * z[0]))
+    c3 = float(np.exp(np.interp(level, LEVELS, LOG_C3) + 0.5 * z[1])) / c1
+    softening = float(np.clip(np.interp(level, LEVELS, SOFTENING) + 0.1 * z[2], -0.6, 0.5))
+    scale = float(np.cbrt(0.62 + 0.05 * np.clip(z[3], -3.0, 3.0)))
+    paper = float(30.0 * np.exp(0.5 * z[4])) / (c1 * scale)
+    base = {
+        "c2_ratio": float(softening * np.sqrt(3.0 * c3)),
+        "c3_ratio": c3,
+        "paper_group": min(paper, 1400.0),
+        "paper_thickness": NOMINAL_THICKNESS * 0.853 / scale,
+    }
+    number = int(generator.choice(len(ACTIVE_HELD_OUT), p=ACTIVE_HELD_OUT))
+    effects = _effects(generator, weight=1.2e-5 * scale / c1)
+    for k in generator.permutation(len(effects))[:number]:
+        base |= effects[int(k)]
+    return Curve(tuple(p * 1e-3 / c1 for p in PRESSURES), Material(**base))
+
+
+def _effects(generator: np.random.Generator, *, weight: float) -> list[dict[str, float]]:
+    """Return a size of every effect; ``weight`` is ρ g s/C1 [1/mm]."""
+    half = np.abs(generator.standard_normal(5))
+    mount = [{"gravity_along": weight}, {"gravity_up": weight}, {"gravity_up": -weight}]
+    return [
+        {"second_invariant_ratio": float(min(0.4 * half[0], 1.0))},
+        {"skin": float(min(0.5 * half[1], 1.2))},
+        {"paper_thickness": float(generator.uniform(0.07, 0.2))},
+        {"paper_slack": float(min(0.01 + 0.015 * half[2], 0.05))},
+        {"paper_mismatch": float(min(0.012 * half[3], 0.03))},
+        mount[int(generator.integers(3))],
+        {"wall_factor": float(np.clip(1.0 + 0.07 * generator.standard_normal(), 0.82, 1.18))},
+        {"erosion": float(min(0.15 * half[4], 0.4))},
+    ]
+
 
 # dense where the curve starts, so that the first slope is known
 LOAD_SHARES = tuple(float(x) for x in (np.arange(1, 15) / 14.0) ** 1.3)
@@ -146,3 +223,100 @@ def _base_material(span: TrainingRange, unit: Floats) -> Material:
 def _loads(span: TrainingRange, unit_stiffening: float) -> tuple[float, ...]:
     largest = float(span.largest_load(np.array(2.0 * unit_stiffening - 1.0)))
     return tuple(largest * share for share in LOAD_SHARES)
+
+
+Indices = NDArray[np.int64]
+
+SHARES = (0.3, 0.65, 1.0)  # of a curve's largest load, where it is looked at
+
+
+@dataclass(frozen=True)
+class Question:
+    """A linear fit that further runs shall sharpen.
+
+    Parameters
+    ----------
+    orders : array, shape (n_terms, 13)
+        Its terms.
+    prior : Prior
+        Of its coefficients.
+    normal : array, shape (n_terms, n_terms)
+        Σ AᵢᵀAᵢ of the runs so far, columns scaled by the prior.
+    errors : Terms
+        ln of squared relative errors, the first output's.
+    """
+
+    orders: Indices
+    prior: Prior
+    normal: Floats
+    errors: Terms
+
+
+def most_telling(
+    question: Question,
+    candidates: Sequence[Curve],
+    count: int,
+    *,
+    likely: Sequence[Curve],
+    span: TrainingRange,
+    on_pick: Callable[[int], None] = lambda index: None,
+) -> list[int]:
+    """Return which candidates to solve, one after another, each in view of those before.
+
+    A candidate is judged by the sum over its readings of what each alone would gain; once it is
+    chosen, its readings and derivatives count together.
+
+    Parameters
+    ----------
+    question : Question
+        What is fitted, and the runs so far.
+    candidates : sequence of Curve
+        Runs that could be made.
+    count : int
+        How many shall be made.
+    likely : sequence of Curve
+        Draws from the prior, over which the predictive variance is averaged.
+    span : TrainingRange
+        Of the emulator.
+    on_pick : callable, optional
+        Called with the index of each.
+    """
+    scales = question.prior.scales(question.orders)
+    normal = question.normal + question.prior.noise**2 * np.eye(len(scales))
+    places = [_places(curve, span) for curve in candidates]
+    targets = np.vstack([_places(curve, span).points for curve in likely])
+    sizes = np.exp(features(question.errors.orders, targets) @ question.errors.coefficients[0])
+    weights = np.tile(np.square(SHARES), len(likely)) * sizes
+    offered = scales * features(question.orders, np.vstack([p.points for p in places]))
+    wanted = scales * features(question.orders, targets)
+    picked: list[int] = []
+    for _ in range(count):
+        factor = cholesky(normal, lower=True)
+        at, to = (solve_triangular(factor, rows.T, lower=True) for rows in (offered, wanted))
+        lowered = np.square(at.T @ to) @ weights / (1.0 + np.sum(at * at, axis=0))
+        gain = lowered.reshape(len(candidates), -1).sum(axis=1)
+        gain[picked] = 0.0
+        best = int(np.argmax(gain))
+        picked.append(best)
+        on_pick(best)
+        rows = _rows(places[best], question.orders, span) * scales
+        normal += rows.T @ rows
+    return picked
+
+
+def _places(curve: Curve, span: TrainingRange) -> Coordinates:
+    place = Place.of(curve.material)
+    loads = np.array(SHARES) * curve.loads[-1] / place.modulus
+    found = coordinates(np.column_stack([loads, np.tile(place.values, (len(loads), 1))]), span)
+    found.points[:, 0] = np.minimum(found.points[:, 0], 1.0)
+    return found
+
+
+def _rows(place: Coordinates, orders: Indices, span: TrainingRange) -> Floats:
+    """Return what a run would add: values and derivatives."""
+    slopes = feature_gradients(orders, place.points)
+    sizes = DERIVATIVE_WEIGHT * half_ranges(span)
+    along = np.einsum("npt,npk->nkt", slopes, place.jacobian) * sizes[None, :, None]
+    weighted = np.array(SHARES)[:, None, None] * along
+    values = np.array(SHARES)[:, None] * features(orders, place.points)
+    return np.vstack([values, weighted.reshape(-1, len(orders))])

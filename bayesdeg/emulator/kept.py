@@ -1,4 +1,4 @@
-"""Where trained emulators are kept and which actuator each is of, without the emulators themselves.
+"""Recipes of emulators, where trained ones are kept, and roughly what training takes.
 
 An emulator's record says what it was trained on; to read it needs nothing compiled.
 """
@@ -8,19 +8,60 @@ import io
 import json
 import zlib
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from importlib.resources import files
 from importlib.resources.abc import Traversable
+from math import ceil
 from pathlib import Path
 from zipfile import BadZipFile
 
 import numpy as np
 
 from bayesdeg.actuator.geometry import Geometry
-from bayesdeg.actuator.version import MODEL_VERSION
-from bayesdeg.emulator.recipe import Recipe
+from bayesdeg.actuator.status import CONVERGED, MODEL_VERSION, Resolution
+from bayesdeg.data.settings import Dimensions
 from bayesdeg.errors import BayesdegError
 from bayesdeg.files import EMULATOR_MB, read_bytes, reason
+
+FIRST_STAGE = (512, 96, 11)  # numbers of runs and seed for which the second stage was chosen
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """What an emulator is trained on: many curves of a coarse mesh and few of a fine one.
+
+    Parameters
+    ----------
+    coarse_mesh, fine_mesh : Resolution
+        The mesh of the many curves, and the one that the emulator stands for.
+    coarse_runs, fine_runs : int
+        Numbers of curves.
+    seed : int
+        Of the design.
+    further : bool
+        Whether the second stage follows, where the first was found least certain; it belongs to
+        the default numbers and seed alone.
+
+    Examples
+    --------
+    >>> Recipe().coarse_runs, Recipe().fine_runs
+    (512, 96)
+    """
+
+    coarse_mesh: Resolution = field(
+        default_factory=lambda: Resolution(along=2.5, across=2.5, up=2.1)
+    )
+    fine_mesh: Resolution = CONVERGED
+    coarse_runs: int = 512
+    fine_runs: int = 96
+    seed: int = 11
+    further: bool = True
+
+    @property
+    def has_second_stage(self) -> bool:
+        """Whether further runs follow the first stage."""
+        return self.further and (self.coarse_runs, self.fine_runs, self.seed) == FIRST_STAGE
+
 
 SHIPPED = files("bayesdeg.emulator") / "default.npz"
 # under the working directory, beside the solutions of the campaign
@@ -80,7 +121,7 @@ def cached_path(geometry: Geometry, recipe: Recipe, cache: Path = CACHE) -> Path
 
     Examples
     --------
-    >>> from bayesdeg.measure.settings import Dimensions
+    >>> from bayesdeg.data.settings import Dimensions
     >>> one, other = (Geometry(Dimensions(length=mm)) for mm in (50.0, 60.0))
     >>> cached_path(one, Recipe()) == cached_path(other, Recipe())
     False
@@ -182,3 +223,59 @@ def search(geometry: Geometry, *, recipe: Recipe | None = None, cache: Path = CA
         except BayesdegError as fault:
             reasons.append(str(fault))
     return Search(None, path, tuple(reasons))
+
+
+# both stages, and what a curve of the default geometry takes on one core (studies/scaling.md) [s]
+COARSE_CURVES, FINE_CURVES = 576, 120
+COARSE_SECONDS, FINE_SECONDS = 3.3, 27.0
+TRAINING_SECONDS = 65.0
+
+
+def rough_seconds(dimensions: Dimensions, *, workers: int = 1) -> float:
+    """Return roughly how long it takes to train an emulator of a geometry [s].
+
+    The time of a curve is taken as proportional to the number of elements, which it exceeds for
+    meshes that are wider or higher; the campaign itself measures it.
+
+    Parameters
+    ----------
+    dimensions : Dimensions
+        Of the actuator.
+    workers : int
+        Processes, each with a core of its own.
+
+    Examples
+    --------
+    >>> round(rough_seconds(Dimensions()) / 60.0)
+    87
+    >>> rough_seconds(Dimensions(length=100.0), workers=2) > rough_seconds(Dimensions(), workers=2)
+    True
+    """
+    recipe = Recipe()
+    curves = COARSE_CURVES * COARSE_SECONDS * _size(dimensions, recipe.coarse_mesh)
+    curves += FINE_CURVES * FINE_SECONDS * _size(dimensions, recipe.fine_mesh)
+    return curves / max(1, workers) + TRAINING_SECONDS
+
+
+def _size(dimensions: Dimensions, mesh: Resolution) -> float:
+    """Return the number of elements over that of the default geometry."""
+    return _elements(dimensions, mesh) / _elements(Dimensions(), mesh)
+
+
+def _elements(dimensions: Dimensions, mesh: Resolution) -> int:
+    along, across = ceil(dimensions.length / mesh.along), ceil(dimensions.width / 2.0 / mesh.across)
+    return along * across * ceil(dimensions.height / mesh.up)
+
+
+def duration(seconds: float) -> str:
+    """Word a time to come in minutes.
+
+    Examples
+    --------
+    >>> duration(20.0), duration(500.0), duration(9000.0)
+    ('less than a minute', 'about 8 min', 'about 2 h 30 min')
+    """
+    if seconds < 60.0:
+        return "less than a minute"
+    minutes = round(seconds / 60.0)
+    return f"about {minutes} min" if minutes < 60 else f"about {minutes // 60} h {minutes % 60} min"

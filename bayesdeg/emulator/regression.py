@@ -1,8 +1,12 @@
-"""Least squares over many terms: coefficients are expected to fall with their order.
+"""What solved runs say of the map, and least squares over many terms.
 
 The prior standard deviation of a coefficient falls by a factor with every order in load, material
 or cause, so that there may be more terms than the runs alone would determine. Whole runs are left
 out by the block form of the leave-one-out identity.
+
+With q = p/M, a curve's logarithm y = ln(Δκ s L/q) is known at every equilibrium that its path
+visited, together with its derivatives by load and groups; so for the bend angle and, with
+y = ln(ε/(q + q₀)), for the peak strain ε, q₀ the offset of what strains at rest.
 """
 
 from collections.abc import Iterable, Sequence
@@ -12,12 +16,226 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
-from bayesdeg.emulator.families import feature_gradients, features
-from bayesdeg.emulator.observations import FLOOR, Observed
-from bayesdeg.emulator.scaling import CAUSES, MATERIAL, TrainingRange
-from bayesdeg.emulator.terms import N_CHEBYSHEV
+from bayesdeg.actuator.curve import Curve, PathSamples
+from bayesdeg.actuator.outputs import OUTPUTS as READINGS
+from bayesdeg.actuator.sensitivity import INPUTS
+from bayesdeg.emulator import coordinates as at
+from bayesdeg.emulator.coordinates import Coordinates, coordinates
+from bayesdeg.emulator.scaling import CAUSES, GROUPS, MATERIAL, NAMES, Place, TrainingRange
+from bayesdeg.emulator.surrogate import stretch_offset
+from bayesdeg.emulator.terms import N_CHEBYSHEV, feature_gradients, features
 
 Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+LIMIT_MARGIN = 0.97  # share of a limit load up to which a curve is emulated
+STEEPEST = 2.75  # where d ln κ / d ln p is larger the actuator is about to balloon
+FLOOR = 0.15  # smallest weight of a reading, over that of the curve's largest
+
+
+@dataclass(frozen=True)
+class Observed:
+    """One run: readings of one curve.
+
+    Parameters
+    ----------
+    coordinates : Coordinates
+        Of each equilibrium.
+    load : array, shape (n,)
+        p/M [–].
+    values : array, shape (n, 3)
+        y of curvature, bend angle and peak strain.
+    gradients : array, shape (n, 3, 13)
+        Their derivatives by load and groups.
+    weights : array, shape (n,)
+        Curvature over the curve's largest, at least ``FLOOR``.
+    first : array, shape (3,)
+        y at zero load, from the first slope; nan if it is not known.
+    tight : bool
+        Whether the paper is without slack: derivatives by slack are then of no use.
+    """
+
+    coordinates: Coordinates
+    load: Floats
+    values: Floats
+    gradients: Floats
+    weights: Floats
+    first: Floats
+    tight: bool
+
+    @property
+    def known(self) -> Flags:
+        """Which derivatives can be fitted, (13,)."""
+        use = np.ones(len(NAMES), dtype=bool)
+        use[at.SLACK] = not self.tight
+        return use
+
+
+@dataclass(frozen=True)
+class Reach:
+    """How far a run went: the load up to which its curve is emulated.
+
+    Parameters
+    ----------
+    groups : array, shape (12,)
+        Of the run.
+    load : float
+        p/M; a lower bound if ``open`` [–].
+    open : bool
+        Whether the curve was smooth to its end.
+    """
+
+    groups: Floats
+    load: float
+    open: bool
+
+
+def reach(curve: Curve, samples: PathSamples) -> Reach:
+    """Return the load up to which a curve is smooth enough to emulate.
+
+    Where d ln κ / d ln q passes ``STEEPEST``, or shortly before a limit point; of a curve whose
+    end was not found, the last load that was solved is a bound.
+    """
+    place = Place.of(curve.material)
+    q = samples.loads / place.modulus
+    groups = np.array(place.values)
+    if len(q) < 3:
+        return Reach(groups, 0.0, open=False)
+    steep = _growth(samples)
+    over = np.flatnonzero(~(steep < STEEPEST))
+    if len(over):
+        k = int(over[0])
+        crossing = q[max(k, 1)]
+        if k > 0 and np.isfinite(steep[k]):
+            pair = slice(k, k + 2)
+            crossing = np.exp(np.interp(STEEPEST, steep[k - 1 : k + 1], np.log(q[pair])))
+        return Reach(groups, float(crossing), open=False)
+    if np.isfinite(samples.limit_load):
+        return Reach(groups, LIMIT_MARGIN * samples.limit_load / place.modulus, open=False)
+    return Reach(groups, float(q[-1]), open=True)
+
+
+def _growth(samples: PathSamples) -> Floats:
+    """Return d ln Δκ / d ln q at every load but the first; nan where the curvature falls."""
+    angle, length = samples.readings[:, 0], samples.readings[:, 1]
+    kappa = angle / length
+    slope = (samples.gradients[:, 0, 0] - kappa * samples.gradients[:, 1, 0]) / length
+    change = kappa[1:] - kappa[0]
+    growth: Floats = np.where(change > 0.0, samples.loads[1:] * slope[1:], np.nan)
+    with np.errstate(invalid="ignore"):
+        growth = growth / change
+    return np.where(growth > 0.0, growth, np.nan)
+
+
+def observe(
+    curve: Curve, samples: PathSamples, *, span: TrainingRange, length: float
+) -> Observed | None:
+    """Return what a run says within its reach; None if that is less than two equilibria."""
+    if len(samples.loads) < 3:
+        return None
+    limit = reach(curve, samples).load
+    place = Place.of(curve.material)
+    q = samples.loads[1:] / place.modulus
+    groups = np.column_stack([q, np.tile(place.values, (len(q), 1))])
+    points = coordinates(groups, span)
+    keep = (q <= limit * (1.0 + 1e-9)) & (points.points[:, 0] <= 1.0 + 1e-9)
+    keep &= np.isfinite(_growth(samples))
+    if np.count_nonzero(keep) < 2:
+        return None
+    quantities, slopes = _quantities(samples, length)
+    rest = stretch_offset(groups.T)
+    denominators = np.column_stack([q, q, q + rest])
+    changes, by_inputs = quantities[1:].copy(), slopes[1:].copy()
+    changes[:, :2] -= quantities[0, :2]
+    by_inputs[:, :2, 1:] -= slopes[0, :2, 1:]
+    by_groups = _by_groups(by_inputs / changes[..., None], q, place, denominators)
+    by_groups[:, 2] -= _offset_gradient(place) / denominators[:, 2:]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        first = np.log(slopes[0, :, 0] * place.modulus)
+    first[2] = first[2] if rest[0] == 0.0 else np.nan
+    weights = np.maximum(changes[keep, 0] / changes[keep, 0].max(), FLOOR)
+    return Observed(
+        Coordinates(
+            points.points[keep],
+            points.warp[keep],
+            points.jacobian[keep],
+            points.warp_gradient[keep],
+        ),
+        q[keep],
+        np.log(changes / denominators)[keep],
+        by_groups[keep],
+        weights,
+        first,
+        tight=curve.material.paper_slack == 0.0,
+    )
+
+
+def _quantities(samples: PathSamples, length: float) -> tuple[Floats, Floats]:
+    """Return κ s L, bend angle and peak strain, (n, 3), and their derivatives by ``INPUTS``."""
+    angle, arc = samples.readings[:, 0], samples.readings[:, 1]
+    by_angle, by_arc = samples.gradients[:, 0], samples.gradients[:, 1]
+    peak = READINGS.index("peak_stretch")
+    kappa = angle / arc * length
+    by_kappa = (by_angle * length - kappa[:, None] * by_arc) / arc[:, None]
+    quantities = np.column_stack([kappa, angle, samples.readings[:, peak] - 1.0])
+    return quantities, np.stack([by_kappa, by_angle, samples.gradients[:, peak]], axis=1)
+
+
+def _by_groups(logarithmic: Floats, q: Floats, place: Place, denominators: Floats) -> Floats:
+    """Change derivatives by the model's inputs into those of y by p/M and the groups."""
+    modulus = place.modulus
+    out = np.empty((*logarithmic.shape[:2], len(NAMES)))
+    out[..., 0] = logarithmic[..., 0] * modulus - 1.0 / denominators
+    out[..., 1:] = logarithmic[..., 1:] @ _input_jacobian(place)
+    # at a fixed p/M a larger second invariant is a larger p/C1: dM/dg = M²
+    out[..., at.SECOND_INVARIANT] += logarithmic[..., 0] * (q * modulus**2)[:, None]
+    return out
+
+
+def _offset_gradient(place: Place) -> Floats:
+    """Return derivatives by load and groups of the offset of what strains at rest, (13,)."""
+    groups = np.array([0.0, *place.values])
+    out = np.zeros(len(NAMES))
+    out[at.MISMATCH] = np.sign(groups[at.MISMATCH])
+    gravity = [at.ALONG, at.UP]
+    weight = np.hypot(*groups[gravity])
+    if weight > 0.0:
+        out[gravity] = at.SAGGING * groups[gravity] / weight
+    return out
+
+
+def _input_jacobian(place: Place) -> Floats:
+    """Return derivatives of the model's inputs, but for the load, by the groups: central steps.
+
+    All inputs are products of powers and exponentials of the groups.
+    """
+    values = np.array(place.values)
+    out = np.empty((len(INPUTS) - 1, len(values)))
+    for k, group in enumerate(GROUPS):
+        step = 1e-5 * (group.high - group.low)
+        less, more = values.copy(), values.copy()
+        less[k] -= step
+        more[k] += step
+        materials = [Place(tuple(float(x) for x in v)).material() for v in (less, more)]
+        low, high = (np.array([getattr(m, name) for name in INPUTS[1:]]) for m in materials)
+        out[:, k] = (high - low) / (2.0 * step)
+    return out
+
+
+def observed_runs(
+    curves: Sequence[Curve],
+    samples: Sequence[PathSamples],
+    *,
+    span: TrainingRange,
+    length: float,
+) -> list[Observed | None]:
+    """Return what each run says, None for those that say nothing."""
+    return [
+        observe(curve, found, span=span, length=length)
+        for curve, found in zip(curves, samples, strict=True)
+    ]
+
+
 Indices = NDArray[np.int64]
 
 DERIVATIVE_WEIGHT = 0.2  # of a derivative over half of its group's range, against a value

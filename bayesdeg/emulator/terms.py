@@ -1,13 +1,24 @@
-"""Sums of products of polynomials, one factor for each of the load and the groups."""
+"""Sums of products of polynomials: which ones, and how they are carried out at many points.
+
+A curve has one material and many loads. So each row of points is contracted first over the
+material and the causes to coefficients along the load (and along powers of φ, the place of the
+slack, which moves with the load), and these are summed at each load. Products of material and
+causes are made once each, from a product with one factor less. Rows go through in blocks, one row
+a lane, so that neither their order nor their number changes a result.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Self
+from functools import cached_property, lru_cache
+from itertools import combinations
+from typing import NamedTuple, Self
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
-from bayesdeg.emulator.scaling import MATERIAL, NAMES
+from bayesdeg.emulator.coordinates import SLACK
+from bayesdeg.emulator.scaling import CAUSES, MATERIAL, NAMES
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -92,3 +103,409 @@ def _collected(orders: Indices, coefficients: Floats) -> tuple[Indices, Floats]:
     total = np.zeros((len(once), len(coefficients)))
     np.add.at(total, where.ravel(), coefficients.T)
     return once, np.ascontiguousarray(total.T)
+
+
+Degrees = tuple[int, int, int, int]
+
+# both directions of gravity at once are not trained: one body has one mount
+APART = frozenset(NAMES.index(name) - N_CHEBYSHEV for name in ("gravity_along", "gravity_up"))
+
+
+@dataclass(frozen=True)
+class Family:
+    """The degrees of a family of terms, as in ``terms.Terms``.
+
+    Parameters
+    ----------
+    base : tuple of int
+        Degrees in load and material without a cause: Σ orderᵢ/degreeᵢ ≤ 1.
+    single : tuple of int
+        The same for terms with one cause; they shrink as its power grows.
+    powers : tuple of int, length 9
+        Highest power of each cause.
+    pair, triple : tuple of int, optional
+        Degrees in load and material for products of two and three causes.
+    """
+
+    base: Degrees
+    single: Degrees
+    powers: tuple[int, ...]
+    pair: Degrees | None = None
+    triple: Degrees | None = None
+
+    @cached_property
+    def orders(self) -> Indices:
+        """The orders of all terms, (n_terms, 13).
+
+        Examples
+        --------
+        >>> Family((1, 1, 0, 0), (0, 0, 0, 0), (1,) + 8 * (0,)).orders[:, :5].tolist()
+        [[0, 0, 0, 0, 0], [0, 1, 0, 0, 0], [1, 0, 0, 0, 0], [0, 0, 0, 0, 1]]
+        """
+        blocks = [_with_causes(self.base, ())]
+        for cause, highest in enumerate(self.powers):
+            for power in range(1, highest + 1):
+                share = 1.0 - (power - 1) / (highest + 0.5)
+                degrees = [max(1, round(d * share)) if d else 0 for d in self.single]
+                blocks.append(_with_causes(degrees, ((cause, power),)))
+        acting = [cause for cause, highest in enumerate(self.powers) if highest > 0]
+        for count, degrees_of in ((2, self.pair), (3, self.triple)):
+            if degrees_of is None:
+                continue
+            for group in combinations(acting, count):
+                if not set(group) >= APART:
+                    blocks.append(_with_causes(degrees_of, tuple((c, 1) for c in group)))
+        return np.vstack(blocks)
+
+
+def _with_causes(degrees: Sequence[int], causes: tuple[tuple[int, int], ...]) -> Indices:
+    base = total_degree_orders(tuple(degrees))
+    out = np.zeros((len(base), len(NAMES)), dtype=np.int64)
+    out[:, :N_CHEBYSHEV] = base
+    for cause, power in causes:
+        out[:, N_CHEBYSHEV + cause] = power
+    return out
+
+
+def total_degree_orders(degrees: tuple[int, ...]) -> Indices:
+    """Return all orders n with Σ nᵢ/degreeᵢ ≤ 1, shape (n_terms, n_inputs); 0 keeps an input out.
+
+    Examples
+    --------
+    >>> total_degree_orders((1, 2)).tolist()
+    [[0, 0], [0, 1], [0, 2], [1, 0]]
+    """
+    grids = np.meshgrid(*(np.arange(d + 1) for d in degrees), indexing="ij")
+    orders = np.stack([g.ravel() for g in grids], axis=1).astype(np.int64)
+    within: Indices = orders[np.sum(orders / np.maximum(degrees, 1), axis=1) <= 1.0 + 1e-9]
+    return within
+
+
+def features(orders: Indices, points: Floats) -> Floats:
+    """Return all terms at points (n, 13), shape (n, n_terms)."""
+    out = np.ones((len(points), len(orders)))
+    for axis in np.flatnonzero(orders.any(axis=0)):
+        held = orders[:, axis] > 0
+        out[:, held] *= _tables(points, int(axis), orders)[0][:, orders[held, axis]]
+    return out
+
+
+def feature_gradients(orders: Indices, points: Floats) -> Floats:
+    """Return derivatives of all terms by the points, shape (n, 13, n_terms)."""
+    tables = [_tables(points, axis, orders) for axis in range(orders.shape[1])]
+    out = np.zeros((len(points), orders.shape[1], len(orders)))
+    for axis, (_, slopes) in enumerate(tables):
+        held = orders[:, axis] > 0
+        product = slopes[:, orders[held, axis]]
+        for other, (values, _) in enumerate(tables):
+            if other != axis and orders[held, other].any():
+                product = product * values[:, orders[held, other]]
+        out[:, axis, held] = product
+    return out
+
+
+def _tables(points: Floats, axis: int, orders: Indices) -> tuple[Floats, Floats]:
+    """Return values and derivatives of one coordinate's polynomials, (n, highest order + 1)."""
+    highest, x = int(orders[:, axis].max()), points[:, axis]
+    degrees = np.arange(highest + 1)
+    values, slopes = np.ones((len(x), highest + 1)), np.zeros((len(x), highest + 1))
+    if axis >= N_CHEBYSHEV:
+        values[:] = x[:, None] ** degrees
+        slopes[:, 1:] = degrees[1:] * values[:, :-1]
+    elif highest > 0:
+        values[:] = np.polynomial.chebyshev.chebvander(x, highest)
+        changes = np.polynomial.chebyshev.chebder(np.eye(highest + 1), axis=0)
+        slopes[:] = np.polynomial.chebyshev.chebval(x, changes).T
+    return values, slopes
+
+
+TOGETHER = 4  # terms, so that what they add to is read and written once
+ROW_AXES = tuple(axis for axis in range(1, len(NAMES)) if axis != SLACK)
+
+
+class Plan(NamedTuple):
+    """How terms are summed; a tuple, which compiled functions take as it is.
+
+    Parameters
+    ----------
+    starts : array, shape (12,)
+        Where the orders of each of ``ROW_AXES`` start in the table of factors.
+    parents, factors : array, shape (n_products,)
+        Each product is an earlier one times a factor of that table; the first is 1.
+    slots : array, shape (n_groups,)
+        Power of φ × ``n_orders`` + order in the load of ``TOGETHER`` terms that share it.
+    products : array, shape (n_groups, 4)
+        Of the terms of each group.
+    coefficients : array, shape (n_groups, n_outputs, 4)
+        Of the terms; 0 where a group is not full.
+    n_orders, n_powers : int
+        Orders in the load and powers of φ, zero included.
+    """
+
+    starts: Indices
+    parents: Indices
+    factors: Indices
+    slots: Indices
+    products: Indices
+    coefficients: Floats
+    n_orders: int
+    n_powers: int
+
+
+@lru_cache(maxsize=64)
+def plan_of(terms: Terms, active: tuple[bool, ...]) -> Plan:
+    """Return the plan for terms of which those with a neutral cause are left out.
+
+    Parameters
+    ----------
+    terms : Terms
+        To sum.
+    active : tuple of bool, length 9
+        Whether each of ``CAUSES`` is away from neutral anywhere.
+    """
+    neutral = [len(NAMES) - len(CAUSES) + k for k, acts in enumerate(active) if not acts]
+    kept = ~np.any(terms.orders[:, neutral] > 0, axis=1)
+    orders = terms.orders[kept]
+    rows = orders[:, ROW_AXES]
+    starts = np.concatenate([[0], np.cumsum(rows.max(axis=0, initial=0) + 1)])
+    wanted = [tuple(row) for row in rows.tolist()]
+    chain = {product for row in wanted for product in _chain(row)} | {(0,) * len(ROW_AXES)}
+    place = {product: k for k, product in enumerate(sorted(chain))}
+    made = [_last_factor(product) for product in place]
+    n_orders = int(orders[:, 0].max(initial=0)) + 1
+    groups = _grouped(
+        orders[:, SLACK] * n_orders + orders[:, 0],
+        np.array([place[row] for row in wanted], dtype=np.int64),
+        terms.coefficients[:, kept],
+    )
+    return Plan(
+        starts=starts.astype(np.int64),
+        parents=np.array([place[parent] for parent, _, _ in made], dtype=np.int64),
+        factors=np.array([starts[axis] + order for _, axis, order in made], dtype=np.int64),
+        slots=groups[0],
+        products=groups[1],
+        coefficients=groups[2],
+        n_orders=n_orders,
+        n_powers=int(orders[:, SLACK].max(initial=0)) + 1,
+    )
+
+
+def _grouped(
+    slots: Indices, products: Indices, coefficients: Floats
+) -> tuple[Indices, Indices, Floats]:
+    """Put terms of the same slot together in groups, filled up with terms of no size."""
+    order = np.lexsort((products, slots))
+    parts = [
+        chosen[k : k + TOGETHER]
+        for slot in np.unique(slots)
+        for chosen in (order[slots[order] == slot],)
+        for k in range(0, len(chosen), TOGETHER)
+    ]
+    members = np.zeros((len(parts), TOGETHER), dtype=np.int64)
+    sizes = np.zeros((len(parts), len(coefficients), TOGETHER))
+    for k, part in enumerate(parts):
+        members[k, : len(part)] = products[part]
+        sizes[k, :, : len(part)] = coefficients[:, part]
+    return np.array([slots[part[0]] for part in parts], dtype=np.int64), members, sizes
+
+
+def _last_factor(orders: tuple[int, ...]) -> tuple[tuple[int, ...], int, int]:
+    """Return the product without its last factor, that factor's axis and its order."""
+    axis = max((a for a, order in enumerate(orders) if order > 0), default=0)
+    return (*orders[:axis], 0, *orders[axis + 1 :]), axis, orders[axis]
+
+
+def _chain(orders: tuple[int, ...]) -> list[tuple[int, ...]]:
+    """Return a product and all those that it is made from."""
+    chain = [orders]
+    while any(chain[-1]):
+        chain.append(_last_factor(chain[-1])[0])
+    return chain
+
+
+BLOCK = 32  # rows
+N_CHEBYSHEV_ROWS = len(MATERIAL)
+
+
+def evaluate(
+    terms: Terms, rows: Floats, loads: Floats, phi: Floats | None, *, slopes: bool = False
+) -> Floats:
+    """Return sums of terms, shape (n_outputs, n_rows, n_columns).
+
+    Parameters
+    ----------
+    terms : Terms
+        To sum.
+    rows : array, shape (13, n_rows)
+        Scaled material and causes, in the order of ``NAMES``; load and slack are not read.
+    loads : array, shape (n_rows, n_columns)
+        Warped load on [−1, 1].
+    phi : array, shape (n_rows, n_columns), optional
+        Place of the slack; 0 if not given.
+    slopes : bool
+        Whether the derivatives of the first output by load and φ follow the outputs.
+    """
+    plan = active_plan(terms, rows, slack=phi is not None and bool(np.any(phi != 0.0)))
+    summed: Floats = _sum_terms(
+        rows[list(ROW_AXES)],
+        np.ascontiguousarray(loads),
+        np.zeros((1, 1)) if phi is None else np.ascontiguousarray(phi),
+        plan.starts,
+        plan.parents,
+        plan.factors,
+        plan.products,
+        plan.slots,
+        plan.coefficients,
+        plan.n_orders,
+        plan.n_powers if phi is not None else 1,
+        slopes,
+    )
+    return summed
+
+
+def active_plan(terms: Terms, rows: Floats, *, slack: bool) -> Plan:
+    """Return the plan for the causes that act in any of the rows (13, n_rows), and the slack."""
+    acts = np.any(rows[len(NAMES) - len(CAUSES) :] != 0.0, axis=1)
+    acts[SLACK - len(NAMES) + len(CAUSES)] = slack
+    return plan_of(terms, tuple(acts.tolist()))
+
+
+@njit(cache=True, nogil=True)
+def fill(
+    table: Floats, axis_points: Floats, starts: Indices, first: int, count: int
+) -> None:  # pragma: no cover - compiled
+    """Tabulate the factors of a block of rows; lanes beyond the last row hold zeros."""
+    for axis in range(axis_points.shape[0]):
+        low, high = starts[axis], starts[axis + 1]
+        table[low, :] = 1.0
+        if high - low < 2:
+            continue
+        table[low + 1, :] = 0.0
+        for lane in range(count):
+            table[low + 1, lane] = axis_points[axis, first + lane]
+        for n in range(low + 2, high):
+            for lane in range(BLOCK):
+                z = table[low + 1, lane]
+                if axis < N_CHEBYSHEV_ROWS:
+                    table[n, lane] = 2.0 * z * table[n - 1, lane] - table[n - 2, lane]
+                else:
+                    table[n, lane] = z * table[n - 1, lane]
+
+
+@njit(cache=True, nogil=True)
+def contract(
+    along: Floats,
+    product: Floats,
+    table: Floats,
+    parents: Indices,
+    factors: Indices,
+    products: Indices,
+    slots: Indices,
+    coefficients: Floats,
+) -> None:  # pragma: no cover - compiled
+    """Contract the terms of a block of rows to coefficients along load and φ."""
+    n_outputs = coefficients.shape[1]
+    product[0, :] = 1.0
+    for f in range(1, parents.shape[0]):
+        parent, factor = parents[f], factors[f]
+        for lane in range(BLOCK):
+            product[f, lane] = product[parent, lane] * table[factor, lane]
+    along[:] = 0.0
+    for t in range(products.shape[0]):
+        slot, f, g, h, k = slots[t], products[t, 0], products[t, 1], products[t, 2], products[t, 3]
+        for output in range(n_outputs):
+            a, b = coefficients[t, output, 0], coefficients[t, output, 1]
+            c, d = coefficients[t, output, 2], coefficients[t, output, 3]
+            for lane in range(BLOCK):
+                along[slot, output, lane] += (
+                    a * product[f, lane]
+                    + b * product[g, lane]
+                    + c * product[h, lane]
+                    + d * product[k, lane]
+                )
+
+
+@njit(cache=True, nogil=True)
+def _along(
+    value: Floats,
+    along: Floats,
+    load: Floats,
+    phi: Floats,
+    work: Floats,
+    n_orders: int,
+    n_powers: int,
+    n_outputs: int,
+    slopes: bool,
+) -> None:  # pragma: no cover - compiled
+    """Sum along the load and φ at one column of a block of rows."""
+    value[:] = 0.0
+    power, before, t0, t1, d0, d1 = work[0], work[1], work[2], work[3], work[4], work[5]
+    power[:] = 1.0
+    before[:] = 0.0  # m φ^(m−1)
+    for m in range(n_powers):
+        t0[:] = 1.0
+        d0[:] = 0.0
+        d1[:] = 1.0
+        for lane in range(BLOCK):
+            t1[lane] = load[lane]
+        for n in range(n_orders):
+            slot = m * n_orders + n
+            for output in range(n_outputs):
+                for lane in range(BLOCK):
+                    value[output, lane] += along[slot, output, lane] * (t0[lane] * power[lane])
+            if slopes:
+                for lane in range(BLOCK):
+                    a = along[slot, 0, lane]
+                    value[n_outputs, lane] += a * (d0[lane] * power[lane])
+                    value[n_outputs + 1, lane] += a * (t0[lane] * before[lane])
+            for lane in range(BLOCK):
+                u = 2.0 * load[lane]
+                following = u * t1[lane] - t0[lane]
+                slope = 2.0 * t1[lane] + u * d1[lane] - d0[lane]
+                t0[lane], t1[lane] = t1[lane], following
+                d0[lane], d1[lane] = d1[lane], slope
+        for lane in range(BLOCK):
+            before[lane] = (m + 1) * power[lane]
+            power[lane] *= phi[lane]
+
+
+@njit(cache=True, nogil=True)
+def _sum_terms(
+    points: Floats,
+    loads: Floats,
+    phi: Floats,
+    starts: Indices,
+    parents: Indices,
+    factors: Indices,
+    products: Indices,
+    slots: Indices,
+    coefficients: Floats,
+    n_orders: int,
+    n_powers: int,
+    slopes: bool,
+) -> Floats:  # pragma: no cover - compiled
+    """Sum the terms of a plan, block by block; see ``evaluate``."""
+    n_rows, n_columns = loads.shape
+    n_outputs = coefficients.shape[1]
+    n_values = n_outputs + 2 if slopes else n_outputs
+    out = np.empty((n_values, n_rows, n_columns))
+    table = np.empty((starts[-1], BLOCK))
+    product = np.empty((parents.shape[0], BLOCK))
+    along = np.empty((n_orders * n_powers, n_outputs, BLOCK))
+    value = np.empty((n_values, BLOCK))
+    work = np.empty((6, BLOCK))
+    load, slack = np.zeros(BLOCK), np.zeros(BLOCK)
+    for first in range(0, n_rows, BLOCK):
+        count = min(BLOCK, n_rows - first)
+        fill(table, points, starts, first, count)
+        contract(along, product, table, parents, factors, products, slots, coefficients)
+        for column in range(n_columns):
+            for lane in range(count):
+                load[lane] = loads[first + lane, column]
+                if n_powers > 1:
+                    slack[lane] = phi[first + lane, column]
+            _along(value, along, load, slack, work, n_orders, n_powers, n_outputs, slopes)
+            for k in range(n_values):
+                for lane in range(count):
+                    out[k, first + lane, column] = value[k, lane]
+    return out

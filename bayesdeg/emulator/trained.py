@@ -11,12 +11,12 @@ from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.emulator.kept import (
     CACHE,
     SHIPPED,
+    Recipe,
     read_content,
     refuse_other,
     refuse_outdated,
     search,
 )
-from bayesdeg.emulator.recipe import Recipe
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.errors import BayesdegError, ResumableError
 from bayesdeg.files import written

@@ -1,4 +1,4 @@
-"""Solved runs to a surrogate: many of a coarse mesh, corrected by few of a fine one."""
+"""Solved runs to a surrogate, with its own error and how far its curves go."""
 
 import json
 from collections.abc import Sequence
@@ -6,22 +6,214 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+from scipy.optimize import nnls
+from scipy.stats import norm
+from sklearn.linear_model import GammaRegressor
 
 from bayesdeg.actuator.curve import Curve, PathSamples
-from bayesdeg.actuator.status import Status
-from bayesdeg.actuator.version import MODEL_VERSION
-from bayesdeg.emulator.coordinates import coordinates
+from bayesdeg.actuator.status import MODEL_VERSION, Status
+from bayesdeg.emulator.coordinates import LARGEST_WARPED, SLACK, coordinates, scaled_cause
 from bayesdeg.emulator.design import is_answered, likely
-from bayesdeg.emulator.errors_of_fit import coverage, fit_errors, nearness, summary
-from bayesdeg.emulator.families import Family
-from bayesdeg.emulator.limits import Limit, fit_limit
-from bayesdeg.emulator.observations import Observed, observe, reach
-from bayesdeg.emulator.regression import Fit, Prior, Rows, fit, rows_of
+from bayesdeg.emulator.regression import (
+    Fit,
+    Observed,
+    Prior,
+    Reach,
+    Rows,
+    fit,
+    observe,
+    reach,
+    rows_of,
+)
 from bayesdeg.emulator.scaling import Place, TrainingRange
 from bayesdeg.emulator.surrogate import OUTPUTS, Surrogate
-from bayesdeg.emulator.terms import Terms, stacked
+from bayesdeg.emulator.terms import N_CHEBYSHEV, Family, Terms, features, stacked
 
 Floats = NDArray[np.float64]
+
+# cubic in load and material, quadratic in each cause
+FAMILY = Family((3, 3, 3, 3), (1, 0, 0, 0), (2, 2, 0, 2, 2, 2, 2, 2, 2))
+SMALLEST = 2e-4  # relative error that is taken for rounding of the path
+PENALTY = 1e-3
+INSIDE = 0.9
+# runs count by how near their material is to those that studies meet: over how many standard
+# deviations, and how much at least
+REACH, LEAST = 2.0, 0.02
+
+
+def fit_errors(points: Floats, left_out: Floats, weights: Floats) -> Terms:
+    """Return ln of the squared relative errors as terms.
+
+    Their mean square is fitted by a gamma regression; then its level is set so that nine tenths
+    of the errors lie within the 90 % interval of a normal law.
+
+    Parameters
+    ----------
+    points : array, shape (n, 13)
+        Coordinates.
+    left_out : array, shape (n, n_outputs)
+        Relative errors of runs left out [–].
+    weights : array, shape (n,)
+        How much each counts, see ``nearness``.
+    """
+    orders = FAMILY.orders
+    matrix = features(orders, points)
+    coefficients = []
+    for column in left_out.T:
+        squares = np.maximum(column**2, SMALLEST**2)
+        scale = float(np.average(squares, weights=weights))
+        model = GammaRegressor(alpha=PENALTY, max_iter=2000, tol=1e-6)
+        model.fit(matrix[:, 1:], squares / scale, sample_weight=weights)
+        level = np.concatenate([[model.intercept_ + np.log(scale)], model.coef_])
+        spread = np.sqrt(squares) / np.exp(0.5 * matrix @ level)
+        inside = _weighted_quantile(spread, weights, INSIDE)
+        level[0] += 2.0 * np.log(inside / norm.ppf(0.5 * (1.0 + INSIDE)))
+        coefficients.append(level)
+    return Terms(orders, np.array(coefficients))
+
+
+def nearness(points: Floats, usual: Floats) -> Floats:
+    """Return exp(−d²/8) + 0.02 with d the distance from usual materials, (n,).
+
+    d is Mahalanobis's, over the mean and the covariance of the usual ones. So the error is known
+    best where it is asked for, and next to the edges of the range it is rather too large.
+
+    Parameters
+    ----------
+    points : array, shape (n, 13)
+        Coordinates.
+    usual : array, shape (m, 13)
+        Coordinates of materials that studies meet.
+    """
+    material = slice(1, N_CHEBYSHEV)
+    centre, spread = usual[:, material].mean(axis=0), np.cov(usual[:, material].T)
+    away = points[:, material] - centre
+    square = np.einsum("ni,ij,nj->n", away, np.linalg.inv(spread), away)
+    near: Floats = np.exp(-0.5 * square / REACH**2) + LEAST
+    return near
+
+
+def _weighted_quantile(values: Floats, weights: Floats, share: float) -> float:
+    order = np.argsort(values)
+    total = np.cumsum(weights[order])
+    return float(values[order][np.searchsorted(total, share * total[-1])])
+
+
+def coverage(errors: Terms, points: Floats, left_out: Floats) -> list[float]:
+    """Return which share of errors lies within the 90 % interval, one an output."""
+    sd = np.exp(0.5 * features(errors.orders, points) @ errors.coefficients.T)
+    within = np.abs(left_out) <= norm.ppf(0.5 * (1.0 + INSIDE)) * sd
+    return [float(share) for share in within.mean(axis=0)]
+
+
+def summary(worst: Sequence[float]) -> dict[str, float]:
+    """Return rms, 95th percentile and largest of errors, one a curve [%]."""
+    size = 100.0 * np.abs(np.asarray(worst, dtype=np.float64))
+    if len(size) == 0:
+        return {}
+    return {
+        "rms_pct": float(np.sqrt(np.mean(size**2))),
+        "median_pct": float(np.median(size)),
+        "p95_pct": float(np.quantile(size, 0.95)),
+        "max_pct": float(np.max(size)),
+    }
+
+
+LIMIT_FAMILY = Family((0, 5, 5, 3), (0, 2, 2, 2), (2, 2, 1, 2, 2, 1, 2, 3, 3), (0, 1, 1, 1))
+PRIOR = Prior(material=0.35, cause=0.25, noise=2e-2)
+# the standard error grows with the square of each cause
+ERRORS = Family((0, 0, 0, 0), (0, 0, 0, 0), 9 * (2,))
+ROUNDS = 200
+FOLDS = 10
+
+
+@dataclass(frozen=True)
+class Limit:
+    """A fitted limit.
+
+    Parameters
+    ----------
+    terms : Terms
+        ln of the warped load, and its standard error.
+    left_out : array
+        Errors of the logarithm at runs left out whose limit is known [–].
+    """
+
+    terms: Terms
+    left_out: Floats
+
+
+def fit_limit(reaches: Sequence[Reach], span: TrainingRange, fine: Sequence[Reach] = ()) -> Limit:
+    """Fit ln of the warped load of the reach.
+
+    Many runs of a coarse mesh give the shape; how much earlier or later those of the ``fine`` mesh
+    end, in the median, shifts it.
+
+    Of a curve that is smooth to its end only a lower bound is known: such values are raised to
+    the fit where that is above the bound, and the fit repeated, until nothing changes.
+    """
+    points, known, bounded = _table([r for r in reaches if r.load > 0.0], span)
+    orders = LIMIT_FAMILY.orders
+    scales = PRIOR.scales(orders)
+    matrix = features(orders, points) * scales
+    left_out = np.empty_like(known)
+    for fold in range(FOLDS):
+        out = np.arange(len(known)) % FOLDS == fold
+        left_out[out] = known[out] - matrix[out] @ _fit(matrix[~out], known[~out], bounded[~out])
+    best = Terms(orders, (scales * _fit(matrix, known, bounded))[None])
+    best.coefficients[0, 0] += _shift(best, [r for r in fine if r.load > 0.0 and not r.open], span)
+    errors = _errors(points[~bounded], left_out[~bounded])
+    return Limit(stacked([best, errors]), left_out[~bounded])
+
+
+def _shift(best: Terms, ended: Sequence[Reach], span: TrainingRange) -> float:
+    """Return the median of ln(reach) less the fit at runs whose end is known; 0 if there are none.
+
+    The first term is the constant.
+    """
+    if not ended:
+        return 0.0
+    points, known, _ = _table(ended, span)
+    return float(np.median(known - features(best.orders, points) @ best.coefficients[0]))
+
+
+def _fit(matrix: Floats, known: Floats, bounded: NDArray[np.bool_]) -> Floats:
+    """Return scaled coefficients; a bounded value is raised to the fit where that is above it."""
+    bound = np.minimum(known + 0.03, np.log(1.1 * LARGEST_WARPED))
+    normal = matrix.T @ matrix + PRIOR.noise**2 * np.eye(matrix.shape[1])
+    factor = cho_factor(normal)
+    target = np.where(bounded, bound, known)
+    for _ in range(ROUNDS):
+        coefficients: Floats = cho_solve(factor, matrix.T @ target)
+        raised = np.where(bounded, np.maximum(bound, matrix @ coefficients), known)
+        if np.max(np.abs(raised - target)) < 1e-6:
+            break
+        target = raised
+    return coefficients
+
+
+def _table(
+    reaches: Sequence[Reach], span: TrainingRange
+) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+    """Return coordinates without the load, ln of the warped load, and where it is a bound."""
+    groups = np.column_stack([[r.load for r in reaches], [r.groups for r in reaches]])
+    place = coordinates(groups, span)
+    points = place.points.copy()
+    points[:, 0] = 0.0
+    points[:, SLACK], _ = scaled_cause("paper_slack", groups[:, SLACK])
+    return points, np.log(groups[:, 0]) + place.warp, np.array([r.open for r in reaches])
+
+
+def _errors(points: Floats, left_out: Floats) -> Terms:
+    """Return the standard error as a constant and a part for the square of each cause, none < 0."""
+    orders = ERRORS.orders
+    even = orders[np.all(orders % 2 == 0, axis=1)]
+    matrix = features(even, points)
+    # the mean size of a normal error is √(2/π) of its standard deviation
+    parts, _ = nnls(matrix, np.abs(left_out) * np.sqrt(0.5 * np.pi))
+    return Terms(even, parts[None])
+
 
 ANGLES = (0, 1)  # curvature and bend angle: smooth, fitted with their derivatives
 STRETCH = (2,)  # a quantile over points, whose derivatives jump: fitted by its values

@@ -14,14 +14,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdeg.data.moisture import moisture_content, saturating
+from bayesdeg.data.study import Study
 from bayesdeg.inference.density import CustomDensity
 from bayesdeg.inference.likelihood import normal
 from bayesdeg.inference.parameters import COURSE as PARAMETERS
 from bayesdeg.inference.parameters import Named, ParameterTable, with_priors
-from bayesdeg.laws import Parameter
-from bayesdeg.measure.course import saturating
-from bayesdeg.measure.moisture import moisture_content
-from bayesdeg.measure.study import Study
+from bayesdeg.priors import Parameter
 
 Floats = NDArray[np.float64]
 

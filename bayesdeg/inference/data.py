@@ -6,11 +6,11 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from bayesdeg.data.shrinkage import mean_of_replicates, volume_ratio
+from bayesdeg.data.study import Study
 from bayesdeg.errors import Fault, StudyError
 from bayesdeg.inference.curves import ActuatorCurves, Breaks, TensileCurves
-from bayesdeg.material.stress import yeoh_basis
-from bayesdeg.measure.shrinkage import mean_of_replicates, volume_ratio
-from bayesdeg.measure.study import Study
+from bayesdeg.material.hyperelastic import yeoh_basis
 
 Floats = NDArray[np.float64]
 

@@ -9,9 +9,8 @@ from typing import NamedTuple, Protocol, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdeg.distributions.improper import Flat
 from bayesdeg.inference.parameters import Named, ParameterTable
-from bayesdeg.laws import Parameter
+from bayesdeg.priors import Flat, Parameter
 
 Floats = NDArray[np.float64]
 
@@ -89,7 +88,7 @@ class CustomDensity:
     Parameters
     ----------
     parameters : tuple of Parameter
-        With distinct names. An improper prior is ``bayesdeg.distributions.improper.Flat``; a bound
+        With distinct names. An improper prior is ``bayesdeg.priors.Flat``; a bound
         with a density that has no law here is `Flat(low=…)` with its log added to the likelihood.
     log_likelihood : callable
         From values by name, each of shape (n,), to log likelihoods (n,). Nan counts as impossible.
@@ -99,7 +98,7 @@ class CustomDensity:
     --------
     The mean and sd of five readings, with a flat prior on the mean and one on the sd's logarithm:
 
-    >>> from bayesdeg.distributions.improper import Flat
+    >>> from bayesdeg.priors import Flat
     >>> readings = np.array([4.9, 5.0, 5.2, 5.4, 5.5])
     >>> def log_likelihood(values):
     ...     mean, sd = values["mean"][:, None], values["sd"][:, None]
@@ -162,7 +161,7 @@ def continued(density: Density) -> Callable[[Floats], Floats]:
 
     Examples
     --------
-    >>> from bayesdeg.laws import TruncatedNormal
+    >>> from bayesdeg.priors import TruncatedNormal
     >>> positive = Parameter("size", TruncatedNormal(0.0, 1.0, 0.0), "–", "of an effect")
     >>> flat = CustomDensity((positive,), lambda values: np.zeros(len(values["size"])))
     >>> below = np.array([[-1.0]])
@@ -190,7 +189,7 @@ def bounds(table: ParameterTable) -> tuple[Floats, Floats]:
 
     Examples
     --------
-    >>> from bayesdeg.laws import Normal, TruncatedNormal
+    >>> from bayesdeg.priors import Normal, TruncatedNormal
     >>> size = Parameter("size", TruncatedNormal(0.0, 1.0, 0.0), "–", "of an effect")
     >>> bounds(ParameterTable((size, Parameter("shift", Normal(0.0, 1.0), "–", "of it"))))
     (array([  0., -inf]), array([inf, inf]))

@@ -7,8 +7,7 @@ from scipy.optimize import lsq_linear
 from bayesdeg.inference.curves import Breaks, TensileCurves
 from bayesdeg.inference.model import Model
 from bayesdeg.inference.parameters import control_name, node_name
-from bayesdeg.material.degradation import Nodes, lagrange_weights
-from bayesdeg.material.trend import bernstein_weights
+from bayesdeg.material.degradation import Nodes, bernstein_weights, lagrange_weights
 
 Floats = NDArray[np.float64]
 

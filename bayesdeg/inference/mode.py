@@ -12,11 +12,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdeg.distributions.improper import Flat
 from bayesdeg.inference.density import Density, Factors, bounds, continued, factors_of
 from bayesdeg.inference.parameters import ParameterTable
 from bayesdeg.inference.path_density import LOG_TWO_PI
-from bayesdeg.laws import Law
+from bayesdeg.priors import Flat, Law
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -72,7 +71,7 @@ def find_mode(density: Density, start: Floats) -> tuple[Floats, Floats]:
     Examples
     --------
     >>> from bayesdeg.inference.density import CustomDensity
-    >>> from bayesdeg.laws import Normal, Parameter
+    >>> from bayesdeg.priors import Normal, Parameter
     >>> shift = Parameter("shift", Normal(1.0, 2.0), "–", "of a reading")
     >>> plain = CustomDensity((shift,), lambda values: np.zeros(len(values["shift"])))
     >>> mode, covariance = find_mode(plain, np.zeros(1))

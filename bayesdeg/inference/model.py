@@ -27,9 +27,9 @@ from bayesdeg.inference.specimens import (
     material_at,
     shared,
 )
-from bayesdeg.laws import Parameter
 from bayesdeg.material import degradation as law
-from bayesdeg.material.stability import satisfies_baker_ericksen
+from bayesdeg.material.degradation import satisfies_baker_ericksen
+from bayesdeg.priors import Parameter
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]

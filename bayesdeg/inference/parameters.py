@@ -9,8 +9,16 @@ from numpy.typing import NDArray
 
 from bayesdeg.causes.cause import Cause
 from bayesdeg.errors import Fault, StudyError
-from bayesdeg.laws import HalfNormal, Law, LogNormal, Normal, Parameter, TruncatedNormal, Uniform
 from bayesdeg.material.degradation import Nodes
+from bayesdeg.priors import (
+    HalfNormal,
+    Law,
+    LogNormal,
+    Normal,
+    Parameter,
+    TruncatedNormal,
+    Uniform,
+)
 
 Floats = NDArray[np.float64]
 Named = Mapping[str, Floats]

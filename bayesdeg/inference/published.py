@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.actuator.inputs import ForwardMap, Inputs
+from bayesdeg.data.study import Study
 from bayesdeg.errors import Fault, StudyError
 from bayesdeg.inference.parameters import Named
 from bayesdeg.inference.published_density import (
@@ -28,7 +29,6 @@ from bayesdeg.inference.published_density import (
 )
 from bayesdeg.inference.specimens import Material, elongation_at, elongation_spread
 from bayesdeg.material.degradation import Nodes
-from bayesdeg.measure.study import Study
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -8,8 +8,13 @@ from numpy.typing import NDArray
 from bayesdeg.inference.data import Statistic
 from bayesdeg.inference.parameters import Named, control_name, node_name
 from bayesdeg.material import degradation as law
-from bayesdeg.material.degradation import Nodes
-from bayesdeg.material.trend import Controls, bernstein_slopes, bernstein_weights, constants
+from bayesdeg.material.degradation import (
+    Controls,
+    Nodes,
+    bernstein_slopes,
+    bernstein_weights,
+    constants,
+)
 
 Floats = NDArray[np.float64]
 

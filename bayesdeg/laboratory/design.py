@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pandas as pd
 
-from bayesdeg.measure.study import Study
+from bayesdeg.data.study import Study
 
 LEVELS = (0, 5, 10, 15, 20, 25)
 REPLICATES = 3

@@ -1,19 +1,425 @@
-"""A whole virtual experiment: every test of a design on one truth."""
+"""A whole virtual experiment: films and actuators tested on one truth.
+
+The folding of causes is that of `bayesdeg.inference.model`, on the truth instead of a guess.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 import pandas as pd
 
-from bayesdeg.actuator.inputs import ForwardMap
+from bayesdeg.actuator.inputs import ForwardMap, Inputs, Prediction
+from bayesdeg.actuator.status import Status
 from bayesdeg.causes.catalogue import in_order
-from bayesdeg.laboratory.actuators import inflate_actuators
-from bayesdeg.laboratory.design import Design
-from bayesdeg.laboratory.effects import HiddenEffect
-from bayesdeg.laboratory.films import tear_films, weigh_moisture, weigh_shrinkage
-from bayesdeg.laboratory.truth import Truth
-from bayesdeg.measure.tables import TABLES
+from bayesdeg.causes.cause import Conditions, Degradation, FilmConditions, Strength
+from bayesdeg.data.moisture import mass_loss_from_degradation, saturating
+from bayesdeg.data.shrinkage import Mixture, film_volume
+from bayesdeg.data.tables import TABLES
+from bayesdeg.laboratory.design import SPECIMEN, Design
+from bayesdeg.laboratory.truth import (
+    HiddenEffect,
+    Truth,
+    alike_along,
+    constants_of,
+    draw_specimens,
+    noise,
+    significant,
+    stated_sd,
+)
+from bayesdeg.material.hyperelastic import yeoh_basis
+
+Floats = npt.NDArray[np.float64]
+
+DRY_MASS = 2.0  # of an undegraded film [g]
+DRY_MASS_SCATTER = 0.05
+MASS_POURED = 30.0  # stated by the source [g]
+MASS_POURED_SCATTER = 0.01
+VOLUME_RATIO_RANGE = (0.32, 0.99)  # a film neither gains volume nor was larger than what was poured
+
+
+def weigh_moisture(
+    table: pd.DataFrame, truth: Truth, generator: np.random.Generator
+) -> pd.DataFrame:
+    r"""Weigh films that come out of the soil, moist and dry.
+
+    .. math:: M_C = M_{C0} (1 - D_R(t)/100) + \sigma z, \quad M_0 = M_d / (1 - M_C/100)
+
+    The dry mass falls with the degradation rate by Eq. 6 of doi:10.3389/frobt.2021.760485.
+
+    Parameters
+    ----------
+    table : pandas.DataFrame
+        ``film_id``, ``time_h``.
+    truth : Truth
+        Course of degradation, moisture and its scatter.
+    generator : numpy.random.Generator
+        Source of randomness.
+
+    Returns
+    -------
+    pandas.DataFrame
+        The columns of ``moisture.csv``.
+    """
+    z = generator.standard_normal((2, len(table)))
+    time = table["time_h"].to_numpy(np.float64)
+    rate = saturating(time, truth.degradation_limit, truth.time_constant)
+    content = truth.moisture_initial * (1.0 - rate / 100.0) + truth.moisture_scatter * z[0]
+    lost = mass_loss_from_degradation(rate, moisture_initial_pct=truth.moisture_initial)
+    dry = DRY_MASS * np.exp(DRY_MASS_SCATTER * z[1]) * (1.0 - lost / 100.0)
+    moist = dry / (1.0 - content / 100.0)
+    return table.assign(mass_equilibrated_g=moist.round(4), mass_dry_g=dry.round(4))
+
+
+def weigh_shrinkage(
+    table: pd.DataFrame, truth: Truth, generator: np.random.Generator
+) -> pd.DataFrame:
+    r"""Weigh films when poured, cured and conditioned.
+
+    A conditioned film holds as much water as undegraded films do; the cured one had the volume
+    :math:`V_1 = V_2/\alpha` and lost nothing but water since.
+
+    Parameters
+    ----------
+    table : pandas.DataFrame
+        ``film_id``.
+    truth : Truth
+        Volume ratio, moisture, and their scatter.
+    generator : numpy.random.Generator
+        Source of randomness.
+
+    Returns
+    -------
+    pandas.DataFrame
+        The columns of ``shrinkage.csv``.
+    """
+    z = generator.standard_normal((3, len(table)))
+    mixture = Mixture()
+    poured = MASS_POURED * np.exp(MASS_POURED_SCATTER * z[0])
+    moisture = truth.moisture_initial + truth.moisture_scatter * z[1]
+    ratio = np.clip(truth.volume_ratio + truth.volume_ratio_scatter * z[2], *VOLUME_RATIO_RANGE)
+    solids = poured * (mixture.gelatin + mixture.glycerol) / mixture.total
+    conditioned = solids / (1.0 - moisture / 100.0)
+    volume = film_volume(poured, conditioned, mixture)
+    cured = conditioned + mixture.water_density * volume * (1.0 / ratio - 1.0)
+    return table.assign(
+        mass_poured_g=poured.round(4),
+        mass_cured_g=cured.round(4),
+        mass_conditioned_g=conditioned.round(4),
+    )
+
+
+def tear_films(
+    design: Design,
+    truth: Truth,
+    generator: np.random.Generator,
+    effects: Sequence[HiddenEffect] = (),
+) -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame]:
+    """Stretch films until they break.
+
+    Parameters
+    ----------
+    design : Design
+        Its ``tensile`` and ``breaks``; a specimen in both is one film.
+    truth : Truth
+        Material, scatter, reading errors.
+    generator : numpy.random.Generator
+        Source of randomness.
+    effects : sequence of HiddenEffect
+        What is hidden in the stresses, in the order of application.
+
+    Returns
+    -------
+    tensile, breaks, films : pandas.DataFrame
+        The columns of ``tensile.csv`` and ``break.csv``, and the films as they really are.
+        Uniaxial readings at or above a film's own limit are not there.
+    """
+    columns = list(SPECIMEN)
+    both = pd.concat([design.tensile[columns], design.breaks[columns]])
+    both = both.drop_duplicates("specimen_id")
+    films = draw_specimens(
+        both["specimen_id"],
+        truth,
+        degradation=both["degradation_pct"].to_numpy(np.float64),
+        sd=stated_sd(both, truth),
+        generator=generator,
+    )
+    limit = films["limit_stretch"].loc[design.breaks["specimen_id"]].to_numpy()
+    breaks = design.breaks[columns].assign(
+        degradation_sd_pct=stated_sd(design.breaks, truth),
+        elongation_pct=(100.0 * (limit - 1.0)).round(2),
+    )
+    return _stretch(design.tensile, films, truth, generator, effects=effects), breaks, films
+
+
+def _stretch(
+    table: pd.DataFrame,
+    films: pd.DataFrame,
+    truth: Truth,
+    generator: np.random.Generator,
+    *,
+    effects: Sequence[HiddenEffect],
+) -> pd.DataFrame:
+    limit = films["limit_stretch"].loc[table["specimen_id"]].to_numpy()
+    if "stretch" in table:
+        stretch = table["stretch"].to_numpy(np.float64)
+    else:
+        stretch = 1.0 + table["elongation_share"].to_numpy(np.float64) * (limit - 1.0)
+    stretch = stretch.round(4)
+    mode, measure = table["mode"].to_numpy(str), table["stress_measure"].to_numpy(str)
+    where = films.index.get_indexer(pd.Index(table["specimen_id"]))
+    constants = constants_of(films, truth)[where]
+    stress = np.sum(yeoh_basis(stretch, mode, measure) * constants, axis=-1)
+    level = films["degradation_pct"].to_numpy()[where]
+    tests = FilmConditions(stretch[:, None], mode, measure[:, None] == "cauchy", level)
+    for hidden in effects:
+        if hidden.cause.on_stress is not None:
+            column = stress[None, :, None]
+            column = hidden.cause.on_stress(column, tests, hidden.effect, constants[None])
+            stress = column[0, :, 0]
+    z = alike_along(
+        stretch,
+        generator.standard_normal(stress.shape),
+        specimen=[f"{name} {kind}" for name, kind in zip(table["specimen_id"], mode, strict=True)],
+        length=truth.tensile_noise_length,
+    )
+    stress += noise(stress, z, floor=truth.tensile_noise_floor, share=truth.tensile_noise)
+    read = table[list(SPECIMEN)].assign(
+        degradation_sd_pct=stated_sd(table, truth),
+        mode=mode,
+        stretch=stretch,
+        stress_MPa=significant(stress, 5),
+        stress_measure=measure,
+    )
+    whole = (mode != "uniaxial") | (stretch < limit)
+    kept: pd.DataFrame = read.loc[whole]
+    return kept.reset_index(drop=True)
+
+
+class _Plan(NamedTuple):
+    """The rows of the design in the order of specimens, and as specimens by steps.
+
+    ``known_sd`` is the reading error that the design states, on each row.
+    """
+
+    rows: pd.DataFrame
+    names: pd.Series
+    conditions: Conditions
+    degradation_sd: Floats
+    mask: npt.NDArray[np.bool_]
+    known_sd: Floats
+
+
+def inflate_actuators(
+    table: pd.DataFrame,
+    truth: Truth,
+    *,
+    effects: Sequence[HiddenEffect],
+    forward: ForwardMap,
+    generator: np.random.Generator,
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Inflate actuators and read curvature and bend angle.
+
+    A specimen bursts at the first pressure at which its peak stretch exceeds its own limit
+    stretch, or at which the forward map finds no equilibrium; nothing is read from there on. A
+    reading at zero pressure has no error, since curvature is counted from it.
+
+    Parameters
+    ----------
+    table : pandas.DataFrame
+        ``Design.actuator``.
+    truth : Truth
+        Material, scatter, reading errors.
+    effects : sequence of HiddenEffect
+        What is hidden, in the order of application.
+    forward : ForwardMap
+        The mechanics; its own standard error is not added.
+    generator : numpy.random.Generator
+        Source of randomness; how much is drawn depends on the design alone.
+
+    Returns
+    -------
+    readings, specimens : pandas.DataFrame
+        The columns of ``actuator.csv``, and the actuators as they really are, with ``status``
+        saying how their solution ended.
+    """
+    plan = _plan(table, truth)
+    specimens = _drawn(plan, truth, effects, generator)
+    prediction = _predict(plan, truth, effects, forward, constants_of(specimens, truth))
+    readings = _read(plan, truth, prediction, specimens, generator)
+    worst = [Status(int(status)).name.lower() for status in prediction.status.max(axis=1)]
+    return readings, specimens.assign(status=worst)
+
+
+def _plan(table: pd.DataFrame, truth: Truth) -> _Plan:
+    tests = [test for _, test in table.groupby("specimen_id", sort=False)]
+    rows = pd.concat(tests, ignore_index=True)
+    rows = rows.assign(degradation_sd_pct=stated_sd(rows, truth))
+    first = rows.drop_duplicates("specimen_id")
+    size = max(len(test) for test in tests)
+    # repeating the last pressure adds no solution
+    steps = [np.minimum(np.arange(size), len(test) - 1) for test in tests]
+    pressure = np.stack(
+        [t["pressure_kPa"].to_numpy(np.float64)[i] for t, i in zip(tests, steps, strict=True)]
+    )
+    known = rows["curvature_sd_per_m"].fillna(0.0) if "curvature_sd_per_m" in rows else None
+    return _Plan(
+        rows,
+        first["specimen_id"],
+        _conditions(tests, steps, pressure),
+        first["degradation_sd_pct"].to_numpy(np.float64)[:, None],
+        np.arange(size) < np.array([[len(test)] for test in tests]),
+        np.zeros(len(rows)) if known is None else known.to_numpy(np.float64),
+    )
+
+
+def _conditions(
+    tests: list[pd.DataFrame], steps: list[npt.NDArray[np.intp]], pressure: Floats
+) -> Conditions:
+    def recorded(name: str, default: object) -> npt.NDArray[np.generic]:
+        return np.stack(
+            [
+                (t[name].to_numpy() if name in t else np.full(len(t), default))[i]
+                for t, i in zip(tests, steps, strict=True)
+            ]
+        )
+
+    return Conditions(
+        pressure,
+        np.array([[float(t["degradation_pct"].iloc[0])] for t in tests]),
+        time=recorded("time_s", np.nan).astype(np.float64),
+        cycle=recorded("cycle", 1).astype(np.int64),
+        unloading=recorded("branch", "loading") == "unloading",
+        humidity=recorded("humidity_pct", np.nan).astype(np.float64),
+        mount=recorded("mount", "horizontal").astype(str),
+    )
+
+
+def _drawn(
+    plan: _Plan, truth: Truth, effects: Sequence[HiddenEffect], generator: np.random.Generator
+) -> pd.DataFrame:
+    state = Degradation(plan.conditions.degradation, plan.degradation_sd)
+    for hidden in effects:
+        if hidden.cause.on_degradation is not None:
+            state = hidden.cause.on_degradation(state, plan.conditions, hidden.effect)
+    count = len(plan.names)
+    value, sd = (np.broadcast_to(v, (1, count, 1))[0, :, 0] for v in (state.value, state.sd))
+    drawn = draw_specimens(plan.names, truth, degradation=value, sd=sd, generator=generator)
+    return _weakened(drawn, truth, effects)
+
+
+def _weakened(
+    specimens: pd.DataFrame, truth: Truth, effects: Sequence[HiddenEffect]
+) -> pd.DataFrame:
+    """Return specimens whose elongation limits are what the hidden effects leave of them."""
+    acting = [hidden for hidden in effects if hidden.cause.on_strength is not None]
+    if not acting:
+        return specimens
+    level = specimens["degradation_pct"].to_numpy()[None]
+    median = truth.limit_stretch(level) - 1.0
+    strength = Strength(median, np.full(level.shape, truth.elongation_scatter))
+    elongation = specimens["limit_stretch"].to_numpy() - 1.0
+    z = np.log(elongation / median) / np.maximum(strength.scatter, 1e-12)
+    for hidden in acting:
+        assert hidden.cause.on_strength is not None
+        effect = {name: size[..., 0] for name, size in hidden.effect.items()}
+        strength = hidden.cause.on_strength(strength, level, effect)
+    limit = 1.0 + strength.median * np.exp(strength.scatter * z)
+    return specimens.assign(limit_stretch=limit[0])
+
+
+def _predict(
+    plan: _Plan,
+    truth: Truth,
+    effects: Sequence[HiddenEffect],
+    forward: ForwardMap,
+    constants: Floats,
+) -> Prediction:
+    c1, c2, c3 = (constants[None, :, i, None] for i in range(3))
+    inputs = Inputs(
+        pressure=plan.conditions.pressure,
+        c1=c1,
+        c2=c2,
+        c3=c3,
+        linear_scale=np.full((1, 1, 1), np.cbrt(truth.volume_ratio)),
+        paper_stiffness=np.full((1, 1, 1), truth.paper_stiffness),
+        paper_thickness=np.full((1, 1, 1), truth.paper_thickness),
+    )
+    for hidden in effects:
+        if hidden.cause.on_inputs is not None:
+            inputs = hidden.cause.on_inputs(inputs, plan.conditions, hidden.effect)
+    prediction = forward(inputs)
+    for hidden in effects:
+        if hidden.cause.on_reading is not None:
+            prediction = hidden.cause.on_reading(prediction, plan.conditions, hidden.effect)
+    return _without_walkers(prediction, plan.mask.shape)
+
+
+def _without_walkers(prediction: Prediction, shape: tuple[int, ...]) -> Prediction:
+    def only(values: Floats) -> Floats:
+        return np.broadcast_to(values, (1, *shape)).reshape(shape)
+
+    return Prediction(
+        only(prediction.curvature),
+        only(prediction.bend_angle),
+        only(prediction.peak_stretch),
+        only(prediction.slope),
+        only(prediction.sd),
+        only(prediction.bend_angle_sd),
+        only(prediction.peak_stretch_sd),
+        np.broadcast_to(prediction.status, (1, *shape)).reshape(shape),
+    )
+
+
+def _read(
+    plan: _Plan,
+    truth: Truth,
+    prediction: Prediction,
+    specimens: pd.DataFrame,
+    generator: np.random.Generator,
+) -> pd.DataFrame:
+    limit = specimens["limit_stretch"].to_numpy()[:, None]
+    burst = (prediction.status != int(Status.CONVERGED)) | (prediction.peak_stretch > limit)
+    reached = (np.cumsum(burst, axis=1) - burst == 0)[plan.mask]
+    over = burst[plan.mask]
+    curvature, angle = prediction.curvature[plan.mask], prediction.bend_angle[plan.mask]
+    counted = plan.rows["pressure_kPa"].to_numpy() != 0.0
+    floor = np.hypot(truth.curvature_noise_floor, plan.known_sd)
+    z, y = _normals(plan.rows, truth, generator)
+    error = noise(curvature, z, floor=floor, share=truth.curvature_noise)
+    slip = noise(angle, y, floor=truth.bend_angle_noise_floor, share=truth.bend_angle_noise)
+    readings = plan.rows.assign(
+        curvature_per_m=np.where(over, np.nan, curvature + counted * error).round(4),
+        bend_angle_deg=np.where(over, np.nan, angle + counted * slip).round(3),
+        ruptured=over.astype(np.int64),
+    )
+    kept: pd.DataFrame = readings.loc[reached]
+    return kept.reset_index(drop=True)
+
+
+def _normals(
+    rows: pd.DataFrame, truth: Truth, generator: np.random.Generator
+) -> tuple[Floats, Floats]:
+    """Draw the errors of curvature and bend angle in their standard deviations, each (n,).
+
+    Both are alike along the path of pressure, and correlated in one picture.
+    """
+    specimen = rows["specimen_id"]
+    steps = rows["pressure_kPa"].groupby(specimen, sort=False).diff().abs().fillna(0.0)
+    place = steps.groupby(specimen, sort=False).cumsum().to_numpy(np.float64)
+    z, u = (
+        alike_along(
+            place,
+            generator.standard_normal(len(rows)),
+            specimen=specimen.to_numpy(str),
+            length=truth.curvature_noise_length,
+        )
+        for _ in range(2)
+    )
+    c = truth.reading_correlation
+    return z, c * z + np.sqrt(1.0 - c**2) * u
 
 
 @dataclass(frozen=True)
@@ -23,7 +429,7 @@ class VirtualExperiment:
     Parameters
     ----------
     tables : mapping of str to pandas.DataFrame
-        By name as in `bayesdeg.measure.tables.TABLES`, with the columns of the files, rounded as
+        By name as in `bayesdeg.data.tables.TABLES`, with the columns of the files, rounded as
         recorded.
     truth : Truth
         The material and the errors.

@@ -1,14 +1,23 @@
-"""What nobody in a virtual experiment knows: the material, its scatter, the errors of reading."""
+"""What nobody in a virtual experiment knows: material, effects, specimens as they really are."""
 
+import math
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
+import pandas as pd
 
 from bayesdeg.actuator.inputs import PAPER_THICKNESS
+from bayesdeg.causes.catalogue import find, in_order
+from bayesdeg.causes.cause import Cause, Effect
+from bayesdeg.data.nearest import nearest
+from bayesdeg.errors import BayesdegError
 from bayesdeg.inference.parameters import node_name
+from bayesdeg.inference.path_density import INDEPENDENT
 from bayesdeg.material.degradation import NODES, is_stable, yeoh_constants
 from bayesdeg.material.strength import limit_stretch
+from bayesdeg.priors import Parameter
 
 Floats = npt.NDArray[np.float64]
 Three = tuple[float, float, float]
@@ -194,3 +203,255 @@ def _draw(generator: np.random.Generator) -> Truth:
 def _three(values: Floats) -> Three:
     first, second, third = values.tolist()
     return first, second, third
+
+
+@dataclass(frozen=True)
+class HiddenEffect:
+    """A cause with values for all its parameters.
+
+    Parameters
+    ----------
+    cause : Cause
+        What acts.
+    values : mapping of str to float
+        By the parameters' short names, each in its unit.
+    """
+
+    cause: Cause
+    values: Mapping[str, float]
+
+    @property
+    def effect(self) -> Effect:
+        """The values as the hooks of the cause take them, for a single walker."""
+        named = {self.cause.qualified(name): np.array([v]) for name, v in self.values.items()}
+        return self.cause.effect(named)
+
+
+def parse_effect(text: str) -> tuple[Cause, dict[str, float]]:
+    """Read an effect from the command line.
+
+    Parameters
+    ----------
+    text : str
+        ``cause=value`` for the first parameter of the cause, its size, or
+        ``cause.parameter=value``.
+
+    Returns
+    -------
+    cause : Cause
+    values : dict of str to float
+        Only what the text gives.
+
+    Raises
+    ------
+    BayesdegError
+        If there is no such cause or parameter, or the value is no number or an impossible one;
+        the message says what would be right.
+
+    Examples
+    --------
+    >>> cause, values = parse_effect("pressure_offset=14")
+    >>> cause.name, values
+    ('pressure_offset', {'offset': 14.0})
+    >>> parse_effect("degradation_misread.shft=3")
+    Traceback (most recent call last):
+    ...
+    bayesdeg.errors.BayesdegError: degradation_misread has no parameter 'shft'; did you mean 'shift'?
+    """  # noqa: E501
+    target, equals, value = (part.strip() for part in text.partition("="))
+    name, dot, short = target.partition(".")
+    cause = find(name)
+    parameter = _parameter(cause, short) if dot else cause.parameters[0]
+    if not equals:
+        example = f"{target}={cause.typical[parameter.name]:g}"
+        raise BayesdegError(f"{text!r} gives no value; write for example {example}")
+    return cause, {parameter.name: _number(value, cause, parameter)}
+
+
+def parse_effects(texts: Iterable[str]) -> tuple[HiddenEffect, ...]:
+    """Read all effects of a command line; parameters that are not given are neutral.
+
+    Parameters
+    ----------
+    texts : iterable of str
+        As in `parse_effect`; several may give parameters of the same cause.
+
+    Returns
+    -------
+    tuple of HiddenEffect
+        In the order in which causes are applied.
+
+    Raises
+    ------
+    BayesdegError
+        As `parse_effect`, or if a parameter is given twice.
+
+    Examples
+    --------
+    >>> [hidden] = parse_effects(["degradation_misread.scatter=1"])
+    >>> hidden.values
+    {'shift': 0.0, 'scatter': 1.0}
+    """
+    causes: dict[str, Cause] = {}
+    given: dict[str, dict[str, float]] = {}
+    for text in texts:
+        cause, values = parse_effect(text)
+        causes[cause.name] = cause
+        before = given.setdefault(cause.name, {})
+        for twice in before.keys() & values.keys():
+            raise BayesdegError(f"{cause.qualified(twice)} is given twice; give it once")
+        before |= values
+    return tuple(
+        HiddenEffect(cause, {p.name: _value(cause, p, given) for p in cause.parameters})
+        for cause in in_order(causes.values())
+    )
+
+
+def _value(cause: Cause, parameter: Parameter, given: Mapping[str, Mapping[str, float]]) -> float:
+    neutral = 0.0 if parameter.neutral is None else parameter.neutral
+    return given[cause.name].get(parameter.name, neutral)
+
+
+def _parameter(cause: Cause, short: str) -> Parameter:
+    names = [p.name for p in cause.parameters]
+    if short not in names:
+        best = nearest(short, names)
+        hint = f"did you mean {best!r}?" if best else f"it has {', '.join(names)}"
+        raise BayesdegError(f"{cause.name} has no parameter {short!r}; {hint}")
+    return cause.parameters[names.index(short)]
+
+
+def _number(text: str, cause: Cause, parameter: Parameter) -> float:
+    name, unit = cause.qualified(parameter.name), parameter.unit
+    example = f"give a number [{unit}], for example {cause.typical[parameter.name]:g}"
+    try:
+        value = float(text)
+    except ValueError:
+        raise BayesdegError(f"{name}: {text!r} is not a number; {example}") from None
+    if not math.isfinite(value) or not math.isfinite(float(parameter.law.log_density(value))):
+        raise BayesdegError(f"{name}: {text} is impossible under {parameter.law}; {example}")
+    return value
+
+
+def draw_specimens(
+    names: pd.Series,
+    truth: Truth,
+    *,
+    degradation: Floats,
+    sd: Floats,
+    generator: np.random.Generator,
+) -> pd.DataFrame:
+    r"""Draw what each specimen really is.
+
+    .. math:: D = D_{believed} + \sigma_D z_1, \quad \ln(C/C(D)) = \sigma_C z_2, \quad
+        \ln(\varepsilon_b/\varepsilon_b(D)) = \sigma_\varepsilon z_3
+
+    Parameters
+    ----------
+    names : pandas.Series of str, length n
+        The specimens.
+    truth : Truth
+        Material and scatter.
+    degradation, sd : array, shape (n,)
+        Degradation rate that is believed and its standard error [%].
+    generator : numpy.random.Generator
+        Source of randomness.
+
+    Returns
+    -------
+    pandas.DataFrame
+        By ``specimen_id``: ``degradation_pct`` [%], ``ln_stiffness`` (deviation from the mean
+        of the material), ``limit_stretch`` at which it breaks.
+
+    Examples
+    --------
+    >>> fresh = draw_specimens(
+    ...     pd.Series(["a"]), Truth(stiffness_scatter=0.0, elongation_scatter=0.0),
+    ...     degradation=np.zeros(1), sd=np.zeros(1), generator=np.random.default_rng(0),
+    ... )
+    >>> round(float(fresh.loc["a", "limit_stretch"]), 3)
+    3.098
+    """
+    z = generator.standard_normal((3, len(names)))
+    true = degradation + sd * z[0]
+    elongation = (truth.limit_stretch(true) - 1.0) * np.exp(truth.elongation_scatter * z[2])
+    return pd.DataFrame(
+        {
+            "degradation_pct": true,
+            "ln_stiffness": truth.stiffness_scatter * z[1],
+            "limit_stretch": 1.0 + elongation,
+        },
+        index=pd.Index(names, name="specimen_id"),
+    )
+
+
+def constants_of(specimens: pd.DataFrame, truth: Truth) -> Floats:
+    """Return C1, C2, C3 [MPa] of each specimen, shape (n, 3)."""
+    factor = np.exp(specimens["ln_stiffness"].to_numpy())
+    return truth.constants(specimens["degradation_pct"].to_numpy()) * factor[:, None]
+
+
+def stated_sd(table: pd.DataFrame, truth: Truth) -> Floats:
+    """Return the standard error of the degradation rate on each row [%].
+
+    Where the table states none it is that of the truth; fresh specimens were never in the soil
+    and have none.
+    """
+    assumed = np.where(table["degradation_pct"] > 0.0, truth.degradation_sd, 0.0)
+    return np.where(table["degradation_sd_pct"].isna(), assumed, table["degradation_sd_pct"])
+
+
+def noise(value: Floats, z: Floats, *, floor: float | Floats, share: float) -> Floats:
+    r"""Return errors of reading with standard deviation :math:`\sqrt{f^2 + (s v)^2}`."""
+    return np.hypot(floor, share * value) * z
+
+
+def alike_along(place: Floats, z: Floats, *, specimen: npt.ArrayLike, length: float) -> Floats:
+    r"""Make independent normals alike along each specimen's path, as errors of reading are.
+
+    The correlation of two readings i ≠ j of a specimen is (1 − w) exp(−|s_i − s_j|/ℓ), by the
+    Cholesky factor of their covariance; w is `bayesdeg.inference.path_density.INDEPENDENT`.
+
+    Parameters
+    ----------
+    place : array, shape (n,)
+        s, length of path up to each reading.
+    z : array, shape (n,)
+        Independent standard normals.
+    specimen : array_like, shape (n,)
+        Whose path it is.
+    length : float
+        ℓ, in the unit of s; at 0 the normals stay as they are.
+
+    Returns
+    -------
+    array, shape (n,)
+
+    Examples
+    --------
+    >>> at, z = np.array([0.0, 1e9]), np.array([1.0, 3.0])
+    >>> alike_along(at, z, specimen=["a", "a"], length=1.0).round(3).tolist()
+    [1.0, 3.0]
+    """
+    if length == 0.0:
+        return z
+    alike = np.empty_like(z)
+    owner, names = pd.factorize(np.asarray(specimen))
+    for k in range(len(names)):
+        rows = np.flatnonzero(owner == k)
+        rows = rows[np.argsort(place[rows], kind="stable")]
+        distance = np.abs(place[rows, None] - place[rows])
+        common = (1.0 - INDEPENDENT) * np.exp(-distance / length)
+        alike[rows] = np.linalg.cholesky(common + INDEPENDENT * np.eye(len(rows))) @ z[rows]
+    return alike
+
+
+def significant(values: Floats, digits: int) -> Floats:
+    """Round to significant digits.
+
+    Examples
+    --------
+    >>> significant(np.array([0.00123456, 0.0, 12.3456]), 3).tolist()
+    [0.00123, 0.0, 12.3]
+    """
+    return np.array([float(f"{value:.{digits}g}") for value in values])

@@ -5,14 +5,13 @@ from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, fields, replace
 
 import bayesdeg
-from bayesdeg.actuator.version import MODEL_VERSION
+from bayesdeg.actuator.status import MODEL_VERSION
+from bayesdeg.data.settings import ENTRIES, Dimensions, Settings
+from bayesdeg.data.settings import FILE as SETTINGS_FILE
+from bayesdeg.data.tables import TABLES
 from bayesdeg.files import spreadsheet_safe
 from bayesdeg.laboratory.experiment import VirtualExperiment
-from bayesdeg.laws import LAWS, Law
-from bayesdeg.measure.settings import Dimensions, Settings
-from bayesdeg.measure.settings_file import ENTRIES
-from bayesdeg.measure.settings_file import FILE as SETTINGS_FILE
-from bayesdeg.measure.tables import TABLES
+from bayesdeg.priors import LAWS, Law
 
 TRUTH_FILE = "truth.json"
 #: What a virtual experiment writes; published statistics are not virtual.

@@ -1,16 +1,175 @@
-"""Material constants as polynomials of the degradation rate D_R, held by their values at nodes.
+r"""Material constants as polynomials of the degradation rate D_R, held by their values at nodes.
 
 Values at nodes are quantities of the material itself, so that priors can be stated for them and
 the sampler finds them little correlated; the coefficients of the powers of D_R are neither.
+
+In Bernstein form, with :math:`t = (D - D_0)/(D_n - D_0)` between the first and the last node,
+
+.. math:: C(D) = \sum_k b_k B_k(t), \qquad B_k(t) = \binom{n}{k} t^k (1 - t)^{n-k},
+
+the control values b_k are those of the curve at both ends, and pull it between them.  B_k ≥ 0, so
+positive control values make a positive constant, and with :math:`b^{(2)}_k = r_k
+\sqrt{3 b^{(1)}_k b^{(3)}_k}`, r_k > −1, the Cauchy–Schwarz inequality gives
+
+.. math:: C_2 > -\sum_k B_k \sqrt{3 b^{(1)}_k b^{(3)}_k} \ge -\sqrt{3 C_1 C_3}
+
+at every degradation rate: no control values of this kind make an unstable material.
+
+References
+----------
+Farouki (2012), The Bernstein polynomial basis: a centennial retrospective;
+doi:10.1016/j.cagd.2012.03.001.
 """
 
+import math
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from bayesdeg.material.modes import FloatArray
-from bayesdeg.material.stability import BoolArray, satisfies_baker_ericksen
+from bayesdeg.material.hyperelastic import FloatArray, Modes, yeoh_tangent_basis
+
+type BoolArray = npt.NDArray[np.bool_]
+
+
+def satisfies_baker_ericksen(c1: npt.ArrayLike, c2: npt.ArrayLike, c3: npt.ArrayLike) -> BoolArray:
+    r"""Return whether the larger principal stretch always carries the larger stress.
+
+    For a solid of I₁ alone, the Baker–Ericksen inequalities are
+
+    .. math:: \frac{dW}{dI_1} = C_1 + 2 C_2 (I_1 - 3) + 3 C_3 (I_1 - 3)^2 > 0 \quad
+        \text{for all } I_1 \ge 3,
+
+    which holds if and only if C₁ > 0, C₃ ≥ 0 and C₂ > −√(3 C₁ C₃) or C₂ ≥ 0.  They are necessary
+    for ellipticity.
+
+    Parameters
+    ----------
+    c1, c2, c3 : array_like
+        Yeoh's constants [MPa].
+
+    Returns
+    -------
+    ndarray of bool
+
+    References
+    ----------
+    Baker, Ericksen (1954), J. Wash. Acad. Sci. 44, 33.
+
+    Examples
+    --------
+    >>> satisfies_baker_ericksen(1.0, [-0.17, -0.18], 0.01)
+    array([ True, False])
+    """
+    c1, c2, c3 = (np.asarray(c, dtype=np.float64) for c in (c1, c2, c3))
+    stiffens = (c2 >= 0.0) | (np.square(c2) < 3.0 * c1 * c3)
+    return np.asarray((c1 > 0.0) & (c3 >= 0.0) & stiffens)
+
+
+def smallest_positive_ratio(c3_over_c1: npt.ArrayLike) -> FloatArray:
+    """Return −√(3 C₃/C₁): C₂/C₁ must exceed it for dW/dI₁ > 0 at every strain.
+
+    Examples
+    --------
+    >>> smallest_positive_ratio([0.03, 0.12])
+    array([-0.3, -0.6])
+    """
+    return -np.sqrt(3.0 * np.asarray(c3_over_c1, dtype=np.float64))
+
+
+def smallest_monotone_ratio(
+    c3_over_c1: npt.ArrayLike, *, largest_stretch: float, mode: Modes, points: int = 2000
+) -> FloatArray:
+    r"""Return the smallest C₂/C₁ with which nominal stress never falls up to a stretch.
+
+    The slope of the nominal stress is linear in the constants, :math:`T_1 C_1 + T_2 C_2 + T_3 C_3`,
+    with T₂ > 0 above stretch 1, so the bound is
+
+    .. math:: \frac{C_2}{C_1} \ge \max_{1 < \lambda \le \lambda_{max}}
+        - \frac{T_1 + T_3 \, C_3 / C_1}{T_2}
+
+    Of the three modes equibiaxial tension is the strictest.
+
+    Parameters
+    ----------
+    c3_over_c1 : array_like
+        C₃/C₁ [–].
+    largest_stretch : float
+        Stretch up to which stress must rise [–], above 1.
+    mode : str
+        ``uniaxial``, ``equibiaxial`` or ``planar``.
+    points : int
+        Stretches examined; the error of the bound falls with the square of their spacing.
+
+    Returns
+    -------
+    ndarray
+        Smallest admissible C₂/C₁ [–], in the shape of the argument.
+
+    Raises
+    ------
+    ValueError
+        If the mode is unknown or the stretch is not above 1.
+
+    Examples
+    --------
+    >>> bound = smallest_monotone_ratio(0.01, largest_stretch=3.2, mode="equibiaxial")
+    >>> round(float(bound), 3)
+    -0.114
+    """
+    basis = yeoh_tangent_basis(_stretches(largest_stretch, points), mode)
+    ratio = np.asarray(c3_over_c1, dtype=np.float64)[..., np.newaxis]
+    bound: FloatArray = np.max(-(basis[:, 0] + ratio * basis[:, 2]) / basis[:, 1], axis=-1)
+    return bound
+
+
+def is_monotone(
+    c1: npt.ArrayLike,
+    c2: npt.ArrayLike,
+    c3: npt.ArrayLike,
+    *,
+    largest_stretch: float,
+    mode: Modes,
+    points: int = 200,
+) -> BoolArray:
+    """Return whether nominal stress rises all the way from stretch 1 to the largest.
+
+    Parameters
+    ----------
+    c1, c2, c3 : array_like
+        Yeoh's constants [MPa].
+    largest_stretch : float
+        Stretch up to which stress must rise [–], above 1.
+    mode : str
+        ``uniaxial``, ``equibiaxial`` or ``planar``.
+    points : int
+        Stretches examined.
+
+    Returns
+    -------
+    ndarray of bool
+
+    Raises
+    ------
+    ValueError
+        If the mode is unknown or the stretch is not above 1.
+
+    Examples
+    --------
+    >>> is_monotone(1.0, [-0.11, -0.12], 0.01, largest_stretch=3.2, mode="equibiaxial")
+    array([ True, False])
+    """
+    basis = yeoh_tangent_basis(_stretches(largest_stretch, points), mode)
+    constants = np.stack(np.broadcast_arrays(c1, c2, c3), axis=-1).astype(np.float64)
+    return np.asarray(np.all(constants @ basis.T > 0.0, axis=-1))
+
+
+def _stretches(largest_stretch: float, points: int) -> FloatArray:
+    if not largest_stretch > 1.0:
+        raise ValueError(f"the largest stretch must be above 1, not {largest_stretch!r}")
+    return np.linspace(1.0, largest_stretch, points + 1)[1:]
+
 
 type Nodes = tuple[float, ...]
 
@@ -293,3 +452,96 @@ def _count_distinct(levels: FloatArray) -> int:
         if level - start >= SMALLEST_SPACING:
             count, start = count + 1, level
     return count
+
+
+class Controls(NamedTuple):
+    """Control values of Yeoh's constants, each of shape (..., n_nodes).
+
+    Parameters
+    ----------
+    c1, c3 : array
+        Of C₁ and C₃, positive [MPa].
+    ratio : array
+        r, larger than −1 [–].
+    """
+
+    c1: FloatArray
+    ratio: FloatArray
+    c3: FloatArray
+
+    @property
+    def c2(self) -> FloatArray:
+        """Control values of C₂ [MPa]."""
+        return self.ratio * np.sqrt(3.0 * self.c1 * self.c3)
+
+
+def bernstein_weights(degradation: npt.ArrayLike, nodes: Nodes) -> FloatArray:
+    """Return B_k at degradation rates [%], shape (..., n_nodes).
+
+    Examples
+    --------
+    >>> bernstein_weights(12.5, (0.0, 12.5, 25.0))
+    array([0.25, 0.5 , 0.25])
+    """
+    return _bernstein(_place(degradation, nodes), len(nodes) - 1)
+
+
+def bernstein_slopes(degradation: npt.ArrayLike, nodes: Nodes) -> FloatArray:
+    """Return dB_k/dD_R [1/%] at degradation rates [%], shape (..., n_nodes).
+
+    Examples
+    --------
+    >>> bernstein_slopes(3.0, (0.0, 25.0))
+    array([-0.04,  0.04])
+    """
+    place, order = _place(degradation, nodes), len(nodes) - 1
+    if order == 0:
+        return np.zeros((*place.shape, 1))
+    lower = _bernstein(place, order - 1)
+    nothing = np.zeros((*place.shape, 1))
+    left = np.concatenate([nothing, lower], axis=-1)
+    right = np.concatenate([lower, nothing], axis=-1)
+    slopes: FloatArray = order / (nodes[-1] - nodes[0]) * (left - right)
+    return slopes
+
+
+def constants(controls: Controls, weights: FloatArray) -> FloatArray:
+    """Return C₁, C₂, C₃ [MPa], or their derivatives by D_R [MPa/%].
+
+    Parameters
+    ----------
+    controls : Controls
+        Of shape (n, n_nodes).
+    weights : array, shape (S, n_nodes) or (n, S, n_nodes)
+        `bernstein_weights`, or `bernstein_slopes` for the derivatives.
+
+    Returns
+    -------
+    array, shape (n, S, 3)
+
+    Examples
+    --------
+    >>> ends = Controls(*np.array([[[0.3, 1.6]], [[-0.5, -0.5]], [[0.001, 0.1]]]))
+    >>> constants(ends, bernstein_weights([25.0], (0.0, 25.0))).round(4)
+    array([[[ 1.6   , -0.3464,  0.1   ]]])
+    """
+    values = np.stack([controls.c1, controls.c2, controls.c3], axis=-1)
+    combined: FloatArray = np.matmul(weights, values)
+    return combined
+
+
+def _place(degradation: npt.ArrayLike, nodes: Nodes) -> FloatArray:
+    level = np.asarray(degradation, dtype=np.float64)
+    if len(nodes) == 1:
+        return np.zeros_like(level)
+    if not nodes[-1] > nodes[0]:
+        raise ValueError(f"nodes must increase, not {nodes}")
+    place: FloatArray = (level - nodes[0]) / (nodes[-1] - nodes[0])
+    return place
+
+
+def _bernstein(place: FloatArray, order: int) -> FloatArray:
+    terms = [
+        math.comb(order, k) * place**k * (1.0 - place) ** (order - k) for k in range(order + 1)
+    ]
+    return np.stack(terms, axis=-1)

@@ -1,4 +1,8 @@
-"""Incompressible hyperelastic laws; `stress` has their stress in each mode.
+r"""Incompressible hyperelastic laws, their stress and tangent in each mode of a homogeneous test.
+
+Every mode has the principal stretches :math:`\lambda^{e_1}, \lambda^{e_2}, \lambda^{e_3}` with
+constant exponents that sum to zero, so every sum of powers of them, hence every invariant, is a
+function of the one stretch :math:`\lambda`.
 
 Constants may be arrays: they broadcast against the stretch.  All energies are per undeformed
 volume [MPa = mJ/mm³].
@@ -6,19 +10,170 @@ volume [MPa = mJ/mm³].
 
 import math
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Literal, NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from bayesdeg.material.modes import (
-    FloatArray,
-    Modes,
-    Path,
-    chain,
-    power_sum,
-    root_second_invariant,
-)
+type FloatArray = npt.NDArray[np.float64]
+type ModeName = Literal["uniaxial", "equibiaxial", "planar"]
+type MeasureName = Literal["nominal", "cauchy"]
+type Modes = str | npt.ArrayLike
+type Measures = str | npt.ArrayLike
+
+EXPONENTS: dict[str, tuple[float, float, float]] = {
+    "uniaxial": (1.0, -0.5, -0.5),
+    "equibiaxial": (1.0, 1.0, -2.0),
+    "planar": (1.0, 0.0, -1.0),
+}
+LOADED_AXES: dict[str, float] = {"uniaxial": 1.0, "equibiaxial": 2.0, "planar": 1.0}
+MEASURES = ("nominal", "cauchy")
+
+
+class Path(NamedTuple):
+    """A scalar along a mode: its value and its first two derivatives by the stretch."""
+
+    value: FloatArray
+    slope: FloatArray
+    curvature: FloatArray
+
+
+def principal_stretches(stretch: npt.ArrayLike, mode: Modes) -> FloatArray:
+    """Return the three principal stretches of a mode, along a new last axis.
+
+    Raises
+    ------
+    ValueError
+        If the mode is unknown.
+
+    Examples
+    --------
+    >>> principal_stretches(2.0, "equibiaxial")
+    array([2.  , 2.  , 0.25])
+    """
+    base = np.asarray(stretch, dtype=np.float64)[..., np.newaxis]
+    return np.asarray(base ** _lookup(EXPONENTS, mode), dtype=np.float64)
+
+
+def power_sum(stretch: npt.ArrayLike, mode: Modes, power: npt.ArrayLike) -> Path:
+    r"""Return the sum of powers of the principal stretches, less 3, along a mode.
+
+    .. math:: S_p(\lambda) = \lambda_1^p + \lambda_2^p + \lambda_3^p - 3
+
+    S₂ is I₁ − 3 and, for an incompressible solid, S₋₂ is I₂ − 3.
+
+    Parameters
+    ----------
+    stretch : array_like
+        Stretch along the load [–], above 0.
+    mode : str or array_like of str
+        ``uniaxial``, ``equibiaxial`` or ``planar`` (pure shear); one for all or one for each
+        stretch.
+    power : array_like
+        Power p [–].
+
+    Returns
+    -------
+    Path
+        S_p and its derivatives by the stretch, in the common shape of the arguments.
+
+    Raises
+    ------
+    ValueError
+        If the mode is unknown or a stretch is not above 0.
+
+    Examples
+    --------
+    >>> float(power_sum(2.0, "uniaxial", 2.0).value)
+    2.0
+    """
+    stretch = np.asarray(stretch, dtype=np.float64)
+    if np.any(stretch <= 0.0):
+        raise ValueError("a stretch must be above 0; 1 is undeformed")
+    exponents = _lookup(EXPONENTS, mode) * np.asarray(power, dtype=np.float64)[..., np.newaxis]
+    base = stretch[..., np.newaxis]
+    # keeps the digits of a small strain, where the three powers nearly cancel against 3
+    excess = np.expm1(exponents * np.log(base))
+    slope = exponents * (1.0 + excess)
+    return Path(
+        excess.sum(axis=-1),
+        slope.sum(axis=-1) / stretch,
+        (slope * (exponents - 1.0)).sum(axis=-1) / np.square(stretch),
+    )
+
+
+def root_second_invariant(stretch: npt.ArrayLike, mode: Modes) -> Path:
+    r"""Return :math:`\sqrt{I_2} - \sqrt 3` along a mode with its derivatives by the stretch.
+
+    Parameters
+    ----------
+    stretch : array_like
+        Stretch along the load [–], above 0.
+    mode : str or array_like of str
+        See `power_sum`.
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    ValueError
+        If the mode is unknown or a stretch is not above 0.
+
+    Examples
+    --------
+    >>> round(float(root_second_invariant(2.0, "equibiaxial").value), 4)
+    2.33
+    """
+    i2 = power_sum(stretch, mode, -2.0)
+    root = np.sqrt(3.0 + i2.value)
+    return chain(
+        i2, energy=i2.value / (root + math.sqrt(3.0)), first=0.5 / root, second=-0.25 / root**3
+    )
+
+
+def chain(inner: Path, *, energy: FloatArray, first: FloatArray, second: FloatArray) -> Path:
+    """Return the path of an energy, given it and its derivatives by the inner scalar."""
+    slope = first * inner.slope
+    return Path(energy, slope, second * np.square(inner.slope) + first * inner.curvature)
+
+
+def loaded_axes(mode: Modes) -> FloatArray:
+    """Return on how many axes the stretch of the mode is imposed by the same load.
+
+    The nominal stress on each of them is the slope of the energy by the stretch, divided by this.
+
+    Examples
+    --------
+    >>> float(loaded_axes("equibiaxial"))
+    2.0
+    """
+    return _lookup(LOADED_AXES, mode)
+
+
+def measure_factor(stretch: npt.ArrayLike, measure: Measures) -> FloatArray:
+    """Return what the nominal stress is to be multiplied by: 1, or the stretch for Cauchy stress.
+
+    Examples
+    --------
+    >>> measure_factor([1.5, 2.0], "cauchy")
+    array([1.5, 2. ])
+    """
+    names = np.asarray(measure, dtype=object)
+    unknown = [str(name) for name in names.ravel() if name not in MEASURES]
+    if unknown:
+        raise ValueError(f"unknown stress measure {unknown[0]!r}; one of {', '.join(MEASURES)}")
+    return np.where(names == "cauchy", np.asarray(stretch, dtype=np.float64), 1.0)
+
+
+def _lookup[Value](table: dict[str, Value], mode: Modes) -> FloatArray:
+    names = np.asarray(mode, dtype=object)
+    unknown = [str(name) for name in names.ravel() if name not in table]
+    if unknown:
+        raise ValueError(f"unknown mode {unknown[0]!r}; one of {', '.join(table)}")
+    values = np.array([table[name] for name in names.ravel()], dtype=np.float64)
+    return values.reshape(names.shape + values.shape[1:])
 
 
 class HyperelasticLaw(Protocol):
@@ -220,3 +375,158 @@ class Ogden:
             for part in range(3)
         )
         return Path(*sums)
+
+
+def energy(law: HyperelasticLaw, stretch: npt.ArrayLike, *, mode: Modes) -> FloatArray:
+    """Return the strain energy per undeformed volume [MPa]; 0 at stretch 1.
+
+    Parameters
+    ----------
+    law : HyperelasticLaw
+        Constants in arrays broadcast against the stretch.
+    stretch : array_like
+        Stretch along the load [–], above 0.
+    mode : str or array_like of str
+        ``uniaxial``, ``equibiaxial`` or ``planar``.
+
+    Raises
+    ------
+    ValueError
+        If the mode is unknown or a stretch is not above 0.
+
+    Examples
+    --------
+    >>> from bayesdeg.material.hyperelastic import NeoHookean
+    >>> float(energy(NeoHookean(0.3), 2.0, mode="uniaxial"))
+    0.6
+    """
+    return law.along(stretch, mode).value
+
+
+def nominal_stress(law: HyperelasticLaw, stretch: npt.ArrayLike, *, mode: Modes) -> FloatArray:
+    r"""Return the nominal stress on the loaded axes: force over undeformed area [MPa].
+
+    .. math:: P = \frac{1}{n} \frac{dw}{d\lambda}
+
+    where w(λ) is the energy along the mode and n the number of axes that carry the load, so that
+    the pressure of incompressibility is eliminated by the stress-free faces.  Arguments and errors
+    as `energy`.
+
+    Examples
+    --------
+    >>> from bayesdeg.material.hyperelastic import NeoHookean
+    >>> float(nominal_stress(NeoHookean(0.3), 2.0, mode="uniaxial"))  # 2 C1 (λ − λ⁻²)
+    1.05
+    """
+    return law.along(stretch, mode).slope / loaded_axes(mode)
+
+
+def cauchy_stress(law: HyperelasticLaw, stretch: npt.ArrayLike, *, mode: Modes) -> FloatArray:
+    r"""Return the Cauchy stress on the loaded axes: force over deformed area [MPa].
+
+    .. math:: \sigma = \lambda P
+
+    For Yeoh's solid in uniaxial tension this is the right-hand side of Eq. 2 of Nagai et al.
+    (2021), :math:`2 (\lambda^2 - \lambda^{-1}) \sum_i i C_i (I_1 - 3)^{i-1}`.  The expression
+    before it, ∂W/∂λ₁, is a misprint: it should be λ₁ ∂W/∂λ₁ with λ₂ = λ₃ = λ₁^(−1/2).  Fitting this
+    formula to nominal stress gives constants that are too low: C₁ of a neo-Hookean solid stretched
+    to 3.1 by 32 %.  Arguments and errors as `energy`.
+
+    References
+    ----------
+    Nagai, Kurita, Shintake (2021), Front. Robot. AI 8:760485; doi:10.3389/frobt.2021.760485.
+
+    Examples
+    --------
+    >>> from bayesdeg.material.hyperelastic import NeoHookean
+    >>> float(cauchy_stress(NeoHookean(0.3), 2.0, mode="uniaxial"))
+    2.1
+    """
+    return np.asarray(stretch, dtype=np.float64) * nominal_stress(law, stretch, mode=mode)
+
+
+def tangent(law: HyperelasticLaw, stretch: npt.ArrayLike, *, mode: Modes) -> FloatArray:
+    """Return the slope of the nominal stress by the stretch [MPa].
+
+    At stretch 1 in uniaxial tension it is Young's modulus, for Yeoh's solid 6 C₁.  Arguments and
+    errors as `energy`.
+
+    Examples
+    --------
+    >>> from bayesdeg.material.hyperelastic import Yeoh
+    >>> round(float(tangent(Yeoh(0.3, -0.01, 0.002), 1.0, mode="uniaxial")), 12)
+    1.8
+    """
+    return law.along(stretch, mode).curvature / loaded_axes(mode)
+
+
+def yeoh_basis(stretch: npt.ArrayLike, mode: Modes, measure: Measures = "nominal") -> FloatArray:
+    r"""Return the design matrix in which Yeoh's stress is linear.
+
+    .. math:: \text{stress} = \sum_i B_i C_i, \qquad
+        B_i = \frac{i (I_1 - 3)^{i-1}}{n} \frac{dI_1}{d\lambda} \;[\times \lambda]
+
+    Parameters
+    ----------
+    stretch : array_like
+        Stretch along the load [–], above 0.
+    mode : str or array_like of str
+        ``uniaxial``, ``equibiaxial`` or ``planar``; one for all or one for each stretch.
+    measure : str or array_like of str
+        ``nominal`` or ``cauchy``; one for all or one for each stretch.
+
+    Returns
+    -------
+    ndarray, shape (..., 3)
+        ``basis @ (C1, C2, C3)`` is the stress [MPa].
+
+    Raises
+    ------
+    ValueError
+        If a mode or measure is unknown or a stretch is not above 0.
+
+    Examples
+    --------
+    >>> yeoh_basis(2.0, "uniaxial", "nominal")
+    array([ 3.5, 14. , 42. ])
+    """
+    i1 = power_sum(stretch, mode, 2.0)
+    first = measure_factor(stretch, measure) * i1.slope / loaded_axes(mode)
+    x = i1.value
+    return np.stack([first, 2.0 * x * first, 3.0 * np.square(x) * first], axis=-1)
+
+
+def yeoh_tangent_basis(stretch: npt.ArrayLike, mode: Modes) -> FloatArray:
+    """Return the slope of the nominal `yeoh_basis` by the stretch, shape (..., 3).
+
+    Arguments and errors as `yeoh_basis`.
+
+    Examples
+    --------
+    >>> yeoh_tangent_basis(1.0, "uniaxial")
+    array([6., 0., 0.])
+    """
+    i1 = power_sum(stretch, mode, 2.0)
+    x, square = i1.value, np.square(i1.slope)
+    terms = [
+        i1.curvature,
+        2.0 * square + 2.0 * x * i1.curvature,
+        6.0 * x * square + 3.0 * np.square(x) * i1.curvature,
+    ]
+    return np.stack(terms, axis=-1) / loaded_axes(mode)[..., np.newaxis]
+
+
+def root_second_invariant_basis(
+    stretch: npt.ArrayLike, mode: Modes, measure: Measures = "nominal"
+) -> FloatArray:
+    """Return the stress of unit C_s (√I₂ − √3), the further column beside `yeoh_basis`.
+
+    Arguments and errors as `yeoh_basis`; the shape is that of the arguments, broadcast.
+
+    Examples
+    --------
+    >>> round(float(root_second_invariant_basis(2.0, "equibiaxial")), 4)
+    1.9387
+    """
+    slope = root_second_invariant(stretch, mode).slope / loaded_axes(mode)
+    return measure_factor(stretch, measure) * slope

@@ -7,10 +7,10 @@ import numpy as np
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.inputs import ForwardMap
 from bayesdeg.causes.cause import Cause
+from bayesdeg.data.study import Study
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.emulator.trained import surrogate_for
 from bayesdeg.inference.model import Model
-from bayesdeg.measure.study import Study
 from bayesdeg.pipeline.outline import outline
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from bayesdeg.measure.study import Study
+from bayesdeg.data.study import Study
 from bayesdeg.pipeline.calibrate import Fit
 
 Json = dict[str, object]

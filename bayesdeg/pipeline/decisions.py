@@ -10,7 +10,7 @@ from bayesdeg.criticism.residuals import levels
 from bayesdeg.inference.curves import ActuatorCurves
 from bayesdeg.pipeline.calibrate import Fit
 from bayesdeg.prediction.control import INTERVAL, largest_allowed, needed_by
-from bayesdeg.prediction.specimens import Specimens, draw_specimens, respond
+from bayesdeg.prediction.predictive import Specimens, draw_specimens, respond
 
 Floats = NDArray[np.float64]
 

@@ -10,14 +10,10 @@ from statistics import median
 import numpy as np
 
 from bayesdeg.actuator.geometry import Geometry
-from bayesdeg.actuator.resolution import Resolution
-from bayesdeg.actuator.status import Status
-from bayesdeg.emulator.build import build, runs
-from bayesdeg.emulator.campaign import Finished, complete, missing
-from bayesdeg.emulator.cost import duration
-from bayesdeg.emulator.recipe import Recipe
-from bayesdeg.emulator.run import Run
-from bayesdeg.emulator.solutions import ANSWERS, SolutionStore
+from bayesdeg.actuator.status import Resolution, Status
+from bayesdeg.emulator.campaign import Finished, build, complete, missing, runs
+from bayesdeg.emulator.kept import Recipe, duration
+from bayesdeg.emulator.solutions import ANSWERS, Run, SolutionStore
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.emulator.workers import Supervised
 from bayesdeg.pipeline.progress import Progress

@@ -18,15 +18,15 @@ from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.residuals import predict_readings
 from bayesdeg.criticism.trials import Trial
+from bayesdeg.data.nearest import use_one_of
+from bayesdeg.data.plausibility import doubts, refuse_impossible
+from bayesdeg.data.settings import Effort
+from bayesdeg.data.study import Study
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.emulator.trained import find as find_emulator
 from bayesdeg.errors import BayesdegError
 from bayesdeg.inference.ensemble import EFFORTS, to_datatree
 from bayesdeg.inference.model import Model
-from bayesdeg.measure.nearest import use_one_of
-from bayesdeg.measure.plausibility import doubts, refuse_impossible
-from bayesdeg.measure.settings import Effort
-from bayesdeg.measure.study import Study
 from bayesdeg.pipeline import forecast
 from bayesdeg.pipeline.assemble import Assembly, assemble
 from bayesdeg.pipeline.base import base_of

@@ -7,11 +7,11 @@ from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.candidates import Candidate, EffectSize
 from bayesdeg.criticism.discrepancy import MISFIT_LEVEL
 from bayesdeg.criticism.verdict import Outcome, share_explained
-from bayesdeg.laws import Parameter
 from bayesdeg.pipeline.explanation_of_films import by_mode, hidden, one_mode
 from bayesdeg.pipeline.judgement import Judgement
 from bayesdeg.pipeline.misfit_in_words import beside, chance, edge, wrong
 from bayesdeg.pipeline.support_in_words import directed, gains, predicted_with
+from bayesdeg.priors import Parameter
 
 Json = dict[str, object]
 

@@ -12,6 +12,7 @@ from threadpoolctl import threadpool_limits
 from bayesdeg.criticism.convergence import Convergence, diagnose
 from bayesdeg.criticism.order import compare_orders
 from bayesdeg.criticism.order_comparison import OrderComparison
+from bayesdeg.data.study import Study
 from bayesdeg.inference.chain import Chain, Effort
 from bayesdeg.inference.course import (
     CourseModel,
@@ -24,7 +25,6 @@ from bayesdeg.inference.course import (
 from bayesdeg.inference.ensemble import sample
 from bayesdeg.inference.laplace import approximate, evidence
 from bayesdeg.inference.model import Model
-from bayesdeg.measure.study import Study
 from bayesdeg.pipeline.progress import Progress
 from bayesdeg.report import columns
 from bayesdeg.report.left_out import Guard, Stage

@@ -11,10 +11,15 @@ from bayesdeg.inference.chain import Chain
 from bayesdeg.inference.model import Model
 from bayesdeg.pipeline.progress import Progress
 from bayesdeg.pipeline.stored import Range, Stored
-from bayesdeg.prediction.bands import QUANTILES, curvature_bands
 from bayesdeg.prediction.control import Setting, control, largest_allowed
-from bayesdeg.prediction.rupture import rupture_table
-from bayesdeg.prediction.specimens import Specimens, draw_specimens, respond
+from bayesdeg.prediction.predictive import (
+    QUANTILES,
+    Specimens,
+    curvature_bands,
+    draw_specimens,
+    respond,
+    rupture_table,
+)
 
 Floats = NDArray[np.float64]
 

@@ -3,8 +3,8 @@
 import numpy as np
 
 from bayesdeg.criticism.conflict import Questioned, questioned
-from bayesdeg.measure.plausibility import Doubt, doubts
-from bayesdeg.measure.study import Study
+from bayesdeg.data.plausibility import Doubt, doubts
+from bayesdeg.data.study import Study
 from bayesdeg.pipeline.outline import outline
 from bayesdeg.pipeline.results import Results
 

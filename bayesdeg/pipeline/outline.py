@@ -9,17 +9,17 @@ import numpy as np
 
 from bayesdeg.causes.catalogue import CATALOGUE, find
 from bayesdeg.causes.cause import Cause
+from bayesdeg.data.cells import IN_QUOTES
+from bayesdeg.data.plausibility import Expected
+from bayesdeg.data.shrinkage import linear_scale
+from bayesdeg.data.study import Study
 from bayesdeg.errors import BayesdegError, Fault, StudyError
 from bayesdeg.inference import data as tables
 from bayesdeg.inference import parameters as known
 from bayesdeg.inference.curves import ActuatorCurves, Breaks, TensileCurves
 from bayesdeg.inference.published import PublishedTests, published_tests
-from bayesdeg.laws import Law, Parameter, Uniform
 from bayesdeg.material.degradation import Nodes, nodes_for
-from bayesdeg.measure.cells import IN_QUOTES
-from bayesdeg.measure.plausibility import Expected
-from bayesdeg.measure.shrinkage import linear_scale
-from bayesdeg.measure.study import Study
+from bayesdeg.priors import Law, Parameter, Uniform
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,9 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO
 
+from bayesdeg.data.settings import FILE as SETTINGS_FILE
+from bayesdeg.data.settings import parse_settings
+from bayesdeg.data.study import DATA_FILES, Study
 from bayesdeg.errors import BayesdegError
 from bayesdeg.files import (
     RUN_MB,
@@ -19,9 +22,6 @@ from bayesdeg.files import (
     write_text,
 )
 from bayesdeg.laboratory.writing import FIRST_WORDS, TRUTH_FILE
-from bayesdeg.measure.settings_file import FILE as SETTINGS_FILE
-from bayesdeg.measure.settings_file import parse_settings
-from bayesdeg.measure.study import DATA_FILES, Study
 from bayesdeg.report.folder import RUN, RUN_FILES, RunFolder
 
 if sys.platform == "win32":

@@ -26,20 +26,20 @@ from bayesdeg.criticism.custom_summary import summary
 from bayesdeg.criticism.custom_verdict import EFFORT, Judgement, judge
 from bayesdeg.criticism.subject import Places
 from bayesdeg.criticism.trials import Trial, base_trial
+from bayesdeg.data.nearest import use_one_of
+from bayesdeg.data.settings import Effort
 from bayesdeg.errors import BayesdegError
 from bayesdeg.inference.chain import Chain
 from bayesdeg.inference.ensemble import EFFORTS
 from bayesdeg.inference.laplace import Evidence, Laplace
 from bayesdeg.inference.parameters import Named
-from bayesdeg.laws import HalfNormal, Law, Parameter
-from bayesdeg.measure.nearest import use_one_of
-from bayesdeg.measure.settings import Effort
 from bayesdeg.pipeline.calibrate import fitted
 from bayesdeg.pipeline.document import candidate_document
 from bayesdeg.pipeline.experiment import Judged, Written
 from bayesdeg.pipeline.judge import JUDGE_EFFORTS
 from bayesdeg.pipeline.progress import Progress
 from bayesdeg.pipeline.run import Streams
+from bayesdeg.priors import HalfNormal, Law, Parameter
 from bayesdeg.report.checkpoints import NoCheckpoints
 from bayesdeg.report.columns import ALL_LEVELS
 

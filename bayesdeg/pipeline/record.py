@@ -8,9 +8,9 @@ from importlib.metadata import version
 import numpy as np
 
 import bayesdeg
+from bayesdeg.data.study import Study
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.inference.refusals import Refusals, share_outside
-from bayesdeg.measure.study import Study
 from bayesdeg.pipeline.calibrate import Fit
 from bayesdeg.pipeline.comparison import comparisons, rests_on
 from bayesdeg.pipeline.listening import refused_inputs

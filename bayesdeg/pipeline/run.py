@@ -17,12 +17,12 @@ from threadpoolctl import threadpool_limits
 
 import bayesdeg
 from bayesdeg.actuator.geometry import Geometry
+from bayesdeg.data.settings import Effort
+from bayesdeg.data.study import Study
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.emulator.trained import default_surrogate, to_bytes
 from bayesdeg.inference.ensemble import EFFORTS
 from bayesdeg.inference.model import Model
-from bayesdeg.measure.settings import Effort
-from bayesdeg.measure.study import Study
 from bayesdeg.pipeline.assemble import Assembly, assemble
 from bayesdeg.pipeline.base import base_of
 from bayesdeg.pipeline.calibrate import Fit, calibrate

@@ -12,17 +12,15 @@ from numpy.typing import NDArray
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.causes.catalogue import find, in_order
 from bayesdeg.causes.cause import Cause
-from bayesdeg.distributions.improper import Flat
-from bayesdeg.emulator.kept import CACHE, cached_path
-from bayesdeg.emulator.recipe import Recipe
+from bayesdeg.data.settings import Dimensions
+from bayesdeg.emulator.kept import CACHE, Recipe, cached_path
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.emulator.trained import default_surrogate, read_trained
 from bayesdeg.errors import BayesdegError
 from bayesdeg.inference.ensemble import Chain
 from bayesdeg.inference.model import Model
 from bayesdeg.inference.parameters import control_name
-from bayesdeg.laws import Parameter
-from bayesdeg.measure.settings import Dimensions
+from bayesdeg.priors import Flat, Parameter
 from bayesdeg.report.fields import LARGEST, Json, RunFaultError, entries_of, mapping_of, number_of
 from bayesdeg.report.folder import POSTERIOR, POSTERIOR_BASE, RUN, RunFolder
 from bayesdeg.report.record import Run, Verdict

@@ -5,17 +5,16 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from bayesdeg.criticism.residuals import CurvatureFit
+from bayesdeg.data.moisture import degradation_of_films, moisture_content
+from bayesdeg.data.study import Study
 from bayesdeg.inference.curves import TensileCurves
 from bayesdeg.inference.data import statistics, tensile_curves
 from bayesdeg.inference.films import film_readings, stress_variance
 from bayesdeg.inference.model import Model
 from bayesdeg.material.degradation import young_modulus
-from bayesdeg.measure.course import degradation_of_films
-from bayesdeg.measure.moisture import moisture_content
-from bayesdeg.measure.study import Study
 from bayesdeg.pipeline.assemble import level_grid
 from bayesdeg.pipeline.calibrate import Fit, Sampled
-from bayesdeg.prediction.bands import draw_values
+from bayesdeg.prediction.predictive import draw_values
 
 Floats = NDArray[np.float64]
 

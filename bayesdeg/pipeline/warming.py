@@ -14,9 +14,9 @@ from bayesdeg.actuator import kernels
 from bayesdeg.actuator.curve import Curve
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.material import Material
-from bayesdeg.actuator.resolution import COARSE
+from bayesdeg.actuator.status import COARSE
+from bayesdeg.data.settings import Dimensions
 from bayesdeg.emulator.workers import deaf_to_interrupts, end_with_parent
-from bayesdeg.measure.settings import Dimensions
 from bayesdeg.pipeline.deformed import Case, solve
 
 BEHIND = 10  # niceness: the fits go first

@@ -5,8 +5,7 @@ from collections.abc import Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
 
-from bayesdeg.emulator.cluster import cluster_executor
-from bayesdeg.emulator.workers import WorkerProcesses
+from bayesdeg.emulator.workers import WorkerProcesses, cluster_executor
 
 _KEPT: dict[int, WorkerProcesses] = {}
 

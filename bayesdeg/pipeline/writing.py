@@ -19,8 +19,8 @@ from bayesdeg.criticism.residuals import (
 )
 from bayesdeg.criticism.statistics_of_residuals import misfit_frame
 from bayesdeg.criticism.step import Step
+from bayesdeg.data.study import Study
 from bayesdeg.inference.ensemble import EFFORTS
-from bayesdeg.measure.study import Study
 from bayesdeg.pipeline import tables
 from bayesdeg.pipeline.assemble import level_grid
 from bayesdeg.pipeline.calibrate import Fit
@@ -30,8 +30,7 @@ from bayesdeg.pipeline.deformed import Begun, write_deformed
 from bayesdeg.pipeline.files import Files
 from bayesdeg.pipeline.judgement import Judgement
 from bayesdeg.pipeline.results import Results
-from bayesdeg.prediction.bands import curvature_bands
-from bayesdeg.prediction.rupture import rupture_table
+from bayesdeg.prediction.predictive import curvature_bands, rupture_table
 from bayesdeg.report import columns
 from bayesdeg.report.folder import POSTERIOR, POSTERIOR_BASE, POSTERIOR_COURSE, RunFolder
 from bayesdeg.report.left_out import Guard, Stage, table_stage

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdeg.prediction.bands import QUANTILES
-from bayesdeg.prediction.specimens import Specimens, finer, respond
+from bayesdeg.prediction.predictive import QUANTILES, Specimens, finer, respond
 
 Floats = NDArray[np.float64]
 

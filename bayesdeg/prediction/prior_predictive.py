@@ -10,8 +10,8 @@ from bayesdeg.criticism.residuals import levels
 from bayesdeg.inference.films import film_readings, stress_variance
 from bayesdeg.inference.model import Model
 from bayesdeg.inference.parameters import Named
-from bayesdeg.material.stress import yeoh_basis
-from bayesdeg.prediction.bands import QUANTILES, at_conditions
+from bayesdeg.material.hyperelastic import yeoh_basis
+from bayesdeg.prediction.predictive import QUANTILES, at_conditions
 
 Floats = NDArray[np.float64]
 

@@ -3,7 +3,7 @@
 import pandas as pd
 from matplotlib.figure import Figure
 
-from bayesdeg.nomenclature import axis_label
+from bayesdeg.quantities import axis_label
 from bayesdeg.report.figures import (
     FINAL_COLOUR,
     INK,

@@ -10,7 +10,7 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from bayesdeg.criticism.residuals import levels as levels_of
-from bayesdeg.nomenclature import axis_label
+from bayesdeg.quantities import axis_label
 from bayesdeg.report.figures import (
     BASE_COLOUR,
     FINAL_COLOUR,

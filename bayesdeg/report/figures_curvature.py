@@ -7,7 +7,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bayesdeg.nomenclature import axis_label
+from bayesdeg.quantities import axis_label
 from bayesdeg.report.figures import (
     BASE_COLOUR,
     FINAL_COLOUR,

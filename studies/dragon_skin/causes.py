@@ -4,7 +4,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bayesdeg.laws import HalfNormal, Law, LogNormal, Normal, Parameter, TruncatedNormal, Uniform
+from bayesdeg.priors import (
+    HalfNormal,
+    Law,
+    LogNormal,
+    Normal,
+    Parameter,
+    TruncatedNormal,
+    Uniform,
+)
 
 DEGREE = np.pi / 180.0
 MOTION = (1.0, 1.0, 1.0, DEGREE, DEGREE, DEGREE)  # a rigid motion of 1 mm and 1°

@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 
 from bayesdeg.causes.cause import Cause, Strength
 from bayesdeg.emulator.surrogate import Surrogate
-from bayesdeg.material.criteria import CRITERIA, Criterion
 from bayesdeg.material.hyperelastic import Yeoh
-from bayesdeg.material.strength import limit_stretch, rupture_probability
+from bayesdeg.material.strength import CRITERIA, Criterion, limit_stretch, rupture_probability
 from nagai_2021.causes import (
     LAST,
     Misread,

@@ -11,10 +11,14 @@ from numpy.typing import NDArray
 from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.inference.parameters import actuator_parameters, control_name, material_parameters
-from bayesdeg.laws import Law
-from bayesdeg.material.degradation import NODES
-from bayesdeg.material.stability import satisfies_baker_ericksen
-from bayesdeg.material.trend import Controls, bernstein_weights, constants
+from bayesdeg.material.degradation import (
+    NODES,
+    Controls,
+    bernstein_weights,
+    constants,
+    satisfies_baker_ericksen,
+)
+from bayesdeg.priors import Law
 
 Floats = NDArray[np.float64]
 
@@ -41,8 +45,8 @@ class Materials:
     Parameters
     ----------
     c1, softening, c3 : array, shape (n, 3)
-        Control values at D_R = 0, 12.5, 25 % (`bayesdeg.material.trend`), at the ends those of
-        the constants themselves: C1 [MPa], C2/√(3 C1 C3) [–], C3 [MPa].
+        Control values at D_R = 0, 12.5, 25 % (`bayesdeg.material.degradation`), at the ends
+        those of the constants themselves: C1 [MPa], C2/√(3 C1 C3) [–], C3 [MPa].
     volume_ratio, paper_stiffness : array, shape (n,)
         [–], [N/m].
     """

@@ -18,9 +18,14 @@ from numpy.typing import NDArray
 from scipy import special
 
 from bayesdeg.emulator.surrogate import Surrogate
-from bayesdeg.material.criteria import CRITERIA, Criterion, equivalent_uniaxial_stretch
 from bayesdeg.material.hyperelastic import Yeoh
-from bayesdeg.material.strength import limit_stretch, rupture_probability
+from bayesdeg.material.strength import (
+    CRITERIA,
+    Criterion,
+    equivalent_uniaxial_stretch,
+    limit_stretch,
+    rupture_probability,
+)
 from nagai_2021.published import (
     ELONGATION_DROP,
     ELONGATION_FRESH,
@@ -49,7 +54,7 @@ class Hypothesis:
     Parameters
     ----------
     criterion : str
-        Of `bayesdeg.material.criteria`.
+        Of `bayesdeg.material.strength`.
     concentration : bool
         Whether strain may be concentrated, by one factor at all levels.
     flaws : bool

@@ -5,7 +5,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from bayesdeg.material.criteria import CRITERIA
+from bayesdeg.material.strength import CRITERIA
 from nagai_2021.agreement import MODELS
 from nagai_2021.cause_agreement import WITH
 from nagai_2021.cause_words import factor

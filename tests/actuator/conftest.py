@@ -10,12 +10,11 @@ from bayesdeg.actuator.curve import Actuator
 from bayesdeg.actuator.equilibrium import follow
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.linear import open_factorization
-from bayesdeg.actuator.material import Material
+from bayesdeg.actuator.material import Material, skin_profile
 from bayesdeg.actuator.mesh import Resolution, build_mesh
 from bayesdeg.actuator.problem import Problem
-from bayesdeg.actuator.skin import skin_profile
 from bayesdeg.actuator.system import State
-from bayesdeg.measure.settings import Dimensions
+from bayesdeg.data.settings import Dimensions
 
 COARSEST = Resolution(along=9.0, across=9.0, up=9.0)
 ONE_CHAMBER = Geometry(Dimensions(length=14.0, chambers=1))

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bayesdeg.actuator import surfaces
+from bayesdeg.actuator import kernels
 from bayesdeg.actuator.body import (
     LINEAR_CONSTANT,
     LINEAR_FULL,
@@ -20,8 +20,8 @@ from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.mesh import COARSE, Resolution, build_mesh
 from bayesdeg.actuator.outputs import OUTPUTS, read_state
 from bayesdeg.actuator.system import System
+from bayesdeg.data.settings import Dimensions
 from bayesdeg.errors import GeometryError
-from bayesdeg.measure.settings import Dimensions
 
 ELEMENTS = (LINEAR_FULL, LINEAR_CONSTANT, QUADRATIC_CONSTANT, QUADRATIC)
 ONE_ELEMENT_A_WALL = Resolution(along=100.0, across=100.0, up=100.0)
@@ -43,10 +43,10 @@ def slots(d):
 def cavity(body, placed):
     """Volume and its gradient, (n_nodes, 3)."""
     gradient = np.zeros_like(placed)
-    volume = surfaces.cavity_volume(
+    volume = kernels.cavity_volume(
         placed,
         body.cavity,
-        surfaces.volume_form(body.element.order),
+        kernels.volume_form(body.element.order),
         1.0,
         gradient,
         np.empty((0, 0, 0), dtype=np.int32),

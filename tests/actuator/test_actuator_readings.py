@@ -7,7 +7,7 @@ from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.mesh import Resolution, build_mesh
 from bayesdeg.actuator.outputs import read_state
 from bayesdeg.actuator.system import State
-from bayesdeg.measure.settings import Dimensions
+from bayesdeg.data.settings import Dimensions
 
 
 def placed(actuator, positions):

@@ -14,7 +14,7 @@ from bayesdeg.actuator.forward import ExactMap
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.actuator.mesh import Resolution
-from bayesdeg.measure.settings import Dimensions
+from bayesdeg.data.settings import Dimensions
 
 pytestmark = [pytest.mark.fem, pytest.mark.slow]
 

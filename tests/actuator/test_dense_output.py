@@ -11,7 +11,7 @@ from bayesdeg.actuator.material import Material
 from bayesdeg.actuator.mesh import COARSE, build_mesh
 from bayesdeg.actuator.outputs import OUTPUTS
 from bayesdeg.actuator.status import Effort, Status
-from bayesdeg.measure.settings import Dimensions
+from bayesdeg.data.settings import Dimensions
 
 pytestmark = pytest.mark.fem
 

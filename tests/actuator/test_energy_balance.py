@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bayesdeg.actuator import kernels, law, paper, surfaces
+from bayesdeg.actuator import kernels, paper
 from bayesdeg.actuator.material import Material
 from bayesdeg.actuator.problem import Problem
 from bayesdeg.actuator.status import Effort
@@ -42,7 +42,7 @@ def test_energy_of_the_law_is_that_of_the_invariants(
     kernels.deformation(u, body.elements, body.gradients, f)
     density = np.array(
         [
-            [law.energy(f[e, q], problem.constants[e, q]) for q in range(f.shape[1])]
+            [kernels.energy(f[e, q], problem.constants[e, q]) for q in range(f.shape[1])]
             for e in range(f.shape[0])
         ]
     )
@@ -62,7 +62,7 @@ def test_energy_of_the_membrane_is_that_of_the_strains(
         body.nodes + u,
         body.nodes,
         body.paper,
-        *surfaces.face_shapes(body.element.order)[1:],
+        *kernels.face_shapes(body.element.order)[1:],
         problem.paper_law,
         np.zeros_like(u),
         two_chambers.system.paper_at,

@@ -11,7 +11,7 @@ from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.actuator.mesh import Resolution
 from bayesdeg.actuator.status import Status
-from bayesdeg.measure.settings import Dimensions
+from bayesdeg.data.settings import Dimensions
 
 pytestmark = pytest.mark.fem
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from bayesdeg.actuator import surfaces
+from bayesdeg.actuator import kernels
 from bayesdeg.actuator.body import LINEAR_CONSTANT, LINEAR_FULL, QUADRATIC, QUADRATIC_CONSTANT
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.material import Material
@@ -15,7 +15,7 @@ from bayesdeg.actuator.paper import membrane_law
 from bayesdeg.actuator.problem import Problem
 from bayesdeg.actuator.sensitivity import MATERIAL_INPUTS, residual_rates
 from bayesdeg.actuator.system import State, System
-from bayesdeg.measure.settings import Dimensions
+from bayesdeg.data.settings import Dimensions
 
 STEP = 1e-6
 NO_PAPER = Material(
@@ -313,7 +313,7 @@ def test_residual_rates_are_derivatives_of_the_residual(two_chambers, random_sta
 @pytest.mark.parametrize("order", [1, 2])
 def test_line_shapes_interpolate_polynomials_of_their_order(order):
     t = np.linspace(0.0, 1.0, 7)
-    values, slopes = surfaces.line_shapes(order, t)
+    values, slopes = kernels.line_shapes(order, t)
     at_nodes = np.linspace(0.0, 1.0, order + 1)
     for power in range(order + 1):
         np.testing.assert_allclose(values @ at_nodes**power, t**power, atol=1e-14)

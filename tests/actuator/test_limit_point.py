@@ -12,7 +12,7 @@ from bayesdeg.actuator.material import Material
 from bayesdeg.actuator.mesh import Resolution, build_mesh
 from bayesdeg.actuator.problem import Problem
 from bayesdeg.actuator.status import Effort, Status
-from bayesdeg.measure.settings import Dimensions
+from bayesdeg.data.settings import Dimensions
 
 pytestmark = pytest.mark.fem
 

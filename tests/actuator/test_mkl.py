@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from bayesdeg.actuator.mkl import VARIABLE, name_library, pypardiso
+from bayesdeg.actuator.linear import VARIABLE, name_library, pypardiso
 
 
 def test_the_library_of_the_environment_is_named(tmp_path):

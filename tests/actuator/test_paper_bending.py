@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bayesdeg.actuator.bending import bending_matrix
 from bayesdeg.actuator.body import LINEAR_CONSTANT, QUADRATIC, boundary_faces, box
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.mesh import Resolution, build_mesh
-from bayesdeg.measure.settings import Dimensions
+from bayesdeg.actuator.paper import bending_matrix
+from bayesdeg.data.settings import Dimensions
 
 LENGTH, WIDTH = 6.0, 2.0
 

@@ -8,11 +8,10 @@ import scipy.sparse as sp
 
 from bayesdeg.actuator.body import LINEAR_CONSTANT, LINEAR_FULL, QUADRATIC, QUADRATIC_CONSTANT
 from bayesdeg.actuator.material import Material, is_elliptic
+from bayesdeg.actuator.outputs import principal_stretch, volume_quantile
 from bayesdeg.actuator.problem import Problem
-from bayesdeg.actuator.stretch import principal_stretch, volume_quantile
 from bayesdeg.actuator.system import State, System
-from bayesdeg.material.hyperelastic import YeohRootSecondInvariant
-from bayesdeg.material.stress import nominal_stress
+from bayesdeg.material.hyperelastic import YeohRootSecondInvariant, nominal_stress
 
 C2, C3, R = -0.05, 0.03, 0.4
 MATERIAL = Material(C2, C3, paper_group=0.0, bulk_ratio=50.0, second_invariant_ratio=R)

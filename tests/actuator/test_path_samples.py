@@ -12,7 +12,7 @@ from bayesdeg.actuator.mesh import Resolution
 from bayesdeg.actuator.outputs import OUTPUTS
 from bayesdeg.actuator.sensitivity import INPUTS
 from bayesdeg.actuator.status import Effort, Status
-from bayesdeg.measure.settings import Dimensions
+from bayesdeg.data.settings import Dimensions
 
 pytestmark = pytest.mark.fem
 

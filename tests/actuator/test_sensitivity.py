@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 
 from bayesdeg.actuator.curve import Curve
+from bayesdeg.actuator.equilibrium import find_equilibrium
 from bayesdeg.actuator.linear import open_factorization
-from bayesdeg.actuator.newton import find_equilibrium
 from bayesdeg.actuator.outputs import OUTPUTS, read_state
-from bayesdeg.actuator.sensitivity import INPUTS
-from bayesdeg.actuator.shape import SHAPE_INPUTS
+from bayesdeg.actuator.sensitivity import INPUTS, SHAPE_INPUTS
 from bayesdeg.actuator.status import Effort, Status
 
 pytestmark = pytest.mark.fem

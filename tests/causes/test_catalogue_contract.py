@@ -12,9 +12,9 @@ import bayesdeg.causes
 from bayesdeg.actuator.inputs import NEUTRAL, Inputs
 from bayesdeg.causes.catalogue import CATALOGUE, find, in_order
 from bayesdeg.causes.cause import Conditions, Degradation, FilmConditions, Stage, Strength
+from bayesdeg.data.tables import TABLES
 from bayesdeg.errors import BayesdegError
 from bayesdeg.inference.model import Model
-from bayesdeg.measure.tables import TABLES
 from tests.emulator.closed_form import trained
 from tests.inference.small_study import actuator_curves, base_parameters
 

@@ -8,8 +8,7 @@ from bayesdeg.causes.catalogue import find
 from bayesdeg.causes.cause import FilmConditions
 from bayesdeg.causes.second_invariant import add_to_stress
 from bayesdeg.causes.stress_measure import confuse_measure
-from bayesdeg.material.hyperelastic import NeoHookean
-from bayesdeg.material.stress import cauchy_stress, nominal_stress, yeoh_basis
+from bayesdeg.material.hyperelastic import NeoHookean, cauchy_stress, nominal_stress, yeoh_basis
 from tests.causes.default_actuator import effect
 
 MODES = ("uniaxial", "equibiaxial", "planar")

@@ -7,11 +7,10 @@ from typer.testing import CliRunner
 
 from bayesdeg.cli import app
 from bayesdeg.commands.init import STARTER, write_starter
+from bayesdeg.data.plausibility import doubts
+from bayesdeg.data.settings import ENTRIES, Settings, parse_settings
+from bayesdeg.data.study import read_study
 from bayesdeg.errors import BayesdegError
-from bayesdeg.measure.plausibility import doubts
-from bayesdeg.measure.settings import Settings
-from bayesdeg.measure.settings_file import ENTRIES, parse_settings
-from bayesdeg.measure.study import read_study
 from bayesdeg.pipeline.outline import outline
 
 SETTINGS = (STARTER / "study.toml").read_text(encoding="utf-8")

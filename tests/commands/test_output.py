@@ -13,9 +13,9 @@ import pytest
 from bayesdeg import cli
 from bayesdeg.commands import run as command
 from bayesdeg.commands import simulate as simulating
+from bayesdeg.data.study import read_study
 from bayesdeg.errors import BayesdegError
 from bayesdeg.laboratory.writing import VIRTUAL_FILES
-from bayesdeg.measure.study import read_study
 from bayesdeg.pipeline import output
 from bayesdeg.pipeline.output import claimed, is_virtual, output_file, run_folder, virtual_study
 

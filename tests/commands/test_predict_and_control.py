@@ -15,8 +15,7 @@ from bayesdeg.emulator.trained import default_surrogate, write_trained
 from bayesdeg.inference.ensemble import Chain, to_datatree
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.stored import model_document, read_stored
-from bayesdeg.prediction.bands import curvature_bands
-from bayesdeg.prediction.rupture import rupture_table
+from bayesdeg.prediction.predictive import curvature_bands, rupture_table
 from bayesdeg.report.folder import RunFolder
 from tests.inference.small_study import TRUTH, values_of
 from tests.pipeline.study_files import study_in

@@ -64,7 +64,7 @@ def test_the_library_is_imported_without_what_its_verbs_need():
 
 def test_checking_a_study_needs_neither_emulator_nor_compiler():
     modules = modules_after("check", STUDIES / "gelatin_actuator")
-    assert "bayesdeg.measure.study" in modules
+    assert "bayesdeg.data.study" in modules
     assert not modules & {*HEAVY, "bayesdeg.emulator.surrogate", "bayesdeg.inference.model"}
 
 

@@ -12,7 +12,7 @@ from scipy.stats import multivariate_normal, norm
 
 from bayesdeg.inference.ensemble import Chain
 from bayesdeg.inference.parameters import ParameterTable
-from bayesdeg.laws import Normal, Parameter
+from bayesdeg.priors import Normal, Parameter
 
 BETWEEN, WITHIN = 0.4, 0.2
 

@@ -11,7 +11,7 @@ from bayesdeg.criticism.model_readings import ModelReadings
 from bayesdeg.criticism.whitening import Whitening
 from bayesdeg.inference.ensemble import Chain
 from bayesdeg.inference.parameters import with_priors
-from bayesdeg.laws import LogNormal, Normal, Parameter
+from bayesdeg.priors import LogNormal, Normal, Parameter
 from tests.inference.small_study import TRUTH, small_model, values_of
 
 

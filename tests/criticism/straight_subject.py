@@ -17,7 +17,7 @@ from bayesdeg.criticism.linear import linearise
 from bayesdeg.criticism.trials import base_trial
 from bayesdeg.inference.importance import about_mode
 from bayesdeg.inference.laplace import approximate
-from bayesdeg.laws import Normal, Parameter
+from bayesdeg.priors import Normal, Parameter
 
 SPECIMENS, POINTS = 6, 8
 X = np.tile(np.linspace(0.1, 1.0, POINTS), SPECIMENS)

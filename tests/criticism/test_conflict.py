@@ -12,7 +12,7 @@ from bayesdeg.criticism.conflict import conflict, questioned, surprise
 from bayesdeg.criticism.discrepancy import MISFIT_LEVEL
 from bayesdeg.inference.data import Statistic
 from bayesdeg.inference.parameters import with_priors
-from bayesdeg.laws import HalfNormal, LogNormal, Normal, TruncatedNormal, Uniform
+from bayesdeg.priors import HalfNormal, LogNormal, Normal, TruncatedNormal, Uniform
 from tests.inference.small_study import draws_near_truth, small_model
 
 

@@ -16,7 +16,7 @@ from bayesdeg.criticism.kernels import discrepancies
 from bayesdeg.criticism.leaving_out import predict_one_by_one
 from bayesdeg.criticism.screening import screen
 from bayesdeg.criticism.trials import try_causes
-from bayesdeg.laws import Normal, Parameter
+from bayesdeg.priors import Normal, Parameter
 
 ALONG = np.linspace(0.5, 4.0, 12)
 SPECIMENS = np.repeat(["a", "b", "c", "d"], 3)

@@ -25,7 +25,7 @@ from bayesdeg.criticism.trials import base_trial, try_causes
 from bayesdeg.inference.importance import about_mode
 from bayesdeg.inference.laplace import approximate
 from bayesdeg.inference.parameters import with_priors
-from bayesdeg.laws import LogNormal, Normal, TruncatedNormal
+from bayesdeg.priors import LogNormal, Normal, TruncatedNormal
 from tests.criticism import straight_subject as straight
 from tests.criticism.linear_case import tight_model, with_known_scatter
 from tests.criticism.straight_subject import LEVEL, SPECIMEN, linear_cause

@@ -16,7 +16,7 @@ from bayesdeg.inference.laplace import approximate, evidence
 from bayesdeg.inference.model import Model
 from bayesdeg.inference.parameters import STIFFNESS_SCATTER, elongation_parameters
 from bayesdeg.inference.subset import without
-from bayesdeg.laws import HalfNormal, Parameter
+from bayesdeg.priors import HalfNormal, Parameter
 from tests.criticism.conjugate import Readings, exact_leave_one_out, study
 from tests.criticism.linear_case import constant_chain
 from tests.inference.small_study import draws_near_truth, small_model

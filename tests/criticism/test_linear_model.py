@@ -27,7 +27,7 @@ from bayesdeg.criticism.subject import with_neutral
 from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.inference.laplace import approximate, evidence
 from bayesdeg.inference.parameters import with_priors
-from bayesdeg.laws import LogNormal, Normal, Parameter, TruncatedNormal
+from bayesdeg.priors import LogNormal, Normal, Parameter, TruncatedNormal
 from tests.criticism import straight_subject as straight
 from tests.criticism.linear_case import (
     known_linear,

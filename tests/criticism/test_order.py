@@ -21,9 +21,9 @@ from bayesdeg.inference.parameters import (
 )
 from bayesdeg.inference.proposals import Proposal
 from bayesdeg.inference.subset import without
-from bayesdeg.laws import Normal, Parameter
 from bayesdeg.material.degradation import NODES
-from bayesdeg.material.stress import yeoh_basis
+from bayesdeg.material.hyperelastic import yeoh_basis
+from bayesdeg.priors import Normal, Parameter
 from bayesdeg.report.columns import ORDERS, TABLES
 
 LEVELS = np.repeat([0.0, 5.0, 10.0, 15.0, 20.0, 25.0], 2)

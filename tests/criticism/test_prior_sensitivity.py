@@ -15,11 +15,11 @@ from bayesdeg.criticism.prior_sensitivity import (
     prior_sensitivity,
     sentence,
 )
+from bayesdeg.data.study import read_study
 from bayesdeg.inference.ensemble import Chain
 from bayesdeg.inference.parameters import ParameterTable
-from bayesdeg.laws import Normal, Parameter
-from bayesdeg.measure.study import read_study
 from bayesdeg.pipeline.assemble import assemble
+from bayesdeg.priors import Normal, Parameter
 from tests.criticism.linear_case import scaling_cause
 from tests.inference.small_study import draws_near_truth, small_model
 

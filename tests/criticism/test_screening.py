@@ -12,7 +12,7 @@ from bayesdeg.causes.catalogue import find
 from bayesdeg.criticism.linear import effects, neutral_sizes
 from bayesdeg.criticism.screening import screen, screen_pairs
 from bayesdeg.criticism.subject import columns_of, with_neutral
-from bayesdeg.laws import Normal, TruncatedNormal
+from bayesdeg.priors import Normal, TruncatedNormal
 from tests.criticism import straight_subject as straight
 from tests.criticism.linear_case import known_linear, scaling_cause, with_readings
 from tests.criticism.straight_subject import SHAPES, X, cause_of, linear_cause

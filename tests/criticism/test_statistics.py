@@ -21,7 +21,7 @@ from bayesdeg.criticism.statistics import (
     statistics_table,
 )
 from bayesdeg.criticism.statistics_of_residuals import misfit_frame
-from bayesdeg.laws import Normal, Parameter
+from bayesdeg.priors import Normal, Parameter
 from tests.inference.small_study import small_model, values_of
 
 COLUMNS = ["statistic", "value", "unit", "simulated_q05", "simulated_q95"]

@@ -12,7 +12,7 @@ from bayesdeg.criticism.subject import columns_of, with_neutral
 from bayesdeg.criticism.trials import BENT, STRONG, WANTED, Trial, from_prior, try_causes
 from bayesdeg.inference.density import CustomDensity
 from bayesdeg.inference.laplace import Evidence, Laplace, approximate
-from bayesdeg.laws import LogNormal, Normal, Parameter, TruncatedNormal
+from bayesdeg.priors import LogNormal, Normal, Parameter, TruncatedNormal
 from tests.criticism import straight_subject as straight
 from tests.criticism.straight_subject import linear_cause
 

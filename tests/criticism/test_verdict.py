@@ -36,7 +36,7 @@ from bayesdeg.criticism.verdict import (
     share_explained,
 )
 from bayesdeg.inference.data import Statistic
-from bayesdeg.laws import Normal, Parameter, TruncatedNormal
+from bayesdeg.priors import Normal, Parameter, TruncatedNormal
 from tests.criticism import straight_subject as straight
 from tests.criticism.straight_subject import linear_cause
 

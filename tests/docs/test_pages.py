@@ -10,8 +10,8 @@ import pytest
 
 from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.commands.lazy import COMMANDS
-from bayesdeg.measure.settings_file import parse_settings
-from bayesdeg.measure.tables import TABLES
+from bayesdeg.data.settings import parse_settings
+from bayesdeg.data.tables import TABLES
 from bayesdeg.report.columns import TABLES as RUN_TABLES
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -11,12 +11,12 @@ from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.material import Material
 from bayesdeg.actuator.mesh import Resolution
 from bayesdeg.actuator.status import Status
-from bayesdeg.emulator import run as run_module
+from bayesdeg.data.settings import Dimensions
+from bayesdeg.emulator import solutions as run_module
 from bayesdeg.emulator import workers
 from bayesdeg.emulator.campaign import Kind, Run, complete, missing
 from bayesdeg.emulator.solutions import SolutionStore
 from bayesdeg.errors import BayesdegError
-from bayesdeg.measure.settings import Dimensions
 from tests.emulator.small_runs import COARSEST, assert_same, made_up, runs
 
 RUNS = runs(5)

@@ -14,9 +14,9 @@ from bayesdeg.emulator.design import (
     is_answered,
     second_stage,
     space_filling,
+    study_like,
 )
-from bayesdeg.emulator.held_out import study_like
-from bayesdeg.emulator.recipe import Recipe
+from bayesdeg.emulator.kept import Recipe
 from bayesdeg.emulator.scaling import NOMINAL_THICKNESS, Place, TrainingRange
 
 SPAN, RECIPE = TrainingRange(), Recipe()

@@ -12,10 +12,10 @@ from pathlib import Path
 
 import pytest
 
-from bayesdeg.emulator import cluster
+from bayesdeg.emulator import workers
 from bayesdeg.emulator.campaign import complete, missing
-from bayesdeg.emulator.cluster import cluster_executor
 from bayesdeg.emulator.solutions import SolutionStore
+from bayesdeg.emulator.workers import cluster_executor
 from bayesdeg.errors import BayesdegError
 from bayesdeg.pipeline.workplace import pool
 from tests.emulator.small_runs import assert_all_same, contents, real_runs
@@ -79,8 +79,8 @@ def serial(tmp_path_factory):
 
 @pytest.fixture(autouse=True)
 def patient(monkeypatch):
-    monkeypatch.setattr(cluster, "CONNECTING", 60.0)
-    monkeypatch.setattr(cluster, "JOINING", 60.0)
+    monkeypatch.setattr(workers, "CONNECTING", 60.0)
+    monkeypatch.setattr(workers, "JOINING", 60.0)
 
 
 @pytest.mark.slow
@@ -136,7 +136,7 @@ def test_workers_that_lack_or_differ_are_clear_errors(monkeypatch, tmp_path):
     store = SolutionStore(tmp_path / "store")
     with dask_processes(tmp_path, workers=0) as dask, ExitStack() as stack:
         with monkeypatch.context() as hasty:
-            hasty.setattr(cluster, "JOINING", 0.5)
+            hasty.setattr(workers, "JOINING", 0.5)
             with (
                 pytest.raises(BayesdegError, match=r"no worker has joined.*dask worker"),
                 cluster_executor(dask.address),
@@ -144,14 +144,14 @@ def test_workers_that_lack_or_differ_are_clear_errors(monkeypatch, tmp_path):
                 pass
         dask.add_worker(threads=2)
         with monkeypatch.context() as newer:
-            newer.setattr(cluster, "MODEL_VERSION", "of tomorrow")
+            newer.setattr(workers, "MODEL_VERSION", "of tomorrow")
             with (
                 pytest.raises(BayesdegError, match=r"without version of tomorrow.*tcp://"),
                 cluster_executor(dask.address),
             ):
                 pass
-        monkeypatch.setattr(cluster, "DESERTED", 1.0)
-        monkeypatch.setattr(cluster, "_COUNTING", 0.2)
+        monkeypatch.setattr(workers, "DESERTED", 1.0)
+        monkeypatch.setattr(workers, "_COUNTING", 0.2)
         with pytest.warns(UserWarning, match="have several threads"):
             opened = stack.enter_context(cluster_executor(dask.address))
         kill(dask.workers[0])
@@ -161,7 +161,7 @@ def test_workers_that_lack_or_differ_are_clear_errors(monkeypatch, tmp_path):
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "127.0.0.1:9", "nonsense://x", "::", ""])
 def test_a_scheduler_that_cannot_be_reached_is_a_clear_error(monkeypatch, address):
-    monkeypatch.setattr(cluster, "CONNECTING", 0.5)
+    monkeypatch.setattr(workers, "CONNECTING", 0.5)
     with pytest.raises(BayesdegError, match="dask scheduler"), cluster_executor(address):
         pass
 

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from bayesdeg.emulator.evaluation import BLOCK
+from bayesdeg.emulator.terms import BLOCK
 from tests.emulator.term_sums import OPTIONAL, random_inputs, small_surrogate
 
 

@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from bayesdeg.emulator.errors_of_fit import coverage, fit_errors, nearness, summary
-from bayesdeg.emulator.families import features
 from bayesdeg.emulator.scaling import NAMES
-from bayesdeg.emulator.terms import N_CHEBYSHEV, Terms
+from bayesdeg.emulator.terms import N_CHEBYSHEV, Terms, features
+from bayesdeg.emulator.training import coverage, fit_errors, nearness, summary
 
 SKIN, EROSION = NAMES.index("skin"), NAMES.index("erosion")
 NINETY = 1.6448536269514722

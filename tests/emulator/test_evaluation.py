@@ -6,10 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bayesdeg.emulator.coordinates import SLACK
-from bayesdeg.emulator.evaluation import BLOCK, evaluate
-from bayesdeg.emulator.plan import ROW_AXES, plan_of
 from bayesdeg.emulator.scaling import NAMES
-from bayesdeg.emulator.terms import Terms, stacked
+from bayesdeg.emulator.terms import BLOCK, ROW_AXES, Terms, evaluate, plan_of, stacked
 from tests.emulator.term_sums import random_terms, slow_sum
 
 ALL = (True,) * 9

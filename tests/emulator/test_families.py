@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from numpy.polynomial import Chebyshev
 
-from bayesdeg.emulator.families import (
+from bayesdeg.emulator.scaling import NAMES
+from bayesdeg.emulator.terms import (
+    N_CHEBYSHEV,
     Family,
     feature_gradients,
     features,
     total_degree_orders,
 )
-from bayesdeg.emulator.scaling import NAMES
-from bayesdeg.emulator.terms import N_CHEBYSHEV
 from bayesdeg.emulator.training import PLANS
 
 FAMILY = Family((5, 3, 3, 2), (3, 2, 2, 1), (3, 2, 1, 4, 2, 1, 2, 0, 3), (2, 1, 1, 0), (1, 0, 0, 0))

@@ -10,9 +10,8 @@ from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.actuator.status import Status
 from bayesdeg.emulator import coordinates as at
 from bayesdeg.emulator.coordinates import Coordinates
-from bayesdeg.emulator.design import CANDIDATES_SEED
-from bayesdeg.emulator.held_out import study_like
-from bayesdeg.emulator.observations import Observed
+from bayesdeg.emulator.design import CANDIDATES_SEED, study_like
+from bayesdeg.emulator.regression import Observed
 from bayesdeg.emulator.scaling import GROUPS, NAMES, NOMINAL_THICKNESS, Place
 
 with pytest.MonkeyPatch.context() as patch:

@@ -8,11 +8,10 @@ import pytest
 
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.material import Material, is_elliptic
-from bayesdeg.emulator.build import runs
-from bayesdeg.emulator.design import Effects, is_answered
-from bayesdeg.emulator.held_out import study_like
+from bayesdeg.data.settings import Dimensions
+from bayesdeg.emulator.campaign import runs
+from bayesdeg.emulator.design import Effects, is_answered, study_like
 from bayesdeg.emulator.scaling import TrainingRange
-from bayesdeg.measure.settings import Dimensions
 
 COUNT, SEED = 40, 5
 CURVES = study_like(400, seed=SEED)

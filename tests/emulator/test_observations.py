@@ -13,7 +13,7 @@ from bayesdeg.actuator.sensitivity import INPUTS
 from bayesdeg.actuator.status import Status
 from bayesdeg.emulator.coordinates import SLACK, coordinates
 from bayesdeg.emulator.design import space_filling
-from bayesdeg.emulator.observations import FLOOR, LIMIT_MARGIN, STEEPEST, observe, reach
+from bayesdeg.emulator.regression import FLOOR, LIMIT_MARGIN, STEEPEST, observe, reach
 from bayesdeg.emulator.scaling import GROUPS, NAMES, Place
 from tests.emulator.closed_form import LENGTH, SPAN, readings_at, sample
 

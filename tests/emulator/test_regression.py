@@ -7,11 +7,9 @@ import pytest
 
 from bayesdeg.emulator.coordinates import SLACK, coordinates
 from bayesdeg.emulator.design import space_filling
-from bayesdeg.emulator.families import Family, features
-from bayesdeg.emulator.observations import Observed, observe
-from bayesdeg.emulator.regression import Prior, fit, half_ranges, rows_of
+from bayesdeg.emulator.regression import Observed, Prior, fit, half_ranges, observe, rows_of
 from bayesdeg.emulator.scaling import GROUPS, NAMES, Place
-from bayesdeg.emulator.terms import Terms
+from bayesdeg.emulator.terms import Family, Terms, features
 from tests.emulator.closed_form import LENGTH, SPAN, sample
 
 FAMILY = Family((3, 2, 2, 1), (1, 1, 0, 0), (1, 1, 0, 1, 1, 0, 1, 2, 1), (0, 0, 0, 0))

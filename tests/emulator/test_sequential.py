@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 
 from bayesdeg.emulator.coordinates import coordinates
-from bayesdeg.emulator.design import space_filling
-from bayesdeg.emulator.families import Family, features
+from bayesdeg.emulator.design import SHARES, Question, most_telling, space_filling
 from bayesdeg.emulator.regression import DERIVATIVE_WEIGHT, Prior, half_ranges
 from bayesdeg.emulator.scaling import NAMES, Place, TrainingRange
-from bayesdeg.emulator.sequential import SHARES, Question, most_telling
-from bayesdeg.emulator.terms import Terms
+from bayesdeg.emulator.terms import Family, Terms, features
 
 SPAN = TrainingRange()
 # without slack, whose coordinate has a corner at tight paper

@@ -11,11 +11,10 @@ from bayesdeg.actuator.forward import ExactMap
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.actuator.status import Status
-from bayesdeg.emulator.kept import SHIPPED
-from bayesdeg.emulator.recipe import Recipe
+from bayesdeg.data.settings import Dimensions
+from bayesdeg.emulator.kept import SHIPPED, Recipe
 from bayesdeg.emulator.trained import default_surrogate, surrogate_for
 from bayesdeg.errors import BayesdegError
-from bayesdeg.measure.settings import Dimensions
 
 QUANTITIES = ("curvature", "bend_angle", "peak_stretch")
 PRESSURES = np.linspace(0.0, 240.0, 25)

@@ -8,9 +8,9 @@ import pytest
 from bayesdeg import files
 from bayesdeg.actuator.curve import MODEL_VERSION
 from bayesdeg.actuator.geometry import Geometry
+from bayesdeg.data.settings import Dimensions
 from bayesdeg.emulator import kept as kept_emulators
-from bayesdeg.emulator.kept import cached_path
-from bayesdeg.emulator.recipe import Recipe
+from bayesdeg.emulator.kept import Recipe, cached_path
 from bayesdeg.emulator.trained import (
     default_surrogate,
     find,
@@ -20,7 +20,6 @@ from bayesdeg.emulator.trained import (
     write_trained,
 )
 from bayesdeg.errors import BayesdegError
-from bayesdeg.measure.settings import Dimensions
 from tests.pipeline.tiny_campaign import GEOMETRY, RECIPE, emulator
 
 PAPER = Geometry(Dimensions())

@@ -19,7 +19,7 @@ from bayesdeg.criticism.search import Search, factors_by_chance, naming_threshol
 from bayesdeg.criticism.step import Step
 from bayesdeg.criticism.support import Support, supports
 from bayesdeg.criticism.verdict import decide
-from bayesdeg.measure.study import read_study
+from bayesdeg.data.study import read_study
 from bayesdeg.pipeline.assemble import Assembly, assemble
 from bayesdeg.pipeline.base import base_without_chain
 from bayesdeg.pipeline.judge import JUDGE_EFFORTS, judge

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import bayesdeg as bd
+from bayesdeg.data.study import read_study
 from bayesdeg.inference.parameters import control_name
 from bayesdeg.laboratory.truth import TRUTH_NODES
-from bayesdeg.material.trend import bernstein_weights
-from bayesdeg.measure.study import read_study
+from bayesdeg.material.degradation import bernstein_weights
 from bayesdeg.pipeline import run as running
 from bayesdeg.pipeline.judge import judge
 from bayesdeg.pipeline.progress import Silent

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from bayesdeg.inference.density import CustomDensity
-from bayesdeg.laws import Normal, Parameter
+from bayesdeg.priors import Normal, Parameter
 
 SHARES = (0.3, 0.7)
 APART = 8.0  # standard deviations between the centres

@@ -10,9 +10,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from bayesdeg.distributions.improper import Flat
 from bayesdeg.inference.density import CustomDensity
-from bayesdeg.laws import HalfCauchy, HalfNormal, Normal, Parameter
+from bayesdeg.priors import Flat, HalfCauchy, HalfNormal, Normal, Parameter
 
 DATA = Path(__file__).parent / "data"
 REFERENCE = pd.read_csv(DATA / "posteriordb_reference_summaries.csv", comment="#").set_index(

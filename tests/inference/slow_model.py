@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 from scipy import stats
 
-from bayesdeg.laws import HalfNormal, LogNormal, Normal, TruncatedNormal, Uniform
+from bayesdeg.priors import HalfNormal, LogNormal, Normal, TruncatedNormal, Uniform
 from tests.emulator.closed_form import BOX, LENGTH
 
 

@@ -17,7 +17,7 @@ from bayesdeg.inference.parameters import (
     elongation_parameters,
     material_parameters,
 )
-from bayesdeg.material.stress import yeoh_basis
+from bayesdeg.material.hyperelastic import yeoh_basis
 from tests.emulator.closed_form import ClosedFormMap
 
 NODES = (0.0, 12.5, 25.0)

@@ -8,6 +8,7 @@ import pytest
 from scipy import stats
 from scipy.integrate import nquad
 
+from bayesdeg.data.moisture import degradation_of_films, fit_saturating_course
 from bayesdeg.inference.course import (
     PARAMETERS,
     CourseModel,
@@ -19,8 +20,7 @@ from bayesdeg.inference.course import (
 )
 from bayesdeg.inference.ensemble import EFFORTS, sample
 from bayesdeg.inference.laplace import approximate, evidence
-from bayesdeg.laws import Normal
-from bayesdeg.measure.course import degradation_of_films, fit_saturating_course
+from bayesdeg.priors import Normal
 from tests.pipeline.study_files import SETTINGS, study_in
 
 TRUTH = {

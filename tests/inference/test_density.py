@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bayesdeg.distributions.improper import Flat
 from bayesdeg.inference.density import CustomDensity, continued, guesses
 from bayesdeg.inference.laplace import approximate, evidence
 from bayesdeg.inference.mode import scales
 from bayesdeg.inference.parameters import ParameterTable
-from bayesdeg.laws import HalfCauchy, Normal, Parameter, TruncatedNormal, Uniform
+from bayesdeg.priors import Flat, HalfCauchy, Normal, Parameter, TruncatedNormal, Uniform
 
 FLATS = [Flat(), Flat(low=0.0), Flat(low=-3.0), Flat(high=2.0)]
 READINGS = np.array([1.2, 0.4, 2.2, 1.0])

@@ -22,7 +22,7 @@ from bayesdeg.inference.parameters import ParameterTable
 from bayesdeg.inference.proposals import Proposal
 from bayesdeg.inference.start import lie_in_a_plane, start_of
 from bayesdeg.inference.tree import readings_of
-from bayesdeg.laws import Normal, Parameter
+from bayesdeg.priors import Normal, Parameter
 from tests.emulator.closed_form import trained
 from tests.inference.small_study import TRUTH, draws_near_truth, small_model, values_of
 

@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bayesdeg.data.study import read_study
 from bayesdeg.inference.least_squares import least_squares, near_films
 from bayesdeg.inference.refusals import share_outside
-from bayesdeg.laws import LogNormal
-from bayesdeg.measure.study import read_study
 from bayesdeg.pipeline.assemble import assemble
+from bayesdeg.priors import LogNormal
 from tests.emulator.closed_form import trained
 from tests.inference.small_study import TRUTH, small_model, values_of
 

@@ -9,8 +9,8 @@ from scipy import integrate, stats
 from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.inference import likelihood
 from bayesdeg.inference.curves import ActuatorCurves
-from bayesdeg.material.stability import satisfies_baker_ericksen
-from bayesdeg.prediction.bands import at_conditions
+from bayesdeg.material.degradation import satisfies_baker_ericksen
+from bayesdeg.prediction.predictive import at_conditions
 from tests.emulator.closed_form import trained
 from tests.inference import slow_model
 from tests.inference.small_study import TRUTH, draws_near_truth, small_model, values_of

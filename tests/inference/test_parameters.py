@@ -18,8 +18,15 @@ from bayesdeg.inference.parameters import (
     with_causes,
     with_priors,
 )
-from bayesdeg.laws import HalfNormal, LogNormal, Normal, Parameter, TruncatedNormal, Uniform
 from bayesdeg.material.degradation import NODES
+from bayesdeg.priors import (
+    HalfNormal,
+    LogNormal,
+    Normal,
+    Parameter,
+    TruncatedNormal,
+    Uniform,
+)
 from tests.inference.small_study import TRUTH, base_parameters, values_of
 
 TABLE = with_causes(base_parameters(), CATALOGUE.values())

@@ -9,6 +9,7 @@ import pytest
 from scipy import special, stats
 
 from bayesdeg.actuator.inputs import Inputs
+from bayesdeg.data.study import read_study
 from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.errors import StudyError
 from bayesdeg.inference.published import (
@@ -26,7 +27,6 @@ from bayesdeg.inference.published_density import (
 )
 from bayesdeg.inference.specimens import Material
 from bayesdeg.material.degradation import yeoh_constants
-from bayesdeg.measure.study import read_study
 from tests.emulator.closed_form import ClosedFormMap
 
 GELATIN = Path(__file__).resolve().parents[2] / "studies" / "gelatin_actuator"

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from bayesdeg.data.study import read_study
 from bayesdeg.inference.data import actuator_curves, breaks, statistics, tensile_curves
-from bayesdeg.measure.study import read_study
 
 FILES = {
     "study.toml": """

@@ -6,7 +6,7 @@ from scipy import stats
 
 from bayesdeg.inference.density import CustomDensity
 from bayesdeg.inference.two_piece import DEGREES_OF_FREEDOM, LOOKS, TwoPiece, about
-from bayesdeg.laws import Normal, Parameter, TruncatedNormal
+from bayesdeg.priors import Normal, Parameter, TruncatedNormal
 
 
 def proposal(below=(0.5, 2.0), above=(1.5, 1.0), *, low=(), high=()):

@@ -11,10 +11,9 @@ from bayesdeg.actuator.forward import ExactMap
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.actuator.mesh import Resolution
-from bayesdeg.laboratory.actuators import inflate_actuators
-from bayesdeg.laboratory.effects import parse_effects
-from bayesdeg.laboratory.truth import Truth
-from bayesdeg.measure.settings import Dimensions
+from bayesdeg.data.settings import Dimensions
+from bayesdeg.laboratory.experiment import inflate_actuators
+from bayesdeg.laboratory.truth import Truth, parse_effects
 from tests.laboratory.linear_actuator import LENGTH_M, LinearActuator, curvature_by_hand
 
 TRUTH = Truth()

@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from bayesdeg.data.study import Study, read_study
 from bayesdeg.laboratory.design import Design, design_of
-from bayesdeg.measure.study import Study, read_study
 
 
 def study_of(folder, **files):

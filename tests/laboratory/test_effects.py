@@ -4,7 +4,7 @@ import pytest
 
 from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.errors import BayesdegError
-from bayesdeg.laboratory.effects import parse_effect, parse_effects
+from bayesdeg.laboratory.truth import parse_effect, parse_effects
 
 
 def test_the_name_alone_means_the_first_parameter():

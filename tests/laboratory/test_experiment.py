@@ -10,11 +10,12 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 import bayesdeg
+from bayesdeg.data.settings import MODES, Dimensions, Settings, parse_settings
+from bayesdeg.data.study import read_study
 from bayesdeg.inference.data import actuator_curves, breaks, statistics, tensile_curves
 from bayesdeg.laboratory.design import Design, design_of
-from bayesdeg.laboratory.effects import parse_effects
 from bayesdeg.laboratory.experiment import run_experiment
-from bayesdeg.laboratory.truth import Truth
+from bayesdeg.laboratory.truth import Truth, parse_effects
 from bayesdeg.laboratory.writing import (
     Provenance,
     settings_text,
@@ -22,10 +23,7 @@ from bayesdeg.laboratory.writing import (
     truth_record,
     virtual_settings,
 )
-from bayesdeg.laws import LogNormal, Normal, TruncatedNormal
-from bayesdeg.measure.settings import MODES, Dimensions, Settings
-from bayesdeg.measure.settings_file import parse_settings
-from bayesdeg.measure.study import read_study
+from bayesdeg.priors import LogNormal, Normal, TruncatedNormal
 from tests.laboratory.linear_actuator import LinearActuator
 
 COMMAND = "bayesdeg simulate studies/x --cause pressure_offset=14 --seed 7"

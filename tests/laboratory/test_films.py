@@ -7,12 +7,11 @@ import pandas as pd
 import pytest
 from scipy import stats
 
+from bayesdeg.data.moisture import degradation_of_films, fit_saturating_course, moisture_content
+from bayesdeg.data.shrinkage import mean_of_replicates, volume_ratio
 from bayesdeg.laboratory.design import Design
-from bayesdeg.laboratory.films import tear_films, weigh_moisture, weigh_shrinkage
+from bayesdeg.laboratory.experiment import tear_films, weigh_moisture, weigh_shrinkage
 from bayesdeg.laboratory.truth import Truth
-from bayesdeg.measure.course import degradation_of_films, fit_saturating_course
-from bayesdeg.measure.moisture import moisture_content
-from bayesdeg.measure.shrinkage import mean_of_replicates, volume_ratio
 
 TRUTH = Truth()
 

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bayesdeg.data.study import read_study
 from bayesdeg.laboratory.design import design_of
 from bayesdeg.laboratory.truth import Truth
-from bayesdeg.measure.study import read_study
 
 FOLDER = Path(__file__).resolve().parents[2] / "studies" / "gelatin_actuator"
 

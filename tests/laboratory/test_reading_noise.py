@@ -9,10 +9,9 @@ import pytest
 from bayesdeg.inference.likelihood import noise_correlation
 from bayesdeg.inference.paths import paths_of
 from bayesdeg.laboratory.design import Design
-from bayesdeg.laboratory.films import tear_films
-from bayesdeg.laboratory.specimens import alike_along
-from bayesdeg.laboratory.truth import Truth
-from bayesdeg.material.stress import yeoh_basis
+from bayesdeg.laboratory.experiment import tear_films
+from bayesdeg.laboratory.truth import Truth, alike_along
+from bayesdeg.material.hyperelastic import yeoh_basis
 from tests.laboratory.linear_actuator import LENGTH_M, curvature_by_hand
 from tests.laboratory.test_actuators import c1_of, inflate, many
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bayesdeg.data.moisture import saturating
 from bayesdeg.inference.parameters import (
     BEND_ANGLE,
     TENSILE,
@@ -13,7 +14,6 @@ from bayesdeg.inference.parameters import (
     material_parameters,
 )
 from bayesdeg.laboratory.truth import TRUTH_NODES, Truth, drawn_truth
-from bayesdeg.measure.course import saturating
 
 
 def test_the_reference_agrees_with_the_published_statistics():

@@ -5,15 +5,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bayesdeg.material.criteria import (
+from bayesdeg.material.hyperelastic import EXPONENTS, Yeoh, cauchy_stress, principal_stretches
+from bayesdeg.material.strength import (
     CRITERIA,
     equivalent_uniaxial_stretch,
     largest_cauchy_stress,
     utilisation,
 )
-from bayesdeg.material.hyperelastic import Yeoh
-from bayesdeg.material.modes import EXPONENTS, principal_stretches
-from bayesdeg.material.stress import cauchy_stress
 
 LAW = Yeoh(0.288, -0.01, 0.002)
 STRETCHES = np.array([1.0, 1.0 + 1e-8, 1.01, 1.2, 1.5, 2.0, 3.1])

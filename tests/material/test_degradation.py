@@ -15,8 +15,7 @@ from bayesdeg.material.degradation import (
     yeoh_constants,
     young_modulus,
 )
-from bayesdeg.material.hyperelastic import Yeoh
-from bayesdeg.material.stress import tangent
+from bayesdeg.material.hyperelastic import Yeoh, tangent
 
 NODES = (0.0, 12.5, 25.0)
 LEVELS = np.array([0.0, 5.0, 10.0, 15.0, 20.0, 25.0])

@@ -6,9 +6,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.interpolate import BPoly
 
-from bayesdeg.material.degradation import NODES
-from bayesdeg.material.stability import satisfies_baker_ericksen
-from bayesdeg.material.trend import Controls, bernstein_slopes, bernstein_weights, constants
+from bayesdeg.material.degradation import (
+    NODES,
+    Controls,
+    bernstein_slopes,
+    bernstein_weights,
+    constants,
+    satisfies_baker_ericksen,
+)
 
 LEVELS = np.linspace(-2.0, 28.0, 31)
 ORDERS = pytest.mark.parametrize("nodes", NODES[1:], ids=["first", "second", "third"])

@@ -6,11 +6,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bayesdeg.material.hyperelastic import NeoHookean, Yeoh, YeohRootSecondInvariant
-from bayesdeg.material.modes import EXPONENTS, loaded_axes, power_sum
-from bayesdeg.material.stress import (
+from bayesdeg.material.hyperelastic import (
+    EXPONENTS,
+    NeoHookean,
+    Yeoh,
+    YeohRootSecondInvariant,
     cauchy_stress,
+    loaded_axes,
     nominal_stress,
+    power_sum,
     root_second_invariant_basis,
     tangent,
     yeoh_basis,

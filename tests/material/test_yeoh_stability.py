@@ -5,15 +5,13 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from bayesdeg.material.hyperelastic import Yeoh
-from bayesdeg.material.modes import EXPONENTS
-from bayesdeg.material.stability import (
+from bayesdeg.material.degradation import (
     is_monotone,
     satisfies_baker_ericksen,
     smallest_monotone_ratio,
     smallest_positive_ratio,
 )
-from bayesdeg.material.stress import nominal_stress
+from bayesdeg.material.hyperelastic import EXPONENTS, Yeoh, nominal_stress
 
 RATIOS = np.array([0.001, 0.01, 0.1])
 

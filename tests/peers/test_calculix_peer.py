@@ -8,7 +8,7 @@ import pytest
 from bayesdeg.actuator.body import LINEAR_CONSTANT, LINEAR_FULL
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.mesh import Resolution, build_mesh
-from bayesdeg.measure.settings import Dimensions
+from bayesdeg.data.settings import Dimensions
 from tests.peers import calculix_actuator
 from tests.peers.peer_path import FRESH, LOADS, curvatures, own_path
 

@@ -7,8 +7,8 @@ from functools import cache
 import numpy as np
 
 from bayesdeg.causes.catalogue import find
-from bayesdeg.measure.settings import Dimensions
-from bayesdeg.measure.study import read_study
+from bayesdeg.data.settings import Dimensions
+from bayesdeg.data.study import read_study
 from tests.criticism.linear_case import tight_model, with_known_scatter
 from tests.emulator.closed_form import trained
 from tests.inference.small_study import values_of

@@ -1,6 +1,6 @@
 """A study folder small enough to read a hundred times."""
 
-from bayesdeg.measure.study import read_study
+from bayesdeg.data.study import read_study
 
 SETTINGS = 'title = "Small"\nseed = 7\n'
 ACTUATOR = (

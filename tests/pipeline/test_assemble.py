@@ -4,8 +4,8 @@ import pytest
 from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.errors import BayesdegError, StudyError
-from bayesdeg.laws import Normal, Uniform
 from bayesdeg.pipeline.assemble import assemble, level_grid
+from bayesdeg.priors import Normal, Uniform
 from tests.emulator.closed_form import ClosedFormMap
 from tests.pipeline.study_files import ACTUATOR, SETTINGS, SUMMARY, TENSILE, study_in
 

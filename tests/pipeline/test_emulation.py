@@ -6,7 +6,7 @@ import pytest
 
 from bayesdeg.actuator.status import Status
 from bayesdeg.emulator.campaign import Finished
-from bayesdeg.emulator.cost import duration
+from bayesdeg.emulator.kept import duration
 from bayesdeg.emulator.solutions import SolutionStore
 from bayesdeg.pipeline import emulation
 from bayesdeg.pipeline.emulation import (

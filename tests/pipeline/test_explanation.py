@@ -19,10 +19,10 @@ from bayesdeg.criticism.step import Step
 from bayesdeg.criticism.support import Support
 from bayesdeg.criticism.verdict import Decision, Outcome
 from bayesdeg.inference.data import Statistic
-from bayesdeg.laws import Parameter, TruncatedNormal
 from bayesdeg.pipeline.document import unjudged_document, verdict_document
 from bayesdeg.pipeline.explanation import explain
 from bayesdeg.pipeline.judgement import Judgement, readings_misfit
+from bayesdeg.priors import Parameter, TruncatedNormal
 from tests.criticism.linear_case import known_linear, with_readings
 
 WHERE = "Measured curvature lies below the simulation by 12 % on average at 20–80 kPa."

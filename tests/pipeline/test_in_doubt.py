@@ -6,10 +6,10 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from bayesdeg.data.study import read_study
 from bayesdeg.inference.parameters import with_priors
-from bayesdeg.laws import LogNormal
-from bayesdeg.measure.study import read_study
 from bayesdeg.pipeline.in_doubt import in_doubt
+from bayesdeg.priors import LogNormal
 from bayesdeg.report.headline import doubts_of
 from bayesdeg.report.record import verdict_of
 from tests.inference.small_study import draws_near_truth, small_model

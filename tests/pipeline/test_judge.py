@@ -15,7 +15,6 @@ from bayesdeg.inference.ensemble import EFFORTS
 from bayesdeg.inference.importance import about_mode
 from bayesdeg.inference.laplace import approximate
 from bayesdeg.inference.parameters import with_priors
-from bayesdeg.laws import LogNormal, Normal
 from bayesdeg.pipeline import judge as judging
 from bayesdeg.pipeline.assemble import Assembly
 from bayesdeg.pipeline.base import base_of
@@ -29,6 +28,7 @@ from bayesdeg.pipeline.judgement import (
     with_sampled_sizes,
 )
 from bayesdeg.pipeline.progress import Silent
+from bayesdeg.priors import LogNormal, Normal
 from tests.criticism.linear_case import tight_model, with_known_scatter
 from tests.emulator.closed_form import trained
 from tests.inference.small_study import TRUTH, values_of

@@ -6,10 +6,9 @@ from dataclasses import asdict, replace
 from bayesdeg.actuator.curve import MODEL_VERSION
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.mesh import Resolution
-from bayesdeg.emulator.build import runs
-from bayesdeg.emulator.campaign import complete
-from bayesdeg.emulator.recipe import Recipe
-from bayesdeg.measure.settings import Dimensions
+from bayesdeg.data.settings import Dimensions
+from bayesdeg.emulator.campaign import complete, runs
+from bayesdeg.emulator.kept import Recipe
 from tests.emulator.closed_form import trained
 
 TABLE = "[actuator]\nlength = 14.0\nchambers = 1\n"

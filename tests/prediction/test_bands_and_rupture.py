@@ -7,8 +7,13 @@ from scipy.stats import norm
 from bayesdeg.causes.catalogue import find
 from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.inference.ensemble import Chain
-from bayesdeg.prediction.bands import QUANTILES, at_conditions, curvature_bands, draw_values
-from bayesdeg.prediction.rupture import rupture_table
+from bayesdeg.prediction.predictive import (
+    QUANTILES,
+    at_conditions,
+    curvature_bands,
+    draw_values,
+    rupture_table,
+)
 from tests.emulator.closed_form import ClosedFormMap
 from tests.inference.small_study import TRUTH, small_model, values_of
 

@@ -10,7 +10,7 @@ from bayesdeg.actuator.inputs import Inputs, Prediction
 from bayesdeg.actuator.status import Status
 from bayesdeg.inference.ensemble import Chain
 from bayesdeg.prediction.control import control, largest_allowed, needed_by, needed_pressure
-from bayesdeg.prediction.specimens import draw_specimens, finer, respond
+from bayesdeg.prediction.predictive import draw_specimens, finer, respond
 from tests.inference.small_study import TRUTH, small_model, values_of
 from tests.laboratory.linear_actuator import LinearActuator
 

@@ -5,8 +5,8 @@ import pytest
 from scipy.stats import norm
 
 from bayesdeg.inference.parameters import with_priors
-from bayesdeg.laws import HalfNormal, LogNormal, TruncatedNormal
 from bayesdeg.prediction.prior_predictive import PriorPredictive, prior_predictive, sentence
+from bayesdeg.priors import HalfNormal, LogNormal, TruncatedNormal
 from tests.inference.small_study import small_model
 
 Z = norm.ppf(0.95)

@@ -10,7 +10,7 @@ from bayesdeg.actuator.material import Material
 from bayesdeg.actuator.mesh import Resolution, build_mesh
 from bayesdeg.actuator.problem import Problem
 from bayesdeg.actuator.system import State, System
-from bayesdeg.measure.settings import Dimensions
+from bayesdeg.data.settings import Dimensions
 from bayesdeg.report.actuator_fields import NodalFields, nodal_fields
 from bayesdeg.report.actuator_surface import Surface, faces_of, shape_of
 

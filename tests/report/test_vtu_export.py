@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.linalg import logm
 
-from bayesdeg.actuator import law
+from bayesdeg.actuator import kernels
 from bayesdeg.actuator.body import (
     LINEAR_CONSTANT,
     LINEAR_FULL,
@@ -170,7 +170,7 @@ def test_the_stress_is_that_of_the_solid_that_was_solved(seed):
     constants, p = np.array([1.0, -0.02, 0.004, 0.5]), 0.7
     jacobian = np.linalg.det(f)
     nominal = np.empty((3, 3))
-    law.stress(f, np.linalg.inv(f).T.copy(), jacobian, p, constants, nominal)
+    kernels.stress(f, np.linalg.inv(f).T.copy(), jacobian, p, constants, nominal)
     found = cauchy_stress(logarithmic_strain(f), np.array(p), constants=constants)
     np.testing.assert_allclose(found, nominal @ f.T / jacobian, atol=1e-13)
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from bayesdeg.criticism.custom_verdict import judge
-from bayesdeg.laws import HalfNormal
+from bayesdeg.priors import HalfNormal
 
 STUDIES = Path(__file__).resolve().parents[2] / "studies"
 

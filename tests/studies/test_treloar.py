@@ -15,10 +15,10 @@ from bayesdeg.criticism.gain import mode_table
 from bayesdeg.criticism.residuals import where_films
 from bayesdeg.criticism.support import hold_out
 from bayesdeg.criticism.verdict import Outcome
-from bayesdeg.laws import Normal, Parameter
-from bayesdeg.measure.study import read_study
+from bayesdeg.data.study import read_study
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.document import verdict_document
+from bayesdeg.priors import Normal, Parameter
 from tests.hidden_effects.judging import judged
 
 pytestmark = pytest.mark.slow

@@ -1,0 +1,1 @@
+"""A study folder becomes a study: tables, settings, faults and doubts."""

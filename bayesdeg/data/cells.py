@@ -1,0 +1,318 @@
+"""One CSV file: its bytes as lines, header and numbers, with the faults in them."""
+
+import csv
+import io
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import pandas as pd
+
+from bayesdeg.data.nearest import nearest
+from bayesdeg.errors import Fault
+from bayesdeg.quantities import DIMENSIONLESS, QUANTITIES, stem
+
+NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
+#: In every unit of the contract; 1e9 s are thirty years.
+LARGEST = 1e9
+NOT_FINITE = re.compile(r"[+-]?(nan|inf|infinity|na|n/a|null|none|-+|#n/a)", re.IGNORECASE)
+
+
+def read_number(text: str) -> float | tuple[str, str]:
+    """Read the number that a cell holds.
+
+    Parameters
+    ----------
+    text : str
+        The cell, not empty, without blanks around it.
+
+    Returns
+    -------
+    float or tuple of str
+        The number, or the problem and the remedy.
+
+    Examples
+    --------
+    >>> read_number("2.5e1")
+    25.0
+    >>> read_number("0,25")
+    ('is written with a decimal comma', 'write decimals with a point, 0.25')
+    >>> read_number("25 %")
+    ('is not a number', 'give the number alone; the unit stands in the header')
+    """
+    if NUMBER.fullmatch(text):
+        value = float(text)
+        if abs(value) <= LARGEST:
+            return value
+        return "is too large for a measured value", f"give a number up to {LARGEST:g}"
+    if DECIMAL_COMMA.fullmatch(text):
+        point = text.replace(",", ".")
+        return "is written with a decimal comma", f"write decimals with a point, {point}"
+    if NOT_FINITE.fullmatch(text):
+        return "is not a finite number", "leave the cell empty if nothing was recorded"
+    if NUMBER.match(text):
+        return "is not a number", "give the number alone; the unit stands in the header"
+    return "is not a number", "give a number with a decimal point"
+
+
+IN_QUOTES = 'put a name that begins with # in quotation marks, "#1", and it is read as a name'
+
+
+@dataclass(frozen=True)
+class Cells:
+    """A CSV file as text.
+
+    Parameters
+    ----------
+    file : str
+        Name of the file.
+    header_row : int
+        Line of the header, counted from 1.
+    texts : pandas.DataFrame
+        Cells as they stand but for the blanks around them; the index is the line of the file.
+    rows_in_comments : tuple of int
+        Lines that begin with ``#``, so that they are comments, but look like rows of data: the
+        name of a specimen may begin so.
+    """
+
+    file: str
+    header_row: int
+    texts: pd.DataFrame
+    rows_in_comments: tuple[int, ...] = ()
+
+
+def read_cells(content: bytes, file: str) -> tuple[Cells | None, tuple[Fault, ...]]:
+    r"""Split a CSV file into cells.
+
+    Lines that begin with ``#``, blank lines and rows of empty cells carry nothing and are passed
+    over, but counted.
+
+    Parameters
+    ----------
+    content : bytes
+        The file as it is on the disk, with or without byte order mark.
+    file : str
+        Its name, for the faults.
+
+    Returns
+    -------
+    cells : Cells or None
+        ``None`` if the file cannot be split at all.
+    faults : tuple of Fault
+        What is wrong with the file as a whole, or with the number of cells of a row. Such a row
+        is left out.
+
+    Examples
+    --------
+    >>> cells, _ = read_cells(b"# film 1\nspecimen_id,stretch\na,1.5\n", "tensile.csv")
+    >>> cells.header_row, cells.texts.index.tolist(), cells.texts.loc[3, "stretch"]
+    (2, [3], '1.5')
+    """
+    text = _decode(content, file)
+    if isinstance(text, Fault):
+        return None, (text,)
+    rows = _split(text, file)
+    if isinstance(rows, Fault):
+        return None, (rows,)
+    if not rows:
+        return None, (Fault(file, "is empty", "give a header and at least one row of data"),)
+    header_row, header = rows[0]
+    wrong = _wrong_header(header, header_row, file)
+    if wrong:
+        return None, wrong
+    in_comments = _rows_in_comments(text, header, header_row)
+    if len(rows) == 1:
+        problem, remedy = "has a header but no data", "add rows, or remove the file"
+        if in_comments:
+            problem += f": lines that begin with # are comments, {len(in_comments)} of them here"
+            remedy = IN_QUOTES
+        return None, (Fault(file, problem, remedy, header_row),)
+    cells, faults = _assemble(rows, file)
+    return replace(cells, rows_in_comments=in_comments), faults
+
+
+def _rows_in_comments(text: str, header: list[str], header_row: int) -> tuple[int, ...]:
+    """Return the comments below the header with as many cells as it, of which one is a number."""
+    found = []
+    for row, line in enumerate(io.StringIO(text, newline=""), start=1):
+        if row <= header_row or not line.startswith("#") or line.count(",") < len(header) - 1:
+            continue
+        cells = [cell.strip() for cell in line[1:].split(",")]
+        if len(cells) == len(header) and any(NUMBER.fullmatch(cell) for cell in cells[1:]):
+            found.append(row)
+    return tuple(found)
+
+
+def _decode(content: bytes, file: str) -> str | Fault:
+    remedy = "save it as CSV in UTF-8"
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        row = content.count(b"\n", 0, error.start) + 1
+        value = repr(content[error.start : error.start + 1])[2:-1]
+        return Fault(file, "is not UTF-8 text", remedy, row, value=value)
+    if "\0" in text:
+        row = text.count("\n", 0, text.index("\0")) + 1
+        return Fault(file, "holds a zero byte, so it is not UTF-8 text", remedy, row)
+    return text
+
+
+def _split(text: str, file: str) -> list[tuple[int, list[str]]] | Fault:
+    line, start = 0, 1
+    rows = []
+
+    def lines() -> Iterator[str]:
+        nonlocal line
+        for raw in io.StringIO(text, newline=""):
+            line += 1
+            # the reader must see a line for a line, or the count of lines goes astray
+            yield "\n" if raw.startswith("#") else raw
+
+    try:
+        for row in csv.reader(lines(), strict=True):
+            cells = [cell.strip() for cell in row]
+            if any(cells):
+                rows.append((start, cells))
+            start = line + 1
+    except csv.Error as error:
+        remedy = "close every quotation mark and put it around the whole cell"
+        return Fault(file, f"cannot be split into cells ({error})", remedy, start)
+    return rows
+
+
+def _wrong_header(header: list[str], row: int, file: str) -> tuple[Fault, ...]:
+    for separator, name in ((";", "semicolons"), ("\t", "tabs"), ("|", "bars")):
+        if len(header) == 1 and separator in header[0]:
+            problem = f"separates its columns by {name}"
+            remedy = "separate columns by commas and write decimals with a point"
+            return (Fault(file, problem, remedy, row, value=header[0]),)
+    unnamed = [i for i, name in enumerate(header, start=1) if not name]
+    faults = [
+        Fault(file, f"has no name above column {i}", "name it or remove it", row) for i in unnamed
+    ]
+    twice = sorted({name for name in header if name and header.count(name) > 1})
+    problem, remedy = "stands twice in the header", "keep one of them"
+    return (*faults, *(Fault(file, problem, remedy, row, name) for name in twice))
+
+
+def _assemble(rows: list[tuple[int, list[str]]], file: str) -> tuple[Cells, tuple[Fault, ...]]:
+    header_row, header = rows[0]
+    good = [(row, cells) for row, cells in rows[1:] if len(cells) == len(header)]
+    faults = tuple(
+        _ragged(cells, len(header), Fault(file, "", "", row))
+        for row, cells in rows[1:]
+        if len(cells) != len(header)
+    )
+    texts = pd.DataFrame(
+        [cells for _, cells in good],
+        columns=pd.Index(header, dtype=object),
+        index=pd.Index([row for row, _ in good], name="row", dtype="int64"),
+        dtype=object,
+    )
+    return Cells(file, header_row, texts), faults
+
+
+def _ragged(cells: list[str], wanted: int, place: Fault) -> Fault:
+    if len(cells) > wanted:
+        problem = f"has too many cells: {len(cells)} where the header names {wanted}"
+        remedy = "write decimals with a point and put texts with a comma in quotation marks"
+    else:
+        problem = f"has too few cells: {len(cells)} where the header names {wanted}"
+        remedy = "leave a cell empty, with its comma, where nothing was recorded"
+    return Fault(place.file, problem, remedy, place.row, value=",".join(cells))
+
+
+#: Endings by which a column is taken for the same quantity in another unit.
+UNITS = frozenset(
+    {"pa", "hpa", "kpa", "mpa", "gpa", "bar", "mbar", "psi", "atm", "mmhg", "n_per_mm2"}
+    | {"ug", "mg", "g", "kg", "um", "mm", "cm", "m", "per_mm", "per_cm", "per_m", "deg", "rad"}
+    | {"ms", "s", "sec", "seconds", "min", "minutes", "h", "hr", "hours", "d", "days"}
+    | {"pct", "percent", "frac", "fraction", "ratio"}
+)
+
+
+def check_header(
+    names: Sequence[str], place: Fault, *, required: Iterable[str], optional: Iterable[str]
+) -> dict[str, Fault]:
+    """Find columns that are missing, misspelt or in another unit.
+
+    A column that is neither listed nor like a listed one that is absent is nobody's fault: it is
+    kept.
+
+    Parameters
+    ----------
+    names : sequence of str
+        The header as it stands.
+    place : Fault
+        Carries file and row of the header.
+    required, optional : iterable of str
+        Columns that must and that may be there.
+
+    Returns
+    -------
+    dict of str to Fault
+        One for each column that should be there, not for each row.
+
+    Examples
+    --------
+    >>> place = Fault("tensile.csv", "", "", 1)
+    >>> names = ["stretch", "stress_kPa"]
+    >>> faults = check_header(names, place, required=["stretch", "stress_MPa"], optional=[])
+    >>> faults["stress_MPa"].column, faults["stress_MPa"].remedy
+    ('stress_kPa', 'give it in MPa and name the column stress_MPa')
+    """
+    required, optional = tuple(required), tuple(optional)
+    if not set(names) & {*required, *optional} and any(NUMBER.fullmatch(name) for name in names):
+        remedy = f"begin with a line that names the columns: {', '.join(required)}"
+        fault = Fault(place.file, "has no header", remedy, place.row, value=",".join(names))
+        return {required[0]: fault}
+    listed = {*required, *optional}
+    there = tuple(listed & set(names))
+    # `stress_MPa_raw` beside `stress_MPa` is the user's own
+    unlisted = [name for name in names if name not in listed and not name.startswith(there)]
+    faults = {}
+    for column in (*required, *optional):
+        if column in names:
+            continue
+        blamed = _blame(column, unlisted, place, is_required=column in required)
+        if blamed is not None:
+            faults[column] = blamed
+            unlisted = [name for name in unlisted if name != blamed.column]
+    return faults
+
+
+def _blame(
+    column: str, unlisted: Sequence[str], place: Fault, *, is_required: bool
+) -> Fault | None:
+    unit = QUANTITIES[column].unit
+    wanted = "" if unit == DIMENSIONLESS else f" in {unit}"
+    if not is_required:
+        unlisted = [name for name in unlisted if not _is_other_quantity(name)]
+    for name in unlisted:
+        if _is_other_unit(name, column):
+            problem = "does not name the unit it should"
+            remedy = f"give it{wanted} and name the column {column}"
+            return Fault(place.file, problem, remedy, place.row, name)
+    best = nearest(column, unlisted, cutoff=0.7 if is_required else 0.8)
+    # an unlisted column is the user's own unless it can hardly be anything but a slip
+    if best is not None and (is_required or best[0].casefold() == column[0].casefold()):
+        problem, remedy = "is not a known column", f"did you mean {column!r}? Rename it"
+        return Fault(place.file, problem, remedy, place.row, best)
+    if is_required:
+        remedy = f"add it: {QUANTITIES[column].meaning}{wanted}"
+        return Fault(place.file, "is missing", remedy, place.row, column)
+    return None
+
+
+def _is_other_quantity(name: str) -> bool:
+    return name in QUANTITIES and stem(name) != name
+
+
+def _is_other_unit(name: str, column: str) -> bool:
+    if QUANTITIES[column].unit == DIMENSIONLESS:
+        return False
+    start, folded = stem(column).casefold(), name.casefold()
+    if folded == start:
+        return True
+    return folded.startswith(f"{start}_") and folded.removeprefix(f"{start}_") in UNITS

@@ -1,0 +1,421 @@
+"""Moisture of films: degradation rate with its errors, and its course in time.
+
+The degradation rate D_R is a proxy: it is the loss of retained water, not of mass. Eq. 4 divides
+by the moist mass (wet basis), the control experiment behind Eq. 6 by the dry mass (dry basis);
+D_R means wet basis throughout, and what needs the other basis converts it here.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import curve_fit
+from scipy.stats import norm
+
+Floats = npt.NDArray[np.float64]
+
+#: Slope of Eq. 6: mass loss over degradation rate, dry basis.
+MASS_LOSS_SLOPE = 0.8574
+
+
+def moisture_content(mass_equilibrated: npt.ArrayLike, mass_dry: npt.ArrayLike) -> Floats:
+    r"""Compute the moisture content on the wet basis, Eq. 4.
+
+    .. math:: M_C = 100 (M_0 - M_d) / M_0
+
+    Parameters
+    ----------
+    mass_equilibrated, mass_dry : array_like, broadcastable
+        M_0 and M_d, both above 0, in the same unit.
+
+    Returns
+    -------
+    numpy.ndarray
+        [%]
+
+    Examples
+    --------
+    1.00 g of film that dries to 0.80 g held 20 % of moisture.
+
+    >>> round(float(moisture_content(1.0, 0.8)), 12)
+    20.0
+    """
+    moist, dry = np.asarray(mass_equilibrated, float), np.asarray(mass_dry, float)
+    return np.asarray(100.0 * (moist - dry) / moist, float)
+
+
+def moisture_content_dry_basis(mass_equilibrated: npt.ArrayLike, mass_dry: npt.ArrayLike) -> Floats:
+    r"""Compute the moisture content on the dry basis, as in the control experiment.
+
+    .. math:: M_C = 100 (M_{e} - M') / M'
+
+    Parameters
+    ----------
+    mass_equilibrated, mass_dry : array_like, broadcastable
+        M_e and M', both above 0, in the same unit.
+
+    Returns
+    -------
+    numpy.ndarray
+        [%]
+
+    Examples
+    --------
+    The same film holds 0.20 g of water on 0.80 g.
+
+    >>> round(float(moisture_content_dry_basis(1.0, 0.8)), 12)
+    25.0
+    """
+    moist, dry = np.asarray(mass_equilibrated, float), np.asarray(mass_dry, float)
+    return np.asarray(100.0 * (moist - dry) / dry, float)
+
+
+def degradation_rate(moisture: npt.ArrayLike, moisture_initial: npt.ArrayLike) -> Floats:
+    r"""Compute the degradation rate, Eq. 3.
+
+    .. math:: D_R = -100 (M_C - M_{C0}) / M_{C0}
+
+    Parameters
+    ----------
+    moisture, moisture_initial : array_like, broadcastable
+        Mean moisture contents after and before degradation, on one and the same basis [%].
+
+    Returns
+    -------
+    numpy.ndarray
+        [%]; scatter may make it slightly negative.
+
+    Examples
+    --------
+    A fall from 20 % to 15 % of moisture is a degradation rate of 25 %.
+
+    >>> float(degradation_rate(15.0, 20.0))
+    25.0
+    """
+    after, before = np.asarray(moisture, float), np.asarray(moisture_initial, float)
+    return np.asarray(100.0 * (before - after) / before, float)
+
+
+def to_dry_basis(degradation_pct: npt.ArrayLike, *, moisture_initial_pct: npt.ArrayLike) -> Floats:
+    r"""Convert a degradation rate from the wet to the dry basis.
+
+    With w_0 the wet-basis moisture fraction before degradation and w = w_0 (1 − D/100) after,
+
+    .. math:: D_{dry} = 100 \left(1 - \frac{w (1 - w_0)}{w_0 (1 - w)}\right)
+
+    Parameters
+    ----------
+    degradation_pct : array_like
+        Wet basis [%].
+    moisture_initial_pct : array_like
+        M_C0 on the wet basis, between 0 and 100 [%].
+
+    Returns
+    -------
+    numpy.ndarray
+        [%]
+
+    Examples
+    --------
+    At 20 % moisture, 25 % is 1 − (0.15 × 0.80)/(0.20 × 0.85) = 29.4 %.
+
+    >>> round(float(to_dry_basis(25.0, moisture_initial_pct=20.0)), 3)
+    29.412
+    """
+    before = np.asarray(moisture_initial_pct, float) / 100.0
+    left = 1.0 - np.asarray(degradation_pct, float) / 100.0
+    return np.asarray(100.0 * (1.0 - left * (1.0 - before) / (1.0 - before * left)), float)
+
+
+def to_wet_basis(degradation_pct: npt.ArrayLike, *, moisture_initial_pct: npt.ArrayLike) -> Floats:
+    r"""Convert a degradation rate from the dry to the wet basis; inverse of `to_dry_basis`.
+
+    With d_0 = w_0/(1 − w_0) and d = d_0 (1 − D/100) the dry-basis moisture fractions,
+
+    .. math:: D_{wet} = 100 \left(1 - \frac{d}{w_0 (1 + d)}\right)
+
+    Parameters
+    ----------
+    degradation_pct : array_like
+        Dry basis [%].
+    moisture_initial_pct : array_like
+        M_C0 on the wet basis, between 0 and 100 [%].
+
+    Returns
+    -------
+    numpy.ndarray
+        [%]
+
+    Examples
+    --------
+    >>> round(float(to_wet_basis(29.4117647, moisture_initial_pct=20.0)), 6)
+    25.0
+    """
+    before = np.asarray(moisture_initial_pct, float) / 100.0
+    dry = before / (1.0 - before) * (1.0 - np.asarray(degradation_pct, float) / 100.0)
+    return np.asarray(100.0 * (1.0 - dry / (before * (1.0 + dry))), float)
+
+
+def mass_loss(mass: npt.ArrayLike, mass_initial: npt.ArrayLike) -> Floats:
+    r"""Compute the mass loss, Eq. 5.
+
+    .. math:: M_{loss} = -100 (M' - M'_0) / M'_0
+
+    Parameters
+    ----------
+    mass, mass_initial : array_like, broadcastable
+        Dry masses M' and M'_0 after and before degradation, in the same unit.
+
+    Returns
+    -------
+    numpy.ndarray
+        [%]
+
+    Examples
+    --------
+    >>> round(float(mass_loss(0.45, 0.60)), 12)
+    25.0
+    """
+    after, before = np.asarray(mass, float), np.asarray(mass_initial, float)
+    return np.asarray(100.0 * (before - after) / before, float)
+
+
+def mass_loss_from_degradation(
+    degradation_pct: npt.ArrayLike,
+    *,
+    moisture_initial_pct: npt.ArrayLike,
+    slope: float = MASS_LOSS_SLOPE,
+) -> Floats:
+    r"""Estimate the mass loss from the degradation rate of a film, Eq. 6.
+
+    .. math:: M_{loss} = 0.8574 \, D_{R, dry}
+
+    The slope was found with both moisture contents on the dry basis, so that a degradation rate
+    of films is converted first. It was found in a solution of bromelain, not in soil.
+
+    Parameters
+    ----------
+    degradation_pct : array_like
+        Wet basis [%].
+    moisture_initial_pct : array_like
+        M_C0 on the wet basis [%].
+    slope : float
+        Mass loss over degradation rate, dry basis [–].
+
+    Returns
+    -------
+    numpy.ndarray
+        [%]
+
+    Examples
+    --------
+    0.8574 × 29.41 %:
+
+    >>> round(float(mass_loss_from_degradation(25.0, moisture_initial_pct=20.0)), 2)
+    25.22
+    """
+    dry = to_dry_basis(degradation_pct, moisture_initial_pct=moisture_initial_pct)
+    return slope * dry
+
+
+#: In units of the last time; beyond it the course is straight and tells nothing of a limit.
+LONGEST_TIME_CONSTANT = 100.0
+
+
+@dataclass(frozen=True)
+class FilmDegradation:
+    """Degradation rates at the times at which films were taken out of the soil.
+
+    Parameters
+    ----------
+    time_h : numpy.ndarray, shape (n_times,)
+        Rising, beginning with 0 [h].
+    degradation_pct : numpy.ndarray, shape (n_times,)
+        Wet basis if the moisture contents are [%].
+    covariance : numpy.ndarray, shape (n_times, n_times)
+        Of their errors; all of them share the mean of the undegraded films [%²].
+    films : numpy.ndarray of int, shape (n_times,)
+        Number of films.
+    moisture_initial_pct : float
+        Mean moisture content of the undegraded films [%].
+    """
+
+    time_h: Floats
+    degradation_pct: Floats
+    covariance: Floats
+    films: npt.NDArray[np.int64]
+    moisture_initial_pct: float
+
+    @property
+    def standard_error(self) -> Floats:
+        """Standard error of each degradation rate [%]."""
+        return np.sqrt(np.diag(self.covariance))
+
+
+def degradation_of_films(time_h: npt.ArrayLike, moisture_pct: npt.ArrayLike) -> FilmDegradation:
+    r"""Average replicate films and compute their degradation rates, Eq. 3, with errors.
+
+    With m and m_0 the mean moisture contents, D = 100 (1 − m/m_0), and by the delta method
+
+    .. math:: C_{ij} = (100/m_0)^2 \left[\delta_{ij} s_i^2 + m_i m_j s_0^2 / m_0^2\right]
+
+    where s² is the variance of a mean. The second term is common to all times but the first: at
+    time 0 the two means are one, so D is 0 without error. The scatter of single films is pooled
+    over all times, since a few films give no reliable variance of their own.
+
+    Parameters
+    ----------
+    time_h : array_like, shape (n_films,)
+        Time in the soil [h].
+    moisture_pct : array_like, shape (n_films,)
+        Moisture contents, all on one basis [%].
+
+    Returns
+    -------
+    FilmDegradation
+
+    Raises
+    ------
+    ValueError
+        If there is no undegraded film, or no time with a second film.
+
+    Examples
+    --------
+    Means 20 and 15 %, pooled variance of a film 2, of a mean 1: the variance of the second rate is
+    (100/20)² (1 + (15/20)²) = 39.06.
+
+    >>> films = degradation_of_films([0, 0, 8, 8], [19.0, 21.0, 14.0, 16.0])
+    >>> films.degradation_pct.tolist(), films.standard_error.tolist()
+    ([0.0, 25.0], [0.0, 6.25])
+    """
+    time, moisture = np.asarray(time_h, float), np.asarray(moisture_pct, float)
+    times, which, films = np.unique(time, return_inverse=True, return_counts=True)
+    if times.size == 0 or times[0] != 0.0:
+        raise ValueError("no film was measured at time 0, so there is no M_C0 to compare with")
+    freedom = moisture.size - times.size
+    if freedom < 1:
+        raise ValueError("no time has a second film, so the scatter of films is unknown")
+    mean = np.bincount(which, moisture) / films
+    variance_of_mean = np.sum((moisture - mean[which]) ** 2) / freedom / films
+    slope = mean / mean[0]
+    covariance = np.diag(variance_of_mean) + np.outer(slope, slope) * variance_of_mean[0]
+    covariance[0, :] = covariance[:, 0] = 0.0
+    return FilmDegradation(
+        times,
+        degradation_rate(mean, mean[0]),
+        (100.0 / mean[0]) ** 2 * covariance,
+        films.astype(np.int64),
+        float(mean[0]),
+    )
+
+
+@dataclass(frozen=True)
+class SaturatingCourse:
+    r"""The degradation rate as a function of time, levelling off.
+
+    .. math:: D(t) = D_\infty (1 - e^{-t/\tau})
+
+    Parameters
+    ----------
+    limit_pct : float
+        D_∞ [%].
+    time_constant_h : float
+        τ [h].
+    covariance : numpy.ndarray, shape (2, 2)
+        Of (D_∞, τ).
+    """
+
+    limit_pct: float
+    time_constant_h: float
+    covariance: Floats
+
+    def degradation(self, time_h: npt.ArrayLike) -> Floats:
+        """Compute the degradation rate at the given times [%]."""
+        return saturating(np.asarray(time_h, float), self.limit_pct, self.time_constant_h)
+
+    def standard_error(self, time_h: npt.ArrayLike) -> Floats:
+        """Compute the standard error of the curve at the given times, by the delta method [%]."""
+        reduced = np.asarray(time_h, float) / self.time_constant_h
+        by_limit = -np.expm1(-reduced)
+        by_time_constant = -self.limit_pct * reduced * np.exp(-reduced) / self.time_constant_h
+        gradient = np.stack([by_limit, by_time_constant], axis=-1)
+        variance = np.einsum("...i,ij,...j->...", gradient, self.covariance, gradient)
+        return np.asarray(np.sqrt(variance), float)
+
+    def band(
+        self, time_h: npt.ArrayLike, *, probability: float = 0.9, scatter_sd_pct: float = 0.0
+    ) -> tuple[Floats, Floats]:
+        """Compute the lower and upper edge of the band of the curve, or of a new measurement.
+
+        Parameters
+        ----------
+        time_h : array_like
+            [h]
+        probability : float
+            What the band holds.
+        scatter_sd_pct : float
+            Standard deviation of a new measurement about the curve; 0 for the curve itself [%].
+
+        Returns
+        -------
+        lower, upper : numpy.ndarray
+            [%]
+        """
+        sd = np.hypot(self.standard_error(time_h), scatter_sd_pct)
+        reach = float(norm.ppf(0.5 + probability / 2.0)) * sd
+        centre = self.degradation(time_h)
+        return centre - reach, centre + reach
+
+
+def saturating(
+    time_h: Floats, limit_pct: Floats | float, time_constant_h: Floats | float
+) -> Floats:
+    """Evaluate D_∞ (1 − exp(−t/τ)) [%]; arguments broadcast."""
+    return np.asarray(-limit_pct * np.expm1(-time_h / time_constant_h), float)
+
+
+def fit_saturating_course(films: FilmDegradation) -> SaturatingCourse:
+    """Fit the saturating law by generalised least squares, errors and their correlation included.
+
+    Parameters
+    ----------
+    films : FilmDegradation
+        At least two times after 0; time 0 itself is met by the law and carries no information.
+
+    Returns
+    -------
+    SaturatingCourse
+
+    Raises
+    ------
+    ValueError
+        If there are too few times, or if the rates do not level off or do not rise.
+
+    Examples
+    --------
+    >>> time = np.array([0.0, 4.0, 8.0, 16.0, 24.0])
+    >>> rate = saturating(time, 30.0, 10.0)
+    >>> films = FilmDegradation(time, rate, np.diag([0, 1, 1, 1, 1.0]), np.full(5, 9), 20.0)
+    >>> course = fit_saturating_course(films)
+    >>> round(course.limit_pct, 4), round(course.time_constant_h, 4)
+    (30.0, 10.0)
+    """
+    time, rate = films.time_h[1:], films.degradation_pct[1:]
+    if time.size < 2:
+        raise ValueError("fewer than two times after 0: the saturating law cannot be fitted")
+    covariance = films.covariance[1:, 1:]
+    if not time @ np.linalg.solve(covariance, rate) > 0.0:
+        raise ValueError("the degradation rates do not rise with time")
+    longest = LONGEST_TIME_CONSTANT * float(time[-1])
+    found, errors = curve_fit(
+        saturating,
+        time,
+        rate,
+        p0=(max(1.5 * float(rate.max()), 1.0), float(np.median(time))),
+        sigma=covariance,
+        absolute_sigma=True,
+        bounds=([0.0, 1e-3 * time[0]], [np.inf, longest]),
+    )
+    if found[1] > 0.99 * longest:
+        raise ValueError("the degradation rates do not rise towards a limit")
+    return SaturatingCourse(float(found[0]), float(found[1]), errors)

@@ -1,0 +1,928 @@
+r"""Whether readings can be what their columns say: faults of units and signs, and single specimens.
+
+A unit that is not that of its column multiplies what is read by 4 to a million, while every effect
+that the package knows changes it by tens of percent, the largest twofold. So columns are held
+against each other, against the priors and against the other specimens, as logarithms of ratios,
+of which medians are taken. What no soft actuator can do is a fault; what is merely unlikely is a
+warning, which goes on to stand beside the verdict.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from bayesdeg.data.settings import Dimensions
+from bayesdeg.data.study import Study
+from bayesdeg.errors import Fault, StudyError
+from bayesdeg.priors import Law
+
+Floats = NDArray[np.float64]
+Units = Mapping[str, float]
+
+#: What a number in another unit is, over the same in the unit of the column.
+STRESS_UNITS: Units = {
+    "kPa": 1e3,
+    "Pa": 1e6,
+    "bar": 10.0,
+    "psi": 145.04,
+    "GPa": 1e-3,
+}
+PRESSURE_UNITS: Units = {
+    "Pa": 1e3,
+    "MPa": 1e-3,
+    "bar": 1e-2,
+    "mbar": 10.0,
+    "psi": 0.14504,
+    "mmHg": 7.5006,
+}
+CURVATURE_UNITS: Units = {"1/mm": 1e-3, "1/cm": 1e-2, "°/m": 57.296}
+ANGLE_UNITS: Units = {
+    "radians": 1.0 / 57.296,
+    "degrees, multiplied by 180/π once too often": 57.296,
+    "revolutions": 1.0 / 360.0,
+}
+PERCENT_UNITS: Units = {"a fraction in place of percent": 1e-2}
+
+#: Specimens of one level. Effects change curvature and stiffness twofold at most (a degraded skin);
+#: the smallest ratio of two units in use is that of mmHg to kPa, 7.5.
+LEAST_FACTOR = 4.0
+#: ln of stiffness per point of degradation: films of the publication give 0.05 to 0.09.
+STEEPEST = 0.1
+#: Specimens that one is compared with: at least two of its level, within so many points, else so
+#: many nearest to it, which are those of the next level of three and one more.
+LEVEL, FEWEST_OF_LEVEL, NEIGHBOURS = 1.0, 2, 4
+#: From here on it is no scatter, whatever the material: two specimens of one study, or a prior.
+IMPOSSIBLE_FACTOR = 100.0
+#: Of a prior's own standard deviations: beyond 99.9 %, and where no posterior can follow.
+UNLIKELY_SDS, IMPOSSIBLE_SDS = 3.3, 5.0
+#: A median off its prior: bar for MPa is 10, and a prior may be twofold off without any fault.
+LEAST_FACTOR_TO_PRIOR = 5.0
+#: Of pressures at the same curvature: two specimens of a level are nearer in stiffness than that.
+LEAST_FACTOR_OF_PRESSURE = 2.0
+#: Of bend angle to curvature times length: scale and fibre of reading change it 0.6 to 1.4 times.
+LEAST_FACTOR_OF_ANGLE = 3.0
+#: Of bending to what the dimensions give: bulging and ballooning stay within some tenfold.
+IMPOSSIBLE_BENDING = 30.0
+#: Two full turns: clamp and tip of a bar would long have met.
+MOST_TURNING = 4.0 * np.pi
+#: Stretch; the toughest hydrogels reach 23 (Sun et al. 2012, doi:10.1038/nature11409).
+HIGHEST_STRETCH = 30.0
+#: Bending of the default actuator over that of a beam of its section, whose walls do not bulge.
+BULGING = 2.0
+#: Curvature at zero pressure that reading errors (0.3 1/m by their prior) do not give [1/m].
+LARGEST_AT_REST, LARGEST_SHARE_AT_REST = 1.5, 0.1
+#: That of the air in a room, to that of the air and a first step of up to 50 kPa [kPa].
+AIR_PRESSURE = (90.0, 150.0)
+#: Change of ln response per point of degradation, four times the steepest that is known.
+TOO_STEEP = 0.4
+#: Strain and share of the largest stress below which a sign may be that of an error of reading.
+LEAST_STRAIN, LEAST_STRESS = 0.05, 0.02
+#: Errors of reading by their priors [1/m, °]: smaller curvatures are taken to be as large.
+CURVATURE_ERROR, ANGLE_ERROR = 0.3, 0.7
+#: Of these errors, from which on curvature and angle are compared.
+CLEAR = 5.0
+#: How far a ratio may be off that of a unit which is named: scatter of specimens and of priors.
+NEAR_UNIT, NEAR_UNIT_OF_PRIOR = 1.4, 2.5
+
+OTHER_UNIT = "likely another unit"
+DEGREE = np.pi / 180.0
+TINY = 1e-300
+SMALLEST_ANGLE = 1e-9  # rad; no bending at all
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """A reading that is hardly what its column says.
+
+    Parameters
+    ----------
+    fault : Fault
+        Where it stands, what it was compared with, the likely mistake, and what to do.
+    impossible : bool
+        Whether it cannot be right, so that nothing may be computed from it.
+    """
+
+    fault: Fault
+    impossible: bool
+
+    def __str__(self) -> str:
+        """Return the doubt as one line."""
+        return str(self.fault)
+
+
+@dataclass(frozen=True)
+class Expected:
+    """What the priors of a study expect.
+
+    Parameters
+    ----------
+    c1, elongation : mapping of float to Law
+        C1 [MPa] and the elongation at break [%] by degradation rate; between those in logarithms.
+    linear_scale : float
+        Length of the part over that of its mould.
+    """
+
+    c1: Mapping[float, Law]
+    elongation: Mapping[float, Law]
+    linear_scale: float = 1.0
+
+
+def doubts(study: Study, expected: Expected) -> tuple[Doubt, ...]:
+    """Return what is impossible or unlikely in a study, file by file.
+
+    Parameters
+    ----------
+    study : Study
+        Whose tables have no faults of their own.
+    expected : Expected
+        What its priors say.
+    """
+    # numbers beyond all sense overflow, and a ratio of them is simply not compared
+    with np.errstate(all="ignore"):
+        of_films = _tension(study, expected)
+        trusted = None if of_films else study.tensile
+        found = [*of_films, *_elongation(study.breaks, trusted, expected)]
+        found += [*_published(study, expected), *_rates(study)]
+        if study.actuator is not None:
+            films = film_moduli(trusted)
+            found += _bending(study, _Material(expected, films[films["c1"] > 0.0]))
+            found += _conditions(study.actuator)
+    return tuple(found)
+
+
+def refuse_impossible(found: Iterable[Doubt]) -> tuple[Doubt, ...]:
+    """Return the doubts that are merely unlikely.
+
+    Raises
+    ------
+    StudyError
+        With every doubt that is impossible.
+    """
+    found = tuple(found)
+    wrong = [doubt.fault for doubt in found if doubt.impossible]
+    if wrong:
+        raise StudyError(wrong)
+    return found
+
+
+# ---- comparing
+
+
+def nearest_unit(factor: float, units: Units, tolerance: float) -> str | None:
+    """Return the unit of which numbers are so many times too large; None if none is near.
+
+    Examples
+    --------
+    >>> nearest_unit(990.0, PRESSURE_UNITS, NEAR_UNIT), nearest_unit(30.0, PRESSURE_UNITS, 1.4)
+    ('Pa', None)
+    """
+    distance = {name: abs(np.log(factor / units[name])) for name in units}
+    best = min(distance, key=lambda name: distance[name])
+    return best if distance[best] <= np.log(tolerance) else None
+
+
+def off_neighbours(differences: Floats, rates: Floats) -> Floats:
+    r"""Return ln of the factor by which each specimen is off those nearest to it; 0 if it is not.
+
+    It is off if :math:`|d_{ij}| - s |D_i - D_j|` is above ln `LEAST_FACTOR` for most of the nearest
+    j, with s the steepest effect of degradation.
+
+    Parameters
+    ----------
+    differences : array, shape (n, n)
+        ln of what i has over what j has; nan where they cannot be compared.
+    rates : array, shape (n,)
+        Degradation rates [%].
+
+    Examples
+    --------
+    >>> log_stiffness = np.log([1.0, 1.1, 10.0, 0.9])
+    >>> off = off_neighbours(log_stiffness[:, None] - log_stiffness, np.zeros(4))
+    >>> np.exp(off).round(1).tolist()
+    [1.0, 1.0, 10.0, 1.0]
+    """
+    found = np.zeros(len(rates))
+    for i, row in enumerate(differences):
+        distance = np.abs(rates - rates[i])
+        others = [j for j in np.argsort(distance, kind="stable") if j != i and np.isfinite(row[j])]
+        if not others:
+            continue
+        of_level = int(np.sum(distance[others] <= LEVEL))
+        nearest = np.array(others[: of_level if of_level >= FEWEST_OF_LEVEL else NEIGHBOURS])
+        excess = np.abs(row[nearest]) - STEEPEST * distance[nearest]
+        # the lower median: of two others both must disagree, else the one may be wrong itself
+        if np.quantile(excess, 0.5, method="lower") > np.log(LEAST_FACTOR):
+            at_least = distance[nearest] <= distance[nearest].min() + LEVEL
+            found[i] = np.median(row[nearest[at_least]])
+    return found
+
+
+def _prior_at(laws: Mapping[float, Law], rates: Floats) -> tuple[Floats, Floats]:
+    """Return ln of the median and its standard deviation at degradation rates; nan if unknown."""
+    known = {rate: law.quantile(np.array([0.5, 0.8413])) for rate, law in sorted(laws.items())}
+    known = {rate: q for rate, q in known.items() if np.all(np.isfinite(q)) and q[0] > 0.0}
+    if not known:
+        return np.full(len(rates), np.nan), np.full(len(rates), np.nan)
+    at, quantiles = list(known), np.log(np.array(list(known.values())))
+    median = np.interp(rates, at, quantiles[:, 0])
+    return median, np.maximum(np.interp(rates, at, quantiles[:, 1]) - median, 1e-6)
+
+
+def _off_prior(logs: Floats, rates: Floats, laws: Mapping[float, Law]) -> tuple[float, bool | None]:
+    """Return ln of the factor by which the median is off its prior, and whether that is impossible.
+
+    None in place of that if it is likely enough.
+    """
+    median, sd = _prior_at(laws, rates)
+    off = logs - median
+    if not np.any(np.isfinite(off)):
+        return 0.0, None
+    log_factor, sds = float(np.nanmedian(off)), float(np.nanmedian(np.abs(off) / sd))
+    if abs(log_factor) < np.log(LEAST_FACTOR_TO_PRIOR) or sds < UNLIKELY_SDS:
+        return log_factor, None
+    impossible = abs(log_factor) >= np.log(IMPOSSIBLE_FACTOR) and sds >= IMPOSSIBLE_SDS
+    return log_factor, bool(impossible)
+
+
+def _factor(log_factor: float) -> float:
+    """Return a factor of which the inverse is a number too."""
+    return float(np.exp(np.clip(log_factor, np.log(TINY), -np.log(TINY))))
+
+
+def _times(factor: float) -> str:
+    """Say a factor, of what is too small as a division.
+
+    Examples
+    --------
+    >>> _times(10.04), _times(0.00106)
+    ('10 times', '1/943 of')
+    """
+    return f"{_short(factor)} times" if factor >= 1.0 else f"1/{_short(1.0 / factor)} of"
+
+
+def _short(value: float) -> str:
+    """Return a number to three digits, without an exponent up to a million.
+
+    Examples
+    --------
+    >>> _short(1053.0), _short(9.471), _short(2.4e8)
+    ('1050', '9.47', '2.4e+08')
+    """
+    text = f"{value:.3g}"
+    return f"{float(text):.0f}" if "e" in text and 1.0 <= abs(value) < 1e7 else text
+
+
+def _likely(factor: float, units: Units, tolerance: float, *, otherwise: str = OTHER_UNIT) -> str:
+    unit = nearest_unit(factor, units, tolerance)
+    if unit is None:
+        return otherwise
+    tenfold = np.log10(factor)
+    slipped = abs(tenfold - round(tenfold)) < 0.1 and tolerance == NEAR_UNIT
+    return f"likely in {unit}{', or with a slipped decimal point' if slipped else ''}"
+
+
+def _and_others(count: int, total: int) -> str:
+    return f" (so are {count - 1} of the other {total - 1} specimens)" if count > 1 else ""
+
+
+def _told(wrong: Sequence[Fault], total: int) -> list[Fault]:
+    """Return one fault for all where at least half of the specimens have it, else each."""
+    if len(wrong) < 2 or 2 * len(wrong) < total:
+        return list(wrong)
+    first = wrong[0]
+    return [replace(first, problem=first.problem + _and_others(len(wrong), total))]
+
+
+# ---- films
+
+
+def film_moduli(tensile: pd.DataFrame | None) -> pd.DataFrame:
+    r"""Return C1 of each film from its smallest strains, with its degradation rate.
+
+    The stress of a neo-Hookean solid over :math:`2 (\lambda - \lambda^{-n})`, with n of 2, 3 or 5
+    in uniaxial, planar and equibiaxial tension, times λ where the stress is Cauchy's.
+
+    Parameters
+    ----------
+    tensile : pandas.DataFrame or None
+        As in `Study`.
+
+    Returns
+    -------
+    pandas.DataFrame
+        By specimen: ``rate`` [%], ``c1`` [MPa], which is not positive where signs are wrong, and
+        ``stress`` [MPa], one of those it comes from.
+    """
+    rows = []
+    for name, film in [] if tensile is None else tensile.groupby("specimen_id", sort=False):
+        strained = film[np.abs(np.log(film["stretch"])) >= LEAST_STRAIN]
+        first = strained.iloc[np.argsort(np.abs(np.log(strained["stretch"])))[:3]]
+        if len(first):
+            c1 = first["stress_MPa"] / _neo_hookean(first)
+            row = {"rate": first["degradation_pct"].iloc[0], "c1": c1.median()}
+            rows.append({"specimen": str(name), **row, "stress": first["stress_MPa"].iloc[0]})
+    found = pd.DataFrame(rows, columns=["specimen", "rate", "c1", "stress"])
+    return found.set_index("specimen")
+
+
+def _neo_hookean(rows: pd.DataFrame) -> pd.Series:
+    stretch = rows["stretch"]
+    power = rows["mode"].map({"uniaxial": 2.0, "planar": 3.0, "equibiaxial": 5.0})
+    cauchy = stretch.where(rows["stress_measure"] == "cauchy", 1.0)
+    return 2.0 * (stretch - stretch**-power) * cauchy
+
+
+def _tension(study: Study, expected: Expected) -> list[Doubt]:
+    if study.tensile is None:
+        return []
+    found = [*_stretches(study.tensile)] or [*_signs(study.tensile)]
+    if found:  # moduli would only repeat it
+        return found
+    films = film_moduli(study.tensile)
+    films = films[films["c1"] > 0.0]
+    return [*_moduli(films, expected), *_odd_films(films)]
+
+
+def _stretches(tensile: pd.DataFrame) -> Iterator[Doubt]:
+    largest = tensile.groupby("specimen_id", sort=False)["stretch"].max()
+    wrong = largest[largest > HIGHEST_STRETCH]
+    if wrong.empty:
+        return
+    # a curve in percent begins at 100, one of strain in percent near 0
+    smallest = float(tensile.groupby("specimen_id")["stretch"].min().median())
+    likely, remedy = (
+        ("stretch in percent", "divide by 100")
+        if smallest >= 100.0 * (1.0 - LEAST_STRAIN)
+        else ("strain in percent", "divide by 100 and add 1")
+    )
+    problem = f"is more than any gel or rubber stretches ({HIGHEST_STRETCH:g} times); likely "
+    faults = [
+        _fault(
+            "tensile.csv", name, "stretch", value, problem + likely, f"{remedy}; 1 is unstrained"
+        )
+        for name, value in wrong.items()
+    ]
+    yield from _all(_told(faults, len(largest)), impossible=True)
+
+
+def _signs(tensile: pd.DataFrame) -> Iterator[Doubt]:
+    stretch, stress = tensile["stretch"], tensile["stress_MPa"]
+    largest = stress.abs().groupby(tensile["specimen_id"]).transform("max")
+    clear = (np.abs(stretch - 1.0) > LEAST_STRAIN) & (stress.abs() > LEAST_STRESS * largest)
+    wrong = tensile[clear & (np.sign(stress) != np.sign(stretch - 1.0))]
+    if wrong.empty:
+        return
+    as_strain = bool((wrong["stretch"] < 1.0).all())
+    first = wrong.drop_duplicates("specimen_id")
+    faults = [_wrong_sign(row, as_strain=as_strain) for _, row in first.iterrows()]
+    yield from _all(_told(faults, tensile["specimen_id"].nunique()), impossible=True)
+
+
+def _wrong_sign(row: "pd.Series[float]", *, as_strain: bool) -> Fault:
+    stretch, stress = float(row["stretch"]), float(row["stress_MPa"])
+    if as_strain:
+        column, value = "stretch", stretch
+        problem = f"is compression, yet the stress of the same row is tensile ({stress:g} MPa)"
+        remedy = "likely strain in place of stretch: add 1, so that 1 is unstrained"
+    else:
+        column, value = "stress_MPa", stress
+        problem = f"has the wrong sign: the film is at a stretch of {stretch:g}"
+        remedy = "give tension as positive; a testing machine may count it as negative"
+    return _fault("tensile.csv", row["specimen_id"], column, value, problem, remedy)
+
+
+def _moduli(films: pd.DataFrame, expected: Expected) -> Iterator[Doubt]:
+    rates, c1 = films["rate"].to_numpy(float), films["c1"].to_numpy(float)
+    log_factor, impossible = _off_prior(np.log(c1), rates, expected.c1)
+    if impossible is None:
+        return
+    middle = int(np.argmin(np.abs(np.log(c1 / np.median(c1)))))
+    prior = np.exp(_prior_at(expected.c1, rates[[middle]])[0][0])
+    factor = _factor(log_factor)
+    guess = _likely(factor, STRESS_UNITS, NEAR_UNIT_OF_PRIOR)
+    problem = (
+        f"gives C1 = {c1[middle]:.3g} MPa at small strain; the films are {_times(factor)} "
+        f"what the prior expects ({prior:.3g} MPa at this degradation rate); {guess}"
+    )
+    remedy = "give MPa; if the stress is right, state the prior of c1_at_… in study.toml"
+    name, stress = str(films.index[middle]), float(films["stress"].iloc[middle])
+    yield Doubt(_fault("tensile.csv", name, "stress_MPa", stress, problem, remedy), impossible)
+
+
+def _odd_films(films: pd.DataFrame) -> Iterator[Doubt]:
+    logs = np.log(films["c1"].to_numpy(float))
+    values = films["stress"].to_numpy(float)
+    place = ("tensile.csv", "stress_MPa", "stiffness of the film")
+    yield from _odd_ones(films, logs, values, place, STRESS_UNITS, "give MPa")
+
+
+def _odd_ones(
+    table: pd.DataFrame,
+    logs: Floats,
+    values: Floats,
+    place: tuple[str, str, str],
+    units: Units,
+    remedy: str,
+) -> Iterator[Doubt]:
+    """Doubt each specimen of a table that is far off its neighbours; ``place`` names file, column.
+
+    The third of ``place`` says in words what is compared.
+    """
+    file, column, what = place
+    off = off_neighbours(logs[:, None] - logs, table["rate"].to_numpy(float))
+    wrong = np.flatnonzero(off)
+    if len(table) == 2:  # either may be wrong
+        wrong = wrong[:1]
+    names = [str(name) for name in table.index]
+    for i in wrong:
+        factor = _factor(off[i])
+        slip = "likely another unit, a slipped decimal point or another material"
+        guess = _likely(factor, units, NEAR_UNIT, otherwise=slip)
+        problem = f"makes the {what} {_times(factor)} that of the specimens nearest in D_R; {guess}"
+        said = f"{remedy}; compare it with the record of the test, or leave the specimen out"
+        impossible = bool(abs(off[i]) >= np.log(IMPOSSIBLE_FACTOR))
+        yield Doubt(_fault(file, names[i], column, values[i], problem, said), impossible)
+
+
+def _elongation(
+    breaks: pd.DataFrame | None, tensile: pd.DataFrame | None, expected: Expected
+) -> Iterator[Doubt]:
+    if breaks is None:
+        return
+    table = breaks.set_index("specimen_id")[["degradation_pct", "elongation_pct"]]
+    table.columns = pd.Index(["rate", "value"])
+    values = table["value"].to_numpy(float)
+    yield from _all_elongations(table, tensile, expected)
+    place = ("break.csv", "elongation_pct", "elongation at break")
+    yield from _odd_ones(table, np.log(values), values, place, PERCENT_UNITS, "give percent")
+
+
+def _all_elongations(
+    table: pd.DataFrame, tensile: pd.DataFrame | None, expected: Expected
+) -> Iterator[Doubt]:
+    """Doubt elongations that are below how far films were stretched, or far off their prior."""
+    values, rates = table["value"].to_numpy(float), table["rate"].to_numpy(float)
+    place = ("break.csv", str(table.index[0]), "elongation_pct", float(values[0]))
+    remedy = "give 100 (stretch at break − 1), 210 for a film that breaks at 3.1 times its length"
+    stretched = _stretched(tensile, rates)
+    beyond = 0.0 if stretched is None else float(np.nanmedian(np.log(values / stretched)))
+    log_factor, impossible = _off_prior(np.log(values), rates, expected.elongation)
+    if stretched is not None and beyond < -np.log(LEAST_FACTOR):
+        problem = (
+            "is, as the others, far below how far films of that degradation rate were stretched in "
+            f"tensile.csv (1/{_short(_factor(-beyond))} of that); likely a fraction or a stretch "
+            "in place of percent"
+        )
+        yield Doubt(_fault(*place, problem, remedy), True)
+    elif impossible is not None:
+        factor = _factor(log_factor)
+        guess = _likely(factor, PERCENT_UNITS, NEAR_UNIT_OF_PRIOR)
+        problem = f"is, as the others, {_times(factor)} what the prior expects; {guess}"
+        yield Doubt(_fault(*place, problem, remedy), impossible)
+
+
+def _stretched(tensile: pd.DataFrame | None, rates: Floats) -> Floats | None:
+    """Return how far films of these degradation rates were stretched [%]; None if none was."""
+    if tensile is None:
+        return None
+    films = tensile.groupby("specimen_id").agg({"degradation_pct": "first", "stretch": "max"})
+    distance = np.abs(films["degradation_pct"].to_numpy(float) - rates[:, None])
+    largest = np.where(distance <= 1.0, films["stretch"].to_numpy(float), -np.inf).max(axis=1)
+    strain = 100.0 * (np.where(np.isfinite(largest), largest, np.nan) - 1.0)
+    strain = np.where(strain > 0.0, strain, np.nan)
+    return None if np.isnan(strain).all() else strain
+
+
+def _published(study: Study, expected: Expected) -> Iterator[Doubt]:
+    if study.summary is None:
+        return
+    known = {
+        "young_modulus": (6.0, expected.c1, STRESS_UNITS, "MPa"),
+        "elongation_at_break": (1.0, expected.elongation, PERCENT_UNITS, "percent"),
+    }
+    for quantity, (share, laws, units, unit) in known.items():
+        rows = study.summary[study.summary["quantity"] == quantity]
+        values = rows["value"].to_numpy(float)
+        rates = rows["degradation_pct"].fillna(0.0).to_numpy(float)
+        if not len(values):
+            continue
+        log_factor, impossible = _off_prior(np.log(values / share), rates, laws)
+        if impossible is not None:
+            factor = _factor(log_factor)
+            guess = _likely(factor, units, NEAR_UNIT_OF_PRIOR)
+            problem = f"({quantity}) is {_times(factor)} what the prior expects; {guess}"
+            remedy = f"give {unit}, or state the prior in study.toml"
+            yield Doubt(
+                _fault("summary.csv", None, "value", values[0], problem, remedy), impossible
+            )
+
+
+# ---- degradation rates
+
+
+def _rates(study: Study) -> Iterator[Doubt]:
+    """Doubt rates that are all below 1 % while what they should explain changes as over tens."""
+    for file, table in _responses(study):
+        rates = table["rate"].to_numpy(float)
+        if len(table) < 3 or not 0.02 <= np.ptp(rates) <= 1.0 or np.abs(rates).max() > 1.0:
+            continue
+        steep = steepness(rates, np.log(table["value"].to_numpy(float)))
+        if abs(steep) < TOO_STEEP or abs(steep) * np.ptp(rates) < np.log(1.5):
+            continue
+        factor = _factor(abs(steep) * np.ptp(rates))
+        problem = (
+            f"is the largest degradation rate, yet {table.attrs['what']} changes "
+            f"{_times(factor)} over {np.ptp(rates):.2g} points; likely a fraction in place of "
+            "percent"
+        )
+        remedy = "give percent, 25 and not 0.25"
+        at = int(np.argmax(rates))
+        fault = _fault(file, str(table.index[at]), "degradation_pct", rates[at], problem, remedy)
+        yield Doubt(fault, True)
+
+
+def steepness(rates: Floats, logs: Floats) -> float:
+    """Return the median slope over pairs of specimens, per point of degradation; 0 without pairs.
+
+    Theil and Sen's estimate, which a quarter of wrong specimens does not move far.
+
+    Examples
+    --------
+    >>> steepness(np.arange(5.0), np.array([0.0, 0.5, 1.0, 1.5, 9.0]))
+    0.5
+    """
+    first, second = np.triu_indices(len(rates), 1)
+    apart = np.abs(rates[first] - rates[second]) > 0.1 * np.ptp(rates)
+    if not apart.any():
+        return 0.0
+    first, second = first[apart], second[apart]
+    return float(np.median((logs[first] - logs[second]) / (rates[first] - rates[second])))
+
+
+def _responses(study: Study) -> Iterator[tuple[str, pd.DataFrame]]:
+    """Yield what changes with degradation in each file: rate and a positive value by specimen."""
+    films = film_moduli(study.tensile).rename(columns={"c1": "value"})
+    films.attrs["what"] = "the stiffness of the films"
+    yield "tensile.csv", films[films["value"] > 0.0]
+    if study.breaks is not None:
+        names = {"degradation_pct": "rate", "elongation_pct": "value"}
+        broken = study.breaks.set_index("specimen_id").rename(columns=names)
+        broken.attrs["what"] = "the elongation at break"
+        yield "break.csv", broken
+    if study.actuator is not None:
+        curves = _curves(study.actuator)
+        bent = pd.DataFrame(
+            [(c.name, c.rate, c.curvature[-1] / c.pressure[-1]) for c in curves],
+            columns=["specimen", "rate", "value"],
+        ).set_index("specimen")
+        bent.attrs["what"] = "the curvature"
+        yield "actuator.csv", bent[bent["value"] > 0.0]
+
+
+# ---- actuators
+
+
+@dataclass(frozen=True)
+class _Curve:
+    """First loading of an actuator, by pressure; bend angles are nan where none was read."""
+
+    name: str
+    rate: float
+    pressure: Floats
+    curvature: Floats
+    angle: Floats
+
+
+@dataclass(frozen=True)
+class _Material:
+    """C1 by degradation rate: of the films, where they may be trusted, else of the priors."""
+
+    expected: Expected
+    films: pd.DataFrame
+
+    def c1(self, rates: Floats) -> tuple[Floats, str]:
+        """Return C1 [MPa], nan where nothing is known of it, and where it is from."""
+        if not len(self.films):
+            return np.exp(_prior_at(self.expected.c1, rates)[0]), "the prior"
+        levels = np.log(self.films["c1"]).groupby(self.films["rate"]).median()
+        at = levels.index.to_numpy(float)
+        return np.exp(np.interp(rates, at, levels.to_numpy(float))), "the films"
+
+
+def _first_loading(actuator: pd.DataFrame) -> pd.DataFrame:
+    """Return the rows before anything can have crept, softened or set."""
+    first = actuator.groupby("specimen_id")["cycle"].transform("min")
+    return actuator[(actuator["cycle"] == first) & (actuator["branch"] == "loading")]
+
+
+def _curves(actuator: pd.DataFrame) -> list[_Curve]:
+    """Return the curves of specimens that have a reading under pressure."""
+    found = []
+    for name, rows in _first_loading(actuator).groupby("specimen_id", sort=False):
+        read = rows[(rows["pressure_kPa"] > 0.0) & rows["curvature_per_m"].notna()]
+        read = read.sort_values("pressure_kPa", kind="stable")
+        if len(read):
+            columns = ("pressure_kPa", "curvature_per_m", "bend_angle_deg")
+            arrays = (read[column].to_numpy(np.float64) for column in columns)
+            found.append(_Curve(str(name), float(read["degradation_pct"].iloc[0]), *arrays))
+    return found
+
+
+def bending_of_beam(dimensions: Dimensions) -> float:
+    r"""Return the bend angle over p/C1 that an actuator of these dimensions has, roughly [rad].
+
+    A beam of the section through a chamber, on paper that does not stretch:
+
+    .. math:: \theta = \frac{p A z_c}{6 C_1 I} L, \qquad I = \int z^2 dA
+
+    with A and :math:`z_c` area of the chamber and height of its middle over the paper, times
+    `BULGING`. The angle does not depend on the scale of the part.
+
+    Examples
+    --------
+    >>> round(bending_of_beam(Dimensions()), 2)
+    1.29
+    """
+    d = dimensions
+    wide, high = d.width - 2.0 * d.side_wall, d.height - d.floor - d.roof
+    top = d.height - d.roof
+    second_moment = d.width * d.height**3 / 3.0 - wide * (top**3 - d.floor**3) / 3.0
+    moment = wide * high * (d.floor + 0.5 * high)
+    return BULGING * moment / (6.0 * second_moment) * d.length
+
+
+def _bending(study: Study, material: _Material) -> list[Doubt]:
+    assert study.actuator is not None
+    curves = _curves(study.actuator)
+    if not curves:
+        return []
+    beam, length = bending_of_beam(study.settings.dimensions), study.settings.dimensions.length
+    length = 1e-3 * length * material.expected.linear_scale  # m, of the part
+    against = [*_directions(curves)] or [*_angles(curves, material, beam, length)]
+    if against:
+        return against
+    found = [*_wound(curves, length)] or [*_compliance(curves, material, beam, length)]
+    return [*found, *_odd_actuators(curves)]
+
+
+def _directions(curves: list[_Curve]) -> Iterator[Doubt]:
+    largest = max(float(np.abs(curve.curvature).max()) for curve in curves)
+    remedy = "give bending towards the paper as positive, which is where pressure bends it"
+    backwards, against = [], []
+    for curve in curves:
+        end, angle = float(curve.curvature[-1]), float(curve.angle[-1])
+        if end < -LARGEST_SHARE_AT_REST * largest:
+            problem = f"is negative at the largest pressure ({curve.pressure[-1]:g} kPa)"
+            place = ("actuator.csv", curve.name, "curvature_per_m", end)
+            backwards.append(_fault(*place, problem, remedy))
+        elif end > LARGEST_SHARE_AT_REST * largest and angle < 0.0:
+            problem = f"has another sign than the curvature of the same row ({end:g} 1/m)"
+            place = ("actuator.csv", curve.name, "bend_angle_deg", angle)
+            against.append(_fault(*place, problem, remedy))
+    yield from _all(_told(backwards, len(curves)), impossible=True)
+    yield from _all(_told(against, len(curves)), impossible=True)
+
+
+def _angles(
+    curves: list[_Curve], material: _Material, beam: float, length: float
+) -> Iterator[Doubt]:
+    """Doubt specimens whose bend angle is not curvature times length."""
+    faults = []
+    for curve in curves:
+        turned = DEGREE * curve.angle
+        wide = np.abs(curve.curvature) >= 0.5 * np.abs(curve.curvature).max()
+        wide &= (np.abs(curve.curvature) >= CLEAR * CURVATURE_ERROR) | (
+            np.abs(curve.angle) >= CLEAR * ANGLE_ERROR
+        )
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ratio = np.abs(turned / (curve.curvature * length))[wide]
+        ratio = ratio[np.isfinite(ratio) & (ratio > 0.0)]
+        off = float(np.median(np.log(ratio))) if len(ratio) else 0.0
+        if abs(off) > np.log(LEAST_FACTOR_OF_ANGLE):
+            c1 = material.c1(np.array([curve.rate]))[0][0]
+            faults.append(_wrong_angle(curve, _factor(off), beam / (1e3 * c1), length))
+    yield from _all(_told(faults, len(curves)), impossible=True)
+
+
+def _wrong_angle(curve: _Curve, factor: float, per_pressure: float, length: float) -> Fault:
+    """Say that angle and curvature disagree, and which of both the pressure speaks against."""
+    likely = per_pressure * float(curve.pressure[-1])
+    by_curvature = float(curve.curvature[-1]) * length
+    by_angle = DEGREE * float(curve.angle[-1])
+    remedy = f"and check the length in study.toml, which gives an arc of {1e3 * length:.3g} mm"
+    if abs(_log(by_curvature) - _log(likely)) > abs(_log(by_angle) - _log(likely)):
+        guess = _likely(1.0 / factor, CURVATURE_UNITS, NEAR_UNIT)
+        problem = (
+            f"is {_times(1.0 / factor)} what the bend angle of the same row gives "
+            f"({by_angle / length:.3g} 1/m); {guess}"
+        )
+        place = ("curvature_per_m", float(curve.curvature[-1]))
+        return _fault("actuator.csv", curve.name, *place, problem, f"give 1/m, {remedy}")
+    guess = _likely(factor, ANGLE_UNITS, NEAR_UNIT)
+    problem = (
+        f"is {_times(factor)} what the curvature of the same row gives "
+        f"({by_curvature / DEGREE:.3g}°); {guess}"
+    )
+    place = ("bend_angle_deg", float(curve.angle[-1]))
+    return _fault("actuator.csv", curve.name, *place, problem, f"give degrees, {remedy}")
+
+
+def _log(value: float) -> float:
+    """Return ln of the size of a value, of 0 something very small."""
+    return float(np.log(max(abs(value), TINY)))
+
+
+def _wound(curves: list[_Curve], length: float) -> Iterator[Doubt]:
+    faults = []
+    for curve in curves:
+        turning = float(np.abs(curve.curvature).max()) * length
+        if turning > MOST_TURNING:
+            problem = (
+                f"winds the actuator into {turning / (2.0 * np.pi):.3g} turns over its length of "
+                f"{1e3 * length:.3g} mm; likely in °/m, or the length in study.toml is not in mm"
+            )
+            value = float(curve.curvature[np.argmax(np.abs(curve.curvature))])
+            place = ("actuator.csv", curve.name, "curvature_per_m", value)
+            faults.append(_fault(*place, problem, "give 1/m, in radians over metres"))
+    yield from _all(_told(faults, len(curves)), impossible=True)
+
+
+def _compliance(
+    curves: list[_Curve], material: _Material, beam: float, length: float
+) -> Iterator[Doubt]:
+    """Doubt pressure or curvature of all actuators together, against C1 and the dimensions."""
+    rates = np.array([curve.rate for curve in curves])
+    pressure = np.array([curve.pressure[-1] for curve in curves])
+    turned = np.array([max(curve.curvature[-1] * length, SMALLEST_ANGLE) for curve in curves])
+    c1, source = material.c1(rates)
+    load = 1e-3 * pressure / c1
+    with np.errstate(divide="ignore"):
+        off = np.log(turned / (beam * load))
+    log_factor = float(np.median(off))
+    if not abs(log_factor) > np.log(LEAST_FACTOR):  # nan where nothing is known of C1
+        return
+    at = int(np.argsort(off)[len(off) // 2])
+    compared = f"{source} ({c1[at]:.3g} MPa at {rates[at]:g} %)"
+    ratios = (_factor(log_factor), float(load[at]))
+    fault = _stiff_or_soft(curves[at], ratios, compared, length)
+    yield Doubt(fault, bool(abs(log_factor) >= np.log(IMPOSSIBLE_BENDING)))
+
+
+def _stiff_or_soft(
+    curve: _Curve, ratios: tuple[float, float], compared: str, length: float
+) -> Fault:
+    """Say that bending does not go with pressure; ``ratios`` are of bending and p/C1."""
+    factor, load = ratios
+    turned = float(curve.curvature[-1]) * length
+    by_pressure = _likely(1.0 / factor, PRESSURE_UNITS, NEAR_UNIT_OF_PRIOR, otherwise="")
+    by_curvature = _likely(factor, CURVATURE_UNITS, NEAR_UNIT_OF_PRIOR, otherwise="")
+    # what is within a usual range is right: p/C1 of 0.02 to 5, some degrees to a turn of bending
+    pressure_odd, curvature_odd = not 0.02 <= load <= 5.0, not 0.05 <= turned <= 2.0 * np.pi
+    guesses = [f"pressure {by_pressure}"] if by_pressure and not curvature_odd else []
+    guesses += [f"curvature {by_curvature}"] if by_curvature and not pressure_odd else []
+    column, value = ("pressure_kPa", float(curve.pressure[-1]))
+    if curvature_odd and not pressure_odd:
+        column, value = ("curvature_per_m", float(curve.curvature[-1]))
+    problem = (
+        f"does not go with the rest: {_short(curve.curvature[-1])} 1/m at "
+        f"{_short(curve.pressure[-1])} kPa is {_times(factor)} the bending that the dimensions "
+        f"and the C1 of {compared} give, and p/C1 is {_short(load)}; "
+        f"{' or '.join(guesses) or OTHER_UNIT}"
+    )
+    remedy = "give kPa and 1/m; else check [actuator] and the priors of c1_at_… in study.toml"
+    return _fault("actuator.csv", curve.name, column, value, problem, remedy)
+
+
+def _odd_actuators(curves: list[_Curve]) -> Iterator[Doubt]:
+    rates = np.array([curve.rate for curve in curves])
+    differences = np.array([[_log_ratio(one, other) for other in curves] for one in curves])
+    off = off_neighbours(differences, rates)
+    wrong = np.flatnonzero(off)
+    for i in wrong[:1] if len(curves) == 2 else wrong:
+        others = sorted((c for c in curves if c is not curves[i]), key=lambda c: _far(c, curves[i]))
+        near = [c for c in others if _far(c, curves[i]) <= _far(others[0], curves[i]) + LEVEL]
+        yield _odd_actuator(curves[i], near, _factor(off[i]))
+
+
+def _far(one: _Curve, other: _Curve) -> float:
+    return abs(one.rate - other.rate)
+
+
+def _odd_actuator(curve: _Curve, near: list[_Curve], factor: float) -> Doubt:
+    """Doubt the column that is unusual: its pressures or its curvatures."""
+    pressures = float(np.median([c.pressure[-1] for c in near]))
+    of_pressure = float(curve.pressure[-1]) / pressures
+    is_of_pressure = abs(np.log(of_pressure)) > np.log(2.0)
+    column, units, values, unit = "curvature_per_m", CURVATURE_UNITS, curve.curvature, "1/m"
+    ratio = _curvature_ratio
+    if is_of_pressure:
+        ratio = _pressure_ratio
+        column, units, values, unit = "pressure_kPa", PRESSURE_UNITS, curve.pressure, "kPa"
+    exact = float(np.median([ratio(curve, other) for other in near]))
+    factor = exact if np.isfinite(exact) and exact > 0.0 else factor
+    slip = "likely another unit, or a slipped decimal point"
+    guess = _likely(factor, units, NEAR_UNIT, otherwise=slip)
+    at_same = "for the same curvature" if is_of_pressure else "at the same pressure"
+    names = ", ".join(c.name for c in near[:3])
+    problem = (
+        f"is {_times(factor)} that of the actuators nearest in D_R {at_same} ({names}); {guess}"
+    )
+    remedy = f"give {unit}; compare it with the record of the test, or leave the specimen out"
+    fault = _fault("actuator.csv", curve.name, column, float(values[-1]), problem, remedy)
+    return Doubt(fault, bool(abs(np.log(factor)) >= np.log(IMPOSSIBLE_FACTOR)))
+
+
+def _log_ratio(one: _Curve, other: _Curve) -> float:
+    """Return ln of the ratio of curvatures at the largest pressure that both were read at.
+
+    Where the pressures of both do not meet, of the curvatures over their pressures. Near ballooning
+    curvatures differ much at the same pressure, and pressures little at the same curvature: then 0.
+    """
+    bent = min(float(one.curvature.max()), float(other.curvature.max())) > CURVATURE_ERROR
+    if bent and abs(np.log(_pressure_ratio(one, other))) < np.log(LEAST_FACTOR_OF_PRESSURE):
+        return 0.0
+    top = min(one.pressure[-1], other.pressure[-1])
+    if top >= max(one.pressure[0], other.pressure[0]):
+        values = [float(np.interp(top, c.pressure, c.curvature)) for c in (one, other)]
+        first, second = (max(value, CURVATURE_ERROR) for value in values)
+    else:
+        first, second = (max(c.curvature[-1], 0.0) / c.pressure[-1] for c in (one, other))
+    return float(np.log(first / second)) if first > 0.0 and second > 0.0 else float("nan")
+
+
+def _curvature_ratio(one: _Curve, other: _Curve) -> float:
+    """Return the ratio of curvatures at the end of the shorter curve, however small they are."""
+    top = min(one.pressure[-1], other.pressure[-1])
+    first, second = (float(np.interp(top, c.pressure, c.curvature)) for c in (one, other))
+    return first / second if second != 0.0 else float("nan")
+
+
+def _pressure_ratio(one: _Curve, other: _Curve) -> float:
+    """Return the ratio of the pressures that bend both alike, near the end of their curves."""
+    reached = 0.8 * min(float(one.curvature.max()), float(other.curvature.max()))
+    first, second = (
+        float(np.interp(reached, [0.0, *_rising(c)], [0.0, *c.pressure])) for c in (one, other)
+    )
+    return first / second if second != 0.0 else float("nan")
+
+
+def _rising(curve: _Curve) -> Floats:
+    """Return the largest curvature up to each pressure."""
+    return np.asarray(np.maximum.accumulate(np.maximum(curve.curvature, 0.0)), np.float64)
+
+
+def _conditions(actuator: pd.DataFrame) -> Iterator[Doubt]:
+    """Doubt curvature without pressure, and a humidity that is a fraction."""
+    yield from _at_rest(actuator)
+    yield from _absolute(actuator)
+    humidity = actuator["humidity_pct"].dropna()
+    if len(humidity) and 0.0 < humidity.max() <= 1.0:
+        problem = "is the largest humidity of all rows; likely a fraction in place of percent"
+        place = ("actuator.csv", None, "humidity_pct", float(humidity.max()))
+        yield Doubt(_fault(*place, problem, "give percent, 60 and not 0.6"), False)
+
+
+def _absolute(actuator: pd.DataFrame) -> Iterator[Doubt]:
+    """Doubt pressures that begin at that of the air, where the actuators are still straight."""
+    curves = _curves(actuator)
+    low, high = AIR_PRESSURE
+    begun = [c for c in curves if low <= c.pressure[0] <= high and len(c.pressure) > 1]
+    straight = [c for c in begun if c.curvature[0] < LARGEST_SHARE_AT_REST * c.curvature[-1]]
+    if curves and len(straight) == len(curves):
+        problem = "is the smallest pressure, at which the actuators are still straight; likely the "
+        problem += "absolute pressure in place of the gauge pressure"
+        place = ("actuator.csv", curves[0].name, "pressure_kPa", float(curves[0].pressure[0]))
+        yield Doubt(_fault(*place, problem, "take off that of the air, about 101 kPa"), False)
+
+
+def _at_rest(actuator: pd.DataFrame) -> Iterator[Doubt]:
+    rows = _first_loading(actuator)
+    size = rows["curvature_per_m"].abs()
+    largest = size.groupby(rows["specimen_id"]).transform("max")
+    at_rest = rows["pressure_kPa"].abs() <= 1e-9
+    far = size > np.maximum(LARGEST_AT_REST, LARGEST_SHARE_AT_REST * largest)
+    wrong = rows[at_rest & far].drop_duplicates("specimen_id")
+    problem = "is the curvature at zero pressure, which is to be taken off every reading"
+    remedy = "take it off the curvatures of this specimen, so that it reads 0 without pressure"
+    faults = [
+        _fault("actuator.csv", row["specimen_id"], "curvature_per_m", v, problem, remedy)
+        for (_, row), v in zip(wrong.iterrows(), wrong["curvature_per_m"], strict=True)
+    ]
+    yield from _all(_told(faults, rows["specimen_id"].nunique()), impossible=False)
+
+
+# ---- words
+
+
+def _fault(
+    file: str, specimen: object, column: str, value: float, problem: str, remedy: str
+) -> Fault:
+    name = None if specimen is None else str(specimen)
+    return Fault(file, problem, remedy, None, column, f"{value:g}", name)
+
+
+def _all(faults: Iterable[Fault], *, impossible: bool) -> Iterator[Doubt]:
+    return (Doubt(fault, impossible) for fault in faults)

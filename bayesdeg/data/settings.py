@@ -1,0 +1,499 @@
+"""What a study is to do: the text of study.toml as settings, or every fault in it."""
+
+import re
+import tomllib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any, Literal
+
+from bayesdeg.data.cells import LARGEST
+from bayesdeg.data.nearest import nearest
+from bayesdeg.errors import Fault
+from bayesdeg.files import DEEPEST, too_deep
+from bayesdeg.priors import Law, law_from_mapping
+from bayesdeg.quantities import LARGEST_SEED
+
+Effort = Literal["quick", "standard", "thorough"]
+
+EFFORTS: tuple[Effort, ...] = ("quick", "standard", "thorough")
+MODES: tuple[str, ...] = ("uniaxial", "equibiaxial", "planar")
+
+#: Limits of a dimension [mm] and of the number of chambers; beyond them no mesh can be made.
+SMALLEST_MM, LARGEST_MM, MOST_CHAMBERS = 1e-3, 2000.0, 200
+
+
+@dataclass(frozen=True)
+class Dimensions:
+    """Dimensions of the actuator as moulded, before shrinkage; all lengths in mm.
+
+    Parameters
+    ----------
+    length, width : float
+        Outer length and width [mm]; the defaults are stated by doi:10.3389/frobt.2021.760485.
+    height : float
+        Outer height [mm]; the default of this and of everything below is assumed.
+    chambers : int
+        Number of chambers in a row.
+    floor, roof, side_wall, end_wall : float
+        Material under, over, beside and at the ends of the chambers [mm].
+    chamber_wall : float
+        Wall on each side of a gap [mm]; with ``gap = 0`` the divider is twice this.
+    gap : float
+        Open slot between neighbouring chambers, from the top down [mm]; 0 for solid dividers.
+    channel_width, channel_height : float
+        The channel on the floor that joins the chambers [mm].
+    channel_roof : float
+        Material over the channel under a slot [mm].
+
+    Examples
+    --------
+    >>> Dimensions().problems()
+    ()
+    """
+
+    length: float = 50.0
+    width: float = 10.0
+    height: float = 10.0
+    chambers: int = 5
+    floor: float = 2.0
+    roof: float = 2.0
+    side_wall: float = 2.0
+    end_wall: float = 3.0
+    chamber_wall: float = 1.5
+    gap: float = 2.0
+    channel_width: float = 2.0
+    channel_height: float = 1.5
+    channel_roof: float = 1.0
+
+    def problems(self) -> tuple[str, ...]:
+        """Say why no actuator can be made of these dimensions.
+
+        Returns
+        -------
+        tuple of str
+            One sentence a reason; empty if the dimensions are possible. What follows from a
+            dimension that is itself impossible is left out.
+
+        Examples
+        --------
+        >>> Dimensions(side_wall=5.0).problems()
+        ('the two side walls (10 mm) leave no chamber in the width (10 mm)',)
+        """
+        return self._wrong_values() or self._wrong_sums()
+
+    def _wrong_values(self) -> tuple[str, ...]:
+        wrong = [
+            f"{entry.name} must be above 0, not {getattr(self, entry.name):g}"
+            for entry in fields(self)
+            if entry.name not in ("chambers", "gap") and not getattr(self, entry.name) > 0.0
+        ]
+        wrong += [
+            f"{entry.name} must be between {SMALLEST_MM:g} and {LARGEST_MM:g} mm, not {value:g}"
+            for entry in fields(self)
+            if entry.name != "chambers"
+            and (value := getattr(self, entry.name)) > 0.0
+            and not SMALLEST_MM <= value <= LARGEST_MM
+        ]
+        if not isinstance(self.chambers, int) or not 1 <= self.chambers <= MOST_CHAMBERS:
+            wrong.append(
+                f"chambers must be a whole number from 1 to {MOST_CHAMBERS}, not {self.chambers}"
+            )
+        if not self.gap >= 0.0:
+            wrong.append(f"gap must not be below 0, not {self.gap:g}")
+        return tuple(wrong)
+
+    def _wrong_sums(self) -> tuple[str, ...]:
+        dividers = (self.chambers - 1) * (2.0 * self.chamber_wall + self.gap)
+        along = 2.0 * self.end_wall + dividers
+        across, upward = 2.0 * self.side_wall, self.floor + self.roof
+        wrong = []
+        if along >= self.length:
+            wrong.append(
+                f"end walls, chamber walls and gaps ({along:g} mm) leave no chamber in the length "
+                f"({self.length:g} mm)"
+            )
+        if across >= self.width:
+            wrong.append(
+                f"the two side walls ({across:g} mm) leave no chamber in the width "
+                f"({self.width:g} mm)"
+            )
+        if upward >= self.height:
+            wrong.append(
+                f"floor and roof ({upward:g} mm) leave no chamber in the height "
+                f"({self.height:g} mm)"
+            )
+        return tuple(wrong) or self._wrong_channel()
+
+    def _wrong_channel(self) -> tuple[str, ...]:
+        if self.chambers == 1:
+            return ()
+        wide, high = self.width - 2.0 * self.side_wall, self.height - self.floor - self.roof
+        slot_bottom = self.floor + self.channel_height + self.channel_roof
+        wrong = []
+        if self.channel_width > wide:
+            wrong.append(
+                f"the channel ({self.channel_width:g} mm) is wider than the chambers ({wide:g} mm)"
+            )
+        if self.channel_height > high:
+            wrong.append(
+                f"the channel ({self.channel_height:g} mm) is higher than the chambers "
+                f"({high:g} mm)"
+            )
+        elif self.gap > 0.0 and slot_bottom >= self.height:
+            wrong.append(
+                f"floor, channel and channel roof ({slot_bottom:g} mm) leave no slot in the height "
+                f"({self.height:g} mm)"
+            )
+        return tuple(wrong)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """The contents of ``study.toml``, defaults filled in.
+
+    Parameters
+    ----------
+    title : str
+        Heading of the report; empty if not given.
+    seed : int
+        Seed from which every random number of the study comes.
+    dimensions : Dimensions
+        The actuator as moulded.
+    paper_thickness_mm : float
+        Thickness of the strain-limiting paper [mm].
+    priors : mapping of str to Law
+        Only the priors that the study states; all other parameters keep theirs.
+    degradation_sd_pct : float
+        Standard error of a degradation rate where none is recorded [%].
+    candidates : tuple of str, optional
+        Causes to be tried; ``None`` for all.
+    effort : {"quick", "standard", "thorough"}
+        How much is spent on sampling.
+    fit_modes : tuple of str
+        Modes of loading whose tensile curves are fitted; others are held out and only predicted.
+    order : int
+        Order of the polynomials of the degradation rate that Yeoh's constants are, 0 to 3.
+    virtual : bool
+        Whether the data come from a virtual experiment.
+    note : str
+        Free text shown in the report.
+
+    Examples
+    --------
+    >>> Settings().dimensions.chambers
+    5
+    """
+
+    title: str = ""
+    seed: int = 20211124
+    dimensions: Dimensions = field(default_factory=Dimensions)
+    paper_thickness_mm: float = 0.1
+    priors: Mapping[str, Law] = field(default_factory=dict)
+    degradation_sd_pct: float = 1.0
+    candidates: tuple[str, ...] | None = None
+    effort: Effort = "standard"
+    fit_modes: tuple[str, ...] = MODES
+    order: int = 2
+    virtual: bool = False
+    note: str = ""
+
+
+FILE = "study.toml"
+
+
+@dataclass(frozen=True)
+class _Entry:
+    """One key: where it stands, which field of `Settings` it fills, what is accepted."""
+
+    table: str
+    key: str
+    field: str
+    wanted: str
+    accepts: Callable[[Any], bool]
+    convert: Callable[[Any], Any]
+
+
+def _is_number(value: object) -> bool:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    return abs(value) <= LARGEST
+
+
+def _is_whole(value: object) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool)
+
+
+def _is_names(value: object) -> bool:
+    return isinstance(value, list) and all(isinstance(name, str) for name in value)
+
+
+def _dimension(name: str) -> _Entry:
+    if name == "chambers":
+        return _Entry("actuator", name, name, "a whole number of at least 1", _is_whole, int)
+    wanted = f"a number up to {LARGEST_MM:g} [mm]"
+    return _Entry("actuator", name, name, wanted, _is_number, float)
+
+
+ENTRIES: tuple[_Entry, ...] = (
+    _Entry("", "title", "title", "a text in quotes", lambda v: isinstance(v, str), str),
+    _Entry("", "note", "note", "a text in quotes", lambda v: isinstance(v, str), str),
+    _Entry("", "virtual", "virtual", "true or false", lambda v: isinstance(v, bool), bool),
+    _Entry(
+        "",
+        "seed",
+        "seed",
+        f"a whole number not below 0 and up to {LARGEST_SEED}",
+        lambda v: _is_whole(v) and 0 <= v <= LARGEST_SEED,
+        int,
+    ),
+    *(_dimension(entry.name) for entry in fields(Dimensions)),
+    _Entry(
+        "paper",
+        "thickness",
+        "paper_thickness_mm",
+        "a number above 0 [mm]",
+        lambda v: _is_number(v) and v > 0,
+        float,
+    ),
+    _Entry(
+        "noise",
+        "degradation_sd_pct",
+        "degradation_sd_pct",
+        "a number not below 0 [%]",
+        lambda v: _is_number(v) and v >= 0,
+        float,
+    ),
+    _Entry(
+        "causes",
+        "candidates",
+        "candidates",
+        '"all" or a list of names of causes, each once',
+        lambda v: v == "all" or (_is_names(v) and len(set(v)) == len(v)),
+        lambda v: None if v == "all" else tuple(v),
+    ),
+    _Entry(
+        "sampling",
+        "effort",
+        "effort",
+        f"one of {', '.join(EFFORTS)}",
+        lambda v: v in EFFORTS,
+        str,
+    ),
+    _Entry(
+        "tensile",
+        "fit_modes",
+        "fit_modes",
+        f"a list with at least one of {', '.join(MODES)}, each once",
+        lambda v: _is_names(v) and len(v) > 0 and set(v) <= set(MODES) and len(set(v)) == len(v),
+        tuple,
+    ),
+    _Entry(
+        "material",
+        "order",
+        "order",
+        "a whole number from 0 to 3",
+        lambda v: _is_whole(v) and 0 <= v <= 3,
+        int,
+    ),
+)
+TABLES = ("actuator", "paper", "priors", "noise", "causes", "sampling", "tensile", "material")
+
+
+_TOO_DEEP = Fault(FILE, "is nested too deeply", "write tables and lists as the contract shows")
+
+
+def parse_settings(content: bytes) -> tuple[Settings, tuple[Fault, ...]]:
+    r"""Read the settings of a study.
+
+    Parameters
+    ----------
+    content : bytes
+        The file as it is on the disk.
+
+    Returns
+    -------
+    settings : Settings
+        What could be read, with the defaults for the rest.
+    faults : tuple of Fault
+        Everything that is wrong, with the line where it stands; empty for a good file.
+
+    Examples
+    --------
+    >>> settings, faults = parse_settings(b"seed = 7\n[actuator]\nlenght = 60.0\n")
+    >>> settings.seed
+    7
+    >>> print(faults[0])
+    study.toml, row 3, column actuator.lenght, value '60.0': is not a known key; did you mean 'length'?
+    """  # noqa: E501
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        row = content.count(b"\n", 0, error.start) + 1
+        return Settings(), (Fault(FILE, "is not UTF-8 text", "save it as UTF-8", row),)
+    if _has_long_key(text):
+        return Settings(), (_TOO_DEEP,)
+    try:
+        document = tomllib.loads(text)
+    except RecursionError:
+        return Settings(), (_TOO_DEEP,)
+    except ValueError as error:
+        return Settings(), (_invalid(str(error), text),)
+    if too_deep(document):
+        return Settings(), (_TOO_DEEP,)
+    return _from_document(document, text)
+
+
+def _has_long_key(text: str) -> bool:
+    """Return whether a key has very many parts; `tomllib` takes minutes for thousands of them."""
+    keys = (line.partition("=")[0] for line in text.splitlines() if "=" in line or line[:1] == "[")
+    return any(key.count(".") > DEEPEST for key in keys)
+
+
+def _invalid(message: str, text: str) -> Fault:
+    found = re.search(r"at line (\d+)", message)
+    row = int(found[1]) if found else max(1, len(text.splitlines()))
+    lines = text.splitlines()
+    value = lines[row - 1].strip() if row <= len(lines) else None
+    reason = re.sub(r" \(at .*\)$", "", message)
+    problem = f"is not valid TOML: {reason[:1].lower()}{reason[1:]}"
+    return Fault(FILE, problem, "write key = value, texts in quotes", row, value=value)
+
+
+def _from_document(document: dict[str, Any], text: str) -> tuple[Settings, tuple[Fault, ...]]:
+    faults = list(_wrong_tables(document, text))
+    tables = {name: document[name] for name in TABLES if isinstance(document.get(name), dict)}
+    tables[""] = {key: value for key, value in document.items() if key not in TABLES}
+    priors, wrong_priors = _read_priors(tables.pop("priors", {}), text)
+    faults += [*_unknown_keys(tables, text), *wrong_priors]
+    accepted: dict[str, Any] = {}
+    for entry in ENTRIES:
+        if entry.key not in tables.get(entry.table, {}):
+            continue
+        value = tables[entry.table][entry.key]
+        if entry.accepts(value):
+            accepted[entry.field] = entry.convert(value)
+        else:
+            faults.append(_wrong_value(entry, value, text))
+    names = {entry.name for entry in fields(Dimensions)}
+    dimensions = Dimensions(**{key: accepted.pop(key) for key in names & accepted.keys()})
+    # the defaults that stand in for refused keys must not be blamed
+    if not any((fault.column or "").startswith("actuator") for fault in faults):
+        faults += _impossible(dimensions, text)
+    return Settings(dimensions=dimensions, priors=priors, **accepted), tuple(faults)
+
+
+def _impossible(dimensions: Dimensions, text: str) -> tuple[Fault, ...]:
+    row = _row_of(text, "actuator", None)
+    remedy = "change the dimensions so that an actuator can be made"
+    return tuple(Fault(FILE, problem, remedy, row, "actuator") for problem in dimensions.problems())
+
+
+def _wrong_tables(document: Mapping[str, Any], text: str) -> tuple[Fault, ...]:
+    return tuple(
+        Fault(
+            FILE,
+            "is not a table",
+            f"write [{name}] on a line of its own and its keys below",
+            _row_of(text, "", name),
+            name,
+            _as_written(document[name]),
+        )
+        for name in TABLES
+        if name in document and not isinstance(document[name], dict)
+    )
+
+
+def _unknown_keys(tables: Mapping[str, Mapping[str, Any]], text: str) -> tuple[Fault, ...]:
+    known = {(entry.table, entry.key) for entry in ENTRIES}
+    return tuple(
+        Fault(
+            FILE,
+            "is not a known key",
+            _suggest(table, key),
+            _row_of(text, table, key),
+            _dotted(table, key),
+            None if isinstance(value, dict) else _as_written(value),
+        )
+        for table, entries in tables.items()
+        for key, value in entries.items()
+        if (table, key) not in known
+    )
+
+
+def _suggest(table: str, key: str) -> str:
+    elsewhere = [entry.table for entry in ENTRIES if entry.key == key]
+    if elsewhere:
+        place = f"under [{elsewhere[0]}]" if elsewhere[0] else "above the first [table]"
+        return f"it belongs {place}"
+    known = [entry.key for entry in ENTRIES if entry.table == table]
+    known += TABLES if not table else ()
+    best = nearest(key, known, cutoff=0.5)
+    return f"did you mean {best!r}?" if best else f"known here: {', '.join(known)}"
+
+
+def _wrong_value(entry: _Entry, value: object, text: str) -> Fault:
+    remedy = f"give {entry.wanted}"
+    if entry.field == "effort" and isinstance(value, str):
+        best = nearest(value, EFFORTS)
+        remedy += f"; did you mean {best!r}?" if best else ""
+    row, column = _row_of(text, entry.table, entry.key), _dotted(entry.table, entry.key)
+    return Fault(FILE, "cannot stand here", remedy, row, column, _as_written(value))
+
+
+def _read_priors(table: Mapping[str, Any], text: str) -> tuple[dict[str, Law], tuple[Fault, ...]]:
+    priors, faults = {}, []
+    for name, value in _flattened(table).items():
+        row = _row_of(text, "priors", name)
+        place = (row, _dotted("priors", name), _as_written(value))
+        if not isinstance(value, dict):
+            remedy = 'write for example { law = "normal", mean = 0.6, sd = 0.1 }'
+            faults.append(Fault(FILE, "is not a law", remedy, *place))
+            continue
+        try:
+            priors[name] = law_from_mapping(value)
+        except ValueError as error:
+            faults.append(Fault(FILE, "is not a law", str(error), *place))
+    return priors, tuple(faults)
+
+
+def _flattened(table: Mapping[str, Any]) -> dict[str, Any]:
+    """Undo the nesting of an unquoted ``cause.parameter = ...``."""
+    flat: dict[str, Any] = {}
+    for name, value in table.items():
+        nested = isinstance(value, dict) and "law" not in value
+        if nested and value and all(isinstance(entry, dict) for entry in value.values()):
+            flat |= {f"{name}.{key}": entry for key, entry in _flattened(value).items()}
+        else:
+            flat[name] = value
+    return flat
+
+
+def _dotted(table: str, key: str) -> str:
+    return f"{table}.{key}" if table else key
+
+
+def _as_written(value: object) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, dict):
+        pairs = (f"{key} = {_as_written(entry)}" for key, entry in value.items())
+        return f"{{ {', '.join(pairs)} }}"
+    if isinstance(value, list):
+        return f"[{', '.join(_as_written(entry) for entry in value)}]"
+    return f'"{value}"' if isinstance(value, str) else str(value)
+
+
+def _row_of(text: str, table: str, key: str | None) -> int | None:
+    """Find the line of a key, or of a table's header; `tomllib` does not tell."""
+    here = ""
+    for row, line in enumerate(text.splitlines(), start=1):
+        header = re.match(r"\s*\[\s*([\w.\-\"']+)\s*\]", line)
+        if header:
+            here = header[1].replace('"', "").replace("'", "")
+            if here == (table if key is None else _dotted(table, key)):
+                return row
+        elif key is not None and here == table:
+            name = line.partition("=")[0].strip().strip("\"'")
+            if name == key or name.startswith(f"{key}."):
+                return row
+    return None

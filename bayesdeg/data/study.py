@@ -1,0 +1,420 @@
+"""A study folder becomes a study: settings and checked tables, or all faults at once."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from hashlib import sha256
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pandera.pandas as pa
+
+from bayesdeg.data.cells import Cells, check_header, read_cells, read_number
+from bayesdeg.data.nearest import nearest, use_one_of
+from bayesdeg.data.settings import FILE as SETTINGS_FILE
+from bayesdeg.data.settings import Dimensions, Settings, parse_settings
+from bayesdeg.data.tables import TABLES, Column, Rule, Table, cell_schema, row_schema
+from bayesdeg.errors import Fault, StudyError
+from bayesdeg.files import STUDY_MB, as_named, read_bytes, reason
+
+#: So many faults of one kind in one column are told one by one.
+TOLD_ONE_BY_ONE = 5
+
+
+@dataclass(frozen=True)
+class CheckedTable:
+    """What became of a file.
+
+    Parameters
+    ----------
+    frame : pandas.DataFrame
+        Columns of the contract in its order, then the extra ones as text. Absent or empty cells
+        hold their default, or nan for "not recorded". Only to be used if there is no fault.
+    faults : tuple of Fault
+        Everything that is wrong with the file.
+    recorded : frozenset of str
+        Columns in which the file itself gives at least one cell.
+    passed_over : int
+        Comments that look like rows of data.
+    """
+
+    frame: pd.DataFrame
+    faults: tuple[Fault, ...]
+    recorded: frozenset[str]
+    passed_over: int = 0
+
+
+def check_table(content: bytes, table: Table, *, degradation_sd_pct: float) -> CheckedTable:
+    r"""Read one file of a study against its table.
+
+    Parameters
+    ----------
+    content : bytes
+        The file as it is on the disk.
+    table : Table
+        One of `bayesdeg.data.tables.TABLES`.
+    degradation_sd_pct : float
+        Standard error of a degradation rate where none is recorded [%].
+
+    Returns
+    -------
+    CheckedTable
+
+    Notes
+    -----
+    A cell that cannot be read is one fault and takes no part in further checks, so that a single
+    slip is told once.
+
+    Examples
+    --------
+    >>> from bayesdeg.data.tables import BREAKS
+    >>> content = b"specimen_id,degradation_pct,elongation_pct\na,0,210\nb,5,2oo\n"
+    >>> print(check_table(content, BREAKS, degradation_sd_pct=1.0).faults[0])
+    break.csv, row 3, column elongation_pct, value '2oo': is not a number; give the number alone; the unit stands in the header
+    """  # noqa: E501
+    cells, faults = read_cells(content, table.file)
+    if cells is None:
+        return CheckedTable(pd.DataFrame(), faults, frozenset())
+    required = [column.name for column in table.columns if column.required]
+    optional = [column.name for column in table.columns if not column.required]
+    place = Fault(table.file, "", "", cells.header_row)
+    names = list(cells.texts.columns)
+    blamed = check_header(names, place, required=required, optional=optional)
+    cells = replace(cells, texts=_until_rupture(cells.texts))
+    frame, wrong_cells = _read_columns(cells, table)
+    # what a misspelt column holds is unknown, so its default must not stand in for it
+    fillable = tuple(column for column in table.columns if column.name not in blamed)
+    frame = _fill(frame, fillable, degradation_sd_pct)
+    wrong_rows = tuple(_broken_rules(frame, cells, table, wrong_cells))
+    in_order = sorted((*wrong_cells, *wrong_rows), key=lambda fault: fault.row or 0)
+    recorded = frozenset(str(name) for name in names if (cells.texts[name] != "").any())
+    return CheckedTable(
+        _finish(frame, table),
+        _capped((*faults, *blamed.values(), *in_order)),
+        recorded,
+        len(cells.rows_in_comments),
+    )
+
+
+def _until_rupture(texts: pd.DataFrame) -> pd.DataFrame:
+    if not {"specimen_id", "ruptured"} <= set(texts.columns):
+        return texts
+    burst = texts["ruptured"].map(lambda text: text != "" and read_number(text) == 1.0).astype(int)
+    earlier = burst.groupby(texts["specimen_id"]).cumsum() - burst
+    return texts[earlier == 0]
+
+
+def _read_columns(cells: Cells, table: Table) -> tuple[pd.DataFrame, tuple[Fault, ...]]:
+    faults: list[Fault] = []
+    read: dict[str, pd.Series] = {}
+    for column in table.columns:
+        if column.name in cells.texts:
+            read[column.name] = _read_column(cells, column, faults)
+    extra = {name: cells.texts[name] for name in cells.texts if name not in read}
+    frame = pd.DataFrame(read | extra, index=cells.texts.index)
+    failed = list(_failures(frame, table, cells))
+    faults += [_fault(cells, row, column.name, *words) for row, column, *words in failed]
+    for column in table.columns:
+        rows = [row for row, failing, *_ in failed if failing is column]
+        if rows:
+            frame.loc[rows, column.name] = None if column.kind == "text" else np.nan
+    return frame, tuple(faults)
+
+
+def _read_column(cells: Cells, column: Column, faults: list[Fault]) -> pd.Series:
+    values: list[object] = []
+    for row, text in cells.texts[column.name].items():
+        value: object = None if column.kind == "text" else np.nan
+        if text == "":
+            if column.required and not column.may_be_empty:
+                remedy = "give a value; only optional columns may have empty cells"
+                faults.append(_fault(cells, int(str(row)), column.name, "is empty", remedy))
+        elif column.kind == "text":
+            value = as_named(text)
+        else:
+            number = read_number(text)
+            if isinstance(number, float):
+                value = number
+            else:
+                faults.append(_fault(cells, int(str(row)), column.name, *number))
+        values.append(value)
+    return pd.Series(values, index=cells.texts.index, dtype=column.dtype)
+
+
+def _failure_cases(schema: pa.DataFrameSchema, frame: pd.DataFrame) -> pd.DataFrame:
+    try:
+        schema.validate(frame, lazy=True)
+    except pa.errors.SchemaErrors as errors:
+        cases: pd.DataFrame = errors.failure_cases
+        return cases
+    return pd.DataFrame(columns=["column", "check_number", "index"])
+
+
+def _failures(
+    frame: pd.DataFrame, table: Table, cells: Cells
+) -> Iterator[tuple[int, Column, str, str]]:
+    columns = {column.name: column for column in table.columns}
+    cases = _failure_cases(cell_schema(table), frame).drop_duplicates(["column", "index"])
+    for name, number, row in zip(
+        cases["column"], cases["check_number"], cases["index"], strict=True
+    ):
+        column = columns[name]
+        if number < len(column.demands):
+            demand = column.demands[number]
+            yield row, column, demand.problem, demand.remedy
+        else:
+            text = str(cells.texts.loc[row, name])
+            yield row, column, "is not known", use_one_of(text, column.one_of)
+
+
+def _fill(
+    frame: pd.DataFrame, columns: tuple[Column, ...], degradation_sd_pct: float
+) -> pd.DataFrame:
+    filled = frame.copy()
+    for column in columns:
+        if column.name not in filled and not column.required:
+            empty = None if column.kind == "text" else np.nan
+            filled[column.name] = pd.Series(empty, index=frame.index, dtype=column.dtype)
+        default = column.default
+        if column.name == "degradation_sd_pct":
+            filled[column.name] = filled[column.name].fillna(degradation_sd_pct)
+        elif default is not None and column.name in filled:
+            filled[column.name] = filled[column.name].fillna(default)
+    return filled
+
+
+def _broken_rules(
+    frame: pd.DataFrame, cells: Cells, table: Table, wrong_cells: tuple[Fault, ...]
+) -> Iterator[Fault]:
+    spoilt = {(fault.row, fault.column) for fault in wrong_cells}
+    repeated = Rule(
+        None,
+        "repeats an earlier row",
+        "remove one of the two",
+        tuple(frame.columns),
+        lambda rows: ~rows.duplicated(),
+    )
+    for rule in (repeated, *table.rules):
+        if not set(rule.needs) <= set(frame.columns):
+            continue
+        schema = row_schema(replace(table, rules=(rule,)))
+        # a failed row comes once for each of its columns
+        for row in sorted(set(_failure_cases(schema, frame)["index"])):
+            if spoilt.isdisjoint((row, name) for name in rule.needs):
+                yield _fault(cells, row, rule.column, rule.problem, rule.remedy)
+            if rule is repeated:
+                frame = frame.drop(index=row)
+
+
+def _fault(cells: Cells, row: int, column: str | None, problem: str, remedy: str) -> Fault:
+    if column is None:
+        value: str | None = ",".join(str(text) for text in cells.texts.loc[[row]].to_numpy()[0])
+    else:
+        value = str(cells.texts.loc[row, column]) if column in cells.texts else None
+    return Fault(cells.file, problem, remedy, row, column, value)
+
+
+def _capped(faults: tuple[Fault, ...]) -> tuple[Fault, ...]:
+    kept: list[Fault] = []
+    seen: dict[tuple[str | None, str], list[Fault]] = {}
+    for fault in faults:
+        alike = seen.setdefault((fault.column, fault.problem), [])
+        alike.append(fault)
+        if len(alike) <= TOLD_ONE_BY_ONE:
+            kept.append(fault)
+    for alike in seen.values():
+        more = len(alike) - TOLD_ONE_BY_ONE
+        if more > 0:
+            problem = f"{alike[0].problem}: and {more} more such row{'s' if more > 1 else ''}"
+            kept.append(replace(alike[0], problem=problem, row=None, value=None))
+    return tuple(kept)
+
+
+def _finish(frame: pd.DataFrame, table: Table) -> pd.DataFrame:
+    listed = [column.name for column in table.columns if column.name in frame]
+    extra = [name for name in frame.columns if name not in listed]
+    finished = frame[[*listed, *extra]].reset_index(drop=True)
+    for column in table.columns:
+        if column.kind == "whole" and column.name in finished:
+            finished[column.name] = finished[column.name].astype("int64")
+        elif column.kind == "text" and column.name in finished:
+            finished[column.name] = finished[column.name].astype("str")
+    for name in extra:
+        finished[name] = finished[name].where(finished[name] != "").astype("str")
+    return finished
+
+
+DATA_FILES = tuple(table.file for table in TABLES.values())
+
+
+@dataclass(frozen=True, repr=False)
+class Study:
+    """A study as it was read; a table is ``None`` if its file is not there.
+
+    Parameters
+    ----------
+    name : str
+        Name of the folder.
+    folder : Path
+        Where it was read from.
+    settings : Settings
+        The contents of ``study.toml``.
+    moisture, shrinkage, tensile, breaks, actuator, summary : pandas.DataFrame or None
+        The checked tables: the columns of the contract, always all of them, then extra ones as
+        text. Cells not recorded hold their default, or nan. Rows of an actuator after its
+        rupture are left out.
+    hashes : mapping of str to str
+        SHA-256 of each input file.
+    recorded : mapping of str to frozenset of str
+        By table, the columns in which the file itself gives at least one cell.
+    passed_over : mapping of str to int
+        By file, the number of comments that look like rows of data.
+    """
+
+    name: str
+    folder: Path
+    settings: Settings = field(default_factory=Settings)
+    moisture: pd.DataFrame | None = None
+    shrinkage: pd.DataFrame | None = None
+    tensile: pd.DataFrame | None = None
+    breaks: pd.DataFrame | None = None
+    actuator: pd.DataFrame | None = None
+    summary: pd.DataFrame | None = None
+    hashes: Mapping[str, str] = field(default_factory=dict)
+    recorded: Mapping[str, frozenset[str]] = field(default_factory=dict)
+    passed_over: Mapping[str, int] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        """Return its name, and how much of which data it has."""
+        tables = {name: getattr(self, name) for name in TABLES}
+        rows = [f"{TABLES[n].file} {len(t)} rows" for n, t in tables.items() if t is not None]
+        return f"Study {self.name}: {', '.join(rows)}"
+
+    @property
+    def geometry(self) -> Dimensions:
+        """Dimensions of the actuator as moulded, from ``[actuator]`` of ``study.toml``."""
+        return self.settings.dimensions
+
+
+def read_study(folder: Path | str) -> Study:
+    r"""Read a study folder and check everything in it.
+
+    Parameters
+    ----------
+    folder : Path or str
+        Holds ``study.toml`` and at least one of the data files.
+
+    Returns
+    -------
+    Study
+
+    Raises
+    ------
+    StudyError
+        With every fault of every file.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as made:
+    ...     _ = (Path(made) / "study.toml").write_text("seed = 7")
+    ...     _ = (Path(made) / "break.csv").write_text(
+    ...         "specimen_id,degradation_pct,elongation_pct\na,0,209.8\n"
+    ...     )
+    ...     study = read_study(Path(made))
+    >>> study.settings.seed, study.breaks["elongation_pct"].tolist(), study.tensile is None
+    (7, [209.8], True)
+    """
+    folder = Path(folder)
+    contents, unreadable = _read_files(folder)
+    if not contents and unreadable:
+        raise StudyError(unreadable)
+    settings, wrong_settings = parse_settings(contents.get(SETTINGS_FILE, b""))
+    tables = {
+        name: check_table(
+            contents[table.file], table, degradation_sd_pct=settings.degradation_sd_pct
+        )
+        for name, table in TABLES.items()
+        if table.file in contents
+    }
+    faults = [*unreadable, *_wrong_files(folder, set(contents), unreadable), *wrong_settings]
+    faults += [fault for table in tables.values() for fault in table.faults]
+    if not faults and "tensile" in tables:
+        faults += _absent_modes(settings, tables["tensile"].frame)
+    if faults:
+        raise StudyError(faults)
+    return _assemble(folder, settings, tables, contents)
+
+
+def _absent_modes(settings: Settings, tensile: pd.DataFrame) -> Iterator[Fault]:
+    """Refuse to fit modes of which there are no curves: nothing would be fitted."""
+    there = sorted(set(tensile["mode"]))
+    if set(settings.fit_modes) & set(there):
+        return
+    asked = ", ".join(settings.fit_modes)
+    problem = "names no mode of which tensile.csv has a curve, so none would be fitted"
+    remedy = f"name at least one of {', '.join(there)}, or leave the key out to fit all"
+    yield Fault(SETTINGS_FILE, problem, remedy, None, "tensile.fit_modes", asked)
+
+
+def _assemble(
+    folder: Path,
+    settings: Settings,
+    tables: Mapping[str, CheckedTable],
+    contents: Mapping[str, bytes],
+) -> Study:
+    frames = {name: table.frame for name, table in tables.items()}
+    return Study(
+        folder.resolve().name,
+        folder,
+        settings,
+        frames.get("moisture"),
+        frames.get("shrinkage"),
+        frames.get("tensile"),
+        frames.get("breaks"),
+        frames.get("actuator"),
+        frames.get("summary"),
+        {file: sha256(content).hexdigest() for file, content in contents.items()},
+        {name: table.recorded for name, table in tables.items()},
+        {TABLES[name].file: t.passed_over for name, t in tables.items() if t.passed_over},
+    )
+
+
+def _read_files(folder: Path) -> tuple[dict[str, bytes], tuple[Fault, ...]]:
+    if not folder.is_dir():
+        problem = "is not a folder" if folder.exists() else "does not exist"
+        remedy = f"name a folder that holds {SETTINGS_FILE} and the data"
+        return {}, (Fault(str(folder), problem, remedy),)
+    contents, faults = {}, []
+    for path in sorted(folder.iterdir()):
+        if path.name not in (SETTINGS_FILE, *DATA_FILES):
+            continue
+        try:
+            contents[path.name] = read_bytes(path, most_mb=STUDY_MB)
+        except OSError as error:
+            remedy = "give a file that can be read"
+            faults.append(Fault(path.name, f"cannot be read ({reason(error)})", remedy))
+    return contents, tuple(faults)
+
+
+def _wrong_files(folder: Path, found: set[str], unreadable: tuple[Fault, ...]) -> Iterator[Fault]:
+    there = found | {fault.file for fault in unreadable}
+    misnamed = dict(_misnamed(folder, there))
+    for name, meant in misnamed.items():
+        remedy = f"did you mean {meant!r}? Rename it, or give it a name less like that"
+        yield Fault(name, "is not a file that is read", remedy)
+    if SETTINGS_FILE not in {*there, *misnamed.values()}:
+        yield Fault(SETTINGS_FILE, "is missing", "add it; it may be empty, all keys have defaults")
+    if not ({*there, *misnamed.values()} & set(DATA_FILES)):
+        remedy = f"add at least one of {', '.join(DATA_FILES)}"
+        yield Fault(folder.resolve().name, "holds no data file", remedy)
+
+
+def _misnamed(folder: Path, there: set[str]) -> Iterator[tuple[str, str]]:
+    known = {Path(name).stem: name for name in (SETTINGS_FILE, *DATA_FILES)}
+    for path in sorted(folder.iterdir()):
+        if path.name in there or path.suffix.casefold() not in (".csv", ".toml"):
+            continue
+        best = nearest(path.stem, known, cutoff=0.85)
+        if best is not None:
+            yield path.name, known[best]

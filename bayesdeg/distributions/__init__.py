@@ -1,1 +1,0 @@
-"""Probability laws, one file for each kind of scale."""

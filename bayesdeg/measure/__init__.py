@@ -1,1 +1,0 @@
-"""Readings become quantities."""

@@ -1,0 +1,580 @@
+"""Prior laws: densities, maps to the whole real line, and the parameter that carries one."""
+
+import difflib
+import math
+from collections.abc import Mapping
+from dataclasses import MISSING, dataclass, fields
+from functools import cached_property
+from typing import Protocol, override, runtime_checkable
+
+import numpy as np
+import numpy.typing as npt
+from scipy import special
+
+type FloatArray = npt.NDArray[np.float64]
+type Size = int | tuple[int, ...] | None
+
+_LOG_ROOT_TWO_PI = 0.5 * math.log(2.0 * math.pi)
+
+
+@runtime_checkable
+class Law(Protocol):
+    """A univariate probability law, vectorised over its arguments.
+
+    The maps to and from the unconstrained scale follow from the support: x = z where it is the
+    whole line, x = exp(z) where it is (0, ∞), x = low + (high − low) / (1 + exp(−z)) where it is
+    bounded.  `TruncatedNormal` alone replaces them.
+    """
+
+    @property
+    def support(self) -> tuple[float, float]:
+        """Smallest and largest possible value."""
+        ...
+
+    def log_density(self, x: npt.ArrayLike) -> FloatArray:
+        """Return the log probability density; −inf outside the support."""
+        ...
+
+    def quantile(self, u: npt.ArrayLike) -> FloatArray:
+        """Return the value below which the probability is u, with u in [0, 1]."""
+        ...
+
+    def untruncated_log_density(self, x: npt.ArrayLike) -> FloatArray:
+        """Return the log density continued smoothly over the bounds of a truncated law.
+
+        Differs from `log_density` for `TruncatedNormal` only, whose normalising constant it keeps:
+        for derivatives at a value on the bound.
+        """
+        return self.log_density(x)
+
+    def sample(self, generator: np.random.Generator, size: Size = None) -> FloatArray:
+        """Draw by inversion, one uniform number a draw."""
+        # the generator may return exactly 0, of which an unbounded law has no finite quantile
+        return self.quantile(generator.uniform(2.0**-54, 1.0, size))
+
+    def to_unconstrained(self, x: npt.ArrayLike) -> FloatArray:
+        """Return z of x; ±inf on the bounds, nan outside the support."""
+        low, high = self.support
+        x = np.asarray(x, dtype=float)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            if math.isinf(low):
+                return x
+            return np.log(x) if math.isinf(high) else np.log(x - low) - np.log(high - x)
+
+    def from_unconstrained(self, z: npt.ArrayLike) -> FloatArray:
+        """Return x of z."""
+        low, high = self.support
+        z = np.asarray(z, dtype=float)
+        with np.errstate(over="ignore", under="ignore"):
+            if math.isinf(low):
+                return z
+            if math.isinf(high):
+                return np.exp(z)
+            # each bound is approached from itself, lest rounding overstep it
+            return np.where(
+                z < 0.0,
+                low + (high - low) * special.expit(z),
+                high - (high - low) * special.expit(-z),
+            )
+
+    def log_jacobian(self, z: npt.ArrayLike) -> FloatArray:
+        """Return log |dx/dz|."""
+        low, high = self.support
+        z = np.asarray(z, dtype=float)
+        if math.isinf(low):
+            return np.zeros_like(z)
+        if math.isinf(high):
+            return z
+        return math.log(high - low) + special.log_expit(z) + special.log_expit(-z)
+
+
+def require_positive(value: float, name: str) -> None:
+    """Raise ValueError unless the argument is a positive, finite number."""
+    if not (math.isfinite(value) and value > 0.0):
+        raise ValueError(f"{name} must be positive and finite, not {value!r}")
+
+
+def require_finite(value: float, name: str) -> None:
+    """Raise ValueError unless the argument is a finite number."""
+    if not math.isfinite(value):
+        raise ValueError(f"{name} must be finite, not {value!r}")
+
+
+def normal_log_density(x: npt.ArrayLike, mean: float, sd: float) -> FloatArray:
+    """Return the log density of the normal law."""
+    with np.errstate(over="ignore", under="ignore"):
+        density: FloatArray = -0.5 * np.square((np.asarray(x, dtype=float) - mean) / sd)
+    return density - (math.log(sd) + _LOG_ROOT_TWO_PI)
+
+
+@dataclass(frozen=True)
+class Normal(Law):
+    """Normal law of given mean and standard deviation.
+
+    Examples
+    --------
+    >>> round(float(Normal(0.62, 0.07).quantile(0.975)), 3)
+    0.757
+    """
+
+    mean: float
+    sd: float
+
+    def __post_init__(self) -> None:
+        require_finite(self.mean, "mean")
+        require_positive(self.sd, "sd")
+
+    @property
+    @override
+    def support(self) -> tuple[float, float]:
+        return -math.inf, math.inf
+
+    @override
+    def log_density(self, x: npt.ArrayLike) -> FloatArray:
+        return normal_log_density(x, self.mean, self.sd)
+
+    @override
+    def quantile(self, u: npt.ArrayLike) -> FloatArray:
+        return np.asarray(self.mean + self.sd * special.ndtri(np.asarray(u)), dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class StudentT(Law):
+    """Student's t law with dof > 2; `sd` is its standard deviation, not its scale."""
+
+    mean: float
+    sd: float
+    dof: float
+
+    def __post_init__(self) -> None:
+        require_finite(self.mean, "mean")
+        require_positive(self.sd, "sd")
+        require_positive(self.dof, "dof")
+        if self.dof <= 2.0:
+            raise ValueError(f"dof must exceed 2 for sd to exist, not {self.dof!r}")
+
+    @cached_property
+    def _scale(self) -> float:
+        return self.sd * math.sqrt((self.dof - 2.0) / self.dof)
+
+    @cached_property
+    def _log_constant(self) -> float:
+        beta = math.lgamma(0.5 * (self.dof + 1.0)) - math.lgamma(0.5 * self.dof)
+        return beta - 0.5 * math.log(self.dof * math.pi) - math.log(self._scale)
+
+    @property
+    @override
+    def support(self) -> tuple[float, float]:
+        return -math.inf, math.inf
+
+    @override
+    def log_density(self, x: npt.ArrayLike) -> FloatArray:
+        with np.errstate(over="ignore", under="ignore"):
+            square = np.square((np.asarray(x, dtype=float) - self.mean) / self._scale)
+        return self._log_constant - 0.5 * (self.dof + 1.0) * np.log1p(square / self.dof)
+
+    @override
+    def quantile(self, u: npt.ArrayLike) -> FloatArray:
+        u = np.asarray(u, dtype=np.float64)
+        # scipy's quantile has the wrong sign at probability zero
+        standard = np.where(u <= 0.0, -math.inf, special.stdtrit(self.dof, u))
+        return self.mean + self._scale * standard
+
+
+@dataclass(frozen=True)
+class TruncatedNormal(Law):
+    """Normal law of given mean and standard deviation before truncation to low ≤ x ≤ high.
+
+    It stays on the linear scale deliberately: the neutral value of a cause often lies on its
+    bound, where log density and derivatives must exist and where a log scale would put it at −∞.
+    """
+
+    mean: float
+    sd: float
+    low: float = -math.inf
+    high: float = math.inf
+
+    def __post_init__(self) -> None:
+        require_finite(self.mean, "mean")
+        require_positive(self.sd, "sd")
+        if not self.low < self.high:
+            raise ValueError(f"low must be below high, not {self.low!r} and {self.high!r}")
+        if not math.isfinite(self._log_mass):
+            raise ValueError(f"no probability between {self.low!r} and {self.high!r}")
+
+    @cached_property
+    def _log_mass(self) -> float:
+        low, high = (self.low - self.mean) / self.sd, (self.high - self.mean) / self.sd
+        if low > 0.0:
+            low, high = -high, -low
+        upper, lower = float(special.log_ndtr(high)), float(special.log_ndtr(low))
+        gap = -math.expm1(lower - upper) if upper > -math.inf else 0.0
+        return upper + math.log(gap) if gap > 0.0 else -math.inf
+
+    @property
+    @override
+    def support(self) -> tuple[float, float]:
+        return self.low, self.high
+
+    @override
+    def log_density(self, x: npt.ArrayLike) -> FloatArray:
+        x = np.asarray(x, dtype=float)
+        inside = (x >= self.low) & (x <= self.high)
+        return np.where(inside, self.untruncated_log_density(x), -math.inf)
+
+    @override
+    def untruncated_log_density(self, x: npt.ArrayLike) -> FloatArray:
+        return normal_log_density(x, self.mean, self.sd) - self._log_mass
+
+    @override
+    def quantile(self, u: npt.ArrayLike) -> FloatArray:
+        u = np.asarray(u, dtype=float)
+        low, high = (self.low - self.mean) / self.sd, (self.high - self.mean) / self.sd
+        # the normal law is accurate in its lower tail only, so an upper tail is mirrored
+        sign = -1.0 if low > 0.0 else 1.0
+        if sign < 0.0:
+            low, high, u = -high, -low, 1.0 - u
+        with np.errstate(divide="ignore"):
+            log_cdf = np.logaddexp(
+                np.log1p(-u) + special.log_ndtr(low), np.log(u) + special.log_ndtr(high)
+            )
+        standard = sign * special.ndtri_exp(log_cdf)
+        return np.clip(self.mean + self.sd * standard, self.low, self.high)
+
+    @override
+    def to_unconstrained(self, x: npt.ArrayLike) -> FloatArray:
+        return np.asarray(x, dtype=float)
+
+    @override
+    def from_unconstrained(self, z: npt.ArrayLike) -> FloatArray:
+        return np.asarray(z, dtype=float)
+
+    @override
+    def log_jacobian(self, z: npt.ArrayLike) -> FloatArray:
+        return np.zeros_like(np.asarray(z, dtype=float))
+
+
+@dataclass(frozen=True)
+class LogNormal(Law):
+    """Law of x > 0 whose logarithm is normal about log(median), with standard deviation sigma."""
+
+    median: float
+    sigma: float
+
+    def __post_init__(self) -> None:
+        require_positive(self.median, "median")
+        require_positive(self.sigma, "sigma")
+
+    @property
+    @override
+    def support(self) -> tuple[float, float]:
+        return 0.0, math.inf
+
+    @override
+    def log_density(self, x: npt.ArrayLike) -> FloatArray:
+        x = np.asarray(x, dtype=float)
+        positive = x > 0.0
+        log_x = np.log(np.where(positive, x, 1.0))
+        density = normal_log_density(log_x, math.log(self.median), self.sigma) - log_x
+        return np.where(positive, density, -math.inf)
+
+    @override
+    def quantile(self, u: npt.ArrayLike) -> FloatArray:
+        return self.median * np.exp(self.sigma * special.ndtri(np.asarray(u, dtype=np.float64)))
+
+
+@dataclass(frozen=True)
+class HalfNormal(Law):
+    """Law of |y| where y is normal with mean zero and standard deviation sd; log transform."""
+
+    sd: float
+
+    def __post_init__(self) -> None:
+        require_positive(self.sd, "sd")
+
+    @property
+    @override
+    def support(self) -> tuple[float, float]:
+        return 0.0, math.inf
+
+    @override
+    def log_density(self, x: npt.ArrayLike) -> FloatArray:
+        density = normal_log_density(x, 0.0, self.sd) + math.log(2.0)
+        return np.where(np.asarray(x) >= 0.0, density, -math.inf)
+
+    @override
+    def quantile(self, u: npt.ArrayLike) -> FloatArray:
+        return np.asarray(
+            self.sd * math.sqrt(2.0) * special.erfinv(np.asarray(u)), dtype=np.float64
+        )
+
+
+@dataclass(frozen=True)
+class HalfCauchy(Law):
+    """Law of |y| where y is Cauchy about zero; `scale` is its median; log transform."""
+
+    scale: float
+
+    def __post_init__(self) -> None:
+        require_positive(self.scale, "scale")
+
+    @property
+    @override
+    def support(self) -> tuple[float, float]:
+        return 0.0, math.inf
+
+    @override
+    def log_density(self, x: npt.ArrayLike) -> FloatArray:
+        x = np.asarray(x, dtype=float)
+        with np.errstate(over="ignore", under="ignore"):
+            density = math.log(2.0 / (math.pi * self.scale)) - np.log1p(np.square(x / self.scale))
+        return np.where(x >= 0.0, density, -math.inf)
+
+    @override
+    def quantile(self, u: npt.ArrayLike) -> FloatArray:
+        u = np.asarray(u, dtype=float)
+        return self.scale * np.where(u < 1.0, np.tan(0.5 * math.pi * u), math.inf)
+
+
+@dataclass(frozen=True)
+class Uniform(Law):
+    """Uniform law between low and high; logit transform."""
+
+    low: float
+    high: float
+
+    def __post_init__(self) -> None:
+        require_finite(self.low, "low")
+        require_finite(self.high, "high")
+        if not self.low < self.high:
+            raise ValueError(f"low must be below high, not {self.low!r} and {self.high!r}")
+
+    @property
+    @override
+    def support(self) -> tuple[float, float]:
+        return self.low, self.high
+
+    @override
+    def log_density(self, x: npt.ArrayLike) -> FloatArray:
+        x = np.asarray(x, dtype=float)
+        inside = (x >= self.low) & (x <= self.high)
+        return np.where(inside, -math.log(self.high - self.low), -math.inf)
+
+    @override
+    def quantile(self, u: npt.ArrayLike) -> FloatArray:
+        u = np.asarray(u, dtype=float)
+        return self.low * (1.0 - u) + self.high * u
+
+
+@dataclass(frozen=True)
+class Flat(Law):
+    """Density 1 between low and high, of which at least one is infinite: no probability law.
+
+    It states a bound and leaves the rest to the likelihood, as an undeclared prior does in Stan.
+    A posterior under it must be made proper by the data, and its evidence has no absolute meaning.
+    It has no quantiles and cannot be drawn from; a study's priors are therefore never flat.
+
+    Values above a bound are sampled as low + exp(z), values below one as high − exp(−z).
+
+    Raises
+    ------
+    ValueError
+        If both bounds are finite (`Uniform` is the law), or they are no interval.
+
+    Examples
+    --------
+    >>> float(Flat(low=0.0).log_density(3.0)), float(Flat(low=0.0).log_density(-3.0))
+    (0.0, -inf)
+    """
+
+    low: float = -math.inf
+    high: float = math.inf
+
+    def __post_init__(self) -> None:
+        if not self.low < self.high:
+            raise ValueError(f"low must be below high, not {self.low!r} and {self.high!r}")
+        if math.isfinite(self.low) and math.isfinite(self.high):
+            raise ValueError("between two finite bounds use Uniform, which is a proper law")
+
+    @property
+    @override
+    def support(self) -> tuple[float, float]:
+        return self.low, self.high
+
+    @override
+    def log_density(self, x: npt.ArrayLike) -> FloatArray:
+        x = np.asarray(x, dtype=float)
+        return np.where((x >= self.low) & (x <= self.high), 0.0, -math.inf)
+
+    @override
+    def quantile(self, u: npt.ArrayLike) -> FloatArray:
+        raise ValueError("a flat law over an infinite range has no quantiles")
+
+    @override
+    def to_unconstrained(self, x: npt.ArrayLike) -> FloatArray:
+        x = np.asarray(x, dtype=float)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            if math.isfinite(self.low):
+                return np.log(x - self.low)
+            return -np.log(self.high - x) if math.isfinite(self.high) else x
+
+    @override
+    def from_unconstrained(self, z: npt.ArrayLike) -> FloatArray:
+        z = np.asarray(z, dtype=float)
+        with np.errstate(over="ignore", under="ignore"):
+            if math.isfinite(self.low):
+                return self.low + np.exp(z)
+            return self.high - np.exp(-z) if math.isfinite(self.high) else z
+
+    @override
+    def log_jacobian(self, z: npt.ArrayLike) -> FloatArray:
+        z = np.asarray(z, dtype=float)
+        if math.isfinite(self.low):
+            return z
+        return -z if math.isfinite(self.high) else np.zeros_like(z)
+
+
+__all__ = [
+    "LAWS",
+    "FloatArray",
+    "HalfCauchy",
+    "HalfNormal",
+    "Law",
+    "LogNormal",
+    "Normal",
+    "Parameter",
+    "StudentT",
+    "TruncatedNormal",
+    "Uniform",
+    "law_from_mapping",
+]
+
+type _LawClass = (
+    type[Normal]
+    | type[LogNormal]
+    | type[HalfNormal]
+    | type[Uniform]
+    | type[StudentT]
+    | type[TruncatedNormal]
+    | type[HalfCauchy]
+)
+
+LAWS: Mapping[str, _LawClass] = {
+    "normal": Normal,
+    "lognormal": LogNormal,
+    "half_normal": HalfNormal,
+    "uniform": Uniform,
+    "student_t": StudentT,
+    "truncated_normal": TruncatedNormal,
+    "half_cauchy": HalfCauchy,
+}
+
+#: Of an argument; no parameter is as large in its unit.
+_LARGEST = 1e12
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A named unknown with its prior law.
+
+    Parameters
+    ----------
+    name : str
+        Name by which sampler, report and study file know it.
+    law : Law
+        Prior law.
+    unit : str
+        Unit of its values; an en dash, the default, if it has none.
+    meaning : str
+        What it is, in words; empty by default.
+    neutral : float, optional
+        The value at which it has no effect; its prior density there must not vanish.
+
+    Raises
+    ------
+    ValueError
+        If the name is empty, or the neutral value is not finite or impossible under the prior.
+
+    Examples
+    --------
+    >>> Parameter("volume_ratio", Normal(0.62, 0.07), "–", "volume after over before drying").name
+    'volume_ratio'
+    """
+
+    name: str
+    law: Law
+    unit: str = "–"
+    meaning: str = ""
+    neutral: float | None = None
+
+    def __post_init__(self) -> None:
+        if not self.name.strip():
+            raise ValueError("a parameter needs a name")
+        if self.neutral is None:
+            return
+        if not math.isfinite(self.neutral):
+            raise ValueError(f"{self.name}: neutral must be finite, not {self.neutral!r}")
+        if not math.isfinite(float(self.law.log_density(self.neutral))):
+            raise ValueError(
+                f"{self.name}: neutral {self.neutral!r} is impossible under {self.law}"
+            )
+
+
+def law_from_mapping(mapping: Mapping[str, object]) -> Law:
+    """Return the law that a table of a study file describes.
+
+    Parameters
+    ----------
+    mapping : Mapping
+        ``law`` names one of `LAWS`; the other keys are its arguments.
+
+    Returns
+    -------
+    Law
+
+    Raises
+    ------
+    ValueError
+        If the law is unknown, a key is missing or unknown, or a value is impossible.
+
+    Examples
+    --------
+    >>> law_from_mapping({"law": "normal", "mean": 0.62, "sd": 0.07})
+    Normal(mean=0.62, sd=0.07)
+    >>> law_from_mapping({"law": "norml", "mean": 0.62, "sd": 0.07})
+    Traceback (most recent call last):
+    ...
+    ValueError: unknown law 'norml'; did you mean 'normal'?
+    """
+    if "law" not in mapping:
+        raise ValueError(f"key 'law' is missing; it is one of {', '.join(LAWS)}")
+    name = mapping["law"]
+    if not isinstance(name, str) or name not in LAWS:
+        raise ValueError(f"unknown law {name!r}; {_suggestion(str(name), list(LAWS))}")
+    law_class = LAWS[name]
+    known = [field.name for field in fields(law_class)]
+    required = [field.name for field in fields(law_class) if field.default is MISSING]
+    arguments = {key: value for key, value in mapping.items() if key != "law"}
+    for key in arguments:
+        if key not in known:
+            raise ValueError(f"law {name!r} has no key {key!r}; {_suggestion(key, known)}")
+    for key in required:
+        if key not in arguments:
+            raise ValueError(f"law {name!r} needs key {key!r}")
+    try:
+        return law_class(**{key: _number(value, key) for key, value in arguments.items()})
+    except ValueError as fault:
+        raise ValueError(f"law {name!r}: {fault}") from None
+
+
+def _suggestion(word: str, known: list[str]) -> str:
+    nearest = difflib.get_close_matches(word.lower(), known, n=1)
+    return f"did you mean {nearest[0]!r}?" if nearest else f"it is one of {', '.join(known)}"
+
+
+def _number(value: object, key: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise ValueError(f"{key} must be a number, not {value!r}")
+    if _LARGEST < abs(value) < math.inf:  # bounds may be infinite
+        raise ValueError(f"{key} must be a number between −{_LARGEST:g} and {_LARGEST:g}")
+    return float(value)

@@ -1,0 +1,158 @@
+import numpy as np
+import pytest
+import sympy
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bayesdeg.data.moisture import (
+    FilmDegradation,
+    SaturatingCourse,
+    degradation_of_films,
+    degradation_rate,
+    fit_saturating_course,
+    mass_loss,
+    mass_loss_from_degradation,
+    moisture_content,
+    moisture_content_dry_basis,
+    saturating,
+    to_dry_basis,
+    to_wet_basis,
+)
+
+RATES = st.floats(-5.0, 99.0)
+MOISTURES = st.floats(1.0, 90.0)
+
+
+@given(rate=RATES, moisture=MOISTURES)
+def test_bases_are_inverse(rate: float, moisture: float) -> None:
+    dry = to_dry_basis(rate, moisture_initial_pct=moisture)
+    np.testing.assert_allclose(
+        to_wet_basis(dry, moisture_initial_pct=moisture), rate, rtol=1e-9, atol=1e-9
+    )
+
+
+@given(
+    dry_before=st.floats(0.1, 10.0),
+    dry_after=st.floats(0.1, 10.0),
+    before=MOISTURES,
+    after=MOISTURES,
+)
+def test_conversion_agrees_with_the_masses(
+    dry_before: float, dry_after: float, before: float, after: float
+) -> None:
+    moist_before = dry_before / (1 - before / 100)
+    moist_after = dry_after / (1 - after / 100)
+    wet = degradation_rate(
+        moisture_content(moist_after, dry_after), moisture_content(moist_before, dry_before)
+    )
+    dry = degradation_rate(
+        moisture_content_dry_basis(moist_after, dry_after),
+        moisture_content_dry_basis(moist_before, dry_before),
+    )
+    np.testing.assert_allclose(
+        to_dry_basis(wet, moisture_initial_pct=before), dry, rtol=1e-8, atol=1e-8
+    )
+
+
+def test_bases_agree_for_nearly_dry_films_and_at_the_ends() -> None:
+    np.testing.assert_allclose(to_dry_basis(25.0, moisture_initial_pct=1e-9), 25.0)
+    np.testing.assert_allclose(to_dry_basis([0.0, 100.0], moisture_initial_pct=20.0), [0, 100])
+
+
+def test_mass_loss_uses_the_dry_basis() -> None:
+    by_hand = 0.8574 * 100 * (1 - (0.15 / 0.85) / (0.20 / 0.80))
+    got = mass_loss_from_degradation([25.0, 0.0], moisture_initial_pct=20.0)
+    np.testing.assert_allclose(got, [by_hand, 0.0], atol=1e-12)
+
+
+def test_functions_are_vectorised() -> None:
+    moist = np.array([[1.0, 1.2], [1.1, 1.3]])
+    assert moisture_content(moist, 0.8).shape == (2, 2)
+    assert mass_loss([0.4, 0.5, 0.6], 0.6).shape == (3,)
+    assert degradation_rate(np.ones((3, 1)), np.ones(4)).shape == (3, 4)
+
+
+def test_covariance_of_rates_is_the_delta_method_derived_by_sympy() -> None:
+    time = np.repeat([0.0, 4.0, 12.0], [4, 3, 5])
+    moisture = np.array([20.1, 19.7, 20.6, 19.9, 17.0, 16.4, 16.9, 15.2, 14.8, 15.6, 15.0, 15.3])
+    films = degradation_of_films(time, moisture)
+    groups = [moisture[time == t] for t in (0.0, 4.0, 12.0)]
+    pooled = sum(((g - g.mean()) ** 2).sum() for g in groups) / (12 - 3)
+    m = sympy.symbols("m0:3")
+    rates = sympy.Matrix([-(mi - m[0]) / m[0] * 100 for mi in m])
+    values = {symbol: g.mean() for symbol, g in zip(m, groups, strict=True)}
+    jacobian = np.array(rates.jacobian(m).subs(values), float)
+    expected = jacobian @ np.diag([pooled / len(g) for g in groups]) @ jacobian.T
+    np.testing.assert_allclose(films.covariance, expected, rtol=1e-12, atol=1e-15)
+    assert films.covariance[1, 2] > 0
+    assert films.films.tolist() == [4, 3, 5]
+
+
+def test_standard_errors_of_rates_are_those_of_repeated_experiments() -> None:
+    rng = np.random.default_rng(20211124)
+    time = np.repeat([0.0, 6.0, 24.0], 9)
+    truth = np.repeat([20.0, 17.0, 14.0], 9)
+    found = [degradation_of_films(time, truth + rng.normal(0, 0.8, 27)) for _ in range(2000)]
+    rates = np.array([films.degradation_pct for films in found])
+    stated = np.sqrt(np.mean([films.standard_error**2 for films in found], axis=0))
+    np.testing.assert_allclose(rates.std(axis=0)[1:], stated[1:], rtol=0.06)
+    assert np.corrcoef(rates[:, 1], rates[:, 2])[0, 1] > 0.3
+
+
+def test_films_without_reference_or_replicates_are_refused() -> None:
+    with pytest.raises(ValueError, match="time 0"):
+        degradation_of_films([1.0, 1.0], [20.0, 19.0])
+    with pytest.raises(ValueError, match="second film"):
+        degradation_of_films([0.0, 1.0], [20.0, 19.0])
+
+
+def test_course_of_exact_data_is_recovered() -> None:
+    time = np.array([0.0, 2.0, 5.0, 9.0, 24.0])
+    rate = saturating(time, 28.0, 7.0)
+    covariance = np.diag([0.0, 1.0, 2.0, 1.5, 1.0]) + 0.3
+    covariance[0, :] = covariance[:, 0] = 0.0
+    films = FilmDegradation(time, rate, covariance, np.full(5, 9), 20.0)
+    course = fit_saturating_course(films)
+    assert (course.limit_pct, course.time_constant_h) == pytest.approx((28.0, 7.0), rel=1e-5)
+    t = time[1:]
+    jacobian = np.column_stack([1 - np.exp(-t / 7), -28 * t / 49 * np.exp(-t / 7)])
+    expected = np.linalg.inv(jacobian.T @ np.linalg.inv(covariance[1:, 1:]) @ jacobian)
+    np.testing.assert_allclose(course.covariance, expected, rtol=1e-4)
+
+
+def test_error_of_the_course_is_its_numerical_derivative_carried_over() -> None:
+    course = SaturatingCourse(25.0, 8.0, np.array([[4.0, 1.0], [1.0, 2.0]]))
+    time, step = np.array([0.0, 3.0, 10.0, 60.0]), 1e-6
+    by_limit = (saturating(time, 25 + step, 8.0) - saturating(time, 25 - step, 8.0)) / (2 * step)
+    by_tau = (saturating(time, 25.0, 8 + step) - saturating(time, 25.0, 8 - step)) / (2 * step)
+    variance = 4 * by_limit**2 + 2 * by_limit * by_tau + 2 * by_tau**2
+    np.testing.assert_allclose(course.standard_error(time), np.sqrt(variance), atol=1e-7)
+    lower, upper = course.band(time, probability=0.9, scatter_sd_pct=1.5)
+    np.testing.assert_allclose(
+        upper - lower, 2 * 1.6448536269514722 * np.sqrt(variance + 2.25), atol=1e-6
+    )
+    np.testing.assert_allclose((upper + lower) / 2, course.degradation(time))
+
+
+def test_band_of_the_course_covers_the_truth_as_often_as_it_says() -> None:
+    rng = np.random.default_rng(7)
+    time = np.repeat([0.0, 3.0, 6.0, 12.0, 24.0], 9)
+    truth = 20.0 * (1 - saturating(time, 28.0, 7.0) / 100)
+    covered = 0
+    for _ in range(200):
+        films = degradation_of_films(time, truth + rng.normal(0, 0.5, time.size))
+        lower, upper = fit_saturating_course(films).band(10.0, probability=0.9)
+        covered += bool(lower < saturating(np.array(10.0), 28.0, 7.0) < upper)
+    assert 0.84 < covered / 200 < 0.96
+
+
+def test_rates_that_do_not_level_off_are_refused() -> None:
+    time = np.array([0.0, 4.0, 8.0, 12.0])
+    identity = np.diag([0.0, 1.0, 1.0, 1.0])
+    for rate, says in (([0.0, 1, 4, 16], "towards a limit"), ([0.0, -4, -8, -12], "with time")):
+        films = FilmDegradation(time, np.array(rate), identity, np.full(4, 3), 20.0)
+        with pytest.raises(ValueError, match=f"do not rise {says}"):
+            fit_saturating_course(films)
+    one = FilmDegradation(time[:2], time[:2], identity[:2, :2], np.full(2, 3), 20.0)
+    with pytest.raises(ValueError, match="fewer than two"):
+        fit_saturating_course(one)

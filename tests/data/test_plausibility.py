@@ -1,0 +1,444 @@
+"""Faults of units and signs are named; scatter, effects and real data are not taken for them."""
+
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bayesdeg.data.plausibility import (
+    CURVATURE_UNITS,
+    LEAST_FACTOR,
+    NEAR_UNIT,
+    PRESSURE_UNITS,
+    STEEPEST,
+    STRESS_UNITS,
+    Expected,
+    bending_of_beam,
+    doubts,
+    film_moduli,
+    nearest_unit,
+    off_neighbours,
+    refuse_impossible,
+    steepness,
+)
+from bayesdeg.data.settings import Dimensions
+from bayesdeg.data.study import Study, read_study
+from bayesdeg.errors import StudyError
+from bayesdeg.pipeline.outline import outline
+from bayesdeg.priors import LogNormal
+
+ROOT = Path(__file__).resolve().parents[2]
+SHIPPED = [
+    *(path.parent for path in sorted((ROOT / "studies").glob("*/study.toml"))),
+    *(path.parent for path in sorted((ROOT / "tests/hidden_effects/studies").glob("*/study.toml"))),
+]
+
+
+@cache
+def shipped(name):
+    study = read_study(ROOT / "studies" / name)
+    return study, outline(study).expected
+
+
+def found_in(name, **tables):
+    study, expected = shipped(name)
+    return doubts(replace(study, **tables), expected)
+
+
+def times(table, column, factor, specimens=None):
+    """Return a table of the gelatin study with a column multiplied, for all or some specimens."""
+    frame = getattr(shipped("gelatin_actuator")[0], table).copy()
+    rows = slice(None) if specimens is None else frame["specimen_id"].isin(specimens)
+    frame.loc[rows, column] = frame.loc[rows, column] * factor
+    return frame
+
+
+def without_angle(frame):
+    return frame.assign(bend_angle_deg=np.nan)
+
+
+# ---- what is sound
+
+
+@pytest.mark.parametrize(
+    "folder", SHIPPED, ids=lambda folder: f"{folder.parent.name}/{folder.name}"
+)
+def test_studies_with_effects_and_scatter_are_in_no_doubt(folder):
+    study = read_study(folder)
+    assert doubts(study, outline(study).expected) == ()
+
+
+def test_there_are_studies_to_be_sound():
+    assert len(SHIPPED) >= 25
+
+
+def test_a_soft_silicone_under_the_priors_of_gelatin_is_unlikely_and_not_refused():
+    """Ecoflex 00-30 has C1 near 0.01 MPa; with a prior that says so nothing is in doubt."""
+    stretch = np.linspace(1.1, 9.0, 15)
+    film = pd.DataFrame(
+        {
+            "specimen_id": "e",
+            "degradation_pct": 0.0,
+            "degradation_sd_pct": 1.0,
+            "mode": "uniaxial",
+            "stretch": stretch,
+            "stress_MPa": 0.02 * (stretch - stretch**-2.0),
+            "stress_measure": "nominal",
+        }
+    )
+    study = Study("silicone", Path(), tensile=film)
+    [doubt] = doubts(study, outline(study).expected)
+    assert not doubt.impossible
+    assert "c1_at_" in doubt.fault.remedy
+    stated = Expected({0.0: LogNormal(0.01, 0.5)}, {})
+    assert doubts(study, stated) == ()
+
+
+def test_compression_is_no_wrong_sign():
+    study, expected = shipped("treloar")
+    stretch = np.array([0.5, 0.7, 0.9, 1.2])
+    squeezed = pd.DataFrame(
+        {
+            "specimen_id": "squeezed",
+            "degradation_pct": 0.0,
+            "degradation_sd_pct": 1.0,
+            "mode": "uniaxial",
+            "stretch": stretch,
+            "stress_MPa": 0.4 * (stretch - stretch**-2.0),
+            "stress_measure": "nominal",
+        }
+    )
+    assert doubts(replace(study, tensile=squeezed), expected) == ()
+
+
+# ---- what is wrong
+
+
+@dataclass(frozen=True)
+class Wrong:
+    """One mistake, and what is said of it."""
+
+    tables: dict
+    file: str
+    column: str
+    says: str
+    impossible: bool = True
+    specimen: str | None = None
+
+
+def of_films(column, factor, specimens=None):
+    return {"tensile": times("tensile", column, factor, specimens)}
+
+
+def of_actuators(column, factor, specimens=None, *, angle=False):
+    frame = times("actuator", column, factor, specimens)
+    return {"actuator": frame if angle else without_angle(frame)}
+
+
+def as_strain(factor, shift):
+    frame = shipped("gelatin_actuator")[0].tensile
+    return {"tensile": frame.assign(stretch=factor * (frame["stretch"] + shift))}
+
+
+def at_rest(curvature):
+    frame = without_angle(shipped("gelatin_actuator")[0].actuator)
+    first = frame.drop_duplicates("specimen_id").assign(pressure_kPa=0.0, curvature_per_m=0.0)
+    whole = pd.concat([first, frame]).sort_values(["specimen_id", "pressure_kPa"], kind="stable")
+    whole["curvature_per_m"] += curvature
+    return {"actuator": whole.reset_index(drop=True)}
+
+
+def published(quantity, factor):
+    frame = shipped("gelatin_actuator")[0].summary.copy()
+    rows = frame["quantity"] == quantity
+    frame.loc[rows, "value"] = factor * frame.loc[rows, "value"]
+    return {"summary": frame}
+
+
+STRESS, STRETCH = ("tensile.csv", "stress_MPa"), ("tensile.csv", "stretch")
+PRESSURE, CURVATURE = ("actuator.csv", "pressure_kPa"), ("actuator.csv", "curvature_per_m")
+ANGLE, ELONGATION = ("actuator.csv", "bend_angle_deg"), ("break.csv", "elongation_pct")
+
+WRONG = {
+    "stress in kPa": lambda: Wrong(of_films("stress_MPa", 1e3), *STRESS, "likely in kPa"),
+    "stress in Pa": lambda: Wrong(of_films("stress_MPa", 1e6), *STRESS, "likely in Pa"),
+    "stress in psi": lambda: Wrong(of_films("stress_MPa", 145.04), *STRESS, "likely in psi"),
+    "stress in bar": lambda: Wrong(of_films("stress_MPa", 10.0), *STRESS, "likely in bar", False),
+    "negative stress": lambda: Wrong(of_films("stress_MPa", -1.0), *STRESS, "the wrong sign"),
+    "a film ten times too stiff": lambda: Wrong(
+        of_films("stress_MPa", 10.0, ["F10-2"]), *STRESS, "slipped decimal", False, "F10-2"
+    ),
+    "strain": lambda: Wrong(as_strain(1.0, -1.0), *STRETCH, "likely strain in place of stretch"),
+    "strain in percent": lambda: Wrong(as_strain(100.0, -1.0), *STRETCH, "likely strain in perc"),
+    "stretch in percent": lambda: Wrong(as_strain(100.0, 0.0), *STRETCH, "likely stretch in perc"),
+    "pressure in Pa": lambda: Wrong(of_actuators("pressure_kPa", 1e3), *PRESSURE, "likely in Pa"),
+    "pressure in MPa": lambda: Wrong(of_actuators("pressure_kPa", 1e-3), *PRESSURE, "in MPa"),
+    "pressure in bar": lambda: Wrong(
+        of_actuators("pressure_kPa", 1e-2), *PRESSURE, "likely in bar"
+    ),
+    "pressure in psi": lambda: Wrong(
+        of_actuators("pressure_kPa", 0.145), *PRESSURE, "likely in psi", False
+    ),
+    "an actuator at ten times the pressure": lambda: Wrong(
+        of_actuators("pressure_kPa", 10.0, ["A10-2"], angle=True),
+        *PRESSURE,
+        "10.1 times that of the actuators nearest in D_R for the same curvature (A10-1, A10-3); "
+        "likely in mbar, or with a slipped decimal point",
+        False,
+        "A10-2",
+    ),
+    "an actuator in psi": lambda: Wrong(
+        of_actuators("pressure_kPa", 0.145, ["A25-1"]), *PRESSURE, "likely in psi", False, "A25-1"
+    ),
+    "curvature in 1/mm": lambda: Wrong(
+        of_actuators("curvature_per_m", 1e-3), *CURVATURE, "likely in 1/mm"
+    ),
+    "curvature in 1/cm beside its angle": lambda: Wrong(
+        of_actuators("curvature_per_m", 1e-2, angle=True), *CURVATURE, "likely in 1/cm"
+    ),
+    "curvature in degrees a metre": lambda: Wrong(
+        of_actuators("curvature_per_m", 57.296), *CURVATURE, "likely in °/m"
+    ),
+    "an actuator bent ten times as far": lambda: Wrong(
+        of_actuators("curvature_per_m", 10.0, ["A10-2"]), *CURVATURE, "9.85 times", False, "A10-2"
+    ),
+    "an actuator in 1/mm": lambda: Wrong(
+        of_actuators("curvature_per_m", 1e-3, ["A10-2"]),
+        *CURVATURE,
+        "likely in 1/mm",
+        specimen="A10-2",
+    ),
+    "curvature of the wrong sign": lambda: Wrong(
+        of_actuators("curvature_per_m", -1.0), *CURVATURE, "is negative"
+    ),
+    "angle 57 times too large": lambda: Wrong(
+        of_actuators("bend_angle_deg", 57.296, angle=True), *ANGLE, "180/π once too often"
+    ),
+    "angle in radians": lambda: Wrong(
+        of_actuators("bend_angle_deg", 1 / 57.296, angle=True), *ANGLE, "likely in radians"
+    ),
+    "angle of the other sign": lambda: Wrong(
+        of_actuators("bend_angle_deg", -1.0, angle=True), *ANGLE, "another sign than the curvature"
+    ),
+    "curvature without pressure": lambda: Wrong(
+        at_rest(5.0), *CURVATURE, "at zero pressure", False
+    ),
+    "humidity as a fraction": lambda: Wrong(
+        {"actuator": shipped("gelatin_actuator")[0].actuator.assign(humidity_pct=0.6)},
+        "actuator.csv",
+        "humidity_pct",
+        "fraction",
+        False,
+    ),
+    "absolute pressure": lambda: Wrong(
+        {
+            "actuator": shipped("gelatin_actuator")[0].actuator.assign(
+                pressure_kPa=lambda rows: rows["pressure_kPa"] + 101.3
+            )
+        },
+        *PRESSURE,
+        "absolute pressure",
+        False,
+    ),
+    "rates of actuators as fractions": lambda: Wrong(
+        of_actuators("degradation_pct", 0.01), "actuator.csv", "degradation_pct", "fraction"
+    ),
+    "rates of films as fractions": lambda: Wrong(
+        of_films("degradation_pct", 0.01), "tensile.csv", "degradation_pct", "fraction"
+    ),
+    "elongation as a fraction": lambda: Wrong(
+        {"breaks": times("breaks", "elongation_pct", 0.01)}, *ELONGATION, "fraction"
+    ),
+    "one elongation ten times too small": lambda: Wrong(
+        {"breaks": times("breaks", "elongation_pct", 0.1, ["F10-2"])},
+        *ELONGATION,
+        "nearest in D_R",
+        False,
+        "F10-2",
+    ),
+    "published modulus in kPa": lambda: Wrong(
+        published("young_modulus", 1e3), "summary.csv", "value", "likely in kPa"
+    ),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_a_fault_of_units_is_named_with_its_place_and_what_to_do(name):
+    wrong = WRONG[name]()
+    found = found_in("gelatin_actuator", **wrong.tables)
+    first = found[0].fault
+    assert (first.file, first.column) == (wrong.file, wrong.column)
+    assert wrong.says in str(found[0])
+    assert found[0].impossible is wrong.impossible
+    assert first.value
+    assert first.remedy
+    if wrong.specimen is not None:
+        assert [doubt.fault.specimen for doubt in found] == [wrong.specimen]
+
+
+@pytest.mark.parametrize("name", ["treloar", "treloar_uniaxial"])
+@pytest.mark.parametrize("unit", ["kPa", "Pa", "psi"])
+def test_real_rubber_in_another_unit_is_refused_by_its_name(name, unit):
+    films = shipped(name)[0].tensile
+    films = films.assign(stress_MPa=films["stress_MPa"] * STRESS_UNITS[unit])
+    [doubt] = found_in(name, tensile=films)
+    assert doubt.impossible
+    assert f"likely in {unit}" in str(doubt)
+
+
+@pytest.mark.parametrize("name", ["treloar", "treloar_uniaxial"])
+def test_real_rubber_given_as_strain_is_refused(name):
+    films = shipped(name)[0].tensile
+    found = found_in(name, tensile=films.assign(stretch=films["stretch"] - 1.0 + 1e-9))
+    assert "likely strain" in str(found[0])
+    with pytest.raises(StudyError, match="likely strain"):
+        refuse_impossible(found)
+
+
+def test_what_all_specimens_share_is_said_once():
+    found = found_in("gelatin_actuator", **of_actuators("bend_angle_deg", 57.296, angle=True))
+    assert len(found) == 1
+    assert "so are 17 of the other 17 specimens" in str(found[0])
+
+
+def test_only_what_is_impossible_is_refused():
+    unlikely = found_in("gelatin_actuator", **of_films("stress_MPa", 10.0, ["F10-2"]))
+    assert refuse_impossible(unlikely) == unlikely
+    wrong = found_in("gelatin_actuator", **of_films("stress_MPa", -1.0))
+    with pytest.raises(StudyError) as caught:
+        refuse_impossible((*unlikely, *wrong))
+    assert caught.value.faults == tuple(doubt.fault for doubt in wrong)
+
+
+def test_angle_and_curvature_within_the_error_of_reading_are_not_compared():
+    """An actuator that burst at the first step: 0.03 1/m and 0.6° are both nothing."""
+    frame = shipped("gelatin_actuator")[0].actuator
+    burst = frame[(frame["specimen_id"] != "A25-3") | (frame["pressure_kPa"] == 20.0)].copy()
+    rows = burst["specimen_id"] == "A25-3"
+    burst.loc[rows, ["curvature_per_m", "bend_angle_deg"]] = [0.033, 0.56]
+    assert found_in("gelatin_actuator", actuator=burst) == ()
+
+
+# ---- laws of the parts
+
+
+@given(st.integers(3, 12), st.integers(0, 2**32), st.floats(-5.0, 5.0))
+def test_what_all_specimens_have_in_common_puts_none_off(count, seed, common):
+    generator = np.random.default_rng(seed)
+    rates = generator.choice([0.0, 5.0, 10.0, 25.0], count)
+    # 15 % from specimen to specimen, and twice the usual effect of degradation
+    logs = common + 0.15 * np.clip(generator.standard_normal(count), -3, 3) + 0.09 * rates
+    assert not off_neighbours(logs[:, None] - logs, rates).any()
+
+
+@given(
+    st.integers(3, 10),
+    st.integers(0, 2**32),
+    st.floats(1.6 * LEAST_FACTOR, 1e6),
+    st.booleans(),
+)
+def test_one_specimen_that_is_off_is_found_and_no_other(count, seed, factor, too_large):
+    generator = np.random.default_rng(seed)
+    logs = 0.1 * np.clip(generator.standard_normal(count), -2, 2)
+    wrong = int(generator.integers(count))
+    logs[wrong] += np.log(factor) if too_large else -np.log(factor)
+    off = off_neighbours(logs[:, None] - logs, np.zeros(count))
+    assert np.flatnonzero(off).tolist() == [wrong]
+    assert np.exp(abs(off[wrong])) == pytest.approx(factor, rel=0.6)
+
+
+@given(st.floats(0.0, 25.0), st.floats(0.0, 3.0))
+def test_a_difference_that_degradation_explains_is_none(apart, share):
+    """Two levels of three: as steep as is known, whatever their distance."""
+    rates = np.repeat([0.0, apart], 3)
+    logs = min(share, 1.0) * STEEPEST * rates
+    assert not off_neighbours(logs[:, None] - logs, rates).any()
+
+
+@pytest.mark.parametrize("units", [STRESS_UNITS, PRESSURE_UNITS, CURVATURE_UNITS])
+def test_units_are_told_apart_by_their_factors(units):
+    for name, factor in units.items():
+        assert nearest_unit(factor, units, NEAR_UNIT) == name
+        assert nearest_unit(1.1 * factor, units, NEAR_UNIT) == name
+        assert not 1.0 / LEAST_FACTOR < factor < LEAST_FACTOR
+    assert nearest_unit(1.0, units, NEAR_UNIT) is None
+
+
+@given(st.floats(-1.0, 1.0), st.integers(5, 20), st.integers(0, 2**32))
+def test_the_steepness_is_that_of_most_specimens(slope, count, seed):
+    rates = np.linspace(0.0, 25.0, count)
+    logs = slope * rates
+    logs[np.random.default_rng(seed).integers(count)] += 50.0
+    assert steepness(rates, logs) == pytest.approx(slope, abs=1e-9)
+
+
+@pytest.mark.parametrize("mode", ["uniaxial", "planar", "equibiaxial"])
+@pytest.mark.parametrize("measure", ["nominal", "cauchy"])
+def test_the_modulus_of_a_neo_hookean_film_is_exact(mode, measure):
+    stretch = np.array([0.8, 1.0, 1.3, 2.0])
+    power = {"uniaxial": 2.0, "planar": 3.0, "equibiaxial": 5.0}[mode]
+    stress = 2.0 * 0.37 * (stretch - stretch**-power) * (stretch if measure == "cauchy" else 1.0)
+    film = pd.DataFrame({"stretch": stretch, "stress_MPa": stress})
+    film = film.assign(specimen_id="f", degradation_pct=5.0, mode=mode, stress_measure=measure)
+    assert film_moduli(film).loc["f", "c1"] == pytest.approx(0.37)
+
+
+@given(st.floats(0.3, 3.0))
+def test_the_bending_of_a_beam_depends_on_its_shape_alone(scale):
+    lengths = {
+        name: scale * getattr(Dimensions(), name)
+        for name in Dimensions.__dataclass_fields__
+        if name != "chambers"
+    }
+    assert bending_of_beam(Dimensions(**lengths)) == pytest.approx(bending_of_beam(Dimensions()))
+
+
+VALUES = st.one_of(
+    st.floats(-10.0, 1e3),
+    st.sampled_from([0.0, 1.0, -1.0, 1e-300, 1e300, -1e300, 0.25]),
+)
+POSITIVE = VALUES.map(lambda value: abs(value) + 1e-3)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.data())
+def test_whatever_numbers_a_study_holds_the_answer_is_a_list_of_doubts(data):
+    def column(values, count):
+        return data.draw(st.lists(values, min_size=count, max_size=count))
+
+    count = data.draw(st.integers(1, 5))
+    names = column(st.sampled_from(["a", "b", "c"]), count)
+    rate = {name: data.draw(st.floats(-5.0, 100.0)) for name in names}
+    rates = [rate[name] for name in names]
+    films = pd.DataFrame(
+        {
+            "specimen_id": names,
+            "degradation_pct": rates,
+            "mode": "uniaxial",
+            "stretch": column(POSITIVE, count),
+            "stress_MPa": column(VALUES, count),
+            "stress_measure": "nominal",
+        }
+    )
+    broken = pd.DataFrame({"specimen_id": [*rate], "degradation_pct": [*rate.values()]})
+    broken["elongation_pct"] = column(POSITIVE, len(broken))
+    bent = pd.DataFrame(
+        {
+            "specimen_id": names,
+            "degradation_pct": rates,
+            "pressure_kPa": column(VALUES, count),
+            "curvature_per_m": column(VALUES | st.just(np.nan), count),
+            "bend_angle_deg": column(VALUES | st.just(np.nan), count),
+            "humidity_pct": np.nan,
+            "cycle": 1,
+            "branch": column(st.sampled_from(["loading", "unloading"]), count),
+        }
+    )
+    study = Study("any", Path(), tensile=films, breaks=broken, actuator=bent)
+    for doubt in doubts(study, shipped("gelatin_actuator")[1]):
+        assert str(doubt)

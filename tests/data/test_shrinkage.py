@@ -1,0 +1,101 @@
+import numpy as np
+import pytest
+import sympy
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bayesdeg.data.shrinkage import (
+    Mixture,
+    component_masses,
+    density_by_mass_average,
+    film_volume,
+    linear_scale,
+    linear_scale_error,
+    mean_of_replicates,
+    volume_ratio,
+    volume_ratio_by_mass_average,
+    volume_ratio_to_mould,
+)
+
+SHARES = st.floats(0.3, 1.0)
+
+
+@given(poured=st.floats(0.1, 100.0), a=SHARES, b=SHARES)
+def test_volume_ratio_is_one_plus_beta_of_eq_11(poured: float, a: float, b: float) -> None:
+    cured, conditioned = poured * max(a, b), poured * min(a, b)
+    beta = (conditioned - cured) / 1.00 / film_volume(poured, cured)
+    np.testing.assert_allclose(volume_ratio(poured, cured, conditioned), 1 + beta, rtol=1e-12)
+
+
+def test_mass_averaged_ratio_is_eq_16_to_the_letter() -> None:
+    m0, m1, m2, big, gel, gly, r_gel, r_gly, r_w = sympy.symbols("m0 m1 m2 M Mg My rg ry rw")
+    bracket = gel * r_gel + gly * r_gly + (big * m1 / m0 - gel - gly) * r_w
+    alpha = 1 + (m2 - m1) / r_w * m0 / (big * m1**2) * bracket
+    values = {m0: 30, m1: 14.2, m2: 9.7, big: 11, gel: 2, gly: 1, r_gel: 1.35, r_gly: 1.26, r_w: 1}
+    np.testing.assert_allclose(
+        volume_ratio_by_mass_average(30.0, 14.2, 9.7), float(alpha.subs(values)), rtol=1e-13
+    )
+
+
+def test_components_add_up_to_the_film() -> None:
+    masses = np.array([30.0, 20.0, 10.0])
+    parts = component_masses(30.0, masses)
+    np.testing.assert_allclose(sum(parts), masses)
+    np.testing.assert_allclose(parts[0] / parts[1], 2.0)
+    np.testing.assert_allclose(parts[2][0] / parts[1][0], 8.0)
+
+
+def test_equal_densities_make_volume_follow_mass() -> None:
+    same = Mixture(gelatin_density=1.1, glycerol_density=1.1, water_density=1.1)
+    np.testing.assert_allclose(film_volume(30.0, 12.0, same), 12.0 / 1.1)
+    np.testing.assert_allclose(density_by_mass_average(30.0, 12.0, same), 1.1)
+    np.testing.assert_allclose(volume_ratio(30.0, 15.0, 12.0, same), 0.8)
+    np.testing.assert_allclose(volume_ratio_by_mass_average(30.0, 15.0, 12.0, same), 0.8)
+
+
+def test_masses_named_in_the_literature_give_its_volume_ratio() -> None:
+    # α = 0.62 needs m_1 of about 13.5 to 17.7 g and m_2 of 9.1 to 11.7 g at 10 to 30 % moisture
+    np.testing.assert_allclose(volume_ratio(30.0, [13.5, 17.7], [9.1, 11.7]), 0.62, atol=0.01)
+    to_mould = volume_ratio_to_mould(30.0, [9.1, 11.7])
+    assert np.all((to_mould > 0.24) & (to_mould < 0.36))
+
+
+def test_mass_average_is_a_little_too_dense() -> None:
+    exact, averaged = volume_ratio(30.0, 15.0, 10.0), volume_ratio_by_mass_average(30.0, 15.0, 10.0)
+    assert 0.005 < (exact - averaged) / exact < 0.02
+    assert density_by_mass_average(30.0, 15.0) > 15.0 / film_volume(30.0, 15.0)
+
+
+def test_range_of_gelatin_density_matters_little() -> None:
+    ratios = [
+        float(volume_ratio(30.0, 15.0, 10.0, Mixture(gelatin_density=density)))
+        for density in (1.27, 1.44)
+    ]
+    assert abs(ratios[0] - ratios[1]) < 0.02
+
+
+def test_impossible_masses_are_refused() -> None:
+    with pytest.raises(ValueError, match=r"gelatin and glycerol alone are 0\.273"):
+        volume_ratio(30.0, 15.0, 8.0)
+    with pytest.raises(ValueError, match="gelatin and glycerol alone"):
+        volume_ratio_by_mass_average(30.0, 15.0, 8.0)
+    with pytest.raises(ValueError, match="more than was poured"):
+        volume_ratio(30.0, 31.0, 10.0)
+
+
+def test_mean_of_replicates_and_of_one() -> None:
+    mean = mean_of_replicates([0.5, 0.6, 0.7, 0.8])
+    assert mean.value == pytest.approx(0.65)
+    assert mean.standard_error == pytest.approx(np.sqrt(5 / 300) / 2)
+    assert mean.count == 4
+    assert np.isnan(mean_of_replicates([0.6]).standard_error)
+    with pytest.raises(ValueError, match="no film"):
+        mean_of_replicates([])
+
+
+@given(alpha=st.floats(0.05, 1.5))
+def test_linear_scale_and_its_error(alpha: float) -> None:
+    np.testing.assert_allclose(linear_scale(alpha) ** 3, alpha)
+    step = 1e-5 * alpha
+    slope = (linear_scale(alpha + step) - linear_scale(alpha - step)) / (2 * step)
+    np.testing.assert_allclose(linear_scale_error(alpha, 0.07), 0.07 * slope, rtol=1e-6)
