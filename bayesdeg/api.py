@@ -22,9 +22,9 @@ from numpy.typing import ArrayLike, NDArray
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.causes.cause import Cause
 from bayesdeg.console import can_show_bars, shown
-from bayesdeg.criticism.gain import gain_table
-from bayesdeg.criticism.leaving_out import carried_out, one_by_one
-from bayesdeg.criticism.support import can_be_held_out
+from bayesdeg.criticism.decide.support import can_be_held_out
+from bayesdeg.criticism.holdout.gain import gain_table
+from bayesdeg.criticism.holdout.leaving_out import carried_out, one_by_one
 from bayesdeg.data.nearest import use_one_of
 from bayesdeg.data.settings import EFFORTS, Dimensions, Effort
 from bayesdeg.data.study import Study

@@ -57,9 +57,8 @@ from numpy.typing import NDArray
 
 import bayesdeg
 from bayesdeg.data.study import read_study
-from bayesdeg.inference.ensemble import EFFORTS
-from bayesdeg.inference.model import Model
-from bayesdeg.inference.replicate import replicate
+from bayesdeg.inference.model import Model, replicate
+from bayesdeg.inference.sampling import EFFORTS
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.calibrate import Fit, calibrate
 from bayesdeg.pipeline.progress import Silent

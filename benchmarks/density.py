@@ -32,8 +32,7 @@ from numpy.typing import NDArray
 
 from bayesdeg.data.study import read_study
 from bayesdeg.inference.laplace import approximate
-from bayesdeg.inference.least_squares import near_films
-from bayesdeg.inference.model import Model
+from bayesdeg.inference.model import Model, near_films
 from bayesdeg.pipeline.assemble import assemble
 
 Floats = NDArray[np.float64]

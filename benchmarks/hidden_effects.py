@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from bayesdeg.actuator.inputs import ForwardMap
-from bayesdeg.criticism.linear import (
+from bayesdeg.criticism.fit.linear import (
     Linear,
     effects,
     linearise,
@@ -43,9 +43,8 @@ from bayesdeg.criticism.linear import (
 from bayesdeg.data.study import read_study
 from bayesdeg.laboratory.truth import HiddenEffect, Truth
 from bayesdeg.pipeline.assemble import assemble
-from bayesdeg.pipeline.base import base_without_chain
-from bayesdeg.pipeline.judge import JUDGE_EFFORTS, judge
-from bayesdeg.pipeline.judgement import Judgement
+from bayesdeg.pipeline.calibrate import base_without_chain
+from bayesdeg.pipeline.judge import JUDGE_EFFORTS, Judgement, judge
 from bayesdeg.pipeline.progress import Silent
 
 Floats = NDArray[np.float64]

@@ -49,11 +49,10 @@ from inference_sampling import Sampled
 from numpy.typing import NDArray
 
 from bayesdeg.data.study import read_study
-from bayesdeg.inference.ensemble import EFFORTS
 from bayesdeg.inference.importance import about_mode
 from bayesdeg.inference.laplace import Evidence, approximate
-from bayesdeg.inference.least_squares import near_films
-from bayesdeg.inference.model import Model
+from bayesdeg.inference.model import Model, near_films
+from bayesdeg.inference.sampling import EFFORTS
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.calibrate import calibrate
 from bayesdeg.pipeline.progress import Silent

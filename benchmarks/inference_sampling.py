@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # the peers are among the tests
 
-from bayesdeg.inference.chain import Chain, Effort
-from bayesdeg.inference.ensemble import moves_of, sample
+from bayesdeg.inference.importance import FOR_WALKERS, Proposal
 from bayesdeg.inference.laplace import Evidence
 from bayesdeg.inference.model import Model
-from bayesdeg.inference.proposals import FOR_WALKERS, Proposal
+from bayesdeg.inference.sampling import Chain, Effort, moves_of, sample
 
 Floats = NDArray[np.float64]
 Moves = list[tuple[emcee.moves.Move, float]]

@@ -22,12 +22,10 @@ from threadpoolctl import threadpool_limits
 from bayesdeg.causes.catalogue import find
 from bayesdeg.criticism.subject import with_neutral
 from bayesdeg.data.study import read_study
-from bayesdeg.inference.chain import Chain, Effort
 from bayesdeg.inference.density import Density
-from bayesdeg.inference.ensemble import sample
+from bayesdeg.inference.importance import FOR_WALKERS, Proposal, Warp
 from bayesdeg.inference.laplace import approximate, evidence
-from bayesdeg.inference.proposals import FOR_WALKERS, Proposal
-from bayesdeg.inference.warp import Warp
+from bayesdeg.inference.sampling import Chain, Effort, sample
 from bayesdeg.pipeline.assemble import assemble
 
 Floats = NDArray[np.float64]

@@ -18,15 +18,14 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 import bayesdeg
-from bayesdeg.criticism.trials import Trial
+from bayesdeg.criticism.fit.trials import Trial
 from bayesdeg.data.study import read_study
 from bayesdeg.inference.density import guesses
 from bayesdeg.inference.importance import about_mode
 from bayesdeg.inference.laplace import approximate
-from bayesdeg.inference.least_squares import near_films
-from bayesdeg.inference.model import Model
+from bayesdeg.inference.model import Model, near_films
 from bayesdeg.pipeline.assemble import Assembly, assemble
-from bayesdeg.pipeline.base import base_without_chain
+from bayesdeg.pipeline.calibrate import base_without_chain
 from bayesdeg.pipeline.judge import JUDGE_EFFORTS, judge
 from bayesdeg.pipeline.progress import Silent
 

@@ -32,7 +32,7 @@ from dragon_skin.words import ASSUMPTIONS, SOURCE, TITLE, answers
 from numpy.typing import NDArray
 from rich.console import Console
 
-from bayesdeg.inference.ensemble import Effort as Sampling
+from bayesdeg.inference.sampling import Effort as Sampling
 
 Floats = NDArray[np.float64]
 

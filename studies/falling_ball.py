@@ -16,11 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.causes.cause import Cause, Stage
-from bayesdeg.criticism.custom import CustomModel
-from bayesdeg.criticism.custom_readings import places_of
-from bayesdeg.criticism.custom_summary import lines, summary
-from bayesdeg.criticism.custom_verdict import Judgement, judge, posterior_draws
-from bayesdeg.criticism.trials import try_causes
+from bayesdeg.criticism.custom import CustomModel, places_of
+from bayesdeg.criticism.custom_verdict import Judgement, judge, lines, posterior_draws, summary
+from bayesdeg.criticism.fit.trials import try_causes
 from bayesdeg.priors import HalfNormal, Normal, Parameter, TruncatedNormal, Uniform
 
 Floats = NDArray[np.float64]

@@ -15,14 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.causes.cause import Cause, Stage
-from bayesdeg.criticism.custom import CustomModel
-from bayesdeg.criticism.custom_readings import places_of
-from bayesdeg.criticism.custom_summary import lines, summary
+from bayesdeg.criticism.custom import CustomModel, places_of
 from bayesdeg.criticism.custom_verdict import (
     Judgement,
     interval_with_discrepancy,
     judge,
+    lines,
     posterior_draws,
+    summary,
 )
 from bayesdeg.priors import HalfNormal, Normal, Parameter, TruncatedNormal, Uniform
 

@@ -17,8 +17,7 @@ import pytest
 import xarray as xr
 
 import bayesdeg as bd
-from bayesdeg.criticism.custom_summary import summary
-from bayesdeg.criticism.custom_verdict import judge
+from bayesdeg.criticism.custom_verdict import judge, summary
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.pipeline.experiment import StudyExperiment
 from bayesdeg.pipeline.progress import Silent

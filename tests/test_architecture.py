@@ -160,7 +160,7 @@ def test_matplotlib_is_used_for_figures_alone():
 
 
 def test_emcee_is_used_in_one_place():
-    assert set(offences(imports_of("emcee"))) == {"inference/ensemble.py"}
+    assert set(offences(imports_of("emcee"))) == {"inference/sampling.py"}
 
 
 def test_files_are_read_and_written_in_few_places():
@@ -210,7 +210,7 @@ def test_randomness_comes_from_a_generator_that_was_passed():
         ]
 
     found = offences(find)
-    old = [word.split(".")[-1] for word in found.pop("inference/ensemble.py", [])]
+    old = [word.split(".")[-1] for word in found.pop("inference/sampling.py", [])]
     assert not found
     assert set(old) <= {"RandomState", "MT19937"}
     assert not offences(imports_of("random"))

@@ -18,7 +18,7 @@ Revealed by
 
 Refuted by
     The same misfit in fresh specimens, moisture of the actuators' own material, or specimens of one
-    rate that deviate together, as those of a batch do (`bayesdeg.criticism.shared_scatter`).
+    rate that deviate together, as those of a batch do (`bayesdeg.criticism.checks.shared_scatter`).
 
 Source
     Nagai, Kurita, Shintake (2021), doi:10.3389/frobt.2021.760485, who name it as the cause.

@@ -19,7 +19,7 @@ from rich.text import Text
 from bayesdeg.console import console
 from bayesdeg.errors import BayesdegError
 from bayesdeg.files import spreadsheet_safe, written
-from bayesdeg.pipeline.stored import Stored
+from bayesdeg.pipeline.forecast import Stored
 from bayesdeg.quantities import LARGEST_SEED
 
 Floats = NDArray[np.float64]

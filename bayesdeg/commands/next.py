@@ -12,7 +12,7 @@ from rich.text import Text
 from bayesdeg.commands.answers import AsJson, RunFolderPath, output
 from bayesdeg.commands.options import Quiet
 from bayesdeg.console import say
-from bayesdeg.criticism.experiments import LEAST
+from bayesdeg.criticism.experiments.ranking import LEAST
 from bayesdeg.errors import BayesdegError
 from bayesdeg.report.fields import Json, RunFaultError, each_of, number_of, text_of, texts_of
 from bayesdeg.report.folder import VERDICT, RunFolder

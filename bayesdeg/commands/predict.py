@@ -24,8 +24,8 @@ from bayesdeg.commands.answers import (
 from bayesdeg.commands.options import Quiet
 from bayesdeg.console import say, shown
 from bayesdeg.pipeline import forecast
+from bayesdeg.pipeline.forecast import Stored, read_stored
 from bayesdeg.pipeline.output import output_file
-from bayesdeg.pipeline.stored import Stored, read_stored
 from bayesdeg.report.wording import number, percent
 
 UNITS = (

@@ -1,4 +1,4 @@
-"""Any forward map with a catalogue of its own, as what can be judged.
+"""Where the readings of a custom forward map stand, and whether all shapes go together.
 
 Readings are y = f + a_s c + e: f the forward map's, e ~ N(0, σ²) independent errors, and,
 where specimens differ, a_s ~ N(0, 1) one deviation for each specimen s, which moves its readings by
@@ -16,13 +16,104 @@ from numpy.typing import ArrayLike, NDArray
 
 from bayesdeg.causes.catalogue import in_order
 from bayesdeg.causes.cause import Cause, Effect
-from bayesdeg.criticism.custom_readings import check_shapes, spread
 from bayesdeg.criticism.subject import Labels, Places
 from bayesdeg.inference.density import CustomDensity
 from bayesdeg.inference.parameters import Named, ParameterTable, with_causes
 from bayesdeg.priors import Parameter
 
 Floats = NDArray[np.float64]
+
+
+def places_of(
+    along: ArrayLike,
+    *,
+    kind: ArrayLike = "reading",
+    level: ArrayLike = 0.0,
+    specimen: ArrayLike | None = None,
+    history: ArrayLike = "once",
+    time: ArrayLike = np.nan,
+) -> Places:
+    """Return places of readings, by default of one kind and each of a specimen of its own.
+
+    Parameters
+    ----------
+    along : array, shape (n,)
+        What was varied, in its unit.
+    kind, level, specimen, history, time : array, optional
+        As in `bayesdeg.criticism.subject.Places`; each broadcasts to (n,).
+
+    Raises
+    ------
+    ValueError
+        If shapes do not go together.
+
+    Examples
+    --------
+    >>> places_of([0.5, 1.0], kind="time").specimen.tolist()
+    ['1', '2']
+    """
+    path = np.asarray(along, dtype=np.float64)
+    if path.ndim != 1:
+        raise ValueError(f"along must have one axis, that of the readings, not shape {path.shape}")
+    own = np.arange(1, len(path) + 1).astype(np.str_) if specimen is None else specimen
+
+    def labels(values: ArrayLike) -> Labels:
+        return np.broadcast_to(np.asarray(values, dtype=np.str_), path.shape)
+
+    def numbers(values: ArrayLike) -> Floats:
+        return np.broadcast_to(np.asarray(values, dtype=np.float64), path.shape)
+
+    return Places(
+        labels(kind), labels("readings"), path, numbers(level), labels(own), labels(history),
+        numbers(time),
+    )  # fmt: skip
+
+
+def spread(values: ArrayLike, shape: tuple[int, ...], source: str) -> Floats:
+    """Return values brought to the shape of vectors by readings.
+
+    Raises
+    ------
+    ValueError
+        If they do not broadcast; the message names the function that gave them.
+    """
+    found = np.asarray(values, dtype=np.float64)
+    try:
+        return np.broadcast_to(found, shape)
+    except ValueError:
+        raise ValueError(
+            f"{source} must return what broadcasts to {shape}, vectors by readings, "
+            f"not shape {found.shape}"
+        ) from None
+
+
+def check_shapes(
+    observed: Floats, places: Places, group: Labels, rows: NDArray[np.intp] | None
+) -> None:
+    """Refuse readings, places, groups and rows that do not go together.
+
+    Raises
+    ------
+    ValueError
+        Naming what has the wrong shape, or the specimen that is in several groups.
+    """
+    if np.ndim(observed) != 1 or not np.all(np.isfinite(observed)):
+        raise ValueError(f"observed must be finite, with one axis, not shape {np.shape(observed)}")
+    named = {f"places.{f.name}": getattr(places, f.name) for f in fields(Places)}
+    for name, values in {**named, "group": group, "rows": rows}.items():
+        if values is not None and np.shape(values) != np.shape(observed):
+            raise ValueError(
+                f"{name} must have the shape of the readings, {np.shape(observed)}, "
+                f"not {np.shape(values)}"
+            )
+    for specimen in np.unique(places.specimen):
+        owners = np.unique(group[places.specimen == specimen])
+        if len(owners) > 1:
+            raise ValueError(
+                f"specimen {str(specimen)!r} is in several groups, {owners.tolist()}: "
+                "readings of one specimen are held out together"
+            )
+
 
 _LOG_TWO_PI = float(np.log(2.0 * np.pi))
 
@@ -51,7 +142,7 @@ class CustomModel[Inputs, Conditions, Prediction]:
     observed : array, shape (n,)
         The readings.
     places : Places
-        Where they stand, see `bayesdeg.criticism.custom_readings.places_of`.
+        Where they stand, see `bayesdeg.criticism.custom.places_of`.
     group : array of str, shape (n,)
         What is held out together; empty where a reading never is.
     readings : callable
@@ -74,7 +165,7 @@ class CustomModel[Inputs, Conditions, Prediction]:
     A spring of unknown stiffness, read with an error of 1 mm, and a scale that may be shifted:
 
     >>> from bayesdeg.causes.cause import Stage
-    >>> from bayesdeg.criticism.custom_readings import places_of
+    >>> from bayesdeg.criticism.custom import places_of
     >>> from bayesdeg.priors import LogNormal, Normal
     >>> force = np.array([1.0, 2.0, 3.0])
     >>> spring = CustomModel(

@@ -9,20 +9,24 @@ doi:10.1088/0266-5611/30/11/114007).
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.causes.cause import Cause
-from bayesdeg.criticism.discrepancy import AMPLITUDES, MISFIT_LEVEL, largest_ratio
-from bayesdeg.criticism.held_out import HeldOut
-from bayesdeg.criticism.kernels import discrepancies
-from bayesdeg.criticism.search import Names, Search, SearchEffort, run_search
-from bayesdeg.criticism.step import Step
+from bayesdeg.criticism.checks.discrepancy import (
+    AMPLITUDES,
+    MISFIT_LEVEL,
+    discrepancies,
+    largest_ratio,
+)
+from bayesdeg.criticism.decide.support import Support, hold_out, supports
+from bayesdeg.criticism.decide.verdict import Decision, Outcome, decide, fraction_explained
+from bayesdeg.criticism.fit.search import Names, Search, SearchEffort, Step, run_search
+from bayesdeg.criticism.fit.trials import Trial, base_trial
+from bayesdeg.criticism.holdout.held_out import HeldOut
 from bayesdeg.criticism.subject import Subject
-from bayesdeg.criticism.support import Support, hold_out, supports
-from bayesdeg.criticism.trials import Trial, base_trial
-from bayesdeg.criticism.verdict import Decision, Outcome, decide
 from bayesdeg.inference.importance import about_mode
 from bayesdeg.inference.laplace import approximate
 
@@ -162,3 +166,91 @@ def interval_with_discrepancy(trial: Trial, name: str) -> tuple[float, float]:
     law = subject.table.parameters[row].law
     low, high = law.from_unconstrained(centre[row] + half * np.array([-1.0, 1.0]))
     return float(low), float(high)
+
+
+SEED = 0  # of the draws that are summarised
+
+
+def summary(judgement: Judgement) -> dict[str, Any]:
+    """Return outcome, misfit, every fitted set of causes, and what may be trusted.
+
+    Returns
+    -------
+    dict
+        With names and numbers alone. Log Bayes factors [nats] are against the model without a
+        cause; ``explained_fraction`` is None where there is no more misfit than chance gives;
+        ``trusted`` has mean, sd and 90 % interval of each base parameter, in its unit, or
+        None where no model that was tried may be believed.
+    """
+    search = judgement.search
+    base, final = judgement.base.misfit, judgement.final.misfit
+    parameters = search.base.subject.table.parameters
+    return {
+        "outcome": str(judgement.decision.outcome),
+        "causes": list(judgement.decision.causes),
+        "reasons": list(judgement.decision.reasons),
+        "favoured": sorted(judgement.chosen),
+        "threshold": judgement.base.threshold,
+        "misfit": {"statistic": base.statistic, "p_value": base.p_value},
+        "misfit_left": {"statistic": final.statistic, "p_value": final.p_value},
+        "explained_fraction": fraction_explained(judgement.base, judgement.final),
+        "held_out": {one.cause: [one.elpd_diff, one.elpd_diff_se] for one in judgement.supported},
+        "units": {p.name: p.unit for p in search.trials[judgement.chosen].subject.table.parameters}
+        | {c.qualified(p.name): p.unit for c in search.causes for p in c.parameters},
+        "fitted": [_fitted(judgement, names) for names in sorted(search.trials, key=sorted)],
+        "trusted": {p.name: _trusted(judgement, p.name) for p in parameters},
+    }
+
+
+def lines(found: dict[str, Any]) -> list[str]:
+    """Return a summary in words, a line for each statement."""
+    units = {name: f" {unit}".removesuffix(" –") for name, unit in found["units"].items()}
+    left = found["misfit_left"]
+    causes = " or " if found["outcome"] == "ambiguous" else " and "
+    said = f": {causes.join(found['causes'])}" if found["causes"] else ""
+    out = [f"outcome: {found['outcome']}{said}"]
+    out += [f"  not named: {reason}" for reason in found["reasons"]]
+    out.append(
+        f"misfit: {found['misfit']['statistic']:.1f} nats, p = {found['misfit']['p_value']:.3f}; "
+        f"left with {_name(found['favoured'])}: {left['statistic']:.1f}, p = {left['p_value']:.3f}"
+    )
+    for one in found["fitted"]:
+        sizes = (f"{n} = {m:.3g} ± {s:.2g}{units[n]}" for n, (m, s) in one["posterior"].items())
+        out.append(
+            f"  {_name(one['causes'])}: ln Bayes factor {one['log_bayes_factor']:+.1f}; "
+            + ", ".join(sizes)
+        )
+    for name, (gain, error) in found["held_out"].items():
+        out.append(f"held out, with {name}: log density {gain:+.1f} ± {error:.1f}")
+    for name, value in found["trusted"].items():
+        if value is None:
+            out.append(f"{name}: not to be trusted, no model that was tried is left without misfit")
+        else:
+            low, high = value["interval_90"]
+            out.append(f"{name}: {low:.3g} to {high:.3g}{units[name]} (90 %)")
+    return out
+
+
+def _fitted(judgement: Judgement, names: Names) -> dict[str, Any]:
+    trial, generator = judgement.search.trials[names], np.random.default_rng(SEED)
+    draws = {n: posterior_draws(trial, n, generator) for n in trial.subject.table.names}
+    return {
+        "causes": sorted(names),
+        "log_bayes_factor": judgement.search.factor(names),
+        "posterior": {n: [float(np.mean(d)), float(np.std(d))] for n, d in draws.items()},
+    }
+
+
+def _trusted(judgement: Judgement, name: str) -> dict[str, Any] | None:
+    draws = judgement.draws(name, np.random.default_rng(SEED))
+    if draws is None:
+        return None
+    return {
+        "mean": float(np.mean(draws)),
+        "sd": float(np.std(draws)),
+        "interval_90": np.quantile(draws, [0.05, 0.95]).tolist(),
+    }
+
+
+def _name(causes: list[str]) -> str:
+    return " + ".join(causes) or "no cause"

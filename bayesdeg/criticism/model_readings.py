@@ -10,13 +10,11 @@ from scipy.linalg import block_diag
 
 from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.subject import Places
-from bayesdeg.inference.curves import ActuatorCurves, TensileCurves
-from bayesdeg.inference.data import Statistic
+from bayesdeg.inference.data import ActuatorCurves, Statistic, TensileCurves
 from bayesdeg.inference.density import Factors
 from bayesdeg.inference.likelihood import Linearised, covariance
-from bayesdeg.inference.model import Model
+from bayesdeg.inference.model import Model, simulated_films
 from bayesdeg.inference.parameters import ParameterTable
-from bayesdeg.inference.replicate import simulated_films
 
 Floats = NDArray[np.float64]
 

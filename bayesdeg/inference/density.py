@@ -119,7 +119,7 @@ class CustomDensity:
     >>> from bayesdeg.inference.laplace import approximate, evidence
     >>> generator = np.random.default_rng(0)
     >>> laplace = approximate(posterior, generator)
-    >>> start = evidence(posterior, laplace, generator)  # for bayesdeg.inference.ensemble.sample
+    >>> start = evidence(posterior, laplace, generator)  # for bayesdeg.inference.sampling.sample
     >>> round(float(laplace.mode[0]), 3), start.effective > 1000.0
     (5.2, True)
     """

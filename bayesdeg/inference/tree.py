@@ -6,8 +6,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from bayesdeg.inference.model import Model
-from bayesdeg.inference.subset import blocks_of, specimens_of
+from bayesdeg.inference.model import Model, blocks_of, specimens_of
 
 Floats = NDArray[np.float64]
 Groups = dict[str, dict[str, NDArray[np.generic]]]

@@ -1,26 +1,93 @@
-"""One model becomes a posterior: mode, evidence, chain; resumed where it was done before."""
+"""How long sampling will still take, from how its effective draws grow."""
 
+import math
+import time
 from collections.abc import Iterator
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import NotRequired, Protocol, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from bayesdeg.criticism.convergence import Convergence, diagnose
-from bayesdeg.inference.chain import Chain, Effort, Standing
+from bayesdeg.actuator.inputs import ForwardMap, Inputs, Prediction
+from bayesdeg.criticism.fit.trials import Trial, base_trial
+from bayesdeg.criticism.model_readings import ModelReadings
+from bayesdeg.criticism.posterior.convergence import Convergence, diagnose
+from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.inference.density import Density
-from bayesdeg.inference.ensemble import sample
 from bayesdeg.inference.importance import about_mode
-from bayesdeg.inference.laplace import Evidence, Laplace, approximate
-from bayesdeg.inference.least_squares import near_films
-from bayesdeg.inference.model import Model
+from bayesdeg.inference.laplace import FEWEST_EFFECTIVE, Evidence, Laplace, approximate
+from bayesdeg.inference.model import Model, near_films
 from bayesdeg.inference.modes import find_modes
+from bayesdeg.inference.sampling import EFFORTS, Chain, Effort, Standing, sample
 from bayesdeg.pipeline.progress import Progress
-from bayesdeg.pipeline.time_left import Pace, steps_left, words
 from bayesdeg.report.checkpoints import Pieces, Stages
+
+
+def steps_left(standing: Standing, effort: Effort) -> float:
+    """Return how many steps are still to be done, at most to the effort's limit; nan if unknown.
+
+    A period begins anew with no kept steps, so what is wanted may have to wait for a later one.
+
+    Examples
+    --------
+    >>> effort = Effort(effective=400.0, r_hat=1.01, chunk=50, longest=1000)
+    >>> steps_left(Standing(100, kept=50, effective=250.0, r_hat=1.02, times=5.0), effort)
+    50.0
+    >>> steps_left(Standing(100, kept=50, effective=200.0, r_hat=1.03, times=5.0), effort)
+    250.0
+    """
+    wanted, done = standing.steps_wanted(effort), 0
+    if math.isnan(wanted):
+        return math.nan
+    if standing.enough(effort):
+        return 0.0
+    first, *periods = effort.periods(settled=standing.settled)
+    for looks in periods:
+        kept = 0
+        for look in looks:
+            kept += look
+            reached = sum(first) + done + kept
+            if kept >= wanted and reached > standing.steps:
+                return float(reached - standing.steps)
+        done += kept
+    return float(max(effort.longest - standing.steps, 0))
+
+
+@dataclass(frozen=True)
+class Pace:
+    """When sampling began, by which the seconds of a step are known.
+
+    Parameters
+    ----------
+    began : float
+        Of a clock [s].
+    """
+
+    began: float = field(default_factory=time.perf_counter)
+
+    def left(self, standing: Standing, effort: Effort) -> float:
+        """Return the seconds left; nan if they are not known yet."""
+        computed = standing.steps - standing.resumed
+        if computed == 0:
+            return math.nan
+        return (time.perf_counter() - self.began) / computed * steps_left(standing, effort)
+
+
+def words(seconds: float) -> str:
+    """Say a time in words; nothing if it is not known.
+
+    Examples
+    --------
+    >>> words(42.0), words(400.0), words(float("nan"))
+    ('about 42 s left', 'about 7 min left', '')
+    """
+    if math.isnan(seconds):
+        return ""
+    return f"about {seconds:.0f} s left" if seconds < 90.0 else f"about {seconds / 60:.0f} min left"
+
 
 Floats = NDArray[np.float64]
 
@@ -218,3 +285,93 @@ def _begun(
         "effective": np.array(found.effective),
         "shares": np.array(shares),
     }
+
+
+def base_of(fit: Fit) -> Trial:
+    """Return the base trial of a calibrated model.
+
+    Parameters
+    ----------
+    fit : Fit
+        Its draws are those of the importance sample, or of the chain where that sample is poor.
+    """
+    known = fit.evidence
+    return _trial(fit.model, fit.laplace, known if _enough(known) else _of_chain(known, fit.chain))
+
+
+def base_without_chain(model: Model, seed: np.random.SeedSequence) -> Trial:
+    """Fit a base model as far as its verdict needs: a chain is sampled only if it would be used.
+
+    Parameters
+    ----------
+    model : Model
+        With its readings.
+    seed : SeedSequence
+        Everything random comes from it.
+    """
+    approximation, chains = seed.spawn(2)
+    generator = np.random.default_rng(approximation)
+    laplace = approximate(model, generator, start=near_films(model, generator))
+    known = about_mode(model, laplace, generator)
+    if not _enough(known):
+        known = _of_chain(known, sample(model, known, effort=EFFORTS["quick"], seed=chains))
+    return _trial(model, laplace, known)
+
+
+def _trial(model: Model, laplace: Laplace, posterior: Evidence) -> Trial:
+    return base_trial(ModelReadings(model), laplace.mode, posterior)
+
+
+def _enough(posterior: Evidence) -> bool:
+    return posterior.effective >= FEWEST_EFFECTIVE
+
+
+def _of_chain(posterior: Evidence, chain: Chain) -> Evidence:
+    """Put the draws of a chain in the place of a poor importance sample's."""
+    flat = chain.vectors.reshape(-1, chain.vectors.shape[-1])
+    even = np.zeros(len(flat))
+    return replace(posterior, draws=flat, log_weights=even, effective=float(len(flat)))
+
+
+DRAWS = 400
+
+
+class Listener:
+    """A forward map that keeps what it is asked.
+
+    Parameters
+    ----------
+    forward : ForwardMap
+        Gives the answers.
+    """
+
+    def __init__(self, forward: ForwardMap) -> None:
+        self._forward = forward
+        self.heard: list[Inputs] = []
+
+    def __call__(self, inputs: Inputs) -> Prediction:
+        """Answer as the forward map does."""
+        self.heard.append(inputs)
+        return self._forward(inputs)
+
+
+def refused_inputs(fit: Fit) -> dict[str, str]:
+    """Return which inputs of new specimens the emulator refuses, in words by name.
+
+    For draws from the posterior, each with new deviations of the specimens in the same tests.
+
+    Parameters
+    ----------
+    fit : Fit
+        Of a model with actuator readings; another forward map than an emulator refuses nothing.
+    """
+    forward = fit.model.forward
+    if not isinstance(forward, Surrogate):
+        return {}
+    vectors = fit.chain.vectors.reshape(-1, fit.chain.vectors.shape[-1])
+    thinned = vectors[np.linspace(0, len(vectors) - 1, min(DRAWS, len(vectors))).astype(int)]
+    listener = Listener(forward)
+    model = replace(fit.model, forward=listener)
+    values = model.table.named(thinned)
+    model.curvature(values, model.draw_deviation(values, np.random.default_rng(0)))
+    return forward.refusals(listener.heard[0])

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from bayesdeg.criticism import leave_one_out as specimens
-from bayesdeg.criticism import prior_sensitivity as priors
-from bayesdeg.criticism.leave_one_out import LeaveOneOut
-from bayesdeg.criticism.prior_sensitivity import PriorSensitivity
-from bayesdeg.inference.subset import blocks_of
+from bayesdeg.criticism.holdout import leave_one_out as specimens
+from bayesdeg.criticism.holdout.leave_one_out import LeaveOneOut
+from bayesdeg.criticism.posterior import prior_sensitivity as priors
+from bayesdeg.criticism.posterior.prior_sensitivity import PriorSensitivity
+from bayesdeg.inference.model import blocks_of
 from bayesdeg.pipeline.calibrate import Fit
 from bayesdeg.pipeline.progress import Progress
 from bayesdeg.prediction import prior_predictive as alone

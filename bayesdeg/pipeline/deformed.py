@@ -17,11 +17,10 @@ from bayesdeg.actuator.linear import open_factorization
 from bayesdeg.actuator.material import Material
 from bayesdeg.actuator.mesh import build_mesh
 from bayesdeg.actuator.status import Resolution
-from bayesdeg.criticism.side_by_side import later
+from bayesdeg.criticism.fit.side_by_side import later
 from bayesdeg.errors import GeometryError
 from bayesdeg.pipeline.assemble import level_grid
-from bayesdeg.pipeline.calibrate import Fit
-from bayesdeg.pipeline.listening import Listener
+from bayesdeg.pipeline.calibrate import Fit, Listener
 from bayesdeg.prediction.predictive import at_conditions
 from bayesdeg.report.actuator_fields import NodalFields, nodal_fields
 from bayesdeg.report.actuator_files import clear_solved, vtu_name, write_surface, write_vtu

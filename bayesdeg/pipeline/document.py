@@ -1,14 +1,28 @@
 """The verdict as the document that others' tools read."""
 
+import numpy as np
+from numpy.typing import NDArray
+
 from bayesdeg.causes.catalogue import CATALOGUE
-from bayesdeg.criticism.candidates import Candidate
-from bayesdeg.criticism.concentration import Concentration
-from bayesdeg.criticism.conflict import Conflict
+from bayesdeg.criticism.checks.conflict import Conflict, Questioned, questioned
+from bayesdeg.criticism.checks.residuals import (
+    Concentration,
+    concentration,
+    where,
+    where_films,
+    with_concentration,
+)
+from bayesdeg.criticism.checks.rupture_misfit import RuptureMisfit
+from bayesdeg.criticism.decide.candidates import Candidate
+from bayesdeg.criticism.decide.verdict import Outcome
 from bayesdeg.criticism.model_readings import STRESS
-from bayesdeg.criticism.rupture_misfit import RuptureMisfit
-from bayesdeg.criticism.verdict import Outcome
+from bayesdeg.data.plausibility import Doubt, doubts
+from bayesdeg.data.study import Study
 from bayesdeg.pipeline.explanation import explain
-from bayesdeg.pipeline.judgement import Judgement, readings_misfit
+from bayesdeg.pipeline.judge import Judgement, readings_misfit
+from bayesdeg.pipeline.outline import outline
+from bayesdeg.pipeline.results import Results
+from bayesdeg.report.left_out import Guard, Stage
 
 Json = dict[str, object]
 
@@ -194,3 +208,137 @@ def candidate_document(candidate: Candidate, mechanism: str | None = None) -> Js
     else:
         entry["judged_by"] = "full fit" if candidate.fitted else "screening"
     return entry
+
+
+Floats = NDArray[np.float64]
+
+OF_VERDICT = (
+    Stage.RUPTURE_MISFIT,
+    Stage.CONFLICT,
+    Stage.LEVELS_OUT,
+    Stage.EXPERIMENTS,
+    Stage.CONFUSABILITY,
+    Stage.EXTENDED,
+    Stage.WHERE,
+)
+"""What a reader of the verdict misses, where no reason of the decision says it already."""
+
+
+def verdict_of(results: Results, residual: Floats | None, note: str, guard: Guard) -> Json:
+    """Return the content of ``verdict.json``.
+
+    Where judging failed, or its outcome cannot be put into words and numbers, it says so.
+
+    Parameters
+    ----------
+    results : Results
+        What was found.
+    residual : array, optional
+        Residuals of curvature under the base model [1/m]; None where they are not known.
+    note : str
+        What is wrong with modes of tension that were predicted only.
+    guard : Guard
+        Knows what was left out, and leaves out what fails.
+    """
+    found = None
+    if results.judgement is not None:
+        found = guard.attempt(
+            Stage.VERDICT, _verdict, results, results.judgement, residual, note, guard
+        )
+    if found is not None:
+        return found
+    unjudged, failed = results.assembly.unjudged, guard.why(Stage.VERDICT)
+    if failed:
+        tried = {cause.name: "the verdict was left out" for cause in results.assembly.candidates}
+        unjudged = tried | unjudged
+    return unjudged_document(unjudged, note, failed)
+
+
+def _verdict(
+    results: Results, judgement: Judgement, residual: Floats | None, note: str, guard: Guard
+) -> Json:
+    linear = judgement.search.base.linear
+    place = guard.attempt(Stage.WHERE, _place, results, judgement, residual) or ""
+    found = guard.attempt(
+        Stage.CONCENTRATION,
+        concentration,
+        linear,
+        judgement.steps[0].simulated,
+        judgement.misfit.statistic,
+    )
+    place = with_concentration(place, found) if place else ""
+    said = guard.attempt(Stage.EXPLANATION, explain, judgement, place)
+    missing = " ".join(guard.why(stage) for stage in OF_VERDICT)
+    return verdict_document(
+        judgement,
+        place,
+        judgement.experiments,
+        note=f"{note} {missing}".strip(),
+        concentrated=found,
+        explanation=said or f"The verdict is: {judgement.decision.outcome}.",
+    )
+
+
+def _place(results: Results, judgement: Judgement, residual: Floats | None) -> str:
+    """Say where the misfit sits; empty where the readings could not be predicted."""
+    if results.base.model.actuator is None:
+        return where_films(judgement.search.base.linear)
+    noise = readings_misfit(judgement)[1]
+    return "" if residual is None else where(results.base.model, residual, noise or 0.0)
+
+
+DRAWS = 4000  # of a posterior, for its medians
+
+
+def in_doubt(study: Study, results: Results) -> Json:
+    """Return what a reader of the verdict should know, as keys of ``verdict.json``.
+
+    Parameters
+    ----------
+    study : Study
+        What was run.
+    results : Results
+        Of which the final calibration is held against its priors.
+
+    Returns
+    -------
+    dict
+        ``suspects``: readings and specimens that are unlikely. ``parameters_in_question``: those
+        that are calibrated to what their priors all but exclude.
+    """
+    found = doubts(study, outline(study).expected)
+    return {
+        "suspects": [_suspect(doubt) for doubt in found],
+        "parameters_in_question": _off_priors(results),
+    }
+
+
+def _suspect(doubt: Doubt) -> Json:
+    fault = doubt.fault
+    return {
+        "file": fault.file,
+        "specimen": fault.specimen,
+        "column": fault.column,
+        "value": fault.value,
+        "why": str(doubt),
+    }
+
+
+def _off_priors(results: Results) -> list[Json]:
+    fit = results.final
+    vectors = fit.chain.vectors.reshape(-1, fit.chain.vectors.shape[-1])
+    step = max(1, len(vectors) // DRAWS)
+    return [_question(one) for one in questioned(fit.model, vectors[::step])]
+
+
+def _question(one: Questioned) -> Json:
+    low, high = one.expected
+    finite = {"prior_low": low, "prior_high": high}
+    return {
+        "parameter": one.parameter.name,
+        "meaning": one.parameter.meaning,
+        "unit": one.parameter.unit,
+        "median": one.value,
+        **{name: value if np.isfinite(value) else None for name, value in finite.items()},
+        "p_value": one.p_value,
+    }

@@ -16,8 +16,8 @@ from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.inputs import ForwardMap
 from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.causes.cause import Cause
-from bayesdeg.criticism.residuals import predict_readings
-from bayesdeg.criticism.trials import Trial
+from bayesdeg.criticism.checks.residuals import predict_readings
+from bayesdeg.criticism.fit.trials import Trial
 from bayesdeg.data.nearest import use_one_of
 from bayesdeg.data.plausibility import doubts, refuse_impossible
 from bayesdeg.data.settings import Effort
@@ -25,15 +25,14 @@ from bayesdeg.data.study import Study
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.emulator.trained import find as find_emulator
 from bayesdeg.errors import BayesdegError
-from bayesdeg.inference.ensemble import EFFORTS, to_datatree
 from bayesdeg.inference.model import Model
+from bayesdeg.inference.sampling import EFFORTS, to_datatree
 from bayesdeg.pipeline import forecast
 from bayesdeg.pipeline.assemble import Assembly, assemble
-from bayesdeg.pipeline.base import base_of
-from bayesdeg.pipeline.calibrate import Fit, calibrate
-from bayesdeg.pipeline.concluding import verdict_of
-from bayesdeg.pipeline.in_doubt import in_doubt
-from bayesdeg.pipeline.judgement import Judgement, with_sampled_sizes
+from bayesdeg.pipeline.calibrate import Fit, base_of, calibrate
+from bayesdeg.pipeline.document import in_doubt, verdict_of
+from bayesdeg.pipeline.forecast import model_document
+from bayesdeg.pipeline.judge import Judgement, with_sampled_sizes
 from bayesdeg.pipeline.outline import outline
 from bayesdeg.pipeline.output import run_folder
 from bayesdeg.pipeline.progress import Progress
@@ -47,7 +46,6 @@ from bayesdeg.pipeline.run import (
     judged_fit,
     with_options,
 )
-from bayesdeg.pipeline.stored import model_document
 from bayesdeg.report.checkpoints import NoCheckpoints
 from bayesdeg.report.left_out import Guard
 

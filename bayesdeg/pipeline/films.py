@@ -9,11 +9,9 @@ import pandas as pd
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from bayesdeg.criticism.convergence import Convergence, diagnose
-from bayesdeg.criticism.order import compare_orders
-from bayesdeg.criticism.order_comparison import OrderComparison
+from bayesdeg.criticism.posterior.convergence import Convergence, diagnose
+from bayesdeg.criticism.posterior.order import OrderComparison, compare_orders
 from bayesdeg.data.study import Study
-from bayesdeg.inference.chain import Chain, Effort
 from bayesdeg.inference.course import (
     CourseModel,
     course_model,
@@ -22,9 +20,9 @@ from bayesdeg.inference.course import (
     rate_errors,
     time_to_reach,
 )
-from bayesdeg.inference.ensemble import sample
 from bayesdeg.inference.laplace import approximate, evidence
 from bayesdeg.inference.model import Model
+from bayesdeg.inference.sampling import Chain, Effort, sample
 from bayesdeg.pipeline.progress import Progress
 from bayesdeg.report import columns
 from bayesdeg.report.left_out import Guard, Stage

@@ -16,7 +16,7 @@ from bayesdeg.data.study import Study
 from bayesdeg.errors import BayesdegError, Fault, StudyError
 from bayesdeg.inference import data as tables
 from bayesdeg.inference import parameters as known
-from bayesdeg.inference.curves import ActuatorCurves, Breaks, TensileCurves
+from bayesdeg.inference.data import ActuatorCurves, Breaks, TensileCurves
 from bayesdeg.inference.published import PublishedTests, published_tests
 from bayesdeg.material.degradation import Nodes, nodes_for
 from bayesdeg.priors import Law, Parameter, Uniform

@@ -18,21 +18,18 @@ from arviz_base import from_dict
 from numpy.typing import ArrayLike, NDArray
 
 from bayesdeg.causes.cause import Cause, Effect
-from bayesdeg.criticism.candidates import candidates
-from bayesdeg.criticism.convergence import Convergence
-from bayesdeg.criticism.custom import CustomModel
-from bayesdeg.criticism.custom_readings import places_of
-from bayesdeg.criticism.custom_summary import summary
-from bayesdeg.criticism.custom_verdict import EFFORT, Judgement, judge
+from bayesdeg.criticism.custom import CustomModel, places_of
+from bayesdeg.criticism.custom_verdict import EFFORT, Judgement, judge, summary
+from bayesdeg.criticism.decide.candidates import candidates
+from bayesdeg.criticism.fit.trials import Trial, base_trial
+from bayesdeg.criticism.posterior.convergence import Convergence
 from bayesdeg.criticism.subject import Places
-from bayesdeg.criticism.trials import Trial, base_trial
 from bayesdeg.data.nearest import use_one_of
 from bayesdeg.data.settings import Effort
 from bayesdeg.errors import BayesdegError
-from bayesdeg.inference.chain import Chain
-from bayesdeg.inference.ensemble import EFFORTS
 from bayesdeg.inference.laplace import Evidence, Laplace
 from bayesdeg.inference.parameters import Named
+from bayesdeg.inference.sampling import EFFORTS, Chain
 from bayesdeg.pipeline.calibrate import fitted
 from bayesdeg.pipeline.document import candidate_document
 from bayesdeg.pipeline.experiment import Judged, Written

@@ -6,7 +6,7 @@ from bayesdeg.pipeline.assemble import Assembly
 from bayesdeg.pipeline.calibrate import Fit
 from bayesdeg.pipeline.checks import Checks
 from bayesdeg.pipeline.films import CourseFit, Films
-from bayesdeg.pipeline.judgement import Judgement
+from bayesdeg.pipeline.judge import Judgement
 
 
 @dataclass(frozen=True)

@@ -21,17 +21,21 @@ from bayesdeg.data.settings import Effort
 from bayesdeg.data.study import Study
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.emulator.trained import default_surrogate, to_bytes
-from bayesdeg.inference.ensemble import EFFORTS
 from bayesdeg.inference.model import Model
+from bayesdeg.inference.sampling import EFFORTS
 from bayesdeg.pipeline.assemble import Assembly, assemble
-from bayesdeg.pipeline.base import base_of
-from bayesdeg.pipeline.calibrate import Fit, calibrate
+from bayesdeg.pipeline.calibrate import Fit, base_of, calibrate
 from bayesdeg.pipeline.checks import check
 from bayesdeg.pipeline.deformed import Begun, begin
+from bayesdeg.pipeline.document import in_doubt
 from bayesdeg.pipeline.films import examine
-from bayesdeg.pipeline.in_doubt import in_doubt
-from bayesdeg.pipeline.judge import JUDGE_EFFORTS, judge
-from bayesdeg.pipeline.judgement import Judgement, extended_model, with_sampled_sizes
+from bayesdeg.pipeline.judge import (
+    JUDGE_EFFORTS,
+    Judgement,
+    extended_model,
+    judge,
+    with_sampled_sizes,
+)
 from bayesdeg.pipeline.progress import Progress
 from bayesdeg.pipeline.record import run_document
 from bayesdeg.pipeline.results import Results

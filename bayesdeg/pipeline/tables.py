@@ -4,11 +4,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from bayesdeg.criticism.residuals import CurvatureFit
+from bayesdeg.criticism.checks.residuals import CurvatureFit
 from bayesdeg.data.moisture import degradation_of_films, moisture_content
 from bayesdeg.data.study import Study
-from bayesdeg.inference.curves import TensileCurves
-from bayesdeg.inference.data import statistics, tensile_curves
+from bayesdeg.inference.data import TensileCurves, statistics, tensile_curves
 from bayesdeg.inference.films import film_readings, stress_variance
 from bayesdeg.inference.model import Model
 from bayesdeg.material.degradation import young_modulus

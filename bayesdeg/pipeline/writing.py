@@ -1,5 +1,7 @@
-"""Fits and judgement become the files of the run folder."""
+"""The files of a run, each written on its own."""
 
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
@@ -7,35 +9,161 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from bayesdeg.actuator.geometry import Geometry
-from bayesdeg.criticism import loo_pit, statistics
-from bayesdeg.criticism.discrepancy import too_few
-from bayesdeg.criticism.gain import gain_table, mode_table
-from bayesdeg.criticism.loo_pit import LooPit
-from bayesdeg.criticism.model_readings import ModelReadings
-from bayesdeg.criticism.residuals import (
+from bayesdeg.criticism.checks import statistics
+from bayesdeg.criticism.checks.discrepancy import too_few
+from bayesdeg.criticism.checks.residuals import (
     CurvatureFit,
     level_table,
+    levels,
+    misfit_frame,
     predict_readings,
 )
-from bayesdeg.criticism.statistics_of_residuals import misfit_frame
-from bayesdeg.criticism.step import Step
+from bayesdeg.criticism.fit.search import Step
+from bayesdeg.criticism.holdout import gain
+from bayesdeg.criticism.holdout.gain import LooPit, gain_table, mode_table
+from bayesdeg.criticism.model_readings import ModelReadings
 from bayesdeg.data.study import Study
-from bayesdeg.inference.ensemble import EFFORTS
+from bayesdeg.inference.data import ActuatorCurves
+from bayesdeg.inference.sampling import EFFORTS, to_datatree
 from bayesdeg.pipeline import tables
 from bayesdeg.pipeline.assemble import level_grid
-from bayesdeg.pipeline.calibrate import Fit
-from bayesdeg.pipeline.concluding import verdict_of
-from bayesdeg.pipeline.decisions import decisions
+from bayesdeg.pipeline.calibrate import Fit, Sampled
 from bayesdeg.pipeline.deformed import Begun, write_deformed
-from bayesdeg.pipeline.files import Files
-from bayesdeg.pipeline.judgement import Judgement
+from bayesdeg.pipeline.document import verdict_of
+from bayesdeg.pipeline.judge import Judgement
 from bayesdeg.pipeline.results import Results
-from bayesdeg.prediction.predictive import curvature_bands, rupture_table
+from bayesdeg.prediction.control import INTERVAL, largest_allowed, needed_by
+from bayesdeg.prediction.predictive import (
+    Specimens,
+    curvature_bands,
+    draw_specimens,
+    respond,
+    rupture_table,
+)
 from bayesdeg.report import columns
-from bayesdeg.report.folder import POSTERIOR, POSTERIOR_BASE, POSTERIOR_COURSE, RunFolder
-from bayesdeg.report.left_out import Guard, Stage, table_stage
+from bayesdeg.report.folder import (
+    POSTERIOR,
+    POSTERIOR_BASE,
+    POSTERIOR_COURSE,
+    POSTERIORS,
+    RunFolder,
+)
+from bayesdeg.report.left_out import Guard, Stage, posterior_stage, table_stage
+
+
+@dataclass(frozen=True)
+class Files:
+    """Writes the files of a run, each on its own: one that fails is left out.
+
+    Those of an earlier run in the same folder that are not written again are removed, so that all
+    that is there belongs together.
+    """
+
+    folder: RunFolder
+    guard: Guard
+    written: set[str] = field(default_factory=set)
+
+    def table(self, name: str, compute: Callable[[], pd.DataFrame | None]) -> pd.DataFrame | None:
+        """Write what is computed as a table; None where it fails, or is nothing."""
+        return self.guard.attempt(table_stage(name), self._table, name, compute)
+
+    def _table(self, name: str, compute: Callable[[], pd.DataFrame | None]) -> pd.DataFrame | None:
+        frame = compute()
+        if frame is not None:
+            self.folder.write_table(name, frame)
+            self.written.add(name)
+        return frame
+
+    def posterior(
+        self, name: str, fit: Sampled, generator: np.random.Generator, *, kept: int
+    ) -> None:
+        """Write draws of a posterior."""
+        self.guard.attempt(posterior_stage(name), self._posterior, name, fit, generator, kept)
+
+    def _posterior(
+        self, name: str, fit: Sampled, generator: np.random.Generator, kept: int
+    ) -> None:
+        tree = to_datatree(fit.model, fit.chain.thinned(kept), generator)
+        self.folder.write_posterior(name, tree)
+        self.written.add(name)
+
+    def remove_others(self) -> None:
+        """Remove tables and posteriors of an earlier run that were not written again."""
+        for name in set(columns.TABLES) - self.written:
+            self.folder.remove(table_stage(name))
+        for name in set(POSTERIORS) - self.written:
+            self.folder.remove(posterior_stage(name))
+
 
 Floats = NDArray[np.float64]
+
+RISK = 0.05
+SHARE = 0.5  # of the largest curvature measured at a level: what is wanted there
+DRAWS = 300
+
+
+def decisions(fits: Mapping[str, Fit], generator: np.random.Generator) -> pd.DataFrame:
+    """Return the pressure for half of the largest curvature measured at each level, by model.
+
+    Parameters
+    ----------
+    fits : mapping
+        Calibrations by the models' names, with actuators.
+    generator : Generator
+        Draws the specimens.
+
+    Returns
+    -------
+    DataFrame
+        The columns of ``decisions.csv``: wanted curvature, the pressure that a new specimen needs
+        with its 90 % interval, and the probability of rupture there.
+    """
+    data = next(iter(fits.values())).model.actuator
+    assert data is not None
+    rows = []
+    for name, fit in fits.items():
+        specimens = draw_specimens(fit.model, fit.chain, generator, draws=DRAWS)
+        first = fit.model.largest_pressure
+        for level, wanted in _wanted(data):
+            allowed = largest_allowed(specimens, level, RISK, first=first)
+            each = needed_by(specimens, level, wanted, first=first)
+            needed = np.quantile(each, INTERVAL, method="inverted_cdf")
+            rows.append(
+                {
+                    "model": name,
+                    "degradation_pct": level,
+                    "wanted_per_m": wanted,
+                    "needed_q05_kPa": needed[0],
+                    "needed_q50_kPa": needed[1],
+                    "needed_q95_kPa": needed[2],
+                    "allowed_kPa": allowed.pressure,
+                    "probability": _probability(specimens, level, float(needed[1])),
+                }
+            )
+    return pd.DataFrame(rows).replace([np.inf, -np.inf], np.nan)
+
+
+def _probability(specimens: Specimens, degradation: float, pressure: float) -> float:
+    """Return the probability of rupture; nan where there is no pressure, or no limit is known."""
+    if not (np.isfinite(pressure) and specimens.model.has_elongation):
+        return float("nan")
+    return float(respond(specimens, degradation, np.array([pressure])).burst.mean())
+
+
+def _wanted(data: ActuatorCurves) -> list[tuple[float, float]]:
+    """Return each level of degradation [%] and half of its largest curvature [1/m].
+
+    Levels at which nothing bent are left out.
+    """
+    centres, member = levels(data.degradation[:, 0])
+    largest = np.where(data.mask, data.curvature, 0.0).max(axis=1)
+    found = [
+        (float(round(centre, 2)), float(f"{SHARE * largest[member == k].max():.3g}"))
+        for k, centre in enumerate(centres)
+    ]
+    return [(level, wanted) for level, wanted in found if wanted > 0.0]
+
+
 Json = dict[str, object]
 
 
@@ -140,12 +268,12 @@ def _loo_pit(judgement: Judgement, names: tuple[str, ...], guard: Guard) -> pd.D
     known: dict[str, LooPit] = {}
     for name, one in zip(names, (held_out[0], held_out[-1]), strict=False):
         rows = np.all(np.isfinite(one.draws), axis=0)
-        found = loo_pit.loo_pit(one.draws[:, rows], observed[rows])
+        found = gain.loo_pit(one.draws[:, rows], observed[rows])
         if found.is_available:
             known[name] = found
         else:
             guard.note(table_stage(columns.LOO_PIT), found.sentence)
-    return loo_pit.frame(known) if known else None
+    return gain.frame(known) if known else None
 
 
 def _write_films(

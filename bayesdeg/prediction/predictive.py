@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from bayesdeg.actuator.inputs import Prediction
-from bayesdeg.inference.curves import ActuatorCurves
-from bayesdeg.inference.ensemble import Chain
+from bayesdeg.inference.data import ActuatorCurves
 from bayesdeg.inference.model import Model
 from bayesdeg.inference.parameters import Named
+from bayesdeg.inference.sampling import Chain
 from bayesdeg.material.strength import rupture_probability
 
 Floats = NDArray[np.float64]

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from bayesdeg.criticism.residuals import levels
+from bayesdeg.criticism.checks.residuals import levels
 from bayesdeg.inference.films import film_readings, stress_variance
 from bayesdeg.inference.model import Model
 from bayesdeg.inference.parameters import Named

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.files import refuse_special, write_bytes
-from bayesdeg.inference.chain_store import Piece, digest
+from bayesdeg.inference.sampling import Piece, digest
 
 ENDING = ".h5"
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.files import refuse_special
-from bayesdeg.inference.chain_store import ChainStore, NoStore
+from bayesdeg.inference.sampling import ChainStore, NoStore
 from bayesdeg.report.chain_pieces import ENDING, ChainPieces, save_arrays
 
 

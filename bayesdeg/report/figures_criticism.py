@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from bayesdeg.criticism.residuals import levels as levels_of
+from bayesdeg.criticism.checks.residuals import levels as levels_of
 from bayesdeg.quantities import axis_label
 from bayesdeg.report.figures import (
     BASE_COLOUR,

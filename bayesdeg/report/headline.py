@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from bayesdeg.criticism.discrepancy import MISFIT_LEVEL
+from bayesdeg.criticism.checks.discrepancy import MISFIT_LEVEL
 from bayesdeg.report.left_out import Stage
 from bayesdeg.report.record import InQuestion, Outcome, Verdict
 from bayesdeg.report.summaries import BASE, Row, extended_model, pooled, rows_of

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
-from bayesdeg.criticism.discrepancy import MISFIT_LEVEL
+from bayesdeg.criticism.checks.discrepancy import MISFIT_LEVEL
 from bayesdeg.report.emulator import Emulator, emulator_of
 from bayesdeg.report.fields import (
     Json,

@@ -6,9 +6,8 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdeg.inference import ensemble
-from bayesdeg.inference.laplace import Evidence, Laplace, evidence
-from bayesdeg.inference.mode import derivatives, positive_inverse
+from bayesdeg.inference import sampling
+from bayesdeg.inference.laplace import Evidence, Laplace, derivatives, evidence, positive_inverse
 from bayesdeg.inference.model import Model
 from dragon_skin import scene
 from dragon_skin.causes import GEOMETRICAL, MECHANICAL
@@ -221,7 +220,7 @@ def linearisation_error(of: Fit, generator: np.random.Generator, *, kept: int = 
 
 
 def sample(
-    of: Fit, effort: ensemble.Effort, seed: np.random.SeedSequence
+    of: Fit, effort: sampling.Effort, seed: np.random.SeedSequence
 ) -> tuple[dict[str, Floats], dict[str, float]]:
     """Sample a posterior with emcee.
 
@@ -232,7 +231,7 @@ def sample(
     quality : dict of float
         Largest R̂ and smallest effective sample size, both over all parameters, and steps.
     """
-    chain = ensemble.sample(cast(Model, of.posterior), of.evidence, effort=effort, seed=seed)
+    chain = sampling.sample(cast(Model, of.posterior), of.evidence, effort=effort, seed=seed)
     quality = {
         "r_hat": float(chain.r_hat().max()),
         "effective": float(chain.effective().min()),

@@ -12,9 +12,9 @@ import xarray as xr
 from bayesdeg.causes.catalogue import find
 from bayesdeg.cli import exit_code
 from bayesdeg.emulator.trained import default_surrogate, write_trained
-from bayesdeg.inference.ensemble import Chain, to_datatree
+from bayesdeg.inference.sampling import Chain, to_datatree
 from bayesdeg.pipeline.assemble import assemble
-from bayesdeg.pipeline.stored import model_document, read_stored
+from bayesdeg.pipeline.forecast import model_document, read_stored
 from bayesdeg.prediction.predictive import curvature_bands, rupture_table
 from bayesdeg.report.folder import RunFolder
 from tests.inference.small_study import TRUTH, values_of

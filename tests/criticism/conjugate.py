@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import multivariate_normal, norm
 
-from bayesdeg.inference.ensemble import Chain
 from bayesdeg.inference.parameters import ParameterTable
+from bayesdeg.inference.sampling import Chain
 from bayesdeg.priors import Normal, Parameter
 
 BETWEEN, WITHIN = 0.4, 0.2

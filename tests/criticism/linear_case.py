@@ -6,11 +6,10 @@ from functools import cache
 import numpy as np
 
 from bayesdeg.causes.cause import Cause, Stage
-from bayesdeg.criticism.linear import Linear
+from bayesdeg.criticism.fit.linear import Linear, Whitening
 from bayesdeg.criticism.model_readings import ModelReadings
-from bayesdeg.criticism.whitening import Whitening
-from bayesdeg.inference.ensemble import Chain
 from bayesdeg.inference.parameters import with_priors
+from bayesdeg.inference.sampling import Chain
 from bayesdeg.priors import LogNormal, Normal, Parameter
 from tests.inference.small_study import TRUTH, small_model, values_of
 

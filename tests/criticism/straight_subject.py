@@ -11,10 +11,9 @@ import numpy as np
 from scipy.stats import multivariate_normal
 
 from bayesdeg.causes.cause import Cause, Stage
-from bayesdeg.criticism.custom import CustomModel
-from bayesdeg.criticism.custom_readings import places_of
-from bayesdeg.criticism.linear import linearise
-from bayesdeg.criticism.trials import base_trial
+from bayesdeg.criticism.custom import CustomModel, places_of
+from bayesdeg.criticism.fit.linear import linearise
+from bayesdeg.criticism.fit.trials import base_trial
 from bayesdeg.inference.importance import about_mode
 from bayesdeg.inference.laplace import approximate
 from bayesdeg.priors import Normal, Parameter

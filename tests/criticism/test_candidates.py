@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
-from bayesdeg.criticism.candidates import (
+from bayesdeg.criticism.decide.candidates import (
     LEAST,
     candidates,
     effect_size,
     effect_sizes,
     probabilities,
 )
-from bayesdeg.criticism.held_out import HeldOut
-from bayesdeg.criticism.search import Search, SearchEffort, run_search
-from bayesdeg.criticism.support import supports
+from bayesdeg.criticism.decide.support import supports
+from bayesdeg.criticism.fit.search import Search, SearchEffort, run_search
+from bayesdeg.criticism.holdout.held_out import HeldOut
 from tests.criticism import straight_subject as straight
 from tests.criticism.straight_subject import linear_cause
 

@@ -7,7 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bayesdeg.criticism.concentration import (
+from bayesdeg.criticism.checks.discrepancy import discrepancies, largest_ratio
+from bayesdeg.criticism.checks.residuals import (
     MORE,
     MOST,
     RARE,
@@ -15,11 +16,8 @@ from bayesdeg.criticism.concentration import (
     concentration,
     with_concentration,
 )
-from bayesdeg.criticism.discrepancy import largest_ratio
-from bayesdeg.criticism.kernels import discrepancies
-from bayesdeg.criticism.linear import Linear
+from bayesdeg.criticism.fit.linear import Linear, Whitening
 from bayesdeg.criticism.subject import Places
-from bayesdeg.criticism.whitening import Whitening
 
 LEVELS = np.repeat([0.0, 8.0, 16.0, 24.0], 3)
 UP = np.array([40.0, 80.0, 120.0, 160.0, 160.0])  # held at the top

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from bayesdeg.criticism.conflict import conflict, questioned, surprise
-from bayesdeg.criticism.discrepancy import MISFIT_LEVEL
+from bayesdeg.criticism.checks.conflict import conflict, questioned, surprise
+from bayesdeg.criticism.checks.discrepancy import MISFIT_LEVEL
 from bayesdeg.inference.data import Statistic
 from bayesdeg.inference.parameters import with_priors
 from bayesdeg.priors import HalfNormal, LogNormal, Normal, TruncatedNormal, Uniform

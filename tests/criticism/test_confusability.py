@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bayesdeg.criticism.confusability import CLEAR, VISIBLE, Confusability, confusability
+from bayesdeg.criticism.decide.candidates import CLEAR, VISIBLE, Confusability, confusability
 from tests.criticism import straight_subject as straight
 from tests.criticism.linear_case import known_linear, scaling_cause
 from tests.criticism.straight_subject import SHAPES, linear_cause

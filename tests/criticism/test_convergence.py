@@ -3,8 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bayesdeg.criticism.convergence import diagnose
-from bayesdeg.inference.chain import EFFORTS, Chain, Effort
+from bayesdeg.criticism.posterior.convergence import diagnose
+from bayesdeg.inference.sampling import EFFORTS, Chain, Effort
 from tests.inference.small_study import small_model
 
 EFFORT = Effort(effective=200.0, r_hat=1.05, chunk=100, longest=1000)

@@ -8,14 +8,12 @@ from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
 from bayesdeg.causes.cause import Cause, Stage
-from bayesdeg.criticism.custom import CustomModel
-from bayesdeg.criticism.custom_readings import places_of
+from bayesdeg.criticism.checks.discrepancy import AMPLITUDES, discrepancies, largest_ratio
+from bayesdeg.criticism.custom import CustomModel, places_of
 from bayesdeg.criticism.custom_verdict import first_trial, interval_with_discrepancy, judge
-from bayesdeg.criticism.discrepancy import AMPLITUDES, largest_ratio
-from bayesdeg.criticism.kernels import discrepancies
-from bayesdeg.criticism.leaving_out import predict_one_by_one
-from bayesdeg.criticism.screening import screen
-from bayesdeg.criticism.trials import try_causes
+from bayesdeg.criticism.fit.screening import screen
+from bayesdeg.criticism.fit.trials import try_causes
+from bayesdeg.criticism.holdout.leaving_out import predict_one_by_one
 from bayesdeg.priors import Normal, Parameter
 
 ALONG = np.linspace(0.5, 4.0, 12)

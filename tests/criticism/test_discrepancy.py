@@ -7,27 +7,25 @@ import numpy as np
 import pytest
 from scipy.stats import kstest, multivariate_normal
 
-from bayesdeg.criticism.discrepancy import (
+from bayesdeg.criticism.checks.discrepancy import (
+    ALIKE,
     AMPLITUDES,
+    DRIFT,
+    EACH,
+    EVERYWHERE,
     FEWEST,
+    LONG,
     MISFIT_LEVEL,
+    SHORT,
     Misfit,
+    discrepancies,
     explained,
     explained_on_one_scale,
     largest_ratio,
     measure,
     resolved,
 )
-from bayesdeg.criticism.kernels import (
-    ALIKE,
-    DRIFT,
-    EACH,
-    EVERYWHERE,
-    LONG,
-    SHORT,
-    discrepancies,
-)
-from bayesdeg.criticism.linear import linearise
+from bayesdeg.criticism.fit.linear import linearise
 from bayesdeg.criticism.model_readings import ANGLE, CURVATURE, ModelReadings
 from tests.criticism import straight_subject as straight
 from tests.criticism.linear_case import known_linear, with_readings

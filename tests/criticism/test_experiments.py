@@ -6,21 +6,32 @@ from scipy.optimize import minimize_scalar
 from scipy.stats import multivariate_normal
 
 from bayesdeg.causes.catalogue import CATALOGUE, find
-from bayesdeg.criticism.experiments import (
+from bayesdeg.criticism.experiments.designs import (
+    MOUNTS,
+    WALL,
+    PartMeasurements,
+    candidate_experiments,
+)
+from bayesdeg.criticism.experiments.ranking import (
     LEAST,
+    NO_CAUSE,
+    ActuatorTests,
     Experiment,
+    FilmTests,
+    Foretold,
+    Hypothesis,
+    Law,
     compare,
+    foretell,
+    hypotheses_of,
     next_experiments_document,
     rank,
     rank_hypotheses,
+    separation,
+    with_noise,
 )
-from bayesdeg.criticism.experiments_candidates import MOUNTS, candidate_experiments
-from bayesdeg.criticism.experiments_hypotheses import NO_CAUSE, Hypothesis, hypotheses_of
-from bayesdeg.criticism.experiments_law import Foretold, Law, foretell, separation
-from bayesdeg.criticism.experiments_measurement import ActuatorTests, FilmTests, with_noise
-from bayesdeg.criticism.experiments_part import WALL, PartMeasurements
+from bayesdeg.criticism.fit.trials import Trial
 from bayesdeg.criticism.model_readings import ModelReadings
-from bayesdeg.criticism.trials import Trial
 from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.inference.laplace import Evidence
 from tests.inference.small_study import TRUTH, small_model, values_of

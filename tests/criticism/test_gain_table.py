@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import norm
 
-from bayesdeg.criticism.gain import crps, gain_table, mode_table
-from bayesdeg.criticism.held_out import HeldOut, difference
+from bayesdeg.criticism.holdout.gain import crps, gain_table, mode_table
+from bayesdeg.criticism.holdout.held_out import HeldOut, difference
 from bayesdeg.criticism.model_readings import CURVATURE, ModelReadings
 from tests.criticism.linear_case import tight_model
 from tests.inference.small_study import small_model, values_of

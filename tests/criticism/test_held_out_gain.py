@@ -9,8 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from bayesdeg.criticism import leaving_out
-from bayesdeg.criticism.held_out import (
+from bayesdeg.criticism.fit.trials import base_trial, try_causes
+from bayesdeg.criticism.holdout import leaving_out
+from bayesdeg.criticism.holdout.held_out import (
     DRAWS,
     HeldOut,
     by_level,
@@ -19,9 +20,8 @@ from bayesdeg.criticism.held_out import (
     joined,
     standard_error,
 )
-from bayesdeg.criticism.leaving_out import carried_out, predict_folds, predict_one_by_one
+from bayesdeg.criticism.holdout.leaving_out import carried_out, predict_folds, predict_one_by_one
 from bayesdeg.criticism.model_readings import ModelReadings
-from bayesdeg.criticism.trials import base_trial, try_causes
 from bayesdeg.inference.importance import about_mode
 from bayesdeg.inference.laplace import approximate
 from bayesdeg.inference.parameters import with_priors

@@ -7,15 +7,19 @@ from arviz_stats import loo
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal, norm
 
-from bayesdeg.criticism.leave_one_out import largest_k, leave_one_out, smoothed
-from bayesdeg.criticism.refit import bridge, predict_left_out
-from bayesdeg.criticism.specimen_density import specimen_density
-from bayesdeg.inference.curves import Breaks
-from bayesdeg.inference.ensemble import EFFORTS, Chain, sample
+from bayesdeg.criticism.holdout.held_out import specimen_density
+from bayesdeg.criticism.holdout.leave_one_out import (
+    bridge,
+    largest_k,
+    leave_one_out,
+    predict_left_out,
+    smoothed,
+)
+from bayesdeg.inference.data import Breaks
 from bayesdeg.inference.laplace import approximate, evidence
-from bayesdeg.inference.model import Model
+from bayesdeg.inference.model import Model, without
 from bayesdeg.inference.parameters import STIFFNESS_SCATTER, elongation_parameters
-from bayesdeg.inference.subset import without
+from bayesdeg.inference.sampling import EFFORTS, Chain, sample
 from bayesdeg.priors import HalfNormal, Parameter
 from tests.criticism.conjugate import Readings, exact_leave_one_out, study
 from tests.criticism.linear_case import constant_chain

@@ -10,7 +10,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.stats import multivariate_normal
 
 from bayesdeg.causes.catalogue import find
-from bayesdeg.criticism.linear import (
+from bayesdeg.criticism.fit.linear import (
     Linear,
     effects,
     linearise,
@@ -21,8 +21,8 @@ from bayesdeg.criticism.linear import (
     rest_law,
     sensitivities,
 )
+from bayesdeg.criticism.fit.screening import screen
 from bayesdeg.criticism.model_readings import CURVATURE, ModelReadings
-from bayesdeg.criticism.screening import screen
 from bayesdeg.criticism.subject import with_neutral
 from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.inference.laplace import approximate, evidence

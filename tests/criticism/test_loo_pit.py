@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import kstest, norm
 
-from bayesdeg.criticism.loo_pit import frame, loo_pit
+from bayesdeg.criticism.holdout.gain import frame, loo_pit
 
 SPECIMENS, READINGS = 18, 12
 DRAWS = 300

@@ -6,21 +6,23 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bayesdeg.criticism.order import compare_orders, films_alone, leave_films_out
-from bayesdeg.criticism.order_comparison import OrderComparison, OrderFit
-from bayesdeg.inference.curves import TensileCurves
-from bayesdeg.inference.data import Statistic
-from bayesdeg.inference.importance import improved, log_density
+from bayesdeg.criticism.posterior.order import (
+    OrderComparison,
+    OrderFit,
+    compare_orders,
+    films_alone,
+    leave_films_out,
+)
+from bayesdeg.inference.data import Statistic, TensileCurves
+from bayesdeg.inference.importance import Proposal, improved, log_density
 from bayesdeg.inference.laplace import Laplace, approximate, evidence
-from bayesdeg.inference.model import Model
+from bayesdeg.inference.model import Model, without
 from bayesdeg.inference.parameters import (
     STIFFNESS_SCATTER,
     TENSILE,
     ParameterTable,
     material_parameters,
 )
-from bayesdeg.inference.proposals import Proposal
-from bayesdeg.inference.subset import without
 from bayesdeg.material.degradation import NODES
 from bayesdeg.material.hyperelastic import yeoh_basis
 from bayesdeg.priors import Normal, Parameter

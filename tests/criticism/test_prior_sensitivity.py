@@ -4,20 +4,21 @@ from arviz_base import from_dict
 from arviz_stats import psense
 from scipy.stats import norm
 
-from bayesdeg.criticism import prior_sensitivity as module
-from bayesdeg.criticism.conclusions import conclusions
-from bayesdeg.criticism.power_scaling import Scaling, power_scaling
-from bayesdeg.criticism.prior_sensitivity import (
+from bayesdeg.criticism.posterior import prior_sensitivity as module
+from bayesdeg.criticism.posterior.prior_sensitivity import (
     NOTICEABLE,
     Diagnosis,
+    Scaling,
     Sensitivity,
+    conclusions,
     log_priors,
+    power_scaling,
     prior_sensitivity,
     sentence,
 )
 from bayesdeg.data.study import read_study
-from bayesdeg.inference.ensemble import Chain
 from bayesdeg.inference.parameters import ParameterTable
+from bayesdeg.inference.sampling import Chain
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.priors import Normal, Parameter
 from tests.criticism.linear_case import scaling_cause

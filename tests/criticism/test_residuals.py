@@ -6,9 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import linregress
 
-from bayesdeg.criticism.linear import linearise
-from bayesdeg.criticism.model_readings import CURVATURE, ModelReadings
-from bayesdeg.criticism.residuals import (
+from bayesdeg.criticism.checks.residuals import (
     CurvatureFit,
     level_table,
     levels,
@@ -17,6 +15,8 @@ from bayesdeg.criticism.residuals import (
     where,
     where_films,
 )
+from bayesdeg.criticism.fit.linear import linearise
+from bayesdeg.criticism.model_readings import CURVATURE, ModelReadings
 from tests.criticism.linear_case import constant_chain, known_linear, tight_model
 from tests.inference.small_study import TRUTH, small_model, values_of
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.stats import kstest, norm
 
-from bayesdeg.criticism import rupture_misfit as module
-from bayesdeg.criticism.rupture_misfit import rupture_misfit
-from bayesdeg.inference.replicate import replicate
+from bayesdeg.criticism.checks import rupture_misfit as module
+from bayesdeg.criticism.checks.rupture_misfit import rupture_misfit
+from bayesdeg.inference.model import replicate
 from tests.criticism.linear_case import tight_model
 from tests.inference.small_study import TRUTH, values_of
 

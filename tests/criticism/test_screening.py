@@ -9,8 +9,8 @@ from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
 from bayesdeg.causes.catalogue import find
-from bayesdeg.criticism.linear import effects, neutral_sizes
-from bayesdeg.criticism.screening import screen, screen_pairs
+from bayesdeg.criticism.fit.linear import effects, neutral_sizes
+from bayesdeg.criticism.fit.screening import screen, screen_pairs
 from bayesdeg.criticism.subject import columns_of, with_neutral
 from bayesdeg.priors import Normal, TruncatedNormal
 from tests.criticism import straight_subject as straight

@@ -7,9 +7,9 @@ from multiprocessing import get_context
 import numpy as np
 import pytest
 
-from bayesdeg.criticism import search as searching
-from bayesdeg.criticism.linear import effects, linearise, log_bayes_factor, sensitivities
-from bayesdeg.criticism.search import (
+from bayesdeg.criticism.fit import search as searching
+from bayesdeg.criticism.fit.linear import effects, linearise, log_bayes_factor, sensitivities
+from bayesdeg.criticism.fit.search import (
     FALSE_NAME_RATE,
     LEAST_FACTOR,
     Search,

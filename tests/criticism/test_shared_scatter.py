@@ -7,10 +7,10 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from bayesdeg.causes.catalogue import find
+from bayesdeg.criticism.checks.shared_scatter import SHARES, SharedScatter, shared_scatter
+from bayesdeg.criticism.fit.trials import Trial
 from bayesdeg.criticism.model_readings import ModelReadings
-from bayesdeg.criticism.shared_scatter import SHARES, SharedScatter, shared_scatter
 from bayesdeg.criticism.subject import columns_of, with_neutral
-from bayesdeg.criticism.trials import Trial
 from bayesdeg.inference.laplace import weighted
 from tests.criticism.linear_case import tight_model
 from tests.inference.small_study import small_model, values_of

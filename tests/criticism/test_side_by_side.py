@@ -7,7 +7,7 @@ from multiprocessing import get_context
 import numpy as np
 import pytest
 
-from bayesdeg.criticism.side_by_side import PARTS, apply, later
+from bayesdeg.criticism.fit.side_by_side import PARTS, apply, later
 
 
 def drawn(scale, seed):

@@ -7,20 +7,19 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from bayesdeg.criticism import statistics_of_actuators as actuators
-from bayesdeg.criticism.custom import CustomModel
-from bayesdeg.criticism.custom_readings import places_of
-from bayesdeg.criticism.discrepancy import measure
-from bayesdeg.criticism.linear import linearise
-from bayesdeg.criticism.model_readings import ModelReadings
-from bayesdeg.criticism.statistics import (
+from bayesdeg.criticism.checks import statistics as actuators
+from bayesdeg.criticism.checks.discrepancy import measure
+from bayesdeg.criticism.checks.residuals import misfit_frame
+from bayesdeg.criticism.checks.statistics import (
     UNREMARKABLE,
     adjusted_p_values,
     frame,
     statistics_of,
     statistics_table,
 )
-from bayesdeg.criticism.statistics_of_residuals import misfit_frame
+from bayesdeg.criticism.custom import CustomModel, places_of
+from bayesdeg.criticism.fit.linear import linearise
+from bayesdeg.criticism.model_readings import ModelReadings
 from bayesdeg.priors import Normal, Parameter
 from tests.inference.small_study import small_model, values_of
 

@@ -6,9 +6,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bayesdeg.criticism.screening import Screened
-from bayesdeg.criticism.search import MARGIN, Search, SearchEffort
-from bayesdeg.criticism.step import CLOSE, NEAR_SHARE, Step, near
+from bayesdeg.criticism.fit.screening import Screened
+from bayesdeg.criticism.fit.search import (
+    CLOSE,
+    MARGIN,
+    NEAR_SHARE,
+    Search,
+    SearchEffort,
+    Step,
+    near,
+)
 from tests.criticism import straight_subject as straight
 from tests.criticism.straight_subject import linear_cause
 

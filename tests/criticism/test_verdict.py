@@ -9,15 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import norm
 
-from bayesdeg.criticism import verdict as deciding
-from bayesdeg.criticism.conflict import Conflict, Questioned
-from bayesdeg.criticism.discrepancy import MISFIT_LEVEL, Misfit
-from bayesdeg.criticism.held_out import HeldOut
-from bayesdeg.criticism.rupture_misfit import RuptureMisfit
-from bayesdeg.criticism.search import Search, SearchEffort, run_search
-from bayesdeg.criticism.shared_scatter import SharedScatter
-from bayesdeg.criticism.step import Step
-from bayesdeg.criticism.support import (
+from bayesdeg.criticism.checks.conflict import Conflict, Questioned
+from bayesdeg.criticism.checks.discrepancy import MISFIT_LEVEL, Misfit
+from bayesdeg.criticism.checks.rupture_misfit import RuptureMisfit
+from bayesdeg.criticism.checks.shared_scatter import SharedScatter
+from bayesdeg.criticism.decide import verdict as deciding
+from bayesdeg.criticism.decide.support import (
     IMPLAUSIBLE,
     INSEPARABLE,
     MODERATE,
@@ -25,7 +22,7 @@ from bayesdeg.criticism.support import (
     prior_tail,
     supports,
 )
-from bayesdeg.criticism.verdict import (
+from bayesdeg.criticism.decide.verdict import (
     CHANCE,
     LEAST_EXPLAINED,
     LEAST_ON_ONE_SCALE,
@@ -35,6 +32,8 @@ from bayesdeg.criticism.verdict import (
     decide,
     share_explained,
 )
+from bayesdeg.criticism.fit.search import Search, SearchEffort, Step, run_search
+from bayesdeg.criticism.holdout.held_out import HeldOut
 from bayesdeg.inference.data import Statistic
 from bayesdeg.priors import Normal, Parameter, TruncatedNormal
 from tests.criticism import straight_subject as straight

@@ -5,7 +5,7 @@ import pytest
 from scipy.linalg import block_diag
 from scipy.stats import multivariate_normal
 
-from bayesdeg.criticism.whitening import Whitening
+from bayesdeg.criticism.fit.linear import Whitening
 
 
 def case(seed=0, shared=4):

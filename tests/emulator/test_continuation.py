@@ -11,8 +11,8 @@ from bayesdeg.actuator.status import Status
 from bayesdeg.data.study import read_study
 from bayesdeg.emulator.surrogate import OUTSIDE_BY
 from bayesdeg.emulator.trained import default_surrogate
-from bayesdeg.inference.least_squares import least_squares
-from bayesdeg.inference.mode import find_mode
+from bayesdeg.inference.laplace import find_mode
+from bayesdeg.inference.model import least_squares
 from bayesdeg.pipeline.assemble import assemble
 
 EMULATOR = default_surrogate()

@@ -13,17 +13,21 @@ from pathlib import Path
 import numpy as np
 
 from bayesdeg.causes.cause import Cause
-from bayesdeg.criticism.candidates import effect_sizes
-from bayesdeg.criticism.screening import screen
-from bayesdeg.criticism.search import Search, factors_by_chance, naming_threshold, run_search
-from bayesdeg.criticism.step import Step
-from bayesdeg.criticism.support import Support, supports
-from bayesdeg.criticism.verdict import decide
+from bayesdeg.criticism.decide.candidates import effect_sizes
+from bayesdeg.criticism.decide.support import Support, supports
+from bayesdeg.criticism.decide.verdict import decide
+from bayesdeg.criticism.fit.screening import screen
+from bayesdeg.criticism.fit.search import (
+    Search,
+    Step,
+    factors_by_chance,
+    naming_threshold,
+    run_search,
+)
 from bayesdeg.data.study import read_study
 from bayesdeg.pipeline.assemble import Assembly, assemble
-from bayesdeg.pipeline.base import base_without_chain
-from bayesdeg.pipeline.judge import JUDGE_EFFORTS, judge
-from bayesdeg.pipeline.judgement import BASE, Judgement
+from bayesdeg.pipeline.calibrate import base_without_chain
+from bayesdeg.pipeline.judge import BASE, JUDGE_EFFORTS, Judgement, judge
 from bayesdeg.pipeline.progress import Silent
 
 NARROW = replace(JUDGE_EFFORTS["quick"], fitted=1, pairs=0)

@@ -5,8 +5,7 @@ from functools import cache
 
 import numpy as np
 
-from bayesdeg.inference.curves import ActuatorCurves, Breaks, TensileCurves
-from bayesdeg.inference.data import Statistic
+from bayesdeg.inference.data import ActuatorCurves, Breaks, Statistic, TensileCurves
 from bayesdeg.inference.model import Model
 from bayesdeg.inference.parameters import (
     BEND_ANGLE,

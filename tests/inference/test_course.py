@@ -18,8 +18,8 @@ from bayesdeg.inference.course import (
     rate_errors,
     time_to_reach,
 )
-from bayesdeg.inference.ensemble import EFFORTS, sample
 from bayesdeg.inference.laplace import approximate, evidence
+from bayesdeg.inference.sampling import EFFORTS, sample
 from bayesdeg.priors import Normal
 from tests.pipeline.study_files import SETTINGS, study_in
 

@@ -7,8 +7,7 @@ import pytest
 from scipy import stats
 
 from bayesdeg.inference.density import CustomDensity, continued, guesses
-from bayesdeg.inference.laplace import approximate, evidence
-from bayesdeg.inference.mode import scales
+from bayesdeg.inference.laplace import approximate, evidence, scales
 from bayesdeg.inference.parameters import ParameterTable
 from bayesdeg.priors import Flat, HalfCauchy, Normal, Parameter, TruncatedNormal, Uniform
 

@@ -14,13 +14,23 @@ import xarray as xr
 from scipy import stats
 
 from bayesdeg.errors import BayesdegError
-from bayesdeg.inference.chain import EFFORTS, Chain, Effort, Standing
-from bayesdeg.inference.chain_store import Position, RandomState, Task
-from bayesdeg.inference.ensemble import advance, sample, to_datatree
+from bayesdeg.inference.importance import Proposal
 from bayesdeg.inference.laplace import Evidence, Laplace, approximate, evidence
 from bayesdeg.inference.parameters import ParameterTable
-from bayesdeg.inference.proposals import Proposal
-from bayesdeg.inference.start import lie_in_a_plane, start_of
+from bayesdeg.inference.sampling import (
+    EFFORTS,
+    Chain,
+    Effort,
+    Position,
+    RandomState,
+    Standing,
+    Task,
+    advance,
+    lie_in_a_plane,
+    sample,
+    start_of,
+    to_datatree,
+)
 from bayesdeg.inference.tree import readings_of
 from bayesdeg.priors import Normal, Parameter
 from tests.emulator.closed_form import trained

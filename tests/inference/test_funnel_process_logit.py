@@ -7,10 +7,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bayesdeg.inference.ensemble import EFFORTS, sample
 from bayesdeg.inference.importance import about_mode
 from bayesdeg.inference.laplace import approximate
 from bayesdeg.inference.modes import find_modes
+from bayesdeg.inference.sampling import EFFORTS, sample
 from tests.inference.reference_posteriors import (
     DATA,
     SCHOOL_ERRORS,

@@ -5,8 +5,7 @@ import pytest
 from scipy import stats
 from scipy.special import logsumexp
 
-from bayesdeg.inference.laplace import approximate, evidence
-from bayesdeg.inference.mode import derivatives, positive_inverse
+from bayesdeg.inference.laplace import approximate, derivatives, evidence, positive_inverse
 from bayesdeg.inference.parameters import ParameterTable
 from bayesdeg.priors import Normal, Parameter, TruncatedNormal
 from tests.inference.small_study import small_model, values_of

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from bayesdeg.data.study import read_study
-from bayesdeg.inference.least_squares import least_squares, near_films
-from bayesdeg.inference.refusals import share_outside
+from bayesdeg.inference.model import least_squares, near_films, share_outside
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.priors import LogNormal
 from tests.emulator.closed_form import trained

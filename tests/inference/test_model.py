@@ -8,7 +8,7 @@ from scipy import integrate, stats
 
 from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.inference import likelihood
-from bayesdeg.inference.curves import ActuatorCurves
+from bayesdeg.inference.data import ActuatorCurves
 from bayesdeg.material.degradation import satisfies_baker_ericksen
 from bayesdeg.prediction.predictive import at_conditions
 from tests.emulator.closed_form import trained

@@ -8,10 +8,9 @@ from scipy import integrate
 
 from bayesdeg.errors import BayesdegError
 from bayesdeg.inference.density import CustomDensity
-from bayesdeg.inference.ensemble import EFFORTS, sample
 from bayesdeg.inference.laplace import Laplace, approximate
-from bayesdeg.inference.modes import dispersed, find_modes, nearest, separate
-from bayesdeg.inference.tempering import tempered
+from bayesdeg.inference.modes import dispersed, find_modes, nearest, separate, tempered
+from bayesdeg.inference.sampling import EFFORTS, sample
 from tests.inference.bimodal import SHARES, label_switching, two_normals
 from tests.inference.reference_posteriors import blr, schools_not_centred
 

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bayesdeg.inference.proposals import DEGREES_OF_FREEDOM, Proposal
-from bayesdeg.inference.warp import Warp
+from bayesdeg.inference.importance import DEGREES_OF_FREEDOM, Proposal, Warp
 
 WARP = Warp(
     location=np.array([1.0, -2.0]),

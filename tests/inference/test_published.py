@@ -14,14 +14,12 @@ from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.errors import StudyError
 from bayesdeg.inference.published import (
     PRESSURES,
-    PublishedTests,
-    log_likelihood,
-    published_tests,
-)
-from bayesdeg.inference.published_density import (
     Differences,
+    PublishedTests,
     expected_total,
+    log_likelihood,
     misfit_moments,
+    published_tests,
     r_squared_log_density,
     rupture_log_density,
 )

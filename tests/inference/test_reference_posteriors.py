@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy import integrate, stats
 
-from bayesdeg.inference.ensemble import EFFORTS, sample, to_datatree
 from bayesdeg.inference.laplace import approximate, evidence
+from bayesdeg.inference.sampling import EFFORTS, sample, to_datatree
 from tests.inference.reference_posteriors import (
     POSTERIORS,
     REFERENCE,

@@ -9,7 +9,7 @@ from scipy import stats
 
 from bayesdeg.inference import likelihood
 from bayesdeg.inference.data import Statistic
-from bayesdeg.inference.replicate import replicate
+from bayesdeg.inference.model import replicate
 from tests.inference.small_study import small_model, values_of
 
 COUNT = 400

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bayesdeg.inference.subset import blocks_of, specimens_of, without
+from bayesdeg.inference.model import blocks_of, specimens_of, without
 from tests.inference.small_study import draws_near_truth, small_model
 
 

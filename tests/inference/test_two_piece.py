@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from bayesdeg.inference.density import CustomDensity
-from bayesdeg.inference.two_piece import DEGREES_OF_FREEDOM, LOOKS, TwoPiece, about
+from bayesdeg.inference.laplace import DEGREES_OF_FREEDOM, LOOKS, TwoPiece, about
 from bayesdeg.priors import Normal, Parameter, TruncatedNormal
 
 

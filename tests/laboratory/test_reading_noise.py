@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from bayesdeg.inference.data import paths_of
 from bayesdeg.inference.likelihood import noise_correlation
-from bayesdeg.inference.paths import paths_of
 from bayesdeg.laboratory.design import Design
 from bayesdeg.laboratory.experiment import tear_films
 from bayesdeg.laboratory.truth import Truth, alike_along

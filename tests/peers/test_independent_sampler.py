@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from arviz_stats.base import array_stats
 
-from bayesdeg.inference.ensemble import EFFORTS, sample
 from bayesdeg.inference.laplace import approximate, evidence
+from bayesdeg.inference.model import replicate
 from bayesdeg.inference.parameters import (
     BEND_ANGLE,
     STIFFNESS_SCATTER,
@@ -17,7 +17,7 @@ from bayesdeg.inference.parameters import (
     elongation_parameters,
     material_parameters,
 )
-from bayesdeg.inference.replicate import replicate
+from bayesdeg.inference.sampling import EFFORTS, sample
 from tests.inference.small_study import ELONGATION_NODES, TRUTH, small_model, values_of
 from tests.peers import numpyro_process
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from bayesdeg.inference.ensemble import Chain
-from bayesdeg.pipeline.decisions import RISK, decisions
+from bayesdeg.inference.sampling import Chain
+from bayesdeg.pipeline.writing import RISK, decisions
 from bayesdeg.report.columns import DECISIONS, TABLES
 from tests.inference.small_study import TRUTH, small_model, values_of
 from tests.laboratory.linear_actuator import LinearActuator, curvature_by_hand

@@ -8,7 +8,7 @@ from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.mesh import Resolution
 from bayesdeg.causes.catalogue import find
 from bayesdeg.data.settings import Dimensions
-from bayesdeg.inference.ensemble import Chain
+from bayesdeg.inference.sampling import Chain
 from bayesdeg.pipeline.calibrate import Fit
 from bayesdeg.pipeline.deformed import STEPS, fitted_cases, write_deformed
 from bayesdeg.report.actuator_files import SURFACE, read_surface

@@ -2,7 +2,7 @@
 
 import json
 
-from bayesdeg.inference.refusals import Refusals
+from bayesdeg.inference.model import Refusals
 from bayesdeg.pipeline.record import emulator_facts, refusal_words
 from bayesdeg.report.page import build_page
 from bayesdeg.report.record import run_of

@@ -8,20 +8,19 @@ import numpy as np
 import pytest
 
 from bayesdeg.causes.catalogue import CATALOGUE
-from bayesdeg.criticism.candidates import Candidate, EffectSize
-from bayesdeg.criticism.concentration import Concentration
-from bayesdeg.criticism.conflict import Conflict, Questioned
-from bayesdeg.criticism.confusability import Confusability
-from bayesdeg.criticism.discrepancy import Misfit
-from bayesdeg.criticism.rupture_misfit import RuptureMisfit
-from bayesdeg.criticism.shared_scatter import SharedScatter
-from bayesdeg.criticism.step import Step
-from bayesdeg.criticism.support import Support
-from bayesdeg.criticism.verdict import Decision, Outcome
+from bayesdeg.criticism.checks.conflict import Conflict, Questioned
+from bayesdeg.criticism.checks.discrepancy import Misfit
+from bayesdeg.criticism.checks.residuals import Concentration
+from bayesdeg.criticism.checks.rupture_misfit import RuptureMisfit
+from bayesdeg.criticism.checks.shared_scatter import SharedScatter
+from bayesdeg.criticism.decide.candidates import Candidate, Confusability, EffectSize
+from bayesdeg.criticism.decide.support import Support
+from bayesdeg.criticism.decide.verdict import Decision, Outcome
+from bayesdeg.criticism.fit.search import Step
 from bayesdeg.inference.data import Statistic
 from bayesdeg.pipeline.document import unjudged_document, verdict_document
 from bayesdeg.pipeline.explanation import explain
-from bayesdeg.pipeline.judgement import Judgement, readings_misfit
+from bayesdeg.pipeline.judge import Judgement, readings_misfit
 from bayesdeg.priors import Parameter, TruncatedNormal
 from tests.criticism.linear_case import known_linear, with_readings
 

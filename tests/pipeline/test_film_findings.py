@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from bayesdeg.criticism.convergence import diagnose
-from bayesdeg.inference.chain import EFFORTS, Chain
+from bayesdeg.criticism.posterior.convergence import diagnose
 from bayesdeg.inference.course import CourseModel, degradation_at, rate_errors
-from bayesdeg.inference.ensemble import to_datatree
+from bayesdeg.inference.sampling import EFFORTS, Chain, to_datatree
 from bayesdeg.pipeline import tables
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.films import CourseFit, Films, common_error_words, course_words, examine

@@ -8,7 +8,7 @@ import numpy as np
 
 from bayesdeg.data.study import read_study
 from bayesdeg.inference.parameters import with_priors
-from bayesdeg.pipeline.in_doubt import in_doubt
+from bayesdeg.pipeline.document import in_doubt
 from bayesdeg.priors import LogNormal
 from bayesdeg.report.headline import doubts_of
 from bayesdeg.report.record import verdict_of

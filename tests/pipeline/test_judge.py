@@ -6,23 +6,22 @@ import numpy as np
 import pytest
 
 from bayesdeg.causes.catalogue import find
-from bayesdeg.criticism.convergence import diagnose
-from bayesdeg.criticism.search import SearchEffort
-from bayesdeg.criticism.support import INSEPARABLE, Support
-from bayesdeg.criticism.verdict import Decision, Outcome
-from bayesdeg.inference.chain import Chain
-from bayesdeg.inference.ensemble import EFFORTS
+from bayesdeg.criticism.decide.support import INSEPARABLE, Support
+from bayesdeg.criticism.decide.verdict import Decision, Outcome
+from bayesdeg.criticism.fit.search import SearchEffort
+from bayesdeg.criticism.posterior.convergence import diagnose
 from bayesdeg.inference.importance import about_mode
 from bayesdeg.inference.laplace import approximate
 from bayesdeg.inference.parameters import with_priors
+from bayesdeg.inference.sampling import EFFORTS, Chain
 from bayesdeg.pipeline import judge as judging
 from bayesdeg.pipeline.assemble import Assembly
-from bayesdeg.pipeline.base import base_of
-from bayesdeg.pipeline.calibrate import Fit
-from bayesdeg.pipeline.judge import JUDGE_EFFORTS, judge
-from bayesdeg.pipeline.judgement import (
+from bayesdeg.pipeline.calibrate import Fit, base_of
+from bayesdeg.pipeline.judge import (
+    JUDGE_EFFORTS,
     extended_model,
     extension,
+    judge,
     label,
     readings_misfit,
     with_sampled_sizes,

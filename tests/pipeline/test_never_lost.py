@@ -12,21 +12,21 @@ import pytest
 from bayesdeg import cli
 from bayesdeg.actuator.mesh import Resolution
 from bayesdeg.commands import run as command
-from bayesdeg.criticism import leave_one_out, loo_pit, prior_sensitivity, statistics
-from bayesdeg.criticism.search import SearchEffort
+from bayesdeg.criticism.checks import statistics
+from bayesdeg.criticism.fit.search import SearchEffort
+from bayesdeg.criticism.holdout import gain, leave_one_out
+from bayesdeg.criticism.posterior import prior_sensitivity
 from bayesdeg.errors import Fault, ResumableError, StudyError
 from bayesdeg.pipeline import (
-    concluding,
-    files,
+    document,
     films,
-    holding_out,
     judge,
     record,
     run,
     tables,
     writing,
 )
-from bayesdeg.pipeline import decisions as deciding
+from bayesdeg.pipeline import writing as deciding
 from bayesdeg.prediction import prior_predictive
 from bayesdeg.report import columns, figures_run
 from bayesdeg.report.folder import LEFT_OUT, POSTERIORS, RunFolder
@@ -63,16 +63,16 @@ BROKEN = {
     Stage.READINGS: (writing, "predict_readings"),
     Stage.DEFORMED: (writing, "write_deformed"),
     Stage.HELD_OUT_MODES: (tables, "held_out_modes"),
-    Stage.WHERE: (concluding, "where"),
-    Stage.CONCENTRATION: (concluding, "concentration"),
-    Stage.EXPLANATION: (concluding, "explain"),
+    Stage.WHERE: (document, "where"),
+    Stage.CONCENTRATION: (document, "concentration"),
+    Stage.EXPLANATION: (document, "explain"),
     Stage.COMPARISONS: (record, "comparisons"),
     Stage.REFUSED: (record, "refused_inputs"),
     Stage.IN_DOUBT: (run, "in_doubt"),
     Stage.CHECKS_IN_WORDS: (record, "_checks"),
     Stage.PAGE: (run, "build_page"),
     table_stage(columns.STATISTICS): (statistics, "statistics_table"),
-    table_stage(columns.LOO_PIT): (loo_pit, "loo_pit"),
+    table_stage(columns.LOO_PIT): (gain, "loo_pit"),
     table_stage(columns.DISCREPANCY): (writing, "misfit_frame"),
     table_stage(columns.CONSTANTS): (tables, "constants"),
     table_stage(columns.PARAMETERS): (tables, "parameters"),
@@ -175,7 +175,7 @@ KEPT = [
     (leave_one_out, "leave_one_out", lambda model, *_args, **_o: len(model.table.names)),
     (films, "_course", None),
     (films, "compare_orders", None),
-    (files, "to_datatree", lambda model, *_args: len(model.table.names)),
+    (writing, "to_datatree", lambda model, *_args: len(model.table.names)),
     (writing, "decisions", None),
     (figures_run, "inline_svg", lambda _figure, name, **_options: name),
 ]
@@ -192,7 +192,7 @@ def cheap(tmp_path_factory):
         patch.setattr(run, "JUDGE_EFFORTS", {"quick": EFFORT})
         short = replace(run.EFFORTS["quick"], effective=1.0, r_hat=9.0, longest=60, chunk=30)
         patch.setattr(run, "EFFORTS", {"quick": short})
-        patch.setattr(holding_out, "BESIDE", ())
+        patch.setattr(judge, "BESIDE", ())
         patch.setattr(deciding, "DRAWS", 10)
         coarse = partial(writing.write_deformed, resolution=COARSEST)
         patch.setattr(writing, "write_deformed", KeptFiles(coarse))

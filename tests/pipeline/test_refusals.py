@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from bayesdeg.actuator.status import Status
-from bayesdeg.inference.chain import Effort
-from bayesdeg.inference.ensemble import sample
 from bayesdeg.inference.laplace import Evidence, approximate, evidence
-from bayesdeg.inference.refusals import CountedDensity, Refusals
+from bayesdeg.inference.model import CountedDensity, Refusals
+from bayesdeg.inference.sampling import Effort, sample
 from bayesdeg.pipeline.calibrate import calibrate
 from bayesdeg.pipeline.progress import Silent
 from bayesdeg.pipeline.record import emulator_facts, refusal_words

@@ -11,11 +11,9 @@ import h5py
 import numpy as np
 import pytest
 
-from bayesdeg.inference.chain import Effort, Standing
-from bayesdeg.inference.ensemble import sample
 from bayesdeg.inference.laplace import approximate, evidence
-from bayesdeg.pipeline.calibrate import calibrate
-from bayesdeg.pipeline.time_left import Pace, steps_left
+from bayesdeg.inference.sampling import Effort, Standing, sample
+from bayesdeg.pipeline.calibrate import Pace, calibrate, steps_left
 from bayesdeg.report.checkpoints import Checkpoints
 from tests.inference.test_ensemble import GaussianModel
 
@@ -161,7 +159,7 @@ PROGRAM = """
 import sys
 from pathlib import Path
 from tests.pipeline.test_resumed_sampling import run, stored
-from bayesdeg.inference.chain_store import digest
+from bayesdeg.inference.sampling import digest
 if __name__ == "__main__":
     chain = run(stored(Path(sys.argv[1])))
     print(digest({"chain": chain.vectors, "log_prob": chain.log_prob}))

@@ -2,14 +2,14 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from bayesdeg.criticism.convergence import diagnose
-from bayesdeg.criticism.residuals import CurvatureFit
-from bayesdeg.inference.ensemble import EFFORTS, Chain
+from bayesdeg.criticism.checks.residuals import CurvatureFit
+from bayesdeg.criticism.posterior.convergence import diagnose
 from bayesdeg.inference.laplace import Evidence, Laplace
+from bayesdeg.inference.sampling import EFFORTS, Chain
 from bayesdeg.pipeline import tables
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.calibrate import Fit
-from bayesdeg.pipeline.comparison import comparisons, rests_on
+from bayesdeg.pipeline.record import comparisons, rests_on
 from bayesdeg.report.columns import TABLES
 from tests.inference.small_study import TRUTH, values_of
 from tests.pipeline.study_files import FILES, SETTINGS, study_in

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bayesdeg.inference.chain import EFFORTS
+from bayesdeg.inference.sampling import EFFORTS
 from bayesdeg.pipeline.calibrate import calibrate
 from bayesdeg.pipeline.progress import Silent
 from bayesdeg.report.checkpoints import Checkpoints

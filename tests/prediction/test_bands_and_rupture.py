@@ -6,7 +6,7 @@ from scipy.stats import norm
 
 from bayesdeg.causes.catalogue import find
 from bayesdeg.emulator.trained import default_surrogate
-from bayesdeg.inference.ensemble import Chain
+from bayesdeg.inference.sampling import Chain
 from bayesdeg.prediction.predictive import (
     QUANTILES,
     at_conditions,

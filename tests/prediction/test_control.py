@@ -8,7 +8,7 @@ from scipy.stats import kstest, norm
 
 from bayesdeg.actuator.inputs import Inputs, Prediction
 from bayesdeg.actuator.status import Status
-from bayesdeg.inference.ensemble import Chain
+from bayesdeg.inference.sampling import Chain
 from bayesdeg.prediction.control import control, largest_allowed, needed_by, needed_pressure
 from bayesdeg.prediction.predictive import draw_specimens, finer, respond
 from tests.inference.small_study import TRUTH, small_model, values_of

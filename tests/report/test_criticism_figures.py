@@ -7,10 +7,10 @@ import pandas as pd
 import pytest
 from matplotlib.colors import same_color
 
-from bayesdeg.criticism.loo_pit import frame as pit_frame
-from bayesdeg.criticism.loo_pit import loo_pit
-from bayesdeg.criticism.statistics import Physical
-from bayesdeg.criticism.statistics import frame as statistics_frame
+from bayesdeg.criticism.checks.statistics import Physical
+from bayesdeg.criticism.checks.statistics import frame as statistics_frame
+from bayesdeg.criticism.holdout.gain import frame as pit_frame
+from bayesdeg.criticism.holdout.gain import loo_pit
 from bayesdeg.report.figures import BASE_COLOUR, FINAL_COLOUR, INK, inline_svg
 from bayesdeg.report.figures_criticism import (
     FURTHEST,

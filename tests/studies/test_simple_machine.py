@@ -6,8 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bayesdeg.criticism.custom_summary import lines, summary
-from bayesdeg.criticism.custom_verdict import interval_with_discrepancy, judge, posterior_draws
+from bayesdeg.criticism.custom_verdict import (
+    interval_with_discrepancy,
+    judge,
+    lines,
+    posterior_draws,
+    summary,
+)
 
 STUDIES = Path(__file__).resolve().parents[2] / "studies"
 SEEDS = (1, 2, 2014)

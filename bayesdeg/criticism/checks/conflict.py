@@ -1,0 +1,152 @@
+"""Whether the readings contradict what was known beside them: means of replicates, and priors.
+
+Curves alone cannot tell a stiffer actuator from a larger one: a model that is wrong may still fit
+them, by a volume ratio that nobody measured. Student's law of such a mean gives way to that, and a
+prior that stands for a mean gives way to many readings. What simulating from the fitted model calls
+chance knows nothing of it, since the simulated data come from that very volume ratio.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from bayesdeg.criticism.checks.discrepancy import MISFIT_LEVEL
+from bayesdeg.inference.data import Statistic
+from bayesdeg.inference.model import Model
+from bayesdeg.priors import Law, Parameter
+
+Floats = NDArray[np.float64]
+
+PRIOR_VALUES = 20_000  # of a prior: its tails are known to 5e-5, some 30 parameters to 0.0015
+INTERVAL = 0.999  # of a prior, as it is shown
+
+
+@dataclass(frozen=True)
+class Conflict:
+    """The measured mean that the calibrated model contradicts most.
+
+    Parameters
+    ----------
+    statistic : Statistic
+        What was measured.
+    wanted, wanted_sd : float
+        What the calibrated model has instead, in the quantity's unit.
+    p_value : float
+        Probability of a mean at least as far off, times the number of means that were compared.
+    """
+
+    statistic: Statistic
+    wanted: float
+    wanted_sd: float
+    p_value: float
+
+
+def conflict(model: Model, vectors: Floats) -> Conflict | None:
+    r"""Compare measured means with a posterior.
+
+    .. math:: p = 2 P(T_\nu > |s - E| / \sqrt{se^2 + sd^2})
+
+    with E and sd those of the posterior, which knows the mean already: p is rather too large.
+
+    Parameters
+    ----------
+    model : Model
+        With statistics; else there is nothing to compare: None.
+    vectors : array, shape (k, n_parameters)
+        Posterior draws.
+
+    References
+    ----------
+    Evans and Moshonov (2006), doi:10.1214/06-BA129, for conflicts between what is known beforehand
+    and data; Student's law is that of a mean of few replicates.
+    """
+    values = model.table.named(vectors)
+    found = [_of(statistic, model.expected(values, statistic)) for statistic in model.statistics]
+    if not found:
+        return None
+    worst = min(found, key=lambda one: one.p_value)
+    chance = min(1.0, worst.p_value * len(found))
+    return Conflict(worst.statistic, worst.wanted, worst.wanted_sd, chance)
+
+
+def _of(statistic: Statistic, expected: Floats) -> Conflict:
+    wanted, sd = float(np.mean(expected)), float(np.std(expected))
+    far = abs(statistic.value - wanted) / float(np.hypot(statistic.se, sd))
+    dof = statistic.dof
+    chance = float(2.0 * (stats.norm.sf(far) if np.isinf(dof) else stats.t.sf(far, dof)))
+    return Conflict(statistic, wanted, sd, chance)
+
+
+@dataclass(frozen=True)
+class Questioned:
+    """A parameter of the base model whose calibrated value its prior all but excludes.
+
+    Parameters
+    ----------
+    parameter : Parameter
+        With its prior.
+    value : float
+        Median of the posterior, in the parameter's unit.
+    p_value : float
+        Prior probability of values no more probable, times the number of parameters.
+    """
+
+    parameter: Parameter
+    value: float
+    p_value: float
+
+    @property
+    def expected(self) -> tuple[float, float]:
+        """The interval that holds 99.9 % of the prior."""
+        tails = np.array([0.5 - 0.5 * INTERVAL, 0.5 + 0.5 * INTERVAL])
+        low, high = self.parameter.law.quantile(tails)
+        return float(low), float(high)
+
+
+def questioned(model: Model, vectors: Floats) -> tuple[Questioned, ...]:
+    r"""Return the parameters that are calibrated to what their priors all but exclude.
+
+    .. math:: p = m P(\pi(\theta) \le \pi(\theta_{50}))
+
+    with :math:`\pi` the prior density in the users' unit, :math:`\theta_{50}` the posterior median
+    and m the number of parameters; `MISFIT_LEVEL` over some 20 of them is the 99.9 % interval. The
+    posterior knows the prior already: p is rather too large. A uniform prior is never contradicted,
+    nor is one of an error by readings that are better than it.
+
+    Parameters
+    ----------
+    model : Model
+        Of which the parameters of causes are left out: their sizes are judged with the causes.
+    vectors : array, shape (k, n_parameters)
+        Posterior draws.
+
+    References
+    ----------
+    Evans and Moshonov (2006), doi:10.1214/06-BA129.
+    """
+    values = model.table.named(vectors)
+    medians = {parameter: float(np.median(values[parameter.name])) for parameter in model.base}
+    found = (
+        Questioned(one, value, min(1.0, surprise(one.law, value) * len(medians)))
+        for one, value in medians.items()
+    )
+    worst_first = sorted(found, key=lambda one: one.p_value)
+    return tuple(one for one in worst_first if one.p_value <= MISFIT_LEVEL)
+
+
+def surprise(law: Law, value: float) -> float:
+    """Return the probability of values that are no more probable than this one.
+
+    Examples
+    --------
+    >>> from bayesdeg.priors import Normal, Uniform
+    >>> round(surprise(Normal(0.0, 1.0), 1.96), 3), surprise(Uniform(0.0, 1.0), 0.999)
+    (0.05, 1.0)
+    """
+    drawn = law.quantile((np.arange(PRIOR_VALUES) + 0.5) / PRIOR_VALUES)
+    density = float(law.log_density(value))
+    # a density that is constant is the same in all digits but the last
+    as_small = law.log_density(drawn) <= density + 1e-9 * max(1.0, abs(density))
+    return (1 + int(np.sum(as_small))) / (1 + PRIOR_VALUES)

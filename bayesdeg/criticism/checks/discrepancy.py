@@ -1,0 +1,338 @@
+"""Smooth discrepancies of readings: the covariances by which a misfit is measured.
+
+Within one family of readings a discrepancy is a smooth function of the path and of the degradation
+rate, in proportion to a smooth envelope of the readings. It is common to all histories of load or
+one for each; it may be each specimen's own; and it may be the same for every kind of reading in the
+family or of the first kind alone. Its covariance between readings i and j is
+
+    a² e_i e_j exp(−(s_i − s_j)²/(2 ℓ²) − (D_i − D_j)²/(2 w²)) [same history or specimen],
+
+with s the path in its largest extent, D the degradation rate [%] and e the envelope.
+
+Source: Kennedy and O'Hagan (2001), doi:10.1111/1467-9868.00294, for discrepancies of this kind.
+
+It is a measuring stick only: it never enters the physics. What it may look like stands in
+`bayesdeg.criticism.checks.discrepancy`. The statistic is the largest of
+
+    ln N(z; 0, I + a² K) − ln N(z; 0, I)
+
+over kernels K and amplitudes a, z the whitened readings.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg.lapack import dpstrf
+
+from bayesdeg.criticism.fit.linear import Linear
+from bayesdeg.criticism.subject import Places
+
+Floats = NDArray[np.float64]
+
+SHORT, LONG = 0.25, 0.625
+"""Lengths along the path, in its largest extent: 60 and 150 kPa of 240."""
+DRIFT, EACH = 12.0, 2.0
+"""Lengths along the degradation rate [%]: one that drifts, and one for each level."""
+EVERYWHERE = 1e3
+ALIKE = (1.0, 0.0)
+"""Discrepancy of the other kinds of a family over that of the first."""
+SMALLEST = 1e-8
+"""Share of the largest variance at which a kernel's directions are cut off."""
+
+
+@dataclass(frozen=True)
+class Discrepancy:
+    """One covariance of discrepancies on the whitened scale.
+
+    Parameters
+    ----------
+    family : str
+        Of which readings.
+    label : str
+        In words: what it is a function of.
+    values : array, shape (r,)
+        Eigenvalues for a relative size of 1.
+    vectors : array, shape (n, r)
+        Eigenvectors.
+    """
+
+    family: str
+    label: str
+    values: Floats
+    vectors: Floats
+
+
+def discrepancies(linear: Linear) -> tuple[Discrepancy, ...]:
+    """Return every discrepancy that is tried, on the whitened scale of a linearised model."""
+    found = []
+    for family, label, root in _roots(linear.subject.places, linear.mean):
+        half = linear.whiten_columns(root)
+        values, turned = np.linalg.eigh(half.T @ half)
+        keep = values > SMALLEST * max(float(values[-1]), 1e-300)
+        vectors = half @ turned[:, keep] / np.sqrt(values[keep])
+        found.append(Discrepancy(family, label, values[keep], vectors))
+    return tuple(found)
+
+
+def _roots(places: Places, mean: Floats) -> Iterator[tuple[str, str, Floats]]:
+    """Yield a factor (n, r) of every kernel; it is zero in readings of other families."""
+    for family in dict.fromkeys(places.family.tolist()):
+        rows = places.family == family
+        kinds = list(dict.fromkeys(places.kind[rows].tolist()))
+        shapes = list(_shapes(places.subset(rows)))
+        for of_others in ALIKE if len(kinds) > 1 else ALIKE[:1]:
+            envelope = _envelope(places, mean, rows, kinds, of_others)[rows]
+            for label, kernel in shapes:
+                root = _root(kernel * np.outer(envelope, envelope))
+                whole = np.zeros((len(rows), root.shape[1]))
+                whole[rows] = root
+                yield family, label, whole
+
+
+def _envelope(
+    places: Places, mean: Floats, rows: NDArray[np.bool_], kinds: list[str], of_others: float
+) -> Floats:
+    """Return the readings' size, but not nothing where they are small; 0 in other families."""
+    envelope = np.zeros(len(mean))
+    for number, kind in enumerate(kinds):
+        own = rows & (places.kind == kind)
+        size = np.abs(mean[own])
+        envelope[own] = (1.0 if number == 0 else of_others) * (size + 0.1 * size.max(initial=0.0))
+    return envelope
+
+
+def _shapes(places: Places) -> Iterator[tuple[str, Floats]]:
+    """Return what a discrepancy of one family may be a function of, each (n, n)."""
+    along = places.along / max(float(np.ptp(places.along)), 1e-12)
+    levels = len(np.unique(places.level.round(6)))
+
+    def smooth(short: float, across: float) -> Floats:
+        square = ((along[:, None] - along) / short) ** 2
+        square += ((places.level[:, None] - places.level) / across) ** 2
+        return np.exp(-0.5 * square)
+
+    yield "the path", smooth(SHORT, EVERYWHERE)
+    if levels > 1:
+        yield "the path, drifting with degradation", smooth(SHORT, DRIFT)
+        yield "the path, slowly", smooth(LONG, EVERYWHERE)
+        yield "the path, slowly, drifting with degradation", smooth(LONG, DRIFT)
+        yield "the path, for each degradation rate", smooth(LONG, EACH)
+    for label, group in (("history of load", places.history), ("specimen", places.specimen)):
+        if 1 < len(np.unique(group)) < len(places):
+            same = (group[:, None] == group).astype(np.float64)
+            yield f"the path, for each {label}", smooth(LONG, EVERYWHERE) * same
+
+
+def _root(kernel: Floats) -> Floats:
+    """Return a factor (n, r) of a covariance of low rank, by Cholesky with pivots."""
+    factor, pivots, rank, _ = dpstrf(kernel, lower=1, tol=SMALLEST * float(np.diag(kernel).max()))
+    lower = np.tril(factor)[:, :rank]
+    root = np.empty_like(lower)
+    root[pivots - 1] = lower
+    return root
+
+
+AMPLITUDES = np.geomspace(0.005, 1.0, 25)
+REPLICATES = 200  # of pure noise, for what chance gives
+MISFIT_LEVEL = 0.02
+"""p-value up to which a misfit is more than chance gives."""
+FEWEST = round(1.0 / MISFIT_LEVEL) - 1
+"""Simulated data sets below which no p-value could reach that level, however large the misfit."""
+CLEAR = 4.0  # Monte Carlo errors of the p-value from that level at which its side is clear
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """What a model leaves unexplained of its readings.
+
+    Parameters
+    ----------
+    statistic : float
+        Largest log-likelihood ratio of a discrepancy against none [nats].
+    null : array, shape (n,)
+        The same for data simulated from the fitted model.
+    p_value : float
+        Share of simulated data with at least this statistic, (1 + #)/(1 + n); nan where n is below
+        `FEWEST`: then nothing is known of the misfit.
+    family, label : str
+        Which readings the best discrepancy is of, and what it is a function of.
+    discrepancy : array, shape (n_readings,)
+        Its posterior mean, in the readings' units.
+    lost : float
+        Share of simulated data sets that left the range of the forward map.
+    drawn : int
+        Data sets that were simulated, with those that left that range.
+    """
+
+    statistic: float
+    null: Floats
+    p_value: float
+    family: str
+    label: str
+    discrepancy: Floats
+    lost: float
+    drawn: int = 0
+
+    @property
+    def is_calibrated(self) -> bool:
+        """Whether enough data could be simulated to tell misfit from chance."""
+        return not np.isnan(self.p_value)
+
+    @property
+    def by_chance(self) -> float:
+        """What the statistic is by chance on average [nats]; 0 where no data were simulated."""
+        return float(np.mean(self.null)) if len(self.null) else 0.0
+
+
+def measure(linear: Linear, simulated: Floats) -> Misfit:
+    """Measure the misfit of a model and calibrate it by data simulated from its posterior.
+
+    Parameters
+    ----------
+    linear : Linear
+        The model linearised at its mode.
+    simulated : array, shape (k, n_readings)
+        Data sets; nan where the model had no answer.
+    """
+    known = np.all(np.isfinite(simulated), axis=1)
+    kernels = discrepancies(linear)
+    statistic, best = largest_ratio(linear.observed[None], kernels)
+    null, _ = largest_ratio(linear.whiten(simulated[known]), kernels)
+    kernel = kernels[int(best[0]) // len(AMPLITUDES)]
+    return Misfit(
+        statistic=float(statistic[0]),
+        null=null,
+        p_value=_p_value(float(statistic[0]), null),
+        family=kernel.family,
+        label=kernel.label,
+        discrepancy=_posterior_mean(linear, kernel, AMPLITUDES[int(best[0]) % len(AMPLITUDES)]),
+        lost=1.0 - float(np.mean(known)) if len(known) else 0.0,
+        drawn=len(known),
+    )
+
+
+def too_few(known: int, drawn: int) -> str:
+    """Say how few of the simulated data sets can be used.
+
+    Examples
+    --------
+    >>> too_few(18, 200)
+    "only 18 of 200 simulated data sets stayed within the emulator's range"
+    """
+    few = f"only {known}" if known else "none"
+    return f"{few} of {drawn} simulated data sets stayed within the emulator's range"
+
+
+def _p_value(statistic: float, null: Floats) -> float:
+    if len(null) < FEWEST:
+        return float("nan")
+    return float((1 + np.sum(null >= statistic)) / (1 + len(null)))
+
+
+def resolved(
+    misfit: Misfit, linear: Linear, simulate: Callable[[int], Floats], *, most: int
+) -> Misfit:
+    """Simulate more data until it is clear on which side of `MISFIT_LEVEL` the p-value is.
+
+    Each round doubles the number of data sets. With few, chance would decide the outcome where the
+    p-value is near the level.
+
+    Parameters
+    ----------
+    misfit : Misfit
+        As it was measured with some data sets.
+    linear : Linear
+        The model linearised at its mode.
+    simulate : callable
+        Returns so many more data sets, (k, n_readings).
+    most : int
+        Data sets at which to stop in any case.
+
+    References
+    ----------
+    Besag and Clifford (1991), doi:10.1093/biomet/78.2.301, for sequential Monte Carlo p-values.
+    """
+    null, p_value, drawn = misfit.null, misfit.p_value, misfit.drawn
+    while 0 < len(null) < most and abs(p_value - MISFIT_LEVEL) < CLEAR * _error(len(null)):
+        simulated = simulate(min(len(null), most - len(null)))
+        known = simulated[np.all(np.isfinite(simulated), axis=1)]
+        drawn += len(simulated)
+        if not len(known):
+            break
+        more, _ = largest_ratio(linear.whiten(known), discrepancies(linear))
+        null = np.append(null, more)
+        p_value = _p_value(misfit.statistic, null)
+    return replace(misfit, null=null, p_value=p_value, drawn=drawn)
+
+
+def _error(count: int) -> float:
+    """Return the Monte Carlo error of a p-value at the level, from so many data sets."""
+    return float(np.sqrt(MISFIT_LEVEL * (1.0 - MISFIT_LEVEL) / count))
+
+
+def explained(before: Misfit, after: Misfit) -> float:
+    """Return the share of the misfit statistic, less what chance gives, that a cause removes.
+
+    nan where there is no more misfit than chance gives.
+
+    Examples
+    --------
+    >>> null = np.zeros(3)
+    >>> full = Misfit(50.0, null, 0.01, "actuator", "the path", null, 0.0)
+    >>> explained(full, Misfit(5.0, null, 0.5, "actuator", "the path", null, 0.0))
+    0.9
+    """
+    ceiling = before.statistic - before.by_chance
+    if ceiling <= 0.0:
+        return float("nan")
+    left = max(after.statistic - after.by_chance, 0.0)
+    return float(np.clip(1.0 - left / ceiling, 0.0, 1.0))
+
+
+def explained_on_one_scale(before: Linear, after: Linear) -> float:
+    """Return the share of the misfit that is removed, both measured against the errors of `after`.
+
+    A model that lacks a cause widens its errors and scatter until the misfit looks small; against
+    the errors of the model that has it, it does not. nan as in `explained`.
+    """
+    generator = np.random.default_rng(0)
+    left = []
+    for linear in (before, after):
+        seen = linear.with_scatter(after.scatter)
+        kernels = discrepancies(seen)
+        noise = generator.standard_normal((REPLICATES, len(after.mean)))
+        chance = float(np.mean(largest_ratio(noise, kernels)[0]))
+        left.append(float(largest_ratio(seen.observed[None], kernels)[0][0]) - chance)
+    if left[0] <= 0.0:
+        return float("nan")
+    return float(np.clip(1.0 - max(left[1], 0.0) / left[0], 0.0, 1.0))
+
+
+def largest_ratio(
+    whitened: Floats, kernels: tuple[Discrepancy, ...]
+) -> tuple[Floats, NDArray[np.int64]]:
+    """Return the largest log-likelihood ratio over kernels and amplitudes, and which it was.
+
+    Parameters
+    ----------
+    whitened : array, shape (k, n_readings)
+        Data sets.
+    kernels : tuple of Discrepancy
+        What is tried; index of the best = kernel × number of amplitudes + amplitude.
+    """
+    ratios = []
+    for kernel in kernels:
+        squares = (whitened @ kernel.vectors) ** 2
+        signal = AMPLITUDES[:, None] ** 2 * kernel.values
+        gain = 0.5 * (signal / (1.0 + signal)) @ squares.T
+        ratios.append(gain - 0.5 * np.sum(np.log1p(signal), axis=1)[:, None])
+    table = np.concatenate(ratios)
+    return np.maximum(table.max(axis=0), 0.0), table.argmax(axis=0)
+
+
+def _posterior_mean(linear: Linear, kernel: Discrepancy, amplitude: float) -> Floats:
+    signal = amplitude**2 * kernel.values
+    shrunk = kernel.vectors @ ((signal / (1.0 + signal)) * (linear.observed @ kernel.vectors))
+    return linear.whitening.coloured(shrunk)

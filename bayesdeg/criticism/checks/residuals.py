@@ -1,0 +1,550 @@
+r"""Where the misfit sits: residuals, R² as the paper gives it, one sentence.
+
+With e the errors and scatter left after the parameters are fitted again
+(`criticism.fit.linear.Linear.unexplained`), every statistic is a projection of e, scaled so
+that the effect it is named after has the size it states. Since e = V C⁻¹ (y − mean) is linear in
+the whitened data z, so is the projection:
+
+.. math:: T = \omega^T z .
+
+Two ways lead to ω: generalised least squares with further directions fitted beside, which has the
+smallest variance, and a plain functional of e such as an area.
+
+Each group of readings is given a scale and a trend along the path of its own, directions W on the
+whitened scale. What it gains in log-likelihood at the best sizes,
+
+.. math:: g = \tfrac12 |Q^T z|^2, \qquad Q \text{ orthonormal, of the span of } W,
+
+is set against the misfit statistic, which is a log-likelihood ratio too, and against what the best
+of all groups gains in data simulated from the model. Degradation rates, mounts, modes of tension
+and all readings together compete: where one of these is better, no group is told of.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from bayesdeg.criticism.checks.discrepancy import Misfit
+from bayesdeg.criticism.fit.linear import Linear
+from bayesdeg.criticism.model_readings import ACTUATOR
+from bayesdeg.criticism.subject import Labels, Places
+from bayesdeg.inference.model import Model
+from bayesdeg.inference.sampling import Chain
+
+Floats = NDArray[np.float64]
+
+LEVEL_WIDTH = 2.0  # degradation rates this close count as one level [%]
+
+
+@dataclass(frozen=True)
+class CurvatureFit:
+    """Posterior predictions at the readings.
+
+    Parameters
+    ----------
+    mean : array, shape (n_specimens, n_points)
+        Posterior mean for a specimen of mean stiffness [1/m].
+    low, high : array, shape (n_specimens, n_points)
+        5 and 95 % of the posterior predictive law of a reading on another specimen [1/m].
+    """
+
+    mean: Floats
+    low: Floats
+    high: Floats
+
+
+def predict_readings(
+    model: Model, chain: Chain, generator: np.random.Generator, *, draws: int = 400
+) -> CurvatureFit:
+    """Return posterior predictions at the conditions of the data."""
+    flat = chain.vectors.reshape(-1, chain.vectors.shape[-1])
+    values = model.table.named(flat[generator.integers(len(flat), size=draws)])
+    mean = np.nanmean(model.curvature(values).curvature, axis=0)
+    low, high = np.nanquantile(model.simulate_curvature(values, generator), [0.05, 0.95], axis=0)
+    return CurvatureFit(mean, low, high)
+
+
+def r_squared(measured: Floats, predicted: Floats) -> float:
+    """Return R² = 1 − SSE/SST on pooled points; nan where all measured are the same.
+
+    Examples
+    --------
+    >>> r_squared(np.array([1.0, 2.0, 3.0]), np.array([1.0, 2.0, 2.0]))
+    0.5
+    """
+    if len(measured) == 0 or np.ptp(measured) == 0.0:
+        return float("nan")
+    total = np.sum((measured - np.mean(measured)) ** 2)
+    return float(1.0 - np.sum((measured - predicted) ** 2) / total)
+
+
+def levels(degradation: Floats, width: float = LEVEL_WIDTH) -> tuple[Floats, NDArray[np.int64]]:
+    """Return the levels of degradation that specimens were meant to have, and each one's level.
+
+    Examples
+    --------
+    >>> centres, member = levels(np.array([0.0, 4.8, 5.3, 10.0]))
+    >>> centres.round(2).tolist(), member.tolist()
+    ([0.0, 5.05, 10.0], [0, 1, 1, 2])
+    """
+    order = np.argsort(degradation)
+    steps = np.diff(degradation[order]) > width
+    member = np.empty(len(degradation), dtype=np.int64)
+    member[order] = np.concatenate([[0], np.cumsum(steps)])
+    centres = np.array([degradation[member == k].mean() for k in range(member.max() + 1)])
+    return centres, member
+
+
+def level_table(model: Model, fit: CurvatureFit, published: dict[float, float]) -> pd.DataFrame:
+    """Return R² and RMS of the residuals per level and over all, beside published R².
+
+    Columns: ``degradation_pct``, ``n``, ``r_squared``, ``rms_per_m``, ``published_r_squared``.
+    """
+    assert model.actuator is not None
+    data = model.actuator
+    centres, member = levels(data.degradation[:, 0])
+    rows = []
+    for k, centre in enumerate(centres):
+        near = [value for level, value in published.items() if abs(level - centre) <= LEVEL_WIDTH]
+        rows.append(
+            _level_row(f"{centre:.4g}", model, fit, member == k, near[0] if near else np.nan)
+        )
+    rows.append(_level_row("all", model, fit, member >= 0, np.nan))
+    return pd.DataFrame(rows)
+
+
+def _level_row(
+    label: str, model: Model, fit: CurvatureFit, rows: NDArray[np.bool_], published: float
+) -> dict[str, object]:
+    assert model.actuator is not None
+    mask = model.actuator.mask & rows[:, None]
+    measured, predicted = model.actuator.curvature[mask], fit.mean[mask]
+    return {
+        "degradation_pct": label,
+        "n": int(mask.sum()),
+        "r_squared": r_squared(measured, predicted),
+        "rms_per_m": float(np.sqrt(np.mean((measured - predicted) ** 2))),
+        "published_r_squared": published,
+    }
+
+
+def where(model: Model, residual: Floats, noise: float) -> str:
+    """Say in one sentence where the misfit is largest: pressures, degradation rates, specimens.
+
+    Parameters
+    ----------
+    model : Model
+        With actuator data.
+    residual : array, shape (n_specimens, n_points)
+        Measured less predicted [1/m].
+    noise : float
+        RMS of what no smooth discrepancy explains [1/m].
+
+    Returns
+    -------
+    str
+        Of the readings that can be predicted; empty if none can.
+    """
+    assert model.actuator is not None
+    data = model.actuator
+    known = data.mask & np.isfinite(residual)
+    if not known.any():
+        return ""
+    relative = residual / np.maximum(np.abs(data.curvature - residual), noise)
+    bands = np.quantile(data.pressure[known], [0.0, 1 / 3, 2 / 3, 1.0])
+    centres, member = levels(data.degradation[:, 0])
+    third = np.clip(np.searchsorted(bands[1:-1], data.pressure), 0, 2)
+    means = np.array([_mean(relative, known & (third == k)) for k in range(3)])
+    k = int(np.argmax(np.abs(means)))
+    cell = known & (third == k)
+    by_level = np.array(
+        [_mean(relative, cell & (member == m)[:, None]) for m in range(len(centres))]
+    )
+    same = [
+        f"{c:.3g}"
+        for c, v in zip(centres, by_level, strict=True)
+        if v * means[k] > 0 and abs(v) > 0.5 * abs(means[k])
+    ]
+    specimens = np.array([_mean(relative, cell[[i]], row=i) for i in range(len(data.specimens))])
+    agreeing = int(np.sum(specimens * means[k] > 0))
+    low, high = data.pressure[cell].min(), data.pressure[cell].max()
+    sign = "below" if means[k] < 0 else "above"
+    rates = (
+        "every degradation rate"
+        if len(same) == len(centres)
+        else f"{', '.join(same)} % degradation"
+    )
+    return (
+        f"Measured curvature lies {sign} the simulation by {100 * abs(means[k]):.0f} % on average "
+        f"at {low:.0f}–{high:.0f} kPa, at {rates}, in {agreeing} of {len(specimens)} specimens."
+    )
+
+
+def where_films(linear: Linear) -> str:
+    """Say in one sentence in which mode of tension stresses are off, and by how much."""
+    places, residual = linear.subject.places, linear.subject.observed - linear.prediction
+    modes = list(dict.fromkeys(places.history.tolist()))
+    off = [float(np.sqrt(np.mean(residual[places.history == mode] ** 2))) for mode in modes]
+    worst = int(np.argmax(off))
+    rows = places.history == modes[worst]
+    sign = "below" if np.mean(residual[rows]) < 0.0 else "above"
+    others = ", ".join(f"{m} {o:.3g}" for m, o in zip(modes, off, strict=True) if m != modes[worst])
+    return (
+        f"Measured stress departs most in {modes[worst]} tension, {off[worst]:.3g} MPa in root "
+        f"mean square and {sign} the law on average{f' ({others} MPa)' if others else ''}."
+    )
+
+
+def _mean(values: Floats, mask: NDArray[np.bool_], row: int | None = None) -> float:
+    chosen = values[mask] if row is None else values[row][mask[0]]
+    return float(np.mean(chosen)) if chosen.size else 0.0
+
+
+INSEPARABLE = 1e-6
+"""Share of a direction's square left beside others, below which it is none of its own."""
+
+
+@dataclass(frozen=True)
+class Statistic:
+    """What is computed of whitened data, and what it means.
+
+    Parameters
+    ----------
+    name, unit : str
+        As in the report.
+    more, less : str
+        What a value above, or below, that of a right model means physically.
+    projections : array, shape (n, r), optional
+        Directions in whitened data: one for a size, several for the mean of their squares. None
+        where the readings do not have it.
+    why : str
+        What is missing where there are none.
+    neutral : float
+        Size where the model is right.
+    squares : bool
+        Whether it is the mean square of the projections or the size along the only one.
+    """
+
+    name: str
+    unit: str
+    more: str
+    less: str
+    projections: Floats | None
+    why: str = ""
+    neutral: float = 0.0
+    squares: bool = False
+
+    def of(self, whitened: Floats) -> Floats:
+        """Return the statistic of whitened data sets (..., n), shape (...)."""
+        assert self.projections is not None
+        projected = whitened @ self.projections
+        if self.squares:
+            return np.asarray(np.mean(projected**2, axis=-1))
+        return np.asarray(self.neutral + projected[..., 0])
+
+
+def regression(linear: Linear, direction: Floats, *beside: Floats) -> Floats | None:
+    r"""Return the projection that gives the size of an effect by generalised least squares.
+
+    .. math:: \omega = w_\perp / |w_\perp|^2, \qquad w_\perp = (I - P_B)\, L^{-1} d
+
+    with d the direction, L the Cholesky factor of the readings' covariance with the parameters
+    integrated out, and P_B the projection on the directions fitted beside.
+
+    Parameters
+    ----------
+    linear : Linear
+        The model linearised at its mode.
+    direction : array, shape (n,)
+        Change of the readings by one unit of the effect.
+    *beside : array, shape (n,)
+        Directions whose sizes are free, so that the statistic does not answer to them.
+
+    Returns
+    -------
+    array, shape (n, 1), or None
+        None where the direction is made of those beside it.
+    """
+    columns = linear.whiten_columns(np.column_stack([direction, *beside]))
+    own, others = columns[:, 0], columns[:, 1:]
+    others = others[:, np.any(others != 0.0, axis=0)]
+    if others.shape[1]:
+        basis = np.linalg.qr(others / np.linalg.norm(others, axis=0))[0]
+        left = own - basis @ (basis.T @ own)
+    else:
+        left = own
+    square = float(left @ left)
+    if square <= INSEPARABLE * float(own @ own):
+        return None
+    return np.asarray(left / square)[:, None]
+
+
+def functional(linear: Linear, weights: Floats, reference: Floats) -> Floats:
+    """Return the projection that gives a weighted sum of the residuals, (n, 1).
+
+    Parameters
+    ----------
+    linear : Linear
+        The model linearised at its mode.
+    weights : array, shape (n,)
+        Of the residuals.
+    reference : array, shape (n,)
+        Change of the readings whose weighted sum is 1: what the refit takes of it is given back.
+    """
+    projection = linear.whiten_columns((linear.scatter @ weights)[:, None])
+    seen = float(linear.whiten_columns(reference[:, None])[:, 0] @ projection[:, 0])
+    return np.asarray(projection / seen)
+
+
+def between_specimens(
+    linear: Linear, size: Floats, *, alike: Labels | None = None
+) -> Floats | None:
+    """Return directions in which specimens of the same level differ, (n, r), orthonormal.
+
+    Parameters
+    ----------
+    linear : Linear
+        The model linearised at its mode.
+    size : array, shape (n,)
+        Change of the readings by one unit; 0 where a reading is of another family.
+    alike : array of str, shape (n,), optional
+        What else must be the same for specimens to be compared: mount, mode of tension.
+
+    Returns
+    -------
+    array or None
+        r is the number of specimens less that of groups in which they are alike; None where it
+        is zero.
+    """
+    places, rows = linear.subject.places, size != 0.0
+    names, first = np.unique(places.specimen[rows], return_index=True)
+    if len(names) < 2:
+        return None
+    member = levels(places.level[rows][first])[1]
+    alike = places.family if alike is None else alike
+    label = alike[rows][first]
+    same = ((member[:, None] == member) & (label[:, None] == label)).astype(np.float64)
+    same /= np.sum(same, axis=1, keepdims=True)
+    values, turned = np.linalg.eigh(np.eye(len(names)) - same)
+    contrasts = turned[:, values > 0.5]
+    if contrasts.shape[1] == 0:
+        return None
+    each = linear.whiten_columns(size[:, None] * (places.specimen[:, None] == names))
+    return np.linalg.qr(np.linalg.pinv(each).T @ contrasts)[0]
+
+
+def misfit_frame(linear: Linear, misfit: Misfit, model: str) -> pd.DataFrame:
+    """Return what the measured discrepancy is at each reading, and what scatters about it.
+
+    The residual is that of a fit which has the discrepancy beside the parameters, so that points
+    scatter about the curve by error and specimens alone.
+
+    Parameters
+    ----------
+    linear : Linear
+        The model linearised at its mode.
+    misfit : Misfit
+        What was measured with it.
+    model : str
+        Its name, such as ``base``.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns ``model``, ``kind``, ``history``, ``specimen_id``, ``degradation_pct``, ``along``
+        (pressure [kPa] or stretch), ``discrepancy`` and ``residual`` in the readings' units.
+    """
+    places = linear.subject.places
+    smooth = misfit.discrepancy
+    left = linear.observed - linear.whiten_columns(smooth[:, None])[:, 0]
+    return pd.DataFrame(
+        {
+            "model": model,
+            "kind": places.kind,
+            "history": places.history,
+            "specimen_id": places.specimen,
+            "degradation_pct": places.level,
+            "along": places.along,
+            "discrepancy": smooth,
+            "residual": smooth + linear.unexplained(left),
+        }
+    )
+
+
+Flags = NDArray[np.bool_]
+
+BRANCH, CYCLE, HOLD, SPECIMEN, OTHER = "branch", "cycle", "hold", "specimen", ""
+RARE = 0.02  # p-value up to which more than chance sits in a group
+MOST = 0.5  # share of the misfit statistic from which it dominates
+MORE = 1.25  # of its share of the readings, which it must exceed by this factor
+FEW, FEW_OF_ALL = 3, 0.25  # specimens that are still a few
+
+
+@dataclass(frozen=True)
+class Concentration:
+    """Where most of a misfit sits.
+
+    Parameters
+    ----------
+    kind : str
+        ``branch``, ``cycle``, ``hold`` or ``specimen``.
+    members : tuple of str
+        ``unloading``; ``cycle 2`` or ``cycles after the first``; ``readings after a hold``; or the
+        names of specimens.
+    excess : tuple of float
+        By how much of the simulated each lies above the other readings, as far as that differs
+        from the simulation [%].
+    share : float
+        Of the misfit statistic.
+    readings : float
+        Share of the readings.
+    p_value : float
+        Share of simulated data in which the best of all groups gains as much, (1 + #)/(1 + n).
+    """
+
+    kind: str
+    members: tuple[str, ...]
+    excess: tuple[float, ...]
+    share: float
+    readings: float
+    p_value: float
+
+
+@dataclass(frozen=True)
+class _Group:
+    kind: str
+    name: str
+    rows: Flags
+
+
+def concentration(linear: Linear, simulated: Floats, statistic: float) -> Concentration | None:
+    """Return the branch, cycle, hold or few specimens in which most of a misfit sits, if any.
+
+    Parameters
+    ----------
+    linear : Linear
+        The model linearised at its mode.
+    simulated : array, shape (k, n)
+        Data sets simulated from it; without any nothing is told.
+    statistic : float
+        Its misfit statistic [nats].
+    """
+    groups = list(_groups(linear.subject.places))
+    if not groups or not len(simulated):
+        return None
+    data = np.vstack([linear.observed, linear.whiten(simulated)])
+    gains = np.stack([_gain(linear, (group,), data) for group in groups])
+    chance = gains[:, 1:].max(axis=0)
+    p_values = (1 + np.sum(chance >= gains[:, :1], axis=1)) / (1 + len(chance))
+    best = int(np.argmax(gains[:, 0]))
+    chosen = _chosen(groups, gains[:, 0], p_values, best)
+    if not chosen or p_values[best] > RARE:
+        return None
+    gain = float(_gain(linear, chosen, data[:1])[0])
+    share = gain / max(statistic, gain)
+    family = np.any([group.rows for group in groups], axis=0)
+    readings = float(np.sum(np.any([group.rows for group in chosen], axis=0)) / np.sum(family))
+    if share < max(MOST, MORE * readings):
+        return None
+    excess = tuple(_excess(linear, group, family) for group in chosen)
+    names = tuple(group.name for group in chosen)
+    return Concentration(chosen[0].kind, names, excess, share, readings, float(p_values[best]))
+
+
+def with_concentration(sentence: str, found: Concentration | None) -> str:
+    """Add to the sentence that says where a misfit sits in what most of it does.
+
+    Examples
+    --------
+    >>> found = Concentration("branch", ("unloading",), (4.2,), 0.8, 0.5, 0.004)
+    >>> with_concentration("Curvature is low.", found)
+    'Curvature is low; most of the misfit (80 %, in 50 % of the readings) sits in the unloading \
+branch, 4 % above the rest relative to the simulation.'
+    """
+    if found is None:
+        return sentence
+    shares = f"{100 * found.share:.0f} %, in {100 * found.readings:.0f} % of the readings"
+    return f"{sentence.removesuffix('.')}; most of the misfit ({shares}) sits in {_place(found)}."
+
+
+def _place(found: Concentration) -> str:
+    off = [f"{abs(e):.0f} % {'above' if e > 0.0 else 'below'}" for e in found.excess]
+    relative = "the rest relative to the simulation"
+    if found.kind == SPECIMEN and len(found.members) > 1:
+        each = [f"{name} ({size})" for name, size in zip(found.members, off, strict=True)]
+        return f"specimens {', '.join(each[:-1])} and {each[-1]}, against {relative}"
+    [name] = found.members
+    named = {BRANCH: f"the {name} branch", SPECIMEN: f"specimen {name}"}
+    return f"{named.get(found.kind, name)}, {off[0]} {relative}"
+
+
+def _chosen(groups: list[_Group], gains: Floats, p_values: Floats, best: int) -> tuple[_Group, ...]:
+    """Return the best group, with other specimens that stand out as it does; none if many do."""
+    if groups[best].kind != SPECIMEN:
+        return (groups[best],) if groups[best].kind else ()
+    all_of_them = [i for i, group in enumerate(groups) if group.kind == SPECIMEN]
+    out = sorted((i for i in all_of_them if p_values[i] <= RARE), key=lambda i: -gains[i])
+    few = min(FEW, int(FEW_OF_ALL * len(all_of_them)))
+    return tuple(groups[i] for i in out) if len(out) <= few else ()
+
+
+def _groups(places: Places) -> Iterator[_Group]:
+    of_actuators = bool(np.any(places.family == ACTUATOR))
+    family = places.family == ACTUATOR if of_actuators else np.ones(len(places), bool)
+    yield _Group(OTHER, "all", family)
+    specimens, first = np.unique(places.specimen[family], return_index=True)
+    rates, member = levels(places.level[family][first])
+    for k in np.flatnonzero(np.bincount(member) > 1) if len(rates) > 1 else ():
+        yield _Group(OTHER, "level", family & np.isin(places.specimen, specimens[member == k]))
+    for name in specimens if len(specimens) >= 1 / FEW_OF_ALL else ():
+        yield _Group(SPECIMEN, str(name), family & (places.specimen == name))
+    if of_actuators:
+        yield from _histories(places, family)
+    else:
+        for mode in np.unique(places.history[family]):
+            yield _Group(OTHER, "mode", family & (places.history == mode))
+
+
+def _histories(places: Places, family: Flags) -> Iterator[_Group]:
+    """Yield branches, cycles, held readings and mounts: those that are not all readings."""
+    split = np.full((len(family), 3), "", dtype=np.array(places.history).dtype)
+    split[family] = [history.split() for history in places.history[family]]
+    branch, cycle, mount = split.T
+    found = [_Group(BRANCH, "unloading", branch == "unloading")]
+    later = [str(c) for c in np.unique(cycle[family]) if c != "1"]
+    found += [_Group(CYCLE, f"cycle {name}", cycle == name) for name in later]
+    if len(later) > 1:
+        found.append(_Group(CYCLE, "cycles after the first", family & (cycle != "1")))
+    found.append(_Group(HOLD, "readings after a hold", family & _held(places)))
+    found += [_Group(OTHER, "mount", mount == name) for name in np.unique(mount[family])]
+    yield from (one for one in found if 0 < np.sum(one.rows) < np.sum(family))
+
+
+def _held(places: Places) -> Flags:
+    """Return which readings were taken at the pressure of the one before on the same path."""
+    keys = np.stack([places.specimen, places.kind, places.history])
+    same = np.all(keys[:, 1:] == keys[:, :-1], axis=0) & (np.diff(places.along) == 0.0)
+    return np.append(False, same)
+
+
+def _gain(linear: Linear, groups: tuple[_Group, ...], data: Floats) -> Floats:
+    """Return what whitened data sets (k, n) gain by a scale and a trend of each group, (k,)."""
+    places, columns = linear.subject.places, []
+    for group in groups:
+        size = np.where(group.rows, linear.prediction, 0.0)
+        middle = float(np.mean(places.along[group.rows]))
+        columns += [size, size * (places.along - middle) / max(float(np.ptp(places.along)), 1e-12)]
+    whitened = linear.whiten_columns(np.column_stack(columns))
+    vectors, values, _ = np.linalg.svd(whitened, full_matrices=False)
+    basis = vectors[:, values > 1e-6 * values[0]]
+    gain: Floats = 0.5 * np.sum((data @ basis) ** 2, axis=1)
+    return gain
+
+
+def _excess(linear: Linear, group: _Group, family: Flags) -> float:
+    size = np.where(family, linear.prediction, 0.0)
+    projection = regression(linear, 0.01 * size * group.rows, size)
+    return 0.0 if projection is None else float(linear.observed @ projection[:, 0])

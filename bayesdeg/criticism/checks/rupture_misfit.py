@@ -1,0 +1,91 @@
+"""Whether actuators burst where the model expects: calibrated by simulating them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdeg.inference.model import Model, replicate
+
+Floats = NDArray[np.float64]
+
+FEWEST = 19
+"""Simulated data sets below which no p-value could reach 0.05, from which ruptures are told of."""
+
+
+@dataclass(frozen=True)
+class RuptureMisfit:
+    """How surprising the ruptures are.
+
+    Parameters
+    ----------
+    burst : int
+        Actuators that burst.
+    expected : float
+        How many do in simulated data on average.
+    deviance : float
+        −2 Σ ln of the probability of what each did, averaged over the posterior.
+    p_value : float
+        Share of simulated data sets that are at least as improbable; nan where fewer than `FEWEST`
+        have a probability at all.
+    known, drawn : int
+        Data sets that have one, of so many that were simulated.
+    """
+
+    burst: int
+    expected: float
+    deviance: float
+    p_value: float
+    known: int = 0
+    drawn: int = 0
+
+
+def rupture_misfit(
+    model: Model, vectors: Floats, generator: np.random.Generator
+) -> RuptureMisfit | None:
+    """Compare ruptures with those of data simulated from posterior draws.
+
+    The discrepancy is −2 Σ ln P of the specimens' survivals and ruptures, data and simulated data
+    each at the parameters of the same draw.
+
+    Parameters
+    ----------
+    model : Model
+        With actuators and a limit of elongation; else there is nothing to compare: None.
+    vectors : array, shape (k, n_parameters)
+        Posterior draws.
+    generator : Generator
+        For the simulated data.
+
+    References
+    ----------
+    Gelman, Meng, Stern (1996), Statistica Sinica 6:733, for discrepancies that depend on
+    parameters.
+    """
+    if model.actuator is None or not model.has_elongation:
+        return None
+    observed = _deviances(model, vectors)
+    simulated, bursts = [], []
+    for vector in vectors:
+        again = replicate(model, model.table.named(vector[None]), generator)
+        assert again.actuator is not None
+        simulated.append(_deviances(again, vector[None])[0])
+        bursts.append(int(again.actuator.ruptured.any(axis=1).sum()))
+    known = np.isfinite(observed) & np.isfinite(simulated)
+    count = int(np.sum(known))
+    worse = int(np.sum(np.array(simulated)[known] >= observed[known]))
+    return RuptureMisfit(
+        int(model.actuator.ruptured.any(axis=1).sum()),
+        float(np.mean(bursts)),
+        float(np.mean(observed[known])) if count else float("nan"),
+        (1 + worse) / (1 + count) if count >= FEWEST else float("nan"),
+        count,
+        len(vectors),
+    )
+
+
+def _deviances(model: Model, vectors: Floats) -> Floats:
+    """Return −2 ln of the ruptures' probability, (k,); readings that are nan play no part."""
+    with np.errstate(all="ignore"):
+        density = model.rupture_density(model.table.named(vectors))
+        return np.asarray(-2.0 * np.sum(density, axis=1))

@@ -1,0 +1,133 @@
+"""Whether specimens that a cause lets scatter one by one deviate level by level instead.
+
+A cause that widens the scatter of degradation rates claims that every specimen is off by an amount
+of its own. A batch that was mixed wrongly, or stored elsewhere, is off as a whole: a wider scatter
+takes that up as well, and is not what happened.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdeg.causes.cause import Cause
+from bayesdeg.criticism.checks.discrepancy import FEWEST, MISFIT_LEVEL
+from bayesdeg.criticism.checks.residuals import levels
+from bayesdeg.criticism.fit.linear import is_seen
+from bayesdeg.criticism.fit.trials import Trial
+from bayesdeg.criticism.model_readings import ModelReadings
+from bayesdeg.criticism.subject import columns_of
+
+Floats = NDArray[np.float64]
+
+SHARES = np.array([0.25, 0.5, 0.75, 0.95])
+"""Correlations of specimens of one level that are tried."""
+
+
+@dataclass(frozen=True)
+class SharedScatter:
+    """How much better a scatter shared by the specimens of a level explains their readings.
+
+    Parameters
+    ----------
+    cause : str
+        Which widens the scatter.
+    statistic : float
+        Largest log-likelihood ratio of a shared scatter against one of each specimen's own [nats].
+    share : float
+        The correlation between specimens of a level at which that is reached.
+    p_value : float
+        Share of data simulated from the model with at least this statistic, (1 + #)/(1 + n); nan
+        where there are too few such data.
+    """
+
+    cause: str
+    statistic: float
+    share: float
+    p_value: float
+
+    @property
+    def is_tested(self) -> bool:
+        """Whether there were data enough to test it."""
+        return not np.isnan(self.p_value)
+
+    @property
+    def is_more_than_chance(self) -> bool:
+        """Whether specimens of a level deviate together."""
+        return self.p_value <= MISFIT_LEVEL
+
+
+def shared_scatter(trial: Trial, simulated: Floats) -> list[SharedScatter]:
+    r"""Test the scatter that each active cause adds to actuators against one shared by a level.
+
+    With :math:`b_k = J_k \sqrt{\tau_k^2 - \tau_{0k}^2}` what one standard deviation of the added
+    scatter does to the readings of specimen k, and :math:`\Sigma` their covariance without any
+    correlation between specimens, the statistic is the largest of
+
+    .. math:: \ln N(y; \mu, \Sigma + \rho \sum_{k \neq l} b_k b_l^T) - \ln N(y; \mu, \Sigma)
+
+    over correlations :math:`\rho`, the sum over specimens of the same level.
+
+    Parameters
+    ----------
+    trial : Trial
+        A fitted model with its causes.
+    simulated : array, shape (n, n_readings)
+        Data sets simulated from it, in which every specimen has its own deviation.
+
+    Returns
+    -------
+    list of SharedScatter
+        One for each cause that widens the scatter; none where nothing is read on actuators.
+
+    References
+    ----------
+    Atenafu et al. (2012), doi:10.1186/1471-2288-12-126, on correlations within classes.
+    """
+    subject = trial.subject
+    if not isinstance(subject, ModelReadings) or subject.model.actuator is None:
+        return []
+    found = []
+    for cause in subject.causes:
+        added = _added_scatter(trial, cause)
+        if np.any(is_seen(added)):
+            level = levels(subject.model.actuator.degradation[:, 0])[1]
+            found.append(_tested(trial, cause.name, added, level, simulated))
+    return found
+
+
+def _added_scatter(trial: Trial, cause: Cause) -> Floats:
+    """Return what one standard deviation of a cause's scatter does, whitened, (n, n_specimens)."""
+    assert isinstance(trial.subject, ModelReadings)
+    subject, linear = trial.subject, trial.linear
+    unseen = ~is_seen(linear.whiten_columns(linear.jacobian))
+    neutral = trial.mode.copy()
+    for column, parameter in zip(columns_of(subject, cause), cause.parameters, strict=True):
+        if unseen[column]:
+            neutral[column] = float(parameter.law.to_unconstrained(parameter.neutral or 0.0))
+    slope, spread = subject.deviations(trial.mode)
+    _, without = subject.deviations(neutral)
+    return linear.whiten_columns(slope * np.sqrt(np.maximum(spread - without, 0.0)))
+
+
+def _tested(
+    trial: Trial, name: str, added: Floats, level: NDArray[np.int64], simulated: Floats
+) -> SharedScatter:
+    other = (level[:, None] == level) & ~np.eye(len(level), dtype=bool)
+    basis, triangle = np.linalg.qr(added)
+    values, turned = np.linalg.eigh(triangle @ other @ triangle.T)
+    vectors = basis @ turned
+    ratios = _ratios(trial.linear.observed[None], values, vectors)[:, 0]
+    best, p_value = int(np.argmax(ratios)), float("nan")
+    if len(simulated) >= FEWEST:
+        chance = _ratios(trial.linear.whiten(simulated), values, vectors).max(axis=0)
+        p_value = (1 + int(np.sum(chance >= ratios[best]))) / (1 + len(chance))
+    return SharedScatter(name, float(ratios[best]), float(SHARES[best]), p_value)
+
+
+def _ratios(whitened: Floats, values: Floats, vectors: Floats) -> Floats:
+    """Return log-likelihood ratios for every correlation, (n_correlations, n_data)."""
+    signal = SHARES[:, None] * values
+    squares = (whitened @ vectors) ** 2
+    gain: Floats = 0.5 * (signal / (1.0 + signal)) @ squares.T
+    return gain - 0.5 * np.sum(np.log1p(signal), axis=1)[:, None]

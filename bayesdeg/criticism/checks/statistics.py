@@ -1,0 +1,602 @@
+r"""Statistics of actuators: what curves of curvature against pressure can show of a wrong model.
+
+Curvatures and bend angles are looked at together but where they are compared. Sizes in percent are
+relative to the prediction; beside every one of them a ratio common to all readings is fitted.
+
+Each statistic is computed alike of the data and of data sets simulated from the posterior, from
+residuals that know what a refit of the parameters would take up (`statistics_of_residuals`).
+With T₀ the median of them all,
+
+.. math:: p = \frac{1 + \#\{|T_k - T_0| \ge |T - T_0|\}}{1 + n}
+
+is two-sided and needs no law of T. Where many are looked at one will be small by chance: the
+adjusted p-values keep the chance of any false one at their level, by stepping down from the
+largest as Holm does, but with the dependence of the statistics as simulated (Westfall & Young
+1993; Ge, Dudoit & Speed 2003, doi:10.1007/BF02595811). So they can be as small as 1/(1 + n), and
+not only as the number of statistics over that.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from bayesdeg.criticism.checks.discrepancy import too_few
+from bayesdeg.criticism.checks.residuals import Statistic, between_specimens, functional, regression
+from bayesdeg.criticism.fit.linear import Linear
+from bayesdeg.criticism.model_readings import ACTUATOR, ANGLE, CURVATURE, FILM
+from bayesdeg.criticism.subject import Places
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+PERCENT = 0.01
+TOGETHER = 0.05
+"""Share of the trend with time that pressure must leave for time to be a cause of its own."""
+
+
+@dataclass(frozen=True)
+class Bench:
+    """Actuators' readings among all readings, arrays of shape (n,).
+
+    Parameters
+    ----------
+    linear : Linear
+        The model linearised at its mode.
+    rows : array of bool
+        Which readings are of actuators.
+    size : array
+        Predicted readings; 0 elsewhere.
+    shift : array
+        Change of the readings where the true pressure is 1 kPa below that read.
+    bend : array
+        Change of the readings where the slope in the highest third of the pressures is larger by
+        its whole size, relative to that in the lowest.
+    """
+
+    linear: Linear
+    rows: Flags
+    size: Floats
+    shift: Floats
+    bend: Floats
+
+    @classmethod
+    def of(cls, linear: Linear) -> Self:
+        """Return the actuators' readings of a linearised model."""
+        places = linear.subject.places
+        rows = places.family == ACTUATOR
+        size = np.where(rows, linear.prediction, 0.0)
+        shift, bend = np.zeros(len(rows)), np.zeros(len(rows))
+        largest = float(places.along[rows].max(initial=0.0))
+        keys = np.stack([places.specimen, places.kind, places.history])
+        for key in np.unique(keys[:, rows], axis=1).T:
+            own = np.flatnonzero(np.all(keys == key[:, None], axis=0))
+            shift[own], bend[own] = _shift_and_bend(places.along[own], size[own], largest)
+        return cls(linear, rows, size, shift, bend)
+
+    @property
+    def places(self) -> Places:
+        """Where all readings stand."""
+        return self.linear.subject.places
+
+    @cached_property
+    def histories(self) -> NDArray[np.str_]:
+        """Branch, cycle and mount of each reading, (n, 3); empty where it is no actuator's."""
+        split = np.full((len(self.rows), 3), "", dtype=np.array(self.places.history).dtype)
+        split[self.rows] = [history.split() for history in self.places.history[self.rows]]
+        return split
+
+    def excess(self, share: Floats | Flags) -> Floats:
+        """Return the direction in which readings exceed the prediction by these shares [%]."""
+        return PERCENT * self.size * share
+
+
+def actuator_statistics(linear: Linear) -> tuple[Statistic, ...]:
+    """Return the statistics of actuators; none where there are none."""
+    if not np.any(linear.subject.places.family == ACTUATOR):
+        return ()
+    bench = Bench.of(linear)
+    return (
+        _offset(bench),
+        _slopes(bench),
+        _hysteresis(bench),
+        _time(bench),
+        _degradation(bench),
+        _scatter(bench),
+        _angle(bench),
+        _cycles(bench),
+        *_mounts(bench),
+    )
+
+
+def _offset(bench: Bench) -> Statistic:
+    return Statistic(
+        "offset at low pressure",
+        "kPa",
+        "curves start late: as with a pressure offset or the threshold of a valve",
+        "curves start early: as with slack paper, or a sensor that reads too little pressure",
+        regression(bench.linear, bench.shift, bench.size, bench.bend),
+        "the pressures are too few to tell it from a ratio",
+    )
+
+
+def _slopes(bench: Bench) -> Statistic:
+    return Statistic(
+        "ratio of slopes at high and low pressure, over the simulated",
+        "–",
+        "curves steepen more with pressure than simulated: as with creep in a slow test, or with "
+        "walls softer at large stretch",
+        "curves flatten with pressure: as with drying while testing, with a trace along an outer "
+        "fibre, or with walls stiffer at large stretch",
+        regression(bench.linear, bench.bend, bench.size, bench.shift),
+        "the pressures are too few to tell it from a ratio",
+        neutral=1.0,
+    )
+
+
+def _hysteresis(bench: Bench) -> Statistic:
+    weights = _area(bench)
+    unloading = bench.histories[:, 0] == "unloading"
+    found = Statistic(
+        "hysteresis area between branches",
+        "kPa/m",
+        "unloading lies above loading more than simulated: as with creep or damage",
+        "unloading lies below loading: as with drying or a leak while testing",
+        None,
+        "needs readings of unloading: column branch of actuator.csv",
+    )
+    largest = float(bench.places.along[bench.rows].max())
+    share = bench.places.along / largest
+    lens = np.where(unloading & (bench.places.kind == CURVATURE), share * (1.0 - share), 0.0)
+    area = float(weights @ lens)
+    if area <= 0.0:
+        return found
+    return replace(found, projections=functional(bench.linear, weights, lens / area))
+
+
+def _area(bench: Bench) -> Floats:
+    """Return weights that sum residuals to the area of a loop, in the mean over loops, (n,).
+
+    The loop closes from the last reading of unloading to the first of loading; its area is
+    −∮ κ dp by the trapezoidal rule.
+    """
+    places = bench.places
+    weights, loops = np.zeros(len(bench.rows)), 0
+    keys = np.stack([places.specimen, bench.histories[:, 1], places.kind])
+    for key in np.unique(keys[:, bench.rows], axis=1).T:
+        own = np.flatnonzero(np.all(keys == key[:, None], axis=0))
+        both = len(np.unique(bench.histories[own, 0])) > 1
+        if key[2] == CURVATURE and both:
+            pressure = places.along[own]
+            weights[own] = -0.5 * (np.roll(pressure, -1) - np.roll(pressure, 1))
+            loops += 1
+    return weights / max(loops, 1)
+
+
+def _time(bench: Bench) -> Statistic:
+    known = bench.rows & np.isfinite(bench.places.time)
+    minutes = np.where(known, bench.places.time, 0.0) / 60.0
+    direction = bench.excess(minutes)
+    found = Statistic(
+        "trend of the residual with time",
+        "%/min",
+        "curvature grows with time at the same pressure: as with creep",
+        "curvature falls with time at the same pressure: as with drying or a growing leak",
+        None,
+        "needs the column time_s of actuator.csv",
+    )
+    if not known.any():
+        return found
+    projection = regression(bench.linear, direction, bench.size, bench.size * known)
+    if projection is None:
+        return replace(found, why="all readings were taken at the same time")
+    beside = regression(
+        bench.linear, direction, bench.size, bench.size * known, bench.shift, bench.bend
+    )
+    if beside is None or np.sum(projection**2) < TOGETHER * np.sum(beside**2):
+        also = "; time and pressure rise together in these tests, so it may be one or the other"
+        found = replace(found, more=found.more + also, less=found.less + also)
+    return replace(found, projections=projection)
+
+
+def _degradation(bench: Bench) -> Statistic:
+    share = np.where(bench.rows, bench.places.level, 0.0) / 10.0
+    return Statistic(
+        "trend of the residual with degradation",
+        "% per 10 points",
+        "degraded actuators bend more than simulated: as with eroded walls, or with degradation "
+        "rates read too high",
+        "degraded actuators bend less than simulated: as with a stiff degraded skin, or with "
+        "degradation rates read too low",
+        regression(bench.linear, bench.excess(share), bench.size),
+        "needs actuators at several degradation rates",
+    )
+
+
+def _scatter(bench: Bench) -> Statistic:
+    return Statistic(
+        "variance between specimens, over the model's",
+        "–",
+        "specimens of one degradation rate differ more than the model allows: as with uneven walls "
+        "or misread degradation rates",
+        "specimens of one degradation rate differ less than the model allows: its scatter of "
+        "stiffness is too large for them",
+        between_specimens(bench.linear, bench.size, alike=bench.histories[:, 2]),
+        "needs several actuators at one degradation rate",
+        neutral=1.0,
+        squares=True,
+    )
+
+
+def _angle(bench: Bench) -> Statistic:
+    angle = bench.places.kind == ANGLE
+    found = Statistic(
+        "curvature beyond what the bend angle says",
+        "%",
+        "the arc is shorter than simulated: as with a part that shrank more",
+        "the arc is longer than simulated: as with a trace along an outer fibre, or with a part "
+        "that shrank less",
+        None,
+        "needs the column bend_angle_deg of actuator.csv",
+    )
+    if not angle.any():
+        return found
+    share = np.where(angle, -0.5, 0.5)
+    return replace(found, projections=regression(bench.linear, bench.excess(share), bench.size))
+
+
+def _cycles(bench: Bench) -> Statistic:
+    later = (bench.histories[:, 1] != "1") & bench.rows
+    return Statistic(
+        "later cycles against the first",
+        "%",
+        "later cycles bend further than simulated: as with softening by the first loading",
+        "later cycles bend less than simulated: as with drying or a leak while testing",
+        regression(bench.linear, bench.excess(later), bench.size) if later.any() else None,
+        "needs readings of the first and of later cycles: column cycle of actuator.csv",
+    )
+
+
+def _mounts(bench: Bench) -> list[Statistic]:
+    mounts, number = np.unique(bench.histories[bench.rows, 2], return_counts=True)
+    first = str(mounts[np.argmax(number)])
+    if len(mounts) == 1:
+        why = "needs a second mount: column mount of actuator.csv"
+        return [Statistic("difference between mounts", "%", "", "", None, why)]
+    other = {str(m): bench.histories[:, 2] == m for m in mounts if m != first}
+    return [
+        Statistic(
+            f"mount {name} against {first}".replace("_", " "),
+            "%",
+            f"actuators bend further {name} than {first}, more than simulated: as by their weight",
+            f"actuators bend less {name} than {first}, more than simulated: as by their weight",
+            regression(
+                bench.linear,
+                bench.excess(rows),
+                bench.size,
+                *(bench.excess(others) for rest, others in other.items() if rest != name),
+            ),
+            "the mounts differ as the specimens do",
+        )
+        for name, rows in other.items()
+    ]
+
+
+def _shift_and_bend(pressure: Floats, size: Floats, largest: float) -> tuple[Floats, Floats]:
+    """Return −dκ/dp and ∫ κ' g dp at readings of one curve, with g the relative excess of slope.
+
+    g = 3/2 (p/p_max − ½): its middles in the highest and the lowest third differ by 1.
+    """
+    grid, place = np.unique(np.append(0.0, pressure), return_inverse=True)
+    counts = np.bincount(place)
+    curve = np.bincount(place, weights=np.append(0.0, size)) / counts
+    slope = np.gradient(curve, grid, edge_order=2 if len(grid) > 2 else 1)
+    excess = 1.5 * (grid / largest - 0.5)
+    steps = 0.5 * (excess[1:] + excess[:-1]) * np.diff(curve)
+    bend = np.append(0.0, np.cumsum(steps))
+    return -slope[place[1:]], bend[place[1:]]
+
+
+def film_statistics(linear: Linear) -> tuple[Statistic, ...]:
+    """Return the statistics of films in tension; none where there are none."""
+    places = linear.subject.places
+    rows = places.family == FILM
+    if not rows.any():
+        return ()
+    size = np.where(rows, linear.prediction, 0.0)
+    stretch = np.where(rows, places.along - 1.0, 0.0)
+    trend = Statistic(
+        "trend of the films' residual with stretch",
+        "% per unit of stretch",
+        "stresses rise faster with stretch than simulated: as with Cauchy stress recorded as "
+        "nominal, or with a law that stiffens too late",
+        "stresses rise slower with stretch than simulated: as with nominal stress recorded as "
+        "Cauchy, or with damage while stretching",
+        regression(linear, PERCENT * size * stretch, size),
+        "needs films at several stretches",
+    )
+    return (*_modes(linear, size), trend, _scatter_of_films(linear, size))
+
+
+def other_statistics(linear: Linear) -> tuple[Statistic, ...]:
+    """Return statistics of readings that are neither actuators' nor films'."""
+    families = dict.fromkeys(linear.subject.places.family.tolist())
+    found: list[Statistic] = []
+    for family in families:
+        if family not in (ACTUATOR, FILM):
+            found += _of_family(linear, family)
+    return tuple(found)
+
+
+def _modes(linear: Linear, size: Floats) -> list[Statistic]:
+    """Return the mean excess of stress in each mode of tension over the first."""
+    places = linear.subject.places
+    modes = list(dict.fromkeys(places.history[size != 0.0].tolist()))
+    if len(modes) == 1:
+        why = "needs a second mode of tension: column mode of tensile.csv"
+        return [Statistic("difference between modes of tension", "MPa", "", "", None, why)]
+    first = "uniaxial" if "uniaxial" in modes else modes[0]
+    rest = [mode for mode in modes if mode != first]
+    scaled = {mode: _of_mean_one(size, places.history == mode) for mode in rest}
+    return [
+        Statistic(
+            f"{mode} against {first} tension",
+            "MPa",
+            f"stress in {mode} tension is higher than {first} curves lead to expect: as with "
+            "a law that depends on the second invariant",
+            f"stress in {mode} tension is lower than {first} curves lead to expect: as with "
+            "a law that depends on the second invariant",
+            regression(
+                linear, scaled[mode], size, *(scaled[other] for other in rest if other != mode)
+            ),
+            "the modes differ as the films do",
+        )
+        for mode in rest
+    ]
+
+
+def _of_mean_one(size: Floats, rows: NDArray[np.bool_]) -> Floats:
+    own = np.where(rows, size, 0.0)
+    return np.asarray(own / np.mean(np.abs(size[rows & (size != 0.0)])))
+
+
+def _scatter_of_films(linear: Linear, size: Floats) -> Statistic:
+    return Statistic(
+        "variance between films, over the model's",
+        "–",
+        "films of one degradation rate differ more than the model allows: as with misread "
+        "thickness or degradation rates",
+        "films of one degradation rate differ less than the model allows: its scatter of "
+        "stiffness is too large for them",
+        between_specimens(linear, size, alike=linear.subject.places.history),
+        "needs several films at one degradation rate",
+        neutral=1.0,
+        squares=True,
+    )
+
+
+def _of_family(linear: Linear, family: str) -> list[Statistic]:
+    places = linear.subject.places
+    rows = places.family == family
+    size = np.where(rows, linear.prediction, 0.0)
+    found = [
+        _trend(linear, size, values, family=family, along=along)
+        for along, values in (
+            ("the path", places.along),
+            ("the level", places.level),
+            ("time", places.time),
+        )
+    ]
+    scatter = Statistic(
+        f"variance between specimens, over the model's ({family})",
+        "–",
+        "specimens of one level differ more than the model allows",
+        "specimens of one level differ less than the model allows",
+        between_specimens(linear, size),
+        "needs several specimens at one level",
+        neutral=1.0,
+        squares=True,
+    )
+    return [*found, scatter]
+
+
+def _trend(linear: Linear, size: Floats, values: Floats, *, family: str, along: str) -> Statistic:
+    """Return the relative residual's change from the smallest to the largest of these values."""
+    rows = (size != 0.0) & np.isfinite(values)
+    extent = float(np.ptp(values[rows])) if rows.any() else 0.0
+    projection = None
+    if extent > 0.0:
+        share = np.where(rows, values - np.min(values[rows]), 0.0) / extent
+        projection = regression(linear, PERCENT * size * share, size, size * rows)
+    return Statistic(
+        f"trend of the residual with {along} ({family})",
+        "% over all",
+        f"readings exceed the prediction more and more with {along}",
+        f"readings fall short of the prediction more and more with {along}",
+        projection,
+        f"needs readings at several values of {along}",
+    )
+
+
+FEWEST = 19
+"""Simulated data sets below which no p-value could reach 0.05."""
+SIGNIFICANT = 0.05
+UNREMARKABLE = "as the model itself would show"
+
+
+@dataclass(frozen=True)
+class Physical:
+    """One statistic of a study.
+
+    Parameters
+    ----------
+    name, unit : str
+        What it is, as in the report.
+    value : float
+        Of the data; nan where it is not available.
+    low, high : float
+        5 and 95 % of it in simulated data.
+    p_value : float
+        Share of simulated data at least as far from their median, (1 + #)/(1 + n).
+    p_adjusted : float
+        The same for the most remarkable of all statistics looked at.
+    reading : str
+        What a value on this side of the simulated ones means, were it significant.
+    unavailable : str
+        What the study lacks for it, or why it could not be calibrated; empty where it could.
+    """
+
+    name: str
+    unit: str
+    value: float
+    low: float
+    high: float
+    p_value: float
+    p_adjusted: float
+    reading: str
+    unavailable: str = ""
+
+    @property
+    def finding(self) -> str:
+        """The reading where it is significant among all statistics; else that it is not."""
+        if self.unavailable:
+            return f"not available: {self.unavailable}"
+        return self.reading if self.p_adjusted <= SIGNIFICANT else UNREMARKABLE
+
+
+def statistics_table(
+    linear: Linear, simulated: Floats, drawn: int | None = None
+) -> tuple[Physical, ...]:
+    """Compute every statistic and calibrate it, in the order of the catalogue.
+
+    Fewer than 19 finite data sets calibrate nothing: no p-value could reach 0.05. All statistics
+    are unavailable then, and say why.
+
+    Parameters
+    ----------
+    linear : Linear
+        The model linearised at its mode.
+    simulated : array, shape (k, n)
+        Readings of data sets simulated from the fitted model; nan where it had no answer.
+    drawn : int, optional
+        How many were simulated, where those without an answer were left out already.
+    """
+    known = simulated[np.all(np.isfinite(simulated), axis=1)]
+    every = statistics_of(linear)
+    if len(known) < FEWEST:
+        why = too_few(len(known), len(simulated) if drawn is None else drawn)
+        return tuple(_missing(s, s.why if s.projections is None else why) for s in every)
+    there = [s for s in every if s.projections is not None]
+    null = linear.whiten(known)
+    replicated = np.stack([s.of(null) for s in there]) if there else np.empty((0, len(known)))
+    value = np.array([float(s.of(linear.observed)) for s in there])
+    far = _distance(
+        np.column_stack([value, replicated]), np.array([s.squares for s in there], dtype=bool)
+    )
+    p_value = (1.0 + np.sum(far[:, 1:] >= far[:, :1], axis=1)) / (1.0 + len(known))
+    adjusted = adjusted_p_values(far[:, 0], far[:, 1:])
+    calibrated = iter(zip(value, replicated, p_value, adjusted, strict=True))
+    return tuple(
+        _missing(s, s.why) if s.projections is None else _physical(s, *next(calibrated))
+        for s in every
+    )
+
+
+def statistics_of(linear: Linear) -> tuple[Statistic, ...]:
+    """Return every statistic of the readings of a linearised model."""
+    return (*actuator_statistics(linear), *film_statistics(linear), *other_statistics(linear))
+
+
+def frame(table: tuple[Physical, ...]) -> pd.DataFrame:
+    """Return the statistics as a table, the most remarkable first, those not available last.
+
+    Columns: ``statistic``, ``value``, ``unit``, ``simulated_q05``, ``simulated_q95``, ``p_value``,
+    ``p_adjusted``, ``reading``. The reading is that of the sign where the adjusted p-value is at
+    most 0.05; else it says that the value is unremarkable, or what it would need.
+
+    Examples
+    --------
+    >>> late = Physical("offset", "kPa", 9.0, -1.0, 1.0, 0.002, 0.01, "curves start late")
+    >>> frame((late,))[["statistic", "unit", "reading"]].iloc[0].tolist()
+    ['offset', 'kPa', 'curves start late']
+    """
+    rows = pd.DataFrame(
+        {
+            "statistic": [one.name for one in table],
+            "value": [one.value for one in table],
+            "unit": [one.unit for one in table],
+            "simulated_q05": [one.low for one in table],
+            "simulated_q95": [one.high for one in table],
+            "p_value": [one.p_value for one in table],
+            "p_adjusted": [one.p_adjusted for one in table],
+            "reading": [one.finding for one in table],
+        }
+    )
+    return rows.sort_values(["p_adjusted", "p_value"], na_position="last").reset_index(drop=True)
+
+
+def adjusted_p_values(observed: Floats, simulated: Floats) -> Floats:
+    """Return p-values that hold for all statistics together, by stepping down, (m,).
+
+    Parameters
+    ----------
+    observed : array, shape (m,)
+        Distances from what is expected, in the same measure for every statistic.
+    simulated : array, shape (m, k)
+        The same of simulated data.
+
+    Examples
+    --------
+    >>> null = np.arange(99.0)  # the second statistic is a copy of the first
+    >>> adjusted_p_values(np.array([98.0, 97.0]), np.stack([null, null])).tolist()
+    [0.02, 0.03]
+    """
+    order = np.argsort(-observed)
+    if len(order) == 0:
+        return np.empty(0)
+    # of each rank: the largest distance among the statistics that are not more remarkable
+    largest = np.maximum.accumulate(simulated[order][::-1], axis=0)[::-1]
+    count = np.sum(largest >= observed[order][:, None], axis=1)
+    stepped = np.maximum.accumulate((1.0 + count) / (1.0 + simulated.shape[1]))
+    adjusted = np.empty(len(order))
+    adjusted[order] = stepped
+    return adjusted
+
+
+def _distance(values: Floats, squares: NDArray[np.bool_]) -> Floats:
+    """Return distances from the median over the spread, (m, 1 + k).
+
+    The first column is of the data. It counts among the others for the median and the spread: so
+    data from the model are exchangeable with simulated ones, and p-values are exact. Mean squares
+    are compared by their cube roots, which are nearly normal (Wilson & Hilferty 1931).
+    """
+    scaled = values.copy()
+    scaled[squares] = np.cbrt(values[squares])
+    middle = np.median(scaled, axis=1, keepdims=True)
+    low, high = np.quantile(scaled, [0.05, 0.95], axis=1)
+    distance: Floats = np.abs(scaled - middle) / (high - low)[:, None]
+    return distance
+
+
+def _physical(
+    statistic: Statistic, value: float, drawn: Floats, p_value: float, p_adjusted: float
+) -> Physical:
+    low, middle, high = (float(q) for q in np.quantile(drawn, [0.05, 0.5, 0.95]))
+    return Physical(
+        statistic.name,
+        statistic.unit,
+        float(value),
+        low,
+        high,
+        float(p_value),
+        float(p_adjusted),
+        statistic.more if value >= middle else statistic.less,
+    )
+
+
+def _missing(statistic: Statistic, why: str) -> Physical:
+    nan = float("nan")
+    return Physical(statistic.name, statistic.unit, nan, nan, nan, nan, nan, "", unavailable=why)

@@ -1,0 +1,1 @@
+"""What is named, and what speaks for it."""

@@ -1,0 +1,289 @@
+"""Which causes the study at hand could confuse: it is simulated under each, and judged.
+
+Readings z = d_a + e, e ~ N(0, I), of the linearised model with the effect d_a of cause a; cause b
+is as good where its linear Bayes factor is within odds of 20 of that of a.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from bayesdeg.causes.cause import Cause
+from bayesdeg.criticism.decide.support import Support
+from bayesdeg.criticism.decide.verdict import fraction_explained
+from bayesdeg.criticism.fit.linear import Linear, effects, log_bayes_factor, sensitivities
+from bayesdeg.criticism.fit.search import Names, Search
+from bayesdeg.criticism.fit.trials import Trial
+from bayesdeg.criticism.holdout.held_out import HeldOut, difference
+from bayesdeg.criticism.subject import typical_size
+
+Floats = NDArray[np.float64]
+
+CLEAR = float(np.log(20.0))
+OFTEN = 0.1  # of simulated studies in which the wrong cause is as good: then they are confusable
+VISIBLE = 3.0  # size of an effect, in standard deviations, below which it is not seen at all
+DRAWS = 300
+
+
+@dataclass(frozen=True)
+class Confusability:
+    """What would be named if each cause acted.
+
+    Parameters
+    ----------
+    names : tuple of str
+        The causes.
+    visible : array, shape (k,)
+        Size of each one's effect on the whitened readings [standard deviations].
+    confused : array, shape (k, k)
+        Share of studies simulated under the row's cause in which the column's is as good, to
+        within a Bayes factor of 20.
+    """
+
+    names: tuple[str, ...]
+    visible: Floats
+    confused: Floats
+
+    def pairs(self) -> list[tuple[str, str]]:
+        """Return pairs of which either would often be taken for the other."""
+        return [
+            (self.names[i], self.names[j])
+            for i in range(len(self.names))
+            for j in range(i + 1, len(self.names))
+            if self._is_confused(i, j)
+        ]
+
+    def rivals(self, name: str) -> list[str]:
+        """Return what would often be as good as a cause if it acted."""
+        i = self.names.index(name)
+        return [n for j, n in enumerate(self.names) if j != i and self.confused[i, j] > OFTEN]
+
+    def _is_confused(self, i: int, j: int) -> bool:
+        seen = self.visible[[i, j]] > VISIBLE
+        return bool(
+            (seen[0] and seen[1]) and (self.confused[i, j] > OFTEN or self.confused[j, i] > OFTEN)
+        )
+
+
+NOT_KNOWN = Confusability((), np.zeros(0), np.zeros((0, 0)))
+
+
+def confusability(
+    linear: Linear, causes: tuple[Cause, ...], generator: np.random.Generator
+) -> Confusability:
+    """Simulate the readings under each cause at its usual size and judge them.
+
+    Parameters
+    ----------
+    linear : Linear
+        The base model, linearised.
+    causes : tuple of Cause
+        What may act; each at the size that its catalogue entry gives as typical.
+    generator : Generator
+        For the noise.
+    """
+    if not causes:
+        return NOT_KNOWN
+    columns = [sensitivities(linear, cause) for cause in causes]
+    changes = np.stack([_typical_effect(linear, cause) for cause in causes])
+    noise = generator.standard_normal((DRAWS, changes.shape[1]))
+    confused = np.zeros((len(causes), len(causes)))
+    for i, change in enumerate(changes):
+        z = change + noise
+        factors = np.stack(
+            [log_bayes_factor(z, _wide(c, d)) for c, d in zip(columns, changes, strict=True)]
+        )
+        confused[i] = np.mean(factors > factors[i] - CLEAR, axis=1)
+    return Confusability(
+        tuple(cause.name for cause in causes), np.linalg.norm(changes, axis=1), confused
+    )
+
+
+def _typical_effect(linear: Linear, cause: Cause) -> Floats:
+    effect: Floats = np.nan_to_num(effects(linear, cause, typical_size(cause)[None])[0])
+    return effect
+
+
+def _wide(columns: Floats, change: Floats) -> Floats:
+    """Return directions of a cause: of small sizes, and of its usual one."""
+    return np.column_stack([columns, change])
+
+
+EFFECT_DRAWS = 2000
+LEAST = -1e3  # log Bayes factors below are told as this
+
+
+@dataclass(frozen=True)
+class EffectSize:
+    """Posterior of one parameter of a cause."""
+
+    mean: float
+    sd: float
+    q05: float
+    q95: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """How one cause fared.
+
+    Parameters
+    ----------
+    cause : str
+        Its name.
+    log_bayes_factor : float or None
+        Of a named cause beside the others that are named, against the model without it; of others
+        alone against the base model [nats]. None if it could not be judged.
+    probability : float or None
+        Posterior probability that it acts.
+    explained_fraction : float or None
+        Share of the misfit statistic, less what chance gives, that it removes: the larger of each
+        model against its own errors and both against the errors of the model with it
+        (`fraction_explained`); of a named one together with the others.
+        None if it was screened only, or if there is no more misfit than chance gives.
+    elpd_diff, elpd_diff_se : float or None
+        Gain in log predictive density on held-out specimens; None if it was not tried on them.
+    effect : mapping
+        Posterior of each parameter; empty if it was screened only.
+    fitted : bool
+        Whether the model with it was fitted as a whole, or the cause only screened.
+    why : str
+        Why it could not be judged; empty if it was.
+    log_bayes_factor_error : float or None
+        Monte Carlo standard error of the log Bayes factor [nats]; None if it was screened only.
+    naming_p_value : float or None
+        Share of data sets simulated from the model without it in which the best of all causes has
+        as large a log Bayes factor, (1 + #)/(1 + n).
+    """
+
+    cause: str
+    log_bayes_factor: float | None
+    probability: float | None
+    explained_fraction: float | None
+    elpd_diff: float | None
+    elpd_diff_se: float | None
+    effect: dict[str, EffectSize]
+    fitted: bool = True
+    why: str = ""
+    log_bayes_factor_error: float | None = None
+    naming_p_value: float | None = None
+
+
+def candidates(
+    search: Search,
+    supported: list[Support],
+    held_out: Mapping[Names, HeldOut],
+    generator: np.random.Generator,
+) -> list[Candidate]:
+    """Return every cause that was tried, the most probable first."""
+    shares = probabilities(search)
+    named = {one.cause: one for one in supported}
+    found = []
+    for cause in search.causes:
+        if cause.name in named:
+            found.append(_named(search, named, cause, shares[cause.name], generator))
+        else:
+            found.append(_other(search, cause, shares[cause.name], held_out, generator))
+    return sorted(found, key=lambda c: (-(c.probability or 0.0), -(c.log_bayes_factor or LEAST)))
+
+
+def probabilities(search: Search) -> dict[str, float]:
+    """Return posterior probabilities of the causes.
+
+    Over all sets that were fitted and all causes that were screened alone; before the data a set
+    of k causes of m has the probability of no cause over the number of sets of its size.
+    """
+    factors = {names: search.factor(names) for names in search.trials}
+    for name, one in search.step(search.base.names).screened.items():
+        factors.setdefault(frozenset({name}), one.log_bayes_factor)
+    count = len(search.causes)
+    penalty = np.cumsum(np.log([1.0, *(max(count - k, 1) / (k + 1) for k in range(count))]))
+    logs = np.array([factor - penalty[len(names)] for names, factor in factors.items()])
+    weights = np.exp(logs - logsumexp(logs))
+    return {
+        cause.name: min(
+            float(sum(w for names, w in zip(factors, weights, strict=True) if cause.name in names)),
+            1.0,
+        )
+        for cause in search.causes
+    }
+
+
+def effect_sizes(
+    trial: Trial, cause: Cause, generator: np.random.Generator
+) -> dict[str, EffectSize]:
+    """Return the posterior of each parameter of an active cause."""
+    if trial.posterior.effective == 0.0:
+        return {}
+    values = trial.subject.table.named(trial.draws(generator, EFFECT_DRAWS))
+    return {p.name: effect_size(values[cause.qualified(p.name)], p.unit) for p in cause.parameters}
+
+
+def effect_size(draws: Floats, unit: str) -> EffectSize:
+    """Summarise posterior draws of one parameter of a cause."""
+    low, high = np.quantile(draws, [0.05, 0.95])
+    return EffectSize(float(np.mean(draws)), float(np.std(draws)), float(low), float(high), unit)
+
+
+def _named(
+    search: Search,
+    named: Mapping[str, Support],
+    cause: Cause,
+    probability: float,
+    generator: np.random.Generator,
+) -> Candidate:
+    one, chosen = named[cause.name], frozenset(named)
+    return Candidate(
+        cause=cause.name,
+        log_bayes_factor=one.log_bayes_factor,
+        probability=probability,
+        explained_fraction=fraction_explained(search.step(search.base.names), search.step(chosen)),
+        elpd_diff=one.elpd_diff,
+        elpd_diff_se=one.elpd_diff_se,
+        effect=effect_sizes(search.trials[chosen], cause, generator),
+        log_bayes_factor_error=_error(search, chosen, chosen - {cause.name}),
+        naming_p_value=one.chance,
+    )
+
+
+def _other(
+    search: Search,
+    cause: Cause,
+    probability: float,
+    held_out: Mapping[Names, HeldOut],
+    generator: np.random.Generator,
+) -> Candidate:
+    alone, base = frozenset({cause.name}), search.base.names
+    if alone not in search.trials:
+        factor = search.step(base).screened[cause.name].log_bayes_factor
+        return Candidate(
+            cause.name,
+            max(factor, LEAST),
+            probability,
+            *3 * (None,),
+            {},
+            fitted=False,
+            naming_p_value=search.step(base).chance_of(factor),
+        )
+    tested = alone in held_out and base in held_out
+    gain, error = difference(held_out[alone], held_out[base]) if tested else (None, None)
+    return Candidate(
+        cause=cause.name,
+        log_bayes_factor=max(search.factor(alone), LEAST),
+        probability=probability,
+        explained_fraction=fraction_explained(search.step(base), search.step(alone)),
+        elpd_diff=gain,
+        elpd_diff_se=error,
+        effect=effect_sizes(search.trials[alone], cause, generator),
+        log_bayes_factor_error=_error(search, alone, base),
+        naming_p_value=search.step(base).chance_of(search.factor(alone)),
+    )
+
+
+def _error(search: Search, one: Names, other: Names) -> float:
+    """Return the Monte Carlo standard error of the log Bayes factor of two sets [nats]."""
+    return float(np.hypot(search.trials[one].posterior.error, search.trials[other].posterior.error))

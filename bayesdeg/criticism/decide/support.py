@@ -1,0 +1,212 @@
+"""What speaks for each cause of a set: evidence, held-out specimens, rivals, a plausible size."""
+
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bayesdeg.causes.cause import Cause
+from bayesdeg.criticism.fit.search import Names, Search, rivals
+from bayesdeg.criticism.fit.trials import Trial
+from bayesdeg.criticism.holdout.held_out import HeldOut, difference
+from bayesdeg.criticism.holdout.leaving_out import carried_out, one_by_one
+from bayesdeg.criticism.subject import Subject, columns_of
+
+Regroup = Callable[[Subject], Subject]
+
+INSEPARABLE = float(np.log(20.0))
+IMPLAUSIBLE = 0.005  # prior probability of a size as far from neutral
+MODERATE = 2.0 * INSEPARABLE  # evidence that cannot carry an implausible size
+
+
+@dataclass(frozen=True)
+class Support:
+    """What speaks for one cause of a set.
+
+    Parameters
+    ----------
+    cause : str
+        Its name.
+    log_bayes_factor : float
+        Of the set against the set without it [nats].
+    elpd_diff, elpd_diff_se : float or None
+        Gain in log predictive density of held-out specimens over the set without it.
+    rivals : mapping of str to float
+        What could stand in its place, with what it has less in log Bayes factor.
+    prior_tail : float
+        Prior probability of a size at least as far from neutral.
+    together : (float, float), optional
+        Gain of the whole set over the base model, and its standard error; of one of several.
+    chance : float or None
+        Share of data sets simulated without it in which the best of all candidates has as large a
+        log Bayes factor, (1 + #)/(1 + n): the test that names, directed at the catalogue.
+    """
+
+    cause: str
+    log_bayes_factor: float
+    elpd_diff: float | None
+    elpd_diff_se: float | None
+    rivals: Mapping[str, float]
+    prior_tail: float
+    together: tuple[float, float] | None = None
+    chance: float | None = None
+
+    @property
+    def held_out_agrees(self) -> bool:
+        """Whether held-out specimens are predicted better by more than a standard error.
+
+        By several causes together; then each must add to that, however little: a cause that few
+        specimens show has a gain that scatters.
+        """
+        if self.elpd_diff is None:
+            return False
+        if self.together is None:
+            return self.elpd_diff > (self.elpd_diff_se or 0.0)
+        return self.elpd_diff > 0.0 and self.together[0] > self.together[1]
+
+    @property
+    def is_plausible(self) -> bool:
+        """Whether its size is one that its prior expects, or the evidence leaves no choice."""
+        return self.prior_tail >= IMPLAUSIBLE or self.log_bayes_factor >= MODERATE
+
+    @property
+    def inseparable(self) -> tuple[str, ...]:
+        """Rivals as good as it, in the order of their evidence.
+
+        An implausible size counts against it: then rivals a little farther behind are as good.
+        """
+        margin = INSEPARABLE if self.prior_tail >= IMPLAUSIBLE else 2.0 * INSEPARABLE
+        close = {name: gap for name, gap in self.rivals.items() if gap < margin}
+        return tuple(sorted(close, key=lambda name: close[name]))
+
+    def replaced(self, chosen: Names, rival: str) -> Names:
+        """Return the set with a rival in the place of this cause."""
+        return chosen - {self.cause} | {rival}
+
+
+def hold_out(
+    search: Search,
+    chosen: Names,
+    *,
+    seed: np.random.SeedSequence,
+    executor: Executor | None = None,
+    on_set: Callable[[Names], None] | None = None,
+) -> dict[Names, HeldOut]:
+    """Predict held-out groups with no cause, without each of a set, and with all of it, in turn.
+
+    Parameters
+    ----------
+    search : Search
+        In which those sets are fitted.
+    chosen : frozenset of str
+        The set.
+    seed : SeedSequence
+        The same for each, so that they are compared on the same draws.
+    executor : Executor, optional
+        Runs calibrations side by side.
+    on_set : callable, optional
+        Called after each set.
+
+    Returns
+    -------
+    dict
+        Empty where there is a single group of readings, without which nothing would be left, or
+        no group.
+    """
+    [found] = hold_out_each(search, chosen, [as_it_is], seed=seed, executor=executor, on_set=on_set)
+    return found
+
+
+def hold_out_each(
+    search: Search,
+    chosen: Names,
+    ways: Sequence[Regroup],
+    *,
+    seed: np.random.SeedSequence,
+    executor: Executor | None = None,
+    on_set: Callable[[Names], None] | None = None,
+) -> list[dict[Names, HeldOut]]:
+    """Do what `hold_out` does for several kinds of groups, all calibrations side by side.
+
+    Parameters
+    ----------
+    search, chosen, seed, executor, on_set
+        As of `hold_out`.
+    ways : sequence of callable
+        Each makes of a model one that holds out other groups.
+
+    Returns
+    -------
+    list of dict
+        One for each way.
+    """
+    smaller = (chosen - {name} for name in sorted(chosen))
+    sets = list(dict.fromkeys([search.base.names, *smaller, chosen]))
+    asked = [
+        (way, names)
+        for way, regroup in enumerate(ways)
+        if can_be_held_out(regroup(search.base.subject))
+        for names in sets
+    ]
+    plans = (one_by_one(_regrouped(search.trials[n], ways[way]), seed) for way, n in asked)
+    told = None if on_set is None else (lambda place: on_set(asked[place][1]))
+    found: list[dict[Names, HeldOut]] = [{} for _ in ways]
+    for (way, names), held_out in zip(asked, carried_out(plans, executor, told), strict=True):
+        found[way][names] = held_out
+    return found
+
+
+def as_it_is(subject: Subject) -> Subject:
+    """Return a model that holds out the groups that it has."""
+    return subject
+
+
+def can_be_held_out(subject: Subject) -> bool:
+    """Return whether something is left to predict from: a measured mean may stand alone."""
+    return len(subject.groups) >= (2 if np.any(subject.group != "") else 1)
+
+
+def _regrouped(trial: Trial, regroup: Regroup) -> Trial:
+    return replace(trial, subject=regroup(trial.subject))
+
+
+def supports(search: Search, chosen: Names, held_out: Mapping[Names, HeldOut]) -> list[Support]:
+    """Return what speaks for each cause of a set, the strongest first."""
+    found, together = [], None
+    if len(chosen) > 1 and {chosen, search.base.names} <= set(held_out):
+        together = difference(held_out[chosen], held_out[search.base.names])
+    for name in sorted(chosen):
+        rest = chosen - {name}
+        tested = chosen in held_out and rest in held_out
+        gain, error = difference(held_out[chosen], held_out[rest]) if tested else (None, None)
+        others = rivals(search, chosen, name)
+        whole = search.factor(chosen)
+        factor = whole - search.factor(rest)
+        found.append(
+            Support(
+                name,
+                factor,
+                gain,
+                error,
+                {rival: whole - other for rival, other in others.items()},
+                prior_tail(search, chosen, name),
+                together,
+                search.step(rest).chance_of(factor),
+            )
+        )
+    return sorted(found, key=lambda one: -one.log_bayes_factor)
+
+
+def prior_tail(search: Search, names: Names, cause: str) -> float:
+    """Return the prior probability of a size at least as far from neutral as the fitted one.
+
+    Of the first parameter, which is the cause's size.
+    """
+    trial = search.trials[names]
+    found: Cause = next(c for c in trial.subject.causes if c.name == cause)
+    size = found.parameters[0]
+    value = trial.mode[columns_of(trial.subject, found)[0]]
+    neutral = float(size.law.to_unconstrained(size.neutral or 0.0))
+    prior = size.law.to_unconstrained(size.law.quantile((np.arange(2000) + 0.5) / 2000.0))
+    return float(np.mean(np.abs(prior - neutral) >= abs(value - neutral)))

@@ -1,0 +1,225 @@
+"""Which cause, several, or that none can be named.
+
+The chain of argument: (1) the misfit as a whole is calibrated by simulating from the fitted base
+model; (2) a Gaussian-process discrepancy says how much there is to explain; (3) causes are added
+one after another as long as the evidence passes what chance gives in 5 % of data without an effect,
+which is a test of its own, directed at the catalogue, and they are then judged jointly
+(`fit.search`); (4) together they must raise the predictive density of what is held
+out by more than a standard error, each adding to it, and leave no more than chance or remove most
+of the misfit, and none may need an implausible size unless the evidence is strong, or a scatter of
+single specimens that is one of whole levels (`checks.shared_scatter`); without a cause,
+the misfit as a whole, ruptures, measured means and priors say whether the base model is adequate;
+(5) what could stand in the place of a cause is reported beside it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdeg.criticism.checks.conflict import Conflict, Questioned
+from bayesdeg.criticism.checks.discrepancy import (
+    MISFIT_LEVEL,
+    Misfit,
+    explained,
+    explained_on_one_scale,
+    too_few,
+)
+from bayesdeg.criticism.checks.rupture_misfit import RuptureMisfit
+from bayesdeg.criticism.checks.shared_scatter import SharedScatter
+from bayesdeg.criticism.decide.support import Support
+from bayesdeg.criticism.fit.search import Step
+
+Floats = NDArray[np.float64]
+
+LEAST_EXPLAINED, LEAST_ON_ONE_SCALE = 0.5, 0.8
+NEARLY_ALL = 0.9  # of the misfit: what is left may be small and yet significant
+CHANCE = 0.1  # p-value of what is left above which nothing is left to explain
+
+
+class Outcome(StrEnum):
+    """What can be said of the misfit."""
+
+    ADEQUATE = "adequate"
+    NAMED = "named"
+    AMBIGUOUS = "ambiguous"
+    UNEXPLAINED = "unexplained"
+    NOT_JUDGED = "not_judged"
+
+
+@dataclass(frozen=True)
+class Decision:
+    """The outcome and the causes that it is about.
+
+    Parameters
+    ----------
+    outcome : Outcome
+        What can be said.
+    causes : tuple of str
+        Named, or not to be told apart; the strongest first.
+    one_of : tuple of tuple of str
+        Beside named causes: sets of which one more acts, but which cannot be said.
+    reasons : tuple of str
+        Why causes that the evidence favours were not named, or why nothing could be judged.
+    """
+
+    outcome: Outcome
+    causes: tuple[str, ...]
+    one_of: tuple[tuple[str, ...], ...] = ()
+    reasons: tuple[str, ...] = ()
+
+
+def decide(
+    base: Step,
+    final: Step,
+    supported: list[Support],
+    *,
+    rupture: RuptureMisfit | None = None,
+    contradicted: Conflict | None = None,
+    questioned: Sequence[Questioned] = (),
+    on_rupture: frozenset[str] = frozenset(),
+    alike: tuple[str, ...] = (),
+    shared: Sequence[SharedScatter] = (),
+    untested: Sequence[str] = (),
+) -> Decision:
+    """Return the outcome.
+
+    A cause may be named where the misfit as a whole is within chance: `supported` passed a test
+    that is directed at what causes look like and calibrated as well, which has more power than one
+    for any smooth discrepancy. Without such a cause the misfit as a whole decides. Where there is
+    such a cause and what is left beside it is no chance, there is a misfit, even if the base model
+    on its own shows none.
+
+    A model whose misfit could not be set against chance is never adequate, and a cause that missed
+    a test which might have refuted it is never named: nothing is judged then.
+
+    Parameters
+    ----------
+    base, final : Step
+        What is known without a cause, and with all that the evidence favours.
+    supported : list of Support
+        Those causes.
+    rupture : RuptureMisfit, optional
+        Whether the base model expects the ruptures that there were.
+    contradicted : Conflict, optional
+        The measured mean that the base model contradicts most.
+    questioned : sequence of Questioned
+        Parameters that the base model takes far off their priors: it fits, but not as it should.
+    on_rupture : frozenset of str
+        Causes that act on rupture alone: they need not explain the misfit of the readings.
+    alike : tuple of str
+        Causes that could not be judged since another form of the law reads like them: a misfit of
+        the readings that nothing else explains may be any of them.
+    shared : sequence of SharedScatter
+        Whether specimens that those causes let scatter one by one deviate level by level.
+    untested : sequence of str
+        Why tests that might refute a favoured cause could not be made.
+    """
+    missed = [*untested, *(_not_tested(one) for one in shared if not one.is_tested)]
+    if supported and missed:
+        return Decision(Outcome.NOT_JUDGED, (), reasons=tuple(missed))
+    misread = base.misfit.p_value <= MISFIT_LEVEL
+    beside = (found for found in (rupture, contradicted) if found is not None)
+    off = misread or any(found.p_value <= MISFIT_LEVEL for found in beside)
+    of_readings = any(one.cause not in on_rupture for one in supported)
+    # a model that takes wide errors for its readings shows no misfit
+    off = off or (of_readings and final.misfit.p_value <= MISFIT_LEVEL)
+    by_level = [one for one in shared if one.is_more_than_chance]
+    off = off or bool(by_level) or bool(questioned)
+    unconfirmed = (_against(one) for one in supported if not one.held_out_agrees)
+    reasons = list(dict.fromkeys(unconfirmed))
+    reasons += [_implausible(one) for one in supported if not one.is_plausible]
+    reasons += [_of_whole_levels(one) for one in by_level]
+    if of_readings:
+        reasons += _against_all(base, final)
+    if not supported or reasons:
+        if misread and len(alike) > 1:
+            return Decision(Outcome.AMBIGUOUS, alike, reasons=tuple(reasons))
+        if not off and not base.misfit.is_calibrated:
+            return Decision(Outcome.NOT_JUDGED, (), reasons=(*reasons, uncalibrated(base.misfit)))
+        outcome = Outcome.UNEXPLAINED if off else Outcome.ADEQUATE
+        return Decision(outcome, (), reasons=tuple(reasons))
+    certain = tuple(one.cause for one in supported if not one.inseparable)
+    open_ones = tuple((one.cause, *one.inseparable) for one in supported if one.inseparable)
+    if certain:
+        return Decision(Outcome.NAMED, certain, one_of=open_ones)
+    together = dict.fromkeys(name for names in open_ones for name in names)
+    return Decision(Outcome.AMBIGUOUS, tuple(together))
+
+
+def share_explained(base: Step, final: Step) -> tuple[float, float]:
+    """Return the share of the misfit that is explained, on each model's own scale and on one.
+
+    1 where there was no misfit; the first is 0 where a misfit could not be set against chance. The
+    second is measured against the errors of the final model
+    (`explained_on_one_scale`); it is asked for only where the first leaves a doubt.
+    """
+    own = explained(base.misfit, final.misfit)
+    own = 1.0 if np.isnan(own) else own
+    if not (base.misfit.is_calibrated and final.misfit.is_calibrated):
+        own = 0.0
+    if own >= NEARLY_ALL:
+        return own, own
+    common = explained_on_one_scale(base.trial.linear, final.trial.linear)
+    return own, 1.0 if np.isnan(common) else common
+
+
+def fraction_explained(base: Step, final: Step) -> float | None:
+    """Return the larger of both shares of `share_explained`; None where there was no misfit."""
+    if np.isnan(explained(base.misfit, final.misfit)):
+        return None
+    return max(share_explained(base, final))
+
+
+def uncalibrated(misfit: Misfit) -> str:
+    """Say why a misfit could not be set against chance."""
+    return f"it could not be set against chance: {too_few(len(misfit.null), misfit.drawn)}"
+
+
+def _not_tested(one: SharedScatter) -> str:
+    return (
+        f"{one.cause} lets each specimen deviate on its own, and whether those of one degradation "
+        "rate deviate together could not be tested: too few simulated data sets stayed within the "
+        "emulator's range"
+    )
+
+
+def _against(one: Support) -> str:
+    if one.elpd_diff is None:
+        return "there is nothing to hold out: a single specimen cannot confirm a cause"
+    return (
+        f"with {one.cause} held-out specimens are not predicted better "
+        f"({one.elpd_diff:+.1f} ± {one.elpd_diff_se:.1f} in log density)"
+    )
+
+
+def _implausible(one: Support) -> str:
+    return (
+        f"{one.cause} would need a size to which its prior gives {one.prior_tail:.1g}, "
+        f"for which a log Bayes factor of {one.log_bayes_factor:.1f} is too little"
+    )
+
+
+def _of_whole_levels(one: SharedScatter) -> str:
+    return (
+        f"{one.cause} lets each specimen deviate on its own, but those of one degradation rate "
+        f"deviate together (p = {one.p_value:.2g})"
+    )
+
+
+def _against_all(base: Step, final: Step) -> list[str]:
+    if final.misfit.p_value > CHANCE:
+        return []
+    if final.misfit.p_value <= MISFIT_LEVEL < base.misfit.p_value:
+        return ["it removes no misfit that was more than chance, and what is left is more"]
+    own, common = share_explained(base, final)
+    share = max(own, common)
+    if own < LEAST_EXPLAINED and common < LEAST_ON_ONE_SCALE:
+        return [f"it removes only {100 * share:.0f} % of the misfit"]
+    if not final.misfit.is_calibrated and share < NEARLY_ALL:
+        return [f"of what is left, {uncalibrated(final.misfit)}"]
+    if final.misfit.p_value <= MISFIT_LEVEL and share < NEARLY_ALL:
+        return [f"it removes {100 * share:.0f} % of the misfit, and what is left is no chance"]
+    return []

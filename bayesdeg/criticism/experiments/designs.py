@@ -1,0 +1,544 @@
+"""The tests of a study as a pattern for further ones.
+
+The sizes of errors and of scatter from part to part are assumed: a calliper or a microscope on a
+soft part, a second gauge of the class of the first.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdeg.actuator.inputs import NEUTRAL, Inputs
+from bayesdeg.causes.cause import Conditions, Degradation, Stage
+from bayesdeg.causes.erosion import NOMINAL_WALL
+from bayesdeg.criticism.experiments.ranking import ActuatorTests, Experiment, FilmTests
+from bayesdeg.inference.data import ActuatorCurves, TensileCurves
+from bayesdeg.inference.model import Model
+from bayesdeg.inference.parameters import Named
+from bayesdeg.material.hyperelastic import yeoh_basis
+
+Floats = NDArray[np.float64]
+
+MOST_STEPS = 16
+MOST_COPIES = 3
+DWELL = 10.0  # s between readings where the study recorded no time
+SAME_LEVEL = 2.5  # points of degradation: nearer rates are no other level
+LONG = 300.0  # s at one pressure
+
+
+@dataclass(frozen=True)
+class ActuatorDesign:
+    """What the actuators' tests of a study set.
+
+    Parameters
+    ----------
+    data : ActuatorCurves
+        The tests.
+    levels : tuple of float
+        Degradation rates [%], rising; rates nearer than 2.5 points are one.
+    copies : int
+        Specimens of a level, the median, at most 3.
+    timed : bool
+        Whether times were recorded.
+    dwell : float
+        Time between readings [s].
+    """
+
+    data: ActuatorCurves
+    levels: tuple[float, ...]
+    copies: int
+    timed: bool
+    dwell: float
+
+    @classmethod
+    def of(cls, data: ActuatorCurves) -> Self:
+        """Return the design of a study's tests."""
+        levels = _levels(data.degradation[:, 0])
+        counts = [len(_near(data, level)) for level in levels]
+        steps = np.diff(data.time, axis=1)[data.mask[:, 1:]]
+        steps = steps[steps > 0.0]
+        return cls(
+            data,
+            levels,
+            int(np.clip(np.median(counts), 1, MOST_COPIES)),
+            bool(np.isfinite(data.time).any()),
+            float(np.median(steps)) if len(steps) else DWELL,
+        )
+
+    @property
+    def long_hold(self) -> bool:
+        """Whether one pressure was ever held for long."""
+        same = np.isclose(np.diff(self.data.pressure, axis=1), 0.0)
+        return bool(np.any(same & (np.diff(self.data.time, axis=1) >= LONG)))
+
+    def pressures(self, level: float) -> Floats:
+        """Return the steps of a loading [kPa], up to what half of the specimens there reached."""
+        rows = _near(self.data, level)
+        read = self.data.mask[rows]
+        highest = np.where(read, self.data.pressure[rows], 0.0).max(axis=1)
+        steps: Floats = np.unique(self.data.pressure[self.data.mask].round(6))
+        steps = steps[steps <= max(np.median(highest), steps[0]) + 1e-6]
+        if len(steps) > MOST_STEPS:
+            steps = steps[np.linspace(0, len(steps) - 1, MOST_STEPS).round().astype(int)]
+        return steps
+
+    def degradation_sd(self, level: float) -> float:
+        """Return the standard error of degradation rates near one [%]."""
+        return float(self.data.degradation_sd[_near(self.data, level)].mean())
+
+    def words(self, level: float) -> str:
+        """Word the specimens of a test."""
+        plural = "s" if self.copies > 1 else ""
+        degraded = f"degraded by {level:g} %" if level else "that are fresh"
+        return f"{self.copies} new specimen{plural} {degraded}"
+
+    def another_level(self, last_of_films: float) -> float | None:
+        """Return a degradation rate that was not tested, at which the films' law is known."""
+        if last_of_films - self.levels[-1] > SAME_LEVEL:
+            return last_of_films
+        gaps = np.diff(self.levels)
+        if not len(gaps) or gaps.max() < 2.0 * SAME_LEVEL:
+            return None
+        widest = int(np.argmax(gaps))
+        return float(round(self.levels[widest] + 0.5 * gaps[widest], 1))
+
+    def curves(
+        self,
+        levels: tuple[float, ...] | list[float],
+        pressure: Floats,
+        *,
+        time: Floats | None = None,
+        branch: NDArray[np.str_] | None = None,
+        cycle: NDArray[np.int64] | None = None,
+        mount: str | None = None,
+        angle: bool = False,
+    ) -> ActuatorCurves:
+        """Return tests without readings, all on the same pressures; the rest is as it was."""
+        shape = (len(levels), len(pressure))
+        usual_times = np.arange(len(pressure)) * (self.dwell if self.timed else np.nan)
+        known = self.data.humidity[np.isfinite(self.data.humidity)]
+        names, counts = np.unique(self.data.mount[self.data.mask], return_counts=True)
+        usual = str(names[int(np.argmax(counts))])
+        read = np.ones(shape, dtype=bool)
+        return ActuatorCurves(
+            specimens=tuple(f"new at {level:g} %" for level in levels),
+            degradation=np.array(levels, dtype=np.float64)[:, None],
+            degradation_sd=np.array([[self.degradation_sd(level)] for level in levels]),
+            pressure=np.broadcast_to(pressure, shape),
+            curvature=np.zeros(shape),
+            curvature_sd=np.full(shape, np.median(self.data.curvature_sd[self.data.mask])),
+            mask=read,
+            bend_angle=np.zeros(shape),
+            angle_mask=read & (angle or self.data.with_angle),
+            recorded=read,
+            ruptured=~read,
+            cycle=np.broadcast_to(np.int64(1) if cycle is None else cycle, shape),
+            branch=np.broadcast_to("loading" if branch is None else branch, shape),
+            time=np.broadcast_to(usual_times if time is None else time, shape),
+            humidity=np.full(shape, np.median(known) if len(known) else np.nan),
+            mount=np.full(shape, usual if mount is None else mount),
+        )
+
+    def experiment(self, kind: str, words: str, curves: ActuatorCurves) -> Experiment:
+        """Return an experiment on so many specimens as the study has of a level."""
+        specimens = self.copies * len(curves.specimens)
+        return Experiment(kind, words, specimens, ActuatorTests(curves, self.copies))
+
+
+@dataclass(frozen=True)
+class FilmDesign:
+    """What the films' tests of a study set.
+
+    Parameters
+    ----------
+    data : TensileCurves
+        The tests.
+    level : float
+        The lowest degradation rate [%].
+    copies : int
+        Films of it, at most 3.
+    """
+
+    data: TensileCurves
+    level: float
+    copies: int
+
+    @classmethod
+    def of(cls, data: TensileCurves) -> Self:
+        """Return the design of a study's tests of films."""
+        level = float(data.degradation.min())
+        there = int(np.sum(np.abs(data.degradation - level) < SAME_LEVEL))
+        return cls(data, level, min(there, MOST_COPIES))
+
+    def curves(self, mode: str) -> TensileCurves:
+        """Return a test of one film in another mode, up to half the elongation reached so far."""
+        rows = np.flatnonzero(np.abs(self.data.degradation - self.level) < SAME_LEVEL)
+        largest = float(np.median(self.data.stretch[rows].max(axis=1)))
+        count = min(int(self.data.mask[rows].sum(axis=1).max()), MOST_STEPS)
+        # other modes break earlier, and strain the material more
+        stretch = np.linspace(1.0, 1.0 + 0.5 * (largest - 1.0), count + 1)[None, 1:]
+        return TensileCurves(
+            specimens=(f"new in {mode}",),
+            modes=(mode,),
+            degradation=np.array([self.level]),
+            degradation_sd=np.array([float(self.data.degradation_sd[rows].mean())]),
+            basis=yeoh_basis(stretch, np.array([[mode]]), np.array([["nominal"]])),
+            stretch=stretch,
+            stress=np.zeros_like(stretch),
+            cauchy=np.zeros(stretch.shape, dtype=bool),
+            mask=np.ones(stretch.shape, dtype=bool),
+        )
+
+
+def _levels(rates: Floats) -> tuple[float, ...]:
+    """Return the mean of each group of rates that follow each other closely, rounded to 0.1 %."""
+    rising = np.sort(rates)
+    groups = np.split(rising, np.flatnonzero(np.diff(rising) >= SAME_LEVEL) + 1)
+    return tuple(float(round(group.mean(), 1)) for group in groups)
+
+
+def _near(data: ActuatorCurves, level: float) -> NDArray[np.intp]:
+    """Return the specimens at a level, or the nearest one."""
+    distance = np.abs(data.degradation[:, 0] - level)
+    return np.flatnonzero(distance <= max(SAME_LEVEL, float(distance.min())))
+
+
+Flags = NDArray[np.bool_]
+
+LENGTH_ERROR = 0.01  # of the length: 0.5 mm in 50 mm, calliper and moulding
+WALL_ERROR = 0.05 / NOMINAL_WALL  # 0.05 mm under a microscope
+WALL_SCATTER = 0.02  # of the thickness, from part to part
+STRIP_ERROR = 0.05  # of the stiffness of a small strip, beside the specimens' scatter
+PAPER_ERROR = 0.05  # of the stiffness of a strip of paper, with its scatter
+GAUGE_ERROR = 1.0  # kPa
+WEIGHING_ERROR = 1.0  # points of the degradation rate of one weighed piece
+
+
+@dataclass(frozen=True)
+class Part:
+    """The part as it really is in the eyes of a model.
+
+    Parameters
+    ----------
+    inputs : Inputs
+        With what causes make of material, geometry and load; broadcast over (n, S, R).
+    degradation : Degradation
+        What is believed of the degradation rates, broadcast over (n, S, 1).
+    values : mapping
+        Named values, (n,).
+    """
+
+    inputs: Inputs
+    degradation: Degradation
+    values: Named
+
+    def of(self, name: str) -> Floats:
+        """Return an input, neutral where no cause changed it."""
+        value = getattr(self.inputs, name)
+        return np.asarray(NEUTRAL[name] if value is None else value)
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """What is measured of a part.
+
+    Parameters
+    ----------
+    mean, variance : callable
+        Reading expected, and its variance with the scatter of parts, broadcast over (n, S, R).
+    """
+
+    mean: Callable[[Part], Floats]
+    variance: Callable[[Part], Floats]
+
+
+@dataclass(frozen=True)
+class PartMeasurements:
+    """Direct measurements on parts.
+
+    Parameters
+    ----------
+    quantity : Quantity
+        What is measured.
+    degradation, degradation_sd : array, shape (S, 1)
+        Of each kind of specimen, as recorded, and its standard error [%].
+    pressure : array, shape (S, R)
+        As read by the sensor while it is measured [kPa].
+    copies : int
+        Specimens of each kind.
+    """
+
+    quantity: Quantity
+    degradation: Floats
+    degradation_sd: Floats
+    pressure: Floats
+    copies: int
+
+    @property
+    def read(self) -> Flags:
+        """Where there is a reading."""
+        return np.ones(self.pressure.shape, dtype=bool)
+
+    def expected(self, model: Model, values: Named) -> Floats:
+        """Return readings expected."""
+        return self._whole(values, self.quantity.mean(self._part(model, values)))
+
+    def covariance(self, model: Model, values: Named) -> Floats:
+        """Return their covariance; errors are independent."""
+        variance = self._variance(model, values)
+        return variance[..., None] * np.eye(variance.shape[-1])
+
+    def simulated(self, model: Model, values: Named, generator: np.random.Generator) -> Floats:
+        """Draw readings of new parts."""
+        mean, variance = self.expected(model, values), self._variance(model, values)
+        drawn: Floats = mean + np.sqrt(variance) * generator.standard_normal(mean.shape)
+        return drawn
+
+    def _variance(self, model: Model, values: Named) -> Floats:
+        return self._whole(values, self.quantity.variance(self._part(model, values)))
+
+    def _whole(self, values: Named, readings: Floats) -> Floats:
+        return np.broadcast_to(readings, (len(values["volume_ratio"]), *self.pressure.shape))
+
+    def _part(self, model: Model, values: Named) -> Part:
+        conditions = Conditions(self.pressure, self.degradation)
+        believed = Degradation(self.degradation, self.degradation_sd)
+        for cause in model.causes:
+            if cause.on_degradation is not None:
+                believed = cause.on_degradation(believed, conditions, cause.effect(values))
+        shape = (len(values["stiffness_scatter"]), len(self.degradation))
+        level = np.broadcast_to(believed.value[..., 0], shape)
+        c1, c2, c3 = np.moveaxis(model.constants(values, level)[..., None], 2, 0)
+        inputs = Inputs(
+            pressure=self.pressure,
+            c1=c1,
+            c2=c2,
+            c3=c3,
+            linear_scale=np.cbrt(values["volume_ratio"])[:, None, None],
+            paper_stiffness=values["paper_stiffness"][:, None, None],
+        )
+        for cause in model.causes:
+            # what is a response of the material to the load is no property of the part
+            if cause.on_inputs is not None and cause.stage <= Stage.LOAD:
+                inputs = cause.on_inputs(inputs, conditions, cause.effect(values))
+        return Part(inputs, believed, values)
+
+
+def _wall(part: Part) -> Floats:
+    """Return the thickness of the roof over that in the mould; one of its faces is exposed."""
+    thickness: Floats = (
+        part.inputs.linear_scale * part.of("wall_factor") - part.of("erosion") / NOMINAL_WALL
+    )
+    return thickness
+
+
+def _log_stiffness(part: Part) -> Floats:
+    """Return ln of a sixth of Young's modulus: C1, and r/(2√3) of a term r (√I₂ − √3)."""
+    total: Floats = np.log(part.inputs.c1 + part.of("second_invariant") / (2.0 * np.sqrt(3.0)))
+    return total
+
+
+def _strip_variance(part: Part) -> Floats:
+    variance: Floats = part.values["stiffness_scatter"][:, None, None] ** 2 + STRIP_ERROR**2
+    return variance
+
+
+def _scale(part: Part) -> Floats:
+    return part.inputs.linear_scale
+
+
+def _scale_variance(part: Part) -> Floats:
+    variance: Floats = (LENGTH_ERROR * part.inputs.linear_scale) ** 2
+    return variance
+
+
+def _wall_variance(part: Part) -> Floats:
+    variance: Floats = WALL_ERROR**2 + (WALL_SCATTER * _wall(part)) ** 2
+    return variance
+
+
+def _log_paper(part: Part) -> Floats:
+    stiffness: Floats = np.log(part.inputs.paper_stiffness)
+    return stiffness
+
+
+def _paper_variance(part: Part) -> Floats:
+    return np.array(PAPER_ERROR**2)
+
+
+def _pressure(part: Part) -> Floats:
+    return part.inputs.pressure
+
+
+def _gauge_variance(part: Part) -> Floats:
+    return np.array(GAUGE_ERROR**2)
+
+
+def _degradation(part: Part) -> Floats:
+    return part.degradation.value
+
+
+def _weighing_variance(part: Part) -> Floats:
+    variance: Floats = part.degradation.sd**2 + WEIGHING_ERROR**2
+    return variance
+
+
+# functions of the module, which can be sent to other processes
+LENGTH = Quantity(mean=_scale, variance=_scale_variance)
+WALL = Quantity(mean=_wall, variance=_wall_variance)
+STRIP = Quantity(mean=_log_stiffness, variance=_strip_variance)
+PAPER = Quantity(mean=_log_paper, variance=_paper_variance)
+GAUGE = Quantity(mean=_pressure, variance=_gauge_variance)
+WEIGHED = Quantity(mean=_degradation, variance=_weighing_variance)
+
+
+LONG_HOLD = 120.0  # s, of each step
+HELD = np.array([0.0, 10.0, 30.0, 60.0, 120.0, 300.0, 900.0, 1800.0])  # s, at one pressure
+MOUNTS = {
+    "hanging": "hanging, its clamped end up",
+    "bending_up": "as a cantilever that bends upwards",
+    "bending_down": "as a cantilever that bends downwards",
+    "horizontal": "with its bending plane horizontal",
+}
+MODES = {
+    "equibiaxial": "equibiaxial tension",
+    "planar": "planar tension",
+    "uniaxial": "uniaxial tension",
+}
+FRESH = 0.5  # %
+
+
+def candidate_experiments(model: Model) -> tuple[Experiment, ...]:
+    """Return the experiments that the tests of a study could be followed by.
+
+    They keep to the pressures, to the degradation rates and to the number of specimens of the
+    study. Tests that can be made at any degradation rate are offered at the lowest and at the
+    highest; `bayesdeg.criticism.experiments.ranking.rank` keeps the better one.
+
+    Parameters
+    ----------
+    model : Model
+        The base model of the study, with its data.
+
+    Returns
+    -------
+    tuple of Experiment
+        Empty if it has neither actuators nor films.
+    """
+    found: list[Experiment] = []
+    if model.actuator is not None:
+        design = ActuatorDesign.of(model.actuator)
+        for level in dict.fromkeys((design.levels[0], design.levels[-1])):
+            found += _histories(design, level)
+            found += _finer(design, level)
+            found += _of_part(design, level)
+        found += _at_levels(design, model)
+    if model.tensile is not None:
+        found += _modes(FilmDesign.of(model.tensile))
+    return tuple(found)
+
+
+def _histories(design: ActuatorDesign, level: float) -> Iterator[Experiment]:
+    """Yield tests at one degradation rate whose load has another course, or another mount."""
+    data, rising, where = design.data, design.pressures(level), design.words(level)
+    low, top = rising[0], rising[-1]
+    steps = np.linspace(0.0, (2 * len(rising) - 1) * design.dwell, 2 * len(rising))
+    timed = "" if design.timed else ", times recorded,"
+    if not np.any(data.branch == "unloading"):
+        falling = rising[-2::-1]
+        curves = design.curves(
+            [level],
+            np.append(rising, falling),
+            time=steps[:-1],
+            branch=np.repeat(["loading", "unloading"], [len(rising), len(falling)]),
+        )
+        words = f"unloading branch {top:g} → {low:g} kPa after loading{timed} on {where}"
+        yield design.experiment("unloading", words, curves)
+    if np.all(data.cycle == 1):
+        curves = design.curves(
+            [level], np.tile(rising, 2), time=steps, cycle=np.repeat([1, 2], len(rising))
+        )
+        words = f"a second loading {low:g} → {top:g} kPa after the first{timed} on {where}"
+        yield design.experiment("cycle", words, curves)
+    if design.dwell < 0.5 * LONG_HOLD:
+        time = np.linspace(0.0, (len(rising) - 1) * LONG_HOLD, len(rising))
+        curves = design.curves([level], rising, time=time)
+        words = f"each pressure step held {LONG_HOLD:g} s before it is read, on {where}"
+        yield design.experiment("held steps", words, curves)
+    if not design.long_hold:
+        middle = float(rising[len(rising) // 2])
+        curves = design.curves([level], np.full(len(HELD), middle), time=HELD)
+        words = f"{middle:g} kPa held for 30 min and read {len(HELD)} times, on {where}"
+        yield design.experiment("hold", words, curves)
+    for mount in [m for m in MOUNTS if m not in data.mount]:
+        curves = design.curves([level], rising, mount=mount)
+        words = f"loading {low:g} → {top:g} kPa, mounted {MOUNTS[mount]}, on {where}"
+        yield design.experiment("second mount", words, curves)
+
+
+def _finer(design: ActuatorDesign, level: float) -> Iterator[Experiment]:
+    """Yield tests at one degradation rate that read more."""
+    rising, where = design.pressures(level), design.words(level)
+    low, top = rising[0], rising[-1]
+    if len(rising) > 1:
+        between = 0.5 * (rising + np.append(0.0, rising[:-1]))
+        finer = np.sort(np.append(rising, between))
+        words = f"pressure steps half as large, {finer[0]:g} → {top:g} kPa, on {where}"
+        yield design.experiment("finer steps", words, design.curves([level], finer))
+    if not design.data.with_angle:
+        curves = design.curves([level], rising, angle=True)
+        words = f"bend angle read beside curvature, {low:g} → {top:g} kPa, on {where}"
+        yield design.experiment("bend angle", words, curves)
+
+
+def _at_levels(design: ActuatorDesign, model: Model) -> Iterator[Experiment]:
+    """Yield tests at another degradation rate, and one more specimen at each."""
+    new = design.another_level(model.nodes[-1])
+    if new is not None:
+        rising = design.pressures(new)
+        words = f"loading {rising[0]:g} → {rising[-1]:g} kPa on {design.words(new)}"
+        yield design.experiment("another level", words, design.curves([new], rising))
+    levels = design.levels
+    rising = design.pressures(levels[-1])
+    words = f"the same test on {len(levels)} more {'specimens' if levels[1:] else 'specimen'}"
+    words += ", one at each degradation rate" if levels[1:] else f" at {levels[0]:g} %"
+    curves = design.curves(levels, rising)
+    yield Experiment("more specimens", words, len(levels), ActuatorTests(curves, 1))
+
+
+def _of_part(design: ActuatorDesign, level: float) -> Iterator[Experiment]:
+    """Yield direct measurements of the part at one degradation rate."""
+    where = design.words(level)
+    rising = design.pressures(level)
+    gauge = np.unique(rising[[0, len(rising) // 2, -1]])
+    measured: list[tuple[str, Quantity, Floats]] = [
+        ("length of the part, by calliper", LENGTH, rising[-1:]),
+        ("thickness of the roof, cut open under a microscope", WALL, rising[-1:]),
+        ("tension of a strip cut from the wall, beside the films'", STRIP, rising[-1:]),
+        ("stiffness of a strip of the paper, peeled off the part", PAPER, rising[-1:]),
+        ("a second gauge at the far end of the chambers", GAUGE, gauge),
+    ]
+    if level > FRESH:
+        again = "degradation rate of a piece of the actuator itself, weighed"
+        measured.append((again, WEIGHED, rising[-1:]))
+    for words, quantity, pressure in measured:
+        test = PartMeasurements(
+            quantity,
+            np.array([[level]]),
+            np.array([[design.degradation_sd(level)]]),
+            pressure[None],
+            design.copies,
+        )
+        yield Experiment(words, f"{words}, on {where}", design.copies, test)
+
+
+def _modes(films: FilmDesign) -> Iterator[Experiment]:
+    """Yield tests of films in modes of tension that there are none of."""
+    for mode in [m for m in MODES if m not in films.data.modes]:
+        number = f"{films.copies} new films" if films.copies > 1 else "a new film"
+        words = f"{MODES[mode]} of {number} at {films.level:g} %"
+        test = FilmTests(films.curves(mode), films.copies)
+        yield Experiment(mode, words, films.copies, test)

@@ -1,0 +1,623 @@
+r"""What could still be read: tests of actuators, tests of films, measurements of the part.
+
+Under each cause the readings of a new experiment follow a law that the data so far fix: draws θ of
+its posterior give expected readings f(θ) and a covariance V(θ) of errors and of specimens, so that
+about
+
+.. math:: y \mid c \sim N(\bar f, \mathrm{cov} f(\theta) + \bar V)
+
+If a is the truth, the experiment is expected to add E[ln p_a(y) − ln p_b(y)] to the log Bayes
+factor of a against b. It is averaged over readings simulated through the full equations.
+
+References
+----------
+Kullback and Leibler (1951), Ann. Math. Stat. 22:79, doi:10.1214/aoms/1177729694; Box and Hill
+(1967), Technometrics 9:57, doi:10.1080/00401706.1967.10490441, for designs that tell models apart.
+"""
+
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import combinations
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import block_diag, cholesky, helmert, solve_triangular
+
+from bayesdeg.causes.cause import Cause
+from bayesdeg.criticism.fit.side_by_side import apply
+from bayesdeg.criticism.fit.trials import Trial
+from bayesdeg.criticism.model_readings import ModelReadings
+from bayesdeg.inference.data import ActuatorCurves, TensileCurves
+from bayesdeg.inference.films import film_readings, stress_variance
+from bayesdeg.inference.likelihood import Linearised, covariance
+from bayesdeg.inference.model import Model, simulated_films
+from bayesdeg.inference.parameters import BEND_ANGLE, TENSILE, Named
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+
+class Measurement(Protocol):
+    """What would be read on new specimens of S kinds, so many of each kind."""
+
+    @property
+    def copies(self) -> int:
+        """Number of specimens of each kind."""
+        ...
+
+    @property
+    def read(self) -> Flags:
+        """Where there is a reading, (S, R)."""
+        ...
+
+    def expected(self, model: Model, values: Named) -> Floats:
+        """Return readings expected for named values (n,), shape (n, S, R); nan if refused."""
+        ...
+
+    def covariance(self, model: Model, values: Named) -> Floats:
+        """Return the covariance of each kind's readings about them, (n, S, R, R)."""
+        ...
+
+    def simulated(self, model: Model, values: Named, generator: np.random.Generator) -> Floats:
+        """Draw readings of one specimen of each kind through the full equations, (n, S, R)."""
+        ...
+
+
+@dataclass(frozen=True)
+class ActuatorTests:
+    """Actuators under pressure.
+
+    Parameters
+    ----------
+    curves : ActuatorCurves
+        One row a kind of specimen; what it holds of readings is not used.
+    copies : int
+        Specimens of each kind.
+    """
+
+    curves: ActuatorCurves
+    copies: int
+
+    @property
+    def read(self) -> Flags:
+        """Where there is a reading: curvatures, then bend angles if there are any."""
+        return self.curves.paths.mask
+
+    def expected(self, model: Model, values: Named) -> Floats:
+        """Return curvatures [1/m], then bend angles [°] expected."""
+        return replace(model, actuator=self.curves).predict(values).mean
+
+    def covariance(self, model: Model, values: Named) -> Floats:
+        """Return their covariance, of specimens (linear in the stiffness) and errors."""
+        tested = replace(model, actuator=self.curves)
+        predicted = tested.predict(values)
+        length = values["curvature_noise_length"]
+        with_angle = self.curves.with_angle
+        linearised = Linearised(
+            np.zeros_like(predicted.mean),
+            predicted.slope[..., None],
+            predicted.variance,
+            tested.deviation_sd(values) ** 2,
+            length,
+            values["reading_correlation"] if with_angle else np.zeros(len(length)),
+            self.curves.paths,
+        )
+        return covariance(linearised)
+
+    def simulated(self, model: Model, values: Named, generator: np.random.Generator) -> Floats:
+        """Draw readings of new specimens."""
+        return replace(model, actuator=self.curves).simulate(values, generator)
+
+
+@dataclass(frozen=True)
+class FilmTests:
+    """Films in tension.
+
+    Parameters
+    ----------
+    curves : TensileCurves
+        One row a kind of specimen; what it holds of stresses is not used.
+    copies : int
+        Specimens of each kind.
+    """
+
+    curves: TensileCurves
+    copies: int
+
+    @property
+    def read(self) -> Flags:
+        """Where there is a reading."""
+        return self.curves.mask
+
+    def expected(self, model: Model, values: Named) -> Floats:
+        """Return stresses expected [MPa]."""
+        return model.stresses(values, self.curves).at_rest
+
+    def covariance(self, model: Model, values: Named) -> Floats:
+        """Return their covariance, linear in stiffness and degradation rate, and of errors."""
+        data = self.curves
+        shape = (len(values["stiffness_scatter"]), len(data.specimens), 2)
+        stress, slope = film_readings(model.stresses(values, data), np.zeros(shape))
+        spread = np.empty(shape)
+        spread[..., 0] = values["stiffness_scatter"][:, None] ** 2
+        spread[..., 1] = data.degradation_sd**2
+        linearised = Linearised(
+            np.zeros_like(stress),
+            slope,
+            stress_variance(values, stress),
+            spread,
+            values["tensile_noise_length"],
+            np.zeros(len(stress)),
+            data.paths,
+        )
+        return covariance(linearised)
+
+    def simulated(self, model: Model, values: Named, generator: np.random.Generator) -> Floats:
+        """Draw readings of new films."""
+        return simulated_films(model, self.curves, values, generator)
+
+
+def with_noise(values: Named, generator: np.random.Generator) -> dict[str, Floats]:
+    """Return named values with the noise of what was never read so far, as its prior has it."""
+    count = len(values["stiffness_scatter"])
+    unknown = [p for p in (*BEND_ANGLE, *TENSILE) if p.name not in values]
+    return {**values, **{p.name: p.law.sample(generator, count) for p in unknown}}
+
+
+DRAWS = 600
+NO_CAUSE = "no cause"
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """A model that may be true, and draws of its parameters.
+
+    Parameters
+    ----------
+    name : str
+        The cause or causes by which it differs from the others.
+    model : Model
+        With its causes active.
+    draws : array, shape (n, n_parameters)
+        On the sampler's scale.
+    """
+
+    name: str
+    model: Model
+    draws: Floats
+
+
+def hypotheses_of(
+    trials: Sequence[Trial],
+    generator: np.random.Generator,
+    *,
+    untested: Sequence[Cause] = (),
+    draws: int = DRAWS,
+) -> tuple[Hypothesis, ...]:
+    """Return fitted models as hypotheses, and with each untested cause added to the smallest.
+
+    Parameters
+    ----------
+    trials : sequence of Trial
+        Fitted models of one study; causes that all have in common are not in question.
+    generator : Generator
+        Draws from the posteriors and priors.
+    untested : sequence of Cause
+        Causes that the data so far cannot reveal: what is known of their sizes is the prior.
+    draws : int
+        Of each.
+    """
+    common = frozenset.intersection(*(trial.names for trial in trials))
+    found = [
+        Hypothesis(
+            " and ".join(sorted(trial.names - common)) or NO_CAUSE,
+            _model_of(trial),
+            trial.draws(generator, draws),
+        )
+        for trial in trials
+    ]
+    smallest = min(trials, key=lambda trial: len(trial.names))
+    return (*found, *(_untested(smallest, cause, generator, draws) for cause in untested))
+
+
+def _untested(
+    parent: Trial, cause: Cause, generator: np.random.Generator, draws: int
+) -> Hypothesis:
+    model = _model_of(parent).extended(cause)
+    known = dict(zip(parent.subject.table.names, parent.draws(generator, draws).T, strict=True))
+    for p in cause.parameters:
+        known[cause.qualified(p.name)] = p.law.to_unconstrained(p.law.sample(generator, draws))
+    vectors = np.stack([known[name] for name in model.table.names], axis=1)
+    return Hypothesis(cause.name, model, vectors)
+
+
+def _model_of(trial: Trial) -> Model:
+    if not isinstance(trial.subject, ModelReadings):
+        raise TypeError("experiments are known for models of studies only")
+    return trial.subject.model
+
+
+ANSWERED = 0.9  # share of draws that must have an answer at a reading
+COMPLETE = 0.5  # and share of draws that must have one at all readings
+SCATTERS = 50  # draws over which the scatter of readings is averaged
+SIMULATED = 300  # data sets
+
+
+@dataclass(frozen=True)
+class Law:
+    """Normal law of the readings of k specimens that are tested alike.
+
+    Parameters
+    ----------
+    mean : array, shape (d,)
+        Of each specimen.
+    common : array, shape (d, d)
+        Covariance of what all specimens share: the parameters.
+    own : array, shape (d, d)
+        Covariance of what is each specimen's own: reading error and scatter.
+    copies : int
+        k.
+    """
+
+    mean: Floats
+    common: Floats
+    own: Floats
+    copies: int
+
+    def log_density(self, readings: Floats) -> Floats:
+        """Return the log density of readings (k, n, d), shape (n,).
+
+        An orthogonal turn of the specimens leaves their mean, times √k, with covariance
+        V + k C, and k − 1 contrasts with covariance V.
+        """
+        k = self.copies
+        total = _log_normal(
+            np.sqrt(k) * (readings.mean(axis=0) - self.mean), self.own + k * self.common
+        )
+        if k > 1:
+            contrasts = np.tensordot(helmert(k), readings, axes=1)
+            flat = _log_normal(contrasts.reshape(-1, contrasts.shape[-1]), self.own)
+            total = total + flat.reshape(contrasts.shape[:2]).sum(axis=0)
+        return total
+
+    def divergence(self, other: "Law") -> float:
+        """Return the Kullback–Leibler divergence to another law of as many specimens [nats].
+
+        It is the expected log Bayes factor where the readings have this law.
+
+        Examples
+        --------
+        >>> one = np.eye(1)
+        >>> near, far = (Law(np.array([m]), 0.0 * one, one, 3) for m in (0.0, 2.0))
+        >>> round(near.divergence(far), 6)  # ½ (2/1)² for each of 3 specimens
+        6.0
+        """
+        k = self.copies
+        shift = np.sqrt(k) * (self.mean - other.mean)
+        along = _divergence(shift, self.own + k * self.common, other.own + k * other.common)
+        across = _divergence(np.zeros_like(shift), self.own, other.own) if k > 1 else 0.0
+        return along + (k - 1) * across
+
+
+class Foretold(NamedTuple):
+    """The law of readings under one hypothesis, and readings drawn under it (k, n, d)."""
+
+    law: Law
+    drawn: Floats
+
+
+class Separation(NamedTuple):
+    """Expected log Bayes factor of the truth, and its Monte Carlo standard error [nats]."""
+
+    expected: float
+    error: float
+
+
+def foretell(
+    hypotheses: Sequence[tuple[Model, Named]],
+    measurement: Measurement,
+    generator: np.random.Generator,
+) -> list[Foretold]:
+    """Return the law of the readings under each hypothesis, and readings drawn under it.
+
+    Parameters
+    ----------
+    hypotheses : sequence of (Model, mapping)
+        Models with named draws of their parameters, (n,).
+    measurement : Measurement
+        What would be read.
+    generator : Generator
+        Draws the readings.
+
+    Returns
+    -------
+    list of Foretold
+        Empty where too little of it can be foretold.
+    """
+    expected = [measurement.expected(model, values) for model, values in hypotheses]
+    answered = [np.mean(np.isfinite(one), axis=0) >= ANSWERED for one in expected]
+    usable = measurement.read & np.logical_and.reduce(answered)
+    found = []
+    for (model, values), means in zip(hypotheses, expected, strict=True):
+        complete = np.all(np.isfinite(means[:, usable]), axis=1)
+        if not usable.any() or complete.mean() < COMPLETE:
+            return []
+        known = {name: value[complete] for name, value in values.items()}
+        law = _law((model, known), measurement, means[complete][:, usable], usable)
+        drawn = _drawn((model, known), measurement, usable, generator)
+        if not drawn.shape[1]:
+            return []
+        found.append(Foretold(law, drawn))
+    return found
+
+
+def separation(first: Foretold, second: Foretold) -> tuple[Separation, Separation]:
+    """Return what is expected if the first is the truth, and if the second is."""
+    return _expected(first, second.law), _expected(second, first.law)
+
+
+def _law(
+    hypothesis: tuple[Model, Named], measurement: Measurement, means: Floats, usable: Flags
+) -> Law:
+    model, values = hypothesis
+    own = measurement.covariance(model, _first(values, SCATTERS)).mean(axis=0)
+    blocks = [one[np.ix_(row, row)] for one, row in zip(own, usable, strict=True)]
+    common = np.atleast_2d(np.cov(means.T))
+    return Law(means.mean(axis=0), common, np.asarray(block_diag(*blocks)), measurement.copies)
+
+
+def _drawn(
+    hypothesis: tuple[Model, Named],
+    measurement: Measurement,
+    usable: Flags,
+    generator: np.random.Generator,
+) -> Floats:
+    """Draw readings of every copy, (k, n, d), without those that leave the model's range."""
+    model, values = hypothesis
+    some = _first(values, SIMULATED)
+    copies = [measurement.simulated(model, some, generator) for _ in range(measurement.copies)]
+    drawn = np.stack(copies)[:, :, usable]
+    return drawn[:, np.all(np.isfinite(drawn), axis=(0, 2))]
+
+
+def _first(values: Named, count: int) -> dict[str, Floats]:
+    return {name: value[:count] for name, value in values.items()}
+
+
+def _expected(truth: Foretold, other: Law) -> Separation:
+    ratio = truth.law.log_density(truth.drawn) - other.log_density(truth.drawn)
+    return Separation(float(ratio.mean()), float(ratio.std() / np.sqrt(len(ratio))))
+
+
+def _log_normal(residual: Floats, covariance: Floats) -> Floats:
+    """Return ln N(r; 0, C) of residuals (n, d), less the constant."""
+    factor = cholesky(covariance, lower=True)
+    z = solve_triangular(factor, residual.T, lower=True)
+    density: Floats = -0.5 * np.sum(z**2, axis=0) - np.sum(np.log(np.diag(factor)))
+    return density
+
+
+def _divergence(shift: Floats, first: Floats, second: Floats) -> float:
+    factor, other = cholesky(second, lower=True), cholesky(first, lower=True)
+    z = solve_triangular(factor, shift, lower=True)
+    ratio = solve_triangular(factor, other, lower=True)
+    logs = np.sum(np.log(np.diag(factor))) - np.sum(np.log(np.diag(other)))
+    return float(0.5 * (np.sum(ratio**2) + z @ z - len(shift)) + logs)
+
+
+LEAST = 1.0
+"""Expected log Bayes factor below which an experiment does not tell two causes apart."""
+MOST = 8
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """A further experiment.
+
+    Parameters
+    ----------
+    kind : str
+        Experiments of one kind differ in degradation rate or mount alone; the best is kept.
+    design : str
+        What to do, in plain words with numbers.
+    specimens : int
+        What it costs.
+    measurement : Measurement
+        What would be read.
+    """
+
+    kind: str
+    design: str
+    specimens: int
+    measurement: Measurement
+
+    @property
+    def readings(self) -> int:
+        """Number of readings."""
+        return self.measurement.copies * int(self.measurement.read.sum())
+
+
+@dataclass(frozen=True)
+class Pair:
+    """What an experiment is expected to add to the log Bayes factor between two causes.
+
+    Parameters
+    ----------
+    causes : (str, str)
+        Names of the hypotheses.
+    expected : float
+        The smaller of the expectations with either as the truth [nats]: at least that much is to
+        be expected.
+    error : float
+        Monte Carlo standard error of it.
+    """
+
+    causes: tuple[str, str]
+    expected: float
+    error: float
+
+
+@dataclass(frozen=True)
+class Ranked:
+    """An experiment and what it would tell.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        Which.
+    pairs : tuple of Pair
+        Every pair of hypotheses, the best told apart first.
+    """
+
+    experiment: Experiment
+    pairs: tuple[Pair, ...]
+
+    @property
+    def told_apart(self) -> int:
+        """Number of pairs with an expected log Bayes factor of at least `LEAST`."""
+        return sum(pair.expected >= LEAST for pair in self.pairs)
+
+    @property
+    def decisive(self) -> Pair:
+        """The worst of the pairs that it tells apart; the best pair if it tells none apart."""
+        return self.pairs[max(self.told_apart, 1) - 1]
+
+
+def rank(
+    trials: Sequence[Trial],
+    experiments: Sequence[Experiment],
+    generator: np.random.Generator,
+    *,
+    untested: Sequence[Cause] = (),
+    executor: Executor | None = None,
+) -> tuple[Ranked, ...]:
+    """Rank experiments by what they are expected to tell of the models in question.
+
+    With more than two models, experiments that tell more pairs apart come first, then those with
+    the larger expected log Bayes factor for the worst of these pairs; ties (0.1) go by cost.
+
+    Parameters
+    ----------
+    trials : sequence of Trial
+        Fitted models between which the data so far do not decide, as a cause and its rivals.
+    experiments : sequence of Experiment
+        Candidates, see `bayesdeg.criticism.experiments.designs.candidate_experiments`.
+    generator : Generator
+        Draws everything.
+    untested : sequence of Cause
+        Causes that the data so far cannot reveal, where they are in question too.
+    executor : Executor, optional
+        Foretells experiments side by side.
+
+    Returns
+    -------
+    tuple of Ranked
+        The best of each kind; empty with fewer than two models. What the forward map has no answer
+        for is not there.
+    """
+    if len(trials) + len(untested) < 2 or not trials:
+        return ()
+    return rank_hypotheses(
+        hypotheses_of(trials, generator, untested=untested),
+        experiments,
+        generator,
+        executor=executor,
+    )
+
+
+def rank_hypotheses(
+    hypotheses: Sequence[Hypothesis],
+    experiments: Sequence[Experiment],
+    generator: np.random.Generator,
+    *,
+    executor: Executor | None = None,
+) -> tuple[Ranked, ...]:
+    """Rank experiments by what they are expected to tell of hypotheses, as `rank` does."""
+    best: dict[str, Ranked] = {}
+    children = generator.spawn(len(experiments))
+    jobs = [(e.measurement, child) for e, child in zip(experiments, children, strict=True)]
+    found = apply(partial(_compared, hypotheses), jobs, executor)
+    for experiment, pairs in zip(experiments, found, strict=True):
+        if not pairs:
+            continue
+        one = Ranked(experiment, pairs)
+        known = best.get(experiment.kind)
+        if known is None or _order(one) < _order(known):
+            best[experiment.kind] = one
+    return tuple(sorted(best.values(), key=_order))
+
+
+def _compared(
+    hypotheses: Sequence[Hypothesis], job: tuple[Measurement, np.random.Generator]
+) -> tuple[Pair, ...]:
+    return compare(hypotheses, *job)
+
+
+def compare(
+    hypotheses: Sequence[Hypothesis], measurement: Measurement, generator: np.random.Generator
+) -> tuple[Pair, ...]:
+    """Return what a measurement is expected to tell of every pair, the best told apart first.
+
+    Readings are left out at which any hypothesis refuses more than a tenth of its draws; nothing is
+    returned where that leaves none, or less than half of the draws of a hypothesis.
+    """
+    foretold = foretell([_named(h, generator) for h in hypotheses], measurement, generator)
+    pairs = [
+        _pair((a.name, b.name), separation(first, second))
+        for (a, first), (b, second) in combinations(zip(hypotheses, foretold, strict=False), 2)
+    ]
+    return tuple(sorted(pairs, key=lambda pair: -pair.expected))
+
+
+def next_experiments_document(
+    ranked: Sequence[Ranked], *, most: int = MOST
+) -> list[dict[str, object]]:
+    """Return ``next_experiments`` of ``verdict.json``: the best that tell something apart.
+
+    Beside what the contract asks for, each has the Monte Carlo error, the cost in specimens and
+    readings, and every pair of causes in question.
+
+    Examples
+    --------
+    >>> next_experiments_document(())
+    []
+    """
+    useful = [entry for entry in ranked if entry.told_apart]
+    return [_document(entry) for entry in useful[:most]]
+
+
+def _document(entry: Ranked) -> dict[str, object]:
+    experiment, pair = entry.experiment, entry.decisive
+    return {
+        "design": experiment.design,
+        "separates": list(pair.causes),
+        "expected_log_bayes_factor": round(pair.expected, 2),
+        "monte_carlo_error": round(pair.error, 2),
+        "specimens": experiment.specimens,
+        "readings": experiment.readings,
+        "per_specimen": round(pair.expected / experiment.specimens, 2),
+        "pairs": [
+            {"causes": list(p.causes), "expected_log_bayes_factor": round(p.expected, 2)}
+            for p in entry.pairs
+        ],
+    }
+
+
+def _order(entry: Ranked) -> tuple[float, ...]:
+    size = round(entry.decisive.expected, 1)
+    return -entry.told_apart, -size, entry.experiment.specimens, entry.experiment.readings
+
+
+def _pair(names: tuple[str, str], both: tuple[Separation, Separation]) -> Pair:
+    smaller = min(both, key=lambda one: one.expected)
+    return Pair(names, smaller.expected, smaller.error)
+
+
+def _named(
+    hypothesis: Hypothesis, generator: np.random.Generator
+) -> tuple[Model, dict[str, Floats]]:
+    values = hypothesis.model.table.named(hypothesis.draws)
+    return hypothesis.model, with_noise(values, generator)

@@ -1,0 +1,1 @@
+"""A model of readings is fitted: linearised, screened, searched."""

@@ -1,0 +1,440 @@
+r"""A covariance of specimens' own blocks and of what they share, and the scale on which it is one.
+
+.. math:: \Sigma = B (I + Q D^2 Q^T) B^T, \qquad B B^T = V,\quad Q D = B^{-1} X \Lambda^{-1/2}
+
+with V the scatter, in which readings of different specimens are independent, and X Λ⁻¹ Xᵀ of as low
+a rank as there are parameters. So cost grows with the number of readings, and not with its cube.
+
+Near the mode the readings are y = f + X δ + d(φ) + e: δ the deviation of the parameters from the
+mode, known from all other data and the priors to N(δ₀, Λ⁻¹); d the change that a cause of size φ
+makes; e ~ N(0, V) with reading error and specimen scatter. After δ is integrated out and the result
+is whitened, the base model says z ~ N(0, I), and an effect with a normal prior makes the covariance
+larger.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+from scipy.sparse import coo_array, csr_array
+from scipy.sparse.csgraph import connected_components
+from scipy.special import logsumexp
+
+from bayesdeg.causes.cause import Cause
+from bayesdeg.criticism.subject import Subject, columns_of, with_neutral
+from bayesdeg.inference.density import Density
+from bayesdeg.inference.importance import about_mode
+from bayesdeg.inference.laplace import FEWEST_EFFECTIVE, approximate, slopes
+from bayesdeg.priors import Parameter
+
+Floats = NDArray[np.float64]
+
+FAINT = 1e-12  # of the largest: a direction in which nothing is shared
+
+
+@dataclass(frozen=True)
+class Whitening:
+    """A covariance Σ as maps to the scale on which it is the unit matrix, and back.
+
+    Parameters
+    ----------
+    lower, inverse : sparse array, shape (n, n)
+        B, lower triangular in the order of each block's readings, and its inverse.
+    basis : array, shape (n, r)
+        Q, orthonormal.
+    size : array, shape (r,)
+        Diagonal of D.
+
+    Examples
+    --------
+    >>> shared = np.array([[1.0], [1.0]])
+    >>> law = Whitening.of(np.diag([1.0, 4.0]), shared)
+    >>> (law.factor @ law.factor.T).round(6)
+    array([[2., 1.],
+           [1., 5.]])
+    """
+
+    lower: csr_array
+    inverse: csr_array
+    basis: Floats
+    size: Floats
+
+    @classmethod
+    def of(cls, scatter: Floats, shared: Floats) -> "Whitening":
+        """Return the whitening of scatter + shared sharedᵀ.
+
+        Parameters
+        ----------
+        scatter : array, shape (n, n)
+            V; zero between readings of different specimens.
+        shared : array, shape (n, r)
+            X Λ^(−1/2), or another root of what is shared.
+
+        Raises
+        ------
+        LinAlgError
+            If V is not positive definite. Numbers that are not finite are kept.
+        """
+        lower, inverse = _blocks(scatter)
+        vectors, size, _ = np.linalg.svd(_finite(inverse @ shared), full_matrices=False)
+        kept = size > FAINT * size.max(initial=1.0)
+        if not np.all(np.isfinite(shared)):
+            vectors = np.full_like(vectors, np.nan)
+        return cls(lower, inverse, vectors[:, kept], size[kept])
+
+    @cached_property
+    def is_finite(self) -> bool:
+        """Whether there is a number everywhere."""
+        return bool(np.all(np.isfinite(self.lower.data)) and np.all(np.isfinite(self.basis)))
+
+    @property
+    def factor(self) -> Floats:
+        """A root F of Σ = F Fᵀ with F z what `coloured` returns, (n, n)."""
+        return self.coloured(np.eye(self.lower.shape[0]))
+
+    def whitened(self, columns: Floats) -> Floats:
+        """Return F⁻¹ y of y (n,) or of columns (n, k)."""
+        return self._turned(self.inverse @ columns, 1.0 / np.sqrt(1.0 + self.size**2))
+
+    def coloured(self, columns: Floats) -> Floats:
+        """Return F z of z (n,) or of columns (n, k)."""
+        coloured: Floats = self.lower @ self._turned(columns, np.sqrt(1.0 + self.size**2))
+        return coloured
+
+    def adjoint(self, columns: Floats) -> Floats:
+        """Return F⁻ᵀ z of z (n,) or of columns (n, k): Σ⁻¹ y is that of whitened y."""
+        turned = self._turned(columns, 1.0 / np.sqrt(1.0 + self.size**2))
+        found: Floats = self.inverse.T @ turned
+        return found
+
+    def _turned(self, columns: Floats, stretch: Floats) -> Floats:
+        along = (stretch - 1.0) * (self.basis.T @ columns).T
+        turned: Floats = columns + self.basis @ along.T
+        return turned
+
+
+def _blocks(scatter: Floats) -> tuple[csr_array, csr_array]:
+    """Return the Cholesky factor of a covariance, block by block, and its inverse."""
+    count, member = connected_components(csr_array(scatter != 0.0), directed=False)
+    lower, inverse = [], []
+    order = np.argsort(member, kind="stable")
+    for rows in np.split(order, np.flatnonzero(np.diff(member[order])) + 1) if count else ():
+        block = scatter[np.ix_(rows, rows)]
+        if np.all(np.isfinite(block)):
+            factor = np.linalg.cholesky(block)
+            back = solve_triangular(factor, np.eye(len(rows)), lower=True)
+        else:
+            factor = back = np.tril(np.full(block.shape, np.nan))
+        lower.append((rows, factor))
+        inverse.append((rows, back))
+    return _sparse(lower, len(scatter)), _sparse(inverse, len(scatter))
+
+
+def _sparse(blocks: list[tuple[NDArray[np.intp], Floats]], size: int) -> csr_array:
+    row = np.concatenate([np.repeat(rows, len(rows)) for rows, _ in blocks])
+    column = np.concatenate([np.tile(rows, len(rows)) for rows, _ in blocks])
+    values = np.concatenate([block.ravel() for _, block in blocks])
+    kept = values != 0.0
+    return csr_array(coo_array((values[kept], (row[kept], column[kept])), shape=(size, size)))
+
+
+def _finite(columns: Floats) -> Floats:
+    return np.where(np.isfinite(columns), columns, 0.0)
+
+
+ROUNDING = 1e-6  # standard deviations of the readings
+SHORT = 1e-3  # standard deviations, of differences
+SMALL = 0.25  # of a prior's size: large enough to see an effect, small enough to be near neutral
+
+
+@dataclass(frozen=True)
+class Linear:
+    """A linearised model of readings.
+
+    Parameters
+    ----------
+    subject : Subject
+        What was linearised.
+    mode : array, shape (n_parameters,)
+        Where.
+    prediction : array, shape (n,)
+        Readings predicted at the mode.
+    mean : array, shape (n,)
+        Readings expected from all other data: the prediction with the shift X δ₀.
+    shift : array, shape (n_parameters,)
+        δ₀, on the sampler's scale.
+    jacobian : array, shape (n, n_parameters)
+        X, on the sampler's scale.
+    scatter : array, shape (n, n)
+        V, of specimens and errors.
+    whitening : Whitening
+        Of V + X Λ⁻¹ Xᵀ.
+    """
+
+    subject: Subject
+    mode: Floats
+    prediction: Floats
+    mean: Floats
+    shift: Floats
+    jacobian: Floats
+    scatter: Floats
+    whitening: Whitening
+
+    @property
+    def is_known(self) -> bool:
+        """Whether the model answers at and about the mode."""
+        return bool(np.all(np.isfinite(self.mean))) and self.whitening.is_finite
+
+    @cached_property
+    def factor(self) -> Floats:
+        """A root F of the covariance V + X Λ⁻¹ Xᵀ; readings less their mean are F z, (n, n)."""
+        return self.whitening.factor
+
+    def whiten(self, readings: Floats) -> Floats:
+        """Return z for readings (..., n), of the same shape."""
+        residual = readings - self.mean
+        flat = residual.reshape(-1, residual.shape[-1]).T
+        return self.whitening.whitened(flat).T.reshape(residual.shape)
+
+    def whiten_columns(self, columns: Floats) -> Floats:
+        """Return directions (n, k) on the whitened scale."""
+        return self.whitening.whitened(columns)
+
+    @cached_property
+    def covariance(self) -> Floats:
+        """V + X Λ⁻¹ Xᵀ, (n, n)."""
+        total: Floats = self.factor @ self.factor.T
+        return total
+
+    def with_scatter(self, scatter: Floats) -> "Linear":
+        """Return the model with another scatter V, (n, n), and what it shares as it is."""
+        shared = self.whitening.lower @ (self.whitening.basis * self.whitening.size)
+        return replace(self, scatter=scatter, whitening=Whitening.of(scatter, shared))
+
+    @cached_property
+    def observed(self) -> Floats:
+        """The data on the whitened scale, shape (n,)."""
+        return self.whiten(self.subject.observed)
+
+    def straightened(self, vectors: Floats, simulated: Floats) -> Floats:
+        """Return data sets simulated at posterior draws as a model linear in δ makes them, (k, n).
+
+        f + X (θ − mode) with the simulated errors and specimens' deviations: what is compared with
+        them was fitted to its own data, about which it was linearised, and they are not.
+
+        Parameters
+        ----------
+        vectors : array, shape (k, n_parameters)
+            θ, the draws.
+        simulated : array, shape (k, n)
+            Data sets at these draws; nan where the model had no answer.
+        """
+        errors = simulated - self.subject.expected(vectors)
+        straight: Floats = self.prediction + (vectors - self.mode) @ self.jacobian.T + errors
+        return straight
+
+    def unexplained(self, whitened: Floats) -> Floats:
+        """Return what of whitened data (..., n) is error and scatter after the refit, (..., n).
+
+        The posterior mean of e: V (V + X Λ⁻¹ Xᵀ)⁻¹ (y − mean), in the readings' units.
+        """
+        flat = whitened.reshape(-1, whitened.shape[-1]).T
+        errors = (self.scatter @ self.whitening.adjoint(flat)).T
+        return np.asarray(errors.reshape(whitened.shape))
+
+
+def linearise(
+    subject: Subject,
+    mode: Floats,
+    *,
+    uncertain: Floats | None = None,
+    centre: Floats | None = None,
+) -> Linear:
+    """Linearise a model of readings at its mode, or at any point.
+
+    Parameters
+    ----------
+    subject : Subject
+        The model.
+    mode : array, shape (n_parameters,)
+        Its mode.
+    uncertain : array, shape (n_parameters, n_parameters), optional
+        Λ⁻¹ if it is known already, see `rest_law`.
+    centre : array, shape (n_parameters,), optional
+        Mean of the parameters given all but the readings. By default that of the normal law whose
+        slope at the mode is the one there: δ₀ = Λ⁻¹ ∇ ln p. Laws of few replicates have heavy
+        tails; where the readings have moved a parameter into one, it pulls back less than a
+        normal law of their width.
+    """
+    prediction = subject.expected(mode[None])[0]
+    jacobian = _jacobian(subject, mode)
+    if uncertain is None:
+        uncertain = rest_covariance(subject, mode)
+    scatter = subject.scatter(mode)
+    # where the model does not answer nothing is finite, which `is_known` says
+    whitening = Whitening.of(scatter, jacobian @ _root(uncertain))
+    moves = is_seen(whitening.whitened(jacobian))
+    if centre is None:
+        shift = uncertain @ np.where(moves, _slope(subject, mode, uncertain), 0.0)
+    else:
+        shift = centre - mode
+    mean = prediction + jacobian @ shift
+    return Linear(subject, mode, prediction, mean, shift, jacobian, scatter, whitening)
+
+
+def _root(covariance: Floats) -> Floats:
+    """Return R with R Rᵀ a covariance, which may be singular."""
+    values, vectors = np.linalg.eigh(covariance)
+    root: Floats = vectors * np.sqrt(np.maximum(values, 0.0))
+    return root
+
+
+def _slope(subject: Subject, mode: Floats, uncertain: Floats) -> Floats:
+    """Return the gradient of the log density of the parameters given all but the readings."""
+    found: Floats = slopes(subject.rest(), mode[None], SHORT * np.sqrt(np.diag(uncertain)))[0]
+    return found
+
+
+def rest_covariance(subject: Subject, start: Floats) -> Floats:
+    """Return Λ⁻¹, the covariance of the parameters given priors and all other data."""
+    return rest_law(subject, start)[1]
+
+
+def rest_law(subject: Subject, start: Floats) -> tuple[Floats, Floats]:
+    """Return mean and covariance of the parameters given priors and all but the readings.
+
+    They are those of draws and not mode and inverse curvature: laws of few replicates have heavy
+    tails, in the flank of which their curvature says nothing.
+    """
+    rest, generator = subject.rest(), np.random.default_rng(0)
+    laplace = approximate(rest, generator, start=start)
+    found = about_mode(rest, laplace, generator)
+    if found.effective < FEWEST_EFFECTIVE:
+        return laplace.mode, laplace.covariance
+    weights = np.exp(found.log_weights - logsumexp(found.log_weights))
+    known = np.isfinite(found.log_weights)
+    mean = np.average(found.draws[known], axis=0, weights=weights[known])
+    return mean, np.atleast_2d(np.cov(found.draws[known].T, aweights=weights[known]))
+
+
+def with_prior_moments(
+    mean: Floats, covariance: Floats, density: Density, extended: Density
+) -> tuple[Floats, Floats]:
+    """Return mean and Λ⁻¹ of an extended model: what was added is known from its prior alone.
+
+    Parameters
+    ----------
+    mean, covariance : array, shape (n_parameters,) and (n_parameters, n_parameters)
+        Those of the smaller model, on the sampler's scale.
+    density, extended : Density
+        The smaller model, and the one with more parameters.
+    """
+    known = {name: i for i, name in enumerate(density.table.names)}
+    rows = [known.get(name, -1) for name in extended.table.names]
+    centre, wider = np.zeros(len(rows)), np.zeros((len(rows), len(rows)))
+    old = np.array([i for i, row in enumerate(rows) if row >= 0])
+    kept = [row for row in rows if row >= 0]
+    centre[old], wider[np.ix_(old, old)] = mean[kept], covariance[np.ix_(kept, kept)]
+    for i, parameter in enumerate(extended.table.parameters):
+        if rows[i] < 0:
+            values = parameter.law.quantile((np.arange(1000) + 0.5) / 1000.0)
+            draws = parameter.law.to_unconstrained(values)
+            centre[i], wider[i, i] = float(np.mean(draws)), float(np.var(draws))
+    return centre, wider
+
+
+def is_seen(columns: Floats) -> NDArray[np.bool_]:
+    """Return which whitened columns (n, k) change the mean by more than rounding, (k,).
+
+    What only widens a scatter does not.
+    """
+    seen: NDArray[np.bool_] = np.max(np.abs(columns), axis=0, initial=0.0) > ROUNDING
+    return seen
+
+
+def effects(linear: Linear, cause: Cause, sizes: Floats) -> Floats:
+    """Return whitened changes of the readings where a cause has these sizes, (k, n).
+
+    Parameters
+    ----------
+    linear : Linear
+        Without the cause.
+    cause : Cause
+        What acts.
+    sizes : array, shape (k, n_parameters of the cause)
+        On the unconstrained scale. Where the model refuses a size the change is nan.
+    """
+    extended = linear.subject.extended(cause)
+    neutral = with_neutral(linear.mode, linear.subject, extended)
+    points = np.tile(neutral, (len(sizes) + 1, 1))
+    points[1:, columns_of(extended, cause)] = sizes
+    readings = extended.expected(points)
+    changes: Floats = readings[1:] - readings[0]
+    known = np.all(np.isfinite(changes), axis=1)
+    changes[known] = linear.whiten_columns(changes[known].T).T
+    changes[~known] = np.nan
+    return changes
+
+
+def sensitivities(linear: Linear, cause: Cause) -> Floats:
+    """Return whitened changes of the readings for one prior size of each parameter, (n, k).
+
+    A parameter that widens a scatter has a column of zeros: the mean does not show it.
+    """
+    neutral = neutral_sizes(cause)
+    sizes = np.array([prior_size(p) for p in cause.parameters])
+    moved = effects(linear, cause, neutral + SMALL * np.diag(sizes))
+    return np.nan_to_num(moved.T / SMALL)
+
+
+def neutral_sizes(cause: Cause) -> Floats:
+    """Return the parameters of a cause where it has no effect, on the unconstrained scale."""
+    return np.array([float(p.law.to_unconstrained(p.neutral or 0.0)) for p in cause.parameters])
+
+
+def prior_size(parameter: Parameter) -> float:
+    """Return the root mean square distance of a prior from its neutral value.
+
+    It is taken on the sampler's scale, on which positive parameters are logarithms.
+
+    Examples
+    --------
+    >>> from bayesdeg.priors import Normal
+    >>> round(prior_size(Parameter("offset", Normal(0.0, 10.0), "kPa", "of a sensor", 0.0)), 1)
+    10.0
+    """
+    law = parameter.law
+    values = law.to_unconstrained(law.quantile((np.arange(1000) + 0.5) / 1000.0))
+    neutral = float(law.to_unconstrained(parameter.neutral or 0.0))
+    return float(np.sqrt(np.mean((values - neutral) ** 2)))
+
+
+def log_bayes_factor(whitened: Floats, columns: Floats) -> Floats:
+    """Return ln N(z; 0, I + S Sᵀ) − ln N(z; 0, I) for data (..., n), S (n, k) in prior sd's.
+
+    Examples
+    --------
+    >>> z, s = np.array([2.0, 0.0]), np.array([[1.0], [0.0]])
+    >>> round(float(log_bayes_factor(z, s)), 4)  # N(2; 0, √2) against N(2; 0, 1)
+    0.6534
+    """
+    count = columns.shape[1]
+    inner = np.eye(count) + columns.T @ columns
+    projected = whitened @ columns
+    gain = np.einsum("...i,ij,...j->...", projected, np.linalg.inv(inner), projected)
+    factor: Floats = 0.5 * gain - 0.5 * np.linalg.slogdet(inner)[1]
+    return factor
+
+
+def _jacobian(subject: Subject, mode: Floats, step: float = 1e-3) -> Floats:
+    """Central differences; one-sided where the other side is outside the forward map's range."""
+    size = len(mode)
+    around = mode + step * np.vstack([np.zeros(size), np.eye(size), -np.eye(size)])
+    curves = subject.expected(around)
+    here, forth, back = curves[0], curves[1 : size + 1], curves[size + 1 :]
+    width = step * (np.isfinite(forth).astype(float) + np.isfinite(back))
+    change = np.where(np.isfinite(forth), forth, here) - np.where(np.isfinite(back), back, here)
+    jacobian: Floats = (change / np.maximum(width, step)).T
+    return jacobian

@@ -1,0 +1,378 @@
+"""What is known of a fitted set of causes: its misfit, and which others deserve a full fit.
+
+A cause is added as long as the log Bayes factor of the best addition passes what chance alone gives
+in 5 % of data sets simulated from the model so far. Pairs that screening finds better than any
+addition are tried too. In the set that is left, every cause must earn its place against the set
+without it, and every cause is compared with all that could stand in its place.
+"""
+
+from collections.abc import Callable, Iterable
+from concurrent.futures import Executor
+from dataclasses import dataclass, field, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdeg.causes.cause import Cause
+from bayesdeg.criticism.checks.discrepancy import Misfit, measure, resolved
+from bayesdeg.criticism.fit.linear import Linear, is_seen, log_bayes_factor, sensitivities
+from bayesdeg.criticism.fit.screening import Screened, screen, screen_pairs
+from bayesdeg.criticism.fit.side_by_side import apply
+from bayesdeg.criticism.fit.trials import Trial, from_prior, try_causes
+
+Floats = NDArray[np.float64]
+
+CLOSE = 10.0  # screened log Bayes factor behind the best up to which a full fit is worth it
+NEAR_SHARE = 0.75  # or share of the best: screening is rough where effects are strong
+
+
+@dataclass(frozen=True)
+class Step:
+    """What is known with a set of causes active.
+
+    Parameters
+    ----------
+    trial : Trial
+        The fitted model.
+    misfit : Misfit
+        What it leaves unexplained.
+    simulated : array, shape (k, n_readings)
+        Data sets simulated from its posterior, those refused left out.
+    screened : mapping
+        Every other cause at its most probable size, by name.
+    threshold : float
+        Log Bayes factor that naming one more takes.
+    unbent : mapping
+        The causes screened where no parameter has given way to the misfit, see `Trial.unbent`;
+        empty if none has.
+    chance : array, shape (k,)
+        Log Bayes factor of the best of all other causes in each of the simulated data sets, which
+        hold no further effect: what `threshold` comes from [nats]. Empty if there are none.
+    """
+
+    trial: Trial
+    misfit: Misfit
+    simulated: Floats
+    screened: dict[str, Screened]
+    threshold: float
+    unbent: dict[str, Screened] = field(default_factory=dict)
+    chance: Floats = field(default_factory=lambda: np.zeros(0))
+
+    @property
+    def false_name_rate(self) -> float | None:
+        """Share of data without a further effect in which the best cause passes the threshold.
+
+        At least one in as many as were simulated; None if none were. It is below 5 % where odds of
+        20 ask for more than chance gives.
+        """
+        if not len(self.chance):
+            return None
+        return max(float(np.mean(self.chance > self.threshold)), 1.0 / (1 + len(self.chance)))
+
+    def chance_of(self, log_bayes_factor: float) -> float | None:
+        """Return how often the best cause gains as much where nothing acts, (1 + #)/(1 + k).
+
+        Parameters
+        ----------
+        log_bayes_factor : float
+            Of a set with one more cause against this one [nats].
+
+        Returns
+        -------
+        float or None
+            None if no data were simulated.
+        """
+        if not len(self.chance):
+            return None
+        larger = int(np.sum(self.chance >= log_bayes_factor))
+        return (1 + larger) / (1 + len(self.chance))
+
+    def guess(self, name: str) -> tuple[Cause, Floats]:
+        """Return a cause with the size at which a full fit begins."""
+        plain, straight = self.screened[name], self.unbent.get(name)
+        if straight is not None and straight.log_bayes_factor > plain.log_bayes_factor:
+            return straight.cause, straight.size
+        return plain.cause, plain.size
+
+
+def near(screened: dict[str, Screened], least: float) -> list[str]:
+    """Return the causes that screening finds near the best, the best first."""
+    factors = {name: one.log_bayes_factor for name, one in screened.items()}
+    best = max(factors.values(), default=-np.inf)
+    least = max(min(best - CLOSE, NEAR_SHARE * best), least)
+    return sorted((n for n in factors if factors[n] >= least), key=lambda n: -factors[n])
+
+
+Names = frozenset[str]
+
+FALSE_NAME_RATE = 0.05
+LEAST_FACTOR = float(np.log(20.0))
+MARGIN = 2.0  # by which screening may be too low for a cause that a full fit would name
+MOST_CAUSES = 3
+FEW = 400  # draws of the screening of what acts on rupture alone
+
+
+@dataclass(frozen=True)
+class SearchEffort:
+    """What the search may cost.
+
+    Parameters
+    ----------
+    replicates : int
+        Data sets simulated to calibrate misfit and naming.
+    fitted : int
+        Causes that are fitted fully at each step.
+    pairs : int
+        Pairs that are fitted fully.
+    levels_out : bool
+        Whether whole levels of degradation are held out too.
+    most : int
+        Data sets up to which misfit is calibrated where its p-value is near the level that decides.
+    """
+
+    replicates: int
+    fitted: int
+    pairs: int
+    levels_out: bool = False
+    most: int = 0
+
+
+@dataclass
+class Search:
+    """The search so far: fitted sets of causes, and what is known of some.
+
+    Parameters
+    ----------
+    base : Trial
+        Without a cause.
+    causes : tuple of Cause
+        All that may be named.
+    effort : SearchEffort
+        What it may cost.
+    seed : SeedSequence
+        A child for every set, whatever the order in which sets are tried.
+    executor : Executor, optional
+        Fits side by side.
+    on_fit : callable, optional
+        Called with the names of each set that was fitted.
+    """
+
+    base: Trial
+    causes: tuple[Cause, ...]
+    effort: SearchEffort
+    seed: np.random.SeedSequence
+    executor: Executor | None = None
+    on_fit: Callable[[str], None] | None = None
+    trials: dict[Names, Trial] = field(default_factory=dict)
+    steps: dict[Names, Step] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.trials[self.base.names] = self.base
+
+    def factor(self, names: Names) -> float:
+        """Return the log Bayes factor of a fitted set against the base model."""
+        return self.trials[names].log_evidence - self.base.log_evidence
+
+    def step(self, names: Names) -> Step:
+        """Return what is known with a fitted set active."""
+        if names not in self.steps:
+            self.steps[names] = self._look(self.trials[names])
+        return self.steps[names]
+
+    def fit(self, parent: Names, additions: Iterable[str]) -> list[Names]:
+        """Fit a set with each of several causes added, side by side; return the larger sets."""
+        step, wanted = self.step(parent), list(additions)
+        missing = [name for name in wanted if parent | {name} not in self.trials]
+        jobs = [(*step.guess(name), self._seed(parent | {name})) for name in missing]
+        run = map if self.executor is None else self.executor.map
+        for name, trial in zip(missing, run(partial(_fitted, step.trial), jobs), strict=True):
+            self.trials[parent | {name}] = trial
+            if self.on_fit is not None:
+                self.on_fit(" and ".join(sorted(parent | {name})))
+        return [parent | {name} for name in wanted]
+
+    def leaders(self, names: Names) -> list[str]:
+        """Return which additions deserve a full fit: those that screening finds near the best."""
+        step = self.step(names)
+        least = step.threshold - MARGIN
+        leading = [
+            *near(step.screened, least)[: self.effort.fitted],
+            *near(step.unbent, least)[: self.effort.fitted],
+        ]
+        return list(dict.fromkeys(leading))
+
+    def _look(self, trial: Trial) -> Step:
+        generator = np.random.default_rng(self._seed(trial.names, 1))
+        linear = trial.linear
+        simulate = partial(_simulated, trial, generator)
+        simulated = simulate(self.effort.replicates)
+        misfit = measure(linear, simulated)
+        misfit = resolved(misfit, linear, simulate, most=self.effort.most)
+        others = [cause for cause in self.causes if cause.name not in trial.names]
+        known = simulated[np.all(np.isfinite(simulated), axis=1)]
+        jobs = [(c, self._seed(trial.names | {c.name}, 2)) for c in others]
+        found = apply(partial(_screened, trial), jobs, self.executor)
+        screened = {cause.name: one for cause, one in zip(others, found, strict=True)}
+        chance = factors_by_chance(linear, others, known)
+        least = naming_threshold(chance)
+        return Step(trial, misfit, known, screened, least, self._unbent(trial, others), chance)
+
+    def _unbent(self, trial: Trial, causes: list[Cause]) -> dict[str, Screened]:
+        linear = trial.unbent()
+        if linear is None:
+            return {}
+        judged = [c for c in causes if not c.is_of_rupture_alone]
+        found = apply(partial(screen, linear), judged, self.executor)
+        return {cause.name: one for cause, one in zip(judged, found, strict=True)}
+
+    def _seed(self, names: Names, use: int = 0) -> np.random.SeedSequence:
+        known = [cause.name for cause in self.causes]
+        key = (use, *sorted(known.index(name) for name in names))
+        return np.random.SeedSequence(self.seed.entropy, spawn_key=(*self.seed.spawn_key, *key))
+
+
+def _simulated(trial: Trial, generator: np.random.Generator, count: int) -> Floats:
+    """Return data sets simulated from a fitted model, (count, n_readings)."""
+    draws = _as_refitted(trial.linear, trial.draws(generator, count))
+    return trial.linear.straightened(draws, trial.subject.simulated(draws, generator))
+
+
+def _as_refitted(linear: Linear, draws: Floats) -> Floats:
+    """Return draws with all that does not move the mean at the mode, (k, n_parameters).
+
+    The errors of data simulated at a draw would be estimated from them again, and the statistics
+    are against errors that are estimated.
+    """
+    moves = is_seen(linear.whiten_columns(linear.jacobian))
+    return np.where(moves, draws, linear.mode)
+
+
+def factors_by_chance(linear: Linear, causes: Iterable[Cause], replicates: Floats) -> Floats:
+    """Return the largest log Bayes factor of all causes in each data set without an effect, (k,).
+
+    Parameters
+    ----------
+    linear : Linear
+        The model without the effect.
+    causes : iterable of Cause
+        All that are tried: the largest factor counts.
+    replicates : array, shape (k, n_readings)
+        Data simulated from the model.
+
+    Returns
+    -------
+    array
+        [nats]; empty where there is no cause or no data set.
+    """
+    whitened = linear.whiten(replicates)
+    factors = [log_bayes_factor(whitened, sensitivities(linear, cause)) for cause in causes]
+    if not factors or not len(replicates):
+        return np.zeros(0)
+    return np.asarray(np.max(factors, axis=0))
+
+
+def naming_threshold(chance: Floats) -> float:
+    """Return the log Bayes factor that naming takes, at least ln 20 [nats].
+
+    Chance reaches it in 5 % of data sets.
+
+    Parameters
+    ----------
+    chance : array, shape (k,)
+        What the best cause reaches in data sets without an effect, `factors_by_chance`.
+    """
+    if not len(chance):
+        return LEAST_FACTOR
+    return max(LEAST_FACTOR, float(np.quantile(chance, 1.0 - FALSE_NAME_RATE)))
+
+
+def run_search(search: Search) -> Names:
+    """Return the set of causes that the data support: none, one or several."""
+    chosen = _added(search, search.base.names)
+    pair = _best_pair(search)
+    if pair is not None and _score(search, pair) > _score(search, chosen):
+        chosen = _added(search, pair)
+    return _pruned(search, chosen)
+
+
+def rivals(search: Search, chosen: Names, cause: str) -> dict[str, float]:
+    """Return what could stand in the place of one cause of a set, with log Bayes factors.
+
+    The factors are those of the whole set against the base model.
+    """
+    rest = chosen - {cause}
+    _ensure(search, rest)
+    others = [name for name in search.leaders(rest) if name not in chosen]
+    sets = search.fit(rest, others)
+    return dict(zip(others, (search.factor(names) for names in sets), strict=True))
+
+
+def _added(search: Search, names: Names) -> Names:
+    """Add causes one after another as long as the best passes the threshold."""
+    while len(names) < MOST_CAUSES:
+        sets = search.fit(names, search.leaders(names))
+        if not sets:
+            return names
+        best = max(sets, key=search.factor)
+        if search.factor(best) - search.factor(names) < search.step(names).threshold:
+            return names
+        names = best
+    return names
+
+
+def _best_pair(search: Search) -> Names | None:
+    """Return the best of the pairs that screening finds better than any single cause."""
+    start = search.base.names
+    step = search.step(start)
+    pairs = screen_pairs(step.trial.linear, list(step.screened.values()))
+    single = max((s.log_bayes_factor for s in step.screened.values()), default=0.0)
+    better = {p: f for p, f in pairs.items() if f > single + step.threshold}
+    tried = []
+    for first, second in sorted(better, key=lambda p: -better[p])[: search.effort.pairs]:
+        [one] = search.fit(start, [first])
+        tried += search.fit(one, [second])
+    return max(tried, key=search.factor, default=None)
+
+
+def _pruned(search: Search, names: Names) -> Names:
+    """Leave out causes that do not earn their place beside the others."""
+    while len(names) > 1:
+        gains = {}
+        for name in names:
+            _ensure(search, names - {name})
+            gains[name] = search.factor(names) - search.factor(names - {name})
+        weakest = min(gains, key=lambda name: gains[name])
+        if gains[weakest] >= search.step(names - {weakest}).threshold:
+            return names
+        names = names - {weakest}
+    return names
+
+
+def _ensure(search: Search, names: Names) -> None:
+    """Fit a set that was not yet, cause by cause."""
+    if names in search.trials:
+        return
+    known = max((n for n in search.trials if n < names), key=len)
+    for name in sorted(names - known):
+        [known] = search.fit(known, [name])
+
+
+def _score(search: Search, names: Names) -> float:
+    """Return the log Bayes factor less what every cause beyond the first has to earn."""
+    step = search.step(search.base.names)
+    return search.factor(names) - step.threshold * max(len(names) - 1, 0)
+
+
+def _fitted(parent: Trial, job: tuple[Cause, Floats, np.random.SeedSequence]) -> Trial:
+    cause, size, seed = job
+    return try_causes(parent, cause, size, np.random.default_rng(seed))
+
+
+def _screened(trial: Trial, job: tuple[Cause, np.random.SeedSequence]) -> Screened:
+    cause, seed = job
+    found = screen(trial.linear, cause)
+    if not cause.is_of_rupture_alone:
+        return found
+    ratio = from_prior(trial, cause, np.random.default_rng(seed), draws=FEW)
+    return replace(found, log_bayes_factor=ratio.log_evidence)

@@ -1,0 +1,188 @@
+"""A set of causes joins the model, and everything is fitted again: mode, evidence, what is left."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdeg.causes.cause import Cause
+from bayesdeg.criticism.fit.linear import Linear, effects, linearise, rest_law, with_prior_moments
+from bayesdeg.criticism.subject import Subject, columns_of, typical_size, with_neutral
+from bayesdeg.inference.density import bounds
+from bayesdeg.inference.importance import about_mode
+from bayesdeg.inference.laplace import Evidence, approximate, weighted
+
+Floats = NDArray[np.float64]
+
+STRONG = 5.0  # size of an effect, in standard deviations, that is climbed to from two sides
+CLIMBS, HIGHER = 2, 1.0  # more, where draws are higher than the mode by so much
+NEAR = 0.2  # of its bound, in typical sizes: a size from which a climb may slide back to none
+BENT = 4.0  # standard deviations by which a parameter has given way
+DRAWS = 3000  # of the estimate from the prior
+WANTED = 80.0  # effective draws
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A model with a set of causes, fitted.
+
+    Parameters
+    ----------
+    subject : Subject
+        With the causes active.
+    mode : array, shape (n_parameters,)
+        The mode within the bounds of priors.
+    log_evidence : float
+        Marginal likelihood.
+    posterior : Evidence
+        Weighted draws.
+    uncertain : array, shape (n_parameters, n_parameters)
+        Covariance of the parameters given all but the readings.
+    centre : array, shape (n_parameters,)
+        Their mean given all but the readings.
+    """
+
+    subject: Subject
+    mode: Floats
+    log_evidence: float
+    posterior: Evidence
+    uncertain: Floats
+    centre: Floats
+
+    @property
+    def names(self) -> frozenset[str]:
+        """Names of the active causes."""
+        return frozenset(cause.name for cause in self.subject.causes)
+
+    @cached_property
+    def linear(self) -> Linear:
+        """The model linearised at its mode."""
+        return linearise(self.subject, self.mode, uncertain=self.uncertain)
+
+    def unbent(self) -> Linear | None:
+        """Return the model linearised where no parameter is far from what all else says of it.
+
+        A law with heavy tails gives way to a misfit of the readings: its parameter takes the effect
+        of a cause up, which then seems to be none. None if no parameter has, or the model does not
+        answer there. The size of an active cause is what the readings say it is.
+        """
+        sd = np.sqrt(np.diag(self.uncertain))
+        bent = np.abs(self.mode - self.centre) > BENT * sd
+        for cause in self.subject.causes:
+            bent[columns_of(self.subject, cause)] = False
+        if not bent.any():
+            return None
+        point = np.where(bent, self.centre, self.mode)
+        found = linearise(self.subject, point, uncertain=self.uncertain, centre=self.centre)
+        return found if found.is_known else None
+
+    def draws(self, generator: np.random.Generator, count: int) -> Floats:
+        """Draw from the posterior, (count, n_parameters)."""
+        return self.posterior.resample(generator, count)
+
+
+def base_trial(subject: Subject, mode: Floats, posterior: Evidence) -> Trial:
+    """Return the trial of a model that is fitted already."""
+    centre, uncertain = rest_law(subject, mode)
+    return Trial(subject, mode, posterior.log_evidence, posterior, uncertain, centre)
+
+
+def try_causes(parent: Trial, cause: Cause, size: Floats, generator: np.random.Generator) -> Trial:
+    """Fit a model extended by one more cause: its mode, and an importance sample about it.
+
+    Parameters
+    ----------
+    parent : Trial
+        Without the cause.
+    cause : Cause
+        What is added.
+    size : array, shape (k,)
+        Guess of its parameters on the unconstrained scale.
+    generator : Generator
+        Draws the proposals.
+    """
+    subject = parent.subject.extended(cause)
+    starts = _starts(parent, subject, cause, size)
+    climbs = [approximate(subject, generator, start=start) for start in starts]
+    laplace = max(climbs, key=lambda climbed: climbed.log_density)
+    posterior = about_mode(subject, laplace, generator, enough=WANTED)
+    for _ in range(CLIMBS):
+        top = posterior.top
+        if top is None or top[1] < laplace.log_density + HIGHER:
+            break
+        laplace = approximate(subject, generator, start=top[0])
+        posterior = about_mode(subject, laplace, generator, enough=WANTED)
+    centre, uncertain = with_prior_moments(parent.centre, parent.uncertain, parent.subject, subject)
+    return Trial(subject, laplace.mode, posterior.log_evidence, posterior, uncertain, centre)
+
+
+def _starts(parent: Trial, subject: Subject, cause: Cause, size: Floats) -> list[Floats]:
+    """Return the best of: no effect; the guessed size; that with all else moved to make room.
+
+    The last is the most probable δ of the parent's linear model for readings less the effect. Where
+    the effect is strong it is a start of its own: the base model may have bent itself into a corner
+    from which there is no way up. So is the better of the last two where no effect is best.
+    """
+    neutral = with_neutral(parent.mode, parent.subject, subject)
+    guess = neutral.copy()
+    guess[columns_of(subject, cause)] = size
+    linear = parent.linear
+    effect = np.nan_to_num(effects(linear, cause, size[None])[0])
+    back = linear.whitening.adjoint(effect)
+    known = {name: i for i, name in enumerate(parent.subject.table.names)}
+    shift = -parent.uncertain @ (linear.jacobian.T @ back)
+    room = guess.copy()
+    for i, name in enumerate(subject.table.names):
+        if name in known:
+            room[i] += shift[known[name]]
+    low, high = bounds(subject.table)
+    points = np.clip(np.stack([neutral, guess, room]), low, high)
+    densities = subject.log_prob(points)
+    best = int(np.argmax(densities))
+    with_effect = 1 + int(np.argmax(densities[1:]))
+    starts = [points[best]]
+    if best == 0:  # no effect may be a mode of its own, from which no climb gets away
+        starts += [points[with_effect]] if np.isfinite(densities[with_effect]) else []
+    elif best == 1 and np.linalg.norm(effect) > STRONG and np.isfinite(densities[2]):
+        starts.append(points[2])
+    return starts + _off_bounds(subject, cause, points[with_effect])
+
+
+def _off_bounds(subject: Subject, cause: Cause, guess: Floats) -> list[Floats]:
+    """Return the guess with what lies on its bound at its typical size, if anything does.
+
+    A standard deviation of 0 is a top of its own: readings tell of its square.
+    """
+    low, high = bounds(subject.table)
+    columns, typical = columns_of(subject, cause), typical_size(cause)
+    point = guess.copy()
+    for column, size in zip(columns, typical, strict=True):
+        for end in (low[column], high[column]):
+            if np.abs(guess[column] - end) < NEAR * np.abs(size - end):
+                point[column] = size
+    is_new = not np.array_equal(point, guess)
+    return [point] if is_new and np.isfinite(subject.log_prob(point[None])[0]) else []
+
+
+def from_prior(
+    parent: Trial, cause: Cause, generator: np.random.Generator, draws: int = DRAWS
+) -> Evidence:
+    """Average the likelihood ratio over a model's posterior and the prior of one more cause.
+
+    Returns
+    -------
+    Evidence
+        Its log evidence is the log Bayes factor against the parent.
+    """
+    subject = parent.subject.extended(cause)
+    known = parent.draws(generator, draws)
+    base = dict(zip(parent.subject.table.names, known.T, strict=True))
+    prior = {
+        cause.qualified(p.name): p.law.to_unconstrained(p.law.sample(generator, draws))
+        for p in cause.parameters
+    }
+    points = np.stack([(base | prior)[name] for name in subject.table.names], axis=1)
+    own = subject.table.log_prior(points) - parent.subject.table.log_prior(known)
+    ratio = subject.log_prob(points) - parent.subject.log_prob(known) - own
+    return weighted(points, ratio)

@@ -1,0 +1,235 @@
+"""Groups left out in turn: a model is weighted or calibrated without them, and predicts them."""
+
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from bayesdeg.criticism.fit.trials import Trial
+from bayesdeg.criticism.holdout.held_out import DRAWS, Folds, HeldOut
+from bayesdeg.criticism.holdout.leave_one_out import largest_k, smoothed
+from bayesdeg.criticism.subject import Subject
+from bayesdeg.inference.importance import about_mode, improved
+from bayesdeg.inference.laplace import approximate
+from bayesdeg.inference.sampling import Effort, sample
+
+Floats = NDArray[np.float64]
+_Fold = tuple[NDArray[np.intp], Floats, Floats]
+_Job = tuple[Trial, NDArray[np.intp], np.random.SeedSequence]
+
+KEPT = 1000
+ROUND, WANTED = 1000, 80.0  # draws of a round of importance sampling, effective draws wanted
+FEW = 6  # groups
+FEWEST = 20.0  # effective draws below which another way is tried
+# the last way: a density averaged over draws needs few
+ANEW = Effort(effective=60.0, r_hat=1.2, chunk=25, longest=200, ensembles=2)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Predictions of held-out groups, of which some still need the model calibrated anew.
+
+    Parameters
+    ----------
+    trial : Trial
+        Fitted to all groups.
+    known : HeldOut
+        What weighting its draws gives already; nan of groups that were not weighted.
+    parts : tuple of array
+        Groups that are left out together, each needing a calibration.
+    seeds : tuple of SeedSequence
+        One for each part.
+    """
+
+    trial: Trial
+    known: HeldOut
+    parts: tuple[NDArray[np.intp], ...]
+    seeds: tuple[np.random.SeedSequence, ...]
+
+    @property
+    def jobs(self) -> list[_Job]:
+        """What each calibration needs."""
+        pairs = zip(self.parts, self.seeds, strict=True)
+        return [(self.trial, groups, seed) for groups, seed in pairs]
+
+    def with_found(self, found: Sequence[_Fold]) -> HeldOut:
+        """Return the predictions with those of the calibrations, part by part."""
+        subject = self.trial.subject
+        log_density, draws = self.known.log_density.copy(), self.known.draws.copy()
+        for groups, density, simulated in found:
+            log_density[groups] = density
+            draws[:, np.isin(subject.group, [subject.groups[g] for g in groups])] = simulated
+        return HeldOut(log_density, draws)
+
+
+def predict_one_by_one(
+    trial: Trial,
+    *,
+    seed: np.random.SeedSequence,
+    executor: Executor | None = None,
+) -> HeldOut:
+    """Predict each group from all others, as `one_by_one` plans.
+
+    Parameters
+    ----------
+    trial : Trial
+        Fitted to all groups.
+    seed : SeedSequence
+        A child for each group.
+    executor : Executor, optional
+        Runs calibrations side by side.
+    """
+    [found] = carried_out([one_by_one(trial, seed)], executor)
+    return found
+
+
+def predict_folds(
+    trial: Trial,
+    fold: Folds,
+    *,
+    seed: np.random.SeedSequence,
+    executor: Executor | None = None,
+) -> HeldOut:
+    """Calibrate without each fold of groups in turn and predict it.
+
+    Parameters
+    ----------
+    trial : Trial
+        Fitted to all groups.
+    fold : array of int, shape (n_groups,)
+        When each group is left out.
+    seed : SeedSequence
+        A child for each fold.
+    executor : Executor, optional
+        Runs the folds side by side.
+    """
+    [found] = carried_out([in_folds(trial, fold, seed)], executor)
+    return found
+
+
+def one_by_one(trial: Trial, seed: np.random.SeedSequence) -> Plan:
+    """Plan to predict each group from all others.
+
+    Draws of the posterior are weighted by 1/p(y_g | θ), smoothed by a Pareto law; where its shape
+    says that too few carry the weight, the model has to be calibrated anew without that group.
+
+    Parameters
+    ----------
+    trial : Trial
+        Fitted to all groups.
+    seed : SeedSequence
+        A child for each calibration.
+
+    References
+    ----------
+    Vehtari, Gelman and Gabry (2017), doi:10.1007/s11222-016-9696-4.
+    """
+    subject, generator = trial.subject, np.random.default_rng(seed)
+    # each of few specimens is too much of the data to be weighted away; a measured mean is not
+    if len(subject.groups) <= FEW and np.any(subject.group != ""):
+        return in_folds(trial, np.arange(len(subject.groups)), seed)
+    vectors = trial.draws(generator, KEPT)
+    density = subject.group_density(vectors)
+    relative = float(np.clip(trial.posterior.effective / KEPT, 1e-3, 1.0))
+    smooth = smoothed(density[None], relative)
+    draws = np.full((DRAWS, len(subject.places)), np.nan)
+    shown = np.any(subject.group != "") and not is_beside(subject)
+    simulated = subject.simulated(vectors, generator) if shown else np.empty((KEPT, 0))
+    for g, name in enumerate(subject.groups if shown else ()):
+        rows = subject.group == name
+        weights = np.exp(smooth.log_weights[:, g])
+        chosen = generator.choice(KEPT, DRAWS, p=weights / weights.sum())
+        draws[:, rows] = simulated[np.ix_(chosen, rows)]
+    again = np.flatnonzero(~(smooth.pareto_k <= largest_k(KEPT)))
+    parts = tuple(np.array([g]) for g in again)
+    known = HeldOut(smooth.elpd.copy(), draws)
+    return Plan(trial, known, parts, tuple(seed.spawn(len(parts))))
+
+
+def in_folds(trial: Trial, fold: Folds, seed: np.random.SeedSequence) -> Plan:
+    """Plan to calibrate without each fold of groups in turn; see `predict_folds`."""
+    subject = trial.subject
+    nothing = HeldOut(
+        np.full(len(subject.groups), np.nan), np.full((DRAWS, len(subject.places)), np.nan)
+    )
+    parts = tuple(np.flatnonzero(fold == k) for k in range(int(fold.max()) + 1))
+    return Plan(trial, nothing, parts, tuple(seed.spawn(len(parts))))
+
+
+def carried_out(
+    plans: Iterable[Plan],
+    executor: Executor | None = None,
+    on_plan: Callable[[int], None] | None = None,
+) -> list[HeldOut]:
+    """Calibrate anew for all plans, side by side whichever plan it is for.
+
+    Parameters
+    ----------
+    plans : iterable of Plan
+        Of several models, or several kinds of groups. The first calibrations begin while later
+        plans are still being made.
+    executor : Executor, optional
+        Runs calibrations side by side.
+    on_plan : callable, optional
+        Called with the place of each plan when it is done.
+
+    Returns
+    -------
+    list of HeldOut
+        In the order of the plans.
+    """
+    apply = map if executor is None else executor.map
+    begun = [(plan, apply(_predict_fold, plan.jobs)) for plan in plans]
+    done = []
+    for place, (plan, folds) in enumerate(begun):
+        done.append(plan.with_found(list(folds)))
+        if on_plan is not None:
+            on_plan(place)
+    return done
+
+
+def _predict_fold(job: _Job) -> _Fold:
+    trial, groups, seed = job
+    generator = np.random.default_rng(seed)
+    vectors, log_evidence = _draws(trial, trial.subject.without(groups), seed, generator)
+    testing = trial.subject.only(groups)
+    if len(groups) == 1 and np.isfinite(log_evidence):
+        # p(y_g | rest) is a ratio of evidences; few draws would miss what a whole curve demands
+        density = np.array([trial.log_evidence - log_evidence])
+    else:
+        density = logsumexp(testing.group_density(vectors), axis=0) - np.log(DRAWS)
+    if is_beside(trial.subject):
+        return groups, density, np.full((DRAWS, int(np.sum(testing.group != ""))), np.nan)
+    simulated = testing.simulated(vectors, generator)
+    return groups, density, simulated[:, testing.group != ""]
+
+
+def is_beside(subject: Subject) -> bool:
+    """Return whether nobody looks at the readings predicted, only at their density."""
+    return bool(getattr(subject, "is_beside", False))
+
+
+def _draws(
+    trial: Trial,
+    training: Subject,
+    seed: np.random.SeedSequence,
+    generator: np.random.Generator,
+) -> tuple[Floats, float]:
+    """Draw from the posterior without some groups; return the draws and the log evidence.
+
+    An importance sample about its mode; one that begins with the posterior of all groups where that
+    has too few draws; and emcee, without an evidence (nan), where that has too few as well.
+    """
+    laplace = approximate(training, generator, start=trial.mode)
+    posterior = about_mode(training, laplace, generator, enough=WANTED)
+    if posterior.effective < FEWEST:
+        posterior = improved(training, trial.posterior, generator, draws=ROUND, enough=WANTED)
+    if posterior.effective >= FEWEST:
+        return posterior.resample(generator, DRAWS), posterior.log_evidence
+    begun = posterior if posterior.effective > 0.0 else trial.posterior
+    chain = sample(training, begun, effort=ANEW, seed=seed)
+    flat = chain.vectors.reshape(-1, chain.vectors.shape[-1])
+    return flat[generator.integers(len(flat), size=DRAWS)], float("nan")

@@ -1,0 +1,1 @@
+"""What a posterior may be trusted with."""

@@ -1,0 +1,306 @@
+"""Which order of the polynomials of the degradation rate the films support.
+
+Yeoh's constants are polynomials of D_R, of order 2 unless a study says otherwise, as in
+doi:10.3389/frobt.2021.760485. The films alone say whether that is enough, or too much: stress–
+stretch curves and published Young's moduli are calibrated under each order and compared by their
+marginal likelihood, and by how well a film is predicted from all others.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from arviz_stats.base import array_stats
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from bayesdeg.criticism.holdout.held_out import specimen_density
+from bayesdeg.inference.importance import improved
+from bayesdeg.inference.laplace import FEWEST_EFFECTIVE, Evidence, approximate, evidence
+from bayesdeg.inference.model import Model, near_films, without
+from bayesdeg.inference.parameters import material_parameters, with_priors
+from bayesdeg.material.degradation import Nodes, nodes_for
+
+Floats = NDArray[np.float64]
+
+CLEARLY = 2.0
+"""Standard errors by which a held-out difference must pass zero to count."""
+STRONG = 3.0
+"""Log Bayes factor, 20 to 1, that counts; Kass and Raftery (1995), doi:10.2307/2291091."""
+
+
+@dataclass(frozen=True)
+class OrderFit:
+    """The films calibrated under one order.
+
+    Parameters
+    ----------
+    order : int
+        Of the polynomials.
+    size : int
+        Number of parameters.
+    log_evidence, error : float
+        Log marginal likelihood and its Monte Carlo standard error; nan if the importance sample
+        has too few effective draws.
+    effective : float
+        Effective number of draws.
+    elpd, pareto_k : array, shape (n_films,)
+        Log predictive density of each film given the others, and the shape of the importance
+        weights' tail.
+    refitted : array of bool, shape (n_films,)
+        Where that was too heavy and the model was calibrated anew without the film.
+    """
+
+    order: int
+    size: int
+    log_evidence: float
+    error: float
+    effective: float
+    elpd: Floats
+    pareto_k: Floats
+    refitted: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class OrderComparison:
+    """Orders side by side.
+
+    Parameters
+    ----------
+    fits : tuple of OrderFit
+        By rising order.
+    used : int
+        The order of the study's model.
+    """
+
+    fits: tuple[OrderFit, ...]
+    used: int
+
+    def difference(self, fit: OrderFit) -> tuple[float, float]:
+        """Return the gain in elpd over the order used, and its standard error over films."""
+        gap = fit.elpd - self._reference.elpd
+        count = len(gap)
+        error = np.sqrt(count) * np.std(gap, ddof=1) if count > 1 else np.nan
+        return float(np.sum(gap)), float(error)
+
+    def log_bayes_factor(self, fit: OrderFit) -> tuple[float, float]:
+        """Return the log Bayes factor against the order used, and its Monte Carlo error."""
+        reference = self._reference
+        if fit is reference:
+            return 0.0, 0.0
+        gap = fit.log_evidence - reference.log_evidence
+        return gap, float(np.hypot(fit.error, reference.error))
+
+    def table(self) -> pd.DataFrame:
+        """Return one row an order: the columns of ``orders.csv``."""
+        rows = []
+        for fit in self.fits:
+            gain, gain_error = self.difference(fit)
+            factor, factor_error = self.log_bayes_factor(fit)
+            rows.append(
+                {
+                    "order": fit.order,
+                    "used": int(fit.order == self.used),
+                    "parameters": fit.size,
+                    "log_evidence": fit.log_evidence,
+                    "log_evidence_error": fit.error,
+                    "log_bayes_factor": factor,
+                    "log_bayes_factor_error": factor_error,
+                    "elpd": float(np.sum(fit.elpd)),
+                    "elpd_diff": gain,
+                    "elpd_diff_se": gain_error,
+                    "films": len(fit.elpd),
+                    "pareto_k_max": float(np.max(fit.pareto_k)),
+                    "refitted": int(np.sum(fit.refitted)),
+                    "effective": fit.effective,
+                }
+            )
+        return pd.DataFrame(rows)
+
+    @property
+    def sentence(self) -> str:
+        """Which order the films support, and whether the one used is adequate."""
+        others = [fit for fit in self.fits if fit is not self._reference]
+        figures = "; ".join(self._figures(fit) for fit in others)
+        return (
+            f"The films compare polynomials of the degradation rate of order {self.used}, which "
+            f"is used, with others: {figures}. {self._conclusion(others)}"
+        )
+
+    def _conclusion(self, others: list[OrderFit]) -> str:
+        if not np.isfinite(self._reference.log_evidence):
+            return f"Order {self.used} itself could not be judged."
+        better = [fit for fit in others if self._is_better(fit)]
+        if better:
+            best = max(better, key=lambda fit: self.difference(fit)[0])
+            return (
+                f"Order {self.used} is not adequate: order {best.order} predicts held-out films "
+                f"better and is more probable; set order = {best.order} under [material]."
+            )
+        simpler = [fit for fit in others if fit.order < self.used and self._does_as_well(fit)]
+        if simpler:
+            return f"Order {self.used} is adequate; order {simpler[0].order} would do as well."
+        return f"Order {self.used} is adequate."
+
+    def _is_better(self, fit: OrderFit) -> bool:
+        gain, error = self.difference(fit)
+        return gain > CLEARLY * error and self.log_bayes_factor(fit)[0] > STRONG
+
+    def _does_as_well(self, fit: OrderFit) -> bool:
+        gain, error = self.difference(fit)
+        return gain > -CLEARLY * error and self.log_bayes_factor(fit)[0] > 0.0
+
+    def _figures(self, fit: OrderFit) -> str:
+        (gain, gain_error), (factor, error) = self.difference(fit), self.log_bayes_factor(fit)
+        evidence_words = (
+            f"{factor:+.1f} ± {error:.2f} in log evidence"
+            if np.isfinite(factor)
+            else "its evidence could not be had"
+        )
+        return (
+            f"order {fit.order} has {gain:+.1f} ± {gain_error:.1f} in the log predictive density "
+            f"of held-out films, {evidence_words}"
+        )
+
+    @property
+    def _reference(self) -> OrderFit:
+        return next(fit for fit in self.fits if fit.order == self.used)
+
+
+ORDERS = (1, 2, 3)
+LARGEST_K = 0.7
+"""Shape of the importance weights' tail beyond which they cannot be relied on."""
+
+
+def compare_orders(
+    model: Model, *, seed: np.random.SeedSequence, orders: tuple[int, ...] = ORDERS
+) -> OrderComparison | None:
+    """Calibrate the films of a model under several orders.
+
+    Parameters
+    ----------
+    model : Model
+        With the study's films and priors; its actuators are left aside.
+    seed : SeedSequence
+        Everything random comes from it.
+    orders : tuple of int
+        To compare with the order of the model.
+
+    Returns
+    -------
+    OrderComparison or None
+        None without films, or where the films have too few degradation rates to tell two orders
+        apart.
+    """
+    if model.tensile is None:
+        return None
+    used = films_alone(model, model.nodes)
+    levels = used.tensile.degradation.tolist() if used.tensile is not None else []
+    levels += [s.degradation for s in used.statistics]
+    by_order = {len(nodes) - 1: nodes for nodes in (nodes_for(levels, k) for k in orders)}
+    by_order[len(model.nodes) - 1] = model.nodes
+    if len(by_order) < 2:
+        return None
+    fits = [
+        fit_order(films_alone(model, by_order[order]), seed=child)
+        for order, child in zip(sorted(by_order), seed.spawn(len(by_order)), strict=True)
+    ]
+    return OrderComparison(tuple(fits), len(model.nodes) - 1)
+
+
+def films_alone(model: Model, nodes: Nodes) -> Model:
+    """Return the model of the films and Young's moduli alone, constants controlled at these nodes.
+
+    Parameters that both have keep the priors of the study.
+    """
+    laws = {p.name: p.law for p in model.base}
+    own = (p for p in model.base if p.name.startswith(("stiffness_scatter", "tensile_")))
+    return Model(
+        base=(*with_priors(material_parameters(nodes), laws), *own),
+        nodes=nodes,
+        tensile=model.tensile,
+        statistics=tuple(s for s in model.statistics if s.quantity == "young_modulus"),
+    )
+
+
+def fit_order(films: Model, *, seed: np.random.SeedSequence) -> OrderFit:
+    """Calibrate the films and predict each from all others."""
+    first, refits = seed.spawn(2)
+    generator = np.random.default_rng(first)
+    first_guess = _rough(films, generator)
+    posterior = improved(films, first_guess, generator)
+    usable = posterior.effective >= FEWEST_EFFECTIVE
+    if usable:
+        elpd, pareto_k, refitted = leave_films_out(films, posterior, seed=refits)
+    else:
+        count = len(set(films.tensile.specimens)) if films.tensile is not None else 0
+        elpd, pareto_k = np.full((2, count), np.nan)
+        refitted = np.zeros(count, dtype=bool)
+    return OrderFit(
+        order=len(films.nodes) - 1,
+        size=len(films.table),
+        log_evidence=posterior.log_evidence if usable else float("nan"),
+        error=posterior.error if usable else float("nan"),
+        effective=posterior.effective,
+        elpd=elpd,
+        pareto_k=pareto_k,
+        refitted=refitted,
+    )
+
+
+def leave_films_out(
+    films: Model, posterior: Evidence, *, seed: np.random.SeedSequence
+) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+    r"""Predict each film from all others, by smoothed importance sampling.
+
+    The draws θ come from a proposal q. Of the posterior without film i their weights are
+    :math:`p(\theta \mid y) / (q(\theta) \, p(y_i \mid \theta))`, the largest of them smoothed by a
+    Pareto law. Where its shape is too large, the films are calibrated anew without film i.
+
+    Parameters
+    ----------
+    films : Model
+        With all films.
+    posterior : Evidence
+        Importance sample of its posterior.
+    seed : SeedSequence
+        A child for each film.
+
+    Returns
+    -------
+    elpd, pareto_k, refitted : array, shape (n_films,)
+        As in `OrderFit`.
+
+    References
+    ----------
+    Vehtari, Gelman and Gabry (2017), doi:10.1007/s11222-016-9696-4.
+    """
+    possible = np.isfinite(posterior.log_weights)
+    draws, weights = posterior.draws[possible], posterior.log_weights[possible]
+    names, _, density = specimen_density(films, films.table.named(draws))
+    # psislw takes the log likelihood, of which the weights are the inverse
+    log_weights, pareto_k = array_stats.psislw((density - weights[:, None]).T, r_eff=1.0)
+    log_weights = log_weights - logsumexp(log_weights, axis=-1, keepdims=True)
+    elpd = logsumexp(log_weights + density.T, axis=-1)
+    refitted = ~(pareto_k <= LARGEST_K)
+    for row, child in enumerate(seed.spawn(len(names))):
+        if refitted[row]:
+            elpd[row] = _refit(films, names[row], posterior, np.random.default_rng(child))
+    return elpd, np.asarray(pareto_k), refitted
+
+
+def _refit(films: Model, film: str, posterior: Evidence, generator: np.random.Generator) -> float:
+    """Calibrate the films without one: ln p(y_i | y_-i) is what it adds to the log evidence.
+
+    Averaged over the posterior without it, p(y_i | θ) of a film far from the others would rest on
+    few draws.
+    """
+    training = without(films, [film])
+    # a start of its own: draws of the posterior with the film may miss that without it
+    rough = _rough(training, generator)
+    return posterior.log_evidence - improved(training, rough, generator).log_evidence
+
+
+def _rough(films: Model, generator: np.random.Generator) -> Evidence:
+    laplace = approximate(films, generator, start=near_films(films, generator))
+    return evidence(films, laplace, generator)

@@ -1,0 +1,356 @@
+r"""A part of a log density scaled up and down a little, by weights on stored draws.
+
+A density p is scaled to :math:`p^\alpha`, by weights :math:`p^{\alpha - 1}` on the stored draws,
+and the cumulative Jensen–Shannon distance between the law of a quantity before and after is taken
+per doubling of α.  Scaling the likelihood in the same way tells whether the data have a say too.
+"""
+
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Self
+
+import numpy as np
+import pandas as pd
+from arviz_stats.base import array_stats
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from bayesdeg.inference.model import Model
+from bayesdeg.inference.parameters import Named, ParameterTable
+from bayesdeg.inference.sampling import Chain
+
+Floats = NDArray[np.float64]
+
+ALPHAS = (0.99, 1.01)
+
+
+@dataclass(frozen=True)
+class Scaling:
+    """Weights of stored draws for a part of the log density scaled down and up a little.
+
+    Parameters
+    ----------
+    log_density : array, shape (n_chains, n_draws)
+        The part.
+    lower, upper : array, shape (n_chains, n_draws)
+        Weights that sum to 1.
+    """
+
+    log_density: Floats
+    lower: Floats
+    upper: Floats
+
+    @classmethod
+    def of(cls, log_density: Floats) -> Self:
+        """Scale a part, such as the log prior; the largest weights are smoothed."""
+        if np.ptp(log_density) == 0.0:  # a flat prior: every power of it is the same
+            even = np.full_like(log_density, 1.0 / log_density.size)
+            return cls(log_density, even, even)
+        logs = (_log_weights(log_density, alpha) for alpha in ALPHAS)
+        lower, upper = (np.exp(w - logsumexp(w)) for w in logs)
+        return cls(log_density, lower, upper)
+
+
+def power_scaling(draws: Floats, scaling: Scaling) -> float:
+    """Return how much the law of a quantity changes per doubling of the power of a density.
+
+    Parameters
+    ----------
+    draws : array, shape (n_chains, n_draws)
+        Of the quantity.
+    scaling : Scaling
+        Of the density.
+
+    Examples
+    --------
+    >>> from scipy.stats import norm
+    >>> draws = norm.ppf((np.arange(4000) + 0.5) / 4000).reshape(4, 1000)
+    >>> round(power_scaling(draws, Scaling.of(norm.logpdf(draws))), 2)  # nothing but a prior
+    0.08
+    """
+    if np.ptp(draws) == 0.0:
+        return 0.0
+    weights = (scaling.lower, scaling.upper)
+    return float(array_stats.power_scale_sense(draws, *weights, *ALPHAS))
+
+
+def noise_of(draws: Floats, scaling: Scaling) -> float:
+    """Return the sensitivity of draws of one ensemble to the densities of another.
+
+    They have nothing to do with each other, but are as many and as much alike as those that do.
+    """
+    turned = [power_scaling(np.roll(draws, turn, axis=0), scaling) for turn in range(1, len(draws))]
+    return float(np.mean(turned)) if turned else 0.0
+
+
+def _log_weights(log_density: Floats, alpha: float) -> Floats:
+    # a part on which nearly all draws agree, as that no specimen bursts, has no tail to smooth
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Number of tail draws", UserWarning)
+        try:
+            smooth: Floats = array_stats.power_scale_lw(log_density, alpha=alpha, axis=(0, 1))
+        except ValueError:
+            return (alpha - 1.0) * log_density
+    return smooth if np.all(np.isfinite(smooth)) else (alpha - 1.0) * log_density
+
+
+def conclusions(model: Model, values: Named) -> dict[str, Floats]:
+    """Return the quantities that the report states, by what they are called there.
+
+    C1 and the elongation limit without degradation and at the last node, the volume ratio, the
+    stiffness of the paper, and the size of each active cause.
+
+    Parameters
+    ----------
+    model : Model
+        Those that it has no parameters for are left out.
+    values : mapping
+        Named values, (n,).
+
+    Returns
+    -------
+    dict
+        Each (n,), in the users' units.
+    """
+    found = _against_degradation(
+        "C1", model.constants(values, _ends(model.nodes))[..., 0], model.nodes
+    )
+    named = {"volume_ratio": "volume ratio", "paper_stiffness": "paper stiffness"}
+    found |= {words: values[name] for name, words in named.items() if name in values}
+    if "elongation_scatter" in values:
+        nodes = model.elongation_nodes
+        found |= _against_degradation(
+            "elongation limit", model.elongation(values, _ends(nodes)), nodes
+        )
+    for cause in model.causes:
+        for parameter in cause.parameters:
+            words = f"{cause.name.replace('_', ' ')}: {parameter.name.replace('_', ' ')}"
+            found[words] = values[cause.qualified(parameter.name)]
+    return found
+
+
+def _ends(nodes: tuple[float, ...]) -> Floats:
+    return np.unique([0.0, max(nodes)])
+
+
+def _against_degradation(name: str, draws: Floats, nodes: tuple[float, ...]) -> dict[str, Floats]:
+    return {f"{name} at {end:.3g} %": draws[:, i] for i, end in enumerate(_ends(nodes))}
+
+
+NOTICEABLE = 0.05  # of a sensitivity; about 0.3 standard deviations per doubling
+DRAWS = 1000  # of each ensemble
+ABOVE_NOISE = 1.5  # a sensitivity below so many times that of unrelated draws is none
+
+
+class Diagnosis(StrEnum):
+    """What the sensitivities to prior and likelihood say together."""
+
+    DATA = "data"
+    PRIOR = "prior"
+    BOTH = "prior and data"
+    NEITHER = "neither"
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """How the posterior of one quantity answers to prior and likelihood.
+
+    Parameters
+    ----------
+    quantity : str
+        A parameter, or a conclusion.
+    conclusion : bool
+        Which of both.
+    prior, likelihood : float
+        Distances per doubling.
+    prior_noise, likelihood_noise : float
+        What draws would show of either that have nothing to do with it.
+    shift : float
+        Change of the posterior mean over its standard deviation per doubling of the prior's power.
+    hangs_on : str
+        Parameter whose own prior matters most; empty where priors do not matter.
+    rests_on : str
+        Kind of data that matters most.
+    """
+
+    quantity: str
+    conclusion: bool
+    prior: float
+    likelihood: float
+    prior_noise: float
+    likelihood_noise: float
+    shift: float
+    hangs_on: str
+    rests_on: str
+
+    @property
+    def diagnosis(self) -> Diagnosis:
+        """What prior and data have to say in it."""
+        by_prior = noticeable(self.prior, self.prior_noise)
+        by_data = noticeable(self.likelihood, self.likelihood_noise)
+        if by_prior:
+            return Diagnosis.BOTH if by_data else Diagnosis.PRIOR
+        return Diagnosis.DATA if by_data else Diagnosis.NEITHER
+
+
+def noticeable(distance: float, noise: float) -> bool:
+    """Return whether a sensitivity is one, beside the noise of its draws.
+
+    The squares of both add up, as noise and effect are independent.
+
+    Examples
+    --------
+    >>> noticeable(0.06, 0.01), noticeable(0.06, 0.04), noticeable(0.3, 0.25)
+    (True, False, False)
+    """
+    return distance >= max(float(np.hypot(NOTICEABLE, noise)), ABOVE_NOISE * noise)
+
+
+def sentence(rows: tuple[Sensitivity, ...]) -> str:
+    """Say which conclusions hang on a prior, and on whose."""
+    stated = [row for row in rows if row.conclusion]
+    moved = [row for row in stated if row.diagnosis in (Diagnosis.PRIOR, Diagnosis.BOTH)]
+    names = ", ".join(row.quantity for row in stated if row not in moved)
+    if not moved:
+        return (
+            "No conclusion hangs on a prior: a little more or less weight of the priors does not "
+            f"move {names}."
+        )
+    said = [f"A little more or less weight of the priors does not move {names}."] if names else []
+    for row in sorted(moved, key=lambda row: row.likelihood - row.prior):
+        name = row.quantity[0].upper() + row.quantity[1:]
+        if row.diagnosis is Diagnosis.PRIOR:
+            text = f"{name} hangs on the prior of {row.hangs_on}: the data say little about it"
+        elif row.prior > row.likelihood:
+            text = f"{name} hangs on the prior of {row.hangs_on} more than on the data"
+        else:
+            text = f"{name} is shaped by the data, but also by the prior of {row.hangs_on}"
+        said.append(f"{text} ({_moved(row)}).")
+    return " ".join(said)
+
+
+def _moved(row: Sensitivity) -> str:
+    way = "up" if row.shift > 0.0 else "down"
+    return f"priors of twice the weight move it by {abs(row.shift):.2g} standard deviations {way}"
+
+
+@dataclass(frozen=True)
+class PriorSensitivity:
+    """Sensitivities of conclusions and parameters, conclusions first.
+
+    Parameters
+    ----------
+    rows : tuple of Sensitivity
+        One a quantity.
+    """
+
+    rows: tuple[Sensitivity, ...]
+
+    def table(self) -> pd.DataFrame:
+        """Return one row a quantity: the columns of ``prior_sensitivity.csv``."""
+        return pd.DataFrame(
+            [
+                {
+                    "quantity": row.quantity,
+                    "kind": "conclusion" if row.conclusion else "parameter",
+                    "prior": row.prior,
+                    "likelihood": row.likelihood,
+                    "prior_noise": row.prior_noise,
+                    "likelihood_noise": row.likelihood_noise,
+                    "shift_sd": row.shift,
+                    "diagnosis": str(row.diagnosis),
+                    "hangs_on": row.hangs_on,
+                    "rests_on": row.rests_on,
+                }
+                for row in self.rows
+            ]
+        )
+
+
+def prior_sensitivity(model: Model, chain: Chain) -> PriorSensitivity:
+    """Return how conclusions and parameters answer to priors and data, from stored draws.
+
+    Parameters
+    ----------
+    model, chain : Model, Chain
+        Model and its posterior.
+
+    Notes
+    -----
+    Densities are those in the users' units, as the priors are stated; another scale would be
+    another family of priors about the same one.
+
+    Source: Kallioinen et al. (2023), doi:10.1007/s11222-023-10366-5.
+    """
+    vectors = chain.thinned(DRAWS).vectors
+    shape = (len(vectors), -1)
+    values = model.table.named(vectors.reshape(-1, vectors.shape[-1]))
+    stated = conclusions(model, values)
+    blocks = model.log_likelihood(values).items()
+    log_prior = {name: v.reshape(shape) for name, v in log_priors(model.table, values).items()}
+    log_likelihood = {kind: v.sum(axis=-1).reshape(shape) for kind, v in blocks}
+    parts = [
+        {name: Scaling.of(part) for name, part in density.items()}
+        for density in (log_prior, log_likelihood)
+    ]
+    # a model without data has no kinds of likelihood, and their sum is 0
+    nothing = np.zeros((len(vectors), len(values[model.table.names[0]]) // len(vectors)))
+    whole = [Scaling.of(sum(density.values(), nothing)) for density in (log_prior, log_likelihood)]
+    rows = [
+        _sensitivity(
+            name,
+            draws.reshape(shape),
+            (whole[0], whole[1]),
+            (parts[0], parts[1]),
+            conclusion=name in stated,
+        )
+        for name, draws in (stated | values).items()
+    ]
+    return PriorSensitivity(tuple(rows))
+
+
+def log_priors(table: ParameterTable, values: Named) -> dict[str, Floats]:
+    """Return the log prior density of each parameter in its own unit, each (n,)."""
+    return {p.name: p.law.log_density(values[p.name]) for p in table.parameters}
+
+
+def _sensitivity(
+    name: str,
+    draws: Floats,
+    whole: tuple[Scaling, Scaling],
+    parts: tuple[Mapping[str, Scaling], Mapping[str, Scaling]],
+    *,
+    conclusion: bool,
+) -> Sensitivity:
+    """Ask about one quantity; ``whole`` and ``parts`` are of prior and likelihood."""
+    distances = [power_scaling(draws, part) for part in whole]
+    noises = [noise_of(draws, part) for part in whole]
+    return Sensitivity(
+        quantity=name,
+        conclusion=conclusion,
+        prior=distances[0],
+        likelihood=distances[1],
+        prior_noise=noises[0],
+        likelihood_noise=noises[1],
+        shift=_shift(draws, whole[0].log_density),
+        hangs_on=_largest(draws, parts[0]) if noticeable(distances[0], noises[0]) else "",
+        rests_on=_largest(draws, parts[1]) if conclusion else "",
+    )
+
+
+def _shift(draws: Floats, log_density: Floats) -> float:
+    """Change of the mean per doubling, ln 2 cov(q, ln p), over the standard deviation."""
+    spread = float(np.std(draws))
+    covariance = float(np.mean((draws - draws.mean()) * (log_density - log_density.mean())))
+    return float(np.log(2.0)) * covariance / spread if spread > 0.0 else 0.0
+
+
+def _largest(draws: Floats, parts: Mapping[str, Scaling]) -> str:
+    """Return the part that matters most, the noise of its draws taken off."""
+
+    def excess(name: str) -> float:
+        return power_scaling(draws, parts[name]) ** 2 - noise_of(draws, parts[name]) ** 2
+
+    return max(parts, key=excess, default="")

@@ -1,0 +1,738 @@
+"""Draws of independent ensembles, what they may cost, and what they are worth."""
+
+import hashlib
+import math
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, field, replace
+from functools import partial
+from itertools import count
+from typing import Protocol, Self
+
+import emcee
+import numpy as np
+import xarray as xr
+from arviz_base import from_dict
+from arviz_stats.base import array_stats
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+from threadpoolctl import threadpool_limits
+
+from bayesdeg.errors import BayesdegError
+from bayesdeg.inference.density import Density
+from bayesdeg.inference.importance import FOR_WALKERS, Proposal
+from bayesdeg.inference.laplace import Evidence, effective_draws
+from bayesdeg.inference.model import CountedDensity, Model, Refusals
+from bayesdeg.inference.tree import (
+    Groups,
+    add_likelihoods,
+    add_observations,
+    label_observations,
+    observation_axes,
+    with_one_likelihood,
+)
+
+Floats = NDArray[np.float64]
+
+LONGEST_LOOK = 8  # steps between looks, at most, in those of the first period
+
+
+@dataclass(frozen=True)
+class Effort:
+    """What sampling may cost, and when it is enough.
+
+    Parameters
+    ----------
+    effective : float
+        Effective sample size wanted in every parameter.
+    r_hat : float
+        Largest rank-normalised split R̂ across ensembles that is accepted.
+    chunk, longest : int
+        Steps of the first period and to the first look at the chain, and steps at most, which are
+        two or more.
+    ensembles, kept : int
+        Independent ensembles, and draws kept of each.
+    times : float
+        Autocorrelation times that every walker must have gone, at least. Without it as many
+        walkers as effective draws are wanted would be enough where they stand.
+    starts : int
+        Dispersed starts from which separate modes are looked for before sampling.
+    """
+
+    effective: float
+    r_hat: float
+    chunk: int
+    longest: int
+    ensembles: int = 4
+    kept: int = 500
+    times: float = 5.0
+    starts: int = 0
+
+    def periods(self, *, settled: bool = False) -> tuple[tuple[int, ...], ...]:
+        """Return the steps to each look at the chain, period by period.
+
+        Moves are fitted anew before each period, to the draws of the one before, and draws of the
+        last period alone are kept; so each is twice as long as the one before. The first is for
+        fitting alone. The last goes on to the limit.
+
+        Parameters
+        ----------
+        settled : bool
+            Whether the moves of the first period served well: the second is then the last.
+
+        Examples
+        --------
+        >>> effort = Effort(effective=400.0, r_hat=1.01, chunk=50, longest=1000)
+        >>> effort.periods()
+        ((50,), (50, 50), (100, 100), (200, 200, 200, 50))
+        >>> effort.periods(settled=True)[1][:6]
+        (25, 25, 25, 25, 25, 31)
+        >>> Effort(effective=400.0, r_hat=1.01, chunk=10, longest=20).periods()
+        ((10,), (10,))
+        """
+        first = min(self.chunk, max(1, self.longest // 2))
+        if settled:
+            return (first,), _growing(
+                self.longest - first, max(1, first // 2), LONGEST_LOOK * first
+            )
+        lengths, left = [first], self.longest - first
+        while left >= 2 * lengths[-1]:
+            lengths.append(2 * lengths[-1])
+            left -= lengths[-1]
+        if len(lengths) == 1:
+            lengths.append(0)
+        lengths[-1] += left
+        looks = [first] + [min(first * 2**k, LONGEST_LOOK * first) for k in range(len(lengths) - 1)]
+        return tuple(_split(length, look) for length, look in zip(lengths, looks, strict=True))
+
+
+def _split(length: int, part: int) -> tuple[int, ...]:
+    rest = length % part
+    return (part,) * (length // part) + ((rest,) if rest else ())
+
+
+def _growing(length: int, least: int, most: int) -> tuple[int, ...]:
+    """Split a length: a look whenever the chain is a quarter longer than at the last."""
+    parts: list[int] = []
+    while (done := sum(parts)) < length:
+        parts.append(min(max(least, done // 4), most, length - done))
+    return tuple(parts)
+
+
+EFFORTS = {
+    "quick": Effort(effective=150.0, r_hat=1.05, chunk=25, longest=1200),
+    "standard": Effort(effective=400.0, r_hat=1.01, chunk=25, longest=6000, starts=4),
+    "thorough": Effort(effective=2000.0, r_hat=1.005, chunk=50, longest=40000, kept=2000, starts=8),
+}
+
+
+@dataclass(frozen=True)
+class Standing:
+    """How far sampling is.
+
+    Parameters
+    ----------
+    steps, kept : int
+        Steps done, and those of the draws that would be kept now; none while moves are fitted.
+    effective, r_hat : float
+        Smallest bulk effective sample size and largest R̂ of the kept draws; nan of none.
+    times : float
+        Autocorrelation times that the walkers have gone; nan of none.
+    resumed : int
+        Steps that an earlier run had done.
+    settled : bool
+        Whether moves are fitted no more.
+    """
+
+    steps: int = 0
+    kept: int = 0
+    effective: float = math.nan
+    r_hat: float = math.nan
+    times: float = math.nan
+    resumed: int = 0
+    settled: bool = False
+
+    def steps_wanted(self, effort: Effort) -> float:
+        """Return how many kept steps would meet an effort's criteria; nan while none are kept.
+
+        Effective draws grow with the steps, and R̂ − 1 falls with them.
+
+        Examples
+        --------
+        >>> effort = Effort(effective=400.0, r_hat=1.01, chunk=50, longest=1000)
+        >>> Standing(100, kept=50, effective=250.0, r_hat=1.02, times=5.0).steps_wanted(effort)
+        100.0
+        """
+        lacking = (
+            effort.effective / self.effective,
+            (self.r_hat - 1.0) / (effort.r_hat - 1.0) if effort.r_hat > 1.0 else math.inf,
+            effort.times / self.times,
+        )
+        # the rounding is that of R̂ − 1
+        return round(self.kept * max(lacking), 6)
+
+    def enough(self, effort: Effort) -> bool:
+        """Return whether an effort's criteria are met."""
+        return (
+            self.effective >= effort.effective
+            and self.r_hat <= effort.r_hat
+            and self.times >= effort.times
+        )
+
+
+@dataclass(frozen=True)
+class Chain:
+    """Draws of several independent ensembles.
+
+    Parameters
+    ----------
+    vectors : array, shape (n_ensembles, n_steps, n_walkers, n_parameters)
+        On the unconstrained scale, after burn-in.
+    log_prob : array, shape (n_ensembles, n_steps, n_walkers)
+        Log posterior density, not normalised.
+    acceptance : array, shape (n_ensembles,)
+        Accepted share of proposals.
+    refusals : Refusals
+        How many proposals the emulator refused, burn-in included.
+    """
+
+    vectors: Floats
+    log_prob: Floats
+    acceptance: Floats
+    refusals: Refusals = field(default_factory=Refusals)
+
+    def r_hat(self) -> Floats:
+        """Rank-normalised split R̂ of each parameter, ensembles as chains.
+
+        The walkers of one ensemble move by one another, so they are no independent chains.
+        """
+        ensembles, steps, walkers, size = self.vectors.shape
+        draws = self.vectors.reshape(ensembles, steps * walkers, size)
+        return np.array([array_stats.rhat(draws[:, :, i]) for i in range(size)])
+
+    def effective(self, method: str = "bulk") -> Floats:
+        """Effective sample size of each parameter, autocorrelation taken along each walker."""
+        ensembles, steps, walkers, size = self.vectors.shape
+        lines = np.swapaxes(self.vectors, 1, 2).reshape(ensembles * walkers, steps, size)
+        prob = 0.9 if method == "tail" else None
+        return np.array(
+            [array_stats.ess(lines[:, :, i], method=method, prob=prob) for i in range(size)]
+        )
+
+    def autocorrelation_time(self) -> Floats:
+        """Return τ of each parameter [steps]: draws over effective draws of the bulk.
+
+        It cannot be seen to be longer than the chain itself.
+        """
+        ensembles, steps, walkers, _ = self.vectors.shape
+        time: Floats = ensembles * steps * walkers / self.effective()
+        return time
+
+    def judged(self, standing: Standing) -> Standing:
+        """Return a standing with what the chain's draws are worth."""
+        effective = float(np.min(self.effective()))
+        ensembles, steps, walkers, _ = self.vectors.shape
+        return replace(
+            standing,
+            kept=steps,
+            effective=effective,
+            r_hat=float(np.max(self.r_hat())),
+            times=effective / (ensembles * walkers),
+        )
+
+    def thinned(self, kept: int) -> Self:
+        """Return about ``kept`` evenly spaced draws of each ensemble, one walker column."""
+        ensembles, steps, walkers, size = self.vectors.shape
+        total = steps * walkers
+        take = np.unique(np.linspace(0, total - 1, min(kept, total)).round().astype(np.int64))
+        return replace(
+            self,
+            vectors=self.vectors.reshape(ensembles, total, 1, size)[:, take],
+            log_prob=self.log_prob.reshape(ensembles, total, 1)[:, take],
+        )
+
+
+Arrays = Mapping[str, NDArray[np.generic]]
+
+
+@dataclass(frozen=True)
+class RandomState:
+    """State of a Mersenne twister, as emcee has it.
+
+    Parameters
+    ----------
+    keys : array of uint32, shape (624,)
+    position : int
+        Within the keys.
+    has_spare : int
+        Whether the second of a pair of normal numbers waits.
+    spare : float
+        That number.
+    """
+
+    keys: NDArray[np.uint32]
+    position: int
+    has_spare: int
+    spare: float
+
+    def legacy(self) -> tuple[str, NDArray[np.uint32], int, int, float]:
+        """Return the tuple that ``RandomState.set_state`` takes."""
+        return ("MT19937", self.keys, self.position, self.has_spare, self.spare)
+
+
+@dataclass(frozen=True)
+class Position:
+    """Where an ensemble is.
+
+    Parameters
+    ----------
+    vectors : array, shape (n_walkers, n_parameters)
+    log_prob : array, shape (n_walkers,)
+    random : RandomState
+    """
+
+    vectors: Floats
+    log_prob: Floats
+    random: RandomState
+
+
+@dataclass(frozen=True)
+class Task:
+    """All that decides what an ensemble does next, but for the density.
+
+    Parameters
+    ----------
+    position : Position
+        Where it begins.
+    proposal : Proposal
+        Law that moves are made of.
+    steps : int
+        How many.
+    """
+
+    position: Position
+    proposal: Proposal
+    steps: int
+
+    def key(self) -> str:
+        """Return a hash of the task's very bits."""
+        position, warp = self.position, self.proposal.warp
+        parts: tuple[NDArray[np.generic], ...] = (
+            position.vectors,
+            position.log_prob,
+            position.random.keys,
+            np.array([position.random.position, position.random.has_spare, self.steps]),
+            np.array([position.random.spare]),
+            *(warp.location, warp.scale, warp.skewness, warp.tail),
+            *(self.proposal.mean, self.proposal.factor),
+        )
+        return digest({str(i): part for i, part in enumerate(parts)})
+
+
+@dataclass(frozen=True)
+class Piece:
+    """What an ensemble did.
+
+    Parameters
+    ----------
+    vectors : array, shape (n_steps, n_walkers, n_parameters)
+    log_prob : array, shape (n_steps, n_walkers)
+    acceptance : float
+        Accepted share of proposals.
+    refusals : Refusals
+        Of the emulator.
+    random : RandomState
+        At the end.
+    """
+
+    vectors: Floats
+    log_prob: Floats
+    acceptance: float
+    refusals: Refusals
+    random: RandomState
+
+    @property
+    def end(self) -> Position:
+        """Where the ensemble is at the end."""
+        return Position(self.vectors[-1], self.log_prob[-1], self.random)
+
+    def arrays(self) -> dict[str, NDArray[np.generic]]:
+        """Return everything as arrays by name."""
+        random = self.random
+        return {
+            "chain": self.vectors,
+            "log_prob": self.log_prob,
+            "acceptance": np.array([self.acceptance]),
+            "refusals": np.array([self.refusals.proposed, self.refusals.refused]),
+            "random_keys": random.keys,
+            "random_position": np.array([random.position, random.has_spare]),
+            "random_spare": np.array([random.spare]),
+        }
+
+    @classmethod
+    def from_arrays(cls, arrays: Arrays) -> "Piece":
+        """Return the piece of what ``arrays`` gave."""
+        position, has_spare = (int(v) for v in arrays["random_position"])
+        keys = np.asarray(arrays["random_keys"], dtype=np.uint32)
+        random = RandomState(keys, position, has_spare, float(arrays["random_spare"][0]))
+        return cls(
+            np.asarray(arrays["chain"], dtype=np.float64),
+            np.asarray(arrays["log_prob"], dtype=np.float64),
+            float(arrays["acceptance"][0]),
+            Refusals(*(int(v) for v in arrays["refusals"])),
+            random,
+        )
+
+
+class ChainStore(Protocol):
+    """Keeps pieces of chains."""
+
+    def load(self, ensemble: int, number: int, key: str) -> Piece | None:
+        """Return a piece if it is there, whole, and of the task with this key."""
+
+    def save(self, ensemble: int, number: int, key: str, piece: Piece) -> None:
+        """Keep a piece."""
+
+
+class NoStore:
+    """Keeps nothing."""
+
+    def load(self, ensemble: int, number: int, key: str) -> Piece | None:
+        """Return None."""
+
+    def save(self, ensemble: int, number: int, key: str, piece: Piece) -> None:
+        """Do nothing."""
+
+
+def digest(arrays: Arrays) -> str:
+    """Return a hash of arrays: names, kinds, shapes and bits.
+
+    Examples
+    --------
+    >>> digest({"a": np.zeros(2)}) == digest({"a": np.zeros((2, 1))})
+    False
+    """
+    total = hashlib.sha256()
+    for name in sorted(arrays):
+        array = np.ascontiguousarray(arrays[name])
+        total.update(f"{name} {array.dtype.str} {array.shape}\n".encode())
+        total.update(array.tobytes())
+    return total.hexdigest()
+
+
+FEWEST_A_PARAMETER = 10.0  # effective draws, at least
+FITTED = 4000  # draws that the first law is fitted to
+PLANE = 1e-9  # least singular value over the largest of draws that fill the space
+JITTERS = (0.1, 0.01, 1e-3, 1e-5)  # of walkers, in standard deviations, the first that is possible
+DROP = 2.0  # of log density, by which the width of a parameter is found
+WIDENED = 2000  # draws about a single point
+
+
+@dataclass(frozen=True)
+class Start:
+    """Equally weighted draws that fill the space, and a law fitted to them.
+
+    Parameters
+    ----------
+    draws : array, shape (n, n_parameters)
+        Possible vectors, some more than once.
+    proposal : Proposal
+        Law of the draws.
+    faithful : bool
+        Whether the draws are of the posterior itself, not of something wider or narrower.
+    """
+
+    draws: Floats
+    proposal: Proposal
+    faithful: bool = False
+
+    def walkers(self, density: Density, generator: np.random.Generator, count: int) -> Floats:
+        """Return possible vectors (count, n_parameters), all different, in no plane.
+
+        They are draws, jittered by a tenth of their spread, or less where that is impossible.
+        """
+        chosen = self.draws[generator.integers(len(self.draws), size=count)]
+        vectors, left = chosen.copy(), np.ones(count, dtype=bool)
+        for width in JITTERS:
+            vectors[left] = self.proposal.jittered(chosen[left], generator, width=width)
+            left = ~np.isfinite(density.log_prob(vectors))
+            if not left.any():
+                break
+        vectors[left] = chosen[left]
+        return vectors
+
+
+def start_of(density: Density, importance: Evidence, generator: np.random.Generator) -> Start:
+    """Return where to start from an importance sample.
+
+    Where that has few effective draws its log weights are multiplied by a number below 1: the
+    draws are then those of a law between proposal and posterior. Where its draws lie in a plane,
+    or are a single point, they are replaced by draws about the best, as wide in each parameter as
+    the density is there.
+
+    Raises
+    ------
+    BayesdegError
+        If the density is zero at all draws.
+    """
+    possible = np.isfinite(importance.log_weights)
+    if not possible.any():
+        raise BayesdegError(
+            "the posterior density is zero at every starting point: priors and data contradict "
+            "each other, or a prior leaves out what the data show; widen the priors"
+        )
+    draws, log_weights = importance.draws[possible], importance.log_weights[possible]
+    wanted = FEWEST_A_PARAMETER * draws.shape[1]
+    weights = _tempered(log_weights, wanted)
+    chosen = draws[generator.choice(len(draws), FITTED, p=weights)]
+    if lie_in_a_plane(chosen):
+        chosen = _widened(density, draws, generator)
+        return Start(chosen, Proposal.fit(chosen, degrees=FOR_WALKERS))
+    faithful = effective_draws(log_weights) >= wanted
+    return Start(chosen, Proposal.fit(chosen, degrees=FOR_WALKERS), faithful)
+
+
+def lie_in_a_plane(draws: Floats) -> bool:
+    """Return whether draws (n, n_parameters) leave a direction of the space out.
+
+    Examples
+    --------
+    >>> line = np.linspace(0.0, 1.0, 5)
+    >>> lie_in_a_plane(np.column_stack([line, 2.0 * line])), lie_in_a_plane(line[:, None])
+    (True, False)
+    """
+    deviation = draws - np.mean(draws, axis=0)
+    # rounding of the mean leaves something of a constant
+    constant = np.ptp(draws, axis=0) <= 1e-14 * np.max(np.abs(draws), axis=0)
+    if constant.any():
+        return True
+    values = np.linalg.svd(deviation / np.std(deviation, axis=0), compute_uv=False)
+    return len(values) < draws.shape[1] or bool(values[-1] <= PLANE * values[0])
+
+
+def _tempered(log_weights: Floats, wanted: float) -> Floats:
+    wanted = min(wanted, 0.5 * len(log_weights))
+    power = 1.0
+    while effective_draws(power * log_weights) < wanted:
+        power *= 0.9
+    weights: Floats = np.exp(power * log_weights - logsumexp(power * log_weights))
+    return weights
+
+
+def _widened(density: Density, draws: Floats, generator: np.random.Generator) -> Floats:
+    """Draw about the best of some vectors, as wide in each parameter as the density is."""
+    values = density.log_prob(draws)
+    best = draws[int(np.argmax(values))]
+    size, top = len(best), float(np.max(values))
+    steps = 10.0 ** np.arange(-10.0, 2.5, 0.5)
+    moves = (steps[:, None, None] * np.eye(size)).reshape(-1, size)
+    sides = density.log_prob(np.vstack([best + moves, best - moves])).reshape(2, len(steps), size)
+    inside = np.all(sides >= top - DROP, axis=0)
+    # the last step before the density falls for the first time
+    reach = np.argmin(np.vstack([inside, np.zeros(size, dtype=bool)]), axis=0)
+    width = steps[np.maximum(reach - 1, 0)] / np.sqrt(size)
+    around = best + 0.5 * width * generator.standard_normal((WIDENED, size))
+    possible: Floats = around[np.isfinite(density.log_prob(around))]
+    if len(possible) <= size or lie_in_a_plane(possible):
+        raise BayesdegError(
+            "the posterior density is zero all about its best starting point: a parameter is held "
+            "by the data or a prior to a single value; give it a wider prior"
+        )
+    return possible
+
+
+__all__ = ["EFFORTS", "Chain", "Effort", "Standing", "sample", "to_datatree"]
+
+
+# shares of the steps; chosen by benchmarks/sampler_moves.py. Independent proposals are worth most
+# where the posterior is nearly the fitted law; differential evolution gets through where it is not
+INDEPENDENT, DIFFERENTIAL = 0.8, 0.2
+# accepted share from which fitting the moves once is enough: a better law would not gain the steps
+# that a further period costs
+SERVED = 0.2
+
+
+def sample(
+    density: Density,
+    start: Evidence,
+    *,
+    effort: Effort,
+    seed: np.random.SeedSequence,
+    executor: Executor | None = None,
+    on_chunk: Callable[[Standing], None] | None = None,
+    store: ChainStore | None = None,
+) -> Chain:
+    """Sample a posterior with independent ensembles until the effort's criteria are met.
+
+    Walkers start from draws of the posterior's importance sample, each ensemble from its own. Most
+    moves are independent proposals from a law that is fitted to the draws of all ensembles; the
+    others are differential evolution, which needs no fit. The law is fitted anew before each
+    period of the effort and stays as it is within it; where the start has many effective draws and
+    their law served well already, the second period is the last. Only draws of the last period are
+    kept, so that detailed balance holds for all of them. The same seed gives the same chain
+    whatever the executor, the threads, and what the store held before.
+
+    A posterior of several separate modes is explored about the one that the start knows of.
+
+    Parameters
+    ----------
+    density : Density
+        Evaluated for a whole ensemble, or half of one, at once.
+    start : Evidence
+        Importance sample to start from.
+    effort : Effort
+        Criteria.
+    seed : SeedSequence
+        Every ensemble gets its own child.
+    executor : Executor, optional
+        Runs the ensembles side by side.
+    on_chunk : callable, optional
+        Called with the standing after every look.
+    store : ChainStore, optional
+        Keeps what was done, and gives it back to a run that was interrupted.
+
+    Raises
+    ------
+    BayesdegError
+        If the density is zero wherever the sampler could start.
+    """
+    run = partial(_run, density, executor, store or NoStore())
+    # one thread: the same sums in the same order, hence the same bits, in whatever process
+    with threadpool_limits(limits=1):
+        first, *others = seed.spawn(1 + effort.ensembles)
+        begun = start_of(density, start, np.random.default_rng(first))
+        positions = [_first(density, begun, child) for child in others]
+        proposal, asked, standing = begun.proposal, Refusals(), Standing()
+        numbers, period = count(), 0
+        while True:
+            looks = effort.periods(settled=standing.settled)[period]
+            pieces: list[list[Piece]] = [[] for _ in positions]
+            for look in looks:
+                done, resumed = run(next(numbers), [Task(p, proposal, look) for p in positions])
+                positions = [piece.end for piece in done]
+                asked = sum((piece.refusals for piece in done), start=asked)
+                for history, piece in zip(pieces, done, strict=True):
+                    history.append(piece)
+                chain = _joined(pieces, asked)
+                standing = Standing(
+                    standing.steps + look,
+                    resumed=standing.resumed + resumed,
+                    settled=standing.settled,
+                )
+                if period > 0:
+                    standing = chain.judged(standing)
+                if on_chunk is not None:
+                    on_chunk(standing)
+                if standing.enough(effort) or standing.steps >= effort.longest:
+                    return chain
+            served = float(np.min(chain.acceptance)) >= SERVED
+            if period == 0:
+                standing = replace(standing, settled=served and begun.faithful)
+            proposal, period = _fitted(chain, served=served), period + 1
+
+
+def to_datatree(density: Density, chain: Chain, generator: np.random.Generator) -> xr.DataTree:
+    """Return the chain as an arviz DataTree.
+
+    Groups: ``posterior`` (named parameters, in the users' units), ``sample_stats`` (``lp``); of a
+    ``Model`` also ``log_likelihood`` (``joint``: all that was read on each specimen, for
+    ``arviz.loo``; as coordinates its parts: each reading given those before it on its specimen,
+    and whole specimens by kind of data), ``posterior_predictive``, ``observed_data``,
+    ``constant_data``. Chains are ensembles.
+    """
+    ensembles, steps, walkers, size = chain.vectors.shape
+    shape = (ensembles, steps * walkers)
+    # walker by walker, so that neighbours in the tree are as much alike as the chain's own steps
+    values = density.table.named(np.swapaxes(chain.vectors, 1, 2).reshape(-1, size))
+    groups: Groups = {
+        "posterior": {name: v.reshape(shape) for name, v in values.items()},
+        "sample_stats": {"lp": np.swapaxes(chain.log_prob, 1, 2).reshape(shape)},
+    }
+    if not isinstance(density, Model):
+        plain: xr.DataTree = from_dict(groups)
+        return plain
+    coords, dims = add_likelihoods(density, density.log_likelihood(values), groups, shape=shape)
+    if density.actuator is not None:
+        add_observations(density, values, generator, groups=groups, shape=shape)
+        further, along = observation_axes(density)
+        coords |= further
+        dims |= along
+    tree: xr.DataTree = from_dict(groups, coords=coords, dims=dims)
+    tree = tree if density.actuator is None else label_observations(tree, density)
+    return with_one_likelihood(tree)
+
+
+def _first(density: Density, start: Start, seed: np.random.SeedSequence) -> Position:
+    walkers = max(40, 2 * len(density.table) + 2)
+    vectors = start.walkers(density, np.random.default_rng(seed), walkers)
+    state = np.random.RandomState(np.random.MT19937(seed)).get_state(legacy=True)
+    return Position(vectors, density.log_prob(vectors), RandomState(*state[1:]))
+
+
+def _run(
+    density: Density,
+    executor: Executor | None,
+    store: ChainStore,
+    number: int,
+    tasks: Sequence[Task],
+) -> tuple[list[Piece], int]:
+    """Do the tasks of all ensembles, but for those whose pieces are kept.
+
+    Returns also how many steps there was nothing to do for.
+    """
+    keys = [task.key() for task in tasks]
+    pieces = {i: piece for i, k in enumerate(keys) if (piece := store.load(i, number, k))}
+    missing = [i for i in range(len(tasks)) if i not in pieces]
+    apply = map if executor is None else executor.map
+    done = apply(partial(advance, density), [tasks[i] for i in missing])
+    for i, piece in zip(missing, done, strict=True):
+        store.save(i, number, keys[i], piece)
+        pieces[i] = piece
+    return [pieces[i] for i in range(len(tasks))], 0 if missing else tasks[0].steps
+
+
+def advance(density: Density, task: Task) -> Piece:
+    """Let one ensemble do a task: the same bits in whatever process."""
+    walkers, size = task.position.vectors.shape
+    counted = CountedDensity(density)
+    sampler = emcee.EnsembleSampler(
+        walkers, size, counted, vectorize=True, moves=moves_of(task.proposal)
+    )
+    begin = emcee.State(
+        task.position.vectors,
+        log_prob=task.position.log_prob,
+        random_state=task.position.random.legacy(),
+    )
+    with threadpool_limits(limits=1):
+        sampler.run_mcmc(begin, task.steps, skip_initial_state_check=True)
+    return Piece(
+        sampler.get_chain(),
+        sampler.get_log_prob(),
+        float(np.mean(sampler.acceptance_fraction)),
+        counted.refusals,
+        RandomState(*sampler.random_state[1:]),
+    )
+
+
+def moves_of(proposal: Proposal) -> list[tuple[emcee.moves.Move, float]]:
+    """Return the moves that sampling makes, with their shares of the steps."""
+    return [
+        (emcee.moves.MHMove(proposal.independent), INDEPENDENT),
+        (emcee.moves.DEMove(), DIFFERENTIAL),
+    ]
+
+
+def _fitted(chain: Chain, *, served: bool) -> Proposal:
+    """Fit a law to a period; walkers sent about by a poor one are still on their way at first."""
+    vectors = chain.vectors if served else chain.vectors[:, chain.vectors.shape[1] // 2 :]
+    return Proposal.fit(vectors.reshape(-1, vectors.shape[-1]), degrees=FOR_WALKERS)
+
+
+def _joined(history: list[list[Piece]], asked: Refusals) -> Chain:
+    vectors = np.stack([np.concatenate([p.vectors for p in pieces]) for pieces in history])
+    log_prob = np.stack([np.concatenate([p.log_prob for p in pieces]) for pieces in history])
+    steps = [len(p.vectors) for p in history[0]]
+    acceptance = np.array(
+        [np.average([p.acceptance for p in pieces], weights=steps) for pieces in history]
+    )
+    return Chain(vectors, log_prob, acceptance, asked)
