@@ -1,9 +1,116 @@
-"""Bayesian calibration of degrading soft actuators that names what the simulation gets wrong."""
+"""Bayesian calibration of degrading soft actuators that names what the simulation gets wrong.
 
+>>> import bayesdeg as bd
+>>> bd.LogNormal(2, 1)
+LogNormal(median=2, sigma=1)
+
+The names below are all there is to the door; they are imported when they are first used, so that
+``import bayesdeg`` costs next to nothing.
+"""
+
+import importlib
 import os
+import sys
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
 
 # Read when numba is imported, here and in worker processes. At its default, 3, compiling takes
 # twice as long, and the kernels are no faster: loops become vectors at 2 as well.
 os.environ.setdefault("NUMBA_OPT", "2")
 
 __version__ = "0.1.0"
+
+if TYPE_CHECKING:
+    from bayesdeg.api import calibrate as calibrate
+    from bayesdeg.api import compare as compare
+    from bayesdeg.api import control as control
+    from bayesdeg.api import criticise as criticise
+    from bayesdeg.api import emulator as emulator
+    from bayesdeg.api import predict as predict
+    from bayesdeg.api import report as report
+    from bayesdeg.causes.cause import Cause as Cause
+    from bayesdeg.causes.cause import Stage as Stage
+    from bayesdeg.data.settings import Dimensions as Dimensions
+    from bayesdeg.data.study import Study as Study
+    from bayesdeg.data.study import read_study as read_study
+    from bayesdeg.errors import BayesdegError as BayesdegError
+    from bayesdeg.errors import GeometryError as GeometryError
+    from bayesdeg.errors import StudyError as StudyError
+    from bayesdeg.pipeline.own import Readings as Readings
+    from bayesdeg.priors import HalfNormal as HalfNormal
+    from bayesdeg.priors import LogNormal as LogNormal
+    from bayesdeg.priors import Normal as Normal
+    from bayesdeg.priors import Parameter as Parameter
+    from bayesdeg.priors import StudentT as StudentT
+    from bayesdeg.priors import TruncatedNormal as TruncatedNormal
+    from bayesdeg.priors import Uniform as Uniform
+    from bayesdeg.results import Calibration as Calibration
+    from bayesdeg.results import Model as Model
+    from bayesdeg.results import Report as Report
+    from bayesdeg.results import Verdict as Verdict
+
+_HOMES = {
+    "api": (*("calibrate", "compare", "control", "criticise", "emulator", "predict", "report"),),
+    "causes.cause": ("Cause", "Stage"),
+    "errors": ("BayesdegError", "GeometryError", "StudyError"),
+    "priors": (
+        *("HalfNormal", "LogNormal", "Normal", "Parameter", "StudentT", "TruncatedNormal"),
+        "Uniform",
+    ),
+    "data.settings": ("Dimensions",),
+    "data.study": ("Study", "read_study"),
+    "pipeline.own": ("Readings",),
+    "results": ("Calibration", "Model", "Report", "Verdict"),
+}
+_HOME = {name: f"bayesdeg.{home}" for home, names in _HOMES.items() for name in names}
+
+__all__ = sorted(_HOME)
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name when it is first used."""
+    if name not in _HOME:
+        raise AttributeError(f"module 'bayesdeg' has no attribute {name!r}")
+    if name in _VERBS_AND_PACKAGES:
+        return importlib.import_module(f"bayesdeg.{name}")
+    found = getattr(importlib.import_module(_HOME[name]), name)
+    globals()[name] = found
+    return found
+
+
+def __dir__() -> list[str]:
+    """List the public names."""
+    return [*__all__, "__version__"]
+
+
+_VERBS_AND_PACKAGES = ("emulator", "report")
+"""Verbs that are called like a package of this one, which Python binds to the name on import."""
+
+
+class _Verb(ModuleType):
+    """A package that is a verb of the door as well: calling it calls the function."""
+
+    def __call__(self, *args: Any, **kwargs: Any) -> Any:
+        """Call the verb of this name in `bayesdeg.api`."""
+        return _verb(self)(*args, **kwargs)
+
+    @property
+    def __signature__(self) -> Any:
+        """That of the verb, for help and editors."""
+        return importlib.import_module("inspect").signature(_verb(self))
+
+
+def _verb(package: ModuleType) -> Any:
+    return getattr(importlib.import_module("bayesdeg.api"), package.__name__.split(".")[-1])
+
+
+class _Door(ModuleType):
+    """The package itself: what is bound to the name of a verb in it can be called like the verb."""
+
+    def __setattr__(self, name: str, value: object) -> None:
+        if name in _VERBS_AND_PACKAGES and type(value) is ModuleType:
+            value.__class__ = _Verb
+        super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _Door

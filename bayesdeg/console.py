@@ -1,5 +1,6 @@
 """Messages and progress on standard error: bars on a terminal, plain lines in a file."""
 
+import importlib.util
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -118,12 +119,21 @@ class Lines:
         return f"{minutes}:{seconds:02d}" + (f", {self._note}" if self._note else "")
 
 
+def can_show_bars() -> bool:
+    """Return whether somebody looks at standard error where bars can move: a terminal, a notebook.
+
+    In a notebook they need ``ipywidgets``.
+    """
+    has_widgets = errors.is_jupyter and importlib.util.find_spec("ipywidgets") is not None
+    return errors.is_terminal or has_widgets
+
+
 @contextmanager
 def shown(quiet: bool) -> Iterator[Bars | Lines | Silent]:
     """Show the progress of a command, or nothing if it is to be quiet."""
     if quiet:
         yield Silent()
-    elif errors.is_terminal:
+    elif can_show_bars():
         with Progress(*_columns(), console=errors) as bars:
             display = Bars(bars)
             yield display

@@ -486,9 +486,9 @@ class Parameter:
     law : Law
         Prior law.
     unit : str
-        Unit of its values; an en dash if it has none.
+        Unit of its values; an en dash, the default, if it has none.
     meaning : str
-        What it is, in words.
+        What it is, in words; empty by default.
     neutral : float, optional
         The value at which it has no effect; its prior density there must not vanish.
 
@@ -505,8 +505,8 @@ class Parameter:
 
     name: str
     law: Law
-    unit: str
-    meaning: str
+    unit: str = "–"
+    meaning: str = ""
     neutral: float | None = None
 
     def __post_init__(self) -> None:

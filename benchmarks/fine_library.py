@@ -34,7 +34,6 @@ from bayesdeg.actuator.curve import Curve, PathSamples
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.actuator.mesh import FINE, Resolution
-from bayesdeg.commands.workplace import pool
 from bayesdeg.data.settings import Dimensions
 from bayesdeg.emulator.campaign import Kind, Run, complete
 from bayesdeg.emulator.coordinates import ALONG, UP
@@ -42,6 +41,7 @@ from bayesdeg.emulator.design import study_like
 from bayesdeg.emulator.kept import Recipe
 from bayesdeg.emulator.solutions import SolutionStore
 from bayesdeg.emulator.trained import default_surrogate
+from bayesdeg.pipeline.workplace import pool
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -1,4 +1,4 @@
-"""The figures of the benchmark of hidden effects as the tables of the README."""
+"""The figures of the benchmark of hidden effects as the tables of the documentation."""
 
 from collections.abc import Iterable
 

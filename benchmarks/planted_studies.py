@@ -25,11 +25,11 @@ from bayesdeg.actuator.mesh import FINE
 from bayesdeg.causes.catalogue import find
 from bayesdeg.causes.cause import Cause
 from bayesdeg.causes.flaw_embrittlement import ONSET
-from bayesdeg.commands.workplace import pool
 from bayesdeg.console import shown
 from bayesdeg.data.settings import Dimensions
 from bayesdeg.laboratory.design import Design
 from bayesdeg.laboratory.truth import HiddenEffect, Three
+from bayesdeg.pipeline.workplace import pool
 
 Key = tuple[tuple[str, tuple[int, ...], bytes], ...]
 

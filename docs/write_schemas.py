@@ -5,8 +5,8 @@ from pathlib import Path
 
 from bayesdeg.commands.answers import Answer
 from bayesdeg.commands.next import Proposals
-from bayesdeg.commands.output import Owner
 from bayesdeg.laboratory.writing import Truth
+from bayesdeg.pipeline.output import Owner
 from bayesdeg.records import FileRecord
 from bayesdeg.report.record import RunRecord, Verdict
 

@@ -22,10 +22,10 @@ from bayesdeg.commands.answers import (
     write_csv,
 )
 from bayesdeg.commands.options import Quiet
-from bayesdeg.commands.output import output_file
 from bayesdeg.console import say, shown
 from bayesdeg.pipeline import forecast
 from bayesdeg.pipeline.forecast import Stored, read_stored
+from bayesdeg.pipeline.output import output_file
 from bayesdeg.prediction.control import Setting
 from bayesdeg.report.wording import percent
 

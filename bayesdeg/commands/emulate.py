@@ -11,8 +11,6 @@ import typer
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.commands import training
 from bayesdeg.commands.options import CORES, Quiet, Scheduler, Workers, Yes
-from bayesdeg.commands.output import output_file
-from bayesdeg.commands.workplace import workplace
 from bayesdeg.console import errors
 from bayesdeg.data.settings import FILE, Dimensions, parse_settings
 from bayesdeg.emulator.kept import CACHE, cached_path
@@ -20,6 +18,8 @@ from bayesdeg.emulator.solutions import SolutionStore
 from bayesdeg.errors import Fault, StudyError
 from bayesdeg.files import STUDY_MB, read_bytes, reason
 from bayesdeg.pipeline.emulation import Campaign
+from bayesdeg.pipeline.output import output_file
+from bayesdeg.pipeline.workplace import workplace
 
 GeometryFile = Annotated[
     Path | None,

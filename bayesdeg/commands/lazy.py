@@ -26,68 +26,102 @@ class Command:
         In the module; its docstring is the help of the command.
     summary : str
         First sentence of that docstring.
+    examples : tuple of str
+        Command lines that its own help ends with.
     """
 
     name: str
     module: str
     function: str
     summary: str
+    examples: tuple[str, ...]
+
+    @property
+    def epilog(self) -> str:
+        """What the help of the command ends with; rich keeps lines apart by an empty one."""
+        return "\n\n".join(["For example:", *(f"`{line}`" for line in self.examples)])
 
 
 COMMANDS = (
+    Command(
+        "init",
+        "init",
+        "init",
+        "Write a commented study with example data, ready to be run and to be filled with your "
+        "own.",
+        ("bayesdeg init studies/mine",),
+    ),
     Command(
         "run",
         "run",
         "run",
         "Calibrate, criticise, name the cause, measure the gain, predict, and write the report.",
+        (
+            "bayesdeg run studies/gelatin_actuator --effort quick",
+            "bayesdeg run studies/mine --out reports/try --seed 7",
+        ),
     ),
     Command(
         "check",
         "check",
         "check",
         "Read and check the data only; exit code 2 and the list of faults if there are any.",
+        ("bayesdeg check studies/gelatin_actuator",),
     ),
     Command(
         "causes",
         "causes",
         "causes",
         "List the catalogue: mechanism, parameters with units and priors, what reveals each cause.",
+        ("bayesdeg causes",),
     ),
     Command(
         "report",
         "report",
         "report",
         "Rebuild the HTML report from a run folder without computing anything.",
+        ("bayesdeg report reports/gelatin_actuator",),
     ),
     Command(
         "simulate",
         "simulate",
         "simulate",
         "Make a virtual experiment with the study's design, from a fine finite element model.",
+        (
+            "bayesdeg simulate studies/gelatin_actuator --cause pressure_offset=14 "
+            "--out studies/planted",
+        ),
     ),
     Command(
         "emulate",
         "emulate",
         "emulate",
         "Train an emulator on finite element curves of a geometry.",
+        ("bayesdeg emulate studies/mine --workers 4",),
     ),
     Command(
         "predict",
         "predict",
         "predict",
         "Predict curvature and rupture of a new specimen from the posterior of a finished run.",
+        (
+            "bayesdeg predict reports/gelatin_actuator --pressure 0:240:20 "
+            "--degradation 0 --degradation 25",
+        ),
     ),
     Command(
         "control",
         "control",
         "control",
         "Find the pressure that reaches a wanted curvature at a bounded risk of rupture.",
+        ("bayesdeg control reports/gelatin_actuator --curvature 15 --degradation 10 --risk 0.05",),
     ),
     Command(
         "next",
         "next",
         "next_experiment",
         "Rank further experiments by how well they would tell the causes still in question apart.",
+        ("bayesdeg next reports/gelatin_actuator",),
     ),
 )
 
@@ -110,5 +144,5 @@ def loaded(command: Command) -> Any:
     """Import the module of a command and return what the command line calls."""
     module = importlib.import_module(f"bayesdeg.commands.{command.module}")
     app = typer.Typer(rich_markup_mode="markdown", add_completion=False)
-    app.command(command.name)(getattr(module, command.function))
+    app.command(command.name, epilog=command.epilog)(getattr(module, command.function))
     return get_command(app)

@@ -2,7 +2,6 @@
 
 import json
 import sys
-from dataclasses import replace
 from enum import StrEnum
 from functools import partial
 from pathlib import Path
@@ -20,20 +19,19 @@ from bayesdeg.commands.options import (
     Workers,
     Yes,
 )
-from bayesdeg.commands.output import CHECKPOINTS, run_folder
 from bayesdeg.commands.training import Manner, emulator_for
-from bayesdeg.commands.workplace import workplace
 from bayesdeg.console import errors, say, shown
 from bayesdeg.data.plausibility import doubts, refuse_impossible
-from bayesdeg.data.study import Study, read_study
+from bayesdeg.data.study import read_study
 from bayesdeg.pipeline.outline import outline, passed_over
-from bayesdeg.pipeline.run import fingerprint, run_study, say_left_out
+from bayesdeg.pipeline.output import CHECKPOINTS, run_folder
+from bayesdeg.pipeline.run import add_page, fingerprint, run_study, with_options
 from bayesdeg.pipeline.warming import compile_beside
+from bayesdeg.pipeline.workplace import workplace
 from bayesdeg.report.checkpoints import Checkpoints
 from bayesdeg.report.folder import LEFT_OUT, RunFolder
 from bayesdeg.report.headline import doubts_of
-from bayesdeg.report.left_out import Guard, Stage
-from bayesdeg.report.page import build_page
+from bayesdeg.report.left_out import Guard
 from bayesdeg.report.record import Verdict
 
 
@@ -76,7 +74,7 @@ def run(
     how long that takes is said, and asked for if a terminal is there and --yes is not given. The
     finite element solutions are kept in .cache/campaign, the emulator in .cache/emulators.
     """
-    checked = _with_options(read_study(study), effort, seed)
+    checked = with_options(read_study(study), None if effort is None else effort.value, seed)
     unlikely = refuse_impossible(doubts(checked, outline(checked).expected))
     target, guard = out or Path("reports") / checked.name, Guard()
     with run_folder(target, checked) as folder, workplace(workers, scheduler) as executor:
@@ -95,24 +93,13 @@ def run(
         with shown(quiet) as progress:
             document = work(checked, folder, checkpoints, progress=progress)
             progress.stage("report")
-            page = guard.attempt(Stage.PAGE, build_page, target, guard)
-            if guard.left_out:
-                document = say_left_out(folder, document, guard)
+            document, page = add_page(folder, document, guard)
     if not quiet:
         _say_verdict(document, page, virtual=checked.settings.virtual)
         say(f"in doubt: {why}" for why in doubts_of(document))
         _say_left_out(guard, target)
     if as_json:
         sys.stdout.write(json.dumps(RunFolder(target).read_json("verdict"), indent=2) + "\n")
-
-
-def _with_options(study: Study, effort: EffortChoice | None, seed: int | None) -> Study:
-    settings = study.settings
-    if effort is not None:
-        settings = replace(settings, effort=effort.value)
-    if seed is not None:
-        settings = replace(settings, seed=seed)
-    return replace(study, settings=settings)
 
 
 def _say_left_out(guard: Guard, target: Path) -> None:

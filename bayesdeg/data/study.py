@@ -12,7 +12,7 @@ import pandera.pandas as pa
 from bayesdeg.data.cells import Cells, check_header, read_cells, read_number
 from bayesdeg.data.nearest import nearest, use_one_of
 from bayesdeg.data.settings import FILE as SETTINGS_FILE
-from bayesdeg.data.settings import Settings, parse_settings
+from bayesdeg.data.settings import Dimensions, Settings, parse_settings
 from bayesdeg.data.tables import TABLES, Column, Rule, Table, cell_schema, row_schema
 from bayesdeg.errors import Fault, StudyError
 from bayesdeg.files import STUDY_MB, as_named, read_bytes, reason
@@ -247,7 +247,7 @@ def _finish(frame: pd.DataFrame, table: Table) -> pd.DataFrame:
 DATA_FILES = tuple(table.file for table in TABLES.values())
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Study:
     """A study as it was read; a table is ``None`` if its file is not there.
 
@@ -284,13 +284,24 @@ class Study:
     recorded: Mapping[str, frozenset[str]] = field(default_factory=dict)
     passed_over: Mapping[str, int] = field(default_factory=dict)
 
+    def __repr__(self) -> str:
+        """Return its name, and how much of which data it has."""
+        tables = {name: getattr(self, name) for name in TABLES}
+        rows = [f"{TABLES[n].file} {len(t)} rows" for n, t in tables.items() if t is not None]
+        return f"Study {self.name}: {', '.join(rows)}"
 
-def read_study(folder: Path) -> Study:
+    @property
+    def geometry(self) -> Dimensions:
+        """Dimensions of the actuator as moulded, from ``[actuator]`` of ``study.toml``."""
+        return self.settings.dimensions
+
+
+def read_study(folder: Path | str) -> Study:
     r"""Read a study folder and check everything in it.
 
     Parameters
     ----------
-    folder : Path
+    folder : Path or str
         Holds ``study.toml`` and at least one of the data files.
 
     Returns

@@ -12,7 +12,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import replace
 from functools import cache
 from importlib import import_module
@@ -103,12 +103,15 @@ class WorkerProcesses(Executor):
     ----------
     workers : int
         Number of processes.
+    import_main : bool
+        Whether they import the program that opens them, as what it defines itself needs. A script
+        without ``if __name__ == "__main__"`` would start itself again in each of them.
     """
 
     fatal: tuple[type[BaseException], ...] = ()
 
-    def __init__(self, workers: int) -> None:
-        self._workers = workers
+    def __init__(self, workers: int, *, import_main: bool = True) -> None:
+        self._workers, self._import_main = workers, import_main
         self._pool = self._open()
 
     @property
@@ -123,7 +126,7 @@ class WorkerProcesses(Executor):
         self, function: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs
     ) -> Future[T]:
         """Submit to the pool; to a new one if a process of the old one died."""
-        with deaf_to_interrupts():
+        with deaf_to_interrupts(), nullcontext() if self._import_main else main_hidden():
             try:
                 return self._pool.submit(function, *args, **kwargs)
             except BrokenProcessPool:
@@ -154,6 +157,21 @@ def deaf_to_interrupts() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def main_hidden() -> Iterator[None]:
+    """Let processes that start meanwhile not know from which file or module the program came."""
+    main = vars(sys.modules["__main__"])
+    known: dict[str, object] = {
+        name: main[name] for name in ("__file__", "__spec__") if name in main
+    }
+    try:
+        main.pop("__file__", None)
+        main["__spec__"] = None
+        yield
+    finally:
+        main.update(known)
 
 
 def end_with_parent() -> None:

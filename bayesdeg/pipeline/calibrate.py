@@ -5,6 +5,7 @@ import time
 from collections.abc import Iterator
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
+from typing import NotRequired, Protocol, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,13 +15,14 @@ from bayesdeg.actuator.inputs import ForwardMap, Inputs, Prediction
 from bayesdeg.criticism.fit.trials import Trial, base_trial
 from bayesdeg.criticism.posterior.convergence import Convergence, diagnose
 from bayesdeg.emulator.surrogate import Surrogate
+from bayesdeg.inference.density import Density
 from bayesdeg.inference.importance import about_mode
 from bayesdeg.inference.laplace import FEWEST_EFFECTIVE, Evidence, Laplace, approximate
 from bayesdeg.inference.model import Model, near_films
 from bayesdeg.inference.modes import find_modes
 from bayesdeg.inference.sampling import EFFORTS, Chain, Effort, Standing, sample
 from bayesdeg.pipeline.progress import Progress
-from bayesdeg.report.checkpoints import ChainPieces, Checkpoints
+from bayesdeg.report.checkpoints import Pieces, Stages
 
 
 def steps_left(standing: Standing, effort: Effort) -> float:
@@ -114,17 +116,37 @@ class Fit:
     diagnosis: Convergence
 
 
-def calibrate(
-    model: Model,
-    name: str,
-    *,
-    effort: Effort,
-    seed: np.random.SeedSequence,
-    checkpoints: Checkpoints,
-    progress: Progress,
-    executor: Executor | None = None,
-    start: Floats | None = None,
-) -> Fit:
+class Sampled(Protocol):
+    """Any density that was sampled, such as a `Fit`."""
+
+    @property
+    def model(self) -> Density:
+        """What was sampled."""
+        ...
+
+    @property
+    def chain(self) -> Chain:
+        """Posterior draws."""
+        ...
+
+    @property
+    def diagnosis(self) -> Convergence:
+        """Whether they may be used."""
+        ...
+
+
+class Options(TypedDict):
+    """How to calibrate; see `fitted`."""
+
+    effort: Effort
+    seed: np.random.SeedSequence
+    checkpoints: Stages
+    progress: Progress
+    executor: NotRequired[Executor | None]
+    start: NotRequired[Floats | None]
+
+
+def calibrate(model: Model, name: str, **options: Unpack[Options]) -> Fit:
     """Calibrate a model, from where an interrupted run stopped.
 
     Parameters
@@ -133,12 +155,37 @@ def calibrate(
         What to calibrate.
     name : str
         Under which its chain is kept.
+    **options
+        As of `fitted`.
+    """
+    return Fit(model, *fitted(model, name, **options))
+
+
+def fitted(
+    model: Density,
+    name: str,
+    *,
+    effort: Effort,
+    seed: np.random.SeedSequence,
+    checkpoints: Stages,
+    progress: Progress,
+    executor: Executor | None = None,
+    start: Floats | None = None,
+) -> tuple[Laplace, Evidence, Chain, Convergence]:
+    """Calibrate any density: its mode, its evidence, and draws that are long enough or say so.
+
+    Parameters
+    ----------
+    model : Density
+        What to calibrate.
+    name : str
+        Under which its chain is kept.
     effort : Effort
         Of sampling.
     seed : SeedSequence
         Everything random comes from it.
-    checkpoints : Checkpoints
-        Results of an interrupted run.
+    checkpoints : Stages
+        Results of an interrupted run, or nothing.
     progress : Progress
         Shows R̂, effective sizes and the time left.
     executor : Executor, optional
@@ -172,13 +219,13 @@ def calibrate(
         store=store,
     )
     diagnosis = diagnose(model, chain, effort, shares=begun["shares"].tolist())
-    return Fit(model, laplace, importance, chain, diagnosis)
+    return laplace, importance, chain, diagnosis
 
 
 class _Shown:
     """Shows how far sampling is: the share of the work, in hundredths, and the criteria."""
 
-    def __init__(self, name: str, effort: Effort, progress: Progress, store: ChainPieces) -> None:
+    def __init__(self, name: str, effort: Effort, progress: Progress, store: Pieces) -> None:
         self._effort, self._progress, self._store = effort, progress, store
         self._pace, self._shown = Pace(), 0.0
         progress.stage(f"{name}: sampling", total=100.0)
@@ -206,7 +253,7 @@ class _Shown:
 
 
 def _begun(
-    model: Model,
+    model: Density,
     seed: np.random.SeedSequence,
     starts: int,
     *,

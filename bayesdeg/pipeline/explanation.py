@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayesdeg.causes.catalogue import CATALOGUE
+from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.checks.discrepancy import MISFIT_LEVEL
 from bayesdeg.criticism.decide.candidates import Candidate, EffectSize
 from bayesdeg.criticism.decide.verdict import share_explained, uncalibrated
@@ -119,7 +120,7 @@ def _modes(judgement: Judgement) -> list[_ModeError]:
 
 
 def _named(judgement: Judgement, name: str) -> _NamedCause:
-    cause = CATALOGUE[name]
+    cause = _known(judgement, name)
     effect = next((c.effect for c in judgement.candidates if c.cause == name), {})
     sizes = tuple(_size(p, effect[p.name]) for p in cause.parameters if p.name in effect)
     return _NamedCause(name, cause.mechanism, sizes)
@@ -140,3 +141,10 @@ def _rival(judgement: Judgement) -> _Rival | None:
         for name, gap in one.rivals.items()
     ]
     return min(rivals, key=lambda rival: rival.gap, default=None)
+
+
+def _known(judgement: Judgement, name: str) -> Cause:
+    """Return a cause by its name: one of the catalogue, or one of the user's own."""
+    if name in CATALOGUE:
+        return CATALOGUE[name]
+    return next(cause for cause in judgement.search.causes if cause.name == name)

@@ -4,6 +4,7 @@ import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 import pandas as pd
@@ -280,8 +281,22 @@ PROBABILITY_COLUMNS = ("probability", "probability_q05", "probability_q95")
 POINT = 1.0  # by which a degradation rate may lie outside of what was measured [%]
 
 
+class Drawn(Protocol):
+    """A model and draws of its posterior: of a calibration, or as a run folder holds them."""
+
+    @property
+    def model(self) -> Model:
+        """Predicts."""
+        ...
+
+    @property
+    def chain(self) -> Chain:
+        """The draws."""
+        ...
+
+
 def predict(
-    stored: Stored,
+    stored: Drawn,
     degradation: Floats,
     pressure: Floats,
     *,
@@ -292,7 +307,7 @@ def predict(
 
     Parameters
     ----------
-    stored : Stored
+    stored : Drawn
         Model and posterior.
     degradation, pressure : array
         Degradation rates [%] and pressures as read [kPa], both rising.
@@ -322,7 +337,7 @@ def predict(
 
 
 def _predicted(
-    stored: Stored,
+    stored: Drawn,
     specimens: Specimens,
     level: float,
     pressure: Floats,
@@ -359,7 +374,7 @@ def _why(answered: float, *, rupture: bool) -> str:
 
 
 def settings(
-    stored: Stored,
+    stored: Drawn,
     degradation: Floats,
     wanted: Floats,
     *,
@@ -371,7 +386,7 @@ def settings(
 
     Parameters
     ----------
-    stored : Stored
+    stored : Drawn
         Model and posterior.
     degradation, wanted : array
         Degradation rates [%] and curvatures [1/m].
@@ -465,10 +480,29 @@ def warnings(stored: Stored, degradation: Floats, pressure: Floats) -> tuple[str
     pressure : array
         [kPa].
     """
-    said = list(_about_model(stored))
-    said += _outside_degradation(stored, degradation)
+    return (*_about_model(stored), *extrapolations(stored.measured, degradation, pressure))
+
+
+def extrapolations(
+    measured: Mapping[str, Range], degradation: Floats, pressure: Floats
+) -> tuple[str, ...]:
+    """Say where predictions lie outside of what was measured.
+
+    Parameters
+    ----------
+    measured : mapping
+        As in `bayesdeg.pipeline.forecast.Stored`.
+    degradation, pressure : array
+        [%] and [kPa].
+
+    Examples
+    --------
+    >>> extrapolations({"pressure_kPa": (0.0, 240.0)}, np.array([0.0]), np.array([300.0]))
+    ('pressures were measured up to 240 kPa: what is said of 300 kPa extrapolates',)
+    """
+    said = _outside_degradation(measured, degradation)
     highest = float(np.max(pressure, initial=0.0))
-    tested = stored.measured.get("pressure_kPa")
+    tested = measured.get("pressure_kPa")
     if tested is not None and highest > 1.001 * tested[1]:
         said.append(
             f"pressures were measured up to {tested[1]:g} kPa: what is said of {highest:.4g} kPa "
@@ -509,13 +543,12 @@ def _about_model(stored: Stored) -> tuple[str, ...]:
     return tuple(said)
 
 
-def _outside_degradation(stored: Stored, degradation: Floats) -> list[str]:
+def _outside_degradation(measured: Mapping[str, Range], degradation: Floats) -> list[str]:
     said = []
     for name, what in (("degradation_pct", "actuators"), ("film_degradation_pct", "films")):
-        measured = stored.measured.get(name)
-        if measured is None:
+        if name not in measured:
             continue
-        low, high = measured
+        low, high = measured[name]
         outside = degradation[(degradation < low - POINT) | (degradation > high + POINT)]
         if len(outside):
             at = f"at {low:g} %" if low == high else f"from {low:g} to {high:g} %"

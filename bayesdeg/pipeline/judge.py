@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdeg.causes.catalogue import CATALOGUE, find
+from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.checks.conflict import Conflict, Questioned, conflict, questioned
 from bayesdeg.criticism.checks.discrepancy import MISFIT_LEVEL, Misfit, too_few
@@ -214,7 +214,7 @@ def with_sampled_sizes(judgement: Judgement, final: Fit) -> Judgement:
         cause.name: {
             p.name: effect_size(values[cause.qualified(p.name)], p.unit) for p in cause.parameters
         }
-        for cause in map(find, extension(judgement.decision, judgement.supported))
+        for cause in final.model.causes
     }
     found = tuple(
         replace(c, effect=sizes[c.cause]) if c.cause in sizes else c for c in judgement.candidates

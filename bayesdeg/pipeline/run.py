@@ -8,6 +8,8 @@ from concurrent.futures import Executor
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
+from pathlib import Path
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,12 +17,13 @@ from threadpoolctl import threadpool_limits
 
 import bayesdeg
 from bayesdeg.actuator.geometry import Geometry
+from bayesdeg.data.settings import Effort
 from bayesdeg.data.study import Study
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.emulator.trained import default_surrogate, to_bytes
 from bayesdeg.inference.model import Model
 from bayesdeg.inference.sampling import EFFORTS
-from bayesdeg.pipeline.assemble import assemble
+from bayesdeg.pipeline.assemble import Assembly, assemble
 from bayesdeg.pipeline.calibrate import Fit, base_of, calibrate
 from bayesdeg.pipeline.checks import check
 from bayesdeg.pipeline.deformed import Begun, begin
@@ -39,6 +42,7 @@ from bayesdeg.pipeline.writing import write_results
 from bayesdeg.report.checkpoints import Checkpoints
 from bayesdeg.report.folder import RunFolder
 from bayesdeg.report.left_out import Guard, Stage
+from bayesdeg.report.page import build_page
 from bayesdeg.report.record import InDoubt, Verdict
 
 Calibrate = Callable[..., Fit]
@@ -46,18 +50,44 @@ Floats = NDArray[np.float64]
 
 
 @dataclass
-class _Clock:
+class Clock:
     """Wall time of the stages [s]."""
 
     seconds: dict[str, float] = field(default_factory=dict)
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
+        """Measure a stage."""
         start = time.perf_counter()
         try:
             yield
         finally:
             self.seconds[name] = round(time.perf_counter() - start, 2)
+
+
+class Streams(NamedTuple):
+    """Independent streams of random numbers, one for each stage, from the one seed of a study.
+
+    A stage draws the same numbers whether the others were run or not.
+    """
+
+    drawing: np.random.SeedSequence
+    base: np.random.SeedSequence
+    verdict: np.random.SeedSequence
+    final: np.random.SeedSequence
+    checks: np.random.SeedSequence
+    films: np.random.SeedSequence
+
+    @classmethod
+    def of(cls, seed: int) -> Self:
+        """Return the streams of a seed.
+
+        Examples
+        --------
+        >>> Streams.of(1).base.spawn_key
+        (1,)
+        """
+        return cls(*np.random.SeedSequence(seed).spawn(len(cls._fields)))
 
 
 def run_study(
@@ -97,8 +127,8 @@ def run_study(
     Verdict
         The content of ``verdict.json``.
     """
-    clock, guard = _Clock(), guard or Guard()
-    seeds = np.random.SeedSequence(study.settings.seed).spawn(6)
+    clock, guard = Clock(), guard or Guard()
+    seeds = Streams.of(study.settings.seed)
     with clock.stage("read"):
         assembly = assemble(study, forward)
     fit = partial(
@@ -109,26 +139,95 @@ def run_study(
         executor=executor,
     )
     with clock.stage("base"):
-        base = fit(assembly.model, "base", seed=seeds[1])
+        base = fit(assembly.model, "base", seed=seeds.base)
     results = Results(assembly, base, base, None)
-    if assembly.model.actuator is not None or assembly.model.tensile is not None:
-        judged = partial(_judged, progress=progress, executor=executor, guard=guard)
-        with clock.stage("verdict"), threadpool_limits(limits=1):
-            judgement = guard.attempt(Stage.VERDICT, judged, study, results, seeds[2])
+    if can_be_judged(assembly.model):
+        judged = partial(judged_fit, progress=progress, executor=executor, guard=guard)
+        effort = study.settings.effort
+        with clock.stage("verdict"):
+            judgement = guard.attempt(Stage.VERDICT, judged, assembly, base, effort, seeds.verdict)
         with clock.stage("extended"):
-            results = _extend(replace(results, judgement=judgement), fit, seeds[3], guard)
-    pictures = _begun_pictures(study, results, executor, guard)
-    results = _examine(
-        study, results, seeds[4:], clock=clock, progress=progress, executor=executor, guard=guard
+            results = _extend(replace(results, judgement=judgement), fit, seeds.final, guard)
+    return conclude(
+        study, folder, results, clock, progress=progress, executor=executor, guard=guard
     )
+
+
+def conclude(
+    study: Study,
+    folder: RunFolder,
+    results: Results,
+    clock: Clock,
+    *,
+    progress: Progress,
+    executor: Executor | None,
+    guard: Guard,
+    full: bool = True,
+) -> Verdict:
+    """Write everything that follows from the calibrations and the verdict, except for the page.
+
+    Parameters
+    ----------
+    study : Study
+        Its settings hold the effort and the seed of the calibrations.
+    folder : RunFolder
+        Where the files go.
+    results : Results
+        Calibrations and verdict.
+    clock : Clock
+        Holds the wall time of the stages before.
+    progress, executor, guard
+        As of `run_study`.
+    full : bool
+        Whether to compute what takes long: what the final calibration rests on, what the films
+        alone say, and the deformed actuators.
+
+    Returns
+    -------
+    Verdict
+        The content of ``verdict.json``.
+    """
+    seeds = Streams.of(study.settings.seed)
+    pictures = None
+    if full:
+        pictures = _begun_pictures(study, results, executor, guard)
+        results = _examine(
+            study, results, seeds, clock=clock, progress=progress, executor=executor, guard=guard
+        )
     progress.stage("predictions and tables")
     with clock.stage("predict"):
-        write = partial(write_results, pictures=pictures)
-        document = write(study, folder, results, np.random.default_rng(seeds[0]), guard)
+        write = partial(write_results, pictures=pictures, deformed=full)
+        document = write(study, folder, results, np.random.default_rng(seeds.drawing), guard)
     doubted = guard.attempt(Stage.IN_DOUBT, in_doubt, study, results) or InDoubt()
     record = run_document(study, results, clock.seconds, guard, doubted)
     folder.write(record.model_copy(update={"posteriors": folder.posterior_hashes()}))
     return say_left_out(folder, document.model_copy(update=dict(doubted)), guard)
+
+
+def add_page(folder: RunFolder, document: Verdict, guard: Guard) -> tuple[Verdict, Path | None]:
+    """Write the page of a run folder; return the verdict, with what was left out, and the page."""
+    page = guard.attempt(Stage.PAGE, build_page, folder.path, guard)
+    if guard.left_out:
+        document = say_left_out(folder, document, guard)
+    return document, page
+
+
+def can_be_judged(model: Model) -> bool:
+    """Return whether a study has readings that may show a misfit: of actuators, or of films."""
+    return model.actuator is not None or model.tensile is not None
+
+
+def with_options(study: Study, effort: Effort | None = None, seed: int | None = None) -> Study:
+    """Return a study with another effort or seed than it states itself.
+
+    Examples
+    --------
+    >>> with_options(Study("gelatin", Path("gelatin")), seed=7).settings.seed
+    7
+    """
+    settings = study.settings
+    settings = replace(settings, effort=effort or settings.effort)
+    return replace(study, settings=settings if seed is None else replace(settings, seed=seed))
 
 
 def _begun_pictures(
@@ -161,24 +260,30 @@ def say_left_out(folder: RunFolder, document: Verdict, guard: Guard) -> Verdict:
     return document
 
 
-def _judged(
-    study: Study,
-    results: Results,
+def judged_fit(
+    assembly: Assembly,
+    base: Fit,
+    effort: str,
     seed: np.random.SeedSequence,
     *,
     progress: Progress,
     executor: Executor | None,
     guard: Guard,
 ) -> Judgement:
-    return judge(
-        results.assembly,
-        base_of(results.base),
-        effort=JUDGE_EFFORTS[study.settings.effort],
-        seed=seed,
-        progress=progress,
-        executor=executor,
-        guard=guard,
-    )
+    """Judge the base model of a study by its calibration.
+
+    One thread of linear algebra, so that the figures are the same bits on every machine.
+    """
+    with threadpool_limits(limits=1):
+        return judge(
+            assembly,
+            base_of(base),
+            effort=JUDGE_EFFORTS[effort],
+            seed=seed,
+            progress=progress,
+            executor=executor,
+            guard=guard,
+        )
 
 
 def fingerprint(study: Study, forward: Surrogate | None = None) -> str:
@@ -225,9 +330,9 @@ def _final(
 def _examine(
     study: Study,
     results: Results,
-    seeds: list[np.random.SeedSequence],
+    seeds: Streams,
     *,
-    clock: _Clock,
+    clock: Clock,
     progress: Progress,
     executor: Executor | None,
     guard: Guard,
@@ -235,10 +340,12 @@ def _examine(
     """Ask what the final calibration rests on, and what the films alone say."""
     with clock.stage("checks"):
         checks = check(
-            results.final, seed=seeds[0], progress=progress, executor=executor, guard=guard
+            results.final, seed=seeds.checks, progress=progress, executor=executor, guard=guard
         )
     with clock.stage("films"):
         effort = EFFORTS[study.settings.effort]
         model = results.base.model
-        films = examine(study, model, effort=effort, seed=seeds[1], progress=progress, guard=guard)
+        films = examine(
+            study, model, effort=effort, seed=seeds.films, progress=progress, guard=guard
+        )
     return replace(results, checks=checks, films=films)

@@ -34,9 +34,8 @@ from bayesdeg.observations.tensile import (
     tensile_curves,
 )
 from bayesdeg.pipeline.assemble import level_grid
-from bayesdeg.pipeline.calibrate import Fit
+from bayesdeg.pipeline.calibrate import Fit, Sampled
 from bayesdeg.pipeline.deformed import Begun, write_deformed
-from bayesdeg.pipeline.films import CourseFit
 from bayesdeg.pipeline.judge import Judgement
 from bayesdeg.pipeline.record import verdict_of
 from bayesdeg.pipeline.results import Results
@@ -169,7 +168,7 @@ def constants(fit: Fit, label: str, generator: np.random.Generator) -> pd.DataFr
     return pd.concat(frames, ignore_index=True)
 
 
-def parameters(fit: Fit | CourseFit, label: str) -> pd.DataFrame:
+def parameters(fit: Sampled, label: str) -> pd.DataFrame:
     """Return posterior and prior of every parameter, with its diagnostics."""
     model, chain, diagnosis = fit.model, fit.chain, fit.diagnosis
     flat = model.table.named(chain.vectors.reshape(-1, chain.vectors.shape[-1]))
@@ -298,13 +297,13 @@ class Files:
         return frame
 
     def posterior(
-        self, name: str, fit: Fit | CourseFit, generator: np.random.Generator, *, kept: int
+        self, name: str, fit: Sampled, generator: np.random.Generator, *, kept: int
     ) -> None:
         """Write draws of a posterior."""
         self.guard.attempt(posterior_stage(name), self._posterior, name, fit, generator, kept)
 
     def _posterior(
-        self, name: str, fit: Fit | CourseFit, generator: np.random.Generator, kept: int
+        self, name: str, fit: Sampled, generator: np.random.Generator, kept: int
     ) -> None:
         tree = to_datatree(fit.model, fit.chain.thinned(kept), generator)
         self.folder.write_posterior(name, tree)
@@ -450,6 +449,7 @@ def write_results(
     guard: Guard | None = None,
     *,
     pictures: Begun | None = None,
+    deformed: bool = True,
 ) -> Verdict:
     """Write posteriors and tables; return the content of ``verdict.json``.
 
@@ -467,12 +467,14 @@ def write_results(
         Leaves out what fails; by default nothing is left out and faults are raised.
     pictures : callable, optional
         What waits for the deformed actuators, where they are being solved already.
+    deformed : bool
+        Whether to solve them at all.
     """
     guard = guard or Guard(strict=True)
     files, found = Files(folder, guard), Found(study, results, generator, guard)
     _write_posteriors(files, found)
     frames = {name: files.table(name, partial(build, found)) for name, build in BUILDS.items()}
-    if found.has_actuators:
+    if found.has_actuators and deformed:
         geometry = Geometry(study.settings.dimensions)
         draw = partial(write_deformed, begun=pictures)
         guard.attempt(Stage.DEFORMED, draw, folder, results.final, geometry)

@@ -9,6 +9,7 @@ import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Protocol
 from zipfile import BadZipFile
 
 import h5py
@@ -16,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.files import refuse_special, write_bytes
-from bayesdeg.inference.sampling import Piece, digest
+from bayesdeg.inference.sampling import ChainStore, NoStore, Piece, digest
 
 ENDING = ".h5"
 
@@ -81,6 +82,49 @@ def save_arrays(path: Path, arrays: Mapping[str, NDArray[np.generic]]) -> None:
     made = io.BytesIO()
     np.savez(made, allow_pickle=False, **arrays)
     write_bytes(path, made.getbuffer())
+
+
+class Stages(Protocol):
+    """Where the results of finished stages are kept, if anywhere."""
+
+    def load(self, name: str) -> dict[str, NDArray[np.float64]] | None:
+        """Return the arrays of a stage; None if they are not there."""
+
+    def save(self, name: str, arrays: Mapping[str, NDArray[np.float64]]) -> None:
+        """Keep the arrays of a stage."""
+
+    def chain(self, name: str) -> "Pieces":
+        """Return where the pieces of a chain are kept."""
+
+
+class Pieces(ChainStore, Protocol):
+    """Where the pieces of a chain are kept."""
+
+    @property
+    def damaged(self) -> list[Path]:
+        """Files that were found damaged."""
+
+
+@dataclass(frozen=True)
+class NoPieces(NoStore):
+    """Keeps no piece of a chain."""
+
+    damaged: list[Path] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class NoCheckpoints:
+    """Keeps nothing: for calibrations whose result stays in memory."""
+
+    def load(self, name: str) -> None:
+        """Return None."""
+
+    def save(self, name: str, arrays: Mapping[str, NDArray[np.float64]]) -> None:
+        """Do nothing."""
+
+    def chain(self, name: str) -> NoPieces:
+        """Return what keeps nothing."""
+        return NoPieces()
 
 
 @dataclass(frozen=True)

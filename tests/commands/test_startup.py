@@ -1,6 +1,7 @@
 """What a command imports: those that compute nothing come without what takes seconds to import."""
 
 import json
+import os
 import re
 import subprocess
 import sys
@@ -46,6 +47,21 @@ def test_the_list_of_commands_needs_nothing_heavy(option):
     assert not {name for name in modules if name.startswith("bayesdeg.emulator")}
 
 
+def test_the_library_is_imported_without_what_its_verbs_need():
+    code = (
+        "import json, sys\nimport bayesdeg as bd\nbefore = sorted(sys.modules)\n"
+        "assert bd.LogNormal(2, 1).median == 2 and issubclass(bd.StudyError, bd.BayesdegError)\n"
+        "print(json.dumps([before, sorted(sys.modules)]))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=True
+    )
+    before, after = map(set, json.loads(done.stdout))
+    assert not before & {*HEAVY, *FOR_TABLES, "inspect", "typing_extensions", "rich"}
+    assert {name for name in before if name.startswith("bayesdeg")} == {"bayesdeg"}
+    assert not after & {*HEAVY, "pandas", "bayesdeg.api"}  # laws and errors come without the verbs
+
+
 def test_checking_a_study_needs_neither_emulator_nor_compiler():
     modules = modules_after("check", STUDIES / "gelatin_actuator")
     assert "bayesdeg.data.study" in modules
@@ -68,3 +84,31 @@ def test_help_of_a_command_is_its_own():
     shown = CliRunner().invoke(app, ["emulate", "--help"], env={"COLUMNS": "200"})
     assert shown.exit_code == 0
     assert "--timeout" in re.sub(r"\x1b\[[0-9;]*m", "", shown.stdout)
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=lambda command: command.name)
+def test_the_help_of_a_command_ends_with_an_example(command):
+    assert command.examples
+    for line in command.examples:
+        program, name, *rest = line.split()
+        assert (program, name) == ("bayesdeg", command.name)
+        # parsed as the command would be, without being called
+        loaded(command).make_context(name, rest)
+        assert line in loaded(command).epilog
+
+
+def test_a_shell_completes_commands_and_their_options():
+    def completed(words, place):
+        environment = {"_BAYESDEG_COMPLETE": "complete_bash", "COMP_WORDS": words}
+        done = subprocess.run(
+            [Path(sys.executable).with_name("bayesdeg")],
+            env=os.environ | environment | {"COMP_CWORD": str(place)},
+            capture_output=True,
+            text=True,
+            timeout=120,
+            check=True,
+        )
+        return done.stdout.split()
+
+    assert completed("bayesdeg si", 1) == ["simulate"]
+    assert "--effort" in completed("bayesdeg run --e", 2)

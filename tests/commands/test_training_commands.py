@@ -16,11 +16,11 @@ import pytest
 
 from bayesdeg import cli
 from bayesdeg.commands import run as run_command
-from bayesdeg.commands import training, workplace
+from bayesdeg.commands import training
 from bayesdeg.emulator.kept import cached_path
 from bayesdeg.emulator.solutions import SolutionStore
 from bayesdeg.emulator.trained import read_trained, write_trained
-from bayesdeg.pipeline import emulation
+from bayesdeg.pipeline import emulation, workplace
 from tests.pipeline.study_files import SETTINGS, study_in
 from tests.pipeline.tiny_campaign import GEOMETRY, RECIPE, TABLE, build, emulator
 
@@ -63,7 +63,7 @@ def pipeline(monkeypatch):
         return {"outcome": "adequate", "causes": [], "explanation": "nothing was calibrated"}
 
     monkeypatch.setattr(run_command, "run_study", run_study)
-    monkeypatch.setattr(run_command, "build_page", lambda folder, _guard: folder / "index.html")
+    monkeypatch.setattr(run_command, "add_page", lambda _folder, found, _guard: (found, None))
     return given
 
 

@@ -12,12 +12,12 @@ from pathlib import Path
 
 import pytest
 
-from bayesdeg.commands.workplace import pool
 from bayesdeg.emulator import workers
 from bayesdeg.emulator.campaign import complete, missing
 from bayesdeg.emulator.solutions import SolutionStore
 from bayesdeg.emulator.workers import cluster_executor
 from bayesdeg.errors import BayesdegError
+from bayesdeg.pipeline.workplace import pool
 from tests.emulator.small_runs import assert_all_same, contents, real_runs
 
 ROOT = Path(__file__).resolve().parents[2]

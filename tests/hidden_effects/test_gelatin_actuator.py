@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import bayesdeg as bd
 from bayesdeg.data.study import read_study
 from bayesdeg.laboratory.truth import TRUTH_NODES
 from bayesdeg.material.degradation import bernstein_weights
@@ -68,6 +69,18 @@ def assert_named(verdict):
 @pytest.mark.slow
 def test_the_hidden_effect_is_named_and_its_size_found(run):
     assert_named(RunFolder(run).read_json("verdict"))
+
+
+@pytest.mark.slow
+def test_the_verbs_of_the_library_say_the_same(run):
+    told = RunFolder(run).read_json("verdict")
+    base = bd.calibrate(bd.Model(bd.read_study(STUDY)), effort="quick", workers=1)
+    found = bd.criticise(base, workers=1)
+    assert (found.outcome, list(found.causes)) == (told["outcome"], told["causes"])
+    factors = [entry["log_bayes_factor"] for entry in told["candidates"]]
+    assert found.candidates["cause"].tolist() == [entry["cause"] for entry in told["candidates"]]
+    judged = [factor for factor in factors if factor is not None]
+    assert found.candidates["log_bayes_factor"].dropna().tolist() == judged
 
 
 @pytest.mark.slow

@@ -66,7 +66,7 @@ BROKEN = {
     Stage.REFUSED: (record, "refused_inputs"),
     Stage.IN_DOUBT: (run, "in_doubt"),
     Stage.CHECKS_IN_WORDS: (record, "_checks"),
-    Stage.PAGE: (command, "build_page"),
+    Stage.PAGE: (run, "build_page"),
     table_stage(columns.STATISTICS): (statistics, "statistics_table"),
     table_stage(columns.LOO_PIT): (gain, "loo_pit"),
     table_stage(columns.DISCREPANCY): (writing, "misfit_frame"),

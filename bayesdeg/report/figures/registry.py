@@ -3,13 +3,12 @@
 import importlib
 import pkgutil
 
-import bayesdeg.report.figures
 from bayesdeg.report.drawing import Drawing, PageFigure, Shown
 from bayesdeg.report.left_out import Guard, figure_stage
 
 
 def _discover() -> dict[str, PageFigure]:
-    package = bayesdeg.report.figures
+    package = importlib.import_module(__package__)
     names = (f"{package.__name__}.{entry.name}" for entry in pkgutil.iter_modules(package.__path__))
     modules = [importlib.import_module(name) for name in names if name != __name__]
     return {figure.name: figure for module in modules for figure in module.FIGURES}

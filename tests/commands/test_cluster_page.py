@@ -1,4 +1,4 @@
-"""The script on the first page that solves finite element runs over worker processes."""
+"""The script of the how-to on clusters that solves finite element runs over worker processes."""
 
 import re
 import subprocess
@@ -11,13 +11,13 @@ from tests.emulator.small_runs import contents
 from tests.emulator.test_cluster import dask_processes
 
 ROOT = Path(__file__).resolve().parents[2]
-README = (ROOT / "README.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "howto" / "cluster.md").read_text(encoding="utf-8")
 POOL = "pool(2)"
 
 
 def run_script(folder, pool=POOL):
     """Run the script as a user would, in a folder of its own; return its lines and its store."""
-    (text,) = re.findall(r"```py\n(.*?)```", README, re.DOTALL)
+    (text,) = re.findall(r"```py\n(.*?)```", PAGE, re.DOTALL)
     assert text.count(POOL) == 1
     folder.mkdir(exist_ok=True)
     script = folder / "my_campaign.py"

@@ -1,0 +1,473 @@
+"""The verbs and nouns of the library, offered by ``import bayesdeg as bd``.
+
+Read a study, calibrate its model, criticise it, name the cause, compare, predict, report. A verb
+returns a value that prints as a user wants to read it, shows as HTML in a notebook, and gives tidy
+frames; nothing is changed in place. The same seed gives the same result, whatever the number of
+workers. Progress is shown on standard error where somebody looks at it.
+"""
+
+import os
+import time
+import warnings
+from collections.abc import Iterable, Iterator
+from concurrent.futures import Executor
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike, NDArray
+
+from bayesdeg.actuator.geometry import Geometry
+from bayesdeg.causes.cause import Cause
+from bayesdeg.console import can_show_bars, shown
+from bayesdeg.criticism.decide.support import can_be_held_out
+from bayesdeg.criticism.holdout.gain import gain_table
+from bayesdeg.criticism.holdout.leaving_out import carried_out, one_by_one
+from bayesdeg.data.nearest import use_one_of
+from bayesdeg.data.settings import EFFORTS, Dimensions, Effort
+from bayesdeg.data.study import Study
+from bayesdeg.emulator.kept import CACHE, Recipe
+from bayesdeg.emulator.solutions import SolutionStore
+from bayesdeg.emulator.surrogate import Surrogate
+from bayesdeg.emulator.trained import find, write_trained
+from bayesdeg.errors import BayesdegError
+from bayesdeg.pipeline.emulation import Campaign, expect, train_emulator
+from bayesdeg.pipeline.experiment import Written
+from bayesdeg.pipeline.own import OwnExperiment
+from bayesdeg.pipeline.progress import Progress
+from bayesdeg.pipeline.workplace import kept_processes
+from bayesdeg.results import Calibration, Model, Report, Verdict
+
+Floats = NDArray[np.float64]
+Causes = Literal["all"] | str | Iterable[Cause | str]
+
+CAMPAIGN = Path(".cache/campaign")
+
+
+def emulator(
+    geometry: Dimensions | Geometry | Study,
+    *,
+    cache: Path | str = CACHE,
+    workers: int | None = None,
+    progress: bool | None = None,
+) -> Surrogate:
+    """Return an emulator of an actuator: shipped, trained here before, or trained now.
+
+    Training solves some hundred finite element curves, which takes from half an hour to hours;
+    what is solved is kept in ``.cache/campaign``, so that an interrupted training goes on.
+
+    Parameters
+    ----------
+    geometry : Dimensions, Geometry or Study
+        The actuator as moulded, such as ``study.geometry``.
+    cache : Path
+        Folder of trained emulators.
+    workers : int, optional
+        Processes; by default one for each core.
+    progress : bool, optional
+        Whether to show how far it is; by default where somebody looks at it.
+
+    Returns
+    -------
+    Surrogate
+        Callable with inputs; it refuses to extrapolate.
+
+    Raises
+    ------
+    GeometryError
+        If no actuator can be made of the dimensions.
+    """
+    given = geometry.geometry if isinstance(geometry, Study) else geometry
+    shape = given if isinstance(given, Geometry) else Geometry(given)
+    found = find(shape, cache=Path(cache))
+    if found.surrogate is not None:
+        return found.surrogate
+    with _work(progress, workers, parallel=True) as (show, executor):
+        campaign = Campaign(shape, Recipe(), SolutionStore(CAMPAIGN), executor)
+        trained = train_emulator(campaign, expect(campaign, show), show)
+    write_trained(found.path, trained)
+    return trained
+
+
+def calibrate(
+    model: Model,
+    *,
+    effort: Effort | None = None,
+    seed: int | None = None,
+    workers: int | None = None,
+    progress: bool | None = None,
+) -> Calibration:
+    """Calibrate a model: mode, evidence, and draws of the posterior until they are enough.
+
+    Parameters
+    ----------
+    model : Model
+        With or without causes.
+    effort : {"quick", "standard", "thorough"}, optional
+        By default that of the study; ``standard`` of other models.
+    seed : int, optional
+        By default that of the study; 0 of other models. With the same seed the base model of a
+        study is calibrated as by ``bayesdeg run``.
+    workers : int, optional
+        Processes; by default one for each core. Forward maps and causes of one's own stay in this
+        process.
+    progress : bool, optional
+        Whether to show how far it is; by default where somebody looks at it.
+
+    Returns
+    -------
+    Calibration
+        ``.posterior``, ``.summary()``; prints and shows as a table.
+
+    Raises
+    ------
+    BayesdegError
+        If the effort does not exist, or the density is zero wherever sampling could start.
+
+    Examples
+    --------
+    >>> import bayesdeg as bd
+    >>> def hooke(values, x):
+    ...     return values["k"][:, None] * x
+    >>> readings = bd.Readings([1.0, 2.0, 3.0, 4.0], [2.1, 3.9, 6.2, 8.0])
+    >>> k = bd.Parameter("k", bd.LogNormal(2, 1))
+    >>> spring = bd.Model([readings], hooke, parameters=[k])
+    >>> fit = bd.calibrate(spring, effort="quick", seed=1)
+    >>> round(float(fit.summary().loc["k", "mean"]), 1), fit.converged
+    (2.0, True)
+    """
+    experiment = _model(model).experiment
+    how, number = _effort(effort or experiment.effort), _seed(seed, experiment.seed)
+    begun = time.perf_counter()
+    with _work(progress, workers, parallel=experiment.is_parallel) as (show, executor):
+        fit = experiment.fit(how, number, show, executor)
+    return Calibration(model, fit, how, number, round(time.perf_counter() - begun, 2))
+
+
+def criticise(
+    base: Calibration,
+    causes: Causes = "all",
+    *,
+    effort: Effort | None = None,
+    seed: int | None = None,
+    workers: int | None = None,
+    progress: bool | None = None,
+) -> Verdict:
+    """Say what is wrong with a calibrated model, if anything: which cause, several, or unknown.
+
+    The misfit is compared with that of data simulated from the model; causes are added as long as
+    the evidence passes what chance gives, and held-out specimens must agree.
+
+    Parameters
+    ----------
+    base : Calibration
+        Of a model without causes.
+    causes : "all" or list of str or Cause
+        Candidates: the catalogue, or some of it, or causes of one's own.
+    effort, seed, optional
+        By default those of the calibration.
+    workers, progress, optional
+        As of `calibrate`.
+
+    Returns
+    -------
+    Verdict
+        ``.outcome``, ``.causes``, ``.candidates``, ``.explanation``, ``.to_dict()``.
+
+    Raises
+    ------
+    BayesdegError
+        If a cause does not exist, there is none to try, or the model has causes already.
+    """
+    fit = _calibration(base)
+    how, number = _effort(effort or fit.effort), _seed(seed, fit.seed)
+    experiment = fit.model.experiment.with_candidates(causes)
+    begun = time.perf_counter()
+    with _work(progress, workers, parallel=experiment.is_parallel) as (show, executor):
+        judged = experiment.judge(fit.fit, how, number, show, executor)
+    return Verdict(fit.model, judged, round(time.perf_counter() - begun, 2))
+
+
+def compare(
+    base: Calibration,
+    *others: Calibration,
+    seed: int | None = None,
+    workers: int | None = None,
+    progress: bool | None = None,
+) -> pd.DataFrame:
+    """Compare how well models predict specimens that took no part in their calibration.
+
+    Parameters
+    ----------
+    base : Calibration
+        With which the others are compared.
+    *others : Calibration
+        Of the same readings.
+    seed, workers, progress, optional
+        As of `calibrate`.
+
+    Returns
+    -------
+    DataFrame
+        The columns of ``gain.csv``, a row for each model and degradation rate and for all of them:
+        ``elpd`` and its difference to the base model with standard errors [nats], ``rmse_per_m``,
+        ``crps_per_m`` [1/m], ``r_squared``, and coverage of 50 and 90 % intervals. Of readings of
+        one's own ``level``, ``rmse`` and ``crps`` stand in their places.
+
+    Raises
+    ------
+    BayesdegError
+        If there are too few specimens to leave any out, or readings or names are not the same.
+    """
+    fits = {one.model.name: _calibration(one) for one in (base, *others)}
+    if len(fits) <= len(others):
+        raise BayesdegError("models that are compared must differ in their causes")
+    experiment = base.model.experiment
+    parallel = all(one.model.experiment.is_parallel for one in fits.values())
+    with _work(progress, workers, parallel=parallel) as (show, executor):
+        show.stage("held-out specimens", total=float(len(fits)))
+        trials = [one.model.experiment.trial(one.fit) for one in fits.values()]
+        subject = trials[0].subject
+        if not can_be_held_out(subject):
+            raise BayesdegError(
+                "there is no specimen that could be left out; say whose each reading is, "
+                "Readings(..., specimen=), or measure more specimens"
+            )
+        if any(not np.array_equal(t.subject.observed, subject.observed) for t in trials):
+            raise BayesdegError("models that are compared must be of the same readings")
+        number = _seed(seed, base.seed)
+        plans = (one_by_one(trial, experiment.folds(number)) for trial in trials)
+        found = carried_out(plans, executor, lambda _: show.advance(1))
+    return experiment.tidy(gain_table(subject, dict(zip(fits, found, strict=True))))
+
+
+def predict(
+    fit: Calibration,
+    *,
+    pressure: ArrayLike | None = None,
+    degradation: ArrayLike | None = None,
+    x: Any = None,
+    seed: int | None = None,
+    progress: bool | None = None,
+) -> pd.DataFrame:
+    """Predict what a new specimen will show.
+
+    Parameters
+    ----------
+    fit : Calibration
+        Of any model.
+    pressure, degradation : float or array
+        Of actuators: pressures as read [kPa] and degradation rates [%], every combination.
+    x : array or DataFrame
+        Of readings of one's own: what the forward map is asked.
+    seed, progress, optional
+        As of `calibrate`.
+
+    Returns
+    -------
+    DataFrame
+        Of actuators a row for each rate and pressure: curvature as quantiles ``q05`` to ``q95``
+        [1/m] without reading error, ``probability`` of rupture with its 90 % interval, the share
+        ``answered`` of specimens for which the mechanics has an answer, and ``why`` something is
+        missing. Of other models a row for each x: ``mean``, ``sd`` and the same quantiles.
+
+    Warns
+    -----
+    UserWarning
+        Where predictions lie outside of what was measured.
+
+    Raises
+    ------
+    BayesdegError
+        If what the model needs is not given, or makes no sense.
+    """
+    experiment = _calibration(fit).model.experiment
+    with _work(progress, 1, parallel=False) as (show, _):
+        asked = (fit.fit, fit.effort, _seed(seed, fit.seed), show)
+        if isinstance(experiment, OwnExperiment):
+            if x is None or pressure is not None or degradation is not None:
+                raise BayesdegError("a model with a forward map of its own is asked at x=...")
+            at = x if isinstance(x, pd.DataFrame) else np.asarray(list(x), dtype=np.float64)
+            return experiment.predict(*asked, x=at)
+        if x is not None:
+            raise BayesdegError("a model of a study is asked at pressure=... and degradation=...")
+        pressures = _numbers(pressure, "pressure", "kPa")
+        rates = _numbers(degradation, "degradation", "%", high=100.0)
+        _warn(experiment.extrapolations(rates, pressures))
+        return experiment.predict(*asked, pressure=pressures, degradation=rates)
+
+
+def control(
+    fit: Calibration,
+    *,
+    curvature: ArrayLike,
+    degradation: ArrayLike,
+    max_risk: float = 0.05,
+    seed: int | None = None,
+    progress: bool | None = None,
+) -> pd.DataFrame:
+    """Find the pressure that reaches a wanted curvature at a bounded risk of rupture.
+
+    Parameters
+    ----------
+    fit : Calibration
+        Of a study with actuators.
+    curvature, degradation : float or array
+        Wanted curvatures [1/m] and degradation rates [%], every combination.
+    max_risk : float
+        Largest probability of rupture that is accepted.
+    seed, progress, optional
+        As of `calibrate`.
+
+    Returns
+    -------
+    DataFrame
+        A row for each combination: ``reached`` or not, the pressure at which half of new specimens
+        bend as far, what 90 % of them need, the largest pressure allowed [kPa], the curvature
+        there [1/m], the probability of rupture, and ``why`` it is not reached.
+
+    Warns
+    -----
+    UserWarning
+        Where a pressure or degradation rate lies outside of what was measured.
+
+    Raises
+    ------
+    BayesdegError
+        If something makes no sense, or the model is not of actuators.
+    """
+    experiment = _calibration(fit).model.experiment
+    if not 0.0 < max_risk < 1.0:
+        raise BayesdegError(f"max_risk {max_risk:g} bounds nothing; give one between 0 and 1")
+    wanted = _numbers(curvature, "curvature", "1/m", low=np.nextafter(0.0, 1.0))
+    rates = _numbers(degradation, "degradation", "%", high=100.0)
+    with _work(progress, 1, parallel=False) as (show, _):
+        asked = (fit.fit, fit.effort, _seed(seed, fit.seed), show)
+        table = experiment.control(*asked, curvature=wanted, degradation=rates, max_risk=max_risk)
+    set_to = table["pressure_kPa"].dropna().to_numpy(np.float64)
+    _warn(experiment.extrapolations(rates, set_to))
+    return table
+
+
+def report(
+    path: Path | str,
+    base: Calibration,
+    final: Calibration | None = None,
+    verdict: Verdict | None = None,
+    *,
+    full: bool = True,
+    workers: int | None = None,
+    progress: bool | None = None,
+) -> Report:
+    """Write a run folder and its page, as ``bayesdeg run`` does.
+
+    Parameters
+    ----------
+    path : Path
+        The folder; it is made, and refused where it holds something else.
+    base : Calibration
+        Of the base model.
+    final : Calibration, optional
+        Of the model with the causes of the verdict; the base model's where there is none.
+    verdict : Verdict
+        Of the base model.
+    full : bool
+        Whether to compute also what the calibration rests on, what the films alone say, and
+        deformed actuators, which takes about a minute; without, the page is said to lack them.
+    workers, progress, optional
+        As of `calibrate`.
+
+    Returns
+    -------
+    Report
+        Prints the path of the page, and is a link in a notebook.
+
+    Raises
+    ------
+    BayesdegError
+        If calibrations and verdict do not belong together, or the folder cannot be written to.
+    """
+    experiment = _calibration(base).model.experiment
+    last = base if final is None else _calibration(final)
+    if verdict is None:
+        raise BayesdegError("a report needs a verdict: report(path, base, final, verdict)")
+    if verdict.model is not base.model:
+        raise BayesdegError("the verdict is of another model than the base calibration")
+    with _work(progress, workers, parallel=experiment.is_parallel) as (show, executor):
+        page = experiment.write(
+            Path(path),
+            _written(base),
+            _written(last),
+            (verdict.judged, verdict.seconds),
+            show,
+            executor,
+            full=full,
+        )
+    return Report(Path(path), page)
+
+
+def _written(one: Calibration) -> Written:
+    return Written(one.fit, one.effort, one.seed, one.seconds)
+
+
+def _model(given: object) -> Model:
+    if not isinstance(given, Model):
+        raise BayesdegError(f"calibrate takes a bayesdeg.Model, not {type(given).__name__}")
+    return given
+
+
+def _calibration(given: object) -> Calibration:
+    if not isinstance(given, Calibration):
+        raise BayesdegError(f"give what calibrate(model) returns, not {type(given).__name__}")
+    return given
+
+
+def _effort(name: str) -> Effort:
+    if name not in EFFORTS:
+        raise BayesdegError(f"there is no effort {name!r}; {use_one_of(name, EFFORTS)}")
+    return name
+
+
+def _seed(given: int | None, default: int) -> int:
+    seed = default if given is None else given
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
+        raise BayesdegError(f"seed must be a whole number not below 0, not {seed!r}")
+    return int(seed)
+
+
+def _numbers(
+    values: ArrayLike | None, name: str, unit: str, *, low: float = 0.0, high: float = np.inf
+) -> Floats:
+    """Return numbers rising, each once."""
+    if values is None:
+        raise BayesdegError(f"a model of a study needs {name}= [{unit}]")
+    found = np.unique(np.atleast_1d(np.asarray(values, dtype=np.float64)))
+    if not len(found) or not np.all(np.isfinite(found) & (found >= low) & (found <= high)):
+        limit = f" and not above {high:g}" if np.isfinite(high) else ""
+        least = "above 0" if 0.0 < low < 1e-300 else f"not below {low:g}"
+        raise BayesdegError(f"{name} must be finite numbers {least}{limit} [{unit}]: {values}")
+    return found
+
+
+def _warn(messages: Iterable[str]) -> None:
+    for message in messages:
+        warnings.warn(message, UserWarning, stacklevel=3)
+
+
+@contextmanager
+def _work(
+    progress: bool | None, workers: int | None, *, parallel: bool
+) -> Iterator[tuple[Progress, Executor | None]]:
+    """Show progress, and open worker processes where they are of use."""
+    count = workers if workers is not None else os.cpu_count() or 1
+    if count < 1:
+        raise BayesdegError(f"workers must be 1 or more, not {workers}")
+    wanted = can_show_bars() if progress is None else progress
+    with ExitStack() as stack:
+        show = stack.enter_context(shown(not wanted))
+        executor = None
+        if parallel:
+            executor = stack.enter_context(kept_processes(count))
+        yield show, executor

@@ -1,0 +1,70 @@
+"""``bayesdeg init``: a study to start from."""
+
+import shutil
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from bayesdeg.console import errors
+from bayesdeg.errors import BayesdegError
+from bayesdeg.files import reason
+
+STARTER = Path(__file__).with_name("starter")
+
+
+def init(
+    folder: Annotated[
+        Path, typer.Argument(help="A folder that is not there yet, or empty.", metavar="FOLDER")
+    ],
+) -> None:
+    """Write a commented study with example data, ready to be run and to be filled with your own.
+
+    Every key of study.toml is explained. The data are those of a virtual experiment, and the study
+    says so.
+    """
+    write_starter(folder)
+    errors.print(f"wrote a study to {folder}, with data of a virtual experiment", soft_wrap=True)
+    for does, command in (
+        ("check it", f"bayesdeg check {folder}"),
+        ("run it", f"bayesdeg run {folder} --effort quick"),
+    ):
+        errors.print(f"  {does}: {command}", soft_wrap=True)
+    errors.print(
+        "then replace its CSV files by your own (delete those that you have no data for), and the "
+        "lines 'virtual' and 'note' of study.toml",
+        soft_wrap=True,
+    )
+
+
+def write_starter(folder: Path) -> tuple[Path, ...]:
+    """Copy the starter into a folder.
+
+    Parameters
+    ----------
+    folder : Path
+        It is made if it is not there.
+
+    Returns
+    -------
+    tuple of Path
+        The files written.
+
+    Raises
+    ------
+    BayesdegError
+        If the folder holds files, is none, or cannot be written to.
+    """
+    try:
+        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+            what = "holds files already" if folder.is_dir() else "is a file"
+            raise BayesdegError(f"{folder} {what}; name a folder that is not there yet")
+        folder.mkdir(parents=True, exist_ok=True)
+        # in binary: line ends stay as they are
+        return tuple(
+            Path(shutil.copyfile(file, folder / file.name)) for file in sorted(STARTER.iterdir())
+        )
+    except OSError as fault:
+        raise BayesdegError(
+            f"{folder} cannot be written to ({reason(fault)}); name another folder"
+        ) from fault

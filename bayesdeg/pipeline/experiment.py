@@ -1,0 +1,389 @@
+"""A study as the verbs of the library ask it: calibrate, judge, hold out, predict, write."""
+
+from collections.abc import Iterable, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from numpy.typing import NDArray
+
+from bayesdeg.actuator.geometry import Geometry
+from bayesdeg.actuator.inputs import ForwardMap
+from bayesdeg.causes.catalogue import CATALOGUE
+from bayesdeg.causes.cause import Cause
+from bayesdeg.criticism.checks.residuals import predict_readings
+from bayesdeg.criticism.fit.trials import Trial
+from bayesdeg.data.nearest import use_one_of
+from bayesdeg.data.plausibility import doubts, refuse_impossible
+from bayesdeg.data.settings import Effort
+from bayesdeg.data.study import Study
+from bayesdeg.emulator.surrogate import Surrogate
+from bayesdeg.emulator.trained import find as find_emulator
+from bayesdeg.errors import BayesdegError
+from bayesdeg.inference.model import Model
+from bayesdeg.inference.sampling import EFFORTS, to_datatree
+from bayesdeg.pipeline import forecast
+from bayesdeg.pipeline.assemble import Assembly, assemble
+from bayesdeg.pipeline.calibrate import Fit, base_of, calibrate
+from bayesdeg.pipeline.forecast import model_document
+from bayesdeg.pipeline.judge import Judgement, with_sampled_sizes
+from bayesdeg.pipeline.outline import outline
+from bayesdeg.pipeline.output import run_folder
+from bayesdeg.pipeline.progress import Progress
+from bayesdeg.pipeline.record import in_doubt, verdict_of
+from bayesdeg.pipeline.results import Results
+from bayesdeg.pipeline.run import (
+    Clock,
+    Streams,
+    add_page,
+    can_be_judged,
+    conclude,
+    judged_fit,
+    with_options,
+)
+from bayesdeg.report.checkpoints import NoCheckpoints
+from bayesdeg.report.left_out import Guard
+from bayesdeg.report.record import Verdict
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Judged:
+    """What a verdict is made of.
+
+    Parameters
+    ----------
+    document : Verdict
+        The content of ``verdict.json``.
+    causes : tuple of Cause
+        All that were tried.
+    judgement : object
+        What it rests on; None where there was nothing to judge.
+    """
+
+    document: Verdict
+    causes: tuple[Cause, ...]
+    judgement: Any = None
+
+
+@dataclass(frozen=True)
+class Written:
+    """A calibration as a report takes it.
+
+    Parameters
+    ----------
+    fit : Fit
+        The calibration.
+    effort, seed, seconds
+        How it was made, and how long it took [s].
+    """
+
+    fit: Any
+    effort: Effort
+    seed: int
+    seconds: float
+
+
+@dataclass(frozen=True)
+class StudyExperiment:
+    """A study with its base model and the causes that are active.
+
+    Parameters
+    ----------
+    study : Study
+        Checked.
+    assembly : Assembly
+        Base model and candidates.
+    causes : tuple of Cause
+        Active ones.
+    """
+
+    study: Study
+    assembly: Assembly
+    causes: tuple[Cause, ...] = ()
+
+    @classmethod
+    def of(
+        cls, study: Study, forward: ForwardMap | None, active: Iterable[Cause | str]
+    ) -> "StudyExperiment":
+        """Check a study against what is possible, and build its models.
+
+        Raises
+        ------
+        StudyError
+            If what was recorded is impossible, or a prior is of no known parameter.
+        BayesdegError
+            If no emulator of the geometry is to be had, or a cause does not exist.
+        """
+        plan = outline(study, emulated=forward is None or isinstance(forward, Surrogate))
+        refuse_impossible(doubts(study, plan.expected))
+        if forward is None and plan.needs_forward:
+            forward = _known_emulator(study)
+        base = cls(study, assemble(study, forward))
+        return replace(base, causes=tuple(base.cause(one) for one in active))
+
+    @property
+    def density(self) -> Model:
+        """What is sampled."""
+        return self.assembly.model.extended(*self.causes)
+
+    @property
+    def title(self) -> str:
+        """What it is of, in words."""
+        return self.study.settings.title or self.study.name
+
+    @property
+    def effort(self) -> Effort:
+        """What the study states."""
+        return self.study.settings.effort
+
+    @property
+    def seed(self) -> int:
+        """What the study states."""
+        return self.study.settings.seed
+
+    @property
+    def is_parallel(self) -> bool:
+        """Whether other processes know all that is computed with: nothing is the user's own."""
+        forward = self.assembly.model.forward
+        ours = forward is None or isinstance(forward, Surrogate)
+        tried = (*self.causes, *self.assembly.candidates)
+        return ours and all(map(_is_ours, tried))
+
+    def cause(self, given: Cause | str) -> Cause:
+        """Return a cause by its name, with the priors that the study states, or a cause as it is.
+
+        Raises
+        ------
+        BayesdegError
+            If there is none of that name; the message suggests the nearest.
+        """
+        if isinstance(given, Cause):
+            return given
+        known = CATALOGUE | {one.name: one for one in (*self.assembly.candidates, *self.causes)}
+        if given not in known:
+            raise BayesdegError(f"there is no cause {given!r}; {use_one_of(given, known)}")
+        return known[given]
+
+    def with_candidates(self, causes: str | Iterable[Cause | str]) -> "StudyExperiment":
+        """Return the experiment with other candidates: ``all`` that the study has, or a list."""
+        if causes == "all":
+            return self
+        wanted = [self.cause(one) for one in ([causes] if isinstance(causes, str) else causes)]
+        if not wanted:
+            raise BayesdegError("causes is empty: name at least one cause, or say 'all'")
+        unjudged = self.assembly.unjudged
+        assembly = replace(
+            self.assembly,
+            candidates=tuple(one for one in wanted if one.name not in unjudged),
+            unjudged={one.name: unjudged[one.name] for one in wanted if one.name in unjudged},
+            alike=tuple(a for a in self.assembly.alike if a.name in {one.name for one in wanted}),
+        )
+        return replace(self, assembly=assembly)
+
+    def fit(self, effort: Effort, seed: int, progress: Progress, executor: Executor | None) -> Fit:
+        """Calibrate the model; of the base model as ``bayesdeg run`` does with the same seed."""
+        streams = Streams.of(seed)
+        return calibrate(
+            self.density,
+            "final" if self.causes else "base",
+            effort=EFFORTS[effort],
+            seed=streams.final if self.causes else streams.base,
+            checkpoints=NoCheckpoints(),
+            progress=progress,
+            executor=executor,
+        )
+
+    def posterior(self, fit: Fit, effort: Effort, seed: int) -> xr.DataTree:
+        """Return the draws that a run folder keeps, with predictions of what was read."""
+        kept = fit.chain.thinned(EFFORTS[effort].kept)
+        return to_datatree(fit.model, kept, np.random.default_rng(Streams.of(seed).drawing))
+
+    def judge(
+        self, fit: Fit, effort: Effort, seed: int, progress: Progress, executor: Executor | None
+    ) -> Judged:
+        """Judge the base model; the same as ``bayesdeg run`` with the same seed.
+
+        Raises
+        ------
+        BayesdegError
+            If causes are active already.
+        """
+        if self.causes:
+            names = ", ".join(cause.name for cause in self.causes)
+            raise BayesdegError(
+                f"the model has {names} already, and a verdict is of a model without causes: "
+                "criticise the calibration of the base model"
+            )
+        guard, streams, judgement = Guard(), Streams.of(seed), None
+        if can_be_judged(fit.model):
+            work = partial(judged_fit, progress=progress, executor=executor, guard=guard)
+            judgement = work(self.assembly, fit, effort, streams.verdict)
+        results = Results(self.assembly, fit, fit, judgement)
+        residual = _residual(fit, streams.drawing)
+        doubted = dict(in_doubt(self.study, results)) | {"left_out": guard.entries()}
+        document = verdict_of(results, residual, "", guard).model_copy(update=doubted)
+        tried = (*self.assembly.candidates, *self.assembly.alike)
+        return Judged(document, tried, judgement)
+
+    def trial(self, fit: Fit) -> Trial:
+        """Return the calibration as what groups of readings can be left out of."""
+        return base_of(fit)
+
+    def folds(self, seed: int) -> np.random.SeedSequence:
+        """Return the seed with which a verdict holds out what the model is fitted to."""
+        return Streams.of(seed).verdict.spawn(3)[1]
+
+    def tidy(self, gain: pd.DataFrame) -> pd.DataFrame:
+        """Return held-out scores as they are told of a study."""
+        return gain
+
+    def predict(
+        self,
+        fit: Fit,
+        effort: Effort,
+        seed: int,
+        progress: Progress,
+        *,
+        pressure: Floats,
+        degradation: Floats,
+    ) -> pd.DataFrame:
+        """Return curvature bands and rupture probabilities of a new specimen."""
+        return forecast.predict(
+            self._of_actuators(fit, effort),
+            degradation,
+            pressure,
+            seed=np.random.SeedSequence([seed, 1]),
+            progress=progress,
+        )
+
+    def control(
+        self,
+        fit: Fit,
+        effort: Effort,
+        seed: int,
+        progress: Progress,
+        *,
+        curvature: Floats,
+        degradation: Floats,
+        max_risk: float,
+    ) -> pd.DataFrame:
+        """Return the pressure for each curvature at each degradation rate."""
+        found = forecast.settings(
+            self._of_actuators(fit, effort),
+            degradation,
+            curvature,
+            risk=max_risk,
+            seed=np.random.SeedSequence([seed, 1]),
+            progress=progress,
+        )
+        return forecast.settings_table(found)
+
+    def extrapolations(self, degradation: Floats, pressure: Floats) -> tuple[str, ...]:
+        """Say where predictions lie outside of what was measured."""
+        measured = model_document(self.assembly.model).measured
+        ranges = {
+            name: (float(low or 0), float(high or 0)) for name, (low, high) in measured.items()
+        }
+        return forecast.extrapolations(ranges, degradation, pressure)
+
+    def _of_actuators(self, fit: Fit, effort: Effort) -> Fit:
+        """Return a calibration with the draws that a run folder keeps."""
+        if fit.model.forward is None:
+            raise BayesdegError(
+                f"{self.study.name} has no readings of actuators, so its posterior does not say "
+                "how an actuator bends; add actuator.csv to the study"
+            )
+        return replace(fit, chain=fit.chain.thinned(EFFORTS[effort].kept))
+
+    def write(
+        self,
+        path: Path,
+        base: Written,
+        final: Written,
+        judged: tuple[Judged, float] | None,
+        progress: Progress,
+        executor: Executor | None,
+        *,
+        full: bool,
+    ) -> Path:
+        """Write the run folder and its page; return the page.
+
+        Raises
+        ------
+        BayesdegError
+            If the calibrations and the verdict do not belong together, or the folder is not free.
+        """
+        judgement = None if judged is None else _of_final(judged[0].judgement, final.fit)
+        results = Results(self.assembly, base.fit, final.fit, judgement)
+        study = with_options(self.study, base.effort, base.seed)
+        guard, clock = Guard(), Clock({"base": base.seconds})
+        clock.seconds |= {"verdict": judged[1]} if judged else {}
+        clock.seconds |= {"extended": final.seconds} if final.fit is not base.fit else {}
+        with run_folder(path, study) as folder:
+            work = partial(conclude, progress=progress, executor=executor, guard=guard, full=full)
+            document = work(study, folder, results, clock)
+            page = add_page(folder, document, guard)[1]
+        if page is None:
+            raise BayesdegError(f"{path}: the page could not be made; see left_out.txt there")
+        return page
+
+
+def _is_ours(cause: Cause) -> bool:
+    """Return whether a cause is of the catalogue, whatever the priors of its parameters."""
+    known = CATALOGUE.get(cause.name)
+    return known is not None and replace(cause, parameters=known.parameters) == known
+
+
+def _known_emulator(study: Study) -> Surrogate:
+    """Return the emulator of a study's geometry that ships with the package, or was trained here.
+
+    Raises
+    ------
+    BayesdegError
+        If there is none yet.
+    """
+    found = find_emulator(Geometry(study.geometry))
+    if found.surrogate is None:
+        raise BayesdegError(
+            f"{found.reason}; train one with bayesdeg.emulator(study.geometry), which takes long, "
+            "and give it to Model(study, ...)"
+        )
+    return found.surrogate
+
+
+def _residual(fit: Fit, seed: np.random.SeedSequence) -> Floats | None:
+    """Return readings of curvature less their posterior predictions [1/m]; None without any."""
+    if fit.model.actuator is None:
+        return None
+    found = predict_readings(fit.model, fit.chain, np.random.default_rng(seed))
+    return fit.model.actuator.curvature - found.mean
+
+
+def _of_final(judgement: Judgement | None, final: Fit) -> Judgement | None:
+    """Return a judgement with the sizes that the final model's posterior gives to its causes.
+
+    Raises
+    ------
+    BayesdegError
+        If the final model has other causes than those with which the verdict predicts.
+    """
+    if judgement is None:
+        return None
+    wanted: Sequence[str] = judgement.predicted_with
+    given = sorted(cause.name for cause in final.model.causes)
+    if not given:
+        return replace(judgement, sampled=False)
+    if given != sorted(wanted):
+        raise BayesdegError(
+            f"the final model has {', '.join(given)}, and the verdict predicts with "
+            f"{', '.join(wanted) or 'no cause'}; calibrate "
+            "model.with_causes(*verdict.predicted_with)"
+        )
+    return with_sampled_sizes(judgement, final)

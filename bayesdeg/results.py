@@ -1,0 +1,315 @@
+"""The nouns of the library: a model, its calibration, the verdict, the report."""
+
+import html
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Self, cast
+
+import pandas as pd
+import xarray as xr
+
+from bayesdeg.actuator.inputs import ForwardMap
+from bayesdeg.causes.cause import Cause
+from bayesdeg.data.settings import Effort
+from bayesdeg.data.study import Study
+from bayesdeg.errors import BayesdegError
+from bayesdeg.pipeline import writing
+from bayesdeg.pipeline.experiment import Judged, StudyExperiment
+from bayesdeg.pipeline.own import Forward, OwnExperiment, Readings
+from bayesdeg.priors import Parameter
+from bayesdeg.report.headline import size_of
+from bayesdeg.report.record import CandidateEntry
+from bayesdeg.report.wording import SPACE
+
+SHOWN = 5  # candidates in a printed verdict
+_CANDIDATE = [
+    *("cause", "probability", "log_bayes_factor", "log_bayes_factor_error", "elpd_diff"),
+    *("elpd_diff_se", "explained_fraction", "parameter", "mean", "sd", "q05", "q95", "unit", "why"),
+]
+
+
+def _row(entry: CandidateEntry) -> dict[str, object]:
+    """Return a candidate of ``verdict.json`` as one row, with the size of its first parameter."""
+    known = entry.document()
+    effects = ({"parameter": n, **one.document()} for n, one in entry.effect.items())
+    return {key: known[key] for key in _CANDIDATE if key in known} | next(effects, {})
+
+
+class CauseName(str):
+    """The name of a cause that a verdict is about; `Model.with_causes` finds the cause by it."""
+
+    cause: Cause | None
+
+    def __new__(cls, name: str, cause: Cause | None = None) -> Self:
+        """Return a name that knows its cause."""
+        made = super().__new__(cls, name)
+        made.cause = cause
+        return made
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class Model:
+    """What is believed of an experiment: its data, a forward map, priors, active causes.
+
+    Parameters
+    ----------
+    data : Study or sequence of Readings
+        A study of actuators or films, or readings of any other experiment.
+    forward : callable, optional
+        Of a study a forward map of its actuators, such as an `emulator`; by default the one that
+        ships with the package or was trained here. Of readings a function of ``values``, a mapping
+        of names to arrays (k,), and ``x`` as the `Readings` hold it, that returns predictions
+        (k, n). Parameters of active causes are among the values, as ``cause.parameter``.
+    parameters : sequence of Parameter
+        Unknowns of a forward map of one's own, with their priors.
+    catalogue : sequence of Cause
+        Causes that may be named where readings are judged; a study has those of the package.
+    causes : sequence of Cause or str
+        Active causes; see `with_causes`.
+
+    Raises
+    ------
+    StudyError
+        If what a study recorded is impossible.
+    BayesdegError
+        If there is no emulator of the geometry, a cause does not exist, or shapes do not go
+        together.
+
+    Examples
+    --------
+    >>> import bayesdeg as bd
+    >>> def hooke(values, x):
+    ...     return values["k"][:, None] * x
+    >>> readings = bd.Readings([1.0, 2.0, 3.0], [2.1, 3.9, 6.2])
+    >>> bd.Model([readings], hooke, parameters=[bd.Parameter("k", bd.LogNormal(2, 1))])
+    Model of reading: k, reading_error
+    """
+
+    data: Study | Readings | Sequence[Readings]
+    forward: ForwardMap | Forward | Mapping[str, Forward] | None = None
+    _: KW_ONLY
+    parameters: Sequence[Parameter] = ()
+    catalogue: Sequence[Cause] = ()
+    causes: Sequence[Cause | str] = ()
+    experiment: StudyExperiment | OwnExperiment = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Build what the verbs ask."""
+        experiment: StudyExperiment | OwnExperiment
+        if isinstance(self.data, Study):
+            if self.parameters or self.catalogue:
+                raise BayesdegError(
+                    "a study has parameters and a catalogue of its own: state priors in [priors] "
+                    "of study.toml, and give causes to criticise(fit, causes=[...])"
+                )
+            forward = cast(ForwardMap | None, self.forward)
+            experiment = StudyExperiment.of(self.data, forward, self.causes)
+        else:
+            own = cast(Forward | Mapping[str, Forward] | None, self.forward)
+            experiment = OwnExperiment.of(
+                self.data, own, self.parameters, self.catalogue, self.causes
+            )
+        object.__setattr__(self, "experiment", experiment)
+        object.__setattr__(self, "causes", experiment.causes)
+
+    @property
+    def name(self) -> str:
+        """The model by its causes: ``base``, ``base+pressure_offset``."""
+        return "+".join(["base", *sorted(cause.name for cause in self.experiment.causes)])
+
+    def with_causes(self, *causes: Cause | str) -> Self:
+        """Return the model with further causes active.
+
+        Parameters
+        ----------
+        *causes : Cause or str
+            Names of the catalogue, as a verdict lists them, or causes of one's own.
+
+        Raises
+        ------
+        BayesdegError
+            If there is no cause of a name; the message suggests the nearest.
+        """
+        known = (one.cause or one if isinstance(one, CauseName) else one for one in causes)
+        found = {cause.name: cause for cause in map(self.experiment.cause, known)}
+        active = {cause.name: cause for cause in self.experiment.causes}
+        return replace(self, causes=tuple((active | found).values()))
+
+    def __repr__(self) -> str:
+        """Return what it is of, and its parameters."""
+        names = ", ".join(p.name for p in self.experiment.density.table.parameters)
+        active = f" with {self.name.removeprefix('base+')}" if self.experiment.causes else ""
+        return f"Model of {self.experiment.title}{active}: {names}"
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class Calibration:
+    """A calibrated model.
+
+    Parameters
+    ----------
+    model : Model
+        What was calibrated.
+    fit : object
+        Mode, evidence and chain of the engine.
+    effort, seed : str, int
+        How it was made.
+    seconds : float
+        How long it took.
+    """
+
+    model: Model
+    fit: Any
+    effort: Effort
+    seed: int
+    seconds: float
+
+    @cached_property
+    def posterior(self) -> xr.DataTree:
+        """Draws by name as an arviz ``DataTree``, with ``log_likelihood`` of whole specimens."""
+        return self.model.experiment.posterior(self.fit, self.effort, self.seed)
+
+    @property
+    def log_evidence(self) -> float:
+        """Logarithm of the marginal likelihood [nats]."""
+        return float(self.fit.evidence.log_evidence)
+
+    @property
+    def converged(self) -> bool:
+        """Whether the draws may be used; `print` says what to do if not."""
+        return bool(self.fit.diagnosis.usable)
+
+    def summary(self) -> pd.DataFrame:
+        """Return mean, sd, 90 % interval, unit, R̂ and effective sample size by parameter."""
+        table = writing.parameters(self.fit, self.model.name).set_index("parameter")
+        return table[["mean", "sd", "q05", "q95", "unit", "r_hat", "ess_bulk"]]
+
+    def __repr__(self) -> str:
+        """Return what it is of, whether it converged, and the summary."""
+        frame = self.summary().to_string(float_format=lambda value: f"{value:.4g}")
+        return f"{self._title()}\n{self.fit.diagnosis.sentence}\n{frame}"
+
+    def _title(self) -> str:
+        return f"{self.model.experiment.title}: {self.model.name}, effort {self.effort}"
+
+    def _repr_html_(self) -> str:
+        frame = self.summary().to_html(float_format=lambda value: f"{value:.4g}")
+        head, said = html.escape(self._title()), html.escape(self.fit.diagnosis.sentence)
+        return f"<h4>{head}</h4><p>{said}</p>{frame}"
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class Verdict:
+    """What is wrong with a model, if anything.
+
+    Parameters
+    ----------
+    model : Model
+        What was judged.
+    judged : Judged
+        What it rests on.
+    seconds : float
+        How long it took.
+    """
+
+    model: Model
+    judged: Judged
+    seconds: float
+
+    @property
+    def outcome(self) -> str:
+        """``adequate``, ``named``, ``ambiguous``, ``unexplained`` or ``not_judged``."""
+        return str(self.judged.document.outcome)
+
+    @property
+    def causes(self) -> tuple[CauseName, ...]:
+        """Names of what is named, or cannot be told apart, for `Model.with_causes`."""
+        return self._named("causes")
+
+    @property
+    def predicted_with(self) -> tuple[CauseName, ...]:
+        """Names of the causes to calibrate with: one out of those that cannot be told apart."""
+        return self._named("predicted_with")
+
+    def _named(self, key: str) -> tuple[CauseName, ...]:
+        known = {cause.name: cause for cause in self.judged.causes}
+        names: Sequence[str] = getattr(self.judged.document, key)
+        return tuple(CauseName(name, known.get(name)) for name in names)
+
+    @property
+    def explanation(self) -> str:
+        """Where the misfit sits, what explains it and how sure that is, in plain words."""
+        return self.judged.document.explanation
+
+    @property
+    def candidates(self) -> pd.DataFrame:
+        """Every cause that was tried, best first: evidence, held-out gain, size with its unit.
+
+        ``mean`` to ``unit`` are of the first parameter, which is the size of the cause.
+        """
+        return pd.DataFrame(
+            [_row(one) for one in self.judged.document.candidates], columns=_CANDIDATE
+        )
+
+    def to_dict(self) -> dict[str, object]:
+        """Return the content of ``verdict.json``."""
+        return self.judged.document.document()
+
+    def _headline(self) -> str:
+        record = self.judged.document
+        found = (f"{c} {size_of(record, c, interval=True)}".strip() for c in record.causes)
+        said = (" or " if self.outcome == "ambiguous" else ", ").join(found)
+        return f"{self.outcome}: {said}".replace(SPACE, " ") if said else self.outcome
+
+    def __repr__(self) -> str:
+        """Return the outcome with sizes, the explanation and the leading candidates."""
+        short = ["cause", "probability", "log_bayes_factor", "elpd_diff", "explained_fraction"]
+        tried = self.candidates.dropna(subset="probability")[short].head(SHOWN)
+        said = [self._headline(), "", self.explanation]
+        if len(tried):
+            frame = tried.to_string(index=False, float_format=lambda value: f"{value:.3g}")
+            said += ["", frame]
+        return "\n".join([*said, *self._left_out()])
+
+    def _left_out(self) -> list[str]:
+        lost = self.judged.document.left_out
+        return [f"left out: {one.stage}. {one.why}" for one in lost]
+
+    def _repr_html_(self) -> str:
+        head, said = html.escape(self._headline()), html.escape(self.explanation)
+        lost = "".join(f"<p>{html.escape(one)}</p>" for one in self._left_out())
+        frame = self.candidates.drop(columns="why").to_html(
+            index=False, na_rep="–", float_format=lambda value: f"{value:.3g}"
+        )
+        return f"<h4>{head}</h4><p>{said}</p>{frame}{lost}"
+
+
+@dataclass(frozen=True, repr=False)
+class Report:
+    """A written report.
+
+    Parameters
+    ----------
+    folder : Path
+        The run folder.
+    page : Path
+        The page in it.
+    """
+
+    folder: Path
+    page: Path
+
+    def __fspath__(self) -> str:
+        """Return the folder, for whatever takes a path."""
+        return os.fspath(self.folder)
+
+    def __repr__(self) -> str:
+        """Return where the page is."""
+        return f"report: {self.page}"
+
+    def _repr_html_(self) -> str:
+        place = html.escape(self.page.resolve().as_uri(), quote=True)
+        return f'<a href="{place}" target="_blank">{html.escape(str(self.page))}</a>'

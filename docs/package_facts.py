@@ -1,0 +1,384 @@
+"""What the running package says of itself, as plain values: all imports of its inner modules.
+
+`generate.py` and `conf.py` import nothing of bayesdeg but through this module, so that a module
+that moves is mended here alone.
+"""
+
+import hashlib
+import importlib
+import inspect
+import pkgutil
+import re
+import sys
+import textwrap
+from dataclasses import MISSING, dataclass, fields
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+import bayesdeg
+import bayesdeg.causes
+from bayesdeg.commands.lazy import COMMANDS, loaded
+from bayesdeg.data.settings import ENTRIES, Dimensions, Settings
+from bayesdeg.data.study import read_study
+from bayesdeg.data.tables import TABLES as STUDY_TABLES
+from bayesdeg.emulator.trained import default_surrogate
+from bayesdeg.laboratory.design import Design
+from bayesdeg.laboratory.experiment import run_experiment
+from bayesdeg.laboratory.truth import HiddenEffect, Truth
+from bayesdeg.pipeline.assemble import assemble
+from bayesdeg.priors import LAWS
+from bayesdeg.quantities import QUANTITIES
+from bayesdeg.report.tables import TABLES as RUN_TABLES
+
+sys.path.append(str(Path(__file__).resolve().parents[1] / "benchmarks"))  # scripts, no package
+
+from hidden_record import read_record
+from hidden_summary import summary
+from hidden_tables import markdown
+
+ROOT = Path(__file__).resolve().parents[1]
+VERSION = bayesdeg.__version__
+LEVELS = {"fresh": 0.0, "degraded by 25 %": 25.0}
+HOLD_S = 30.0
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A column, key, option or parameter as a row of a table.
+
+    Parameters
+    ----------
+    name, unit, meaning : str
+    place : str
+        File, table or group in which it stands.
+    default : str
+        Empty where there is none.
+    required : bool
+    accepts : str
+        What may be written, in words.
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    place: str = ""
+    default: str = ""
+    required: bool = False
+    accepts: str = ""
+
+
+def public_names() -> tuple[str, ...]:
+    """Return the names that ``bayesdeg`` exports, in its own order."""
+    return tuple(name for name in getattr(bayesdeg, "__all__", ()) if not name.startswith("_"))
+
+
+def fingerprint(script: Path) -> str:
+    """Return a hash of a script and of all that its output depends on in this repository."""
+    package = Path(bayesdeg.__file__).parent
+    files = [
+        f for f in package.rglob("*") if f.is_file() and f.suffix not in (".pyc", ".nbi", ".nbc")
+    ]
+    files += [*(ROOT / "studies").rglob("*.csv"), *(ROOT / "studies").rglob("study.toml")]
+    files += sorted((ROOT / "docs" / "reports").rglob("verdict.json"))
+    digest = hashlib.sha256()
+    for file in (script, *sorted(files)):
+        digest.update(file.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def is_class(name: str) -> bool:
+    """Return whether a public name is a class."""
+    return inspect.isclass(getattr(bayesdeg, name))
+
+
+def members(name: str) -> str:
+    """Return the methods and properties of a public class, separated by commas; no fields."""
+    owner = getattr(bayesdeg, name)
+    kept = [
+        member
+        for member in dir(owner)
+        if not member.startswith("_")
+        and member not in getattr(owner, "__dataclass_fields__", ())
+        and (inspect.getdoc(getattr(owner, member)) or "")
+        and any(member in vars(base) for base in owner.__mro__ if base.__module__ != "builtins")
+        and not any(hasattr(base, member) for base in (Exception, int, str))
+    ]
+    return ", ".join(kept)
+
+
+def is_callable(name: str) -> bool:
+    """Return whether a public name is a function or class."""
+    return callable(getattr(bayesdeg, name))
+
+
+def columns_of_studies() -> dict[str, list[Entry]]:
+    """Return the columns of every file of a study by the file's name."""
+    return {table.file: [_column(c) for c in table.columns] for table in STUDY_TABLES.values()}
+
+
+def _column(column) -> Entry:
+    known = QUANTITIES[column.name]
+    words = [f"`{word}`" for word in column.one_of]
+    demands = [demand.problem for demand in column.demands]
+    accepts = f"one of {', '.join(words)}" if words else {"text": "a name"}.get(column.kind, "")
+    accepts = accepts or ("a whole number" if column.kind == "whole" else "a number")
+    if demands:
+        accepts += f"; refused if it {' or '.join(demands)}"
+    if column.required and column.may_be_empty:
+        accepts += "; a cell may be empty"
+    default = "" if column.default is None or column.required else str(column.default)
+    return Entry(column.name, known.unit, known.meaning, "", default, column.required, accepts)
+
+
+def rules_of_studies() -> dict[str, list[str]]:
+    """Return what the rows of a file must fulfil together, as what is said when they do not."""
+    return {
+        table.file: [f"{rule.problem}: {rule.remedy}" for rule in table.rules]
+        for table in STUDY_TABLES.values()
+    }
+
+
+def keys_of_study_toml() -> list[Entry]:
+    """Return every key of ``study.toml`` with its default, from the classes that hold them."""
+    meanings = _documented(Dimensions) | _documented(Settings)
+    defaults = {f.name: f for owner in (Dimensions, Settings) for f in fields(owner)}
+    return [
+        Entry(
+            entry.key,
+            "",
+            meanings[entry.field],
+            entry.table,
+            _written(defaults[entry.field].default),
+            accepts=entry.wanted,
+        )
+        for entry in ENTRIES
+    ]
+
+
+def _written(value) -> str:
+    """Return a default as TOML writes it."""
+    if value is None or value is MISSING:
+        return '"all"' if value is None else ""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        return f'"{value}"'
+    if isinstance(value, tuple):
+        return f"[{', '.join(_written(one) for one in value)}]"
+    return str(value)
+
+
+def _documented(owner) -> dict[str, str]:
+    """Return what the numpydoc section Parameters of a class says of each of its fields."""
+    section = re.search(
+        r"Parameters\n-+\n(.*?)(\n\n\S|\Z)", inspect.cleandoc(owner.__doc__ or ""), re.DOTALL
+    )
+    found: dict[str, str] = {}
+    for names, text in re.findall(
+        r"^(\w[\w, ]*?)(?: : [^\n]*)?\n((?:    [^\n]*\n?)+)", section[1] + "\n", re.MULTILINE
+    ):
+        for name in names.split(","):
+            found[name.strip()] = " ".join(text.split())
+    return found
+
+
+def laws_of_priors() -> list[Entry]:
+    """Return the prior laws that study.toml may name, with their arguments."""
+    return [
+        Entry(
+            name,
+            "",
+            (inspect.getdoc(law) or "").split("\n")[0].split("\\n")[0],
+            accepts=", ".join(
+                f.name if f.default is MISSING else f"{f.name} = {f.default:g}" for f in fields(law)
+            ),
+        )
+        for name, law in LAWS.items()
+    ]
+
+
+def parameters_of_the_base_model() -> list[Entry]:
+    """Return the parameters of the base model of the gelatin study with their priors."""
+    assembly = assemble(read_study(ROOT / "studies" / "gelatin_actuator"), emulator())
+    return [
+        Entry(p.name, p.unit, p.meaning, default=str(p.law))
+        for p in assembly.model.table.parameters
+    ]
+
+
+def columns_of_runs() -> dict[str, list[Entry]]:
+    """Return the columns of every table of a run folder by the file's name."""
+    return {
+        f"{name}.csv": [Entry(c.name, c.unit, c.meaning) for c in table.columns]
+        for name, table in RUN_TABLES.items()
+    }
+
+
+def tables_of_hidden_effects(record: Path) -> str:
+    """Return what recorded verdicts on hidden effects come to, as tables in Markdown."""
+    studies = sorted(read_record(record).values(), key=lambda one: one["number"])
+    by_effort = {e: [one for one in studies if one["effort"] == e] for e in ("quick", "standard")}
+    return markdown(summary(by_effort["quick"], by_effort["standard"]))
+
+
+@dataclass(frozen=True)
+class CommandHelp:
+    """A command of the command line as its ``--help`` shows it."""
+
+    name: str
+    usage: str
+    text: str
+    example: str
+    options: tuple[Entry, ...]
+
+
+def commands() -> list[CommandHelp]:
+    """Return every command with its arguments and options."""
+    return [_command(entry) for entry in COMMANDS]
+
+
+def _command(entry) -> CommandHelp:
+    command = loaded(entry)
+    context = command.make_context(entry.name, [], resilient_parsing=True)
+    usage = re.sub(r"[{}]", "", " ".join(command.collect_usage_pieces(context)))
+    options = tuple(_option(p, context) for p in command.params if not getattr(p, "hidden", False))
+    return CommandHelp(entry.name, usage, command.help or "", command.epilog or "", options)
+
+
+def _option(option, context) -> Entry:
+    record = option.get_help_record(context)
+    name = record[0] if record else (option.metavar or option.name)
+    default = option.default
+    if option.name == "workers":
+        default = "cores, at most 4"
+    shown = "" if default in (None, False) or callable(default) else str(default)
+    text = re.sub(r"\s*\[(default|required|\d+<=|x>=).*?\]$", "", record[1] if record else "")
+    return Entry(name, "", text, default=shown, required=option.required)
+
+
+@dataclass(frozen=True)
+class CausePage:
+    """A cause as its file states it.
+
+    Parameters
+    ----------
+    cause : Cause
+    title : str
+        First line of the file.
+    sections : dict of str to str
+        Of its docstring, in order: Mechanism, Equation, …
+    """
+
+    cause: object
+    title: str
+    sections: dict[str, str]
+
+
+def causes() -> list[CausePage]:
+    """Return every cause of the catalogue, in order of names, from the files that define them."""
+    found = []
+    for entry in pkgutil.iter_modules(bayesdeg.causes.__path__):
+        module = importlib.import_module(f"{bayesdeg.causes.__name__}.{entry.name}")
+        if hasattr(module, "CAUSE"):
+            title, *_ = inspect.cleandoc(module.__doc__).split("\n")
+            found.append(CausePage(module.CAUSE, title, _sections(module.__doc__)))
+    return sorted(found, key=lambda page: page.cause.name)
+
+
+def _sections(docstring: str) -> dict[str, str]:
+    parts = re.findall(
+        r"^(\w[\w ]*)\n((?:    [^\n]*\n|\n)+)", inspect.cleandoc(docstring) + "\n", re.MULTILINE
+    )
+    return {name: textwrap.dedent(text).strip() for name, text in parts}
+
+
+@cache
+def emulator():
+    """Return the shipped emulator."""
+    return default_surrogate()
+
+
+class NoChance(np.random.Generator):
+    """A source of randomness from which every normal number is 0."""
+
+    def standard_normal(self, size=None, *arguments, **options):
+        """Return zeros."""
+        return np.zeros(size) if size is not None else 0.0
+
+
+@cache
+def signature(name: str) -> dict[str, pd.DataFrame]:
+    """Return the tables of a virtual experiment with a cause at typical size, beside one without.
+
+    There is neither scatter nor noise: all that differs is the cause. Actuators are inflated to
+    200 kPa and let down again, with 30 s at each pressure, in a horizontal mount; where the cause
+    cannot show in that, bent against gravity.
+
+    Parameters
+    ----------
+    name : str
+        Of the cause.
+
+    Returns
+    -------
+    dict of str to DataFrame
+        ``actuator`` and ``tensile`` with the columns of the files and ``change`` [1/m, MPa];
+        ``strength`` with ``limit_stretch`` and ``before``.
+    """
+    (cause,) = (page.cause for page in causes() if page.cause.name == name)
+    with_it = _experiment(_design(cause.needs), (HiddenEffect(cause, dict(cause.typical)),))
+    without = _experiment(_design(cause.needs), ())
+    pair = {
+        table: (with_it.tables[table], without.tables[table]) for table in ("actuator", "tensile")
+    }
+    limits = with_it.actuators.assign(before=without.actuators["limit_stretch"])
+    return {
+        "actuator": _changed(*pair["actuator"], "curvature_per_m"),
+        "tensile": _changed(*pair["tensile"], "stress_MPa"),
+        "strength": limits,
+    }
+
+
+def _changed(with_it: pd.DataFrame, without: pd.DataFrame, column: str) -> pd.DataFrame:
+    keys = ["specimen_id", "row"]
+    numbered = [
+        t.assign(row=t.groupby("specimen_id").cumcount()).set_index(keys)
+        for t in (with_it, without)
+    ]
+    joined = numbered[1].join(numbered[0][column].rename("changed"), how="left")
+    return joined.assign(change=joined["changed"] - joined[column]).reset_index()
+
+
+def _experiment(design: Design, effects):
+    truth = Truth(elongation_scatter=0.0)
+    chance = NoChance(np.random.PCG64(0))
+    return run_experiment(design, truth, forward=emulator(), generator=chance, effects=effects)
+
+
+def _design(needs) -> Design:
+    up = np.arange(10.0, 201.0, 10.0)
+    path = np.concatenate([up, up[-2::-1]])
+    rows = pd.DataFrame(
+        {
+            "pressure_kPa": path,
+            "branch": ["loading"] * len(up) + ["unloading"] * (len(up) - 1),
+            "time_s": HOLD_S * np.arange(len(path)),
+            "mount": "bending_up" if "mount" in needs else "horizontal",
+        }
+    )
+    between = {f"{level:g} %": level for level in np.arange(2.5, 25.0, 2.5)}
+    levels = LEVELS | between
+    specimens = pd.DataFrame(
+        {
+            "specimen_id": list(levels),
+            "degradation_pct": list(levels.values()),
+            "degradation_sd_pct": 0.0,
+        }
+    )
+    share = pd.DataFrame({"elongation_share": np.linspace(0.02, 0.95, 40)})
+    films = specimens.merge(share, how="cross")
+    films = films.assign(mode="uniaxial", stress_measure="nominal")
+    return Design(actuator=specimens.merge(rows, how="cross"), tensile=films, breaks=specimens)
