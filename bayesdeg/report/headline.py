@@ -13,7 +13,6 @@ from bayesdeg.criticism.checks.discrepancy import MISFIT_LEVEL
 from bayesdeg.criticism.decide.verdict import Outcome
 from bayesdeg.report.record import CandidateEntry, Verdict
 from bayesdeg.report.summaries import BASE, Row, extended_model, pooled, rows_of
-from bayesdeg.report.text import sentences
 from bayesdeg.report.wording import (
     BADGES,
     NOTHING,
@@ -23,6 +22,7 @@ from bayesdeg.report.wording import (
     number,
     p_value,
     percent,
+    sentences,
     words,
 )
 
