@@ -22,6 +22,7 @@ import bayesdeg
 import bayesdeg.causes
 from bayesdeg.commands.lazy import COMMANDS, loaded
 from bayesdeg.data.settings import ENTRIES, Dimensions, Settings
+from bayesdeg.data.shrinkage import Known, Recipe
 from bayesdeg.data.study import read_study
 from bayesdeg.data.tables import TABLES as STUDY_TABLES
 from bayesdeg.emulator.trained import default_surrogate
@@ -143,8 +144,8 @@ def rules_of_studies() -> dict[str, list[str]]:
 
 def keys_of_study_toml() -> list[Entry]:
     """Return every key of ``study.toml`` with its default, from the classes that hold them."""
-    meanings = _documented(Dimensions) | _documented(Settings)
-    defaults = {f.name: f for owner in (Dimensions, Settings) for f in fields(owner)}
+    meanings = _documented(Dimensions) | _documented(Recipe) | _documented(Settings)
+    defaults = {f.name: f for owner in (Dimensions, Recipe, Settings) for f in fields(owner)}
     return [
         Entry(
             entry.key,
@@ -166,6 +167,8 @@ def _written(value) -> str:
         return str(value).lower()
     if isinstance(value, str):
         return f'"{value}"'
+    if isinstance(value, Known):
+        return str(value.value)
     if isinstance(value, tuple):
         return f"[{', '.join(_written(one) for one in value)}]"
     return str(value)

@@ -29,7 +29,7 @@ from bayesdeg.report.tables import TABLES
 from tests.pipeline.planted_offset import emulator, planted_study
 
 ROOT = Path(__file__).resolve().parents[1]
-GAIN = [column.name for column in TABLES["gain"]]
+GAIN = [column.name for column in TABLES["gain"].columns]
 
 
 # ---- the door itself

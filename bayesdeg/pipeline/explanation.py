@@ -16,8 +16,7 @@ from bayesdeg.criticism.fit.search import FALSE_NAME_RATE
 from bayesdeg.criticism.holdout.gain import mode_table
 from bayesdeg.pipeline.judge import Judgement
 from bayesdeg.priors import Parameter
-from bayesdeg.report.text import sentences
-from bayesdeg.report.wording import SPACE
+from bayesdeg.report.wording import SPACE, sentences
 
 LARGEST_LOSS = 0.05  # of simulated data sets, before the reader is warned
 SMALL_CHANCE = 0.05  # p-value of ruptures that deserves a sentence

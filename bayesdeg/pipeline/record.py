@@ -55,7 +55,7 @@ from bayesdeg.report.record import (
     SuspectEntry,
     Verdict,
 )
-from bayesdeg.report.text import sentences
+from bayesdeg.report.wording import sentences
 
 
 def verdict_document(

@@ -58,7 +58,7 @@ from bayesdeg.report.folder import (
 )
 from bayesdeg.report.left_out import Guard, Stage, posterior_stage, table_stage
 from bayesdeg.report.record import Verdict
-from bayesdeg.report.text import sentences
+from bayesdeg.report.wording import sentences
 
 Floats = NDArray[np.float64]
 

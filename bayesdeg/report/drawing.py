@@ -19,7 +19,7 @@ from bayesdeg.report.record import RunRecord, Verdict
 from bayesdeg.report.summaries import BASE, FINAL
 from bayesdeg.report.surface import Surface
 from bayesdeg.report.tables import TABLES, Tables
-from bayesdeg.report.text import filled
+from bayesdeg.report.wording import filled
 
 VIRTUAL = "virtual experiment"
 

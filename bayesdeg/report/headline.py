@@ -1,14 +1,17 @@
-"""The verdict in plain words: one sentence, two that say why, and three numbers."""
+"""The verdict in plain words: one sentence, two that say why, and three numbers.
+
+The sentences are in ``templates/headline.j2``; here are the facts of which they speak.
+"""
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import pandas as pd
 
 from bayesdeg.criticism.checks.discrepancy import MISFIT_LEVEL
 from bayesdeg.criticism.decide.verdict import Outcome
-from bayesdeg.report.left_out import Stage
-from bayesdeg.report.record import QuestionedEntry, Verdict
+from bayesdeg.report.record import CandidateEntry, Verdict
 from bayesdeg.report.summaries import BASE, Row, extended_model, pooled, rows_of
 from bayesdeg.report.wording import (
     BADGES,
@@ -19,10 +22,10 @@ from bayesdeg.report.wording import (
     number,
     p_value,
     percent,
+    sentences,
     words,
 )
 
-UNJUDGED = "The simulation could not be judged on this data"
 SURE = 0.99999  # which is worded as more than 99.9 %
 
 
@@ -70,40 +73,109 @@ def headline_of(verdict: Verdict, gain: pd.DataFrame | None) -> Headline:
     >>> headline_of(named, None).numbers[0].value.replace(SPACE, " ")
     '2.00 1/m'
     """
-    badge, lede = BADGES[verdict.outcome], lede_of(verdict, gain)
+    facts = _facts(verdict, gain)
+    sentence = sentences("headline", "sentence", **facts)
+    misfit = KeyNumber("Misfit of the base model", str(facts["size"]), _note("misfit", facts))
     if not verdict.judged:
-        return Headline(badge, UNJUDGED, (_misfit(verdict),), lede)
-    numbers = (_misfit(verdict), _certainty(verdict), _gained(verdict, gain))
-    return Headline(badge, _sentence(verdict), numbers, lede)
+        lede = tuple(filter(None, (first_sentence(verdict.explanation),)))
+        return Headline(BADGES[verdict.outcome], sentence, (misfit,), lede)
+    numbers = (misfit, _certainty(verdict, facts), _gained(facts))
+    made = sentences("headline", "made", **facts)
+    lede = tuple(filter(None, (first_sentence(verdict.misfit.where), made)))
+    return Headline(BADGES[verdict.outcome], sentence, numbers, lede)
 
 
-def _sentence(verdict: Verdict) -> str:
-    match verdict.outcome:
-        case Outcome.ADEQUATE if verdict.suspects:
-            return "No misfit beyond the noise, but there are readings in doubt"
-        case Outcome.ADEQUATE:
-            return "No misfit beyond the noise"
-        case Outcome.NAMED if verdict.is_directed:
-            beyond = "though the misfit as a whole is within chance"
-            return f"The readings speak for {_sized(verdict)}, {beyond}"
-        case Outcome.NAMED:
-            together = " acting together" if len(verdict.causes) > 1 else ""
-            return f"The misfit is explained by {_sized(verdict)}{together}"
-        case Outcome.AMBIGUOUS:
-            either = " or ".join(words(cause) for cause in verdict.causes)
-            if verdict.is_directed:
-                within = (
-                    "The misfit as a whole is within chance, yet the readings speak for a cause"
-                )
-                return f"{within}, and cannot tell which: {either}"
-            return f"There is a misfit, and this data cannot tell its cause: {either}"
-        case Outcome.UNEXPLAINED if fits_off_priors(verdict):
-            odd = listed([one.parameter for one in verdict.parameters_in_question])
-            return f"The readings fit only with values that the priors all but exclude: {odd}"
-        case Outcome.UNEXPLAINED:
-            return "There is a misfit, and no cause in the catalogue accounts for it"
-        case Outcome.NOT_JUDGED:
-            return UNJUDGED
+def _facts(verdict: Verdict, gain: pd.DataFrame | None) -> Mapping[str, object]:
+    """Return what the templates speak of."""
+    found = [verdict.candidate(cause) for cause in verdict.causes]
+    fractions = [one.explained_fraction for one in found if one]
+    return {
+        "v": verdict,
+        "SPACE": SPACE,
+        "sized": _sized(verdict) if verdict.causes else "",
+        "either": " or ".join(words(cause) for cause in verdict.causes),
+        "first": _begun(verdict.causes[0]) if verdict.causes else "",
+        "off_priors": fits_off_priors(verdict),
+        "share": max((one for one in fractions if one is not None), default=None),
+        "best": _best(verdict),
+        "directed": _directed(verdict),
+        "unknown": bool(found) and all(one and one.probability is None for one in found),
+        "among": any(one.probability is None for one in verdict.candidates),
+        **_misfit_facts(verdict),
+        **_gain_facts(verdict, gain),
+    }
+
+
+def _note(of: str, facts: Mapping[str, object]) -> str:
+    return sentences("headline", f"{of}_note", **facts)
+
+
+def _misfit_facts(verdict: Verdict) -> dict[str, object]:
+    """Return the misfit of curvatures; of stresses where there are none."""
+    misfit = verdict.misfit
+    rms, noise, unit, kind = misfit.rms_per_m, misfit.noise_per_m, "1/m", "curvature"
+    if rms is None:
+        rms, noise, unit, kind = misfit.rms_MPa, misfit.noise_MPa, "MPa", "stress"
+    size = NOTHING if rms is None else f"{fixed(rms)}{SPACE}{unit}"
+    return {"rms": rms, "noise": noise, "unit": unit, "kind": kind, "size": size}
+
+
+def _gain_facts(verdict: Verdict, gain: pd.DataFrame | None) -> dict[str, str]:
+    """Return errors on held-out specimens before and after; the gain where there are none."""
+    rows = {str(row["model"]): row for row in rows_of(pooled(gain))}
+    extended = rows.get(extended_model(gain, verdict) or "")
+    facts = {"before": _error(rows.get(BASE)), "after": _error(extended), "gain": ""}
+    if extended is not None and not facts["after"]:
+        error = _elpd(extended["elpd_diff_se"]).lstrip("+")
+        facts["gain"] = f"{_elpd(extended['elpd_diff'])} ± {error}"
+    return facts
+
+
+def _directed(verdict: Verdict) -> float | None:
+    """Return the largest p-value of the test that names, over the causes that passed it."""
+    entries = (verdict.candidate(cause) for cause in verdict.predicted_with or verdict.causes)
+    found = (entry.naming_p_value for entry in entries if entry and entry.naming_p_value)
+    return max(found, default=None)
+
+
+def _best(verdict: Verdict) -> CandidateEntry | None:
+    """Return the candidate that explains most; None if none was tried."""
+    tried = [entry for entry in verdict.candidates if entry.explained_fraction is not None]
+    return max(tried, key=lambda entry: entry.explained_fraction or 0.0, default=None)
+
+
+def _certainty(verdict: Verdict, facts: Mapping[str, object]) -> KeyNumber:
+    if verdict.outcome is Outcome.UNEXPLAINED:
+        best, note = _best(verdict), _note("best", facts)
+        if best is None:
+            return KeyNumber("Best candidate", NOTHING, note)
+        return KeyNumber("Best candidate explains", percent(best.explained_fraction), note)
+    found = [verdict.candidate(cause) for cause in verdict.causes]
+    shown = [percent(_less_than_sure(entry.probability)) if entry else NOTHING for entry in found]
+    by_chance = verdict.outcome is Outcome.ADEQUATE or facts["unknown"]
+    value = p_value(verdict.misfit.p_value) if by_chance else " / ".join(shown)
+    return KeyNumber("How sure", value, _note("certainty", facts))
+
+
+def _less_than_sure(probability: float | None) -> float | None:
+    """Return a probability that is short of 1, however it was rounded."""
+    return None if probability is None else min(probability, SURE)
+
+
+def _gained(facts: Mapping[str, object]) -> KeyNumber:
+    note, before, after = _note("gain", facts), str(facts["before"]), str(facts["after"])
+    if facts["gain"]:
+        return KeyNumber("Gain on held-out specimens", str(facts["gain"]), note)
+    ends = f"{before.split(SPACE)[0]} → {after}" if before and after else after or before
+    return KeyNumber("Error on held-out specimens", ends or NOTHING, note)
+
+
+def _error(row: Row | None) -> str:
+    """Return the error of a row of the gain with its unit; empty where it has none."""
+    for score, unit in (("rmse_per_m", "1/m"), ("rmse_MPa", "MPa")):
+        if row is not None and row.get(score) is not None:
+            return f"{fixed(float(row[score] or 0.0))}{SPACE}{unit}"
+    return ""
 
 
 def _sized(verdict: Verdict) -> str:
@@ -156,128 +228,9 @@ def doubts_of(verdict: Verdict) -> tuple[str, ...]:
     ('volume ratio is calibrated to 0.976 (α); 99.9 % of its prior lies within 0.390 to 0.850.',)
     """
     suspects = (one.why for one in verdict.suspects)
-    return (*suspects, *(_in_question(one) for one in verdict.parameters_in_question))
-
-
-def _in_question(one: QuestionedEntry) -> str:
-    unit = "" if one.unit in ("", "–") else f"{SPACE}{one.unit}"
-    low, high = number(one.prior_low), number(one.prior_high)
-    return (
-        f"{words(one.parameter)} is calibrated to {number(one.median)}{unit} ({one.meaning}); "
-        f"99.9 % of its prior lies within {low} to {high}{unit}."
-    )
-
-
-def _misfit(verdict: Verdict) -> KeyNumber:
-    misfit = verdict.misfit
-    label = "Misfit of the base model"
-    rms, noise, unit, kind = misfit.rms_per_m, misfit.noise_per_m, "1/m", "curvature"
-    if rms is None:
-        rms, noise, unit, kind = misfit.rms_MPa, misfit.noise_MPa, "MPa", "stress"
-    if rms is None:
-        failed = "the verdict was left out of this run"
-        absent = "no actuator curvature to hold the simulation against"
-        return KeyNumber(label, "–", failed if verdict.why_left_out(Stage.VERDICT) else absent)
-    note = f"rms in {kind}; the noise is {fixed(noise)}{SPACE}{unit}"
-    if misfit.p_value is not None:
-        note += f"; {p_value(misfit.p_value)}"
-    if verdict.is_directed:
-        note += f" as a whole{_directed(verdict)}"
-    return KeyNumber(label, f"{fixed(rms)}{SPACE}{unit}", note)
-
-
-def _directed(verdict: Verdict) -> str:
-    """Say the largest p-value of the test that names, over the causes that passed it."""
-    entries = (verdict.candidate(cause) for cause in verdict.predicted_with or verdict.causes)
-    found = [entry.naming_p_value for entry in entries if entry and entry.naming_p_value]
-    return f", {p_value(max(found))} where it is directed at the candidates" if found else ""
-
-
-def _certainty(verdict: Verdict) -> KeyNumber:
-    label, rate = "How sure", _false_names(verdict)
-    if verdict.outcome is Outcome.ADEQUATE:
-        chance = "how often a misfit this large comes about by chance"
-        return KeyNumber(label, p_value(verdict.misfit.p_value), f"{chance}{rate}")
-    if verdict.outcome is Outcome.UNEXPLAINED:
-        return _best(verdict)
-    found = [verdict.candidate(cause) for cause in verdict.causes]
-    if found and all(entry is not None and entry.probability is None for entry in found):
-        chance = "how often a misfit this large comes about by chance; of its cause nothing can be"
-        return KeyNumber(label, p_value(verdict.misfit.p_value), f"{chance} said")
-    shown = [percent(_less_than_sure(entry.probability)) if entry else NOTHING for entry in found]
-    of = " and ".join(words(cause) for cause in verdict.causes)
-    every = all(entry.probability is not None for entry in verdict.candidates)
-    among = "" if every else " among the causes judged"
-    return KeyNumber(label, " / ".join(shown), f"probability of {of}{among}{rate}")
-
-
-def _less_than_sure(probability: float | None) -> float | None:
-    """Return a probability that is short of 1, however it was rounded."""
-    return None if probability is None else min(probability, SURE)
-
-
-def _false_names(verdict: Verdict) -> str:
-    if verdict.false_name_rate is None:
-        return ""
-    rate = percent(verdict.false_name_rate)
-    return f"; where nothing is wrong, chance favours a cause in {rate} of such studies at most"
-
-
-def _best(verdict: Verdict) -> KeyNumber:
-    tried = [entry for entry in verdict.candidates if entry.explained_fraction is not None]
-    if not tried:
-        return KeyNumber("Best candidate", "–", "no cause could be tried on this data")
-    best = max(tried, key=lambda entry: entry.explained_fraction or 0.0)
-    note = f"of what there is to explain, by {words(best.cause)}: too little to name it"
-    return KeyNumber("Best candidate explains", percent(best.explained_fraction), note)
-
-
-def _gained(verdict: Verdict, gain: pd.DataFrame | None) -> KeyNumber:
-    label, extended = "Error on held-out specimens", extended_model(gain, verdict)
-    rows = {str(row["model"]): row for row in rows_of(pooled(gain))}
-    base = rows.get(BASE)
-    if extended is None or extended not in rows:
-        adequate = verdict.outcome is Outcome.ADEQUATE
-        why = (
-            "no cause had to be added" if adequate else "nothing was gained, as no cause was named"
-        )
-        note = f"rms of the base model; {why}"
-        if base is None:
-            return KeyNumber(label, "–", "prediction of held-out specimens was not tried")
-        return KeyNumber(label, _error(base), note)
-    after = rows[extended]
-    if after["rmse_per_m"] is None and after.get("rmse_MPa") is None:
-        gained = f"{_elpd(after['elpd_diff'])} ± {_elpd(after['elpd_diff_se']).lstrip('+')}"
-        return KeyNumber("Gain on held-out specimens", gained, "elpd, over the base model")
-    before = f"{_error(base).split(SPACE)[0]} → " if base else ""
-    plural = "s are" if len(verdict.causes) > 1 else " is"
-    return KeyNumber(
-        label, f"{before}{_error(after)}", f"rms before and after the cause{plural} in"
-    )
-
-
-def _error(row: Row) -> str:
-    """Return the error of a row of the gain with its unit: of stresses where it has no other."""
-    if row["rmse_per_m"] is None and row.get("rmse_MPa") is not None:
-        return f"{_cell(row['rmse_MPa'])}{SPACE}MPa"
-    return f"{_cell(row['rmse_per_m'])}{SPACE}1/m"
-
-
-def lede_of(verdict: Verdict, gain: pd.DataFrame | None) -> tuple[str, ...]:
-    """Return what is wrong and what was made of it, a sentence each; those that can be said."""
-    if not verdict.judged:
-        return tuple(filter(None, (first_sentence(verdict.explanation),)))
-    match verdict.outcome:
-        case Outcome.NAMED:
-            made = _explained(verdict, gain)
-        case Outcome.AMBIGUOUS:
-            made = _open(verdict)
-        case Outcome.ADEQUATE:
-            made = "Data simulated from the calibrated model misfit as much: no cause is needed."
-        case _:
-            best = _best(verdict)
-            made = f"{best.label} {best.value} {best.note}." if best.value != NOTHING else ""
-    return tuple(filter(None, (first_sentence(verdict.misfit.where), made)))
+    asked = verdict.parameters_in_question
+    said = (sentences("headline", "in_question", one=one, SPACE=SPACE) for one in asked)
+    return (*suspects, *said)
 
 
 def first_sentence(text: str) -> str:
@@ -294,38 +247,10 @@ def first_sentence(text: str) -> str:
     return first if not first or first.endswith(".") else f"{first}."
 
 
-def _explained(verdict: Verdict, gain: pd.DataFrame | None) -> str:
-    """Say what including the named causes does to held-out predictions."""
-    extended = extended_model(gain, verdict)
-    rows = {str(row["model"]): row for row in rows_of(pooled(gain))}
-    fractions = [c.explained_fraction for c in map(verdict.candidate, verdict.causes) if c]
-    share = max((fraction for fraction in fractions if fraction is not None), default=None)
-    plural = len(verdict.causes) > 1
-    doing = "Together they explain" if plural else f"{_begun(verdict.causes[0])} explains"
-    said = "" if share is None else f"{doing} {percent(share)} of the misfit"
-    if extended not in rows or BASE not in rows or _error(rows[BASE]).startswith(NOTHING):
-        return f"{said}." if said else ""
-    before, after = _error(rows[BASE]).split(SPACE)[0], _error(rows[extended])
-    error = f"the error on held-out specimens goes from {before} to {after}"
-    return f"{said}; {error}." if said else f"{error.capitalize()}."
-
-
 def _begun(cause: str) -> str:
     """Word a cause at the beginning of a sentence."""
     name = words(cause)
     return name[0].upper() + name[1:]
-
-
-def _open(verdict: Verdict) -> str:
-    """Say what would tell apart causes that fit alike."""
-    alike = "These fit alike, so none is named"
-    if not verdict.next_experiments:
-        return f"{alike}."
-    return f"{alike}; what would tell most: {verdict.next_experiments[0].design}."
-
-
-def _cell(value: float | str | None) -> str:
-    return fixed(None if value is None else float(value))
 
 
 def _elpd(value: float | str | None) -> str:

@@ -32,7 +32,7 @@ from bayesdeg.report.summaries import (
     tensile_errors,
 )
 from bayesdeg.report.surface import read_surface
-from bayesdeg.report.text import environment
+from bayesdeg.report.wording import environment
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,11 @@
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from bayesdeg.criticism.decide.verdict import Outcome
 
@@ -235,3 +239,76 @@ def duration(seconds: float) -> str:
         return f"{seconds // 60:.0f} min {seconds % 60:.0f} s"
     minutes = round(seconds / 60)
     return f"{minutes // 60} h {minutes % 60} min"
+
+
+FILTERS: Mapping[str, Callable[..., Any]] = {
+    "number": number,
+    "count": count,
+    "fixed": fixed,
+    "percent": percent,
+    "p_value": p_value,
+    "strength": strength,
+    "unbroken": unbroken,
+    "words": words,
+    "listed": listed,
+    "model": model_words,
+    "level": level_words,
+    "duration": duration,
+}
+
+
+def environment(*, autoescape: bool = False) -> Environment:
+    """Return what fills the templates in ``report/templates``; a name that is not given raises."""
+    made = Environment(
+        loader=PackageLoader("bayesdeg.report"),
+        autoescape=autoescape,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    made.filters |= FILTERS
+    return made
+
+
+@cache
+def _plain() -> Environment:
+    return environment()
+
+
+def filled(source: str, **facts: object) -> str:
+    r"""Fill a template; sentences are a space apart, whatever stands between them.
+
+    Parameters
+    ----------
+    source : str
+        The template itself.
+    **facts
+        What it speaks of.
+
+    Examples
+    --------
+    >>> filled("{{ n }} readings.\n{% if p < 0.05 %}  That is rare.{% endif %}", n=3, p=0.01)
+    '3 readings. That is rare.'
+    """
+    return _joined(_plain().from_string(source).render(facts))
+
+
+def sentences(template: str, part: str, **facts: object) -> str:
+    """Fill one part of a template file.
+
+    Parameters
+    ----------
+    template : str
+        Name of the file in ``report/templates``, without ``.j2``.
+    part : str
+        A macro of it without arguments.
+    **facts
+        What it speaks of: seen by all macros of the file.
+    """
+    module = _plain().get_template(f"{template}.j2").make_module(facts)
+    return _joined(str(getattr(module, part)()))
+
+
+def _joined(text: str) -> str:
+    # the spaces that keep numbers and units together stay
+    return " ".join(part for part in text.replace("\n", " ").split(" ") if part)

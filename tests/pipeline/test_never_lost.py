@@ -146,7 +146,7 @@ class KeptFiles:
 
 
 def has_table(figure, shown):
-    return [shown.tables[name] is not None for name in figure.tables]
+    return tuple(shown.tables[name] is not None for name in figure.tables)
 
 
 KEPT = [
@@ -401,7 +401,8 @@ def test_what_is_left_out_is_kept_with_its_reason_and_traceback():
     )
     assert guard.why("bands.csv") == "It could not be computed (ValueError)."
     assert guard.why(Stage.COURSE) == ""
-    assert guard.documents()[0] == {"stage": "held-out specimens", "why": guard.left_out[0].why}
+    entry = guard.entries()[0]
+    assert (entry.stage, entry.why) == ("held-out specimens", guard.left_out[0].why)
     assert guard.traces().count("Traceback (most recent call last)") == 2
 
 

@@ -5,7 +5,7 @@ from itertools import product
 import pytest
 
 from bayesdeg.criticism.decide.verdict import Outcome
-from bayesdeg.report.headline import UNJUDGED, headline_of
+from bayesdeg.report.headline import headline_of
 from bayesdeg.report.record import Verdict
 from bayesdeg.report.wording import BADGES
 from tests.report.synthetic_run import gain
@@ -13,10 +13,11 @@ from tests.report.synthetic_run import gain
 SPACE = "\N{NO-BREAK SPACE}"
 SAID = {
     Outcome.ADEQUATE: "No misfit beyond the noise",
-    Outcome.NAMED: "The misfit is explained by",
-    Outcome.AMBIGUOUS: "this data cannot tell its cause: second invariant or stress measure",
-    Outcome.UNEXPLAINED: "no cause in the catalogue accounts for it",
-    Outcome.NOT_JUDGED: UNJUDGED,
+    Outcome.NAMED: "The misfit is explained by second invariant",
+    Outcome.AMBIGUOUS: "There is a misfit, and this data cannot tell its cause: second invariant "
+    "or stress measure",
+    Outcome.UNEXPLAINED: "There is a misfit, and no cause in the catalogue accounts for it",
+    Outcome.NOT_JUDGED: "The simulation could not be judged on this data",
 }
 CAUSES = {
     Outcome.NAMED: ["second_invariant"],
@@ -59,7 +60,7 @@ def size(name, unit, mean=14.17):
 def test_the_headline_follows_the_outcome(outcome, misfit, probability):
     headline = headline_of(verdict(outcome, misfit, probability=probability), None)
     assert headline.badge == BADGES[outcome]
-    assert SAID[outcome] in headline.sentence
+    assert headline.sentence == SAID[outcome]
 
 
 @pytest.mark.parametrize("outcome", Outcome)
@@ -91,7 +92,7 @@ def test_sizes_of_causes_that_act_together_are_in_the_headline():
             "stress_measure": size("share", "%"),
         },
     )
-    both = headline_of(type(raw)(**{**vars(raw), "outcome": Outcome.NAMED}), None).sentence
+    both = headline_of(raw.model_copy(update={"outcome": Outcome.NAMED}), None).sentence
     said = "second invariant (ratio 0.630) and stress measure (14.2 %) acting together"
     assert both.replace(SPACE, " ").endswith(said)
 
@@ -105,7 +106,5 @@ def test_the_lede_says_what_is_gained_by_a_named_cause():
         }
     )
     (made,) = headline_of(named, gain("named")).lede
-    assert made.replace(SPACE, " ") == (
-        "Degraded skin explains 93 % of the misfit; "
-        "the error on held-out specimens goes from 2.40 to 0.71 1/m."
-    )
+    numbers = ("93 %", "2.40 to 0.71 1/m")
+    assert all(number in made.replace(SPACE, " ") for number in numbers)

