@@ -6,21 +6,26 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 
 import numpy as np
+from numpy.typing import NDArray
 
 import bayesdeg
 from bayesdeg.data.study import Study
 from bayesdeg.emulator.surrogate import Surrogate
-from bayesdeg.inference.model import Refusals, share_outside
+from bayesdeg.inference.model import Model, Refusals, share_outside
 from bayesdeg.pipeline.calibrate import Fit, refused_inputs
 from bayesdeg.pipeline.forecast import model_document
 from bayesdeg.pipeline.results import Results
 from bayesdeg.report.left_out import Guard, Stage
+from bayesdeg.report.wording import NOTHING
 
 Json = dict[str, object]
 
 
 def comparisons(study: Study, fit: Fit) -> list[Json]:
-    """Return published statistics beside the posterior's own, 90 % intervals."""
+    """Return every published statistic beside the posterior's own, 90 % intervals.
+
+    What the model predicts no number of, as counts of ruptures, stands beside nothing.
+    """
     if study.summary is None:
         return []
     flat = fit.chain.vectors.reshape(-1, fit.chain.vectors.shape[-1])
@@ -35,22 +40,27 @@ def comparisons(study: Study, fit: Fit) -> list[Json]:
         elif row["quantity"] == "volume_ratio" and "volume_ratio" in values:
             draws = values["volume_ratio"]
         else:
-            continue
-        low, middle, high = np.quantile(draws, [0.05, 0.5, 0.95])
+            draws = None
         unit = str(row["unit"]).replace("–", "")
+        sd = "" if np.isnan(row["sd"]) else f" ± {row['sd']:g}"
         rows.append(
             {
                 "quantity": row["quantity"],
                 "degradation_pct": None if np.isnan(level[0]) else float(level[0]),
-                "predicted": f"{middle:.3g} ({low:.3g} to {high:.3g}) {unit}".strip(),
-                "published": f"{row['value']:g} ± {row['sd']:g} {unit}".strip(),
+                "predicted": NOTHING if draws is None else f"{_interval(draws)} {unit}".strip(),
+                "published": f"{row['value']:g}{sd} {unit}".strip(),
                 "source": row["source"],
             }
         )
     return rows
 
 
-def rests_on(study: Study) -> list[Json]:
+def _interval(draws: NDArray[np.float64]) -> str:
+    low, middle, high = np.quantile(draws, [0.05, 0.5, 0.95])
+    return f"{middle:.3g} ({low:.3g} to {high:.3g})"
+
+
+def rests_on(study: Study, model: Model) -> list[Json]:
     """Return which statement rests on which data."""
     specimens = "virtual experiment" if study.settings.virtual else "measured"
     statements = []
@@ -76,8 +86,8 @@ def rests_on(study: Study) -> list[Json]:
             ("volume ratio α", f"shrinkage.csv, {len(study.shrinkage)} films ({specimens})")
         )
     if study.summary is not None:
-        used = {"young_modulus", "elongation_at_break", "volume_ratio"}
-        used |= {"r_squared"} if study.actuator is None else set()
+        used = {s.quantity for s in model.statistics if not s.source.startswith("shrinkage.csv")}
+        used |= set() if model.published is None else {"r_squared"}
         names = sorted({str(q) for q in study.summary["quantity"] if q in used})
         shown = sorted({str(q) for q in study.summary["quantity"] if q not in used})
         if names:
@@ -123,7 +133,7 @@ def run_document(
         "seconds": seconds,
         "counts": _counts(results),
         "missing": [{"what": w, "cost": cost} for w, cost in results.assembly.missing],
-        "rests_on": rests_on(study),
+        "rests_on": rests_on(study, results.base.model),
         "convergence": _convergence(results),
         "emulator": _emulator(results, guard),
         "model": model_document(results.base.model),
