@@ -76,6 +76,7 @@ def verdict_document(
             "rms_per_m": rms,
             "noise_per_m": noise,
             "p_value": judgement.misfit.p_value,
+            "replicates": len(judgement.misfit.null),
             "where": where,
             "concentrated": _concentrated(concentrated),
             **_of_films(judgement, rms),

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.criticism.checks.conflict import Questioned
-from bayesdeg.criticism.checks.discrepancy import MISFIT_LEVEL
+from bayesdeg.criticism.checks.discrepancy import MISFIT_LEVEL, Misfit
 from bayesdeg.criticism.decide.candidates import Candidate, EffectSize
 from bayesdeg.criticism.decide.support import Support
 from bayesdeg.criticism.decide.verdict import Outcome, share_explained, uncalibrated
@@ -15,6 +15,7 @@ from bayesdeg.criticism.model_readings import ModelReadings
 from bayesdeg.criticism.subject import Subject
 from bayesdeg.pipeline.judge import Judgement
 from bayesdeg.priors import Parameter
+from bayesdeg.quantities import p_value_text
 
 LARGEST_LOSS = 0.05  # of simulated data sets, before the reader is warned
 SMALL_CHANCE = 0.05  # p-value of ruptures that deserves a sentence
@@ -39,7 +40,7 @@ def _hidden(judgement: Judgement) -> str:
     if favoured and judgement.left.p_value <= MISFIT_LEVEL:
         return (
             f"{alone} they favour {favoured}, and what is left beside it is more than chance gives "
-            f"(p = {judgement.left.p_value:.2g}): errors taken for wide may hide a misfit."
+            f"({_p(judgement.left)}): errors taken for wide may hide a misfit."
         )
     if any(one.is_more_than_chance for one in judgement.shared):
         return (
@@ -57,14 +58,15 @@ def beside(judgement: Judgement) -> str:
     if ruptures is not None and ruptures.p_value <= SMALL_CHANCE:
         parts.append(
             f"{ruptures.burst} actuators burst, where the base model expects "
-            f"{ruptures.expected:.1f} (p = {ruptures.p_value:.2g})."
+            f"{ruptures.expected:.1f} ({p_value_text(ruptures.p_value, ruptures.known)})."
         )
     if mean is not None and mean.p_value <= SMALL_CHANCE:
         measured = mean.statistic
         parts.append(
             f"Calibrated without a cause, the model takes {mean.wanted:.3g} for the "
             f"{measured.quantity.replace('_', ' ')}, where {measured.value:.3g} ± "
-            f"{measured.se:.2g} was measured ({measured.source}; p = {mean.p_value:.2g})."
+            f"{measured.se:.2g} was measured ({measured.source}; "
+            f"{p_value_text(mean.p_value)})."
         )
     if judgement.questioned and judgement.decision.outcome is not Outcome.NAMED:
         taken = "; ".join(_off_prior(one) for one in judgement.questioned)
@@ -105,12 +107,16 @@ def chance(judgement: Judgement) -> str:
     return f"{100 * p:.0f} % of {count} data sets simulated from the model misfit as much or more"
 
 
+def _p(misfit: Misfit) -> str:
+    return p_value_text(misfit.p_value, len(misfit.null))
+
+
 def _not_chance(judgement: Judgement) -> str:
     count, p = len(judgement.misfit.null), judgement.misfit.p_value
     larger = round(p * (count + 1) - 1)
     return (
         f"Of {count} data sets simulated from the calibrated model, {larger or 'none'} misfit as "
-        f"much (p = {p:.3g})."
+        f"much ({_p(judgement.misfit)})."
     )
 
 
@@ -125,7 +131,10 @@ def directed(judgement: Judgement) -> str:
     known = [(one.cause, one.chance) for one in judgement.supported if one.chance is not None]
     if not known or not judgement.misfit.p_value > MISFIT_LEVEL:  # nan where not calibrated
         return ""
-    shares = " and ".join(f"p = {p:.2g} in data simulated without {name}" for name, p in known)
+    count = len(judgement.steps[0].chance)
+    shares = " and ".join(
+        f"{p_value_text(p, count)} in data simulated without {name}" for name, p in known
+    )
     return (
         "What names is a test directed at the candidates, which sees what the misfit as a whole, "
         "measured without a candidate in mind, does not: by chance the best of them gains as much "
@@ -385,7 +394,7 @@ def _left(judgement: Judgement) -> str:
     if not judgement.left.p_value <= MISFIT_LEVEL:  # nan where it could not be calibrated
         return ""
     return (
-        f"What is left is still more than chance gives (p = {judgement.left.p_value:.2g}, from "
+        f"What is left is still more than chance gives ({_p(judgement.left)}, from "
         f"{len(judgement.left.null)} data sets simulated from the extended model): something that "
         "is not named is wrong too."
     )

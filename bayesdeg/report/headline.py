@@ -178,7 +178,7 @@ def _misfit(verdict: Verdict) -> KeyNumber:
         return KeyNumber(label, "–", failed if Stage.VERDICT in dict(verdict.left_out) else absent)
     note = f"rms in {kind}; the noise is {fixed(noise)}{SPACE}{unit}"
     if misfit.p_value is not None:
-        note += f"; {p_value(misfit.p_value)}"
+        note += f"; {_chance(verdict)}"
     if verdict.is_directed:
         note += f" as a whole{_directed(verdict)}"
     return KeyNumber(label, f"{fixed(rms)}{SPACE}{unit}", note)
@@ -188,20 +188,27 @@ def _directed(verdict: Verdict) -> str:
     """Say the largest p-value of the test that names, over the causes that passed it."""
     entries = (verdict.candidate(cause) for cause in verdict.predicted_with or verdict.causes)
     found = [entry.naming_p_value for entry in entries if entry and entry.naming_p_value]
-    return f", {p_value(max(found))} where it is directed at the candidates" if found else ""
+    if not found:
+        return ""
+    largest = p_value(max(found), verdict.naming_replicates)
+    return f", {largest} where it is directed at the candidates"
+
+
+def _chance(verdict: Verdict) -> str:
+    return p_value(verdict.misfit.p_value, verdict.misfit.replicates)
 
 
 def _certainty(verdict: Verdict) -> KeyNumber:
     label, rate = "How sure", _false_names(verdict)
     if verdict.outcome is Outcome.ADEQUATE:
         chance = "how often a misfit this large comes about by chance"
-        return KeyNumber(label, p_value(verdict.misfit.p_value), f"{chance}{rate}")
+        return KeyNumber(label, _chance(verdict), f"{chance}{rate}")
     if verdict.outcome is Outcome.UNEXPLAINED:
         return _best(verdict)
     found = [verdict.candidate(cause) for cause in verdict.causes]
     if found and all(entry is not None and entry.probability is None for entry in found):
         chance = "how often a misfit this large comes about by chance; of its cause nothing can be"
-        return KeyNumber(label, p_value(verdict.misfit.p_value), f"{chance} said")
+        return KeyNumber(label, _chance(verdict), f"{chance} said")
     shown = [percent(_less_than_sure(entry.probability)) if entry else NOTHING for entry in found]
     of = " and ".join(words(cause) for cause in verdict.causes)
     every = all(entry.probability is not None for entry in verdict.candidates)

@@ -64,7 +64,8 @@ class Candidate:
 class Misfit:
     """How far the base model is off, beside the noise; None where there is nothing to judge.
 
-    `specimens` are those few in which most of the misfit sits, if it does.
+    `specimens` are those few in which most of the misfit sits, if it does; `replicates` is the
+    number of simulated data sets behind the p-value.
     """
 
     rms_per_m: float | None
@@ -74,6 +75,7 @@ class Misfit:
     rms_mpa: float | None = None
     noise_mpa: float | None = None
     specimens: tuple[str, ...] = ()
+    replicates: float | None = None
 
 
 @dataclass(frozen=True)
@@ -116,6 +118,7 @@ class Verdict:
     left_out: tuple[tuple[str, str], ...] = ()
     suspects: tuple[str, ...] = ()
     in_question: tuple[InQuestion, ...] = ()
+    naming_replicates: float | None = None
 
     @property
     def is_directed(self) -> bool:
@@ -220,12 +223,14 @@ def verdict_of(content: Json) -> Verdict:
             number_of(misfit, "rms_MPa"),
             number_of(misfit, "noise_MPa"),
             _specimens(mapping_of(misfit, "concentrated")),
+            number_of(misfit, "replicates"),
         ),
         each_of(content, "next_experiments", _experiment),
         texts_of(content, "predicted_with"),
         pairs_of(content, "left_out", ("stage", "why")),
         each_of(content, "suspects", lambda entry: text_of(entry, "why")),
         each_of(content, "parameters_in_question", _in_question),
+        number_of(mapping_of(content, "naming"), "replicates"),
     )
 
 

@@ -309,6 +309,7 @@ def test_the_document_holds_what_was_promised():
         "rms_per_m": pytest.approx(RESIDUAL),
         "noise_per_m": pytest.approx(LEFT),
         "p_value": 1 / 501,
+        "replicates": 500,
         "where": WHERE,
         "concentrated": None,
     }
@@ -344,7 +345,7 @@ def test_candidates_tell_how_often_chance_gains_as_much():
 
 
 def directed_words(p_value):
-    supported = support("pressure_offset", chance=0.002)
+    supported = support("pressure_offset", chance=1 / 501)
     return explain(judgement_of(named("pressure_offset"), supported, p_value=p_value), WHERE)
 
 
@@ -355,7 +356,7 @@ def test_where_the_misfit_as_a_whole_shows_it_one_p_value_is_enough():
 def test_where_the_misfit_as_a_whole_is_chance_the_test_that_names_is_told():
     text = directed_words(0.63)
     assert "directed at the candidates" in text
-    assert "with p = 0.002 in data simulated without pressure_offset." in text
+    assert "with p < 0.002 in data simulated without pressure_offset." in text
     assert "As a whole that is within chance: 63 % of 500 data sets" in text
     assert "misfit as much (p = 0.63)" not in text
 

@@ -39,12 +39,15 @@ class SharedScatter:
     p_value : float
         Share of data simulated from the model with at least this statistic, (1 + #)/(1 + n); nan
         where there are too few such data.
+    replicates : int
+        Those data.
     """
 
     cause: str
     statistic: float
     share: float
     p_value: float
+    replicates: int = 0
 
     @property
     def is_tested(self) -> bool:
@@ -122,7 +125,7 @@ def _tested(
     if len(simulated) >= FEWEST:
         chance = _ratios(trial.linear.whiten(simulated), values, vectors).max(axis=0)
         p_value = (1 + int(np.sum(chance >= ratios[best]))) / (1 + len(chance))
-    return SharedScatter(name, float(ratios[best]), float(SHARES[best]), p_value)
+    return SharedScatter(name, float(ratios[best]), float(SHARES[best]), p_value, len(simulated))
 
 
 def _ratios(whitened: Floats, values: Floats, vectors: Floats) -> Floats:
