@@ -2,14 +2,16 @@
 
 import difflib
 import math
-from collections.abc import Mapping
-from dataclasses import MISSING, dataclass, fields
+from collections.abc import Iterable, Mapping
+from dataclasses import MISSING, dataclass, fields, replace
 from functools import cached_property
 from typing import Protocol, override, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
 from scipy import special
+
+from bayesdeg.errors import Fault, StudyError
 
 type FloatArray = npt.NDArray[np.float64]
 type Size = int | tuple[int, ...] | None
@@ -578,3 +580,111 @@ def _number(value: object, key: str) -> float:
     if _LARGEST < abs(value) < math.inf:  # bounds may be infinite
         raise ValueError(f"{key} must be a number between −{_LARGEST:g} and {_LARGEST:g}")
     return float(value)
+
+
+Named = Mapping[str, FloatArray]
+"""Values of parameters by name, each of shape (n,)."""
+
+
+@dataclass(frozen=True)
+class ParameterTable:
+    """Parameters in the order of the sampler's vector.
+
+    The sampler works on an unconstrained scale, log for positive and logit for bounded
+    quantities; ``named`` gives the values that users know.
+
+    Parameters
+    ----------
+    parameters : tuple of Parameter
+        With distinct names.
+    """
+
+    parameters: tuple[Parameter, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names, in order."""
+        return tuple(p.name for p in self.parameters)
+
+    def __len__(self) -> int:
+        """Return the number of parameters."""
+        return len(self.parameters)
+
+    def named(self, vectors: FloatArray) -> dict[str, FloatArray]:
+        """Return values by name from vectors (..., n_parameters)."""
+        return {
+            p.name: p.law.from_unconstrained(vectors[..., i]) for i, p in enumerate(self.parameters)
+        }
+
+    def vectors(self, values: Named) -> FloatArray:
+        """Return vectors (..., n_parameters) from values by name."""
+        return np.stack(
+            [p.law.to_unconstrained(np.asarray(values[p.name])) for p in self.parameters], axis=-1
+        )
+
+    def log_prior(
+        self, vectors: FloatArray, *, truncate: bool = True, values: Named | None = None
+    ) -> FloatArray:
+        """Return the log prior density on the unconstrained scale, shape (...).
+
+        Parameters
+        ----------
+        vectors : array, shape (..., n_parameters)
+            Unconstrained.
+        truncate : bool
+            False leaves out the bounds of truncated laws, for derivatives at a bound.
+        values : mapping, optional
+            What ``named`` returns of the vectors, where it is known already.
+        """
+        total = np.zeros(vectors.shape[:-1])
+        for one in np.moveaxis(self.log_priors(vectors, truncate=truncate, values=values), -1, 0):
+            total = total + one
+        return total
+
+    def log_priors(
+        self, vectors: FloatArray, *, truncate: bool = True, values: Named | None = None
+    ) -> FloatArray:
+        """Return the log prior density of each parameter, shape (..., n_parameters).
+
+        The arguments are those of `log_prior`.
+        """
+        values = self.named(vectors) if values is None else values
+        columns = []
+        for i, p in enumerate(self.parameters):
+            z, x = vectors[..., i], values[p.name]
+            density = p.law.log_density(x) if truncate else p.law.untruncated_log_density(x)
+            columns.append(density + p.law.log_jacobian(z))
+        return np.stack(columns, axis=-1) if columns else np.zeros((*vectors.shape[:-1], 0))
+
+    def sample(self, generator: np.random.Generator, count: int) -> FloatArray:
+        """Draw vectors from the prior, shape (count, n_parameters)."""
+        draws = {p.name: p.law.sample(generator, count) for p in self.parameters}
+        return self.vectors(draws)
+
+
+def with_priors(
+    parameters: Iterable[Parameter], priors: Mapping[str, Law]
+) -> tuple[Parameter, ...]:
+    """Return parameters with the prior laws that a study gives."""
+    return tuple(replace(p, law=priors.get(p.name, p.law)) for p in parameters)
+
+
+def check_priors(priors: Mapping[str, Law], known: Iterable[str]) -> None:
+    """Raise StudyError for priors of parameters that do not exist.
+
+    Raises
+    ------
+    StudyError
+        Naming the nearest known parameter.
+    """
+    names = list(known)
+    faults = []
+    for name in priors:
+        if name not in names:
+            near = difflib.get_close_matches(name, names, n=1)
+            remedy = f"did you mean {near[0]!r}?" if near else f"known: {', '.join(names)}"
+            faults.append(
+                Fault("study.toml", "is no parameter of this study", remedy, None, f"priors.{name}")
+            )
+    if faults:
+        raise StudyError(faults)

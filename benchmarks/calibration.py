@@ -118,7 +118,8 @@ def drawn(empty: Model, generator: np.random.Generator) -> tuple[Floats, Model, 
         vector = empty.table.sample(generator, 1)
         values = empty.table.named(vector)
         with np.errstate(all="ignore"):  # what is far outside overflows, and is not kept
-            data = replace(replicate(empty.continued, values, generator), forward=empty.forward)
+            drawn = replicate(empty.continued, values, generator)
+            data = drawn.with_world(forward=empty.forward)
             excess = float(np.sum(data.range_excess(values) ** 2))
             kept = generator.uniform() < np.exp(-0.5 * excess)
             if kept and np.isfinite(data.log_prob(vector)[0]):

@@ -12,7 +12,7 @@ What the emulator may be wrong by is a part of its posterior: an error common to
 parameters say nothing of an exact map, whose own error is that of its mesh. So densities of all
 other parameters are compared, the common error being integrated out of both."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -31,8 +31,8 @@ from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.inference.importance import improved
 from bayesdeg.inference.laplace import approximate, evidence
 from bayesdeg.inference.model import Model
-from bayesdeg.inference.parameters import Named
 from bayesdeg.pipeline.assemble import assemble
+from bayesdeg.priors import Named
 
 Floats = NDArray[np.float64]
 
@@ -218,7 +218,7 @@ def posterior_shift(
     def shift(*, own_error: bool = False, without: int | None = None) -> Shift:
         fits = tuple(fitted([gap for k, gap in enumerate(some) if k != without]) for some in gaps)
         forward = Corrected(emulator, levels, fits, places, own_error)
-        after = log_marginal(replace(model, forward=forward), draws.vectors)
+        after = log_marginal(model.with_world(forward=forward), draws.vectors)
         return shift_of(draws.values(), draws.weights, after - before)
 
     whole = shift()

@@ -16,9 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.causes.cause import Cause, Stage
-from bayesdeg.criticism.custom import CustomModel, places_of
-from bayesdeg.criticism.custom_verdict import Judgement, judge, lines, posterior_draws, summary
 from bayesdeg.criticism.fit.trials import try_causes
+from bayesdeg.inference.model import Model
+from bayesdeg.observations.readings import Formula, Readings, places_of
+from bayesdeg.pipeline.judge import Judgement, judge_model
+from bayesdeg.pipeline.summary import lines, summary
 from bayesdeg.priors import HalfNormal, Normal, Parameter, TruncatedNormal, Uniform
 
 Floats = NDArray[np.float64]
@@ -79,23 +81,23 @@ RELEASE_HEIGHT = Cause(
 CATALOGUE = (DRAG, REACTION_TIME, RELEASE_HEIGHT)
 
 
-def model(*, gravity_known: bool) -> CustomModel[Fall, Floats, Floats]:
+def model(*, gravity_known: bool) -> Model:
     """Return the formula with the data; what is held out together is a height."""
     height, time = np.genfromtxt(DATA, delimiter=",", skip_header=3).T
     error = Parameter("timing_error", HalfNormal(0.1), "s", "sd of a time")
     gravity = Parameter("g", Uniform(5.0, 15.0), "m/s²", "free fall")
     labels = np.array([f"{h:g} m" for h in height])
     rounds = np.repeat(["round 1", "round 2", "round 3"], len(height) // 3)
-    return CustomModel(
-        parameters=(error,) if gravity_known else (gravity, error),
-        conditions=height,
-        inputs=lambda values, height: Fall(height, values.get("g", np.array(GRAVITY))),
-        forward=fall_time,
+    times = Readings(
+        time,
+        places_of(height, kind="fall time", specimen=labels, history=rounds),
         error=lambda values, times: values["timing_error"],
-        observed=time,
-        places=places_of(height, kind="fall time", specimen=labels, history=rounds),
-        group=labels,
     )
+    formula = Formula(
+        fall_time,
+        inputs=lambda values, height: Fall(height, values.get("g", np.array(GRAVITY))),
+    )
+    return Model((error,) if gravity_known else (gravity, error), (times,), formula)
 
 
 def drag_by_prior(judgement: Judgement, sd: float) -> list[float]:
@@ -104,7 +106,7 @@ def drag_by_prior(judgement: Judgement, sd: float) -> list[float]:
     base, generator = judgement.search.base, np.random.default_rng(0)
     trial = try_causes(base, replace(DRAG, parameters=(size,)), np.array([0.1]), generator)
     known = "g" not in trial.subject.table.names
-    g = np.array(GRAVITY) if known else posterior_draws(trial, "g", generator)
+    g = np.array(GRAVITY) if known else trial.named_draws("g", generator)
     return [trial.log_evidence - base.log_evidence, float(np.mean(g)), float(np.std(g))]
 
 
@@ -112,7 +114,7 @@ def run(seed: int) -> dict[str, Any]:
     """Judge the formula with g unknown and with g known."""
     answers = {}
     for title, known in (("g unknown", False), ("g known", True)):
-        found = judge(model(gravity_known=known), CATALOGUE, seed=np.random.SeedSequence(seed))
+        found = judge_model(model(gravity_known=known), CATALOGUE, seed=seed)
         priors = {f"{sd:g} 1/m": drag_by_prior(found, sd) for sd in DRAG_SIZES}
         answers[title] = {**summary(found), "drag_by_prior": priors}
     return answers

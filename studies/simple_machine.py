@@ -15,15 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.causes.cause import Cause, Stage
-from bayesdeg.criticism.custom import CustomModel, places_of
-from bayesdeg.criticism.custom_verdict import (
-    Judgement,
-    interval_with_discrepancy,
-    judge,
-    lines,
-    posterior_draws,
-    summary,
-)
+from bayesdeg.criticism.checks.discrepancy import interval_with_discrepancy
+from bayesdeg.inference.model import Model
+from bayesdeg.observations.readings import Formula, Readings, places_of
+from bayesdeg.pipeline.judge import Judgement, judge_model
+from bayesdeg.pipeline.summary import lines, summary
 from bayesdeg.priors import HalfNormal, Normal, Parameter, TruncatedNormal, Uniform
 
 Floats = NDArray[np.float64]
@@ -82,28 +78,30 @@ def readings(effort: Floats, generator: np.random.Generator) -> Floats:
     return work + ERROR * generator.standard_normal(len(effort))
 
 
-def model(seed: int, *, count: int = 31) -> CustomModel[tuple[Floats, Floats], Floats, Floats]:
+def model(seed: int, *, count: int = 31) -> Model:
     """Return w = θ x with virtual readings; θ and their error are unknown."""
     effort = np.linspace(0.2, 4.0, count)
-    return CustomModel(
-        parameters=(
-            Parameter("efficiency", Uniform(0.0, 1.0), "–", "work over effort, θ"),
-            Parameter("reading_error", HalfNormal(0.02), "J", "sd of a reading"),
-        ),
-        conditions=effort,
-        inputs=lambda values, effort: (values["efficiency"], effort),
-        forward=lambda inputs, effort: inputs[0] * inputs[1],
+    parameters = (
+        Parameter("efficiency", Uniform(0.0, 1.0), "–", "work over effort, θ"),
+        Parameter("reading_error", HalfNormal(0.02), "J", "sd of a reading"),
+    )
+    work = Readings(
+        readings(effort, np.random.default_rng(seed)),
+        places_of(effort, kind="work"),
         error=lambda values, work: values["reading_error"],
-        observed=readings(effort, np.random.default_rng(seed)),
-        places=places_of(effort, kind="work"),
         group=np.array([f"{x:.3g} J" for x in effort]),
     )
+    machine = Formula(
+        lambda inputs, effort: inputs[0] * inputs[1],
+        inputs=lambda values, effort: (values["efficiency"], effort),
+    )
+    return Model(parameters, (work,), machine)
 
 
 def without_causes(judgement: Judgement) -> dict[str, list[float]]:
     """Return 90 % intervals of θ if the model is believed, and with a discrepancy beside it."""
     base = judgement.search.base
-    draws = posterior_draws(base, "efficiency", np.random.default_rng(0))
+    draws = base.named_draws("efficiency", np.random.default_rng(0))
     return {
         "as if the model were right": np.quantile(draws, [0.05, 0.95]).tolist(),
         "with a discrepancy of no known cause": list(interval_with_discrepancy(base, "efficiency")),
@@ -114,7 +112,7 @@ def run(seed: int) -> dict[str, Any]:
     """Judge the same readings with each catalogue."""
     subject, answers = model(seed), {}
     for title, catalogue in CATALOGUES.items():
-        found = judge(subject, catalogue, seed=np.random.SeedSequence(seed))
+        found = judge_model(subject, catalogue, seed=seed)
         answers[title] = {**summary(found), "efficiency_without_causes": without_causes(found)}
     return answers
 

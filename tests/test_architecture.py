@@ -25,6 +25,7 @@ LAYERS = (
     "prediction",
     "criticism",
     "inference",
+    "observations",
     "causes",
     "emulator",
     "actuator",

@@ -33,7 +33,7 @@ def check(study: StudyFolder) -> None:
     say(f"in doubt: {doubt}" for doubt in unlikely)
     for what, cost in plan.missing:
         errors.print(f"without {what}: {cost}", soft_wrap=True)
-    if plan.actuator is not None:
+    if plan.has_actuators:
         found = search(Geometry(checked.settings.dimensions))
         if found.source is None:
             seconds = rough_seconds(checked.settings.dimensions, workers=CORES)

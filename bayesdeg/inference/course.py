@@ -17,10 +17,9 @@ from numpy.typing import NDArray
 from bayesdeg.data.moisture import moisture_content, saturating
 from bayesdeg.data.study import Study
 from bayesdeg.inference.density import CustomDensity
-from bayesdeg.inference.likelihood import normal
-from bayesdeg.inference.parameters import COURSE as PARAMETERS
-from bayesdeg.inference.parameters import Named, ParameterTable, with_priors
-from bayesdeg.priors import Parameter
+from bayesdeg.observations.noise import normal
+from bayesdeg.observations.specimens import COURSE
+from bayesdeg.priors import Named, Parameter, ParameterTable, with_priors
 
 Floats = NDArray[np.float64]
 
@@ -51,7 +50,7 @@ class CourseModel:
     films: tuple[str, ...]
     time_h: Floats
     moisture_pct: Floats
-    parameters: tuple[Parameter, ...] = PARAMETERS
+    parameters: tuple[Parameter, ...] = COURSE
 
     @property
     def table(self) -> ParameterTable:
@@ -92,7 +91,7 @@ def course_model(study: Study) -> CourseModel | None:
             table["mass_equilibrated_g"].to_numpy(np.float64),
             table["mass_dry_g"].to_numpy(np.float64),
         ),
-        parameters=with_priors(PARAMETERS, stated),
+        parameters=with_priors(COURSE, stated),
     )
 
 

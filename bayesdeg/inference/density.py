@@ -9,8 +9,7 @@ from typing import NamedTuple, Protocol, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdeg.inference.parameters import Named, ParameterTable
-from bayesdeg.priors import Flat, Parameter
+from bayesdeg.priors import Flat, Named, Parameter, ParameterTable
 
 Floats = NDArray[np.float64]
 

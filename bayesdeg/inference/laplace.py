@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 from scipy.special import gammaln, logsumexp, stdtr, stdtrit
 
 from bayesdeg.inference.density import Density, Factors, bounds, continued, factors_of, guesses
-from bayesdeg.inference.likelihood import LOG_TWO_PI
-from bayesdeg.inference.parameters import ParameterTable
-from bayesdeg.priors import Flat, Law
+from bayesdeg.observations.noise import LOG_TWO_PI
+from bayesdeg.priors import Flat, Law, ParameterTable
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]

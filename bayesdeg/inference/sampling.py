@@ -28,7 +28,7 @@ from bayesdeg.inference.tree import (
     add_likelihoods,
     add_observations,
     label_observations,
-    observation_axes,
+    stored_readings,
     with_one_likelihood,
 )
 
@@ -652,14 +652,10 @@ def to_datatree(density: Density, chain: Chain, generator: np.random.Generator) 
         plain: xr.DataTree = from_dict(groups)
         return plain
     coords, dims = add_likelihoods(density, density.log_likelihood(values), groups, shape=shape)
-    if density.actuator is not None:
-        add_observations(density, values, generator, groups=groups, shape=shape)
-        further, along = observation_axes(density)
-        coords |= further
-        dims |= along
-    tree: xr.DataTree = from_dict(groups, coords=coords, dims=dims)
-    tree = tree if density.actuator is None else label_observations(tree, density)
-    return with_one_likelihood(tree)
+    stored = stored_readings(density, values, generator)
+    further, along = add_observations(stored, groups, shape=shape)
+    tree: xr.DataTree = from_dict(groups, coords=coords | further, dims=dims | along)
+    return with_one_likelihood(label_observations(tree, stored))
 
 
 def _first(density: Density, start: Start, seed: np.random.SeedSequence) -> Position:

@@ -6,37 +6,14 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from bayesdeg.inference.model import Model, blocks_of, specimens_of
+from bayesdeg.inference.model import Model, blocks_of
+from bayesdeg.observations.kinds import Stored
 
 Floats = NDArray[np.float64]
 Groups = dict[str, dict[str, NDArray[np.generic]]]
 
 JOINT = "joint"
 OBSERVED = ("log_likelihood", "posterior_predictive", "observed_data", "constant_data")
-
-
-def specimen_labels(model: Model, kind: str) -> NDArray[np.str_]:
-    """Return the names of what a kind of data is about, specimens or statistics."""
-    if kind == "statistics":
-        return np.array([f"{s.quantity} at {s.degradation:g} %" for s in model.statistics])
-    if kind == "r_squared":
-        assert model.published is not None
-        return np.array(list(model.published.names("r_squared")))
-    tables = {"tensile": model.tensile, "breaks": model.breaks}
-    data = tables.get(kind, model.actuator)
-    assert data is not None
-    return np.array(data.specimens)
-
-
-def readings_of(model: Model) -> dict[str, tuple[NDArray[np.bool_], slice]]:
-    """Return where the readings of each output are: its mask, and its columns of all readings."""
-    assert model.actuator is not None
-    data = model.actuator
-    points = data.pressure.shape[1]
-    found = {"curvature": (data.mask, slice(0, points))}
-    if data.with_angle:
-        found["bend_angle"] = (data.mask & data.angle_mask, slice(points, 2 * points))
-    return found
 
 
 def add_likelihoods(
@@ -68,9 +45,9 @@ def add_likelihoods(
     densities = {f"{kind}_specimens": block for kind, block in by_kind.items()}
     dims = {f"{kind}_specimens": [f"{kind}_specimen"] for kind in by_kind}
     coords: dict[str, NDArray[np.generic]] = {
-        f"{kind}_specimen": specimen_labels(model, kind) for kind in by_kind
+        f"{one.name}_specimen": np.array(list(one.labels)) for one in model.observations
     }
-    blocks = _blocks(model, by_kind)
+    blocks = _blocks(model)
     joint = np.empty((shape[0] * shape[1], len(blocks)))  # of no column where there are no data
     for column, (_, found) in enumerate(blocks):
         joint[:, column] = sum(by_kind[k][:, rows].sum(axis=-1) for k, rows in found.items())
@@ -80,14 +57,12 @@ def add_likelihoods(
     return coords, dims | {JOINT: ["specimen"]}
 
 
-def _blocks(
-    model: Model, by_kind: Mapping[str, Floats]
-) -> list[tuple[str, dict[str, NDArray[np.intp]]]]:
+def _blocks(model: Model) -> list[tuple[str, dict[str, NDArray[np.intp]]]]:
     """Return the rows of every specimen in every kind of data, and of every statistic."""
-    blocks = list(blocks_of(model, by_kind).items())
-    for kind in [kind for kind in by_kind if not specimens_of(model, kind)]:
-        labels = specimen_labels(model, kind).tolist()
-        blocks += [(name, {kind: np.array([row])}) for row, name in enumerate(labels)]
+    blocks = list(blocks_of(model).items())
+    for one in model.observations:
+        if not one.specimens:
+            blocks += [(name, {one.name: np.array([k])}) for k, name in enumerate(one.labels)]
     return blocks
 
 
@@ -104,55 +79,37 @@ def with_one_likelihood(tree: xr.DataTree) -> xr.DataTree:
     return tree
 
 
+def stored_readings(
+    model: Model, values: dict[str, Floats], generator: np.random.Generator
+) -> list[Stored]:
+    """Return what is kept of the readings, their densities and replicates."""
+    state, tests = model.state(values), model.tests(values)
+    return [kept for one in model.observations for kept in one.stored(state, tests, generator)]
+
+
 def add_observations(
-    model: Model,
-    values: dict[str, Floats],
-    generator: np.random.Generator,
-    *,
-    groups: Groups,
-    shape: tuple[int, int],
-) -> None:
-    """Add readings, their densities and replicates, to the groups."""
-    assert model.actuator is not None
-    data = model.actuator
-    pointwise, replicates = model.readings_pointwise(values), model.simulate(values, generator)
-    groups |= {"posterior_predictive": {}, "observed_data": {}, "constant_data": {}}
-    for name, (mask, columns) in readings_of(model).items():
-        groups["log_likelihood"][name] = pointwise[..., columns][:, mask].reshape(*shape, -1)
-        groups["posterior_predictive"][name] = replicates[..., columns][:, mask].reshape(*shape, -1)
-        groups["observed_data"][name] = data.readings[:, columns][mask]
-    groups["constant_data"]["pressure"] = data.pressure[data.mask]
-
-
-def observation_axes(model: Model) -> tuple[dict[str, NDArray[np.generic]], dict[str, list[str]]]:
-    """Return coordinates and dimensions of the readings."""
+    stored: list[Stored], groups: Groups, *, shape: tuple[int, int]
+) -> tuple[dict[str, NDArray[np.generic]], dict[str, list[str]]]:
+    """Add readings, their densities and replicates, to the groups; return labels and axes."""
     coords: dict[str, NDArray[np.generic]] = {}
-    dims = {"pressure": ["observation"]}
-    for name, (mask, _) in readings_of(model).items():
-        axis = _axis(name)
-        coords[axis] = np.arange(int(mask.sum()))
-        dims[name] = [axis]
+    dims: dict[str, list[str]] = {}
+    if stored:
+        groups |= {"posterior_predictive": {}, "observed_data": {}, "constant_data": {}}
+    for one in stored:
+        groups["log_likelihood"][one.output] = one.log_likelihood.reshape(*shape, -1)
+        groups["posterior_predictive"][one.output] = one.replicates.reshape(*shape, -1)
+        groups["observed_data"][one.output] = one.observed
+        groups["constant_data"] |= one.constants
+        coords[one.axis] = np.arange(len(one.observed))
+        dims |= {name: [one.axis] for name in (one.output, *one.constants)}
     return coords, dims
 
 
-def label_observations(tree: xr.DataTree, model: Model) -> xr.DataTree:
+def label_observations(tree: xr.DataTree, stored: list[Stored]) -> xr.DataTree:
     """Let the observations carry specimen, pressure and degradation rate."""
-    assert model.actuator is not None
-    data = model.actuator
-    labels = {
-        "specimen_id": np.broadcast_to(np.array(data.specimens)[:, None], data.mask.shape),
-        "pressure_kPa": data.pressure,
-        "degradation_pct": np.broadcast_to(data.degradation, data.mask.shape),
-    }
-    for output, (mask, _) in readings_of(model).items():
-        axis = _axis(output)
-        prefix = "" if output == "curvature" else f"{output}_"
-        coords = {f"{prefix}{name}": (axis, value[mask]) for name, value in labels.items()}
+    for one in stored:
+        coords = {name: (one.axis, values) for name, values in one.labels.items()}
         for name in OBSERVED:
-            if axis in tree[name].dims:
+            if one.axis in tree[name].dims:
                 tree[name] = xr.DataTree(tree[name].to_dataset().assign_coords(coords))
     return tree
-
-
-def _axis(output: str) -> str:
-    return "observation" if output == "curvature" else f"{output}_observation"

@@ -15,6 +15,7 @@ from bayesdeg.actuator.inputs import ForwardMap, Inputs, Prediction
 from bayesdeg.actuator.status import Status
 from bayesdeg.causes.catalogue import in_order
 from bayesdeg.causes.cause import Conditions, Degradation, FilmConditions, Strength
+from bayesdeg.causes.fold import Acting, applied
 from bayesdeg.data.moisture import mass_loss_from_degradation, saturating
 from bayesdeg.data.shrinkage import Mixture, film_volume
 from bayesdeg.data.tables import TABLES
@@ -179,11 +180,8 @@ def _stretch(
     stress = np.sum(yeoh_basis(stretch, mode, measure) * constants, axis=-1)
     level = films["degradation_pct"].to_numpy()[where]
     tests = FilmConditions(stretch[:, None], mode, measure[:, None] == "cauchy", level)
-    for hidden in effects:
-        if hidden.cause.on_stress is not None:
-            column = stress[None, :, None]
-            column = hidden.cause.on_stress(column, tests, hidden.effect, constants[None])
-            stress = column[0, :, 0]
+    column = stress[None, :, None]
+    stress = applied("on_stress", column, tests, _acting(effects), constants[None])[0, :, 0]
     z = alike_along(
         stretch,
         generator.standard_normal(stress.shape),
@@ -306,13 +304,15 @@ def _drawn(
     plan: _Plan, truth: Truth, effects: Sequence[HiddenEffect], generator: np.random.Generator
 ) -> pd.DataFrame:
     state = Degradation(plan.conditions.degradation, plan.degradation_sd)
-    for hidden in effects:
-        if hidden.cause.on_degradation is not None:
-            state = hidden.cause.on_degradation(state, plan.conditions, hidden.effect)
+    state = applied("on_degradation", state, plan.conditions, _acting(effects))
     count = len(plan.names)
     value, sd = (np.broadcast_to(v, (1, count, 1))[0, :, 0] for v in (state.value, state.sd))
     drawn = draw_specimens(plan.names, truth, degradation=value, sd=sd, generator=generator)
     return _weakened(drawn, truth, effects)
+
+
+def _acting(effects: Sequence[HiddenEffect]) -> tuple[Acting, ...]:
+    return tuple(Acting(hidden.cause, hidden.effect) for hidden in effects)
 
 
 def _weakened(
@@ -327,10 +327,11 @@ def _weakened(
     strength = Strength(median, np.full(level.shape, truth.elongation_scatter))
     elongation = specimens["limit_stretch"].to_numpy() - 1.0
     z = np.log(elongation / median) / np.maximum(strength.scatter, 1e-12)
-    for hidden in acting:
-        assert hidden.cause.on_strength is not None
-        effect = {name: size[..., 0] for name, size in hidden.effect.items()}
-        strength = hidden.cause.on_strength(strength, level, effect)
+    flat = (
+        Acting(one.cause, {name: size[..., 0] for name, size in one.effect.items()})
+        for one in acting
+    )
+    strength = applied("on_strength", strength, level, flat)
     limit = 1.0 + strength.median * np.exp(strength.scatter * z)
     return specimens.assign(limit_stretch=limit[0])
 
@@ -352,13 +353,9 @@ def _predict(
         paper_stiffness=np.full((1, 1, 1), truth.paper_stiffness),
         paper_thickness=np.full((1, 1, 1), truth.paper_thickness),
     )
-    for hidden in effects:
-        if hidden.cause.on_inputs is not None:
-            inputs = hidden.cause.on_inputs(inputs, plan.conditions, hidden.effect)
-    prediction = forward(inputs)
-    for hidden in effects:
-        if hidden.cause.on_reading is not None:
-            prediction = hidden.cause.on_reading(prediction, plan.conditions, hidden.effect)
+    causes = _acting(effects)
+    prediction = forward(applied("on_inputs", inputs, plan.conditions, causes))
+    prediction = applied("on_reading", prediction, plan.conditions, causes)
     return _without_walkers(prediction, plan.mask.shape)
 
 

@@ -13,10 +13,10 @@ from bayesdeg.causes.catalogue import find, in_order
 from bayesdeg.causes.cause import Cause, Effect
 from bayesdeg.data.nearest import nearest
 from bayesdeg.errors import BayesdegError
-from bayesdeg.inference.likelihood import INDEPENDENT
-from bayesdeg.inference.parameters import node_name
 from bayesdeg.material.degradation import NODES, is_stable, yeoh_constants
 from bayesdeg.material.strength import limit_stretch
+from bayesdeg.observations.noise import INDEPENDENT
+from bayesdeg.observations.specimens import node_name
 from bayesdeg.priors import Parameter
 
 Floats = npt.NDArray[np.float64]
@@ -410,7 +410,7 @@ def alike_along(place: Floats, z: Floats, *, specimen: npt.ArrayLike, length: fl
     r"""Make independent normals alike along each specimen's path, as errors of reading are.
 
     The correlation of two readings i ≠ j of a specimen is (1 − w) exp(−|s_i − s_j|/ℓ), by the
-    Cholesky factor of their covariance; w is `bayesdeg.inference.likelihood.INDEPENDENT`.
+    Cholesky factor of their covariance; w is `bayesdeg.observations.noise.INDEPENDENT`.
 
     Parameters
     ----------

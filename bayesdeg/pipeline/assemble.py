@@ -11,6 +11,7 @@ from bayesdeg.data.study import Study
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.emulator.trained import surrogate_for
 from bayesdeg.inference.model import Model
+from bayesdeg.observations.specimens import FilmsAndActuators, no_map
 from bayesdeg.pipeline.outline import outline
 
 
@@ -61,19 +62,14 @@ def assemble(study: Study, forward: ForwardMap | None = None) -> Assembly:
     plan = outline(study, emulated=emulated)
     if plan.needs_forward and (forward is None or isinstance(forward, Surrogate)):
         forward = surrogate_for(Geometry(study.settings.dimensions), forward)
-    model = Model(
-        base=plan.base,
+    world = FilmsAndActuators(
         nodes=plan.nodes,
         elongation_nodes=plan.elongation_nodes or (0.0,),
-        forward=forward if plan.needs_forward else None,
-        tensile=plan.tensile,
-        actuator=plan.actuator,
-        breaks=plan.breaks,
-        statistics=plan.statistics,
-        published=plan.tests,
+        forward=no_map if forward is None or not plan.needs_forward else forward,
         paper_thickness=study.settings.paper_thickness_mm,
         largest_pressure=plan.largest,
     )
+    model = Model(plan.base, plan.observations, world)
     return Assembly(model, plan.candidates, plan.unjudged, plan.missing, plan.alike)
 
 

@@ -12,7 +12,6 @@ from threadpoolctl import threadpool_limits
 
 from bayesdeg.actuator.inputs import ForwardMap, Inputs, Prediction
 from bayesdeg.criticism.fit.trials import Trial, base_trial
-from bayesdeg.criticism.model_readings import ModelReadings
 from bayesdeg.criticism.posterior.convergence import Convergence, diagnose
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.inference.importance import about_mode
@@ -273,7 +272,7 @@ def base_without_chain(model: Model, seed: np.random.SeedSequence) -> Trial:
 
 
 def _trial(model: Model, laplace: Laplace, posterior: Evidence) -> Trial:
-    return base_trial(ModelReadings(model), laplace.mode, posterior)
+    return base_trial(model, laplace.mode, posterior)
 
 
 def _enough(posterior: Evidence) -> bool:
@@ -325,7 +324,7 @@ def refused_inputs(fit: Fit) -> dict[str, str]:
     vectors = fit.chain.vectors.reshape(-1, fit.chain.vectors.shape[-1])
     thinned = vectors[np.linspace(0, len(vectors) - 1, min(DRAWS, len(vectors))).astype(int)]
     listener = Listener(forward)
-    model = replace(fit.model, forward=listener)
+    model = fit.model.with_world(forward=listener)
     values = model.table.named(thinned)
     model.curvature(values, model.draw_deviation(values, np.random.default_rng(0)))
     return forward.refusals(listener.heard[0])

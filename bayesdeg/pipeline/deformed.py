@@ -214,7 +214,7 @@ def fitted_inputs(fit: Fit, degradation: Floats, pressure: Floats) -> Inputs:
     listener = Listener(model.forward)
     vectors = fit.chain.vectors.reshape(-1, fit.chain.vectors.shape[-1])
     values = model.table.named(np.median(vectors, axis=0)[None])
-    replace(model, forward=listener).curvature(values)
+    model.with_world(forward=listener).curvature(values)
     return listener.heard[0]
 
 

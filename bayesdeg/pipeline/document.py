@@ -15,9 +15,9 @@ from bayesdeg.criticism.checks.residuals import (
 from bayesdeg.criticism.checks.rupture_misfit import RuptureMisfit
 from bayesdeg.criticism.decide.candidates import Candidate
 from bayesdeg.criticism.decide.verdict import Outcome
-from bayesdeg.criticism.model_readings import STRESS
 from bayesdeg.data.plausibility import Doubt, doubts
 from bayesdeg.data.study import Study
+from bayesdeg.observations.tensile import STRESS
 from bayesdeg.pipeline.explanation import explain
 from bayesdeg.pipeline.judge import Judgement, readings_misfit
 from bayesdeg.pipeline.outline import outline

@@ -11,8 +11,7 @@ from bayesdeg.criticism.decide.verdict import Outcome, share_explained, uncalibr
 from bayesdeg.criticism.fit.search import FALSE_NAME_RATE
 from bayesdeg.criticism.holdout.gain import mode_table
 from bayesdeg.criticism.holdout.held_out import HeldOut
-from bayesdeg.criticism.model_readings import ModelReadings
-from bayesdeg.criticism.subject import Subject
+from bayesdeg.inference.model import Model
 from bayesdeg.pipeline.judge import Judgement
 from bayesdeg.priors import Parameter
 from bayesdeg.quantities import p_value_text
@@ -211,12 +210,12 @@ def hidden(names: tuple[str, ...]) -> str:
     return f"Whether {' or '.join(names)} acts these films cannot show: {ANY_CURVE}."
 
 
-def by_mode(subject: Subject, held_out: dict[str, HeldOut]) -> str:
+def by_mode(subject: Model, held_out: dict[str, HeldOut]) -> str:
     """Say how far predictions of modes that were left out are off, before and after.
 
     Parameters
     ----------
-    subject : Subject
+    subject : Model
         The base model.
     held_out : dict of str to HeldOut
         The base model first, the one with all that is named last.
@@ -226,7 +225,7 @@ def by_mode(subject: Subject, held_out: dict[str, HeldOut]) -> str:
     str
         Empty where no whole modes were held out, or nothing was added.
     """
-    whole = isinstance(subject, ModelReadings) and subject.holds_out_modes
+    whole = subject.holds_out_modes
     if not whole or len(held_out) < 2:
         return ""
     ends = {name: held_out[name] for name in (next(iter(held_out)), list(held_out)[-1])}

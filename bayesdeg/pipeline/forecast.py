@@ -19,8 +19,10 @@ from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.emulator.trained import default_surrogate, read_trained
 from bayesdeg.errors import BayesdegError
 from bayesdeg.inference.model import Model
-from bayesdeg.inference.parameters import control_name
 from bayesdeg.inference.sampling import Chain
+from bayesdeg.observations.curvature import Curvature
+from bayesdeg.observations.specimens import FilmsAndActuators, control_name
+from bayesdeg.observations.tensile import Tensile
 from bayesdeg.pipeline.progress import Progress
 from bayesdeg.prediction.control import Setting, control, largest_allowed
 from bayesdeg.prediction.predictive import (
@@ -81,12 +83,11 @@ def model_document(model: Model) -> dict[str, object]:
     model : Model
         The base model of a run.
     """
-    actuator, tensile = model.actuator, model.tensile
     measured: dict[str, Iterable[float]] = {}
-    if actuator is not None:
-        measured["pressure_kPa"] = actuator.pressure[actuator.mask]
-        measured["degradation_pct"] = actuator.degradation.ravel()
-    films = [] if tensile is None else tensile.degradation.tolist()
+    for tests in model.of_kind(Curvature):
+        measured["pressure_kPa"] = tests.curves.pressure[tests.curves.mask]
+        measured["degradation_pct"] = tests.curves.degradation.ravel()
+    films = [float(level) for one in model.of_kind(Tensile) for level in one.levels]
     films += [s.degradation for s in model.statistics if s.quantity == "young_modulus"]
     measured |= {"film_degradation_pct": films} if films else {}
     return {
@@ -206,12 +207,15 @@ def _model(document: Json, draws: Mapping[str, Floats], forward: Surrogate) -> M
         )
     return Model(
         base=tuple(Parameter(name, Flat(), "–", "") for name in draws if "." not in name),
-        nodes=nodes,
-        elongation_nodes=_numbers(document, "elongation_nodes_pct"),
-        forward=forward,
+        observations=(),
+        world=FilmsAndActuators(
+            nodes=nodes,
+            elongation_nodes=_numbers(document, "elongation_nodes_pct"),
+            forward=forward,
+            paper_thickness=thickness,
+            largest_pressure=largest,
+        ),
         causes=in_order(_flat(find(name)) for name in names),
-        paper_thickness=thickness,
-        largest_pressure=largest,
     )
 
 

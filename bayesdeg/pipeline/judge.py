@@ -1,8 +1,8 @@
 """Everything that a verdict rests on, and what follows from it for the final model."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from bayesdeg.causes.catalogue import CATALOGUE, find
 from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.checks.conflict import Conflict, Questioned, conflict, questioned
-from bayesdeg.criticism.checks.discrepancy import Misfit, too_few
+from bayesdeg.criticism.checks.discrepancy import MISFIT_LEVEL, Misfit, too_few
 from bayesdeg.criticism.checks.rupture_misfit import RuptureMisfit, rupture_misfit
 from bayesdeg.criticism.checks.shared_scatter import SharedScatter, shared_scatter
 from bayesdeg.criticism.decide.candidates import (
@@ -39,17 +39,17 @@ from bayesdeg.criticism.fit.side_by_side import later
 from bayesdeg.criticism.fit.trials import Trial, try_causes
 from bayesdeg.criticism.holdout.held_out import HeldOut, by_level, joined
 from bayesdeg.criticism.holdout.leaving_out import carried_out, in_folds
-from bayesdeg.criticism.model_readings import CURVATURE, Held, ModelReadings
-from bayesdeg.criticism.subject import Subject
 from bayesdeg.inference.model import Model
+from bayesdeg.observations.curvature import CURVATURE
 from bayesdeg.pipeline.assemble import Assembly
-from bayesdeg.pipeline.calibrate import Fit
-from bayesdeg.pipeline.progress import Progress
+from bayesdeg.pipeline.calibrate import Fit, base_without_chain
+from bayesdeg.pipeline.progress import Progress, Silent
 from bayesdeg.report.left_out import Guard, Stage
 
 Floats = NDArray[np.float64]
 
 BASE: Names = frozenset()
+DRAWS = 4000  # of what may be trusted of a parameter
 
 
 @dataclass(frozen=True)
@@ -114,10 +114,42 @@ class Judgement:
         return tuple(sorted(extension(self.decision, self.supported))) if self.sampled else ()
 
     @property
+    def chosen(self) -> Names:
+        """The set of causes that the evidence favours."""
+        return frozenset(one.cause for one in self.supported)
+
+    @property
     def steps(self) -> tuple[Step, Step]:
         """What is known of the base model, and with all that the evidence favours."""
-        chosen = frozenset(one.cause for one in self.supported)
-        return self.search.step(BASE), self.search.step(chosen)
+        return self.search.step(BASE), self.search.step(self.chosen)
+
+    @property
+    def possible(self) -> tuple[Names, ...]:
+        """Sets of causes that may be right, the favoured one first; none where a misfit is left."""
+        if self.decision.outcome in (Outcome.UNEXPLAINED, Outcome.NOT_JUDGED):
+            return ()
+        if not self.decision.causes:
+            return (BASE,)
+        if self.left.p_value <= MISFIT_LEVEL:
+            return ()
+        others = (one.replaced(self.chosen, r) for one in self.supported for r in one.inseparable)
+        return (self.chosen, *others)
+
+    def draws(self, name: str, generator: np.random.Generator) -> Floats:
+        """Draw a base parameter, averaged over the sets that may be right by their evidence.
+
+        Empty where no set may be right: nothing is known of the parameter that could be trusted.
+        """
+        if not self.possible:
+            return np.empty(0)
+        factors = np.array([self.search.factor(names) for names in self.possible])
+        weights = np.exp(factors - factors.max())
+        counts = generator.multinomial(DRAWS, weights / weights.sum())
+        found = [
+            self.search.trials[names].named_draws(name, generator, count=count)
+            for names, count in zip(self.possible, counts, strict=True)
+        ]
+        return np.concatenate(found)
 
 
 def label(names: Names) -> str:
@@ -137,8 +169,7 @@ def extended_model(judgement: Judgement) -> tuple[Model, Floats] | None:
     if not names:
         return None
     trial = judgement.search.trials[names]
-    assert isinstance(trial.subject, ModelReadings)
-    return trial.subject.model, trial.mode
+    return trial.subject, trial.mode
 
 
 def extension(decision: Decision, supported: tuple[Support, ...]) -> Names:
@@ -164,7 +195,7 @@ def readings_misfit(
     rows = search.base.subject.places.kind == kind
     if not rows.any():
         return None, None
-    chosen = search.step(frozenset(one.cause for one in judgement.supported))
+    chosen = judgement.steps[1]
     found = []
     for trial, explained in (
         (search.base, np.zeros(len(rows))),
@@ -191,9 +222,6 @@ def with_sampled_sizes(judgement: Judgement, final: Fit) -> Judgement:
     return replace(judgement, candidates=found)
 
 
-BESIDE: tuple[Held, ...] = ("films", "statistics")
-
-
 def held_out_and_all(
     search: Search,
     chosen: Names,
@@ -214,8 +242,8 @@ def held_out_and_all(
     """
     subject = search.base.subject
     compared = bool(chosen) and can_be_held_out(subject)
-    beside = compared and isinstance(subject, ModelReadings) and subject.model.actuator is not None
-    ways: list[Regroup] = [as_it_is, *(partial(_holding, held) for held in BESIDE if beside)]
+    ways: list[Regroup] = [as_it_is]
+    ways += [partial(_beside_it, place) for place in range(len(subject.beside)) if compared]
     own, *others = hold_out_each(search, chosen, ways, seed=seed, executor=executor, on_set=on_set)
     everything = dict(own)
     for other in others:
@@ -223,9 +251,8 @@ def held_out_and_all(
     return own, everything
 
 
-def _holding(held: Held, subject: Subject) -> Subject:
-    assert isinstance(subject, ModelReadings)
-    return replace(subject, held=held)
+def _beside_it(place: int, subject: Model) -> Model:
+    return subject.beside[place]
 
 
 def levels_out(
@@ -245,6 +272,8 @@ JUDGE_EFFORTS = {
     "standard": SearchEffort(replicates=500, fitted=6, pairs=3, levels_out=True),
     "thorough": SearchEffort(replicates=2000, fitted=10, pairs=6, levels_out=True),
 }
+OWN_MAP = SearchEffort(replicates=500, fitted=4, pairs=3)
+"""Of a forward map of one's own, which is fast."""
 MOST_OF_FILMS = 20_000  # replicates where a p-value is near the level: films cost next to nothing
 FEW_DRAWS = 100  # for what is compared beside the readings
 REFUTING = (Stage.HELD_OUT, Stage.SHARED_SCATTER)  # tests that a cause must pass to be named
@@ -252,39 +281,83 @@ Beside = tuple[RuptureMisfit | None, Conflict | None, tuple[Questioned, ...]]
 IN_QUESTION = 3  # rivals between which experiments are ranked
 
 
+@dataclass(frozen=True)
+class Catalogue:
+    """The causes that a model is judged with.
+
+    Parameters
+    ----------
+    candidates : tuple of Cause
+        Causes that can be judged.
+    unjudged : mapping of str to str
+        Causes that cannot, and why.
+    alike : tuple of Cause
+        Those of the unjudged that the data cannot tell from another form of the law, nor from each
+        other.
+    """
+
+    candidates: tuple[Cause, ...]
+    unjudged: Mapping[str, str] = field(default_factory=dict)
+    alike: tuple[Cause, ...] = ()
+
+
+def judge_model(
+    model: Model,
+    causes: tuple[Cause, ...],
+    *,
+    seed: int,
+    effort: SearchEffort = OWN_MAP,
+) -> Judgement:
+    """Fit a model without a cause and say what is wrong with it, if anything.
+
+    Parameters
+    ----------
+    model : Model
+        With its readings.
+    causes : tuple of Cause
+        The catalogue.
+    seed : int
+        Of every random number.
+    effort : SearchEffort
+        What the search may cost.
+    """
+    base = base_without_chain(model, np.random.SeedSequence(seed))
+    return judge(Catalogue(causes), base, effort=effort, seed=np.random.SeedSequence(seed))
+
+
 def judge(
-    assembly: Assembly,
+    catalogue: Catalogue | Assembly,
     base: Trial,
     *,
     effort: SearchEffort,
     seed: np.random.SeedSequence,
-    progress: Progress,
+    progress: Progress | None = None,
     executor: Executor | None = None,
     guard: Guard | None = None,
 ) -> Judgement:
-    """Judge the base model of a study with readings of actuators or films.
+    """Judge a calibrated model, of a study or of a forward map of one's own.
 
     Parameters
     ----------
-    assembly : Assembly
-        Base model and candidates.
+    catalogue : Catalogue
+        Candidates, and why others are none.
     base : Trial
         The base model, calibrated.
     effort : SearchEffort
         Replicates and trials.
     seed : SeedSequence
         Everything random comes from it.
-    progress : Progress
+    progress : Progress, optional
         Shows each trial.
     executor : Executor, optional
         For trials and folds.
     guard : Guard, optional
         Leaves out what fails; by default nothing is left out and faults are raised.
     """
-    guard = guard or Guard(strict=True)
+    guard, progress = guard or Guard(strict=True), progress or Silent()
     searching, folding, drawing = seed.spawn(3)
     generator = np.random.default_rng(drawing)
-    search = Search(base, assembly.candidates, _on(assembly, effort), searching, executor=executor)
+    search = Search(base, catalogue.candidates, _on(base, effort), searching, executor=executor)
     search.on_fit = partial(progress.advance, 1)
     rupture, confused = _begun(search, generator)
     chosen, alone, final = _searched(search, progress)
@@ -292,7 +365,7 @@ def judge(
     held_out, everything = _held_out(search, chosen, folding, progress, guard)
     supported = supports(search, chosen, everything)
     shared = guard.attempt(Stage.SHARED_SCATTER, shared_scatter, final.trial, final.simulated) or []
-    decision = _decided((alone, final), supported, beside, assembly, shared, guard)
+    decision = _decided((alone, final), supported, beside, catalogue, shared, guard)
     names = extension(decision, tuple(supported)) if effort.levels_out else BASE
     judged = candidates(search, supported, everything, generator)
     return Judgement(
@@ -301,7 +374,7 @@ def judge(
         rupture=beside[0],
         contradicted=beside[1],
         questioned=beside[2],
-        candidates=(*judged, *_unjudged(assembly)),
+        candidates=(*judged, *_unjudged(catalogue)),
         supported=tuple(supported),
         decision=decision,
         threshold=alone.threshold,
@@ -311,16 +384,18 @@ def judge(
         search=search,
         shared=tuple(shared),
         experiments=guard.attempt(
-            Stage.EXPERIMENTS, _next, search, decision, supported, assembly, generator
+            Stage.EXPERIMENTS, _next, search, decision, supported, catalogue, generator
         )
         or [],
-        alike=tuple(cause.name for cause in assembly.alike),
+        alike=tuple(cause.name for cause in catalogue.alike),
     )
 
 
-def _on(assembly: Assembly, effort: SearchEffort) -> SearchEffort:
+def _on(base: Trial, effort: SearchEffort) -> SearchEffort:
     """Return the effort with as many replicates as p-values near the level may need of films."""
-    return replace(effort, most=MOST_OF_FILMS) if assembly.model.actuator is None else effort
+    if any(one.uses_forward for one in base.subject.criticised):
+        return effort
+    return replace(effort, most=MOST_OF_FILMS)
 
 
 def _searched(search: Search, progress: Progress) -> tuple[Names, Step, Step]:
@@ -372,11 +447,10 @@ def _begun(
 ) -> tuple[Callable[[], RuptureMisfit | None], Callable[[], Confusability]]:
     """Begin what rests on the base model alone, beside the search; the calls return what it is."""
     base = search.base
-    assert isinstance(base.subject, ModelReadings)
     first, second, drawing = generator.spawn(3)
     draws = base.draws(drawing, FEW_DRAWS)
     return (
-        later(partial(rupture_misfit, base.subject.model, draws, first), search.executor),
+        later(partial(rupture_misfit, base.subject, draws, first), search.executor),
         later(partial(confusability, base.linear, search.causes, second), search.executor),
     )
 
@@ -388,8 +462,7 @@ def _beside(
     guard: Guard,
 ) -> Beside:
     """Return what the base model makes of ruptures, of measured means, and of the priors."""
-    assert isinstance(base.subject, ModelReadings)
-    model, draws = base.subject.model, base.draws(generator, FEW_DRAWS)
+    model, draws = base.subject, base.draws(generator, FEW_DRAWS)
     rupture = guard.attempt(Stage.RUPTURE_MISFIT, begun)
     if rupture is not None and np.isnan(rupture.p_value):
         few = too_few(rupture.known, rupture.drawn)
@@ -404,14 +477,14 @@ def _decided(
     steps: tuple[Step, Step],
     supported: list[Support],
     beside: Beside,
-    assembly: Assembly,
+    catalogue: Catalogue | Assembly,
     shared: list[SharedScatter],
     guard: Guard,
 ) -> Decision:
     if not steps[0].misfit.is_calibrated:
         why = uncalibrated(steps[0].misfit)
         guard.note(Stage.CALIBRATION, f"Whether the base model is adequate is not known: {why}.")
-    silent = frozenset(cause.name for cause in assembly.candidates if cause.is_of_rupture_alone)
+    silent = frozenset(cause.name for cause in catalogue.candidates if cause.is_of_rupture_alone)
     return decide(
         *steps,
         supported,
@@ -419,7 +492,7 @@ def _decided(
         contradicted=beside[1],
         questioned=beside[2],
         on_rupture=silent,
-        alike=tuple(cause.name for cause in assembly.alike),
+        alike=tuple(cause.name for cause in catalogue.alike),
         shared=shared,
         untested=[_untested(s, guard) for s in REFUTING if s in guard.stages],
     )
@@ -434,12 +507,11 @@ def _next(
     search: Search,
     decision: Decision,
     supported: list[Support],
-    assembly: Assembly,
+    catalogue: Catalogue | Assembly,
     generator: np.random.Generator,
 ) -> list[dict[str, object]]:
     """Rank what to measure next, to tell apart the models that are in question."""
     base = search.base
-    assert isinstance(base.subject, ModelReadings)
     chosen = frozenset(one.cause for one in supported)
     untested: tuple[Cause, ...] = ()
     if decision.outcome is Outcome.ADEQUATE:
@@ -449,9 +521,9 @@ def _next(
     if decision.outcome is Outcome.UNEXPLAINED:
         nearest = sorted(search.trials, key=search.factor)[-IN_QUESTION:]
         sets = dict.fromkeys([BASE, *nearest])
-        untested = tuple(CATALOGUE[n] for n in assembly.unjudged if n in CATALOGUE)[:IN_QUESTION]
+        untested = tuple(CATALOGUE[n] for n in catalogue.unjudged if n in CATALOGUE)[:IN_QUESTION]
     elif not supported:
-        return _beside_the_law(base, assembly, generator)
+        return _beside_the_law(base, catalogue, generator)
     else:
         others = {
             one.replaced(chosen, rival): gap
@@ -464,7 +536,7 @@ def _next(
     trials = [search.trials[names] for names in sets]
     ranked = rank(
         trials,
-        candidate_experiments(base.subject.model),
+        candidate_experiments(base.subject),
         generator,
         untested=untested,
         executor=search.executor,
@@ -473,16 +545,16 @@ def _next(
 
 
 def _beside_the_law(
-    base: Trial, assembly: Assembly, generator: np.random.Generator
+    base: Trial, catalogue: Catalogue | Assembly, generator: np.random.Generator
 ) -> list[dict[str, object]]:
     """Rank what would show causes that read like another form of the law in the tests so far."""
-    trials = [try_causes(base, c, neutral_sizes(c), generator) for c in assembly.alike]
-    ranked = rank([base, *trials], candidate_experiments(assembly.model), generator)
+    trials = [try_causes(base, c, neutral_sizes(c), generator) for c in catalogue.alike]
+    ranked = rank([base, *trials], candidate_experiments(base.subject), generator)
     return next_experiments_document(ranked)
 
 
-def _unjudged(assembly: Assembly) -> list[Candidate]:
+def _unjudged(catalogue: Catalogue | Assembly) -> list[Candidate]:
     return [
         Candidate(name, None, None, None, None, None, {}, fitted=False, why=why)
-        for name, why in assembly.unjudged.items()
+        for name, why in catalogue.unjudged.items()
     ]

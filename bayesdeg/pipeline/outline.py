@@ -3,23 +3,36 @@
 Nothing is evaluated, so that a study can be checked without compiled code and emulator.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bayesdeg.causes.catalogue import CATALOGUE, find
 from bayesdeg.causes.cause import Cause
+from bayesdeg.causes.fold import with_causes
 from bayesdeg.data.cells import IN_QUOTES
 from bayesdeg.data.plausibility import Expected
 from bayesdeg.data.shrinkage import linear_scale
 from bayesdeg.data.study import Study
 from bayesdeg.errors import BayesdegError, Fault, StudyError
-from bayesdeg.inference import data as tables
-from bayesdeg.inference import parameters as known
-from bayesdeg.inference.data import ActuatorCurves, Breaks, TensileCurves
-from bayesdeg.inference.published import PublishedTests, published_tests
 from bayesdeg.material.degradation import Nodes, nodes_for
-from bayesdeg.priors import Law, Parameter, Uniform
+from bayesdeg.observations.catalogue import observations_of, of_kind
+from bayesdeg.observations.curvature import Curvature
+from bayesdeg.observations.kinds import Observations
+from bayesdeg.observations.means import Means, Statistic
+from bayesdeg.observations.specimens import (
+    COURSE,
+    STIFFNESS_SCATTER,
+    elongation_parameters,
+    material_parameters,
+    node_name,
+)
+from bayesdeg.observations.tensile import Tensile
+from bayesdeg.priors import Law, Parameter, Uniform, check_priors, with_priors
+
+Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -32,10 +45,8 @@ class Outline:
         Of the base model, with the priors that the study states.
     nodes, elongation_nodes : tuple of float
         Degradation rates at which the material and its elongation limit are parameters [%].
-    actuator, tensile, breaks, tests : optional
+    observations : tuple of Observations
         Data.
-    statistics : tuple of Statistic
-        Published means.
     largest : float
         Largest pressure that was applied [kPa].
     candidates, unjudged, missing, alike
@@ -45,11 +56,7 @@ class Outline:
     base: tuple[Parameter, ...]
     nodes: Nodes
     elongation_nodes: Nodes
-    actuator: ActuatorCurves | None
-    tensile: TensileCurves | None
-    breaks: Breaks | None
-    statistics: tuple[tables.Statistic, ...]
-    tests: PublishedTests | None
+    observations: tuple[Observations, ...]
     largest: float
     candidates: tuple[Cause, ...]
     unjudged: dict[str, str]
@@ -59,7 +66,17 @@ class Outline:
     @property
     def needs_forward(self) -> bool:
         """Whether there is anything of actuators to predict."""
-        return self.actuator is not None or self.tests is not None
+        return any(one.uses_forward for one in self.observations)
+
+    @property
+    def has_actuators(self) -> bool:
+        """Whether actuators were read."""
+        return bool(of_kind(self.observations, Curvature))
+
+    @property
+    def statistics(self) -> tuple[Statistic, ...]:
+        """Means of replicates."""
+        return _statistics(self.observations)
 
     @property
     def expected(self) -> Expected:
@@ -72,13 +89,17 @@ class Outline:
         )
 
 
+def _statistics(observations: tuple[Observations, ...]) -> tuple[Statistic, ...]:
+    return tuple(s for one in of_kind(observations, Means) for s in one.statistics)
+
+
 def _at_nodes(quantity: str, nodes: Nodes, laws: dict[str, Law]) -> dict[float, Law]:
     """Return the priors of a quantity's values; control values between the ends are none."""
-    named = {node: known.node_name(quantity, node) for node in nodes}
+    named = {node: node_name(quantity, node) for node in nodes}
     return {node: laws[name] for node, name in named.items() if name in laws}
 
 
-def _linear_scale(statistics: tuple[tables.Statistic, ...], laws: dict[str, Law]) -> float:
+def _linear_scale(statistics: tuple[Statistic, ...], laws: dict[str, Law]) -> float:
     """Return the length of the part over that of its mould: as measured, else by the prior."""
     measured = [s.value for s in statistics if s.quantity == "volume_ratio"]
     if measured:
@@ -104,35 +125,23 @@ def outline(study: Study, *, emulated: bool = True) -> Outline:
     BayesdegError
         If a candidate does not exist.
     """
-    actuator = tables.actuator_curves(study)
-    tensile = tables.tensile_curves(study, fitted=True)
-    breaks, statistics = tables.breaks(study), tables.statistics(study)
-    found = published_tests(study)
-    tests = None if found is None else found.without_ruptures()
-    if actuator is None and tests is None:
-        statistics = tuple(s for s in statistics if s.quantity != "volume_ratio")
-    nodes = _nodes(tensile, actuator, statistics, tests, order=study.settings.order)
-    elongation_nodes = _elongation_nodes(breaks, statistics)
-    base = [*known.material_parameters(nodes), known.STIFFNESS_SCATTER]
-    base += known.TENSILE if tensile is not None else ()
-    largest = 240.0 if actuator is None else float(actuator.pressure.max())
-    base += known.actuator_parameters(largest) if actuator is not None or tests is not None else ()
-    base += known.BEND_ANGLE if actuator is not None and actuator.with_angle else ()
-    base += known.elongation_parameters(elongation_nodes) if elongation_nodes else ()
-    base += known.EMULATOR if actuator is not None and emulated else ()
-    limited = bool(elongation_nodes)
-    candidates, unjudged, alike = _candidates(study, actuator, tensile, tests, limited=limited)
+    found = observations_of(study)
+    nodes = nodes_for(_levels(one.material_levels for one in found) or [0.0], study.settings.order)
+    elongation_levels = _levels(one.elongation_levels for one in found)
+    elongation_nodes = nodes_for(elongation_levels) if elongation_levels else ()
+    base = [*material_parameters(nodes), STIFFNESS_SCATTER]
+    base += [p for one in found for p in one.parameters]
+    base += elongation_parameters(elongation_nodes) if elongation_nodes else ()
+    base += [p for one in found for p in one.error_parameters if emulated]
+    candidates, unjudged, alike = _candidates(study, found, limited=bool(elongation_nodes))
     _check(study, base, (*candidates, *alike))
+    pressures = [float(one.curves.pressure.max()) for one in of_kind(found, Curvature)]
     return Outline(
-        base=known.with_priors(_default_priors(base, statistics), study.settings.priors),
+        base=with_priors(_default_priors(base, _statistics(found)), study.settings.priors),
         nodes=nodes,
         elongation_nodes=elongation_nodes,
-        actuator=actuator,
-        tensile=tensile,
-        breaks=breaks,
-        statistics=statistics,
-        tests=tests,
-        largest=largest,
+        observations=found,
+        largest=max(pressures, default=240.0),
         candidates=candidates,
         unjudged=unjudged,
         missing=_missing(study),
@@ -140,59 +149,38 @@ def outline(study: Study, *, emulated: bool = True) -> Outline:
     )
 
 
-def _nodes(
-    tensile: TensileCurves | None,
-    actuator: ActuatorCurves | None,
-    statistics: tuple[tables.Statistic, ...],
-    tests: PublishedTests | None,
-    *,
-    order: int,
-) -> Nodes:
-    levels = [s.degradation for s in statistics if s.quantity == "young_modulus"]
-    for curves in (tensile, actuator):
-        if curves is not None:
-            levels += curves.degradation.ravel().tolist()
-    levels += [] if tests is None else tests.degradation.tolist()
-    return nodes_for(levels or [0.0], order)
-
-
-def _elongation_nodes(breaks: Breaks | None, statistics: tuple[tables.Statistic, ...]) -> Nodes:
-    levels = [s.degradation for s in statistics if s.quantity == "elongation_at_break"]
-    levels += [] if breaks is None else breaks.degradation.tolist()
-    return nodes_for(levels) if levels else ()
+def _levels(parts: Iterable[Floats]) -> list[float]:
+    return [float(level) for part in parts for level in part]
 
 
 def _default_priors(
-    base: list[Parameter], statistics: tuple[tables.Statistic, ...]
+    base: list[Parameter], statistics: tuple[Statistic, ...]
 ) -> tuple[Parameter, ...]:
     # the default prior of α is the published mean; where data of α are given it would count twice
     measured = any(s.quantity == "volume_ratio" for s in statistics)
     wide: dict[str, Law] = {"volume_ratio": Uniform(0.2, 1.0)} if measured else {}
-    return known.with_priors(base, wide)
+    return with_priors(base, wide)
 
 
 def _candidates(
-    study: Study,
-    actuator: ActuatorCurves | None,
-    tensile: TensileCurves | None,
-    tests: PublishedTests | None,
-    *,
-    limited: bool,
+    study: Study, found: tuple[Observations, ...], *, limited: bool
 ) -> tuple[tuple[Cause, ...], dict[str, str], tuple[Cause, ...]]:
     """Return what can be judged, what cannot and why, and what films alone cannot tell apart.
 
     Causes are judged on ruptures where the model has a limit of elongation, whatever that rests on.
     """
+    actuators, films = of_kind(found, Curvature), of_kind(found, Tensile)
+    alone = () if any(one.uses_forward for one in found) else films
     wanted = study.settings.candidates
     causes = CATALOGUE.values() if wanted is None else [find(name) for name in wanted]
-    alone = tensile if actuator is None and tests is None else None
     judged: list[Cause] = []
     alike: list[Cause] = []
     unjudged: dict[str, str] = {}
     for cause in causes:
         on_films = "tensile" in cause.acts_on
-        indistinct = cause.blind_on_films(alone.conditions) if alone and on_films else None
-        why = indistinct or _unseen(cause, study, actuator, tensile, limited=limited)
+        blind = [cause.blind_on_films(one.curves.conditions) for one in alone if on_films]
+        indistinct = next(iter(blind), None)
+        why = indistinct or _unseen(cause, study, actuators, films, limited=limited)
         if why is not None:
             unjudged[cause.name] = why
         if why is None or indistinct is not None:
@@ -204,25 +192,25 @@ def _candidates(
 def _unseen(
     cause: Cause,
     study: Study,
-    actuator: ActuatorCurves | None,
-    tensile: TensileCurves | None,
+    actuators: tuple[Curvature, ...],
+    films: tuple[Tensile, ...],
     *,
     limited: bool,
 ) -> str | None:
     """Say why the data at hand cannot reveal a cause; None if they can."""
-    if "tensile" in cause.acts_on and tensile is not None:
+    if "tensile" in cause.acts_on and films:
         return None
-    if actuator is None:
+    if not actuators:
         missing = "actuator readings (actuator.csv)"
-        films = " and no tensile curves (tensile.csv)" if "tensile" in cause.acts_on else ""
-        return f"there are no {missing}{films}"
+        neither = " and no tensile curves (tensile.csv)" if "tensile" in cause.acts_on else ""
+        return f"there are no {missing}{neither}"
     recorded = study.recorded.get("actuator", frozenset())
     lacking = [column for column in cause.needs if column not in recorded]
     if lacking:
         return f"actuator.csv does not record {', '.join(lacking)}"
     if cause.is_of_rupture_alone and not limited:
         return "there is no elongation at break (break.csv, summary.csv) to compare ruptures with"
-    return cause.blind(actuator.conditions)
+    return cause.blind(actuators[0].curves.conditions)
 
 
 def _stated_priors(cause: Cause, study: Study) -> tuple[Parameter, ...]:
@@ -245,9 +233,9 @@ def _stated_priors(cause: Cause, study: Study) -> tuple[Parameter, ...]:
 
 
 def _check(study: Study, base: list[Parameter], candidates: tuple[Cause, ...]) -> None:
-    names = [p.name for p in known.with_causes(base, candidates).parameters]
-    names += [p.name for p in known.COURSE] if study.moisture is not None else []
-    known.check_priors(study.settings.priors, names)
+    names = [p.name for p in with_causes(base, candidates).parameters]
+    names += [p.name for p in COURSE] if study.moisture is not None else []
+    check_priors(study.settings.priors, names)
     if not base:
         raise BayesdegError(f"{study.name}: there is nothing to calibrate")
 

@@ -7,9 +7,14 @@ from numpy.typing import NDArray
 from bayesdeg.criticism.checks.residuals import CurvatureFit
 from bayesdeg.data.moisture import degradation_of_films, moisture_content
 from bayesdeg.data.study import Study
-from bayesdeg.inference.data import TensileCurves, statistics, tensile_curves
-from bayesdeg.inference.films import film_readings, stress_variance
 from bayesdeg.inference.model import Model
+from bayesdeg.observations.means import statistics
+from bayesdeg.observations.tensile import (
+    TensileCurves,
+    film_readings,
+    stress_variance,
+    tensile_curves,
+)
 from bayesdeg.pipeline.assemble import level_grid
 from bayesdeg.pipeline.calibrate import Fit
 from bayesdeg.pipeline.films import CourseFit

@@ -21,10 +21,9 @@ from bayesdeg.criticism.checks.residuals import (
 from bayesdeg.criticism.fit.search import Step
 from bayesdeg.criticism.holdout import gain
 from bayesdeg.criticism.holdout.gain import LooPit, gain_table, mode_table
-from bayesdeg.criticism.model_readings import ModelReadings
 from bayesdeg.data.study import Study
-from bayesdeg.inference.data import ActuatorCurves
 from bayesdeg.inference.sampling import EFFORTS, to_datatree
+from bayesdeg.observations.curvature import ActuatorCurves
 from bayesdeg.pipeline import tables
 from bayesdeg.pipeline.assemble import level_grid
 from bayesdeg.pipeline.calibrate import Fit
@@ -224,7 +223,7 @@ def _write_held_out(files: Files, judgement: Judgement) -> None:
     subject = judgement.search.base.subject
     if judgement.held_out:
         files.table(columns.GAIN, lambda: gain_table(subject, judgement.held_out))
-        if isinstance(subject, ModelReadings) and subject.holds_out_modes:
+        if subject.holds_out_modes:
             files.table(columns.GAIN_MODES, lambda: mode_table(subject, judgement.held_out))
     if judgement.levels_out:
         files.table(columns.GAIN_LEVELS, lambda: gain_table(subject, judgement.levels_out))

@@ -1,6 +1,6 @@
 """New specimens drawn from a posterior: curvature bands and rupture probability."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from bayesdeg.actuator.inputs import Prediction
-from bayesdeg.inference.data import ActuatorCurves
 from bayesdeg.inference.model import Model
-from bayesdeg.inference.parameters import Named
 from bayesdeg.inference.sampling import Chain
 from bayesdeg.material.strength import rupture_probability
+from bayesdeg.observations.curvature import ActuatorCurves
+from bayesdeg.priors import Named
 
 Floats = NDArray[np.float64]
 
@@ -50,7 +50,7 @@ def at_conditions(model: Model, degradation: Floats, pressure: Floats) -> Model:
         humidity=np.full(shape, np.nan),
         mount=np.full(shape, "horizontal"),
     )
-    return replace(model, actuator=curves)
+    return model.of_actuators(curves)
 
 
 def draw_values(

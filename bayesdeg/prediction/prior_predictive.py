@@ -7,11 +7,11 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from bayesdeg.criticism.checks.residuals import levels
-from bayesdeg.inference.films import film_readings, stress_variance
 from bayesdeg.inference.model import Model
-from bayesdeg.inference.parameters import Named
 from bayesdeg.material.hyperelastic import yeoh_basis
+from bayesdeg.observations.tensile import film_readings, median_stresses, stress_variance
 from bayesdeg.prediction.predictive import QUANTILES, at_conditions
+from bayesdeg.priors import Named
 
 Floats = NDArray[np.float64]
 
@@ -160,7 +160,7 @@ def _held_against_stress(model: Model, values: Named, generator: np.random.Gener
     data = model.tensile
     sd = np.broadcast_arrays(values["stiffness_scatter"][:, None], data.degradation_sd)
     deviation = np.stack(sd, axis=-1) * generator.standard_normal((*sd[0].shape, 2))
-    stress, _ = film_readings(model.stresses(values, data), deviation)
+    stress, _ = film_readings(median_stresses(model.state(values), data), deviation)
     noise = np.sqrt(stress_variance(values, stress)) * generator.standard_normal(stress.shape)
     return _inside((stress + noise)[:, data.mask], data.stress[data.mask])
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from bayesdeg.inference.parameters import ParameterTable
+from bayesdeg.priors import ParameterTable
 from dragon_skin import scene
 from dragon_skin.causes import C1, CAUSES, NOISE, RIG
 from dragon_skin.marker_map import MarkerMap

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.emulator.surrogate import Surrogate
-from bayesdeg.inference.parameters import actuator_parameters, control_name, material_parameters
 from bayesdeg.material.degradation import (
     NODES,
     Controls,
@@ -18,6 +17,8 @@ from bayesdeg.material.degradation import (
     constants,
     satisfies_baker_ericksen,
 )
+from bayesdeg.observations.curvature import actuator_parameters
+from bayesdeg.observations.specimens import control_name, material_parameters
 from bayesdeg.priors import Law
 
 Floats = NDArray[np.float64]

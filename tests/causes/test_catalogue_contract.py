@@ -15,6 +15,7 @@ from bayesdeg.causes.cause import Conditions, Degradation, FilmConditions, Stage
 from bayesdeg.data.tables import TABLES
 from bayesdeg.errors import BayesdegError
 from bayesdeg.inference.model import Model
+from bayesdeg.observations.specimens import FilmsAndActuators
 from tests.emulator.closed_form import trained
 from tests.inference.small_study import actuator_curves, base_parameters
 
@@ -57,13 +58,8 @@ def module_of(name):
 
 @pytest.fixture(scope="module")
 def model():
-    return Model(
-        base=base_parameters(),
-        nodes=(0.0, 12.5, 25.0),
-        elongation_nodes=(0.0, 25.0),
-        forward=trained(),
-        actuator=actuator_curves(),
-    )
+    world = FilmsAndActuators((0.0, 12.5, 25.0), (0.0, 25.0), trained())
+    return Model(base_parameters(), (), world).of_actuators(actuator_curves())
 
 
 @pytest.fixture(scope="module")
@@ -235,7 +231,7 @@ def test_a_draw_changes_the_likelihood_if_and_only_if_the_tests_can_reveal_it(
 ):
     """The small study has actuators alone, inflated once, and no clock."""
     seen = {"actuator", "rupture"} & cause.acts_on
-    revealed = bool(seen) and cause.blind(model.rig.conditions) is None
+    revealed = bool(seen) and cause.blind(model.actuator.conditions) is None
     draws = values_of(cause, lambda p: p.law.sample(np.random.default_rng(1)))
     before = model.log_likelihood(base_values)
     after = model.extended(cause).log_likelihood(base_values | draws)

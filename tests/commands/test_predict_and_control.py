@@ -17,7 +17,7 @@ from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.forecast import model_document, read_stored
 from bayesdeg.prediction.predictive import curvature_bands, rupture_table
 from bayesdeg.report.folder import RunFolder
-from tests.inference.small_study import TRUTH, values_of
+from tests.inference.small_study import TRUTH, altered, values_of
 from tests.pipeline.study_files import study_in
 
 OFFSET = 12.0
@@ -101,7 +101,7 @@ def test_the_stored_model_predicts_as_the_one_that_was_calibrated(report, models
     rebuilt = stored.model.table.named(
         stored.chain.vectors.reshape(-1, stored.chain.vectors.shape[-1])
     )
-    own = replace(stored.model, actuator=models[1].actuator).curvature(rebuilt).curvature
+    own = altered(stored.model, actuator=models[1].actuator).curvature(rebuilt).curvature
     expected = models[1].curvature(calibrated).curvature
     np.testing.assert_allclose(own, expected, rtol=1e-10)
 

@@ -10,32 +10,34 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import multivariate_normal, norm
 
-from bayesdeg.inference.parameters import ParameterTable
 from bayesdeg.inference.sampling import Chain
-from bayesdeg.priors import Normal, Parameter
+from bayesdeg.priors import Normal, Parameter, ParameterTable
 
 BETWEEN, WITHIN = 0.4, 0.2
 
 
 @dataclass(frozen=True)
 class Readings:
+    name: str
     specimens: tuple
     values: tuple
 
+    @property
+    def labels(self):
+        return self.specimens
+
     def subset(self, rows):
-        return Readings(tuple(self.specimens[i] for i in rows), tuple(self.values[i] for i in rows))
+        kept = (tuple(part[i] for i in rows) for part in (self.specimens, self.values))
+        return Readings(self.name, *kept)
 
 
 @dataclass(frozen=True)
 class Conjugate:
-    """Stands in for a model; its tensile and break tables hold readings of the same kind."""
+    """Stands in for a model; its tables hold readings of the same kind."""
 
     mean: float
     sd: float
-    tensile: Readings | None
-    breaks: Readings | None = None
-    actuator: None = None
-    statistics: tuple = ()
+    observations: tuple[Readings, ...]
 
     @property
     def table(self):
@@ -49,15 +51,14 @@ class Conjugate:
 
     def log_likelihood(self, values):
         return {
-            kind: np.stack([density(values["theta"], v) for v in data.values], axis=-1)
-            for kind, data in (("tensile", self.tensile), ("breaks", self.breaks))
-            if data is not None
+            data.name: np.stack([density(values["theta"], v) for v in data.values], axis=-1)
+            for data in self.observations
         }
 
     @property
     def information(self):
         """Precision and weighted mean of each table's specimens."""
-        tables = [t for t in (self.tensile, self.breaks) if t is not None]
+        tables = self.observations
         means = np.array([np.mean(v) for t in tables for v in t.values])
         variance = np.array([BETWEEN**2 + WITHIN**2 / len(v) for t in tables for v in t.values])
         return means, 1.0 / variance
@@ -87,15 +88,12 @@ def density(theta, readings):
 
 def exact_leave_one_out(model, specimen):
     """The readings of one specimen given all others: normal, with θ integrated out."""
-    rest, own = {}, []
-    for kind in ("tensile", "breaks"):
-        data = getattr(model, kind)
-        if data is None:
-            continue
+    rest, own = [], []
+    for data in model.observations:
         kept = [i for i, name in enumerate(data.specimens) if name != specimen]
-        rest[kind] = data.subset(kept) if kept else None
+        rest += [data.subset(kept)] if kept else []
         own += [v for name, v in zip(data.specimens, data.values, strict=True) if name == specimen]
-    centre, sd = replace(model, **rest).posterior()
+    centre, sd = replace(model, observations=tuple(rest)).posterior()
     readings = np.concatenate(own)
     table = np.repeat(np.arange(len(own)), [len(v) for v in own])
     same = table[:, None] == table[None, :]
@@ -109,4 +107,5 @@ def study(*, specimens=8, readings=5, mean=0.0, sd=2.0, outlier=0.0, seed=3):
     centres = norm.rvs(1.0, BETWEEN, specimens, random_state=generator)
     centres[-1] += outlier
     values = tuple(c + WITHIN * generator.standard_normal(readings) for c in centres)
-    return Conjugate(mean, sd, Readings(tuple(f"f{i}" for i in range(specimens)), values))
+    films = Readings("tensile", tuple(f"f{i}" for i in range(specimens)), values)
+    return Conjugate(mean, sd, (films,))

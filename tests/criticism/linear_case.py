@@ -7,11 +7,9 @@ import numpy as np
 
 from bayesdeg.causes.cause import Cause, Stage
 from bayesdeg.criticism.fit.linear import Linear, Whitening
-from bayesdeg.criticism.model_readings import ModelReadings
-from bayesdeg.inference.parameters import with_priors
 from bayesdeg.inference.sampling import Chain
-from bayesdeg.priors import LogNormal, Normal, Parameter
-from tests.inference.small_study import TRUTH, small_model, values_of
+from bayesdeg.priors import LogNormal, Normal, Parameter, with_priors
+from tests.inference.small_study import TRUTH, altered, small_model, values_of
 
 
 def constant_chain(model, vector, count=40):
@@ -34,7 +32,7 @@ def with_known_scatter(model):
     """
     pinned = {name: LogNormal(TRUTH[name], 0.01) for name in SCATTERS}
     pinned["reading_correlation"] = Normal(TRUTH["reading_correlation"], 0.004)
-    return replace(model, base=with_priors(model.base, pinned))
+    return altered(model, base=with_priors(model.base, pinned))
 
 
 @cache
@@ -61,7 +59,7 @@ def tight_model(*, with_angle=False):
         humidity=np.full(shape, np.nan),
         mount=np.full(shape, "horizontal"),
     )
-    return replace(model, actuator=data)
+    return altered(model, actuator=data)
 
 
 def noise_correlation_by_hand(model, values):
@@ -81,7 +79,7 @@ def noise_correlation_by_hand(model, values):
 @cache
 def known_linear(*, with_angle=False):
     """The linear model of known parameters: mean and covariance from one prediction."""
-    model = replace(tight_model(with_angle=with_angle), tensile=None)
+    model = altered(tight_model(with_angle=with_angle), tensile=None)
     mode = model.table.vectors(values_of())[0]
     values = model.table.named(mode[None])
     prediction = model.predict(values).mean[0]
@@ -98,16 +96,14 @@ def known_linear(*, with_angle=False):
     flat = prediction.ravel()
     jacobian = np.zeros((len(flat), len(mode)))  # nothing is uncertain
     whitening = Whitening.of(covariance, jacobian)
-    return Linear(
-        ModelReadings(model), mode, flat, flat, 0.0 * mode, jacobian, covariance, whitening
-    )
+    return Linear(model, mode, flat, flat, 0.0 * mode, jacobian, covariance, whitening)
 
 
 def with_readings(linear, readings):
     """The same model with other data, (n,)."""
-    model = linear.subject.model
+    model = linear.subject
     shaped = np.reshape(readings, model.actuator.readings.shape)
-    return replace(linear, subject=replace(linear.subject, model=model.with_readings(shaped)))
+    return replace(linear, subject=model.with_readings(shaped))
 
 
 def scaling_cause(name="scale", sd=0.1, on_reading=None):

@@ -11,11 +11,12 @@ import numpy as np
 from scipy.stats import multivariate_normal
 
 from bayesdeg.causes.cause import Cause, Stage
-from bayesdeg.criticism.custom import CustomModel, places_of
 from bayesdeg.criticism.fit.linear import linearise
 from bayesdeg.criticism.fit.trials import base_trial
 from bayesdeg.inference.importance import about_mode
 from bayesdeg.inference.laplace import approximate
+from bayesdeg.inference.model import Model
+from bayesdeg.observations.readings import Formula, Readings, places_of
 from bayesdeg.priors import Normal, Parameter
 
 SPECIMENS, POINTS = 6, 8
@@ -32,10 +33,6 @@ SHAPES = {
     "ageing": X * LEVEL / 20.0,
     "lag": np.where(LOADED, -0.5, 0.5),
 }
-
-
-def inputs_of(values, conditions):
-    return values
 
 
 def straight(values, conditions):
@@ -85,20 +82,18 @@ NOISE = cause_of("noise", {"extra": Normal(0.0, 0.1)}, untouched)
 
 
 def subject_of(observed):
-    return CustomModel(
-        parameters=tuple(
-            Parameter(name, Normal(mean, sd), "–", "of a test")
-            for name, (mean, sd, _) in BASE.items()
-        ),
-        conditions=None,
-        inputs=inputs_of,
-        forward=straight,
-        error=error,
-        common=common,
-        observed=observed,
-        places=places_of(X, level=LEVEL, specimen=SPECIMEN),
-        group=SPECIMEN,
+    parameters = tuple(
+        Parameter(name, Normal(mean, sd), "–", "of a test") for name, (mean, sd, _) in BASE.items()
     )
+    places = places_of(X, level=LEVEL, specimen=SPECIMEN)
+    readings = Readings(observed, places, error=error, common=common)
+    return Model(parameters, (readings,), Formula(straight))
+
+
+def reading(subject, **changes):
+    """The model with something else of its readings."""
+    [read] = subject.observations
+    return subject.with_observations(replace(read, **changes))
 
 
 def readings(seed=0, *, slope=1.1, bend=-0.1, **planted):

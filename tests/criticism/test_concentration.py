@@ -17,7 +17,7 @@ from bayesdeg.criticism.checks.residuals import (
     with_concentration,
 )
 from bayesdeg.criticism.fit.linear import Linear, Whitening
-from bayesdeg.criticism.subject import Places
+from bayesdeg.observations.kinds import Places
 
 LEVELS = np.repeat([0.0, 8.0, 16.0, 24.0], 3)
 UP = np.array([40.0, 80.0, 120.0, 160.0, 160.0])  # held at the top

@@ -1,7 +1,5 @@
 """Measured means and priors against what a calibrated model has instead, with scipy's laws."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -10,10 +8,9 @@ from scipy import stats
 
 from bayesdeg.criticism.checks.conflict import conflict, questioned, surprise
 from bayesdeg.criticism.checks.discrepancy import MISFIT_LEVEL
-from bayesdeg.inference.data import Statistic
-from bayesdeg.inference.parameters import with_priors
-from bayesdeg.priors import HalfNormal, LogNormal, Normal, TruncatedNormal, Uniform
-from tests.inference.small_study import draws_near_truth, small_model
+from bayesdeg.observations.means import Statistic
+from bayesdeg.priors import HalfNormal, LogNormal, Normal, TruncatedNormal, Uniform, with_priors
+from tests.inference.small_study import altered, draws_near_truth, small_model
 
 
 @pytest.fixture(scope="module")
@@ -26,7 +23,7 @@ def ratio(value, *, dof=3.0):
 
 
 def compared(vectors, *statistics):
-    return conflict(replace(small_model(), statistics=statistics), vectors)
+    return conflict(altered(small_model(), statistics=statistics), vectors)
 
 
 @pytest.mark.parametrize(("dof", "law"), [(3.0, stats.t(3.0)), (np.inf, stats.norm())])
@@ -62,7 +59,7 @@ def calibrated_to(vectors, value, law=GELATIN):
     """What is questioned where the volume ratio is calibrated to a value, under a prior."""
     model = small_model()
     values = model.table.named(vectors) | {"volume_ratio": np.full(len(vectors), value)}
-    stated = replace(model, base=with_priors(model.base, {"volume_ratio": law}))
+    stated = altered(model, base=with_priors(model.base, {"volume_ratio": law}))
     return questioned(stated, stated.table.vectors(values))
 
 

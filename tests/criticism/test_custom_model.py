@@ -8,12 +8,19 @@ from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
 from bayesdeg.causes.cause import Cause, Stage
-from bayesdeg.criticism.checks.discrepancy import AMPLITUDES, discrepancies, largest_ratio
-from bayesdeg.criticism.custom import CustomModel, places_of
-from bayesdeg.criticism.custom_verdict import first_trial, interval_with_discrepancy, judge
+from bayesdeg.criticism.checks.discrepancy import (
+    AMPLITUDES,
+    discrepancies,
+    interval_with_discrepancy,
+    largest_ratio,
+)
 from bayesdeg.criticism.fit.screening import screen
 from bayesdeg.criticism.fit.trials import try_causes
 from bayesdeg.criticism.holdout.leaving_out import predict_one_by_one
+from bayesdeg.inference.model import Model
+from bayesdeg.observations.readings import Formula, Readings, nothing_common, places_of
+from bayesdeg.pipeline.calibrate import base_without_chain
+from bayesdeg.pipeline.judge import judge_model
 from bayesdeg.priors import Normal, Parameter
 
 ALONG = np.linspace(0.5, 4.0, 12)
@@ -50,6 +57,7 @@ def one(name, stage, parameter, **hooks):
     return Cause(name, stage, (parameter,), "acts", {parameter.name: 1.0}, "readings", **hooks)
 
 
+PARAMETERS = (Parameter("slope", Normal(0.0, SLOPE_SD), "–", "of the line"),)
 SHIFT = one(
     "shift",
     Stage.READING,
@@ -64,18 +72,12 @@ STEEP = one(
 )
 
 
-def model(**changes):
-    base = CustomModel(
-        parameters=(Parameter("slope", Normal(0.0, SLOPE_SD), "–", "of the line"),),
-        conditions=ALONG,
-        inputs=slope,
-        forward=line,
-        error=error,
-        observed=OBSERVED,
-        places=places_of(ALONG, specimen=SPECIMENS),
-        group=SPECIMENS,
-    )
-    return replace(base, **changes)
+def model(*, observed=OBSERVED, causes=(), parameters=PARAMETERS, **changes):
+    world = {"forward": line, "inputs": slope}
+    world |= {name: changes.pop(name) for name in (*world, "readings") if name in changes}
+    places = places_of(ALONG, specimen=SPECIMENS)
+    read = Readings(observed, places, **{"error": error, **changes})
+    return Model(parameters, (read,), Formula(**world), causes)
 
 
 def exact_evidence(subject, *columns):
@@ -86,9 +88,11 @@ def exact_evidence(subject, *columns):
     return multivariate_normal(np.zeros(len(ALONG)), covariance).logpdf(OBSERVED)
 
 
-@pytest.fixture(scope="module", params=[None, common], ids=["errors alone", "specimens differ"])
+@pytest.fixture(
+    scope="module", params=[nothing_common, common], ids=["errors alone", "specimens differ"]
+)
 def trial(request):
-    return first_trial(model(common=request.param), np.random.default_rng(0))
+    return base_without_chain(model(common=request.param), np.random.SeedSequence(0))
 
 
 def test_the_posterior_is_the_conjugate_one(trial):
@@ -130,7 +134,7 @@ def test_simulated_readings_have_the_covariance_that_is_stated():
 
 
 def test_held_out_groups_have_the_exact_predictive_density():
-    trial = first_trial(model(), np.random.default_rng(0))
+    trial = base_without_chain(model(), np.random.SeedSequence(0))
     found = predict_one_by_one(trial, seed=np.random.SeedSequence(5)).log_density
     covariance = SD**2 * np.eye(len(ALONG)) + SLOPE_SD**2 * np.outer(ALONG, ALONG)
     whole = multivariate_normal(np.zeros(len(ALONG)), covariance).logpdf(OBSERVED)
@@ -172,7 +176,9 @@ def test_groups_left_out_and_kept_make_up_the_whole(rows):
     assert np.allclose(kept.group_density(vectors), subject.group_density(vectors)[:, groups])
     assert kept.groups == tuple(subject.groups[g] for g in groups)
     assert set(left.places.specimen) == set(left.groups)
-    assert np.allclose(left.expected(vectors), subject.expected(vectors)[:, left.rows])
+    assert np.allclose(
+        left.expected(vectors), subject.expected(vectors)[:, left.observations[0].rows]
+    )
 
 
 def test_readings_of_no_group_are_never_left_out():
@@ -224,7 +230,7 @@ def test_a_model_of_named_functions_can_be_sent_to_another_process():
         ({"group": np.roll(SPECIMENS, 1)}, "specimen 'a' is in several groups"),
         ({"rows": np.arange(3)}, "rows must have the shape"),
         ({"parameters": ()}, "at least one"),
-        ({"parameters": model().parameters * 2}, "distinct names"),
+        ({"parameters": PARAMETERS * 2}, "distinct names"),
         ({"causes": (SHIFT, SHIFT)}, "distinct names"),
         ({"causes": (replace(SHIFT, on_reading=None),)}, "neither on inputs nor on readings"),
     ],
@@ -255,7 +261,7 @@ def test_places_need_one_axis():
 
 def test_the_shift_is_named_and_the_slope_is_then_right():
     clean = 1.3 * ALONG + 0.9 + np.random.default_rng(1).normal(0.0, SD, len(ALONG))
-    found = judge(model(observed=clean), (SHIFT, STEEP), seed=np.random.SeedSequence(4))
+    found = judge_model(model(observed=clean), (SHIFT, STEEP), seed=4)
     assert found.decision.outcome == "named"
     assert found.decision.causes == ("shift",)
     low, high = np.quantile(found.draws("slope", np.random.default_rng(0)), [0.01, 0.99])
@@ -265,7 +271,7 @@ def test_the_shift_is_named_and_the_slope_is_then_right():
 def test_a_single_group_cannot_confirm_a_cause():
     clean = 1.3 * ALONG + 2.0 + np.random.default_rng(1).normal(0.0, SD, len(ALONG))
     subject = model(observed=clean, group=np.full(len(ALONG), "all"))
-    found = judge(subject, (SHIFT, STEEP), seed=np.random.SeedSequence(4))
+    found = judge_model(subject, (SHIFT, STEEP), seed=4)
     assert found.chosen == {"shift"}
     assert found.held_out == {}
     assert found.decision.causes == ()
@@ -273,7 +279,7 @@ def test_a_single_group_cannot_confirm_a_cause():
 
 def test_nothing_is_named_where_there_is_nothing():
     clean = 1.3 * ALONG + np.random.default_rng(1).normal(0.0, SD, len(ALONG))
-    found = judge(model(observed=clean), (SHIFT, STEEP), seed=np.random.SeedSequence(4))
+    found = judge_model(model(observed=clean), (SHIFT, STEEP), seed=4)
     assert found.decision.outcome == "adequate"
     assert found.possible == (frozenset(),)
 
@@ -282,7 +288,7 @@ def test_the_interval_with_a_discrepancy_is_that_of_the_full_covariance():
     bent = 1.3 * ALONG + 0.4 * ALONG**2
     # a prior away from zero: discrepancies are in proportion to what it expects
     prior = (Parameter("slope", Normal(1.0, SLOPE_SD), "–", "of the line"),)
-    trial = first_trial(model(observed=bent, parameters=prior), np.random.default_rng(0))
+    trial = base_without_chain(model(observed=bent, parameters=prior), np.random.SeedSequence(0))
     linear = trial.linear
     kernels = discrepancies(linear)
     best = int(largest_ratio(linear.observed[None], kernels)[1][0])

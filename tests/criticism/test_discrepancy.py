@@ -27,12 +27,13 @@ from bayesdeg.criticism.checks.discrepancy import (
     power,
     resolved,
 )
-from bayesdeg.criticism.custom import places_of
 from bayesdeg.criticism.fit.linear import linearise
-from bayesdeg.criticism.model_readings import ANGLE, CURVATURE, ModelReadings
+from bayesdeg.observations.curvature import ANGLE, CURVATURE
+from bayesdeg.observations.readings import places_of
 from tests.criticism import straight_subject as straight
 from tests.criticism.linear_case import known_linear, with_readings
-from tests.inference.small_study import small_model, values_of
+from tests.criticism.straight_subject import reading
+from tests.inference.small_study import altered, small_model, values_of
 
 PATHS = [(SHORT, EVERYWHERE), (SHORT, DRIFT), (LONG, EVERYWHERE), (LONG, DRIFT), (LONG, EACH)]
 
@@ -201,13 +202,13 @@ def test_of_a_single_reading_the_power_is_that_of_its_chi_square():
     row = np.array([3])
     specimen, level, x = (of[row] for of in (straight.SPECIMEN, straight.LEVEL, straight.X))
     whole = straight.subject_of(straight.readings(0))
-    subject = replace(
+    subject = straight.reading(
         whole,
-        forward=lambda values, inputs: straight.straight(values, inputs)[..., row],
-        common=lambda values, readings: straight.COMMON * x,
-        observed=whole.observed[row],
-        places=places_of(x, level=level, specimen=specimen),
+        observed_values=whole.observed[row],
+        read_at=places_of(x, level=level, specimen=specimen),
         group=specimen,
+        common=lambda values, readings: straight.COMMON * x,
+        rows=row,
     )
     linear = linearise(subject, np.array([1.0, 0.0]), uncertain=np.diag([0.5, 0.3]) ** 2)
     envelope, sd = 1.1 * abs(subject.observed[0]), abs(float(linear.factor[0, 0]))
@@ -269,7 +270,7 @@ def test_misfit_grows_with_what_is_planted(linear):
 
 def test_a_stiff_specimen_is_scatter_and_no_misfit(linear):
     """One specimen along its own slope, by one sd of specimens: the model expects that."""
-    model = linear.subject.model
+    model = linear.subject
     values = model.table.named(linear.mode[None])
     slope = model.predict(values).slope[0]
     moved = np.zeros_like(slope)
@@ -303,10 +304,10 @@ def test_a_discrepancy_of_one_specimen_is_found_as_such():
 
 def with_histories(linear):
     """The same tests, every other reading unloaded."""
-    data = linear.subject.model.actuator
+    data = linear.subject.actuator
     branch = np.where(np.arange(data.pressure.shape[1]) % 2 == 0, "loading", "unloading")
     recorded = replace(data, branch=np.broadcast_to(branch, data.pressure.shape))
-    subject = ModelReadings(replace(linear.subject.model, actuator=recorded))
+    subject = altered(linear.subject, actuator=recorded)
     return replace(linear, subject=subject)
 
 
@@ -322,7 +323,7 @@ def test_a_discrepancy_of_one_branch_is_found_as_such():
 @pytest.fixture(scope="module")
 def with_films():
     model = small_model()
-    return linearise(ModelReadings(model), model.table.vectors(values_of())[0])
+    return linearise(model, model.table.vectors(values_of())[0])
 
 
 def test_films_and_actuators_have_discrepancies_of_their_own(with_films):
@@ -411,5 +412,5 @@ def test_the_same_model_explains_nothing_on_one_scale():
 
 def test_no_share_is_told_on_one_scale_where_there_is_nothing_to_explain():
     linear = straight.exact_linear(straight.readings(3))
-    exact = replace(linear, subject=replace(linear.subject, observed=linear.mean))
+    exact = replace(linear, subject=reading(linear.subject, observed_values=linear.mean))
     assert np.isnan(explained_on_one_scale(exact, exact))

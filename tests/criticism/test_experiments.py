@@ -31,10 +31,9 @@ from bayesdeg.criticism.experiments.ranking import (
     with_noise,
 )
 from bayesdeg.criticism.fit.trials import Trial
-from bayesdeg.criticism.model_readings import ModelReadings
 from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.inference.laplace import Evidence
-from tests.inference.small_study import TRUTH, small_model, values_of
+from tests.inference.small_study import TRUTH, altered, small_model, values_of
 
 QUIET = {
     "stiffness_scatter": 0.01,
@@ -51,7 +50,7 @@ def model():
     """The small study with the shipped emulator, thrice as many specimens and no bend angle."""
     whole = small_model(default_surrogate())
     data = whole.actuator.subset(np.repeat(np.arange(5), 3))
-    return replace(whole, actuator=replace(data, angle_mask=np.zeros_like(data.mask)))
+    return altered(whole, actuator=replace(data, angle_mask=np.zeros_like(data.mask)))
 
 
 @pytest.fixture(scope="module")
@@ -177,8 +176,8 @@ def test_scatter_is_that_of_the_linearised_model(model):
     # readings as predicted: the most probable deviations are zero
     exact = model.with_readings(model.predict(values).mean[0])
     films = replace(exact.tensile, stress=exact.stresses(values, exact.tensile).at_rest[0])
-    exact = replace(exact, tensile=films)
-    scatter = ModelReadings(exact).scatter(hypothesis.draws[0])
+    exact = altered(exact, tensile=films)
+    scatter = exact.scatter(hypothesis.draws[0])
     place = 0
     for test in (FilmTests(exact.tensile, 1), ActuatorTests(exact.actuator, 1)):
         for block, read in zip(test.covariance(exact, values)[0], test.read, strict=True):
@@ -379,7 +378,7 @@ def test_readings_beyond_the_range_are_left_out(model, many):
 def trial_of(hypothesis):
     weights = np.zeros(DRAWS)
     posterior = Evidence(0.0, 0.0, hypothesis.draws, weights, float(DRAWS))
-    subject = ModelReadings(hypothesis.model)
+    subject = hypothesis.model
     size = hypothesis.draws.shape[1]
     mode = hypothesis.draws.mean(axis=0)
     return Trial(subject, mode, 0.0, posterior, np.eye(size), mode)
@@ -447,7 +446,7 @@ HAS = {
 def test_only_what_the_study_does_not_have_is_proposed(model, name):
     plain = {e.kind for e in candidate_experiments(model)}
     data = replace(model.actuator, **HAS[name].fields)
-    proposed = {e.kind for e in candidate_experiments(replace(model, actuator=data))}
+    proposed = {e.kind for e in candidate_experiments(altered(model, actuator=data))}
     assert HAS[name].gone <= plain
     assert plain - proposed == HAS[name].gone
 
@@ -475,13 +474,13 @@ def test_a_burst_level_is_tested_up_to_what_half_of_its_specimens_reached(model)
 
 def test_films_alone_are_tested_in_another_mode(model):
     uniaxial = model.tensile.subset(np.array([0, 1]))
-    alone = replace(model, actuator=None, tensile=uniaxial)
+    alone = altered(model, actuator=None, tensile=uniaxial)
     assert {e.kind for e in candidate_experiments(alone)} == {"equibiaxial", "planar"}
-    assert candidate_experiments(replace(model, actuator=None, tensile=None)) == ()
+    assert candidate_experiments(altered(model, actuator=None, tensile=None)) == ()
 
 
 def test_an_equibiaxial_test_separates_what_uniaxial_films_cannot(model):
-    uniaxial = replace(model, tensile=model.tensile.subset(np.array([0])))
+    uniaxial = altered(model, tensile=model.tensile.subset(np.array([0])))
     found = {e.kind: e for e in candidate_experiments(uniaxial)}
     pair = around(uniaxial, {}), around(uniaxial, {"second_invariant.ratio": 0.2}, seed=1)
     assert expected_of(pair, found["equibiaxial"]) > LEAST
@@ -490,7 +489,7 @@ def test_an_equibiaxial_test_separates_what_uniaxial_films_cannot(model):
 @pytest.mark.parametrize("name", sorted(set(CATALOGUE) - {"flaw_embrittlement"}))
 def test_every_cause_but_that_of_strength_alone_is_revealed_by_some_experiment(model, name):
     """A typical effect, all else known: something that is proposed shows it."""
-    uniaxial = replace(model, tensile=model.tensile.subset(np.array([0, 1])))
+    uniaxial = altered(model, tensile=model.tensile.subset(np.array([0, 1])))
     cause = find(name)
     sizes = {cause.qualified(k): v for k, v in cause.typical.items()}
     truth = QUIET | {"curvature_noise": 0.002, "curvature_noise_floor": 0.005}

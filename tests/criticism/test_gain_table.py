@@ -10,9 +10,9 @@ from scipy.stats import norm
 
 from bayesdeg.criticism.holdout.gain import crps, gain_table, mode_table
 from bayesdeg.criticism.holdout.held_out import HeldOut, difference
-from bayesdeg.criticism.model_readings import CURVATURE, ModelReadings
+from bayesdeg.observations.curvature import CURVATURE
 from tests.criticism.linear_case import tight_model
-from tests.inference.small_study import small_model, values_of
+from tests.inference.small_study import altered, small_model, values_of
 
 COLUMNS = ["model", "degradation_pct", "elpd", "elpd_se", "elpd_diff", "elpd_diff_se"]
 COLUMNS += ["rmse_per_m", "crps_per_m", "r_squared", "coverage_50", "coverage_90"]
@@ -57,7 +57,7 @@ def test_crps_of_many_readings_at_once():
 def subject_of(readings, *, with_angle=False):
     """Six actuators with these readings (6, n), and films that are never held out."""
     model = tight_model(with_angle=with_angle)
-    return ModelReadings(model.with_readings(readings))
+    return model.with_readings(readings)
 
 
 def made_up(log_density, mean, subject, sd=0.1, seed=1):
@@ -119,7 +119,7 @@ def test_bend_angles_are_in_the_density_and_not_in_the_errors_of_curvatures():
 
 
 def test_gaps_in_a_curve_are_not_scored():
-    subject = ModelReadings(small_model())
+    subject = small_model()
     held = subject.group != ""
     exact = made_up(np.zeros(5), subject.observed[held], subject, sd=0.0)
     table = gain_table(subject, {"base": exact}).set_index("degradation_pct")
@@ -128,9 +128,9 @@ def test_gaps_in_a_curve_are_not_scored():
 
 def test_stresses_of_films_alone_are_scored_in_their_own_unit():
     """By mode of tension, of which there are no levels of degradation to tell apart."""
-    model = replace(small_model(), actuator=None, forward=None)
+    model = altered(small_model(), actuator=None, forward=None)
     tensile = replace(model.tensile, degradation=np.zeros(4))
-    subject = ModelReadings(replace(model, tensile=tensile))
+    subject = altered(model, tensile=tensile)
     found = made_up([1.0, 2.0, 3.0], subject.observed + 0.05, subject, sd=0.01)
     table = gain_table(subject, {"base": found})
     assert set(table.columns) == {*COLUMNS, "rmse_MPa", "crps_MPa"}
@@ -145,8 +145,8 @@ def test_stresses_of_films_alone_are_scored_in_their_own_unit():
 
 
 def test_modes_of_tension_are_scored_one_by_one():
-    model = replace(small_model(), actuator=None, forward=None)
-    subject = ModelReadings(replace(model, tensile=replace(model.tensile, degradation=np.zeros(4))))
+    model = altered(small_model(), actuator=None, forward=None)
+    subject = altered(model, tensile=replace(model.tensile, degradation=np.zeros(4)))
     assert subject.holds_out_modes
     modes = np.array(subject.groups)
     off = np.select([subject.group == mode for mode in modes], [0.1, 0.2, 0.3])
@@ -160,4 +160,4 @@ def test_modes_of_tension_are_scored_one_by_one():
 
 
 def test_actuators_are_not_held_out_by_mode():
-    assert not ModelReadings(small_model()).holds_out_modes
+    assert not small_model().holds_out_modes

@@ -21,15 +21,13 @@ from bayesdeg.criticism.holdout.held_out import (
     standard_error,
 )
 from bayesdeg.criticism.holdout.leaving_out import carried_out, predict_folds, predict_one_by_one
-from bayesdeg.criticism.model_readings import ModelReadings
 from bayesdeg.inference.importance import about_mode
 from bayesdeg.inference.laplace import approximate
-from bayesdeg.inference.parameters import with_priors
-from bayesdeg.priors import LogNormal, Normal, TruncatedNormal
+from bayesdeg.priors import LogNormal, Normal, TruncatedNormal, with_priors
 from tests.criticism import straight_subject as straight
 from tests.criticism.linear_case import tight_model, with_known_scatter
 from tests.criticism.straight_subject import LEVEL, SPECIMEN, linear_cause
-from tests.inference.small_study import TRUTH, draws_near_truth, small_model, values_of
+from tests.inference.small_study import TRUTH, altered, draws_near_truth, small_model, values_of
 
 SPECIMENS = tuple("abcdef")
 
@@ -41,7 +39,7 @@ LEVELS = np.repeat([0, 1, 2], 2)
 def test_folds_by_level_leave_out_all_specimens_of_a_level(order):
     subject = straight.subject_of(straight.readings(1))
     places = replace(subject.places, level=np.repeat(order, straight.POINTS))
-    fold = by_level(replace(subject, places=places))
+    fold = by_level(straight.reading(subject, read_at=places))
     for i in range(6):
         for j in range(6):
             # rates within 2 % of each other are one level
@@ -165,7 +163,8 @@ def test_predictive_draws_have_the_exact_mean_and_spread(predict):
 def test_readings_that_are_never_held_out_are_not_predicted():
     observed = straight.readings(5)
     never = np.isin(SPECIMEN, ["f"])
-    subject = replace(straight.subject_of(observed), group=np.where(never, "", SPECIMEN))
+    subject = straight.subject_of(observed)
+    subject = straight.reading(subject, group=np.where(never, "", SPECIMEN))
     trial = straight.fitted(subject)
     for found in (
         predict_one_by_one(trial, seed=np.random.SeedSequence(4)),
@@ -230,7 +229,7 @@ def test_the_mean_of_draws_leaves_out_those_without_an_answer():
 
 
 def base_of(model, start, seed=0):
-    subject, generator = ModelReadings(model), np.random.default_rng(seed)
+    subject, generator = model, np.random.default_rng(seed)
     laplace = approximate(subject, generator, start=start)
     return base_trial(subject, laplace.mode, about_mode(subject, laplace, generator))
 
@@ -238,7 +237,7 @@ def base_of(model, start, seed=0):
 @pytest.fixture(scope="module")
 def actuators():
     """Six like specimens with every data set but their readings known from the truth."""
-    model = with_known_scatter(replace(tight_model(with_angle=True), breaks=None))
+    model = with_known_scatter(altered(tight_model(with_angle=True), breaks=None))
     model = model.with_readings(model.simulate(values_of(), np.random.default_rng(2))[0])
     start = draws_near_truth(model, 1, spread=0.0)[0]
     return model, start, in_thirds(model, start)
@@ -252,7 +251,7 @@ def in_thirds(model, start):
 
 def test_held_out_actuators_of_a_true_model_are_predicted(actuators):
     model, _, found = actuators
-    subject = ModelReadings(model)
+    subject = model
     rows = subject.group != ""
     assert found.draws.shape == (DRAWS, len(subject.places))
     assert np.all(np.isnan(found.draws[:, ~rows]))
@@ -274,13 +273,13 @@ def test_bend_angles_of_a_specimen_change_its_own_score(actuators):
 
 def test_modes_of_tension_are_held_out_where_there_are_no_actuators():
     """Constants are known so well that each left-out mode is predicted at the truth's own."""
-    model = replace(small_model(), actuator=None, forward=None, breaks=None, statistics=())
+    model = altered(small_model(), actuator=None, forward=None, breaks=None, statistics=())
     known = {
         name: Normal(TRUTH[name], 1e-3) if "ratio" in name else LogNormal(TRUTH[name], 1e-3)
         for name in model.table.names
         if name.startswith(("c1_", "c2_", "c3_"))
     }
-    model = with_known_scatter(replace(model, base=with_priors(model.base, known)))
+    model = with_known_scatter(altered(model, base=with_priors(model.base, known)))
     start = model.table.vectors(values_of())[0]
     trial = base_of(model, start)
     subject = trial.subject

@@ -15,15 +15,19 @@ from bayesdeg.criticism.holdout.leave_one_out import (
     predict_left_out,
     smoothed,
 )
-from bayesdeg.inference.data import Breaks
 from bayesdeg.inference.laplace import approximate, evidence
 from bayesdeg.inference.model import Model, without
-from bayesdeg.inference.parameters import STIFFNESS_SCATTER, elongation_parameters
 from bayesdeg.inference.sampling import EFFORTS, Chain, sample
+from bayesdeg.observations.breaks import Breaks, BreakTable
+from bayesdeg.observations.specimens import (
+    STIFFNESS_SCATTER,
+    FilmsAndActuators,
+    elongation_parameters,
+)
 from bayesdeg.priors import HalfNormal, Parameter
 from tests.criticism.conjugate import Readings, exact_leave_one_out, study
 from tests.criticism.linear_case import constant_chain
-from tests.inference.small_study import draws_near_truth, small_model
+from tests.inference.small_study import altered, draws_near_truth, small_model
 
 SEED = np.random.SeedSequence(5)
 
@@ -60,8 +64,8 @@ def test_a_specimen_that_carries_the_posterior_is_refitted_to_the_closed_form():
 
 def test_a_film_stretched_and_torn_is_one_block():
     model = study(specimens=6)
-    torn = Readings(("f0", "b1"), (np.array([0.9]), np.array([1.2])))
-    model = replace(model, breaks=torn)
+    torn = Readings("breaks", ("f0", "b1"), (np.array([0.9]), np.array([1.2])))
+    model = replace(model, observations=(*model.observations, torn))
     found = leave_one_out(model, model.chain(draws=40000), seed=SEED)
     assert found.specimens == ("f0", "f1", "f2", "f3", "f4", "f5", "b1")
     assert found.kinds[0] == "tensile, breaks"
@@ -138,7 +142,7 @@ def test_every_refit_is_reported():
 
 def test_without_specimens_there_is_nothing_to_leave_out():
     model = small_model()
-    bare = replace(model, tensile=None, actuator=None, breaks=None)
+    bare = altered(model, tensile=None, actuator=None, breaks=None)
     chain = constant_chain(bare, draws_near_truth(bare, 1)[0])
     with pytest.raises(ValueError, match="no specimens"):
         leave_one_out(bare, chain, seed=SEED)
@@ -160,12 +164,11 @@ class Torn:
         degradation = np.array([0.0, 6.0, 13.0, 20.0, 25.0])
         elongation = np.array([215.0, 170.0, 90.0, 70.0, 55.0])
         names = ("b1", "b2", "b3", "b4", "b5")
-        data = Breaks(names, degradation, np.zeros(5), elongation)
+        data = BreakTable(names, degradation, np.zeros(5), elongation)
         self.model = Model(
-            base=(STIFFNESS_SCATTER, *ends, scatter),
-            nodes=(0.0,),
-            elongation_nodes=(0.0, 25.0),
-            breaks=data,
+            (STIFFNESS_SCATTER, *ends, scatter),
+            (Breaks(data),),
+            FilmsAndActuators((0.0,), (0.0, 25.0)),
         )
         self.design = np.stack([1.0 - degradation / 25.0, degradation / 25.0], axis=1)
         self.logs = np.log(elongation)

@@ -22,12 +22,11 @@ from bayesdeg.criticism.fit.linear import (
     sensitivities,
 )
 from bayesdeg.criticism.fit.screening import screen
-from bayesdeg.criticism.model_readings import CURVATURE, ModelReadings
 from bayesdeg.criticism.subject import with_neutral
 from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.inference.laplace import approximate, evidence
-from bayesdeg.inference.parameters import with_priors
-from bayesdeg.priors import LogNormal, Normal, Parameter, TruncatedNormal
+from bayesdeg.observations.curvature import CURVATURE
+from bayesdeg.priors import LogNormal, Normal, Parameter, TruncatedNormal, with_priors
 from tests.criticism import straight_subject as straight
 from tests.criticism.linear_case import (
     known_linear,
@@ -35,7 +34,7 @@ from tests.criticism.linear_case import (
     with_known_scatter,
     with_readings,
 )
-from tests.inference.small_study import TRUTH, draws_near_truth, small_model, values_of
+from tests.inference.small_study import TRUTH, altered, draws_near_truth, small_model, values_of
 
 moderate = st.floats(-3.0, 3.0)
 
@@ -63,7 +62,7 @@ def calibrated():
 
 @pytest.fixture(scope="module")
 def linear(calibrated):
-    return linearise(ModelReadings(calibrated[0]), calibrated[1])
+    return linearise(calibrated[0], calibrated[1])
 
 
 @pytest.mark.parametrize("with_angle", [False, True])
@@ -92,7 +91,7 @@ def with_known_material(model):
         for name in model.table.names
         if name.startswith(("c1_", "c2_", "c3_"))
     }
-    return replace(model, base=with_priors(model.base, laws))
+    return altered(model, base=with_priors(model.base, laws))
 
 
 def test_the_density_of_the_readings_is_a_ratio_of_evidences():
@@ -102,9 +101,9 @@ def test_the_density_of_the_readings_is_a_ratio_of_evidences():
     start = draws_near_truth(model, 1, spread=0.0)[0]
     mode = approximate(model, generator, start=start).mode
     whole = sampled_evidence(model, mode, generator, draws=20_000)
-    rest = replace(model, actuator=None, tensile=None)
+    rest = altered(model, actuator=None, tensile=None)
     without = sampled_evidence(rest, mode, np.random.default_rng(5), draws=20_000)
-    linear = linearise(ModelReadings(model), mode)
+    linear = linearise(model, mode)
     density = multivariate_normal(linear.mean, linear.factor @ linear.factor.T)
     assert density.logpdf(linear.subject.observed) == pytest.approx(whole - without, abs=1.0)
 
@@ -144,7 +143,7 @@ def test_a_conflict_with_the_films_is_no_larger_where_readings_are_exact():
     read = model.with_readings(softer)
     start = model.table.vectors({name: hidden[name] for name in model.table.names})[0]
     mode = approximate(read, np.random.default_rng(0), start=start).mode
-    linear = linearise(ModelReadings(read), mode)
+    linear = linearise(read, mode)
     assert 0.6 < np.mean(linear.observed**2) < 1.2
 
 
@@ -339,7 +338,7 @@ def test_prior_size_counts_from_the_neutral_value():
 
 
 def test_neutral_vector_keeps_the_base_and_predicts_the_same():
-    model = replace(small_model(), forward=default_surrogate())
+    model = altered(small_model(), forward=default_surrogate())
     vector = draws_near_truth(model, 1)[0]
     cause = find("pressure_offset")
     extended = model.extended(cause)

@@ -7,39 +7,33 @@ import pytest
 from scipy import stats
 
 from bayesdeg.causes.catalogue import find
-from bayesdeg.criticism.model_readings import (
-    ACTUATOR,
-    ANGLE,
-    CURVATURE,
-    FILM,
-    STRESS,
-    ModelReadings,
-)
-from bayesdeg.criticism.subject import Places
-from bayesdeg.inference.data import Statistic
+from bayesdeg.observations.curvature import ACTUATOR, ANGLE, CURVATURE
+from bayesdeg.observations.kinds import Places
+from bayesdeg.observations.means import Statistic
+from bayesdeg.observations.tensile import FILM, STRESS
 from tests.criticism.linear_case import noise_correlation_by_hand, tight_model
-from tests.inference.small_study import TRUTH, draws_near_truth, small_model, values_of
+from tests.inference.small_study import TRUTH, altered, draws_near_truth, small_model, values_of
 
 
 @pytest.fixture(scope="module")
 def subject():
-    return ModelReadings(small_model())
+    return small_model()
 
 
 @pytest.fixture(scope="module")
 def vectors(subject):
-    return draws_near_truth(subject.model, 3)
+    return draws_near_truth(subject, 3)
 
 
 def films_alone(modes=None):
-    model = replace(small_model(), actuator=None, forward=None)
+    model = altered(small_model(), actuator=None, forward=None)
     if modes is not None:
-        model = replace(model, tensile=replace(model.tensile, modes=modes))
-    return ModelReadings(model)
+        model = altered(model, tensile=replace(model.tensile, modes=modes))
+    return model
 
 
 def test_films_come_first_then_curvatures_then_bend_angles_of_the_actuators(subject):
-    data, films, places = subject.model.actuator, subject.model.tensile, subject.places
+    data, films, places = subject.actuator, subject.tensile, subject.places
     count = len(places)
     assert count == films.mask.sum() + data.mask.sum() + data.angle_mask.sum()
     assert all(getattr(places, f.name).shape == (count,) for f in fields(Places))
@@ -55,7 +49,7 @@ def test_films_come_first_then_curvatures_then_bend_angles_of_the_actuators(subj
 
 def test_every_reading_knows_where_it_was_taken(subject):
     """Found again in the tables by specimen and path."""
-    data, films = subject.model.actuator, subject.model.tensile
+    data, films = subject.actuator, subject.tensile
     of_kind = {CURVATURE: data.curvature, ANGLE: data.bend_angle, STRESS: films.stress}
     places = subject.places
     for i in range(len(places)):
@@ -73,12 +67,12 @@ def test_history_is_mode_of_tension_or_branch_cycle_and_mount(subject):
     assert set(places.history[films]) == {"uniaxial", "equibiaxial", "planar"}
     assert set(places.history[~films]) == {"loading 1 horizontal"}
     assert np.all(np.isnan(places.time))
-    data = subject.model.actuator
+    data = subject.actuator
     branch, cycle = data.branch.astype("U9"), data.cycle.copy()
     branch[0, 3:], cycle[1] = "unloading", 2
     time = np.arange(35.0).reshape(5, 7)
     recorded = replace(data, branch=branch, cycle=cycle, time=time)
-    other = ModelReadings(replace(subject.model, actuator=recorded, tensile=None)).places
+    other = altered(subject, actuator=recorded, tensile=None).places
     curvature = other.kind == CURVATURE
     first = other.specimen[curvature] == "a1"
     assert other.history[curvature][first].tolist() == 3 * ["loading 1 horizontal"] + 4 * [
@@ -91,22 +85,22 @@ def test_history_is_mode_of_tension_or_branch_cycle_and_mount(subject):
 def test_expected_readings_are_those_of_mean_specimens(subject, vectors):
     found = subject.expected(vectors)
     values = subject.table.named(vectors)
-    data, films, kind = subject.model.actuator, subject.model.tensile, subject.places.kind
-    predicted = subject.model.curvature(values).curvature
+    data, films, kind = subject.actuator, subject.tensile, subject.places.kind
+    predicted = subject.curvature(values).curvature
     np.testing.assert_allclose(found[:, kind == CURVATURE], predicted[:, data.mask], rtol=1e-12)
-    constants = subject.model.constants(values, films.degradation)
+    constants = subject.constants(values, films.degradation)
     stress = np.matmul(films.basis, constants[..., None])[..., 0]
     np.testing.assert_allclose(found[:, kind == STRESS], stress[:, films.mask], rtol=1e-9)
 
 
 def test_scatter_is_that_of_errors_and_stiffness():
     """One actuator: noise along its path and its own stiffness, as in closed form."""
-    model = replace(tight_model(), tensile=None)
+    model = altered(tight_model(), tensile=None)
     vector = model.table.vectors(values_of())[0]
     values = model.table.named(vector[None])
     # deviations are most probable at 0 where the readings are as predicted
     model = model.with_readings(model.predict(values).mean[0])
-    covariance = ModelReadings(model).scatter(vector)
+    covariance = model.scatter(vector)
     predicted = model.predict(values)
     sd, slope = np.sqrt(predicted.variance[0]), predicted.slope[0]
     correlation = noise_correlation_by_hand(model, values)
@@ -122,7 +116,7 @@ def test_simulated_readings_have_the_scatter_that_is_stated(family):
     """Small deviations, for which the scatter, which is linear, is exact."""
     model = small_model()
     truth = TRUTH | {"stiffness_scatter": 0.01}
-    subject = ModelReadings(model)
+    subject = model
     vector = model.table.vectors(values_of(truth))[0]
     # noise alone depends on where deviations are linearised, that is on the readings
     exact = subject.expected(vector[None])[0]
@@ -130,8 +124,8 @@ def test_simulated_readings_have_the_scatter_that_is_stated(family):
     stress[model.tensile.mask] = exact[subject.places.family == FILM]
     shaped = np.zeros(model.actuator.readings.shape)
     shaped[model.actuator.paths.mask] = exact[subject.places.family == ACTUATOR]
-    model = replace(model, tensile=replace(model.tensile, stress=stress)).with_readings(shaped)
-    subject = ModelReadings(model)
+    model = altered(model, tensile=replace(model.tensile, stress=stress)).with_readings(shaped)
+    subject = model
     drawn = subject.simulated(np.tile(vector, (4000, 1)), np.random.default_rng(1))
     assert drawn.shape == (4000, len(subject.places))
     rows = subject.places.family == family
@@ -146,7 +140,7 @@ def test_simulated_readings_have_the_scatter_that_is_stated(family):
 def test_the_rest_is_all_but_the_readings(subject, vectors):
     """Densities of readings and of the rest are those of the whole."""
     values = subject.table.named(vectors)
-    blocks = subject.model.log_likelihood(values)
+    blocks = subject.log_likelihood(values)
     readings = blocks["tensile"].sum(axis=1) + blocks["actuator"].sum(axis=1)
     ruptures = blocks["rupture"].sum(axis=1)
     np.testing.assert_allclose(
@@ -175,27 +169,27 @@ def test_actuators_are_held_out_one_by_one_and_films_never(subject, vectors):
 
 def test_films_beside_actuators_are_held_out_where_that_is_wanted(subject, vectors):
     """Then actuators stay, and the density of each film is what the model gives its row."""
-    films = replace(subject, held="films")
+    [films, _] = subject.beside
     assert films.groups == ("f1", "f2", "f3", "f4")
     of_films = films.places.family == FILM
     np.testing.assert_array_equal(films.group[of_films], films.places.specimen[of_films])
     assert set(films.group[~of_films]) == {""}
-    each = films.model.log_likelihood(films.table.named(vectors))["tensile"]
+    each = films.log_likelihood(films.table.named(vectors))["tensile"]
     np.testing.assert_allclose(films.group_density(vectors), each)
     without = films.without(np.array([2]))
     assert without.groups == ("f1", "f2", "f4")
-    assert without.model.actuator.specimens == subject.groups
+    assert without.actuator.specimens == subject.groups
     change = films.log_prob(vectors) - without.log_prob(vectors)
     np.testing.assert_allclose(change, each[:, 2], rtol=1e-6)
-    assert replace(films, model=replace(films.model, tensile=None)).groups == ()
+    assert altered(films, tensile=None).groups == ()
 
 
 def test_means_of_replicates_are_held_out_where_that_is_wanted(subject, vectors):
     """A mean of four films follows Student's law about what the model expects."""
     shrinkage = Statistic("volume_ratio", 0.0, 0.62, 0.03, "shrinkage.csv, 4 films", 3.0)
     modulus = Statistic("young_modulus", 0.0, 1.73, 0.15, "summary.csv")
-    model = replace(subject.model, statistics=(shrinkage, modulus))
-    means = ModelReadings(model, held="statistics")
+    model = altered(subject, statistics=(shrinkage, modulus))
+    means = replace(model, held="statistics")
     assert len(means.groups) == 2
     assert "volume_ratio" in means.groups[0]
     assert set(means.group) == {""}
@@ -203,7 +197,7 @@ def test_means_of_replicates_are_held_out_where_that_is_wanted(subject, vectors)
     exact = stats.t(3.0, ratio, 0.03).logpdf(0.62)
     np.testing.assert_allclose(means.group_density(vectors)[:, 0], exact)
     without = means.without(np.array([0]))
-    assert without.model.statistics == (modulus,)
+    assert without.statistics == (modulus,)
     np.testing.assert_allclose(
         means.log_prob(vectors) - without.log_prob(vectors), exact, rtol=1e-6
     )
@@ -215,14 +209,14 @@ def test_films_alone_are_held_out_by_mode_where_there_are_several():
     assert subject.groups == ("uniaxial", "equibiaxial", "planar")
     np.testing.assert_array_equal(subject.group, subject.places.history)
     without = subject.without(np.array([0]))
-    assert without.model.tensile.specimens == ("f3", "f4")
+    assert without.tensile.specimens == ("f3", "f4")
     only = subject.only(np.array([0]))
-    assert only.model.tensile.specimens == ("f1", "f2")
+    assert only.tensile.specimens == ("f1", "f2")
     # groups stay what they are, though one mode is left
     assert only.groups == ("uniaxial",)
     assert set(only.group) == {"uniaxial"}
-    vectors = draws_near_truth(subject.model, 2)
-    each = subject.model.log_likelihood(subject.table.named(vectors))["tensile"]
+    vectors = draws_near_truth(subject, 2)
+    each = subject.log_likelihood(subject.table.named(vectors))["tensile"]
     found = subject.group_density(vectors)
     np.testing.assert_allclose(found[:, 0], each[:, 0] + each[:, 1])
     np.testing.assert_allclose(found[:, 1:], each[:, 2:])
@@ -233,7 +227,7 @@ def test_films_of_one_mode_are_held_out_one_by_one():
     subject = films_alone(4 * ("uniaxial",))
     assert subject.groups == ("f1", "f2", "f3", "f4")
     np.testing.assert_array_equal(subject.group, subject.places.specimen)
-    assert subject.without(np.array([2])).model.tensile.specimens == ("f1", "f2", "f4")
+    assert subject.without(np.array([2])).tensile.specimens == ("f1", "f2", "f4")
 
 
 def test_an_extended_model_has_the_same_readings_and_further_parameters(subject):
@@ -245,10 +239,10 @@ def test_an_extended_model_has_the_same_readings_and_further_parameters(subject)
 
 
 def test_ruptures_count_in_the_density_of_their_specimen(subject, vectors):
-    data = subject.model.actuator
+    data = subject.actuator
     burst = np.zeros(data.ruptured.shape, bool)
     burst[2, 6] = True
-    broken = replace(subject.model, actuator=replace(data, ruptured=burst))
-    before, after = subject.group_density(vectors), ModelReadings(broken).group_density(vectors)
+    broken = altered(subject, actuator=replace(data, ruptured=burst))
+    before, after = subject.group_density(vectors), broken.group_density(vectors)
     np.testing.assert_array_equal(after[:, [0, 1, 3, 4]], before[:, [0, 1, 3, 4]])
     assert np.all(after[:, 2] < before[:, 2] - 1.0)

@@ -13,20 +13,21 @@ from bayesdeg.criticism.posterior.order import (
     films_alone,
     leave_films_out,
 )
-from bayesdeg.inference.data import Statistic, TensileCurves
 from bayesdeg.inference.importance import Proposal, improved, log_density
 from bayesdeg.inference.laplace import Laplace, approximate, evidence
 from bayesdeg.inference.model import Model, without
-from bayesdeg.inference.parameters import (
-    STIFFNESS_SCATTER,
-    TENSILE,
-    ParameterTable,
-    material_parameters,
-)
 from bayesdeg.material.degradation import NODES
 from bayesdeg.material.hyperelastic import yeoh_basis
-from bayesdeg.priors import Normal, Parameter
+from bayesdeg.observations.means import Statistic
+from bayesdeg.observations.specimens import (
+    STIFFNESS_SCATTER,
+    FilmsAndActuators,
+    material_parameters,
+)
+from bayesdeg.observations.tensile import TENSILE, Tensile, TensileCurves
+from bayesdeg.priors import Normal, Parameter, ParameterTable
 from bayesdeg.report.columns import ORDERS, TABLES
+from tests.inference.small_study import altered
 
 LEVELS = np.repeat([0.0, 5.0, 10.0, 15.0, 20.0, 25.0], 2)
 STRETCH = np.linspace(1.05, 1.5, 6)
@@ -54,7 +55,7 @@ def films_model(law, *, seed, order=2, levels=LEVELS):
         mask=np.ones(stretch.shape, bool),
     )
     base = (*material_parameters(NODES[order]), STIFFNESS_SCATTER, *TENSILE)
-    return Model(base=base, nodes=NODES[order], tensile=tensile)
+    return Model(base, (Tensile(tensile),), FilmsAndActuators(NODES[order]))
 
 
 def straight(level):
@@ -130,7 +131,7 @@ def test_a_film_with_a_heavy_tail_of_weights_is_calibrated_anew():
     assert model.tensile is not None
     stress = model.tensile.stress.copy()
     stress[2] *= 1.6  # one film far from its neighbour
-    films = films_alone(replace(model, tensile=replace(model.tensile, stress=stress)), NODES[2])
+    films = films_alone(altered(model, tensile=replace(model.tensile, stress=stress)), NODES[2])
     generator = np.random.default_rng(8)
     rough = evidence(films, approximate(films, generator), generator)
     posterior_draws = improved(films, rough, generator)
@@ -152,7 +153,7 @@ def test_films_alone_keep_priors_and_leave_everything_else():
         Statistic("young_modulus", 0.0, 1.73, 0.09, "paper"),
         Statistic("elongation_at_break", 0.0, 209.8, 3.6, "paper"),
     )
-    films = films_alone(replace(model, base=base, statistics=statistics), NODES[1])
+    films = films_alone(altered(model, base=base, statistics=statistics), NODES[1])
     laws = {p.name: p.law for p in films.base}
     assert laws["c1_at_0"] == own
     assert not any("control" in name for name in laws)
@@ -164,7 +165,7 @@ def test_there_is_nothing_to_compare_without_films_at_several_rates():
     seed = np.random.SeedSequence(1)
     model = films_model(bent, seed=1, order=0, levels=np.zeros(3))
     assert compare_orders(model, seed=seed) is None
-    assert compare_orders(replace(model, tensile=None), seed=seed) is None
+    assert compare_orders(altered(model, tensile=None), seed=seed) is None
 
 
 def fit(order, elpd, log_evidence):

@@ -17,10 +17,9 @@ from bayesdeg.criticism.posterior.prior_sensitivity import (
     sentence,
 )
 from bayesdeg.data.study import read_study
-from bayesdeg.inference.parameters import ParameterTable
 from bayesdeg.inference.sampling import Chain
 from bayesdeg.pipeline.assemble import assemble
-from bayesdeg.priors import Normal, Parameter
+from bayesdeg.priors import Normal, Parameter, ParameterTable
 from tests.criticism.linear_case import scaling_cause
 from tests.inference.small_study import draws_near_truth, small_model
 

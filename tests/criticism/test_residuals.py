@@ -16,9 +16,9 @@ from bayesdeg.criticism.checks.residuals import (
     where_films,
 )
 from bayesdeg.criticism.fit.linear import linearise
-from bayesdeg.criticism.model_readings import CURVATURE, ModelReadings
+from bayesdeg.observations.curvature import CURVATURE
 from tests.criticism.linear_case import constant_chain, known_linear, tight_model
-from tests.inference.small_study import TRUTH, small_model, values_of
+from tests.inference.small_study import TRUTH, altered, small_model, values_of
 
 
 def test_r_squared_of_a_regression_line_is_the_squared_correlation():
@@ -110,7 +110,7 @@ def test_where_says_above_and_every_rate(model):
 def test_small_curvatures_do_not_make_large_percentages(model):
     """Residuals of the size of the noise are set in proportion to the noise at least."""
     study, truth = model
-    tiny = replace(study, actuator=replace(study.actuator, curvature=np.full(truth.shape, 1e-9)))
+    tiny = altered(study, actuator=replace(study.actuator, curvature=np.full(truth.shape, 1e-9)))
     sentence = where(tiny, np.full(truth.shape, 1e-9), 1.0)
     assert "by 0 %" in sentence
 
@@ -118,7 +118,7 @@ def test_small_curvatures_do_not_make_large_percentages(model):
 @pytest.mark.parametrize("with_angle", [False, True])
 def test_predicted_readings_hold_nine_tenths_of_further_specimens(with_angle):
     linear = known_linear(with_angle=with_angle)
-    model = linear.subject.model
+    model = linear.subject
     chain = constant_chain(model, linear.mode)
     generator = np.random.default_rng(2)
     fit = predict_readings(model, chain, generator, draws=2000)
@@ -131,12 +131,12 @@ def test_predicted_readings_hold_nine_tenths_of_further_specimens(with_angle):
 
 def off_by(**modes):
     """Films whose stresses are these amounts [MPa] off what the law gives."""
-    model = replace(small_model(), actuator=None, forward=None)
+    model = altered(small_model(), actuator=None, forward=None)
     mode = model.table.vectors(values_of())[0]
     stress = model.stresses(model.table.named(mode[None]), model.tensile).at_rest[0]
     off = np.array([modes.get(name, 0.0) for name in model.tensile.modes])
     curves = replace(model.tensile, stress=stress + off[:, None])
-    return linearise(ModelReadings(replace(model, tensile=curves)), mode)
+    return linearise(altered(model, tensile=curves), mode)
 
 
 def test_where_leaves_out_what_cannot_be_predicted(model):

@@ -10,7 +10,7 @@ from bayesdeg.criticism.checks import rupture_misfit as module
 from bayesdeg.criticism.checks.rupture_misfit import rupture_misfit
 from bayesdeg.inference.model import replicate
 from tests.criticism.linear_case import tight_model
-from tests.inference.small_study import TRUTH, values_of
+from tests.inference.small_study import TRUTH, altered, values_of
 
 # the actuators demand about as much as these films bear, so that some burst and some do not
 WEAK = TRUTH | {"elongation_at_0": 60.0, "elongation_at_25": 10.0, "elongation_scatter": 0.15}
@@ -23,15 +23,15 @@ def draws_of(model, truth, count):
 @pytest.fixture(scope="module")
 def model():
     """Readings as predicted, so that specimens are nearly of mean stiffness."""
-    model = replace(tight_model(), tensile=None)
+    model = altered(tight_model(), tensile=None)
     return model.with_readings(model.predict(values_of()).mean[0])
 
 
 def test_nothing_is_compared_without_actuators_or_a_limit(model):
     vectors, generator = draws_of(model, WEAK, 2), np.random.default_rng(1)
-    assert rupture_misfit(replace(model, actuator=None), vectors, generator) is None
+    assert rupture_misfit(altered(model, actuator=None), vectors, generator) is None
     parameters = tuple(p for p in model.base if "elongation" not in p.name)
-    unlimited = replace(
+    unlimited = altered(
         model,
         base=parameters,
         breaks=None,
@@ -46,7 +46,7 @@ def test_deviance_is_that_of_the_law_of_the_limit(model):
     data = model.actuator
     burst = np.zeros(data.ruptured.shape, bool)
     burst[1, -1] = True
-    one_burst = replace(model, actuator=replace(data, ruptured=burst, mask=data.mask & ~burst))
+    one_burst = altered(model, actuator=replace(data, ruptured=burst, mask=data.mask & ~burst))
     vectors = draws_of(model, WEAK, 3)
     found = rupture_misfit(one_burst, vectors, np.random.default_rng(2))
     values = model.table.named(vectors[:1])
@@ -90,7 +90,7 @@ def test_ruptures_far_below_the_limit_are_no_chance(model):
         recorded=data.recorded & (np.arange(data.mask.shape[1]) < 3),
     )
     vectors = draws_of(model, TRUTH, 49)
-    found = rupture_misfit(replace(model, actuator=early), vectors, np.random.default_rng(4))
+    found = rupture_misfit(altered(model, actuator=early), vectors, np.random.default_rng(4))
     assert found.burst == 6
     assert found.expected < 3.0
     assert found.p_value == pytest.approx(1 / 50)

@@ -16,6 +16,7 @@ from bayesdeg.priors import Normal, TruncatedNormal
 from tests.criticism import straight_subject as straight
 from tests.criticism.linear_case import known_linear, scaling_cause, with_readings
 from tests.criticism.straight_subject import SHAPES, X, cause_of, linear_cause
+from tests.inference.small_study import altered
 
 MONTE_CARLO = 0.1  # nats: about 1/√128, of a mean over as many draws
 
@@ -166,10 +167,10 @@ def test_an_effect_that_also_widens_the_errors_is_screened_as_by_quadrature(size
 def test_scatter_of_misread_degradation_is_screened_as_by_quadrature():
     """Of the catalogue's own cause: specimens of a level that differ more than they may."""
     known, cause = known_linear(), find("degradation_misread")
-    data = known.subject.model.actuator
+    data = known.subject.actuator
     shift = np.array([0.0, 0.0, 2.5, -2.5, -3.0, 3.0])
     off = replace(data, degradation=data.degradation + shift[:, None])
-    moved = replace(known.subject.model, actuator=off)
+    moved = altered(known.subject, actuator=off)
     readings = moved.predict(moved.table.named(known.mode[None])).mean[0]
     case = with_readings(known, readings)
     found = screen(case, cause)

@@ -9,11 +9,10 @@ from scipy.stats import multivariate_normal
 from bayesdeg.causes.catalogue import find
 from bayesdeg.criticism.checks.shared_scatter import SHARES, SharedScatter, shared_scatter
 from bayesdeg.criticism.fit.trials import Trial
-from bayesdeg.criticism.model_readings import ModelReadings
 from bayesdeg.criticism.subject import columns_of, with_neutral
 from bayesdeg.inference.laplace import weighted
 from tests.criticism.linear_case import tight_model
-from tests.inference.small_study import small_model, values_of
+from tests.inference.small_study import altered, small_model, values_of
 
 MISREAD, STIFFER = find("degradation_misread"), find("film_mismatch")
 SCATTER = 4.0  # of degradation rates [%]
@@ -21,10 +20,10 @@ SCATTER = 4.0  # of degradation rates [%]
 
 def trial_of(*causes, size=SCATTER):
     """Six actuators at three levels, read as the model's mean, with so much scatter added."""
-    base = ModelReadings(replace(tight_model(with_angle=True), tensile=None))
+    base = altered(tight_model(with_angle=True), tensile=None)
     start = base.table.vectors(values_of())[0]
-    [readings] = base.model.predict(base.table.named(start[None])).mean
-    base = ModelReadings(base.model.with_readings(readings))
+    [readings] = base.predict(base.table.named(start[None])).mean
+    base = base.with_readings(readings)
     subject = base.extended(*causes)
     mode = with_neutral(start, base, subject)
     if MISREAD in causes:
@@ -47,7 +46,7 @@ def added(trial):
     )
     more = trial.subject.scatter(trial.mode) - trial.subject.scatter(neutral)
     found = []
-    for name in trial.subject.model.actuator.specimens:
+    for name in trial.subject.actuator.specimens:
         own = trial.subject.places.specimen == name
         values, vectors = np.linalg.eigh(more * np.outer(own, own))
         direction = np.sqrt(values[-1]) * vectors[:, -1]
@@ -58,7 +57,7 @@ def added(trial):
 def covariance(trial, share):
     """That of the readings where specimens of a level have so much of their scatter in common."""
     linear, directions = trial.linear, added(trial)
-    level = trial.subject.model.actuator.degradation[:, 0]
+    level = trial.subject.actuator.degradation[:, 0]
     total = linear.factor @ linear.factor.T
     for k, one in enumerate(directions):
         for other, its in enumerate(directions):
@@ -127,7 +126,7 @@ def test_causes_that_widen_no_scatter_are_not_tested():
 
 
 def test_films_alone_are_not_tested(scattering):
-    films = ModelReadings(replace(small_model(), actuator=None, forward=None))
+    films = altered(small_model(), actuator=None, forward=None)
     assert shared_scatter(replace(scattering, subject=films), np.zeros((1, 1))) == []
 
 

@@ -17,11 +17,11 @@ from bayesdeg.criticism.checks.statistics import (
     statistics_of,
     statistics_table,
 )
-from bayesdeg.criticism.custom import CustomModel, places_of
 from bayesdeg.criticism.fit.linear import linearise
-from bayesdeg.criticism.model_readings import ModelReadings
+from bayesdeg.inference.model import Model
+from bayesdeg.observations.readings import Formula, Readings, places_of
 from bayesdeg.priors import Normal, Parameter
-from tests.inference.small_study import small_model, values_of
+from tests.inference.small_study import altered, small_model, values_of
 
 COLUMNS = ["statistic", "value", "unit", "simulated_q05", "simulated_q95"]
 COLUMNS += ["p_value", "p_adjusted", "reading", "replicates"]
@@ -63,19 +63,19 @@ def fitted_exactly(model):
         model = model.with_readings(model.predict(model.table.named(mode[None])).mean[0])
     if model.tensile is not None:
         stresses = model.stresses(model.table.named(mode[None]), model.tensile).at_rest[0]
-        model = replace(model, tensile=replace(model.tensile, stress=stresses))
-    return linearise(ModelReadings(model), mode)
+        model = altered(model, tensile=replace(model.tensile, stress=stresses))
+    return linearise(model, mode)
 
 
 @cache
 def rich():
     model = small_model()
-    return fitted_exactly(replace(model, actuator=rich_actuators(model.actuator)))
+    return fitted_exactly(altered(model, actuator=rich_actuators(model.actuator)))
 
 
 @cache
 def films():
-    return fitted_exactly(replace(small_model(), actuator=None))
+    return fitted_exactly(altered(small_model(), actuator=None))
 
 
 def drawn(linear, count, seed):
@@ -250,9 +250,9 @@ def test_a_statistic_finds_the_effect_it_is_named_after_at_its_size(name):
 def at_other_pressures(change):
     """Readings of the full model where the true pressures are those read and this more [kPa]."""
     linear = rich()
-    model = linear.subject.model
+    model = linear.subject
     moved = replace(model.actuator, pressure=model.actuator.pressure + change)
-    subject = ModelReadings(replace(model, actuator=moved))
+    subject = altered(model, actuator=moved)
     return linear.mean + subject.expected(linear.mode[None])[0] - linear.prediction
 
 
@@ -372,7 +372,7 @@ def test_the_reading_says_where_time_and_pressure_cannot_be_told_apart():
     steady = replace(data, time=3.0 * data.pressure)
     name = "trend of the residual with time"
     (together,) = (
-        s for s in statistics_of(fitted_exactly(replace(model, actuator=steady))) if s.name == name
+        s for s in statistics_of(fitted_exactly(altered(model, actuator=steady))) if s.name == name
     )
     (apart,) = (s for s in statistics_of(rich()) if s.name == name)
     assert "time and pressure rise together" in together.more
@@ -426,16 +426,10 @@ def test_data_sets_without_an_answer_are_left_out_and_too_few_calibrate_nothing(
 
 def ball(height):
     times = np.sqrt(2.0 * height / 9.81) * 1.02
-    return CustomModel(
-        parameters=(Parameter("gravity", Normal(9.81, 0.01), "m/s²", "of the earth", None),),
-        conditions=height,
-        inputs=lambda values, height: values["gravity"],
-        forward=lambda gravity, height: np.sqrt(2.0 * height / gravity),
-        error=lambda values, readings: 0.02,
-        observed=times,
-        places=places_of(height, kind="time"),
-        group=np.arange(len(height)).astype(str),
-    )
+    gravity = Parameter("gravity", Normal(9.81, 0.01), "m/s²", "of the earth", None)
+    read = Readings(times, places_of(height, kind="time"), error=lambda values, readings: 0.02)
+    fall = Formula(lambda values, height: np.sqrt(2.0 * height / values["gravity"]))
+    return Model((gravity,), (read,), fall)
 
 
 def test_a_model_of_another_kind_has_trends_of_its_own():

@@ -35,7 +35,7 @@ from bayesdeg.criticism.decide.verdict import (
 )
 from bayesdeg.criticism.fit.search import Search, SearchEffort, Step, run_search
 from bayesdeg.criticism.holdout.held_out import HeldOut
-from bayesdeg.inference.data import Statistic
+from bayesdeg.observations.means import Statistic
 from bayesdeg.priors import Normal, Parameter, TruncatedNormal
 from tests.criticism import straight_subject as straight
 from tests.criticism.straight_subject import linear_cause

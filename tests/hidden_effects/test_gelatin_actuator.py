@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from bayesdeg.data.study import read_study
-from bayesdeg.inference.parameters import control_name
 from bayesdeg.laboratory.truth import TRUTH_NODES
 from bayesdeg.material.degradation import bernstein_weights
+from bayesdeg.observations.specimens import control_name
 from bayesdeg.pipeline import run as running
 from bayesdeg.pipeline.judge import judge
 from bayesdeg.pipeline.progress import Silent

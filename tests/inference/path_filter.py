@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from bayesdeg.inference.likelihood import filter_of, specimen_density
+from bayesdeg.observations.noise import filter_of, specimen_density
 
 
 def density_and_mode(curves):

@@ -5,18 +5,24 @@ from functools import cache
 
 import numpy as np
 
-from bayesdeg.inference.data import ActuatorCurves, Breaks, Statistic, TensileCurves
 from bayesdeg.inference.model import Model
-from bayesdeg.inference.parameters import (
+from bayesdeg.material.hyperelastic import yeoh_basis
+from bayesdeg.observations.breaks import Breaks, BreakTable
+from bayesdeg.observations.curvature import (
     BEND_ANGLE,
     EMULATOR,
-    STIFFNESS_SCATTER,
-    TENSILE,
+    ActuatorCurves,
     actuator_parameters,
+)
+from bayesdeg.observations.means import Means, Statistic
+from bayesdeg.observations.specimens import (
+    STIFFNESS_SCATTER,
+    FilmsAndActuators,
     elongation_parameters,
     material_parameters,
+    no_map,
 )
-from bayesdeg.material.hyperelastic import yeoh_basis
+from bayesdeg.observations.tensile import TENSILE, Tensile, TensileCurves
 from tests.emulator.closed_form import ClosedFormMap
 
 NODES = (0.0, 12.5, 25.0)
@@ -126,26 +132,47 @@ def values_of(truth=None, count=1):
     return {name: np.full(count, value) for name, value in (truth or TRUTH).items()}
 
 
+def altered(model, *, actuator=..., tensile=..., breaks=..., statistics=..., **changes):
+    """The model with other data, none where they are None, or with another forward map."""
+    if "base" in changes:
+        model = replace(model, base=changes.pop("base"))
+    if changes:
+        model = model.with_world(**{n: no_map if v is None else v for n, v in changes.items()})
+    if actuator is None:
+        model = model.without_kinds("actuator", "rupture")
+    elif actuator is not ...:
+        model = model.of_actuators(actuator)
+    kinds = {"tensile": (Tensile, tensile), "breaks": (Breaks, breaks)}
+    kinds["statistics"] = (Means, statistics)
+    for name, (kind, data) in kinds.items():
+        if data is None or data == ():
+            model = model.without_kinds(name)
+        elif data is not ...:
+            model = model.with_observations(kind(data))
+    if not model.has_elongation:
+        return model.without_kinds("rupture")
+    return model if model.actuator is None else model.of_actuators(model.actuator)
+
+
 @cache
 def small_model(forward=None):
     """Return the model with all kinds of data, simulated from ``TRUTH``."""
     generator = np.random.default_rng(20211124)
-    empty = Model(
-        base=base_parameters(),
+    world = FilmsAndActuators(
         nodes=NODES,
         elongation_nodes=ELONGATION_NODES,
         forward=forward or ClosedFormMap(),
-        tensile=tensile_curves(),
-        actuator=actuator_curves(),
         largest_pressure=140.0,
     )
+    empty = Model(base_parameters(), (Tensile(tensile_curves()),), world)
+    empty = empty.of_actuators(actuator_curves())
     values = values_of()
     tensile = empty.tensile
     constants = empty.constants(values, tensile.degradation)[0]
     stress = np.matmul(tensile.basis, constants[..., None])[..., 0]
     stress = stress * np.exp(0.06 * generator.standard_normal((4, 1)))
     stress = stress * (1.0 + 0.03 * generator.standard_normal(stress.shape))
-    breaks = Breaks(
+    breaks = BreakTable(
         specimens=("b1", "b2", "b3"),
         degradation=np.array([0.0, 13.0, 25.0]),
         degradation_sd=np.array([0.0, 0.8, 1.0]),
@@ -157,7 +184,7 @@ def small_model(forward=None):
         Statistic("elongation_at_break", 25.0, 52.0, 5.0, "published"),
         Statistic("volume_ratio", 0.0, 0.62, 0.035, "published"),
     )
-    return replace(
+    return altered(
         empty,
         tensile=replace(tensile, stress=np.where(tensile.mask, stress, 0.0)),
         breaks=breaks,

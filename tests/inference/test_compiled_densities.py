@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 
 from bayesdeg.causes.catalogue import CATALOGUE
-from bayesdeg.inference import actuators, films
-from bayesdeg.inference.likelihood import Linearised
 from bayesdeg.inference.model import AT_ONCE
+from bayesdeg.observations import curvature as actuators
+from bayesdeg.observations import tensile as films
+from bayesdeg.observations.noise import Linearised
+from bayesdeg.observations.specimens import stiffness_spread
 from tests.inference.path_filter import density_and_mode
 from tests.inference.small_study import draws_near_truth, small_model
 
@@ -61,12 +63,12 @@ def test_films_are_linearised_three_times(model, values):
 
 
 def test_actuators_are_linearised_twice(model, values):
-    believed = actuators.believed_degradation(model.rig, values)
-    material = model.material(values, believed.value)
-    spread = model.spread(values, material, believed.sd)
-    data, mode = model.actuator, np.zeros((*spread.shape, 1))
+    state, data = model.tests(values), model.actuator
+    believed = actuators.believed_degradation(state, data)
+    spread = stiffness_spread(values, model.material(values, believed.value), believed.sd)
+    mode = np.zeros((*spread.shape, 1))
     for _ in range(2):
-        predicted = actuators.predict(model.rig, values, material, mode)
+        predicted = actuators.predict(state, data, mode)
         at = Linearised(
             data.readings - predicted.mean + predicted.slope * mode,
             predicted.slope[..., None],
@@ -77,7 +79,7 @@ def test_actuators_are_linearised_twice(model, values):
             data.paths,
         )
         density, mode = density_and_mode(at)
-    got, prediction = actuators.log_density(model.rig, values, material, spread)
+    got, prediction = actuators.log_density(state, data)
     np.testing.assert_allclose(got, density, rtol=1e-11, atol=1e-11)
     np.testing.assert_allclose(
         prediction.peak_stretch, predicted.prediction.peak_stretch, rtol=1e-11

@@ -10,7 +10,7 @@ from scipy.integrate import nquad
 
 from bayesdeg.data.moisture import degradation_of_films, fit_saturating_course
 from bayesdeg.inference.course import (
-    PARAMETERS,
+    COURSE,
     CourseModel,
     course_model,
     degradation_at,
@@ -109,7 +109,7 @@ def test_importance_sample_and_ensembles_agree_with_least_squares():
 
 def test_the_evidence_is_that_of_quadrature():
     # limit and time constant held: two dimensions are left, and quadrature is exact
-    model = replace(measured(9), parameters=PARAMETERS[:1] + PARAMETERS[3:])
+    model = replace(measured(9), parameters=COURSE[:1] + COURSE[3:])
     fixed = {"degradation_limit": 32.0, "degradation_time_constant": 14.0}
 
     class Held:

@@ -8,8 +8,15 @@ from scipy import stats
 
 from bayesdeg.inference.density import CustomDensity, continued, guesses
 from bayesdeg.inference.laplace import approximate, evidence, scales
-from bayesdeg.inference.parameters import ParameterTable
-from bayesdeg.priors import Flat, HalfCauchy, Normal, Parameter, TruncatedNormal, Uniform
+from bayesdeg.priors import (
+    Flat,
+    HalfCauchy,
+    Normal,
+    Parameter,
+    ParameterTable,
+    TruncatedNormal,
+    Uniform,
+)
 
 FLATS = [Flat(), Flat(low=0.0), Flat(low=-3.0), Flat(high=2.0)]
 READINGS = np.array([1.2, 0.4, 2.2, 1.0])

@@ -1,7 +1,6 @@
 """Sampling of known targets, seeds and executors, and the chain as a DataTree."""
 
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import replace
 from functools import cache
 from itertools import accumulate, pairwise
 from itertools import chain as joined
@@ -17,11 +16,6 @@ from bayesdeg.errors import BayesdegError
 from bayesdeg.inference.importance import Proposal
 from bayesdeg.inference.laplace import Evidence, Laplace, approximate, evidence
 from bayesdeg.inference.model import Model
-from bayesdeg.inference.parameters import (
-    STIFFNESS_SCATTER,
-    ParameterTable,
-    material_parameters,
-)
 from bayesdeg.inference.sampling import (
     EFFORTS,
     Chain,
@@ -36,10 +30,15 @@ from bayesdeg.inference.sampling import (
     start_of,
     to_datatree,
 )
-from bayesdeg.inference.tree import readings_of
-from bayesdeg.priors import Normal, Parameter
+from bayesdeg.observations.noise import sequential
+from bayesdeg.observations.specimens import (
+    STIFFNESS_SCATTER,
+    FilmsAndActuators,
+    material_parameters,
+)
+from bayesdeg.priors import Normal, Parameter, ParameterTable
 from tests.emulator.closed_form import trained
-from tests.inference.small_study import TRUTH, draws_near_truth, small_model, values_of
+from tests.inference.small_study import TRUTH, altered, draws_near_truth, small_model, values_of
 
 MEAN = np.array([1.0, -2.0, 0.5])
 COVARIANCE = np.array([[1.0, 0.9, 0.0], [0.9, 1.0, -0.2], [0.0, -0.2, 0.25]])
@@ -306,7 +305,7 @@ def test_more_effort_asks_for_more():
 
 @cache
 def real_model():
-    return replace(small_model(), forward=trained())
+    return altered(small_model(), forward=trained())
 
 
 @cache
@@ -388,8 +387,12 @@ def test_stored_draws_have_the_stored_log_likelihoods():
         for kind, block in model.log_likelihood(values).items():
             got = densities[f"{kind}_specimens"].values[chain, draw]
             np.testing.assert_allclose(got, block[0], rtol=1e-9)
-        pointwise = model.readings_pointwise(values)[0]
-        for name, (mask, columns) in readings_of(model).items():
+        pointwise = sequential(model.actuator_linearised(values))[0]
+        data, points = model.actuator, model.actuator.pressure.shape[1]
+        for name, mask, columns in (
+            ("curvature", data.mask, slice(0, points)),
+            ("bend_angle", data.angle_mask, slice(points, 2 * points)),
+        ):
             np.testing.assert_allclose(
                 densities[name].values[chain, draw],
                 pointwise[:, columns][mask],
@@ -474,7 +477,7 @@ def test_the_posterior_predictive_is_about_what_was_observed():
 
 
 def test_a_model_without_actuators_has_a_tree_without_observations():
-    model = replace(real_model(), actuator=None, forward=None)
+    model = altered(real_model(), actuator=None, forward=None)
     small = to_datatree(model, real_chain().thinned(4), np.random.default_rng(0))
     assert "observed_data" not in small.children
     assert "tensile_specimens" in small["log_likelihood"].to_dataset()
@@ -491,7 +494,8 @@ def test_the_tree_survives_netcdf(tmp_path):
 
 
 def test_a_study_without_any_likelihood_has_a_joint_density_of_nothing(tmp_path):
-    model = Model(base=(*material_parameters((0.0,)), STIFFNESS_SCATTER), nodes=(0.0,))
+    base = (*material_parameters((0.0,)), STIFFNESS_SCATTER)
+    model = Model(base, (), FilmsAndActuators(nodes=(0.0,)))
     size = len(model.table)
     vectors = 0.01 * np.random.default_rng(0).standard_normal((2, 5, 4, size))
     chain = Chain(vectors, np.zeros(vectors.shape[:3]), np.full(2, 0.4))

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from bayesdeg.inference import likelihood
-from bayesdeg.inference.data import paths_of
-from bayesdeg.inference.likelihood import Linearised
+from bayesdeg.observations import noise as likelihood
+from bayesdeg.observations.noise import Linearised, paths_of
 from tests.inference.path_filter import density_and_mode
 
 

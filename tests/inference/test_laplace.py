@@ -6,8 +6,7 @@ from scipy import stats
 from scipy.special import logsumexp
 
 from bayesdeg.inference.laplace import approximate, derivatives, evidence, positive_inverse
-from bayesdeg.inference.parameters import ParameterTable
-from bayesdeg.priors import Normal, Parameter, TruncatedNormal
+from bayesdeg.priors import Normal, Parameter, ParameterTable, TruncatedNormal
 from tests.inference.small_study import small_model, values_of
 
 SLOPES = np.array([[1.0, 0.5, -0.3], [0.2, -1.0, 0.4], [0.7, 0.1, 1.5], [1.0, 1.0, 1.0]])

@@ -11,7 +11,7 @@ from bayesdeg.inference.model import least_squares, near_films, share_outside
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.priors import LogNormal
 from tests.emulator.closed_form import trained
-from tests.inference.small_study import TRUTH, small_model, values_of
+from tests.inference.small_study import TRUTH, altered, small_model, values_of
 
 STUDY = Path(__file__).parents[2] / "studies" / "gelatin_actuator"
 
@@ -20,7 +20,7 @@ def test_exact_stresses_and_elongations_give_their_constants_back():
     model = small_model()
     stress = model.stresses(values_of(), model.tensile).at_rest
     elongation = model.elongation(values_of(), model.breaks.degradation)[0]
-    exact = replace(
+    exact = altered(
         model,
         tensile=replace(model.tensile, stress=np.where(model.tensile.mask, stress[0], 0.0)),
         breaks=replace(model.breaks, elongation=elongation),
@@ -37,7 +37,7 @@ def test_it_is_far_above_draws_from_the_prior_on_the_gelatin_study():
 
 
 def test_without_films_it_is_the_median_of_the_prior():
-    model = replace(small_model(), tensile=None, breaks=None)
+    model = altered(small_model(), tensile=None, breaks=None)
     named = model.table.named(least_squares(model))
     for parameter in model.table.parameters:
         median = float(parameter.law.quantile(0.5))
@@ -51,7 +51,7 @@ def test_where_the_medians_are_refused_others_are_tried():
         replace(p, law=LogNormal(3e6, 4.0)) if p.name == "paper_stiffness" else p
         for p in model.base
     )
-    model = replace(model, base=base, forward=trained())
+    model = altered(model, base=base, forward=trained())
     medians = least_squares(model)
     found = near_films(model, np.random.default_rng(0))
     assert model.log_prob(found[None])[0] > model.log_prob(medians[None])[0] + 100.0
@@ -65,7 +65,7 @@ def test_where_nothing_is_answered_there_is_still_a_way_back():
         replace(p, law=LogNormal(1e12, 0.1)) if p.name == "paper_stiffness" else p
         for p in model.base
     )
-    model = replace(model, base=base, forward=trained())
+    model = altered(model, base=base, forward=trained())
     found = near_films(model, np.random.default_rng(0))
     assert np.isfinite(model.log_prob(found[None])[0])
     assert share_outside(model, found[None]) == 1.0

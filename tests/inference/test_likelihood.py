@@ -6,9 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from bayesdeg.inference import likelihood
-from bayesdeg.inference.data import paths_of
-from bayesdeg.inference.likelihood import Linearised
+from bayesdeg.observations import noise as likelihood
+from bayesdeg.observations.noise import Linearised, paths_of
 from tests.inference.path_filter import density_and_mode
 
 POINTS = 5

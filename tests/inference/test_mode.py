@@ -5,8 +5,7 @@ import pytest
 
 from bayesdeg.inference.density import CustomDensity, Factors, bounds, factors_of
 from bayesdeg.inference.laplace import derivatives, expansion, find_mode
-from bayesdeg.inference.parameters import ParameterTable
-from bayesdeg.priors import HalfNormal, Normal, Parameter, TruncatedNormal, Uniform
+from bayesdeg.priors import HalfNormal, Normal, Parameter, ParameterTable, TruncatedNormal, Uniform
 from tests.inference.small_study import small_model, values_of
 
 

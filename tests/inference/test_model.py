@@ -7,13 +7,15 @@ import pytest
 from scipy import integrate, stats
 
 from bayesdeg.causes.catalogue import CATALOGUE
-from bayesdeg.inference import likelihood
-from bayesdeg.inference.data import ActuatorCurves
 from bayesdeg.material.degradation import satisfies_baker_ericksen
+from bayesdeg.observations import noise as likelihood
+from bayesdeg.observations.curvature import ActuatorCurves
+from bayesdeg.observations.noise import sequential
+from bayesdeg.observations.specimens import stiffness_spread
 from bayesdeg.prediction.predictive import at_conditions
 from tests.emulator.closed_form import trained
 from tests.inference import slow_model
-from tests.inference.small_study import TRUTH, draws_near_truth, small_model, values_of
+from tests.inference.small_study import TRUTH, altered, draws_near_truth, small_model, values_of
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +67,7 @@ def test_ruptures_are_censored_elongation_limits(model, vectors):
     data = model.actuator
     ruptured = np.zeros((5, 7), bool)
     ruptured[1, 4] = ruptured[2, 0] = ruptured[3, 6] = True
-    wide = replace(model, actuator=replace(data, ruptured=ruptured, mask=data.mask & ~ruptured))
+    wide = altered(model, actuator=replace(data, ruptured=ruptured, mask=data.mask & ~ruptured))
     values = wide.table.named(vectors) | {"elongation_scatter": np.full(len(vectors), 1.5)}
     got = wide.log_likelihood(values)["rupture"]
     want = [
@@ -106,7 +108,7 @@ def exact_actuator(model, values, s):
     step = (m[1] - m[0]) / np.sqrt(2.0 * np.pi) / values["stiffness_scatter"]
     total = []
     for level, weight in zip(levels, weights / weights.sum(), strict=True):
-        moved = replace(
+        moved = altered(
             model,
             actuator=replace(
                 data.subset(np.array([s])),
@@ -138,7 +140,7 @@ NOISE = ("curvature_noise_length", "reading_correlation")
 def test_actuators_have_the_density_of_quadrature_over_the_deviation(model, scatter):
     """To a twentieth of a unit of log density, where a unit is what can be told apart at all."""
     values = TRUTH | {"stiffness_scatter": scatter}
-    exactly = replace(model, actuator=replace(model.actuator, degradation_sd=np.zeros((5, 1))))
+    exactly = altered(model, actuator=replace(model.actuator, degradation_sd=np.zeros((5, 1))))
     got = exactly.log_likelihood(values_of(values))["actuator"][0]
     want = [exact_actuator(exactly, values, s) for s in range(5)]
     np.testing.assert_allclose(got, want, rtol=0.0, atol=0.05)
@@ -192,7 +194,7 @@ def exact_film(model, values, s):
 
 def test_the_order_of_specimens_does_not_matter(model, vectors):
     actuators, films = np.array([3, 0, 4, 2, 1]), np.array([2, 0, 3, 1])
-    mixed = replace(
+    mixed = altered(
         model,
         actuator=model.actuator.subset(actuators),
         tensile=model.tensile.subset(films),
@@ -232,7 +234,7 @@ def test_padding_does_not_matter(model, vectors):
         wider(data.mount, "horizontal"),
     )
     np.testing.assert_allclose(
-        replace(model, actuator=padded).log_prob(vectors), model.log_prob(vectors), rtol=1e-12
+        altered(model, actuator=padded).log_prob(vectors), model.log_prob(vectors), rtol=1e-12
     )
 
 
@@ -243,7 +245,7 @@ def test_a_batch_is_one_vector_at_a_time(model, vectors):
 
 @pytest.mark.parametrize("cause", CATALOGUE.values(), ids=list(CATALOGUE))
 def test_a_batch_is_one_vector_at_a_time_with_the_surrogate_and_a_cause(vectors, cause):
-    model = replace(small_model(), forward=trained()).extended(cause)
+    model = altered(small_model(), forward=trained()).extended(cause)
     near = np.array(
         [
             float(p.law.to_unconstrained(p.neutral + 0.3 * (cause.typical[p.name] - p.neutral)))
@@ -263,7 +265,7 @@ def test_kinds_of_data_that_are_missing_add_nothing(model, vectors):
         gone = {k: None for k in ("tensile", "actuator", "breaks") if k != kind}
         if kind != "statistics":
             gone["statistics"] = ()
-        alone = replace(model, **gone)
+        alone = altered(model, **gone)
         total = total + alone.log_prob(vectors) - model.table.log_prior(vectors)
     np.testing.assert_allclose(total, model.log_prob(vectors), rtol=1e-12)
 
@@ -282,7 +284,7 @@ def test_kinds_of_data_that_are_missing_add_nothing(model, vectors):
     ids=str,
 )
 def test_impossible_vectors_have_density_zero_and_not_nan(model, change):
-    model = replace(model, forward=trained())
+    model = altered(model, forward=trained())
     good, bad = values_of(), values_of(TRUTH | change)
     vectors = model.table.vectors({k: np.concatenate([good[k], bad[k]]) for k in good})
     density = model.log_prob(vectors)
@@ -301,7 +303,7 @@ def test_impossible_vectors_have_density_zero_and_not_nan(model, change):
     ],
 )
 def test_outside_the_range_of_the_emulator_the_density_falls_the_farther_out(model, name, values):
-    model = replace(model, forward=trained())
+    model = altered(model, forward=trained())
     vectors = np.concatenate([model.table.vectors(values_of(TRUTH | {name: v})) for v in values])
     at = model.table.named(vectors)
     assert np.isnan(model.predict(at).mean[:, model.actuator.paths.mask]).any(axis=1).all()
@@ -317,7 +319,7 @@ def test_no_vector_gives_nan(model):
     centre = model.table.vectors(values_of())
     wild = centre + 8.0 * generator.standard_normal((300, centre.shape[1]))
     wild[0], wild[1], wild[2] = 800.0, -800.0, np.nan
-    density = replace(model, forward=trained()).log_prob(wild)
+    density = altered(model, forward=trained()).log_prob(wild)
     assert not np.any(np.isnan(density))
     assert not np.any(density == np.inf)
 
@@ -328,7 +330,7 @@ def test_no_vector_gives_nan(model):
 def test_simulations_have_mean_and_covariance_of_the_linearised_law(model):
     count = 20000
     truth = TRUTH | {"stiffness_scatter": 0.02}
-    model = replace(model, actuator=replace(model.actuator, degradation_sd=np.full((5, 1), 0.2)))
+    model = altered(model, actuator=replace(model.actuator, degradation_sd=np.full((5, 1), 0.2)))
     many, one = values_of(truth, count), values_of(truth)
     draws = model.simulate(many, np.random.default_rng(3))
     for s in range(5):
@@ -382,7 +384,7 @@ def test_other_readings_replace_those_that_were_observed_and_nothing_else(model,
 
 def test_pointwise_densities_sum_to_those_of_the_specimens(model, vectors):
     values = model.table.named(vectors)
-    pointwise = model.readings_pointwise(values)
+    pointwise = sequential(model.actuator_linearised(values))
     np.testing.assert_allclose(
         np.sum(pointwise, axis=-1), model.log_likelihood(values)["actuator"], rtol=1e-9
     )
@@ -394,21 +396,21 @@ def test_every_draw_of_the_prior_is_stable(model):
     levels = np.linspace(0.0, 25.0, 41)
     c1, c2, c3 = np.moveaxis(model.constants(values, levels), -1, 0)
     assert np.all(satisfies_baker_ericksen(c1, c2, c3))
-    assert np.all(model.is_stable(values))
+    assert np.all(model.allows(values))
 
 
 def test_films_beyond_the_last_node_must_be_stable_too(model):
     further = replace(model.tensile, degradation=np.array([0.0, 22.0, 0.3, 31.0]))
-    model = replace(model, tensile=further)
+    model = altered(model, tensile=further)
     values = values_of(TRUTH | {"c1_control_12_5": 60.0})  # the parabola falls below 0
-    assert not model.is_stable(values)[0]
+    assert not model.allows(values)[0]
     assert model.log_prob(model.table.vectors(values))[0] == -np.inf
-    assert model.is_stable(values_of())[0]
+    assert model.allows(values_of())[0]
 
 
 def test_without_parameters_of_its_error_the_emulator_adds_to_every_readings_variance(model):
     values = {k: v for k, v in values_of().items() if not k.startswith("emulator_error")}
-    alone = replace(model, base=tuple(p for p in model.base if p.name in values))
+    alone = altered(model, base=tuple(p for p in model.base if p.name in values))
     predicted = alone.predict(values)
     kappa = predicted.prediction.curvature
     floor, share = TRUTH["curvature_noise_floor"], TRUTH["curvature_noise"]
@@ -440,10 +442,10 @@ def test_bend_angles_without_a_curvature_are_not_used(model, vectors):
     data = model.actuator
     mask = data.mask.copy()
     mask[2, 3] = False
-    with_angle = replace(model, actuator=replace(data, mask=mask))
+    with_angle = altered(model, actuator=replace(data, mask=mask))
     angle_mask = data.angle_mask.copy()
     angle_mask[2, 3] = False
-    without = replace(model, actuator=replace(data, mask=mask, angle_mask=angle_mask))
+    without = altered(model, actuator=replace(data, mask=mask, angle_mask=angle_mask))
     np.testing.assert_array_equal(with_angle.log_prob(vectors), without.log_prob(vectors))
 
 
@@ -454,4 +456,4 @@ def test_an_uncertain_degradation_rate_scatters_stiffness_by_its_slope(model):
     parabola = np.polynomial.Polynomial.fit(levels, at_levels, 2).convert()
     want = 0.05**2 + (parabola.deriv()(levels) / parabola(levels) * sd) ** 2
     material = model.material(values_of(), levels)
-    np.testing.assert_allclose(model.spread(values_of(), material, sd)[0], want, rtol=1e-12)
+    np.testing.assert_allclose(stiffness_spread(values_of(), material, sd)[0], want, rtol=1e-12)

@@ -8,24 +8,20 @@ from scipy import integrate
 
 from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.errors import StudyError
-from bayesdeg.inference.parameters import (
-    ParameterTable,
-    actuator_parameters,
-    check_priors,
-    elongation_parameters,
-    material_parameters,
-    node_name,
-    with_causes,
-    with_priors,
-)
+from bayesdeg.inference.model import with_causes
 from bayesdeg.material.degradation import NODES
+from bayesdeg.observations.curvature import actuator_parameters
+from bayesdeg.observations.specimens import elongation_parameters, material_parameters, node_name
 from bayesdeg.priors import (
     HalfNormal,
     LogNormal,
     Normal,
     Parameter,
+    ParameterTable,
     TruncatedNormal,
     Uniform,
+    check_priors,
+    with_priors,
 )
 from tests.inference.small_study import TRUTH, base_parameters, values_of
 

@@ -12,19 +12,20 @@ from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.data.study import read_study
 from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.errors import StudyError
-from bayesdeg.inference.published import (
+from bayesdeg.material.degradation import yeoh_constants
+from bayesdeg.observations.kinds import State
+from bayesdeg.observations.published import (
     PRESSURES,
     Differences,
     PublishedTests,
     expected_total,
-    log_likelihood,
     misfit_moments,
+    of_tests,
     published_tests,
     r_squared_log_density,
     rupture_log_density,
 )
-from bayesdeg.inference.specimens import Material
-from bayesdeg.material.degradation import yeoh_constants
+from bayesdeg.observations.specimens import FilmsAndActuators, Material
 from tests.emulator.closed_form import ClosedFormMap
 
 GELATIN = Path(__file__).resolve().parents[2] / "studies" / "gelatin_actuator"
@@ -341,15 +342,16 @@ CONSTANTS = (
 MATERIAL = Material(np.stack(CONSTANTS, axis=-1), np.full((2, 3, 3), 0.05))
 
 
+class Known(FilmsAndActuators):
+    """A world whose material is known at the levels."""
+
+    def material(self, values, degradation):
+        return MATERIAL
+
+
 def blocks_of(tests):
-    return log_likelihood(
-        tests,
-        ClosedFormMap(),
-        VALUES,
-        MATERIAL,
-        elongation_nodes=(0.0, 25.0),
-        paper_thickness=0.1,
-    )
+    state = State(VALUES, Known((0.0,), (0.0, 25.0), ClosedFormMap()))
+    return {one.name: one.log_likelihood(state) for one in of_tests(tests)}
 
 
 def test_the_log_likelihood_is_that_of_plain_loops():

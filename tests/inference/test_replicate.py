@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bayesdeg.inference import likelihood
-from bayesdeg.inference.data import Statistic
 from bayesdeg.inference.model import replicate
-from tests.inference.small_study import small_model, values_of
+from bayesdeg.observations import noise as likelihood
+from bayesdeg.observations.means import Statistic
+from bayesdeg.observations.specimens import stiffness_spread
+from bayesdeg.observations.tensile import Tensile
+from tests.inference.small_study import altered, small_model, values_of
 
 COUNT = 400
 
@@ -46,7 +48,7 @@ def small_scatter():
 
 def with_exact_degradation(model):
     films, actuators = model.tensile, model.actuator
-    return replace(
+    return altered(
         model,
         tensile=replace(films, degradation_sd=0.1 * films.degradation_sd),
         actuator=replace(actuators, degradation_sd=0.1 * actuators.degradation_sd),
@@ -57,7 +59,7 @@ def with_exact_degradation(model):
 def test_whole_curves_are_at_the_distances_of_a_normal_law(kind):
     """The sum of squares of a specimen's whitened readings is χ² with as many degrees."""
     model, values = with_exact_degradation(small_model()), small_scatter()
-    model = replace(
+    model = altered(
         model,
         base=tuple(p for p in model.base if not p.name.startswith("elong")),
         breaks=None,
@@ -66,7 +68,7 @@ def test_whole_curves_are_at_the_distances_of_a_normal_law(kind):
     generator = np.random.default_rng(3)
     replicas = [replicate(model, values, generator) for _ in range(COUNT)]
     linearised = {
-        "tensile": lambda m: m.tensile_linearised(values),
+        "tensile": lambda m: m.of_kind(Tensile)[0].linearised(m.state(values)),
         "actuator": lambda m: m.actuator_linearised(values),
     }[kind]
     distances = squared_distances(linearised, replicas)
@@ -90,7 +92,7 @@ def test_curves_of_one_specimen_deviate_together_as_far_as_specimens_scatter():
     material = model.material(values, model.tensile.degradation)
     # the first film's degradation rate is exact: its curves are multiples of one another
     np.testing.assert_allclose(sd[0], 0.05, rtol=0.12)
-    spread = model.spread(values, material, model.tensile.degradation_sd)[0]
+    spread = stiffness_spread(values, material, model.tensile.degradation_sd)[0]
     assert np.all(np.ptp(logs[:, 0] - logs[0, 0], axis=1) < 1e-6)
     np.testing.assert_allclose(sd[:, 0], np.sqrt(spread), rtol=0.15)
 
@@ -131,7 +133,7 @@ def weak():
 def test_actuators_burst_as_often_as_the_likelihood_says():
     """With no scatter of stiffness the probability of each pressure is known exactly."""
     model = small_model()
-    exact = replace(
+    exact = altered(
         model, actuator=replace(model.actuator, degradation_sd=0.0 * model.actuator.degradation_sd)
     )
     generator = np.random.default_rng(11)
@@ -148,7 +150,7 @@ def test_actuators_burst_as_often_as_the_likelihood_says():
                 burst[s, row] = True
                 recorded[s, row + 1 :] = False
             data = replace(exact.actuator, ruptured=burst, recorded=recorded)
-            block = replace(exact, actuator=data).log_likelihood(weak())["rupture"]
+            block = altered(exact, actuator=data).log_likelihood(weak())["rupture"]
             observed.append(int(np.sum(seen[:, s] == row)))
             expected.append(COUNT * float(np.exp(block[0, s])))
         assert sum(observed) == COUNT
@@ -189,12 +191,12 @@ def test_replicates_are_possible_and_differ_and_the_tests_stay():
 
 def test_where_the_forward_map_has_no_answer_actuators_burst_or_readings_are_nan():
     model = small_model()
-    limited = replace(model, forward=Limited(model.forward, 90.0))
+    limited = altered(model, forward=Limited(model.forward, 90.0))
     generator = np.random.default_rng(2)
     data = replicate(limited, values_of(), generator).actuator
     assert np.all(data.pressure[data.ruptured] == 100.0)
     assert np.all(np.isfinite(data.readings[np.tile(data.mask, 2)]))
-    silent = replace(
+    silent = altered(
         limited,
         base=tuple(p for p in model.base if not p.name.startswith("elong")),
         breaks=None,

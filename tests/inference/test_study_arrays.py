@@ -8,7 +8,10 @@ from scipy import stats
 
 from bayesdeg.data.study import read_study
 from bayesdeg.errors import StudyError
-from bayesdeg.inference.data import actuator_curves, breaks, statistics, tensile_curves
+from bayesdeg.observations.breaks import break_table
+from bayesdeg.observations.curvature import actuator_curves
+from bayesdeg.observations.means import statistics
+from bayesdeg.observations.tensile import tensile_curves
 
 FILES = {
     "study.toml": """
@@ -188,13 +191,13 @@ def test_films_can_be_left_out(study_of):
     assert alone.modes == ("equibiaxial", "uniaxial")
     np.testing.assert_array_equal(alone.stress, films.stress[[2, 0]])
     np.testing.assert_array_equal(alone.paths.mask, films.mask[[2, 0]])
-    torn = breaks(study_of()).subset(np.array([1]))
+    torn = break_table(study_of()).subset(np.array([1]))
     assert torn.specimens == ("b2",)
     assert torn.elongation.tolist() == [52.0]
 
 
 def test_breaks(study_of):
-    found = breaks(study_of())
+    found = break_table(study_of())
     assert found.specimens == ("b1", "b2")
     np.testing.assert_array_equal(found.degradation, [0.0, 25.0])
     np.testing.assert_array_equal(found.degradation_sd, [0.7, 0.7])
@@ -257,4 +260,4 @@ def test_files_that_are_not_there_give_nothing(study_of):
     assert tensile_curves(study, fitted=True) is None
     assert actuator_curves(study) is None
     assert statistics(study) == ()
-    assert breaks(study) is not None
+    assert break_table(study) is not None

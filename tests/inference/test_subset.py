@@ -3,8 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bayesdeg.inference.model import blocks_of, specimens_of, without
-from tests.inference.small_study import draws_near_truth, small_model
+from bayesdeg.inference.model import blocks_of, without
+from tests.inference.small_study import altered, draws_near_truth, small_model
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +54,7 @@ def test_an_unknown_name_is_refused(model):
 def test_one_name_in_two_tables_or_two_modes_is_one_block(model):
     tensile = replace(model.tensile, specimens=("f1", "f1", "f3", "f4"))
     breaks = replace(model.breaks, specimens=("f3", "b2", "b3"))
-    shared = replace(model, tensile=tensile, breaks=breaks)
+    shared = altered(model, tensile=tensile, breaks=breaks)
     blocks = blocks_of(shared, ("tensile", "breaks"))
     assert list(blocks) == ["f1", "f3", "f4", "b2", "b3"]
     assert {kind: rows.tolist() for kind, rows in blocks["f3"].items()} == {
@@ -67,5 +67,6 @@ def test_one_name_in_two_tables_or_two_modes_is_one_block(model):
 
 
 def test_statistics_are_of_no_specimen(model):
-    assert specimens_of(model, "statistics") == ()
-    assert specimens_of(model, "rupture") == model.actuator.specimens
+    of = {one.name: one.specimens for one in model.observations}
+    assert of["statistics"] == ()
+    assert of["rupture"] == model.actuator.specimens

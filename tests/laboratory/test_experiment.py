@@ -13,7 +13,6 @@ import bayesdeg
 from bayesdeg.data.settings import MODES, Dimensions, Settings, parse_settings
 from bayesdeg.data.shrinkage import Known, Recipe
 from bayesdeg.data.study import read_study
-from bayesdeg.inference.data import actuator_curves, breaks, statistics, tensile_curves
 from bayesdeg.laboratory.design import Design, design_of
 from bayesdeg.laboratory.experiment import run_experiment
 from bayesdeg.laboratory.truth import Truth, parse_effects
@@ -24,6 +23,10 @@ from bayesdeg.laboratory.writing import (
     truth_record,
     virtual_settings,
 )
+from bayesdeg.observations.breaks import break_table
+from bayesdeg.observations.curvature import actuator_curves
+from bayesdeg.observations.means import statistics
+from bayesdeg.observations.tensile import tensile_curves
 from bayesdeg.priors import LogNormal, Normal, TruncatedNormal
 from tests.laboratory.linear_actuator import LinearActuator
 
@@ -68,7 +71,7 @@ def test_the_files_are_a_study_that_holds_what_was_recorded(tmp_path):
     assert study.settings.seed == 7
     assert study.actuator["ruptured"].sum() > 0
     curves, films = actuator_curves(study), tensile_curves(study, fitted=True)
-    assert len(curves.specimens) == len(films.specimens) == len(breaks(study).specimens) == 18
+    assert len(curves.specimens) == len(films.specimens) == len(break_table(study).specimens) == 18
     assert [s.quantity for s in statistics(study)] == ["volume_ratio"]
 
 

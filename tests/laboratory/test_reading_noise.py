@@ -6,12 +6,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bayesdeg.inference.data import paths_of
-from bayesdeg.inference.likelihood import noise_correlation
 from bayesdeg.laboratory.design import Design
 from bayesdeg.laboratory.experiment import tear_films
 from bayesdeg.laboratory.truth import Truth, alike_along
 from bayesdeg.material.hyperelastic import yeoh_basis
+from bayesdeg.observations.noise import noise_correlation, paths_of
 from tests.laboratory.linear_actuator import LENGTH_M, curvature_by_hand
 from tests.laboratory.test_actuators import c1_of, inflate, many
 

@@ -6,14 +6,10 @@ import numpy as np
 import pytest
 
 from bayesdeg.data.moisture import saturating
-from bayesdeg.inference.parameters import (
-    BEND_ANGLE,
-    TENSILE,
-    actuator_parameters,
-    elongation_parameters,
-    material_parameters,
-)
 from bayesdeg.laboratory.truth import TRUTH_NODES, Truth, drawn_truth
+from bayesdeg.observations.curvature import BEND_ANGLE, actuator_parameters
+from bayesdeg.observations.specimens import elongation_parameters, material_parameters
+from bayesdeg.observations.tensile import TENSILE
 
 
 def test_the_reference_agrees_with_the_published_statistics():

@@ -9,15 +9,14 @@ from arviz_stats.base import array_stats
 
 from bayesdeg.inference.laplace import approximate, evidence
 from bayesdeg.inference.model import replicate
-from bayesdeg.inference.parameters import (
-    BEND_ANGLE,
+from bayesdeg.inference.sampling import EFFORTS, sample
+from bayesdeg.observations.curvature import BEND_ANGLE, actuator_parameters
+from bayesdeg.observations.specimens import (
     STIFFNESS_SCATTER,
-    TENSILE,
-    actuator_parameters,
     elongation_parameters,
     material_parameters,
 )
-from bayesdeg.inference.sampling import EFFORTS, sample
+from bayesdeg.observations.tensile import TENSILE
 from tests.inference.small_study import ELONGATION_NODES, TRUTH, small_model, values_of
 from tests.peers import numpyro_process
 

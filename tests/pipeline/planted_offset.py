@@ -11,7 +11,7 @@ from bayesdeg.data.settings import Dimensions
 from bayesdeg.data.study import read_study
 from tests.criticism.linear_case import tight_model, with_known_scatter
 from tests.emulator.closed_form import trained
-from tests.inference.small_study import values_of
+from tests.inference.small_study import altered, values_of
 
 OFFSET = 12.0
 ONE_EACH = np.array([0, 2, 4])  # specimens: one a degradation rate
@@ -58,10 +58,10 @@ def model():
     """Films and three actuators of `tight_model`, the pressure read too high."""
     cause = find("pressure_offset")
     whole = tight_model()
-    chosen = replace(whole, actuator=whole.actuator.subset(ONE_EACH))
+    chosen = altered(whole, actuator=whole.actuator.subset(ONE_EACH))
     base = with_known_scatter(chosen)
     values = values_of() | {"pressure_offset.offset": np.array([OFFSET])}
-    active = replace(base, forward=trained()).extended(cause)
+    active = altered(base, forward=trained()).extended(cause)
     return active.with_readings(active.simulate(values, np.random.default_rng(4))[0])
 
 

@@ -10,7 +10,7 @@ from scipy.stats import norm
 from bayesdeg.inference.sampling import Chain
 from bayesdeg.pipeline.writing import RISK, decisions
 from bayesdeg.report.columns import DECISIONS, TABLES
-from tests.inference.small_study import TRUTH, small_model, values_of
+from tests.inference.small_study import TRUTH, altered, small_model, values_of
 from tests.laboratory.linear_actuator import LinearActuator, curvature_by_hand
 
 LEVELS = [0.0, 5.2, 14.0, 24.0]
@@ -29,7 +29,7 @@ def model_of(forward=None, largest=LARGEST):
     data = replace(model.actuator, curvature=curvature)
     assert not data.mask[4, 5:].any()
     data.curvature[4, 5:] = 99.0  # after the rupture: not readings
-    return replace(model, forward=forward or LinearActuator(), actuator=data)
+    return altered(model, forward=forward or LinearActuator(), actuator=data)
 
 
 def fit_of(model, **changes):

@@ -13,7 +13,7 @@ from bayesdeg.pipeline.calibrate import Fit
 from bayesdeg.pipeline.deformed import STEPS, fitted_cases, write_deformed
 from bayesdeg.report.actuator_files import SURFACE, read_surface
 from bayesdeg.report.folder import RunFolder
-from tests.inference.small_study import TRUTH, draws_near_truth, small_model
+from tests.inference.small_study import TRUTH, altered, draws_near_truth, small_model
 
 pytestmark = pytest.mark.fem
 
@@ -102,7 +102,7 @@ def test_the_export_and_the_picture_show_the_same_state(run):
 
 def test_beyond_the_last_equilibrium_the_state_before_it_is_shown(fit, tmp_path):
     model = fit.model
-    pressed = replace(model, actuator=replace(model.actuator, pressure=np.full((5, 7), 3000.0)))
+    pressed = altered(model, actuator=replace(model.actuator, pressure=np.full((5, 7), 3000.0)))
     write_deformed(
         RunFolder(tmp_path), replace(fit, model=pressed), TWO_CHAMBERS, resolution=COARSEST
     )

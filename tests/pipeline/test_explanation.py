@@ -17,7 +17,7 @@ from bayesdeg.criticism.decide.candidates import Candidate, Confusability, Effec
 from bayesdeg.criticism.decide.support import Support
 from bayesdeg.criticism.decide.verdict import Decision, Outcome
 from bayesdeg.criticism.fit.search import Step
-from bayesdeg.inference.data import Statistic
+from bayesdeg.observations.means import Statistic
 from bayesdeg.pipeline.document import unjudged_document, verdict_document
 from bayesdeg.pipeline.explanation import explain
 from bayesdeg.pipeline.judge import Judgement, readings_misfit

@@ -7,12 +7,11 @@ from types import SimpleNamespace
 import numpy as np
 
 from bayesdeg.data.study import read_study
-from bayesdeg.inference.parameters import with_priors
 from bayesdeg.pipeline.document import in_doubt
-from bayesdeg.priors import LogNormal
+from bayesdeg.priors import LogNormal, with_priors
 from bayesdeg.report.headline import doubts_of
 from bayesdeg.report.record import verdict_of
-from tests.inference.small_study import draws_near_truth, small_model
+from tests.inference.small_study import altered, draws_near_truth, small_model
 
 STUDY = Path(__file__).resolve().parents[2] / "studies" / "gelatin_actuator"
 
@@ -21,7 +20,7 @@ def results(**priors):
     """A calibration near the truth of the small study, under some other priors."""
     model = small_model()
     values = model.table.named(draws_near_truth(model, 200))
-    stated = replace(model, base=with_priors(model.base, priors))
+    stated = altered(model, base=with_priors(model.base, priors))
     vectors = stated.table.vectors(values).reshape(4, 50, -1)
     return SimpleNamespace(
         final=SimpleNamespace(model=stated, chain=SimpleNamespace(vectors=vectors))

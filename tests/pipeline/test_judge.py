@@ -12,7 +12,6 @@ from bayesdeg.criticism.fit.search import SearchEffort
 from bayesdeg.criticism.posterior.convergence import diagnose
 from bayesdeg.inference.importance import about_mode
 from bayesdeg.inference.laplace import approximate
-from bayesdeg.inference.parameters import with_priors
 from bayesdeg.inference.sampling import EFFORTS, Chain
 from bayesdeg.pipeline import judge as judging
 from bayesdeg.pipeline.assemble import Assembly
@@ -27,10 +26,10 @@ from bayesdeg.pipeline.judge import (
     with_sampled_sizes,
 )
 from bayesdeg.pipeline.progress import Silent
-from bayesdeg.priors import LogNormal, Normal
+from bayesdeg.priors import LogNormal, Normal, with_priors
 from tests.criticism.linear_case import tight_model, with_known_scatter
 from tests.emulator.closed_form import trained
-from tests.inference.small_study import TRUTH, values_of
+from tests.inference.small_study import TRUTH, altered, values_of
 
 EFFORT = SearchEffort(replicates=60, fitted=2, pairs=1, levels_out=True)
 CAUSES = tuple(find(name) for name in ("pressure_offset", "erosion", "paper_softening"))
@@ -39,14 +38,14 @@ UNJUDGED = {"creep": "actuator.csv does not record time_s"}
 
 def model_with(**effect):
     """Six actuators whose material is known, with an effect of the catalogue in their readings."""
-    model = with_known_scatter(replace(tight_model(), tensile=None, breaks=None, statistics=()))
+    model = with_known_scatter(altered(tight_model(), tensile=None, breaks=None, statistics=()))
     known = {
         name: Normal(TRUTH[name], 0.02) if "ratio" in name else LogNormal(TRUTH[name], 0.03)
         for name in model.table.names
         if name.startswith(("c1_", "c2_", "c3_", "elongation_at", "volume", "paper"))
     }
     known["volume_ratio"] = Normal(TRUTH["volume_ratio"], 0.01)
-    model = replace(model, base=with_priors(model.base, known), forward=trained())
+    model = altered(model, base=with_priors(model.base, known), forward=trained())
     active = model.extended(*(find(name.split(".")[0]) for name in effect))
     values = values_of() | {name: np.array([size]) for name, size in effect.items()}
     return model.with_readings(active.simulate(values, np.random.default_rng(4))[0])
@@ -145,7 +144,7 @@ def test_sizes_of_named_causes_are_replaced_by_sampled_ones(shifted):
     vectors = np.tile(start, (2, 50, 4, 1))
     vectors[..., column] = np.random.default_rng(6).normal(9.0, 0.5, (2, 50, 4))
     chain = Chain(vectors, np.zeros((2, 50, 4)), np.full(2, 0.4))
-    final = replace(fit_of(judgement.search.base.subject.model), model=model, chain=chain)
+    final = replace(fit_of(judgement.search.base.subject), model=model, chain=chain)
     best, *others = with_sampled_sizes(judgement, final).candidates
     assert best.effect["offset"].mean == pytest.approx(9.0, abs=0.2)
     assert best.effect["offset"].unit == "kPa"
@@ -201,7 +200,7 @@ def test_experiments_are_sought_to_tell_the_causes_of_an_ambiguous_outcome_apart
     one = Support("pressure_offset", 40.0, 9.0, 1.0, {"erosion": 1.5 * INSEPARABLE}, 1e-4)
     assert one.inseparable == ("erosion",)
     ambiguous = Decision(Outcome.AMBIGUOUS, ("pressure_offset", "erosion"))
-    assembly = Assembly(search.base.subject.model, CAUSES, UNJUDGED, ())
+    assembly = Assembly(search.base.subject, CAUSES, UNJUDGED, ())
     judging._next(search, ambiguous, [one], assembly, np.random.default_rng(1))
     assert asked == [[known, search.trials[frozenset({"erosion"})]]]
 

@@ -16,13 +16,13 @@ from bayesdeg.pipeline.progress import Silent
 from bayesdeg.pipeline.record import emulator_facts, refusal_words
 from bayesdeg.report.checkpoints import Checkpoints
 from tests.emulator.closed_form import trained
-from tests.inference.small_study import draws_near_truth, small_model, values_of
+from tests.inference.small_study import altered, draws_near_truth, small_model, values_of
 
 SHORT = Effort(effective=1e9, r_hat=1.0, chunk=10, longest=20, ensembles=2)
 
 
 def model():
-    return replace(small_model(), forward=trained())
+    return altered(small_model(), forward=trained())
 
 
 @cache
@@ -43,7 +43,7 @@ def test_refused_is_what_prior_and_stability_allow_and_the_emulator_does_not():
     table = model().table
     with np.errstate(all="ignore"):
         values = table.named(vectors())
-        allowed = np.isfinite(table.log_prior(vectors())) & model().is_stable(values)
+        allowed = np.isfinite(table.log_prior(vectors())) & model().allows(values)
         status = model().curvature(values).status
     outside = np.any((status == Status.OUTSIDE_TRAINING) & model().actuator.mask, axis=(1, 2))
     # outside at the median of the specimens, or at their deviations alone
@@ -73,13 +73,13 @@ class Refusing:
 @pytest.mark.parametrize(("reading", "share"), [((0, 3), 1.0), ((1, 3), 0.0)])
 def test_only_readings_that_were_taken_count(reading, share):
     """Specimen 1 has no reading at its point 3."""
-    counted = CountedDensity(replace(model(), forward=Refusing(*reading)))
+    counted = CountedDensity(altered(model(), forward=Refusing(*reading)))
     counted(np.tile(model().table.vectors(values_of()), (5, 1)))
     assert counted.refusals == Refusals(5, round(5 * share))
 
 
 def test_a_model_without_actuators_refuses_nothing():
-    counted = CountedDensity(replace(model(), actuator=None, forward=None))
+    counted = CountedDensity(altered(model(), actuator=None, forward=None))
     counted(vectors())
     assert counted.refusals == Refusals(len(vectors()), 0)
 

@@ -15,7 +15,7 @@ from bayesdeg.prediction.predictive import (
     rupture_table,
 )
 from tests.emulator.closed_form import ClosedFormMap
-from tests.inference.small_study import TRUTH, small_model, values_of
+from tests.inference.small_study import TRUTH, altered, small_model, values_of
 
 LEVELS = np.array([0.0, 12.5, 25.0])
 PRESSURES = np.array([0.0, 20.0, 60.0, 100.0, 140.0])
@@ -24,7 +24,7 @@ NAMES = [f"q{round(100 * q):02d}" for q in QUANTILES]
 
 @pytest.fixture(scope="module")
 def model():
-    return replace(small_model(), forward=default_surrogate())
+    return altered(small_model(), forward=default_surrogate())
 
 
 def chain_at(model, **changes):
@@ -147,7 +147,7 @@ def without_error(inputs):
 
 
 def test_a_map_without_an_error_of_its_own_has_none_in_the_bands(model):
-    exact = replace(model, forward=without_error)
+    exact = altered(model, forward=without_error)
     still, moved = (
         bands_of(exact, chain_at(exact, stiffness_scatter=1e-9, emulator_error_level=u))
         for u in (0.0, 3.0)
@@ -159,7 +159,7 @@ def test_bands_of_curvature_do_not_need_bend_angles(model):
     """They are those of the calibrated model, whether angles were read or not."""
     without = replace(model.actuator, angle_mask=np.zeros_like(model.actuator.angle_mask))
     chain = chain_at(model)
-    assert bands_of(replace(model, actuator=without), chain).equals(bands_of(model, chain))
+    assert bands_of(altered(model, actuator=without), chain).equals(bands_of(model, chain))
 
 
 def test_bands_end_where_the_map_ends(model):

@@ -1,6 +1,6 @@
 """The pressure for a wanted curvature, against forward maps whose inverse is known."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from bayesdeg.actuator.status import Status
 from bayesdeg.inference.sampling import Chain
 from bayesdeg.prediction.control import control, largest_allowed, needed_by, needed_pressure
 from bayesdeg.prediction.predictive import draw_specimens, finer, respond
-from tests.inference.small_study import TRUTH, small_model, values_of
+from tests.inference.small_study import TRUTH, altered, small_model, values_of
 from tests.laboratory.linear_actuator import LinearActuator
 
 C1 = TRUTH["c1_at_0"]
@@ -45,10 +45,10 @@ class StraightLine:
 
 def specimens_of(forward=None, *, draws=20, strata=6, **changes):
     """Specimens of a posterior without width."""
-    model = replace(small_model(), forward=forward or StraightLine())
+    model = altered(small_model(), forward=forward or StraightLine())
     if changes.pop("unknown_strength", False):
         base = tuple(p for p in model.base if not p.name.startswith("elongation"))
-        model = replace(model, base=base)
+        model = altered(model, base=base)
     truth = {n: v for n, v in (TRUTH | changes).items() if n in model.table.names}
     vectors = model.table.vectors(values_of(truth, 10))[None, :, None]
     chain = Chain(vectors, np.zeros((1, 10, 1)), np.ones(1))

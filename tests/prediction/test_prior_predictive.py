@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from bayesdeg.inference.parameters import with_priors
 from bayesdeg.prediction.prior_predictive import PriorPredictive, prior_predictive, sentence
-from bayesdeg.priors import HalfNormal, LogNormal, TruncatedNormal
-from tests.inference.small_study import small_model
+from bayesdeg.priors import HalfNormal, LogNormal, TruncatedNormal, with_priors
+from tests.inference.small_study import altered, small_model
 
 Z = norm.ppf(0.95)
 
@@ -46,7 +45,7 @@ def at_zero(model, **laws):
         degradation=np.zeros(4),
         degradation_sd=np.zeros(4),
     )
-    return replace(model, base=with_priors(model.base, laws), tensile=tensile, actuator=None)
+    return altered(model, base=with_priors(model.base, laws), tensile=tensile, actuator=None)
 
 
 def test_stress_of_a_neo_hookean_prior_is_the_closed_form(model):
@@ -83,7 +82,7 @@ def test_specimens_scatter_about_the_median_material(model):
 def test_the_share_of_answers_is_the_prior_probability_of_what_is_answered(model):
     """Only C1 ≥ 0.3 is answered, the median of its prior without degradation."""
     laws = {"c1_at_0": LogNormal(0.3, 0.4), "stiffness_scatter": HalfNormal(1e-9)}
-    refusing = replace(
+    refusing = altered(
         model, base=with_priors(model.base, laws), forward=StiffOnly(model.forward, 0.3)
     )
     everywhere = predicted(model).table
@@ -96,7 +95,7 @@ def test_the_share_of_answers_is_the_prior_probability_of_what_is_answered(model
 
 
 def test_a_quantile_of_few_answers_is_left_out(model):
-    refusing = replace(model, forward=StiffOnly(model.forward, 1e3))
+    refusing = altered(model, forward=StiffOnly(model.forward, 1e3))
     table = predicted(refusing).table.query("quantity == 'curvature'")
     assert (table["answered"] == 0.0).all()
     assert table[["q05", "q50", "q95"]].isna().all(axis=None)
@@ -127,7 +126,7 @@ def test_readings_that_the_priors_exclude_are_said_to_be_outside(model, found):
     assert found.inside_curvature > 0.5
     assert found.inside_stress > 0.5
     assert "leave room" in sentence(found)
-    absurd = replace(
+    absurd = altered(
         model,
         tensile=replace(model.tensile, stress=np.where(model.tensile.mask, 1e3, 0.0)),
         actuator=replace(model.actuator, curvature=np.where(model.actuator.mask, -500.0, 0.0)),
@@ -138,7 +137,7 @@ def test_readings_that_the_priors_exclude_are_said_to_be_outside(model, found):
 
 
 def test_without_curves_there_is_nothing_to_draw(model):
-    bare = replace(model, tensile=None, actuator=None)
+    bare = altered(model, tensile=None, actuator=None)
     found = predicted(bare)
     assert found.table.empty
     assert {"quantity", "answered", "q50"} <= set(found.table.columns)
@@ -148,7 +147,7 @@ def test_without_curves_there_is_nothing_to_draw(model):
 
 def test_the_sentence_gives_the_shares():
     said = sentence(
-        PriorPredictive(predicted(replace(small_model(), actuator=None)).table, 0.48, 0.98, 1.0)
+        PriorPredictive(predicted(altered(small_model(), actuator=None)).table, 0.48, 0.98, 1.0)
     )
     assert "98 % of the readings of curvature and 100 % of the readings of stress" in said
     assert "For 48 % of the draws" in said

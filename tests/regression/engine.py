@@ -22,21 +22,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.causes.cause import Cause
-from bayesdeg.criticism.custom import CustomModel
-from bayesdeg.criticism.custom_verdict import judge as judge_custom
-from bayesdeg.criticism.custom_verdict import summary
 from bayesdeg.criticism.holdout.gain import gain_table
-from bayesdeg.criticism.model_readings import ModelReadings
 from bayesdeg.data.study import Study, read_study
 from bayesdeg.emulator.trained import default_surrogate
-from bayesdeg.inference import likelihood
 from bayesdeg.inference.course import CourseModel, course_model, moisture_at
-from bayesdeg.inference.data import ActuatorCurves
 from bayesdeg.inference.laplace import approximate
 from bayesdeg.inference.model import Model, near_films, replicate
-from bayesdeg.inference.parameters import ParameterTable
-from bayesdeg.inference.published import published_tests
+from bayesdeg.observations.curvature import ActuatorCurves, Curvature
+from bayesdeg.observations.noise import sequential
+from bayesdeg.observations.published import of_tests, published_tests
+from bayesdeg.observations.tensile import Tensile
 from bayesdeg.pipeline.assemble import Assembly, assemble
+from bayesdeg.pipeline.judge import judge_model
+from bayesdeg.pipeline.summary import summary
+from bayesdeg.priors import ParameterTable
 from tests.hidden_effects.judging import judged
 
 Floats = NDArray[np.float64]
@@ -190,13 +189,10 @@ class Folder(Adapter):
         )
 
     def pointwise(self, vectors: Floats) -> Block | None:
-        values, parts = self.named(vectors), []
-        if self.model.tensile is not None:
-            films = likelihood.sequential(self.model.tensile_linearised(values))
-            parts.append(films[:, self.model.tensile.mask])
-        if self.model.actuator is not None:
-            mask = self.model.actuator.paths.mask
-            parts.append(self.model.readings_pointwise(values)[:, mask])
+        state, parts = self.model.state(self.named(vectors)), []
+        for kind in (Tensile, Curvature):
+            for one in self.model.of_kind(kind):
+                parts.append(sequential(one.linearised(state))[:, one.curves.paths.mask])
         return self._of_readings(np.concatenate(parts, axis=1)) if parts else None
 
     def expected(self, vectors: Floats) -> Block | None:
@@ -230,10 +226,9 @@ class Folder(Adapter):
             parts.append(labelled(means, np.array([[s.value for s in new.statistics]])))
         return joined(parts)
 
-    @cached_property
-    def _subject(self) -> ModelReadings | None:
-        has_readings = self.model.tensile is not None or self.model.actuator is not None
-        return ModelReadings(self.model) if has_readings else None
+    @property
+    def _subject(self) -> Model | None:
+        return self.model if self.model.has_readings else None
 
     def _of_readings(self, values: Floats) -> Block:
         assert self._subject is not None
@@ -319,11 +314,11 @@ class Script(Adapter):
 
     Parameters
     ----------
-    model : CustomModel
+    model : Model
     causes : tuple of Cause
     """
 
-    model: CustomModel[Any, Any, Any]
+    model: Model
     causes: tuple[Cause, ...]
 
     @cached_property
@@ -452,8 +447,9 @@ def _of(assembly: Assembly) -> Folder:
 def _published() -> Folder:
     """Return the published statistics as data, the counts of ruptures among them."""
     study = _reduced(read_study(STUDIES / "gelatin_actuator"), ("summary",))
-    found = _of(assemble(study))
-    return replace(found, model=replace(found.model, published=published_tests(study)))
+    found, tests = _of(assemble(study)), published_tests(study)
+    assert tests is not None
+    return replace(found, model=found.model.with_observations(*of_tests(tests)))
 
 
 def _course() -> Course:
@@ -544,7 +540,7 @@ def _verdict_of_folder(path: Path) -> dict[str, Any]:
 
 
 def _verdict_of_script(model: Script) -> dict[str, Any]:
-    found = summary(judge_custom(model.model, model.causes, seed=np.random.SeedSequence(SIMULATED)))
+    found = summary(judge_model(model.model, model.causes, seed=SIMULATED))
     fitted = {"+".join(one["causes"]): one for one in found["fitted"]}
     numbers = ("outcome", "causes", "threshold", "misfit", "misfit_left", "explained_fraction")
     return {

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from bayesdeg.criticism.custom_verdict import judge
+from bayesdeg.pipeline.judge import judge_model
 from bayesdeg.priors import HalfNormal
 
 STUDIES = Path(__file__).resolve().parents[2] / "studies"
@@ -26,9 +26,7 @@ def study():
 @pytest.fixture(scope="module")
 def judged(study):
     return {
-        known: judge(
-            study.model(gravity_known=known), study.CATALOGUE, seed=np.random.SeedSequence(1)
-        )
+        known: judge_model(study.model(gravity_known=known), study.CATALOGUE, seed=1)
         for known in (False, True)
     }
 
@@ -104,12 +102,12 @@ def test_with_g_unknown_the_interval_of_the_formula_excludes_gravity(study, judg
 
 def test_with_g_known_the_misfit_shows_and_drag_is_named(judged):
     found = judged[True]
-    assert found.base.misfit.p_value <= 0.005
+    assert found.misfit.p_value <= 0.005
     assert (found.decision.outcome, found.decision.causes) == ("named", ("drag",))
     assert found.search.factor(frozenset({"drag"})) > found.search.factor(
         frozenset({"reaction_time"})
     ) + np.log(20.0)
-    assert found.final.misfit.p_value > 0.05
+    assert found.left.p_value > 0.05
 
 
 def test_with_g_unknown_drag_leads_and_g_is_right_once_it_is_there(study, judged):

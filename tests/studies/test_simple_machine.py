@@ -6,13 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bayesdeg.criticism.custom_verdict import (
-    interval_with_discrepancy,
-    judge,
-    lines,
-    posterior_draws,
-    summary,
-)
+from bayesdeg.criticism.checks.discrepancy import interval_with_discrepancy
+from bayesdeg.pipeline.judge import judge_model
+from bayesdeg.pipeline.summary import lines, summary
 
 STUDIES = Path(__file__).resolve().parents[2] / "studies"
 SEEDS = (1, 2, 2014)
@@ -34,7 +30,7 @@ def study():
 def judged(study, request):
     subject = study.model(request.param)
     return {
-        title: judge(subject, catalogue, seed=np.random.SeedSequence(request.param))
+        title: judge_model(subject, catalogue, seed=request.param)
         for title, catalogue in study.CATALOGUES.items()
     }
 
@@ -45,7 +41,7 @@ def ninety(draws):
 
 def test_the_model_alone_is_sure_of_a_wrong_efficiency(study, judged):
     base = judged[THERE].search.base
-    draws = posterior_draws(base, "efficiency", np.random.default_rng(0))
+    draws = base.named_draws("efficiency", np.random.default_rng(0))
     assert draws.max() < study.EFFICIENCY - 0.05
     assert np.std(draws) < 0.005
     effort, work = base.subject.places.along, base.subject.observed
@@ -53,7 +49,7 @@ def test_the_model_alone_is_sure_of_a_wrong_efficiency(study, judged):
 
 
 def test_its_misfit_is_seen(judged):
-    assert judged[THERE].base.misfit.p_value <= 0.005
+    assert judged[THERE].misfit.p_value <= 0.005
 
 
 def test_the_true_cause_is_named_and_the_efficiency_is_then_right(study, judged):
@@ -62,7 +58,7 @@ def test_the_true_cause_is_named_and_the_efficiency_is_then_right(study, judged)
     draws = found.draws("efficiency", np.random.default_rng(0))
     assert np.quantile(draws, 0.01) < study.EFFICIENCY < np.quantile(draws, 0.99)
     trial = found.search.trials[found.chosen]
-    growth = posterior_draws(trial, "growing_friction.growth", np.random.default_rng(0))
+    growth = trial.named_draws("growing_friction.growth", np.random.default_rng(0))
     assert np.quantile(growth, 0.01) < study.FRICTION < np.quantile(growth, 0.99)
 
 
@@ -87,18 +83,18 @@ def test_a_discrepancy_of_no_known_cause_widens_the_interval_but_does_not_make_i
 ):
     base = judged[MISSING].search.base
     low, high = interval_with_discrepancy(base, "efficiency")
-    alone = ninety(posterior_draws(base, "efficiency", np.random.default_rng(0)))
+    alone = ninety(base.named_draws("efficiency", np.random.default_rng(0)))
     assert high - low > 4.0 * np.ptp(alone)
     assert high < study.EFFICIENCY
 
 
 def test_an_average_over_causes_lies_between_theirs(study):
-    found = judge(study.model(2), study.CATALOGUES[ALIKE], seed=np.random.SeedSequence(2))
+    found = judge_model(study.model(2), study.CATALOGUES[ALIKE], seed=2)
     assert found.decision.outcome == "ambiguous"
     assert set(found.decision.causes) == {"growing_friction", "slip"}
     generator = np.random.default_rng(0)
     means = [
-        np.mean(posterior_draws(found.search.trials[names], "efficiency", generator))
+        np.mean(found.search.trials[names].named_draws("efficiency", generator))
         for names in found.possible
     ]
     assert len(means) == 2
@@ -107,7 +103,7 @@ def test_an_average_over_causes_lies_between_theirs(study):
 
 def test_a_machine_as_the_model_has_it_is_left_alone(study, monkeypatch):
     monkeypatch.setattr(study, "FRICTION", 0.0)
-    found = judge(study.model(5), study.CATALOGUES[ALIKE], seed=np.random.SeedSequence(5))
+    found = judge_model(study.model(5), study.CATALOGUES[ALIKE], seed=5)
     assert found.decision.outcome == "adequate"
     low, high = np.quantile(found.draws("efficiency", np.random.default_rng(0)), [0.005, 0.995])
     assert low < study.EFFICIENCY < high

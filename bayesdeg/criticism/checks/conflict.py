@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from bayesdeg.criticism.chance import chance_of
 from bayesdeg.criticism.checks.discrepancy import MISFIT_LEVEL
-from bayesdeg.inference.data import Statistic
 from bayesdeg.inference.model import Model
+from bayesdeg.observations.means import Statistic
 from bayesdeg.priors import Law, Parameter
 
 Floats = NDArray[np.float64]
@@ -63,7 +64,7 @@ def conflict(model: Model, vectors: Floats) -> Conflict | None:
     and data; Student's law is that of a mean of few replicates.
     """
     values = model.table.named(vectors)
-    found = [_of(statistic, model.expected(values, statistic)) for statistic in model.statistics]
+    found = [_of(*one) for one in model.compared(values)]
     if not found:
         return None
     worst = min(found, key=lambda one: one.p_value)
@@ -149,4 +150,4 @@ def surprise(law: Law, value: float) -> float:
     density = float(law.log_density(value))
     # a density that is constant is the same in all digits but the last
     as_small = law.log_density(drawn) <= density + 1e-9 * max(1.0, abs(density))
-    return (1 + int(np.sum(as_small))) / (1 + PRIOR_VALUES)
+    return float(chance_of(1.0, as_small.astype(np.float64)))

@@ -27,8 +27,10 @@ from numpy.typing import NDArray
 from scipy.linalg.lapack import dpstrf
 from scipy.special import ndtr, ndtri
 
+from bayesdeg.criticism.chance import chance_of
 from bayesdeg.criticism.fit.linear import Linear
-from bayesdeg.criticism.subject import Places
+from bayesdeg.criticism.fit.trials import Trial
+from bayesdeg.observations.kinds import Places
 
 Floats = NDArray[np.float64]
 
@@ -233,9 +235,7 @@ def too_few(known: int, drawn: int) -> str:
 
 
 def _p_value(statistic: float, null: Floats) -> float:
-    if len(null) < FEWEST:
-        return float("nan")
-    return float((1 + np.sum(null >= statistic)) / (1 + len(null)))
+    return float(chance_of(statistic, null, fewest=FEWEST))
 
 
 def resolved(
@@ -372,3 +372,28 @@ def _posterior_mean(linear: Linear, kernel: Discrepancy, amplitude: float) -> Fl
     signal = amplitude**2 * kernel.values
     shrunk = kernel.vectors @ ((signal / (1.0 + signal)) * (linear.observed @ kernel.vectors))
     return linear.whitening.coloured(shrunk)
+
+
+def interval_with_discrepancy(trial: Trial, name: str) -> tuple[float, float]:
+    """Return the 90 % interval of a parameter where the best discrepancy is added to the errors.
+
+    In the linearised model, with δ ~ N(δ₀, Λ⁻¹) and readings of covariance V + K: K is the
+    covariance of the most probable of the discrepancies that measure the misfit. It is no remedy:
+    what of a misfit looks like a change of the parameter is still taken for one.
+    """
+    linear, subject, jacobian = trial.linear, trial.subject, trial.linear.jacobian
+    kernels = discrepancies(linear)
+    best = int(largest_ratio(linear.observed[None], kernels)[1][0])
+    kernel, amplitude = kernels[best // len(AMPLITUDES)], AMPLITUDES[best % len(AMPLITUDES)]
+    signal = amplitude**2 * kernel.values
+    shrink = kernel.vectors * (signal / (1.0 + signal))
+
+    spread = linear.whiten_columns(jacobian @ trial.uncertain)
+    weighed = spread - shrink @ (kernel.vectors.T @ spread)
+    centre = trial.mode + linear.shift + weighed.T @ linear.observed
+    covariance = trial.uncertain - spread.T @ weighed
+    row = subject.table.names.index(name)
+    half = 1.645 * np.sqrt(covariance[row, row])
+    law = subject.table.parameters[row].law
+    low, high = law.from_unconstrained(centre[row] + half * np.array([-1.0, 1.0]))
+    return float(low), float(high)

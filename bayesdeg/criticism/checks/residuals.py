@@ -27,12 +27,13 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from bayesdeg.criticism.chance import chance_of
 from bayesdeg.criticism.checks.discrepancy import Misfit
 from bayesdeg.criticism.fit.linear import Linear
-from bayesdeg.criticism.model_readings import ACTUATOR
-from bayesdeg.criticism.subject import Labels, Places
 from bayesdeg.inference.model import Model
 from bayesdeg.inference.sampling import Chain
+from bayesdeg.observations.curvature import ACTUATOR
+from bayesdeg.observations.kinds import Labels, Places
 
 Floats = NDArray[np.float64]
 
@@ -438,7 +439,7 @@ def concentration(linear: Linear, simulated: Floats, statistic: float) -> Concen
     data = np.vstack([linear.observed, linear.whiten(simulated)])
     gains = np.stack([_gain(linear, (group,), data) for group in groups])
     chance = gains[:, 1:].max(axis=0)
-    p_values = (1 + np.sum(chance >= gains[:, :1], axis=1)) / (1 + len(chance))
+    p_values = chance_of(gains[:, 0], chance)
     best = int(np.argmax(gains[:, 0]))
     chosen = _chosen(groups, gains[:, 0], p_values, best)
     if not chosen or p_values[best] > RARE:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdeg.criticism.chance import chance_of
 from bayesdeg.inference.model import Model, replicate
 
 Floats = NDArray[np.float64]
@@ -62,23 +63,23 @@ def rupture_misfit(
     Gelman, Meng, Stern (1996), Statistica Sinica 6:733, for discrepancies that depend on
     parameters.
     """
-    if model.actuator is None or not model.has_elongation:
+    happened = _events(model)
+    if happened is None:
         return None
     observed = _deviances(model, vectors)
     simulated, bursts = [], []
     for vector in vectors:
         again = replicate(model, model.table.named(vector[None]), generator)
-        assert again.actuator is not None
         simulated.append(_deviances(again, vector[None])[0])
-        bursts.append(int(again.actuator.ruptured.any(axis=1).sum()))
+        bursts.append(_events(again) or 0)
     known = np.isfinite(observed) & np.isfinite(simulated)
     count = int(np.sum(known))
-    worse = int(np.sum(np.array(simulated)[known] >= observed[known]))
+    excess = np.array(simulated)[known] - observed[known]
     return RuptureMisfit(
-        int(model.actuator.ruptured.any(axis=1).sum()),
+        happened,
         float(np.mean(bursts)),
         float(np.mean(observed[known])) if count else float("nan"),
-        (1 + worse) / (1 + count) if count >= FEWEST else float("nan"),
+        float(chance_of(0.0, excess, fewest=FEWEST)),
         count,
         len(vectors),
     )
@@ -87,5 +88,12 @@ def rupture_misfit(
 def _deviances(model: Model, vectors: Floats) -> Floats:
     """Return −2 ln of the ruptures' probability, (k,); readings that are nan play no part."""
     with np.errstate(all="ignore"):
-        density = model.rupture_density(model.table.named(vectors))
-        return np.asarray(-2.0 * np.sum(density, axis=1))
+        state = model.state(model.table.named(vectors))
+        densities = [o.log_likelihood(state) for o in model.observations if o.events is not None]
+        return np.asarray(-2.0 * np.sum(np.concatenate(densities, axis=1), axis=1))
+
+
+def _events(model: Model) -> int | None:
+    """Return how many specimens met an event; None where none is recorded."""
+    counts = [one.events for one in model.observations if one.events is not None]
+    return sum(counts) if counts else None

@@ -11,12 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.causes.cause import Cause
+from bayesdeg.criticism.chance import chance_of
 from bayesdeg.criticism.checks.discrepancy import FEWEST, MISFIT_LEVEL
 from bayesdeg.criticism.checks.residuals import levels
 from bayesdeg.criticism.fit.linear import is_seen
 from bayesdeg.criticism.fit.trials import Trial
-from bayesdeg.criticism.model_readings import ModelReadings
 from bayesdeg.criticism.subject import columns_of
+from bayesdeg.observations.kinds import Deviations
 
 Floats = NDArray[np.float64]
 
@@ -81,36 +82,32 @@ def shared_scatter(trial: Trial, simulated: Floats) -> list[SharedScatter]:
     Returns
     -------
     list of SharedScatter
-        One for each cause that widens the scatter; none where nothing is read on actuators.
+        One for each cause that widens the scatter; none where specimens have no deviations.
 
     References
     ----------
     Atenafu et al. (2012), doi:10.1186/1471-2288-12-126, on correlations within classes.
     """
-    subject = trial.subject
-    if not isinstance(subject, ModelReadings) or subject.model.actuator is None:
-        return []
     found = []
-    for cause in subject.causes:
-        added = _added_scatter(trial, cause)
+    for cause in trial.subject.causes:
+        own = trial.subject.deviations(trial.mode)
+        added = _added_scatter(trial, cause, own)
         if np.any(is_seen(added)):
-            level = levels(subject.model.actuator.degradation[:, 0])[1]
+            level = levels(own.level)[1]
             found.append(_tested(trial, cause.name, added, level, simulated))
     return found
 
 
-def _added_scatter(trial: Trial, cause: Cause) -> Floats:
+def _added_scatter(trial: Trial, cause: Cause, own: Deviations) -> Floats:
     """Return what one standard deviation of a cause's scatter does, whitened, (n, n_specimens)."""
-    assert isinstance(trial.subject, ModelReadings)
     subject, linear = trial.subject, trial.linear
     unseen = ~is_seen(linear.whiten_columns(linear.jacobian))
     neutral = trial.mode.copy()
     for column, parameter in zip(columns_of(subject, cause), cause.parameters, strict=True):
         if unseen[column]:
             neutral[column] = float(parameter.law.to_unconstrained(parameter.neutral or 0.0))
-    slope, spread = subject.deviations(trial.mode)
-    _, without = subject.deviations(neutral)
-    return linear.whiten_columns(slope * np.sqrt(np.maximum(spread - without, 0.0)))
+    without = subject.deviations(neutral).spread
+    return linear.whiten_columns(own.slope * np.sqrt(np.maximum(own.spread - without, 0.0)))
 
 
 def _tested(
@@ -121,10 +118,9 @@ def _tested(
     values, turned = np.linalg.eigh(triangle @ other @ triangle.T)
     vectors = basis @ turned
     ratios = _ratios(trial.linear.observed[None], values, vectors)[:, 0]
-    best, p_value = int(np.argmax(ratios)), float("nan")
-    if len(simulated) >= FEWEST:
-        chance = _ratios(trial.linear.whiten(simulated), values, vectors).max(axis=0)
-        p_value = (1 + int(np.sum(chance >= ratios[best]))) / (1 + len(chance))
+    best = int(np.argmax(ratios))
+    chance = _ratios(trial.linear.whiten(simulated), values, vectors).max(axis=0)
+    p_value = float(chance_of(ratios[best], chance, fewest=FEWEST))
     return SharedScatter(name, float(ratios[best]), float(SHARES[best]), p_value, len(simulated))
 
 

@@ -24,11 +24,13 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from bayesdeg.criticism.chance import chance_of
 from bayesdeg.criticism.checks.discrepancy import too_few
 from bayesdeg.criticism.checks.residuals import Statistic, between_specimens, functional, regression
 from bayesdeg.criticism.fit.linear import Linear
-from bayesdeg.criticism.model_readings import ACTUATOR, ANGLE, CURVATURE, FILM
-from bayesdeg.criticism.subject import Places
+from bayesdeg.observations.curvature import ACTUATOR, ANGLE, CURVATURE
+from bayesdeg.observations.kinds import Places
+from bayesdeg.observations.tensile import FILM
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -499,7 +501,7 @@ def statistics_table(
     far = _distance(
         np.column_stack([value, replicated]), np.array([s.squares for s in there], dtype=bool)
     )
-    p_value = (1.0 + np.sum(far[:, 1:] >= far[:, :1], axis=1)) / (1.0 + len(known))
+    p_value = chance_of(far[:, 0], far[:, 1:])
     adjusted = adjusted_p_values(far[:, 0], far[:, 1:])
     calibrated = iter(zip(value, replicated, p_value, adjusted, strict=True))
     return tuple(
@@ -563,8 +565,7 @@ def adjusted_p_values(observed: Floats, simulated: Floats) -> Floats:
         return np.empty(0)
     # of each rank: the largest distance among the statistics that are not more remarkable
     largest = np.maximum.accumulate(simulated[order][::-1], axis=0)[::-1]
-    count = np.sum(largest >= observed[order][:, None], axis=1)
-    stepped = np.maximum.accumulate((1.0 + count) / (1.0 + simulated.shape[1]))
+    stepped = np.maximum.accumulate(chance_of(observed[order], largest))
     adjusted = np.empty(len(order))
     adjusted[order] = stepped
     return adjusted

@@ -14,12 +14,14 @@ from numpy.typing import NDArray
 from bayesdeg.actuator.inputs import NEUTRAL, Inputs
 from bayesdeg.causes.cause import Conditions, Degradation, Stage
 from bayesdeg.causes.erosion import NOMINAL_WALL
+from bayesdeg.causes.fold import acting, applied
 from bayesdeg.criticism.experiments.ranking import ActuatorTests, Experiment, FilmTests
-from bayesdeg.inference.data import ActuatorCurves, TensileCurves
 from bayesdeg.inference.model import Model
-from bayesdeg.inference.parameters import Named
 from bayesdeg.material.degradation import young_modulus
 from bayesdeg.material.hyperelastic import yeoh_basis
+from bayesdeg.observations.curvature import ActuatorCurves, Curvature
+from bayesdeg.observations.tensile import Tensile, TensileCurves
+from bayesdeg.priors import Named
 
 Floats = NDArray[np.float64]
 
@@ -307,9 +309,8 @@ class PartMeasurements:
     def _part(self, model: Model, values: Named) -> Part:
         conditions = Conditions(self.pressure, self.degradation)
         believed = Degradation(self.degradation, self.degradation_sd)
-        for cause in model.causes:
-            if cause.on_degradation is not None:
-                believed = cause.on_degradation(believed, conditions, cause.effect(values))
+        causes = acting(model.causes, values)
+        believed = applied("on_degradation", believed, conditions, causes)
         shape = (len(values["stiffness_scatter"]), len(self.degradation))
         level = np.broadcast_to(believed.value[..., 0], shape)
         c1, c2, c3 = np.moveaxis(model.constants(values, level)[..., None], 2, 0)
@@ -321,11 +322,9 @@ class PartMeasurements:
             linear_scale=np.cbrt(values["volume_ratio"])[:, None, None],
             paper_stiffness=values["paper_stiffness"][:, None, None],
         )
-        for cause in model.causes:
-            # what is a response of the material to the load is no property of the part
-            if cause.on_inputs is not None and cause.stage <= Stage.LOAD:
-                inputs = cause.on_inputs(inputs, conditions, cause.effect(values))
-        return Part(inputs, believed, values)
+        # what is a response of the material to the load is no property of the part
+        lasting = (one for one in causes if one.cause.stage <= Stage.LOAD)
+        return Part(applied("on_inputs", inputs, conditions, lasting), believed, values)
 
 
 def _wall(part: Part) -> Floats:
@@ -430,15 +429,15 @@ def candidate_experiments(model: Model) -> tuple[Experiment, ...]:
         Empty if it has neither actuators nor films.
     """
     found: list[Experiment] = []
-    if model.actuator is not None:
-        design = ActuatorDesign.of(model.actuator)
+    for tests in model.of_kind(Curvature):
+        design = ActuatorDesign.of(tests.curves)
         for level in dict.fromkeys((design.levels[0], design.levels[-1])):
             found += _histories(design, level)
             found += _finer(design, level)
             found += _of_part(design, level)
         found += _at_levels(design, model)
-    if model.tensile is not None:
-        found += _modes(FilmDesign.of(model.tensile))
+    for films in model.of_kind(Tensile):
+        found += _modes(FilmDesign.of(films.curves))
     return tuple(found)
 
 

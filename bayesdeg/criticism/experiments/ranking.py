@@ -17,7 +17,7 @@ Kullback and Leibler (1951), Ann. Math. Stat. 22:79, doi:10.1214/aoms/1177729694
 
 from collections.abc import Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from itertools import combinations
 from typing import NamedTuple, Protocol
@@ -29,12 +29,18 @@ from scipy.linalg import block_diag, cholesky, helmert, solve_triangular
 from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.fit.side_by_side import apply
 from bayesdeg.criticism.fit.trials import Trial
-from bayesdeg.criticism.model_readings import ModelReadings
-from bayesdeg.inference.data import ActuatorCurves, TensileCurves
-from bayesdeg.inference.films import film_readings, stress_variance
-from bayesdeg.inference.likelihood import Linearised, covariance
-from bayesdeg.inference.model import Model, simulated_films
-from bayesdeg.inference.parameters import BEND_ANGLE, TENSILE, Named
+from bayesdeg.inference.model import Model
+from bayesdeg.observations.curvature import BEND_ANGLE, ActuatorCurves
+from bayesdeg.observations.noise import Linearised, covariance
+from bayesdeg.observations.tensile import (
+    TENSILE,
+    Tensile,
+    TensileCurves,
+    film_readings,
+    median_stresses,
+    stress_variance,
+)
+from bayesdeg.priors import Named
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -88,11 +94,11 @@ class ActuatorTests:
 
     def expected(self, model: Model, values: Named) -> Floats:
         """Return curvatures [1/m], then bend angles [°] expected."""
-        return replace(model, actuator=self.curves).predict(values).mean
+        return model.of_actuators(self.curves).predict(values).mean
 
     def covariance(self, model: Model, values: Named) -> Floats:
         """Return their covariance, of specimens (linear in the stiffness) and errors."""
-        tested = replace(model, actuator=self.curves)
+        tested = model.of_actuators(self.curves)
         predicted = tested.predict(values)
         length = values["curvature_noise_length"]
         with_angle = self.curves.with_angle
@@ -109,7 +115,7 @@ class ActuatorTests:
 
     def simulated(self, model: Model, values: Named, generator: np.random.Generator) -> Floats:
         """Draw readings of new specimens."""
-        return replace(model, actuator=self.curves).simulate(values, generator)
+        return model.of_actuators(self.curves).simulate(values, generator)
 
 
 @dataclass(frozen=True)
@@ -134,13 +140,13 @@ class FilmTests:
 
     def expected(self, model: Model, values: Named) -> Floats:
         """Return stresses expected [MPa]."""
-        return model.stresses(values, self.curves).at_rest
+        return median_stresses(model.state(values), self.curves).at_rest
 
     def covariance(self, model: Model, values: Named) -> Floats:
         """Return their covariance, linear in stiffness and degradation rate, and of errors."""
         data = self.curves
         shape = (len(values["stiffness_scatter"]), len(data.specimens), 2)
-        stress, slope = film_readings(model.stresses(values, data), np.zeros(shape))
+        stress, slope = film_readings(median_stresses(model.state(values), data), np.zeros(shape))
         spread = np.empty(shape)
         spread[..., 0] = values["stiffness_scatter"][:, None] ** 2
         spread[..., 1] = data.degradation_sd**2
@@ -157,7 +163,7 @@ class FilmTests:
 
     def simulated(self, model: Model, values: Named, generator: np.random.Generator) -> Floats:
         """Draw readings of new films."""
-        return simulated_films(model, self.curves, values, generator)
+        return Tensile(self.curves).drawn(model.state(values), generator)
 
 
 def with_noise(values: Named, generator: np.random.Generator) -> dict[str, Floats]:
@@ -214,7 +220,7 @@ def hypotheses_of(
     found = [
         Hypothesis(
             " and ".join(sorted(trial.names - common)) or NO_CAUSE,
-            _model_of(trial),
+            trial.subject,
             trial.draws(generator, draws),
         )
         for trial in trials
@@ -226,18 +232,12 @@ def hypotheses_of(
 def _untested(
     parent: Trial, cause: Cause, generator: np.random.Generator, draws: int
 ) -> Hypothesis:
-    model = _model_of(parent).extended(cause)
+    model = parent.subject.extended(cause)
     known = dict(zip(parent.subject.table.names, parent.draws(generator, draws).T, strict=True))
     for p in cause.parameters:
         known[cause.qualified(p.name)] = p.law.to_unconstrained(p.law.sample(generator, draws))
     vectors = np.stack([known[name] for name in model.table.names], axis=1)
     return Hypothesis(cause.name, model, vectors)
-
-
-def _model_of(trial: Trial) -> Model:
-    if not isinstance(trial.subject, ModelReadings):
-        raise TypeError("experiments are known for models of studies only")
-    return trial.subject.model
 
 
 ANSWERED = 0.9  # share of draws that must have an answer at a reading

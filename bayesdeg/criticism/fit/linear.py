@@ -23,10 +23,11 @@ from scipy.sparse.csgraph import connected_components
 from scipy.special import logsumexp
 
 from bayesdeg.causes.cause import Cause
-from bayesdeg.criticism.subject import Subject, columns_of, with_neutral
+from bayesdeg.criticism.subject import columns_of, with_neutral
 from bayesdeg.inference.density import Density
 from bayesdeg.inference.importance import about_mode
 from bayesdeg.inference.laplace import FEWEST_EFFECTIVE, approximate, slopes
+from bayesdeg.inference.model import Model
 from bayesdeg.priors import Parameter
 
 Floats = NDArray[np.float64]
@@ -155,7 +156,7 @@ class Linear:
 
     Parameters
     ----------
-    subject : Subject
+    subject : Model
         What was linearised.
     mode : array, shape (n_parameters,)
         Where.
@@ -173,7 +174,7 @@ class Linear:
         Of V + X Λ⁻¹ Xᵀ.
     """
 
-    subject: Subject
+    subject: Model
     mode: Floats
     prediction: Floats
     mean: Floats
@@ -246,7 +247,7 @@ class Linear:
 
 
 def linearise(
-    subject: Subject,
+    subject: Model,
     mode: Floats,
     *,
     uncertain: Floats | None = None,
@@ -256,7 +257,7 @@ def linearise(
 
     Parameters
     ----------
-    subject : Subject
+    subject : Model
         The model.
     mode : array, shape (n_parameters,)
         Its mode.
@@ -291,18 +292,18 @@ def _root(covariance: Floats) -> Floats:
     return root
 
 
-def _slope(subject: Subject, mode: Floats, uncertain: Floats) -> Floats:
+def _slope(subject: Model, mode: Floats, uncertain: Floats) -> Floats:
     """Return the gradient of the log density of the parameters given all but the readings."""
     found: Floats = slopes(subject.rest(), mode[None], SHORT * np.sqrt(np.diag(uncertain)))[0]
     return found
 
 
-def rest_covariance(subject: Subject, start: Floats) -> Floats:
+def rest_covariance(subject: Model, start: Floats) -> Floats:
     """Return Λ⁻¹, the covariance of the parameters given priors and all other data."""
     return rest_law(subject, start)[1]
 
 
-def rest_law(subject: Subject, start: Floats) -> tuple[Floats, Floats]:
+def rest_law(subject: Model, start: Floats) -> tuple[Floats, Floats]:
     """Return mean and covariance of the parameters given priors and all but the readings.
 
     They are those of draws and not mode and inverse curvature: laws of few replicates have heavy
@@ -428,7 +429,7 @@ def log_bayes_factor(whitened: Floats, columns: Floats) -> Floats:
     return factor
 
 
-def _jacobian(subject: Subject, mode: Floats, step: float = 1e-3) -> Floats:
+def _jacobian(subject: Model, mode: Floats, step: float = 1e-3) -> Floats:
     """Central differences; one-sided where the other side is outside the forward map's range."""
     size = len(mode)
     around = mode + step * np.vstack([np.zeros(size), np.eye(size), -np.eye(size)])

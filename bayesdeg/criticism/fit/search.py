@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.causes.cause import Cause
+from bayesdeg.criticism.chance import chance_of
 from bayesdeg.criticism.checks.discrepancy import Misfit, measure, resolved
 from bayesdeg.criticism.fit.linear import Linear, is_seen, log_bayes_factor, sensitivities
 from bayesdeg.criticism.fit.screening import Screened, screen, screen_pairs
@@ -85,8 +86,7 @@ class Step:
         """
         if not len(self.chance):
             return None
-        larger = int(np.sum(self.chance >= log_bayes_factor))
-        return (1 + larger) / (1 + len(self.chance))
+        return float(chance_of(log_bayes_factor, self.chance))
 
     def guess(self, name: str) -> tuple[Cause, Floats]:
         """Return a cause with the size at which a full fit begins."""

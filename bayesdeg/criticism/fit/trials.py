@@ -8,10 +8,11 @@ from numpy.typing import NDArray
 
 from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.fit.linear import Linear, effects, linearise, rest_law, with_prior_moments
-from bayesdeg.criticism.subject import Subject, columns_of, typical_size, with_neutral
+from bayesdeg.criticism.subject import columns_of, typical_size, with_neutral
 from bayesdeg.inference.density import bounds
 from bayesdeg.inference.importance import about_mode, improved
 from bayesdeg.inference.laplace import Evidence, approximate, weighted
+from bayesdeg.inference.model import Model
 
 Floats = NDArray[np.float64]
 
@@ -21,6 +22,7 @@ NEAR = 0.2  # of its bound, in typical sizes: a size from which a climb may slid
 BENT = 2.5  # standard deviations by which a parameter has given way; heavy tails make them wide
 DRAWS = 3000  # of the estimate from the prior
 WANTED = 80.0  # effective draws
+MANY = 4000  # draws of one parameter
 
 
 @dataclass(frozen=True)
@@ -29,7 +31,7 @@ class Trial:
 
     Parameters
     ----------
-    subject : Subject
+    subject : Model
         With the causes active.
     mode : array, shape (n_parameters,)
         The mode within the bounds of priors.
@@ -45,7 +47,7 @@ class Trial:
         Whether the draws are those about the mode, not of a law fitted to what lies far from it.
     """
 
-    subject: Subject
+    subject: Model
     mode: Floats
     log_evidence: float
     posterior: Evidence
@@ -84,8 +86,14 @@ class Trial:
         """Draw from the posterior, (count, n_parameters)."""
         return self.posterior.resample(generator, count)
 
+    def named_draws(
+        self, name: str, generator: np.random.Generator, *, count: int = MANY
+    ) -> Floats:
+        """Draw one parameter, in its unit, (count,)."""
+        return self.subject.table.named(self.draws(generator, count))[name]
 
-def base_trial(subject: Subject, mode: Floats, posterior: Evidence) -> Trial:
+
+def base_trial(subject: Model, mode: Floats, posterior: Evidence) -> Trial:
     """Return the trial of a model that is fitted already."""
     centre, uncertain = rest_law(subject, mode)
     return Trial(subject, mode, posterior.log_evidence, posterior, uncertain, centre)
@@ -120,7 +128,7 @@ def try_causes(parent: Trial, cause: Cause, size: Floats, generator: np.random.G
     return Trial(subject, laplace.mode, posterior.log_evidence, posterior, uncertain, centre)
 
 
-def _starts(parent: Trial, subject: Subject, cause: Cause, size: Floats) -> list[Floats]:
+def _starts(parent: Trial, subject: Model, cause: Cause, size: Floats) -> list[Floats]:
     """Return the best of: no effect; the guessed size; that with all else moved to make room.
 
     The last is the most probable δ of the parent's linear model for readings less the effect. Where
@@ -152,7 +160,7 @@ def _starts(parent: Trial, subject: Subject, cause: Cause, size: Floats) -> list
     return starts + _off_bounds(subject, cause, points[with_effect])
 
 
-def _off_bounds(subject: Subject, cause: Cause, guess: Floats) -> list[Floats]:
+def _off_bounds(subject: Model, cause: Cause, guess: Floats) -> list[Floats]:
     """Return the guess with what lies on its bound at its typical size, if anything does.
 
     A standard deviation of 0 is a top of its own: readings tell of its square.

@@ -16,9 +16,10 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
+from bayesdeg.criticism.chance import chance_of
 from bayesdeg.criticism.checks.residuals import levels, r_squared
 from bayesdeg.criticism.holdout.held_out import HeldOut, group_levels, standard_error
-from bayesdeg.criticism.subject import Subject
+from bayesdeg.inference.model import Model
 
 Floats = NDArray[np.float64]
 
@@ -26,12 +27,12 @@ UNITS = {"curvature": "per_m", "stress": "MPa"}
 """Units of the kinds of readings that are scored, as column names end."""
 
 
-def gain_table(subject: Subject, results: dict[str, HeldOut]) -> pd.DataFrame:
+def gain_table(subject: Model, results: dict[str, HeldOut]) -> pd.DataFrame:
     """Return the scores of each model per level and over all, on held-out specimens.
 
     Parameters
     ----------
-    subject : Subject
+    subject : Model
         With the data.
     results : mapping
         By name of the model; the first is the one that others are compared with.
@@ -52,12 +53,12 @@ def gain_table(subject: Subject, results: dict[str, HeldOut]) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def mode_table(subject: Subject, results: dict[str, HeldOut]) -> pd.DataFrame:
+def mode_table(subject: Model, results: dict[str, HeldOut]) -> pd.DataFrame:
     """Return the scores of each model by mode of tension, each predicted from the others.
 
     Parameters
     ----------
-    subject : Subject
+    subject : Model
         With films, of which whole modes are held out.
     results : mapping
         As in `gain_table`.
@@ -103,7 +104,7 @@ def crps(draws: Floats, observed: Floats) -> Floats:
 def _scores(
     name: str,
     label: str,
-    subject: Subject,
+    subject: Model,
     held_out: HeldOut,
     base: HeldOut,
     chosen: NDArray[np.bool_],
@@ -120,7 +121,7 @@ def _scores(
     }
 
 
-def _errors(subject: Subject, held_out: HeldOut, chosen: NDArray[np.bool_]) -> dict[str, float]:
+def _errors(subject: Model, held_out: HeldOut, chosen: NDArray[np.bool_]) -> dict[str, float]:
     """Score the first kind of reading that is held out."""
     names = [g for g, is_chosen in zip(subject.groups, chosen, strict=True) if is_chosen]
     rows = np.isin(subject.group, names)
@@ -219,7 +220,7 @@ def loo_pit(draws: Floats, observed: Floats) -> LooPit:
     mean, sd = null.mean(axis=0), np.maximum(null.std(axis=0), 1e-12)
     far = np.max(np.abs(null - mean) / sd, axis=1)
     own = float(np.max(np.abs(difference - mean) / sd))
-    p_value = float((1 + np.sum(far >= own)) / (1 + len(far)))
+    p_value = float(chance_of(own, far))
     width = float(np.quantile(far, 0.95)) * sd
     return LooPit(
         pit,

@@ -6,9 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.criticism.checks.residuals import levels
-from bayesdeg.criticism.subject import Subject
 from bayesdeg.inference.model import Model, blocks_of
-from bayesdeg.inference.parameters import Named
+from bayesdeg.priors import Named
 
 Floats = NDArray[np.float64]
 Folds = NDArray[np.int64]
@@ -60,14 +59,14 @@ def joined(first: HeldOut, second: HeldOut) -> HeldOut:
     return HeldOut(np.concatenate([first.log_density, second.log_density]), first.draws, kind)
 
 
-def group_levels(subject: Subject) -> Floats:
+def group_levels(subject: Model) -> Floats:
     """Return the degradation rate of each group [%], the mean over its readings."""
     return np.array(
         [float(np.mean(subject.places.level[subject.group == g])) for g in subject.groups]
     )
 
 
-def by_level(subject: Subject) -> Folds:
+def by_level(subject: Model) -> Folds:
     """Return folds that leave out all specimens of one level of degradation."""
     member: Folds = levels(group_levels(subject))[1]
     return member
@@ -125,7 +124,7 @@ def specimen_density(
         −inf where the model has no answer.
     """
     by_kind = model.log_likelihood(values)
-    blocks = blocks_of(model, by_kind)
+    blocks = blocks_of(model)
     columns = [
         sum(by_kind[kind][:, rows].sum(axis=-1) for kind, rows in found.items())
         for found in blocks.values()

@@ -166,7 +166,7 @@ def _density(testing: Model, draws: Floats) -> Floats:
 
 
 def _names(model: Model) -> tuple[str, ...]:
-    return tuple(blocks_of(model, ("tensile", "actuator", "breaks")))
+    return tuple(blocks_of(model))
 
 
 Flags = NDArray[np.bool_]

@@ -11,9 +11,9 @@ from scipy.special import logsumexp
 from bayesdeg.criticism.fit.trials import Trial, firm
 from bayesdeg.criticism.holdout.held_out import DRAWS, Folds, HeldOut
 from bayesdeg.criticism.holdout.leave_one_out import largest_k, smoothed
-from bayesdeg.criticism.subject import Subject
 from bayesdeg.inference.importance import about_mode, improved
 from bayesdeg.inference.laplace import approximate
+from bayesdeg.inference.model import Model
 from bayesdeg.inference.sampling import Effort, sample
 
 Floats = NDArray[np.float64]
@@ -138,7 +138,7 @@ def one_by_one(trial: Trial, seed: np.random.SeedSequence) -> Plan:
     relative = float(np.clip(trial.posterior.effective / KEPT, 1e-3, 1.0))
     smooth = smoothed(density[None], relative)
     draws = np.full((DRAWS, len(subject.places)), np.nan)
-    shown = np.any(subject.group != "") and not is_beside(subject)
+    shown = np.any(subject.group != "") and not subject.is_beside
     simulated = subject.simulated(vectors, generator) if shown else np.empty((KEPT, 0))
     for g, name in enumerate(subject.groups if shown else ()):
         rows = subject.group == name
@@ -204,20 +204,15 @@ def _predict_fold(job: _Job) -> _Fold:
         density = np.array([trial.log_evidence - log_evidence])
     else:
         density = logsumexp(testing.group_density(vectors), axis=0) - np.log(DRAWS)
-    if is_beside(trial.subject):
+    if trial.subject.is_beside:
         return groups, density, np.full((DRAWS, int(np.sum(testing.group != ""))), np.nan)
     simulated = testing.simulated(vectors, generator)
     return groups, density, simulated[:, testing.group != ""]
 
 
-def is_beside(subject: Subject) -> bool:
-    """Return whether nobody looks at the readings predicted, only at their density."""
-    return bool(getattr(subject, "is_beside", False))
-
-
 def _draws(
     trial: Trial,
-    training: Subject,
+    training: Model,
     seed: np.random.SeedSequence,
     generator: np.random.Generator,
 ) -> tuple[Floats, float]:

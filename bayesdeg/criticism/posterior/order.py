@@ -17,9 +17,12 @@ from scipy.special import logsumexp
 from bayesdeg.criticism.holdout.held_out import specimen_density
 from bayesdeg.inference.importance import improved
 from bayesdeg.inference.laplace import FEWEST_EFFECTIVE, Evidence, approximate, evidence
-from bayesdeg.inference.model import Model, near_films, without
-from bayesdeg.inference.parameters import material_parameters, with_priors
+from bayesdeg.inference.model import Model, blocks_of, near_films, without
 from bayesdeg.material.degradation import Nodes, nodes_for
+from bayesdeg.observations.means import Means
+from bayesdeg.observations.specimens import FilmsAndActuators, material_parameters
+from bayesdeg.observations.tensile import Tensile
+from bayesdeg.priors import with_priors
 
 Floats = NDArray[np.float64]
 
@@ -192,11 +195,10 @@ def compare_orders(
         None without films, or where the films have too few degradation rates to tell two orders
         apart.
     """
-    if model.tensile is None:
+    if not model.of_kind(Tensile):
         return None
     used = films_alone(model, model.nodes)
-    levels = used.tensile.degradation.tolist() if used.tensile is not None else []
-    levels += [s.degradation for s in used.statistics]
+    levels = [float(level) for one in used.observations for level in one.material_levels]
     by_order = {len(nodes) - 1: nodes for nodes in (nodes_for(levels, k) for k in orders)}
     by_order[len(model.nodes) - 1] = model.nodes
     if len(by_order) < 2:
@@ -215,11 +217,10 @@ def films_alone(model: Model, nodes: Nodes) -> Model:
     """
     laws = {p.name: p.law for p in model.base}
     own = (p for p in model.base if p.name.startswith(("stiffness_scatter", "tensile_")))
+    moduli = tuple(s for s in model.statistics if s.quantity == "young_modulus")
+    data = (*model.of_kind(Tensile), *((Means(moduli),) if moduli else ()))
     return Model(
-        base=(*with_priors(material_parameters(nodes), laws), *own),
-        nodes=nodes,
-        tensile=model.tensile,
-        statistics=tuple(s for s in model.statistics if s.quantity == "young_modulus"),
+        (*with_priors(material_parameters(nodes), laws), *own), data, FilmsAndActuators(nodes)
     )
 
 
@@ -233,7 +234,7 @@ def fit_order(films: Model, *, seed: np.random.SeedSequence) -> OrderFit:
     if usable:
         elpd, pareto_k, refitted = leave_films_out(films, posterior, seed=refits)
     else:
-        count = len(set(films.tensile.specimens)) if films.tensile is not None else 0
+        count = len(blocks_of(films))
         elpd, pareto_k = np.full((2, count), np.nan)
         refitted = np.zeros(count, dtype=bool)
     return OrderFit(

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from bayesdeg.inference.model import Model
-from bayesdeg.inference.parameters import Named, ParameterTable
 from bayesdeg.inference.sampling import Chain
+from bayesdeg.priors import Named, ParameterTable
 
 Floats = NDArray[np.float64]
 

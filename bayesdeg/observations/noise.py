@@ -28,7 +28,6 @@ from numpy.typing import NDArray
 from scipy.special import gammaln, log_ndtr
 
 from bayesdeg.compiled import compiled
-from bayesdeg.inference.data import Paths
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -39,6 +38,59 @@ INDEPENDENT = 0.2
 """Share of the variance of an error that is the reading's own: rounding, picking of markers."""
 MOST_DEVIATIONS = 2
 """Of a specimen; the normal equations are written out for so many."""
+
+
+class Paths(NamedTuple):
+    """Which readings follow one another, n_readings = n_outputs × n_points a specimen.
+
+    Parameters
+    ----------
+    mask : array of bool, shape (n_specimens, n_readings)
+        Where there is a reading; one of the second output needs one of the first beside it.
+    gap : array, shape (n_specimens, n_readings)
+        Length of path since the reading before it of the same output; infinite for the first.
+    place : array, shape (n_specimens, n_readings)
+        Length of path up to it.
+    points : int
+        Readings of the first output; those of the second follow them.
+    """
+
+    mask: Flags
+    gap: Floats
+    place: Floats
+    points: int
+
+
+def paths_of(mask: Flags, place: Floats) -> Paths:
+    """Return the paths of readings at places along them.
+
+    Parameters
+    ----------
+    mask : array of bool, shape (n_specimens, n_outputs, n_points)
+        Where there is a reading.
+    place : array, shape (n_specimens, n_points)
+        Length of path up to each reading, not falling.
+
+    Examples
+    --------
+    >>> paths = paths_of(np.array([[[True, False, True]]]), np.array([[20.0, 40.0, 60.0]]))
+    >>> paths.gap[0, [0, 2]]
+    array([inf, 40.])
+    """
+    n_specimens, n_outputs, n_points = mask.shape
+    read = mask & mask[:, :1]
+    gap = np.full(mask.shape, np.inf)
+    last = np.full((n_specimens, n_outputs), -np.inf)
+    for j in range(n_points):
+        here = place[:, None, j]
+        gap[..., j] = here - last
+        last = np.where(read[..., j], here, last)
+    return Paths(
+        read.reshape(n_specimens, -1),
+        gap.reshape(n_specimens, -1),
+        np.tile(place, n_outputs),
+        n_points,
+    )
 
 
 @compiled
@@ -114,7 +166,7 @@ def specimen_density(
     Parameters
     ----------
     residual, slope, variance : array, shape (n_readings,), (n_readings, n_deviations)
-        As `bayesdeg.inference.likelihood.Linearised`.
+        As `bayesdeg.observations.noise.Linearised`.
     widths : tuple of float
         τ of the deviations; the second is not read where there is one.
     correlation : float
@@ -214,7 +266,7 @@ def path_innovations(
 ) -> None:
     """Write the standardised innovations of each specimen's readings and the logs of their sd's.
 
-    Arguments as `bayesdeg.inference.likelihood.Linearised`; ``score`` and ``log_sd``, both of
+    Arguments as `bayesdeg.observations.noise.Linearised`; ``score`` and ``log_sd``, both of
     shape (n, n_specimens, n_readings), are written; they are 0 where there is no reading.
 
     Notes
@@ -385,6 +437,12 @@ def covariance(curves: Linearised) -> Floats:
     scatter = np.einsum("nsik,nsk,nsjk->nsij", slope, curves.spread, slope)
     total: Floats = correlation * sd[..., :, None] * sd[..., None, :] + scatter
     return total
+
+
+def blocks_of_covariance(curves: Linearised) -> list[Floats]:
+    """Return the covariances of the readings that there are, specimen by specimen, of one draw."""
+    total, mask = covariance(curves)[0], curves.paths.mask
+    return [one[np.ix_(row, row)] for one, row in zip(total, mask, strict=True)]
 
 
 def noise_correlation(paths: Paths, length: Floats, correlation: Floats) -> Floats:

@@ -21,18 +21,19 @@ counts are better left out of the fit and held against it.
 """
 
 from dataclasses import dataclass, replace
-from typing import Literal, NamedTuple
+from typing import ClassVar, Literal, NamedTuple, override
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaln, log_ndtr, logsumexp
 
-from bayesdeg.actuator.inputs import ForwardMap, Inputs
+from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.data.study import Study
 from bayesdeg.errors import Fault, StudyError
-from bayesdeg.inference.parameters import Named
-from bayesdeg.inference.specimens import Material, elongation_at, elongation_spread
-from bayesdeg.material.degradation import Nodes
+from bayesdeg.observations.curvature import actuator_parameters
+from bayesdeg.observations.kinds import Observations, Rows, State
+from bayesdeg.observations.specimens import FilmsAndActuators, stiffness_spread
+from bayesdeg.priors import Parameter
 
 Floats = NDArray[np.float64]
 
@@ -312,41 +313,17 @@ def published_tests(study: Study) -> PublishedTests | None:
     return tests
 
 
-def log_likelihood(
-    tests: PublishedTests,
-    forward: ForwardMap,
-    values: Named,
-    material: Material,
-    *,
-    elongation_nodes: Nodes,
-    paper_thickness: float,
-) -> dict[str, Floats]:
-    """Return the log densities of all published statistics by kind.
+class Asked(NamedTuple):
+    """What the forward map is asked of published tests, and τ² of the specimens, (n, n_levels)."""
 
-    Parameters
-    ----------
-    tests : PublishedTests
-        The data.
-    forward : ForwardMap
-        Curvature and stretch from constants and pressure.
-    values : mapping
-        Named values, (n,): ``volume_ratio``, ``paper_stiffness``, ``stiffness_scatter``, the
-        noise of curvature, and for ruptures the elongation at break and its scatter.
-    material : Material
-        Median material at the levels.
-    elongation_nodes : tuple of float
-        Degradation rates at which the elongation is held [%].
-    paper_thickness : float
-        [mm]
+    inputs: Inputs
+    spread: Floats
 
-    Returns
-    -------
-    dict
-        ``r_squared`` and ``ruptures``, as far as given, each (n, n_given). Nan where the forward
-        map has no answer.
-    """
-    scatter = values["stiffness_scatter"][:, None]
-    spread = scatter**2 + (material.sensitivity * tests.degradation_sd) ** 2
+
+def asked(state: State[FilmsAndActuators], tests: PublishedTests) -> Asked:
+    """Return the inputs of actuators of the median material at the levels."""
+    values = state.values
+    material = state.world.material(values, tests.degradation)
     c1, c2, c3 = (material.constants[..., i, None] for i in range(3))
     inputs = Inputs(
         pressure=tests.pressure,
@@ -355,30 +332,14 @@ def log_likelihood(
         c3=c3,
         linear_scale=np.cbrt(values["volume_ratio"])[:, None, None],
         paper_stiffness=values["paper_stiffness"][:, None, None],
-        paper_thickness=np.full((1, 1, 1), paper_thickness),
+        paper_thickness=np.full((1, 1, 1), state.world.paper_thickness),
     )
-    blocks = {}
-    if np.any(known := tests.given("r_squared")):
-        blocks["r_squared"] = _r_squared(tests, forward, values, inputs, spread)[:, known]
-    if np.any(known := tests.given("ruptures")):
-        limit = elongation_at(values, tests.degradation, elongation_nodes) / 100.0
-        variance = elongation_spread(
-            values, tests.degradation, tests.degradation_sd, nodes=elongation_nodes
-        )
-        blocks["ruptures"] = rupture_log_density(
-            tests.ruptured[known],
-            tests.tested[known],
-            _peak_stretch(tests, forward, inputs, spread)[:, known],
-            limit=1.0 + limit[:, known],
-            scatter=np.sqrt(variance)[:, known],
-        )
-    return blocks
+    return Asked(inputs, stiffness_spread(values, material, tests.degradation_sd))
 
 
-def _r_squared(
-    tests: PublishedTests, forward: ForwardMap, values: Named, inputs: Inputs, spread: Floats
-) -> Floats:
-    prediction = forward(inputs)
+def _r_squared(state: State[FilmsAndActuators], tests: PublishedTests) -> Floats:
+    values, (inputs, spread) = state.values, state.once(asked, tests)
+    prediction = state.world.forward(inputs)
     noise, floor, length = (
         values[name][:, None, None]
         for name in ("curvature_noise", "curvature_noise_floor", "curvature_noise_length")
@@ -396,12 +357,11 @@ def _r_squared(
     return r_squared_log_density(1.0 - tests.r_squared, prediction.curvature, differences)
 
 
-def _peak_stretch(
-    tests: PublishedTests, forward: ForwardMap, inputs: Inputs, spread: Floats
-) -> Floats:
+def _peak_stretch(state: State[FilmsAndActuators], tests: PublishedTests) -> Floats:
     """Return the peak stretch at the largest pressure over stiffnesses, (n, n_levels, 7)."""
+    inputs, spread = state.once(asked, tests)
     factor = np.exp(np.sqrt(spread)[..., None] * STIFFNESS_NODES)
-    prediction = forward(
+    prediction = state.world.forward(
         replace(
             inputs,
             pressure=np.full((1, 1, len(STIFFNESS_NODES)), tests.pressure[-1]),
@@ -444,3 +404,115 @@ def _refuse_impossible_counts(tests: PublishedTests) -> None:
     ]
     if faults:
         raise StudyError(faults)
+
+
+@dataclass(frozen=True)
+class RSquared(Observations):
+    """Published R² of the curvatures.
+
+    Parameters
+    ----------
+    tests : PublishedTests
+        At least at one level R² is given.
+    """
+
+    name: ClassVar[str] = "r_squared"
+    order: ClassVar[int] = 60
+    uses_forward: ClassVar[bool] = True
+
+    tests: PublishedTests
+
+    @property
+    @override
+    def parameters(self) -> tuple[Parameter, ...]:
+        return actuator_parameters(float(self.tests.pressure.max()))
+
+    @property
+    @override
+    def labels(self) -> tuple[str, ...]:
+        return self.tests.names("r_squared")
+
+    @property
+    @override
+    def specimens(self) -> tuple[str, ...]:
+        return ()
+
+    @property
+    @override
+    def material_levels(self) -> Floats:
+        return self.tests.degradation
+
+    @override
+    def log_likelihood(self, state: State[FilmsAndActuators]) -> Floats:
+        return _r_squared(state, self.tests)[:, self.tests.given("r_squared")]
+
+    @override
+    def subset(self, rows: Rows) -> "RSquared":
+        kept = np.flatnonzero(self.tests.given("r_squared"))[rows]
+        left = np.full_like(self.tests.r_squared, np.nan)
+        left[kept] = self.tests.r_squared[kept]
+        return RSquared(replace(self.tests, r_squared=left))
+
+
+@dataclass(frozen=True)
+class RuptureCounts(Observations):
+    """Published counts of ruptures.
+
+    Parameters
+    ----------
+    tests : PublishedTests
+        At least at one level a count is given.
+    """
+
+    name: ClassVar[str] = "ruptures"
+    order: ClassVar[int] = 70
+    uses_forward: ClassVar[bool] = True
+
+    tests: PublishedTests
+
+    @property
+    @override
+    def labels(self) -> tuple[str, ...]:
+        return self.tests.names("ruptures")
+
+    @property
+    @override
+    def specimens(self) -> tuple[str, ...]:
+        return ()
+
+    @override
+    def log_likelihood(self, state: State[FilmsAndActuators]) -> Floats:
+        tests, values, world = self.tests, state.values, state.world
+        known = tests.given("ruptures")
+        limit = world.elongation(values, tests.degradation) / 100.0
+        variance = world.elongation_spread(values, tests.degradation, tests.degradation_sd)
+        return rupture_log_density(
+            tests.ruptured[known],
+            tests.tested[known],
+            _peak_stretch(state, tests)[:, known],
+            limit=1.0 + limit[:, known],
+            scatter=np.sqrt(variance)[:, known],
+        )
+
+    @override
+    def subset(self, rows: Rows) -> "RuptureCounts":
+        kept = np.flatnonzero(self.tests.given("ruptures"))[rows]
+        left = np.full_like(self.tests.ruptured, np.nan)
+        left[kept] = self.tests.ruptured[kept]
+        return RuptureCounts(replace(self.tests, ruptured=left))
+
+
+def of_tests(tests: PublishedTests) -> tuple[Observations, ...]:
+    """Return what is given of published tests, each statistic as a kind of its own."""
+    kinds: dict[Kind, type[RSquared | RuptureCounts]] = {
+        "r_squared": RSquared,
+        "ruptures": RuptureCounts,
+    }
+    return tuple(of(tests) for kind, of in kinds.items() if np.any(tests.given(kind)))
+
+
+def from_study(study: Study) -> tuple[Observations, ...]:
+    """Return published R² where a study has no readings of its own; counts are not fitted."""
+    found = published_tests(study)
+    kept = None if found is None else found.without_ruptures()
+    return () if kept is None else of_tests(kept)

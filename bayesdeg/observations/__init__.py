@@ -1,0 +1,1 @@
+"""What was measured: one module for each kind of data."""

@@ -1,0 +1,32 @@
+"""Ragged tables as padded arrays: specimens by observations."""
+
+from collections.abc import Sequence
+from dataclasses import fields, replace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Rows = NDArray[np.intp]
+
+
+def padded(columns: Sequence["pd.Series[float]"], size: int, *, fill: float) -> Floats:
+    """Return columns as rows of one length, filled up where they are shorter."""
+    out = np.full((len(columns), size), fill)
+    for row, column in enumerate(columns):
+        out[row, : len(column)] = column.to_numpy(np.float64)
+    return out
+
+
+def chosen[T](data: T, rows: Rows) -> T:
+    """Return some specimens of a frozen dataclass that holds one entry for each in every field."""
+    found: dict[str, Any] = {}
+    for field in fields(data):  # type: ignore[arg-type]
+        value = getattr(data, field.name)
+        found[field.name] = (
+            tuple(value[i] for i in rows) if isinstance(value, tuple) else value[rows]
+        )
+    changed: T = replace(data, **found)  # type: ignore[type-var]
+    return changed

@@ -1,0 +1,127 @@
+"""Elongations at break of films."""
+
+from dataclasses import dataclass, replace
+from typing import ClassVar, override
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdeg.data.study import Study
+from bayesdeg.material.degradation import lagrange_weights
+from bayesdeg.observations.arrays import chosen
+from bayesdeg.observations.kinds import Observations, Parts, Rows, State
+from bayesdeg.observations.noise import log_normal
+from bayesdeg.observations.specimens import FilmsAndActuators, node_name
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class BreakTable:
+    """Elongations at break.
+
+    Parameters
+    ----------
+    specimens : tuple of str
+        One a specimen.
+    degradation, degradation_sd : array, shape (n,)
+        D_R of the film and its standard error [%].
+    elongation : array, shape (n,)
+        [%].
+    """
+
+    specimens: tuple[str, ...]
+    degradation: Floats
+    degradation_sd: Floats
+    elongation: Floats
+
+    def subset(self, rows: Rows) -> "BreakTable":
+        """Return some of the specimens."""
+        return chosen(self, rows)
+
+
+def break_table(study: Study) -> BreakTable | None:
+    """Return the elongations at break."""
+    table = study.breaks
+    if table is None:
+        return None
+    return BreakTable(
+        tuple(str(s) for s in table["specimen_id"]),
+        table["degradation_pct"].to_numpy(np.float64),
+        table["degradation_sd_pct"].to_numpy(np.float64),
+        table["elongation_pct"].to_numpy(np.float64),
+    )
+
+
+@dataclass(frozen=True)
+class Breaks(Observations):
+    """Elongations at break.
+
+    Parameters
+    ----------
+    table : BreakTable
+        What was read.
+    """
+
+    name: ClassVar[str] = "breaks"
+    order: ClassVar[int] = 40
+
+    table: BreakTable
+
+    @property
+    @override
+    def labels(self) -> tuple[str, ...]:
+        return self.table.specimens
+
+    @property
+    @override
+    def elongation_levels(self) -> Floats:
+        return self.table.degradation
+
+    @override
+    def log_likelihood(self, state: State[FilmsAndActuators]) -> Floats:
+        return log_normal(self.table.elongation, *self._law(state))
+
+    @override
+    def factors(self, state: State[FilmsAndActuators]) -> Parts:
+        median, spread = self._law(state)
+        score = np.log(self.table.elongation / median) / spread
+        return Parts(normal=((score, np.log(spread * self.table.elongation)),))
+
+    @override
+    def subset(self, rows: Rows) -> "Breaks":
+        return Breaks(self.table.subset(rows))
+
+    @override
+    def replicated(
+        self,
+        state: State[FilmsAndActuators],
+        generator: np.random.Generator,
+        drawn: tuple[Observations, ...],
+    ) -> tuple[Observations, ...]:
+        median, spread = self._law(state)
+        again = median * np.exp(spread * generator.standard_normal(spread.shape))
+        return (*drawn, Breaks(replace(self.table, elongation=again[0])))
+
+    @override
+    def start(self, world: FilmsAndActuators) -> dict[str, float]:
+        """Return values at the nodes by least squares, in which ln elongation is linear."""
+        nodes = world.elongation_nodes
+        weights = lagrange_weights(self.table.degradation, nodes)
+        at_nodes = np.linalg.lstsq(weights, np.log(self.table.elongation), rcond=None)[0]
+        return {
+            node_name("elongation", node): float(np.exp(value))
+            for node, value in zip(nodes, at_nodes, strict=True)
+        }
+
+    def _law(self, state: State[FilmsAndActuators]) -> tuple[Floats, Floats]:
+        """Return median and sd of the logarithm of elongations at break, each (n, n_films)."""
+        world, rates = state.world, self.table.degradation
+        spread = world.elongation_spread(state.values, rates, self.table.degradation_sd)
+        return world.elongation(state.values, rates), np.sqrt(spread)
+
+
+def from_study(study: Study) -> tuple[Breaks, ...]:
+    """Return the elongations at break of a study, if there are any."""
+    table = break_table(study)
+    return () if table is None else (Breaks(table),)

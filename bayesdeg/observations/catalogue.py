@@ -1,0 +1,54 @@
+"""The kinds of data: every module of this package that reads one from a study.
+
+Such a module has ``from_study``; one whose data are part of another's, as ruptures are of actuators
+whose curvature was read, has ``from_observations``.
+"""
+
+import importlib
+import pkgutil
+from collections.abc import Iterable
+from types import ModuleType
+
+import bayesdeg.observations
+from bayesdeg.data.study import Study
+from bayesdeg.observations.kinds import Observations
+
+
+def _discover() -> tuple[ModuleType, ...]:
+    return tuple(
+        importlib.import_module(f"{bayesdeg.observations.__name__}.{entry.name}")
+        for entry in pkgutil.iter_modules(bayesdeg.observations.__path__)
+        if entry.name != __name__.rsplit(".", 1)[-1]
+    )
+
+
+MODULES = _discover()
+
+
+def in_order(kinds: Iterable[Observations]) -> tuple[Observations, ...]:
+    """Return kinds of data in the order in which they are simulated and shown."""
+    return tuple(sorted(kinds, key=lambda one: one.order))
+
+
+def of_kind[K: Observations](found: Iterable[Observations], kind: type[K]) -> tuple[K, ...]:
+    """Return the data of a kind: one, or none."""
+    return tuple(one for one in found if isinstance(one, kind))
+
+
+def observations_of(study: Study) -> tuple[Observations, ...]:
+    """Return everything that a study has measured.
+
+    Raises
+    ------
+    StudyError
+        If what is there cannot be data.
+    """
+    found: list[Observations] = []
+    for module in MODULES:
+        if hasattr(module, "from_study"):
+            found += module.from_study(study)
+    for module in MODULES:  # after all others
+        if hasattr(module, "from_observations"):
+            found += module.from_observations(tuple(found))
+    needed = (one.among(tuple(found)) for one in found)
+    return in_order(one for one in needed if one.labels)

@@ -1,0 +1,836 @@
+"""Curvature against pressure of actuators, with the bend angle where it was read too.
+
+The inner loop goes from predictions to densities of whole specimens in one compiled pass.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, ClassVar, NamedTuple, Self, override
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdeg.actuator.inputs import Inputs, Prediction
+from bayesdeg.actuator.status import Status
+from bayesdeg.causes.cause import Conditions, Degradation
+from bayesdeg.causes.fold import applied
+from bayesdeg.compiled import compiled
+from bayesdeg.data.study import Study
+from bayesdeg.observations.arrays import chosen, padded
+from bayesdeg.observations.kinds import (
+    Deviations,
+    Observations,
+    Parts,
+    Places,
+    Rows,
+    State,
+    Stored,
+)
+from bayesdeg.observations.noise import (
+    Linearised,
+    Paths,
+    blocks_of_covariance,
+    correlated_normals,
+    filter_of,
+    innovations,
+    paths_of,
+    same_path,
+    sequential,
+    specimen_density,
+)
+from bayesdeg.observations.specimens import FilmsAndActuators, Material, shared, stiffness_spread
+from bayesdeg.priors import (
+    HalfNormal,
+    LogNormal,
+    Named,
+    Normal,
+    Parameter,
+    TruncatedNormal,
+    Uniform,
+)
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+CURVATURE, ANGLE, ACTUATOR = "curvature", "bend angle", "actuator"
+
+
+_ACTUATOR = (
+    Parameter(
+        "volume_ratio",
+        TruncatedNormal(0.62, 0.07, 0.1, 1.0),
+        "–",
+        "volume of the part over that of its mould, α",
+    ),
+    Parameter("paper_stiffness", LogNormal(3e4, 0.7), "N/m", "Young's modulus times thickness"),
+    Parameter("curvature_noise", HalfNormal(0.05), "–", "reading error of curvature, proportional"),
+    Parameter(
+        "curvature_noise_floor", HalfNormal(0.3), "1/m", "reading error of curvature, constant"
+    ),
+)
+LONGEST_NOISE = 0.15  # of the pressure range: what lasts longer is no noise but an effect to name
+BEND_ANGLE = (
+    Parameter("bend_angle_noise", HalfNormal(0.05), "–", "reading error of angle, proportional"),
+    Parameter("bend_angle_noise_floor", HalfNormal(0.7), "°", "reading error of angle, constant"),
+    Parameter(
+        "reading_correlation",
+        TruncatedNormal(0.0, 0.5, -0.98, 0.98),
+        "–",
+        "correlation of the reading errors of curvature and angle in one picture",
+    ),
+)
+_ERROR_MEANING = "error of the emulator common to all curves, {}, in its own standard errors"
+EMULATOR = (
+    Parameter("emulator_error_level", Normal(0.0, 1.0), "–", _ERROR_MEANING.format("on average")),
+    Parameter(
+        "emulator_error_pressure", Normal(0.0, 1.0), "–", _ERROR_MEANING.format("with pressure")
+    ),
+    Parameter(
+        "emulator_error_degradation",
+        Normal(0.0, 1.0),
+        "–",
+        _ERROR_MEANING.format("with degradation"),
+    ),
+)
+
+
+def actuator_parameters(largest_pressure: float) -> tuple[Parameter, ...]:
+    """Return the parameters of actuators tested up to a pressure [kPa]."""
+    length = Parameter(
+        "curvature_noise_length",
+        Uniform(0.005 * largest_pressure, LONGEST_NOISE * largest_pressure),
+        "kPa",
+        "pressure over which reading errors stay alike",
+    )
+    return (*_ACTUATOR, length)
+
+
+class Ruptures(NamedTuple):
+    """Between which readings actuators burst, or which they survived, (n_specimens,).
+
+    Parameters
+    ----------
+    survived : array of int
+        The row of the largest pressure that was survived, below that of the rupture; −1 if none.
+    burst : array of int
+        The row at whose pressure the specimen burst; −1 if it did not.
+    """
+
+    survived: NDArray[np.int64]
+    burst: NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class ActuatorCurves:
+    """Curvature–pressure curves, with the bend angle where it was read too.
+
+    Parameters
+    ----------
+    specimens : tuple of str
+        One a curve.
+    degradation, degradation_sd : array, shape (n_specimens, 1)
+        D_R as measured and its standard error [%].
+    pressure, curvature : array, shape (n_specimens, n_points)
+        As read [kPa], [1/m].
+    curvature_sd : array, shape (n_specimens, n_points)
+        Reading error that was recorded; 0 where there is none [1/m].
+    mask : array of bool, shape (n_specimens, n_points)
+        Where there is an observation; a reading at zero pressure is zero by definition and none.
+    bend_angle : array, shape (n_specimens, n_points)
+        As read [°].
+    angle_mask : array of bool, shape (n_specimens, n_points)
+        Where there is a bend angle; one without a curvature beside it is not used.
+    recorded, ruptured : array of bool, shape (n_specimens, n_points)
+        Rows that are there, and those at whose pressure the specimen burst.
+    cycle : array of int, branch : array of str, shape (n_specimens, n_points)
+        Loading cycle and branch.
+    time, humidity : array, shape (n_specimens, n_points)
+        Since the specimen's first row [s], of the room [%]; nan where not recorded.
+    mount : array of str, shape (n_specimens, n_points)
+        How it was held.
+    """
+
+    specimens: tuple[str, ...]
+    degradation: Floats
+    degradation_sd: Floats
+    pressure: Floats
+    curvature: Floats
+    curvature_sd: Floats
+    mask: Flags
+    bend_angle: Floats
+    angle_mask: Flags
+    recorded: Flags
+    ruptured: Flags
+    cycle: NDArray[np.int64]
+    branch: NDArray[np.str_]
+    time: Floats
+    humidity: Floats
+    mount: NDArray[np.str_]
+
+    @cached_property
+    def conditions(self) -> Conditions:
+        """What the experiment set or recorded."""
+        return Conditions(
+            self.pressure,
+            self.degradation,
+            time=self.time,
+            cycle=self.cycle,
+            unloading=self.branch == "unloading",
+            humidity=self.humidity,
+            mount=self.mount,
+        )
+
+    @cached_property
+    def with_angle(self) -> bool:
+        """Whether there is a bend angle at all."""
+        return bool(self.angle_mask.any())
+
+    @cached_property
+    def readings(self) -> Floats:
+        """Curvatures [1/m], then bend angles [°] if there are any, (n_specimens, n_readings)."""
+        both = (self.curvature, self.bend_angle) if self.with_angle else (self.curvature,)
+        return np.concatenate(both, axis=1)
+
+    @cached_property
+    def paths(self) -> Paths:
+        """The readings of each specimen as a path of pressure."""
+        both = (self.mask, self.mask & self.angle_mask) if self.with_angle else (self.mask,)
+        travelled = np.abs(np.diff(self.pressure, axis=1, prepend=0.0))
+        return paths_of(np.stack(both, axis=1), np.cumsum(travelled, axis=1))
+
+    @cached_property
+    def ruptures(self) -> Ruptures:
+        """Between which readings each specimen burst, or which it survived."""
+        any_burst = self.ruptured.any(axis=1)
+        burst = np.where(any_burst, np.argmax(self.ruptured, axis=1), -1)
+        at_burst = np.where(any_burst, self.pressure[np.arange(len(burst)), burst], np.inf)
+        below = self.recorded & ~self.ruptured & (self.pressure < at_burst[:, None])
+        below &= self.pressure > 0.0
+        highest = np.argmax(np.where(below, self.pressure, -1.0), axis=1)
+        return Ruptures(np.where(below.any(axis=1), highest, -1), burst)
+
+    def subset(self, rows: Rows) -> "ActuatorCurves":
+        """Return the curves of some specimens."""
+        return chosen(self, rows)
+
+    def with_readings(self, readings: Floats) -> Self:
+        """Return the same tests with other readings, (n_specimens, n_readings)."""
+        points = self.pressure.shape[1]
+        curvature = np.where(self.mask, readings[:, :points], 0.0)
+        if not self.with_angle:
+            return replace(self, curvature=curvature)
+        angle = np.where(self.angle_mask & self.mask, readings[:, points:], 0.0)
+        return replace(self, curvature=curvature, bend_angle=angle)
+
+
+def actuator_curves(study: Study) -> ActuatorCurves | None:
+    """Return the actuator's curves, in the order in which they were taken."""
+    table = study.actuator
+    if table is None:
+        return None
+    groups = [g for _, g in table.groupby("specimen_id", sort=False)]
+    size = max(len(g) for g in groups)
+    pressure = padded([g["pressure_kPa"] for g in groups], size, fill=0.0)
+    curvature = padded([g["curvature_per_m"] for g in groups], size, fill=np.nan)
+    mask = np.isfinite(curvature) & (pressure > 0.0)
+    known_sd = padded([g["curvature_sd_per_m"] for g in groups], size, fill=0.0)
+    angle = padded([g["bend_angle_deg"] for g in groups], size, fill=np.nan)
+    angle_mask = np.isfinite(angle) & mask
+    if not mask.any():
+        return None
+    return ActuatorCurves(
+        specimens=tuple(str(g["specimen_id"].iloc[0]) for g in groups),
+        degradation=np.array([[float(g["degradation_pct"].iloc[0])] for g in groups]),
+        degradation_sd=np.array([[float(g["degradation_sd_pct"].iloc[0])] for g in groups]),
+        pressure=pressure,
+        curvature=np.where(mask, curvature, 0.0),
+        curvature_sd=np.nan_to_num(known_sd),
+        mask=mask,
+        bend_angle=np.where(angle_mask, angle, 0.0),
+        angle_mask=angle_mask,
+        recorded=np.arange(size) < np.array([len(g) for g in groups])[:, None],
+        ruptured=padded([g["ruptured"] for g in groups], size, fill=0.0) > 0.5,
+        cycle=padded([g["cycle"] for g in groups], size, fill=1.0).astype(np.int64),
+        time=padded([g["time_s"] for g in groups], size, fill=np.nan),
+        humidity=padded([g["humidity_pct"] for g in groups], size, fill=np.nan),
+        # rows that are not there are held as those that are
+        mount=np.array([[*g["mount"], *[g["mount"].iloc[-1]] * (size - len(g))] for g in groups]),
+        branch=np.array([[*g["branch"], *["loading"] * (size - len(g))] for g in groups]),
+    )
+
+
+class Curves(NamedTuple):
+    """What a forward map with its causes predicts of actuators, (n, n_specimens, n_points).
+
+    Parameters
+    ----------
+    curvature, slope, curvature_sd : array
+        With causes [1/m]; the slope is p ∂κ/∂p.
+    angle, angle_sd : array
+        With causes [°]; not read where no angle was read.
+    unread_curvature, unread_slope : array
+        Before causes that act on the reading [1/m]; not read where no angle was read.
+    """
+
+    curvature: Floats
+    slope: Floats
+    curvature_sd: Floats
+    angle: Floats
+    angle_sd: Floats
+    unread_curvature: Floats
+    unread_slope: Floats
+
+
+@compiled
+def curve_density(
+    readings: Floats,
+    reading_sd: Floats,
+    curves: Curves,
+    noise: Floats,
+    mode: Floats,
+    spread: Floats,
+    length: Floats,
+    correlation: Floats,
+    mask: Flags,
+    gap: Floats,
+    density: Floats,
+    deviation: Floats,
+) -> None:
+    """Write the log density of each specimen's readings and its most probable deviation.
+
+    Parameters
+    ----------
+    readings : array, shape (n_specimens, n_readings)
+        Curvatures [1/m], then angles [°] if they were read.
+    reading_sd : array, shape (n_specimens, n_points)
+        Standard error of each curvature by itself [1/m].
+    curves : Curves
+        At the deviations ``mode``.
+    noise : array, shape (n, 4)
+        Constant and proportional reading error of curvature [1/m], [–] and of angle [°], [–].
+    mode, spread : array, shape (n, n_specimens)
+        Deviation of ln stiffness at which the curves are, and its variance τ².
+    length, correlation : array, shape (n,)
+        As `bayesdeg.observations.noise.Linearised`.
+    mask, gap : array, shape (n_specimens, n_readings)
+        As `bayesdeg.observations.noise.Paths`.
+    density, deviation : array, shape (n, n_specimens)
+        Written.
+    """
+    n, n_specimens, points = curves.curvature.shape
+    n_readings = mask.shape[1]
+    alike = same_path(mask, gap)
+    gains, order = np.empty((3, n_readings)), np.empty(n_readings, np.int64)
+    scales, first = np.empty(n_readings), np.empty((points, 3))
+    residual, slope = np.empty(n_readings), np.empty((n_readings, 1))
+    variance = np.empty(n_readings)
+    for b in range(n):
+        count, constant = 0, 0.0
+        for s in range(n_specimens):
+            if not alike[s]:
+                count, constant = filter_of(
+                    length[b], correlation[b], mask[s], gap[s], points, gains, order
+                )
+            _curvatures(
+                readings[s], reading_sd[s], curves.curvature[b, s], curves.slope[b, s],
+                curves.curvature_sd[b, s], noise[b], mode[b, s], residual, slope, variance,
+            )  # fmt: skip
+            if n_readings > points:
+                _angles(
+                    readings[s], curves.angle[b, s], curves.angle_sd[b, s],
+                    curves.unread_curvature[b, s], curves.unread_slope[b, s], noise[b],
+                    mode[b, s], residual, slope, variance,
+                )  # fmt: skip
+            density[b, s], deviation[b, s], _ = specimen_density(
+                residual, slope, variance, (math.sqrt(spread[b, s]), 0.0), correlation[b],
+                constant, gains, order[:count], scales, first,
+            )  # fmt: skip
+
+
+@compiled
+def _curvatures(
+    readings: Floats,
+    reading_sd: Floats,
+    curvature: Floats,
+    growth: Floats,
+    sd: Floats,
+    noise: Floats,
+    mode: float,
+    residual: Floats,
+    slope: Floats,
+    variance: Floats,
+) -> None:
+    """Linearise the curvatures of one specimen about its deviation."""
+    for j in range(len(curvature)):
+        error = noise[1] * curvature[j]
+        slope[j, 0] = -growth[j]
+        residual[j] = readings[j] - curvature[j] - growth[j] * mode
+        variance[j] = noise[0] * noise[0] + error * error + sd[j] * sd[j]
+        variance[j] += reading_sd[j] * reading_sd[j]
+
+
+@compiled
+def _angles(
+    readings: Floats,
+    angle: Floats,
+    sd: Floats,
+    curvature: Floats,
+    growth: Floats,
+    noise: Floats,
+    mode: float,
+    residual: Floats,
+    slope: Floats,
+    variance: Floats,
+) -> None:
+    """Linearise the bend angles of one specimen, which grow as the curvature does."""
+    points = len(angle)
+    for j in range(points):
+        relative = growth[j] / (math.inf if curvature[j] == 0.0 else curvature[j])
+        error = noise[3] * angle[j]
+        slope[points + j, 0] = -angle[j] * relative
+        residual[points + j] = readings[points + j] - angle[j] + slope[points + j, 0] * mode
+        variance[points + j] = noise[2] * noise[2] + error * error + sd[j] * sd[j]
+
+
+FARTHEST = 1.0
+"""Excess over the forward map's range at which data are still simulated: it costs half a nat."""
+PASSES = 2
+"""Linearisations, the first at no deviation."""
+
+
+class Predicted(NamedTuple):
+    """Readings of actuators with given deviations of ln stiffness.
+
+    Parameters
+    ----------
+    prediction : Prediction
+        With causes and the emulator's common error, (n, n_specimens, n_points).
+    mean, slope, variance : array, shape (n, n_specimens, n_readings)
+        Readings expected [1/m, °], their derivative by the deviation, and the variance of their
+        errors.
+    """
+
+    prediction: Prediction
+    mean: Floats
+    slope: Floats
+    variance: Floats
+
+
+def believed_degradation(state: State[FilmsAndActuators], data: ActuatorCurves) -> Degradation:
+    """Return degradation rates and their standard errors [%], each (n, n_specimens)."""
+    recorded = Degradation(data.degradation, data.degradation_sd)
+    believed = applied("on_degradation", recorded, data.conditions, state.acting())
+    shape = (len(state.values["volume_ratio"]), len(data.specimens))
+    level, sd = (np.broadcast_to(v[..., 0], shape) for v in (believed.value, believed.sd))
+    return Degradation(level, sd)
+
+
+class Part(NamedTuple):
+    """The actuators' median material, and τ² of their deviations of ln stiffness, (n, S)."""
+
+    material: Material
+    spread: Floats
+
+
+def parts_of(state: State[FilmsAndActuators], data: ActuatorCurves) -> Part:
+    """Return what is believed of the actuators' material."""
+    believed = state.once(believed_degradation, data)
+    material = state.world.material(state.values, shared(believed.value))
+    return Part(material, stiffness_spread(state.values, material, believed.sd))
+
+
+def predict(state: State[FilmsAndActuators], data: ActuatorCurves, deviation: Floats) -> Predicted:
+    """Return what actuators with these deviations of ln stiffness, (n, n_specimens, 1), read."""
+    return _readings(data, state.values, *_predictions(state, data, deviation))
+
+
+def _predictions(
+    state: State[FilmsAndActuators], data: ActuatorCurves, deviation: Floats
+) -> tuple[Prediction, Prediction]:
+    """Return predictions before and after causes that act on the reading."""
+    values, material = state.values, state.once(parts_of, data).material
+    factor = np.exp(deviation)
+    c1, c2, c3 = (material.constants[..., i, None] * factor for i in range(3))
+    inputs = Inputs(
+        pressure=data.pressure,
+        c1=c1,
+        c2=c2,
+        c3=c3,
+        linear_scale=np.cbrt(values["volume_ratio"])[:, None, None],
+        paper_stiffness=values["paper_stiffness"][:, None, None],
+        paper_thickness=np.full((1, 1, 1), state.world.paper_thickness),
+    )
+    causes = state.acting()
+    met = applied("on_inputs", inputs, data.conditions, causes)
+    mechanics = _with_common_error(state, data, state.world.forward(met))
+    return mechanics, applied("on_reading", mechanics, data.conditions, causes)
+
+
+def linearise_actuators(
+    state: State[FilmsAndActuators], data: ActuatorCurves
+) -> tuple[Linearised, Predicted]:
+    """Linearise readings at the actuators' most probable deviations of ln stiffness."""
+    mode, _, _ = _mode_and_density(state, data, passes=PASSES - 1)
+    predicted = predict(state, data, mode[..., None])
+    linearised = Linearised(
+        data.readings - predicted.mean + predicted.slope * mode[..., None],
+        predicted.slope[..., None],
+        predicted.variance,
+        state.once(parts_of, data).spread[..., None],
+        state.values["curvature_noise_length"],
+        reading_correlation(state.values, data),
+        data.paths,
+    )
+    return linearised, predicted
+
+
+def log_density(state: State[FilmsAndActuators], data: ActuatorCurves) -> tuple[Floats, Prediction]:
+    """Return log densities of whole specimens, (n, n_specimens), and their prediction.
+
+    It is that of the readings as `linearise_actuators` linearises them.
+    """
+    _, density, prediction = _mode_and_density(state, data, passes=PASSES)
+    return density, prediction
+
+
+def _mode_and_density(
+    state: State[FilmsAndActuators], data: ActuatorCurves, *, passes: int
+) -> tuple[Floats, Floats, Prediction]:
+    """Return the most probable deviations, and density and prediction of the last pass.
+
+    The mode that the last pass finds comes after its density, which is at the mode before it.
+    """
+    values, spread = state.values, state.once(parts_of, data).spread
+    names = ["curvature_noise_floor", "curvature_noise"]
+    names += ["bend_angle_noise_floor", "bend_angle_noise"] if data.with_angle else names
+    noise = np.stack([values[name] for name in names], axis=-1)
+    density, mode = np.empty(spread.shape), np.zeros(spread.shape)
+    for _ in range(passes):
+        at = mode
+        mode = np.empty(spread.shape)
+        mechanics, prediction = _predictions(state, data, at[..., None])
+        curve_density(
+            np.ascontiguousarray(data.readings),
+            np.ascontiguousarray(np.broadcast_to(data.curvature_sd, data.pressure.shape)),
+            _curves(mechanics, prediction),
+            noise,
+            at,
+            np.ascontiguousarray(spread),
+            np.ascontiguousarray(values["curvature_noise_length"]),
+            np.ascontiguousarray(reading_correlation(values, data)),
+            np.ascontiguousarray(data.paths.mask),
+            np.ascontiguousarray(data.paths.gap),
+            density,
+            mode,
+        )
+    return mode, density, prediction
+
+
+def _curves(mechanics: Prediction, prediction: Prediction) -> Curves:
+    curves = (
+        prediction.curvature,
+        prediction.slope,
+        prediction.sd,
+        prediction.bend_angle,
+        prediction.bend_angle_sd,
+        mechanics.curvature,
+        mechanics.slope,
+    )
+    return Curves(*(np.ascontiguousarray(np.broadcast_to(c, curves[0].shape)) for c in curves))
+
+
+def reading_correlation(values: Named, data: ActuatorCurves) -> Floats:
+    """Return the correlation of the errors of both outputs, (n,); 0 where there is one."""
+    if data.with_angle:
+        return values["reading_correlation"]
+    return np.zeros(len(values["curvature_noise_length"]))
+
+
+def range_excess(data: ActuatorCurves, prediction: Prediction) -> Floats:
+    """Return how far outside the forward map's range readings of each specimen lie, (n, S).
+
+    The root of the sum of squares over the readings that there are; 0 of maps that do not go on.
+    """
+    if prediction.excess is None:
+        return np.zeros((len(prediction.curvature), len(data.specimens)))
+    shape = (len(prediction.curvature), *data.mask.shape)
+    each = np.where(data.mask, np.broadcast_to(prediction.excess, shape), 0.0)
+    excess: Floats = np.sqrt(np.sum(each**2, axis=-1))
+    return excess
+
+
+def _with_common_error(
+    state: State[FilmsAndActuators], data: ActuatorCurves, prediction: Prediction
+) -> Prediction:
+    """Shift a prediction by the emulator's error, which all curves share.
+
+    The error in its standard errors is g = u₀/√3 + u₁ (2 p/p_max − 1) + u₂ (2 D/D_max − 1), of unit
+    variance on average over pressures and degradation rates.
+    """
+    values, world = state.values, state.world
+    if "emulator_error_level" not in values:
+        return prediction
+    level, by_pressure, by_degradation = (
+        values[f"emulator_error_{name}"][:, None, None]
+        for name in ("level", "pressure", "degradation")
+    )
+    g = (
+        level / np.sqrt(3.0)
+        + by_pressure * (2.0 * data.pressure / world.largest_pressure - 1.0)
+        + by_degradation * (2.0 * data.degradation / max(world.nodes[-1], 1.0) - 1.0)
+    )
+    nothing = np.zeros_like(prediction.sd)
+    with np.errstate(invalid="ignore"):  # what is refused may be infinite
+        return replace(
+            prediction,
+            curvature=prediction.curvature + g * prediction.sd,
+            bend_angle=prediction.bend_angle + g * prediction.bend_angle_sd,
+            sd=nothing,
+            bend_angle_sd=nothing,
+        )
+
+
+def _readings(
+    data: ActuatorCurves, values: Named, mechanics: Prediction, prediction: Prediction
+) -> Predicted:
+    noise = values["curvature_noise"][:, None, None] * prediction.curvature
+    floor = values["curvature_noise_floor"][:, None, None]
+    mean, slope = prediction.curvature, -prediction.slope
+    variance = floor**2 + noise**2 + prediction.sd**2 + data.curvature_sd**2
+    if not data.with_angle:
+        return Predicted(prediction, mean, slope, variance)
+    angle = prediction.bend_angle
+    # the length of the bottom line hardly depends on pressure: angle and curvature grow alike
+    growth = mechanics.slope / np.where(mechanics.curvature == 0.0, np.inf, mechanics.curvature)
+    noise = values["bend_angle_noise"][:, None, None] * angle
+    floor = values["bend_angle_noise_floor"][:, None, None]
+    return Predicted(
+        prediction,
+        np.concatenate([mean, angle], axis=-1),
+        np.concatenate([slope, -angle * growth], axis=-1),
+        np.concatenate([variance, floor**2 + noise**2 + prediction.bend_angle_sd**2], axis=-1),
+    )
+
+
+@dataclass(frozen=True)
+class Curvature(Observations):
+    """Curvatures of actuators, and bend angles where they were read.
+
+    Parameters
+    ----------
+    curves : ActuatorCurves
+        What was read.
+    """
+
+    name: ClassVar[str] = "actuator"
+    order: ClassVar[int] = 20
+    priority: ClassVar[int] = 2
+    is_criticised: ClassVar[bool] = True
+    uses_forward: ClassVar[bool] = True
+
+    curves: ActuatorCurves
+
+    @property
+    @override
+    def parameters(self) -> tuple[Parameter, ...]:
+        own = actuator_parameters(float(self.curves.pressure.max()))
+        return (*own, *BEND_ANGLE) if self.curves.with_angle else own
+
+    @property
+    @override
+    def error_parameters(self) -> tuple[Parameter, ...]:
+        return EMULATOR
+
+    @property
+    @override
+    def labels(self) -> tuple[str, ...]:
+        return self.curves.specimens
+
+    @property
+    @override
+    def levels(self) -> Floats:
+        return self.curves.degradation.ravel()
+
+    @override
+    def log_likelihood(self, state: State[FilmsAndActuators]) -> Floats:
+        density, prediction = state.once(log_density, self.curves)
+        found: Floats = density - 0.5 * range_excess(self.curves, prediction) ** 2
+        return found
+
+    @override
+    def factors(self, state: State[FilmsAndActuators]) -> Parts:
+        curves, predicted = state.once(linearise_actuators, self.curves)
+        excess = range_excess(self.curves, predicted.prediction)
+        return Parts((innovations(curves),), ((-0.5 * excess**2, excess),))
+
+    @override
+    def subset(self, rows: Rows) -> "Curvature":
+        return Curvature(self.curves.subset(rows))
+
+    @cached_property
+    @override
+    def places(self) -> Places:
+        data, read = self.curves, self.curves.paths.mask
+        outputs = read.shape[1] // data.pressure.shape[1]
+
+        def each(values: NDArray[Any]) -> NDArray[Any]:
+            whole = np.broadcast_to(values, data.pressure.shape)
+            return np.tile(whole, outputs)[read]
+
+        history = np.char.add(np.char.add(data.branch, " "), data.cycle.astype(np.str_))
+        kinds = np.repeat(np.array([CURVATURE, ANGLE][:outputs]), data.pressure.shape[1])
+        return Places(
+            np.broadcast_to(kinds, read.shape)[read],
+            np.full(int(read.sum()), ACTUATOR),
+            each(data.pressure).astype(np.float64),
+            each(data.degradation).astype(np.float64),
+            each(np.array(data.specimens)[:, None]).astype(np.str_),
+            each(np.char.add(np.char.add(history, " "), data.mount)).astype(np.str_),
+            each(data.time).astype(np.float64),
+        )
+
+    @property
+    @override
+    def observed(self) -> Floats:
+        return self.curves.readings[self.curves.paths.mask]
+
+    @override
+    def expected(self, state: State[FilmsAndActuators]) -> Floats:
+        return self.predicted(state).mean[:, self.curves.paths.mask]
+
+    @override
+    def covariance(self, state: State[FilmsAndActuators]) -> list[Floats]:
+        return blocks_of_covariance(self.linearised(state))
+
+    @override
+    def simulate(self, state: State[FilmsAndActuators], generator: np.random.Generator) -> Floats:
+        readings = self.drawn(state, generator)
+        readings[self.range_excess(state).max(axis=1) > FARTHEST] = np.nan
+        return readings[:, self.curves.paths.mask]
+
+    @override
+    def replicated(
+        self,
+        state: State[FilmsAndActuators],
+        generator: np.random.Generator,
+        drawn: tuple[Observations, ...],
+    ) -> tuple[Observations, ...]:
+        readings = state.once(draw_readings, self.curves, generator)[0]
+        return (*drawn, Curvature(self.curves.with_readings(readings[0])))
+
+    @override
+    def deviations(self, state: State[FilmsAndActuators]) -> Deviations:
+        curves = self.linearised(state)
+        mask = curves.paths.mask
+        read = np.zeros((*mask.shape, len(mask)))
+        own = np.arange(len(mask))
+        read[own, :, own] = curves.slope[0, :, :, 0]
+        return Deviations(read[mask], curves.spread[0, :, 0], self.curves.degradation[:, 0])
+
+    @override
+    def refused(self, state: State[FilmsAndActuators]) -> Flags:
+        status = self.predicted(state).prediction.status
+        outside: Flags = np.any((status != Status.CONVERGED) & self.curves.mask, axis=(-2, -1))
+        return outside
+
+    @override
+    def watched(
+        self, world: FilmsAndActuators, report: Callable[[Flags], None]
+    ) -> FilmsAndActuators:
+        return world.watched(self.curves.mask, report)
+
+    def predicted(
+        self, state: State[FilmsAndActuators], deviation: Floats | None = None
+    ) -> Predicted:
+        """Return readings expected of the actuators, with their errors' variances.
+
+        Parameters
+        ----------
+        state : State
+            Named values, (n,).
+        deviation : array, shape (n, n_specimens, 1), optional
+            Deviation of each specimen's ln stiffness; by default 0.
+        """
+        if deviation is None:
+            deviation = np.zeros((*state.once(parts_of, self.curves).spread.shape, 1))
+        return predict(state, self.curves, deviation)
+
+    def linearised(self, state: State[FilmsAndActuators]) -> Linearised:
+        """Linearise the readings at the actuators' most probable deviations."""
+        return state.once(linearise_actuators, self.curves)[0]
+
+    def range_excess(self, state: State[FilmsAndActuators]) -> Floats:
+        """Return how far outside the forward map's range each actuator is asked, (n, S).
+
+        At the most probable deviations of the specimens, as in the density: the log likelihood
+        falls with half its square; 0 inside.
+        """
+        return range_excess(self.curves, state.once(linearise_actuators, self.curves)[1].prediction)
+
+    def deviation_sd(self, state: State[FilmsAndActuators]) -> Floats:
+        """Return τ of each actuator, shape (n, n_specimens, 1)."""
+        return np.sqrt(state.once(parts_of, self.curves).spread)[..., None]
+
+    def drawn(self, state: State[FilmsAndActuators], generator: np.random.Generator) -> Floats:
+        """Draw readings that new specimens in the same tests would show, one set a draw.
+
+        Returns
+        -------
+        array, shape (n, n_specimens, n_readings)
+            Curvatures [1/m], then bend angles [°]; nan where the forward map has no answer.
+        """
+        return draw_readings(state, self.curves, generator)[0]
+
+    @override
+    def stored(
+        self,
+        state: State[FilmsAndActuators],
+        tests: State[FilmsAndActuators],
+        generator: np.random.Generator,
+    ) -> list[Stored]:
+        data = self.curves
+        pointwise = sequential(self.linearised(state))
+        replicates = self.drawn(tests, generator)
+        points, found = data.pressure.shape[1], []
+        outputs = {"curvature": (data.mask, slice(0, points))}
+        if data.with_angle:
+            outputs["bend_angle"] = (data.mask & data.angle_mask, slice(points, 2 * points))
+        everywhere = {
+            "specimen_id": np.broadcast_to(np.array(data.specimens)[:, None], data.mask.shape),
+            "pressure_kPa": data.pressure,
+            "degradation_pct": np.broadcast_to(data.degradation, data.mask.shape),
+        }
+        for output, (mask, columns) in outputs.items():
+            first = output == "curvature"
+            found.append(
+                Stored(
+                    output,
+                    "observation" if first else f"{output}_observation",
+                    data.readings[:, columns][mask],
+                    pointwise[..., columns][:, mask],
+                    replicates[..., columns][:, mask],
+                    {("" if first else f"{output}_") + n: v[mask] for n, v in everywhere.items()},
+                    {"pressure": data.pressure[data.mask]} if first else {},
+                )
+            )
+        return found
+
+
+def draw_readings(
+    state: State[FilmsAndActuators], data: ActuatorCurves, generator: np.random.Generator
+) -> tuple[Floats, Predicted]:
+    """Draw readings of new specimens, see `Curvature.drawn`, and what was predicted of them."""
+    sd = np.sqrt(state.once(parts_of, data).spread)[..., None]
+    predicted = predict(state, data, sd * generator.standard_normal(sd.shape))
+    length = state.values["curvature_noise_length"]
+    correlation = reading_correlation(state.values, data)
+    z = correlated_normals(data.paths, length, correlation, generator)
+    return predicted.mean + np.sqrt(predicted.variance) * z, predicted
+
+
+def from_study(study: Study) -> tuple[Curvature, ...]:
+    """Return the curves of a study, if there are any."""
+    curves = actuator_curves(study)
+    return () if curves is None else (Curvature(curves),)

@@ -1,0 +1,177 @@
+"""At which pressure actuators burst, or which they survived."""
+
+from dataclasses import dataclass, replace
+from typing import ClassVar, override
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdeg.actuator.inputs import Prediction
+from bayesdeg.causes.cause import Strength
+from bayesdeg.causes.fold import applied
+from bayesdeg.observations.curvature import (
+    ActuatorCurves,
+    Curvature,
+    believed_degradation,
+    draw_readings,
+    linearise_actuators,
+    log_density,
+)
+from bayesdeg.observations.kinds import Observations, Parts, Rows, State
+from bayesdeg.observations.noise import event_signal, log_interval
+from bayesdeg.observations.specimens import FilmsAndActuators, shared
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+
+def strength_of(state: State[FilmsAndActuators], data: ActuatorCurves) -> Strength:
+    """Return the elongation limit of the actuators, (n, n_specimens)."""
+    values, believed = state.values, state.once(believed_degradation, data)
+    level, world = believed.value, state.world
+    spread = world.elongation_spread(values, shared(level), believed.sd)
+    strength = Strength(world.elongation(values, shared(level)) / 100.0, np.sqrt(spread))
+    return applied("on_strength", strength, level, state.acting(axes=1))
+
+
+def log_rupture(data: ActuatorCurves, prediction: Prediction, strength: Strength) -> Floats:
+    r"""Return log probabilities that each specimen burst where it did, or survived, (n, S).
+
+    A specimen bursts where the stretch that its pressure demands passes its own limit, ln ε_b ~
+    N(ln ε̃, s²) with ε = λ − 1: survived up to p, burst at p' it has
+    :math:`\Phi(z(p')) - \Phi(z(p))`, and one that did not burst :math:`1 - \Phi(z(p))`. A pressure
+    at which the forward map has no answer demands an infinite stretch of the specimen that burst
+    there, and says nothing of one that survived it; without strain nothing bursts. Of earlier
+    cycles only what was survived below the pressure of the rupture counts: fatigue is not modelled.
+
+    Parameters
+    ----------
+    data : ActuatorCurves
+        Which pressures were survived.
+    prediction : Prediction
+        At the specimens' most probable stiffness.
+    strength : Strength
+        ε̃ [–] and s of the specimens, (n, n_specimens).
+    """
+    ruptures = data.ruptures
+    rows = np.arange(len(data.specimens))
+
+    def score(at: NDArray[np.int64], *, refused: float) -> Floats:
+        strain = prediction.peak_stretch[:, rows, at] - 1.0
+        if np.isinf(refused) and refused > 0.0 and prediction.excess is not None:
+            strain = np.where(prediction.excess[:, rows, at] > 0.0, np.nan, strain)
+        share = prediction.peak_stretch_sd[:, rows, at] / np.maximum(strain, 1e-12)
+        stretched = strain > 0.0
+        spread = np.hypot(strength.scatter, share)
+        safe = np.log(np.where(stretched, strain, 1.0) / strength.median) / spread
+        return np.where(stretched, safe, np.where(np.isfinite(strain), -np.inf, refused))
+
+    low = np.where(ruptures.survived < 0, -np.inf, score(ruptures.survived, refused=-np.inf))
+    high = np.where(ruptures.burst < 0, np.inf, score(ruptures.burst, refused=np.inf))
+    return np.where(high > low, log_interval(np.minimum(low, high), high), -np.inf)
+
+
+@dataclass(frozen=True)
+class Rupture(Observations):
+    """Whether each actuator burst, on the specimens whose curvature was read.
+
+    It needs the parameters of the elongation at break.
+
+    Parameters
+    ----------
+    curves : ActuatorCurves
+        The same as those of `bayesdeg.observations.curvature.Curvature`: what is predicted at the
+        specimens' most probable stiffness is worked out once for both.
+    """
+
+    name: ClassVar[str] = "rupture"
+    order: ClassVar[int] = 30
+    is_criticised: ClassVar[bool] = True
+    follows: ClassVar[str] = "actuator"
+    uses_forward: ClassVar[bool] = True
+
+    curves: ActuatorCurves
+
+    @property
+    @override
+    def labels(self) -> tuple[str, ...]:
+        return self.curves.specimens
+
+    @property
+    @override
+    def events(self) -> int:
+        return int(self.curves.ruptured.any(axis=1).sum())
+
+    @override
+    def log_likelihood(self, state: State[FilmsAndActuators]) -> Floats:
+        prediction = state.once(log_density, self.curves)[1]
+        return log_rupture(self.curves, prediction, strength_of(state, self.curves))
+
+    @override
+    def factors(self, state: State[FilmsAndActuators]) -> Parts:
+        predicted = state.once(linearise_actuators, self.curves)[1]
+        strength = strength_of(state, self.curves)
+        log_probability = log_rupture(self.curves, predicted.prediction, strength)
+        return Parts(events=((log_probability, event_signal(log_probability)),))
+
+    @override
+    def subset(self, rows: Rows) -> "Rupture":
+        return Rupture(self.curves.subset(rows))
+
+    @override
+    def replicated(
+        self,
+        state: State[FilmsAndActuators],
+        generator: np.random.Generator,
+        drawn: tuple[Observations, ...],
+    ) -> tuple[Observations, ...]:
+        """Let actuators burst at the first pressure that demands more than they stand.
+
+        Rows after that are gone, also from the readings that were drawn.
+        """
+        readings, predicted = state.once(draw_readings, self.curves, generator)
+        burst = self._bursts(state, predicted.prediction, generator)
+        cut = _cut(self.curves, burst).with_readings(readings[0])
+        kept = (Curvature(cut) if isinstance(one, Curvature) else one for one in drawn)
+        return (*kept, Rupture(cut))
+
+    def _bursts(
+        self,
+        state: State[FilmsAndActuators],
+        prediction: Prediction,
+        generator: np.random.Generator,
+    ) -> Flags:
+        """Return the recorded rows at which actuators burst, (n_specimens, n_points).
+
+        The emulator's error of ln strain is one of the specimen, so that the stretch it demands
+        grows with pressure; for each pressure it has the law of the likelihood.
+        """
+        data, strength = self.curves, strength_of(state, self.curves)
+        z = generator.standard_normal(strength.median.shape)
+        limit = np.log(strength.median) + strength.scatter * z
+        strain = prediction.peak_stretch - 1.0
+        share = prediction.peak_stretch_sd / np.maximum(strain, 1e-12)
+        error = share * generator.standard_normal((*z.shape, 1))
+        known = np.isfinite(strain) & (strain > 0.0)
+        demanded = np.where(known, np.log(np.where(known, strain, 1.0)) + error, np.inf)
+        over = data.recorded & (data.pressure > 0.0) & (demanded > limit[..., None])[0]
+        first: Flags = over & (np.cumsum(over, axis=1) == 1)
+        return first
+
+
+def _cut(data: ActuatorCurves, burst: Flags) -> ActuatorCurves:
+    """Return tests that end where the specimens burst, without a reading there."""
+    before = np.cumsum(burst, axis=1) == 0
+    return replace(
+        data,
+        mask=data.mask & before,
+        angle_mask=data.angle_mask & before,
+        recorded=data.recorded & (before | burst),
+        ruptured=burst,
+    )
+
+
+def from_observations(found: tuple[Observations, ...]) -> tuple[Rupture, ...]:
+    """Return the ruptures of actuators whose elongation at break something is known of."""
+    limited = any(len(one.elongation_levels) for one in found)
+    return tuple(Rupture(one.curves) for one in found if limited and isinstance(one, Curvature))

@@ -1,0 +1,378 @@
+"""The world of films and actuators: parameters become a material, its scatter, its limits."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdeg.actuator.inputs import PAPER_THICKNESS, ForwardMap, Inputs, Prediction, continuation
+from bayesdeg.actuator.status import Status
+from bayesdeg.causes.cause import Cause, FilmConditions
+from bayesdeg.causes.fold import acting, applied
+from bayesdeg.material import degradation as law
+from bayesdeg.material.degradation import (
+    Controls,
+    Nodes,
+    bernstein_slopes,
+    bernstein_weights,
+    constants,
+    satisfies_baker_ericksen,
+)
+from bayesdeg.material.hyperelastic import yeoh_basis
+from bayesdeg.priors import HalfNormal, Law, LogNormal, Named, Parameter, TruncatedNormal, Uniform
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+# Medians follow the published moduli (6 C1 = 1.73 MPa fresh, about 5.5 times that at 25 %) and
+# break elongations (210 % and about 52 %); doi:10.3389/frobt.2021.760485. Between the ends they are
+# control values: half of what holds at 12.5 % is theirs.
+_C1 = {
+    0.0: LogNormal(0.3, 0.4),
+    25.0 / 3.0: LogNormal(0.5, 0.6),
+    12.5: LogNormal(0.6, 0.6),
+    50.0 / 3.0: LogNormal(0.9, 0.6),
+    25.0: LogNormal(1.5, 0.6),
+}
+_C3 = {
+    0.0: LogNormal(1.5e-3, 1.0),
+    25.0 / 3.0: LogNormal(6e-3, 1.5),
+    12.5: LogNormal(1e-2, 1.5),
+    50.0 / 3.0: LogNormal(4e-2, 1.5),
+    25.0: LogNormal(0.1, 1.2),
+}
+_RATIO_AT_ENDS = TruncatedNormal(-0.15, 0.25, -0.65, 0.6)
+_RATIO_BETWEEN = TruncatedNormal(-0.15, 0.4, -0.9, 1.5)
+_ELONGATION = {0.0: LogNormal(200.0, 0.5), 12.5: LogNormal(110.0, 0.6), 25.0: LogNormal(50.0, 0.6)}
+
+
+_STEP = 5e-4
+_STENCIL = np.array([1.0, -8.0, 8.0, -1.0]) / (12.0 * _STEP)
+_AROUND_ONE = 1.0 + _STEP * np.array([-2.0, -1.0, 1.0, 2.0])
+"""Stretches about 1, and weights with which stresses there give the slope to a part in 1e11."""
+
+
+def node_name(quantity: str, node: float) -> str:
+    """Return a parameter's name at a node of D_R.
+
+    Examples
+    --------
+    >>> node_name("c1", 12.5)
+    'c1_at_12_5'
+    """
+    return f"{quantity}_at_{node:g}".replace(".", "_")
+
+
+def control_name(quantity: str, nodes: Nodes, k: int) -> str:
+    """Return the name of a constant's control value: its value at the ends, its pull between them.
+
+    Examples
+    --------
+    >>> [control_name("c1", (0.0, 12.5, 25.0), k) for k in range(3)]
+    ['c1_at_0', 'c1_control_12_5', 'c1_at_25']
+    """
+    if k in (0, len(nodes) - 1):
+        return node_name(quantity, nodes[k])
+    return f"{quantity}_control_{nodes[k]:.3g}".replace(".", "_")
+
+
+def material_parameters(nodes: Nodes) -> tuple[Parameter, ...]:
+    """Return the parameters of the Yeoh constants against D_R: their Bernstein control values."""
+    parameters = []
+    for k, node in enumerate(nodes):
+        at_end = k in (0, len(nodes) - 1)
+        place = f"at a degradation rate of {node:.3g} %"
+        where = place if at_end else f"control value {place}, between the ends"
+        ratio = _RATIO_AT_ENDS if at_end else _RATIO_BETWEEN
+        parameters += [
+            Parameter(control_name("c1", nodes, k), _nearest(_C1, node), "MPa", f"C1, {where}"),
+            Parameter(
+                control_name("c2_ratio", nodes, k),
+                ratio,
+                "–",
+                f"C2/sqrt(3 C1 C3), {where}; above −1 the material is stable",
+            ),
+            Parameter(control_name("c3", nodes, k), _nearest(_C3, node), "MPa", f"C3, {where}"),
+        ]
+    return tuple(parameters)
+
+
+def elongation_parameters(nodes: Nodes) -> tuple[Parameter, ...]:
+    """Return the parameters of the elongation at break against D_R."""
+    return (
+        *(
+            Parameter(
+                node_name("elongation", node),
+                _nearest(_ELONGATION, node),
+                "%",
+                f"median elongation at break at a degradation rate of {node:g} %",
+            )
+            for node in nodes
+        ),
+        Parameter("elongation_scatter", HalfNormal(0.2), "–", "sd of ln elongation at break"),
+    )
+
+
+STIFFNESS_SCATTER = Parameter(
+    "stiffness_scatter", HalfNormal(0.1), "–", "sd of ln stiffness from specimen to specimen"
+)
+
+
+COURSE = (
+    # 10 to 30 % of moisture make the published volume ratio plausible
+    Parameter("fresh_moisture", LogNormal(20.0, 0.4), "%", "moisture content before degradation"),
+    # a film cannot lose more than all of its moisture
+    Parameter(
+        "degradation_limit", Uniform(0.0, 100.0), "%", "degradation rate that is approached in time"
+    ),
+    # the films of the source were followed over a day
+    Parameter(
+        "degradation_time_constant",
+        LogNormal(12.0, 1.0),
+        "h",
+        "time after which 63 % of the limit is reached",
+    ),
+    # a tenth of the fresh moisture
+    Parameter("moisture_scatter", HalfNormal(2.0), "%", "sd of moisture content from film to film"),
+)
+"""Parameters of the course of degradation in films, see `bayesdeg.inference.course`."""
+
+
+def _nearest(laws: Mapping[float, Law], node: float) -> Law:
+    return laws[min(laws, key=lambda known: abs(known - node))]
+
+
+class Material(NamedTuple):
+    """The median material at the specimens' degradation rates.
+
+    Parameters
+    ----------
+    constants : array, shape (n, S, 3)
+        Yeoh's C1, C2, C3 [MPa].
+    slope : array, shape (n, S, 3)
+        Their derivatives by D_R [MPa/%].
+    """
+
+    constants: Floats
+    slope: Floats
+
+    @property
+    def sensitivity(self) -> Floats:
+        """Return d ln C1/dD_R [1/%], (n, S)."""
+        sensitivity: Floats = self.slope[..., 0] / self.constants[..., 0]
+        return sensitivity
+
+
+def controls_of(values: Named, nodes: Nodes) -> Controls:
+    """Return the control values of the constants, each (n, n_nodes)."""
+    return Controls(
+        *(
+            np.stack([values[control_name(name, nodes, k)] for k in range(len(nodes))], axis=-1)
+            for name in ("c1", "c2_ratio", "c3")
+        )
+    )
+
+
+def material_at(controls: Controls, degradation: Floats, nodes: Nodes) -> Material:
+    """Return the material at degradation rates (S,) or (n, S)."""
+    return Material(
+        constants_at(controls, degradation, nodes),
+        constants(controls, bernstein_slopes(degradation, nodes)),
+    )
+
+
+def constants_at(controls: Controls, degradation: Floats, nodes: Nodes) -> Floats:
+    """Return the constants alone, as of `material_at`."""
+    return constants(controls, bernstein_weights(degradation, nodes))
+
+
+def shared(degradation: Floats) -> Floats:
+    """Return degradation rates (n, S) as (S,) where they are one row, broadcast over draws.
+
+    What follows from them alone is then worked out once.
+
+    Examples
+    --------
+    >>> shared(np.broadcast_to([0.0, 25.0], (3, 2))).tolist()
+    [0.0, 25.0]
+    """
+    one = len(degradation) > 0 and degradation.strides[0] == 0
+    return degradation[0] if one else degradation
+
+
+def elongation_at(values: Named, degradation: Floats, nodes: Nodes) -> Floats:
+    """Return the median elongation at break [%] at degradation rates (S,) or (n, S), (n, S)."""
+    log_values = np.log(np.stack([values[node_name("elongation", n)] for n in nodes], axis=-1))
+    elongation: Floats = np.exp(law.polynomial(log_values, degradation, nodes))
+    return elongation
+
+
+def elongation_spread(values: Named, degradation: Floats, sd: Floats, *, nodes: Nodes) -> Floats:
+    """Return the variance of ln elongation at break of specimens, shape (n, S).
+
+    σ² + (d ln ε/dD_R · sd(D_R))²: scatter, and the error of the degradation rate.
+    """
+    log_values = np.log(np.stack([values[node_name("elongation", n)] for n in nodes], axis=-1))
+    sensitivity = law.derivative(log_values, degradation, nodes)
+    spread: Floats = values["elongation_scatter"][:, None] ** 2 + (sensitivity * sd) ** 2
+    return spread
+
+
+def no_map(inputs: Inputs) -> Prediction:
+    """Answer nothing: the forward map of a world without actuators."""
+    raise ValueError("there is no forward map in a world without actuators")
+
+
+@dataclass(frozen=True)
+class FilmsAndActuators:
+    """What films and actuators have in common: the material, and how actuators are predicted.
+
+    Parameters
+    ----------
+    nodes, elongation_nodes : tuple of float
+        Degradation rates at which constants are controlled and elongation is held [%].
+    forward : ForwardMap
+        Needed where anything of actuators is to be predicted.
+    paper_thickness : float
+        Of the actuators [mm].
+    largest_pressure : float
+        By which the emulator's common error is scaled [kPa].
+    """
+
+    nodes: Nodes
+    elongation_nodes: Nodes = (0.0,)
+    forward: ForwardMap = no_map
+    paper_thickness: float = PAPER_THICKNESS
+    largest_pressure: float = 240.0
+
+    @property
+    def is_limited(self) -> bool:
+        """Whether parameters that priors allow may have no answer."""
+        return True
+
+    @property
+    def is_factored(self) -> bool:
+        """Whether densities without data say what their factors are."""
+        return True
+
+    @property
+    def continued(self) -> "FilmsAndActuators":
+        """The same with a forward map that goes on outside its range, if it can."""
+        return replace(self, forward=continuation(self.forward))
+
+    def check(self, causes: tuple[Cause, ...]) -> None:
+        """Refuse no cause: each acts on something of films or actuators."""
+
+    def watched(self, read: Flags, report: Callable[[Flags], None]) -> "FilmsAndActuators":
+        """Return the same with a forward map that reports which vectors it refused, (n,).
+
+        Parameters
+        ----------
+        read : array of bool
+            Where there are readings: what else is refused does not count.
+        report : callable
+            Called at every answer.
+        """
+        forward = self.continued.forward
+
+        def answer(inputs: Inputs) -> Prediction:
+            prediction = forward(inputs)
+            refused = (prediction.status == Status.OUTSIDE_TRAINING) & read
+            report(np.any(refused, axis=(-2, -1)))
+            return prediction
+
+        return replace(self, forward=answer)
+
+    def allows(self, values: Named, levels: Floats) -> Flags:
+        """Return whether the material is stable at every degradation rate of the specimens, (n,).
+
+        Up to the last node it is so by construction.
+
+        Parameters
+        ----------
+        values : mapping
+            Named values, (n,).
+        levels : array
+            Degradation rates of the specimens [%].
+        """
+        beyond = np.unique(levels)
+        beyond = beyond[beyond > self.nodes[-1]]
+        if not beyond.size:
+            return np.ones(len(values["stiffness_scatter"]), dtype=bool)
+        c1, c2, c3 = np.moveaxis(self.constants(values, beyond), -1, 0)
+        return np.asarray(np.all((c3 > 0.0) & satisfies_baker_ericksen(c1, c2, c3), axis=-1))
+
+    def constants(self, values: Named, degradation: Floats) -> Floats:
+        """Return C1, C2, C3 [MPa] at degradation rates (S,) or (n, S), shape (n, S, 3)."""
+        return constants_at(controls_of(values, self.nodes), degradation, self.nodes)
+
+    def material(self, values: Named, degradation: Floats) -> Material:
+        """Return the median material at degradation rates (S,) or (n, S)."""
+        return material_at(controls_of(values, self.nodes), degradation, self.nodes)
+
+    def elongation(self, values: Named, degradation: Floats) -> Floats:
+        """Return the median elongation at break [%] at degradation rates (S,), shape (n, S)."""
+        return elongation_at(values, degradation, self.elongation_nodes)
+
+    def elongation_spread(self, values: Named, degradation: Floats, sd: Floats) -> Floats:
+        """Return the variance of ln elongation at break of specimens, shape (n, S)."""
+        return elongation_spread(values, degradation, sd, nodes=self.elongation_nodes)
+
+
+def stiffness_spread(values: Named, material: Material, sd: Floats) -> Floats:
+    """Return τ² of specimens whose degradation rates have standard errors sd, (n, S).
+
+    The deviation of a specimen's ln stiffness has variance τ² = σ² + (d ln C1/dD_R · sd(D_R))²:
+    scatter of the material, and the error of its degradation rate, which acts through C1 (the
+    elasticities to C2 and C3 are below 0.02).
+    """
+    scatter = values["stiffness_scatter"][:, None]
+    spread: Floats = scatter**2 + (material.sensitivity * sd) ** 2
+    return spread
+
+
+def young_modulus(values: Named, constants: Floats, causes: tuple[Cause, ...] = ()) -> Floats:
+    r"""Return Young's modulus of films at zero strain under causes [MPa].
+
+    It is the slope of the nominal stress that films show in uniaxial tension, at stretch 1:
+
+    .. math:: Y = \left. \frac{dP}{d\lambda} \right|_{\lambda = 1}
+
+    which is 6 C₁ where no cause acts on that stress, and 6 C₁ (1 + x/(2√3)) with a
+    `second_invariant` of ratio x. It is taken from what causes do to stresses, by differences of
+    fourth order, so no cause has to state it.
+
+    Parameters
+    ----------
+    values : mapping
+        Named values with the parameters of the causes, each (n,).
+    constants : array, shape (n, S, 3)
+        Yeoh's C1, C2, C3 [MPa].
+    causes : tuple of Cause
+        Those that act.
+
+    Returns
+    -------
+    array, shape (n, S)
+        [MPa]
+
+    Examples
+    --------
+    >>> from bayesdeg.causes.catalogue import CATALOGUE
+    >>> constants = np.array([[[0.3, -0.01, 0.002]]])
+    >>> values = {"second_invariant.ratio": np.array([0.5])}
+    >>> young_modulus(values, constants, (CATALOGUE["second_invariant"],)).round(4)
+    array([[2.0598]])
+    """
+    if not any(cause.on_stress is not None for cause in causes):
+        return law.young_modulus(constants[..., 0])
+    count = constants.shape[-2]
+    stretch = np.broadcast_to(_AROUND_ONE, (count, len(_AROUND_ONE)))
+    nominal = np.zeros(stretch.shape, dtype=bool)
+    tests = FilmConditions(stretch, np.full(count, "uniaxial"), nominal, np.zeros(count))
+    stress = constants @ yeoh_basis(_AROUND_ONE, "uniaxial").T
+    acted = applied("on_stress", stress, tests, acting(causes, values), constants)
+    slope: Floats = acted @ _STENCIL
+    return slope

@@ -1,0 +1,531 @@
+"""Stress–stretch curves of films, with the inner loop of their likelihood."""
+
+import importlib
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import ClassVar, NamedTuple, override
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdeg.causes.cause import FilmConditions
+from bayesdeg.causes.fold import applied
+from bayesdeg.compiled import compiled
+from bayesdeg.data.study import Study
+from bayesdeg.material.degradation import bernstein_weights
+from bayesdeg.material.hyperelastic import yeoh_basis
+from bayesdeg.observations.arrays import chosen, padded
+from bayesdeg.observations.kinds import (
+    Labels,
+    Observations,
+    Parts,
+    Places,
+    Rows,
+    State,
+)
+from bayesdeg.observations.noise import (
+    Linearised,
+    Paths,
+    blocks_of_covariance,
+    correlated_normals,
+    filter_of,
+    innovations,
+    paths_of,
+    same_path,
+    specimen_density,
+)
+from bayesdeg.observations.specimens import FilmsAndActuators, control_name
+from bayesdeg.priors import HalfNormal, Named, Parameter, Uniform
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+STRESS, FILM = "stress", "film"
+
+
+TENSILE = (
+    Parameter("tensile_noise", HalfNormal(0.05), "–", "reading error of stress, proportional"),
+    Parameter("tensile_noise_floor", HalfNormal(0.02), "MPa", "reading error of stress, constant"),
+    Parameter(
+        "tensile_noise_length",
+        Uniform(0.002, 0.15),
+        "–",
+        "stretch over which the reading error of stress stays alike",
+    ),
+)
+
+
+@dataclass(frozen=True)
+class TensileCurves:
+    """Stress–stretch curves.
+
+    Parameters
+    ----------
+    specimens : tuple of str
+        One a curve.
+    modes : tuple of str
+        Mode of loading of each curve.
+    degradation, degradation_sd : array, shape (n_specimens,)
+        D_R of the film and its standard error [%].
+    basis : array, shape (n_specimens, n_points, 3)
+        Yeoh's design matrix for the stress measure that was recorded.
+    stretch, stress : array, shape (n_specimens, n_points)
+        [–], [MPa].
+    cauchy : array of bool, shape (n_specimens, n_points)
+        Whether the stress recorded is Cauchy's.
+    mask : array of bool, shape (n_specimens, n_points)
+        Where there is an observation.
+    """
+
+    specimens: tuple[str, ...]
+    modes: tuple[str, ...]
+    degradation: Floats
+    degradation_sd: Floats
+    basis: Floats
+    stretch: Floats
+    stress: Floats
+    cauchy: Flags
+    mask: Flags
+
+    @cached_property
+    def conditions(self) -> FilmConditions:
+        """What the tests set."""
+        return FilmConditions(self.stretch, np.array(self.modes), self.cauchy, self.degradation)
+
+    @cached_property
+    def paths(self) -> Paths:
+        """The readings of each film as a path of stretch."""
+        travelled = np.abs(np.diff(self.stretch, axis=1, prepend=1.0))
+        return paths_of(self.mask[:, None, :], np.cumsum(travelled, axis=1))
+
+    def subset(self, rows: Rows) -> "TensileCurves":
+        """Return the curves of some specimens."""
+        return chosen(self, rows)
+
+
+def tensile_curves(study: Study, *, fitted: bool) -> TensileCurves | None:
+    """Return the tensile curves of the modes that are fitted, or of those that are held out."""
+    table = study.tensile
+    if table is None:
+        return None
+    table = table[table["mode"].isin(study.settings.fit_modes) == fitted]
+    if table.empty:
+        return None
+    # by stretch, so that the order of rows does not matter
+    table = table.sort_values("stretch", kind="stable")
+    order = table.groupby(["specimen_id", "mode"], sort=False)
+    groups = sorted(order, key=lambda item: int(item[1].index.min()))
+    size = max(len(g) for _, g in groups)
+    modes = tuple(str(key[1]) for key, _ in groups)
+    stretch = padded([g["stretch"] for _, g in groups], size, fill=1.0)
+    is_cauchy = [(g["stress_measure"] == "cauchy").astype(np.float64) for _, g in groups]
+    cauchy = padded(is_cauchy, size, fill=0.0) > 0.5
+    measure = np.where(cauchy, "cauchy", "nominal")
+    basis = yeoh_basis(stretch, np.array(modes)[:, None], measure)
+    return TensileCurves(
+        specimens=tuple(str(key[0]) for key, _ in groups),
+        modes=modes,
+        degradation=np.array([float(g["degradation_pct"].iloc[0]) for _, g in groups]),
+        degradation_sd=np.array([float(g["degradation_sd_pct"].iloc[0]) for _, g in groups]),
+        basis=basis,
+        stretch=stretch,
+        stress=padded([g["stress_MPa"] for _, g in groups], size, fill=0.0),
+        cauchy=cauchy,
+        mask=np.arange(size) < np.array([len(g) for _, g in groups])[:, None],
+    )
+
+
+@compiled
+def film_density(
+    stress: Floats,
+    at_rest: Floats,
+    by_rate: Floats,
+    noise: Floats,
+    spread: Floats,
+    length: Floats,
+    mask: Flags,
+    gap: Floats,
+    passes: int,
+    density: Floats,
+    deviation: Floats,
+) -> None:
+    """Write the log density of each film's readings and its most probable deviations.
+
+    Parameters
+    ----------
+    stress : array, shape (n_specimens, n_points)
+        As read [MPa].
+    at_rest, by_rate : array, shape (n, n_specimens, n_points)
+        As `Stresses`.
+    noise : array, shape (n, 2)
+        Constant [MPa] and proportional [–] reading error.
+    spread, length : array, shape (n, n_specimens, 2), (n,)
+        As `bayesdeg.observations.noise.Linearised`.
+    mask, gap : array, shape (n_specimens, n_points)
+        As `bayesdeg.observations.noise.Paths`.
+    passes : int
+        Linearisations, the first at no deviation.
+    density, deviation : array, shape (n, n_specimens), (n, n_specimens, 2)
+        Written: of the last linearisation, and what follows from it.
+    """
+    n, n_specimens, n_points = at_rest.shape
+    alike = same_path(mask, gap)
+    gains, order = np.empty((3, n_points)), np.empty(n_points, np.int64)
+    scales, first = np.empty(n_points), np.empty((n_points, 3))
+    residual, slope = np.empty(n_points), np.empty((n_points, 2))
+    variance = np.empty(n_points)
+    for b in range(n):
+        count, constant = 0, 0.0
+        for s in range(n_specimens):
+            if not alike[s]:
+                count, constant = filter_of(length[b], 0.0, mask[s], gap[s], n_points, gains, order)
+            widths = (math.sqrt(spread[b, s, 0]), math.sqrt(spread[b, s, 1]))
+            log_stiffness, rate, found = 0.0, 0.0, 0.0
+            for _ in range(passes):
+                _linearise(
+                    stress[s], at_rest[b, s], by_rate[b, s], noise[b], log_stiffness, rate,
+                    residual, slope, variance,
+                )  # fmt: skip
+                found, log_stiffness, rate = specimen_density(
+                    residual, slope, variance, widths, 0.0, constant, gains, order[:count],
+                    scales, first,
+                )  # fmt: skip
+            density[b, s] = found
+            deviation[b, s, 0], deviation[b, s, 1] = log_stiffness, rate
+
+
+@compiled
+def _linearise(
+    stress: Floats,
+    at_rest: Floats,
+    by_rate: Floats,
+    noise: Floats,
+    log_stiffness: float,
+    rate: float,
+    residual: Floats,
+    slope: Floats,
+    variance: Floats,
+) -> None:
+    """Linearise the stresses of one film about its deviations, as ``films.film_readings``."""
+    factor = math.exp(log_stiffness)
+    for j in range(len(stress)):
+        change = factor * by_rate[j]
+        expected = factor * at_rest[j] + change * rate
+        slope[j, 0], slope[j, 1] = expected, change
+        residual[j] = stress[j] - expected + expected * log_stiffness + change * rate
+        error = noise[1] * expected
+        variance[j] = noise[0] * noise[0] + error * error
+
+
+PASSES = 3
+"""Linearisations, the first at no deviation."""
+
+
+class Stresses(NamedTuple):
+    """Stresses of the median material with the effects of causes, (n, n_specimens, n_points).
+
+    Parameters
+    ----------
+    at_rest : array
+        Of films without deviations [MPa].
+    by_rate : array
+        Derivative by the degradation rate [MPa/%].
+    """
+
+    at_rest: Floats
+    by_rate: Floats
+
+
+def median_stresses(state: State[FilmsAndActuators], data: TensileCurves) -> Stresses:
+    """Return what films of the median material read."""
+    material = state.world.material(state.values, data.degradation)
+    causes, parts = state.acting(), []
+    for constants in material:
+        stress = _stress(data.basis, constants)
+        parts.append(applied("on_stress", stress, data.conditions, causes, constants))
+    return Stresses(*parts)
+
+
+def linearise_films(data: TensileCurves, values: Named, median: Stresses) -> Linearised:
+    r"""Linearise stresses at the films' most probable deviations.
+
+    .. math:: \sigma = e^m \sum_i \phi_i(\lambda) (C_i + d\, C_i')
+
+    with m the deviation of ln stiffness and d that of the degradation rate [%], φ Yeoh's basis.
+    """
+    deviation = _density_and_mode(data, values, median, passes=PASSES - 1)[1]
+    return _linearised(data, values, median, _spread(data, values), deviation)
+
+
+def log_density(data: TensileCurves, values: Named, median: Stresses) -> Floats:
+    """Return log densities of whole films, (n, n_specimens).
+
+    It is that of the readings as `linearise_films` linearises them.
+    """
+    return _density_and_mode(data, values, median, passes=PASSES)[0]
+
+
+def film_readings(median: Stresses, deviation: Floats) -> tuple[Floats, Floats]:
+    """Return stresses of films with these deviations, and their slopes by them.
+
+    Parameters
+    ----------
+    median : Stresses
+        Of films without deviations.
+    deviation : array, shape (n, n_specimens, 2)
+        Of ln stiffness [–] and of the degradation rate [%].
+
+    Returns
+    -------
+    stress : array, shape (n, n_specimens, n_points)
+        [MPa].
+    slope : array, shape (n, n_specimens, n_points, 2)
+        [MPa], [MPa/%].
+    """
+    factor = np.exp(deviation[..., None, 0])
+    by_rate = factor * median.by_rate
+    stress = factor * median.at_rest + by_rate * deviation[..., None, 1]
+    return stress, np.stack([stress, by_rate], axis=-1)
+
+
+def stress_variance(values: Named, stress: Floats) -> Floats:
+    """Return the variance of the reading error of stresses (n, n_specimens, n_points) [MPa²]."""
+    floor, share = (
+        values[name][:, None, None] for name in ("tensile_noise_floor", "tensile_noise")
+    )
+    variance: Floats = floor**2 + (share * stress) ** 2
+    return variance
+
+
+def _density_and_mode(
+    data: TensileCurves, values: Named, median: Stresses, *, passes: int
+) -> tuple[Floats, Floats]:
+    """Return the density at the last of the linearisations, and the deviations found there."""
+    spread = _spread(data, values)
+    density, deviation = np.empty(spread.shape[:2]), np.empty(spread.shape)
+    film_density(
+        np.ascontiguousarray(data.stress),
+        np.ascontiguousarray(median.at_rest),
+        np.ascontiguousarray(median.by_rate),
+        np.stack([values["tensile_noise_floor"], values["tensile_noise"]], axis=-1),
+        spread,
+        np.ascontiguousarray(values["tensile_noise_length"]),
+        np.ascontiguousarray(data.paths.mask),
+        np.ascontiguousarray(data.paths.gap),
+        passes,
+        density,
+        deviation,
+    )
+    return density, deviation
+
+
+def _spread(data: TensileCurves, values: Named) -> Floats:
+    """Return τ² of ln stiffness [–] and of the degradation rate [%²], (n, n_specimens, 2)."""
+    scatter = values["stiffness_scatter"]
+    spread = np.empty((len(scatter), len(data.stress), 2))
+    spread[..., 0] = scatter[:, None] ** 2
+    spread[..., 1] = data.degradation_sd**2
+    return spread
+
+
+def _linearised(
+    data: TensileCurves,
+    values: Named,
+    median: Stresses,
+    spread: Floats,
+    deviation: Floats,
+) -> Linearised:
+    stress, slope = film_readings(median, deviation)
+    residual = data.stress - stress
+    residual += slope[..., 0] * deviation[..., None, 0]
+    residual += slope[..., 1] * deviation[..., None, 1]
+    return Linearised(
+        residual,
+        slope,
+        stress_variance(values, stress),
+        spread,
+        values["tensile_noise_length"],
+        np.zeros(len(residual)),
+        data.paths,
+    )
+
+
+def _stress(basis: Floats, constants: Floats) -> Floats:
+    stress: Floats = (
+        basis[..., 0] * constants[..., None, 0]
+        + basis[..., 1] * constants[..., None, 1]
+        + basis[..., 2] * constants[..., None, 2]
+    )
+    return stress
+
+
+SMALLEST = (1e-3, -np.inf, 1e-6)  # of the control values of C1, C2, C3 [MPa]
+NOISE = 0.03  # of stress, relative, by which readings are weighted
+
+
+@dataclass(frozen=True)
+class Tensile(Observations):
+    """Stress–stretch curves of films.
+
+    Parameters
+    ----------
+    curves : TensileCurves
+        What was read.
+    by_mode : bool, optional
+        Whether films are held out mode by mode; by default where there are several modes.
+
+    Notes
+    -----
+    The error of the degradation rate acts through all three constants.
+    """
+
+    name: ClassVar[str] = "tensile"
+    order: ClassVar[int] = 10
+    priority: ClassVar[int] = 1
+    is_criticised: ClassVar[bool] = True
+    beside: ClassVar[bool] = True
+
+    curves: TensileCurves
+    by_mode: bool | None = None
+
+    @property
+    @override
+    def parameters(self) -> tuple[Parameter, ...]:
+        return TENSILE
+
+    @property
+    @override
+    def labels(self) -> tuple[str, ...]:
+        return self.curves.specimens
+
+    @property
+    @override
+    def is_by_mode(self) -> bool:
+        return len(set(self.curves.modes)) > 1 if self.by_mode is None else self.by_mode
+
+    @property
+    @override
+    def row_groups(self) -> tuple[str, ...]:
+        return self.curves.modes if self.is_by_mode else self.curves.specimens
+
+    @property
+    @override
+    def levels(self) -> Floats:
+        return self.curves.degradation
+
+    @override
+    def held_beside(self) -> "Tensile":
+        return replace(self, by_mode=False)
+
+    @override
+    def log_likelihood(self, state: State[FilmsAndActuators]) -> Floats:
+        return log_density(self.curves, state.values, self.stresses(state))
+
+    @override
+    def factors(self, state: State[FilmsAndActuators]) -> Parts:
+        return Parts(normal=(innovations(self.linearised(state)),))
+
+    @override
+    def subset(self, rows: Rows) -> "Tensile":
+        # groups stay what they are, though one mode may be left
+        return Tensile(self.curves.subset(rows), self.is_by_mode)
+
+    def stresses(self, state: State[FilmsAndActuators]) -> Stresses:
+        """Return what films of the median material read."""
+        return state.once(median_stresses, self.curves)
+
+    def linearised(self, state: State[FilmsAndActuators]) -> Linearised:
+        """Linearise the curves at the films' most probable deviations."""
+        return linearise_films(self.curves, state.values, self.stresses(state))
+
+    @cached_property
+    @override
+    def places(self) -> Places:
+        films, read = self.curves, self.curves.mask
+        count = int(read.sum())
+
+        def each(values: Labels) -> Labels:
+            return np.broadcast_to(values[:, None], read.shape)[read]
+
+        return Places(
+            np.full(count, STRESS),
+            np.full(count, FILM),
+            films.stretch[read],
+            np.broadcast_to(films.degradation[:, None], read.shape)[read],
+            each(np.array(films.specimens)),
+            each(np.array(films.modes)),
+            np.full(count, np.nan),
+        )
+
+    @property
+    @override
+    def reading_groups(self) -> Labels:
+        return self.places.history if self.is_by_mode else self.places.specimen
+
+    @property
+    @override
+    def observed(self) -> Floats:
+        return self.curves.stress[self.curves.mask]
+
+    @override
+    def expected(self, state: State[FilmsAndActuators]) -> Floats:
+        return self.stresses(state).at_rest[:, self.curves.mask]
+
+    @override
+    def covariance(self, state: State[FilmsAndActuators]) -> list[Floats]:
+        return blocks_of_covariance(self.linearised(state))
+
+    @override
+    def simulate(self, state: State[FilmsAndActuators], generator: np.random.Generator) -> Floats:
+        return self.drawn(state, generator)[:, self.curves.mask]
+
+    def drawn(self, state: State[FilmsAndActuators], generator: np.random.Generator) -> Floats:
+        """Draw stresses that new films in the same tests would read, (n, n_specimens, n_points)."""
+        data, values = self.curves, state.values
+        shape = (len(values["stiffness_scatter"]), len(data.specimens))
+        scatter = np.broadcast_to(values["stiffness_scatter"][:, None], shape)
+        sd = np.stack([scatter, np.broadcast_to(data.degradation_sd, shape)], axis=-1)
+        deviation = sd * generator.standard_normal(sd.shape)
+        stress, _ = film_readings(self.stresses(state), deviation)
+        length = values["tensile_noise_length"]
+        z = correlated_normals(data.paths, length, np.zeros(len(length)), generator)
+        read: Floats = stress + np.sqrt(stress_variance(values, stress)) * z
+        return read
+
+    @override
+    def replicated(
+        self,
+        state: State[FilmsAndActuators],
+        generator: np.random.Generator,
+        drawn: tuple[Observations, ...],
+    ) -> tuple[Observations, ...]:
+        read = self.drawn(state, generator)[0]
+        curves = replace(self.curves, stress=np.where(self.curves.mask, read, 0.0))
+        return (*drawn, replace(self, curves=curves))
+
+    @override
+    def start(self, world: FilmsAndActuators) -> dict[str, float]:
+        """Return control values of the constants by least squares, in which stress is linear."""
+        # takes a second to import, and what only reads data does without
+        optimize = importlib.import_module("scipy.optimize")
+        data, nodes = self.curves, world.nodes
+        weights = bernstein_weights(data.degradation, nodes)
+        columns = (data.basis[..., None] * weights[:, None, None, :])[data.mask]
+        stress = data.stress[data.mask]
+        scale = 1.0 / (NOISE * (np.abs(stress) + 0.05 * float(np.abs(stress).max())))
+        design = columns.reshape(len(stress), -1) * scale[:, None]
+        lower = np.repeat(SMALLEST, len(nodes))
+        c1, c2, c3 = optimize.lsq_linear(design, stress * scale, (lower, np.inf)).x.reshape(3, -1)
+        found = {"c1": c1, "c2_ratio": c2 / np.sqrt(3.0 * c1 * c3), "c3": c3}
+        return {
+            control_name(name, nodes, k): float(controls[k])
+            for name, controls in found.items()
+            for k in range(len(nodes))
+        }
+
+
+def from_study(study: Study) -> tuple[Tensile, ...]:
+    """Return the curves of the modes that are fitted, if there are any."""
+    curves = tensile_curves(study, fitted=True)
+    return () if curves is None else (Tensile(curves),)
