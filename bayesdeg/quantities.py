@@ -5,6 +5,7 @@ it. Names of columns end with their unit (``_pct``, ``_h``, ``_g``, ``_MPa``, ``
 ``_per_m``, ``_deg``, ``_s``); symbols are those of doi:10.3389/frobt.2021.760485.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -163,3 +164,38 @@ def axis_label(name: str) -> str:
     """
     words, unit = stem(name).replace("_", " "), QUANTITIES[name].unit
     return words if unit == DIMENSIONLESS else f"{words} [{unit}]"
+
+
+def p_value_text(value: float, replicates: float | None = None) -> str:
+    """Word a p-value, with no more digits than say something.
+
+    Parameters
+    ----------
+    value : float
+        From 0 to 1, or nan if it is not known. From n simulated data sets it is (1 + #)/(1 + n),
+        a multiple of 1/(1 + n).
+    replicates : float, optional
+        That n: a value without any data set beyond the observed one is worded as a bound.
+
+    Returns
+    -------
+    str
+        Two significant digits and three decimals at most.
+
+    Examples
+    --------
+    >>> p_value_text(0.3134), p_value_text(0.02494), p_value_text(0.00213), p_value_text(2e-6)
+    ('p = 0.31', 'p = 0.025', 'p = 0.002', 'p < 0.001')
+    >>> p_value_text(1 / 201, 200), p_value_text(2 / 201, 200), p_value_text(1 / 50, 49)
+    ('p < 0.005', 'p = 0.01', 'p ≤ 0.02')
+    """
+    if math.isnan(value):
+        return "p unknown"
+    # between none and one beyond, since counts of simulated data differ a little between steps
+    if replicates and 0.001 <= value < 1.5 / (1.0 + replicates):
+        unit = 10.0 ** math.floor(math.log10(value))
+        bound = math.ceil(value / unit - 1e-9) * unit
+        return f"p {'<' if value < bound * (1.0 - 1e-9) else '≤'} {bound:.3g}"
+    if value < 0.001:
+        return "p < 0.001"
+    return f"p = {value:.2f}" if value >= 0.0995 else f"p = {value:.3f}".removesuffix("0")

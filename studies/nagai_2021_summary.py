@@ -1,5 +1,6 @@
 """What can be concluded from the published numbers of Nagai, Kurita, Shintake (2021) alone.
 
+First of all: what rests on how large the error of a reading is taken to be?
 (a) With which probability does an error in D_R alone explain the published R²?
 (b) Can the elongation limit alone explain 2 of 3 ruptures at 25 % and none below?
 (c) Which causes of the catalogue can explain R² lower at 0 % than at 5 %?
@@ -16,17 +17,34 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from nagai_2021 import agreement, cause_agreement, cause_rupture, cause_words, explored, rupture
+from nagai_2021 import (
+    agreement,
+    cause_agreement,
+    cause_rupture,
+    cause_words,
+    explored,
+    noise,
+    rupture,
+)
 from nagai_2021.page import agreement_figure, embed, render, rupture_figure
 from nagai_2021.published import Curves, Materials, draw, sensitivity
 from nagai_2021.tables import (
     agreement_tables,
     cause_agreement_tables,
     cause_rupture_tables,
+    noise_tables,
     rupture_tables,
     show,
 )
-from nagai_2021.words import AGREEMENT, RUPTURE, TITLE, agreement_answer, rupture_answer
+from nagai_2021.words import (
+    AGREEMENT,
+    NOISE,
+    RUPTURE,
+    TITLE,
+    agreement_answer,
+    noise_answer,
+    rupture_answer,
+)
 from numpy.typing import NDArray
 
 from bayesdeg.emulator.surrogate import Surrogate
@@ -156,13 +174,25 @@ def answer_causes(
     generator: np.random.Generator,
     *,
     effort: Effort,
-) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return the answers to (c) and (d)."""
+    models: dict[str, dict[str, float]],
+) -> tuple[list[dict[str, Any]], dict[str, Any], dict[str, Any]]:
+    """Return what rests on the reading error, and the answers to (c) and (d)."""
     setting = explored.set_up(surrogate, materials, curves, generator, rounds=effort.rounds)
     of_agreement = cause_agreement.answer(setting, generator)
     repeated = materials.take(np.tile(np.arange(len(materials)), effort.cause_walls))
     shared = cause_rupture.share(surrogate, repeated, generator)
-    return of_agreement, cause_rupture.answer(shared, generator)
+    of_rupture = cause_rupture.answer(shared, generator)
+    some = Curves(curves.log_curvature[: effort.variants], curves.growth[: effort.variants])
+    beside = {name: found[cause_agreement.WITH] for name, found in of_agreement["causes"].items()}
+    by_noise = noise.dependence(
+        setting,
+        some,
+        generator,
+        compare=compare,
+        inner=effort.inner,
+        assumed={"models": models, "causes": noise.factors_of(beside)},
+    )
+    return by_noise, of_agreement, of_rupture
 
 
 def run(out: Path, *, seed: int = SEED, effort: Effort = FULL) -> dict[str, Any]:
@@ -173,11 +203,15 @@ def run(out: Path, *, seed: int = SEED, effort: Effort = FULL) -> dict[str, Any]
     a, figure_a = answer_agreement(materials, curves, generator, effort=effort)
     repeated = materials.take(np.tile(np.arange(effort.outer), effort.walls))
     b, figure_b = answer_rupture(rupture.draw_walls(surrogate, repeated, generator))
-    c, d = answer_causes(surrogate, materials, curves, generator, effort=effort)
-    a, b = {"answer": agreement_answer(a), **a}, {"answer": rupture_answer(b), **b}
-    c = {"answer": cause_words.agreement_answer(c), **c}
+    by_noise, c, d = answer_causes(
+        surrogate, materials, curves, generator, effort=effort, models=a["models"]
+    )
+    first = {"answer": noise_answer(by_noise), "by_noise": by_noise}
+    a, b = {"answer": agreement_answer(a, by_noise), **a}, {"answer": rupture_answer(b), **b}
+    c = {"answer": cause_words.agreement_answer(c, by_noise), **c}
     d = {"answer": cause_words.rupture_answer(d), **d}
     parts = [
+        {**NOISE, **_part(first, noise_tables(by_noise))},
         {**AGREEMENT, **_part(a, agreement_tables(a)), "image": embed(figure_a)},
         {**RUPTURE, **_part(b, rupture_tables(b)), "image": embed(figure_b)},
         {
@@ -191,7 +225,8 @@ def run(out: Path, *, seed: int = SEED, effort: Effort = FULL) -> dict[str, Any]
             "texts": cause_words.rupture_texts(d),
         },
     ]
-    answers = {"seed": seed, "draws": effort.outer, "agreement": a, "rupture": b}
+    answers = {"seed": seed, "draws": effort.outer, "reading_noise": first}
+    answers |= {"agreement": a, "rupture": b}
     answers |= {"agreement_by_cause": c, "rupture_by_cause": d}
     page = render(
         title=TITLE,

@@ -25,7 +25,7 @@ from bayesdeg.criticism.decide.verdict import Outcome
 from bayesdeg.data.plausibility import Doubt, doubts
 from bayesdeg.data.study import Study
 from bayesdeg.emulator.surrogate import Surrogate
-from bayesdeg.inference.model import Refusals, share_outside
+from bayesdeg.inference.model import Model, Refusals, share_outside
 from bayesdeg.observations.tensile import STRESS
 from bayesdeg.pipeline.calibrate import Fit, refused_inputs
 from bayesdeg.pipeline.explanation import explain
@@ -55,7 +55,7 @@ from bayesdeg.report.record import (
     SuspectEntry,
     Verdict,
 )
-from bayesdeg.report.wording import sentences
+from bayesdeg.report.wording import NOTHING, sentences
 
 
 def verdict_document(
@@ -111,6 +111,7 @@ def _misfit(judgement: Judgement, where: str, found: Concentration | None) -> Mi
         rms_per_m=rms,
         noise_per_m=noise,
         p_value=judgement.misfit.p_value,
+        replicates=len(judgement.misfit.null),
         where=where,
         concentrated=None if found is None else _concentrated(found),
         rms_MPa=stress[0],
@@ -335,7 +336,10 @@ def _question(one: Questioned) -> QuestionedEntry:
 
 
 def comparisons(study: Study, fit: Fit) -> list[ComparisonEntry]:
-    """Return published statistics beside the posterior's own, 90 % intervals."""
+    """Return every published statistic beside the posterior's own, 90 % intervals.
+
+    What the model predicts no number of, as counts of ruptures, stands beside nothing.
+    """
     if study.summary is None:
         return []
     flat = fit.chain.vectors.reshape(-1, fit.chain.vectors.shape[-1])
@@ -350,22 +354,27 @@ def comparisons(study: Study, fit: Fit) -> list[ComparisonEntry]:
         elif row["quantity"] == "volume_ratio" and "volume_ratio" in values:
             draws = values["volume_ratio"]
         else:
-            continue
-        low, middle, high = np.quantile(draws, [0.05, 0.5, 0.95])
+            draws = None
         unit = str(row["unit"]).replace("–", "")
+        sd = "" if np.isnan(row["sd"]) else f" ± {row['sd']:g}"
         rows.append(
             ComparisonEntry(
                 quantity=str(row["quantity"]),
-                degradation_pct=float(level[0]),
-                predicted=f"{middle:.3g} ({low:.3g} to {high:.3g}) {unit}".strip(),
-                published=f"{row['value']:g} ± {row['sd']:g} {unit}".strip(),
+                degradation_pct=None if np.isnan(level[0]) else float(level[0]),
+                predicted=NOTHING if draws is None else f"{_interval(draws)} {unit}".strip(),
+                published=f"{row['value']:g}{sd} {unit}".strip(),
                 source=str(row["source"]),
             )
         )
     return rows
 
 
-def rests_on(study: Study) -> list[BasisEntry]:
+def _interval(draws: NDArray[np.float64]) -> str:
+    low, middle, high = np.quantile(draws, [0.05, 0.5, 0.95])
+    return f"{middle:.3g} ({low:.3g} to {high:.3g})"
+
+
+def rests_on(study: Study, model: Model) -> list[BasisEntry]:
     """Return which statement rests on which data."""
     specimens = "virtual experiment" if study.settings.virtual else "measured"
     statements = []
@@ -391,8 +400,8 @@ def rests_on(study: Study) -> list[BasisEntry]:
             ("volume ratio α", f"shrinkage.csv, {len(study.shrinkage)} films ({specimens})")
         )
     if study.summary is not None:
-        used = {"young_modulus", "elongation_at_break", "volume_ratio"}
-        used |= {"r_squared"} if study.actuator is None else set()
+        used = {s.quantity for s in model.statistics if not s.source.startswith("shrinkage.csv")}
+        used |= set() if model.published is None else {"r_squared"}
         names = sorted({str(q) for q in study.summary["quantity"] if q in used})
         shown = sorted({str(q) for q in study.summary["quantity"] if q not in used})
         if names:
@@ -442,7 +451,7 @@ def run_document(
         seconds=seconds,
         counts=_counts(results),
         missing=tuple(MissingEntry(what=w, cost=c) for w, c in results.assembly.missing),
-        rests_on=tuple(rests_on(study)),
+        rests_on=tuple(rests_on(study, results.base.model)),
         convergence=_convergence(results),
         emulator=_emulator(results, guard),
         model=model_document(results.base.model),

@@ -9,9 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from bayesdeg.criticism.checks.discrepancy import Misfit
 from bayesdeg.criticism.decide.verdict import fraction_explained
 from bayesdeg.criticism.fit.search import Names
 from bayesdeg.pipeline.judge import Judgement
+from bayesdeg.quantities import p_value_text
 
 SEED = 0  # of the draws that are summarised
 
@@ -36,8 +38,8 @@ def summary(judgement: Judgement) -> dict[str, Any]:
         "reasons": list(judgement.decision.reasons),
         "favoured": sorted(judgement.chosen),
         "threshold": judgement.threshold,
-        "misfit": {"statistic": base.statistic, "p_value": base.p_value},
-        "misfit_left": {"statistic": final.statistic, "p_value": final.p_value},
+        "misfit": _misfit(base),
+        "misfit_left": _misfit(final),
         "explained_fraction": fraction_explained(*judgement.steps),
         "held_out": {one.cause: [one.elpd_diff, one.elpd_diff_se] for one in judgement.supported},
         "units": {p.name: p.unit for p in search.trials[judgement.chosen].subject.table.parameters}
@@ -45,6 +47,19 @@ def summary(judgement: Judgement) -> dict[str, Any]:
         "fitted": [_fitted(judgement, names) for names in sorted(search.trials, key=sorted)],
         "trusted": {p.name: _trusted(judgement, p.name) for p in parameters},
     }
+
+
+def _misfit(misfit: Misfit) -> dict[str, float]:
+    return {
+        "statistic": misfit.statistic,
+        "p_value": misfit.p_value,
+        "replicates": len(misfit.null),
+    }
+
+
+def _in_words(misfit: dict[str, float], unit: str = "") -> str:
+    chance = p_value_text(misfit["p_value"], misfit["replicates"])
+    return f"{misfit['statistic']:.1f}{unit}, {chance}"
 
 
 def lines(found: dict[str, Any]) -> list[str]:
@@ -56,8 +71,8 @@ def lines(found: dict[str, Any]) -> list[str]:
     out = [f"outcome: {found['outcome']}{said}"]
     out += [f"  not named: {reason}" for reason in found["reasons"]]
     out.append(
-        f"misfit: {found['misfit']['statistic']:.1f} nats, p = {found['misfit']['p_value']:.3f}; "
-        f"left with {_name(found['favoured'])}: {left['statistic']:.1f}, p = {left['p_value']:.3f}"
+        f"misfit: {_in_words(found['misfit'], ' nats')}; "
+        f"left with {_name(found['favoured'])}: {_in_words(left)}"
     )
     for one in found["fitted"]:
         sizes = (f"{n} = {m:.3g} ± {s:.2g}{units[n]}" for n, (m, s) in one["posterior"].items())

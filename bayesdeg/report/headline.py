@@ -153,7 +153,11 @@ def _certainty(verdict: Verdict, facts: Mapping[str, object]) -> KeyNumber:
     found = [verdict.candidate(cause) for cause in verdict.causes]
     shown = [percent(_less_than_sure(entry.probability)) if entry else NOTHING for entry in found]
     by_chance = verdict.outcome is Outcome.ADEQUATE or facts["unknown"]
-    value = p_value(verdict.misfit.p_value) if by_chance else " / ".join(shown)
+    value = (
+        p_value(verdict.misfit.p_value, verdict.misfit.replicates)
+        if by_chance
+        else " / ".join(shown)
+    )
     return KeyNumber("How sure", value, _note("certainty", facts))
 
 

@@ -68,6 +68,7 @@ class MisfitEntry(Record):
     rms_per_m: Number = Field(default=None, description="of curvature [1/m]")
     noise_per_m: Number = Field(default=None, description="of curvature [1/m]")
     p_value: Number = None
+    replicates: Number = Field(default=None, description="simulated data sets behind p_value")
     where: Text = ""
     concentrated: ConcentrationEntry | None = None
     rms_MPa: Number = Field(  # noqa: N815  a unit

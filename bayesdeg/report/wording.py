@@ -9,6 +9,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from bayesdeg.criticism.decide.verdict import Outcome
+from bayesdeg.quantities import p_value_text
 
 SPACE = "\N{NO-BREAK SPACE}"
 
@@ -124,18 +125,17 @@ def percent(fraction: float | None) -> str:
     return f"{100 * fraction:.{digits}f}".removesuffix(".0").replace("-", MINUS) + f"{SPACE}%"
 
 
-def p_value(value: float | None) -> str:
-    """Word a p-value.
+def p_value(value: float | None, replicates: float | None = None) -> str:
+    """Word a p-value on one line, from so many simulated data sets where that is known.
 
     Examples
     --------
-    >>> p_value(0.0004).replace(SPACE, " "), p_value(0.31).replace(SPACE, " ")
-    ('p < 0.001', 'p = 0.31')
+    >>> p_value(0.0004).replace(SPACE, " "), p_value(1 / 501, 500).replace(SPACE, " ")
+    ('p < 0.001', 'p < 0.002')
     """
     if value is None or not math.isfinite(value):
         return NOTHING
-    relation = "< 0.001" if value < 0.001 else f"= {number(value, 2)}"
-    return f"p {relation}".replace(" ", SPACE)
+    return p_value_text(value, replicates).replace(" ", SPACE)
 
 
 def strength(log_bayes_factor: float) -> str:

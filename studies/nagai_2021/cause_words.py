@@ -4,7 +4,8 @@ from typing import Any
 
 from nagai_2021.cause_agreement import WITH
 from nagai_2021.causes import INTERVAL, ROOM
-from nagai_2021.words import percent
+from nagai_2021.noise import ASSUMED, OF_THE_PACKAGE, at, largest
+from nagai_2021.words import percent, scales
 
 CLEAR = 3.0
 """A Bayes factor that stays above this by two Monte Carlo errors is called a gain."""
@@ -76,8 +77,10 @@ def rupture_texts(d: dict[str, Any]) -> list[str]:
     ]
 
 
-def agreement_answer(c: dict[str, Any]) -> str:
+def agreement_answer(c: dict[str, Any], by_noise: list[dict[str, Any]]) -> str:
     """Return the answer to (c) in plain words."""
+    wide = at(by_noise, OF_THE_PACKAGE)
+    most = largest(wide)
     causes = c["causes"]
     gains = [name for name, found in causes.items() if _clear(found[WITH])]
     fresh = [name for name in gains if _lifts_fresh(causes[name])]
@@ -86,7 +89,9 @@ def agreement_answer(c: dict[str, Any]) -> str:
     order = max((causes[name]["alone"]["as_far_below"] for name in silent), default=0.0)
     noise = c["without_cause"]["alone"]["as_far_below"]
     return (
-        f"{_of_fresh(c, fresh)} {_of_rest(c, rest)}What does not act at 0 % ({_listed(silent)}) "
+        f"At a reading error of {scales(at(by_noise, ASSUMED))}: {_of_fresh(c, fresh)} "
+        f"{_of_rest(c, rest)}At {scales(wide)} no cause has a larger factor than "
+        f"{factor(wide['causes'][most])} ({most}). What does not act at 0 % ({_listed(silent)}) "
         f"makes the published order arise in at most {percent(order)} of experiments, noise alone "
         f"in {percent(noise)}."
     )

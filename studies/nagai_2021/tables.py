@@ -9,8 +9,31 @@ from bayesdeg.material.strength import CRITERIA
 from nagai_2021.agreement import MODELS
 from nagai_2021.cause_agreement import WITH
 from nagai_2021.cause_words import factor
+from nagai_2021.noise import ALONE, STATED, largest, of_model
 from nagai_2021.published import LEVELS, R_SQUARED
-from nagai_2021.words import percent
+from nagai_2021.words import percent, scales
+
+
+def noise_tables(found: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return the table of what rests on the reading error."""
+    others = [name for name in MODELS if name != ALONE]
+    rows = [
+        [
+            scales(one),
+            *(factor(of_model(one, name)) for name in others),
+            percent(one["models"][ALONE]["probability"]),
+            *(factor(one["causes"][name]) for name in STATED),
+            f"{factor(one['causes'][largest(one)])} ({largest(one)})",
+        ]
+        for one in found
+    ]
+    header = ["reading error", "noise", "stiffness", "D_R, stiffness", "P(D_R)", *STATED]
+    title = (
+        "Bayes factors over an error of D_R alone, by the scales of the half-normal priors of the "
+        "reading error; causes beside an error of D_R; ± Monte Carlo error; P(D_R): probability of "
+        "an error of D_R alone among the four"
+    )
+    return [_table(title, [*header, "largest of a cause"], rows)]
 
 
 def agreement_tables(a: dict[str, Any]) -> list[dict[str, Any]]:

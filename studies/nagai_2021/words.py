@@ -2,6 +2,8 @@
 
 from typing import Any
 
+from nagai_2021.noise import ALONE, ASSUMED, OF_THE_PACKAGE, at, largest
+
 TITLE = "What the published numbers of a degrading soft actuator allow to conclude"
 
 _GEOMETRY = (
@@ -16,11 +18,30 @@ _MATERIAL = (
     "stable, and solvable up to 240 kPa."
 )
 
+NOISE: dict[str, Any] = {
+    "question": "First of all: what rests on the reading error?",
+    "texts": [
+        "The paper states no error of its curvature readings, and R² measure every misfit against "
+        "it. Questions (a) and (c) are answered with the second row of this table; the last row "
+        "is the package's own prior where a study says nothing of its readings.",
+        "The paper itself names two reasons besides differences in D_R: “Additionally, the "
+        "degradation of the structure of the physical actuator may be inhomogeneous, which could "
+        "lead to discrepancies in the simulation model. Even though the room humidity was "
+        "maintained constant with a humidifier (60% RH), there may be subtle changes in humidity, "
+        "which may change the water content of the actuator and therefore its compliance. This "
+        "may be the reason why errors are observed, especially in the case of 0% degradation "
+        "rate.” Of the catalogue these are degraded_skin, which does not act at 0 %, and "
+        "humidity_drift, which does.",
+    ],
+    "assumptions": ["Those of (a) and (c), but for the prior of the reading error."],
+}
+
 AGREEMENT: dict[str, Any] = {
     "question": "(a) Can an error in D_R alone explain the published R²?",
     "texts": [
-        "The paper attributes the error to slight differences in D_R between the actuator and the "
-        "model, and says that there is none at 0 %. There, D_R error alone leaves reading noise "
+        "The paper attributes the error first to slight differences in D_R between the actuator "
+        "and the model, of which it says that there is none at 0 %; to inhomogeneous degradation; "
+        "and to humidity, especially at 0 %. There, D_R error alone leaves reading noise "
         "as the only misfit, yet the R² at 0 % (0.984) is lower than at 5 % (0.997), where the "
         "same noise weighs more since the actuator bends less.",
         "At 15 to 25 % a D_R error of a few points gives each R² by itself. But so does an error "
@@ -78,16 +99,54 @@ RUPTURE: dict[str, Any] = {
 }
 
 
-def agreement_answer(a: dict[str, Any]) -> str:
+def noise_answer(found: list[dict[str, Any]]) -> str:
+    """Return in plain words what rests on the reading error."""
+    parts = [
+        f"{scales(one)} the Bayes factor of {_most(one)}, of {largest(one)} together with that "
+        f"error {_round(one['causes'][largest(one)]['bayes_factor'])}"
+        for one in (at(found, ASSUMED), at(found, OF_THE_PACKAGE))
+    ]
+    ends = [at(found, scale)["models"][ALONE]["probability"] for scale in (ASSUMED, OF_THE_PACKAGE)]
+    return (
+        f"Nearly everything about R². Over an error of D_R alone, at a reading error of "
+        f"{'; at '.join(parts)}. The probability of that error alone goes from "
+        f"{percent(ends[0])} to {percent(ends[1])}. So it is disfavoured if readings were good to "
+        "about a tenth of 1/m; with the package's own prior, under which noise alone would do, "
+        "R² do not tell why simulation and experiment differ."
+    )
+
+
+def scales(found: dict[str, Any]) -> str:
+    """Return the scales of a reading error in words."""
+    return f"{100.0 * found['noise']:.0f} % and {found['floor_per_m']:g} 1/m"
+
+
+def _most(found: dict[str, Any]) -> str:
+    """Say which error of D_R, stiffness or reading gains most over one of D_R alone."""
+    models = found["models"]
+    best = max((n for n in models if n != ALONE), key=lambda n: float(models[n]["bayes_factor"]))
+    return f"{best} is {_round(models[best]['bayes_factor'])}"
+
+
+def _round(value: float) -> str:
+    """Return a number to two digits, without an exponent."""
+    return f"{float(f'{value:.2g}'):g}"
+
+
+def agreement_answer(a: dict[str, Any], by_noise: list[dict[str, Any]]) -> str:
     """Return the answer to (a) in plain words."""
+    wide = at(by_noise, OF_THE_PACKAGE)
     alone = a["probability_degradation_error_alone"]
     low, high = a["range"]
     points = ", ".join(f"{v:.1f}" for v in a["required_degradation_error_points"]["median"][3:])
     order = a["ordering"]
     return (
-        f"Hardly: an error in D_R alone has a probability of {percent(alone)} "
-        f"({percent(low)} to {percent(high)} over the assumptions tried) among the four "
-        f"explanations compared; {points} points of error would do at 15, 20, 25 %, but an R² at "
+        f"Hardly, if reading errors are about {scales(at(by_noise, ASSUMED))}: an error in D_R "
+        f"alone has a probability of {percent(alone)} among the four explanations compared "
+        f"({percent(low)} to {percent(high)} over all assumptions tried). With "
+        f"{scales(wide)} it is {percent(wide['models'][ALONE]['probability'])}, noise alone "
+        f"{percent(wide['models']['noise only']['probability'])}, and nothing can be "
+        f"concluded. {points} points of error would do at 15, 20, 25 %, but an R² at "
         f"0 % below that at 5 % arises in {percent(order['fresh_below_5_pct'])} of such "
         f"experiments, as far below as published in {percent(order['as_far_below'])}."
     )

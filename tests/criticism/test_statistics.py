@@ -24,7 +24,7 @@ from bayesdeg.priors import Normal, Parameter
 from tests.inference.small_study import altered, small_model, values_of
 
 COLUMNS = ["statistic", "value", "unit", "simulated_q05", "simulated_q95"]
-COLUMNS += ["p_value", "p_adjusted", "reading"]
+COLUMNS += ["p_value", "p_adjusted", "reading", "replicates"]
 
 
 def rich_actuators(data, *, mounts=("horizontal", "hanging")):

@@ -118,7 +118,7 @@ def test_tensile_table_keeps_extra_columns_and_reads_back_equal(
 @settings(max_examples=25, deadline=None)
 @given(
     dry=st.lists(POSITIVE, min_size=1, max_size=5),
-    gain=st.floats(0.001, 3.0),
+    gain=st.floats(0.001, 2.6),  # a film holds at least its gelatin and glycerol, 3/11
 )
 def test_moisture_and_shrinkage_read_back_equal(dry: list[float], gain: float) -> None:
     light = np.array(dry)

@@ -316,6 +316,7 @@ def test_the_document_holds_what_was_promised():
         "rms_per_m": pytest.approx(RESIDUAL),
         "noise_per_m": pytest.approx(LEFT),
         "p_value": 1 / 501,
+        "replicates": 500,
         "where": WHERE,
         "concentrated": None,
     }

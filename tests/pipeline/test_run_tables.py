@@ -13,7 +13,7 @@ from bayesdeg.pipeline.calibrate import Fit
 from bayesdeg.pipeline.record import comparisons, rests_on
 from bayesdeg.report.tables import TABLES
 from tests.inference.small_study import TRUTH, values_of
-from tests.pipeline.study_files import FILES, SETTINGS, study_in
+from tests.pipeline.study_files import FILES, SETTINGS, SUMMARY, study_in
 
 DRAWN = 1200
 
@@ -168,6 +168,26 @@ def test_published_values_stand_beside_those_of_the_posterior(study, model):
     assert rows["volume_ratio"]["predicted"] == "0.62 (0.62 to 0.62)"
     assert rows["volume_ratio"]["degradation_pct"] is None
     assert rows["young_modulus"]["source"] == "the paper"
+
+
+def test_what_is_said_to_be_shown_and_not_fitted_is_shown(tmp_path):
+    counts = "ruptured_count,25,2,,3,–,the paper\nmass_loss_slope,,0.8574,,,–,the paper\n"
+    study = study_in(tmp_path, {"summary.csv": SUMMARY + counts})
+    model = assemble(study).model
+    [shown] = [r["statement"] for r in rests_on(study, model) if "not fitted" in r["statement"]]
+    named = set(shown.split(": ")[1].split(", "))
+    assert named == {"ruptured_count", "mass_loss_slope", "r_squared"}
+    rows = {row["quantity"]: row for row in comparisons(study, fit_of(model))}
+    assert named < set(rows)
+    assert (rows["ruptured_count"]["predicted"], rows["ruptured_count"]["published"]) == ("–", "2")
+    assert rows["mass_loss_slope"]["published"] == "0.8574"
+
+
+def test_a_published_mean_without_an_error_is_shown_and_not_fitted(tmp_path):
+    study = study_in(tmp_path, {"summary.csv": SUMMARY.replace("209.8,6.3,3", "209.8,,3")})
+    said = [row["statement"] for row in rests_on(study, assemble(study).model)]
+    assert "shown, not fitted: elongation_at_break, r_squared" in said
+    assert "also used as data: volume_ratio, young_modulus" in said
 
 
 def test_without_a_summary_nothing_is_compared(tmp_path):

@@ -144,7 +144,7 @@ def test_the_most_remarkable_statistic_stands_on_top_with_its_unit_and_value():
     ]
     (right,) = axes.child_axes
     texts = [tick.get_text().replace("\N{NO-BREAK SPACE}", " ") for tick in right.get_yticklabels()]
-    assert texts[-1] == "14.0, p = 0.0020"
+    assert texts[-1] == "14.0, p = 0.002"
 
 
 def test_significant_statistics_are_filled_and_the_furthest_drawn_at_the_edge():

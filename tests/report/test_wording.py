@@ -4,7 +4,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bayesdeg.report.wording import duration, fixed, listed, number, percent, unbroken
+from bayesdeg.quantities import p_value_text
+from bayesdeg.report.wording import (
+    NOTHING,
+    duration,
+    fixed,
+    listed,
+    number,
+    p_value,
+    percent,
+    unbroken,
+)
 
 PLAIN = str.maketrans({"\N{MINUS SIGN}": "-", "\N{NO-BREAK SPACE}": " "})
 
@@ -60,3 +70,26 @@ def test_only_the_space_before_a_unit_is_made_unbreakable():
     assert unbroken("3 specimens at 25 %, 0.4 1/m") == (
         "3 specimens at 25\N{NO-BREAK SPACE}%, 0.4\N{NO-BREAK SPACE}1/m"
     )
+
+
+@pytest.mark.parametrize("replicates", [49, 200, 500, 2000, 20_000])
+def test_a_p_value_at_the_resolution_of_its_replicates_is_a_bound(replicates):
+    least, next_one = (p_value_text(k / (1 + replicates), replicates) for k in (1, 2))
+    sign, bound = least.split()[1:]
+    assert sign in ("<", "≤")
+    assert 1.0 / (1 + replicates) <= float(bound) <= max(2.0 / (1 + replicates), 0.001)
+    assert next_one.split()[1] == "=" or 2.0 / (1 + replicates) < 0.001
+
+
+@pytest.mark.parametrize("value", [1.0, 0.5, 0.0996, 0.0994, 0.0249, 0.00995, 0.00213, 0.001, 1e-5])
+def test_a_p_value_has_no_digits_that_say_nothing(value):
+    name, sign, shown = p_value_text(value).split()
+    digits = shown.lstrip("0.").rstrip("0")
+    assert name == "p"
+    assert len(digits) <= 2
+    assert float(shown) == pytest.approx(value, rel=0.1) if sign == "=" else value < float(shown)
+
+
+def test_a_p_value_that_is_not_known_is_no_number():
+    assert "nan" not in p_value_text(float("nan"))
+    assert p_value(float("nan")) == p_value(None) == NOTHING

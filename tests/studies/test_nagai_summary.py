@@ -1,3 +1,4 @@
+import html
 import importlib
 import json
 import subprocess
@@ -9,6 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
+from bayesdeg.inference.parameters import actuator_parameters
 from scipy import stats
 
 from bayesdeg.causes.catalogue import CATALOGUE
@@ -22,6 +24,7 @@ PARTS = (
     "cause_rupture",
     "causes",
     "explored",
+    "noise",
     "published",
     "rupture",
 )
@@ -246,6 +249,47 @@ def test_degradation_error_alone_is_improbable(answers):
     assert agreement["probability_degradation_error_alone"] < 0.1
     assert agreement["ordering"]["as_far_below"] < 0.01
     assert agreement["ordering"]["as_far_below"] <= agreement["ordering"]["fresh_below_5_pct"]
+
+
+def test_the_widest_reading_error_is_the_prior_of_the_package(study):
+    scales = {
+        p.name: p.law.sd
+        for p in actuator_parameters(240.0)
+        if p.name.startswith("curvature_noise") and hasattr(p.law, "sd")
+    }
+    known = (scales["curvature_noise"], scales["curvature_noise_floor"])
+    assert known == study.noise.OF_THE_PACKAGE == study.noise.NOISES[-1]
+
+
+def test_the_page_begins_with_what_rests_on_the_reading_error(answers, quick_run):
+    first = answers["reading_noise"]["answer"]
+    page = html.unescape((quick_run[0] / "index.html").read_text(encoding="utf-8"))
+    assert page.index(first) < page.index(answers["agreement"]["answer"])
+
+
+def test_what_was_assumed_has_one_set_of_figures(study, answers):
+    found = study.noise.at(answers["reading_noise"]["by_noise"], study.noise.ASSUMED)
+    assert found["models"] == answers["agreement"]["models"]
+    causes = answers["agreement_by_cause"]["causes"]
+    assert found["causes"].keys() == causes.keys()
+    for name, factors in found["causes"].items():
+        assert factors.items() <= causes[name]["with_degradation_error"].items()
+
+
+def test_with_the_packages_own_prior_of_reading_errors_hardly_any_evidence_is_left(study, answers):
+    by_noise = answers["reading_noise"]["by_noise"]
+    assert [one["floor_per_m"] for one in by_noise] == sorted(f for _, f in study.noise.NOISES)
+    assumed, package = (
+        study.noise.at(by_noise, s) for s in (study.noise.ASSUMED, study.noise.OF_THE_PACKAGE)
+    )
+    alone = [one["models"]["D_R error"]["probability"] for one in (assumed, package)]
+    assert alone[0] < 0.02
+    assert alone[1] > 0.05
+    largest = [
+        max(float(f["bayes_factor"]) for f in one["causes"].values()) for one in (assumed, package)
+    ]
+    assert largest[0] > 50.0
+    assert largest[1] < 6.0
 
 
 def test_errors_of_a_few_points_would_do_at_high_degradation(answers):

@@ -40,12 +40,15 @@ class SharedScatter:
     p_value : float
         Share of data simulated from the model with at least this statistic, (1 + #)/(1 + n); nan
         where there are too few such data.
+    replicates : int
+        Those data.
     """
 
     cause: str
     statistic: float
     share: float
     p_value: float
+    replicates: int = 0
 
     @property
     def is_tested(self) -> bool:
@@ -118,7 +121,7 @@ def _tested(
     best = int(np.argmax(ratios))
     chance = _ratios(trial.linear.whiten(simulated), values, vectors).max(axis=0)
     p_value = float(chance_of(ratios[best], chance, fewest=FEWEST))
-    return SharedScatter(name, float(ratios[best]), float(SHARES[best]), p_value)
+    return SharedScatter(name, float(ratios[best]), float(SHARES[best]), p_value, len(simulated))
 
 
 def _ratios(whitened: Floats, values: Floats, vectors: Floats) -> Floats:

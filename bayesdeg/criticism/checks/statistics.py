@@ -449,6 +449,8 @@ class Physical:
         What a value on this side of the simulated ones means, were it significant.
     unavailable : str
         What the study lacks for it, or why it could not be calibrated; empty where it could.
+    replicates : int
+        Simulated data sets behind the p-values.
     """
 
     name: str
@@ -460,6 +462,7 @@ class Physical:
     p_adjusted: float
     reading: str
     unavailable: str = ""
+    replicates: int = 0
 
     @property
     def finding(self) -> str:
@@ -516,8 +519,8 @@ def frame(table: tuple[Physical, ...]) -> pd.DataFrame:
     """Return the statistics as a table, the most remarkable first, those not available last.
 
     Columns: ``statistic``, ``value``, ``unit``, ``simulated_q05``, ``simulated_q95``, ``p_value``,
-    ``p_adjusted``, ``reading``. The reading is that of the sign where the adjusted p-value is at
-    most 0.05; else it says that the value is unremarkable, or what it would need.
+    ``p_adjusted``, ``reading``, ``replicates``. The reading is that of the sign where the adjusted
+    p-value is at most 0.05; else it says that the value is unremarkable, or what it would need.
 
     Examples
     --------
@@ -535,6 +538,7 @@ def frame(table: tuple[Physical, ...]) -> pd.DataFrame:
             "p_value": [one.p_value for one in table],
             "p_adjusted": [one.p_adjusted for one in table],
             "reading": [one.finding for one in table],
+            "replicates": [one.replicates for one in table],
         }
     )
     return rows.sort_values(["p_adjusted", "p_value"], na_position="last").reset_index(drop=True)
@@ -595,6 +599,7 @@ def _physical(
         float(p_value),
         float(p_adjusted),
         statistic.more if value >= middle else statistic.less,
+        replicates=len(drawn),
     )
 
 

@@ -33,6 +33,7 @@ from bayesdeg.criticism.checks.rupture_misfit import RuptureMisfit
 from bayesdeg.criticism.checks.shared_scatter import SharedScatter
 from bayesdeg.criticism.decide.support import Support
 from bayesdeg.criticism.fit.search import Step
+from bayesdeg.quantities import p_value_text
 
 Floats = NDArray[np.float64]
 
@@ -225,7 +226,7 @@ def _implausible(one: Support) -> str:
 def _of_whole_levels(one: SharedScatter) -> str:
     return (
         f"{one.cause} lets each specimen deviate on its own, but those of one degradation rate "
-        f"deviate together (p = {one.p_value:.2g})"
+        f"deviate together ({p_value_text(one.p_value, one.replicates)})"
     )
 
 

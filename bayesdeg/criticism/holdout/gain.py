@@ -169,6 +169,8 @@ class LooPit:
         `FEWEST` draws are finite, and all curves with it.
     sentence : str
         What it means.
+    replicates : int
+        Data sets behind the p-value.
     """
 
     pit: Floats
@@ -178,6 +180,7 @@ class LooPit:
     high: Floats
     p_value: float
     sentence: str
+    replicates: int = 0
 
     @property
     def is_available(self) -> bool:
@@ -227,14 +230,15 @@ def loo_pit(draws: Floats, observed: Floats) -> LooPit:
         mean + width,
         p_value,
         _sentence(pit, simulated, p_value),
+        len(far),
     )
 
 
 def frame(models: Mapping[str, LooPit]) -> pd.DataFrame:
     """Return the curves of several models as one table.
 
-    Columns: ``model``, ``probability``, ``difference``, ``low``, ``high``, ``p_value`` and
-    ``sentence``, the last two the same in all rows of a model.
+    Columns: ``model``, ``probability``, ``difference``, ``low``, ``high``, ``p_value``,
+    ``sentence`` and ``replicates``, the last three the same in all rows of a model.
 
     Parameters
     ----------
@@ -251,6 +255,7 @@ def frame(models: Mapping[str, LooPit]) -> pd.DataFrame:
                 "high": one.high,
                 "p_value": one.p_value,
                 "sentence": one.sentence,
+                "replicates": one.replicates,
             }
         )
         for name, one in models.items()

@@ -1,6 +1,7 @@
 """Figures of what is wrong with a model, and of what the extended one gains on held-out data."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -141,8 +142,7 @@ def loo_pit_figure(curves: pd.DataFrame) -> Figure:
         band(axes, chosen["probability"], chosen["low"], chosen["high"], MUTED, 0.22)
         axes.axhline(0.0, color=MUTED, linewidth=0.9)
         axes.plot(chosen["probability"], chosen["difference"], color=colour)
-        chance = p_value(float(chosen["p_value"].iloc[0]))
-        axes.set_title(f"{model_words(model)}, {chance}")
+        axes.set_title(f"{model_words(model)}, {_chance(chosen.iloc[0])}")
         axes.set_xlim(0.0, 1.0)
     figure.supxlabel("predicted probability of a smaller reading [–]", fontsize=8.0)
     figure.supylabel("share of readings below it, less it [–]", fontsize=8.0)
@@ -268,12 +268,17 @@ def _draw_positions(
             )
 
 
+def _chance(row: "pd.Series[Any]") -> str:
+    """Word the p-value of a row; runs before 0.2 do not say from how many data sets it is."""
+    replicates = float(row.get("replicates", np.nan))
+    return p_value(float(row["p_value"]), replicates if np.isfinite(replicates) else None)
+
+
 def _write_values(axes: Axes, chosen: pd.DataFrame) -> None:
     """Write value and p-value beside the panel."""
     right = axes.secondary_yaxis("right")
     texts: Sequence[str] = [
-        f"{number(float(row['value']))}, {p_value(float(row['p_value']))}"
-        for _, row in chosen.iterrows()
+        f"{number(float(row['value']))}, {_chance(row)}" for _, row in chosen.iterrows()
     ]
     right.set_yticks(np.arange(len(chosen)), texts)
     right.tick_params(length=0.0)
