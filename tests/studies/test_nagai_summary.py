@@ -10,11 +10,11 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
-from bayesdeg.inference.parameters import actuator_parameters
 from scipy import stats
 
 from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.emulator.trained import default_surrogate
+from bayesdeg.observations.curvature import actuator_parameters
 
 STUDIES = Path(__file__).resolve().parents[2] / "studies"
 PARTS = (
