@@ -22,7 +22,7 @@ TRUTH_FILE = "truth.json"
 #: What a virtual experiment writes; published statistics are not virtual.
 VIRTUAL_FILES = (
     *(SETTINGS_FILE, TRUTH_FILE),
-    *(table.file for name, table in TABLES.items() if name != "summary"),
+    *(table.name for name, table in TABLES.items() if name != "summary"),
 )
 #: Of every file of it but `TRUTH_FILE`.
 FIRST_WORDS = "# virtual experiment made by"
@@ -79,7 +79,7 @@ def study_files(
         reads.
     """
     texts = {
-        TABLES[name].file: provenance.comment
+        TABLES[name].name: provenance.comment
         + table.map(spreadsheet_safe).to_csv(index=False, lineterminator="\n")
         for name, table in experiment.tables.items()
     }
