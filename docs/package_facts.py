@@ -25,6 +25,7 @@ from bayesdeg.data.settings import ENTRIES, Dimensions, Settings
 from bayesdeg.data.shrinkage import Known, Recipe
 from bayesdeg.data.study import read_study
 from bayesdeg.data.tables import TABLES as STUDY_TABLES
+from bayesdeg.data.tables import words_of
 from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.laboratory.design import Design
 from bayesdeg.laboratory.experiment import run_experiment
@@ -117,18 +118,18 @@ def is_callable(name: str) -> bool:
 
 def columns_of_studies() -> dict[str, list[Entry]]:
     """Return the columns of every file of a study by the file's name."""
-    return {table.file: [_column(c) for c in table.columns] for table in STUDY_TABLES.values()}
+    tables = STUDY_TABLES.values()
+    return {table.name: [_column(c) for c in table.columns.values()] for table in tables}
 
 
 def _column(column) -> Entry:
     known = QUANTITIES[column.name]
-    words = [f"`{word}`" for word in column.one_of]
-    demands = [demand.problem for demand in column.demands]
-    accepts = f"one of {', '.join(words)}" if words else {"text": "a name"}.get(column.kind, "")
-    accepts = accepts or ("a whole number" if column.kind == "whole" else "a number")
-    if demands:
-        accepts += f"; refused if it {' or '.join(demands)}"
-    if column.required and column.may_be_empty:
+    words = [f"`{word}`" for word in words_of(column)]
+    kinds = {"str": "a name", "int64": "a whole number", "float64": "a number"}
+    accepts = f"one of {', '.join(words)}" if words else kinds[str(column.dtype.type)]
+    if column.checks and not words:
+        accepts += f"; refused if it {' or '.join(check.error for check in column.checks)}"
+    if column.required and column.nullable:
         accepts += "; a cell may be empty"
     default = "" if column.default is None or column.required else str(column.default)
     return Entry(column.name, known.unit, known.meaning, "", default, column.required, accepts)
@@ -137,7 +138,7 @@ def _column(column) -> Entry:
 def rules_of_studies() -> dict[str, list[str]]:
     """Return what the rows of a file must fulfil together, as what is said when they do not."""
     return {
-        table.file: [f"{rule.problem}: {rule.remedy}" for rule in table.rules]
+        table.name: [f"{check.error}: {check.description}" for check in table.checks]
         for table in STUDY_TABLES.values()
     }
 

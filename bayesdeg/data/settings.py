@@ -2,9 +2,12 @@
 
 import re
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from typing import Any, Literal
+from typing import Annotated, Any, Literal, get_args
+
+from annotated_types import Ge, Gt, Interval, Len
+from pydantic import AfterValidator, PlainValidator, TypeAdapter, ValidationError
 
 from bayesdeg.data.cells import LARGEST
 from bayesdeg.data.nearest import nearest
@@ -16,8 +19,10 @@ from bayesdeg.quantities import LARGEST_SEED
 
 Effort = Literal["quick", "standard", "thorough"]
 
-EFFORTS: tuple[Effort, ...] = ("quick", "standard", "thorough")
-MODES: tuple[str, ...] = ("uniaxial", "equibiaxial", "planar")
+Mode = Literal["uniaxial", "equibiaxial", "planar"]
+
+EFFORTS: tuple[Effort, ...] = get_args(Effort)
+MODES: tuple[str, ...] = get_args(Mode)
 
 #: Limits of a dimension [mm] and of the number of chambers; beyond them no mesh can be made.
 SMALLEST_MM, LARGEST_MM, MOST_CHAMBERS = 1e-3, 2000.0, 200
@@ -208,119 +213,74 @@ KNOWN = {field.name for field in fields(Known)}
 
 @dataclass(frozen=True)
 class _Entry:
-    """One key: where it stands, which field of `Settings` it fills, what is accepted."""
+    """One key: where it stands, what is wanted, in words and as a type, and its field."""
 
     table: str
     key: str
-    field: str
     wanted: str
-    accepts: Callable[[Any], bool]
-    convert: Callable[[Any], Any]
+    accepted: Any
+    renamed: str = ""
+
+    @property
+    def field(self) -> str:
+        """The field of `Settings`, or of a part of them, that it fills."""
+        return self.renamed or self.key
+
+    def read(self, value: object) -> Any:
+        """Return the value of the field; raise ValidationError for one that is not wanted."""
+        return TypeAdapter(self.accepted).validate_python(value, strict=True)
 
 
-def _is_number(value: object) -> bool:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return False
-    return abs(value) <= LARGEST
+def _each_once(names: list[str]) -> tuple[str, ...]:
+    if len(set(names)) < len(names):
+        raise ValueError("a name is there twice")
+    return tuple(names)
 
 
-def _is_whole(value: object) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool)
+def _known(value: Any) -> Known:
+    """Read a value above 0, with or without its standard uncertainty."""
+    both = TypeAdapter(dict[str, Number]).validate_python(
+        value if isinstance(value, dict) else {"value": value}, strict=True
+    )
+    if not (both.keys() <= KNOWN and 0.0 <= both.get("sd", 0.0) < both.get("value", 0.0)):
+        raise ValueError("is not a value with its sd")
+    return Known(**both)
 
 
-def _is_names(value: object) -> bool:
-    return isinstance(value, list) and all(isinstance(name, str) for name in value)
+Number = Annotated[float, Interval(ge=-LARGEST, le=LARGEST)]
+type _Names[T] = Annotated[list[T], AfterValidator(_each_once)]
 
 
 def _dimension(name: str) -> _Entry:
     if name == "chambers":
-        return _Entry("actuator", name, name, "a whole number of at least 1", _is_whole, int)
-    wanted = f"a number up to {LARGEST_MM:g} [mm]"
-    return _Entry("actuator", name, name, wanted, _is_number, float)
-
-
-def _is_known(value: Any) -> bool:
-    """Return whether a value above 0 is given, with or without its standard uncertainty."""
-    both: dict[str, Any] = value if isinstance(value, dict) else {"value": value}
-    number, sd = both.get("value"), both.get("sd", 0.0)
-    numbers = _is_number(number) and _is_number(sd)
-    return bool(set(both) <= KNOWN and numbers and 0 <= sd < number)
-
-
-def _known(value: Any) -> Known:
-    if isinstance(value, dict):
-        return Known(float(value["value"]), float(value.get("sd", 0.0)))
-    return Known(float(value))
+        return _Entry("actuator", name, "a whole number of at least 1", int)
+    return _Entry("actuator", name, f"a number up to {LARGEST_MM:g} [mm]", Number)
 
 
 def _recipe(name: str) -> _Entry:
     unit = "[g/cm³]" if name.endswith("density") else "[parts by mass]"
     wanted = f"a number above 0 {unit}, or {{ value = .., sd = .. }} with sd from 0 to below value"
-    return _Entry("shrinkage", name, name, wanted, _is_known, _known)
+    return _Entry("shrinkage", name, wanted, Annotated[Known, PlainValidator(_known)])
 
+
+_SEED = f"a whole number not below 0 and up to {LARGEST_SEED}"
+_CAUSES = '"all" or a list of names of causes, each once'
+_MODES = f"a list with at least one of {', '.join(MODES)}, each once"
+_THICKNESS, _DEGRADATION = Annotated[Number, Gt(0.0)], Annotated[Number, Ge(0.0)]
 
 ENTRIES: tuple[_Entry, ...] = (
-    _Entry("", "title", "title", "a text in quotes", lambda v: isinstance(v, str), str),
-    _Entry("", "note", "note", "a text in quotes", lambda v: isinstance(v, str), str),
-    _Entry("", "virtual", "virtual", "true or false", lambda v: isinstance(v, bool), bool),
-    _Entry(
-        "",
-        "seed",
-        "seed",
-        f"a whole number not below 0 and up to {LARGEST_SEED}",
-        lambda v: _is_whole(v) and 0 <= v <= LARGEST_SEED,
-        int,
-    ),
+    _Entry("", "title", "a text in quotes", str),
+    _Entry("", "note", "a text in quotes", str),
+    _Entry("", "virtual", "true or false", bool),
+    _Entry("", "seed", _SEED, Annotated[int, Interval(ge=0, le=LARGEST_SEED)]),
     *(_dimension(entry.name) for entry in fields(Dimensions)),
-    _Entry(
-        "paper",
-        "thickness",
-        "paper_thickness_mm",
-        "a number above 0 [mm]",
-        lambda v: _is_number(v) and v > 0,
-        float,
-    ),
+    _Entry("paper", "thickness", "a number above 0 [mm]", _THICKNESS, "paper_thickness_mm"),
     *(_recipe(entry.name) for entry in fields(Recipe)),
-    _Entry(
-        "noise",
-        "degradation_sd_pct",
-        "degradation_sd_pct",
-        "a number not below 0 [%]",
-        lambda v: _is_number(v) and v >= 0,
-        float,
-    ),
-    _Entry(
-        "causes",
-        "candidates",
-        "candidates",
-        '"all" or a list of names of causes, each once',
-        lambda v: v == "all" or (_is_names(v) and len(set(v)) == len(v)),
-        lambda v: None if v == "all" else tuple(v),
-    ),
-    _Entry(
-        "sampling",
-        "effort",
-        "effort",
-        f"one of {', '.join(EFFORTS)}",
-        lambda v: v in EFFORTS,
-        str,
-    ),
-    _Entry(
-        "tensile",
-        "fit_modes",
-        "fit_modes",
-        f"a list with at least one of {', '.join(MODES)}, each once",
-        lambda v: _is_names(v) and len(v) > 0 and set(v) <= set(MODES) and len(set(v)) == len(v),
-        tuple,
-    ),
-    _Entry(
-        "material",
-        "order",
-        "order",
-        "a whole number from 0 to 3",
-        lambda v: _is_whole(v) and 0 <= v <= 3,
-        int,
-    ),
+    _Entry("noise", "degradation_sd_pct", "a number not below 0 [%]", _DEGRADATION),
+    _Entry("causes", "candidates", _CAUSES, Literal["all"] | _Names[str]),
+    _Entry("sampling", "effort", f"one of {', '.join(EFFORTS)}", Effort),
+    _Entry("tensile", "fit_modes", _MODES, Annotated[_Names[Mode], Len(1)]),
+    _Entry("material", "order", "a whole number from 0 to 3", Annotated[int, Interval(ge=0, le=3)]),
 )
 TABLES = (
     *("actuator", "paper", "shrinkage", "priors", "noise", "causes", "sampling"),
@@ -399,10 +359,12 @@ def _from_document(document: dict[str, Any], text: str) -> tuple[Settings, tuple
         if entry.key not in tables.get(entry.table, {}):
             continue
         value = tables[entry.table][entry.key]
-        if entry.accepts(value):
-            accepted[entry.field] = entry.convert(value)
-        else:
+        try:
+            accepted[entry.field] = entry.read(value)
+        except ValidationError:
             faults.append(_wrong_value(entry, value, text))
+    if accepted.get("candidates") == "all":
+        accepted["candidates"] = None
     dimensions, recipe = Dimensions(**_of(Dimensions, accepted)), Recipe(**_of(Recipe, accepted))
     # the defaults that stand in for refused keys must not be blamed
     if not any((fault.column or "").startswith("actuator") for fault in faults):

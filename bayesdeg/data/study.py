@@ -13,7 +13,7 @@ from bayesdeg.data.cells import Cells, check_header, read_cells, read_number
 from bayesdeg.data.nearest import nearest, use_one_of
 from bayesdeg.data.settings import FILE as SETTINGS_FILE
 from bayesdeg.data.settings import Dimensions, Settings, parse_settings
-from bayesdeg.data.tables import TABLES, Column, Rule, Table, cell_schema, row_schema
+from bayesdeg.data.tables import TABLES, broken, row_check, words_of
 from bayesdeg.errors import Fault, StudyError
 from bayesdeg.files import STUDY_MB, as_named, read_bytes, reason
 
@@ -44,14 +44,16 @@ class CheckedTable:
     passed_over: int = 0
 
 
-def check_table(content: bytes, table: Table, *, degradation_sd_pct: float) -> CheckedTable:
+def check_table(
+    content: bytes, table: pa.DataFrameSchema, *, degradation_sd_pct: float
+) -> CheckedTable:
     r"""Read one file of a study against its table.
 
     Parameters
     ----------
     content : bytes
         The file as it is on the disk.
-    table : Table
+    table : pandera.DataFrameSchema
         One of `bayesdeg.data.tables.TABLES`.
     degradation_sd_pct : float
         Standard error of a degradation rate where none is recorded [%].
@@ -72,18 +74,19 @@ def check_table(content: bytes, table: Table, *, degradation_sd_pct: float) -> C
     >>> print(check_table(content, BREAKS, degradation_sd_pct=1.0).faults[0])
     break.csv, row 3, column elongation_pct, value '2oo': is not a number; give the number alone; the unit stands in the header
     """  # noqa: E501
-    cells, faults = read_cells(content, table.file)
+    cells, faults = read_cells(content, table.name)
     if cells is None:
         return CheckedTable(pd.DataFrame(), faults, frozenset())
-    required = [column.name for column in table.columns if column.required]
-    optional = [column.name for column in table.columns if not column.required]
-    place = Fault(table.file, "", "", cells.header_row)
+    columns = table.columns
+    required = [name for name, column in columns.items() if column.required]
+    optional = [name for name, column in columns.items() if not column.required]
+    place = Fault(table.name, "", "", cells.header_row)
     names = list(cells.texts.columns)
     blamed = check_header(names, place, required=required, optional=optional)
     cells = replace(cells, texts=_until_rupture(cells.texts))
     frame, wrong_cells = _read_columns(cells, table)
     # what a misspelt column holds is unknown, so its default must not stand in for it
-    fillable = tuple(column for column in table.columns if column.name not in blamed)
+    fillable = {name: column for name, column in columns.items() if name not in blamed}
     frame = _fill(frame, fillable, degradation_sd_pct)
     wrong_rows = tuple(_broken_rules(frame, cells, table, wrong_cells))
     in_order = sorted((*wrong_cells, *wrong_rows), key=lambda fault: fault.row or 0)
@@ -104,32 +107,29 @@ def _until_rupture(texts: pd.DataFrame) -> pd.DataFrame:
     return texts[earlier == 0]
 
 
-def _read_columns(cells: Cells, table: Table) -> tuple[pd.DataFrame, tuple[Fault, ...]]:
+def _read_columns(
+    cells: Cells, table: pa.DataFrameSchema
+) -> tuple[pd.DataFrame, tuple[Fault, ...]]:
     faults: list[Fault] = []
     read: dict[str, pd.Series] = {}
-    for column in table.columns:
-        if column.name in cells.texts:
-            read[column.name] = _read_column(cells, column, faults)
+    for name, column in table.columns.items():
+        if name in cells.texts:
+            values = _read_column(cells, column, faults)
+            values[_refused(cells, column, values, faults)] = np.nan
+            read[name] = values
     extra = {name: cells.texts[name] for name in cells.texts if name not in read}
-    frame = pd.DataFrame(read | extra, index=cells.texts.index)
-    failed = list(_failures(frame, table, cells))
-    faults += [_fault(cells, row, column.name, *words) for row, column, *words in failed]
-    for column in table.columns:
-        rows = [row for row, failing, *_ in failed if failing is column]
-        if rows:
-            frame.loc[rows, column.name] = None if column.kind == "text" else np.nan
-    return frame, tuple(faults)
+    return pd.DataFrame(read | extra, index=cells.texts.index), tuple(faults)
 
 
-def _read_column(cells: Cells, column: Column, faults: list[Fault]) -> pd.Series:
+def _read_column(cells: Cells, column: pa.Column, faults: list[Fault]) -> pd.Series:
     values: list[object] = []
     for row, text in cells.texts[column.name].items():
-        value: object = None if column.kind == "text" else np.nan
+        value: object = None if column.dtype.type == "str" else np.nan
         if text == "":
-            if column.required and not column.may_be_empty:
+            if not column.nullable:
                 remedy = "give a value; only optional columns may have empty cells"
                 faults.append(_fault(cells, int(str(row)), column.name, "is empty", remedy))
-        elif column.kind == "text":
+        elif column.dtype.type == "str":
             value = as_named(text)
         else:
             number = read_number(text)
@@ -138,72 +138,58 @@ def _read_column(cells: Cells, column: Column, faults: list[Fault]) -> pd.Series
             else:
                 faults.append(_fault(cells, int(str(row)), column.name, *number))
         values.append(value)
-    return pd.Series(values, index=cells.texts.index, dtype=column.dtype)
+    return pd.Series(values, index=cells.texts.index, dtype=_while_checked(column))
 
 
-def _failure_cases(schema: pa.DataFrameSchema, frame: pd.DataFrame) -> pd.DataFrame:
-    try:
-        schema.validate(frame, lazy=True)
-    except pa.errors.SchemaErrors as errors:
-        cases: pd.DataFrame = errors.failure_cases
-        return cases
-    return pd.DataFrame(columns=["column", "check_number", "index"])
+def _while_checked(column: pa.Column) -> type:
+    """Return the type in which cells can be missing."""
+    return object if column.dtype.type == "str" else float
 
 
-def _failures(
-    frame: pd.DataFrame, table: Table, cells: Cells
-) -> Iterator[tuple[int, Column, str, str]]:
-    columns = {column.name: column for column in table.columns}
-    cases = _failure_cases(cell_schema(table), frame).drop_duplicates(["column", "index"])
-    for name, number, row in zip(
-        cases["column"], cases["check_number"], cases["index"], strict=True
-    ):
-        column = columns[name]
-        if number < len(column.demands):
-            demand = column.demands[number]
-            yield row, column, demand.problem, demand.remedy
-        else:
-            text = str(cells.texts.loc[row, name])
-            yield row, column, "is not known", use_one_of(text, column.one_of)
+def _refused(cells: Cells, column: pa.Column, values: pd.Series, faults: list[Fault]) -> pd.Series:
+    """Return which cells break a check of their column; the first that they break is told."""
+    refused = pd.Series(False, index=values.index)
+    for check in column.checks:
+        for row in broken(check, values[~refused]):
+            text = str(cells.texts.loc[row, column.name])
+            remedy = check.description or use_one_of(text, words_of(column))
+            faults.append(_fault(cells, row, column.name, check.error, remedy))
+            refused[row] = True
+    return refused
 
 
 def _fill(
-    frame: pd.DataFrame, columns: tuple[Column, ...], degradation_sd_pct: float
+    frame: pd.DataFrame, columns: Mapping[str, pa.Column], degradation_sd_pct: float
 ) -> pd.DataFrame:
     filled = frame.copy()
-    for column in columns:
-        if column.name not in filled and not column.required:
-            empty = None if column.kind == "text" else np.nan
-            filled[column.name] = pd.Series(empty, index=frame.index, dtype=column.dtype)
-        default = column.default
-        if column.name == "degradation_sd_pct":
-            filled[column.name] = filled[column.name].fillna(degradation_sd_pct)
-        elif default is not None and column.name in filled:
-            filled[column.name] = filled[column.name].fillna(default)
+    for name, column in columns.items():
+        if name not in filled and not column.required:
+            filled[name] = pd.Series(np.nan, index=frame.index, dtype=_while_checked(column))
+        default = degradation_sd_pct if name == "degradation_sd_pct" else column.default
+        if default is not None and name in filled:
+            filled[name] = filled[name].fillna(default)
     return filled
 
 
 def _broken_rules(
-    frame: pd.DataFrame, cells: Cells, table: Table, wrong_cells: tuple[Fault, ...]
+    frame: pd.DataFrame,
+    cells: Cells,
+    table: pa.DataFrameSchema,
+    wrong_cells: tuple[Fault, ...],
 ) -> Iterator[Fault]:
     spoilt = {(fault.row, fault.column) for fault in wrong_cells}
-    repeated = Rule(
-        None,
-        "repeats an earlier row",
-        "remove one of the two",
-        tuple(frame.columns),
-        lambda rows: ~rows.duplicated(),
-    )
-    for rule in (repeated, *table.rules):
-        if not set(rule.needs) <= set(frame.columns):
+    words = ("repeats an earlier row", "remove one of the two")
+    repeated = row_check(None, *words, tuple(frame.columns), lambda rows: ~rows.duplicated())
+    for check in (repeated, *table.checks):
+        column, needs = check.statistics["column"], check.statistics["needs"]
+        if frame.empty or not set(needs) <= set(frame.columns):
             continue
-        schema = row_schema(replace(table, rules=(rule,)))
-        # a failed row comes once for each of its columns
-        for row in sorted(set(_failure_cases(schema, frame)["index"])):
-            if spoilt.isdisjoint((row, name) for name in rule.needs):
-                yield _fault(cells, row, rule.column, rule.problem, rule.remedy)
-            if rule is repeated:
-                frame = frame.drop(index=row)
+        rows = broken(check, frame)
+        for row in rows:
+            if spoilt.isdisjoint((row, name) for name in needs):
+                yield _fault(cells, row, column, check.error, check.description)
+        if check is repeated:
+            frame = frame.drop(index=rows)
 
 
 def _fault(cells: Cells, row: int, column: str | None, problem: str, remedy: str) -> Fault:
@@ -230,21 +216,16 @@ def _capped(faults: tuple[Fault, ...]) -> tuple[Fault, ...]:
     return tuple(kept)
 
 
-def _finish(frame: pd.DataFrame, table: Table) -> pd.DataFrame:
-    listed = [column.name for column in table.columns if column.name in frame]
+def _finish(frame: pd.DataFrame, table: pa.DataFrameSchema) -> pd.DataFrame:
+    listed = {name: column.dtype.type for name, column in table.columns.items() if name in frame}
     extra = [name for name in frame.columns if name not in listed]
-    finished = frame[[*listed, *extra]].reset_index(drop=True)
-    for column in table.columns:
-        if column.kind == "whole" and column.name in finished:
-            finished[column.name] = finished[column.name].astype("int64")
-        elif column.kind == "text" and column.name in finished:
-            finished[column.name] = finished[column.name].astype("str")
+    finished = frame[[*listed, *extra]].reset_index(drop=True).astype(listed)
     for name in extra:
         finished[name] = finished[name].where(finished[name] != "").astype("str")
     return finished
 
 
-DATA_FILES = tuple(table.file for table in TABLES.values())
+DATA_FILES = tuple(table.name for table in TABLES.values())
 
 
 @dataclass(frozen=True, repr=False)
@@ -287,7 +268,7 @@ class Study:
     def __repr__(self) -> str:
         """Return its name, and how much of which data it has."""
         tables = {name: getattr(self, name) for name in TABLES}
-        rows = [f"{TABLES[n].file} {len(t)} rows" for n, t in tables.items() if t is not None]
+        rows = [f"{TABLES[n].name} {len(t)} rows" for n, t in tables.items() if t is not None]
         return f"Study {self.name}: {', '.join(rows)}"
 
     @property
@@ -332,10 +313,10 @@ def read_study(folder: Path | str) -> Study:
     settings, wrong_settings = parse_settings(contents.get(SETTINGS_FILE, b""))
     tables = {
         name: check_table(
-            contents[table.file], table, degradation_sd_pct=settings.degradation_sd_pct
+            contents[table.name], table, degradation_sd_pct=settings.degradation_sd_pct
         )
         for name, table in TABLES.items()
-        if table.file in contents
+        if table.name in contents
     }
     faults = [*unreadable, *_wrong_files(folder, set(contents), unreadable), *wrong_settings]
     faults += [fault for table in tables.values() for fault in table.faults]
@@ -392,7 +373,7 @@ def _assemble(
         frames.get("summary"),
         {file: sha256(content).hexdigest() for file, content in contents.items()},
         {name: table.recorded for name, table in tables.items()},
-        {TABLES[name].file: t.passed_over for name, t in tables.items() if t.passed_over},
+        {TABLES[name].name: t.passed_over for name, t in tables.items() if t.passed_over},
     )
 
 

@@ -1,9 +1,11 @@
-"""The columns of every CSV file of a study, and what rows must fulfil together."""
+"""The columns of every CSV file of a study, and what rows must fulfil together.
+
+A file is a pandera schema. A check carries its words: ``error`` says what is wrong, ``description``
+what would be right.
+"""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Literal
 
 import pandas as pd
 import pandera.pandas as pa
@@ -12,10 +14,13 @@ from bayesdeg.data.settings import MODES
 
 BRANCH = ("specimen_id", "cycle", "branch")
 
+type Holds = Callable[[pd.DataFrame], pd.Series]
 
-@dataclass(frozen=True)
-class Rule:
-    """A demand on several columns or rows of a table.
+
+def row_check(
+    column: str | None, problem: str, remedy: str, needs: tuple[str, ...], holds: Holds
+) -> pa.Check:
+    """Demand something of several columns or rows of a table.
 
     Parameters
     ----------
@@ -28,16 +33,40 @@ class Rule:
     holds : callable
         Takes the checked columns and says of every row whether the demand is met. Cells that
         are missing meet it.
+
+    Returns
+    -------
+    pandera.Check
     """
+    return pa.Check(
+        holds,
+        error=problem,
+        description=remedy,
+        statistics={"column": column, "needs": needs},
+        ignore_na=False,
+    )
 
-    column: str | None
-    problem: str
-    remedy: str
-    needs: tuple[str, ...]
-    holds: Callable[[pd.DataFrame], pd.Series]
+
+def broken(check: pa.Check, data: pd.DataFrame | pd.Series) -> list[int]:
+    """Return the rows of a table, or of one of its columns, that break a check.
+
+    Parameters
+    ----------
+    check : pandera.Check
+        Of `TABLES`.
+    data : DataFrame or Series
+        The table for a check of rows, else the column, whose missing cells pass.
+
+    Examples
+    --------
+    >>> broken(POSITIVE, pd.Series([1.0, -2.0, float("nan")], index=[2, 3, 4]))
+    [3]
+    """
+    holds = check(data).check_output
+    return [int(row) for row in holds.index[~holds]]
 
 
-def at_most(lower: str, upper: str, remedy: str, *, strictly: bool = False) -> Rule:
+def at_most(lower: str, upper: str, remedy: str, *, strictly: bool = False) -> pa.Check:
     """Demand that one column does not exceed another.
 
     Parameters
@@ -51,13 +80,13 @@ def at_most(lower: str, upper: str, remedy: str, *, strictly: bool = False) -> R
 
     Returns
     -------
-    Rule
+    pandera.Check
 
     Examples
     --------
     >>> rule = at_most("mass_cured_g", "mass_poured_g", "check both")
-    >>> rule.holds(pd.DataFrame({"mass_cured_g": [9.0, 31.0], "mass_poured_g": 30.0})).tolist()
-    [True, False]
+    >>> broken(rule, pd.DataFrame({"mass_cured_g": [9.0, 31.0], "mass_poured_g": 30.0}))
+    [1]
     """
 
     def holds(frame: pd.DataFrame) -> pd.Series:
@@ -66,10 +95,10 @@ def at_most(lower: str, upper: str, remedy: str, *, strictly: bool = False) -> R
         return ~(frame[lower] > frame[upper])
 
     word = "is not below" if strictly else "is above"
-    return Rule(lower, f"{word} {upper}", remedy, (lower, upper), holds)
+    return row_check(lower, f"{word} {upper}", remedy, (lower, upper), holds)
 
 
-def once(column: str, remedy: str) -> Rule:
+def once(column: str, remedy: str) -> pa.Check:
     """Demand that a label stands on one row only.
 
     Parameters
@@ -81,16 +110,16 @@ def once(column: str, remedy: str) -> Rule:
 
     Returns
     -------
-    Rule
+    pandera.Check
     """
 
     def holds(frame: pd.DataFrame) -> pd.Series:
         return frame[column].isna() | ~frame.duplicated([column])
 
-    return Rule(column, "stands on more than one row", remedy, (column,), holds)
+    return row_check(column, "stands on more than one row", remedy, (column,), holds)
 
 
-def not_all_zero(column: str, *within: str, least: float, remedy: str) -> Rule:
+def not_all_zero(column: str, *within: str, least: float, remedy: str) -> pa.Check:
     """Demand that something was applied or measured at all.
 
     Parameters
@@ -106,14 +135,14 @@ def not_all_zero(column: str, *within: str, least: float, remedy: str) -> Rule:
 
     Returns
     -------
-    Rule
+    pandera.Check
         Broken on the first row of a group.
 
     Examples
     --------
     >>> rule = not_all_zero("stress_MPa", least=1e-9, remedy="give stresses")
-    >>> rule.holds(pd.DataFrame({"stress_MPa": [0.0, 0.0]})).tolist()
-    [False, True]
+    >>> broken(rule, pd.DataFrame({"stress_MPa": [0.0, 0.0]}))
+    [0]
     """
 
     def holds(frame: pd.DataFrame) -> pd.Series:
@@ -124,7 +153,7 @@ def not_all_zero(column: str, *within: str, least: float, remedy: str) -> Rule:
         return ~(nothing & first & ~unknown)
 
     problem = "is 0, and so is every other one" + (f" of this {within[0]}" if within else "")
-    return Rule(column, problem, remedy, (column, *within), holds)
+    return row_check(column, problem, remedy, (column, *within), holds)
 
 
 def _one_degradation(frame: pd.DataFrame) -> pd.Series:
@@ -155,14 +184,14 @@ def _curvature_recorded(frame: pd.DataFrame) -> pd.Series:
     return frame["curvature_per_m"].notna() | (frame["ruptured"] == 1)
 
 
-ONE_DEGRADATION = Rule(
+ONE_DEGRADATION = row_check(
     "degradation_pct",
     "differs from the degradation rate of the same specimen on an earlier row",
     "give one specimen one degradation rate; another rate is another specimen_id",
     ("specimen_id", "degradation_pct"),
     _one_degradation,
 )
-PRESSURE_PROCEEDS = Rule(
+PRESSURE_PROCEEDS = row_check(
     "pressure_kPa",
     "does not go on in the direction of its branch",
     "within one specimen, cycle and branch pressure must rise while loading and fall while "
@@ -170,14 +199,14 @@ PRESSURE_PROCEEDS = Rule(
     (*BRANCH, "pressure_kPa", "time_s"),
     _pressure_proceeds,
 )
-TIME_PROCEEDS = Rule(
+TIME_PROCEEDS = row_check(
     "time_s",
     "is earlier than on the row before of the same branch",
     "put the rows in the order in which they were read",
     (*BRANCH, "time_s"),
     _time_proceeds,
 )
-CURVATURE_RECORDED = Rule(
+CURVATURE_RECORDED = row_check(
     "curvature_per_m",
     "is empty although the specimen has not burst",
     "give the curvature; it may be empty only on the row with ruptured = 1",
@@ -232,29 +261,29 @@ def _value_is_at_most_one(frame: pd.DataFrame) -> pd.Series:
     return ~((frame["quantity"] == "r_squared") & (frame["value"] > 1.0))
 
 
-SUMMARY_RULES: tuple[Rule, ...] = (
-    Rule(
+SUMMARY_CHECKS = (
+    row_check(
         "unit",
         "is not the unit of this quantity",
         "young_modulus is in MPa, elongation_at_break in %, all others have none (–)",
         ("quantity", "unit"),
         _unit_is_right,
     ),
-    Rule(
+    row_check(
         "value",
         "is not above 0",
         "give a number above 0",
         ("quantity", "value"),
         _value_is_positive,
     ),
-    Rule(
+    row_check(
         "value",
         "is not a count",
         "give a whole number, 0 or above",
         ("quantity", "value"),
         _value_is_count,
     ),
-    Rule(
+    row_check(
         "value",
         "is above 1, which no R² can be",
         "give 1 − SSE/SST",
@@ -264,243 +293,158 @@ SUMMARY_RULES: tuple[Rule, ...] = (
 )
 
 
-Kind = Literal["text", "number", "whole"]
-
 #: A rate is a ratio of two means, so near 0 its scatter may take it below.
 LOWEST_DEGRADATION_PCT = -5.0
 #: The toughest hydrogels break at about 25; a length in percent is 100 and more.
 LARGEST_STRETCH = 50.0
 
+POSITIVE = pa.Check.gt(0.0, error="is not above 0", description="give a number above 0")
+NOT_NEGATIVE = pa.Check.ge(0.0, error="is below 0", description="give 0 or a number above 0")
+PERCENT = pa.Check.le(100.0, error="is above 100 %", description="give a percentage up to 100")
+WHOLE = pa.Check(
+    lambda x: x % 1.0 == 0.0, error="is not a whole number", description="give a whole number"
+)
+BURST = pa.Check.isin(
+    [0, 1], error="is neither 0 nor 1", description="give 1 where it burst, else 0"
+)
+STRETCHABLE = pa.Check.le(
+    LARGEST_STRETCH,
+    error=f"is above {LARGEST_STRETCH:g}, which no elastomer bears",
+    description="give a ratio of lengths, 1 = undeformed; 150 % of the length is 1.5",
+)
+MEASURED_RATE = pa.Check.ge(
+    LOWEST_DEGRADATION_PCT,
+    error=f"is below {LOWEST_DEGRADATION_PCT:g} %, which scatter cannot explain",
+    description="give the degradation rate in percent, 0 for undegraded",
+)
 
-@dataclass(frozen=True)
-class Demand:
-    """What every recorded cell of a column must fulfil."""
 
-    problem: str
-    remedy: str
-    holds: Callable[[pd.Series], pd.Series]
+def _number(*checks: pa.Check, empty: bool = False, optional: bool = False) -> pa.Column:
+    """Make a column of numbers; ``empty`` allows empty cells, as ``optional`` always does."""
+    return pa.Column(float, list(checks), nullable=empty or optional, required=not optional)
 
 
-@dataclass(frozen=True)
-class Column:
-    """One column of a file.
+def _text(*, empty: bool = False, default: str | None = None) -> pa.Column:
+    return pa.Column(str, nullable=empty, default=default)
 
-    Parameters
-    ----------
-    name : str
-        A key of `bayesdeg.quantities.QUANTITIES`.
-    kind : {"text", "number", "whole"}
-        What its cells hold.
-    demands : tuple of Demand
-        What a cell must fulfil.
-    one_of : tuple of str
-        The words that may stand in it; empty for any.
-    required : bool
-        Whether the column must be there.
-    may_be_empty : bool
-        Whether a cell may be empty; always so in optional columns.
-    default : str, int or None
-        What an empty cell or an absent column means; ``None`` for "not recorded".
+
+def _word(*words: str, optional: bool = True) -> pa.Column:
+    """Make a column of known words, of which the first is meant where an optional one is empty."""
+    check = pa.Check.isin(words, error="is not known")
+    default = words[0] if optional else None
+    return pa.Column(str, check, nullable=optional, required=not optional, default=default)
+
+
+def _whole(*checks: pa.Check, default: int) -> pa.Column:
+    return pa.Column(int, list(checks), nullable=True, required=False, default=default)
+
+
+def words_of(column: pa.Column) -> tuple[str, ...]:
+    """Return the words that may stand in a column; none where any may.
+
+    Examples
+    --------
+    >>> words_of(TENSILE.columns["stress_measure"])
+    ('nominal', 'cauchy')
     """
-
-    name: str
-    kind: Kind = "number"
-    demands: tuple[Demand, ...] = ()
-    one_of: tuple[str, ...] = ()
-    required: bool = True
-    may_be_empty: bool = False
-    default: str | int | None = None
-
-    @property
-    def dtype(self) -> type:
-        """Type of the cells while they are checked."""
-        return object if self.kind == "text" else float
+    listed = [check.statistics.get("allowed_values", ()) for check in column.checks]
+    return tuple(word for words in listed for word in words if isinstance(word, str))
 
 
-@dataclass(frozen=True)
-class Table:
-    """One file: its columns, and what its rows must fulfil together."""
-
-    name: str
-    file: str
-    columns: tuple[Column, ...]
-    rules: tuple[Rule, ...] = ()
+def _specimens() -> dict[str, pa.Column]:
+    return {
+        "specimen_id": _text(),
+        "degradation_pct": _number(MEASURED_RATE, PERCENT),
+        "degradation_sd_pct": _number(NOT_NEGATIVE, optional=True),
+    }
 
 
-POSITIVE = Demand("is not above 0", "give a number above 0", lambda x: x > 0.0)
-NOT_NEGATIVE = Demand("is below 0", "give 0 or a number above 0", lambda x: x >= 0.0)
-PERCENT = Demand("is above 100 %", "give a percentage up to 100", lambda x: x <= 100.0)
-WHOLE = Demand("is not a whole number", "give a whole number", lambda x: x % 1.0 == 0.0)
-BURST = Demand("is neither 0 nor 1", "give 1 where it burst, else 0", lambda x: x.isin([0, 1]))
-STRETCHABLE = Demand(
-    f"is above {LARGEST_STRETCH:g}, which no elastomer bears",
-    "give a ratio of lengths, 1 = undeformed; 150 % of the length is 1.5",
-    lambda x: x <= LARGEST_STRETCH,
-)
-MEASURED_RATE = Demand(
-    f"is below {LOWEST_DEGRADATION_PCT:g} %, which scatter cannot explain",
-    "give the degradation rate in percent, 0 for undegraded",
-    lambda x: x >= LOWEST_DEGRADATION_PCT,
-)
-
-_FILM = Column("film_id", "text")
-_SPECIMEN = Column("specimen_id", "text")
-_DEGRADATION = Column("degradation_pct", demands=(MEASURED_RATE, PERCENT))
-_DEGRADATION_SD = Column("degradation_sd_pct", demands=(NOT_NEGATIVE,), required=False)
-
-
-def _mass(name: str) -> Column:
-    return Column(name, demands=(POSITIVE,))
-
-
-def _word(name: str, *words: str) -> Column:
-    return Column(name, "text", one_of=words, required=False, default=words[0])
-
-
-MOISTURE = Table(
-    "moisture",
-    "moisture.csv",
-    (
-        _FILM,
-        Column("time_h", demands=(NOT_NEGATIVE,)),
-        _mass("mass_equilibrated_g"),
-        _mass("mass_dry_g"),
-    ),
-    (
+MOISTURE = pa.DataFrameSchema(
+    {
+        "film_id": _text(),
+        "time_h": _number(NOT_NEGATIVE),
+        "mass_equilibrated_g": _number(POSITIVE),
+        "mass_dry_g": _number(POSITIVE),
+    },
+    [
         once("film_id", "give one row a film, and every film its own name"),
         at_most(
             "mass_dry_g", "mass_equilibrated_g", "a film loses mass when it dries", strictly=True
         ),
-    ),
+    ],
+    name="moisture.csv",
 )
-SHRINKAGE = Table(
-    "shrinkage",
-    "shrinkage.csv",
-    (_FILM, _mass("mass_poured_g"), _mass("mass_cured_g"), _mass("mass_conditioned_g")),
-    (
+SHRINKAGE = pa.DataFrameSchema(
+    {
+        "film_id": _text(),
+        "mass_poured_g": _number(POSITIVE),
+        "mass_cured_g": _number(POSITIVE),
+        "mass_conditioned_g": _number(POSITIVE),
+    },
+    [
         once("film_id", "give one row a film, and every film its own name"),
         at_most("mass_cured_g", "mass_poured_g", "a film loses mass when it cures"),
         at_most("mass_conditioned_g", "mass_cured_g", "a film loses mass when it is conditioned"),
-    ),
+    ],
+    name="shrinkage.csv",
 )
-TENSILE = Table(
-    "tensile",
-    "tensile.csv",
-    (
-        _SPECIMEN,
-        _DEGRADATION,
-        _DEGRADATION_SD,
-        _word("mode", *MODES),
-        Column("stretch", demands=(POSITIVE, STRETCHABLE)),
-        Column("stress_MPa"),
-        _word("stress_measure", "nominal", "cauchy"),
-    ),
-    (ONE_DEGRADATION, SOMETHING_STRESSED),
+TENSILE = pa.DataFrameSchema(
+    _specimens()
+    | {
+        "mode": _word(*MODES),
+        "stretch": _number(POSITIVE, STRETCHABLE),
+        "stress_MPa": _number(),
+        "stress_measure": _word("nominal", "cauchy"),
+    },
+    [ONE_DEGRADATION, SOMETHING_STRESSED],
+    name="tensile.csv",
 )
-BREAKS = Table(
-    "breaks",
-    "break.csv",
-    (_SPECIMEN, _DEGRADATION, _DEGRADATION_SD, Column("elongation_pct", demands=(POSITIVE,))),
-    (once("specimen_id", "a specimen breaks once; give every specimen its own name"),),
+BREAKS = pa.DataFrameSchema(
+    _specimens() | {"elongation_pct": _number(POSITIVE)},
+    [once("specimen_id", "a specimen breaks once; give every specimen its own name")],
+    name="break.csv",
 )
-ACTUATOR = Table(
-    "actuator",
-    "actuator.csv",
-    (
-        _SPECIMEN,
-        _DEGRADATION,
-        _DEGRADATION_SD,
-        Column("pressure_kPa"),
-        Column("curvature_per_m", may_be_empty=True),
-        Column("bend_angle_deg", required=False),
-        Column("curvature_sd_per_m", demands=(NOT_NEGATIVE,), required=False),
-        Column("time_s", demands=(NOT_NEGATIVE,), required=False),
-        Column("cycle", "whole", (POSITIVE, WHOLE), required=False, default=1),
-        _word("branch", "loading", "unloading"),
-        Column("humidity_pct", demands=(NOT_NEGATIVE, PERCENT), required=False),
-        _word("mount", "horizontal", "hanging", "bending_up", "bending_down"),
-        Column("ruptured", "whole", (BURST,), required=False, default=0),
-    ),
-    (
-        ONE_DEGRADATION,
-        PRESSURE_PROCEEDS,
-        TIME_PROCEEDS,
-        CURVATURE_RECORDED,
-        SOMETHING_APPLIED,
-    ),
+ACTUATOR = pa.DataFrameSchema(
+    _specimens()
+    | {
+        "pressure_kPa": _number(),
+        "curvature_per_m": _number(empty=True),
+        "bend_angle_deg": _number(optional=True),
+        "curvature_sd_per_m": _number(NOT_NEGATIVE, optional=True),
+        "time_s": _number(NOT_NEGATIVE, optional=True),
+        "cycle": _whole(POSITIVE, WHOLE, default=1),
+        "branch": _word("loading", "unloading"),
+        "humidity_pct": _number(NOT_NEGATIVE, PERCENT, optional=True),
+        "mount": _word("horizontal", "hanging", "bending_up", "bending_down"),
+        "ruptured": _whole(BURST, default=0),
+    },
+    [
+        *(ONE_DEGRADATION, PRESSURE_PROCEEDS, TIME_PROCEEDS),
+        *(CURVATURE_RECORDED, SOMETHING_APPLIED),
+    ],
+    name="actuator.csv",
 )
-SUMMARY = Table(
-    "summary",
-    "summary.csv",
-    (
-        Column("quantity", "text", one_of=tuple(UNITS_OF_STATISTICS)),
-        Column("degradation_pct", demands=(NOT_NEGATIVE, PERCENT), may_be_empty=True),
-        Column("value"),
-        Column("sd", demands=(NOT_NEGATIVE,), may_be_empty=True),
-        Column("n", demands=(POSITIVE, WHOLE), may_be_empty=True),
-        Column("unit", "text", may_be_empty=True, default="–"),
-        Column("source", "text"),
-    ),
-    SUMMARY_RULES,
+SUMMARY = pa.DataFrameSchema(
+    {
+        "quantity": _word(*UNITS_OF_STATISTICS, optional=False),
+        "degradation_pct": _number(NOT_NEGATIVE, PERCENT, empty=True),
+        "value": _number(),
+        "sd": _number(NOT_NEGATIVE, empty=True),
+        "n": _number(POSITIVE, WHOLE, empty=True),
+        "unit": _text(empty=True, default="–"),
+        "source": _text(),
+    },
+    SUMMARY_CHECKS,
+    name="summary.csv",
 )
-#: Every table of a study by its name.
-TABLES: Mapping[str, Table] = MappingProxyType(
-    {t.name: t for t in (MOISTURE, SHRINKAGE, TENSILE, BREAKS, ACTUATOR, SUMMARY)}
+#: Every table of a study by its name; the name of a schema is that of the file.
+TABLES: Mapping[str, pa.DataFrameSchema] = MappingProxyType(
+    {
+        "moisture": MOISTURE,
+        "shrinkage": SHRINKAGE,
+        "tensile": TENSILE,
+        "breaks": BREAKS,
+        "actuator": ACTUATOR,
+        "summary": SUMMARY,
+    }
 )
-
-
-def cell_schema(table: Table) -> pa.DataFrameSchema:
-    """Make the schema of single cells: types, ranges and known words.
-
-    Parameters
-    ----------
-    table : Table
-        One of `TABLES`.
-
-    Returns
-    -------
-    pandera.DataFrameSchema
-        Extra columns pass; check number ``i`` of a column is its demand ``i``, and the known
-        words come after the demands. Missing cells pass, since whether a cell may be empty is
-        judged on the text.
-
-    Examples
-    --------
-    >>> frame = pd.DataFrame({"film_id": ["a"], "time_h": [-1.0]})
-    >>> cell_schema(MOISTURE).validate(frame)
-    Traceback (most recent call last):
-    ...
-    pandera.errors.SchemaError: ...
-    """
-    return pa.DataFrameSchema(
-        {
-            column.name: pa.Column(
-                column.dtype,
-                [
-                    *(pa.Check(demand.holds, error=demand.problem) for demand in column.demands),
-                    *([pa.Check.isin(column.one_of)] if column.one_of else ()),
-                ],
-                nullable=True,
-                required=False,
-            )
-            for column in table.columns
-        }
-    )
-
-
-def row_schema(table: Table) -> pa.DataFrameSchema:
-    """Make the schema of rows: check number ``i`` is rule ``i`` of the table.
-
-    Parameters
-    ----------
-    table : Table
-        One of `TABLES`.
-
-    Returns
-    -------
-    pandera.DataFrameSchema
-        Takes a frame with all columns of the table.
-    """
-    return pa.DataFrameSchema(
-        checks=[pa.Check(rule.holds, error=rule.problem, ignore_na=False) for rule in table.rules]
-    )

@@ -501,4 +501,4 @@ def run_experiment(
 
 
 def _in_order_of_contract(name: str, table: pd.DataFrame) -> pd.DataFrame:
-    return table[[column.name for column in TABLES[name].columns if column.name in table]]
+    return table[[column for column in TABLES[name].columns if column in table]]

@@ -1,10 +1,11 @@
 """A virtual experiment → the texts of its files."""
 
-import json
 from collections.abc import Mapping
-from dataclasses import MISSING, dataclass, fields, replace
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import pandas as pd
+import tomli_w
 from pydantic import Field
 
 import bayesdeg
@@ -22,7 +23,7 @@ TRUTH_FILE = "truth.json"
 #: What a virtual experiment writes; published statistics are not virtual.
 VIRTUAL_FILES = (
     *(SETTINGS_FILE, TRUTH_FILE),
-    *(table.file for name, table in TABLES.items() if name != "summary"),
+    *(table.name for name, table in TABLES.items() if name != "summary"),
 )
 #: Of every file of it but `TRUTH_FILE`.
 FIRST_WORDS = "# virtual experiment made by"
@@ -79,7 +80,7 @@ def study_files(
         reads.
     """
     texts = {
-        TABLES[name].file: provenance.comment
+        TABLES[name].name: provenance.comment
         + table.map(spreadsheet_safe).to_csv(index=False, lineterminator="\n")
         for name, table in experiment.tables.items()
     }
@@ -158,44 +159,31 @@ def settings_text(settings: Settings) -> str:
     effort = "quick"
     <BLANKLINE>
     """
-    written: dict[str, list[str]] = {"": []}
+    written: dict[str, Any] = {}
     for entry in ENTRIES:
         holders = (settings, settings.dimensions, settings.recipe)
         [holder] = [one for one in holders if hasattr(one, entry.field)]
         value = getattr(holder, entry.field)
         if entry.key == "seed" or value != getattr(type(holder)(), entry.field):
-            written.setdefault(entry.table, []).append(f"{entry.key} = {_literal(value)}")
+            table = written.setdefault(entry.table, {}) if entry.table else written
+            table[entry.key] = _plain(value)
     if settings.priors:
-        priors = settings.priors.items()
-        written["priors"] = [f"{_quoted(name)} = {_law_text(law)}" for name, law in priors]
-    parts = (
-        "".join(f"{line}\n" for line in ([f"[{table}]"] if table else []) + lines)
-        for table, lines in written.items()
-    )
-    return "\n".join(parts)
+        written["priors"] = {name: _plain_law(law) for name, law in settings.priors.items()}
+    return tomli_w.dumps(written)
 
 
-def _law_text(law: Law) -> str:
+def _plain_law(law: Law) -> dict[str, object]:
     [name] = [name for name, kind in LAWS.items() if type(law) is kind]
-    pairs = [f'law = "{name}"']
-    for entry in fields(LAWS[name]):
-        value = getattr(law, entry.name)
-        if entry.default is MISSING or value != entry.default:
-            pairs.append(f"{entry.name} = {_literal(value)}")
-    return f"{{ {', '.join(pairs)} }}"
+    return {"law": name} | _changed(law)
 
 
-def _literal(value: object) -> str:
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, tuple):
-        return f"[{', '.join(_literal(entry) for entry in value)}]"
+def _plain(value: object) -> object:
     if isinstance(value, Known):
-        both = f"{{ value = {value.value!r}, sd = {value.sd!r} }}"
-        return both if value.sd > 0.0 else repr(value.value)
-    return _quoted(value) if isinstance(value, str) else repr(value)
+        return _changed(value) if value.sd > 0.0 else value.value
+    return list(value) if isinstance(value, tuple) else value
 
 
-def _quoted(text: str) -> str:
-    # JSON writes strings as TOML does, but for one control character
-    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+def _changed(record: Any) -> dict[str, object]:
+    """Return the fields of a record that do not hold their default."""
+    values = {entry.name: (getattr(record, entry.name), entry.default) for entry in fields(record)}
+    return {name: value for name, (value, default) in values.items() if value != default}

@@ -323,7 +323,7 @@ def test_its_stage_is_that_of_its_hooks(cause):
 
 @each_cause
 def test_what_it_needs_are_columns_of_the_actuators_table(cause):
-    assert set(cause.needs) <= {column.name for column in TABLES["actuator"].columns}
+    assert set(cause.needs) <= TABLES["actuator"].columns.keys()
 
 
 @each_cause

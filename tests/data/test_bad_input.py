@@ -354,6 +354,14 @@ def test_rows_of_a_misspelt_column_are_not_blamed(tmp_path: Path) -> None:
     assert (fault.column, fault.row) == ("elongation", 1)
 
 
+def test_a_file_of_which_every_row_has_too_few_cells_tells_each(tmp_path: Path) -> None:
+    text = GOOD["tensile.csv"].replace(",nominal", "").replace(",cauchy", "")
+    faults = faults_of(write(tmp_path, GOOD | {"tensile.csv": text}))
+    assert [(fault.file, fault.row) for fault in faults] == [
+        *(("tensile.csv", 3), ("tensile.csv", 4), ("tensile.csv", 5)),
+    ]
+
+
 def test_misspelt_file_is_named(tmp_path: Path) -> None:
     files = dict(GOOD)
     files["acutator.csv"] = files.pop("actuator.csv")

@@ -4,8 +4,8 @@ from bayesdeg.data.cells import check_header
 from bayesdeg.data.tables import ACTUATOR
 from bayesdeg.errors import Fault
 
-REQUIRED = [column.name for column in ACTUATOR.columns if column.required]
-OPTIONAL = [column.name for column in ACTUATOR.columns if not column.required]
+REQUIRED = [name for name, column in ACTUATOR.columns.items() if column.required]
+OPTIONAL = [name for name, column in ACTUATOR.columns.items() if not column.required]
 PLACE = Fault("actuator.csv", "", "", 1)
 
 

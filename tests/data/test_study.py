@@ -11,7 +11,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from bayesdeg.data.study import read_study
-from bayesdeg.data.tables import TABLES, cell_schema
+from bayesdeg.data.tables import TABLES, words_of
 from bayesdeg.quantities import QUANTITIES, axis_label
 
 FINITE = st.floats(-1e6, 1e6, allow_nan=False)
@@ -28,7 +28,7 @@ def read_tables(**texts: str) -> dict[str, pd.DataFrame | None]:
         folder = Path(made)
         (folder / "study.toml").write_text("[noise]\ndegradation_sd_pct = 0.7\n")
         for name, text in texts.items():
-            (folder / TABLES[name].file).write_bytes(text.encode())
+            (folder / TABLES[name].name).write_bytes(text.encode())
         study = read_study(folder)
     return {name: getattr(study, name) for name in TABLES}
 
@@ -232,6 +232,12 @@ def test_hashes_recorded_columns_and_names(tmp_path: Path) -> None:
 @pytest.mark.parametrize("table", TABLES.values(), ids=TABLES.keys())
 def test_every_column_is_in_the_one_table_of_names(table) -> None:
     for column in table.columns:
-        assert QUANTITIES[column.name].meaning
-        assert axis_label(column.name)
-    assert list(cell_schema(table).columns) == [column.name for column in table.columns]
+        assert QUANTITIES[column].meaning
+        assert axis_label(column)
+
+
+@pytest.mark.parametrize("table", TABLES.values(), ids=TABLES.keys())
+def test_every_check_has_its_words(table) -> None:
+    assert all(check.error and check.description for check in table.checks)
+    for column in table.columns.values():
+        assert all(c.error and (c.description or words_of(column)) for c in column.checks)

@@ -71,7 +71,7 @@ def test_the_limits_name_every_cause():
 def test_the_reference_has_every_column_key_option_and_priors(generate):
     pages = generate.reference_pages()
     for table in TABLES.values():
-        assert all(f"| `{c.name}` |" in pages["reference/study_files.md"] for c in table.columns)
+        assert all(f"| `{c}` |" in pages["reference/study_files.md"] for c in table.columns)
     for name, table in RUN_TABLES.items():
         section = pages["reference/run_folder.md"].split(f"## {name}.csv\n")[1].split("\n## ")[0]
         assert all(f"| `{column.name}` |" in section for column in table.columns)
