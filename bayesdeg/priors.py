@@ -2,10 +2,10 @@
 
 import difflib
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields, replace
 from functools import cached_property
-from typing import Protocol, override, runtime_checkable
+from typing import NamedTuple, Protocol, override, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -102,11 +102,13 @@ def require_finite(value: float, name: str) -> None:
         raise ValueError(f"{name} must be finite, not {value!r}")
 
 
-def normal_log_density(x: npt.ArrayLike, mean: float, sd: float) -> FloatArray:
+def normal_log_density(
+    x: npt.ArrayLike, mean: float | FloatArray, sd: float | FloatArray
+) -> FloatArray:
     """Return the log density of the normal law."""
     with np.errstate(over="ignore", under="ignore"):
         density: FloatArray = -0.5 * np.square((np.asarray(x, dtype=float) - mean) / sd)
-    return density - (math.log(sd) + _LOG_ROOT_TWO_PI)
+    return density - (np.log(sd) + _LOG_ROOT_TWO_PI)
 
 
 @dataclass(frozen=True)
@@ -277,7 +279,7 @@ class LogNormal(Law):
         x = np.asarray(x, dtype=float)
         positive = x > 0.0
         log_x = np.log(np.where(positive, x, 1.0))
-        density = normal_log_density(log_x, math.log(self.median), self.sigma) - log_x
+        density = normal_log_density(log_x, np.log(self.median), self.sigma) - log_x
         return np.where(positive, density, -math.inf)
 
     @override
@@ -582,6 +584,38 @@ def _number(value: object, key: str) -> float:
     return float(value)
 
 
+class _Together(NamedTuple):
+    """A law for several columns of vectors: one, or several of a class with arrays of arguments."""
+
+    law: Law
+    columns: list[int]
+
+
+_STACKED = (Normal, TruncatedNormal, LogNormal, HalfNormal)
+"""Laws that take arrays of arguments, as their scale depends on their class alone."""
+
+
+def _together(laws: Sequence[Law]) -> tuple[_Together, ...]:
+    """Return laws of a class as one: numpy's calls cost more than what they work out."""
+    columns: dict[object, list[int]] = {}
+    for i, law in enumerate(laws):
+        columns.setdefault(type(law) if type(law) in _STACKED else i, []).append(i)
+    return tuple(_Together(_stack([laws[i] for i in of]), of) for of in columns.values())
+
+
+def _stack(laws: Sequence[Law]) -> Law:
+    first = laws[0]
+    if len(laws) == 1 or not isinstance(first, _STACKED):
+        return first
+    stack = object.__new__(type(first))
+    for field in fields(first):
+        stack.__dict__[field.name] = np.array([getattr(law, field.name) for law in laws])
+    if isinstance(first, TruncatedNormal):
+        masses = [law._log_mass for law in laws if isinstance(law, TruncatedNormal)]
+        stack.__dict__["_log_mass"] = np.array(masses)
+    return stack
+
+
 Named = Mapping[str, FloatArray]
 """Values of parameters by name, each of shape (n,)."""
 
@@ -610,11 +644,18 @@ class ParameterTable:
         """Return the number of parameters."""
         return len(self.parameters)
 
+    @cached_property
+    def _together(self) -> tuple[_Together, ...]:
+        return _together([p.law for p in self.parameters])
+
     def named(self, vectors: FloatArray) -> dict[str, FloatArray]:
         """Return values by name from vectors (..., n_parameters)."""
-        return {
-            p.name: p.law.from_unconstrained(vectors[..., i]) for i, p in enumerate(self.parameters)
-        }
+        found: dict[str, FloatArray] = dict.fromkeys(self.names, vectors)
+        for law, columns in self._together:
+            values = law.from_unconstrained(vectors[..., columns])
+            for k, i in enumerate(columns):
+                found[self.parameters[i].name] = values[..., k]
+        return found
 
     def vectors(self, values: Named) -> FloatArray:
         """Return vectors (..., n_parameters) from values by name."""
@@ -622,9 +663,7 @@ class ParameterTable:
             [p.law.to_unconstrained(np.asarray(values[p.name])) for p in self.parameters], axis=-1
         )
 
-    def log_prior(
-        self, vectors: FloatArray, *, truncate: bool = True, values: Named | None = None
-    ) -> FloatArray:
+    def log_prior(self, vectors: FloatArray, *, truncate: bool = True) -> FloatArray:
         """Return the log prior density on the unconstrained scale, shape (...).
 
         Parameters
@@ -633,28 +672,22 @@ class ParameterTable:
             Unconstrained.
         truncate : bool
             False leaves out the bounds of truncated laws, for derivatives at a bound.
-        values : mapping, optional
-            What ``named`` returns of the vectors, where it is known already.
         """
-        total = np.zeros(vectors.shape[:-1])
-        for one in np.moveaxis(self.log_priors(vectors, truncate=truncate, values=values), -1, 0):
-            total = total + one
+        total: FloatArray = np.sum(self.log_priors(vectors, truncate=truncate), axis=-1)
         return total
 
-    def log_priors(
-        self, vectors: FloatArray, *, truncate: bool = True, values: Named | None = None
-    ) -> FloatArray:
+    def log_priors(self, vectors: FloatArray, *, truncate: bool = True) -> FloatArray:
         """Return the log prior density of each parameter, shape (..., n_parameters).
 
         The arguments are those of `log_prior`.
         """
-        values = self.named(vectors) if values is None else values
-        columns = []
-        for i, p in enumerate(self.parameters):
-            z, x = vectors[..., i], values[p.name]
-            density = p.law.log_density(x) if truncate else p.law.untruncated_log_density(x)
-            columns.append(density + p.law.log_jacobian(z))
-        return np.stack(columns, axis=-1) if columns else np.zeros((*vectors.shape[:-1], 0))
+        found = np.empty(vectors.shape)
+        for law, columns in self._together:
+            z = vectors[..., columns]
+            x = law.from_unconstrained(z)
+            density = law.log_density(x) if truncate else law.untruncated_log_density(x)
+            found[..., columns] = density + law.log_jacobian(z)
+        return found
 
     def sample(self, generator: np.random.Generator, count: int) -> FloatArray:
         """Draw vectors from the prior, shape (count, n_parameters)."""

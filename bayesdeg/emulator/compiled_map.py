@@ -25,7 +25,7 @@ _LN2_HIGH = 6.93147180369123816490e-01  # ln 2 in two parts, the first with 32 b
 _LN2_LOW = 1.90821492927058770002e-10
 _ROUNDING = 6755399441055744.0  # 1.5 · 2⁵²: adding it leaves the nearest whole number in low bits
 _LARGEST = 700.0  # exponents that a number of 64 bits holds
-_INVERSE_FACTORIALS = tuple(1.0 / math.factorial(n) for n in range(14))
+_F = tuple(1.0 / math.factorial(n) for n in range(14))
 
 
 @compiled
@@ -41,10 +41,11 @@ def exponentials(values: Floats) -> None:  # pragma: no cover - compiled
         shifted = x * _LOG2E + _ROUNDING
         n = shifted - _ROUNDING
         r = (x - n * _LN2_HIGH) - n * _LN2_LOW
-        total = _INVERSE_FACTORIALS[13]
-        for order in range(12, -1, -1):
-            total = total * r + _INVERSE_FACTORIALS[order]
-        values[k] = total
+        # written out: a loop here would keep the one around it from becoming vectors
+        total = _F[13] * r + _F[12]
+        total = (((total * r + _F[11]) * r + _F[10]) * r + _F[9]) * r + _F[8]
+        total = (((total * r + _F[7]) * r + _F[6]) * r + _F[5]) * r + _F[4]
+        values[k] = (((total * r + _F[3]) * r + _F[2]) * r + _F[1]) * r + _F[0]
         whole[k] = shifted
     for k in range(values.size):
         bits[k] = (bits[k] + 1023) << 52
@@ -251,8 +252,9 @@ def _tabulate(polynomials: Floats, load: Floats) -> None:  # pragma: no cover - 
     """Tabulate the Chebyshev polynomials of the load."""
     polynomials[0, :] = 1.0
     polynomials[1, :] = load
+    table = polynomials.reshape(-1)
     for n in range(2, len(polynomials)):
-        three = polynomials[n - 2 : n + 1].reshape(-1)
+        three = table[(n - 2) * BLOCK : (n + 1) * BLOCK]
         for lane in range(BLOCK):
             three[2 * BLOCK + lane] = 2.0 * load[lane] * three[BLOCK + lane] - three[lane]
 
@@ -261,8 +263,10 @@ def _tabulate(polynomials: Floats, load: Floats) -> None:  # pragma: no cover - 
 def _sum(sums: Floats, series: Floats, polynomials: Floats) -> None:  # pragma: no cover - compiled
     """Write the sums of four series in the load, two orders at a time."""
     sums[: _SUMS * BLOCK] = 0.0
+    # a reshape costs more than the sums of an order
+    coefficients, table = series.reshape(-1), polynomials.reshape(-1)
     for n in range(0, len(series), 2):
-        c, t = series[n : n + 2].reshape(-1), polynomials[n : n + 2].reshape(-1)
+        c, t = coefficients[n * _SUMS * BLOCK :], table[n * BLOCK :]
         for lane in range(BLOCK):
             even, odd = t[lane], t[BLOCK + lane]
             sums[lane] += c[lane] * even + c[4 * BLOCK + lane] * odd
@@ -277,8 +281,10 @@ def _sum_errors(
 ) -> None:  # pragma: no cover - compiled
     """Write the sums of the first three of four series in the load, two orders at a time."""
     sums[: Y * BLOCK] = 0.0
+    # a reshape costs more than the sums of an order
+    coefficients, table = series.reshape(-1), polynomials.reshape(-1)
     for n in range(0, len(series), 2):
-        c, t = series[n : n + 2].reshape(-1), polynomials[n : n + 2].reshape(-1)
+        c, t = coefficients[n * _SUMS * BLOCK :], table[n * BLOCK :]
         for lane in range(BLOCK):
             even, odd = t[lane], t[BLOCK + lane]
             sums[lane] += c[lane] * even + c[4 * BLOCK + lane] * odd

@@ -14,9 +14,9 @@ from itertools import combinations
 from typing import NamedTuple, Self
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from bayesdeg.compiled import compiled
 from bayesdeg.emulator.coordinates import SLACK
 from bayesdeg.emulator.scaling import CAUSES, MATERIAL, NAMES
 
@@ -220,6 +220,7 @@ def _tables(points: Floats, axis: int, orders: Indices) -> tuple[Floats, Floats]
 
 
 TOGETHER = 4  # terms, so that what they add to is read and written once
+OUTPUTS = 3  # for which products are read once
 ROW_AXES = tuple(axis for axis in range(1, len(NAMES)) if axis != SLACK)
 
 
@@ -237,7 +238,7 @@ class Plan(NamedTuple):
     products : array, shape (n_groups, 4)
         Of the terms of each group.
     coefficients : array, shape (n_groups, n_outputs, 4)
-        Of the terms; 0 where a group is not full.
+        Of the terms; 0 where a group is not full, and of outputs that make up whole `OUTPUTS`.
     n_orders, n_powers : int
         Orders in the load and powers of φ, zero included.
     """
@@ -302,10 +303,11 @@ def _grouped(
         for k in range(0, len(chosen), TOGETHER)
     ]
     members = np.zeros((len(parts), TOGETHER), dtype=np.int64)
-    sizes = np.zeros((len(parts), len(coefficients), TOGETHER))
+    n_outputs = len(coefficients)
+    sizes = np.zeros((len(parts), n_outputs + -n_outputs % OUTPUTS, TOGETHER))
     for k, part in enumerate(parts):
         members[k, : len(part)] = products[part]
-        sizes[k, :, : len(part)] = coefficients[:, part]
+        sizes[k, :n_outputs, : len(part)] = coefficients[:, part]
     return np.array([slots[part[0]] for part in parts], dtype=np.int64), members, sizes
 
 
@@ -360,7 +362,8 @@ def evaluate(
         plan.n_powers if phi is not None else 1,
         slopes,
     )
-    return summed
+    made_up = np.s_[len(terms.coefficients) : plan.coefficients.shape[1]]
+    return np.delete(summed, made_up, axis=0)
 
 
 def active_plan(terms: Terms, rows: Floats, *, slack: bool) -> Plan:
@@ -370,7 +373,7 @@ def active_plan(terms: Terms, rows: Floats, *, slack: bool) -> Plan:
     return plan_of(terms, tuple(acts.tolist()))
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def fill(
     table: Floats, axis_points: Floats, starts: Indices, first: int, count: int
 ) -> None:  # pragma: no cover - compiled
@@ -392,7 +395,7 @@ def fill(
                     table[n, lane] = z * table[n - 1, lane]
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def contract(
     along: Floats,
     product: Floats,
@@ -404,28 +407,30 @@ def contract(
     coefficients: Floats,
 ) -> None:  # pragma: no cover - compiled
     """Contract the terms of a block of rows to coefficients along load and φ."""
-    n_outputs = coefficients.shape[1]
     product[0, :] = 1.0
     for f in range(1, parents.shape[0]):
-        parent, factor = parents[f], factors[f]
+        new, parent, factor = product[f], product[parents[f]], table[factors[f]]
         for lane in range(BLOCK):
-            product[f, lane] = product[parent, lane] * table[factor, lane]
+            new[lane] = parent[lane] * factor[lane]
     along[:] = 0.0
+    sums = along.reshape(-1)
     for t in range(products.shape[0]):
-        slot, f, g, h, k = slots[t], products[t, 0], products[t, 1], products[t, 2], products[t, 3]
-        for output in range(n_outputs):
-            a, b = coefficients[t, output, 0], coefficients[t, output, 1]
-            c, d = coefficients[t, output, 2], coefficients[t, output, 3]
+        one, two = product[products[t, 0]], product[products[t, 1]]
+        three, four = product[products[t, 2]], product[products[t, 3]]
+        for output in range(0, coefficients.shape[1], OUTPUTS):
+            total = sums[(slots[t] * coefficients.shape[1] + output) * BLOCK :]
+            c = coefficients[t, output : output + OUTPUTS]
+            a0, a1, a2, a3 = c[0, 0], c[0, 1], c[0, 2], c[0, 3]
+            b0, b1, b2, b3 = c[1, 0], c[1, 1], c[1, 2], c[1, 3]
+            c0, c1, c2, c3 = c[2, 0], c[2, 1], c[2, 2], c[2, 3]
             for lane in range(BLOCK):
-                along[slot, output, lane] += (
-                    a * product[f, lane]
-                    + b * product[g, lane]
-                    + c * product[h, lane]
-                    + d * product[k, lane]
-                )
+                w, x, y, z = one[lane], two[lane], three[lane], four[lane]
+                total[lane] += (a0 * w + a1 * x) + (a2 * y + a3 * z)
+                total[BLOCK + lane] += (b0 * w + b1 * x) + (b2 * y + b3 * z)
+                total[2 * BLOCK + lane] += (c0 * w + c1 * x) + (c2 * y + c3 * z)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _along(
     value: Floats,
     along: Floats,
@@ -469,7 +474,7 @@ def _along(
             power[lane] *= phi[lane]
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _sum_terms(
     points: Floats,
     loads: Floats,

@@ -101,7 +101,7 @@ class Model:
             raise ValueError(f"parameters need distinct names, at least one, not {list(names)}")
         self.world.check(self.causes)
 
-    @property
+    @cached_property
     def table(self) -> ParameterTable:
         """All parameters, those of the causes last."""
         return with_causes(self.base, self.causes)
@@ -133,7 +133,7 @@ class Model:
         table = self.table
         with np.errstate(all="ignore"):
             values = table.named(vectors)
-            total = table.log_prior(vectors, truncate=truncate, values=values)
+            total = table.log_prior(vectors, truncate=truncate)
             for block in self.log_likelihood(values).values():
                 total = total + np.sum(block, axis=-1)
             total = np.where(self.allows(values), total, -np.inf)

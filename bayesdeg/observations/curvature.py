@@ -29,6 +29,7 @@ from bayesdeg.observations.kinds import (
     Stored,
 )
 from bayesdeg.observations.noise import (
+    LANES,
     Linearised,
     Paths,
     blocks_of_covariance,
@@ -321,32 +322,36 @@ def curve_density(
     """
     n, n_specimens, points = curves.curvature.shape
     n_readings = mask.shape[1]
-    alike = same_path(mask, gap)
-    gains, order = np.empty((3, n_readings)), np.empty(n_readings, np.int64)
-    scales, first = np.empty(n_readings), np.empty((points, 3))
-    residual, slope = np.empty(n_readings), np.empty((n_readings, 1))
-    variance = np.empty(n_readings)
-    for b in range(n):
-        count, constant = 0, 0.0
+    alike, count = same_path(mask, gap), 0
+    rows, white = np.zeros((n_readings, 4 * LANES)), np.empty((n_readings, 3 * LANES))
+    gains, order = np.empty((n_readings, 3 * LANES)), np.empty(n_readings, np.int64)
+    lengths, both, constant = np.empty(LANES), np.empty(LANES), np.empty(LANES)
+    found = np.empty((3, LANES))
+    for first in range(0, n, LANES):
+        here = min(LANES, n - first)
+        for lane in range(LANES):
+            b = first + min(lane, here - 1)
+            lengths[lane], both[lane] = length[b], correlation[b]
         for s in range(n_specimens):
             if not alike[s]:
-                count, constant = filter_of(
-                    length[b], correlation[b], mask[s], gap[s], points, gains, order
-                )
-            _curvatures(
-                readings[s], reading_sd[s], curves.curvature[b, s], curves.slope[b, s],
-                curves.curvature_sd[b, s], noise[b], mode[b, s], residual, slope, variance,
-            )  # fmt: skip
-            if n_readings > points:
-                _angles(
-                    readings[s], curves.angle[b, s], curves.angle_sd[b, s],
-                    curves.unread_curvature[b, s], curves.unread_slope[b, s], noise[b],
-                    mode[b, s], residual, slope, variance,
+                count = filter_of(lengths, both, mask[s], gap[s], points, gains, order, constant)
+            for lane in range(LANES):
+                b = first + min(lane, here - 1)
+                width = math.sqrt(spread[b, s])
+                _curvatures(
+                    readings[s], reading_sd[s], curves.curvature[b, s], curves.slope[b, s],
+                    curves.curvature_sd[b, s], noise[b], mode[b, s], width, rows[:, lane::LANES],
                 )  # fmt: skip
-            density[b, s], deviation[b, s], _ = specimen_density(
-                residual, slope, variance, (math.sqrt(spread[b, s]), 0.0), correlation[b],
-                constant, gains, order[:count], scales, first,
-            )  # fmt: skip
+                if n_readings > points:
+                    _angles(
+                        readings[s], curves.angle[b, s], curves.angle_sd[b, s],
+                        curves.unread_curvature[b, s], curves.unread_slope[b, s], noise[b],
+                        mode[b, s], width, rows[:, lane::LANES],
+                    )  # fmt: skip
+            specimen_density(rows, gains, order[:count], points, both, constant, white, found)
+            for lane in range(here):
+                density[first + lane, s] = found[0, lane]
+                deviation[first + lane, s] = found[1, lane] * math.sqrt(spread[first + lane, s])
 
 
 @compiled
@@ -358,17 +363,16 @@ def _curvatures(
     sd: Floats,
     noise: Floats,
     mode: float,
-    residual: Floats,
-    slope: Floats,
-    variance: Floats,
+    width: float,
+    rows: Floats,
 ) -> None:
     """Linearise the curvatures of one specimen about its deviation."""
     for j in range(len(curvature)):
         error = noise[1] * curvature[j]
-        slope[j, 0] = -growth[j]
-        residual[j] = readings[j] - curvature[j] - growth[j] * mode
-        variance[j] = noise[0] * noise[0] + error * error + sd[j] * sd[j]
-        variance[j] += reading_sd[j] * reading_sd[j]
+        rows[j, 0] = readings[j] - curvature[j] - growth[j] * mode
+        rows[j, 1] = -growth[j] * width
+        variance = noise[0] * noise[0] + error * error + sd[j] * sd[j]
+        rows[j, 3] = variance + reading_sd[j] * reading_sd[j]
 
 
 @compiled
@@ -380,18 +384,17 @@ def _angles(
     growth: Floats,
     noise: Floats,
     mode: float,
-    residual: Floats,
-    slope: Floats,
-    variance: Floats,
+    width: float,
+    rows: Floats,
 ) -> None:
     """Linearise the bend angles of one specimen, which grow as the curvature does."""
     points = len(angle)
     for j in range(points):
         relative = growth[j] / (math.inf if curvature[j] == 0.0 else curvature[j])
-        error = noise[3] * angle[j]
-        slope[points + j, 0] = -angle[j] * relative
-        residual[points + j] = readings[points + j] - angle[j] + slope[points + j, 0] * mode
-        variance[points + j] = noise[2] * noise[2] + error * error + sd[j] * sd[j]
+        error, slope = noise[3] * angle[j], -angle[j] * relative
+        rows[points + j, 0] = readings[points + j] - angle[j] + slope * mode
+        rows[points + j, 1] = slope * width
+        rows[points + j, 3] = noise[2] * noise[2] + error * error + sd[j] * sd[j]
 
 
 FARTHEST = 1.0

@@ -36,8 +36,8 @@ Indices = NDArray[np.int64]
 LOG_TWO_PI = math.log(2.0 * math.pi)
 INDEPENDENT = 0.2
 """Share of the variance of an error that is the reading's own: rounding, picking of markers."""
-MOST_DEVIATIONS = 2
-"""Of a specimen; the normal equations are written out for so many."""
+LANES = 32
+"""Vectors that go through side by side, so that the compiler takes them as the processor's."""
 
 
 class Paths(NamedTuple):
@@ -109,108 +109,163 @@ def same_path(mask: Flags, gap: Floats) -> Flags:
 
 @compiled
 def filter_of(
-    length: float,
-    correlation: float,
+    length: Floats,
+    correlation: Floats,
     mask: Flags,
     gap: Floats,
     points: int,
     gains: Floats,
     order: Indices,
-) -> tuple[int, float]:
-    """Write the filter of one path; return how many readings it has, and its part of ln det.
+    constant: Floats,
+) -> int:
+    """Write the filters of one path for `LANES` lengths; return how many readings it has.
 
-    ``order`` receives which readings there are; ``gains`` for each of them, in that order, the
-    decay since the last, the gain, and 1 over the standard deviation of the innovation. The part
-    of ln det(2π R) is that of the correlations R, without the variances.
+    ``order`` receives which readings there are; ``gains``, (n_readings, 3 `LANES`), for each of
+    them, in that order, the decay since the last, the gain, and 1 over the standard deviation of
+    the innovation; ``constant``, (`LANES`,), their part of ln det(2π R), which is that of the
+    correlations R, without the variances.
     """
-    count, logs, product = 0, 0.0, 1.0
-    step, decay, known = -1.0, 0.0, 0.0
-    share = 1.0 - correlation * correlation
+    count, step = 0, -1.0
+    known, decay, product = np.empty(LANES), np.empty(LANES), np.ones(LANES)
+    constant[:] = 0.0
     for j in range(len(mask)):
         if j % points == 0:  # before the first reading of an output nothing is known
-            known = 1.0 - INDEPENDENT
+            known[:] = 1.0 - INDEPENDENT
         if not mask[j]:
             continue
         if gap[j] != step:  # most steps of a path are alike
             step = gap[j]
-            decay = math.exp(-step / length)
-        ahead = decay * decay * known + (1.0 - decay * decay) * (1.0 - INDEPENDENT)
-        total = ahead + INDEPENDENT
-        known = ahead * INDEPENDENT / total
-        gains[0, count], gains[1, count] = decay, ahead / total
-        gains[2, count] = 1.0 / math.sqrt(total)
+            for lane in range(LANES):
+                decay[lane] = math.exp(-step / length[lane])
+        gain = gains[count]
+        for lane in range(LANES):
+            square = decay[lane] * decay[lane]
+            ahead = square * known[lane] + (1.0 - square) * (1.0 - INDEPENDENT)
+            total = ahead + INDEPENDENT
+            known[lane] = ahead * INDEPENDENT / total
+            gain[lane], gain[LANES + lane] = decay[lane], ahead / total
+            gain[2 * LANES + lane] = 1.0 / math.sqrt(total)
+            share = 1.0 - correlation[lane] * correlation[lane] if j >= points else 1.0
+            product[lane] *= total * share
+        _take_logs(product, constant)
         order[count] = j
         count += 1
-        product *= total * (share if j >= points else 1.0)
-        if not 1e-200 < product < 1e200:  # also where it is not a number
-            logs += math.log(product)
-            product = 1.0
-    return count, logs + math.log(product) + count * LOG_TWO_PI
+    for lane in range(LANES):
+        constant[lane] += math.log(product[lane]) + count * LOG_TWO_PI
+    return count
+
+
+@compiled
+def _take_logs(product: Floats, logs: Floats) -> None:
+    """Add the logarithms of products that would soon be no numbers, which begin anew."""
+    for lane in range(LANES):
+        if not 1e-200 < product[lane] < 1e200:  # also where it is not a number
+            logs[lane] += math.log(product[lane])
+            product[lane] = 1.0
+
+
+@compiled
+def whiten(
+    rows: Floats, gains: Floats, order: Indices, points: int, correlation: Floats, white: Floats
+) -> None:
+    """Write readings, and what deviations do to them, less what those before them tell.
+
+    Parameters
+    ----------
+    rows : array, shape (n_readings, 4 LANES)
+        Residual, its slopes by both deviations times τ, and variance; the first three are divided
+        by the standard deviation.
+    gains, order
+        From `filter_of`; ``order`` is cut to its count.
+    points : int
+        Readings of the first output.
+    correlation : array, shape (LANES,)
+        c of the outputs.
+    white : array, shape (n_readings, 3 LANES)
+        Written in the order of the filter: independent of one another, of unit variance.
+
+    Notes
+    -----
+    The Kalman filter of a process of Ornstein–Uhlenbeck that is read with errors.
+    """
+    share, last = np.empty(LANES), np.zeros(3 * LANES)
+    for lane in range(LANES):
+        share[lane] = 1.0 / math.sqrt(1.0 - correlation[lane] * correlation[lane])
+    for i in range(len(order)):
+        row, gain, out = rows[order[i]], gains[i], white[i]
+        for lane in range(LANES):
+            scale = 1.0 / math.sqrt(row[3 * LANES + lane])
+            row[lane] *= scale
+            row[LANES + lane] *= scale
+            row[2 * LANES + lane] *= scale
+        for k in range(3 * LANES):
+            out[k] = row[k]
+        if order[i] >= points:
+            before = rows[order[i] - points]
+            for k in range(0, 3 * LANES, LANES):
+                for lane in range(LANES):
+                    out[k + lane] -= correlation[lane] * before[k + lane]
+                    out[k + lane] *= share[lane]
+        for k in range(0, 3 * LANES, LANES):
+            for lane in range(LANES):
+                decayed = gain[lane] * last[k + lane]  # an output's first gap is infinite
+                new = out[k + lane] - decayed
+                last[k + lane] = decayed + gain[LANES + lane] * new
+                out[k + lane] = new * gain[2 * LANES + lane]
 
 
 @compiled
 def specimen_density(
-    residual: Floats,
-    slope: Floats,
-    variance: Floats,
-    widths: tuple[float, float],
-    correlation: float,
-    constant: float,
+    rows: Floats,
     gains: Floats,
     order: Indices,
-    scales: Floats,
-    first: Floats,
-) -> tuple[float, float, float]:
-    """Return the log density of one specimen's readings and its most probable deviations.
+    points: int,
+    correlation: Floats,
+    constant: Floats,
+    white: Floats,
+    found: Floats,
+) -> None:
+    """Write log densities of one specimen's readings and its most probable deviations over τ.
 
     Parameters
     ----------
-    residual, slope, variance : array, shape (n_readings,), (n_readings, n_deviations)
-        As `bayesdeg.observations.noise.Linearised`.
-    widths : tuple of float
-        τ of the deviations; the second is not read where there is one.
-    correlation : float
-        c of the outputs.
-    constant, gains, order
-        From `filter_of`; ``order`` is cut to its count.
-    scales, first : array, shape (n_readings,), (n_points, 3)
-        Working space; the latter for all of the first output.
+    rows, gains, order, points, correlation, white
+        As `whiten`.
+    constant : array, shape (LANES,)
+        From `filter_of`.
+    found : array, shape (3, LANES)
+        Written.
 
     Notes
     -----
-    Each reading is whitened by those before it, with the Kalman filter of a process of
-    Ornstein–Uhlenbeck that is read with errors; the same for the columns of J. What remains is the
-    regression of the whitened readings on τ J with unit errors, whose normal equations have as many
-    unknowns as a specimen has deviations.
+    What remains of whitened readings is their regression on τ J with unit errors, whose normal
+    equations have as many unknowns as a specimen has deviations.
     """
-    points = len(first)
-    two = slope.shape[1] == MOST_DEVIATIONS
-    share = 1.0 / math.sqrt(1.0 - correlation * correlation)
-    logs = constant + _scales(variance, order, scales)
-    # of the process of the residual and of both slopes; an output's first gap is infinite
-    last, one, other = 0.0, 0.0, 0.0
-    g00, g10, g11, g20, g21, g22 = 1.0, 0.0, 1.0, 0.0, 0.0, 0.0
+    logs, product, sums = constant.copy(), np.ones(LANES), np.zeros(6 * LANES)
     for i in range(len(order)):
-        j = order[i]
-        decay, gain, narrowing = gains[0, i], gains[1, i], gains[2, i]
-        x, y = residual[j] * scales[i], slope[j, 0] * (widths[0] * scales[i])
-        z = slope[j, 1] * (widths[1] * scales[i]) if two else 0.0
-        if j < points:
-            first[j, 0], first[j, 1], first[j, 2] = x, y, z
-        else:
-            at = j - points
-            x = (x - correlation * first[at, 0]) * share
-            y = (y - correlation * first[at, 1]) * share
-            z = (z - correlation * first[at, 2]) * share
-        x, y, z = x - decay * last, y - decay * one, z - decay * other
-        last = decay * last + gain * x
-        one = decay * one + gain * y
-        other = decay * other + gain * z
-        x, y, z = x * narrowing, y * narrowing, z * narrowing
-        g00, g10, g11 = g00 + y * y, g10 + y * z, g11 + z * z
-        g20, g21, g22 = g20 + x * y, g21 + x * z, g22 + x * x
-    left, u, v = _regression(g00, g10, g11, g20, g21, g22)
-    return -0.5 * (logs + left), u * widths[0], v * widths[1]
+        variance = rows[order[i], 3 * LANES :]
+        for lane in range(LANES):
+            product[lane] *= variance[lane]
+        _take_logs(product, logs)
+    whiten(rows, gains, order, points, correlation, white)
+    sums[:LANES], sums[2 * LANES : 3 * LANES] = 1.0, 1.0
+    for i in range(len(order)):
+        one = white[i]
+        for lane in range(LANES):
+            x, y, z = one[lane], one[LANES + lane], one[2 * LANES + lane]
+            sums[lane] += y * y
+            sums[LANES + lane] += y * z
+            sums[2 * LANES + lane] += z * z
+            sums[3 * LANES + lane] += x * y
+            sums[4 * LANES + lane] += x * z
+            sums[5 * LANES + lane] += x * x
+    for lane in range(LANES):
+        left, u, v = _regression(
+            sums[lane], sums[LANES + lane], sums[2 * LANES + lane],
+            sums[3 * LANES + lane], sums[4 * LANES + lane], sums[5 * LANES + lane],
+        )  # fmt: skip
+        left += logs[lane] + math.log(product[lane])
+        found[0, lane], found[1, lane], found[2, lane] = -0.5 * left, u, v
 
 
 @compiled
@@ -235,22 +290,6 @@ def _regression(
 
 
 @compiled
-def _scales(variance: Floats, order: Indices, scales: Floats) -> float:
-    """Write 1 over the standard deviations of the readings in order; return ln Π v."""
-    logs, product = 0.0, 1.0
-    for i in range(len(order)):
-        v = variance[order[i]]
-        scales[i] = v
-        product *= v
-        if not 1e-200 < product < 1e200:  # also where it is not a number
-            logs += math.log(product)
-            product = 1.0
-    for i in range(len(order)):
-        scales[i] = 1.0 / math.sqrt(scales[i])
-    return logs + math.log(product)
-
-
-@compiled
 def path_innovations(
     residual: Floats,
     slope: Floats,
@@ -271,89 +310,56 @@ def path_innovations(
 
     Notes
     -----
-    A Kalman filter whose state is the specimen's deviations m ~ N(0, τ²) and the common part x of
-    the error, an Ornstein–Uhlenbeck process: readings over their errors' sd are
-    u = J m/√v + x + e with e the reading's own error. Readings of the second output less c times
-    those of the first, over √(1 − c²), have a process of their own.
+    Whitened readings are learnt from one after another: x = τ J m + e with m ~ N(0, 1) and unit
+    errors.
     """
     n, n_specimens, n_readings = residual.shape
-    k = slope.shape[-1]
-    mean, cross, row = np.empty(k + 1), np.empty(k + 1), np.empty(k + 1)
-    state, first = np.empty((k + 1, k + 1)), np.empty((points, k + 1))
-    for b in range(n):
-        share = math.sqrt(1.0 - correlation[b] * correlation[b])
+    alike, count = same_path(mask, gap), 0
+    rows, white = np.zeros((n_readings, 4 * LANES)), np.empty((n_readings, 3 * LANES))
+    gains, order = np.empty((n_readings, 3 * LANES)), np.empty(n_readings, np.int64)
+    lengths, both, constant = np.empty(LANES), np.empty(LANES), np.empty(LANES)
+    score[:] = 0.0
+    log_sd[:] = 0.0
+    for first in range(0, n, LANES):
+        here = min(LANES, n - first)
+        for lane in range(LANES):
+            b = first + min(lane, here - 1)
+            lengths[lane], both[lane] = length[b], correlation[b]
         for s in range(n_specimens):
-            mean[:] = 0.0
-            state[:] = 0.0
-            for i in range(k):
-                state[i, i] = spread[b, s, i]
-            for j in range(n_readings):
-                if j % points == 0:
-                    _begin_output(mean, state)
-                score[b, s, j] = 0.0
-                log_sd[b, s, j] = 0.0
-                if not mask[s, j]:
-                    continue
-                sd = math.sqrt(variance[b, s, j])
-                row[k] = residual[b, s, j] / sd
-                for i in range(k):
-                    row[i] = slope[b, s, j, i] / sd
-                for i in range(k + 1):
-                    if j < points:
-                        first[j, i] = row[i]
-                    else:
-                        row[i] = (row[i] - correlation[b] * first[j - points, i]) / share
-                _predict(mean, state, math.exp(-gap[s, j] / length[b]))
-                score[b, s, j], total = _update(mean, state, row, cross)
-                log_sd[b, s, j] = math.log(sd * (1.0 if j < points else share))
-                log_sd[b, s, j] += 0.5 * math.log(total)
+            if not alike[s]:
+                count = filter_of(lengths, both, mask[s], gap[s], points, gains, order, constant)
+            for lane in range(here):
+                b = first + lane
+                for j in range(n_readings):
+                    rows[j, lane], rows[j, 3 * LANES + lane] = residual[b, s, j], variance[b, s, j]
+                    for k in range(slope.shape[3]):
+                        width = math.sqrt(spread[b, s, k])
+                        rows[j, (1 + k) * LANES + lane] = slope[b, s, j, k] * width
+            whiten(rows, gains, order[:count], points, both, white)
+            for lane in range(here):
+                b = first + lane
+                _learn(white[:, lane::LANES], order[:count], score[b, s], log_sd[b, s])
+                share = math.sqrt(1.0 - both[lane] * both[lane])
+                for i in range(count):
+                    j = order[i]
+                    sd = math.sqrt(variance[b, s, j]) * (1.0 if j < points else share)
+                    log_sd[b, s, j] += math.log(sd / gains[i, 2 * LANES + lane])
 
 
 @compiled
-def _begin_output(mean: Floats, state: Floats) -> None:
-    """Let the process of an output begin anew, independent of what was before."""
-    k = len(mean) - 1
-    mean[k] = 0.0
-    for i in range(k):
-        state[i, k] = 0.0
-        state[k, i] = 0.0
-    state[k, k] = 1.0 - INDEPENDENT
-
-
-@compiled
-def _predict(mean: Floats, state: Floats, decay: float) -> None:
-    """Let the process run to the next reading."""
-    k = len(mean) - 1
-    mean[k] *= decay
-    for i in range(k):
-        state[i, k] *= decay
-        state[k, i] = state[i, k]
-    square = decay * decay
-    state[k, k] = square * state[k, k] + (1.0 - square) * (1.0 - INDEPENDENT)
-
-
-@compiled
-def _update(mean: Floats, state: Floats, row: Floats, cross: Floats) -> tuple[float, float]:
-    """Learn from a reading u = J m + x + e, ``row`` being J and u.
-
-    Returns the standardised innovation and the variance of u given what was before.
-    """
-    k = len(mean) - 1
-    innovation, total = row[k] - mean[k], INDEPENDENT
-    for i in range(k):
-        innovation -= row[i] * mean[i]
-    for i in range(k + 1):
-        cross[i] = state[i, k]
-        for m in range(k):
-            cross[i] += state[i, m] * row[m]
-    total = total + cross[k]
-    for i in range(k):
-        total += row[i] * cross[i]
-    for i in range(k + 1):
-        mean[i] += cross[i] * innovation / total
-        for m in range(k + 1):
-            state[i, m] -= cross[i] * cross[m] / total
-    return innovation / math.sqrt(total), total
+def _learn(white: Floats, order: Indices, score: Floats, log_sd: Floats) -> None:
+    """Write scores and ln sd of whitened readings (n, 3) of one specimen given those before."""
+    mean, other = 0.0, 0.0
+    var, cov, var_other = 1.0, 0.0, 1.0
+    for i in range(len(order)):
+        x, y, z = white[i, 0], white[i, 1], white[i, 2]
+        p, q = var * y + cov * z, cov * y + var_other * z
+        total = 1.0 + y * p + z * q
+        gap = x - y * mean - z * other
+        score[order[i]] = gap / math.sqrt(total)
+        log_sd[order[i]] = 0.5 * math.log(total)
+        mean, other = mean + p * gap / total, other + q * gap / total
+        var, cov, var_other = var - p * p / total, cov - p * q / total, var_other - q * q / total
 
 
 HELD = 300_000  # entries of covariance matrices that are held at a time: what a cache holds

@@ -25,6 +25,7 @@ from bayesdeg.observations.kinds import (
     State,
 )
 from bayesdeg.observations.noise import (
+    LANES,
     Linearised,
     Paths,
     blocks_of_covariance,
@@ -170,52 +171,61 @@ def film_density(
         Written: of the last linearisation, and what follows from it.
     """
     n, n_specimens, n_points = at_rest.shape
-    alike = same_path(mask, gap)
-    gains, order = np.empty((3, n_points)), np.empty(n_points, np.int64)
-    scales, first = np.empty(n_points), np.empty((n_points, 3))
-    residual, slope = np.empty(n_points), np.empty((n_points, 2))
-    variance = np.empty(n_points)
-    for b in range(n):
-        count, constant = 0, 0.0
+    alike, count = same_path(mask, gap), 0
+    rows, white = np.empty((n_points, 4 * LANES)), np.empty((n_points, 3 * LANES))
+    gains, order = np.empty((n_points, 3 * LANES)), np.empty(n_points, np.int64)
+    lengths, none, constant = np.empty(LANES), np.zeros(LANES), np.empty(LANES)
+    median, law, found = np.empty((n_points, 2 * LANES)), np.empty(6 * LANES), np.empty((3, LANES))
+    for first in range(0, n, LANES):
+        here = min(LANES, n - first)
+        for lane in range(LANES):
+            lengths[lane] = length[first + min(lane, here - 1)]
         for s in range(n_specimens):
             if not alike[s]:
-                count, constant = filter_of(length[b], 0.0, mask[s], gap[s], n_points, gains, order)
-            widths = (math.sqrt(spread[b, s, 0]), math.sqrt(spread[b, s, 1]))
-            log_stiffness, rate, found = 0.0, 0.0, 0.0
+                count = filter_of(lengths, none, mask[s], gap[s], n_points, gains, order, constant)
+            for lane in range(LANES):
+                b = first + min(lane, here - 1)
+                law[lane], law[LANES + lane] = noise[b, 0] * noise[b, 0], noise[b, 1]
+                law[2 * LANES + lane] = math.sqrt(spread[b, s, 0])
+                law[3 * LANES + lane] = math.sqrt(spread[b, s, 1])
+                for j in range(n_points):
+                    median[j, lane], median[j, LANES + lane] = at_rest[b, s, j], by_rate[b, s, j]
+            law[4 * LANES :] = 0.0
             for _ in range(passes):
-                _linearise(
-                    stress[s], at_rest[b, s], by_rate[b, s], noise[b], log_stiffness, rate,
-                    residual, slope, variance,
+                _linearise(stress[s], median, law, rows)
+                specimen_density(
+                    rows, gains, order[:count], n_points, none, constant, white, found
                 )  # fmt: skip
-                found, log_stiffness, rate = specimen_density(
-                    residual, slope, variance, widths, 0.0, constant, gains, order[:count],
-                    scales, first,
-                )  # fmt: skip
-            density[b, s] = found
-            deviation[b, s, 0], deviation[b, s, 1] = log_stiffness, rate
+                for lane in range(LANES):
+                    law[4 * LANES + lane] = found[1, lane] * law[2 * LANES + lane]
+                    law[5 * LANES + lane] = found[2, lane] * law[3 * LANES + lane]
+            for lane in range(here):
+                density[first + lane, s] = found[0, lane]
+                deviation[first + lane, s, 0] = law[4 * LANES + lane]
+                deviation[first + lane, s, 1] = law[5 * LANES + lane]
 
 
 @compiled
-def _linearise(
-    stress: Floats,
-    at_rest: Floats,
-    by_rate: Floats,
-    noise: Floats,
-    log_stiffness: float,
-    rate: float,
-    residual: Floats,
-    slope: Floats,
-    variance: Floats,
-) -> None:
-    """Linearise the stresses of one film about its deviations, as ``films.film_readings``."""
-    factor = math.exp(log_stiffness)
+def _linearise(stress: Floats, median: Floats, law: Floats, rows: Floats) -> None:
+    """Linearise the stresses of one film about its deviations, as ``films.film_readings``.
+
+    ``law`` holds the constant error's square, the proportional error, τ of both deviations, and
+    the deviations, each for `LANES` vectors.
+    """
+    factor = np.empty(LANES)
+    for lane in range(LANES):
+        factor[lane] = math.exp(law[4 * LANES + lane])
     for j in range(len(stress)):
-        change = factor * by_rate[j]
-        expected = factor * at_rest[j] + change * rate
-        slope[j, 0], slope[j, 1] = expected, change
-        residual[j] = stress[j] - expected + expected * log_stiffness + change * rate
-        error = noise[1] * expected
-        variance[j] = noise[0] * noise[0] + error * error
+        at, row = median[j], rows[j]
+        for lane in range(LANES):
+            log_stiffness, rate = law[4 * LANES + lane], law[5 * LANES + lane]
+            change = factor[lane] * at[LANES + lane]
+            expected = factor[lane] * at[lane] + change * rate
+            row[lane] = stress[j] - expected + expected * log_stiffness + change * rate
+            row[LANES + lane] = expected * law[2 * LANES + lane]
+            row[2 * LANES + lane] = change * law[3 * LANES + lane]
+            error = law[LANES + lane] * expected
+            row[3 * LANES + lane] = law[lane] + error * error
 
 
 PASSES = 3

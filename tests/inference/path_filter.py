@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from bayesdeg.observations.noise import filter_of, specimen_density
+from bayesdeg.observations.noise import LANES, filter_of, specimen_density
 
 
 def density_and_mode(curves):
@@ -10,15 +10,19 @@ def density_and_mode(curves):
     mask, gap, _, points = curves.paths
     n, n_specimens, n_deviations = curves.spread.shape
     density, deviation = np.empty((n, n_specimens)), np.empty((n, n_specimens, 2))
-    gains, order = np.empty((3, mask.shape[1])), np.empty(mask.shape[1], np.int64)
-    scales, first = np.empty(mask.shape[1]), np.empty((points, 3))
+    size = mask.shape[1]
+    gains, order, constant = np.empty((size, 3 * LANES)), np.empty(size, np.int64), np.empty(LANES)
+    white, found = np.empty((size, 3 * LANES)), np.empty((3, LANES))
     for b, s in np.ndindex(n, n_specimens):
-        path = (float(curves.length[b]), float(curves.correlation[b]), mask[s].copy())
-        count, constant = filter_of(*path, gap[s].copy(), points, gains, order)
+        length, correlation = (np.full(LANES, v[b]) for v in (curves.length, curves.correlation))
+        path = (mask[s].copy(), gap[s].copy(), points)
+        count = filter_of(length, correlation, *path, gains, order, constant)
         widths = np.zeros(2)
         widths[:n_deviations] = np.sqrt(curves.spread[b, s])
-        arrays = (part[b, s].copy() for part in (curves.residual, curves.slope, curves.variance))
-        density[b, s], *deviation[b, s] = specimen_density(
-            *arrays, (widths[0], widths[1]), path[1], constant, gains, order[:count], scales, first
-        )
+        rows = np.zeros((size, 4))
+        rows[:, 0], rows[:, 3] = curves.residual[b, s], curves.variance[b, s]
+        rows[:, 1 : 1 + n_deviations] = curves.slope[b, s] * widths[:n_deviations]
+        lanes = np.repeat(rows, LANES, axis=1)
+        specimen_density(lanes, gains, order[:count], points, correlation, constant, white, found)
+        density[b, s], *deviation[b, s] = found[:, LANES - 1] * [1.0, *widths]
     return density, deviation[..., :n_deviations]
