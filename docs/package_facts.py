@@ -23,13 +23,13 @@ import bayesdeg.causes
 from bayesdeg.commands.lazy import COMMANDS, loaded
 from bayesdeg.data.settings import ENTRIES, Dimensions, Settings
 from bayesdeg.data.shrinkage import Known, Recipe
-from bayesdeg.data.study import read_study
-from bayesdeg.data.tables import TABLES as STUDY_TABLES
 from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.laboratory.design import Design
 from bayesdeg.laboratory.experiment import run_experiment
 from bayesdeg.laboratory.truth import HiddenEffect, Truth
+from bayesdeg.observations.catalogue import TABLES as STUDY_TABLES
 from bayesdeg.pipeline.assemble import assemble
+from bayesdeg.pipeline.reading import read_study
 from bayesdeg.priors import LAWS
 from bayesdeg.quantities import QUANTITIES
 from bayesdeg.report.tables import TABLES as RUN_TABLES

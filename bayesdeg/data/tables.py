@@ -319,12 +319,31 @@ class Column:
 
 @dataclass(frozen=True)
 class Table:
-    """One file: its columns, and what its rows must fulfil together."""
+    """One file: its columns, and what its rows must fulfil together.
+
+    Parameters
+    ----------
+    name, file : str
+        In a `bayesdeg.data.study.Study`, and in its folder.
+    columns : tuple of Column
+        Those of the contract; a file may have more.
+    rules : tuple of Rule
+        What rows must fulfil together.
+    cost : str
+        What a study without it goes without; empty where nothing is missed.
+    supports : str
+        Which statements of a report rest on it.
+    counts : str
+        What stands in its first column, in the plural: of these the report gives the number.
+    """
 
     name: str
     file: str
     columns: tuple[Column, ...]
     rules: tuple[Rule, ...] = ()
+    cost: str = ""
+    supports: str = ""
+    counts: str = "specimens"
 
 
 POSITIVE = Demand("is not above 0", "give a number above 0", lambda x: x > 0.0)
@@ -372,6 +391,7 @@ MOISTURE = Table(
             "mass_dry_g", "mass_equilibrated_g", "a film loses mass when it dries", strictly=True
         ),
     ),
+    cost="degradation rates are taken as recorded, without a check against time",
 )
 SHRINKAGE = Table(
     "shrinkage",
@@ -382,6 +402,9 @@ SHRINKAGE = Table(
         at_most("mass_cured_g", "mass_poured_g", "a film loses mass when it cures"),
         at_most("mass_conditioned_g", "mass_cured_g", "a film loses mass when it is conditioned"),
     ),
+    cost="the volume ratio α rests on its prior and published statistics",
+    supports="volume ratio α",
+    counts="films",
 )
 TENSILE = Table(
     "tensile",
@@ -396,29 +419,44 @@ TENSILE = Table(
         _word("stress_measure", "nominal", "cauchy"),
     ),
     (ONE_DEGRADATION, SOMETHING_STRESSED),
+    cost="the Yeoh constants rest on priors and published statistics",
+    supports="Yeoh constants against degradation",
 )
 BREAKS = Table(
     "breaks",
     "break.csv",
     (_SPECIMEN, _DEGRADATION, _DEGRADATION_SD, Column("elongation_pct", demands=(POSITIVE,))),
     (once("specimen_id", "a specimen breaks once; give every specimen its own name"),),
+    cost="the elongation limit rests on priors and published statistics",
+    supports="elongation limit and rupture",
 )
-ACTUATOR = Table(
-    "actuator",
-    "actuator.csv",
-    (
+
+
+def of_actuators(*read: Column) -> tuple[Column, ...]:
+    """Return the columns of a file of tests of actuators at pressures, in which this was read."""
+    return (
         _SPECIMEN,
         _DEGRADATION,
         _DEGRADATION_SD,
         Column("pressure_kPa"),
-        Column("curvature_per_m", may_be_empty=True),
-        Column("bend_angle_deg", required=False),
-        Column("curvature_sd_per_m", demands=(NOT_NEGATIVE,), required=False),
+        *read,
         Column("time_s", demands=(NOT_NEGATIVE,), required=False),
         Column("cycle", "whole", (POSITIVE, WHOLE), required=False, default=1),
         _word("branch", "loading", "unloading"),
         Column("humidity_pct", demands=(NOT_NEGATIVE, PERCENT), required=False),
         _word("mount", "horizontal", "hanging", "bending_up", "bending_down"),
+    )
+
+
+ACTUATOR = Table(
+    "actuator",
+    "actuator.csv",
+    (
+        *of_actuators(
+            Column("curvature_per_m", may_be_empty=True),
+            Column("bend_angle_deg", required=False),
+            Column("curvature_sd_per_m", demands=(NOT_NEGATIVE,), required=False),
+        ),
         Column("ruptured", "whole", (BURST,), required=False, default=0),
     ),
     (
@@ -428,6 +466,8 @@ ACTUATOR = Table(
         CURVATURE_RECORDED,
         SOMETHING_APPLIED,
     ),
+    cost="nothing can be said of the actuator: no misfit, no cause, no bands",
+    supports="verdict, gain, curvature bands",
 )
 SUMMARY = Table(
     "summary",
@@ -442,8 +482,10 @@ SUMMARY = Table(
         Column("source", "text"),
     ),
     SUMMARY_RULES,
+    cost="nothing is compared with, or rests on, published statistics",
 )
-#: Every table of a study by its name.
+#: The tables of films and actuators by their names; kinds of data that are files of
+#: `bayesdeg.observations` bring theirs along, see `bayesdeg.observations.catalogue.TABLES`.
 TABLES: Mapping[str, Table] = MappingProxyType(
     {t.name: t for t in (MOISTURE, SHRINKAGE, TENSILE, BREAKS, ACTUATOR, SUMMARY)}
 )

@@ -17,6 +17,7 @@ from bayesdeg.criticism.checks.residuals import (
     concentration,
     where,
     where_films,
+    where_readings,
     with_concentration,
 )
 from bayesdeg.criticism.checks.rupture_misfit import RuptureMisfit
@@ -26,6 +27,7 @@ from bayesdeg.data.plausibility import Doubt, doubts
 from bayesdeg.data.study import Study
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.inference.model import Model, Refusals, share_outside
+from bayesdeg.observations.catalogue import TABLES
 from bayesdeg.observations.tensile import STRESS
 from bayesdeg.pipeline.calibrate import Fit, refused_inputs
 from bayesdeg.pipeline.explanation import explain
@@ -104,9 +106,11 @@ def verdict_document(
 
 
 def _misfit(judgement: Judgement, where: str, found: Concentration | None) -> MisfitEntry:
-    """Return the misfit of the curvatures, or of the stresses where there are none."""
+    """Return the misfit of the curvatures; of stresses or other readings where there are none."""
     rms, noise = readings_misfit(judgement)
     stress = readings_misfit(judgement, STRESS) if rms is None else (None, None)
+    kind, unit = _other_kind(judgement) if rms is stress[0] is None else ("", "")
+    other = readings_misfit(judgement, kind) if kind else (None, None)
     return MisfitEntry(
         rms_per_m=rms,
         noise_per_m=noise,
@@ -116,7 +120,17 @@ def _misfit(judgement: Judgement, where: str, found: Concentration | None) -> Mi
         concentrated=None if found is None else _concentrated(found),
         rms_MPa=stress[0],
         noise_MPa=stress[1],
+        rms=other[0],
+        noise=other[1],
+        kind=kind,
+        unit=unit,
     )
+
+
+def _other_kind(judgement: Judgement) -> tuple[str, str]:
+    """Return what was read first of what has no tables of its own, and its unit."""
+    scales = judgement.search.base.subject.scales
+    return next(((kind, scale.unit) for kind, scale in scales.items()), ("", ""))
 
 
 def _concentrated(found: Concentration) -> ConcentrationEntry:
@@ -272,8 +286,11 @@ def _verdict(
 
 def _place(results: Results, judgement: Judgement, residual: Floats | None) -> str:
     """Say where the misfit sits; empty where the readings could not be predicted."""
+    linear = judgement.search.base.linear
+    if results.base.model.actuator is None and results.base.model.tensile is None:
+        return where_readings(linear, *_other_kind(judgement))
     if results.base.model.actuator is None:
-        return where_films(judgement.search.base.linear)
+        return where_films(linear)
     noise = readings_misfit(judgement)[1]
     return "" if residual is None else where(results.base.model, residual, noise or 0.0)
 
@@ -376,29 +393,13 @@ def _interval(draws: NDArray[np.float64]) -> str:
 
 def rests_on(study: Study, model: Model) -> list[BasisEntry]:
     """Return which statement rests on which data."""
-    specimens = "virtual experiment" if study.settings.virtual else "measured"
+    origin = "virtual experiment" if study.settings.virtual else "measured"
     statements = []
-    if study.tensile is not None:
-        count = study.tensile["specimen_id"].nunique()
-        statements.append(
-            ("Yeoh constants against degradation", f"tensile.csv, {count} specimens ({specimens})")
-        )
-    if study.actuator is not None:
-        count = study.actuator["specimen_id"].nunique()
-        statements.append(
-            ("verdict, gain, curvature bands", f"actuator.csv, {count} specimens ({specimens})")
-        )
-    if study.breaks is not None:
-        statements.append(
-            (
-                "elongation limit and rupture",
-                f"break.csv, {len(study.breaks)} specimens ({specimens})",
-            )
-        )
-    if study.shrinkage is not None:
-        statements.append(
-            ("volume ratio α", f"shrinkage.csv, {len(study.shrinkage)} films ({specimens})")
-        )
+    for name, table in TABLES.items():
+        frame = study.table(name)
+        if frame is not None and table.supports:
+            count = frame[table.columns[0].name].nunique()
+            statements.append((table.supports, f"{table.file}, {count} {table.counts} ({origin})"))
     if study.summary is not None:
         used = {s.quantity for s in model.statistics if not s.source.startswith("shrinkage.csv")}
         used |= set() if model.published is None else {"r_squared"}

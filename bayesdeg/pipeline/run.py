@@ -213,8 +213,8 @@ def add_page(folder: RunFolder, document: Verdict, guard: Guard) -> tuple[Verdic
 
 
 def can_be_judged(model: Model) -> bool:
-    """Return whether a study has readings that may show a misfit: of actuators, or of films."""
-    return model.actuator is not None or model.tensile is not None
+    """Return whether a study has readings that may show a misfit, such as of actuators or films."""
+    return len(model.places) > 0
 
 
 def with_options(study: Study, effort: Effort | None = None, seed: int | None = None) -> Study:
