@@ -202,10 +202,13 @@ class Scale(NamedTuple):
         Of the readings.
     axis : str
         What stands along the path, with its unit, as at the axis of a figure.
+    level : str
+        Unit of what was set for a whole specimen; %, where that is the degradation rate.
     """
 
     unit: str
     axis: str
+    level: str = ""
 
 
 class Stored(NamedTuple):

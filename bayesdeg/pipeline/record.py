@@ -109,7 +109,7 @@ def _misfit(judgement: Judgement, where: str, found: Concentration | None) -> Mi
     """Return the misfit of the curvatures; of stresses or other readings where there are none."""
     rms, noise = readings_misfit(judgement)
     stress = readings_misfit(judgement, STRESS) if rms is None else (None, None)
-    kind, unit = _other_kind(judgement) if rms is stress[0] is None else ("", "")
+    kind, unit = _other_kind(judgement) if rms is None else ("", "")
     other = readings_misfit(judgement, kind) if kind else (None, None)
     return MisfitEntry(
         rms_per_m=rms,
@@ -287,10 +287,9 @@ def _verdict(
 def _place(results: Results, judgement: Judgement, residual: Floats | None) -> str:
     """Say where the misfit sits; empty where the readings could not be predicted."""
     linear = judgement.search.base.linear
-    if results.base.model.actuator is None and results.base.model.tensile is None:
-        return where_readings(linear, *_other_kind(judgement))
     if results.base.model.actuator is None:
-        return where_films(linear)
+        kind, unit = _other_kind(judgement)
+        return where_readings(linear, kind, unit) if kind else where_films(linear)
     noise = readings_misfit(judgement)[1]
     return "" if residual is None else where(results.base.model, residual, noise or 0.0)
 

@@ -101,16 +101,18 @@ def fitted(fit: Fit, label: str, generator: np.random.Generator) -> pd.DataFrame
     vectors = flat[generator.integers(len(flat), size=FITTED_DRAWS)]
     places, drawn = model.places.subset(rows), model.simulated(vectors, generator)[:, rows]
     low, lower, upper, high = np.nanquantile(drawn, [0.05, 0.25, 0.75, 0.95], axis=0)
+    each = [scales[kind] for kind in places.kind.tolist()]
     return pd.DataFrame(
         {
             "model": label,
             "kind": places.kind,
-            "unit": [scales[kind].unit for kind in places.kind.tolist()],
+            "unit": [scale.unit for scale in each],
             "specimen_id": places.specimen,
             "level": places.level,
+            "level_unit": [scale.level for scale in each],
             "history": places.history,
             "along": places.along,
-            "axis": [scales[kind].axis for kind in places.kind.tolist()],
+            "axis": [scale.axis for scale in each],
             "measured": model.observed[rows],
             "mean": np.nanmean(model.expected(vectors)[:, rows], axis=0),
             "q05": low,

@@ -84,12 +84,12 @@ class MisfitEntry(Record):
 
     @property
     def sizes(self) -> tuple[float | None, float | None, str, str]:
-        """Misfit and noise of what was read, its unit, and what it is: curvature first."""
+        """Misfit and noise of what was read first, its unit, and what it is."""
         if self.rms_per_m is not None:
             return self.rms_per_m, self.noise_per_m, "1/m", "curvature"
-        if self.rms_MPa is not None or not self.kind:
-            return self.rms_MPa, self.noise_MPa, "MPa", "stress"
-        return self.rms, self.noise, self.unit, self.kind
+        if self.kind:
+            return self.rms, self.noise, self.unit, self.kind
+        return self.rms_MPa, self.noise_MPa, "MPa", "stress"
 
     @property
     def specimens(self) -> tuple[str, ...]:

@@ -243,6 +243,7 @@ _TABLES = (
             _text("unit", "unit of the readings"),
             _SPECIMEN,
             Column("level", "as stated", "degradation rate, or what else was set for a specimen"),
+            _text("level_unit", "unit of the level"),
             _text("history", "branch, cycle and mount, or how else it was loaded"),
             Column("along", "as stated", "what was varied in the test"),
             _text("axis", "what that is, with its unit"),

@@ -49,7 +49,7 @@ def readings_figure(fitted: pd.DataFrame) -> Figure:
 @styled
 def residuals_figure(fitted: pd.DataFrame) -> Figure:
     """Draw readings less the means of both models, a panel a test."""
-    figure = _drawn(fitted, _residuals, "measured − predicted: ")
+    figure = _drawn(fitted, _residuals, "measured − predicted")
     legend_above(figure, _models(fitted, marker="o"))
     return figure
 
@@ -68,7 +68,7 @@ def _drawn(fitted: pd.DataFrame, draw: Callable[[Axes, pd.DataFrame], None], wha
         draw(axes, chosen)
         first = chosen.iloc[0]
         unit = "" if first["unit"] == DIMENSIONLESS else f" [{first['unit']}]"
-        axes.set(xlabel=first["axis"], ylabel=f"{what}{first['kind']}{unit}")
+        axes.set(xlabel=first["axis"], ylabel=f"{what or first['kind']}{unit}")
         axes.set_title(title)
     return figure
 
@@ -81,7 +81,13 @@ def _panels(fitted: pd.DataFrame) -> Iterator[Panel]:
             yield str(kind), rows
             continue
         for level in levels:
-            yield f"{kind} at {level:.3g}", rows[rows["level"] == level]
+            chosen = rows[rows["level"] == level]
+            yield f"{kind} at {level:.3g} {_text(chosen['level_unit'])}".strip(), chosen
+
+
+def _text(cells: pd.Series) -> str:
+    """Return what stands in all cells; an empty one is read as missing."""
+    return str(cells.fillna("").iloc[0])
 
 
 def _by_place(rows: pd.DataFrame, names: Sequence[str]) -> pd.DataFrame:
