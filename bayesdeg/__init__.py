@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from bayesdeg.errors import BayesdegError as BayesdegError
     from bayesdeg.errors import GeometryError as GeometryError
     from bayesdeg.errors import StudyError as StudyError
-    from bayesdeg.pipeline.own import Readings as Readings
+    from bayesdeg.pipeline.formula import Readings as Readings
     from bayesdeg.pipeline.reading import read_study as read_study
     from bayesdeg.priors import HalfNormal as HalfNormal
     from bayesdeg.priors import LogNormal as LogNormal
@@ -59,7 +59,7 @@ _HOMES = {
     ),
     "data.settings": ("Dimensions",),
     "data.study": ("Study",),
-    "pipeline.own": ("Readings",),
+    "pipeline.formula": ("Readings",),
     "pipeline.reading": ("read_study",),
     "results": ("Calibration", "Model", "Report", "Verdict"),
 }

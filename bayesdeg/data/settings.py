@@ -11,7 +11,7 @@ from bayesdeg.data.nearest import nearest
 from bayesdeg.data.shrinkage import Known, Recipe
 from bayesdeg.errors import Fault
 from bayesdeg.files import DEEPEST, too_deep
-from bayesdeg.priors import Law, law_from_mapping
+from bayesdeg.priors import Law, Parameter, law_from_mapping
 from bayesdeg.quantities import LARGEST_SEED
 
 Effort = Literal["quick", "standard", "thorough"]
@@ -149,6 +149,36 @@ class Dimensions:
 
 
 @dataclass(frozen=True)
+class OwnForward:
+    """A study of one's own forward map, as ``study.toml`` states it.
+
+    Parameters
+    ----------
+    function : str
+        File of the study and function in it, ``model.py:predict``.
+    inputs : tuple of str, optional
+        Columns of ``readings.csv`` that the function is given; by default all numbers but the
+        reading itself.
+    parameters : tuple of Parameter
+        Unknowns of the function, with their priors.
+    reading, unit : str
+        Column that was read, and its unit.
+    error : float or Law, optional
+        Standard deviation of a reading, or its prior.
+    scatter : bool or Law
+        Whether specimens differ, or the prior of by how much.
+    """
+
+    function: str
+    inputs: tuple[str, ...] | None = None
+    parameters: tuple[Parameter, ...] = ()
+    reading: str = "reading"
+    unit: str = "–"
+    error: float | Law | None = None
+    scatter: bool | Law = False
+
+
+@dataclass(frozen=True)
 class Settings:
     """The contents of ``study.toml``, defaults filled in.
 
@@ -180,6 +210,8 @@ class Settings:
         Whether the data come from a virtual experiment.
     note : str
         Free text shown in the report.
+    forward : OwnForward, optional
+        A forward map of one's own, in the place of actuators and films.
 
     Examples
     --------
@@ -200,6 +232,7 @@ class Settings:
     order: int = 2
     virtual: bool = False
     note: str = ""
+    forward: OwnForward | None = None
 
 
 FILE = "study.toml"
@@ -251,6 +284,37 @@ def _known(value: Any) -> Known:
     if isinstance(value, dict):
         return Known(float(value["value"]), float(value.get("sd", 0.0)))
     return Known(float(value))
+
+
+def _is_law(value: object) -> bool:
+    if not isinstance(value, dict):
+        return False
+    try:
+        law_from_mapping(value)
+    except ValueError:
+        return False
+    return True
+
+
+def _size(value: Any) -> float | bool | Law:
+    """Return a law, a number, or whether there is something at all."""
+    if isinstance(value, dict):
+        return law_from_mapping(value)
+    return value if isinstance(value, bool) else float(value)
+
+
+def _own(table: str, key: str, wanted: str, accepts: Callable[[Any], bool]) -> _Entry:
+    """Return a key of a study of one's own forward map; its field begins with ``own_``."""
+    converts: dict[str, Callable[[Any], Any]]
+    converts = {"inputs": tuple, "error": _size, "scatter": _size}
+    convert = converts.get(key, str)
+    return _Entry(
+        table, key, f"own_{'reading' if key == 'name' else key}", wanted, accepts, convert
+    )
+
+
+def _is_text(value: object) -> bool:
+    return isinstance(value, str) and bool(value.strip())
 
 
 def _recipe(name: str) -> _Entry:
@@ -321,10 +385,36 @@ ENTRIES: tuple[_Entry, ...] = (
         lambda v: _is_whole(v) and 0 <= v <= 3,
         int,
     ),
+    _own(
+        "forward",
+        "function",
+        'a file of the study and a function in it, "model.py:predict"',
+        lambda v: _is_text(v) and re.fullmatch(r"[^:/\\]+\.py:[A-Za-z_]\w*", v) is not None,
+    ),
+    _own(
+        "forward",
+        "inputs",
+        "a list of columns of readings.csv, each once",
+        lambda v: _is_names(v) and len(v) > 0 and len(set(v)) == len(v),
+    ),
+    _own("reading", "name", "the column of readings.csv that was read, in quotes", _is_text),
+    _own("reading", "unit", "a text in quotes", _is_text),
+    _own(
+        "reading",
+        "error",
+        'a number above 0, or a law { law = "half_normal", scale = .. }',
+        lambda v: _is_law(v) or (_is_number(v) and v > 0),
+    ),
+    _own(
+        "reading",
+        "scatter",
+        'true, false, or a law { law = "half_normal", scale = .. }',
+        lambda v: isinstance(v, bool) or _is_law(v),
+    ),
 )
 TABLES = (
     *("actuator", "paper", "shrinkage", "priors", "noise", "causes", "sampling"),
-    *("tensile", "material"),
+    *("tensile", "material", "forward", "parameters", "reading"),
 )
 
 
@@ -393,7 +483,8 @@ def _from_document(document: dict[str, Any], text: str) -> tuple[Settings, tuple
     tables = {name: document[name] for name in TABLES if isinstance(document.get(name), dict)}
     tables[""] = {key: value for key, value in document.items() if key not in TABLES}
     priors, wrong_priors = _read_priors(tables.pop("priors", {}), text)
-    faults += [*_unknown_keys(tables, text), *wrong_priors]
+    unknowns, wrong_unknowns = _read_parameters(tables.pop("parameters", {}), text)
+    faults += [*_unknown_keys(tables, text), *wrong_priors, *wrong_unknowns]
     accepted: dict[str, Any] = {}
     for entry in ENTRIES:
         if entry.key not in tables.get(entry.table, {}):
@@ -407,8 +498,53 @@ def _from_document(document: dict[str, Any], text: str) -> tuple[Settings, tuple
     # the defaults that stand in for refused keys must not be blamed
     if not any((fault.column or "").startswith("actuator") for fault in faults):
         faults += _impossible(dimensions, text)
-    settings = Settings(dimensions=dimensions, recipe=recipe, priors=priors, **accepted)
+    own = {k: accepted.pop(f"own_{k}") for k in _OWN if f"own_{k}" in accepted}
+    forward = OwnForward(**own, parameters=unknowns) if "function" in own else None
+    if forward is None and not faults:
+        faults += _without_forward(document, text)
+    settings = Settings(
+        dimensions=dimensions, recipe=recipe, priors=priors, forward=forward, **accepted
+    )
     return settings, tuple(faults)
+
+
+_OWN = tuple(entry.name for entry in fields(OwnForward) if entry.name != "parameters")
+
+
+def _without_forward(document: Mapping[str, Any], text: str) -> tuple[Fault, ...]:
+    """Refuse what only a forward map of one's own can use."""
+    remedy = '[forward] function = "model.py:predict" names the function that they are of'
+    return tuple(
+        Fault(FILE, "is of no use without [forward]", remedy, _row_of(text, name, None), name)
+        for name in ("forward", "parameters", "reading")
+        if name in document
+    )
+
+
+def _read_parameters(
+    table: Mapping[str, Any], text: str
+) -> tuple[tuple[Parameter, ...], tuple[Fault, ...]]:
+    """Read ``[parameters]``: laws with unit and meaning."""
+    found, faults = [], []
+    for name, value in table.items():
+        place = (_row_of(text, "parameters", name), _dotted("parameters", name), _as_written(value))
+        if not isinstance(value, dict):
+            remedy = 'write for example { law = "normal", mean = 9.8, sd = 0.5, unit = "m/s²" }'
+            faults.append(Fault(FILE, "is not a law", remedy, *place))
+            continue
+        words = {key: value[key] for key in ("unit", "meaning") if key in value}
+        if not all(isinstance(word, str) for word in words.values()):
+            faults.append(
+                Fault(FILE, "has a unit or a meaning that is no text", "quote it", *place)
+            )
+            continue
+        try:
+            law = law_from_mapping({k: v for k, v in value.items() if k not in words})
+        except ValueError as error:
+            faults.append(Fault(FILE, "is not a law", str(error), *place))
+            continue
+        found.append(Parameter(name, law, words.get("unit", "–"), words.get("meaning", "")))
+    return tuple(found), tuple(faults)
 
 
 def _of(part: type[Dimensions | Recipe], accepted: dict[str, Any]) -> dict[str, Any]:

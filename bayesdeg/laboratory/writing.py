@@ -161,7 +161,9 @@ def settings_text(settings: Settings) -> str:
     written: dict[str, list[str]] = {"": []}
     for entry in ENTRIES:
         holders = (settings, settings.dimensions, settings.recipe)
-        [holder] = [one for one in holders if hasattr(one, entry.field)]
+        holder = next((one for one in holders if hasattr(one, entry.field)), None)
+        if holder is None:  # of a forward map of one's own, which no virtual experiment has
+            continue
         value = getattr(holder, entry.field)
         if entry.key == "seed" or value != getattr(type(holder)(), entry.field):
             written.setdefault(entry.table, []).append(f"{entry.key} = {_literal(value)}")

@@ -274,6 +274,7 @@ JUDGE_EFFORTS = {
 }
 OWN_MAP = SearchEffort(replicates=500, fitted=4, pairs=3)
 """Of a forward map of one's own, which is fast."""
+OWN_EFFORTS = JUDGE_EFFORTS | {"standard": OWN_MAP}
 MOST_OF_FILMS = 20_000  # replicates where a p-value is near the level: films cost next to nothing
 FEW_DRAWS = 100  # for what is compared beside the readings
 REFUTING = (Stage.HELD_OUT, Stage.SHARED_SCATTER)  # tests that a cause must pass to be named
@@ -307,6 +308,8 @@ def judge_model(
     *,
     seed: int,
     effort: SearchEffort = OWN_MAP,
+    progress: Progress | None = None,
+    guard: Guard | None = None,
 ) -> Judgement:
     """Fit a model without a cause and say what is wrong with it, if anything.
 
@@ -320,9 +323,14 @@ def judge_model(
         Of every random number.
     effort : SearchEffort
         What the search may cost.
+    progress, guard : optional
+        As of `judge`.
     """
-    base = base_without_chain(model, np.random.SeedSequence(seed))
-    return judge(Catalogue(causes), base, effort=effort, seed=np.random.SeedSequence(seed))
+    base, again = (
+        base_without_chain(model, np.random.SeedSequence(seed)),
+        np.random.SeedSequence(seed),
+    )
+    return judge(Catalogue(causes), base, effort=effort, seed=again, progress=progress, guard=guard)
 
 
 def judge(

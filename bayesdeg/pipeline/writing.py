@@ -587,7 +587,9 @@ def _published_r_squared(study: Study) -> dict[float, float]:
     }
 
 
-def _constants_table(found: Found) -> pd.DataFrame:
+def _constants_table(found: Found) -> pd.DataFrame | None:
+    if found.results.assembly.own is not None:
+        return None
     fits = found.results.fits.items()
     return _joined([constants(fit, label, found.generator) for label, fit in fits])
 
@@ -691,7 +693,9 @@ BUILDS: Mapping[str, Build] = {
     columns.PARAMETERS: _parameters_table,
     columns.TENSILE: _tensile_table,
     columns.ELONGATION: lambda found: elongation(found.results.final, found.generator),
-    columns.MEASURED: lambda found: measured(found.study),
+    columns.MEASURED: lambda found: (
+        None if found.results.assembly.own is not None else measured(found.study)
+    ),
     columns.BANDS: _bands_table,
     columns.RUPTURE: _rupture_table,
     columns.OBSERVATIONS: _observations_table,

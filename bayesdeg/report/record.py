@@ -360,6 +360,9 @@ class RunRecord(FileRecord):
     convergence: Mapping[str, ConvergenceEntry] = Field(default={}, description="by model")
     emulator: EmulatorEntry = EmulatorEntry()
     model: ModelEntry | None = None
+    forward: Text = Field(
+        default="", exclude_if=is_absent, description="a forward map of one's own, where it stands"
+    )
     misfit: StatisticEntry = StatisticEntry()
     comparisons: tuple[ComparisonEntry, ...] = ()
     checks: Texts = Field(default={}, description="what each check came to, in words")
