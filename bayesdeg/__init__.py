@@ -32,11 +32,11 @@ if TYPE_CHECKING:
     from bayesdeg.causes.cause import Stage as Stage
     from bayesdeg.data.settings import Dimensions as Dimensions
     from bayesdeg.data.study import Study as Study
-    from bayesdeg.data.study import read_study as read_study
     from bayesdeg.errors import BayesdegError as BayesdegError
     from bayesdeg.errors import GeometryError as GeometryError
     from bayesdeg.errors import StudyError as StudyError
-    from bayesdeg.pipeline.own import Readings as Readings
+    from bayesdeg.pipeline.formula import Readings as Readings
+    from bayesdeg.pipeline.reading import read_study as read_study
     from bayesdeg.priors import HalfNormal as HalfNormal
     from bayesdeg.priors import LogNormal as LogNormal
     from bayesdeg.priors import Normal as Normal
@@ -58,8 +58,9 @@ _HOMES = {
         "Uniform",
     ),
     "data.settings": ("Dimensions",),
-    "data.study": ("Study", "read_study"),
-    "pipeline.own": ("Readings",),
+    "data.study": ("Study",),
+    "pipeline.formula": ("Readings",),
+    "pipeline.reading": ("read_study",),
     "results": ("Calibration", "Model", "Report", "Verdict"),
 }
 _HOME = {name: f"bayesdeg.{home}" for home, names in _HOMES.items() for name in names}

@@ -9,7 +9,7 @@ workers. Progress is shown on standard error where somebody looks at it.
 import os
 import time
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import Executor
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -35,7 +35,6 @@ from bayesdeg.emulator.trained import find, write_trained
 from bayesdeg.errors import BayesdegError
 from bayesdeg.pipeline.emulation import Campaign, expect, train_emulator
 from bayesdeg.pipeline.experiment import Written
-from bayesdeg.pipeline.own import OwnExperiment
 from bayesdeg.pipeline.progress import Progress
 from bayesdeg.pipeline.workplace import kept_processes
 from bayesdeg.results import Calibration, Model, Report, Verdict
@@ -286,11 +285,11 @@ def predict(
     experiment = _calibration(fit).model.experiment
     with _work(progress, 1, parallel=False) as (show, _):
         asked = (fit.fit, fit.effort, _seed(seed, fit.seed), show)
-        if isinstance(experiment, OwnExperiment):
+        if experiment.own is not None:
             if x is None or pressure is not None or degradation is not None:
                 raise BayesdegError("a model with a forward map of its own is asked at x=...")
-            at = x if isinstance(x, pd.DataFrame) else np.asarray(list(x), dtype=np.float64)
-            return experiment.predict(*asked, x=at)
+            show.stage("predicting")
+            return experiment.predict_own(*asked[:3], _inputs(x))
         if x is not None:
             raise BayesdegError("a model of a study is asked at pressure=... and degradation=...")
         pressures = _numbers(pressure, "pressure", "kPa")
@@ -302,31 +301,44 @@ def predict(
 def control(
     fit: Calibration,
     *,
-    curvature: ArrayLike,
-    degradation: ArrayLike,
+    curvature: ArrayLike | None = None,
+    degradation: ArrayLike | None = None,
     max_risk: float = 0.05,
+    reading: ArrayLike | None = None,
+    x: Any = None,
     seed: int | None = None,
     progress: bool | None = None,
 ) -> pd.DataFrame:
     """Find the pressure that reaches a wanted curvature at a bounded risk of rupture.
 
+    Of a forward map of one's own, find the input at which a reading is as wanted; nothing is known
+    of a rupture there, so no risk is bounded.
+
     Parameters
     ----------
     fit : Calibration
-        Of a study with actuators.
+        Of a study with actuators, or of a forward map of one's own.
     curvature, degradation : float or array
         Wanted curvatures [1/m] and degradation rates [%], every combination.
     max_risk : float
         Largest probability of rupture that is accepted.
+    reading : float or array
+        Of a forward map of one's own: wanted readings, without reading error, in their unit.
+    x : array, DataFrame or mapping of names to arrays
+        Inputs to be tried, in the order in which they are passed through; of several, the first is
+        looked for and the others go along with it.
     seed, progress, optional
         As of `calibrate`.
 
     Returns
     -------
     DataFrame
-        A row for each combination: ``reached`` or not, the pressure at which half of new specimens
-        bend as far, what 90 % of them need, the largest pressure allowed [kPa], the curvature
-        there [1/m], the probability of rupture, and ``why`` it is not reached.
+        Of actuators a row for each combination: ``reached`` or not, the pressure at which half of
+        new specimens bend as far, what 90 % of them need, the largest pressure allowed [kPa], the
+        curvature there [1/m], the probability of rupture, and ``why`` it is not reached. Of other
+        models a row for each reading: ``reached`` by half of new specimens or not, the input that
+        5, 50 and 95 % of them need (``needed_q05`` to ``needed_q95``), and the ``share`` that
+        reaches it.
 
     Warns
     -----
@@ -341,6 +353,10 @@ def control(
     experiment = _calibration(fit).model.experiment
     if not 0.0 < max_risk < 1.0:
         raise BayesdegError(f"max_risk {max_risk:g} bounds nothing; give one between 0 and 1")
+    if experiment.own is not None:
+        return _control_own(fit, reading, x, _seed(seed, fit.seed), (curvature, degradation))
+    if reading is not None or x is not None:
+        raise BayesdegError("a model of a study is asked at curvature=... and degradation=...")
     wanted = _numbers(curvature, "curvature", "1/m", low=np.nextafter(0.0, 1.0))
     rates = _numbers(degradation, "degradation", "%", high=100.0)
     with _work(progress, 1, parallel=False) as (show, _):
@@ -349,6 +365,27 @@ def control(
     set_to = table["pressure_kPa"].dropna().to_numpy(np.float64)
     _warn(experiment.extrapolations(rates, set_to))
     return table
+
+
+def _control_own(
+    fit: Calibration, reading: ArrayLike | None, x: Any, seed: int, other: tuple[object, ...]
+) -> pd.DataFrame:
+    if reading is None or x is None or any(one is not None for one in other):
+        raise BayesdegError(
+            "a model with a forward map of its own has no pressure and no curvature: ask "
+            "control(fit, reading=..., x=...), the wanted reading and the inputs to be tried"
+        )
+    wanted = np.atleast_1d(np.asarray(reading, dtype=np.float64))
+    if not np.all(np.isfinite(wanted)):
+        raise BayesdegError(f"reading must be finite numbers, not {reading}")
+    return fit.model.experiment.control_own(fit.fit, fit.effort, seed, wanted, _inputs(x))
+
+
+def _inputs(x: Any) -> Any:
+    """Return inputs as a frame or mapping of columns, or as an array."""
+    if isinstance(x, (pd.DataFrame, Mapping)):
+        return x
+    return np.asarray(list(x), dtype=np.float64)
 
 
 def report(

@@ -17,8 +17,8 @@ from bayesdeg.data.settings import Effort
 from bayesdeg.data.study import Study
 from bayesdeg.errors import BayesdegError
 from bayesdeg.pipeline import writing
-from bayesdeg.pipeline.experiment import Judged, StudyExperiment
-from bayesdeg.pipeline.own import Forward, OwnExperiment, Readings
+from bayesdeg.pipeline.experiment import Experiment, Judged
+from bayesdeg.pipeline.formula import Forward, OwnMap, Readings
 from bayesdeg.priors import Parameter
 from bayesdeg.report.headline import size_of
 from bayesdeg.report.record import CandidateEntry
@@ -94,11 +94,10 @@ class Model:
     parameters: Sequence[Parameter] = ()
     catalogue: Sequence[Cause] = ()
     causes: Sequence[Cause | str] = ()
-    experiment: StudyExperiment | OwnExperiment = field(init=False)
+    experiment: Experiment = field(init=False)
 
     def __post_init__(self) -> None:
         """Build what the verbs ask."""
-        experiment: StudyExperiment | OwnExperiment
         if isinstance(self.data, Study):
             if self.parameters or self.catalogue:
                 raise BayesdegError(
@@ -106,11 +105,12 @@ class Model:
                     "of study.toml, and give causes to criticise(fit, causes=[...])"
                 )
             forward = cast(ForwardMap | None, self.forward)
-            experiment = StudyExperiment.of(self.data, forward, self.causes)
+            experiment = Experiment.of(self.data, forward, self.causes)
         else:
             own = cast(Forward | Mapping[str, Forward] | None, self.forward)
-            experiment = OwnExperiment.of(
-                self.data, own, self.parameters, self.catalogue, self.causes
+            readings = OwnMap.of(self.data, own)
+            experiment = Experiment.of_readings(
+                readings, self.parameters, self.catalogue, self.causes
             )
         object.__setattr__(self, "experiment", experiment)
         object.__setattr__(self, "causes", experiment.causes)

@@ -23,14 +23,14 @@ import bayesdeg.causes
 from bayesdeg.commands.lazy import COMMANDS, loaded
 from bayesdeg.data.settings import ENTRIES, Dimensions, Settings
 from bayesdeg.data.shrinkage import Known, Recipe
-from bayesdeg.data.study import read_study
-from bayesdeg.data.tables import TABLES as STUDY_TABLES
 from bayesdeg.data.tables import words_of
 from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.laboratory.design import Design
 from bayesdeg.laboratory.experiment import run_experiment
 from bayesdeg.laboratory.truth import HiddenEffect, Truth
+from bayesdeg.observations.catalogue import TABLES as STUDY_TABLES
 from bayesdeg.pipeline.assemble import assemble
+from bayesdeg.pipeline.reading import read_study
 from bayesdeg.priors import LAWS
 from bayesdeg.quantities import QUANTITIES
 from bayesdeg.report.tables import TABLES as RUN_TABLES
@@ -119,7 +119,7 @@ def is_callable(name: str) -> bool:
 def columns_of_studies() -> dict[str, list[Entry]]:
     """Return the columns of every file of a study by the file's name."""
     tables = STUDY_TABLES.values()
-    return {table.name: [_column(c) for c in table.columns.values()] for table in tables}
+    return {table.file: [_column(c) for c in table.columns.values()] for table in tables}
 
 
 def _column(column) -> Entry:
@@ -138,7 +138,7 @@ def _column(column) -> Entry:
 def rules_of_studies() -> dict[str, list[str]]:
     """Return what the rows of a file must fulfil together, as what is said when they do not."""
     return {
-        table.name: [f"{check.error}: {check.description}" for check in table.checks]
+        table.file: [f"{check.error}: {check.description}" for check in table.schema.checks]
         for table in STUDY_TABLES.values()
     }
 

@@ -18,7 +18,7 @@ import xarray as xr
 
 import bayesdeg as bd
 from bayesdeg.emulator.surrogate import Surrogate
-from bayesdeg.pipeline.experiment import StudyExperiment
+from bayesdeg.pipeline.experiment import Experiment
 from bayesdeg.pipeline.judge import judge_model
 from bayesdeg.pipeline.progress import Silent
 from bayesdeg.pipeline.run import run_study
@@ -284,10 +284,9 @@ def test_several_kinds_of_readings_and_a_frame_of_inputs():
         (lambda b, v: bd.criticise(b, causes=[]), "causes="),
         (lambda b, v: b.model.with_causes(OFFSET).with_causes("ofset"), "'offset'"),
         (lambda b, v: bd.predict(b, pressure=10, degradation=0), "x="),
-        (lambda b, v: bd.control(b, curvature=1, degradation=0), "predict"),
+        (lambda b, v: bd.control(b, curvature=1, degradation=0), "reading="),
         (lambda b, v: bd.compare(b, b), "differ"),
         (lambda b, v: bd.report("nowhere", b, b), "verdict"),
-        (lambda b, v: bd.report("nowhere", b, b, v), "cannot be written"),
         (lambda b, v: bd.Model([], hooke), "Readings"),
         (lambda b, v: bd.Model([1.0], hooke), "float"),
         (lambda b, v: bd.Model(b.model.data), "forward"),
@@ -307,6 +306,37 @@ def test_several_kinds_of_readings_and_a_frame_of_inputs():
 def test_a_mistake_is_told_with_its_remedy(base, verdict, call, words):
     with pytest.raises(bd.BayesdegError, match=re.escape(words)):
         call(base, verdict)
+
+
+def test_a_report_of_a_spring_has_its_tables_and_names_no_actuator(base, final, verdict, tmp_path):
+    written = RunFolder(Path(bd.report(tmp_path / "spring", base, final, verdict)))
+    run, told = written.read_run(), written.read_verdict()
+    assert (run.forward, told.causes, told.misfit.kind, told.misfit.unit) == (
+        *("forward", ("offset",), "length", "mm"),
+    )
+    assert not told.left_out
+    fitted = written.read_table("fitted").query("model == 'final'")
+    assert fitted["measured"].tolist() == LENGTH.tolist()
+    assert (fitted["mean"] - fitted["measured"]).abs().max() < 0.2
+    assert fitted["measured"].between(fitted["q05"], fitted["q95"]).mean() > 0.7
+    page = (written.path / "index.html").read_text(encoding="utf-8")
+    assert 'id="figure-readings"' in page
+    assert "Yeoh" not in page
+    assert "Nagai" not in page
+
+
+def test_control_of_a_spring_finds_the_force_for_a_length(final):
+    wanted = [3.0, 8.0, 1000.0]
+    table = bd.control(final, reading=wanted, x=np.linspace(0.0, 5.0, 21)).set_index("wanted")
+    k, offset = (final.summary().loc[name, "mean"] for name in ("k", "offset.length"))
+    for length in wanted[:2]:
+        row = table.loc[length]
+        assert row["needed_q50"] == pytest.approx((length - offset) / k, abs=0.02)
+        assert row["needed_q05"] < row["needed_q50"] < row["needed_q95"]
+        again = bd.predict(final, x=[row["needed_q50"]])["q50"].iloc[0]
+        assert again == pytest.approx(length, abs=0.02)
+    assert table["reached"].tolist() == [True, True, False]
+    assert np.isnan(table.loc[1000.0, "needed_q50"])
 
 
 def test_one_specimen_cannot_be_held_out(base):
@@ -473,7 +503,7 @@ def test_a_geometry_without_an_emulator_is_told(planted, tmp_path, monkeypatch):
 
 
 def test_what_is_the_users_own_is_not_sent_to_other_processes(planted):
-    ours = StudyExperiment.of(planted, emulator(), ["gravity"])
+    ours = Experiment.of(planted, emulator(), ["gravity"])
     assert ours.is_parallel
     assert not replace(ours, causes=(OFFSET,)).is_parallel
     assert not bd.Model(planted, lambda inputs: emulator()(inputs)).experiment.is_parallel

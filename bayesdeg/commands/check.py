@@ -9,9 +9,11 @@ from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.commands.options import CORES, StudyFolder
 from bayesdeg.console import errors, say
 from bayesdeg.data.plausibility import doubts, refuse_impossible
-from bayesdeg.data.study import Study, read_study
+from bayesdeg.data.study import Study
 from bayesdeg.emulator.kept import duration, rough_seconds, search
+from bayesdeg.observations.catalogue import TABLES
 from bayesdeg.pipeline.outline import outline
+from bayesdeg.pipeline.reading import read_study
 
 
 def check(study: StudyFolder) -> None:
@@ -45,9 +47,7 @@ def check(study: StudyFolder) -> None:
 
 
 def _tables(study: Study) -> Iterator[tuple[str, int | None]]:
-    for name in ("moisture", "shrinkage", "tensile", "breaks", "actuator", "summary"):
-        frame = getattr(study, name)
-        yield (
-            ("break.csv" if name == "breaks" else f"{name}.csv"),
-            None if frame is None else len(frame),
-        )
+    for name, table in TABLES.items():
+        frame = study.table(name)
+        if frame is not None or table.cost:
+            yield table.file, None if frame is None else len(frame)

@@ -7,14 +7,20 @@ from dataclasses import dataclass, field, fields
 from typing import Annotated, Any, Literal, get_args
 
 from annotated_types import Ge, Gt, Interval, Len
-from pydantic import AfterValidator, PlainValidator, TypeAdapter, ValidationError
+from pydantic import (
+    AfterValidator,
+    PlainValidator,
+    StringConstraints,
+    TypeAdapter,
+    ValidationError,
+)
 
 from bayesdeg.data.cells import LARGEST
 from bayesdeg.data.nearest import nearest
 from bayesdeg.data.shrinkage import Known, Recipe
 from bayesdeg.errors import Fault
 from bayesdeg.files import DEEPEST, too_deep
-from bayesdeg.priors import Law, law_from_mapping
+from bayesdeg.priors import Law, Parameter, law_from_mapping
 from bayesdeg.quantities import LARGEST_SEED
 
 Effort = Literal["quick", "standard", "thorough"]
@@ -154,6 +160,36 @@ class Dimensions:
 
 
 @dataclass(frozen=True)
+class OwnForward:
+    """A study of one's own forward map, as ``study.toml`` states it.
+
+    Parameters
+    ----------
+    function : str
+        File of the study and function in it, ``model.py:predict``.
+    inputs : tuple of str, optional
+        Columns of ``readings.csv`` that the function is given; by default all numbers but the
+        reading itself.
+    parameters : tuple of Parameter
+        Unknowns of the function, with their priors.
+    reading, unit : str
+        Column that was read, and its unit.
+    error : float or Law, optional
+        Standard deviation of a reading, or its prior.
+    scatter : bool or Law
+        Whether specimens differ, or the prior of by how much.
+    """
+
+    function: str
+    inputs: tuple[str, ...] | None = None
+    parameters: tuple[Parameter, ...] = ()
+    reading: str = "reading"
+    unit: str = "–"
+    error: float | Law | None = None
+    scatter: bool | Law = False
+
+
+@dataclass(frozen=True)
 class Settings:
     """The contents of ``study.toml``, defaults filled in.
 
@@ -185,6 +221,8 @@ class Settings:
         Whether the data come from a virtual experiment.
     note : str
         Free text shown in the report.
+    forward : OwnForward, optional
+        A forward map of one's own, in the place of actuators and films.
 
     Examples
     --------
@@ -205,6 +243,7 @@ class Settings:
     order: int = 2
     virtual: bool = False
     note: str = ""
+    forward: OwnForward | None = None
 
 
 FILE = "study.toml"
@@ -257,6 +296,12 @@ def _dimension(name: str) -> _Entry:
     return _Entry("actuator", name, f"a number up to {LARGEST_MM:g} [mm]", Number)
 
 
+def _law(value: Any) -> Law:
+    if not isinstance(value, dict):
+        raise ValueError("is not a law")
+    return law_from_mapping(value)
+
+
 def _recipe(name: str) -> _Entry:
     unit = "[g/cm³]" if name.endswith("density") else "[parts by mass]"
     wanted = f"a number above 0 {unit}, or {{ value = .., sd = .. }} with sd from 0 to below value"
@@ -267,6 +312,13 @@ _SEED = f"a whole number not below 0 and up to {LARGEST_SEED}"
 _CAUSES = '"all" or a list of names of causes, each once'
 _MODES = f"a list with at least one of {', '.join(MODES)}, each once"
 _THICKNESS, _DEGRADATION = Annotated[Number, Gt(0.0)], Annotated[Number, Ge(0.0)]
+_FUNCTION = 'a file of the study and a function in it, "model.py:predict"'
+_INPUTS = "a list of columns of readings.csv, each once"
+_READING = "the column of readings.csv that was read, in quotes"
+_SCALE = 'a law { law = "half_normal", scale = .. }'
+_Law = Annotated[Any, PlainValidator(_law)]
+_Text = Annotated[str, StringConstraints(pattern=r"\S")]
+_Function = Annotated[str, StringConstraints(pattern=r"^[^:/\\]+\.py:[A-Za-z_]\w*$")]
 
 ENTRIES: tuple[_Entry, ...] = (
     _Entry("", "title", "a text in quotes", str),
@@ -281,10 +333,16 @@ ENTRIES: tuple[_Entry, ...] = (
     _Entry("sampling", "effort", f"one of {', '.join(EFFORTS)}", Effort),
     _Entry("tensile", "fit_modes", _MODES, Annotated[_Names[Mode], Len(1)]),
     _Entry("material", "order", "a whole number from 0 to 3", Annotated[int, Interval(ge=0, le=3)]),
+    _Entry("forward", "function", _FUNCTION, _Function, "own_function"),
+    _Entry("forward", "inputs", _INPUTS, Annotated[_Names[str], Len(1)], "own_inputs"),
+    _Entry("reading", "name", _READING, _Text, "own_reading"),
+    _Entry("reading", "unit", "a text in quotes", _Text, "own_unit"),
+    _Entry("reading", "error", f"a number above 0, or {_SCALE}", _Law | _THICKNESS, "own_error"),
+    _Entry("reading", "scatter", f"true, false, or {_SCALE}", _Law | bool, "own_scatter"),
 )
 TABLES = (
     *("actuator", "paper", "shrinkage", "priors", "noise", "causes", "sampling"),
-    *("tensile", "material"),
+    *("tensile", "material", "forward", "parameters", "reading"),
 )
 
 
@@ -353,7 +411,8 @@ def _from_document(document: dict[str, Any], text: str) -> tuple[Settings, tuple
     tables = {name: document[name] for name in TABLES if isinstance(document.get(name), dict)}
     tables[""] = {key: value for key, value in document.items() if key not in TABLES}
     priors, wrong_priors = _read_priors(tables.pop("priors", {}), text)
-    faults += [*_unknown_keys(tables, text), *wrong_priors]
+    unknowns, wrong_unknowns = _read_parameters(tables.pop("parameters", {}), text)
+    faults += [*_unknown_keys(tables, text), *wrong_priors, *wrong_unknowns]
     accepted: dict[str, Any] = {}
     for entry in ENTRIES:
         if entry.key not in tables.get(entry.table, {}):
@@ -369,8 +428,53 @@ def _from_document(document: dict[str, Any], text: str) -> tuple[Settings, tuple
     # the defaults that stand in for refused keys must not be blamed
     if not any((fault.column or "").startswith("actuator") for fault in faults):
         faults += _impossible(dimensions, text)
-    settings = Settings(dimensions=dimensions, recipe=recipe, priors=priors, **accepted)
+    own = {k: accepted.pop(f"own_{k}") for k in _OWN if f"own_{k}" in accepted}
+    forward = OwnForward(**own, parameters=unknowns) if "function" in own else None
+    if forward is None and not faults:
+        faults += _without_forward(document, text)
+    settings = Settings(
+        dimensions=dimensions, recipe=recipe, priors=priors, forward=forward, **accepted
+    )
     return settings, tuple(faults)
+
+
+_OWN = tuple(entry.name for entry in fields(OwnForward) if entry.name != "parameters")
+
+
+def _without_forward(document: Mapping[str, Any], text: str) -> tuple[Fault, ...]:
+    """Refuse what only a forward map of one's own can use."""
+    remedy = '[forward] function = "model.py:predict" names the function that they are of'
+    return tuple(
+        Fault(FILE, "is of no use without [forward]", remedy, _row_of(text, name, None), name)
+        for name in ("forward", "parameters", "reading")
+        if name in document
+    )
+
+
+def _read_parameters(
+    table: Mapping[str, Any], text: str
+) -> tuple[tuple[Parameter, ...], tuple[Fault, ...]]:
+    """Read ``[parameters]``: laws with unit and meaning."""
+    found, faults = [], []
+    for name, value in table.items():
+        place = (_row_of(text, "parameters", name), _dotted("parameters", name), _as_written(value))
+        if not isinstance(value, dict):
+            remedy = 'write for example { law = "normal", mean = 9.8, sd = 0.5, unit = "m/s²" }'
+            faults.append(Fault(FILE, "is not a law", remedy, *place))
+            continue
+        words = {key: value[key] for key in ("unit", "meaning") if key in value}
+        if not all(isinstance(word, str) for word in words.values()):
+            faults.append(
+                Fault(FILE, "has a unit or a meaning that is no text", "quote it", *place)
+            )
+            continue
+        try:
+            law = law_from_mapping({k: v for k, v in value.items() if k not in words})
+        except ValueError as error:
+            faults.append(Fault(FILE, "is not a law", str(error), *place))
+            continue
+        found.append(Parameter(name, law, words.get("unit", "–"), words.get("meaning", "")))
+    return tuple(found), tuple(faults)
 
 
 def _of(part: type[Dimensions | Recipe], accepted: dict[str, Any]) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from bayesdeg.data.cells import Cells, check_header, read_cells, read_number
 from bayesdeg.data.nearest import nearest, use_one_of
 from bayesdeg.data.settings import FILE as SETTINGS_FILE
 from bayesdeg.data.settings import Dimensions, Settings, parse_settings
-from bayesdeg.data.tables import TABLES, broken, row_check, words_of
+from bayesdeg.data.tables import TABLES, Table, broken, row_check, words_of
 from bayesdeg.errors import Fault, StudyError
 from bayesdeg.files import STUDY_MB, as_named, read_bytes, reason
 
@@ -225,9 +225,6 @@ def _finish(frame: pd.DataFrame, table: pa.DataFrameSchema) -> pd.DataFrame:
     return finished
 
 
-DATA_FILES = tuple(table.name for table in TABLES.values())
-
-
 @dataclass(frozen=True, repr=False)
 class Study:
     """A study as it was read; a table is ``None`` if its file is not there.
@@ -250,6 +247,8 @@ class Study:
         By table, the columns in which the file itself gives at least one cell.
     passed_over : mapping of str to int
         By file, the number of comments that look like rows of data.
+    others : mapping of str to DataFrame
+        Checked tables of further kinds of data by their names.
     """
 
     name: str
@@ -264,12 +263,23 @@ class Study:
     hashes: Mapping[str, str] = field(default_factory=dict)
     recorded: Mapping[str, frozenset[str]] = field(default_factory=dict)
     passed_over: Mapping[str, int] = field(default_factory=dict)
+    others: Mapping[str, pd.DataFrame] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         """Return its name, and how much of which data it has."""
-        tables = {name: getattr(self, name) for name in TABLES}
-        rows = [f"{TABLES[n].name} {len(t)} rows" for n, t in tables.items() if t is not None]
+        files = {name: table.file for name, table in TABLES.items()}
+        tables = {name: self.table(name) for name in (*TABLES, *self.others)}
+        rows = [
+            f"{files.get(name, f'{name}.csv')} {len(table)} rows"
+            for name, table in tables.items()
+            if table is not None
+        ]
         return f"Study {self.name}: {', '.join(rows)}"
+
+    def table(self, name: str) -> pd.DataFrame | None:
+        """Return a table by its name, whichever kind of data it is of; None if it is not there."""
+        found: pd.DataFrame | None = self.others.get(name, getattr(self, name, None))
+        return found
 
     @property
     def geometry(self) -> Dimensions:
@@ -277,13 +287,15 @@ class Study:
         return self.settings.dimensions
 
 
-def read_study(folder: Path | str) -> Study:
+def read_study(folder: Path | str, tables: Mapping[str, Table] = TABLES) -> Study:
     r"""Read a study folder and check everything in it.
 
     Parameters
     ----------
     folder : Path or str
         Holds ``study.toml`` and at least one of the data files.
+    tables : mapping of str to Table
+        Kinds of data that are read; `bayesdeg.observations.catalogue.read_study` reads all.
 
     Returns
     -------
@@ -307,26 +319,29 @@ def read_study(folder: Path | str) -> Study:
     (7, [209.8], True)
     """
     folder = Path(folder)
-    contents, unreadable = _read_files(folder)
+    files = tuple(table.file for table in tables.values())
+    contents, unreadable = _read_files(folder, files)
     if not contents and unreadable:
         raise StudyError(unreadable)
     settings, wrong_settings = parse_settings(contents.get(SETTINGS_FILE, b""))
-    tables = {
+    checked = {
         name: check_table(
-            contents[table.name], table, degradation_sd_pct=settings.degradation_sd_pct
+            contents[table.file], table.schema, degradation_sd_pct=settings.degradation_sd_pct
         )
-        for name, table in TABLES.items()
-        if table.name in contents
+        for name, table in tables.items()
+        if table.file in contents
     }
-    faults = [*unreadable, *_wrong_files(folder, set(contents), unreadable), *wrong_settings]
-    faults += [fault for table in tables.values() for fault in table.faults]
-    if not faults and "tensile" in tables:
-        faults += _absent_modes(settings, tables["tensile"].frame)
-    if not faults and "shrinkage" in tables:
-        faults += _too_light(settings, tables["shrinkage"].frame)
+    faults = [*unreadable, *_wrong_files(folder, files, set(contents), unreadable)]
+    faults += wrong_settings
+    faults += [fault for table in checked.values() for fault in table.faults]
+    if not faults and "tensile" in checked:
+        faults += _absent_modes(settings, checked["tensile"].frame)
+    if not faults and "shrinkage" in checked:
+        faults += _too_light(settings, checked["shrinkage"].frame)
     if faults:
         raise StudyError(faults)
-    return _assemble(folder, settings, tables, contents)
+    named = dict(zip(tables, files, strict=True))
+    return _assemble(folder, settings, checked, contents, files=named)
 
 
 def _absent_modes(settings: Settings, tensile: pd.DataFrame) -> Iterator[Fault]:
@@ -359,32 +374,33 @@ def _assemble(
     settings: Settings,
     tables: Mapping[str, CheckedTable],
     contents: Mapping[str, bytes],
+    *,
+    files: Mapping[str, str],
 ) -> Study:
     frames = {name: table.frame for name, table in tables.items()}
+    own = {name: frame for name, frame in frames.items() if name in TABLES}
     return Study(
         folder.resolve().name,
         folder,
         settings,
-        frames.get("moisture"),
-        frames.get("shrinkage"),
-        frames.get("tensile"),
-        frames.get("breaks"),
-        frames.get("actuator"),
-        frames.get("summary"),
-        {file: sha256(content).hexdigest() for file, content in contents.items()},
-        {name: table.recorded for name, table in tables.items()},
-        {TABLES[name].name: t.passed_over for name, t in tables.items() if t.passed_over},
+        **own,
+        hashes={file: sha256(content).hexdigest() for file, content in contents.items()},
+        recorded={name: table.recorded for name, table in tables.items()},
+        passed_over={files[name]: t.passed_over for name, t in tables.items() if t.passed_over},
+        others={name: frame for name, frame in frames.items() if name not in TABLES},
     )
 
 
-def _read_files(folder: Path) -> tuple[dict[str, bytes], tuple[Fault, ...]]:
+def _read_files(
+    folder: Path, data_files: tuple[str, ...]
+) -> tuple[dict[str, bytes], tuple[Fault, ...]]:
     if not folder.is_dir():
         problem = "is not a folder" if folder.exists() else "does not exist"
         remedy = f"name a folder that holds {SETTINGS_FILE} and the data"
         return {}, (Fault(str(folder), problem, remedy),)
     contents, faults = {}, []
     for path in sorted(folder.iterdir()):
-        if path.name not in (SETTINGS_FILE, *DATA_FILES):
+        if path.name not in (SETTINGS_FILE, *data_files):
             continue
         try:
             contents[path.name] = read_bytes(path, most_mb=STUDY_MB)
@@ -394,21 +410,25 @@ def _read_files(folder: Path) -> tuple[dict[str, bytes], tuple[Fault, ...]]:
     return contents, tuple(faults)
 
 
-def _wrong_files(folder: Path, found: set[str], unreadable: tuple[Fault, ...]) -> Iterator[Fault]:
+def _wrong_files(
+    folder: Path, data_files: tuple[str, ...], found: set[str], unreadable: tuple[Fault, ...]
+) -> Iterator[Fault]:
     there = found | {fault.file for fault in unreadable}
-    misnamed = dict(_misnamed(folder, there))
+    misnamed = dict(_misnamed(folder, data_files, there))
     for name, meant in misnamed.items():
         remedy = f"did you mean {meant!r}? Rename it, or give it a name less like that"
         yield Fault(name, "is not a file that is read", remedy)
     if SETTINGS_FILE not in {*there, *misnamed.values()}:
         yield Fault(SETTINGS_FILE, "is missing", "add it; it may be empty, all keys have defaults")
-    if not ({*there, *misnamed.values()} & set(DATA_FILES)):
-        remedy = f"add at least one of {', '.join(DATA_FILES)}"
+    if not ({*there, *misnamed.values()} & set(data_files)):
+        remedy = f"add at least one of {', '.join(data_files)}"
         yield Fault(folder.resolve().name, "holds no data file", remedy)
 
 
-def _misnamed(folder: Path, there: set[str]) -> Iterator[tuple[str, str]]:
-    known = {Path(name).stem: name for name in (SETTINGS_FILE, *DATA_FILES)}
+def _misnamed(
+    folder: Path, data_files: tuple[str, ...], there: set[str]
+) -> Iterator[tuple[str, str]]:
+    known = {Path(name).stem: name for name in (SETTINGS_FILE, *data_files)}
     for path in sorted(folder.iterdir()):
         if path.name in there or path.suffix.casefold() not in (".csv", ".toml"):
             continue

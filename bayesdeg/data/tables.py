@@ -5,6 +5,7 @@ what would be right.
 """
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from types import MappingProxyType
 
 import pandas as pd
@@ -319,7 +320,7 @@ MEASURED_RATE = pa.Check.ge(
 )
 
 
-def _number(*checks: pa.Check, empty: bool = False, optional: bool = False) -> pa.Column:
+def number(*checks: pa.Check, empty: bool = False, optional: bool = False) -> pa.Column:
     """Make a column of numbers; ``empty`` allows empty cells, as ``optional`` always does."""
     return pa.Column(float, list(checks), nullable=empty or optional, required=not optional)
 
@@ -351,20 +352,57 @@ def words_of(column: pa.Column) -> tuple[str, ...]:
     return tuple(word for words in listed for word in words if isinstance(word, str))
 
 
+@dataclass(frozen=True)
+class Table:
+    """A file of data.
+
+    Parameters
+    ----------
+    name : str
+        In a `bayesdeg.data.study.Study`.
+    schema : pandera.DataFrameSchema
+        Its columns in the order of the contract, a file may have more, and what rows must fulfil
+        together; its name is that of the file.
+    cost : str
+        What a study without it goes without; empty where nothing is missed.
+    supports : str
+        Which statements of a report rest on it.
+    counts : str
+        What stands in its first column, in the plural: of these the report gives the number.
+    """
+
+    name: str
+    schema: pa.DataFrameSchema
+    cost: str = ""
+    supports: str = ""
+    counts: str = "specimens"
+
+    @property
+    def file(self) -> str:
+        """Name of the file in the folder of a study."""
+        return str(self.schema.name)
+
+    @property
+    def columns(self) -> Mapping[str, pa.Column]:
+        """Columns by their names."""
+        found: Mapping[str, pa.Column] = self.schema.columns
+        return found
+
+
 def _specimens() -> dict[str, pa.Column]:
     return {
         "specimen_id": _text(),
-        "degradation_pct": _number(MEASURED_RATE, PERCENT),
-        "degradation_sd_pct": _number(NOT_NEGATIVE, optional=True),
+        "degradation_pct": number(MEASURED_RATE, PERCENT),
+        "degradation_sd_pct": number(NOT_NEGATIVE, optional=True),
     }
 
 
 MOISTURE = pa.DataFrameSchema(
     {
         "film_id": _text(),
-        "time_h": _number(NOT_NEGATIVE),
-        "mass_equilibrated_g": _number(POSITIVE),
-        "mass_dry_g": _number(POSITIVE),
+        "time_h": number(NOT_NEGATIVE),
+        "mass_equilibrated_g": number(POSITIVE),
+        "mass_dry_g": number(POSITIVE),
     },
     [
         once("film_id", "give one row a film, and every film its own name"),
@@ -377,9 +415,9 @@ MOISTURE = pa.DataFrameSchema(
 SHRINKAGE = pa.DataFrameSchema(
     {
         "film_id": _text(),
-        "mass_poured_g": _number(POSITIVE),
-        "mass_cured_g": _number(POSITIVE),
-        "mass_conditioned_g": _number(POSITIVE),
+        "mass_poured_g": number(POSITIVE),
+        "mass_cured_g": number(POSITIVE),
+        "mass_conditioned_g": number(POSITIVE),
     },
     [
         once("film_id", "give one row a film, and every film its own name"),
@@ -392,32 +430,43 @@ TENSILE = pa.DataFrameSchema(
     _specimens()
     | {
         "mode": _word(*MODES),
-        "stretch": _number(POSITIVE, STRETCHABLE),
-        "stress_MPa": _number(),
+        "stretch": number(POSITIVE, STRETCHABLE),
+        "stress_MPa": number(),
         "stress_measure": _word("nominal", "cauchy"),
     },
     [ONE_DEGRADATION, SOMETHING_STRESSED],
     name="tensile.csv",
 )
 BREAKS = pa.DataFrameSchema(
-    _specimens() | {"elongation_pct": _number(POSITIVE)},
+    _specimens() | {"elongation_pct": number(POSITIVE)},
     [once("specimen_id", "a specimen breaks once; give every specimen its own name")],
     name="break.csv",
 )
-ACTUATOR = pa.DataFrameSchema(
-    _specimens()
-    | {
-        "pressure_kPa": _number(),
-        "curvature_per_m": _number(empty=True),
-        "bend_angle_deg": _number(optional=True),
-        "curvature_sd_per_m": _number(NOT_NEGATIVE, optional=True),
-        "time_s": _number(NOT_NEGATIVE, optional=True),
+
+
+def of_actuators(read: Mapping[str, pa.Column]) -> dict[str, pa.Column]:
+    """Return the columns of a file of tests of actuators at pressures, in which this was read."""
+    return {
+        **_specimens(),
+        "pressure_kPa": number(),
+        **read,
+        "time_s": number(NOT_NEGATIVE, optional=True),
         "cycle": _whole(POSITIVE, WHOLE, default=1),
         "branch": _word("loading", "unloading"),
-        "humidity_pct": _number(NOT_NEGATIVE, PERCENT, optional=True),
+        "humidity_pct": number(NOT_NEGATIVE, PERCENT, optional=True),
         "mount": _word("horizontal", "hanging", "bending_up", "bending_down"),
-        "ruptured": _whole(BURST, default=0),
-    },
+    }
+
+
+ACTUATOR = pa.DataFrameSchema(
+    of_actuators(
+        {
+            "curvature_per_m": number(empty=True),
+            "bend_angle_deg": number(optional=True),
+            "curvature_sd_per_m": number(NOT_NEGATIVE, optional=True),
+        }
+    )
+    | {"ruptured": _whole(BURST, default=0)},
     [
         *(ONE_DEGRADATION, PRESSURE_PROCEEDS, TIME_PROCEEDS),
         *(CURVATURE_RECORDED, SOMETHING_APPLIED),
@@ -427,24 +476,57 @@ ACTUATOR = pa.DataFrameSchema(
 SUMMARY = pa.DataFrameSchema(
     {
         "quantity": _word(*UNITS_OF_STATISTICS, optional=False),
-        "degradation_pct": _number(NOT_NEGATIVE, PERCENT, empty=True),
-        "value": _number(),
-        "sd": _number(NOT_NEGATIVE, empty=True),
-        "n": _number(POSITIVE, WHOLE, empty=True),
+        "degradation_pct": number(NOT_NEGATIVE, PERCENT, empty=True),
+        "value": number(),
+        "sd": number(NOT_NEGATIVE, empty=True),
+        "n": number(POSITIVE, WHOLE, empty=True),
         "unit": _text(empty=True, default="–"),
         "source": _text(),
     },
     SUMMARY_CHECKS,
     name="summary.csv",
 )
-#: Every table of a study by its name; the name of a schema is that of the file.
-TABLES: Mapping[str, pa.DataFrameSchema] = MappingProxyType(
+#: The tables of films and actuators by their names; kinds of data that are files of
+#: `bayesdeg.observations` bring theirs along, see `bayesdeg.observations.catalogue.TABLES`.
+TABLES: Mapping[str, Table] = MappingProxyType(
     {
-        "moisture": MOISTURE,
-        "shrinkage": SHRINKAGE,
-        "tensile": TENSILE,
-        "breaks": BREAKS,
-        "actuator": ACTUATOR,
-        "summary": SUMMARY,
+        table.name: table
+        for table in (
+            Table(
+                "moisture",
+                MOISTURE,
+                cost="degradation rates are taken as recorded, without a check against time",
+            ),
+            Table(
+                "shrinkage",
+                SHRINKAGE,
+                cost="the volume ratio α rests on its prior and published statistics",
+                supports="volume ratio α",
+                counts="films",
+            ),
+            Table(
+                "tensile",
+                TENSILE,
+                cost="the Yeoh constants rest on priors and published statistics",
+                supports="Yeoh constants against degradation",
+            ),
+            Table(
+                "breaks",
+                BREAKS,
+                cost="the elongation limit rests on priors and published statistics",
+                supports="elongation limit and rupture",
+            ),
+            Table(
+                "actuator",
+                ACTUATOR,
+                cost="nothing can be said of the actuator: no misfit, no cause, no bands",
+                supports="verdict, gain, curvature bands",
+            ),
+            Table(
+                "summary",
+                SUMMARY,
+                cost="nothing is compared with, or rests on, published statistics",
+            ),
+        )
     }
 )

@@ -25,6 +25,7 @@ from bayesdeg.observations.kinds import (
     Labels,
     Observations,
     Places,
+    Scale,
     State,
     World,
     joined_places,
@@ -215,6 +216,11 @@ class Model:
     def _read(self) -> tuple[Observations, ...]:
         """Kinds of data with readings; an empty part would change how others are laid out."""
         return tuple(one for one in self.criticised if len(one.places))
+
+    @property
+    def scales(self) -> dict[str, Scale]:
+        """Units and axes of kinds of readings that have no tables and figures of their own."""
+        return {name: scale for one in self._read for name, scale in one.scales.items()}
 
     @cached_property
     def observed(self) -> Floats:

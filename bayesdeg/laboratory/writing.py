@@ -23,7 +23,7 @@ TRUTH_FILE = "truth.json"
 #: What a virtual experiment writes; published statistics are not virtual.
 VIRTUAL_FILES = (
     *(SETTINGS_FILE, TRUTH_FILE),
-    *(table.name for name, table in TABLES.items() if name != "summary"),
+    *(table.file for name, table in TABLES.items() if name != "summary"),
 )
 #: Of every file of it but `TRUTH_FILE`.
 FIRST_WORDS = "# virtual experiment made by"
@@ -80,7 +80,7 @@ def study_files(
         reads.
     """
     texts = {
-        TABLES[name].name: provenance.comment
+        TABLES[name].file: provenance.comment
         + table.map(spreadsheet_safe).to_csv(index=False, lineterminator="\n")
         for name, table in experiment.tables.items()
     }
@@ -162,7 +162,9 @@ def settings_text(settings: Settings) -> str:
     written: dict[str, Any] = {}
     for entry in ENTRIES:
         holders = (settings, settings.dimensions, settings.recipe)
-        [holder] = [one for one in holders if hasattr(one, entry.field)]
+        holder = next((one for one in holders if hasattr(one, entry.field)), None)
+        if holder is None:  # of a forward map of one's own, which no virtual experiment has
+            continue
         value = getattr(holder, entry.field)
         if entry.key == "seed" or value != getattr(type(holder)(), entry.field):
             table = written.setdefault(entry.table, {}) if entry.table else written

@@ -1,7 +1,7 @@
 """Ragged tables as padded arrays: specimens by observations."""
 
 from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import fields, is_dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -25,8 +25,9 @@ def chosen[T](data: T, rows: Rows) -> T:
     found: dict[str, Any] = {}
     for field in fields(data):  # type: ignore[arg-type]
         value = getattr(data, field.name)
-        found[field.name] = (
-            tuple(value[i] for i in rows) if isinstance(value, tuple) else value[rows]
-        )
+        if isinstance(value, tuple):
+            found[field.name] = tuple(value[i] for i in rows)
+        else:
+            found[field.name] = chosen(value, rows) if is_dataclass(value) else value[rows]
     changed: T = replace(data, **found)  # type: ignore[type-var]
     return changed

@@ -1,16 +1,19 @@
 """The kinds of data: every module of this package that reads one from a study.
 
 Such a module has ``from_study``; one whose data are part of another's, as ruptures are of actuators
-whose curvature was read, has ``from_observations``.
+whose curvature was read, has ``from_observations``. One whose file is not among those of films and
+actuators has ``TABLE``, its columns.
 """
 
 import importlib
 import pkgutil
-from collections.abc import Iterable
-from types import ModuleType
+from collections.abc import Iterable, Mapping
+from types import MappingProxyType, ModuleType
 
 import bayesdeg.observations
+from bayesdeg.data import tables
 from bayesdeg.data.study import Study
+from bayesdeg.data.tables import Table
 from bayesdeg.observations.kinds import Observations
 
 
@@ -23,6 +26,12 @@ def _discover() -> tuple[ModuleType, ...]:
 
 
 MODULES = _discover()
+
+#: Every file of data by its name in a study.
+TABLES: Mapping[str, Table] = MappingProxyType(
+    {**tables.TABLES} | {one.TABLE.name: one.TABLE for one in MODULES if hasattr(one, "TABLE")}
+)
+DATA_FILES = tuple(table.file for table in TABLES.values())
 
 
 def in_order(kinds: Iterable[Observations]) -> tuple[Observations, ...]:

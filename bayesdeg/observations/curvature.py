@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar, NamedTuple, Self, override
+from typing import Any, ClassVar, NamedTuple, Protocol, Self, override
 
 import numpy as np
 from numpy.typing import NDArray
@@ -421,7 +421,30 @@ class Predicted(NamedTuple):
     variance: Floats
 
 
-def believed_degradation(state: State[FilmsAndActuators], data: ActuatorCurves) -> Degradation:
+class ActuatorTests(Protocol):
+    """Tests of actuators at pressures, whatever was read in them.
+
+    Parameters
+    ----------
+    specimens : tuple of str
+        One a test.
+    degradation, degradation_sd : array, shape (n_specimens, 1)
+        D_R as measured and its standard error [%].
+    conditions : Conditions
+        What was set or recorded.
+    """
+
+    @property
+    def specimens(self) -> tuple[str, ...]: ...  # noqa: D102
+    @property
+    def degradation(self) -> Floats: ...  # noqa: D102
+    @property
+    def degradation_sd(self) -> Floats: ...  # noqa: D102
+    @property
+    def conditions(self) -> Conditions: ...  # noqa: D102
+
+
+def believed_degradation(state: State[FilmsAndActuators], data: ActuatorTests) -> Degradation:
     """Return degradation rates and their standard errors [%], each (n, n_specimens)."""
     recorded = Degradation(data.degradation, data.degradation_sd)
     believed = applied("on_degradation", recorded, data.conditions, state.acting())
@@ -437,7 +460,7 @@ class Part(NamedTuple):
     spread: Floats
 
 
-def parts_of(state: State[FilmsAndActuators], data: ActuatorCurves) -> Part:
+def parts_of(state: State[FilmsAndActuators], data: ActuatorTests) -> Part:
     """Return what is believed of the actuators' material."""
     believed = state.once(believed_degradation, data)
     material = state.world.material(state.values, shared(believed.value))
@@ -449,15 +472,23 @@ def predict(state: State[FilmsAndActuators], data: ActuatorCurves, deviation: Fl
     return _readings(data, state.values, *_predictions(state, data, deviation))
 
 
-def _predictions(
-    state: State[FilmsAndActuators], data: ActuatorCurves, deviation: Floats
-) -> tuple[Prediction, Prediction]:
-    """Return predictions before and after causes that act on the reading."""
+def inputs_met(state: State[FilmsAndActuators], data: ActuatorTests, deviation: Floats) -> Inputs:
+    """Return what the mechanics of actuators met, with causes.
+
+    Parameters
+    ----------
+    state : State
+        Named values, (n,).
+    data : ActuatorTests
+        What was set.
+    deviation : array, shape (n, n_specimens, 1)
+        Of each specimen's ln stiffness.
+    """
     values, material = state.values, state.once(parts_of, data).material
     factor = np.exp(deviation)
     c1, c2, c3 = (material.constants[..., i, None] * factor for i in range(3))
     inputs = Inputs(
-        pressure=data.pressure,
+        pressure=data.conditions.pressure,
         c1=c1,
         c2=c2,
         c3=c3,
@@ -465,8 +496,14 @@ def _predictions(
         paper_stiffness=values["paper_stiffness"][:, None, None],
         paper_thickness=np.full((1, 1, 1), state.world.paper_thickness),
     )
-    causes = state.acting()
-    met = applied("on_inputs", inputs, data.conditions, causes)
+    return applied("on_inputs", inputs, data.conditions, state.acting())
+
+
+def _predictions(
+    state: State[FilmsAndActuators], data: ActuatorCurves, deviation: Floats
+) -> tuple[Prediction, Prediction]:
+    """Return predictions before and after causes that act on the reading."""
+    causes, met = state.acting(), inputs_met(state, data, deviation)
     mechanics = _with_common_error(state, data, state.world.forward(met))
     return mechanics, applied("on_reading", mechanics, data.conditions, causes)
 

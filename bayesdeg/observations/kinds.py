@@ -5,7 +5,7 @@ law, so that whatever fits, leaves out, simulates or criticises asks it and know
 A kind that is a subclass of the protocol has its defaults: no readings to criticise, no factors.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any, ClassVar, NamedTuple, Protocol, Self
 
@@ -193,6 +193,24 @@ class Compared(NamedTuple):
     expected: Floats
 
 
+class Scale(NamedTuple):
+    """In what a kind of reading is given, and against what it is drawn.
+
+    Parameters
+    ----------
+    unit : str
+        Of the readings.
+    axis : str
+        What stands along the path, with its unit, as at the axis of a figure.
+    level : str
+        Unit of what was set for a whole specimen; %, where that is the degradation rate.
+    """
+
+    unit: str
+    axis: str
+    level: str = ""
+
+
 class Stored(NamedTuple):
     """Readings of one output as a posterior file keeps them.
 
@@ -324,6 +342,11 @@ class Observations(Protocol):
         return NOWHERE
 
     @property
+    def scales(self) -> Mapping[str, Scale]:
+        """Units of readings, by what was read; of what has tables of its own they are known."""
+        return {}
+
+    @property
     def reading_groups(self) -> Labels:
         """What each reading is held out with, (n,)."""
         return self.places.specimen
@@ -369,6 +392,10 @@ class Observations(Protocol):
     def watched(self, world: Any, report: Callable[[Flags], None]) -> Any:
         """Return a world that reports which vectors it refused these readings, (n,)."""
         return world
+
+    def reveals(self, cause: Cause) -> bool:
+        """Return whether it shows a cause by itself, without curvatures or tensile curves."""
+        return False
 
     def compared(self, state: State[Any]) -> list[Compared]:
         """Return measured means beside what the model has instead."""

@@ -6,7 +6,7 @@ c. A cause is a `bayesdeg.causes.cause.Cause` whose hooks ``on_inputs`` and ``on
 ``inputs`` and ``forward`` return, whatever that is.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any, ClassVar, override
@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bayesdeg.causes.cause import Cause
-from bayesdeg.causes.fold import applied
-from bayesdeg.observations.kinds import Labels, Observations, Places, Rows, State
+from bayesdeg.causes.fold import Acting, applied
+from bayesdeg.observations.kinds import Labels, Observations, Places, Rows, Scale, State, Stored
 from bayesdeg.priors import Named
 
 Floats = NDArray[np.float64]
@@ -75,6 +75,11 @@ def as_they_are(values: Named, conditions: object) -> Named:
     return values
 
 
+def as_given(cause: Cause) -> Cause:
+    """Return a cause whose hooks take what the forward map takes and gives."""
+    return cause
+
+
 def nothing_common(values: Named, readings: Floats) -> ArrayLike:
     """Say that specimens do not differ beyond the errors of single readings."""
     return 0.0
@@ -96,11 +101,14 @@ class Formula:
         From values and conditions to what the forward map takes; the values by default.
     readings : callable
         From a prediction to readings (k, n); as it is by default.
+    adapted : callable
+        From a cause to one whose hooks take what the forward map takes and gives.
     """
 
     forward: Callable[[Any, Any], Any]
     inputs: Callable[[Named, Any], Any] = as_they_are
     readings: Callable[[Any], ArrayLike] = np.asarray
+    adapted: Callable[[Cause], Cause] = as_given
 
     @property
     def is_limited(self) -> bool:
@@ -125,7 +133,7 @@ class Formula:
         ValueError
             If it has neither of the two hooks.
         """
-        for cause in causes:
+        for cause in map(self.adapted, causes):
             if cause.on_inputs is None and cause.on_reading is None:
                 raise ValueError(
                     f"cause {cause.name!r} acts neither on inputs nor on readings: give it "
@@ -138,7 +146,7 @@ class Formula:
 
     def predicted(self, state: State["Formula"], conditions: Any) -> Floats:
         """Return all readings of the forward map with causes, which broadcast to (k, n)."""
-        causes = state.acting(axes=1)
+        causes = [Acting(self.adapted(one), size) for one, size in state.acting(axes=1)]
         values = {name: value[:, None] for name, value in state.values.items()}
         inputs = applied("on_inputs", self.inputs(values, conditions), conditions, causes)
         prediction = self.forward(inputs, conditions)
@@ -212,6 +220,8 @@ class Readings(Observations):
         Like ``error``: c, by how much readings differ together from specimen to specimen.
     rows : array of int, shape (n,)
         Which of the forward map's readings were taken; by default all, in order.
+    read_in : mapping of str to Scale
+        Unit and axis of the readings by their kind.
 
     Raises
     ------
@@ -232,6 +242,7 @@ class Readings(Observations):
     conditions: Any = None
     common: Callable[[Named, Floats], ArrayLike] = nothing_common
     rows: Rows | slice = slice(None)
+    read_in: Mapping[str, Scale] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Fill in defaults, and refuse what does not go together."""
@@ -243,7 +254,7 @@ class Readings(Observations):
 
     @cached_property
     def _first(self) -> tuple[Labels, Rows, Rows]:
-        """FilmsAndActuators, the first reading of each, and the specimen of each reading."""
+        """Specimens, the first reading of each, and the specimen of each reading."""
         return np.unique(self.read_at.specimen, return_index=True, return_inverse=True)
 
     @property
@@ -265,6 +276,11 @@ class Readings(Observations):
     @override
     def places(self) -> Places:
         return self.read_at
+
+    @property
+    @override
+    def scales(self) -> Mapping[str, Scale]:
+        return self.read_in
 
     @property
     @override
@@ -329,6 +345,41 @@ class Readings(Observations):
         drawn: tuple[Observations, ...],
     ) -> tuple[Observations, ...]:
         return (*drawn, replace(self, observed_values=self.simulate(state, generator)[0]))
+
+    @override
+    def stored(
+        self, state: State[Formula], tests: State[Formula], generator: np.random.Generator
+    ) -> list[Stored]:
+        places = self.read_at
+        return [
+            Stored(
+                "reading",
+                "observation",
+                self.observed_values,
+                self._sequential(state),
+                self.simulate(tests, generator),
+                {"specimen_id": places.specimen, "kind": places.kind},
+                {"x": places.along},
+            )
+        ]
+
+    def _sequential(self, state: State[Formula]) -> Floats:
+        """Return log densities of each reading given those before it on its specimen, (k, n).
+
+        What is known of a specimen's deviation a after some readings has precision
+        1 + Σ c²/σ² and mean Σ c r/σ² over it.
+        """
+        mean, sd, moved = self._laws(state)
+        residual, density = self.observed_values - mean, np.empty(mean.shape)
+        for specimen in range(len(self._first[0])):
+            rows = self._first[2] == specimen
+            r, s, c = residual[:, rows], sd[:, rows], moved[:, rows]
+            precision = 1.0 + np.cumsum((c / s) ** 2, axis=1) - (c / s) ** 2
+            known = np.cumsum(c * r / s**2, axis=1) - c * r / s**2
+            width = np.sqrt(s**2 + c**2 / precision)
+            z = (r - c * known / precision) / width
+            density[:, rows] = -0.5 * (z**2 + _LOG_TWO_PI) - np.log(width)
+        return density
 
     @override
     def refused(self, state: State[Formula]) -> Flags:

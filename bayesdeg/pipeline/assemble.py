@@ -1,5 +1,6 @@
 """A study becomes the base model: which data, which parameters, which priors."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +13,9 @@ from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.emulator.trained import surrogate_for
 from bayesdeg.inference.model import Model
 from bayesdeg.observations.specimens import FilmsAndActuators, no_map
+from bayesdeg.pipeline.formula import OwnMap, probe
 from bayesdeg.pipeline.outline import outline
+from bayesdeg.priors import Parameter
 
 
 @dataclass(frozen=True)
@@ -32,6 +35,8 @@ class Assembly:
     alike : tuple of Cause
         Those of the unjudged that act on the films of a study without actuators, and that these
         films cannot tell from another form of the law, nor from each other.
+    own : OwnMap, optional
+        A forward map of the user's own, where the study is of no films and actuators.
     """
 
     model: Model
@@ -39,6 +44,22 @@ class Assembly:
     unjudged: dict[str, str]
     missing: tuple[tuple[str, str], ...]
     alike: tuple[Cause, ...] = ()
+    own: OwnMap | None = None
+
+
+def assemble_own(
+    own: OwnMap, parameters: Iterable[Parameter], candidates: Iterable[Cause] = ()
+) -> Assembly:
+    """Build the base model of readings and a forward map of one's own.
+
+    Raises
+    ------
+    BayesdegError
+        If names clash, or shapes do not go together.
+    """
+    model = own.model(parameters)
+    probe(model)
+    return Assembly(model, tuple(candidates), {}, (), own=own)
 
 
 def assemble(study: Study, forward: ForwardMap | None = None) -> Assembly:

@@ -12,6 +12,7 @@ from bayesdeg.criticism.holdout.leave_one_out import LeaveOneOut
 from bayesdeg.criticism.posterior import prior_sensitivity as priors
 from bayesdeg.criticism.posterior.prior_sensitivity import PriorSensitivity
 from bayesdeg.inference.model import blocks_of
+from bayesdeg.observations.specimens import FilmsAndActuators
 from bayesdeg.pipeline.calibrate import Fit
 from bayesdeg.pipeline.progress import Progress
 from bayesdeg.prediction import prior_predictive as alone
@@ -92,7 +93,9 @@ def check(
     progress.stage("what hangs on priors")
     sensitivity = guard.attempt(Stage.PRIOR_SENSITIVITY, priors.prior_sensitivity, model, chain)
     generator = np.random.default_rng(draws)
-    predictive = guard.attempt(Stage.PRIOR_PREDICTIVE, alone.prior_predictive, model, generator)
+    predictive = None
+    if isinstance(model.world, FilmsAndActuators):
+        predictive = guard.attempt(Stage.PRIOR_PREDICTIVE, alone.prior_predictive, model, generator)
     progress.stage("specimens left out in turn")
     left_out = None
     if len(blocks_of(model)) >= FEWEST:

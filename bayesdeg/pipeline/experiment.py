@@ -1,4 +1,4 @@
-"""A study as the verbs of the library ask it: calibrate, judge, hold out, predict, write."""
+"""A study, or readings with a forward map of one's own, as the verbs of the library ask them."""
 
 from collections.abc import Iterable, Sequence
 from concurrent.futures import Executor
@@ -20,17 +20,18 @@ from bayesdeg.criticism.checks.residuals import predict_readings
 from bayesdeg.criticism.fit.trials import Trial
 from bayesdeg.data.nearest import use_one_of
 from bayesdeg.data.plausibility import doubts, refuse_impossible
-from bayesdeg.data.settings import Effort
+from bayesdeg.data.settings import Effort, Settings
 from bayesdeg.data.study import Study
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.emulator.trained import find as find_emulator
 from bayesdeg.errors import BayesdegError
 from bayesdeg.inference.model import Model
 from bayesdeg.inference.sampling import EFFORTS, to_datatree
-from bayesdeg.pipeline import forecast
-from bayesdeg.pipeline.assemble import Assembly, assemble
+from bayesdeg.pipeline import forecast, formula
+from bayesdeg.pipeline.assemble import Assembly, assemble, assemble_own
 from bayesdeg.pipeline.calibrate import Fit, base_of, calibrate
 from bayesdeg.pipeline.forecast import model_document
+from bayesdeg.pipeline.formula import Drawn, OwnMap, cause_of, probe
 from bayesdeg.pipeline.judge import Judgement, with_sampled_sizes
 from bayesdeg.pipeline.outline import outline
 from bayesdeg.pipeline.output import run_folder
@@ -46,11 +47,17 @@ from bayesdeg.pipeline.run import (
     judged_fit,
     with_options,
 )
+from bayesdeg.priors import Parameter
 from bayesdeg.report.checkpoints import NoCheckpoints
 from bayesdeg.report.left_out import Guard
 from bayesdeg.report.record import Verdict
+from bayesdeg.report.tables import ALL_LEVELS
 
 Floats = NDArray[np.float64]
+
+MOST_OF_ONE_LEVEL = 2  # rows of a model: its one level, and all of them pooled
+SCORED_FIRST = ("model", "level", "elpd", "elpd_se", "elpd_diff", "elpd_diff_se", "rmse", "crps")
+SCORED_ELSE = ("rmse_per_m", "crps_per_m")
 
 
 @dataclass(frozen=True)
@@ -91,13 +98,13 @@ class Written:
 
 
 @dataclass(frozen=True)
-class StudyExperiment:
+class Experiment:
     """A study with its base model and the causes that are active.
 
     Parameters
     ----------
     study : Study
-        Checked.
+        Checked; of readings in a script it holds a title alone.
     assembly : Assembly
         Base model and candidates.
     causes : tuple of Cause
@@ -111,7 +118,7 @@ class StudyExperiment:
     @classmethod
     def of(
         cls, study: Study, forward: ForwardMap | None, active: Iterable[Cause | str]
-    ) -> "StudyExperiment":
+    ) -> "Experiment":
         """Check a study against what is possible, and build its models.
 
         Raises
@@ -121,17 +128,59 @@ class StudyExperiment:
         BayesdegError
             If no emulator of the geometry is to be had, or a cause does not exist.
         """
+        if study.settings.forward is not None:
+            return cls._with(study, assemble(study), active)
         plan = outline(study, emulated=forward is None or isinstance(forward, Surrogate))
         refuse_impossible(doubts(study, plan.expected))
         if forward is None and plan.needs_forward:
             forward = _known_emulator(study)
-        base = cls(study, assemble(study, forward))
-        return replace(base, causes=tuple(base.cause(one) for one in active))
+        return cls._with(study, assemble(study, forward), active)
+
+    @classmethod
+    def of_readings(
+        cls,
+        own: OwnMap,
+        parameters: Iterable[Parameter],
+        catalogue: Iterable[Cause],
+        active: Iterable[Cause | str],
+    ) -> "Experiment":
+        """Build the model of readings and a forward map of one's own.
+
+        Raises
+        ------
+        BayesdegError
+            If something is missing, has another type, or has the wrong shape.
+        """
+        settings = Settings(title=own.title, seed=0)
+        named = Study(own.title, Path(own.title), settings)
+        return cls._with(named, assemble_own(own, parameters, catalogue), active)
+
+    @classmethod
+    def _with(cls, study: Study, assembly: Assembly, active: Iterable[Cause | str]) -> "Experiment":
+        base = cls(study, assembly)
+        found = replace(base, causes=tuple(base.cause(one) for one in active))
+        if assembly.own is not None and found.causes:
+            probe(found.density)
+        return found
+
+    @property
+    def own(self) -> OwnMap | None:
+        """The forward map of the user's own, if it is one."""
+        return self.assembly.own
 
     @property
     def density(self) -> Model:
-        """What is sampled."""
-        return self.assembly.model.extended(*self.causes)
+        """What is sampled.
+
+        Raises
+        ------
+        BayesdegError
+            If a cause acts on nothing of it, or names clash.
+        """
+        try:
+            return self.assembly.model.extended(*self.causes)
+        except ValueError as fault:
+            raise BayesdegError(str(fault)) from fault
 
     @property
     def title(self) -> str:
@@ -151,6 +200,8 @@ class StudyExperiment:
     @property
     def is_parallel(self) -> bool:
         """Whether other processes know all that is computed with: nothing is the user's own."""
+        if self.own is not None:
+            return False
         forward = self.assembly.model.forward
         ours = forward is None or isinstance(forward, Surrogate)
         tried = (*self.causes, *self.assembly.candidates)
@@ -164,6 +215,8 @@ class StudyExperiment:
         BayesdegError
             If there is none of that name; the message suggests the nearest.
         """
+        if self.own is not None:
+            return cause_of(given, (*self.assembly.candidates, *self.causes))
         if isinstance(given, Cause):
             return given
         known = CATALOGUE | {one.name: one for one in (*self.assembly.candidates, *self.causes)}
@@ -171,13 +224,13 @@ class StudyExperiment:
             raise BayesdegError(f"there is no cause {given!r}; {use_one_of(given, known)}")
         return known[given]
 
-    def with_candidates(self, causes: str | Iterable[Cause | str]) -> "StudyExperiment":
+    def with_candidates(self, causes: str | Iterable[Cause | str]) -> "Experiment":
         """Return the experiment with other candidates: ``all`` that the study has, or a list."""
         if causes == "all":
+            self._refuse_no_candidates(self.assembly.candidates)
             return self
         wanted = [self.cause(one) for one in ([causes] if isinstance(causes, str) else causes)]
-        if not wanted:
-            raise BayesdegError("causes is empty: name at least one cause, or say 'all'")
+        self._refuse_no_candidates(wanted)
         unjudged = self.assembly.unjudged
         assembly = replace(
             self.assembly,
@@ -186,6 +239,16 @@ class StudyExperiment:
             alike=tuple(a for a in self.assembly.alike if a.name in {one.name for one in wanted}),
         )
         return replace(self, assembly=assembly)
+
+    def _refuse_no_candidates(self, wanted: Sequence[Cause]) -> None:
+        if wanted or (self.own is None and self.assembly.unjudged):
+            return
+        if self.own is None:
+            raise BayesdegError("causes is empty: name at least one cause, or say 'all'")
+        raise BayesdegError(
+            "a model with a forward map of its own has no causes that could be named; give "
+            "them as criticise(fit, causes=[...]), or as Model(..., catalogue=[...])"
+        )
 
     def fit(self, effort: Effort, seed: int, progress: Progress, executor: Executor | None) -> Fit:
         """Calibrate the model; of the base model as ``bayesdeg run`` does with the same seed."""
@@ -238,11 +301,18 @@ class StudyExperiment:
 
     def folds(self, seed: int) -> np.random.SeedSequence:
         """Return the seed with which a verdict holds out what the model is fitted to."""
+        if self.own is not None:
+            return np.random.SeedSequence(seed).spawn(2)[1]
         return Streams.of(seed).verdict.spawn(3)[1]
 
     def tidy(self, gain: pd.DataFrame) -> pd.DataFrame:
-        """Return held-out scores as they are told of a study."""
-        return gain
+        """Return held-out scores; of a forward map of one's own in the unit of its readings."""
+        if self.own is None:
+            return gain
+        several = gain["degradation_pct"].nunique() > MOST_OF_ONE_LEVEL
+        rows = gain if several else gain[gain["degradation_pct"] == ALL_LEVELS]
+        plain = rows.rename(columns={"degradation_pct": "level"}).reset_index(drop=True)
+        return plain[[*SCORED_FIRST, *(n for n in plain if n not in (*SCORED_FIRST, *SCORED_ELSE))]]
 
     def predict(
         self,
@@ -255,6 +325,8 @@ class StudyExperiment:
         degradation: Floats,
     ) -> pd.DataFrame:
         """Return curvature bands and rupture probabilities of a new specimen."""
+        if self.own is not None:
+            raise BayesdegError("a model with a forward map of its own is asked at x=...")
         return forecast.predict(
             self._of_actuators(fit, effort),
             degradation,
@@ -275,6 +347,11 @@ class StudyExperiment:
         max_risk: float,
     ) -> pd.DataFrame:
         """Return the pressure for each curvature at each degradation rate."""
+        if self.own is not None:
+            raise BayesdegError(
+                "a model with a forward map of its own has no curvature and no pressure: ask "
+                "control(fit, reading=..., x=...)"
+            )
         found = forecast.settings(
             self._of_actuators(fit, effort),
             degradation,
@@ -284,6 +361,26 @@ class StudyExperiment:
             progress=progress,
         )
         return forecast.settings_table(found)
+
+    def predict_own(self, fit: Fit, effort: Effort, seed: int, x: Any) -> pd.DataFrame:
+        """Return what a new specimen would show at x, without reading error."""
+        return formula.predict(
+            *self._of_own(fit, effort, "pressure=... and degradation=..."),
+            x,
+            np.random.SeedSequence([seed, 1]),
+        )
+
+    def control_own(
+        self, fit: Fit, effort: Effort, seed: int, wanted: Floats, x: Any
+    ) -> pd.DataFrame:
+        """Return the input at which the reading is as wanted."""
+        asked = self._of_own(fit, effort, "curvature=... and degradation=...")
+        return formula.control(*asked, wanted, x, np.random.SeedSequence([seed, 1]))
+
+    def _of_own(self, fit: Fit, effort: Effort, ask: str) -> tuple[OwnMap, Drawn]:
+        if self.own is None:
+            raise BayesdegError(f"a model of a study is asked at {ask}")
+        return self.own, Drawn(fit.model, fit.chain.thinned(EFFORTS[effort].kept))
 
     def extrapolations(self, degradation: Floats, pressure: Floats) -> tuple[str, ...]:
         """Say where predictions lie outside of what was measured."""

@@ -274,6 +274,7 @@ JUDGE_EFFORTS = {
 }
 OWN_MAP = SearchEffort(replicates=500, fitted=4, pairs=3)
 """Of a forward map of one's own, which is fast."""
+OWN_EFFORTS = JUDGE_EFFORTS | {"standard": OWN_MAP}
 MOST = 4_000
 """Replicates where a p-value is near the level that decides: its Monte Carlo error is 0.003."""
 MOST_OF_FILMS = 20_000  # they cost next to nothing
@@ -309,6 +310,8 @@ def judge_model(
     *,
     seed: int,
     effort: SearchEffort = OWN_MAP,
+    progress: Progress | None = None,
+    guard: Guard | None = None,
 ) -> Judgement:
     """Fit a model without a cause and say what is wrong with it, if anything.
 
@@ -322,9 +325,14 @@ def judge_model(
         Of every random number.
     effort : SearchEffort
         What the search may cost.
+    progress, guard : optional
+        As of `judge`.
     """
-    base = base_without_chain(model, np.random.SeedSequence(seed))
-    return judge(Catalogue(causes), base, effort=effort, seed=np.random.SeedSequence(seed))
+    base, again = (
+        base_without_chain(model, np.random.SeedSequence(seed)),
+        np.random.SeedSequence(seed),
+    )
+    return judge(Catalogue(causes), base, effort=effort, seed=again, progress=progress, guard=guard)
 
 
 def judge(

@@ -18,7 +18,7 @@ from bayesdeg.data.shrinkage import linear_scale
 from bayesdeg.data.study import Study
 from bayesdeg.errors import BayesdegError, Fault, StudyError
 from bayesdeg.material.degradation import Nodes, nodes_for
-from bayesdeg.observations.catalogue import observations_of, of_kind
+from bayesdeg.observations.catalogue import TABLES, observations_of, of_kind
 from bayesdeg.observations.curvature import Curvature
 from bayesdeg.observations.kinds import Observations
 from bayesdeg.observations.means import Means, Statistic
@@ -130,7 +130,7 @@ def outline(study: Study, *, emulated: bool = True) -> Outline:
     elongation_levels = _levels(one.elongation_levels for one in found)
     elongation_nodes = nodes_for(elongation_levels) if elongation_levels else ()
     base = [*material_parameters(nodes), STIFFNESS_SCATTER]
-    base += [p for one in found for p in one.parameters]
+    base += {p.name: p for one in found for p in one.parameters}.values()
     base += elongation_parameters(elongation_nodes) if elongation_nodes else ()
     base += [p for one in found for p in one.error_parameters if emulated]
     candidates, unjudged, alike = _candidates(study, found, limited=bool(elongation_nodes))
@@ -181,9 +181,10 @@ def _candidates(
         blind = [cause.blind_on_films(one.curves.conditions) for one in alone if on_films]
         indistinct = next(iter(blind), None)
         why = indistinct or _unseen(cause, study, actuators, films, limited=limited)
+        why = None if any(one.reveals(cause) for one in found) else why
         if why is not None:
             unjudged[cause.name] = why
-        if why is None or indistinct is not None:
+        if why in (None, indistinct):
             stated = replace(cause, parameters=_stated_priors(cause, study))
             (judged if why is None else alike).append(stated)
     return tuple(judged), unjudged, tuple(alike)
@@ -241,19 +242,10 @@ def _check(study: Study, base: list[Parameter], candidates: tuple[Cause, ...]) -
 
 
 def _missing(study: Study) -> tuple[tuple[str, str], ...]:
-    costs = {
-        "tensile": "the Yeoh constants rest on priors and published statistics",
-        "actuator": "nothing can be said of the actuator: no misfit, no cause, no bands",
-        "breaks": "the elongation limit rests on priors and published statistics",
-        "shrinkage": "the volume ratio α rests on its prior and published statistics",
-        "moisture": "degradation rates are taken as recorded, without a check against time",
-        "summary": "nothing is compared with, or rests on, published statistics",
-    }
-    files = {"breaks": "break.csv"}
     absent = (
-        (files.get(name, f"{name}.csv"), cost)
-        for name, cost in costs.items()
-        if getattr(study, name) is None
+        (table.file, table.cost)
+        for table in TABLES.values()
+        if table.cost and study.table(table.name) is None
     )
     return (*passed_over(study), *absent)
 

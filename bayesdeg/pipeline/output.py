@@ -11,7 +11,7 @@ from pydantic import Field
 
 from bayesdeg.data.settings import FILE as SETTINGS_FILE
 from bayesdeg.data.settings import parse_settings
-from bayesdeg.data.study import DATA_FILES, Study
+from bayesdeg.data.study import Study
 from bayesdeg.errors import BayesdegError
 from bayesdeg.files import (
     RUN_MB,
@@ -23,6 +23,7 @@ from bayesdeg.files import (
     write_text,
 )
 from bayesdeg.laboratory.writing import FIRST_WORDS, TRUTH_FILE
+from bayesdeg.observations.catalogue import DATA_FILES
 from bayesdeg.records import FileRecord, Text, Texts
 from bayesdeg.report.folder import RUN, RUN_FILES, RunFolder
 

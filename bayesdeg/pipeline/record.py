@@ -17,6 +17,7 @@ from bayesdeg.criticism.checks.residuals import (
     concentration,
     where,
     where_films,
+    where_readings,
     with_concentration,
 )
 from bayesdeg.criticism.checks.rupture_misfit import RuptureMisfit
@@ -26,10 +27,13 @@ from bayesdeg.data.plausibility import Doubt, doubts
 from bayesdeg.data.study import Study
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.inference.model import Model, Refusals, share_outside
+from bayesdeg.observations.catalogue import TABLES
+from bayesdeg.observations.specimens import FilmsAndActuators
 from bayesdeg.observations.tensile import STRESS
 from bayesdeg.pipeline.calibrate import Fit, refused_inputs
 from bayesdeg.pipeline.explanation import explain
 from bayesdeg.pipeline.forecast import model_document
+from bayesdeg.pipeline.formula import OwnMap
 from bayesdeg.pipeline.judge import Judgement, readings_misfit
 from bayesdeg.pipeline.outline import outline
 from bayesdeg.pipeline.results import Results
@@ -91,7 +95,7 @@ def verdict_document(
         causes=decision.causes,
         one_of=decision.one_of,
         explanation=f"{said} {note}".strip(),
-        candidates=tuple(_candidate(c) for c in judgement.candidates),
+        candidates=tuple(_candidate(c, judgement) for c in judgement.candidates),
         confusable=tuple(judgement.confusability.pairs()),
         false_name_rate=base.false_name_rate,
         naming=NamingEntry(log_bayes_factor=judgement.threshold, replicates=len(base.chance)),
@@ -104,9 +108,11 @@ def verdict_document(
 
 
 def _misfit(judgement: Judgement, where: str, found: Concentration | None) -> MisfitEntry:
-    """Return the misfit of the curvatures, or of the stresses where there are none."""
+    """Return the misfit of the curvatures; of stresses or other readings where there are none."""
     rms, noise = readings_misfit(judgement)
     stress = readings_misfit(judgement, STRESS) if rms is None else (None, None)
+    kind, unit = _other_kind(judgement) if rms is None else ("", "")
+    other = readings_misfit(judgement, kind) if kind else (None, None)
     return MisfitEntry(
         rms_per_m=rms,
         noise_per_m=noise,
@@ -116,7 +122,17 @@ def _misfit(judgement: Judgement, where: str, found: Concentration | None) -> Mi
         concentrated=None if found is None else _concentrated(found),
         rms_MPa=stress[0],
         noise_MPa=stress[1],
+        rms=other[0],
+        noise=other[1],
+        kind=kind,
+        unit=unit,
     )
+
+
+def _other_kind(judgement: Judgement) -> tuple[str, str]:
+    """Return what was read first of what has no tables of its own, and its unit."""
+    scales = judgement.search.base.subject.scales
+    return next(((kind, scale.unit) for kind, scale in scales.items()), ("", ""))
 
 
 def _concentrated(found: Concentration) -> ConcentrationEntry:
@@ -177,7 +193,8 @@ def unjudged_document(
     )
 
 
-def _candidate(candidate: Candidate) -> CandidateEntry:
+def _candidate(candidate: Candidate, judgement: Judgement) -> CandidateEntry:
+    own = {cause.name: cause.mechanism for cause in judgement.search.causes}
     fit = "full fit" if candidate.fitted else "screening"
     return CandidateEntry(
         cause=candidate.cause,
@@ -188,7 +205,7 @@ def _candidate(candidate: Candidate) -> CandidateEntry:
         elpd_diff_se=candidate.elpd_diff_se,
         explained_fraction=candidate.explained_fraction,
         effect={name: EffectEntry.of(size) for name, size in candidate.effect.items()},
-        mechanism=_mechanism(candidate.cause),
+        mechanism=own.get(candidate.cause) or _mechanism(candidate.cause),
         naming_p_value=candidate.naming_p_value,
         why=candidate.why,
         judged_by="" if candidate.why else fit,
@@ -272,8 +289,10 @@ def _verdict(
 
 def _place(results: Results, judgement: Judgement, residual: Floats | None) -> str:
     """Say where the misfit sits; empty where the readings could not be predicted."""
+    linear = judgement.search.base.linear
     if results.base.model.actuator is None:
-        return where_films(judgement.search.base.linear)
+        kind, unit = _other_kind(judgement)
+        return where_readings(linear, kind, unit) if kind else where_films(linear)
     noise = readings_misfit(judgement)[1]
     return "" if residual is None else where(results.base.model, residual, noise or 0.0)
 
@@ -297,7 +316,8 @@ def in_doubt(study: Study, results: Results) -> InDoubt:
         Readings and specimens that are unlikely, and parameters that are calibrated to what their
         priors all but exclude.
     """
-    found = doubts(study, outline(study).expected)
+    own = results.assembly.own is not None
+    found = () if own else doubts(study, outline(study).expected)
     return InDoubt(
         suspects=tuple(_suspect(doubt) for doubt in found),
         parameters_in_question=_off_priors(results),
@@ -376,29 +396,13 @@ def _interval(draws: NDArray[np.float64]) -> str:
 
 def rests_on(study: Study, model: Model) -> list[BasisEntry]:
     """Return which statement rests on which data."""
-    specimens = "virtual experiment" if study.settings.virtual else "measured"
+    origin = "virtual experiment" if study.settings.virtual else "measured"
     statements = []
-    if study.tensile is not None:
-        count = study.tensile["specimen_id"].nunique()
-        statements.append(
-            ("Yeoh constants against degradation", f"tensile.csv, {count} specimens ({specimens})")
-        )
-    if study.actuator is not None:
-        count = study.actuator["specimen_id"].nunique()
-        statements.append(
-            ("verdict, gain, curvature bands", f"actuator.csv, {count} specimens ({specimens})")
-        )
-    if study.breaks is not None:
-        statements.append(
-            (
-                "elongation limit and rupture",
-                f"break.csv, {len(study.breaks)} specimens ({specimens})",
-            )
-        )
-    if study.shrinkage is not None:
-        statements.append(
-            ("volume ratio α", f"shrinkage.csv, {len(study.shrinkage)} films ({specimens})")
-        )
+    for name, table in TABLES.items():
+        frame = study.table(name)
+        if frame is not None and table.supports:
+            count = frame[next(iter(table.columns))].nunique()
+            statements.append((table.supports, f"{table.file}, {count} {table.counts} ({origin})"))
     if study.summary is not None:
         used = {s.quantity for s in model.statistics if not s.source.startswith("shrinkage.csv")}
         used |= set() if model.published is None else {"r_squared"}
@@ -409,6 +413,21 @@ def rests_on(study: Study, model: Model) -> list[BasisEntry]:
         if shown:
             statements.append((f"shown, not fitted: {', '.join(shown)}", "summary.csv (published)"))
     return [BasisEntry(statement=statement, rests_on=basis) for statement, basis in statements]
+
+
+def _rests_on_own(study: Study, own: OwnMap) -> list[BasisEntry]:
+    """Return what the statements on a forward map of one's own rest on."""
+    given = "readings.csv" if study.settings.forward is not None else "readings given in Python"
+    origin = "virtual experiment" if study.settings.virtual else "measured"
+    counts = [len(np.unique(block.places.specimen)) for block in own.readings]
+    read = ", ".join(
+        f"{len(block.y)} of {block.name} on {count} specimens"
+        for block, count in zip(own.readings, counts, strict=True)
+    )
+    return [
+        BasisEntry(statement="verdict, gain, posterior", rests_on=f"{given}: {read} ({origin})"),
+        BasisEntry(statement="what is predicted", rests_on=own.source),
+    ]
 
 
 # share of refused proposals above which the posterior may be cut off
@@ -435,6 +454,7 @@ def run_document(
     """Return the content of ``run.json``: versions, seed, hashes, effort, times, counts."""
     settings, judgement = study.settings, results.judgement
     guard, doubted = guard or Guard(strict=True), doubted or InDoubt()
+    own = results.assembly.own
     compared = guard.attempt(Stage.COMPARISONS, comparisons, study, results.final) or ()
     return RunRecord(
         title=settings.title or study.name,
@@ -451,10 +471,11 @@ def run_document(
         seconds=seconds,
         counts=_counts(results),
         missing=tuple(MissingEntry(what=w, cost=c) for w, c in results.assembly.missing),
-        rests_on=tuple(rests_on(study, results.base.model)),
+        rests_on=tuple(_rests_on_own(study, own) if own else rests_on(study, results.base.model)),
         convergence=_convergence(results),
         emulator=_emulator(results, guard),
-        model=model_document(results.base.model),
+        model=None if own else model_document(results.base.model),
+        forward=own.source if own else "",
         misfit=StatisticEntry(
             observed=None if judgement is None else judgement.misfit.statistic,
             name="log-likelihood ratio of a smooth discrepancy",
@@ -473,9 +494,9 @@ def _checks(results: Results) -> dict[str, str]:
 
 
 def _counts(results: Results) -> dict[str, int]:
-    forward = results.base.model.forward
+    forward = _emulated(results)
     outside, cut = 0, None
-    if isinstance(forward, Surrogate):
+    if forward is not None:
         cut = emulator_facts(forward.record).curves_cut_short
         outside = round(_outside(results.final) * results.final.chain.log_prob.size)
     counts = {
@@ -488,6 +509,13 @@ def _counts(results: Results) -> dict[str, int]:
         counts[f"proposals refused by the emulator, {label}"] = fit.chain.refusals.refused
     name = "finite element curves of the emulator that met a limit point"
     return counts | ({} if cut is None else {name: int(cut)})
+
+
+def _emulated(results: Results) -> Surrogate | None:
+    """Return the emulator that stood for the mechanics, if one did."""
+    world = results.base.model.world
+    forward = world.forward if isinstance(world, FilmsAndActuators) else None
+    return forward if isinstance(forward, Surrogate) else None
 
 
 def _outside(fit: Fit) -> float:
@@ -509,8 +537,8 @@ def _convergence(results: Results) -> dict[str, ConvergenceEntry]:
 
 
 def _emulator(results: Results, guard: Guard) -> EmulatorEntry:
-    forward = results.base.model.forward
-    if not isinstance(forward, Surrogate):
+    forward = _emulated(results)
+    if forward is None:
         return EmulatorEntry()
     chains = {id(fit.chain): fit.chain.refusals for fit in results.fits.values()}
     refusals = sum(chains.values(), start=Refusals())

@@ -30,9 +30,11 @@ from bayesdeg.pipeline.deformed import Begun, begin
 from bayesdeg.pipeline.films import examine
 from bayesdeg.pipeline.judge import (
     JUDGE_EFFORTS,
+    OWN_EFFORTS,
     Judgement,
     extended_model,
     judge,
+    judge_model,
     with_sampled_sizes,
 )
 from bayesdeg.pipeline.progress import Progress
@@ -213,8 +215,8 @@ def add_page(folder: RunFolder, document: Verdict, guard: Guard) -> tuple[Verdic
 
 
 def can_be_judged(model: Model) -> bool:
-    """Return whether a study has readings that may show a misfit: of actuators, or of films."""
-    return model.actuator is not None or model.tensile is not None
+    """Return whether a study has readings that may show a misfit, such as of actuators or films."""
+    return len(model.places) > 0
 
 
 def with_options(study: Study, effort: Effort | None = None, seed: int | None = None) -> Study:
@@ -275,6 +277,15 @@ def judged_fit(
     One thread of linear algebra, so that the figures are the same bits on every machine.
     """
     with threadpool_limits(limits=1):
+        if assembly.own is not None:
+            return judge_model(
+                assembly.model,
+                assembly.candidates,
+                seed=int(str(seed.entropy)),  # of the study
+                effort=OWN_EFFORTS[effort],
+                progress=progress,
+                guard=guard,
+            )
         return judge(
             assembly,
             base_of(base),
@@ -289,7 +300,8 @@ def judged_fit(
 def fingerprint(study: Study, forward: Surrogate | None = None) -> str:
     """Return a hash of everything that a run's results depend on."""
     settings = study.settings
-    emulator = to_bytes(forward or default_surrogate())
+    own = settings.forward is not None
+    emulator = b"" if own else to_bytes(forward or default_surrogate())
     content = json.dumps(
         [
             bayesdeg.__version__,
@@ -342,6 +354,8 @@ def _examine(
         checks = check(
             results.final, seed=seeds.checks, progress=progress, executor=executor, guard=guard
         )
+    if results.assembly.own is not None:
+        return replace(results, checks=checks)
     with clock.stage("films"):
         effort = EFFORTS[study.settings.effort]
         model = results.base.model

@@ -63,6 +63,7 @@ from bayesdeg.report.wording import sentences
 Floats = NDArray[np.float64]
 
 FIVE = (0.05, 0.25, 0.5, 0.75, 0.95)
+FITTED_DRAWS = 2000
 
 
 def observations(model: Model, label: str, fit: CurvatureFit) -> pd.DataFrame:
@@ -83,6 +84,41 @@ def observations(model: Model, label: str, fit: CurvatureFit) -> pd.DataFrame:
             "q05_per_m": fit.low[mask],
             "q95_per_m": fit.high[mask],
             "residual_per_m": (data.curvature - fit.mean)[mask],
+        }
+    )
+
+
+def fitted(fit: Fit, label: str, generator: np.random.Generator) -> pd.DataFrame | None:
+    """Return readings without a table of their own beside their posterior predictions.
+
+    The quantiles are of a reading of another specimen in the same test; None without such readings.
+    """
+    model, scales = fit.model, fit.model.scales
+    rows = np.isin(model.places.kind, list(scales))
+    if not rows.any():
+        return None
+    flat = fit.chain.vectors.reshape(-1, fit.chain.vectors.shape[-1])
+    vectors = flat[generator.integers(len(flat), size=FITTED_DRAWS)]
+    places, drawn = model.places.subset(rows), model.simulated(vectors, generator)[:, rows]
+    low, lower, upper, high = np.nanquantile(drawn, [0.05, 0.25, 0.75, 0.95], axis=0)
+    each = [scales[kind] for kind in places.kind.tolist()]
+    return pd.DataFrame(
+        {
+            "model": label,
+            "kind": places.kind,
+            "unit": [scale.unit for scale in each],
+            "specimen_id": places.specimen,
+            "level": places.level,
+            "level_unit": [scale.level for scale in each],
+            "history": places.history,
+            "along": places.along,
+            "axis": [scale.axis for scale in each],
+            "measured": model.observed[rows],
+            "mean": np.nanmean(model.expected(vectors)[:, rows], axis=0),
+            "q05": low,
+            "q25": lower,
+            "q75": upper,
+            "q95": high,
         }
     )
 
@@ -551,7 +587,9 @@ def _published_r_squared(study: Study) -> dict[float, float]:
     }
 
 
-def _constants_table(found: Found) -> pd.DataFrame:
+def _constants_table(found: Found) -> pd.DataFrame | None:
+    if found.results.assembly.own is not None:
+        return None
     fits = found.results.fits.items()
     return _joined([constants(fit, label, found.generator) for label, fit in fits])
 
@@ -565,6 +603,13 @@ def _tensile_table(found: Found) -> pd.DataFrame | None:
         return None
     fits = found.results.fits.items()
     return _joined([tensile(found.study, fit, label, found.generator) for label, fit in fits])
+
+
+def _fitted_table(found: Found) -> pd.DataFrame | None:
+    fits = found.results.fits.items()
+    frames = [frame for label, fit in fits for frame in [fitted(fit, label, found.generator)]]
+    known = [frame for frame in frames if frame is not None]
+    return _joined(known) if known else None
 
 
 def _bands_table(found: Found) -> pd.DataFrame | None:
@@ -648,7 +693,9 @@ BUILDS: Mapping[str, Build] = {
     columns.PARAMETERS: _parameters_table,
     columns.TENSILE: _tensile_table,
     columns.ELONGATION: lambda found: elongation(found.results.final, found.generator),
-    columns.MEASURED: lambda found: measured(found.study),
+    columns.MEASURED: lambda found: (
+        None if found.results.assembly.own is not None else measured(found.study)
+    ),
     columns.BANDS: _bands_table,
     columns.RUPTURE: _rupture_table,
     columns.OBSERVATIONS: _observations_table,
@@ -663,4 +710,5 @@ BUILDS: Mapping[str, Build] = {
     columns.DISCREPANCY: lambda found: _discrepancies(found.steps),
     columns.LOO_PIT: _loo_pit,
     columns.MISFIT_NULL: _null_table,
+    columns.FITTED: _fitted_table,
 }

@@ -111,12 +111,9 @@ def _note(of: str, facts: Mapping[str, object]) -> str:
 
 
 def _misfit_facts(verdict: Verdict) -> dict[str, object]:
-    """Return the misfit of curvatures; of stresses where there are none."""
-    misfit = verdict.misfit
-    rms, noise, unit, kind = misfit.rms_per_m, misfit.noise_per_m, "1/m", "curvature"
-    if rms is None:
-        rms, noise, unit, kind = misfit.rms_MPa, misfit.noise_MPa, "MPa", "stress"
-    size = NOTHING if rms is None else f"{fixed(rms)}{SPACE}{unit}"
+    """Return the misfit of curvatures; of stresses or other readings where there are none."""
+    rms, noise, unit, kind = verdict.misfit.sizes
+    size = NOTHING if rms is None else _with_unit(fixed(rms), unit)
     return {"rms": rms, "noise": noise, "unit": unit, "kind": kind, "size": size}
 
 
@@ -124,7 +121,8 @@ def _gain_facts(verdict: Verdict, gain: pd.DataFrame | None) -> dict[str, str]:
     """Return errors on held-out specimens before and after; the gain where there are none."""
     rows = {str(row["model"]): row for row in rows_of(pooled(gain))}
     extended = rows.get(extended_model(gain, verdict) or "")
-    facts = {"before": _error(rows.get(BASE)), "after": _error(extended), "gain": ""}
+    unit = verdict.misfit.unit
+    facts = {"before": _error(rows.get(BASE), unit), "after": _error(extended, unit), "gain": ""}
     if extended is not None and not facts["after"]:
         error = _elpd(extended["elpd_diff_se"]).lstrip("+")
         facts["gain"] = f"{_elpd(extended['elpd_diff'])} ± {error}"
@@ -174,12 +172,16 @@ def _gained(facts: Mapping[str, object]) -> KeyNumber:
     return KeyNumber("Error on held-out specimens", ends or NOTHING, note)
 
 
-def _error(row: Row | None) -> str:
+def _error(row: Row | None, other: str) -> str:
     """Return the error of a row of the gain with its unit; empty where it has none."""
-    for score, unit in (("rmse_per_m", "1/m"), ("rmse_MPa", "MPa")):
+    for score, unit in (("rmse_per_m", "1/m"), ("rmse_MPa", "MPa"), ("rmse", other)):
         if row is not None and row.get(score) is not None:
-            return f"{fixed(float(row[score] or 0.0))}{SPACE}{unit}"
+            return _with_unit(fixed(float(row[score] or 0.0)), unit)
     return ""
+
+
+def _with_unit(text: str, unit: str) -> str:
+    return text if unit in ("", NOTHING) else f"{text}{SPACE}{unit}"
 
 
 def _sized(verdict: Verdict) -> str:

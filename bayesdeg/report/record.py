@@ -77,6 +77,19 @@ class MisfitEntry(Record):
     noise_MPa: Number = Field(  # noqa: N815  a unit
         default=None, exclude_if=is_absent, description="of stress [MPa]"
     )
+    rms: Number = Field(default=None, exclude_if=is_absent, description="of `kind`, in `unit`")
+    noise: Number = Field(default=None, exclude_if=is_absent, description="of `kind`, in `unit`")
+    kind: Text = Field(default="", exclude_if=is_absent, description="what else was read")
+    unit: Text = Field(default="", exclude_if=is_absent, description="of `kind`")
+
+    @property
+    def sizes(self) -> tuple[float | None, float | None, str, str]:
+        """Misfit and noise of what was read first, its unit, and what it is."""
+        if self.rms_per_m is not None:
+            return self.rms_per_m, self.noise_per_m, "1/m", "curvature"
+        if self.kind:
+            return self.rms, self.noise, self.unit, self.kind
+        return self.rms_MPa, self.noise_MPa, "MPa", "stress"
 
     @property
     def specimens(self) -> tuple[str, ...]:
@@ -347,6 +360,9 @@ class RunRecord(FileRecord):
     convergence: Mapping[str, ConvergenceEntry] = Field(default={}, description="by model")
     emulator: EmulatorEntry = EmulatorEntry()
     model: ModelEntry | None = None
+    forward: Text = Field(
+        default="", exclude_if=is_absent, description="a forward map of one's own, where it stands"
+    )
     misfit: StatisticEntry = StatisticEntry()
     comparisons: tuple[ComparisonEntry, ...] = ()
     checks: Texts = Field(default={}, description="what each check came to, in words")

@@ -18,6 +18,7 @@ GAIN_MODES = "gain_modes"
 BANDS = "bands"
 RUPTURE = "rupture"
 OBSERVATIONS = "observations"
+FITTED = "fitted"
 TENSILE = "tensile"
 CONSTANTS = "constants"
 PARAMETERS = "parameters"
@@ -232,6 +233,23 @@ _TABLES = (
             Column("mean_per_m", "1/m", "posterior predictive mean"),
             *_quantiles("1/m", 5, 95, suffix="_per_m"),
             Column("residual_per_m", "1/m", "measured less predictive mean"),
+        ),
+    ),
+    Table(
+        FITTED,
+        (
+            _MODEL,
+            _text("kind", "what was read"),
+            _text("unit", "unit of the readings"),
+            _SPECIMEN,
+            Column("level", "as stated", "degradation rate, or what else was set for a specimen"),
+            _text("level_unit", "unit of the level"),
+            _text("history", "branch, cycle and mount, or how else it was loaded"),
+            Column("along", "as stated", "what was varied in the test"),
+            _text("axis", "what that is, with its unit"),
+            Column("measured", "as stated", "reading"),
+            Column("mean", "as stated", "posterior mean for specimens that are as the mean"),
+            *_quantiles("as stated", 5, 25, 75, 95),
         ),
     ),
     Table(

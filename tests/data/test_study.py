@@ -28,7 +28,7 @@ def read_tables(**texts: str) -> dict[str, pd.DataFrame | None]:
         folder = Path(made)
         (folder / "study.toml").write_text("[noise]\ndegradation_sd_pct = 0.7\n")
         for name, text in texts.items():
-            (folder / TABLES[name].name).write_bytes(text.encode())
+            (folder / TABLES[name].file).write_bytes(text.encode())
         study = read_study(folder)
     return {name: getattr(study, name) for name in TABLES}
 
@@ -238,6 +238,6 @@ def test_every_column_is_in_the_one_table_of_names(table) -> None:
 
 @pytest.mark.parametrize("table", TABLES.values(), ids=TABLES.keys())
 def test_every_check_has_its_words(table) -> None:
-    assert all(check.error and check.description for check in table.checks)
+    assert all(check.error and check.description for check in table.schema.checks)
     for column in table.columns.values():
         assert all(c.error and (c.description or words_of(column)) for c in column.checks)

@@ -34,6 +34,7 @@ from bayesdeg.inference.model import Model
 from bayesdeg.inference.sampling import Chain
 from bayesdeg.observations.curvature import ACTUATOR
 from bayesdeg.observations.kinds import Labels, Places
+from bayesdeg.observations.tensile import STRESS
 
 Floats = NDArray[np.float64]
 
@@ -186,7 +187,9 @@ def where(model: Model, residual: Floats, noise: float) -> str:
 
 def where_films(linear: Linear) -> str:
     """Say in one sentence in which mode of tension stresses are off, and by how much."""
-    places, residual = linear.subject.places, linear.subject.observed - linear.prediction
+    rows = linear.subject.places.kind == STRESS
+    places = linear.subject.places.subset(rows)
+    residual = (linear.subject.observed - linear.prediction)[rows]
     modes = list(dict.fromkeys(places.history.tolist()))
     off = [float(np.sqrt(np.mean(residual[places.history == mode] ** 2))) for mode in modes]
     worst = int(np.argmax(off))
@@ -196,6 +199,30 @@ def where_films(linear: Linear) -> str:
     return (
         f"Measured stress departs most in {modes[worst]} tension, {off[worst]:.3g} MPa in root "
         f"mean square and {sign} the law on average{f' ({others} MPa)' if others else ''}."
+    )
+
+
+def where_readings(linear: Linear, kind: str, unit: str) -> str:
+    """Say in one sentence how far readings of one kind are off, and where on their path most.
+
+    Parameters
+    ----------
+    linear : Linear
+        The model at its mode.
+    kind, unit : str
+        What was read, and in which unit.
+    """
+    rows = linear.subject.places.kind == kind
+    along = linear.subject.places.along[rows]
+    residual = (linear.subject.observed - linear.prediction)[rows]
+    thirds = np.clip(np.searchsorted(np.quantile(along, [1 / 3, 2 / 3]), along), 0, 2)
+    off = [np.sqrt(np.mean(residual[thirds == k] ** 2)) for k in np.unique(thirds)]
+    cell = thirds == np.unique(thirds)[int(np.argmax(off))]
+    sign = "below" if np.mean(residual[cell]) < 0.0 else "above"
+    size = f"{max(off):.3g} {unit}".removesuffix(" –")
+    return (
+        f"Measured {kind} departs most at {along[cell].min():.3g} to {along[cell].max():.3g}, by "
+        f"{size} in root mean square, and lies {sign} the model there on average."
     )
 
 

@@ -23,8 +23,8 @@ from bayesdeg.inference.model import Model
 
 Floats = NDArray[np.float64]
 
-UNITS = {"curvature": "per_m", "stress": "MPa"}
-"""Units of the kinds of readings that are scored, as column names end."""
+UNITS = {"curvature": "_per_m", "stress": "_MPa"}
+"""Units of kinds of readings that are scored, as column names end; of others they are known."""
 
 
 def gain_table(subject: Model, results: dict[str, HeldOut]) -> pd.DataFrame:
@@ -40,8 +40,9 @@ def gain_table(subject: Model, results: dict[str, HeldOut]) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        The columns of ``gain.csv``; of films alone errors are in ``rmse_MPa`` and ``crps_MPa``, and
-        the columns of curvatures are empty. Standard errors are over specimens.
+        The columns of ``gain.csv``; of films alone errors are in ``rmse_MPa`` and ``crps_MPa``, of
+        other readings in ``rmse`` and ``crps``, in their unit, and the columns of curvatures are
+        empty. Standard errors are over specimens.
     """
     centres, member = levels(group_levels(subject))
     rows = []
@@ -128,11 +129,11 @@ def _errors(subject: Model, held_out: HeldOut, chosen: NDArray[np.bool_]) -> dic
     kind = subject.places.kind[rows][0]
     rows = rows & (subject.places.kind == kind)
     observed, draws, mean = subject.observed[rows], held_out.draws[:, rows], held_out.mean[rows]
-    unit = UNITS.get(str(kind), "per_m")
-    found = {} if unit == "per_m" else {"rmse_per_m": np.nan, "crps_per_m": np.nan}
+    ending = UNITS.get(str(kind), "")
+    found = {} if ending == "_per_m" else {"rmse_per_m": np.nan, "crps_per_m": np.nan}
     return found | {
-        f"rmse_{unit}": float(np.sqrt(np.mean((observed - mean) ** 2))),
-        f"crps_{unit}": float(np.mean(crps(np.nan_to_num(draws), observed))),
+        f"rmse{ending}": float(np.sqrt(np.mean((observed - mean) ** 2))),
+        f"crps{ending}": float(np.mean(crps(np.nan_to_num(draws), observed))),
         "r_squared": r_squared(observed, mean),
         "coverage_50": _coverage(draws, observed, 0.5),
         "coverage_90": _coverage(draws, observed, 0.9),

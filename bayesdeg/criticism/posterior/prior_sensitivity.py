@@ -19,6 +19,7 @@ from scipy.special import logsumexp
 
 from bayesdeg.inference.model import Model
 from bayesdeg.inference.sampling import Chain
+from bayesdeg.observations.specimens import FilmsAndActuators
 from bayesdeg.priors import Named, ParameterTable
 
 Floats = NDArray[np.float64]
@@ -114,9 +115,10 @@ def conclusions(model: Model, values: Named) -> dict[str, Floats]:
     dict
         Each (n,), in the users' units.
     """
-    found = _against_degradation(
-        "C1", model.constants(values, _ends(model.nodes))[..., 0], model.nodes
-    )
+    found: dict[str, Floats] = {}
+    if isinstance(model.world, FilmsAndActuators):
+        c1 = model.constants(values, _ends(model.nodes))[..., 0]
+        found = _against_degradation("C1", c1, model.nodes)
     named = {"volume_ratio": "volume ratio", "paper_stiffness": "paper stiffness"}
     found |= {words: values[name] for name, words in named.items() if name in values}
     if "elongation_scatter" in values:

@@ -1,0 +1,304 @@
+r"""Blocked tip force against pressure: the tip is held in the bending direction.
+
+The actuator is a beam, straight and clamped at one end, of one section all along: an elastomer of
+Young's modulus E, area A and centroid height :math:`\bar z` above a paper that is a membrane of
+stiffness k = (E t) b. Pressure acts on the opening of a chamber, of area :math:`A_c` and centre
+:math:`z_c`. Balance of axial force and of moment gives the moment that bends the beam, that of the
+pressure about the neutral axis,
+
+.. math:: M = p A_c (z_c - z_n), \qquad z_n = \frac{E A \bar z}{E A + k}.
+
+At the tip, M alone deflects a beam of bending stiffness B by M L²/(2 B), and the force F that holds
+it by F L³/(3 B) the other way: as long as deflections are small,
+
+.. math:: F = \frac{3}{2} \frac{M}{L},
+
+whatever B is. Degradation acts through the neutral axis alone: a stiffer elastomer moves it away
+from the paper. Walls that bulge, dividers and slots between the chambers, and large deflections are
+left out; what they do to the force as a whole is the parameter ``force_gain``. Derived here from
+the theory of composite beams; where the mechanics of `bayesdeg.actuator` answers forces one day,
+it takes the place of `blocked_force`.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar, override
+
+import numpy as np
+import pandera.pandas as pa
+from numpy.typing import NDArray
+
+from bayesdeg.actuator.inputs import Inputs
+from bayesdeg.causes.cause import Cause
+from bayesdeg.causes.fold import Acting, applied
+from bayesdeg.data.settings import Dimensions
+from bayesdeg.data.study import Study
+from bayesdeg.data.tables import (
+    ONE_DEGRADATION,
+    PRESSURE_PROCEEDS,
+    SOMETHING_APPLIED,
+    TIME_PROCEEDS,
+    Table,
+    number,
+    of_actuators,
+)
+from bayesdeg.observations.curvature import actuator_parameters, inputs_met, parts_of
+from bayesdeg.observations.kinds import Observations, Parts, Places, Rows, Scale, State, Stored
+from bayesdeg.observations.noise import (
+    LOG_TWO_PI,
+    Linearised,
+    blocks_of_covariance,
+    correlated_normals,
+    innovations,
+    sequential,
+)
+from bayesdeg.observations.pressures import PressureTests, pressure_tests
+from bayesdeg.observations.specimens import FilmsAndActuators
+from bayesdeg.priors import HalfNormal, LogNormal, Parameter, Uniform
+from bayesdeg.quantities import axis_label
+
+Floats = NDArray[np.float64]
+
+TIP_FORCE = "tip force"
+TABLE = Table(
+    "force",
+    pa.DataFrameSchema(
+        of_actuators({"tip_force_N": number()}),
+        [ONE_DEGRADATION, PRESSURE_PROCEEDS, TIME_PROCEEDS, SOMETHING_APPLIED],
+        name="force.csv",
+    ),
+    supports="tip force against pressure",
+)
+_FORCE = (
+    Parameter("force_gain", LogNormal(1.0, 0.3), "–", "blocked tip force over that of a beam"),
+    Parameter("force_noise", HalfNormal(0.05), "–", "reading error of force, proportional"),
+    # load cells for a newton resolve some millinewtons
+    Parameter("force_noise_floor", HalfNormal(0.02), "N", "reading error of force, constant"),
+)
+_MEANING = "pressure over which reading errors of force stay alike"
+SHORTEST_NOISE, LONGEST_NOISE = 0.005, 0.15  # of the pressure range, as of curvature
+LEAST = 1e-3  # share of the force by which a cause must change it to be seen
+
+
+def blocked_force(inputs: Inputs, mould: Dimensions) -> tuple[Floats, Floats]:
+    """Return blocked tip forces of a beam, and their derivatives by ln stiffness.
+
+    Parameters
+    ----------
+    inputs : Inputs
+        What the mechanics met; of its shape the scale and the thickness of walls and roof count.
+    mould : Dimensions
+        As moulded [mm].
+
+    Returns
+    -------
+    force, slope : array
+        [N]; of the shape to which the inputs broadcast.
+
+    Examples
+    --------
+    >>> one = np.ones(1)
+    >>> fresh = Inputs(100 * one, 0.3 * one, 0 * one, 0 * one, one, 3e4 * one)
+    >>> force, slope = blocked_force(fresh, Dimensions())
+    >>> force.round(3), slope.round(3)
+    (array([0.39]), array([-0.108]))
+    """
+    thicker = 1.0 if inputs.wall_factor is None else inputs.wall_factor
+    width = mould.width - 2.0 * thicker * mould.side_wall
+    height = mould.height - mould.floor - thicker * mould.roof
+    opening, centre = width * height, mould.floor + 0.5 * height
+    whole = mould.width * mould.height
+    area = whole - opening
+    centroid = (0.5 * whole * mould.height - opening * centre) / area
+    stretched = 0.0 if inputs.second_invariant is None else inputs.second_invariant
+    modulus = 6.0 * inputs.c1 + np.sqrt(3.0) * stretched
+    # of N; both grow with the scale, areas with its square
+    elastomer = modulus * area * inputs.linear_scale**2
+    paper = 1e-3 * inputs.paper_stiffness * mould.width * inputs.linear_scale
+    axis = centroid * elastomer / (elastomer + paper)
+    zero = 0.0 if inputs.reference_pressure is None else inputs.reference_pressure
+    load = 1.5e-3 * (inputs.pressure - zero) * opening * inputs.linear_scale**2 / mould.length
+    return load * (centre - axis), -load * axis * paper / (elastomer + paper)
+
+
+def _forces(state: State[FilmsAndActuators], data: "TipForce") -> Linearised:
+    """Linearise forces at no deviation of the specimens' ln stiffness, in which they are smooth."""
+    values, parts = state.values, state.once(parts_of, data.tests)
+    met = inputs_met(state, data.tests, np.zeros((*parts.spread.shape, 1)))
+    mean, slope = (
+        values["force_gain"][:, None, None] * one for one in blocked_force(met, data.mould)
+    )
+    noise, floor = (values[f"force_noise{end}"][:, None, None] for end in ("", "_floor"))
+    return Linearised(
+        data.tests.read - mean,
+        slope[..., None],
+        floor**2 + (noise * mean) ** 2,
+        parts.spread[..., None],
+        values["force_noise_length"],
+        np.zeros(len(mean)),
+        data.tests.paths,
+    )
+
+
+@dataclass(frozen=True)
+class TipForce(Observations):
+    """Blocked tip forces of actuators.
+
+    Parameters
+    ----------
+    tests : PressureTests
+        What was read.
+    mould : Dimensions
+        Of the actuators.
+    recorded : frozenset of str
+        Columns in which the file gives something.
+    """
+
+    name: ClassVar[str] = "force"
+    order: ClassVar[int] = 25
+    priority: ClassVar[int] = 2
+    is_criticised: ClassVar[bool] = True
+    beside: ClassVar[bool] = True
+
+    tests: PressureTests
+    mould: Dimensions
+    recorded: frozenset[str] = frozenset()
+
+    @property
+    @override
+    def parameters(self) -> tuple[Parameter, ...]:
+        largest = float(self.tests.conditions.pressure.max())
+        of_parts = {p.name: p for p in actuator_parameters(largest)}
+        length = Uniform(SHORTEST_NOISE * largest, LONGEST_NOISE * largest)
+        shared = (of_parts["volume_ratio"], of_parts["paper_stiffness"])
+        return (*shared, *_FORCE, Parameter("force_noise_length", length, "kPa", _MEANING))
+
+    @property
+    @override
+    def labels(self) -> tuple[str, ...]:
+        return self.tests.specimens
+
+    @property
+    @override
+    def levels(self) -> Floats:
+        return self.tests.degradation.ravel()
+
+    @override
+    def log_likelihood(self, state: State[FilmsAndActuators]) -> Floats:
+        score, log_sd = innovations(self._linearised(state))
+        each = np.zeros((len(state), *self.tests.mask.shape))
+        each[:, self.tests.mask] = -0.5 * (score**2 + LOG_TWO_PI) - log_sd
+        total: Floats = each.sum(axis=-1)
+        return total
+
+    @override
+    def factors(self, state: State[FilmsAndActuators]) -> Parts:
+        return Parts(normal=(innovations(self._linearised(state)),))
+
+    @override
+    def subset(self, rows: Rows) -> "TipForce":
+        return replace(self, tests=self.tests.subset(rows))
+
+    @property
+    @override
+    def places(self) -> Places:
+        return self.tests.places(TIP_FORCE)
+
+    @property
+    @override
+    def scales(self) -> Mapping[str, Scale]:
+        return {TIP_FORCE: Scale("N", axis_label("pressure_kPa"), "%")}
+
+    @property
+    @override
+    def observed(self) -> Floats:
+        return self.tests.read[self.tests.mask]
+
+    @override
+    def expected(self, state: State[FilmsAndActuators]) -> Floats:
+        return self._mean(self._linearised(state))[:, self.tests.mask]
+
+    @override
+    def covariance(self, state: State[FilmsAndActuators]) -> list[Floats]:
+        return blocks_of_covariance(self._linearised(state))
+
+    @override
+    def simulate(self, state: State[FilmsAndActuators], generator: np.random.Generator) -> Floats:
+        return self._drawn(state, generator)[:, self.tests.mask]
+
+    @override
+    def replicated(
+        self,
+        state: State[FilmsAndActuators],
+        generator: np.random.Generator,
+        drawn: tuple[Observations, ...],
+    ) -> tuple[Observations, ...]:
+        read = np.where(self.tests.mask, self._drawn(state, generator)[0], 0.0)
+        return (*drawn, replace(self, tests=replace(self.tests, read=read)))
+
+    @override
+    def reveals(self, cause: Cause) -> bool:
+        """Return whether a cause of its typical size changes forces, in tests like these."""
+        conditions = self.tests.conditions
+        if not set(cause.needs) <= self.recorded or cause.blind(conditions) is not None:
+            return False
+        if cause.on_degradation is not None:
+            return True
+        one = np.ones((1, 1, 1))
+        plain = Inputs(
+            conditions.pressure * one, 0.3 * one, 0 * one, 0 * one, 0.85 * one, 3e4 * one
+        )
+        acting = (Acting(cause, {name: size * one for name, size in cause.typical.items()}),)
+        met = applied("on_inputs", plain, conditions, acting)
+        before, after = (blocked_force(one, self.mould)[0] for one in (plain, met))
+        return bool(np.max(np.abs(after - before)) > LEAST * np.max(before))
+
+    @override
+    def stored(
+        self,
+        state: State[FilmsAndActuators],
+        tests: State[FilmsAndActuators],
+        generator: np.random.Generator,
+    ) -> list[Stored]:
+        mask, places = self.tests.mask, self.places
+        labels = {
+            "force_specimen_id": places.specimen,
+            "force_pressure_kPa": places.along,
+            "force_degradation_pct": places.level,
+        }
+        return [
+            Stored(
+                "tip_force",
+                "force_observation",
+                self.observed,
+                sequential(self._linearised(state))[:, mask],
+                self._drawn(tests, generator)[:, mask],
+                labels,
+                {},
+            )
+        ]
+
+    def _linearised(self, state: State[FilmsAndActuators]) -> Linearised:
+        return state.once(_forces, self)
+
+    def _mean(self, forces: Linearised) -> Floats:
+        mean: Floats = self.tests.read - forces.residual
+        return mean
+
+    def _drawn(self, state: State[FilmsAndActuators], generator: np.random.Generator) -> Floats:
+        """Draw forces that new specimens would show, (n, n_specimens, n_points) [N]."""
+        forces = self._linearised(state)
+        sd = np.sqrt(forces.spread)
+        moved = (sd * generator.standard_normal(sd.shape)) * forces.slope[..., 0]
+        z = correlated_normals(forces.paths, forces.length, forces.correlation, generator)
+        drawn: Floats = self._mean(forces) + moved + np.sqrt(forces.variance) * z
+        return drawn
+
+
+def from_study(study: Study) -> tuple[TipForce, ...]:
+    """Return the tip forces of a study, if there are any."""
+    table = study.table(TABLE.name)
+    tests = None if table is None else pressure_tests(table, "tip_force_N")
+    if tests is None:
+        return ()
+    return (TipForce(tests, study.geometry, study.recorded.get(TABLE.name, frozenset())),)

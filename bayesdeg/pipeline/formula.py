@@ -1,0 +1,506 @@
+"""Readings and a forward map of one's own become a model, as a study of actuators does.
+
+Readings are y = f(θ, x) + s a + e: f the forward map, e ~ N(0, σ²) the reading error, and, where
+specimens differ, one deviation a ~ N(0, 1) of each specimen, which moves all of its readings by s.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike, NDArray
+
+from bayesdeg.causes.cause import Cause, Effect
+from bayesdeg.data.nearest import use_one_of
+from bayesdeg.errors import BayesdegError
+from bayesdeg.inference.model import Model
+from bayesdeg.inference.sampling import Chain
+from bayesdeg.observations import readings as flat
+from bayesdeg.observations.kinds import Places, Scale, joined_places
+from bayesdeg.observations.readings import Formula, places_of
+from bayesdeg.priors import HalfNormal, Law, Named, Parameter
+
+Floats = NDArray[np.float64]
+Forward = Callable[[dict[str, Floats], Any], ArrayLike]
+
+SHARE_OF_SPREAD = 0.5
+"""Scale of the default prior of a reading error, of the standard deviation of all readings: 95 % of
+it is then below the error that a model which explains nothing would leave."""
+QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
+PREDICTIVE = 2000  # draws
+PROBED = 3  # vectors with which a forward map is tried
+
+
+@dataclass(frozen=True, eq=False)
+class Readings:
+    """Readings of one kind: what was set, and what was read.
+
+    Parameters
+    ----------
+    x : array, shape (n,), DataFrame with n rows, or mapping of names to arrays
+        What the experiment set; handed to the forward map as it is. Misfits are looked for along
+        it, or along the first column.
+    y : array, shape (n,)
+        What was read.
+    specimen : array, shape (n,), optional
+        Whose reading it is: readings of one specimen are held out together. By default each
+        reading is of a specimen of its own.
+    name, unit : str
+        What was read, and its unit.
+    error : float, array, Law or None
+        Standard deviation of a reading: known, with a prior of its own, or, by default, a parameter
+        ``<name>_error`` with the prior HalfNormal(sd(y)/2), 95 % of which lies below the standard
+        deviation of all readings, which a model that explains nothing would leave as error.
+    scatter : bool or Law
+        Whether specimens differ: a parameter ``<name>_scatter``, the standard deviation by which
+        all readings of a specimen are shifted together; its default prior is that of the error.
+    level, time, history : array, optional
+        What was set for the whole specimen; when a reading was taken; how it was loaded. Misfits
+        are looked for along these as well.
+    level_unit : str
+        Unit of the level.
+
+    Raises
+    ------
+    BayesdegError
+        If shapes do not go together, or a reading is no finite number.
+
+    Examples
+    --------
+    >>> Readings([1.0, 2.0, 3.0], [2.1, 3.9, 6.2], unit="mm").y.tolist()
+    [2.1, 3.9, 6.2]
+    """
+
+    x: Any
+    y: Any
+    specimen: Any = None
+    name: str = "reading"
+    unit: str = "–"
+    error: float | ArrayLike | Law | None = None
+    scatter: bool | Law = False
+    level: Any = 0.0
+    time: Any = np.nan
+    history: Any = "once"
+    level_unit: str = ""
+
+    def __post_init__(self) -> None:
+        """Bring readings to arrays, and refuse what does not go together."""
+        y = np.asarray(self.y, dtype=np.float64)
+        x = _inputs(self.x)
+        if y.ndim != 1 or not len(y) or not np.all(np.isfinite(y)):
+            raise BayesdegError(f"{self.name}: y must be finite numbers along one axis")
+        counts = {np.shape(column)[:1] for _, column in _columns(x)}
+        if counts != {y.shape}:
+            rows = ", ".join(f"{count[0]} rows" if count else "a single number" for count in counts)
+            raise BayesdegError(f"{self.name}: x has {rows}, and y has {len(y)} readings")
+        for other in ("specimen", "level", "time", "history"):
+            value = getattr(self, other)
+            if value is not None and np.shape(value) not in ((), y.shape):
+                raise BayesdegError(
+                    f"{self.name}: {other} has shape {np.shape(value)}, and y {y.shape}"
+                )
+        if isinstance(self.error, (bool, str)):
+            raise BayesdegError(f"{self.name}: error must be a number, an array or a prior law")
+        known = None if self.error is None or isinstance(self.error, Law) else self.error
+        if known is not None and not np.all(np.asarray(known, dtype=np.float64) > 0.0):
+            raise BayesdegError(f"{self.name}: error must be above 0, not {self.error}")
+        object.__setattr__(self, "x", x)
+        object.__setattr__(self, "y", y)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The parameters that the readings add: of error and scatter, where they are not known."""
+        found = []
+        if self.error is None or isinstance(self.error, Law):
+            meaning = f"reading error of {self.name}, standard deviation"
+            law = self.error if isinstance(self.error, Law) else self._default()
+            found.append(Parameter(f"{self.name}_error", law, self.unit, meaning))
+        if self.scatter is not False:
+            meaning = f"shift of {self.name} from specimen to specimen, standard deviation"
+            law = self.scatter if isinstance(self.scatter, Law) else self._default()
+            found.append(Parameter(f"{self.name}_scatter", law, self.unit, meaning))
+        return tuple(found)
+
+    def _default(self) -> Law:
+        spread = float(np.std(self.y))
+        if spread == 0.0:
+            raise BayesdegError(
+                f"{self.name}: readings that are all alike say nothing of their error; give error="
+            )
+        return HalfNormal(SHARE_OF_SPREAD * spread)
+
+    @property
+    def places(self) -> Places:
+        """Where the readings stand."""
+        column = next(column for _, column in _columns(self.x))
+        along = np.asarray(column, dtype=np.float64).reshape(len(self.y), -1)[:, 0]
+        own = [f"{self.name} {number}" for number in range(1, len(self.y) + 1)]
+        specimen = own if self.specimen is None else np.asarray(self.specimen).astype(np.str_)
+        return places_of(
+            along,
+            kind=self.name,
+            specimen=np.broadcast_to(specimen, self.y.shape),
+            level=self.level,
+            time=self.time,
+            history=self.history,
+        )
+
+    @property
+    def scale(self) -> Scale:
+        """Unit of the readings, and what they are drawn against."""
+        return Scale(self.unit, next(name for name, _ in _columns(self.x)), self.level_unit)
+
+
+def _inputs(x: Any) -> Any:
+    """Return inputs as arrays of numbers, in the form in which they were given."""
+    if isinstance(x, Mapping):
+        return {str(name): np.asarray(column, dtype=np.float64) for name, column in x.items()}
+    return x if isinstance(x, pd.DataFrame) else np.asarray(x, dtype=np.float64)
+
+
+def _columns(x: Any) -> Iterator[tuple[str, Any]]:
+    """Yield the inputs by their names; one without a name is x."""
+    if isinstance(x, (Mapping, pd.DataFrame)):
+        yield from ((str(name), x[name]) for name in x)
+    else:
+        yield "x", x
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """What the forward map is asked: values by name (k,), and what each kind of readings was at."""
+
+    values: dict[str, Floats]
+    x: tuple[Any, ...]
+
+    @property
+    def count(self) -> int:
+        """The number of vectors k."""
+        return max(map(len, self.values.values()))
+
+
+@dataclass(frozen=True, eq=False)
+class OwnMap:
+    """Readings, and the functions that predict them.
+
+    Parameters
+    ----------
+    readings : tuple of Readings
+        Of one kind or several.
+    forward : mapping of str to callable
+        By the names of the readings: from values by name (k,) and x to predicted readings (k, n).
+    source : str
+        Where the function stands, for a report and for messages.
+    """
+
+    readings: tuple[Readings, ...]
+    forward: Mapping[str, Forward]
+    source: str = "forward"
+
+    @classmethod
+    def of(
+        cls,
+        readings: Readings | Iterable[Readings],
+        forward: Forward | Mapping[str, Forward] | None,
+    ) -> "OwnMap":
+        """Check that readings and forward map go together.
+
+        Raises
+        ------
+        BayesdegError
+            If something is missing or has another type.
+        """
+        blocks = (readings,) if isinstance(readings, Readings) else tuple(readings)
+        wrong = [type(block).__name__ for block in blocks if not isinstance(block, Readings)]
+        if wrong or not blocks:
+            raise BayesdegError(
+                "a Model is of a study, or of a list of Readings and a forward map, not of "
+                f"{', '.join(wrong) or 'an empty list'}"
+            )
+        return cls(blocks, _maps(blocks, forward))
+
+    @property
+    def title(self) -> str:
+        """What it is of, in words."""
+        return ", ".join(block.name for block in self.readings)
+
+    def model(self, parameters: Iterable[Parameter]) -> Model:
+        """Return what is sampled and judged.
+
+        Raises
+        ------
+        BayesdegError
+            If names clash, or shapes do not go together.
+        """
+        extra = [parameter for block in self.readings for parameter in block.parameters]
+        try:
+            read = flat.Readings(
+                np.concatenate([block.y for block in self.readings]),
+                joined_places([block.places for block in self.readings]),
+                error=partial(self._sizes, "error"),
+                conditions=tuple(block.x for block in self.readings),
+                common=partial(self._sizes, "scatter"),
+                read_in={block.name: block.scale for block in self.readings},
+            )
+            formula = Formula(self._predicted, _asked, _side_by_side, _of_blocks)
+            return Model((*parameters, *extra), (read,), formula)
+        except ValueError as fault:
+            raise BayesdegError(str(fault)) from fault
+
+    def at(self, fit: "Drawn", block: Readings, x: Any) -> tuple[Readings, Model]:
+        """Return readings of a kind at other inputs, and a calibrated model of them."""
+        at = replace(block, x=x, y=np.zeros(_count(x)), specimen=None, error=1.0, scatter=False)
+        at = replace(at, level=0.0, time=np.nan, history="once")
+        alone = replace(self, readings=(at,)).model(fit.model.base)
+        return at, alone.extended(*fit.model.causes)
+
+    def _predicted(self, asked: _Asked, conditions: tuple[Any, ...]) -> tuple[Floats, ...]:
+        found = []
+        for block, x in zip(self.readings, asked.x, strict=True):
+            answer = np.asarray(self.forward[block.name](asked.values, x), dtype=np.float64)
+            shape = (asked.count, len(block.y))
+            if answer.shape != shape:
+                raise BayesdegError(
+                    f"{self.source} must return {block.name} of shape {shape}, one row for each of "
+                    f"the values and one column for each reading, not {answer.shape}; write "
+                    "values[name][:, None] to let values stand against x"
+                )
+            found.append(answer)
+        return tuple(found)
+
+    def _sizes(self, what: str, values: Named, readings: Floats) -> Floats:
+        """Return standard deviations of error or scatter, (k, n)."""
+        columns = []
+        for block in self.readings:
+            name, known = f"{block.name}_{what}", getattr(block, what)
+            if name in values:
+                size = values[name]
+            else:
+                size = np.asarray(0.0 if known is False else known, dtype=np.float64)
+            columns.append(np.broadcast_to(size, (len(readings), len(block.y))))
+        return np.concatenate(columns, axis=1)
+
+
+def _count(x: Any) -> int:
+    return max((len(column) for _, column in _columns(x)), default=0)
+
+
+def probe(model: Model) -> None:
+    """Ask a forward map once, so that a wrong shape is told before anything is computed.
+
+    Raises
+    ------
+    BayesdegError
+        Saying what is wrong.
+    """
+    counts = {len(one.observed) for one in model.observations}
+    vectors = model.table.sample(np.random.default_rng(0), PROBED + (PROBED in counts))
+    try:
+        model.expected(vectors)
+    except ValueError as fault:
+        raise BayesdegError(str(fault)) from fault
+
+
+def cause_of(given: Cause | str, known: Iterable[Cause]) -> Cause:
+    """Return a cause of one's own, by itself or by its name.
+
+    Raises
+    ------
+    BayesdegError
+        If there is none of that name.
+    """
+    if isinstance(given, Cause):
+        return given
+    named = {cause.name: cause for cause in known}
+    if given not in named:
+        remedy = use_one_of(given, named) if named else "give the bayesdeg.Cause itself"
+        raise BayesdegError(f"there is no cause {given!r} of this model; {remedy}")
+    return named[given]
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A model and draws of its posterior."""
+
+    model: Model
+    chain: Chain
+
+    def vectors(self, generator: np.random.Generator) -> Floats:
+        """Draw vectors of the posterior, (k, n_parameters)."""
+        flat_draws = self.chain.vectors.reshape(-1, self.chain.vectors.shape[-1])
+        return flat_draws[generator.integers(len(flat_draws), size=PREDICTIVE)]
+
+
+def new_specimens(
+    own: OwnMap, fit: Drawn, block: Readings, x: Any, generator: np.random.Generator
+) -> Floats:
+    """Draw what new specimens would show at x, without reading error, (k, n)."""
+    vectors = fit.vectors(generator)
+    mean = own.at(fit, block, x)[1].expected(vectors)
+    scatter = fit.model.table.named(vectors).get(f"{block.name}_scatter")
+    if scatter is None:
+        return mean
+    shift: Floats = scatter * generator.standard_normal(len(vectors))
+    return mean + shift[:, None]
+
+
+def predict(own: OwnMap, fit: Drawn, x: Any, seed: np.random.SeedSequence) -> pd.DataFrame:
+    """Return quantiles of what a new specimen would show at x, without reading error.
+
+    Parameters
+    ----------
+    own : OwnMap
+        The forward map.
+    fit : Drawn
+        Posterior.
+    x : array, DataFrame or mapping of names to arrays
+        What the forward map is asked.
+    seed : SeedSequence
+        Everything random comes from it.
+    """
+    generator, at = np.random.default_rng(seed), _inputs(x)
+    frames = [
+        _bands(block, at, new_specimens(own, fit, block, at, generator)) for block in own.readings
+    ]
+    return pd.concat(frames, ignore_index=True)
+
+
+def control(
+    own: OwnMap, fit: Drawn, wanted: ArrayLike, x: Any, seed: np.random.SeedSequence
+) -> pd.DataFrame:
+    """Return the input at which readings reach wanted values.
+
+    Each draw of a new specimen is followed along the inputs in their order until it first passes
+    the value; between two of them it is taken as linear.
+
+    Parameters
+    ----------
+    own : OwnMap
+        The forward map, of one kind of readings.
+    fit : Drawn
+        Posterior.
+    wanted : array
+        Readings, in their unit.
+    x : array, DataFrame or mapping of names to arrays
+        Inputs to be tried; of several, the first is given back and the others go along with it.
+    seed : SeedSequence
+        Everything random comes from it.
+
+    Returns
+    -------
+    DataFrame
+        A row for each value: ``reached`` for half of new specimens or not, the input that 5, 50
+        and 95 % of them need (empty where they do not reach it), and the share that reach it.
+
+    Raises
+    ------
+    BayesdegError
+        If there are several kinds of readings, or fewer than two inputs.
+    """
+    if len(own.readings) > 1:
+        raise BayesdegError("control needs a model of one kind of readings; give one at a time")
+    at, block = _inputs(x), own.readings[0]
+    name, along = next(_columns(at))
+    if _count(at) < 2:
+        raise BayesdegError("control needs at least two inputs, between which it can look")
+    draws = new_specimens(own, fit, block, at, np.random.default_rng(seed))
+    rows = []
+    for value in np.unique(np.atleast_1d(np.asarray(wanted, dtype=np.float64))):
+        needed = np.sort(_first_passage(np.asarray(along, dtype=np.float64), draws, float(value)))
+        low, middle, high = np.quantile(needed, [0.05, 0.5, 0.95], method="inverted_cdf")
+        ends = {"needed_q05": low, "needed_q50": middle, "needed_q95": high}
+        share = float(np.mean(np.isfinite(needed)))
+        rows.append(
+            {"wanted": value, "unit": block.unit, "input": name, "reached": bool(share >= 0.5)}
+            | {key: end if np.isfinite(end) else np.nan for key, end in ends.items()}
+            | {"share": share}
+        )
+    return pd.DataFrame(rows)
+
+
+def _first_passage(along: Floats, draws: Floats, wanted: float) -> Floats:
+    """Return where each draw (k, n) first passes a value; infinite where it does not."""
+    gap = draws - wanted
+    with np.errstate(invalid="ignore"):
+        crossed = (gap[:, :-1] * gap[:, 1:] <= 0.0) & np.isfinite(gap[:, :-1] + gap[:, 1:])
+    first = np.argmax(crossed, axis=1)
+    own = np.arange(len(draws))
+    before, after = gap[own, first], gap[own, first + 1]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        share = np.where(before == after, 0.0, before / (before - after))
+    found: Floats = along[first] + share * (along[first + 1] - along[first])
+    return np.where(crossed.any(axis=1), found, np.inf)
+
+
+def _maps(
+    blocks: tuple[Readings, ...], forward: Forward | Mapping[str, Forward] | None
+) -> Mapping[str, Forward]:
+    names = [block.name for block in blocks]
+    if len(set(names)) < len(names):
+        raise BayesdegError(
+            f"several kinds of readings need names of their own, Readings(..., name=), not {names}"
+        )
+    if isinstance(forward, Mapping):
+        missing = [name for name in names if not callable(forward.get(name))]
+        if missing:
+            raise BayesdegError(f"forward has no function for {', '.join(missing)}")
+        return forward
+    if not callable(forward):
+        raise BayesdegError("readings need a forward map: Model([...], forward=function)")
+    if len(names) > 1:
+        raise BayesdegError(
+            f"there are several kinds of readings: give forward={{{names[0]!r}: function, ...}}"
+        )
+    return {names[0]: forward}
+
+
+def _asked(values: Named, conditions: tuple[Any, ...]) -> _Asked:
+    return _Asked({name: value[:, 0] for name, value in values.items()}, conditions)
+
+
+def _side_by_side(readings: tuple[Floats, ...]) -> Floats:
+    return np.concatenate(readings, axis=1)
+
+
+def _of_blocks(cause: Cause) -> Cause:
+    """Return a cause whose hooks act on every kind of readings in turn.
+
+    One without hooks acts through its parameters, which the forward map is given by name.
+    """
+    hooks: dict[str, Any] = {"on_inputs": partial(_on_inputs, cause.on_inputs)}
+    if cause.on_reading is not None:
+        hooks["on_reading"] = partial(_on_readings, cause.on_reading)
+    return replace(cause, **hooks)
+
+
+def _on_inputs(
+    hook: Callable[..., Any] | None, asked: _Asked, recorded: tuple[Any, ...], effect: Effect
+) -> _Asked:
+    if hook is None:
+        return asked
+    pairs = zip(asked.x, recorded, strict=True)
+    return replace(asked, x=tuple(hook(x, before, effect) for x, before in pairs))
+
+
+def _on_readings(
+    hook: Callable[..., Any],
+    readings: tuple[Floats, ...],
+    recorded: tuple[Any, ...],
+    effect: Effect,
+) -> tuple[Floats, ...]:
+    pairs = zip(readings, recorded, strict=True)
+    return tuple(np.asarray(hook(one, at, effect), dtype=np.float64) for one, at in pairs)
+
+
+def _bands(block: Readings, x: Any, draws: Floats) -> pd.DataFrame:
+    """Return quantiles of predictions (k, n), a row for each x."""
+    columns = {name: np.asarray(column) for name, column in _columns(x) if np.ndim(column) == 1}
+    low = {f"q{round(100 * q):02d}": np.nanquantile(draws, q, axis=0) for q in QUANTILES}
+    numbers = {"mean": np.nanmean(draws, axis=0), "sd": np.nanstd(draws, axis=0)}
+    answered = np.mean(np.isfinite(draws), axis=0)
+    return pd.DataFrame(columns).assign(
+        kind=block.name, unit=block.unit, **numbers, **low, answered=answered
+    )
