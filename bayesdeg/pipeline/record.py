@@ -14,10 +14,11 @@ from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.criticism.checks.conflict import Conflict, Questioned, questioned
 from bayesdeg.criticism.checks.residuals import (
     Concentration,
+    CurvatureDeparture,
+    StressDeparture,
     concentration,
     where,
     where_films,
-    with_concentration,
 )
 from bayesdeg.criticism.checks.rupture_misfit import RuptureMisfit
 from bayesdeg.criticism.decide.candidates import Candidate
@@ -55,7 +56,7 @@ from bayesdeg.report.record import (
     SuspectEntry,
     Verdict,
 )
-from bayesdeg.report.wording import NOTHING, sentences
+from bayesdeg.report.wording import NOTHING, sentences, worded
 
 
 def verdict_document(
@@ -249,7 +250,7 @@ def _verdict(
     results: Results, judgement: Judgement, residual: Floats | None, note: str, guard: Guard
 ) -> Verdict:
     linear = judgement.search.base.linear
-    place = guard.attempt(Stage.WHERE, _place, results, judgement, residual) or ""
+    departure = guard.attempt(Stage.WHERE, _departure, results, judgement, residual)
     found = guard.attempt(
         Stage.CONCENTRATION,
         concentration,
@@ -257,7 +258,7 @@ def _verdict(
         judgement.steps[0].simulated,
         judgement.misfit.statistic,
     )
-    place = with_concentration(place, found) if place else ""
+    place = "" if departure is None else worded(departure, most=found)
     said = guard.attempt(Stage.EXPLANATION, explain, judgement, place)
     missing = " ".join(guard.why(stage) for stage in OF_VERDICT)
     return verdict_document(
@@ -270,12 +271,14 @@ def _verdict(
     )
 
 
-def _place(results: Results, judgement: Judgement, residual: Floats | None) -> str:
-    """Say where the misfit sits; empty where the readings could not be predicted."""
+def _departure(
+    results: Results, judgement: Judgement, residual: Floats | None
+) -> CurvatureDeparture | StressDeparture | None:
+    """Return where the misfit sits; None where the readings could not be predicted."""
     if results.base.model.actuator is None:
         return where_films(judgement.search.base.linear)
     noise = readings_misfit(judgement)[1]
-    return "" if residual is None else where(results.base.model, residual, noise or 0.0)
+    return None if residual is None else where(results.base.model, residual, noise or 0.0)
 
 
 DRAWS = 4000  # of a posterior, for its medians
@@ -501,7 +504,7 @@ def _convergence(results: Results) -> dict[str, ConvergenceEntry]:
         label: ConvergenceEntry(
             r_hat_max=max(fit.diagnosis.r_hat),
             ess_min=min(fit.diagnosis.ess_bulk),
-            sentence=fit.diagnosis.sentence,
+            sentence=worded(fit.diagnosis),
             usable=bool(fit.diagnosis.usable),
         )
         for label, fit in results.sampled.items()
