@@ -16,6 +16,7 @@ from bayesdeg.data.cells import IN_QUOTES
 from bayesdeg.data.plausibility import Expected
 from bayesdeg.data.shrinkage import linear_scale
 from bayesdeg.data.study import Study
+from bayesdeg.data.tables import TABLES
 from bayesdeg.errors import BayesdegError, Fault, StudyError
 from bayesdeg.material.degradation import Nodes, nodes_for
 from bayesdeg.observations.catalogue import observations_of, of_kind
@@ -31,8 +32,11 @@ from bayesdeg.observations.specimens import (
 )
 from bayesdeg.observations.tensile import Tensile
 from bayesdeg.priors import Law, Parameter, Uniform, check_priors, with_priors
+from bayesdeg.report.wording import sentences
 
 Floats = NDArray[np.float64]
+
+COSTLIEST_FIRST = ("tensile", "actuator", "breaks", "shrinkage", "moisture", "summary")
 
 
 @dataclass(frozen=True)
@@ -241,21 +245,9 @@ def _check(study: Study, base: list[Parameter], candidates: tuple[Cause, ...]) -
 
 
 def _missing(study: Study) -> tuple[tuple[str, str], ...]:
-    costs = {
-        "tensile": "the Yeoh constants rest on priors and published statistics",
-        "actuator": "nothing can be said of the actuator: no misfit, no cause, no bands",
-        "breaks": "the elongation limit rests on priors and published statistics",
-        "shrinkage": "the volume ratio α rests on its prior and published statistics",
-        "moisture": "degradation rates are taken as recorded, without a check against time",
-        "summary": "nothing is compared with, or rests on, published statistics",
-    }
-    files = {"breaks": "break.csv"}
-    absent = (
-        (files.get(name, f"{name}.csv"), cost)
-        for name, cost in costs.items()
-        if getattr(study, name) is None
-    )
-    return (*passed_over(study), *absent)
+    absent = [TABLES[name].file for name in COSTLIEST_FIRST if getattr(study, name) is None]
+    costs = ((file, sentences("run", "missing", file=file)) for file in absent)
+    return (*passed_over(study), *costs)
 
 
 def passed_over(study: Study) -> tuple[tuple[str, str], ...]:
@@ -269,7 +261,7 @@ def passed_over(study: Study) -> tuple[tuple[str, str], ...]:
     """
     return tuple(
         (
-            f"the lines of {file} that begin with # ({count} with the cells of a row)",
+            sentences("run", "passed_over", file=file, rows=count),
             f"they are comments; {IN_QUOTES}",
         )
         for file, count in study.passed_over.items()

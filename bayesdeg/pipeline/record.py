@@ -2,7 +2,8 @@
 
 import json
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
 
@@ -377,41 +378,58 @@ def _interval(draws: NDArray[np.float64]) -> str:
     return f"{middle:.3g} ({low:.3g} to {high:.3g})"
 
 
-def rests_on(study: Study, model: Model) -> list[BasisEntry]:
-    """Return which statement rests on which data."""
-    specimens = "virtual experiment" if study.settings.virtual else "measured"
-    statements = []
-    if study.tensile is not None:
-        count = study.tensile["specimen_id"].nunique()
-        statements.append(
-            ("Yeoh constants against degradation", f"tensile.csv, {count} specimens ({specimens})")
-        )
-    if study.actuator is not None:
-        count = study.actuator["specimen_id"].nunique()
-        statements.append(
-            ("verdict, gain, curvature bands", f"actuator.csv, {count} specimens ({specimens})")
-        )
-    if study.breaks is not None:
-        statements.append(
-            (
-                "elongation limit and rupture",
-                f"break.csv, {len(study.breaks)} specimens ({specimens})",
-            )
-        )
+@dataclass(frozen=True)
+class Basis:
+    """A file that statements of the report rest on.
+
+    Parameters
+    ----------
+    file : str
+        Its name.
+    count : int, optional
+        Its specimens or films; None of published statistics.
+    virtual : bool
+        Whether they are of a virtual experiment.
+    quantities : tuple of str
+        Published ones.
+    fitted : bool
+        Whether the model is fitted to them, or they are shown only.
+    """
+
+    file: str
+    count: int | None = None
+    virtual: bool = False
+    quantities: tuple[str, ...] = ()
+    fitted: bool = True
+
+
+def bases(study: Study, model: Model) -> Iterator[Basis]:
+    """Yield which data the statements of the report rest on."""
+    virtual = study.settings.virtual
+    tables = {"tensile": study.tensile, "actuator": study.actuator, "break": study.breaks}
+    for name, table in tables.items():
+        if table is not None:
+            yield Basis(f"{name}.csv", int(table["specimen_id"].nunique()), virtual)
     if study.shrinkage is not None:
-        statements.append(
-            ("volume ratio α", f"shrinkage.csv, {len(study.shrinkage)} films ({specimens})")
-        )
+        yield Basis("shrinkage.csv", len(study.shrinkage), virtual)
     if study.summary is not None:
         used = {s.quantity for s in model.statistics if not s.source.startswith("shrinkage.csv")}
         used |= set() if model.published is None else {"r_squared"}
-        names = sorted({str(q) for q in study.summary["quantity"] if q in used})
-        shown = sorted({str(q) for q in study.summary["quantity"] if q not in used})
-        if names:
-            statements.append((f"also used as data: {', '.join(names)}", "summary.csv (published)"))
-        if shown:
-            statements.append((f"shown, not fitted: {', '.join(shown)}", "summary.csv (published)"))
-    return [BasisEntry(statement=statement, rests_on=basis) for statement, basis in statements]
+        for fitted in (True, False):
+            named = {str(q) for q in study.summary["quantity"] if (q in used) is fitted}
+            if named:
+                yield Basis("summary.csv", quantities=tuple(sorted(named)), fitted=fitted)
+
+
+def rests_on(study: Study, model: Model) -> list[BasisEntry]:
+    """Return which statement rests on which data, in words."""
+    return [
+        BasisEntry(
+            statement=sentences("run", "statement", one=one),
+            rests_on=sentences("run", "basis", one=one),
+        )
+        for one in bases(study, model)
+    ]
 
 
 # share of refused proposals above which the posterior may be cut off

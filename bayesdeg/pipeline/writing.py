@@ -534,11 +534,13 @@ def _loo_pit(found: Found) -> pd.DataFrame | None:
             known[name] = fit
         else:
             found.guard.note(table_stage(columns.LOO_PIT), worded(fit))
-    if not known:
-        return None
-    table = gain.frame(known)
-    said = {name: worded(fit) for name, fit in known.items()}
-    return table.assign(sentence=table["model"].map(said))
+    return loo_pit_table(known) if known else None
+
+
+def loo_pit_table(found: Mapping[str, LooPit]) -> pd.DataFrame:
+    """Return how held-out readings lie in the predictions of each model: ``loo_pit.csv``."""
+    table = gain.frame(found)
+    return table.assign(sentence=table["model"].map({n: worded(one) for n, one in found.items()}))
 
 
 def _joined(frames: list[pd.DataFrame]) -> pd.DataFrame:

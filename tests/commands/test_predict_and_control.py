@@ -176,17 +176,19 @@ def test_rows_beyond_the_emulator_are_empty_and_say_why(bayesdeg, report):
     assert inside["why"] == ""
     assert all(outside[name] is None for name in (*BANDS, *PROBABILITIES))
     assert outside["answered"] == 0.0
-    assert "100 % of new specimens" in outside["why"]
-    assert "measured up to 120 kPa" in messages
+    assert outside["why"].startswith("100 %")
+    assert "120 kPa" in messages
+    assert "2000 kPa" in messages
 
 
 @pytest.mark.parametrize(
     ("pressure", "degradation", "words"),
     [
-        ("100", "31", "actuators were measured from 0 to 25 %"),
-        ("100", "31", "films were measured from 0 to 25 %"),
-        ("150", "10", "measured up to 120 kPa"),
-        ("100", "0.25", "0.25 is read as 0.25 %"),
+        ("100", "31", "actuators were measured"),
+        ("100", "31", "films were measured"),
+        ("100", "31", "0 to 25 %"),
+        ("150", "10", "120 kPa"),
+        ("100", "0.25", "0.25 %"),
     ],
 )
 def test_extrapolation_is_said(bayesdeg, report, pressure, degradation, words):
@@ -202,14 +204,13 @@ UNUSABLE = {"usable": False, "sentence": "The sampler has not converged."}
 @pytest.mark.parametrize(
     ("document", "change", "words"),
     [
-        ("verdict", {"outcome": "unexplained"}, "a misfit that no cause explains"),
+        ("verdict", {"outcome": "unexplained"}, "no cause explains"),
         (
             "verdict",
             {"outcome": "ambiguous", "causes": ["pressure_offset", "pressure_loss"]},
-            "could not tell pressure_offset, pressure_loss apart: predictions are those of "
-            "base+pressure_offset",
+            "pressure_offset, pressure_loss apart",
         ),
-        ("run", {"convergence": {"final": UNUSABLE}}, "The sampler has not converged."),
+        ("run", {"convergence": {"final": UNUSABLE}}, UNUSABLE["sentence"]),
     ],
 )
 def test_doubts_of_the_run_are_passed_on(bayesdeg, report, tmp_path, document, change, words):
@@ -252,8 +253,8 @@ def test_control_says_what_is_out_of_reach_and_what_is_best(bayesdeg, report):
     at = ("--curvature", "25", "--degradation", "0", "--risk", "0.02")
     code, printed, _ = bayesdeg("control", report, *at)
     assert code == 0
-    assert "25 1/m at 0 % is out of reach" in printed
-    assert "probability of rupture is not above 0.02" in printed
+    assert "25 1/m at 0 %" in printed
+    assert "rupture is not above 0.02" in printed
     row = json.loads(bayesdeg("control", report, *at, "--json")[1])["rows"][0]
     assert row["reached"] == 0
     assert row["pressure_kPa"] == row["allowed_kPa"] < row["needed_q50_kPa"]

@@ -37,7 +37,9 @@ from bayesdeg.criticism.posterior.order import OrderComparison, OrderFit
 from bayesdeg.criticism.posterior.prior_sensitivity import PriorSensitivity, Sensitivity
 from bayesdeg.inference.sampling import Effort
 from bayesdeg.pipeline.films import CommonError, CourseSummary
+from bayesdeg.prediction.control import Allowed, Setting
 from bayesdeg.prediction.prior_predictive import PriorPredictive
+from bayesdeg.report.record import Verdict
 from bayesdeg.report.wording import environment, sentences, worded
 
 WORDS = Path(__file__).with_name("findings.json")
@@ -173,7 +175,86 @@ RECORDS = {
 NOTES = ("not_calibrated", "ruptures_not_judged", "no_statistics")
 
 
+def setting(pressure, needed, *, middle=8.25, found=True, by_rupture=False):
+    allowed = Allowed(pressure, by_rupture, found)
+    quantiles = (NAN,) * 2 + (middle,) + (NAN,) * 2
+    return Setting(
+        degradation=10.0,
+        wanted=25.0,
+        risk=0.05,
+        pressure=pressure,
+        reached=False,
+        needed=(NAN, needed, NAN),
+        allowed=allowed,
+        curvature=quantiles,
+        probability=(NAN,) * 3,
+    )
+
+
+def nothing(**content):
+    return {"v": Verdict.read(content), "left_out": "", "least": 3.0}
+
+
+ANSWERS = {
+    "no prediction": (
+        "unanswered",
+        {"left": 1.0, "nothing": True, "some": True, "lacks_rupture": True},
+    ),
+    "band of the others": (
+        "unanswered",
+        {"left": 0.123, "nothing": False, "some": True, "lacks_rupture": False},
+    ),
+    "band of the others, no rupture": (
+        "unanswered",
+        {"left": 0.123, "nothing": False, "some": True, "lacks_rupture": True},
+    ),
+    "no rupture": (
+        "unanswered",
+        {"left": 0.0, "nothing": False, "some": False, "lacks_rupture": True},
+    ),
+    "no pressure allowed": ("out_of_reach", {"s": setting(NAN, 300.0, by_rupture=True)}),
+    "rupture forbids": ("out_of_reach", {"s": setting(204.31, 300.04, by_rupture=True)}),
+    "ballooning forbids": ("out_of_reach", {"s": setting(204.31, np.inf)}),
+    "no limit found": ("out_of_reach", {"s": setting(960.0, np.inf, middle=NAN, found=False)}),
+    "unexplained": ("unexplained", {}),
+    "ambiguous": ("ambiguous", {"causes": ("creep", "mullins"), "model": "base+creep"}),
+    "no actuator": ("no_actuator", {}),
+    "no rupture known": ("no_rupture", {}),
+    "rates beyond": (
+        "rates_beyond",
+        {"what": "films", "low": 0.0, "high": 25.0, "asked": [28.0, 31.5]},
+    ),
+    "rate beyond the only one": (
+        "rates_beyond",
+        {"what": "actuators", "low": 10.0, "high": 10.0, "asked": [31.0]},
+    ),
+    "pressures beyond": ("pressures_beyond", {"high": 240.0, "asked": 300.0}),
+    "small rate": ("small_rate", {"rate": 0.25}),
+    "ranking left out": (
+        "nothing_proposed",
+        nothing(outcome="named") | {"left_out": "It could not be computed (ValueError)."},
+    ),
+    "judging failed": (
+        "nothing_proposed",
+        nothing(outcome="not_judged", explanation="One reading.", misfit={"p_value": 0.4}),
+    ),
+    "nothing to judge": ("nothing_proposed", nothing(outcome="not_judged")),
+    "nothing to tell apart": ("nothing_proposed", nothing(outcome="adequate")),
+    "one named": ("nothing_proposed", nothing(outcome="named", causes=["degraded_skin"])),
+    "two named": ("nothing_proposed", nothing(outcome="named", causes=["creep", "mullins"])),
+    "no experiment helps": (
+        "nothing_proposed",
+        nothing(outcome="ambiguous", causes=["erosion", "creep"]),
+    ),
+    "no cause and no experiment": ("nothing_proposed", nothing(outcome="unexplained")),
+    "never told apart": ("never_told_apart", {"causes": ("film_mismatch", "creep")}),
+}
+
+
 def render(name):
+    if name in ANSWERS:
+        part, facts = ANSWERS[name]
+        return sentences("answers", part, **facts).replace("\N{NO-BREAK SPACE}", " ")
     if name in NOTES:
         return sentences("findings", name, one=Uncalibrated(18, 200))
     record = RECORDS[name]
@@ -181,7 +262,7 @@ def render(name):
     return worded(record, most=most)
 
 
-@pytest.mark.parametrize("name", [*RECORDS, *NOTES])
+@pytest.mark.parametrize("name", [*RECORDS, *NOTES, *ANSWERS])
 def test_every_finding_is_rendered(name):
     said = render(name)
     assert said == json.loads(WORDS.read_text("utf-8"))[name]
@@ -195,6 +276,9 @@ def test_every_macro_of_a_record_is_rendered():
     helpers = {"few", "mostly", "place", "off", "figures"}
     macros = {name for name in vars(module) if not name.startswith("_")}
     assert macros - helpers == rendered | set(NOTES)
+    module = environment().get_template("answers.j2").make_module({})
+    macros = {name for name in vars(module) if not name.startswith("_")}
+    assert macros - {"beyond", "allowed"} == {part for part, _ in ANSWERS.values()}
 
 
 @pytest.mark.parametrize(
@@ -223,6 +307,13 @@ def test_every_macro_of_a_record_is_rendered():
             ["63", "25 %", "24.3", "22.4", "27.1", "24 h", "32", "29", "35"],
         ),
         ("course may not reach the rate", ["43 %"]),
+        ("band of the others", ["12 %"]),
+        ("rupture forbids", ["25 1/m at 10 %", "300 kPa", "204 kPa", "0.05", "8.25 1/m"]),
+        ("ballooning forbids", ["204 kPa", "5 %"]),
+        ("rates beyond", ["0 to 25 %", "28 %, 31.5 %"]),
+        ("pressures beyond", ["240 kPa", "300 kPa"]),
+        ("small rate", ["0.25 %"]),
+        ("no experiment helps", ["factor of 3"]),
         ("common error larger than stated", ["9", "0.44", "25 %", "0.58", "0.73", "0.5 points"]),
     ],
 )
@@ -232,5 +323,5 @@ def test_numbers_of_a_finding_are_in_its_sentence(name, numbers):
 
 
 if __name__ == "__main__":
-    found = {name: render(name) for name in (*RECORDS, *NOTES)}
+    found = {name: render(name) for name in (*RECORDS, *NOTES, *ANSWERS)}
     WORDS.write_text(json.dumps(found, indent=1, ensure_ascii=False) + "\n", "utf-8")
