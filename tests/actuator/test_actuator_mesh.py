@@ -168,7 +168,7 @@ def test_impossible_dimensions_are_refused_with_the_reason(wrong, reason):
 
 
 def test_all_reasons_are_given_at_once():
-    with pytest.raises(GeometryError, match=r"in the length .*; .* in the width"):
+    with pytest.raises(GeometryError, match=r"the length .*; .* the width"):
         Geometry(Dimensions(chambers=12, side_wall=6.0))
 
 
