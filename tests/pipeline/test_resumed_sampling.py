@@ -106,7 +106,7 @@ def spoil(path, how):
         content = content[: len(content) // 2]
     elif how == "empty":
         content = bytearray()
-    elif how == "no file of this kind":
+    elif how == "no such file":
         content = bytearray(b"chain\n1 2 3\n")
     else:  # one bit of one draw
         with h5py.File(path) as file:
@@ -115,7 +115,7 @@ def spoil(path, how):
     path.write_bytes(content)
 
 
-@pytest.mark.parametrize("how", ["cut", "empty", "no file of this kind", "one bit"])
+@pytest.mark.parametrize("how", ["cut", "empty", "no such file", "one bit"])
 @pytest.mark.parametrize("which", [0, 3, 2 * PIECES - 1])
 def test_a_damaged_piece_is_named_and_computed_again(tmp_path, how, which):
     run(stored(tmp_path))
