@@ -22,7 +22,7 @@ from bayesdeg.pipeline.formula import Forward, OwnMap, Readings
 from bayesdeg.priors import Parameter
 from bayesdeg.report.headline import size_of
 from bayesdeg.report.record import CandidateEntry
-from bayesdeg.report.wording import SPACE
+from bayesdeg.report.wording import SPACE, worded
 
 SHOWN = 5  # candidates in a printed verdict
 _CANDIDATE = [
@@ -190,14 +190,14 @@ class Calibration:
     def __repr__(self) -> str:
         """Return what it is of, whether it converged, and the summary."""
         frame = self.summary().to_string(float_format=lambda value: f"{value:.4g}")
-        return f"{self._title()}\n{self.fit.diagnosis.sentence}\n{frame}"
+        return f"{self._title()}\n{worded(self.fit.diagnosis)}\n{frame}"
 
     def _title(self) -> str:
         return f"{self.model.experiment.title}: {self.model.name}, effort {self.effort}"
 
     def _repr_html_(self) -> str:
         frame = self.summary().to_html(float_format=lambda value: f"{value:.4g}")
-        head, said = html.escape(self._title()), html.escape(self.fit.diagnosis.sentence)
+        head, said = html.escape(self._title()), html.escape(worded(self.fit.diagnosis))
         return f"<h4>{head}</h4><p>{said}</p>{frame}"
 
 

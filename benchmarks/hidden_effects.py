@@ -46,6 +46,7 @@ from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.calibrate import base_without_chain
 from bayesdeg.pipeline.judge import JUDGE_EFFORTS, Judgement, judge
 from bayesdeg.pipeline.progress import Silent
+from bayesdeg.report.wording import worded
 
 Floats = NDArray[np.float64]
 Json = dict[str, object]
@@ -114,7 +115,7 @@ def _found(judgement: Judgement) -> Json:
         "outcome": str(decision.outcome),
         "causes": list(decision.causes),
         "one_of": [list(names) for names in decision.one_of],
-        "reasons": list(decision.reasons),
+        "reasons": [worded(reason) for reason in decision.reasons],
         "p_value": judgement.misfit.p_value,
         "p_left": judgement.left.p_value,
         "statistic": judgement.misfit.statistic,

@@ -57,6 +57,7 @@ from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.calibrate import calibrate
 from bayesdeg.pipeline.progress import Silent
 from bayesdeg.report.checkpoints import Checkpoints
+from bayesdeg.report.wording import worded
 
 Document = dict[str, object]
 Floats = NDArray[np.float64]
@@ -158,7 +159,7 @@ def fit(case: Case, document: Document) -> Document:
         "criteria_met": done.diagnosis.usable,
         "largest_r_hat": max(done.diagnosis.r_hat),
         "smallest_effective": min(done.diagnosis.ess_bulk),
-        "sentence": done.diagnosis.sentence,
+        "sentence": worded(done.diagnosis),
     }
 
 

@@ -2,6 +2,7 @@
 
 import ast
 import importlib
+import re
 import tomllib
 from functools import cache
 from pathlib import Path
@@ -12,6 +13,10 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "bayesdeg"
 MODULES = sorted(PACKAGE.rglob("*.py"))
 LONGEST_FUNCTION = 45
+TESTS = sorted((ROOT / "tests").rglob("*.py"))
+SENTENCE = 4  # words of a literal from which it is one
+MOST_PINNED = 20  # checks in tests that pin sentences; rendered templates are compared with a file
+WORD = re.compile(r"(?<![\w.\[/])[^\W\d_]+(?:['’-][^\W\d_]+)*(?![\w(\]/])")
 
 # from top to bottom; a package imports only from those below it
 LAYERS = (
@@ -301,6 +306,44 @@ def test_functions_are_short():
     assert not offences(find)
 
 
+# ---- rule 10: sentences are asserted once, as a rendered template
+
+
+def literals(tree):
+    """Texts in a tree, those that are filled in as a whole."""
+    inside = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.JoinedStr):
+            parts = [part for part in node.values if isinstance(part, ast.Constant)]
+            inside.update(parts)
+            yield " 0 ".join(str(part.value) for part in parts)
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and node not in inside:
+            yield node.value
+
+
+def pins(tree):
+    """Lines of assertions, matches and parameters of tests in which a sentence stands."""
+    for node in ast.walk(tree):
+        checked = []
+        if isinstance(node, ast.Assert):
+            checked = [node.test]
+        elif isinstance(node, ast.Call):
+            checked = [keyword.value for keyword in node.keywords if keyword.arg == "match"]
+            if ast.unparse(node.func).endswith("parametrize"):
+                checked += node.args
+        if any(len(WORD.findall(text)) >= SENTENCE for one in checked for text in literals(one)):
+            yield node.lineno
+
+
+def test_tests_pin_few_sentences():
+    found = {
+        str(path.relative_to(ROOT)): lines
+        for path in TESTS
+        if (lines := list(pins(ast.parse(path.read_text(encoding="utf-8")))))
+    }
+    assert sum(map(len, found.values())) <= MOST_PINNED, found
+
+
 # ---- what makes the above worth something
 
 
@@ -332,3 +375,17 @@ def f():
     assert imports_of("os", "pickle")(tree) == [2, 8]
     assert [n.attr for n in attributes_of(tree, "np.random")] == ["normal"]
     assert length_without_docstring(functions_of(tree)[0]) == 3
+
+
+def test_pinned_sentences_are_found_wherever_they_stand():
+    said = "it is not so"
+    source = f"""
+assert "{said}" in text
+assert f"{{name}} {said}" == text
+assert "a.csv, row 5" in text, "{said}"
+@pytest.mark.parametrize("words", ["{said}"])
+def test(words):
+    with pytest.raises(ValueError, match="{said}"):
+        pass
+"""
+    assert sorted(pins(ast.parse(source))) == [2, 3, 5, 7]

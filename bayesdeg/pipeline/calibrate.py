@@ -270,7 +270,7 @@ def _begun(
         found, shares = about_mode(model, laplace, generator), [1.0]
         if starts > 0:
             modes = find_modes(model, generator, known=[laplace], starts=starts, executor=executor)
-            if modes.warning:
+            if len(modes.modes) > 1:
                 found, shares = modes.posterior, [mode.weight for mode in modes.modes]
                 laplace = modes.modes[0].laplace
     return {

@@ -19,6 +19,7 @@ from bayesdeg.prediction import prior_predictive as alone
 from bayesdeg.prediction.prior_predictive import PriorPredictive
 from bayesdeg.report import tables as columns
 from bayesdeg.report.left_out import Guard, Stage
+from bayesdeg.report.wording import worded
 
 FEWEST = 2  # specimens, of which one can be left out
 
@@ -56,11 +57,11 @@ class Checks:
         """Return what each check came to, in plain words, by the names of the tables."""
         said = {}
         if self.prior_sensitivity is not None:
-            said[columns.PRIOR_SENSITIVITY] = priors.sentence(self.prior_sensitivity.rows)
+            said[columns.PRIOR_SENSITIVITY] = worded(self.prior_sensitivity)
         if self.prior_predictive is not None:
-            said[columns.PRIOR_PREDICTIVE] = alone.sentence(self.prior_predictive)
+            said[columns.PRIOR_PREDICTIVE] = worded(self.prior_predictive)
         if self.leave_one_out is not None:
-            said[columns.LEAVE_ONE_OUT] = specimens.sentence(self.leave_one_out)
+            said[columns.LEAVE_ONE_OUT] = worded(self.leave_one_out)
         return said
 
 

@@ -16,7 +16,7 @@ from bayesdeg.criticism.fit.search import FALSE_NAME_RATE
 from bayesdeg.criticism.holdout.gain import mode_table
 from bayesdeg.pipeline.judge import Judgement
 from bayesdeg.priors import Parameter
-from bayesdeg.report.wording import SPACE, sentences
+from bayesdeg.report.wording import SPACE, sentences, worded
 
 LARGEST_LOSS = 0.05  # of simulated data sets, before the reader is warned
 SMALL_CHANCE = 0.05  # p-value of ruptures that deserves a sentence
@@ -67,8 +67,8 @@ def explain(judgement: Judgement, where: str) -> str:
         causes=[_named(judgement, name) for name in decision.causes],
         named_or=" or ".join(decision.causes),
         favoured=" and ".join(one.cause for one in judgement.supported),
-        reasons="; ".join(decision.reasons),
-        uncalibrated="" if misfit.is_calibrated else uncalibrated(misfit),
+        reasons="; ".join(map(worded, decision.reasons)),
+        uncalibrated="" if misfit.is_calibrated else worded(uncalibrated(misfit)),
         count=count,
         larger=round(misfit.p_value * (count + 1) - 1) if np.isfinite(misfit.p_value) else 0,
         likely=_likely(judgement),
@@ -97,8 +97,9 @@ def _nearest(judgement: Judgement) -> Candidate | None:
 
 
 def _shares(judgement: Judgement) -> tuple[int, int] | None:
-    """Return how much of the misfit is explained on either scale [%]; None if there is none."""
-    if judgement.misfit.statistic <= judgement.misfit.by_chance:
+    """Return how much of the misfit is explained on either scale [%]; None where not known."""
+    calibrated = judgement.misfit.is_calibrated and judgement.left.is_calibrated
+    if not calibrated or judgement.misfit.statistic <= judgement.misfit.by_chance:
         return None
     own, common = share_explained(*judgement.steps)
     return round(100 * own), round(100 * common)

@@ -26,11 +26,13 @@ from bayesdeg.inference.sampling import Chain, Effort, sample
 from bayesdeg.pipeline.progress import Progress
 from bayesdeg.report import tables as columns
 from bayesdeg.report.left_out import Guard, Stage
+from bayesdeg.report.wording import worded
 
 Floats = NDArray[np.float64]
 
 COMMON_ERROR = "common_error"
 TARGET = 25.0  # %, the largest degradation rate of doi:10.3389/frobt.2021.760485
+NEARLY_CERTAIN = 0.95  # probability from which the time has a 90 % interval
 POINTS = 73
 QUANTILES = (5, 25, 50, 75, 95)
 
@@ -80,10 +82,10 @@ class Films:
         """Return what was found, in plain words."""
         said = {}
         if self.course is not None:
-            said[columns.COURSE] = course_words(self.course)
-            said[COMMON_ERROR] = common_error_words(self.course, self.stated)
+            said[columns.COURSE] = worded(course_summary(self.course))
+            said[COMMON_ERROR] = worded(common_error(self.course, self.stated))
         if self.orders is not None:
-            said[columns.ORDERS] = self.orders.sentence
+            said[columns.ORDERS] = worded(self.orders)
         return said
 
 
@@ -152,34 +154,80 @@ def course_table(fit: CourseFit, generator: np.random.Generator) -> pd.DataFrame
     return pd.concat([band, films], ignore_index=True)
 
 
-def course_words(fit: CourseFit, target: float = TARGET) -> str:
-    """Say when a degradation rate is reached, or how likely it is to be reached at all."""
-    values, films = fit.draws, len(fit.model.films)
+@dataclass(frozen=True)
+class CourseSummary:
+    """When a degradation rate is reached, or how likely it is to be reached at all.
+
+    Parameters
+    ----------
+    films : int
+        Films whose moisture tells it.
+    target : float
+        The degradation rate [%].
+    reached : float
+        Probability that it is ever reached [–].
+    hours, limit : (float, float, float)
+        After what time [h], and the rate that is approached [%]: median, 5 and 95 %.
+    last_h : float
+        Time of the last reading [h].
+    """
+
+    films: int
+    target: float
+    reached: float
+    hours: tuple[float, float, float]
+    limit: tuple[float, float, float]
+    last_h: float
+
+    @property
+    def is_certain(self) -> bool:
+        """Whether it is reached in nearly all draws, so that the time has an interval."""
+        return self.reached >= NEARLY_CERTAIN
+
+
+@dataclass(frozen=True)
+class CommonError:
+    """How large the error is that all degradation rates share, beside what the study states.
+
+    Parameters
+    ----------
+    fresh, films : int
+        Films weighed fresh, and films at one later time.
+    level : float
+        Degradation rate at which it is largest [%].
+    common, own, total : float
+        Standard error by the mean fresh moisture, by the mean of one time, and of both [points].
+    stated : float, optional
+        What the study states for its degraded specimens [points]; None without such specimens.
+    """
+
+    fresh: int
+    films: int
+    level: float
+    common: float
+    own: float
+    total: float
+    stated: float | None
+
+
+def course_summary(fit: CourseFit, target: float = TARGET) -> CourseSummary:
+    """Return when a degradation rate is reached, or how likely it is to be reached at all."""
+    values = fit.draws
     time = time_to_reach(values, target)
-    reached = float(np.mean(np.isfinite(time)))
-    limit = np.percentile(values["degradation_limit"], (50, 5, 95))
-    tends = f"the rate tends to {limit[0]:.0f} % ({limit[1]:.0f} to {limit[2]:.0f} %)"
-    if reached < 0.95:
-        when = (
-            f"By the moisture of {films} films a degradation rate of {target:g} % is ever reached "
-            f"with probability {reached:.2f}"
-        )
-    else:
-        middle, low, high = np.percentile(time, (50, 5, 95), method="nearest")
-        when = (
-            f"By the moisture of {films} films a degradation rate of {target:g} % is reached after "
-            f"{middle:.1f} h (90 % interval {low:.1f} to {high:.1f} h)"
-        )
-        last = float(fit.model.time_h.max())
-        when += f", beyond the last reading at {last:g} h" if middle > last else ""
-    return (
-        f"{when}; {tends}. It is a loss of moisture, a proxy: a loss of glycerol lowers moisture "
-        "as well."
+    middle, low, high = np.percentile(time, (50, 5, 95), method="nearest").tolist()
+    limit = np.percentile(values["degradation_limit"], (50, 5, 95)).tolist()
+    return CourseSummary(
+        films=len(fit.model.films),
+        target=target,
+        reached=float(np.mean(np.isfinite(time))),
+        hours=(middle, low, high),
+        limit=tuple(limit),
+        last_h=float(fit.model.time_h.max()),
     )
 
 
-def common_error_words(fit: CourseFit, stated: Floats) -> str:
-    """Say how large the error is that all degradation rates share, beside what the study states.
+def common_error(fit: CourseFit, stated: Floats) -> CommonError:
+    """Return how large the error is that all degradation rates share.
 
     Parameters
     ----------
@@ -190,32 +238,20 @@ def common_error_words(fit: CourseFit, stated: Floats) -> str:
     """
     time = fit.model.time_h
     fresh, films = int(np.sum(time == 0.0)), _films_at_a_time(time)
-    if fresh == 0:
-        return (
-            "No film was weighed fresh, so degradation rates that are reckoned from these films "
-            "share the whole error of an extrapolated fresh moisture."
-        )
     level = float(np.max(stated[:, 0])) if len(stated) else TARGET
+    given = float(np.median(stated[:, 1])) if len(stated) else None
+    if fresh == 0:
+        unknown = float("nan")
+        return CommonError(fresh, films, level, unknown, unknown, unknown, given)
     errors = rate_errors(fit.draws, np.array([level]), fresh_films=fresh, films=films)
-    common, own, total = (float(np.mean(e)) for e in (errors.common, errors.own, errors.total))
-    said = (
-        f"Degradation rates are reckoned from the mean of {_count(fresh, 'fresh film')}, so they "
-        f"all share its error: {common:.2f} points at {level:.3g} %. The mean of "
-        f"{_count(films, 'film')} at one time adds {own:.2f} points of its own, together "
-        f"{total:.2f}."
-    )
-    if not len(stated):
-        return said
-    given = float(np.median(stated[:, 1]))
-    verdict = (
-        "which is no less and so is plausible"
-        if given >= total
-        else "which is less: it is plausible only if the specimens' own moisture was measured "
-        "better than that of these films"
-    )
-    return (
-        f"{said} The study states {given:.2g} points for its specimens, {verdict}. The model takes "
-        "these errors as independent; one that is common acts like the cause degradation misread."
+    return CommonError(
+        fresh=fresh,
+        films=films,
+        level=level,
+        common=float(np.mean(errors.common)),
+        own=float(np.mean(errors.own)),
+        total=float(np.mean(errors.total)),
+        stated=given,
     )
 
 
@@ -249,7 +285,3 @@ def _stated(study: Study) -> Floats:
 def _films_at_a_time(time: Floats) -> int:
     _, counts = np.unique(time[time > 0.0], return_counts=True)
     return int(np.median(counts))
-
-
-def _count(number: int, what: str) -> str:
-    return f"{number} {what}{'' if number == 1 else 's'}"

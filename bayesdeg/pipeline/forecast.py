@@ -1,8 +1,8 @@
 """A finished run becomes a model again that predicts, from its folder alone."""
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Protocol
 
@@ -38,6 +38,7 @@ from bayesdeg.priors import Flat, Parameter
 from bayesdeg.records import RecordError
 from bayesdeg.report.folder import POSTERIOR, POSTERIOR_BASE, RunFolder
 from bayesdeg.report.record import ModelEntry, RunRecord, Verdict
+from bayesdeg.report.wording import SPACE, sentences
 
 Floats = NDArray[np.float64]
 Range = tuple[float, float]
@@ -363,14 +364,18 @@ def _predicted(
 
 
 def _why(answered: float, *, rupture: bool) -> str:
-    beyond = "balloon before this pressure or lie outside the emulator's training"
-    left = f"{100.0 * (1.0 - answered):.0f} % of new specimens {beyond}"
-    if answered <= LEAST_ANSWERED:
-        return f"{left}, so there is no prediction"
-    if answered < NEARLY_ALL:
-        said = f"{left}; the band is that of the others"
-        return f"{said}, and there is no probability of rupture" if rupture else said
-    return f"the softest specimens {beyond}: no probability of rupture" if rupture else ""
+    """Say why a row is empty, or what it leaves out; empty if nothing."""
+    return _said(
+        "unanswered",
+        left=1.0 - answered,
+        nothing=answered <= LEAST_ANSWERED,
+        some=answered < NEARLY_ALL,
+        lacks_rupture=rupture,
+    )
+
+
+def _said(part: str, **facts: object) -> str:
+    return sentences("answers", part, **facts).replace(SPACE, " ")
 
 
 def settings(
@@ -433,39 +438,27 @@ def settings_table(found: list[Setting]) -> pd.DataFrame:
 
 def statement(setting: Setting) -> str:
     """Say why a wanted curvature is not reached; empty if it is."""
-    if setting.reached:
-        return ""
-    asked = f"{setting.wanted:g} 1/m at {setting.degradation:g} %"
-    if np.isnan(setting.pressure):
-        return f"{asked} is out of reach: no pressure is {_allowed_words(setting)}"
-    middle = setting.curvature[2]
-    reached = (
-        f"; half of the specimens bend by more than {middle:.3g} 1/m there"
-        if np.isfinite(middle)
-        else ""
-    )
-    needed = setting.needed[1]
-    wants = (
-        f"half of the specimens need more than {needed:.4g} kPa"
-        if np.isfinite(needed)
-        else "half of the specimens never reach it"
-    )
-    return (
-        f"{asked} is out of reach: {wants}, and {setting.pressure:.4g} kPa is the largest "
-        f"pressure {_allowed_words(setting)}{reached}"
-    )
+    return "" if setting.reached else _said("out_of_reach", s=setting)
 
 
-def _allowed_words(setting: Setting) -> str:
-    allowed, risk = setting.allowed, setting.risk
-    if not allowed.found:
-        return "that was tried"
-    if allowed.by_rupture:
-        return f"at which the probability of rupture is not above {risk:g}"
-    return (
-        f"at which not more than {100.0 * risk:g} % of the specimens balloon, burst, or lie "
-        "outside the emulator's training"
-    )
+@dataclass(frozen=True)
+class Caution:
+    """Something that a user of predictions should know.
+
+    Parameters
+    ----------
+    kind : str
+        The macro of ``report/templates/answers.j2`` that words it.
+    facts : mapping
+        Names and numbers in it.
+    """
+
+    kind: str
+    facts: Mapping[str, object] = field(default_factory=dict)
+
+    def __str__(self) -> str:
+        """Return it in words."""
+        return _said(self.kind, **self.facts)
 
 
 def warnings(stored: Stored, degradation: Floats, pressure: Floats) -> tuple[str, ...]:
@@ -498,60 +491,59 @@ def extrapolations(
     Examples
     --------
     >>> extrapolations({"pressure_kPa": (0.0, 240.0)}, np.array([0.0]), np.array([300.0]))
-    ('pressures were measured up to 240 kPa: what is said of 300 kPa extrapolates',)
+    ('pressures were measured up to 240 kPa: predictions at 300 kPa are extrapolations',)
     """
-    said = _outside_degradation(measured, degradation)
-    highest = float(np.max(pressure, initial=0.0))
+    return tuple(map(str, beyond(measured, degradation, pressure)))
+
+
+def beyond(
+    measured: Mapping[str, Range], degradation: Floats, pressure: Floats
+) -> tuple[Caution, ...]:
+    """Return where predictions lie outside of what was measured; parameters of `extrapolations`."""
+    return (
+        *_beyond_rates(measured, degradation),
+        *_beyond_pressures(measured, float(np.max(pressure, initial=0.0))),
+        *(Caution("small_rate", {"rate": r}) for r in degradation[_is_small(degradation)][:1]),
+    )
+
+
+def _is_small(degradation: Floats) -> NDArray[np.bool_]:
+    """Return which rates look like fractions in place of percent."""
+    return (degradation > 0.0) & (degradation < 1.0)
+
+
+def _beyond_pressures(measured: Mapping[str, Range], highest: float) -> Iterator[Caution]:
     tested = measured.get("pressure_kPa")
     if tested is not None and highest > 1.001 * tested[1]:
-        said.append(
-            f"pressures were measured up to {tested[1]:g} kPa: what is said of {highest:.4g} kPa "
-            "extrapolates"
-        )
-    small = degradation[(degradation > 0.0) & (degradation < 1.0)]
-    if len(small):
-        said.append(f"degradation rates are in percent: {small[0]:g} is read as {small[0]:g} %")
-    return tuple(said)
+        yield Caution("pressures_beyond", {"high": tested[1], "asked": highest})
 
 
-def _about_model(stored: Stored) -> tuple[str, ...]:
-    said = []
-    label = "base" if not stored.model.causes else "final"
-    convergence = stored.run.convergence.get(label)
-    if convergence is not None and not convergence.usable:
-        said.append(convergence.sentence)
-    if stored.verdict.outcome == "unexplained":
-        said.append(
-            "the run found a misfit that no cause explains: bands do not contain it, so curvatures "
-            "may lie outside of them"
-        )
-    if stored.verdict.outcome == "ambiguous":
-        said.append(
-            f"the run could not tell {', '.join(stored.verdict.causes)} apart: predictions are "
-            f"those of {stored.name}"
-        )
-    if "pressure_kPa" not in stored.measured:
-        said.append(
-            "no actuator was read in this study: predictions rest on films, priors and published "
-            "statistics"
-        )
-    if not stored.model.has_elongation:
-        said.append(
-            "the study has no elongation at break (break.csv), so nothing is known of rupture; "
-            "ballooning is"
-        )
-    return tuple(said)
-
-
-def _outside_degradation(measured: Mapping[str, Range], degradation: Floats) -> list[str]:
-    said = []
+def _beyond_rates(measured: Mapping[str, Range], degradation: Floats) -> Iterator[Caution]:
     for name, what in (("degradation_pct", "actuators"), ("film_degradation_pct", "films")):
         if name not in measured:
             continue
         low, high = measured[name]
         outside = degradation[(degradation < low - POINT) | (degradation > high + POINT)]
         if len(outside):
-            at = f"at {low:g} %" if low == high else f"from {low:g} to {high:g} %"
-            places = ", ".join(f"{level:g} %" for level in outside)
-            said.append(f"{what} were measured {at}: what is said of {places} extrapolates")
-    return said
+            facts = {"what": what, "low": low, "high": high, "asked": outside.tolist()}
+            yield Caution("rates_beyond", facts)
+
+
+def _about_model(stored: Stored) -> Iterator[str]:
+    """Yield what the run itself says of the model that predicts."""
+    convergence = stored.run.convergence.get("final" if stored.model.causes else "base")
+    if convergence is not None and not convergence.usable:
+        yield convergence.sentence
+    yield from map(str, doubts_of_run(stored))
+
+
+def doubts_of_run(stored: Stored) -> Iterator[Caution]:
+    """Yield what the verdict and the data of a run leave open."""
+    if stored.verdict.outcome == "unexplained":
+        yield Caution("unexplained")
+    if stored.verdict.outcome == "ambiguous":
+        yield Caution("ambiguous", {"causes": stored.verdict.causes, "model": stored.name})
+    if "pressure_kPa" not in stored.measured:
+        yield Caution("no_actuator")
+    if not stored.model.has_elongation:
+        yield Caution("no_rupture")

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.checks.conflict import Conflict, Questioned, conflict, questioned
-from bayesdeg.criticism.checks.discrepancy import MISFIT_LEVEL, Misfit, too_few
+from bayesdeg.criticism.checks.discrepancy import MISFIT_LEVEL, Misfit
 from bayesdeg.criticism.checks.rupture_misfit import RuptureMisfit, rupture_misfit
 from bayesdeg.criticism.checks.shared_scatter import SharedScatter, shared_scatter
 from bayesdeg.criticism.decide.candidates import (
@@ -30,7 +30,13 @@ from bayesdeg.criticism.decide.support import (
     hold_out_each,
     supports,
 )
-from bayesdeg.criticism.decide.verdict import Decision, Outcome, decide, uncalibrated
+from bayesdeg.criticism.decide.verdict import (
+    Decision,
+    NotComputed,
+    Outcome,
+    decide,
+    uncalibrated,
+)
 from bayesdeg.criticism.experiments.designs import candidate_experiments
 from bayesdeg.criticism.experiments.ranking import next_experiments_document, rank
 from bayesdeg.criticism.fit.linear import neutral_sizes
@@ -45,6 +51,7 @@ from bayesdeg.pipeline.assemble import Assembly
 from bayesdeg.pipeline.calibrate import Fit, base_without_chain
 from bayesdeg.pipeline.progress import Progress, Silent
 from bayesdeg.report.left_out import Guard, Stage
+from bayesdeg.report.wording import sentences
 
 Floats = NDArray[np.float64]
 
@@ -474,8 +481,7 @@ def _beside(
     model, draws = base.subject, base.draws(generator, FEW_DRAWS)
     rupture = guard.attempt(Stage.RUPTURE_MISFIT, begun)
     if rupture is not None and np.isnan(rupture.p_value):
-        few = too_few(rupture.known, rupture.drawn)
-        guard.note(Stage.RUPTURE_MISFIT, f"The verdict takes no notice of ruptures: {few}.")
+        guard.note(Stage.RUPTURE_MISFIT, sentences("findings", "ruptures_not_judged", one=rupture))
         rupture = None
     contradicted = guard.attempt(Stage.CONFLICT, conflict, model, draws)
     off_prior = guard.attempt(Stage.CONFLICT, questioned, model, draws) or ()
@@ -491,8 +497,8 @@ def _decided(
     guard: Guard,
 ) -> Decision:
     if not steps[0].misfit.is_calibrated:
-        why = uncalibrated(steps[0].misfit)
-        guard.note(Stage.CALIBRATION, f"Whether the base model is adequate is not known: {why}.")
+        few = uncalibrated(steps[0].misfit)
+        guard.note(Stage.CALIBRATION, sentences("findings", "not_calibrated", one=few))
     silent = frozenset(cause.name for cause in catalogue.candidates if cause.is_of_rupture_alone)
     return decide(
         *steps,
@@ -503,13 +509,8 @@ def _decided(
         on_rupture=silent,
         alike=tuple(cause.name for cause in catalogue.alike),
         shared=shared,
-        untested=[_untested(s, guard) for s in REFUTING if s in guard.stages],
+        untested=[NotComputed(s, guard.why(s)) for s in REFUTING if s in guard.stages],
     )
-
-
-def _untested(stage: Stage, guard: Guard) -> str:
-    """Say that a test which might have refuted a cause could not be made."""
-    return f"{stage}: {guard.why(stage)}".removesuffix(".")
 
 
 def _next(

@@ -31,6 +31,7 @@ from bayesdeg.observations.specimens import (
 )
 from bayesdeg.observations.tensile import Tensile
 from bayesdeg.priors import Law, Parameter, Uniform, check_priors, with_priors
+from bayesdeg.report.wording import sentences
 
 Floats = NDArray[np.float64]
 
@@ -261,7 +262,7 @@ def passed_over(study: Study) -> tuple[tuple[str, str], ...]:
     """
     return tuple(
         (
-            f"the lines of {file} that begin with # ({count} with the cells of a row)",
+            sentences("run", "passed_over", file=file, rows=count),
             f"they are comments; {IN_QUOTES}",
         )
         for file, count in study.passed_over.items()

@@ -2,7 +2,8 @@
 
 import json
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
 
@@ -14,11 +15,13 @@ from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.criticism.checks.conflict import Conflict, Questioned, questioned
 from bayesdeg.criticism.checks.residuals import (
     Concentration,
+    CurvatureDeparture,
+    ReadingsDeparture,
+    StressDeparture,
     concentration,
     where,
     where_films,
     where_readings,
-    with_concentration,
 )
 from bayesdeg.criticism.checks.rupture_misfit import RuptureMisfit
 from bayesdeg.criticism.decide.candidates import Candidate
@@ -59,7 +62,7 @@ from bayesdeg.report.record import (
     SuspectEntry,
     Verdict,
 )
-from bayesdeg.report.wording import NOTHING, sentences
+from bayesdeg.report.wording import NOTHING, sentences, worded
 
 
 def verdict_document(
@@ -266,7 +269,7 @@ def _verdict(
     results: Results, judgement: Judgement, residual: Floats | None, note: str, guard: Guard
 ) -> Verdict:
     linear = judgement.search.base.linear
-    place = guard.attempt(Stage.WHERE, _place, results, judgement, residual) or ""
+    departure = guard.attempt(Stage.WHERE, _departure, results, judgement, residual)
     found = guard.attempt(
         Stage.CONCENTRATION,
         concentration,
@@ -274,7 +277,7 @@ def _verdict(
         judgement.steps[0].simulated,
         judgement.misfit.statistic,
     )
-    place = with_concentration(place, found) if place else ""
+    place = "" if departure is None else worded(departure, most=found)
     said = guard.attempt(Stage.EXPLANATION, explain, judgement, place)
     missing = " ".join(guard.why(stage) for stage in OF_VERDICT)
     return verdict_document(
@@ -287,14 +290,16 @@ def _verdict(
     )
 
 
-def _place(results: Results, judgement: Judgement, residual: Floats | None) -> str:
-    """Say where the misfit sits; empty where the readings could not be predicted."""
+def _departure(
+    results: Results, judgement: Judgement, residual: Floats | None
+) -> CurvatureDeparture | StressDeparture | ReadingsDeparture | None:
+    """Return where the misfit sits; None where the readings could not be predicted."""
     linear = judgement.search.base.linear
     if results.base.model.actuator is None:
         kind, unit = _other_kind(judgement)
         return where_readings(linear, kind, unit) if kind else where_films(linear)
     noise = readings_misfit(judgement)[1]
-    return "" if residual is None else where(results.base.model, residual, noise or 0.0)
+    return None if residual is None else where(results.base.model, residual, noise or 0.0)
 
 
 DRAWS = 4000  # of a posterior, for its medians
@@ -394,25 +399,63 @@ def _interval(draws: NDArray[np.float64]) -> str:
     return f"{middle:.3g} ({low:.3g} to {high:.3g})"
 
 
-def rests_on(study: Study, model: Model) -> list[BasisEntry]:
-    """Return which statement rests on which data."""
-    origin = "virtual experiment" if study.settings.virtual else "measured"
-    statements = []
+@dataclass(frozen=True)
+class Basis:
+    """A file that statements of the report rest on.
+
+    Parameters
+    ----------
+    file : str
+        Its name.
+    supports : str
+        The statements; empty of published statistics.
+    count : int, optional
+        Its specimens or films; None of published statistics.
+    counts : str
+        What is counted.
+    virtual : bool
+        Whether they are of a virtual experiment.
+    quantities : tuple of str
+        Published ones.
+    fitted : bool
+        Whether the model is fitted to them, or they are shown only.
+    """
+
+    file: str
+    supports: str = ""
+    count: int | None = None
+    counts: str = ""
+    virtual: bool = False
+    quantities: tuple[str, ...] = ()
+    fitted: bool = True
+
+
+def bases(study: Study, model: Model) -> Iterator[Basis]:
+    """Yield which data the statements of the report rest on."""
+    virtual = study.settings.virtual
     for name, table in TABLES.items():
         frame = study.table(name)
         if frame is not None and table.supports:
-            count = frame[next(iter(table.columns))].nunique()
-            statements.append((table.supports, f"{table.file}, {count} {table.counts} ({origin})"))
+            count = int(frame[next(iter(table.columns))].nunique())
+            yield Basis(table.file, table.supports, count, table.counts, virtual)
     if study.summary is not None:
         used = {s.quantity for s in model.statistics if not s.source.startswith("shrinkage.csv")}
         used |= set() if model.published is None else {"r_squared"}
-        names = sorted({str(q) for q in study.summary["quantity"] if q in used})
-        shown = sorted({str(q) for q in study.summary["quantity"] if q not in used})
-        if names:
-            statements.append((f"also used as data: {', '.join(names)}", "summary.csv (published)"))
-        if shown:
-            statements.append((f"shown, not fitted: {', '.join(shown)}", "summary.csv (published)"))
-    return [BasisEntry(statement=statement, rests_on=basis) for statement, basis in statements]
+        for fitted in (True, False):
+            named = {str(q) for q in study.summary["quantity"] if (q in used) is fitted}
+            if named:
+                yield Basis("summary.csv", quantities=tuple(sorted(named)), fitted=fitted)
+
+
+def rests_on(study: Study, model: Model) -> list[BasisEntry]:
+    """Return which statement rests on which data, in words."""
+    return [
+        BasisEntry(
+            statement=sentences("run", "statement", one=one),
+            rests_on=sentences("run", "basis", one=one),
+        )
+        for one in bases(study, model)
+    ]
 
 
 def _rests_on_own(study: Study, own: OwnMap) -> list[BasisEntry]:
@@ -529,7 +572,7 @@ def _convergence(results: Results) -> dict[str, ConvergenceEntry]:
         label: ConvergenceEntry(
             r_hat_max=max(fit.diagnosis.r_hat),
             ess_min=min(fit.diagnosis.ess_bulk),
-            sentence=fit.diagnosis.sentence,
+            sentence=worded(fit.diagnosis),
             usable=bool(fit.diagnosis.usable),
         )
         for label, fit in results.sampled.items()

@@ -14,6 +14,7 @@ from bayesdeg.criticism.decide.verdict import fraction_explained
 from bayesdeg.criticism.fit.search import Names
 from bayesdeg.pipeline.judge import Judgement
 from bayesdeg.quantities import p_value_text
+from bayesdeg.report.wording import worded
 
 SEED = 0  # of the draws that are summarised
 
@@ -35,7 +36,7 @@ def summary(judgement: Judgement) -> dict[str, Any]:
     return {
         "outcome": str(judgement.decision.outcome),
         "causes": list(judgement.decision.causes),
-        "reasons": list(judgement.decision.reasons),
+        "reasons": [worded(reason) for reason in judgement.decision.reasons],
         "favoured": sorted(judgement.chosen),
         "threshold": judgement.threshold,
         "misfit": _misfit(base),

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.criticism.checks import statistics as residual_statistics
-from bayesdeg.criticism.checks.discrepancy import too_few
 from bayesdeg.criticism.checks.residuals import (
     CurvatureFit,
     level_table,
@@ -18,6 +17,7 @@ from bayesdeg.criticism.checks.residuals import (
     misfit_frame,
     predict_readings,
 )
+from bayesdeg.criticism.decide.verdict import Uncalibrated
 from bayesdeg.criticism.fit.search import Step
 from bayesdeg.criticism.holdout import gain
 from bayesdeg.criticism.holdout.gain import LooPit, gain_table, mode_table
@@ -58,7 +58,7 @@ from bayesdeg.report.folder import (
 )
 from bayesdeg.report.left_out import Guard, Stage, posterior_stage, table_stage
 from bayesdeg.report.record import Verdict
-from bayesdeg.report.wording import sentences
+from bayesdeg.report.wording import sentences, worded
 
 Floats = NDArray[np.float64]
 
@@ -544,7 +544,7 @@ def _statistics(found: Found) -> pd.DataFrame | None:
     base = found.steps["base"]
     drawn, known = base.misfit.drawn, len(base.simulated)
     if known < residual_statistics.FEWEST:
-        why = f"The statistics are not available: {too_few(known, drawn)}."
+        why = sentences("findings", "no_statistics", one=Uncalibrated(known, drawn))
         found.guard.note(table_stage(columns.STATISTICS), why)
     table = residual_statistics.statistics_table(base.trial.linear, base.simulated, drawn)
     return residual_statistics.frame(table)
@@ -569,8 +569,14 @@ def _loo_pit(found: Found) -> pd.DataFrame | None:
         if fit.is_available:
             known[name] = fit
         else:
-            found.guard.note(table_stage(columns.LOO_PIT), fit.sentence)
-    return gain.frame(known) if known else None
+            found.guard.note(table_stage(columns.LOO_PIT), worded(fit))
+    return loo_pit_table(known) if known else None
+
+
+def loo_pit_table(found: Mapping[str, LooPit]) -> pd.DataFrame:
+    """Return how held-out readings lie in the predictions of each model: ``loo_pit.csv``."""
+    table = gain.frame(found)
+    return table.assign(sentence=table["model"].map({n: worded(one) for n, one in found.items()}))
 
 
 def _joined(frames: list[pd.DataFrame]) -> pd.DataFrame:

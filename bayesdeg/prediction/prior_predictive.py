@@ -45,6 +45,17 @@ class PriorPredictive:
     inside_curvature: float
     inside_stress: float
 
+    @property
+    def shares(self) -> dict[str, float]:
+        """Shares of the readings inside, by what was read."""
+        both = {"curvature": self.inside_curvature, "stress": self.inside_stress}
+        return {what: share for what, share in both.items() if np.isfinite(share)}
+
+    @property
+    def contradicted(self) -> bool:
+        """Whether the priors exclude many of the readings."""
+        return any(share < LEAST_INSIDE for share in self.shares.values())
+
 
 def prior_predictive(model: Model, generator: np.random.Generator) -> PriorPredictive:
     """Draw from every prior and predict the study.
@@ -114,34 +125,6 @@ def stress_curves(model: Model, values: Named, generator: np.random.Generator) -
                 )
             )
     return pd.concat(frames, ignore_index=True)
-
-
-def sentence(found: PriorPredictive) -> str:
-    """Say what the priors allow, and whether the readings are among it."""
-    said = []
-    for share, what in ((found.inside_curvature, "curvature"), (found.inside_stress, "stress")):
-        if np.isfinite(share):
-            said.append(f"{100.0 * share:.0f} % of the readings of {what}")
-    text = "The priors were drawn from before any reading was used. "
-    if said:
-        text += (
-            f"{' and '.join(said)} lie inside the 90 % interval that the priors alone predict: "
-            f"{_verdict(found)}. "
-        )
-    if np.isfinite(found.answered):
-        text += (
-            f"For {100.0 * found.answered:.0f} % of the draws every actuator of the study has an "
-            "equilibrium within the emulator's training; the others balloon or lie outside of it, "
-            "and are no part of the posterior."
-        )
-    return text.strip()
-
-
-def _verdict(found: PriorPredictive) -> str:
-    shares = [s for s in (found.inside_curvature, found.inside_stress) if np.isfinite(s)]
-    if min(shares) < LEAST_INSIDE:
-        return "the priors contradict some of them, so look at the priors in study.toml"
-    return "the priors leave room for what was measured"
 
 
 def _held_against_curvature(

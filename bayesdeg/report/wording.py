@@ -18,6 +18,8 @@ NOTHING = "–"
 
 MINUS = "\N{MINUS SIGN}"
 
+LARGE_ERROR = 10.0  # from which a standard error needs no decimals
+
 _PROPER = {
     "c1": "C1",
     "c2": "C2",
@@ -85,12 +87,12 @@ def fixed(value: float | None, decimals: int = 2, *, sign: bool = False) -> str:
     Examples
     --------
     >>> fixed(0.7099), fixed(41.23, 1, sign=True), fixed(-2.0, 1), fixed(0.0012)
-    ('0.71', '+41.2', '−2.0', '0.0012')
+    ('0.71', '+41.2', '−2.0', '0.001')
     """
     if value is None or not math.isfinite(value):
         return NOTHING
     small = 0.0 < abs(value) < 10.0**-decimals
-    text = number(value, 2) if small else f"{value:.{decimals}f}".replace("-", MINUS)
+    text = number(value, 1) if small else f"{value:.{decimals}f}".replace("-", MINUS)
     return f"+{text}" if sign and value > 0 else text
 
 
@@ -123,6 +125,19 @@ def percent(fraction: float | None) -> str:
         return f">{SPACE}99.9{SPACE}%"
     digits = 1 if fraction < 0.0995 or 0.99 < fraction < 1.0 else 0
     return f"{100 * fraction:.{digits}f}".removesuffix(".0").replace("-", MINUS) + f"{SPACE}%"
+
+
+def plus_minus(value: float | None, error: float | None, *, sign: bool = False) -> str:
+    """Word a number and its standard error, without decimals that the error makes meaningless.
+
+    Examples
+    --------
+    >>> plus_minus(227.57, 18.68), plus_minus(-4.51, 0.04), plus_minus(3.94, 4.0, sign=True)
+    ('228 ± 19', '−4.5 ± 0.04', '+3.9 ± 4.0')
+    """
+    large = error is not None and math.isfinite(error) and abs(error) >= LARGE_ERROR
+    decimals = 0 if large else 1
+    return f"{fixed(value, decimals, sign=sign)} ± {fixed(error, decimals)}"
 
 
 def p_value(value: float | None, replicates: float | None = None) -> str:
@@ -245,6 +260,8 @@ FILTERS: Mapping[str, Callable[..., Any]] = {
     "number": number,
     "count": count,
     "fixed": fixed,
+    "plus_minus": plus_minus,
+    "is_finite": math.isfinite,
     "percent": percent,
     "p_value": p_value,
     "strength": strength,
@@ -307,6 +324,27 @@ def sentences(template: str, part: str, **facts: object) -> str:
     """
     module = _plain().get_template(f"{template}.j2").make_module(facts)
     return _joined(str(getattr(module, part)()))
+
+
+def worded(record: object, **facts: object) -> str:
+    """Word a record of the engine, by the macro of ``findings.j2`` that is named after its class.
+
+    Parameters
+    ----------
+    record : object
+        ``one`` in the template.
+    **facts
+        What else it speaks of.
+
+    Examples
+    --------
+    >>> from bayesdeg.criticism.decide.verdict import TooLittleExplained
+    >>> worded(TooLittleExplained(share=0.4))
+    'it removes only 40 % of the misfit'
+    """
+    part = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", type(record).__name__).lower()
+    said = sentences("findings", part, one=record, **{"most": None} | facts)
+    return said.replace(SPACE, " ")
 
 
 def _joined(text: str) -> str:

@@ -150,16 +150,16 @@ def test_a_single_chamber_needs_no_channel():
 @pytest.mark.parametrize(
     ("wrong", "reason"),
     [
-        ({"chambers": 12}, "leave no chamber in the length"),
-        ({"side_wall": 5.0}, "leave no chamber in the width"),
-        ({"floor": 8.5}, "leave no chamber in the height"),
-        ({"channel_width": 6.5}, "wider than the chambers"),
-        ({"channel_height": 6.5}, "higher than the chambers"),
+        ({"chambers": 12}, "in the length"),
+        ({"side_wall": 5.0}, "in the width"),
+        ({"floor": 8.5}, "in the height"),
+        ({"channel_width": 6.5}, "channel .* is wider"),
+        ({"channel_height": 6.5}, "channel .* is higher"),
         ({"channel_roof": 7.0}, "leave no slot"),
-        ({"roof": -1.0}, "roof must be above 0"),
-        ({"roof": float("nan")}, "roof must be above 0"),
-        ({"gap": -0.1}, "gap must not be below 0"),
-        ({"chambers": 0}, "whole number from 1 to 200"),
+        ({"roof": -1.0}, "roof must"),
+        ({"roof": float("nan")}, "roof must"),
+        ({"gap": -0.1}, "gap must"),
+        ({"chambers": 0}, "from 1 to 200"),
     ],
 )
 def test_impossible_dimensions_are_refused_with_the_reason(wrong, reason):
@@ -168,7 +168,7 @@ def test_impossible_dimensions_are_refused_with_the_reason(wrong, reason):
 
 
 def test_all_reasons_are_given_at_once():
-    with pytest.raises(GeometryError, match=r"in the length .*; .* in the width"):
+    with pytest.raises(GeometryError, match=r"length .*; .* width"):
         Geometry(Dimensions(chambers=12, side_wall=6.0))
 
 

@@ -31,14 +31,14 @@ def test_what_was_recorded_must_fit_the_readings():
 @pytest.mark.parametrize("name", NEED_DEGRADED)
 def test_what_degradation_does_needs_degraded_actuators(name):
     assert find(name).blind(DEFAULT) is None
-    assert find(name).blind(FRESH_ONLY) == "no degraded actuator was tested"
+    assert find(name).blind(FRESH_ONLY).startswith("no degraded actuator")
 
 
 def test_flaws_need_far_degraded_actuators():
     cause = find("flaw_embrittlement")
     assert cause.blind(DEFAULT) is None
     at_20 = Conditions(DEFAULT.pressure[:5], LEVELS[:5])
-    assert cause.blind(at_20) == "no actuator was degraded by more than 20 %"
+    assert cause.blind(at_20).endswith("more than 20 %")
 
 
 @pytest.mark.parametrize("name", ["creep", "humidity_drift"])
@@ -46,8 +46,8 @@ def test_what_takes_time_needs_times_that_pass(name):
     cause = find(name)
     assert cause.needs == ("time_s",)
     assert cause.blind(conditions_of()) is None
-    assert cause.blind(DEFAULT) == "no time was recorded"
-    assert cause.blind(conditions_of(hold=0.0)) == "no time passed between readings"
+    assert cause.blind(DEFAULT).endswith("recorded")
+    assert "passed" in cause.blind(conditions_of(hold=0.0))
     one_clock = np.full((6, 12), np.nan)
     one_clock[3] = np.arange(12.0)
     assert cause.blind(Conditions(DEFAULT.pressure, LEVELS, time=one_clock)) is None
@@ -56,16 +56,16 @@ def test_what_takes_time_needs_times_that_pass(name):
 def test_drying_needs_a_room_unlike_the_storage():
     cause = find("humidity_drift")
     stored = conditions_of(humidity=67.2)
-    assert cause.blind(stored) == "the room was as humid as the storage, 67 %"
+    assert cause.blind(stored).endswith("67 %")
     assert cause.blind(conditions_of(humidity=np.array([67.0] * 11 + [60.0]))) is None
 
 
 def test_mullins_needs_readings_after_the_first_loading():
     cause = find("mullins")
-    assert cause.blind(DEFAULT) == "no reading after the first loading"
+    assert "first loading" in cause.blind(DEFAULT)
     assert cause.blind(conditions_of(THERE_AND_BACK)) is None
     let_out = np.append(LOADING, 0.0)  # as a row that is not there
-    assert cause.blind(conditions_of(let_out)) == "no reading after the first loading"
+    assert "first loading" in cause.blind(conditions_of(let_out))
     again = np.concatenate([LOADING, LOADING])
     assert cause.blind(conditions_of(again)) is None
 

@@ -46,8 +46,9 @@ def test_an_angle_57_times_too_large_is_refused_at_once(command, tmp_path, monke
     )
     assert code == 2
     assert len(said.strip().splitlines()) == 1
-    assert "column bend_angle_deg, value '4645.79': is 57.4 times what the curvature" in said
-    assert "180/π once too often" in said
+    assert "column bend_angle_deg, value '4645.79'" in said
+    assert "57.4 times" in said
+    assert "180/π" in said
     assert not (tmp_path / "reports").exists()
 
 
@@ -62,7 +63,8 @@ def test_all_that_is_impossible_is_refused_together(tmp_path, monkeypatch, capsy
     )
     assert code == 2
     first, second = said.strip().splitlines()
-    assert first.startswith("tensile.csv, specimen 'F00-1', column stress_MPa, value '-0.2123'")
+    for part in ("tensile.csv", "specimen 'F00-1'", "column stress_MPa", "value '-0.2123'"):
+        assert part in first
     assert "likely in radians" in second
 
 

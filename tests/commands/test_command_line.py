@@ -46,7 +46,8 @@ def test_check_lists_every_fault_and_ends_with_2(rubber):
     assert done.stdout == ""
     lines = done.stderr.strip().splitlines()
     assert len(lines) == 2
-    assert any("tensile.csv, row 5, column stretch, value '-1.125'" in line for line in lines)
+    place = ("tensile.csv", "row 5", "column stretch", "value '-1.125'")
+    assert any(all(part in line for part in place) for line in lines)
     assert any("sead" in line and "seed" in line for line in lines)
 
 
@@ -114,7 +115,7 @@ def test_run_writes_the_folder_prints_json_and_resumes(rubber):
         assert (target / name).exists()
     posterior = RunFolder(target).read_posterior("posterior")["posterior"].to_dataset()
     again = bayesdeg("run", rubber, "--effort", "quick", cwd=rubber.parent)
-    assert "taken from the interrupted run" in again.stderr
+    assert "interrupted run" in again.stderr
     again_posterior = RunFolder(target).read_posterior("posterior")["posterior"].to_dataset()
     assert posterior.equals(again_posterior)
     (target / "index.html").unlink()

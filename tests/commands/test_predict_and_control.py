@@ -176,17 +176,19 @@ def test_rows_beyond_the_emulator_are_empty_and_say_why(bayesdeg, report):
     assert inside["why"] == ""
     assert all(outside[name] is None for name in (*BANDS, *PROBABILITIES))
     assert outside["answered"] == 0.0
-    assert "100 % of new specimens" in outside["why"]
-    assert "measured up to 120 kPa" in messages
+    assert outside["why"].startswith("100 %")
+    assert "120 kPa" in messages
+    assert "2000 kPa" in messages
 
 
 @pytest.mark.parametrize(
     ("pressure", "degradation", "words"),
     [
-        ("100", "31", "actuators were measured from 0 to 25 %"),
-        ("100", "31", "films were measured from 0 to 25 %"),
-        ("150", "10", "measured up to 120 kPa"),
-        ("100", "0.25", "0.25 is read as 0.25 %"),
+        ("100", "31", "actuators were measured"),
+        ("100", "31", "films were measured"),
+        ("100", "31", "0 to 25 %"),
+        ("150", "10", "120 kPa"),
+        ("100", "0.25", "0.25 %"),
     ],
 )
 def test_extrapolation_is_said(bayesdeg, report, pressure, degradation, words):
@@ -202,14 +204,13 @@ UNUSABLE = {"usable": False, "sentence": "The sampler has not converged."}
 @pytest.mark.parametrize(
     ("document", "change", "words"),
     [
-        ("verdict", {"outcome": "unexplained"}, "a misfit that no cause explains"),
+        ("verdict", {"outcome": "unexplained"}, "no cause explains"),
         (
             "verdict",
             {"outcome": "ambiguous", "causes": ["pressure_offset", "pressure_loss"]},
-            "could not tell pressure_offset, pressure_loss apart: predictions are those of "
-            "base+pressure_offset",
+            "pressure_offset, pressure_loss apart",
         ),
-        ("run", {"convergence": {"final": UNUSABLE}}, "The sampler has not converged."),
+        ("run", {"convergence": {"final": UNUSABLE}}, UNUSABLE["sentence"]),
     ],
 )
 def test_doubts_of_the_run_are_passed_on(bayesdeg, report, tmp_path, document, change, words):
@@ -252,8 +253,8 @@ def test_control_says_what_is_out_of_reach_and_what_is_best(bayesdeg, report):
     at = ("--curvature", "25", "--degradation", "0", "--risk", "0.02")
     code, printed, _ = bayesdeg("control", report, *at)
     assert code == 0
-    assert "25 1/m at 0 % is out of reach" in printed
-    assert "probability of rupture is not above 0.02" in printed
+    assert "25 1/m at 0 %" in printed
+    assert "not above 0.02" in printed
     row = json.loads(bayesdeg("control", report, *at, "--json")[1])["rows"][0]
     assert row["reached"] == 0
     assert row["pressure_kPa"] == row["allowed_kPa"] < row["needed_q50_kPa"]
@@ -290,11 +291,11 @@ CONTROL = ("--curvature", "5", "--degradation", "10")
 @pytest.mark.parametrize(
     ("command", "arguments", "words"),
     [
-        ("predict", ("--pressure", "many", "--degradation", "1"), "'many' is no number"),
+        ("predict", ("--pressure", "many", "--degradation", "1"), "'many'"),
         ("predict", ("--pressure", "-5", "--degradation", "1"), "not below 0"),
         ("predict", ("--pressure", "nan", "--degradation", "1"), "makes no sense"),
         ("predict", ("--pressure", "0:100", "--degradation", "1"), "first:last:step"),
-        ("predict", ("--pressure", "0:100:0", "--degradation", "1"), "step must be above 0"),
+        ("predict", ("--pressure", "0:100:0", "--degradation", "1"), "above 0"),
         ("predict", ("--pressure", "0:1:1e-5", "--degradation", "1"), "wider step"),
         ("predict", ("--pressure", "1", "--degradation", "101"), "not above 100"),
         ("predict", ("--pressure", "1"), "--degradation"),
@@ -363,7 +364,7 @@ def test_published_statistics_alone_are_enough_if_they_say_how_actuators_bend(ba
     )
     assert code == 0
     assert json.loads(printed)["rows"][0]["q50"] > 0.0
-    assert "no actuator was read" in messages
+    assert "no actuator" in messages
 
 
 def test_the_emulator_of_the_run_is_needed(bayesdeg, models, tmp_path):
@@ -381,17 +382,18 @@ def test_the_emulator_of_the_run_is_needed(bayesdeg, models, tmp_path):
     assert bayesdeg("predict", run, *PREDICT, "--emulator", tmp_path / "own.npz")[0] == 0
     code, _, messages = bayesdeg("predict", run, *PREDICT, "--emulator", tmp_path / "other.npz")
     assert code == 2
-    assert "is not the emulator of this run" in messages
+    assert "other.npz" in messages
+    assert "not the emulator" in messages
 
 
 @pytest.mark.parametrize(
     ("change", "words"),
     [
         ({"model": None}, "older version"),
-        ({"emulator": {}}, "does not record an emulator"),
+        ({"emulator": {}}, "record an emulator"),
         ({"model": {"nodes_pct": [0.0, 25.0]}}, "run.json"),
-        ({"model": {"nodes_pct": "all"}}, "must be a list"),
-        ({"model": 3}, "must be an object"),
+        ({"model": {"nodes_pct": "all"}}, "a list"),
+        ({"model": 3}, "an object"),
     ],
 )
 def test_a_record_that_does_not_fit_ends_with_2(bayesdeg, report, tmp_path, change, words):
@@ -413,7 +415,7 @@ def test_a_posterior_of_another_model_is_refused(bayesdeg, report, tmp_path):
     folder.write_json("run", content | {"model": document})
     code, _, messages = bayesdeg("predict", mixed, *PREDICT)
     assert code == 2
-    assert "do not belong together" in messages
+    assert "belong together" in messages
     assert "c1_control_8_33" in messages
 
 
@@ -441,12 +443,12 @@ def with_draw(name, value):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (with_draw("c1_at_0", np.nan), "draws of c1_at_0 are no finite numbers"),
-        (with_draw("emulator_error_level", np.inf), "draws of emulator_error_level are no finite"),
-        (with_draw("c1_at_25", -0.2), "c1_at_25 is -0.2, and can only be above 0"),
-        (with_draw("volume_ratio", 0.0), "volume_ratio is 0, and can only be above 0"),
+        (with_draw("c1_at_0", np.nan), "draws of c1_at_0"),
+        (with_draw("emulator_error_level", np.inf), "draws of emulator_error_level"),
+        (with_draw("c1_at_25", -0.2), "c1_at_25 is -0.2"),
+        (with_draw("volume_ratio", 0.0), "volume_ratio is 0,"),
         (lambda draws: draws.isel(draw=slice(0, 0)), "have no draws"),
-        (lambda draws: draws.assign(c1_at_0=("chain", np.ones(2))), "not the same number"),
+        (lambda draws: draws.assign(c1_at_0=("chain", np.ones(2))), "same number"),
     ],
 )
 def test_draws_that_no_calibration_leaves_are_refused(
@@ -465,8 +467,8 @@ def test_draws_that_no_calibration_leaves_are_refused(
     [
         ({"largest_pressure_kPa": -3.0}, "both above 0"),
         ({"paper_thickness_mm": 0.0}, "both above 0"),
-        ({"largest_pressure_kPa": 10**300}, "must be a finite number"),
-        ({"nodes_pct": [0.0, 10**300, 25.0]}, "must be a finite number"),
+        ({"largest_pressure_kPa": 10**300}, "finite number"),
+        ({"nodes_pct": [0.0, 10**300, 25.0]}, "finite number"),
     ],
 )
 def test_an_impossible_model_is_refused(bayesdeg, report, tmp_path, change, words):

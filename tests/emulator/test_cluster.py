@@ -138,7 +138,7 @@ def test_workers_that_lack_or_differ_are_clear_errors(monkeypatch, tmp_path):
         with monkeypatch.context() as hasty:
             hasty.setattr(workers, "JOINING", 0.5)
             with (
-                pytest.raises(BayesdegError, match=r"no worker has joined.*dask worker"),
+                pytest.raises(BayesdegError, match=r"joined.*dask worker"),
                 cluster_executor(dask.address),
             ):
                 pass
@@ -146,7 +146,7 @@ def test_workers_that_lack_or_differ_are_clear_errors(monkeypatch, tmp_path):
         with monkeypatch.context() as newer:
             newer.setattr(workers, "MODEL_VERSION", "of tomorrow")
             with (
-                pytest.raises(BayesdegError, match=r"without version of tomorrow.*tcp://"),
+                pytest.raises(BayesdegError, match=r"of tomorrow.*tcp://"),
                 cluster_executor(dask.address),
             ):
                 pass
@@ -155,7 +155,7 @@ def test_workers_that_lack_or_differ_are_clear_errors(monkeypatch, tmp_path):
         with pytest.warns(UserWarning, match="have several threads"):
             opened = stack.enter_context(cluster_executor(dask.address))
         kill(dask.workers[0])
-        with pytest.raises(BayesdegError, match="has had no worker for 1 s"):
+        with pytest.raises(BayesdegError, match="no worker for 1 s"):
             complete(RUNS, store, executor=opened)
 
 

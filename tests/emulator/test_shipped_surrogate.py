@@ -1,6 +1,7 @@
 """The emulator that ships with the package."""
 
 import json
+import re
 from dataclasses import fields, replace
 
 import numpy as np
@@ -163,7 +164,7 @@ def test_a_skin_out_of_range_is_refused_and_named(shipped):
     np.testing.assert_array_equal(answer.status, int(Status.OUTSIDE_TRAINING))
     assert np.all(np.isnan(answer.curvature))
     assert list(shipped.refusals(beyond)) == ["skin"]
-    assert "reaches 1.3, trained from 0 to 1.2" in shipped.refusals(beyond)["skin"]
+    assert re.search(r"1\.3.* 0 to 1\.2", shipped.refusals(beyond)["skin"])
 
 
 def test_its_file_is_plain_arrays_of_less_than_10_mb():

@@ -87,7 +87,7 @@ def test_a_damaged_file_is_named_and_not_used(kept, damage):
 
 def test_a_file_that_is_no_emulator_is_refused(kept):
     np.savez(kept, allow_pickle=False, curvature=np.ones(3))
-    with pytest.raises(BayesdegError, match="no emulator made by 'bayesdeg emulate'"):
+    with pytest.raises(BayesdegError, match="'bayesdeg emulate'"):
         read_trained(kept)
 
 
@@ -97,7 +97,7 @@ def test_an_emulator_of_another_version_of_the_model_is_refused_with_both_versio
     assert found.surrogate is None
     assert "version 0 " in found.reason
     assert found.reason.count(MODEL_VERSION)
-    with pytest.raises(BayesdegError, match=r"version 0 .* train it again"):
+    with pytest.raises(BayesdegError, match=r"version 0 .* train it"):
         read_trained(kept)
 
 
@@ -113,7 +113,7 @@ def test_an_emulator_that_does_not_say_its_geometry_is_of_none():
 
 
 def test_the_package_has_the_emulator_of_the_paper(tmp_path, monkeypatch):
-    version = "of the package"
+    version = "the package's"
     shipped = replace(default_surrogate(), record=emulator(PAPER, version=version).record)
     write_trained(tmp_path / "shipped.npz", shipped)
     monkeypatch.setattr(kept_emulators, "SHIPPED", tmp_path / "shipped.npz")
@@ -124,14 +124,12 @@ def test_the_package_has_the_emulator_of_the_paper(tmp_path, monkeypatch):
     # another recipe is another emulator
     assert find(PAPER, recipe=RECIPE, cache=tmp_path).surrogate is None
     monkeypatch.setattr(kept_emulators, "MODEL_VERSION", "later")
-    assert "version of the package" in find(PAPER, cache=tmp_path).reason
+    assert f"version {version}" in find(PAPER, cache=tmp_path).reason
 
 
 def test_a_place_that_cannot_be_written_is_named(tmp_path):
     (tmp_path / "file").write_text("in the way", encoding="utf-8")
-    with pytest.raises(
-        BayesdegError, match=r"file/emulator\.npz .*nothing that was solved is lost"
-    ):
+    with pytest.raises(BayesdegError, match=r"file/emulator\.npz .*is lost"):
         write_trained(tmp_path / "file" / "emulator.npz", emulator())
 
 
@@ -142,12 +140,12 @@ def test_a_full_disk_leaves_what_was_there(kept, monkeypatch):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(files.os, "fsync", full)
-    with pytest.raises(BayesdegError, match="No space left on device"):
+    with pytest.raises(BayesdegError, match="No space left"):
         write_trained(kept, emulator(PAPER))
     assert kept.read_bytes() == before
     assert [path.name for path in kept.parent.iterdir()] == [kept.name]
 
 
 def test_a_file_that_is_not_there_is_named(tmp_path):
-    with pytest.raises(BayesdegError, match=r"missing\.npz cannot be read"):
+    with pytest.raises(BayesdegError, match=r"missing\.npz cannot"):
         read_trained(tmp_path / "missing.npz")

@@ -15,7 +15,7 @@ import numpy as np
 from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.decide.candidates import effect_sizes
 from bayesdeg.criticism.decide.support import Support, supports
-from bayesdeg.criticism.decide.verdict import decide
+from bayesdeg.criticism.decide.verdict import Reason, decide
 from bayesdeg.criticism.fit.screening import screen
 from bayesdeg.criticism.fit.search import (
     Search,
@@ -52,7 +52,7 @@ class Verdict:
         Of the base model's misfit.
     rupture_p_value : float
         Of the ruptures that the base model expects.
-    reasons : tuple of str
+    reasons : tuple of Reason
         Why what the evidence favours is not named.
     """
 
@@ -63,7 +63,7 @@ class Verdict:
     confirmed: dict[str, bool]
     p_value: float
     rupture_p_value: float
-    reasons: tuple[str, ...] = ()
+    reasons: tuple[Reason, ...] = ()
 
 
 @dataclass(frozen=True)

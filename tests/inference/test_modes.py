@@ -41,11 +41,6 @@ def test_the_evidence_is_that_of_both(size):
     assert abs(posterior.log_evidence + size * np.log(10.0)) < 4.0 * posterior.error < 0.4
 
 
-@pytest.mark.parametrize("size", SIZES)
-def test_several_modes_are_told_of(size):
-    assert found(size).warning.startswith("Several modes: the posterior has 2 separate ones")
-
-
 @pytest.mark.parametrize("size", [1, 2, 5])
 def test_sampling_from_there_holds_both(size):
     density = two_normals(size)
@@ -68,7 +63,6 @@ def test_a_single_mode_is_left_in_peace():
     modes = find_modes(blr(), np.random.default_rng(0))
     assert not modes.tempered
     assert [mode.weight for mode in modes.modes] == [1.0]
-    assert modes.warning == ""
 
 
 def test_a_mode_that_is_known_need_not_be_found_again():

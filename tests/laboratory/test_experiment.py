@@ -116,7 +116,8 @@ def test_every_file_begins_with_how_it_was_made():
     for name, text in files.items():
         if name != "truth.json":
             first = text.splitlines()[0]
-            assert first == f"# virtual experiment made by {COMMAND} (seed 7)"
+            assert first.startswith("# virtual experiment")
+            assert first.endswith(f"{COMMAND} (seed 7)")
     broken = replace(PROVENANCE, command="bayesdeg \\\n  simulate x")
     assert broken.comment.count("\n") == 1
 
@@ -199,7 +200,7 @@ def test_settings_of_the_study_are_kept(tmp_path):
     study = written(tmp_path, make(), settings)
     made = virtual_settings(settings, seed=7)
     assert study.settings == made
-    assert made.title == 'Virtual experiment: Gelatin "thin"'
+    assert made.title == f"Virtual experiment: {settings.title}"
     assert made.note != "real"
     assert virtual_settings(made, seed=8) == replace(made, seed=8)
 

@@ -62,12 +62,13 @@ def test_at_the_edge_the_emulator_refuses_what_the_finer_map_answers(tmp_path):
 def test_what_was_told_before_the_limit_is_kept():
     program = "import time; print('{\"fit\": 1.5}', flush=True); time.sleep(60)"
     told = seconds._told((sys.executable, "-c", program), 2.0)
-    assert told == {"fit": 1.5, "fault": "took longer than 2 s"}
+    assert told.pop("fault").endswith("2 s")
+    assert told == {"fit": 1.5}
 
 
 def test_a_failure_is_told_by_its_last_line():
-    told = seconds._told((sys.executable, "-c", "raise ValueError('no such study')"), 20.0)
-    assert told == {"fault": "ValueError: no such study"}
+    told = seconds._told((sys.executable, "-c", "raise ValueError('no study')"), 20.0)
+    assert told == {"fault": "ValueError: no study"}
 
 
 def test_growth_is_the_slope_of_logarithms():

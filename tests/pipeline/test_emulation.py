@@ -74,9 +74,9 @@ def test_the_emulator_is_built_on_what_is_left_and_the_endings_are_of_all(campai
     shown = Shown()
     surrogate = train_emulator(campaign, expect(campaign, Silent()), shown)
     assert surrogate.length == GEOMETRY.dimensions.length
-    assert [name for name, _ in shown.stages] == ["finite element curves", "training on the curves"]
+    assert [steps is None for _, steps in shown.stages] == [False, True]
     assert len(shown.steps) == 3
-    assert shown.steps[-1][1].startswith("3 of 3, less than a minute left")
+    assert shown.steps[-1][1].startswith(f"3 of 3, {duration(0.0)}")
     ended = endings(campaign)
     assert [run for run, _ in ended] == campaign.runs
     assert all(isinstance(status, Status) for _, status in ended)
@@ -86,7 +86,7 @@ def test_the_emulator_is_built_on_what_is_left_and_the_endings_are_of_all(campai
     assert expectation.left == {}
     assert expectation.seconds == 0.0
     train_emulator(campaign, expectation, shown)
-    assert shown.stages == [("training on the curves", None)]
+    assert [steps for _, steps in shown.stages] == [None]
 
 
 def test_a_bar_counts_runs_by_their_cost_and_says_what_is_left(campaign):
@@ -103,7 +103,9 @@ def test_a_bar_counts_runs_by_their_cost_and_says_what_is_left(campaign):
     assert [steps for steps, _ in shown.steps] == [2.0, 40.0]
     # at the pace of two cores: (99 · 2 + 9 · 40) / 2
     assert meter.remaining() == pytest.approx(558.0 / (122.0 / 60.0))
-    assert shown.steps[-1][1] == "2 of 110, about 5 min left, 1 failed"
+    done, left, failed = shown.steps[-1][1].split(", ")
+    assert (done, failed) == ("2 of 110", "1 failed")
+    assert left.startswith(duration(meter.remaining()))
 
 
 def test_what_is_left_follows_measured_times_and_pace(campaign):
@@ -148,10 +150,8 @@ def test_fewer_runs_than_workers_are_not_divided_among_all():
 
 def test_the_expectation_says_how_it_was_found():
     said = str(Expectation({COARSE: 250, FINE: 30}, {COARSE: 2.0, FINE: 40.0}, workers=2))
-    assert said == (
-        "about 14 min: finite element curves, 250 of 2.0 s on a mesh of 8 mm and 30 of 40.0 s on "
-        "a mesh of 5 mm, 2 at a time"
-    )
+    for part in ("about 14 min", "250 of 2.0 s", "8 mm", "30 of 40.0 s", "5 mm", "2 at a time"):
+        assert part in said
 
 
 @pytest.mark.parametrize(

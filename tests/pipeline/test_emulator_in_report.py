@@ -8,6 +8,8 @@ from tests.pipeline.tiny_campaign import emulator
 from tests.report.html_reading import read_html, table_cells
 from tests.report.synthetic_run import write_full
 
+TITLE = "Errors on finite element curves"
+
 
 def page_of(tmp_path, emulator_document):
     folder = write_full(tmp_path, "named")
@@ -20,8 +22,8 @@ def test_design_version_and_accuracy_of_the_emulator_reach_the_run_record():
     facts = emulator_facts(emulator().record).document()
     shown = RunRecord.read({"title": "a run", "emulator": facts}).emulator
     assert shown.facts["design"] == "closed form"
-    assert shown.facts["curves of the coarse mesh"] == "6"
-    assert shown.facts["curves of the fine mesh"] == "2"
+    assert [v for k, v in shown.facts.items() if "coarse" in k] == ["6"]
+    assert [v for k, v in shown.facts.items() if "fine" in k] == ["2"]
     assert [row.quantity for row in shown.accuracy] == ["curvature"]
     assert shown.accuracy[0].coverage_90 == 0.91
 
@@ -30,15 +32,14 @@ def test_the_page_shows_accuracy_and_refusals(tmp_path):
     facts = emulator_facts(emulator().record).document()
     said = refusal_words(Refusals(1000, 30))
     html = page_of(tmp_path, facts | {"refusals": said})
-    rows = table_cells(read_html(html), "Errors on finite element curves")
+    rows = table_cells(read_html(html), TITLE)
     cells = [cell.replace("\N{NO-BREAK SPACE}", " ") for cell in rows[-1]]
     assert cells == ["curvature", "0.25", "0.50", "1.25", "91 %"]
     text = html.replace("\N{NO-BREAK SPACE}", " ")
-    assert "refused 30 of 1000 proposals of the sampler (3 %)" in text
-    assert "narrower priors in study.toml" in text
+    assert said in text
 
 
 def test_a_run_of_an_older_version_has_no_accuracy_to_show(tmp_path):
     html = page_of(tmp_path, {"error_pct": 0.8, "record": "emulator-2f9a"})
     assert "emulator-2f9a" in html
-    assert "Errors on finite element curves" not in html
+    assert TITLE not in html

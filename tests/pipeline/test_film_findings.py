@@ -8,7 +8,7 @@ from bayesdeg.inference.course import CourseModel, degradation_at, rate_errors
 from bayesdeg.inference.sampling import EFFORTS, Chain, to_datatree
 from bayesdeg.pipeline import writing
 from bayesdeg.pipeline.assemble import assemble
-from bayesdeg.pipeline.films import CourseFit, Films, common_error_words, course_words, examine
+from bayesdeg.pipeline.films import CourseFit, Films, common_error, course_summary, examine
 from bayesdeg.pipeline.progress import Silent
 from bayesdeg.report.figures.films import course_figure
 from bayesdeg.report.folder import POSTERIOR_COURSE, RunFolder
@@ -62,47 +62,49 @@ def test_the_band_of_moisture_is_that_of_a_film():
     assert start["moisture_q95"] == pytest.approx(20.0 + reach, abs=0.1)
 
 
-def test_the_sentence_says_when_a_rate_is_reached():
-    said = course_words(fit_of())
-    time = -14.0 * np.log(1.0 - 25.0 / 32.0)
-    assert f"25 % is reached after {time:.1f} h" in said
-    assert "beyond the last reading" not in said
-    assert "tends to 32 %" in said
-    assert "proxy" in said
+def test_a_rate_is_reached_after_the_time_of_the_closed_form():
+    found = course_summary(fit_of())
+    assert found.is_certain
+    assert found.films == 36
+    assert found.hours == pytest.approx([-14.0 * np.log(1.0 - 25.0 / 32.0)] * 3, rel=1e-4)
+    assert found.limit == pytest.approx([32.0] * 3, rel=1e-4)
+    assert found.hours[0] < found.last_h == 24.0
 
 
-def test_the_sentence_says_what_lies_beyond_the_readings():
-    said = course_words(fit_of(degradation_time_constant=30.0))
-    assert "beyond the last reading at 24 h" in said
+def test_a_rate_may_be_reached_beyond_the_readings():
+    found = course_summary(fit_of(degradation_time_constant=30.0))
+    assert found.hours[0] > found.last_h
 
 
-def test_the_sentence_says_how_likely_a_rate_is_that_may_never_be_reached():
-    assert "ever reached with probability 0.00" in course_words(fit_of(degradation_limit=20.0))
-    said = course_words(fit_of(width=0.05, degradation_limit=25.0))
-    assert "ever reached with probability 0.4" in said or "probability 0.5" in said
+def test_a_rate_may_never_be_reached():
+    assert course_summary(fit_of(degradation_limit=20.0)).reached == 0.0
+    perhaps = course_summary(fit_of(width=0.05, degradation_limit=25.0))
+    assert perhaps.reached == pytest.approx(0.47, abs=0.07)
+    assert not perhaps.is_certain
 
 
 STATED = np.array([[5.0, 0.5], [25.0, 0.5], [25.0, 2.0]])
 
 
-def test_the_error_of_fresh_moisture_stands_beside_what_the_study_states():
-    said = common_error_words(fit_of(), STATED)
+def test_the_error_of_fresh_moisture_is_that_of_the_mean_of_fresh_films():
+    found = common_error(fit_of(), STATED)
     errors = rate_errors(fit_of().draws, np.array([25.0]), fresh_films=9, films=9)
-    assert "mean of 9 fresh films" in said
-    assert f"{errors.common.mean():.2f} points at 25 %" in said  # 75 × 0.03/3 = 0.75
-    assert "0.75 points" in said
-    assert f"together {np.hypot(0.75, 1.0):.2f}" in said
-    assert "states 0.5 points" in said
-    assert "which is less" in said
-    assert "no less and so is plausible" in common_error_words(fit_of(), STATED + 3.0)
+    assert (found.fresh, found.films, found.level, found.stated) == (9, 9, 25.0, 0.5)
+    assert found.common == pytest.approx(errors.common.mean())
+    assert found.common == pytest.approx(0.75, rel=1e-4)  # 75 × 0.03/3
+    assert found.own == pytest.approx(1.0, rel=1e-4)
+    assert found.total == pytest.approx(np.hypot(0.75, 1.0), rel=1e-4)
 
 
-def test_without_fresh_films_the_error_is_that_of_an_extrapolation():
-    assert "extrapolated" in common_error_words(fit_of(times=TIMES + 8.0), STATED)
+def test_without_fresh_films_the_error_is_not_known():
+    found = common_error(fit_of(times=TIMES + 8.0), STATED)
+    assert found.fresh == 0
+    assert np.isnan(found.total)
 
 
 def test_a_study_without_degraded_specimens_states_no_error():
-    assert "The study states" not in common_error_words(fit_of(), np.empty((0, 2)))
+    found = common_error(fit_of(), np.empty((0, 2)))
+    assert (found.stated, found.level) == (None, 25.0)
 
 
 def test_parameters_of_the_course_stand_in_the_table_with_units():

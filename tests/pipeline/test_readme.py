@@ -21,7 +21,7 @@ def test_it_is_short():
 
 @pytest.mark.parametrize("command", ["run bayesdeg run studies/gelatin_actuator", "run pytest"])
 def test_it_begins_with_two_commands(command):
-    assert re.search(rf"^pip install uv && uv {command}\b", README, re.MULTILINE)
+    assert re.search(rf"^.* && uv {command}\b", README, re.MULTILINE)
 
 
 def test_its_commands_are_those_that_exist():

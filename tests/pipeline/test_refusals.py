@@ -131,8 +131,8 @@ def test_a_resumed_calibration_keeps_its_counts(tmp_path):
 @pytest.mark.parametrize(
     ("refused", "words", "warned"),
     [
-        (0, "None of the 10000 proposals", False),
-        (100, "refused 100 of 10000 proposals of the sampler (1 %)", False),
+        (0, "None of the 10000", False),
+        (100, "100 of 10000", False),
         (101, "(1 %)", True),
         (2500, "(25 %)", True),
     ],
@@ -181,4 +181,5 @@ def test_records_of_the_first_version_are_read():
             "coverage_90": None,
         }
     ]
-    assert facts["record"].startswith("256 curves of a coarse mesh, corrected by 32 of a fine one")
+    assert facts["record"].startswith("256 curves")
+    assert " 32 of" in facts["record"]

@@ -106,7 +106,7 @@ def spoil(path, how):
         content = content[: len(content) // 2]
     elif how == "empty":
         content = bytearray()
-    elif how == "no file of this kind":
+    elif how == "no such file":
         content = bytearray(b"chain\n1 2 3\n")
     else:  # one bit of one draw
         with h5py.File(path) as file:
@@ -115,7 +115,7 @@ def spoil(path, how):
     path.write_bytes(content)
 
 
-@pytest.mark.parametrize("how", ["cut", "empty", "no file of this kind", "one bit"])
+@pytest.mark.parametrize("how", ["cut", "empty", "no such file", "one bit"])
 @pytest.mark.parametrize("which", [0, 3, 2 * PIECES - 1])
 def test_a_damaged_piece_is_named_and_computed_again(tmp_path, how, which):
     run(stored(tmp_path))
@@ -216,7 +216,7 @@ def calibrated(tmp_path, effort):
 def test_a_calibration_says_how_far_it_is_and_what_it_found_damaged(tmp_path):
     effort = Effort(effective=3000.0, r_hat=1.01, chunk=20, longest=2000)
     fit, heard = calibrated(tmp_path, effort)
-    assert "fitting the moves, 20 steps" in heard.notes
+    assert any(note.endswith("20 steps") for note in heard.notes)
     smallest = f"{min(fit.diagnosis.ess_bulk):.0f} effective draws"
     assert heard.notes[-1].startswith(smallest)
     assert f"R-hat {max(fit.diagnosis.r_hat):.3f}" in heard.notes[-1]
@@ -225,10 +225,11 @@ def test_a_calibration_says_how_far_it_is_and_what_it_found_damaged(tmp_path):
     path = pieces(tmp_path)[2]
     spoil(path, "one bit")
     again, heard = calibrated(tmp_path, effort)
-    assert f"damaged and computed again: {path.name}" in heard.notes[-1]
+    assert "damaged" in heard.notes[-1]
+    assert path.name in heard.notes[-1]
     np.testing.assert_array_equal(again.chain.vectors, fit.chain.vectors)
     third, heard = calibrated(tmp_path, effort)
-    assert "taken from the interrupted run" in heard.notes[-1]
+    assert "interrupted run" in heard.notes[-1]
     assert third.diagnosis == fit.diagnosis
     np.testing.assert_array_equal(third.evidence.draws, fit.evidence.draws)
     np.testing.assert_array_equal(third.laplace.covariance, fit.laplace.covariance)

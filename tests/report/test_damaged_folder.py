@@ -47,7 +47,7 @@ def change_cell(folder, name, column, cell):
 @pytest.mark.parametrize("name", ["observations", "misfit_null", "tensile", "bands", "gain"])
 def test_a_number_that_no_run_can_have_found_is_refused(run, name, cell):
     change_cell(run, name, NUMBERS[name], cell)
-    with pytest.raises(BayesdegError, match=f"{name}.csv: column .* is too large; the file"):
+    with pytest.raises(BayesdegError, match=f"{name}.csv: column .* too large"):
         build_page(run.path)
 
 
@@ -117,14 +117,14 @@ def test_a_posterior_of_another_run_is_refused(run):
     run.write_json("run", run.read_json("run") | {"posteriors": run.posterior_hashes()})
     run.read_posterior(POSTERIOR)
     write_posterior(run, 2.0)
-    with pytest.raises(BayesdegError, match="it is not the posterior that this run wrote"):
+    with pytest.raises(BayesdegError, match="not the posterior"):
         run.read_posterior(POSTERIOR)
 
 
 @pytest.mark.parametrize("content", [b"", b"CDF\x01", b"\x89HDF\r\n\x1a\n" + bytes(200)])
 def test_a_posterior_that_is_none_is_refused(run, content):
     (run.path / "posterior.nc").write_bytes(content)
-    with pytest.raises(BayesdegError, match=r"posterior\.nc: .*run the study again"):
+    with pytest.raises(BayesdegError, match=r"posterior\.nc: .*again"):
         run.read_posterior(POSTERIOR)
 
 

@@ -103,7 +103,7 @@ def test_writing_a_word_where_a_number_belongs_is_refused(tmp_path):
     ("damage", "what"),
     [
         (lambda text: text.replace("q95", "q96", 1), "column q95 is missing"),
-        (lambda text: text.replace("20.0", "twenty", 1), "'twenty' is not a number"),
+        (lambda text: text.replace("20.0", "twenty", 1), "'twenty'"),
         (lambda text: "", "No columns"),
         (lambda text: text + "1,2,3,4,5,6,7,8,9\n", "Expected 7 fields"),
     ],
@@ -137,13 +137,13 @@ def test_a_damaged_or_missing_document_says_which_file(name, content, tmp_path):
     ("change", "what"),
     [
         ({"outcome": "certain"}, "'outcome' must be"),
-        ({"candidates": "none"}, "'candidates' must be a list"),
-        ({"candidates": ["creep"]}, "'candidates[0]' must be an object, not 'creep'"),
+        ({"candidates": "none"}, "'candidates' must"),
+        ({"candidates": ["creep"]}, "'candidates[0]' must"),
         (
             {"misfit": {"p_value": "small"}},
-            "'misfit.p_value' must be a number or null, not 'small'",
+            "'misfit.p_value' must",
         ),
-        ({"causes": [1]}, "'causes' must be a list of names, not [1]"),
+        ({"causes": [1]}, "'causes' must"),
     ],
 )
 def test_a_verdict_that_breaks_its_format_is_refused(change, what, tmp_path):

@@ -76,7 +76,7 @@ def test_the_lede_is_at_most_two_sentences(outcome):
         (size("offset", "kPa"), "second invariant: 14.2 kPa [13.8, 14.6]"),
         (size("ratio", "–"), "second invariant: ratio 14.2 [13.8, 14.6]"),
         ({"offset": {"mean": 14.17, "unit": "kPa"}}, "second invariant: 14.2 kPa"),
-        ({}, "explained by second invariant"),
+        ({}, "second invariant"),
     ],
 )
 def test_the_size_of_a_named_effect_is_in_the_headline(effect, said):

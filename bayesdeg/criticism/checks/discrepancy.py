@@ -221,18 +221,6 @@ def measure(linear: Linear, simulated: Floats) -> Misfit:
     )
 
 
-def too_few(known: int, drawn: int) -> str:
-    """Say how few of the simulated data sets can be used.
-
-    Examples
-    --------
-    >>> too_few(18, 200)
-    "only 18 of 200 simulated data sets stayed within the emulator's range"
-    """
-    few = f"only {known}" if known else "none"
-    return f"{few} of {drawn} simulated data sets stayed within the emulator's range"
-
-
 def _p_value(statistic: float, null: Floats) -> float:
     return float(chance_of(statistic, null, fewest=FEWEST))
 

@@ -133,8 +133,73 @@ def _level_row(
     }
 
 
-def where(model: Model, residual: Floats, noise: float) -> str:
-    """Say in one sentence where the misfit is largest: pressures, degradation rates, specimens.
+@dataclass(frozen=True)
+class CurvatureDeparture:
+    """Where measured curvature is furthest off: the third of the pressures with the largest mean.
+
+    Parameters
+    ----------
+    excess : float
+        Mean of measured less simulated, over the simulated [–].
+    pressures : (float, float)
+        Ends of that third [kPa].
+    levels : tuple of float
+        Degradation rates at which it is at least half as far off, the same way [%].
+    everywhere : bool
+        Whether those are all degradation rates.
+    agreeing, specimens : int
+        Specimens that are off the same way there, of all.
+    """
+
+    excess: float
+    pressures: tuple[float, float]
+    levels: tuple[float, ...]
+    everywhere: bool
+    agreeing: int
+    specimens: int
+
+
+@dataclass(frozen=True)
+class StressDeparture:
+    """By how much measured stress is off in each mode of tension, the worst first.
+
+    Parameters
+    ----------
+    modes : tuple of (str, float)
+        Modes and the root mean square of measured less calibrated stress [MPa].
+    above : bool
+        Whether measured stress is higher on average in the worst of them.
+    """
+
+    modes: tuple[tuple[str, float], ...]
+    above: bool
+
+
+@dataclass(frozen=True)
+class ReadingsDeparture:
+    """Where readings of another kind are furthest off: the third of their path that is worst.
+
+    Parameters
+    ----------
+    kind, unit : str
+        What was read, and in which unit.
+    ends : (float, float)
+        Of that third of the path, in the unit of the path.
+    error : float
+        Root mean square of read less calibrated, in their unit.
+    above : bool
+        Whether they are higher there on average.
+    """
+
+    kind: str
+    unit: str
+    ends: tuple[float, float]
+    error: float
+    above: bool
+
+
+def where(model: Model, residual: Floats, noise: float) -> CurvatureDeparture | None:
+    """Return where the misfit is largest: pressures, degradation rates, specimens.
 
     Parameters
     ----------
@@ -147,14 +212,14 @@ def where(model: Model, residual: Floats, noise: float) -> str:
 
     Returns
     -------
-    str
-        Of the readings that can be predicted; empty if none can.
+    CurvatureDeparture or None
+        Of the readings that can be predicted; None if none can.
     """
     assert model.actuator is not None
     data = model.actuator
     known = data.mask & np.isfinite(residual)
     if not known.any():
-        return ""
+        return None
     relative = residual / np.maximum(np.abs(data.curvature - residual), noise)
     bands = np.quantile(data.pressure[known], [0.0, 1 / 3, 2 / 3, 1.0])
     centres, member = levels(data.degradation[:, 0])
@@ -165,45 +230,34 @@ def where(model: Model, residual: Floats, noise: float) -> str:
     by_level = np.array(
         [_mean(relative, cell & (member == m)[:, None]) for m in range(len(centres))]
     )
-    same = [
-        f"{c:.3g}"
-        for c, v in zip(centres, by_level, strict=True)
-        if v * means[k] > 0 and abs(v) > 0.5 * abs(means[k])
-    ]
+    same = centres[(by_level * means[k] > 0) & (np.abs(by_level) > 0.5 * abs(means[k]))]
     specimens = np.array([_mean(relative, cell[[i]], row=i) for i in range(len(data.specimens))])
-    agreeing = int(np.sum(specimens * means[k] > 0))
     low, high = data.pressure[cell].min(), data.pressure[cell].max()
-    sign = "below" if means[k] < 0 else "above"
-    rates = (
-        "every degradation rate"
-        if len(same) == len(centres)
-        else f"{', '.join(same)} % degradation"
-    )
-    return (
-        f"Measured curvature lies {sign} the simulation by {100 * abs(means[k]):.0f} % on average "
-        f"at {low:.0f}–{high:.0f} kPa, at {rates}, in {agreeing} of {len(specimens)} specimens."
+    return CurvatureDeparture(
+        excess=float(means[k]),
+        pressures=(float(low), float(high)),
+        levels=tuple(same.tolist()),
+        everywhere=len(same) == len(centres),
+        agreeing=int(np.sum(specimens * means[k] > 0)),
+        specimens=len(specimens),
     )
 
 
-def where_films(linear: Linear) -> str:
-    """Say in one sentence in which mode of tension stresses are off, and by how much."""
+def where_films(linear: Linear) -> StressDeparture:
+    """Return in which mode of tension stresses are off, and by how much."""
     rows = linear.subject.places.kind == STRESS
     places = linear.subject.places.subset(rows)
     residual = (linear.subject.observed - linear.prediction)[rows]
-    modes = list(dict.fromkeys(places.history.tolist()))
-    off = [float(np.sqrt(np.mean(residual[places.history == mode] ** 2))) for mode in modes]
-    worst = int(np.argmax(off))
-    rows = places.history == modes[worst]
-    sign = "below" if np.mean(residual[rows]) < 0.0 else "above"
-    others = ", ".join(f"{m} {o:.3g}" for m, o in zip(modes, off, strict=True) if m != modes[worst])
-    return (
-        f"Measured stress departs most in {modes[worst]} tension, {off[worst]:.3g} MPa in root "
-        f"mean square and {sign} the law on average{f' ({others} MPa)' if others else ''}."
-    )
+    modes = dict.fromkeys(places.history.tolist())
+    off = {mode: float(np.sqrt(np.mean(residual[places.history == mode] ** 2))) for mode in modes}
+    worst = max(off, key=lambda mode: off[mode])
+    ordered = {worst: off.pop(worst)} | off
+    above = bool(np.mean(residual[places.history == worst]) >= 0.0)
+    return StressDeparture(tuple(ordered.items()), above)
 
 
-def where_readings(linear: Linear, kind: str, unit: str) -> str:
-    """Say in one sentence how far readings of one kind are off, and where on their path most.
+def where_readings(linear: Linear, kind: str, unit: str) -> ReadingsDeparture:
+    """Return how far readings of one kind are off, and where on their path most.
 
     Parameters
     ----------
@@ -216,14 +270,10 @@ def where_readings(linear: Linear, kind: str, unit: str) -> str:
     along = linear.subject.places.along[rows]
     residual = (linear.subject.observed - linear.prediction)[rows]
     thirds = np.clip(np.searchsorted(np.quantile(along, [1 / 3, 2 / 3]), along), 0, 2)
-    off = [np.sqrt(np.mean(residual[thirds == k] ** 2)) for k in np.unique(thirds)]
+    off = [float(np.sqrt(np.mean(residual[thirds == k] ** 2))) for k in np.unique(thirds)]
     cell = thirds == np.unique(thirds)[int(np.argmax(off))]
-    sign = "below" if np.mean(residual[cell]) < 0.0 else "above"
-    size = f"{max(off):.3g} {unit}".removesuffix(" –")
-    return (
-        f"Measured {kind} departs most at {along[cell].min():.3g} to {along[cell].max():.3g}, by "
-        f"{size} in root mean square, and lies {sign} the model there on average."
-    )
+    ends = float(along[cell].min()), float(along[cell].max())
+    return ReadingsDeparture(kind, unit, ends, max(off), above=bool(residual[cell].mean() >= 0.0))
 
 
 def _mean(values: Floats, mask: NDArray[np.bool_], row: int | None = None) -> float:
@@ -480,33 +530,6 @@ def concentration(linear: Linear, simulated: Floats, statistic: float) -> Concen
     excess = tuple(_excess(linear, group, family) for group in chosen)
     names = tuple(group.name for group in chosen)
     return Concentration(chosen[0].kind, names, excess, share, readings, float(p_values[best]))
-
-
-def with_concentration(sentence: str, found: Concentration | None) -> str:
-    """Add to the sentence that says where a misfit sits in what most of it does.
-
-    Examples
-    --------
-    >>> found = Concentration("branch", ("unloading",), (4.2,), 0.8, 0.5, 0.004)
-    >>> with_concentration("Curvature is low.", found)
-    'Curvature is low; most of the misfit (80 %, in 50 % of the readings) sits in the unloading \
-branch, 4 % above the rest relative to the simulation.'
-    """
-    if found is None:
-        return sentence
-    shares = f"{100 * found.share:.0f} %, in {100 * found.readings:.0f} % of the readings"
-    return f"{sentence.removesuffix('.')}; most of the misfit ({shares}) sits in {_place(found)}."
-
-
-def _place(found: Concentration) -> str:
-    off = [f"{abs(e):.0f} % {'above' if e > 0.0 else 'below'}" for e in found.excess]
-    relative = "the rest relative to the simulation"
-    if found.kind == SPECIMEN and len(found.members) > 1:
-        each = [f"{name} ({size})" for name, size in zip(found.members, off, strict=True)]
-        return f"specimens {', '.join(each[:-1])} and {each[-1]}, against {relative}"
-    [name] = found.members
-    named = {BRANCH: f"the {name} branch", SPECIMEN: f"specimen {name}"}
-    return f"{named.get(found.kind, name)}, {off[0]} {relative}"
 
 
 def _chosen(groups: list[_Group], gains: Floats, p_values: Floats, best: int) -> tuple[_Group, ...]:

@@ -25,7 +25,6 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from bayesdeg.criticism.chance import chance_of
-from bayesdeg.criticism.checks.discrepancy import too_few
 from bayesdeg.criticism.checks.residuals import Statistic, between_specimens, functional, regression
 from bayesdeg.criticism.fit.linear import Linear
 from bayesdeg.observations.curvature import ACTUATOR, ANGLE, CURVATURE
@@ -492,7 +491,8 @@ def statistics_table(
     known = simulated[np.all(np.isfinite(simulated), axis=1)]
     every = statistics_of(linear)
     if len(known) < FEWEST:
-        why = too_few(len(known), len(simulated) if drawn is None else drawn)
+        of = len(simulated) if drawn is None else drawn
+        why = f"{len(known)} of {of} simulated data sets are too few"
         return tuple(_missing(s, s.why if s.projections is None else why) for s in every)
     there = [s for s in every if s.projections is not None]
     null = linear.whiten(known)

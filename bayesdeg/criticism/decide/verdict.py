@@ -12,7 +12,7 @@ the misfit as a whole, ruptures, measured means and priors say whether the base 
 (5) what could stand in the place of a cause is reported beside it.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -27,13 +27,11 @@ from bayesdeg.criticism.checks.discrepancy import (
     explained,
     explained_on_one_scale,
     power,
-    too_few,
 )
 from bayesdeg.criticism.checks.rupture_misfit import RuptureMisfit
 from bayesdeg.criticism.checks.shared_scatter import SharedScatter
 from bayesdeg.criticism.decide.support import Support
 from bayesdeg.criticism.fit.search import Step
-from bayesdeg.quantities import p_value_text
 
 Floats = NDArray[np.float64]
 
@@ -54,6 +52,110 @@ class Outcome(StrEnum):
 
 
 @dataclass(frozen=True)
+class Uncalibrated:
+    """The p-value of a misfit is not known: only so many simulated data sets can be used."""
+
+    known: int
+    drawn: int
+    remaining: bool = False
+    """Whether the misfit is that which the favoured causes leave."""
+
+
+@dataclass(frozen=True)
+class LittlePower:
+    """A relative discrepancy as large as this is significant in only this share of studies."""
+
+    discrepancy: float
+    power: float
+
+
+@dataclass(frozen=True)
+class NotTested:
+    """Too few simulated data sets to see whether specimens of one level deviate together."""
+
+    cause: str
+
+
+@dataclass(frozen=True)
+class NotComputed:
+    """A test that might have refuted a cause failed."""
+
+    test: str
+    why: str
+
+
+@dataclass(frozen=True)
+class NothingHeldOut:
+    """A single specimen, which cannot confirm a cause."""
+
+
+@dataclass(frozen=True)
+class NotPredictedBetter:
+    """With the cause, held-out specimens gain no log predictive density to speak of [nats]."""
+
+    cause: str
+    gain: float
+    error: float
+
+
+@dataclass(frozen=True)
+class ImplausibleSize:
+    """The size of the cause has too small a prior probability for its evidence [nats]."""
+
+    cause: str
+    probability: float
+    log_bayes_factor: float
+
+
+@dataclass(frozen=True)
+class SharedByLevel:
+    """A scatter of single specimens is one of whole degradation rates."""
+
+    cause: str
+    p_value: float
+    replicates: int
+
+
+@dataclass(frozen=True)
+class NoReduction:
+    """The misfit was within chance without the causes, and is not with them."""
+
+    p_value: float
+    replicates: int
+
+
+@dataclass(frozen=True)
+class TooLittleExplained:
+    """The favoured causes remove less than half of the misfit."""
+
+    share: float
+
+
+@dataclass(frozen=True)
+class MisfitRemains:
+    """The favoured causes remove a share of the misfit, and the rest is significant."""
+
+    share: float
+    p_value: float
+    replicates: int
+
+
+type Reason = (
+    Uncalibrated
+    | LittlePower
+    | NotTested
+    | NotComputed
+    | NothingHeldOut
+    | NotPredictedBetter
+    | ImplausibleSize
+    | SharedByLevel
+    | NoReduction
+    | TooLittleExplained
+    | MisfitRemains
+)
+
+
+@dataclass(frozen=True)
 class Decision:
     """The outcome and the causes that it is about.
 
@@ -65,14 +167,14 @@ class Decision:
         Named, or not to be told apart; the strongest first.
     one_of : tuple of tuple of str
         Beside named causes: sets of which one more acts, but which cannot be said.
-    reasons : tuple of str
+    reasons : tuple of Reason
         Why causes that the evidence favours were not named, or why nothing could be judged.
     """
 
     outcome: Outcome
     causes: tuple[str, ...]
     one_of: tuple[tuple[str, ...], ...] = ()
-    reasons: tuple[str, ...] = ()
+    reasons: tuple[Reason, ...] = ()
 
 
 def decide(
@@ -86,7 +188,7 @@ def decide(
     on_rupture: frozenset[str] = frozenset(),
     alike: tuple[str, ...] = (),
     shared: Sequence[SharedScatter] = (),
-    untested: Sequence[str] = (),
+    untested: Sequence[NotComputed] = (),
 ) -> Decision:
     """Return the outcome.
 
@@ -120,10 +222,13 @@ def decide(
         the readings that nothing else explains may be any of them.
     shared : sequence of SharedScatter
         Whether specimens that those causes let scatter one by one deviate level by level.
-    untested : sequence of str
-        Why tests that might refute a favoured cause could not be made.
+    untested : sequence of NotComputed
+        Tests that might refute a favoured cause and could not be made.
     """
-    missed = [*untested, *(_not_tested(one) for one in shared if not one.is_tested)]
+    missed: list[Reason] = [
+        *untested,
+        *(NotTested(one.cause) for one in shared if not one.is_tested),
+    ]
     if supported and missed:
         return Decision(Outcome.NOT_JUDGED, (), reasons=tuple(missed))
     misread = base.misfit.p_value <= MISFIT_LEVEL
@@ -134,10 +239,7 @@ def decide(
     off = off or (of_readings and final.misfit.p_value <= MISFIT_LEVEL)
     by_level = [one for one in shared if one.is_more_than_chance]
     off = off or bool(by_level) or bool(questioned)
-    unconfirmed = (_against(one) for one in supported if not one.held_out_agrees)
-    reasons = list(dict.fromkeys(unconfirmed))
-    reasons += [_implausible(one) for one in supported if not one.is_plausible]
-    reasons += [_of_whole_levels(one) for one in by_level]
+    reasons = [*_against_each(supported, by_level)]
     if of_readings:
         reasons += _against_all(base, final)
     if not supported or reasons:
@@ -181,66 +283,49 @@ def fraction_explained(base: Step, final: Step) -> float | None:
     return max(share_explained(base, final))
 
 
-def uncalibrated(misfit: Misfit) -> str:
-    """Say why a misfit could not be set against chance."""
-    return f"it could not be set against chance: {too_few(len(misfit.null), misfit.drawn)}"
+def uncalibrated(misfit: Misfit, *, remaining: bool = False) -> Uncalibrated:
+    """Return why the p-value of a misfit is not known."""
+    return Uncalibrated(len(misfit.null), misfit.drawn, remaining)
 
 
-def _unknown(base: Step, supported: list[Support]) -> list[str]:
-    """Say why a model in which nothing was found wrong can't be taken as adequate for that."""
+def _unknown(base: Step, supported: list[Support]) -> list[Reason]:
+    """Return why a model in which nothing was found wrong can't be taken as adequate for that."""
     if not base.misfit.is_calibrated:
         return [uncalibrated(base.misfit)]
     seen = power(base.trial.linear)
     if seen < LEAST_POWER:
-        return [
-            f"too little can be seen: even a discrepancy of {100 * LARGE:.0f} % would be more than "
-            f"chance gives in only {100 * seen:.0f} % of such studies"
-        ]
+        return [LittlePower(LARGE, seen)]
     return [_against(one) for one in supported if one.elpd_diff is None]
 
 
-def _not_tested(one: SharedScatter) -> str:
-    return (
-        f"{one.cause} lets each specimen deviate on its own, and whether those of one degradation "
-        "rate deviate together could not be tested: too few simulated data sets stayed within the "
-        "emulator's range"
-    )
+def _against_each(supported: list[Support], shared: list[SharedScatter]) -> Iterator[Reason]:
+    """Yield why single causes are not to be named, each reason once."""
+    yield from dict.fromkeys(_against(one) for one in supported if not one.held_out_agrees)
+    for one in supported:
+        if not one.is_plausible:
+            yield ImplausibleSize(one.cause, one.prior_tail, one.log_bayes_factor)
+    for found in shared:
+        yield SharedByLevel(found.cause, found.p_value, found.replicates)
 
 
-def _against(one: Support) -> str:
+def _against(one: Support) -> Reason:
     if one.elpd_diff is None:
-        return "there is nothing to hold out: a single specimen cannot confirm a cause"
-    return (
-        f"with {one.cause} held-out specimens are not predicted better "
-        f"({one.elpd_diff:+.1f} ± {one.elpd_diff_se:.1f} in log density)"
-    )
+        return NothingHeldOut()
+    return NotPredictedBetter(one.cause, one.elpd_diff, one.elpd_diff_se or 0.0)
 
 
-def _implausible(one: Support) -> str:
-    return (
-        f"{one.cause} would need a size to which its prior gives {one.prior_tail:.1g}, "
-        f"for which a log Bayes factor of {one.log_bayes_factor:.1f} is too little"
-    )
-
-
-def _of_whole_levels(one: SharedScatter) -> str:
-    return (
-        f"{one.cause} lets each specimen deviate on its own, but those of one degradation rate "
-        f"deviate together ({p_value_text(one.p_value, one.replicates)})"
-    )
-
-
-def _against_all(base: Step, final: Step) -> list[str]:
-    if final.misfit.p_value > CHANCE:
+def _against_all(base: Step, final: Step) -> list[Reason]:
+    left, replicates = final.misfit.p_value, len(final.misfit.null)
+    if left > CHANCE:
         return []
-    if final.misfit.p_value <= MISFIT_LEVEL < base.misfit.p_value:
-        return ["it removes no misfit that was more than chance, and what is left is more"]
+    if left <= MISFIT_LEVEL < base.misfit.p_value:
+        return [NoReduction(left, replicates)]
     own, common = share_explained(base, final)
     share = max(own, common)
     if own < LEAST_EXPLAINED and common < LEAST_ON_ONE_SCALE:
-        return [f"it removes only {100 * share:.0f} % of the misfit"]
+        return [TooLittleExplained(share)]
     if not final.misfit.is_calibrated and share < NEARLY_ALL:
-        return [f"of what is left, {uncalibrated(final.misfit)}"]
-    if final.misfit.p_value <= MISFIT_LEVEL and share < NEARLY_ALL:
-        return [f"it removes {100 * share:.0f} % of the misfit, and what is left is no chance"]
+        return [uncalibrated(final.misfit, remaining=True)]
+    if left <= MISFIT_LEVEL and share < NEARLY_ALL:
+        return [MisfitRemains(share, left, replicates)]
     return []

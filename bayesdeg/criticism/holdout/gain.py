@@ -10,6 +10,7 @@ model says there is.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from enum import StrEnum
 
 import numpy as np
 import pandas as pd
@@ -151,6 +152,17 @@ FEWEST = 100
 SIGNIFICANT = 0.05
 
 
+class Scatter(StrEnum):
+    """How held-out readings scatter about their predictions."""
+
+    AS_PREDICTED = "as predicted"
+    ABOVE = "above"
+    BELOW = "below"
+    TOO_NARROW = "narrow"
+    TOO_WIDE = "wide"
+    NOT_KNOWN = "not known"
+
+
 @dataclass(frozen=True)
 class LooPit:
     """Probability integral transforms of held-out readings.
@@ -168,10 +180,15 @@ class LooPit:
     p_value : float
         Share of them at least as far out as the data, (1 + #)/(1 + D); nan where fewer than
         `FEWEST` draws are finite, and all curves with it.
-    sentence : str
-        What it means.
+    scatter : Scatter
+        What is most remarkable: where the readings lie in their predictions, or how wide these are.
+    share : float
+        Of the readings that lie above (or below) the middle of their prediction, or in its middle
+        half, as `scatter` has it; nan where neither is remarkable.
     replicates : int
-        Data sets behind the p-value.
+        Data sets behind the p-value; draws of which all readings are finite.
+    drawn : int
+        Predictive draws.
     """
 
     pit: Floats
@@ -180,8 +197,10 @@ class LooPit:
     low: Floats
     high: Floats
     p_value: float
-    sentence: str
-    replicates: int = 0
+    scatter: Scatter
+    share: float
+    replicates: int
+    drawn: int
 
     @property
     def is_available(self) -> bool:
@@ -208,8 +227,8 @@ def loo_pit(draws: Floats, observed: Floats) -> LooPit:
     --------
     >>> generator = np.random.default_rng(0)
     >>> draws = generator.standard_normal((400, 60))
-    >>> loo_pit(draws, 2.5 * generator.standard_normal(60)).sentence[:48]
-    'Predictions of held-out specimens are too narrow'
+    >>> loo_pit(draws, 2.5 * generator.standard_normal(60)).scatter
+    <Scatter.TOO_NARROW: 'narrow'>
     """
     known = draws[np.all(np.isfinite(draws), axis=1)]
     if len(known) < FEWEST or not len(observed):
@@ -230,16 +249,17 @@ def loo_pit(draws: Floats, observed: Floats) -> LooPit:
         mean - width,
         mean + width,
         p_value,
-        _sentence(pit, simulated, p_value),
-        len(far),
+        *_scatter(pit, simulated, p_value),
+        replicates=len(far),
+        drawn=len(draws),
     )
 
 
 def frame(models: Mapping[str, LooPit]) -> pd.DataFrame:
     """Return the curves of several models as one table.
 
-    Columns: ``model``, ``probability``, ``difference``, ``low``, ``high``, ``p_value``,
-    ``sentence`` and ``replicates``, the last three the same in all rows of a model.
+    Columns: ``model``, ``probability``, ``difference``, ``low``, ``high``, ``p_value`` and
+    ``replicates``, the last two the same in all rows of a model.
 
     Parameters
     ----------
@@ -255,7 +275,6 @@ def frame(models: Mapping[str, LooPit]) -> pd.DataFrame:
                 "low": one.low,
                 "high": one.high,
                 "p_value": one.p_value,
-                "sentence": one.sentence,
                 "replicates": one.replicates,
             }
         )
@@ -266,12 +285,11 @@ def frame(models: Mapping[str, LooPit]) -> pd.DataFrame:
 
 def _unavailable(known: int, draws: Floats) -> LooPit:
     readings, nothing = np.full(draws.shape[1], np.nan), np.full(len(GRID), np.nan)
-    few = f"only {known}" if known and len(readings) else "none"
-    why = (
-        f"Not available: {few} of {len(draws)} predictive draws of the held-out specimens stayed "
-        "within the emulator's range."
+    unknown = float("nan")
+    scatter, known = Scatter.NOT_KNOWN, known if len(readings) else 0
+    return LooPit(
+        readings, GRID, nothing, nothing, nothing, unknown, scatter, unknown, known, len(draws)
     )
-    return LooPit(readings, GRID, nothing, nothing, nothing, float("nan"), why)
 
 
 def _shares(ordered: Floats, readings: Floats) -> Floats:
@@ -299,27 +317,18 @@ def _differences(pit: Floats) -> Floats:
     return np.asarray(counts / pit.shape[1] - GRID)
 
 
-def _sentence(pit: Floats, simulated: Floats, p_value: float) -> str:
-    """Say what is most remarkable: where the transforms lie, or how wide they spread."""
+def _scatter(pit: Floats, simulated: Floats, p_value: float) -> tuple[Scatter, float]:
+    """Return what is most remarkable, and the share of the readings that shows it."""
     if p_value > SIGNIFICANT:
-        return "Held-out readings scatter about their predictions as the model says."
+        return Scatter.AS_PREDICTED, float("nan")
     own, null = ndtri(pit), ndtri(simulated)  # on this scale a shift leaves the spread as it is
     shift = _score(float(own.mean()), null.mean(axis=1))
     spread = _score(float(np.log(own.std())), np.log(null.std(axis=1)))
     if abs(shift) >= abs(spread):
-        share = 100.0 * float(np.mean(pit > 0.5))
-        side = "above" if shift > 0.0 else "below"
-        share = share if shift > 0.0 else 100.0 - share
-        return (
-            f"Predictions of held-out specimens are shifted: {share:.0f} % of the readings lie "
-            f"{side} the middle of their prediction, where half should."
-        )
-    inside = 100.0 * float(np.mean(np.abs(pit - 0.5) < 0.25))
-    word = "narrow" if spread > 0.0 else "wide"
-    return (
-        f"Predictions of held-out specimens are too {word}: {inside:.0f} % of the readings lie "
-        "inside the middle half of their prediction."
-    )
+        above = float(np.mean(pit > 0.5))
+        return (Scatter.ABOVE, above) if shift > 0.0 else (Scatter.BELOW, 1.0 - above)
+    inside = float(np.mean(np.abs(pit - 0.5) < 0.25))
+    return (Scatter.TOO_NARROW if spread > 0.0 else Scatter.TOO_WIDE), inside
 
 
 def _score(value: float, simulated: Floats) -> float:

@@ -209,6 +209,26 @@ class LeaveOneOut:
     threshold: float
 
     @property
+    def influence(self) -> Floats:
+        """What the readings of each specimen add to their own log density."""
+        return self.in_sample - self.elpd
+
+    @property
+    def most_influential(self) -> int:
+        """The specimen whose own readings add most."""
+        return int(np.argmax(self.influence))
+
+    @property
+    def refits(self) -> tuple[str, ...]:
+        """Specimens without which the model was calibrated again."""
+        return tuple(name for name, one in zip(self.specimens, self.refitted, strict=True) if one)
+
+    @property
+    def is_rough(self) -> bool:
+        """Whether the specimens are too few for a standard error of a normal law."""
+        return len(self.specimens) < FEW_SPECIMENS
+
+    @property
     def total(self) -> float:
         """Sum of elpd over the specimens."""
         return float(np.sum(self.elpd))
@@ -227,7 +247,7 @@ class LeaveOneOut:
                 "kind": self.kinds,
                 "elpd": self.elpd,
                 "elpd_error": self.error,
-                "influence": self.in_sample - self.elpd,
+                "influence": self.influence,
                 "pareto_k": self.pareto_k,
                 "refitted": self.refitted.astype(int),
             }
@@ -293,41 +313,6 @@ def leave_one_out(
             on_refit(names[row])
     inside = smooth.in_sample
     return LeaveOneOut(names, kinds, elpd, error, inside, smooth.pareto_k, refitted, threshold)
-
-
-def sentence(found: LeaveOneOut) -> str:
-    """Say what leaving specimens out came to, and what few specimens make of it."""
-    count, influence = len(found.specimens), found.in_sample - found.elpd
-    top = int(np.argmax(influence))
-    said = (
-        f"Each of {count} specimens was left out in turn, with all that was read on it, and "
-        f"predicted from the others: log density {found.total:.1f} ± {found.total_error:.1f} in "
-        f"sum, {float(np.sum(influence)):.1f} less than with all of them fitted. The most "
-        f"influential is {found.specimens[top]}, whose own readings raise its log density by "
-        f"{influence[top]:.2g}. {_reliability(found)}"
-    )
-    if count >= FEW_SPECIMENS:
-        return said
-    return (
-        f"{said} With only {count} specimens, of different kinds, the ± is itself rough: beside "
-        "another model on the same data, a difference below about twice its own error says nothing."
-    )
-
-
-def _reliability(found: LeaveOneOut) -> str:
-    names = [s for s, r in zip(found.specimens, found.refitted, strict=True) if r]
-    if not names:
-        return (
-            "No single specimen decides the posterior: the largest Pareto k is "
-            f"{np.max(found.pareto_k):.2f} (reliable up to {found.threshold:.2f})."
-        )
-    each = "it" if len(names) == 1 else "each of them"
-    verb = "carries" if len(names) == 1 else "carry"
-    return (
-        f"{', '.join(names)} {verb} so much of the posterior (Pareto k above "
-        f"{found.threshold:.2f}) that the model was calibrated anew without {each}: what is said "
-        "of their kind rests on few specimens, and further ones would change it most."
-    )
 
 
 @dataclass(frozen=True)

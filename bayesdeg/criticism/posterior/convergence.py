@@ -1,4 +1,4 @@
-"""May this posterior be used? R̂ across independent ensembles, effective sizes, in plain words."""
+"""May this posterior be used? R̂ across independent ensembles, and effective sample sizes."""
 
 import math
 from collections.abc import Sequence
@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayesdeg.inference.density import Density
-from bayesdeg.inference.modes import words
 from bayesdeg.inference.sampling import EFFORTS, Chain, Effort, Standing
 
 
@@ -25,10 +24,14 @@ class Convergence:
         Size of the chain after burn-in.
     usable : bool
         Whether the criteria of the effort were met.
-    sentence : str
-        What it means, and what to do.
     tau : tuple of float
         Autocorrelation times [steps].
+    effort : Effort
+        Its criteria.
+    more_helps : bool
+        Whether a higher effort would meet the criteria; else the posterior is posed badly.
+    shares : tuple of float
+        Of the posterior's separate modes [–].
     """
 
     names: tuple[str, ...]
@@ -39,62 +42,57 @@ class Convergence:
     walkers: int
     ensembles: int
     usable: bool
-    sentence: str
     tau: tuple[float, ...]
+    effort: Effort
+    more_helps: bool
+    shares: tuple[float, ...] = (1.0,)
+
+    @property
+    def worst(self) -> int:
+        """The parameter with the largest R̂."""
+        return int(np.argmax(self.r_hat))
+
+    @property
+    def fewest(self) -> int:
+        """The parameter with the smallest effective sample size: its draws are most correlated."""
+        return int(np.argmin(self.ess_bulk))
+
+    @property
+    def rarest(self) -> int:
+        """The parameter with the smallest effective sample size of the tails."""
+        return int(np.argmin(self.ess_tail))
 
 
 def diagnose(
     density: Density, chain: Chain, effort: Effort, *, shares: Sequence[float] = (1.0,)
 ) -> Convergence:
-    """Say whether a chain is long enough, and what to do if not.
+    """Return whether a chain is long enough, and whether a longer one would be if not.
 
     ``shares`` are those of the posterior's separate modes that were found before.
 
     R̂ is that of Vehtari et al. (2021), doi:10.1214/20-BA1221, over ensembles, which are
     independent of one another; the walkers of one ensemble are not.
     """
-    names, standing = density.table.names, chain.judged(Standing())
-    r_hat, bulk, tail = chain.r_hat(), chain.effective(), chain.effective("tail")
+    standing = chain.judged(Standing())
     ensembles, steps, walkers, _ = chain.vectors.shape
-    time = chain.autocorrelation_time()
-    worst, fewest, rarest = int(np.argmax(r_hat)), int(np.argmin(bulk)), int(np.argmin(tail))
-    figures = (
-        f"largest R-hat {r_hat[worst]:.3f} ({names[worst]}), smallest effective sample size "
-        f"{bulk[fewest]:.0f} ({names[fewest]}) and of the tails {tail[rarest]:.0f} "
-        f"({names[rarest]}), longest autocorrelation time {time[fewest]:.1f} of {steps} steps"
-    )
-    usable = standing.enough(effort)
-    if usable:
-        sentence = f"The sampler has converged: {figures}."
-    else:
-        sentence = (
-            f"The sampler stopped at its limit before its criteria were met ({figures}; wanted "
-            f"R-hat at most {effort.r_hat:g}, {effort.effective:.0f} effective draws and "
-            f"{effort.times:g} autocorrelation times): means and intervals are rough; "
-            f"{_remedy(standing, effort, names[worst])}."
-        )
-    sentence = " ".join(part for part in (sentence, words(shares)) if part)
     return Convergence(
-        names,
-        tuple(float(v) for v in r_hat),
-        tuple(float(v) for v in bulk),
-        tuple(float(v) for v in tail),
+        density.table.names,
+        tuple(chain.r_hat().tolist()),
+        tuple(chain.effective().tolist()),
+        tuple(chain.effective("tail").tolist()),
         steps,
         walkers,
         ensembles,
-        usable,
-        sentence,
-        tuple(float(v) for v in time),
+        standing.enough(effort),
+        tuple(chain.autocorrelation_time().tolist()),
+        effort,
+        _more_helps(standing, effort),
+        tuple(shares),
     )
 
 
-def _remedy(standing: Standing, effort: Effort, worst: str) -> str:
-    """Say what to do: more steps where they would do, else a better posed posterior."""
+def _more_helps(standing: Standing, effort: Effort) -> bool:
+    """Return whether more steps would do, which a higher effort takes."""
     wanted = standing.steps_wanted(effort)
     longer = [e.longest for e in EFFORTS.values() if e.longest > effort.longest]
-    if longer and (wanted < max(longer) or math.isinf(wanted)):
-        return "run again with a higher --effort"
-    return (
-        f"no effort would be enough: give {worst} a narrower prior if something is known of it, or "
-        "add the data that it rests on"
-    )
+    return bool(longer) and (wanted < max(longer) or math.isinf(wanted))

@@ -121,29 +121,27 @@ class OrderComparison:
         return pd.DataFrame(rows)
 
     @property
-    def sentence(self) -> str:
-        """Which order the films support, and whether the one used is adequate."""
-        others = [fit for fit in self.fits if fit is not self._reference]
-        figures = "; ".join(self._figures(fit) for fit in others)
-        return (
-            f"The films compare polynomials of the degradation rate of order {self.used}, which "
-            f"is used, with others: {figures}. {self._conclusion(others)}"
-        )
+    def others(self) -> tuple[OrderFit, ...]:
+        """All but the order used."""
+        return tuple(fit for fit in self.fits if fit is not self._reference)
 
-    def _conclusion(self, others: list[OrderFit]) -> str:
-        if not np.isfinite(self._reference.log_evidence):
-            return f"Order {self.used} itself could not be judged."
-        better = [fit for fit in others if self._is_better(fit)]
-        if better:
-            best = max(better, key=lambda fit: self.difference(fit)[0])
-            return (
-                f"Order {self.used} is not adequate: order {best.order} predicts held-out films "
-                f"better and is more probable; set order = {best.order} under [material]."
-            )
-        simpler = [fit for fit in others if fit.order < self.used and self._does_as_well(fit)]
-        if simpler:
-            return f"Order {self.used} is adequate; order {simpler[0].order} would do as well."
-        return f"Order {self.used} is adequate."
+    @property
+    def is_judged(self) -> bool:
+        """Whether the order used has an evidence to compare others with."""
+        return bool(np.isfinite(self._reference.log_evidence))
+
+    @property
+    def better(self) -> int | None:
+        """The order that predicts held-out films best and is more probable; None if none is."""
+        found = [fit for fit in self.others if self._is_better(fit)]
+        best = max(found, key=lambda fit: self.difference(fit)[0], default=None)
+        return None if best is None else best.order
+
+    @property
+    def simpler(self) -> int | None:
+        """The lowest order below the one used that does as well; None if none does."""
+        below = (fit for fit in self.others if fit.order < self.used and self._does_as_well(fit))
+        return next((fit.order for fit in below), None)
 
     def _is_better(self, fit: OrderFit) -> bool:
         gain, error = self.difference(fit)
@@ -152,18 +150,6 @@ class OrderComparison:
     def _does_as_well(self, fit: OrderFit) -> bool:
         gain, error = self.difference(fit)
         return gain > -CLEARLY * error and self.log_bayes_factor(fit)[0] > 0.0
-
-    def _figures(self, fit: OrderFit) -> str:
-        (gain, gain_error), (factor, error) = self.difference(fit), self.log_bayes_factor(fit)
-        evidence_words = (
-            f"{factor:+.1f} ± {error:.2f} in log evidence"
-            if np.isfinite(factor)
-            else "its evidence could not be had"
-        )
-        return (
-            f"order {fit.order} has {gain:+.1f} ± {gain_error:.1f} in the log predictive density "
-            f"of held-out films, {evidence_words}"
-        )
 
     @property
     def _reference(self) -> OrderFit:

@@ -210,34 +210,6 @@ def noticeable(distance: float, noise: float) -> bool:
     return distance >= max(float(np.hypot(NOTICEABLE, noise)), ABOVE_NOISE * noise)
 
 
-def sentence(rows: tuple[Sensitivity, ...]) -> str:
-    """Say which conclusions hang on a prior, and on whose."""
-    stated = [row for row in rows if row.conclusion]
-    moved = [row for row in stated if row.diagnosis in (Diagnosis.PRIOR, Diagnosis.BOTH)]
-    names = ", ".join(row.quantity for row in stated if row not in moved)
-    if not moved:
-        return (
-            "No conclusion hangs on a prior: a little more or less weight of the priors does not "
-            f"move {names}."
-        )
-    said = [f"A little more or less weight of the priors does not move {names}."] if names else []
-    for row in sorted(moved, key=lambda row: row.likelihood - row.prior):
-        name = row.quantity[0].upper() + row.quantity[1:]
-        if row.diagnosis is Diagnosis.PRIOR:
-            text = f"{name} hangs on the prior of {row.hangs_on}: the data say little about it"
-        elif row.prior > row.likelihood:
-            text = f"{name} hangs on the prior of {row.hangs_on} more than on the data"
-        else:
-            text = f"{name} is shaped by the data, but also by the prior of {row.hangs_on}"
-        said.append(f"{text} ({_moved(row)}).")
-    return " ".join(said)
-
-
-def _moved(row: Sensitivity) -> str:
-    way = "up" if row.shift > 0.0 else "down"
-    return f"priors of twice the weight move it by {abs(row.shift):.2g} standard deviations {way}"
-
-
 @dataclass(frozen=True)
 class PriorSensitivity:
     """Sensitivities of conclusions and parameters, conclusions first.
@@ -249,6 +221,19 @@ class PriorSensitivity:
     """
 
     rows: tuple[Sensitivity, ...]
+
+    @property
+    def on_priors(self) -> tuple[Sensitivity, ...]:
+        """Conclusions that priors shape noticeably, those that rest on data the least first."""
+        shaped = (Diagnosis.PRIOR, Diagnosis.BOTH)
+        moved = [row for row in self.rows if row.conclusion and row.diagnosis in shaped]
+        return tuple(sorted(moved, key=lambda row: row.likelihood - row.prior))
+
+    @property
+    def on_data(self) -> tuple[str, ...]:
+        """All other conclusions."""
+        moved = self.on_priors
+        return tuple(row.quantity for row in self.rows if row.conclusion and row not in moved)
 
     def table(self) -> pd.DataFrame:
         """Return one row a quantity: the columns of ``prior_sensitivity.csv``."""

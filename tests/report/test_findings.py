@@ -1,0 +1,329 @@
+"""Every record of the engine that is put into words: the one place where its sentences are read.
+
+To accept new words: ``python -m tests.report.test_findings``, and read the changes.
+"""
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from bayesdeg.criticism.checks.residuals import (
+    Concentration,
+    CurvatureDeparture,
+    ReadingsDeparture,
+    StressDeparture,
+)
+from bayesdeg.criticism.decide.verdict import (
+    ImplausibleSize,
+    LittlePower,
+    MisfitRemains,
+    NoReduction,
+    NotComputed,
+    NothingHeldOut,
+    NotPredictedBetter,
+    NotTested,
+    SharedByLevel,
+    TooLittleExplained,
+    Uncalibrated,
+)
+from bayesdeg.criticism.holdout.gain import LooPit, Scatter
+from bayesdeg.criticism.holdout.leave_one_out import LeaveOneOut
+from bayesdeg.criticism.posterior.convergence import Convergence
+from bayesdeg.criticism.posterior.order import OrderComparison, OrderFit
+from bayesdeg.criticism.posterior.prior_sensitivity import PriorSensitivity, Sensitivity
+from bayesdeg.inference.sampling import Effort
+from bayesdeg.pipeline.films import CommonError, CourseSummary
+from bayesdeg.prediction.control import Allowed, Setting
+from bayesdeg.prediction.prior_predictive import PriorPredictive
+from bayesdeg.report.record import Verdict
+from bayesdeg.report.wording import environment, sentences, worded
+
+WORDS = Path(__file__).with_name("findings.json")
+NAN = float("nan")
+
+CURVATURE = CurvatureDeparture(
+    -0.293, (20.0, 80.0), (0.0, 12.4), everywhere=True, agreeing=17, specimens=18
+)
+STRESS = StressDeparture((("uniaxial", 0.3124), ("planar", 0.0385)), above=False)
+SAMPLED = Convergence(
+    names=("c1_at_0", "volume_ratio"),
+    r_hat=(1.0021, 1.2345),
+    ess_bulk=(1284.4, 962.2),
+    ess_tail=(652.1, 911.0),
+    steps=60,
+    walkers=10,
+    ensembles=4,
+    usable=True,
+    tau=(2.04, 10.62),
+    effort=Effort(effective=2000.0, r_hat=1.01, chunk=100, longest=1000),
+    more_helps=True,
+)
+PIT = LooPit(*[np.zeros(1)] * 5, 0.01, Scatter.AS_PREDICTED, NAN, replicates=300, drawn=400)
+LEFT_OUT = LeaveOneOut(
+    specimens=("s1", "s2", "s3"),
+    kinds=("tensile",) * 3,
+    elpd=np.array([27.59, 34.45, 30.33]),
+    error=np.array([0.08, 0.12, 0.07]),
+    in_sample=np.array([35.59, 36.8, 31.58]),
+    pareto_k=np.array([0.62, 0.59, 0.51]),
+    refitted=np.array([False, False, False]),
+    threshold=0.7,
+)
+HEAVY = replace(LEFT_OUT, pareto_k=np.array([0.92, 0.8, 0.51]))
+MANY = replace(
+    LEFT_OUT,
+    specimens=tuple(f"s{i}" for i in range(120)),
+    **{name: np.linspace(1.0, 2.0, 120) for name in ("elpd", "error", "in_sample", "pareto_k")},
+    refitted=np.zeros(120, bool),
+)
+
+
+def sensitivity(quantity, prior, likelihood, shift):
+    own = f"{quantity.replace(' ', '_')}_own"
+    return Sensitivity(quantity, True, prior, likelihood, 0.01, 0.01, shift, own, "actuator")
+
+
+DATA = sensitivity("C1 at 0 %", 0.01, 0.2, 0.07)
+MOVED = (
+    sensitivity("volume ratio", 0.07, 0.2, 0.163),
+    sensitivity("paper stiffness", 0.3, 0.01, -0.74),
+    sensitivity("creep: size", 0.3, 0.1, 0.4),
+)
+PRIORS = PriorPredictive(pd.DataFrame(), 0.41, 0.98, 1.0)
+
+
+def order(number, elpd, log_evidence):
+    count = len(elpd)
+    none = np.zeros(count)
+    return OrderFit(
+        number, 3 * number, log_evidence, 0.03, 900.0, np.array(elpd), none, none.astype(bool)
+    )
+
+
+SECOND = order(2, [20.0, 41.0, 50.0], 14.0)
+WORSE, SIMPLER = order(1, [9.0, 20.0, 31.0], -30.0), order(1, [20.0, 40.5, 50.6], 15.0)
+HIGHER = order(3, [90.0, 91.0, 92.0], 20.0)
+COURSE = CourseSummary(63, 25.0, 1.0, (24.31, 22.4, 27.08), (32.1, 28.9, 35.2), 24.0)
+ERROR = CommonError(9, 8, 25.0, 0.441, 0.582, 0.731, 0.5)
+
+
+def specimens(*names):
+    return Concentration("specimen", names, (-14.2, 9.0)[: len(names)], 0.88, 0.063, 0.002)
+
+
+RECORDS = {
+    "misfit not calibrated": Uncalibrated(18, 200),
+    "remaining misfit not calibrated": Uncalibrated(0, 200, remaining=True),
+    "little power": LittlePower(0.1, 0.318),
+    "shared scatter not tested": NotTested("creep"),
+    "test not computed": NotComputed("held-out specimens", "It broke."),
+    "nothing held out": NothingHeldOut(),
+    "not predicted better": NotPredictedBetter("creep", -20.04, 14.0),
+    "implausible size": ImplausibleSize("creep", 0.00123, 3.14),
+    "shared by a level": SharedByLevel("creep", 0.0199, 500),
+    "no reduction": NoReduction(0.0199, 500),
+    "too little explained": TooLittleExplained(0.4),
+    "misfit remains": MisfitRemains(0.74, 0.0199, 500),
+    "curvature everywhere": CURVATURE,
+    "curvature at some rates": replace(CURVATURE, excess=0.043, everywhere=False),
+    "curvature, in a specimen": (CURVATURE, specimens("G7")),
+    "curvature, in two specimens": (CURVATURE, specimens("G7", "G1")),
+    "curvature, in a branch": (
+        CURVATURE,
+        Concentration("branch", ("unloading",), (4.2,), 0.8, 0.5, 0.004),
+    ),
+    "curvature, after the first cycle": (
+        CURVATURE,
+        Concentration("cycle", ("cycles after the first",), (4.2,), 1.0, 0.67, 0.004),
+    ),
+    "stress in modes": STRESS,
+    "stress in one mode": StressDeparture(STRESS.modes[:1], above=True),
+    "force": ReadingsDeparture("tip force", "N", (20.0, 100.0), 0.0412, above=False),
+    "converged": SAMPLED,
+    "not converged, more would help": replace(SAMPLED, usable=False),
+    "not converged, two modes": replace(SAMPLED, usable=False, more_helps=False, shares=(0.7, 0.3)),
+    "held out as predicted": PIT,
+    "held out above": replace(PIT, scatter=Scatter.ABOVE, share=0.85),
+    "held out, too narrow": replace(PIT, scatter=Scatter.TOO_NARROW, share=0.23),
+    "held out, not known": replace(PIT, scatter=Scatter.NOT_KNOWN, replicates=18),
+    "held out, nothing known": replace(PIT, scatter=Scatter.NOT_KNOWN, replicates=0),
+    "left out in turn": LEFT_OUT,
+    "left out, one calibrated again": replace(HEAVY, refitted=np.array([True, False, False])),
+    "left out, two calibrated again": replace(HEAVY, refitted=np.array([True, True, False])),
+    "left out of many": MANY,
+    "nothing depends on a prior": PriorSensitivity((DATA,)),
+    "some depends on a prior": PriorSensitivity((DATA, *MOVED)),
+    "all depends on a prior": PriorSensitivity(MOVED[:1]),
+    "priors leave room": PRIORS,
+    "priors of films contradict": PriorPredictive(pd.DataFrame(), NAN, NAN, 0.04),
+    "priors of nothing": PriorPredictive(pd.DataFrame(), NAN, NAN, NAN),
+    "order adequate": OrderComparison((WORSE, SECOND), 2),
+    "order could be lower": OrderComparison((SIMPLER, SECOND), 2),
+    "order too low": OrderComparison((WORSE, SECOND, HIGHER), 2),
+    "order not judged": OrderComparison((WORSE, replace(SECOND, log_evidence=NAN)), 2),
+    "course reaches the rate": COURSE,
+    "course reaches the rate in time": replace(COURSE, last_h=48.0),
+    "course may not reach the rate": replace(COURSE, reached=0.43),
+    "common error larger than stated": ERROR,
+    "common error smaller than stated": replace(ERROR, fresh=1, films=1, stated=1.0),
+    "common error, none stated": replace(ERROR, stated=None),
+    "common error of no fresh film": replace(ERROR, fresh=0),
+}
+NOTES = ("not_calibrated", "ruptures_not_judged", "no_statistics")
+
+
+def setting(pressure, needed, *, middle=8.25, found=True, by_rupture=False):
+    allowed = Allowed(pressure, by_rupture, found)
+    quantiles = (NAN,) * 2 + (middle,) + (NAN,) * 2
+    return Setting(
+        degradation=10.0,
+        wanted=25.0,
+        risk=0.05,
+        pressure=pressure,
+        reached=False,
+        needed=(NAN, needed, NAN),
+        allowed=allowed,
+        curvature=quantiles,
+        probability=(NAN,) * 3,
+    )
+
+
+def nothing(**content):
+    return {"v": Verdict.read(content), "left_out": "", "least": 3.0}
+
+
+ANSWERS = {
+    "no prediction": (
+        "unanswered",
+        {"left": 1.0, "nothing": True, "some": True, "lacks_rupture": True},
+    ),
+    "band of the others": (
+        "unanswered",
+        {"left": 0.123, "nothing": False, "some": True, "lacks_rupture": False},
+    ),
+    "band of the others, no rupture": (
+        "unanswered",
+        {"left": 0.123, "nothing": False, "some": True, "lacks_rupture": True},
+    ),
+    "no rupture": (
+        "unanswered",
+        {"left": 0.0, "nothing": False, "some": False, "lacks_rupture": True},
+    ),
+    "no pressure allowed": ("out_of_reach", {"s": setting(NAN, 300.0, by_rupture=True)}),
+    "rupture forbids": ("out_of_reach", {"s": setting(204.31, 300.04, by_rupture=True)}),
+    "ballooning forbids": ("out_of_reach", {"s": setting(204.31, np.inf)}),
+    "no limit found": ("out_of_reach", {"s": setting(960.0, np.inf, middle=NAN, found=False)}),
+    "unexplained": ("unexplained", {}),
+    "ambiguous": ("ambiguous", {"causes": ("creep", "mullins"), "model": "base+creep"}),
+    "no actuator": ("no_actuator", {}),
+    "no rupture known": ("no_rupture", {}),
+    "rates beyond": (
+        "rates_beyond",
+        {"what": "films", "low": 0.0, "high": 25.0, "asked": [28.0, 31.5]},
+    ),
+    "rate beyond the only one": (
+        "rates_beyond",
+        {"what": "actuators", "low": 10.0, "high": 10.0, "asked": [31.0]},
+    ),
+    "pressures beyond": ("pressures_beyond", {"high": 240.0, "asked": 300.0}),
+    "small rate": ("small_rate", {"rate": 0.25}),
+    "ranking left out": (
+        "nothing_proposed",
+        nothing(outcome="named") | {"left_out": "It could not be computed (ValueError)."},
+    ),
+    "judging failed": (
+        "nothing_proposed",
+        nothing(outcome="not_judged", explanation="One reading.", misfit={"p_value": 0.4}),
+    ),
+    "nothing to judge": ("nothing_proposed", nothing(outcome="not_judged")),
+    "nothing to tell apart": ("nothing_proposed", nothing(outcome="adequate")),
+    "one named": ("nothing_proposed", nothing(outcome="named", causes=["degraded_skin"])),
+    "two named": ("nothing_proposed", nothing(outcome="named", causes=["creep", "mullins"])),
+    "no experiment helps": (
+        "nothing_proposed",
+        nothing(outcome="ambiguous", causes=["erosion", "creep"]),
+    ),
+    "no cause and no experiment": ("nothing_proposed", nothing(outcome="unexplained")),
+    "never told apart": ("never_told_apart", {"causes": ("film_mismatch", "creep")}),
+}
+
+
+def render(name):
+    if name in ANSWERS:
+        part, facts = ANSWERS[name]
+        return sentences("answers", part, **facts).replace("\N{NO-BREAK SPACE}", " ")
+    if name in NOTES:
+        return sentences("findings", name, one=Uncalibrated(18, 200))
+    record = RECORDS[name]
+    record, most = record if isinstance(record, tuple) else (record, None)
+    return worded(record, most=most)
+
+
+@pytest.mark.parametrize("name", [*RECORDS, *NOTES, *ANSWERS])
+def test_every_finding_is_rendered(name):
+    said = render(name)
+    assert said == json.loads(WORDS.read_text("utf-8"))[name]
+    assert not re.search(r"nan|None|\{|  | [.,;]|\.\.", said)
+
+
+def test_every_macro_of_a_record_is_rendered():
+    classes = {type(r[0] if isinstance(r, tuple) else r).__name__ for r in RECORDS.values()}
+    rendered = {re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower() for name in classes}
+    module = environment().get_template("findings.j2").make_module({"one": None, "most": None})
+    helpers = {"few", "mostly", "place", "off", "figures"}
+    macros = {name for name in vars(module) if not name.startswith("_")}
+    assert macros - helpers == rendered | set(NOTES)
+    module = environment().get_template("answers.j2").make_module({})
+    macros = {name for name in vars(module) if not name.startswith("_")}
+    assert macros - {"beyond", "allowed"} == {part for part, _ in ANSWERS.values()}
+
+
+@pytest.mark.parametrize(
+    ("name", "numbers"),
+    [
+        ("misfit not calibrated", ["18", "200"]),
+        ("little power", ["10 %", "32 %"]),
+        ("not predicted better", ["−20 ± 14"]),
+        ("implausible size", ["0.001", "3.1"]),
+        ("shared by a level", ["p = 0.02"]),
+        ("misfit remains", ["74 %", "p = 0.02"]),
+        ("curvature everywhere", ["29 %", "20–80 kPa", "17 of 18"]),
+        ("curvature at some rates", ["4 %", "0 and 12.4 %"]),
+        ("curvature, in two specimens", ["88 %", "6.3 %", "G7", "14 %", "G1", "9 %"]),
+        ("stress in modes", ["uniaxial", "0.31 MPa", "planar 0.038 MPa"]),
+        ("converged", ["1.234", "volume_ratio", "962", "652", "60", "10.6"]),
+        ("not converged, two modes", ["1.01", "2000", "70 %", "30 %"]),
+        ("held out above", ["85 %"]),
+        ("left out in turn", ["92.4", "11.6", "s1", "8.0", "0.62", "0.70"]),
+        ("some depends on a prior", ["0.16", "0.74", "0.40", "paper_stiffness_own"]),
+        ("priors leave room", ["98 %", "100 %", "41 %"]),
+        ("order adequate", ["−51.0 ± 9.2", "−44.0 ± 0.04"]),
+        ("order too low", ["order = 3"]),
+        (
+            "course reaches the rate",
+            ["63", "25 %", "24.3", "22.4", "27.1", "24 h", "32", "29", "35"],
+        ),
+        ("course may not reach the rate", ["43 %"]),
+        ("band of the others", ["12 %"]),
+        ("rupture forbids", ["25 1/m at 10 %", "300 kPa", "204 kPa", "0.05", "8.25 1/m"]),
+        ("ballooning forbids", ["204 kPa", "5 %"]),
+        ("rates beyond", ["0 to 25 %", "28 %, 31.5 %"]),
+        ("pressures beyond", ["240 kPa", "300 kPa"]),
+        ("small rate", ["0.25 %"]),
+        ("no experiment helps", ["factor of 3"]),
+        ("common error larger than stated", ["9", "0.44", "25 %", "0.58", "0.73", "0.5 points"]),
+    ],
+)
+def test_numbers_of_a_finding_are_in_its_sentence(name, numbers):
+    said = render(name).replace("\N{NARROW NO-BREAK SPACE}", "")
+    assert [number for number in numbers if number not in said] == []
+
+
+if __name__ == "__main__":
+    found = {name: render(name) for name in (*RECORDS, *NOTES, *ANSWERS)}
+    WORDS.write_text(json.dumps(found, indent=1, ensure_ascii=False) + "\n", "utf-8")
