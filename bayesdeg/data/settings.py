@@ -10,9 +10,8 @@ from annotated_types import Ge, Gt, Interval, Len
 from pydantic import AfterValidator, PlainValidator, TypeAdapter, ValidationError
 
 from bayesdeg.data.cells import LARGEST
-from bayesdeg.data.nearest import nearest
 from bayesdeg.data.shrinkage import Known, Recipe
-from bayesdeg.errors import Fault
+from bayesdeg.errors import Fault, nearest
 from bayesdeg.files import DEEPEST, too_deep
 from bayesdeg.priors import Law, law_from_mapping
 from bayesdeg.quantities import LARGEST_SEED

@@ -20,9 +20,8 @@ from numpy.typing import ArrayLike, NDArray
 from bayesdeg.causes.cause import Cause, Effect
 from bayesdeg.criticism.fit.trials import Trial, base_trial
 from bayesdeg.criticism.posterior.convergence import Convergence
-from bayesdeg.data.nearest import use_one_of
 from bayesdeg.data.settings import Effort
-from bayesdeg.errors import BayesdegError
+from bayesdeg.errors import BayesdegError, use_one_of
 from bayesdeg.inference.laplace import Evidence, Laplace
 from bayesdeg.inference.model import Model
 from bayesdeg.inference.sampling import EFFORTS, Chain
