@@ -26,7 +26,7 @@ from bayesdeg.data.shrinkage import Known, Recipe
 from bayesdeg.data.study import read_study
 from bayesdeg.data.tables import TABLES as STUDY_TABLES
 from bayesdeg.data.tables import words_of
-from bayesdeg.emulator.trained import default_surrogate
+from bayesdeg.emulator.kept import default_surrogate
 from bayesdeg.laboratory.design import Design
 from bayesdeg.laboratory.experiment import run_experiment
 from bayesdeg.laboratory.truth import HiddenEffect, Truth

@@ -17,9 +17,8 @@ import pytest
 from bayesdeg import cli
 from bayesdeg.commands import run as run_command
 from bayesdeg.commands import training
-from bayesdeg.emulator.kept import cached_path
+from bayesdeg.emulator.kept import cached_path, read_trained, write_trained
 from bayesdeg.emulator.solutions import SolutionStore
-from bayesdeg.emulator.trained import read_trained, write_trained
 from bayesdeg.pipeline import emulation, workplace
 from tests.pipeline.study_files import SETTINGS, study_in
 from tests.pipeline.tiny_campaign import GEOMETRY, RECIPE, TABLE, build, emulator
