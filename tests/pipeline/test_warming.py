@@ -4,7 +4,7 @@ import sys
 
 import pytest
 
-from bayesdeg.pipeline.warming import is_compiled
+from bayesdeg.pipeline.deformed import is_compiled
 
 SCRIPT = """
 from bayesdeg.actuator import kernels, paper
