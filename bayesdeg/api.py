@@ -30,12 +30,12 @@ from bayesdeg.data.study import Study
 from bayesdeg.emulator.kept import CACHE, Recipe, find, write_trained
 from bayesdeg.emulator.solutions import SolutionStore
 from bayesdeg.emulator.surrogate import Surrogate
+from bayesdeg.emulator.workers import kept_processes
 from bayesdeg.errors import BayesdegError, use_one_of
 from bayesdeg.pipeline.emulation import Campaign, expect, train_emulator
 from bayesdeg.pipeline.experiment import Written
 from bayesdeg.pipeline.own import OwnExperiment
 from bayesdeg.pipeline.progress import Progress
-from bayesdeg.pipeline.workplace import kept_processes
 from bayesdeg.results import Calibration, Model, Report, Verdict
 
 Floats = NDArray[np.float64]

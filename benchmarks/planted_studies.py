@@ -27,9 +27,9 @@ from bayesdeg.causes.cause import Cause
 from bayesdeg.causes.flaw_embrittlement import ONSET
 from bayesdeg.console import shown
 from bayesdeg.data.settings import Dimensions
+from bayesdeg.emulator.workers import pool
 from bayesdeg.laboratory.design import Design
 from bayesdeg.laboratory.truth import HiddenEffect, Three
-from bayesdeg.pipeline.workplace import pool
 
 Key = tuple[tuple[str, tuple[int, ...], bytes], ...]
 

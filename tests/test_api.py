@@ -483,7 +483,7 @@ def test_a_script_without_a_guard_is_not_started_again_by_its_workers(planted, t
     script = tmp_path / "script.py"
     script.write_text(
         "from pathlib import Path\n"
-        "import bayesdeg.pipeline.workplace as place\n"
+        "import bayesdeg.emulator.workers as place\n"
         "with (Path(__file__).parent / 'count').open('a') as file:\n"
         "    file.write('x')\n"
         "for _ in range(2):\n"

@@ -15,13 +15,13 @@ from bayesdeg.commands.options import CORES, Quiet, Seed, StudyFolder, Workers
 from bayesdeg.console import errors, shown
 from bayesdeg.data.settings import FILE as SETTINGS_FILE
 from bayesdeg.data.study import read_study
+from bayesdeg.emulator.workers import workplace
 from bayesdeg.files import write_text
 from bayesdeg.laboratory.design import design_of
 from bayesdeg.laboratory.experiment import run_experiment
 from bayesdeg.laboratory.truth import Truth, drawn_truth, parse_effects
 from bayesdeg.laboratory.writing import VIRTUAL_FILES, Provenance, study_files
 from bayesdeg.pipeline.output import virtual_study
-from bayesdeg.pipeline.workplace import workplace
 
 
 def simulate(
