@@ -10,8 +10,7 @@ from emulator_errors import compare, errors, refusals
 from emulator_held_out import HeldOut
 from forward_case import interleaved, say
 
-from bayesdeg.actuator.curve import Actuator, Curve, PathSamples
-from bayesdeg.actuator.forward import SAMPLING
+from bayesdeg.actuator.curve import SAMPLING, Actuator, Curve, PathSamples
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.mesh import Resolution, build_mesh
 from bayesdeg.data.settings import Dimensions

@@ -18,7 +18,7 @@ import numpy as np
 import pandas as pd
 from hidden_studies import LARGEST_PRESSURE, OUTSIDE, HiddenStudy, designs, made
 
-from bayesdeg.actuator.forward import ExactMap
+from bayesdeg.actuator.curve import ExactMap
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.inputs import ForwardMap, Inputs, Prediction
 from bayesdeg.actuator.mesh import FINE

@@ -8,7 +8,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from bayesdeg.actuator.forward import ExactMap
+from bayesdeg.actuator.curve import ExactMap
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.status import FINE
 from bayesdeg.commands.options import CORES, Quiet, Seed, StudyFolder, Workers

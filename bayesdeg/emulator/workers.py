@@ -20,7 +20,7 @@ from typing import Any, Protocol, runtime_checkable
 
 from threadpoolctl import threadpool_limits
 
-from bayesdeg.actuator.forward import SAMPLING, sample_task, solve_task
+from bayesdeg.actuator.curve import SAMPLING, sample_task, solve_task
 from bayesdeg.actuator.status import MODEL_VERSION
 from bayesdeg.emulator.solutions import Kind, Run, Solution
 from bayesdeg.errors import BayesdegError, ResumableError

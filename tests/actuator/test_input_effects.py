@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bayesdeg.actuator.curve import Actuator, Curve
-from bayesdeg.actuator.forward import ExactMap
+from bayesdeg.actuator.curve import Actuator, Curve, ExactMap
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.inputs import PAPER_THICKNESS, Inputs, gravity_direction
 from bayesdeg.actuator.material import SKIN_DEPTH, Material, skin_profile

@@ -6,8 +6,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from bayesdeg.actuator.curve import MODEL_VERSION
-from bayesdeg.actuator.forward import ExactMap
+from bayesdeg.actuator.curve import MODEL_VERSION, ExactMap
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.actuator.status import Status
