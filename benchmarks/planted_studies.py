@@ -28,7 +28,7 @@ from bayesdeg.causes.flaw_embrittlement import ONSET
 from bayesdeg.console import shown
 from bayesdeg.data.settings import Dimensions
 from bayesdeg.emulator.workers import pool
-from bayesdeg.laboratory.design import Design
+from bayesdeg.laboratory.experiment import Design
 from bayesdeg.laboratory.truth import HiddenEffect, Three
 
 Key = tuple[tuple[str, tuple[int, ...], bytes], ...]

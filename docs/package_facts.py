@@ -27,8 +27,7 @@ from bayesdeg.data.study import read_study
 from bayesdeg.data.tables import TABLES as STUDY_TABLES
 from bayesdeg.data.tables import words_of
 from bayesdeg.emulator.kept import default_surrogate
-from bayesdeg.laboratory.design import Design
-from bayesdeg.laboratory.experiment import run_experiment
+from bayesdeg.laboratory.experiment import Design, run_experiment
 from bayesdeg.laboratory.truth import HiddenEffect, Truth
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.priors import LAWS

@@ -17,8 +17,7 @@ from bayesdeg.data.settings import FILE as SETTINGS_FILE
 from bayesdeg.data.study import read_study
 from bayesdeg.emulator.workers import workplace
 from bayesdeg.files import write_text
-from bayesdeg.laboratory.design import design_of
-from bayesdeg.laboratory.experiment import run_experiment
+from bayesdeg.laboratory.experiment import design_of, run_experiment
 from bayesdeg.laboratory.truth import Truth, drawn_truth, parse_effects
 from bayesdeg.laboratory.writing import VIRTUAL_FILES, Provenance, study_files
 from bayesdeg.pipeline.output import virtual_study
