@@ -34,8 +34,7 @@ from bayesdeg.pipeline.judge import Judgement, with_sampled_sizes
 from bayesdeg.pipeline.outline import outline
 from bayesdeg.pipeline.output import run_folder
 from bayesdeg.pipeline.progress import Progress
-from bayesdeg.pipeline.record import in_doubt, verdict_of
-from bayesdeg.pipeline.results import Results
+from bayesdeg.pipeline.record import Results, in_doubt, verdict_of
 from bayesdeg.pipeline.run import (
     Clock,
     Streams,

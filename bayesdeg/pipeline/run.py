@@ -36,8 +36,7 @@ from bayesdeg.pipeline.judge import (
     with_sampled_sizes,
 )
 from bayesdeg.pipeline.progress import Progress
-from bayesdeg.pipeline.record import in_doubt, run_document
-from bayesdeg.pipeline.results import Results
+from bayesdeg.pipeline.record import Results, in_doubt, run_document
 from bayesdeg.pipeline.writing import write_results
 from bayesdeg.report.checkpoints import Checkpoints
 from bayesdeg.report.folder import RunFolder
