@@ -21,11 +21,10 @@ from bayesdeg.actuator.linear import Factorization, open_factorization
 from bayesdeg.actuator.material import Material
 from bayesdeg.actuator.mesh import ActuatorMesh, build_mesh, reshaped
 from bayesdeg.actuator.outputs import OUTPUTS, read_state
-from bayesdeg.actuator.problem import Problem
+from bayesdeg.actuator.problem import Problem, System
 from bayesdeg.actuator.sensitivity import INPUTS, Variation, derivatives, variations
 from bayesdeg.actuator.status import MODEL_VERSION as MODEL_VERSION
 from bayesdeg.actuator.status import Effort, Resolution, Status
-from bayesdeg.actuator.system import System
 from bayesdeg.errors import GeometryError
 
 Floats = NDArray[np.float64]

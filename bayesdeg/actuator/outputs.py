@@ -15,7 +15,7 @@ from scipy.interpolate import make_splprep
 from bayesdeg.actuator import kernels
 from bayesdeg.actuator.body import Body
 from bayesdeg.actuator.mesh import ActuatorMesh
-from bayesdeg.actuator.system import State
+from bayesdeg.actuator.problem import State
 
 Floats = npt.NDArray[np.float64]
 
