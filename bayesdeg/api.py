@@ -25,18 +25,16 @@ from bayesdeg.console import can_show_bars, shown
 from bayesdeg.criticism.decide.support import can_be_held_out
 from bayesdeg.criticism.holdout.gain import gain_table
 from bayesdeg.criticism.holdout.leaving_out import carried_out, one_by_one
-from bayesdeg.data.nearest import use_one_of
 from bayesdeg.data.settings import EFFORTS, Dimensions, Effort
 from bayesdeg.data.study import Study
-from bayesdeg.emulator.kept import CACHE, Recipe
+from bayesdeg.emulator.kept import CACHE, Recipe, find, write_trained
 from bayesdeg.emulator.solutions import SolutionStore
 from bayesdeg.emulator.surrogate import Surrogate
-from bayesdeg.emulator.trained import find, write_trained
-from bayesdeg.errors import BayesdegError
+from bayesdeg.emulator.workers import kept_processes
+from bayesdeg.errors import BayesdegError, use_one_of
 from bayesdeg.pipeline.emulation import Campaign, expect, train_emulator
 from bayesdeg.pipeline.experiment import Written
 from bayesdeg.pipeline.progress import Progress
-from bayesdeg.pipeline.workplace import kept_processes
 from bayesdeg.results import Calibration, Model, Report, Verdict
 
 Floats = NDArray[np.float64]

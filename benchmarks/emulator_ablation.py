@@ -10,17 +10,15 @@ from emulator_errors import compare, errors, refusals
 from emulator_held_out import HeldOut
 from forward_case import interleaved, say
 
-from bayesdeg.actuator.curve import Actuator, Curve, PathSamples
-from bayesdeg.actuator.forward import SAMPLING
+from bayesdeg.actuator.curve import SAMPLING, Actuator, Curve, PathSamples
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.mesh import Resolution, build_mesh
 from bayesdeg.data.settings import Dimensions
-from bayesdeg.emulator.campaign import MESH_ERROR, Run, runs
+from bayesdeg.emulator.campaign import MESH_ERROR, PLANS, Plan, Run, runs, train
 from bayesdeg.emulator.kept import Recipe
 from bayesdeg.emulator.scaling import TrainingRange
 from bayesdeg.emulator.solutions import SolutionStore
 from bayesdeg.emulator.surrogate import Surrogate
-from bayesdeg.emulator.training import PLANS, Plan, train
 
 TIMED = 1  # curves of each mesh whose derivatives are timed
 

@@ -16,8 +16,7 @@ from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 from scipy.stats import norm, qmc
 
-from bayesdeg.actuator.curve import Curve, PathSamples
-from bayesdeg.actuator.forward import relative_to_reference
+from bayesdeg.actuator.curve import Curve, PathSamples, relative_to_reference
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.inputs import Inputs, Prediction
 from bayesdeg.actuator.mesh import CONVERGED

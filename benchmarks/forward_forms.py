@@ -19,8 +19,7 @@ from skfem.refdom import RefHex
 
 from bayesdeg.actuator.body import Body
 from bayesdeg.actuator.material import Material
-from bayesdeg.actuator.problem import Problem
-from bayesdeg.actuator.system import State, System
+from bayesdeg.actuator.problem import Problem, State, System
 
 
 class ElementHexLinearDiscontinuous(ElementH1):

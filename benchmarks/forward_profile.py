@@ -20,9 +20,8 @@ from bayesdeg.actuator.linear import (
 )
 from bayesdeg.actuator.mesh import ActuatorMesh
 from bayesdeg.actuator.outputs import read_state
-from bayesdeg.actuator.problem import Linearisation, Problem
+from bayesdeg.actuator.problem import Linearisation, Problem, State, System
 from bayesdeg.actuator.status import Effort
-from bayesdeg.actuator.system import State, System
 
 SMALLEST_STEP = 1.0 / 64.0  # share of the distance between two loads
 

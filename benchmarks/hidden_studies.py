@@ -16,8 +16,7 @@ from bayesdeg.actuator.mesh import FINE
 from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.causes.cause import Cause, Conditions, Effect, Stage
 from bayesdeg.data.settings import Settings
-from bayesdeg.laboratory.design import PRESSURES, Design
-from bayesdeg.laboratory.experiment import VirtualExperiment, run_experiment
+from bayesdeg.laboratory.experiment import PRESSURES, Design, VirtualExperiment, run_experiment
 from bayesdeg.laboratory.truth import HiddenEffect, Three, Truth, drawn_truth
 from bayesdeg.laboratory.writing import Provenance, study_files
 from bayesdeg.priors import LogNormal, Normal, Parameter

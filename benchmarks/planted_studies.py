@@ -18,7 +18,7 @@ import numpy as np
 import pandas as pd
 from hidden_studies import LARGEST_PRESSURE, OUTSIDE, HiddenStudy, designs, made
 
-from bayesdeg.actuator.forward import ExactMap
+from bayesdeg.actuator.curve import ExactMap
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.inputs import ForwardMap, Inputs, Prediction
 from bayesdeg.actuator.mesh import FINE
@@ -27,9 +27,9 @@ from bayesdeg.causes.cause import Cause
 from bayesdeg.causes.flaw_embrittlement import ONSET
 from bayesdeg.console import shown
 from bayesdeg.data.settings import Dimensions
-from bayesdeg.laboratory.design import Design
+from bayesdeg.emulator.workers import pool
+from bayesdeg.laboratory.experiment import Design
 from bayesdeg.laboratory.truth import HiddenEffect, Three
-from bayesdeg.pipeline.workplace import pool
 
 Key = tuple[tuple[str, tuple[int, ...], bytes], ...]
 

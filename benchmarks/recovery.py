@@ -23,8 +23,7 @@ from fine_library import STORE, FineLibrary, library
 from bayesdeg.actuator.mesh import FINE
 from bayesdeg.data.settings import Settings
 from bayesdeg.data.study import read_study
-from bayesdeg.laboratory.design import Design
-from bayesdeg.laboratory.experiment import run_experiment
+from bayesdeg.laboratory.experiment import Design, run_experiment
 from bayesdeg.laboratory.truth import drawn_truth
 from bayesdeg.laboratory.writing import Provenance, study_files
 from bayesdeg.pipeline.progress import Silent

@@ -14,15 +14,13 @@ from pathlib import Path
 from bayesdeg.actuator.curve import Curve, PathSamples
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.data.settings import Dimensions
-from bayesdeg.emulator.campaign import complete, runs
+from bayesdeg.emulator.campaign import PLANS, complete, runs
 from bayesdeg.emulator.design import SECOND_STAGE, Question, candidates, likely, most_telling
-from bayesdeg.emulator.kept import Recipe
+from bayesdeg.emulator.kept import Recipe, default_surrogate
 from bayesdeg.emulator.regression import Observed, Prior, observe, rows_of
 from bayesdeg.emulator.scaling import TrainingRange
 from bayesdeg.emulator.solutions import SolutionStore
 from bayesdeg.emulator.terms import Family
-from bayesdeg.emulator.trained import default_surrogate
-from bayesdeg.emulator.training import PLANS
 
 
 def question(observed: list[Observed], family: Family, prior: Prior) -> Question:

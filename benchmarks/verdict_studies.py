@@ -24,8 +24,7 @@ from bayesdeg.actuator.inputs import ForwardMap
 from bayesdeg.actuator.mesh import FINE
 from bayesdeg.causes.catalogue import find
 from bayesdeg.data.settings import Settings
-from bayesdeg.laboratory.design import LEVELS, Design
-from bayesdeg.laboratory.experiment import run_experiment
+from bayesdeg.laboratory.experiment import LEVELS, Design, run_experiment
 from bayesdeg.laboratory.truth import HiddenEffect, Truth, drawn_truth
 from bayesdeg.laboratory.writing import TRUTH_FILE, Provenance
 

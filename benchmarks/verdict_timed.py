@@ -30,7 +30,7 @@ from bayesdeg.pipeline.judge import JUDGE_EFFORTS, judge
 from bayesdeg.pipeline.progress import Silent
 
 try:
-    from bayesdeg.pipeline.workplace import pool
+    from bayesdeg.emulator.workers import pool
 except ImportError:  # versions up to the commit `OLD` of verdict_seconds.py
     from bayesdeg.console import pool
 

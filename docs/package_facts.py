@@ -24,9 +24,8 @@ from bayesdeg.commands.lazy import COMMANDS, loaded
 from bayesdeg.data.settings import ENTRIES, Dimensions, Settings
 from bayesdeg.data.shrinkage import Known, Recipe
 from bayesdeg.data.tables import words_of
-from bayesdeg.emulator.trained import default_surrogate
-from bayesdeg.laboratory.design import Design
-from bayesdeg.laboratory.experiment import run_experiment
+from bayesdeg.emulator.kept import default_surrogate
+from bayesdeg.laboratory.experiment import Design, run_experiment
 from bayesdeg.laboratory.truth import HiddenEffect, Truth
 from bayesdeg.observations.catalogue import TABLES as STUDY_TABLES
 from bayesdeg.pipeline.assemble import assemble

@@ -57,14 +57,14 @@ def test_public_functions_and_classes_are_documented_with_their_parameters():
 
 
 def test_a_verb_that_is_a_package_too_is_both_in_whatever_order_they_are_imported():
-    for first in ("import bayesdeg.emulator.trained, bayesdeg.report.page", "pass"):
+    for first in ("import bayesdeg.emulator.kept, bayesdeg.report.page", "pass"):
         lines = [
             first,
             "import bayesdeg as bd",
             "from bayesdeg import emulator, report",
             "assert emulator is bd.emulator and report is bd.report",
             "assert bd.emulator(bd.Dimensions()).length == 50.0",
-            "import bayesdeg.emulator.trained as module",
+            "import bayesdeg.emulator.kept as module",
             "assert module.default_surrogate().length == 50.0",
             "import inspect",
             "assert 'geometry' in inspect.signature(bd.emulator).parameters",
@@ -513,7 +513,7 @@ def test_a_script_without_a_guard_is_not_started_again_by_its_workers(planted, t
     script = tmp_path / "script.py"
     script.write_text(
         "from pathlib import Path\n"
-        "import bayesdeg.pipeline.workplace as place\n"
+        "import bayesdeg.emulator.workers as place\n"
         "with (Path(__file__).parent / 'count').open('a') as file:\n"
         "    file.write('x')\n"
         "for _ in range(2):\n"

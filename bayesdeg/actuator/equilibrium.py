@@ -15,9 +15,8 @@ from bayesdeg.actuator.linear import (
     open_indefinite,
 )
 from bayesdeg.actuator.material import is_elliptic
-from bayesdeg.actuator.problem import Linearisation, Problem
+from bayesdeg.actuator.problem import Linearisation, Point, Problem, State
 from bayesdeg.actuator.status import Effort, Status
-from bayesdeg.actuator.system import Point, State
 
 Floats = NDArray[np.float64]
 

@@ -18,8 +18,7 @@ from bayesdeg.actuator.linear import Factorization
 from bayesdeg.actuator.material import Material, skin_profile
 from bayesdeg.actuator.mesh import ActuatorMesh, reshaped
 from bayesdeg.actuator.outputs import read_state, reading_gradients
-from bayesdeg.actuator.problem import Linearisation, Problem
-from bayesdeg.actuator.system import State, System
+from bayesdeg.actuator.problem import Linearisation, Problem, State, System
 from bayesdeg.errors import GeometryError
 
 Floats = NDArray[np.float64]

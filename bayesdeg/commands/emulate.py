@@ -15,11 +15,11 @@ from bayesdeg.console import errors
 from bayesdeg.data.settings import FILE, Dimensions, parse_settings
 from bayesdeg.emulator.kept import CACHE, cached_path
 from bayesdeg.emulator.solutions import SolutionStore
+from bayesdeg.emulator.workers import workplace
 from bayesdeg.errors import Fault, StudyError
 from bayesdeg.files import STUDY_MB, read_bytes, reason
 from bayesdeg.pipeline.emulation import Campaign
 from bayesdeg.pipeline.output import output_file
-from bayesdeg.pipeline.workplace import workplace
 
 GeometryFile = Annotated[
     Path | None,

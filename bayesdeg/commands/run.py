@@ -22,12 +22,12 @@ from bayesdeg.commands.options import (
 from bayesdeg.commands.training import Manner, emulator_for
 from bayesdeg.console import errors, say, shown
 from bayesdeg.data.plausibility import doubts, refuse_impossible
+from bayesdeg.emulator.workers import workplace
+from bayesdeg.pipeline.deformed import compile_beside
 from bayesdeg.pipeline.outline import outline, passed_over
 from bayesdeg.pipeline.output import CHECKPOINTS, run_folder
 from bayesdeg.pipeline.reading import read_study
 from bayesdeg.pipeline.run import add_page, fingerprint, run_study, with_options
-from bayesdeg.pipeline.warming import compile_beside
-from bayesdeg.pipeline.workplace import workplace
 from bayesdeg.report.checkpoints import Checkpoints
 from bayesdeg.report.folder import LEFT_OUT, RunFolder
 from bayesdeg.report.headline import doubts_of

@@ -8,20 +8,19 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from bayesdeg.actuator.forward import ExactMap
+from bayesdeg.actuator.curve import ExactMap
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.status import FINE
 from bayesdeg.commands.options import CORES, Quiet, Seed, StudyFolder, Workers
 from bayesdeg.console import errors, shown
 from bayesdeg.data.settings import FILE as SETTINGS_FILE
+from bayesdeg.emulator.workers import workplace
 from bayesdeg.files import write_text
-from bayesdeg.laboratory.design import design_of
-from bayesdeg.laboratory.experiment import run_experiment
+from bayesdeg.laboratory.experiment import design_of, run_experiment
 from bayesdeg.laboratory.truth import Truth, drawn_truth, parse_effects
 from bayesdeg.laboratory.writing import VIRTUAL_FILES, Provenance, study_files
 from bayesdeg.pipeline.output import virtual_study
 from bayesdeg.pipeline.reading import read_study
-from bayesdeg.pipeline.workplace import workplace
 
 
 def simulate(

@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 
 import pandas as pd
 
-from bayesdeg.data.nearest import nearest
-from bayesdeg.errors import Fault
+from bayesdeg.errors import Fault, nearest
 from bayesdeg.quantities import DIMENSIONLESS, QUANTITIES, stem
 
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")

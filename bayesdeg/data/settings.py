@@ -16,9 +16,8 @@ from pydantic import (
 )
 
 from bayesdeg.data.cells import LARGEST
-from bayesdeg.data.nearest import nearest
 from bayesdeg.data.shrinkage import Known, Recipe
-from bayesdeg.errors import Fault
+from bayesdeg.errors import Fault, nearest
 from bayesdeg.files import DEEPEST, too_deep
 from bayesdeg.priors import Law, Parameter, law_from_mapping
 from bayesdeg.quantities import LARGEST_SEED

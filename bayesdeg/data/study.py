@@ -10,11 +10,10 @@ import pandas as pd
 import pandera.pandas as pa
 
 from bayesdeg.data.cells import Cells, check_header, read_cells, read_number
-from bayesdeg.data.nearest import nearest, use_one_of
 from bayesdeg.data.settings import FILE as SETTINGS_FILE
 from bayesdeg.data.settings import Dimensions, Settings, parse_settings
 from bayesdeg.data.tables import TABLES, Table, broken, row_check, words_of
-from bayesdeg.errors import Fault, StudyError
+from bayesdeg.errors import Fault, StudyError, nearest, use_one_of
 from bayesdeg.files import STUDY_MB, as_named, read_bytes, reason
 
 #: So many faults of one kind in one column are told one by one.

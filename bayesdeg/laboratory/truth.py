@@ -11,8 +11,7 @@ import pandas as pd
 from bayesdeg.actuator.inputs import PAPER_THICKNESS
 from bayesdeg.causes.catalogue import find, in_order
 from bayesdeg.causes.cause import Cause, Effect
-from bayesdeg.data.nearest import nearest
-from bayesdeg.errors import BayesdegError
+from bayesdeg.errors import BayesdegError, nearest
 from bayesdeg.material.degradation import NODES, is_stable, yeoh_constants
 from bayesdeg.material.strength import limit_stretch
 from bayesdeg.observations.noise import INDEPENDENT

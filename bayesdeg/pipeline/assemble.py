@@ -9,8 +9,8 @@ from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.inputs import ForwardMap
 from bayesdeg.causes.cause import Cause
 from bayesdeg.data.study import Study
+from bayesdeg.emulator.kept import surrogate_for
 from bayesdeg.emulator.surrogate import Surrogate
-from bayesdeg.emulator.trained import surrogate_for
 from bayesdeg.inference.model import Model
 from bayesdeg.observations.specimens import FilmsAndActuators, no_map
 from bayesdeg.pipeline.formula import OwnMap, probe

@@ -1,13 +1,17 @@
 """The fitted actuator solved by finite elements, for the report's picture and for ParaView."""
 
+import multiprocessing
+import os
 from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdeg.actuator import kernels
 from bayesdeg.actuator.body import Body
 from bayesdeg.actuator.curve import Actuator, Curve
 from bayesdeg.actuator.equilibrium import follow
@@ -16,8 +20,10 @@ from bayesdeg.actuator.inputs import Inputs, dimensionless, material_groups
 from bayesdeg.actuator.linear import open_factorization
 from bayesdeg.actuator.material import Material
 from bayesdeg.actuator.mesh import build_mesh
-from bayesdeg.actuator.status import Resolution
+from bayesdeg.actuator.status import COARSE, Resolution
 from bayesdeg.criticism.fit.side_by_side import later
+from bayesdeg.data.settings import Dimensions
+from bayesdeg.emulator.workers import deaf_to_interrupts, end_with_parent
 from bayesdeg.errors import GeometryError
 from bayesdeg.pipeline.assemble import level_grid
 from bayesdeg.pipeline.calibrate import Fit, Listener
@@ -255,3 +261,30 @@ def solve(geometry: Geometry, resolution: Resolution, case: Case) -> Solved | No
     fields = nodal_fields(problem, path.points[-1].state)
     pressure = float(case.pressures[len(path.points) - 1])
     return Solved(case, problem.system.body, surface, nodes, fields, pressure)
+
+
+BEHIND = 10  # niceness: the fits go first
+
+
+def is_compiled(cache: Path) -> bool:
+    """Return whether numba's cache in a folder holds the largest of the kernels."""
+    return any(cache.glob("kernels.solid-*.nbi"))
+
+
+def compile_beside() -> None:
+    """Compile the kernels in a process of their own, behind all others, unless that was done."""
+    if not is_compiled(Path(kernels.solid.stats.cache_path)):
+        context = multiprocessing.get_context("spawn")
+        with deaf_to_interrupts():
+            context.Process(target=compile_kernels, daemon=True).start()
+
+
+def compile_kernels() -> None:
+    """Solve a coarse actuator with paper under a small load: all that a picture needs."""
+    end_with_parent()
+    if hasattr(os, "nice"):
+        os.nice(BEHIND)
+    load = 1e-3
+    material = Material(c2_ratio=0.0, c3_ratio=0.0, paper_group=1.0)
+    case = Case(0.0, np.array([1.0]), Curve((load,), material), linear_scale=1.0, c1=1.0)
+    solve(Geometry(Dimensions()), COARSE, case)

@@ -18,13 +18,12 @@ from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.checks.residuals import predict_readings
 from bayesdeg.criticism.fit.trials import Trial
-from bayesdeg.data.nearest import use_one_of
 from bayesdeg.data.plausibility import doubts, refuse_impossible
 from bayesdeg.data.settings import Effort, Settings
 from bayesdeg.data.study import Study
+from bayesdeg.emulator.kept import find as find_emulator
 from bayesdeg.emulator.surrogate import Surrogate
-from bayesdeg.emulator.trained import find as find_emulator
-from bayesdeg.errors import BayesdegError
+from bayesdeg.errors import BayesdegError, use_one_of
 from bayesdeg.inference.model import Model
 from bayesdeg.inference.sampling import EFFORTS, to_datatree
 from bayesdeg.pipeline import forecast, formula
@@ -36,8 +35,7 @@ from bayesdeg.pipeline.judge import Judgement, with_sampled_sizes
 from bayesdeg.pipeline.outline import outline
 from bayesdeg.pipeline.output import run_folder
 from bayesdeg.pipeline.progress import Progress
-from bayesdeg.pipeline.record import in_doubt, verdict_of
-from bayesdeg.pipeline.results import Results
+from bayesdeg.pipeline.record import Results, in_doubt, verdict_of
 from bayesdeg.pipeline.run import (
     Clock,
     Streams,

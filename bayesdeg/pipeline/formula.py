@@ -14,8 +14,7 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from bayesdeg.causes.cause import Cause, Effect
-from bayesdeg.data.nearest import use_one_of
-from bayesdeg.errors import BayesdegError
+from bayesdeg.errors import BayesdegError, use_one_of
 from bayesdeg.inference.model import Model
 from bayesdeg.inference.sampling import Chain
 from bayesdeg.observations import readings as flat

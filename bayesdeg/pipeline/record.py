@@ -33,13 +33,15 @@ from bayesdeg.inference.model import Model, Refusals, share_outside
 from bayesdeg.observations.catalogue import TABLES
 from bayesdeg.observations.specimens import FilmsAndActuators
 from bayesdeg.observations.tensile import STRESS
+from bayesdeg.pipeline.assemble import Assembly
 from bayesdeg.pipeline.calibrate import Fit, refused_inputs
+from bayesdeg.pipeline.checks import Checks
 from bayesdeg.pipeline.explanation import explain
+from bayesdeg.pipeline.films import CourseFit, Films
 from bayesdeg.pipeline.forecast import model_document
 from bayesdeg.pipeline.formula import OwnMap
 from bayesdeg.pipeline.judge import Judgement, readings_misfit
 from bayesdeg.pipeline.outline import outline
-from bayesdeg.pipeline.results import Results
 from bayesdeg.report.left_out import Guard, Stage
 from bayesdeg.report.record import (
     BasisEntry,
@@ -63,6 +65,44 @@ from bayesdeg.report.record import (
     Verdict,
 )
 from bayesdeg.report.wording import NOTHING, sentences, worded
+
+
+@dataclass(frozen=True)
+class Results:
+    """Everything that a run has found.
+
+    Parameters
+    ----------
+    assembly : Assembly
+        Base model, candidates, missing data.
+    base, final : Fit
+        Calibrations of the base model and of the one with the leading cause; the same where no
+        cause leads.
+    judgement : Judgement or None
+        None where there are no actuator readings.
+    checks : Checks, optional
+        What the final calibration rests on.
+    films : Films, optional
+        What the films alone say.
+    """
+
+    assembly: Assembly
+    base: Fit
+    final: Fit
+    judgement: Judgement | None
+    checks: Checks | None = None
+    films: Films | None = None
+
+    @property
+    def fits(self) -> dict[str, Fit]:
+        """Both calibrations by their labels in the tables."""
+        return {"base": self.base, "final": self.final}
+
+    @property
+    def sampled(self) -> dict[str, Fit | CourseFit]:
+        """Everything that was sampled: both calibrations, and the course of degradation."""
+        course = None if self.films is None else self.films.course
+        return {**self.fits} if course is None else {**self.fits, "course": course}
 
 
 def verdict_document(

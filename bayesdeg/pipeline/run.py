@@ -19,8 +19,8 @@ import bayesdeg
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.data.settings import Effort
 from bayesdeg.data.study import Study
+from bayesdeg.emulator.kept import default_surrogate, to_bytes
 from bayesdeg.emulator.surrogate import Surrogate
-from bayesdeg.emulator.trained import default_surrogate, to_bytes
 from bayesdeg.inference.model import Model
 from bayesdeg.inference.sampling import EFFORTS
 from bayesdeg.pipeline.assemble import Assembly, assemble
@@ -38,8 +38,7 @@ from bayesdeg.pipeline.judge import (
     with_sampled_sizes,
 )
 from bayesdeg.pipeline.progress import Progress
-from bayesdeg.pipeline.record import in_doubt, run_document
-from bayesdeg.pipeline.results import Results
+from bayesdeg.pipeline.record import Results, in_doubt, run_document
 from bayesdeg.pipeline.writing import write_results
 from bayesdeg.report.checkpoints import Checkpoints
 from bayesdeg.report.folder import RunFolder

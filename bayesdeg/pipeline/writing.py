@@ -37,8 +37,7 @@ from bayesdeg.pipeline.assemble import level_grid
 from bayesdeg.pipeline.calibrate import Fit, Sampled
 from bayesdeg.pipeline.deformed import Begun, write_deformed
 from bayesdeg.pipeline.judge import Judgement
-from bayesdeg.pipeline.record import verdict_of
-from bayesdeg.pipeline.results import Results
+from bayesdeg.pipeline.record import Results, verdict_of
 from bayesdeg.prediction.control import INTERVAL, largest_allowed, needed_by
 from bayesdeg.prediction.predictive import (
     Specimens,

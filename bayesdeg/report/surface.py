@@ -14,8 +14,7 @@ from skfem import ElementHex1, ElementHex2
 from skfem.quadrature import get_quadrature
 
 from bayesdeg.actuator.body import Body, Element, boundary_faces, isoparametric
-from bayesdeg.actuator.problem import Problem
-from bayesdeg.actuator.system import State
+from bayesdeg.actuator.problem import Problem, State
 from bayesdeg.errors import BayesdegError
 from bayesdeg.files import refuse_special, write_bytes, written
 
@@ -202,7 +201,7 @@ def nodal_fields(problem: Problem, state: State) -> NodalFields:
     --------
     >>> from bayesdeg.actuator.body import box
     >>> from bayesdeg.actuator.material import Material
-    >>> from bayesdeg.actuator.system import System
+    >>> from bayesdeg.actuator.problem import System
     >>> system = System(box((2.0, 1.0, 1.0), divisions=(1, 1, 1)))
     >>> sheared = system.body.nodes[:, [2, 2, 2]] * [1.5, 0.0, 0.0]  # γ = λ − 1/λ
     >>> problem = Problem(system, Material(c2_ratio=0.0, c3_ratio=0.0, paper_group=0.0))

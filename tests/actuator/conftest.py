@@ -12,8 +12,7 @@ from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.linear import open_factorization
 from bayesdeg.actuator.material import Material, skin_profile
 from bayesdeg.actuator.mesh import Resolution, build_mesh
-from bayesdeg.actuator.problem import Problem
-from bayesdeg.actuator.system import State
+from bayesdeg.actuator.problem import Problem, State
 from bayesdeg.data.settings import Dimensions
 
 COARSEST = Resolution(along=9.0, across=9.0, up=9.0)

@@ -19,7 +19,7 @@ from bayesdeg.actuator.body import (
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.mesh import COARSE, Resolution, build_mesh
 from bayesdeg.actuator.outputs import OUTPUTS, read_state
-from bayesdeg.actuator.system import System
+from bayesdeg.actuator.problem import System
 from bayesdeg.data.settings import Dimensions
 from bayesdeg.errors import GeometryError
 

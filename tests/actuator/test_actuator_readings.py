@@ -6,7 +6,7 @@ import pytest
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.mesh import Resolution, build_mesh
 from bayesdeg.actuator.outputs import read_state
-from bayesdeg.actuator.system import State
+from bayesdeg.actuator.problem import State
 from bayesdeg.data.settings import Dimensions
 
 

@@ -8,9 +8,8 @@ import pytest
 
 from bayesdeg.actuator.body import boundary_faces, box
 from bayesdeg.actuator.material import Material
-from bayesdeg.actuator.problem import Problem
+from bayesdeg.actuator.problem import Problem, System
 from bayesdeg.actuator.status import Effort
-from bayesdeg.actuator.system import System
 
 pytestmark = pytest.mark.fem
 

@@ -5,9 +5,8 @@ import pytest
 
 from bayesdeg.actuator import kernels, paper
 from bayesdeg.actuator.material import Material
-from bayesdeg.actuator.problem import Problem
+from bayesdeg.actuator.problem import Problem, State
 from bayesdeg.actuator.status import Effort
-from bayesdeg.actuator.system import State
 
 pytestmark = pytest.mark.fem
 

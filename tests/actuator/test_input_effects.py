@@ -5,15 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bayesdeg.actuator.curve import Actuator, Curve
-from bayesdeg.actuator.forward import ExactMap
+from bayesdeg.actuator.curve import Actuator, Curve, ExactMap
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.inputs import PAPER_THICKNESS, Inputs, gravity_direction
 from bayesdeg.actuator.material import SKIN_DEPTH, Material, skin_profile
 from bayesdeg.actuator.mesh import Resolution, build_mesh, reshaped
-from bayesdeg.actuator.problem import Problem
+from bayesdeg.actuator.problem import Problem, System
 from bayesdeg.actuator.status import Effort, Status
-from bayesdeg.actuator.system import System
 from bayesdeg.data.settings import Dimensions
 from bayesdeg.errors import GeometryError
 

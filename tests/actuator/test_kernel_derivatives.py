@@ -12,9 +12,8 @@ from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.material import Material
 from bayesdeg.actuator.mesh import Resolution, build_mesh
 from bayesdeg.actuator.paper import membrane_law
-from bayesdeg.actuator.problem import Problem
+from bayesdeg.actuator.problem import Problem, State, System
 from bayesdeg.actuator.sensitivity import MATERIAL_INPUTS, residual_rates
-from bayesdeg.actuator.system import State, System
 from bayesdeg.data.settings import Dimensions
 
 STEP = 1e-6

@@ -9,8 +9,7 @@ import scipy.sparse as sp
 from bayesdeg.actuator.body import LINEAR_CONSTANT, LINEAR_FULL, QUADRATIC, QUADRATIC_CONSTANT
 from bayesdeg.actuator.material import Material, is_elliptic
 from bayesdeg.actuator.outputs import principal_stretch, volume_quantile
-from bayesdeg.actuator.problem import Problem
-from bayesdeg.actuator.system import State, System
+from bayesdeg.actuator.problem import Problem, State, System
 from bayesdeg.material.hyperelastic import YeohRootSecondInvariant, nominal_stress
 
 C2, C3, R = -0.05, 0.03, 0.4

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bayesdeg.actuator import forward
+from bayesdeg.actuator import curve
 from bayesdeg.actuator.curve import Curve
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.mesh import Resolution
@@ -72,7 +72,7 @@ def test_a_mismatch_is_raised_in_few_steps(two_chambers, fresh, mismatch):
 def test_where_a_shape_cannot_vary_its_derivatives_are_not_known(fresh):
     """With the channel as high as the chambers' top, another wall is another topology."""
     flat = Dimensions(length=20.0, chambers=2, channel_height=6.0, channel_roof=1.0, gap=0.0)
-    found = forward.sample_task((Geometry(flat), Resolution(6.0, 5.0, 5.0), Curve((0.05,), fresh)))
+    found = curve.sample_task((Geometry(flat), Resolution(6.0, 5.0, 5.0), Curve((0.05,), fresh)))
     assert found.status is Status.CONVERGED
     walls = found.gradients[:, :, INPUTS.index("wall_factor")]
     assert np.all(np.isnan(walls))
@@ -81,9 +81,9 @@ def test_where_a_shape_cannot_vary_its_derivatives_are_not_known(fresh):
 
 def test_a_process_holds_few_meshes_and_closes_the_others(fresh, monkeypatch):
     closed = []
-    held = forward._Held()
-    monkeypatch.setattr(forward.Actuator, "close", lambda self: closed.append(self))
-    sizes = [Resolution(6.0 + k, 5.0, 5.0) for k in range(forward.MESHES + 2)]
+    held = curve._Held()
+    monkeypatch.setattr(curve.Actuator, "close", lambda self: closed.append(self))
+    sizes = [Resolution(6.0 + k, 5.0, 5.0) for k in range(curve.MESHES + 2)]
     geometry = Geometry(Dimensions(length=20.0, chambers=2))
     actuators = [held.get(geometry, size) for size in sizes]
     assert closed == actuators[:2]

@@ -8,9 +8,8 @@ from scipy.integrate import quad
 
 from bayesdeg.actuator.body import QUADRATIC, Body, boundary_faces, box, isoparametric
 from bayesdeg.actuator.material import Material
-from bayesdeg.actuator.problem import Problem
+from bayesdeg.actuator.problem import Problem, System
 from bayesdeg.actuator.status import Effort
-from bayesdeg.actuator.system import System
 
 pytestmark = pytest.mark.fem
 

@@ -18,10 +18,10 @@ from bayesdeg import cli
 from bayesdeg.actuator.status import Status
 from bayesdeg.commands import run as run_command
 from bayesdeg.commands import training
-from bayesdeg.emulator.kept import cached_path, duration
+from bayesdeg.emulator import workers
+from bayesdeg.emulator.kept import cached_path, duration, read_trained, write_trained
 from bayesdeg.emulator.solutions import SolutionStore
-from bayesdeg.emulator.trained import read_trained, write_trained
-from bayesdeg.pipeline import emulation, workplace
+from bayesdeg.pipeline import emulation
 from bayesdeg.report.record import Verdict
 from tests.pipeline.study_files import SETTINGS, study_in
 from tests.pipeline.tiny_campaign import GEOMETRY, RECIPE, TABLE, build, emulator
@@ -184,7 +184,7 @@ def test_the_cluster_is_asked_for_by_its_address(here, command, pipeline, monkey
         asked.append((workers, scheduler))
         yield None
 
-    monkeypatch.setattr(workplace, "pool", pool)
+    monkeypatch.setattr(workers, "pool", pool)
     code, *_ = command(name, "study", "--scheduler", "tcp://192.0.2.1:8786", "--workers", 3)
     assert code == 0
     assert asked == [(3, "tcp://192.0.2.1:8786")]

@@ -11,11 +11,11 @@ from bayesdeg.actuator.inputs import PAPER_THICKNESS, Inputs, Prediction
 from bayesdeg.actuator.outputs import OUTPUTS
 from bayesdeg.actuator.sensitivity import INPUTS
 from bayesdeg.actuator.status import Status
+from bayesdeg.emulator.campaign import Plan, train
 from bayesdeg.emulator.design import space_filling
 from bayesdeg.emulator.regression import Prior
 from bayesdeg.emulator.scaling import TrainingRange
 from bayesdeg.emulator.terms import Family
-from bayesdeg.emulator.training import Plan, train
 
 LENGTH = 50.0
 SPAN = TrainingRange()

@@ -15,8 +15,8 @@ from bayesdeg.actuator.status import Status
 from bayesdeg.emulator import workers
 from bayesdeg.emulator.campaign import Run, complete, missing
 from bayesdeg.emulator.solutions import SolutionStore
+from bayesdeg.emulator.workers import pool
 from bayesdeg.errors import BayesdegError
-from bayesdeg.pipeline.workplace import pool
 from tests.emulator.real_campaign import COUNT
 from tests.emulator.small_runs import assert_all_same, contents, made_up, real_runs, runs
 

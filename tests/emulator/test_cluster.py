@@ -15,9 +15,8 @@ import pytest
 from bayesdeg.emulator import workers
 from bayesdeg.emulator.campaign import complete, missing
 from bayesdeg.emulator.solutions import SolutionStore
-from bayesdeg.emulator.workers import cluster_executor
+from bayesdeg.emulator.workers import cluster_executor, pool
 from bayesdeg.errors import BayesdegError
-from bayesdeg.pipeline.workplace import pool
 from tests.emulator.small_runs import assert_all_same, contents, real_runs
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from bayesdeg.emulator.campaign import coverage, fit_errors, nearness, summary
 from bayesdeg.emulator.scaling import NAMES
 from bayesdeg.emulator.terms import N_CHEBYSHEV, Terms, features
-from bayesdeg.emulator.training import coverage, fit_errors, nearness, summary
 
 SKIN, EROSION = NAMES.index("skin"), NAMES.index("erosion")
 NINETY = 1.6448536269514722

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.polynomial import Chebyshev
 
+from bayesdeg.emulator.campaign import PLANS
 from bayesdeg.emulator.scaling import NAMES
 from bayesdeg.emulator.terms import (
     N_CHEBYSHEV,
@@ -14,7 +15,6 @@ from bayesdeg.emulator.terms import (
     features,
     total_degree_orders,
 )
-from bayesdeg.emulator.training import PLANS
 
 FAMILY = Family((5, 3, 3, 2), (3, 2, 2, 1), (3, 2, 1, 4, 2, 1, 2, 0, 3), (2, 1, 1, 0), (1, 0, 0, 0))
 ORDERS = FAMILY.orders

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
+from bayesdeg.emulator.campaign import fit_limit
 from bayesdeg.emulator.coordinates import coordinates, scaled_cause
 from bayesdeg.emulator.design import space_filling
 from bayesdeg.emulator.regression import Reach
 from bayesdeg.emulator.scaling import NAMES, Place
 from bayesdeg.emulator.terms import features
-from bayesdeg.emulator.training import fit_limit
 from tests.emulator.closed_form import SPAN
 
 COUNT = 192

@@ -7,14 +7,12 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from bayesdeg.actuator.curve import MODEL_VERSION
-from bayesdeg.actuator.forward import ExactMap
+from bayesdeg.actuator.curve import MODEL_VERSION, ExactMap
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.actuator.status import Status
 from bayesdeg.data.settings import Dimensions
-from bayesdeg.emulator.kept import SHIPPED, Recipe
-from bayesdeg.emulator.trained import default_surrogate, surrogate_for
+from bayesdeg.emulator.kept import SHIPPED, Recipe, default_surrogate, surrogate_for
 from bayesdeg.errors import BayesdegError
 
 QUANTITIES = ("curvature", "bend_angle", "peak_stretch")

@@ -8,11 +8,11 @@ import numpy as np
 
 from bayesdeg.actuator.curve import MODEL_VERSION
 from bayesdeg.actuator.status import Status
+from bayesdeg.emulator.campaign import Plan, train
 from bayesdeg.emulator.design import space_filling
 from bayesdeg.emulator.regression import Prior, observe
 from bayesdeg.emulator.surrogate import OUTPUTS
 from bayesdeg.emulator.terms import Family, features
-from bayesdeg.emulator.training import Plan, train
 from tests.emulator.closed_form import (
     COARSE_EXCESS,
     LENGTH,

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bayesdeg.actuator.forward import relative_to_reference
+from bayesdeg.actuator.curve import relative_to_reference
 from bayesdeg.actuator.inputs import Inputs, Prediction
 from bayesdeg.actuator.status import Status
 

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from bayesdeg.data.study import Study, read_study
-from bayesdeg.laboratory.design import Design, design_of
+from bayesdeg.laboratory.experiment import Design, design_of
 
 
 def study_of(folder, **files):

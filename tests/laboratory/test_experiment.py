@@ -13,8 +13,7 @@ import bayesdeg
 from bayesdeg.data.settings import MODES, Dimensions, Settings, parse_settings
 from bayesdeg.data.shrinkage import Known, Recipe
 from bayesdeg.data.study import read_study
-from bayesdeg.laboratory.design import Design, design_of
-from bayesdeg.laboratory.experiment import run_experiment
+from bayesdeg.laboratory.experiment import Design, design_of, run_experiment
 from bayesdeg.laboratory.truth import Truth, parse_effects
 from bayesdeg.laboratory.writing import (
     Provenance,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bayesdeg.data.study import read_study
-from bayesdeg.laboratory.design import design_of
+from bayesdeg.laboratory.experiment import design_of
 from bayesdeg.laboratory.truth import Truth
 
 FOLDER = Path(__file__).resolve().parents[2] / "studies" / "gelatin_actuator"

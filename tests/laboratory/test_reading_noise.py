@@ -6,8 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bayesdeg.laboratory.design import Design
-from bayesdeg.laboratory.experiment import tear_films
+from bayesdeg.laboratory.experiment import Design, tear_films
 from bayesdeg.laboratory.truth import Truth, alike_along
 from bayesdeg.material.hyperelastic import yeoh_basis
 from bayesdeg.observations.noise import noise_correlation, paths_of

@@ -9,9 +9,8 @@ from bayesdeg.actuator.equilibrium import follow
 from bayesdeg.actuator.linear import open_factorization
 from bayesdeg.actuator.material import Material
 from bayesdeg.actuator.outputs import read_state
-from bayesdeg.actuator.problem import Problem
+from bayesdeg.actuator.problem import Problem, State, System
 from bayesdeg.actuator.status import Effort, Status
-from bayesdeg.actuator.system import State, System
 
 C1, C2, C3 = 0.288, -0.004, 0.0012  # MPa
 LINEAR_SCALE, PAPER_STIFFNESS = 0.843, 30.0  # –, N/mm

@@ -4,14 +4,14 @@ import sys
 
 import pytest
 
-from bayesdeg.pipeline.warming import is_compiled
+from bayesdeg.pipeline.deformed import is_compiled
 
 SCRIPT = """
 from bayesdeg.actuator import kernels, paper
-from bayesdeg.pipeline import warming
+from bayesdeg.pipeline import deformed
 
-warming.end_with_parent = lambda: None  # this process has no parent of multiprocessing's
-warming.compile_kernels()
+deformed.end_with_parent = lambda: None  # this process has no parent of multiprocessing's
+deformed.compile_kernels()
 used = (kernels.solid, kernels.solid_products, paper.membrane, kernels.cavity_volume)
 assert all(kernel.signatures for kernel in used)
 print(kernels.solid.stats.cache_path)

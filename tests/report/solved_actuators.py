@@ -8,8 +8,7 @@ from bayesdeg.actuator.body import Body, box
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.material import Material
 from bayesdeg.actuator.mesh import Resolution, build_mesh
-from bayesdeg.actuator.problem import Problem
-from bayesdeg.actuator.system import State, System
+from bayesdeg.actuator.problem import Problem, State, System
 from bayesdeg.data.settings import Dimensions
 from bayesdeg.report.surface import NodalFields, Surface, faces_of, nodal_fields, shape_of
 
