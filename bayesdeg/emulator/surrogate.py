@@ -309,7 +309,8 @@ class Surrogate:
         """Return the prediction; outside the training range it is nan with a status."""
         if inputs.reference_pressure is not None:
             return relative_to_reference(self, inputs)
-        return self._answer(inputs, Batch.of(inputs, self.span))
+        batch = Batch.of(inputs, self.span)
+        return self._answer(inputs, batch, self._largest(batch))
 
     def continued(self, inputs: Inputs) -> Prediction:
         """Return the prediction, and outside the training range a continuation with its excess.
@@ -321,19 +322,22 @@ class Surrogate:
         if inputs.reference_pressure is not None:
             return relative_to_reference(self.continued, inputs)
         inner, distance = Batch.of(inputs, self.span).brought_inside(self.span)
-        largest = self._largest(inner)[:, None]
+        limits = self._largest(inner)
+        largest = limits[:, None]
+        if np.all((inner.loads >= 0.0) & (inner.loads <= largest)) and not np.any(distance):
+            return self._answer(inputs, inner, limits)
         with np.errstate(divide="ignore", invalid="ignore"):
             above = np.log(np.maximum(inner.loads / largest, 1.0))
             below = np.maximum(-inner.loads / largest, 0.0)
         loads = np.clip(inner.loads, 0.0, np.maximum(largest, 0.0))
-        found = self._answer(inputs, replace(inner, loads=loads))
+        found = self._answer(inputs, replace(inner, loads=loads), limits)
         excess = np.sqrt(distance[:, None] ** 2 + above**2 + below**2) / OUTSIDE_BY
         if not np.any(excess > 0.0):
             return replace(found, excess=np.zeros(inner.shape))
         return _continued(found, above.reshape(inner.shape), excess.reshape(inner.shape))
 
-    def _answer(self, inputs: Inputs, batch: Batch) -> Prediction:
-        rows = self._rows(inputs, batch)
+    def _answer(self, inputs: Inputs, batch: Batch, largest: Floats) -> Prediction:
+        rows = self._rows(inputs, batch, largest)
         slack = bool(np.any(rows.slack > 0.0))
         values, allowed = map_of_rows(
             np.require(batch.loads, requirements=("C", "W")),  # one kind of array: compiled once
@@ -479,13 +483,13 @@ class Surrogate:
         allowed: Flags = (batch.loads >= 0.0) & (batch.loads <= self._largest(batch)[:, None])
         return allowed
 
-    def _rows(self, inputs: Inputs, batch: Batch) -> Rows:
+    def _rows(self, inputs: Inputs, batch: Batch, largest: Floats) -> Rows:
         slack, give = batch.slack
         rows = batch.shape if len(batch.warp) == np.prod(batch.shape) else (*batch.shape[:-1], 1)
         scale = np.broadcast_to(inputs.linear_scale, rows).ravel()
         return Rows(
             points=batch.scaled[list(ROW_AXES)],
-            largest=self._largest(batch),
+            largest=largest,
             stretching=np.exp(batch.warp[:, 0]),
             slack=slack,
             give=give,
