@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.stats import norm
 
 from bayesdeg.criticism.checks.conflict import Conflict, Questioned
-from bayesdeg.criticism.checks.discrepancy import MISFIT_LEVEL, Misfit
+from bayesdeg.criticism.checks.discrepancy import Misfit
 from bayesdeg.criticism.checks.rupture_misfit import RuptureMisfit
 from bayesdeg.criticism.checks.shared_scatter import SharedScatter
 from bayesdeg.criticism.decide import verdict as deciding
@@ -29,12 +29,12 @@ from bayesdeg.criticism.decide.verdict import (
     LEAST_POWER,
     NEARLY_ALL,
     Decision,
-    Outcome,
     decide,
     share_explained,
 )
 from bayesdeg.criticism.fit.search import Search, SearchEffort, Step, run_search
 from bayesdeg.criticism.holdout.held_out import HeldOut
+from bayesdeg.criticism.outcome import MISFIT_LEVEL, Outcome
 from bayesdeg.observations.means import Statistic
 from bayesdeg.priors import Normal, Parameter, TruncatedNormal
 from tests.criticism import straight_subject as straight

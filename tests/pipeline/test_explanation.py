@@ -17,8 +17,9 @@ from bayesdeg.criticism.checks.rupture_misfit import RuptureMisfit
 from bayesdeg.criticism.checks.shared_scatter import SharedScatter
 from bayesdeg.criticism.decide.candidates import Candidate, Confusability, EffectSize
 from bayesdeg.criticism.decide.support import Support
-from bayesdeg.criticism.decide.verdict import Decision, Outcome
+from bayesdeg.criticism.decide.verdict import Decision
 from bayesdeg.criticism.fit.search import Step
+from bayesdeg.criticism.outcome import Outcome
 from bayesdeg.observations.means import Statistic
 from bayesdeg.pipeline import record
 from bayesdeg.pipeline.explanation import explain
