@@ -56,7 +56,7 @@ def diagnose(
     names, standing = density.table.names, chain.judged(Standing())
     r_hat, bulk, tail = chain.r_hat(), chain.effective(), chain.effective("tail")
     ensembles, steps, walkers, _ = chain.vectors.shape
-    time = chain.autocorrelation_time()
+    time = ensembles * steps * walkers / bulk
     worst, fewest, rarest = int(np.argmax(r_hat)), int(np.argmin(bulk)), int(np.argmin(tail))
     figures = (
         f"largest R-hat {r_hat[worst]:.3f} ({names[worst]}), smallest effective sample size "
