@@ -134,9 +134,21 @@ def dimensionless(inputs: Inputs) -> tuple[Floats, Floats, Floats, Floats]:
     [0.8, 0.0, 0.0, 125.0]
     """
     c1 = np.where(inputs.c1 > 0.0, inputs.c1, np.nan)
-    load = inputs.pressure * 1e-3 / c1
     paper = inputs.paper_stiffness * 1e-3 / (c1 * inputs.linear_scale)
-    return load, inputs.c2 / c1, inputs.c3 / c1, paper
+    return load_of(inputs), inputs.c2 / c1, inputs.c3 / c1, paper
+
+
+def load_of(inputs: Inputs) -> Floats:
+    """Return p/C1 [–]; nan where C1 is not above 0.
+
+    Examples
+    --------
+    >>> one = np.ones(1)
+    >>> load_of(Inputs(240 * one, 0.3 * one, 0 * one, 0 * one, 0.8 * one, 3e4 * one))
+    array([0.8])
+    """
+    load: Floats = inputs.pressure * 1e-3 / np.where(inputs.c1 > 0.0, inputs.c1, np.nan)
+    return load
 
 
 def material_groups(inputs: Inputs) -> dict[str, Floats]:
@@ -149,14 +161,13 @@ def material_groups(inputs: Inputs) -> dict[str, Floats]:
     >>> {name: float(value[0]) for name, value in material_groups(inputs).items()}
     {'c2_ratio': 0.0, 'c3_ratio': 0.0, 'paper_group': 200.0, 'paper_thickness': 0.2}
     """
-    _, c2_ratio, c3_ratio, paper_group = dimensionless(inputs)
     c1 = np.where(inputs.c1 > 0.0, inputs.c1, np.nan)
     scale = np.asarray(inputs.linear_scale, dtype=np.float64)
     thickness = PAPER_THICKNESS if inputs.paper_thickness is None else inputs.paper_thickness
     groups = {
-        "c2_ratio": c2_ratio,
-        "c3_ratio": c3_ratio,
-        "paper_group": paper_group,
+        "c2_ratio": inputs.c2 / c1,
+        "c3_ratio": inputs.c3 / c1,
+        "paper_group": inputs.paper_stiffness * 1e-3 / (c1 * inputs.linear_scale),
         "paper_thickness": thickness / scale,
     }
     weight = 1e-6 * scale / c1  # kN/m³ to MPa/mm

@@ -17,7 +17,7 @@ from rich.table import Table
 from rich.text import Text
 
 from bayesdeg.console import console
-from bayesdeg.criticism.decide.verdict import Outcome
+from bayesdeg.criticism.outcome import Outcome
 from bayesdeg.errors import BayesdegError
 from bayesdeg.files import spreadsheet_safe, written
 from bayesdeg.pipeline.forecast import Stored

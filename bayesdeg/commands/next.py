@@ -11,8 +11,8 @@ from rich.text import Text
 from bayesdeg.commands.answers import AsJson, RunFolderPath, output
 from bayesdeg.commands.options import Quiet
 from bayesdeg.console import say
-from bayesdeg.criticism.decide.verdict import Outcome
 from bayesdeg.criticism.experiments.ranking import LEAST
+from bayesdeg.criticism.outcome import Outcome
 from bayesdeg.errors import BayesdegError
 from bayesdeg.records import FileRecord, Names
 from bayesdeg.report.folder import RunFolder

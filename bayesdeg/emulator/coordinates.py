@@ -6,6 +6,7 @@ it, by about e = k q/(P + P₀), P being the paper's group: it enters as φ = s/
 for a tight paper and 1 for one that is not felt at all.
 """
 
+import math
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -168,6 +169,7 @@ Flags = NDArray[np.bool_]
 
 _STIFFENING = NAMES.index("log_stiffening")
 _CAUSES = frozenset(cause.name for cause in CAUSES)
+_NEUTRAL = np.array([0.0, *(group.neutral for group in GROUPS)])
 
 
 @dataclass(frozen=True)
@@ -216,8 +218,8 @@ class Batch:
         shape = np.broadcast_shapes(np.shape(load), scale, *(np.shape(v) for v in given.values()))
         curves = not one_by_one and all(np.shape(v)[-1:] in ((), (1,)) for v in given.values())
         rows = (*shape[:-1], 1) if curves else shape
-        neutral = np.array([0.0, *(group.neutral for group in GROUPS)])
-        groups = np.repeat(neutral[:, None], int(np.prod(rows)), axis=1)
+        groups = np.empty((len(NAMES), math.prod(rows)))
+        groups[:] = _NEUTRAL[:, None]
         for name, value in given.items():
             groups[NAMES.index(name)] = np.broadcast_to(value, rows).ravel()
         within = _within(groups, tuple(given), span)
@@ -279,13 +281,14 @@ class Batch:
 
 def _within(groups: Floats, given: tuple[str, ...], span: TrainingRange) -> Flags:
     """Return whether all groups of each row lie in their ranges; what is not given does."""
-    places = [NAMES.index(name) - 1 for name in given]
-    if SLACK - 1 in places:  # of which the mismatch has a say
+    if NAMES[SLACK] in given:  # of which the mismatch has a say
         return np.asarray(np.all(inside(groups[1:].T, span), axis=1))
-    low, high = span.lower[places, None], span.upper[places, None]
-    room = ROOM * (high - low)
-    values = groups[1:][places]
-    return np.asarray(np.all((values >= low - room) & (values <= high + room), axis=0))
+    within = np.ones(groups.shape[1], dtype=bool)
+    for k in (NAMES.index(name) for name in given):
+        low, high = span.lower[k - 1], span.upper[k - 1]
+        room = ROOM * (high - low)
+        within &= (groups[k] >= low - room) & (groups[k] <= high + room)
+    return within
 
 
 def _scaled(

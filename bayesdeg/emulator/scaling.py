@@ -9,12 +9,13 @@ every stable material; C3/M and the paper's group enter by their logarithms.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdeg.actuator.inputs import PAPER_THICKNESS, Inputs, dimensionless, material_groups
+from bayesdeg.actuator.inputs import PAPER_THICKNESS, Inputs, load_of, material_groups
 from bayesdeg.actuator.material import Material
 
 Floats = NDArray[np.float64]
@@ -91,12 +92,12 @@ class TrainingRange:
     load: float = 0.96
     groups: tuple[Group, ...] = GROUPS
 
-    @property
+    @cached_property
     def lower(self) -> Floats:
         """Lower bounds of the groups, (12,)."""
         return np.array([group.low for group in self.groups])
 
-    @property
+    @cached_property
     def upper(self) -> Floats:
         """Upper bounds of the groups, (12,)."""
         return np.array([group.high for group in self.groups])
@@ -134,8 +135,7 @@ def groups_of(inputs: Inputs) -> dict[str, Floats]:
     {'load': 0.8, 'softening': 0.0, 'log_stiffening': -2.303, 'log_paper': 4.828, \
 'paper_thickness': 0.125}
     """
-    load, *_ = dimensionless(inputs)
-    return _normalised(load, material_groups(inputs))
+    return _normalised(load_of(inputs), material_groups(inputs))
 
 
 def groups_of_material(load: Floats, material: Material) -> dict[str, Floats]:

@@ -309,7 +309,8 @@ class Surrogate:
         """Return the prediction; outside the training range it is nan with a status."""
         if inputs.reference_pressure is not None:
             return relative_to_reference(self, inputs)
-        return self._answer(inputs, Batch.of(inputs, self.span))
+        batch = Batch.of(inputs, self.span)
+        return self._answer(inputs, batch, self._largest(batch))
 
     def continued(self, inputs: Inputs) -> Prediction:
         """Return the prediction, and outside the training range a continuation with its excess.
@@ -321,19 +322,22 @@ class Surrogate:
         if inputs.reference_pressure is not None:
             return relative_to_reference(self.continued, inputs)
         inner, distance = Batch.of(inputs, self.span).brought_inside(self.span)
-        largest = self._largest(inner)[:, None]
+        limits = self._largest(inner)
+        asked, most = inner.loads, limits[:, None]
+        off = ~np.all((asked >= 0.0) & (asked <= most), axis=1) | (distance > 0.0)
+        if not off.any():
+            return self._answer(inputs, inner, limits)
+        loads, asked, most = asked.copy(), asked[off], most[off]
+        loads[off] = np.clip(asked, 0.0, np.maximum(most, 0.0))
+        found = self._answer(inputs, replace(inner, loads=loads), limits)
         with np.errstate(divide="ignore", invalid="ignore"):
-            above = np.log(np.maximum(inner.loads / largest, 1.0))
-            below = np.maximum(-inner.loads / largest, 0.0)
-        loads = np.clip(inner.loads, 0.0, np.maximum(largest, 0.0))
-        found = self._answer(inputs, replace(inner, loads=loads))
-        excess = np.sqrt(distance[:, None] ** 2 + above**2 + below**2) / OUTSIDE_BY
-        if not np.any(excess > 0.0):
-            return replace(found, excess=np.zeros(inner.shape))
-        return _continued(found, above.reshape(inner.shape), excess.reshape(inner.shape))
+            above = np.log(np.maximum(asked / most, 1.0))
+            below = np.maximum(-asked / most, 0.0)
+        excess = np.sqrt(distance[off, None] ** 2 + above**2 + below**2) / OUTSIDE_BY
+        return _continued(found, off, above, excess)
 
-    def _answer(self, inputs: Inputs, batch: Batch) -> Prediction:
-        rows = self._rows(inputs, batch)
+    def _answer(self, inputs: Inputs, batch: Batch, largest: Floats) -> Prediction:
+        rows = self._rows(inputs, batch, largest)
         slack = bool(np.any(rows.slack > 0.0))
         values, allowed = map_of_rows(
             np.require(batch.loads, requirements=("C", "W")),  # one kind of array: compiled once
@@ -479,13 +483,13 @@ class Surrogate:
         allowed: Flags = (batch.loads >= 0.0) & (batch.loads <= self._largest(batch)[:, None])
         return allowed
 
-    def _rows(self, inputs: Inputs, batch: Batch) -> Rows:
+    def _rows(self, inputs: Inputs, batch: Batch, largest: Floats) -> Rows:
         slack, give = batch.slack
         rows = batch.shape if len(batch.warp) == np.prod(batch.shape) else (*batch.shape[:-1], 1)
         scale = np.broadcast_to(inputs.linear_scale, rows).ravel()
         return Rows(
             points=batch.scaled[list(ROW_AXES)],
-            largest=self._largest(batch),
+            largest=largest,
             stretching=np.exp(batch.warp[:, 0]),
             slack=slack,
             give=give,
@@ -494,16 +498,17 @@ class Surrogate:
         )
 
 
-def _continued(found: Prediction, above: Floats, excess: Floats) -> Prediction:
-    """Let curves go on along their tangents by so much in ln load."""
+def _continued(found: Prediction, off: Flags, above: Floats, excess: Floats) -> Prediction:
+    """Let curves of some rows go on along their tangents by so much in ln load."""
+    whole = {name: values.reshape(len(off), -1) for name, values in vars(found).items()}
+    part = {name: values[off] for name, values in whole.items()}  # the whole is the map's own
     with np.errstate(divide="ignore", invalid="ignore"):
-        growth = np.where(found.curvature > 0.0, found.slope / found.curvature, 1.0) * above
-    outside = np.where(excess > 0.0, int(Status.OUTSIDE_TRAINING), found.status)
-    return replace(
-        found,
-        curvature=found.curvature * (1.0 + growth),
-        bend_angle=found.bend_angle * (1.0 + growth),
-        peak_stretch=1.0 + (found.peak_stretch - 1.0) * (1.0 + growth),
-        status=outside,
-        excess=excess,
-    )
+        curvature = part["curvature"]
+        factor = 1.0 + np.where(curvature > 0.0, part["slope"] / curvature, 1.0) * above
+    whole["curvature"][off] = curvature * factor
+    whole["bend_angle"][off] = part["bend_angle"] * factor
+    whole["peak_stretch"][off] = 1.0 + (part["peak_stretch"] - 1.0) * factor
+    outside = int(Status.OUTSIDE_TRAINING)
+    whole["status"][off] = np.where(excess > 0.0, outside, part["status"])
+    whole["excess"][off] = excess
+    return Prediction(**{n: v.reshape(found.curvature.shape) for n, v in whole.items()})

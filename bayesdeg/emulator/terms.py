@@ -329,9 +329,7 @@ BLOCK = 32  # rows
 N_CHEBYSHEV_ROWS = len(MATERIAL)
 
 
-def evaluate(
-    terms: Terms, rows: Floats, loads: Floats, phi: Floats | None, *, slopes: bool = False
-) -> Floats:
+def evaluate(terms: Terms, rows: Floats, loads: Floats, phi: Floats | None) -> Floats:
     """Return sums of terms, shape (n_outputs, n_rows, n_columns).
 
     Parameters
@@ -344,8 +342,6 @@ def evaluate(
         Warped load on [−1, 1].
     phi : array, shape (n_rows, n_columns), optional
         Place of the slack; 0 if not given.
-    slopes : bool
-        Whether the derivatives of the first output by load and φ follow the outputs.
     """
     plan = active_plan(terms, rows, slack=phi is not None and bool(np.any(phi != 0.0)))
     summed: Floats = _sum_terms(
@@ -360,10 +356,8 @@ def evaluate(
         plan.coefficients,
         plan.n_orders,
         plan.n_powers if phi is not None else 1,
-        slopes,
     )
-    made_up = np.s_[len(terms.coefficients) : plan.coefficients.shape[1]]
-    return np.delete(summed, made_up, axis=0)
+    return summed[: len(terms.coefficients)]
 
 
 def active_plan(terms: Terms, rows: Floats, *, slack: bool) -> Plan:
@@ -432,45 +426,23 @@ def contract(
 
 @compiled
 def _along(
-    value: Floats,
-    along: Floats,
-    load: Floats,
-    phi: Floats,
-    work: Floats,
-    n_orders: int,
-    n_powers: int,
-    n_outputs: int,
-    slopes: bool,
+    value: Floats, along: Floats, load: Floats, phi: Floats, work: Floats, n_orders: int
 ) -> None:  # pragma: no cover - compiled
     """Sum along the load and φ at one column of a block of rows."""
     value[:] = 0.0
-    power, before, t0, t1, d0, d1 = work[0], work[1], work[2], work[3], work[4], work[5]
+    power, t0, t1 = work[0], work[1], work[2]
     power[:] = 1.0
-    before[:] = 0.0  # m φ^(m−1)
-    for m in range(n_powers):
+    for first in range(0, len(along), n_orders):
         t0[:] = 1.0
-        d0[:] = 0.0
-        d1[:] = 1.0
         for lane in range(BLOCK):
             t1[lane] = load[lane]
-        for n in range(n_orders):
-            slot = m * n_orders + n
-            for output in range(n_outputs):
+        for slot in range(first, first + n_orders):
+            for output in range(len(value)):
                 for lane in range(BLOCK):
                     value[output, lane] += along[slot, output, lane] * (t0[lane] * power[lane])
-            if slopes:
-                for lane in range(BLOCK):
-                    a = along[slot, 0, lane]
-                    value[n_outputs, lane] += a * (d0[lane] * power[lane])
-                    value[n_outputs + 1, lane] += a * (t0[lane] * before[lane])
             for lane in range(BLOCK):
-                u = 2.0 * load[lane]
-                following = u * t1[lane] - t0[lane]
-                slope = 2.0 * t1[lane] + u * d1[lane] - d0[lane]
-                t0[lane], t1[lane] = t1[lane], following
-                d0[lane], d1[lane] = d1[lane], slope
+                t0[lane], t1[lane] = t1[lane], 2.0 * load[lane] * t1[lane] - t0[lane]
         for lane in range(BLOCK):
-            before[lane] = (m + 1) * power[lane]
             power[lane] *= phi[lane]
 
 
@@ -487,18 +459,16 @@ def _sum_terms(
     coefficients: Floats,
     n_orders: int,
     n_powers: int,
-    slopes: bool,
 ) -> Floats:  # pragma: no cover - compiled
     """Sum the terms of a plan, block by block; see ``evaluate``."""
     n_rows, n_columns = loads.shape
     n_outputs = coefficients.shape[1]
-    n_values = n_outputs + 2 if slopes else n_outputs
-    out = np.empty((n_values, n_rows, n_columns))
+    out = np.empty((n_outputs, n_rows, n_columns))
     table = np.empty((starts[-1], BLOCK))
     product = np.empty((parents.shape[0], BLOCK))
     along = np.empty((n_orders * n_powers, n_outputs, BLOCK))
-    value = np.empty((n_values, BLOCK))
-    work = np.empty((6, BLOCK))
+    value = np.empty((n_outputs, BLOCK))
+    work = np.empty((3, BLOCK))
     load, slack = np.zeros(BLOCK), np.zeros(BLOCK)
     for first in range(0, n_rows, BLOCK):
         count = min(BLOCK, n_rows - first)
@@ -509,8 +479,8 @@ def _sum_terms(
                 load[lane] = loads[first + lane, column]
                 if n_powers > 1:
                     slack[lane] = phi[first + lane, column]
-            _along(value, along, load, slack, work, n_orders, n_powers, n_outputs, slopes)
-            for k in range(n_values):
+            _along(value, along, load, slack, work, n_orders)
+            for k in range(n_outputs):
                 for lane in range(count):
                     out[k, first + lane, column] = value[k, lane]
     return out

@@ -41,7 +41,7 @@ from bayesdeg.priors import Named, Parameter, ParameterTable
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-AT_ONCE = 256
+AT_ONCE = 128
 """Vectors of a batch that are worked on at a time: so few that what lies between fits the cache."""
 
 
@@ -165,8 +165,11 @@ class Model:
 
     def allows(self, values: Named) -> Flags:
         """Return which values the world allows with the specimens that there are, (n,)."""
-        levels = [one.levels for one in self.observations]
-        return self.world.allows(values, np.concatenate([np.empty(0), *levels]))
+        return self.world.allows(values, self._levels)
+
+    @cached_property
+    def _levels(self) -> Floats:
+        return np.concatenate([np.empty(0), *(one.levels for one in self.observations)])
 
     # ---- other data, other causes
 
@@ -558,7 +561,8 @@ class CountedDensity:
     """
 
     def __init__(self, density: Density) -> None:
-        self.refusals = Refusals()
+        self._proposed = 0
+        self._refused: list[Floats] = []
         self._watched = density
         self._outside = np.zeros(0, dtype=bool)
         if isinstance(density, Model):
@@ -574,9 +578,16 @@ class CountedDensity:
     def _counted(self, vectors: Floats) -> Floats:
         self._outside = np.zeros(len(vectors), dtype=bool)
         density = self._watched.log_prob(vectors)
-        refused = self._allowed(vectors[self._outside]) if self._outside.any() else 0
-        self.refusals += Refusals(len(vectors), refused)
+        self._proposed += len(vectors)
+        if self._outside.any():
+            self._refused.append(vectors[self._outside])
         return density
+
+    @property
+    def refusals(self) -> Refusals:
+        """How many vectors there were so far, and how many nothing but the map refused."""
+        refused = self._allowed(np.concatenate(self._refused)) if self._refused else 0
+        return Refusals(self._proposed, refused)
 
     def _report(self, refused: Flags) -> None:
         self._outside = self._outside | refused

@@ -142,6 +142,8 @@ class Standing:
         Steps that an earlier run had done.
     settled : bool
         Whether moves are fitted no more.
+    slowest : tuple of int
+        Parameters with that effective sample size and that R̂.
     """
 
     steps: int = 0
@@ -151,6 +153,7 @@ class Standing:
     times: float = math.nan
     resumed: int = 0
     settled: bool = False
+    slowest: tuple[int, ...] = ()
 
     def steps_wanted(self, effort: Effort) -> float:
         """Return how many kept steps would meet an effort's criteria; nan while none are kept.
@@ -201,22 +204,25 @@ class Chain:
     acceptance: Floats
     refusals: Refusals = field(default_factory=Refusals)
 
-    def r_hat(self) -> Floats:
-        """Rank-normalised split R̂ of each parameter, ensembles as chains.
+    def r_hat(self, which: Sequence[int] | None = None) -> Floats:
+        """Rank-normalised split R̂ of each parameter, or of some, ensembles as chains.
 
         The walkers of one ensemble move by one another, so they are no independent chains.
         """
         ensembles, steps, walkers, size = self.vectors.shape
         draws = self.vectors.reshape(ensembles, steps * walkers, size)
-        return np.array([array_stats.rhat(draws[:, :, i]) for i in range(size)])
+        return np.array([array_stats.rhat(draws[:, :, i]) for i in which or range(size)])
 
-    def effective(self, method: str = "bulk") -> Floats:
-        """Effective sample size of each parameter, autocorrelation taken along each walker."""
+    def effective(self, method: str = "bulk", which: Sequence[int] | None = None) -> Floats:
+        """Effective sample size of each parameter, or of some, along each walker."""
         ensembles, steps, walkers, size = self.vectors.shape
         lines = np.swapaxes(self.vectors, 1, 2).reshape(ensembles * walkers, steps, size)
         prob = 0.9 if method == "tail" else None
         return np.array(
-            [array_stats.ess(lines[:, :, i], method=method, prob=prob) for i in range(size)]
+            [
+                array_stats.ess(lines[:, :, i], method=method, prob=prob)
+                for i in which or range(size)
+            ]
         )
 
     def autocorrelation_time(self) -> Floats:
@@ -228,16 +234,29 @@ class Chain:
         time: Floats = ensembles * steps * walkers / self.effective()
         return time
 
-    def judged(self, standing: Standing) -> Standing:
-        """Return a standing with what the chain's draws are worth."""
-        effective = float(np.min(self.effective()))
+    def judged(self, standing: Standing, effort: Effort | None = None) -> Standing:
+        """Return a standing with what the chain's draws are worth.
+
+        With an effort, and as long as the parameters that were slowest before do not meet it, they
+        alone are looked at.
+        """
+        if effort is not None and standing.slowest:
+            some = self._worth(standing, standing.slowest)
+            if not some.enough(effort):
+                return some
+        return self._worth(standing, range(self.vectors.shape[-1]))
+
+    def _worth(self, standing: Standing, which: Sequence[int]) -> Standing:
+        effective, r_hat = self.effective(which=which), self.r_hat(which)
+        fewest, worst = int(np.argmin(effective)), int(np.argmax(r_hat))
         ensembles, steps, walkers, _ = self.vectors.shape
         return replace(
             standing,
             kept=steps,
-            effective=effective,
-            r_hat=float(np.max(self.r_hat())),
-            times=effective / (ensembles * walkers),
+            effective=float(effective[fewest]),
+            r_hat=float(r_hat[worst]),
+            times=float(effective[fewest]) / (ensembles * walkers),
+            slowest=(which[fewest], which[worst]),
         )
 
     def thinned(self, kept: int) -> Self:
@@ -618,9 +637,10 @@ def sample(
                     standing.steps + look,
                     resumed=standing.resumed + resumed,
                     settled=standing.settled,
+                    slowest=standing.slowest,
                 )
                 if period > 0:
-                    standing = chain.judged(standing)
+                    standing = chain.judged(standing, effort)
                 if on_chunk is not None:
                     on_chunk(standing)
                 if standing.enough(effort) or standing.steps >= effort.longest:

@@ -22,7 +22,8 @@ doi:10.1016/j.cagd.2012.03.001.
 """
 
 import math
-from functools import lru_cache
+from collections.abc import Callable
+from functools import lru_cache, wraps
 from typing import NamedTuple
 
 import numpy as np
@@ -223,6 +224,54 @@ def nodes_for(degradations: npt.ArrayLike, order: int = 2) -> Nodes:
     return NODES[min(order, distinct - 1)]
 
 
+LEVEL_WIDTH = 2.0  # degradation rates this close count as one level [%]
+
+
+def levels(
+    degradation: FloatArray, width: float = LEVEL_WIDTH
+) -> tuple[FloatArray, npt.NDArray[np.int64]]:
+    """Return the levels of degradation that specimens were meant to have, and each one's level.
+
+    Examples
+    --------
+    >>> centres, member = levels(np.array([0.0, 4.8, 5.3, 10.0]))
+    >>> centres.round(2).tolist(), member.tolist()
+    ([0.0, 5.05, 10.0], [0, 1, 1, 2])
+    """
+    order = np.argsort(degradation)
+    steps = np.diff(degradation[order]) > width
+    member = np.empty(len(degradation), dtype=np.int64)
+    member[order] = np.concatenate([[0], np.cumsum(steps)])
+    centres = np.array([degradation[member == k].mean() for k in range(member.max() + 1)])
+    return centres, member
+
+
+type _OfRates = Callable[[npt.ArrayLike, Nodes], FloatArray]
+
+FEW = 1000
+"""Degradation rates of which weights are kept: those of specimens, not of draws."""
+
+
+def _remembered(work: _OfRates) -> _OfRates:
+    """Keep what follows from the same degradation rates and nodes, which a density asks for."""
+
+    @lru_cache(maxsize=64)
+    def known(raw: bytes, shape: tuple[int, ...], nodes: Nodes) -> FloatArray:
+        found = work(np.frombuffer(raw).reshape(shape), nodes)
+        found.setflags(write=False)
+        return found
+
+    @wraps(work)
+    def remembered(degradation: npt.ArrayLike, nodes: Nodes) -> FloatArray:
+        level = np.asarray(degradation, dtype=np.float64)
+        if level.size > FEW:
+            return work(level, nodes)
+        return known(level.tobytes(), level.shape, nodes)
+
+    return remembered
+
+
+@_remembered
 def lagrange_weights(degradation: npt.ArrayLike, nodes: Nodes) -> FloatArray:
     r"""Return the weights of the values at the nodes in the value at D_R.
 
@@ -253,6 +302,7 @@ def lagrange_weights(degradation: npt.ArrayLike, nodes: Nodes) -> FloatArray:
     return np.prod(factors, axis=-1) / spacing
 
 
+@_remembered
 def lagrange_slopes(degradation: npt.ArrayLike, nodes: Nodes) -> FloatArray:
     """Return the derivative of `lagrange_weights` by D_R [1/%], shape (..., n_nodes).
 
@@ -485,6 +535,7 @@ class Controls(NamedTuple):
         return self.ratio * np.sqrt(3.0 * self.c1 * self.c3)
 
 
+@_remembered
 def bernstein_weights(degradation: npt.ArrayLike, nodes: Nodes) -> FloatArray:
     """Return B_k at degradation rates [%], shape (..., n_nodes).
 
@@ -496,6 +547,7 @@ def bernstein_weights(degradation: npt.ArrayLike, nodes: Nodes) -> FloatArray:
     return _bernstein(_place(degradation, nodes), len(nodes) - 1)
 
 
+@_remembered
 def bernstein_slopes(degradation: npt.ArrayLike, nodes: Nodes) -> FloatArray:
     """Return dB_k/dD_R [1/%] at degradation rates [%], shape (..., n_nodes).
 

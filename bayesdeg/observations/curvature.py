@@ -323,7 +323,7 @@ def curve_density(
     n, n_specimens, points = curves.curvature.shape
     n_readings = mask.shape[1]
     alike, count = same_path(mask, gap), 0
-    rows, white = np.zeros((n_readings, 4 * LANES)), np.empty((n_readings, 3 * LANES))
+    rows, white = np.empty((n_readings, 4 * LANES)), np.empty((n_readings, 3 * LANES))
     gains, order = np.empty((n_readings, 3 * LANES)), np.empty(n_readings, np.int64)
     lengths, both, constant = np.empty(LANES), np.empty(LANES), np.empty(LANES)
     found = np.empty((3, LANES))
@@ -370,7 +370,7 @@ def _curvatures(
     for j in range(len(curvature)):
         error = noise[1] * curvature[j]
         rows[j, 0] = readings[j] - curvature[j] - growth[j] * mode
-        rows[j, 1] = -growth[j] * width
+        rows[j, 1], rows[j, 2] = -growth[j] * width, 0.0
         variance = noise[0] * noise[0] + error * error + sd[j] * sd[j]
         rows[j, 3] = variance + reading_sd[j] * reading_sd[j]
 
@@ -393,7 +393,7 @@ def _angles(
         relative = growth[j] / (math.inf if curvature[j] == 0.0 else curvature[j])
         error, slope = noise[3] * angle[j], -angle[j] * relative
         rows[points + j, 0] = readings[points + j] - angle[j] + slope * mode
-        rows[points + j, 1] = slope * width
+        rows[points + j, 1], rows[points + j, 2] = slope * width, 0.0
         rows[points + j, 3] = noise[2] * noise[2] + error * error + sd[j] * sd[j]
 
 
@@ -578,7 +578,9 @@ def _curves(mechanics: Prediction, prediction: Prediction) -> Curves:
         mechanics.curvature,
         mechanics.slope,
     )
-    return Curves(*(np.ascontiguousarray(np.broadcast_to(c, curves[0].shape)) for c in curves))
+    shape = curves[0].shape
+    whole = (c if c.shape == shape else np.broadcast_to(c, shape) for c in curves)
+    return Curves(*map(np.ascontiguousarray, whole))
 
 
 def reading_correlation(values: Named, data: ActuatorCurves) -> Floats:
@@ -593,7 +595,7 @@ def range_excess(data: ActuatorCurves, prediction: Prediction) -> Floats:
 
     The root of the sum of squares over the readings that there are; 0 of maps that do not go on.
     """
-    if prediction.excess is None:
+    if prediction.excess is None or not prediction.excess.any():
         return np.zeros((len(prediction.curvature), len(data.specimens)))
     shape = (len(prediction.curvature), *data.mask.shape)
     each = np.where(data.mask, np.broadcast_to(prediction.excess, shape), 0.0)
@@ -604,23 +606,10 @@ def range_excess(data: ActuatorCurves, prediction: Prediction) -> Floats:
 def _with_common_error(
     state: State[FilmsAndActuators], data: ActuatorCurves, prediction: Prediction
 ) -> Prediction:
-    """Shift a prediction by the emulator's error, which all curves share.
-
-    The error in its standard errors is g = u₀/√3 + u₁ (2 p/p_max − 1) + u₂ (2 D/D_max − 1), of unit
-    variance on average over pressures and degradation rates.
-    """
-    values, world = state.values, state.world
-    if "emulator_error_level" not in values:
+    """Shift a prediction by the emulator's error, which all curves share."""
+    if "emulator_error_level" not in state.values:
         return prediction
-    level, by_pressure, by_degradation = (
-        values[f"emulator_error_{name}"][:, None, None]
-        for name in ("level", "pressure", "degradation")
-    )
-    g = (
-        level / np.sqrt(3.0)
-        + by_pressure * (2.0 * data.pressure / world.largest_pressure - 1.0)
-        + by_degradation * (2.0 * data.degradation / max(world.nodes[-1], 1.0) - 1.0)
-    )
+    g = state.once(common_error, data)
     nothing = np.zeros_like(prediction.sd)
     with np.errstate(invalid="ignore"):  # what is refused may be infinite
         return replace(
@@ -630,6 +619,22 @@ def _with_common_error(
             sd=nothing,
             bend_angle_sd=nothing,
         )
+
+
+def common_error(state: State[FilmsAndActuators], data: ActuatorCurves) -> Floats:
+    """Return the emulator's error in its standard errors, (n, n_specimens, n_points).
+
+    g = u₀/√3 + u₁ (2 p/p_max − 1) + u₂ (2 D/D_max − 1), of unit variance on average over pressures
+    and degradation rates.
+    """
+    level, by_pressure, by_degradation = (
+        state.values[f"emulator_error_{name}"][:, None, None]
+        for name in ("level", "pressure", "degradation")
+    )
+    rates = 2.0 * data.degradation / max(state.world.nodes[-1], 1.0) - 1.0
+    pressures = 2.0 * data.pressure / state.world.largest_pressure - 1.0
+    error: Floats = (level / np.sqrt(3.0) + by_degradation * rates) + by_pressure * pressures
+    return error
 
 
 def _readings(

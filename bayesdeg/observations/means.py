@@ -1,6 +1,7 @@
 """Means of replicates: published ones, and α from the films' masses."""
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import ClassVar, override
 
 import numpy as np
@@ -16,6 +17,7 @@ from bayesdeg.observations.specimens import FilmsAndActuators, young_modulus
 from bayesdeg.priors import Named
 
 Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -99,13 +101,10 @@ def expected_statistics(
     state: State[FilmsAndActuators], statistics: tuple[Statistic, ...]
 ) -> Floats:
     """Return what statistics are of, in their units, (n, n_statistics)."""
-    kinds = np.array([s.quantity for s in statistics])
-    levels = np.array([s.degradation for s in statistics])
+    levels, ratio, modulus, elongation = _kinds_of(statistics)
     world = state.world
     given: Named = state.values  # noqa: PD011 - no frame
     means = np.empty((len(state), len(statistics)))
-    ratio, modulus = kinds == "volume_ratio", kinds == "young_modulus"
-    elongation = ~(ratio | modulus)
     if np.any(ratio):
         means[:, ratio] = given["volume_ratio"][:, None]
     if np.any(modulus):
@@ -114,6 +113,15 @@ def expected_statistics(
     if np.any(elongation):
         means[:, elongation] = world.elongation(given, levels[elongation])
     return means
+
+
+@lru_cache(maxsize=64)
+def _kinds_of(statistics: tuple[Statistic, ...]) -> tuple[Floats, Flags, Flags, Flags]:
+    """Return degradation rates [%], and which are volume ratios, moduli and elongations."""
+    levels = np.array([s.degradation for s in statistics])
+    kinds = np.array([s.quantity for s in statistics])
+    ratio, modulus = kinds == "volume_ratio", kinds == "young_modulus"
+    return levels, ratio, modulus, ~(ratio | modulus)
 
 
 @dataclass(frozen=True)

@@ -315,7 +315,7 @@ def path_innovations(
     """
     n, n_specimens, n_readings = residual.shape
     alike, count = same_path(mask, gap), 0
-    rows, white = np.zeros((n_readings, 4 * LANES)), np.empty((n_readings, 3 * LANES))
+    rows, white = np.empty((n_readings, 4 * LANES)), np.empty((n_readings, 3 * LANES))
     gains, order = np.empty((n_readings, 3 * LANES)), np.empty(n_readings, np.int64)
     lengths, both, constant = np.empty(LANES), np.empty(LANES), np.empty(LANES)
     score[:] = 0.0
@@ -332,6 +332,7 @@ def path_innovations(
                 b = first + lane
                 for j in range(n_readings):
                     rows[j, lane], rows[j, 3 * LANES + lane] = residual[b, s, j], variance[b, s, j]
+                    rows[j, 2 * LANES + lane] = 0.0
                     for k in range(slope.shape[3]):
                         width = math.sqrt(spread[b, s, k])
                         rows[j, (1 + k) * LANES + lane] = slope[b, s, j, k] * width

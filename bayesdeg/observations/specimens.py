@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -54,6 +55,7 @@ _AROUND_ONE = 1.0 + _STEP * np.array([-2.0, -1.0, 1.0, 2.0])
 """Stretches about 1, and weights with which stresses there give the slope to a part in 1e11."""
 
 
+@cache
 def node_name(quantity: str, node: float) -> str:
     """Return a parameter's name at a node of D_R.
 
@@ -65,6 +67,7 @@ def node_name(quantity: str, node: float) -> str:
     return f"{quantity}_at_{node:g}".replace(".", "_")
 
 
+@cache
 def control_name(quantity: str, nodes: Nodes, k: int) -> str:
     """Return the name of a constant's control value: its value at the ends, its pull between them.
 

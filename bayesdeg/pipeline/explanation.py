@@ -9,11 +9,11 @@ import numpy as np
 
 from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.causes.cause import Cause
-from bayesdeg.criticism.checks.discrepancy import MISFIT_LEVEL
 from bayesdeg.criticism.decide.candidates import Candidate, EffectSize
 from bayesdeg.criticism.decide.verdict import share_explained, uncalibrated
 from bayesdeg.criticism.fit.search import FALSE_NAME_RATE
 from bayesdeg.criticism.holdout.gain import mode_table
+from bayesdeg.criticism.outcome import MISFIT_LEVEL
 from bayesdeg.pipeline.judge import Judgement
 from bayesdeg.priors import Parameter
 from bayesdeg.report.wording import SPACE, sentences, worded

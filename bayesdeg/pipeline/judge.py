@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.checks.conflict import Conflict, Questioned, conflict, questioned
-from bayesdeg.criticism.checks.discrepancy import MISFIT_LEVEL, Misfit
+from bayesdeg.criticism.checks.discrepancy import Misfit
 from bayesdeg.criticism.checks.rupture_misfit import RuptureMisfit, rupture_misfit
 from bayesdeg.criticism.checks.shared_scatter import SharedScatter, shared_scatter
 from bayesdeg.criticism.decide.candidates import (
@@ -33,7 +33,6 @@ from bayesdeg.criticism.decide.support import (
 from bayesdeg.criticism.decide.verdict import (
     Decision,
     NotComputed,
-    Outcome,
     decide,
     uncalibrated,
 )
@@ -45,6 +44,7 @@ from bayesdeg.criticism.fit.side_by_side import later
 from bayesdeg.criticism.fit.trials import Trial, try_causes
 from bayesdeg.criticism.holdout.held_out import HeldOut, by_level, joined
 from bayesdeg.criticism.holdout.leaving_out import carried_out, in_folds
+from bayesdeg.criticism.outcome import MISFIT_LEVEL, Outcome
 from bayesdeg.inference.model import Model
 from bayesdeg.observations.curvature import CURVATURE
 from bayesdeg.pipeline.assemble import Assembly

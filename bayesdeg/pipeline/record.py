@@ -25,7 +25,7 @@ from bayesdeg.criticism.checks.residuals import (
 )
 from bayesdeg.criticism.checks.rupture_misfit import RuptureMisfit
 from bayesdeg.criticism.decide.candidates import Candidate
-from bayesdeg.criticism.decide.verdict import Outcome
+from bayesdeg.criticism.outcome import Outcome
 from bayesdeg.data.plausibility import Doubt, doubts
 from bayesdeg.data.study import Study
 from bayesdeg.emulator.surrogate import Surrogate

@@ -13,7 +13,6 @@ from bayesdeg.criticism.checks import statistics as residual_statistics
 from bayesdeg.criticism.checks.residuals import (
     CurvatureFit,
     level_table,
-    levels,
     misfit_frame,
     predict_readings,
 )
@@ -25,6 +24,7 @@ from bayesdeg.data.moisture import degradation_of_films, moisture_content
 from bayesdeg.data.study import Study
 from bayesdeg.inference.model import Model
 from bayesdeg.inference.sampling import EFFORTS, to_datatree
+from bayesdeg.material.degradation import levels
 from bayesdeg.observations.curvature import ActuatorCurves
 from bayesdeg.observations.means import statistics
 from bayesdeg.observations.tensile import (

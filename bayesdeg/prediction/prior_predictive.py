@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from bayesdeg.criticism.checks.residuals import levels
 from bayesdeg.inference.model import Model
+from bayesdeg.material.degradation import levels
 from bayesdeg.material.hyperelastic import yeoh_basis
 from bayesdeg.observations.tensile import film_readings, median_stresses, stress_variance
 from bayesdeg.prediction.predictive import QUANTILES, at_conditions

@@ -9,8 +9,7 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from bayesdeg.criticism.checks.discrepancy import MISFIT_LEVEL
-from bayesdeg.criticism.decide.verdict import Outcome
+from bayesdeg.criticism.outcome import MISFIT_LEVEL, Outcome
 from bayesdeg.report.record import CandidateEntry, Verdict
 from bayesdeg.report.summaries import BASE, Row, extended_model, pooled, rows_of
 from bayesdeg.report.wording import (

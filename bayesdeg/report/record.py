@@ -4,8 +4,7 @@ from collections.abc import Mapping
 
 from pydantic import Field
 
-from bayesdeg.criticism.checks.discrepancy import MISFIT_LEVEL
-from bayesdeg.criticism.decide.verdict import Outcome
+from bayesdeg.criticism.outcome import MISFIT_LEVEL, Outcome
 from bayesdeg.records import (
     FileRecord,
     Names,

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from bayesdeg.criticism.decide.verdict import Outcome
+from bayesdeg.criticism.outcome import Outcome
 from bayesdeg.report.record import Verdict
 from bayesdeg.report.tables import ALL_LEVELS, present
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from bayesdeg.criticism.decide.verdict import Outcome
+from bayesdeg.criticism.outcome import Outcome
 from bayesdeg.quantities import p_value_text
 
 SPACE = "\N{NO-BREAK SPACE}"

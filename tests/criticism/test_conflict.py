@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from bayesdeg.criticism.checks.conflict import conflict, questioned, surprise
-from bayesdeg.criticism.checks.discrepancy import MISFIT_LEVEL
+from bayesdeg.criticism.outcome import MISFIT_LEVEL
 from bayesdeg.observations.means import Statistic
 from bayesdeg.priors import (
     Flat,

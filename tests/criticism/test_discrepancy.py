@@ -16,7 +16,6 @@ from bayesdeg.criticism.checks.discrepancy import (
     FEWEST,
     LARGE,
     LONG,
-    MISFIT_LEVEL,
     SHORT,
     Misfit,
     discrepancies,
@@ -28,6 +27,7 @@ from bayesdeg.criticism.checks.discrepancy import (
     resolved,
 )
 from bayesdeg.criticism.fit.linear import linearise
+from bayesdeg.criticism.outcome import MISFIT_LEVEL
 from bayesdeg.observations.curvature import ANGLE, CURVATURE
 from bayesdeg.observations.readings import places_of
 from tests.criticism import straight_subject as straight

@@ -9,13 +9,13 @@ from scipy.stats import linregress
 from bayesdeg.criticism.checks.residuals import (
     CurvatureFit,
     level_table,
-    levels,
     predict_readings,
     r_squared,
     where,
     where_films,
 )
 from bayesdeg.criticism.fit.linear import linearise
+from bayesdeg.material.degradation import levels
 from bayesdeg.observations.curvature import CURVATURE
 from tests.criticism.linear_case import constant_chain, known_linear, tight_model
 from tests.inference.small_study import TRUTH, altered, small_model, values_of

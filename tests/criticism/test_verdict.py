@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.stats import norm
 
 from bayesdeg.criticism.checks.conflict import Conflict, Questioned
-from bayesdeg.criticism.checks.discrepancy import LARGE, MISFIT_LEVEL, Misfit
+from bayesdeg.criticism.checks.discrepancy import LARGE, Misfit
 from bayesdeg.criticism.checks.rupture_misfit import RuptureMisfit
 from bayesdeg.criticism.checks.shared_scatter import SharedScatter
 from bayesdeg.criticism.decide import verdict as deciding
@@ -37,7 +37,6 @@ from bayesdeg.criticism.decide.verdict import (
     NothingHeldOut,
     NotPredictedBetter,
     NotTested,
-    Outcome,
     SharedByLevel,
     TooLittleExplained,
     Uncalibrated,
@@ -46,6 +45,7 @@ from bayesdeg.criticism.decide.verdict import (
 )
 from bayesdeg.criticism.fit.search import Search, SearchEffort, Step, run_search
 from bayesdeg.criticism.holdout.held_out import HeldOut
+from bayesdeg.criticism.outcome import MISFIT_LEVEL, Outcome
 from bayesdeg.observations.means import Statistic
 from bayesdeg.priors import Normal, Parameter, TruncatedNormal
 from tests.criticism import straight_subject as straight

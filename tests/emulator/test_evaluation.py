@@ -81,20 +81,6 @@ def test_neither_order_nor_number_of_rows_changes_a_bit():
     np.testing.assert_array_equal(alone[:, 0], whole[:, 7])
 
 
-def test_slopes_are_the_derivatives_by_load_and_slack():
-    generator = np.random.default_rng(3)
-    terms = random_terms(generator, 150, 3, size=1.0)
-    rows, loads, phi = random_rows(generator, 20, 4)
-    loads = 0.99 * loads
-    out = evaluate(terms, rows, loads, phi, slopes=True)
-    np.testing.assert_array_equal(out[:3], evaluate(terms, rows, loads, phi))
-    h = 1e-5
-    for k, (du, dphi) in ((3, (h, 0.0)), (4, (0.0, h))):
-        up = evaluate(terms, rows, loads + du, phi + dphi)[0]
-        down = evaluate(terms, rows, loads - du, phi - dphi)[0]
-        np.testing.assert_allclose(out[k], (up - down) / (2 * h), rtol=1e-7, atol=1e-8)
-
-
 def test_products_are_made_from_products_with_one_factor_less():
     terms = random_terms(np.random.default_rng(4), 60, 1, size=1.0)
     plan = plan_of(terms, ALL)

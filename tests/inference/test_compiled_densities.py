@@ -7,7 +7,7 @@ from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.inference.model import AT_ONCE
 from bayesdeg.observations import curvature as actuators
 from bayesdeg.observations import tensile as films
-from bayesdeg.observations.noise import Linearised
+from bayesdeg.observations.noise import LANES, Linearised
 from bayesdeg.observations.specimens import stiffness_spread
 from tests.inference.path_filter import density_and_mode
 from tests.inference.small_study import draws_near_truth, small_model
@@ -109,3 +109,15 @@ def test_a_batch_in_parts_is_its_vectors_one_by_one():
     for k in (0, AT_ONCE - 1, AT_ONCE, AT_ONCE + 2):
         np.testing.assert_allclose(found[k], model.log_prob(vectors[k : k + 1])[0], rtol=1e-12)
     assert model.log_prob(vectors[:0]).shape == (0,)
+
+
+@pytest.mark.parametrize("away", [1e10, -1e10, np.nan])
+def test_vectors_without_a_density_leave_those_beside_them_as_they_are(away):
+    model = small_model()
+    vectors = draws_near_truth(model, 3 * LANES, spread=0.15)
+    broken = vectors.copy()
+    broken[:LANES] += away
+    kept = slice(LANES, None)
+    np.testing.assert_array_equal(model.log_prob(broken)[kept], model.log_prob(vectors)[kept])
+    for found, known in zip(model.factors(broken), model.factors(vectors), strict=True):
+        np.testing.assert_array_equal(found[kept], known[kept])

@@ -21,11 +21,11 @@ from bayesdeg.criticism.decide.verdict import (
     Decision,
     NoReduction,
     NotPredictedBetter,
-    Outcome,
     TooLittleExplained,
     Uncalibrated,
 )
 from bayesdeg.criticism.fit.search import Step
+from bayesdeg.criticism.outcome import Outcome
 from bayesdeg.observations.means import Statistic
 from bayesdeg.pipeline import record
 from bayesdeg.pipeline.explanation import explain

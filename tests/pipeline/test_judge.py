@@ -7,8 +7,9 @@ import pytest
 
 from bayesdeg.causes.catalogue import find
 from bayesdeg.criticism.decide.support import INSEPARABLE, Support
-from bayesdeg.criticism.decide.verdict import Decision, Outcome
+from bayesdeg.criticism.decide.verdict import Decision
 from bayesdeg.criticism.fit.search import SearchEffort
+from bayesdeg.criticism.outcome import Outcome
 from bayesdeg.criticism.posterior.convergence import diagnose
 from bayesdeg.inference.importance import about_mode
 from bayesdeg.inference.laplace import approximate

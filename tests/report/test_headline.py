@@ -4,7 +4,7 @@ from itertools import product
 
 import pytest
 
-from bayesdeg.criticism.decide.verdict import Outcome
+from bayesdeg.criticism.outcome import Outcome
 from bayesdeg.report.headline import headline_of
 from bayesdeg.report.record import Verdict
 from bayesdeg.report.wording import BADGES

@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 
 from bayesdeg.causes.cause import Cause, Stage
-from bayesdeg.criticism.checks.discrepancy import MISFIT_LEVEL
 from bayesdeg.criticism.checks.residuals import where_films
 from bayesdeg.criticism.decide.support import hold_out
-from bayesdeg.criticism.decide.verdict import Outcome
 from bayesdeg.criticism.holdout.gain import mode_table
+from bayesdeg.criticism.outcome import MISFIT_LEVEL, Outcome
 from bayesdeg.data.study import read_study
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.record import verdict_document

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from bayesdeg.criticism.chance import chance_of
-from bayesdeg.criticism.checks.discrepancy import MISFIT_LEVEL
+from bayesdeg.criticism.outcome import MISFIT_LEVEL
 from bayesdeg.inference.model import Model
 from bayesdeg.observations.means import Statistic
 from bayesdeg.priors import Flat, Law, Parameter

@@ -30,6 +30,7 @@ from scipy.special import ndtr, ndtri
 from bayesdeg.criticism.chance import chance_of, is_clear
 from bayesdeg.criticism.fit.linear import Linear
 from bayesdeg.criticism.fit.trials import Trial
+from bayesdeg.criticism.outcome import MISFIT_LEVEL
 from bayesdeg.observations.kinds import Places
 
 Floats = NDArray[np.float64]
@@ -143,8 +144,6 @@ def _root(kernel: Floats) -> Floats:
 
 AMPLITUDES = np.geomspace(0.005, 1.0, 25)
 REPLICATES = 200  # of pure noise, for what chance gives
-MISFIT_LEVEL = 0.02
-"""p-value up to which a misfit is more than chance gives."""
 FEWEST = round(1.0 / MISFIT_LEVEL) - 1
 """Simulated data sets below which no p-value could reach that level, however large the misfit."""
 LARGE = 0.5

@@ -32,13 +32,12 @@ from bayesdeg.criticism.checks.discrepancy import Misfit
 from bayesdeg.criticism.fit.linear import Linear
 from bayesdeg.inference.model import Model
 from bayesdeg.inference.sampling import Chain
+from bayesdeg.material.degradation import LEVEL_WIDTH, levels
 from bayesdeg.observations.curvature import ACTUATOR
 from bayesdeg.observations.kinds import Labels, Places
 from bayesdeg.observations.tensile import STRESS
 
 Floats = NDArray[np.float64]
-
-LEVEL_WIDTH = 2.0  # degradation rates this close count as one level [%]
 
 
 @dataclass(frozen=True)
@@ -81,23 +80,6 @@ def r_squared(measured: Floats, predicted: Floats) -> float:
         return float("nan")
     total = np.sum((measured - np.mean(measured)) ** 2)
     return float(1.0 - np.sum((measured - predicted) ** 2) / total)
-
-
-def levels(degradation: Floats, width: float = LEVEL_WIDTH) -> tuple[Floats, NDArray[np.int64]]:
-    """Return the levels of degradation that specimens were meant to have, and each one's level.
-
-    Examples
-    --------
-    >>> centres, member = levels(np.array([0.0, 4.8, 5.3, 10.0]))
-    >>> centres.round(2).tolist(), member.tolist()
-    ([0.0, 5.05, 10.0], [0, 1, 1, 2])
-    """
-    order = np.argsort(degradation)
-    steps = np.diff(degradation[order]) > width
-    member = np.empty(len(degradation), dtype=np.int64)
-    member[order] = np.concatenate([[0], np.cumsum(steps)])
-    centres = np.array([degradation[member == k].mean() for k in range(member.max() + 1)])
-    return centres, member
 
 
 def level_table(model: Model, fit: CurvatureFit, published: dict[float, float]) -> pd.DataFrame:

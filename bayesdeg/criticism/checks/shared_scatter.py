@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 
 from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.chance import chance_of
-from bayesdeg.criticism.checks.discrepancy import FEWEST, MISFIT_LEVEL
-from bayesdeg.criticism.checks.residuals import levels
+from bayesdeg.criticism.checks.discrepancy import FEWEST
 from bayesdeg.criticism.fit.linear import is_seen
 from bayesdeg.criticism.fit.trials import Trial
+from bayesdeg.criticism.outcome import MISFIT_LEVEL
 from bayesdeg.criticism.subject import columns_of
+from bayesdeg.material.degradation import levels
 from bayesdeg.observations.kinds import Deviations
 
 Floats = NDArray[np.float64]

@@ -14,7 +14,6 @@ the misfit as a whole, ruptures, measured means and priors say whether the base 
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +21,6 @@ from numpy.typing import NDArray
 from bayesdeg.criticism.checks.conflict import Conflict, Questioned
 from bayesdeg.criticism.checks.discrepancy import (
     LARGE,
-    MISFIT_LEVEL,
     Misfit,
     explained,
     explained_on_one_scale,
@@ -32,6 +30,7 @@ from bayesdeg.criticism.checks.rupture_misfit import RuptureMisfit
 from bayesdeg.criticism.checks.shared_scatter import SharedScatter
 from bayesdeg.criticism.decide.support import Support
 from bayesdeg.criticism.fit.search import Step
+from bayesdeg.criticism.outcome import MISFIT_LEVEL, Outcome
 
 Floats = NDArray[np.float64]
 
@@ -39,16 +38,6 @@ LEAST_EXPLAINED, LEAST_ON_ONE_SCALE = 0.5, 0.8
 LEAST_POWER = 0.5  # of the misfit's test: below, a large misfit would more often be missed
 NEARLY_ALL = 0.9  # of the misfit: what is left may be small and yet significant
 CHANCE = 0.1  # p-value of what is left above which nothing is left to explain
-
-
-class Outcome(StrEnum):
-    """What can be said of the misfit."""
-
-    ADEQUATE = "adequate"
-    NAMED = "named"
-    AMBIGUOUS = "ambiguous"
-    UNEXPLAINED = "unexplained"
-    NOT_JUDGED = "not_judged"
 
 
 @dataclass(frozen=True)

@@ -18,9 +18,10 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from bayesdeg.criticism.chance import chance_of
-from bayesdeg.criticism.checks.residuals import levels, r_squared
+from bayesdeg.criticism.checks.residuals import r_squared
 from bayesdeg.criticism.holdout.held_out import HeldOut, group_levels, standard_error
 from bayesdeg.inference.model import Model
+from bayesdeg.material.degradation import levels
 
 Floats = NDArray[np.float64]
 

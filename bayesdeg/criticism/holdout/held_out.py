@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdeg.criticism.checks.residuals import levels
 from bayesdeg.inference.model import Model, blocks_of
+from bayesdeg.material.degradation import levels
 from bayesdeg.priors import Named
 
 Floats = NDArray[np.float64]

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from bayesdeg.criticism.checks.residuals import levels as levels_of
+from bayesdeg.material.degradation import levels as levels_of
 from bayesdeg.quantities import axis_label
 from bayesdeg.report.drawing import (
     BASE_COLOUR,
