@@ -90,7 +90,7 @@ def check(
     guard = guard or Guard(strict=True)
     refits, draws = seed.spawn(2)
     model, chain = fit.model, fit.chain
-    progress.stage("what hangs on priors")
+    progress.stage("sensitivity to priors")
     sensitivity = guard.attempt(Stage.PRIOR_SENSITIVITY, priors.prior_sensitivity, model, chain)
     generator = np.random.default_rng(draws)
     predictive = guard.attempt(Stage.PRIOR_PREDICTIVE, alone.prior_predictive, model, generator)
@@ -104,6 +104,6 @@ def check(
             chain,
             seed=refits,
             executor=executor,
-            on_refit=lambda specimen: progress.advance(1, f"calibrated anew without {specimen}"),
+            on_refit=lambda specimen: progress.advance(1, f"calibrated again without {specimen}"),
         )
     return Checks(left_out, sensitivity, predictive)

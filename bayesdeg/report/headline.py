@@ -22,6 +22,7 @@ from bayesdeg.report.wording import (
     number,
     p_value,
     percent,
+    plus_minus,
     sentences,
     words,
 )
@@ -126,8 +127,8 @@ def _gain_facts(verdict: Verdict, gain: pd.DataFrame | None) -> dict[str, str]:
     extended = rows.get(extended_model(gain, verdict) or "")
     facts = {"before": _error(rows.get(BASE)), "after": _error(extended), "gain": ""}
     if extended is not None and not facts["after"]:
-        error = _elpd(extended["elpd_diff_se"]).lstrip("+")
-        facts["gain"] = f"{_elpd(extended['elpd_diff'])} ± {error}"
+        gain, error = (_value(extended[name]) for name in ("elpd_diff", "elpd_diff_se"))
+        facts["gain"] = plus_minus(gain, error, sign=True)
     return facts
 
 
@@ -257,5 +258,5 @@ def _begun(cause: str) -> str:
     return name[0].upper() + name[1:]
 
 
-def _elpd(value: float | str | None) -> str:
-    return fixed(None if value is None else float(value), 1, sign=True)
+def _value(cell: float | str | None) -> float | None:
+    return None if cell is None else float(cell)
