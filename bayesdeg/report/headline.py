@@ -127,8 +127,8 @@ def _gain_facts(verdict: Verdict, gain: pd.DataFrame | None) -> dict[str, str]:
     extended = rows.get(extended_model(gain, verdict) or "")
     facts = {"before": _error(rows.get(BASE)), "after": _error(extended), "gain": ""}
     if extended is not None and not facts["after"]:
-        gain, error = (_value(extended[name]) for name in ("elpd_diff", "elpd_diff_se"))
-        facts["gain"] = plus_minus(gain, error, sign=True)
+        both = (_value(extended[name]) for name in ("elpd_diff", "elpd_diff_se"))
+        facts["gain"] = plus_minus(*both, sign=True)
     return facts
 
 
