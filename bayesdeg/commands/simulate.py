@@ -36,9 +36,7 @@ def simulate(
     seed: Seed = None,
     draw_material: Annotated[
         bool,
-        typer.Option(
-            "--draw-material", help="Draw the material at random instead of taking the default."
-        ),
+        typer.Option("--draw-material", help="Draw the material at random."),
     ] = False,
     workers: Workers = CORES,
     quiet: Quiet = False,
