@@ -63,7 +63,7 @@ CAUSE = Cause(
             "ratio",
             TruncatedNormal(0.0, 0.5, 0.0, 1.0),
             "–",
-            "r of the energy r (√I₂ − √3) over C1",
+            "coefficient r of the energy r (√I₂ − √3), over C1",
             0.0,
         ),
     ),

@@ -48,8 +48,8 @@ Base = Annotated[
 EmulatorFile = Annotated[
     Path | None,
     typer.Option(
-        help="The emulator that 'bayesdeg run' was given; the package's and those trained here "
-        "are found without.",
+        help="The emulator that 'bayesdeg run' was given; not needed for the package's own, nor "
+        "for those trained in this folder.",
         metavar="FILE",
     ),
 ]

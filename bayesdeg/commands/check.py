@@ -19,8 +19,9 @@ from bayesdeg.pipeline.reading import read_study
 def check(study: StudyFolder) -> None:
     """Read and check the data only; exit code 2 and the list of faults if there are any.
 
-    Columns are compared with each other, with the priors and with what is possible: what cannot be
-    is a fault, what is unlikely, such as another unit of one specimen, is said.
+    Columns are compared with each other, with the priors and with what is possible. What is
+    impossible is a fault; what is unlikely, such as one specimen in another unit, is reported as
+    in doubt.
     """
     checked = read_study(study)
     plan = outline(checked)

@@ -80,11 +80,11 @@ def control(
 ) -> None:
     """Find the pressure that reaches a wanted curvature at a bounded risk of rupture.
 
-    The pressure is that at which half of new specimens bend as far or further; beside it stands
-    what 90 % of the specimens need, what curvature they show at the pressure, and how likely they
-    burst. One for which the emulator has no answer counts as burst: it balloons, or nothing is
-    known of it. Where the wanted curvature is not to be had at the risk, it is said, and the
-    largest allowed pressure is given with the curvature there; the exit code is 0 all the same.
+    The pressure is that at which half of new specimens bend as far or further. The table also
+    gives the pressures that 90 % of the specimens need, the curvature at the pressure, and the
+    probability of rupture. A specimen for which the emulator has no answer counts as burst: it
+    balloons, or nothing is known of it. If the wanted curvature cannot be reached at this risk,
+    the largest allowed pressure is given, with the curvature there; the exit code is 0 too.
     """
     wanted = numbers(curvature, "--curvature", "1/m", low=0.0, high=float("inf"))
     if wanted[0] == 0.0:

@@ -46,7 +46,9 @@ class EffortChoice(StrEnum):
 Effort = Annotated[EffortChoice | None, typer.Option(help="Instead of the study's own effort.")]
 EmulatorFile = Annotated[
     Path | None,
-    typer.Option(help="An emulator made by 'emulate', instead of the known ones.", metavar="FILE"),
+    typer.Option(
+        help="An emulator made by 'emulate', instead of those found by themselves.", metavar="FILE"
+    ),
 ]
 Fresh = Annotated[
     bool, typer.Option("--fresh", help="Calibrate again, resume nothing; emulators are kept.")
@@ -57,7 +59,8 @@ def run(
     study: StudyFolder,
     effort: Effort = None,
     out: Annotated[
-        Path | None, typer.Option(help="Run folder; by default reports/<name of the study>.")
+        Path | None,
+        typer.Option(help="Run folder; by default reports/NAME, with the name of the study."),
     ] = None,
     seed: Seed = None,
     workers: Workers = CORES,
@@ -70,9 +73,10 @@ def run(
 ) -> None:
     """Calibrate, criticise, name the cause, measure the gain, predict, and write the report.
 
-    An interrupted run goes on where it stopped. A geometry that has no emulator gets one first:
-    how long that takes is said, and asked for if a terminal is there and --yes is not given. The
-    finite element solutions are kept in .cache/campaign, the emulator in .cache/emulators.
+    An interrupted run goes on where it stopped. If there is no emulator of the geometry, one is
+    trained first; in a terminal, and without --yes, the command says how long that takes and asks
+    before it starts. Finite element solutions are kept in .cache/campaign, emulators in
+    .cache/emulators.
     """
     checked = with_options(read_study(study), None if effort is None else effort.value, seed)
     unlikely = refuse_impossible(doubts(checked, outline(checked).expected))

@@ -35,15 +35,15 @@ def simulate(
     seed: Seed = None,
     draw_material: Annotated[
         bool,
-        typer.Option("--draw-material", help="Draw the material laws anew instead of the default."),
+        typer.Option("--draw-material", help="Draw the material at random."),
     ] = False,
     workers: Workers = CORES,
     quiet: Quiet = False,
 ) -> None:
     """Make a virtual experiment with the study's design, from a fine finite element model.
 
-    The curves take about half a minute each. What was hidden stands in truth.json, which no other
-    command opens.
+    The curves take about half a minute each. What was hidden is written to truth.json, which no
+    other command opens.
     """
     template = read_study(study)
     chosen = template.settings.seed if seed is None else seed

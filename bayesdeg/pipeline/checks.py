@@ -91,7 +91,7 @@ def check(
     guard = guard or Guard(strict=True)
     refits, draws = seed.spawn(2)
     model, chain = fit.model, fit.chain
-    progress.stage("what hangs on priors")
+    progress.stage("sensitivity to priors")
     sensitivity = guard.attempt(Stage.PRIOR_SENSITIVITY, priors.prior_sensitivity, model, chain)
     generator = np.random.default_rng(draws)
     predictive = None
@@ -107,6 +107,6 @@ def check(
             chain,
             seed=refits,
             executor=executor,
-            on_refit=lambda specimen: progress.advance(1, f"calibrated anew without {specimen}"),
+            on_refit=lambda specimen: progress.advance(1, f"calibrated again without {specimen}"),
         )
     return Checks(left_out, sensitivity, predictive)

@@ -51,7 +51,7 @@ from bayesdeg.pipeline.assemble import Assembly
 from bayesdeg.pipeline.calibrate import Fit, base_without_chain
 from bayesdeg.pipeline.progress import Progress, Silent
 from bayesdeg.report.left_out import Guard, Stage
-from bayesdeg.report.wording import sentences
+from bayesdeg.report.wording import sentences, worded
 
 Floats = NDArray[np.float64]
 
@@ -551,7 +551,7 @@ def _next(
         untested=untested,
         executor=search.executor,
     )
-    return next_experiments_document(ranked)
+    return next_experiments_document(ranked, worded)
 
 
 def _beside_the_law(
@@ -560,7 +560,7 @@ def _beside_the_law(
     """Rank what would show causes that read like another form of the law in the tests so far."""
     trials = [try_causes(base, c, neutral_sizes(c), generator) for c in catalogue.alike]
     ranked = rank([base, *trials], candidate_experiments(base.subject), generator)
-    return next_experiments_document(ranked)
+    return next_experiments_document(ranked, worded)
 
 
 def _unjudged(catalogue: Catalogue | Assembly) -> list[Candidate]:

@@ -21,6 +21,7 @@ from bayesdeg.report.wording import (
     number,
     p_value,
     percent,
+    plus_minus,
     sentences,
     words,
 )
@@ -123,8 +124,8 @@ def _gain_facts(verdict: Verdict, gain: pd.DataFrame | None) -> dict[str, str]:
     unit = verdict.misfit.unit
     facts = {"before": _error(rows.get(BASE), unit), "after": _error(extended, unit), "gain": ""}
     if extended is not None and not facts["after"]:
-        error = _elpd(extended["elpd_diff_se"]).lstrip("+")
-        facts["gain"] = f"{_elpd(extended['elpd_diff'])} ± {error}"
+        both = (_value(extended[name]) for name in ("elpd_diff", "elpd_diff_se"))
+        facts["gain"] = plus_minus(*both, sign=True)
     return facts
 
 
@@ -258,5 +259,5 @@ def _begun(cause: str) -> str:
     return name[0].upper() + name[1:]
 
 
-def _elpd(value: float | str | None) -> str:
-    return fixed(None if value is None else float(value), 1, sign=True)
+def _value(cell: float | str | None) -> float | None:
+    return None if cell is None else float(cell)

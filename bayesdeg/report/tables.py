@@ -333,7 +333,7 @@ _TABLES = (
             _log("elpd_error", "Monte Carlo standard error of it"),
             _log("influence", "what its own readings add to its log density"),
             _log("pareto_k", "shape of the tail of the importance weights"),
-            Column("refitted", "–", "1 if the model was calibrated anew without it"),
+            Column("refitted", "–", "1 if the model was calibrated again without it"),
         ),
     ),
     Table(
@@ -391,7 +391,7 @@ _TABLES = (
             _log("elpd_diff_se", "standard error of it, over films"),
             Column("films", "–", "number of films, each left out in turn"),
             _log("pareto_k_max", "heaviest tail of the importance weights"),
-            Column("refitted", "–", "films for which the model was calibrated anew"),
+            Column("refitted", "–", "films for which the model was calibrated again"),
             Column("effective", "–", "effective draws that the evidence rests on"),
         ),
     ),

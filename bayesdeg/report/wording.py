@@ -18,6 +18,7 @@ NOTHING = "–"
 
 MINUS = "\N{MINUS SIGN}"
 
+LARGE = 100.0  # from which a number needs no decimals
 LARGE_ERROR = 10.0  # from which a standard error needs no decimals
 
 _PROPER = {
@@ -73,7 +74,9 @@ def number(value: float | str | None, digits: int = 3) -> str:
 
 
 def fixed(value: float | None, decimals: int = 2, *, sign: bool = False) -> str:
-    """Word a number with so many decimals, more only if it would else be rounded to nearly nothing.
+    """Word a number with so many decimals, but to three significant digits at most from 100 on.
+
+    It gets more decimals only if it would else be rounded to nothing.
 
     Parameters
     ----------
@@ -86,9 +89,14 @@ def fixed(value: float | None, decimals: int = 2, *, sign: bool = False) -> str:
 
     Examples
     --------
-    >>> fixed(0.7099), fixed(41.23, 1, sign=True), fixed(-2.0, 1), fixed(0.0012)
-    ('0.71', '+41.2', '−2.0', '0.001')
+    >>> fixed(0.7099), fixed(41.23, 1, sign=True), fixed(-2.0, 1), fixed(609.5, 1), fixed(0.0012)
+    ('0.71', '+41.2', '−2.0', '610', '0.001')
     """
+    large = value is not None and abs(value) >= LARGE
+    return _to_decimals(value, 0 if large else decimals, sign=sign)
+
+
+def _to_decimals(value: float | None, decimals: int, *, sign: bool = False) -> str:
     if value is None or not math.isfinite(value):
         return NOTHING
     small = 0.0 < abs(value) < 10.0**-decimals
@@ -137,7 +145,7 @@ def plus_minus(value: float | None, error: float | None, *, sign: bool = False) 
     """
     large = error is not None and math.isfinite(error) and abs(error) >= LARGE_ERROR
     decimals = 0 if large else 1
-    return f"{fixed(value, decimals, sign=sign)} ± {fixed(error, decimals)}"
+    return f"{_to_decimals(value, decimals, sign=sign)} ± {_to_decimals(error, decimals)}"
 
 
 def p_value(value: float | None, replicates: float | None = None) -> str:

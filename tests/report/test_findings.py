@@ -31,6 +31,8 @@ from bayesdeg.criticism.decide.verdict import (
     TooLittleExplained,
     Uncalibrated,
 )
+from bayesdeg.criticism.experiments.designs import MOUNTS
+from bayesdeg.criticism.experiments.ranking import Plan
 from bayesdeg.criticism.holdout.gain import LooPit, Scatter
 from bayesdeg.criticism.holdout.leave_one_out import LeaveOneOut
 from bayesdeg.criticism.posterior.convergence import Convergence
@@ -112,6 +114,9 @@ COURSE = CourseSummary(63, 25.0, 1.0, (24.31, 22.4, 27.08), (32.1, 28.9, 35.2), 
 ERROR = CommonError(9, 8, 25.0, 0.441, 0.582, 0.731, 0.5)
 
 
+TEST = Plan("unloading", 3, (25.0,), low=20.0, top=240.0)
+
+
 def specimens(*names):
     return Concentration("specimen", names, (-14.2, 9.0)[: len(names)], 0.88, 0.063, 0.002)
 
@@ -173,6 +178,26 @@ RECORDS = {
     "common error smaller than stated": replace(ERROR, fresh=1, films=1, stated=1.0),
     "common error, none stated": replace(ERROR, stated=None),
     "common error of no fresh film": replace(ERROR, fresh=0),
+    "unload": TEST,
+    "unload, no times so far": replace(TEST, timed=False, specimens=1),
+    "load again": replace(TEST, kind="cycle"),
+    "hold each step": replace(TEST, kind="held steps", hold_s=120.0),
+    "hold once": replace(TEST, kind="hold", top=160.0, low=160.0, hold_s=1800.0, steps=8),
+    "finer steps": replace(TEST, kind="finer steps", low=10.0, levels=(0.0,)),
+    "bend angle": replace(TEST, kind="bend angle"),
+    "another level": replace(TEST, kind="another level"),
+    "more specimens": replace(TEST, kind="more specimens", specimens=2, levels=(0.0, 25.0)),
+    "one more specimen": replace(TEST, kind="more specimens", specimens=1, levels=(10.0,)),
+    "films in another mode": Plan("planar", 3, (0.0,)),
+    "a film in another mode": Plan("planar", 1, (0.0,)),
+    **{f"mount {mount}": replace(TEST, kind="second mount", mount=mount) for mount in MOUNTS},
+    **{
+        part: Plan(part, 3, (25.0,))
+        for part in (
+            *("length", "roof", "strip of the wall", "strip of the paper", "second gauge"),
+            "weighed piece",
+        )
+    },
 }
 NOTES = ("not_calibrated", "ruptures_not_judged", "no_statistics")
 
@@ -275,8 +300,8 @@ def test_every_macro_of_a_record_is_rendered():
     classes = {type(r[0] if isinstance(r, tuple) else r).__name__ for r in RECORDS.values()}
     rendered = {re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower() for name in classes}
     module = environment().get_template("findings.j2").make_module({"one": None, "most": None})
-    helpers = {"few", "mostly", "place", "off", "figures"}
-    macros = {name for name in vars(module) if not name.startswith("_")}
+    helpers = {"few", "mostly", "place", "off", "figures", "new"}
+    macros = {name for name in vars(module) if not name.startswith("_")} - {"mounts", "parts"}
     assert macros - helpers == rendered | set(NOTES)
     module = environment().get_template("answers.j2").make_module({})
     macros = {name for name in vars(module) if not name.startswith("_")}
@@ -301,6 +326,9 @@ def test_every_macro_of_a_record_is_rendered():
         ("held out above", ["85 %"]),
         ("left out in turn", ["92.4", "11.6", "s1", "8.0", "0.62", "0.70"]),
         ("some depends on a prior", ["0.16", "0.74", "0.40", "paper_stiffness_own"]),
+        ("unload", ["240 → 20 kPa", "3 new", "25 %"]),
+        ("hold once", ["160 kPa", "30 min", "8 times"]),
+        ("hold each step", ["120 s"]),
         ("priors leave room", ["98 %", "100 %", "41 %"]),
         ("order adequate", ["−51.0 ± 9.2", "−44.0 ± 0.04"]),
         ("order too low", ["order = 3"]),

@@ -18,7 +18,7 @@ from bayesdeg.data.study import read_study
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.record import verdict_document
 from bayesdeg.priors import Normal, Parameter
-from bayesdeg.report.wording import number
+from bayesdeg.report.wording import fixed
 from tests.hidden_effects.judging import judged
 
 pytestmark = pytest.mark.slow
@@ -98,7 +98,7 @@ def test_each_held_out_mode_is_told_by_itself(full):
     assert before["equibiaxial"] == pytest.approx(0.20, abs=0.02)
     assert after["equibiaxial"] == pytest.approx(0.05, abs=0.015)
     assert np.all(after < before)
-    ends = (number(before["equibiaxial"], 2), number(after["equibiaxial"], 2))
+    ends = (fixed(before["equibiaxial"], 3), fixed(after["equibiaxial"], 3))
     assert "from {} to {} MPa in equibiaxial".format(*ends) in document(found)["explanation"]
 
 

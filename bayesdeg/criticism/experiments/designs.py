@@ -15,7 +15,7 @@ from bayesdeg.actuator.inputs import NEUTRAL, Inputs
 from bayesdeg.causes.cause import Conditions, Degradation, Stage
 from bayesdeg.causes.erosion import NOMINAL_WALL
 from bayesdeg.causes.fold import acting, applied
-from bayesdeg.criticism.experiments.ranking import ActuatorTests, Experiment, FilmTests
+from bayesdeg.criticism.experiments.ranking import ActuatorTests, Experiment, FilmTests, Plan
 from bayesdeg.inference.model import Model
 from bayesdeg.material.degradation import young_modulus
 from bayesdeg.material.hyperelastic import yeoh_basis
@@ -92,12 +92,6 @@ class ActuatorDesign:
         """Return the standard error of degradation rates near one [%]."""
         return float(self.data.degradation_sd[_near(self.data, level)].mean())
 
-    def words(self, level: float) -> str:
-        """Word the specimens of a test."""
-        plural = "s" if self.copies > 1 else ""
-        degraded = f"degraded by {level:g} %" if level else "that are fresh"
-        return f"{self.copies} new specimen{plural} {degraded}"
-
     def another_level(self, last_of_films: float) -> float | None:
         """Return a degradation rate that was not tested, at which the films' law is known."""
         if last_of_films - self.levels[-1] > SAME_LEVEL:
@@ -145,10 +139,24 @@ class ActuatorDesign:
             mount=np.full(shape, usual if mount is None else mount),
         )
 
-    def experiment(self, kind: str, words: str, curves: ActuatorCurves) -> Experiment:
+    def experiment(
+        self, kind: str, curves: ActuatorCurves, *, mount: str = "", hold: float = 0.0
+    ) -> Experiment:
         """Return an experiment on so many specimens as the study has of a level."""
-        specimens = self.copies * len(curves.specimens)
-        return Experiment(kind, words, specimens, ActuatorTests(curves, self.copies))
+        return Experiment(
+            Plan(
+                kind,
+                self.copies * len(curves.specimens),
+                tuple(curves.degradation[:, 0].tolist()),
+                low=float(curves.pressure.min()),
+                top=float(curves.pressure.max()),
+                timed=self.timed,
+                mount=mount,
+                hold_s=hold,
+                steps=curves.pressure.shape[1],
+            ),
+            ActuatorTests(curves, self.copies),
+        )
 
 
 @dataclass(frozen=True)
@@ -397,17 +405,8 @@ WEIGHED = Quantity(mean=_degradation, variance=_weighing_variance)
 
 LONG_HOLD = 120.0  # s, of each step
 HELD = np.array([0.0, 10.0, 30.0, 60.0, 120.0, 300.0, 900.0, 1800.0])  # s, at one pressure
-MOUNTS = {
-    "hanging": "hanging, its clamped end up",
-    "bending_up": "as a cantilever that bends upwards",
-    "bending_down": "as a cantilever that bends downwards",
-    "horizontal": "with its bending plane horizontal",
-}
-MODES = {
-    "equibiaxial": "equibiaxial tension",
-    "planar": "planar tension",
-    "uniaxial": "uniaxial tension",
-}
+MOUNTS = ("hanging", "bending_up", "bending_down", "horizontal")
+MODES = ("equibiaxial", "planar", "uniaxial")
 FRESH = 0.5  # %
 
 
@@ -443,10 +442,8 @@ def candidate_experiments(model: Model) -> tuple[Experiment, ...]:
 
 def _histories(design: ActuatorDesign, level: float) -> Iterator[Experiment]:
     """Yield tests at one degradation rate whose load has another course, or another mount."""
-    data, rising, where = design.data, design.pressures(level), design.words(level)
-    low, top = rising[0], rising[-1]
+    data, rising = design.data, design.pressures(level)
     steps = np.linspace(0.0, (2 * len(rising) - 1) * design.dwell, 2 * len(rising))
-    timed = "" if design.timed else ", times recorded,"
     if not np.any(data.branch == "unloading"):
         falling = rising[-2::-1]
         curves = design.curves(
@@ -455,76 +452,61 @@ def _histories(design: ActuatorDesign, level: float) -> Iterator[Experiment]:
             time=steps[:-1],
             branch=np.repeat(["loading", "unloading"], [len(rising), len(falling)]),
         )
-        words = f"unloading branch {top:g} → {low:g} kPa after loading{timed} on {where}"
-        yield design.experiment("unloading", words, curves)
+        yield design.experiment("unloading", curves)
     if np.all(data.cycle == 1):
         curves = design.curves(
             [level], np.tile(rising, 2), time=steps, cycle=np.repeat([1, 2], len(rising))
         )
-        words = f"a second loading {low:g} → {top:g} kPa after the first{timed} on {where}"
-        yield design.experiment("cycle", words, curves)
+        yield design.experiment("cycle", curves)
     if design.dwell < 0.5 * LONG_HOLD:
         time = np.linspace(0.0, (len(rising) - 1) * LONG_HOLD, len(rising))
         curves = design.curves([level], rising, time=time)
-        words = f"each pressure step held {LONG_HOLD:g} s before it is read, on {where}"
-        yield design.experiment("held steps", words, curves)
+        yield design.experiment("held steps", curves, hold=LONG_HOLD)
     if not design.long_hold:
         middle = float(rising[len(rising) // 2])
         curves = design.curves([level], np.full(len(HELD), middle), time=HELD)
-        words = f"{middle:g} kPa held for 30 min and read {len(HELD)} times, on {where}"
-        yield design.experiment("hold", words, curves)
+        yield design.experiment("hold", curves, hold=float(HELD[-1]))
     for mount in [m for m in MOUNTS if m not in data.mount]:
         curves = design.curves([level], rising, mount=mount)
-        words = f"loading {low:g} → {top:g} kPa, mounted {MOUNTS[mount]}, on {where}"
-        yield design.experiment("second mount", words, curves)
+        yield design.experiment("second mount", curves, mount=mount)
 
 
 def _finer(design: ActuatorDesign, level: float) -> Iterator[Experiment]:
     """Yield tests at one degradation rate that read more."""
-    rising, where = design.pressures(level), design.words(level)
-    low, top = rising[0], rising[-1]
+    rising = design.pressures(level)
     if len(rising) > 1:
         between = 0.5 * (rising + np.append(0.0, rising[:-1]))
         finer = np.sort(np.append(rising, between))
-        words = f"pressure steps half as large, {finer[0]:g} → {top:g} kPa, on {where}"
-        yield design.experiment("finer steps", words, design.curves([level], finer))
+        yield design.experiment("finer steps", design.curves([level], finer))
     if not design.data.with_angle:
         curves = design.curves([level], rising, angle=True)
-        words = f"bend angle read beside curvature, {low:g} → {top:g} kPa, on {where}"
-        yield design.experiment("bend angle", words, curves)
+        yield design.experiment("bend angle", curves)
 
 
 def _at_levels(design: ActuatorDesign, model: Model) -> Iterator[Experiment]:
     """Yield tests at another degradation rate, and one more specimen at each."""
     new = design.another_level(model.nodes[-1])
     if new is not None:
-        rising = design.pressures(new)
-        words = f"loading {rising[0]:g} → {rising[-1]:g} kPa on {design.words(new)}"
-        yield design.experiment("another level", words, design.curves([new], rising))
+        yield design.experiment("another level", design.curves([new], design.pressures(new)))
     levels = design.levels
-    rising = design.pressures(levels[-1])
-    words = f"the same test on {len(levels)} more {'specimens' if levels[1:] else 'specimen'}"
-    words += ", one at each degradation rate" if levels[1:] else f" at {levels[0]:g} %"
-    curves = design.curves(levels, rising)
-    yield Experiment("more specimens", words, len(levels), ActuatorTests(curves, 1))
+    curves = design.curves(levels, design.pressures(levels[-1]))
+    yield Experiment(Plan("more specimens", len(levels), levels), ActuatorTests(curves, 1))
 
 
 def _of_part(design: ActuatorDesign, level: float) -> Iterator[Experiment]:
     """Yield direct measurements of the part at one degradation rate."""
-    where = design.words(level)
     rising = design.pressures(level)
     gauge = np.unique(rising[[0, len(rising) // 2, -1]])
     measured: list[tuple[str, Quantity, Floats]] = [
-        ("length of the part, by calliper", LENGTH, rising[-1:]),
-        ("thickness of the roof, cut open under a microscope", WALL, rising[-1:]),
-        ("tension of a strip cut from the wall, beside the films'", STRIP, rising[-1:]),
-        ("stiffness of a strip of the paper, peeled off the part", PAPER, rising[-1:]),
-        ("a second gauge at the far end of the chambers", GAUGE, gauge),
+        ("length", LENGTH, rising[-1:]),
+        ("roof", WALL, rising[-1:]),
+        ("strip of the wall", STRIP, rising[-1:]),
+        ("strip of the paper", PAPER, rising[-1:]),
+        ("second gauge", GAUGE, gauge),
     ]
     if level > FRESH:
-        again = "degradation rate of a piece of the actuator itself, weighed"
-        measured.append((again, WEIGHED, rising[-1:]))
-    for words, quantity, pressure in measured:
+        measured.append(("weighed piece", WEIGHED, rising[-1:]))
+    for kind, quantity, pressure in measured:
         test = PartMeasurements(
             quantity,
             np.array([[level]]),
@@ -532,13 +514,11 @@ def _of_part(design: ActuatorDesign, level: float) -> Iterator[Experiment]:
             pressure[None],
             design.copies,
         )
-        yield Experiment(words, f"{words}, on {where}", design.copies, test)
+        yield Experiment(Plan(kind, design.copies, (level,)), test)
 
 
 def _modes(films: FilmDesign) -> Iterator[Experiment]:
     """Yield tests of films in modes of tension that there are none of."""
     for mode in [m for m in MODES if m not in films.data.modes]:
-        number = f"{films.copies} new films" if films.copies > 1 else "a new film"
-        words = f"{MODES[mode]} of {number} at {films.level:g} %"
-        test = FilmTests(films.curves(mode), films.copies)
-        yield Experiment(mode, words, films.copies, test)
+        plan = Plan(mode, films.copies, (films.level,))
+        yield Experiment(plan, FilmTests(films.curves(mode), films.copies))

@@ -15,7 +15,7 @@ Kullback and Leibler (1951), Ann. Math. Stat. 22:79, doi:10.1214/aoms/1177729694
 (1967), Technometrics 9:57, doi:10.1080/00401706.1967.10490441, for designs that tell models apart.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
@@ -414,25 +414,64 @@ MOST = 8
 
 
 @dataclass(frozen=True)
-class Experiment:
-    """A further experiment.
+class Plan:
+    """What to do in an experiment.
 
     Parameters
     ----------
     kind : str
         Experiments of one kind differ in degradation rate or mount alone; the best is kept.
-    design : str
-        What to do, in plain words with numbers.
     specimens : int
         What it costs.
+    levels : tuple of float
+        Degradation rates of the specimens [%].
+    low, top : float
+        Ends of the pressure steps [kPa].
+    timed : bool
+        Whether the study recorded times, which the experiment needs.
+    mount : str
+        How the actuator is held, where that is new.
+    hold_s : float
+        How long a pressure is held [s].
+    steps : int
+        Readings along the path of a specimen.
+    """
+
+    kind: str
+    specimens: int
+    levels: tuple[float, ...]
+    low: float = float("nan")
+    top: float = float("nan")
+    timed: bool = True
+    mount: str = ""
+    hold_s: float = 0.0
+    steps: int = 1
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """A further experiment.
+
+    Parameters
+    ----------
+    plan : Plan
+        What to do.
     measurement : Measurement
         What would be read.
     """
 
-    kind: str
-    design: str
-    specimens: int
+    plan: Plan
     measurement: Measurement
+
+    @property
+    def kind(self) -> str:
+        """Which kind of experiment it is."""
+        return self.plan.kind
+
+    @property
+    def specimens(self) -> int:
+        """What it costs."""
+        return self.plan.specimens
 
     @property
     def readings(self) -> int:
@@ -573,26 +612,34 @@ def compare(
 
 
 def next_experiments_document(
-    ranked: Sequence[Ranked], *, most: int = MOST
+    ranked: Sequence[Ranked], word: Callable[[Plan], str], *, most: int = MOST
 ) -> list[dict[str, object]]:
     """Return ``next_experiments`` of ``verdict.json``: the best that tell something apart.
 
     Beside what the contract asks for, each has the Monte Carlo error, the cost in specimens and
     readings, and every pair of causes in question.
 
+    Parameters
+    ----------
+    ranked : sequence of Ranked
+        The best first.
+    word : callable
+        Says what a plan is, in plain words.
+    most : int
+        How many are given at most.
+
     Examples
     --------
-    >>> next_experiments_document(())
+    >>> next_experiments_document((), str)
     []
     """
     useful = [entry for entry in ranked if entry.told_apart]
-    return [_document(entry) for entry in useful[:most]]
+    return [{"design": word(e.experiment.plan)} | _document(e) for e in useful[:most]]
 
 
 def _document(entry: Ranked) -> dict[str, object]:
     experiment, pair = entry.experiment, entry.decisive
     return {
-        "design": experiment.design,
         "separates": list(pair.causes),
         "expected_log_bayes_factor": round(pair.expected, 2),
         "monte_carlo_error": round(pair.error, 2),

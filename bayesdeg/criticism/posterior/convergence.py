@@ -73,18 +73,19 @@ def diagnose(
     R̂ is that of Vehtari et al. (2021), doi:10.1214/20-BA1221, over ensembles, which are
     independent of one another; the walkers of one ensemble are not.
     """
-    standing = chain.judged(Standing())
+    standing, bulk = chain.judged(Standing()), chain.effective()
     ensembles, steps, walkers, _ = chain.vectors.shape
+    times = ensembles * steps * walkers / bulk
     return Convergence(
         density.table.names,
         tuple(chain.r_hat().tolist()),
-        tuple(chain.effective().tolist()),
+        tuple(bulk.tolist()),
         tuple(chain.effective("tail").tolist()),
         steps,
         walkers,
         ensembles,
         standing.enough(effort),
-        tuple(chain.autocorrelation_time().tolist()),
+        tuple(times.tolist()),
         effort,
         _more_helps(standing, effort),
         tuple(shares),

@@ -422,7 +422,7 @@ FIGURES = (
         _discrepancy,
         "How much there is to explain: the smooth discrepancy of the base model, fitted together "
         "with its parameters, and the readings about it.{% if final %} What the same measure finds "
-        "after the named cause has joined the model is left.{% endif %}",
+        "with the named cause in the model is “left”.{% endif %}",
         ("discrepancy",),
     ),
     PageFigure(
