@@ -402,13 +402,13 @@ ENTRIES: tuple[_Entry, ...] = (
     _own(
         "reading",
         "error",
-        'a number above 0, or a law { law = "half_normal", scale = .. }',
+        'a number above 0, or a law { law = "half_normal", sd = .. }',
         lambda v: _is_law(v) or (_is_number(v) and v > 0),
     ),
     _own(
         "reading",
         "scatter",
-        'true, false, or a law { law = "half_normal", scale = .. }',
+        'true, false, or a law { law = "half_normal", sd = .. }',
         lambda v: isinstance(v, bool) or _is_law(v),
     ),
 )

@@ -252,8 +252,8 @@ class OwnMap:
 
     def at(self, fit: "Drawn", block: Readings, x: Any) -> tuple[Readings, Model]:
         """Return readings of a kind at other inputs, and a calibrated model of them."""
-        at = replace(block, x=x, y=np.zeros(_count(x)), specimen=None, error=1.0, scatter=False)
-        at = replace(at, level=0.0, time=np.nan, history="once")
+        plain: dict[str, Any] = {"specimen": None, "level": 0.0, "time": np.nan, "history": "once"}
+        at = replace(block, x=x, y=np.zeros(_count(x)), error=1.0, scatter=False, **plain)
         alone = replace(self, readings=(at,)).model(fit.model.base)
         return at, alone.extended(*fit.model.causes)
 
