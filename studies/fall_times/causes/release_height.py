@@ -11,9 +11,7 @@ def higher(x, recorded, effect):
 CAUSE = bd.Cause(
     name="release_height",
     stage=bd.Stage.GEOMETRY,
-    parameters=(
-        bd.Parameter("error", bd.Normal(0, 0.05), "m", "true less recorded height", 0.0),
-    ),
+    parameters=(bd.Parameter("error", bd.Normal(0, 0.05), "m", "true less recorded height", 0.0),),
     mechanism="the ball falls from higher, or lower, than recorded",
     typical={"error": 0.05},
     revealed_by="lateness from small heights alone",
