@@ -154,6 +154,13 @@ def _study_toml() -> str:
         ]
         title = f"`[{place}]`" if place else "Above the first table"
         parts.append(f"## {title}\n\n{table(('key', 'default', 'wanted', 'meaning'), rows)}")
+    parts.append(
+        "## `[parameters]`\n\nUnknowns of [a forward map of one's own]"
+        "(../../tutorial/own-forward-map.md#as-a-folder), each a prior law with a unit and a "
+        "meaning:\n\n```toml\n[parameters]\n"
+        'k = { law = "lognormal", median = 2.0, sigma = 1.0, unit = "mm/N", meaning = "of the '
+        'spring" }\n```\n'
+    )
     laws = [(code(law.name), code(law.accepts), law.meaning) for law in facts.laws_of_priors()]
     parts.append(
         "## `[priors]`\n\nThe prior of any parameter by its name "

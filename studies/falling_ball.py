@@ -3,7 +3,7 @@
 Real data (``data/falling_ball.csv``): a ball let fall from 21 heights in three rounds. The formula
 is criticised with g unknown and with g known; the catalogue has drag, a watch that is late or
 early, and an error of the release height. Run as ``python studies/falling_ball.py [--json]
-[--seed N]``.
+[--seed N]``; ``bayesdeg run studies/fall_times`` writes a report of it.
 """
 
 import argparse
@@ -15,11 +15,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+import bayesdeg as bd
 from bayesdeg.causes.cause import Cause, Stage
 from bayesdeg.criticism.fit.trials import try_causes
 from bayesdeg.inference.model import Model
-from bayesdeg.observations.readings import Formula, Readings, places_of
-from bayesdeg.pipeline.judge import Judgement, judge_model
+from bayesdeg.pipeline.judge import Judgement
 from bayesdeg.pipeline.summary import lines, summary
 from bayesdeg.priors import HalfNormal, Normal, Parameter, TruncatedNormal, Uniform
 
@@ -39,16 +39,20 @@ class Fall(NamedTuple):
 
 
 def fall_time(fall: Fall, height: Floats) -> Floats:
-    """Return times [s] of v' = g − c v² from rest, arcosh(exp(c h))/√(c g); √(2h/g) for c = 0.
-
-    It goes on smoothly below c = 0; heights below zero have no answer.
-    """
+    """Return times [s] of v' = g − c v² from rest, arcosh(exp(c h))/√(c g); √(2h/g) for c = 0."""
     x = fall.drag * fall.height
     over = np.expm1(x) + 0j
     with np.errstate(invalid="ignore", divide="ignore"):
         longer = (np.log1p(over + np.sqrt(over * (over + 2.0))) / np.sqrt(2.0 * x + 0j)).real
         free = np.sqrt(2.0 * fall.height / fall.gravity)
     return free * np.where(x == 0.0, 1.0, longer)
+
+
+def predict(values: dict[str, Floats], height: Floats) -> Floats:
+    """Return times [s], draws by readings; drag acts where that cause is active."""
+    g = values.get("g", np.full(1, GRAVITY))[:, None]
+    drag = values.get("drag.coefficient", np.zeros(1))[:, None]
+    return fall_time(Fall(height + 0.0 * values["timing_error"][:, None], g, drag), height)
 
 
 DRAG = Cause(
@@ -58,7 +62,6 @@ DRAG = Cause(
     "air slows the ball in proportion to the square of its speed",
     {"coefficient": 0.1},
     "times that grow faster than √h; refuted by the ball's mass and diameter, c = ρ C_d A/(2m)",
-    on_inputs=lambda fall, height, effect: fall._replace(drag=fall.drag + effect["coefficient"]),
 )
 REACTION_TIME = Cause(
     "reaction_time",
@@ -76,28 +79,30 @@ RELEASE_HEIGHT = Cause(
     "the ball falls from higher, or lower, than recorded",
     {"error": 0.05},
     "lateness from small heights alone",
-    on_inputs=lambda fall, height, effect: fall._replace(height=height + effect["error"]),
+    on_inputs=lambda height, recorded, effect: height + effect["error"],
 )
 CATALOGUE = (DRAG, REACTION_TIME, RELEASE_HEIGHT)
 
 
-def model(*, gravity_known: bool) -> Model:
+def asked(*, gravity_known: bool) -> bd.Model:
     """Return the formula with the data; what is held out together is a height."""
     height, time = np.genfromtxt(DATA, delimiter=",", skip_header=3).T
-    error = Parameter("timing_error", HalfNormal(0.1), "s", "sd of a time")
     gravity = Parameter("g", Uniform(5.0, 15.0), "m/s²", "free fall")
-    labels = np.array([f"{h:g} m" for h in height])
-    rounds = np.repeat(["round 1", "round 2", "round 3"], len(height) // 3)
-    times = Readings(
+    times = bd.Readings(
+        height,
         time,
-        places_of(height, kind="fall time", specimen=labels, history=rounds),
-        error=lambda values, times: values["timing_error"],
+        specimen=np.array([f"{h:g} m" for h in height]),
+        history=np.repeat(["round 1", "round 2", "round 3"], len(height) // 3),
+        name="fall time",
+        unit="s",
+        error=Parameter("timing_error", HalfNormal(0.1), "s", "sd of a time"),
     )
-    formula = Formula(
-        fall_time,
-        inputs=lambda values, height: Fall(height, values.get("g", np.array(GRAVITY))),
-    )
-    return Model((error,) if gravity_known else (gravity, error), (times,), formula)
+    return bd.Model(times, predict, parameters=() if gravity_known else (gravity,))
+
+
+def model(*, gravity_known: bool) -> Model:
+    """Return its density."""
+    return asked(gravity_known=gravity_known).experiment.density
 
 
 def drag_by_prior(judgement: Judgement, sd: float) -> list[float]:
@@ -105,8 +110,8 @@ def drag_by_prior(judgement: Judgement, sd: float) -> list[float]:
     size = replace(DRAG.parameters[0], law=TruncatedNormal(0.0, sd, 0.0))
     base, generator = judgement.search.base, np.random.default_rng(0)
     trial = try_causes(base, replace(DRAG, parameters=(size,)), np.array([0.1]), generator)
-    known = "g" not in trial.subject.table.names
-    g = np.array(GRAVITY) if known else trial.named_draws("g", generator)
+    unknown = "g" in trial.subject.table.names
+    g = trial.named_draws("g", generator) if unknown else np.array(GRAVITY)
     return [trial.log_evidence - base.log_evidence, float(np.mean(g)), float(np.std(g))]
 
 
@@ -114,7 +119,8 @@ def run(seed: int) -> dict[str, Any]:
     """Judge the formula with g unknown and with g known."""
     answers = {}
     for title, known in (("g unknown", False), ("g known", True)):
-        found = judge_model(model(gravity_known=known), CATALOGUE, seed=seed)
+        base = bd.calibrate(asked(gravity_known=known), effort="quick", seed=seed)
+        found = bd.criticise(base, CATALOGUE, effort="standard", seed=seed).judged.judgement
         priors = {f"{sd:g} 1/m": drag_by_prior(found, sd) for sd in DRAG_SIZES}
         answers[title] = {**summary(found), "drag_by_prior": priors}
     return answers
@@ -132,10 +138,9 @@ def main() -> None:
         return
     for title, answer in answers.items():
         print("\n".join((f"== {title}", *lines(answer))))
-        least = answer["threshold"]
-        print(f"drag, by the sd of its prior; to be named it takes {least:.1f}:")
+        print(f"drag, by the sd of its prior; to be named it takes {answer['threshold']:.1f}:")
         for sd, (factor, g, g_sd) in answer["drag_by_prior"].items():
-            word = "enough" if factor >= least else "too little"
+            word = "enough" if factor >= answer["threshold"] else "too little"
             gravity = f"; g = {g:.2f} ± {g_sd:.2f} m/s²" if g_sd else ""
             print(f"  {sd}: ln Bayes factor {factor:+.1f}, {word}{gravity}")
 

@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+import bayesdeg as bd
 from bayesdeg.causes.cause import Cause, Stage
 from bayesdeg.criticism.checks.discrepancy import interval_with_discrepancy
 from bayesdeg.inference.model import Model
-from bayesdeg.observations.readings import Formula, Readings, places_of
-from bayesdeg.pipeline.judge import Judgement, judge_model
+from bayesdeg.pipeline.judge import Judgement
 from bayesdeg.pipeline.summary import lines, summary
 from bayesdeg.priors import HalfNormal, Normal, Parameter, TruncatedNormal, Uniform
 
@@ -51,10 +51,7 @@ CONSTANT_LOSS = Cause(
     "the first part of every effort is lost: w = θ max(x − c, 0)",
     {"effort": 0.1},
     "no work for small efforts",
-    on_inputs=lambda inputs, effort, effect: (
-        inputs[0],
-        np.maximum(inputs[1] - effect["effort"], 0.0),
-    ),
+    on_inputs=lambda effort, recorded, effect: np.maximum(effort - effect["effort"], 0.0),
 )
 OFFSET = Cause(
     "offset",
@@ -78,24 +75,29 @@ def readings(effort: Floats, generator: np.random.Generator) -> Floats:
     return work + ERROR * generator.standard_normal(len(effort))
 
 
-def model(seed: int, *, count: int = 31) -> Model:
+def machine(values: dict[str, Floats], effort: Floats) -> Floats:
+    """Return the work of w = θ x [J], draws by readings."""
+    return values["efficiency"][:, None] * effort
+
+
+def asked(seed: int, *, count: int = 31) -> bd.Model:
     """Return w = θ x with virtual readings; θ and their error are unknown."""
     effort = np.linspace(0.2, 4.0, count)
-    parameters = (
-        Parameter("efficiency", Uniform(0.0, 1.0), "–", "work over effort, θ"),
-        Parameter("reading_error", HalfNormal(0.02), "J", "sd of a reading"),
-    )
-    work = Readings(
+    work = bd.Readings(
+        effort,
         readings(effort, np.random.default_rng(seed)),
-        places_of(effort, kind="work"),
-        error=lambda values, work: values["reading_error"],
-        group=np.array([f"{x:.3g} J" for x in effort]),
+        specimen=np.array([f"{x:.3g} J" for x in effort]),
+        name="work",
+        unit="J",
+        error=Parameter("reading_error", HalfNormal(0.02), "J", "sd of a reading"),
     )
-    machine = Formula(
-        lambda inputs, effort: inputs[0] * inputs[1],
-        inputs=lambda values, effort: (values["efficiency"], effort),
-    )
-    return Model(parameters, (work,), machine)
+    efficiency = Parameter("efficiency", Uniform(0.0, 1.0), "–", "work over effort, θ")
+    return bd.Model(work, machine, parameters=(efficiency,))
+
+
+def model(seed: int, *, count: int = 31) -> Model:
+    """Return its density."""
+    return asked(seed, count=count).experiment.density
 
 
 def without_causes(judgement: Judgement) -> dict[str, list[float]]:
@@ -110,9 +112,10 @@ def without_causes(judgement: Judgement) -> dict[str, list[float]]:
 
 def run(seed: int) -> dict[str, Any]:
     """Judge the same readings with each catalogue."""
-    subject, answers = model(seed), {}
+    base, answers = bd.calibrate(asked(seed), effort="quick", seed=seed), {}
     for title, catalogue in CATALOGUES.items():
-        found = judge_model(subject, catalogue, seed=seed)
+        verdict = bd.criticise(base, catalogue, effort="standard", seed=seed)
+        found = verdict.judged.judgement
         answers[title] = {**summary(found), "efficiency_without_causes": without_causes(found)}
     return answers
 

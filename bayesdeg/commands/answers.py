@@ -5,7 +5,7 @@ import re
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Protocol
 
 import numpy as np
 import pandas as pd
@@ -20,9 +20,10 @@ from bayesdeg.console import console
 from bayesdeg.criticism.outcome import Outcome
 from bayesdeg.errors import BayesdegError
 from bayesdeg.files import spreadsheet_safe, written
-from bayesdeg.pipeline.forecast import Stored
 from bayesdeg.quantities import LARGEST_SEED
 from bayesdeg.records import FileRecord, Names, Scalar
+from bayesdeg.report.record import RunRecord, Verdict
+from bayesdeg.report.wording import number
 
 Floats = NDArray[np.float64]
 
@@ -33,8 +34,8 @@ WIDTH = 120  # of what is not printed to a terminal
 RunFolderPath = Annotated[
     Path, typer.Argument(help="A run folder that 'bayesdeg run' has written.", metavar="REPORT")
 ]
-DegradationRates = Annotated[
-    list[str],
+MaybeRates = Annotated[
+    list[str] | None,
     typer.Option(
         "--degradation",
         help="Degradation rates in percent, taken as known exactly: 10, or 0,10,25, or a range "
@@ -142,7 +143,73 @@ def refuse_too_many(*asked: Floats, most: int = MOST_ROWS) -> None:
         )
 
 
-def seed_of(stored: Stored, given: int | None) -> np.random.SeedSequence:
+Inputs = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--x",
+        help="Of a forward map of one's own: an input, NAME=VALUES, with numbers, lists and ranges "
+        "as for --degradation; may be repeated for other inputs.",
+        metavar="NAME=VALUES",
+    ),
+]
+
+
+def inputs_of(texts: Sequence[str], wanted: Sequence[str]) -> dict[str, Floats]:
+    """Return columns of inputs, every combination of what the options list.
+
+    Parameters
+    ----------
+    texts : sequence of str
+        As they are given: ``height_m=1,2``.
+    wanted : sequence of str
+        Names of the inputs, all of which must be given.
+
+    Raises
+    ------
+    typer.BadParameter
+        If one is missing, unknown, or no number.
+
+    Examples
+    --------
+    >>> inputs_of(["b=5", "a=1:2:1"], ["a", "b"])
+    {'a': array([1., 2.]), 'b': array([5., 5.])}
+    """
+    given: dict[str, Floats] = {}
+    for text in texts:
+        name, equals, values = text.partition("=")
+        if not equals or name not in wanted:
+            raise typer.BadParameter(
+                f"--x {text!r}: write NAME=VALUES, NAME being one of {', '.join(wanted)}"
+            )
+        given[name] = numbers([values], f"--x {name}", "", low=-math.inf, high=math.inf)
+    missing = [name for name in wanted if name not in given]
+    if missing:
+        raise typer.BadParameter(f"give --x {missing[0]}=..., an input of the study's function")
+    refuse_too_many(*given.values())
+    grid = np.meshgrid(*(given[name] for name in wanted), indexing="ij")
+    return {name: column.ravel() for name, column in zip(wanted, grid, strict=True)}
+
+
+class Recorded(Protocol):
+    """What a run folder holds: of actuators, or of a forward map of one's own."""
+
+    @property
+    def name(self) -> str:
+        """The model by its causes."""
+        ...
+
+    @property
+    def run(self) -> RunRecord:
+        """What is recorded of the run."""
+        ...
+
+    @property
+    def verdict(self) -> Verdict:
+        """What was found."""
+        ...
+
+
+def seed_of(stored: Recorded, given: int | None) -> np.random.SeedSequence:
     """Return the seed of an answer: the user's, or one that follows from the run's."""
     if given is not None:
         return np.random.SeedSequence(given)
@@ -167,13 +234,13 @@ class Answer(FileRecord):
 
 
 def give(
-    stored: Stored, table: pd.DataFrame, messages: Sequence[str], units: dict[str, str]
+    stored: Recorded, table: pd.DataFrame, messages: Sequence[str], units: dict[str, str]
 ) -> None:
     """Print an answer as JSON.
 
     Parameters
     ----------
-    stored : Stored
+    stored : Recorded
         Of which model and run it is.
     table : DataFrame
         The answer; what is missing becomes null.
@@ -210,7 +277,7 @@ def write_csv(path: Path, table: pd.DataFrame) -> None:
         table.map(spreadsheet_safe).to_csv(part, index=False, encoding="utf-8")
 
 
-def empty_table(stored: Stored, headings: Sequence[str], addition: str = "") -> Table:
+def empty_table(stored: Recorded, headings: Sequence[str], addition: str = "") -> Table:
     """Return a table for the terminal that says which model of which run it is of."""
     run = stored.run
     virtual = "; virtual experiment" if run.virtual else ""
@@ -226,3 +293,68 @@ def output() -> Console:
     """Return standard output, wide enough for a table where it is no terminal."""
     printed = console()
     return printed if printed.is_terminal else console(width=WIDTH)
+
+
+def show_rows(stored: Recorded, table: pd.DataFrame, units: Mapping[str, str]) -> None:
+    """Print a table of numbers, each column with its unit."""
+    names = [str(name) for name in table]
+    heads = (f"{name}\n[{units[name]}]" if units.get(name) else name for name in names)
+    printed = empty_table(stored, list(heads))
+    for row in table.itertuples(index=False):
+        printed.add_row(
+            *(
+                "–" if pd.isna(cell) else number(cell) if isinstance(cell, float) else str(cell)
+                for cell in row
+            )
+        )
+    output().print(printed)
+
+
+def needed(given: list[str] | None, option: str, x: list[str] | None) -> list[str]:
+    """Return what an option of actuators gives.
+
+    Raises
+    ------
+    typer.BadParameter
+        If it is not given, or --x is.
+    """
+    if x:
+        raise typer.BadParameter(
+            "--x is of a forward map of one's own, and this run is of films or actuators"
+        )
+    if not given:
+        raise typer.BadParameter(f"{option} is missing")
+    return given
+
+
+def refuse_others(**given: object) -> None:
+    """Refuse options of actuators where a forward map of one's own is asked.
+
+    Raises
+    ------
+    typer.BadParameter
+        Naming the option.
+    """
+    for name, value in given.items():
+        if value:
+            raise typer.BadParameter(
+                f"--{name} has no meaning in a study with a forward map of its own; give --x "
+                "NAME=VALUES"
+            )
+
+
+def answer(
+    stored: Recorded,
+    table: pd.DataFrame,
+    units: dict[str, str],
+    *,
+    out: Path | None,
+    as_json: bool,
+) -> None:
+    """Print the answer of a forward map of one's own, and write it where that is asked for."""
+    if out is not None:
+        write_csv(out, table)
+    if as_json:
+        give(stored, table, (), units)
+    else:
+        show_rows(stored, table, units)

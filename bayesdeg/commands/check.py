@@ -12,6 +12,7 @@ from bayesdeg.data.plausibility import doubts, refuse_impossible
 from bayesdeg.data.study import Study
 from bayesdeg.emulator.kept import duration, rough_seconds, search
 from bayesdeg.observations.catalogue import TABLES
+from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.outline import outline
 from bayesdeg.pipeline.reading import read_study
 
@@ -24,6 +25,9 @@ def check(study: StudyFolder) -> None:
     in doubt.
     """
     checked = read_study(study)
+    if checked.settings.forward is not None:
+        _check_own(checked)
+        return
     plan = outline(checked)
     unlikely = refuse_impossible(doubts(checked, plan.expected))
     doubted = f", {len(unlikely)} in doubt" if unlikely else ""
@@ -45,6 +49,27 @@ def check(study: StudyFolder) -> None:
                 f"--workers {CORES}, a rough guess that it replaces by a measured time",
                 soft_wrap=True,
             )
+
+
+def _check_own(study: Study) -> None:
+    """Try the forward map and the causes of a study, and say what there is."""
+    found = assemble(study)
+    title = f"{study.name}: no faults"
+    table = Table(title=Text(title), title_justify="left")
+    table.add_column("what")
+    table.add_column("found")
+    own = found.own
+    assert own is not None
+    for block in own.readings:
+        specimens = len(set(block.places.specimen.tolist()))
+        table.add_row(block.name, f"{len(block.y)} readings on {specimens} specimens")
+    table.add_row("inputs", ", ".join(block.x) if isinstance(block.x, dict) else "x")
+    table.add_row("function", own.source)
+    table.add_row("parameters", ", ".join(found.model.table.names))
+    table.add_row("causes", ", ".join(cause.name for cause in found.candidates) or "none")
+    errors.print(table)
+    for what, cost in found.missing:
+        errors.print(f"without {what}: {cost}", soft_wrap=True)
 
 
 def _tables(study: Study) -> Iterator[tuple[str, int | None]]:

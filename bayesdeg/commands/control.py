@@ -1,5 +1,6 @@
 """``bayesdeg control``: the pressure for a wanted curvature, from a stored posterior."""
 
+from pathlib import Path
 from typing import Annotated
 
 import numpy as np
@@ -8,24 +9,30 @@ import typer
 from bayesdeg.commands.answers import (
     AsJson,
     Base,
-    DegradationRates,
     EmulatorFile,
+    Inputs,
+    MaybeRates,
     OutFile,
     RunFolderPath,
     Seed,
+    answer,
     empty_table,
     give,
+    inputs_of,
+    needed,
     numbers,
     output,
+    refuse_others,
     refuse_too_many,
     seed_of,
     write_csv,
 )
 from bayesdeg.commands.options import Quiet
 from bayesdeg.console import say, shown
-from bayesdeg.pipeline import forecast
+from bayesdeg.pipeline import forecast, formula
 from bayesdeg.pipeline.forecast import Stored, read_stored
 from bayesdeg.pipeline.output import output_file
+from bayesdeg.pipeline.own_forecast import is_own, read_own
 from bayesdeg.prediction.control import Setting
 from bayesdeg.report.wording import percent
 
@@ -52,12 +59,20 @@ HEADINGS = (
 )
 
 Curvatures = Annotated[
-    list[str],
+    list[str] | None,
     typer.Option(
         "--curvature",
         help="Wanted curvature in 1/m, less that at zero pressure, positive towards the paper; "
         "lists and ranges as for --degradation.",
         metavar="PER_M",
+    ),
+]
+Wanted = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--reading",
+        help="Of a forward map of one's own: wanted readings in their unit, as for --degradation.",
+        metavar="VALUES",
     ),
 ]
 Risk = Annotated[
@@ -68,9 +83,11 @@ Risk = Annotated[
 
 def control(
     report: RunFolderPath,
-    curvature: Curvatures,
-    degradation: DegradationRates,
+    curvature: Curvatures = None,
+    degradation: MaybeRates = None,
     risk: Risk = 0.05,
+    reading: Wanted = None,
+    x: Inputs = None,
     base: Base = False,
     emulator: EmulatorFile = None,
     seed: Seed = None,
@@ -85,7 +102,16 @@ def control(
     probability of rupture. A specimen for which the emulator has no answer counts as burst: it
     balloons, or nothing is known of it. If the wanted curvature cannot be reached at this risk,
     the largest allowed pressure is given, with the curvature there; the exit code is 0 too.
+
+    For a forward map of your own, give --reading, and with --x the inputs to try: for the first
+    input, the range in which to look. Nothing is known of rupture there, so no risk is bounded.
     """
+    if is_own(report):
+        refuse_others(curvature=curvature, degradation=degradation)
+        _of_own(report, reading or [], x or [], base=base, seed=seed, out=out, as_json=as_json)
+        return
+    curvature = needed(curvature, "--curvature", x or reading)
+    degradation = needed(degradation, "--degradation", x or reading)
     wanted = numbers(curvature, "--curvature", "1/m", low=0.0, high=float("inf"))
     if wanted[0] == 0.0:
         raise typer.BadParameter("--curvature 0 needs no pressure; give a curvature above 0")
@@ -149,3 +175,30 @@ def _end(value: float, style: str) -> str:
     if np.isnan(value):
         return "–"
     return "out of reach" if np.isinf(value) else f"{value:{style}}"
+
+
+def _of_own(
+    report: Path,
+    reading: list[str],
+    x: list[str],
+    *,
+    base: bool,
+    seed: int | None,
+    out: Path | None,
+    as_json: bool,
+) -> None:
+    """Find the input for a reading with a forward map of one's own."""
+    stored = read_own(report, base=base)
+    block = stored.own.readings[0]
+    if not reading:
+        raise typer.BadParameter("--reading is missing")
+    wanted = numbers(reading, "--reading", block.unit, low=-np.inf, high=np.inf)
+    at = inputs_of(x, list(block.x))
+    several = [name for name, column in at.items() if len(np.unique(column)) > 1]
+    if several != list(at)[:1]:
+        first = next(iter(at))
+        raise typer.BadParameter(f"give a range of --x {first}, and one value of other inputs")
+    out = None if out is None else output_file(out)
+    table = formula.control(stored.own, stored.fit, wanted, at, seed_of(stored, seed))
+    units = {"wanted": block.unit, "reached": "", "share": ""}
+    answer(stored, table.drop(columns="unit"), units, out=out, as_json=as_json)

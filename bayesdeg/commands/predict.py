@@ -1,5 +1,6 @@
 """``bayesdeg predict``: curvature and rupture of a new specimen, from a stored posterior."""
 
+from pathlib import Path
 from typing import Annotated
 
 import pandas as pd
@@ -8,24 +9,30 @@ import typer
 from bayesdeg.commands.answers import (
     AsJson,
     Base,
-    DegradationRates,
     EmulatorFile,
+    Inputs,
+    MaybeRates,
     OutFile,
     RunFolderPath,
     Seed,
+    answer,
     empty_table,
     give,
+    inputs_of,
+    needed,
     numbers,
     output,
+    refuse_others,
     refuse_too_many,
     seed_of,
     write_csv,
 )
 from bayesdeg.commands.options import Quiet
 from bayesdeg.console import say, shown
-from bayesdeg.pipeline import forecast
+from bayesdeg.pipeline import forecast, formula
 from bayesdeg.pipeline.forecast import Stored, read_stored
 from bayesdeg.pipeline.output import output_file
+from bayesdeg.pipeline.own_forecast import is_own, read_own
 from bayesdeg.report.wording import number, percent
 
 UNITS = (
@@ -35,7 +42,7 @@ UNITS = (
 )
 
 Pressures = Annotated[
-    list[str],
+    list[str] | None,
     typer.Option(
         "--pressure",
         help="Gauge pressures in kPa, as read by the sensor: 100, or 50,100, or a range 0:240:20 "
@@ -47,8 +54,9 @@ Pressures = Annotated[
 
 def predict(
     report: RunFolderPath,
-    pressure: Pressures,
-    degradation: DegradationRates,
+    pressure: Pressures = None,
+    degradation: MaybeRates = None,
+    x: Inputs = None,
     base: Base = False,
     emulator: EmulatorFile = None,
     seed: Seed = None,
@@ -60,8 +68,17 @@ def predict(
 
     Curvatures are 5, 25, 50, 75 and 95 % quantiles over new specimens on a prompt first loading in
     a horizontal mount, without reading noise. The probability of rupture up to a pressure has its
-    90 % interval. Cells are empty where most specimens are beyond the range of the emulator.
+    90 % interval. Cells are empty where most specimens are beyond the range of the emulator. Of a
+    forward map of one's own give --x NAME=VALUES for each of its inputs.
     """
+    if is_own(report):
+        refuse_others(pressure=pressure, degradation=degradation)
+        _of_own(report, x or [], base=base, seed=seed, out=out, as_json=as_json)
+        return
+    pressure, degradation = (
+        needed(pressure, "--pressure", x),
+        needed(degradation, "--degradation", x),
+    )
     pressures = numbers(pressure, "--pressure", "kPa", low=0.0, high=float("inf"))
     rates = numbers(degradation, "--degradation", "%", low=0.0, high=100.0)
     refuse_too_many(pressures, rates)
@@ -104,3 +121,16 @@ def _show(stored: Stored, table: pd.DataFrame) -> None:
     for row in table[table["why"] != ""].to_dict("records"):
         place = f"{row['degradation_pct']:g} %, {row['pressure_kPa']:g} kPa"
         console.print(f"{place}: {row['why']}", soft_wrap=True)
+
+
+def _of_own(
+    report: Path, x: list[str], *, base: bool, seed: int | None, out: Path | None, as_json: bool
+) -> None:
+    """Predict with a forward map of one's own."""
+    stored = read_own(report, base=base)
+    block = stored.own.readings[0]
+    at = inputs_of(x, list(block.x))
+    out = None if out is None else output_file(out)
+    table = formula.predict(stored.own, stored.fit, at, seed_of(stored, seed))
+    units = dict.fromkeys(("mean", "sd", *forecast.BAND_COLUMNS), block.unit)
+    answer(stored, table.drop(columns="unit"), units, out=out, as_json=as_json)

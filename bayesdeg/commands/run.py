@@ -23,6 +23,7 @@ from bayesdeg.commands.training import Manner, emulator_for
 from bayesdeg.console import errors, say, shown
 from bayesdeg.data.plausibility import doubts, refuse_impossible
 from bayesdeg.emulator.workers import workplace
+from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.deformed import compile_beside
 from bayesdeg.pipeline.outline import outline, passed_over
 from bayesdeg.pipeline.output import CHECKPOINTS, run_folder
@@ -79,17 +80,23 @@ def run(
     .cache/emulators.
     """
     checked = with_options(read_study(study), None if effort is None else effort.value, seed)
-    unlikely = refuse_impossible(doubts(checked, outline(checked).expected))
+    own = checked.settings.forward is not None
+    if own:
+        assemble(checked)  # whose faults come before a folder is made
+    unlikely = () if own else refuse_impossible(doubts(checked, outline(checked).expected))
     target, guard = out or Path("reports") / checked.name, Guard()
+    # functions of a study folder are not known to other processes
+    workers, scheduler = (1, None) if own else (workers, scheduler)
     with run_folder(target, checked) as folder, workplace(workers, scheduler) as executor:
         if not quiet:
             say(f"in doubt: {doubt}" for doubt in unlikely)
             say(f"without {what}: {cost}" for what, cost in passed_over(checked))
         if checked.actuator is not None:
             compile_beside()
-        forward = emulator_for(
-            checked, emulator, manner=Manner(yes=yes, quiet=quiet), executor=executor
-        )
+        forward = None
+        if not own:
+            manner = Manner(yes=yes, quiet=quiet)
+            forward = emulator_for(checked, emulator, manner=manner, executor=executor)
         checkpoints = Checkpoints(target / CHECKPOINTS, fingerprint(checked, forward))
         if fresh:
             checkpoints.clear()

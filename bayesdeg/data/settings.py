@@ -314,7 +314,7 @@ _THICKNESS, _DEGRADATION = Annotated[Number, Gt(0.0)], Annotated[Number, Ge(0.0)
 _FUNCTION = 'a file of the study and a function in it, "model.py:predict"'
 _INPUTS = "a list of columns of readings.csv, each once"
 _READING = "the column of readings.csv that was read, in quotes"
-_SCALE = 'a law { law = "half_normal", scale = .. }'
+_SCALE = 'a law { law = "half_normal", sd = .. }'
 _Law = Annotated[Any, PlainValidator(_law)]
 _Text = Annotated[str, StringConstraints(pattern=r"\S")]
 _Function = Annotated[str, StringConstraints(pattern=r"^[^:/\\]+\.py:[A-Za-z_]\w*$")]

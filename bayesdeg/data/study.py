@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 import pandera.pandas as pa
 
+from bayesdeg.data import readings
 from bayesdeg.data.cells import Cells, check_header, read_cells, read_number
 from bayesdeg.data.settings import FILE as SETTINGS_FILE
 from bayesdeg.data.settings import Dimensions, Settings, parse_settings
@@ -16,6 +17,8 @@ from bayesdeg.data.tables import TABLES, Table, broken, row_check, words_of
 from bayesdeg.errors import Fault, StudyError, nearest, use_one_of
 from bayesdeg.files import STUDY_MB, as_named, read_bytes, reason
 
+#: The folder of a study's own causes.
+CAUSES = "causes"
 #: So many faults of one kind in one column are told one by one.
 TOLD_ONE_BY_ONE = 5
 
@@ -319,10 +322,15 @@ def read_study(folder: Path | str, tables: Mapping[str, Table] = TABLES) -> Stud
     """
     folder = Path(folder)
     files = tuple(table.file for table in tables.values())
-    contents, unreadable = _read_files(folder, files)
+    contents, unreadable = _read_files(folder, (*files, readings.FILE))
     if not contents and unreadable:
         raise StudyError(unreadable)
     settings, wrong_settings = parse_settings(contents.get(SETTINGS_FILE, b""))
+    if settings.forward is not None:
+        return _own_study(folder, settings, contents, [*unreadable, *wrong_settings])
+    if contents.pop(readings.FILE, None) is not None:
+        remedy = '[forward] function = "model.py:predict" in study.toml names what predicts them'
+        wrong_settings += (Fault(readings.FILE, "is of no use without [forward]", remedy),)
     checked = {
         name: check_table(
             contents[table.file], table.schema, degradation_sd_pct=settings.degradation_sd_pct
@@ -341,6 +349,52 @@ def read_study(folder: Path | str, tables: Mapping[str, Table] = TABLES) -> Stud
         raise StudyError(faults)
     named = dict(zip(tables, files, strict=True))
     return _assemble(folder, settings, checked, contents, files=named)
+
+
+def _own_study(
+    folder: Path, settings: Settings, contents: dict[str, bytes], faults: list[Fault]
+) -> Study:
+    """Read a study of one's own forward map: its readings, and the code that predicts them.
+
+    Raises
+    ------
+    StudyError
+        With every fault.
+    """
+    forward = settings.forward
+    assert forward is not None
+    for name in sorted(set(contents) - {SETTINGS_FILE, readings.FILE}):
+        problem = "is not read by a study with a forward map of its own"
+        faults.append(Fault(name, problem, "remove it, or [forward] in study.toml"))
+    if readings.FILE not in contents:
+        remedy = f"add it: a row a reading, with a column {forward.reading} and one for each input"
+        raise StudyError([*faults, Fault(readings.FILE, "is missing", remedy)])
+    content = contents[readings.FILE]
+    table, inputs, missing = readings.readings_table(content, forward)
+    checked = check_table(content, table.schema, degradation_sd_pct=settings.degradation_sd_pct)
+    code, unreadable = _read_code(folder, forward.function.partition(":")[0])
+    faults += [*missing, *checked.faults, *unreadable]
+    if faults:
+        raise StudyError(faults)
+    settings = replace(settings, forward=replace(forward, inputs=inputs))
+    named = {readings.NAME: checked}
+    return _assemble(folder, settings, named, contents | code, files={table.name: table.file})
+
+
+def _read_code(folder: Path, model: str) -> tuple[dict[str, bytes], list[Fault]]:
+    """Read the Python files of a study by their names in it."""
+    contents, faults = {}, []
+    for path in (folder / model, *sorted((folder / CAUSES).glob("*.py"))):
+        name = path.relative_to(folder).as_posix()
+        try:
+            contents[name] = read_bytes(path, most_mb=STUDY_MB)
+        except FileNotFoundError:
+            remedy = f"add {name}, or name another file"
+            place = (None, "forward.function", model)
+            faults.append(Fault(SETTINGS_FILE, "names a file that is not there", remedy, *place))
+        except OSError as error:
+            faults.append(Fault(name, f"cannot be read ({reason(error)})", "give another file"))
+    return contents, faults
 
 
 def _absent_modes(settings: Settings, tensile: pd.DataFrame) -> Iterator[Fault]:

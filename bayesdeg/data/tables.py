@@ -325,7 +325,8 @@ def number(*checks: pa.Check, empty: bool = False, optional: bool = False) -> pa
     return pa.Column(float, list(checks), nullable=empty or optional, required=not optional)
 
 
-def _text(*, empty: bool = False, default: str | None = None) -> pa.Column:
+def text(*, empty: bool = False, default: str | None = None) -> pa.Column:
+    """Make a column of names; ``empty`` allows empty cells, which mean the default."""
     return pa.Column(str, nullable=empty, default=default)
 
 
@@ -391,7 +392,7 @@ class Table:
 
 def _specimens() -> dict[str, pa.Column]:
     return {
-        "specimen_id": _text(),
+        "specimen_id": text(),
         "degradation_pct": number(MEASURED_RATE, PERCENT),
         "degradation_sd_pct": number(NOT_NEGATIVE, optional=True),
     }
@@ -399,7 +400,7 @@ def _specimens() -> dict[str, pa.Column]:
 
 MOISTURE = pa.DataFrameSchema(
     {
-        "film_id": _text(),
+        "film_id": text(),
         "time_h": number(NOT_NEGATIVE),
         "mass_equilibrated_g": number(POSITIVE),
         "mass_dry_g": number(POSITIVE),
@@ -414,7 +415,7 @@ MOISTURE = pa.DataFrameSchema(
 )
 SHRINKAGE = pa.DataFrameSchema(
     {
-        "film_id": _text(),
+        "film_id": text(),
         "mass_poured_g": number(POSITIVE),
         "mass_cured_g": number(POSITIVE),
         "mass_conditioned_g": number(POSITIVE),
@@ -480,8 +481,8 @@ SUMMARY = pa.DataFrameSchema(
         "value": number(),
         "sd": number(NOT_NEGATIVE, empty=True),
         "n": number(POSITIVE, WHOLE, empty=True),
-        "unit": _text(empty=True, default="–"),
-        "source": _text(),
+        "unit": text(empty=True, default="–"),
+        "source": text(),
     },
     SUMMARY_CHECKS,
     name="summary.csv",

@@ -1,21 +1,24 @@
 """A study becomes the base model: which data, which parameters, which priors."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.inputs import ForwardMap
 from bayesdeg.causes.cause import Cause
+from bayesdeg.causes.fold import with_causes
 from bayesdeg.data.study import Study
 from bayesdeg.emulator.kept import surrogate_for
 from bayesdeg.emulator.surrogate import Surrogate
+from bayesdeg.errors import BayesdegError, Fault, StudyError, use_one_of
 from bayesdeg.inference.model import Model
 from bayesdeg.observations.specimens import FilmsAndActuators, no_map
 from bayesdeg.pipeline.formula import OwnMap, probe
-from bayesdeg.pipeline.outline import outline
-from bayesdeg.priors import Parameter
+from bayesdeg.pipeline.outline import outline, stated_priors
+from bayesdeg.pipeline.user_code import own_causes, own_map, try_out
+from bayesdeg.priors import Parameter, check_priors, with_priors
 
 
 @dataclass(frozen=True)
@@ -62,6 +65,41 @@ def assemble_own(
     return Assembly(model, tuple(candidates), {}, (), own=own)
 
 
+def _assemble_study(study: Study) -> Assembly:
+    """Build the base model of a study of one's own forward map, with the causes that it brings.
+
+    Raises
+    ------
+    StudyError
+        If code of the study fails, or a prior or a cause does not exist.
+    """
+    own, causes, stated = own_map(study), own_causes(study), study.settings
+    assert stated.forward is not None
+    try:
+        base = own.model(stated.forward.parameters)
+    except BayesdegError as fault:
+        raise StudyError([Fault("study.toml", str(fault), "change the names")]) from fault
+    check_priors(stated.priors, with_causes(base.base, causes).names)
+    tried = tuple(
+        replace(one, parameters=stated_priors(one, study))
+        for one in causes
+        if stated.candidates is None or one.name in stated.candidates
+    )
+    known = [cause.name for cause in causes]
+    unknown = [
+        Fault("study.toml", "is no cause of this study",
+              use_one_of(name, known) if known else "add causes/NAME.py",
+              None, "causes.candidates", name)
+        for name in stated.candidates or () if name not in known
+    ]  # fmt: skip
+    if unknown:
+        raise StudyError(unknown)
+    model = replace(base, base=with_priors(base.base, stated.priors))
+    try_out(study, model, tried)
+    absent = (("causes/*.py", "no cause can be named, only a misfit be found"),)
+    return Assembly(model, tried, {}, () if tried else absent, own=own)
+
+
 def assemble(study: Study, forward: ForwardMap | None = None) -> Assembly:
     """Build the base model of a study.
 
@@ -79,6 +117,8 @@ def assemble(study: Study, forward: ForwardMap | None = None) -> Assembly:
     BayesdegError
         If a candidate does not exist, or there is no emulator of the study's geometry.
     """
+    if study.settings.forward is not None:
+        return _assemble_study(study)
     emulated = forward is None or isinstance(forward, Surrogate)
     plan = outline(study, emulated=emulated)
     if plan.needs_forward and (forward is None or isinstance(forward, Surrogate)):

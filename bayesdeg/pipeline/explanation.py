@@ -63,7 +63,7 @@ def explain(judgement: Judgement, where: str) -> str:
         j=judgement,
         where=where,
         outcome=str(decision.outcome),
-        catalogue=CATALOGUE,
+        catalogue=CATALOGUE | {cause.name: cause for cause in judgement.search.causes},
         causes=[_named(judgement, name) for name in decision.causes],
         named_or=" or ".join(decision.causes),
         favoured=" and ".join(one.cause for one in judgement.supported),

@@ -49,7 +49,7 @@ class Readings:
         reading is of a specimen of its own.
     name, unit : str
         What was read, and its unit.
-    error : float, array, Law or None
+    error : float, array, Law, Parameter or None
         Standard deviation of a reading: known, with a prior of its own, or, by default, a parameter
         ``<name>_error`` with the prior HalfNormal(sd(y)/2), 95 % of which lies below the standard
         deviation of all readings, which a model that explains nothing would leave as error.
@@ -78,7 +78,7 @@ class Readings:
     specimen: Any = None
     name: str = "reading"
     unit: str = "–"
-    error: float | ArrayLike | Law | None = None
+    error: float | ArrayLike | Law | Parameter | None = None
     scatter: bool | Law = False
     level: Any = 0.0
     time: Any = np.nan
@@ -103,7 +103,7 @@ class Readings:
                 )
         if isinstance(self.error, (bool, str)):
             raise BayesdegError(f"{self.name}: error must be a number, an array or a prior law")
-        known = None if self.error is None or isinstance(self.error, Law) else self.error
+        known = None if self.error is None or self._has_error_parameter else self.error
         if known is not None and not np.all(np.asarray(known, dtype=np.float64) > 0.0):
             raise BayesdegError(f"{self.name}: error must be above 0, not {self.error}")
         object.__setattr__(self, "x", x)
@@ -113,7 +113,9 @@ class Readings:
     def parameters(self) -> tuple[Parameter, ...]:
         """The parameters that the readings add: of error and scatter, where they are not known."""
         found = []
-        if self.error is None or isinstance(self.error, Law):
+        if isinstance(self.error, Parameter):
+            found.append(self.error)
+        elif self.error is None or isinstance(self.error, Law):
             meaning = f"reading error of {self.name}, standard deviation"
             law = self.error if isinstance(self.error, Law) else self._default()
             found.append(Parameter(f"{self.name}_error", law, self.unit, meaning))
@@ -122,6 +124,15 @@ class Readings:
             law = self.scatter if isinstance(self.scatter, Law) else self._default()
             found.append(Parameter(f"{self.name}_scatter", law, self.unit, meaning))
         return tuple(found)
+
+    @property
+    def _has_error_parameter(self) -> bool:
+        return isinstance(self.error, (Law, Parameter))
+
+    def parameter_of(self, what: str) -> str:
+        """Return the name of the parameter of ``error`` or ``scatter``."""
+        given = getattr(self, what)
+        return given.name if isinstance(given, Parameter) else f"{self.name}_{what}"
 
     def _default(self) -> Law:
         spread = float(np.std(self.y))
@@ -251,8 +262,8 @@ class OwnMap:
 
     def at(self, fit: "Drawn", block: Readings, x: Any) -> tuple[Readings, Model]:
         """Return readings of a kind at other inputs, and a calibrated model of them."""
-        at = replace(block, x=x, y=np.zeros(_count(x)), specimen=None, error=1.0, scatter=False)
-        at = replace(at, level=0.0, time=np.nan, history="once")
+        plain: dict[str, Any] = {"specimen": None, "level": 0.0, "time": np.nan, "history": "once"}
+        at = replace(block, x=x, y=np.zeros(_count(x)), error=1.0, scatter=False, **plain)
         alone = replace(self, readings=(at,)).model(fit.model.base)
         return at, alone.extended(*fit.model.causes)
 
@@ -274,7 +285,7 @@ class OwnMap:
         """Return standard deviations of error or scatter, (k, n)."""
         columns = []
         for block in self.readings:
-            name, known = f"{block.name}_{what}", getattr(block, what)
+            name, known = block.parameter_of(what), getattr(block, what)
             if name in values:
                 size = values[name]
             else:

@@ -186,7 +186,7 @@ def _candidates(
         if why is not None:
             unjudged[cause.name] = why
         if why in (None, indistinct):
-            stated = replace(cause, parameters=_stated_priors(cause, study))
+            stated = replace(cause, parameters=stated_priors(cause, study))
             (judged if why is None else alike).append(stated)
     return tuple(judged), unjudged, tuple(alike)
 
@@ -215,7 +215,7 @@ def _unseen(
     return cause.blind(actuators[0].curves.conditions)
 
 
-def _stated_priors(cause: Cause, study: Study) -> tuple[Parameter, ...]:
+def stated_priors(cause: Cause, study: Study) -> tuple[Parameter, ...]:
     """Return a cause's parameters with the priors that the study states."""
     stated = study.settings.priors
     parameters, faults = [], []

@@ -247,7 +247,7 @@ def _lock(file: IO[bytes]) -> None:
 
 def _refuse_other_run(path: Path, study: Study) -> None:
     """Refuse a folder that is in use for anything but earlier runs of the same study."""
-    owner = _owner(path)
+    owner = owner_of(path)
     if owner is None:
         taken = sorted(name for name in RUN_FILES if _is_there(path / name))
         if taken and not _is_there(path / CHECKPOINTS):
@@ -264,7 +264,7 @@ def _refuse_other_run(path: Path, study: Study) -> None:
         )
 
 
-def _owner(path: Path) -> Owner | None:
+def owner_of(path: Path) -> Owner | None:
     """Return what a run folder says of its study; None if it holds no run."""
     for name in (OWNER, f"{RUN}.json"):
         with suppress(OSError, ValueError):

@@ -466,7 +466,12 @@ def _ball(*, gravity_known: bool) -> Script:
 def _machine() -> Script:
     module = script("simple_machine")
     causes = {cause.name: cause for some in module.CATALOGUES.values() for cause in some}
-    return Script(module.model(SIMULATED), tuple(causes.values()))
+    model = module.model(SIMULATED)
+    (work,) = model.observations
+    # specimens had numbers, and groups their efforts, when the numbers were frozen
+    numbered = np.arange(1, len(work.observed) + 1).astype(np.str_)
+    labelled = replace(work, read_at=replace(work.read_at, specimen=numbered))
+    return Script(model.with_observations(labelled), tuple(causes.values()))
 
 
 def _beam() -> Beam:

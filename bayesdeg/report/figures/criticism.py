@@ -235,11 +235,15 @@ def _draw_points(axes: Axes, here: pd.DataFrame) -> None:
         )
 
 
+BRANCHES = ("loading", "unloading")  # what histories of actuators begin with
+
+
 def _paths(here: pd.DataFrame) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Return which readings are of unloading, and which of cycles after the first."""
     words = [str(history).split() for history in here["history"]]
     unloading = np.array([word[:1] == ["unloading"] for word in words], bool)
-    return unloading, np.array([len(word) > 1 and word[1] != "1" for word in words], bool)
+    later = [len(word) > 1 and word[0] in BRANCHES and word[1] != "1" for word in words]
+    return unloading, np.array(later, bool)
 
 
 def _draw_discrepancy(axes: Axes, here: pd.DataFrame, colour: str) -> None:

@@ -25,7 +25,7 @@ from bayesdeg.report.drawing import (
     styled,
 )
 from bayesdeg.report.summaries import BASE, FINAL, MOST_LEVELS
-from bayesdeg.report.wording import model_words
+from bayesdeg.report.wording import model_words, words
 
 type Panel = tuple[str, pd.DataFrame]
 
@@ -68,7 +68,7 @@ def _drawn(fitted: pd.DataFrame, draw: Callable[[Axes, pd.DataFrame], None], wha
         draw(axes, chosen)
         first = chosen.iloc[0]
         unit = "" if first["unit"] == DIMENSIONLESS else f" [{first['unit']}]"
-        axes.set(xlabel=first["axis"], ylabel=f"{what or first['kind']}{unit}")
+        axes.set(xlabel=first["axis"], ylabel=f"{what or words(first['kind'])}{unit}")
         axes.set_title(title)
     return figure
 
@@ -78,11 +78,11 @@ def _panels(fitted: pd.DataFrame) -> Iterator[Panel]:
     for kind, rows in fitted.groupby("kind", sort=False):
         levels = np.unique(rows["level"].to_numpy(float))
         if not 1 < len(levels) <= MOST_LEVELS:
-            yield str(kind), rows
+            yield words(str(kind)), rows
             continue
         for level in levels:
             chosen = rows[rows["level"] == level]
-            yield f"{kind} at {level:.3g} {_text(chosen['level_unit'])}".strip(), chosen
+            yield f"{words(str(kind))} at {level:.3g} {_text(chosen['level_unit'])}".strip(), chosen
 
 
 def _text(cells: pd.Series) -> str:
@@ -124,7 +124,7 @@ def _sketch(draw: Callable[[pd.DataFrame], Figure]) -> Callable[[Shown], Sketch 
         fitted = shown.tables["fitted"]
         if fitted is None:
             return None
-        return Sketch(draw(fitted), {"kinds": list(dict.fromkeys(fitted["kind"]))})
+        return Sketch(draw(fitted), {"kinds": list(map(words, dict.fromkeys(fitted["kind"])))})
 
     return sketch
 
