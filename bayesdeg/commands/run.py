@@ -56,13 +56,16 @@ Fresh = Annotated[
 ]
 
 
+RunTarget = Annotated[
+    Path | None,
+    typer.Option(help="Run folder; by default reports/NAME, with the name of the study."),
+]
+
+
 def run(
     study: StudyFolder,
     effort: Effort = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(help="Run folder; by default reports/NAME, with the name of the study."),
-    ] = None,
+    out: RunTarget = None,
     seed: Seed = None,
     workers: Workers = CORES,
     scheduler: Scheduler = None,
