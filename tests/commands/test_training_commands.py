@@ -21,6 +21,7 @@ from bayesdeg.emulator import workers
 from bayesdeg.emulator.kept import cached_path, read_trained, write_trained
 from bayesdeg.emulator.solutions import SolutionStore
 from bayesdeg.pipeline import emulation
+from bayesdeg.report.record import Verdict
 from tests.pipeline.study_files import SETTINGS, study_in
 from tests.pipeline.tiny_campaign import GEOMETRY, RECIPE, TABLE, build, emulator
 
@@ -60,7 +61,7 @@ def pipeline(monkeypatch):
 
     def run_study(_study, _folder, _checkpoints, *, forward, **_):
         given.append(forward)
-        return {"outcome": "adequate", "causes": [], "explanation": "nothing was calibrated"}
+        return Verdict(outcome="adequate", explanation="nothing was calibrated")
 
     monkeypatch.setattr(run_command, "run_study", run_study)
     monkeypatch.setattr(run_command, "add_page", lambda _folder, found, _guard: (found, None))

@@ -161,7 +161,8 @@ def test_films_in_the_soil_give_degradation_rates(tmp_path):
 
 def test_published_values_stand_beside_those_of_the_posterior(study, model):
     rows = {row.quantity: row.document() for row in comparisons(study, fit_of(model))}
-    assert set(rows) == {"young_modulus", "elongation_at_break", "volume_ratio"}
+    assert set(rows) == {"young_modulus", "elongation_at_break", "volume_ratio", "r_squared"}
+    assert rows["r_squared"]["predicted"] == "–"  # shown, not fitted
     assert rows["young_modulus"]["predicted"] == "1.8 (1.8 to 1.8) MPa"
     assert rows["young_modulus"]["published"] == "1.73 ± 0.15 MPa"
     assert rows["elongation_at_break"]["predicted"].startswith("210 (")
@@ -174,10 +175,10 @@ def test_what_is_said_to_be_shown_and_not_fitted_is_shown(tmp_path):
     counts = "ruptured_count,25,2,,3,–,the paper\nmass_loss_slope,,0.8574,,,–,the paper\n"
     study = study_in(tmp_path, {"summary.csv": SUMMARY + counts})
     model = assemble(study).model
-    [shown] = [r["statement"] for r in rests_on(study, model) if "not fitted" in r["statement"]]
+    [shown] = [r.statement for r in rests_on(study, model) if "not fitted" in r.statement]
     named = set(shown.split(": ")[1].split(", "))
     assert named == {"ruptured_count", "mass_loss_slope", "r_squared"}
-    rows = {row["quantity"]: row for row in comparisons(study, fit_of(model))}
+    rows = {row.quantity: row.document() for row in comparisons(study, fit_of(model))}
     assert named < set(rows)
     assert (rows["ruptured_count"]["predicted"], rows["ruptured_count"]["published"]) == ("–", "2")
     assert rows["mass_loss_slope"]["published"] == "0.8574"
@@ -185,7 +186,7 @@ def test_what_is_said_to_be_shown_and_not_fitted_is_shown(tmp_path):
 
 def test_a_published_mean_without_an_error_is_shown_and_not_fitted(tmp_path):
     study = study_in(tmp_path, {"summary.csv": SUMMARY.replace("209.8,6.3,3", "209.8,,3")})
-    said = [row["statement"] for row in rests_on(study, assemble(study).model)]
+    said = [row.statement for row in rests_on(study, assemble(study).model)]
     assert "shown, not fitted: elongation_at_break, r_squared" in said
     assert "also used as data: volume_ratio, young_modulus" in said
 
@@ -195,11 +196,11 @@ def test_without_a_summary_nothing_is_compared(tmp_path):
     assert comparisons(study, fit_of(assemble(study).model)) == []
 
 
-def test_statements_name_the_data_that_they_rest_on(study, tmp_path):
-    rows = {row.statement: row.rests_on for row in rests_on(study)}
+def test_statements_name_the_data_that_they_rest_on(study, model, tmp_path):
+    rows = {row.statement: row.rests_on for row in rests_on(study, model)}
     assert rows["Yeoh constants against degradation"] == "tensile.csv, 2 specimens (measured)"
     assert rows["verdict, gain, curvature bands"] == "actuator.csv, 3 specimens (measured)"
     assert rows["elongation limit and rupture"] == "break.csv, 3 specimens (measured)"
     assert rows["shown, not fitted: r_squared"] == "summary.csv (published)"
     virtual = study_in(tmp_path, {"study.toml": SETTINGS + "virtual = true\n"})
-    assert all("measured" not in row.rests_on for row in rests_on(virtual))
+    assert all("measured" not in row.rests_on for row in rests_on(virtual, model))

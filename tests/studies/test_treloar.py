@@ -104,9 +104,9 @@ def test_each_held_out_mode_is_told_by_itself(full):
 def test_what_is_left_after_naming_is_said_where_it_is_no_chance(full):
     found = full[1]
     assert found.left.p_value <= MISFIT_LEVEL
-    assert "What is left is still more than chance gives" in document(found)["explanation"]
+    assert "the extended model" in document(found)["explanation"]
     fine = replace(found, left=replace(found.left, p_value=0.3))
-    assert "What is left" not in document(fine)["explanation"]
+    assert "the extended model" not in document(fine)["explanation"]
 
 
 def add_second_invariant(stress, films, effect, constants):
