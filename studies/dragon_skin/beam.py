@@ -15,9 +15,8 @@ from bayesdeg.actuator.body import box
 from bayesdeg.actuator.equilibrium import follow
 from bayesdeg.actuator.linear import Factorization, open_factorization
 from bayesdeg.actuator.material import Material
-from bayesdeg.actuator.problem import Problem
+from bayesdeg.actuator.problem import Problem, State, System
 from bayesdeg.actuator.status import Effort
-from bayesdeg.actuator.system import State, System
 from dragon_skin.balls import PATCHES, carried
 from dragon_skin.grid import graded, mean_weights, weights_at
 from dragon_skin.record import DENSITY, GRAVITY, HEIGHT, LENGTH, NOMINAL, TIP, TIP_LOADS, WIDTH
