@@ -1,17 +1,18 @@
 """A run folder becomes one self-contained page; nothing is computed anew."""
 
+import importlib
+import pkgutil
 from collections import defaultdict
 from dataclasses import dataclass
 from pathlib import Path
 
 from markupsafe import Markup
 
-from bayesdeg.report import wording
-from bayesdeg.report.drawing import Drawing, Shown
-from bayesdeg.report.figures.registry import drawings_of
+from bayesdeg.report import figures, wording
+from bayesdeg.report.drawing import Drawing, PageFigure, Shown
 from bayesdeg.report.folder import RUN, VERDICT, RunFolder
 from bayesdeg.report.headline import Headline, doubts_of, headline_of
-from bayesdeg.report.left_out import FIGURE, Guard, Stage
+from bayesdeg.report.left_out import FIGURE, Guard, Stage, figure_stage
 from bayesdeg.report.record import CandidateEntry, RunRecord, Verdict
 from bayesdeg.report.summaries import (
     DecisionPair,
@@ -33,6 +34,38 @@ from bayesdeg.report.summaries import (
 )
 from bayesdeg.report.surface import read_surface
 from bayesdeg.report.wording import environment
+
+
+def _discover() -> dict[str, PageFigure]:
+    names = (f"{figures.__name__}.{entry.name}" for entry in pkgutil.iter_modules(figures.__path__))
+    modules = [importlib.import_module(name) for name in names]
+    return {figure.name: figure for module in modules for figure in module.FIGURES}
+
+
+#: Every figure by its name in the page: those that modules of `bayesdeg.report.figures` list.
+FIGURES: dict[str, PageFigure] = _discover()
+
+
+def drawings_of(shown: Shown, guard: Guard | None = None) -> dict[str, Drawing]:
+    """Draw every figure for which the run has data.
+
+    Parameters
+    ----------
+    shown : Shown
+        What the run found.
+    guard : Guard, optional
+        Leaves out figures that fail; by default nothing is left out and faults are raised.
+
+    Returns
+    -------
+    dict
+        By name; those without data are left out.
+    """
+    guard = guard or Guard(strict=True)
+    drawn = (
+        guard.attempt(figure_stage(name), figure.drawing, shown) for name, figure in FIGURES.items()
+    )
+    return {drawing.name: drawing for drawing in drawn if drawing is not None}
 
 
 @dataclass(frozen=True)

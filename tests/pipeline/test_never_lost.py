@@ -24,7 +24,6 @@ from bayesdeg.pipeline import writing as deciding
 from bayesdeg.prediction import prior_predictive
 from bayesdeg.report import drawing
 from bayesdeg.report import tables as columns
-from bayesdeg.report.figures import registry
 from bayesdeg.report.folder import LEFT_OUT, POSTERIORS, RunFolder
 from bayesdeg.report.left_out import (
     STRICT,
@@ -34,6 +33,7 @@ from bayesdeg.report.left_out import (
     posterior_stage,
     table_stage,
 )
+from bayesdeg.report.page import FIGURES as DRAWN
 from tests.pipeline.planted_offset import emulator, planted_study
 from tests.report.html_reading import read_html
 
@@ -86,7 +86,7 @@ BROKEN = {
 WRITTEN = {table_stage(name): name for name in columns.TABLES} | {
     posterior_stage(name): name for name in POSTERIORS
 }
-FIGURES = {figure_stage(name): name for name in registry.FIGURES}
+FIGURES = {figure_stage(name): name for name in DRAWN}
 # what can only be said, not raised: see the tests of too few simulated data sets
 SAID = {Stage.CALIBRATION}
 # of a study of films alone
@@ -186,9 +186,9 @@ def cheap(tmp_path_factory):
         patch.setattr(writing, "write_deformed", KeptFiles(coarse))
         posterior = KeptFiles(RunFolder.write_posterior)
         patch.setattr(RunFolder, "write_posterior", lambda *args: posterior(*args))
-        for name, figure in registry.FIGURES.items():
+        for name, figure in DRAWN.items():
             draw = Kept(figure.draw, partial(has_table, figure))
-            patch.setitem(registry.FIGURES, name, replace(figure, draw=draw))
+            patch.setitem(DRAWN, name, replace(figure, draw=draw))
         for module, name, key in KEPT:
             kept = Kept(getattr(module, name), *([key] if key else []))
             patch.setattr(module, name, kept)
@@ -226,8 +226,8 @@ def broken_at(stage, fault, patch):
     if stage in BROKEN:
         patch.setattr(*BROKEN[stage], raising(fault))
     elif stage in FIGURES:
-        figure = registry.FIGURES[FIGURES[stage]]
-        patch.setitem(registry.FIGURES, figure.name, replace(figure, draw=raising(fault)))
+        figure = DRAWN[FIGURES[stage]]
+        patch.setitem(DRAWN, figure.name, replace(figure, draw=raising(fault)))
     else:
         name = "write_posterior" if stage.endswith(".nc") else "write_table"
         real = getattr(RunFolder, name)
@@ -259,7 +259,7 @@ def test_a_run_in_which_nothing_breaks_leaves_nothing_out(whole):
     page = (out / "index.html").read_text(encoding="utf-8")
     assert 'id="left-out"' not in page
     # whatever can be drawn is drawn, so that the tests below lack nothing
-    assert set(registry.FIGURES) == set(re.findall(r'id="figure-([a-z-]+)"', page))
+    assert set(DRAWN) == set(re.findall(r'id="figure-([a-z-]+)"', page))
 
 
 @pytest.mark.slow

@@ -6,7 +6,7 @@ import xarray as xr
 
 from bayesdeg.report.drawing import Shown
 from bayesdeg.report.figures.chains import BINS, MOST, rank_counts, rank_figure
-from bayesdeg.report.figures.registry import FIGURES
+from bayesdeg.report.page import FIGURES
 from bayesdeg.report.record import RunRecord, Verdict
 from bayesdeg.report.tables import Tables
 

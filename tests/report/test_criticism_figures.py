@@ -12,7 +12,6 @@ from bayesdeg.criticism.checks.statistics import frame as statistics_frame
 from bayesdeg.criticism.holdout.gain import loo_pit
 from bayesdeg.pipeline.writing import loo_pit_table
 from bayesdeg.report.drawing import BASE_COLOUR, FINAL_COLOUR, INK, Shown, inline_svg
-from bayesdeg.report.figures import registry
 from bayesdeg.report.figures.criticism import (
     FURTHEST,
     band_position,
@@ -20,6 +19,7 @@ from bayesdeg.report.figures.criticism import (
     loo_pit_figure,
     statistics_figure,
 )
+from bayesdeg.report.page import FIGURES as DRAWN
 from bayesdeg.report.record import RunRecord, Verdict
 from bayesdeg.report.tables import Tables
 from bayesdeg.report.wording import number
@@ -224,7 +224,7 @@ def test_without_a_named_cause_nothing_is_said_to_be_left():
 def caption_of(name, table):
     tables = Tables({name.replace("-", "_"): table})
     shown = Shown(Verdict(outcome="adequate"), RunRecord(title="a run"), tables)
-    return registry.FIGURES[name].drawing(shown).caption.replace("\N{NO-BREAK SPACE}", " ")
+    return DRAWN[name].drawing(shown).caption.replace("\N{NO-BREAK SPACE}", " ")
 
 
 def test_captions_read_what_is_remarkable_and_nothing_else():

@@ -7,9 +7,9 @@ import pytest
 
 from bayesdeg.errors import BayesdegError
 from bayesdeg.report.drawing import Shown
-from bayesdeg.report.figures import registry
 from bayesdeg.report.headline import headline_of
 from bayesdeg.report.left_out import Guard
+from bayesdeg.report.page import FIGURES as DRAWN
 from bayesdeg.report.page import build_page, content_of, render
 from bayesdeg.report.summaries import by_level, several_levels
 from bayesdeg.report.tables import TABLES, Tables
@@ -483,8 +483,8 @@ def test_a_figure_that_fails_is_left_out_of_the_page_alone(incomplete, monkeypat
     def broken(*_):
         raise RuntimeError("no ink")
 
-    figure = registry.FIGURES["residuals"]
-    monkeypatch.setitem(registry.FIGURES, "residuals", replace(figure, draw=broken))
+    figure = DRAWN["residuals"]
+    monkeypatch.setitem(DRAWN, "residuals", replace(figure, draw=broken))
     with pytest.raises(RuntimeError, match="no ink"):
         build_page(incomplete.path)
     guard = Guard(strict=False)
