@@ -240,19 +240,20 @@ class Batch:
         """
         if self.within.all():
             return self, np.zeros(len(self.within))
-        given = self.groups[1:]
-        groups = np.clip(given.T, span.lower, span.upper).T
+        rows = ~self.within
+        given = self.groups[1:, rows]
+        inner = np.clip(given.T, span.lower, span.upper).T
         # a paper both slack and mismatched is not trained
-        taken_up = ~inside(groups.T, span)[:, SLACK - 1]
-        groups[SLACK - 1] = np.where(
-            taken_up, np.minimum(groups[SLACK - 1], 0.0), groups[SLACK - 1]
-        )
-        off = (given - groups) / (span.upper - span.lower)[:, None]
+        taken_up = ~inside(inner.T, span)[:, SLACK - 1]
+        inner[SLACK - 1] = np.where(taken_up, np.minimum(inner[SLACK - 1], 0.0), inner[SLACK - 1])
+        off = (given - inner) / (span.upper - span.lower)[:, None]
         known = np.all(np.isfinite(given), axis=0)
-        groups = np.vstack([self.groups[:1], np.where(known, groups, given)])
-        scaled, warp = _scaled(groups, known, NAMES[1:], span)
-        inner = replace(self, groups=groups, within=known, scaled=scaled, warp=warp[:, None])
-        return inner, np.where(known, np.sqrt(np.sum(off**2, axis=0)), 0.0)
+        groups, within = self.groups.copy(), self.within.copy()
+        scaled, warp, distance = self.scaled.copy(), self.warp.copy(), np.zeros(len(within))
+        groups[1:, rows], within[rows] = np.where(known, inner, given), known
+        scaled[:, rows], warp[rows, 0] = _scaled(groups[:, rows], known, NAMES[1:], span)
+        distance[rows] = np.where(known, np.sqrt(np.sum(off**2, axis=0)), 0.0)
+        return replace(self, groups=groups, within=within, scaled=scaled, warp=warp), distance
 
     def largest_load(self, span: TrainingRange) -> Floats:
         """Return the largest p/M that is trained, (n_rows,); of no meaning in rows outside."""
