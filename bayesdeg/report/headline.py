@@ -14,7 +14,6 @@ from bayesdeg.criticism.decide.verdict import Outcome
 from bayesdeg.report.record import CandidateEntry, Verdict
 from bayesdeg.report.summaries import BASE, Row, extended_model, pooled, rows_of
 from bayesdeg.report.wording import (
-    BADGES,
     NOTHING,
     SPACE,
     fixed,
@@ -27,6 +26,13 @@ from bayesdeg.report.wording import (
     words,
 )
 
+BADGES = {
+    Outcome.ADEQUATE: "Adequate",
+    Outcome.NAMED: "Cause named",
+    Outcome.AMBIGUOUS: "Ambiguous",
+    Outcome.UNEXPLAINED: "Unexplained",
+    Outcome.NOT_JUDGED: "Not judged",
+}
 SURE = 0.99999  # which is worded as more than 99.9 %
 
 
