@@ -72,7 +72,10 @@ STORE = Path(".cache/calibration")
 EFFORT = "quick"
 DRAWS = 99  # ranks from 0 to 99
 DENSITY = "log density"
-LAWS = ("distributions", "material", "causes", "emulator", "inference", "pipeline/calibrate.py")
+LAWS = (
+    *("priors.py", "material", "causes", "emulator", "observations", "inference"),
+    "pipeline/calibrate.py",
+)
 
 
 @dataclass(frozen=True)

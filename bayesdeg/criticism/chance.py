@@ -2,8 +2,14 @@
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import binom
 
 Floats = NDArray[np.float64]
+
+DOUBT = 1e-3
+"""Chance of so few or so many exceedances, were the p-value the level, below which its side is
+clear: the verdict of one study in a thousand whose p-value is the level itself would hang on the
+seed, and of hardly any other."""
 
 
 def chance_of(statistic: Floats | float, null: Floats, *, fewest: int = 0) -> Floats:
@@ -35,3 +41,33 @@ def chance_of(statistic: Floats | float, null: Floats, *, fewest: int = 0) -> Fl
     larger = np.sum(null >= np.asarray(statistic)[..., None], axis=-1)
     found: Floats = (1 + larger) / (1 + count) if count >= fewest else np.full(larger.shape, np.nan)
     return found
+
+
+def is_clear(statistic: float, null: Floats, level: float) -> bool:
+    """Return whether it is clear on which side of a level a p-value is.
+
+    The number of data sets beyond the observed one is binomial. If as few, or as many, were
+    improbable with a p-value at the level, more data sets would not change the side.
+
+    Parameters
+    ----------
+    statistic : float
+        Of the data.
+    null : array, shape (n,)
+        The same of n simulated data sets.
+    level : float
+        That decides.
+
+    References
+    ----------
+    Besag and Clifford (1991), doi:10.1093/biomet/78.2.301, for sequential Monte Carlo p-values.
+
+    Examples
+    --------
+    >>> null = np.arange(200.0)
+    >>> is_clear(196.0, null, 0.05), is_clear(192.0, null, 0.05), is_clear(150.0, null, 0.05)
+    (False, False, True)
+    """
+    larger = int(np.sum(null >= statistic))
+    law = binom(len(null), level)
+    return bool(min(law.cdf(larger), law.sf(larger - 1)) < DOUBT)

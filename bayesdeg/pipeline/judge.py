@@ -281,7 +281,9 @@ JUDGE_EFFORTS = {
 }
 OWN_MAP = SearchEffort(replicates=500, fitted=4, pairs=3)
 """Of a forward map of one's own, which is fast."""
-MOST_OF_FILMS = 20_000  # replicates where a p-value is near the level: films cost next to nothing
+MOST = 4_000
+"""Replicates where a p-value is near the level that decides: its Monte Carlo error is 0.003."""
+MOST_OF_FILMS = 20_000  # they cost next to nothing
 FEW_DRAWS = 100  # for what is compared beside the readings
 REFUTING = (Stage.HELD_OUT, Stage.SHARED_SCATTER)  # tests that a cause must pass to be named
 Beside = tuple[RuptureMisfit | None, Conflict | None, tuple[Questioned, ...]]
@@ -399,10 +401,9 @@ def judge(
 
 
 def _on(base: Trial, effort: SearchEffort) -> SearchEffort:
-    """Return the effort with as many replicates as p-values near the level may need of films."""
-    if any(one.uses_forward for one in base.subject.criticised):
-        return effort
-    return replace(effort, most=MOST_OF_FILMS)
+    """Return the effort with as many replicates as p-values near the level may need."""
+    forward = any(one.uses_forward for one in base.subject.criticised)
+    return replace(effort, most=MOST if forward else MOST_OF_FILMS)
 
 
 def _searched(search: Search, progress: Progress) -> tuple[Names, Step, Step]:

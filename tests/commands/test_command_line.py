@@ -125,8 +125,8 @@ def test_run_writes_the_folder_prints_json_and_resumes(rubber):
 
 @pytest.mark.slow
 def test_workers_do_not_change_the_result(rubber):
-    draws = []
-    for workers in (1, 2):
+    draws, verdicts = [], []
+    for workers in (1, 2, 4):
         out = rubber.parent / f"out{workers}"
         done = bayesdeg(
             *("run", rubber, "--effort", "quick", "--out", out, "--workers", workers),
@@ -134,7 +134,10 @@ def test_workers_do_not_change_the_result(rubber):
         )
         assert done.returncode == 0, done.stderr
         draws.append(RunFolder(out).read_posterior("posterior")["posterior"].to_dataset())
+        verdicts.append(RunFolder(out).read_json("verdict"))
     assert draws[0].equals(draws[1])
+    assert draws[0].equals(draws[2])
+    assert verdicts[0] == verdicts[1] == verdicts[2]
 
 
 @pytest.mark.slow

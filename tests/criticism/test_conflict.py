@@ -9,7 +9,15 @@ from scipy import stats
 from bayesdeg.criticism.checks.conflict import conflict, questioned, surprise
 from bayesdeg.criticism.checks.discrepancy import MISFIT_LEVEL
 from bayesdeg.observations.means import Statistic
-from bayesdeg.priors import HalfNormal, LogNormal, Normal, TruncatedNormal, Uniform, with_priors
+from bayesdeg.priors import (
+    Flat,
+    HalfNormal,
+    LogNormal,
+    Normal,
+    TruncatedNormal,
+    Uniform,
+    with_priors,
+)
 from tests.inference.small_study import altered, draws_near_truth, small_model
 
 
@@ -80,6 +88,7 @@ def test_the_surprise_does_not_depend_on_the_unit(share, unit):
 def test_neither_a_uniform_prior_nor_readings_better_than_expected_are_surprising():
     assert surprise(Uniform(0.0, 1.0), 1e-9) == 1.0
     assert surprise(HalfNormal(0.3), 1e-6) > 0.999
+    assert surprise(Flat(low=0.0), 3.0) == 1.0
 
 
 def test_a_part_that_did_not_shrink_questions_the_prior_of_one_that_did(vectors):

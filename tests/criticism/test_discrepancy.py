@@ -170,7 +170,7 @@ def test_the_p_value_counts_simulated_data_that_misfit_as_much(linear):
     ("share", "most", "count"),
     [
         (0.3, 5000, range(200, 201)),  # far from the level
-        (0.005, 5000, range(1000, 5000)),  # clear at about 1400
+        (0.005, 5000, range(400, 1601)),  # clear at about 800
         (MISFIT_LEVEL, 1000, range(1000, 1001)),  # never clear
         (MISFIT_LEVEL, 0, range(200, 201)),
     ],

@@ -1,12 +1,14 @@
 """The search for causes on straight models: none, one, two, pairs, and what is superfluous."""
 
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from functools import cache
 from multiprocessing import get_context
 
 import numpy as np
 import pytest
 
+from bayesdeg.criticism.chance import is_clear
 from bayesdeg.criticism.fit import search as searching
 from bayesdeg.criticism.fit.linear import effects, linearise, log_bayes_factor, sensitivities
 from bayesdeg.criticism.fit.search import (
@@ -63,6 +65,24 @@ def test_a_cause_is_chosen_where_its_exact_factor_passes_the_threshold_and_only_
             found.append(margin > 0.0)
     assert found.count(True) >= 4
     assert found.count(False) >= 4
+
+
+@pytest.mark.parametrize(("most", "named"), [(1000, True), (0, False)])
+def test_data_are_simulated_until_it_is_clear_whether_a_cause_may_be_named(most, named):
+    """Of the first 100 data sets 6 gain more than the data, by chance, and hardly any other."""
+    effort = SearchEffort(replicates=100, fitted=3, pairs=2, most=most)
+    search, chosen = searched(straight.readings(0, wave=0.15), effort=effort)
+    assert chosen == {"wave"}
+    gain = search.factor(chosen)
+    unlucky = np.append(np.full(6, gain + 1.0), np.zeros(94))
+    search.steps[NOTHING] = replace(
+        search.step(NOTHING), chance=unlucky, threshold=naming_threshold(unlucky)
+    )
+    assert search.passes(NOTHING, chosen) == named
+    chance = search.step(NOTHING).chance
+    np.testing.assert_array_equal(chance[:100], unlucky)
+    assert (100 < len(chance) <= 1000) == named
+    assert is_clear(gain, chance, FALSE_NAME_RATE) == named
 
 
 def test_two_planted_causes_are_both_chosen():

@@ -36,7 +36,7 @@ def model():
         *BEND_ANGLE,
         *elongation_parameters(ELONGATION_NODES),
     )
-    empty = replace(small_model(), base=base, nodes=NODES)
+    empty = replace(small_model(), base=base).with_world(nodes=NODES)
     truth = {name: TRUTH[name] for name in empty.table.names}
     return replicate(empty, values_of(truth), np.random.default_rng(4))
 

@@ -16,7 +16,7 @@ from bayesdeg.criticism.chance import chance_of
 from bayesdeg.criticism.checks.discrepancy import MISFIT_LEVEL
 from bayesdeg.inference.model import Model
 from bayesdeg.observations.means import Statistic
-from bayesdeg.priors import Law, Parameter
+from bayesdeg.priors import Flat, Law, Parameter
 
 Floats = NDArray[np.float64]
 
@@ -113,8 +113,8 @@ def questioned(model: Model, vectors: Floats) -> tuple[Questioned, ...]:
 
     with :math:`\pi` the prior density in the users' unit, :math:`\theta_{50}` the posterior median
     and m the number of parameters; `MISFIT_LEVEL` over some 20 of them is the 99.9 % interval. The
-    posterior knows the prior already: p is rather too large. A uniform prior is never contradicted,
-    nor is one of an error by readings that are better than it.
+    posterior knows the prior already: p is rather too large. A uniform or flat prior is never
+    contradicted, nor is one of an error by readings that are better than it.
 
     Parameters
     ----------
@@ -146,6 +146,8 @@ def surprise(law: Law, value: float) -> float:
     >>> round(surprise(Normal(0.0, 1.0), 1.96), 3), surprise(Uniform(0.0, 1.0), 0.999)
     (0.05, 1.0)
     """
+    if isinstance(law, Flat):
+        return 1.0
     drawn = law.quantile((np.arange(PRIOR_VALUES) + 0.5) / PRIOR_VALUES)
     density = float(law.log_density(value))
     # a density that is constant is the same in all digits but the last

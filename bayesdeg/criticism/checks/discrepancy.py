@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from scipy.linalg.lapack import dpstrf
 from scipy.special import ndtr, ndtri
 
-from bayesdeg.criticism.chance import chance_of
+from bayesdeg.criticism.chance import chance_of, is_clear
 from bayesdeg.criticism.fit.linear import Linear
 from bayesdeg.criticism.fit.trials import Trial
 from bayesdeg.observations.kinds import Places
@@ -149,7 +149,6 @@ FEWEST = round(1.0 / MISFIT_LEVEL) - 1
 """Simulated data sets below which no p-value could reach that level, however large the misfit."""
 LARGE = 0.5
 """Size of a discrepancy, over that of the readings, that any test of a model must show."""
-CLEAR = 4.0  # Monte Carlo errors of the p-value from that level at which its side is clear
 
 
 @dataclass(frozen=True)
@@ -244,13 +243,9 @@ def resolved(
         Returns so many more data sets, (k, n_readings).
     most : int
         Data sets at which to stop in any case.
-
-    References
-    ----------
-    Besag and Clifford (1991), doi:10.1093/biomet/78.2.301, for sequential Monte Carlo p-values.
     """
-    null, p_value, drawn = misfit.null, misfit.p_value, misfit.drawn
-    while 0 < len(null) < most and abs(p_value - MISFIT_LEVEL) < CLEAR * _error(len(null)):
+    null, drawn = misfit.null, misfit.drawn
+    while FEWEST <= len(null) < most and not is_clear(misfit.statistic, null, MISFIT_LEVEL):
         simulated = simulate(min(len(null), most - len(null)))
         known = simulated[np.all(np.isfinite(simulated), axis=1)]
         drawn += len(simulated)
@@ -258,13 +253,7 @@ def resolved(
             break
         more, _ = largest_ratio(linear.whiten(known), discrepancies(linear))
         null = np.append(null, more)
-        p_value = _p_value(misfit.statistic, null)
-    return replace(misfit, null=null, p_value=p_value, drawn=drawn)
-
-
-def _error(count: int) -> float:
-    """Return the Monte Carlo error of a p-value at the level, from so many data sets."""
-    return float(np.sqrt(MISFIT_LEVEL * (1.0 - MISFIT_LEVEL) / count))
+    return replace(misfit, null=null, p_value=_p_value(misfit.statistic, null), drawn=drawn)
 
 
 def power(linear: Linear) -> float:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.causes.cause import Cause
-from bayesdeg.criticism.chance import chance_of
+from bayesdeg.criticism.chance import chance_of, is_clear
 from bayesdeg.criticism.checks.discrepancy import Misfit, measure, resolved
 from bayesdeg.criticism.fit.linear import Linear, is_seen, log_bayes_factor, sensitivities
 from bayesdeg.criticism.fit.screening import Screened, screen, screen_pairs
@@ -128,7 +128,8 @@ class SearchEffort:
     levels_out : bool
         Whether whole levels of degradation are held out too.
     most : int
-        Data sets up to which misfit is calibrated where its p-value is near the level that decides.
+        Data sets up to which misfit and naming are calibrated where a p-value is near the level
+        that decides.
     """
 
     replicates: int
@@ -179,6 +180,31 @@ class Search:
         if names not in self.steps:
             self.steps[names] = self._look(self.trials[names])
         return self.steps[names]
+
+    def passes(self, names: Names, larger: Names) -> bool:
+        """Return whether a larger set gains what naming takes beyond a fitted set.
+
+        More data sets are simulated until it is clear whether chance gives as much in 5 % of them.
+        """
+        step, gain = self.step(names), self.factor(larger) - self.factor(names)
+        while gain >= LEAST_FACTOR and not is_clear(gain, step.chance, FALSE_NAME_RATE):
+            more = self._more_chance(step)
+            if not len(more):
+                break
+            chance = np.append(step.chance, more)
+            step = replace(step, chance=chance, threshold=naming_threshold(chance))
+        self.steps[names] = step
+        return gain >= step.threshold
+
+    def _more_chance(self, step: Step) -> Floats:
+        """Return what chance gives in as many data sets again, up to the most that are allowed."""
+        names, count = step.trial.names, len(step.chance)
+        generator = np.random.default_rng(self._seed(names, 3 + count))
+        wanted = max(min(count, self.effort.most - count), 0)
+        simulated = _simulated(step.trial, generator, wanted)
+        known = simulated[np.all(np.isfinite(simulated), axis=1)]
+        others = [cause for cause in self.causes if cause.name not in names]
+        return factors_by_chance(step.trial.linear, others, known)
 
     def fit(self, parent: Names, additions: Iterable[str]) -> list[Names]:
         """Fit a set with each of several causes added, side by side; return the larger sets."""
@@ -315,7 +341,7 @@ def _added(search: Search, names: Names) -> Names:
         if not sets:
             return names
         best = max(sets, key=search.factor)
-        if search.factor(best) - search.factor(names) < search.step(names).threshold:
+        if not search.passes(names, best):
             return names
         names = best
     return names
@@ -343,7 +369,7 @@ def _pruned(search: Search, names: Names) -> Names:
             _ensure(search, names - {name})
             gains[name] = search.factor(names) - search.factor(names - {name})
         weakest = min(gains, key=lambda name: gains[name])
-        if gains[weakest] >= search.step(names - {weakest}).threshold:
+        if search.passes(names - {weakest}, names):
             return names
         names = names - {weakest}
     return names
