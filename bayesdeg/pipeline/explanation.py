@@ -96,13 +96,13 @@ def _nearest(judgement: Judgement) -> Candidate | None:
     return max(judged, key=lambda c: c.log_bayes_factor or 0.0, default=None)
 
 
-def _shares(judgement: Judgement) -> tuple[int, int] | None:
-    """Return how much of the misfit is explained on either scale [%]; None where not known."""
+def _shares(judgement: Judgement) -> tuple[float, float] | None:
+    """Return what share of the misfit is explained on either scale; None where not known."""
     calibrated = judgement.misfit.is_calibrated and judgement.left.is_calibrated
     if not calibrated or judgement.misfit.statistic <= judgement.misfit.by_chance:
         return None
     own, common = share_explained(*judgement.steps)
-    return round(100 * own), round(100 * common)
+    return round(own, 3), round(common, 3)
 
 
 def _modes(judgement: Judgement) -> list[_ModeError]:

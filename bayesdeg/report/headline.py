@@ -13,7 +13,6 @@ from bayesdeg.criticism.outcome import MISFIT_LEVEL, Outcome
 from bayesdeg.report.record import CandidateEntry, Verdict
 from bayesdeg.report.summaries import BASE, Row, extended_model, pooled, rows_of
 from bayesdeg.report.wording import (
-    BADGES,
     NOTHING,
     SPACE,
     fixed,
@@ -26,6 +25,13 @@ from bayesdeg.report.wording import (
     words,
 )
 
+BADGES = {
+    Outcome.ADEQUATE: "Adequate",
+    Outcome.NAMED: "Cause named",
+    Outcome.AMBIGUOUS: "Ambiguous",
+    Outcome.UNEXPLAINED: "Unexplained",
+    Outcome.NOT_JUDGED: "Not judged",
+}
 SURE = 0.99999  # which is worded as more than 99.9 %
 
 

@@ -2,14 +2,14 @@
 
 import os
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
-from types import MappingProxyType
 from typing import Final
 
 from bayesdeg.errors import ResumableError, StudyError
 from bayesdeg.report.record import LeftOutEntry
+from bayesdeg.report.wording import sentences
 
 STRICT: Final = "BAYESDEG_STRICT"
 """Environment variable; where it is 1 nothing is left out: the first fault ends the run."""
@@ -46,22 +46,6 @@ class Stage(StrEnum):
     IN_DOUBT = "readings and parameters in doubt"
     CHECKS_IN_WORDS = "checks in words"
     PAGE = "report page"
-
-
-_COST: Final[Mapping[str, str]] = MappingProxyType(
-    {
-        Stage.VERDICT: "Nothing is judged and no cause is named",
-        Stage.RUPTURE_MISFIT: "The verdict takes no notice of ruptures",
-        Stage.CONFLICT: "The verdict takes no notice of measured means and priors",
-        Stage.HELD_OUT: "No cause can be named",
-        Stage.SHARED_SCATTER: "No cause can be named",
-        Stage.CONFUSABILITY: "Pairs of causes that could be confused are not listed",
-        Stage.LEVELS_OUT: "Predictions of whole degradation rates are missing",
-        Stage.EXPERIMENTS: "No experiment is proposed",
-        Stage.EXTENDED: "All predictions are those of the base model",
-        Stage.READINGS: "Residuals and the fit by degradation rate are missing",
-    }
-)
 
 
 @dataclass(frozen=True)
@@ -129,9 +113,8 @@ class Guard:
         except Exception as fault:
             if self.strict:
                 raise
-            said = f"{_COST.get(stage, 'It')}{' as it' if stage in _COST else ''}"
             what = f"{type(fault).__name__}: {fault}".rstrip(": .")
-            why = f"{said} could not be computed ({' '.join(what.split())})."
+            why = sentences("run", "stage_failed", stage=str(stage), what=what)
             self.note(stage, why, traceback.format_exc())
             return None
 

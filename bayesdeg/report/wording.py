@@ -8,7 +8,6 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from bayesdeg.criticism.outcome import Outcome
 from bayesdeg.quantities import p_value_text
 
 SPACE = "\N{NO-BREAK SPACE}"
@@ -31,14 +30,6 @@ _PROPER = {
 }
 _NUMBER_WITH_UNIT = re.compile(r"(\d) (%|kPa|MPa|1/m|mm\b|s\b|h\b)")
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
-
-BADGES = {
-    Outcome.ADEQUATE: "Adequate",
-    Outcome.NAMED: "Cause named",
-    Outcome.AMBIGUOUS: "Ambiguous",
-    Outcome.UNEXPLAINED: "Unexplained",
-    Outcome.NOT_JUDGED: "Not judged",
-}
 
 
 def number(value: float | str | None, digits: int = 3) -> str:

@@ -38,10 +38,12 @@ from bayesdeg.criticism.holdout.leave_one_out import LeaveOneOut
 from bayesdeg.criticism.posterior.convergence import Convergence
 from bayesdeg.criticism.posterior.order import OrderComparison, OrderFit
 from bayesdeg.criticism.posterior.prior_sensitivity import PriorSensitivity, Sensitivity
+from bayesdeg.data.tables import TABLES
 from bayesdeg.inference.sampling import Effort
 from bayesdeg.pipeline.films import CommonError, CourseSummary
 from bayesdeg.prediction.control import Allowed, Setting
 from bayesdeg.prediction.prior_predictive import PriorPredictive
+from bayesdeg.report.left_out import Stage
 from bayesdeg.report.record import Verdict
 from bayesdeg.report.wording import environment, sentences, worded
 
@@ -199,6 +201,10 @@ RECORDS = {
         )
     },
 }
+COSTLY = (
+    *(Stage.VERDICT, Stage.RUPTURE_MISFIT, Stage.CONFLICT, Stage.HELD_OUT, Stage.SHARED_SCATTER),
+    *(Stage.CONFUSABILITY, Stage.LEVELS_OUT, Stage.EXPERIMENTS, Stage.EXTENDED, Stage.READINGS),
+)
 NOTES = ("not_calibrated", "ruptures_not_judged", "no_statistics")
 
 
@@ -350,6 +356,19 @@ def test_every_macro_of_a_record_is_rendered():
 def test_numbers_of_a_finding_are_in_its_sentence(name, numbers):
     said = render(name).replace("\N{NARROW NO-BREAK SPACE}", "")
     assert [number for number in numbers if number not in said] == []
+
+
+@pytest.mark.parametrize("stage", COSTLY)
+def test_what_a_failed_stage_costs_is_said(stage):
+    """The template knows stages by the names that they have."""
+    said = sentences("run", "stage_failed", stage=str(stage), what="RuntimeError: no ink")
+    assert said.endswith("(RuntimeError: no ink).")
+    assert not said.startswith("It could")
+
+
+@pytest.mark.parametrize("table", TABLES.values(), ids=list(TABLES))
+def test_what_a_missing_file_costs_is_said(table):
+    assert sentences("run", "missing", file=table.file)
 
 
 if __name__ == "__main__":

@@ -5,9 +5,8 @@ from itertools import product
 import pytest
 
 from bayesdeg.criticism.outcome import Outcome
-from bayesdeg.report.headline import headline_of
+from bayesdeg.report.headline import BADGES, headline_of
 from bayesdeg.report.record import Verdict
-from bayesdeg.report.wording import BADGES
 from tests.report.synthetic_run import gain
 
 SPACE = "\N{NO-BREAK SPACE}"
