@@ -12,8 +12,9 @@ from bayesdeg.actuator.forward import ExactMap
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.status import FINE
 from bayesdeg.commands.options import CORES, Quiet, Seed, StudyFolder, Workers
-from bayesdeg.console import errors, shown
+from bayesdeg.console import errors, say, shown
 from bayesdeg.data.settings import FILE as SETTINGS_FILE
+from bayesdeg.errors import BayesdegError
 from bayesdeg.files import write_text
 from bayesdeg.laboratory.design import design_of
 from bayesdeg.laboratory.experiment import run_experiment
@@ -47,6 +48,14 @@ def simulate(
     command opens.
     """
     template = read_study(study)
+    if template.settings.forward is not None:
+        raise BayesdegError(
+            f"{template.name} has a forward map of its own, and virtual experiments are of films "
+            "and actuators; draw readings from the function itself"
+        )
+    if template.others and not quiet:
+        names = ", ".join(f"{name}.csv" for name in template.others)
+        say([f"{names}: not simulated, since the finite element model does not answer it"])
     chosen = template.settings.seed if seed is None else seed
     generator = np.random.default_rng(chosen)
     effects = parse_effects(cause or [])
