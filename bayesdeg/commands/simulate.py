@@ -14,6 +14,7 @@ from bayesdeg.actuator.status import FINE
 from bayesdeg.commands.options import CORES, Quiet, Seed, StudyFolder, Workers
 from bayesdeg.console import errors, say, shown
 from bayesdeg.data.settings import FILE as SETTINGS_FILE
+from bayesdeg.data.study import Study
 from bayesdeg.errors import BayesdegError
 from bayesdeg.files import write_text
 from bayesdeg.laboratory.design import design_of
@@ -48,14 +49,9 @@ def simulate(
     command opens.
     """
     template = read_study(study)
-    if template.settings.forward is not None:
-        raise BayesdegError(
-            f"{template.name} has a forward map of its own, and virtual experiments are of films "
-            "and actuators; draw readings from the function itself"
-        )
-    if template.others and not quiet:
-        names = ", ".join(f"{name}.csv" for name in template.others)
-        say([f"{names}: not simulated, since the finite element model does not answer it"])
+    _refuse_own(template)
+    if not quiet:
+        say(f"{name}.csv: not simulated, no finite elements answer it" for name in template.others)
     chosen = template.settings.seed if seed is None else seed
     generator = np.random.default_rng(chosen)
     effects = parse_effects(cause or [])
@@ -82,3 +78,12 @@ def simulate(
             if not (name == SETTINGS_FILE and study.resolve() == out.resolve()):
                 write_text(out / name, text)
     errors.print(f"wrote a virtual experiment to {out}", soft_wrap=True)
+
+
+def _refuse_own(template: Study) -> None:
+    """Refuse a study with a forward map of its own, whose readings no finite elements give."""
+    if template.settings.forward is not None:
+        raise BayesdegError(
+            f"{template.name} has a forward map of its own, and virtual experiments are of films "
+            "and actuators; draw readings from the function itself"
+        )
