@@ -5,6 +5,7 @@ from typing import Annotated
 
 import numpy as np
 import typer
+from numpy.typing import NDArray
 
 from bayesdeg.commands.answers import (
     AsJson,
@@ -35,6 +36,8 @@ from bayesdeg.pipeline.output import output_file
 from bayesdeg.pipeline.own_forecast import is_own, read_own
 from bayesdeg.prediction.control import Setting
 from bayesdeg.report.wording import percent
+
+Floats = NDArray[np.float64]
 
 MOST_SETTINGS = 500
 UNITS = (
@@ -110,17 +113,7 @@ def control(
         refuse_others(curvature=curvature, degradation=degradation)
         _of_own(report, reading or [], x or [], base=base, seed=seed, out=out, as_json=as_json)
         return
-    curvature = needed(curvature, "--curvature", x or reading)
-    degradation = needed(degradation, "--degradation", x or reading)
-    wanted = numbers(curvature, "--curvature", "1/m", low=0.0, high=float("inf"))
-    if wanted[0] == 0.0:
-        raise typer.BadParameter("--curvature 0 needs no pressure; give a curvature above 0")
-    rates = numbers(degradation, "--degradation", "%", low=0.0, high=100.0)
-    if not 0.0 < risk < 1.0:
-        raise typer.BadParameter(
-            f"--risk {risk:g} is no probability that could bound anything; give a number above 0 "
-            "and below 1, such as 0.05"
-        )
+    wanted, rates = _asked(curvature, degradation, risk, x or reading)
     refuse_too_many(wanted, rates, most=MOST_SETTINGS)
     out = None if out is None else output_file(out)
     stored = read_stored(report, base=base, emulator=emulator)
@@ -139,6 +132,24 @@ def control(
         give(stored, table, messages, UNITS)
         return
     _show(stored, found)
+
+
+def _asked(
+    curvature: list[str] | None, degradation: list[str] | None, risk: float, other: list[str] | None
+) -> tuple[Floats, Floats]:
+    """Return wanted curvatures [1/m] and degradation rates [%]."""
+    curvature = needed(curvature, "--curvature", other)
+    degradation = needed(degradation, "--degradation", other)
+    wanted = numbers(curvature, "--curvature", "1/m", low=0.0, high=float("inf"))
+    if wanted[0] == 0.0:
+        raise typer.BadParameter("--curvature 0 needs no pressure; give a curvature above 0")
+    rates = numbers(degradation, "--degradation", "%", low=0.0, high=100.0)
+    if not 0.0 < risk < 1.0:
+        raise typer.BadParameter(
+            f"--risk {risk:g} is no probability that could bound anything; give a number above 0 "
+            "and below 1, such as 0.05"
+        )
+    return wanted, rates
 
 
 def _show(stored: Stored, found: list[Setting]) -> None:

@@ -21,7 +21,8 @@ from bayesdeg.commands.options import (
 )
 from bayesdeg.commands.training import Manner, emulator_for
 from bayesdeg.console import errors, say, shown
-from bayesdeg.data.plausibility import doubts, refuse_impossible
+from bayesdeg.data.plausibility import Doubt, doubts, refuse_impossible
+from bayesdeg.data.study import Study
 from bayesdeg.emulator.workers import workplace
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.deformed import compile_beside
@@ -83,10 +84,7 @@ def run(
     .cache/emulators.
     """
     checked = with_options(read_study(study), None if effort is None else effort.value, seed)
-    own = checked.settings.forward is not None
-    if own:
-        assemble(checked)  # whose faults come before a folder is made
-    unlikely = () if own else refuse_impossible(doubts(checked, outline(checked).expected))
+    unlikely, own = _doubts(checked), checked.settings.forward is not None
     target, guard = out or Path("reports") / checked.name, Guard()
     # functions of a study folder are not known to other processes
     workers, scheduler = (1, None) if own else (workers, scheduler)
@@ -114,6 +112,14 @@ def run(
         _say_left_out(guard, target)
     if as_json:
         sys.stdout.write(json.dumps(RunFolder(target).read_json("verdict"), indent=2) + "\n")
+
+
+def _doubts(study: Study) -> tuple[Doubt, ...]:
+    """Return what is unlikely, and refuse what is impossible before a folder is made."""
+    if study.settings.forward is not None:
+        assemble(study)
+        return ()
+    return refuse_impossible(doubts(study, outline(study).expected))
 
 
 def _say_left_out(guard: Guard, target: Path) -> None:

@@ -12,9 +12,11 @@ from bayesdeg.actuator.curve import ExactMap
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.status import FINE
 from bayesdeg.commands.options import CORES, Quiet, Seed, StudyFolder, Workers
-from bayesdeg.console import errors, shown
+from bayesdeg.console import errors, say, shown
 from bayesdeg.data.settings import FILE as SETTINGS_FILE
+from bayesdeg.data.study import Study
 from bayesdeg.emulator.workers import workplace
+from bayesdeg.errors import BayesdegError
 from bayesdeg.files import write_text
 from bayesdeg.laboratory.experiment import design_of, run_experiment
 from bayesdeg.laboratory.truth import Truth, drawn_truth, parse_effects
@@ -46,6 +48,9 @@ def simulate(
     other command opens.
     """
     template = read_study(study)
+    _refuse_own(template)
+    if not quiet:
+        say(f"{name}.csv: not simulated, no finite elements answer it" for name in template.others)
     chosen = template.settings.seed if seed is None else seed
     generator = np.random.default_rng(chosen)
     effects = parse_effects(cause or [])
@@ -72,3 +77,12 @@ def simulate(
             if not (name == SETTINGS_FILE and study.resolve() == out.resolve()):
                 write_text(out / name, text)
     errors.print(f"wrote a virtual experiment to {out}", soft_wrap=True)
+
+
+def _refuse_own(template: Study) -> None:
+    """Refuse a study with a forward map of its own, whose readings no finite elements give."""
+    if template.settings.forward is not None:
+        raise BayesdegError(
+            f"{template.name} has a forward map of its own, and virtual experiments are of films "
+            "and actuators; draw readings from the function itself"
+        )

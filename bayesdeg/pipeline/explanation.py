@@ -63,7 +63,7 @@ def explain(judgement: Judgement, where: str) -> str:
         j=judgement,
         where=where,
         outcome=str(decision.outcome),
-        catalogue=CATALOGUE | {cause.name: cause for cause in judgement.search.causes},
+        catalogue={name: _known(judgement, name) for name in decision.causes},
         causes=[_named(judgement, name) for name in decision.causes],
         named_or=" or ".join(decision.causes),
         favoured=" and ".join(one.cause for one in judgement.supported),
@@ -144,7 +144,6 @@ def _rival(judgement: Judgement) -> _Rival | None:
 
 
 def _known(judgement: Judgement, name: str) -> Cause:
-    """Return a cause by its name: one of the catalogue, or one of the user's own."""
-    if name in CATALOGUE:
-        return CATALOGUE[name]
-    return next(cause for cause in judgement.search.causes if cause.name == name)
+    """Return a cause by its name: one that was tried, as the user's own, or of the catalogue."""
+    tried = (cause for cause in judgement.search.causes if cause.name == name)
+    return next(tried, None) or CATALOGUE[name]

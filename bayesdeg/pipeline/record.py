@@ -361,8 +361,8 @@ def in_doubt(study: Study, results: Results) -> InDoubt:
         Readings and specimens that are unlikely, and parameters that are calibrated to what their
         priors all but exclude.
     """
-    own = results.assembly.own is not None
-    found = () if own else doubts(study, outline(study).expected)
+    known = isinstance(results.final.model.world, FilmsAndActuators)
+    found = doubts(study, outline(study).expected) if known else ()
     return InDoubt(
         suspects=tuple(_suspect(doubt) for doubt in found),
         parameters_in_question=_off_priors(results),

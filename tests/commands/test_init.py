@@ -48,6 +48,8 @@ def test_every_key_is_there_and_what_is_commented_out_is_the_default():
     everything = re.sub(r"^# (\w+ = )", r"\1", SETTINGS, flags=re.MULTILINE)
     document = tomllib.loads(everything)
     for entry in ENTRIES:
+        if entry.table in ("forward", "reading"):  # of a forward map of one's own
+            continue
         assert entry.key in (document[entry.table] if entry.table else document)
     settings, faults = parse_settings(everything.encode())
     assert not faults

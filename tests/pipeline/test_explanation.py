@@ -80,7 +80,7 @@ def search_of(base, left):
             chance=CHANCE,
         )
 
-    return SimpleNamespace(base=trial, step=step)
+    return SimpleNamespace(base=trial, step=step, causes=())
 
 
 def support(cause, *, rivals=None, factor=41.2, gain=39.5, together=None, chance=None):

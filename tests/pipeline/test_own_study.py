@@ -163,6 +163,12 @@ def test_data_of_actuators_and_readings_without_a_function_are_refused(folder):
     assert [fault.file for fault in faults(folder)] == ["readings.csv"]
 
 
+def test_a_virtual_experiment_of_it_is_refused(folder, tmp_path):
+    result = CliRunner().invoke(app, ["simulate", str(folder), "--out", str(tmp_path / "virtual")])
+    assert result.exit_code != 0
+    assert not (tmp_path / "virtual").exists()
+
+
 def test_nothing_is_written_into_the_study(folder):
     before = sorted(path.name for path in folder.rglob("*"))
     assemble(read_study(folder))

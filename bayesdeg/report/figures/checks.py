@@ -67,9 +67,10 @@ def sensitivity_figure(sensitivity: pd.DataFrame) -> Figure:
     Parameters
     ----------
     sensitivity : pandas.DataFrame
-        Table ``prior_sensitivity``, of which only the conclusions are drawn.
+        Table ``prior_sensitivity``, of which only the conclusions are drawn if there are any.
     """
-    chosen = sensitivity[sensitivity["kind"] == "conclusion"].iloc[::-1]
+    stated = sensitivity["kind"] == "conclusion"
+    chosen = (sensitivity[stated] if stated.any() else sensitivity).iloc[::-1]
     figure, axes = single(width=FULL_WIDTH, height=0.7 + 0.26 * len(chosen))
     place = np.arange(len(chosen))
     axes.axvline(NOTICEABLE, color=MUTED, linestyle="--", linewidth=0.9)
