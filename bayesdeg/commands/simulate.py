@@ -25,20 +25,19 @@ from bayesdeg.pipeline.output import virtual_study
 from bayesdeg.pipeline.reading import read_study
 
 
+Hidden = Annotated[
+    list[str] | None,
+    typer.Option(help="An effect to hide, NAME=VALUE or NAME.PARAMETER=VALUE; may be repeated."),
+]
+Drawn = Annotated[bool, typer.Option("--draw-material", help="Draw the material at random.")]
+
+
 def simulate(
     study: StudyFolder,
     out: Annotated[Path, typer.Option(help="Folder for the virtual study.")],
-    cause: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="An effect to hide, NAME=VALUE or NAME.PARAMETER=VALUE; may be repeated."
-        ),
-    ] = None,
+    cause: Hidden = None,
     seed: Seed = None,
-    draw_material: Annotated[
-        bool,
-        typer.Option("--draw-material", help="Draw the material at random."),
-    ] = False,
+    draw_material: Drawn = False,
     workers: Workers = CORES,
     quiet: Quiet = False,
 ) -> None:

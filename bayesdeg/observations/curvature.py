@@ -321,8 +321,7 @@ def curve_density(
         Written.
     """
     n, n_specimens, points = curves.curvature.shape
-    n_readings = mask.shape[1]
-    alike, count = same_path(mask, gap), 0
+    alike, count, n_readings = same_path(mask, gap), 0, mask.shape[1]
     rows, white = np.empty((n_readings, 4 * LANES)), np.empty((n_readings, 3 * LANES))
     gains, order = np.empty((n_readings, 3 * LANES)), np.empty(n_readings, np.int64)
     lengths, both, constant = np.empty(LANES), np.empty(LANES), np.empty(LANES)

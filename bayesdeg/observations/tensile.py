@@ -196,9 +196,8 @@ def film_density(
                 specimen_density(
                     rows, gains, order[:count], n_points, none, constant, white, found
                 )  # fmt: skip
-                for lane in range(LANES):
-                    law[4 * LANES + lane] = found[1, lane] * law[2 * LANES + lane]
-                    law[5 * LANES + lane] = found[2, lane] * law[3 * LANES + lane]
+                law[4 * LANES : 5 * LANES] = found[1] * law[2 * LANES : 3 * LANES]
+                law[5 * LANES :] = found[2] * law[3 * LANES : 4 * LANES]
             for lane in range(here):
                 density[first + lane, s] = found[0, lane]
                 deviation[first + lane, s, 0] = law[4 * LANES + lane]
