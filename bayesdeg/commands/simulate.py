@@ -24,7 +24,6 @@ from bayesdeg.laboratory.writing import VIRTUAL_FILES, Provenance, study_files
 from bayesdeg.pipeline.output import virtual_study
 from bayesdeg.pipeline.reading import read_study
 
-
 Hidden = Annotated[
     list[str] | None,
     typer.Option(help="An effect to hide, NAME=VALUE or NAME.PARAMETER=VALUE; may be repeated."),
