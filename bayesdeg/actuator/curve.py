@@ -311,21 +311,6 @@ def check_inputs(curve: Curve) -> None:
         raise ValueError("; ".join(wrong))
 
 
-def solve_curve(
-    mesh: ActuatorMesh,
-    curve: Curve,
-    *,
-    effort: Effort | None = None,
-    solver: str | None = None,
-) -> CurveSolution:
-    """Solve one pressure curve on a mesh; failures are in the status."""
-    actuator = Actuator(mesh, solver=solver)
-    try:
-        return actuator.solve(curve, effort=effort)
-    finally:
-        actuator.close()
-
-
 def _empty(status: Status) -> CurveSolution:
     none, missing = np.empty((0, len(OUTPUTS))), np.full(len(OUTPUTS), np.nan)
     return CurveSolution(none, none, missing, missing, status, 0.0, 0, "")

@@ -222,20 +222,6 @@ def _input_jacobian(place: Place) -> Floats:
     return out
 
 
-def observed_runs(
-    curves: Sequence[Curve],
-    samples: Sequence[PathSamples],
-    *,
-    span: TrainingRange,
-    length: float,
-) -> list[Observed | None]:
-    """Return what each run says, None for those that say nothing."""
-    return [
-        observe(curve, found, span=span, length=length)
-        for curve, found in zip(curves, samples, strict=True)
-    ]
-
-
 Indices = NDArray[np.int64]
 
 DERIVATIVE_WEIGHT = 0.2  # of a derivative over half of its group's range, against a value

@@ -10,14 +10,12 @@ volume [MPa = mJ/mm³].
 
 import math
 from dataclasses import dataclass
-from typing import Literal, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 type FloatArray = npt.NDArray[np.float64]
-type ModeName = Literal["uniaxial", "equibiaxial", "planar"]
-type MeasureName = Literal["nominal", "cauchy"]
 type Modes = str | npt.ArrayLike
 type Measures = str | npt.ArrayLike
 
