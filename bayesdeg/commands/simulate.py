@@ -47,8 +47,6 @@ def simulate(
     """
     template = read_study(study)
     _refuse_own(template)
-    if not quiet:
-        say(f"{name}.csv: not simulated, no finite elements answer it" for name in template.others)
     chosen = template.settings.seed if seed is None else seed
     generator = np.random.default_rng(chosen)
     effects = parse_effects(cause or [])
@@ -78,7 +76,18 @@ def simulate(
 
 
 def _refuse_own(template: Study) -> None:
-    """Refuse a study with a forward map of its own, whose readings no finite elements give."""
+    """Refuse a study with a forward map of its own, and say which files are not made.
+
+    Raises
+    ------
+    BayesdegError
+        If it is one.
+    """
+    say(
+        f"{name}.csv: not simulated, no finite elements answer it"
+        for name in template.others
+        if template.settings.forward is None
+    )
     if template.settings.forward is not None:
         raise BayesdegError(
             f"{template.name} has a forward map of its own, and virtual experiments are of films "
