@@ -17,7 +17,7 @@ from bayesdeg.data.settings import Effort
 from bayesdeg.data.study import Study
 from bayesdeg.errors import BayesdegError
 from bayesdeg.pipeline import writing
-from bayesdeg.pipeline.experiment import Experiment, Judged
+from bayesdeg.pipeline.experiment import Judged, ModelledExperiment
 from bayesdeg.pipeline.formula import Forward, OwnMap, Readings
 from bayesdeg.priors import Parameter
 from bayesdeg.report.headline import size_of
@@ -94,7 +94,7 @@ class Model:
     parameters: Sequence[Parameter] = ()
     catalogue: Sequence[Cause] = ()
     causes: Sequence[Cause | str] = ()
-    experiment: Experiment = field(init=False)
+    experiment: ModelledExperiment = field(init=False)
 
     def __post_init__(self) -> None:
         """Build what the verbs ask."""
@@ -105,11 +105,11 @@ class Model:
                     "of study.toml, and give causes to criticise(fit, causes=[...])"
                 )
             forward = cast(ForwardMap | None, self.forward)
-            experiment = Experiment.of(self.data, forward, self.causes)
+            experiment = ModelledExperiment.of(self.data, forward, self.causes)
         else:
             own = cast(Forward | Mapping[str, Forward] | None, self.forward)
             readings = OwnMap.of(self.data, own)
-            experiment = Experiment.of_readings(
+            experiment = ModelledExperiment.of_readings(
                 readings, self.parameters, self.catalogue, self.causes
             )
         object.__setattr__(self, "experiment", experiment)

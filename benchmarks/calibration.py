@@ -57,7 +57,7 @@ from numpy.typing import NDArray
 
 import bayesdeg
 from bayesdeg.data.study import read_study
-from bayesdeg.inference.model import Model, replicate
+from bayesdeg.inference.model import JointModel, replicate
 from bayesdeg.inference.sampling import EFFORTS
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.calibrate import Fit, calibrate
@@ -108,13 +108,13 @@ class Replicate:
 
 
 @cache
-def model(folder: Path) -> Model:
+def model(folder: Path) -> JointModel:
     """Return the base model of a study's films, actuators and shrinkage."""
     study = replace(read_study(folder), breaks=None, summary=None)
     return assemble(study).model
 
 
-def drawn(empty: Model, generator: np.random.Generator) -> tuple[Floats, Model, int]:
+def drawn(empty: JointModel, generator: np.random.Generator) -> tuple[Floats, JointModel, int]:
     """Return a vector from the prior, data made of it, and how many pairs were not kept."""
     refused = 0
     while True:

@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 
 from bayesdeg.data.study import read_study
 from bayesdeg.inference.laplace import approximate
-from bayesdeg.inference.model import Model, near_films
+from bayesdeg.inference.model import JointModel, near_films
 from bayesdeg.pipeline.assemble import assemble
 
 Floats = NDArray[np.float64]
@@ -43,7 +43,7 @@ ROUNDS = 7
 SECONDS = 0.5  # of each measurement
 
 
-def draws(model: Model, count: int) -> Floats:
+def draws(model: JointModel, count: int) -> Floats:
     """Return draws of the normal law at the mode that are possible."""
     generator = np.random.default_rng(0)
     laplace = approximate(model, generator, start=near_films(model, generator))
@@ -52,7 +52,7 @@ def draws(model: Model, count: int) -> Floats:
     return vectors[np.isfinite(model.log_prob(vectors))][:count]
 
 
-def rate(model: Model, batch: Floats) -> float:
+def rate(model: JointModel, batch: Floats) -> float:
     """Return densities a second of the processor."""
     begin, count = time.process_time(), 0
     while time.process_time() - begin < SECONDS:

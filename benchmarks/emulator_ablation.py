@@ -14,7 +14,7 @@ from bayesdeg.actuator.curve import SAMPLING, Actuator, Curve, PathSamples
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.mesh import Resolution, build_mesh
 from bayesdeg.data.settings import Dimensions
-from bayesdeg.emulator.campaign import MESH_ERROR, PLANS, Plan, Run, runs, train
+from bayesdeg.emulator.campaign import MESH_ERROR, PLANS, FitPlan, Run, runs, train
 from bayesdeg.emulator.kept import Recipe
 from bayesdeg.emulator.scaling import TrainingRange
 from bayesdeg.emulator.solutions import SolutionStore
@@ -99,7 +99,7 @@ def trained(
 ) -> Surrogate:
     """Train on stored runs; without coarse ones the fine stand alone, and correct nothing."""
     fine = _pair(store, few)
-    plans: Sequence[Plan] = PLANS
+    plans: Sequence[FitPlan] = PLANS
     if not derivatives:
         plans = [replace(plan, derivatives=False) for plan in PLANS]
     return train(

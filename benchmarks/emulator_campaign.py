@@ -19,7 +19,7 @@ from forward_case import say
 
 from bayesdeg.actuator.curve import Curve
 from bayesdeg.actuator.geometry import Geometry
-from bayesdeg.actuator.material import Material
+from bayesdeg.actuator.material import MaterialGroups
 from bayesdeg.actuator.mesh import COARSE
 from bayesdeg.data.settings import Dimensions
 from bayesdeg.emulator.campaign import Run, complete
@@ -48,7 +48,7 @@ def wanted(count: int) -> list[Run]:
     for softening, stiffening, paper in np.random.default_rng(3).random((count, 3)).tolist():
         c3 = 0.002 * 50.0**stiffening
         c2 = (softening - 0.5) * float(np.sqrt(3.0 * c3))
-        material = Material(c2, c3, 10.0 * 20.0**paper, paper_thickness=0.12)
+        material = MaterialGroups(c2, c3, 10.0 * 20.0**paper, paper_thickness=0.12)
         runs.append(Run(GEOMETRY, COARSE, Curve(loads, material)))
     return runs
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from bayesdeg.actuator.curve import Curve, CurveSolution, PathSamples
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.inputs import Inputs
-from bayesdeg.actuator.material import Material
+from bayesdeg.actuator.material import MaterialGroups
 from bayesdeg.actuator.mesh import CONVERGED
 from bayesdeg.actuator.outputs import OUTPUTS as READINGS
 from bayesdeg.actuator.sensitivity import INPUTS
@@ -41,7 +41,7 @@ class HeldOut:
     def causes(self) -> int:
         """How many causes are at work; a paper of another thickness than the nominal one is one."""
         at = vars(self.curve.material)
-        names = {f.name for f in fields(Material)} - {*MATERIAL, "paper_thickness"}
+        names = {f.name for f in fields(MaterialGroups)} - {*MATERIAL, "paper_thickness"}
         acting = sum(at[name] != NEUTRAL.get(name, 0.0) for name in names)
         low, high = NOMINAL_PAPER
         return acting + (not low <= at["paper_thickness"] <= high)

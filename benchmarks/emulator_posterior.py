@@ -30,7 +30,7 @@ from bayesdeg.emulator.solutions import SolutionStore
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.inference.importance import improved
 from bayesdeg.inference.laplace import approximate, evidence
-from bayesdeg.inference.model import Model
+from bayesdeg.inference.model import JointModel
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.priors import Named
 
@@ -52,14 +52,14 @@ class Draws:
 
     Parameters
     ----------
-    model : Model
+    model : JointModel
     vectors : array, shape (n, n_parameters)
         On the unconstrained scale.
     weights : array, shape (n,)
         They sum to 1.
     """
 
-    model: Model
+    model: JointModel
     vectors: Floats
     weights: Floats
 
@@ -90,7 +90,7 @@ def sampled(emulator: Surrogate, seed: int) -> Draws:
     return Draws(model, found.draws[kept], weights[kept] / weights[kept].sum())
 
 
-def levels_of(model: Model, values: Named, emulator: Surrogate) -> tuple[Level, ...]:
+def levels_of(model: JointModel, values: Named, emulator: Surrogate) -> tuple[Level, ...]:
     """Return where the posterior is at each degradation rate, specimens' deviations included."""
     assert model.actuator is not None
     generator = np.random.default_rng(3)
@@ -119,7 +119,7 @@ def levels_of(model: Model, values: Named, emulator: Surrogate) -> tuple[Level, 
     return tuple(found)
 
 
-def log_marginal(model: Model, vectors: Floats) -> Floats:
+def log_marginal(model: JointModel, vectors: Floats) -> Floats:
     """Return the log posterior density of all parameters but the emulator's common error, (n,).
 
     Readings are linear in the common error, and its law is normal, so that ln p is nearly a
@@ -129,7 +129,7 @@ def log_marginal(model: Model, vectors: Floats) -> Floats:
     return np.concatenate([_log_marginal(model, part) for part in parts])
 
 
-def _log_marginal(model: Model, vectors: Floats) -> Floats:
+def _log_marginal(model: JointModel, vectors: Floats) -> Floats:
     columns = [i for i, n in enumerate(model.table.names) if n.startswith(COMMON_ERROR)]
     at, size = vectors.copy(), len(columns)
     at[:, columns] = 0.0
@@ -143,7 +143,7 @@ def _log_marginal(model: Model, vectors: Floats) -> Floats:
     return np.where(np.isfinite(total), total, -np.inf)
 
 
-def _quadratic(model: Model, at: Floats, columns: list[int]) -> tuple[Floats, Floats, Floats]:
+def _quadratic(model: JointModel, at: Floats, columns: list[int]) -> tuple[Floats, Floats, Floats]:
     """Return ln p, its gradient and its negative Hessian by some parameters."""
     size = len(columns)
     axes = STEP * np.eye(size)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from bayesdeg.actuator.curve import Curve
-from bayesdeg.actuator.material import Material
+from bayesdeg.actuator.material import MaterialGroups
 from bayesdeg.emulator.design import study_like
 from bayesdeg.emulator.scaling import NOMINAL_SCALE, NOMINAL_THICKNESS, SECOND
 
@@ -89,7 +89,7 @@ def _wide(generator: np.random.Generator, *, largest: float = LEVELS[-1]) -> Cur
         if number > 0 and not (tight & set(acting) and tight & set(effect)):
             acting |= effect
             number -= 1
-    return Curve((0.24 / c1,), Material(**(base | acting)))
+    return Curve((0.24 / c1,), MaterialGroups(**(base | acting)))
 
 
 def _effects(

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from bayesdeg.actuator.curve import Curve, CurveSolution
 from bayesdeg.actuator.inputs import Inputs, dimensionless, material_groups
-from bayesdeg.actuator.material import Material
+from bayesdeg.actuator.material import MaterialGroups
 from bayesdeg.actuator.status import Status
 
 Floats = NDArray[np.float64]
@@ -41,7 +41,7 @@ def curve_of(name: str) -> Curve:
     )
     loads, *_ = dimensionless(inputs)
     groups = {key: float(group[0]) for key, group in material_groups(inputs).items()}
-    return Curve(tuple(float(q) for q in loads), Material(**groups))
+    return Curve(tuple(float(q) for q in loads), MaterialGroups(**groups))
 
 
 def curvature_of(solution: CurveSolution) -> Floats:

@@ -18,8 +18,8 @@ from skfem.helpers import det, grad, identity, inv, transpose
 from skfem.refdom import RefHex
 
 from bayesdeg.actuator.body import Body
-from bayesdeg.actuator.material import Material
-from bayesdeg.actuator.problem import Problem, State, System
+from bayesdeg.actuator.material import MaterialGroups
+from bayesdeg.actuator.problem import MechanicalState, Problem, System
 
 
 class ElementHexLinearDiscontinuous(ElementH1):
@@ -102,11 +102,11 @@ class Forms:
     ----------
     body : Body
         Of Q2/P1disc.
-    material : Material
+    material : MaterialGroups
         Of the solid.
     """
 
-    def __init__(self, body: Body, material: Material) -> None:
+    def __init__(self, body: Body, material: MaterialGroups) -> None:
         self.law = Yeoh(1.0, material.c2_ratio, material.c3_ratio, material.bulk_ratio)
         vertices = int(body.elements[:, :8].max()) + 1
         mesh = MeshHex(np.ascontiguousarray(body.nodes[:vertices].T), body.elements[:, :8].T.copy())
@@ -127,7 +127,7 @@ class Forms:
             raise AssertionError("scikit-fem numbers the nodes of a brick in another order")
         return places
 
-    def assemble(self, state: State, *, hoisted: bool = False) -> Blocks:
+    def assemble(self, state: MechanicalState, *, hoisted: bool = False) -> Blocks:
         """Assemble all blocks at a state."""
         vector = np.empty(len(self.places))
         vector[self.places] = state.displacement.ravel()
@@ -207,7 +207,7 @@ def _assembled(
     )
 
 
-def agreement(problem: Problem, forms: Forms, state: State) -> dict[str, float]:
+def agreement(problem: Problem, forms: Forms, state: MechanicalState) -> dict[str, float]:
     """Return the largest differences of tangent and residual over their largest entries."""
     ours = problem.linearise(state)
     free = problem.system.free
@@ -223,12 +223,14 @@ def agreement(problem: Problem, forms: Forms, state: State) -> dict[str, float]:
     }
 
 
-def sample(body: Body, *, bulk_ratio: float) -> tuple[Problem, State]:
+def sample(body: Body, *, bulk_ratio: float) -> tuple[Problem, MechanicalState]:
     """Return the bare solid and a state far from rest to assemble at."""
-    material = Material(c2_ratio=-0.014, c3_ratio=0.004, paper_group=0.0, bulk_ratio=bulk_ratio)
+    material = MaterialGroups(
+        c2_ratio=-0.014, c3_ratio=0.004, paper_group=0.0, bulk_ratio=bulk_ratio
+    )
     generator = np.random.default_rng(1)
     x, _, z = body.nodes.T
     bent = np.column_stack([0.004 * x * z, 0.1 * np.sin(0.2 * x), -0.002 * x * x])
     moved = bent + 0.01 * generator.standard_normal(body.nodes.shape)
     pressure = generator.standard_normal((len(body.elements), body.element.modes.shape[1]))
-    return Problem(System(body), material), State(moved, pressure, load=0.0)
+    return Problem(System(body), material), MechanicalState(moved, pressure, load=0.0)

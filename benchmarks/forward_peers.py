@@ -32,7 +32,7 @@ from bayesdeg.actuator.body import (
 )
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.mesh import ActuatorMesh, Resolution, build_mesh
-from bayesdeg.actuator.status import Effort
+from bayesdeg.actuator.status import PathEffort
 from bayesdeg.data.settings import Dimensions
 from tests.peers import calculix_actuator
 from tests.peers.peer_path import FRESH, LOADS, PeerPath, curvatures, own_path
@@ -62,7 +62,7 @@ class Comparison:
 
 
 def against_felupe(
-    element: Element, resolution: Resolution, *, repeats: int, effort: Effort
+    element: Element, resolution: Resolution, *, repeats: int, effort: PathEffort
 ) -> Comparison:
     """Time the default actuator with paper."""
     from tests.peers import felupe_actuator  # noqa: PLC0415  needs the group `dev`
@@ -80,7 +80,7 @@ def against_felupe(
     return _comparison("felupe", mesh, runs)
 
 
-def against_calculix(resolution: Resolution, *, repeats: int, effort: Effort) -> Comparison:
+def against_calculix(resolution: Resolution, *, repeats: int, effort: PathEffort) -> Comparison:
     """Time the default actuator without paper, in full eight-node bricks."""
     mesh = build_mesh(Geometry(Dimensions()), resolution, element=LINEAR_FULL)
     bare = replace(FRESH, paper_group=0.0, bulk_ratio=1e3)
@@ -122,7 +122,7 @@ def main() -> None:
     parser.add_argument("--resolution", type=float, default=9.0, help="largest brick [mm]")
     parser.add_argument("--exact", action="store_true", help="an equilibrium at every load")
     chosen = parser.parse_args()
-    effort = Effort(exact=chosen.exact)
+    effort = PathEffort(exact=chosen.exact)
     resolution = Resolution(chosen.resolution, chosen.resolution, chosen.resolution)
     elements = ELEMENTS if importlib.util.find_spec("felupe") else ()
     for element in elements:

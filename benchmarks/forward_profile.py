@@ -20,8 +20,8 @@ from bayesdeg.actuator.linear import (
 )
 from bayesdeg.actuator.mesh import ActuatorMesh
 from bayesdeg.actuator.outputs import read_state
-from bayesdeg.actuator.problem import Linearisation, Problem, State, System
-from bayesdeg.actuator.status import Effort
+from bayesdeg.actuator.problem import Linearisation, MechanicalState, Problem, System
+from bayesdeg.actuator.status import PathEffort
 
 SMALLEST_STEP = 1.0 / 64.0  # share of the distance between two loads
 
@@ -47,11 +47,13 @@ class TimedProblem(Problem):
 
     watch: Stopwatch = field(default_factory=Stopwatch)
 
-    def linearise(self, state: State, *, tangent: bool = True) -> Linearisation:
+    def linearise(self, state: MechanicalState, *, tangent: bool = True) -> Linearisation:
         with self.watch.on("assembly" if tangent else "rates"):
             return super().linearise(state, tangent=tangent)
 
-    def products(self, state: State, directions: Sequence[State]) -> list[tuple[Floats, Floats]]:
+    def products(
+        self, state: MechanicalState, directions: Sequence[MechanicalState]
+    ) -> list[tuple[Floats, Floats]]:
         with self.watch.on("rates"):
             return super().products(state, directions)
 
@@ -110,7 +112,7 @@ class Run(NamedTuple):
     factorizations: int
 
 
-def plain_newton(mesh: ActuatorMesh, curve: Curve, *, effort: Effort) -> Run:
+def plain_newton(mesh: ActuatorMesh, curve: Curve, *, effort: PathEffort) -> Run:
     """Solve a curve by Newton's method from the state of the load before, nothing predicted.
 
     Its iterates pass through states whose tangent is not definite, hence LDLᵀ; a step of the load
@@ -138,8 +140,8 @@ def plain_newton(mesh: ActuatorMesh, curve: Curve, *, effort: Effort) -> Run:
 
 
 def _iterate(
-    problem: Problem, solver: Indefinite, state: State, effort: Effort
-) -> tuple[State | None, int]:
+    problem: Problem, solver: Indefinite, state: MechanicalState, effort: PathEffort
+) -> tuple[MechanicalState | None, int]:
     size = float(np.ptp(problem.system.body.nodes, axis=0).max())
     for count in range(1, effort.iterations + 1):
         now = problem.linearise(state)
@@ -153,7 +155,7 @@ def _iterate(
     return None, effort.iterations
 
 
-def climbed(mesh: ActuatorMesh, curve: Curve, *, effort: Effort) -> Run:
+def climbed(mesh: ActuatorMesh, curve: Curve, *, effort: PathEffort) -> Run:
     """Solve a curve as ``Actuator`` does."""
     solution = Actuator(mesh).solve(curve, effort=effort)
     return Run(curvature_of(solution), solution.iterations)
@@ -162,18 +164,18 @@ def climbed(mesh: ActuatorMesh, curve: Curve, *, effort: Effort) -> Run:
 # ways to the same twelve curvatures, at the same tolerance of Newton's method
 WAYS = {
     "newton_from_the_load_before": lambda mesh: plain_newton(
-        mesh, curve_of("fresh"), effort=Effort(iterations=30)
+        mesh, curve_of("fresh"), effort=PathEffort(iterations=30)
     ),
     "predictor_and_every_load": lambda mesh: climbed(
-        mesh, curve_of("fresh"), effort=Effort(exact=True)
+        mesh, curve_of("fresh"), effort=PathEffort(exact=True)
     ),
-    "adaptive_and_interpolated": lambda mesh: climbed(mesh, curve_of("fresh"), effort=Effort()),
+    "adaptive_and_interpolated": lambda mesh: climbed(mesh, curve_of("fresh"), effort=PathEffort()),
 }
 
 
 def deviations_pct(mesh: ActuatorMesh) -> dict[str, dict[str, float]]:
     """Return of each way the factorizations and the deviation from a tight solution [%]."""
-    truth = climbed(mesh, curve_of("fresh"), effort=Effort(tolerance=1e-8, exact=True))
+    truth = climbed(mesh, curve_of("fresh"), effort=PathEffort(tolerance=1e-8, exact=True))
     runs = {name: way(mesh) for name, way in WAYS.items()}
     return {
         name: {

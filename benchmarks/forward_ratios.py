@@ -18,16 +18,16 @@ from bayesdeg.actuator.body import LINEAR_FULL
 from bayesdeg.actuator.curve import Actuator
 from bayesdeg.actuator.outputs import OUTPUTS
 from bayesdeg.actuator.sensitivity import INPUTS
-from bayesdeg.actuator.status import Effort
+from bayesdeg.actuator.status import PathEffort
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # the peers are among the tests
 
 from tests.peers import calculix_actuator
 from tests.peers.peer_path import FRESH, LOADS, PeerPath, curvatures, own_path
 
-EXACT = Effort(exact=True)
+EXACT = PathEffort(exact=True)
 # what `Actuator.solve_with_gradients` takes by default
-TIGHT = Effort(tolerance=1e-6, rate_tolerance=1e-7, exact=True)
+TIGHT = PathEffort(tolerance=1e-6, rate_tolerance=1e-7, exact=True)
 
 Ratio = tuple[float | None, dict[str, object]]
 

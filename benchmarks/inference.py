@@ -51,7 +51,7 @@ from numpy.typing import NDArray
 from bayesdeg.data.study import read_study
 from bayesdeg.inference.importance import about_mode
 from bayesdeg.inference.laplace import Evidence, approximate
-from bayesdeg.inference.model import Model, near_films
+from bayesdeg.inference.model import JointModel, near_films
 from bayesdeg.inference.sampling import EFFORTS
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.calibrate import calibrate
@@ -70,7 +70,7 @@ BATCHES = (1, 16, 64, 256)
 class Case:
     """The gelatin study's base model; its chain is sampled when it is first asked for."""
 
-    model: Model
+    model: JointModel
 
     @cached_property
     def start(self) -> Evidence:

@@ -14,7 +14,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # the peers are am
 
 from bayesdeg.inference.importance import FOR_WALKERS, Proposal
 from bayesdeg.inference.laplace import Evidence
-from bayesdeg.inference.model import Model
+from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import Chain, Effort, moves_of, sample
 
 Floats = NDArray[np.float64]
@@ -42,7 +42,7 @@ class Sampled:
         return float(np.min(self.chain.effective())) / self.seconds
 
 
-def sampled(model: Model, start: Evidence, effort: Effort) -> Sampled:
+def sampled(model: JointModel, start: Evidence, effort: Effort) -> Sampled:
     """Sample in this process, one ensemble after the other."""
     begin = time.process_time()
     chain = sample(model, start, effort=effort, seed=np.random.SeedSequence(1))
@@ -71,7 +71,7 @@ def moves_fitted_to(chain: Chain) -> Moves:
     return moves_of(Proposal.fit(draws, degrees=FOR_WALKERS))
 
 
-def steps(model: Model, chain: Chain, *, batch: bool, count: int, compared: int) -> Steps:
+def steps(model: JointModel, chain: Chain, *, batch: bool, count: int, compared: int) -> Steps:
     """Move an ensemble with the sampler's moves, its density asked for in either way."""
     begin = chain.vectors[0, -1]
 
@@ -92,7 +92,7 @@ def steps(model: Model, chain: Chain, *, batch: bool, count: int, compared: int)
     return Steps(seconds, sampler.get_chain()[compared])
 
 
-def loop(model: Model, chain: Chain) -> dict[str, object]:
+def loop(model: JointModel, chain: Chain) -> dict[str, object]:
     """Compare steps of whole ensembles with steps of one walker at a time, the same moves."""
     whole = steps(model, chain, batch=True, count=60, compared=8)
     single = steps(model, chain, batch=False, count=8, compared=8)
@@ -105,7 +105,7 @@ def loop(model: Model, chain: Chain) -> dict[str, object]:
     }
 
 
-def default_moves(model: Model, chain: Chain, *, count: int = 400) -> float:
+def default_moves(model: JointModel, chain: Chain, *, count: int = 400) -> float:
     """Return effective draws a step of emcee's own default move, from the posterior."""
     begin = chain.vectors[0, -1]
     sampler = emcee.EnsembleSampler(*begin.shape, model.log_prob, vectorize=True)
@@ -115,7 +115,7 @@ def default_moves(model: Model, chain: Chain, *, count: int = 400) -> float:
     return min(_bulk(lines[..., i]) for i in range(lines.shape[-1])) / count
 
 
-def nuts(model: Model, chain: Chain, *, draws: int) -> dict[str, object]:
+def nuts(model: JointModel, chain: Chain, *, draws: int) -> dict[str, object]:
     """Sample the same density by numpyro's NUTS, from the posterior, with its covariance."""
     from tests.peers import numpyro_process  # noqa: PLC0415  needs the group `dev`
 

@@ -23,7 +23,7 @@ from bayesdeg.data.study import read_study
 from bayesdeg.inference.density import guesses
 from bayesdeg.inference.importance import about_mode
 from bayesdeg.inference.laplace import approximate
-from bayesdeg.inference.model import Model, near_films
+from bayesdeg.inference.model import JointModel, near_films
 from bayesdeg.pipeline.assemble import Assembly, assemble
 from bayesdeg.pipeline.calibrate import base_without_chain
 from bayesdeg.pipeline.judge import JUDGE_EFFORTS, judge
@@ -43,18 +43,18 @@ def tell(**values: object) -> None:
     print(json.dumps(values), flush=True)
 
 
-def warm(model: Model) -> None:
+def warm(model: JointModel) -> None:
     """Load or compile what a density takes in this process."""
     model.log_prob(guesses(model.table, np.random.default_rng(0), WARMING))
 
 
-def warm_workers(executor: Executor | None, model: Model, workers: int) -> None:
+def warm_workers(executor: Executor | None, model: JointModel, workers: int) -> None:
     """Let every worker evaluate the model; a task each, and some more for those that are late."""
     if executor is not None:
         list(executor.map(warm, [model] * (4 * workers)))
 
 
-def fit_once(model: Model) -> float:
+def fit_once(model: JointModel) -> float:
     """Return the seconds of one mode with its evidence."""
     generator = np.random.default_rng(0)
     start = time.perf_counter()

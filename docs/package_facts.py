@@ -22,7 +22,7 @@ import bayesdeg
 import bayesdeg.causes
 from bayesdeg.commands.lazy import COMMANDS, loaded
 from bayesdeg.data.settings import ENTRIES, Dimensions, OwnForward, Settings
-from bayesdeg.data.shrinkage import Known, Recipe
+from bayesdeg.data.shrinkage import Known, MixtureRecipe
 from bayesdeg.data.tables import words_of
 from bayesdeg.emulator.kept import default_surrogate
 from bayesdeg.laboratory.experiment import Design, run_experiment
@@ -144,11 +144,11 @@ def rules_of_studies() -> dict[str, list[str]]:
 
 def keys_of_study_toml() -> list[Entry]:
     """Return every key of ``study.toml`` with its default, from the classes that hold them."""
-    meanings = _documented(Dimensions) | _documented(Recipe) | _documented(Settings)
+    meanings = _documented(Dimensions) | _documented(MixtureRecipe) | _documented(Settings)
     meanings |= {f"own_{name}": text for name, text in _documented(OwnForward).items()}
     # "reading, unit" share a line there
     meanings |= {"own_unit": "Unit of the reading."}
-    defaults = {f.name: f for owner in (Dimensions, Recipe, Settings) for f in fields(owner)}
+    defaults = {f.name: f for owner in (Dimensions, MixtureRecipe, Settings) for f in fields(owner)}
     defaults |= {f"own_{f.name}": f for f in fields(OwnForward)}
     return [
         Entry(

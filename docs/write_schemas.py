@@ -5,15 +5,15 @@ from pathlib import Path
 
 from bayesdeg.commands.answers import Answer
 from bayesdeg.commands.next import Proposals
-from bayesdeg.laboratory.writing import Truth
+from bayesdeg.laboratory.writing import TruthRecord
 from bayesdeg.pipeline.output import Owner
 from bayesdeg.records import FileRecord
-from bayesdeg.report.record import RunRecord, Verdict
+from bayesdeg.report.record import RunRecord, VerdictRecord
 
 SCHEMAS: dict[str, type[FileRecord]] = {
-    "verdict": Verdict,
+    "verdict": VerdictRecord,
     "run": RunRecord,
-    "truth": Truth,
+    "truth": TruthRecord,
     "study-of-a-run": Owner,
     "answer": Answer,
     "next": Proposals,

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 import bayesdeg as bd
 from bayesdeg.causes.cause import Cause, Stage
 from bayesdeg.criticism.fit.trials import try_causes
-from bayesdeg.inference.model import Model
+from bayesdeg.inference.model import JointModel
 from bayesdeg.pipeline.judge import Judgement
 from bayesdeg.pipeline.summary import lines, summary
 from bayesdeg.priors import HalfNormal, Normal, Parameter, TruncatedNormal, Uniform
@@ -100,7 +100,7 @@ def asked(*, gravity_known: bool) -> bd.Model:
     return bd.Model(times, predict, parameters=() if gravity_known else (gravity,))
 
 
-def model(*, gravity_known: bool) -> Model:
+def model(*, gravity_known: bool) -> JointModel:
     """Return its density."""
     return asked(gravity_known=gravity_known).experiment.density
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 import bayesdeg as bd
 from bayesdeg.causes.cause import Cause, Stage
 from bayesdeg.criticism.checks.discrepancy import interval_with_discrepancy
-from bayesdeg.inference.model import Model
+from bayesdeg.inference.model import JointModel
 from bayesdeg.pipeline.judge import Judgement
 from bayesdeg.pipeline.summary import lines, summary
 from bayesdeg.priors import HalfNormal, Normal, Parameter, TruncatedNormal, Uniform
@@ -95,7 +95,7 @@ def asked(seed: int, *, count: int = 31) -> bd.Model:
     return bd.Model(work, machine, parameters=(efficiency,))
 
 
-def model(seed: int, *, count: int = 31) -> Model:
+def model(seed: int, *, count: int = 31) -> JointModel:
     """Return its density."""
     return asked(seed, count=count).experiment.density
 

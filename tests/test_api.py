@@ -18,7 +18,7 @@ import xarray as xr
 
 import bayesdeg as bd
 from bayesdeg.emulator.surrogate import Surrogate
-from bayesdeg.pipeline.experiment import Experiment
+from bayesdeg.pipeline.experiment import ModelledExperiment
 from bayesdeg.pipeline.judge import judge_model
 from bayesdeg.pipeline.progress import Silent
 from bayesdeg.pipeline.run import run_study
@@ -503,7 +503,7 @@ def test_a_geometry_without_an_emulator_is_told(planted, tmp_path, monkeypatch):
 
 
 def test_what_is_the_users_own_is_not_sent_to_other_processes(planted):
-    ours = Experiment.of(planted, emulator(), ["gravity"])
+    ours = ModelledExperiment.of(planted, emulator(), ["gravity"])
     assert ours.is_parallel
     assert not replace(ours, causes=(OFFSET,)).is_parallel
     assert not bd.Model(planted, lambda inputs: emulator()(inputs)).experiment.is_parallel

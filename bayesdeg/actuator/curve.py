@@ -8,7 +8,7 @@ from threading import Lock
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdeg.actuator.equilibrium import Path, Step, follow
+from bayesdeg.actuator.equilibrium import LoadStep, Path, follow
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.inputs import (
     Inputs,
@@ -18,13 +18,13 @@ from bayesdeg.actuator.inputs import (
     relative_to_reference,
 )
 from bayesdeg.actuator.linear import Factorization, open_factorization
-from bayesdeg.actuator.material import Material
+from bayesdeg.actuator.material import MaterialGroups
 from bayesdeg.actuator.mesh import ActuatorMesh, build_mesh, reshaped
 from bayesdeg.actuator.outputs import OUTPUTS, read_state
 from bayesdeg.actuator.problem import Problem, System
 from bayesdeg.actuator.sensitivity import INPUTS, Variation, derivatives, variations
 from bayesdeg.actuator.status import MODEL_VERSION as MODEL_VERSION
-from bayesdeg.actuator.status import Effort, Resolution, Status
+from bayesdeg.actuator.status import PathEffort, Resolution, Status
 from bayesdeg.errors import GeometryError
 
 Floats = NDArray[np.float64]
@@ -65,7 +65,7 @@ class PathRecord:
         self.loads, self.readings = list[float](), list[Floats]()
         self.gradients = list[Floats]()
 
-    def visit(self, step: Step) -> None:
+    def visit(self, step: LoadStep) -> None:
         """Record a converged step."""
         if step.factors is None or not (self._wanted is None or step.state.load in self._wanted):
             return
@@ -94,12 +94,12 @@ class Curve:
     ----------
     loads : tuple of float
         p/C1, rising, above 0 [–].
-    material : Material
+    material : MaterialGroups
         The other groups.
     """
 
     loads: tuple[float, ...]
-    material: Material
+    material: MaterialGroups
 
 
 @dataclass(frozen=True)
@@ -202,7 +202,7 @@ class Actuator:
                 self._factorization.close()
             self._factorization = None
 
-    def solve(self, curve: Curve, *, effort: Effort | None = None) -> CurveSolution:
+    def solve(self, curve: Curve, *, effort: PathEffort | None = None) -> CurveSolution:
         """Solve one pressure curve; every failure is in the status, none is raised."""
         try:
             mesh, problem = self.problem(curve)
@@ -214,7 +214,7 @@ class Actuator:
         return _read_path(mesh, path, solver.name)
 
     def solve_with_gradients(
-        self, curve: Curve, *, effort: Effort | None = None
+        self, curve: Curve, *, effort: PathEffort | None = None
     ) -> tuple[CurveSolution, Floats]:
         """Solve one pressure curve and differentiate every reading by every input.
 
@@ -225,7 +225,7 @@ class Actuator:
         gradients : array, shape (n_reached, n_outputs, n_inputs)
             In the orders of ``outputs.OUTPUTS`` and ``sensitivity.INPUTS``.
         """
-        exact = replace(effort or Effort(tolerance=1e-6, rate_tolerance=1e-7), exact=True)
+        exact = replace(effort or PathEffort(tolerance=1e-6, rate_tolerance=1e-7), exact=True)
         try:
             mesh, problem = self.problem(curve)
         except (GeometryError, ValueError):
@@ -236,7 +236,7 @@ class Actuator:
             path = follow(problem, solver, loads=curve.loads, effort=exact, visit=record.visit)
         return _read_path(mesh, path, solver.name), _stacked(record.gradients)
 
-    def sample(self, curve: Curve, *, effort: Effort | None = None) -> PathSamples:
+    def sample(self, curve: Curve, *, effort: PathEffort | None = None) -> PathSamples:
         """Follow a curve to its last load; return readings and derivatives where the path stopped.
 
         With all derivatives a curve costs less than twice as much as without.
@@ -347,7 +347,7 @@ def _read_path(mesh: ActuatorMesh, path: Path, solver: str) -> CurveSolution:
 
 
 # of a campaign: beyond so many factorizations a path is not one that an emulator should learn
-SAMPLING = Effort(total=150)
+SAMPLING = PathEffort(total=150)
 
 
 class ExactMap:
@@ -450,7 +450,7 @@ _HELD = _Held()
 
 
 def solve_task(
-    task: tuple[Geometry, Resolution, Curve], *, effort: Effort | None = None
+    task: tuple[Geometry, Resolution, Curve], *, effort: PathEffort | None = None
 ) -> CurveSolution:
     """Solve one curve, with this process's copy of the mesh built once."""
     geometry, resolution, curve = task
@@ -458,7 +458,7 @@ def solve_task(
 
 
 def sample_task(
-    task: tuple[Geometry, Resolution, Curve], *, effort: Effort | None = None
+    task: tuple[Geometry, Resolution, Curve], *, effort: PathEffort | None = None
 ) -> PathSamples:
     """Sample one curve, with this process's copy of the mesh built once."""
     geometry, resolution, curve = task
@@ -474,7 +474,7 @@ def _alike(rows: dict[str, Floats], row: int) -> list[NDArray[np.intp]]:
 
 def _curve(load: Floats, groups: dict[str, Floats]) -> Curve:
     loads = np.unique(load[(load > 0.0) | ~np.isfinite(load)])
-    material = Material(**{name: float(group) for name, group in groups.items()})
+    material = MaterialGroups(**{name: float(group) for name, group in groups.items()})
     return Curve(tuple(float(q) for q in loads), material)
 
 

@@ -15,8 +15,8 @@ from bayesdeg.actuator.linear import (
     open_indefinite,
 )
 from bayesdeg.actuator.material import is_elliptic
-from bayesdeg.actuator.problem import Linearisation, Point, Problem, State
-from bayesdeg.actuator.status import Effort, Status
+from bayesdeg.actuator.problem import Linearisation, MechanicalState, Point, Problem
+from bayesdeg.actuator.status import PathEffort, Status
 
 Floats = NDArray[np.float64]
 
@@ -27,14 +27,14 @@ SHRINKAGE = 0.7  # of each correction against the one before
 
 
 @dataclass(frozen=True)
-class Step:
+class LoadStep:
     """An equilibrium at one load, or where the search for one stopped.
 
     Parameters
     ----------
-    state : State
+    state : MechanicalState
         The last iterate.
-    rate : State, optional
+    rate : MechanicalState, optional
         d(state)/d(load); None where the method failed.
     factors : Linearisation, optional
         Whose tangent the solver holds.
@@ -42,15 +42,15 @@ class Step:
         How many were made.
     """
 
-    state: State
-    rate: State | None
+    state: MechanicalState
+    rate: MechanicalState | None
     factors: Linearisation | None
     factorizations: int
 
 
 def find_equilibrium(
-    problem: Problem, solver: Factorization, *, guess: State, effort: Effort
-) -> Step:
+    problem: Problem, solver: Factorization, *, guess: MechanicalState, effort: PathEffort
+) -> LoadStep:
     """Iterate from a guess to the equilibrium at its load.
 
     The error left is in proportion to the square of the last step, which the tolerance bounds.
@@ -60,29 +60,33 @@ def find_equilibrium(
     for count in range(1, effort.iterations + 1):
         now = problem.linearise(state)
         if not now.smallest_jacobian > 0.0:
-            return Step(state, None, None, count)
+            return LoadStep(state, None, None, count)
         try:
             solver.factorize(now.tangent)
         except LostDefinitenessError:
-            return Step(state, None, None, count)
+            return LoadStep(state, None, None, count)
         pushed = problem.on_free(problem.cavity_gradient(state))
         solution = solver.solve(np.column_stack([-now.residual, pushed]))
         increment, velocity = (problem.system.expand(column) for column in solution.T)
         largest = float(np.max(np.abs(increment)))
         if not largest < LARGEST_STEP * size:
-            return Step(state, None, None, count)
+            return LoadStep(state, None, None, count)
         change = problem.pressure_increment(now, increment, now.volume_residual)
         state = state.moved(increment, change)
         if largest < effort.tolerance * size:
-            rate = State(velocity, problem.pressure_increment(now, velocity), 1.0)
+            rate = MechanicalState(velocity, problem.pressure_increment(now, velocity), 1.0)
             point = polished(problem, solver, Point(state, rate), now, effort)
             if point is not None:
-                return Step(point.state, point.rate, now, count)
-    return Step(state, None, None, effort.iterations)
+                return LoadStep(point.state, point.rate, now, count)
+    return LoadStep(state, None, None, effort.iterations)
 
 
 def polished(
-    problem: Problem, solver: Factorization, point: Point, factors: Linearisation, effort: Effort
+    problem: Problem,
+    solver: Factorization,
+    point: Point,
+    factors: Linearisation,
+    effort: PathEffort,
 ) -> Point | None:
     """Return an equilibrium and the path's tangent from approximate ones and factors near by.
 
@@ -123,7 +127,7 @@ LARGEST_GROWTH = 2.5
 STUCK = 1e-5  # of the last load: shorter steps lead nowhere
 
 
-def extrapolate(points: Sequence[Point], load: float) -> State:
+def extrapolate(points: Sequence[Point], load: float) -> MechanicalState:
     """Return the Hermite polynomial through the latest points, at a load beyond them.
 
     Parameters
@@ -166,7 +170,7 @@ def hermite(points: Sequence[Point], load: float) -> Point:
             p += on_state * point.state.pressure + on_rate * point.rate.pressure
         fields.append((u, p))
     (u, p), (du, dp) = fields
-    return Point(State(u, p, load), State(du, dp, 1.0))
+    return Point(MechanicalState(u, p, load), MechanicalState(du, dp, 1.0))
 
 
 def _hermite_factors(at: Floats, load: float) -> tuple[Floats, Floats]:
@@ -214,7 +218,9 @@ class StepControl:
     exact: bool
 
     @classmethod
-    def start(cls, problem: Problem, rest: Point, loads: Sequence[float], effort: Effort) -> Self:
+    def start(
+        cls, problem: Problem, rest: Point, loads: Sequence[float], effort: PathEffort
+    ) -> Self:
         """Return the control at the beginning of a path: a first step that bends little."""
         size = float(np.ptp(problem.system.body.nodes, axis=0).max())
         speed = float(np.max(np.abs(rest.rate.displacement)))
@@ -278,10 +284,10 @@ class Limit:
 class _Place:
     """An equilibrium under volume control."""
 
-    state: State
+    state: MechanicalState
     volume: float
     load_rate: float  # d(load)/d(volume)
-    direction: State  # d(state)/d(volume)
+    direction: MechanicalState  # d(state)/d(volume)
     negative: int  # eigenvalues of the tangent
 
 
@@ -289,7 +295,7 @@ def locate_limit(
     problem: Problem,
     points: Sequence[Point],
     *,
-    effort: Effort,
+    effort: PathEffort,
     highest: float,
     solver: str | None = None,
     deadline: float = np.inf,
@@ -306,7 +312,7 @@ def locate_limit(
         As it was followed.
     points : sequence of Point
         The path as far as it was followed under pressure control.
-    effort : Effort
+    effort : PathEffort
         Tolerances and bounds.
     highest : float
         Largest load of interest [–]; beyond twice that the search ends.
@@ -324,7 +330,7 @@ def locate_limit(
 
 
 class _Search:
-    def __init__(self, problem: Problem, solver: Indefinite, effort: Effort) -> None:
+    def __init__(self, problem: Problem, solver: Indefinite, effort: PathEffort) -> None:
         self.problem, self.solver, self.effort = problem, solver, effort
         self.size = float(np.ptp(problem.system.body.nodes, axis=0).max())
         self.spent = 0
@@ -359,14 +365,14 @@ class _Search:
         back = points[-2].state if len(points) > 1 else self.problem.system.rest()
         return 0.5 * max(here.volume - self._volume(back), 1e-3 * abs(here.volume))
 
-    def _volume(self, state: State) -> float:
+    def _volume(self, state: MechanicalState) -> float:
         return self.problem.cavity_volume(state)
 
-    def _ahead(self, here: _Place, step: float) -> State:
+    def _ahead(self, here: _Place, step: float) -> MechanicalState:
         d = here.direction
         return here.state.moved(step * d.displacement, step * d.pressure, step * here.load_rate)
 
-    def _settle(self, guess: State, volume: float) -> _Place | None:
+    def _settle(self, guess: MechanicalState, volume: float) -> _Place | None:
         """Newton's method with the load as an unknown and the volume given."""
         state, problem = guess, self.problem
         for _ in range(ITERATIONS):
@@ -390,7 +396,7 @@ class _Search:
             state = state.moved(increment, pressure, change)
             if largest < self.effort.tolerance * self.size:
                 along = problem.system.expand(b / compliance)
-                direction = State(along, problem.pressure_increment(lin, along), 1.0)
+                direction = MechanicalState(along, problem.pressure_increment(lin, along), 1.0)
                 return _Place(state, volume, 1.0 / compliance, direction, negative)
         return None
 
@@ -408,7 +414,7 @@ def _top(here: _Place, there: _Place) -> tuple[float, float]:
     return top, (top - max(here.state.load, 0.0)) / top
 
 
-Visit = Callable[[Step], None]
+Visit = Callable[[LoadStep], None]
 
 SAFE_MISMATCH = 1e-3  # strain of the paper that one step from rest bears
 QUICK, QUICK_GROWTH = 3, 2.0  # a step of so few factorizations lets the next be longer
@@ -439,7 +445,7 @@ class Path:
     iterations: int
 
     @property
-    def states(self) -> tuple[State, ...]:
+    def states(self) -> tuple[MechanicalState, ...]:
         """One for each load reached."""
         return tuple(point.state for point in self.points)
 
@@ -449,7 +455,7 @@ def follow(
     solver: Factorization,
     *,
     loads: Sequence[float],
-    effort: Effort | None = None,
+    effort: PathEffort | None = None,
     visit: Visit | None = None,
 ) -> Path:
     """Follow the equilibrium from rest through rising loads.
@@ -469,7 +475,7 @@ def follow(
         Direct solver opened on ``problem.system.upper``.
     loads : sequence of float
         Pressure over C1, rising, above 0 [–].
-    effort : Effort, optional
+    effort : PathEffort, optional
         Tolerances and bounds.
     visit : callable, optional
         Called with each converged step while the solver holds its factors, rest first.
@@ -479,7 +485,7 @@ def follow(
     Path
         Never raises for a physical reason: look at ``status``.
     """
-    effort = effort or Effort()
+    effort = effort or PathEffort()
     if not is_elliptic(problem.material):
         return Path(None, (), Status.UNSTABLE_MATERIAL, 0.0, 0)
     visit = visit or (lambda step: None)
@@ -510,7 +516,7 @@ def _climb(
     rest: Point,
     loads: Sequence[float],
     *,
-    effort: Effort,
+    effort: PathEffort,
     visit: Visit,
     deadline: float,
 ) -> tuple[list[Point], Status, int]:
@@ -541,7 +547,7 @@ def _climb(
 
 
 def _rest(
-    problem: Problem, solver: Factorization, *, effort: Effort, visit: Visit, deadline: float
+    problem: Problem, solver: Factorization, *, effort: PathEffort, visit: Visit, deadline: float
 ) -> tuple[Point | None, Status, int]:
     """Find the equilibrium at zero pressure, the dead loads raised in steps.
 
@@ -577,7 +583,9 @@ def _first_share(problem: Problem) -> float:
     return min(1.0, SAFE_MISMATCH / max(abs(problem.material.paper_mismatch), SAFE_MISMATCH))
 
 
-def _extrapolated(states: Sequence[State], shares: Sequence[float], aim: float) -> State:
+def _extrapolated(
+    states: Sequence[MechanicalState], shares: Sequence[float], aim: float
+) -> MechanicalState:
     """Return the polynomial through states at shares of the dead load, beyond the last."""
     u, p = np.zeros_like(states[0].displacement), np.zeros_like(states[0].pressure)
     for k, (state, share) in enumerate(zip(states, shares, strict=True)):
@@ -585,4 +593,4 @@ def _extrapolated(states: Sequence[State], shares: Sequence[float], aim: float) 
         weight = float(np.prod((aim - others) / (share - others)))
         u += weight * state.displacement
         p += weight * state.pressure
-    return State(u, p, 0.0)
+    return MechanicalState(u, p, 0.0)

@@ -9,7 +9,7 @@ from bayesdeg.actuator.body import Body
 
 
 @dataclass(frozen=True)
-class Material:
+class MaterialGroups:
     """The actuator's groups, in units of C1 and at moulded size; neutral but for the first three.
 
     Parameters
@@ -57,14 +57,14 @@ class Material:
     erosion: float = 0.0
 
 
-def is_elliptic(material: Material) -> bool:
+def is_elliptic(material: MaterialGroups) -> bool:
     """Return whether ∂W/∂I₁ > 0 for all strains: C3 ≥ 0 and C2 > −√(3 C1 C3).
 
     The second-invariant term must not be negative either.
 
     Examples
     --------
-    >>> is_elliptic(Material(c2_ratio=-0.5, c3_ratio=0.01, paper_group=100.0))
+    >>> is_elliptic(MaterialGroups(c2_ratio=-0.5, c3_ratio=0.01, paper_group=100.0))
     False
     """
     c2, c3 = material.c2_ratio, material.c3_ratio

@@ -15,7 +15,7 @@ from scipy.interpolate import make_splprep
 from bayesdeg.actuator import kernels
 from bayesdeg.actuator.body import Body
 from bayesdeg.actuator.mesh import ActuatorMesh
-from bayesdeg.actuator.problem import State
+from bayesdeg.actuator.problem import MechanicalState
 
 Floats = npt.NDArray[np.float64]
 
@@ -276,7 +276,7 @@ class Stretches:
         return rate
 
 
-def principal_stretch(body: Body, state: State) -> Stretches:
+def principal_stretch(body: Body, state: MechanicalState) -> Stretches:
     """Return the largest principal stretch and its derivative at every quadrature point."""
     f = np.empty((*body.weights.shape, 3, 3))
     kernels.deformation(state.displacement, body.elements, body.gradients, f)
@@ -495,7 +495,11 @@ class Reading:
 
 
 def read_state(
-    mesh: ActuatorMesh, state: State, *, rate: State | None = None, previous_angle: float = 0.0
+    mesh: ActuatorMesh,
+    state: MechanicalState,
+    *,
+    rate: MechanicalState | None = None,
+    previous_angle: float = 0.0,
 ) -> Reading:
     """Return what is read of an equilibrium.
 
@@ -507,9 +511,9 @@ def read_state(
     ----------
     mesh : ActuatorMesh
         The half model.
-    state : State
+    state : MechanicalState
         An equilibrium.
-    rate : State, optional
+    rate : MechanicalState, optional
         The path's tangent there; without it the rates are zero.
     previous_angle : float
         Angle at the load before [rad]; the angle is unwrapped to the branch next to it.
@@ -528,7 +532,7 @@ def read_state(
     return Reading(np.array(values), np.array(rates))
 
 
-def reading_gradients(mesh: ActuatorMesh, state: State) -> Floats:
+def reading_gradients(mesh: ActuatorMesh, state: MechanicalState) -> Floats:
     """Return the derivatives of all readings by the nodes' positions, (n_outputs, n_nodes, 3)."""
     body = mesh.body
     stretches = principal_stretch(body, state)
@@ -561,7 +565,7 @@ def _strain_readings(body: Body, stretches: Stretches) -> list[tuple[float, Floa
     ]
 
 
-def traced_curvature(mesh: ActuatorMesh, state: State) -> float:
+def traced_curvature(mesh: ActuatorMesh, state: MechanicalState) -> float:
     """Return the mean curvature of a spline through the bottom line's nodes [1/mm].
 
     This is how an image tool reads a traced line, see ``measure.curvature.spline_curvature``; the

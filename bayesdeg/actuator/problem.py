@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from bayesdeg.actuator import kernels, paper
 from bayesdeg.actuator.body import Body
-from bayesdeg.actuator.material import Material, skin_profile
+from bayesdeg.actuator.material import MaterialGroups, skin_profile
 from bayesdeg.actuator.paper import bending_matrix
 
 Floats = NDArray[np.float64]
@@ -21,7 +21,7 @@ Places = NDArray[np.int32]
 
 
 @dataclass(frozen=True)
-class State:
+class MechanicalState:
     """An equilibrium, or a guess of one.
 
     Parameters
@@ -52,8 +52,8 @@ class State:
 class Point:
     """An equilibrium with the path's tangent d(state)/d(load)."""
 
-    state: State
-    rate: State
+    state: MechanicalState
+    rate: MechanicalState
 
 
 class System:
@@ -118,11 +118,11 @@ class System:
         equation[self.free] = np.arange(len(self.free))
         return equation
 
-    def rest(self) -> State:
+    def rest(self) -> MechanicalState:
         """Return the undeformed state."""
         body = self.body
         pressure = np.zeros((len(body.elements), body.element.modes.shape[1]))
-        return State(np.zeros_like(body.nodes), pressure, load=0.0)
+        return MechanicalState(np.zeros_like(body.nodes), pressure, load=0.0)
 
     def expand(self, unknowns: Floats) -> Floats:
         """Return values of the unknowns as a field over the nodes, (n_nodes, 3)."""
@@ -221,7 +221,7 @@ class Problem:
     ----------
     system : System
         The discrete body.
-    material : Material
+    material : MaterialGroups
         In units of C1.
     nodal_force : array, shape (n_nodes, 3), optional
         Dead forces beside gravity [C1 mm²].
@@ -230,7 +230,7 @@ class Problem:
     """
 
     system: System
-    material: Material
+    material: MaterialGroups
     nodal_force: Floats | None = None
     share: float = 1.0
     face: tuple[Floats, Floats, Floats] = field(init=False, repr=False)
@@ -282,7 +282,7 @@ class Problem:
         m = self.material
         return m.paper_group * m.paper_thickness**2 / (12.0 * (1.0 - m.paper_poisson**2))
 
-    def linearise(self, state: State, *, tangent: bool = True) -> Linearisation:
+    def linearise(self, state: MechanicalState, *, tangent: bool = True) -> Linearisation:
         """Return residual and tangent at a state.
 
         The residual is the internal force less the loads', with the volume equation condensed
@@ -314,7 +314,7 @@ class Problem:
         lin = Linearisation(NOTHING, data, force, coupling, volume_residual, smallest, volume)
         return lin._replace(residual=self.condensed(force, volume_residual, lin))
 
-    def _add_surfaces(self, state: State, force: Floats, data: Floats) -> float:
+    def _add_surfaces(self, state: MechanicalState, force: Floats, data: Floats) -> float:
         system, body = self.system, self.system.body
         placed = body.nodes + state.displacement
         volume: float = kernels.cavity_volume(
@@ -338,7 +338,9 @@ class Problem:
                     data[system.bending_at] += self.bending_stiffness * system.bending_values
         return volume
 
-    def products(self, state: State, directions: Sequence[State]) -> list[tuple[Floats, Floats]]:
+    def products(
+        self, state: MechanicalState, directions: Sequence[MechanicalState]
+    ) -> list[tuple[Floats, Floats]]:
         """Return the mixed problem's tangent times directions, nothing assembled.
 
         Returns
@@ -370,7 +372,7 @@ class Problem:
         return list(zip(split, np.ascontiguousarray(volume_rates.transpose(1, 0, 2)), strict=True))
 
     def _add_surface_products(
-        self, state: State, directions: Sequence[State], forces: Floats
+        self, state: MechanicalState, directions: Sequence[MechanicalState], forces: Floats
     ) -> None:
         along = np.stack([d.displacement for d in directions], axis=-1)
         for faces, tangents in self._surface_tangents(state):
@@ -385,7 +387,7 @@ class Problem:
         if np.any(pressed != 0.0):
             forces -= pressed[:, None, None] * self.cavity_gradient(state)
 
-    def _surface_tangents(self, state: State) -> list[tuple[Indices, Floats]]:
+    def _surface_tangents(self, state: MechanicalState) -> list[tuple[Indices, Floats]]:
         """Return the faces' nodes and their own tangents, (n_faces, 3 n, 3 n), cavity first."""
         body, spare = self.system.body, np.zeros_like(self.system.body.nodes)
         placed = body.nodes + state.displacement
@@ -440,15 +442,15 @@ class Problem:
         )
         return out
 
-    def cavity_gradient(self, state: State) -> Floats:
+    def cavity_gradient(self, state: MechanicalState) -> Floats:
         """Return dV/du, the force of a unit pressure, (n_nodes, 3) [mm²]."""
         return self._cavity(state)[1]
 
-    def cavity_volume(self, state: State) -> float:
+    def cavity_volume(self, state: MechanicalState) -> float:
         """Return the volume of the half model's cavity [mm³]."""
         return self._cavity(state)[0]
 
-    def _cavity(self, state: State) -> tuple[float, Floats]:
+    def _cavity(self, state: MechanicalState) -> tuple[float, Floats]:
         gradient = np.zeros_like(self.system.body.nodes)
         placed = self.system.body.nodes + state.displacement
         volume: float = kernels.cavity_volume(

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from bayesdeg.actuator import kernels, paper
 from bayesdeg.actuator.linear import Factorization
-from bayesdeg.actuator.material import Material, skin_profile
+from bayesdeg.actuator.material import MaterialGroups, skin_profile
 from bayesdeg.actuator.mesh import ActuatorMesh, reshaped
 from bayesdeg.actuator.outputs import read_state, reading_gradients
-from bayesdeg.actuator.problem import Linearisation, Problem, State, System
+from bayesdeg.actuator.problem import Linearisation, MechanicalState, Problem, System
 from bayesdeg.errors import GeometryError
 
 Floats = NDArray[np.float64]
@@ -35,7 +35,7 @@ class Variation:
     mesh: ActuatorMesh
     problem: Problem
 
-    def derivatives(self, here: "Evaluated", adjoints: Sequence[State]) -> Floats:
+    def derivatives(self, here: "Evaluated", adjoints: Sequence[MechanicalState]) -> Floats:
         """Return derivatives of all readings by the shape input at an equilibrium, (n_outputs,).
 
         dg/dm = ∂g/∂m − λᵤᵀ ∂R/∂m − λₚᵀ ∂r/∂m, with R the residual of the forces, r that of the
@@ -52,13 +52,13 @@ class Variation:
 class Evaluated:
     """Readings and residuals of a mesh at a state."""
 
-    state: State
+    state: MechanicalState
     readings: Floats
     force: Floats
     volume: Floats
 
 
-def evaluated(mesh: ActuatorMesh, problem: Problem, state: State) -> Evaluated:
+def evaluated(mesh: ActuatorMesh, problem: Problem, state: MechanicalState) -> Evaluated:
     """Return readings and residuals of a mesh at a state."""
     residual = problem.linearise(state, tangent=False)
     readings = read_state(mesh, state).values
@@ -66,7 +66,7 @@ def evaluated(mesh: ActuatorMesh, problem: Problem, state: State) -> Evaluated:
 
 
 def variations(
-    nominal: ActuatorMesh, system: System, material: Material
+    nominal: ActuatorMesh, system: System, material: MaterialGroups
 ) -> tuple[Variation | None, ...]:
     """Return the variations of ``SHAPE_INPUTS`` about a material's walls and erosion.
 
@@ -76,7 +76,7 @@ def variations(
         Before walls and faces are moved.
     system : System
         Of the nominal mesh.
-    material : Material
+    material : MaterialGroups
         With the wall factor and the erosion to vary about.
 
     Returns
@@ -103,7 +103,12 @@ def variations(
 
 
 def _moved(
-    here: ActuatorMesh, other: ActuatorMesh, system: System, material: Material, *, share: float
+    here: ActuatorMesh,
+    other: ActuatorMesh,
+    system: System,
+    material: MaterialGroups,
+    *,
+    share: float,
 ) -> Variation:
     """Return the mesh moved by a share of the way to another."""
     body = here.body.placed_at(here.body.nodes + share * (other.body.nodes - here.body.nodes))
@@ -134,7 +139,7 @@ def derivatives(
     problem: Problem,
     solver: Factorization,
     *,
-    state: State,
+    state: MechanicalState,
     factors: Linearisation,
     mesh: ActuatorMesh,
     shapes: Sequence[Variation | None],
@@ -148,7 +153,7 @@ def derivatives(
         Whose equilibrium it is.
     solver : Factorization
         Holds the factors of a tangent at, or next to, the state.
-    state : State
+    state : MechanicalState
         An equilibrium.
     factors : Linearisation
         That tangent's linearisation.
@@ -181,18 +186,18 @@ def adjoint_states(
     problem: Problem,
     solver: Factorization,
     *,
-    state: State,
+    state: MechanicalState,
     factors: Linearisation,
     gradients: Floats,
     enough: float,
-) -> list[State]:
+) -> list[MechanicalState]:
     """Return the adjoints of all outputs: the mixed problem's tangent inverted, times (g, 0).
 
     Factors of a tangent near by are corrected by the defect of the mixed problem's equations.
     """
     right = np.column_stack([problem.on_free(g) for g in gradients])
     fields = [problem.system.expand(column) for column in solver.solve(right).T]
-    adjoints = [State(u, problem.pressure_increment(factors, u), 0.0) for u in fields]
+    adjoints = [MechanicalState(u, problem.pressure_increment(factors, u), 0.0) for u in fields]
     for _ in range(CORRECTIONS):
         products = problem.products(state, adjoints)
         defects = [(f - g, v) for (f, v), g in zip(products, gradients, strict=True)]
@@ -211,7 +216,7 @@ def _largest(field: Floats) -> float:
     return float(np.max(np.abs(field)))
 
 
-def residual_rates(problem: Problem, state: State) -> Floats:
+def residual_rates(problem: Problem, state: MechanicalState) -> Floats:
     """Return ∂R/∂m of the uncondensed residual for ``MATERIAL_INPUTS``, (n_inputs, n_nodes, 3).
 
     The volume equation knows none of these inputs.

@@ -44,7 +44,7 @@ _ADVICE = {
 
 
 @dataclass(frozen=True)
-class Effort:
+class PathEffort:
     """What a path may spend.
 
     Parameters

@@ -22,7 +22,7 @@ from bayesdeg.errors import BayesdegError
 from bayesdeg.files import spreadsheet_safe, written
 from bayesdeg.quantities import LARGEST_SEED
 from bayesdeg.records import FileRecord, Names, Scalar
-from bayesdeg.report.record import RunRecord, Verdict
+from bayesdeg.report.record import RunRecord, VerdictRecord
 from bayesdeg.report.wording import number
 
 Floats = NDArray[np.float64]
@@ -204,7 +204,7 @@ class Recorded(Protocol):
         ...
 
     @property
-    def verdict(self) -> Verdict:
+    def verdict(self) -> VerdictRecord:
         """What was found."""
         ...
 

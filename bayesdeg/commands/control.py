@@ -31,7 +31,7 @@ from bayesdeg.commands.answers import (
 from bayesdeg.commands.options import Quiet
 from bayesdeg.console import say, shown
 from bayesdeg.pipeline import forecast, formula
-from bayesdeg.pipeline.forecast import Stored, read_stored
+from bayesdeg.pipeline.forecast import StoredRun, read_stored
 from bayesdeg.pipeline.output import output_file
 from bayesdeg.pipeline.own_forecast import is_own, read_own
 from bayesdeg.prediction.control import Setting
@@ -152,7 +152,7 @@ def _asked(
     return wanted, rates
 
 
-def _show(stored: Stored, found: list[Setting]) -> None:
+def _show(stored: StoredRun, found: list[Setting]) -> None:
     table = empty_table(stored, HEADINGS, f", risk up to {found[0].risk:g}")
     for s in found:
         burst, low, high = (percent(float(p)) for p in s.probability)

@@ -16,8 +16,8 @@ from bayesdeg.criticism.outcome import Outcome
 from bayesdeg.errors import BayesdegError
 from bayesdeg.records import FileRecord, Names
 from bayesdeg.report.folder import RunFolder
-from bayesdeg.report.left_out import Stage
-from bayesdeg.report.record import ExperimentEntry, RunRecord, Verdict
+from bayesdeg.report.left_out import OptionalStage
+from bayesdeg.report.record import ExperimentEntry, RunRecord, VerdictRecord
 from bayesdeg.report.wording import NOTHING, count, fixed, listed, sentences
 
 HEADINGS = (
@@ -87,10 +87,10 @@ def odds(expected: float | None) -> str:
     return f"{count(ratio) if ratio >= 10.0 else fixed(ratio, 1)} : 1"
 
 
-def _explained(verdict: Verdict) -> Iterator[str]:
+def _explained(verdict: VerdictRecord) -> Iterator[str]:
     """Say why nothing is proposed."""
     if not verdict.next_experiments:
-        left_out = verdict.why_left_out(Stage.EXPERIMENTS)
+        left_out = verdict.why_left_out(OptionalStage.EXPERIMENTS)
         yield sentences("answers", "nothing_proposed", v=verdict, left_out=left_out, least=LEAST)
 
 
@@ -106,7 +106,7 @@ def _never_told_apart(proposals: Sequence[ExperimentEntry]) -> Iterator[str]:
             yield sentences("answers", "never_told_apart", causes=causes)
 
 
-def _give(run: RunRecord, verdict: Verdict, messages: Sequence[str]) -> None:
+def _give(run: RunRecord, verdict: VerdictRecord, messages: Sequence[str]) -> None:
     answer = Proposals(
         title=run.title,
         virtual=run.virtual,
@@ -118,7 +118,7 @@ def _give(run: RunRecord, verdict: Verdict, messages: Sequence[str]) -> None:
     sys.stdout.write(answer.text())
 
 
-def _table(run: RunRecord, verdict: Verdict) -> Table:
+def _table(run: RunRecord, verdict: VerdictRecord) -> Table:
     virtual = "; virtual experiment" if run.virtual else ""
     title = f"{run.title}\nnext experiments, the best first (verdict: {verdict.outcome}{virtual})"
     # as Text, lest brackets be taken for markup

@@ -30,7 +30,7 @@ from bayesdeg.commands.answers import (
 from bayesdeg.commands.options import Quiet
 from bayesdeg.console import say, shown
 from bayesdeg.pipeline import forecast, formula
-from bayesdeg.pipeline.forecast import Stored, read_stored
+from bayesdeg.pipeline.forecast import StoredRun, read_stored
 from bayesdeg.pipeline.output import output_file
 from bayesdeg.pipeline.own_forecast import is_own, read_own
 from bayesdeg.report.wording import number, percent
@@ -99,7 +99,7 @@ def predict(
     _show(stored, table)
 
 
-def _show(stored: Stored, table: pd.DataFrame) -> None:
+def _show(stored: StoredRun, table: pd.DataFrame) -> None:
     kappas = (f"κ {name}\n[1/m]" for name in forecast.BAND_COLUMNS)
     headings = ("D_R\n[%]", "pressure\n[kPa]", *kappas, "rupture\nprobability", "90 %\ninterval")
     shown_table = empty_table(stored, headings)

@@ -34,7 +34,7 @@ from bayesdeg.report.checkpoints import Checkpoints
 from bayesdeg.report.folder import LEFT_OUT, RunFolder
 from bayesdeg.report.headline import doubts_of
 from bayesdeg.report.left_out import Guard
-from bayesdeg.report.record import Verdict
+from bayesdeg.report.record import VerdictRecord
 
 
 class EffortChoice(StrEnum):
@@ -132,7 +132,7 @@ def _say_left_out(guard: Guard, target: Path) -> None:
     errors.print(f"what happened: {target / LEFT_OUT}", soft_wrap=True)
 
 
-def _say_verdict(verdict: Verdict, page: Path | None, *, virtual: bool) -> None:
+def _say_verdict(verdict: VerdictRecord, page: Path | None, *, virtual: bool) -> None:
     label = "virtual experiment: " if virtual else ""
     names = ", ".join(verdict.causes)
     outcome = (f"{label}{verdict.outcome}", "bold")

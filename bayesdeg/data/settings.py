@@ -16,7 +16,7 @@ from pydantic import (
 )
 
 from bayesdeg.data.cells import LARGEST
-from bayesdeg.data.shrinkage import Known, Recipe
+from bayesdeg.data.shrinkage import Known, MixtureRecipe
 from bayesdeg.errors import Fault, nearest
 from bayesdeg.files import DEEPEST, too_deep
 from bayesdeg.priors import Law, Parameter, law_from_mapping
@@ -202,7 +202,7 @@ class Settings:
         The actuator as moulded.
     paper_thickness_mm : float
         Thickness of the strain-limiting paper [mm].
-    recipe : Recipe
+    recipe : MixtureRecipe
         Parts by mass and densities of what films are poured of.
     priors : mapping of str to Law
         Only the priors that the study states; all other parameters keep theirs.
@@ -233,7 +233,7 @@ class Settings:
     seed: int = 20211124
     dimensions: Dimensions = field(default_factory=Dimensions)
     paper_thickness_mm: float = 0.1
-    recipe: Recipe = field(default_factory=Recipe)
+    recipe: MixtureRecipe = field(default_factory=MixtureRecipe)
     priors: Mapping[str, Law] = field(default_factory=dict)
     degradation_sd_pct: float = 1.0
     candidates: tuple[str, ...] | None = None
@@ -326,7 +326,7 @@ ENTRIES: tuple[_Entry, ...] = (
     _Entry("", "seed", _SEED, Annotated[int, Interval(ge=0, le=LARGEST_SEED)]),
     *(_dimension(entry.name) for entry in fields(Dimensions)),
     _Entry("paper", "thickness", "a number above 0 [mm]", _THICKNESS, "paper_thickness_mm"),
-    *(_recipe(entry.name) for entry in fields(Recipe)),
+    *(_recipe(entry.name) for entry in fields(MixtureRecipe)),
     _Entry("noise", "degradation_sd_pct", "a number not below 0 [%]", _DEGRADATION),
     _Entry("causes", "candidates", _CAUSES, Literal["all"] | _Names[str]),
     _Entry("sampling", "effort", f"one of {', '.join(EFFORTS)}", Effort),
@@ -423,7 +423,10 @@ def _from_document(document: dict[str, Any], text: str) -> tuple[Settings, tuple
             faults.append(_wrong_value(entry, value, text))
     if accepted.get("candidates") == "all":
         accepted["candidates"] = None
-    dimensions, recipe = Dimensions(**_of(Dimensions, accepted)), Recipe(**_of(Recipe, accepted))
+    dimensions, recipe = (
+        Dimensions(**_of(Dimensions, accepted)),
+        MixtureRecipe(**_of(MixtureRecipe, accepted)),
+    )
     # the defaults that stand in for refused keys must not be blamed
     if not any((fault.column or "").startswith("actuator") for fault in faults):
         faults += _impossible(dimensions, text)
@@ -476,7 +479,7 @@ def _read_parameters(
     return tuple(found), tuple(faults)
 
 
-def _of(part: type[Dimensions | Recipe], accepted: dict[str, Any]) -> dict[str, Any]:
+def _of(part: type[Dimensions | MixtureRecipe], accepted: dict[str, Any]) -> dict[str, Any]:
     """Take the fields of a part out of what was accepted."""
     names = {entry.name for entry in fields(part)}
     return {name: accepted.pop(name) for name in names & accepted.keys()}

@@ -71,7 +71,7 @@ class Known:
 
 
 @dataclass(frozen=True)
-class Recipe:
+class MixtureRecipe:
     """What a `Mixture` is made of and how well that is known; the defaults are taken as exact.
 
     All films of a study share it, so its errors are common to them and no average removes them.
@@ -85,7 +85,7 @@ class Recipe:
 
     Examples
     --------
-    >>> Recipe(gelatin_density=Known(1.35, 0.05)).mixture == Mixture()
+    >>> MixtureRecipe(gelatin_density=Known(1.35, 0.05)).mixture == Mixture()
     True
     """
 
@@ -391,7 +391,7 @@ def mean_of_replicates(values: npt.ArrayLike) -> Mean:
     return Mean(float(np.mean(films)), sd / float(np.sqrt(films.size)), sd, films.size)
 
 
-def recipe_error(masses: Masses, recipe: Recipe) -> float:
+def recipe_error(masses: Masses, recipe: MixtureRecipe) -> float:
     r"""Compute the standard error of the films' mean α that comes from their recipe.
 
     .. math:: \sigma^2 = \sum_k \left(\frac{\partial \bar\alpha}{\partial x_k} \sigma_k\right)^2
@@ -403,7 +403,7 @@ def recipe_error(masses: Masses, recipe: Recipe) -> float:
     ----------
     masses : tuple of numpy.ndarray
         m_0, m_1, m_2 of each film [g].
-    recipe : Recipe
+    recipe : MixtureRecipe
         Its values and their standard uncertainties.
 
     Returns
@@ -416,7 +416,7 @@ def recipe_error(masses: Masses, recipe: Recipe) -> float:
     A density of gelatin known to ± 0.05 g/cm³ moves V_1 = 13.0231 cm³ by 5.4545 × 0.05/1.35²:
 
     >>> films = (np.array([30.0]), np.array([15.0]), np.array([10.0]))
-    >>> round(recipe_error(films, Recipe(gelatin_density=Known(1.35, 0.05))), 4)
+    >>> round(recipe_error(films, MixtureRecipe(gelatin_density=Known(1.35, 0.05))), 4)
     0.0044
     """
     terms = [
@@ -448,14 +448,14 @@ def film_masses(table: pd.DataFrame) -> Masses:
     return poured, cured, conditioned
 
 
-def mean_over_films(masses: Masses, recipe: Recipe) -> tuple[Mean, float]:
+def mean_over_films(masses: Masses, recipe: MixtureRecipe) -> tuple[Mean, float]:
     """Average α over films, with the errors that they do not share and that of their recipe.
 
     Parameters
     ----------
     masses : tuple of numpy.ndarray
         m_0, m_1, m_2 of each film [g].
-    recipe : Recipe
+    recipe : MixtureRecipe
         Of all of them.
 
     Returns
@@ -469,7 +469,7 @@ def mean_over_films(masses: Masses, recipe: Recipe) -> tuple[Mean, float]:
     Examples
     --------
     >>> films = (np.full(2, 30.0), np.array([15.0, 16.0]), np.array([10.0, 10.5]))
-    >>> mean_over_films(films, Recipe())[1]
+    >>> mean_over_films(films, MixtureRecipe())[1]
     1.0
     """
     mean = mean_of_replicates(volume_ratio(*masses, recipe.mixture))

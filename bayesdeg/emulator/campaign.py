@@ -24,11 +24,11 @@ from bayesdeg.emulator.coordinates import LARGEST_WARPED, SLACK, coordinates, sc
 from bayesdeg.emulator.design import is_answered, likely, second_stage, space_filling
 from bayesdeg.emulator.kept import Recipe
 from bayesdeg.emulator.regression import (
-    Fit,
+    Equations,
     Observed,
     Prior,
     Reach,
-    Rows,
+    Regression,
     fit,
     observe,
     reach,
@@ -140,7 +140,7 @@ FOLDS = 10
 
 
 @dataclass(frozen=True)
-class Limit:
+class FittedLimit:
     """A fitted limit.
 
     Parameters
@@ -155,7 +155,9 @@ class Limit:
     left_out: Floats
 
 
-def fit_limit(reaches: Sequence[Reach], span: TrainingRange, fine: Sequence[Reach] = ()) -> Limit:
+def fit_limit(
+    reaches: Sequence[Reach], span: TrainingRange, fine: Sequence[Reach] = ()
+) -> FittedLimit:
     """Fit ln of the warped load of the reach.
 
     Many runs of a coarse mesh give the shape; how much earlier or later those of the ``fine`` mesh
@@ -175,7 +177,7 @@ def fit_limit(reaches: Sequence[Reach], span: TrainingRange, fine: Sequence[Reac
     best = Terms(orders, (scales * _fit(matrix, known, bounded))[None])
     best.coefficients[0, 0] += _shift(best, [r for r in fine if r.load > 0.0 and not r.open], span)
     errors = _errors(points[~bounded], left_out[~bounded])
-    return Limit(stacked([best, errors]), left_out[~bounded])
+    return FittedLimit(stacked([best, errors]), left_out[~bounded])
 
 
 def _shift(best: Terms, ended: Sequence[Reach], span: TrainingRange) -> float:
@@ -231,7 +233,7 @@ STRETCH = (2,)  # a quantile over points, whose derivatives jump: fitted by its 
 
 
 @dataclass(frozen=True)
-class Plan:
+class FitPlan:
     """With which terms, and how strongly expected to fall, the outputs are fitted.
 
     Parameters
@@ -257,7 +259,7 @@ class Plan:
 POWERS = (3, 3, 1, 4, 2, 1, 2, 4, 4)
 ONCE = (1, 1, 1, 2, 1, 1, 1, 2, 2)
 PLANS = (
-    Plan(
+    FitPlan(
         ANGLES,
         True,
         Family((12, 8, 8, 5), (8, 5, 5, 4), POWERS, (4, 2, 2, 2), (1, 1, 1, 1)),
@@ -265,7 +267,7 @@ PLANS = (
         Prior(0.65, 0.5, 0.5, 1e-2),
         Prior(0.5, 0.4, 0.3, 5e-2),
     ),
-    Plan(
+    FitPlan(
         STRETCH,
         False,
         Family((8, 5, 5, 4), (3, 2, 2, 1), ONCE, (0, 0, 0, 0)),
@@ -306,7 +308,7 @@ def train(
     length: float,
     mesh_error: float,
     record: dict[str, object],
-    plans: Sequence[Plan] = PLANS,
+    plans: Sequence[FitPlan] = PLANS,
 ) -> Surrogate:
     """Return a surrogate of the fine mesh.
 
@@ -322,7 +324,7 @@ def train(
         Relative error of the fine mesh itself [–].
     record : dict
         What the design was; accuracy is added to it.
-    plans : sequence of Plan
+    plans : sequence of FitPlan
         Terms of the outputs, in their order.
     """
     many, few = (_observed(*runs, span=span, length=length) for runs in (coarse, fine))
@@ -381,7 +383,7 @@ def _material_points(curves: Sequence[Curve], span: TrainingRange) -> Floats:
 
 
 def _train(
-    many: dict[Curve, Observed], few: dict[Curve, Observed], plan: Plan, span: TrainingRange
+    many: dict[Curve, Observed], few: dict[Curve, Observed], plan: FitPlan, span: TrainingRange
 ) -> Trained:
     orders, small = plan.family.orders, plan.correction.orders
     base = fit(
@@ -409,26 +411,26 @@ def _train(
     return Trained(terms, np.vstack(points), np.vstack(left_out), np.array(worst))
 
 
-def _rows(run: Observed, family: Family, plan: Plan, span: TrainingRange) -> Rows:
+def _rows(run: Observed, family: Family, plan: FitPlan, span: TrainingRange) -> Equations:
     return rows_of(
         run, family.orders, outputs=list(plan.outputs), span=span, derivatives=plan.derivatives
     )
 
 
-def _gap(run: Observed, base: Fit, plan: Plan, span: TrainingRange) -> Rows:
+def _gap(run: Observed, base: Regression, plan: FitPlan, span: TrainingRange) -> Equations:
     """Return the equations of a fine run for its deviation from the coarse mesh's fit."""
     whole = _rows(run, plan.family, plan, span)
     part = _rows(run, plan.correction, plan, span)
-    return Rows(part.matrix, whole.targets - whole.matrix @ base.coefficients.T, part.n_values)
+    return Equations(part.matrix, whole.targets - whole.matrix @ base.coefficients.T, part.n_values)
 
 
 def _left_out(
     run: Observed,
     twin: Observed | None,
-    gap: Rows,
-    base: Fit,
-    shift: Fit,
-    plan: Plan,
+    gap: Equations,
+    base: Regression,
+    shift: Regression,
+    plan: FitPlan,
     span: TrainingRange,
 ) -> Floats:
     """Return the weighted errors of a fine run left out, together with its coarse twin."""
@@ -441,7 +443,7 @@ def _left_out(
 
 
 def _accuracy(
-    parts: Sequence[Trained], limit: Limit, covered: Sequence[float]
+    parts: Sequence[Trained], limit: FittedLimit, covered: Sequence[float]
 ) -> dict[str, dict[str, float]]:
     """Return errors at runs left out: of each curve the largest, over its largest value."""
     worst = np.hstack([part.worst for part in parts])

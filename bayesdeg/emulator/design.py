@@ -16,7 +16,7 @@ from scipy.linalg import cholesky, solve_triangular
 from scipy.stats import qmc
 
 from bayesdeg.actuator.curve import Curve
-from bayesdeg.actuator.material import Material
+from bayesdeg.actuator.material import MaterialGroups
 from bayesdeg.emulator.coordinates import Coordinates, coordinates, inside
 from bayesdeg.emulator.regression import DERIVATIVE_WEIGHT, Prior, half_ranges
 from bayesdeg.emulator.scaling import MATERIAL, NOMINAL_THICKNESS, Place, TrainingRange
@@ -74,7 +74,7 @@ def _draw(generator: np.random.Generator) -> Curve:
     effects = _effects(generator, weight=1.2e-5 * scale / c1)
     for k in generator.permutation(len(effects))[:number]:
         base |= effects[int(k)]
-    return Curve(tuple(p * 1e-3 / c1 for p in PRESSURES), Material(**base))
+    return Curve(tuple(p * 1e-3 / c1 for p in PRESSURES), MaterialGroups(**base))
 
 
 def _effects(generator: np.random.Generator, *, weight: float) -> list[dict[str, float]]:
@@ -108,7 +108,7 @@ SMALLEST_SLACK = 0.01
 
 @dataclass(frozen=True)
 class Effects:
-    """How much of each cause a design holds: ranges of fields of ``Material``."""
+    """How much of each cause a design holds: ranges of fields of ``MaterialGroups``."""
 
     second_invariant_ratio: tuple[float, float] = (0.0, 1.0)
     skin: tuple[float, float] = (0.0, 1.2)
@@ -208,11 +208,11 @@ def second_stage(span: TrainingRange, first: list[Curve], fine: int) -> tuple[li
     return coarse, [twins[index] for index in chosen["fine"]]
 
 
-def _base_material(span: TrainingRange, unit: Floats) -> Material:
+def _base_material(span: TrainingRange, unit: Floats) -> MaterialGroups:
     low, high = span.lower[: len(MATERIAL)], span.upper[: len(MATERIAL)]
     softening, stiffening, paper = low + (high - low) * unit[: len(MATERIAL)]
     c3 = float(np.exp(stiffening))
-    return Material(
+    return MaterialGroups(
         c2_ratio=float(softening * np.sqrt(3.0 * c3)),
         c3_ratio=c3,
         paper_group=float(np.exp(paper)),

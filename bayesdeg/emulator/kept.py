@@ -70,7 +70,7 @@ CACHE = Path(".cache/emulators")
 
 
 @dataclass(frozen=True)
-class Search:
+class EmulatorSearch:
     """What a search by records came to.
 
     Parameters
@@ -190,7 +190,9 @@ def refuse_other(geometry: Geometry, record: str) -> None:
         )
 
 
-def search(geometry: Geometry, *, recipe: Recipe | None = None, cache: Path = CACHE) -> Search:
+def search(
+    geometry: Geometry, *, recipe: Recipe | None = None, cache: Path = CACHE
+) -> EmulatorSearch:
     """Look for a trained emulator of a geometry by records: in the package, then in a cache.
 
     Parameters
@@ -209,7 +211,7 @@ def search(geometry: Geometry, *, recipe: Recipe | None = None, cache: Path = CA
         record = read_content(SHIPPED, record_of)
         changed, old = other_dimensions(geometry, record), outdated(record)
         if not changed and not old:
-            return Search(SHIPPED, path)
+            return EmulatorSearch(SHIPPED, path)
         reasons.append(
             f"the package's emulator is of another geometry: {', '.join(changed)}"
             if changed
@@ -220,10 +222,10 @@ def search(geometry: Geometry, *, recipe: Recipe | None = None, cache: Path = CA
             record = read_content(path, record_of)
             refuse_outdated(path, record)
             refuse_other(geometry, record)
-            return Search(path, path, tuple(reasons))
+            return EmulatorSearch(path, path, tuple(reasons))
         except BayesdegError as fault:
             reasons.append(str(fault))
-    return Search(None, path, tuple(reasons))
+    return EmulatorSearch(None, path, tuple(reasons))
 
 
 # both stages, and what a curve of the default geometry takes on one core (studies/scaling.md) [s]

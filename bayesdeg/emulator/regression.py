@@ -255,7 +255,7 @@ class Prior:
 
 
 @dataclass(frozen=True)
-class Rows:
+class Equations:
     """Weighted equations of one run: ``matrix @ coefficients = targets``.
 
     The first ``n_values`` are those of the values; the others are of derivatives.
@@ -280,7 +280,7 @@ def rows_of(
     outputs: Sequence[int],
     span: TrainingRange,
     derivatives: bool = True,
-) -> Rows:
+) -> Equations:
     """Return the equations of a run for some outputs, of their values and derivatives."""
     place, w = run.coordinates, run.weights[:, None]
     values = features(orders, place.points)
@@ -300,7 +300,7 @@ def rows_of(
             start[0, N_CHEBYSHEV:] = _at_rest(run)
             matrix.append(FLOOR * features(orders, start))
             targets.append(FLOOR * (run.first[None, outputs] - place.warp[:1, None]))
-    return Rows(np.vstack(matrix), np.vstack(targets), len(values))
+    return Equations(np.vstack(matrix), np.vstack(targets), len(values))
 
 
 def _at_rest(run: Observed) -> Floats:
@@ -312,7 +312,7 @@ def _at_rest(run: Observed) -> Floats:
 
 
 @dataclass(frozen=True)
-class Fit:
+class Regression:
     """A regression, with all that leaving out runs needs.
 
     Parameters
@@ -329,7 +329,7 @@ class Fit:
     scales: Floats
     factor: Floats
 
-    def without(self, rows: Rows) -> Floats:
+    def without(self, rows: Equations) -> Floats:
         """Return the coefficients that a fit without one run's rows would have.
 
         a₋ᵢ = a − N⁻¹ Aᵢᵀ (I − Hᵢ)⁻¹ eᵢ, Hᵢ = Aᵢ N⁻¹ Aᵢᵀ.
@@ -343,7 +343,7 @@ class Fit:
         return without
 
 
-def fit(rows: Iterable[Rows], orders: Indices, prior: Prior, *, outputs: int) -> Fit:
+def fit(rows: Iterable[Equations], orders: Indices, prior: Prior, *, outputs: int) -> Regression:
     """Return the most probable coefficients for the equations of all runs, taken one by one."""
     scales = prior.scales(orders)
     normal = prior.noise**2 * np.eye(len(orders))
@@ -354,4 +354,4 @@ def fit(rows: Iterable[Rows], orders: Indices, prior: Prior, *, outputs: int) ->
         right += scaled.T @ part.targets
     factor, _ = cho_factor(normal, lower=True)
     coefficients = scales[:, None] * cho_solve((factor, True), right)
-    return Fit(orders, coefficients.T, scales, factor)
+    return Regression(orders, coefficients.T, scales, factor)

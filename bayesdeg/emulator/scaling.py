@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.actuator.inputs import PAPER_THICKNESS, Inputs, load_of, material_groups
-from bayesdeg.actuator.material import Material
+from bayesdeg.actuator.material import MaterialGroups
 
 Floats = NDArray[np.float64]
 
@@ -138,7 +138,7 @@ def groups_of(inputs: Inputs) -> dict[str, Floats]:
     return _normalised(load_of(inputs), material_groups(inputs))
 
 
-def groups_of_material(load: Floats, material: Material) -> dict[str, Floats]:
+def groups_of_material(load: Floats, material: MaterialGroups) -> dict[str, Floats]:
     """Return p/M and all groups of a finite element run with loads p/C1."""
     return _normalised(
         load, {k: np.asarray(v, dtype=np.float64) for k, v in vars(material).items()}
@@ -181,12 +181,12 @@ class Place:
     values: tuple[float, ...]
 
     @classmethod
-    def of(cls, material: Material) -> Self:
+    def of(cls, material: MaterialGroups) -> Self:
         """Return the place of a material."""
         found = groups_of_material(np.zeros(()), material)
         return cls(tuple(float(found[group.name]) for group in GROUPS))
 
-    def material(self) -> Material:
+    def material(self) -> MaterialGroups:
         """Return the material in units of C1.
 
         Examples
@@ -198,7 +198,7 @@ class Place:
         at = dict(zip((group.name for group in GROUPS), self.values, strict=True))
         modulus = self.modulus
         c3 = np.exp(at["log_stiffening"])
-        return Material(
+        return MaterialGroups(
             c2_ratio=float(at["softening"] * np.sqrt(3.0 * c3) * modulus),
             c3_ratio=float(c3 * modulus),
             paper_group=float(np.exp(at["log_paper"]) * modulus),

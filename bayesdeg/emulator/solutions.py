@@ -19,7 +19,7 @@ import numpy as np
 
 from bayesdeg.actuator.curve import Curve, CurveSolution, PathSamples
 from bayesdeg.actuator.geometry import Geometry
-from bayesdeg.actuator.material import Material
+from bayesdeg.actuator.material import MaterialGroups
 from bayesdeg.actuator.outputs import OUTPUTS
 from bayesdeg.actuator.sensitivity import INPUTS
 from bayesdeg.actuator.status import MODEL_VERSION, Resolution, Status
@@ -54,7 +54,7 @@ class Run:
 
     Examples
     --------
-    >>> material = Material(c2_ratio=-0.014, c3_ratio=0.004, paper_group=120.0)
+    >>> material = MaterialGroups(c2_ratio=-0.014, c3_ratio=0.004, paper_group=120.0)
     >>> run = Run(Geometry(Dimensions()), Resolution(3.5, 2.5, 5.0), Curve((0.2, 0.4), material))
     >>> len(run.key())
     64
@@ -104,7 +104,7 @@ def run_of(parameters: dict[str, Any]) -> Run:
     return Run(
         Geometry(dimensions, **rest),
         Resolution(**parameters["resolution"]),
-        Curve(tuple(curve["loads"]), Material(**curve["material"])),
+        Curve(tuple(curve["loads"]), MaterialGroups(**curve["material"])),
         Kind(parameters["kind"]),
     )
 

@@ -46,7 +46,7 @@ AT_ONCE = 128
 
 
 @dataclass(frozen=True)
-class Model:
+class JointModel:
     """A posterior density up to a constant, which can be criticised and extended by causes.
 
     Parameters
@@ -80,7 +80,7 @@ class Model:
     ...     places_of(force, kind="length"),
     ...     error=lambda values, lengths: 1.0,
     ... )
-    >>> spring = Model(
+    >>> spring = JointModel(
     ...     (Parameter("stiffness", LogNormal(0.1, 1.0), "N/mm", "of the spring"),),
     ...     (length,),
     ...     Formula(lambda values, force: force / values["stiffness"]),
@@ -531,7 +531,7 @@ class Refusals:
         return self.refused / self.proposed if self.proposed else 0.0
 
 
-def share_outside(model: Model, vectors: Floats) -> float:
+def share_outside(model: JointModel, vectors: Floats) -> float:
     """Return the share of vectors at which the forward map has no answer for some reading [–].
 
     There the likelihood only leads back inside: a posterior of which much lies there is not to be
@@ -539,7 +539,7 @@ def share_outside(model: Model, vectors: Floats) -> float:
 
     Parameters
     ----------
-    model : Model
+    model : JointModel
         One that asks no forward map has nothing outside.
     vectors : array, shape (n, n_parameters)
         Posterior draws.
@@ -557,7 +557,7 @@ class CountedDensity:
     Parameters
     ----------
     density : Density
-        Left as it is; what is no ``Model`` refuses nothing.
+        Left as it is; what is no ``JointModel`` refuses nothing.
     """
 
     def __init__(self, density: Density) -> None:
@@ -565,7 +565,7 @@ class CountedDensity:
         self._refused: list[Floats] = []
         self._watched = density
         self._outside = np.zeros(0, dtype=bool)
-        if isinstance(density, Model):
+        if isinstance(density, JointModel):
             self._model = density
             self._watched = density.watched(self._report)
 
@@ -602,7 +602,7 @@ class CountedDensity:
 
 
 def blocks_of(
-    model: Model, kinds: Iterable[str] | None = None
+    model: JointModel, kinds: Iterable[str] | None = None
 ) -> dict[str, dict[str, NDArray[np.intp]]]:
     """Return the rows of every specimen in every kind of data that it has.
 
@@ -611,7 +611,7 @@ def blocks_of(
 
     Parameters
     ----------
-    model : Model
+    model : JointModel
         With its data.
     kinds : iterable of str, optional
         Names of kinds; all by default.
@@ -632,7 +632,7 @@ def blocks_of(
     }
 
 
-def without(model: Model, specimens: Iterable[str]) -> Model:
+def without(model: JointModel, specimens: Iterable[str]) -> JointModel:
     """Return the model for the data without some specimens, in whatever tables they stand.
 
     Priors, parameters and summary statistics stay.
@@ -653,7 +653,7 @@ def without(model: Model, specimens: Iterable[str]) -> Model:
     return replace(model, observations=tuple(one for one in found if len(one.labels)))
 
 
-def replicate(model: Model, values: Named, generator: np.random.Generator) -> Model:
+def replicate(model: JointModel, values: Named, generator: np.random.Generator) -> JointModel:
     r"""Return the model with all its data drawn anew, in the same tests of new specimens.
 
     Every kind of data has the law of its likelihood, but for what the likelihood linearises: the
@@ -668,7 +668,7 @@ def replicate(model: Model, values: Named, generator: np.random.Generator) -> Mo
 
     Parameters
     ----------
-    model : Model
+    model : JointModel
         Its tests: stretches, pressures, degradation rates, standard errors.
     values : mapping
         One set of named values, each of shape (1,).
@@ -677,7 +677,7 @@ def replicate(model: Model, values: Named, generator: np.random.Generator) -> Mo
 
     Returns
     -------
-    Model
+    JointModel
         Readings are nan where the forward map has no answer; where the model knows of elongation
         at break, an actuator bursts there instead.
 
@@ -686,7 +686,8 @@ def replicate(model: Model, values: Named, generator: np.random.Generator) -> Mo
     >>> from bayesdeg.observations.means import Means, Statistic
     >>> from bayesdeg.observations.specimens import FilmsAndActuators, material_parameters
     >>> modulus = Statistic("young_modulus", 0.0, 1.7, 0.1, "published", 2.0)
-    >>> model = Model(material_parameters((0.0,)), (Means((modulus,)),), FilmsAndActuators((0.0,)))
+    >>> films = FilmsAndActuators((0.0,))
+    >>> model = JointModel(material_parameters((0.0,)), (Means((modulus,)),), films)
     >>> values = model.table.named(model.table.sample(np.random.default_rng(0), 1))
     >>> (6.0 * values["c1_at_0"]).round(2)  # Young's modulus [MPa]
     array([2.07])
@@ -705,7 +706,7 @@ JITTER = 0.03  # of vectors about the fit, on the unconstrained scale
 INSIDE = 0.02  # probability that a start stays away from the bounds of its prior
 
 
-def least_squares(model: Model) -> Floats:
+def least_squares(model: JointModel) -> Floats:
     """Return a vector near the mode, from films by least squares, else from prior medians.
 
     Stress is linear in the control values of the constants, and ln elongation in its values at the
@@ -725,7 +726,9 @@ def least_squares(model: Model) -> Floats:
     return np.asarray(model.table.vectors({name: np.array(v) for name, v in within.items()}))
 
 
-def near_films(model: Model, generator: np.random.Generator, *, count: int = 400) -> Floats | None:
+def near_films(
+    model: JointModel, generator: np.random.Generator, *, count: int = 400
+) -> Floats | None:
     """Return the most probable of vectors about the films' least-squares fit; None if none is.
 
     None too where nothing is known of the world's limits. What the films say nothing of is drawn
@@ -734,7 +737,7 @@ def near_films(model: Model, generator: np.random.Generator, *, count: int = 400
 
     Parameters
     ----------
-    model : Model
+    model : JointModel
         Whose mode is sought.
     generator : Generator
         Draws the vectors.
@@ -754,6 +757,6 @@ def near_films(model: Model, generator: np.random.Generator, *, count: int = 400
     return trials[best] if np.isfinite(density[best]) else None
 
 
-def _suggested(model: Model) -> dict[str, float]:
+def _suggested(model: JointModel) -> dict[str, float]:
     """Return what kinds of data suggest by themselves."""
     return {n: v for one in model.observations for n, v in one.start(model.world).items()}

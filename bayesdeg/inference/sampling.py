@@ -22,7 +22,7 @@ from bayesdeg.errors import BayesdegError
 from bayesdeg.inference.density import Density
 from bayesdeg.inference.importance import FOR_WALKERS, Proposal
 from bayesdeg.inference.laplace import Evidence, effective_draws
-from bayesdeg.inference.model import CountedDensity, Model, Refusals
+from bayesdeg.inference.model import CountedDensity, JointModel, Refusals
 from bayesdeg.inference.tree import (
     Groups,
     add_likelihoods,
@@ -655,7 +655,7 @@ def to_datatree(density: Density, chain: Chain, generator: np.random.Generator) 
     """Return the chain as an arviz DataTree.
 
     Groups: ``posterior`` (named parameters, in the users' units), ``sample_stats`` (``lp``); of a
-    ``Model`` also ``log_likelihood`` (``joint``: all that was read on each specimen, for
+    ``JointModel`` also ``log_likelihood`` (``joint``: all that was read on each specimen, for
     ``arviz.loo``; as coordinates its parts: each reading given those before it on its specimen,
     and whole specimens by kind of data), ``posterior_predictive``, ``observed_data``,
     ``constant_data``. Chains are ensembles.
@@ -668,7 +668,7 @@ def to_datatree(density: Density, chain: Chain, generator: np.random.Generator) 
         "posterior": {name: v.reshape(shape) for name, v in values.items()},
         "sample_stats": {"lp": np.swapaxes(chain.log_prob, 1, 2).reshape(shape)},
     }
-    if not isinstance(density, Model):
+    if not isinstance(density, JointModel):
         plain: xr.DataTree = from_dict(groups)
         return plain
     coords, dims = add_likelihoods(density, density.log_likelihood(values), groups, shape=shape)

@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from bayesdeg.inference.model import Model, blocks_of
+from bayesdeg.inference.model import JointModel, blocks_of
 from bayesdeg.observations.kinds import Stored
 
 Floats = NDArray[np.float64]
@@ -17,7 +17,7 @@ OBSERVED = ("log_likelihood", "posterior_predictive", "observed_data", "constant
 
 
 def add_likelihoods(
-    model: Model, by_kind: Mapping[str, Floats], groups: Groups, *, shape: tuple[int, int]
+    model: JointModel, by_kind: Mapping[str, Floats], groups: Groups, *, shape: tuple[int, int]
 ) -> tuple[dict[str, NDArray[np.generic]], dict[str, list[str]]]:
     """Add log densities of whole specimens, by kind of data and jointly.
 
@@ -28,10 +28,10 @@ def add_likelihoods(
 
     Parameters
     ----------
-    model : Model
+    model : JointModel
         With its data.
     by_kind : mapping
-        What ``Model.log_likelihood`` returns.
+        What ``JointModel.log_likelihood`` returns.
     groups : dict
         To which ``log_likelihood`` is added.
     shape : (int, int)
@@ -57,7 +57,7 @@ def add_likelihoods(
     return coords, dims | {JOINT: ["specimen"]}
 
 
-def _blocks(model: Model) -> list[tuple[str, dict[str, NDArray[np.intp]]]]:
+def _blocks(model: JointModel) -> list[tuple[str, dict[str, NDArray[np.intp]]]]:
     """Return the rows of every specimen in every kind of data, and of every statistic."""
     blocks = list(blocks_of(model).items())
     for one in model.observations:
@@ -80,7 +80,7 @@ def with_one_likelihood(tree: xr.DataTree) -> xr.DataTree:
 
 
 def stored_readings(
-    model: Model, values: dict[str, Floats], generator: np.random.Generator
+    model: JointModel, values: dict[str, Floats], generator: np.random.Generator
 ) -> list[Stored]:
     """Return what is kept of the readings, their densities and replicates."""
     state, tests = model.state(values), model.tests(values)

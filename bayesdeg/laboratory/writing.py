@@ -99,7 +99,7 @@ class TruthVersion(Record):
     model: Text = Field(default="", description="version of the finite element model")
 
 
-class Truth(FileRecord):
+class TruthRecord(FileRecord):
     """The content of ``truth.json``: what a virtual experiment hides, which no study reads."""
 
     causes: Mapping[str, Numbers] = Field(description="values of the parameters, by hidden cause")
@@ -112,9 +112,9 @@ class Truth(FileRecord):
     version: TruthVersion
 
 
-def truth_record(experiment: VirtualExperiment, provenance: Provenance) -> Truth:
+def truth_record(experiment: VirtualExperiment, provenance: Provenance) -> TruthRecord:
     """Return what ``truth.json`` holds."""
-    return Truth(
+    return TruthRecord(
         causes={hidden.cause.name: dict(hidden.values) for hidden in experiment.effects},
         constants=experiment.truth.named(),
         actuators=_by_specimen(experiment.actuators),

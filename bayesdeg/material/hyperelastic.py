@@ -28,7 +28,7 @@ LOADED_AXES: dict[str, float] = {"uniaxial": 1.0, "equibiaxial": 2.0, "planar": 
 MEASURES = ("nominal", "cauchy")
 
 
-class Path(NamedTuple):
+class ModePath(NamedTuple):
     """A scalar along a mode: its value and its first two derivatives by the stretch."""
 
     value: FloatArray
@@ -53,7 +53,7 @@ def principal_stretches(stretch: npt.ArrayLike, mode: Modes) -> FloatArray:
     return np.asarray(base ** _lookup(EXPONENTS, mode), dtype=np.float64)
 
 
-def power_sum(stretch: npt.ArrayLike, mode: Modes, power: npt.ArrayLike) -> Path:
+def power_sum(stretch: npt.ArrayLike, mode: Modes, power: npt.ArrayLike) -> ModePath:
     r"""Return the sum of powers of the principal stretches, less 3, along a mode.
 
     .. math:: S_p(\lambda) = \lambda_1^p + \lambda_2^p + \lambda_3^p - 3
@@ -72,7 +72,7 @@ def power_sum(stretch: npt.ArrayLike, mode: Modes, power: npt.ArrayLike) -> Path
 
     Returns
     -------
-    Path
+    ModePath
         S_p and its derivatives by the stretch, in the common shape of the arguments.
 
     Raises
@@ -93,14 +93,14 @@ def power_sum(stretch: npt.ArrayLike, mode: Modes, power: npt.ArrayLike) -> Path
     # keeps the digits of a small strain, where the three powers nearly cancel against 3
     excess = np.expm1(exponents * np.log(base))
     slope = exponents * (1.0 + excess)
-    return Path(
+    return ModePath(
         excess.sum(axis=-1),
         slope.sum(axis=-1) / stretch,
         (slope * (exponents - 1.0)).sum(axis=-1) / np.square(stretch),
     )
 
 
-def root_second_invariant(stretch: npt.ArrayLike, mode: Modes) -> Path:
+def root_second_invariant(stretch: npt.ArrayLike, mode: Modes) -> ModePath:
     r"""Return :math:`\sqrt{I_2} - \sqrt 3` along a mode with its derivatives by the stretch.
 
     Parameters
@@ -112,7 +112,7 @@ def root_second_invariant(stretch: npt.ArrayLike, mode: Modes) -> Path:
 
     Returns
     -------
-    Path
+    ModePath
 
     Raises
     ------
@@ -131,10 +131,12 @@ def root_second_invariant(stretch: npt.ArrayLike, mode: Modes) -> Path:
     )
 
 
-def chain(inner: Path, *, energy: FloatArray, first: FloatArray, second: FloatArray) -> Path:
+def chain(
+    inner: ModePath, *, energy: FloatArray, first: FloatArray, second: FloatArray
+) -> ModePath:
     """Return the path of an energy, given it and its derivatives by the inner scalar."""
     slope = first * inner.slope
-    return Path(energy, slope, second * np.square(inner.slope) + first * inner.curvature)
+    return ModePath(energy, slope, second * np.square(inner.slope) + first * inner.curvature)
 
 
 def loaded_axes(mode: Modes) -> FloatArray:
@@ -182,7 +184,7 @@ class HyperelasticLaw(Protocol):
         """Shear modulus at zero strain [MPa]; Young's modulus is three times it."""
         ...
 
-    def along(self, stretch: npt.ArrayLike, mode: Modes) -> Path:
+    def along(self, stretch: npt.ArrayLike, mode: Modes) -> ModePath:
         """Return the energy [MPa] along a mode with its derivatives by the stretch."""
         ...
 
@@ -204,11 +206,11 @@ class NeoHookean:
         """Shear modulus 2 C₁ [MPa]."""
         return 2.0 * np.asarray(self.c1, dtype=np.float64)
 
-    def along(self, stretch: npt.ArrayLike, mode: Modes) -> Path:
+    def along(self, stretch: npt.ArrayLike, mode: Modes) -> ModePath:
         """Return the energy along a mode."""
         c1 = np.asarray(self.c1, dtype=np.float64)
         x = power_sum(stretch, mode, 2.0)
-        return Path(c1 * x.value, c1 * x.slope, c1 * x.curvature)
+        return ModePath(c1 * x.value, c1 * x.slope, c1 * x.curvature)
 
 
 @dataclass(frozen=True)
@@ -234,7 +236,7 @@ class Yeoh:
         """Shear modulus 2 C₁ [MPa]."""
         return 2.0 * np.asarray(self.c1, dtype=np.float64)
 
-    def along(self, stretch: npt.ArrayLike, mode: Modes) -> Path:
+    def along(self, stretch: npt.ArrayLike, mode: Modes) -> ModePath:
         """Return the energy along a mode."""
         c1, c2, c3 = (np.asarray(c, dtype=np.float64) for c in (self.c1, self.c2, self.c3))
         i1 = power_sum(stretch, mode, 2.0)
@@ -278,12 +280,12 @@ class YeohRootSecondInvariant:
             self.c_s
         ) / math.sqrt(3.0)
 
-    def along(self, stretch: npt.ArrayLike, mode: Modes) -> Path:
+    def along(self, stretch: npt.ArrayLike, mode: Modes) -> ModePath:
         """Return the energy along a mode."""
         yeoh = Yeoh(self.c1, self.c2, self.c3).along(stretch, mode)
         root = root_second_invariant(stretch, mode)
         c_s = np.asarray(self.c_s, dtype=np.float64)
-        return Path(*(term + c_s * extra for term, extra in zip(yeoh, root, strict=True)))
+        return ModePath(*(term + c_s * extra for term, extra in zip(yeoh, root, strict=True)))
 
 
 @dataclass(frozen=True)
@@ -314,7 +316,7 @@ class Gent:
         """Shear modulus μ [MPa]."""
         return np.asarray(self.mu, dtype=np.float64)
 
-    def along(self, stretch: npt.ArrayLike, mode: Modes) -> Path:
+    def along(self, stretch: npt.ArrayLike, mode: Modes) -> ModePath:
         """Return the energy along a mode."""
         mu, j_m = np.asarray(self.mu, dtype=np.float64), np.asarray(self.j_m, dtype=np.float64)
         i1 = power_sum(stretch, mode, 2.0)
@@ -327,7 +329,7 @@ class Gent:
             first=first,
             second=first / (j_m * (1.0 - share)),
         )
-        return Path(
+        return ModePath(
             np.where(within, path.value, np.inf),
             np.where(within, path.slope, np.copysign(np.inf, i1.slope)),
             np.where(within, path.curvature, np.inf),
@@ -360,7 +362,7 @@ class Ogden:
         product = np.asarray(self.mu, dtype=np.float64) * np.asarray(self.alpha, dtype=np.float64)
         return np.asarray(0.5 * product.sum(axis=-1), dtype=np.float64)
 
-    def along(self, stretch: npt.ArrayLike, mode: Modes) -> Path:
+    def along(self, stretch: npt.ArrayLike, mode: Modes) -> ModePath:
         """Return the energy along a mode."""
         mu, alpha = np.broadcast_arrays(
             np.atleast_1d(np.asarray(self.mu, dtype=np.float64)),
@@ -372,7 +374,7 @@ class Ogden:
             np.sum([w * term[part] for w, term in zip(weights, terms, strict=True)], axis=0)
             for part in range(3)
         )
-        return Path(*sums)
+        return ModePath(*sums)
 
 
 def energy(law: HyperelasticLaw, stretch: npt.ArrayLike, *, mode: Modes) -> FloatArray:

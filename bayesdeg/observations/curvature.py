@@ -420,7 +420,7 @@ class Predicted(NamedTuple):
     variance: Floats
 
 
-class ActuatorTests(Protocol):
+class AtPressures(Protocol):
     """Tests of actuators at pressures, whatever was read in them.
 
     Parameters
@@ -443,7 +443,7 @@ class ActuatorTests(Protocol):
     def conditions(self) -> Conditions: ...  # noqa: D102
 
 
-def believed_degradation(state: State[FilmsAndActuators], data: ActuatorTests) -> Degradation:
+def believed_degradation(state: State[FilmsAndActuators], data: AtPressures) -> Degradation:
     """Return degradation rates and their standard errors [%], each (n, n_specimens)."""
     recorded = Degradation(data.degradation, data.degradation_sd)
     believed = applied("on_degradation", recorded, data.conditions, state.acting())
@@ -452,18 +452,18 @@ def believed_degradation(state: State[FilmsAndActuators], data: ActuatorTests) -
     return Degradation(level, sd)
 
 
-class Part(NamedTuple):
+class ActuatorMaterial(NamedTuple):
     """The actuators' median material, and τ² of their deviations of ln stiffness, (n, S)."""
 
     material: Material
     spread: Floats
 
 
-def parts_of(state: State[FilmsAndActuators], data: ActuatorTests) -> Part:
+def parts_of(state: State[FilmsAndActuators], data: AtPressures) -> ActuatorMaterial:
     """Return what is believed of the actuators' material."""
     believed = state.once(believed_degradation, data)
     material = state.world.material(state.values, shared(believed.value))
-    return Part(material, stiffness_spread(state.values, material, believed.sd))
+    return ActuatorMaterial(material, stiffness_spread(state.values, material, believed.sd))
 
 
 def predict(state: State[FilmsAndActuators], data: ActuatorCurves, deviation: Floats) -> Predicted:
@@ -471,14 +471,14 @@ def predict(state: State[FilmsAndActuators], data: ActuatorCurves, deviation: Fl
     return _readings(data, state.values, *_predictions(state, data, deviation))
 
 
-def inputs_met(state: State[FilmsAndActuators], data: ActuatorTests, deviation: Floats) -> Inputs:
+def inputs_met(state: State[FilmsAndActuators], data: AtPressures, deviation: Floats) -> Inputs:
     """Return what the mechanics of actuators met, with causes.
 
     Parameters
     ----------
     state : State
         Named values, (n,).
-    data : ActuatorTests
+    data : AtPressures
         What was set.
     deviation : array, shape (n, n_specimens, 1)
         Of each specimen's ln stiffness.

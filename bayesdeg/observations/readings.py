@@ -96,7 +96,7 @@ class Formula:
     ----------
     forward : callable
         From inputs and conditions to a prediction; an array of readings (k, n) or an object.
-        Readings of nan mean that the map has no answer.
+        FormulaReadings of nan mean that the map has no answer.
     inputs : callable
         From values and conditions to what the forward map takes; the values by default.
     readings : callable
@@ -200,7 +200,7 @@ def check_shapes(observed: Floats, places: Places, group: Labels, rows: Rows | s
 
 
 @dataclass(frozen=True)
-class Readings(Observations):
+class FormulaReadings(Observations):
     """Readings of a `Formula`, with normal errors.
 
     Parameters
@@ -293,7 +293,7 @@ class Readings(Observations):
         return self.observed_values
 
     @override
-    def subset(self, rows: Rows) -> "Readings":
+    def subset(self, rows: Rows) -> "FormulaReadings":
         keep = np.isin(self._first[2], rows)
         every = isinstance(self.rows, slice)
         taken = np.arange(len(self.observed_values)) if every else np.asarray(self.rows)

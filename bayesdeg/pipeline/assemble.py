@@ -13,7 +13,7 @@ from bayesdeg.data.study import Study
 from bayesdeg.emulator.kept import surrogate_for
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.errors import BayesdegError, Fault, StudyError, use_one_of
-from bayesdeg.inference.model import Model
+from bayesdeg.inference.model import JointModel
 from bayesdeg.observations.specimens import FilmsAndActuators, no_map
 from bayesdeg.pipeline.formula import OwnMap, probe
 from bayesdeg.pipeline.outline import outline, stated_priors
@@ -27,7 +27,7 @@ class Assembly:
 
     Parameters
     ----------
-    model : Model
+    model : JointModel
         Base model.
     candidates : tuple of Cause
         Causes that can be judged with the columns at hand.
@@ -42,7 +42,7 @@ class Assembly:
         A forward map of the user's own, where the study is of no films and actuators.
     """
 
-    model: Model
+    model: JointModel
     candidates: tuple[Cause, ...]
     unjudged: dict[str, str]
     missing: tuple[tuple[str, str], ...]
@@ -130,11 +130,11 @@ def assemble(study: Study, forward: ForwardMap | None = None) -> Assembly:
         paper_thickness=study.settings.paper_thickness_mm,
         largest_pressure=plan.largest,
     )
-    model = Model(plan.base, plan.observations, world)
+    model = JointModel(plan.base, plan.observations, world)
     return Assembly(model, plan.candidates, plan.unjudged, plan.missing, plan.alike)
 
 
-def level_grid(model: Model) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+def level_grid(model: JointModel) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
     """Return the degradation rates at which predictions are shown [%]."""
     top = max(model.nodes)
     return np.array(model.nodes) if top == 0.0 else np.arange(0.0, top + 1e-9, 5.0)

@@ -18,7 +18,7 @@ from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.inference.density import Density
 from bayesdeg.inference.importance import about_mode
 from bayesdeg.inference.laplace import FEWEST_EFFECTIVE, Evidence, Laplace, approximate
-from bayesdeg.inference.model import Model, near_films
+from bayesdeg.inference.model import JointModel, near_films
 from bayesdeg.inference.modes import find_modes
 from bayesdeg.inference.sampling import EFFORTS, Chain, Effort, Standing, sample
 from bayesdeg.pipeline.progress import Progress
@@ -97,7 +97,7 @@ class Fit:
 
     Parameters
     ----------
-    model : Model
+    model : JointModel
         What was calibrated.
     laplace : Laplace
         Mode and curvature.
@@ -109,7 +109,7 @@ class Fit:
         Whether they may be used.
     """
 
-    model: Model
+    model: JointModel
     laplace: Laplace
     evidence: Evidence
     chain: Chain
@@ -146,12 +146,12 @@ class Options(TypedDict):
     start: NotRequired[Floats | None]
 
 
-def calibrate(model: Model, name: str, **options: Unpack[Options]) -> Fit:
+def calibrate(model: JointModel, name: str, **options: Unpack[Options]) -> Fit:
     """Calibrate a model, from where an interrupted run stopped.
 
     Parameters
     ----------
-    model : Model
+    model : JointModel
         What to calibrate.
     name : str
         Under which its chain is kept.
@@ -264,7 +264,7 @@ def _begun(
     generator = np.random.default_rng(seed)
     # one thread: the same bits whatever the machine's number of them
     with threadpool_limits(limits=1):
-        if start is None and isinstance(model, Model):
+        if start is None and isinstance(model, JointModel):
             start = near_films(model, generator)
         laplace = approximate(model, generator, start=start)
         found, shares = about_mode(model, laplace, generator), [1.0]
@@ -298,12 +298,12 @@ def base_of(fit: Fit) -> Trial:
     return _trial(fit.model, fit.laplace, known if _enough(known) else _of_chain(known, fit.chain))
 
 
-def base_without_chain(model: Model, seed: np.random.SeedSequence) -> Trial:
+def base_without_chain(model: JointModel, seed: np.random.SeedSequence) -> Trial:
     """Fit a base model as far as its verdict needs: a chain is sampled only if it would be used.
 
     Parameters
     ----------
-    model : Model
+    model : JointModel
         With its readings.
     seed : SeedSequence
         Everything random comes from it.
@@ -317,7 +317,7 @@ def base_without_chain(model: Model, seed: np.random.SeedSequence) -> Trial:
     return _trial(model, laplace, known)
 
 
-def _trial(model: Model, laplace: Laplace, posterior: Evidence) -> Trial:
+def _trial(model: JointModel, laplace: Laplace, posterior: Evidence) -> Trial:
     return base_trial(model, laplace.mode, posterior)
 
 

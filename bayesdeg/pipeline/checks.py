@@ -18,7 +18,7 @@ from bayesdeg.pipeline.progress import Progress
 from bayesdeg.prediction import prior_predictive as alone
 from bayesdeg.prediction.prior_predictive import PriorPredictive
 from bayesdeg.report import tables as columns
-from bayesdeg.report.left_out import Guard, Stage
+from bayesdeg.report.left_out import Guard, OptionalStage
 from bayesdeg.report.wording import worded
 
 FEWEST = 2  # specimens, of which one can be left out
@@ -92,16 +92,20 @@ def check(
     refits, draws = seed.spawn(2)
     model, chain = fit.model, fit.chain
     progress.stage("sensitivity to priors")
-    sensitivity = guard.attempt(Stage.PRIOR_SENSITIVITY, priors.prior_sensitivity, model, chain)
+    sensitivity = guard.attempt(
+        OptionalStage.PRIOR_SENSITIVITY, priors.prior_sensitivity, model, chain
+    )
     generator = np.random.default_rng(draws)
     predictive = None
     if isinstance(model.world, FilmsAndActuators):
-        predictive = guard.attempt(Stage.PRIOR_PREDICTIVE, alone.prior_predictive, model, generator)
+        predictive = guard.attempt(
+            OptionalStage.PRIOR_PREDICTIVE, alone.prior_predictive, model, generator
+        )
     progress.stage("specimens left out in turn")
     left_out = None
     if len(blocks_of(model)) >= FEWEST:
         left_out = guard.attempt(
-            Stage.LEAVE_ONE_OUT,
+            OptionalStage.LEAVE_ONE_OUT,
             specimens.leave_one_out,
             model,
             chain,

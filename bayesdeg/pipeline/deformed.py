@@ -18,7 +18,7 @@ from bayesdeg.actuator.equilibrium import follow
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.inputs import Inputs, dimensionless, material_groups
 from bayesdeg.actuator.linear import open_factorization
-from bayesdeg.actuator.material import Material
+from bayesdeg.actuator.material import MaterialGroups
 from bayesdeg.actuator.mesh import build_mesh
 from bayesdeg.actuator.status import COARSE, Resolution
 from bayesdeg.criticism.fit.side_by_side import later
@@ -200,7 +200,7 @@ def fitted_cases(fit: Fit) -> list[Case]:
             pressures=pressures[loads[i] > 0.0],
             curve=Curve(
                 tuple(loads[i][loads[i] > 0.0].tolist()),
-                Material(**{name: float(group[i]) for name, group in groups.items()}),
+                MaterialGroups(**{name: float(group[i]) for name, group in groups.items()}),
             ),
             linear_scale=float(scale[i, 0]),
             c1=float(c1[i, 0]),
@@ -243,7 +243,7 @@ def solve(geometry: Geometry, resolution: Resolution, case: Case) -> Solved | No
     resolution : Resolution
         Of the mesh.
     case : Case
-        Material and pressures.
+        MaterialGroups and pressures.
     """
     actuator = Actuator(build_mesh(geometry, resolution))
     surface, nodes = faces_of(actuator.mesh.body)
@@ -285,6 +285,6 @@ def compile_kernels() -> None:
     if hasattr(os, "nice"):
         os.nice(BEHIND)
     load = 1e-3
-    material = Material(c2_ratio=0.0, c3_ratio=0.0, paper_group=1.0)
+    material = MaterialGroups(c2_ratio=0.0, c3_ratio=0.0, paper_group=1.0)
     case = Case(0.0, np.array([1.0]), Curve((load,), material), linear_scale=1.0, c1=1.0)
     solve(Geometry(Dimensions()), COARSE, case)

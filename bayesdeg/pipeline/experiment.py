@@ -24,13 +24,13 @@ from bayesdeg.data.study import Study
 from bayesdeg.emulator.kept import find as find_emulator
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.errors import BayesdegError, use_one_of
-from bayesdeg.inference.model import Model
+from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import EFFORTS, to_datatree
 from bayesdeg.pipeline import forecast, formula
 from bayesdeg.pipeline.assemble import Assembly, assemble, assemble_own
 from bayesdeg.pipeline.calibrate import Fit, base_of, calibrate
 from bayesdeg.pipeline.forecast import model_document
-from bayesdeg.pipeline.formula import Drawn, OwnMap, cause_of, probe
+from bayesdeg.pipeline.formula import DrawnFormula, OwnMap, cause_of, probe
 from bayesdeg.pipeline.judge import Judgement, with_sampled_sizes
 from bayesdeg.pipeline.outline import outline
 from bayesdeg.pipeline.output import run_folder
@@ -48,7 +48,7 @@ from bayesdeg.pipeline.run import (
 from bayesdeg.priors import Parameter
 from bayesdeg.report.checkpoints import NoCheckpoints
 from bayesdeg.report.left_out import Guard
-from bayesdeg.report.record import Verdict
+from bayesdeg.report.record import VerdictRecord
 from bayesdeg.report.tables import ALL_LEVELS
 
 Floats = NDArray[np.float64]
@@ -64,7 +64,7 @@ class Judged:
 
     Parameters
     ----------
-    document : Verdict
+    document : VerdictRecord
         The content of ``verdict.json``.
     causes : tuple of Cause
         All that were tried.
@@ -72,7 +72,7 @@ class Judged:
         What it rests on; None where there was nothing to judge.
     """
 
-    document: Verdict
+    document: VerdictRecord
     causes: tuple[Cause, ...]
     judgement: Any = None
 
@@ -96,7 +96,7 @@ class Written:
 
 
 @dataclass(frozen=True)
-class Experiment:
+class ModelledExperiment:
     """A study with its base model and the causes that are active.
 
     Parameters
@@ -116,7 +116,7 @@ class Experiment:
     @classmethod
     def of(
         cls, study: Study, forward: ForwardMap | None, active: Iterable[Cause | str]
-    ) -> "Experiment":
+    ) -> "ModelledExperiment":
         """Check a study against what is possible, and build its models.
 
         Raises
@@ -141,7 +141,7 @@ class Experiment:
         parameters: Iterable[Parameter],
         catalogue: Iterable[Cause],
         active: Iterable[Cause | str],
-    ) -> "Experiment":
+    ) -> "ModelledExperiment":
         """Build the model of readings and a forward map of one's own.
 
         Raises
@@ -154,7 +154,9 @@ class Experiment:
         return cls._with(named, assemble_own(own, parameters, catalogue), active)
 
     @classmethod
-    def _with(cls, study: Study, assembly: Assembly, active: Iterable[Cause | str]) -> "Experiment":
+    def _with(
+        cls, study: Study, assembly: Assembly, active: Iterable[Cause | str]
+    ) -> "ModelledExperiment":
         base = cls(study, assembly)
         found = replace(base, causes=tuple(base.cause(one) for one in active))
         if assembly.own is not None and found.causes:
@@ -167,7 +169,7 @@ class Experiment:
         return self.assembly.own
 
     @property
-    def density(self) -> Model:
+    def density(self) -> JointModel:
         """What is sampled.
 
         Raises
@@ -222,7 +224,7 @@ class Experiment:
             raise BayesdegError(f"there is no cause {given!r}; {use_one_of(given, known)}")
         return known[given]
 
-    def with_candidates(self, causes: str | Iterable[Cause | str]) -> "Experiment":
+    def with_candidates(self, causes: str | Iterable[Cause | str]) -> "ModelledExperiment":
         """Return the experiment with other candidates: ``all`` that the study has, or a list."""
         if causes == "all":
             self._refuse_no_candidates(self.assembly.candidates)
@@ -375,10 +377,10 @@ class Experiment:
         asked = self._of_own(fit, effort, "curvature=... and degradation=...")
         return formula.control(*asked, wanted, x, np.random.SeedSequence([seed, 1]))
 
-    def _of_own(self, fit: Fit, effort: Effort, ask: str) -> tuple[OwnMap, Drawn]:
+    def _of_own(self, fit: Fit, effort: Effort, ask: str) -> tuple[OwnMap, DrawnFormula]:
         if self.own is None:
             raise BayesdegError(f"a model of a study is asked at {ask}")
-        return self.own, Drawn(fit.model, fit.chain.thinned(EFFORTS[effort].kept))
+        return self.own, DrawnFormula(fit.model, fit.chain.thinned(EFFORTS[effort].kept))
 
     def extrapolations(self, degradation: Floats, pressure: Floats) -> tuple[str, ...]:
         """Say where predictions lie outside of what was measured."""

@@ -21,11 +21,11 @@ from bayesdeg.inference.course import (
     time_to_reach,
 )
 from bayesdeg.inference.laplace import approximate, evidence
-from bayesdeg.inference.model import Model
+from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import Chain, Effort, sample
 from bayesdeg.pipeline.progress import Progress
 from bayesdeg.report import tables as columns
-from bayesdeg.report.left_out import Guard, Stage
+from bayesdeg.report.left_out import Guard, OptionalStage
 from bayesdeg.report.wording import worded
 
 Floats = NDArray[np.float64]
@@ -91,7 +91,7 @@ class Films:
 
 def examine(
     study: Study,
-    model: Model,
+    model: JointModel,
     *,
     effort: Effort,
     seed: np.random.SeedSequence,
@@ -104,7 +104,7 @@ def examine(
     ----------
     study : Study
         Readings of moisture, and degradation rates of specimens.
-    model : Model
+    model : JointModel
         The base model, for its films and priors.
     effort : Effort
         Of sampling the course.
@@ -118,10 +118,10 @@ def examine(
     guard = guard or Guard(strict=True)
     of_course, of_orders = seed.spawn(2)
     progress.stage("course of degradation")
-    fit = guard.attempt(Stage.COURSE, _course, study, effort=effort, seed=of_course)
+    fit = guard.attempt(OptionalStage.COURSE, _course, study, effort=effort, seed=of_course)
     progress.stage("order of the polynomials of the degradation rate")
     with threadpool_limits(limits=1):
-        orders = guard.attempt(Stage.ORDERS, compare_orders, model, seed=of_orders)
+        orders = guard.attempt(OptionalStage.ORDERS, compare_orders, model, seed=of_orders)
     return Films(fit, orders, _stated(study))
 
 

@@ -18,7 +18,7 @@ from bayesdeg.data.settings import Dimensions
 from bayesdeg.emulator.kept import CACHE, Recipe, cached_path, default_surrogate, read_trained
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.errors import BayesdegError
-from bayesdeg.inference.model import Model
+from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import Chain
 from bayesdeg.observations.curvature import Curvature
 from bayesdeg.observations.specimens import FilmsAndActuators, control_name
@@ -36,7 +36,7 @@ from bayesdeg.prediction.predictive import (
 from bayesdeg.priors import Flat, Parameter
 from bayesdeg.records import RecordError
 from bayesdeg.report.folder import POSTERIOR, POSTERIOR_BASE, RunFolder
-from bayesdeg.report.record import ModelEntry, RunRecord, Verdict
+from bayesdeg.report.record import ModelEntry, RunRecord, VerdictRecord
 from bayesdeg.report.wording import SPACE, sentences
 
 Floats = NDArray[np.float64]
@@ -48,27 +48,27 @@ _POSITIVE = (*_NEEDED, "c1_", "c3_", "elongation_at_")
 
 
 @dataclass(frozen=True)
-class Stored:
+class StoredRun:
     """What a run folder holds of a calibrated model.
 
     Parameters
     ----------
-    model : Model
+    model : JointModel
         Predicts; its priors are flat and its data are left out, so it cannot be calibrated.
     chain : Chain
         The draws that were kept.
     measured : mapping of str to (float, float)
         Ranges of ``pressure_kPa`` and ``degradation_pct`` of the actuators that were read, and of
         ``film_degradation_pct``; what was not measured is not there.
-    run, verdict : RunRecord, Verdict
+    run, verdict : RunRecord, VerdictRecord
         What is recorded of the run.
     """
 
-    model: Model
+    model: JointModel
     chain: Chain
     measured: Mapping[str, Range]
     run: RunRecord
-    verdict: Verdict
+    verdict: VerdictRecord
 
     @property
     def name(self) -> str:
@@ -76,12 +76,12 @@ class Stored:
         return "+".join(["base", *(cause.name for cause in self.model.causes)])
 
 
-def model_document(model: Model) -> ModelEntry:
+def model_document(model: JointModel) -> ModelEntry:
     """Return what `read_stored` needs of a model beside its posterior: ``model`` of ``run.json``.
 
     Parameters
     ----------
-    model : Model
+    model : JointModel
         The base model of a run.
     """
     measured: dict[str, Iterable[float]] = {}
@@ -102,7 +102,7 @@ def model_document(model: Model) -> ModelEntry:
 
 def read_stored(
     path: Path, *, base: bool = False, emulator: Path | None = None, cache: Path = CACHE
-) -> Stored:
+) -> StoredRun:
     """Read a finished run's posterior, and rebuild the model that it is of.
 
     Parameters
@@ -150,7 +150,7 @@ def read_stored(
         raise BayesdegError(f"{path}: {fault}") from fault
     vectors = np.stack([draws[name] for name in model.table.names], axis=-1)[:, :, None, :]
     chain = Chain(vectors, np.zeros(vectors.shape[:3]), np.ones(len(vectors)))
-    return Stored(model, chain, measured, run, verdict)
+    return StoredRun(model, chain, measured, run, verdict)
 
 
 def _posterior(tree: xr.DataTree, path: Path) -> xr.Dataset:
@@ -181,7 +181,7 @@ def _impossible(path: Path, problem: str) -> BayesdegError:
     )
 
 
-def _model(entry: ModelEntry, draws: Mapping[str, Floats], forward: Surrogate) -> Model:
+def _model(entry: ModelEntry, draws: Mapping[str, Floats], forward: Surrogate) -> JointModel:
     """Rebuild a model from its record and the names of its draws."""
     nodes = _known(entry.nodes_pct)
     wanted = [
@@ -202,7 +202,7 @@ def _model(entry: ModelEntry, draws: Mapping[str, Floats], forward: Surrogate) -
             "run.json must give the paper's thickness and the largest pressure, both above 0, not "
             f"{thickness} and {largest}; run the study again with --fresh"
         )
-    return Model(
+    return JointModel(
         base=tuple(Parameter(name, Flat(), "–", "") for name in draws if "." not in name),
         observations=(),
         world=FilmsAndActuators(
@@ -285,7 +285,7 @@ class Drawn(Protocol):
     """A model and draws of its posterior: of a calibration, or as a run folder holds them."""
 
     @property
-    def model(self) -> Model:
+    def model(self) -> JointModel:
         """Predicts."""
         ...
 
@@ -308,7 +308,7 @@ def predict(
     Parameters
     ----------
     stored : Drawn
-        Model and posterior.
+        JointModel and posterior.
     degradation, pressure : array
         Degradation rates [%] and pressures as read [kPa], both rising.
     seed : SeedSequence
@@ -391,7 +391,7 @@ def settings(
     Parameters
     ----------
     stored : Drawn
-        Model and posterior.
+        JointModel and posterior.
     degradation, wanted : array
         Degradation rates [%] and curvatures [1/m].
     risk : float
@@ -460,13 +460,13 @@ class Caution:
         return _said(self.kind, **self.facts)
 
 
-def warnings(stored: Stored, degradation: Floats, pressure: Floats) -> tuple[str, ...]:
+def warnings(stored: StoredRun, degradation: Floats, pressure: Floats) -> tuple[str, ...]:
     """Say what a user of predictions at these places should know.
 
     Parameters
     ----------
-    stored : Stored
-        Model and posterior, and what was measured.
+    stored : StoredRun
+        JointModel and posterior, and what was measured.
     degradation : array
         [%].
     pressure : array
@@ -483,7 +483,7 @@ def extrapolations(
     Parameters
     ----------
     measured : mapping
-        As in `bayesdeg.pipeline.forecast.Stored`.
+        As in `bayesdeg.pipeline.forecast.StoredRun`.
     degradation, pressure : array
         [%] and [kPa].
 
@@ -528,7 +528,7 @@ def _beyond_rates(measured: Mapping[str, Range], degradation: Floats) -> Iterato
             yield Caution("rates_beyond", facts)
 
 
-def _about_model(stored: Stored) -> Iterator[str]:
+def _about_model(stored: StoredRun) -> Iterator[str]:
     """Yield what the run itself says of the model that predicts."""
     convergence = stored.run.convergence.get("final" if stored.model.causes else "base")
     if convergence is not None and not convergence.usable:
@@ -536,7 +536,7 @@ def _about_model(stored: Stored) -> Iterator[str]:
     yield from map(str, doubts_of_run(stored))
 
 
-def doubts_of_run(stored: Stored) -> Iterator[Caution]:
+def doubts_of_run(stored: StoredRun) -> Iterator[Caution]:
     """Yield what the verdict and the data of a run leave open."""
     if stored.verdict.outcome == "unexplained":
         yield Caution("unexplained")

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from bayesdeg.causes.cause import Cause, Effect
 from bayesdeg.errors import BayesdegError, use_one_of
-from bayesdeg.inference.model import Model
+from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import Chain
 from bayesdeg.observations import readings as flat
 from bayesdeg.observations.kinds import Places, Scale, joined_places
@@ -237,7 +237,7 @@ class OwnMap:
         """What it is of, in words."""
         return ", ".join(block.name for block in self.readings)
 
-    def model(self, parameters: Iterable[Parameter]) -> Model:
+    def model(self, parameters: Iterable[Parameter]) -> JointModel:
         """Return what is sampled and judged.
 
         Raises
@@ -247,7 +247,7 @@ class OwnMap:
         """
         extra = [parameter for block in self.readings for parameter in block.parameters]
         try:
-            read = flat.Readings(
+            read = flat.FormulaReadings(
                 np.concatenate([block.y for block in self.readings]),
                 joined_places([block.places for block in self.readings]),
                 error=partial(self._sizes, "error"),
@@ -256,11 +256,11 @@ class OwnMap:
                 read_in={block.name: block.scale for block in self.readings},
             )
             formula = Formula(self._predicted, _asked, _side_by_side, _of_blocks)
-            return Model((*parameters, *extra), (read,), formula)
+            return JointModel((*parameters, *extra), (read,), formula)
         except ValueError as fault:
             raise BayesdegError(str(fault)) from fault
 
-    def at(self, fit: "Drawn", block: Readings, x: Any) -> tuple[Readings, Model]:
+    def at(self, fit: "DrawnFormula", block: Readings, x: Any) -> tuple[Readings, JointModel]:
         """Return readings of a kind at other inputs, and a calibrated model of them."""
         plain: dict[str, Any] = {"specimen": None, "level": 0.0, "time": np.nan, "history": "once"}
         at = replace(block, x=x, y=np.zeros(_count(x)), error=1.0, scatter=False, **plain)
@@ -298,7 +298,7 @@ def _count(x: Any) -> int:
     return max((len(column) for _, column in _columns(x)), default=0)
 
 
-def probe(model: Model) -> None:
+def probe(model: JointModel) -> None:
     """Ask a forward map once, so that a wrong shape is told before anything is computed.
 
     Raises
@@ -332,10 +332,10 @@ def cause_of(given: Cause | str, known: Iterable[Cause]) -> Cause:
 
 
 @dataclass(frozen=True)
-class Drawn:
+class DrawnFormula:
     """A model and draws of its posterior."""
 
-    model: Model
+    model: JointModel
     chain: Chain
 
     def vectors(self, generator: np.random.Generator) -> Floats:
@@ -345,7 +345,7 @@ class Drawn:
 
 
 def new_specimens(
-    own: OwnMap, fit: Drawn, block: Readings, x: Any, generator: np.random.Generator
+    own: OwnMap, fit: DrawnFormula, block: Readings, x: Any, generator: np.random.Generator
 ) -> Floats:
     """Draw what new specimens would show at x, without reading error, (k, n)."""
     vectors = fit.vectors(generator)
@@ -357,14 +357,14 @@ def new_specimens(
     return mean + shift[:, None]
 
 
-def predict(own: OwnMap, fit: Drawn, x: Any, seed: np.random.SeedSequence) -> pd.DataFrame:
+def predict(own: OwnMap, fit: DrawnFormula, x: Any, seed: np.random.SeedSequence) -> pd.DataFrame:
     """Return quantiles of what a new specimen would show at x, without reading error.
 
     Parameters
     ----------
     own : OwnMap
         The forward map.
-    fit : Drawn
+    fit : DrawnFormula
         Posterior.
     x : array, DataFrame or mapping of names to arrays
         What the forward map is asked.
@@ -379,7 +379,7 @@ def predict(own: OwnMap, fit: Drawn, x: Any, seed: np.random.SeedSequence) -> pd
 
 
 def control(
-    own: OwnMap, fit: Drawn, wanted: ArrayLike, x: Any, seed: np.random.SeedSequence
+    own: OwnMap, fit: DrawnFormula, wanted: ArrayLike, x: Any, seed: np.random.SeedSequence
 ) -> pd.DataFrame:
     """Return the input at which readings reach wanted values.
 
@@ -390,7 +390,7 @@ def control(
     ----------
     own : OwnMap
         The forward map, of one kind of readings.
-    fit : Drawn
+    fit : DrawnFormula
         Posterior.
     wanted : array
         Readings, in their unit.

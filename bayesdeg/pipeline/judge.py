@@ -45,12 +45,12 @@ from bayesdeg.criticism.fit.trials import Trial, try_causes
 from bayesdeg.criticism.holdout.held_out import HeldOut, by_level, joined
 from bayesdeg.criticism.holdout.leaving_out import carried_out, in_folds
 from bayesdeg.criticism.outcome import MISFIT_LEVEL, Outcome
-from bayesdeg.inference.model import Model
+from bayesdeg.inference.model import JointModel
 from bayesdeg.observations.curvature import CURVATURE
 from bayesdeg.pipeline.assemble import Assembly
 from bayesdeg.pipeline.calibrate import Fit, base_without_chain
 from bayesdeg.pipeline.progress import Progress, Silent
-from bayesdeg.report.left_out import Guard, Stage
+from bayesdeg.report.left_out import Guard, OptionalStage
 from bayesdeg.report.wording import sentences, worded
 
 Floats = NDArray[np.float64]
@@ -170,7 +170,7 @@ def label(names: Names) -> str:
     return "+".join(("base", *sorted(names)))
 
 
-def extended_model(judgement: Judgement) -> tuple[Model, Floats] | None:
+def extended_model(judgement: Judgement) -> tuple[JointModel, Floats] | None:
     """Return the model with the named causes, or the leading one; None if there is none."""
     names = extension(judgement.decision, judgement.supported)
     if not names:
@@ -258,7 +258,7 @@ def held_out_and_all(
     return own, everything
 
 
-def _beside_it(place: int, subject: Model) -> Model:
+def _beside_it(place: int, subject: JointModel) -> JointModel:
     return subject.beside[place]
 
 
@@ -286,7 +286,10 @@ MOST = 4_000
 """Replicates where a p-value is near the level that decides: its Monte Carlo error is 0.003."""
 MOST_OF_FILMS = 20_000  # they cost next to nothing
 FEW_DRAWS = 100  # for what is compared beside the readings
-REFUTING = (Stage.HELD_OUT, Stage.SHARED_SCATTER)  # tests that a cause must pass to be named
+REFUTING = (
+    OptionalStage.HELD_OUT,
+    OptionalStage.SHARED_SCATTER,
+)  # tests that a cause must pass to be named
 Beside = tuple[RuptureMisfit | None, Conflict | None, tuple[Questioned, ...]]
 IN_QUESTION = 3  # rivals between which experiments are ranked
 
@@ -312,7 +315,7 @@ class Catalogue:
 
 
 def judge_model(
-    model: Model,
+    model: JointModel,
     causes: tuple[Cause, ...],
     *,
     seed: int,
@@ -324,7 +327,7 @@ def judge_model(
 
     Parameters
     ----------
-    model : Model
+    model : JointModel
         With its readings.
     causes : tuple of Cause
         The catalogue.
@@ -381,7 +384,10 @@ def judge(
     beside = _beside(base, rupture, generator, guard)
     held_out, everything = _held_out(search, chosen, folding, progress, guard)
     supported = supports(search, chosen, everything)
-    shared = guard.attempt(Stage.SHARED_SCATTER, shared_scatter, final.trial, final.simulated) or []
+    shared = (
+        guard.attempt(OptionalStage.SHARED_SCATTER, shared_scatter, final.trial, final.simulated)
+        or []
+    )
     decision = _decided((alone, final), supported, beside, catalogue, shared, guard)
     names = extension(decision, tuple(supported)) if effort.levels_out else BASE
     judged = candidates(search, supported, everything, generator)
@@ -395,13 +401,13 @@ def judge(
         supported=tuple(supported),
         decision=decision,
         threshold=alone.threshold,
-        confusability=guard.attempt(Stage.CONFUSABILITY, confused) or NOT_KNOWN,
+        confusability=guard.attempt(OptionalStage.CONFUSABILITY, confused) or NOT_KNOWN,
         held_out={label(names): found for names, found in held_out.items()},
         levels_out=_levels_out(search, names, folding, guard),
         search=search,
         shared=tuple(shared),
         experiments=guard.attempt(
-            Stage.EXPERIMENTS, _next, search, decision, supported, catalogue, generator
+            OptionalStage.EXPERIMENTS, _next, search, decision, supported, catalogue, generator
         )
         or [],
         alike=tuple(cause.name for cause in catalogue.alike),
@@ -433,7 +439,7 @@ def _held_out(
     """Return what `held_out_and_all` does; nothing where it could not be computed."""
     progress.stage("held-out specimens")
     found = guard.attempt(
-        Stage.HELD_OUT,
+        OptionalStage.HELD_OUT,
         held_out_and_all,
         search,
         chosen,
@@ -449,7 +455,7 @@ def _levels_out(
 ) -> dict[str, HeldOut]:
     """Return what `levels_out` does; nothing where it could not be computed."""
     found = guard.attempt(
-        Stage.LEVELS_OUT, levels_out, search, names, seed=seed, executor=search.executor
+        OptionalStage.LEVELS_OUT, levels_out, search, names, seed=seed, executor=search.executor
     )
     return found or {}
 
@@ -479,12 +485,14 @@ def _beside(
 ) -> Beside:
     """Return what the base model makes of ruptures, of measured means, and of the priors."""
     model, draws = base.subject, base.draws(generator, FEW_DRAWS)
-    rupture = guard.attempt(Stage.RUPTURE_MISFIT, begun)
+    rupture = guard.attempt(OptionalStage.RUPTURE_MISFIT, begun)
     if rupture is not None and np.isnan(rupture.p_value):
-        guard.note(Stage.RUPTURE_MISFIT, sentences("findings", "ruptures_not_judged", one=rupture))
+        guard.note(
+            OptionalStage.RUPTURE_MISFIT, sentences("findings", "ruptures_not_judged", one=rupture)
+        )
         rupture = None
-    contradicted = guard.attempt(Stage.CONFLICT, conflict, model, draws)
-    off_prior = guard.attempt(Stage.CONFLICT, questioned, model, draws) or ()
+    contradicted = guard.attempt(OptionalStage.CONFLICT, conflict, model, draws)
+    off_prior = guard.attempt(OptionalStage.CONFLICT, questioned, model, draws) or ()
     return rupture, contradicted, off_prior
 
 
@@ -498,7 +506,7 @@ def _decided(
 ) -> Decision:
     if not steps[0].misfit.is_calibrated:
         few = uncalibrated(steps[0].misfit)
-        guard.note(Stage.CALIBRATION, sentences("findings", "not_calibrated", one=few))
+        guard.note(OptionalStage.CALIBRATION, sentences("findings", "not_calibrated", one=few))
     silent = frozenset(cause.name for cause in catalogue.candidates if cause.is_of_rupture_alone)
     return decide(
         *steps,

@@ -8,11 +8,11 @@ import numpy as np
 from bayesdeg.errors import BayesdegError
 from bayesdeg.inference.sampling import Chain
 from bayesdeg.pipeline.assemble import assemble
-from bayesdeg.pipeline.formula import Drawn, OwnMap, cause_of
+from bayesdeg.pipeline.formula import DrawnFormula, OwnMap, cause_of
 from bayesdeg.pipeline.output import owner_of
 from bayesdeg.pipeline.reading import read_study
 from bayesdeg.report.folder import POSTERIOR, POSTERIOR_BASE, RunFolder
-from bayesdeg.report.record import RunRecord, Verdict
+from bayesdeg.report.record import RunRecord, VerdictRecord
 
 
 @dataclass(frozen=True)
@@ -23,16 +23,16 @@ class OwnStored:
     ----------
     own : OwnMap
         The forward map.
-    fit : Drawn
+    fit : DrawnFormula
         Model, and the draws that were kept.
-    run, verdict : RunRecord, Verdict
+    run, verdict : RunRecord, VerdictRecord
         What is recorded of the run.
     """
 
     own: OwnMap
-    fit: Drawn
+    fit: DrawnFormula
     run: RunRecord
-    verdict: Verdict
+    verdict: VerdictRecord
 
     @property
     def name(self) -> str:
@@ -85,4 +85,4 @@ def read_own(path: Path, *, base: bool = False) -> OwnStored:
         raise BayesdegError(f"{path}: the posterior is of another model; run the study again")
     vectors = model.table.vectors(draws)[:, :, None, :]
     chain = Chain(vectors, np.zeros(vectors.shape[:3]), np.ones(len(vectors)))
-    return OwnStored(found.own, Drawn(model, chain), run, verdict)
+    return OwnStored(found.own, DrawnFormula(model, chain), run, verdict)

@@ -29,7 +29,7 @@ from bayesdeg.criticism.outcome import Outcome
 from bayesdeg.data.plausibility import Doubt, doubts
 from bayesdeg.data.study import Study
 from bayesdeg.emulator.surrogate import Surrogate
-from bayesdeg.inference.model import Model, Refusals, share_outside
+from bayesdeg.inference.model import JointModel, Refusals, share_outside
 from bayesdeg.observations.catalogue import TABLES
 from bayesdeg.observations.specimens import FilmsAndActuators
 from bayesdeg.observations.tensile import STRESS
@@ -42,7 +42,7 @@ from bayesdeg.pipeline.forecast import model_document
 from bayesdeg.pipeline.formula import OwnMap
 from bayesdeg.pipeline.judge import Judgement, readings_misfit
 from bayesdeg.pipeline.outline import outline
-from bayesdeg.report.left_out import Guard, Stage
+from bayesdeg.report.left_out import Guard, OptionalStage
 from bayesdeg.report.record import (
     BasisEntry,
     CandidateEntry,
@@ -62,7 +62,7 @@ from bayesdeg.report.record import (
     RuptureEntry,
     StatisticEntry,
     SuspectEntry,
-    Verdict,
+    VerdictRecord,
 )
 from bayesdeg.report.wording import NOTHING, sentences, worded
 
@@ -113,7 +113,7 @@ def verdict_document(
     note: str = "",
     concentrated: Concentration | None = None,
     explanation: str | None = None,
-) -> Verdict:
+) -> VerdictRecord:
     """Return the content of ``verdict.json`` for a study whose readings could be judged.
 
     Parameters
@@ -133,7 +133,7 @@ def verdict_document(
     """
     said = explain(judgement, where) if explanation is None else explanation
     decision, base = judgement.decision, judgement.steps[0]
-    return Verdict(
+    return VerdictRecord(
         outcome=decision.outcome,
         causes=decision.causes,
         one_of=decision.one_of,
@@ -209,7 +209,7 @@ def _contradicted(found: Conflict | None) -> ContradictionEntry | None:
 
 def unjudged_document(
     unjudged: dict[str, str], held_out: str = "", failed: str = "", *, published: bool = False
-) -> Verdict:
+) -> VerdictRecord:
     """Return the content of ``verdict.json`` where nothing was judged.
 
     Either the study has no readings to judge, or judging them failed.
@@ -226,7 +226,7 @@ def unjudged_document(
         Whether published statistics are shown next to what the model makes of them.
     """
     facts = {"failed": failed, "held_out": held_out, "published": published}
-    return Verdict(
+    return VerdictRecord(
         outcome=Outcome.NOT_JUDGED,
         explanation=sentences("run", "unjudged", **facts),
         candidates=tuple(
@@ -263,18 +263,18 @@ def _mechanism(cause: str) -> str:
 Floats = NDArray[np.float64]
 
 OF_VERDICT = (
-    Stage.RUPTURE_MISFIT,
-    Stage.CONFLICT,
-    Stage.LEVELS_OUT,
-    Stage.EXPERIMENTS,
-    Stage.CONFUSABILITY,
-    Stage.EXTENDED,
-    Stage.WHERE,
+    OptionalStage.RUPTURE_MISFIT,
+    OptionalStage.CONFLICT,
+    OptionalStage.LEVELS_OUT,
+    OptionalStage.EXPERIMENTS,
+    OptionalStage.CONFUSABILITY,
+    OptionalStage.EXTENDED,
+    OptionalStage.WHERE,
 )
 """What a reader of the verdict misses, where no reason of the decision says it already."""
 
 
-def verdict_of(results: Results, residual: Floats | None, note: str, guard: Guard) -> Verdict:
+def verdict_of(results: Results, residual: Floats | None, note: str, guard: Guard) -> VerdictRecord:
     """Return the content of ``verdict.json``.
 
     Where judging failed, or its outcome cannot be put into words and numbers, it says so.
@@ -293,11 +293,11 @@ def verdict_of(results: Results, residual: Floats | None, note: str, guard: Guar
     found = None
     if results.judgement is not None:
         found = guard.attempt(
-            Stage.VERDICT, _verdict, results, results.judgement, residual, note, guard
+            OptionalStage.VERDICT, _verdict, results, results.judgement, residual, note, guard
         )
     if found is not None:
         return found
-    unjudged, failed = results.assembly.unjudged, guard.why(Stage.VERDICT)
+    unjudged, failed = results.assembly.unjudged, guard.why(OptionalStage.VERDICT)
     if failed:
         tried = {cause.name: "the verdict was left out" for cause in results.assembly.candidates}
         unjudged = tried | unjudged
@@ -307,18 +307,18 @@ def verdict_of(results: Results, residual: Floats | None, note: str, guard: Guar
 
 def _verdict(
     results: Results, judgement: Judgement, residual: Floats | None, note: str, guard: Guard
-) -> Verdict:
+) -> VerdictRecord:
     linear = judgement.search.base.linear
-    departure = guard.attempt(Stage.WHERE, _departure, results, judgement, residual)
+    departure = guard.attempt(OptionalStage.WHERE, _departure, results, judgement, residual)
     found = guard.attempt(
-        Stage.CONCENTRATION,
+        OptionalStage.CONCENTRATION,
         concentration,
         linear,
         judgement.steps[0].simulated,
         judgement.misfit.statistic,
     )
     place = "" if departure is None else worded(departure, most=found)
-    said = guard.attempt(Stage.EXPLANATION, explain, judgement, place)
+    said = guard.attempt(OptionalStage.EXPLANATION, explain, judgement, place)
     missing = " ".join(guard.why(stage) for stage in OF_VERDICT)
     return verdict_document(
         judgement,
@@ -470,7 +470,7 @@ class Basis:
     fitted: bool = True
 
 
-def bases(study: Study, model: Model) -> Iterator[Basis]:
+def bases(study: Study, model: JointModel) -> Iterator[Basis]:
     """Yield which data the statements of the report rest on."""
     virtual = study.settings.virtual
     for name, table in TABLES.items():
@@ -487,7 +487,7 @@ def bases(study: Study, model: Model) -> Iterator[Basis]:
                 yield Basis("summary.csv", quantities=tuple(sorted(named)), fitted=fitted)
 
 
-def rests_on(study: Study, model: Model) -> list[BasisEntry]:
+def rests_on(study: Study, model: JointModel) -> list[BasisEntry]:
     """Return which statement rests on which data, in words."""
     return [
         BasisEntry(
@@ -538,7 +538,7 @@ def run_document(
     settings, judgement = study.settings, results.judgement
     guard, doubted = guard or Guard(strict=True), doubted or InDoubt()
     own = results.assembly.own
-    compared = guard.attempt(Stage.COMPARISONS, comparisons, study, results.final) or ()
+    compared = guard.attempt(OptionalStage.COMPARISONS, comparisons, study, results.final) or ()
     return RunRecord(
         title=settings.title or study.name,
         study=study.name,
@@ -564,7 +564,7 @@ def run_document(
             name="log-likelihood ratio of a smooth discrepancy",
         ),
         comparisons=tuple(compared),
-        checks=guard.attempt(Stage.CHECKS_IN_WORDS, _checks, results) or {},
+        checks=guard.attempt(OptionalStage.CHECKS_IN_WORDS, _checks, results) or {},
         suspects=doubted.suspects,
         parameters_in_question=doubted.parameters_in_question,
     )
@@ -627,7 +627,7 @@ def _emulator(results: Results, guard: Guard) -> EmulatorEntry:
     refusals = sum(chains.values(), start=Refusals())
     refused = {}
     if results.final.model.actuator is not None:
-        refused = guard.attempt(Stage.REFUSED, refused_inputs, results.final) or {}
+        refused = guard.attempt(OptionalStage.REFUSED, refused_inputs, results.final) or {}
     words = (
         refusal_words(refusals),
         outside_words(_outside(results.final)),

@@ -21,7 +21,7 @@ from bayesdeg.data.settings import Effort
 from bayesdeg.data.study import Study
 from bayesdeg.emulator.kept import default_surrogate, to_bytes
 from bayesdeg.emulator.surrogate import Surrogate
-from bayesdeg.inference.model import Model
+from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import EFFORTS
 from bayesdeg.pipeline.assemble import Assembly, assemble
 from bayesdeg.pipeline.calibrate import Fit, base_of, calibrate
@@ -42,9 +42,9 @@ from bayesdeg.pipeline.record import Results, in_doubt, run_document
 from bayesdeg.pipeline.writing import write_results
 from bayesdeg.report.checkpoints import Checkpoints
 from bayesdeg.report.folder import RunFolder
-from bayesdeg.report.left_out import Guard, Stage
+from bayesdeg.report.left_out import Guard, OptionalStage
 from bayesdeg.report.page import build_page
-from bayesdeg.report.record import InDoubt, Verdict
+from bayesdeg.report.record import InDoubt, VerdictRecord
 
 Calibrate = Callable[..., Fit]
 Floats = NDArray[np.float64]
@@ -100,7 +100,7 @@ def run_study(
     executor: Executor | None = None,
     forward: Surrogate | None = None,
     guard: Guard | None = None,
-) -> Verdict:
+) -> VerdictRecord:
     """Do the main job on a study and write the run folder, except for the page.
 
     Only reading and the calibration of the base model are indispensable. Any other stage that
@@ -125,7 +125,7 @@ def run_study(
 
     Returns
     -------
-    Verdict
+    VerdictRecord
         The content of ``verdict.json``.
     """
     clock, guard = Clock(), guard or Guard()
@@ -146,7 +146,9 @@ def run_study(
         judged = partial(judged_fit, progress=progress, executor=executor, guard=guard)
         effort = study.settings.effort
         with clock.stage("verdict"):
-            judgement = guard.attempt(Stage.VERDICT, judged, assembly, base, effort, seeds.verdict)
+            judgement = guard.attempt(
+                OptionalStage.VERDICT, judged, assembly, base, effort, seeds.verdict
+            )
         with clock.stage("extended"):
             results = _extend(replace(results, judgement=judgement), fit, seeds.final, guard)
     return conclude(
@@ -164,7 +166,7 @@ def conclude(
     executor: Executor | None,
     guard: Guard,
     full: bool = True,
-) -> Verdict:
+) -> VerdictRecord:
     """Write everything that follows from the calibrations and the verdict, except for the page.
 
     Parameters
@@ -185,7 +187,7 @@ def conclude(
 
     Returns
     -------
-    Verdict
+    VerdictRecord
         The content of ``verdict.json``.
     """
     seeds = Streams.of(study.settings.seed)
@@ -199,21 +201,23 @@ def conclude(
     with clock.stage("predict"):
         write = partial(write_results, pictures=pictures, deformed=full)
         document = write(study, folder, results, np.random.default_rng(seeds.drawing), guard)
-    doubted = guard.attempt(Stage.IN_DOUBT, in_doubt, study, results) or InDoubt()
+    doubted = guard.attempt(OptionalStage.IN_DOUBT, in_doubt, study, results) or InDoubt()
     record = run_document(study, results, clock.seconds, guard, doubted)
     folder.write(record.model_copy(update={"posteriors": folder.posterior_hashes()}))
     return say_left_out(folder, document.model_copy(update=dict(doubted)), guard)
 
 
-def add_page(folder: RunFolder, document: Verdict, guard: Guard) -> tuple[Verdict, Path | None]:
+def add_page(
+    folder: RunFolder, document: VerdictRecord, guard: Guard
+) -> tuple[VerdictRecord, Path | None]:
     """Write the page of a run folder; return the verdict, with what was left out, and the page."""
-    page = guard.attempt(Stage.PAGE, build_page, folder.path, guard)
+    page = guard.attempt(OptionalStage.PAGE, build_page, folder.path, guard)
     if guard.left_out:
         document = say_left_out(folder, document, guard)
     return document, page
 
 
-def can_be_judged(model: Model) -> bool:
+def can_be_judged(model: JointModel) -> bool:
     """Return whether a study has readings that may show a misfit, such as of actuators or films."""
     return len(model.places) > 0
 
@@ -238,17 +242,17 @@ def _begun_pictures(
     if results.final.model.actuator is None or executor is None:
         return None
     geometry = Geometry(study.settings.dimensions)
-    return guard.attempt(Stage.DEFORMED, begin, results.final, geometry, executor)
+    return guard.attempt(OptionalStage.DEFORMED, begin, results.final, geometry, executor)
 
 
-def say_left_out(folder: RunFolder, document: Verdict, guard: Guard) -> Verdict:
+def say_left_out(folder: RunFolder, document: VerdictRecord, guard: Guard) -> VerdictRecord:
     """Write what was left out into a run folder, and the verdict with it; return the verdict.
 
     Parameters
     ----------
     folder : RunFolder
         Of a run, with its ``run.json``.
-    document : Verdict
+    document : VerdictRecord
         Content of ``verdict.json``.
     guard : Guard
         Knows what was left out.
@@ -322,7 +326,7 @@ def _extend(
     extended = None if judgement is None else extended_model(judgement)
     if judgement is None or extended is None:
         return results
-    found = guard.attempt(Stage.EXTENDED, _final, judgement, extended, fit, seed)
+    found = guard.attempt(OptionalStage.EXTENDED, _final, judgement, extended, fit, seed)
     if found is None:
         return replace(results, judgement=replace(judgement, sampled=False))
     return replace(results, final=found[0], judgement=found[1])
@@ -330,7 +334,7 @@ def _extend(
 
 def _final(
     judgement: Judgement,
-    extended: tuple[Model, Floats],
+    extended: tuple[JointModel, Floats],
     fit: Calibrate,
     seed: np.random.SeedSequence,
 ) -> tuple[Fit, Judgement]:

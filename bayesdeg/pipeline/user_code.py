@@ -18,7 +18,7 @@ from bayesdeg.data.settings import OwnForward
 from bayesdeg.data.study import CAUSES, Study
 from bayesdeg.errors import BayesdegError, Fault, StudyError, use_one_of
 from bayesdeg.files import STUDY_MB, read_bytes
-from bayesdeg.inference.model import Model
+from bayesdeg.inference.model import JointModel
 from bayesdeg.pipeline.formula import Forward, OwnMap, Readings
 
 Floats = NDArray[np.float64]
@@ -186,7 +186,7 @@ def _causes_of(code: Code) -> Iterator[Cause]:
         yield replace(cause, **hooks)
 
 
-def try_out(study: Study, model: Model, causes: Iterable[Cause]) -> None:
+def try_out(study: Study, model: JointModel, causes: Iterable[Cause]) -> None:
     """Ask forward map and causes at draws from the priors, before anything is computed.
 
     Raises
@@ -212,7 +212,7 @@ def try_out(study: Study, model: Model, causes: Iterable[Cause]) -> None:
         _asked(model.extended(cause), f"{CAUSES}, {cause.name}")
 
 
-def _asked(model: Model, place: str) -> Floats:
+def _asked(model: JointModel, place: str) -> Floats:
     vectors = model.table.sample(np.random.default_rng(0), DRAWS)
     try:
         with np.errstate(all="ignore"):

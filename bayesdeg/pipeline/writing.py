@@ -22,7 +22,7 @@ from bayesdeg.criticism.holdout import gain
 from bayesdeg.criticism.holdout.gain import LooPit, gain_table, mode_table
 from bayesdeg.data.moisture import degradation_of_films, moisture_content
 from bayesdeg.data.study import Study
-from bayesdeg.inference.model import Model
+from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import EFFORTS, to_datatree
 from bayesdeg.material.degradation import levels
 from bayesdeg.observations.curvature import ActuatorCurves
@@ -55,8 +55,8 @@ from bayesdeg.report.folder import (
     POSTERIORS,
     RunFolder,
 )
-from bayesdeg.report.left_out import Guard, Stage, posterior_stage, table_stage
-from bayesdeg.report.record import Verdict
+from bayesdeg.report.left_out import Guard, OptionalStage, posterior_stage, table_stage
+from bayesdeg.report.record import VerdictRecord
 from bayesdeg.report.wording import sentences, worded
 
 Floats = NDArray[np.float64]
@@ -65,7 +65,7 @@ FIVE = (0.05, 0.25, 0.5, 0.75, 0.95)
 FITTED_DRAWS = 2000
 
 
-def observations(model: Model, label: str, fit: CurvatureFit) -> pd.DataFrame:
+def observations(model: JointModel, label: str, fit: CurvatureFit) -> pd.DataFrame:
     """Return every reading of curvature beside its posterior prediction."""
     assert model.actuator is not None
     data, mask = model.actuator, model.actuator.mask
@@ -150,7 +150,7 @@ def held_out_modes(table: pd.DataFrame) -> str:
 
 def _tensile(
     curves: TensileCurves,
-    model: Model,
+    model: JointModel,
     values: dict[str, Floats],
     generator: np.random.Generator,
     *,
@@ -420,7 +420,7 @@ def _wanted(data: ActuatorCurves) -> list[tuple[float, float]]:
 
 
 @dataclass
-class Found:
+class TableSources:
     """What the tables of a run are made of.
 
     Parameters
@@ -444,7 +444,7 @@ class Found:
     def readings(self) -> dict[str, CurvatureFit]:
         """Predictions at the readings of curvature by model; empty where they failed."""
         fits = self.results.fits
-        found = self.guard.attempt(Stage.READINGS, _predicted, fits, self.generator)
+        found = self.guard.attempt(OptionalStage.READINGS, _predicted, fits, self.generator)
         return found or {}
 
     @property
@@ -473,7 +473,7 @@ class Found:
         return data.curvature - self.readings["base"].mean
 
 
-type Build = Callable[[Found], pd.DataFrame | None]
+type Build = Callable[[TableSources], pd.DataFrame | None]
 
 
 def write_results(
@@ -485,7 +485,7 @@ def write_results(
     *,
     pictures: Begun | None = None,
     deformed: bool = True,
-) -> Verdict:
+) -> VerdictRecord:
     """Write posteriors and tables; return the content of ``verdict.json``.
 
     Parameters
@@ -506,20 +506,22 @@ def write_results(
         Whether to solve them at all.
     """
     guard = guard or Guard(strict=True)
-    files, found = Files(folder, guard), Found(study, results, generator, guard)
+    files, found = Files(folder, guard), TableSources(study, results, generator, guard)
     _write_posteriors(files, found)
     frames = {name: files.table(name, partial(build, found)) for name, build in BUILDS.items()}
     if found.has_actuators and deformed:
         geometry = Geometry(study.settings.dimensions)
         draw = partial(write_deformed, begun=pictures)
-        guard.attempt(Stage.DEFORMED, draw, folder, results.final, geometry)
+        guard.attempt(OptionalStage.DEFORMED, draw, folder, results.final, geometry)
     files.remove_others()
     films = frames[columns.TENSILE]
-    note = "" if films is None else guard.attempt(Stage.HELD_OUT_MODES, held_out_modes, films)
+    note = (
+        "" if films is None else guard.attempt(OptionalStage.HELD_OUT_MODES, held_out_modes, films)
+    )
     return verdict_of(results, found.residual(), note or "", guard)
 
 
-def _write_posteriors(files: Files, found: Found) -> None:
+def _write_posteriors(files: Files, found: TableSources) -> None:
     """Write the draws of every posterior, and what checks and films say of themselves."""
     results, generator = found.results, found.generator
     kept = EFFORTS[found.study.settings.effort].kept
@@ -537,7 +539,7 @@ def _predicted(fits: Mapping[str, Fit], generator: np.random.Generator) -> dict[
     return {label: predict_readings(fit.model, fit.chain, generator) for label, fit in fits.items()}
 
 
-def _statistics(found: Found) -> pd.DataFrame | None:
+def _statistics(found: TableSources) -> pd.DataFrame | None:
     if found.judgement is None:
         return None
     base = found.steps["base"]
@@ -554,7 +556,7 @@ def _discrepancies(steps: Mapping[str, Step]) -> pd.DataFrame | None:
     return _joined(misfits) if misfits else None
 
 
-def _loo_pit(found: Found) -> pd.DataFrame | None:
+def _loo_pit(found: TableSources) -> pd.DataFrame | None:
     """Return the fit to held-out readings; None where too few of them could be predicted."""
     judgement = found.judgement
     if judgement is None or not judgement.held_out:
@@ -592,36 +594,36 @@ def _published_r_squared(study: Study) -> dict[float, float]:
     }
 
 
-def _constants_table(found: Found) -> pd.DataFrame | None:
+def _constants_table(found: TableSources) -> pd.DataFrame | None:
     if found.results.assembly.own is not None:
         return None
     fits = found.results.fits.items()
     return _joined([constants(fit, label, found.generator) for label, fit in fits])
 
 
-def _parameters_table(found: Found) -> pd.DataFrame:
+def _parameters_table(found: TableSources) -> pd.DataFrame:
     return _joined([parameters(fit, label) for label, fit in found.results.sampled.items()])
 
 
-def _tensile_table(found: Found) -> pd.DataFrame | None:
+def _tensile_table(found: TableSources) -> pd.DataFrame | None:
     if found.study.tensile is None:
         return None
     fits = found.results.fits.items()
     return _joined([tensile(found.study, fit, label, found.generator) for label, fit in fits])
 
 
-def _fitted_table(found: Found) -> pd.DataFrame | None:
+def _fitted_table(found: TableSources) -> pd.DataFrame | None:
     fits = found.results.fits.items()
     frames = [frame for label, fit in fits for frame in [fitted(fit, label, found.generator)]]
     known = [frame for frame in frames if frame is not None]
     return _joined(known) if known else None
 
 
-def _bands_table(found: Found) -> pd.DataFrame | None:
+def _bands_table(found: TableSources) -> pd.DataFrame | None:
     return _on_grid(found, curvature_bands)
 
 
-def _rupture_table(found: Found) -> pd.DataFrame | None:
+def _rupture_table(found: TableSources) -> pd.DataFrame | None:
     if not found.has_actuators:
         return None
     if "elongation_scatter" not in found.results.final.model.table.names:
@@ -629,7 +631,7 @@ def _rupture_table(found: Found) -> pd.DataFrame | None:
     return _on_grid(found, rupture_table)
 
 
-def _on_grid(found: Found, predict: Callable[..., pd.DataFrame]) -> pd.DataFrame | None:
+def _on_grid(found: TableSources, predict: Callable[..., pd.DataFrame]) -> pd.DataFrame | None:
     """Return what is predicted of new specimens on a grid of degradation rates and pressures."""
     fit = found.results.final
     if fit.model.actuator is None:
@@ -639,14 +641,14 @@ def _on_grid(found: Found, predict: Callable[..., pd.DataFrame]) -> pd.DataFrame
     return predict(fit.model, fit.chain, found.generator, degradation=grid, pressure=pressure)
 
 
-def _observations_table(found: Found) -> pd.DataFrame | None:
+def _observations_table(found: TableSources) -> pd.DataFrame | None:
     if not found.has_actuators or not found.readings:
         return None
     fits = found.results.fits
     return _joined([observations(fits[n].model, n, r) for n, r in found.readings.items()])
 
 
-def _levels_table(found: Found) -> pd.DataFrame | None:
+def _levels_table(found: TableSources) -> pd.DataFrame | None:
     if not found.has_actuators or not found.readings:
         return None
     fits, published = found.results.fits, _published_r_squared(found.study)
@@ -658,7 +660,7 @@ def _levels_table(found: Found) -> pd.DataFrame | None:
     )
 
 
-def _gain_table(found: Found) -> pd.DataFrame | None:
+def _gain_table(found: TableSources) -> pd.DataFrame | None:
     """Return how well specimens that took no part are predicted."""
     judgement = found.judgement
     if judgement is None or not judgement.held_out:
@@ -666,7 +668,7 @@ def _gain_table(found: Found) -> pd.DataFrame | None:
     return gain_table(judgement.search.base.subject, judgement.held_out)
 
 
-def _gain_modes_table(found: Found) -> pd.DataFrame | None:
+def _gain_modes_table(found: TableSources) -> pd.DataFrame | None:
     """Return the same of modes of tension."""
     judgement = found.judgement
     if judgement is None or not judgement.held_out:
@@ -676,7 +678,7 @@ def _gain_modes_table(found: Found) -> pd.DataFrame | None:
     return mode_table(subject, judgement.held_out) if whole else None
 
 
-def _gain_levels_table(found: Found) -> pd.DataFrame | None:
+def _gain_levels_table(found: TableSources) -> pd.DataFrame | None:
     """Return the same of degradation rates."""
     judgement = found.judgement
     if judgement is None or not judgement.levels_out:
@@ -684,7 +686,7 @@ def _gain_levels_table(found: Found) -> pd.DataFrame | None:
     return gain_table(judgement.search.base.subject, judgement.levels_out)
 
 
-def _null_table(found: Found) -> pd.DataFrame | None:
+def _null_table(found: TableSources) -> pd.DataFrame | None:
     if found.judgement is None:
         return None
     null = found.judgement.misfit.null

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from bayesdeg.actuator.inputs import Prediction
-from bayesdeg.inference.model import Model
+from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import Chain
 from bayesdeg.material.strength import rupture_probability
 from bayesdeg.observations.curvature import ActuatorCurves
@@ -19,12 +19,12 @@ Floats = NDArray[np.float64]
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 
 
-def at_conditions(model: Model, degradation: Floats, pressure: Floats) -> Model:
+def at_conditions(model: JointModel, degradation: Floats, pressure: Floats) -> JointModel:
     """Return the model for one specimen at each degradation rate, over all pressures.
 
     Parameters
     ----------
-    model : Model
+    model : JointModel
         A calibrated model.
     degradation : array, shape (n_levels,)
         Known exactly [%].
@@ -54,7 +54,7 @@ def at_conditions(model: Model, degradation: Floats, pressure: Floats) -> Model:
 
 
 def draw_values(
-    model: Model, chain: Chain, generator: np.random.Generator, draws: int
+    model: JointModel, chain: Chain, generator: np.random.Generator, draws: int
 ) -> dict[str, Floats]:
     """Return named values of random draws from a chain."""
     flat = chain.vectors.reshape(-1, chain.vectors.shape[-1])
@@ -62,7 +62,7 @@ def draw_values(
 
 
 def curvature_bands(
-    model: Model,
+    model: JointModel,
     chain: Chain,
     generator: np.random.Generator,
     *,
@@ -74,8 +74,8 @@ def curvature_bands(
 
     Parameters
     ----------
-    model, chain : Model, Chain
-        Model and its posterior.
+    model, chain : JointModel, Chain
+        JointModel and its posterior.
     generator : Generator
         Draws parameters and the specimen's own stiffness.
     degradation, pressure : array
@@ -113,7 +113,7 @@ class Specimens:
 
     Parameters
     ----------
-    model : Model
+    model : JointModel
         Predicts them.
     values : mapping
         Named values, one a specimen, the specimens of a draw side by side, (n,).
@@ -123,7 +123,7 @@ class Specimens:
         Specimens of a draw.
     """
 
-    model: Model
+    model: JointModel
     values: Named
     score: Floats
     strata: int
@@ -153,7 +153,7 @@ class Response:
 
 
 def draw_specimens(
-    model: Model,
+    model: JointModel,
     chain: Chain,
     generator: np.random.Generator,
     *,
@@ -167,8 +167,8 @@ def draw_specimens(
 
     Parameters
     ----------
-    model, chain : Model, Chain
-        Model and its posterior.
+    model, chain : JointModel, Chain
+        JointModel and its posterior.
     generator : Generator
         Draws parameters and u.
     draws, strata : int
@@ -218,7 +218,7 @@ def respond(specimens: Specimens, degradation: float, pressure: Floats) -> Respo
     return Response(np.where(answered, prediction.curvature[:, 0], np.nan), burst.mean(axis=1))
 
 
-def _burst(grid: Model, values: Named, prediction: Prediction) -> Floats:
+def _burst(grid: JointModel, values: Named, prediction: Prediction) -> Floats:
     """Return the probability that each specimen has burst, (n, n_pressures)."""
     strength = grid.strength(values)
     stretch = prediction.peak_stretch[:, 0]
@@ -234,7 +234,7 @@ _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(7)
 
 
 def rupture_table(
-    model: Model,
+    model: JointModel,
     chain: Chain,
     generator: np.random.Generator,
     *,

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from bayesdeg.inference.model import Model
+from bayesdeg.inference.model import JointModel
 from bayesdeg.material.degradation import levels
 from bayesdeg.material.hyperelastic import yeoh_basis
 from bayesdeg.observations.tensile import film_readings, median_stresses, stress_variance
@@ -57,12 +57,12 @@ class PriorPredictive:
         return any(share < LEAST_INSIDE for share in self.shares.values())
 
 
-def prior_predictive(model: Model, generator: np.random.Generator) -> PriorPredictive:
+def prior_predictive(model: JointModel, generator: np.random.Generator) -> PriorPredictive:
     """Draw from every prior and predict the study.
 
     Parameters
     ----------
-    model : Model
+    model : JointModel
         With the study's data, of which only the conditions enter the curves.
     generator : Generator
         Draws parameters, specimens and reading noise.
@@ -79,7 +79,9 @@ def prior_predictive(model: Model, generator: np.random.Generator) -> PriorPredi
     return PriorPredictive(table, answered, *inside)
 
 
-def curvature_curves(model: Model, values: Named, generator: np.random.Generator) -> pd.DataFrame:
+def curvature_curves(
+    model: JointModel, values: Named, generator: np.random.Generator
+) -> pd.DataFrame:
     """Return quantiles of curvature against pressure at the actuators' degradation rates.
 
     A quantile is nan where the forward map answers fewer than half of the draws.
@@ -99,7 +101,7 @@ def curvature_curves(model: Model, values: Named, generator: np.random.Generator
     )
 
 
-def stress_curves(model: Model, values: Named, generator: np.random.Generator) -> pd.DataFrame:
+def stress_curves(model: JointModel, values: Named, generator: np.random.Generator) -> pd.DataFrame:
     """Return quantiles of nominal stress against stretch at the films' degradation rates."""
     assert model.tensile is not None
     data = model.tensile
@@ -128,7 +130,7 @@ def stress_curves(model: Model, values: Named, generator: np.random.Generator) -
 
 
 def _held_against_curvature(
-    model: Model, values: Named, generator: np.random.Generator
+    model: JointModel, values: Named, generator: np.random.Generator
 ) -> tuple[float, float]:
     """Return the share of draws that are answered everywhere, and of readings inside 90 %."""
     assert model.actuator is not None
@@ -138,7 +140,7 @@ def _held_against_curvature(
     return float(np.mean(answered.all(axis=1))), _inside(readings, model.actuator.curvature[mask])
 
 
-def _held_against_stress(model: Model, values: Named, generator: np.random.Generator) -> float:
+def _held_against_stress(model: JointModel, values: Named, generator: np.random.Generator) -> float:
     assert model.tensile is not None
     data = model.tensile
     sd = np.broadcast_arrays(values["stiffness_scatter"][:, None], data.degradation_sd)

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.typing import RcKeyType
 
-from bayesdeg.report.record import RunRecord, Verdict
+from bayesdeg.report.record import RunRecord, VerdictRecord
 from bayesdeg.report.summaries import BASE, FINAL
 from bayesdeg.report.surface import Surface
 from bayesdeg.report.tables import TABLES, Tables
@@ -120,7 +120,7 @@ class Shown:
 
     Parameters
     ----------
-    verdict, run, tables : Verdict, RunRecord, Tables
+    verdict, run, tables : VerdictRecord, RunRecord, Tables
         What the run found.
     deformed : Surface, optional
         Of the solved actuators.
@@ -128,7 +128,7 @@ class Shown:
         Returns the draws of a posterior of the run folder by its name; None if there are none.
     """
 
-    verdict: Verdict
+    verdict: VerdictRecord
     run: RunRecord
     tables: Tables
     deformed: Surface | None = None

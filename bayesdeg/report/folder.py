@@ -30,8 +30,8 @@ from bayesdeg.files import (
     written,
 )
 from bayesdeg.records import LARGEST, FileRecord, RecordError, plain
-from bayesdeg.report.record import RunRecord, Verdict
-from bayesdeg.report.tables import TABLES, Column, Kind, Tables
+from bayesdeg.report.record import RunRecord, VerdictRecord
+from bayesdeg.report.tables import TABLES, CellKind, Column, Tables
 
 INDEX: Final = "index.html"
 LEFT_OUT: Final = "left_out.txt"
@@ -137,7 +137,7 @@ class RunFolder:
         numbers = {
             column.name: text[column.name].to_numpy(object).astype(np.float64)
             for column in columns
-            if column.kind is Kind.NUMBER
+            if column.kind is CellKind.NUMBER
         }
         return _texts(text, as_named).assign(**numbers)
 
@@ -163,9 +163,9 @@ class RunFolder:
         frames = {name: self.read_table(name) for name in TABLES}
         return Tables({name: frame for name, frame in frames.items() if frame is not None})
 
-    def write(self, record: Verdict | RunRecord) -> None:
+    def write(self, record: VerdictRecord | RunRecord) -> None:
         """Write the verdict, or what is recorded of the run itself."""
-        name = VERDICT if isinstance(record, Verdict) else RUN
+        name = VERDICT if isinstance(record, VerdictRecord) else RUN
         write_text(self.path / f"{name}.json", record.text())
 
     def read_json(self, name: str) -> dict[str, object]:
@@ -189,7 +189,7 @@ class RunFolder:
             raise self._corrupted(file, "it holds no JSON object")
         return content
 
-    def read_verdict(self) -> Verdict:
+    def read_verdict(self) -> VerdictRecord:
         """Read and check the verdict.
 
         Raises
@@ -197,7 +197,7 @@ class RunFolder:
         BayesdegError
             If it is missing or breaks its format.
         """
-        return self._read(VERDICT, Verdict)
+        return self._read(VERDICT, VerdictRecord)
 
     def read_run(self) -> RunRecord:
         """Read and check what is recorded of the run itself.
@@ -315,7 +315,7 @@ def _problem(columns: Sequence[Column], frame: pd.DataFrame) -> str | None:
 
 def _finite(columns: Sequence[Column], frame: pd.DataFrame) -> pd.DataFrame:
     """Return a table without what is no finite number where one belongs."""
-    numbers = [column for column in columns if column.kind is Kind.NUMBER and column.finite]
+    numbers = [column for column in columns if column.kind is CellKind.NUMBER and column.finite]
     return frame.assign(
         **{
             column.name: frame[column.name].where(_magnitude(frame[column.name]) <= LARGEST)
@@ -333,7 +333,7 @@ def _texts(frame: pd.DataFrame, change: Callable[[object], object]) -> pd.DataFr
 def _unbounded(columns: Sequence[Column], frame: pd.DataFrame) -> str | None:
     """Say which cell holds a number that no run can have found."""
     for column in columns:
-        if column.kind is Kind.TEXT:
+        if column.kind is CellKind.TEXT:
             continue
         cells = frame[column.name]
         size = _magnitude(cells.where(cells != "all"))
@@ -348,10 +348,10 @@ def _magnitude(cells: pd.Series) -> pd.Series:
     return cells.astype(object).where(cells.notna(), np.nan).astype(np.float64).abs()
 
 
-def _fits(cell: object, kind: Kind) -> bool:
-    if kind is Kind.TEXT or cell is None or cell is pd.NA:
+def _fits(cell: object, kind: CellKind) -> bool:
+    if kind is CellKind.TEXT or cell is None or cell is pd.NA:
         return True
-    if kind is Kind.LEVEL and cell == "all":
+    if kind is CellKind.LEVEL and cell == "all":
         return True
     try:
         float(str(cell))

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import pandas as pd
 
 from bayesdeg.criticism.outcome import MISFIT_LEVEL, Outcome
-from bayesdeg.report.record import CandidateEntry, Verdict
+from bayesdeg.report.record import CandidateEntry, VerdictRecord
 from bayesdeg.report.summaries import BASE, Row, extended_model, pooled, rows_of
 from bayesdeg.report.wording import (
     NOTHING,
@@ -66,13 +66,13 @@ class Headline:
     lede: tuple[str, ...] = ()
 
 
-def headline_of(verdict: Verdict, gain: pd.DataFrame | None) -> Headline:
+def headline_of(verdict: VerdictRecord, gain: pd.DataFrame | None) -> Headline:
     """Word the verdict.
 
     Examples
     --------
-    >>> from bayesdeg.report.record import Verdict
-    >>> named = Verdict.read({"outcome": "named", "causes": ["creep"], "candidates": [],
+    >>> from bayesdeg.report.record import VerdictRecord
+    >>> named = VerdictRecord.read({"outcome": "named", "causes": ["creep"], "candidates": [],
     ...                     "misfit": {"rms_per_m": 2.0, "noise_per_m": 0.5, "p_value": 0.002}})
     >>> headline_of(named, None).sentence
     'The misfit is explained by creep'
@@ -91,7 +91,7 @@ def headline_of(verdict: Verdict, gain: pd.DataFrame | None) -> Headline:
     return Headline(BADGES[verdict.outcome], sentence, numbers, lede)
 
 
-def _facts(verdict: Verdict, gain: pd.DataFrame | None) -> Mapping[str, object]:
+def _facts(verdict: VerdictRecord, gain: pd.DataFrame | None) -> Mapping[str, object]:
     """Return what the templates speak of."""
     found = [verdict.candidate(cause) for cause in verdict.causes]
     fractions = [one.explained_fraction for one in found if one]
@@ -116,14 +116,14 @@ def _note(of: str, facts: Mapping[str, object]) -> str:
     return sentences("headline", f"{of}_note", **facts)
 
 
-def _misfit_facts(verdict: Verdict) -> dict[str, object]:
+def _misfit_facts(verdict: VerdictRecord) -> dict[str, object]:
     """Return the misfit of curvatures; of stresses or other readings where there are none."""
     rms, noise, unit, kind = verdict.misfit.sizes
     size = NOTHING if rms is None else _with_unit(fixed(rms), unit)
     return {"rms": rms, "noise": noise, "unit": unit, "kind": kind, "size": size}
 
 
-def _gain_facts(verdict: Verdict, gain: pd.DataFrame | None) -> dict[str, str]:
+def _gain_facts(verdict: VerdictRecord, gain: pd.DataFrame | None) -> dict[str, str]:
     """Return errors on held-out specimens before and after; the gain where there are none."""
     rows = {str(row["model"]): row for row in rows_of(pooled(gain))}
     extended = rows.get(extended_model(gain, verdict) or "")
@@ -135,20 +135,20 @@ def _gain_facts(verdict: Verdict, gain: pd.DataFrame | None) -> dict[str, str]:
     return facts
 
 
-def _directed(verdict: Verdict) -> float | None:
+def _directed(verdict: VerdictRecord) -> float | None:
     """Return the largest p-value of the test that names, over the causes that passed it."""
     entries = (verdict.candidate(cause) for cause in verdict.predicted_with or verdict.causes)
     found = (entry.naming_p_value for entry in entries if entry and entry.naming_p_value)
     return max(found, default=None)
 
 
-def _best(verdict: Verdict) -> CandidateEntry | None:
+def _best(verdict: VerdictRecord) -> CandidateEntry | None:
     """Return the candidate that explains most; None if none was tried."""
     tried = [entry for entry in verdict.candidates if entry.explained_fraction is not None]
     return max(tried, key=lambda entry: entry.explained_fraction or 0.0, default=None)
 
 
-def _certainty(verdict: Verdict, facts: Mapping[str, object]) -> KeyNumber:
+def _certainty(verdict: VerdictRecord, facts: Mapping[str, object]) -> KeyNumber:
     if verdict.outcome is Outcome.UNEXPLAINED:
         best, note = _best(verdict), _note("best", facts)
         if best is None:
@@ -190,7 +190,7 @@ def _with_unit(text: str, unit: str) -> str:
     return text if unit in ("", NOTHING) else f"{text}{SPACE}{unit}"
 
 
-def _sized(verdict: Verdict) -> str:
+def _sized(verdict: VerdictRecord) -> str:
     """Name the causes with the size of each: of one alone with its 90 % interval."""
     alone = len(verdict.causes) == 1
     sizes = [(cause, size_of(verdict, cause, interval=alone)) for cause in verdict.causes]
@@ -199,15 +199,15 @@ def _sized(verdict: Verdict) -> str:
     return listed([f"{words(cause)} ({size})" if size else words(cause) for cause, size in sizes])
 
 
-def size_of(verdict: Verdict, cause: str, *, interval: bool) -> str:
+def size_of(verdict: VerdictRecord, cause: str, *, interval: bool) -> str:
     """Word the first effect of a cause, which is its size; empty if it was not fitted.
 
     Examples
     --------
-    >>> from bayesdeg.report.record import Verdict
+    >>> from bayesdeg.report.record import VerdictRecord
     >>> effect = {"offset": {"mean": 14.17, "sd": 0.25, "q05": 13.76, "q95": 14.57, "unit": "kPa"}}
     >>> leak = {"cause": "pressure_offset", "effect": effect}
-    >>> verdict = Verdict.read({"outcome": "named", "candidates": [leak]})
+    >>> verdict = VerdictRecord.read({"outcome": "named", "candidates": [leak]})
     >>> size_of(verdict, "pressure_offset", interval=True).replace(SPACE, " ")
     '14.2 kPa [13.8, 14.6]'
     """
@@ -222,21 +222,21 @@ def size_of(verdict: Verdict, cause: str, *, interval: bool) -> str:
     return f"{said}{number(effect.mean)}{unit}{ends if known else ''}"
 
 
-def fits_off_priors(verdict: Verdict) -> bool:
+def fits_off_priors(verdict: VerdictRecord) -> bool:
     """Return whether the readings alone agree with a model that takes values off their priors."""
     p_value = verdict.misfit.p_value
     return bool(verdict.parameters_in_question) and p_value is not None and p_value > MISFIT_LEVEL
 
 
-def doubts_of(verdict: Verdict) -> tuple[str, ...]:
+def doubts_of(verdict: VerdictRecord) -> tuple[str, ...]:
     """Return what speaks against taking a verdict as it is: one sentence each.
 
     Examples
     --------
-    >>> from bayesdeg.report.record import Verdict
+    >>> from bayesdeg.report.record import VerdictRecord
     >>> question = {"parameter": "volume_ratio", "meaning": "α", "unit": "–", "median": 0.976,
     ...             "prior_low": 0.39, "prior_high": 0.85}
-    >>> doubts_of(Verdict.read({"outcome": "adequate", "parameters_in_question": [question]}))
+    >>> doubts_of(VerdictRecord.read({"outcome": "adequate", "parameters_in_question": [question]}))
     ('volume ratio is calibrated to 0.976 (α); 99.9 % of its prior lies within 0.390 to 0.850.',)
     """
     suspects = (one.why for one in verdict.suspects)

@@ -17,7 +17,7 @@ STRICT: Final = "BAYESDEG_STRICT"
 _PASSED_ON = (StudyError, ResumableError)  # the user's to mend, or to be resumed
 
 
-class Stage(StrEnum):
+class OptionalStage(StrEnum):
     """Stages that compute what is more than one table or figure."""
 
     VERDICT = "verdict"
@@ -55,7 +55,7 @@ class LeftOut:
     Parameters
     ----------
     stage : str
-        A member of `Stage`, or a table, posterior or figure by name.
+        A member of `OptionalStage`, or a table, posterior or figure by name.
     why : str
         What it costs, and what happened.
     trace : str

@@ -12,8 +12,8 @@ from bayesdeg.report import figures, wording
 from bayesdeg.report.drawing import Drawing, PageFigure, Shown
 from bayesdeg.report.folder import RUN, VERDICT, RunFolder
 from bayesdeg.report.headline import Headline, doubts_of, headline_of
-from bayesdeg.report.left_out import FIGURE, Guard, Stage, figure_stage
-from bayesdeg.report.record import CandidateEntry, RunRecord, Verdict
+from bayesdeg.report.left_out import FIGURE, Guard, OptionalStage, figure_stage
+from bayesdeg.report.record import CandidateEntry, RunRecord, VerdictRecord
 from bayesdeg.report.summaries import (
     DecisionPair,
     GainParts,
@@ -72,7 +72,7 @@ def drawings_of(shown: Shown, guard: Guard | None = None) -> dict[str, Drawing]:
 class Content:
     """Everything the template shows."""
 
-    verdict: Verdict
+    verdict: VerdictRecord
     run: RunRecord
     headline: Headline
     drawings: dict[str, Drawing]
@@ -160,15 +160,15 @@ def content_of(shown: Shown, guard: Guard | None = None) -> Content:
     )
 
 
-def _left_out(verdict: Verdict, guard: Guard) -> tuple[tuple[str, str], ...]:
+def _left_out(verdict: VerdictRecord, guard: Guard) -> tuple[tuple[str, str], ...]:
     """Return what the run left out, and the figures that failed now instead of those then."""
-    of_page = (FIGURE, Stage.PAGE)
+    of_page = (FIGURE, OptionalStage.PAGE)
     stages = [(o.stage, o.why) for o in verdict.left_out if not o.stage.startswith(of_page)]
     figures = [(o.stage, o.why) for o in guard.left_out if o.stage.startswith(FIGURE)]
     return (*stages, *figures)
 
 
-def lookalikes(verdict: Verdict) -> list[str]:
+def lookalikes(verdict: VerdictRecord) -> list[str]:
     """Return causes that a study of this design could take for one that is named."""
     near = (set(pair) for pair in verdict.confusable if set(pair) & set(verdict.causes))
     return sorted(set().union(*near) - set(verdict.causes))

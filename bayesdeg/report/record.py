@@ -185,14 +185,14 @@ class InDoubt(Record):
     parameters_in_question: tuple[QuestionedEntry, ...] = ()
 
 
-class Verdict(FileRecord):
+class VerdictRecord(FileRecord):
     """The content of ``verdict.json``.
 
     Examples
     --------
-    >>> Verdict.read({"outcome": "ambiguous"}).judged
+    >>> VerdictRecord.read({"outcome": "ambiguous"}).judged
     True
-    >>> Verdict.read({"outcome": "fine"})
+    >>> VerdictRecord.read({"outcome": "fine"})
     Traceback (most recent call last):
     ...
     bayesdeg.records.RecordError: 'outcome' must be 'adequate', 'named', 'ambiguous', ...

@@ -8,7 +8,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from bayesdeg.criticism.outcome import Outcome
-from bayesdeg.report.record import Verdict
+from bayesdeg.report.record import VerdictRecord
 from bayesdeg.report.tables import ALL_LEVELS, present
 
 BASE = "base"
@@ -150,14 +150,14 @@ def models_of(frame: pd.DataFrame | None) -> tuple[str, ...]:
     return () if frame is None else tuple(dict.fromkeys(frame["model"].astype(str)))
 
 
-def extended_model(gain: pd.DataFrame | None, verdict: Verdict) -> str | None:
+def extended_model(gain: pd.DataFrame | None, verdict: VerdictRecord) -> str | None:
     """Return the name in ``gain.csv`` of the base model extended by the named causes.
 
     Examples
     --------
-    >>> from bayesdeg.report.record import Verdict
+    >>> from bayesdeg.report.record import VerdictRecord
     >>> gain = pd.DataFrame({"model": ["base", "base+creep"]})
-    >>> extended_model(gain, Verdict.read({"outcome": "named", "causes": ["creep"]}))
+    >>> extended_model(gain, VerdictRecord.read({"outcome": "named", "causes": ["creep"]}))
     'base+creep'
     """
     if verdict.outcome is not Outcome.NAMED:
@@ -169,7 +169,7 @@ def extended_model(gain: pd.DataFrame | None, verdict: Verdict) -> str | None:
     return None
 
 
-def gain_parts(gain: pd.DataFrame | None, verdict: Verdict) -> GainParts | None:
+def gain_parts(gain: pd.DataFrame | None, verdict: VerdictRecord) -> GainParts | None:
     """Return of what the gain of a single named cause is made up; None where it is all in one.
 
     A cause is judged by all that was held out, while ``gain.csv`` scores what the study predicts.

@@ -14,7 +14,7 @@ from skfem import ElementHex1, ElementHex2
 from skfem.quadrature import get_quadrature
 
 from bayesdeg.actuator.body import Body, Element, boundary_faces, isoparametric
-from bayesdeg.actuator.problem import Problem, State
+from bayesdeg.actuator.problem import MechanicalState, Problem
 from bayesdeg.errors import BayesdegError
 from bayesdeg.files import refuse_special, write_bytes, written
 
@@ -179,7 +179,7 @@ class NodalFields:
         return cauchy_stress(self.strain, self.mean_stress, constants=self.constants)
 
 
-def nodal_fields(problem: Problem, state: State) -> NodalFields:
+def nodal_fields(problem: Problem, state: MechanicalState) -> NodalFields:
     """Return fields of an equilibrium at the nodes.
 
     The strain is taken where it is most accurate, at the Gauss points of the rule one order below
@@ -194,7 +194,7 @@ def nodal_fields(problem: Problem, state: State) -> NodalFields:
     ----------
     problem : Problem
         Body and material.
-    state : State
+    state : MechanicalState
         One of its equilibria.
 
     Examples
@@ -205,7 +205,7 @@ def nodal_fields(problem: Problem, state: State) -> NodalFields:
     >>> system = System(box((2.0, 1.0, 1.0), divisions=(1, 1, 1)))
     >>> sheared = system.body.nodes[:, [2, 2, 2]] * [1.5, 0.0, 0.0]  # γ = λ − 1/λ
     >>> problem = Problem(system, Material(c2_ratio=0.0, c3_ratio=0.0, paper_group=0.0))
-    >>> nodal_fields(problem, State(sheared, np.zeros((1, 4)), 0.0)).stretch[:3].round(12)
+    >>> nodal_fields(problem, MechanicalState(sheared, np.zeros((1, 4)), 0.0)).stretch[:3].round(12)
     array([2., 2., 2.])
     """
     body, local = problem.system.body, state.displacement[problem.system.body.elements]

@@ -40,7 +40,7 @@ ALL_LEVELS = "all"
 """What stands in ``degradation_pct`` of a row that pools every degradation rate."""
 
 
-class Kind(Enum):
+class CellKind(Enum):
     """What the cells of a column hold."""
 
     NUMBER = "a number"
@@ -60,7 +60,7 @@ class Column:
         Unit; an en dash if it has none.
     meaning : str
         In a few words.
-    kind : Kind
+    kind : CellKind
         What the cells hold; an empty cell is always allowed and means "not available".
     finite : bool
         Whether a number must be finite; what is not is written as "not available".
@@ -69,12 +69,12 @@ class Column:
     name: str
     unit: str
     meaning: str
-    kind: Kind = Kind.NUMBER
+    kind: CellKind = CellKind.NUMBER
     finite: bool = True
 
 
 @dataclass(frozen=True)
-class Table:
+class ResultTable:
     """A table of the run folder.
 
     Parameters
@@ -109,11 +109,11 @@ def _log(name: str, meaning: str) -> Column:
 
 
 def _text(name: str, meaning: str) -> Column:
-    return Column(name, "–", meaning, Kind.TEXT)
+    return Column(name, "–", meaning, CellKind.TEXT)
 
 
 _MODEL = _text("model", "base, the base with the causes it was extended by, or the course alone")
-_LEVEL = Column("degradation_pct", "%", "degradation rate, or all of them pooled", Kind.LEVEL)
+_LEVEL = Column("degradation_pct", "%", "degradation rate, or all of them pooled", CellKind.LEVEL)
 _DEGRADATION = Column("degradation_pct", "%", "degradation rate")
 _PRESSURE = Column("pressure_kPa", "kPa", "gauge pressure")
 _SPECIMEN = _text("specimen_id", "the specimen")
@@ -144,9 +144,9 @@ _GAIN = (
 )
 
 _TABLES = (
-    Table(GAIN, _GAIN),
-    Table(GAIN_LEVELS, _GAIN),
-    Table(
+    ResultTable(GAIN, _GAIN),
+    ResultTable(GAIN_LEVELS, _GAIN),
+    ResultTable(
         GAIN_MODES,
         (
             _MODEL,
@@ -158,7 +158,7 @@ _TABLES = (
             *_AGREEMENT,
         ),
     ),
-    Table(
+    ResultTable(
         STATISTICS,
         (
             _text("statistic", "what is measured"),
@@ -171,7 +171,7 @@ _TABLES = (
             _text("reading", "what it means physically"),
         ),
     ),
-    Table(
+    ResultTable(
         LOO_PIT,
         (
             _MODEL,
@@ -183,7 +183,7 @@ _TABLES = (
             _text("sentence", "what it means"),
         ),
     ),
-    Table(
+    ResultTable(
         DISCREPANCY,
         (
             _MODEL,
@@ -196,7 +196,7 @@ _TABLES = (
             Column("residual", "as read", "reading less model, fitted beside the discrepancy"),
         ),
     ),
-    Table(
+    ResultTable(
         DECISIONS,
         (
             _MODEL,
@@ -209,8 +209,8 @@ _TABLES = (
             Column("probability", "–", "probability of rupture at the pressure that half need"),
         ),
     ),
-    Table(BANDS, (_DEGRADATION, _PRESSURE, *_quantiles("1/m", 5, 25, 50, 75, 95))),
-    Table(
+    ResultTable(BANDS, (_DEGRADATION, _PRESSURE, *_quantiles("1/m", 5, 25, 50, 75, 95))),
+    ResultTable(
         RUPTURE,
         (
             _DEGRADATION,
@@ -220,7 +220,7 @@ _TABLES = (
             Column("probability_q95", "–", "95 % quantile of it"),
         ),
     ),
-    Table(
+    ResultTable(
         OBSERVATIONS,
         (
             _MODEL,
@@ -235,7 +235,7 @@ _TABLES = (
             Column("residual_per_m", "1/m", "measured less predictive mean"),
         ),
     ),
-    Table(
+    ResultTable(
         FITTED,
         (
             _MODEL,
@@ -252,7 +252,7 @@ _TABLES = (
             *_quantiles("as stated", 5, 25, 75, 95),
         ),
     ),
-    Table(
+    ResultTable(
         TENSILE,
         (
             _MODEL,
@@ -266,7 +266,7 @@ _TABLES = (
             *_quantiles("MPa", 5, 95, suffix="_MPa"),
         ),
     ),
-    Table(
+    ResultTable(
         CONSTANTS,
         (
             _MODEL,
@@ -276,7 +276,7 @@ _TABLES = (
             *_quantiles("as stated", 5, 25, 50, 75, 95),
         ),
     ),
-    Table(
+    ResultTable(
         PARAMETERS,
         (
             _MODEL,
@@ -292,7 +292,7 @@ _TABLES = (
             Column("ess_tail", "–", "effective sample size, tails"),
         ),
     ),
-    Table(
+    ResultTable(
         LEVELS,
         (
             _MODEL,
@@ -303,7 +303,7 @@ _TABLES = (
             Column("published_r_squared", "–", "as published for another simulation"),
         ),
     ),
-    Table(
+    ResultTable(
         ELONGATION,
         (
             _text("kind", "band or measured"),
@@ -312,7 +312,7 @@ _TABLES = (
             *_quantiles("%", 5, 50, 95),
         ),
     ),
-    Table(
+    ResultTable(
         MEASURED,
         (
             _text("quantity", "which quantity"),
@@ -324,7 +324,7 @@ _TABLES = (
             _text("rests_on", "what it was computed from"),
         ),
     ),
-    Table(
+    ResultTable(
         LEAVE_ONE_OUT,
         (
             _SPECIMEN,
@@ -336,7 +336,7 @@ _TABLES = (
             Column("refitted", "–", "1 if the model was calibrated again without it"),
         ),
     ),
-    Table(
+    ResultTable(
         PRIOR_SENSITIVITY,
         (
             _text("quantity", "a conclusion of the report, or a parameter"),
@@ -351,7 +351,7 @@ _TABLES = (
             _text("rests_on", "kind of data that matters most"),
         ),
     ),
-    Table(
+    ResultTable(
         PRIOR_PREDICTIVE,
         (
             _text("quantity", "curvature or nominal_stress"),
@@ -364,7 +364,7 @@ _TABLES = (
             *_quantiles("as stated", 5, 25, 50, 75, 95),
         ),
     ),
-    Table(
+    ResultTable(
         COURSE,
         (
             _text("kind", "band or film"),
@@ -376,7 +376,7 @@ _TABLES = (
             *_quantiles("%", 5, 50, 95, prefix="moisture_"),
         ),
     ),
-    Table(
+    ResultTable(
         ORDERS,
         (
             Column("order", "–", "order of the polynomials of the degradation rate"),
@@ -395,7 +395,7 @@ _TABLES = (
             Column("effective", "–", "effective draws that the evidence rests on"),
         ),
     ),
-    Table(
+    ResultTable(
         MISFIT_NULL,
         (
             Column("replicate", "–", "number of the simulated data set"),
@@ -404,7 +404,9 @@ _TABLES = (
     ),
 )
 #: Every table by its name.
-TABLES: Final[Mapping[str, Table]] = MappingProxyType({table.name: table for table in _TABLES})
+TABLES: Final[Mapping[str, ResultTable]] = MappingProxyType(
+    {table.name: table for table in _TABLES}
+)
 
 
 def present(frame: pd.DataFrame | None) -> pd.DataFrame | None:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from bayesdeg.inference import sampling
 from bayesdeg.inference.laplace import Evidence, Laplace, derivatives, evidence, positive_inverse
-from bayesdeg.inference.model import Model
+from bayesdeg.inference.model import JointModel
 from dragon_skin import scene
 from dragon_skin.causes import GEOMETRICAL, MECHANICAL
 from dragon_skin.posterior import Posterior
@@ -62,7 +62,7 @@ def fit(
     known = near.values if near is not None else {}
     here, mode = posterior.at_mode({k: v for k, v in known.items() if k in posterior.table.names})
     # the posterior has what these functions ask of a model: a table and a log density
-    model = cast(Model, here)
+    model = cast(JointModel, here)
     covariance = positive_inverse(-derivatives(model, mode)[1])
     found = evidence(model, Laplace(mode, covariance, 0.0), generator, draws=draws)
     return Fit(here, mode, found)
@@ -231,7 +231,7 @@ def sample(
     quality : dict of float
         Largest R̂ and smallest effective sample size, both over all parameters, and steps.
     """
-    chain = sampling.sample(cast(Model, of.posterior), of.evidence, effort=effort, seed=seed)
+    chain = sampling.sample(cast(JointModel, of.posterior), of.evidence, effort=effort, seed=seed)
     quality = {
         "r_hat": float(chain.r_hat().max()),
         "effective": float(chain.effective().min()),

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from bayesdeg.actuator.body import box
 from bayesdeg.actuator.equilibrium import follow
 from bayesdeg.actuator.linear import Factorization, open_factorization
-from bayesdeg.actuator.material import Material
-from bayesdeg.actuator.problem import Problem, State, System
-from bayesdeg.actuator.status import Effort
+from bayesdeg.actuator.material import MaterialGroups
+from bayesdeg.actuator.problem import MechanicalState, Problem, System
+from bayesdeg.actuator.status import PathEffort
 from dragon_skin.balls import PATCHES, carried
 from dragon_skin.grid import graded, mean_weights, weights_at
 from dragon_skin.record import DENSITY, GRAVITY, HEIGHT, LENGTH, NOMINAL, TIP, TIP_LOADS, WIDTH
@@ -32,7 +32,7 @@ STRIP = 4.0  # [mm]
 GROWTH = 1.25  # of bricks from both ends to the middle
 WEIGHT = DENSITY * GRAVITY * 1e-9  # ρ g [N/mm³]
 KILOPASCAL = 1e-3  # [N/mm²]
-EFFORT = Effort(tolerance=2e-5, iterations=20)
+EFFORT = PathEffort(tolerance=2e-5, iterations=20)
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,7 @@ class Beam:
     def problem(self, load: Load, grip: Grip = "upper_face", share: float = 1.0) -> Problem:
         """Return the equations, a share of the weight on a grip and the rest on the upper face."""
         stress = load.c1 * KILOPASCAL
-        material = Material(
+        material = MaterialGroups(
             c2_ratio=load.hardening,
             c3_ratio=0.0,
             paper_group=0.0,
@@ -134,7 +134,7 @@ class Beam:
         share: Floats = grid[self._place]
         return share[:, None] * load.down
 
-    def solve(self, load: Load, grip: Grip = "upper_face", share: float = 1.0) -> State:
+    def solve(self, load: Load, grip: Grip = "upper_face", share: float = 1.0) -> MechanicalState:
         """Return the equilibrium.
 
         Raises
@@ -147,14 +147,14 @@ class Beam:
             raise ArithmeticError(f"no equilibrium at {load}: {path.status.advice}")
         return path.rest.state
 
-    def responses(self, load: Load, state: State, forces: list[Floats]) -> list[Floats]:
+    def responses(self, load: Load, state: MechanicalState, forces: list[Floats]) -> list[Floats]:
         """Return displacements (n_nodes, 3) per unit of further nodal forces, to first order.
 
         Parameters
         ----------
         load : Load
             What holds the state in equilibrium.
-        state : State
+        state : MechanicalState
             Equilibrium.
         forces : list of array, shape (n_nodes, 3)
             [C1 mm²].
@@ -163,7 +163,7 @@ class Beam:
         free = self.system.free
         return [self.system.expand(self.solver.solve(force.ravel()[free])) for force in forces]
 
-    def hardening_force(self, load: Load, state: State) -> Floats:
+    def hardening_force(self, load: Load, state: MechanicalState) -> Floats:
         """Return the nodal force that replaces C2/C1, per unit of it: −∂(internal force)/∂C2."""
         step = 1e-3
         soft = self.problem(load).linearise(state, tangent=False).force
@@ -188,7 +188,7 @@ class Beam:
         pairs = [carried(*three) for three in zip(PATCHES, moved, NOMINAL[TIP], strict=True)]
         return np.array([ball for ball, _ in pairs]), np.array([turn for _, turn in pairs])
 
-    def clamp_moment(self, load: Load, state: State) -> float:
+    def clamp_moment(self, load: Load, state: MechanicalState) -> float:
         """Return the bending moment about the middle of the clamped face [N mm]."""
         force = self.problem(load).dead_force * load.c1 * KILOPASCAL
         arm = self.system.body.nodes + state.displacement - [0.0, WIDTH / 2.0, HEIGHT / 2.0]

@@ -10,9 +10,9 @@ from bayesdeg.actuator.curve import Actuator
 from bayesdeg.actuator.equilibrium import follow
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.linear import open_factorization
-from bayesdeg.actuator.material import Material, skin_profile
+from bayesdeg.actuator.material import MaterialGroups, skin_profile
 from bayesdeg.actuator.mesh import Resolution, build_mesh
-from bayesdeg.actuator.problem import Problem, State
+from bayesdeg.actuator.problem import MechanicalState, Problem
 from bayesdeg.data.settings import Dimensions
 
 COARSEST = Resolution(along=9.0, across=9.0, up=9.0)
@@ -50,7 +50,7 @@ def thin_walled():
 
 @pytest.fixture(scope="session")
 def fresh():
-    return Material(
+    return MaterialGroups(
         -0.004 / 0.288, 0.0012 / 0.288, 30.0 / (0.288 * 0.843), paper_thickness=0.1 / 0.843
     )
 
@@ -58,7 +58,7 @@ def fresh():
 @pytest.fixture(scope="session")
 def every_effect():
     """A material in which every input of the model acts, at a typical size."""
-    return Material(
+    return MaterialGroups(
         c2_ratio=-0.02,
         c3_ratio=0.008,
         paper_group=60.0,
@@ -121,7 +121,7 @@ def random_state():
         displacement = body.nodes @ affine.T + noise * rng.standard_normal(body.nodes.shape)
         displacement[np.isclose(body.nodes[:, 1], 0.0), 1] = 0.0
         modes = body.element.modes.shape[1]
-        return State(displacement, rng.standard_normal((len(body.elements), modes)), load)
+        return MechanicalState(displacement, rng.standard_normal((len(body.elements), modes)), load)
 
     return draw
 

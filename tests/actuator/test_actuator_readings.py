@@ -6,12 +6,14 @@ import pytest
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.mesh import Resolution, build_mesh
 from bayesdeg.actuator.outputs import read_state
-from bayesdeg.actuator.problem import State
+from bayesdeg.actuator.problem import MechanicalState
 from bayesdeg.data.settings import Dimensions
 
 
 def placed(actuator, positions):
-    return State(positions - actuator.mesh.body.nodes, actuator.system.rest().pressure, 0.0)
+    return MechanicalState(
+        positions - actuator.mesh.body.nodes, actuator.system.rest().pressure, 0.0
+    )
 
 
 def turned(nodes, angle):
@@ -67,7 +69,7 @@ def test_curvature_of_a_circular_arc_is_one_over_its_radius():
             ],
             axis=1,
         )
-        state = State(bent - mesh.body.nodes, np.zeros((len(mesh.body.elements), 4)), 0.0)
+        state = MechanicalState(bent - mesh.body.nodes, np.zeros((len(mesh.body.elements), 4)), 0.0)
         reading = read_state(mesh, state)
         assert reading.bend_angle == pytest.approx(20.0 / radius, rel=1e-12)
         assert reading.curvature == pytest.approx(1.0 / radius, rel=1e-6)
@@ -82,7 +84,7 @@ def test_arc_length_of_a_circle_converges_at_fourth_order():
         )
         x, y, z = mesh.body.nodes.T
         bent = np.stack([10.0 * np.sin(x / 10.0), y, 10.0 * np.cos(x / 10.0) - 10.0 + z], axis=1)
-        state = State(bent - mesh.body.nodes, np.zeros((len(mesh.body.elements), 4)), 0.0)
+        state = MechanicalState(bent - mesh.body.nodes, np.zeros((len(mesh.body.elements), 4)), 0.0)
         errors.append(abs(read_state(mesh, state).arc_length - 20.0))
     orders = np.log2(np.array(errors[:-1]) / np.array(errors[1:]))
     np.testing.assert_allclose(orders, 4.0, atol=0.3)

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 
 from bayesdeg.actuator.body import boundary_faces, box
-from bayesdeg.actuator.material import Material
+from bayesdeg.actuator.material import MaterialGroups
 from bayesdeg.actuator.problem import Problem, System
-from bayesdeg.actuator.status import Effort
+from bayesdeg.actuator.status import PathEffort
 
 pytestmark = pytest.mark.fem
 
 YOUNG = 6.0  # of an incompressible solid of shear modulus 2 C1 [C1]
-SOLID = Material(0.0, 0.0, paper_group=0.0, bulk_ratio=1e5)
-EXACT = Effort(tolerance=1e-10, iterations=12)
+SOLID = MaterialGroups(0.0, 0.0, paper_group=0.0, bulk_ratio=1e5)
+EXACT = PathEffort(tolerance=1e-10, iterations=12)
 HEIGHT, WIDTH = 1.0, 1.0
 SLENDERNESS = (4, 8, 16, 32)
 

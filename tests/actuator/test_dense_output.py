@@ -7,16 +7,16 @@ import pytest
 
 from bayesdeg.actuator.curve import Actuator, Curve
 from bayesdeg.actuator.geometry import Geometry
-from bayesdeg.actuator.material import Material
+from bayesdeg.actuator.material import MaterialGroups
 from bayesdeg.actuator.mesh import COARSE, build_mesh
 from bayesdeg.actuator.outputs import OUTPUTS
-from bayesdeg.actuator.status import Effort, Status
+from bayesdeg.actuator.status import PathEffort, Status
 from bayesdeg.data.settings import Dimensions
 
 pytestmark = pytest.mark.fem
 
 # as tight as the rates allow with steps of a usual length
-EXACT = Effort(tolerance=1e-5, iterations=12, rate_tolerance=1e-7, exact=True)
+EXACT = PathEffort(tolerance=1e-5, iterations=12, rate_tolerance=1e-7, exact=True)
 LOADS = tuple(np.linspace(0.0, 0.83, 12)[1:])
 
 
@@ -56,13 +56,13 @@ def test_interpolation_keeps_the_promised_displacement_on_a_short_actuator(
         np.abs(a.displacement - b.displacement).max()
         for a, b in zip(dense.states, exact.states, strict=True)
     ]
-    allowed = Effort().tolerance * 20.0
+    allowed = PathEffort().tolerance * 20.0
     print(f"displacement within {max(errors):.1e} mm of {allowed:.1e} mm allowed")
     assert max(errors) < allowed
 
 
 def test_ends_of_steps_are_equilibria_and_loads_between_them_fit_smoothly(two_chambers, equilibria):
-    material = Material(0.02, 0.01, 50.0)
+    material = MaterialGroups(0.02, 0.01, 50.0)
     loads = tuple(np.linspace(0.0, 0.8, 401)[1:])
     path = equilibria(two_chambers, material, loads)
     tip = np.array([s.displacement[two_chambers.mesh.bottom_line[-1], 2] for s in path.states])
@@ -80,13 +80,13 @@ def test_ends_of_steps_are_equilibria_and_loads_between_them_fit_smoothly(two_ch
 def test_a_stiff_paper_that_is_just_taken_up_is_followed_at_default_effort(
     two_chambers, paper, slack
 ):
-    material = Material(0.0, 0.01, paper, paper_thickness=0.1, paper_slack=slack)
+    material = MaterialGroups(0.0, 0.01, paper, paper_thickness=0.1, paper_slack=slack)
     assert two_chambers.solve(Curve((0.2, 0.4, 0.6), material)).status is Status.CONVERGED
 
 
 def test_where_it_cannot_be_followed_a_status_says_so_after_a_bounded_effort(two_chambers):
     """Stiff paper taken up in compression is next to buckling, which ends the path early."""
-    material = Material(0.0, 0.01, 300.0, paper_thickness=0.1, paper_slack=0.003)
+    material = MaterialGroups(0.0, 0.01, 300.0, paper_thickness=0.1, paper_slack=0.003)
     solution = two_chambers.solve(Curve((0.2, 0.4, 0.6), material))
     assert solution.status in (Status.CONVERGED, Status.BUCKLED, Status.EFFORT_EXHAUSTED)
     assert solution.iterations < 500

@@ -4,28 +4,31 @@ import numpy as np
 import pytest
 
 from bayesdeg.actuator import kernels, paper
-from bayesdeg.actuator.material import Material
-from bayesdeg.actuator.problem import Problem, State
-from bayesdeg.actuator.status import Effort
+from bayesdeg.actuator.material import MaterialGroups
+from bayesdeg.actuator.problem import MechanicalState, Problem
+from bayesdeg.actuator.status import PathEffort
 
 pytestmark = pytest.mark.fem
 
-EXACT = Effort(tolerance=1e-6, iterations=12, rate_tolerance=1e-9, exact=True)
+EXACT = PathEffort(tolerance=1e-6, iterations=12, rate_tolerance=1e-9, exact=True)
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_work_of_the_follower_pressure_is_p_dv(two_chambers, random_state, seed):
     """∫ f · du along a straight line; the volume is cubic, so Gauss's rule is exact."""
     body, pressure = two_chambers.mesh.body, 0.7
-    problem = Problem(two_chambers.system, Material(0.0, 0.0, paper_group=0.0))
+    problem = Problem(two_chambers.system, MaterialGroups(0.0, 0.0, paper_group=0.0))
     ends = [random_state(body, s).displacement for s in (seed, seed + 10)]
     points, weights = np.polynomial.legendre.leggauss(3)
     work = 0.0
     for point, weight in zip(0.5 + 0.5 * points, 0.5 * weights, strict=True):
-        here = State(ends[0] + point * (ends[1] - ends[0]), problem.system.rest().pressure, 0.0)
+        here = MechanicalState(
+            ends[0] + point * (ends[1] - ends[0]), problem.system.rest().pressure, 0.0
+        )
         work += weight * pressure * np.sum(problem.cavity_gradient(here) * (ends[1] - ends[0]))
     volumes = [
-        problem.linearise(State(u, problem.system.rest().pressure, 0.0)).cavity_volume for u in ends
+        problem.linearise(MechanicalState(u, problem.system.rest().pressure, 0.0)).cavity_volume
+        for u in ends
     ]
     error = abs(work / (pressure * (volumes[1] - volumes[0])) - 1.0)
     print(f"work over p dV - 1: {error:.1e}")
@@ -45,7 +48,7 @@ def test_energy_of_the_law_is_that_of_the_invariants(
             for e in range(f.shape[0])
         ]
     )
-    residual = problem.linearise(State(u, system.rest().pressure, 0.0)).volume_residual
+    residual = problem.linearise(MechanicalState(u, system.rest().pressure, 0.0)).volume_residual
     volumetric = np.einsum("em,emn,en->", residual, system.inverse_mass, residual)
     total = np.sum(body.weights * density) + 0.5 * every_effect.bulk_ratio * volumetric
     assert total == pytest.approx(solid_energy(body, u, every_effect), rel=1e-11)

@@ -8,10 +8,10 @@ import pytest
 from bayesdeg.actuator.curve import Actuator, Curve, ExactMap
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.inputs import PAPER_THICKNESS, Inputs, gravity_direction
-from bayesdeg.actuator.material import SKIN_DEPTH, Material, skin_profile
+from bayesdeg.actuator.material import SKIN_DEPTH, MaterialGroups, skin_profile
 from bayesdeg.actuator.mesh import Resolution, build_mesh, reshaped
 from bayesdeg.actuator.problem import Problem, System
-from bayesdeg.actuator.status import Effort, Status
+from bayesdeg.actuator.status import PathEffort, Status
 from bayesdeg.data.settings import Dimensions
 from bayesdeg.errors import GeometryError
 
@@ -78,7 +78,7 @@ def test_every_input_moves_the_curvature_the_way_it_must(forward, inputs, name):
 
 def test_skin_keeps_the_volume_mean_of_the_logarithm_of_the_stiffness(two_chambers):
     body = two_chambers.mesh.body
-    material = Material(-0.01, 0.003, paper_group=100.0, skin=0.9, second_invariant_ratio=0.2)
+    material = MaterialGroups(-0.01, 0.003, paper_group=100.0, skin=0.9, second_invariant_ratio=0.2)
     constants = Problem(two_chambers.system, material).constants
     uniform = np.array([1.0, -0.01, 0.003, 0.2])
     logarithm = np.log(constants / uniform)
@@ -154,11 +154,11 @@ def test_reshaped_mesh_answers_as_one_that_was_built_so(fresh):
 
 def test_slack_gives_a_dead_band_and_wears_off(two_chambers):
     """At rest the slack paper is not felt at all; far beyond its slack it is as stiff as ever."""
-    bare = Material(0.0, 0.01, paper_group=0.0)
-    tight = Material(0.0, 0.01, paper_group=100.0)
+    bare = MaterialGroups(0.0, 0.01, paper_group=0.0)
+    tight = MaterialGroups(0.0, 0.01, paper_group=100.0)
     loads = (0.005, 0.2, 0.6)
     # iterated to the end at every load: a paper that is just taken up is all but linear
-    effort = Effort(tolerance=1e-5, iterations=15, rate_tolerance=1e-7, exact=True)
+    effort = PathEffort(tolerance=1e-5, iterations=15, rate_tolerance=1e-7, exact=True)
     none, full = (two_chambers.solve(Curve(loads, m), effort=effort) for m in (bare, tight))
     shares = []
     for slack in (0.001, 0.01, 0.1):

@@ -9,15 +9,15 @@ import scipy.sparse as sp
 from bayesdeg.actuator import kernels
 from bayesdeg.actuator.body import LINEAR_CONSTANT, LINEAR_FULL, QUADRATIC, QUADRATIC_CONSTANT
 from bayesdeg.actuator.geometry import Geometry
-from bayesdeg.actuator.material import Material
+from bayesdeg.actuator.material import MaterialGroups
 from bayesdeg.actuator.mesh import Resolution, build_mesh
 from bayesdeg.actuator.paper import membrane_law
-from bayesdeg.actuator.problem import Problem, State, System
+from bayesdeg.actuator.problem import MechanicalState, Problem, System
 from bayesdeg.actuator.sensitivity import MATERIAL_INPUTS, residual_rates
 from bayesdeg.data.settings import Dimensions
 
 STEP = 1e-6
-NO_PAPER = Material(
+NO_PAPER = MaterialGroups(
     c2_ratio=-0.03,
     c3_ratio=0.02,
     paper_group=0.0,
@@ -57,7 +57,7 @@ def lifted(problem, volume_residual):
 
 def eliminated(problem, displacement, load=0.0):
     """The state whose pressure field satisfies the volume equation: p = K M^-1 int N (J - 1)."""
-    state = State(displacement, problem.system.rest().pressure, load)
+    state = MechanicalState(displacement, problem.system.rest().pressure, load)
     residual = problem.linearise(state, tangent=False).volume_residual
     return replace(state, pressure=lifted(problem, residual))
 
@@ -124,7 +124,7 @@ def test_products_are_the_derivative_of_the_mixed_residual(loose, random_state, 
     """By displacement, pressure field and load at once, nothing condensed, all effects on."""
     state, rng = random_state(loose.body, seed, load=0.4), np.random.default_rng(seed)
     problem, v = Problem(loose, PAPERED), direction_at(loose, seed)
-    along = State(v, rng.standard_normal(state.pressure.shape), 0.7)
+    along = MechanicalState(v, rng.standard_normal(state.pressure.shape), 0.7)
 
     def at(step):
         move = (step * along.displacement, step * along.pressure, step * along.load)
@@ -142,7 +142,7 @@ def test_mixed_tangent_is_symmetric(loose, random_state):
     state, rng = random_state(loose.body, 3, load=0.4), np.random.default_rng(3)
     problem = Problem(loose, PAPERED)
     one, other = (
-        State(direction_at(loose, k), rng.standard_normal(state.pressure.shape), 0.0)
+        MechanicalState(direction_at(loose, k), rng.standard_normal(state.pressure.shape), 0.0)
         for k in (4, 5)
     )
     # a cavity cut at the plane of symmetry is closed for displacements within that plane only
@@ -231,7 +231,7 @@ def test_solid_and_paper_do_not_resist_a_rigid_rotation(loose, angle):
     turn = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
     u = loose.body.nodes @ (turn - np.eye(3)).T + [1.0, 2.0, 3.0]
     problem = Problem(loose, replace(PAPERED, paper_mismatch=0.0))
-    lin = problem.linearise(State(u, loose.rest().pressure, 0.0))
+    lin = problem.linearise(MechanicalState(u, loose.rest().pressure, 0.0))
     np.testing.assert_allclose(lin.force, 0.0, atol=1e-10)
     np.testing.assert_allclose(lin.volume_residual, 0.0, atol=1e-10)
 

@@ -8,16 +8,16 @@ import pytest
 from bayesdeg.actuator.curve import Actuator, Curve
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.linear import LostDefinitenessError, open_factorization
-from bayesdeg.actuator.material import Material
+from bayesdeg.actuator.material import MaterialGroups
 from bayesdeg.actuator.mesh import Resolution, build_mesh
 from bayesdeg.actuator.problem import Problem
-from bayesdeg.actuator.status import Effort, Status
+from bayesdeg.actuator.status import PathEffort, Status
 from bayesdeg.data.settings import Dimensions
 
 pytestmark = pytest.mark.fem
 
-BALLOONING = Material(c2_ratio=-0.05, c3_ratio=0.001, paper_group=100.0)
-CLOSE = Effort(tolerance=1e-5, iterations=12)
+BALLOONING = MaterialGroups(c2_ratio=-0.05, c3_ratio=0.001, paper_group=100.0)
+CLOSE = PathEffort(tolerance=1e-5, iterations=12)
 
 
 @pytest.fixture(scope="module")
@@ -126,7 +126,7 @@ def wide_draws(count, seed):
     rng = np.random.default_rng(seed)
     for i in range(count):
         c3 = float(rng.choice([0.0, -0.01, 1.0], p=[0.1, 0.1, 0.8]) * 10 ** rng.uniform(-5, 0))
-        material = Material(
+        material = MaterialGroups(
             c2_ratio=float(rng.normal(0.0, 0.1)),
             c3_ratio=c3,
             paper_group=float(10 ** rng.uniform(-1, 5)),
@@ -149,7 +149,7 @@ def wide_draws(count, seed):
 
 @pytest.mark.slow
 def test_any_draw_ends_in_a_status_within_bounded_effort(one_chamber):
-    effort, seen, most = Effort(total=40), {}, 0
+    effort, seen, most = PathEffort(total=40), {}, 0
     for material, loads in wide_draws(50, 7):
         solution = one_chamber.solve(Curve(loads, material), effort=effort)
         seen[solution.status] = seen.get(solution.status, 0) + 1

@@ -8,14 +8,14 @@ import pytest
 
 from bayesdeg.actuator.equilibrium import follow
 from bayesdeg.actuator.linear import open_factorization
-from bayesdeg.actuator.material import Material
+from bayesdeg.actuator.material import MaterialGroups
 from bayesdeg.actuator.outputs import read_state
 from bayesdeg.actuator.problem import Problem
-from bayesdeg.actuator.status import Effort, Status
+from bayesdeg.actuator.status import PathEffort, Status
 
 pytestmark = pytest.mark.fem
 
-EXACT = Effort(tolerance=1e-9, iterations=12, rate_tolerance=1e-9, exact=True)
+EXACT = PathEffort(tolerance=1e-9, iterations=12, rate_tolerance=1e-9, exact=True)
 
 
 def test_states_stand_at_the_loads_and_in_equilibrium(two_chambers, fresh, equilibria):
@@ -41,7 +41,7 @@ def test_equilibrium_does_not_depend_on_the_steps(two_chambers, fresh, equilibri
 
 def test_default_effort_is_accurate_enough(two_chambers, fresh, equilibria):
     loads = tuple(np.linspace(0.1, 0.8, 8))
-    efforts = (Effort(exact=True), EXACT)
+    efforts = (PathEffort(exact=True), EXACT)
     default, exact = (equilibria(two_chambers, fresh, loads, e) for e in efforts)
     errors = []
     for a, b in zip(default.states, exact.states, strict=True):
@@ -71,7 +71,7 @@ def test_small_pressure_bends_in_proportion(two_chambers, fresh, equilibria):
 
 @pytest.mark.parametrize("exact", [False, True])
 def test_neighbouring_loads_cost_few_extra_iterations(two_chambers, fresh, equilibria, exact):
-    effort = Effort(exact=exact)
+    effort = PathEffort(exact=exact)
     apart = equilibria(two_chambers, fresh, (0.2, 0.4, 0.6), effort)
     together = equilibria(two_chambers, fresh, (0.2, 0.4, 0.4 * (1.0 + 1e-10), 0.6), effort)
     assert together.status is Status.CONVERGED
@@ -98,11 +98,11 @@ def test_stiffer_material_and_lower_pressure_bend_less(two_chambers, fresh, equi
 @pytest.mark.parametrize(
     "material",
     [
-        Material(c2_ratio=-0.2, c3_ratio=0.01, paper_group=100.0),
-        Material(c2_ratio=-0.01, c3_ratio=0.0, paper_group=100.0),
-        Material(c2_ratio=0.1, c3_ratio=-0.01, paper_group=100.0),
-        Material(c2_ratio=float("nan"), c3_ratio=0.01, paper_group=100.0),
-        Material(c2_ratio=0.0, c3_ratio=0.01, paper_group=100.0, second_invariant_ratio=-0.1),
+        MaterialGroups(c2_ratio=-0.2, c3_ratio=0.01, paper_group=100.0),
+        MaterialGroups(c2_ratio=-0.01, c3_ratio=0.0, paper_group=100.0),
+        MaterialGroups(c2_ratio=0.1, c3_ratio=-0.01, paper_group=100.0),
+        MaterialGroups(c2_ratio=float("nan"), c3_ratio=0.01, paper_group=100.0),
+        MaterialGroups(c2_ratio=0.0, c3_ratio=0.01, paper_group=100.0, second_invariant_ratio=-0.1),
     ],
 )
 def test_unstable_constants_are_a_status(one_chamber, equilibria, material):
@@ -116,15 +116,15 @@ def test_exhausted_effort_is_a_status_that_keeps_what_was_reached(
     two_chambers, fresh, equilibria, total
 ):
     loads = tuple(np.linspace(0.1, 1.0, 10))
-    path = equilibria(two_chambers, fresh, loads, Effort(total=total, exact=True))
+    path = equilibria(two_chambers, fresh, loads, PathEffort(total=total, exact=True))
     assert path.status is Status.EFFORT_EXHAUSTED
     assert len(path.states) < 10
-    assert path.iterations <= total + Effort().iterations
+    assert path.iterations <= total + PathEffort().iterations
     assert tuple(state.load for state in path.states) == loads[: len(path.states)]
 
 
 def test_too_few_iterations_end_the_path_without_an_exception(two_chambers, fresh, equilibria):
-    path = equilibria(two_chambers, fresh, (5.0,), Effort(tolerance=1e-14, iterations=1))
+    path = equilibria(two_chambers, fresh, (5.0,), PathEffort(tolerance=1e-14, iterations=1))
     assert path.status is not Status.CONVERGED
     assert path.states == ()
 

@@ -7,13 +7,13 @@ import pytest
 import scipy.sparse as sp
 
 from bayesdeg.actuator.body import LINEAR_CONSTANT, LINEAR_FULL, QUADRATIC, QUADRATIC_CONSTANT
-from bayesdeg.actuator.material import Material, is_elliptic
+from bayesdeg.actuator.material import MaterialGroups, is_elliptic
 from bayesdeg.actuator.outputs import principal_stretch, volume_quantile
-from bayesdeg.actuator.problem import Problem, State, System
+from bayesdeg.actuator.problem import MechanicalState, Problem, System
 from bayesdeg.material.hyperelastic import YeohRootSecondInvariant, nominal_stress
 
 C2, C3, R = -0.05, 0.03, 0.4
-MATERIAL = Material(C2, C3, paper_group=0.0, bulk_ratio=50.0, second_invariant_ratio=R)
+MATERIAL = MaterialGroups(C2, C3, paper_group=0.0, bulk_ratio=50.0, second_invariant_ratio=R)
 LAW = YeohRootSecondInvariant(1.0, C2, C3, R)
 SIZE = np.array([3.0, 2.0, 2.5])
 PRINCIPAL = {
@@ -35,7 +35,7 @@ def constant_pressure(body, value):
 
 def internal_force(system, displacement, hydrostatic):
     """Nodal forces (n_nodes, 3) under a given constant pressure."""
-    state = State(displacement, constant_pressure(system.body, hydrostatic), 0.0)
+    state = MechanicalState(displacement, constant_pressure(system.body, hydrostatic), 0.0)
     return Problem(system, MATERIAL).linearise(state, tangent=False).force
 
 
@@ -106,7 +106,7 @@ def test_affine_boundary_gives_an_affine_solution(block, mode, element):
     # J is not 1: the material is slightly compressible
     affine = body.nodes * (np.array(PRINCIPAL[mode](1.3)) * 1.01 - 1.0)
     start = np.where(inside[:, None], 0.97 * affine, affine)
-    state = State(start, system.rest().pressure, 0.0)
+    state = MechanicalState(start, system.rest().pressure, 0.0)
     for _ in range(12):
         lin = problem.linearise(state)
         upper = system.upper.copy()
@@ -149,7 +149,7 @@ def _areas(system, axis):
     """∫ N dA over the face at the end of an axis: from the forces of a unit pressure."""
     problem = Problem(system, MATERIAL)
     pressure = constant_pressure(system.body, 1.0)
-    rest = State(np.zeros_like(system.body.nodes), pressure, 0.0)
+    rest = MechanicalState(np.zeros_like(system.body.nodes), pressure, 0.0)
     force = problem.linearise(rest, tangent=False).force[:, axis]
     return np.where(np.isclose(system.body.nodes[:, axis], SIZE[axis]), force, 0.0)
 
@@ -160,7 +160,9 @@ def test_peak_stretch_of_a_homogeneous_stretch_is_that_stretch(two_chambers):
     c, s = np.cos(1.1), np.sin(1.1)
     turn = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
     f = turn @ np.diag([1.37, 1.2, 0.6])
-    state = State(body.nodes @ (f - np.eye(3)).T, two_chambers.system.rest().pressure, 0.0)
+    state = MechanicalState(
+        body.nodes @ (f - np.eye(3)).T, two_chambers.system.rest().pressure, 0.0
+    )
     stretches = principal_stretch(body, state)
     np.testing.assert_allclose(stretches.value, 1.37, rtol=1e-12)
     # n ⊗ N: along the turned axis in space, along x in the undeformed body
@@ -177,7 +179,7 @@ def test_peak_stretch_is_a_quantile_over_volume_not_over_elements(block):
     body = block(counts=(12, 1, 1))
     displacement = np.zeros_like(body.nodes)
     displacement[:, 0] = 0.2 * body.nodes[:, 0] ** 2
-    stretches = principal_stretch(body, State(displacement, np.zeros((12, 4)), 0.0))
+    stretches = principal_stretch(body, MechanicalState(displacement, np.zeros((12, 4)), 0.0))
     for share in (0.25, 0.5, 0.9):
         wanted = 1.0 + 0.4 * share * 3.0
         # one Gauss slab of an element is a twelfth times 5/18 to 8/18 of the volume
@@ -190,15 +192,15 @@ def test_ellipticity_is_that_of_the_energy_slope(c3):
     x = np.geomspace(1e-3, 1e6, 20001)
     for c2 in (-1.001 * np.sqrt(3.0 * c3) - 1e-3 * (c3 == 0.0), -0.999 * np.sqrt(3.0 * c3), 0.1):
         slope = 1.0 + 2.0 * c2 * x + 3.0 * c3 * x**2
-        assert is_elliptic(Material(c2, c3, 0.0)) == bool(np.all(slope > 0.0))
+        assert is_elliptic(MaterialGroups(c2, c3, 0.0)) == bool(np.all(slope > 0.0))
 
 
 @pytest.mark.parametrize("c2", [-0.1, 0.0, 0.1, float("nan")])
 def test_negative_third_constant_is_never_elliptic(c2):
-    assert not is_elliptic(Material(c2, -1e-3, 0.0))
-    assert not is_elliptic(Material(c2, float("nan"), 0.0))
+    assert not is_elliptic(MaterialGroups(c2, -1e-3, 0.0))
+    assert not is_elliptic(MaterialGroups(c2, float("nan"), 0.0))
 
 
 @pytest.mark.parametrize("r", [-1e-6, float("nan")])
 def test_negative_second_invariant_term_is_not_elliptic(r):
-    assert not is_elliptic(Material(0.0, 0.01, 0.0, second_invariant_ratio=r))
+    assert not is_elliptic(MaterialGroups(0.0, 0.01, 0.0, second_invariant_ratio=r))

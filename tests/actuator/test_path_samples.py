@@ -11,7 +11,7 @@ from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.mesh import Resolution
 from bayesdeg.actuator.outputs import OUTPUTS
 from bayesdeg.actuator.sensitivity import INPUTS
-from bayesdeg.actuator.status import Effort, Status
+from bayesdeg.actuator.status import PathEffort, Status
 from bayesdeg.data.settings import Dimensions
 
 pytestmark = pytest.mark.fem
@@ -54,8 +54,8 @@ def test_samples_are_equilibria_and_their_derivatives(two_chambers, material, sa
 
 def test_a_path_without_time_is_given_up_with_a_status(two_chambers, fresh):
     curve = Curve(LOADS, fresh)
-    assert two_chambers.solve(curve, effort=Effort(seconds=0.0)).status is Status.TIMED_OUT
-    timed_out = two_chambers.sample(curve, effort=Effort(seconds=0.0))
+    assert two_chambers.solve(curve, effort=PathEffort(seconds=0.0)).status is Status.TIMED_OUT
+    timed_out = two_chambers.sample(curve, effort=PathEffort(seconds=0.0))
     assert timed_out.status is Status.TIMED_OUT
     assert "time" in timed_out.status.advice
 

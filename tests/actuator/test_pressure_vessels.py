@@ -7,16 +7,16 @@ import pytest
 from scipy.integrate import quad
 
 from bayesdeg.actuator.body import QUADRATIC, Body, boundary_faces, box, isoparametric
-from bayesdeg.actuator.material import Material
+from bayesdeg.actuator.material import MaterialGroups
 from bayesdeg.actuator.problem import Problem, System
-from bayesdeg.actuator.status import Effort
+from bayesdeg.actuator.status import PathEffort
 
 pytestmark = pytest.mark.fem
 
 INNER, OUTER, GROWN = 1.0, 2.0, 1.4  # radii at rest, and of the bore under pressure [mm]
 C2, C3 = -0.03, 0.01
-YEOH = Material(C2, C3, paper_group=0.0, bulk_ratio=1e7)
-EXACT = Effort(tolerance=1e-10, iterations=15, rate_tolerance=1e-3)
+YEOH = MaterialGroups(C2, C3, paper_group=0.0, bulk_ratio=1e7)
+EXACT = PathEffort(tolerance=1e-10, iterations=15, rate_tolerance=1e-3)
 
 
 def slope(first):

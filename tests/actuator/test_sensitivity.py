@@ -10,12 +10,12 @@ from bayesdeg.actuator.equilibrium import find_equilibrium
 from bayesdeg.actuator.linear import open_factorization
 from bayesdeg.actuator.outputs import OUTPUTS, read_state
 from bayesdeg.actuator.sensitivity import INPUTS, SHAPE_INPUTS
-from bayesdeg.actuator.status import Effort, Status
+from bayesdeg.actuator.status import PathEffort, Status
 
 pytestmark = pytest.mark.fem
 
 LOADS = (0.2, 0.5)
-CLOSE = Effort(tolerance=1e-9, iterations=15, rate_tolerance=1e-10)
+CLOSE = PathEffort(tolerance=1e-9, iterations=15, rate_tolerance=1e-10)
 STEPS = (4e-3, 1e-3, 2.5e-4)  # of the input's own size
 
 
@@ -36,7 +36,7 @@ def solved(two_chambers, every_effect):
 def resolve(two_chambers, every_effect, path_of):
     """Outputs at the last load with one input changed, from the equilibrium next to it."""
     _, problem = two_chambers.problem(Curve(LOADS, every_effect))
-    base = path_of(problem, LOADS, Effort(exact=True)).states[-1]
+    base = path_of(problem, LOADS, PathEffort(exact=True)).states[-1]
     solver = open_factorization(two_chambers.system.upper)
 
     def at(name, value):
@@ -90,7 +90,7 @@ def test_gradients_stand_beside_the_readings_of_every_load(solved):
 
 def test_rates_of_a_default_solution_agree_with_exact_ones(two_chambers, fresh):
     exact, _ = two_chambers.solve_with_gradients(Curve(LOADS, fresh))
-    default = two_chambers.solve(Curve(LOADS, fresh), effort=Effort(exact=True))
+    default = two_chambers.solve(Curve(LOADS, fresh), effort=PathEffort(exact=True))
     error = np.abs(default.rates / exact.rates - 1.0).max()
     print(f"rates at default effort: {error:.1e}")
     assert error < 1e-3

@@ -14,7 +14,7 @@ from bayesdeg.causes.catalogue import CATALOGUE, find, in_order
 from bayesdeg.causes.cause import Conditions, Degradation, FilmConditions, Stage, Strength
 from bayesdeg.data.tables import TABLES
 from bayesdeg.errors import BayesdegError
-from bayesdeg.inference.model import Model
+from bayesdeg.inference.model import JointModel
 from bayesdeg.observations.specimens import FilmsAndActuators
 from tests.emulator.closed_form import trained
 from tests.inference.small_study import actuator_curves, base_parameters
@@ -59,7 +59,7 @@ def module_of(name):
 @pytest.fixture(scope="module")
 def model():
     world = FilmsAndActuators((0.0, 12.5, 25.0), (0.0, 25.0), trained())
-    return Model(base_parameters(), (), world).of_actuators(actuator_curves())
+    return JointModel(base_parameters(), (), world).of_actuators(actuator_curves())
 
 
 @pytest.fixture(scope="module")

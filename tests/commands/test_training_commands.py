@@ -22,7 +22,7 @@ from bayesdeg.emulator import workers
 from bayesdeg.emulator.kept import cached_path, duration, read_trained, write_trained
 from bayesdeg.emulator.solutions import SolutionStore
 from bayesdeg.pipeline import emulation
-from bayesdeg.report.record import Verdict
+from bayesdeg.report.record import VerdictRecord
 from tests.pipeline.study_files import SETTINGS, study_in
 from tests.pipeline.tiny_campaign import GEOMETRY, RECIPE, TABLE, build, emulator
 
@@ -62,7 +62,7 @@ def pipeline(monkeypatch):
 
     def run_study(_study, _folder, _checkpoints, *, forward, **_):
         given.append(forward)
-        return Verdict(outcome="adequate", explanation="nothing was calibrated")
+        return VerdictRecord(outcome="adequate", explanation="nothing was calibrated")
 
     monkeypatch.setattr(run_command, "run_study", run_study)
     monkeypatch.setattr(run_command, "add_page", lambda _folder, found, _guard: (found, None))

@@ -15,8 +15,8 @@ from bayesdeg.criticism.fit.linear import linearise
 from bayesdeg.criticism.fit.trials import base_trial
 from bayesdeg.inference.importance import about_mode
 from bayesdeg.inference.laplace import approximate
-from bayesdeg.inference.model import Model
-from bayesdeg.observations.readings import Formula, Readings, places_of
+from bayesdeg.inference.model import JointModel
+from bayesdeg.observations.readings import Formula, FormulaReadings, places_of
 from bayesdeg.priors import Normal, Parameter
 
 SPECIMENS, POINTS = 6, 8
@@ -86,8 +86,8 @@ def subject_of(observed):
         Parameter(name, Normal(mean, sd), "–", "of a test") for name, (mean, sd, _) in BASE.items()
     )
     places = places_of(X, level=LEVEL, specimen=SPECIMEN)
-    readings = Readings(observed, places, error=error, common=common)
-    return Model(parameters, (readings,), Formula(straight))
+    readings = FormulaReadings(observed, places, error=error, common=common)
+    return JointModel(parameters, (readings,), Formula(straight))
 
 
 def reading(subject, **changes):

@@ -17,8 +17,8 @@ from bayesdeg.criticism.checks.discrepancy import (
 from bayesdeg.criticism.fit.screening import screen
 from bayesdeg.criticism.fit.trials import try_causes
 from bayesdeg.criticism.holdout.leaving_out import predict_one_by_one
-from bayesdeg.inference.model import Model
-from bayesdeg.observations.readings import Formula, Readings, nothing_common, places_of
+from bayesdeg.inference.model import JointModel
+from bayesdeg.observations.readings import Formula, FormulaReadings, nothing_common, places_of
 from bayesdeg.pipeline.calibrate import base_without_chain
 from bayesdeg.pipeline.judge import judge_model
 from bayesdeg.priors import Normal, Parameter
@@ -76,8 +76,8 @@ def model(*, observed=OBSERVED, causes=(), parameters=PARAMETERS, **changes):
     world = {"forward": line, "inputs": slope}
     world |= {name: changes.pop(name) for name in (*world, "readings") if name in changes}
     places = places_of(ALONG, specimen=SPECIMENS)
-    read = Readings(observed, places, **{"error": error, **changes})
-    return Model(parameters, (read,), Formula(**world), causes)
+    read = FormulaReadings(observed, places, **{"error": error, **changes})
+    return JointModel(parameters, (read,), Formula(**world), causes)
 
 
 def exact_evidence(subject, *columns):

@@ -19,7 +19,7 @@ from bayesdeg.criticism.experiments.ranking import (
     FilmTests,
     Foretold,
     Hypothesis,
-    Law,
+    ReadingsLaw,
     compare,
     foretell,
     hypotheses_of,
@@ -104,7 +104,7 @@ def best(hypotheses, found):
 def spread_law(seed, copies, size=4):
     generator = np.random.default_rng(seed)
     a, b = generator.standard_normal((2, size, size))
-    return Law(generator.standard_normal(size), a @ a.T, b @ b.T + np.eye(size), copies)
+    return ReadingsLaw(generator.standard_normal(size), a @ a.T, b @ b.T + np.eye(size), copies)
 
 
 def whole(law):

@@ -16,7 +16,7 @@ from bayesdeg.criticism.holdout.leave_one_out import (
     smoothed,
 )
 from bayesdeg.inference.laplace import approximate, evidence
-from bayesdeg.inference.model import Model, without
+from bayesdeg.inference.model import JointModel, without
 from bayesdeg.inference.sampling import EFFORTS, Chain, sample
 from bayesdeg.observations.breaks import Breaks, BreakTable
 from bayesdeg.observations.specimens import (
@@ -165,7 +165,7 @@ class Torn:
         elongation = np.array([215.0, 170.0, 90.0, 70.0, 55.0])
         names = ("b1", "b2", "b3", "b4", "b5")
         data = BreakTable(names, degradation, np.zeros(5), elongation)
-        self.model = Model(
+        self.model = JointModel(
             (STIFFNESS_SCATTER, *ends, scatter),
             (Breaks(data),),
             FilmsAndActuators((0.0,), (0.0, 25.0)),

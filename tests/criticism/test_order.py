@@ -15,7 +15,7 @@ from bayesdeg.criticism.posterior.order import (
 )
 from bayesdeg.inference.importance import Proposal, improved, log_density
 from bayesdeg.inference.laplace import Laplace, approximate, evidence
-from bayesdeg.inference.model import Model, without
+from bayesdeg.inference.model import JointModel, without
 from bayesdeg.material.degradation import NODES
 from bayesdeg.material.hyperelastic import yeoh_basis
 from bayesdeg.observations.means import Statistic
@@ -55,7 +55,7 @@ def films_model(law, *, seed, order=2, levels=LEVELS):
         mask=np.ones(stretch.shape, bool),
     )
     base = (*material_parameters(NODES[order]), STIFFNESS_SCATTER, *TENSILE)
-    return Model(base, (Tensile(tensile),), FilmsAndActuators(NODES[order]))
+    return JointModel(base, (Tensile(tensile),), FilmsAndActuators(NODES[order]))
 
 
 def straight(level):

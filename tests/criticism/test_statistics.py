@@ -18,8 +18,8 @@ from bayesdeg.criticism.checks.statistics import (
     statistics_table,
 )
 from bayesdeg.criticism.fit.linear import linearise
-from bayesdeg.inference.model import Model
-from bayesdeg.observations.readings import Formula, Readings, places_of
+from bayesdeg.inference.model import JointModel
+from bayesdeg.observations.readings import Formula, FormulaReadings, places_of
 from bayesdeg.priors import Normal, Parameter
 from tests.inference.small_study import altered, small_model, values_of
 
@@ -430,9 +430,11 @@ def test_data_sets_without_an_answer_are_left_out_and_too_few_calibrate_nothing(
 def ball(height):
     times = np.sqrt(2.0 * height / 9.81) * 1.02
     gravity = Parameter("gravity", Normal(9.81, 0.01), "m/s²", "of the earth", None)
-    read = Readings(times, places_of(height, kind="time"), error=lambda values, readings: 0.02)
+    read = FormulaReadings(
+        times, places_of(height, kind="time"), error=lambda values, readings: 0.02
+    )
     fall = Formula(lambda values, height: np.sqrt(2.0 * height / values["gravity"]))
-    return Model((gravity,), (read,), fall)
+    return JointModel((gravity,), (read,), fall)
 
 
 def test_a_model_of_another_kind_has_trends_of_its_own():

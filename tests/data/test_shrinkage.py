@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from bayesdeg.data.shrinkage import (
     Known,
     Mixture,
-    Recipe,
+    MixtureRecipe,
     component_masses,
     density_by_mass_average,
     film_volume,
@@ -106,7 +106,7 @@ def test_linear_scale_and_its_error(alpha: float) -> None:
 
 
 FILMS = (np.array([30.0, 29.0, 31.0]), np.array([15.0, 16.0, 15.5]), np.array([10.0, 10.5, 10.2]))
-RECIPE = Recipe(
+RECIPE = MixtureRecipe(
     gelatin=Known(2.0, 0.1),
     water=Known(8.0, 0.3),
     gelatin_density=Known(1.35, 0.05),
@@ -115,7 +115,10 @@ RECIPE = Recipe(
 
 
 def test_an_exact_recipe_leaves_the_mean_of_the_films_as_it_is() -> None:
-    assert mean_over_films(FILMS, Recipe()) == (mean_of_replicates(volume_ratio(*FILMS)), 2.0)
+    assert mean_over_films(FILMS, MixtureRecipe()) == (
+        mean_of_replicates(volume_ratio(*FILMS)),
+        2.0,
+    )
 
 
 def test_the_error_of_the_recipe_is_the_spread_of_the_mean_over_recipes() -> None:

@@ -237,7 +237,8 @@ def test_every_column_is_in_the_one_table_of_names(table) -> None:
 
 
 @pytest.mark.parametrize("table", TABLES.values(), ids=TABLES.keys())
-def test_every_check_has_its_words(table) -> None:
+def test_every_check_has_its_words_and_what_a_missing_file_costs(table) -> None:
+    assert table.cost
     assert all(check.error and check.description for check in table.schema.checks)
     for column in table.columns.values():
         assert all(c.error and (c.description or words_of(column)) for c in column.checks)

@@ -3,7 +3,7 @@ from dataclasses import replace
 import pytest
 
 from bayesdeg.data.settings import Dimensions, Settings, parse_settings
-from bayesdeg.data.shrinkage import Known, Recipe
+from bayesdeg.data.shrinkage import Known, MixtureRecipe
 from bayesdeg.priors import Normal
 
 CONTRACT = """
@@ -198,9 +198,9 @@ def test_several_impossible_dimensions_are_all_named() -> None:
 def test_a_recipe_is_read_with_or_without_its_uncertainty() -> None:
     text = "[shrinkage]\nglycerol = 1.5\ngelatin_density = { value = 1.3, sd = 0.05 }\n"
     recipe = parse(text).recipe
-    assert recipe == Recipe(glycerol=Known(1.5), gelatin_density=Known(1.3, 0.05))
+    assert recipe == MixtureRecipe(glycerol=Known(1.5), gelatin_density=Known(1.3, 0.05))
     assert parse("[shrinkage]\n[shrinkage.water]\nvalue = 9\n").recipe.water == Known(9.0)
-    assert parse("").recipe == Recipe()
+    assert parse("").recipe == MixtureRecipe()
 
 
 @pytest.mark.parametrize(
@@ -223,4 +223,4 @@ def test_faults_of_a_recipe_are_named(line: str, column: str, suggested: str) ->
     settings, faults = parse_settings(f"[shrinkage]\n{line}\n".encode())
     assert [(fault.column, fault.row) for fault in faults] == [(column, 2)]
     assert suggested in faults[0].remedy
-    assert settings.recipe == Recipe()
+    assert settings.recipe == MixtureRecipe()

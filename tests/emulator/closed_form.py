@@ -11,7 +11,7 @@ from bayesdeg.actuator.inputs import PAPER_THICKNESS, Inputs, Prediction
 from bayesdeg.actuator.outputs import OUTPUTS
 from bayesdeg.actuator.sensitivity import INPUTS
 from bayesdeg.actuator.status import Status
-from bayesdeg.emulator.campaign import Plan, train
+from bayesdeg.emulator.campaign import FitPlan, train
 from bayesdeg.emulator.design import space_filling
 from bayesdeg.emulator.regression import Prior
 from bayesdeg.emulator.scaling import TrainingRange
@@ -204,7 +204,7 @@ class ClosedFormMap:
 POWERS = (1, 2, 2, 2, 1, 1, 2, 2, 2)
 ONCE = (1, 1, 0, 1, 1, 1, 1, 1, 1)
 PLANS = (
-    Plan(
+    FitPlan(
         (0, 1),
         True,
         Family((4, 2, 2, 2), (2, 1, 1, 1), POWERS, (1, 0, 1, 0)),
@@ -212,7 +212,7 @@ PLANS = (
         Prior(noise=1e-3),
         Prior(noise=1e-3),
     ),
-    Plan(
+    FitPlan(
         (2,),
         False,
         Family((3, 2, 2, 1), (1, 0, 1, 0), POWERS),

@@ -4,7 +4,7 @@ import numpy as np
 
 from bayesdeg.actuator.curve import Curve, CurveSolution, PathSamples
 from bayesdeg.actuator.geometry import Geometry
-from bayesdeg.actuator.material import Material
+from bayesdeg.actuator.material import MaterialGroups
 from bayesdeg.actuator.mesh import COARSE, Resolution
 from bayesdeg.actuator.outputs import OUTPUTS
 from bayesdeg.actuator.sensitivity import INPUTS
@@ -23,7 +23,7 @@ def curves(count, seed=3):
     drawn = []
     for softening, stiffening, paper in rng.random((count, 3)).tolist():
         c3 = 0.002 * 50.0**stiffening
-        material = Material(
+        material = MaterialGroups(
             c2_ratio=(softening - 0.5) * float(np.sqrt(3.0 * c3)),
             c3_ratio=c3,
             paper_group=10.0 * 20.0**paper,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bayesdeg.actuator.geometry import Geometry
-from bayesdeg.actuator.material import Material
+from bayesdeg.actuator.material import MaterialGroups
 from bayesdeg.actuator.mesh import Resolution
 from bayesdeg.actuator.status import Status
 from bayesdeg.data.settings import Dimensions
@@ -250,7 +250,7 @@ def variants():
         )
         yield field.name, dataclasses.replace(BASE, resolution=changed)
     curve = CURVE
-    for field in dataclasses.fields(Material):
+    for field in dataclasses.fields(MaterialGroups):
         material = dataclasses.replace(
             curve.material,
             **{field.name: getattr(curve.material, field.name) * (1.0 + 1e-15) or 1e-15},

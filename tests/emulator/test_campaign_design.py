@@ -6,7 +6,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from bayesdeg.actuator.material import Material
+from bayesdeg.actuator.material import MaterialGroups
 from bayesdeg.emulator.design import (
     ACTIVE,
     Effects,
@@ -20,7 +20,7 @@ from bayesdeg.emulator.kept import Recipe
 from bayesdeg.emulator.scaling import NOMINAL_THICKNESS, Place, TrainingRange
 
 SPAN, RECIPE = TrainingRange(), Recipe()
-BASE = Material(0.0, 0.01, 100.0, paper_thickness=NOMINAL_THICKNESS)
+BASE = MaterialGroups(0.0, 0.01, 100.0, paper_thickness=NOMINAL_THICKNESS)
 CAUSES = [f.name for f in fields(Effects) if f.name != "gravity"] + ["gravity_along", "gravity_up"]
 FIRST = space_filling(SPAN, RECIPE.coarse_runs, seed=RECIPE.seed)
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from bayesdeg.actuator.geometry import Geometry
-from bayesdeg.actuator.material import Material, is_elliptic
+from bayesdeg.actuator.material import MaterialGroups, is_elliptic
 from bayesdeg.data.settings import Dimensions
 from bayesdeg.emulator.campaign import runs
 from bayesdeg.emulator.design import Effects, is_answered, study_like
@@ -48,7 +48,7 @@ def test_materials_are_stable_and_paper_has_its_nominal_thickness_over_a_scale_n
 def test_none_one_or_two_causes_are_at_work_within_what_is_trained():
     names = [f.name for f in fields(Effects) if f.name not in ("gravity", "paper_thickness")]
     names += ["gravity_along", "gravity_up"]
-    base = Material(0.0, 0.01, 100.0)
+    base = MaterialGroups(0.0, 0.01, 100.0)
     at_work = np.column_stack([column(name) != getattr(base, name) for name in names])
     assert at_work.any(axis=0).all()
     assert at_work.sum(axis=1).max() == 2

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from bayesdeg.actuator.curve import Curve, PathSamples
-from bayesdeg.actuator.material import Material
+from bayesdeg.actuator.material import MaterialGroups
 from bayesdeg.actuator.outputs import OUTPUTS
 from bayesdeg.actuator.sensitivity import INPUTS
 from bayesdeg.actuator.status import Status
@@ -138,7 +138,7 @@ def path(kappa, slope, *, limit=math.inf):
     return PathSamples(loads, readings, gradients, Status.CONVERGED, limit, 20, "closed form")
 
 
-CURVE = Curve(LOADS, Material(0.0, 0.05, 100.0))
+CURVE = Curve(LOADS, MaterialGroups(0.0, 0.05, 100.0))
 Q = np.array(LOADS)
 
 

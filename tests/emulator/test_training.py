@@ -8,7 +8,7 @@ import numpy as np
 
 from bayesdeg.actuator.curve import MODEL_VERSION
 from bayesdeg.actuator.status import Status
-from bayesdeg.emulator.campaign import Plan, train
+from bayesdeg.emulator.campaign import FitPlan, train
 from bayesdeg.emulator.design import space_filling
 from bayesdeg.emulator.regression import Prior, observe
 from bayesdeg.emulator.surrogate import OUTPUTS
@@ -27,8 +27,8 @@ SMALL = Family((2, 1, 1, 1), (1, 0, 0, 0), (1, 1, 1, 1, 1, 1, 1, 1, 1))
 SHIFT = Family((1, 1, 1, 0), (0, 0, 0, 0), (0,) * 9)
 PRIOR = Prior(noise=1e-2)
 PLANS = (
-    Plan((0, 1), True, SMALL, SHIFT, PRIOR, PRIOR),
-    Plan((2,), False, SMALL, SHIFT, PRIOR, PRIOR),
+    FitPlan((0, 1), True, SMALL, SHIFT, PRIOR, PRIOR),
+    FitPlan((2,), False, SMALL, SHIFT, PRIOR, PRIOR),
 )
 FRESH = space_filling(SPAN, 64, seed=101)
 

@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 
-from bayesdeg.inference.model import Model
+from bayesdeg.inference.model import JointModel
 from bayesdeg.material.hyperelastic import yeoh_basis
 from bayesdeg.observations.breaks import Breaks, BreakTable
 from bayesdeg.observations.curvature import (
@@ -164,7 +164,7 @@ def small_model(forward=None):
         forward=forward or ClosedFormMap(),
         largest_pressure=140.0,
     )
-    empty = Model(base_parameters(), (Tensile(tensile_curves()),), world)
+    empty = JointModel(base_parameters(), (Tensile(tensile_curves()),), world)
     empty = empty.of_actuators(actuator_curves())
     values = values_of()
     tensile = empty.tensile

@@ -15,7 +15,7 @@ from scipy import stats
 from bayesdeg.errors import BayesdegError
 from bayesdeg.inference.importance import Proposal
 from bayesdeg.inference.laplace import Evidence, Laplace, approximate, evidence
-from bayesdeg.inference.model import Model
+from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import (
     EFFORTS,
     Chain,
@@ -495,7 +495,7 @@ def test_the_tree_survives_netcdf(tmp_path):
 
 def test_a_study_without_any_likelihood_has_a_joint_density_of_nothing(tmp_path):
     base = (*material_parameters((0.0,)), STIFFNESS_SCATTER)
-    model = Model(base, (), FilmsAndActuators(nodes=(0.0,)))
+    model = JointModel(base, (), FilmsAndActuators(nodes=(0.0,)))
     size = len(model.table)
     vectors = 0.01 * np.random.default_rng(0).standard_normal((2, 5, 4, size))
     chain = Chain(vectors, np.zeros(vectors.shape[:3]), np.full(2, 0.4))

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import bayesdeg
 from bayesdeg.data.settings import MODES, Dimensions, Settings, parse_settings
-from bayesdeg.data.shrinkage import Known, Recipe
+from bayesdeg.data.shrinkage import Known, MixtureRecipe
 from bayesdeg.data.study import read_study
 from bayesdeg.laboratory.experiment import Design, design_of, run_experiment
 from bayesdeg.laboratory.truth import Truth, parse_effects
@@ -229,7 +229,7 @@ laws = st.one_of(
         ),
         degradation_sd_pct=positive,
         recipe=st.builds(
-            Recipe,
+            MixtureRecipe,
             glycerol=st.builds(Known, positive),
             gelatin_density=st.builds(Known, st.floats(1.0, 2.0), st.floats(0.0, 0.5)),
         ),

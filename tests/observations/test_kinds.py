@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bayesdeg.inference.model import Model, blocks_of, replicate, without
+from bayesdeg.inference.model import JointModel, blocks_of, replicate, without
 from bayesdeg.observations.kinds import Observations, Places
 from bayesdeg.observations.published import PublishedTests, of_tests
 from bayesdeg.observations.readings import places_of
@@ -161,7 +161,7 @@ def test_a_further_kind_is_fitted_held_out_and_simulated_like_all_others():
     assert without(model, ["p1", "a2"]).groups == ("p2", "p3")
     again = replicate(model, values_of(), np.random.default_rng(0))
     assert again.of_kind(Length)[0].ratio.shape == (3,)
-    assert isinstance(model, Model)
+    assert isinstance(model, JointModel)
 
 
 def test_kinds_are_in_one_order_however_they_are_given():

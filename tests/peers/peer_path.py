@@ -7,16 +7,16 @@ import numpy as np
 
 from bayesdeg.actuator.equilibrium import follow
 from bayesdeg.actuator.linear import open_factorization
-from bayesdeg.actuator.material import Material
+from bayesdeg.actuator.material import MaterialGroups
 from bayesdeg.actuator.outputs import read_state
-from bayesdeg.actuator.problem import Problem, State, System
-from bayesdeg.actuator.status import Effort, Status
+from bayesdeg.actuator.problem import MechanicalState, Problem, System
+from bayesdeg.actuator.status import PathEffort, Status
 
 C1, C2, C3 = 0.288, -0.004, 0.0012  # MPa
 LINEAR_SCALE, PAPER_STIFFNESS = 0.843, 30.0  # –, N/mm
 PRESSURES = np.arange(20.0, 250.0, 20.0)  # kPa
 LOADS = PRESSURES * 1e-3 / C1
-FRESH = Material(
+FRESH = MaterialGroups(
     c2_ratio=C2 / C1,
     c3_ratio=C3 / C1,
     paper_group=PAPER_STIFFNESS / (C1 * LINEAR_SCALE),
@@ -45,12 +45,12 @@ class PeerPath:
 def refuse_special(material):
     """Raise ValueError if a material has what the peers leave out: skin, gravity and the like."""
     common = ("c2_ratio", "c3_ratio", "paper_group", "paper_poisson", "bulk_ratio")
-    plain = Material(**{name: getattr(material, name) for name in common})
+    plain = MaterialGroups(**{name: getattr(material, name) for name in common})
     if material != plain:
         raise ValueError(f"the peers know only {', '.join(common)}: {material}")
 
 
-EXACT = Effort(tolerance=1e-8, iterations=30, exact=True)
+EXACT = PathEffort(tolerance=1e-8, iterations=30, exact=True)
 
 
 def own_path(body, material, *, loads, effort=EXACT):
@@ -71,5 +71,5 @@ def own_path(body, material, *, loads, effort=EXACT):
 def curvatures(mesh, displacements):
     """Read the curvatures [1/m] of an actuator at the linear scale, as bayesdeg reads them."""
     none = np.zeros((len(mesh.body.elements), mesh.body.element.modes.shape[1]))
-    readings = (read_state(mesh, State(u, none, 0.0)) for u in displacements)
+    readings = (read_state(mesh, MechanicalState(u, none, 0.0)) for u in displacements)
     return np.array([reading.curvature * 1e3 / LINEAR_SCALE for reading in readings])

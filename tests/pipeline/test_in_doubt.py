@@ -10,7 +10,7 @@ from bayesdeg.data.study import read_study
 from bayesdeg.pipeline.record import in_doubt
 from bayesdeg.priors import LogNormal, with_priors
 from bayesdeg.report.headline import doubts_of
-from bayesdeg.report.record import InDoubt, Verdict
+from bayesdeg.report.record import InDoubt, VerdictRecord
 from tests.inference.small_study import altered, draws_near_truth, small_model
 
 STUDY = Path(__file__).resolve().parents[2] / "studies" / "gelatin_actuator"
@@ -44,7 +44,7 @@ def test_an_odd_film_and_a_value_off_its_prior_reach_the_reader():
     assert question.unit == "N/m"
     assert question.median < question.prior_low < 3e5 < question.prior_high
     assert 0.0 < question.p_value < 0.02
-    said = doubts_of(Verdict.read({"outcome": "adequate"} | found.document()))
+    said = doubts_of(VerdictRecord.read({"outcome": "adequate"} | found.document()))
     assert len(said) == 2
     assert said[0] == suspect.why
     assert np.all(["paper stiffness" in said[1], "N/m" in said[1]])

@@ -28,7 +28,7 @@ from bayesdeg.report.folder import LEFT_OUT, POSTERIORS, RunFolder
 from bayesdeg.report.left_out import (
     STRICT,
     Guard,
-    Stage,
+    OptionalStage,
     figure_stage,
     posterior_stage,
     table_stage,
@@ -42,31 +42,31 @@ COARSEST = Resolution(along=9.0, across=9.0, up=9.0)
 
 # what breaks each stage: the function that does it, where it is looked up
 BROKEN = {
-    Stage.VERDICT: (judge, "run_search"),
-    Stage.RUPTURE_MISFIT: (judge, "rupture_misfit"),
-    Stage.CONFLICT: (judge, "conflict"),
-    Stage.HELD_OUT: (judge, "held_out_and_all"),
-    Stage.SHARED_SCATTER: (judge, "shared_scatter"),
-    Stage.CONFUSABILITY: (judge, "confusability"),
-    Stage.LEVELS_OUT: (judge, "levels_out"),
-    Stage.EXPERIMENTS: (judge, "rank"),
-    Stage.EXTENDED: (run, "with_sampled_sizes"),
-    Stage.PRIOR_SENSITIVITY: (prior_sensitivity, "prior_sensitivity"),
-    Stage.PRIOR_PREDICTIVE: (prior_predictive, "prior_predictive"),
-    Stage.LEAVE_ONE_OUT: (leave_one_out, "leave_one_out"),
-    Stage.COURSE: (films, "_course"),
-    Stage.ORDERS: (films, "compare_orders"),
-    Stage.READINGS: (writing, "predict_readings"),
-    Stage.DEFORMED: (writing, "write_deformed"),
-    Stage.HELD_OUT_MODES: (writing, "held_out_modes"),
-    Stage.WHERE: (record, "where"),
-    Stage.CONCENTRATION: (record, "concentration"),
-    Stage.EXPLANATION: (record, "explain"),
-    Stage.COMPARISONS: (record, "comparisons"),
-    Stage.REFUSED: (record, "refused_inputs"),
-    Stage.IN_DOUBT: (run, "in_doubt"),
-    Stage.CHECKS_IN_WORDS: (record, "_checks"),
-    Stage.PAGE: (run, "build_page"),
+    OptionalStage.VERDICT: (judge, "run_search"),
+    OptionalStage.RUPTURE_MISFIT: (judge, "rupture_misfit"),
+    OptionalStage.CONFLICT: (judge, "conflict"),
+    OptionalStage.HELD_OUT: (judge, "held_out_and_all"),
+    OptionalStage.SHARED_SCATTER: (judge, "shared_scatter"),
+    OptionalStage.CONFUSABILITY: (judge, "confusability"),
+    OptionalStage.LEVELS_OUT: (judge, "levels_out"),
+    OptionalStage.EXPERIMENTS: (judge, "rank"),
+    OptionalStage.EXTENDED: (run, "with_sampled_sizes"),
+    OptionalStage.PRIOR_SENSITIVITY: (prior_sensitivity, "prior_sensitivity"),
+    OptionalStage.PRIOR_PREDICTIVE: (prior_predictive, "prior_predictive"),
+    OptionalStage.LEAVE_ONE_OUT: (leave_one_out, "leave_one_out"),
+    OptionalStage.COURSE: (films, "_course"),
+    OptionalStage.ORDERS: (films, "compare_orders"),
+    OptionalStage.READINGS: (writing, "predict_readings"),
+    OptionalStage.DEFORMED: (writing, "write_deformed"),
+    OptionalStage.HELD_OUT_MODES: (writing, "held_out_modes"),
+    OptionalStage.WHERE: (record, "where"),
+    OptionalStage.CONCENTRATION: (record, "concentration"),
+    OptionalStage.EXPLANATION: (record, "explain"),
+    OptionalStage.COMPARISONS: (record, "comparisons"),
+    OptionalStage.REFUSED: (record, "refused_inputs"),
+    OptionalStage.IN_DOUBT: (run, "in_doubt"),
+    OptionalStage.CHECKS_IN_WORDS: (record, "_checks"),
+    OptionalStage.PAGE: (run, "build_page"),
     table_stage(columns.STATISTICS): (statistics, "statistics_table"),
     table_stage(columns.LOO_PIT): (gain, "loo_pit"),
     table_stage(columns.DISCREPANCY): (writing, "misfit_frame"),
@@ -88,28 +88,28 @@ WRITTEN = {table_stage(name): name for name in columns.TABLES} | {
 }
 FIGURES = {figure_stage(name): name for name in DRAWN}
 # what can only be said, not raised: see the tests of too few simulated data sets
-SAID = {Stage.CALIBRATION}
+SAID = {OptionalStage.CALIBRATION}
 # of a study of films alone
 ELSEWHERE = {table_stage(columns.GAIN_MODES)}
-STAGES = sorted({*Stage, *WRITTEN, *FIGURES} - SAID - ELSEWHERE)
+STAGES = sorted({*OptionalStage, *WRITTEN, *FIGURES} - SAID - ELSEWHERE)
 
 # what goes with a stage
 WITHOUT = {
-    Stage.VERDICT: {
+    OptionalStage.VERDICT: {
         *("gain.csv", "gain_levels.csv", "statistics.csv", "discrepancy.csv", "loo_pit.csv"),
         "misfit_null.csv",
     },
-    Stage.HELD_OUT: {"gain.csv", "gain_levels.csv", "loo_pit.csv"},
-    Stage.SHARED_SCATTER: {"gain_levels.csv"},
-    Stage.LEVELS_OUT: {"gain_levels.csv"},
-    Stage.PRIOR_SENSITIVITY: {"prior_sensitivity.csv"},
-    Stage.PRIOR_PREDICTIVE: {"prior_predictive.csv"},
-    Stage.LEAVE_ONE_OUT: {"leave_one_out.csv"},
-    Stage.COURSE: {"course.csv", "posterior_course.nc"},
-    Stage.ORDERS: {"orders.csv"},
-    Stage.READINGS: {"observations.csv", "levels.csv"},
-    Stage.DEFORMED: {"deformed.npz", "actuator_0pct.vtu", "actuator_25pct.vtu"},
-    Stage.PAGE: {"index.html"},
+    OptionalStage.HELD_OUT: {"gain.csv", "gain_levels.csv", "loo_pit.csv"},
+    OptionalStage.SHARED_SCATTER: {"gain_levels.csv"},
+    OptionalStage.LEVELS_OUT: {"gain_levels.csv"},
+    OptionalStage.PRIOR_SENSITIVITY: {"prior_sensitivity.csv"},
+    OptionalStage.PRIOR_PREDICTIVE: {"prior_predictive.csv"},
+    OptionalStage.LEAVE_ONE_OUT: {"leave_one_out.csv"},
+    OptionalStage.COURSE: {"course.csv", "posterior_course.nc"},
+    OptionalStage.ORDERS: {"orders.csv"},
+    OptionalStage.READINGS: {"observations.csv", "levels.csv"},
+    OptionalStage.DEFORMED: {"deformed.npz", "actuator_0pct.vtu", "actuator_25pct.vtu"},
+    OptionalStage.PAGE: {"index.html"},
 }
 
 
@@ -243,7 +243,7 @@ def broken_at(stage, fault, patch):
 def test_every_stage_that_may_be_left_out_is_known_here():
     """The stages of the tables, posteriors and figures are made of their lists."""
     assert set(BROKEN) <= set(STAGES)
-    assert set(Stage) - SAID <= set(BROKEN)
+    assert set(OptionalStage) - SAID <= set(BROKEN)
     assert not set(WRITTEN) & set(FIGURES)
 
 
@@ -283,20 +283,20 @@ def test_a_stage_that_breaks_is_left_out_and_all_else_is_written(
     assert f"{stage}: {why}" in said
     assert "left_out.txt" in said.replace("\n", "")
     assert_judged_as_far_as_known(stage, verdict)
-    if stage != Stage.PAGE:
+    if stage != OptionalStage.PAGE:
         page = read_html((out / "index.html").read_text(encoding="utf-8"))
         assert f"{stage}: {why}" in page.by_id("left-out").text
 
 
 def assert_judged_as_far_as_known(stage, verdict):
     """Nothing is named where a test that may refute it is missing, and nothing is adequate."""
-    if stage in (Stage.VERDICT, Stage.HELD_OUT, Stage.SHARED_SCATTER):
+    if stage in (OptionalStage.VERDICT, OptionalStage.HELD_OUT, OptionalStage.SHARED_SCATTER):
         assert verdict["outcome"] == "not_judged"
         assert verdict["causes"] == verdict["predicted_with"] == []
         assert "broken on purpose" in verdict["explanation"]
     else:
         assert verdict["outcome"] == "named"
-        with_cause = [] if stage == Stage.EXTENDED else ["pressure_offset"]
+        with_cause = [] if stage == OptionalStage.EXTENDED else ["pressure_offset"]
         assert verdict["predicted_with"] == with_cause
 
 
@@ -315,7 +315,7 @@ def test_several_stages_may_break_at_once_and_files_of_the_run_before_are_remove
 ):
     out = tmp_path / "run"
     shutil.copytree(whole[0], out)
-    broken = ("bands.csv", Stage.COURSE, Stage.EXPERIMENTS, figure_stage("tensile"))
+    broken = ("bands.csv", OptionalStage.COURSE, OptionalStage.EXPERIMENTS, figure_stage("tensile"))
     for stage in broken:
         broken_at(stage, ValueError("no"), monkeypatch)
     code, found = command_of(cheap, out, monkeypatch)
@@ -358,7 +358,7 @@ def test_where_most_simulated_data_sets_have_no_answer_nothing_is_judged(
     said = "only 18 of 200 simulated data sets stayed within the emulator's range"
     assert said in verdict["explanation"]
     stages = {entry["stage"]: entry["why"] for entry in verdict["left_out"]}
-    assert set(stages) == {Stage.CALIBRATION, "statistics.csv"}
+    assert set(stages) == {OptionalStage.CALIBRATION, "statistics.csv"}
     assert all(said in why for why in stages.values())
     assert said in " ".join(capsys.readouterr().err.split())
     assert {"bands.csv", "statistics.csv", "misfit_null.csv", "index.html"} <= found
@@ -385,20 +385,20 @@ def test_where_most_simulated_data_sets_have_no_answer_nothing_is_judged(
 def test_what_is_no_fault_of_ours_is_passed_on(fault, strict):
     guard = Guard(strict=strict)
     with pytest.raises(type(fault)):
-        guard.attempt(Stage.COURSE, raising(fault))
+        guard.attempt(OptionalStage.COURSE, raising(fault))
     assert guard.left_out == []
 
 
 def test_what_is_left_out_is_kept_with_its_reason_and_traceback():
     guard = Guard(strict=False)
-    assert guard.attempt(Stage.COURSE, int, "7") == 7
-    assert guard.attempt(Stage.HELD_OUT, raising(ValueError("two\n  lines."))) is None
+    assert guard.attempt(OptionalStage.COURSE, int, "7") == 7
+    assert guard.attempt(OptionalStage.HELD_OUT, raising(ValueError("two\n  lines."))) is None
     assert guard.attempt("bands.csv", raising(ValueError())) is None
-    guard.note(Stage.HELD_OUT, "the first reason counts")
+    guard.note(OptionalStage.HELD_OUT, "the first reason counts")
     assert guard.stages == ("held-out specimens", "bands.csv")
-    assert guard.why(Stage.HELD_OUT).endswith("(ValueError: two lines).")
+    assert guard.why(OptionalStage.HELD_OUT).endswith("(ValueError: two lines).")
     assert guard.why("bands.csv").endswith("(ValueError).")
-    assert guard.why(Stage.COURSE) == ""
+    assert guard.why(OptionalStage.COURSE) == ""
     entry = guard.entries()[0]
     assert (entry.stage, entry.why) == ("held-out specimens", guard.left_out[0].why)
     assert guard.traces().count("Traceback (most recent") == 2

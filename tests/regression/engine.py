@@ -27,7 +27,7 @@ from bayesdeg.data.study import Study, read_study
 from bayesdeg.emulator.kept import default_surrogate
 from bayesdeg.inference.course import CourseModel, course_model, moisture_at
 from bayesdeg.inference.laplace import approximate
-from bayesdeg.inference.model import Model, near_films, replicate
+from bayesdeg.inference.model import JointModel, near_films, replicate
 from bayesdeg.observations.curvature import ActuatorCurves, Curvature
 from bayesdeg.observations.noise import sequential
 from bayesdeg.observations.published import of_tests, published_tests
@@ -148,12 +148,12 @@ class Folder(Adapter):
 
     Parameters
     ----------
-    model : Model
+    model : JointModel
     causes : tuple of Cause
         Its candidates.
     """
 
-    model: Model
+    model: JointModel
     causes: tuple[Cause, ...]
 
     @cached_property
@@ -227,7 +227,7 @@ class Folder(Adapter):
         return joined(parts)
 
     @property
-    def _subject(self) -> Model | None:
+    def _subject(self) -> JointModel | None:
         return self.model if self.model.has_readings else None
 
     def _of_readings(self, values: Floats) -> Block:
@@ -314,11 +314,11 @@ class Script(Adapter):
 
     Parameters
     ----------
-    model : Model
+    model : JointModel
     causes : tuple of Cause
     """
 
-    model: Model
+    model: JointModel
     causes: tuple[Cause, ...]
 
     @cached_property

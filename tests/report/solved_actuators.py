@@ -6,16 +6,16 @@ import numpy as np
 
 from bayesdeg.actuator.body import Body, box
 from bayesdeg.actuator.geometry import Geometry
-from bayesdeg.actuator.material import Material
+from bayesdeg.actuator.material import MaterialGroups
 from bayesdeg.actuator.mesh import Resolution, build_mesh
-from bayesdeg.actuator.problem import Problem, State, System
+from bayesdeg.actuator.problem import MechanicalState, Problem, System
 from bayesdeg.data.settings import Dimensions
 from bayesdeg.report.surface import NodalFields, Surface, faces_of, nodal_fields, shape_of
 
 SCALE = 0.8
 BENDING = 0.08  # 1/mm
 TWO_CHAMBERS = Geometry(Dimensions(length=20.0, chambers=2))
-YEOH = Material(c2_ratio=-0.02, c3_ratio=0.004, paper_group=0.0)
+YEOH = MaterialGroups(c2_ratio=-0.02, c3_ratio=0.004, paper_group=0.0)
 
 
 def actuator() -> Body:
@@ -32,7 +32,7 @@ def solved(body: Body, displacement, pressure=None, *, material=YEOH) -> NodalFi
     """Return the fields of a displacement, given as a function of the nodes."""
     modes = body.element.modes.shape[1]
     known = np.zeros((len(body.elements), modes)) if pressure is None else pressure
-    state = State(displacement(body.nodes), known, 0.0)
+    state = MechanicalState(displacement(body.nodes), known, 0.0)
     return nodal_fields(Problem(System(body), material), state)
 
 

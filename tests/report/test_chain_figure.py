@@ -7,7 +7,7 @@ import xarray as xr
 from bayesdeg.report.drawing import Shown
 from bayesdeg.report.figures.chains import BINS, MOST, rank_counts, rank_figure
 from bayesdeg.report.page import FIGURES
-from bayesdeg.report.record import RunRecord, Verdict
+from bayesdeg.report.record import RunRecord, VerdictRecord
 from bayesdeg.report.tables import Tables
 
 
@@ -39,12 +39,12 @@ def test_the_parameters_that_depart_most_are_drawn():
 
 @pytest.mark.parametrize("draws", [None, posterior().isel(chain=[0])])
 def test_without_several_chains_there_is_no_figure(draws):
-    run = Verdict(outcome="adequate"), RunRecord(title="a run"), Tables({})
+    run = VerdictRecord(outcome="adequate"), RunRecord(title="a run"), Tables({})
     assert FIGURES["ranks"].drawing(Shown(*run, posterior=lambda _: draws)) is None
 
 
 def test_the_caption_tells_how_many_chains_there_are():
-    run = Verdict(outcome="adequate"), RunRecord(title="a run"), Tables({})
+    run = VerdictRecord(outcome="adequate"), RunRecord(title="a run"), Tables({})
     drawing = FIGURES["ranks"].drawing(Shown(*run, posterior=lambda _: posterior()))
     assert "each of 4 chains" in drawing.caption
     assert drawing.section == "posterior"

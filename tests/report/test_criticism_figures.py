@@ -20,7 +20,7 @@ from bayesdeg.report.figures.criticism import (
     statistics_figure,
 )
 from bayesdeg.report.page import FIGURES as DRAWN
-from bayesdeg.report.record import RunRecord, Verdict
+from bayesdeg.report.record import RunRecord, VerdictRecord
 from bayesdeg.report.tables import Tables
 from bayesdeg.report.wording import number
 
@@ -223,7 +223,7 @@ def test_without_a_named_cause_nothing_is_said_to_be_left():
 
 def caption_of(name, table):
     tables = Tables({name.replace("-", "_"): table})
-    shown = Shown(Verdict(outcome="adequate"), RunRecord(title="a run"), tables)
+    shown = Shown(VerdictRecord(outcome="adequate"), RunRecord(title="a run"), tables)
     return DRAWN[name].drawing(shown).caption.replace("\N{NO-BREAK SPACE}", " ")
 
 

@@ -13,7 +13,7 @@ from bayesdeg.records import LARGEST
 from bayesdeg.report.folder import POSTERIOR, RUN_FILES, RunFolder
 from bayesdeg.report.left_out import Guard
 from bayesdeg.report.page import build_page
-from bayesdeg.report.tables import TABLES, Kind
+from bayesdeg.report.tables import TABLES, CellKind
 from tests.report.synthetic_run import write_full
 
 
@@ -31,7 +31,7 @@ def run(whole, tmp_path):
 
 
 NUMBERS = {
-    name: next(c.name for c in table.columns if c.kind is Kind.NUMBER and c.finite)
+    name: next(c.name for c in table.columns if c.kind is CellKind.NUMBER and c.finite)
     for name, table in TABLES.items()
 }
 
@@ -63,14 +63,14 @@ def test_log_densities_may_be_infinite_but_not_huge(run):
 @pytest.mark.parametrize("name", TABLES)
 def test_what_is_not_finite_is_written_as_not_available(name, tmp_path):
     columns = TABLES[name].columns
-    cells = {c.name: ["x" if c.kind is Kind.TEXT else 10.0 * LARGEST] for c in columns}
-    cells |= {c.name: [np.inf] for c in columns if c.kind is Kind.NUMBER and not c.finite}
-    cells |= {c.name: [0.0] for c in columns if c.kind is Kind.LEVEL}
+    cells = {c.name: ["x" if c.kind is CellKind.TEXT else 10.0 * LARGEST] for c in columns}
+    cells |= {c.name: [np.inf] for c in columns if c.kind is CellKind.NUMBER and not c.finite}
+    cells |= {c.name: [0.0] for c in columns if c.kind is CellKind.LEVEL}
     folder = RunFolder(tmp_path)
     folder.write_table(name, pd.DataFrame(cells))
     back = folder.read_table(name).iloc[0]
     for column in columns:
-        if column.kind is Kind.NUMBER:
+        if column.kind is CellKind.NUMBER:
             assert np.isnan(back[column.name]) if column.finite else np.isinf(back[column.name])
 
 

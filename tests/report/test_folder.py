@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from bayesdeg.errors import BayesdegError
 from bayesdeg.records import LARGEST
 from bayesdeg.report.folder import RunFolder
-from bayesdeg.report.tables import TABLES, Kind
+from bayesdeg.report.tables import TABLES, CellKind
 from tests.report.synthetic_run import bands, gain, levels, write_full
 
 FLOATS = st.floats(-LARGEST, LARGEST)
@@ -46,7 +46,7 @@ def test_a_table_comes_back_as_it_was_written(rows, tmp_path):
 @pytest.mark.parametrize("name", TABLES)
 def test_columns_are_written_in_the_documented_order_with_others_after(name, tmp_path):
     columns = TABLES[name].columns
-    cells = {column.name: ["x" if column.kind is Kind.TEXT else 1.5] for column in columns}
+    cells = {column.name: ["x" if column.kind is CellKind.TEXT else 1.5] for column in columns}
     shuffled = pd.DataFrame({"extra": ["kept"], **dict(reversed(cells.items()))})
     folder = RunFolder(tmp_path)
     folder.write_table(name, shuffled)

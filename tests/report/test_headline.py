@@ -6,7 +6,7 @@ import pytest
 
 from bayesdeg.criticism.outcome import Outcome
 from bayesdeg.report.headline import BADGES, headline_of
-from bayesdeg.report.record import Verdict
+from bayesdeg.report.record import VerdictRecord
 from tests.report.synthetic_run import gain
 
 SPACE = "\N{NO-BREAK SPACE}"
@@ -33,7 +33,7 @@ MISFITS = {
 def verdict(outcome, misfit="of films", *, probability=None, effects=None):
     effects = effects or {}
     causes = ["second_invariant", "stress_measure"]
-    return Verdict.read(
+    return VerdictRecord.read(
         {
             "outcome": str(outcome),
             "causes": CAUSES.get(outcome, []),
@@ -97,7 +97,7 @@ def test_sizes_of_causes_that_act_together_are_in_the_headline():
 
 
 def test_the_lede_says_what_is_gained_by_a_named_cause():
-    named = Verdict.read(
+    named = VerdictRecord.read(
         {
             "outcome": "named",
             "causes": ["degraded_skin"],

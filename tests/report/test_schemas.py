@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from bayesdeg.records import VERSION, RecordError
-from bayesdeg.report.record import RunRecord, Verdict
+from bayesdeg.report.record import RunRecord, VerdictRecord
 from docs.write_schemas import SCHEMAS, write_schemas
 from tests.report.synthetic_run import write_full
 
@@ -30,16 +30,16 @@ def test_every_file_says_which_version_of_its_format_it_is(name):
     assert schema["properties"]["schema_version"]["default"] == VERSION
 
 
-@pytest.mark.parametrize("kind", [Verdict, RunRecord])
+@pytest.mark.parametrize("kind", [VerdictRecord, RunRecord])
 def test_what_is_written_comes_back(kind, tmp_path):
     folder = write_full(tmp_path, "ambiguous")
-    record = folder.read_verdict() if kind is Verdict else folder.read_run()
+    record = folder.read_verdict() if kind is VerdictRecord else folder.read_run()
     assert kind.read(json.loads(record.text())) == record
     assert next(iter(json.loads(record.text()))) == "schema_version"
 
 
 def test_keys_of_another_version_are_passed_over_and_a_newer_format_is_refused():
-    verdict = Verdict.read({"outcome": "adequate", "colour": "red"})
+    verdict = VerdictRecord.read({"outcome": "adequate", "colour": "red"})
     assert "colour" not in verdict.document()
     with pytest.raises(RecordError, match="newer bayesdeg"):
-        Verdict.read({"outcome": "adequate", "schema_version": VERSION + 1})
+        VerdictRecord.read({"outcome": "adequate", "schema_version": VERSION + 1})

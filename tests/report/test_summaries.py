@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bayesdeg.report.record import Verdict
+from bayesdeg.report.record import VerdictRecord
 from bayesdeg.report.summaries import (
     MOST_LEVELS,
     extended_model,
@@ -62,7 +62,7 @@ def test_a_model_that_is_absent_leaves_its_cells_empty():
     ],
 )
 def test_the_extended_model_is_the_one_with_just_the_named_causes(models, outcome, causes, found):
-    verdict = Verdict.read({"outcome": outcome, "causes": causes})
+    verdict = VerdictRecord.read({"outcome": outcome, "causes": causes})
     assert extended_model(pd.DataFrame({"model": models}), verdict) == found
 
 
@@ -97,10 +97,10 @@ def test_a_parameter_without_a_prior_interval_has_no_bar():
 def test_the_parts_of_a_gain_add_up_to_the_one_by_which_a_cause_is_judged():
     candidate = {"cause": "degraded_skin", "elpd_diff": 46.0, "elpd_diff_se": 6.4}
     verdict = {"outcome": "named", "causes": ["degraded_skin"], "candidates": [candidate]}
-    parts = gain_parts(gain("named"), Verdict.read(verdict))
+    parts = gain_parts(gain("named"), VerdictRecord.read(verdict))
     assert (parts.total, parts.total_se, parts.here) == (46.0, 6.4, 39.5)
     assert parts.here + parts.beside == parts.total
     alone = verdict | {"candidates": [candidate | {"elpd_diff": 39.5}]}
-    assert gain_parts(gain("named"), Verdict.read(alone)) is None
-    assert gain_parts(None, Verdict.read(verdict)) is None
-    assert gain_parts(gain("named"), Verdict.read({"outcome": "unexplained"})) is None
+    assert gain_parts(gain("named"), VerdictRecord.read(alone)) is None
+    assert gain_parts(None, VerdictRecord.read(verdict)) is None
+    assert gain_parts(gain("named"), VerdictRecord.read({"outcome": "unexplained"})) is None

@@ -13,7 +13,7 @@ from bayesdeg.actuator.body import (
     QUADRATIC_CONSTANT,
     box,
 )
-from bayesdeg.actuator.material import Material
+from bayesdeg.actuator.material import MaterialGroups
 from bayesdeg.report.surface import cauchy_stress, logarithmic_strain, vtk_order, write_vtu
 from tests.report.solved_actuators import BENDING, SCALE, actuator, bent, brick, solved
 
@@ -177,7 +177,7 @@ def test_the_stress_is_that_of_the_solid_that_was_solved(seed):
 def test_the_skin_is_stiffer_in_the_stress_too():
     body = actuator()
     uniform, skinned = (
-        solved(body, bent, material=Material(0.0, 0.0, 0.0, skin=skin)) for skin in (0.0, 0.4)
+        solved(body, bent, material=MaterialGroups(0.0, 0.0, 0.0, skin=skin)) for skin in (0.0, 0.4)
     )
     shear = skinned.constants[:, 0]
     assert np.ptp(uniform.constants[:, 0]) < 1e-14

@@ -14,7 +14,7 @@ from scipy import stats
 
 from bayesdeg.criticism.chance import chance_of
 from bayesdeg.criticism.outcome import MISFIT_LEVEL
-from bayesdeg.inference.model import Model
+from bayesdeg.inference.model import JointModel
 from bayesdeg.observations.means import Statistic
 from bayesdeg.priors import Flat, Law, Parameter
 
@@ -44,7 +44,7 @@ class Conflict:
     p_value: float
 
 
-def conflict(model: Model, vectors: Floats) -> Conflict | None:
+def conflict(model: JointModel, vectors: Floats) -> Conflict | None:
     r"""Compare measured means with a posterior.
 
     .. math:: p = 2 P(T_\nu > |s - E| / \sqrt{se^2 + sd^2})
@@ -53,7 +53,7 @@ def conflict(model: Model, vectors: Floats) -> Conflict | None:
 
     Parameters
     ----------
-    model : Model
+    model : JointModel
         With statistics; else there is nothing to compare: None.
     vectors : array, shape (k, n_parameters)
         Posterior draws.
@@ -106,7 +106,7 @@ class Questioned:
         return float(low), float(high)
 
 
-def questioned(model: Model, vectors: Floats) -> tuple[Questioned, ...]:
+def questioned(model: JointModel, vectors: Floats) -> tuple[Questioned, ...]:
     r"""Return the parameters that are calibrated to what their priors all but exclude.
 
     .. math:: p = m P(\pi(\theta) \le \pi(\theta_{50}))
@@ -118,7 +118,7 @@ def questioned(model: Model, vectors: Floats) -> tuple[Questioned, ...]:
 
     Parameters
     ----------
-    model : Model
+    model : JointModel
         Of which the parameters of causes are left out: their sizes are judged with the causes.
     vectors : array, shape (k, n_parameters)
         Posterior draws.

@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from bayesdeg.criticism.chance import chance_of
 from bayesdeg.criticism.checks.discrepancy import Misfit
 from bayesdeg.criticism.fit.linear import Linear
-from bayesdeg.inference.model import Model
+from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import Chain
 from bayesdeg.material.degradation import LEVEL_WIDTH, levels
 from bayesdeg.observations.curvature import ACTUATOR
@@ -58,7 +58,7 @@ class CurvatureFit:
 
 
 def predict_readings(
-    model: Model, chain: Chain, generator: np.random.Generator, *, draws: int = 400
+    model: JointModel, chain: Chain, generator: np.random.Generator, *, draws: int = 400
 ) -> CurvatureFit:
     """Return posterior predictions at the conditions of the data."""
     flat = chain.vectors.reshape(-1, chain.vectors.shape[-1])
@@ -82,7 +82,9 @@ def r_squared(measured: Floats, predicted: Floats) -> float:
     return float(1.0 - np.sum((measured - predicted) ** 2) / total)
 
 
-def level_table(model: Model, fit: CurvatureFit, published: dict[float, float]) -> pd.DataFrame:
+def level_table(
+    model: JointModel, fit: CurvatureFit, published: dict[float, float]
+) -> pd.DataFrame:
     """Return R² and RMS of the residuals per level and over all, beside published R².
 
     Columns: ``degradation_pct``, ``n``, ``r_squared``, ``rms_per_m``, ``published_r_squared``.
@@ -101,7 +103,7 @@ def level_table(model: Model, fit: CurvatureFit, published: dict[float, float]) 
 
 
 def _level_row(
-    label: str, model: Model, fit: CurvatureFit, rows: NDArray[np.bool_], published: float
+    label: str, model: JointModel, fit: CurvatureFit, rows: NDArray[np.bool_], published: float
 ) -> dict[str, object]:
     assert model.actuator is not None
     mask = model.actuator.mask & rows[:, None]
@@ -180,12 +182,12 @@ class ReadingsDeparture:
     above: bool
 
 
-def where(model: Model, residual: Floats, noise: float) -> CurvatureDeparture | None:
+def where(model: JointModel, residual: Floats, noise: float) -> CurvatureDeparture | None:
     """Return where the misfit is largest: pressures, degradation rates, specimens.
 
     Parameters
     ----------
-    model : Model
+    model : JointModel
         With actuator data.
     residual : array, shape (n_specimens, n_points)
         Measured less predicted [1/m].
@@ -268,7 +270,7 @@ INSEPARABLE = 1e-6
 
 
 @dataclass(frozen=True)
-class Statistic:
+class ResidualStatistic:
     """What is computed of whitened data, and what it means.
 
     Parameters

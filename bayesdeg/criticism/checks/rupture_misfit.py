@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.criticism.chance import chance_of
-from bayesdeg.inference.model import Model, replicate
+from bayesdeg.inference.model import JointModel, replicate
 
 Floats = NDArray[np.float64]
 
@@ -42,7 +42,7 @@ class RuptureMisfit:
 
 
 def rupture_misfit(
-    model: Model, vectors: Floats, generator: np.random.Generator
+    model: JointModel, vectors: Floats, generator: np.random.Generator
 ) -> RuptureMisfit | None:
     """Compare ruptures with those of data simulated from posterior draws.
 
@@ -51,7 +51,7 @@ def rupture_misfit(
 
     Parameters
     ----------
-    model : Model
+    model : JointModel
         With actuators and a limit of elongation; else there is nothing to compare: None.
     vectors : array, shape (k, n_parameters)
         Posterior draws.
@@ -85,7 +85,7 @@ def rupture_misfit(
     )
 
 
-def _deviances(model: Model, vectors: Floats) -> Floats:
+def _deviances(model: JointModel, vectors: Floats) -> Floats:
     """Return −2 ln of the ruptures' probability, (k,); readings that are nan play no part."""
     with np.errstate(all="ignore"):
         state = model.state(model.table.named(vectors))
@@ -93,7 +93,7 @@ def _deviances(model: Model, vectors: Floats) -> Floats:
         return np.asarray(-2.0 * np.sum(np.concatenate(densities, axis=1), axis=1))
 
 
-def _events(model: Model) -> int | None:
+def _events(model: JointModel) -> int | None:
     """Return how many specimens met an event; None where none is recorded."""
     counts = [one.events for one in model.observations if one.events is not None]
     return sum(counts) if counts else None

@@ -25,7 +25,12 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from bayesdeg.criticism.chance import chance_of
-from bayesdeg.criticism.checks.residuals import Statistic, between_specimens, functional, regression
+from bayesdeg.criticism.checks.residuals import (
+    ResidualStatistic,
+    between_specimens,
+    functional,
+    regression,
+)
 from bayesdeg.criticism.fit.linear import Linear
 from bayesdeg.observations.curvature import ACTUATOR, ANGLE, CURVATURE
 from bayesdeg.observations.kinds import Places
@@ -95,7 +100,7 @@ class Bench:
         return PERCENT * self.size * share
 
 
-def actuator_statistics(linear: Linear) -> tuple[Statistic, ...]:
+def actuator_statistics(linear: Linear) -> tuple[ResidualStatistic, ...]:
     """Return the statistics of actuators; none where there are none."""
     if not np.any(linear.subject.places.family == ACTUATOR):
         return ()
@@ -113,8 +118,8 @@ def actuator_statistics(linear: Linear) -> tuple[Statistic, ...]:
     )
 
 
-def _offset(bench: Bench) -> Statistic:
-    return Statistic(
+def _offset(bench: Bench) -> ResidualStatistic:
+    return ResidualStatistic(
         "offset at low pressure",
         "kPa",
         "curves start late: as with a pressure offset or the threshold of a valve",
@@ -124,8 +129,8 @@ def _offset(bench: Bench) -> Statistic:
     )
 
 
-def _slopes(bench: Bench) -> Statistic:
-    return Statistic(
+def _slopes(bench: Bench) -> ResidualStatistic:
+    return ResidualStatistic(
         "ratio of slopes at high and low pressure, over the simulated",
         "–",
         "curves steepen more with pressure than simulated: as with creep in a slow test, or with "
@@ -138,10 +143,10 @@ def _slopes(bench: Bench) -> Statistic:
     )
 
 
-def _hysteresis(bench: Bench) -> Statistic:
+def _hysteresis(bench: Bench) -> ResidualStatistic:
     weights = _area(bench)
     unloading = bench.histories[:, 0] == "unloading"
-    found = Statistic(
+    found = ResidualStatistic(
         "hysteresis area between branches",
         "kPa/m",
         "unloading lies above loading more than simulated: as with creep or damage",
@@ -177,11 +182,11 @@ def _area(bench: Bench) -> Floats:
     return weights / max(loops, 1)
 
 
-def _time(bench: Bench) -> Statistic:
+def _time(bench: Bench) -> ResidualStatistic:
     known = bench.rows & np.isfinite(bench.places.time)
     minutes = np.where(known, bench.places.time, 0.0) / 60.0
     direction = bench.excess(minutes)
-    found = Statistic(
+    found = ResidualStatistic(
         "trend of the residual with time",
         "%/min",
         "curvature grows with time at the same pressure: as with creep",
@@ -203,9 +208,9 @@ def _time(bench: Bench) -> Statistic:
     return replace(found, projections=projection)
 
 
-def _degradation(bench: Bench) -> Statistic:
+def _degradation(bench: Bench) -> ResidualStatistic:
     share = np.where(bench.rows, bench.places.level, 0.0) / 10.0
-    return Statistic(
+    return ResidualStatistic(
         "trend of the residual with degradation",
         "% per 10 points",
         "degraded actuators bend more than simulated: as with eroded walls, or with degradation "
@@ -217,8 +222,8 @@ def _degradation(bench: Bench) -> Statistic:
     )
 
 
-def _scatter(bench: Bench) -> Statistic:
-    return Statistic(
+def _scatter(bench: Bench) -> ResidualStatistic:
+    return ResidualStatistic(
         "variance between specimens, over the model's",
         "–",
         "specimens of one degradation rate differ more than the model allows: as with uneven walls "
@@ -232,9 +237,9 @@ def _scatter(bench: Bench) -> Statistic:
     )
 
 
-def _angle(bench: Bench) -> Statistic:
+def _angle(bench: Bench) -> ResidualStatistic:
     angle = bench.places.kind == ANGLE
-    found = Statistic(
+    found = ResidualStatistic(
         "curvature beyond what the bend angle says",
         "%",
         "the arc is shorter than simulated: as with a part that shrank more",
@@ -249,9 +254,9 @@ def _angle(bench: Bench) -> Statistic:
     return replace(found, projections=regression(bench.linear, bench.excess(share), bench.size))
 
 
-def _cycles(bench: Bench) -> Statistic:
+def _cycles(bench: Bench) -> ResidualStatistic:
     later = (bench.histories[:, 1] != "1") & bench.rows
-    return Statistic(
+    return ResidualStatistic(
         "later cycles against the first",
         "%",
         "later cycles bend further than simulated: as with softening by the first loading",
@@ -261,15 +266,15 @@ def _cycles(bench: Bench) -> Statistic:
     )
 
 
-def _mounts(bench: Bench) -> list[Statistic]:
+def _mounts(bench: Bench) -> list[ResidualStatistic]:
     mounts, number = np.unique(bench.histories[bench.rows, 2], return_counts=True)
     first = str(mounts[np.argmax(number)])
     if len(mounts) == 1:
         why = "needs a second mount: column mount of actuator.csv"
-        return [Statistic("difference between mounts", "%", "", "", None, why)]
+        return [ResidualStatistic("difference between mounts", "%", "", "", None, why)]
     other = {str(m): bench.histories[:, 2] == m for m in mounts if m != first}
     return [
-        Statistic(
+        ResidualStatistic(
             f"mount {name} against {first}".replace("_", " "),
             "%",
             f"actuators bend further {name} than {first}, more than simulated: as by their weight",
@@ -301,7 +306,7 @@ def _shift_and_bend(pressure: Floats, size: Floats, largest: float) -> tuple[Flo
     return -slope[place[1:]], bend[place[1:]]
 
 
-def film_statistics(linear: Linear) -> tuple[Statistic, ...]:
+def film_statistics(linear: Linear) -> tuple[ResidualStatistic, ...]:
     """Return the statistics of films in tension; none where there are none."""
     places = linear.subject.places
     rows = places.family == FILM
@@ -309,7 +314,7 @@ def film_statistics(linear: Linear) -> tuple[Statistic, ...]:
         return ()
     size = np.where(rows, linear.prediction, 0.0)
     stretch = np.where(rows, places.along - 1.0, 0.0)
-    trend = Statistic(
+    trend = ResidualStatistic(
         "trend of the films' residual with stretch",
         "% per unit of stretch",
         "stresses rise faster with stretch than simulated: as with Cauchy stress recorded as "
@@ -322,28 +327,28 @@ def film_statistics(linear: Linear) -> tuple[Statistic, ...]:
     return (*_modes(linear, size), trend, _scatter_of_films(linear, size))
 
 
-def other_statistics(linear: Linear) -> tuple[Statistic, ...]:
+def other_statistics(linear: Linear) -> tuple[ResidualStatistic, ...]:
     """Return statistics of readings that are neither actuators' nor films'."""
     families = dict.fromkeys(linear.subject.places.family.tolist())
-    found: list[Statistic] = []
+    found: list[ResidualStatistic] = []
     for family in families:
         if family not in (ACTUATOR, FILM):
             found += _of_family(linear, family)
     return tuple(found)
 
 
-def _modes(linear: Linear, size: Floats) -> list[Statistic]:
+def _modes(linear: Linear, size: Floats) -> list[ResidualStatistic]:
     """Return the mean excess of stress in each mode of tension over the first."""
     places = linear.subject.places
     modes = list(dict.fromkeys(places.history[size != 0.0].tolist()))
     if len(modes) == 1:
         why = "needs a second mode of tension: column mode of tensile.csv"
-        return [Statistic("difference between modes of tension", "MPa", "", "", None, why)]
+        return [ResidualStatistic("difference between modes of tension", "MPa", "", "", None, why)]
     first = "uniaxial" if "uniaxial" in modes else modes[0]
     rest = [mode for mode in modes if mode != first]
     scaled = {mode: _of_mean_one(size, places.history == mode) for mode in rest}
     return [
-        Statistic(
+        ResidualStatistic(
             f"{mode} against {first} tension",
             "MPa",
             f"stress in {mode} tension is higher than {first} curves lead to expect: as with "
@@ -364,8 +369,8 @@ def _of_mean_one(size: Floats, rows: NDArray[np.bool_]) -> Floats:
     return np.asarray(own / np.mean(np.abs(size[rows & (size != 0.0)])))
 
 
-def _scatter_of_films(linear: Linear, size: Floats) -> Statistic:
-    return Statistic(
+def _scatter_of_films(linear: Linear, size: Floats) -> ResidualStatistic:
+    return ResidualStatistic(
         "variance between films, over the model's",
         "–",
         "films of one degradation rate differ more than the model allows: as with misread "
@@ -379,7 +384,7 @@ def _scatter_of_films(linear: Linear, size: Floats) -> Statistic:
     )
 
 
-def _of_family(linear: Linear, family: str) -> list[Statistic]:
+def _of_family(linear: Linear, family: str) -> list[ResidualStatistic]:
     places = linear.subject.places
     rows = places.family == family
     size = np.where(rows, linear.prediction, 0.0)
@@ -391,7 +396,7 @@ def _of_family(linear: Linear, family: str) -> list[Statistic]:
             ("time", places.time),
         )
     ]
-    scatter = Statistic(
+    scatter = ResidualStatistic(
         f"variance between specimens, over the model's ({family})",
         "–",
         "specimens of one level differ more than the model allows",
@@ -404,7 +409,9 @@ def _of_family(linear: Linear, family: str) -> list[Statistic]:
     return [*found, scatter]
 
 
-def _trend(linear: Linear, size: Floats, values: Floats, *, family: str, along: str) -> Statistic:
+def _trend(
+    linear: Linear, size: Floats, values: Floats, *, family: str, along: str
+) -> ResidualStatistic:
     """Return the relative residual's change from the smallest to the largest of these values."""
     rows = (size != 0.0) & np.isfinite(values)
     extent = float(np.ptp(values[rows])) if rows.any() else 0.0
@@ -412,7 +419,7 @@ def _trend(linear: Linear, size: Floats, values: Floats, *, family: str, along: 
     if extent > 0.0:
         share = np.where(rows, values - np.min(values[rows]), 0.0) / extent
         projection = regression(linear, PERCENT * size * share, size, size * rows)
-    return Statistic(
+    return ResidualStatistic(
         f"trend of the residual with {along} ({family})",
         "% over all",
         f"readings exceed the prediction more and more with {along}",
@@ -510,7 +517,7 @@ def statistics_table(
     )
 
 
-def statistics_of(linear: Linear) -> tuple[Statistic, ...]:
+def statistics_of(linear: Linear) -> tuple[ResidualStatistic, ...]:
     """Return every statistic of the readings of a linearised model."""
     return (*actuator_statistics(linear), *film_statistics(linear), *other_statistics(linear))
 
@@ -587,7 +594,7 @@ def _distance(values: Floats, squares: NDArray[np.bool_]) -> Floats:
 
 
 def _physical(
-    statistic: Statistic, value: float, drawn: Floats, p_value: float, p_adjusted: float
+    statistic: ResidualStatistic, value: float, drawn: Floats, p_value: float, p_adjusted: float
 ) -> Physical:
     low, middle, high = (float(q) for q in np.quantile(drawn, [0.05, 0.5, 0.95]))
     return Physical(
@@ -603,6 +610,6 @@ def _physical(
     )
 
 
-def _missing(statistic: Statistic, why: str) -> Physical:
+def _missing(statistic: ResidualStatistic, why: str) -> Physical:
     nan = float("nan")
     return Physical(statistic.name, statistic.unit, nan, nan, nan, nan, nan, "", unavailable=why)

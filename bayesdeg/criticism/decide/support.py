@@ -12,9 +12,9 @@ from bayesdeg.criticism.fit.trials import Trial
 from bayesdeg.criticism.holdout.held_out import HeldOut, difference
 from bayesdeg.criticism.holdout.leaving_out import carried_out, one_by_one
 from bayesdeg.criticism.subject import columns_of
-from bayesdeg.inference.model import Model
+from bayesdeg.inference.model import JointModel
 
-Regroup = Callable[[Model], Model]
+Regroup = Callable[[JointModel], JointModel]
 
 INSEPARABLE = float(np.log(20.0))
 IMPLAUSIBLE = 0.005  # prior probability of a size as far from neutral
@@ -158,12 +158,12 @@ def hold_out_each(
     return found
 
 
-def as_it_is(subject: Model) -> Model:
+def as_it_is(subject: JointModel) -> JointModel:
     """Return a model that holds out the groups that it has."""
     return subject
 
 
-def can_be_held_out(subject: Model) -> bool:
+def can_be_held_out(subject: JointModel) -> bool:
     """Return whether something is left to predict from: a measured mean may stand alone."""
     return len(subject.groups) >= (2 if np.any(subject.group != "") else 1)
 

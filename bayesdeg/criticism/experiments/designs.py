@@ -15,8 +15,13 @@ from bayesdeg.actuator.inputs import NEUTRAL, Inputs
 from bayesdeg.causes.cause import Conditions, Degradation, Stage
 from bayesdeg.causes.erosion import NOMINAL_WALL
 from bayesdeg.causes.fold import acting, applied
-from bayesdeg.criticism.experiments.ranking import ActuatorTests, Experiment, FilmTests, Plan
-from bayesdeg.inference.model import Model
+from bayesdeg.criticism.experiments.ranking import (
+    ActuatorTests,
+    Experiment,
+    ExperimentPlan,
+    FilmTests,
+)
+from bayesdeg.inference.model import JointModel
 from bayesdeg.material.degradation import young_modulus
 from bayesdeg.material.hyperelastic import yeoh_basis
 from bayesdeg.observations.curvature import ActuatorCurves, Curvature
@@ -144,7 +149,7 @@ class ActuatorDesign:
     ) -> Experiment:
         """Return an experiment on so many specimens as the study has of a level."""
         return Experiment(
-            Plan(
+            ExperimentPlan(
                 kind,
                 self.copies * len(curves.specimens),
                 tuple(curves.degradation[:, 0].tolist()),
@@ -253,7 +258,7 @@ class Part:
 
 
 @dataclass(frozen=True)
-class Quantity:
+class Measurand:
     """What is measured of a part.
 
     Parameters
@@ -272,7 +277,7 @@ class PartMeasurements:
 
     Parameters
     ----------
-    quantity : Quantity
+    quantity : Measurand
         What is measured.
     degradation, degradation_sd : array, shape (S, 1)
         Of each kind of specimen, as recorded, and its standard error [%].
@@ -282,7 +287,7 @@ class PartMeasurements:
         Specimens of each kind.
     """
 
-    quantity: Quantity
+    quantity: Measurand
     degradation: Floats
     degradation_sd: Floats
     pressure: Floats
@@ -293,28 +298,28 @@ class PartMeasurements:
         """Where there is a reading."""
         return np.ones(self.pressure.shape, dtype=bool)
 
-    def expected(self, model: Model, values: Named) -> Floats:
+    def expected(self, model: JointModel, values: Named) -> Floats:
         """Return readings expected."""
         return self._whole(values, self.quantity.mean(self._part(model, values)))
 
-    def covariance(self, model: Model, values: Named) -> Floats:
+    def covariance(self, model: JointModel, values: Named) -> Floats:
         """Return their covariance; errors are independent."""
         variance = self._variance(model, values)
         return variance[..., None] * np.eye(variance.shape[-1])
 
-    def simulated(self, model: Model, values: Named, generator: np.random.Generator) -> Floats:
+    def simulated(self, model: JointModel, values: Named, generator: np.random.Generator) -> Floats:
         """Draw readings of new parts."""
         mean, variance = self.expected(model, values), self._variance(model, values)
         drawn: Floats = mean + np.sqrt(variance) * generator.standard_normal(mean.shape)
         return drawn
 
-    def _variance(self, model: Model, values: Named) -> Floats:
+    def _variance(self, model: JointModel, values: Named) -> Floats:
         return self._whole(values, self.quantity.variance(self._part(model, values)))
 
     def _whole(self, values: Named, readings: Floats) -> Floats:
         return np.broadcast_to(readings, (len(values["volume_ratio"]), *self.pressure.shape))
 
-    def _part(self, model: Model, values: Named) -> Part:
+    def _part(self, model: JointModel, values: Named) -> Part:
         conditions = Conditions(self.pressure, self.degradation)
         believed = Degradation(self.degradation, self.degradation_sd)
         causes = acting(model.causes, values)
@@ -395,12 +400,12 @@ def _weighing_variance(part: Part) -> Floats:
 
 
 # functions of the module, which can be sent to other processes
-LENGTH = Quantity(mean=_scale, variance=_scale_variance)
-WALL = Quantity(mean=_wall, variance=_wall_variance)
-STRIP = Quantity(mean=_log_stiffness, variance=_strip_variance)
-PAPER = Quantity(mean=_log_paper, variance=_paper_variance)
-GAUGE = Quantity(mean=_pressure, variance=_gauge_variance)
-WEIGHED = Quantity(mean=_degradation, variance=_weighing_variance)
+LENGTH = Measurand(mean=_scale, variance=_scale_variance)
+WALL = Measurand(mean=_wall, variance=_wall_variance)
+STRIP = Measurand(mean=_log_stiffness, variance=_strip_variance)
+PAPER = Measurand(mean=_log_paper, variance=_paper_variance)
+GAUGE = Measurand(mean=_pressure, variance=_gauge_variance)
+WEIGHED = Measurand(mean=_degradation, variance=_weighing_variance)
 
 
 LONG_HOLD = 120.0  # s, of each step
@@ -410,7 +415,7 @@ MODES = ("equibiaxial", "planar", "uniaxial")
 FRESH = 0.5  # %
 
 
-def candidate_experiments(model: Model) -> tuple[Experiment, ...]:
+def candidate_experiments(model: JointModel) -> tuple[Experiment, ...]:
     """Return the experiments that the tests of a study could be followed by.
 
     They keep to the pressures, to the degradation rates and to the number of specimens of the
@@ -419,7 +424,7 @@ def candidate_experiments(model: Model) -> tuple[Experiment, ...]:
 
     Parameters
     ----------
-    model : Model
+    model : JointModel
         The base model of the study, with its data.
 
     Returns
@@ -483,21 +488,23 @@ def _finer(design: ActuatorDesign, level: float) -> Iterator[Experiment]:
         yield design.experiment("bend angle", curves)
 
 
-def _at_levels(design: ActuatorDesign, model: Model) -> Iterator[Experiment]:
+def _at_levels(design: ActuatorDesign, model: JointModel) -> Iterator[Experiment]:
     """Yield tests at another degradation rate, and one more specimen at each."""
     new = design.another_level(model.nodes[-1])
     if new is not None:
         yield design.experiment("another level", design.curves([new], design.pressures(new)))
     levels = design.levels
     curves = design.curves(levels, design.pressures(levels[-1]))
-    yield Experiment(Plan("more specimens", len(levels), levels), ActuatorTests(curves, 1))
+    yield Experiment(
+        ExperimentPlan("more specimens", len(levels), levels), ActuatorTests(curves, 1)
+    )
 
 
 def _of_part(design: ActuatorDesign, level: float) -> Iterator[Experiment]:
     """Yield direct measurements of the part at one degradation rate."""
     rising = design.pressures(level)
     gauge = np.unique(rising[[0, len(rising) // 2, -1]])
-    measured: list[tuple[str, Quantity, Floats]] = [
+    measured: list[tuple[str, Measurand, Floats]] = [
         ("length", LENGTH, rising[-1:]),
         ("roof", WALL, rising[-1:]),
         ("strip of the wall", STRIP, rising[-1:]),
@@ -514,11 +521,11 @@ def _of_part(design: ActuatorDesign, level: float) -> Iterator[Experiment]:
             pressure[None],
             design.copies,
         )
-        yield Experiment(Plan(kind, design.copies, (level,)), test)
+        yield Experiment(ExperimentPlan(kind, design.copies, (level,)), test)
 
 
 def _modes(films: FilmDesign) -> Iterator[Experiment]:
     """Yield tests of films in modes of tension that there are none of."""
     for mode in [m for m in MODES if m not in films.data.modes]:
-        plan = Plan(mode, films.copies, (films.level,))
+        plan = ExperimentPlan(mode, films.copies, (films.level,))
         yield Experiment(plan, FilmTests(films.curves(mode), films.copies))

@@ -29,7 +29,7 @@ from scipy.linalg import block_diag, cholesky, helmert, solve_triangular
 from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.fit.side_by_side import apply
 from bayesdeg.criticism.fit.trials import Trial
-from bayesdeg.inference.model import Model
+from bayesdeg.inference.model import JointModel
 from bayesdeg.observations.curvature import BEND_ANGLE, ActuatorCurves
 from bayesdeg.observations.noise import Linearised, covariance
 from bayesdeg.observations.tensile import (
@@ -59,15 +59,15 @@ class Measurement(Protocol):
         """Where there is a reading, (S, R)."""
         ...
 
-    def expected(self, model: Model, values: Named) -> Floats:
+    def expected(self, model: JointModel, values: Named) -> Floats:
         """Return readings expected for named values (n,), shape (n, S, R); nan if refused."""
         ...
 
-    def covariance(self, model: Model, values: Named) -> Floats:
+    def covariance(self, model: JointModel, values: Named) -> Floats:
         """Return the covariance of each kind's readings about them, (n, S, R, R)."""
         ...
 
-    def simulated(self, model: Model, values: Named, generator: np.random.Generator) -> Floats:
+    def simulated(self, model: JointModel, values: Named, generator: np.random.Generator) -> Floats:
         """Draw readings of one specimen of each kind through the full equations, (n, S, R)."""
         ...
 
@@ -92,11 +92,11 @@ class ActuatorTests:
         """Where there is a reading: curvatures, then bend angles if there are any."""
         return self.curves.paths.mask
 
-    def expected(self, model: Model, values: Named) -> Floats:
+    def expected(self, model: JointModel, values: Named) -> Floats:
         """Return curvatures [1/m], then bend angles [°] expected."""
         return model.of_actuators(self.curves).predict(values).mean
 
-    def covariance(self, model: Model, values: Named) -> Floats:
+    def covariance(self, model: JointModel, values: Named) -> Floats:
         """Return their covariance, of specimens (linear in the stiffness) and errors."""
         tested = model.of_actuators(self.curves)
         predicted = tested.predict(values)
@@ -113,7 +113,7 @@ class ActuatorTests:
         )
         return covariance(linearised)
 
-    def simulated(self, model: Model, values: Named, generator: np.random.Generator) -> Floats:
+    def simulated(self, model: JointModel, values: Named, generator: np.random.Generator) -> Floats:
         """Draw readings of new specimens."""
         return model.of_actuators(self.curves).simulate(values, generator)
 
@@ -138,11 +138,11 @@ class FilmTests:
         """Where there is a reading."""
         return self.curves.mask
 
-    def expected(self, model: Model, values: Named) -> Floats:
+    def expected(self, model: JointModel, values: Named) -> Floats:
         """Return stresses expected [MPa]."""
         return median_stresses(model.state(values), self.curves).at_rest
 
-    def covariance(self, model: Model, values: Named) -> Floats:
+    def covariance(self, model: JointModel, values: Named) -> Floats:
         """Return their covariance, linear in stiffness and degradation rate, and of errors."""
         data = self.curves
         shape = (len(values["stiffness_scatter"]), len(data.specimens), 2)
@@ -161,7 +161,7 @@ class FilmTests:
         )
         return covariance(linearised)
 
-    def simulated(self, model: Model, values: Named, generator: np.random.Generator) -> Floats:
+    def simulated(self, model: JointModel, values: Named, generator: np.random.Generator) -> Floats:
         """Draw readings of new films."""
         return Tensile(self.curves).drawn(model.state(values), generator)
 
@@ -185,14 +185,14 @@ class Hypothesis:
     ----------
     name : str
         The cause or causes by which it differs from the others.
-    model : Model
+    model : JointModel
         With its causes active.
     draws : array, shape (n, n_parameters)
         On the sampler's scale.
     """
 
     name: str
-    model: Model
+    model: JointModel
     draws: Floats
 
 
@@ -247,7 +247,7 @@ SIMULATED = 300  # data sets
 
 
 @dataclass(frozen=True)
-class Law:
+class ReadingsLaw:
     """Normal law of the readings of k specimens that are tested alike.
 
     Parameters
@@ -283,7 +283,7 @@ class Law:
             total = total + flat.reshape(contrasts.shape[:2]).sum(axis=0)
         return total
 
-    def divergence(self, other: "Law") -> float:
+    def divergence(self, other: "ReadingsLaw") -> float:
         """Return the Kullback–Leibler divergence to another law of as many specimens [nats].
 
         It is the expected log Bayes factor where the readings have this law.
@@ -291,7 +291,7 @@ class Law:
         Examples
         --------
         >>> one = np.eye(1)
-        >>> near, far = (Law(np.array([m]), 0.0 * one, one, 3) for m in (0.0, 2.0))
+        >>> near, far = (ReadingsLaw(np.array([m]), 0.0 * one, one, 3) for m in (0.0, 2.0))
         >>> round(near.divergence(far), 6)  # ½ (2/1)² for each of 3 specimens
         6.0
         """
@@ -305,7 +305,7 @@ class Law:
 class Foretold(NamedTuple):
     """The law of readings under one hypothesis, and readings drawn under it (k, n, d)."""
 
-    law: Law
+    law: ReadingsLaw
     drawn: Floats
 
 
@@ -317,7 +317,7 @@ class Separation(NamedTuple):
 
 
 def foretell(
-    hypotheses: Sequence[tuple[Model, Named]],
+    hypotheses: Sequence[tuple[JointModel, Named]],
     measurement: Measurement,
     generator: np.random.Generator,
 ) -> list[Foretold]:
@@ -325,7 +325,7 @@ def foretell(
 
     Parameters
     ----------
-    hypotheses : sequence of (Model, mapping)
+    hypotheses : sequence of (JointModel, mapping)
         Models with named draws of their parameters, (n,).
     measurement : Measurement
         What would be read.
@@ -360,17 +360,19 @@ def separation(first: Foretold, second: Foretold) -> tuple[Separation, Separatio
 
 
 def _law(
-    hypothesis: tuple[Model, Named], measurement: Measurement, means: Floats, usable: Flags
-) -> Law:
+    hypothesis: tuple[JointModel, Named], measurement: Measurement, means: Floats, usable: Flags
+) -> ReadingsLaw:
     model, values = hypothesis
     own = measurement.covariance(model, _first(values, SCATTERS)).mean(axis=0)
     blocks = [one[np.ix_(row, row)] for one, row in zip(own, usable, strict=True)]
     common = np.atleast_2d(np.cov(means.T))
-    return Law(means.mean(axis=0), common, np.asarray(block_diag(*blocks)), measurement.copies)
+    return ReadingsLaw(
+        means.mean(axis=0), common, np.asarray(block_diag(*blocks)), measurement.copies
+    )
 
 
 def _drawn(
-    hypothesis: tuple[Model, Named],
+    hypothesis: tuple[JointModel, Named],
     measurement: Measurement,
     usable: Flags,
     generator: np.random.Generator,
@@ -387,7 +389,7 @@ def _first(values: Named, count: int) -> dict[str, Floats]:
     return {name: value[:count] for name, value in values.items()}
 
 
-def _expected(truth: Foretold, other: Law) -> Separation:
+def _expected(truth: Foretold, other: ReadingsLaw) -> Separation:
     ratio = truth.law.log_density(truth.drawn) - other.log_density(truth.drawn)
     return Separation(float(ratio.mean()), float(ratio.std() / np.sqrt(len(ratio))))
 
@@ -414,7 +416,7 @@ MOST = 8
 
 
 @dataclass(frozen=True)
-class Plan:
+class ExperimentPlan:
     """What to do in an experiment.
 
     Parameters
@@ -454,13 +456,13 @@ class Experiment:
 
     Parameters
     ----------
-    plan : Plan
+    plan : ExperimentPlan
         What to do.
     measurement : Measurement
         What would be read.
     """
 
-    plan: Plan
+    plan: ExperimentPlan
     measurement: Measurement
 
     @property
@@ -612,7 +614,7 @@ def compare(
 
 
 def next_experiments_document(
-    ranked: Sequence[Ranked], word: Callable[[Plan], str], *, most: int = MOST
+    ranked: Sequence[Ranked], word: Callable[[ExperimentPlan], str], *, most: int = MOST
 ) -> list[dict[str, object]]:
     """Return ``next_experiments`` of ``verdict.json``: the best that tell something apart.
 
@@ -665,6 +667,6 @@ def _pair(names: tuple[str, str], both: tuple[Separation, Separation]) -> Pair:
 
 def _named(
     hypothesis: Hypothesis, generator: np.random.Generator
-) -> tuple[Model, dict[str, Floats]]:
+) -> tuple[JointModel, dict[str, Floats]]:
     values = hypothesis.model.table.named(hypothesis.draws)
     return hypothesis.model, with_noise(values, generator)

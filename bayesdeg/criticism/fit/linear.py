@@ -27,7 +27,7 @@ from bayesdeg.criticism.subject import columns_of, with_neutral
 from bayesdeg.inference.density import Density
 from bayesdeg.inference.importance import about_mode
 from bayesdeg.inference.laplace import FEWEST_EFFECTIVE, approximate, slopes
-from bayesdeg.inference.model import Model
+from bayesdeg.inference.model import JointModel
 from bayesdeg.priors import Parameter
 
 Floats = NDArray[np.float64]
@@ -156,7 +156,7 @@ class Linear:
 
     Parameters
     ----------
-    subject : Model
+    subject : JointModel
         What was linearised.
     mode : array, shape (n_parameters,)
         Where.
@@ -174,7 +174,7 @@ class Linear:
         Of V + X Λ⁻¹ Xᵀ.
     """
 
-    subject: Model
+    subject: JointModel
     mode: Floats
     prediction: Floats
     mean: Floats
@@ -247,7 +247,7 @@ class Linear:
 
 
 def linearise(
-    subject: Model,
+    subject: JointModel,
     mode: Floats,
     *,
     uncertain: Floats | None = None,
@@ -257,7 +257,7 @@ def linearise(
 
     Parameters
     ----------
-    subject : Model
+    subject : JointModel
         The model.
     mode : array, shape (n_parameters,)
         Its mode.
@@ -292,18 +292,18 @@ def _root(covariance: Floats) -> Floats:
     return root
 
 
-def _slope(subject: Model, mode: Floats, uncertain: Floats) -> Floats:
+def _slope(subject: JointModel, mode: Floats, uncertain: Floats) -> Floats:
     """Return the gradient of the log density of the parameters given all but the readings."""
     found: Floats = slopes(subject.rest(), mode[None], SHORT * np.sqrt(np.diag(uncertain)))[0]
     return found
 
 
-def rest_covariance(subject: Model, start: Floats) -> Floats:
+def rest_covariance(subject: JointModel, start: Floats) -> Floats:
     """Return Λ⁻¹, the covariance of the parameters given priors and all other data."""
     return rest_law(subject, start)[1]
 
 
-def rest_law(subject: Model, start: Floats) -> tuple[Floats, Floats]:
+def rest_law(subject: JointModel, start: Floats) -> tuple[Floats, Floats]:
     """Return mean and covariance of the parameters given priors and all but the readings.
 
     They are those of draws and not mode and inverse curvature: laws of few replicates have heavy
@@ -429,7 +429,7 @@ def log_bayes_factor(whitened: Floats, columns: Floats) -> Floats:
     return factor
 
 
-def _jacobian(subject: Model, mode: Floats, step: float = 1e-3) -> Floats:
+def _jacobian(subject: JointModel, mode: Floats, step: float = 1e-3) -> Floats:
     """Central differences; one-sided where the other side is outside the forward map's range."""
     size = len(mode)
     around = mode + step * np.vstack([np.zeros(size), np.eye(size), -np.eye(size)])

@@ -12,7 +12,7 @@ from bayesdeg.criticism.subject import columns_of, typical_size, with_neutral
 from bayesdeg.inference.density import bounds
 from bayesdeg.inference.importance import about_mode, improved
 from bayesdeg.inference.laplace import Evidence, approximate, weighted
-from bayesdeg.inference.model import Model
+from bayesdeg.inference.model import JointModel
 
 Floats = NDArray[np.float64]
 
@@ -31,7 +31,7 @@ class Trial:
 
     Parameters
     ----------
-    subject : Model
+    subject : JointModel
         With the causes active.
     mode : array, shape (n_parameters,)
         The mode within the bounds of priors.
@@ -47,7 +47,7 @@ class Trial:
         Whether the draws are those about the mode, not of a law fitted to what lies far from it.
     """
 
-    subject: Model
+    subject: JointModel
     mode: Floats
     log_evidence: float
     posterior: Evidence
@@ -93,7 +93,7 @@ class Trial:
         return self.subject.table.named(self.draws(generator, count))[name]
 
 
-def base_trial(subject: Model, mode: Floats, posterior: Evidence) -> Trial:
+def base_trial(subject: JointModel, mode: Floats, posterior: Evidence) -> Trial:
     """Return the trial of a model that is fitted already."""
     centre, uncertain = rest_law(subject, mode)
     return Trial(subject, mode, posterior.log_evidence, posterior, uncertain, centre)
@@ -128,7 +128,7 @@ def try_causes(parent: Trial, cause: Cause, size: Floats, generator: np.random.G
     return Trial(subject, laplace.mode, posterior.log_evidence, posterior, uncertain, centre)
 
 
-def _starts(parent: Trial, subject: Model, cause: Cause, size: Floats) -> list[Floats]:
+def _starts(parent: Trial, subject: JointModel, cause: Cause, size: Floats) -> list[Floats]:
     """Return the best of: no effect; the guessed size; that with all else moved to make room.
 
     The last is the most probable δ of the parent's linear model for readings less the effect. Where
@@ -160,7 +160,7 @@ def _starts(parent: Trial, subject: Model, cause: Cause, size: Floats) -> list[F
     return starts + _off_bounds(subject, cause, points[with_effect])
 
 
-def _off_bounds(subject: Model, cause: Cause, guess: Floats) -> list[Floats]:
+def _off_bounds(subject: JointModel, cause: Cause, guess: Floats) -> list[Floats]:
     """Return the guess with what lies on its bound at its typical size, if anything does.
 
     A standard deviation of 0 is a top of its own: readings tell of its square.

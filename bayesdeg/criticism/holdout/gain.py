@@ -20,7 +20,7 @@ from scipy.special import ndtri
 from bayesdeg.criticism.chance import chance_of
 from bayesdeg.criticism.checks.residuals import r_squared
 from bayesdeg.criticism.holdout.held_out import HeldOut, group_levels, standard_error
-from bayesdeg.inference.model import Model
+from bayesdeg.inference.model import JointModel
 from bayesdeg.material.degradation import levels
 
 Floats = NDArray[np.float64]
@@ -29,12 +29,12 @@ UNITS = {"curvature": "_per_m", "stress": "_MPa"}
 """Units of kinds of readings that are scored, as column names end; of others they are known."""
 
 
-def gain_table(subject: Model, results: dict[str, HeldOut]) -> pd.DataFrame:
+def gain_table(subject: JointModel, results: dict[str, HeldOut]) -> pd.DataFrame:
     """Return the scores of each model per level and over all, on held-out specimens.
 
     Parameters
     ----------
-    subject : Model
+    subject : JointModel
         With the data.
     results : mapping
         By name of the model; the first is the one that others are compared with.
@@ -56,12 +56,12 @@ def gain_table(subject: Model, results: dict[str, HeldOut]) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def mode_table(subject: Model, results: dict[str, HeldOut]) -> pd.DataFrame:
+def mode_table(subject: JointModel, results: dict[str, HeldOut]) -> pd.DataFrame:
     """Return the scores of each model by mode of tension, each predicted from the others.
 
     Parameters
     ----------
-    subject : Model
+    subject : JointModel
         With films, of which whole modes are held out.
     results : mapping
         As in `gain_table`.
@@ -107,7 +107,7 @@ def crps(draws: Floats, observed: Floats) -> Floats:
 def _scores(
     name: str,
     label: str,
-    subject: Model,
+    subject: JointModel,
     held_out: HeldOut,
     base: HeldOut,
     chosen: NDArray[np.bool_],
@@ -124,7 +124,7 @@ def _scores(
     }
 
 
-def _errors(subject: Model, held_out: HeldOut, chosen: NDArray[np.bool_]) -> dict[str, float]:
+def _errors(subject: JointModel, held_out: HeldOut, chosen: NDArray[np.bool_]) -> dict[str, float]:
     """Score the first kind of reading that is held out."""
     names = [g for g, is_chosen in zip(subject.groups, chosen, strict=True) if is_chosen]
     rows = np.isin(subject.group, names)

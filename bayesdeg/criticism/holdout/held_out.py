@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdeg.inference.model import Model, blocks_of
+from bayesdeg.inference.model import JointModel, blocks_of
 from bayesdeg.material.degradation import levels
 from bayesdeg.priors import Named
 
@@ -59,14 +59,14 @@ def joined(first: HeldOut, second: HeldOut) -> HeldOut:
     return HeldOut(np.concatenate([first.log_density, second.log_density]), first.draws, kind)
 
 
-def group_levels(subject: Model) -> Floats:
+def group_levels(subject: JointModel) -> Floats:
     """Return the degradation rate of each group [%], the mean over its readings."""
     return np.array(
         [float(np.mean(subject.places.level[subject.group == g])) for g in subject.groups]
     )
 
 
-def by_level(subject: Model) -> Folds:
+def by_level(subject: JointModel) -> Folds:
     """Return folds that leave out all specimens of one level of degradation."""
     member: Folds = levels(group_levels(subject))[1]
     return member
@@ -102,7 +102,7 @@ def _single_error(gain: float) -> float:
 
 
 def specimen_density(
-    model: Model, values: Named
+    model: JointModel, values: Named
 ) -> tuple[tuple[str, ...], tuple[str, ...], Floats]:
     """Return log densities of all readings of each specimen.
 
@@ -111,7 +111,7 @@ def specimen_density(
 
     Parameters
     ----------
-    model : Model
+    model : JointModel
         With its data.
     values : mapping
         Named values, (n,).

@@ -30,7 +30,7 @@ from scipy.special import logsumexp
 from bayesdeg.criticism.holdout.held_out import specimen_density
 from bayesdeg.inference.importance import about_mode
 from bayesdeg.inference.laplace import FEWEST_EFFECTIVE, Evidence, approximate
-from bayesdeg.inference.model import Model, blocks_of, without
+from bayesdeg.inference.model import JointModel, blocks_of, without
 from bayesdeg.inference.sampling import EFFORTS, Chain, sample
 
 Floats = NDArray[np.float64]
@@ -42,7 +42,7 @@ STEPS = 200  # of the bridge's fixed point, most
 
 
 @dataclass(frozen=True)
-class Prediction:
+class LeftOutPrediction:
     """Log predictive density of a specimen that took no part in the calibration.
 
     Parameters
@@ -59,14 +59,14 @@ class Prediction:
 
 
 def predict_left_out(
-    model: Model,
+    model: JointModel,
     specimen: str,
     draws: Floats,
     log_weights: Floats,
     *,
     effective: float,
     seed: np.random.SeedSequence,
-) -> Prediction:
+) -> LeftOutPrediction:
     """Calibrate a model without one specimen and predict it.
 
     The posterior is an importance sample about its mode; where that has too few draws, chains of
@@ -74,7 +74,7 @@ def predict_left_out(
 
     Parameters
     ----------
-    model : Model
+    model : JointModel
         With all specimens.
     specimen : str
         Which one is left out.
@@ -108,10 +108,10 @@ def predict_left_out(
         whole = about_mode(model, top, generator)
         wide = float(np.hypot(whole.error, posterior.error))
         if wide < error:
-            return Prediction(
+            return LeftOutPrediction(
                 whole.log_evidence - posterior.log_evidence, wide, posterior.effective
             )
-    return Prediction(density, error, posterior.effective)
+    return LeftOutPrediction(density, error, posterior.effective)
 
 
 def bridge(
@@ -152,7 +152,7 @@ def bridge(
     return log_ratio, float(np.sqrt(variance))
 
 
-def _chain(training: Model, begun: Evidence, seed: np.random.SeedSequence) -> Evidence:
+def _chain(training: JointModel, begun: Evidence, seed: np.random.SeedSequence) -> Evidence:
     """Return draws of emcee, equally weighted, from walkers at a poor importance sample."""
     chain = sample(training, begun, effort=EFFORTS["quick"], seed=seed)
     vectors = chain.thinned(DRAWS // len(chain.vectors)).vectors
@@ -161,11 +161,11 @@ def _chain(training: Model, begun: Evidence, seed: np.random.SeedSequence) -> Ev
     return Evidence(float("nan"), float("nan"), flat, np.zeros(len(flat)), effective)
 
 
-def _density(testing: Model, draws: Floats) -> Floats:
+def _density(testing: JointModel, draws: Floats) -> Floats:
     return specimen_density(testing, testing.table.named(draws))[2][:, 0]
 
 
-def _names(model: Model) -> tuple[str, ...]:
+def _names(model: JointModel) -> tuple[str, ...]:
     return tuple(blocks_of(model))
 
 
@@ -255,7 +255,7 @@ class LeaveOneOut:
 
 
 def leave_one_out(
-    model: Model,
+    model: JointModel,
     chain: Chain,
     *,
     seed: np.random.SeedSequence,
@@ -270,8 +270,8 @@ def leave_one_out(
 
     Parameters
     ----------
-    model, chain : Model, Chain
-        Model and its posterior.
+    model, chain : JointModel, Chain
+        JointModel and its posterior.
     seed : SeedSequence
         A child for each refit.
     executor : Executor, optional
@@ -383,10 +383,10 @@ def largest_k(draws: int) -> float:
 
 
 def _refit(
-    model: Model,
+    model: JointModel,
     draws: Floats,
     effective: float,
     job: tuple[str, Floats, np.random.SeedSequence],
-) -> Prediction:
+) -> LeftOutPrediction:
     specimen, log_weights, seed = job
     return predict_left_out(model, specimen, draws, log_weights, effective=effective, seed=seed)

@@ -13,7 +13,7 @@ from bayesdeg.criticism.holdout.held_out import DRAWS, Folds, HeldOut
 from bayesdeg.criticism.holdout.leave_one_out import largest_k, smoothed
 from bayesdeg.inference.importance import about_mode, improved
 from bayesdeg.inference.laplace import approximate
-from bayesdeg.inference.model import Model
+from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import Effort, sample
 
 Floats = NDArray[np.float64]
@@ -29,7 +29,7 @@ ANEW = Effort(effective=60.0, r_hat=1.2, chunk=25, longest=200, ensembles=2)
 
 
 @dataclass(frozen=True)
-class Plan:
+class FoldPlan:
     """Predictions of held-out groups, of which some still need the model calibrated anew.
 
     Parameters
@@ -110,7 +110,7 @@ def predict_folds(
     return found
 
 
-def one_by_one(trial: Trial, seed: np.random.SeedSequence) -> Plan:
+def one_by_one(trial: Trial, seed: np.random.SeedSequence) -> FoldPlan:
     """Plan to predict each group from all others.
 
     Draws of the posterior are weighted by 1/p(y_g | θ), smoothed by a Pareto law; where its shape
@@ -148,10 +148,10 @@ def one_by_one(trial: Trial, seed: np.random.SeedSequence) -> Plan:
     again = np.flatnonzero(~(smooth.pareto_k <= largest_k(KEPT)))
     parts = tuple(np.array([g]) for g in again)
     known = HeldOut(smooth.elpd.copy(), draws)
-    return Plan(trial, known, parts, tuple(seed.spawn(len(parts))))
+    return FoldPlan(trial, known, parts, tuple(seed.spawn(len(parts))))
 
 
-def in_folds(trial: Trial, fold: Folds, seed: np.random.SeedSequence) -> Plan:
+def in_folds(trial: Trial, fold: Folds, seed: np.random.SeedSequence) -> FoldPlan:
     """Plan to calibrate without each fold of groups in turn; see `predict_folds`."""
     trial = firm(trial, np.random.default_rng(seed))
     subject = trial.subject
@@ -159,11 +159,11 @@ def in_folds(trial: Trial, fold: Folds, seed: np.random.SeedSequence) -> Plan:
         np.full(len(subject.groups), np.nan), np.full((DRAWS, len(subject.places)), np.nan)
     )
     parts = tuple(np.flatnonzero(fold == k) for k in range(int(fold.max()) + 1))
-    return Plan(trial, nothing, parts, tuple(seed.spawn(len(parts))))
+    return FoldPlan(trial, nothing, parts, tuple(seed.spawn(len(parts))))
 
 
 def carried_out(
-    plans: Iterable[Plan],
+    plans: Iterable[FoldPlan],
     executor: Executor | None = None,
     on_plan: Callable[[int], None] | None = None,
 ) -> list[HeldOut]:
@@ -171,7 +171,7 @@ def carried_out(
 
     Parameters
     ----------
-    plans : iterable of Plan
+    plans : iterable of FoldPlan
         Of several models, or several kinds of groups. The first calibrations begin while later
         plans are still being made.
     executor : Executor, optional
@@ -212,7 +212,7 @@ def _predict_fold(job: _Job) -> _Fold:
 
 def _draws(
     trial: Trial,
-    training: Model,
+    training: JointModel,
     seed: np.random.SeedSequence,
     generator: np.random.Generator,
 ) -> tuple[Floats, float]:

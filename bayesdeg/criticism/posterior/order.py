@@ -17,7 +17,7 @@ from scipy.special import logsumexp
 from bayesdeg.criticism.holdout.held_out import specimen_density
 from bayesdeg.inference.importance import improved
 from bayesdeg.inference.laplace import FEWEST_EFFECTIVE, Evidence, approximate, evidence
-from bayesdeg.inference.model import Model, blocks_of, near_films, without
+from bayesdeg.inference.model import JointModel, blocks_of, near_films, without
 from bayesdeg.material.degradation import Nodes, nodes_for
 from bayesdeg.observations.means import Means
 from bayesdeg.observations.specimens import FilmsAndActuators, material_parameters
@@ -162,13 +162,13 @@ LARGEST_K = 0.7
 
 
 def compare_orders(
-    model: Model, *, seed: np.random.SeedSequence, orders: tuple[int, ...] = ORDERS
+    model: JointModel, *, seed: np.random.SeedSequence, orders: tuple[int, ...] = ORDERS
 ) -> OrderComparison | None:
     """Calibrate the films of a model under several orders.
 
     Parameters
     ----------
-    model : Model
+    model : JointModel
         With the study's films and priors; its actuators are left aside.
     seed : SeedSequence
         Everything random comes from it.
@@ -196,7 +196,7 @@ def compare_orders(
     return OrderComparison(tuple(fits), len(model.nodes) - 1)
 
 
-def films_alone(model: Model, nodes: Nodes) -> Model:
+def films_alone(model: JointModel, nodes: Nodes) -> JointModel:
     """Return the model of the films and Young's moduli alone, constants controlled at these nodes.
 
     Parameters that both have keep the priors of the study.
@@ -205,12 +205,12 @@ def films_alone(model: Model, nodes: Nodes) -> Model:
     own = (p for p in model.base if p.name.startswith(("stiffness_scatter", "tensile_")))
     moduli = tuple(s for s in model.statistics if s.quantity == "young_modulus")
     data = (*model.of_kind(Tensile), *((Means(moduli),) if moduli else ()))
-    return Model(
+    return JointModel(
         (*with_priors(material_parameters(nodes), laws), *own), data, FilmsAndActuators(nodes)
     )
 
 
-def fit_order(films: Model, *, seed: np.random.SeedSequence) -> OrderFit:
+def fit_order(films: JointModel, *, seed: np.random.SeedSequence) -> OrderFit:
     """Calibrate the films and predict each from all others."""
     first, refits = seed.spawn(2)
     generator = np.random.default_rng(first)
@@ -236,7 +236,7 @@ def fit_order(films: Model, *, seed: np.random.SeedSequence) -> OrderFit:
 
 
 def leave_films_out(
-    films: Model, posterior: Evidence, *, seed: np.random.SeedSequence
+    films: JointModel, posterior: Evidence, *, seed: np.random.SeedSequence
 ) -> tuple[Floats, Floats, NDArray[np.bool_]]:
     r"""Predict each film from all others, by smoothed importance sampling.
 
@@ -246,7 +246,7 @@ def leave_films_out(
 
     Parameters
     ----------
-    films : Model
+    films : JointModel
         With all films.
     posterior : Evidence
         Importance sample of its posterior.
@@ -276,7 +276,9 @@ def leave_films_out(
     return elpd, np.asarray(pareto_k), refitted
 
 
-def _refit(films: Model, film: str, posterior: Evidence, generator: np.random.Generator) -> float:
+def _refit(
+    films: JointModel, film: str, posterior: Evidence, generator: np.random.Generator
+) -> float:
     """Calibrate the films without one: ln p(y_i | y_-i) is what it adds to the log evidence.
 
     Averaged over the posterior without it, p(y_i | θ) of a film far from the others would rest on
@@ -288,6 +290,6 @@ def _refit(films: Model, film: str, posterior: Evidence, generator: np.random.Ge
     return posterior.log_evidence - improved(training, rough, generator).log_evidence
 
 
-def _rough(films: Model, generator: np.random.Generator) -> Evidence:
+def _rough(films: JointModel, generator: np.random.Generator) -> Evidence:
     laplace = approximate(films, generator, start=near_films(films, generator))
     return evidence(films, laplace, generator)

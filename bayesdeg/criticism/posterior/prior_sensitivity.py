@@ -17,7 +17,7 @@ from arviz_stats.base import array_stats
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from bayesdeg.inference.model import Model
+from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import Chain
 from bayesdeg.observations.specimens import FilmsAndActuators
 from bayesdeg.priors import Named, ParameterTable
@@ -97,7 +97,7 @@ def _log_weights(log_density: Floats, alpha: float) -> Floats:
     return smooth if np.all(np.isfinite(smooth)) else (alpha - 1.0) * log_density
 
 
-def conclusions(model: Model, values: Named) -> dict[str, Floats]:
+def conclusions(model: JointModel, values: Named) -> dict[str, Floats]:
     """Return the quantities that the report states, by what they are called there.
 
     C1 and the elongation limit without degradation and at the last node, the volume ratio, the
@@ -105,7 +105,7 @@ def conclusions(model: Model, values: Named) -> dict[str, Floats]:
 
     Parameters
     ----------
-    model : Model
+    model : JointModel
         Those that it has no parameters for are left out.
     values : mapping
         Named values, (n,).
@@ -256,13 +256,13 @@ class PriorSensitivity:
         )
 
 
-def prior_sensitivity(model: Model, chain: Chain) -> PriorSensitivity:
+def prior_sensitivity(model: JointModel, chain: Chain) -> PriorSensitivity:
     """Return how conclusions and parameters answer to priors and data, from stored draws.
 
     Parameters
     ----------
-    model, chain : Model, Chain
-        Model and its posterior.
+    model, chain : JointModel, Chain
+        JointModel and its posterior.
 
     Notes
     -----
