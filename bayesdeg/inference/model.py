@@ -41,7 +41,7 @@ from bayesdeg.priors import Named, Parameter, ParameterTable
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-AT_ONCE = 128
+AT_ONCE = 256
 """Vectors of a batch that are worked on at a time: so few that what lies between fits the cache."""
 
 
