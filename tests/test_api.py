@@ -463,7 +463,7 @@ def test_a_study_predicts_and_finds_pressures(asked):
     wanted = float(table.query("degradation_pct == 0 and pressure_kPa == 60")["q50"].iloc[0])
     [pressure] = bd.control(last, curvature=wanted, degradation=0)["pressure_kPa"]
     assert pressure == pytest.approx(60.0, abs=2.0)
-    with pytest.warns(UserWarning, match="extrapolates"):
+    with pytest.warns(UserWarning, match="extrapolation"):
         bd.predict(last, pressure=[500.0], degradation=0)
 
 
