@@ -27,9 +27,10 @@ from bayesdeg.criticism.holdout.gain import gain_table
 from bayesdeg.criticism.holdout.leaving_out import carried_out, one_by_one
 from bayesdeg.data.settings import EFFORTS, Dimensions, Effort
 from bayesdeg.data.study import Study
-from bayesdeg.emulator.kept import CACHE, Recipe, find, write_trained
+from bayesdeg.emulator.kept import CACHE, Recipe
 from bayesdeg.emulator.solutions import SolutionStore
 from bayesdeg.emulator.surrogate import Surrogate
+from bayesdeg.emulator.trained import find, write_trained
 from bayesdeg.emulator.workers import kept_processes
 from bayesdeg.errors import BayesdegError, use_one_of
 from bayesdeg.pipeline.emulation import Campaign, expect, train_emulator

@@ -46,9 +46,10 @@ import emulator_posterior
 import emulator_speed
 from forward_case import say
 
-from bayesdeg.emulator.kept import default_surrogate, outdated, read_trained
+from bayesdeg.emulator.kept import outdated
 from bayesdeg.emulator.solutions import SolutionStore
 from bayesdeg.emulator.surrogate import Surrogate
+from bayesdeg.emulator.trained import default_surrogate, read_trained
 
 Document = dict[str, object]
 STORE = Path(".cache/campaign")

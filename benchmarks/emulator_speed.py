@@ -12,9 +12,10 @@ from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.data.settings import Dimensions
 from bayesdeg.emulator.campaign import build, runs
-from bayesdeg.emulator.kept import Recipe, to_bytes
+from bayesdeg.emulator.kept import Recipe
 from bayesdeg.emulator.solutions import SolutionStore
 from bayesdeg.emulator.surrogate import Surrogate
+from bayesdeg.emulator.trained import to_bytes
 
 WALKERS, SPECIMENS, PRESSURES = 64, 18, 12
 REPEATS = 15

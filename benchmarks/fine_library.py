@@ -38,8 +38,9 @@ from bayesdeg.data.settings import Dimensions
 from bayesdeg.emulator.campaign import Kind, Run, complete
 from bayesdeg.emulator.coordinates import ALONG, UP
 from bayesdeg.emulator.design import study_like
-from bayesdeg.emulator.kept import Recipe, default_surrogate
+from bayesdeg.emulator.kept import Recipe
 from bayesdeg.emulator.solutions import SolutionStore
+from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.emulator.workers import pool
 
 Floats = NDArray[np.float64]

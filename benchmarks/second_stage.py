@@ -16,11 +16,12 @@ from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.data.settings import Dimensions
 from bayesdeg.emulator.campaign import PLANS, complete, runs
 from bayesdeg.emulator.design import SECOND_STAGE, Question, candidates, likely, most_telling
-from bayesdeg.emulator.kept import Recipe, default_surrogate
+from bayesdeg.emulator.kept import Recipe
 from bayesdeg.emulator.regression import Observed, Prior, observe, rows_of
 from bayesdeg.emulator.scaling import TrainingRange
 from bayesdeg.emulator.solutions import SolutionStore
 from bayesdeg.emulator.terms import Family
+from bayesdeg.emulator.trained import default_surrogate
 
 
 def question(observed: list[Observed], family: Family, prior: Prior) -> Question:

@@ -24,7 +24,7 @@ from bayesdeg.commands.lazy import COMMANDS, loaded
 from bayesdeg.data.settings import ENTRIES, Dimensions, OwnForward, Settings
 from bayesdeg.data.shrinkage import Known, MixtureRecipe
 from bayesdeg.data.tables import words_of
-from bayesdeg.emulator.kept import default_surrogate
+from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.laboratory.experiment import Design, run_experiment
 from bayesdeg.laboratory.truth import HiddenEffect, Truth
 from bayesdeg.observations.catalogue import TABLES as STUDY_TABLES

@@ -47,8 +47,8 @@ from nagai_2021.words import (
 )
 from numpy.typing import NDArray
 
-from bayesdeg.emulator.kept import default_surrogate
 from bayesdeg.emulator.surrogate import Surrogate
+from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.material.strength import CRITERIA
 
 Floats = NDArray[np.float64]

@@ -57,14 +57,14 @@ def test_public_functions_and_classes_are_documented_with_their_parameters():
 
 
 def test_a_verb_that_is_a_package_too_is_both_in_whatever_order_they_are_imported():
-    for first in ("import bayesdeg.emulator.kept, bayesdeg.report.page", "pass"):
+    for first in ("import bayesdeg.emulator.trained, bayesdeg.report.page", "pass"):
         lines = [
             first,
             "import bayesdeg as bd",
             "from bayesdeg import emulator, report",
             "assert emulator is bd.emulator and report is bd.report",
             "assert bd.emulator(bd.Dimensions()).length == 50.0",
-            "import bayesdeg.emulator.kept as module",
+            "import bayesdeg.emulator.trained as module",
             "assert module.default_surrogate().length == 50.0",
             "import inspect",
             "assert 'geometry' in inspect.signature(bd.emulator).parameters",

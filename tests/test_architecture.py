@@ -188,6 +188,7 @@ def test_files_are_read_and_written_in_few_places():
         "emulator/design.py",
         "emulator/kept.py",
         "emulator/solutions.py",
+        "emulator/trained.py",
         "emulator/workers.py",
         "api.py",  # the door: studies and reports are where the user says
         "results.py",

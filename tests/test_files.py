@@ -13,7 +13,7 @@ import pytest
 from bayesdeg import cli
 from bayesdeg.data.settings import parse_settings
 from bayesdeg.data.study import read_study
-from bayesdeg.emulator.kept import read_trained
+from bayesdeg.emulator.trained import read_trained
 from bayesdeg.errors import BayesdegError, ResumableError, StudyError
 from bayesdeg.files import LIMIT, parse_json, read_bytes, too_deep, write_bytes, write_text, written
 from bayesdeg.report.checkpoints import Checkpoints

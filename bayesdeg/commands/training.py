@@ -12,17 +12,10 @@ from bayesdeg.commands.options import Stopped
 from bayesdeg.commands.outcome import accuracy_table, list_failures, runs_table
 from bayesdeg.console import errors, shown
 from bayesdeg.data.study import Study
-from bayesdeg.emulator.kept import (
-    CACHE,
-    Recipe,
-    duration,
-    find,
-    read_trained,
-    surrogate_for,
-    write_trained,
-)
+from bayesdeg.emulator.kept import CACHE, Recipe, duration
 from bayesdeg.emulator.solutions import SolutionStore
 from bayesdeg.emulator.surrogate import Surrogate
+from bayesdeg.emulator.trained import find, read_trained, surrogate_for, write_trained
 from bayesdeg.pipeline.emulation import (
     Campaign,
     Expectation,

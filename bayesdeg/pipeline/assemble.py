@@ -10,8 +10,8 @@ from bayesdeg.actuator.inputs import ForwardMap
 from bayesdeg.causes.cause import Cause
 from bayesdeg.causes.fold import with_causes
 from bayesdeg.data.study import Study
-from bayesdeg.emulator.kept import surrogate_for
 from bayesdeg.emulator.surrogate import Surrogate
+from bayesdeg.emulator.trained import surrogate_for
 from bayesdeg.errors import BayesdegError, Fault, StudyError, use_one_of
 from bayesdeg.inference.model import JointModel
 from bayesdeg.observations.specimens import FilmsAndActuators, no_map

@@ -21,8 +21,8 @@ from bayesdeg.criticism.fit.trials import Trial
 from bayesdeg.data.plausibility import doubts, refuse_impossible
 from bayesdeg.data.settings import Effort, Settings
 from bayesdeg.data.study import Study
-from bayesdeg.emulator.kept import find as find_emulator
 from bayesdeg.emulator.surrogate import Surrogate
+from bayesdeg.emulator.trained import find as find_emulator
 from bayesdeg.errors import BayesdegError, use_one_of
 from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import EFFORTS, to_datatree

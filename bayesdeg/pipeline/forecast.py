@@ -15,8 +15,9 @@ from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.causes.catalogue import find, in_order
 from bayesdeg.causes.cause import Cause
 from bayesdeg.data.settings import Dimensions
-from bayesdeg.emulator.kept import CACHE, Recipe, cached_path, default_surrogate, read_trained
+from bayesdeg.emulator.kept import CACHE, Recipe, cached_path
 from bayesdeg.emulator.surrogate import Surrogate
+from bayesdeg.emulator.trained import default_surrogate, read_trained
 from bayesdeg.errors import BayesdegError
 from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import Chain

@@ -19,8 +19,8 @@ import bayesdeg
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.data.settings import Effort
 from bayesdeg.data.study import Study
-from bayesdeg.emulator.kept import default_surrogate, to_bytes
 from bayesdeg.emulator.surrogate import Surrogate
+from bayesdeg.emulator.trained import default_surrogate, to_bytes
 from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import EFFORTS
 from bayesdeg.pipeline.assemble import Assembly, assemble

@@ -11,7 +11,7 @@ import xarray as xr
 
 from bayesdeg.causes.catalogue import find
 from bayesdeg.cli import exit_code
-from bayesdeg.emulator.kept import default_surrogate, write_trained
+from bayesdeg.emulator.trained import default_surrogate, write_trained
 from bayesdeg.inference.sampling import Chain, to_datatree
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.forecast import model_document, read_stored

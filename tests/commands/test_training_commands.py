@@ -19,8 +19,9 @@ from bayesdeg.actuator.status import Status
 from bayesdeg.commands import run as run_command
 from bayesdeg.commands import training
 from bayesdeg.emulator import workers
-from bayesdeg.emulator.kept import cached_path, duration, read_trained, write_trained
+from bayesdeg.emulator.kept import cached_path, duration
 from bayesdeg.emulator.solutions import SolutionStore
+from bayesdeg.emulator.trained import read_trained, write_trained
 from bayesdeg.pipeline import emulation
 from bayesdeg.report.record import VerdictRecord
 from tests.pipeline.study_files import SETTINGS, study_in

@@ -30,7 +30,7 @@ from bayesdeg.criticism.experiments.ranking import (
     with_noise,
 )
 from bayesdeg.criticism.fit.trials import Trial
-from bayesdeg.emulator.kept import default_surrogate
+from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.inference.laplace import Evidence
 from bayesdeg.report.wording import worded
 from tests.inference.small_study import TRUTH, altered, small_model, values_of

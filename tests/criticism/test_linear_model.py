@@ -23,7 +23,7 @@ from bayesdeg.criticism.fit.linear import (
 )
 from bayesdeg.criticism.fit.screening import screen
 from bayesdeg.criticism.subject import with_neutral
-from bayesdeg.emulator.kept import default_surrogate
+from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.inference.laplace import approximate, evidence
 from bayesdeg.observations.curvature import CURVATURE
 from bayesdeg.priors import LogNormal, Normal, Parameter, TruncatedNormal, with_priors

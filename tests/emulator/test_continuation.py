@@ -9,8 +9,8 @@ import pytest
 from bayesdeg.actuator.inputs import Inputs, continuation
 from bayesdeg.actuator.status import Status
 from bayesdeg.data.study import read_study
-from bayesdeg.emulator.kept import default_surrogate
 from bayesdeg.emulator.surrogate import OUTSIDE_BY
+from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.inference.laplace import find_mode
 from bayesdeg.inference.model import least_squares
 from bayesdeg.pipeline.assemble import assemble

@@ -12,7 +12,8 @@ from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.actuator.status import Status
 from bayesdeg.data.settings import Dimensions
-from bayesdeg.emulator.kept import SHIPPED, Recipe, default_surrogate, surrogate_for
+from bayesdeg.emulator.kept import SHIPPED, Recipe
+from bayesdeg.emulator.trained import default_surrogate, surrogate_for
 from bayesdeg.errors import BayesdegError
 
 QUANTITIES = ("curvature", "bend_angle", "peak_stretch")

@@ -10,9 +10,8 @@ from bayesdeg.actuator.curve import MODEL_VERSION
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.data.settings import Dimensions
 from bayesdeg.emulator import kept as kept_emulators
-from bayesdeg.emulator.kept import (
-    Recipe,
-    cached_path,
+from bayesdeg.emulator.kept import Recipe, cached_path
+from bayesdeg.emulator.trained import (
     default_surrogate,
     find,
     read_trained,

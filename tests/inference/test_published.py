@@ -10,7 +10,7 @@ from scipy import special, stats
 
 from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.data.study import read_study
-from bayesdeg.emulator.kept import default_surrogate
+from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.errors import StudyError
 from bayesdeg.material.degradation import yeoh_constants
 from bayesdeg.observations.kinds import State

@@ -259,7 +259,9 @@ def test_a_run_in_which_nothing_breaks_leaves_nothing_out(whole):
     page = (out / "index.html").read_text(encoding="utf-8")
     assert 'id="left-out"' not in page
     # whatever can be drawn is drawn, so that the tests below lack nothing
-    assert set(DRAWN) - {"readings", "reading-residuals"} == set(re.findall(r'id="figure-([a-z-]+)"', page))
+    assert set(DRAWN) - {"readings", "reading-residuals"} == set(
+        re.findall(r'id="figure-([a-z-]+)"', page)
+    )
 
 
 @pytest.mark.slow

@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import norm
 
 from bayesdeg.causes.catalogue import find
-from bayesdeg.emulator.kept import default_surrogate
+from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.inference.sampling import Chain
 from bayesdeg.prediction.predictive import (
     QUANTILES,

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.holdout.gain import gain_table
 from bayesdeg.data.study import Study, read_study
-from bayesdeg.emulator.kept import default_surrogate
+from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.inference.course import CourseModel, course_model, moisture_at
 from bayesdeg.inference.laplace import approximate
 from bayesdeg.inference.model import JointModel, near_films, replicate

@@ -13,7 +13,7 @@ import pytest
 from scipy import stats
 
 from bayesdeg.causes.catalogue import CATALOGUE
-from bayesdeg.emulator.kept import default_surrogate
+from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.observations.curvature import actuator_parameters
 
 STUDIES = Path(__file__).resolve().parents[2] / "studies"

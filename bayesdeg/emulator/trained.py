@@ -1,0 +1,138 @@
+"""Trained emulators on disk: the one that ships, and those of other geometries.
+
+They are read and written here; where they are kept, and what their records say, is in
+`bayesdeg.emulator.kept`, which needs nothing compiled.
+"""
+
+import io
+from dataclasses import dataclass, replace
+from importlib.resources.abc import Traversable
+from pathlib import Path
+
+import numpy as np
+
+from bayesdeg.actuator.geometry import Geometry
+from bayesdeg.emulator.kept import (
+    CACHE,
+    SHIPPED,
+    Recipe,
+    read_content,
+    refuse_other,
+    refuse_outdated,
+    search,
+)
+from bayesdeg.emulator.surrogate import Surrogate
+from bayesdeg.errors import BayesdegError, ResumableError
+from bayesdeg.files import written
+
+
+@dataclass(frozen=True)
+class Found:
+    """What a search for a trained emulator came to.
+
+    Parameters
+    ----------
+    surrogate : Surrogate, optional
+        None if it has to be trained.
+    path : Path
+        Where the emulator of this geometry is kept, or goes once it is trained.
+    reason : str
+        Why there is none; empty if there is one.
+    """
+
+    surrogate: Surrogate | None
+    path: Path
+    reason: str = ""
+
+
+def to_bytes(surrogate: Surrogate) -> bytes:
+    """Return a surrogate as the content of a npz file."""
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, allow_pickle=False, **surrogate.to_arrays())
+    return buffer.getvalue()
+
+
+def from_bytes(content: bytes) -> Surrogate:
+    """Return the surrogate of a npz file's content."""
+    with np.load(io.BytesIO(content), allow_pickle=False) as stored:
+        return Surrogate.from_arrays({name: stored[name] for name in stored.files})
+
+
+def default_surrogate() -> Surrogate:
+    """Return the emulator of the default geometry that ships with the package.
+
+    Examples
+    --------
+    >>> default_surrogate().length
+    50.0
+    """
+    return from_bytes(SHIPPED.read_bytes())
+
+
+def surrogate_for(geometry: Geometry, surrogate: Surrogate | None = None) -> Surrogate:
+    """Return an emulator if it is of this geometry.
+
+    Parameters
+    ----------
+    geometry : Geometry
+        The actuator of the study.
+    surrogate : Surrogate, optional
+        By default the one that ships with the package.
+
+    Raises
+    ------
+    BayesdegError
+        If it is not, naming the dimensions that differ.
+    """
+    surrogate = surrogate or default_surrogate()
+    refuse_other(geometry, surrogate.record)
+    return surrogate
+
+
+def read_trained(path: Traversable) -> Surrogate:
+    """Return the emulator in a file.
+
+    Raises
+    ------
+    BayesdegError
+        If it cannot be read, is damaged, or is of another version of the finite element model.
+    """
+    surrogate = read_content(path, from_bytes)
+    refuse_outdated(path, surrogate.record)
+    return surrogate
+
+
+def write_trained(path: Path, surrogate: Surrogate) -> None:
+    """Keep an emulator in a file: whole or not at all.
+
+    Raises
+    ------
+    ResumableError
+        If the file cannot be written; nothing that was solved is lost.
+    """
+    try:
+        with written(path) as part:
+            part.write_bytes(to_bytes(surrogate))
+    except ResumableError as fault:
+        raise ResumableError(f"{fault}; nothing that was solved is lost") from fault
+
+
+def find(geometry: Geometry, *, recipe: Recipe | None = None, cache: Path = CACHE) -> Found:
+    """Look for a trained emulator of a geometry: first in the package, then in a cache.
+
+    Parameters
+    ----------
+    geometry : Geometry
+        The actuator of the study.
+    recipe : Recipe, optional
+        What it shall be trained on; the package's is of the default recipe.
+    cache : Path
+        Folder of emulators of other geometries.
+    """
+    found = search(geometry, recipe=recipe, cache=cache)
+    if found.source is None:
+        return Found(None, found.path, found.reason)
+    try:
+        return Found(read_trained(found.source), found.path)
+    except BayesdegError as fault:  # its record was whole, the rest is not
+        return Found(None, found.path, replace(found, reasons=(*found.reasons, str(fault))).reason)
