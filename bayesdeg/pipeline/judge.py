@@ -384,10 +384,7 @@ def judge(
     beside = _beside(base, rupture, generator, guard)
     held_out, everything = _held_out(search, chosen, folding, progress, guard)
     supported = supports(search, chosen, everything)
-    shared = (
-        guard.attempt(OptionalStage.SHARED_SCATTER, shared_scatter, final.trial, final.simulated)
-        or []
-    )
+    shared = _shared(final, guard)
     decision = _decided((alone, final), supported, beside, catalogue, shared, guard)
     names = extension(decision, tuple(supported)) if effort.levels_out else BASE
     judged = candidates(search, supported, everything, generator)
@@ -412,6 +409,12 @@ def judge(
         or [],
         alike=tuple(cause.name for cause in catalogue.alike),
     )
+
+
+def _shared(step: Step, guard: Guard) -> list[SharedScatter]:
+    """Return what `shared_scatter` does; nothing where it could not be computed."""
+    stage = OptionalStage.SHARED_SCATTER
+    return guard.attempt(stage, shared_scatter, step.trial, step.simulated) or []
 
 
 def _on(base: Trial, effort: SearchEffort) -> SearchEffort:
