@@ -3,6 +3,7 @@
 import doctest
 import json
 import re
+import subprocess
 import tomllib
 from pathlib import Path
 
@@ -139,3 +140,21 @@ def test_published_reports_are_small_and_whole(folder):
 def test_there_are_two_published_reports_and_a_picture():
     assert {folder.name for folder in REPORTS} == {"gelatin_actuator", "treloar"}
     assert (DOCS / "_static" / "report.png").stat().st_size <= 200_000
+
+
+def test_modules_that_pages_name_are_there():
+    """In backticks; by whole paths, by paths in the package, or by their names alone."""
+    tracked = subprocess.run(
+        ["git", "ls-files", "*.py"], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    files = [f"/{line}" for line in tracked.stdout.splitlines()]
+    invented = {"model.py", "study.py"}  # files of a reader's own
+    pages = [ROOT / "CONTRIBUTING.md", ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]
+    lost = {
+        f"{page.name}: {name}"
+        for page in pages
+        if not {"_build", "generated"} & set(page.parts)
+        for name in re.findall(r"`([\w/]+\.py)`", page.read_text(encoding="utf-8"))
+        if name not in invented and not any(file.endswith(f"/{name}") for file in files)
+    }
+    assert not lost
