@@ -81,11 +81,12 @@ def test_where_nothing_gave_way_a_fit_begins_at_the_screened_size():
     assert step_of(screened(wave=5.0)).guess("wave")[1] == np.array([0.1])
 
 
-def search_with(step, fitted):
-    base = straight.fitted(straight.subject_of(straight.readings(1)))
+def search_with(step, fitted, observed=None):
+    observed = straight.readings(1) if observed is None else observed
+    base = straight.fitted(straight.subject_of(observed))
     effort = SearchEffort(replicates=10, fitted=fitted, pairs=0)
     search = Search(base, straight.CAUSES, effort, np.random.SeedSequence(1))
-    search.steps[BASE] = step
+    search.steps[BASE] = replace(step, trial=base)
     return search
 
 
@@ -101,3 +102,28 @@ def test_a_cause_that_a_full_fit_might_still_name_is_a_leader():
     least = 4.0 - MARGIN
     step = step_of(screened(wave=least + 0.1, lag=least - 0.1))
     assert search_with(step, 4).leaders(BASE) == ["wave"]
+
+
+def promised(**factors):
+    """Causes that can be fitted, with these screened log Bayes factors."""
+    found = screened(**factors)
+    return {name: replace(one, cause=linear_cause(name)) for name, one in found.items()}
+
+
+def test_what_screening_puts_above_the_fitted_leaders_is_fitted_too():
+    """Screening that misleads: the planted cause comes third, after two that a fit finds idle."""
+    search = search_with(
+        step_of(promised(lag=300.0, offset=200.0, wave=100.0)),
+        fitted=1,
+        observed=straight.readings(1, wave=0.15),
+    )
+    sets = search.fit_leaders(BASE)
+    assert sets == [frozenset({name}) for name in ("lag", "offset", "wave")]
+    assert max(sets, key=search.factor) == {"wave"}
+
+
+def test_where_the_leader_keeps_what_screening_promised_nothing_more_is_fitted():
+    search = search_with(
+        step_of(promised(wave=12.0, lag=3.0)), fitted=1, observed=straight.readings(1, wave=0.15)
+    )
+    assert search.fit_leaders(BASE) == [frozenset({"wave"})]

@@ -228,6 +228,26 @@ class Search:
         ]
         return list(dict.fromkeys(leading))
 
+    def fit_leaders(self, names: Names) -> list[Names]:
+        """Fit a set with each addition that deserves it; return the larger sets.
+
+        Screening is rough, and only so many of its best are fitted: as long as it puts another
+        cause above all that were, that one is fitted as well.
+        """
+        sets = self.fit(names, self.leaders(names))
+        while overlooked := self._overlooked(names, sets):
+            sets += self.fit(names, overlooked)
+        return sets
+
+    def _overlooked(self, names: Names, sets: list[Names]) -> list[str]:
+        step = self.step(names)
+        gains = (self.factor(one) - self.factor(names) for one in sets)
+        least = max(step.threshold - MARGIN, *gains) if sets else np.inf
+        fitted = frozenset().union(*sets)
+        left = {n: one.log_bayes_factor for n, one in step.screened.items() if n not in fitted}
+        better = sorted((n for n in left if left[n] > least), key=lambda n: -left[n])
+        return better[: self.effort.fitted]
+
     def _look(self, trial: Trial) -> Step:
         generator = np.random.default_rng(self._seed(trial.names, 1))
         linear = trial.linear
@@ -337,7 +357,7 @@ def rivals(search: Search, chosen: Names, cause: str) -> dict[str, float]:
 def _added(search: Search, names: Names) -> Names:
     """Add causes one after another as long as the best passes the threshold."""
     while len(names) < MOST_CAUSES:
-        sets = search.fit(names, search.leaders(names))
+        sets = search.fit_leaders(names)
         if not sets:
             return names
         best = max(sets, key=search.factor)
