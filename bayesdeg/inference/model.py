@@ -72,10 +72,10 @@ class JointModel:
     --------
     A spring of unknown stiffness, read with an error of 1 mm:
 
-    >>> from bayesdeg.observations.readings import Formula, Readings, places_of
+    >>> from bayesdeg.observations.readings import Formula, FormulaReadings, places_of
     >>> from bayesdeg.priors import LogNormal
     >>> force = np.array([1.0, 2.0, 3.0])
-    >>> length = Readings(
+    >>> length = FormulaReadings(
     ...     np.array([14.0, 23.0, 35.0]),
     ...     places_of(force, kind="length"),
     ...     error=lambda values, lengths: 1.0,

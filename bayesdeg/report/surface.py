@@ -200,11 +200,11 @@ def nodal_fields(problem: Problem, state: MechanicalState) -> NodalFields:
     Examples
     --------
     >>> from bayesdeg.actuator.body import box
-    >>> from bayesdeg.actuator.material import Material
+    >>> from bayesdeg.actuator.material import MaterialGroups
     >>> from bayesdeg.actuator.problem import System
     >>> system = System(box((2.0, 1.0, 1.0), divisions=(1, 1, 1)))
     >>> sheared = system.body.nodes[:, [2, 2, 2]] * [1.5, 0.0, 0.0]  # γ = λ − 1/λ
-    >>> problem = Problem(system, Material(c2_ratio=0.0, c3_ratio=0.0, paper_group=0.0))
+    >>> problem = Problem(system, MaterialGroups(c2_ratio=0.0, c3_ratio=0.0, paper_group=0.0))
     >>> nodal_fields(problem, MechanicalState(sheared, np.zeros((1, 4)), 0.0)).stretch[:3].round(12)
     array([2., 2., 2.])
     """
