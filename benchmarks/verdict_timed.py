@@ -18,21 +18,27 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 import bayesdeg
-from bayesdeg.criticism.fit.trials import Trial
-from bayesdeg.data.study import read_study
 from bayesdeg.inference.density import guesses
 from bayesdeg.inference.importance import about_mode
 from bayesdeg.inference.laplace import approximate
-from bayesdeg.inference.model import JointModel, near_films
 from bayesdeg.pipeline.assemble import Assembly, assemble
-from bayesdeg.pipeline.calibrate import base_without_chain
 from bayesdeg.pipeline.judge import JUDGE_EFFORTS, judge
 from bayesdeg.pipeline.progress import Silent
 
 try:
+    from bayesdeg.criticism.fit.trials import Trial
+    from bayesdeg.data.study import read_study
     from bayesdeg.emulator.workers import pool
-except ImportError:  # versions up to the commit `OLD` of verdict_seconds.py
+    from bayesdeg.inference.model import JointModel, near_films
+    from bayesdeg.pipeline.calibrate import base_without_chain
+except ImportError:  # where they are in the commit `OLD` of verdict_seconds.py
+    from bayesdeg.criticism.trials import Trial
+    from bayesdeg.inference.least_squares import near_films
+    from bayesdeg.measure.study import read_study
+    from bayesdeg.pipeline.base import base_without_chain
+
     from bayesdeg.console import pool
+    from bayesdeg.inference.model import Model as JointModel
 
 REPEATS = 3  # of a fit
 WARMING = 64  # densities

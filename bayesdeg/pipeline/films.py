@@ -1,6 +1,7 @@
 """What the films alone say: their course of degradation, and the order of the polynomials."""
 
 from collections.abc import Callable
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
 
@@ -96,6 +97,7 @@ def examine(
     effort: Effort,
     seed: np.random.SeedSequence,
     progress: Progress,
+    executor: Executor | None = None,
     guard: Guard | None = None,
 ) -> Films:
     """Calibrate the course of degradation, and compare orders of the polynomials.
@@ -112,6 +114,8 @@ def examine(
         Everything random comes from it.
     progress : Progress
         Shows each stage.
+    executor : Executor, optional
+        Calibrates orders side by side.
     guard : Guard, optional
         Leaves out what fails; by default nothing is left out and faults are raised.
     """
@@ -121,7 +125,9 @@ def examine(
     fit = guard.attempt(OptionalStage.COURSE, _course, study, effort=effort, seed=of_course)
     progress.stage("order of the polynomials of the degradation rate")
     with threadpool_limits(limits=1):
-        orders = guard.attempt(OptionalStage.ORDERS, compare_orders, model, seed=of_orders)
+        orders = guard.attempt(
+            OptionalStage.ORDERS, compare_orders, model, seed=of_orders, executor=executor
+        )
     return Films(fit, orders, _stated(study))
 
 

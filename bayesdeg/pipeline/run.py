@@ -363,6 +363,12 @@ def _examine(
         effort = EFFORTS[study.settings.effort]
         model = results.base.model
         films = examine(
-            study, model, effort=effort, seed=seeds.films, progress=progress, guard=guard
+            study,
+            model,
+            effort=effort,
+            seed=seeds.films,
+            progress=progress,
+            executor=executor,
+            guard=guard,
         )
     return replace(results, checks=checks, films=films)

@@ -7,14 +7,8 @@ from arviz_stats import loo
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal, norm
 
-from bayesdeg.criticism.holdout.held_out import specimen_density
-from bayesdeg.criticism.holdout.leave_one_out import (
-    bridge,
-    largest_k,
-    leave_one_out,
-    predict_left_out,
-    smoothed,
-)
+from bayesdeg.criticism.holdout.held_out import largest_k, smoothed, specimen_density
+from bayesdeg.criticism.holdout.leave_one_out import bridge, leave_one_out, predict_left_out
 from bayesdeg.inference.laplace import approximate, evidence
 from bayesdeg.inference.model import JointModel, without
 from bayesdeg.inference.sampling import EFFORTS, Chain, sample

@@ -3,9 +3,14 @@
 from dataclasses import dataclass
 
 import numpy as np
+from arviz_stats.base import array_stats
 from numpy.typing import NDArray
+from scipy.special import logsumexp
 
+from bayesdeg.inference.importance import about_mode, improved
+from bayesdeg.inference.laplace import Evidence, approximate
 from bayesdeg.inference.model import JointModel, blocks_of
+from bayesdeg.inference.sampling import Effort, sample
 from bayesdeg.material.degradation import levels
 from bayesdeg.priors import Named
 
@@ -133,3 +138,143 @@ def specimen_density(
     density = np.stack(columns, axis=-1) if columns else np.empty((count, 0))
     known = np.where(np.isnan(density), -np.inf, density)
     return tuple(blocks), tuple(", ".join(found) for found in blocks.values()), known
+
+
+LARGEST_K = 0.7  # shape of the weights' tail beyond which no number of draws gives a mean
+
+
+@dataclass(frozen=True)
+class Smoothed:
+    """Each group left out by smoothed importance weights.
+
+    Parameters
+    ----------
+    elpd, error : array, shape (n_groups,)
+        Log predictive density given the other groups, and its Monte Carlo standard error.
+    in_sample : array, shape (n_groups,)
+        The same given all groups, itself included.
+    pareto_k : array, shape (n_groups,)
+        Shape of the tail of the weights.
+    log_weights : array, shape (n_draws, n_groups)
+        Normalised.
+    """
+
+    elpd: Floats
+    error: Floats
+    in_sample: Floats
+    pareto_k: Floats
+    log_weights: Floats
+
+
+def smoothed(density: Floats, relative: float) -> Smoothed:
+    """Weight posterior draws so that each specimen in turn has no part in them.
+
+    Parameters
+    ----------
+    density : array, shape (n_chains, n_draws, n_specimens)
+        Log density of all readings of each specimen.
+    relative : float
+        Effective over actual number of draws.
+    """
+    flat = density.reshape(-1, density.shape[-1])
+    found = [_smooth(column, relative) for column in flat.T]
+    weights = np.stack([weight for weight, _ in found], axis=-1)
+    pareto_k = np.array([k for _, k in found])
+    elpd = logsumexp(weights + flat, axis=0)
+    deviation = np.exp(weights) * np.expm1(flat - elpd)
+    error = np.sqrt(np.sum(deviation**2, axis=0) / relative)
+    inside = logsumexp(flat, axis=0) - np.log(len(flat))
+    return Smoothed(elpd, error, inside, pareto_k, weights)
+
+
+def _smooth(density: Floats, relative: float) -> tuple[Floats, float]:
+    """Return log weights 1/p that sum to 1, the largest smoothed, and the shape of their tail."""
+    try:
+        weights, k = array_stats.psislw(density, r_eff=relative)
+    except ValueError:  # a tail of equal weights
+        weights, k = -density, np.nan
+    if np.isfinite(k) or k == np.inf:
+        return weights, float(k)
+    # a specimen that tells next to nothing has bounded weights: nothing to smooth, no tail
+    plain = -density - logsumexp(-density)
+    return plain, 0.0 if np.ptp(density) < 1.0 else np.inf
+
+
+def largest_k(draws: int) -> float:
+    """Return the largest shape k of which so many draws give a reliable mean.
+
+    Examples
+    --------
+    >>> largest_k(100), largest_k(4000)
+    (0.5, 0.7)
+    """
+    return min(1.0 - 1.0 / float(np.log10(draws)), LARGEST_K)
+
+
+ROUND, ENOUGH = 1000, 80.0  # draws of a round of importance sampling, effective draws wanted
+FEWEST = 20.0  # effective draws below which another way is tried
+# the last way: a density averaged over draws needs few
+ANEW = Effort(effective=60.0, r_hat=1.2, chunk=25, longest=200, ensembles=2)
+
+
+def recalibrated(
+    training: JointModel,
+    generator: np.random.Generator,
+    seed: np.random.SeedSequence,
+    *,
+    start: Floats | None,
+    whole: Evidence | None = None,
+    enough: float = ENOUGH,
+    effort: Effort = ANEW,
+) -> Evidence:
+    """Calibrate a model anew without some groups.
+
+    An importance sample about its mode; one that begins with the posterior of all groups where that
+    has too few draws, or had too few for all groups: what lies far from the mode has to be found
+    with a group and without it, or their ratio says nothing; and emcee, without an evidence (nan),
+    where that has too few as well.
+
+    Parameters
+    ----------
+    training : JointModel
+        Without the groups.
+    generator : Generator
+        Draws proposals.
+    seed : SeedSequence
+        For emcee.
+    start : array, shape (n_parameters,), optional
+        Near the mode; None where posterior mass lies far from it.
+    whole : Evidence, optional
+        Posterior of all groups.
+    enough : float
+        Effective draws wanted.
+    effort : Effort
+        Of emcee.
+
+    Raises
+    ------
+    ValueError
+        If there is neither a start nor a posterior of all groups.
+    """
+    found = None
+    if start is not None:
+        laplace = approximate(training, generator, start=start)
+        found = about_mode(training, laplace, generator, enough=enough)
+    if whole is not None and (found is None or found.effective < FEWEST):
+        found = improved(training, whole, generator, draws=ROUND, enough=enough)
+    begun = whole if found is None or not found.effective > 0.0 else found
+    if begun is None:
+        raise ValueError("give a start or the posterior of all groups")
+    if begun is found and found.effective >= FEWEST:
+        return found
+    return _chained(training, begun, effort, seed)
+
+
+def _chained(
+    training: JointModel, begun: Evidence, effort: Effort, seed: np.random.SeedSequence
+) -> Evidence:
+    """Return draws of emcee, equally weighted, from walkers at a poor importance sample."""
+    chain = sample(training, begun, effort=effort, seed=seed)
+    flat = chain.vectors.reshape(-1, chain.vectors.shape[-1])
+    effective = min(float(np.min(chain.effective())), float(len(flat)))
+    return Evidence(float("nan"), float("nan"), flat, np.zeros(len(flat)), effective)

@@ -23,20 +23,23 @@ from functools import partial
 
 import numpy as np
 import pandas as pd
-from arviz_stats.base import array_stats
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from bayesdeg.criticism.holdout.held_out import specimen_density
+from bayesdeg.criticism.holdout.held_out import (
+    largest_k,
+    recalibrated,
+    smoothed,
+    specimen_density,
+)
 from bayesdeg.inference.importance import about_mode
-from bayesdeg.inference.laplace import FEWEST_EFFECTIVE, Evidence, approximate
+from bayesdeg.inference.laplace import approximate
 from bayesdeg.inference.model import JointModel, blocks_of, without
-from bayesdeg.inference.sampling import EFFORTS, Chain, sample
+from bayesdeg.inference.sampling import EFFORTS, Chain
 
 Floats = NDArray[np.float64]
 
 ENOUGH_EFFECTIVE = 150.0  # draws: a log evidence is then known to 0.08
-DRAWS = 3000
 LARGEST_ERROR = 0.08  # of a log density by bridge sampling, before another way is tried
 STEPS = 200  # of the bridge's fixed point, most
 
@@ -69,9 +72,6 @@ def predict_left_out(
 ) -> LeftOutPrediction:
     """Calibrate a model without one specimen and predict it.
 
-    The posterior is an importance sample about its mode; where that has too few draws, chains of
-    emcee.
-
     Parameters
     ----------
     model : JointModel
@@ -91,10 +91,9 @@ def predict_left_out(
     training = without(model, [specimen])
     testing = without(model, [name for name in _names(model) if name != specimen])
     best = draws[int(np.argmax(log_weights))]
-    laplace = approximate(training, generator, start=best)
-    posterior = about_mode(training, laplace, generator, enough=ENOUGH_EFFECTIVE)
-    if posterior.effective < FEWEST_EFFECTIVE:
-        posterior = _chain(training, posterior, seed)
+    posterior = recalibrated(
+        training, generator, seed, start=best, enough=ENOUGH_EFFECTIVE, effort=EFFORTS["quick"]
+    )
     possible = np.isfinite(posterior.log_weights)
     weights = posterior.log_weights[possible] - logsumexp(posterior.log_weights[possible])
     density, error = bridge(
@@ -152,15 +151,6 @@ def bridge(
     return log_ratio, float(np.sqrt(variance))
 
 
-def _chain(training: JointModel, begun: Evidence, seed: np.random.SeedSequence) -> Evidence:
-    """Return draws of emcee, equally weighted, from walkers at a poor importance sample."""
-    chain = sample(training, begun, effort=EFFORTS["quick"], seed=seed)
-    vectors = chain.thinned(DRAWS // len(chain.vectors)).vectors
-    flat = vectors.reshape(-1, vectors.shape[-1])
-    effective = min(float(np.min(chain.effective())), float(len(flat)))
-    return Evidence(float("nan"), float("nan"), flat, np.zeros(len(flat)), effective)
-
-
 def _density(testing: JointModel, draws: Floats) -> Floats:
     return specimen_density(testing, testing.table.named(draws))[2][:, 0]
 
@@ -171,7 +161,6 @@ def _names(model: JointModel) -> tuple[str, ...]:
 
 Flags = NDArray[np.bool_]
 
-LARGEST_K = 0.7
 LOO_DRAWS = 1000  # of each ensemble
 # below, the normal law for a sum of elpd is rough: Sivula et al. (2020), arXiv:2008.10296
 FEW_SPECIMENS = 100
@@ -315,71 +304,9 @@ def leave_one_out(
     return LeaveOneOut(names, kinds, elpd, error, inside, smooth.pareto_k, refitted, threshold)
 
 
-@dataclass(frozen=True)
-class Smoothed:
-    """Leave-one-out by smoothed importance weights; fields as in `LeaveOneOut`.
-
-    Parameters
-    ----------
-    log_weights : array, shape (n_draws, n_specimens)
-        Normalised.
-    """
-
-    elpd: Floats
-    error: Floats
-    in_sample: Floats
-    pareto_k: Floats
-    log_weights: Floats
-
-
-def smoothed(density: Floats, relative: float) -> Smoothed:
-    """Weight posterior draws so that each specimen in turn has no part in them.
-
-    Parameters
-    ----------
-    density : array, shape (n_chains, n_draws, n_specimens)
-        Log density of all readings of each specimen.
-    relative : float
-        Effective over actual number of draws.
-    """
-    flat = density.reshape(-1, density.shape[-1])
-    found = [_smooth(column, relative) for column in flat.T]
-    weights = np.stack([weight for weight, _ in found], axis=-1)
-    pareto_k = np.array([k for _, k in found])
-    elpd = logsumexp(weights + flat, axis=0)
-    deviation = np.exp(weights) * np.expm1(flat - elpd)
-    error = np.sqrt(np.sum(deviation**2, axis=0) / relative)
-    inside = logsumexp(flat, axis=0) - np.log(len(flat))
-    return Smoothed(elpd, error, inside, pareto_k, weights)
-
-
-def _smooth(density: Floats, relative: float) -> tuple[Floats, float]:
-    """Return log weights 1/p that sum to 1, the largest smoothed, and the shape of their tail."""
-    try:
-        weights, k = array_stats.psislw(density, r_eff=relative)
-    except ValueError:  # a tail of equal weights
-        weights, k = -density, np.nan
-    if np.isfinite(k) or k == np.inf:
-        return weights, float(k)
-    # a specimen that tells next to nothing has bounded weights: nothing to smooth, no tail
-    plain = -density - logsumexp(-density)
-    return plain, 0.0 if np.ptp(density) < 1.0 else np.inf
-
-
 def relative_efficiency(chain: Chain, kept: int) -> float:
     """Return the effective number of draws of a chain over the number kept, at most 1."""
     return float(np.clip(np.mean(chain.effective("mean")) / kept, 1e-3, 1.0))
-
-
-def largest_k(draws: int) -> float:
-    """Return the largest shape k of which so many draws give a reliable mean.
-
-    Examples
-    --------
-    >>> largest_k(100), largest_k(4000)
-    (0.5, 0.7)
-    """
-    return min(1.0 - 1.0 / float(np.log10(draws)), LARGEST_K)
 
 
 def _refit(

@@ -9,23 +9,21 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from bayesdeg.criticism.fit.trials import Trial, firm
-from bayesdeg.criticism.holdout.held_out import DRAWS, Folds, HeldOut
-from bayesdeg.criticism.holdout.leave_one_out import largest_k, smoothed
-from bayesdeg.inference.importance import about_mode, improved
-from bayesdeg.inference.laplace import approximate
-from bayesdeg.inference.model import JointModel
-from bayesdeg.inference.sampling import Effort, sample
+from bayesdeg.criticism.holdout.held_out import (
+    DRAWS,
+    Folds,
+    HeldOut,
+    largest_k,
+    recalibrated,
+    smoothed,
+)
 
 Floats = NDArray[np.float64]
 _Fold = tuple[NDArray[np.intp], Floats, Floats]
 _Job = tuple[Trial, NDArray[np.intp], np.random.SeedSequence]
 
 KEPT = 1000
-ROUND, WANTED = 1000, 80.0  # draws of a round of importance sampling, effective draws wanted
 FEW = 6  # groups
-FEWEST = 20.0  # effective draws below which another way is tried
-# the last way: a density averaged over draws needs few
-ANEW = Effort(effective=60.0, r_hat=1.2, chunk=25, longest=200, ensembles=2)
 
 
 @dataclass(frozen=True)
@@ -197,41 +195,16 @@ def carried_out(
 def _predict_fold(job: _Job) -> _Fold:
     trial, groups, seed = job
     generator = np.random.default_rng(seed)
-    vectors, log_evidence = _draws(trial, trial.subject.without(groups), seed, generator)
-    testing = trial.subject.only(groups)
-    if len(groups) == 1 and np.isfinite(log_evidence):
+    training, testing = trial.subject.without(groups), trial.subject.only(groups)
+    start = trial.mode if trial.is_near_mode else None
+    rest = recalibrated(training, generator, seed, start=start, whole=trial.posterior)
+    vectors = rest.resample(generator, DRAWS)
+    if len(groups) == 1 and np.isfinite(rest.log_evidence):
         # p(y_g | rest) is a ratio of evidences; few draws would miss what a whole curve demands
-        density = np.array([trial.log_evidence - log_evidence])
+        density = np.array([trial.log_evidence - rest.log_evidence])
     else:
         density = logsumexp(testing.group_density(vectors), axis=0) - np.log(DRAWS)
     if trial.subject.is_beside:
         return groups, density, np.full((DRAWS, int(np.sum(testing.group != ""))), np.nan)
     simulated = testing.simulated(vectors, generator)
     return groups, density, simulated[:, testing.group != ""]
-
-
-def _draws(
-    trial: Trial,
-    training: JointModel,
-    seed: np.random.SeedSequence,
-    generator: np.random.Generator,
-) -> tuple[Floats, float]:
-    """Draw from the posterior without some groups; return the draws and the log evidence.
-
-    An importance sample about its mode; one that begins with the posterior of all groups where that
-    has too few draws, or had too few for all groups: what lies far from the mode has to be found
-    with a group and without it, or their ratio says nothing; and emcee, without an evidence (nan),
-    where that has too few as well.
-    """
-    posterior = trial.posterior
-    if trial.is_near_mode:
-        laplace = approximate(training, generator, start=trial.mode)
-        posterior = about_mode(training, laplace, generator, enough=WANTED)
-    if posterior.effective < FEWEST or not trial.is_near_mode:
-        posterior = improved(training, trial.posterior, generator, draws=ROUND, enough=WANTED)
-    if posterior.effective >= FEWEST:
-        return posterior.resample(generator, DRAWS), posterior.log_evidence
-    begun = posterior if posterior.effective > 0.0 else trial.posterior
-    chain = sample(training, begun, effort=ANEW, seed=seed)
-    flat = chain.vectors.reshape(-1, chain.vectors.shape[-1])
-    return flat[generator.integers(len(flat), size=DRAWS)], float("nan")

@@ -6,17 +6,21 @@ stretch curves and published Young's moduli are calibrated under each order and 
 marginal likelihood, and by how well a film is predicted from all others.
 """
 
+from concurrent.futures import Executor
 from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from arviz_stats.base import array_stats
 from numpy.typing import NDArray
-from scipy.special import logsumexp
 
-from bayesdeg.criticism.holdout.held_out import specimen_density
-from bayesdeg.inference.importance import improved
-from bayesdeg.inference.laplace import FEWEST_EFFECTIVE, Evidence, approximate, evidence
+from bayesdeg.criticism.holdout.held_out import (
+    largest_k,
+    recalibrated,
+    smoothed,
+    specimen_density,
+)
+from bayesdeg.inference.importance import about_mode
+from bayesdeg.inference.laplace import FEWEST_EFFECTIVE, Evidence, approximate
 from bayesdeg.inference.model import JointModel, blocks_of, near_films, without
 from bayesdeg.material.degradation import Nodes, nodes_for
 from bayesdeg.observations.means import Means
@@ -157,12 +161,16 @@ class OrderComparison:
 
 
 ORDERS = (1, 2, 3)
-LARGEST_K = 0.7
-"""Shape of the importance weights' tail beyond which they cannot be relied on."""
+DRAWS = 1000
+"""Effective draws wanted of each posterior, and draws that are weighted to leave a film out."""
 
 
 def compare_orders(
-    model: JointModel, *, seed: np.random.SeedSequence, orders: tuple[int, ...] = ORDERS
+    model: JointModel,
+    *,
+    seed: np.random.SeedSequence,
+    orders: tuple[int, ...] = ORDERS,
+    executor: Executor | None = None,
 ) -> OrderComparison | None:
     """Calibrate the films of a model under several orders.
 
@@ -174,6 +182,8 @@ def compare_orders(
         Everything random comes from it.
     orders : tuple of int
         To compare with the order of the model.
+    executor : Executor, optional
+        Calibrates orders side by side.
 
     Returns
     -------
@@ -189,10 +199,9 @@ def compare_orders(
     by_order[len(model.nodes) - 1] = model.nodes
     if len(by_order) < 2:
         return None
-    fits = [
-        fit_order(films_alone(model, by_order[order]), seed=child)
-        for order, child in zip(sorted(by_order), seed.spawn(len(by_order)), strict=True)
-    ]
+    films = [films_alone(model, by_order[order]) for order in sorted(by_order)]
+    apply = map if executor is None else executor.map
+    fits = apply(fit_order, films, seed.spawn(len(films)))
     return OrderComparison(tuple(fits), len(model.nodes) - 1)
 
 
@@ -210,12 +219,12 @@ def films_alone(model: JointModel, nodes: Nodes) -> JointModel:
     )
 
 
-def fit_order(films: JointModel, *, seed: np.random.SeedSequence) -> OrderFit:
+def fit_order(films: JointModel, seed: np.random.SeedSequence) -> OrderFit:
     """Calibrate the films and predict each from all others."""
     first, refits = seed.spawn(2)
     generator = np.random.default_rng(first)
-    first_guess = _rough(films, generator)
-    posterior = improved(films, first_guess, generator)
+    laplace = approximate(films, generator, start=near_films(films, generator))
+    posterior = about_mode(films, laplace, generator, enough=DRAWS)
     usable = posterior.effective >= FEWEST_EFFECTIVE
     if usable:
         elpd, pareto_k, refitted = leave_films_out(films, posterior, seed=refits)
@@ -240,9 +249,9 @@ def leave_films_out(
 ) -> tuple[Floats, Floats, NDArray[np.bool_]]:
     r"""Predict each film from all others, by smoothed importance sampling.
 
-    The draws θ come from a proposal q. Of the posterior without film i their weights are
-    :math:`p(\theta \mid y) / (q(\theta) \, p(y_i \mid \theta))`, the largest of them smoothed by a
-    Pareto law. Where its shape is too large, the films are calibrated anew without film i.
+    Where the shape of the weights' tail is too large, the films are calibrated anew without film i,
+    and :math:`\ln p(y_i \mid y_{-i}) = \ln p(y) - \ln p(y_{-i})`: averaged over the posterior
+    without it, p(y_i | θ) of a film far from the others would rest on few draws.
 
     Parameters
     ----------
@@ -262,34 +271,16 @@ def leave_films_out(
     ----------
     Vehtari, Gelman and Gabry (2017), doi:10.1007/s11222-016-9696-4.
     """
-    possible = np.isfinite(posterior.log_weights)
-    draws, weights = posterior.draws[possible], posterior.log_weights[possible]
+    first, *children = seed.spawn(1 + len(blocks_of(films)))
+    draws = posterior.resample(np.random.default_rng(first), DRAWS)
     names, _, density = specimen_density(films, films.table.named(draws))
-    # psislw takes the log likelihood, of which the weights are the inverse
-    log_weights, pareto_k = array_stats.psislw((density - weights[:, None]).T, r_eff=1.0)
-    log_weights = log_weights - logsumexp(log_weights, axis=-1, keepdims=True)
-    elpd = logsumexp(log_weights + density.T, axis=-1)
-    refitted = ~(pareto_k <= LARGEST_K)
-    for row, child in enumerate(seed.spawn(len(names))):
+    smooth = smoothed(density[None], min(posterior.effective / DRAWS, 1.0))
+    elpd, refitted = smooth.elpd.copy(), ~(smooth.pareto_k <= largest_k(DRAWS))
+    for row, child in enumerate(children):
         if refitted[row]:
-            elpd[row] = _refit(films, names[row], posterior, np.random.default_rng(child))
-    return elpd, np.asarray(pareto_k), refitted
-
-
-def _refit(
-    films: JointModel, film: str, posterior: Evidence, generator: np.random.Generator
-) -> float:
-    """Calibrate the films without one: ln p(y_i | y_-i) is what it adds to the log evidence.
-
-    Averaged over the posterior without it, p(y_i | θ) of a film far from the others would rest on
-    few draws.
-    """
-    training = without(films, [film])
-    # a start of its own: draws of the posterior with the film may miss that without it
-    rough = _rough(training, generator)
-    return posterior.log_evidence - improved(training, rough, generator).log_evidence
-
-
-def _rough(films: JointModel, generator: np.random.Generator) -> Evidence:
-    laplace = approximate(films, generator, start=near_films(films, generator))
-    return evidence(films, laplace, generator)
+            # a start of its own: draws of the posterior with the film may miss that without it
+            training, generator = without(films, [names[row]]), np.random.default_rng(child)
+            start = near_films(training, generator)
+            rest = recalibrated(training, generator, child, start=start, enough=DRAWS)
+            elpd[row] = posterior.log_evidence - rest.log_evidence
+    return elpd, smooth.pareto_k, refitted
