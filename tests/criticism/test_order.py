@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from bayesdeg.criticism.holdout.held_out import largest_k
 from bayesdeg.criticism.posterior.order import (
     OrderComparison,
     OrderFit,
@@ -138,7 +139,7 @@ def test_a_film_with_a_heavy_tail_of_weights_is_calibrated_anew():
     elpd, pareto_k, refitted = leave_films_out(
         films, posterior_draws, seed=np.random.SeedSequence(9)
     )
-    assert pareto_k[2] > 0.7
+    assert pareto_k[2] > largest_k(1000)
     assert refitted[2]
     others = without(films, ["f2"])
     left = improved(others, evidence(others, approximate(others, generator), generator), generator)

@@ -212,7 +212,7 @@ def largest_k(draws: int) -> float:
 
 
 ROUND, ENOUGH = 1000, 80.0  # draws of a round of importance sampling, effective draws wanted
-FEWEST = 20.0  # effective draws below which another way is tried
+FEWEST = 0.25  # of the effective draws wanted: with fewer another way is tried
 # the last way: a density averaged over draws needs few
 ANEW = Effort(effective=60.0, r_hat=1.2, chunk=25, longest=200, ensembles=2)
 
@@ -256,16 +256,16 @@ def recalibrated(
     ValueError
         If there is neither a start nor a posterior of all groups.
     """
-    found = None
+    found, fewest = None, FEWEST * enough
     if start is not None:
         laplace = approximate(training, generator, start=start)
         found = about_mode(training, laplace, generator, enough=enough)
-    if whole is not None and (found is None or found.effective < FEWEST):
+    if whole is not None and (found is None or found.effective < fewest):
         found = improved(training, whole, generator, draws=ROUND, enough=enough)
     begun = whole if found is None or not found.effective > 0.0 else found
     if begun is None:
         raise ValueError("give a start or the posterior of all groups")
-    if begun is found and found.effective >= FEWEST:
+    if begun is found and found.effective >= fewest:
         return found
     return _chained(training, begun, effort, seed)
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from scipy.special import logsumexp
 
 from bayesdeg.criticism.holdout.held_out import (
     largest_k,
@@ -162,7 +163,7 @@ class OrderComparison:
 
 ORDERS = (1, 2, 3)
 DRAWS = 1000
-"""Effective draws wanted of each posterior, and draws that are weighted to leave a film out."""
+"""Effective draws wanted of all films' posterior; so many are weighted to leave a film out."""
 
 
 def compare_orders(
@@ -273,14 +274,22 @@ def leave_films_out(
     """
     first, *children = seed.spawn(1 + len(blocks_of(films)))
     draws = posterior.resample(np.random.default_rng(first), DRAWS)
-    names, _, density = specimen_density(films, films.table.named(draws))
+    density = specimen_density(films, films.table.named(draws))[2]
     smooth = smoothed(density[None], min(posterior.effective / DRAWS, 1.0))
     elpd, refitted = smooth.elpd.copy(), ~(smooth.pareto_k <= largest_k(DRAWS))
-    for row, child in enumerate(children):
-        if refitted[row]:
-            # a start of its own: draws of the posterior with the film may miss that without it
-            training, generator = without(films, [names[row]]), np.random.default_rng(child)
-            start = near_films(training, generator)
-            rest = recalibrated(training, generator, child, start=start, enough=DRAWS)
-            elpd[row] = posterior.log_evidence - rest.log_evidence
+    for row in np.flatnonzero(refitted):
+        elpd[row] = _anew(films, int(row), posterior.log_evidence, children[row])
     return elpd, smooth.pareto_k, refitted
+
+
+def _anew(films: JointModel, row: int, log_evidence: float, seed: np.random.SeedSequence) -> float:
+    """Return the log predictive density of a film by the films calibrated without it."""
+    training = without(films, [tuple(blocks_of(films))[row]])
+    generator = np.random.default_rng(seed)
+    # a start of its own: draws of the posterior with the film may miss that without it
+    start = near_films(training, generator)
+    rest = recalibrated(training, generator, seed, start=start, enough=DRAWS)
+    if np.isfinite(rest.log_evidence):
+        return log_evidence - rest.log_evidence
+    density = specimen_density(films, films.table.named(rest.draws))[2][:, row]
+    return float(logsumexp(density)) - float(np.log(len(density)))
