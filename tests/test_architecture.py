@@ -4,6 +4,7 @@ import ast
 import importlib
 import re
 import tomllib
+from collections import Counter
 from functools import cache
 from pathlib import Path
 
@@ -352,6 +353,17 @@ def test_every_module_can_be_imported_and_says_what_it_is():
         parts = path.relative_to(ROOT).with_suffix("").parts
         module = importlib.import_module(".".join(p for p in parts if p != "__init__"))
         assert module.__doc__, place(path)
+
+
+def test_every_class_has_a_name_of_its_own():
+    """One that is private to its module may have any."""
+    found = Counter(
+        node.name
+        for path in MODULES
+        for node in ast.walk(tree_of(path))
+        if isinstance(node, ast.ClassDef) and not node.name.startswith("_")
+    )
+    assert [name for name, count in found.items() if count > 1] == []
 
 
 def test_names_of_test_files_are_unique():
