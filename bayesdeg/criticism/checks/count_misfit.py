@@ -40,6 +40,8 @@ SETS = 999
 FEWEST = 100
 """Draws with an answer, and sets, below which the level could not be reached with certainty."""
 WIDTH = (0.05, 0.95)
+PUBLISHED, OWN = "summary.csv", "actuator.csv"
+"""Where counts of ruptures are given."""
 EQUAL = 1e-9
 """Of a log probability: sets as probable as the counts, but for rounding, count as such."""
 
@@ -188,6 +190,15 @@ class CountLaw(NamedTuple):
         """Return the law for draws of weights that need not be normalised; equal by default."""
         weights = np.zeros(len(chances.burst)) if log_weights is None else log_weights
         return cls(tests, chances, weights - logsumexp(weights))
+
+    def reweighted(self, log_weights: Floats) -> "CountLaw":
+        """Return the law with other weights of its draws."""
+        return CountLaw.of(self.tests, self.chances, log_weights)
+
+    def draw_by_draw(self, ruptured: Floats) -> Floats:
+        """Return the log probability of counts (n_levels,) under each draw, (n,)."""
+        found: Floats = np.sum(log_count(ruptured, self.tests.tested, self.chances), axis=1)
+        return found
 
     def log_probability(self, counts: Floats) -> Floats:
         """Return the log probability of sets of counts (m, n_levels), levels together, (m,)."""
