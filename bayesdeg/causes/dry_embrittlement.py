@@ -7,7 +7,8 @@ Mechanism
     the larger share of what it has.
 
 Equation
-    Median elongation limit times exp(−b D/25 %), D the degradation rate.
+    Median elongation limit times exp(−b D/25 %), scatter of its logarithm √(σ² + (w D/25 %)²), D the
+    degradation rate: specimens that were tested at other times dried by other amounts.
 
 Typical size
     Stored at 67 % relative humidity, where elongation peaks, tested near 60 %: two of three
@@ -46,23 +47,30 @@ from bayesdeg.priors import Parameter, TruncatedNormal
 
 
 def dry(strength: Strength, degradation: Floats, effect: Effect) -> Strength:
-    """Return an elongation limit that is lower the more an actuator is degraded.
+    """Return an elongation limit that is lower and more scattered the more an actuator is degraded.
 
     Examples
     --------
     >>> films = Strength(np.array([[2.0, 0.5]]), np.array([[0.1, 0.1]]))
-    >>> dry(films, np.array([[0.0, 25.0]]), {"cut": np.array([[np.log(5.0)]])}).median
+    >>> size = {"cut": np.array([[np.log(5.0)]]), "widening": np.array([[0.0]])}
+    >>> dry(films, np.array([[0.0, 25.0]]), size).median
     array([[2. , 0.1]])
     """
     share = np.maximum(degradation, 0.0) / REFERENCE_DEGRADATION
-    return replace(strength, median=strength.median * np.exp(-effect["cut"] * share))
+    return replace(
+        strength,
+        median=strength.median * np.exp(-effect["cut"] * share),
+        scatter=np.hypot(strength.scatter, effect["widening"] * share),
+    )
 
 
-def never_degraded(conditions: Conditions) -> str | None:
-    """Say so where no actuator was degraded."""
-    if np.any(conditions.degradation > 0.0):
-        return None
-    return "no degraded actuator was tested"
+def never_dry(conditions: Conditions) -> str | None:
+    """Say so where no actuator was degraded, or nothing is known of the air."""
+    if not np.any(conditions.degradation > 0.0):
+        return "no degraded actuator was tested"
+    if not np.any(np.isfinite(conditions.humidity)):
+        return "the humidity of the room was not recorded"
+    return None
 
 
 CAUSE = Cause(
@@ -76,13 +84,20 @@ CAUSE = Cause(
             "ln of the films' over the actuators' elongation limit at a degradation rate of 25 %",
             0.0,
         ),
+        Parameter(
+            "widening",
+            TruncatedNormal(0.0, 0.4, 0.0, np.inf),
+            "–",
+            "scatter of ln elongation limit that drying adds at a degradation rate of 25 %",
+            0.0,
+        ),
     ),
     mechanism="degraded actuators tested in air drier than that of the films break at less strain",
-    typical={"cut": 1.5},
+    typical={"cut": 1.5, "widening": 0.4},
     revealed_by="ruptures below what the films' elongation would bear, the more so the more "
     "degraded; refuted by ruptures as early at the humidity at which the films were stored",
     confusable_with=("flaw_embrittlement",),
     needs=("humidity_pct",),
     on_strength=dry,
-    blind=never_degraded,
+    blind=never_dry,
 )

@@ -63,7 +63,7 @@ def explain(judgement: Judgement, where: str) -> str:
         "verdict",
         "explanation",
         j=judgement,
-        counts=worded(counted, burst=worded(counted.misfit)) if counted and contradicted else "",
+        counts=worded(counted) if contradicted else "",
         by_counts_alone=contradicted and _agrees_otherwise(judgement),
         where=where,
         outcome=str(decision.outcome),

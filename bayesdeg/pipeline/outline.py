@@ -160,7 +160,10 @@ def outline(study: Study, *, emulated: bool = True) -> Outline:
 
 
 def _of_counts(study: Study, counts: RuptureCounts | None) -> tuple[Cause, ...]:
-    """Return the causes that published counts of ruptures may show, whatever columns are there."""
+    """Return the causes that published counts of ruptures may show, whatever columns are there.
+
+    What a cause needs of a table, counts never have: it may have acted all the same.
+    """
     if counts is None:
         return ()
     wanted = study.settings.candidates
@@ -168,7 +171,8 @@ def _of_counts(study: Study, counts: RuptureCounts | None) -> tuple[Cause, ...]:
     return tuple(
         replace(cause, parameters=stated_priors(cause, study))
         for cause in causes
-        if cause.is_of_rupture_alone and cause.blind(counts.tests.conditions) is None
+        if cause.is_of_rupture_alone
+        and (cause.needs or cause.blind(counts.tests.conditions) is None)
     )
 
 

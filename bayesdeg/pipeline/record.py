@@ -210,9 +210,7 @@ def _rupture_counts(judgement: Judgement) -> tuple[RuptureCountsEntry, ...]:
 
 
 def _with_causes(counted: Counted) -> RuptureCountsEntry:
-    said = worded(counted.misfit)
-    if counted.misfit.contradicts:
-        said = worded(counted, burst=said)
+    said = worded(counted if counted.misfit.contradicts else counted.misfit)
     return counts_entry(counted.misfit).model_copy(
         update={
             "explained_by": counted.explained_by,
