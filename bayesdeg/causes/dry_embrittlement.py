@@ -7,8 +7,8 @@ Mechanism
     the larger share of what it has.
 
 Equation
-    Median elongation limit times exp(−b D/25 %), scatter of its logarithm √(σ² + (w D/25 %)²), D the
-    degradation rate: specimens that were tested at other times dried by other amounts.
+    Median elongation limit times exp(−b D/25 %), scatter of its logarithm √(σ² + (w D/25 %)²), with
+    D the degradation rate: specimens that were tested at other times dried by other amounts.
 
 Typical size
     Stored at 67 % relative humidity, where elongation peaks, tested near 60 %: two of three

@@ -44,6 +44,7 @@ from bayesdeg.pipeline.forecast import model_document
 from bayesdeg.pipeline.formula import OwnMap
 from bayesdeg.pipeline.judge import Judgement, readings_misfit
 from bayesdeg.pipeline.outline import outline
+from bayesdeg.prediction.predictive import specimens_tested
 from bayesdeg.report.left_out import Guard, OptionalStage
 from bayesdeg.report.record import (
     BasisEntry,
@@ -60,6 +61,7 @@ from bayesdeg.report.record import (
     InDoubt,
     MisfitEntry,
     MissingEntry,
+    ModelEntry,
     NamingEntry,
     QuestionedEntry,
     RunRecord,
@@ -606,6 +608,12 @@ def _rests_on_own(study: Study, own: OwnMap) -> list[BasisEntry]:
     ]
 
 
+def _model_of(results: Results) -> ModelEntry:
+    """Return what predictions need; counts that the final model is fitted to are checks too."""
+    tested = specimens_tested(results.final.model) or None
+    return model_document(results.base.model).model_copy(update={"rupture_checks": tested})
+
+
 # share of refused proposals above which the posterior may be cut off
 WORRYING = 0.01
 LOOKED_AT = 1000  # posterior draws
@@ -653,7 +661,7 @@ def run_document(
         rests_on=tuple(_rests_on_own(study, own) if own else rests_on(study, results.base.model)),
         convergence=_convergence(results),
         emulator=_emulator(results, guard),
-        model=None if own else model_document(results.base.model),
+        model=None if own else _model_of(results),
         forward=own.source if own else "",
         misfit=StatisticEntry(
             observed=None if judgement is None else judgement.misfit.statistic,

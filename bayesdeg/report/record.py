@@ -346,6 +346,10 @@ class ModelEntry(Record):
     paper_thickness_mm: Number = None
     largest_pressure_kPa: Number = None  # noqa: N815  a unit
     measured: Mapping[str, tuple[Number, ...]] = Field(default={}, description="ranges by name")
+    rupture_checks: Number = Field(
+        default=None,
+        description="films broken and actuators loaded: no probability of rupture is below 1/n",
+    )
 
 
 class StatisticEntry(Record):

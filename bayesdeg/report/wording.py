@@ -148,6 +148,17 @@ def chance(probability: float | None, checks: float | None = None) -> str:
     return percent(probability)
 
 
+def interval(low: str, high: str) -> str:
+    """Word an interval of worded ends.
+
+    Examples
+    --------
+    >>> interval("2 %", "5 %"), interval("less than 1 in 50", "less than 1 in 50")
+    ('2 % to 5 %', 'less than 1 in 50')
+    """
+    return low if low == high else f"{low} to {high}"
+
+
 def plus_minus(value: float | None, error: float | None, *, sign: bool = False) -> str:
     """Word a number and its standard error, without decimals that the error makes meaningless.
 

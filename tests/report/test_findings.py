@@ -318,6 +318,7 @@ ANSWERS = {
         {"what": "actuators", "low": 10.0, "high": 10.0, "asked": [31.0]},
     ),
     "pressures beyond": ("pressures_beyond", {"high": 240.0, "asked": 300.0}),
+    "small risk": ("small_risk", {"risk": 0.001, "checks": 54}),
     "small rate": ("small_rate", {"rate": 0.25}),
     "ranking left out": (
         "nothing_proposed",
