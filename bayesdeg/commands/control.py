@@ -35,7 +35,7 @@ from bayesdeg.pipeline.forecast import StoredRun, read_stored
 from bayesdeg.pipeline.output import output_file
 from bayesdeg.pipeline.own_forecast import is_own, read_own
 from bayesdeg.prediction.control import Setting
-from bayesdeg.report.wording import percent
+from bayesdeg.report.wording import chance, interval
 
 Floats = NDArray[np.float64]
 
@@ -125,7 +125,7 @@ def control(
     if out is not None:
         write_csv(out, table)
     set_to = table["pressure_kPa"].dropna().to_numpy(np.float64)
-    messages = forecast.warnings(stored, rates, set_to)
+    messages = (*forecast.warnings(stored, rates, set_to), *forecast.small_risk(stored, risk))
     if not quiet:
         say(messages)
     if as_json:
@@ -154,8 +154,9 @@ def _asked(
 
 def _show(stored: StoredRun, found: list[Setting]) -> None:
     table = empty_table(stored, HEADINGS, f", risk up to {found[0].risk:g}")
+    checks = forecast.checks_of(stored)
     for s in found:
-        burst, low, high = (percent(float(p)) for p in s.probability)
+        burst, low, high = (chance(float(p), checks) for p in s.probability)
         allowed = f"{s.allowed.pressure:.0f}"
         table.add_row(
             f"{s.degradation:g}",
@@ -166,7 +167,7 @@ def _show(stored: StoredRun, found: list[Setting]) -> None:
             _end(s.curvature[2], ".3g"),
             _interval(s.curvature[0], s.curvature[4], ".3g"),
             burst,
-            "–" if burst == "–" else f"{low} to {high}",
+            interval(low, high),
             allowed if s.allowed.found else f"> {allowed}",
         )
     console = output()

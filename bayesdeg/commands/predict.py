@@ -33,7 +33,7 @@ from bayesdeg.pipeline import forecast, formula
 from bayesdeg.pipeline.forecast import StoredRun, read_stored
 from bayesdeg.pipeline.output import output_file
 from bayesdeg.pipeline.own_forecast import is_own, read_own
-from bayesdeg.report.wording import number, percent
+from bayesdeg.report.wording import chance, interval, number
 
 UNITS = (
     {"degradation_pct": "%", "pressure_kPa": "kPa"}
@@ -68,8 +68,9 @@ def predict(
 
     Curvatures are 5, 25, 50, 75 and 95 % quantiles over new specimens on a prompt first loading in
     a horizontal mount, without reading noise. The probability of rupture up to a pressure has its
-    90 % interval. Cells are empty where most specimens are beyond the range of the emulator. Of a
-    forward map of one's own give --x NAME=VALUES for each of its inputs.
+    90 % interval; what is less than one in the films broken and actuators loaded is no number.
+    Cells are empty where most specimens are beyond the range of the emulator. Of a forward map of
+    one's own give --x NAME=VALUES for each of its inputs.
     """
     if is_own(report):
         refuse_others(pressure=pressure, degradation=degradation)
@@ -103,18 +104,19 @@ def _show(stored: StoredRun, table: pd.DataFrame) -> None:
     kappas = (f"κ {name}\n[1/m]" for name in forecast.BAND_COLUMNS)
     headings = ("D_R\n[%]", "pressure\n[kPa]", *kappas, "rupture\nprobability", "90 %\ninterval")
     shown_table = empty_table(stored, headings)
+    checks = forecast.checks_of(stored, forecast.RUPTURE_DRAWS)
     last = None
     for row in table.to_dict("records"):
         if last is not None and row["degradation_pct"] != last:
             shown_table.add_section()
         last = row["degradation_pct"]
-        burst, low, high = (percent(row[name]) for name in forecast.PROBABILITY_COLUMNS)
+        burst, low, high = (chance(row[name], checks) for name in forecast.PROBABILITY_COLUMNS)
         shown_table.add_row(
             f"{last:g}",
             f"{row['pressure_kPa']:g}",
             *(number(row[name]) for name in forecast.BAND_COLUMNS),
             burst,
-            "–" if burst == "–" else f"{low} to {high}",
+            interval(low, high),
         )
     console = output()
     console.print(shown_table)

@@ -1,4 +1,4 @@
-"""Log densities of published R² and counts of ruptures, given what the forward map answers.
+"""Published tests of actuators: the log density of R², and counts of ruptures as data.
 
 R² = 1 − SSE/SST says how far n specimens were from the simulation of their publication. A specimen
 s differs from it, to first order, by
@@ -9,15 +9,12 @@ with m_s ~ N(0, τ²) its own stiffness, error of its degradation rate included,
 error of the constants which that simulation took from a few films, and ε the noise of reading. So
 SSE is a weighted sum of chi-squares; a scaled chi-square stands for it.
 
-Both are likelihoods only for a study without readings of its own. Where there is an
-``actuator.csv``, the same statistics are shown beside the model's and not fitted: they describe
-other specimens and another simulation, and its own readings carry the information.
+R² is a likelihood only for a study without readings of its own. Where there is an ``actuator.csv``
+it is shown beside the model's and not fitted: it describes other specimens and another simulation,
+and its own readings carry the information. What R² says is told in `published_density`: it speaks
+of scatter and noise, not of the shape of the curves.
 
-What R² says is told in `published_density`: it speaks of scatter and noise, not of the shape of the
-curves. A binomial count speaks of the elongation limit. Where counts contradict the model, as two
-of three at 25 % and none below do in doi:10.3389/frobt.2021.760485, a fit gives up what it can: the
-constants at 25 % leave the published Young's modulus for a material three times as soft. Such
-counts are better left out of the fit and held against it.
+Counts of ruptures are data of every study that gives them, see `bayesdeg.observations.counts`.
 """
 
 from dataclasses import dataclass, replace
@@ -25,11 +22,12 @@ from typing import ClassVar, Literal, NamedTuple, override
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gammaln, log_ndtr, logsumexp
+from scipy.special import gammaln
 
 from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.data.study import Study
 from bayesdeg.errors import Fault, StudyError
+from bayesdeg.observations.counts import CountedTests, RuptureCounts
 from bayesdeg.observations.curvature import actuator_parameters
 from bayesdeg.observations.kinds import Observations, Rows, State
 from bayesdeg.observations.specimens import FilmsAndActuators, stiffness_spread
@@ -39,11 +37,6 @@ Floats = NDArray[np.float64]
 
 SMALLEST_MISFIT = 2.5e-4
 """R² is published to three decimals: 1.000 means a misfit between 0 and 5e-4."""
-SMALLEST_ELONGATION = 1e-6
-
-STIFFNESS_NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(7)
-"""Gauss–Hermite rule for the specimen's own stiffness, in standard deviations."""
-_LOG_WEIGHTS = np.log(_WEIGHTS / np.sum(_WEIGHTS))
 
 
 class Differences(NamedTuple):
@@ -167,55 +160,6 @@ def r_squared_log_density(
     return density
 
 
-def rupture_log_density(
-    ruptured: Floats, tested: Floats, peak_stretch: Floats, *, limit: Floats, scatter: Floats
-) -> Floats:
-    r"""Return the log probability that so many of the tested specimens burst, shape (n, n_levels).
-
-    Binomial with
-
-    .. math:: p = \sum_q w_q \Phi\left(\frac{1}{s} \ln \frac{\lambda_q - 1}{\lambda_b - 1}\right)
-
-    over a Gauss–Hermite rule for the specimen's stiffness. In logarithms throughout, so that
-    counts which the model holds for next to impossible get a very small probability and not zero.
-
-    Parameters
-    ----------
-    ruptured, tested : array, shape (n_levels,)
-        Counts.
-    peak_stretch : array, shape (n, n_levels, 7)
-        Largest stretch at the largest pressure at the nodes of the rule [–]. Nodes where it is nan
-        are left out, and the rest reweighted; all is nan where the middle one, the mean specimen,
-        is.
-    limit : array, shape (n, n_levels)
-        λ_b, median stretch at break [–].
-    scatter : array, shape (n, n_levels) or (n, 1)
-        s, sd of ln elongation at break [–].
-
-    Examples
-    --------
-    Every specimen at its limit: 2 of 3 have probability 3/8.
-
-    >>> density = rupture_log_density(np.array([2.0]), np.array([3.0]), np.full((1, 1, 7), 1.5),
-    ...                               limit=np.array([[1.5]]), scatter=np.array([[0.1]]))
-    >>> round(float(np.exp(density[0, 0])), 6)
-    0.375
-    """
-    answered = np.isfinite(peak_stretch[..., len(STIFFNESS_NODES) // 2])
-    known = np.isfinite(peak_stretch) | ~answered[..., None]
-    elongation = np.maximum(
-        np.where(np.isfinite(peak_stretch), peak_stretch, 2.0) - 1.0, SMALLEST_ELONGATION
-    )
-    z = (np.log(elongation) - np.log(limit - 1.0)[..., None]) / scatter[..., None]
-    weight = np.where(known, _LOG_WEIGHTS, -np.inf)
-    weight = weight - logsumexp(weight, axis=-1, keepdims=True)
-    burst = logsumexp(weight + log_ndtr(z), axis=-1)
-    whole = logsumexp(weight + log_ndtr(-z), axis=-1)
-    ways = gammaln(tested + 1.0) - gammaln(ruptured + 1.0) - gammaln(tested - ruptured + 1.0)
-    density = ways + ruptured * burst + (tested - ruptured) * whole
-    return np.where(answered, density, np.nan)
-
-
 Flags = NDArray[np.bool_]
 Kind = Literal["r_squared", "ruptures"]
 
@@ -256,13 +200,7 @@ class PublishedTests:
         return np.isfinite(self.r_squared if kind == "r_squared" else self.ruptured)
 
     def without_ruptures(self) -> "PublishedTests | None":
-        """Return R² alone, None if there is none.
-
-        A base model of walls without flaws holds published ruptures for next to impossible, since
-        a stiffer material is stretched less (2 of 3 at 25 %: a probability of e⁻¹⁸⁷). Fitted, they
-        would pull the stiffness to less than a third of its published value instead of telling
-        that something is missing; so they are compared, and left to causes of rupture.
-        """
+        """Return R² alone, None if there is none."""
         if not np.any(self.given("r_squared")):
             return None
         return replace(self, ruptured=np.full_like(self.ruptured, np.nan))
@@ -272,9 +210,25 @@ class PublishedTests:
         words = {"r_squared": "R²", "ruptures": "ruptures"}[kind]
         return tuple(f"{words} at {level:g} %" for level in self.degradation[self.given(kind)])
 
+    @property
+    def counted(self) -> RuptureCounts | None:
+        """The levels at which is known how many burst; None if there are none."""
+        known = self.given("ruptures")
+        if not np.any(known):
+            return None
+        tests = CountedTests(
+            specimens=self.names("ruptures"),
+            degradation=self.degradation[known, None],
+            degradation_sd=self.degradation_sd[known, None],
+            pressure=np.full(int(np.sum(known)), self.pressure[-1]),
+            tested=self.tested[known],
+            ruptured=self.ruptured[known],
+        )
+        return RuptureCounts(tests)
+
 
 def published_tests(study: Study) -> PublishedTests | None:
-    """Return the statistics of a study that are used as data.
+    """Return the published statistics of a study without readings of actuators of its own.
 
     Degraded specimens get the error of degradation rates that the study states in general;
     fresh ones have none.
@@ -289,7 +243,29 @@ def published_tests(study: Study) -> PublishedTests | None:
     StudyError
         If a statistic is given twice at a level, or more burst than were tested.
     """
-    if study.actuator is not None or study.summary is None:
+    return None if study.actuator is not None else _tests_of(study)
+
+
+def published_counts(study: Study) -> RuptureCounts | None:
+    """Return how many of the actuators of others burst, whatever else the study has read.
+
+    Of a study with actuators of its own they are taken to be tested up to the same pressure.
+
+    Raises
+    ------
+    StudyError
+        As of `published_tests`.
+    """
+    found = _tests_of(study)
+    if found is None or study.actuator is None:
+        return None if found is None else found.counted
+    return replace(
+        found, pressure=np.sort(study.actuator["pressure_kPa"].to_numpy(np.float64))
+    ).counted
+
+
+def _tests_of(study: Study) -> PublishedTests | None:
+    if study.summary is None:
         return None
     given = {name: _by_level(study, name) for name in ("r_squared", "ruptured_count")}
     tested = _by_level(study, "tested_count")
@@ -355,22 +331,6 @@ def _r_squared(state: State[FilmsAndActuators], tests: PublishedTests) -> Floats
         specimens=tests.tested,
     )
     return r_squared_log_density(1.0 - tests.r_squared, prediction.curvature, differences)
-
-
-def _peak_stretch(state: State[FilmsAndActuators], tests: PublishedTests) -> Floats:
-    """Return the peak stretch at the largest pressure over stiffnesses, (n, n_levels, 7)."""
-    inputs, spread = state.once(asked, tests)
-    factor = np.exp(np.sqrt(spread)[..., None] * STIFFNESS_NODES)
-    prediction = state.world.forward(
-        replace(
-            inputs,
-            pressure=np.full((1, 1, len(STIFFNESS_NODES)), tests.pressure[-1]),
-            c1=inputs.c1 * factor,
-            c2=inputs.c2 * factor,
-            c3=inputs.c3 * factor,
-        )
-    )
-    return np.where(prediction.status == 0, prediction.peak_stretch, np.nan)
 
 
 def _by_level(study: Study, quantity: str) -> dict[float, float]:
@@ -454,61 +414,11 @@ class RSquared(Observations):
         return RSquared(replace(self.tests, r_squared=left))
 
 
-@dataclass(frozen=True)
-class RuptureCounts(Observations):
-    """Published counts of ruptures.
-
-    Parameters
-    ----------
-    tests : PublishedTests
-        At least at one level a count is given.
-    """
-
-    name: ClassVar[str] = "ruptures"
-    order: ClassVar[int] = 70
-    uses_forward: ClassVar[bool] = True
-
-    tests: PublishedTests
-
-    @property
-    @override
-    def labels(self) -> tuple[str, ...]:
-        return self.tests.names("ruptures")
-
-    @property
-    @override
-    def specimens(self) -> tuple[str, ...]:
-        return ()
-
-    @override
-    def log_likelihood(self, state: State[FilmsAndActuators]) -> Floats:
-        tests, values, world = self.tests, state.values, state.world
-        known = tests.given("ruptures")
-        limit = world.elongation(values, tests.degradation) / 100.0
-        variance = world.elongation_spread(values, tests.degradation, tests.degradation_sd)
-        return rupture_log_density(
-            tests.ruptured[known],
-            tests.tested[known],
-            _peak_stretch(state, tests)[:, known],
-            limit=1.0 + limit[:, known],
-            scatter=np.sqrt(variance)[:, known],
-        )
-
-    @override
-    def subset(self, rows: Rows) -> "RuptureCounts":
-        kept = np.flatnonzero(self.tests.given("ruptures"))[rows]
-        left = np.full_like(self.tests.ruptured, np.nan)
-        left[kept] = self.tests.ruptured[kept]
-        return RuptureCounts(replace(self.tests, ruptured=left))
-
-
 def of_tests(tests: PublishedTests) -> tuple[Observations, ...]:
     """Return what is given of published tests, each statistic as a kind of its own."""
-    kinds: dict[Kind, type[RSquared | RuptureCounts]] = {
-        "r_squared": RSquared,
-        "ruptures": RuptureCounts,
-    }
-    return tuple(of(tests) for kind, of in kinds.items() if np.any(tests.given(kind)))
+    r_squared = (RSquared(tests),) if np.any(tests.given("r_squared")) else ()
+    counted = tests.counted
+    return r_squared if counted is None else (*r_squared, counted)
 
 
 def from_study(study: Study) -> tuple[Observations, ...]:

@@ -11,6 +11,7 @@ from bayesdeg.causes.cause import Strength
 from bayesdeg.causes.fold import applied
 from bayesdeg.observations.curvature import (
     ActuatorCurves,
+    AtPressures,
     Curvature,
     believed_degradation,
     draw_readings,
@@ -25,7 +26,7 @@ Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 
-def strength_of(state: State[FilmsAndActuators], data: ActuatorCurves) -> Strength:
+def strength_of(state: State[FilmsAndActuators], data: AtPressures) -> Strength:
     """Return the elongation limit of the actuators, (n, n_specimens)."""
     values, believed = state.values, state.once(believed_degradation, data)
     level, world = believed.value, state.world

@@ -14,6 +14,7 @@ from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.emulator.trained import surrogate_for
 from bayesdeg.errors import BayesdegError, Fault, StudyError, use_one_of
 from bayesdeg.inference.model import JointModel
+from bayesdeg.observations.counts import RuptureCounts
 from bayesdeg.observations.specimens import FilmsAndActuators, no_map
 from bayesdeg.pipeline.formula import OwnMap, probe
 from bayesdeg.pipeline.outline import outline, stated_priors
@@ -40,6 +41,10 @@ class Assembly:
         films cannot tell from another form of the law, nor from each other.
     own : OwnMap, optional
         A forward map of the user's own, where the study is of no films and actuators.
+    counts : RuptureCounts, optional
+        How many of the actuators of others burst.
+    of_counts : tuple of Cause
+        Causes that such counts may show.
     """
 
     model: JointModel
@@ -48,6 +53,8 @@ class Assembly:
     missing: tuple[tuple[str, str], ...]
     alike: tuple[Cause, ...] = ()
     own: OwnMap | None = None
+    counts: RuptureCounts | None = None
+    of_counts: tuple[Cause, ...] = ()
 
 
 def assemble_own(
@@ -131,7 +138,15 @@ def assemble(study: Study, forward: ForwardMap | None = None) -> Assembly:
         largest_pressure=plan.largest,
     )
     model = JointModel(plan.base, plan.observations, world)
-    return Assembly(model, plan.candidates, plan.unjudged, plan.missing, plan.alike)
+    return Assembly(
+        model,
+        plan.candidates,
+        plan.unjudged,
+        plan.missing,
+        plan.alike,
+        counts=plan.counts,
+        of_counts=plan.of_counts,
+    )
 
 
 def level_grid(model: JointModel) -> np.ndarray[tuple[int], np.dtype[np.float64]]:

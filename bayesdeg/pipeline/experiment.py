@@ -43,6 +43,7 @@ from bayesdeg.pipeline.run import (
     can_be_judged,
     conclude,
     judged_fit,
+    with_counts,
     with_options,
 )
 from bayesdeg.priors import Parameter
@@ -289,6 +290,8 @@ class ModelledExperiment:
             work = partial(judged_fit, progress=progress, executor=executor, guard=guard)
             judgement = work(self.assembly, fit, effort, streams.verdict)
         results = Results(self.assembly, fit, fit, judgement)
+        if judgement is None:
+            results = with_counts(results, streams.verdict, guard)
         residual = _residual(fit, streams.drawing)
         doubted = dict(in_doubt(self.study, results)) | {"left_out": guard.entries()}
         document = verdict_of(results, residual, "", guard).model_copy(update=doubted)

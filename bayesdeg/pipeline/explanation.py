@@ -57,10 +57,14 @@ def explain(judgement: Judgement, where: str) -> str:
     """
     misfit, decision = judgement.misfit, judgement.decision
     count = len(misfit.null)
+    counted = judgement.counted
+    contradicted = counted is not None and counted.misfit.contradicts
     said = sentences(
         "verdict",
         "explanation",
         j=judgement,
+        counts=worded(counted) if contradicted else "",
+        by_counts_alone=contradicted and _agrees_otherwise(judgement),
         where=where,
         outcome=str(decision.outcome),
         catalogue={name: _known(judgement, name) for name in decision.causes},
@@ -83,6 +87,15 @@ def explain(judgement: Judgement, where: str) -> str:
         few_errors=FEW_ERRORS,
     )
     return said.replace(SPACE, " ")
+
+
+def _agrees_otherwise(judgement: Judgement) -> bool:
+    """Return whether nothing but counts of ruptures speaks against the base model."""
+    rupture, mean = judgement.rupture, judgement.contradicted
+    beside = [one.p_value for one in (rupture, mean) if one is not None]
+    shared = any(one.is_more_than_chance for one in judgement.shared)
+    quiet = judgement.misfit.p_value > MISFIT_LEVEL and all(p > MISFIT_LEVEL for p in beside)
+    return quiet and not (judgement.supported or judgement.questioned or shared)
 
 
 def _likely(judgement: Judgement) -> Candidate | None:

@@ -27,12 +27,16 @@ from bayesdeg.observations.tensile import Tensile
 from bayesdeg.pipeline.progress import Progress
 from bayesdeg.prediction.control import Setting, control, largest_allowed
 from bayesdeg.prediction.predictive import (
+    DRAWS,
     QUANTILES,
     Specimens,
     curvature_bands,
     draw_specimens,
+    fewest_checks,
+    not_below,
     respond,
     rupture_table,
+    specimens_tested,
 )
 from bayesdeg.priors import Flat, Parameter
 from bayesdeg.records import RecordError
@@ -63,6 +67,8 @@ class StoredRun:
         ``film_degradation_pct``; what was not measured is not there.
     run, verdict : RunRecord, VerdictRecord
         What is recorded of the run.
+    specimens : int
+        Films broken and actuators loaded; 0 if that is not recorded.
     """
 
     model: JointModel
@@ -70,6 +76,7 @@ class StoredRun:
     measured: Mapping[str, Range]
     run: RunRecord
     verdict: VerdictRecord
+    specimens: int = 0
 
     @property
     def name(self) -> str:
@@ -98,6 +105,7 @@ def model_document(model: JointModel) -> ModelEntry:
         paper_thickness_mm=model.paper_thickness,
         largest_pressure_kPa=model.largest_pressure,
         measured={name: (float(min(v)), float(max(v))) for name, v in measured.items()},
+        rupture_checks=specimens_tested(model) or None,
     )
 
 
@@ -151,7 +159,8 @@ def read_stored(
         raise BayesdegError(f"{path}: {fault}") from fault
     vectors = np.stack([draws[name] for name in model.table.names], axis=-1)[:, :, None, :]
     chain = Chain(vectors, np.zeros(vectors.shape[:3]), np.ones(len(vectors)))
-    return StoredRun(model, chain, measured, run, verdict)
+    tested = int(run.model.rupture_checks or 0)
+    return StoredRun(model, chain, measured, run, verdict, tested)
 
 
 def _posterior(tree: xr.DataTree, path: Path) -> xr.Dataset:
@@ -282,6 +291,12 @@ PROBABILITY_COLUMNS = ("probability", "probability_q05", "probability_q95")
 POINT = 1.0  # by which a degradation rate may lie outside of what was measured [%]
 
 
+def checks_of(stored: "Drawn", draws: int = DRAWS) -> int:
+    """Return N, one in which is the least probability of rupture that a run knows of."""
+    tested = stored.specimens if isinstance(stored, StoredRun) else specimens_tested(stored.model)
+    return fewest_checks(tested, draws)
+
+
 class Drawn(Protocol):
     """A model and draws of its posterior: of a calibration, or as a run folder holds them."""
 
@@ -354,7 +369,13 @@ def _predicted(
     if model.has_elongation:
         generator = np.random.default_rng(seed)
         rupture = rupture_table(
-            model, chain, generator, degradation=at, pressure=pressure, draws=RUPTURE_DRAWS
+            model,
+            chain,
+            generator,
+            degradation=at,
+            pressure=pressure,
+            draws=RUPTURE_DRAWS,
+            specimens=checks_of(stored, RUPTURE_DRAWS),
         )
         table[list(PROBABILITY_COLUMNS)] = rupture[list(PROBABILITY_COLUMNS)]
     answered = respond(specimens, level, pressure).answered
@@ -403,14 +424,17 @@ def settings(
         Shows the levels.
     """
     specimens = draw_specimens(stored.model, stored.chain, np.random.default_rng(seed))
-    first = stored.model.largest_pressure
+    first, checks = stored.model.largest_pressure, checks_of(stored)
     progress.stage("finding pressures", total=len(degradation))
     found = []
     for level in degradation:
         allowed = largest_allowed(specimens, level, risk, first=first)
-        found += [
+        settings_there = (
             control(specimens, level, curvature, risk=risk, first=first, allowed=allowed)
             for curvature in wanted
+        )
+        found += [
+            replace(one, probability=not_below(one.probability, checks)) for one in settings_there
         ]
         progress.advance(1, f"{level:g} %")
     return found
@@ -505,6 +529,14 @@ def beyond(
         *_beyond_pressures(measured, float(np.max(pressure, initial=0.0))),
         *(Caution("small_rate", {"rate": r}) for r in degradation[_is_small(degradation)][:1]),
     )
+
+
+def small_risk(stored: StoredRun, risk: float) -> tuple[str, ...]:
+    """Say so where a risk is smaller than any probability that the specimens can support."""
+    checks = checks_of(stored)
+    if not stored.model.has_elongation or risk * checks >= 1.0:
+        return ()
+    return (str(Caution("small_risk", {"risk": risk, "checks": checks})),)
 
 
 def _is_small(degradation: Floats) -> NDArray[np.bool_]:

@@ -11,6 +11,14 @@ from numpy.typing import NDArray
 from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.checks.conflict import Conflict, Questioned, conflict, questioned
+from bayesdeg.criticism.checks.count_misfit import (
+    OWN,
+    PUBLISHED,
+    CountMisfit,
+    can_be_counted,
+    count_misfit,
+    own_counts,
+)
 from bayesdeg.criticism.checks.discrepancy import Misfit
 from bayesdeg.criticism.checks.rupture_misfit import RuptureMisfit, rupture_misfit
 from bayesdeg.criticism.checks.shared_scatter import SharedScatter, shared_scatter
@@ -22,6 +30,7 @@ from bayesdeg.criticism.decide.candidates import (
     confusability,
     effect_size,
 )
+from bayesdeg.criticism.decide.counted import Counted, CountedCause, judge_counts
 from bayesdeg.criticism.decide.support import (
     Regroup,
     Support,
@@ -46,6 +55,7 @@ from bayesdeg.criticism.holdout.held_out import HeldOut, by_level, joined
 from bayesdeg.criticism.holdout.leaving_out import carried_out, in_folds
 from bayesdeg.criticism.outcome import MISFIT_LEVEL, Outcome
 from bayesdeg.inference.model import JointModel
+from bayesdeg.observations.counts import RuptureCounts
 from bayesdeg.observations.curvature import CURVATURE
 from bayesdeg.pipeline.assemble import Assembly
 from bayesdeg.pipeline.calibrate import Fit, base_without_chain
@@ -69,6 +79,10 @@ class Judgement:
         Of the base model, and of the one with all causes that the evidence favours.
     rupture : RuptureMisfit or None
         Whether the base model expects the ruptures; None where there are none to judge.
+    counted : Counted or None
+        How probable published counts of ruptures are, and what explains them; None without any.
+    own_counts : CountMisfit or None
+        How probable the number of the study's own actuators that burst is.
     contradicted : Conflict or None
         The measured mean that the base model contradicts most; None where none was measured.
     candidates : tuple of Candidate
@@ -114,11 +128,23 @@ class Judgement:
     shared: tuple[SharedScatter, ...] = ()
     questioned: tuple[Questioned, ...] = ()
     sampled: bool = True
+    counted: Counted | None = None
+    own_counts: CountMisfit | None = None
 
     @property
     def predicted_with(self) -> tuple[str, ...]:
         """Causes that are part of the model with which predictions are made."""
-        return tuple(sorted(extension(self.decision, self.supported))) if self.sampled else ()
+        if not self.sampled:
+            return ()
+        of_counts = () if self.of_counts is None else (self.of_counts.name,)
+        return tuple(sorted((*extension(self.decision, self.supported), *of_counts)))
+
+    @property
+    def of_counts(self) -> CountedCause | None:
+        """The cause that explains published counts, where the decision is for it."""
+        found = None if self.counted is None else self.counted.best
+        spoken_for = {*self.decision.causes, *(n for one in self.decision.one_of for n in one)}
+        return found if found is not None and found.name in spoken_for else None
 
     @property
     def chosen(self) -> Names:
@@ -171,7 +197,13 @@ def label(names: Names) -> str:
 
 
 def extended_model(judgement: Judgement) -> tuple[JointModel, Floats] | None:
-    """Return the model with the named causes, or the leading one; None if there is none."""
+    """Return the model with the named causes, or the leading one; None if there is none.
+
+    Where a cause explains counts of ruptures, they are part of its data.
+    """
+    counted = judgement.of_counts
+    if counted is not None:
+        return counted.trial.subject, counted.trial.mode
     names = extension(judgement.decision, judgement.supported)
     if not names:
         return None
@@ -286,6 +318,7 @@ MOST = 4_000
 """Replicates where a p-value is near the level that decides: its Monte Carlo error is 0.003."""
 MOST_OF_FILMS = 20_000  # they cost next to nothing
 FEW_DRAWS = 100  # for what is compared beside the readings
+COUNT_DRAWS = 1000  # for counts of a study's own ruptures
 REFUTING = (
     OptionalStage.HELD_OUT,
     OptionalStage.SHARED_SCATTER,
@@ -307,11 +340,17 @@ class Catalogue:
     alike : tuple of Cause
         Those of the unjudged that the data cannot tell from another form of the law, nor from each
         other.
+    counts : RuptureCounts, optional
+        How many of the actuators of others burst.
+    of_counts : tuple of Cause
+        Causes that such counts may show.
     """
 
     candidates: tuple[Cause, ...]
     unjudged: Mapping[str, str] = field(default_factory=dict)
     alike: tuple[Cause, ...] = ()
+    counts: RuptureCounts | None = None
+    of_counts: tuple[Cause, ...] = ()
 
 
 def judge_model(
@@ -385,7 +424,10 @@ def judge(
     held_out, everything = _held_out(search, chosen, folding, progress, guard)
     supported = supports(search, chosen, everything)
     shared = _shared(final, guard)
-    decision = _decided((alone, final), supported, beside, catalogue, shared, guard)
+    counted, own = _counted(final.trial, catalogue, seed, guard)
+    decision = _decided(
+        (alone, final), supported, beside, catalogue, shared, guard, counted=counted
+    )
     names = extension(decision, tuple(supported)) if effort.levels_out else BASE
     judged = candidates(search, supported, everything, generator)
     return Judgement(
@@ -394,7 +436,7 @@ def judge(
         rupture=beside[0],
         contradicted=beside[1],
         questioned=beside[2],
-        candidates=(*judged, *_unjudged(catalogue)),
+        candidates=_with_counted([*judged, *_unjudged(catalogue)], counted),
         supported=tuple(supported),
         decision=decision,
         threshold=alone.threshold,
@@ -408,7 +450,58 @@ def judge(
         )
         or [],
         alike=tuple(cause.name for cause in catalogue.alike),
+        counted=counted,
+        own_counts=own,
     )
+
+
+def count_misfits(
+    model: JointModel,
+    counts: RuptureCounts | None,
+    vectors: Floats,
+    generator: np.random.Generator,
+) -> tuple[CountMisfit | None, CountMisfit | None]:
+    """Return how probable published counts of ruptures are under a model, and the study's own."""
+    if not can_be_counted(model):
+        return None, None
+    own = own_counts(model)
+    return (
+        None if counts is None else count_misfit(model, counts, vectors, generator, PUBLISHED),
+        None if own is None else count_misfit(model, own, vectors, generator, OWN),
+    )
+
+
+def _counted(
+    trial: Trial, catalogue: Catalogue | Assembly, seed: np.random.SeedSequence, guard: Guard
+) -> tuple[Counted | None, CountMisfit | None]:
+    """Return what is made of counts of ruptures with the causes that the readings favour."""
+    generator = np.random.default_rng(seed.spawn(1)[0])
+    work = partial(_judged_counts, trial, catalogue, generator)
+    return guard.attempt(OptionalStage.RUPTURE_COUNTS, work) or (None, None)
+
+
+def _judged_counts(
+    trial: Trial, catalogue: Catalogue | Assembly, generator: np.random.Generator
+) -> tuple[Counted | None, CountMisfit | None]:
+    model, counts = trial.subject, catalogue.counts
+    if not can_be_counted(model):
+        return None, None
+    first, second = generator.spawn(2)
+    own = count_misfits(model, None, trial.draws(first, COUNT_DRAWS), first)[1]
+    if counts is None:
+        return None, own
+    return judge_counts(trial, counts, catalogue.of_counts, second), own
+
+
+def _with_counted(judged: list[Candidate], counted: Counted | None) -> tuple[Candidate, ...]:
+    """Return the candidates with what counts say of those of rupture, the most probable first."""
+    found = {} if counted is None else counted.candidates
+    both = [found.get(one.cause, one) for one in judged]
+    known = {one.cause for one in both}
+    both += [one for name, one in found.items() if name not in known]
+    if not found:
+        return tuple(both)
+    return tuple(sorted(both, key=lambda one: 1.0 if one.probability is None else -one.probability))
 
 
 def _shared(step: Step, guard: Guard) -> list[SharedScatter]:
@@ -506,15 +599,19 @@ def _decided(
     catalogue: Catalogue | Assembly,
     shared: list[SharedScatter],
     guard: Guard,
+    *,
+    counted: Counted | None = None,
 ) -> Decision:
     if not steps[0].misfit.is_calibrated:
         few = uncalibrated(steps[0].misfit)
         guard.note(OptionalStage.CALIBRATION, sentences("findings", "not_calibrated", one=few))
-    silent = frozenset(cause.name for cause in catalogue.candidates if cause.is_of_rupture_alone)
+    tried = (*catalogue.candidates, *catalogue.of_counts)
+    silent = frozenset(cause.name for cause in tried if cause.is_of_rupture_alone)
     return decide(
         *steps,
-        supported,
+        [*supported, *(() if counted is None else counted.supported)],
         rupture=beside[0],
+        counts=None if counted is None else counted.misfit,
         contradicted=beside[1],
         questioned=beside[2],
         on_rupture=silent,
@@ -543,6 +640,8 @@ def _next(
         nearest = sorted(search.trials, key=search.factor)[-IN_QUESTION:]
         sets = dict.fromkeys([BASE, *nearest])
         untested = tuple(CATALOGUE[n] for n in catalogue.unjudged if n in CATALOGUE)[:IN_QUESTION]
+    elif not supported and not catalogue.alike:
+        return []  # nothing of the readings is in question
     elif not supported:
         return _beside_the_law(base, catalogue, generator)
     else:

@@ -19,9 +19,11 @@ from bayesdeg.data.study import Study
 from bayesdeg.errors import BayesdegError, Fault, StudyError
 from bayesdeg.material.degradation import Nodes, nodes_for
 from bayesdeg.observations.catalogue import TABLES, observations_of, of_kind
+from bayesdeg.observations.counts import RuptureCounts
 from bayesdeg.observations.curvature import Curvature
 from bayesdeg.observations.kinds import Observations
 from bayesdeg.observations.means import Means, Statistic
+from bayesdeg.observations.published import published_counts
 from bayesdeg.observations.specimens import (
     COURSE,
     STIFFNESS_SCATTER,
@@ -50,7 +52,7 @@ class Outline:
         Data.
     largest : float
         Largest pressure that was applied [kPa].
-    candidates, unjudged, missing, alike
+    candidates, unjudged, missing, alike, counts, of_counts
         As in `bayesdeg.pipeline.assemble.Assembly`.
     """
 
@@ -63,6 +65,8 @@ class Outline:
     unjudged: dict[str, str]
     missing: tuple[tuple[str, str], ...]
     alike: tuple[Cause, ...]
+    counts: RuptureCounts | None = None
+    of_counts: tuple[Cause, ...] = ()
 
     @property
     def needs_forward(self) -> bool:
@@ -135,7 +139,10 @@ def outline(study: Study, *, emulated: bool = True) -> Outline:
     base += elongation_parameters(elongation_nodes) if elongation_nodes else ()
     base += [p for one in found for p in one.error_parameters if emulated]
     candidates, unjudged, alike = _candidates(study, found, limited=bool(elongation_nodes))
-    _check(study, base, (*candidates, *alike))
+    counts = published_counts(study)
+    of_counts = _of_counts(study, counts)
+    stated = {cause.name: cause for cause in (*candidates, *alike, *of_counts)}
+    _check(study, base, tuple(stated.values()))
     pressures = [float(one.curves.pressure.max()) for one in of_kind(found, Curvature)]
     return Outline(
         base=with_priors(_default_priors(base, _statistics(found)), study.settings.priors),
@@ -147,6 +154,25 @@ def outline(study: Study, *, emulated: bool = True) -> Outline:
         unjudged=unjudged,
         missing=_missing(study),
         alike=alike,
+        counts=counts,
+        of_counts=of_counts,
+    )
+
+
+def _of_counts(study: Study, counts: RuptureCounts | None) -> tuple[Cause, ...]:
+    """Return the causes that published counts of ruptures may show, whatever columns are there.
+
+    What a cause needs of a table, counts never have: it may have acted all the same.
+    """
+    if counts is None:
+        return ()
+    wanted = study.settings.candidates
+    causes = CATALOGUE.values() if wanted is None else [find(name) for name in wanted]
+    return tuple(
+        replace(cause, parameters=stated_priors(cause, study))
+        for cause in causes
+        if cause.is_of_rupture_alone
+        and (cause.needs or cause.blind(counts.tests.conditions) is None)
     )
 
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 import bayesdeg
 from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.criticism.checks.conflict import Conflict, Questioned, questioned
+from bayesdeg.criticism.checks.count_misfit import CountedLevel, CountMisfit, can_be_counted
 from bayesdeg.criticism.checks.residuals import (
     Concentration,
     CurvatureDeparture,
@@ -25,6 +26,7 @@ from bayesdeg.criticism.checks.residuals import (
 )
 from bayesdeg.criticism.checks.rupture_misfit import RuptureMisfit
 from bayesdeg.criticism.decide.candidates import Candidate
+from bayesdeg.criticism.decide.counted import Counted
 from bayesdeg.criticism.outcome import Outcome
 from bayesdeg.data.plausibility import Doubt, doubts
 from bayesdeg.data.study import Study
@@ -42,6 +44,7 @@ from bayesdeg.pipeline.forecast import model_document
 from bayesdeg.pipeline.formula import OwnMap
 from bayesdeg.pipeline.judge import Judgement, readings_misfit
 from bayesdeg.pipeline.outline import outline
+from bayesdeg.prediction.predictive import specimens_tested
 from bayesdeg.report.left_out import Guard, OptionalStage
 from bayesdeg.report.record import (
     BasisEntry,
@@ -50,15 +53,19 @@ from bayesdeg.report.record import (
     ConcentrationEntry,
     ContradictionEntry,
     ConvergenceEntry,
+    CountedCauseEntry,
+    CountedLevelEntry,
     EffectEntry,
     EmulatorEntry,
     ExperimentEntry,
     InDoubt,
     MisfitEntry,
     MissingEntry,
+    ModelEntry,
     NamingEntry,
     QuestionedEntry,
     RunRecord,
+    RuptureCountsEntry,
     RuptureEntry,
     StatisticEntry,
     SuspectEntry,
@@ -84,6 +91,8 @@ class Results:
         What the final calibration rests on.
     films : Films, optional
         What the films alone say.
+    counts : CountMisfit, optional
+        How probable published counts of ruptures are, where nothing was judged.
     """
 
     assembly: Assembly
@@ -92,6 +101,7 @@ class Results:
     judgement: Judgement | None
     checks: Checks | None = None
     films: Films | None = None
+    counts: CountMisfit | None = None
 
     @property
     def fits(self) -> dict[str, Fit]:
@@ -145,6 +155,7 @@ def verdict_document(
         predicted_with=judgement.predicted_with,
         misfit=_misfit(judgement, where, concentrated),
         ruptures=_ruptures(judgement.rupture),
+        rupture_counts=_rupture_counts(judgement),
         contradicted=_contradicted(judgement.contradicted),
         next_experiments=tuple(ExperimentEntry.model_validate(one) for one in experiments),
     )
@@ -191,6 +202,60 @@ def _concentrated(found: Concentration) -> ConcentrationEntry:
 
 def _ruptures(found: RuptureMisfit | None) -> RuptureEntry | None:
     return None if found is None else RuptureEntry.of(found)
+
+
+def _rupture_counts(judgement: Judgement) -> tuple[RuptureCountsEntry, ...]:
+    """Return what was made of counts of ruptures, published ones first."""
+    counted, own = judgement.counted, judgement.own_counts
+    found = () if counted is None else (_with_causes(counted),)
+    return (*found, *(() if own is None else (counts_entry(own),)))
+
+
+def _with_causes(counted: Counted) -> RuptureCountsEntry:
+    said = worded(counted if counted.misfit.contradicts else counted.misfit)
+    return counts_entry(counted.misfit).model_copy(
+        update={
+            "explained_by": counted.explained_by,
+            "tried": tuple(
+                CountedCauseEntry(
+                    cause=one.name,
+                    log_bayes_factor=one.support.log_bayes_factor,
+                    p_value=one.left.p_value,
+                )
+                for one in counted.tried
+            ),
+            "sentence": said,
+        }
+    )
+
+
+def counts_entry(found: CountMisfit) -> RuptureCountsEntry:
+    """Return what ``verdict.json`` says of counts: no probability below one in all draws."""
+    least = 1.0 / max(found.draws, 1)
+    return RuptureCountsEntry(
+        source=found.source,
+        levels=tuple(_counted_level(one, least) for one in found.levels),
+        probability=max(float(np.exp(found.log_probability)), least) if found.levels else None,
+        p_value=found.p_value,
+        draws=found.draws,
+        contradicted=found.contradicts,
+        sentence=worded(found)
+        if found.levels
+        else sentences("findings", "counts_not_judged", one=found),
+    )
+
+
+def _counted_level(one: CountedLevel, least: float) -> CountedLevelEntry:
+    return CountedLevelEntry(
+        degradation_pct=one.degradation,
+        pressure_kPa=one.pressure,
+        tested=one.tested,
+        ruptured=one.ruptured,
+        probability=max(one.probability, least),
+        probability_q05=max(one.low, least),
+        probability_q95=max(one.high, least),
+        count_probability=max(one.chance, least),
+    )
 
 
 def _contradicted(found: Conflict | None) -> ContradictionEntry | None:
@@ -264,6 +329,7 @@ Floats = NDArray[np.float64]
 
 OF_VERDICT = (
     OptionalStage.RUPTURE_MISFIT,
+    OptionalStage.RUPTURE_COUNTS,
     OptionalStage.CONFLICT,
     OptionalStage.LEVELS_OUT,
     OptionalStage.EXPERIMENTS,
@@ -302,7 +368,9 @@ def verdict_of(results: Results, residual: Floats | None, note: str, guard: Guar
         tried = {cause.name: "the verdict was left out" for cause in results.assembly.candidates}
         unjudged = tried | unjudged
     shown = bool(results.base.model.statistics)
-    return unjudged_document(unjudged, note, failed, published=shown)
+    document = unjudged_document(unjudged, note, failed, published=shown)
+    counted = () if results.counts is None else (counts_entry(results.counts),)
+    return document.model_copy(update={"rupture_counts": counted})
 
 
 def _verdict(
@@ -400,10 +468,11 @@ def _question(one: Questioned) -> QuestionedEntry:
     )
 
 
-def comparisons(study: Study, fit: Fit) -> list[ComparisonEntry]:
+def comparisons(study: Study, fit: Fit, counts: CountMisfit | None = None) -> list[ComparisonEntry]:
     """Return every published statistic beside the posterior's own, 90 % intervals.
 
-    What the model predicts no number of, as counts of ruptures, stands beside nothing.
+    Of counts of ruptures it is the number that the model expects. What it predicts no number of
+    stands beside nothing.
     """
     if study.summary is None:
         return []
@@ -420,18 +489,35 @@ def comparisons(study: Study, fit: Fit) -> list[ComparisonEntry]:
             draws = values["volume_ratio"]
         else:
             draws = None
+        predicted = NOTHING if draws is None else _interval(draws)
+        if row["quantity"] == "ruptured_count":
+            predicted = _expected_ruptures(counts, level[0])
         unit = str(row["unit"]).replace("–", "")
         sd = "" if np.isnan(row["sd"]) else f" ± {row['sd']:g}"
         rows.append(
             ComparisonEntry(
                 quantity=str(row["quantity"]),
                 degradation_pct=None if np.isnan(level[0]) else float(level[0]),
-                predicted=NOTHING if draws is None else f"{_interval(draws)} {unit}".strip(),
+                predicted=predicted if predicted == NOTHING else f"{predicted} {unit}".strip(),
                 published=f"{row['value']:g}{sd} {unit}".strip(),
                 source=str(row["source"]),
             )
         )
     return rows
+
+
+FEWEST_RUPTURES = 0.05
+"""Expected ruptures that are told as a number: fewer than one in twenty such studies."""
+
+
+def _expected_ruptures(counts: CountMisfit | None, degradation: float) -> str:
+    """Word how many actuators of a level the model expects to burst."""
+    levels = () if counts is None else counts.levels
+    found = [one.tested * one.probability for one in levels if one.degradation == degradation]
+    if not found:
+        return NOTHING
+    few = found[0] < FEWEST_RUPTURES
+    return f"fewer than {FEWEST_RUPTURES:g}" if few else f"{found[0]:.2g}"
 
 
 def _interval(draws: NDArray[np.float64]) -> str:
@@ -457,8 +543,8 @@ class Basis:
         Whether they are of a virtual experiment.
     quantities : tuple of str
         Published ones.
-    fitted : bool
-        Whether the model is fitted to them, or they are shown only.
+    use : str
+        One of `USES`: whether the model is fitted to them, held against them, or they are shown.
     """
 
     file: str
@@ -467,7 +553,7 @@ class Basis:
     counts: str = ""
     virtual: bool = False
     quantities: tuple[str, ...] = ()
-    fitted: bool = True
+    use: str = "fitted"
 
 
 def bases(study: Study, model: JointModel) -> Iterator[Basis]:
@@ -481,10 +567,19 @@ def bases(study: Study, model: JointModel) -> Iterator[Basis]:
     if study.summary is not None:
         used = {s.quantity for s in model.statistics if not s.source.startswith("shrinkage.csv")}
         used |= set() if model.published is None else {"r_squared"}
-        for fitted in (True, False):
-            named = {str(q) for q in study.summary["quantity"] if (q in used) is fitted}
+        held = {"ruptured_count", "tested_count"} - used if can_be_counted(model) else set()
+        for use in USES:
+            named = {str(q) for q in study.summary["quantity"] if _use(q, used, held) == use}
             if named:
-                yield Basis("summary.csv", quantities=tuple(sorted(named)), fitted=fitted)
+                yield Basis("summary.csv", quantities=tuple(sorted(named)), use=use)
+
+
+USES = ("fitted", "held against the model", "shown")
+
+
+def _use(quantity: str, fitted: set[str], held: set[str]) -> str:
+    """Return what is made of a published statistic."""
+    return USES[0] if quantity in fitted else USES[1] if quantity in held else USES[2]
 
 
 def rests_on(study: Study, model: JointModel) -> list[BasisEntry]:
@@ -513,6 +608,12 @@ def _rests_on_own(study: Study, own: OwnMap) -> list[BasisEntry]:
     ]
 
 
+def _model_of(results: Results) -> ModelEntry:
+    """Return what predictions need; counts that the final model is fitted to are checks too."""
+    tested = specimens_tested(results.final.model) or None
+    return model_document(results.base.model).model_copy(update={"rupture_checks": tested})
+
+
 # share of refused proposals above which the posterior may be cut off
 WORRYING = 0.01
 LOOKED_AT = 1000  # posterior draws
@@ -538,7 +639,10 @@ def run_document(
     settings, judgement = study.settings, results.judgement
     guard, doubted = guard or Guard(strict=True), doubted or InDoubt()
     own = results.assembly.own
-    compared = guard.attempt(OptionalStage.COMPARISONS, comparisons, study, results.final) or ()
+    counts = results.counts
+    if judgement is not None and judgement.counted is not None:
+        counts = judgement.counted.misfit
+    compared = guard.attempt(OptionalStage.COMPARISONS, comparisons, study, results.final, counts)
     return RunRecord(
         title=settings.title or study.name,
         study=study.name,
@@ -557,13 +661,13 @@ def run_document(
         rests_on=tuple(_rests_on_own(study, own) if own else rests_on(study, results.base.model)),
         convergence=_convergence(results),
         emulator=_emulator(results, guard),
-        model=None if own else model_document(results.base.model),
+        model=None if own else _model_of(results),
         forward=own.source if own else "",
         misfit=StatisticEntry(
             observed=None if judgement is None else judgement.misfit.statistic,
             name="log-likelihood ratio of a smooth discrepancy",
         ),
-        comparisons=tuple(compared),
+        comparisons=tuple(compared or ()),
         checks=guard.attempt(OptionalStage.CHECKS_IN_WORDS, _checks, results) or {},
         suspects=doubted.suspects,
         parameters_in_question=doubted.parameters_in_question,

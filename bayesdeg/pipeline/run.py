@@ -29,9 +29,11 @@ from bayesdeg.pipeline.checks import check
 from bayesdeg.pipeline.deformed import Begun, begin
 from bayesdeg.pipeline.films import examine
 from bayesdeg.pipeline.judge import (
+    COUNT_DRAWS,
     JUDGE_EFFORTS,
     OWN_EFFORTS,
     Judgement,
+    count_misfits,
     extended_model,
     judge,
     judge_model,
@@ -151,6 +153,8 @@ def run_study(
             )
         with clock.stage("extended"):
             results = _extend(replace(results, judgement=judgement), fit, seeds.final, guard)
+    if results.judgement is None:
+        results = with_counts(results, seeds.verdict, guard)
     return conclude(
         study, folder, results, clock, progress=progress, executor=executor, guard=guard
     )
@@ -215,6 +219,20 @@ def add_page(
     if guard.left_out:
         document = say_left_out(folder, document, guard)
     return document, page
+
+
+def with_counts(results: Results, seed: np.random.SeedSequence, guard: Guard) -> Results:
+    """Hold published counts of ruptures against the base model of a study that was not judged."""
+    counts, fit = results.assembly.counts, results.base
+    if counts is None:
+        return results
+    vectors = fit.chain.vectors.reshape(-1, fit.chain.vectors.shape[-1])
+    step = max(1, len(vectors) // COUNT_DRAWS)
+    generator = np.random.default_rng(seed)
+    found = guard.attempt(
+        OptionalStage.RUPTURE_COUNTS, count_misfits, fit.model, counts, vectors[::step], generator
+    )
+    return results if found is None else replace(results, counts=found[0])
 
 
 def can_be_judged(model: JointModel) -> bool:

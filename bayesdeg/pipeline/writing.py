@@ -44,8 +44,11 @@ from bayesdeg.prediction.predictive import (
     curvature_bands,
     draw_specimens,
     draw_values,
+    fewest_checks,
+    not_below,
     respond,
     rupture_table,
+    specimens_tested,
 )
 from bayesdeg.report import tables as columns
 from bayesdeg.report.folder import (
@@ -402,7 +405,9 @@ def _probability(specimens: Specimens, degradation: float, pressure: float) -> f
     """Return the probability of rupture; nan where there is no pressure, or no limit is known."""
     if not (np.isfinite(pressure) and specimens.model.has_elongation):
         return float("nan")
-    return float(respond(specimens, degradation, np.array([pressure])).burst.mean())
+    burst = respond(specimens, degradation, np.array([pressure])).burst.mean(axis=0)
+    checks = fewest_checks(specimens_tested(specimens.model), DRAWS)
+    return float(not_below(burst, checks)[0])
 
 
 def _wanted(data: ActuatorCurves) -> list[tuple[float, float]]:
@@ -628,15 +633,36 @@ def _rupture_table(found: TableSources) -> pd.DataFrame | None:
         return None
     if "elongation_scatter" not in found.results.final.model.table.names:
         return columns.TABLES[columns.RUPTURE].empty()
-    return _on_grid(found, rupture_table)
+    specimens = specimens_tested(found.results.final.model)
+    table = _on_grid(found, partial(rupture_table, specimens=specimens), times=HIGHER)
+    return None if table is None else _where_known(table, _largest_pressure(found))
 
 
-def _on_grid(found: TableSources, predict: Callable[..., pd.DataFrame]) -> pd.DataFrame | None:
+HIGHER = 4.0
+"""Largest pressure at which rupture is asked for, over the largest that was tested: walls of stiff
+material are nowhere near their limit below."""
+STEP = 10.0  # kPa, between pressures of tables
+
+
+def _where_known(table: pd.DataFrame, tested: float) -> pd.DataFrame:
+    """Leave out what lies beyond both the tests and the range of the forward map."""
+    kept = (table["pressure_kPa"] <= tested + 1e-9) | table["probability"].notna()
+    return table[kept].reset_index(drop=True)
+
+
+def _largest_pressure(found: TableSources) -> float:
+    actuator = found.results.final.model.actuator
+    return 0.0 if actuator is None else float(np.max(actuator.pressure))
+
+
+def _on_grid(
+    found: TableSources, predict: Callable[..., pd.DataFrame], *, times: float = 1.0
+) -> pd.DataFrame | None:
     """Return what is predicted of new specimens on a grid of degradation rates and pressures."""
     fit = found.results.final
     if fit.model.actuator is None:
         return None
-    pressure = np.arange(0.0, float(np.max(fit.model.actuator.pressure)) + 1e-9, 10.0)
+    pressure = np.arange(0.0, times * _largest_pressure(found) + 1e-9, STEP)
     grid = level_grid(fit.model)
     return predict(fit.model, fit.chain, found.generator, degradation=grid, pressure=pressure)
 

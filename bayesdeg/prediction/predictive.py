@@ -11,6 +11,7 @@ from bayesdeg.actuator.inputs import Prediction
 from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import Chain
 from bayesdeg.material.strength import rupture_probability
+from bayesdeg.observations.counts import RuptureCounts
 from bayesdeg.observations.curvature import ActuatorCurves
 from bayesdeg.priors import Named
 
@@ -229,6 +230,38 @@ def _burst(grid: JointModel, values: Named, prediction: Prediction) -> Floats:
     return rupture_probability(stretch, 1.0 + strength.median, scatter, "lognormal")
 
 
+def specimens_tested(model: JointModel) -> int:
+    """Return how many films were broken and actuators loaded: what knows of rupture at all.
+
+    The law of the limit, its scatter and the strain demanded were checked on no more. Films behind
+    a published mean count too, as do actuators of which only the number that burst is known.
+    """
+    films = 0 if model.breaks is None else len(model.breaks.specimens)
+    means = (s for s in model.statistics if s.quantity == "elongation_at_break")
+    films += sum(round(s.dof) + 1 for s in means if np.isfinite(s.dof))
+    own = 0 if model.actuator is None else len(model.actuator.specimens)
+    others = sum(float(one.tests.tested.sum()) for one in model.of_kind(RuptureCounts))
+    return films + own + int(others)
+
+
+def fewest_checks(specimens: int, draws: int) -> int:
+    """Return N, one in which is the least probability that is known: specimens, or else draws."""
+    return max(1, min(specimens or draws, draws))
+
+
+def not_below(probability: Floats, checks: int) -> Floats:
+    """Return probabilities of rupture that are at least one in so many checks.
+
+    What is less rests on the tail of a law that no specimen has seen.
+
+    Examples
+    --------
+    >>> not_below(np.array([2e-80, 0.5, np.nan]), 50)
+    array([0.02, 0.5 ,  nan])
+    """
+    return np.maximum(probability, 1.0 / checks)
+
+
 # Gauss–Hermite rule for the specimen's own stiffness
 _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(7)
 
@@ -241,12 +274,14 @@ def rupture_table(
     degradation: Floats,
     pressure: Floats,
     draws: int = 500,
+    specimens: int = 0,
 ) -> pd.DataFrame:
     """Return the probability that a specimen bursts up to a pressure.
 
     A specimen bursts where the largest principal stretch that 99 % of its volume stays below
     passes its uniaxial elongation limit (log-normal about a median that depends on D_R). The
-    probability averages over specimens; its 5 and 95 % quantiles are over the posterior.
+    probability averages over specimens; its 5 and 95 % quantiles are over the posterior. None of
+    them is below one in the number of specimens that were tested, or of draws if that is not given.
 
     Returns
     -------
@@ -270,11 +305,17 @@ def rupture_table(
     usable = np.mean(np.isfinite(total), axis=0) > 0.5
     safe = np.where(usable, total, 0.0)
     low, high = np.where(usable, np.nanquantile(safe, [0.05, 0.95], axis=0), np.nan)
+    mean = np.where(usable, np.nanmean(safe, axis=0), np.nan)
+    checks = fewest_checks(specimens, draws)
+    pressed = pressures > 0.0  # without pressure nothing bursts
+    mean, low, high = (
+        np.where(pressed, not_below(part, checks), part) for part in (mean, low, high)
+    )
     return pd.DataFrame(
         {
             "degradation_pct": levels.ravel(),
             "pressure_kPa": pressures.ravel(),
-            "probability": np.where(usable, np.nanmean(safe, axis=0), np.nan).ravel(),
+            "probability": mean.ravel(),
             "probability_q05": low.ravel(),
             "probability_q95": high.ravel(),
         }

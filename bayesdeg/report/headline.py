@@ -83,11 +83,11 @@ def headline_of(verdict: VerdictRecord, gain: pd.DataFrame | None) -> Headline:
     sentence = sentences("headline", "sentence", **facts)
     misfit = KeyNumber("Misfit of the base model", str(facts["size"]), _note("misfit", facts))
     if not verdict.judged:
-        lede = tuple(filter(None, (first_sentence(verdict.explanation),)))
+        lede = tuple(filter(None, (*counts_of(verdict), first_sentence(verdict.explanation))))
         return Headline(BADGES[verdict.outcome], sentence, (misfit,), lede)
     numbers = (misfit, _certainty(verdict, facts), _gained(facts))
     made = sentences("headline", "made", **facts)
-    lede = tuple(filter(None, (first_sentence(verdict.misfit.where), made)))
+    lede = tuple(filter(None, (*counts_of(verdict), first_sentence(verdict.misfit.where), made)))
     return Headline(BADGES[verdict.outcome], sentence, numbers, lede)
 
 
@@ -102,6 +102,7 @@ def _facts(verdict: VerdictRecord, gain: pd.DataFrame | None) -> Mapping[str, ob
         "either": " or ".join(words(cause) for cause in verdict.causes),
         "first": _begun(verdict.causes[0]) if verdict.causes else "",
         "off_priors": fits_off_priors(verdict),
+        "by_counts": _by_counts(verdict),
         "share": max((one for one in fractions if one is not None), default=None),
         "best": _best(verdict),
         "directed": _directed(verdict),
@@ -110,6 +111,20 @@ def _facts(verdict: VerdictRecord, gain: pd.DataFrame | None) -> Mapping[str, ob
         **_misfit_facts(verdict),
         **_gain_facts(verdict, gain),
     }
+
+
+def counts_of(verdict: VerdictRecord) -> tuple[str, ...]:
+    """Return what is said of counts of ruptures that contradict the model."""
+    return tuple(one.sentence for one in verdict.rupture_counts if one.contradicted)
+
+
+def _by_counts(verdict: VerdictRecord) -> bool:
+    """Return whether counts of ruptures alone speak against the model."""
+    found = [one for one in verdict.rupture_counts if one.contradicted]
+    named = {name for one in found for name in one.explained_by}
+    p_value = verdict.misfit.p_value
+    agrees = p_value is not None and p_value > MISFIT_LEVEL
+    return bool(found) and agrees and set(verdict.causes) <= named
 
 
 def _note(of: str, facts: Mapping[str, object]) -> str:

@@ -23,6 +23,7 @@ class OptionalStage(StrEnum):
     VERDICT = "verdict"
     CALIBRATION = "misfit against chance"
     RUPTURE_MISFIT = "ruptures against the base model"
+    RUPTURE_COUNTS = "counts of ruptures against the model"
     CONFLICT = "measured means and priors against the base model"
     HELD_OUT = "held-out specimens"
     SHARED_SCATTER = "scatter shared by a degradation rate"

@@ -135,6 +135,43 @@ class RuptureEntry(Record):
     p_value: Number = None
 
 
+class CountedLevelEntry(Record):
+    """Actuators of one degradation rate that burst, beside what the model expects."""
+
+    degradation_pct: Number = None
+    pressure_kPa: Number = Field(  # noqa: N815  a unit
+        default=None, description="up to which they were tested [kPa]"
+    )
+    tested: Number = None
+    ruptured: Number = None
+    probability: Number = Field(default=None, description="of one actuator to burst, not below 1/n")
+    probability_q05: Number = None
+    probability_q95: Number = None
+    count_probability: Number = Field(default=None, description="of as many as burst")
+
+
+class CountedCauseEntry(Record):
+    """What counts of ruptures say of one cause, or of a cut of all limits alike."""
+
+    cause: Text = ""
+    log_bayes_factor: Number = Field(default=None, description="[nats]")
+    p_value: Number = Field(default=None, description="of the counts with it")
+
+
+class RuptureCountsEntry(Record):
+    """How probable counts of ruptures are; no probability is stated below one in `draws`."""
+
+    source: Text = ""
+    levels: tuple[CountedLevelEntry, ...] = ()
+    probability: Number = Field(default=None, description="of exactly these counts, not below 1/n")
+    p_value: Number = Field(default=None, description="of counts that are no more probable")
+    draws: Number = Field(default=None, description="n, posterior draws")
+    contradicted: bool = Field(default=False, strict=True)
+    explained_by: Names = Field(default=(), description="a cause, or several not told apart")
+    tried: tuple[CountedCauseEntry, ...] = ()
+    sentence: Text = ""
+
+
 class ContradictionEntry(Record):
     """The measured mean that the base model contradicts most."""
 
@@ -209,6 +246,9 @@ class VerdictRecord(FileRecord):
     predicted_with: Names = ()
     misfit: MisfitEntry = MisfitEntry()
     ruptures: RuptureEntry | None = None
+    rupture_counts: tuple[RuptureCountsEntry, ...] = Field(
+        default=(), description="published, and of the study's own actuators"
+    )
     contradicted: ContradictionEntry | None = None
     next_experiments: tuple[ExperimentEntry, ...] = ()
     suspects: tuple[SuspectEntry, ...] = ()
@@ -306,6 +346,10 @@ class ModelEntry(Record):
     paper_thickness_mm: Number = None
     largest_pressure_kPa: Number = None  # noqa: N815  a unit
     measured: Mapping[str, tuple[Number, ...]] = Field(default={}, description="ranges by name")
+    rupture_checks: Number = Field(
+        default=None,
+        description="films broken and actuators loaded: no probability of rupture is below 1/n",
+    )
 
 
 class StatisticEntry(Record):

@@ -153,6 +153,8 @@ def models_of(frame: pd.DataFrame | None) -> tuple[str, ...]:
 def extended_model(gain: pd.DataFrame | None, verdict: VerdictRecord) -> str | None:
     """Return the name in ``gain.csv`` of the base model extended by the named causes.
 
+    Causes that counts of ruptures show are no part of it: no reading is predicted otherwise.
+
     Examples
     --------
     >>> from bayesdeg.report.record import VerdictRecord
@@ -162,7 +164,10 @@ def extended_model(gain: pd.DataFrame | None, verdict: VerdictRecord) -> str | N
     """
     if verdict.outcome is not Outcome.NAMED:
         return None
-    wanted = {BASE, *verdict.causes}
+    of_counts = {name for one in verdict.rupture_counts for name in one.explained_by}
+    wanted = {BASE, *verdict.causes} - of_counts
+    if len(wanted) == 1:
+        return None
     for model in models_of(gain):
         if model == FINAL or set(model.split("+")) == wanted:
             return model

@@ -206,7 +206,11 @@ _TABLES = (
             Column("needed_q50_kPa", "kPa", "pressure that half of new specimens need"),
             Column("needed_q95_kPa", "kPa", "pressure that 95 % of new specimens need less than"),
             Column("allowed_kPa", "kPa", "largest pressure of a risk not above 5 %"),
-            Column("probability", "–", "probability of rupture at the pressure that half need"),
+            Column(
+                "probability",
+                "–",
+                "probability of rupture there, not below one in the specimens tested",
+            ),
         ),
     ),
     ResultTable(BANDS, (_DEGRADATION, _PRESSURE, *_quantiles("1/m", 5, 25, 50, 75, 95))),
@@ -215,7 +219,11 @@ _TABLES = (
         (
             _DEGRADATION,
             _PRESSURE,
-            Column("probability", "–", "probability of rupture up to this pressure"),
+            Column(
+                "probability",
+                "–",
+                "probability of rupture up to this pressure, not below one in the specimens tested",
+            ),
             Column("probability_q05", "–", "5 % quantile of it"),
             Column("probability_q95", "–", "95 % quantile of it"),
         ),

@@ -126,6 +126,39 @@ def percent(fraction: float | None) -> str:
     return f"{100 * fraction:.{digits}f}".removesuffix(".0").replace("-", MINUS) + f"{SPACE}%"
 
 
+def chance(probability: float | None, checks: float | None = None) -> str:
+    """Word a probability of which so many checks can know; below one in so many it is no number.
+
+    Parameters
+    ----------
+    probability : float or None
+        As computed.
+    checks : float or None
+        Specimens, draws or simulated sets that it rests on; None where that is not known.
+
+    Examples
+    --------
+    >>> [chance(value, 50).replace(SPACE, " ") for value in (2e-80, 0.02, 0.3, None)]
+    ['less than 1 in 50', 'less than 1 in 50', '30 %', '–']
+    """
+    if probability is None or not math.isfinite(probability):
+        return NOTHING
+    if checks and probability <= (1.0 + 1e-9) / checks:
+        return f"less than 1 in {checks:.0f}".replace(" ", SPACE)
+    return percent(probability)
+
+
+def interval(low: str, high: str) -> str:
+    """Word an interval of worded ends.
+
+    Examples
+    --------
+    >>> interval("2 %", "5 %"), interval("less than 1 in 50", "less than 1 in 50")
+    ('2 % to 5 %', 'less than 1 in 50')
+    """
+    return low if low == high else f"{low} to {high}"
+
+
 def plus_minus(value: float | None, error: float | None, *, sign: bool = False) -> str:
     """Word a number and its standard error, without decimals that the error makes meaningless.
 
@@ -262,6 +295,7 @@ FILTERS: Mapping[str, Callable[..., Any]] = {
     "plus_minus": plus_minus,
     "is_finite": math.isfinite,
     "percent": percent,
+    "chance": chance,
     "p_value": p_value,
     "strength": strength,
     "unbroken": unbroken,

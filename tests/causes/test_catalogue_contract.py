@@ -39,6 +39,7 @@ NAMES = (
     "stress_measure",
     "second_invariant",
     "flaw_embrittlement",
+    "dry_embrittlement",
 )
 SECTIONS = ("Mechanism", "Equation", "Typical size", "Revealed by", "Refuted by", "Source")
 
@@ -236,7 +237,8 @@ def test_a_draw_changes_the_likelihood_if_and_only_if_the_tests_can_reveal_it(
     before = model.log_likelihood(base_values)
     after = model.extended(cause).log_likelihood(base_values | draws)
     changed = any(not np.array_equal(before[kind], after[kind]) for kind in before)
-    assert changed == revealed
+    # dry air acts whether its humidity was recorded or not, but is judged only where it was
+    assert changed == (revealed or cause.name == "dry_embrittlement")
 
 
 @each_cause

@@ -9,6 +9,7 @@ from tests.causes.default_actuator import LEVELS, LOADING, THERE_AND_BACK, condi
 
 DEFAULT = Conditions(np.broadcast_to(LOADING, (6, 12)), LEVELS)
 FRESH_ONLY = Conditions(np.broadcast_to(LOADING, (1, 12)), np.array([[0.3]]))
+OF_RUPTURE = ("dry_embrittlement", "flaw_embrittlement")
 NEED_DEGRADED = ("degradation_misread", "degraded_skin", "erosion", "paper_softening")
 
 
@@ -32,6 +33,15 @@ def test_what_was_recorded_must_fit_the_readings():
 def test_what_degradation_does_needs_degraded_actuators(name):
     assert find(name).blind(DEFAULT) is None
     assert find(name).blind(FRESH_ONLY).startswith("no degraded actuator")
+
+
+def test_drying_needs_degraded_actuators_and_a_humidity():
+    cause = find("dry_embrittlement")
+    assert cause.blind(DEFAULT).endswith("not recorded")
+    assert cause.blind(conditions_of(humidity=60.0)) is None
+    fresh = Conditions(np.broadcast_to(LOADING, (1, 12)), np.array([[0.0]]))
+    assert cause.blind(fresh).startswith("no degraded actuator")
+    assert cause.needs == ("humidity_pct",)
 
 
 def test_flaws_need_far_degraded_actuators():
@@ -79,7 +89,7 @@ def test_gravity_needs_a_mount_that_is_not_horizontal():
 
 
 def test_other_causes_are_never_hidden_by_the_conditions():
-    hidden = {*NEED_DEGRADED, "flaw_embrittlement", "creep", "humidity_drift", "mullins", "gravity"}
+    hidden = {*NEED_DEGRADED, *OF_RUPTURE, "creep", "humidity_drift", "mullins", "gravity"}
     for name in CATALOGUE.keys() - hidden:
         assert find(name).blind(FRESH_ONLY) is None, name
 
@@ -90,6 +100,6 @@ def test_each_cause_says_which_tests_it_changes():
         want = {"actuator"}
         if name in films | both:
             want = {"tensile"} | ({"actuator"} if name in both else set())
-        if name == "flaw_embrittlement":
+        if name in OF_RUPTURE:
             want = {"rupture"}
         assert cause.acts_on == want, name

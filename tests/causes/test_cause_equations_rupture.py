@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from bayesdeg.causes import dry_embrittlement
 from bayesdeg.causes.cause import Strength
 from bayesdeg.causes.flaw_embrittlement import CAUSE, embrittle
 
@@ -51,3 +52,19 @@ def test_typical_flaws_explain_two_of_three_ruptures_at_25_percent():
     standard /= np.array([0.1, after.scatter.item()])
     assert standard[0] < -10.0
     assert -0.5 < standard[1] < 0.8  # 2 of 3 at +0.43
+
+
+def test_dry_air_cuts_the_limit_in_proportion_to_the_degradation():
+    after = dry_embrittlement.dry(strength(), DEGRADATION, effect(np.log([4.0, 4.0]), [0.0, 0.4]))
+    ratio = after.median / strength().median
+    np.testing.assert_allclose(ratio[0], 4.0 ** -(DEGRADATION[0] / 25.0), rtol=1e-14)
+    assert ratio[1, 3] == pytest.approx(4.0**-1.2)
+    np.testing.assert_array_equal(after.scatter[0], strength().scatter[0])
+    assert after.scatter[1, 2] == pytest.approx(0.5)
+
+
+def test_dry_air_does_nothing_to_fresh_or_moister_films():
+    """A rate below 0, by the scatter of moistures, does not make a film tougher."""
+    rates = np.array([[0.0, -1.0, 0.0, 0.0, 0.0]])
+    after = dry_embrittlement.dry(strength(), rates, effect([1.5], [0.4]))
+    np.testing.assert_array_equal(after.median, strength().median)

@@ -13,6 +13,7 @@ from bayesdeg.data.study import read_study
 from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.errors import StudyError
 from bayesdeg.material.degradation import yeoh_constants
+from bayesdeg.observations.counts import rupture_log_density
 from bayesdeg.observations.kinds import State
 from bayesdeg.observations.published import (
     PRESSURES,
@@ -21,9 +22,9 @@ from bayesdeg.observations.published import (
     expected_total,
     misfit_moments,
     of_tests,
+    published_counts,
     published_tests,
     r_squared_log_density,
-    rupture_log_density,
 )
 from bayesdeg.observations.specimens import FilmsAndActuators, Material
 from tests.emulator.closed_form import ClosedFormMap
@@ -296,8 +297,21 @@ def test_levels_may_have_one_of_the_statistics_alone(tmp_path):
     assert len(tests.names("ruptures")) == 6
 
 
-def test_a_study_with_readings_of_its_own_does_not_use_them(tmp_path):
-    assert published_tests(summary_alone(tmp_path, with_readings=True)) is None
+def test_a_study_with_readings_of_its_own_uses_the_counts_and_not_r_squared(tmp_path):
+    study = summary_alone(tmp_path, with_readings=True)
+    assert published_tests(study) is None
+    counted = published_counts(study).tests
+    np.testing.assert_array_equal(counted.ruptured, [0, 0, 0, 0, 0, 2])
+    np.testing.assert_array_equal(counted.tested, [3] * 6)
+    np.testing.assert_array_equal(counted.pressure, [240.0] * 6)
+    assert counted.specimens[-1] == "ruptures at 25 %"
+
+
+def test_counts_of_others_are_read_to_the_pressure_of_the_study(tmp_path):
+    study = summary_alone(tmp_path, with_readings=True)
+    lower = study.actuator[study.actuator["pressure_kPa"] <= 160.0]
+    assert published_counts(replace(study, actuator=lower)).tests.pressure.tolist() == [160.0] * 6
+    assert published_counts(replace(study, summary=None)) is None
 
 
 @pytest.mark.parametrize(
@@ -346,7 +360,9 @@ class Known(FilmsAndActuators):
     """A world whose material is known at the levels."""
 
     def material(self, values, degradation):
-        return MATERIAL
+        rates = np.atleast_2d(degradation)[0]
+        rows = np.searchsorted(SMALL.degradation, rates)
+        return Material(MATERIAL.constants[:, rows], MATERIAL.slope[:, rows])
 
 
 def blocks_of(tests):

@@ -44,6 +44,7 @@ COARSEST = Resolution(along=9.0, across=9.0, up=9.0)
 BROKEN = {
     OptionalStage.VERDICT: (judge, "run_search"),
     OptionalStage.RUPTURE_MISFIT: (judge, "rupture_misfit"),
+    OptionalStage.RUPTURE_COUNTS: (judge, "count_misfit"),
     OptionalStage.CONFLICT: (judge, "conflict"),
     OptionalStage.HELD_OUT: (judge, "held_out_and_all"),
     OptionalStage.SHARED_SCATTER: (judge, "shared_scatter"),

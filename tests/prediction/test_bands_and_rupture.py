@@ -211,7 +211,8 @@ def test_rupture_is_that_of_a_lognormal_limit(model):
         error = np.nan_to_num(prediction.peak_stretch_sd[0, 0] / (stretch - 1.0))
         scatter = np.hypot(0.3, error)
         expected = norm.cdf(np.log((stretch - 1.0) / 0.6) / scatter)
-    np.testing.assert_allclose(table["probability"], expected, atol=1e-6)
+    known = np.where(PRESSURES > 0.0, np.maximum(expected, 1.0 / 20), expected)  # draws
+    np.testing.assert_allclose(table["probability"], known, atol=1e-6)
     # without a posterior width there is one probability
     np.testing.assert_allclose(table["probability_q05"], table["probability_q95"], atol=1e-12)
 

@@ -6,6 +6,7 @@ import pandas as pd
 import pytest
 from matplotlib.colors import same_color
 from matplotlib.figure import Figure
+from scipy import stats
 
 from bayesdeg.report.drawing import BASE_COLOUR, FINAL_COLOUR, VIRTUAL, inline_svg, panels
 from bayesdeg.report.figures.criticism import gain_figure
@@ -15,8 +16,10 @@ from bayesdeg.report.figures.curvature import (
     null_figure,
     residual_figure,
     rupture_figure,
+    share_interval,
 )
 from bayesdeg.report.figures.films import constants_figure, tensile_figure
+from bayesdeg.report.record import RuptureCountsEntry
 from bayesdeg.report.summaries import MOST_LEVELS, by_level, pooled
 from tests.report.synthetic_run import (
     LEVELS,
@@ -217,11 +220,34 @@ def test_the_limit_of_elongation_at_a_single_rate_is_a_point_with_its_interval()
 def test_rupture_curves_are_those_of_the_table():
     axes = FIGURES["rupture"]().axes[0]
     table = rupture()
-    for line, level in zip(axes.lines, LEVELS, strict=True):
+    curves = [line for line in axes.lines if len(line.get_ydata())]
+    for line, level in zip(curves, LEVELS, strict=True):
         rows = table[table["degradation_pct"] == level]
         assert list(line.get_ydata()) == rows["probability"].tolist()
-    colours = [line.get_color() for line in axes.lines]
+    colours = [line.get_color() for line in curves]
     assert len(set(colours)) == len(LEVELS)
+
+
+def test_curves_of_rupture_go_on_dashed_and_counts_are_points_with_intervals():
+    level = {"degradation_pct": LEVELS[-1], "pressure_kPa": 100.0, "tested": 3, "ruptured": 2}
+    counted = RuptureCountsEntry.read({"source": "summary.csv", "levels": [level]})
+    table = rupture()
+    tested = float(table["pressure_kPa"].median())
+    axes = rupture_figure(table, (counted,), tested).axes[0]
+    solid, dashed = (
+        [line for line in axes.lines if line.get_linestyle() == style and len(line.get_xdata()) > 2]
+        for style in ("-", "--")
+    )
+    assert len(solid) == len(dashed) == len(LEVELS)
+    assert max(max(line.get_xdata()) for line in solid) <= tested
+    assert min(min(line.get_xdata()) for line in dashed) <= tested
+    [point] = [line for line in axes.lines if line.get_marker() == "o"]
+    assert point.get_ydata()[0] == pytest.approx(2.0 / 3.0)
+    [interval] = [line for line in axes.lines if line.get_linewidth() == 0.8]
+    law = stats.beta(2.5, 1.5)
+    assert list(interval.get_ydata()) == pytest.approx(law.ppf([0.05, 0.95]).tolist())
+    assert share_interval(0.0, 3.0)[0] == 0.0
+    assert share_interval(3.0, 3.0)[1] == 1.0
 
 
 def test_the_observed_misfit_is_marked():

@@ -12,12 +12,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from bayesdeg.criticism.checks.count_misfit import CountedLevel, CountMisfit
 from bayesdeg.criticism.checks.residuals import (
     Concentration,
     CurvatureDeparture,
     ReadingsDeparture,
     StressDeparture,
 )
+from bayesdeg.criticism.decide.counted import Counted, CountedCause
+from bayesdeg.criticism.decide.support import Support
 from bayesdeg.criticism.decide.verdict import (
     ImplausibleSize,
     LittlePower,
@@ -122,7 +125,48 @@ def specimens(*names):
     return Concentration("specimen", names, (-14.2, 9.0)[: len(names)], 0.88, 0.063, 0.002)
 
 
+COUNTS = CountMisfit(
+    source="summary.csv",
+    levels=(
+        CountedLevel(0.0, 240.0, 3, 0, 1e-9, 1e-12, 1e-8, 1.0),
+        CountedLevel(25.0, 240.0, 3, 2, 2e-7, 1e-9, 1e-6, 1e-13),
+    ),
+    log_probability=-30.0,
+    p_value=0.001,
+    draws=3000,
+    replicates=999,
+)
+
+
+def counted_cause(name, factor, p_value):
+    support = Support(name, factor, 20.0, 8.0, {}, 0.1)
+    return CountedCause(None, support, replace(COUNTS, p_value=p_value))
+
+
+def with_rivals(cause, **gaps):
+    return replace(cause, support=replace(cause.support, rivals=gaps))
+
+
+FLAWS = counted_cause("flaw_embrittlement", 44.5, 0.2)
+ALIKE = counted_cause("common_factor", 15.3, 0.007)
+COUNTED = Counted(COUNTS, (with_rivals(FLAWS, common_factor=29.2), ALIKE), 3.0)
+TWO = (with_rivals(FLAWS, dry_embrittlement=1.0), counted_cause("dry_embrittlement", 43.5, 0.3))
+
+
 RECORDS = {
+    "counts that contradict": COUNTS,
+    "counts of the study's own": replace(COUNTS, source="actuator.csv", p_value=0.4),
+    "counts as expected": replace(
+        COUNTS, levels=(CountedLevel(0.0, 240.0, 3, 0, 0.1, 0.05, 0.2, 0.7),), p_value=1.0
+    ),
+    "counts explained": COUNTED,
+    "counts explained by either": replace(COUNTED, tried=(*TWO, ALIKE)),
+    "counts explained by a cut alike": replace(
+        COUNTED, tried=(counted_cause("common_factor", 45.3, 0.3), FLAWS)
+    ),
+    "counts unexplained": replace(
+        COUNTED, tried=(counted_cause("flaw_embrittlement", 1.5, 0.007), ALIKE)
+    ),
     "misfit not calibrated": Uncalibrated(18, 200),
     "remaining misfit not calibrated": Uncalibrated(0, 200, remaining=True),
     "little power": LittlePower(0.1, 0.318),
@@ -204,6 +248,7 @@ COSTLY = (
     *(
         OptionalStage.VERDICT,
         OptionalStage.RUPTURE_MISFIT,
+        OptionalStage.RUPTURE_COUNTS,
         OptionalStage.CONFLICT,
         OptionalStage.HELD_OUT,
         OptionalStage.SHARED_SCATTER,
@@ -216,7 +261,7 @@ COSTLY = (
         OptionalStage.READINGS,
     ),
 )
-NOTES = ("not_calibrated", "ruptures_not_judged", "no_statistics")
+NOTES = ("not_calibrated", "ruptures_not_judged", "no_statistics", "counts_not_judged")
 
 
 def setting(pressure, needed, *, middle=8.25, found=True, by_rupture=False):
@@ -273,6 +318,7 @@ ANSWERS = {
         {"what": "actuators", "low": 10.0, "high": 10.0, "asked": [31.0]},
     ),
     "pressures beyond": ("pressures_beyond", {"high": 240.0, "asked": 300.0}),
+    "small risk": ("small_risk", {"risk": 0.001, "checks": 54}),
     "small rate": ("small_rate", {"rate": 0.25}),
     "ranking left out": (
         "nothing_proposed",
@@ -299,6 +345,8 @@ def render(name):
     if name in ANSWERS:
         part, facts = ANSWERS[name]
         return sentences("answers", part, **facts).replace("\N{NO-BREAK SPACE}", " ")
+    if name == "counts_not_judged":
+        return sentences("findings", name, one=replace(COUNTS, draws=18))
     if name in NOTES:
         return sentences("findings", name, one=Uncalibrated(18, 200))
     record = RECORDS[name]
@@ -317,8 +365,12 @@ def test_every_macro_of_a_record_is_rendered():
     classes = {type(r[0] if isinstance(r, tuple) else r).__name__ for r in RECORDS.values()}
     rendered = {re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower() for name in classes}
     module = environment().get_template("findings.j2").make_module({"one": None, "most": None})
-    helpers = {"few", "mostly", "place", "off", "figures", "new"}
-    macros = {name for name in vars(module) if not name.startswith("_")} - {"mounts", "parts"}
+    helpers = {"few", "mostly", "place", "off", "figures", "new", "burst_of", "counts_in"}
+    macros = {name for name in vars(module) if not name.startswith("_")} - {
+        "mounts",
+        "parts",
+        "uncatalogued",
+    }
     assert macros - helpers == rendered | set(NOTES)
     module = environment().get_template("answers.j2").make_module({})
     macros = {name for name in vars(module) if not name.startswith("_")}

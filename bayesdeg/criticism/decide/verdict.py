@@ -8,7 +8,8 @@ which is a test of its own, directed at the catalogue, and they are then judged 
 out by more than a standard error, each adding to it, and leave no more than chance or remove most
 of the misfit, and none may need an implausible size unless the evidence is strong, or a scatter of
 single specimens that is one of whole levels (`checks.shared_scatter`); without a cause,
-the misfit as a whole, ruptures, measured means and priors say whether the base model is adequate;
+the misfit as a whole, ruptures, their counts, measured means and priors say whether the base model
+is adequate;
 (5) what could stand in the place of a cause is reported beside it.
 """
 
@@ -19,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.criticism.checks.conflict import Conflict, Questioned
+from bayesdeg.criticism.checks.count_misfit import CountMisfit
 from bayesdeg.criticism.checks.discrepancy import (
     LARGE,
     Misfit,
@@ -172,6 +174,7 @@ def decide(
     supported: list[Support],
     *,
     rupture: RuptureMisfit | None = None,
+    counts: CountMisfit | None = None,
     contradicted: Conflict | None = None,
     questioned: Sequence[Questioned] = (),
     on_rupture: frozenset[str] = frozenset(),
@@ -200,6 +203,8 @@ def decide(
         Those causes.
     rupture : RuptureMisfit, optional
         Whether the base model expects the ruptures that there were.
+    counts : CountMisfit, optional
+        How probable published counts of ruptures are without a cause of rupture.
     contradicted : Conflict, optional
         The measured mean that the base model contradicts most.
     questioned : sequence of Questioned
@@ -223,6 +228,7 @@ def decide(
     misread = base.misfit.p_value <= MISFIT_LEVEL
     beside = (found for found in (rupture, contradicted) if found is not None)
     off = misread or any(found.p_value <= MISFIT_LEVEL for found in beside)
+    off = off or (counts is not None and counts.contradicts)
     of_readings = any(one.cause not in on_rupture for one in supported)
     # a model that takes wide errors for its readings shows no misfit
     off = off or (of_readings and final.misfit.p_value <= MISFIT_LEVEL)

@@ -200,14 +200,36 @@ def from_prior(
     Evidence
         Its log evidence is the log Bayes factor against the parent.
     """
+    return weighted(*in_extended(parent, cause, parent.draws(generator, draws), generator))
+
+
+def in_extended(
+    parent: Trial, cause: Cause, known: Floats, generator: np.random.Generator
+) -> tuple[Floats, Floats]:
+    """Give draws of a model sizes of one more cause from its prior.
+
+    Parameters
+    ----------
+    parent : Trial
+        Without the cause.
+    cause : Cause
+        What is added.
+    known : array, shape (n, n_parameters)
+        Draws from the parent's posterior.
+    generator : Generator
+        Draws the sizes.
+
+    Returns
+    -------
+    tuple of array
+        Vectors of the extended model, and ln of what the cause makes of the likelihood, (n,).
+    """
     subject = parent.subject.extended(cause)
-    known = parent.draws(generator, draws)
     base = dict(zip(parent.subject.table.names, known.T, strict=True))
     prior = {
-        cause.qualified(p.name): p.law.to_unconstrained(p.law.sample(generator, draws))
+        cause.qualified(p.name): p.law.to_unconstrained(p.law.sample(generator, len(known)))
         for p in cause.parameters
     }
     points = np.stack([(base | prior)[name] for name in subject.table.names], axis=1)
     own = subject.table.log_prior(points) - parent.subject.table.log_prior(known)
-    ratio = subject.log_prob(points) - parent.subject.log_prob(known) - own
-    return weighted(points, ratio)
+    return points, subject.log_prob(points) - parent.subject.log_prob(known) - own

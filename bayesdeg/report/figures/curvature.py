@@ -8,7 +8,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
+from scipy.stats import beta
 
+from bayesdeg.criticism.checks.count_misfit import PUBLISHED
+from bayesdeg.material.degradation import LEVEL_WIDTH
 from bayesdeg.quantities import axis_label
 from bayesdeg.report.drawing import (
     BASE_COLOUR,
@@ -31,6 +34,7 @@ from bayesdeg.report.drawing import (
     single,
     styled,
 )
+from bayesdeg.report.record import RuptureCountsEntry
 from bayesdeg.report.summaries import BASE, FINAL, by_level, nearest_level, panel_levels
 from bayesdeg.report.wording import level_words, model_words
 
@@ -71,19 +75,80 @@ def bands_figure(
 
 
 @styled
-def rupture_figure(rupture: pd.DataFrame) -> Figure:
-    """Draw the probability of rupture against pressure, a curve a degradation rate."""
+def rupture_figure(
+    rupture: pd.DataFrame, counts: Sequence[RuptureCountsEntry] = (), tested: float | None = None
+) -> Figure:
+    """Draw the probability of rupture against pressure, a curve a degradation rate.
+
+    Parameters
+    ----------
+    rupture : DataFrame
+        The columns of ``rupture.csv``.
+    counts : sequence of RuptureCountsEntry
+        How many burst: a point with its interval where they were tested to.
+    tested : float, optional
+        Largest pressure of the tests [kPa]; beyond, curves are dashed.
+    """
     figure, axes = single()
     levels = np.unique(rupture["degradation_pct"].to_numpy(float))
     for index, level in enumerate(levels):
         curve = rupture[rupture["degradation_pct"] == level].sort_values("pressure_kPa")
         colour, pressure = level_colour(index, levels.size), curve["pressure_kPa"]
         band(axes, pressure, curve["probability_q05"], curve["probability_q95"], colour, 0.16)
-        axes.plot(pressure, curve["probability"], color=colour, label=level_words(level))
+        within = np.ones(len(curve), bool) if tested is None else (pressure <= tested).to_numpy()
+        axes.plot(pressure[within], curve["probability"][within], color=colour)
+        axes.plot([], [], color=colour, label=level_words(level))
+        beyond = ~within | np.append(~within[1:], False)
+        if not within.all():
+            axes.plot(pressure[beyond], curve["probability"][beyond], color=colour, ls="--")
+        _draw_counts(axes, counts, level, colour, index - 0.5 * (levels.size - 1))
     axes.set(ylim=(-0.02, 1.02), xlabel=axis_label("pressure_kPa"))
     axes.set_ylabel("probability of rupture [–]")
     axes.legend(title="degradation", loc="best", handlelength=1.2)
     return figure
+
+
+APART = 4.0  # kPa between counts of several degradation rates that were tested to one pressure
+INTERVAL = (0.05, 0.95)
+
+
+def _draw_counts(
+    axes: Axes,
+    counts: Sequence[RuptureCountsEntry],
+    level: float,
+    colour: str,
+    place: float,
+) -> None:
+    """Draw the shares of a level that burst, published ones filled, with 90 % intervals."""
+    for one in counts:
+        for row in one.levels:
+            if row.degradation_pct is None or abs(row.degradation_pct - level) > LEVEL_WIDTH:
+                continue
+            burst, tested = float(row.ruptured or 0.0), float(row.tested or 1.0)
+            low, high = share_interval(burst, tested)
+            at = float(row.pressure_kPa or 0.0) + APART * place
+            axes.plot([at, at], [low, high], color=colour, lw=0.8)
+            fill = colour if one.source == PUBLISHED else PAPER
+            axes.plot([at], [burst / tested], "o", ms=3.5, mec=colour, mfc=fill)
+
+
+def share_interval(burst: float, tested: float) -> tuple[float, float]:
+    """Return the 90 % interval of a share of which so many of so many were seen.
+
+    That of Jeffreys, with an end at 0 or 1 where none or all burst.
+
+    References
+    ----------
+    Brown, Cai and DasGupta (2001), Statistical Science 16:101; doi:10.1214/ss/1009213286.
+
+    Examples
+    --------
+    >>> [round(end, 2) for end in share_interval(2.0, 3.0)]
+    [0.22, 0.93]
+    """
+    law = beta(burst + 0.5, tested - burst + 0.5)
+    low = 0.0 if burst == 0.0 else float(law.ppf(INTERVAL[0]))
+    return low, 1.0 if burst == tested else float(law.ppf(INTERVAL[1]))
 
 
 @styled
@@ -309,7 +374,18 @@ def _rupture(shown: Shown) -> Sketch | None:
     rupture = shown.tables["rupture"]
     if rupture is None:
         return None
-    return Sketch(rupture_figure(rupture), {"largest": float(rupture["probability"].max())})
+    model, counts = shown.run.model, shown.verdict.rupture_counts
+    measured = () if model is None else model.measured.get("pressure_kPa", ())
+    tested = measured[-1] if measured else None
+    within = rupture if tested is None else rupture[rupture["pressure_kPa"] <= tested]
+    facts = {
+        "largest": float(within["probability"].max()),
+        "checks": None if model is None else model.rupture_checks,
+        "beyond": len(within) < len(rupture),
+        "tested": tested,
+        "counts": any(one.levels for one in counts),
+    }
+    return Sketch(rupture_figure(rupture, counts, tested), facts)
 
 
 def _elongation(shown: Shown) -> Sketch | None:
@@ -355,8 +431,12 @@ FIGURES = (
         "rupture",
         _rupture,
         "Probability that the actuator bursts up to a pressure, with its 90 % interval."
-        "{% if largest < 0.01 %} It is at most {{ largest | percent }} everywhere: all curves lie "
-        "on the axis.{% endif %}",
+        "{% if beyond %} Dashed: above the {{ tested | number }} kPa that were tested, up to where "
+        "the forward map has no answer any more.{% endif %}"
+        "{% if counts %} Points: shares that burst, with 90 % intervals, filled if published, "
+        "moved apart along the pressure.{% endif %}"
+        "{% if checks %} Less than 1 in {{ checks | count }}, the films broken and actuators "
+        "loaded, is drawn as that.{% endif %}",
         ("rupture",),
         half=True,
     ),

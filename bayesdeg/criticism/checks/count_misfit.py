@@ -1,0 +1,254 @@
+r"""How probable counts of ruptures are under a calibrated model.
+
+With :math:`p_l(\theta)` the probability that an actuator of level l bursts, its own stiffness and
+strength included, the probability of the counts is the average of the binomial law over the
+posterior, the levels together, since they share its draws:
+
+.. math::
+
+    P(k) = \frac1n \sum_i \prod_l \binom{t_l}{k_l} p_l(\theta_i)^{k_l} (1 - p_l(\theta_i))^{t_l-k_l}
+
+which is the beta-binomial law where p has a beta distribution. Many counts at many levels are each
+improbable, also the most probable ones; so they are judged by the probability of counts that are no
+more probable.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from bayesdeg.criticism.chance import chance_of
+from bayesdeg.inference.model import JointModel
+from bayesdeg.observations.counts import (
+    Chances,
+    CountedTests,
+    RuptureCounts,
+    chances_of,
+    counted_by_level,
+    log_count,
+)
+
+Floats = NDArray[np.float64]
+
+COUNT_LEVEL = 0.01
+"""p-value below which counts contradict a model: one study in a hundred, of those that give any."""
+SETS = 999
+"""Simulated counts, so that p-values down to a tenth of that level are resolved."""
+FEWEST = 100
+"""Draws with an answer, and sets, below which the level could not be reached with certainty."""
+WIDTH = (0.05, 0.95)
+PUBLISHED, OWN = "summary.csv", "actuator.csv"
+"""Where counts of ruptures are given."""
+EQUAL = 1e-9
+"""Of a log probability: sets as probable as the counts, but for rounding, count as such."""
+
+
+class CountedLevel(NamedTuple):
+    """Ruptures at one degradation rate beside what the model expects.
+
+    ``probability`` is that of one actuator to burst before ``pressure`` [kPa], the mean over the
+    posterior, with its 5 and 95 % quantiles; ``chance`` that of as many ruptures as there were.
+    """
+
+    degradation: float
+    pressure: float
+    tested: int
+    ruptured: int
+    probability: float
+    low: float
+    high: float
+    chance: float
+
+
+@dataclass(frozen=True)
+class CountMisfit:
+    """How probable counts of ruptures are under a model.
+
+    Parameters
+    ----------
+    source : str
+        The file that gives them.
+    levels : tuple of CountedLevel
+        One a degradation rate.
+    log_probability : float
+        ln of the probability of exactly these counts, levels together.
+    p_value : float
+        Probability of counts that are no more probable, (1 + #)/(1 + n) from simulated ones; nan
+        where fewer than `FEWEST` draws have an answer.
+    draws : int
+        Posterior draws with an answer: no probability below one in so many is known.
+    replicates : int
+        Simulated counts behind the p-value.
+    """
+
+    source: str
+    levels: tuple[CountedLevel, ...]
+    log_probability: float
+    p_value: float
+    draws: int
+    replicates: int
+
+    @property
+    def contradicts(self) -> bool:
+        """Whether the model holds the counts for next to impossible."""
+        return self.p_value < COUNT_LEVEL
+
+    @property
+    def burst(self) -> int:
+        """Actuators that burst."""
+        return sum(one.ruptured for one in self.levels)
+
+    @property
+    def tested(self) -> int:
+        """Actuators that were tested."""
+        return sum(one.tested for one in self.levels)
+
+    @property
+    def expected(self) -> float:
+        """How many the model expects to burst."""
+        return sum(one.tested * one.probability for one in self.levels)
+
+
+def count_misfit(
+    model: JointModel,
+    counts: RuptureCounts,
+    vectors: Floats,
+    generator: np.random.Generator,
+    source: str,
+) -> CountMisfit:
+    """Compare counts of ruptures with those that a model expects.
+
+    Parameters
+    ----------
+    model : JointModel
+        That knows of actuators and of their elongation at break; its causes act.
+    counts : RuptureCounts
+        How many burst.
+    vectors : array, shape (n, n_parameters)
+        Posterior draws.
+    generator : Generator
+        For simulated counts.
+    source : str
+        Where the counts are from.
+    """
+    chances = answered(chances_at(model, counts, vectors))
+    return judged_counts(counts.tests, chances, generator, source)
+
+
+def chances_at(model: JointModel, counts: RuptureCounts, vectors: Floats) -> Chances:
+    """Return the log probabilities that actuators of the levels burst or not, (n, n_levels)."""
+    with np.errstate(all="ignore"):
+        return chances_of(model.tests(model.table.named(vectors)), counts.tests)
+
+
+def answered(chances: Chances) -> Chances:
+    """Return the draws for which the forward map answers at all levels."""
+    known = np.all(np.isfinite(chances.whole) | np.isfinite(chances.burst), axis=1)
+    return Chances(chances.burst[known], chances.whole[known])
+
+
+def judged_counts(
+    tests: CountedTests, chances: Chances, generator: np.random.Generator, source: str
+) -> CountMisfit:
+    """Judge counts by draws of the probability that an actuator of each level bursts.
+
+    Examples
+    --------
+    Two of three, where a half of the actuators bursts: as probable as one, none is less probable.
+
+    >>> half = np.log(np.full((100, 1), 0.5))
+    >>> one = np.ones((1, 1))
+    >>> tests = CountedTests(("at 0 %",), 0 * one, 0 * one, 240 * one[0], 3 * one[0], 2 * one[0])
+    >>> found = judged_counts(tests, Chances(half, half), np.random.default_rng(0), "summary.csv")
+    >>> round(float(np.exp(found.log_probability)), 3), found.p_value
+    (0.375, 1.0)
+    """
+    count = len(chances.burst)
+    if count < FEWEST:
+        return CountMisfit(source, (), float("nan"), float("nan"), count, 0)
+    law = CountLaw.of(tests, chances)
+    observed = law.log_probability(tests.ruptured[None])[0]
+    simulated = law.log_probability(law.simulated(generator, SETS))
+    p_value = float(chance_of(-observed - EQUAL, -simulated, fewest=FEWEST))
+    return CountMisfit(source, law.levels(), float(observed), p_value, count, SETS)
+
+
+class CountLaw(NamedTuple):
+    """The law of counts under draws of a model: ln weight of each draw, and its chances."""
+
+    tests: CountedTests
+    chances: Chances
+    log_weights: Floats
+
+    @classmethod
+    def of(
+        cls, tests: CountedTests, chances: Chances, log_weights: Floats | None = None
+    ) -> "CountLaw":
+        """Return the law for draws of weights that need not be normalised; equal by default."""
+        weights = np.zeros(len(chances.burst)) if log_weights is None else log_weights
+        return cls(tests, chances, weights - logsumexp(weights))
+
+    def reweighted(self, log_weights: Floats) -> "CountLaw":
+        """Return the law with other weights of its draws."""
+        return CountLaw.of(self.tests, self.chances, log_weights)
+
+    def draw_by_draw(self, ruptured: Floats) -> Floats:
+        """Return the log probability of counts (n_levels,) under each draw, (n,)."""
+        found: Floats = np.sum(log_count(ruptured, self.tests.tested, self.chances), axis=1)
+        return found
+
+    def log_probability(self, counts: Floats) -> Floats:
+        """Return the log probability of sets of counts (m, n_levels), levels together, (m,)."""
+        total = self.log_weights
+        for level, tested in enumerate(self.tests.tested):
+            total = total + self._table(level, tested)[:, counts[:, level].astype(int)].T
+        found: Floats = logsumexp(total, axis=1)
+        return found
+
+    def simulated(self, generator: np.random.Generator, sets: int) -> Floats:
+        """Draw sets of counts, (sets, n_levels)."""
+        rows = generator.choice(len(self.log_weights), size=sets, p=np.exp(self.log_weights))
+        chance = np.clip(np.exp(self.chances.burst[rows]), 0.0, 1.0)
+        drawn: Floats = generator.binomial(self.tests.tested.astype(int), chance).astype(np.float64)
+        return drawn
+
+    def levels(self) -> tuple[CountedLevel, ...]:
+        """Return what is expected level by level."""
+        weights, tests = np.exp(self.log_weights), self.tests
+        burst = np.exp(self.chances.burst)
+        low, high = np.quantile(burst, WIDTH, axis=0, weights=weights, method="inverted_cdf")
+        each = log_count(tests.ruptured, tests.tested, self.chances)
+        chance = np.exp(logsumexp(each + self.log_weights[:, None], axis=0))
+        return tuple(
+            CountedLevel(
+                degradation=float(tests.degradation[k, 0]),
+                pressure=float(tests.pressure[k]),
+                tested=int(tests.tested[k]),
+                ruptured=int(tests.ruptured[k]),
+                probability=float(weights @ burst[:, k]),
+                low=float(low[k]),
+                high=float(high[k]),
+                chance=float(chance[k]),
+            )
+            for k in range(len(tests.specimens))
+        )
+
+    def _table(self, level: int, tested: float) -> Floats:
+        """Return the log probability of every count at a level, (n, tested + 1)."""
+        every = np.arange(tested + 1.0)
+        here = Chances(*(part[:, level, None] for part in self.chances))
+        return log_count(every, np.asarray(tested), here)
+
+
+def can_be_counted(model: JointModel) -> bool:
+    """Return whether a model says when actuators burst: it bends them, and knows their limit."""
+    known = {"volume_ratio", "paper_stiffness"} <= set(model.table.names)
+    return known and model.has_elongation
+
+
+def own_counts(model: JointModel) -> RuptureCounts | None:
+    """Return how many of a study's own actuators burst, by level; None without actuators."""
+    return None if model.actuator is None else RuptureCounts(counted_by_level(model.actuator))

@@ -1,0 +1,236 @@
+"""How many of some actuators burst before a pressure: published, or counted in a study's own tests.
+
+Actuators of a level are alike but for their stiffness and their strength. One of them bursts with
+
+    p = Σ_q w_q Φ( ln[(λ_q − 1)/(λ_b − 1)] / s ),
+
+over a Gauss–Hermite rule for its stiffness, and the count is binomial. Every cause of the model
+acts on these tests as on those of the study: a prompt first loading in a horizontal mount.
+
+Counts are no part of a base model: one of walls without flaws may hold them for next to impossible,
+and would give up its stiffness before it believes them (two of three at 25 % and none below, of
+doi:10.3389/frobt.2021.760485, leave a material three times as soft as its films). They are held
+against the model (`bayesdeg.criticism.checks.count_misfit`) and join it with a cause of ruptures.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import ClassVar, NamedTuple, override
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import gammaln, log_ndtr, logsumexp
+
+from bayesdeg.causes.cause import Conditions, Strength
+from bayesdeg.material.degradation import levels
+from bayesdeg.observations.arrays import chosen
+from bayesdeg.observations.curvature import ActuatorCurves, inputs_met, parts_of
+from bayesdeg.observations.kinds import Observations, Parts, Rows, State
+from bayesdeg.observations.noise import event_signal
+from bayesdeg.observations.rupture import strength_of
+from bayesdeg.observations.specimens import FilmsAndActuators
+
+Floats = NDArray[np.float64]
+
+SMALLEST_ELONGATION = 1e-6
+"""Of a wall that pressure does not stretch; its logarithm has to be finite."""
+STIFFNESS_NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(7)
+"""Gauss–Hermite rule for the specimen's own stiffness, in standard deviations."""
+_LOG_WEIGHTS = np.log(_WEIGHTS / np.sum(_WEIGHTS))
+
+
+class Chances(NamedTuple):
+    """Log probabilities that a specimen bursts, and that it does not, (n, n_levels).
+
+    nan where the mean specimen has no answer.
+    """
+
+    burst: Floats
+    whole: Floats
+
+
+def rupture_chances(peak_stretch: Floats, *, limit: Floats, scatter: Floats) -> Chances:
+    r"""Return the log probabilities that a specimen of a level bursts or stays whole.
+
+    .. math:: p = \sum_q w_q \Phi\left(\frac{1}{s} \ln \frac{\lambda_q - 1}{\lambda_b - 1}\right)
+
+    In logarithms throughout, so that what the model holds for next to impossible gets a very small
+    probability and not zero.
+
+    Parameters
+    ----------
+    peak_stretch : array, shape (n, n_levels, 7)
+        Stretch demanded at the largest pressure at the nodes of the rule [–]. Nodes where it is nan
+        are left out, and the rest reweighted; all is nan where the middle one, the mean specimen,
+        is.
+    limit : array, shape (n, n_levels)
+        λ_b, median stretch at break [–].
+    scatter : array, shape (n, n_levels) or (n, 1)
+        s, sd of ln elongation at break [–].
+    """
+    answered = np.isfinite(peak_stretch[..., len(STIFFNESS_NODES) // 2])
+    known = np.isfinite(peak_stretch) | ~answered[..., None]
+    elongation = np.maximum(
+        np.where(np.isfinite(peak_stretch), peak_stretch, 2.0) - 1.0, SMALLEST_ELONGATION
+    )
+    z = (np.log(elongation) - np.log(limit - 1.0)[..., None]) / scatter[..., None]
+    weight = np.where(known, _LOG_WEIGHTS, -np.inf)
+    weight = weight - logsumexp(weight, axis=-1, keepdims=True)
+    burst = logsumexp(weight + log_ndtr(z), axis=-1)
+    whole = logsumexp(weight + log_ndtr(-z), axis=-1)
+    return Chances(np.where(answered, burst, np.nan), np.where(answered, whole, np.nan))
+
+
+def log_count(ruptured: Floats, tested: Floats, chances: Chances) -> Floats:
+    """Return the binomial log probability of counts, in the shape that all broadcast to.
+
+    Examples
+    --------
+    >>> even = Chances(np.log([0.5]), np.log([0.5]))
+    >>> np.exp(log_count(np.array([2.0]), np.array([3.0]), even)).round(6)
+    array([0.375])
+    """
+    ways = gammaln(tested + 1.0) - gammaln(ruptured + 1.0) - gammaln(tested - ruptured + 1.0)
+    with np.errstate(invalid="ignore"):  # none of it times the logarithm of 0
+        some = np.where(ruptured > 0.0, ruptured * chances.burst, 0.0 * np.isnan(chances.burst))
+        rest = tested - ruptured
+        others = np.where(rest > 0.0, rest * chances.whole, 0.0)
+    found: Floats = ways + np.where(np.isnan(chances.burst), np.nan, some + others)
+    return found
+
+
+def rupture_log_density(
+    ruptured: Floats, tested: Floats, peak_stretch: Floats, *, limit: Floats, scatter: Floats
+) -> Floats:
+    """Return the log probability that so many of the tested specimens burst, (n, n_levels).
+
+    Parameters
+    ----------
+    ruptured, tested : array, shape (n_levels,)
+        Counts.
+    peak_stretch, limit, scatter : array
+        As of `rupture_chances`.
+
+    Examples
+    --------
+    Every specimen at its limit: 2 of 3 have probability 3/8.
+
+    >>> density = rupture_log_density(np.array([2.0]), np.array([3.0]), np.full((1, 1, 7), 1.5),
+    ...                               limit=np.array([[1.5]]), scatter=np.array([[0.1]]))
+    >>> round(float(np.exp(density[0, 0])), 6)
+    0.375
+    """
+    chances = rupture_chances(peak_stretch, limit=limit, scatter=scatter)
+    return log_count(ruptured, tested, chances)
+
+
+@dataclass(frozen=True)
+class CountedTests:
+    """Actuators of which is known how many burst, level by level.
+
+    Parameters
+    ----------
+    specimens : tuple of str
+        Names of the levels.
+    degradation, degradation_sd : array, shape (n_levels, 1)
+        D_R and its standard error from specimen to specimen [%].
+    pressure : array, shape (n_levels,)
+        Up to which they were tested [kPa].
+    tested, ruptured : array, shape (n_levels,)
+        Number of actuators, and of those that burst.
+    """
+
+    specimens: tuple[str, ...]
+    degradation: Floats
+    degradation_sd: Floats
+    pressure: Floats
+    tested: Floats
+    ruptured: Floats
+
+    @cached_property
+    def conditions(self) -> Conditions:
+        """What was set: one reading at the largest pressure for each node of stiffness."""
+        across = np.ones(len(STIFFNESS_NODES))
+        return Conditions(self.pressure[:, None] * across, self.degradation)
+
+
+def counted_by_level(curves: ActuatorCurves) -> CountedTests:
+    """Return how many of a study's own actuators burst, by the levels that they were meant to have.
+
+    Each level was tested up to the largest pressure that any of its actuators met.
+    """
+    centres, member = levels(curves.degradation[:, 0])
+    burst = curves.ruptured.any(axis=1)
+    largest = np.max(np.where(curves.recorded, curves.pressure, 0.0), axis=1)
+    rows = [np.flatnonzero(member == k) for k in range(len(centres))]
+    return CountedTests(
+        specimens=tuple(f"ruptures at {centre:.3g} %" for centre in centres),
+        degradation=centres[:, None],
+        degradation_sd=np.array([[curves.degradation_sd[row].mean()] for row in rows]),
+        pressure=np.array([largest[row].max() for row in rows]),
+        tested=np.array([float(len(row)) for row in rows]),
+        ruptured=np.array([float(burst[row].sum()) for row in rows]),
+    )
+
+
+def stretch_demanded(state: State[FilmsAndActuators], tests: CountedTests) -> Floats:
+    """Return the peak stretch at the largest pressure over stiffnesses, (n, n_levels, 7).
+
+    nan where the forward map has no answer.
+    """
+    spread = state.once(parts_of, tests).spread
+    deviation = np.sqrt(spread)[..., None] * STIFFNESS_NODES
+    prediction = state.world.forward(inputs_met(state, tests, deviation))
+    return np.where(prediction.status == 0, prediction.peak_stretch, np.nan)
+
+
+def chances_of(state: State[FilmsAndActuators], tests: CountedTests) -> Chances:
+    """Return the log probabilities that an actuator of each level bursts or not."""
+    strength: Strength = strength_of(state, tests)
+    return rupture_chances(
+        state.once(stretch_demanded, tests), limit=1.0 + strength.median, scatter=strength.scatter
+    )
+
+
+@dataclass(frozen=True)
+class RuptureCounts(Observations):
+    """Counts of ruptures.
+
+    Parameters
+    ----------
+    tests : CountedTests
+        At least one level.
+    """
+
+    name: ClassVar[str] = "ruptures"
+    order: ClassVar[int] = 70
+    uses_forward: ClassVar[bool] = True
+
+    tests: CountedTests
+
+    @property
+    @override
+    def labels(self) -> tuple[str, ...]:
+        return self.tests.specimens
+
+    @property
+    @override
+    def specimens(self) -> tuple[str, ...]:
+        return ()
+
+    @override
+    def log_likelihood(self, state: State[FilmsAndActuators]) -> Floats:
+        return log_count(self.tests.ruptured, self.tests.tested, chances_of(state, self.tests))
+
+    @override
+    def factors(self, state: State[FilmsAndActuators]) -> Parts:
+        log_probability = self.log_likelihood(state)
+        return Parts(events=((log_probability, event_signal(log_probability)),))
+
+    @override
+    def subset(self, rows: Rows) -> "RuptureCounts":
+        return RuptureCounts(chosen(self.tests, rows))
+
+    def with_counts(self, ruptured: Floats) -> "RuptureCounts":
+        """Return the same tests with other counts, (n_levels,)."""
+        return RuptureCounts(replace(self.tests, ruptured=ruptured))
