@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from bayesdeg.errors import StudyError as StudyError
     from bayesdeg.pipeline.formula import Readings as Readings
     from bayesdeg.pipeline.reading import read_study as read_study
+    from bayesdeg.prediction.conditions import Conditions as Conditions
     from bayesdeg.priors import HalfNormal as HalfNormal
     from bayesdeg.priors import LogNormal as LogNormal
     from bayesdeg.priors import Normal as Normal
@@ -61,6 +62,7 @@ _HOMES = {
     "data.study": ("Study",),
     "pipeline.formula": ("Readings",),
     "pipeline.reading": ("read_study",),
+    "prediction.conditions": ("Conditions",),
     "results": ("Calibration", "Model", "Report", "Verdict"),
 }
 _HOME = {name: f"bayesdeg.{home}" for home, names in _HOMES.items() for name in names}

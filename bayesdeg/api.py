@@ -36,6 +36,7 @@ from bayesdeg.errors import BayesdegError, use_one_of
 from bayesdeg.pipeline.emulation import Campaign, expect, train_emulator
 from bayesdeg.pipeline.experiment import Written
 from bayesdeg.pipeline.progress import Progress
+from bayesdeg.prediction.conditions import PROMPT, Conditions
 from bayesdeg.results import Calibration, Model, Report, Verdict
 
 Floats = NDArray[np.float64]
@@ -247,6 +248,7 @@ def predict(
     pressure: ArrayLike | None = None,
     degradation: ArrayLike | None = None,
     x: Any = None,
+    conditions: Conditions = PROMPT,
     seed: int | None = None,
     progress: bool | None = None,
 ) -> pd.DataFrame:
@@ -260,6 +262,9 @@ def predict(
         Of actuators: pressures as read [kPa] and degradation rates [%], every combination.
     x : array or DataFrame
         Of readings of one's own: what the forward map is asked.
+    conditions : Conditions
+        Of actuators: by default a prompt first loading in a horizontal mount. Active causes move
+        predictions in others, such as ``Conditions(hold_s=60, mount="hanging")``.
     seed, progress, optional
         As of `calibrate`.
 
@@ -274,7 +279,7 @@ def predict(
     Warns
     -----
     UserWarning
-        Where predictions lie outside of what was measured.
+        Where predictions lie outside of what was measured, and of conditions that move nothing.
 
     Raises
     ------
@@ -294,7 +299,10 @@ def predict(
         pressures = _numbers(pressure, "pressure", "kPa")
         rates = _numbers(degradation, "degradation", "%", high=100.0)
         _warn(experiment.extrapolations(rates, pressures))
-        return experiment.predict(*asked, pressure=pressures, degradation=rates)
+        _warn(experiment.unanswered_conditions(fit.fit, rates, conditions))
+        return experiment.predict(
+            *asked, pressure=pressures, degradation=rates, conditions=conditions
+        )
 
 
 def control(
@@ -305,6 +313,7 @@ def control(
     max_risk: float = 0.05,
     reading: ArrayLike | None = None,
     x: Any = None,
+    conditions: Conditions = PROMPT,
     seed: int | None = None,
     progress: bool | None = None,
 ) -> pd.DataFrame:
@@ -326,6 +335,8 @@ def control(
     x : array, DataFrame or mapping of names to arrays
         Inputs to be tried, in the order in which they are passed through; of several, the first is
         looked for and the others go along with it.
+    conditions : Conditions
+        Of actuators, as of `predict`.
     seed, progress, optional
         As of `calibrate`.
 
@@ -342,7 +353,8 @@ def control(
     Warns
     -----
     UserWarning
-        Where a pressure or degradation rate lies outside of what was measured.
+        Where a pressure or degradation rate lies outside of what was measured, and of conditions
+        that move nothing.
 
     Raises
     ------
@@ -360,7 +372,10 @@ def control(
     rates = _numbers(degradation, "degradation", "%", high=100.0)
     with _work(progress, 1, parallel=False) as (show, _):
         asked = (fit.fit, fit.effort, _seed(seed, fit.seed), show)
-        table = experiment.control(*asked, curvature=wanted, degradation=rates, max_risk=max_risk)
+        table = experiment.control(
+            *asked, curvature=wanted, degradation=rates, max_risk=max_risk, conditions=conditions
+        )
+    _warn(experiment.unanswered_conditions(fit.fit, rates, conditions))
     set_to = table["pressure_kPa"].dropna().to_numpy(np.float64)
     _warn(experiment.extrapolations(rates, set_to))
     return table

@@ -16,10 +16,11 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from bayesdeg.console import console
+from bayesdeg.console import console, say
 from bayesdeg.criticism.outcome import Outcome
 from bayesdeg.errors import BayesdegError
 from bayesdeg.files import spreadsheet_safe, written
+from bayesdeg.prediction.conditions import MOUNTS, PROMPT, Conditions
 from bayesdeg.quantities import LARGEST_SEED
 from bayesdeg.records import FileRecord, Names, Scalar
 from bayesdeg.report.record import RunRecord, VerdictRecord
@@ -38,9 +39,51 @@ MaybeRates = Annotated[
     list[str] | None,
     typer.Option(
         "--degradation",
-        help="Degradation rates in percent, taken as known exactly: 10, or 0,10,25, or a range "
-        "0:25:5 (its end included); may be repeated.",
+        help="Degradation rates in percent, known but for --degradation-sd: 10, or 0,10,25, or a "
+        "range 0:25:5 (its end included); may be repeated.",
         metavar="PERCENT",
+    ),
+]
+Hold = Annotated[
+    float,
+    typer.Option(
+        "--hold-s",
+        help="How long the pressure has been held, and the actuator in the room, when it is read, "
+        "in seconds.",
+        metavar="S",
+    ),
+]
+Cycle = Annotated[
+    int,
+    typer.Option(
+        help="Loading cycle, from 1; earlier ones went to the largest pressure that was tested.",
+        metavar="N",
+    ),
+]
+Branch = Annotated[
+    str,
+    typer.Option(
+        help="loading, or unloading: down from the largest pressure that was tested.",
+        metavar="BRANCH",
+    ),
+]
+Humidity = Annotated[
+    float | None,
+    typer.Option(
+        help="Relative humidity of the room in percent; it acts over the time of --hold-s.",
+        metavar="PERCENT",
+    ),
+]
+Mount = Annotated[
+    str,
+    typer.Option(help="How the actuator is held: " + ", ".join(MOUNTS) + ".", metavar="MOUNT"),
+]
+DegradationSd = Annotated[
+    float,
+    typer.Option(
+        "--degradation-sd",
+        help="Standard error of the degradation rate of the actuator, in points of percent.",
+        metavar="POINTS",
     ),
 ]
 Base = Annotated[
@@ -265,6 +308,32 @@ def give(
     sys.stdout.write(answer.text())
 
 
+def delivered(
+    stored: Recorded,
+    table: pd.DataFrame,
+    messages: Sequence[str],
+    units: dict[str, str],
+    *,
+    out: Path | None,
+    quiet: bool,
+    as_json: bool,
+) -> bool:
+    """Write an answer where that is asked for, say its messages, print it as JSON.
+
+    Returns
+    -------
+    bool
+        Whether that is all, and nothing is left to be shown.
+    """
+    if out is not None:
+        write_csv(out, table)
+    if not quiet:
+        say(messages)
+    if as_json:
+        give(stored, table, messages, units)
+    return as_json
+
+
 def write_csv(path: Path, table: pd.DataFrame) -> None:
     """Write a table as CSV.
 
@@ -325,6 +394,21 @@ def needed(given: list[str] | None, option: str, x: list[str] | None) -> list[st
     if not given:
         raise typer.BadParameter(f"{option} is missing")
     return given
+
+
+def refuse_conditions(conditions: Conditions) -> None:
+    """Refuse conditions of actuators where a forward map of one's own is asked.
+
+    Raises
+    ------
+    typer.BadParameter
+        Naming them.
+    """
+    if conditions != PROMPT:
+        raise typer.BadParameter(
+            f"{', '.join(conditions.changed)} is of actuators, and has no meaning in a study with "
+            "a forward map of its own"
+        )
 
 
 def refuse_others(**given: object) -> None:

@@ -4,36 +4,44 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
+import pandas as pd
 import typer
 from numpy.typing import NDArray
 
 from bayesdeg.commands.answers import (
     AsJson,
     Base,
+    Branch,
+    Cycle,
+    DegradationSd,
     EmulatorFile,
+    Hold,
+    Humidity,
     Inputs,
     MaybeRates,
+    Mount,
     OutFile,
     RunFolderPath,
     Seed,
     answer,
+    delivered,
     empty_table,
-    give,
     inputs_of,
     needed,
     numbers,
     output,
+    refuse_conditions,
     refuse_others,
     refuse_too_many,
     seed_of,
-    write_csv,
 )
 from bayesdeg.commands.options import Quiet
-from bayesdeg.console import say, shown
+from bayesdeg.console import shown
 from bayesdeg.pipeline import forecast, formula
 from bayesdeg.pipeline.forecast import StoredRun, read_stored
 from bayesdeg.pipeline.output import output_file
 from bayesdeg.pipeline.own_forecast import is_own, read_own
+from bayesdeg.prediction.conditions import PROMPT, Conditions
 from bayesdeg.prediction.control import Setting
 from bayesdeg.report.wording import percent
 
@@ -90,6 +98,12 @@ def control(
     degradation: MaybeRates = None,
     risk: Risk = 0.05,
     reading: Wanted = None,
+    hold_s: Hold = PROMPT.hold_s,
+    cycle: Cycle = PROMPT.cycle,
+    branch: Branch = PROMPT.branch,
+    humidity: Humidity = PROMPT.humidity_pct,
+    mount: Mount = PROMPT.mount,
+    degradation_sd: DegradationSd = PROMPT.degradation_sd,
     x: Inputs = None,
     base: Base = False,
     emulator: EmulatorFile = None,
@@ -104,12 +118,16 @@ def control(
     gives the pressures that 90 % of the specimens need, the curvature at the pressure, and the
     probability of rupture. A specimen for which the emulator has no answer counts as burst: it
     balloons, or nothing is known of it. If the wanted curvature cannot be reached at this risk,
-    the largest allowed pressure is given, with the curvature there; the exit code is 0 too.
+    the largest allowed pressure is given, with the curvature there; the exit code is 0 too. By
+    default it is for a prompt first loading in a horizontal mount; --hold-s, --cycle, --branch,
+    --humidity and --mount act by the causes that the run named.
 
     For a forward map of your own, give --reading, and with --x the inputs to try: for the first
     input, the range in which to look. Nothing is known of rupture there, so no risk is bounded.
     """
+    conditions = Conditions(hold_s, cycle, branch, humidity, mount, degradation_sd)
     if is_own(report):
+        refuse_conditions(conditions)
         refuse_others(curvature=curvature, degradation=degradation)
         _of_own(report, reading or [], x or [], base=base, seed=seed, out=out, as_json=as_json)
         return
@@ -119,19 +137,27 @@ def control(
     stored = read_stored(report, base=base, emulator=emulator)
     with shown(quiet or as_json) as progress:
         found = forecast.settings(
-            stored, rates, wanted, risk=risk, seed=seed_of(stored, seed), progress=progress
+            *(stored, rates, wanted),
+            risk=risk,
+            seed=seed_of(stored, seed),
+            progress=progress,
+            conditions=conditions,
         )
     table = forecast.settings_table(found)
-    if out is not None:
-        write_csv(out, table)
+    messages = _messages(stored, table, rates, conditions)
+    if not delivered(stored, table, messages, UNITS, out=out, quiet=quiet, as_json=as_json):
+        _show(stored, found)
+
+
+def _messages(
+    stored: StoredRun, table: pd.DataFrame, rates: Floats, conditions: Conditions
+) -> tuple[str, ...]:
+    """Return what a user of the settings should know."""
     set_to = table["pressure_kPa"].dropna().to_numpy(np.float64)
-    messages = forecast.warnings(stored, rates, set_to)
-    if not quiet:
-        say(messages)
-    if as_json:
-        give(stored, table, messages, UNITS)
-        return
-    _show(stored, found)
+    return (
+        *forecast.warnings(stored, rates, set_to),
+        *forecast.unanswered_conditions(stored, rates, conditions),
+    )
 
 
 def _asked(

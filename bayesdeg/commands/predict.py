@@ -3,37 +3,48 @@
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 import pandas as pd
 import typer
+from numpy.typing import NDArray
 
 from bayesdeg.commands.answers import (
     AsJson,
     Base,
+    Branch,
+    Cycle,
+    DegradationSd,
     EmulatorFile,
+    Hold,
+    Humidity,
     Inputs,
     MaybeRates,
+    Mount,
     OutFile,
     RunFolderPath,
     Seed,
     answer,
+    delivered,
     empty_table,
-    give,
     inputs_of,
     needed,
     numbers,
     output,
+    refuse_conditions,
     refuse_others,
     refuse_too_many,
     seed_of,
-    write_csv,
 )
 from bayesdeg.commands.options import Quiet
-from bayesdeg.console import say, shown
+from bayesdeg.console import shown
 from bayesdeg.pipeline import forecast, formula
 from bayesdeg.pipeline.forecast import StoredRun, read_stored
 from bayesdeg.pipeline.output import output_file
 from bayesdeg.pipeline.own_forecast import is_own, read_own
+from bayesdeg.prediction.conditions import PROMPT, Conditions
 from bayesdeg.report.wording import number, percent
+
+Floats = NDArray[np.float64]
 
 UNITS = (
     {"degradation_pct": "%", "pressure_kPa": "kPa"}
@@ -56,6 +67,12 @@ def predict(
     report: RunFolderPath,
     pressure: Pressures = None,
     degradation: MaybeRates = None,
+    hold_s: Hold = PROMPT.hold_s,
+    cycle: Cycle = PROMPT.cycle,
+    branch: Branch = PROMPT.branch,
+    humidity: Humidity = PROMPT.humidity_pct,
+    mount: Mount = PROMPT.mount,
+    degradation_sd: DegradationSd = PROMPT.degradation_sd,
     x: Inputs = None,
     base: Base = False,
     emulator: EmulatorFile = None,
@@ -66,37 +83,47 @@ def predict(
 ) -> None:
     """Predict curvature and rupture of a new specimen from the posterior of a finished run.
 
-    Curvatures are 5, 25, 50, 75 and 95 % quantiles over new specimens on a prompt first loading in
-    a horizontal mount, without reading noise. The probability of rupture up to a pressure has its
-    90 % interval. Cells are empty where most specimens are beyond the range of the emulator. Of a
-    forward map of one's own give --x NAME=VALUES for each of its inputs.
+    Curvatures are 5, 25, 50, 75 and 95 % quantiles over new specimens, without reading noise; by
+    default on a prompt first loading in a horizontal mount. --hold-s, --cycle, --branch, --humidity
+    and --mount move predictions by the causes that the run named; what no cause answers to is said.
+    The probability of rupture up to a pressure has its 90 % interval. Cells are empty where most
+    specimens are beyond the range of the emulator. Of a forward map of one's own give --x
+    NAME=VALUES for each of its inputs.
     """
+    conditions = Conditions(hold_s, cycle, branch, humidity, mount, degradation_sd)
     if is_own(report):
+        refuse_conditions(conditions)
         refuse_others(pressure=pressure, degradation=degradation)
         _of_own(report, x or [], base=base, seed=seed, out=out, as_json=as_json)
         return
-    pressure, degradation = (
-        needed(pressure, "--pressure", x),
-        needed(degradation, "--degradation", x),
+    pressures, rates = _asked(pressure, degradation, x)
+    out = None if out is None else output_file(out)
+    stored = read_stored(report, base=base, emulator=emulator)
+    messages = (
+        *forecast.warnings(stored, rates, pressures),
+        *forecast.unanswered_conditions(stored, rates, conditions),
     )
+    with shown(quiet or as_json) as progress:
+        table = forecast.predict(
+            *(stored, rates, pressures),
+            seed=seed_of(stored, seed),
+            progress=progress,
+            conditions=conditions,
+        )
+    if not delivered(stored, table, messages, UNITS, out=out, quiet=quiet, as_json=as_json):
+        _show(stored, table)
+
+
+def _asked(
+    pressure: list[str] | None, degradation: list[str] | None, x: list[str] | None
+) -> tuple[Floats, Floats]:
+    """Return pressures [kPa] and degradation rates [%]."""
+    pressure = needed(pressure, "--pressure", x)
+    degradation = needed(degradation, "--degradation", x)
     pressures = numbers(pressure, "--pressure", "kPa", low=0.0, high=float("inf"))
     rates = numbers(degradation, "--degradation", "%", low=0.0, high=100.0)
     refuse_too_many(pressures, rates)
-    out = None if out is None else output_file(out)
-    stored = read_stored(report, base=base, emulator=emulator)
-    messages = forecast.warnings(stored, rates, pressures)
-    with shown(quiet or as_json) as progress:
-        table = forecast.predict(
-            stored, rates, pressures, seed=seed_of(stored, seed), progress=progress
-        )
-    if out is not None:
-        write_csv(out, table)
-    if not quiet:
-        say(messages)
-    if as_json:
-        give(stored, table, messages, UNITS)
-        return
-    _show(stored, table)
+    return pressures, rates
 
 
 def _show(stored: StoredRun, table: pd.DataFrame) -> None:

@@ -45,6 +45,7 @@ from bayesdeg.pipeline.run import (
     judged_fit,
     with_options,
 )
+from bayesdeg.prediction.conditions import PROMPT, Conditions
 from bayesdeg.priors import Parameter
 from bayesdeg.report.checkpoints import NoCheckpoints
 from bayesdeg.report.left_out import Guard
@@ -323,6 +324,7 @@ class ModelledExperiment:
         *,
         pressure: Floats,
         degradation: Floats,
+        conditions: Conditions = PROMPT,
     ) -> pd.DataFrame:
         """Return curvature bands and rupture probabilities of a new specimen."""
         if self.own is not None:
@@ -333,6 +335,7 @@ class ModelledExperiment:
             pressure,
             seed=np.random.SeedSequence([seed, 1]),
             progress=progress,
+            conditions=conditions,
         )
 
     def control(
@@ -345,6 +348,7 @@ class ModelledExperiment:
         curvature: Floats,
         degradation: Floats,
         max_risk: float,
+        conditions: Conditions = PROMPT,
     ) -> pd.DataFrame:
         """Return the pressure for each curvature at each degradation rate."""
         if self.own is not None:
@@ -359,6 +363,7 @@ class ModelledExperiment:
             risk=max_risk,
             seed=np.random.SeedSequence([seed, 1]),
             progress=progress,
+            conditions=conditions,
         )
         return forecast.settings_table(found)
 
@@ -389,6 +394,12 @@ class ModelledExperiment:
             name: (float(low or 0), float(high or 0)) for name, (low, high) in measured.items()
         }
         return forecast.extrapolations(ranges, degradation, pressure)
+
+    def unanswered_conditions(
+        self, fit: Fit, degradation: Floats, conditions: Conditions
+    ) -> tuple[str, ...]:
+        """Say which conditions move nothing that is predicted."""
+        return forecast.unanswered_conditions(fit, degradation, conditions)
 
     def _of_actuators(self, fit: Fit, effort: Effort) -> Fit:
         """Return a calibration with the draws that a run folder keeps."""

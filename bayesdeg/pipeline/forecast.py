@@ -25,12 +25,14 @@ from bayesdeg.observations.curvature import Curvature
 from bayesdeg.observations.specimens import FilmsAndActuators, control_name
 from bayesdeg.observations.tensile import Tensile
 from bayesdeg.pipeline.progress import Progress
+from bayesdeg.prediction.conditions import PROMPT, Conditions
 from bayesdeg.prediction.control import Setting, control, largest_allowed
 from bayesdeg.prediction.predictive import (
     QUANTILES,
     Specimens,
     curvature_bands,
     draw_specimens,
+    moving_nothing,
     respond,
     rupture_table,
 )
@@ -303,6 +305,7 @@ def predict(
     *,
     seed: np.random.SeedSequence,
     progress: Progress,
+    conditions: Conditions = PROMPT,
 ) -> pd.DataFrame:
     """Return curvature bands and rupture probabilities of a new specimen.
 
@@ -316,6 +319,8 @@ def predict(
         Everything random comes from it.
     progress : Progress
         Shows the levels.
+    conditions : Conditions
+        In which the specimen is used.
 
     Returns
     -------
@@ -325,7 +330,10 @@ def predict(
     """
     first, second = seed.spawn(2)
     specimens = draw_specimens(
-        stored.model, stored.chain, np.random.default_rng(second), draws=500, strata=4
+        *(stored.model, stored.chain, np.random.default_rng(second)),
+        draws=500,
+        strata=4,
+        conditions=conditions,
     )
     pieces = np.array_split(pressure, -(-len(pressure) // PRESSURES_AT_ONCE))
     progress.stage("predicting", total=len(degradation) * len(pieces))
@@ -344,17 +352,25 @@ def _predicted(
     pressure: Floats,
     seed: np.random.SeedSequence,
 ) -> pd.DataFrame:
-    model, chain, at = stored.model, stored.chain, np.array([level])
+    at, conditions = np.array([level]), specimens.conditions
     # anew from the seed, so that every row is about the same draws
-    generator = np.random.default_rng(seed)
+    model, chain, generator = stored.model, stored.chain, np.random.default_rng(seed)
     table = curvature_bands(
-        model, chain, generator, degradation=at, pressure=pressure, draws=BAND_DRAWS
+        *(model, chain, generator),
+        degradation=at,
+        pressure=pressure,
+        draws=BAND_DRAWS,
+        conditions=conditions,
     )
     table[list(PROBABILITY_COLUMNS)] = np.nan
     if model.has_elongation:
         generator = np.random.default_rng(seed)
         rupture = rupture_table(
-            model, chain, generator, degradation=at, pressure=pressure, draws=RUPTURE_DRAWS
+            *(model, chain, generator),
+            degradation=at,
+            pressure=pressure,
+            draws=RUPTURE_DRAWS,
+            conditions=conditions,
         )
         table[list(PROBABILITY_COLUMNS)] = rupture[list(PROBABILITY_COLUMNS)]
     answered = respond(specimens, level, pressure).answered
@@ -386,6 +402,7 @@ def settings(
     risk: float,
     seed: np.random.SeedSequence,
     progress: Progress,
+    conditions: Conditions = PROMPT,
 ) -> list[Setting]:
     """Return the pressure for each wanted curvature at each degradation rate.
 
@@ -401,8 +418,11 @@ def settings(
         Everything random comes from it.
     progress : Progress
         Shows the levels.
+    conditions : Conditions
+        In which the specimens are used.
     """
-    specimens = draw_specimens(stored.model, stored.chain, np.random.default_rng(seed))
+    generator = np.random.default_rng(seed)
+    specimens = draw_specimens(stored.model, stored.chain, generator, conditions=conditions)
     first = stored.model.largest_pressure
     progress.stage("finding pressures", total=len(degradation))
     found = []
@@ -459,6 +479,20 @@ class Caution:
     def __str__(self) -> str:
         """Return it in words."""
         return _said(self.kind, **self.facts)
+
+
+def unanswered_conditions(
+    stored: Drawn, degradation: Floats, conditions: Conditions
+) -> tuple[str, ...]:
+    """Say which conditions move nothing that is predicted; parameters of `predict`."""
+    ends = np.unique(degradation[[0, -1]])
+    names = moving_nothing(stored.model, stored.chain, ends, conditions)
+    causes = [cause.name for cause in stored.model.causes]
+    given = {name: getattr(conditions, name) for name in names}
+    return tuple(
+        str(Caution("moves_nothing", {"name": n, "value": v, "causes": causes}))
+        for n, v in given.items()
+    )
 
 
 def warnings(stored: StoredRun, degradation: Floats, pressure: Floats) -> tuple[str, ...]:

@@ -28,20 +28,21 @@ BANDS = ["q05", "q25", "q50", "q75", "q95"]
 PROBABILITIES = ["probability", "probability_q05", "probability_q95"]
 
 
-def chain_of(model, width):
+def chain_of(model, width, known=None):
     """Independent normal laws about the truth."""
     generator = np.random.default_rng(5)
-    known = values_of(TRUTH | {"elongation_at_0": 22.0, "pressure_offset.offset": OFFSET})
+    offset = {"elongation_at_0": 22.0, "pressure_offset.offset": OFFSET}
+    known = values_of(TRUTH | offset | (known or {}))
     centre = model.table.vectors({name: known[name] for name in model.table.names})[0]
     vectors = centre + width * generator.standard_normal((2, DRAWS // 20, 10, len(centre)))
     return Chain(vectors, np.zeros(vectors.shape[:3]), np.full(2, 0.4))
 
 
-def write_run(path, model, final, *, width=0.03, training=None):
+def write_run(path, model, final, *, width=0.03, training=None, known=None):
     """Write what a finished run leaves of its posteriors."""
     folder = RunFolder(path)
     for name, fitted in (("posterior_base", model), ("posterior", final)):
-        tree = to_datatree(fitted, chain_of(fitted, width), np.random.default_rng(0))
+        tree = to_datatree(fitted, chain_of(fitted, width, known), np.random.default_rng(0))
         folder.write_posterior(name, tree)
     folder.write_json("verdict", {"outcome": "named", "causes": [c.name for c in final.causes]})
     record = json.loads(default_surrogate().record) if training is None else training
@@ -513,3 +514,68 @@ def test_titles_and_names_are_shown_as_they_are(bayesdeg, report, tmp_path):
     code, _, messages = bayesdeg("predict", named, *PREDICT)
     assert code == 2
     assert str(named) in messages
+
+
+# ---- conditions
+
+
+@pytest.fixture(scope="module")
+def crept(tmp_path_factory, models):
+    """A run that named creep."""
+    final = models[0].extended(find("creep"))
+    known = {"creep.amount": 0.15, "creep.time_constant": 30.0}
+    return write_run(tmp_path_factory.mktemp("runs") / "crept", models[0], final, known=known)
+
+
+def test_a_named_cause_of_time_moves_predict_and_control(bayesdeg, crept):
+    at = (crept, "--degradation", "10", "--json")
+    bent, needed, words = [], [], []
+    for more in ((), ("--hold-s", "60")):
+        code, printed, messages = bayesdeg("predict", *at, "--pressure", "80", *more)
+        assert code == 0
+        bent.append(rows_of(printed)["q50"][0])
+        words.append(messages)
+        code, printed, _ = bayesdeg("control", *at, "--curvature", "4", "--risk", "0.5", *more)
+        assert code == 0
+        needed.append(rows_of(printed)["needed_q50_kPa"][0])
+    assert bent[1] > 1.1 * bent[0]
+    assert needed[1] == pytest.approx(needed[0] / 1.13, rel=0.02)  # 1 + 0.15 (1 − e⁻²)
+    assert words == ["", ""]
+
+
+def test_without_options_the_answer_is_that_of_the_defaults_bit_for_bit(bayesdeg, crept):
+    at = ("predict", crept, *AT, "--json")
+    stated = ("--hold-s", "0", "--cycle", "1", "--branch", "loading", "--mount", "horizontal")
+    assert bayesdeg(*at)[1] == bayesdeg(*at, *stated, "--degradation-sd", "0")[1]
+
+
+def test_a_condition_that_no_named_cause_answers_to_is_said(bayesdeg, crept):
+    for command in (("predict", *PREDICT), ("control", *CONTROL)):
+        name, *rest = command
+        options = ("--hold-s", "60", "--mount", "hanging")
+        code, printed, messages = bayesdeg(name, crept, *rest, *options, "--json")
+        assert code == 0
+        assert "mount hanging" in messages
+        assert "creep" in messages
+        assert "hold_s" not in messages
+        assert any("mount hanging" in one for one in json.loads(printed)["messages"])
+
+
+@pytest.mark.parametrize("command", [("predict", *PREDICT), ("control", *CONTROL)])
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--hold-s", "-3"), "hold_s -3 s"),
+        (("--cycle", "0"), "counted from 1"),
+        (("--branch", "downwards"), "loading, unloading"),
+        (("--humidity", "130"), "0 to 100 %"),
+        (("--mount", "hangin"), "did you mean 'hanging'"),
+        (("--degradation-sd", "-1"), "degradation_sd -1"),
+    ],
+)
+def test_conditions_that_make_no_sense_end_with_2(bayesdeg, report, command, options, words):
+    name, *rest = command
+    code, printed, messages = bayesdeg(name, report, *rest, *options)
+    assert (code, printed) == (2, "")
+    assert words in " ".join(messages.split())
+    assert "Traceback" not in messages
