@@ -311,6 +311,7 @@ def control(
     curvature: ArrayLike | None = None,
     degradation: ArrayLike | None = None,
     max_risk: float = 0.05,
+    beyond: bool = False,
     reading: ArrayLike | None = None,
     x: Any = None,
     conditions: Conditions = PROMPT,
@@ -330,6 +331,9 @@ def control(
         Wanted curvatures [1/m] and degradation rates [%], every combination.
     max_risk : float
         Largest probability of rupture that is accepted.
+    beyond : bool
+        Whether pressures are allowed above the largest that was tested, and above what actuators
+        survived that burst at or near the degradation rate.
     reading : float or array
         Of a forward map of one's own: wanted readings, without reading error, in their unit.
     x : array, DataFrame or mapping of names to arrays
@@ -372,9 +376,15 @@ def control(
     rates = _numbers(degradation, "degradation", "%", high=100.0)
     with _work(progress, 1, parallel=False) as (show, _):
         asked = (fit.fit, fit.effort, _seed(seed, fit.seed), show)
-        table = experiment.control(
-            *asked, curvature=wanted, degradation=rates, max_risk=max_risk, conditions=conditions
+        table, said = experiment.control(
+            *asked,
+            curvature=wanted,
+            degradation=rates,
+            max_risk=max_risk,
+            conditions=conditions,
+            beyond=beyond,
         )
+    _warn(said)
     _warn(experiment.unanswered_conditions(fit.fit, rates, conditions))
     set_to = table["pressure_kPa"].dropna().to_numpy(np.float64)
     _warn(experiment.extrapolations(rates, set_to))

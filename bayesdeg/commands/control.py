@@ -4,7 +4,6 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-import pandas as pd
 import typer
 from numpy.typing import NDArray
 
@@ -91,12 +90,22 @@ Risk = Annotated[
     typer.Option(help="Largest probability of rupture that is accepted.", metavar="PROBABILITY"),
 ]
 
+Beyond = Annotated[
+    bool,
+    typer.Option(
+        "--beyond",
+        help="Allow pressures above the largest that was tested, and above those at which "
+        "actuators burst.",
+    ),
+]
+
 
 def control(
     report: RunFolderPath,
     curvature: Curvatures = None,
     degradation: MaybeRates = None,
     risk: Risk = 0.05,
+    beyond: Beyond = False,
     reading: Wanted = None,
     hold_s: Hold = PROMPT.hold_s,
     cycle: Cycle = PROMPT.cycle,
@@ -120,7 +129,9 @@ def control(
     balloons, or nothing is known of it. If the wanted curvature cannot be reached at this risk,
     the largest allowed pressure is given, with the curvature there; the exit code is 0 too. By
     default it is for a prompt first loading in a horizontal mount; --hold-s, --cycle, --branch,
-    --humidity and --mount act by the causes that the run named.
+    --humidity and --mount act by the causes that the run named. Whatever the risk, no pressure is
+    allowed above the largest that was tested, nor above what actuators survived that burst at or
+    near the degradation rate, unless --beyond is given.
 
     For a forward map of your own, give --reading, and with --x the inputs to try: for the first
     input, the range in which to look. Nothing is known of rupture there, so no risk is bounded.
@@ -142,20 +153,24 @@ def control(
             seed=seed_of(stored, seed),
             progress=progress,
             conditions=conditions,
+            experience=None if beyond else stored.experience,
         )
     table = forecast.settings_table(found)
-    messages = _messages(stored, table, rates, conditions)
+    messages = _messages(stored, found, conditions, beyond=beyond)
     if not delivered(stored, table, messages, UNITS, out=out, quiet=quiet, as_json=as_json):
         _show(stored, found)
 
 
 def _messages(
-    stored: StoredRun, table: pd.DataFrame, rates: Floats, conditions: Conditions
+    stored: StoredRun, found: list[Setting], conditions: Conditions, *, beyond: bool
 ) -> tuple[str, ...]:
     """Return what a user of the settings should know."""
-    set_to = table["pressure_kPa"].dropna().to_numpy(np.float64)
+    set_to = np.array([s.pressure for s in found if np.isfinite(s.pressure)])
+    rates = np.unique([s.degradation for s in found])
+    strong = stored.model.has_elongation
     return (
         *forecast.warnings(stored, rates, set_to),
+        *forecast.basis(stored.experience, found, beyond=beyond, strong=strong),
         *forecast.unanswered_conditions(stored, rates, conditions),
     )
 

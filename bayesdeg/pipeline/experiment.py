@@ -29,6 +29,7 @@ from bayesdeg.inference.sampling import EFFORTS, to_datatree
 from bayesdeg.pipeline import forecast, formula
 from bayesdeg.pipeline.assemble import Assembly, assemble, assemble_own
 from bayesdeg.pipeline.calibrate import Fit, base_of, calibrate
+from bayesdeg.pipeline.experience import experience_of
 from bayesdeg.pipeline.forecast import model_document
 from bayesdeg.pipeline.formula import DrawnFormula, OwnMap, cause_of, probe
 from bayesdeg.pipeline.judge import Judgement, with_sampled_sizes
@@ -49,7 +50,7 @@ from bayesdeg.prediction.conditions import PROMPT, Conditions
 from bayesdeg.priors import Parameter
 from bayesdeg.report.checkpoints import NoCheckpoints
 from bayesdeg.report.left_out import Guard
-from bayesdeg.report.record import VerdictRecord
+from bayesdeg.report.record import ModelEntry, VerdictRecord
 from bayesdeg.report.tables import ALL_LEVELS
 
 Floats = NDArray[np.float64]
@@ -349,13 +350,15 @@ class ModelledExperiment:
         degradation: Floats,
         max_risk: float,
         conditions: Conditions = PROMPT,
-    ) -> pd.DataFrame:
-        """Return the pressure for each curvature at each degradation rate."""
+        beyond: bool = False,
+    ) -> tuple[pd.DataFrame, tuple[str, ...]]:
+        """Return the pressure for each curvature at each degradation rate, and what bounds it."""
         if self.own is not None:
             raise BayesdegError(
                 "a model with a forward map of its own has no curvature and no pressure: ask "
                 "control(fit, reading=..., x=...)"
             )
+        experience = experience_of(self._document)
         found = forecast.settings(
             self._of_actuators(fit, effort),
             degradation,
@@ -364,8 +367,11 @@ class ModelledExperiment:
             seed=np.random.SeedSequence([seed, 1]),
             progress=progress,
             conditions=conditions,
+            experience=None if beyond else experience,
         )
-        return forecast.settings_table(found)
+        strong = fit.model.has_elongation
+        said = forecast.basis(experience, found, beyond=beyond, strong=strong)
+        return forecast.settings_table(found), said
 
     def predict_own(self, fit: Fit, effort: Effort, seed: int, x: Any) -> pd.DataFrame:
         """Return what a new specimen would show at x, without reading error."""
@@ -389,11 +395,15 @@ class ModelledExperiment:
 
     def extrapolations(self, degradation: Floats, pressure: Floats) -> tuple[str, ...]:
         """Say where predictions lie outside of what was measured."""
-        measured = model_document(self.assembly.model).measured
+        measured = self._document.measured
         ranges = {
             name: (float(low or 0), float(high or 0)) for name, (low, high) in measured.items()
         }
         return forecast.extrapolations(ranges, degradation, pressure)
+
+    @property
+    def _document(self) -> ModelEntry:
+        return model_document(self.assembly.model, self.study)
 
     def unanswered_conditions(
         self, fit: Fit, degradation: Floats, conditions: Conditions

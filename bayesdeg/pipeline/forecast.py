@@ -15,6 +15,7 @@ from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.causes.catalogue import find, in_order
 from bayesdeg.causes.cause import Cause
 from bayesdeg.data.settings import Dimensions
+from bayesdeg.data.study import Study
 from bayesdeg.emulator.kept import CACHE, Recipe, cached_path
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.emulator.trained import default_surrogate, read_trained
@@ -24,6 +25,7 @@ from bayesdeg.inference.sampling import Chain
 from bayesdeg.observations.curvature import Curvature
 from bayesdeg.observations.specimens import FilmsAndActuators, control_name
 from bayesdeg.observations.tensile import Tensile
+from bayesdeg.pipeline.experience import Experience, bursts_of, experience_of
 from bayesdeg.pipeline.progress import Progress
 from bayesdeg.prediction.conditions import PROMPT, Conditions
 from bayesdeg.prediction.control import Setting, control, largest_allowed
@@ -78,14 +80,21 @@ class StoredRun:
         """The model by its causes: ``base``, ``base+pressure_offset``."""
         return "+".join(["base", *(cause.name for cause in self.model.causes)])
 
+    @property
+    def experience(self) -> Experience:
+        """How far actuators were tested, and where they burst."""
+        return experience_of(self.run.model or ModelEntry())
 
-def model_document(model: JointModel) -> ModelEntry:
+
+def model_document(model: JointModel, study: Study | None = None) -> ModelEntry:
     """Return what `read_stored` needs of a model beside its posterior: ``model`` of ``run.json``.
 
     Parameters
     ----------
     model : JointModel
         The base model of a run.
+    study : Study, optional
+        For the ruptures that it cites.
     """
     measured: dict[str, Iterable[float]] = {}
     for tests in model.of_kind(Curvature):
@@ -100,6 +109,7 @@ def model_document(model: JointModel) -> ModelEntry:
         paper_thickness_mm=model.paper_thickness,
         largest_pressure_kPa=model.largest_pressure,
         measured={name: (float(min(v)), float(max(v))) for name, v in measured.items()},
+        bursts=bursts_of(model, study),
     )
 
 
@@ -403,6 +413,7 @@ def settings(
     seed: np.random.SeedSequence,
     progress: Progress,
     conditions: Conditions = PROMPT,
+    experience: Experience | None = None,
 ) -> list[Setting]:
     """Return the pressure for each wanted curvature at each degradation rate.
 
@@ -420,6 +431,8 @@ def settings(
         Shows the levels.
     conditions : Conditions
         In which the specimens are used.
+    experience : Experience, optional
+        Above which nothing is allowed; by default the risk alone bounds the pressure.
     """
     generator = np.random.default_rng(seed)
     specimens = draw_specimens(stored.model, stored.chain, generator, conditions=conditions)
@@ -427,7 +440,8 @@ def settings(
     progress.stage("finding pressures", total=len(degradation))
     found = []
     for level in degradation:
-        allowed = largest_allowed(specimens, level, risk, first=first)
+        ceiling = np.inf if experience is None else experience.ceiling(level)
+        allowed = largest_allowed(specimens, level, risk, first=first, ceiling=ceiling)
         found += [
             control(specimens, level, curvature, risk=risk, first=first, allowed=allowed)
             for curvature in wanted
@@ -459,6 +473,32 @@ def settings_table(found: list[Setting]) -> pd.DataFrame:
 def statement(setting: Setting) -> str:
     """Say why a wanted curvature is not reached; empty if it is."""
     return "" if setting.reached else _said("out_of_reach", s=setting)
+
+
+def basis(
+    experience: Experience, found: Sequence[Setting], *, beyond: bool, strong: bool
+) -> tuple[str, ...]:
+    """Say what bounds settings besides the risk, or what those above it rest on.
+
+    Parameters
+    ----------
+    experience : Experience
+        How far actuators were tested, and where they burst.
+    found : sequence of Setting
+        At any degradation rates.
+    beyond : bool
+        Whether more was allowed than was tested.
+    strong : bool
+        Whether anything is known of the elongation at break.
+    """
+    rates = {s.degradation: s.allowed for s in found}
+    near = dict.fromkeys(one for rate in rates for one in experience.near(rate))
+    said = [str(Caution("burst", {"b": one, "tested": experience.pressure})) for one in near]
+    over = {r: a for r, a in rates.items() if a.pressure > experience.ceiling(r)}
+    if beyond and over:
+        facts = {"over": {r: experience.ceiling(r) for r in over}, "strong": strong}
+        said.append(str(Caution("rests_on", facts)))
+    return tuple(said)
 
 
 @dataclass(frozen=True)

@@ -557,7 +557,7 @@ def run_document(
         rests_on=tuple(_rests_on_own(study, own) if own else rests_on(study, results.base.model)),
         convergence=_convergence(results),
         emulator=_emulator(results, guard),
-        model=None if own else model_document(results.base.model),
+        model=None if own else model_document(results.base.model, study),
         forward=own.source if own else "",
         misfit=StatisticEntry(
             observed=None if judgement is None else judgement.misfit.statistic,

@@ -36,6 +36,8 @@ from bayesdeg.observations.tensile import (
 from bayesdeg.pipeline.assemble import level_grid
 from bayesdeg.pipeline.calibrate import Fit, Sampled
 from bayesdeg.pipeline.deformed import Begun, write_deformed
+from bayesdeg.pipeline.experience import experience_of
+from bayesdeg.pipeline.forecast import model_document
 from bayesdeg.pipeline.judge import Judgement
 from bayesdeg.pipeline.record import Results, verdict_of
 from bayesdeg.prediction.control import INTERVAL, largest_allowed, needed_by
@@ -357,7 +359,9 @@ SHARE = 0.5  # of the largest curvature measured at a level: what is wanted ther
 DRAWS = 300
 
 
-def decisions(fits: Mapping[str, Fit], generator: np.random.Generator) -> pd.DataFrame:
+def decisions(
+    fits: Mapping[str, Fit], generator: np.random.Generator, study: Study | None = None
+) -> pd.DataFrame:
     """Return the pressure for half of the largest curvature measured at each level, by model.
 
     Parameters
@@ -366,6 +370,8 @@ def decisions(fits: Mapping[str, Fit], generator: np.random.Generator) -> pd.Dat
         Calibrations by the models' names, with actuators.
     generator : Generator
         Draws the specimens.
+    study : Study, optional
+        For the ruptures that it cites.
 
     Returns
     -------
@@ -373,14 +379,16 @@ def decisions(fits: Mapping[str, Fit], generator: np.random.Generator) -> pd.Dat
         The columns of ``decisions.csv``: wanted curvature, the pressure that a new specimen needs
         with its 90 % interval, and the probability of rupture there.
     """
-    data = next(iter(fits.values())).model.actuator
+    model = next(iter(fits.values())).model
+    data, experience = model.actuator, experience_of(model_document(model, study))
     assert data is not None
     rows = []
     for name, fit in fits.items():
         specimens = draw_specimens(fit.model, fit.chain, generator, draws=DRAWS)
         first = fit.model.largest_pressure
         for level, wanted in _wanted(data):
-            allowed = largest_allowed(specimens, level, RISK, first=first)
+            ceiling = experience.ceiling(level)
+            allowed = largest_allowed(specimens, level, RISK, first=first, ceiling=ceiling)
             each = needed_by(specimens, level, wanted, first=first)
             needed = np.quantile(each, INTERVAL, method="inverted_cdf")
             rows.append(
@@ -708,7 +716,7 @@ BUILDS: Mapping[str, Build] = {
     columns.OBSERVATIONS: _observations_table,
     columns.LEVELS: _levels_table,
     columns.DECISIONS: lambda found: (
-        decisions(found.results.fits, found.generator) if found.has_actuators else None
+        decisions(found.results.fits, found.generator, found.study) if found.has_actuators else None
     ),
     columns.GAIN: _gain_table,
     columns.GAIN_MODES: _gain_modes_table,

@@ -29,11 +29,14 @@ class Allowed:
         lie outside of the range of the forward map.
     found : bool
         False if there was no end among the pressures tried: then `pressure` is the largest tried.
+    by_test : bool
+        Whether the risk would allow more, and what was tested ends it.
     """
 
     pressure: float
     by_rupture: bool
     found: bool = True
+    by_test: bool = False
 
 
 @dataclass(frozen=True)
@@ -43,7 +46,7 @@ class Setting:
     Parameters
     ----------
     degradation, wanted, risk : float
-        What was asked: [%], [1/m], [–].
+        What was asked: [%], the median where draws have rates of their own, [1/m], [–].
     pressure : float
         To be set [kPa]: that at which half of the specimens reach the wanted curvature, or the
         largest allowed if that is less; nan if none is allowed.
@@ -107,15 +110,17 @@ def needed_pressure(pressure: Floats, curvature: Floats, wanted: float) -> Float
     return np.where(reached.any(axis=1), found, np.inf)
 
 
-def needed_by(specimens: Specimens, degradation: float, wanted: float, *, first: float) -> Floats:
+def needed_by(
+    specimens: Specimens, degradation: float | Floats, wanted: float, *, first: float
+) -> Floats:
     """Return the pressure that each specimen needs for a curvature.
 
     Parameters
     ----------
     specimens : Specimens
         New specimens.
-    degradation : float
-        [%].
+    degradation : float or array, shape (n_draws,)
+        Of all, or of the specimens of each draw [%].
     wanted : float
         [1/m].
     first : float
@@ -143,7 +148,12 @@ def needed_by(specimens: Specimens, degradation: float, wanted: float, *, first:
 
 
 def largest_allowed(
-    specimens: Specimens, degradation: float, risk: float, *, first: float
+    specimens: Specimens,
+    degradation: float | Floats,
+    risk: float,
+    *,
+    first: float,
+    ceiling: float = np.inf,
 ) -> Allowed:
     """Return the largest pressure up to which the probability of rupture is not above a risk.
 
@@ -154,23 +164,27 @@ def largest_allowed(
     ----------
     specimens : Specimens
         New specimens.
-    degradation : float
-        [%].
+    degradation : float or array, shape (n_draws,)
+        Of all, or of the specimens of each draw [%].
     risk : float
         Between 0 and 1 [–].
     first : float
         The largest pressure tried first; doubled while it is allowed [kPa].
+    ceiling : float
+        Above which nothing is allowed, whatever the risk [kPa].
     """
 
     def over(pressure: Floats) -> NDArray[np.bool_]:
         answer: Floats = respond(specimens, degradation, pressure).burst.mean(axis=0)
         return answer > risk
 
-    top = first
+    top = min(first, ceiling)
     for _ in range(DOUBLINGS):
-        if over(np.array([top]))[0]:
+        if top == ceiling or over(np.array([top]))[0]:
             break
-        top *= 2.0
+        top = min(2.0 * top, ceiling)
+    if top == ceiling and not (top > 0.0 and over(np.array([top]))[0]):
+        return Allowed(top, by_rupture=False, by_test=True)
     low, high = 0.0, top
     for _ in range(ROUNDS):
         grid = np.linspace(low, high, POINTS)
@@ -186,7 +200,7 @@ def largest_allowed(
 
 def control(
     specimens: Specimens,
-    degradation: float,
+    degradation: float | Floats,
     wanted: float,
     *,
     risk: float,
@@ -202,8 +216,8 @@ def control(
     ----------
     specimens : Specimens
         New specimens.
-    degradation : float
-        Known exactly [%].
+    degradation : float or array, shape (n_draws,)
+        Of all, or of the specimens of each draw [%].
     wanted : float
         Curvature, above 0 [1/m].
     risk : float
@@ -229,12 +243,12 @@ def control(
     pressure = float(needed[1]) if reached else allowed.pressure
     if pressure == 0.0:
         nothing = np.full(len(QUANTILES), np.nan)
-        asked = (degradation, wanted, risk)
+        asked = (float(np.median(degradation)), wanted, risk)
         return Setting(*asked, np.nan, False, needed, allowed, nothing, nothing[:3])
     response = respond(specimens, degradation, np.array([pressure]))
     curvature = np.nan_to_num(response.curvature[:, 0], nan=np.inf, posinf=np.inf)
     return Setting(
-        degradation=degradation,
+        degradation=float(np.median(degradation)),
         wanted=wanted,
         risk=risk,
         pressure=pressure,
@@ -246,7 +260,7 @@ def control(
     )
 
 
-def _probability(specimens: Specimens, degradation: float, pressure: float) -> Floats:
+def _probability(specimens: Specimens, degradation: float | Floats, pressure: float) -> Floats:
     """Return the probability of rupture with its 90 % interval over the posterior."""
     if not specimens.model.has_elongation:
         return np.full(3, np.nan)

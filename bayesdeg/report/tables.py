@@ -205,7 +205,11 @@ _TABLES = (
             Column("needed_q05_kPa", "kPa", "pressure that 5 % of new specimens need less than"),
             Column("needed_q50_kPa", "kPa", "pressure that half of new specimens need"),
             Column("needed_q95_kPa", "kPa", "pressure that 95 % of new specimens need less than"),
-            Column("allowed_kPa", "kPa", "largest pressure of a risk not above 5 %"),
+            Column(
+                "allowed_kPa",
+                "kPa",
+                "largest pressure that was tested and has a risk not above 5 %",
+            ),
             Column("probability", "–", "probability of rupture at the pressure that half need"),
         ),
     ),

@@ -230,7 +230,7 @@ def test_nothing_is_said_within_what_was_measured(bayesdeg, report):
 
 
 def test_control_gives_the_pressure_at_which_half_of_the_specimens_bend_so_far(bayesdeg, report):
-    at = ("--curvature", "4,6", "--degradation", "10,25", "--risk", "0.5", "--json")
+    at = ("--curvature", "4,6", "--degradation", "10,25", "--risk", "0.5", "--beyond", "--json")
     code, printed, _ = bayesdeg("control", report, *at)
     assert code == 0
     found = rows_of(printed)
@@ -251,7 +251,7 @@ def test_control_gives_the_pressure_at_which_half_of_the_specimens_bend_so_far(b
 
 
 def test_control_says_what_is_out_of_reach_and_what_is_best(bayesdeg, report):
-    at = ("--curvature", "25", "--degradation", "0", "--risk", "0.02")
+    at = ("--curvature", "25", "--degradation", "0", "--risk", "0.02", "--beyond")
     code, printed, _ = bayesdeg("control", report, *at)
     assert code == 0
     assert "25 1/m at 0 %" in printed
@@ -269,12 +269,70 @@ def test_more_risk_allows_more_pressure(bayesdeg, report):
         json.loads(
             bayesdeg(
                 *("control", report, "--curvature", "25", "--degradation", "0"),
-                *("--risk", risk, "--json"),
+                *("--risk", risk, "--beyond", "--json"),
             )[1]
         )["rows"][0]["allowed_kPa"]
         for risk in (0.001, 0.05, 0.5)
     ]
     assert np.all(np.diff(allowed) > 1.0)
+
+
+@pytest.fixture(scope="module")
+def strong(tmp_path_factory, models):
+    """A run of which the risk would allow more than the 120 kPa that were tested."""
+    path = tmp_path_factory.mktemp("runs") / "strong"
+    return write_run(path, *models, known={"elongation_at_0": 210.0})
+
+
+def test_control_allows_nothing_above_what_was_tested_unless_told(bayesdeg, strong):
+    at = ("control", strong, "--curvature", "25", "--degradation", "0,25")
+    code, printed, messages = bayesdeg(*at)
+    assert code == 0
+    assert "--beyond" in printed
+    assert "rests on" not in messages
+    rows = rows_of(bayesdeg(*at, "--json")[1])
+    assert rows["allowed_kPa"].tolist() == rows["pressure_kPa"].tolist() == [120.0, 120.0]
+    assert (rows["reached"] == 0).all()
+    assert (rows["needed_q05_kPa"] > 120.0).all()
+    code, printed, messages = bayesdeg(*at, "--beyond", "--json")
+    assert code == 0
+    assert (rows_of(printed)["allowed_kPa"] > 150.0).all()
+    assert "above 120 kPa" in messages
+    assert "rests on" in messages
+
+
+BURST = {
+    "degradation_pct": 24.0,
+    "burst": 1,
+    "pressure_kPa": 100.0,
+    "survived_kPa": 80.0,
+    "source": "actuator.csv",
+}
+
+
+@pytest.mark.parametrize(
+    ("change", "allowed", "words"),
+    [
+        ({}, 80.0, "burst at 100 kPa"),
+        ({"survived_kPa": None}, 0.0, "survived any"),
+        ({"pressure_kPa": None, "burst": 2, "tested": 3}, 120.0, "2 of 3"),
+    ],
+)
+def test_control_stays_below_pressures_at_which_actuators_burst(
+    bayesdeg, strong, tmp_path, change, allowed, words
+):
+    burst = tmp_path / "burst"
+    shutil.copytree(strong, burst)
+    folder = RunFolder(burst)
+    content = folder.read_json("run")
+    content["model"]["bursts"] = [BURST | change]
+    folder.write_json("run", content)
+    code, printed, messages = bayesdeg(
+        "control", burst, "--curvature", "5", "--degradation", "10,25", "--json"
+    )
+    assert code == 0
+    assert rows_of(printed)["allowed_kPa"].tolist() == [120.0, allowed]
+    assert words in " ".join(messages.split())
 
 
 def test_control_writes_csv(bayesdeg, report, tmp_path):
