@@ -37,6 +37,7 @@ from bayesdeg.pipeline.emulation import Campaign, expect, train_emulator
 from bayesdeg.pipeline.experiment import Written
 from bayesdeg.pipeline.progress import Progress
 from bayesdeg.prediction.conditions import PROMPT, Conditions
+from bayesdeg.prediction.soil import Level
 from bayesdeg.results import Calibration, Model, Report, Verdict
 
 Floats = NDArray[np.float64]
@@ -247,6 +248,7 @@ def predict(
     *,
     pressure: ArrayLike | None = None,
     degradation: ArrayLike | None = None,
+    hours: ArrayLike | None = None,
     x: Any = None,
     conditions: Conditions = PROMPT,
     seed: int | None = None,
@@ -260,6 +262,9 @@ def predict(
         Of any model.
     pressure, degradation : float or array
         Of actuators: pressures as read [kPa] and degradation rates [%], every combination.
+    hours : float or array
+        In place of degradation rates: times in the soil [h], from which the rates follow by the
+        moisture of films, with their uncertainty.
     x : array or DataFrame
         Of readings of one's own: what the forward map is asked.
     conditions : Conditions
@@ -290,19 +295,16 @@ def predict(
     with _work(progress, 1, parallel=False) as (show, _):
         asked = (fit.fit, fit.effort, _seed(seed, fit.seed), show)
         if experiment.own is not None:
-            if x is None or pressure is not None or degradation is not None:
+            if x is None or any(one is not None for one in (pressure, degradation, hours)):
                 raise BayesdegError("a model with a forward map of its own is asked at x=...")
             show.stage("predicting")
             return experiment.predict_own(*asked[:3], _inputs(x))
         if x is not None:
             raise BayesdegError("a model of a study is asked at pressure=... and degradation=...")
         pressures = _numbers(pressure, "pressure", "kPa")
-        rates = _numbers(degradation, "degradation", "%", high=100.0)
-        _warn(experiment.extrapolations(rates, pressures))
-        _warn(experiment.unanswered_conditions(fit.fit, rates, conditions))
-        return experiment.predict(
-            *asked, pressure=pressures, degradation=rates, conditions=conditions
-        )
+        levels = _levels(fit, degradation, hours, asked[2], show)
+        _warn(experiment.cautions(fit.fit, levels, pressures, conditions))
+        return experiment.predict(*asked, pressure=pressures, levels=levels, conditions=conditions)
 
 
 def control(
@@ -310,6 +312,7 @@ def control(
     *,
     curvature: ArrayLike | None = None,
     degradation: ArrayLike | None = None,
+    hours: ArrayLike | None = None,
     max_risk: float = 0.05,
     beyond: bool = False,
     reading: ArrayLike | None = None,
@@ -329,6 +332,8 @@ def control(
         Of a study with actuators, or of a forward map of one's own.
     curvature, degradation : float or array
         Wanted curvatures [1/m] and degradation rates [%], every combination.
+    hours : float or array
+        In place of degradation rates, as of `predict` [h].
     max_risk : float
         Largest probability of rupture that is accepted.
     beyond : bool
@@ -369,26 +374,41 @@ def control(
     if not 0.0 < max_risk < 1.0:
         raise BayesdegError(f"max_risk {max_risk:g} bounds nothing; give one between 0 and 1")
     if experiment.own is not None:
-        return _control_own(fit, reading, x, _seed(seed, fit.seed), (curvature, degradation))
+        other = (curvature, degradation, hours)
+        return _control_own(fit, reading, x, _seed(seed, fit.seed), other)
     if reading is not None or x is not None:
         raise BayesdegError("a model of a study is asked at curvature=... and degradation=...")
     wanted = _numbers(curvature, "curvature", "1/m", low=np.nextafter(0.0, 1.0))
-    rates = _numbers(degradation, "degradation", "%", high=100.0)
     with _work(progress, 1, parallel=False) as (show, _):
         asked = (fit.fit, fit.effort, _seed(seed, fit.seed), show)
+        levels = _levels(fit, degradation, hours, asked[2], show)
         table, said = experiment.control(
             *asked,
             curvature=wanted,
-            degradation=rates,
+            levels=levels,
             max_risk=max_risk,
             conditions=conditions,
             beyond=beyond,
         )
-    _warn(said)
-    _warn(experiment.unanswered_conditions(fit.fit, rates, conditions))
     set_to = table["pressure_kPa"].dropna().to_numpy(np.float64)
-    _warn(experiment.extrapolations(rates, set_to))
+    _warn((*said, *experiment.cautions(fit.fit, levels, set_to, conditions)))
     return table
+
+
+def _levels(
+    fit: Calibration,
+    degradation: ArrayLike | None,
+    hours: ArrayLike | None,
+    seed: int,
+    progress: Progress,
+) -> tuple[Level, ...]:
+    """Return degradation rates, given or by hours in the soil."""
+    if degradation is not None and hours is not None:
+        raise BayesdegError("give degradation= or hours=, not both")
+    times = None if hours is None else _numbers(hours, "hours", "h")
+    rates = None if hours is not None else _numbers(degradation, "degradation", "%", high=100.0)
+    experiment = fit.model.experiment
+    return experiment.levels(rates, times, effort=fit.effort, seed=seed, progress=progress)
 
 
 def _control_own(

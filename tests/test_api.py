@@ -462,6 +462,12 @@ def test_a_study_predicts_and_finds_pressures(asked):
     assert len(table) == 6
     wanted = float(table.query("degradation_pct == 0 and pressure_kPa == 60")["q50"].iloc[0])
     [pressure] = bd.control(last, curvature=wanted, degradation=0)["pressure_kPa"]
+    far = bd.control(last, curvature=200.0, degradation=25)
+    assert (
+        far["allowed_kPa"][0]
+        <= 120.0
+        < bd.control(last, curvature=200.0, degradation=25, beyond=True)["allowed_kPa"][0]
+    )
     assert pressure == pytest.approx(60.0, abs=2.0)
     with pytest.warns(UserWarning, match="extrapolation"):
         bd.predict(last, pressure=[500.0], degradation=0)
@@ -482,6 +488,9 @@ def test_mistakes_with_a_study_are_told(asked, tmp_path):
         (lambda: bd.criticise(last), "without causes"),
         (lambda: bd.predict(last, pressure=10.0), "degradation"),
         (lambda: bd.predict(last, pressure=-1.0, degradation=0.0), "not below 0"),
+        (lambda: bd.predict(last, pressure=1.0, degradation=0.0, hours=1.0), "not both"),
+        (lambda: bd.predict(last, pressure=1.0, hours=-1.0), "not below 0"),
+        (lambda: bd.control(last, curvature=1.0, hours=1.0), "moisture.csv"),
         (lambda: bd.predict(last, x=[1.0]), "pressure"),
         (lambda: bd.control(last, curvature=0.0, degradation=0.0), "above 0"),
         (lambda: bd.control(last, curvature=1.0, degradation=0.0, max_risk=1.0), "max_risk"),

@@ -3,7 +3,7 @@
 import math
 import re
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Sized
 from pathlib import Path
 from typing import Annotated, Protocol
 
@@ -20,7 +20,9 @@ from bayesdeg.console import console, say
 from bayesdeg.criticism.outcome import Outcome
 from bayesdeg.errors import BayesdegError
 from bayesdeg.files import spreadsheet_safe, written
+from bayesdeg.pipeline import forecast
 from bayesdeg.prediction.conditions import MOUNTS, PROMPT, Conditions
+from bayesdeg.prediction.soil import Level
 from bayesdeg.quantities import LARGEST_SEED
 from bayesdeg.records import FileRecord, Names, Scalar
 from bayesdeg.report.record import RunRecord, VerdictRecord
@@ -42,6 +44,15 @@ MaybeRates = Annotated[
         help="Degradation rates in percent, known but for --degradation-sd: 10, or 0,10,25, or a "
         "range 0:25:5 (its end included); may be repeated.",
         metavar="PERCENT",
+    ),
+]
+Hours = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--hours",
+        help="Instead of --degradation: hours in the soil, from which the degradation rate follows "
+        "by the films' moisture, with its uncertainty; lists and ranges as for --degradation.",
+        metavar="H",
     ),
 ]
 Hold = Annotated[
@@ -171,7 +182,7 @@ def _range(text: str, option: str) -> list[float]:
     return [first + step * i for i in range(count)]
 
 
-def refuse_too_many(*asked: Floats, most: int = MOST_ROWS) -> None:
+def refuse_too_many(*asked: Sized, most: int = MOST_ROWS) -> None:
     """Refuse more rows than anybody reads.
 
     Raises
@@ -301,7 +312,7 @@ def give(
         virtual=stored.run.virtual,
         model=stored.name,
         outcome=stored.verdict.outcome,
-        units=units,
+        units={name: unit for name, unit in units.items() if name in table},
         messages=tuple(messages),
         rows=tuple({str(name): cell for name, cell in row.items()} for row in rows),
     )
@@ -394,6 +405,31 @@ def needed(given: list[str] | None, option: str, x: list[str] | None) -> list[st
     if not given:
         raise typer.BadParameter(f"{option} is missing")
     return given
+
+
+def levels_of(
+    report: Path, degradation: list[str] | None, hours: list[str] | None, seed: int | None
+) -> tuple[Level, ...]:
+    """Return the degradation rates that are asked for, given or by hours in the soil.
+
+    Raises
+    ------
+    typer.BadParameter
+        If neither is given, or both are, or one makes no sense.
+    BayesdegError
+        If the study says nothing of the course of degradation.
+    """
+    if degradation and hours:
+        raise typer.BadParameter("give --degradation or --hours, not both")
+    if not hours:
+        if not degradation:
+            raise typer.BadParameter("--degradation is missing; give it, or --hours in the soil")
+        rates = numbers(degradation, "--degradation", "%", low=0.0, high=100.0)
+        return forecast.levels_at(degradation=rates, hours=None, soil=None, seed=seed)
+    times = numbers(hours, "--hours", "h", low=0.0, high=math.inf)
+    return forecast.levels_at(
+        degradation=None, hours=times, soil=forecast.soil_of(report), seed=seed
+    )
 
 
 def refuse_conditions(conditions: Conditions) -> None:

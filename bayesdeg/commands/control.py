@@ -15,6 +15,7 @@ from bayesdeg.commands.answers import (
     DegradationSd,
     EmulatorFile,
     Hold,
+    Hours,
     Humidity,
     Inputs,
     MaybeRates,
@@ -26,6 +27,7 @@ from bayesdeg.commands.answers import (
     delivered,
     empty_table,
     inputs_of,
+    levels_of,
     needed,
     numbers,
     output,
@@ -48,7 +50,8 @@ Floats = NDArray[np.float64]
 
 MOST_SETTINGS = 500
 UNITS = (
-    {"degradation_pct": "%", "wanted_per_m": "1/m", "risk": "–", "reached": "1 yes, 0 no"}
+    {forecast.TIME: "h", "wanted_per_m": "1/m", "risk": "–", "reached": "1 yes, 0 no"}
+    | dict.fromkeys(("degradation_pct", *forecast.RATE_COLUMNS), "%")
     | dict.fromkeys(("pressure_kPa", "allowed_kPa"), "kPa")
     | dict.fromkeys(("needed_q05_kPa", "needed_q50_kPa", "needed_q95_kPa"), "kPa")
     | dict.fromkeys(forecast.BAND_COLUMNS, "1/m")
@@ -104,6 +107,7 @@ def control(
     report: RunFolderPath,
     curvature: Curvatures = None,
     degradation: MaybeRates = None,
+    hours: Hours = None,
     risk: Risk = 0.05,
     beyond: Beyond = False,
     reading: Wanted = None,
@@ -139,16 +143,17 @@ def control(
     conditions = Conditions(hold_s, cycle, branch, humidity, mount, degradation_sd)
     if is_own(report):
         refuse_conditions(conditions)
-        refuse_others(curvature=curvature, degradation=degradation)
+        refuse_others(curvature=curvature, degradation=degradation, hours=hours)
         _of_own(report, reading or [], x or [], base=base, seed=seed, out=out, as_json=as_json)
         return
-    wanted, rates = _asked(curvature, degradation, risk, x or reading)
-    refuse_too_many(wanted, rates, most=MOST_SETTINGS)
+    wanted = _asked(curvature, risk, x or reading)
+    levels = levels_of(report, degradation, hours, seed)
+    refuse_too_many(wanted, levels, most=MOST_SETTINGS)
     out = None if out is None else output_file(out)
     stored = read_stored(report, base=base, emulator=emulator)
     with shown(quiet or as_json) as progress:
         found = forecast.settings(
-            *(stored, rates, wanted),
+            *(stored, levels, wanted),
             risk=risk,
             seed=seed_of(stored, seed),
             progress=progress,
@@ -156,50 +161,34 @@ def control(
             experience=None if beyond else stored.experience,
         )
     table = forecast.settings_table(found)
-    messages = _messages(stored, found, conditions, beyond=beyond)
+    messages = forecast.said_of_settings(stored, levels, found, conditions, beyond=beyond)
     if not delivered(stored, table, messages, UNITS, out=out, quiet=quiet, as_json=as_json):
         _show(stored, found)
 
 
-def _messages(
-    stored: StoredRun, found: list[Setting], conditions: Conditions, *, beyond: bool
-) -> tuple[str, ...]:
-    """Return what a user of the settings should know."""
-    set_to = np.array([s.pressure for s in found if np.isfinite(s.pressure)])
-    rates = np.unique([s.degradation for s in found])
-    strong = stored.model.has_elongation
-    return (
-        *forecast.warnings(stored, rates, set_to),
-        *forecast.basis(stored.experience, found, beyond=beyond, strong=strong),
-        *forecast.unanswered_conditions(stored, rates, conditions),
-    )
-
-
-def _asked(
-    curvature: list[str] | None, degradation: list[str] | None, risk: float, other: list[str] | None
-) -> tuple[Floats, Floats]:
-    """Return wanted curvatures [1/m] and degradation rates [%]."""
+def _asked(curvature: list[str] | None, risk: float, other: list[str] | None) -> Floats:
+    """Return wanted curvatures [1/m]."""
     curvature = needed(curvature, "--curvature", other)
-    degradation = needed(degradation, "--degradation", other)
     wanted = numbers(curvature, "--curvature", "1/m", low=0.0, high=float("inf"))
     if wanted[0] == 0.0:
         raise typer.BadParameter("--curvature 0 needs no pressure; give a curvature above 0")
-    rates = numbers(degradation, "--degradation", "%", low=0.0, high=100.0)
     if not 0.0 < risk < 1.0:
         raise typer.BadParameter(
             f"--risk {risk:g} is no probability that could bound anything; give a number above 0 "
             "and below 1, such as 0.05"
         )
-    return wanted, rates
+    return wanted
 
 
 def _show(stored: StoredRun, found: list[Setting]) -> None:
-    table = empty_table(stored, HEADINGS, f", risk up to {found[0].risk:g}")
+    time = () if found[0].hours is None else ("soil\n[h]",)
+    table = empty_table(stored, (*time, *HEADINGS), f", risk up to {found[0].risk:g}")
     for s in found:
         burst, low, high = (percent(float(p)) for p in s.probability)
         allowed = f"{s.allowed.pressure:.0f}"
         table.add_row(
-            f"{s.degradation:g}",
+            *(() if s.hours is None else (f"{s.hours:g}",)),
+            f"{s.degradation:.4g}",
             f"{s.wanted:g}",
             "yes" if s.reached else "no",
             f"{s.pressure:.1f}" if np.isfinite(s.pressure) else "–",

@@ -16,6 +16,7 @@ from bayesdeg.commands.answers import (
     DegradationSd,
     EmulatorFile,
     Hold,
+    Hours,
     Humidity,
     Inputs,
     MaybeRates,
@@ -27,6 +28,7 @@ from bayesdeg.commands.answers import (
     delivered,
     empty_table,
     inputs_of,
+    levels_of,
     needed,
     numbers,
     output,
@@ -47,10 +49,12 @@ from bayesdeg.report.wording import number, percent
 Floats = NDArray[np.float64]
 
 UNITS = (
-    {"degradation_pct": "%", "pressure_kPa": "kPa"}
+    {forecast.TIME: "h", "pressure_kPa": "kPa"}
+    | dict.fromkeys(("degradation_pct", *forecast.RATE_COLUMNS), "%")
     | dict.fromkeys(forecast.BAND_COLUMNS, "1/m")
     | dict.fromkeys((*forecast.PROBABILITY_COLUMNS, "answered"), "–")
 )
+RUPTURE_HEADINGS = ("rupture\nprobability", "90 %\ninterval")
 
 Pressures = Annotated[
     list[str] | None,
@@ -67,6 +71,7 @@ def predict(
     report: RunFolderPath,
     pressure: Pressures = None,
     degradation: MaybeRates = None,
+    hours: Hours = None,
     hold_s: Hold = PROMPT.hold_s,
     cycle: Cycle = PROMPT.cycle,
     branch: Branch = PROMPT.branch,
@@ -93,19 +98,20 @@ def predict(
     conditions = Conditions(hold_s, cycle, branch, humidity, mount, degradation_sd)
     if is_own(report):
         refuse_conditions(conditions)
-        refuse_others(pressure=pressure, degradation=degradation)
+        refuse_others(pressure=pressure, degradation=degradation, hours=hours)
         _of_own(report, x or [], base=base, seed=seed, out=out, as_json=as_json)
         return
-    pressures, rates = _asked(pressure, degradation, x)
+    pressures = numbers(
+        needed(pressure, "--pressure", x), "--pressure", "kPa", low=0.0, high=np.inf
+    )
+    levels = levels_of(report, degradation, hours, seed)
+    refuse_too_many(pressures, levels)
     out = None if out is None else output_file(out)
     stored = read_stored(report, base=base, emulator=emulator)
-    messages = (
-        *forecast.warnings(stored, rates, pressures),
-        *forecast.unanswered_conditions(stored, rates, conditions),
-    )
+    messages = forecast.said_of(stored, levels, pressures, conditions)
     with shown(quiet or as_json) as progress:
         table = forecast.predict(
-            *(stored, rates, pressures),
+            *(stored, levels, pressures),
             seed=seed_of(stored, seed),
             progress=progress,
             conditions=conditions,
@@ -114,30 +120,21 @@ def predict(
         _show(stored, table)
 
 
-def _asked(
-    pressure: list[str] | None, degradation: list[str] | None, x: list[str] | None
-) -> tuple[Floats, Floats]:
-    """Return pressures [kPa] and degradation rates [%]."""
-    pressure = needed(pressure, "--pressure", x)
-    degradation = needed(degradation, "--degradation", x)
-    pressures = numbers(pressure, "--pressure", "kPa", low=0.0, high=float("inf"))
-    rates = numbers(degradation, "--degradation", "%", low=0.0, high=100.0)
-    refuse_too_many(pressures, rates)
-    return pressures, rates
-
-
 def _show(stored: StoredRun, table: pd.DataFrame) -> None:
     kappas = (f"κ {name}\n[1/m]" for name in forecast.BAND_COLUMNS)
-    headings = ("D_R\n[%]", "pressure\n[kPa]", *kappas, "rupture\nprobability", "90 %\ninterval")
+    time = ("soil\n[h]",) if forecast.TIME in table else ()
+    headings = (*time, "D_R\n[%]", "pressure\n[kPa]", *kappas, *RUPTURE_HEADINGS)
     shown_table = empty_table(stored, headings)
     last = None
     for row in table.to_dict("records"):
-        if last is not None and row["degradation_pct"] != last:
+        place = [f"{row[name]:g}" for name in (forecast.TIME,) if name in row]
+        place.append(f"{row['degradation_pct']:.4g}")
+        if last is not None and place != last:
             shown_table.add_section()
-        last = row["degradation_pct"]
+        last = place
         burst, low, high = (percent(row[name]) for name in forecast.PROBABILITY_COLUMNS)
         shown_table.add_row(
-            f"{last:g}",
+            *place,
             f"{row['pressure_kPa']:g}",
             *(number(row[name]) for name in forecast.BAND_COLUMNS),
             burst,
@@ -146,8 +143,8 @@ def _show(stored: StoredRun, table: pd.DataFrame) -> None:
     console = output()
     console.print(shown_table)
     for row in table[table["why"] != ""].to_dict("records"):
-        place = f"{row['degradation_pct']:g} %, {row['pressure_kPa']:g} kPa"
-        console.print(f"{place}: {row['why']}", soft_wrap=True)
+        where = f"{row['degradation_pct']:.4g} %, {row['pressure_kPa']:g} kPa"
+        console.print(f"{where}: {row['why']}", soft_wrap=True)
 
 
 def _of_own(

@@ -30,6 +30,7 @@ from bayesdeg.pipeline import forecast, formula
 from bayesdeg.pipeline.assemble import Assembly, assemble, assemble_own
 from bayesdeg.pipeline.calibrate import Fit, base_of, calibrate
 from bayesdeg.pipeline.experience import experience_of
+from bayesdeg.pipeline.films import course_of
 from bayesdeg.pipeline.forecast import model_document
 from bayesdeg.pipeline.formula import DrawnFormula, OwnMap, cause_of, probe
 from bayesdeg.pipeline.judge import Judgement, with_sampled_sizes
@@ -47,6 +48,7 @@ from bayesdeg.pipeline.run import (
     with_options,
 )
 from bayesdeg.prediction.conditions import PROMPT, Conditions
+from bayesdeg.prediction.soil import Level, Soil
 from bayesdeg.priors import Parameter
 from bayesdeg.report.checkpoints import NoCheckpoints
 from bayesdeg.report.left_out import Guard
@@ -324,7 +326,7 @@ class ModelledExperiment:
         progress: Progress,
         *,
         pressure: Floats,
-        degradation: Floats,
+        levels: Sequence[Level],
         conditions: Conditions = PROMPT,
     ) -> pd.DataFrame:
         """Return curvature bands and rupture probabilities of a new specimen."""
@@ -332,7 +334,7 @@ class ModelledExperiment:
             raise BayesdegError("a model with a forward map of its own is asked at x=...")
         return forecast.predict(
             self._of_actuators(fit, effort),
-            degradation,
+            levels,
             pressure,
             seed=np.random.SeedSequence([seed, 1]),
             progress=progress,
@@ -347,7 +349,7 @@ class ModelledExperiment:
         progress: Progress,
         *,
         curvature: Floats,
-        degradation: Floats,
+        levels: Sequence[Level],
         max_risk: float,
         conditions: Conditions = PROMPT,
         beyond: bool = False,
@@ -361,7 +363,7 @@ class ModelledExperiment:
         experience = experience_of(self._document)
         found = forecast.settings(
             self._of_actuators(fit, effort),
-            degradation,
+            levels,
             curvature,
             risk=max_risk,
             seed=np.random.SeedSequence([seed, 1]),
@@ -393,23 +395,49 @@ class ModelledExperiment:
             raise BayesdegError(f"a model of a study is asked at {ask}")
         return self.own, DrawnFormula(fit.model, fit.chain.thinned(EFFORTS[effort].kept))
 
-    def extrapolations(self, degradation: Floats, pressure: Floats) -> tuple[str, ...]:
-        """Say where predictions lie outside of what was measured."""
-        measured = self._document.measured
+    def levels(
+        self,
+        degradation: Floats | None,
+        hours: Floats | None,
+        *,
+        effort: Effort,
+        seed: int,
+        progress: Progress,
+    ) -> tuple[Level, ...]:
+        """Return the degradation rates at which to predict, known or after hours in the soil.
+
+        Raises
+        ------
+        BayesdegError
+            If hours are given, and the study has no moisture of films.
+        """
+        if hours is None:
+            return forecast.levels_at(degradation=degradation, hours=None, soil=None, seed=seed)
+        progress.stage("course of degradation")
+        course = course_of(self.study, EFFORTS[effort], Streams.of(seed).films)
+        if course is None:
+            raise BayesdegError(forecast.NO_COURSE)
+        soil = Soil(course.draws)
+        return forecast.levels_at(degradation=None, hours=hours, soil=soil, seed=seed)
+
+    def cautions(
+        self, fit: Fit, levels: Sequence[Level], pressure: Floats, conditions: Conditions
+    ) -> tuple[str, ...]:
+        """Say where predictions lie outside of what was measured, and what moves nothing."""
         ranges = {
-            name: (float(low or 0), float(high or 0)) for name, (low, high) in measured.items()
+            name: (float(low or 0), float(high or 0))
+            for name, (low, high) in self._document.measured.items()
         }
-        return forecast.extrapolations(ranges, degradation, pressure)
+        rates = forecast.rates_of(levels)
+        return (
+            *forecast.extrapolations(ranges, rates, pressure),
+            *forecast.hours_beyond(ranges, levels),
+            *forecast.unanswered_conditions(fit, rates, conditions),
+        )
 
     @property
     def _document(self) -> ModelEntry:
         return model_document(self.assembly.model, self.study)
-
-    def unanswered_conditions(
-        self, fit: Fit, degradation: Floats, conditions: Conditions
-    ) -> tuple[str, ...]:
-        """Say which conditions move nothing that is predicted."""
-        return forecast.unanswered_conditions(fit, degradation, conditions)
 
     def _of_actuators(self, fit: Fit, effort: Effort) -> Fit:
         """Return a calibration with the draws that a run folder keeps."""

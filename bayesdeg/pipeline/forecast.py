@@ -23,7 +23,7 @@ from bayesdeg.errors import BayesdegError
 from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import Chain
 from bayesdeg.observations.curvature import Curvature
-from bayesdeg.observations.specimens import FilmsAndActuators, control_name
+from bayesdeg.observations.specimens import COURSE, FilmsAndActuators, control_name
 from bayesdeg.observations.tensile import Tensile
 from bayesdeg.pipeline.experience import Experience, bursts_of, experience_of
 from bayesdeg.pipeline.progress import Progress
@@ -38,9 +38,10 @@ from bayesdeg.prediction.predictive import (
     respond,
     rupture_table,
 )
+from bayesdeg.prediction.soil import Level, Soil, known_levels
 from bayesdeg.priors import Flat, Parameter
 from bayesdeg.records import RecordError
-from bayesdeg.report.folder import POSTERIOR, POSTERIOR_BASE, RunFolder
+from bayesdeg.report.folder import POSTERIOR, POSTERIOR_BASE, POSTERIOR_COURSE, RunFolder
 from bayesdeg.report.record import ModelEntry, RunRecord, VerdictRecord
 from bayesdeg.report.wording import SPACE, sentences
 
@@ -103,6 +104,8 @@ def model_document(model: JointModel, study: Study | None = None) -> ModelEntry:
     films = [float(level) for one in model.of_kind(Tensile) for level in one.levels]
     films += [s.degradation for s in model.statistics if s.quantity == "young_modulus"]
     measured |= {"film_degradation_pct": films} if films else {}
+    buried = None if study is None else study.moisture
+    measured |= {} if buried is None else {TIME: buried["time_h"].to_numpy(np.float64)}
     return ModelEntry(
         nodes_pct=model.nodes,
         elongation_nodes_pct=model.elongation_nodes,
@@ -285,7 +288,8 @@ def _known(numbers: Sequence[float | None]) -> tuple[float, ...]:
     return known
 
 
-BAND_DRAWS, RUPTURE_DRAWS = 2000, 1000
+BAND_DRAWS, RUPTURE_DRAWS, ANSWER_DRAWS = 2000, 1000, 500
+TIME, RATE_COLUMNS = "time_h", ("degradation_q05", "degradation_q95")
 PRESSURES_AT_ONCE = 40  # bounds the memory
 LEAST_ANSWERED = 0.5  # of the specimens; below, a band says nothing
 NEARLY_ALL = 0.99
@@ -310,7 +314,7 @@ class Drawn(Protocol):
 
 def predict(
     stored: Drawn,
-    degradation: Floats,
+    levels: Sequence[Level],
     pressure: Floats,
     *,
     seed: np.random.SeedSequence,
@@ -323,8 +327,10 @@ def predict(
     ----------
     stored : Drawn
         JointModel and posterior.
-    degradation, pressure : array
-        Degradation rates [%] and pressures as read [kPa], both rising.
+    levels : sequence of Level
+        Degradation rates, known or after a time in the soil, see `levels_at`.
+    pressure : array
+        As read, rising [kPa].
     seed : SeedSequence
         Everything random comes from it.
     progress : Progress
@@ -335,39 +341,52 @@ def predict(
     Returns
     -------
     DataFrame
-        The columns of ``bands.csv`` and ``rupture.csv``; ``answered``, the share of specimens for
+        Of a time in the soil ``time_h`` and ``degradation_q05``, ``degradation_q95``; the columns
+        of ``bands.csv`` and ``rupture.csv``; ``answered``, the share of specimens for
         which the forward map has an answer [–]; and ``why`` something is missing.
     """
     first, second = seed.spawn(2)
     specimens = draw_specimens(
         *(stored.model, stored.chain, np.random.default_rng(second)),
-        draws=500,
+        draws=ANSWER_DRAWS,
         strata=4,
         conditions=conditions,
     )
     pieces = np.array_split(pressure, -(-len(pressure) // PRESSURES_AT_ONCE))
-    progress.stage("predicting", total=len(degradation) * len(pieces))
+    progress.stage("predicting", total=len(levels) * len(pieces))
     frames = []
-    for level in degradation:
+    for level in levels:
         for piece in pieces:
-            frames.append(_predicted(stored, specimens, level, piece, first))
-            progress.advance(1, f"{level:g} %")
+            table = _predicted(stored, specimens, level, piece, first)
+            frames.append(_with_time(table, level))
+            progress.advance(1, str(level))
     return pd.concat(frames, ignore_index=True)
+
+
+def _with_time(table: pd.DataFrame, level: Level) -> pd.DataFrame:
+    """Add the time in the soil, and the interval of the degradation rate."""
+    if level.is_known:
+        return table
+    low, _, high = level.interval
+    table.insert(0, TIME, level.hours)
+    for place, (name, value) in enumerate(zip(RATE_COLUMNS, (low, high), strict=True)):
+        table.insert(2 + place, name, value)
+    return table
 
 
 def _predicted(
     stored: Drawn,
     specimens: Specimens,
-    level: float,
+    level: Level,
     pressure: Floats,
     seed: np.random.SeedSequence,
 ) -> pd.DataFrame:
-    at, conditions = np.array([level]), specimens.conditions
+    conditions = specimens.conditions
     # anew from the seed, so that every row is about the same draws
     model, chain, generator = stored.model, stored.chain, np.random.default_rng(seed)
     table = curvature_bands(
         *(model, chain, generator),
-        degradation=at,
+        degradation=level.column(BAND_DRAWS),
         pressure=pressure,
         draws=BAND_DRAWS,
         conditions=conditions,
@@ -377,13 +396,13 @@ def _predicted(
         generator = np.random.default_rng(seed)
         rupture = rupture_table(
             *(model, chain, generator),
-            degradation=at,
+            degradation=level.column(RUPTURE_DRAWS),
             pressure=pressure,
             draws=RUPTURE_DRAWS,
             conditions=conditions,
         )
         table[list(PROBABILITY_COLUMNS)] = rupture[list(PROBABILITY_COLUMNS)]
-    answered = respond(specimens, level, pressure).answered
+    answered = respond(specimens, level.of_draws(ANSWER_DRAWS), pressure).answered
     unknown = table["probability"].isna() & model.has_elongation
     why = [_why(a, rupture=bool(u)) for a, u in zip(answered, unknown, strict=True)]
     return table.assign(answered=answered, why=why)
@@ -404,9 +423,59 @@ def _said(part: str, **facts: object) -> str:
     return sentences("answers", part, **facts).replace(SPACE, " ")
 
 
+def levels_at(
+    *, degradation: Floats | None, hours: Floats | None, soil: Soil | None, seed: int | str | None
+) -> tuple[Level, ...]:
+    """Return the degradation rates at which to predict.
+
+    Parameters
+    ----------
+    degradation : array, optional
+        Known [%].
+    hours : array, optional
+        Otherwise: times in the soil [h].
+    soil : Soil, optional
+        The course of degradation; needed for times in the soil.
+    seed : int
+        Draws of the course come from it, the same for all times.
+    """
+    if hours is None or soil is None:
+        return known_levels(() if degradation is None else degradation)
+    generator = np.random.default_rng([int(seed or 0), COURSE_STREAM])
+    return soil.drawn(generator, BAND_DRAWS).levels(hours)
+
+
+def soil_of(path: Path) -> Soil:
+    """Read the course of degradation in the soil from a run folder.
+
+    Raises
+    ------
+    BayesdegError
+        If the study has no readings of moisture that could tell it, or the file is damaged.
+    """
+    draws = RunFolder(path).draws_of(POSTERIOR_COURSE)
+    if draws is None:
+        raise BayesdegError(f"{path}: {NO_COURSE}")
+    values = {str(n): v.to_numpy().ravel().astype(np.float64) for n, v in draws.items()}
+    if not {p.name for p in COURSE} <= set(values):
+        raise _impossible(path, "the course of degradation lacks a parameter")
+    for name, drawn in values.items():
+        if not np.all(np.isfinite(drawn) & (drawn >= 0.0)):
+            raise _impossible(path, f"draws of {name} are no finite numbers above 0")
+    return Soil(values)
+
+
+NO_COURSE = (
+    "the study has no moisture of films against time in the soil, so hours say nothing of the "
+    "degradation rate; give the rate itself, or add moisture.csv with fresh films and films of one "
+    "later time or more, and run the study again"
+)
+COURSE_STREAM = 3  # of the seed: draws of the course are independent of all others
+
+
 def settings(
     stored: Drawn,
-    degradation: Floats,
+    levels: Sequence[Level],
     wanted: Floats,
     *,
     risk: float,
@@ -421,8 +490,10 @@ def settings(
     ----------
     stored : Drawn
         JointModel and posterior.
-    degradation, wanted : array
-        Degradation rates [%] and curvatures [1/m].
+    levels : sequence of Level
+        Degradation rates, see `levels_at`.
+    wanted : array
+        Curvatures [1/m].
     risk : float
         Largest probability of rupture that is accepted [–].
     seed : SeedSequence
@@ -437,24 +508,36 @@ def settings(
     generator = np.random.default_rng(seed)
     specimens = draw_specimens(stored.model, stored.chain, generator, conditions=conditions)
     first = stored.model.largest_pressure
-    progress.stage("finding pressures", total=len(degradation))
+    progress.stage("finding pressures", total=len(levels))
     found = []
-    for level in degradation:
-        ceiling = np.inf if experience is None else experience.ceiling(level)
-        allowed = largest_allowed(specimens, level, risk, first=first, ceiling=ceiling)
+    for level in levels:
+        rates = level.of_draws(len(specimens.score) // specimens.strata)
+        ceiling = np.inf if experience is None else _ceiling(experience, level)
+        allowed = largest_allowed(specimens, rates, risk, first=first, ceiling=ceiling)
         found += [
-            control(specimens, level, curvature, risk=risk, first=first, allowed=allowed)
+            replace(
+                control(specimens, rates, curvature, risk=risk, first=first, allowed=allowed),
+                hours=level.hours,
+                rates=level.interval,
+            )
             for curvature in wanted
         ]
-        progress.advance(1, f"{level:g} %")
+        progress.advance(1, str(level))
     return found
+
+
+def _ceiling(experience: Experience, level: Level) -> float:
+    """Return what experience allows at all degradation rates that are likely [kPa]."""
+    return min(experience.ceiling(float(rate)) for rate in level.interval)
 
 
 def settings_table(found: list[Setting]) -> pd.DataFrame:
     """Return settings as a table, one row each; what is not finite is empty."""
     rows = [
-        {
-            "degradation_pct": s.degradation,
+        ({} if s.hours is None else {TIME: s.hours})
+        | {"degradation_pct": s.degradation}
+        | ({} if s.hours is None else dict(zip(RATE_COLUMNS, s.rates[[0, -1]], strict=True)))
+        | {
             "wanted_per_m": s.wanted,
             "risk": s.risk,
             "reached": int(s.reached),
@@ -491,13 +574,12 @@ def basis(
     strong : bool
         Whether anything is known of the elongation at break.
     """
-    rates = {s.degradation: s.allowed for s in found}
+    rates = {float(r): s.allowed for s in found for r in s.rates}
     near = dict.fromkeys(one for rate in rates for one in experience.near(rate))
     said = [str(Caution("burst", {"b": one, "tested": experience.pressure})) for one in near]
-    over = {r: a for r, a in rates.items() if a.pressure > experience.ceiling(r)}
+    over = {r: c for r, a in rates.items() if a.pressure > (c := experience.ceiling(r))}
     if beyond and over:
-        facts = {"over": {r: experience.ceiling(r) for r in over}, "strong": strong}
-        said.append(str(Caution("rests_on", facts)))
+        said.append(str(Caution("rests_on", {"over": over, "strong": strong})))
     return tuple(said)
 
 
@@ -532,6 +614,60 @@ def unanswered_conditions(
     return tuple(
         str(Caution("moves_nothing", {"name": n, "value": v, "causes": causes}))
         for n, v in given.items()
+    )
+
+
+def rates_of(levels: Sequence[Level]) -> Floats:
+    """Return the degradation rates that are asked, rising: those known, or the ends of others."""
+    ends = [level.interval[[0, -1]] for level in levels]
+    rates = np.unique(np.concatenate([np.empty(0), *ends]))
+    # after a time in the soil a small rate is no percentage given as a fraction
+    known = all(level.is_known for level in levels)
+    return rates if known else np.unique(np.where(_is_small(rates), 0.0, rates))
+
+
+def hours_beyond(measured: Mapping[str, Range], levels: Sequence[Level]) -> tuple[str, ...]:
+    """Say where times in the soil are longer than any film was in it.
+
+    Parameters
+    ----------
+    measured : mapping
+        As in `bayesdeg.pipeline.forecast.StoredRun`.
+    levels : sequence of Level
+        Degradation rates.
+    """
+    longest = max((level.hours or 0.0 for level in levels), default=0.0)
+    last = measured.get(TIME, (0.0, np.inf))[1]
+    facts = {"last": last, "asked": longest}
+    return (str(Caution("hours_beyond", facts)),) if longest > 1.001 * last else ()
+
+
+def said_of(
+    stored: StoredRun, levels: Sequence[Level], pressure: Floats, conditions: Conditions
+) -> tuple[str, ...]:
+    """Say what a user of predictions at these levels and pressures should know."""
+    rates = rates_of(levels)
+    return (
+        *warnings(stored, rates, pressure),
+        *hours_beyond(stored.measured, levels),
+        *unanswered_conditions(stored, rates, conditions),
+    )
+
+
+def said_of_settings(
+    stored: StoredRun,
+    levels: Sequence[Level],
+    found: Sequence[Setting],
+    conditions: Conditions,
+    *,
+    beyond: bool,
+) -> tuple[str, ...]:
+    """Say what a user of settings should know."""
+    set_to = np.array([s.pressure for s in found if np.isfinite(s.pressure)])
+    strong = stored.model.has_elongation
+    return (
+        *said_of(stored, levels, set_to, conditions),
+        *basis(stored.experience, found, beyond=beyond, strong=strong),
     )
 
 

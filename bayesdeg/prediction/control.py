@@ -1,6 +1,6 @@
 """Control: the pressure that reaches a wanted curvature at a bounded risk of rupture."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,6 +63,10 @@ class Setting:
     probability : array, shape (3,)
         Probability of rupture at `pressure`, and its 5 and 95 % quantiles over the posterior [–];
         nan if nothing is known of the elongation at break.
+    hours : float, optional
+        Time in the soil, where the degradation rate follows from it [h].
+    rates : array
+        5, 50 and 95 % quantiles of the degradation rate then; where it is known that alone [%].
     """
 
     degradation: float
@@ -74,6 +78,8 @@ class Setting:
     allowed: Allowed
     curvature: Floats
     probability: Floats
+    hours: float | None = None
+    rates: Floats = field(default_factory=lambda: np.empty(0))
 
 
 def needed_pressure(pressure: Floats, curvature: Floats, wanted: float) -> Floats:

@@ -12,6 +12,7 @@ import xarray as xr
 from bayesdeg.causes.catalogue import find
 from bayesdeg.cli import exit_code
 from bayesdeg.emulator.trained import default_surrogate, write_trained
+from bayesdeg.inference.course import CourseModel
 from bayesdeg.inference.sampling import Chain, to_datatree
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.forecast import model_document, read_stored
@@ -637,3 +638,116 @@ def test_conditions_that_make_no_sense_end_with_2(bayesdeg, report, command, opt
     assert (code, printed) == (2, "")
     assert words in " ".join(messages.split())
     assert "Traceback" not in messages
+
+
+# ---- hours in the soil
+
+LIMIT, TIME_CONSTANT = 24.0, 10.0
+
+
+def with_course(run, folder, *, width=0.1):
+    """Return a copy of a run that also has the posterior of a course of degradation."""
+    copy = folder / "buried"
+    shutil.copytree(run, copy)
+    films = RunFolder(copy)
+    model = CourseModel(("a", "b"), np.array([0.0, 24.0]), np.array([20.0, 15.0]))
+    known = {
+        "fresh_moisture": 20.0,
+        "degradation_limit": LIMIT,
+        "degradation_time_constant": TIME_CONSTANT,
+        "moisture_scatter": 0.5,
+    }
+    centre = model.table.vectors({name: np.array([value]) for name, value in known.items()})[0]
+    generator = np.random.default_rng(8)
+    vectors = centre + width * generator.standard_normal((2, 100, 10, len(centre)))
+    chain = Chain(vectors, np.zeros(vectors.shape[:3]), np.full(2, 0.4))
+    films.write_posterior("posterior_course", to_datatree(model, chain, generator))
+    content = films.read_json("run")
+    content["model"]["measured"]["time_h"] = [0.0, 24.0]
+    films.write_json("run", content)
+    return copy
+
+
+@pytest.fixture(scope="module")
+def buried(report, tmp_path_factory):
+    return with_course(report, tmp_path_factory.mktemp("course"))
+
+
+def test_hours_in_the_soil_become_degradation_rates_with_their_uncertainty(bayesdeg, buried):
+    at = ("predict", buried, "--pressure", "80", "--json")
+    code, printed, messages = bayesdeg(*at, "--hours", "0,8,24")
+    assert (code, messages) == (0, "")
+    found = rows_of(printed)
+    expected = LIMIT * -np.expm1(-np.array([0.0, 8.0, 24.0]) / TIME_CONSTANT)
+    assert found["time_h"].tolist() == [0.0, 8.0, 24.0]
+    np.testing.assert_allclose(found["degradation_pct"], expected, rtol=0.02)
+    assert found["degradation_q05"][0] == found["degradation_q95"][0] == 0.0
+    assert (found["degradation_q05"][1:] < 0.95 * expected[1:]).all()
+    assert (found["degradation_q95"][1:] > 1.05 * expected[1:]).all()
+    assert json.loads(printed)["units"]["time_h"] == "h"
+    known = rows_of(bayesdeg(*at, "--degradation", f"0,{expected[1]},{expected[2]}")[1])
+    np.testing.assert_allclose(found["q50"], known["q50"], rtol=0.05)
+    width = {name: np.log(one["q95"] / one["q05"]) for name, one in (("h", found), ("%", known))}
+    assert width["h"][0] == pytest.approx(width["%"][0], rel=1e-9)
+    assert (width["h"][1:] > 1.2 * width["%"][1:]).all()
+
+
+def test_without_uncertainty_hours_give_what_the_rate_gives(bayesdeg, report, tmp_path):
+    exact = with_course(report, tmp_path, width=0.0)
+    rate = LIMIT * -np.expm1(-8.0 / TIME_CONSTANT)
+    for command in (("predict", "--pressure", "80"), ("control", "--curvature", "4")):
+        name, *asked = command
+        answers = [
+            bayesdeg(name, exact, *asked, *at, "--json")
+            for at in (("--hours", "8"), ("--degradation", f"{rate:.17g}"))
+        ]
+        assert [code for code, _, _ in answers] == [0, 0], answers
+        one, other = (rows_of(printed) for _, printed, _ in answers)
+        numeric = [n for n in other.columns if n not in {"why", "reached"}]
+        np.testing.assert_allclose(
+            one[numeric].to_numpy(float), other[numeric].to_numpy(float), rtol=1e-9
+        )
+
+
+def test_control_by_hours_allows_what_all_likely_rates_allow(bayesdeg, buried):
+    code, printed, _ = bayesdeg(
+        "control", buried, "--curvature", "4", "--hours", "8,16", "--risk", "0.3", "--json"
+    )
+    found = rows_of(printed)
+    assert code == 0
+    assert found["time_h"].tolist() == [8.0, 16.0]
+    assert (found["allowed_kPa"] <= 120.0).all()
+    assert found["needed_q50_kPa"].is_monotonic_increasing
+    printed = bayesdeg("control", buried, "--curvature", "4", "--hours", "8")[1]
+    assert "[h]" in printed
+
+
+def test_hours_beyond_the_films_are_said(bayesdeg, buried):
+    code, _, messages = bayesdeg("predict", buried, "--pressure", "80", "--hours", "48")
+    assert code == 0
+    assert "24 h" in messages
+    assert "48 h" in messages
+
+
+@pytest.mark.parametrize("command", [("predict", "--pressure", "80"), ("control", *CONTROL[:2])])
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--hours", "-4"), "--hours -4 h"),
+        (("--hours", "soon"), "'soon'"),
+        (("--hours", "4", "--degradation", "10"), "not both"),
+        ((), "--hours"),
+    ],
+)
+def test_hours_that_make_no_sense_end_with_2(bayesdeg, buried, command, options, words):
+    name, *rest = command
+    code, printed, messages = bayesdeg(name, buried, *rest, *options)
+    assert (code, printed) == (2, "")
+    assert words in " ".join(messages.split())
+
+
+def test_without_moisture_hours_end_with_2_and_say_what_is_needed(bayesdeg, report):
+    code, printed, messages = bayesdeg("predict", report, "--pressure", "80", "--hours", "8")
+    assert (code, printed) == (2, "")
+    assert "moisture.csv" in messages
+    assert len(messages.strip().splitlines()) == 1
