@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from bayesdeg.api import control as control
     from bayesdeg.api import criticise as criticise
     from bayesdeg.api import emulator as emulator
+    from bayesdeg.api import lifetime as lifetime
     from bayesdeg.api import predict as predict
     from bayesdeg.api import report as report
     from bayesdeg.causes.cause import Cause as Cause
@@ -51,7 +52,10 @@ if TYPE_CHECKING:
     from bayesdeg.results import Verdict as Verdict
 
 _HOMES = {
-    "api": (*("calibrate", "compare", "control", "criticise", "emulator", "predict", "report"),),
+    "api": (
+        *("calibrate", "compare", "control", "criticise", "emulator", "lifetime", "predict"),
+        "report",
+    ),
     "causes.cause": ("Cause", "Stage"),
     "errors": ("BayesdegError", "GeometryError", "StudyError"),
     "priors": (

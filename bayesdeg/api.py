@@ -37,6 +37,7 @@ from bayesdeg.pipeline.emulation import Campaign, expect, train_emulator
 from bayesdeg.pipeline.experiment import Written
 from bayesdeg.pipeline.progress import Progress
 from bayesdeg.prediction.conditions import PROMPT, Conditions
+from bayesdeg.prediction.lifetime import Duty
 from bayesdeg.prediction.soil import Level
 from bayesdeg.results import Calibration, Model, Report, Verdict
 
@@ -392,6 +393,73 @@ def control(
         )
     set_to = table["pressure_kPa"].dropna().to_numpy(np.float64)
     _warn((*said, *experiment.cautions(fit.fit, levels, set_to, conditions)))
+    return table
+
+
+def lifetime(
+    fit: Calibration,
+    *,
+    pressure: float,
+    curvature: float,
+    max_risk: float = 0.05,
+    hours: ArrayLike | None = None,
+    beyond: bool = False,
+    conditions: Conditions = PROMPT,
+    seed: int | None = None,
+    progress: bool | None = None,
+) -> pd.DataFrame:
+    """Follow actuators in the soil: how long they do a duty, which pressure keeps a curvature.
+
+    An actuator fails when it bursts at the pressure of its duty, or bends by less than asked.
+
+    Parameters
+    ----------
+    fit : Calibration
+        Of a study with actuators, and with the moisture of films against time in the soil.
+    pressure, curvature : float
+        The duty: gauge pressure [kPa] and the curvature that it has to make [1/m].
+    max_risk : float
+        Largest probability of rupture that is accepted where the pressure is raised.
+    hours : array, optional
+        Times in the soil, at least two; by default up to the last film's [h].
+    beyond : bool
+        Whether pressures above those tested are allowed, as of `control`.
+    conditions, seed, progress, optional
+        As of `control`.
+
+    Returns
+    -------
+    DataFrame
+        The columns of ``lifetime.csv``, a row for each time. Its ``attrs`` have ``summary`` in
+        words, ``time_to_failure_q05_h``, ``_q50_h`` and ``_q95_h`` over new actuators, and
+        ``last_reachable_...`` in the same way; None where it does not happen within the times.
+
+    Warns
+    -----
+    UserWarning
+        Where something lies outside of what was measured, and of conditions that move nothing.
+
+    Raises
+    ------
+    BayesdegError
+        If something makes no sense, or the study does not tell the course of degradation.
+    """
+    experiment = _calibration(fit).model.experiment
+    if experiment.own is not None:
+        raise BayesdegError("a model with a forward map of its own has no life in the soil")
+    if not 0.0 < max_risk < 1.0:
+        raise BayesdegError(f"max_risk {max_risk:g} bounds nothing; give one between 0 and 1")
+    above = np.nextafter(0.0, 1.0)
+    at = _numbers(pressure, "pressure", "kPa", low=above)
+    [wanted] = _numbers(curvature, "curvature", "1/m", low=above)[:1]
+    times = None if hours is None else _numbers(hours, "hours", "h")
+    if times is not None and len(times) == 1:
+        raise BayesdegError(f"hours {times[0]:g} is a single time; give at least two times")
+    duty = Duty(float(at[0]), float(wanted), max_risk)
+    with _work(progress, 1, parallel=False) as (show, _):
+        asked = (fit.fit, fit.effort, _seed(seed, fit.seed), show)
+        table, said = experiment.lifetime(*asked, duty, times, conditions, beyond=beyond)
+    _warn(said)
     return table
 
 

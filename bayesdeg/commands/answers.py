@@ -24,7 +24,7 @@ from bayesdeg.pipeline import forecast
 from bayesdeg.prediction.conditions import MOUNTS, PROMPT, Conditions
 from bayesdeg.prediction.soil import Level
 from bayesdeg.quantities import LARGEST_SEED
-from bayesdeg.records import FileRecord, Names, Scalar
+from bayesdeg.records import FileRecord, Names, Scalar, is_absent
 from bayesdeg.report.record import RunRecord, VerdictRecord
 from bayesdeg.report.wording import number
 
@@ -182,6 +182,21 @@ def _range(text: str, option: str) -> list[float]:
     return [first + step * i for i in range(count)]
 
 
+def refuse_risk(risk: float) -> None:
+    """Refuse a risk that bounds nothing.
+
+    Raises
+    ------
+    typer.BadParameter
+        If it is not above 0 and below 1.
+    """
+    if not 0.0 < risk < 1.0:
+        raise typer.BadParameter(
+            f"--risk {risk:g} is no probability that could bound anything; give a number above 0 "
+            "and below 1, such as 0.05"
+        )
+
+
 def refuse_too_many(*asked: Sized, most: int = MOST_ROWS) -> None:
     """Refuse more rows than anybody reads.
 
@@ -284,11 +299,18 @@ class Answer(FileRecord):
     outcome: Outcome = Field(description="of the run")
     units: Mapping[str, str] = Field(description="by column of the rows")
     messages: Names = Field(description="what its user should know")
+    summary: Mapping[str, Scalar] = Field(
+        default={}, exclude_if=is_absent, description="of lifetime: times in hours"
+    )
     rows: tuple[Mapping[str, Scalar], ...]
 
 
 def give(
-    stored: Recorded, table: pd.DataFrame, messages: Sequence[str], units: dict[str, str]
+    stored: Recorded,
+    table: pd.DataFrame,
+    messages: Sequence[str],
+    units: dict[str, str],
+    summary: Mapping[str, float | None] | None = None,
 ) -> None:
     """Print an answer as JSON.
 
@@ -302,6 +324,8 @@ def give(
         What its user should know.
     units : dict
         By column.
+    summary : mapping, optional
+        Numbers that are of no row.
     """
     rows = [
         {name: None if pd.isna(value) else value for name, value in row.items()}
@@ -314,6 +338,7 @@ def give(
         outcome=stored.verdict.outcome,
         units={name: unit for name, unit in units.items() if name in table},
         messages=tuple(messages),
+        summary=summary or {},
         rows=tuple({str(name): cell for name, cell in row.items()} for row in rows),
     )
     sys.stdout.write(answer.text())
@@ -328,6 +353,7 @@ def delivered(
     out: Path | None,
     quiet: bool,
     as_json: bool,
+    summary: Mapping[str, float | None] | None = None,
 ) -> bool:
     """Write an answer where that is asked for, say its messages, print it as JSON.
 
@@ -341,7 +367,7 @@ def delivered(
     if not quiet:
         say(messages)
     if as_json:
-        give(stored, table, messages, units)
+        give(stored, table, messages, units, summary)
     return as_json
 
 

@@ -33,6 +33,7 @@ from bayesdeg.commands.answers import (
     output,
     refuse_conditions,
     refuse_others,
+    refuse_risk,
     refuse_too_many,
     seed_of,
 )
@@ -172,11 +173,7 @@ def _asked(curvature: list[str] | None, risk: float, other: list[str] | None) ->
     wanted = numbers(curvature, "--curvature", "1/m", low=0.0, high=float("inf"))
     if wanted[0] == 0.0:
         raise typer.BadParameter("--curvature 0 needs no pressure; give a curvature above 0")
-    if not 0.0 < risk < 1.0:
-        raise typer.BadParameter(
-            f"--risk {risk:g} is no probability that could bound anything; give a number above 0 "
-            "and below 1, such as 0.05"
-        )
+    refuse_risk(risk)
     return wanted
 
 

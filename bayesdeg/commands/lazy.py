@@ -117,6 +117,14 @@ COMMANDS = (
         ("bayesdeg control reports/gelatin_actuator --curvature 15 --degradation 10 --risk 0.05",),
     ),
     Command(
+        "lifetime",
+        "lifetime",
+        "lifetime",
+        "Say how long an actuator in the soil does its duty, and which pressure keeps its "
+        "curvature.",
+        ("bayesdeg lifetime reports/gelatin_actuator --pressure 120 --curvature 5 --risk 0.05",),
+    ),
+    Command(
         "next",
         "next",
         "next_experiment",

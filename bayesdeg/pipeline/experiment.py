@@ -34,6 +34,7 @@ from bayesdeg.pipeline.films import course_of
 from bayesdeg.pipeline.forecast import model_document
 from bayesdeg.pipeline.formula import DrawnFormula, OwnMap, cause_of, probe
 from bayesdeg.pipeline.judge import Judgement, with_sampled_sizes
+from bayesdeg.pipeline.lifetime import default_hours, life_summary, life_table, lifetime_of
 from bayesdeg.pipeline.outline import outline
 from bayesdeg.pipeline.output import run_folder
 from bayesdeg.pipeline.progress import Progress
@@ -48,6 +49,7 @@ from bayesdeg.pipeline.run import (
     with_options,
 )
 from bayesdeg.prediction.conditions import PROMPT, Conditions
+from bayesdeg.prediction.lifetime import Duty
 from bayesdeg.prediction.soil import Level, Soil
 from bayesdeg.priors import Parameter
 from bayesdeg.report.checkpoints import NoCheckpoints
@@ -413,27 +415,59 @@ class ModelledExperiment:
         """
         if hours is None:
             return forecast.levels_at(degradation=degradation, hours=None, soil=None, seed=seed)
+        soil = self._soil(effort, seed, progress)
+        return forecast.levels_at(degradation=None, hours=hours, soil=soil, seed=seed)
+
+    def _soil(self, effort: Effort, seed: int, progress: Progress) -> Soil:
         progress.stage("course of degradation")
         course = course_of(self.study, EFFORTS[effort], Streams.of(seed).films)
         if course is None:
             raise BayesdegError(forecast.NO_COURSE)
-        soil = Soil(course.draws)
-        return forecast.levels_at(degradation=None, hours=hours, soil=soil, seed=seed)
+        return Soil(course.draws)
+
+    def lifetime(
+        self,
+        fit: Fit,
+        effort: Effort,
+        seed: int,
+        progress: Progress,
+        duty: Duty,
+        hours: Floats | None,
+        conditions: Conditions,
+        *,
+        beyond: bool,
+    ) -> tuple[pd.DataFrame, tuple[str, ...]]:
+        """Return what becomes of actuators in the soil, and what a user should know."""
+        soil = self._soil(effort, seed, progress)
+        times = default_hours(self._ranges) if hours is None else hours
+        life = lifetime_of(
+            *(self._of_actuators(fit, effort), soil, duty, times),
+            seed=np.random.SeedSequence([seed, 1]),
+            progress=progress,
+            conditions=conditions,
+            experience=None if beyond else experience_of(self._document),
+        )
+        table, summary = life_table(life, duty), life_summary(life, duty)
+        table.attrs.update(summary.facts, summary=str(summary))
+        at = np.array([duty.pressure])
+        return table, self.cautions(fit, soil.levels(times[[0, -1]]), at, conditions)
 
     def cautions(
         self, fit: Fit, levels: Sequence[Level], pressure: Floats, conditions: Conditions
     ) -> tuple[str, ...]:
         """Say where predictions lie outside of what was measured, and what moves nothing."""
-        ranges = {
-            name: (float(low or 0), float(high or 0))
-            for name, (low, high) in self._document.measured.items()
-        }
-        rates = forecast.rates_of(levels)
+        ranges, rates = self._ranges, forecast.rates_of(levels)
         return (
             *forecast.extrapolations(ranges, rates, pressure),
             *forecast.hours_beyond(ranges, levels),
             *forecast.unanswered_conditions(fit, rates, conditions),
         )
+
+    @property
+    def _ranges(self) -> dict[str, tuple[float, float]]:
+        """Ranges of what was measured, by name."""
+        measured = self._document.measured.items()
+        return {name: (float(low or 0), float(high or 0)) for name, (low, high) in measured}
 
     @property
     def _document(self) -> ModelEntry:

@@ -512,7 +512,7 @@ def settings(
     found = []
     for level in levels:
         rates = level.of_draws(len(specimens.score) // specimens.strata)
-        ceiling = np.inf if experience is None else _ceiling(experience, level)
+        ceiling = np.inf if experience is None else ceiling_of(experience, level)
         allowed = largest_allowed(specimens, rates, risk, first=first, ceiling=ceiling)
         found += [
             replace(
@@ -526,7 +526,7 @@ def settings(
     return found
 
 
-def _ceiling(experience: Experience, level: Level) -> float:
+def ceiling_of(experience: Experience, level: Level) -> float:
     """Return what experience allows at all degradation rates that are likely [kPa]."""
     return min(experience.ceiling(float(rate)) for rate in level.interval)
 

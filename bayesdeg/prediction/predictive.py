@@ -346,20 +346,32 @@ def respond(specimens: Specimens, degradation: float | Floats, pressure: Floats)
     ----------
     specimens : Specimens
         Drawn once, so that answers at several pressures are those of the same specimens.
-    degradation : float or array, shape (n_draws,)
-        Degradation rate of all, or of the specimens of each draw [%].
+    degradation : float or array, shape (n_draws,) or (n,)
+        Degradation rate of all, of the specimens of each draw, or of each specimen [%].
     pressure : array, shape (n_pressures,)
         As read by the sensor, rising [kPa].
     """
+    curvature, burst = respond_each(specimens, degradation, pressure)
+    return Response(curvature, burst.reshape(-1, specimens.strata, len(pressure)).mean(axis=1))
+
+
+def respond_each(
+    specimens: Specimens, degradation: float | Floats, pressure: Floats
+) -> tuple[Floats, Floats]:
+    """Return curvature [1/m] and probability of rupture of each specimen, (n, n_pressures).
+
+    Parameters are those of `respond`; what has no answer has no curvature, and counts as burst.
+    """
     rates = np.atleast_1d(degradation)
-    rates = rates if np.ndim(degradation) == 0 else np.repeat(rates, specimens.strata)[:, None]
+    if np.ndim(degradation):
+        rates = np.repeat(rates, len(specimens.score) // len(rates))[:, None]
     grid = Grid.of(specimens.model, rates, pressure, specimens.conditions)
     deviation = specimens.score[:, None, None] * grid.deviation_sd(specimens.values)
     reached = grid.reached(specimens.values, deviation)
     answered = reached.answered[:, 0]
     known = _burst(grid, specimens.values, reached) if grid.model.has_elongation else 0.0
-    burst = np.where(answered, known, 1.0).reshape(-1, specimens.strata, len(pressure))
-    return Response(np.where(answered, reached.curvature[:, 0], np.nan), burst.mean(axis=1))
+    curvature: Floats = np.where(answered, reached.curvature[:, 0], np.nan)
+    return curvature, np.where(answered, known, 1.0)
 
 
 def _burst(grid: Grid, values: Named, reached: Reached) -> Floats:
