@@ -439,7 +439,7 @@ class ModelledExperiment:
     ) -> tuple[pd.DataFrame, tuple[str, ...]]:
         """Return what becomes of actuators in the soil, and what a user should know."""
         soil = self._soil(effort, seed, progress)
-        times = default_hours(self._ranges) if hours is None else hours
+        times = default_hours(forecast.ranges_of(self._document)) if hours is None else hours
         life = lifetime_of(
             *(self._of_actuators(fit, effort), soil, duty, times),
             seed=np.random.SeedSequence([seed, 1]),
@@ -456,18 +456,12 @@ class ModelledExperiment:
         self, fit: Fit, levels: Sequence[Level], pressure: Floats, conditions: Conditions
     ) -> tuple[str, ...]:
         """Say where predictions lie outside of what was measured, and what moves nothing."""
-        ranges, rates = self._ranges, forecast.rates_of(levels)
+        ranges, rates = forecast.ranges_of(self._document), forecast.rates_of(levels)
         return (
             *forecast.extrapolations(ranges, rates, pressure),
             *forecast.hours_beyond(ranges, levels),
             *forecast.unanswered_conditions(fit, rates, conditions),
         )
-
-    @property
-    def _ranges(self) -> dict[str, tuple[float, float]]:
-        """Ranges of what was measured, by name."""
-        measured = self._document.measured.items()
-        return {name: (float(low or 0), float(high or 0)) for name, (low, high) in measured}
 
     @property
     def _document(self) -> ModelEntry:

@@ -116,6 +116,12 @@ def model_document(model: JointModel, study: Study | None = None) -> ModelEntry:
     )
 
 
+def ranges_of(entry: ModelEntry) -> dict[str, Range]:
+    """Return the ranges of what was measured, by name; what is not known is left out."""
+    found = {name: [n for n in ends if n is not None] for name, ends in entry.measured.items()}
+    return {name: (float(ends[0]), float(ends[-1])) for name, ends in found.items() if ends}
+
+
 def read_stored(
     path: Path, *, base: bool = False, emulator: Path | None = None, cache: Path = CACHE
 ) -> StoredRun:

@@ -37,10 +37,13 @@ from bayesdeg.pipeline.assemble import level_grid
 from bayesdeg.pipeline.calibrate import Fit, Sampled
 from bayesdeg.pipeline.deformed import Begun, write_deformed
 from bayesdeg.pipeline.experience import experience_of
-from bayesdeg.pipeline.forecast import model_document
+from bayesdeg.pipeline.forecast import model_document, ranges_of
 from bayesdeg.pipeline.judge import Judgement
+from bayesdeg.pipeline.lifetime import default_hours, life_table, lifetime_of
+from bayesdeg.pipeline.progress import Silent
 from bayesdeg.pipeline.record import Results, verdict_of
 from bayesdeg.prediction.control import INTERVAL, largest_allowed, needed_by
+from bayesdeg.prediction.lifetime import Duty
 from bayesdeg.prediction.predictive import (
     Specimens,
     curvature_bands,
@@ -49,6 +52,7 @@ from bayesdeg.prediction.predictive import (
     respond,
     rupture_table,
 )
+from bayesdeg.prediction.soil import Soil
 from bayesdeg.report import tables as columns
 from bayesdeg.report.folder import (
     POSTERIOR,
@@ -427,6 +431,36 @@ def _wanted(data: ActuatorCurves) -> list[tuple[float, float]]:
     return [(level, wanted) for level, wanted in found if wanted > 0.0]
 
 
+LIFE_DRAWS = 80
+DUTY_SHARE = 0.5  # of the largest pressure, and of the fresh curvature there: what is kept up
+
+
+def life(found: "TableSources") -> pd.DataFrame | None:
+    """Return the life in the soil of what keeps half of its fresh curvature at half the pressure.
+
+    None without actuators, or without the course of degradation.
+    """
+    films, fit = found.results.films, found.results.final
+    if not found.has_actuators or films is None or films.course is None:
+        return None
+    entry = model_document(found.results.base.model, found.study)
+    pressure = DUTY_SHARE * fit.model.largest_pressure
+    specimens = draw_specimens(fit.model, fit.chain, found.generator, draws=LIFE_DRAWS)
+    fresh = respond(specimens, 0.0, np.array([pressure])).curvature
+    wanted = DUTY_SHARE * float(np.nanmedian(fresh))
+    if not wanted > 0.0:
+        return None
+    duty = Duty(pressure, float(f"{wanted:.3g}"), RISK)
+    followed = lifetime_of(
+        *(fit, Soil(films.course.draws), duty, default_hours(ranges_of(entry))),
+        seed=np.random.SeedSequence(int(found.generator.integers(2**63))),
+        progress=Silent(),
+        experience=experience_of(entry),
+        draws=LIFE_DRAWS,
+    )
+    return life_table(followed, duty)
+
+
 @dataclass
 class TableSources:
     """What the tables of a run are made of.
@@ -726,4 +760,5 @@ BUILDS: Mapping[str, Build] = {
     columns.LOO_PIT: _loo_pit,
     columns.MISFIT_NULL: _null_table,
     columns.FITTED: _fitted_table,
+    columns.LIFETIME: lambda found: life(found),  # looked up when it is made
 }
