@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from bayesdeg.api import control as control
     from bayesdeg.api import criticise as criticise
     from bayesdeg.api import emulator as emulator
+    from bayesdeg.api import lifetime as lifetime
     from bayesdeg.api import predict as predict
     from bayesdeg.api import report as report
     from bayesdeg.causes.cause import Cause as Cause
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
     from bayesdeg.errors import StudyError as StudyError
     from bayesdeg.pipeline.formula import Readings as Readings
     from bayesdeg.pipeline.reading import read_study as read_study
+    from bayesdeg.prediction.conditions import Conditions as Conditions
     from bayesdeg.priors import HalfNormal as HalfNormal
     from bayesdeg.priors import LogNormal as LogNormal
     from bayesdeg.priors import Normal as Normal
@@ -50,7 +52,10 @@ if TYPE_CHECKING:
     from bayesdeg.results import Verdict as Verdict
 
 _HOMES = {
-    "api": (*("calibrate", "compare", "control", "criticise", "emulator", "predict", "report"),),
+    "api": (
+        *("calibrate", "compare", "control", "criticise", "emulator", "lifetime", "predict"),
+        "report",
+    ),
     "causes.cause": ("Cause", "Stage"),
     "errors": ("BayesdegError", "GeometryError", "StudyError"),
     "priors": (
@@ -61,6 +66,7 @@ _HOMES = {
     "data.study": ("Study",),
     "pipeline.formula": ("Readings",),
     "pipeline.reading": ("read_study",),
+    "prediction.conditions": ("Conditions",),
     "results": ("Calibration", "Model", "Report", "Verdict"),
 }
 _HOME = {name: f"bayesdeg.{home}" for home, names in _HOMES.items() for name in names}

@@ -36,6 +36,9 @@ from bayesdeg.errors import BayesdegError, use_one_of
 from bayesdeg.pipeline.emulation import Campaign, expect, train_emulator
 from bayesdeg.pipeline.experiment import Written
 from bayesdeg.pipeline.progress import Progress
+from bayesdeg.prediction.conditions import PROMPT, Conditions
+from bayesdeg.prediction.lifetime import Duty
+from bayesdeg.prediction.soil import Level
 from bayesdeg.results import Calibration, Model, Report, Verdict
 
 Floats = NDArray[np.float64]
@@ -246,7 +249,9 @@ def predict(
     *,
     pressure: ArrayLike | None = None,
     degradation: ArrayLike | None = None,
+    hours: ArrayLike | None = None,
     x: Any = None,
+    conditions: Conditions = PROMPT,
     seed: int | None = None,
     progress: bool | None = None,
 ) -> pd.DataFrame:
@@ -258,8 +263,14 @@ def predict(
         Of any model.
     pressure, degradation : float or array
         Of actuators: pressures as read [kPa] and degradation rates [%], every combination.
+    hours : float or array
+        In place of degradation rates: times in the soil [h], from which the rates follow by the
+        moisture of films, with their uncertainty.
     x : array or DataFrame
         Of readings of one's own: what the forward map is asked.
+    conditions : Conditions
+        Of actuators: by default a prompt first loading in a horizontal mount. Active causes move
+        predictions in others, such as ``Conditions(hold_s=60, mount="hanging")``.
     seed, progress, optional
         As of `calibrate`.
 
@@ -274,7 +285,7 @@ def predict(
     Warns
     -----
     UserWarning
-        Where predictions lie outside of what was measured.
+        Where predictions lie outside of what was measured, and of conditions that move nothing.
 
     Raises
     ------
@@ -285,16 +296,16 @@ def predict(
     with _work(progress, 1, parallel=False) as (show, _):
         asked = (fit.fit, fit.effort, _seed(seed, fit.seed), show)
         if experiment.own is not None:
-            if x is None or pressure is not None or degradation is not None:
+            if x is None or any(one is not None for one in (pressure, degradation, hours)):
                 raise BayesdegError("a model with a forward map of its own is asked at x=...")
             show.stage("predicting")
             return experiment.predict_own(*asked[:3], _inputs(x))
         if x is not None:
             raise BayesdegError("a model of a study is asked at pressure=... and degradation=...")
         pressures = _numbers(pressure, "pressure", "kPa")
-        rates = _numbers(degradation, "degradation", "%", high=100.0)
-        _warn(experiment.extrapolations(rates, pressures))
-        return experiment.predict(*asked, pressure=pressures, degradation=rates)
+        levels = _levels(fit, degradation, hours, asked[2], show)
+        _warn(experiment.cautions(fit.fit, levels, pressures, conditions))
+        return experiment.predict(*asked, pressure=pressures, levels=levels, conditions=conditions)
 
 
 def control(
@@ -302,9 +313,12 @@ def control(
     *,
     curvature: ArrayLike | None = None,
     degradation: ArrayLike | None = None,
+    hours: ArrayLike | None = None,
     max_risk: float = 0.05,
+    beyond: bool = False,
     reading: ArrayLike | None = None,
     x: Any = None,
+    conditions: Conditions = PROMPT,
     seed: int | None = None,
     progress: bool | None = None,
 ) -> pd.DataFrame:
@@ -319,13 +333,20 @@ def control(
         Of a study with actuators, or of a forward map of one's own.
     curvature, degradation : float or array
         Wanted curvatures [1/m] and degradation rates [%], every combination.
+    hours : float or array
+        In place of degradation rates, as of `predict` [h].
     max_risk : float
         Largest probability of rupture that is accepted.
+    beyond : bool
+        Whether pressures are allowed above the largest that was tested, and above what actuators
+        survived that burst at or near the degradation rate.
     reading : float or array
         Of a forward map of one's own: wanted readings, without reading error, in their unit.
     x : array, DataFrame or mapping of names to arrays
         Inputs to be tried, in the order in which they are passed through; of several, the first is
         looked for and the others go along with it.
+    conditions : Conditions
+        Of actuators, as of `predict`.
     seed, progress, optional
         As of `calibrate`.
 
@@ -342,7 +363,8 @@ def control(
     Warns
     -----
     UserWarning
-        Where a pressure or degradation rate lies outside of what was measured.
+        Where a pressure or degradation rate lies outside of what was measured, and of conditions
+        that move nothing.
 
     Raises
     ------
@@ -353,17 +375,108 @@ def control(
     if not 0.0 < max_risk < 1.0:
         raise BayesdegError(f"max_risk {max_risk:g} bounds nothing; give one between 0 and 1")
     if experiment.own is not None:
-        return _control_own(fit, reading, x, _seed(seed, fit.seed), (curvature, degradation))
+        other = (curvature, degradation, hours)
+        return _control_own(fit, reading, x, _seed(seed, fit.seed), other)
     if reading is not None or x is not None:
         raise BayesdegError("a model of a study is asked at curvature=... and degradation=...")
     wanted = _numbers(curvature, "curvature", "1/m", low=np.nextafter(0.0, 1.0))
-    rates = _numbers(degradation, "degradation", "%", high=100.0)
     with _work(progress, 1, parallel=False) as (show, _):
         asked = (fit.fit, fit.effort, _seed(seed, fit.seed), show)
-        table = experiment.control(*asked, curvature=wanted, degradation=rates, max_risk=max_risk)
+        levels = _levels(fit, degradation, hours, asked[2], show)
+        table, said = experiment.control(
+            *asked,
+            curvature=wanted,
+            levels=levels,
+            max_risk=max_risk,
+            conditions=conditions,
+            beyond=beyond,
+        )
     set_to = table["pressure_kPa"].dropna().to_numpy(np.float64)
-    _warn(experiment.extrapolations(rates, set_to))
+    _warn((*said, *experiment.cautions(fit.fit, levels, set_to, conditions)))
     return table
+
+
+def lifetime(
+    fit: Calibration,
+    *,
+    pressure: float,
+    curvature: float,
+    max_risk: float = 0.05,
+    hours: ArrayLike | None = None,
+    beyond: bool = False,
+    conditions: Conditions = PROMPT,
+    seed: int | None = None,
+    progress: bool | None = None,
+) -> pd.DataFrame:
+    """Follow actuators in the soil: how long they do a duty, which pressure keeps a curvature.
+
+    An actuator fails when it bursts at the pressure of its duty, or bends by less than asked.
+
+    Parameters
+    ----------
+    fit : Calibration
+        Of a study with actuators, and with the moisture of films against time in the soil.
+    pressure, curvature : float
+        The duty: gauge pressure [kPa] and the curvature that it has to make [1/m].
+    max_risk : float
+        Largest probability of rupture that is accepted where the pressure is raised.
+    hours : array, optional
+        Times in the soil, at least two; by default up to the last film's [h].
+    beyond : bool
+        Whether pressures above those tested are allowed, as of `control`.
+    conditions, seed, progress, optional
+        As of `control`.
+
+    Returns
+    -------
+    DataFrame
+        The columns of ``lifetime.csv``, a row for each time. Its ``attrs`` have ``summary`` in
+        words, ``time_to_failure_q05_h``, ``_q50_h`` and ``_q95_h`` over new actuators, and
+        ``last_reachable_...`` in the same way; None where it does not happen within the times.
+
+    Warns
+    -----
+    UserWarning
+        Where something lies outside of what was measured, and of conditions that move nothing.
+
+    Raises
+    ------
+    BayesdegError
+        If something makes no sense, or the study does not tell the course of degradation.
+    """
+    experiment = _calibration(fit).model.experiment
+    if experiment.own is not None:
+        raise BayesdegError("a model with a forward map of its own has no life in the soil")
+    if not 0.0 < max_risk < 1.0:
+        raise BayesdegError(f"max_risk {max_risk:g} bounds nothing; give one between 0 and 1")
+    above = np.nextafter(0.0, 1.0)
+    at = _numbers(pressure, "pressure", "kPa", low=above)
+    [wanted] = _numbers(curvature, "curvature", "1/m", low=above)[:1]
+    times = None if hours is None else _numbers(hours, "hours", "h")
+    if times is not None and len(times) == 1:
+        raise BayesdegError(f"hours {times[0]:g} is a single time; give at least two times")
+    duty = Duty(float(at[0]), float(wanted), max_risk)
+    with _work(progress, 1, parallel=False) as (show, _):
+        asked = (fit.fit, fit.effort, _seed(seed, fit.seed), show)
+        table, said = experiment.lifetime(*asked, duty, times, conditions, beyond=beyond)
+    _warn(said)
+    return table
+
+
+def _levels(
+    fit: Calibration,
+    degradation: ArrayLike | None,
+    hours: ArrayLike | None,
+    seed: int,
+    progress: Progress,
+) -> tuple[Level, ...]:
+    """Return degradation rates, given or by hours in the soil."""
+    if degradation is not None and hours is not None:
+        raise BayesdegError("give degradation= or hours=, not both")
+    times = None if hours is None else _numbers(hours, "hours", "h")
+    rates = None if hours is not None else _numbers(degradation, "degradation", "%", high=100.0)
+    experiment = fit.model.experiment
+    return experiment.levels(rates, times, effort=fit.effort, seed=seed, progress=progress)
 
 
 def _control_own(

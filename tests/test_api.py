@@ -465,6 +465,26 @@ def test_a_study_predicts_and_finds_pressures(asked):
     assert pressure == pytest.approx(60.0, abs=2.0)
     with pytest.warns(UserWarning, match="extrapolation"):
         bd.predict(last, pressure=[500.0], degradation=0)
+    unsure = bd.Conditions(degradation_sd=2.0)
+    wide = bd.predict(last, pressure=60, degradation=10, conditions=unsure)
+    row = table.query("degradation_pct == 10 and pressure_kPa == 60")
+    assert (wide["q95"] - wide["q05"])[0] > 1.5 * (row["q95"] - row["q05"]).iloc[0]
+    with pytest.warns(UserWarning, match="mount hanging"):
+        bd.predict(last, pressure=60, degradation=10, conditions=bd.Conditions(mount="hanging"))
+    asked = {"curvature": 200.0, "degradation": 0}
+    assert bd.control(last, **asked)["allowed_kPa"][0] == 160.0  # the largest that was tested
+    with pytest.warns(UserWarning, match="extrapolation|rests") as said:
+        assert bd.control(last, **asked, beyond=True)["allowed_kPa"][0] > 160.0
+    assert any("rests on" in str(one.message) for one in said)
+    buried = bd.predict(last, pressure=60, hours=[0, 8])
+    assert buried["degradation_q05"][1] < buried["degradation_pct"][1]
+    assert buried["q50"][1] < buried["q50"][0]
+    wanted = float(buried["q50"].mean())
+    life = bd.lifetime(last, pressure=60, curvature=wanted, hours=np.linspace(0.0, 8.0, 5))
+    assert life.columns.tolist() == TABLES["lifetime"].headings
+    assert life["failed_probability"].is_monotonic_increasing
+    assert 0.0 < life.attrs["time_to_failure_q50_h"] < 8.0
+    assert "h" in life.attrs["summary"]
 
 
 @pytest.mark.slow
@@ -476,6 +496,11 @@ def test_mistakes_with_a_study_are_told(asked, tmp_path):
         (lambda: bd.criticise(last), "without causes"),
         (lambda: bd.predict(last, pressure=10.0), "degradation"),
         (lambda: bd.predict(last, pressure=-1.0, degradation=0.0), "not below 0"),
+        (lambda: bd.predict(last, pressure=1.0, degradation=0.0, hours=1.0), "not both"),
+        (lambda: bd.predict(last, pressure=1.0, hours=-1.0), "not below 0"),
+        (lambda: bd.lifetime(last, pressure=0.0, curvature=1.0), "pressure"),
+        (lambda: bd.lifetime(last, pressure=9.0, curvature=1.0, hours=3.0), "two times"),
+        (lambda: bd.lifetime(last, pressure=9.0, curvature=1.0, max_risk=0.0), "max_risk"),
         (lambda: bd.predict(last, x=[1.0]), "pressure"),
         (lambda: bd.control(last, curvature=0.0, degradation=0.0), "above 0"),
         (lambda: bd.control(last, curvature=1.0, degradation=0.0, max_risk=1.0), "max_risk"),

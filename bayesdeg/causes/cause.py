@@ -45,8 +45,8 @@ class Conditions:
     ----------
     pressure : array, shape (n_specimens, n_points)
         As read by the sensor [kPa].
-    degradation : array, shape (n_specimens, 1)
-        As measured [%].
+    degradation : array, shape (n_specimens, 1) or (walkers, n_specimens, 1)
+        As measured, or that of each walker [%].
     time : array
         Since the specimen's first row; nan where it was not recorded [s].
     cycle : array of int
@@ -80,7 +80,8 @@ class Conditions:
 
     def __post_init__(self) -> None:
         """Bring what was recorded to the shape of the readings."""
-        shape = np.broadcast_shapes(np.shape(self.pressure), np.shape(self.degradation))
+        rates = np.shape(self.degradation)[-2:]  # what was recorded is the same for all walkers
+        shape = np.broadcast_shapes(np.shape(self.pressure), rates)
         for name in ("time", "cycle", "unloading", "humidity", "mount"):
             object.__setattr__(self, name, np.broadcast_to(getattr(self, name), shape))
 

@@ -3,7 +3,7 @@
 import math
 import re
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Sized
 from pathlib import Path
 from typing import Annotated, Protocol
 
@@ -16,12 +16,15 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from bayesdeg.console import console
+from bayesdeg.console import console, say
 from bayesdeg.criticism.outcome import Outcome
 from bayesdeg.errors import BayesdegError
 from bayesdeg.files import spreadsheet_safe, written
+from bayesdeg.pipeline import forecast
+from bayesdeg.prediction.conditions import MOUNTS, PROMPT, Conditions
+from bayesdeg.prediction.soil import Level
 from bayesdeg.quantities import LARGEST_SEED
-from bayesdeg.records import FileRecord, Names, Scalar
+from bayesdeg.records import FileRecord, Names, Scalar, is_absent
 from bayesdeg.report.record import RunRecord, VerdictRecord
 from bayesdeg.report.wording import number
 
@@ -38,9 +41,60 @@ MaybeRates = Annotated[
     list[str] | None,
     typer.Option(
         "--degradation",
-        help="Degradation rates in percent, taken as known exactly: 10, or 0,10,25, or a range "
-        "0:25:5 (its end included); may be repeated.",
+        help="Degradation rates in percent, known but for --degradation-sd: 10, or 0,10,25, or a "
+        "range 0:25:5 (its end included); may be repeated.",
         metavar="PERCENT",
+    ),
+]
+Hours = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--hours",
+        help="Instead of --degradation: hours in the soil, from which the degradation rate follows "
+        "by the films' moisture, with its uncertainty; lists and ranges as for --degradation.",
+        metavar="H",
+    ),
+]
+Hold = Annotated[
+    float,
+    typer.Option(
+        "--hold-s",
+        help="How long the pressure has been held, and the actuator in the room, when it is read, "
+        "in seconds.",
+        metavar="S",
+    ),
+]
+Cycle = Annotated[
+    int,
+    typer.Option(
+        help="Loading cycle, from 1; earlier ones went to the largest pressure that was tested.",
+        metavar="N",
+    ),
+]
+Branch = Annotated[
+    str,
+    typer.Option(
+        help="loading, or unloading: down from the largest pressure that was tested.",
+        metavar="BRANCH",
+    ),
+]
+Humidity = Annotated[
+    float | None,
+    typer.Option(
+        help="Relative humidity of the room in percent; it acts over the time of --hold-s.",
+        metavar="PERCENT",
+    ),
+]
+Mount = Annotated[
+    str,
+    typer.Option(help="How the actuator is held: " + ", ".join(MOUNTS) + ".", metavar="MOUNT"),
+]
+DegradationSd = Annotated[
+    float,
+    typer.Option(
+        "--degradation-sd",
+        help="Standard error of the degradation rate of the actuator, in points of percent.",
+        metavar="POINTS",
     ),
 ]
 Base = Annotated[
@@ -128,7 +182,22 @@ def _range(text: str, option: str) -> list[float]:
     return [first + step * i for i in range(count)]
 
 
-def refuse_too_many(*asked: Floats, most: int = MOST_ROWS) -> None:
+def refuse_risk(risk: float) -> None:
+    """Refuse a risk that bounds nothing.
+
+    Raises
+    ------
+    typer.BadParameter
+        If it is not above 0 and below 1.
+    """
+    if not 0.0 < risk < 1.0:
+        raise typer.BadParameter(
+            f"--risk {risk:g} is no probability that could bound anything; give a number above 0 "
+            "and below 1, such as 0.05"
+        )
+
+
+def refuse_too_many(*asked: Sized, most: int = MOST_ROWS) -> None:
     """Refuse more rows than anybody reads.
 
     Raises
@@ -230,11 +299,18 @@ class Answer(FileRecord):
     outcome: Outcome = Field(description="of the run")
     units: Mapping[str, str] = Field(description="by column of the rows")
     messages: Names = Field(description="what its user should know")
+    summary: Mapping[str, Scalar] = Field(
+        default={}, exclude_if=is_absent, description="of lifetime: times in hours"
+    )
     rows: tuple[Mapping[str, Scalar], ...]
 
 
 def give(
-    stored: Recorded, table: pd.DataFrame, messages: Sequence[str], units: dict[str, str]
+    stored: Recorded,
+    table: pd.DataFrame,
+    messages: Sequence[str],
+    units: dict[str, str],
+    summary: Mapping[str, float | None] | None = None,
 ) -> None:
     """Print an answer as JSON.
 
@@ -248,6 +324,8 @@ def give(
         What its user should know.
     units : dict
         By column.
+    summary : mapping, optional
+        Numbers that are of no row.
     """
     rows = [
         {name: None if pd.isna(value) else value for name, value in row.items()}
@@ -258,11 +336,39 @@ def give(
         virtual=stored.run.virtual,
         model=stored.name,
         outcome=stored.verdict.outcome,
-        units=units,
+        units={name: unit for name, unit in units.items() if name in table},
         messages=tuple(messages),
+        summary=summary or {},
         rows=tuple({str(name): cell for name, cell in row.items()} for row in rows),
     )
     sys.stdout.write(answer.text())
+
+
+def delivered(
+    stored: Recorded,
+    table: pd.DataFrame,
+    messages: Sequence[str],
+    units: dict[str, str],
+    *,
+    out: Path | None,
+    quiet: bool,
+    as_json: bool,
+    summary: Mapping[str, float | None] | None = None,
+) -> bool:
+    """Write an answer where that is asked for, say its messages, print it as JSON.
+
+    Returns
+    -------
+    bool
+        Whether that is all, and nothing is left to be shown.
+    """
+    if out is not None:
+        write_csv(out, table)
+    if not quiet:
+        say(messages)
+    if as_json:
+        give(stored, table, messages, units, summary)
+    return as_json
 
 
 def write_csv(path: Path, table: pd.DataFrame) -> None:
@@ -325,6 +431,46 @@ def needed(given: list[str] | None, option: str, x: list[str] | None) -> list[st
     if not given:
         raise typer.BadParameter(f"{option} is missing")
     return given
+
+
+def levels_of(
+    report: Path, degradation: list[str] | None, hours: list[str] | None, seed: int | None
+) -> tuple[Level, ...]:
+    """Return the degradation rates that are asked for, given or by hours in the soil.
+
+    Raises
+    ------
+    typer.BadParameter
+        If neither is given, or both are, or one makes no sense.
+    BayesdegError
+        If the study says nothing of the course of degradation.
+    """
+    if degradation and hours:
+        raise typer.BadParameter("give --degradation or --hours, not both")
+    if not hours:
+        if not degradation:
+            raise typer.BadParameter("--degradation is missing; give it, or --hours in the soil")
+        rates = numbers(degradation, "--degradation", "%", low=0.0, high=100.0)
+        return forecast.levels_at(degradation=rates, hours=None, soil=None, seed=seed)
+    times = numbers(hours, "--hours", "h", low=0.0, high=math.inf)
+    return forecast.levels_at(
+        degradation=None, hours=times, soil=forecast.soil_of(report), seed=seed
+    )
+
+
+def refuse_conditions(conditions: Conditions) -> None:
+    """Refuse conditions of actuators where a forward map of one's own is asked.
+
+    Raises
+    ------
+    typer.BadParameter
+        Naming them.
+    """
+    if conditions != PROMPT:
+        raise typer.BadParameter(
+            f"{', '.join(conditions.changed)} is of actuators, and has no meaning in a study with "
+            "a forward map of its own"
+        )
 
 
 def refuse_others(**given: object) -> None:

@@ -10,30 +10,40 @@ from numpy.typing import NDArray
 from bayesdeg.commands.answers import (
     AsJson,
     Base,
+    Branch,
+    Cycle,
+    DegradationSd,
     EmulatorFile,
+    Hold,
+    Hours,
+    Humidity,
     Inputs,
     MaybeRates,
+    Mount,
     OutFile,
     RunFolderPath,
     Seed,
     answer,
+    delivered,
     empty_table,
-    give,
     inputs_of,
+    levels_of,
     needed,
     numbers,
     output,
+    refuse_conditions,
     refuse_others,
+    refuse_risk,
     refuse_too_many,
     seed_of,
-    write_csv,
 )
 from bayesdeg.commands.options import Quiet
-from bayesdeg.console import say, shown
+from bayesdeg.console import shown
 from bayesdeg.pipeline import forecast, formula
 from bayesdeg.pipeline.forecast import StoredRun, read_stored
 from bayesdeg.pipeline.output import output_file
 from bayesdeg.pipeline.own_forecast import is_own, read_own
+from bayesdeg.prediction.conditions import PROMPT, Conditions
 from bayesdeg.prediction.control import Setting
 from bayesdeg.report.wording import chance, interval
 
@@ -41,7 +51,8 @@ Floats = NDArray[np.float64]
 
 MOST_SETTINGS = 500
 UNITS = (
-    {"degradation_pct": "%", "wanted_per_m": "1/m", "risk": "–", "reached": "1 yes, 0 no"}
+    {forecast.TIME: "h", "wanted_per_m": "1/m", "risk": "–", "reached": "1 yes, 0 no"}
+    | dict.fromkeys(("degradation_pct", *forecast.RATE_COLUMNS), "%")
     | dict.fromkeys(("pressure_kPa", "allowed_kPa"), "kPa")
     | dict.fromkeys(("needed_q05_kPa", "needed_q50_kPa", "needed_q95_kPa"), "kPa")
     | dict.fromkeys(forecast.BAND_COLUMNS, "1/m")
@@ -83,13 +94,30 @@ Risk = Annotated[
     typer.Option(help="Largest probability of rupture that is accepted.", metavar="PROBABILITY"),
 ]
 
+Beyond = Annotated[
+    bool,
+    typer.Option(
+        "--beyond",
+        help="Allow pressures above the largest that was tested, and above those at which "
+        "actuators burst.",
+    ),
+]
+
 
 def control(
     report: RunFolderPath,
     curvature: Curvatures = None,
     degradation: MaybeRates = None,
+    hours: Hours = None,
     risk: Risk = 0.05,
+    beyond: Beyond = False,
     reading: Wanted = None,
+    hold_s: Hold = PROMPT.hold_s,
+    cycle: Cycle = PROMPT.cycle,
+    branch: Branch = PROMPT.branch,
+    humidity: Humidity = PROMPT.humidity_pct,
+    mount: Mount = PROMPT.mount,
+    degradation_sd: DegradationSd = PROMPT.degradation_sd,
     x: Inputs = None,
     base: Base = False,
     emulator: EmulatorFile = None,
@@ -104,62 +132,64 @@ def control(
     gives the pressures that 90 % of the specimens need, the curvature at the pressure, and the
     probability of rupture. A specimen for which the emulator has no answer counts as burst: it
     balloons, or nothing is known of it. If the wanted curvature cannot be reached at this risk,
-    the largest allowed pressure is given, with the curvature there; the exit code is 0 too.
+    the largest allowed pressure is given, with the curvature there; the exit code is 0 too. By
+    default it is for a prompt first loading in a horizontal mount; --hold-s, --cycle, --branch,
+    --humidity and --mount act by the causes that the run named. Whatever the risk, no pressure is
+    allowed above the largest that was tested, nor above what actuators survived that burst at or
+    near the degradation rate, unless --beyond is given.
 
     For a forward map of your own, give --reading, and with --x the inputs to try: for the first
     input, the range in which to look. Nothing is known of rupture there, so no risk is bounded.
     """
+    conditions = Conditions(hold_s, cycle, branch, humidity, mount, degradation_sd)
     if is_own(report):
-        refuse_others(curvature=curvature, degradation=degradation)
+        refuse_conditions(conditions)
+        refuse_others(curvature=curvature, degradation=degradation, hours=hours)
         _of_own(report, reading or [], x or [], base=base, seed=seed, out=out, as_json=as_json)
         return
-    wanted, rates = _asked(curvature, degradation, risk, x or reading)
-    refuse_too_many(wanted, rates, most=MOST_SETTINGS)
+    wanted = _asked(curvature, risk, x or reading)
+    levels = levels_of(report, degradation, hours, seed)
+    refuse_too_many(wanted, levels, most=MOST_SETTINGS)
     out = None if out is None else output_file(out)
     stored = read_stored(report, base=base, emulator=emulator)
     with shown(quiet or as_json) as progress:
         found = forecast.settings(
-            stored, rates, wanted, risk=risk, seed=seed_of(stored, seed), progress=progress
+            *(stored, levels, wanted),
+            risk=risk,
+            seed=seed_of(stored, seed),
+            progress=progress,
+            conditions=conditions,
+            experience=None if beyond else stored.experience,
         )
     table = forecast.settings_table(found)
-    if out is not None:
-        write_csv(out, table)
-    set_to = table["pressure_kPa"].dropna().to_numpy(np.float64)
-    messages = (*forecast.warnings(stored, rates, set_to), *forecast.small_risk(stored, risk))
-    if not quiet:
-        say(messages)
-    if as_json:
-        give(stored, table, messages, UNITS)
-        return
-    _show(stored, found)
+    messages = (
+        *forecast.said_of_settings(stored, levels, found, conditions, beyond=beyond),
+        *forecast.small_risk(stored, risk),
+    )
+    if not delivered(stored, table, messages, UNITS, out=out, quiet=quiet, as_json=as_json):
+        _show(stored, found)
 
 
-def _asked(
-    curvature: list[str] | None, degradation: list[str] | None, risk: float, other: list[str] | None
-) -> tuple[Floats, Floats]:
-    """Return wanted curvatures [1/m] and degradation rates [%]."""
+def _asked(curvature: list[str] | None, risk: float, other: list[str] | None) -> Floats:
+    """Return wanted curvatures [1/m]."""
     curvature = needed(curvature, "--curvature", other)
-    degradation = needed(degradation, "--degradation", other)
     wanted = numbers(curvature, "--curvature", "1/m", low=0.0, high=float("inf"))
     if wanted[0] == 0.0:
         raise typer.BadParameter("--curvature 0 needs no pressure; give a curvature above 0")
-    rates = numbers(degradation, "--degradation", "%", low=0.0, high=100.0)
-    if not 0.0 < risk < 1.0:
-        raise typer.BadParameter(
-            f"--risk {risk:g} is no probability that could bound anything; give a number above 0 "
-            "and below 1, such as 0.05"
-        )
-    return wanted, rates
+    refuse_risk(risk)
+    return wanted
 
 
 def _show(stored: StoredRun, found: list[Setting]) -> None:
-    table = empty_table(stored, HEADINGS, f", risk up to {found[0].risk:g}")
+    time = () if found[0].hours is None else ("soil\n[h]",)
+    table = empty_table(stored, (*time, *HEADINGS), f", risk up to {found[0].risk:g}")
     checks = forecast.checks_of(stored)
     for s in found:
         burst, low, high = (chance(float(p), checks) for p in s.probability)
         allowed = f"{s.allowed.pressure:.0f}"
         table.add_row(
-            f"{s.degradation:g}",
+            *(() if s.hours is None else (f"{s.hours:g}",)),
+            f"{s.degradation:.4g}",
             f"{s.wanted:g}",
             "yes" if s.reached else "no",
             f"{s.pressure:.1f}" if np.isfinite(s.pressure) else "–",

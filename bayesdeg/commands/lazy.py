@@ -28,6 +28,8 @@ class Command:
         First sentence of that docstring.
     examples : tuple of str
         Command lines that its own help ends with.
+    output : tuple of str
+        Lines that the last of them prints.
     """
 
     name: str
@@ -35,11 +37,13 @@ class Command:
     function: str
     summary: str
     examples: tuple[str, ...]
+    output: tuple[str, ...] = ()
 
     @property
     def epilog(self) -> str:
         """What the help of the command ends with; rich keeps lines apart by an empty one."""
-        return "\n\n".join(["For example:", *(f"`{line}`" for line in self.examples)])
+        prints = ["which prints:", *(f"`{line}`" for line in self.output)] if self.output else []
+        return "\n\n".join(["For example:", *(f"`{line}`" for line in self.examples), *prints])
 
 
 COMMANDS = (
@@ -107,6 +111,13 @@ COMMANDS = (
         (
             "bayesdeg predict reports/gelatin_actuator --pressure 0:240:20 "
             "--degradation 0 --degradation 25",
+            "bayesdeg predict reports/gelatin_actuator --pressure 120 --degradation 10 "
+            "--hold-s 60 --mount hanging",
+            "bayesdeg predict reports/gelatin_actuator --pressure 120 --hours 8",
+        ),
+        (
+            "soil   D_R    pressure  κ q05  κ q25  κ q50  κ q75  κ q95  …",
+            "8 h    12.66  120 kPa   3.88   4.14   4.32   4.50   4.76   …",
         ),
     ),
     Command(
@@ -114,7 +125,28 @@ COMMANDS = (
         "control",
         "control",
         "Find the pressure that reaches a wanted curvature at a bounded risk of rupture.",
-        ("bayesdeg control reports/gelatin_actuator --curvature 15 --degradation 10 --risk 0.05",),
+        (
+            "bayesdeg control reports/gelatin_actuator --curvature 15 --degradation 10 --risk 0.05",
+            "bayesdeg control reports/gelatin_actuator --curvature 4 --hours 0:24:6",
+            "bayesdeg control reports/gelatin_actuator --curvature 10 --degradation 25",
+        ),
+        (
+            "10 1/m at 25 % is out of reach: half of the specimens need more than 477 kPa, and "
+            "240 kPa is the largest pressure that was tested, or survived where others burst; "
+            "--beyond allows more; half of the specimens bend by more than 4.61 1/m there",
+        ),
+    ),
+    Command(
+        "lifetime",
+        "lifetime",
+        "lifetime",
+        "Say how long an actuator in the soil does its duty, and which pressure keeps its "
+        "curvature.",
+        ("bayesdeg lifetime reports/gelatin_actuator --pressure 120 --curvature 5 --risk 0.05",),
+        (
+            "An actuator fails its duty of 5 1/m at 120 kPa when it bursts or bends less: half of "
+            "new actuators do so by 6.37 h (5 % by 5.07 h, 95 % by 7.87 h).",
+        ),
     ),
     Command(
         "next",

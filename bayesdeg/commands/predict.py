@@ -3,43 +3,58 @@
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 import pandas as pd
 import typer
+from numpy.typing import NDArray
 
 from bayesdeg.commands.answers import (
     AsJson,
     Base,
+    Branch,
+    Cycle,
+    DegradationSd,
     EmulatorFile,
+    Hold,
+    Hours,
+    Humidity,
     Inputs,
     MaybeRates,
+    Mount,
     OutFile,
     RunFolderPath,
     Seed,
     answer,
+    delivered,
     empty_table,
-    give,
     inputs_of,
+    levels_of,
     needed,
     numbers,
     output,
+    refuse_conditions,
     refuse_others,
     refuse_too_many,
     seed_of,
-    write_csv,
 )
 from bayesdeg.commands.options import Quiet
-from bayesdeg.console import say, shown
+from bayesdeg.console import shown
 from bayesdeg.pipeline import forecast, formula
 from bayesdeg.pipeline.forecast import StoredRun, read_stored
 from bayesdeg.pipeline.output import output_file
 from bayesdeg.pipeline.own_forecast import is_own, read_own
+from bayesdeg.prediction.conditions import PROMPT, Conditions
 from bayesdeg.report.wording import chance, interval, number
 
+Floats = NDArray[np.float64]
+
 UNITS = (
-    {"degradation_pct": "%", "pressure_kPa": "kPa"}
+    {forecast.TIME: "h", "pressure_kPa": "kPa"}
+    | dict.fromkeys(("degradation_pct", *forecast.RATE_COLUMNS), "%")
     | dict.fromkeys(forecast.BAND_COLUMNS, "1/m")
     | dict.fromkeys((*forecast.PROBABILITY_COLUMNS, "answered"), "–")
 )
+RUPTURE_HEADINGS = ("rupture\nprobability", "90 %\ninterval")
 
 Pressures = Annotated[
     list[str] | None,
@@ -56,6 +71,13 @@ def predict(
     report: RunFolderPath,
     pressure: Pressures = None,
     degradation: MaybeRates = None,
+    hours: Hours = None,
+    hold_s: Hold = PROMPT.hold_s,
+    cycle: Cycle = PROMPT.cycle,
+    branch: Branch = PROMPT.branch,
+    humidity: Humidity = PROMPT.humidity_pct,
+    mount: Mount = PROMPT.mount,
+    degradation_sd: DegradationSd = PROMPT.degradation_sd,
     x: Inputs = None,
     base: Base = False,
     emulator: EmulatorFile = None,
@@ -66,53 +88,55 @@ def predict(
 ) -> None:
     """Predict curvature and rupture of a new specimen from the posterior of a finished run.
 
-    Curvatures are 5, 25, 50, 75 and 95 % quantiles over new specimens on a prompt first loading in
-    a horizontal mount, without reading noise. The probability of rupture up to a pressure has its
-    90 % interval; what is less than one in the films broken and actuators loaded is no number.
-    Cells are empty where most specimens are beyond the range of the emulator. Of a forward map of
-    one's own give --x NAME=VALUES for each of its inputs.
+    Curvatures are 5, 25, 50, 75 and 95 % quantiles over new specimens, without reading noise; by
+    default on a prompt first loading in a horizontal mount. --hold-s, --cycle, --branch, --humidity
+    and --mount move predictions by the causes that the run named; what no cause answers to is said.
+    The probability of rupture up to a pressure has its 90 % interval; what is less than one in the
+    films broken and actuators loaded is no number. Cells are empty where most specimens are beyond
+    the range of the emulator. Of a forward map of one's own give --x NAME=VALUES for each of its
+    inputs.
     """
+    conditions = Conditions(hold_s, cycle, branch, humidity, mount, degradation_sd)
     if is_own(report):
-        refuse_others(pressure=pressure, degradation=degradation)
+        refuse_conditions(conditions)
+        refuse_others(pressure=pressure, degradation=degradation, hours=hours)
         _of_own(report, x or [], base=base, seed=seed, out=out, as_json=as_json)
         return
-    pressure, degradation = (
-        needed(pressure, "--pressure", x),
-        needed(degradation, "--degradation", x),
+    pressures = numbers(
+        needed(pressure, "--pressure", x), "--pressure", "kPa", low=0.0, high=np.inf
     )
-    pressures = numbers(pressure, "--pressure", "kPa", low=0.0, high=float("inf"))
-    rates = numbers(degradation, "--degradation", "%", low=0.0, high=100.0)
-    refuse_too_many(pressures, rates)
+    levels = levels_of(report, degradation, hours, seed)
+    refuse_too_many(pressures, levels)
     out = None if out is None else output_file(out)
     stored = read_stored(report, base=base, emulator=emulator)
-    messages = forecast.warnings(stored, rates, pressures)
+    messages = forecast.said_of(stored, levels, pressures, conditions)
     with shown(quiet or as_json) as progress:
         table = forecast.predict(
-            stored, rates, pressures, seed=seed_of(stored, seed), progress=progress
+            *(stored, levels, pressures),
+            seed=seed_of(stored, seed),
+            progress=progress,
+            conditions=conditions,
         )
-    if out is not None:
-        write_csv(out, table)
-    if not quiet:
-        say(messages)
-    if as_json:
-        give(stored, table, messages, UNITS)
-        return
-    _show(stored, table)
+    if not delivered(stored, table, messages, UNITS, out=out, quiet=quiet, as_json=as_json):
+        _show(stored, table)
 
 
 def _show(stored: StoredRun, table: pd.DataFrame) -> None:
     kappas = (f"κ {name}\n[1/m]" for name in forecast.BAND_COLUMNS)
-    headings = ("D_R\n[%]", "pressure\n[kPa]", *kappas, "rupture\nprobability", "90 %\ninterval")
+    time = ("soil\n[h]",) if forecast.TIME in table else ()
+    headings = (*time, "D_R\n[%]", "pressure\n[kPa]", *kappas, *RUPTURE_HEADINGS)
     shown_table = empty_table(stored, headings)
     checks = forecast.checks_of(stored, forecast.RUPTURE_DRAWS)
     last = None
     for row in table.to_dict("records"):
-        if last is not None and row["degradation_pct"] != last:
+        place = [f"{row[name]:g}" for name in (forecast.TIME,) if name in row]
+        place.append(f"{row['degradation_pct']:.4g}")
+        if last is not None and place != last:
             shown_table.add_section()
-        last = row["degradation_pct"]
+        last = place
         burst, low, high = (chance(row[name], checks) for name in forecast.PROBABILITY_COLUMNS)
         shown_table.add_row(
-            f"{last:g}",
+            *place,
             f"{row['pressure_kPa']:g}",
             *(number(row[name]) for name in forecast.BAND_COLUMNS),
             burst,
@@ -121,8 +145,8 @@ def _show(stored: StoredRun, table: pd.DataFrame) -> None:
     console = output()
     console.print(shown_table)
     for row in table[table["why"] != ""].to_dict("records"):
-        place = f"{row['degradation_pct']:g} %, {row['pressure_kPa']:g} kPa"
-        console.print(f"{place}: {row['why']}", soft_wrap=True)
+        where = f"{row['degradation_pct']:.4g} %, {row['pressure_kPa']:g} kPa"
+        console.print(f"{where}: {row['why']}", soft_wrap=True)
 
 
 def _of_own(

@@ -132,7 +132,8 @@ class ActuatorCurves:
     specimens : tuple of str
         One a curve.
     degradation, degradation_sd : array, shape (n_specimens, 1)
-        D_R as measured and its standard error [%].
+        D_R as measured and its standard error [%]; (n, n_specimens, 1) where new specimens are
+        predicted that have a rate of their own in each draw.
     pressure, curvature : array, shape (n_specimens, n_points)
         As read [kPa], [1/m].
     curvature_sd : array, shape (n_specimens, n_points)

@@ -29,9 +29,12 @@ from bayesdeg.inference.sampling import EFFORTS, to_datatree
 from bayesdeg.pipeline import forecast, formula
 from bayesdeg.pipeline.assemble import Assembly, assemble, assemble_own
 from bayesdeg.pipeline.calibrate import Fit, base_of, calibrate
+from bayesdeg.pipeline.experience import experience_of
+from bayesdeg.pipeline.films import course_of
 from bayesdeg.pipeline.forecast import model_document
 from bayesdeg.pipeline.formula import DrawnFormula, OwnMap, cause_of, probe
 from bayesdeg.pipeline.judge import Judgement, with_sampled_sizes
+from bayesdeg.pipeline.lifetime import default_hours, life_summary, life_table, lifetime_of
 from bayesdeg.pipeline.outline import outline
 from bayesdeg.pipeline.output import run_folder
 from bayesdeg.pipeline.progress import Progress
@@ -46,10 +49,13 @@ from bayesdeg.pipeline.run import (
     with_counts,
     with_options,
 )
+from bayesdeg.prediction.conditions import PROMPT, Conditions
+from bayesdeg.prediction.lifetime import Duty
+from bayesdeg.prediction.soil import Level, Soil
 from bayesdeg.priors import Parameter
 from bayesdeg.report.checkpoints import NoCheckpoints
 from bayesdeg.report.left_out import Guard
-from bayesdeg.report.record import VerdictRecord
+from bayesdeg.report.record import ModelEntry, VerdictRecord
 from bayesdeg.report.tables import ALL_LEVELS
 
 Floats = NDArray[np.float64]
@@ -325,17 +331,19 @@ class ModelledExperiment:
         progress: Progress,
         *,
         pressure: Floats,
-        degradation: Floats,
+        levels: Sequence[Level],
+        conditions: Conditions = PROMPT,
     ) -> pd.DataFrame:
         """Return curvature bands and rupture probabilities of a new specimen."""
         if self.own is not None:
             raise BayesdegError("a model with a forward map of its own is asked at x=...")
         return forecast.predict(
             self._of_actuators(fit, effort),
-            degradation,
+            levels,
             pressure,
             seed=np.random.SeedSequence([seed, 1]),
             progress=progress,
+            conditions=conditions,
         )
 
     def control(
@@ -346,24 +354,31 @@ class ModelledExperiment:
         progress: Progress,
         *,
         curvature: Floats,
-        degradation: Floats,
+        levels: Sequence[Level],
         max_risk: float,
-    ) -> pd.DataFrame:
-        """Return the pressure for each curvature at each degradation rate."""
+        conditions: Conditions = PROMPT,
+        beyond: bool = False,
+    ) -> tuple[pd.DataFrame, tuple[str, ...]]:
+        """Return the pressure for each curvature at each degradation rate, and what bounds it."""
         if self.own is not None:
             raise BayesdegError(
                 "a model with a forward map of its own has no curvature and no pressure: ask "
                 "control(fit, reading=..., x=...)"
             )
+        experience = experience_of(self._document)
         found = forecast.settings(
             self._of_actuators(fit, effort),
-            degradation,
+            levels,
             curvature,
             risk=max_risk,
             seed=np.random.SeedSequence([seed, 1]),
             progress=progress,
+            conditions=conditions,
+            experience=None if beyond else experience,
         )
-        return forecast.settings_table(found)
+        strong = fit.model.has_elongation
+        said = forecast.basis(experience, found, beyond=beyond, strong=strong)
+        return forecast.settings_table(found), said
 
     def predict_own(self, fit: Fit, effort: Effort, seed: int, x: Any) -> pd.DataFrame:
         """Return what a new specimen would show at x, without reading error."""
@@ -385,13 +400,75 @@ class ModelledExperiment:
             raise BayesdegError(f"a model of a study is asked at {ask}")
         return self.own, DrawnFormula(fit.model, fit.chain.thinned(EFFORTS[effort].kept))
 
-    def extrapolations(self, degradation: Floats, pressure: Floats) -> tuple[str, ...]:
-        """Say where predictions lie outside of what was measured."""
-        measured = model_document(self.assembly.model).measured
-        ranges = {
-            name: (float(low or 0), float(high or 0)) for name, (low, high) in measured.items()
-        }
-        return forecast.extrapolations(ranges, degradation, pressure)
+    def levels(
+        self,
+        degradation: Floats | None,
+        hours: Floats | None,
+        *,
+        effort: Effort,
+        seed: int,
+        progress: Progress,
+    ) -> tuple[Level, ...]:
+        """Return the degradation rates at which to predict, known or after hours in the soil.
+
+        Raises
+        ------
+        BayesdegError
+            If hours are given, and the study has no moisture of films.
+        """
+        if hours is None:
+            return forecast.levels_at(degradation=degradation, hours=None, soil=None, seed=seed)
+        soil = self._soil(effort, seed, progress)
+        return forecast.levels_at(degradation=None, hours=hours, soil=soil, seed=seed)
+
+    def _soil(self, effort: Effort, seed: int, progress: Progress) -> Soil:
+        progress.stage("course of degradation")
+        course = course_of(self.study, EFFORTS[effort], Streams.of(seed).films)
+        if course is None:
+            raise BayesdegError(forecast.NO_COURSE)
+        return Soil(course.draws)
+
+    def lifetime(
+        self,
+        fit: Fit,
+        effort: Effort,
+        seed: int,
+        progress: Progress,
+        duty: Duty,
+        hours: Floats | None,
+        conditions: Conditions,
+        *,
+        beyond: bool,
+    ) -> tuple[pd.DataFrame, tuple[str, ...]]:
+        """Return what becomes of actuators in the soil, and what a user should know."""
+        soil = self._soil(effort, seed, progress)
+        times = default_hours(forecast.ranges_of(self._document)) if hours is None else hours
+        life = lifetime_of(
+            *(self._of_actuators(fit, effort), soil, duty, times),
+            seed=np.random.SeedSequence([seed, 1]),
+            progress=progress,
+            conditions=conditions,
+            experience=None if beyond else experience_of(self._document),
+        )
+        table, summary = life_table(life, duty), life_summary(life, duty)
+        table.attrs.update(summary.facts, summary=str(summary))
+        at = np.array([duty.pressure])
+        return table, self.cautions(fit, soil.levels(times[[0, -1]]), at, conditions)
+
+    def cautions(
+        self, fit: Fit, levels: Sequence[Level], pressure: Floats, conditions: Conditions
+    ) -> tuple[str, ...]:
+        """Say where predictions lie outside of what was measured, and what moves nothing."""
+        ranges, rates = forecast.ranges_of(self._document), forecast.rates_of(levels)
+        return (
+            *forecast.extrapolations(ranges, rates, pressure),
+            *forecast.hours_beyond(ranges, levels),
+            *forecast.unanswered_conditions(fit, rates, conditions),
+        )
+
+    @property
+    def _document(self) -> ModelEntry:
+        return model_document(self.assembly.model, self.study)
 
     def _of_actuators(self, fit: Fit, effort: Effort) -> Fit:
         """Return a calibration with the draws that a run folder keeps."""

@@ -131,6 +131,17 @@ def examine(
     return Films(fit, orders, _stated(study))
 
 
+def course_of(study: Study, effort: Effort, seed: np.random.SeedSequence) -> CourseFit | None:
+    """Calibrate the course of degradation as `examine` does with the same seed.
+
+    Returns
+    -------
+    CourseFit or None
+        None without readings of moisture at two times.
+    """
+    return _course(study, effort=effort, seed=seed.spawn(2)[0])
+
+
 def course_table(fit: CourseFit, generator: np.random.Generator) -> pd.DataFrame:
     """Return bands of degradation rate and moisture against time, and the films: ``course.csv``.
 

@@ -15,6 +15,7 @@ from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.causes.catalogue import find, in_order
 from bayesdeg.causes.cause import Cause
 from bayesdeg.data.settings import Dimensions
+from bayesdeg.data.study import Study
 from bayesdeg.emulator.kept import CACHE, Recipe, cached_path
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.emulator.trained import default_surrogate, read_trained
@@ -22,9 +23,11 @@ from bayesdeg.errors import BayesdegError
 from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import Chain
 from bayesdeg.observations.curvature import Curvature
-from bayesdeg.observations.specimens import FilmsAndActuators, control_name
+from bayesdeg.observations.specimens import COURSE, FilmsAndActuators, control_name
 from bayesdeg.observations.tensile import Tensile
+from bayesdeg.pipeline.experience import Experience, bursts_of, experience_of
 from bayesdeg.pipeline.progress import Progress
+from bayesdeg.prediction.conditions import PROMPT, Conditions
 from bayesdeg.prediction.control import Setting, control, largest_allowed
 from bayesdeg.prediction.predictive import (
     DRAWS,
@@ -33,14 +36,16 @@ from bayesdeg.prediction.predictive import (
     curvature_bands,
     draw_specimens,
     fewest_checks,
+    moving_nothing,
     not_below,
     respond,
     rupture_table,
     specimens_tested,
 )
+from bayesdeg.prediction.soil import Level, Soil, known_levels
 from bayesdeg.priors import Flat, Parameter
 from bayesdeg.records import RecordError
-from bayesdeg.report.folder import POSTERIOR, POSTERIOR_BASE, RunFolder
+from bayesdeg.report.folder import POSTERIOR, POSTERIOR_BASE, POSTERIOR_COURSE, RunFolder
 from bayesdeg.report.record import ModelEntry, RunRecord, VerdictRecord
 from bayesdeg.report.wording import SPACE, sentences
 
@@ -83,14 +88,21 @@ class StoredRun:
         """The model by its causes: ``base``, ``base+pressure_offset``."""
         return "+".join(["base", *(cause.name for cause in self.model.causes)])
 
+    @property
+    def experience(self) -> Experience:
+        """How far actuators were tested, and where they burst."""
+        return experience_of(self.run.model or ModelEntry())
 
-def model_document(model: JointModel) -> ModelEntry:
+
+def model_document(model: JointModel, study: Study | None = None) -> ModelEntry:
     """Return what `read_stored` needs of a model beside its posterior: ``model`` of ``run.json``.
 
     Parameters
     ----------
     model : JointModel
         The base model of a run.
+    study : Study, optional
+        For the ruptures that it cites.
     """
     measured: dict[str, Iterable[float]] = {}
     for tests in model.of_kind(Curvature):
@@ -99,6 +111,8 @@ def model_document(model: JointModel) -> ModelEntry:
     films = [float(level) for one in model.of_kind(Tensile) for level in one.levels]
     films += [s.degradation for s in model.statistics if s.quantity == "young_modulus"]
     measured |= {"film_degradation_pct": films} if films else {}
+    buried = None if study is None else study.moisture
+    measured |= {} if buried is None else {TIME: buried["time_h"].to_numpy(np.float64)}
     return ModelEntry(
         nodes_pct=model.nodes,
         elongation_nodes_pct=model.elongation_nodes,
@@ -106,7 +120,14 @@ def model_document(model: JointModel) -> ModelEntry:
         largest_pressure_kPa=model.largest_pressure,
         measured={name: (float(min(v)), float(max(v))) for name, v in measured.items()},
         rupture_checks=specimens_tested(model) or None,
+        bursts=bursts_of(model, study),
     )
+
+
+def ranges_of(entry: ModelEntry) -> dict[str, Range]:
+    """Return the ranges of what was measured, by name; what is not known is left out."""
+    found = {name: [n for n in ends if n is not None] for name, ends in entry.measured.items()}
+    return {name: (float(ends[0]), float(ends[-1])) for name, ends in found.items() if ends}
 
 
 def read_stored(
@@ -282,7 +303,8 @@ def _known(numbers: Sequence[float | None]) -> tuple[float, ...]:
     return known
 
 
-BAND_DRAWS, RUPTURE_DRAWS = 2000, 1000
+BAND_DRAWS, RUPTURE_DRAWS, ANSWER_DRAWS = 2000, 1000, 500
+TIME, RATE_COLUMNS = "time_h", ("degradation_q05", "degradation_q95")
 PRESSURES_AT_ONCE = 40  # bounds the memory
 LEAST_ANSWERED = 0.5  # of the specimens; below, a band says nothing
 NEARLY_ALL = 0.99
@@ -313,11 +335,12 @@ class Drawn(Protocol):
 
 def predict(
     stored: Drawn,
-    degradation: Floats,
+    levels: Sequence[Level],
     pressure: Floats,
     *,
     seed: np.random.SeedSequence,
     progress: Progress,
+    conditions: Conditions = PROMPT,
 ) -> pd.DataFrame:
     """Return curvature bands and rupture probabilities of a new specimen.
 
@@ -325,60 +348,83 @@ def predict(
     ----------
     stored : Drawn
         JointModel and posterior.
-    degradation, pressure : array
-        Degradation rates [%] and pressures as read [kPa], both rising.
+    levels : sequence of Level
+        Degradation rates, known or after a time in the soil, see `levels_at`.
+    pressure : array
+        As read, rising [kPa].
     seed : SeedSequence
         Everything random comes from it.
     progress : Progress
         Shows the levels.
+    conditions : Conditions
+        In which the specimen is used.
 
     Returns
     -------
     DataFrame
-        The columns of ``bands.csv`` and ``rupture.csv``; ``answered``, the share of specimens for
+        Of a time in the soil ``time_h`` and ``degradation_q05``, ``degradation_q95``; the columns
+        of ``bands.csv`` and ``rupture.csv``; ``answered``, the share of specimens for
         which the forward map has an answer [–]; and ``why`` something is missing.
     """
     first, second = seed.spawn(2)
     specimens = draw_specimens(
-        stored.model, stored.chain, np.random.default_rng(second), draws=500, strata=4
+        *(stored.model, stored.chain, np.random.default_rng(second)),
+        draws=ANSWER_DRAWS,
+        strata=4,
+        conditions=conditions,
     )
     pieces = np.array_split(pressure, -(-len(pressure) // PRESSURES_AT_ONCE))
-    progress.stage("predicting", total=len(degradation) * len(pieces))
+    progress.stage("predicting", total=len(levels) * len(pieces))
     frames = []
-    for level in degradation:
+    for level in levels:
         for piece in pieces:
-            frames.append(_predicted(stored, specimens, level, piece, first))
-            progress.advance(1, f"{level:g} %")
+            table = _predicted(stored, specimens, level, piece, first)
+            frames.append(_with_time(table, level))
+            progress.advance(1, str(level))
     return pd.concat(frames, ignore_index=True)
+
+
+def _with_time(table: pd.DataFrame, level: Level) -> pd.DataFrame:
+    """Add the time in the soil, and the interval of the degradation rate."""
+    if level.is_known:
+        return table
+    low, _, high = level.interval
+    table.insert(0, TIME, level.hours)
+    for place, (name, value) in enumerate(zip(RATE_COLUMNS, (low, high), strict=True)):
+        table.insert(2 + place, name, value)
+    return table
 
 
 def _predicted(
     stored: Drawn,
     specimens: Specimens,
-    level: float,
+    level: Level,
     pressure: Floats,
     seed: np.random.SeedSequence,
 ) -> pd.DataFrame:
-    model, chain, at = stored.model, stored.chain, np.array([level])
+    conditions = specimens.conditions
     # anew from the seed, so that every row is about the same draws
-    generator = np.random.default_rng(seed)
+    model, chain, generator = stored.model, stored.chain, np.random.default_rng(seed)
     table = curvature_bands(
-        model, chain, generator, degradation=at, pressure=pressure, draws=BAND_DRAWS
+        *(model, chain, generator),
+        degradation=level.column(BAND_DRAWS),
+        pressure=pressure,
+        draws=BAND_DRAWS,
+        conditions=conditions,
     )
     table[list(PROBABILITY_COLUMNS)] = np.nan
     if model.has_elongation:
         generator = np.random.default_rng(seed)
         rupture = rupture_table(
-            model,
-            chain,
-            generator,
-            degradation=at,
+            *(model, chain, generator),
+            degradation=level.column(RUPTURE_DRAWS),
             pressure=pressure,
             draws=RUPTURE_DRAWS,
             specimens=checks_of(stored, RUPTURE_DRAWS),
+            conditions=conditions,
         )
         table[list(PROBABILITY_COLUMNS)] = rupture[list(PROBABILITY_COLUMNS)]
-    answered = respond(specimens, level, pressure).answered
+    answered = respond(specimens, level.of_draws(ANSWER_DRAWS), pressure).answered
     unknown = table["probability"].isna() & model.has_elongation
     why = [_why(a, rupture=bool(u)) for a, u in zip(answered, unknown, strict=True)]
     return table.assign(answered=answered, why=why)
@@ -399,14 +445,66 @@ def _said(part: str, **facts: object) -> str:
     return sentences("answers", part, **facts).replace(SPACE, " ")
 
 
+def levels_at(
+    *, degradation: Floats | None, hours: Floats | None, soil: Soil | None, seed: int | str | None
+) -> tuple[Level, ...]:
+    """Return the degradation rates at which to predict.
+
+    Parameters
+    ----------
+    degradation : array, optional
+        Known [%].
+    hours : array, optional
+        Otherwise: times in the soil [h].
+    soil : Soil, optional
+        The course of degradation; needed for times in the soil.
+    seed : int
+        Draws of the course come from it, the same for all times.
+    """
+    if hours is None or soil is None:
+        return known_levels(() if degradation is None else degradation)
+    generator = np.random.default_rng([int(seed or 0), COURSE_STREAM])
+    return soil.drawn(generator, BAND_DRAWS).levels(hours)
+
+
+def soil_of(path: Path) -> Soil:
+    """Read the course of degradation in the soil from a run folder.
+
+    Raises
+    ------
+    BayesdegError
+        If the study has no readings of moisture that could tell it, or the file is damaged.
+    """
+    draws = RunFolder(path).draws_of(POSTERIOR_COURSE)
+    if draws is None:
+        raise BayesdegError(f"{path}: {NO_COURSE}")
+    values = {str(n): v.to_numpy().ravel().astype(np.float64) for n, v in draws.items()}
+    if not {p.name for p in COURSE} <= set(values):
+        raise _impossible(path, "the course of degradation lacks a parameter")
+    for name, drawn in values.items():
+        if not np.all(np.isfinite(drawn) & (drawn >= 0.0)):
+            raise _impossible(path, f"draws of {name} are no finite numbers above 0")
+    return Soil(values)
+
+
+NO_COURSE = (
+    "the study has no moisture of films against time in the soil, so hours say nothing of the "
+    "degradation rate; give the rate itself, or add moisture.csv with fresh films and films of one "
+    "later time or more, and run the study again"
+)
+COURSE_STREAM = 3  # of the seed: draws of the course are independent of all others
+
+
 def settings(
     stored: Drawn,
-    degradation: Floats,
+    levels: Sequence[Level],
     wanted: Floats,
     *,
     risk: float,
     seed: np.random.SeedSequence,
     progress: Progress,
+    conditions: Conditions = PROMPT,
+    experience: Experience | None = None,
 ) -> list[Setting]:
     """Return the pressure for each wanted curvature at each degradation rate.
 
@@ -414,37 +512,59 @@ def settings(
     ----------
     stored : Drawn
         JointModel and posterior.
-    degradation, wanted : array
-        Degradation rates [%] and curvatures [1/m].
+    levels : sequence of Level
+        Degradation rates, see `levels_at`.
+    wanted : array
+        Curvatures [1/m].
     risk : float
         Largest probability of rupture that is accepted [–].
     seed : SeedSequence
         Everything random comes from it.
     progress : Progress
         Shows the levels.
+    conditions : Conditions
+        In which the specimens are used.
+    experience : Experience, optional
+        Above which nothing is allowed; by default the risk alone bounds the pressure.
     """
-    specimens = draw_specimens(stored.model, stored.chain, np.random.default_rng(seed))
+    generator = np.random.default_rng(seed)
+    specimens = draw_specimens(stored.model, stored.chain, generator, conditions=conditions)
     first, checks = stored.model.largest_pressure, checks_of(stored)
-    progress.stage("finding pressures", total=len(degradation))
+    progress.stage("finding pressures", total=len(levels))
     found = []
-    for level in degradation:
-        allowed = largest_allowed(specimens, level, risk, first=first)
+    for level in levels:
+        rates = level.of_draws(len(specimens.score) // specimens.strata)
+        ceiling = np.inf if experience is None else ceiling_of(experience, level)
+        allowed = largest_allowed(specimens, rates, risk, first=first, ceiling=ceiling)
         settings_there = (
-            control(specimens, level, curvature, risk=risk, first=first, allowed=allowed)
+            control(specimens, rates, curvature, risk=risk, first=first, allowed=allowed)
             for curvature in wanted
         )
         found += [
-            replace(one, probability=not_below(one.probability, checks)) for one in settings_there
+            replace(
+                one,
+                probability=not_below(one.probability, checks),
+                hours=level.hours,
+                rates=level.interval,
+            )
+            for one in settings_there
         ]
-        progress.advance(1, f"{level:g} %")
+        progress.advance(1, str(level))
     return found
+
+
+def ceiling_of(experience: Experience, level: Level) -> float:
+    """Return what experience allows at all degradation rates that are likely [kPa]."""
+    return min(experience.ceiling(float(rate)) for rate in level.interval)
 
 
 def settings_table(found: list[Setting]) -> pd.DataFrame:
     """Return settings as a table, one row each; what is not finite is empty."""
     rows = [
-        {
-            "degradation_pct": s.degradation,
+        ({} if s.hours is None else {TIME: s.hours})
+        | {"degradation_pct": s.degradation}
+        | ({} if s.hours is None else dict(zip(RATE_COLUMNS, s.rates[[0, -1]], strict=True)))
+        | {
             "wanted_per_m": s.wanted,
             "risk": s.risk,
             "reached": int(s.reached),
@@ -465,6 +585,31 @@ def statement(setting: Setting) -> str:
     return "" if setting.reached else _said("out_of_reach", s=setting)
 
 
+def basis(
+    experience: Experience, found: Sequence[Setting], *, beyond: bool, strong: bool
+) -> tuple[str, ...]:
+    """Say what bounds settings besides the risk, or what those above it rest on.
+
+    Parameters
+    ----------
+    experience : Experience
+        How far actuators were tested, and where they burst.
+    found : sequence of Setting
+        At any degradation rates.
+    beyond : bool
+        Whether more was allowed than was tested.
+    strong : bool
+        Whether anything is known of the elongation at break.
+    """
+    rates = {float(r): s.allowed for s in found for r in s.rates}
+    near = dict.fromkeys(one for rate in rates for one in experience.near(rate))
+    said = [str(Caution("burst", {"b": one, "tested": experience.pressure})) for one in near]
+    over = {r: c for r, a in rates.items() if a.pressure > (c := experience.ceiling(r))}
+    if beyond and over:
+        said.append(str(Caution("rests_on", {"over": over, "strong": strong})))
+    return tuple(said)
+
+
 @dataclass(frozen=True)
 class Caution:
     """Something that a user of predictions should know.
@@ -483,6 +628,74 @@ class Caution:
     def __str__(self) -> str:
         """Return it in words."""
         return _said(self.kind, **self.facts)
+
+
+def unanswered_conditions(
+    stored: Drawn, degradation: Floats, conditions: Conditions
+) -> tuple[str, ...]:
+    """Say which conditions move nothing that is predicted; parameters of `predict`."""
+    ends = np.unique(degradation[[0, -1]])
+    names = moving_nothing(stored.model, stored.chain, ends, conditions)
+    causes = [cause.name for cause in stored.model.causes]
+    given = {name: getattr(conditions, name) for name in names}
+    return tuple(
+        str(Caution("moves_nothing", {"name": n, "value": v, "causes": causes}))
+        for n, v in given.items()
+    )
+
+
+def rates_of(levels: Sequence[Level]) -> Floats:
+    """Return the degradation rates that are asked, rising: those known, or the ends of others."""
+    ends = [level.interval[[0, -1]] for level in levels]
+    rates = np.unique(np.concatenate([np.empty(0), *ends]))
+    # after a time in the soil a small rate is no percentage given as a fraction
+    known = all(level.is_known for level in levels)
+    return rates if known else np.unique(np.where(_is_small(rates), 0.0, rates))
+
+
+def hours_beyond(measured: Mapping[str, Range], levels: Sequence[Level]) -> tuple[str, ...]:
+    """Say where times in the soil are longer than any film was in it.
+
+    Parameters
+    ----------
+    measured : mapping
+        As in `bayesdeg.pipeline.forecast.StoredRun`.
+    levels : sequence of Level
+        Degradation rates.
+    """
+    longest = max((level.hours or 0.0 for level in levels), default=0.0)
+    last = measured.get(TIME, (0.0, np.inf))[1]
+    facts = {"last": last, "asked": longest}
+    return (str(Caution("hours_beyond", facts)),) if longest > 1.001 * last else ()
+
+
+def said_of(
+    stored: StoredRun, levels: Sequence[Level], pressure: Floats, conditions: Conditions
+) -> tuple[str, ...]:
+    """Say what a user of predictions at these levels and pressures should know."""
+    rates = rates_of(levels)
+    return (
+        *warnings(stored, rates, pressure),
+        *hours_beyond(stored.measured, levels),
+        *unanswered_conditions(stored, rates, conditions),
+    )
+
+
+def said_of_settings(
+    stored: StoredRun,
+    levels: Sequence[Level],
+    found: Sequence[Setting],
+    conditions: Conditions,
+    *,
+    beyond: bool,
+) -> tuple[str, ...]:
+    """Say what a user of settings should know."""
+    set_to = np.array([s.pressure for s in found if np.isfinite(s.pressure)])
+    strong = stored.model.has_elongation
+    return (
+        *said_of(stored, levels, set_to, conditions),
+        *basis(stored.experience, found, beyond=beyond, strong=strong),
+    )
 
 
 def warnings(stored: StoredRun, degradation: Floats, pressure: Floats) -> tuple[str, ...]:

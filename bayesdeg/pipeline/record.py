@@ -608,10 +608,10 @@ def _rests_on_own(study: Study, own: OwnMap) -> list[BasisEntry]:
     ]
 
 
-def _model_of(results: Results) -> ModelEntry:
+def _model_of(results: Results, study: Study) -> ModelEntry:
     """Return what predictions need; counts that the final model is fitted to are checks too."""
     tested = specimens_tested(results.final.model) or None
-    return model_document(results.base.model).model_copy(update={"rupture_checks": tested})
+    return model_document(results.base.model, study).model_copy(update={"rupture_checks": tested})
 
 
 # share of refused proposals above which the posterior may be cut off
@@ -661,7 +661,7 @@ def run_document(
         rests_on=tuple(_rests_on_own(study, own) if own else rests_on(study, results.base.model)),
         convergence=_convergence(results),
         emulator=_emulator(results, guard),
-        model=None if own else _model_of(results),
+        model=None if own else _model_of(results, study),
         forward=own.source if own else "",
         misfit=StatisticEntry(
             observed=None if judgement is None else judgement.misfit.statistic,

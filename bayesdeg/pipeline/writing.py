@@ -36,9 +36,14 @@ from bayesdeg.observations.tensile import (
 from bayesdeg.pipeline.assemble import level_grid
 from bayesdeg.pipeline.calibrate import Fit, Sampled
 from bayesdeg.pipeline.deformed import Begun, write_deformed
+from bayesdeg.pipeline.experience import experience_of
+from bayesdeg.pipeline.forecast import model_document, ranges_of
 from bayesdeg.pipeline.judge import Judgement
+from bayesdeg.pipeline.lifetime import default_hours, life_table, lifetime_of
+from bayesdeg.pipeline.progress import Silent
 from bayesdeg.pipeline.record import Results, verdict_of
 from bayesdeg.prediction.control import INTERVAL, largest_allowed, needed_by
+from bayesdeg.prediction.lifetime import Duty
 from bayesdeg.prediction.predictive import (
     Specimens,
     curvature_bands,
@@ -50,6 +55,7 @@ from bayesdeg.prediction.predictive import (
     rupture_table,
     specimens_tested,
 )
+from bayesdeg.prediction.soil import Soil
 from bayesdeg.report import tables as columns
 from bayesdeg.report.folder import (
     POSTERIOR,
@@ -360,7 +366,9 @@ SHARE = 0.5  # of the largest curvature measured at a level: what is wanted ther
 DRAWS = 300
 
 
-def decisions(fits: Mapping[str, Fit], generator: np.random.Generator) -> pd.DataFrame:
+def decisions(
+    fits: Mapping[str, Fit], generator: np.random.Generator, study: Study | None = None
+) -> pd.DataFrame:
     """Return the pressure for half of the largest curvature measured at each level, by model.
 
     Parameters
@@ -369,6 +377,8 @@ def decisions(fits: Mapping[str, Fit], generator: np.random.Generator) -> pd.Dat
         Calibrations by the models' names, with actuators.
     generator : Generator
         Draws the specimens.
+    study : Study, optional
+        For the ruptures that it cites.
 
     Returns
     -------
@@ -376,14 +386,16 @@ def decisions(fits: Mapping[str, Fit], generator: np.random.Generator) -> pd.Dat
         The columns of ``decisions.csv``: wanted curvature, the pressure that a new specimen needs
         with its 90 % interval, and the probability of rupture there.
     """
-    data = next(iter(fits.values())).model.actuator
+    model = next(iter(fits.values())).model
+    data, experience = model.actuator, experience_of(model_document(model, study))
     assert data is not None
     rows = []
     for name, fit in fits.items():
         specimens = draw_specimens(fit.model, fit.chain, generator, draws=DRAWS)
         first = fit.model.largest_pressure
         for level, wanted in _wanted(data):
-            allowed = largest_allowed(specimens, level, RISK, first=first)
+            ceiling = experience.ceiling(level)
+            allowed = largest_allowed(specimens, level, RISK, first=first, ceiling=ceiling)
             each = needed_by(specimens, level, wanted, first=first)
             needed = np.quantile(each, INTERVAL, method="inverted_cdf")
             rows.append(
@@ -422,6 +434,36 @@ def _wanted(data: ActuatorCurves) -> list[tuple[float, float]]:
         for k, centre in enumerate(centres)
     ]
     return [(level, wanted) for level, wanted in found if wanted > 0.0]
+
+
+LIFE_DRAWS = 80
+DUTY_SHARE = 0.5  # of the largest pressure, and of the fresh curvature there: what is kept up
+
+
+def life(found: "TableSources") -> pd.DataFrame | None:
+    """Return the life in the soil of what keeps half of its fresh curvature at half the pressure.
+
+    None without actuators, or without the course of degradation.
+    """
+    films, fit = found.results.films, found.results.final
+    if not found.has_actuators or films is None or films.course is None:
+        return None
+    entry = model_document(found.results.base.model, found.study)
+    pressure = DUTY_SHARE * fit.model.largest_pressure
+    specimens = draw_specimens(fit.model, fit.chain, found.generator, draws=LIFE_DRAWS)
+    fresh = respond(specimens, 0.0, np.array([pressure])).curvature
+    wanted = DUTY_SHARE * float(np.nanmedian(fresh))
+    if not wanted > 0.0:
+        return None
+    duty = Duty(pressure, float(f"{wanted:.3g}"), RISK)
+    followed = lifetime_of(
+        *(fit, Soil(films.course.draws), duty, default_hours(ranges_of(entry))),
+        seed=np.random.SeedSequence(int(found.generator.integers(2**63))),
+        progress=Silent(),
+        experience=experience_of(entry),
+        draws=LIFE_DRAWS,
+    )
+    return life_table(followed, duty)
 
 
 @dataclass
@@ -734,7 +776,7 @@ BUILDS: Mapping[str, Build] = {
     columns.OBSERVATIONS: _observations_table,
     columns.LEVELS: _levels_table,
     columns.DECISIONS: lambda found: (
-        decisions(found.results.fits, found.generator) if found.has_actuators else None
+        decisions(found.results.fits, found.generator, found.study) if found.has_actuators else None
     ),
     columns.GAIN: _gain_table,
     columns.GAIN_MODES: _gain_modes_table,
@@ -744,4 +786,5 @@ BUILDS: Mapping[str, Build] = {
     columns.LOO_PIT: _loo_pit,
     columns.MISFIT_NULL: _null_table,
     columns.FITTED: _fitted_table,
+    columns.LIFETIME: lambda found: life(found),  # looked up when it is made
 }

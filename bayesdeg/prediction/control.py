@@ -1,6 +1,6 @@
 """Control: the pressure that reaches a wanted curvature at a bounded risk of rupture."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,11 +29,14 @@ class Allowed:
         lie outside of the range of the forward map.
     found : bool
         False if there was no end among the pressures tried: then `pressure` is the largest tried.
+    by_test : bool
+        Whether the risk would allow more, and what was tested ends it.
     """
 
     pressure: float
     by_rupture: bool
     found: bool = True
+    by_test: bool = False
 
 
 @dataclass(frozen=True)
@@ -43,7 +46,7 @@ class Setting:
     Parameters
     ----------
     degradation, wanted, risk : float
-        What was asked: [%], [1/m], [–].
+        What was asked: [%], the median where draws have rates of their own, [1/m], [–].
     pressure : float
         To be set [kPa]: that at which half of the specimens reach the wanted curvature, or the
         largest allowed if that is less; nan if none is allowed.
@@ -60,6 +63,10 @@ class Setting:
     probability : array, shape (3,)
         Probability of rupture at `pressure`, and its 5 and 95 % quantiles over the posterior [–];
         nan if nothing is known of the elongation at break.
+    hours : float, optional
+        Time in the soil, where the degradation rate follows from it [h].
+    rates : array
+        5, 50 and 95 % quantiles of the degradation rate then; where it is known that alone [%].
     """
 
     degradation: float
@@ -71,6 +78,8 @@ class Setting:
     allowed: Allowed
     curvature: Floats
     probability: Floats
+    hours: float | None = None
+    rates: Floats = field(default_factory=lambda: np.empty(0))
 
 
 def needed_pressure(pressure: Floats, curvature: Floats, wanted: float) -> Floats:
@@ -107,15 +116,17 @@ def needed_pressure(pressure: Floats, curvature: Floats, wanted: float) -> Float
     return np.where(reached.any(axis=1), found, np.inf)
 
 
-def needed_by(specimens: Specimens, degradation: float, wanted: float, *, first: float) -> Floats:
+def needed_by(
+    specimens: Specimens, degradation: float | Floats, wanted: float, *, first: float
+) -> Floats:
     """Return the pressure that each specimen needs for a curvature.
 
     Parameters
     ----------
     specimens : Specimens
         New specimens.
-    degradation : float
-        [%].
+    degradation : float or array, shape (n_draws,)
+        Of all, or of the specimens of each draw [%].
     wanted : float
         [1/m].
     first : float
@@ -143,7 +154,12 @@ def needed_by(specimens: Specimens, degradation: float, wanted: float, *, first:
 
 
 def largest_allowed(
-    specimens: Specimens, degradation: float, risk: float, *, first: float
+    specimens: Specimens,
+    degradation: float | Floats,
+    risk: float,
+    *,
+    first: float,
+    ceiling: float = np.inf,
 ) -> Allowed:
     """Return the largest pressure up to which the probability of rupture is not above a risk.
 
@@ -154,23 +170,27 @@ def largest_allowed(
     ----------
     specimens : Specimens
         New specimens.
-    degradation : float
-        [%].
+    degradation : float or array, shape (n_draws,)
+        Of all, or of the specimens of each draw [%].
     risk : float
         Between 0 and 1 [–].
     first : float
         The largest pressure tried first; doubled while it is allowed [kPa].
+    ceiling : float
+        Above which nothing is allowed, whatever the risk [kPa].
     """
 
     def over(pressure: Floats) -> NDArray[np.bool_]:
         answer: Floats = respond(specimens, degradation, pressure).burst.mean(axis=0)
         return answer > risk
 
-    top = first
+    top = min(first, ceiling)
     for _ in range(DOUBLINGS):
-        if over(np.array([top]))[0]:
+        if top == ceiling or over(np.array([top]))[0]:
             break
-        top *= 2.0
+        top = min(2.0 * top, ceiling)
+    if top == ceiling and not (top > 0.0 and over(np.array([top]))[0]):
+        return Allowed(top, by_rupture=False, by_test=True)
     low, high = 0.0, top
     for _ in range(ROUNDS):
         grid = np.linspace(low, high, POINTS)
@@ -186,7 +206,7 @@ def largest_allowed(
 
 def control(
     specimens: Specimens,
-    degradation: float,
+    degradation: float | Floats,
     wanted: float,
     *,
     risk: float,
@@ -202,8 +222,8 @@ def control(
     ----------
     specimens : Specimens
         New specimens.
-    degradation : float
-        Known exactly [%].
+    degradation : float or array, shape (n_draws,)
+        Of all, or of the specimens of each draw [%].
     wanted : float
         Curvature, above 0 [1/m].
     risk : float
@@ -229,12 +249,12 @@ def control(
     pressure = float(needed[1]) if reached else allowed.pressure
     if pressure == 0.0:
         nothing = np.full(len(QUANTILES), np.nan)
-        asked = (degradation, wanted, risk)
+        asked = (float(np.median(degradation)), wanted, risk)
         return Setting(*asked, np.nan, False, needed, allowed, nothing, nothing[:3])
     response = respond(specimens, degradation, np.array([pressure]))
     curvature = np.nan_to_num(response.curvature[:, 0], nan=np.inf, posinf=np.inf)
     return Setting(
-        degradation=degradation,
+        degradation=float(np.median(degradation)),
         wanted=wanted,
         risk=risk,
         pressure=pressure,
@@ -246,7 +266,7 @@ def control(
     )
 
 
-def _probability(specimens: Specimens, degradation: float, pressure: float) -> Floats:
+def _probability(specimens: Specimens, degradation: float | Floats, pressure: float) -> Floats:
     """Return the probability of rupture with its 90 % interval over the posterior."""
     if not specimens.model.has_elongation:
         return np.full(3, np.nan)

@@ -1,6 +1,7 @@
 """New specimens drawn from a posterior: curvature bands and rupture probability."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -8,11 +9,12 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from bayesdeg.actuator.inputs import Prediction
+from bayesdeg.causes.cause import Strength
 from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import Chain
 from bayesdeg.material.strength import rupture_probability
 from bayesdeg.observations.counts import RuptureCounts
-from bayesdeg.observations.curvature import ActuatorCurves
+from bayesdeg.prediction.conditions import PROMPT, Conditions, tests_in
 from bayesdeg.priors import Named
 
 Floats = NDArray[np.float64]
@@ -20,38 +22,162 @@ Floats = NDArray[np.float64]
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 
 
-def at_conditions(model: JointModel, degradation: Floats, pressure: Floats) -> JointModel:
-    """Return the model for one specimen at each degradation rate, over all pressures.
+def at_conditions(
+    model: JointModel, degradation: Floats, pressure: Floats, conditions: Conditions = PROMPT
+) -> JointModel:
+    """Return the model of new specimens at degradation rates, under pressures.
 
     Parameters
     ----------
     model : JointModel
         A calibrated model.
-    degradation : array, shape (n_levels,)
-        Known exactly [%].
+    degradation : array, shape (n_levels,) or (n, n_levels)
+        Known but for the standard error of the conditions, or that of each draw [%].
     pressure : array, shape (n_pressures,)
         As read by the sensor [kPa].
+    conditions : Conditions
+        Without a history each degradation rate has one specimen, over all pressures; with one
+        there is a specimen for each rate and pressure, see `bayesdeg.prediction.conditions`.
     """
-    shape = (len(degradation), len(pressure))
-    curves = ActuatorCurves(
-        specimens=tuple(f"{level:g} %" for level in degradation),
-        degradation=degradation[:, None],
-        degradation_sd=np.zeros((shape[0], 1)),
-        pressure=np.broadcast_to(pressure, shape).copy(),
-        curvature=np.zeros(shape),
-        curvature_sd=np.zeros(shape),
-        mask=np.ones(shape, dtype=bool),
-        bend_angle=np.zeros(shape),
-        angle_mask=np.zeros(shape, dtype=bool),
-        recorded=np.ones(shape, dtype=bool),
-        ruptured=np.zeros(shape, dtype=bool),
-        cycle=np.ones(shape, dtype=np.int64),
-        branch=np.full(shape, "loading"),
-        time=np.full(shape, np.nan),
-        humidity=np.full(shape, np.nan),
-        mount=np.full(shape, "horizontal"),
+    largest = model.largest_pressure
+    return model.of_actuators(tests_in(conditions, degradation, pressure, largest=largest))
+
+
+@dataclass(frozen=True)
+class Grid:
+    """New specimens at degradation rates, read at pressures in some conditions.
+
+    Parameters
+    ----------
+    model : JointModel
+        What `at_conditions` makes of the model that predicts.
+    levels, pressures : int
+        Number of each.
+    has_histories : bool
+        Whether each pressure is read on a specimen of its own, at the end of its history.
+    """
+
+    model: JointModel
+    levels: int
+    pressures: int
+    has_histories: bool = False
+
+    @classmethod
+    def of(
+        cls, model: JointModel, degradation: Floats, pressure: Floats, conditions: Conditions
+    ) -> "Grid":
+        """Return the grid of these rates and pressures, as of `at_conditions`."""
+        at = at_conditions(model, degradation, pressure, conditions)
+        return cls(at, np.shape(degradation)[-1], len(pressure), conditions.has_history)
+
+    @property
+    def _alike(self) -> int:
+        """Specimens at each rate, one after another, which differ in their pressure alone."""
+        return self.pressures if self.has_histories else 1
+
+    def deviation_sd(self, values: Named) -> Floats:
+        """Return τ of specimens at each rate, (n, n_levels, 1)."""
+        return self.model.deviation_sd(values)[:, :: self._alike]
+
+    def draw_deviation(self, values: Named, generator: np.random.Generator) -> Floats:
+        """Draw the deviation of ln stiffness of a specimen at each rate, (n, n_levels, 1)."""
+        sd = self.deviation_sd(values)
+        return sd * generator.standard_normal(sd.shape)
+
+    def strength(self, values: Named) -> Strength:
+        """Return the elongation limit of specimens at each rate, (n, n_levels, 1)."""
+        strength, step = self.model.strength(values), self._alike
+        return Strength(strength.median[:, ::step, None], strength.scatter[:, ::step, None])
+
+    def reached(self, values: Named, deviation: Floats) -> "Reached":
+        """Return what specimens do up to each reading, (n, n_levels, n_pressures).
+
+        Parameters
+        ----------
+        values : mapping
+            Named values, (n,).
+        deviation : array, shape (n, n_levels, 1)
+            Of each specimen's ln stiffness.
+        """
+        prediction = self.model.curvature(values, np.repeat(deviation, self._alike, axis=1))
+        answered = prediction.status == 0
+        if not self.has_histories:
+            stretch, sd = prediction.peak_stretch, prediction.peak_stretch_sd
+            return Reached(prediction.curvature, stretch, sd, answered)
+        shape = (-1, self.levels, self.pressures)
+        whole = answered.all(axis=-1)
+        curvature = np.where(whole, prediction.curvature[..., -1], np.nan)
+        largest, error = _largest_stretch(prediction)
+        bent, stretch, sd = (v.reshape(shape) for v in (curvature, largest, error))
+        return Reached(bent, stretch, sd, whole.reshape(shape))
+
+
+class Reached(NamedTuple):
+    """What specimens do up to their readings, each (n, n_levels, n_pressures).
+
+    Parameters
+    ----------
+    curvature : array
+        Without reading noise [1/m]; nan where the forward map has no answer.
+    stretch, stretch_sd : array
+        The largest stretch so far, and the forward map's error of it [–].
+    answered : array of bool
+        Whether the forward map has an answer to all that happened.
+    """
+
+    curvature: Floats
+    stretch: Floats
+    stretch_sd: Floats
+    answered: NDArray[np.bool_]
+
+
+def _largest_stretch(prediction: Prediction) -> tuple[Floats, Floats]:
+    """Return the largest stretch of each history and its error, (n, n_specimens)."""
+    stretch = prediction.peak_stretch
+    at = np.argmax(np.where(np.isfinite(stretch), stretch, 0.0), axis=-1)[..., None]
+    sd = np.broadcast_to(prediction.peak_stretch_sd, stretch.shape)
+    largest, error = (np.take_along_axis(v, at, axis=-1)[..., 0] for v in (stretch, sd))
+    return largest, error
+
+
+LOOKED_AT = 20  # draws with which it is seen what conditions move
+SHARES = np.array([0.25, 0.5, 0.75, 1.0])  # of the largest pressure tested, at which it is seen
+SAME = 1e-9  # relative difference up to which predictions are the same: rounding
+
+
+def moving_nothing(
+    model: JointModel, chain: Chain, degradation: Floats, conditions: Conditions
+) -> tuple[str, ...]:
+    """Return the names of conditions to which no cause answers, so that they move no curvature.
+
+    Each is put back to that of a prompt first loading while the others stay; a condition that acts
+    only together with another one that was not given moves nothing either. Rupture is left out:
+    whatever the causes, what was at a larger pressure before may have burst there.
+
+    Parameters
+    ----------
+    model, chain : JointModel, Chain
+        With the causes that may answer.
+    degradation : array, shape (n_levels,)
+        [%]
+    conditions : Conditions
+        Asked for.
+    """
+    flat = chain.vectors.reshape(-1, chain.vectors.shape[-1])
+    values = model.table.named(flat[:: -(-len(flat) // LOOKED_AT)])
+    pressure = SHARES * model.largest_pressure
+
+    def seen(at: Conditions) -> Floats:
+        grid = Grid.of(model, degradation, pressure, at)
+        sd = grid.deviation_sd(values)
+        return np.concatenate([sd, grid.reached(values, np.zeros_like(sd)).curvature], axis=-1)
+
+    whole = seen(conditions)
+    return tuple(
+        name
+        for name in conditions.changed
+        if np.allclose(whole, seen(conditions.without(name)), rtol=SAME, atol=0.0, equal_nan=True)
     )
-    return model.of_actuators(curves)
 
 
 def draw_values(
@@ -70,6 +196,7 @@ def curvature_bands(
     degradation: Floats,
     pressure: Floats,
     draws: int = 1000,
+    conditions: Conditions = PROMPT,
 ) -> pd.DataFrame:
     """Return quantiles of the curvature of a further specimen, without reading noise.
 
@@ -80,28 +207,36 @@ def curvature_bands(
     generator : Generator
         Draws parameters and the specimen's own stiffness.
     degradation, pressure : array
-        Levels [%] and pressures as read [kPa].
+        Levels [%], (n_levels,) or of each draw (draws, n_levels), and pressures as read [kPa].
     draws : int
         Number of specimens drawn.
+    conditions : Conditions
+        In which they are read.
 
     Returns
     -------
     DataFrame
-        Columns ``degradation_pct``, ``pressure_kPa``, ``q05`` … ``q95`` [1/m]; nan where more
-        than half of the draws lie outside the range of the forward map.
+        Columns ``degradation_pct``, the median of the draws, ``pressure_kPa``, ``q05`` … ``q95``
+        [1/m]; nan where more than half of the draws lie outside the range of the forward map.
     """
-    grid = at_conditions(model, degradation, pressure)
+    grid = Grid.of(model, degradation, pressure, conditions)
     values = draw_values(model, chain, generator, draws)
     deviation = grid.draw_deviation(values, generator)
-    curvature = grid.curvature(values, deviation).curvature
+    curvature = grid.reached(values, deviation).curvature
     usable = np.mean(np.isfinite(curvature), axis=0) > 0.5
     safe = np.where(usable, curvature, 0.0)
     bands = np.where(usable, np.nanquantile(safe, QUANTILES, axis=0), np.nan)
-    levels, pressures = np.meshgrid(degradation, pressure, indexing="ij")
+    levels, pressures = np.meshgrid(_medians(degradation), pressure, indexing="ij")
     columns = {f"q{round(100 * q):02d}": bands[i].ravel() for i, q in enumerate(QUANTILES)}
     return pd.DataFrame(
         {"degradation_pct": levels.ravel(), "pressure_kPa": pressures.ravel()} | columns
     )
+
+
+def _medians(degradation: Floats) -> Floats:
+    """Return the rates of all draws, or the medians of those of each, (n_levels,)."""
+    medians: Floats = degradation if degradation.ndim == 1 else np.median(degradation, axis=0)
+    return medians
 
 
 DRAWS, STRATA = 800, 6
@@ -122,12 +257,15 @@ class Specimens:
         Deviation of each specimen's ln stiffness in standard deviations.
     strata : int
         Specimens of a draw.
+    conditions : Conditions
+        In which they are used.
     """
 
     model: JointModel
     values: Named
     score: Floats
     strata: int
+    conditions: Conditions = PROMPT
 
 
 @dataclass(frozen=True)
@@ -160,6 +298,7 @@ def draw_specimens(
     *,
     draws: int = DRAWS,
     strata: int = STRATA,
+    conditions: Conditions = PROMPT,
 ) -> Specimens:
     """Draw parameters, and specimens of each, their stiffness spread evenly over its law.
 
@@ -174,11 +313,14 @@ def draw_specimens(
         Draws parameters and u.
     draws, strata : int
         Draws, and specimens of each.
+    conditions : Conditions
+        In which they are used.
     """
     values = draw_values(model, chain, generator, draws)
     place = (np.arange(strata) + generator.random((draws, 1))) / strata
     score = ndtri(np.clip(place, _EDGE, 1.0 - _EDGE)).ravel()
-    return Specimens(model, {n: np.repeat(v, strata) for n, v in values.items()}, score, strata)
+    repeated = {n: np.repeat(v, strata) for n, v in values.items()}
+    return Specimens(model, repeated, score, strata, conditions)
 
 
 def finer(specimens: Specimens, strata: int) -> Specimens:
@@ -195,39 +337,52 @@ def finer(specimens: Specimens, strata: int) -> Specimens:
     values = {n: np.repeat(v[:: specimens.strata], strata) for n, v in named.items()}
     draws = len(specimens.score) // specimens.strata
     score = np.tile(ndtri((np.arange(strata) + 0.5) / strata), draws)
-    return Specimens(specimens.model, values, score, strata)
+    return replace(specimens, values=values, score=score, strata=strata)
 
 
-def respond(specimens: Specimens, degradation: float, pressure: Floats) -> Response:
-    """Return what specimens do on a prompt first loading in a horizontal mount.
+def respond(specimens: Specimens, degradation: float | Floats, pressure: Floats) -> Response:
+    """Return what specimens do in their conditions.
 
     Parameters
     ----------
     specimens : Specimens
         Drawn once, so that answers at several pressures are those of the same specimens.
-    degradation : float
-        Known exactly [%].
+    degradation : float or array, shape (n_draws,) or (n,)
+        Degradation rate of all, of the specimens of each draw, or of each specimen [%].
     pressure : array, shape (n_pressures,)
         As read by the sensor, rising [kPa].
     """
-    grid = at_conditions(specimens.model, np.array([degradation]), pressure)
+    curvature, burst = respond_each(specimens, degradation, pressure)
+    return Response(curvature, burst.reshape(-1, specimens.strata, len(pressure)).mean(axis=1))
+
+
+def respond_each(
+    specimens: Specimens, degradation: float | Floats, pressure: Floats
+) -> tuple[Floats, Floats]:
+    """Return curvature [1/m] and probability of rupture of each specimen, (n, n_pressures).
+
+    Parameters are those of `respond`; what has no answer has no curvature, and counts as burst.
+    """
+    rates = np.atleast_1d(degradation)
+    if np.ndim(degradation):
+        rates = np.repeat(rates, len(specimens.score) // len(rates))[:, None]
+    grid = Grid.of(specimens.model, rates, pressure, specimens.conditions)
     deviation = specimens.score[:, None, None] * grid.deviation_sd(specimens.values)
-    prediction = grid.curvature(specimens.values, deviation)
-    answered = prediction.status[:, 0] == 0
-    known = _burst(grid, specimens.values, prediction) if grid.has_elongation else 0.0
-    burst = np.where(answered, known, 1.0).reshape(-1, specimens.strata, len(pressure))
-    return Response(np.where(answered, prediction.curvature[:, 0], np.nan), burst.mean(axis=1))
+    reached = grid.reached(specimens.values, deviation)
+    answered = reached.answered[:, 0]
+    known = _burst(grid, specimens.values, reached) if grid.model.has_elongation else 0.0
+    curvature: Floats = np.where(answered, reached.curvature[:, 0], np.nan)
+    return curvature, np.where(answered, known, 1.0)
 
 
-def _burst(grid: JointModel, values: Named, prediction: Prediction) -> Floats:
+def _burst(grid: Grid, values: Named, reached: Reached) -> Floats:
     """Return the probability that each specimen has burst, (n, n_pressures)."""
     strength = grid.strength(values)
-    stretch = prediction.peak_stretch[:, 0]
-    stretch = np.where(prediction.status[:, 0] == 0, np.maximum(stretch, 1.0), 1.0)
+    stretch = np.where(reached.answered[:, 0], np.maximum(reached.stretch[:, 0], 1.0), 1.0)
     # the error of the forward map adds to the scatter of the strain at break
-    share = np.nan_to_num(prediction.peak_stretch_sd[:, 0]) / np.maximum(stretch - 1.0, 1e-12)
-    scatter = np.hypot(strength.scatter, share)
-    return rupture_probability(stretch, 1.0 + strength.median, scatter, "lognormal")
+    share = np.nan_to_num(reached.stretch_sd[:, 0]) / np.maximum(stretch - 1.0, 1e-12)
+    scatter = np.hypot(strength.scatter[:, 0], share)
+    return rupture_probability(stretch, 1.0 + strength.median[:, 0], scatter, "lognormal")
 
 
 def specimens_tested(model: JointModel) -> int:
@@ -275,6 +430,7 @@ def rupture_table(
     pressure: Floats,
     draws: int = 500,
     specimens: int = 0,
+    conditions: Conditions = PROMPT,
 ) -> pd.DataFrame:
     """Return the probability that a specimen bursts up to a pressure.
 
@@ -282,6 +438,7 @@ def rupture_table(
     passes its uniaxial elongation limit (log-normal about a median that depends on D_R). The
     probability averages over specimens; its 5 and 95 % quantiles are over the posterior. None of
     them is below one in the number of specimens that were tested, or of draws if that is not given.
+    Parameters are those of `curvature_bands`.
 
     Returns
     -------
@@ -290,18 +447,17 @@ def rupture_table(
         ``probability_q95`` [–]; a draw whose stretch lies outside the forward map's range counts
         as nan and is left out.
     """
-    grid = at_conditions(model, degradation, pressure)
+    grid = Grid.of(model, degradation, pressure, conditions)
     values = draw_values(model, chain, generator, draws)
-    strength = grid.strength(values)
-    limit, scatter = 1.0 + strength.median[..., None], strength.scatter[..., None]
-    sd = grid.deviation_sd(values)
-    total = np.zeros((draws, len(degradation), len(pressure)))
+    strength, sd = grid.strength(values), grid.deviation_sd(values)
+    total = np.zeros((draws, grid.levels, len(pressure)))
     for node, weight in zip(_NODES, _WEIGHTS / np.sum(_WEIGHTS), strict=True):
-        prediction = grid.curvature(values, node * sd)
-        stretch = np.where(prediction.status == 0, np.maximum(prediction.peak_stretch, 1.0), np.nan)
-        share = prediction.peak_stretch_sd / np.maximum(stretch - 1.0, 1e-12)
-        total += weight * _probability(stretch, limit, np.hypot(scatter, share))
-    levels, pressures = np.meshgrid(degradation, pressure, indexing="ij")
+        reached = grid.reached(values, node * sd)
+        stretch = np.where(reached.answered, np.maximum(reached.stretch, 1.0), np.nan)
+        share = reached.stretch_sd / np.maximum(stretch - 1.0, 1e-12)
+        limit, scatter = 1.0 + strength.median, np.hypot(strength.scatter, share)
+        total += weight * _probability(stretch, limit, scatter)
+    levels, pressures = np.meshgrid(_medians(degradation), pressure, indexing="ij")
     usable = np.mean(np.isfinite(total), axis=0) > 0.5
     safe = np.where(usable, total, 0.0)
     low, high = np.where(usable, np.nanquantile(safe, [0.05, 0.95], axis=0), np.nan)

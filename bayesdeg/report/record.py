@@ -338,6 +338,21 @@ class EmulatorEntry(Record):
         return {label: str(fact) for label, fact in told.items() if not is_absent(fact)}
 
 
+class BurstEntry(Record):
+    """Actuators that burst, as they were recorded or published."""
+
+    degradation_pct: Number = None
+    burst: Number = Field(default=None, description="how many")
+    tested: Number = Field(default=None, description="of how many, where that is known")
+    pressure_kPa: Number = Field(  # noqa: N815  a unit
+        default=None, description="at which it burst; null if it was not recorded"
+    )
+    survived_kPa: Number = Field(  # noqa: N815  a unit
+        default=None, description="largest that it survived before; null if none was recorded"
+    )
+    source: Text = ""
+
+
 class ModelEntry(Record):
     """What is needed beside its draws to predict with a posterior."""
 
@@ -349,6 +364,9 @@ class ModelEntry(Record):
     rupture_checks: Number = Field(
         default=None,
         description="films broken and actuators loaded: no probability of rupture is below 1/n",
+    )
+    bursts: tuple[BurstEntry, ...] = Field(
+        default=(), description="ruptures of actuators, recorded and published"
     )
 
 

@@ -32,6 +32,7 @@ PRIOR_PREDICTIVE = "prior_predictive"
 COURSE = "course"
 ORDERS = "orders"
 DECISIONS = "decisions"
+LIFETIME = "lifetime"
 STATISTICS = "statistics"
 LOO_PIT = "loo_pit"
 DISCREPANCY = "discrepancy"
@@ -205,11 +206,16 @@ _TABLES = (
             Column("needed_q05_kPa", "kPa", "pressure that 5 % of new specimens need less than"),
             Column("needed_q50_kPa", "kPa", "pressure that half of new specimens need"),
             Column("needed_q95_kPa", "kPa", "pressure that 95 % of new specimens need less than"),
-            Column("allowed_kPa", "kPa", "largest pressure of a risk not above 5 %"),
+            Column(
+                "allowed_kPa",
+                "kPa",
+                "largest pressure that was tested and has a risk not above 5 %",
+            ),
             Column(
                 "probability",
                 "–",
-                "probability of rupture there, not below one in the specimens tested",
+                "probability of rupture at the pressure that half need, not below one in the "
+                "specimens tested",
             ),
         ),
     ),
@@ -382,6 +388,27 @@ _TABLES = (
             Column("degradation_pct", "%", "that of a film against the mean fresh moisture"),
             *_quantiles("%", 5, 25, 50, 75, 95),
             *_quantiles("%", 5, 50, 95, prefix="moisture_"),
+        ),
+    ),
+    ResultTable(
+        LIFETIME,
+        (
+            Column("time_h", "h", "time in the soil"),
+            Column("pressure_kPa", "kPa", "pressure of the duty"),
+            Column("wanted_per_m", "1/m", "curvature of the duty"),
+            Column("risk", "–", "largest probability of rupture that is accepted"),
+            *_quantiles("%", 5, 50, 95, prefix="degradation_"),
+            *_quantiles("1/m", 5, 50, 95, suffix="_per_m"),
+            Column("burst_probability", "–", "has burst by the time at the pressure of the duty"),
+            *_quantiles("–", 5, 95, prefix="burst_"),
+            Column("lost_probability", "–", "bends less than wanted by the time"),
+            Column("failed_probability", "–", "either of them by the time"),
+            *_quantiles("–", 5, 95, prefix="failed_"),
+            Column("needed_q05_kPa", "kPa", "pressure that 5 % of new specimens need less than"),
+            Column("needed_q50_kPa", "kPa", "pressure that keeps the curvature of half of them"),
+            Column("needed_q95_kPa", "kPa", "pressure that 95 % of new specimens need less than"),
+            Column("allowed_kPa", "kPa", "largest pressure that was tested and the risk allows"),
+            Column("reachable", "–", "share of new specimens that need no more than is allowed"),
         ),
     ),
     ResultTable(

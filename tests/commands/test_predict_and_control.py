@@ -12,6 +12,7 @@ import xarray as xr
 from bayesdeg.causes.catalogue import find
 from bayesdeg.cli import exit_code
 from bayesdeg.emulator.trained import default_surrogate, write_trained
+from bayesdeg.inference.course import CourseModel
 from bayesdeg.inference.sampling import Chain, to_datatree
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.forecast import model_document, read_stored
@@ -28,20 +29,21 @@ BANDS = ["q05", "q25", "q50", "q75", "q95"]
 PROBABILITIES = ["probability", "probability_q05", "probability_q95"]
 
 
-def chain_of(model, width):
+def chain_of(model, width, known=None):
     """Independent normal laws about the truth."""
     generator = np.random.default_rng(5)
-    known = values_of(TRUTH | {"elongation_at_0": 22.0, "pressure_offset.offset": OFFSET})
+    offset = {"elongation_at_0": 22.0, "pressure_offset.offset": OFFSET}
+    known = values_of(TRUTH | offset | (known or {}))
     centre = model.table.vectors({name: known[name] for name in model.table.names})[0]
     vectors = centre + width * generator.standard_normal((2, DRAWS // 20, 10, len(centre)))
     return Chain(vectors, np.zeros(vectors.shape[:3]), np.full(2, 0.4))
 
 
-def write_run(path, model, final, *, width=0.03, training=None):
+def write_run(path, model, final, *, width=0.03, training=None, known=None):
     """Write what a finished run leaves of its posteriors."""
     folder = RunFolder(path)
     for name, fitted in (("posterior_base", model), ("posterior", final)):
-        tree = to_datatree(fitted, chain_of(fitted, width), np.random.default_rng(0))
+        tree = to_datatree(fitted, chain_of(fitted, width, known), np.random.default_rng(0))
         folder.write_posterior(name, tree)
     folder.write_json("verdict", {"outcome": "named", "causes": [c.name for c in final.causes]})
     record = json.loads(default_surrogate().record) if training is None else training
@@ -233,7 +235,7 @@ def test_nothing_is_said_within_what_was_measured(bayesdeg, report):
 
 
 def test_control_gives_the_pressure_at_which_half_of_the_specimens_bend_so_far(bayesdeg, report):
-    at = ("--curvature", "4,6", "--degradation", "10,25", "--risk", "0.5", "--json")
+    at = ("--curvature", "4,6", "--degradation", "10,25", "--risk", "0.5", "--beyond", "--json")
     code, printed, _ = bayesdeg("control", report, *at)
     assert code == 0
     found = rows_of(printed)
@@ -254,7 +256,7 @@ def test_control_gives_the_pressure_at_which_half_of_the_specimens_bend_so_far(b
 
 
 def test_control_says_what_is_out_of_reach_and_what_is_best(bayesdeg, report):
-    at = ("--curvature", "25", "--degradation", "0", "--risk", "0.02")
+    at = ("--curvature", "25", "--degradation", "0", "--risk", "0.02", "--beyond")
     code, printed, _ = bayesdeg("control", report, *at)
     assert code == 0
     assert "25 1/m at 0 %" in printed
@@ -274,12 +276,70 @@ def test_more_risk_allows_more_pressure(bayesdeg, report):
         json.loads(
             bayesdeg(
                 *("control", report, "--curvature", "25", "--degradation", "0"),
-                *("--risk", risk, "--json"),
+                *("--risk", risk, "--beyond", "--json"),
             )[1]
         )["rows"][0]["allowed_kPa"]
         for risk in (0.001, 0.05, 0.5)
     ]
     assert np.all(np.diff(allowed) > 1.0)
+
+
+@pytest.fixture(scope="module")
+def strong(tmp_path_factory, models):
+    """A run of which the risk would allow more than the 120 kPa that were tested."""
+    path = tmp_path_factory.mktemp("runs") / "strong"
+    return write_run(path, *models, known={"elongation_at_0": 210.0})
+
+
+def test_control_allows_nothing_above_what_was_tested_unless_told(bayesdeg, strong):
+    at = ("control", strong, "--curvature", "25", "--degradation", "0,25")
+    code, printed, messages = bayesdeg(*at)
+    assert code == 0
+    assert "--beyond" in printed
+    assert "rests on" not in messages
+    rows = rows_of(bayesdeg(*at, "--json")[1])
+    assert rows["allowed_kPa"].tolist() == rows["pressure_kPa"].tolist() == [120.0, 120.0]
+    assert (rows["reached"] == 0).all()
+    assert (rows["needed_q05_kPa"] > 120.0).all()
+    code, printed, messages = bayesdeg(*at, "--beyond", "--json")
+    assert code == 0
+    assert (rows_of(printed)["allowed_kPa"] > 150.0).all()
+    assert "above 120 kPa" in messages
+    assert "rests on" in messages
+
+
+BURST = {
+    "degradation_pct": 24.0,
+    "burst": 1,
+    "pressure_kPa": 100.0,
+    "survived_kPa": 80.0,
+    "source": "actuator.csv",
+}
+
+
+@pytest.mark.parametrize(
+    ("change", "allowed", "words"),
+    [
+        ({}, 80.0, "burst at 100 kPa"),
+        ({"survived_kPa": None}, 0.0, "survived any"),
+        ({"pressure_kPa": None, "burst": 2, "tested": 3}, 120.0, "2 of 3"),
+    ],
+)
+def test_control_stays_below_pressures_at_which_actuators_burst(
+    bayesdeg, strong, tmp_path, change, allowed, words
+):
+    burst = tmp_path / "burst"
+    shutil.copytree(strong, burst)
+    folder = RunFolder(burst)
+    content = folder.read_json("run")
+    content["model"]["bursts"] = [BURST | change]
+    folder.write_json("run", content)
+    code, printed, messages = bayesdeg(
+        "control", burst, "--curvature", "5", "--degradation", "10,25", "--json"
+    )
+    assert code == 0
+    assert rows_of(printed)["allowed_kPa"].tolist() == [120.0, allowed]
+    assert words in " ".join(messages.split())
 
 
 def test_control_writes_csv(bayesdeg, report, tmp_path):
@@ -519,3 +579,181 @@ def test_titles_and_names_are_shown_as_they_are(bayesdeg, report, tmp_path):
     code, _, messages = bayesdeg("predict", named, *PREDICT)
     assert code == 2
     assert str(named) in messages
+
+
+# ---- conditions
+
+
+@pytest.fixture(scope="module")
+def crept(tmp_path_factory, models):
+    """A run that named creep."""
+    final = models[0].extended(find("creep"))
+    known = {"creep.amount": 0.15, "creep.time_constant": 30.0}
+    return write_run(tmp_path_factory.mktemp("runs") / "crept", models[0], final, known=known)
+
+
+def test_a_named_cause_of_time_moves_predict_and_control(bayesdeg, crept):
+    at = (crept, "--degradation", "10", "--json")
+    bent, needed, words = [], [], []
+    for more in ((), ("--hold-s", "60")):
+        code, printed, messages = bayesdeg("predict", *at, "--pressure", "80", *more)
+        assert code == 0
+        bent.append(rows_of(printed)["q50"][0])
+        words.append(messages)
+        code, printed, _ = bayesdeg("control", *at, "--curvature", "4", "--risk", "0.5", *more)
+        assert code == 0
+        needed.append(rows_of(printed)["needed_q50_kPa"][0])
+    assert bent[1] > 1.1 * bent[0]
+    assert needed[1] == pytest.approx(needed[0] / 1.13, rel=0.02)  # 1 + 0.15 (1 − e⁻²)
+    assert words == ["", ""]
+
+
+def test_without_options_the_answer_is_that_of_the_defaults_bit_for_bit(bayesdeg, crept):
+    at = ("predict", crept, *AT, "--json")
+    stated = ("--hold-s", "0", "--cycle", "1", "--branch", "loading", "--mount", "horizontal")
+    assert bayesdeg(*at)[1] == bayesdeg(*at, *stated, "--degradation-sd", "0")[1]
+
+
+def test_a_condition_that_no_named_cause_answers_to_is_said(bayesdeg, crept):
+    for command in (("predict", *PREDICT), ("control", *CONTROL)):
+        name, *rest = command
+        options = ("--hold-s", "60", "--mount", "hanging")
+        code, printed, messages = bayesdeg(name, crept, *rest, *options, "--json")
+        assert code == 0
+        assert "mount hanging" in messages
+        assert "creep" in messages
+        assert "hold_s" not in messages
+        assert any("mount hanging" in one for one in json.loads(printed)["messages"])
+
+
+@pytest.mark.parametrize("command", [("predict", *PREDICT), ("control", *CONTROL)])
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--hold-s", "-3"), "hold_s -3 s"),
+        (("--cycle", "0"), "counted from 1"),
+        (("--branch", "downwards"), "loading, unloading"),
+        (("--humidity", "130"), "0 to 100 %"),
+        (("--mount", "hangin"), "did you mean 'hanging'"),
+        (("--degradation-sd", "-1"), "degradation_sd -1"),
+    ],
+)
+def test_conditions_that_make_no_sense_end_with_2(bayesdeg, report, command, options, words):
+    name, *rest = command
+    code, printed, messages = bayesdeg(name, report, *rest, *options)
+    assert (code, printed) == (2, "")
+    assert words in " ".join(messages.split())
+    assert "Traceback" not in messages
+
+
+# ---- hours in the soil
+
+LIMIT, TIME_CONSTANT = 24.0, 10.0
+
+
+def with_course(run, folder, *, width=0.1):
+    """Return a copy of a run that also has the posterior of a course of degradation."""
+    copy = folder / "buried"
+    shutil.copytree(run, copy)
+    films = RunFolder(copy)
+    model = CourseModel(("a", "b"), np.array([0.0, 24.0]), np.array([20.0, 15.0]))
+    known = {
+        "fresh_moisture": 20.0,
+        "degradation_limit": LIMIT,
+        "degradation_time_constant": TIME_CONSTANT,
+        "moisture_scatter": 0.5,
+    }
+    centre = model.table.vectors({name: np.array([value]) for name, value in known.items()})[0]
+    generator = np.random.default_rng(8)
+    vectors = centre + width * generator.standard_normal((2, 100, 10, len(centre)))
+    chain = Chain(vectors, np.zeros(vectors.shape[:3]), np.full(2, 0.4))
+    films.write_posterior("posterior_course", to_datatree(model, chain, generator))
+    content = films.read_json("run")
+    content["model"]["measured"]["time_h"] = [0.0, 24.0]
+    films.write_json("run", content)
+    return copy
+
+
+@pytest.fixture(scope="module")
+def buried(report, tmp_path_factory):
+    return with_course(report, tmp_path_factory.mktemp("course"))
+
+
+def test_hours_in_the_soil_become_degradation_rates_with_their_uncertainty(bayesdeg, buried):
+    at = ("predict", buried, "--pressure", "80", "--json")
+    code, printed, messages = bayesdeg(*at, "--hours", "0,8,24")
+    assert (code, messages) == (0, "")
+    found = rows_of(printed)
+    expected = LIMIT * -np.expm1(-np.array([0.0, 8.0, 24.0]) / TIME_CONSTANT)
+    assert found["time_h"].tolist() == [0.0, 8.0, 24.0]
+    np.testing.assert_allclose(found["degradation_pct"], expected, rtol=0.02)
+    assert found["degradation_q05"][0] == found["degradation_q95"][0] == 0.0
+    assert (found["degradation_q05"][1:] < 0.95 * expected[1:]).all()
+    assert (found["degradation_q95"][1:] > 1.05 * expected[1:]).all()
+    assert json.loads(printed)["units"]["time_h"] == "h"
+    known = rows_of(bayesdeg(*at, "--degradation", f"0,{expected[1]},{expected[2]}")[1])
+    np.testing.assert_allclose(found["q50"], known["q50"], rtol=0.05)
+    width = {name: np.log(one["q95"] / one["q05"]) for name, one in (("h", found), ("%", known))}
+    assert width["h"][0] == pytest.approx(width["%"][0], rel=1e-9)
+    assert (width["h"][1:] > 1.2 * width["%"][1:]).all()
+
+
+def test_without_uncertainty_hours_give_what_the_rate_gives(bayesdeg, report, tmp_path):
+    exact = with_course(report, tmp_path, width=0.0)
+    rate = LIMIT * -np.expm1(-8.0 / TIME_CONSTANT)
+    for command in (("predict", "--pressure", "80"), ("control", "--curvature", "4")):
+        name, *asked = command
+        answers = [
+            bayesdeg(name, exact, *asked, *at, "--json")
+            for at in (("--hours", "8"), ("--degradation", f"{rate:.17g}"))
+        ]
+        assert [code for code, _, _ in answers] == [0, 0], answers
+        one, other = (rows_of(printed) for _, printed, _ in answers)
+        numeric = [n for n in other.columns if n not in {"why", "reached"}]
+        np.testing.assert_allclose(
+            one[numeric].to_numpy(float), other[numeric].to_numpy(float), rtol=1e-9
+        )
+
+
+def test_control_by_hours_allows_what_all_likely_rates_allow(bayesdeg, buried):
+    code, printed, _ = bayesdeg(
+        "control", buried, "--curvature", "4", "--hours", "8,16", "--risk", "0.3", "--json"
+    )
+    found = rows_of(printed)
+    assert code == 0
+    assert found["time_h"].tolist() == [8.0, 16.0]
+    assert (found["allowed_kPa"] <= 120.0).all()
+    assert found["needed_q50_kPa"].is_monotonic_increasing
+    printed = bayesdeg("control", buried, "--curvature", "4", "--hours", "8")[1]
+    assert "[h]" in printed
+
+
+def test_hours_beyond_the_films_are_said(bayesdeg, buried):
+    code, _, messages = bayesdeg("predict", buried, "--pressure", "80", "--hours", "48")
+    assert code == 0
+    assert "24 h" in messages
+    assert "48 h" in messages
+
+
+@pytest.mark.parametrize("command", [("predict", "--pressure", "80"), ("control", *CONTROL[:2])])
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--hours", "-4"), "--hours -4 h"),
+        (("--hours", "soon"), "'soon'"),
+        (("--hours", "4", "--degradation", "10"), "not both"),
+        ((), "--hours"),
+    ],
+)
+def test_hours_that_make_no_sense_end_with_2(bayesdeg, buried, command, options, words):
+    name, *rest = command
+    code, printed, messages = bayesdeg(name, buried, *rest, *options)
+    assert (code, printed) == (2, "")
+    assert words in " ".join(messages.split())
+
+
+def test_without_moisture_hours_end_with_2_and_say_what_is_needed(bayesdeg, report):
+    code, printed, messages = bayesdeg("predict", report, "--pressure", "80", "--hours", "8")
+    assert (code, printed) == (2, "")
+    assert "moisture.csv" in messages
+    assert len(messages.strip().splitlines()) == 1

@@ -82,6 +82,7 @@ BROKEN = {
     table_stage(columns.RUPTURE): (writing, "rupture_table"),
     table_stage(columns.DECISIONS): (writing, "decisions"),
     table_stage(columns.COURSE): (films, "course_table"),
+    table_stage(columns.LIFETIME): (writing, "life"),
 }
 # the rest: where it is written
 WRITTEN = {table_stage(name): name for name in columns.TABLES} | {
@@ -106,7 +107,7 @@ WITHOUT = {
     OptionalStage.PRIOR_SENSITIVITY: {"prior_sensitivity.csv"},
     OptionalStage.PRIOR_PREDICTIVE: {"prior_predictive.csv"},
     OptionalStage.LEAVE_ONE_OUT: {"leave_one_out.csv"},
-    OptionalStage.COURSE: {"course.csv", "posterior_course.nc"},
+    OptionalStage.COURSE: {"course.csv", "posterior_course.nc", "lifetime.csv"},
     OptionalStage.ORDERS: {"orders.csv"},
     OptionalStage.READINGS: {"observations.csv", "levels.csv"},
     OptionalStage.DEFORMED: {"deformed.npz", "actuator_0pct.vtu", "actuator_25pct.vtu"},
@@ -165,6 +166,7 @@ KEPT = [
     (films, "compare_orders", None),
     (writing, "to_datatree", lambda model, *_args: len(model.table.names)),
     (writing, "decisions", None),
+    (writing, "life", None),
     (drawing, "inline_svg", lambda _figure, name, **_options: name),
 ]
 
@@ -323,7 +325,7 @@ def test_several_stages_may_break_at_once_and_files_of_the_run_before_are_remove
         broken_at(stage, ValueError("no"), monkeypatch)
     code, found = command_of(cheap, out, monkeypatch)
     assert code == 0
-    gone = {"bands.csv", "course.csv", "posterior_course.nc"}
+    gone = {"bands.csv", "course.csv", "posterior_course.nc", "lifetime.csv"}
     assert found == whole[1] - gone | {"left_out.txt"}
     verdict = RunFolder(out).read_json("verdict")
     assert {entry["stage"] for entry in verdict["left_out"]} == set(broken)

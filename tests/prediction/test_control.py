@@ -234,3 +234,14 @@ def test_the_same_specimens_need_the_same_pressures():
 def test_what_makes_no_sense_is_refused(wanted, risk):
     with pytest.raises(ValueError, match="above 0"):
         setting(specimens_of(), wanted, risk)
+
+
+@pytest.mark.parametrize("ceiling", [0.0, 30.0, 100.0, 5000.0])
+@pytest.mark.parametrize("risk", [0.01, 0.5])
+def test_a_ceiling_ends_what_the_risk_allows_and_nothing_else(ceiling, risk):
+    specimens = specimens_of(elongation_at_0=40.0, elongation_scatter=0.2)
+    free = largest_allowed(specimens, 0.0, risk, first=FIRST)
+    found = largest_allowed(specimens, 0.0, risk, first=FIRST, ceiling=ceiling)
+    assert found.pressure == pytest.approx(min(free.pressure, ceiling), rel=1e-3)
+    assert found.by_test == (ceiling < free.pressure)
+    assert found.by_rupture == (free.by_rupture and not found.by_test)

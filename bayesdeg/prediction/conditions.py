@@ -1,0 +1,217 @@
+"""In which conditions a new specimen is predicted, and what happened to it before it is read."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdeg.data.tables import ACTUATOR, words_of
+from bayesdeg.errors import BayesdegError, use_one_of
+from bayesdeg.observations.curvature import ActuatorCurves
+
+Floats = NDArray[np.float64]
+
+LOADING, UNLOADING = words_of(ACTUATOR.columns["branch"])
+MOUNTS = words_of(ACTUATOR.columns["mount"])
+BRANCHES = (LOADING, UNLOADING)
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """How a new specimen is used: by default a prompt first loading in a horizontal mount.
+
+    Parameters
+    ----------
+    hold_s : float
+        How long the pressure has been held when the curvature is read, which is also how long the
+        specimen has been in the room [s].
+    cycle : int
+        Loading cycle, from 1. Earlier cycles went promptly to the largest pressure of the study's
+        tests and back to zero.
+    branch : {"loading", "unloading"}
+        Whether the pressure is on its way up, or came down promptly from the largest of the
+        study's tests.
+    humidity_pct : float, optional
+        Relative humidity of the room [%]; by default that of the study's room where it recorded
+        none, see `bayesdeg.causes.humidity_drift`. It acts with time, so give `hold_s` as well.
+    mount : {"horizontal", "hanging", "bending_up", "bending_down"}
+        How the actuator is held.
+    degradation_sd : float
+        Standard error of the specimen's degradation rate [% points].
+
+    Raises
+    ------
+    BayesdegError
+        If a value is none that a test could have.
+
+    Examples
+    --------
+    >>> Conditions(hold_s=60.0).changed
+    ('hold_s',)
+    >>> Conditions(mount="upside down")
+    Traceback (most recent call last):
+    ...
+    bayesdeg.errors.BayesdegError: mount 'upside down' is not known; one of horizontal, ...
+    """
+
+    hold_s: float = 0.0
+    cycle: int = 1
+    branch: str = LOADING
+    humidity_pct: float | None = None
+    mount: str = "horizontal"
+    degradation_sd: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse what no test could have."""
+        _number("hold_s", self.hold_s, "s", "a time not below 0")
+        if self.humidity_pct is not None:
+            _number("humidity_pct", self.humidity_pct, "%", "a humidity from 0 to 100 %", 100.0)
+        sd = "a standard error from 0 to 100 % points"
+        _number("degradation_sd", self.degradation_sd, "% points", sd, 100.0)
+        if isinstance(self.cycle, bool) or self.cycle != int(self.cycle) or self.cycle < 1:
+            raise BayesdegError(f"cycle {self.cycle} is none; cycles are counted from 1")
+        for name, known in (("branch", BRANCHES), ("mount", MOUNTS)):
+            given = getattr(self, name)
+            if given not in known:
+                raise BayesdegError(f"{name} {given!r} is not known; {use_one_of(given, known)}")
+
+    @property
+    def changed(self) -> tuple[str, ...]:
+        """Names of what is not as in a prompt first loading."""
+        return tuple(f.name for f in fields(self) if getattr(self, f.name) != f.default)
+
+    @property
+    def has_history(self) -> bool:
+        """Whether something happens to a specimen before its pressure is reached and read."""
+        return self.hold_s > 0.0 or self.cycle > 1 or self.branch == UNLOADING
+
+    def without(self, name: str) -> "Conditions":
+        """Return the conditions with one of them as in a prompt first loading."""
+        return replace(self, **{name: getattr(PROMPT, name)})
+
+
+def _number(name: str, value: float, unit: str, right: str, most: float = math.inf) -> None:
+    if not (math.isfinite(value) and 0.0 <= value <= most):
+        raise BayesdegError(f"{name} {value:g} {unit} makes no sense; give {right}")
+
+
+PROMPT = Conditions()
+
+
+class Path(NamedTuple):
+    """What is done to specimens up to their readings.
+
+    Parameters
+    ----------
+    pressure : array, shape (n_specimens, n_points)
+        [kPa]
+    cycle, time, unloading : array, shape (n_points,)
+        Loading cycle, time since the first point [s], whether the pressure is on its way down.
+    """
+
+    pressure: Floats
+    cycle: NDArray[np.int64]
+    time: Floats
+    unloading: NDArray[np.bool_]
+
+
+def history(conditions: Conditions, pressure: Floats, largest: float) -> Path:
+    """Return what is done to specimens of which each is read at its own pressure.
+
+    All but the last step is prompt. Since prompt cycles are all alike, one stands for those before.
+
+    Parameters
+    ----------
+    conditions : Conditions
+        Hold, cycle and branch.
+    pressure : array, shape (n_specimens,)
+        At which each is read, held for the time of the conditions [kPa].
+    largest : float
+        To which earlier cycles and the way up went, where that is above the pressure [kPa].
+
+    Examples
+    --------
+    >>> up_and_down = Conditions(hold_s=60.0, cycle=2, branch="unloading")
+    >>> path = history(up_and_down, np.array([40.0]), 240.0)
+    >>> path.pressure.tolist(), path.time.tolist()
+    ([[240.0, 0.0, 240.0, 40.0]], [0.0, 0.0, 0.0, 60.0])
+    """
+    top, nothing = np.maximum(pressure, largest), np.zeros_like(pressure)
+    steps = list(_steps(conditions, top, nothing))
+    steps.append((pressure, conditions.cycle, conditions.branch == UNLOADING))
+    reached, cycle, down = zip(*steps, strict=True)
+    time = np.zeros(len(steps))
+    time[-1] = conditions.hold_s
+    return Path(np.stack(reached, axis=-1), np.array(cycle), time, np.array(down))
+
+
+def _steps(
+    conditions: Conditions, top: Floats, nothing: Floats
+) -> Iterator[tuple[Floats, int, bool]]:
+    """Yield pressure, cycle and whether it is on its way down, before the last step."""
+    if conditions.cycle > 1:
+        yield top, conditions.cycle - 1, False
+        yield nothing, conditions.cycle - 1, True
+    elif conditions.branch == LOADING:
+        yield nothing, 1, False
+    if conditions.branch == UNLOADING:
+        yield top, conditions.cycle, False
+
+
+def tests_in(
+    conditions: Conditions, degradation: Floats, pressure: Floats, *, largest: float
+) -> ActuatorCurves:
+    """Return tests of new specimens, without readings.
+
+    Parameters
+    ----------
+    conditions : Conditions
+        Without a history there is one specimen for each degradation rate, over all pressures;
+        with one there is a specimen for each rate and pressure, rates first.
+    degradation : array, shape (n_levels,) or (n, n_levels)
+        The same for all draws, or that of each draw [%].
+    pressure : array, shape (n_pressures,)
+        As read by the sensor [kPa].
+    largest : float
+        See `history` [kPa].
+    """
+    if conditions.has_history:
+        levels = degradation.shape[-1]
+        path = history(conditions, np.tile(pressure, levels), largest)
+        degradation = np.repeat(degradation, len(pressure), axis=-1)
+    else:
+        shape = (degradation.shape[-1], len(pressure))
+        path = Path(
+            np.broadcast_to(pressure, shape).copy(),
+            np.array(1),
+            np.array(np.nan),
+            np.array(False),
+        )
+    return _tests(conditions, degradation, path)
+
+
+def _tests(conditions: Conditions, degradation: Floats, path: Path) -> ActuatorCurves:
+    shape = path.pressure.shape
+    rates = degradation if degradation.ndim == 1 else np.mean(degradation, axis=0)
+    humidity = np.nan if conditions.humidity_pct is None else conditions.humidity_pct
+    return ActuatorCurves(
+        specimens=tuple(f"{level:g} %" for level in rates),
+        degradation=degradation[..., None],
+        degradation_sd=np.full((shape[0], 1), conditions.degradation_sd),
+        pressure=path.pressure,
+        curvature=np.zeros(shape),
+        curvature_sd=np.zeros(shape),
+        mask=np.ones(shape, dtype=bool),
+        bend_angle=np.zeros(shape),
+        angle_mask=np.zeros(shape, dtype=bool),
+        recorded=np.ones(shape, dtype=bool),
+        ruptured=np.zeros(shape, dtype=bool),
+        cycle=np.broadcast_to(path.cycle, shape).copy(),
+        branch=np.where(np.broadcast_to(path.unloading, shape), UNLOADING, LOADING),
+        time=np.broadcast_to(path.time, shape).copy(),
+        humidity=np.full(shape, humidity),
+        mount=np.full(shape, conditions.mount),
+    )

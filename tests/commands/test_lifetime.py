@@ -1,0 +1,107 @@
+"""``lifetime`` on a run folder whose posteriors are known."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from bayesdeg.report.tables import TABLES
+from tests.commands.test_predict_and_control import (
+    LIMIT,
+    TIME_CONSTANT,
+    bayesdeg,
+    buried,
+    models,
+    report,
+    rows_of,
+)
+
+__all__ = ["bayesdeg", "buried", "models", "report"]
+DUTY = ("--pressure", "80", "--curvature", "4")
+FEW = ("--hours", "0:20:5")
+
+
+def life_of(bayesdeg, *arguments):
+    code, printed, _ = bayesdeg("lifetime", *arguments, "--json")
+    assert code == 0
+    answer = json.loads(printed)
+    return pd.DataFrame(answer["rows"]), answer
+
+
+def test_a_life_has_the_columns_of_its_table_and_follows_the_films(bayesdeg, buried, tmp_path):
+    out = tmp_path / "lifetime.csv"
+    table, answer = life_of(bayesdeg, buried, *DUTY, *FEW, "--out", out)
+    assert table.columns.tolist() == TABLES["lifetime"].headings
+    assert list(pd.read_csv(out)) == TABLES["lifetime"].headings
+    assert set(answer["units"]) == set(table.columns)
+    hours = np.array([0.0, 5.0, 10.0, 15.0, 20.0])
+    assert table["time_h"].tolist() == hours.tolist()
+    rate = LIMIT * -np.expm1(-hours / TIME_CONSTANT)
+    np.testing.assert_allclose(table["degradation_q50"], rate, rtol=0.03)
+    for name in ("burst_probability", "lost_probability", "failed_probability"):
+        assert table[name].is_monotonic_increasing
+    assert table["q50_per_m"].is_monotonic_decreasing
+    assert table["needed_q50_kPa"].is_monotonic_increasing
+    assert (table["allowed_kPa"] <= 120.0).all()
+    failed = table["failed_probability"]
+    times = [answer["summary"][f"time_to_failure_q{q:02d}_h"] for q in (5, 50, 95)]
+    np.testing.assert_allclose(times, np.interp([0.05, 0.5, 0.95], failed, hours), rtol=1e-6)
+
+
+def test_a_life_agrees_with_predictions_at_its_times(bayesdeg, buried):
+    """Curvature of new specimens at the pressure of the duty, but for the scatter of the films."""
+    table, _ = life_of(bayesdeg, buried, *DUTY, *FEW)
+    at = ("predict", buried, "--pressure", "80", *FEW, "--json")
+    predicted = rows_of(bayesdeg(*at)[1])
+    np.testing.assert_allclose(table["q50_per_m"], predicted["q50"], rtol=0.02)
+    fresh = table.iloc[0]
+    assert fresh["q95_per_m"] == pytest.approx(predicted["q95"][0], rel=0.02)
+    assert fresh["burst_probability"] == pytest.approx(predicted["probability"][0], abs=0.02)
+
+
+def test_more_is_in_reach_where_more_is_allowed(bayesdeg, buried):
+    within, _ = life_of(bayesdeg, buried, *DUTY, *FEW, "--risk", "0.5")
+    beyond, _ = life_of(bayesdeg, buried, *DUTY, *FEW, "--risk", "0.5", "--beyond")
+    assert (beyond["allowed_kPa"] >= within["allowed_kPa"]).all()
+    assert beyond["allowed_kPa"].max() > 120.0
+    assert beyond["reachable"].iloc[-1] > within["reachable"].iloc[-1]
+
+
+def test_the_table_ends_in_what_it_comes_to(bayesdeg, buried):
+    code, printed, _ = bayesdeg("lifetime", buried, *DUTY, *FEW)
+    assert code == 0
+    answer = life_of(bayesdeg, buried, *DUTY, *FEW)[1]
+    assert answer["messages"][0] in printed
+    median = answer["summary"]["time_to_failure_q50_h"]
+    assert f"{median:.3g} h" in printed
+
+
+def test_times_are_those_of_the_films_if_none_are_given(bayesdeg, buried):
+    table, _ = life_of(bayesdeg, buried, *DUTY)
+    assert (table["time_h"].iloc[0], table["time_h"].iloc[-1]) == (0.0, 24.0)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--pressure", "0", "--curvature", "4"), "--pressure 0 kPa"),
+        (("--pressure", "80", "--curvature", "-1"), "--curvature -1 1/m"),
+        (("--pressure", "80", "--curvature", "nan"), "--curvature nan"),
+        ((*DUTY, "--risk", "1"), "above 0 and below 1"),
+        ((*DUTY, "--hours", "-1,5"), "--hours -1 h"),
+        ((*DUTY, "--hours", "8"), "0:8:1"),
+        ((*DUTY, "--hours", "0:1000:1"), "combinations"),
+        ((*DUTY, "--mount", "standing"), "hanging"),
+    ],
+)
+def test_what_is_no_duty_ends_with_2(bayesdeg, buried, arguments, words):
+    code, printed, messages = bayesdeg("lifetime", buried, *arguments)
+    assert (code, printed) == (2, "")
+    assert words in " ".join(messages.split())
+
+
+def test_a_study_without_moisture_ends_with_2(bayesdeg, report):
+    code, _, messages = bayesdeg("lifetime", report, *DUTY)
+    assert code == 2
+    assert "moisture.csv" in messages
