@@ -47,6 +47,7 @@ from bayesdeg.prediction.predictive import (
     respond,
     rupture_table,
 )
+from bayesdeg.prediction.shares import curvature_shares, pressures_of
 from bayesdeg.report import tables as columns
 from bayesdeg.report.folder import (
     POSTERIOR,
@@ -641,6 +642,16 @@ def _on_grid(found: TableSources, predict: Callable[..., pd.DataFrame]) -> pd.Da
     return predict(fit.model, fit.chain, found.generator, degradation=grid, pressure=pressure)
 
 
+def _shares_table(found: TableSources) -> pd.DataFrame | None:
+    """Return what the variance of predictions is made of."""
+    fit = found.results.final
+    if fit.model.actuator is None:
+        return None
+    pressure = pressures_of(float(np.max(fit.model.actuator.pressure)))
+    draw, grid = found.generator, level_grid(fit.model)
+    return curvature_shares(fit.model, fit.chain, draw, degradation=grid, pressure=pressure)
+
+
 def _observations_table(found: TableSources) -> pd.DataFrame | None:
     if not found.has_actuators or not found.readings:
         return None
@@ -718,4 +729,5 @@ BUILDS: Mapping[str, Build] = {
     columns.LOO_PIT: _loo_pit,
     columns.MISFIT_NULL: _null_table,
     columns.FITTED: _fitted_table,
+    columns.SHARES: _shares_table,
 }
