@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from bayesdeg.api import emulator as emulator
     from bayesdeg.api import predict as predict
     from bayesdeg.api import report as report
+    from bayesdeg.api import update as update
     from bayesdeg.causes.cause import Cause as Cause
     from bayesdeg.causes.cause import Stage as Stage
     from bayesdeg.data.settings import Dimensions as Dimensions
@@ -47,10 +48,14 @@ if TYPE_CHECKING:
     from bayesdeg.results import Calibration as Calibration
     from bayesdeg.results import Model as Model
     from bayesdeg.results import Report as Report
+    from bayesdeg.results import Update as Update
     from bayesdeg.results import Verdict as Verdict
 
 _HOMES = {
-    "api": (*("calibrate", "compare", "control", "criticise", "emulator", "predict", "report"),),
+    "api": (
+        *("calibrate", "compare", "control", "criticise", "emulator", "predict", "report"),
+        "update",
+    ),
     "causes.cause": ("Cause", "Stage"),
     "errors": ("BayesdegError", "GeometryError", "StudyError"),
     "priors": (
@@ -61,7 +66,7 @@ _HOMES = {
     "data.study": ("Study",),
     "pipeline.formula": ("Readings",),
     "pipeline.reading": ("read_study",),
-    "results": ("Calibration", "Model", "Report", "Verdict"),
+    "results": ("Calibration", "Model", "Report", "Update", "Verdict"),
 }
 _HOME = {name: f"bayesdeg.{home}" for home, names in _HOMES.items() for name in names}
 

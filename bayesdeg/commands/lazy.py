@@ -28,6 +28,8 @@ class Command:
         First sentence of that docstring.
     examples : tuple of str
         Command lines that its own help ends with.
+    output : tuple of str
+        Lines that the last of them prints.
     """
 
     name: str
@@ -35,11 +37,13 @@ class Command:
     function: str
     summary: str
     examples: tuple[str, ...]
+    output: tuple[str, ...] = ()
 
     @property
     def epilog(self) -> str:
         """What the help of the command ends with; rich keeps lines apart by an empty one."""
-        return "\n\n".join(["For example:", *(f"`{line}`" for line in self.examples)])
+        prints = ["which prints:", *(f"`{line}`" for line in self.output)] if self.output else []
+        return "\n\n".join(["For example:", *(f"`{line}`" for line in self.examples), *prints])
 
 
 COMMANDS = (
@@ -122,6 +126,19 @@ COMMANDS = (
         "next_experiment",
         "Rank further experiments by how well they would tell the causes still in question apart.",
         ("bayesdeg next reports/gelatin_actuator",),
+    ),
+    Command(
+        "update",
+        "update",
+        "update",
+        "Let further readings of actuators enter a finished run, in seconds.",
+        ("bayesdeg update reports/gelatin_actuator new.csv",),
+        (
+            "parameter               unit   before          after           shift [sd]",
+            "curvature_noise_length  kPa    11.1 ± 3.4      10.1 ± 3.3      −0.29",
+            "pressure_offset.offset  kPa    14.17 ± 0.24    14.17 ± 0.24    −0.03",
+            "updated run: reports/gelatin_actuator_updated",
+        ),
     ),
 )
 

@@ -67,6 +67,7 @@ def take_in(
     before: JointModel,
     after: JointModel,
     vectors: Floats,
+    densities: Floats,
     specimens: Iterable[str],
     generator: np.random.Generator,
     *,
@@ -81,6 +82,8 @@ def take_in(
         The same parameters and priors; the second has the further readings.
     vectors : array, shape (n, n_parameters)
         Draws of the posterior before.
+    densities : array, shape (n,)
+        Their log densities before.
     specimens : iterable of str
         Those of which there are further readings.
     generator : Generator
@@ -91,7 +94,7 @@ def take_in(
         Effective draws wanted; further ones are drawn where the earlier draws have fewer.
     """
     with threadpool_limits(limits=1):  # the same bits on every machine
-        weights = reweighted(before, after, vectors, specimens)
+        weights = reweighted(before, after, vectors, densities, specimens)
         weights = replace(weights, effective=independent * weights.effective)
         if is_reliable(weights) and weights.effective >= enough:
             return Updated(weights, Method.WEIGHTS, weights)
@@ -102,7 +105,11 @@ def take_in(
 
 
 def reweighted(
-    before: JointModel, after: JointModel, vectors: Floats, specimens: Iterable[str]
+    before: JointModel,
+    after: JointModel,
+    vectors: Floats,
+    densities: Floats,
+    specimens: Iterable[str],
 ) -> Evidence:
     r"""Weigh draws of a posterior by what further readings say.
 
@@ -116,7 +123,7 @@ def reweighted(
 
     Parameters
     ----------
-    before, after, vectors, specimens
+    before, after, vectors, densities, specimens
         As of `take_in`.
 
     Returns
@@ -130,7 +137,8 @@ def reweighted(
     with np.errstate(all="ignore"):
         ratio = _log_likelihood(after, chosen, values) - _log_likelihood(before, chosen, values)
         ratio = np.where(after.allows(values), ratio, -np.inf)
-    return smoothed(vectors, np.where(np.isnan(ratio), -np.inf, ratio))
+    ratio = np.where(np.isnan(ratio), -np.inf, ratio)
+    return replace(smoothed(vectors, ratio), log_densities=densities + ratio)
 
 
 def _log_likelihood(
@@ -177,6 +185,7 @@ def _pooled(first: Evidence, second: Evidence) -> Evidence:
         np.concatenate([one.draws for one in samples]),
         np.concatenate(log_weights),
         sum(one.effective for one in samples),
+        np.concatenate([known for one in samples if (known := one.log_densities) is not None]),
         pareto_k=float(np.nanmax([one.pareto_k for one in samples])),
     )
 

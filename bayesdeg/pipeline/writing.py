@@ -50,6 +50,7 @@ from bayesdeg.prediction.predictive import (
 from bayesdeg.prediction.shares import curvature_shares, pressures_of
 from bayesdeg.report import tables as columns
 from bayesdeg.report.folder import (
+    ADDED,
     POSTERIOR,
     POSTERIOR_BASE,
     POSTERIOR_COURSE,
@@ -351,6 +352,7 @@ class Files:
             self.folder.remove(table_stage(name))
         for name in set(POSTERIORS) - self.written:
             self.folder.remove(posterior_stage(name))
+        self.folder.remove(ADDED)
 
 
 RISK = 0.05
