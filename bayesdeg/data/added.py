@@ -115,10 +115,11 @@ def _alone(
 ) -> Iterator[Fault]:
     """Yield what is wrong with the new rows by themselves."""
     named = pa.DataFrameSchema(dict(ACTUATOR.columns), list(ACTUATOR.checks), name=file)
-    yield from check_table(content, named, degradation_sd_pct=sd).faults
+    found = check_table(content, named, degradation_sd_pct=sd).faults
+    yield from found
     known = [*ACTUATOR.columns, *(n for n in before if n not in (*ACTUATOR.columns, _ORIGIN))]
     for name in rows:
-        if name not in (*known, _ORIGIN):
+        if name not in (*known, _ORIGIN, *(fault.column for fault in found)):
             yield Fault(file, f"is no column of {FILE}", use_one_of(str(name), known), 1, str(name))
 
 
