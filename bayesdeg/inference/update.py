@@ -17,8 +17,8 @@ from bayesdeg.observations.rupture import Rupture
 
 Floats = NDArray[np.float64]
 
-ENOUGH = 2500.0
-"""Effective draws: standard deviations are then known to 1.4 %, the worst of 30 to 3 %."""
+ENOUGH = 4000.0
+"""Effective draws: standard deviations are then known to 1.1 %, the worst of 30 to 2.5 %."""
 
 FEWEST = 400.0  # with which an answer is still given: what a standard run wants of its chain
 RELIABLE_K = 0.7  # Pareto k above which weights are not to be relied on, see `Evidence`

@@ -241,12 +241,12 @@ def suspicions(before: Study, after: Study, name: str) -> tuple[str, ...]:
     StudyError
         With what is impossible.
     """
-    known = {str(doubt) for doubt in doubts(before, outline(before).expected)}
-    found = doubts(after, outline(after).expected)
+    found = [one for one in doubts(after, outline(after).expected) if one.fault.file == FILE]
+    known = {str(one) for one in (doubts(before, outline(before).expected) if found else ())}
     new = [
         replace(doubt, fault=replace(doubt.fault, file=name))
         for doubt in found
-        if doubt.fault.file == FILE and str(doubt) not in known
+        if str(doubt) not in known
     ]
     return tuple(map(str, refuse_impossible(new)))
 
@@ -523,8 +523,11 @@ def _write(
     folder.remove(INDEX)
     files = Files(folder, guard)
     kept = EFFORTS[of.run.effort if of.run.effort in EFFORTS else "standard"].kept
+    strict = Files(folder, Guard(strict=True), files.written)
     for name, fit in ((POSTERIOR_BASE, results.base), (POSTERIOR, results.final)):
-        Files(folder, Guard(strict=True), files.written).posterior(name, fit, generator, kept=kept)
+        # of a base model that is only taken along, half as many
+        some = kept if fit is results.final else kept // 2
+        strict.posterior(name, fit, generator, kept=some)
     sources = TableSources(after, results, generator, guard)
     for name in ANEW:
         files.table(name, partial(BUILDS[name], sources))

@@ -19,8 +19,8 @@ def added(new, *, to=STUDY, earlier=None):
 def fault_of(new, **options):
     with pytest.raises(StudyError) as raised:
         added(new, **options)
-    (line,) = str(raised.value).splitlines()
-    return line
+    (fault,) = raised.value.faults
+    return fault
 
 
 def pressures(found, specimen):
@@ -85,25 +85,30 @@ def test_a_name_that_begins_like_a_comment_stays_a_name():
     assert twice.table.frame["specimen_id"].tolist()[-2:] == ["#1", "d"]
 
 
-@pytest.mark.parametrize(
-    ("new", "words"),
-    [
-        ("specimen_id,degradation_pct,pressure_kPa,curvature\nc,0,1,1\n", "curvature"),
-        (f"{HEAD},colour\nc,25,20,0.4,red\n", "new.csv, row 1, column colour"),
-        (f"{HEAD}\nc,25,twenty,0.4\n", "new.csv, row 2, column pressure_kPa, value 'twenty'"),
-        (f"{HEAD}\na,0,60,3.2\n", "new.csv, row 2, column pressure_kPa, value '60'"),
-        (f"{HEAD}\na,0,60,3\n", "new.csv, row 2, value 'a,0,60,3"),
-        (f"{HEAD}\na,5,80,3\n", "new.csv, row 2, column degradation_pct, value '5'"),
-        (f"{HEAD}\nc,250,20,0.4\n", "value '250'"),
-        (f"{HEAD}\n", "new.csv"),
-        ("", "new.csv"),
-    ],
-)
-def test_every_fault_is_one_line_with_its_place(new, words):
-    assert words in fault_of(new)
+FAULTS = [
+    # new rows, and row, column and value of the one fault in them
+    ("specimen_id,degradation_pct,pressure_kPa,curvature\nc,0,1,1\n", (1, "curvature", None)),
+    (f"{HEAD},colour\nc,25,20,0.4,red\n", (1, "colour", None)),
+    (f"{HEAD}\nc,25,twenty,0.4\n", (2, "pressure_kPa", "twenty")),
+    (f"{HEAD}\na,0,60,3.2\n", (2, "pressure_kPa", "60")),
+    (f"{HEAD}\na,0,60,3\n", (2, None, "a,0,60,3")),
+    (f"{HEAD}\na,5,80,3\n", (2, "degradation_pct", "5")),
+    (f"{HEAD}\nc,250,20,0.4\n", (2, "degradation_pct", "250")),
+    (f"{HEAD}\n", (1, None, None)),
+    ("", (None, None, None)),
+]
+
+
+@pytest.mark.parametrize(("new", "place"), FAULTS)
+def test_every_fault_has_its_place_in_the_new_file(new, place):
+    fault = fault_of(new)
+    assert fault.file == "new.csv"
+    assert (fault.row, fault.column, fault.value) == place
+    assert len(str(fault).splitlines()) == 1
 
 
 def test_a_specimen_that_burst_has_no_further_readings():
     study = f"{HEAD},ruptured\na,0,20,1,0\na,0,60,,1\n"
-    assert "had burst" in fault_of(f"{HEAD}\na,0,80,4\n", to=study)
+    fault = fault_of(f"{HEAD}\na,0,80,4\n", to=study)
+    assert (fault.file, fault.specimen) == ("new.csv", "a")
     assert pressures(added(f"{HEAD}\na,0,40,2\n", to=study), "a") == [20, 40, 60]

@@ -81,6 +81,6 @@ def test_the_page_shows_it_with_its_sentence(tmp_path):
     RunFolder(folder.path).write_table("shares", shares())
     page = build_page(folder.path).read_text(encoding="utf-8")
     assert 'id="figure-shares"' in page
-    assert "What the uncertainty is made of" in page
+    assert FIGURES[0].title in page
     assert "scatter of specimens (50\N{NO-BREAK SPACE}%)" in page.replace("&nbsp;", "\xa0")
     assert 'href="shares.csv"' in page
