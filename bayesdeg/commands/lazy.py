@@ -134,9 +134,10 @@ COMMANDS = (
         "Let further readings of actuators enter a finished run, in seconds.",
         ("bayesdeg update reports/gelatin_actuator new.csv",),
         (
-            "parameter               unit   before          after           shift [sd]",
-            "curvature_noise_length  kPa    11.1 ± 3.4      10.1 ± 3.3      −0.29",
-            "pressure_offset.offset  kPa    14.17 ± 0.24    14.17 ± 0.24    −0.03",
+            "parameter               unit  before           after            shift [sd]",
+            "curvature_noise_length  kPa   11.1 ± 3.4       10.1 ± 3.3       −0.29",
+            "bend_angle_noise        –     0.0237 ± 0.0022  0.0232 ± 0.0021  −0.22",
+            "curvature_noise_floor   1/m   0.107 ± 0.0096   0.105 ± 0.0090   −0.21",
             "updated run: reports/gelatin_actuator_updated",
         ),
     ),
