@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from bayesdeg.api import lifetime as lifetime
     from bayesdeg.api import predict as predict
     from bayesdeg.api import report as report
+    from bayesdeg.api import update as update
     from bayesdeg.causes.cause import Cause as Cause
     from bayesdeg.causes.cause import Stage as Stage
     from bayesdeg.data.settings import Dimensions as Dimensions
@@ -49,12 +50,13 @@ if TYPE_CHECKING:
     from bayesdeg.results import Calibration as Calibration
     from bayesdeg.results import Model as Model
     from bayesdeg.results import Report as Report
+    from bayesdeg.results import Update as Update
     from bayesdeg.results import Verdict as Verdict
 
 _HOMES = {
     "api": (
         *("calibrate", "compare", "control", "criticise", "emulator", "lifetime", "predict"),
-        "report",
+        *("report", "update"),
     ),
     "causes.cause": ("Cause", "Stage"),
     "errors": ("BayesdegError", "GeometryError", "StudyError"),
@@ -67,7 +69,7 @@ _HOMES = {
     "pipeline.formula": ("Readings",),
     "pipeline.reading": ("read_study",),
     "prediction.conditions": ("Conditions",),
-    "results": ("Calibration", "Model", "Report", "Verdict"),
+    "results": ("Calibration", "Model", "Report", "Update", "Verdict"),
 }
 _HOME = {name: f"bayesdeg.{home}" for home, names in _HOMES.items() for name in names}
 

@@ -36,10 +36,12 @@ from bayesdeg.errors import BayesdegError, use_one_of
 from bayesdeg.pipeline.emulation import Campaign, expect, train_emulator
 from bayesdeg.pipeline.experiment import Written
 from bayesdeg.pipeline.progress import Progress
+from bayesdeg.pipeline.update import read_new
+from bayesdeg.pipeline.update import update as update_run
 from bayesdeg.prediction.conditions import PROMPT, Conditions
 from bayesdeg.prediction.lifetime import Duty
 from bayesdeg.prediction.soil import Level
-from bayesdeg.results import Calibration, Model, Report, Verdict
+from bayesdeg.results import Calibration, Model, Report, Update, Verdict
 
 Floats = NDArray[np.float64]
 Causes = Literal["all"] | str | Iterable[Cause | str]
@@ -555,6 +557,64 @@ def report(
             full=full,
         )
     return Report(Path(path), page)
+
+
+def update(
+    run: Path | str | Report | Update,
+    new: Path | str | pd.DataFrame,
+    *,
+    out: Path | str | None = None,
+    emulator: Path | str | None = None,
+    seed: int | None = None,
+    progress: bool | None = None,
+) -> Update:
+    """Let further readings of actuators enter a finished run in seconds, as ``bayesdeg update``.
+
+    Draws of the run's posterior are weighed by what the new readings say; where few of them carry
+    the weight, a law is fitted to them and drawn from with all readings. The run stays as it is:
+    a new run folder is written, with posteriors, curvature bands, ruptures, decisions and shares
+    of all readings. The verdict is not judged again.
+
+    Parameters
+    ----------
+    run : Path or Report
+        The run folder; its study must be where it was, and unchanged.
+    new : Path or DataFrame
+        Rows of ``actuator.csv``, of new or of earlier specimens: a CSV file or its columns.
+    out : Path, optional
+        The new run folder; by default beside the run, with ``_updated`` after its name.
+    emulator : Path, optional
+        File of the emulator that the run was given, if it was.
+    seed, progress, optional
+        As of `calibrate`.
+
+    Returns
+    -------
+    Update
+        ``.folder``, ``.summary()``, ``.posterior``; prints the parameters that moved most.
+
+    Raises
+    ------
+    StudyError
+        With every fault of the new rows.
+    BayesdegError
+        If the run cannot be updated, or the new folder is not free.
+    """
+    if isinstance(new, pd.DataFrame):
+        name, content = "rows", new.to_csv(index=False).encode()
+    else:
+        name, content = Path(new).name, read_new(Path(new))
+    with _work(progress, 1, parallel=False) as (show, _):
+        written = update_run(
+            Path(run),
+            content,
+            name,
+            out=None if out is None else Path(out),
+            seed=None if seed is None else _seed(seed, 0),
+            emulator=None if emulator is None else Path(emulator),
+            progress=show,
+        )
+    return Update(written)
 
 
 def _written(one: Calibration) -> Written:

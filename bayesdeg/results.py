@@ -19,12 +19,15 @@ from bayesdeg.errors import BayesdegError
 from bayesdeg.pipeline import writing
 from bayesdeg.pipeline.experiment import Judged, ModelledExperiment
 from bayesdeg.pipeline.formula import Forward, OwnMap, Readings
+from bayesdeg.pipeline.update import Written
 from bayesdeg.priors import Parameter
+from bayesdeg.report.folder import POSTERIOR, RunFolder
 from bayesdeg.report.headline import size_of
-from bayesdeg.report.record import CandidateEntry
-from bayesdeg.report.wording import SPACE, worded
+from bayesdeg.report.record import CandidateEntry, TakenInEntry
+from bayesdeg.report.wording import SPACE, sentences, worded
 
 SHOWN = 5  # candidates in a printed verdict
+MOVED = 8  # parameters in a printed update
 _CANDIDATE = [
     *("cause", "probability", "log_bayes_factor", "log_bayes_factor_error", "elpd_diff"),
     *("elpd_diff_se", "explained_fraction", "parameter", "mean", "sd", "q05", "q95", "unit", "why"),
@@ -313,3 +316,89 @@ class Report:
     def _repr_html_(self) -> str:
         place = html.escape(self.page.resolve().as_uri(), quote=True)
         return f'<a href="{place}" target="_blank">{html.escape(str(self.page))}</a>'
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class Update:
+    """A finished run with further readings.
+
+    Parameters
+    ----------
+    written : Written
+        What was taken in, and where it was written.
+    """
+
+    written: Written
+
+    @property
+    def folder(self) -> Path:
+        """The new run folder."""
+        return self.written.folder
+
+    @property
+    def method(self) -> str:
+        """How: ``weights`` of the earlier draws, ``refit`` of a law to them, or about the mode."""
+        return self._final.method
+
+    @property
+    def effective(self) -> float:
+        """Effective draws of the updated posterior."""
+        return float(self._final.effective or 0.0)
+
+    @property
+    def pareto_k(self) -> float:
+        """Shape of the tail of their weights, reliable up to 0.7; nan if these are even."""
+        known = self._final.pareto_k
+        return float("nan") if known is None else float(known)
+
+    @property
+    def _final(self) -> TakenInEntry:
+        return self.written.entry.posteriors["final"]
+
+    @property
+    def messages(self) -> tuple[str, ...]:
+        """What is in doubt, and what was not updated."""
+        return self.written.messages
+
+    @cached_property
+    def posterior(self) -> xr.DataTree:
+        """The updated draws, as ``posterior.nc`` of the new run folder has them."""
+        return RunFolder(self.folder).read_posterior(POSTERIOR)
+
+    def summary(self) -> pd.DataFrame:
+        """Return mean and sd of every parameter before and after, and its shift in sd before."""
+        return self.written.moved.set_index("parameter")
+
+    def __fspath__(self) -> str:
+        """Return the folder, for whatever takes a path."""
+        return os.fspath(self.folder)
+
+    def __repr__(self) -> str:
+        """Return how it was done, and the parameters that moved most."""
+        frame = most_moved(self.written.moved).to_string(
+            index=False, float_format=lambda value: f"{value:.4g}"
+        )
+        said = sentences("run", "taken_in", one=self._final).replace(SPACE, " ")
+        return "\n".join([f"{self.folder}: {said}", *self.messages, "", frame])
+
+    def _repr_html_(self) -> str:
+        frame = most_moved(self.written.moved).to_html(
+            index=False, float_format=lambda value: f"{value:.4g}"
+        )
+        said = sentences("run", "taken_in", one=self._final)
+        head = html.escape(f"{self.folder}: {said}")
+        notes = "".join(f"<p>{html.escape(one)}</p>" for one in self.messages)
+        return f"<h4>{head}</h4>{notes}{frame}"
+
+
+def most_moved(moved: pd.DataFrame, count: int = MOVED) -> pd.DataFrame:
+    """Return the parameters that moved most, in standard deviations.
+
+    Examples
+    --------
+    >>> moved = pd.DataFrame({"parameter": ["a", "b"], "shift_sd": [0.1, -0.4]})
+    >>> most_moved(moved, 1)["parameter"].tolist()
+    ['b']
+    """
+    order = moved["shift_sd"].abs().sort_values(ascending=False, kind="stable").index
+    return moved.loc[order[:count]]

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from bayesdeg.commands.answers import Answer
 from bayesdeg.commands.next import Proposals
+from bayesdeg.commands.update import UpdateAnswer
 from bayesdeg.laboratory.writing import TruthRecord
 from bayesdeg.pipeline.output import Owner
 from bayesdeg.records import FileRecord
@@ -17,6 +18,7 @@ SCHEMAS: dict[str, type[FileRecord]] = {
     "study-of-a-run": Owner,
     "answer": Answer,
     "next": Proposals,
+    "update": UpdateAnswer,
 }
 
 

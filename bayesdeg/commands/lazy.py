@@ -155,6 +155,20 @@ COMMANDS = (
         "Rank further experiments by how well they would tell the causes still in question apart.",
         ("bayesdeg next reports/gelatin_actuator",),
     ),
+    Command(
+        "update",
+        "update",
+        "update",
+        "Let further readings of actuators enter a finished run, in seconds.",
+        ("bayesdeg update reports/gelatin_actuator new.csv",),
+        (
+            "parameter               unit  before           after            shift [sd]",
+            "curvature_noise_length  kPa   11.1 ± 3.4       10.1 ± 3.3       −0.29",
+            "bend_angle_noise        –     0.0237 ± 0.0022  0.0232 ± 0.0021  −0.22",
+            "curvature_noise_floor   1/m   0.107 ± 0.0096   0.105 ± 0.0090   −0.21",
+            "updated run: reports/gelatin_actuator_updated",
+        ),
+    ),
 )
 
 

@@ -15,6 +15,7 @@ from bayesdeg.inference.laplace import (
     Laplace,
     effective_draws,
     evidence,
+    smoothed,
     weighted,
     with_exact_curvature,
 )
@@ -300,6 +301,31 @@ def improved(
             break
         known = found
     return found
+
+
+def refitted(
+    density: Density, posterior: Evidence, generator: np.random.Generator, *, draws: int = 4000
+) -> Evidence:
+    """Return an importance sample from the one law that fits draws of nearly the same posterior.
+
+    The law is as wide as the draws, so that far fewer proposals are wasted than by `improved`,
+    which looks for what draws have missed.
+
+    Parameters
+    ----------
+    density : Density
+        What is sampled.
+    posterior : Evidence
+        Draws and weights that the law is fitted to; flattened where few carry the weight.
+    generator : Generator
+        Draws the proposals.
+    draws : int
+        How many.
+    """
+    law = Proposal.fit(_flattened(posterior).resample(generator, FITTED))
+    points, _ = law.independent(np.zeros((draws, len(density.table))), generator)
+    values = density.log_prob(points)
+    return replace(smoothed(points, values - log_density(law, points)), log_densities=values)
 
 
 def log_density(law: Proposal, points: Floats) -> Floats:

@@ -252,6 +252,17 @@ def _flat(cause: Cause) -> Cause:
     return replace(cause, parameters=tuple(replace(p, law=Flat()) for p in cause.parameters))
 
 
+def emulator_of(run: RunRecord, given: Path | None = None, cache: Path = CACHE) -> Surrogate:
+    """Return the emulator that a run used.
+
+    Raises
+    ------
+    BayesdegError
+        If it is not to be had, or the one given is another.
+    """
+    return _emulator(run.emulator.training, given, cache)
+
+
 def _emulator(training: Mapping[str, object], given: Path | None, cache: Path) -> Surrogate:
     """Return the emulator that the run used, told by the record of its training."""
     if not training:
@@ -788,6 +799,8 @@ def doubts_of_run(stored: StoredRun) -> Iterator[Caution]:
         yield Caution("unexplained")
     if stored.verdict.outcome == "ambiguous":
         yield Caution("ambiguous", {"causes": stored.verdict.causes, "model": stored.name})
+    if stored.run.update is not None:
+        yield Caution("updated", {"update": stored.run.update})
     if "pressure_kPa" not in stored.measured:
         yield Caution("no_actuator")
     if not stored.model.has_elongation:

@@ -25,7 +25,7 @@ from bayesdeg.files import (
 from bayesdeg.laboratory.writing import FIRST_WORDS, TRUTH_FILE
 from bayesdeg.observations.catalogue import DATA_FILES
 from bayesdeg.records import FileRecord, Text, Texts
-from bayesdeg.report.folder import RUN, RUN_FILES, RunFolder
+from bayesdeg.report.folder import ADDED, RUN, RUN_FILES, RunFolder
 
 if sys.platform == "win32":
     import msvcrt
@@ -71,6 +71,36 @@ def run_folder(path: Path, study: Study) -> Iterator[RunFolder]:
         place, hashes = _from(path, study.folder), dict(study.hashes)
         write_text(path / OWNER, Owner(study=study.name, folder=place, hashes=hashes).text())
         yield RunFolder(path)
+
+
+@contextmanager
+def update_folder(path: Path, report: Path, study: Study) -> Iterator[RunFolder]:
+    """Claim a folder for a run that further readings enter, before anything is computed.
+
+    Parameters
+    ----------
+    path : Path
+        The folder; it is made if it is not there.
+    report : Path
+        The run that is updated, which stays as it is.
+    study : Study
+        Whose run it is.
+
+    Raises
+    ------
+    BayesdegError
+        If it is the run itself, or holds a run that was not made by an update; and as
+        `run_folder`.
+    """
+    if path.resolve() == report.resolve():
+        raise BayesdegError(
+            f"{path} is the run that is updated, which stays as it is; name another folder with "
+            "--out"
+        )
+    if _is_there(path / f"{RUN}.json") and not _is_there(path / ADDED):
+        raise BayesdegError(f"{path} holds a run that would be overwritten; {OTHER}")
+    with run_folder(path, study) as folder:
+        yield folder
 
 
 @contextmanager

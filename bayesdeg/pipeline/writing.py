@@ -55,9 +55,11 @@ from bayesdeg.prediction.predictive import (
     rupture_table,
     specimens_tested,
 )
+from bayesdeg.prediction.shares import curvature_shares, pressures_of
 from bayesdeg.prediction.soil import Soil
 from bayesdeg.report import tables as columns
 from bayesdeg.report.folder import (
+    ADDED,
     POSTERIOR,
     POSTERIOR_BASE,
     POSTERIOR_COURSE,
@@ -359,6 +361,7 @@ class Files:
             self.folder.remove(table_stage(name))
         for name in set(POSTERIORS) - self.written:
             self.folder.remove(posterior_stage(name))
+        self.folder.remove(ADDED)
 
 
 RISK = 0.05
@@ -709,6 +712,16 @@ def _on_grid(
     return predict(fit.model, fit.chain, found.generator, degradation=grid, pressure=pressure)
 
 
+def _shares_table(found: TableSources) -> pd.DataFrame | None:
+    """Return what the variance of predictions is made of."""
+    fit = found.results.final
+    if fit.model.actuator is None:
+        return None
+    pressure = pressures_of(float(np.max(fit.model.actuator.pressure)))
+    draw, grid = found.generator, level_grid(fit.model)
+    return curvature_shares(fit.model, fit.chain, draw, degradation=grid, pressure=pressure)
+
+
 def _observations_table(found: TableSources) -> pd.DataFrame | None:
     if not found.has_actuators or not found.readings:
         return None
@@ -787,4 +800,5 @@ BUILDS: Mapping[str, Build] = {
     columns.MISFIT_NULL: _null_table,
     columns.FITTED: _fitted_table,
     columns.LIFETIME: lambda found: life(found),  # looked up when it is made
+    columns.SHARES: _shares_table,
 }

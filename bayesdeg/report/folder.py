@@ -15,6 +15,7 @@ from typing import Final
 import numpy as np
 import pandas as pd
 import xarray as xr
+from numpy.typing import NDArray
 
 from bayesdeg.errors import BayesdegError
 from bayesdeg.files import (
@@ -35,6 +36,9 @@ from bayesdeg.report.tables import TABLES, CellKind, Column, Tables
 
 INDEX: Final = "index.html"
 LEFT_OUT: Final = "left_out.txt"
+ADDED: Final = "added.csv"
+"""Rows of actuator.csv that entered a run since, see `bayesdeg.pipeline.update`."""
+
 VERDICT: Final = "verdict"
 RUN: Final = "run"
 POSTERIOR: Final = "posterior"
@@ -47,7 +51,7 @@ POSTERIORS: Final = (POSTERIOR, POSTERIOR_BASE, POSTERIOR_COURSE)
 
 #: All files of fixed name that a run writes.
 RUN_FILES: Final = (
-    *(INDEX, LEFT_OUT),
+    *(INDEX, LEFT_OUT, ADDED),
     *(f"{name}.json" for name in DOCUMENTS),
     *(f"{name}.nc" for name in POSTERIORS),
     *(table.file for table in TABLES.values()),
@@ -239,6 +243,29 @@ class RunFolder:
             return None
         tree = self.read_posterior(name)
         return tree["posterior"].to_dataset() if "posterior" in tree.children else None
+
+    def read_draws(self, name: str) -> tuple[xr.Dataset, NDArray[np.float64]]:
+        """Read the draws of one of `POSTERIORS` and their log densities, and nothing else.
+
+        Raises
+        ------
+        BayesdegError
+            If the file is missing, cannot be read, or is not the one that the run wrote.
+        """
+        file = f"{_known(name, POSTERIORS)}.nc"
+        if not (self.path / file).exists():
+            raise self._incomplete(file)
+        try:
+            refuse_special(self.path / file)
+            self._refuse_other(file)
+            groups = ("posterior", "sample_stats")
+            draws, stats = (
+                xr.load_dataset(self.path / file, group=group, engine="h5netcdf")
+                for group in groups
+            )
+            return draws, stats["lp"].to_numpy().ravel()
+        except (OSError, ValueError, KeyError, RuntimeError) as fault:
+            raise self._corrupted(file, str(fault)) from fault
 
     def posterior_hashes(self) -> dict[str, str]:
         """Return the hash of each posterior that is there, by file: for ``run.json``."""

@@ -98,6 +98,7 @@ class Content:
     files: tuple[str, ...]
     left_out: tuple[tuple[str, str], ...] = ()
     doubts: tuple[str, ...] = ()
+    updated: str = ""
 
 
 def build_page(folder: Path, guard: Guard | None = None) -> Path:
@@ -157,7 +158,15 @@ def content_of(shown: Shown, guard: Guard | None = None) -> Content:
         files=(*tables.files, f"{VERDICT}.json", f"{RUN}.json"),
         left_out=_left_out(verdict, guard),
         doubts=doubts_of(verdict),
+        updated=_updated(shown.run),
     )
+
+
+def _updated(run: RunRecord) -> str:
+    """Say which readings entered after the run; nothing if none did."""
+    if run.update is None:
+        return ""
+    return wording.sentences("run", "updated", update=run.update)
 
 
 def _left_out(verdict: VerdictRecord, guard: Guard) -> tuple[tuple[str, str], ...]:

@@ -391,6 +391,33 @@ class BasisEntry(Record):
     rests_on: Text = ""
 
 
+class TakenInEntry(Record):
+    """How the posterior of one model took in further readings."""
+
+    method: Text = Field(default="", description="weights, refit or mode")
+    effective: Number = Field(default=None, description="effective draws")
+    pareto_k: Number = Field(default=None, description="of their weights; reliable up to 0.7")
+    weights_effective: Number = Field(
+        default=None, description="effective draws of the earlier posterior under the new readings"
+    )
+    weights_pareto_k: Number = None
+    log_density: Number = Field(
+        default=None, description="of the new readings given the earlier ones [nats]"
+    )
+
+
+class UpdateEntry(Record):
+    """Readings that entered a finished run; the verdict is the one from before."""
+
+    run: Text = Field(default="", description="the run folder that was updated")
+    times: Number = Field(default=None, description="updates since the study was run")
+    specimens: Names = Field(default=(), description="those with new readings")
+    readings: Number = Field(default=None, description="new rows")
+    added_sha256: Text = Field(default="", description="SHA-256 of added.csv")
+    posteriors: Mapping[str, TakenInEntry] = Field(default={}, description="by model")
+    as_before: Names = Field(default=(), description="files that are those of the run before")
+
+
 class RunRecord(FileRecord):
     """The content of ``run.json``.
 
@@ -430,4 +457,7 @@ class RunRecord(FileRecord):
     suspects: tuple[SuspectEntry, ...] = ()
     parameters_in_question: tuple[QuestionedEntry, ...] = ()
     posteriors: Texts = Field(default={}, description="SHA-256 of the posteriors")
+    update: UpdateEntry | None = Field(
+        default=None, exclude_if=is_absent, description="readings that entered since the run"
+    )
     left_out: tuple[LeftOutEntry, ...] = ()

@@ -36,6 +36,7 @@ LIFETIME = "lifetime"
 STATISTICS = "statistics"
 LOO_PIT = "loo_pit"
 DISCREPANCY = "discrepancy"
+SHARES = "shares"
 
 ALL_LEVELS = "all"
 """What stands in ``degradation_pct`` of a row that pools every degradation rate."""
@@ -428,6 +429,19 @@ _TABLES = (
             _log("pareto_k_max", "heaviest tail of the importance weights"),
             Column("refitted", "–", "films for which the model was calibrated again"),
             Column("effective", "–", "effective draws that the evidence rests on"),
+        ),
+    ),
+    ResultTable(
+        SHARES,
+        (
+            _DEGRADATION,
+            _PRESSURE,
+            _text("source", "what is uncertain: parameters, specimen, degradation rate, reading"),
+            Column("first_order", "–", "share of the variance that goes if it alone is known"),
+            Column("total", "–", "share of the variance that stays if all else is known"),
+            Column("share", "–", "Shapley effect: its share, which all sources together make 1"),
+            Column("sd_per_m", "1/m", "standard deviation of a curvature read on a new actuator"),
+            Column("explained", "–", "share of the prediction's variance that this accounts for"),
         ),
     ),
     ResultTable(

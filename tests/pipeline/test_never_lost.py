@@ -81,6 +81,7 @@ BROKEN = {
     table_stage(columns.BANDS): (writing, "curvature_bands"),
     table_stage(columns.RUPTURE): (writing, "rupture_table"),
     table_stage(columns.DECISIONS): (writing, "decisions"),
+    table_stage(columns.SHARES): (writing, "curvature_shares"),
     table_stage(columns.COURSE): (films, "course_table"),
     table_stage(columns.LIFETIME): (writing, "life"),
 }

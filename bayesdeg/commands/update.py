@@ -1,0 +1,112 @@
+"""``bayesdeg update``: further readings of actuators enter a finished run."""
+
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from pydantic import Field
+from rich.table import Table
+from rich.text import Text
+
+from bayesdeg import api
+from bayesdeg.commands.answers import AsJson, EmulatorFile, RunFolderPath, Seed, output
+from bayesdeg.commands.options import Quiet
+from bayesdeg.console import say
+from bayesdeg.criticism.outcome import Outcome
+from bayesdeg.records import FileRecord, Names, Scalar
+from bayesdeg.report.folder import RunFolder
+from bayesdeg.report.record import RunRecord, UpdateEntry
+from bayesdeg.report.wording import fixed, number, sentences
+from bayesdeg.results import Update, most_moved
+
+NewRows = Annotated[
+    Path,
+    typer.Argument(
+        help="Rows with the columns of actuator.csv: pressure in kPa, curvature in 1/m, bend angle "
+        "in degrees, degradation rate in percent.",
+        metavar="NEW.csv",
+    ),
+]
+Target = Annotated[
+    Path | None,
+    typer.Option(help="The new run folder; by default beside REPORT, its name with _updated."),
+]
+
+
+class UpdateAnswer(FileRecord):
+    """What ``update`` prints with ``--json``."""
+
+    title: str
+    virtual: bool
+    outcome: Outcome = Field(description="of the run before: it was not judged again")
+    folder: str = Field(description="the new run folder")
+    messages: Names = Field(description="what its user should know")
+    update: UpdateEntry
+    parameters: tuple[Mapping[str, Scalar], ...] = Field(
+        description="mean and sd before and after, and the shift in standard deviations before"
+    )
+
+
+def update(
+    report: RunFolderPath,
+    new: NewRows,
+    out: Target = None,
+    emulator: EmulatorFile = None,
+    seed: Seed = None,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+) -> None:
+    """Let further readings of actuators enter a finished run, in seconds.
+
+    The rows are of new specimens, or further readings of earlier ones. Draws of the run's posterior
+    are weighed by what they say; where too few draws carry the weight, a law is fitted to these and
+    drawn from with all readings. Posteriors, curvature bands, ruptures, decisions and shares of all
+    readings go to a new run folder, the run stays as it is. The verdict is not judged again: for
+    that, add the rows to the study and run it. The study must be where it was for the run.
+    """
+    found = api.update(
+        report, new, out=out, emulator=emulator, seed=seed, progress=False if quiet else None
+    )
+    run = RunFolder(found.folder).read_run()
+    if as_json:
+        sys.stdout.write(_answer(found, run).text())
+        return
+    output().print(_table(found, run))
+    output().print(f"updated run: {found.folder}", soft_wrap=True)
+    if not quiet:
+        say([sentences("run", "taken_in", one=found.written.entry.posteriors["final"])])
+        say([*found.messages, f"its page: bayesdeg report {found.folder}"])
+
+
+def _answer(found: Update, run: RunRecord) -> UpdateAnswer:
+    rows = found.written.moved.to_dict("records")
+    return UpdateAnswer(
+        title=run.title,
+        virtual=run.virtual,
+        outcome=RunFolder(found.folder).read_verdict().outcome,
+        folder=str(found.folder),
+        messages=found.messages,
+        update=found.written.entry,
+        parameters=tuple({str(name): cell for name, cell in row.items()} for row in rows),
+    )
+
+
+def _table(found: Update, run: RunRecord) -> Table:
+    virtual = " (virtual experiment)" if run.virtual else ""
+    title = f"{run.title}{virtual}\nparameters that moved most"
+    # as Text, lest brackets be taken for markup
+    table = Table(title=Text(title), title_justify="left")
+    for heading in ("parameter", "unit", "before", "after", "shift\n[sd]"):
+        left = heading in ("parameter", "unit")
+        table.add_column(Text(heading), justify="left" if left else "right", no_wrap=True)
+    for row in most_moved(found.written.moved).to_dict("records"):
+        table.add_row(
+            Text(str(row["parameter"])),
+            Text(str(row["unit"])),
+            f"{number(row['mean_before'])} ± {number(row['sd_before'], 2)}",
+            f"{number(row['mean'])} ± {number(row['sd'], 2)}",
+            fixed(row["shift_sd"], 2, sign=True),
+        )
+    return table

@@ -1,0 +1,219 @@
+"""A posterior takes in further data: weights of its draws, and a refit where these do not do."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+from threadpoolctl import threadpool_limits
+
+from bayesdeg.inference.importance import about_mode, refitted
+from bayesdeg.inference.laplace import Evidence, approximate, smoothed
+from bayesdeg.inference.model import JointModel
+from bayesdeg.observations.curvature import Curvature
+from bayesdeg.observations.rupture import Rupture
+
+Floats = NDArray[np.float64]
+
+ENOUGH = 4000.0
+"""Effective draws: standard deviations are then known to 1.1 %, the worst of 30 to 2.5 %."""
+
+FEWEST = 400.0  # with which an answer is still given: what a standard run wants of its chain
+RELIABLE_K = 0.7  # Pareto k above which weights are not to be relied on, see `Evidence`
+ROUNDS = 6  # laws that are fitted one after the other, each to all that was drawn before
+
+
+class Method(StrEnum):
+    """How a posterior took in further data."""
+
+    WEIGHTS = "weights"
+    REFIT = "refit"
+    MODE = "mode"
+
+
+@dataclass(frozen=True)
+class Updated:
+    """A posterior of earlier and further data together.
+
+    Parameters
+    ----------
+    posterior : Evidence
+        Weighted draws.
+    method : Method
+        Weights of the earlier draws; an importance sample of a law that was fitted to them; or one
+        about a mode that was searched anew.
+    weights : Evidence
+        The weights of the earlier draws, with the check that decided.
+    """
+
+    posterior: Evidence
+    method: Method
+    weights: Evidence
+
+    @property
+    def reliable(self) -> bool:
+        """Whether the posterior may be used."""
+        return is_reliable(self.posterior) and self.posterior.effective >= FEWEST
+
+
+def is_reliable(sample: Evidence) -> bool:
+    """Return whether the tail of a sample's weights is light enough; equal weights have none."""
+    return sample.effective > 0.0 and not sample.pareto_k > RELIABLE_K
+
+
+def take_in(
+    before: JointModel,
+    after: JointModel,
+    vectors: Floats,
+    densities: Floats,
+    specimens: Iterable[str],
+    generator: np.random.Generator,
+    *,
+    independent: float = 1.0,
+    enough: float = ENOUGH,
+) -> Updated:
+    """Return the posterior with further readings of actuators.
+
+    Parameters
+    ----------
+    before, after : JointModel
+        The same parameters and priors; the second has the further readings.
+    vectors : array, shape (n, n_parameters)
+        Draws of the posterior before.
+    densities : array, shape (n,)
+        Their log densities before.
+    specimens : iterable of str
+        Those of which there are further readings.
+    generator : Generator
+        Draws proposals.
+    independent : float
+        Share of the draws that are worth an independent one each.
+    enough : float
+        Effective draws wanted; further ones are drawn where the earlier draws have fewer.
+    """
+    with threadpool_limits(limits=1):  # the same bits on every machine
+        weights = reweighted(before, after, vectors, densities, specimens)
+        weights = replace(weights, effective=independent * weights.effective)
+        if is_reliable(weights) and weights.effective >= enough:
+            return Updated(weights, Method.WEIGHTS, weights)
+        found = _refit(after, weights, generator, enough)
+        if found.effective >= FEWEST:
+            return Updated(found, Method.REFIT, weights)
+        return Updated(_about_mode(after, vectors, generator, enough), Method.MODE, weights)
+
+
+def reweighted(
+    before: JointModel,
+    after: JointModel,
+    vectors: Floats,
+    densities: Floats,
+    specimens: Iterable[str],
+) -> Evidence:
+    r"""Weigh draws of a posterior by what further readings say.
+
+    Readings of different specimens are independent given the parameters, so all but those with
+    further readings cancel:
+
+    .. math:: \ln w = \sum_s \ln p(y_s, y'_s \mid \theta) - \ln p(y_s \mid \theta)
+
+    A specimen's readings share its own deviation of stiffness, hence further ones y' of an earlier
+    specimen are weighed together with its earlier ones y.
+
+    Parameters
+    ----------
+    before, after, vectors, densities, specimens
+        As of `take_in`.
+
+    Returns
+    -------
+    Evidence
+        Its largest weights smoothed, with the shape of their tail; ``log_evidence`` is that of the
+        further readings given the earlier ones [nats].
+    """
+    chosen = frozenset(specimens)
+    values = after.table.named(vectors)
+    with np.errstate(all="ignore"):
+        ratio = _log_likelihood(after, chosen, values) - _log_likelihood(before, chosen, values)
+        ratio = np.where(after.allows(values), ratio, -np.inf)
+    ratio = np.where(np.isnan(ratio), -np.inf, ratio)
+    return replace(smoothed(vectors, ratio), log_densities=densities + ratio)
+
+
+def _log_likelihood(
+    model: JointModel, specimens: frozenset[str], values: dict[str, Floats]
+) -> Floats:
+    """Return the log density of all that was read on some actuators, (n,)."""
+    curves = model.curvatures.curves
+    rows = np.flatnonzero([name in specimens for name in curves.specimens])
+    if not len(rows):
+        return np.zeros(len(next(iter(values.values()))))
+    some = curves.subset(rows)
+    ruptures = [Rupture(some)] if model.of_kind(Rupture) else []
+    tests = replace(model, observations=(Curvature(some), *ruptures))
+    blocks = tests.log_likelihood(values).values()
+    total: Floats = np.sum([block.sum(axis=-1) for block in blocks], axis=0)
+    return total
+
+
+def _refit(
+    after: JointModel, start: Evidence, generator: np.random.Generator, enough: float
+) -> Evidence:
+    """Draw from one fitted law after another, and pool what is reliable of all that was drawn."""
+    pooled = start if is_reliable(start) else replace(start, effective=0.0)
+    for _ in range(ROUNDS if np.isfinite(start.log_weights).sum() > len(after.table) else 0):
+        sample = refitted(after, start, generator)
+        if not np.isfinite(sample.log_evidence):
+            break
+        pooled = _pooled(pooled, sample) if is_reliable(sample) else pooled
+        start = pooled if pooled.effective > sample.effective else sample
+        if pooled.effective >= enough:
+            break
+    return pooled
+
+
+def _pooled(first: Evidence, second: Evidence) -> Evidence:
+    """Return two samples of one posterior as one, each with the weight of its effective draws."""
+    samples = [one for one in (first, second) if one.effective > 0.0]
+    log_weights = [
+        one.log_weights - logsumexp(one.log_weights) + np.log(one.effective) for one in samples
+    ]
+    return Evidence(
+        second.log_evidence,
+        second.error,
+        np.concatenate([one.draws for one in samples]),
+        np.concatenate(log_weights),
+        sum(one.effective for one in samples),
+        np.concatenate([known for one in samples if (known := one.log_densities) is not None]),
+        pareto_k=float(np.nanmax([one.pareto_k for one in samples])),
+    )
+
+
+def _about_mode(
+    after: JointModel, vectors: Floats, generator: np.random.Generator, enough: float
+) -> Evidence:
+    """Return an importance sample about the mode, searched from the most probable draw."""
+    density = after.log_prob(vectors)
+    laplace = approximate(after, generator, start=vectors[int(np.argmax(density))])
+    found = about_mode(after, laplace, generator)
+    return _refit(after, found, generator, enough) if found.effective > 0.0 else found
+
+
+def drawn_evenly(sample: Evidence, generator: np.random.Generator, count: int) -> NDArray[np.intp]:
+    """Return places (count,) of draws of equal weight, each as often as its weight wants it.
+
+    Systematic resampling: a draw of weight w is taken ⌊w count⌋ or ⌈w count⌉ times. The order is
+    random.
+
+    Examples
+    --------
+    >>> sample = Evidence(0.0, 0.0, np.zeros((3, 1)), np.log([1.0, 2.0, 1.0]), 3.0)
+    >>> sorted(drawn_evenly(sample, np.random.default_rng(0), 4).tolist())
+    [0, 1, 1, 2]
+    """
+    weights = np.exp(sample.log_weights - np.max(sample.log_weights))
+    ends = np.cumsum(weights) / np.sum(weights)
+    ends[-1] = 1.0
+    places = np.searchsorted(ends, (np.arange(count) + generator.random()) / count)
+    return generator.permutation(places)

@@ -1,0 +1,646 @@
+"""Further readings of actuators enter a finished run: its posterior, its bands, its ruptures."""
+
+import hashlib
+import re
+import shutil
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+import bayesdeg
+from bayesdeg.causes.cause import Cause
+from bayesdeg.criticism.posterior.convergence import Convergence
+from bayesdeg.data.added import FILE, Enlarged, enlarge
+from bayesdeg.data.plausibility import doubts, refuse_impossible
+from bayesdeg.data.settings import EFFORTS as KNOWN_EFFORTS
+from bayesdeg.data.study import Study
+from bayesdeg.errors import BayesdegError, Fault, StudyError
+from bayesdeg.files import STUDY_MB, read_bytes, reason, write_bytes
+from bayesdeg.inference.laplace import Laplace
+from bayesdeg.inference.model import JointModel
+from bayesdeg.inference.sampling import EFFORTS, Chain
+from bayesdeg.inference.update import ENOUGH, FEWEST, RELIABLE_K, Updated, drawn_evenly, take_in
+from bayesdeg.observations.curvature import actuator_curves
+from bayesdeg.pipeline.assemble import Assembly, assemble
+from bayesdeg.pipeline.calibrate import Fit
+from bayesdeg.pipeline.forecast import emulator_of, model_document
+from bayesdeg.pipeline.outline import outline
+from bayesdeg.pipeline.output import Owner, owner_of, update_folder
+from bayesdeg.pipeline.progress import Progress
+from bayesdeg.pipeline.reading import read_study
+from bayesdeg.pipeline.record import Results, comparisons, rests_on
+from bayesdeg.pipeline.writing import BUILDS, Files, TableSources
+from bayesdeg.report import tables as columns
+from bayesdeg.report.folder import (
+    ADDED,
+    INDEX,
+    POSTERIOR,
+    POSTERIOR_BASE,
+    RUN,
+    RunFolder,
+)
+from bayesdeg.report.left_out import Guard, OptionalStage
+from bayesdeg.report.record import (
+    ConvergenceEntry,
+    RunRecord,
+    TakenInEntry,
+    UpdateEntry,
+    VerdictRecord,
+)
+from bayesdeg.report.wording import sentences
+
+Floats = NDArray[np.float64]
+
+ANEW = (
+    *(columns.CONSTANTS, columns.PARAMETERS, columns.TENSILE, columns.ELONGATION),
+    *(columns.BANDS, columns.RUPTURE, columns.OBSERVATIONS, columns.LEVELS, columns.DECISIONS),
+    *(columns.FITTED, columns.SHARES),
+)
+"""Tables that follow from the posterior and are made anew; all others are those of the run."""
+
+DRAWS = 12000  # of equal weight, of which tables are made: three for each effective one
+ENSEMBLES = 4  # among which they are divided, as those of a chain are
+CHECKED, SAME = 50, 1e-3  # draws whose density is compared with the run's, and by how much [nats]
+_NUMBERED = re.compile(r"_updated(_\d+)?$")
+
+
+@dataclass(frozen=True)
+class Finished:
+    """A finished run, with the study that it was made of.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        Of the run.
+    run, verdict : RunRecord, VerdictRecord
+        What is recorded of it.
+    study : Study
+        As it was read for the run, without rows that were added since.
+    earlier : bytes, optional
+        Rows that were added since.
+    """
+
+    folder: RunFolder
+    run: RunRecord
+    verdict: VerdictRecord
+    study: Study
+    earlier: bytes | None
+
+
+@dataclass(frozen=True)
+class TakenIn:
+    """One model of the run with further readings.
+
+    Parameters
+    ----------
+    fit : Fit
+        The updated calibration.
+    updated : Updated
+        How it was found.
+    before : array, shape (n, n_parameters)
+        Draws of the posterior before.
+    """
+
+    fit: Fit
+    updated: Updated
+    before: Floats
+
+
+# ---- what is updated
+
+
+def finished(report: Path) -> Finished:
+    """Read a finished run and the study that it was made of.
+
+    Raises
+    ------
+    BayesdegError
+        If it is no folder of a finished run, if it has no actuators, or if its study is not where
+        it was or has changed since.
+    """
+    if not report.is_dir():
+        raise BayesdegError(
+            f"{report}: there is no such folder; name a run folder, such as reports/NAME, that "
+            "`bayesdeg run` has written"
+        )
+    folder = RunFolder(report)
+    run, verdict = folder.read_run(), folder.read_verdict()
+    if run.forward:
+        raise BayesdegError(
+            f"{report}: the run is of a forward map of one's own, which cannot be updated yet; add "
+            "the readings to readings.csv and run the study again"
+        )
+    if run.model is None or "pressure_kPa" not in run.model.measured:
+        raise BayesdegError(
+            f"{report}: the study has no readings of actuators to which others could be added; add "
+            f"{FILE} to the study and run it again"
+        )
+    study = _study_of(report, owner_of(report) or Owner(), run)
+    return Finished(folder, run, verdict, study, _earlier(folder, run))
+
+
+def _study_of(report: Path, owner: Owner, run: RunRecord) -> Study:
+    place = report / owner.folder
+    if not owner.folder or not place.is_dir():
+        raise BayesdegError(
+            f"{report}: the study {owner.folder or run.study} of this run is not there any more; "
+            "the run holds draws, and readings are weighed with those of the study: put it back, "
+            "or run it again"
+        )
+    study = read_study(place)
+    names = {*run.hashes, *study.hashes}
+    changed = sorted(n for n in names if study.hashes.get(n) != run.hashes.get(n))
+    if changed:
+        raise BayesdegError(
+            f"{', '.join(changed)} of {study.name} changed since the run; run it again, so that "
+            "the posterior is of the study as it is"
+        )
+    return study
+
+
+def _earlier(folder: RunFolder, run: RunRecord) -> bytes | None:
+    """Return the rows that were added to a run before."""
+    if run.update is None:
+        return None
+    path = folder.path / ADDED
+    try:
+        content = read_bytes(path, most_mb=STUDY_MB)
+    except OSError as fault:
+        raise BayesdegError(
+            f"{path}: {reason(fault)}; update the run again that it was made of"
+        ) from fault
+    if hashlib.sha256(content).hexdigest() != run.update.added_sha256:
+        raise BayesdegError(
+            f"{path}: it is not the file that was written with this run; update the run again that "
+            "it was made of"
+        )
+    return content
+
+
+def read_new(path: Path) -> bytes:
+    """Read new rows.
+
+    Raises
+    ------
+    StudyError
+        If the file cannot be read.
+    """
+    try:
+        return read_bytes(path, most_mb=STUDY_MB)
+    except OSError as fault:
+        problem = f"cannot be read ({reason(fault)})"
+        raise StudyError([Fault(str(path), problem, "give a file with rows")]) from fault
+
+
+def _enlarged(of: Finished, content: bytes, name: str) -> tuple[Enlarged, Study, Study]:
+    """Return the added rows, the study before and after; refuse what is impossible.
+
+    Raises
+    ------
+    StudyError
+        With every fault of the new rows.
+    BayesdegError
+        If the run's model cannot take them in.
+    """
+    study, sd = of.study, of.study.settings.degradation_sd_pct
+    recorded = read_bytes(study.folder / FILE, most_mb=STUDY_MB)
+    before = study
+    if of.earlier is not None:
+        # checked when they were added
+        merged = enlarge(recorded, None, of.earlier, ADDED, degradation_sd_pct=sd)
+        before = replace(study, actuator=merged.table.frame)
+    found = enlarge(recorded, of.earlier, content, name, degradation_sd_pct=sd)
+    after = replace(
+        study,
+        actuator=found.table.frame,
+        recorded={**study.recorded, "actuator": found.table.recorded},
+    )
+    known = {p.name for p in outline(before).base}
+    wanted = [p.name for p in outline(after).base if p.name not in known]
+    if wanted:
+        raise BayesdegError(
+            f"{name}: the run has no parameters for what was read ({', '.join(wanted)}); add the "
+            "rows to the study and run it again, or leave out the column or specimen"
+        )
+    return found, before, after
+
+
+def suspicions(before: Study, after: Study, name: str) -> tuple[str, ...]:
+    """Say what is unlikely of new rows, and refuse what is impossible.
+
+    Raises
+    ------
+    StudyError
+        With what is impossible.
+    """
+    found = [one for one in doubts(after, outline(after).expected) if one.fault.file == FILE]
+    known = {str(one) for one in (doubts(before, outline(before).expected) if found else ())}
+    new = [
+        replace(doubt, fault=replace(doubt.fault, file=name))
+        for doubt in found
+        if str(doubt) not in known
+    ]
+    return tuple(map(str, refuse_impossible(new)))
+
+
+# ---- the posterior
+
+
+def _models(assembly: Assembly, names: tuple[str, ...]) -> JointModel:
+    """Return a model of the run by the names of its parameters."""
+    wanted = dict.fromkeys(name.split(".")[0] for name in names if "." in name)
+    known: Mapping[str, Cause] = {c.name: c for c in (*assembly.candidates, *assembly.alike)}
+    lacking = [name for name in wanted if name not in known]
+    model = assembly.model.extended(*(known[name] for name in wanted if name in known))
+    if lacking or set(model.table.names) != set(names):
+        raise BayesdegError(
+            "the posterior is of another model than the study gives in this version; run the study "
+            "again"
+        )
+    return model
+
+
+def _taken_in(
+    of: Finished,
+    posterior: str,
+    assembly: Assembly,
+    after: Study,
+    found: Enlarged,
+    generator: np.random.Generator,
+    enough: float,
+) -> TakenIn:
+    """Return one model of a run with further readings.
+
+    Raises
+    ------
+    BayesdegError
+        If the draws are not those of the model, or do not lead to the new posterior.
+    """
+    stored, density = of.folder.read_draws(posterior)
+    draws = {str(n): v.to_numpy().ravel() for n, v in stored.items()}
+    before = _models(assembly, tuple(draws))
+    vectors = before.table.vectors(draws)
+    _refuse_other_density(before, vectors, density, of)
+    curves = actuator_curves(after)
+    assert curves is not None
+    model = before.of_actuators(curves)
+    worth = _independent(of.run, posterior, len(vectors))
+    updated = take_in(
+        before,
+        model,
+        vectors,
+        density,
+        found.specimens,
+        generator,
+        independent=worth,
+        enough=enough,
+    )
+    if not updated.reliable:
+        sample = updated.posterior
+        raise BayesdegError(
+            f"the new readings move the posterior too far for its draws ({sample.effective:.0f} "
+            f"effective draws of {FEWEST:.0f} wanted, Pareto k {sample.pareto_k:.2f} of "
+            f"{RELIABLE_K:g} at most): add the rows to {FILE} of the study and run it again"
+        )
+    return TakenIn(_fit(model, updated, generator), updated, vectors)
+
+
+def _refuse_other_density(model: JointModel, vectors: Floats, known: Floats, of: Finished) -> None:
+    """Refuse a run of which this version computes another density."""
+    some = np.unique(np.linspace(0, len(vectors) - 1, CHECKED).astype(np.intp))
+    if not np.all(np.abs(model.log_prob(vectors[some]) - known[some]) <= SAME):
+        raise BayesdegError(
+            f"{of.folder.path}: this version of bayesdeg ({bayesdeg.__version__}; the run: "
+            f"{of.run.version}) computes another density of its draws than is recorded; run the "
+            "study again"
+        )
+
+
+def _independent(run: RunRecord, posterior: str, count: int) -> float:
+    """Return the share of stored draws that are worth an independent one each."""
+    entry = run.convergence.get("base" if posterior == POSTERIOR_BASE else "final")
+    fewest = None if entry is None else entry.ess_min
+    return 1.0 if fewest is None else min(1.0, fewest / count)
+
+
+def _fit(model: JointModel, updated: Updated, generator: np.random.Generator) -> Fit:
+    """Return an updated posterior as tables are made of it: draws of equal weight."""
+    sample = updated.posterior
+    places = drawn_evenly(sample, generator, DRAWS)
+    vectors = sample.draws[places]
+    known = sample.log_densities
+    density = model.log_prob(vectors) if known is None else known[places]
+    shape = (ENSEMBLES, DRAWS // ENSEMBLES, 1)
+    chain = Chain(vectors.reshape(*shape, -1), density.reshape(shape), np.ones(ENSEMBLES))
+    best = int(np.argmax(density))
+    laplace = Laplace(vectors[best], np.cov(vectors, rowvar=False), float(density[best]))
+    return Fit(model, laplace, sample, chain, _diagnosis(model, chain, sample.effective))
+
+
+def _diagnosis(model: JointModel, chain: Chain, effective: float) -> Convergence:
+    """Return diagnostics of draws that are independent but for those that stand several times."""
+    size = len(model.table)
+    return Convergence(
+        model.table.names,
+        tuple(chain.r_hat().tolist()),
+        (effective,) * size,
+        (effective,) * size,
+        chain.vectors.shape[1],
+        1,
+        ENSEMBLES,
+        True,
+        (DRAWS / effective,) * size,
+        EFFORTS[KNOWN_EFFORTS[0]],
+        False,
+    )
+
+
+# ---- the new run folder
+
+
+def default_target(report: Path) -> Path:
+    """Return where an update goes if nothing else is said.
+
+    Examples
+    --------
+    >>> default_target(Path("reports/gelatin")).as_posix()
+    'reports/gelatin_updated'
+    >>> default_target(Path("reports/gelatin_updated")).as_posix()
+    'reports/gelatin_updated_2'
+    """
+    whole = report.resolve() if report.name in ("", "..") else report
+    plain = _NUMBERED.sub("", whole.name)
+    if plain == whole.name:
+        return whole.with_name(f"{plain}_updated")
+    number = whole.name.rpartition("_")[2]
+    return whole.with_name(f"{plain}_updated_{int(number) + 1 if number.isdigit() else 2}")
+
+
+@dataclass(frozen=True)
+class Written:
+    """An updated run.
+
+    Parameters
+    ----------
+    folder : Path
+        Where it was written.
+    entry : UpdateEntry
+        What was taken in, and how.
+    moved : DataFrame
+        A row for each parameter of the final model: unit, mean and sd before and after, and the
+        shift of the mean in standard deviations before.
+    messages : tuple of str
+        What its user should know.
+    """
+
+    folder: Path
+    entry: UpdateEntry
+    moved: pd.DataFrame
+    messages: tuple[str, ...]
+
+
+def update(
+    report: Path,
+    content: bytes,
+    name: str,
+    *,
+    out: Path | None,
+    seed: int | None,
+    emulator: Path | None,
+    progress: Progress,
+) -> Written:
+    """Let further readings of actuators enter a finished run, and write a new run folder.
+
+    Parameters
+    ----------
+    report : Path
+        The run folder, which stays as it is.
+    content : bytes
+        Rows of ``actuator.csv``, of new or of earlier specimens.
+    name : str
+        Of the file they are from, for messages.
+    out : Path, optional
+        The new run folder.
+    seed : int, optional
+        By default that of the run.
+    emulator : Path, optional
+        The one that the run was given, if it was.
+    progress : Progress
+        Shows the work.
+
+    Raises
+    ------
+    StudyError
+        With every fault of the new rows.
+    BayesdegError
+        If the run cannot be updated, or the folder is not free.
+    """
+    with threadpool_limits(limits=1):  # small matrices, and the same bits on every machine
+        asked = (report, content, name, out, seed, emulator)
+        return _update(*asked, progress=progress)
+
+
+def _update(
+    report: Path,
+    content: bytes,
+    name: str,
+    out: Path | None,
+    seed: int | None,
+    emulator: Path | None,
+    *,
+    progress: Progress,
+) -> Written:
+    begun = time.perf_counter()
+    progress.stage("reading")
+    of = finished(report)
+    found, before, after = _enlarged(of, content, name)
+    doubted = suspicions(before, after, name)
+    forward = emulator_of(of.run, emulator)
+    assembly = assemble(before, forward)
+    target = out or default_target(report)
+    with update_folder(target, report, of.study) as folder:
+        results, taken = _results(of, assembly, after, found, seed, progress)
+        progress.stage("predictions and tables")
+        entry = _entry(of, found, taken)
+        guard = Guard()
+        _write(of, folder, after, results, guard, np.random.default_rng(_seed(of, seed, 0)))
+        _finish(of, folder, after, results, (found, entry), guard, begun)
+    left_out = (f"{one.stage}: {one.why}" for one in guard.left_out)
+    moved = _moved(taken[POSTERIOR])
+    return Written(target, entry, moved, (*doubted, *_said(entry), *left_out))
+
+
+def _results(
+    of: Finished,
+    assembly: Assembly,
+    after: Study,
+    found: Enlarged,
+    seed: int | None,
+    progress: Progress,
+) -> tuple[Results, dict[str, TakenIn]]:
+    """Return the updated calibrations: of the final model, and of the base model beside it."""
+    taken: dict[str, TakenIn] = {}
+    same = not of.verdict.predicted_with
+    for number, posterior in enumerate((POSTERIOR, POSTERIOR_BASE)):
+        if posterior == POSTERIOR_BASE and same:
+            taken[posterior] = taken[POSTERIOR]
+            continue
+        progress.stage(f"taking the readings in: {posterior}")
+        generator = np.random.default_rng(_seed(of, seed, 1 + number))
+        # predictions are the final model's; the base model is only taken along
+        enough = ENOUGH if posterior == POSTERIOR else FEWEST
+        taken[posterior] = _taken_in(of, posterior, assembly, after, found, generator, enough)
+    model = taken[POSTERIOR_BASE].fit.model
+    whole = replace(assembly, model=replace(model, causes=()))
+    return Results(whole, taken[POSTERIOR_BASE].fit, taken[POSTERIOR].fit, None), taken
+
+
+def _seed(of: Finished, given: int | None, stream: int) -> np.random.SeedSequence:
+    """Return a stream of random numbers that no other update and no other work of the run has."""
+    number = given if given is not None else int(str(of.run.seed or 0))
+    times = 0 if of.run.update is None else int(of.run.update.times or 0)
+    return np.random.SeedSequence([number, 2, times, stream])
+
+
+def _write(
+    of: Finished,
+    folder: RunFolder,
+    after: Study,
+    results: Results,
+    guard: Guard,
+    generator: np.random.Generator,
+) -> None:
+    """Write posteriors and tables that follow from them, and copy those that do not."""
+    folder.remove(f"{RUN}.json")  # until all else is there, it is no run
+    folder.remove(INDEX)
+    files = Files(folder, guard)
+    kept = EFFORTS[of.run.effort if of.run.effort in EFFORTS else "standard"].kept
+    strict = Files(folder, Guard(strict=True), files.written)
+    for name, fit in ((POSTERIOR_BASE, results.base), (POSTERIOR, results.final)):
+        # of a base model that is only taken along, half as many
+        some = kept if fit is results.final else kept // 2
+        strict.posterior(name, fit, generator, kept=some)
+    sources = TableSources(after, results, generator, guard)
+    for name in ANEW:
+        files.table(name, partial(BUILDS[name], sources))
+    _keep_course(of, folder)
+    files.remove_others()
+    for path in _as_before(of.folder.path):
+        shutil.copyfile(path, folder.path / path.name)
+
+
+def _keep_course(of: Finished, folder: RunFolder) -> None:
+    """Add what the run found of the course of degradation to the parameters: it is as before."""
+    old, new = (one.read_table(columns.PARAMETERS) for one in (of.folder, folder))
+    if old is not None and new is not None and (old["model"] == "course").any():
+        course = old[old["model"] == "course"]
+        folder.write_table(columns.PARAMETERS, pd.concat([new, course], ignore_index=True))
+
+
+def _as_before(path: Path) -> list[Path]:
+    """Return files of a run that an update does not touch."""
+    tables = [t.file for name, t in columns.TABLES.items() if name not in ANEW]
+    names = (*tables, "posterior_course.nc", "deformed.npz")
+    pictures = sorted(path.glob("actuator_*pct.vtu"))
+    return [*(path / name for name in names if (path / name).is_file()), *pictures]
+
+
+def _entry(of: Finished, found: Enlarged, taken: Mapping[str, TakenIn]) -> UpdateEntry:
+    """Return what is recorded of an update."""
+    names = {"final": POSTERIOR, "base": POSTERIOR_BASE}
+    before = of.run.update
+    return UpdateEntry(
+        run=str(of.folder.path.resolve()),
+        times=1 + (0 if before is None else int(before.times or 0)),
+        specimens=found.specimens,
+        readings=found.rows,
+        added_sha256=hashlib.sha256(found.added).hexdigest(),
+        posteriors={
+            label: TakenInEntry(
+                method=str(taken[name].updated.method),
+                effective=taken[name].updated.posterior.effective,
+                pareto_k=taken[name].updated.posterior.pareto_k,
+                weights_effective=taken[name].updated.weights.effective,
+                weights_pareto_k=taken[name].updated.weights.pareto_k,
+                log_density=taken[name].updated.weights.log_evidence,
+            )
+            for label, name in names.items()
+        },
+        as_before=("verdict.json", *(path.name for path in _as_before(of.folder.path))),
+    )
+
+
+def _said(entry: UpdateEntry) -> tuple[str, ...]:
+    return (sentences("run", "updated", update=entry),)
+
+
+def _finish(
+    of: Finished,
+    folder: RunFolder,
+    after: Study,
+    results: Results,
+    what: tuple[Enlarged, UpdateEntry],
+    guard: Guard,
+    begun: float,
+) -> None:
+    """Write the rows, the verdict as it was, and last what is recorded of the run."""
+    found, entry = what
+    write_bytes(folder.path / ADDED, found.added)
+    lost = (*of.verdict.left_out, *guard.entries())
+    folder.write(of.verdict.model_copy(update={"left_out": lost}))
+    folder.write_left_out(guard.traces())
+    compared = guard.attempt(OptionalStage.COMPARISONS, comparisons, after, results.final) or ()
+    new = {
+        "created": datetime.now(UTC).isoformat(timespec="seconds"),
+        "version": bayesdeg.__version__,
+        "seconds": {**of.run.seconds, "update": round(time.perf_counter() - begun, 2)},
+        "rests_on": tuple(rests_on(after, results.base.model)),
+        "comparisons": tuple(compared),
+        "convergence": {**of.run.convergence, **_convergence(entry)},
+        "model": model_document(results.base.model),
+        "posteriors": folder.posterior_hashes(),
+        "left_out": lost,
+        "update": entry,
+    }
+    folder.write(of.run.model_copy(update=new))
+
+
+def _convergence(entry: UpdateEntry) -> dict[str, ConvergenceEntry]:
+    return {
+        label: ConvergenceEntry(
+            r_hat_max=None,
+            ess_min=one.effective,
+            sentence=sentences("run", "taken_in", one=one),
+            usable=True,
+        )
+        for label, one in entry.posteriors.items()
+    }
+
+
+def _moved(taken: TakenIn) -> pd.DataFrame:
+    """Return how far each parameter moved."""
+    table = taken.fit.model.table
+    new = taken.fit.chain.vectors.reshape(-1, len(table))
+    before, after = (table.named(vectors) for vectors in (taken.before, new))
+    rows = [
+        {
+            "parameter": p.name,
+            "unit": p.unit,
+            "mean_before": float(np.mean(before[p.name])),
+            "sd_before": float(np.std(before[p.name])),
+            "mean": float(np.mean(after[p.name])),
+            "sd": float(np.std(after[p.name])),
+        }
+        for p in table.parameters
+    ]
+    frame = pd.DataFrame(rows)
+    frame["shift_sd"] = (frame["mean"] - frame["mean_before"]) / frame["sd_before"]
+    return frame

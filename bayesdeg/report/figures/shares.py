@@ -1,0 +1,119 @@
+"""What the uncertainty of a prediction is made of."""
+
+from typing import Final
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from bayesdeg.quantities import axis_label
+from bayesdeg.report.drawing import (
+    PAPER,
+    PageFigure,
+    Shown,
+    Sketch,
+    key,
+    legend_above,
+    level_colour,
+    panels,
+    styled,
+)
+
+WORDS: Final = {
+    "material": "material constants",
+    "degradation": "error of the degradation rate",
+    "scatter": "scatter of specimens",
+    "paper": "paper",
+    "scale": "volume ratio",
+    "causes": "causes",
+    "emulator": "error of the emulator",
+    "reading": "errors of reading",
+}
+"""Sources in words, in the order in which they are stacked."""
+
+LARGEST = 3  # sources that the caption names
+
+
+@styled
+def shares_figure(shares: pd.DataFrame) -> Figure:
+    """Draw the shares of the variance as stacked bars, a panel a pressure.
+
+    Parameters
+    ----------
+    shares : pandas.DataFrame
+        Table ``shares``.
+    """
+    pressures = np.unique(shares["pressure_kPa"].to_numpy(float))
+    figure, every_axes = panels(len(pressures), columns=2)
+    there = [source for source in WORDS if (shares["source"] == source).any()]
+    places = ["pressure_kPa", "degradation_pct"]
+    table = shares.pivot_table(index=places, columns="source", values="share")
+    levels = np.unique(shares["degradation_pct"].to_numpy(float))
+    for axes, pressure in zip(every_axes, pressures, strict=True):
+        _stack(axes, table.loc[pressure].reindex(index=levels, columns=there))
+        axes.set_title(f"{pressure:g} kPa")
+    figure.supxlabel(axis_label("degradation_pct"), fontsize=8.0)
+    figure.supylabel("share of the variance [–]", fontsize=8.0)
+    entries = {WORDS[source]: key(level_colour(i, len(there))) for i, source in enumerate(there)}
+    for entry in entries.values():
+        entry.set(linewidth=6)
+    legend_above(figure, entries)
+    return figure
+
+
+def _stack(axes: Axes, shares: pd.DataFrame) -> None:
+    """Draw a bar for each degradation rate; shares have a column a source."""
+    place, below = np.arange(len(shares)), np.zeros(len(shares))
+    for index, source in enumerate(shares):
+        # rounding may leave a share a little below nothing
+        height = np.maximum(np.nan_to_num(shares[source].to_numpy(float)), 0.0)
+        colour = level_colour(index, shares.shape[1])
+        axes.bar(place, height, 0.8, bottom=below, color=colour, edgecolor=PAPER, linewidth=0.4)
+        below += height
+    axes.set_xticks(place, [f"{level:.3g}" for level in shares.index])
+    axes.set_ylim(0.0, 1.0)
+    axes.grid(visible=False, axis="x")
+
+
+def largest_of(shares: pd.DataFrame) -> dict[str, object]:
+    """Return what the caption says of the largest pressure at the highest degradation rate.
+
+    Parameters
+    ----------
+    shares : pandas.DataFrame
+        Table ``shares``.
+    """
+    level = float(shares["degradation_pct"].max())
+    there = shares[shares["degradation_pct"] == level]
+    pressure = float(there["pressure_kPa"].max())
+    there = there[there["pressure_kPa"] == pressure].nlargest(LARGEST, "share")
+    named = zip(there["source"].astype(str), there["share"].astype(float), strict=True)
+    return {
+        "level": level,
+        "pressure": pressure,
+        "sd": float(there["sd_per_m"].iloc[0]),
+        "largest": [(WORDS.get(source, source), share) for source, share in named],
+    }
+
+
+def _shares(shown: Shown) -> Sketch | None:
+    shares = shown.tables["shares"]
+    return None if shares is None else Sketch(shares_figure(shares), largest_of(shares))
+
+
+FIGURES = (
+    PageFigure(
+        "shares",
+        "curvature",
+        _shares,
+        "Shares of the variance of a curvature read on a new actuator, by what is uncertain: a bar "
+        "for each degradation rate, a panel for each pressure. At {{ level | level }} and "
+        "{{ pressure | number }} kPa its standard deviation is {{ sd | number(2) }} 1/m; the "
+        "largest shares are {% for name, share in largest %}{{ ', ' if not loop.first }}{{ name }} "
+        "({{ share | percent }}){% endfor %}. Parameters that the posterior ties together share "
+        "what they have in common evenly (Shapley effects), so that shares add up to 1.",
+        ("shares",),
+        title="What the uncertainty is made of",
+    ),
+)

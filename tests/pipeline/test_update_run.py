@@ -1,0 +1,297 @@
+"""Further readings enter a finished run: command, library, what is written and what is refused."""
+
+import json
+import shutil
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import bayesdeg as bd
+from bayesdeg.causes.catalogue import find
+from bayesdeg.cli import INPUT_FAULT, exit_code
+from bayesdeg.pipeline.assemble import assemble
+from bayesdeg.pipeline.reading import read_study
+from bayesdeg.pipeline.update import ANEW, default_target
+from bayesdeg.report.folder import RunFolder
+from bayesdeg.report.page import build_page
+from tests.inference.small_study import values_of
+from tests.pipeline.planted_offset import OFFSET, emulator, model, planted_study
+from tests.pipeline.small_run import contents, sample_of, write_run
+
+HEAD = "specimen_id,degradation_pct,degradation_sd_pct,pressure_kPa,curvature_per_m"
+
+
+def new_specimen():
+    """Rows of a further specimen, as those of the study were drawn."""
+    active = model()
+    drawn = active.simulate(
+        active.table.named(active.table.vectors(_truth(active))), np.random.default_rng(9)
+    )[0]
+    curves = active.actuator
+    rows = [
+        f"n1,{curves.degradation[1, 0]},0.0,{curves.pressure[1, j]},{drawn[1, j]}"
+        for j in np.flatnonzero(curves.mask[1])
+    ]
+    return "\n".join([HEAD, *rows]) + "\n"
+
+
+def _truth(active):
+    known = values_of() | {"pressure_offset.offset": np.array([OFFSET])}
+    return {name: known[name] for name in active.table.names}
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """A study and its finished run."""
+    folder = tmp_path_factory.mktemp("planted")
+    study = folder / "study"
+    study.mkdir()
+    path, file = write_run(folder / "reports" / "planted", planted_study(study))
+    return study, path, file
+
+
+@pytest.fixture
+def places(run, tmp_path):
+    """Copies of study and run that may be changed."""
+    study, path, file = run
+    shutil.copytree(study, tmp_path / "study")
+    shutil.copytree(path, tmp_path / "reports" / "planted")
+    (tmp_path / "new.csv").write_text(new_specimen(), encoding="utf-8")
+    return tmp_path, tmp_path / "reports" / "planted", file
+
+
+@pytest.fixture
+def bayesdeg(monkeypatch, capsys):
+    def run(*arguments):
+        monkeypatch.setattr("sys.argv", ["bayesdeg", *map(str, arguments)])
+        code = exit_code()
+        printed = capsys.readouterr()
+        return code, printed.out, printed.err
+
+    return run
+
+
+def test_the_updated_run_is_that_of_all_readings(places, bayesdeg):
+    folder, report, file = places
+    before = contents(report)
+    code, printed, said = bayesdeg(
+        "update", report, folder / "new.csv", "--emulator", file, "--json", "--quiet"
+    )
+    assert code == 0, said
+    answer = json.loads(printed)
+    out = report.with_name("planted_updated")
+    assert answer["folder"] == str(out)
+    assert contents(report) == before
+    assert answer["update"]["specimens"] == ["n1"]
+
+    with (folder / "study" / "actuator.csv").open("a", encoding="utf-8") as study:
+        study.write("\n".join(new_specimen().splitlines()[1:]) + "\n")
+    whole = assemble(read_study(folder / "study"), emulator()).model
+    whole = whole.extended(find("pressure_offset"))
+    full = sample_of(whole, 11, enough=3000.0)
+    weights = np.exp(full.log_weights - full.log_weights.max())
+    values = whole.table.named(full.draws)
+    rows = pd.DataFrame(answer["parameters"]).set_index("parameter")
+    for name, draws in values.items():
+        mean = np.average(draws, weights=weights)
+        sd = np.sqrt(np.average((draws - mean) ** 2, weights=weights))
+        tail = np.average(((draws - mean) / sd) ** 4, weights=weights)
+        # Monte Carlo error of a standard deviation; larger where tails are heavy
+        error = 3.0 * np.sqrt((tail - 1.0) / (4.0 * full.effective))
+        assert abs(rows.loc[name, "mean"] - mean) < 0.12 * sd, name
+        assert abs(rows.loc[name, "sd"] / sd - 1.0) < 0.05 + error, name
+
+
+def test_posteriors_and_tables_are_of_all_readings_and_the_verdict_is_not_judged_again(places):
+    folder, report, file = places
+    found = bd.update(report, folder / "new.csv", emulator=file, progress=False)
+    new = RunFolder(found.folder)
+    record = new.read_run()
+    assert record.update.run == str(report.resolve())
+    assert record.update.readings == len(new_specimen().splitlines()) - 1
+    assert record.update.times == 1
+    assert set(record.update.posteriors) == {"final", "base"}
+    assert new.read_verdict() == RunFolder(report).read_verdict()
+    assert "not judged again" in found.messages[-1]
+    written = {name for name in ANEW if new.read_table(name) is not None}
+    assert written == set(ANEW) - {"fitted"}
+    observed = new.read_table("observations")
+    assert (observed["specimen_id"] == "n1").sum() == 2 * record.update.readings
+    tree = new.read_posterior("posterior")
+    assert "n1" in tree["log_likelihood"]["specimen"].to_numpy()
+    assert found.posterior["posterior"].equals(tree["posterior"])
+    page = build_page(found.folder).read_text(encoding="utf-8")
+    assert 'id="updated"' in page
+    assert found.method in ("weights", "refit", "mode")
+    assert found.effective >= 400.0
+    assert "shift_sd" in found.summary()
+    assert str(found.folder) in repr(found)
+    assert str(found.folder) in found._repr_html_()
+
+
+def test_the_same_seed_gives_the_same_update(places):
+    folder, report, file = places
+    new = pd.read_csv(folder / "new.csv")
+    kept = {"emulator": file, "progress": False}
+    one = bd.update(report, folder / "new.csv", out=folder / "one", **kept)
+    two = bd.update(report, new, out=folder / "two", **kept)
+    other = bd.update(report, new, out=folder / "three", seed=8, **kept)
+    pd.testing.assert_frame_equal(one.summary(), two.summary())
+    assert not one.summary().equals(other.summary())
+    tables = [pd.read_csv(place.folder / "bands.csv") for place in (one, two)]
+    pd.testing.assert_frame_equal(*tables)
+
+
+def test_an_updated_run_is_updated_further_and_predicts(places, bayesdeg):
+    folder, report, file = places
+    lines = new_specimen().splitlines()
+    (folder / "first.csv").write_text("\n".join(lines[:4]) + "\n", encoding="utf-8")
+    (folder / "rest.csv").write_text("\n".join([HEAD, *lines[4:]]) + "\n", encoding="utf-8")
+    once = bd.update(report, folder / "first.csv", emulator=file, progress=False)
+    before = contents(once.folder)
+    twice = bd.update(once.folder, folder / "rest.csv", emulator=file, progress=False)
+    assert twice.folder.name == "planted_updated_2"
+    assert contents(once.folder) == before
+    assert twice.written.entry.times == 2
+    added = (twice.folder / "added.csv").read_text().splitlines()
+    assert added == lines
+    whole = bd.update(report, folder / "new.csv", emulator=file, out=folder / "w", progress=False)
+    shift = (twice.summary()["mean"] - whole.summary()["mean"]) / whole.summary()["sd"]
+    assert np.max(np.abs(shift)) < 0.15
+    at = ("--pressure", "60", "--degradation", "0", "--emulator", file)
+    code, printed, said = bayesdeg("predict", twice.folder, *at, "--json")
+    assert code == 0, said
+    assert "n1" in " ".join(json.loads(printed)["messages"])
+
+
+def test_a_further_reading_of_an_earlier_specimen(places):
+    folder, report, file = places
+    data = read_study(folder / "study").actuator
+    name, rate = data["specimen_id"].iloc[0], data["degradation_pct"].iloc[0]
+    top = data.loc[data["specimen_id"] == name, "pressure_kPa"].max() + 10.0
+    curvature = 1.09 * data.loc[data["specimen_id"] == name, "curvature_per_m"].max()
+    (folder / "more.csv").write_text(
+        f"{HEAD}\n{name},{rate},0.0,{top},{curvature}\n", encoding="utf-8"
+    )
+    found = bd.update(report, folder / "more.csv", emulator=file, progress=False)
+    assert found.written.entry.readings == 1
+    assert np.max(np.abs(found.summary()["shift_sd"])) < 1.5
+    observed = RunFolder(found.folder).read_table("observations").query("model == 'base'")
+    assert observed.loc[observed["specimen_id"] == name, "pressure_kPa"].iloc[-1] == top
+
+
+def lines_of(said):
+    return [line for line in said.splitlines() if line.strip()]
+
+
+REFUSED = {
+    "colour": (f"{HEAD},colour\nn1,0,0,20,1,red\n", "column colour"),
+    "text": (f"{HEAD}\nn1,0,0,twenty,1\n", "value 'twenty'"),
+    "rate": (f"{HEAD}\nn1,300,0,20,1\n", "value '300'"),
+    "angle": (f"{HEAD},bend_angle_deg\nn1,0,0,20,1,2.2\nn1,0,0,40,2,4.4\n", "bend_angle_noise"),
+    "nothing": (f"{HEAD}\n", "no data"),
+}
+
+
+@pytest.mark.parametrize("what", REFUSED)
+def test_bad_rows_are_refused_in_one_line(places, bayesdeg, what):
+    folder, report, file = places
+    text, words = REFUSED[what]
+    (folder / "bad.csv").write_text(text, encoding="utf-8")
+    code, printed, said = bayesdeg("update", report, folder / "bad.csv", "--emulator", file)
+    assert code == INPUT_FAULT
+    assert printed == ""
+    assert len(lines_of(said)) == 1
+    assert words in said
+    assert not report.with_name("planted_updated").exists()
+
+
+def test_a_unit_that_cannot_be_right_is_refused(places, bayesdeg):
+    folder, report, file = places
+    table = pd.read_csv(folder / "new.csv")
+    table["curvature_per_m"] *= 1e-3  # 1/mm
+    table.to_csv(folder / "bad.csv", index=False)
+    code, _, said = bayesdeg("update", report, folder / "bad.csv", "--emulator", file)
+    assert code == INPUT_FAULT
+    assert len(lines_of(said)) == 1
+    assert "curvature_per_m" in said
+    assert "bad.csv" in said
+
+
+def test_what_the_run_was_made_of_must_be_there_and_unchanged(places, bayesdeg):
+    folder, report, file = places
+    ask = ("update", report, folder / "new.csv", "--emulator", file)
+    toml = folder / "study" / "study.toml"
+    toml.write_text(toml.read_text() + "\n# changed\n", encoding="utf-8")
+    code, _, said = bayesdeg(*ask)
+    assert (code, len(lines_of(said))) == (INPUT_FAULT, 1)
+    assert "study.toml" in said
+    shutil.rmtree(folder / "study")
+    code, _, said = bayesdeg(*ask)
+    assert (code, len(lines_of(said))) == (INPUT_FAULT, 1)
+    assert "planted" in said
+    code, _, said = bayesdeg("update", folder / "none", folder / "new.csv")
+    assert (code, len(lines_of(said))) == (INPUT_FAULT, 1)
+    code, _, said = bayesdeg("update", report, folder / "none.csv", "--emulator", file)
+    assert (code, len(lines_of(said))) == (INPUT_FAULT, 1)
+
+
+def test_another_run_is_never_written_over(places, bayesdeg):
+    folder, report, file = places
+    before = contents(report)
+    shutil.copytree(report, folder / "other")
+    for out in (report, folder / "other", folder / "study"):
+        ask = ("update", report, folder / "new.csv", "--emulator", file, "--out", out)
+        code, _, said = bayesdeg(*ask)
+        assert (code, len(lines_of(said))) == (INPUT_FAULT, 1)
+        assert "--out" in said
+    assert contents(report) == before == contents(folder / "other")
+
+
+def test_draws_of_another_density_are_refused(places, bayesdeg):
+    folder, report, file = places
+    new = RunFolder(report)
+    tree = new.read_posterior("posterior")
+    tree["sample_stats"]["lp"] = tree["sample_stats"]["lp"] + 1.0
+    new.write_posterior("posterior", tree)
+    new.write(new.read_run().model_copy(update={"posteriors": new.posterior_hashes()}))
+    code, _, said = bayesdeg("update", report, folder / "new.csv", "--emulator", file)
+    assert (code, len(lines_of(said))) == (INPUT_FAULT, 1)
+    assert "another density" in said
+
+
+def test_added_rows_that_were_changed_are_refused(places, bayesdeg):
+    folder, report, file = places
+    once = bd.update(report, folder / "new.csv", emulator=file, progress=False)
+    path = once.folder / "added.csv"
+    path.write_text(path.read_text() + "\n", encoding="utf-8")
+    code, _, said = bayesdeg("update", once.folder, folder / "new.csv", "--emulator", file)
+    assert (code, len(lines_of(said))) == (INPUT_FAULT, 1)
+    assert "added.csv" in said
+
+
+def test_names_of_updates_count_up(tmp_path):
+    first = default_target(tmp_path / "gel")
+    second = default_target(first)
+    third = default_target(second)
+    assert [p.name for p in (first, second, third)] == [
+        *("gel_updated", "gel_updated_2", "gel_updated_3"),
+    ]
+
+
+def test_a_run_without_causes_has_one_posterior(tmp_path):
+    study = tmp_path / "study"
+    study.mkdir()
+    path, file = write_run(tmp_path / "reports" / "base", planted_study(study), causes=())
+    record = RunFolder(path).read_verdict()
+    RunFolder(path).write(replace_outcome(record))
+    (tmp_path / "new.csv").write_text(new_specimen(), encoding="utf-8")
+    found = bd.update(path, tmp_path / "new.csv", emulator=file, progress=False)
+    entries = found.written.entry.posteriors
+    assert entries["base"] == entries["final"]
+    assert not any("." in name for name in found.summary().index)
+
+
+def replace_outcome(record):
+    return record.model_copy(update={"causes": (), "predicted_with": ()})
