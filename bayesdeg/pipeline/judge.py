@@ -84,6 +84,8 @@ class Judgement:
         How probable published counts of ruptures are, and what explains them; None without any.
     own_counts : CountMisfit or None
         How probable the number of the study's own actuators that burst is.
+    counts_fitted : bool
+        Whether the cause that explains published counts is part of the model that predicts.
     contradicted : Conflict or None
         The measured mean that the base model contradicts most; None where none was measured.
     candidates : tuple of Candidate
@@ -131,14 +133,21 @@ class Judgement:
     sampled: bool = True
     counted: Counted | None = None
     own_counts: CountMisfit | None = None
+    counts_fitted: bool = True
 
     @property
     def predicted_with(self) -> tuple[str, ...]:
         """Causes that are part of the model with which predictions are made."""
         if not self.sampled:
             return ()
-        of_counts = () if self.of_counts is None else (self.of_counts.name,)
-        return tuple(sorted((*extension(self.decision, self.supported), *of_counts)))
+        fitted = self.of_counts if self.counts_fitted else None
+        of_counts = () if fitted is None else (fitted.name,)
+        return tuple(sorted((*self.of_readings, *of_counts)))
+
+    @property
+    def of_readings(self) -> Names:
+        """Those of them that the readings show."""
+        return extension(self.decision, self.supported)
 
     @property
     def of_counts(self) -> CountedCause | None:
