@@ -26,8 +26,11 @@ Effort = Literal["quick", "standard", "thorough"]
 
 Mode = Literal["uniaxial", "equibiaxial", "planar"]
 
+RuptureCriterion = Literal["principal_stretch", "cauchy_stress", "strain_energy"]
+
 EFFORTS: tuple[Effort, ...] = get_args(Effort)
 MODES: tuple[str, ...] = get_args(Mode)
+RUPTURE_CRITERIA: tuple[RuptureCriterion, ...] = get_args(RuptureCriterion)
 
 #: Limits of a dimension [mm] and of the number of chambers; beyond them no mesh can be made.
 SMALLEST_MM, LARGEST_MM, MOST_CHAMBERS = 1e-3, 2000.0, 200
@@ -222,6 +225,8 @@ class Settings:
         Free text shown in the report.
     forward : OwnForward, optional
         A forward map of one's own, in the place of actuators and films.
+    rupture_criterion : str
+        What of a wall's state is held against the films' elongation at break.
 
     Examples
     --------
@@ -243,6 +248,7 @@ class Settings:
     virtual: bool = False
     note: str = ""
     forward: OwnForward | None = None
+    rupture_criterion: RuptureCriterion = "principal_stretch"
 
 
 FILE = "study.toml"
@@ -332,6 +338,13 @@ ENTRIES: tuple[_Entry, ...] = (
     _Entry("sampling", "effort", f"one of {', '.join(EFFORTS)}", Effort),
     _Entry("tensile", "fit_modes", _MODES, Annotated[_Names[Mode], Len(1)]),
     _Entry("material", "order", "a whole number from 0 to 3", Annotated[int, Interval(ge=0, le=3)]),
+    _Entry(
+        "rupture",
+        "criterion",
+        f"one of {', '.join(RUPTURE_CRITERIA)}",
+        RuptureCriterion,
+        "rupture_criterion",
+    ),
     _Entry("forward", "function", _FUNCTION, _Function, "own_function"),
     _Entry("forward", "inputs", _INPUTS, Annotated[_Names[str], Len(1)], "own_inputs"),
     _Entry("reading", "name", _READING, _Text, "own_reading"),
@@ -341,7 +354,7 @@ ENTRIES: tuple[_Entry, ...] = (
 )
 TABLES = (
     *("actuator", "paper", "shrinkage", "priors", "noise", "causes", "sampling"),
-    *("tensile", "material", "forward", "parameters", "reading"),
+    *("tensile", "material", "rupture", "forward", "parameters", "reading"),
 )
 
 

@@ -239,9 +239,65 @@ def _normal_log_density(standard: FloatArray) -> FloatArray:
     return -0.5 * np.square(standard) - _LOG_ROOT_TWO_PI
 
 
-type Criterion = Literal["principal_stretch", "cauchy_stress", "equivalent_strain"]
+type Criterion = Literal["principal_stretch", "cauchy_stress", "equivalent_strain", "strain_energy"]
 
 CRITERIA: tuple[Criterion, ...] = ("principal_stretch", "cauchy_stress", "equivalent_strain")
+
+
+def wall_state(stretch: npt.ArrayLike, biaxiality: npt.ArrayLike) -> FloatArray:
+    r"""Return the principal stretches of an incompressible wall.
+
+    .. math:: (\lambda, \lambda^b, \lambda^{-1-b})
+
+    Parameters
+    ----------
+    stretch : array_like, shape (...)
+        Largest principal stretch λ [–].
+    biaxiality : array_like, shape (...)
+        b: −1/2 of uniaxial, 0 of planar, 1 of equibiaxial tension [–].
+
+    Returns
+    -------
+    ndarray, shape (..., 3)
+
+    Examples
+    --------
+    >>> wall_state(2.0, 1.0)
+    array([2.  , 2.  , 0.25])
+    """
+    largest, b = np.broadcast_arrays(
+        np.asarray(stretch, dtype=np.float64), np.asarray(biaxiality, dtype=np.float64)
+    )
+    return np.stack([largest, largest**b, largest ** (-1.0 - b)], axis=-1)
+
+
+def energy_equivalent_stretch(stretches: npt.ArrayLike) -> FloatArray:
+    r"""Return the uniaxial stretch with the same strain energy of a law in I₁ alone.
+
+    Such an energy rises with I₁, so that the law does not matter: λ is the root above 1 of
+
+    .. math:: \lambda^2 + 2/\lambda = I_1
+
+    by the trigonometric formula for three real roots of :math:`\lambda^3 - I_1 \lambda + 2`.
+
+    Parameters
+    ----------
+    stretches : array_like, shape (..., 3)
+        Principal stretches [–] whose product is 1.
+
+    Returns
+    -------
+    ndarray, shape (...)
+
+    Examples
+    --------
+    >>> energy_equivalent_stretch([2.0, 2.0**-0.5, 2.0**-0.5]).round(12)
+    np.float64(2.0)
+    """
+    first = np.square(np.asarray(stretches, dtype=np.float64)).sum(axis=-1)
+    third = np.maximum(first, 3.0) / 3.0
+    angle = np.arccos(np.clip(-(third**-1.5), -1.0, 1.0))
+    return np.asarray(2.0 * np.sqrt(third) * np.cos(angle / 3.0))
 
 
 def hencky_equivalent_strain(stretches: npt.ArrayLike) -> FloatArray:
@@ -308,8 +364,8 @@ def equivalent_uniaxial_stretch(
     stretches : array_like, shape (..., 3)
         Principal stretches [–] whose product is 1.
     criterion : str
-        ``principal_stretch``, ``cauchy_stress`` (`largest_cauchy_stress`) or
-        ``equivalent_strain`` (`hencky_equivalent_strain`).
+        ``principal_stretch``, ``cauchy_stress`` (`largest_cauchy_stress`), ``equivalent_strain``
+        (`hencky_equivalent_strain`) or ``strain_energy`` (`energy_equivalent_stretch`).
     law : Yeoh, optional
         Needed for ``cauchy_stress`` only; nominal stress must rise with uniaxial stretch.
 
@@ -332,8 +388,11 @@ def equivalent_uniaxial_stretch(
         return np.asarray(stretches, dtype=np.float64).max(axis=-1)
     if criterion == "equivalent_strain":
         return np.exp(hencky_equivalent_strain(stretches))
+    if criterion == "strain_energy":
+        return energy_equivalent_stretch(stretches)
     if criterion != "cauchy_stress":
-        raise ValueError(f"unknown criterion {criterion!r}; one of {', '.join(CRITERIA)}")
+        known = (*CRITERIA, "strain_energy")
+        raise ValueError(f"unknown criterion {criterion!r}; one of {', '.join(known)}")
     if law is None:
         raise ValueError("the criterion 'cauchy_stress' needs the material's law")
     return _stretch_at_stress(law, largest_cauchy_stress(law, stretches))

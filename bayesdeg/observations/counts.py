@@ -180,7 +180,7 @@ def stretch_demanded(state: State[FilmsAndActuators], tests: CountedTests) -> Fl
     """
     spread = state.once(parts_of, tests).spread
     deviation = np.sqrt(spread)[..., None] * STIFFNESS_NODES
-    prediction = state.world.forward(inputs_met(state, tests, deviation))
+    prediction = state.world.answer(inputs_met(state, tests, deviation))
     return np.where(prediction.status == 0, prediction.peak_stretch, np.nan)
 
 

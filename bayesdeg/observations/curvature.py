@@ -504,7 +504,7 @@ def _predictions(
 ) -> tuple[Prediction, Prediction]:
     """Return predictions before and after causes that act on the reading."""
     causes, met = state.acting(), inputs_met(state, data, deviation)
-    mechanics = _with_common_error(state, data, state.world.forward(met))
+    mechanics = _with_common_error(state, data, state.world.answer(met))
     return mechanics, applied("on_reading", mechanics, data.conditions, causes)
 
 

@@ -136,6 +136,7 @@ def assemble(study: Study, forward: ForwardMap | None = None) -> Assembly:
         forward=no_map if forward is None or not plan.needs_forward else forward,
         paper_thickness=study.settings.paper_thickness_mm,
         largest_pressure=plan.largest,
+        criterion=study.settings.rupture_criterion,
     )
     model = JointModel(plan.base, plan.observations, world)
     return Assembly(

@@ -184,8 +184,11 @@ class ModelledExperiment:
         BayesdegError
             If a cause acts on nothing of it, or names clash.
         """
+        model, counts = self.assembly.model, self.assembly.counts
+        if counts is not None and any(cause.is_of_rupture_alone for cause in self.causes):
+            model = model.with_observations(counts)  # such a cause makes them data
         try:
-            return self.assembly.model.extended(*self.causes)
+            return model.extended(*self.causes)
         except ValueError as fault:
             raise BayesdegError(str(fault)) from fault
 
@@ -557,7 +560,9 @@ def _of_final(judgement: Judgement | None, final: Fit) -> Judgement | None:
     given = sorted(cause.name for cause in final.model.causes)
     if not given:
         return replace(judgement, sampled=False)
-    if given != sorted(wanted):
+    if given == sorted(judgement.of_readings):
+        judgement = replace(judgement, counts_fitted=given == sorted(wanted))
+    elif given != sorted(wanted):
         raise BayesdegError(
             f"the final model has {', '.join(given)}, and the verdict predicts with "
             f"{', '.join(wanted) or 'no cause'}; calibrate "

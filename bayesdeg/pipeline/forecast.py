@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.causes.catalogue import find, in_order
 from bayesdeg.causes.cause import Cause
-from bayesdeg.data.settings import Dimensions
+from bayesdeg.data.settings import RUPTURE_CRITERIA, Dimensions, RuptureCriterion
 from bayesdeg.data.study import Study
 from bayesdeg.emulator.kept import CACHE, Recipe, cached_path
 from bayesdeg.emulator.surrogate import Surrogate
@@ -119,6 +119,7 @@ def model_document(model: JointModel, study: Study | None = None) -> ModelEntry:
         paper_thickness_mm=model.paper_thickness,
         largest_pressure_kPa=model.largest_pressure,
         measured={name: (float(min(v)), float(max(v))) for name, v in measured.items()},
+        rupture_criterion=model.films_and_actuators.criterion,
         rupture_checks=specimens_tested(model) or None,
         bursts=bursts_of(model, study),
     )
@@ -242,8 +243,19 @@ def _model(entry: ModelEntry, draws: Mapping[str, Floats], forward: Surrogate) -
             forward=forward,
             paper_thickness=thickness,
             largest_pressure=largest,
+            criterion=_criterion(entry),
         ),
         causes=in_order(_flat(find(name)) for name in names),
+    )
+
+
+def _criterion(entry: ModelEntry) -> RuptureCriterion:
+    for criterion in RUPTURE_CRITERIA:
+        if entry.rupture_criterion in (criterion, ""):
+            return criterion
+    raise RecordError(
+        f"run.json: 'rupture_criterion' must be one of {', '.join(RUPTURE_CRITERIA)}, not "
+        f"{entry.rupture_criterion!r}"
     )
 
 

@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,6 +84,8 @@ class Judgement:
         How probable published counts of ruptures are, and what explains them; None without any.
     own_counts : CountMisfit or None
         How probable the number of the study's own actuators that burst is.
+    counts_fitted : bool
+        Whether the cause that explains published counts is part of the model that predicts.
     contradicted : Conflict or None
         The measured mean that the base model contradicts most; None where none was measured.
     candidates : tuple of Candidate
@@ -130,14 +133,21 @@ class Judgement:
     sampled: bool = True
     counted: Counted | None = None
     own_counts: CountMisfit | None = None
+    counts_fitted: bool = True
 
     @property
     def predicted_with(self) -> tuple[str, ...]:
         """Causes that are part of the model with which predictions are made."""
         if not self.sampled:
             return ()
-        of_counts = () if self.of_counts is None else (self.of_counts.name,)
-        return tuple(sorted((*extension(self.decision, self.supported), *of_counts)))
+        fitted = self.of_counts if self.counts_fitted else None
+        of_counts = () if fitted is None else (fitted.name,)
+        return tuple(sorted((*self.of_readings, *of_counts)))
+
+    @property
+    def of_readings(self) -> Names:
+        """Those of them that the readings show."""
+        return extension(self.decision, self.supported)
 
     @property
     def of_counts(self) -> CountedCause | None:
@@ -425,9 +435,7 @@ def judge(
     supported = supports(search, chosen, everything)
     shared = _shared(final, guard)
     counted, own = _counted(final.trial, catalogue, seed, guard)
-    decision = _decided(
-        (alone, final), supported, beside, catalogue, shared, guard, counted=counted
-    )
+    decision = _decided((alone, final), supported, (*beside, counted), catalogue, shared, guard)
     names = extension(decision, tuple(supported)) if effort.levels_out else BASE
     judged = candidates(search, supported, everything, generator)
     return Judgement(
@@ -445,10 +453,7 @@ def judge(
         levels_out=_levels_out(search, names, folding, guard),
         search=search,
         shared=tuple(shared),
-        experiments=guard.attempt(
-            OptionalStage.EXPERIMENTS, _next, search, decision, supported, catalogue, generator
-        )
-        or [],
+        experiments=_proposed(guard, search, decision, supported, catalogue, generator),
         alike=tuple(cause.name for cause in catalogue.alike),
         counted=counted,
         own_counts=own,
@@ -595,13 +600,12 @@ def _beside(
 def _decided(
     steps: tuple[Step, Step],
     supported: list[Support],
-    beside: Beside,
+    beside: tuple[*Beside, Counted | None],
     catalogue: Catalogue | Assembly,
     shared: list[SharedScatter],
     guard: Guard,
-    *,
-    counted: Counted | None = None,
 ) -> Decision:
+    rupture, contradicted, off_prior, counted = beside
     if not steps[0].misfit.is_calibrated:
         few = uncalibrated(steps[0].misfit)
         guard.note(OptionalStage.CALIBRATION, sentences("findings", "not_calibrated", one=few))
@@ -610,15 +614,20 @@ def _decided(
     return decide(
         *steps,
         [*supported, *(() if counted is None else counted.supported)],
-        rupture=beside[0],
+        rupture=rupture,
         counts=None if counted is None else counted.misfit,
-        contradicted=beside[1],
-        questioned=beside[2],
+        contradicted=contradicted,
+        questioned=off_prior,
         on_rupture=silent,
         alike=tuple(cause.name for cause in catalogue.alike),
         shared=shared,
         untested=[NotComputed(s, guard.why(s)) for s in REFUTING if s in guard.stages],
     )
+
+
+def _proposed(guard: Guard, *about: Any) -> list[dict[str, object]]:
+    """Return what `_next` ranks; nothing where that failed."""
+    return guard.attempt(OptionalStage.EXPERIMENTS, _next, *about) or []
 
 
 def _next(

@@ -216,6 +216,7 @@ def _with_causes(counted: Counted) -> RuptureCountsEntry:
     return counts_entry(counted.misfit).model_copy(
         update={
             "explained_by": counted.explained_by,
+            "criteria": dict(counted.criteria),
             "tried": tuple(
                 CountedCauseEntry(
                     cause=one.name,

@@ -21,6 +21,7 @@ from bayesdeg.criticism.fit.search import Step
 from bayesdeg.criticism.holdout import gain
 from bayesdeg.criticism.holdout.gain import LooPit, gain_table, mode_table
 from bayesdeg.data.moisture import degradation_of_films, moisture_content
+from bayesdeg.data.settings import RUPTURE_CRITERIA
 from bayesdeg.data.study import Study
 from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import EFFORTS, to_datatree
@@ -683,6 +684,32 @@ def _rupture_table(found: TableSources) -> pd.DataFrame | None:
     return None if table is None else _where_known(table, _largest_pressure(found))
 
 
+CRITERIA_DRAWS = 200
+CRITERIA_PRESSURES = 4  # in equal steps up to the largest that was tested
+
+
+def _criteria_table(found: TableSources) -> pd.DataFrame | None:
+    """Return the probability of rupture by each criterion, at the posterior of the one chosen."""
+    fit = found.results.final
+    if fit.model.actuator is None or not fit.model.has_elongation:
+        return None
+    pressure = np.linspace(0.0, _largest_pressure(found), CRITERIA_PRESSURES + 1)[1:]
+    seed = int(found.generator.integers(2**32))  # the same draws by each
+    frames = [
+        rupture_table(
+            fit.model.with_world(criterion=criterion),
+            fit.chain,
+            np.random.default_rng(seed),
+            degradation=level_grid(fit.model),
+            pressure=pressure,
+            draws=CRITERIA_DRAWS,
+            specimens=specimens_tested(fit.model),
+        ).assign(criterion=criterion)
+        for criterion in RUPTURE_CRITERIA
+    ]
+    return _joined(frames)
+
+
 HIGHER = 4.0
 """Largest pressure at which rupture is asked for, over the largest that was tested: walls of stiff
 material are nowhere near their limit below."""
@@ -801,4 +828,5 @@ BUILDS: Mapping[str, Build] = {
     columns.FITTED: _fitted_table,
     columns.LIFETIME: lambda found: life(found),  # looked up when it is made
     columns.SHARES: _shares_table,
+    columns.CRITERIA: _criteria_table,
 }

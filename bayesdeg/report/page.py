@@ -21,9 +21,11 @@ from bayesdeg.report.summaries import (
     ParameterRow,
     Row,
     TensileError,
+    by_criterion,
     decision_pairs,
     extended_model,
     gain_parts,
+    influence_of_criteria,
     level_rows,
     meanings_of,
     parameter_rows,
@@ -91,6 +93,8 @@ class Content:
     gain_levels: list[Row]
     gain_modes: list[Row]
     decisions: list[DecisionPair]
+    criteria: list[Row]
+    criteria_influence: str
     lookalikes: list[str]
     sized: list[CandidateEntry]
     meanings: defaultdict[str, str]
@@ -151,6 +155,8 @@ def content_of(shown: Shown, guard: Guard | None = None) -> Content:
         gain_levels=rows_of(pooled(tables["gain_levels"])),
         gain_modes=sorted(rows_of(tables["gain_modes"]), key=lambda row: str(row["mode"])),
         decisions=decision_pairs(tables["decisions"]),
+        criteria=by_criterion(tables["criteria"]),
+        criteria_influence=influence_of_criteria(tables["criteria"]),
         lookalikes=lookalikes(verdict),
         sized=[c for c in map(verdict.candidate, verdict.causes) if c is not None and c.effect],
         meanings=defaultdict(str, meanings_of(tables["parameters"])),

@@ -167,6 +167,7 @@ class RuptureCountsEntry(Record):
     p_value: Number = Field(default=None, description="of counts that are no more probable")
     draws: Number = Field(default=None, description="n, posterior draws")
     contradicted: bool = Field(default=False, strict=True)
+    criteria: Numbers = Field(default={}, description="p-values by the other criteria of rupture")
     explained_by: Names = Field(default=(), description="a cause, or several not told apart")
     tried: tuple[CountedCauseEntry, ...] = ()
     sentence: Text = ""
@@ -361,6 +362,9 @@ class ModelEntry(Record):
     paper_thickness_mm: Number = None
     largest_pressure_kPa: Number = None  # noqa: N815  a unit
     measured: Mapping[str, tuple[Number, ...]] = Field(default={}, description="ranges by name")
+    rupture_criterion: Text = Field(
+        default="", exclude_if=is_absent, description="what is held against the elongation at break"
+    )
     rupture_checks: Number = Field(
         default=None,
         description="films broken and actuators loaded: no probability of rupture is below 1/n",

@@ -10,6 +10,7 @@ import pandas as pd
 from bayesdeg.criticism.outcome import Outcome
 from bayesdeg.report.record import VerdictRecord
 from bayesdeg.report.tables import ALL_LEVELS, present
+from bayesdeg.report.wording import number
 
 BASE = "base"
 FINAL = "final"
@@ -187,6 +188,50 @@ def gain_parts(gain: pd.DataFrame | None, verdict: VerdictRecord) -> GainParts |
         return None
     parts = GainParts(found.elpd_diff, found.elpd_diff_se, float(here))
     return None if abs(parts.beside) < LEAST_PART else parts
+
+
+def by_criterion(criteria: pd.DataFrame | None) -> list[Row]:
+    """Return a row for each degradation rate at the largest pressure, a column for a criterion.
+
+    Examples
+    --------
+    >>> table = pd.DataFrame({"criterion": ["principal_stretch", "strain_energy"],
+    ...     "degradation_pct": 0.0, "pressure_kPa": 240.0, "probability": [0.1, 0.2]})
+    >>> by_criterion(table)[0]["strain_energy"]
+    0.2
+    """
+    if criteria is None or criteria.empty:
+        return []
+    last = criteria[criteria["pressure_kPa"] == criteria["pressure_kPa"].max()]
+    rows = [
+        {"degradation_pct": level, "pressure_kPa": some["pressure_kPa"].iloc[0]}
+        | dict(zip(some["criterion"], some["probability"], strict=True))
+        for level, some in last.groupby("degradation_pct")
+    ]
+    return rows_of(pd.DataFrame(rows))
+
+
+def influence_of_criteria(criteria: pd.DataFrame | None) -> str:
+    """Return the largest difference between criteria in a probability of rupture; empty if none.
+
+    Examples
+    --------
+    >>> table = pd.DataFrame({"criterion": ["principal_stretch", "strain_energy"],
+    ...     "degradation_pct": 0.0, "pressure_kPa": 240.0, "probability": [0.1, 0.2]})
+    >>> influence_of_criteria(table)
+    'from 0.100 to 0.200 at 0 % and 240 kPa'
+    """
+    if criteria is None or criteria.empty:
+        return ""
+    grouped = criteria.groupby(["degradation_pct", "pressure_kPa"])["probability"]
+    ends = grouped.agg(["min", "max"]).dropna()
+    if ends.empty:
+        return ""
+    spread = (ends["max"] - ends["min"]).to_numpy()
+    place = int(np.argmax(spread))
+    level, pressure = ends.index[place]
+    low, high = (number(float(ends[name].iloc[place])) for name in ("min", "max"))
+    return f"from {low} to {high} at {level:g} % and {pressure:g} kPa"
 
 
 def decision_pairs(decisions: pd.DataFrame | None) -> list[DecisionPair]:

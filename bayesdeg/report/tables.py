@@ -17,6 +17,7 @@ GAIN_LEVELS = "gain_levels"
 GAIN_MODES = "gain_modes"
 BANDS = "bands"
 RUPTURE = "rupture"
+CRITERIA = "criteria"
 OBSERVATIONS = "observations"
 FITTED = "fitted"
 TENSILE = "tensile"
@@ -231,6 +232,17 @@ _TABLES = (
                 "–",
                 "probability of rupture up to this pressure, not below one in the specimens tested",
             ),
+            Column("probability_q05", "–", "5 % quantile of it"),
+            Column("probability_q95", "–", "95 % quantile of it"),
+        ),
+    ),
+    ResultTable(
+        CRITERIA,
+        (
+            _text("criterion", "what of a wall's state is held against the elongation at break"),
+            _DEGRADATION,
+            _PRESSURE,
+            Column("probability", "–", "probability of rupture up to this pressure by it"),
             Column("probability_q05", "–", "5 % quantile of it"),
             Column("probability_q95", "–", "95 % quantile of it"),
         ),

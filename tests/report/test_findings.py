@@ -164,6 +164,9 @@ RECORDS = {
     "counts explained by a cut alike": replace(
         COUNTED, tried=(counted_cause("common_factor", 45.3, 0.3), FLAWS)
     ),
+    "counts by each criterion": replace(
+        COUNTED, criteria={"cauchy_stress": 0.001, "strain_energy": 0.02}
+    ),
     "counts unexplained": replace(
         COUNTED, tried=(counted_cause("flaw_embrittlement", 1.5, 0.007), ALIKE)
     ),

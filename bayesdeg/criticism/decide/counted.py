@@ -28,6 +28,7 @@ from bayesdeg.criticism.checks.count_misfit import (
     CountMisfit,
     answered,
     chances_at,
+    count_misfit,
     judged_counts,
 )
 from bayesdeg.criticism.decide.candidates import Candidate, effect_sizes
@@ -36,6 +37,7 @@ from bayesdeg.criticism.fit.linear import with_prior_moments
 from bayesdeg.criticism.fit.search import naming_threshold
 from bayesdeg.criticism.fit.trials import WANTED, Trial, in_extended
 from bayesdeg.criticism.subject import columns_of
+from bayesdeg.data.settings import RUPTURE_CRITERIA
 from bayesdeg.inference.importance import about_mode
 from bayesdeg.inference.laplace import Evidence, approximate, weighted
 from bayesdeg.inference.model import JointModel
@@ -123,12 +125,17 @@ class Counted:
         The causes that were tried, the best first; none where the counts are expected.
     threshold : float
         Log Bayes factor needed to be named.
+    candidates : mapping of str to Candidate
+        How each cause of the catalogue fared.
+    criteria : mapping of str to float
+        p-values of the counts by the other criteria of rupture, where they contradict the model.
     """
 
     misfit: CountMisfit
     tried: tuple[CountedCause, ...] = ()
     threshold: float = 0.0
     candidates: Mapping[str, Candidate] = field(default_factory=dict)
+    criteria: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def best(self) -> CountedCause | None:
@@ -185,7 +192,22 @@ def judge_counts(
     tried = tuple(_with_rivals(one, found) for one in best_first)
     told = _candidates(tried, generator)
     told.pop(COMMON_FACTOR.name)
-    return Counted(misfit, tried, naming_threshold(chance), told)
+    others_say = _by_other_criteria(parent.subject, counts, known, generator)
+    return Counted(misfit, tried, naming_threshold(chance), told, others_say)
+
+
+def _by_other_criteria(
+    model: JointModel, counts: RuptureCounts, vectors: Floats, generator: np.random.Generator
+) -> dict[str, float]:
+    """Return the p-values of counts by criteria of rupture that were not chosen."""
+    chosen = model.films_and_actuators.criterion
+    return {
+        criterion: count_misfit(
+            model.with_world(criterion=criterion), counts, vectors, generator, PUBLISHED
+        ).p_value
+        for criterion in RUPTURE_CRITERIA
+        if criterion != chosen
+    }
 
 
 def _fitted(subject: JointModel, start: Floats, generator: np.random.Generator) -> _Fitted:

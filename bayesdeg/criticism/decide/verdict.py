@@ -226,9 +226,7 @@ def decide(
     if supported and missed:
         return Decision(Outcome.NOT_JUDGED, (), reasons=tuple(missed))
     misread = base.misfit.p_value <= MISFIT_LEVEL
-    beside = (found for found in (rupture, contradicted) if found is not None)
-    off = misread or any(found.p_value <= MISFIT_LEVEL for found in beside)
-    off = off or (counts is not None and counts.contradicts)
+    off = misread or _is_off_beside(rupture, contradicted, counts)
     of_readings = any(one.cause not in on_rupture for one in supported)
     # a model that takes wide errors for its readings shows no misfit
     off = off or (of_readings and final.misfit.p_value <= MISFIT_LEVEL)
@@ -252,6 +250,15 @@ def decide(
         return Decision(Outcome.NAMED, certain, one_of=open_ones)
     together = dict.fromkeys(name for names in open_ones for name in names)
     return Decision(Outcome.AMBIGUOUS, tuple(together))
+
+
+def _is_off_beside(
+    rupture: RuptureMisfit | None, contradicted: Conflict | None, counts: CountMisfit | None
+) -> bool:
+    """Return whether ruptures, a measured mean or counts speak against the base model."""
+    beside = (found for found in (rupture, contradicted) if found is not None)
+    improbable = any(found.p_value <= MISFIT_LEVEL for found in beside)
+    return improbable or (counts is not None and counts.contradicts)
 
 
 def share_explained(base: Step, final: Step) -> tuple[float, float]:
