@@ -412,7 +412,7 @@ _TABLES = (
             Column("risk", "–", "largest probability of rupture that is accepted"),
             *_quantiles("%", 5, 50, 95, prefix="degradation_"),
             *_quantiles("1/m", 5, 50, 95, suffix="_per_m"),
-            Column("burst_probability", "–", "has burst by the time at the pressure of the duty"),
+            Column("burst_probability", "–", "has burst by then, ballooned, or has no answer"),
             *_quantiles("–", 5, 95, prefix="burst_"),
             Column("lost_probability", "–", "bends less than wanted by the time"),
             Column("failed_probability", "–", "either of them by the time"),

@@ -43,10 +43,12 @@ from bayesdeg.criticism.posterior.order import OrderComparison, OrderFit
 from bayesdeg.criticism.posterior.prior_sensitivity import PriorSensitivity, Sensitivity
 from bayesdeg.inference.sampling import Effort
 from bayesdeg.pipeline.films import CommonError, CourseSummary
+from bayesdeg.pipeline.lifetime import LifeSummary
 from bayesdeg.prediction.control import Allowed, Setting
+from bayesdeg.prediction.lifetime import Duty
 from bayesdeg.prediction.prior_predictive import PriorPredictive
 from bayesdeg.report.left_out import OptionalStage
-from bayesdeg.report.record import VerdictRecord
+from bayesdeg.report.record import BurstEntry, VerdictRecord
 from bayesdeg.report.wording import environment, sentences, worded
 
 WORDS = Path(__file__).with_name("findings.json")
@@ -267,8 +269,8 @@ COSTLY = (
 NOTES = ("not_calibrated", "ruptures_not_judged", "no_statistics", "counts_not_judged")
 
 
-def setting(pressure, needed, *, middle=8.25, found=True, by_rupture=False):
-    allowed = Allowed(pressure, by_rupture, found)
+def setting(pressure, needed, *, middle=8.25, found=True, by_rupture=False, by_test=False):
+    allowed = Allowed(pressure, by_rupture, found, by_test)
     quantiles = (NAN,) * 2 + (middle,) + (NAN,) * 2
     return Setting(
         degradation=10.0,
@@ -281,6 +283,23 @@ def setting(pressure, needed, *, middle=8.25, found=True, by_rupture=False):
         curvature=quantiles,
         probability=(NAN,) * 3,
     )
+
+
+def burst(**content):
+    known = {"degradation_pct": 24.0, "burst": 1, "source": "actuator.csv"}
+    return BurstEntry(**known | content)
+
+
+LIFE = LifeSummary(
+    duty=Duty(120.0, 5.0, 0.05),
+    failure=(5.07, 6.37, 7.87),
+    reachable=(16.7, 20.9, np.inf),
+    first=0.0,
+    last=24.0,
+    failed=1.0,
+    burst=0.012,
+    allowed=240.0,
+)
 
 
 def nothing(**content):
@@ -308,6 +327,36 @@ ANSWERS = {
     "rupture forbids": ("out_of_reach", {"s": setting(204.31, 300.04, by_rupture=True)}),
     "ballooning forbids": ("out_of_reach", {"s": setting(204.31, np.inf)}),
     "no limit found": ("out_of_reach", {"s": setting(960.0, np.inf, middle=NAN, found=False)}),
+    "tests forbid": ("out_of_reach", {"s": setting(240.0, 477.0, by_test=True)}),
+    "ruptures forbid": ("out_of_reach", {"s": setting(NAN, 477.0, by_test=True)}),
+    "by hours": (
+        "out_of_reach",
+        {"s": replace(setting(240.0, 477.0, by_test=True), degradation=12.66, hours=8.0)},
+    ),
+    "no cause answers": ("moves_nothing", {"name": "mount", "value": "hanging", "causes": []}),
+    "none answers": ("moves_nothing", {"name": "cycle", "value": 2, "causes": ["creep"]}),
+    "no time": (
+        "moves_nothing",
+        {"name": "humidity_pct", "value": 40.0, "causes": ["creep", "humidity_drift"]},
+    ),
+    "hours beyond": ("hours_beyond", {"last": 24.0, "asked": 48.0}),
+    "burst, recorded": ("burst", {"b": burst(pressure_kPa=120.0, survived_kPa=100.0)}),
+    "burst at once": ("burst", {"b": burst(pressure_kPa=20.0)}),
+    "burst, published": ("burst", {"b": burst(burst=2, tested=3), "tested": 240.0}),
+    "beyond what was tested": (
+        "rests_on",
+        {"over": {10.0: 240.0, 25.0: 100.0}, "strong": True},
+    ),
+    "beyond, without a limit": ("rests_on", {"over": {25.0: 240.0}, "strong": False}),
+    "a life": ("life", {"s": LIFE}),
+    "a long life": (
+        "life",
+        {"s": replace(LIFE, failure=(20.0, np.inf, np.inf), reachable=(np.inf,) * 3)},
+    ),
+    "no end": (
+        "life",
+        {"s": replace(LIFE, failure=(np.inf,) * 3, reachable=(18.0, np.inf, np.inf))},
+    ),
     "unexplained": ("unexplained", {}),
     "ambiguous": ("ambiguous", {"causes": ("creep", "mullins"), "model": "base+creep"}),
     "no actuator": ("no_actuator", {}),
@@ -377,7 +426,7 @@ def test_every_macro_of_a_record_is_rendered():
     assert macros - helpers == rendered | set(NOTES)
     module = environment().get_template("answers.j2").make_module({})
     macros = {name for name in vars(module) if not name.startswith("_")}
-    assert macros - {"beyond", "allowed"} == {part for part, _ in ANSWERS.values()}
+    assert macros - {"beyond", "allowed", "when"} == {part for part, _ in ANSWERS.values()}
 
 
 @pytest.mark.parametrize(
