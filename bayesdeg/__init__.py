@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from bayesdeg.errors import StudyError as StudyError
     from bayesdeg.pipeline.formula import Readings as Readings
     from bayesdeg.pipeline.reading import read_study as read_study
-    from bayesdeg.prediction.conditions import Conditions as Conditions
+    from bayesdeg.prediction.conditions import ServiceConditions as ServiceConditions
     from bayesdeg.priors import HalfNormal as HalfNormal
     from bayesdeg.priors import LogNormal as LogNormal
     from bayesdeg.priors import Normal as Normal
@@ -68,7 +68,7 @@ _HOMES = {
     "data.study": ("Study",),
     "pipeline.formula": ("Readings",),
     "pipeline.reading": ("read_study",),
-    "prediction.conditions": ("Conditions",),
+    "prediction.conditions": ("ServiceConditions",),
     "results": ("Calibration", "Model", "Report", "Update", "Verdict"),
 }
 _HOME = {name: f"bayesdeg.{home}" for home, names in _HOMES.items() for name in names}

@@ -38,7 +38,7 @@ from bayesdeg.pipeline.experiment import Written
 from bayesdeg.pipeline.progress import Progress
 from bayesdeg.pipeline.update import read_new
 from bayesdeg.pipeline.update import update as update_run
-from bayesdeg.prediction.conditions import PROMPT, Conditions
+from bayesdeg.prediction.conditions import PROMPT, ServiceConditions
 from bayesdeg.prediction.lifetime import Duty
 from bayesdeg.prediction.soil import Level
 from bayesdeg.results import Calibration, Model, Report, Update, Verdict
@@ -253,7 +253,7 @@ def predict(
     degradation: ArrayLike | None = None,
     hours: ArrayLike | None = None,
     x: Any = None,
-    conditions: Conditions = PROMPT,
+    conditions: ServiceConditions = PROMPT,
     seed: int | None = None,
     progress: bool | None = None,
 ) -> pd.DataFrame:
@@ -270,9 +270,9 @@ def predict(
         moisture of films, with their uncertainty.
     x : array or DataFrame
         Of readings of one's own: what the forward map is asked.
-    conditions : Conditions
+    conditions : ServiceConditions
         Of actuators: by default a prompt first loading in a horizontal mount. Active causes move
-        predictions in others, such as ``Conditions(hold_s=60, mount="hanging")``.
+        predictions in others, such as ``ServiceConditions(hold_s=60, mount="hanging")``.
     seed, progress, optional
         As of `calibrate`.
 
@@ -320,7 +320,7 @@ def control(
     beyond: bool = False,
     reading: ArrayLike | None = None,
     x: Any = None,
-    conditions: Conditions = PROMPT,
+    conditions: ServiceConditions = PROMPT,
     seed: int | None = None,
     progress: bool | None = None,
 ) -> pd.DataFrame:
@@ -347,7 +347,7 @@ def control(
     x : array, DataFrame or mapping of names to arrays
         Inputs to be tried, in the order in which they are passed through; of several, the first is
         looked for and the others go along with it.
-    conditions : Conditions
+    conditions : ServiceConditions
         Of actuators, as of `predict`.
     seed, progress, optional
         As of `calibrate`.
@@ -406,7 +406,7 @@ def lifetime(
     max_risk: float = 0.05,
     hours: ArrayLike | None = None,
     beyond: bool = False,
-    conditions: Conditions = PROMPT,
+    conditions: ServiceConditions = PROMPT,
     seed: int | None = None,
     progress: bool | None = None,
 ) -> pd.DataFrame:

@@ -19,7 +19,7 @@ from bayesdeg.errors import BayesdegError
 from bayesdeg.pipeline import writing
 from bayesdeg.pipeline.experiment import Judged, ModelledExperiment
 from bayesdeg.pipeline.formula import Forward, OwnMap, Readings
-from bayesdeg.pipeline.update import Written
+from bayesdeg.pipeline.update import UpdatedRun
 from bayesdeg.priors import Parameter
 from bayesdeg.report.folder import POSTERIOR, RunFolder
 from bayesdeg.report.headline import size_of
@@ -324,11 +324,11 @@ class Update:
 
     Parameters
     ----------
-    written : Written
+    written : UpdatedRun
         What was taken in, and where it was written.
     """
 
-    written: Written
+    written: UpdatedRun
 
     @property
     def folder(self) -> Path:

@@ -465,12 +465,14 @@ def test_a_study_predicts_and_finds_pressures(asked):
     assert pressure == pytest.approx(60.0, abs=2.0)
     with pytest.warns(UserWarning, match="extrapolation"):
         bd.predict(last, pressure=[500.0], degradation=0)
-    unsure = bd.Conditions(degradation_sd=2.0)
+    unsure = bd.ServiceConditions(degradation_sd=2.0)
     wide = bd.predict(last, pressure=60, degradation=10, conditions=unsure)
     row = table.query("degradation_pct == 10 and pressure_kPa == 60")
     assert (wide["q95"] - wide["q05"])[0] > 1.5 * (row["q95"] - row["q05"]).iloc[0]
     with pytest.warns(UserWarning, match="mount hanging"):
-        bd.predict(last, pressure=60, degradation=10, conditions=bd.Conditions(mount="hanging"))
+        bd.predict(
+            last, pressure=60, degradation=10, conditions=bd.ServiceConditions(mount="hanging")
+        )
     asked = {"curvature": 200.0, "degradation": 0}
     assert bd.control(last, **asked)["allowed_kPa"][0] == 160.0  # the largest that was tested
     with pytest.warns(UserWarning, match="extrapolation|rests") as said:

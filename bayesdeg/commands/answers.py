@@ -21,7 +21,7 @@ from bayesdeg.criticism.outcome import Outcome
 from bayesdeg.errors import BayesdegError
 from bayesdeg.files import spreadsheet_safe, written
 from bayesdeg.pipeline import forecast
-from bayesdeg.prediction.conditions import MOUNTS, PROMPT, Conditions
+from bayesdeg.prediction.conditions import MOUNTS, PROMPT, ServiceConditions
 from bayesdeg.prediction.soil import Level
 from bayesdeg.quantities import LARGEST_SEED
 from bayesdeg.records import FileRecord, Names, Scalar, is_absent
@@ -458,7 +458,7 @@ def levels_of(
     )
 
 
-def refuse_conditions(conditions: Conditions) -> None:
+def refuse_conditions(conditions: ServiceConditions) -> None:
     """Refuse conditions of actuators where a forward map of one's own is asked.
 
     Raises

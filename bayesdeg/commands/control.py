@@ -43,7 +43,7 @@ from bayesdeg.pipeline import forecast, formula
 from bayesdeg.pipeline.forecast import StoredRun, read_stored
 from bayesdeg.pipeline.output import output_file
 from bayesdeg.pipeline.own_forecast import is_own, read_own
-from bayesdeg.prediction.conditions import PROMPT, Conditions
+from bayesdeg.prediction.conditions import PROMPT, ServiceConditions
 from bayesdeg.prediction.control import Setting
 from bayesdeg.report.wording import chance, interval
 
@@ -141,7 +141,7 @@ def control(
     For a forward map of your own, give --reading, and with --x the inputs to try: for the first
     input, the range in which to look. Nothing is known of rupture there, so no risk is bounded.
     """
-    conditions = Conditions(hold_s, cycle, branch, humidity, mount, degradation_sd)
+    conditions = ServiceConditions(hold_s, cycle, branch, humidity, mount, degradation_sd)
     if is_own(report):
         refuse_conditions(conditions)
         refuse_others(curvature=curvature, degradation=degradation, hours=hours)
@@ -162,10 +162,7 @@ def control(
             experience=None if beyond else stored.experience,
         )
     table = forecast.settings_table(found)
-    messages = (
-        *forecast.said_of_settings(stored, levels, found, conditions, beyond=beyond),
-        *forecast.small_risk(stored, risk),
-    )
+    messages = forecast.said_of_settings(stored, levels, found, conditions, beyond=beyond)
     if not delivered(stored, table, messages, UNITS, out=out, quiet=quiet, as_json=as_json):
         _show(stored, found)
 

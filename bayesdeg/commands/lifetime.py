@@ -36,7 +36,7 @@ from bayesdeg.pipeline.forecast import StoredRun, read_stored
 from bayesdeg.pipeline.lifetime import default_hours, life_summary, life_table, lifetime_of
 from bayesdeg.pipeline.output import output_file
 from bayesdeg.pipeline.own_forecast import is_own
-from bayesdeg.prediction.conditions import PROMPT, Conditions
+from bayesdeg.prediction.conditions import PROMPT, ServiceConditions
 from bayesdeg.prediction.lifetime import Duty
 from bayesdeg.report import tables as columns
 from bayesdeg.report.wording import number, percent
@@ -96,7 +96,7 @@ def lifetime(
     if is_own(report):
         raise typer.BadParameter("a study with a forward map of its own has no life in the soil")
     duty, times = _duty(pressure, curvature, risk), _times(hours)
-    conditions = Conditions(hold_s, cycle, branch, humidity, mount)
+    conditions = ServiceConditions(hold_s, cycle, branch, humidity, mount)
     out = None if out is None else output_file(out)
     soil, stored = forecast.soil_of(report), read_stored(report, base=base, emulator=emulator)
     times = default_hours(stored.measured) if times is None else times

@@ -43,7 +43,7 @@ from bayesdeg.pipeline import forecast, formula
 from bayesdeg.pipeline.forecast import StoredRun, read_stored
 from bayesdeg.pipeline.output import output_file
 from bayesdeg.pipeline.own_forecast import is_own, read_own
-from bayesdeg.prediction.conditions import PROMPT, Conditions
+from bayesdeg.prediction.conditions import PROMPT, ServiceConditions
 from bayesdeg.report.wording import chance, interval, number
 
 Floats = NDArray[np.float64]
@@ -96,7 +96,7 @@ def predict(
     the range of the emulator. Of a forward map of one's own give --x NAME=VALUES for each of its
     inputs.
     """
-    conditions = Conditions(hold_s, cycle, branch, humidity, mount, degradation_sd)
+    conditions = ServiceConditions(hold_s, cycle, branch, humidity, mount, degradation_sd)
     if is_own(report):
         refuse_conditions(conditions)
         refuse_others(pressure=pressure, degradation=degradation, hours=hours)

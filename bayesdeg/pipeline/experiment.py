@@ -49,7 +49,7 @@ from bayesdeg.pipeline.run import (
     with_counts,
     with_options,
 )
-from bayesdeg.prediction.conditions import PROMPT, Conditions
+from bayesdeg.prediction.conditions import PROMPT, ServiceConditions
 from bayesdeg.prediction.lifetime import Duty
 from bayesdeg.prediction.soil import Level, Soil
 from bayesdeg.priors import Parameter
@@ -335,7 +335,7 @@ class ModelledExperiment:
         *,
         pressure: Floats,
         levels: Sequence[Level],
-        conditions: Conditions = PROMPT,
+        conditions: ServiceConditions = PROMPT,
     ) -> pd.DataFrame:
         """Return curvature bands and rupture probabilities of a new specimen."""
         if self.own is not None:
@@ -359,7 +359,7 @@ class ModelledExperiment:
         curvature: Floats,
         levels: Sequence[Level],
         max_risk: float,
-        conditions: Conditions = PROMPT,
+        conditions: ServiceConditions = PROMPT,
         beyond: bool = False,
     ) -> tuple[pd.DataFrame, tuple[str, ...]]:
         """Return the pressure for each curvature at each degradation rate, and what bounds it."""
@@ -439,7 +439,7 @@ class ModelledExperiment:
         progress: Progress,
         duty: Duty,
         hours: Floats | None,
-        conditions: Conditions,
+        conditions: ServiceConditions,
         *,
         beyond: bool,
     ) -> tuple[pd.DataFrame, tuple[str, ...]]:
@@ -459,7 +459,7 @@ class ModelledExperiment:
         return table, self.cautions(fit, soil.levels(times[[0, -1]]), at, conditions)
 
     def cautions(
-        self, fit: Fit, levels: Sequence[Level], pressure: Floats, conditions: Conditions
+        self, fit: Fit, levels: Sequence[Level], pressure: Floats, conditions: ServiceConditions
     ) -> tuple[str, ...]:
         """Say where predictions lie outside of what was measured, and what moves nothing."""
         ranges, rates = forecast.ranges_of(self._document), forecast.rates_of(levels)

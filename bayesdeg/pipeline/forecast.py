@@ -27,7 +27,7 @@ from bayesdeg.observations.specimens import COURSE, FilmsAndActuators, control_n
 from bayesdeg.observations.tensile import Tensile
 from bayesdeg.pipeline.experience import Experience, bursts_of, experience_of
 from bayesdeg.pipeline.progress import Progress
-from bayesdeg.prediction.conditions import PROMPT, Conditions
+from bayesdeg.prediction.conditions import PROMPT, ServiceConditions
 from bayesdeg.prediction.control import Setting, control, largest_allowed
 from bayesdeg.prediction.predictive import (
     DRAWS,
@@ -363,7 +363,7 @@ def predict(
     *,
     seed: np.random.SeedSequence,
     progress: Progress,
-    conditions: Conditions = PROMPT,
+    conditions: ServiceConditions = PROMPT,
 ) -> pd.DataFrame:
     """Return curvature bands and rupture probabilities of a new specimen.
 
@@ -379,7 +379,7 @@ def predict(
         Everything random comes from it.
     progress : Progress
         Shows the levels.
-    conditions : Conditions
+    conditions : ServiceConditions
         In which the specimen is used.
 
     Returns
@@ -526,7 +526,7 @@ def settings(
     risk: float,
     seed: np.random.SeedSequence,
     progress: Progress,
-    conditions: Conditions = PROMPT,
+    conditions: ServiceConditions = PROMPT,
     experience: Experience | None = None,
 ) -> list[Setting]:
     """Return the pressure for each wanted curvature at each degradation rate.
@@ -545,7 +545,7 @@ def settings(
         Everything random comes from it.
     progress : Progress
         Shows the levels.
-    conditions : Conditions
+    conditions : ServiceConditions
         In which the specimens are used.
     experience : Experience, optional
         Above which nothing is allowed; by default the risk alone bounds the pressure.
@@ -654,7 +654,7 @@ class Caution:
 
 
 def unanswered_conditions(
-    stored: Drawn, degradation: Floats, conditions: Conditions
+    stored: Drawn, degradation: Floats, conditions: ServiceConditions
 ) -> tuple[str, ...]:
     """Say which conditions move nothing that is predicted; parameters of `predict`."""
     ends = np.unique(degradation[[0, -1]])
@@ -693,7 +693,7 @@ def hours_beyond(measured: Mapping[str, Range], levels: Sequence[Level]) -> tupl
 
 
 def said_of(
-    stored: StoredRun, levels: Sequence[Level], pressure: Floats, conditions: Conditions
+    stored: StoredRun, levels: Sequence[Level], pressure: Floats, conditions: ServiceConditions
 ) -> tuple[str, ...]:
     """Say what a user of predictions at these levels and pressures should know."""
     rates = rates_of(levels)
@@ -708,7 +708,7 @@ def said_of_settings(
     stored: StoredRun,
     levels: Sequence[Level],
     found: Sequence[Setting],
-    conditions: Conditions,
+    conditions: ServiceConditions,
     *,
     beyond: bool,
 ) -> tuple[str, ...]:
@@ -718,6 +718,7 @@ def said_of_settings(
     return (
         *said_of(stored, levels, set_to, conditions),
         *basis(stored.experience, found, beyond=beyond, strong=strong),
+        *small_risk(stored, min(s.risk for s in found)),
     )
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from bayesdeg.pipeline.experience import Experience
 from bayesdeg.pipeline.forecast import COURSE_STREAM, TIME, Drawn, Range, ceiling_of
 from bayesdeg.pipeline.progress import Progress
-from bayesdeg.prediction.conditions import PROMPT, Conditions
+from bayesdeg.prediction.conditions import PROMPT, ServiceConditions
 from bayesdeg.prediction.control import INTERVAL
 from bayesdeg.prediction.lifetime import DRAWS, STRATA, Duty, Life, live, specimens_in_soil
 from bayesdeg.prediction.predictive import draw_specimens
@@ -39,7 +39,7 @@ def lifetime_of(
     *,
     seed: np.random.SeedSequence,
     progress: Progress,
-    conditions: Conditions = PROMPT,
+    conditions: ServiceConditions = PROMPT,
     experience: Experience | None = None,
     draws: int = DRAWS,
 ) -> Life:
@@ -59,7 +59,7 @@ def lifetime_of(
         Everything random comes from it.
     progress : Progress
         Shows the times.
-    conditions : Conditions
+    conditions : ServiceConditions
         In which they are used.
     experience : Experience, optional
         Above which no pressure is allowed; by default the risk alone bounds it.

@@ -73,7 +73,7 @@ _NUMBERED = re.compile(r"_updated(_\d+)?$")
 
 
 @dataclass(frozen=True)
-class Finished:
+class FinishedRun:
     """A finished run, with the study that it was made of.
 
     Parameters
@@ -117,7 +117,7 @@ class TakenIn:
 # ---- what is updated
 
 
-def finished(report: Path) -> Finished:
+def finished(report: Path) -> FinishedRun:
     """Read a finished run and the study that it was made of.
 
     Raises
@@ -144,7 +144,7 @@ def finished(report: Path) -> Finished:
             f"{FILE} to the study and run it again"
         )
     study = _study_of(report, owner_of(report) or Owner(), run)
-    return Finished(folder, run, verdict, study, _earlier(folder, run))
+    return FinishedRun(folder, run, verdict, study, _earlier(folder, run))
 
 
 def _study_of(report: Path, owner: Owner, run: RunRecord) -> Study:
@@ -200,7 +200,7 @@ def read_new(path: Path) -> bytes:
         raise StudyError([Fault(str(path), problem, "give a file with rows")]) from fault
 
 
-def _enlarged(of: Finished, content: bytes, name: str) -> tuple[Enlarged, Study, Study]:
+def _enlarged(of: FinishedRun, content: bytes, name: str) -> tuple[Enlarged, Study, Study]:
     """Return the added rows, the study before and after; refuse what is impossible.
 
     Raises
@@ -269,7 +269,7 @@ def _models(assembly: Assembly, names: tuple[str, ...]) -> JointModel:
 
 
 def _taken_in(
-    of: Finished,
+    of: FinishedRun,
     posterior: str,
     assembly: Assembly,
     after: Study,
@@ -313,7 +313,9 @@ def _taken_in(
     return TakenIn(_fit(model, updated, generator), updated, vectors)
 
 
-def _refuse_other_density(model: JointModel, vectors: Floats, known: Floats, of: Finished) -> None:
+def _refuse_other_density(
+    model: JointModel, vectors: Floats, known: Floats, of: FinishedRun
+) -> None:
     """Refuse a run of which this version computes another density."""
     some = np.unique(np.linspace(0, len(vectors) - 1, CHECKED).astype(np.intp))
     if not np.all(np.abs(model.log_prob(vectors[some]) - known[some]) <= SAME):
@@ -385,7 +387,7 @@ def default_target(report: Path) -> Path:
 
 
 @dataclass(frozen=True)
-class Written:
+class UpdatedRun:
     """An updated run.
 
     Parameters
@@ -416,7 +418,7 @@ def update(
     seed: int | None,
     emulator: Path | None,
     progress: Progress,
-) -> Written:
+) -> UpdatedRun:
     """Let further readings of actuators enter a finished run, and write a new run folder.
 
     Parameters
@@ -457,7 +459,7 @@ def _update(
     emulator: Path | None,
     *,
     progress: Progress,
-) -> Written:
+) -> UpdatedRun:
     begun = time.perf_counter()
     progress.stage("reading")
     of = finished(report)
@@ -475,11 +477,11 @@ def _update(
         _finish(of, folder, after, results, (found, entry), guard, begun)
     left_out = (f"{one.stage}: {one.why}" for one in guard.left_out)
     moved = _moved(taken[POSTERIOR])
-    return Written(target, entry, moved, (*doubted, *_said(entry), *left_out))
+    return UpdatedRun(target, entry, moved, (*doubted, *_said(entry), *left_out))
 
 
 def _results(
-    of: Finished,
+    of: FinishedRun,
     assembly: Assembly,
     after: Study,
     found: Enlarged,
@@ -503,7 +505,7 @@ def _results(
     return Results(whole, taken[POSTERIOR_BASE].fit, taken[POSTERIOR].fit, None), taken
 
 
-def _seed(of: Finished, given: int | None, stream: int) -> np.random.SeedSequence:
+def _seed(of: FinishedRun, given: int | None, stream: int) -> np.random.SeedSequence:
     """Return a stream of random numbers that no other update and no other work of the run has."""
     number = given if given is not None else int(str(of.run.seed or 0))
     times = 0 if of.run.update is None else int(of.run.update.times or 0)
@@ -511,7 +513,7 @@ def _seed(of: Finished, given: int | None, stream: int) -> np.random.SeedSequenc
 
 
 def _write(
-    of: Finished,
+    of: FinishedRun,
     folder: RunFolder,
     after: Study,
     results: Results,
@@ -537,7 +539,7 @@ def _write(
         shutil.copyfile(path, folder.path / path.name)
 
 
-def _keep_course(of: Finished, folder: RunFolder) -> None:
+def _keep_course(of: FinishedRun, folder: RunFolder) -> None:
     """Add what the run found of the course of degradation to the parameters: it is as before."""
     old, new = (one.read_table(columns.PARAMETERS) for one in (of.folder, folder))
     if old is not None and new is not None and (old["model"] == "course").any():
@@ -553,7 +555,7 @@ def _as_before(path: Path) -> list[Path]:
     return [*(path / name for name in names if (path / name).is_file()), *pictures]
 
 
-def _entry(of: Finished, found: Enlarged, taken: Mapping[str, TakenIn]) -> UpdateEntry:
+def _entry(of: FinishedRun, found: Enlarged, taken: Mapping[str, TakenIn]) -> UpdateEntry:
     """Return what is recorded of an update."""
     names = {"final": POSTERIOR, "base": POSTERIOR_BASE}
     before = of.run.update
@@ -583,7 +585,7 @@ def _said(entry: UpdateEntry) -> tuple[str, ...]:
 
 
 def _finish(
-    of: Finished,
+    of: FinishedRun,
     folder: RunFolder,
     after: Study,
     results: Results,

@@ -20,7 +20,7 @@ BRANCHES = (LOADING, UNLOADING)
 
 
 @dataclass(frozen=True)
-class Conditions:
+class ServiceConditions:
     """How a new specimen is used: by default a prompt first loading in a horizontal mount.
 
     Parameters
@@ -49,9 +49,9 @@ class Conditions:
 
     Examples
     --------
-    >>> Conditions(hold_s=60.0).changed
+    >>> ServiceConditions(hold_s=60.0).changed
     ('hold_s',)
-    >>> Conditions(mount="upside down")
+    >>> ServiceConditions(mount="upside down")
     Traceback (most recent call last):
     ...
     bayesdeg.errors.BayesdegError: mount 'upside down' is not known; one of horizontal, ...
@@ -88,7 +88,7 @@ class Conditions:
         """Whether something happens to a specimen before its pressure is reached and read."""
         return self.hold_s > 0.0 or self.cycle > 1 or self.branch == UNLOADING
 
-    def without(self, name: str) -> "Conditions":
+    def without(self, name: str) -> "ServiceConditions":
         """Return the conditions with one of them as in a prompt first loading."""
         return replace(self, **{name: getattr(PROMPT, name)})
 
@@ -98,10 +98,10 @@ def _number(name: str, value: float, unit: str, right: str, most: float = math.i
         raise BayesdegError(f"{name} {value:g} {unit} makes no sense; give {right}")
 
 
-PROMPT = Conditions()
+PROMPT = ServiceConditions()
 
 
-class Path(NamedTuple):
+class LoadHistory(NamedTuple):
     """What is done to specimens up to their readings.
 
     Parameters
@@ -118,14 +118,14 @@ class Path(NamedTuple):
     unloading: NDArray[np.bool_]
 
 
-def history(conditions: Conditions, pressure: Floats, largest: float) -> Path:
+def history(conditions: ServiceConditions, pressure: Floats, largest: float) -> LoadHistory:
     """Return what is done to specimens of which each is read at its own pressure.
 
     All but the last step is prompt. Since prompt cycles are all alike, one stands for those before.
 
     Parameters
     ----------
-    conditions : Conditions
+    conditions : ServiceConditions
         Hold, cycle and branch.
     pressure : array, shape (n_specimens,)
         At which each is read, held for the time of the conditions [kPa].
@@ -134,7 +134,7 @@ def history(conditions: Conditions, pressure: Floats, largest: float) -> Path:
 
     Examples
     --------
-    >>> up_and_down = Conditions(hold_s=60.0, cycle=2, branch="unloading")
+    >>> up_and_down = ServiceConditions(hold_s=60.0, cycle=2, branch="unloading")
     >>> path = history(up_and_down, np.array([40.0]), 240.0)
     >>> path.pressure.tolist(), path.time.tolist()
     ([[240.0, 0.0, 240.0, 40.0]], [0.0, 0.0, 0.0, 60.0])
@@ -145,11 +145,11 @@ def history(conditions: Conditions, pressure: Floats, largest: float) -> Path:
     reached, cycle, down = zip(*steps, strict=True)
     time = np.zeros(len(steps))
     time[-1] = conditions.hold_s
-    return Path(np.stack(reached, axis=-1), np.array(cycle), time, np.array(down))
+    return LoadHistory(np.stack(reached, axis=-1), np.array(cycle), time, np.array(down))
 
 
 def _steps(
-    conditions: Conditions, top: Floats, nothing: Floats
+    conditions: ServiceConditions, top: Floats, nothing: Floats
 ) -> Iterator[tuple[Floats, int, bool]]:
     """Yield pressure, cycle and whether it is on its way down, before the last step."""
     if conditions.cycle > 1:
@@ -162,13 +162,13 @@ def _steps(
 
 
 def tests_in(
-    conditions: Conditions, degradation: Floats, pressure: Floats, *, largest: float
+    conditions: ServiceConditions, degradation: Floats, pressure: Floats, *, largest: float
 ) -> ActuatorCurves:
     """Return tests of new specimens, without readings.
 
     Parameters
     ----------
-    conditions : Conditions
+    conditions : ServiceConditions
         Without a history there is one specimen for each degradation rate, over all pressures;
         with one there is a specimen for each rate and pressure, rates first.
     degradation : array, shape (n_levels,) or (n, n_levels)
@@ -184,7 +184,7 @@ def tests_in(
         degradation = np.repeat(degradation, len(pressure), axis=-1)
     else:
         shape = (degradation.shape[-1], len(pressure))
-        path = Path(
+        path = LoadHistory(
             np.broadcast_to(pressure, shape).copy(),
             np.array(1),
             np.array(np.nan),
@@ -193,7 +193,7 @@ def tests_in(
     return _tests(conditions, degradation, path)
 
 
-def _tests(conditions: Conditions, degradation: Floats, path: Path) -> ActuatorCurves:
+def _tests(conditions: ServiceConditions, degradation: Floats, path: LoadHistory) -> ActuatorCurves:
     shape = path.pressure.shape
     rates = degradation if degradation.ndim == 1 else np.mean(degradation, axis=0)
     humidity = np.nan if conditions.humidity_pct is None else conditions.humidity_pct

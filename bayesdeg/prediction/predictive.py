@@ -14,7 +14,7 @@ from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import Chain
 from bayesdeg.material.strength import rupture_probability
 from bayesdeg.observations.counts import RuptureCounts
-from bayesdeg.prediction.conditions import PROMPT, Conditions, tests_in
+from bayesdeg.prediction.conditions import PROMPT, ServiceConditions, tests_in
 from bayesdeg.priors import Named
 
 Floats = NDArray[np.float64]
@@ -23,7 +23,7 @@ QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 
 
 def at_conditions(
-    model: JointModel, degradation: Floats, pressure: Floats, conditions: Conditions = PROMPT
+    model: JointModel, degradation: Floats, pressure: Floats, conditions: ServiceConditions = PROMPT
 ) -> JointModel:
     """Return the model of new specimens at degradation rates, under pressures.
 
@@ -35,7 +35,7 @@ def at_conditions(
         Known but for the standard error of the conditions, or that of each draw [%].
     pressure : array, shape (n_pressures,)
         As read by the sensor [kPa].
-    conditions : Conditions
+    conditions : ServiceConditions
         Without a history each degradation rate has one specimen, over all pressures; with one
         there is a specimen for each rate and pressure, see `bayesdeg.prediction.conditions`.
     """
@@ -64,7 +64,7 @@ class Grid:
 
     @classmethod
     def of(
-        cls, model: JointModel, degradation: Floats, pressure: Floats, conditions: Conditions
+        cls, model: JointModel, degradation: Floats, pressure: Floats, conditions: ServiceConditions
     ) -> "Grid":
         """Return the grid of these rates and pressures, as of `at_conditions`."""
         at = at_conditions(model, degradation, pressure, conditions)
@@ -146,7 +146,7 @@ SAME = 1e-9  # relative difference up to which predictions are the same: roundin
 
 
 def moving_nothing(
-    model: JointModel, chain: Chain, degradation: Floats, conditions: Conditions
+    model: JointModel, chain: Chain, degradation: Floats, conditions: ServiceConditions
 ) -> tuple[str, ...]:
     """Return the names of conditions to which no cause answers, so that they move no curvature.
 
@@ -160,14 +160,14 @@ def moving_nothing(
         With the causes that may answer.
     degradation : array, shape (n_levels,)
         [%]
-    conditions : Conditions
+    conditions : ServiceConditions
         Asked for.
     """
     flat = chain.vectors.reshape(-1, chain.vectors.shape[-1])
     values = model.table.named(flat[:: -(-len(flat) // LOOKED_AT)])
     pressure = SHARES * model.largest_pressure
 
-    def seen(at: Conditions) -> Floats:
+    def seen(at: ServiceConditions) -> Floats:
         grid = Grid.of(model, degradation, pressure, at)
         sd = grid.deviation_sd(values)
         return np.concatenate([sd, grid.reached(values, np.zeros_like(sd)).curvature], axis=-1)
@@ -196,7 +196,7 @@ def curvature_bands(
     degradation: Floats,
     pressure: Floats,
     draws: int = 1000,
-    conditions: Conditions = PROMPT,
+    conditions: ServiceConditions = PROMPT,
 ) -> pd.DataFrame:
     """Return quantiles of the curvature of a further specimen, without reading noise.
 
@@ -210,7 +210,7 @@ def curvature_bands(
         Levels [%], (n_levels,) or of each draw (draws, n_levels), and pressures as read [kPa].
     draws : int
         Number of specimens drawn.
-    conditions : Conditions
+    conditions : ServiceConditions
         In which they are read.
 
     Returns
@@ -257,7 +257,7 @@ class Specimens:
         Deviation of each specimen's ln stiffness in standard deviations.
     strata : int
         Specimens of a draw.
-    conditions : Conditions
+    conditions : ServiceConditions
         In which they are used.
     """
 
@@ -265,7 +265,7 @@ class Specimens:
     values: Named
     score: Floats
     strata: int
-    conditions: Conditions = PROMPT
+    conditions: ServiceConditions = PROMPT
 
 
 @dataclass(frozen=True)
@@ -298,7 +298,7 @@ def draw_specimens(
     *,
     draws: int = DRAWS,
     strata: int = STRATA,
-    conditions: Conditions = PROMPT,
+    conditions: ServiceConditions = PROMPT,
 ) -> Specimens:
     """Draw parameters, and specimens of each, their stiffness spread evenly over its law.
 
@@ -313,7 +313,7 @@ def draw_specimens(
         Draws parameters and u.
     draws, strata : int
         Draws, and specimens of each.
-    conditions : Conditions
+    conditions : ServiceConditions
         In which they are used.
     """
     values = draw_values(model, chain, generator, draws)
@@ -430,7 +430,7 @@ def rupture_table(
     pressure: Floats,
     draws: int = 500,
     specimens: int = 0,
-    conditions: Conditions = PROMPT,
+    conditions: ServiceConditions = PROMPT,
 ) -> pd.DataFrame:
     """Return the probability that a specimen bursts up to a pressure.
 

@@ -10,7 +10,7 @@ from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.errors import BayesdegError
 from bayesdeg.inference.sampling import Chain
 from bayesdeg.observations.curvature import ActuatorCurves
-from bayesdeg.prediction.conditions import MOUNTS, PROMPT, Conditions, history
+from bayesdeg.prediction.conditions import MOUNTS, PROMPT, ServiceConditions, history
 from bayesdeg.prediction.control import control
 from bayesdeg.prediction.predictive import (
     QUANTILES,
@@ -30,7 +30,7 @@ LEVELS = np.array([0.0, 25.0])
 PRESSURES = np.array([20.0, 60.0, 100.0])
 LARGEST = 140.0
 BANDS = [f"q{round(100 * q):02d}" for q in QUANTILES]
-ALL = Conditions(600.0, 2, "unloading", 40.0, "bending_up")
+ALL = ServiceConditions(600.0, 2, "unloading", 40.0, "bending_up")
 HOLD = 40.0
 
 
@@ -108,7 +108,7 @@ def test_a_history_in_which_nothing_acts_ends_as_a_prompt_loading(surrogate):
     for predicted in (curvature_bands, rupture_table):
         prompt, held = (
             predicted(model, chain, np.random.default_rng(3), **asked, conditions=conditions)
-            for conditions in (PROMPT, Conditions(hold_s=600.0, humidity_pct=30.0))
+            for conditions in (PROMPT, ServiceConditions(hold_s=600.0, humidity_pct=30.0))
         )
         np.testing.assert_allclose(held.to_numpy(), prompt.to_numpy(), rtol=1e-12)
 
@@ -116,17 +116,22 @@ def test_a_history_in_which_nothing_acts_ends_as_a_prompt_loading(surrogate):
 def test_steps_of_a_history():
     """The pressure that is read comes last, after all that came before it."""
     for conditions, pressure, cycle, down in (
-        (Conditions(hold_s=5.0), [0, 40], [1, 1], [0, 0]),
-        (Conditions(branch="unloading"), [140, 40], [1, 1], [0, 1]),
-        (Conditions(cycle=3), [140, 0, 40], [2, 2, 3], [0, 1, 0]),
-        (Conditions(cycle=2, branch="unloading"), [140, 0, 140, 40], [1, 1, 2, 2], [0, 1, 0, 1]),
+        (ServiceConditions(hold_s=5.0), [0, 40], [1, 1], [0, 0]),
+        (ServiceConditions(branch="unloading"), [140, 40], [1, 1], [0, 1]),
+        (ServiceConditions(cycle=3), [140, 0, 40], [2, 2, 3], [0, 1, 0]),
+        (
+            ServiceConditions(cycle=2, branch="unloading"),
+            [140, 0, 140, 40],
+            [1, 1, 2, 2],
+            [0, 1, 0, 1],
+        ),
     ):
         path = history(conditions, np.array([40.0]), LARGEST)
         assert path.pressure.tolist() == [pressure]
         assert path.cycle.tolist() == cycle
         assert path.unloading.tolist() == down
         assert path.time.tolist() == [0.0] * (len(pressure) - 1) + [conditions.hold_s]
-    beyond = history(Conditions(branch="unloading"), np.array([200.0]), LARGEST)
+    beyond = history(ServiceConditions(branch="unloading"), np.array([200.0]), LARGEST)
     assert beyond.pressure.tolist() == [[200.0, 200.0]]
 
 
@@ -136,7 +141,7 @@ def test_creep_raises_the_load_by_its_share_of_the_hold(surrogate):
     share = 1.0 + effect["creep.amount"] * -np.expm1(-HOLD / effect["creep.time_constant"])
     still = {"emulator_error_pressure": 0.0}
     model = model_with(surrogate, "creep")
-    found = curvature_of(model, Conditions(hold_s=HOLD), **effect | still)
+    found = curvature_of(model, ServiceConditions(hold_s=HOLD), **effect | still)
     expected = curvature_of(model_with(surrogate), PROMPT, PRESSURES * share, **still)
     np.testing.assert_allclose(found, expected, rtol=1e-10)
     assert np.all(found > curvature_of(model, PROMPT, **effect | still))
@@ -149,13 +154,15 @@ def test_dry_air_lowers_the_load_by_its_share_of_the_time(surrogate):
     grown = -np.expm1(-600.0 / effect["humidity_drift.time_constant"])
     for humidity, dryness in ((None, 1.0), (46.0, 3.0), (67.0, 0.0)):
         share = np.exp(-effect["humidity_drift.stiffening"] * dryness * grown)
-        conditions = Conditions(hold_s=600.0, humidity_pct=humidity)
+        conditions = ServiceConditions(hold_s=600.0, humidity_pct=humidity)
         found = curvature_of(model_with(surrogate, "humidity_drift"), conditions, **effect)
         expected = curvature_of(model_with(surrogate), PROMPT, PRESSURES * share, **still)
         np.testing.assert_allclose(found, expected, rtol=1e-10)
 
 
-@pytest.mark.parametrize("conditions", [Conditions(branch="unloading"), Conditions(cycle=2)])
+@pytest.mark.parametrize(
+    "conditions", [ServiceConditions(branch="unloading"), ServiceConditions(cycle=2)]
+)
 def test_what_was_stretched_before_is_softer(surrogate, conditions):
     """q = 2 p / (1 − b + √((1 − b)² + 4 b p/q_m)), and nothing at the largest pressure."""
     still = {"emulator_error_pressure": 0.0}
@@ -178,7 +185,7 @@ def test_what_was_stretched_before_is_softer(surrogate, conditions):
 def test_weight_acts_against_the_bend_of_what_bends_up(surrogate):
     effect = sizes("gravity")
     model = model_with(surrogate, "gravity")
-    found = {m: curvature_of(model, Conditions(mount=m), **effect)[0] for m in MOUNTS}
+    found = {m: curvature_of(model, ServiceConditions(mount=m), **effect)[0] for m in MOUNTS}
     np.testing.assert_array_equal(found["horizontal"], curvature_of(model, PROMPT, **effect)[0])
     assert np.all(found["hanging"] < found["horizontal"])
     assert np.all(found["bending_up"] != found["bending_down"])
@@ -199,7 +206,7 @@ def test_what_no_cause_answers_to_is_known(surrogate, name):
     chain = chain_at(model, **sizes(name))
     # one after another: on the second loading the branch alone makes no difference to Mullins
     asked = [replace(PROMPT, **{f: getattr(ALL, f)}) for f in ALL.changed if f != "humidity_pct"]
-    asked.append(Conditions(hold_s=600.0, humidity_pct=40.0))
+    asked.append(ServiceConditions(hold_s=600.0, humidity_pct=40.0))
     moved = set()
     for conditions in asked:
         still = moving_nothing(model, chain, LEVELS, conditions)
@@ -210,7 +217,7 @@ def test_what_no_cause_answers_to_is_known(surrogate, name):
 def test_humidity_without_time_moves_nothing_and_an_uncertain_rate_always_does(surrogate):
     model = model_with(surrogate, "humidity_drift")
     chain = chain_at(model, **sizes("humidity_drift"))
-    dry = Conditions(humidity_pct=30.0, degradation_sd=1.0)
+    dry = ServiceConditions(humidity_pct=30.0, degradation_sd=1.0)
     assert moving_nothing(model, chain, LEVELS, dry) == ("humidity_pct",)
     assert moving_nothing(model, chain, LEVELS, PROMPT) == ()
 
@@ -237,10 +244,10 @@ def test_every_cause_with_a_size_moves_a_prediction_in_some_conditions(surrogate
 @pytest.mark.parametrize(
     ("name", "conditions"),
     [
-        ("creep", Conditions(hold_s=60.0)),
-        ("humidity_drift", Conditions(hold_s=600.0)),
-        ("mullins", Conditions(cycle=2)),
-        ("gravity", Conditions(mount="hanging")),
+        ("creep", ServiceConditions(hold_s=60.0)),
+        ("humidity_drift", ServiceConditions(hold_s=600.0)),
+        ("mullins", ServiceConditions(cycle=2)),
+        ("gravity", ServiceConditions(mount="hanging")),
     ],
 )
 def test_causes_of_time_cycle_humidity_and_mount_move_control_and_risk(surrogate, name, conditions):
@@ -266,7 +273,7 @@ def test_the_pressure_set_under_creep_is_less_by_its_share_of_the_load():
     model = model_with(StraightLine(), "creep")
     effect = sizes("creep") | {"stiffness_scatter": 1e-9}
     chain = chain_at(model, **effect)
-    held = Conditions(hold_s=HOLD)
+    held = ServiceConditions(hold_s=HOLD)
     specimens = draw_specimens(model, chain, np.random.default_rng(1), draws=5, conditions=held)
     found = control(specimens, 0.0, 5.0, risk=0.05, first=LARGEST)
     share = 1.0 + effect["creep.amount"] * -np.expm1(-HOLD / effect["creep.time_constant"])
@@ -282,7 +289,7 @@ def test_what_came_down_from_a_larger_pressure_may_have_burst_there(surrogate):
             draw_specimens(model, chain, np.random.default_rng(1), draws=20, conditions=one),
             *(0.0, np.append(PRESSURES, LARGEST)),
         ).burst.mean(axis=0)
-        for one in (Conditions(branch="unloading"), PROMPT)
+        for one in (ServiceConditions(branch="unloading"), PROMPT)
     )
     assert 0.02 < up[-1] < 0.98
     np.testing.assert_allclose(down, up[-1], rtol=1e-10)
@@ -300,7 +307,7 @@ def test_an_uncertain_degradation_widens_bands_by_its_share_of_the_stiffness(sur
             degradation=at,
             pressure=np.array([60.0]),
             draws=4000,
-            conditions=Conditions(degradation_sd=sd),
+            conditions=ServiceConditions(degradation_sd=sd),
         )
         widths.append(np.log(bands["q95"][0] / bands["q05"][0]))
     sensitivity = model.material(values_of(), at).sensitivity[0, 0]
@@ -315,7 +322,7 @@ def test_each_draw_may_have_a_degradation_rate_of_its_own(surrogate):
     model = model_with(surrogate, *names)
     chain = chain_at(model, **sizes(*names))
     rates = np.array([3.0, 11.0, 19.0])
-    for conditions in (PROMPT, Conditions(hold_s=60.0)):
+    for conditions in (PROMPT, ServiceConditions(hold_s=60.0)):
         drawn = draw_specimens(
             *(model, chain, np.random.default_rng(1)), draws=3, strata=2, conditions=conditions
         )
@@ -342,4 +349,4 @@ def test_each_draw_may_have_a_degradation_rate_of_its_own(surrogate):
 )
 def test_what_no_test_could_have_is_refused(given, words):
     with pytest.raises(BayesdegError, match=words):
-        Conditions(**given)
+        ServiceConditions(**given)
