@@ -147,9 +147,8 @@ def control(
         refuse_others(curvature=curvature, degradation=degradation, hours=hours)
         _of_own(report, reading or [], x or [], base=base, seed=seed, out=out, as_json=as_json)
         return
-    wanted = _asked(curvature, risk, x or reading)
-    levels = levels_of(report, degradation, hours, seed)
-    refuse_too_many(wanted, levels, most=MOST_SETTINGS)
+    wanted, at = _asked(curvature, risk, x or reading), (degradation, hours, seed)
+    refuse_too_many(wanted, levels := levels_of(report, *at), most=MOST_SETTINGS)
     out = None if out is None else output_file(out)
     stored = read_stored(report, base=base, emulator=emulator)
     with shown(quiet or as_json) as progress:
