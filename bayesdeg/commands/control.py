@@ -181,7 +181,7 @@ def _show(stored: StoredRun, found: list[Setting]) -> None:
     table = empty_table(stored, (*time, *HEADINGS), f", risk up to {found[0].risk:g}")
     checks = forecast.checks_of(stored)
     for s in found:
-        burst, low, high = (chance(float(p), checks) for p in s.probability)
+        burst, low, high = (chance(float(p), checks, short=True) for p in s.probability)
         allowed = f"{s.allowed.pressure:.0f}"
         table.add_row(
             *(() if s.hours is None else (f"{s.hours:g}",)),

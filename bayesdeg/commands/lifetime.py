@@ -108,7 +108,7 @@ def lifetime(
             conditions=conditions,
             experience=None if beyond else stored.experience,
         )
-    table, summary = life_table(life, duty), life_summary(life, duty)
+    table, summary = life_table(stored, life, duty), life_summary(life, duty)
     levels = soil.levels(times[[0, -1]])
     asked = (levels, np.array([duty.pressure]), conditions)
     messages = (str(summary), *forecast.said_of(stored, *asked))

@@ -134,7 +134,9 @@ def _show(stored: StoredRun, table: pd.DataFrame) -> None:
         if last is not None and place != last:
             shown_table.add_section()
         last = place
-        burst, low, high = (chance(row[name], checks) for name in forecast.PROBABILITY_COLUMNS)
+        burst, low, high = (
+            chance(row[name], checks, short=True) for name in forecast.PROBABILITY_COLUMNS
+        )
         shown_table.add_row(
             *place,
             f"{row['pressure_kPa']:g}",

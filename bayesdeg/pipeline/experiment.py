@@ -446,14 +446,15 @@ class ModelledExperiment:
         """Return what becomes of actuators in the soil, and what a user should know."""
         soil = self._soil(effort, seed, progress)
         times = default_hours(forecast.ranges_of(self._document)) if hours is None else hours
+        stored = self._of_actuators(fit, effort)
         life = lifetime_of(
-            *(self._of_actuators(fit, effort), soil, duty, times),
+            *(stored, soil, duty, times),
             seed=np.random.SeedSequence([seed, 1]),
             progress=progress,
             conditions=conditions,
             experience=None if beyond else experience_of(self._document),
         )
-        table, summary = life_table(life, duty), life_summary(life, duty)
+        table, summary = life_table(stored, life, duty), life_summary(life, duty)
         table.attrs.update(summary.facts, summary=str(summary))
         at = np.array([duty.pressure])
         return table, self.cautions(fit, soil.levels(times[[0, -1]]), at, conditions)

@@ -8,12 +8,12 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from bayesdeg.pipeline.experience import Experience
-from bayesdeg.pipeline.forecast import COURSE_STREAM, TIME, Drawn, Range, ceiling_of
+from bayesdeg.pipeline.forecast import COURSE_STREAM, TIME, Drawn, Range, ceiling_of, checks_of
 from bayesdeg.pipeline.progress import Progress
 from bayesdeg.prediction.conditions import PROMPT, ServiceConditions
 from bayesdeg.prediction.control import INTERVAL
 from bayesdeg.prediction.lifetime import DRAWS, STRATA, Duty, Life, live, specimens_in_soil
-from bayesdeg.prediction.predictive import draw_specimens
+from bayesdeg.prediction.predictive import draw_specimens, not_below
 from bayesdeg.prediction.soil import Soil
 from bayesdeg.report import tables as columns
 from bayesdeg.report.wording import SPACE, sentences
@@ -81,17 +81,22 @@ def lifetime_of(
     )
 
 
-def life_table(life: Life, duty: Duty) -> pd.DataFrame:
-    """Return a life as a table, ``lifetime.csv``; what is not finite is empty."""
+def life_table(stored: Drawn, life: Life, duty: Duty) -> pd.DataFrame:
+    """Return a life as a table, ``lifetime.csv``; what is not finite is empty.
+
+    No probability of rupture is below one in the specimens that the model was checked on.
+    """
+    checks = checks_of(stored)
     low, high = (np.quantile(life.by_draw(life.failed), q, axis=0) for q in FAILED)
-    burst = [np.quantile(life.by_draw(life.burst), q, axis=0) for q in FAILED]
+    quantiles = (np.quantile(life.by_draw(life.burst), q, axis=0) for q in FAILED)
+    burst = [not_below(one, checks) for one in (life.burst.mean(axis=0), *quantiles)]
     bent = np.nan_to_num(life.curvature, nan=np.inf, posinf=np.inf)
     found = [
         life.hours,
         *(np.full(len(life.hours), v) for v in (duty.pressure, duty.curvature, duty.risk)),
         *np.quantile(life.degradation, INTERVAL, axis=0),
         *np.quantile(bent, INTERVAL, axis=0, method="inverted_cdf"),
-        *(life.burst.mean(axis=0), *burst, life.lost.mean(axis=0)),
+        *(*burst, life.lost.mean(axis=0)),
         *(life.failed.mean(axis=0), low, high),
         *np.quantile(life.needed, INTERVAL, axis=0, method="inverted_cdf"),
         *(life.allowed, np.mean(life.needed <= life.allowed, axis=0)),

@@ -467,7 +467,7 @@ def life(found: "TableSources") -> pd.DataFrame | None:
         experience=experience_of(entry),
         draws=LIFE_DRAWS,
     )
-    return life_table(followed, duty)
+    return life_table(fit, followed, duty)
 
 
 @dataclass

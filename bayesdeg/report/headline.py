@@ -87,7 +87,7 @@ def headline_of(verdict: VerdictRecord, gain: pd.DataFrame | None) -> Headline:
         return Headline(BADGES[verdict.outcome], sentence, (misfit,), lede)
     numbers = (misfit, _certainty(verdict, facts), _gained(facts))
     made = sentences("headline", "made", **facts)
-    lede = tuple(filter(None, (*counts_of(verdict), first_sentence(verdict.misfit.where), made)))
+    lede = tuple(filter(None, (first_sentence(verdict.misfit.where), made, *counts_of(verdict))))
     return Headline(BADGES[verdict.outcome], sentence, numbers, lede)
 
 
@@ -114,8 +114,9 @@ def _facts(verdict: VerdictRecord, gain: pd.DataFrame | None) -> Mapping[str, ob
 
 
 def counts_of(verdict: VerdictRecord) -> tuple[str, ...]:
-    """Return what is said of counts of ruptures that contradict the model."""
-    return tuple(one.sentence for one in verdict.rupture_counts if one.contradicted)
+    """Return what counts of ruptures say that contradict the model, and what explains them."""
+    said = (one.sentence for one in verdict.rupture_counts if one.contradicted)
+    return tuple(" ".join(re.split(r"(?<=\.) (?=[A-Z])", text)[:2]) for text in said)
 
 
 def _by_counts(verdict: VerdictRecord) -> bool:

@@ -126,7 +126,7 @@ def percent(fraction: float | None) -> str:
     return f"{100 * fraction:.{digits}f}".removesuffix(".0").replace("-", MINUS) + f"{SPACE}%"
 
 
-def chance(probability: float | None, checks: float | None = None) -> str:
+def chance(probability: float | None, checks: float | None = None, *, short: bool = False) -> str:
     """Word a probability of which so many checks can know; below one in so many it is no number.
 
     Parameters
@@ -135,16 +135,20 @@ def chance(probability: float | None, checks: float | None = None) -> str:
         As computed.
     checks : float or None
         Specimens, draws or simulated sets that it rests on; None where that is not known.
+    short : bool
+        As narrow tables need it.
 
     Examples
     --------
     >>> [chance(value, 50).replace(SPACE, " ") for value in (2e-80, 0.02, 0.3, None)]
     ['less than 1 in 50', 'less than 1 in 50', '30 %', '–']
+    >>> chance(0.01, 50, short=True).replace(SPACE, " ")
+    '< 1 in 50'
     """
     if probability is None or not math.isfinite(probability):
         return NOTHING
     if checks and probability <= (1.0 + 1e-9) / checks:
-        return f"less than 1 in {checks:.0f}".replace(" ", SPACE)
+        return f"{'<' if short else 'less than'} 1 in {checks:.0f}".replace(" ", SPACE)
     return percent(probability)
 
 

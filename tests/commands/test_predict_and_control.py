@@ -634,7 +634,7 @@ def test_a_condition_that_no_named_cause_answers_to_is_said(bayesdeg, crept):
         (("--cycle", "0"), "counted from 1"),
         (("--branch", "downwards"), "loading, unloading"),
         (("--humidity", "130"), "0 to 100 %"),
-        (("--mount", "hangin"), "did you mean 'hanging'"),
+        (("--mount", "hangin"), "'hanging'"),
         (("--degradation-sd", "-1"), "degradation_sd -1"),
     ],
 )
