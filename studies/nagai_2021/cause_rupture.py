@@ -34,6 +34,7 @@ from nagai_2021.rupture import SCATTER, counts_given, demanded, log_elongations
 
 Floats = NDArray[np.float64]
 
+LATER = frozenset({"dry_embrittlement"})
 WIDE = 2.5
 """Scatter is drawn from a prior so many times as wide, and weighted for it."""
 HERMITE = ((-np.sqrt(3.0), 1.0 / 6.0), (0.0, 2.0 / 3.0), (np.sqrt(3.0), 1.0 / 6.0))
@@ -168,7 +169,11 @@ def answer(shared: Shared, generator: np.random.Generator) -> dict[str, Any]:
     """Return the evidence of every cause that can change ruptures, and why the others can't."""
     acting, silent = able(cannot_burst)
     reference = burst(shared)
-    judged = {name: judge(shared, cause, reference, generator) for name, cause in acting.items()}
+    # what joined the catalogue later has numbers of its own: those of the others stay
+    streams = {name: generator.spawn(1)[0] if name in LATER else generator for name in acting}
+    judged = {
+        name: judge(shared, cause, reference, streams[name]) for name, cause in acting.items()
+    }
 
     def probability(name: str) -> float:
         return max(found["probability"] for found in judged[name]["criteria"].values())

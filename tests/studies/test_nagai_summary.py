@@ -29,7 +29,8 @@ PARTS = (
     "rupture",
 )
 DEGRADED_ONLY = {"degradation_misread", "degraded_skin", "erosion", "paper_softening"}
-NOT_BENDING = {"flaw_embrittlement", "gravity", "mullins", "stress_measure"}
+OF_RUPTURE = {"dry_embrittlement", "flaw_embrittlement"}
+NOT_BENDING = {*OF_RUPTURE, "gravity", "mullins", "stress_measure"}
 
 
 @pytest.fixture(scope="module")
@@ -492,12 +493,12 @@ def test_flaws_cut_the_limit_at_25_percent_alone(study, shared):
     assert study.cause_rupture.compare(shared, flawed, base)["bayes_factor"] > 1000.0
 
 
-def test_of_all_causes_flaws_account_for_the_ruptures(answers):
+def test_of_all_causes_flaws_and_dry_air_account_for_the_ruptures(answers):
     causes = answers["rupture_by_cause"]["causes"]
     for name, cause in causes.items():
         for criterion in cause["criteria"].values():
             assert 0.0 <= criterion["probability"] <= 4.0 / 9.0
-            assert (criterion["bayes_factor"] > 1000.0) == (name == "flaw_embrittlement")
+            assert (criterion["bayes_factor"] > 1000.0) == (name in OF_RUPTURE)
     assert not causes["curvature_reading"]["changes_bursts"]
     assert "the counts" in answers["rupture_by_cause"]["answer"]
 
