@@ -50,7 +50,6 @@ if TYPE_CHECKING:
     from bayesdeg.results import Calibration as Calibration
     from bayesdeg.results import Model as Model
     from bayesdeg.results import Report as Report
-    from bayesdeg.results import Update as Update
     from bayesdeg.results import Verdict as Verdict
 
 _HOMES = {
@@ -69,7 +68,7 @@ _HOMES = {
     "pipeline.formula": ("Readings",),
     "pipeline.reading": ("read_study",),
     "prediction.conditions": ("ServiceConditions",),
-    "results": ("Calibration", "Model", "Report", "Update", "Verdict"),
+    "results": ("Calibration", "Model", "Report", "Verdict"),
 }
 _HOME = {name: f"bayesdeg.{home}" for home, names in _HOMES.items() for name in names}
 

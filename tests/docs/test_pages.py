@@ -131,7 +131,7 @@ def test_the_gallery_is_of_short_scripts():
 @pytest.mark.parametrize("folder", REPORTS, ids=lambda folder: folder.name)
 def test_published_reports_are_small_and_whole(folder):
     page = (folder / "index.html").read_text(encoding="utf-8")
-    assert len(page.encode()) <= 1_100_000
+    assert len(page.encode()) <= 1_250_000
     linked = set(re.findall(r'href="([\w.]+\.(?:csv|json))"', page))
     assert linked
     assert all((folder / name).exists() for name in linked)

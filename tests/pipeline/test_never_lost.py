@@ -79,7 +79,6 @@ BROKEN = {
     table_stage(columns.OBSERVATIONS): (writing, "observations"),
     table_stage(columns.LEVELS): (writing, "level_table"),
     table_stage(columns.BANDS): (writing, "curvature_bands"),
-    table_stage(columns.RUPTURE): (writing, "rupture_table"),
     table_stage(columns.DECISIONS): (writing, "decisions"),
     table_stage(columns.SHARES): (writing, "curvature_shares"),
     table_stage(columns.COURSE): (films, "course_table"),
@@ -167,7 +166,7 @@ KEPT = [
     (films, "compare_orders", None),
     (writing, "to_datatree", lambda model, *_args: len(model.table.names)),
     (writing, "decisions", None),
-    (writing, "life", None),
+    (writing, "life", lambda found: found.results.films.course is None),
     (drawing, "inline_svg", lambda _figure, name, **_options: name),
 ]
 

@@ -48,7 +48,7 @@ from bayesdeg.prediction.control import Allowed, Setting
 from bayesdeg.prediction.lifetime import Duty
 from bayesdeg.prediction.prior_predictive import PriorPredictive
 from bayesdeg.report.left_out import OptionalStage
-from bayesdeg.report.record import BurstEntry, VerdictRecord
+from bayesdeg.report.record import BurstEntry, UpdateEntry, VerdictRecord
 from bayesdeg.report.wording import environment, sentences, worded
 
 WORDS = Path(__file__).with_name("findings.json")
@@ -389,6 +389,7 @@ ANSWERS = {
         nothing(outcome="ambiguous", causes=["erosion", "creep"]),
     ),
     "no cause and no experiment": ("nothing_proposed", nothing(outcome="unexplained")),
+    "readings taken in": ("updated", {"update": UpdateEntry(specimens=("A00-1", "A25-3"))}),
     "never told apart": ("never_told_apart", {"causes": ("film_mismatch", "creep")}),
 }
 
