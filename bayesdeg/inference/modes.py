@@ -175,6 +175,7 @@ VALLEY, ALONG = 2.0, 17
 FEWEST = 50  # particles that a law is fitted to; below, the mode's normal law is taken
 HIGHER = 0.5  # gain in log density of a further climb, by which the first had not arrived
 SMALLEST = 0.01  # share of the posterior below which a mode is not spoken of
+NEGLIGIBLE = 20.0  # log evidence by which a mode is behind that nothing can hang on
 
 
 @dataclass(frozen=True)
@@ -240,6 +241,9 @@ def find_modes(
     climbs = apply(partial(_climb, density), dispersed(density, generator, starts))
     tops = separate(density, [*known, *climbs])
     samples = [evidence(density, top, generator, draws=DRAWS) for top in tops]
+    best = max((one.log_evidence for one in samples), default=0.0)
+    worth = [k for k, one in enumerate(samples) if not one.log_evidence < best - NEGLIGIBLE]
+    tops, samples = [tops[k] for k in worth], [samples[k] for k in worth]
     held = [
         k
         for k, one in enumerate(samples)
