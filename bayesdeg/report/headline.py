@@ -87,7 +87,9 @@ def headline_of(verdict: VerdictRecord, gain: pd.DataFrame | None) -> Headline:
         return Headline(BADGES[verdict.outcome], sentence, (misfit,), lede)
     numbers = (misfit, _certainty(verdict, facts), _gained(facts))
     made = sentences("headline", "made", **facts)
-    lede = tuple(filter(None, (first_sentence(verdict.misfit.where), made, *counts_of(verdict))))
+    of_readings, of_counts = (first_sentence(verdict.misfit.where), made), counts_of(verdict)
+    both = (*of_counts, *of_readings) if facts["by_counts"] else (*of_readings, *of_counts)
+    lede = tuple(filter(None, both))
     return Headline(BADGES[verdict.outcome], sentence, numbers, lede)
 
 
@@ -115,8 +117,11 @@ def _facts(verdict: VerdictRecord, gain: pd.DataFrame | None) -> Mapping[str, ob
 
 def counts_of(verdict: VerdictRecord) -> tuple[str, ...]:
     """Return what counts of ruptures say that contradict the model, and what explains them."""
-    said = (one.sentence for one in verdict.rupture_counts if one.contradicted)
-    return tuple(" ".join(re.split(r"(?<=\.) (?=[A-Z])", text)[:2]) for text in said)
+    return tuple(
+        sentences("headline", "counted", one=one, first=re.split(r"\. ", one.sentence)[0])
+        for one in verdict.rupture_counts
+        if one.contradicted
+    )
 
 
 def _by_counts(verdict: VerdictRecord) -> bool:
