@@ -102,7 +102,7 @@ def fit_quadratic(inputs: Floats, outputs: Floats, correlation: Floats) -> Quadr
     --------
     >>> x = np.random.default_rng(0).standard_normal((200, 2))
     >>> fit = fit_quadratic(x, (3.0 * x[:, :1] + x[:, :1] * x[:, 1:]), np.eye(2))
-    >>> fit.linear.round(6).tolist(), fit.square.round(6).tolist()
+    >>> fit.linear.round(6).tolist(), np.abs(fit.square).round(6).tolist()
     ([[3.0, 0.0]], [[[0.0, 0.5], [0.5, 0.0]]])
     """
     factor = _factor(correlation)

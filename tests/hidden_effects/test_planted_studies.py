@@ -86,9 +86,13 @@ def test_no_folder_that_is_read_holds_the_truth():
         assert not [name for name in CATALOGUE if name in text and name not in columns]
 
 
+# on ruptures it acts as flaws do, so that no study of actuators alone could ask for its name
+COUNTED_ALONE = {"dry_embrittlement"}
+
+
 def test_every_cause_of_the_catalogue_is_hidden():
     hidden = {name for number in (*SINGLE, TWO) for name in hidden_in(number)}
-    assert hidden == set(CATALOGUE)
+    assert hidden == set(CATALOGUE) - COUNTED_ALONE
 
 
 @pytest.mark.parametrize("number", SINGLE)

@@ -144,7 +144,7 @@ def share_interval(burst: float, tested: float) -> tuple[float, float]:
     Examples
     --------
     >>> [round(end, 2) for end in share_interval(2.0, 3.0)]
-    [0.22, 0.93]
+    [0.24, 0.94]
     """
     law = beta(burst + 0.5, tested - burst + 0.5)
     low = 0.0 if burst == 0.0 else float(law.ppf(INTERVAL[0]))
