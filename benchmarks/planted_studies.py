@@ -24,7 +24,7 @@ from bayesdeg.actuator.inputs import ForwardMap, Inputs, Prediction
 from bayesdeg.actuator.mesh import FINE
 from bayesdeg.causes.catalogue import find
 from bayesdeg.causes.cause import Cause
-from bayesdeg.causes.flaw_embrittlement import ONSET
+from bayesdeg.causes.flaw_embrittlement import SMOOTH
 from bayesdeg.console import shown
 from bayesdeg.data.settings import Dimensions
 from bayesdeg.emulator.workers import pool
@@ -39,7 +39,7 @@ LEVELS = (0.0, 10.0, 25.0)  # of the actuators of most studies; films are tested
 EVERY_LEVEL = (0.0, 5.0, 10.0, 15.0, 20.0, 25.0)
 FLAWS = "flaw_embrittlement"
 COPIES = {0.0: 2, 10.0: 2, 22.5: 3, 25.0: 5}  # of actuators that are inflated until they burst
-STEP, LARGEST_OF_STIFF = 40.0, 520.0  # kPa; of those, and of what is degraded beyond `ONSET`
+STEP, LARGEST_OF_STIFF = 40.0, 520.0  # kPa; of those, and of what is degraded beyond `SMOOTH`
 BRITTLE = (209.8, 75.0, 16.0)  # elongation at break of films that break early [%]
 
 
@@ -144,7 +144,7 @@ def until_burst() -> pd.DataFrame:
 
 
 def _steps(level: float) -> list[float]:
-    largest = LARGEST_PRESSURE if level < ONSET else LARGEST_OF_STIFF
+    largest = LARGEST_PRESSURE if level < SMOOTH else LARGEST_OF_STIFF
     return np.arange(STEP, largest + 1.0, STEP).tolist()
 
 

@@ -139,6 +139,17 @@ class Strength:
     median: Floats
     scatter: Floats
 
+    def weakened(self, cut: Floats, widening: Floats) -> "Strength":
+        """Return it with a median less by ``cut`` in logarithms, and wider by ``widening``.
+
+        Examples
+        --------
+        >>> films = Strength(np.array([2.0]), np.array([0.3]))
+        >>> films.weakened(np.log([4.0]), np.array([0.4]))
+        Strength(median=array([0.5]), scatter=array([0.5]))
+        """
+        return Strength(self.median * np.exp(-cut), np.hypot(self.scatter, widening))
+
 
 def always_visible(conditions: Conditions | FilmConditions) -> None:
     """Say nothing: no test is blind to the cause."""

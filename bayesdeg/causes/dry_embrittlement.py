@@ -30,8 +30,6 @@ Source
     of ruptures; the size is estimated, not published.
 """
 
-from dataclasses import replace
-
 import numpy as np
 
 from bayesdeg.causes.cause import (
@@ -57,11 +55,7 @@ def dry(strength: Strength, degradation: Floats, effect: Effect) -> Strength:
     array([[2. , 0.1]])
     """
     share = np.maximum(degradation, 0.0) / REFERENCE_DEGRADATION
-    return replace(
-        strength,
-        median=strength.median * np.exp(-effect["cut"] * share),
-        scatter=np.hypot(strength.scatter, effect["widening"] * share),
-    )
+    return strength.weakened(effect["cut"] * share, effect["widening"] * share)
 
 
 def never_dry(conditions: Conditions) -> str | None:

@@ -1,13 +1,15 @@
 """Flaw embrittlement: flaws of far degraded actuators cut their elongation limit.
 
 Mechanism
-    Fracture surfaces are smooth up to 20 % degradation and jagged at 25 %: pits and notches start
-    cracks. A moulded actuator has more surface, more edges and larger flaws than a strip punched
-    from a film, so the films' elongation at break, which holds for films, is too high for it.
+    Fracture surfaces of films are smooth up to 20 % degradation and jagged at 25 %: pits and
+    notches start cracks. A moulded actuator has more surface, more edges and larger flaws than a
+    strip punched from a film, so the films' elongation at break, which holds for films, is too high
+    for it, and that perhaps before films show any.
 
 Equation
     Median elongation limit times exp(−b ρ(D)), scatter of its logarithm √(σ² + (w ρ(D))²), with
-    ρ(D) = max(D − 20 %, 0)/5 %: 0 up to 20 %, 1 at 25 %.
+    ρ(D) = max(D − D₀, 0)/(25 % − D₀): 0 up to the onset D₀, 1 at 25 %. The onset is inferred: its
+    prior knows the films' surfaces, and no count of ruptures.
 
 Typical size
     Two of three actuators burst below 240 kPa at 25 %, where 99 % of the simulated volume stays
@@ -27,46 +29,47 @@ Source
     of ruptures; Weibull (1951), J. Appl. Mech. 18:293, doi:10.1115/1.4010337, for flaws.
 """
 
-from dataclasses import replace
-
 import numpy as np
 
-from bayesdeg.causes.cause import Cause, Conditions, Effect, Floats, Stage, Strength
+from bayesdeg.causes.cause import (
+    REFERENCE_DEGRADATION,
+    Cause,
+    Conditions,
+    Effect,
+    Floats,
+    Stage,
+    Strength,
+)
 from bayesdeg.priors import Parameter, TruncatedNormal
 
-ONSET = 20.0
-"""Degradation rate up to which fracture surfaces are smooth [%]."""
-
-RANGE = 5.0
-"""How much further degradation makes the effect of full size [%]."""
+SMOOTH = 20.0
+"""Degradation rate up to which fracture surfaces of films are smooth [%]."""
+LATEST = 24.0
+"""Onset beyond which flaws would be there at once, not by degrees [%]."""
 
 
 def embrittle(strength: Strength, degradation: Floats, effect: Effect) -> Strength:
-    """Return a lower and more scattered elongation limit where degradation is beyond 20 %."""
-    ramp = flaw_ramp(degradation)
-    return replace(
-        strength,
-        median=strength.median * np.exp(-effect["cut"] * ramp),
-        scatter=np.hypot(strength.scatter, effect["widening"] * ramp),
-    )
+    """Return a lower and more scattered elongation limit where degradation is beyond the onset."""
+    ramp = flaw_ramp(degradation, effect["onset"])
+    return strength.weakened(effect["cut"] * ramp, effect["widening"] * ramp)
 
 
-def flaw_ramp(degradation: Floats) -> Floats:
-    """Return ρ(D): 0 up to 20 %, 1 at 25 %.
+def flaw_ramp(degradation: Floats, onset: Floats) -> Floats:
+    """Return ρ(D): 0 up to the onset, 1 at 25 %; both in percent.
 
     Examples
     --------
-    >>> flaw_ramp(np.array([0.0, 20.0, 22.5, 25.0])).tolist()
+    >>> flaw_ramp(np.array([0.0, 20.0, 22.5, 25.0]), np.array([20.0])).tolist()
     [0.0, 0.0, 0.5, 1.0]
     """
-    return np.maximum(degradation - ONSET, 0.0) / RANGE
+    return np.maximum(degradation - onset, 0.0) / (REFERENCE_DEGRADATION - onset)
 
 
 def never_flawed(conditions: Conditions) -> str | None:
     """Say so where no actuator was degraded far enough to have flaws."""
-    if np.any(conditions.degradation > ONSET):
+    if np.any(conditions.degradation > SMOOTH):
         return None
-    return f"no actuator was degraded by more than {ONSET:g} %"
+    return f"no actuator was degraded by more than {SMOOTH:g} %"
 
 
 CAUSE = Cause(
@@ -87,9 +90,17 @@ CAUSE = Cause(
             "scatter of ln elongation limit that flaws add at a degradation rate of 25 %",
             0.0,
         ),
+        # films are smooth up to 20 %; walls, edges and corners may have flaws well before
+        Parameter(
+            "onset",
+            TruncatedNormal(SMOOTH, 7.0, 0.0, LATEST),
+            "%",
+            "degradation rate up to which flaws leave the elongation limit as it is",
+            SMOOTH,
+        ),
     ),
     mechanism="flaws of far degraded actuators cut their elongation limit and widen its scatter",
-    typical={"cut": 1.5, "widening": 0.4},
+    typical={"cut": 1.5, "widening": 0.4, "onset": 20.0},
     revealed_by="ruptures below what the films' elongation would bear, at high degradation rates "
     "only; refuted by actuators at 25 % that reach the pressure which it allows",
     on_strength=embrittle,

@@ -10,8 +10,9 @@ from bayesdeg.causes.flaw_embrittlement import CAUSE, embrittle
 DEGRADATION = np.array([[0.0, 19.0, 20.0, 22.5, 25.0], [0.0, 21.0, 25.0, 30.0, 24.0]])
 
 
-def effect(cut, widening):
-    return {"cut": np.reshape(cut, (-1, 1)), "widening": np.reshape(widening, (-1, 1))}
+def effect(cut, widening, onset=20.0):
+    sizes = {"cut": cut, "widening": widening, "onset": onset}
+    return {name: np.reshape(size, (-1, 1)) for name, size in sizes.items()}
 
 
 def strength():
@@ -20,12 +21,28 @@ def strength():
     )
 
 
-def test_flaws_cut_the_limit_beyond_twenty_percent():
+def test_flaws_cut_the_limit_beyond_their_onset():
     after = embrittle(strength(), DEGRADATION, effect([np.log(4.0), np.log(4.0)], [0.0, 0.0]))
     ratio = after.median / strength().median
     np.testing.assert_allclose(ratio[0], [1.0, 1.0, 1.0, 0.5, 0.25], rtol=1e-14)
     np.testing.assert_allclose(ratio[1], 4.0 ** -np.array([0.0, 0.2, 1.0, 2.0, 0.8]), rtol=1e-14)
     np.testing.assert_array_equal(after.scatter, strength().scatter)
+
+
+def test_flaws_of_an_early_onset_are_of_the_same_size_at_25_percent():
+    sizes = effect(2 * [np.log(4.0)], 2 * [0.4], [0.0, 15.0])
+    after = embrittle(strength(), np.array(2 * [[0.0, 15.0, 20.0, 22.5, 25.0]]), sizes)
+    ratio = after.median / strength().median
+    np.testing.assert_allclose(ratio[0], 4.0 ** -np.array([0.0, 0.6, 0.8, 0.9, 1.0]), rtol=1e-14)
+    np.testing.assert_allclose(ratio[1], 4.0 ** -np.array([0.0, 0.0, 0.5, 0.75, 1.0]), rtol=1e-14)
+    np.testing.assert_allclose(after.scatter[:, -1], 0.5, rtol=1e-14)
+
+
+def test_flaws_from_the_beginning_are_as_dry_air():
+    sizes = effect(2 * [1.3], 2 * [0.4], 0.0)
+    one, other = (of(strength(), DEGRADATION, sizes) for of in (embrittle, dry_embrittlement.dry))
+    np.testing.assert_allclose(one.median, other.median, rtol=1e-14)
+    np.testing.assert_allclose(one.scatter, other.scatter, rtol=1e-14)
 
 
 def test_flaws_widen_the_scatter_by_squares():
