@@ -184,11 +184,8 @@ class ModelledExperiment:
         BayesdegError
             If a cause acts on nothing of it, or names clash.
         """
-        model, counts = self.assembly.model, self.assembly.counts
-        if counts is not None and any(cause.is_of_rupture_alone for cause in self.causes):
-            model = model.with_observations(counts)  # such a cause makes them data
         try:
-            return model.extended(*self.causes)
+            return self.assembly.extended(*self.causes)
         except ValueError as fault:
             raise BayesdegError(str(fault)) from fault
 
@@ -229,7 +226,7 @@ class ModelledExperiment:
             return cause_of(given, (*self.assembly.candidates, *self.causes))
         if isinstance(given, Cause):
             return given
-        known = CATALOGUE | {one.name: one for one in (*self.assembly.candidates, *self.causes)}
+        known = CATALOGUE | {one.name: one for one in (*self.assembly.causes, *self.causes)}
         if given not in known:
             raise BayesdegError(f"there is no cause {given!r}; {use_one_of(given, known)}")
         return known[given]
@@ -242,11 +239,13 @@ class ModelledExperiment:
         wanted = [self.cause(one) for one in ([causes] if isinstance(causes, str) else causes)]
         self._refuse_no_candidates(wanted)
         unjudged = self.assembly.unjudged
+        names = {one.name for one in wanted}
         assembly = replace(
             self.assembly,
             candidates=tuple(one for one in wanted if one.name not in unjudged),
             unjudged={one.name: unjudged[one.name] for one in wanted if one.name in unjudged},
-            alike=tuple(a for a in self.assembly.alike if a.name in {one.name for one in wanted}),
+            alike=tuple(one for one in self.assembly.alike if one.name in names),
+            of_counts=tuple(one for one in self.assembly.of_counts if one.name in names),
         )
         return replace(self, assembly=assembly)
 
@@ -304,8 +303,7 @@ class ModelledExperiment:
         residual = _residual(fit, streams.drawing)
         doubted = dict(in_doubt(self.study, results)) | {"left_out": guard.entries()}
         document = verdict_of(results, residual, "", guard).model_copy(update=doubted)
-        tried = (*self.assembly.candidates, *self.assembly.alike)
-        return Judged(document, tried, judgement)
+        return Judged(document, self.assembly.causes, judgement)
 
     def trial(self, fit: Fit) -> Trial:
         """Return the calibration as what groups of readings can be left out of."""

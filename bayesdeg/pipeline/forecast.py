@@ -498,9 +498,17 @@ def soil_of(path: Path) -> Soil:
     BayesdegError
         If the study has no readings of moisture that could tell it, or the file is damaged.
     """
+    found = known_soil_of(path)
+    if found is None:
+        raise BayesdegError(f"{path}: {NO_COURSE}")
+    return found
+
+
+def known_soil_of(path: Path) -> Soil | None:
+    """Read the course of degradation as `soil_of` does; None where the run found none."""
     draws = RunFolder(path).draws_of(POSTERIOR_COURSE)
     if draws is None:
-        raise BayesdegError(f"{path}: {NO_COURSE}")
+        return None
     values = {str(n): v.to_numpy().ravel().astype(np.float64) for n, v in draws.items()}
     if not {p.name for p in COURSE} <= set(values):
         raise _impossible(path, "the course of degradation lacks a parameter")
