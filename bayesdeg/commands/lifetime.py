@@ -39,7 +39,7 @@ from bayesdeg.pipeline.own_forecast import is_own
 from bayesdeg.prediction.conditions import PROMPT, ServiceConditions
 from bayesdeg.prediction.lifetime import Duty
 from bayesdeg.report import tables as columns
-from bayesdeg.report.wording import number, percent
+from bayesdeg.report.wording import chance, interval, number, percent
 
 Floats = NDArray[np.float64]
 
@@ -57,6 +57,8 @@ HEADINGS = (
     "allowed\n[kPa]",
     "in reach",
 )
+
+SHOWN_PROBABILITIES = ("burst_probability", "failed_probability", "failed_q05", "failed_q95")
 
 Pressure = Annotated[float, typer.Option(help="Gauge pressure of the duty in kPa.", metavar="KPA")]
 Curvature = Annotated[
@@ -108,7 +110,7 @@ def lifetime(
             conditions=conditions,
             experience=None if beyond else stored.experience,
         )
-    table, summary = life_table(stored, life, duty), life_summary(life, duty)
+    table, summary = life_table(stored, life, duty), life_summary(stored, life, duty)
     levels = soil.levels(times[[0, -1]])
     asked = (levels, np.array([duty.pressure]), conditions)
     messages = (str(summary), *forecast.said_of(stored, *asked))
@@ -146,15 +148,17 @@ def _show(stored: StoredRun, table: pd.DataFrame, summary: str) -> None:
     duty = table.iloc[0]
     asked = f", {duty['wanted_per_m']:g} 1/m at {duty['pressure_kPa']:g} kPa, risk {duty['risk']:g}"
     printed = empty_table(stored, HEADINGS, asked)
+    checks = forecast.checks_of(stored)
     for row in table.to_dict("records"):
+        burst, failed, low, high = (
+            chance(row[name], checks, short=True) for name in SHOWN_PROBABILITIES
+        )
         printed.add_row(
             f"{row['time_h']:.4g}",
             f"{row['degradation_q50']:.3g}",
             number(row["q50_per_m"]),
             f"{number(row['q05_per_m'])} to {number(row['q95_per_m'])}",
-            percent(row["burst_probability"]),
-            percent(row["failed_probability"]),
-            f"{percent(row['failed_q05'])} to {percent(row['failed_q95'])}",
+            *(burst, failed, interval(low, high)),
             f"{number(row['needed_q05_kPa'])} to {number(row['needed_q95_kPa'])}",
             f"{row['allowed_kPa']:.0f}",
             percent(row["reachable"]),

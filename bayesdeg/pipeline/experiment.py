@@ -452,7 +452,7 @@ class ModelledExperiment:
             conditions=conditions,
             experience=None if beyond else experience_of(self._document),
         )
-        table, summary = life_table(stored, life, duty), life_summary(life, duty)
+        table, summary = life_table(stored, life, duty), life_summary(stored, life, duty)
         table.attrs.update(summary.facts, summary=str(summary))
         at = np.array([duty.pressure])
         return table, self.cautions(fit, soil.levels(times[[0, -1]]), at, conditions)
