@@ -18,8 +18,9 @@ mean_shift               largest difference of a posterior mean from that of the
 sd_difference            largest relative difference of a standard deviation
 bands_difference         largest difference of a median band, in widths of the 50 % band
 rupture_difference       largest difference of a probability of rupture [–]
-details                  by what was set aside: causes of the final model, method, effective draws, Pareto k, the parameters
-                         that differ most, and the differences without the update
+details                  by what was set aside: causes of the final model, method, effective draws,
+                         Pareto k, the parameters that differ most, and the differences without the
+                         update
 
 --keep FOLDER keeps the runs, and takes those that are there.
 """
