@@ -97,6 +97,18 @@ DegradationSd = Annotated[
         metavar="POINTS",
     ),
 ]
+Risk = Annotated[
+    float,
+    typer.Option(help="Largest probability of rupture that is accepted.", metavar="PROBABILITY"),
+]
+Beyond = Annotated[
+    bool,
+    typer.Option(
+        "--beyond",
+        help="Allow pressures above the largest that was tested, and above those at which "
+        "actuators burst.",
+    ),
+]
 Base = Annotated[
     bool, typer.Option("--base", help="Use the base model, without the causes that were named.")
 ]
@@ -291,7 +303,7 @@ def seed_of(stored: Recorded, given: int | None) -> np.random.SeedSequence:
 
 
 class Answer(FileRecord):
-    """What ``predict`` and ``control`` print with ``--json``."""
+    """What ``predict``, ``control`` and ``lifetime`` print with ``--json``."""
 
     title: str
     virtual: bool
@@ -305,7 +317,7 @@ class Answer(FileRecord):
     rows: tuple[Mapping[str, Scalar], ...]
 
 
-def give(
+def print_json(
     stored: Recorded,
     table: pd.DataFrame,
     messages: Sequence[str],
@@ -367,7 +379,7 @@ def delivered(
     if not quiet:
         say(messages)
     if as_json:
-        give(stored, table, messages, units, summary)
+        print_json(stored, table, messages, units, summary)
     return as_json
 
 
@@ -501,6 +513,6 @@ def answer(
     if out is not None:
         write_csv(out, table)
     if as_json:
-        give(stored, table, (), units)
+        print_json(stored, table, (), units)
     else:
         show_rows(stored, table, units)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from bayesdeg.commands.answers import (
     AsJson,
     Base,
+    Beyond,
     Branch,
     Cycle,
     DegradationSd,
@@ -21,6 +22,7 @@ from bayesdeg.commands.answers import (
     MaybeRates,
     Mount,
     OutFile,
+    Risk,
     RunFolderPath,
     Seed,
     answer,
@@ -87,19 +89,6 @@ Wanted = Annotated[
         "--reading",
         help="Of a forward map of one's own: wanted readings in their unit, as for --degradation.",
         metavar="VALUES",
-    ),
-]
-Risk = Annotated[
-    float,
-    typer.Option(help="Largest probability of rupture that is accepted.", metavar="PROBABILITY"),
-]
-
-Beyond = Annotated[
-    bool,
-    typer.Option(
-        "--beyond",
-        help="Allow pressures above the largest that was tested, and above those at which "
-        "actuators burst.",
     ),
 ]
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from bayesdeg.commands.answers import (
     AsJson,
     Base,
+    Beyond,
     Branch,
     Cycle,
     EmulatorFile,
@@ -18,6 +19,7 @@ from bayesdeg.commands.answers import (
     Humidity,
     Mount,
     OutFile,
+    Risk,
     RunFolderPath,
     Seed,
     delivered,
@@ -28,12 +30,17 @@ from bayesdeg.commands.answers import (
     refuse_too_many,
     seed_of,
 )
-from bayesdeg.commands.control import Beyond, Risk
 from bayesdeg.commands.options import Quiet
 from bayesdeg.console import shown
 from bayesdeg.pipeline import forecast
 from bayesdeg.pipeline.forecast import StoredRun, read_stored
-from bayesdeg.pipeline.lifetime import default_hours, life_summary, life_table, lifetime_of
+from bayesdeg.pipeline.lifetime import (
+    default_hours,
+    life_summary,
+    life_table,
+    lifetime_of,
+    said_of_life,
+)
 from bayesdeg.pipeline.output import output_file
 from bayesdeg.pipeline.own_forecast import is_own
 from bayesdeg.prediction.conditions import PROMPT, ServiceConditions
@@ -92,8 +99,9 @@ def lifetime(
     gives, by hours in the soil, degradation rate, curvature at that pressure, the probability of
     having burst and of having failed by then with its 90 % interval, the pressures that keep the
     curvature of 90 % of new actuators, the largest pressure that --risk and the tests allow, and
-    the share of actuators that reach the curvature with it. Times are those up to the last film
-    that was taken out of the soil; give others with --hours.
+    the share of actuators that reach the curvature with it. A probability of less than one in the
+    films broken and actuators loaded is no number. Times are those up to the last film that was
+    taken out of the soil; give others with --hours.
     """
     if is_own(report):
         raise typer.BadParameter("a study with a forward map of its own has no life in the soil")
@@ -111,9 +119,7 @@ def lifetime(
             experience=None if beyond else stored.experience,
         )
     table, summary = life_table(stored, life, duty), life_summary(stored, life, duty)
-    levels = soil.levels(times[[0, -1]])
-    asked = (levels, np.array([duty.pressure]), conditions)
-    messages = (str(summary), *forecast.said_of(stored, *asked))
+    messages = (str(summary), *said_of_life(stored, soil, life, duty, conditions, beyond=beyond))
     # the table is followed by what it comes to; JSON has that among its messages
     said = messages if as_json else messages[1:]
     if not delivered(

@@ -34,7 +34,13 @@ from bayesdeg.pipeline.films import course_of
 from bayesdeg.pipeline.forecast import model_document
 from bayesdeg.pipeline.formula import DrawnFormula, OwnMap, cause_of, probe
 from bayesdeg.pipeline.judge import Judgement, with_sampled_sizes
-from bayesdeg.pipeline.lifetime import default_hours, life_summary, life_table, lifetime_of
+from bayesdeg.pipeline.lifetime import (
+    allowed_at_ends,
+    default_hours,
+    life_summary,
+    life_table,
+    lifetime_of,
+)
 from bayesdeg.pipeline.outline import outline
 from bayesdeg.pipeline.output import run_folder
 from bayesdeg.pipeline.progress import Progress
@@ -377,8 +383,8 @@ class ModelledExperiment:
             conditions=conditions,
             experience=None if beyond else experience,
         )
-        strong = fit.model.has_elongation
-        said = forecast.basis(experience, found, beyond=beyond, strong=strong)
+        allowed, strong = forecast.allowed_by_rate(found), fit.model.has_elongation
+        said = forecast.basis(experience, allowed, beyond=beyond, strong=strong)
         return forecast.settings_table(found), said
 
     def predict_own(self, fit: Fit, effort: Effort, seed: int, x: Any) -> pd.DataFrame:
@@ -444,18 +450,20 @@ class ModelledExperiment:
         """Return what becomes of actuators in the soil, and what a user should know."""
         soil = self._soil(effort, seed, progress)
         times = default_hours(forecast.ranges_of(self._document)) if hours is None else hours
-        stored = self._of_actuators(fit, effort)
+        stored, experience = self._of_actuators(fit, effort), experience_of(self._document)
         life = lifetime_of(
             *(stored, soil, duty, times),
             seed=np.random.SeedSequence([seed, 1]),
             progress=progress,
             conditions=conditions,
-            experience=None if beyond else experience_of(self._document),
+            experience=None if beyond else experience,
         )
         table, summary = life_table(stored, life, duty), life_summary(stored, life, duty)
         table.attrs.update(summary.facts, summary=str(summary))
-        at = np.array([duty.pressure])
-        return table, self.cautions(fit, soil.levels(times[[0, -1]]), at, conditions)
+        at, levels = np.array([duty.pressure]), soil.levels(times[[0, -1]])
+        allowed, strong = allowed_at_ends(life, levels), fit.model.has_elongation
+        said = forecast.basis(experience, allowed, beyond=beyond, strong=strong)
+        return table, (*self.cautions(fit, levels, at, conditions), *said)
 
     def cautions(
         self, fit: Fit, levels: Sequence[Level], pressure: Floats, conditions: ServiceConditions

@@ -1,6 +1,6 @@
 """The life of an actuator in the soil, from a calibrated model: its table, and what it says."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,13 +8,24 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from bayesdeg.pipeline.experience import Experience
-from bayesdeg.pipeline.forecast import COURSE_STREAM, TIME, Drawn, Range, ceiling_of, checks_of
+from bayesdeg.pipeline.forecast import (
+    COURSE_STREAM,
+    TIME,
+    Drawn,
+    Range,
+    StoredRun,
+    basis,
+    ceiling_of,
+    checks_of,
+    said_of,
+    small_risk,
+)
 from bayesdeg.pipeline.progress import Progress
 from bayesdeg.prediction.conditions import PROMPT, ServiceConditions
 from bayesdeg.prediction.control import INTERVAL
 from bayesdeg.prediction.lifetime import DRAWS, STRATA, Duty, Life, live, specimens_in_soil
 from bayesdeg.prediction.predictive import draw_specimens, not_below
-from bayesdeg.prediction.soil import Soil
+from bayesdeg.prediction.soil import Level, Soil
 from bayesdeg.report import tables as columns
 from bayesdeg.report.wording import SPACE, sentences
 
@@ -173,3 +184,28 @@ def life_summary(stored: Drawn, life: Life, duty: Duty) -> LifeSummary:
         allowed=float(life.allowed[-1]),
         checks=checks_of(stored),
     )
+
+
+def said_of_life(
+    stored: StoredRun,
+    soil: Soil,
+    life: Life,
+    duty: Duty,
+    conditions: ServiceConditions,
+    *,
+    beyond: bool,
+) -> tuple[str, ...]:
+    """Say what a user of a life in the soil should know, by its first and its last time."""
+    levels, strong = soil.levels(life.hours[[0, -1]]), stored.model.has_elongation
+    allowed = allowed_at_ends(life, levels)
+    return (
+        *said_of(stored, levels, np.array([duty.pressure]), conditions),
+        *basis(stored.experience, allowed, beyond=beyond, strong=strong),
+        *small_risk(stored, duty.risk),
+    )
+
+
+def allowed_at_ends(life: Life, levels: Sequence[Level]) -> dict[float, float]:
+    """Return the pressure allowed [kPa] by the degradation rates [%] at first and last time."""
+    ends = zip(levels, life.allowed[[0, -1]], strict=True)
+    return {float(rate): float(pressure) for level, pressure in ends for rate in level.interval}

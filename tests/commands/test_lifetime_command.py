@@ -110,6 +110,15 @@ def test_more_is_in_reach_where_more_is_allowed(bayesdeg, buried):
     assert beyond["reachable"].iloc[-1] > within["reachable"].iloc[-1]
 
 
+def test_what_rests_on_no_test_is_said(bayesdeg, checked):
+    within = life_of(bayesdeg, checked, *DUTY, *FEW, "--risk", "0.5")[1]["messages"]
+    beyond = life_of(bayesdeg, checked, *DUTY, *FEW, "--risk", "0.5", "--beyond")[1]["messages"]
+    further = " ".join(set(beyond[1:]) - set(within[1:]))
+    assert "120 kPa" in further
+    bold = life_of(bayesdeg, checked, *DUTY, *FEW, "--risk", "0.001")[1]["messages"]
+    assert f"1 in {CHECKS}" in " ".join(bold[1:])
+
+
 def test_the_table_ends_in_what_it_comes_to(bayesdeg, buried):
     code, printed, _ = bayesdeg("lifetime", buried, *DUTY, *FEW)
     assert code == 0
