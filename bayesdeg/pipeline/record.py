@@ -424,7 +424,7 @@ def _departure(
 DRAWS = 4000  # of a posterior, for its medians
 
 
-def in_doubt(study: Study, results: Results) -> InDoubt:
+def in_doubt(study: Study, results: Results, found: Sequence[Doubt] | None = None) -> InDoubt:
     """Return what a reader of the verdict should know before it is used.
 
     Parameters
@@ -433,6 +433,8 @@ def in_doubt(study: Study, results: Results) -> InDoubt:
         What was run.
     results : Results
         Of which the final calibration is held against its priors.
+    found : sequence of Doubt, optional
+        What is unlikely of the study, where that is known already.
 
     Returns
     -------
@@ -440,8 +442,9 @@ def in_doubt(study: Study, results: Results) -> InDoubt:
         Readings and specimens that are unlikely, and parameters that are calibrated to what their
         priors all but exclude.
     """
-    known = isinstance(results.final.model.world, FilmsAndActuators)
-    found = doubts(study, outline(study).expected) if known else ()
+    if found is None:
+        known = isinstance(results.final.model.world, FilmsAndActuators)
+        found = doubts(study, outline(study).expected) if known else ()
     return InDoubt(
         suspects=tuple(_suspect(doubt) for doubt in found),
         parameters_in_question=_off_priors(results),

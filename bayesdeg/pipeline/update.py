@@ -4,7 +4,7 @@ import hashlib
 import re
 import shutil
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import partial
@@ -18,7 +18,7 @@ from threadpoolctl import threadpool_limits
 import bayesdeg
 from bayesdeg.criticism.posterior.convergence import Convergence
 from bayesdeg.data.added import FILE, Enlarged, enlarge
-from bayesdeg.data.plausibility import doubts, refuse_impossible
+from bayesdeg.data.plausibility import Doubt, doubts, refuse_impossible
 from bayesdeg.data.settings import EFFORTS as KNOWN_EFFORTS
 from bayesdeg.data.study import Study
 from bayesdeg.errors import BayesdegError, Fault, StudyError
@@ -256,19 +256,28 @@ def _enlarged(of: FinishedRun, content: bytes, name: str) -> tuple[Enlarged, Stu
     return found, before, after
 
 
-def suspicions(before: Study, after: Study, name: str) -> tuple[str, ...]:
+def suspicions(before: Study, found: Sequence[Doubt], name: str) -> tuple[str, ...]:
     """Say what is unlikely of new rows, and refuse what is impossible.
+
+    Parameters
+    ----------
+    before : Study
+        Without the new rows.
+    found : sequence of Doubt
+        What is unlikely or impossible of the study with them.
+    name : str
+        Of the file they are from.
 
     Raises
     ------
     StudyError
         With what is impossible.
     """
-    found = [one for one in doubts(after, outline(after).expected) if one.fault.file == FILE]
-    known = {str(one) for one in (doubts(before, outline(before).expected) if found else ())}
+    asked = [one for one in found if one.fault.file == FILE]
+    known = {str(one) for one in (doubts(before, outline(before).expected) if asked else ())}
     new = [
         replace(doubt, fault=replace(doubt.fault, file=name))
-        for doubt in found
+        for doubt in asked
         if str(doubt) not in known
     ]
     return tuple(map(str, refuse_impossible(new)))
@@ -485,7 +494,8 @@ def _update(
     progress.stage("reading")
     of = finished(report)
     found, before, after = _enlarged(of, content, name)
-    doubted = suspicions(before, after, name)
+    unlikely = doubts(after, outline(after).expected)
+    doubted = suspicions(before, unlikely, name)
     forward = emulator_of(of.run, emulator)
     # priors and scales stay those of the run, whatever pressures were added
     assembly = assemble(of.study, forward)
@@ -497,7 +507,7 @@ def _update(
         guard = Guard()
         results = with_counts(results, _seed(of, seed, COUNTS_STREAM), guard)
         _write(of, folder, after, results, guard, np.random.default_rng(_seed(of, seed, 0)))
-        _finish(of, folder, after, results, (found, entry), guard, begun)
+        _finish(of, folder, after, results, (found, entry, unlikely), guard, begun)
     left_out = (f"{one.stage}: {one.why}" for one in guard.left_out)
     moved = _moved(taken[POSTERIOR])
     return UpdatedRun(target, entry, moved, (*doubted, *_said(entry), *left_out))
@@ -617,17 +627,16 @@ def _finish(
     folder: RunFolder,
     after: Study,
     results: Results,
-    what: tuple[Enlarged, UpdateEntry],
+    what: tuple[Enlarged, UpdateEntry, Sequence[Doubt]],
     guard: Guard,
     begun: float,
 ) -> None:
     """Write the rows, the verdict as it was, and last what is recorded of the run."""
-    found, entry = what
+    found, entry, unlikely = what
     write_bytes(folder.path / ADDED, found.added)
-    doubted = guard.attempt(OptionalStage.IN_DOUBT, in_doubt, after, results) or InDoubt()
-    expected = results.counts_expected
-    work = partial(comparisons, after, results.final, expected)
-    compared = guard.attempt(OptionalStage.COMPARISONS, work) or ()
+    doubted = guard.attempt(OptionalStage.IN_DOUBT, in_doubt, after, results, unlikely) or InDoubt()
+    compare = partial(comparisons, after, results.final, results.counts_expected)
+    compared = guard.attempt(OptionalStage.COMPARISONS, compare) or ()
     emulator = emulator_entry(results, guard)
     lost = (*_still_left_out(of), *guard.entries())
     folder.write(of.verdict.model_copy(update={**dict(doubted), "left_out": lost}))

@@ -358,6 +358,17 @@ def test_readings_above_the_largest_pressure_can_be_followed_by_others(places):
     assert measured["pressure_kPa"][-1] == 200.0
 
 
+def test_what_is_unlikely_of_new_rows_is_in_doubt(places):
+    folder, report, file = places
+    rows = pd.read_csv(folder / "new.csv").assign(humidity_pct=0.6)
+    found = bd.update(report, rows, emulator=file, progress=False)
+    new = RunFolder(found.folder)
+    [suspect] = new.read_verdict().suspects
+    assert (suspect.file, suspect.column) == ("actuator.csv", "humidity_pct")
+    assert new.read_run().suspects == (suspect,)
+    assert "humidity_pct" in found.messages[0]
+
+
 def test_names_of_updates_count_up(tmp_path):
     first = default_target(tmp_path / "gel")
     second = default_target(first)
