@@ -90,7 +90,7 @@ STAGES_ANEW = (
 
 COUNTS_STREAM = 3  # of the seed: simulated counts of ruptures
 DRAWS = 12000  # of equal weight, of which tables are made: three for each effective one
-ENSEMBLES = 4  # among which they are divided, as those of a chain are
+ENSEMBLES = 4  # among which they are divided, in the form of chains
 CHECKED, SAME = 50, 1e-3  # draws whose density is compared with the run's, and by how much [nats]
 _NUMBERED = re.compile(r"_updated(_\d+)?$")
 
@@ -378,11 +378,14 @@ def _fit(model: JointModel, updated: Updated, generator: np.random.Generator) ->
 
 
 def _diagnosis(model: JointModel, chain: Chain, effective: float) -> Convergence:
-    """Return diagnostics of draws that are independent but for those that stand several times."""
+    """Return diagnostics of draws that are independent but for those that stand several times.
+
+    They come from no chains, so there is no R̂.
+    """
     size = len(model.table)
     return Convergence(
         model.table.names,
-        tuple(chain.r_hat().tolist()),
+        (float("nan"),) * size,
         (effective,) * size,
         (effective,) * size,
         chain.vectors.shape[1],

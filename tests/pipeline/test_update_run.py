@@ -140,6 +140,9 @@ def test_posteriors_and_tables_are_of_all_readings_and_the_verdict_is_not_judged
     assert found.posterior["posterior"].equals(tree["posterior"])
     page = build_page(found.folder).read_text(encoding="utf-8")
     assert 'id="updated"' in page
+    assert new.read_table("parameters")["r_hat"].isna().all()
+    assert 'id="figure-ranks"' not in page
+    assert 'id="figure-ranks"' in build_page(report).read_text(encoding="utf-8")
     assert found.method in ("weights", "refit", "mode")
     assert found.effective >= 400.0
     assert "shift_sd" in found.summary()
