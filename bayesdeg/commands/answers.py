@@ -428,18 +428,19 @@ def show_rows(stored: Recorded, table: pd.DataFrame, units: Mapping[str, str]) -
     output().print(printed)
 
 
-def needed(given: list[str] | None, option: str, x: list[str] | None) -> list[str]:
+def needed(given: list[str] | None, option: str, **own: list[str] | None) -> list[str]:
     """Return what an option of actuators gives.
 
     Raises
     ------
     typer.BadParameter
-        If it is not given, or --x is.
+        If it is not given, or an option is that is of a forward map of one's own.
     """
-    if x:
-        raise typer.BadParameter(
-            "--x is of a forward map of one's own, and this run is of films or actuators"
-        )
+    for name, value in own.items():
+        if value:
+            raise typer.BadParameter(
+                f"--{name} is of a forward map of one's own, and this run is of films or actuators"
+            )
     if not given:
         raise typer.BadParameter(f"{option} is missing")
     return given
