@@ -572,7 +572,7 @@ def update(
 
     Draws of the run's posterior are weighed by what the new readings say; where few of them carry
     the weight, a law is fitted to them and drawn from with all readings. The run stays as it is:
-    a new run folder is written, with posteriors, curvature bands, ruptures, decisions and shares
+    a new run folder is written, with posteriors, bands, ruptures, decisions, life and shares
     of all readings. The verdict is not judged again.
 
     Parameters

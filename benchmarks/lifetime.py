@@ -252,7 +252,7 @@ def buried(number: int) -> list[dict[str, object]]:
                 progress=Silent(),
             )
             failed = min(lost, burst)
-            low, middle, high = life_summary(life, duty).failure
+            low, middle, high = life_summary(fit, life, duty).failure
             share = float(np.interp(min(failed, LAST), life.hours, life.failed.mean(axis=0)))
             found.append(
                 {

@@ -3,26 +3,31 @@
     uv run python benchmarks/update.py --json
 
 Of the study's readings some are set aside, the rest is run at standard effort, and they enter that
-run by `bayesdeg update`: all readings of one specimen, or the last one of it. The posterior is
-compared with that of the whole study, sampled at thorough effort. The keys of the document:
+run by `bayesdeg update`: all readings of one specimen, or the last one of it. The posterior of the
+final model, which is fitted to the published counts of ruptures too, is compared with that of the
+whole study, sampled at thorough effort. The keys of the document:
 
 update_seconds           largest time of an update by the clock on the wall, in a process that has
                          imported the library and loaded its kernels [s]
 cpu_seconds              largest computing time of such an update, whatever the machine does besides
                          [s]
 command_seconds          largest time of the command, from its start to its end [s]
+command_cpu_seconds      largest computing time of the command [s]
 mean_shift               largest difference of a posterior mean from that of the whole study, in
                          its standard deviations
 sd_difference            largest relative difference of a standard deviation
 bands_difference         largest difference of a median band, in widths of the 50 % band
-details                  by what was set aside: method, effective draws, Pareto k, the parameters
-                         that differ most, and the differences without the update
+rupture_difference       largest difference of a probability of rupture [–]
+details                  by what was set aside: causes of the final model, method, effective draws,
+                         Pareto k, the parameters that differ most, and the differences without the
+                         update
 
 --keep FOLDER keeps the runs, and takes those that are there.
 """
 
 import argparse
 import json
+import resource
 import shutil
 import subprocess
 import sys
@@ -70,7 +75,8 @@ def run_of(study: Path, report: Path) -> Path:
 
 def whole(folder: Path, causes: tuple[str, ...]) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Return summary and bands of the whole study at thorough effort, from a file if there."""
-    files = folder / "whole.csv", folder / "whole_bands.csv"
+    name = "+".join(("whole", *sorted(causes)))
+    files = folder / f"{name}.csv", folder / f"{name}_bands.csv"
     if not all(file.exists() for file in files):
         model = bd.Model(bd.read_study(STUDY)).with_causes(*causes)
         fit = bd.calibrate(model, effort="thorough", seed=SEED, workers=1, progress=False)
@@ -92,12 +98,31 @@ def differences(found: pd.DataFrame, wanted: pd.DataFrame) -> Json:
     }
 
 
+def predicted(report: Path, table: str, wanted: pd.DataFrame) -> pd.DataFrame:
+    """Return a table of a run beside what the posterior of the whole study predicts."""
+    found = pd.read_csv(report / f"{table}.csv").query("pressure_kPa > 0")
+    return found.merge(wanted, on=["degradation_pct", "pressure_kPa"], suffixes=("", "_all"))
+
+
 def bands_difference(report: Path, wanted: pd.DataFrame) -> float:
     """Return the largest difference of a median band, in widths of the 50 % band."""
-    found = pd.read_csv(report / "bands.csv").query("pressure_kPa > 0")
-    both = found.merge(wanted, on=["degradation_pct", "pressure_kPa"], suffixes=("", "_all"))
+    both = predicted(report, "bands", wanted)
     width = both["q75_all"] - both["q25_all"]
     return float(((both["q50"] - both["q50_all"]).abs() / width).max())
+
+
+def rupture_difference(report: Path, wanted: pd.DataFrame) -> float:
+    """Return the largest difference of a probability of rupture [–]."""
+    both = predicted(report, "rupture", wanted)
+    return float((both["probability"] - both["probability_all"]).abs().max())
+
+
+def command_seconds(command: tuple[object, ...]) -> tuple[float, float]:
+    """Run a command; return its time by the clock on the wall, and its computing time [s]."""
+    before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+    subprocess.run([str(part) for part in command], check=True, stdout=subprocess.DEVNULL)
+    seconds, after = time.perf_counter() - start, resource.getrusage(resource.RUSAGE_CHILDREN)
+    return seconds, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
 def measured(folder: Path) -> Json:
@@ -113,28 +138,29 @@ def measured(folder: Path) -> Json:
         start, cpu = time.perf_counter(), time.process_time()
         found = bd.update(report, rows, out=folder / f"updated_{case}", progress=False)
         seconds, cpu = time.perf_counter() - start, time.process_time() - cpu
-        start = time.perf_counter()
-        command = (PROGRAM, "update", report, rows, "--out", folder / "command", "--quiet")
-        subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
-        whole_command = time.perf_counter() - start
+        ask = (PROGRAM, "update", report, rows, "--out", folder / "command", "--quiet")
+        command, command_cpu = command_seconds(ask)
         shutil.rmtree(folder / "command")
         moved = found.summary()
         before = moved[["mean_before", "sd_before"]].set_axis(["mean", "sd"], axis=1)
         details[case] = {
             "update_seconds": seconds,
             "cpu_seconds": cpu,
-            "command_seconds": whole_command,
+            "command_seconds": command,
+            "command_cpu_seconds": command_cpu,
+            "causes": causes,
             "method": found.method,
             "effective": found.effective,
             "pareto_k": found.pareto_k,
             "effective_by_weights": found.written.entry.posteriors["final"].weights_effective,
             **differences(moved, summary),
             "bands_difference": bands_difference(found.folder, bands),
+            "rupture_difference": rupture_difference(found.folder, bands),
             "without_update": differences(before, summary),
         }
     keys = (
-        *("update_seconds", "cpu_seconds", "command_seconds"),
-        *("mean_shift", "sd_difference", "bands_difference"),
+        *("update_seconds", "cpu_seconds", "command_seconds", "command_cpu_seconds"),
+        *("mean_shift", "sd_difference", "bands_difference", "rupture_difference"),
     )
     largest = {key: float(np.max([one[key] for one in details.values()])) for key in keys}
     return {**largest, "details": {"machine": machine(), **details}}
@@ -157,7 +183,7 @@ def main() -> None:
         return
     for key, value in document.items():
         if key != "details":
-            print(f"{key:18} {value:.3g}")
+            print(f"{key:20} {value:.3g}")
 
 
 if __name__ == "__main__":

@@ -97,6 +97,18 @@ DegradationSd = Annotated[
         metavar="POINTS",
     ),
 ]
+Risk = Annotated[
+    float,
+    typer.Option(help="Largest probability of rupture that is accepted.", metavar="PROBABILITY"),
+]
+Beyond = Annotated[
+    bool,
+    typer.Option(
+        "--beyond",
+        help="Allow pressures above the largest that was tested, and above those at which "
+        "actuators burst.",
+    ),
+]
 Base = Annotated[
     bool, typer.Option("--base", help="Use the base model, without the causes that were named.")
 ]
@@ -291,7 +303,7 @@ def seed_of(stored: Recorded, given: int | None) -> np.random.SeedSequence:
 
 
 class Answer(FileRecord):
-    """What ``predict`` and ``control`` print with ``--json``."""
+    """What ``predict``, ``control`` and ``lifetime`` print with ``--json``."""
 
     title: str
     virtual: bool
@@ -305,7 +317,7 @@ class Answer(FileRecord):
     rows: tuple[Mapping[str, Scalar], ...]
 
 
-def give(
+def print_json(
     stored: Recorded,
     table: pd.DataFrame,
     messages: Sequence[str],
@@ -367,7 +379,7 @@ def delivered(
     if not quiet:
         say(messages)
     if as_json:
-        give(stored, table, messages, units, summary)
+        print_json(stored, table, messages, units, summary)
     return as_json
 
 
@@ -416,18 +428,19 @@ def show_rows(stored: Recorded, table: pd.DataFrame, units: Mapping[str, str]) -
     output().print(printed)
 
 
-def needed(given: list[str] | None, option: str, x: list[str] | None) -> list[str]:
+def needed(given: list[str] | None, option: str, **own: list[str] | None) -> list[str]:
     """Return what an option of actuators gives.
 
     Raises
     ------
     typer.BadParameter
-        If it is not given, or --x is.
+        If it is not given, or an option is that is of a forward map of one's own.
     """
-    if x:
-        raise typer.BadParameter(
-            "--x is of a forward map of one's own, and this run is of films or actuators"
-        )
+    for name, value in own.items():
+        if value:
+            raise typer.BadParameter(
+                f"--{name} is of a forward map of one's own, and this run is of films or actuators"
+            )
     if not given:
         raise typer.BadParameter(f"{option} is missing")
     return given
@@ -501,6 +514,6 @@ def answer(
     if out is not None:
         write_csv(out, table)
     if as_json:
-        give(stored, table, (), units)
+        print_json(stored, table, (), units)
     else:
         show_rows(stored, table, units)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from bayesdeg.commands.answers import (
     AsJson,
     Base,
+    Beyond,
     Branch,
     Cycle,
     DegradationSd,
@@ -21,6 +22,7 @@ from bayesdeg.commands.answers import (
     MaybeRates,
     Mount,
     OutFile,
+    Risk,
     RunFolderPath,
     Seed,
     answer,
@@ -89,19 +91,6 @@ Wanted = Annotated[
         metavar="VALUES",
     ),
 ]
-Risk = Annotated[
-    float,
-    typer.Option(help="Largest probability of rupture that is accepted.", metavar="PROBABILITY"),
-]
-
-Beyond = Annotated[
-    bool,
-    typer.Option(
-        "--beyond",
-        help="Allow pressures above the largest that was tested, and above those at which "
-        "actuators burst.",
-    ),
-]
 
 
 def control(
@@ -147,8 +136,9 @@ def control(
         refuse_others(curvature=curvature, degradation=degradation, hours=hours)
         _of_own(report, reading or [], x or [], base=base, seed=seed, out=out, as_json=as_json)
         return
-    wanted, at = _asked(curvature, risk, x or reading), (degradation, hours, seed)
-    refuse_too_many(wanted, levels := levels_of(report, *at), most=MOST_SETTINGS)
+    curvature = needed(curvature, "--curvature", x=x, reading=reading)
+    wanted, levels = _asked(curvature, risk), levels_of(report, degradation, hours, seed)
+    refuse_too_many(wanted, levels, most=MOST_SETTINGS)
     out = None if out is None else output_file(out)
     stored = read_stored(report, base=base, emulator=emulator)
     with shown(quiet or as_json) as progress:
@@ -166,9 +156,8 @@ def control(
         _show(stored, found)
 
 
-def _asked(curvature: list[str] | None, risk: float, other: list[str] | None) -> Floats:
+def _asked(curvature: list[str], risk: float) -> Floats:
     """Return wanted curvatures [1/m]."""
-    curvature = needed(curvature, "--curvature", other)
     wanted = numbers(curvature, "--curvature", "1/m", low=0.0, high=float("inf"))
     if wanted[0] == 0.0:
         raise typer.BadParameter("--curvature 0 needs no pressure; give a curvature above 0")

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from bayesdeg.commands.answers import (
     AsJson,
     Base,
+    Beyond,
     Branch,
     Cycle,
     EmulatorFile,
@@ -18,6 +19,7 @@ from bayesdeg.commands.answers import (
     Humidity,
     Mount,
     OutFile,
+    Risk,
     RunFolderPath,
     Seed,
     delivered,
@@ -28,18 +30,23 @@ from bayesdeg.commands.answers import (
     refuse_too_many,
     seed_of,
 )
-from bayesdeg.commands.control import Beyond, Risk
 from bayesdeg.commands.options import Quiet
 from bayesdeg.console import shown
 from bayesdeg.pipeline import forecast
 from bayesdeg.pipeline.forecast import StoredRun, read_stored
-from bayesdeg.pipeline.lifetime import default_hours, life_summary, life_table, lifetime_of
+from bayesdeg.pipeline.lifetime import (
+    default_hours,
+    life_summary,
+    life_table,
+    lifetime_of,
+    said_of_life,
+)
 from bayesdeg.pipeline.output import output_file
 from bayesdeg.pipeline.own_forecast import is_own
 from bayesdeg.prediction.conditions import PROMPT, ServiceConditions
 from bayesdeg.prediction.lifetime import Duty
 from bayesdeg.report import tables as columns
-from bayesdeg.report.wording import number, percent
+from bayesdeg.report.wording import chance, interval, number, percent
 
 Floats = NDArray[np.float64]
 
@@ -57,6 +64,8 @@ HEADINGS = (
     "allowed\n[kPa]",
     "in reach",
 )
+
+SHOWN_PROBABILITIES = ("burst_probability", "failed_probability", "failed_q05", "failed_q95")
 
 Pressure = Annotated[float, typer.Option(help="Gauge pressure of the duty in kPa.", metavar="KPA")]
 Curvature = Annotated[
@@ -90,8 +99,9 @@ def lifetime(
     gives, by hours in the soil, degradation rate, curvature at that pressure, the probability of
     having burst and of having failed by then with its 90 % interval, the pressures that keep the
     curvature of 90 % of new actuators, the largest pressure that --risk and the tests allow, and
-    the share of actuators that reach the curvature with it. Times are those up to the last film
-    that was taken out of the soil; give others with --hours.
+    the share of actuators that reach the curvature with it. A probability of less than one in the
+    films broken and actuators loaded is no number. Times are those up to the last film that was
+    taken out of the soil; give others with --hours.
     """
     if is_own(report):
         raise typer.BadParameter("a study with a forward map of its own has no life in the soil")
@@ -108,10 +118,8 @@ def lifetime(
             conditions=conditions,
             experience=None if beyond else stored.experience,
         )
-    table, summary = life_table(stored, life, duty), life_summary(life, duty)
-    levels = soil.levels(times[[0, -1]])
-    asked = (levels, np.array([duty.pressure]), conditions)
-    messages = (str(summary), *forecast.said_of(stored, *asked))
+    table, summary = life_table(stored, life, duty), life_summary(stored, life, duty)
+    messages = (str(summary), *said_of_life(stored, soil, life, duty, conditions, beyond=beyond))
     # the table is followed by what it comes to; JSON has that among its messages
     said = messages if as_json else messages[1:]
     if not delivered(
@@ -146,15 +154,17 @@ def _show(stored: StoredRun, table: pd.DataFrame, summary: str) -> None:
     duty = table.iloc[0]
     asked = f", {duty['wanted_per_m']:g} 1/m at {duty['pressure_kPa']:g} kPa, risk {duty['risk']:g}"
     printed = empty_table(stored, HEADINGS, asked)
+    checks = forecast.checks_of(stored)
     for row in table.to_dict("records"):
+        burst, failed, low, high = (
+            chance(row[name], checks, short=True) for name in SHOWN_PROBABILITIES
+        )
         printed.add_row(
             f"{row['time_h']:.4g}",
             f"{row['degradation_q50']:.3g}",
             number(row["q50_per_m"]),
             f"{number(row['q05_per_m'])} to {number(row['q95_per_m'])}",
-            percent(row["burst_probability"]),
-            percent(row["failed_probability"]),
-            f"{percent(row['failed_q05'])} to {percent(row['failed_q95'])}",
+            *(burst, failed, interval(low, high)),
             f"{number(row['needed_q05_kPa'])} to {number(row['needed_q95_kPa'])}",
             f"{row['allowed_kPa']:.0f}",
             percent(row["reachable"]),

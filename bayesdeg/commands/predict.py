@@ -103,7 +103,7 @@ def predict(
         _of_own(report, x or [], base=base, seed=seed, out=out, as_json=as_json)
         return
     pressures = numbers(
-        needed(pressure, "--pressure", x), "--pressure", "kPa", low=0.0, high=np.inf
+        needed(pressure, "--pressure", x=x), "--pressure", "kPa", low=0.0, high=np.inf
     )
     levels = levels_of(report, degradation, hours, seed)
     refuse_too_many(pressures, levels)

@@ -62,9 +62,10 @@ def update(
 
     The rows are of new specimens, or further readings of earlier ones. Draws of the run's posterior
     are weighed by what they say; where too few draws carry the weight, a law is fitted to these and
-    drawn from with all readings. Posteriors, curvature bands, ruptures, decisions and shares of all
-    readings go to a new run folder, the run stays as it is. The verdict is not judged again: for
-    that, add the rows to the study and run it. The study must be where it was for the run.
+    drawn from with all readings. Posteriors, curvature bands, ruptures, decisions, the life in the
+    soil and shares of all readings go to a new run folder, the run stays as it is. The verdict is
+    not judged again: for that, add the rows to the study and run it. The study must be where it was
+    for the run.
     """
     found = api.update(
         report, new, out=out, emulator=emulator, seed=seed, progress=False if quiet else None

@@ -56,6 +56,33 @@ class Assembly:
     counts: RuptureCounts | None = None
     of_counts: tuple[Cause, ...] = ()
 
+    @property
+    def causes(self) -> tuple[Cause, ...]:
+        """All causes that a model of the study may have, each once, with the priors it states."""
+        known = {one.name: one for one in (*self.candidates, *self.alike, *self.of_counts)}
+        return tuple(known.values())
+
+    def extended(self, *causes: Cause) -> JointModel:
+        """Return the model with causes active, fitted to all that such a model is fitted to.
+
+        Raises
+        ------
+        ValueError
+            If a cause acts on nothing of the model, or names clash.
+        """
+        return self.with_its_counts(self.model.extended(*causes))
+
+    def with_its_counts(self, model: JointModel) -> JointModel:
+        """Return a model with published counts of ruptures as data, if one of its causes says so.
+
+        A cause that acts on rupture alone makes them data. Without one they are held against the
+        model, see `bayesdeg.observations.counts`.
+        """
+        are_data = any(cause.is_of_rupture_alone for cause in model.causes)
+        if self.counts is None or not are_data:
+            return model
+        return model.with_observations(self.counts)
+
 
 def assemble_own(
     own: OwnMap, parameters: Iterable[Parameter], candidates: Iterable[Cause] = ()

@@ -34,7 +34,13 @@ from bayesdeg.pipeline.films import course_of
 from bayesdeg.pipeline.forecast import model_document
 from bayesdeg.pipeline.formula import DrawnFormula, OwnMap, cause_of, probe
 from bayesdeg.pipeline.judge import Judgement, with_sampled_sizes
-from bayesdeg.pipeline.lifetime import default_hours, life_summary, life_table, lifetime_of
+from bayesdeg.pipeline.lifetime import (
+    allowed_at_ends,
+    default_hours,
+    life_summary,
+    life_table,
+    lifetime_of,
+)
 from bayesdeg.pipeline.outline import outline
 from bayesdeg.pipeline.output import run_folder
 from bayesdeg.pipeline.progress import Progress
@@ -184,11 +190,8 @@ class ModelledExperiment:
         BayesdegError
             If a cause acts on nothing of it, or names clash.
         """
-        model, counts = self.assembly.model, self.assembly.counts
-        if counts is not None and any(cause.is_of_rupture_alone for cause in self.causes):
-            model = model.with_observations(counts)  # such a cause makes them data
         try:
-            return model.extended(*self.causes)
+            return self.assembly.extended(*self.causes)
         except ValueError as fault:
             raise BayesdegError(str(fault)) from fault
 
@@ -229,7 +232,7 @@ class ModelledExperiment:
             return cause_of(given, (*self.assembly.candidates, *self.causes))
         if isinstance(given, Cause):
             return given
-        known = CATALOGUE | {one.name: one for one in (*self.assembly.candidates, *self.causes)}
+        known = CATALOGUE | {one.name: one for one in (*self.assembly.causes, *self.causes)}
         if given not in known:
             raise BayesdegError(f"there is no cause {given!r}; {use_one_of(given, known)}")
         return known[given]
@@ -242,11 +245,13 @@ class ModelledExperiment:
         wanted = [self.cause(one) for one in ([causes] if isinstance(causes, str) else causes)]
         self._refuse_no_candidates(wanted)
         unjudged = self.assembly.unjudged
+        names = {one.name for one in wanted}
         assembly = replace(
             self.assembly,
             candidates=tuple(one for one in wanted if one.name not in unjudged),
             unjudged={one.name: unjudged[one.name] for one in wanted if one.name in unjudged},
-            alike=tuple(a for a in self.assembly.alike if a.name in {one.name for one in wanted}),
+            alike=tuple(one for one in self.assembly.alike if one.name in names),
+            of_counts=tuple(one for one in self.assembly.of_counts if one.name in names),
         )
         return replace(self, assembly=assembly)
 
@@ -304,8 +309,7 @@ class ModelledExperiment:
         residual = _residual(fit, streams.drawing)
         doubted = dict(in_doubt(self.study, results)) | {"left_out": guard.entries()}
         document = verdict_of(results, residual, "", guard).model_copy(update=doubted)
-        tried = (*self.assembly.candidates, *self.assembly.alike)
-        return Judged(document, tried, judgement)
+        return Judged(document, self.assembly.causes, judgement)
 
     def trial(self, fit: Fit) -> Trial:
         """Return the calibration as what groups of readings can be left out of."""
@@ -379,8 +383,8 @@ class ModelledExperiment:
             conditions=conditions,
             experience=None if beyond else experience,
         )
-        strong = fit.model.has_elongation
-        said = forecast.basis(experience, found, beyond=beyond, strong=strong)
+        allowed, strong = forecast.allowed_by_rate(found), fit.model.has_elongation
+        said = forecast.basis(experience, allowed, beyond=beyond, strong=strong)
         return forecast.settings_table(found), said
 
     def predict_own(self, fit: Fit, effort: Effort, seed: int, x: Any) -> pd.DataFrame:
@@ -446,18 +450,20 @@ class ModelledExperiment:
         """Return what becomes of actuators in the soil, and what a user should know."""
         soil = self._soil(effort, seed, progress)
         times = default_hours(forecast.ranges_of(self._document)) if hours is None else hours
-        stored = self._of_actuators(fit, effort)
+        stored, experience = self._of_actuators(fit, effort), experience_of(self._document)
         life = lifetime_of(
             *(stored, soil, duty, times),
             seed=np.random.SeedSequence([seed, 1]),
             progress=progress,
             conditions=conditions,
-            experience=None if beyond else experience_of(self._document),
+            experience=None if beyond else experience,
         )
-        table, summary = life_table(stored, life, duty), life_summary(life, duty)
+        table, summary = life_table(stored, life, duty), life_summary(stored, life, duty)
         table.attrs.update(summary.facts, summary=str(summary))
-        at = np.array([duty.pressure])
-        return table, self.cautions(fit, soil.levels(times[[0, -1]]), at, conditions)
+        at, levels = np.array([duty.pressure]), soil.levels(times[[0, -1]])
+        allowed, strong = allowed_at_ends(life, levels), fit.model.has_elongation
+        said = forecast.basis(experience, allowed, beyond=beyond, strong=strong)
+        return table, (*self.cautions(fit, levels, at, conditions), *said)
 
     def cautions(
         self, fit: Fit, levels: Sequence[Level], pressure: Floats, conditions: ServiceConditions

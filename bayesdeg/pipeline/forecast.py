@@ -498,9 +498,17 @@ def soil_of(path: Path) -> Soil:
     BayesdegError
         If the study has no readings of moisture that could tell it, or the file is damaged.
     """
+    found = known_soil_of(path)
+    if found is None:
+        raise BayesdegError(f"{path}: {NO_COURSE}")
+    return found
+
+
+def known_soil_of(path: Path) -> Soil | None:
+    """Read the course of degradation as `soil_of` does; None where the run found none."""
     draws = RunFolder(path).draws_of(POSTERIOR_COURSE)
     if draws is None:
-        raise BayesdegError(f"{path}: {NO_COURSE}")
+        return None
     values = {str(n): v.to_numpy().ravel().astype(np.float64) for n, v in draws.items()}
     if not {p.name for p in COURSE} <= set(values):
         raise _impossible(path, "the course of degradation lacks a parameter")
@@ -609,28 +617,32 @@ def statement(setting: Setting) -> str:
 
 
 def basis(
-    experience: Experience, found: Sequence[Setting], *, beyond: bool, strong: bool
+    experience: Experience, allowed: Mapping[float, float], *, beyond: bool, strong: bool
 ) -> tuple[str, ...]:
-    """Say what bounds settings besides the risk, or what those above it rest on.
+    """Say what bounds pressures besides the risk, or what those above it rest on.
 
     Parameters
     ----------
     experience : Experience
         How far actuators were tested, and where they burst.
-    found : sequence of Setting
-        At any degradation rates.
+    allowed : mapping of float to float
+        Largest pressure that is allowed [kPa] by degradation rate [%].
     beyond : bool
         Whether more was allowed than was tested.
     strong : bool
         Whether anything is known of the elongation at break.
     """
-    rates = {float(r): s.allowed for s in found for r in s.rates}
-    near = dict.fromkeys(one for rate in rates for one in experience.near(rate))
+    near = dict.fromkeys(one for rate in allowed for one in experience.near(rate))
     said = [str(Caution("burst", {"b": one, "tested": experience.pressure})) for one in near]
-    over = {r: c for r, a in rates.items() if a.pressure > (c := experience.ceiling(r))}
+    over = {r: c for r, pressure in allowed.items() if pressure > (c := experience.ceiling(r))}
     if beyond and over:
         said.append(str(Caution("rests_on", {"over": over, "strong": strong})))
     return tuple(said)
+
+
+def allowed_by_rate(found: Sequence[Setting]) -> dict[float, float]:
+    """Return the largest pressure that settings allow [kPa] by degradation rate [%]."""
+    return {float(rate): one.allowed.pressure for one in found for rate in one.rates}
 
 
 @dataclass(frozen=True)
@@ -717,7 +729,7 @@ def said_of_settings(
     strong = stored.model.has_elongation
     return (
         *said_of(stored, levels, set_to, conditions),
-        *basis(stored.experience, found, beyond=beyond, strong=strong),
+        *basis(stored.experience, allowed_by_rate(found), beyond=beyond, strong=strong),
         *small_risk(stored, min(s.risk for s in found)),
     )
 
@@ -754,18 +766,12 @@ def extrapolations(
     >>> extrapolations({"pressure_kPa": (0.0, 240.0)}, np.array([0.0]), np.array([300.0]))
     ('pressures were measured up to 240 kPa: predictions at 300 kPa are extrapolations',)
     """
-    return tuple(map(str, beyond(measured, degradation, pressure)))
-
-
-def beyond(
-    measured: Mapping[str, Range], degradation: Floats, pressure: Floats
-) -> tuple[Caution, ...]:
-    """Return where predictions lie outside of what was measured; parameters of `extrapolations`."""
-    return (
+    found = (
         *_beyond_rates(measured, degradation),
         *_beyond_pressures(measured, float(np.max(pressure, initial=0.0))),
         *(Caution("small_rate", {"rate": r}) for r in degradation[_is_small(degradation)][:1]),
     )
+    return tuple(map(str, found))
 
 
 def small_risk(stored: StoredRun, risk: float) -> tuple[str, ...]:

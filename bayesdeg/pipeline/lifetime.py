@@ -1,6 +1,6 @@
 """The life of an actuator in the soil, from a calibrated model: its table, and what it says."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,13 +8,24 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from bayesdeg.pipeline.experience import Experience
-from bayesdeg.pipeline.forecast import COURSE_STREAM, TIME, Drawn, Range, ceiling_of, checks_of
+from bayesdeg.pipeline.forecast import (
+    COURSE_STREAM,
+    TIME,
+    Drawn,
+    Range,
+    StoredRun,
+    basis,
+    ceiling_of,
+    checks_of,
+    said_of,
+    small_risk,
+)
 from bayesdeg.pipeline.progress import Progress
 from bayesdeg.prediction.conditions import PROMPT, ServiceConditions
 from bayesdeg.prediction.control import INTERVAL
 from bayesdeg.prediction.lifetime import DRAWS, STRATA, Duty, Life, live, specimens_in_soil
 from bayesdeg.prediction.predictive import draw_specimens, not_below
-from bayesdeg.prediction.soil import Soil
+from bayesdeg.prediction.soil import Level, Soil
 from bayesdeg.report import tables as columns
 from bayesdeg.report.wording import SPACE, sentences
 
@@ -22,7 +33,7 @@ Floats = NDArray[np.float64]
 
 TIMES = 25  # over which a life is followed, where none are given
 WITHOUT_FILMS = 24.0  # h, over which where no film says how long the course is known
-FAILED = (0.05, 0.95)
+INTERVAL_OF_DRAWS = (0.05, 0.95)
 
 
 def default_hours(measured: Mapping[str, Range]) -> Floats:
@@ -84,26 +95,30 @@ def lifetime_of(
 def life_table(stored: Drawn, life: Life, duty: Duty) -> pd.DataFrame:
     """Return a life as a table, ``lifetime.csv``; what is not finite is empty.
 
-    No probability of rupture is below one in the specimens that the model was checked on.
+    No probability of rupture, nor of failing, which holds it, is below one in the specimens that
+    the model was checked on.
     """
     checks = checks_of(stored)
-    low, high = (np.quantile(life.by_draw(life.failed), q, axis=0) for q in FAILED)
-    quantiles = (np.quantile(life.by_draw(life.burst), q, axis=0) for q in FAILED)
-    burst = [not_below(one, checks) for one in (life.burst.mean(axis=0), *quantiles)]
+    burst, failed = (_with_interval(life, each, checks) for each in (life.burst, life.failed))
     bent = np.nan_to_num(life.curvature, nan=np.inf, posinf=np.inf)
     found = [
         life.hours,
         *(np.full(len(life.hours), v) for v in (duty.pressure, duty.curvature, duty.risk)),
         *np.quantile(life.degradation, INTERVAL, axis=0),
         *np.quantile(bent, INTERVAL, axis=0, method="inverted_cdf"),
-        *(*burst, life.lost.mean(axis=0)),
-        *(life.failed.mean(axis=0), low, high),
+        *(*burst, life.lost.mean(axis=0), *failed),
         *np.quantile(life.needed, INTERVAL, axis=0, method="inverted_cdf"),
         *(life.allowed, np.mean(life.needed <= life.allowed, axis=0)),
     ]
     headings = columns.TABLES[columns.LIFETIME].headings
     table = pd.DataFrame(dict(zip(headings, found, strict=True)))
     return table.replace([np.inf, -np.inf], np.nan)
+
+
+def _with_interval(life: Life, each: Floats, checks: int) -> list[Floats]:
+    """Return a probability of each specimen in the mean, and its quantiles over the posterior."""
+    low, high = np.quantile(life.by_draw(each), INTERVAL_OF_DRAWS, axis=0)
+    return [not_below(one, checks) for one in (each.mean(axis=0), low, high)]
 
 
 @dataclass(frozen=True)
@@ -124,6 +139,8 @@ class LifeSummary:
         Probability of having failed, and of having burst, by the last time [–].
     allowed : float
         Pressure that is allowed at the last time [kPa].
+    checks : int
+        N, one in which is the least probability that is known.
     """
 
     duty: Duty
@@ -134,6 +151,7 @@ class LifeSummary:
     failed: float
     burst: float
     allowed: float
+    checks: int
 
     def __str__(self) -> str:
         """Return it in words."""
@@ -150,7 +168,7 @@ class LifeSummary:
         }
 
 
-def life_summary(life: Life, duty: Duty) -> LifeSummary:
+def life_summary(stored: Drawn, life: Life, duty: Duty) -> LifeSummary:
     """Return what a life comes to."""
     failure, reachable = (
         (float(v[0]), float(v[1]), float(v[2])) for v in (life.time_to_failure, life.last_reachable)
@@ -164,4 +182,30 @@ def life_summary(life: Life, duty: Duty) -> LifeSummary:
         failed=float(life.failed[:, -1].mean()),
         burst=float(life.burst[:, -1].mean()),
         allowed=float(life.allowed[-1]),
+        checks=checks_of(stored),
     )
+
+
+def said_of_life(
+    stored: StoredRun,
+    soil: Soil,
+    life: Life,
+    duty: Duty,
+    conditions: ServiceConditions,
+    *,
+    beyond: bool,
+) -> tuple[str, ...]:
+    """Say what a user of a life in the soil should know, by its first and its last time."""
+    levels, strong = soil.levels(life.hours[[0, -1]]), stored.model.has_elongation
+    allowed = allowed_at_ends(life, levels)
+    return (
+        *said_of(stored, levels, np.array([duty.pressure]), conditions),
+        *basis(stored.experience, allowed, beyond=beyond, strong=strong),
+        *small_risk(stored, duty.risk),
+    )
+
+
+def allowed_at_ends(life: Life, levels: Sequence[Level]) -> dict[float, float]:
+    """Return the pressure allowed [kPa] by the degradation rates [%] at first and last time."""
+    ends = zip(levels, life.allowed[[0, -1]], strict=True)
+    return {float(rate): float(pressure) for level, pressure in ends for rate in level.interval}

@@ -109,10 +109,20 @@ class Results:
         return {"base": self.base, "final": self.final}
 
     @property
+    def course(self) -> CourseFit | None:
+        """The course of degradation, as the films' moisture tells it."""
+        return None if self.films is None else self.films.course
+
+    @property
     def sampled(self) -> dict[str, Fit | CourseFit]:
         """Everything that was sampled: both calibrations, and the course of degradation."""
-        course = None if self.films is None else self.films.course
-        return {**self.fits} if course is None else {**self.fits, "course": course}
+        return {**self.fits} if self.course is None else {**self.fits, "course": self.course}
+
+    @property
+    def counts_expected(self) -> CountMisfit | None:
+        """Published counts of ruptures beside those that the model without such a cause expects."""
+        counted = None if self.judgement is None else self.judgement.counted
+        return self.counts if counted is None else counted.misfit
 
 
 def verdict_document(
@@ -414,7 +424,7 @@ def _departure(
 DRAWS = 4000  # of a posterior, for its medians
 
 
-def in_doubt(study: Study, results: Results) -> InDoubt:
+def in_doubt(study: Study, results: Results, found: Sequence[Doubt] | None = None) -> InDoubt:
     """Return what a reader of the verdict should know before it is used.
 
     Parameters
@@ -423,6 +433,8 @@ def in_doubt(study: Study, results: Results) -> InDoubt:
         What was run.
     results : Results
         Of which the final calibration is held against its priors.
+    found : sequence of Doubt, optional
+        What is unlikely of the study, where that is known already.
 
     Returns
     -------
@@ -430,8 +442,9 @@ def in_doubt(study: Study, results: Results) -> InDoubt:
         Readings and specimens that are unlikely, and parameters that are calibrated to what their
         priors all but exclude.
     """
-    known = isinstance(results.final.model.world, FilmsAndActuators)
-    found = doubts(study, outline(study).expected) if known else ()
+    if found is None:
+        known = isinstance(results.final.model.world, FilmsAndActuators)
+        found = doubts(study, outline(study).expected) if known else ()
     return InDoubt(
         suspects=tuple(_suspect(doubt) for doubt in found),
         parameters_in_question=_off_priors(results),
@@ -472,8 +485,8 @@ def _question(one: Questioned) -> QuestionedEntry:
 def comparisons(study: Study, fit: Fit, counts: CountMisfit | None = None) -> list[ComparisonEntry]:
     """Return every published statistic beside the posterior's own, 90 % intervals.
 
-    Of counts of ruptures it is the number that the model expects. What it predicts no number of
-    stands beside nothing.
+    Of counts of ruptures it is the number that the model expects without a cause of rupture. What
+    it predicts no number of stands beside nothing.
     """
     if study.summary is None:
         return []
@@ -609,10 +622,10 @@ def _rests_on_own(study: Study, own: OwnMap) -> list[BasisEntry]:
     ]
 
 
-def _model_of(results: Results, study: Study) -> ModelEntry:
+def model_of(base: JointModel, final: JointModel, study: Study) -> ModelEntry:
     """Return what predictions need; counts that the final model is fitted to are checks too."""
-    tested = specimens_tested(results.final.model) or None
-    return model_document(results.base.model, study).model_copy(update={"rupture_checks": tested})
+    tested = specimens_tested(final) or None
+    return model_document(base, study).model_copy(update={"rupture_checks": tested})
 
 
 # share of refused proposals above which the posterior may be cut off
@@ -640,10 +653,8 @@ def run_document(
     settings, judgement = study.settings, results.judgement
     guard, doubted = guard or Guard(strict=True), doubted or InDoubt()
     own = results.assembly.own
-    counts = results.counts
-    if judgement is not None and judgement.counted is not None:
-        counts = judgement.counted.misfit
-    compared = guard.attempt(OptionalStage.COMPARISONS, comparisons, study, results.final, counts)
+    expected = results.counts_expected
+    compared = guard.attempt(OptionalStage.COMPARISONS, comparisons, study, results.final, expected)
     return RunRecord(
         title=settings.title or study.name,
         study=study.name,
@@ -653,16 +664,15 @@ def run_document(
         seed=settings.seed,
         effort=settings.effort,
         version=bayesdeg.__version__,
-        versions={name: version(name) for name in LIBRARIES}
-        | {"python": platform.python_version()},
+        versions=library_versions(),
         hashes=dict(study.hashes),
         seconds=seconds,
-        counts=_counts(results),
+        counts=draw_counts(results) | _proposal_counts(results),
         missing=tuple(MissingEntry(what=w, cost=c) for w, c in results.assembly.missing),
         rests_on=tuple(_rests_on_own(study, own) if own else rests_on(study, results.base.model)),
         convergence=_convergence(results),
-        emulator=_emulator(results, guard),
-        model=None if own else _model_of(results, study),
+        emulator=emulator_entry(results, guard),
+        model=None if own else model_of(results.base.model, results.final.model, study),
         forward=own.source if own else "",
         misfit=StatisticEntry(
             observed=None if judgement is None else judgement.misfit.statistic,
@@ -675,23 +685,34 @@ def run_document(
     )
 
 
+def library_versions() -> dict[str, str]:
+    """Return the versions of the libraries that a run is made with, and of Python."""
+    return {name: version(name) for name in LIBRARIES} | {"python": platform.python_version()}
+
+
 def _checks(results: Results) -> dict[str, str]:
     """Return what checks and films came to, in plain words."""
     said = {} if results.checks is None else results.checks.sentences()
     return said if results.films is None else said | results.films.sentences()
 
 
-def _counts(results: Results) -> dict[str, int]:
-    forward = _emulated(results)
-    outside, cut = 0, None
-    if forward is not None:
-        cut = emulator_facts(forward.record).curves_cut_short
-        outside = round(_outside(results.final) * results.final.chain.log_prob.size)
-    counts = {
+def draw_counts(results: Results) -> dict[str, int]:
+    """Return how many draws the posteriors have, and how many the emulator has no answer for."""
+    count = results.final.chain.log_prob.size
+    emulated = _emulated(results) is not None
+    return {
         "posterior draws, base": results.base.chain.log_prob.size,
-        "posterior draws, final": results.final.chain.log_prob.size,
-        "posterior draws outside the emulator's range": outside,
+        "posterior draws, final": count,
+        "posterior draws outside the emulator's range": (
+            round(_outside(results.final) * count) if emulated else 0
+        ),
     }
+
+
+def _proposal_counts(results: Results) -> dict[str, int]:
+    """Return how many proposals of the sampler the emulator refused, and its curves cut short."""
+    forward, counts = _emulated(results), dict[str, int]()
+    cut = None if forward is None else emulator_facts(forward.record).curves_cut_short
     for label, fit in results.fits.items():
         counts[f"proposals of the sampler, {label}"] = fit.chain.refusals.proposed
         counts[f"proposals refused by the emulator, {label}"] = fit.chain.refusals.refused
@@ -724,7 +745,8 @@ def _convergence(results: Results) -> dict[str, ConvergenceEntry]:
     }
 
 
-def _emulator(results: Results, guard: Guard) -> EmulatorEntry:
+def emulator_entry(results: Results, guard: Guard) -> EmulatorEntry:
+    """Return what stood for the mechanics, and what of a posterior and its sampling it refuses."""
     forward = _emulated(results)
     if forward is None:
         return EmulatorEntry()

@@ -23,6 +23,7 @@ from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.emulator.trained import default_surrogate, to_bytes
 from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import EFFORTS
+from bayesdeg.observations.counts import RuptureCounts
 from bayesdeg.pipeline.assemble import Assembly, assemble
 from bayesdeg.pipeline.calibrate import Fit, base_of, calibrate
 from bayesdeg.pipeline.checks import check
@@ -222,17 +223,32 @@ def add_page(
 
 
 def with_counts(results: Results, seed: np.random.SeedSequence, guard: Guard) -> Results:
-    """Hold published counts of ruptures against the base model of a study that was not judged."""
-    counts, fit = results.assembly.counts, results.base
+    """Hold published counts of ruptures against the final model of a study that was not judged.
+
+    A verdict holds them against the model of the causes that readings show. So causes of rupture
+    that the final model has are left out, at its posterior of all else.
+    """
+    counts = results.assembly.counts
     if counts is None:
         return results
-    vectors = fit.chain.vectors.reshape(-1, fit.chain.vectors.shape[-1])
-    step = max(1, len(vectors) // COUNT_DRAWS)
+    model, vectors = _without_causes_of_rupture(results.final)
     generator = np.random.default_rng(seed)
     found = guard.attempt(
-        OptionalStage.RUPTURE_COUNTS, count_misfits, fit.model, counts, vectors[::step], generator
+        OptionalStage.RUPTURE_COUNTS, count_misfits, model, counts, vectors, generator
     )
     return results if found is None else replace(results, counts=found[0])
+
+
+def _without_causes_of_rupture(fit: Fit) -> tuple[JointModel, Floats]:
+    """Return a model without causes that act on rupture alone, and some draws of the rest."""
+    model, vectors = fit.model, fit.chain.vectors.reshape(-1, fit.chain.vectors.shape[-1])
+    vectors = vectors[:: max(1, len(vectors) // COUNT_DRAWS)]
+    shown = tuple(cause for cause in model.causes if not cause.is_of_rupture_alone)
+    if shown == model.causes:
+        return model, vectors
+    without = replace(model.without_kinds(RuptureCounts.name), causes=shown)
+    kept = [model.table.names.index(name) for name in without.table.names]
+    return without, vectors[:, kept]
 
 
 def can_be_judged(model: JointModel) -> bool:
@@ -344,7 +360,8 @@ def _extend(
     extended = None if judgement is None else extended_model(judgement)
     if judgement is None or extended is None:
         return results
-    found = guard.attempt(OptionalStage.EXTENDED, _final, judgement, extended, fit, seed)
+    model, start = results.assembly.with_its_counts(extended[0]), extended[1]
+    found = guard.attempt(OptionalStage.EXTENDED, _final, judgement, (model, start), fit, seed)
     if found is None:
         return replace(results, judgement=replace(judgement, sampled=False))
     return replace(results, final=found[0], judgement=found[1])

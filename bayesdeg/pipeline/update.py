@@ -4,7 +4,7 @@ import hashlib
 import re
 import shutil
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import partial
@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 import bayesdeg
-from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.posterior.convergence import Convergence
 from bayesdeg.data.added import FILE, Enlarged, enlarge
-from bayesdeg.data.plausibility import doubts, refuse_impossible
+from bayesdeg.data.plausibility import Doubt, doubts, refuse_impossible
 from bayesdeg.data.settings import EFFORTS as KNOWN_EFFORTS
 from bayesdeg.data.study import Study
 from bayesdeg.errors import BayesdegError, Fault, StudyError
@@ -28,15 +27,25 @@ from bayesdeg.inference.laplace import Laplace
 from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import EFFORTS, Chain
 from bayesdeg.inference.update import ENOUGH, FEWEST, RELIABLE_K, Updated, drawn_evenly, take_in
-from bayesdeg.observations.curvature import actuator_curves
+from bayesdeg.observations.curvature import ActuatorCurves, actuator_curves
 from bayesdeg.pipeline.assemble import Assembly, assemble
 from bayesdeg.pipeline.calibrate import Fit
-from bayesdeg.pipeline.forecast import emulator_of, model_document
+from bayesdeg.pipeline.forecast import emulator_of, known_soil_of
 from bayesdeg.pipeline.outline import outline
 from bayesdeg.pipeline.output import Owner, owner_of, update_folder
 from bayesdeg.pipeline.progress import Progress
 from bayesdeg.pipeline.reading import read_study
-from bayesdeg.pipeline.record import Results, comparisons, rests_on
+from bayesdeg.pipeline.record import (
+    Results,
+    comparisons,
+    draw_counts,
+    emulator_entry,
+    in_doubt,
+    library_versions,
+    model_of,
+    rests_on,
+)
+from bayesdeg.pipeline.run import with_counts
 from bayesdeg.pipeline.writing import BUILDS, Files, TableSources
 from bayesdeg.report import tables as columns
 from bayesdeg.report.folder import (
@@ -44,12 +53,15 @@ from bayesdeg.report.folder import (
     INDEX,
     POSTERIOR,
     POSTERIOR_BASE,
+    POSTERIOR_COURSE,
     RUN,
     RunFolder,
 )
-from bayesdeg.report.left_out import Guard, OptionalStage
+from bayesdeg.report.left_out import Guard, OptionalStage, table_stage
 from bayesdeg.report.record import (
     ConvergenceEntry,
+    InDoubt,
+    LeftOutEntry,
     RunRecord,
     TakenInEntry,
     UpdateEntry,
@@ -62,12 +74,23 @@ Floats = NDArray[np.float64]
 ANEW = (
     *(columns.CONSTANTS, columns.PARAMETERS, columns.TENSILE, columns.ELONGATION),
     *(columns.BANDS, columns.RUPTURE, columns.OBSERVATIONS, columns.LEVELS, columns.DECISIONS),
-    *(columns.FITTED, columns.SHARES),
+    *(columns.FITTED, columns.LIFETIME, columns.SHARES, columns.CRITERIA),
 )
-"""Tables that follow from the posterior and are made anew; all others are those of the run."""
+"""Tables that follow from the posterior and are made anew.
 
+All others are those of the run: of the verdict and of checks, which an update does not repeat, and
+of films, which readings of actuators do not change.
+"""
+
+STAGES_ANEW = (
+    *(OptionalStage.COMPARISONS, OptionalStage.IN_DOUBT),
+    *(OptionalStage.READINGS, OptionalStage.REFUSED),
+)
+"""What else an update does again."""
+
+COUNTS_STREAM = 3  # of the seed: simulated counts of ruptures
 DRAWS = 12000  # of equal weight, of which tables are made: three for each effective one
-ENSEMBLES = 4  # among which they are divided, as those of a chain are
+ENSEMBLES = 4  # among which they are divided, in the form of chains
 CHECKED, SAME = 50, 1e-3  # draws whose density is compared with the run's, and by how much [nats]
 _NUMBERED = re.compile(r"_updated(_\d+)?$")
 
@@ -233,19 +256,28 @@ def _enlarged(of: FinishedRun, content: bytes, name: str) -> tuple[Enlarged, Stu
     return found, before, after
 
 
-def suspicions(before: Study, after: Study, name: str) -> tuple[str, ...]:
+def suspicions(before: Study, found: Sequence[Doubt], name: str) -> tuple[str, ...]:
     """Say what is unlikely of new rows, and refuse what is impossible.
+
+    Parameters
+    ----------
+    before : Study
+        Without the new rows.
+    found : sequence of Doubt
+        What is unlikely or impossible of the study with them.
+    name : str
+        Of the file they are from.
 
     Raises
     ------
     StudyError
         With what is impossible.
     """
-    found = [one for one in doubts(after, outline(after).expected) if one.fault.file == FILE]
-    known = {str(one) for one in (doubts(before, outline(before).expected) if found else ())}
+    asked = [one for one in found if one.fault.file == FILE]
+    known = {str(one) for one in (doubts(before, outline(before).expected) if asked else ())}
     new = [
         replace(doubt, fault=replace(doubt.fault, file=name))
-        for doubt in found
+        for doubt in asked
         if str(doubt) not in known
     ]
     return tuple(map(str, refuse_impossible(new)))
@@ -254,12 +286,12 @@ def suspicions(before: Study, after: Study, name: str) -> tuple[str, ...]:
 # ---- the posterior
 
 
-def _models(assembly: Assembly, names: tuple[str, ...]) -> JointModel:
+def _model_of_run(assembly: Assembly, names: tuple[str, ...]) -> JointModel:
     """Return a model of the run by the names of its parameters."""
     wanted = dict.fromkeys(name.split(".")[0] for name in names if "." in name)
-    known: Mapping[str, Cause] = {c.name: c for c in (*assembly.candidates, *assembly.alike)}
+    known = {cause.name: cause for cause in assembly.causes}
     lacking = [name for name in wanted if name not in known]
-    model = assembly.model.extended(*(known[name] for name in wanted if name in known))
+    model = assembly.extended(*(known[name] for name in wanted if name in known))
     if lacking or set(model.table.names) != set(names):
         raise BayesdegError(
             "the posterior is of another model than the study gives in this version; run the study "
@@ -272,12 +304,12 @@ def _taken_in(
     of: FinishedRun,
     posterior: str,
     assembly: Assembly,
-    after: Study,
-    found: Enlarged,
+    curves: tuple[ActuatorCurves, ActuatorCurves],
+    specimens: tuple[str, ...],
     generator: np.random.Generator,
     enough: float,
 ) -> TakenIn:
-    """Return one model of a run with further readings.
+    """Return one model of a run with further readings, from the tests before and after.
 
     Raises
     ------
@@ -286,19 +318,17 @@ def _taken_in(
     """
     stored, density = of.folder.read_draws(posterior)
     draws = {str(n): v.to_numpy().ravel() for n, v in stored.items()}
-    before = _models(assembly, tuple(draws))
+    whole = _model_of_run(assembly, tuple(draws))
+    before, model = (whole.of_actuators(tests) for tests in curves)
     vectors = before.table.vectors(draws)
     _refuse_other_density(before, vectors, density, of)
-    curves = actuator_curves(after)
-    assert curves is not None
-    model = before.of_actuators(curves)
     worth = _independent(of.run, posterior, len(vectors))
     updated = take_in(
         before,
         model,
         vectors,
         density,
-        found.specimens,
+        specimens,
         generator,
         independent=worth,
         enough=enough,
@@ -348,11 +378,14 @@ def _fit(model: JointModel, updated: Updated, generator: np.random.Generator) ->
 
 
 def _diagnosis(model: JointModel, chain: Chain, effective: float) -> Convergence:
-    """Return diagnostics of draws that are independent but for those that stand several times."""
+    """Return diagnostics of draws that are independent but for those that stand several times.
+
+    They come from no chains, so there is no R̂.
+    """
     size = len(model.table)
     return Convergence(
         model.table.names,
-        tuple(chain.r_hat().tolist()),
+        (float("nan"),) * size,
         (effective,) * size,
         (effective,) * size,
         chain.vectors.shape[1],
@@ -464,17 +497,20 @@ def _update(
     progress.stage("reading")
     of = finished(report)
     found, before, after = _enlarged(of, content, name)
-    doubted = suspicions(before, after, name)
+    unlikely = doubts(after, outline(after).expected)
+    doubted = suspicions(before, unlikely, name)
     forward = emulator_of(of.run, emulator)
-    assembly = assemble(before, forward)
+    # priors and scales stay those of the run, whatever pressures were added
+    assembly = assemble(of.study, forward)
     target = out or default_target(report)
     with update_folder(target, report, of.study) as folder:
-        results, taken = _results(of, assembly, after, found, seed, progress)
+        results, taken = _results(of, assembly, (before, after), found, seed, progress)
         progress.stage("predictions and tables")
         entry = _entry(of, found, taken)
         guard = Guard()
+        results = with_counts(results, _seed(of, seed, COUNTS_STREAM), guard)
         _write(of, folder, after, results, guard, np.random.default_rng(_seed(of, seed, 0)))
-        _finish(of, folder, after, results, (found, entry), guard, begun)
+        _finish(of, folder, after, results, (found, entry, unlikely), guard, begun)
     left_out = (f"{one.stage}: {one.why}" for one in guard.left_out)
     moved = _moved(taken[POSTERIOR])
     return UpdatedRun(target, entry, moved, (*doubted, *_said(entry), *left_out))
@@ -483,13 +519,16 @@ def _update(
 def _results(
     of: FinishedRun,
     assembly: Assembly,
-    after: Study,
+    studies: tuple[Study, Study],
     found: Enlarged,
     seed: int | None,
     progress: Progress,
 ) -> tuple[Results, dict[str, TakenIn]]:
     """Return the updated calibrations: of the final model, and of the base model beside it."""
     taken: dict[str, TakenIn] = {}
+    before, after = map(actuator_curves, studies)
+    assert before is not None
+    assert after is not None
     same = not of.verdict.predicted_with
     for number, posterior in enumerate((POSTERIOR, POSTERIOR_BASE)):
         if posterior == POSTERIOR_BASE and same:
@@ -499,9 +538,10 @@ def _results(
         generator = np.random.default_rng(_seed(of, seed, 1 + number))
         # predictions are the final model's; the base model is only taken along
         enough = ENOUGH if posterior == POSTERIOR else FEWEST
-        taken[posterior] = _taken_in(of, posterior, assembly, after, found, generator, enough)
-    model = taken[POSTERIOR_BASE].fit.model
-    whole = replace(assembly, model=replace(model, causes=()))
+        taken[posterior] = _taken_in(
+            of, posterior, assembly, (before, after), found.specimens, generator, enough
+        )
+    whole = replace(assembly, model=taken[POSTERIOR_BASE].fit.model)
     return Results(whole, taken[POSTERIOR_BASE].fit, taken[POSTERIOR].fit, None), taken
 
 
@@ -530,7 +570,8 @@ def _write(
         # of a base model that is only taken along, half as many
         some = kept if fit is results.final else kept // 2
         strict.posterior(name, fit, generator, kept=some)
-    sources = TableSources(after, results, generator, guard)
+    soil = known_soil_of(of.folder.path)
+    sources = TableSources(after, results, generator, guard, soil)
     for name in ANEW:
         files.table(name, partial(BUILDS[name], sources))
     _keep_course(of, folder)
@@ -550,7 +591,7 @@ def _keep_course(of: FinishedRun, folder: RunFolder) -> None:
 def _as_before(path: Path) -> list[Path]:
     """Return files of a run that an update does not touch."""
     tables = [t.file for name, t in columns.TABLES.items() if name not in ANEW]
-    names = (*tables, "posterior_course.nc", "deformed.npz")
+    names = (*tables, f"{POSTERIOR_COURSE}.nc", "deformed.npz")
     pictures = sorted(path.glob("actuator_*pct.vtu"))
     return [*(path / name for name in names if (path / name).is_file()), *pictures]
 
@@ -589,30 +630,43 @@ def _finish(
     folder: RunFolder,
     after: Study,
     results: Results,
-    what: tuple[Enlarged, UpdateEntry],
+    what: tuple[Enlarged, UpdateEntry, Sequence[Doubt]],
     guard: Guard,
     begun: float,
 ) -> None:
     """Write the rows, the verdict as it was, and last what is recorded of the run."""
-    found, entry = what
+    found, entry, unlikely = what
     write_bytes(folder.path / ADDED, found.added)
-    lost = (*of.verdict.left_out, *guard.entries())
-    folder.write(of.verdict.model_copy(update={"left_out": lost}))
+    doubted = guard.attempt(OptionalStage.IN_DOUBT, in_doubt, after, results, unlikely) or InDoubt()
+    compare = partial(comparisons, after, results.final, results.counts_expected)
+    compared = guard.attempt(OptionalStage.COMPARISONS, compare) or ()
+    emulator = emulator_entry(results, guard)
+    lost = (*_still_left_out(of), *guard.entries())
+    folder.write(of.verdict.model_copy(update={**dict(doubted), "left_out": lost}))
     folder.write_left_out(guard.traces())
-    compared = guard.attempt(OptionalStage.COMPARISONS, comparisons, after, results.final) or ()
     new = {
+        **dict(doubted),
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
         "version": bayesdeg.__version__,
+        "versions": library_versions(),
+        "counts": {**of.run.counts, **draw_counts(results)},
+        "emulator": emulator,
         "seconds": {**of.run.seconds, "update": round(time.perf_counter() - begun, 2)},
         "rests_on": tuple(rests_on(after, results.base.model)),
         "comparisons": tuple(compared),
         "convergence": {**of.run.convergence, **_convergence(entry)},
-        "model": model_document(results.base.model),
+        "model": model_of(results.base.model, results.final.model, after),
         "posteriors": folder.posterior_hashes(),
         "left_out": lost,
         "update": entry,
     }
     folder.write(of.run.model_copy(update=new))
+
+
+def _still_left_out(of: FinishedRun) -> tuple[LeftOutEntry, ...]:
+    """Return what the run left out and an update does not make anew."""
+    anew = {*(table_stage(name) for name in ANEW), *STAGES_ANEW}
+    return tuple(one for one in of.verdict.left_out if one.stage not in anew)
 
 
 def _convergence(entry: UpdateEntry) -> dict[str, ConvergenceEntry]:

@@ -449,8 +449,8 @@ def life(found: "TableSources") -> pd.DataFrame | None:
 
     None without actuators, or without the course of degradation.
     """
-    films, fit = found.results.films, found.results.final
-    if not found.has_actuators or films is None or films.course is None:
+    fit = found.results.final
+    if not found.has_actuators or found.soil is None:
         return None
     entry = model_document(found.results.base.model, found.study)
     pressure = DUTY_SHARE * fit.model.largest_pressure
@@ -461,7 +461,7 @@ def life(found: "TableSources") -> pd.DataFrame | None:
         return None
     duty = Duty(pressure, float(f"{wanted:.3g}"), RISK)
     followed = lifetime_of(
-        *(fit, Soil(films.course.draws), duty, default_hours(ranges_of(entry))),
+        *(fit, found.soil, duty, default_hours(ranges_of(entry))),
         seed=np.random.SeedSequence(int(found.generator.integers(2**63))),
         progress=Silent(),
         experience=experience_of(entry),
@@ -484,12 +484,15 @@ class TableSources:
         Draws what is predicted: tables are made in the order of `BUILDS`.
     guard : Guard
         Leaves out what fails.
+    known_soil : Soil, optional
+        The course of degradation that a run found before, where these results have none.
     """
 
     study: Study
     results: Results
     generator: np.random.Generator
     guard: Guard
+    known_soil: Soil | None = None
 
     @cached_property
     def readings(self) -> dict[str, CurvatureFit]:
@@ -497,6 +500,12 @@ class TableSources:
         fits = self.results.fits
         found = self.guard.attempt(OptionalStage.READINGS, _predicted, fits, self.generator)
         return found or {}
+
+    @property
+    def soil(self) -> Soil | None:
+        """The course of degradation in the soil; None where no moisture of films tells it."""
+        course = self.results.course
+        return self.known_soil if course is None else Soil(course.draws)
 
     @property
     def judgement(self) -> Judgement | None:
@@ -582,8 +591,8 @@ def _write_posteriors(files: Files, found: TableSources) -> None:
     of_films = {} if results.films is None else results.films.tables(generator)
     for name, compute in (of_checks | of_films).items():
         files.table(name, compute)
-    if results.films is not None and results.films.course is not None:
-        files.posterior(POSTERIOR_COURSE, results.films.course, generator, kept=kept)
+    if results.course is not None:
+        files.posterior(POSTERIOR_COURSE, results.course, generator, kept=kept)
 
 
 def _predicted(fits: Mapping[str, Fit], generator: np.random.Generator) -> dict[str, CurvatureFit]:

@@ -35,6 +35,7 @@ from bayesdeg.report.summaries import (
     tensile_errors,
 )
 from bayesdeg.report.surface import read_surface
+from bayesdeg.report.tables import NOT_OF_ACTUATORS, TABLES
 from bayesdeg.report.wording import environment
 
 
@@ -103,6 +104,7 @@ class Content:
     left_out: tuple[tuple[str, str], ...] = ()
     doubts: tuple[str, ...] = ()
     updated: str = ""
+    before_update: frozenset[str] = frozenset()
 
 
 def build_page(folder: Path, guard: Guard | None = None) -> Path:
@@ -165,6 +167,7 @@ def content_of(shown: Shown, guard: Guard | None = None) -> Content:
         left_out=_left_out(verdict, guard),
         doubts=doubts_of(verdict),
         updated=_updated(shown.run),
+        before_update=_before_update(shown.run),
     )
 
 
@@ -173,6 +176,12 @@ def _updated(run: RunRecord) -> str:
     if run.update is None:
         return ""
     return wording.sentences("run", "updated", update=run.update)
+
+
+def _before_update(run: RunRecord) -> frozenset[str]:
+    """Return the files that are of the run before, and that readings since could have changed."""
+    kept = () if run.update is None else run.update.as_before
+    return frozenset(kept) - {TABLES[name].file for name in NOT_OF_ACTUATORS}
 
 
 def _left_out(verdict: VerdictRecord, guard: Guard) -> tuple[tuple[str, str], ...]:

@@ -464,6 +464,9 @@ _TABLES = (
         ),
     ),
 )
+#: Tables that readings of actuators do not change: of films, and of what priors alone predict.
+NOT_OF_ACTUATORS: Final = (COURSE, MEASURED, ORDERS, PRIOR_PREDICTIVE)
+
 #: Every table by its name.
 TABLES: Final[Mapping[str, ResultTable]] = MappingProxyType(
     {table.name: table for table in _TABLES}

@@ -44,7 +44,10 @@ def test_a_life_has_the_columns_of_its_table_and_follows_the_films(bayesdeg, bur
     assert table["q50_per_m"].is_monotonic_decreasing
     assert table["needed_q50_kPa"].is_monotonic_increasing
     assert (table["allowed_kPa"] <= 120.0).all()
-    failed = table["failed_probability"]
+    # next to nothing bursts, and no probability of failing is below what the specimens know
+    failed = table["lost_probability"]
+    known = np.maximum(failed, table["burst_probability"])
+    np.testing.assert_allclose(table["failed_probability"], known, rtol=1e-6)
     times = [answer["summary"][f"time_to_failure_q{q:02d}_h"] for q in (5, 50, 95)]
     np.testing.assert_allclose(times, np.interp([0.05, 0.5, 0.95], failed, hours), rtol=1e-6)
 
@@ -60,12 +63,60 @@ def test_a_life_agrees_with_predictions_at_its_times(bayesdeg, buried):
     assert fresh["burst_probability"] == pytest.approx(predicted["probability"][0], abs=0.02)
 
 
+CHECKS = 40  # films broken and actuators loaded
+
+
+@pytest.fixture
+def checked(buried):
+    """The run with what it knows of ruptures."""
+    path = buried / "run.json"
+    content = json.loads(path.read_text(encoding="utf-8"))
+    content["model"]["rupture_checks"] = CHECKS
+    path.write_text(json.dumps(content), encoding="utf-8")
+    return buried
+
+
+SAFE = ("--pressure", "40", "--curvature", "0.05")
+
+
+@pytest.mark.parametrize("duty", [DUTY, SAFE])
+def test_failing_is_as_probable_as_having_burst_at_least(bayesdeg, checked, duty):
+    table, _ = life_of(bayesdeg, checked, *duty, *FEW)
+    assert table["burst_probability"].min() == pytest.approx(1 / CHECKS)
+    for kind in ("probability", "q05", "q95"):
+        assert (table[f"failed_{kind}"] >= table[f"burst_{kind}"]).all()
+    for kind in ("burst", "failed"):
+        assert (table[f"{kind}_q05"] <= table[f"{kind}_q95"]).all()
+    assert (table["failed_probability"] >= table["lost_probability"]).all()
+
+
+def test_no_probability_below_one_in_the_specimens_is_printed_as_a_number(bayesdeg, checked):
+    table, answer = life_of(bayesdeg, checked, *SAFE, *FEW)
+    assert table["failed_probability"].max() == pytest.approx(1 / CHECKS)
+    code, printed, _ = bayesdeg("lifetime", checked, *SAFE, *FEW)
+    assert code == 0
+    # burst, failed, and its interval, at each time
+    rows = printed.replace("\N{NO-BREAK SPACE}", " ")
+    assert rows.count(f"< 1 in {CHECKS}") == 3 * len(table)
+    said = answer["messages"][0].replace("\N{NO-BREAK SPACE}", " ")
+    assert said.count(f"less than 1 in {CHECKS}") == 2
+
+
 def test_more_is_in_reach_where_more_is_allowed(bayesdeg, buried):
     within, _ = life_of(bayesdeg, buried, *DUTY, *FEW, "--risk", "0.5")
     beyond, _ = life_of(bayesdeg, buried, *DUTY, *FEW, "--risk", "0.5", "--beyond")
     assert (beyond["allowed_kPa"] >= within["allowed_kPa"]).all()
     assert beyond["allowed_kPa"].max() > 120.0
     assert beyond["reachable"].iloc[-1] > within["reachable"].iloc[-1]
+
+
+def test_what_rests_on_no_test_is_said(bayesdeg, checked):
+    within = life_of(bayesdeg, checked, *DUTY, *FEW, "--risk", "0.5")[1]["messages"]
+    beyond = life_of(bayesdeg, checked, *DUTY, *FEW, "--risk", "0.5", "--beyond")[1]["messages"]
+    further = " ".join(set(beyond[1:]) - set(within[1:]))
+    assert "120 kPa" in further
+    bold = life_of(bayesdeg, checked, *DUTY, *FEW, "--risk", "0.001")[1]["messages"]
+    assert f"1 in {CHECKS}" in " ".join(bold[1:])
 
 
 def test_the_table_ends_in_what_it_comes_to(bayesdeg, buried):

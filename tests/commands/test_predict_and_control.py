@@ -757,3 +757,12 @@ def test_without_moisture_hours_end_with_2_and_say_what_is_needed(bayesdeg, repo
     assert (code, printed) == (2, "")
     assert "moisture.csv" in messages
     assert len(messages.strip().splitlines()) == 1
+
+
+@pytest.mark.parametrize("option", ["--x", "--reading"])
+def test_options_of_a_forward_map_of_ones_own_are_named_where_there_is_none(
+    bayesdeg, report, option
+):
+    code, _, messages = bayesdeg("control", report, "--degradation", "0", option, "1")
+    assert code == 2
+    assert f"{option} is of a forward map" in " ".join(messages.split())

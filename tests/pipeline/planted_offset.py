@@ -65,7 +65,26 @@ def model():
     return active.with_readings(active.simulate(values, np.random.default_rng(4))[0])
 
 
-def planted_study(folder):
+COUNTS = "".join(
+    f"tested_count,{level},3,,,–,the paper\nruptured_count,{level},{burst},,,–,the paper\n"
+    for level, burst in ((0, 0), (25, 2))
+)
+
+
+# narrow: of counts alone a ridge is left, along which an importance sample has few effective draws
+FLAWS = "".join(
+    f'"flaw_embrittlement.{name}" = {{ law = "truncated_normal", {numbers}, low = 0, high = 9 }}\n'
+    for name, numbers in (("cut", "mean = 1.8, sd = 0.2"), ("widening", "mean = 0.3, sd = 0.05"))
+)
+
+
+def counted_study(folder):
+    """Write the study with published counts of ruptures, of which flaws are a candidate."""
+    settings = SETTINGS.replace('"creep"', '"flaw_embrittlement"') + FLAWS
+    return planted_study(folder, settings=settings, summary=SUMMARY + COUNTS)
+
+
+def planted_study(folder, *, settings=SETTINGS, summary=SUMMARY):
     """Write the study into a folder and read it."""
     data, films, breaks = model().actuator, model().tensile, model().breaks
     rows = [
@@ -85,11 +104,11 @@ def planted_study(folder):
     broken = "specimen_id,degradation_pct,elongation_pct\n"
     broken += "".join(f"{name},{level},{length}\n" for name, level, length in lengths)
     files = {
-        "study.toml": SETTINGS,
+        "study.toml": settings,
         "actuator.csv": actuator,
         "tensile.csv": tensile,
         "break.csv": broken,
-        "summary.csv": SUMMARY,
+        "summary.csv": summary,
         "moisture.csv": MOISTURE,
     }
     for name, text in files.items():

@@ -5,15 +5,15 @@ import json
 
 import numpy as np
 
-from bayesdeg.causes.catalogue import find
 from bayesdeg.emulator.trained import write_trained
 from bayesdeg.inference.importance import about_mode, improved
 from bayesdeg.inference.laplace import approximate
-from bayesdeg.inference.sampling import Chain, to_datatree
+from bayesdeg.inference.sampling import EFFORTS, Chain, to_datatree
 from bayesdeg.inference.update import drawn_evenly
 from bayesdeg.pipeline.assemble import assemble
-from bayesdeg.pipeline.forecast import model_document
+from bayesdeg.pipeline.films import course_of
 from bayesdeg.pipeline.output import run_folder
+from bayesdeg.pipeline.record import model_of
 from bayesdeg.report.record import RunRecord, VerdictRecord
 from tests.pipeline.planted_offset import emulator
 
@@ -39,10 +39,11 @@ def chain_of(model, seed):
     )
 
 
-def write_run(path, study, *, causes=("pressure_offset",)):
+def write_run(path, study, *, causes=("pressure_offset",), course=False):
     """Write what a finished run leaves that an update needs; return its path and emulator."""
-    base = assemble(study, emulator()).model
-    final = base.extended(*(find(name) for name in causes))
+    assembly = assemble(study, emulator())
+    known = {cause.name: cause for cause in assembly.causes}
+    base, final = assembly.model, assembly.extended(*(known[name] for name in causes))
     file = path.parent / "emulator.npz"
     write_trained(file, emulator())
     training = {"training": json.loads(emulator().record)}
@@ -50,6 +51,10 @@ def write_run(path, study, *, causes=("pressure_offset",)):
         for seed, (name, model) in enumerate({"posterior_base": base, "posterior": final}.items()):
             tree = to_datatree(model, chain_of(model, seed), np.random.default_rng(0))
             folder.write_posterior(name, tree)
+        if course:
+            found = course_of(study, EFFORTS["quick"], np.random.SeedSequence(1))
+            tree = to_datatree(found.model, found.chain, np.random.default_rng(0))
+            folder.write_posterior("posterior_course", tree)
         named = {"outcome": "named", "causes": causes, "predicted_with": causes}
         folder.write(VerdictRecord.model_validate(named))
         folder.write(
@@ -59,7 +64,7 @@ def write_run(path, study, *, causes=("pressure_offset",)):
                 seed=7,
                 effort="quick",
                 hashes=dict(study.hashes),
-                model=model_document(base),
+                model=model_of(base, final, study),
                 emulator=training,
                 posteriors=folder.posterior_hashes(),
             )

@@ -1,5 +1,6 @@
 """Published counts are held against a model, and become its data with a cause of rupture."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -33,6 +34,30 @@ def test_the_base_model_is_not_fitted_to_them(experiment):
 def test_a_model_with_a_cause_of_rupture_is(experiment, name):
     [counts] = with_causes(experiment, "pressure_offset", name).of_kind(RuptureCounts)
     assert counts is experiment.assembly.counts
+
+
+def test_a_cause_of_rupture_that_readings_show_makes_them_data_too(experiment):
+    """As when actuators of the study's own burst: its run fits what `Model.with_causes` is."""
+    assembly, flaws = experiment.assembly, experiment.cause("flaw_embrittlement")
+    of_readings = assembly.model.extended(flaws)
+    assert of_readings.of_kind(RuptureCounts) == ()
+    assert assembly.with_its_counts(of_readings) == assembly.extended(flaws)
+    assert assembly.with_its_counts(assembly.model) is assembly.model
+    without = replace(assembly, counts=None)
+    assert without.extended(flaws).of_kind(RuptureCounts) == ()
+
+
+def test_each_cause_of_a_study_is_known_once_with_the_priors_it_states(experiment):
+    named = [cause.name for cause in experiment.assembly.causes]
+    assert len(named) == len(set(named))
+    assert "dry_embrittlement" in named
+    for cause in experiment.assembly.of_counts:
+        assert experiment.cause(cause.name) == cause
+
+
+def test_a_list_of_candidates_holds_for_counts_too(experiment):
+    narrowed = experiment.with_candidates(["pressure_offset", "flaw_embrittlement"]).assembly
+    assert [cause.name for cause in narrowed.of_counts] == ["flaw_embrittlement"]
 
 
 def test_causes_that_counts_may_show_need_no_columns(experiment):

@@ -8,7 +8,6 @@ import pandas as pd
 import pytest
 
 import bayesdeg as bd
-from bayesdeg.causes.catalogue import find
 from bayesdeg.cli import INPUT_FAULT, exit_code
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.reading import read_study
@@ -16,7 +15,13 @@ from bayesdeg.pipeline.update import ANEW, default_target
 from bayesdeg.report.folder import RunFolder
 from bayesdeg.report.page import build_page
 from tests.inference.small_study import values_of
-from tests.pipeline.planted_offset import OFFSET, emulator, model, planted_study
+from tests.pipeline.planted_offset import (
+    OFFSET,
+    counted_study,
+    emulator,
+    model,
+    planted_study,
+)
 from tests.pipeline.small_run import contents, sample_of, write_run
 
 HEAD = "specimen_id,degradation_pct,degradation_sd_pct,pressure_kPa,curvature_per_m"
@@ -85,14 +90,26 @@ def test_the_updated_run_is_that_of_all_readings(places, bayesdeg):
     assert contents(report) == before
     assert answer["update"]["specimens"] == ["n1"]
 
-    with (folder / "study" / "actuator.csv").open("a", encoding="utf-8") as study:
+    rows = pd.DataFrame(answer["parameters"]).set_index("parameter")
+    assert_as_with_all_readings(rows, with_all_readings(folder / "study"), "pressure_offset")
+
+
+def with_all_readings(folder):
+    """Add the rows of the new specimen to the study, and read it."""
+    with (folder / "actuator.csv").open("a", encoding="utf-8") as study:
         study.write("\n".join(new_specimen().splitlines()[1:]) + "\n")
-    whole = assemble(read_study(folder / "study"), emulator()).model
-    whole = whole.extended(find("pressure_offset"))
+    return read_study(folder)
+
+
+def assert_as_with_all_readings(rows, study, *causes):
+    """Means and standard deviations are those of the posterior of all readings."""
+    assembly = assemble(study, emulator())
+    known = {cause.name: cause for cause in assembly.causes}
+    whole = assembly.extended(*(known[name] for name in causes))
     full = sample_of(whole, 11, enough=3000.0)
     weights = np.exp(full.log_weights - full.log_weights.max())
     values = whole.table.named(full.draws)
-    rows = pd.DataFrame(answer["parameters"]).set_index("parameter")
+    assert set(values) == set(rows.index)
     for name, draws in values.items():
         mean = np.average(draws, weights=weights)
         sd = np.sqrt(np.average((draws - mean) ** 2, weights=weights))
@@ -115,7 +132,7 @@ def test_posteriors_and_tables_are_of_all_readings_and_the_verdict_is_not_judged
     assert new.read_verdict() == RunFolder(report).read_verdict()
     assert "not judged again" in found.messages[-1]
     written = {name for name in ANEW if new.read_table(name) is not None}
-    assert written == set(ANEW) - {"fitted"}
+    assert written == set(ANEW) - {"fitted", "lifetime"}
     observed = new.read_table("observations")
     assert (observed["specimen_id"] == "n1").sum() == 2 * record.update.readings
     tree = new.read_posterior("posterior")
@@ -123,6 +140,9 @@ def test_posteriors_and_tables_are_of_all_readings_and_the_verdict_is_not_judged
     assert found.posterior["posterior"].equals(tree["posterior"])
     page = build_page(found.folder).read_text(encoding="utf-8")
     assert 'id="updated"' in page
+    assert new.read_table("parameters")["r_hat"].isna().all()
+    assert 'id="figure-ranks"' not in page
+    assert 'id="figure-ranks"' in build_page(report).read_text(encoding="utf-8")
     assert found.method in ("weights", "refit", "mode")
     assert found.effective >= 400.0
     assert "shift_sd" in found.summary()
@@ -269,6 +289,87 @@ def test_added_rows_that_were_changed_are_refused(places, bayesdeg):
     code, _, said = bayesdeg("update", once.folder, folder / "new.csv", "--emulator", file)
     assert (code, len(lines_of(said))) == (INPUT_FAULT, 1)
     assert "added.csv" in said
+
+
+@pytest.fixture(scope="module")
+def counted(tmp_path_factory):
+    """A study whose final model is fitted to published counts, its run, and that run updated."""
+    folder = tmp_path_factory.mktemp("counted")
+    study = folder / "study"
+    study.mkdir()
+    causes = ("pressure_offset", "flaw_embrittlement")
+    path, file = write_run(folder / "run", counted_study(study), causes=causes, course=True)
+    for name in ("criteria", "lifetime"):  # of the run before
+        (path / f"{name}.csv").write_text("stale\n1\n", encoding="utf-8")
+    (folder / "new.csv").write_text(new_specimen(), encoding="utf-8")
+    return study, path, bd.update(path, folder / "new.csv", emulator=file, progress=False), file
+
+
+def test_counts_that_the_final_model_is_fitted_to_stay_its_data(counted):
+    study, _, found, _ = counted
+    causes = ("pressure_offset", "flaw_embrittlement")
+    tree = found.posterior["log_likelihood"]
+    assert "ruptures at 25 %" in tree["specimen"].to_numpy()
+    whole = with_all_readings(shutil.copytree(study, study.parent / "whole"))
+    assert_as_with_all_readings(found.summary(), whole, *causes)
+
+
+def test_what_rests_on_counts_follows(counted):
+    _, path, found, _ = counted
+    before, after = (RunFolder(one).read_run() for one in (path, found.folder))
+    assert [b.burst for b in after.model.bursts] == [2.0]
+    assert after.model.bursts == before.model.bursts
+    assert after.model.rupture_checks == before.model.rupture_checks + 1
+    expected = {
+        row.degradation_pct: row.predicted
+        for row in after.comparisons
+        if row.quantity == "ruptured_count"
+    }
+    assert set(expected) == {0.0, 25.0}
+    assert all(words.startswith("fewer") for words in expected.values())
+
+
+def test_criteria_and_life_are_made_anew(counted):
+    study, _, found, _ = counted
+    new = RunFolder(found.folder)
+    assert not {"criteria.csv", "lifetime.csv"} & set(new.read_run().update.as_before)
+    criteria, life = new.read_table("criteria"), new.read_table("lifetime")
+    chosen = criteria[criteria["criterion"] == "principal_stretch"]
+    ruptures = new.read_table("rupture")
+    both = chosen.merge(ruptures, on=["degradation_pct", "pressure_kPa"], suffixes=("", "_all"))
+    assert len(both) > 3
+    assert np.max(np.abs(both["probability"] - both["probability_all"])) < 0.1
+    moisture = pd.read_csv(study / "moisture.csv")
+    assert life["time_h"].iloc[-1] == moisture["time_h"].max()
+    assert life["degradation_q50"].is_monotonic_increasing
+    # the duty follows from the posterior of all readings
+    bands = new.read_table("bands").query("degradation_pct == 0")
+    fresh = np.interp(life["pressure_kPa"].iloc[0], bands["pressure_kPa"], bands["q50"])
+    assert life["wanted_per_m"].iloc[0] == pytest.approx(0.5 * fresh, rel=0.02)
+
+
+def test_readings_above_the_largest_pressure_can_be_followed_by_others(places):
+    """Priors and scales that follow from the largest pressure stay those of the run."""
+    folder, report, file = places
+    rows = pd.read_csv(folder / "new.csv")
+    last = rows.iloc[[-1]].assign(pressure_kPa=200.0)
+    last["curvature_per_m"] *= 200.0 / rows["pressure_kPa"].iloc[-1]
+    kept = {"emulator": file, "progress": False}
+    once = bd.update(report, last, out=folder / "one", **kept)
+    twice = bd.update(once.folder, rows.assign(specimen_id="n2"), out=folder / "two", **kept)
+    measured = RunFolder(twice.folder).read_run().model.measured
+    assert measured["pressure_kPa"][-1] == 200.0
+
+
+def test_what_is_unlikely_of_new_rows_is_in_doubt(places):
+    folder, report, file = places
+    rows = pd.read_csv(folder / "new.csv").assign(humidity_pct=0.6)
+    found = bd.update(report, rows, emulator=file, progress=False)
+    new = RunFolder(found.folder)
+    [suspect] = new.read_verdict().suspects
+    assert (suspect.file, suspect.column) == ("actuator.csv", "humidity_pct")
+    assert new.read_run().suspects == (suspect,)
+    assert "humidity_pct" in found.messages[0]
 
 
 def test_names_of_updates_count_up(tmp_path):

@@ -299,6 +299,7 @@ LIFE = LifeSummary(
     failed=1.0,
     burst=0.012,
     allowed=240.0,
+    checks=60,
 )
 
 

@@ -11,11 +11,13 @@ from bayesdeg.report.headline import headline_of
 from bayesdeg.report.left_out import Guard
 from bayesdeg.report.page import FIGURES as DRAWN
 from bayesdeg.report.page import build_page, content_of, render
+from bayesdeg.report.record import UpdateEntry
 from bayesdeg.report.summaries import by_level, several_levels
 from bayesdeg.report.tables import TABLES, Tables
 from tests.report.html_reading import numbers_in, read_html, table_cells
 from tests.report.synthetic_run import write_bare, write_full
 
+MARK = "Before the update."
 OUTCOMES = {
     "adequate": ("Adequate", "No misfit beyond the noise"),
     "named": (
@@ -517,3 +519,23 @@ def test_a_verdict_that_was_left_out_is_not_called_adequate(incomplete):
 def test_the_tests_themselves_are_strict():
     with pytest.raises(ValueError, match="seven"):
         Guard().attempt("bands.csv", float, "seven")
+
+
+def test_what_is_of_the_run_before_an_update_is_marked(tmp_path):
+    """But for what readings of actuators do not change, such as the course of films."""
+    folder = write_full(tmp_path, "named")
+    kept = ("verdict.json", "leave_one_out.csv", "gain.csv", "measured.csv")
+    update = UpdateEntry(run="before", times=1, specimens=("n1",), readings=3, as_before=kept)
+    plain = read_html(build_page(tmp_path).read_text(encoding="utf-8"))
+    folder.write(folder.read_run().model_copy(update={"update": update}))
+    page = read_html(build_page(tmp_path).read_text(encoding="utf-8"))
+    captions = [one.text for tag in ("caption", "figcaption") for one in page.all(tag)]
+    for files, marked in (
+        (("verdict.json", "leave_one_out.csv", "gain.csv"), True),
+        (("measured.csv", "bands.csv", "decisions.csv", "parameters.csv"), False),
+    ):
+        found = [text for text in captions if any(file in text for file in files)]
+        assert found
+        assert all((MARK in text) == marked for text in found)
+    assert MARK in page.by_id("next").text
+    assert MARK not in plain.text

@@ -77,7 +77,8 @@ def rank_figure(posterior: xr.Dataset) -> Figure:
 
 
 def _ranks(shown: Shown) -> Sketch | None:
-    posterior = shown.posterior(POSTERIOR)
+    # draws that took in further readings are of no chains
+    posterior = shown.posterior(POSTERIOR) if shown.run.update is None else None
     if posterior is None or min(posterior.sizes.values(), default=0) < 2:
         return None
     facts = {

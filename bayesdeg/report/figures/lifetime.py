@@ -75,6 +75,8 @@ def _lifetime(shown: Shown) -> Sketch | None:
         name: float(first[name]) for name in ("pressure_kPa", "wanted_per_m", "risk")
     }
     failed = lifetime[lifetime["failed_probability"] >= HALF]["time_h"]
+    model = shown.run.model
+    facts["checks"] = None if model is None else model.rupture_checks
     facts["half"] = float(failed.iloc[0]) if len(failed) else None
     return Sketch(lifetime_figure(lifetime), facts)
 
@@ -86,9 +88,11 @@ FIGURES = (
         _lifetime,
         "The life of a new actuator in the soil, by the films' course of degradation. Its duty is "
         "a curvature of {{ wanted_per_m | number }} 1/m at {{ pressure_kPa | number }} kPa. Left: "
-        "probability of having failed, that is of bending less or having burst. Middle: curvature "
-        "at that pressure. Right: the pressure that keeps the curvature, and the largest that was "
-        "tested and that a risk of {{ risk | number }} allows. "
+        "probability of having failed, that is of bending less or having burst"
+        "{% if checks %}; less than 1 in {{ checks | count }}, the films broken and actuators "
+        "loaded, is drawn as that{% endif %}. Middle: curvature at that "
+        "pressure. Right: the pressure that keeps the curvature, and the largest that was tested "
+        "and that a risk of {{ '%g' | format(risk) }} allows. "
         "{% if half is not none %}Half of new actuators have failed after {{ half | number }} h."
         "{% endif %} `bayesdeg lifetime` asks for other duties.",
         ("lifetime",),
