@@ -34,6 +34,7 @@ FLATTEST = 1e-4  # curvature, in units of the scales, below which a direction is
 DAMPING = np.concatenate([[0.0], 10.0 ** np.arange(-2.0, 7.0)])  # of a step, in curvatures
 LENGTHS = np.array([0.25, 0.5, 2.0, 4.0])  # of the undamped step: what is left at the end is slow
 CLOSE = 2e-4  # gain in log density at which a climb ends: a fiftieth of a standard deviation
+INWARDS = (0.1, 0.5, 1.0)  # from a bound, in prior widths: where a climb that ends there looks on
 LONGEST = 60
 WIDEST = 5.0  # step of a logarithm or logit: beyond, its law is far from a quadratic
 
@@ -55,7 +56,8 @@ def find_mode(density: Density, start: Floats) -> tuple[Floats, Floats]:
     """Climb from a start to a mode within the bounds of truncated priors.
 
     Steps are those of Levenberg and Marquardt, of which the best of several dampings is taken, cut
-    at the bounds; a parameter that presses against its bound stays there.
+    at the bounds; a parameter that presses against its bound stays there, unless the density is
+    higher some way inside: a scatter beside another has no slope where it is zero.
 
     Parameters
     ----------
@@ -92,9 +94,28 @@ def find_mode(density: Density, start: Floats) -> tuple[Floats, Floats]:
         if gain > 0.0:
             point = trials[best]
         if not gain > CLOSE:
-            break
+            inside = _inside(density, point, low, high)
+            if inside is None:
+                break
+            point = inside
     unit = np.outer(about.unit, about.unit)
     return point, unit * positive_inverse(unit * about.information)
+
+
+def _inside(density: Density, point: Floats, low: Floats, high: Floats) -> Floats | None:
+    """Return the best point with one parameter off its bound, if that is higher than its bound."""
+    width = _widths(density.table)
+    trials = []
+    for end, inwards in ((low, 1.0), (high, -1.0)):
+        for i in np.flatnonzero(np.abs(point - end) <= SHORT * width):
+            for share in INWARDS:
+                trials.append(point.copy())
+                trials[-1][i] = np.clip(end[i] + inwards * share * width[i], low[i], high[i])
+    if not trials:
+        return None
+    values = density.log_prob(np.array([point, *trials]))
+    best = int(np.argmax(values))
+    return trials[best - 1] if values[best] > values[0] + CLOSE else None
 
 
 def expansion(density: Density, point: Floats) -> Expansion:

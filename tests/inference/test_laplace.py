@@ -5,7 +5,14 @@ import pytest
 from scipy import stats
 from scipy.special import logsumexp
 
-from bayesdeg.inference.laplace import approximate, derivatives, evidence, positive_inverse
+from bayesdeg.inference.density import CustomDensity
+from bayesdeg.inference.laplace import (
+    approximate,
+    derivatives,
+    evidence,
+    find_mode,
+    positive_inverse,
+)
 from bayesdeg.priors import Normal, Parameter, ParameterTable, TruncatedNormal
 from tests.inference.small_study import small_model, values_of
 
@@ -143,3 +150,24 @@ def test_the_mode_of_a_real_posterior_is_a_mode():
     around = found.mode + 0.2 * sd * np.vstack([np.eye(len(sd)), -np.eye(len(sd))])
     # a climb ends where a step gains next to nothing, a few hundredths of a standard deviation off
     assert np.all(model.log_prob(around, truncate=False) < found.log_density + 0.01)
+
+
+def test_a_scatter_beside_another_is_found_though_it_has_no_slope_where_it_is_zero():
+    """ln p rises with w² at first: a climb that begins at the bound of w would stay there."""
+    readings = stats.norm.rvs(scale=0.5, size=40, random_state=7)
+    widening = Parameter("widening", TruncatedNormal(0.0, 1.0, 0.0, np.inf), "–", "added scatter")
+
+    def log_likelihood(values):
+        sd = np.hypot(0.1, values["widening"])[:, None]
+        return stats.norm(0.0, sd).logpdf(readings).sum(axis=1)
+
+    density = CustomDensity((widening,), log_likelihood)
+    mode, _ = find_mode(density, np.zeros(1))
+    grid = np.linspace(0.0, 1.5, 3001)
+    assert mode[0] == pytest.approx(grid[np.argmax(density.log_prob(grid[:, None]))], abs=2e-3)
+
+
+def test_a_parameter_stays_at_its_bound_where_nothing_inside_is_more_likely():
+    size = Parameter("size", TruncatedNormal(0.0, 1.0, 0.0, np.inf), "–", "of an effect")
+    density = CustomDensity((size,), lambda values: -3.0 * values["size"])
+    assert find_mode(density, np.ones(1))[0][0] == 0.0
