@@ -112,6 +112,15 @@ Beyond = Annotated[
 Base = Annotated[
     bool, typer.Option("--base", help="Use the base model, without the causes that were named.")
 ]
+OneCause = Annotated[
+    str | None,
+    typer.Option(
+        "--cause",
+        help="Of causes that the run could not tell apart, the one to predict with; by default "
+        "predictions are averaged over them by their probabilities.",
+        metavar="NAME",
+    ),
+]
 EmulatorFile = Annotated[
     Path | None,
     typer.Option(
@@ -126,6 +135,24 @@ Seed = Annotated[
 ]
 OutFile = Annotated[Path | None, typer.Option(help="Also write a CSV file.", metavar="FILE")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON, nothing else.")]
+
+
+def stored_run(
+    report: Path, cause: str | None, *, base: bool, emulator: Path | None
+) -> forecast.StoredRun:
+    """Return a finished run as it is asked for: averaged, with one cause, or its base model.
+
+    Raises
+    ------
+    typer.BadParameter
+        If a cause is asked for that could be told apart, or none acts.
+    BayesdegError
+        If the folder is not that of a finished run.
+    """
+    if base and cause is not None:
+        raise typer.BadParameter("give --base or --cause, not both: the base model has no cause")
+    stored = forecast.read_stored(report, base=base, emulator=emulator)
+    return stored if cause is None else stored.with_cause(cause)
 
 
 def numbers(texts: Sequence[str], option: str, unit: str, *, low: float, high: float) -> Floats:

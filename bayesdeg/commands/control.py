@@ -21,6 +21,7 @@ from bayesdeg.commands.answers import (
     Inputs,
     MaybeRates,
     Mount,
+    OneCause,
     OutFile,
     Risk,
     RunFolderPath,
@@ -38,11 +39,12 @@ from bayesdeg.commands.answers import (
     refuse_risk,
     refuse_too_many,
     seed_of,
+    stored_run,
 )
 from bayesdeg.commands.options import Quiet
 from bayesdeg.console import shown
 from bayesdeg.pipeline import forecast, formula
-from bayesdeg.pipeline.forecast import StoredRun, read_stored
+from bayesdeg.pipeline.forecast import StoredRun
 from bayesdeg.pipeline.output import output_file
 from bayesdeg.pipeline.own_forecast import is_own, read_own
 from bayesdeg.prediction.conditions import PROMPT, ServiceConditions
@@ -108,6 +110,7 @@ def control(
     mount: Mount = PROMPT.mount,
     degradation_sd: DegradationSd = PROMPT.degradation_sd,
     x: Inputs = None,
+    cause: OneCause = None,
     base: Base = False,
     emulator: EmulatorFile = None,
     seed: Seed = None,
@@ -140,7 +143,7 @@ def control(
     wanted, levels = _asked(curvature, risk), levels_of(report, degradation, hours, seed)
     refuse_too_many(wanted, levels, most=MOST_SETTINGS)
     out = None if out is None else output_file(out)
-    stored = read_stored(report, base=base, emulator=emulator)
+    stored = stored_run(report, cause, base=base, emulator=emulator)
     with shown(quiet or as_json) as progress:
         found = forecast.settings(
             *(stored, levels, wanted),

@@ -18,6 +18,7 @@ from bayesdeg.commands.answers import (
     Hours,
     Humidity,
     Mount,
+    OneCause,
     OutFile,
     Risk,
     RunFolderPath,
@@ -29,11 +30,12 @@ from bayesdeg.commands.answers import (
     refuse_risk,
     refuse_too_many,
     seed_of,
+    stored_run,
 )
 from bayesdeg.commands.options import Quiet
 from bayesdeg.console import shown
 from bayesdeg.pipeline import forecast
-from bayesdeg.pipeline.forecast import StoredRun, read_stored
+from bayesdeg.pipeline.forecast import StoredRun
 from bayesdeg.pipeline.lifetime import (
     default_hours,
     life_summary,
@@ -86,6 +88,7 @@ def lifetime(
     branch: Branch = PROMPT.branch,
     humidity: Humidity = PROMPT.humidity_pct,
     mount: Mount = PROMPT.mount,
+    cause: OneCause = None,
     base: Base = False,
     emulator: EmulatorFile = None,
     seed: Seed = None,
@@ -108,7 +111,7 @@ def lifetime(
     duty, times = _duty(pressure, curvature, risk), _times(hours)
     conditions = ServiceConditions(hold_s, cycle, branch, humidity, mount)
     out = None if out is None else output_file(out)
-    soil, stored = forecast.soil_of(report), read_stored(report, base=base, emulator=emulator)
+    soil, stored = forecast.soil_of(report), stored_run(report, cause, base=base, emulator=emulator)
     times = default_hours(stored.measured) if times is None else times
     with shown(quiet or as_json) as progress:
         life = lifetime_of(

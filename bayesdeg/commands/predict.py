@@ -21,6 +21,7 @@ from bayesdeg.commands.answers import (
     Inputs,
     MaybeRates,
     Mount,
+    OneCause,
     OutFile,
     RunFolderPath,
     Seed,
@@ -36,11 +37,12 @@ from bayesdeg.commands.answers import (
     refuse_others,
     refuse_too_many,
     seed_of,
+    stored_run,
 )
 from bayesdeg.commands.options import Quiet
 from bayesdeg.console import shown
 from bayesdeg.pipeline import forecast, formula
-from bayesdeg.pipeline.forecast import StoredRun, read_stored
+from bayesdeg.pipeline.forecast import StoredRun
 from bayesdeg.pipeline.output import output_file
 from bayesdeg.pipeline.own_forecast import is_own, read_own
 from bayesdeg.prediction.conditions import PROMPT, ServiceConditions
@@ -79,6 +81,7 @@ def predict(
     mount: Mount = PROMPT.mount,
     degradation_sd: DegradationSd = PROMPT.degradation_sd,
     x: Inputs = None,
+    cause: OneCause = None,
     base: Base = False,
     emulator: EmulatorFile = None,
     seed: Seed = None,
@@ -108,17 +111,19 @@ def predict(
     levels = levels_of(report, degradation, hours, seed)
     refuse_too_many(pressures, levels)
     out = None if out is None else output_file(out)
-    stored = read_stored(report, base=base, emulator=emulator)
+    stored = stored_run(report, cause, base=base, emulator=emulator)
     messages = forecast.said_of(stored, levels, pressures, conditions)
     with shown(quiet or as_json) as progress:
-        table = forecast.predict(
+        table = forecast.predict_each(
             *(stored, levels, pressures),
             seed=seed_of(stored, seed),
             progress=progress,
             conditions=conditions,
         )
     if not delivered(stored, table, messages, UNITS, out=out, quiet=quiet, as_json=as_json):
-        _show(stored, table)
+        names = table.get(forecast.MODEL, pd.Series(stored.name, index=table.index))
+        for run, name in zip((stored, *stored.each), names.unique(), strict=True):
+            _show(run, table[names == name])
 
 
 def _show(stored: StoredRun, table: pd.DataFrame) -> None:

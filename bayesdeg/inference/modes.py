@@ -19,7 +19,7 @@ from threadpoolctl import threadpool_limits
 
 from bayesdeg.errors import BayesdegError
 from bayesdeg.inference.density import Density, guesses
-from bayesdeg.inference.importance import Proposal, log_density
+from bayesdeg.inference.importance import Proposal, about_mode, log_density
 from bayesdeg.inference.laplace import (
     FEWEST_EFFECTIVE,
     Evidence,
@@ -249,6 +249,10 @@ def find_modes(
         for k, one in enumerate(samples)
         if _about(one, tops, k) >= FEWEST_EFFECTIVE and not _goes_on(density, tops[k])
     ]
+    if len(tops) == 1 and not held and not _goes_on(density, tops[0]):
+        # along a ridge a law that is fitted to its own draws may do where the mode's does not
+        samples = [about_mode(density, tops[0], generator, enough=FEWEST_EFFECTIVE)]
+        held = [0] if samples[0].effective >= FEWEST_EFFECTIVE else []
     if len(tops) == 1 and held:
         return Modes((Mode(tops[0], 1.0, 0.0),), samples[0], tempered=False)
     population, level = tempered(density, generator)

@@ -45,8 +45,14 @@ from bayesdeg.prediction.predictive import (
 from bayesdeg.prediction.soil import Level, Soil, known_levels
 from bayesdeg.priors import Flat, Parameter
 from bayesdeg.records import RecordError
-from bayesdeg.report.folder import POSTERIOR, POSTERIOR_BASE, POSTERIOR_COURSE, RunFolder
-from bayesdeg.report.record import ModelEntry, RunRecord, VerdictRecord
+from bayesdeg.report.folder import (
+    POSTERIOR,
+    POSTERIOR_AVERAGED,
+    POSTERIOR_BASE,
+    POSTERIOR_COURSE,
+    RunFolder,
+)
+from bayesdeg.report.record import MemberEntry, ModelEntry, RunRecord, VerdictRecord
 from bayesdeg.report.wording import SPACE, sentences
 
 Floats = NDArray[np.float64]
@@ -74,6 +80,10 @@ class StoredRun:
         What is recorded of the run.
     specimens : int
         Films broken and actuators loaded; 0 if that is not recorded.
+    members : tuple of MemberEntry
+        Sets of causes over which the draws are averaged; none where they are of one set.
+    number : array, shape (n,)
+        Of the member that each draw is of.
     """
 
     model: JointModel
@@ -82,11 +92,51 @@ class StoredRun:
     run: RunRecord
     verdict: VerdictRecord
     specimens: int = 0
+    members: tuple[MemberEntry, ...] = ()
+    number: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
 
     @property
     def name(self) -> str:
-        """The model by its causes: ``base``, ``base+pressure_offset``."""
-        return "+".join(["base", *(cause.name for cause in self.model.causes)])
+        """The model by its causes: ``base``, ``base+creep``, ``base+creep or base+mullins``."""
+        own = tuple(cause.name for cause in self.model.causes)
+        sets = [m.causes for m in self.members] or [own]
+        return " or ".join("+".join(["base", *causes]) for causes in sets)
+
+    @property
+    def each(self) -> tuple["StoredRun", ...]:
+        """The run by each set of causes over which it is averaged; none where there is one."""
+        found = (
+            self._only([k])
+            for k in range(len(self.members))
+            if np.any(self.number == k) and len(self.members) > 1
+        )
+        return tuple(found)
+
+    def with_cause(self, name: str) -> "StoredRun":
+        """Return the run by those sets of causes that have one.
+
+        Raises
+        ------
+        BayesdegError
+            If none has, or all have.
+        """
+        known = sorted({c for m in self.members for c in m.causes if not self._is_shared(c)})
+        if name not in known:
+            listed = f"give one of {', '.join(known)}" if known else "leave out --cause"
+            raise BayesdegError(
+                f"--cause {name} is none of the causes that the run could not tell apart; {listed}"
+            )
+        return self._only([k for k, m in enumerate(self.members) if name in m.causes])
+
+    def _is_shared(self, cause: str) -> bool:
+        return all(cause in m.causes for m in self.members)
+
+    def _only(self, numbers: list[int]) -> "StoredRun":
+        kept, chain = np.isin(self.number, numbers), self.chain
+        vectors, density = chain.vectors[:, kept], chain.log_prob[:, kept]
+        members = tuple(self.members[k] for k in numbers)
+        only = Chain(vectors, density, chain.acceptance)
+        return replace(self, chain=only, members=members, number=self.number[kept])
 
     @property
     def experience(self) -> Experience:
@@ -161,7 +211,10 @@ def read_stored(
         )
     folder = RunFolder(path)
     run, verdict = folder.read_run(), folder.read_verdict()
-    tree = folder.read_posterior(POSTERIOR_BASE if base else POSTERIOR)
+    members = () if base or run.model is None else run.model.averaged
+    tree = folder.read_posterior(
+        POSTERIOR_BASE if base else POSTERIOR_AVERAGED if members else POSTERIOR
+    )
     draws = {str(n): v.to_numpy() for n, v in _posterior(tree, path).items()}
     _refuse_impossible(draws, path)
     if any(name not in draws for name in _NEEDED):
@@ -182,7 +235,8 @@ def read_stored(
     vectors = np.stack([draws[name] for name in model.table.names], axis=-1)[:, :, None, :]
     chain = Chain(vectors, np.zeros(vectors.shape[:3]), np.ones(len(vectors)))
     tested = int(run.model.rupture_checks or 0)
-    return StoredRun(model, chain, measured, run, verdict, tested)
+    number = tree["sample_stats"]["member"].to_numpy().ravel() if members else np.empty(0, np.int64)
+    return StoredRun(model, chain, measured, run, verdict, tested, members, number)
 
 
 def _posterior(tree: xr.DataTree, path: Path) -> xr.Dataset:
@@ -354,6 +408,46 @@ class Drawn(Protocol):
     def chain(self) -> Chain:
         """The draws."""
         ...
+
+
+MODEL = "model"
+AVERAGE = "average"
+
+
+def predict_each(
+    stored: StoredRun,
+    levels: Sequence[Level],
+    pressure: Floats,
+    *,
+    seed: np.random.SeedSequence,
+    progress: Progress,
+    conditions: ServiceConditions = PROMPT,
+) -> pd.DataFrame:
+    """Return predictions averaged over causes that cannot be told apart, then those by each.
+
+    Parameters are those of `predict`.
+
+    Returns
+    -------
+    DataFrame
+        As of `predict`; where there are several sets of causes with ``model`` first, which is
+        ``average`` or the model by its causes.
+    """
+    # the same random numbers for each: streams are spawned from a seed as it was given
+    given, key = seed.entropy, seed.spawn_key
+
+    def of(run: StoredRun) -> pd.DataFrame:
+        again = np.random.SeedSequence(given, spawn_key=key)
+        asked = (run, levels, pressure)
+        return predict(*asked, seed=again, progress=progress, conditions=conditions)
+
+    table = of(stored)
+    if not stored.each:
+        return table
+    named = [(AVERAGE, table), *((run.name, of(run)) for run in stored.each)]
+    for name, frame in named:
+        frame.insert(0, MODEL, name)
+    return pd.concat([frame for _, frame in named], ignore_index=True)
 
 
 def predict(
@@ -816,7 +910,9 @@ def doubts_of_run(stored: StoredRun) -> Iterator[Caution]:
     """Yield what the verdict and the data of a run leave open."""
     if stored.verdict.outcome == "unexplained":
         yield Caution("unexplained")
-    if stored.verdict.outcome == "ambiguous":
+    if stored.members:
+        yield Caution("averaged", {"members": stored.members})
+    elif stored.verdict.outcome == "ambiguous":
         yield Caution("ambiguous", {"causes": stored.verdict.causes, "model": stored.name})
     if stored.run.update is not None:
         yield Caution("updated", {"update": stored.run.update})

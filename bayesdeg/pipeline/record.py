@@ -36,6 +36,7 @@ from bayesdeg.observations.catalogue import TABLES
 from bayesdeg.observations.specimens import FilmsAndActuators
 from bayesdeg.observations.tensile import STRESS
 from bayesdeg.pipeline.assemble import Assembly
+from bayesdeg.pipeline.averaged import Averaged
 from bayesdeg.pipeline.calibrate import Fit, refused_inputs
 from bayesdeg.pipeline.checks import Checks
 from bayesdeg.pipeline.explanation import explain
@@ -59,6 +60,7 @@ from bayesdeg.report.record import (
     EmulatorEntry,
     ExperimentEntry,
     InDoubt,
+    MemberEntry,
     MisfitEntry,
     MissingEntry,
     ModelEntry,
@@ -93,6 +95,8 @@ class Results:
         What the films alone say.
     counts : CountMisfit, optional
         How probable published counts of ruptures are, where nothing was judged.
+    averaged : Averaged, optional
+        Draws over the causes that cannot be told apart, where there are several.
     """
 
     assembly: Assembly
@@ -102,6 +106,7 @@ class Results:
     checks: Checks | None = None
     films: Films | None = None
     counts: CountMisfit | None = None
+    averaged: Averaged | None = None
 
     @property
     def fits(self) -> dict[str, Fit]:
@@ -628,6 +633,13 @@ def model_of(base: JointModel, final: JointModel, study: Study) -> ModelEntry:
     return model_document(base, study).model_copy(update={"rupture_checks": tested})
 
 
+def _model_of(results: Results, study: Study) -> ModelEntry:
+    found = model_of(results.base.model, results.final.model, study)
+    members = () if results.averaged is None else results.averaged.members
+    entries = tuple(MemberEntry(causes=m.causes, probability=m.probability) for m in members)
+    return found.model_copy(update={"averaged": entries})
+
+
 # share of refused proposals above which the posterior may be cut off
 WORRYING = 0.01
 LOOKED_AT = 1000  # posterior draws
@@ -672,7 +684,7 @@ def run_document(
         rests_on=tuple(_rests_on_own(study, own) if own else rests_on(study, results.base.model)),
         convergence=_convergence(results),
         emulator=emulator_entry(results, guard),
-        model=None if own else model_of(results.base.model, results.final.model, study),
+        model=None if own else _model_of(results, study),
         forward=own.source if own else "",
         misfit=StatisticEntry(
             observed=None if judgement is None else judgement.misfit.statistic,

@@ -25,6 +25,7 @@ from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import EFFORTS
 from bayesdeg.observations.counts import RuptureCounts
 from bayesdeg.pipeline.assemble import Assembly, assemble
+from bayesdeg.pipeline.averaged import averaged
 from bayesdeg.pipeline.calibrate import Fit, base_of, calibrate
 from bayesdeg.pipeline.checks import check
 from bayesdeg.pipeline.deformed import Begun, begin
@@ -44,8 +45,8 @@ from bayesdeg.pipeline.progress import Progress
 from bayesdeg.pipeline.record import Results, in_doubt, run_document
 from bayesdeg.pipeline.writing import write_results
 from bayesdeg.report.checkpoints import Checkpoints
-from bayesdeg.report.folder import RunFolder
-from bayesdeg.report.left_out import Guard, OptionalStage
+from bayesdeg.report.folder import POSTERIOR_AVERAGED, RunFolder
+from bayesdeg.report.left_out import Guard, OptionalStage, posterior_stage
 from bayesdeg.report.page import build_page
 from bayesdeg.report.record import InDoubt, VerdictRecord
 
@@ -81,6 +82,7 @@ class Streams(NamedTuple):
     final: np.random.SeedSequence
     checks: np.random.SeedSequence
     films: np.random.SeedSequence
+    averaged: np.random.SeedSequence
 
     @classmethod
     def of(cls, seed: int) -> Self:
@@ -154,6 +156,7 @@ def run_study(
             )
         with clock.stage("extended"):
             results = _extend(replace(results, judgement=judgement), fit, seeds.final, guard)
+            results = _with_average(results, seeds.averaged, guard)
     if results.judgement is None:
         results = with_counts(results, seeds.verdict, guard)
     return conclude(
@@ -365,6 +368,15 @@ def _extend(
     if found is None:
         return replace(results, judgement=replace(judgement, sampled=False))
     return replace(results, final=found[0], judgement=found[1])
+
+
+def _with_average(results: Results, seed: np.random.SeedSequence, guard: Guard) -> Results:
+    """Draw over the causes that cannot be told apart, if there are several."""
+    if results.judgement is None:
+        return results
+    generator, stage = np.random.default_rng(seed), posterior_stage(POSTERIOR_AVERAGED)
+    found = guard.attempt(stage, averaged, results.judgement, results.final, generator)
+    return replace(results, averaged=found)
 
 
 def _final(

@@ -6,6 +6,7 @@ from functools import cached_property, partial
 
 import numpy as np
 import pandas as pd
+import xarray as xr
 from numpy.typing import NDArray
 
 from bayesdeg.actuator.geometry import Geometry
@@ -62,6 +63,7 @@ from bayesdeg.report import tables as columns
 from bayesdeg.report.folder import (
     ADDED,
     POSTERIOR,
+    POSTERIOR_AVERAGED,
     POSTERIOR_BASE,
     POSTERIOR_COURSE,
     POSTERIORS,
@@ -347,13 +349,14 @@ class Files:
         self, name: str, fit: Sampled, generator: np.random.Generator, *, kept: int
     ) -> None:
         """Write draws of a posterior."""
-        self.guard.attempt(posterior_stage(name), self._posterior, name, fit, generator, kept)
+        self.tree(name, lambda: to_datatree(fit.model, fit.chain.thinned(kept), generator))
 
-    def _posterior(
-        self, name: str, fit: Sampled, generator: np.random.Generator, kept: int
-    ) -> None:
-        tree = to_datatree(fit.model, fit.chain.thinned(kept), generator)
-        self.folder.write_posterior(name, tree)
+    def tree(self, name: str, compute: Callable[[], xr.DataTree]) -> None:
+        """Write what is computed as a posterior."""
+        self.guard.attempt(posterior_stage(name), self._tree, name, compute)
+
+    def _tree(self, name: str, compute: Callable[[], xr.DataTree]) -> None:
+        self.folder.write_posterior(name, compute())
         self.written.add(name)
 
     def remove_others(self) -> None:
@@ -593,6 +596,8 @@ def _write_posteriors(files: Files, found: TableSources) -> None:
         files.table(name, compute)
     if results.course is not None:
         files.posterior(POSTERIOR_COURSE, results.course, generator, kept=kept)
+    if results.averaged is not None:
+        files.tree(POSTERIOR_AVERAGED, results.averaged.tree)
 
 
 def _predicted(fits: Mapping[str, Fit], generator: np.random.Generator) -> dict[str, CurvatureFit]:

@@ -44,10 +44,12 @@ RUN: Final = "run"
 POSTERIOR: Final = "posterior"
 POSTERIOR_BASE: Final = "posterior_base"
 POSTERIOR_COURSE: Final = "posterior_course"
+POSTERIOR_AVERAGED: Final = "posterior_averaged"
+"""Over causes that cannot be told apart, see `bayesdeg.pipeline.averaged`."""
 
 #: Documents kept as JSON and posteriors kept as netCDF, by name.
 DOCUMENTS: Final = (VERDICT, RUN)
-POSTERIORS: Final = (POSTERIOR, POSTERIOR_BASE, POSTERIOR_COURSE)
+POSTERIORS: Final = (POSTERIOR, POSTERIOR_BASE, POSTERIOR_COURSE, POSTERIOR_AVERAGED)
 
 #: All files of fixed name that a run writes.
 RUN_FILES: Final = (

@@ -354,6 +354,13 @@ class BurstEntry(Record):
     source: Text = ""
 
 
+class MemberEntry(Record):
+    """One of the sets of causes over which predictions are averaged."""
+
+    causes: Names = ()
+    probability: Number = Field(default=None, description="among those that cannot be told apart")
+
+
 class ModelEntry(Record):
     """What is needed beside its draws to predict with a posterior."""
 
@@ -371,6 +378,11 @@ class ModelEntry(Record):
     )
     bursts: tuple[BurstEntry, ...] = Field(
         default=(), description="ruptures of actuators, recorded and published"
+    )
+    averaged: tuple[MemberEntry, ...] = Field(
+        default=(),
+        exclude_if=is_absent,
+        description="sets of causes that cannot be told apart, of which posterior_averaged.nc is",
     )
 
 

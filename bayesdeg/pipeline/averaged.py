@@ -1,0 +1,160 @@
+"""One posterior over causes that cannot be told apart, each with its probability.
+
+A model with all of these causes predicts with each draw as the model with one of them would, if the
+sizes of the others are neutral in that draw. So draws of the models, put together in proportion to
+their evidence, are draws of one model, and every prediction from them is the average.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from bayesdeg.causes.cause import Cause
+from bayesdeg.criticism.decide.counted import COMMON_FACTOR
+from bayesdeg.criticism.fit.trials import Trial
+from bayesdeg.inference.model import JointModel
+from bayesdeg.pipeline.calibrate import Fit
+from bayesdeg.pipeline.judge import Judgement
+
+Floats = NDArray[np.float64]
+
+DRAWS = 4000  # together; the least probable that may be right has some 80 of them
+
+
+class Member(NamedTuple):
+    """One of the sets of causes.
+
+    Parameters
+    ----------
+    causes : tuple of str
+        In the order of the alphabet.
+    probability : float
+        Among the sets that cannot be told apart [–].
+    """
+
+    causes: tuple[str, ...]
+    probability: float
+
+
+@dataclass(frozen=True)
+class Averaged:
+    """Draws over several sets of causes.
+
+    Parameters
+    ----------
+    model : JointModel
+        With all of the causes.
+    vectors : array, shape (n, n_parameters)
+        Draws, in which the causes of other sets are neutral.
+    number : array, shape (n,)
+        Of the member that each draw is of.
+    members : tuple of Member
+        The set of the final model first.
+    """
+
+    model: JointModel
+    vectors: Floats
+    number: NDArray[np.int64]
+    members: tuple[Member, ...]
+
+    def tree(self) -> xr.DataTree:
+        """Return the draws as they are stored: ``posterior``, and ``sample_stats`` with members."""
+        values = self.model.table.named(self.vectors)
+        dims = ("chain", "draw")
+        posterior = xr.Dataset({name: (dims, drawn[None]) for name, drawn in values.items()})
+        stats = xr.Dataset({"member": (dims, self.number[None])})
+        return xr.DataTree.from_dict({"posterior": posterior, "sample_stats": stats})
+
+
+def averaged(judgement: Judgement, final: Fit, generator: np.random.Generator) -> Averaged | None:
+    """Return draws over the causes that cannot be told apart; None where there is one set only.
+
+    One cause at a time is replaced by one that is as good. Where a cause of the readings is
+    replaced, that of published counts keeps the sizes that it has beside the leading one.
+
+    Parameters
+    ----------
+    judgement : Judgement
+        Which causes are as good, and their fits.
+    final : Fit
+        Calibration of the model with the leading ones.
+    generator : Generator
+        Draws from each.
+    """
+    others = list(_others(judgement))
+    if not others or not judgement.sampled:
+        return None
+    known = {cause.name: cause for cause in final.model.causes}
+    known |= {cause.name: cause for _, _, trial in others for cause in trial.subject.causes}
+    whole = final.model.extended(*(c for n, c in known.items() if n not in _names(final.model)))
+    log_weights = np.array([0.0, *(factor for _, factor, _ in others)])
+    shares = np.exp(log_weights) / np.sum(np.exp(log_weights))
+    causes = [tuple(sorted(_names(final.model))), *(one for one, _, _ in others)]
+    counts = generator.multinomial(DRAWS, shares)
+    sources = [None, *(trial for _, _, trial in others)]
+    drawn = [
+        _drawn(whole, final, trial, names, int(count), generator)
+        for names, trial, count in zip(causes, sources, counts, strict=True)
+    ]
+    order = generator.permutation(DRAWS)  # so that the first of them are of all members
+    number = np.repeat(np.arange(len(causes)), counts)
+    members = tuple(Member(n, float(p)) for n, p in zip(causes, shares, strict=True))
+    return Averaged(whole, np.concatenate(drawn)[order], number[order], members)
+
+
+def _names(model: JointModel) -> frozenset[str]:
+    return frozenset(cause.name for cause in model.causes)
+
+
+def _others(judgement: Judgement) -> Iterator[tuple[tuple[str, ...], float, Trial]]:
+    """Yield other sets that may be right: causes, log Bayes factor over the leading one, fit."""
+    predicted, search, counted = judgement.predicted_with, judgement.search, judgement.counted
+    leading = search.factor(judgement.chosen)
+    for one in judgement.supported:
+        for rival in one.inseparable:
+            names = one.replaced(judgement.chosen, rival)
+            if names in search.trials and one.cause in predicted:
+                instead = _replaced(predicted, one.cause, rival)
+                yield instead, search.factor(names) - leading, search.trials[names]
+    best = judgement.of_counts if judgement.counts_fitted else None
+    if best is None or counted is None:
+        return
+    trials = {one.name: one.trial for one in counted.tried}
+    for rival in best.support.inseparable:
+        if rival != COMMON_FACTOR.name:
+            instead = _replaced(predicted, best.name, rival)
+            yield instead, -best.support.rivals[rival], trials[rival]
+
+
+def _replaced(causes: tuple[str, ...], one: str, rival: str) -> tuple[str, ...]:
+    return tuple(sorted({*causes} - {one} | {rival}))
+
+
+def _drawn(
+    whole: JointModel,
+    final: Fit,
+    trial: Trial | None,
+    causes: tuple[str, ...],
+    count: int,
+    generator: np.random.Generator,
+) -> Floats:
+    """Draw from one set of causes, as vectors of the model with all, (count, n_parameters)."""
+    flat = final.chain.vectors.reshape(-1, final.chain.vectors.shape[-1])
+    values = final.model.table.named(flat[generator.integers(len(flat), size=count)])
+    if trial is not None:
+        values |= trial.subject.table.named(trial.draws(generator, count))
+    return whole.table.vectors(values | _neutral(whole, causes, count))
+
+
+def _neutral(model: JointModel, causes: tuple[str, ...], count: int) -> dict[str, Floats]:
+    """Return the neutral sizes of causes of a model that are not among those given."""
+    others: list[Cause] = [cause for cause in model.causes if cause.name not in causes]
+    return {
+        cause.qualified(p.name): np.full(count, p.neutral or 0.0)
+        for cause in others
+        for p in cause.parameters
+    }
