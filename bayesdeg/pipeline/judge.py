@@ -428,7 +428,6 @@ def judge(
     searching, folding, drawing = seed.spawn(3)
     generator = np.random.default_rng(drawing)
     search = Search(base, catalogue.candidates, _on(base, effort), searching, executor=executor)
-    search.on_fit = partial(progress.advance, 1)
     rupture, confused = _begun(search, generator)
     chosen, alone, final = _searched(search, progress)
     counting = _begun_counts(final.trial, catalogue, seed, executor)
@@ -531,6 +530,7 @@ def _on(base: Trial, effort: SearchEffort) -> SearchEffort:
 
 def _searched(search: Search, progress: Progress) -> tuple[Names, Step, Step]:
     """Return what the data support, and what is known without a cause and with all of that."""
+    search.on_fit = partial(progress.advance, 1)
     progress.stage("misfit, calibrated by simulation")
     alone = search.step(BASE)
     progress.stage("causes, one by one and together")
