@@ -6,7 +6,7 @@ A kind that is a subclass of the protocol has its defaults: no readings to criti
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, ClassVar, NamedTuple, Protocol, Self
 
 import numpy as np
@@ -136,6 +136,10 @@ class State[W]:
             self._known[key] = (about, work(self, *about))  # keeps them, and with it their ids
         found: T = self._known[key][1]
         return found
+
+    def with_causes(self, causes: tuple[Cause, ...], values: Named) -> "State[W]":
+        """Return the state with other causes, which may act on nothing that is worked out once."""
+        return replace(self, causes=causes, values=values)
 
     def acting(self, *, axes: int = 2) -> tuple[Acting, ...]:
         """Return the active causes with their sizes, see `bayesdeg.causes.fold.acting`."""

@@ -286,6 +286,10 @@ def _begun(
     }
 
 
+def awake() -> None:
+    """Do nothing: a worker process that was asked for it has imported what calibrations need."""
+
+
 def base_of(fit: Fit) -> Trial:
     """Return the base trial of a calibrated model.
 

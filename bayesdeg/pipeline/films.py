@@ -10,6 +10,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from bayesdeg.criticism.fit.side_by_side import later
 from bayesdeg.criticism.posterior.convergence import Convergence, diagnose
 from bayesdeg.criticism.posterior.order import OrderComparison, compare_orders
 from bayesdeg.data.study import Study
@@ -115,20 +116,56 @@ def examine(
     progress : Progress
         Shows each stage.
     executor : Executor, optional
-        Calibrates orders side by side.
+        Compares orders, beside what is done here.
     guard : Guard, optional
         Leaves out what fails; by default nothing is left out and faults are raised.
     """
-    guard = guard or Guard(strict=True)
+    begun = begin_examination(study, model, effort=effort, seed=seed, executor=executor)
+    return begun(progress, guard or Guard(strict=True))
+
+
+type Examination = Callable[[Progress, Guard], Films]
+
+
+def begin_examination(
+    study: Study,
+    model: JointModel,
+    *,
+    effort: Effort,
+    seed: np.random.SeedSequence,
+    executor: Executor | None = None,
+) -> Examination:
+    """Begin to compare orders beside other work; return what does the rest of `examine`.
+
+    Parameters
+    ----------
+    study, model, effort, seed, executor
+        As of `examine`.
+    """
     of_course, of_orders = seed.spawn(2)
+    orders = later(partial(_orders, model, of_orders), executor)
+    return partial(_examined, study, effort, of_course, orders)
+
+
+def _examined(
+    study: Study,
+    effort: Effort,
+    seed: np.random.SeedSequence,
+    begun: Callable[[], OrderComparison | None],
+    progress: Progress,
+    guard: Guard,
+) -> Films:
     progress.stage("course of degradation")
-    fit = guard.attempt(OptionalStage.COURSE, _course, study, effort=effort, seed=of_course)
+    fit = guard.attempt(OptionalStage.COURSE, _course, study, effort=effort, seed=seed)
     progress.stage("order of the polynomials of the degradation rate")
-    with threadpool_limits(limits=1):
-        orders = guard.attempt(
-            OptionalStage.ORDERS, compare_orders, model, seed=of_orders, executor=executor
-        )
+    orders = guard.attempt(OptionalStage.ORDERS, begun)
     return Films(fit, orders, _stated(study))
+
+
+def _orders(model: JointModel, seed: np.random.SeedSequence) -> OrderComparison | None:
+    # one thread: the same bits in whatever process
+    with threadpool_limits(limits=1):
+        return compare_orders(model, seed=seed)
 
 
 def course_of(study: Study, effort: Effort, seed: np.random.SeedSequence) -> CourseFit | None:

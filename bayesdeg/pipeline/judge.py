@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.causes.cause import Cause
@@ -427,14 +428,14 @@ def judge(
     searching, folding, drawing = seed.spawn(3)
     generator = np.random.default_rng(drawing)
     search = Search(base, catalogue.candidates, _on(base, effort), searching, executor=executor)
-    search.on_fit = partial(progress.advance, 1)
     rupture, confused = _begun(search, generator)
     chosen, alone, final = _searched(search, progress)
+    counting = _begun_counts(final.trial, catalogue, seed, executor)
     beside = _beside(base, rupture, generator, guard)
     held_out, everything = _held_out(search, chosen, folding, progress, guard)
     supported = supports(search, chosen, everything)
     shared = _shared(final, guard)
-    counted, own = _counted(final.trial, catalogue, seed, guard)
+    counted, own = guard.attempt(OptionalStage.RUPTURE_COUNTS, counting) or (None, None)
     decision = _decided((alone, final), supported, (*beside, counted), catalogue, shared, guard)
     names = extension(decision, tuple(supported)) if effort.levels_out else BASE
     judged = candidates(search, supported, everything, generator)
@@ -476,26 +477,32 @@ def count_misfits(
     )
 
 
-def _counted(
-    trial: Trial, catalogue: Catalogue | Assembly, seed: np.random.SeedSequence, guard: Guard
-) -> tuple[Counted | None, CountMisfit | None]:
-    """Return what is made of counts of ruptures with the causes that the readings favour."""
+def _begun_counts(
+    trial: Trial,
+    catalogue: Catalogue | Assembly,
+    seed: np.random.SeedSequence,
+    executor: Executor | None,
+) -> Callable[[], tuple[Counted | None, CountMisfit | None]]:
+    """Begin to judge counts of ruptures with the causes that the readings favour, beside others."""
     generator = np.random.default_rng(seed.spawn(1)[0])
-    work = partial(_judged_counts, trial, catalogue, generator)
-    return guard.attempt(OptionalStage.RUPTURE_COUNTS, work) or (None, None)
+    if not can_be_counted(trial.subject):
+        return lambda: (None, None)
+    work = partial(_judged_counts, trial, catalogue.counts, catalogue.of_counts, generator)
+    return later(work, executor)
 
 
 def _judged_counts(
-    trial: Trial, catalogue: Catalogue | Assembly, generator: np.random.Generator
+    trial: Trial,
+    counts: RuptureCounts | None,
+    causes: tuple[Cause, ...],
+    generator: np.random.Generator,
 ) -> tuple[Counted | None, CountMisfit | None]:
-    model, counts = trial.subject, catalogue.counts
-    if not can_be_counted(model):
-        return None, None
     first, second = generator.spawn(2)
-    own = count_misfits(model, None, trial.draws(first, COUNT_DRAWS), first)[1]
-    if counts is None:
-        return None, own
-    return judge_counts(trial, counts, catalogue.of_counts, second), own
+    # one thread: the same sums in the same order, hence the same bits, in whatever process
+    with threadpool_limits(limits=1):
+        draws = trial.draws(first, COUNT_DRAWS)
+        own = count_misfits(trial.subject, None, draws, first)[1]
+        return None if counts is None else judge_counts(trial, counts, causes, second), own
 
 
 def _with_counted(judged: list[Candidate], counted: Counted | None) -> tuple[Candidate, ...]:
@@ -523,6 +530,7 @@ def _on(base: Trial, effort: SearchEffort) -> SearchEffort:
 
 def _searched(search: Search, progress: Progress) -> tuple[Names, Step, Step]:
     """Return what the data support, and what is known without a cause and with all of that."""
+    search.on_fit = partial(progress.advance, 1)
     progress.stage("misfit, calibrated by simulation")
     alone = search.step(BASE)
     progress.stage("causes, one by one and together")

@@ -21,15 +21,16 @@ from bayesdeg.data.settings import Effort
 from bayesdeg.data.study import Study
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.emulator.trained import default_surrogate, to_bytes
+from bayesdeg.emulator.workers import WorkerProcesses
 from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import EFFORTS
 from bayesdeg.observations.counts import RuptureCounts
 from bayesdeg.pipeline.assemble import Assembly, assemble
 from bayesdeg.pipeline.averaged import averaged
-from bayesdeg.pipeline.calibrate import Fit, base_of, calibrate
+from bayesdeg.pipeline.calibrate import Fit, awake, base_of, calibrate
 from bayesdeg.pipeline.checks import check
 from bayesdeg.pipeline.deformed import Begun, begin
-from bayesdeg.pipeline.films import examine
+from bayesdeg.pipeline.films import Examination, begin_examination
 from bayesdeg.pipeline.judge import (
     COUNT_DRAWS,
     JUDGE_EFFORTS,
@@ -43,7 +44,7 @@ from bayesdeg.pipeline.judge import (
 )
 from bayesdeg.pipeline.progress import Progress
 from bayesdeg.pipeline.record import Results, in_doubt, run_document
-from bayesdeg.pipeline.writing import write_results
+from bayesdeg.pipeline.writing import Files, write_posteriors, write_results
 from bayesdeg.report.checkpoints import Checkpoints
 from bayesdeg.report.folder import POSTERIOR_AVERAGED, RunFolder
 from bayesdeg.report.left_out import Guard, OptionalStage, posterior_stage
@@ -134,6 +135,7 @@ def run_study(
         The content of ``verdict.json``.
     """
     clock, guard = Clock(), guard or Guard()
+    _wake(executor)
     seeds = Streams.of(study.settings.seed)
     with clock.stage("read"):
         assembly = assemble(study, forward)
@@ -162,6 +164,13 @@ def run_study(
     return conclude(
         study, folder, results, clock, progress=progress, executor=executor, guard=guard
     )
+
+
+def _wake(executor: Executor | None) -> None:
+    """Let worker processes start and import while the study is read: that takes a second."""
+    if isinstance(executor, WorkerProcesses):
+        for _ in range(executor.workers):
+            executor.submit(awake)
 
 
 def conclude(
@@ -198,17 +207,23 @@ def conclude(
     VerdictRecord
         The content of ``verdict.json``.
     """
-    seeds = Streams.of(study.settings.seed)
-    pictures = None
+    seeds, files = Streams.of(study.settings.seed), Files(folder, guard)
+    generator = np.random.default_rng(seeds.drawing)
+    pictures = _begun_pictures(study, results, executor, guard) if full else None
+    examined = _begun_examination(study, results, seeds, executor) if full else None
+    progress.stage("posteriors")
+    write_posteriors(study, files, results, generator)
     if full:
-        pictures = _begun_pictures(study, results, executor, guard)
-        results = _examine(
-            study, results, seeds, clock=clock, progress=progress, executor=executor, guard=guard
-        )
+        checked = partial(check, results.final, seed=seeds.checks, executor=executor)
+        with clock.stage("checks"):
+            results = replace(results, checks=checked(progress=progress, guard=guard))
+    if examined is not None:
+        with clock.stage("films"):
+            results = replace(results, films=examined(progress, guard))
     progress.stage("predictions and tables")
     with clock.stage("predict"):
         write = partial(write_results, pictures=pictures, deformed=full)
-        document = write(study, folder, results, np.random.default_rng(seeds.drawing), guard)
+        document = write(study, files, results, generator)
     doubted = guard.attempt(OptionalStage.IN_DOUBT, in_doubt, study, results) or InDoubt()
     record = run_document(study, results, clock.seconds, guard, doubted)
     folder.write(record.model_copy(update={"posteriors": folder.posterior_hashes()}))
@@ -280,6 +295,16 @@ def _begun_pictures(
         return None
     geometry = Geometry(study.settings.dimensions)
     return guard.attempt(OptionalStage.DEFORMED, begin, results.final, geometry, executor)
+
+
+def _begun_examination(
+    study: Study, results: Results, seeds: Streams, executor: Executor | None
+) -> Examination | None:
+    """Begin to ask what the films alone say; None of a study with a forward map of its own."""
+    if results.assembly.own is not None:
+        return None
+    effort, model = EFFORTS[study.settings.effort], results.base.model
+    return begin_examination(study, model, effort=effort, seed=seeds.films, executor=executor)
 
 
 def say_left_out(folder: RunFolder, document: VerdictRecord, guard: Guard) -> VerdictRecord:
@@ -387,35 +412,3 @@ def _final(
 ) -> tuple[Fit, Judgement]:
     final = fit(extended[0], "final", seed=seed, start=extended[1])
     return final, with_sampled_sizes(judgement, final)
-
-
-def _examine(
-    study: Study,
-    results: Results,
-    seeds: Streams,
-    *,
-    clock: Clock,
-    progress: Progress,
-    executor: Executor | None,
-    guard: Guard,
-) -> Results:
-    """Ask what the final calibration rests on, and what the films alone say."""
-    with clock.stage("checks"):
-        checks = check(
-            results.final, seed=seeds.checks, progress=progress, executor=executor, guard=guard
-        )
-    if results.assembly.own is not None:
-        return replace(results, checks=checks)
-    with clock.stage("films"):
-        effort = EFFORTS[study.settings.effort]
-        model = results.base.model
-        films = examine(
-            study,
-            model,
-            effort=effort,
-            seed=seeds.films,
-            progress=progress,
-            executor=executor,
-            guard=guard,
-        )
-    return replace(results, checks=checks, films=films)

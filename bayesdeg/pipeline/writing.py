@@ -541,41 +541,37 @@ type Build = Callable[[TableSources], pd.DataFrame | None]
 
 def write_results(
     study: Study,
-    folder: RunFolder,
+    files: Files,
     results: Results,
     generator: np.random.Generator,
-    guard: Guard | None = None,
     *,
     pictures: Begun | None = None,
     deformed: bool = True,
 ) -> VerdictRecord:
-    """Write posteriors and tables; return the content of ``verdict.json``.
+    """Write tables; return the content of ``verdict.json``.
 
     Parameters
     ----------
     study : Study
         What was run.
-    folder : RunFolder
-        Where the files go.
+    files : Files
+        Those of the run; `write_posteriors` has written the first.
     results : Results
         What was found.
     generator : Generator
         Draws what is predicted.
-    guard : Guard, optional
-        Leaves out what fails; by default nothing is left out and faults are raised.
     pictures : callable, optional
         What waits for the deformed actuators, where they are being solved already.
     deformed : bool
         Whether to solve them at all.
     """
-    guard = guard or Guard(strict=True)
-    files, found = Files(folder, guard), TableSources(study, results, generator, guard)
-    _write_posteriors(files, found)
+    guard, found = files.guard, TableSources(study, results, generator, files.guard)
+    _write_what_checks_say(files, found)
     frames = {name: files.table(name, partial(build, found)) for name, build in BUILDS.items()}
     if found.has_actuators and deformed:
         geometry = Geometry(study.settings.dimensions)
         draw = partial(write_deformed, begun=pictures)
-        guard.attempt(OptionalStage.DEFORMED, draw, folder, results.final, geometry)
+        guard.attempt(OptionalStage.DEFORMED, draw, files.folder, results.final, geometry)
     files.remove_others()
     films = frames[columns.TENSILE]
     note = (
@@ -584,17 +580,30 @@ def write_results(
     return verdict_of(results, found.residual(), note or "", guard)
 
 
-def _write_posteriors(files: Files, found: TableSources) -> None:
-    """Write the draws of every posterior, and what checks and films say of themselves."""
-    results, generator = found.results, found.generator
-    kept = EFFORTS[found.study.settings.effort].kept
+def write_posteriors(
+    study: Study, files: Files, results: Results, generator: np.random.Generator
+) -> None:
+    """Write the draws of both calibrations.
+
+    Parameters
+    ----------
+    study, files, results, generator
+        As of `write_results`, to which the generator goes next.
+    """
+    kept = EFFORTS[study.settings.effort].kept
     for name, fit in ((POSTERIOR_BASE, results.base), (POSTERIOR, results.final)):
         files.posterior(name, fit, generator, kept=kept)
+
+
+def _write_what_checks_say(files: Files, found: TableSources) -> None:
+    """Write what checks and films say of themselves, with the draws of the course."""
+    results, generator = found.results, found.generator
     of_checks = {} if results.checks is None else results.checks.tables()
     of_films = {} if results.films is None else results.films.tables(generator)
     for name, compute in (of_checks | of_films).items():
         files.table(name, compute)
     if results.course is not None:
+        kept = EFFORTS[found.study.settings.effort].kept
         files.posterior(POSTERIOR_COURSE, results.course, generator, kept=kept)
     if results.averaged is not None:
         files.tree(POSTERIOR_AVERAGED, results.averaged.tree)

@@ -22,6 +22,7 @@ LARGE_ERROR = 10.0  # from which a standard error needs no decimals
 
 _PROPER = {
     "c1": "C1",
+    "cauchy_stress": "Cauchy stress",
     "c2": "C2",
     "c3": "C3",
     "young_modulus": "Young's modulus",

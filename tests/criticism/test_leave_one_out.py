@@ -210,12 +210,16 @@ def test_torn_films_are_predicted_as_by_quadrature():
     assert found.error.max() < 0.1
 
 
-def test_refits_of_torn_films_are_those_of_quadrature():
+@pytest.mark.parametrize("reached", [False, True])
+def test_refits_of_torn_films_are_those_of_quadrature(reached):
     torn = Torn()
     draws = torn.chain(8000, np.random.default_rng(2)).vectors.reshape(8000, -1)
     for row, name in enumerate(torn.model.breaks.specimens):
         refit = predict_left_out(
-            torn.model, name, draws, np.zeros(8000), effective=8000.0, seed=SEED
+            *(torn.model, name, draws, np.zeros(8000)),
+            effective=8000.0,
+            reached=reached,
+            seed=SEED,
         )
         assert refit.log_density == pytest.approx(torn.left_out(row), abs=4.0 * refit.error)
         assert refit.error < 0.1
@@ -235,15 +239,22 @@ def whole_chain():
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("reached", [False, True])
 @pytest.mark.parametrize("specimen", ["f2", "a4"])
-def test_specimens_left_out_are_predicted_as_by_brute_force(specimen, whole_chain):
+def test_specimens_left_out_are_predicted_as_by_brute_force(specimen, reached, whole_chain):
     """emcee on the other specimens' posterior, and the mean density of this one over it."""
     model = small_model()
     found = leave_one_out(model, whole_chain, seed=SEED)
     row = found.specimens.index(specimen)
     flat = whole_chain.thinned(1000).vectors.reshape(-1, len(model.table))
     refit = predict_left_out(
-        model, specimen, flat, np.zeros(len(flat)), effective=1000.0, seed=SEED
+        model,
+        specimen,
+        flat,
+        np.zeros(len(flat)),
+        effective=1000.0,
+        reached=reached,
+        seed=SEED,
     )
     testing = without(model, [name for name in found.specimens if name != specimen])
     chain = chain_of(without(model, [specimen]), 3)

@@ -35,19 +35,24 @@ from bayesdeg.criticism.decide.candidates import Candidate, effect_sizes
 from bayesdeg.criticism.decide.support import Support
 from bayesdeg.criticism.fit.linear import with_prior_moments
 from bayesdeg.criticism.fit.search import naming_threshold
-from bayesdeg.criticism.fit.trials import WANTED, Trial, in_extended
+from bayesdeg.criticism.fit.trials import WANTED, Trial, with_sizes
 from bayesdeg.criticism.subject import columns_of
 from bayesdeg.data.settings import RUPTURE_CRITERIA
 from bayesdeg.inference.importance import about_mode
 from bayesdeg.inference.laplace import Evidence, approximate, weighted
-from bayesdeg.inference.model import JointModel
-from bayesdeg.observations.counts import Chances, RuptureCounts
+from bayesdeg.inference.model import AT_ONCE, JointModel
+from bayesdeg.observations.counts import Chances, RuptureCounts, chances_of
+from bayesdeg.observations.kinds import State
+from bayesdeg.observations.rupture import Rupture
+from bayesdeg.observations.specimens import FilmsAndActuators
 from bayesdeg.priors import Parameter, TruncatedNormal
 
 Floats = NDArray[np.float64]
 
 DRAWS = 3000
 """Of the posterior without the counts."""
+OTHERS_DRAWS = 1000
+"""Of them, for p-values by other criteria of rupture: simulated counts leave the larger error."""
 CHANCE_SETS = 400
 """Counts simulated without an effect, for the factor that chance gives in 5 % of them."""
 
@@ -182,7 +187,7 @@ def judge_counts(
         return Counted(misfit)
     others = [cause for cause in (*causes, COMMON_FACTOR) if cause.name not in parent.names]
     base = CountLaw.of(counts.tests, chances)
-    laws = [_Extended.of(parent, counts, cause, known, generator) for cause in others]
+    laws = _all_extended(parent, counts, others, known, generator)
     sets = base.simulated(generator, CHANCE_SETS)
     gained = np.stack([one.log_probability(sets) - base.log_probability(sets) for one in laws])
     chance: Floats = gained.max(axis=0)
@@ -192,7 +197,7 @@ def judge_counts(
     tried = tuple(_with_rivals(one, found) for one in best_first)
     told = _candidates(tried, generator)
     told.pop(COMMON_FACTOR.name)
-    others_say = _by_other_criteria(parent.subject, counts, known, generator)
+    others_say = _by_other_criteria(parent.subject, counts, known[:OTHERS_DRAWS], generator)
     return Counted(misfit, tried, naming_threshold(chance), told, others_say)
 
 
@@ -226,6 +231,73 @@ def _evidence_of_counts(
     return max(found.log_evidence - parent.log_evidence, drawn)
 
 
+class _Found(NamedTuple):
+    """What a cause makes of the log likelihood of draws, (n,), and of the chances of ruptures."""
+
+    own: Floats
+    chances: Chances
+
+
+def _all_extended(
+    parent: Trial,
+    counts: RuptureCounts,
+    causes: Sequence[Cause],
+    known: Floats,
+    generator: np.random.Generator,
+) -> list["_Extended"]:
+    """Give draws of a model sizes of each cause in turn, from its prior."""
+    subjects = [parent.subject.extended(cause) for cause in causes]
+    points = [with_sizes(parent.subject, cause, known, generator) for cause in causes]
+    parts = [
+        _answers(parent.subject, counts, subjects, [known[rows], *(one[rows] for one in points)])
+        for rows in (slice(k, k + AT_ONCE) for k in range(0, len(known), AT_ONCE))
+    ]
+    found = [_together(one) for one in zip(*parts, strict=True)]
+    return [
+        _Extended.of(cause, subject, counts, of_it, answers)
+        for cause, subject, of_it, answers in zip(causes, subjects, points, found, strict=True)
+    ]
+
+
+def _answers(
+    parent: JointModel,
+    counts: RuptureCounts,
+    subjects: Sequence[JointModel],
+    points: Sequence[Floats],
+) -> list[_Found]:
+    """Ask models that differ in causes of rupture alone: the forward map is asked once for all."""
+    first, *values = (
+        model.table.named(rows) for model, rows in zip((parent, *subjects), points, strict=True)
+    )
+    with np.errstate(all="ignore"):
+        state, tests = parent.state(first), parent.tests(first)
+        without = _of_ruptures(parent, state)
+        found = []
+        for subject, named in zip(subjects, values, strict=True):
+            own = _of_ruptures(subject, state.with_causes(subject.causes, named)) - without
+            chances = chances_of(tests.with_causes(subject.causes, named), counts.tests)
+            found.append(_Found(own, chances))
+    return found
+
+
+def _of_ruptures(model: JointModel, state: State[FilmsAndActuators]) -> Floats:
+    """Return the log likelihood of the study's own ruptures, all that such causes act on, (n,)."""
+    parts = [one.log_likelihood(state).sum(axis=1) for one in model.of_kind(Rupture)]
+    return np.sum(parts, axis=0) if parts else np.zeros(len(state))
+
+
+def _together(parts: Sequence[_Found]) -> _Found:
+    own, chances = zip(*parts, strict=True)
+    return _Found(np.concatenate(own), Chances(*map(np.concatenate, zip(*chances, strict=True))))
+
+
+def _chances_of_repeated(model: JointModel, counts: RuptureCounts, drawn: Floats) -> Chances:
+    """Return the chances at draws of which many are equal, with an answer at all levels."""
+    different, place = np.unique(drawn, axis=0, return_inverse=True)
+    chances = chances_at(model, counts, different)
+    return answered(Chances(*(part[place] for part in chances)))
+
+
 @dataclass(frozen=True)
 class _Extended:
     """A model with a cause and the counts, by weighted draws."""
@@ -239,16 +311,10 @@ class _Extended:
 
     @classmethod
     def of(
-        cls,
-        parent: Trial,
-        counts: RuptureCounts,
-        cause: Cause,
-        known: Floats,
-        generator: np.random.Generator,
+        cls, cause: Cause, subject: JointModel, counts: RuptureCounts, points: Floats, found: _Found
     ) -> "_Extended":
-        subject = parent.subject.extended(cause)
-        points, own = in_extended(parent, cause, known, generator)
-        chances = chances_at(subject, counts, points)
+        """Weight the draws for which model and forward map have an answer."""
+        own, chances = found
         kept = np.isfinite(own) & np.all(np.isfinite(chances.whole), axis=1)
         points, own = points[kept], own[kept]
         law = CountLaw.of(counts.tests, Chances(*(part[kept] for part in chances)))
@@ -272,7 +338,7 @@ class _Extended:
         trial = self._trial(parent, without, generator)
         factor = trial.log_evidence - parent.log_evidence
         drawn = trial.draws(generator, DRAWS)
-        chances = answered(chances_at(self.subject, self.counts, drawn))
+        chances = _chances_of_repeated(self.subject, self.counts, drawn)
         left = judged_counts(self.counts.tests, chances, generator, PUBLISHED)
         gain, error = _held_out(self, base)
         support = Support(

@@ -200,36 +200,38 @@ def from_prior(
     Evidence
         Its log evidence is the log Bayes factor against the parent.
     """
-    return weighted(*in_extended(parent, cause, parent.draws(generator, draws), generator))
+    known = parent.draws(generator, draws)
+    points = with_sizes(parent.subject, cause, known, generator)
+    subject = parent.subject.extended(cause)
+    own = subject.table.log_prior(points) - parent.subject.table.log_prior(known)
+    return weighted(points, subject.log_prob(points) - parent.subject.log_prob(known) - own)
 
 
-def in_extended(
-    parent: Trial, cause: Cause, known: Floats, generator: np.random.Generator
-) -> tuple[Floats, Floats]:
+def with_sizes(
+    subject: JointModel, cause: Cause, known: Floats, generator: np.random.Generator
+) -> Floats:
     """Give draws of a model sizes of one more cause from its prior.
 
     Parameters
     ----------
-    parent : Trial
+    subject : JointModel
         Without the cause.
     cause : Cause
         What is added.
     known : array, shape (n, n_parameters)
-        Draws from the parent's posterior.
+        Draws from the posterior without it.
     generator : Generator
         Draws the sizes.
 
     Returns
     -------
-    tuple of array
-        Vectors of the extended model, and ln of what the cause makes of the likelihood, (n,).
+    array
+        Vectors of the extended model.
     """
-    subject = parent.subject.extended(cause)
-    base = dict(zip(parent.subject.table.names, known.T, strict=True))
+    base = dict(zip(subject.table.names, known.T, strict=True))
     prior = {
         cause.qualified(p.name): p.law.to_unconstrained(p.law.sample(generator, len(known)))
         for p in cause.parameters
     }
-    points = np.stack([(base | prior)[name] for name in subject.table.names], axis=1)
-    own = subject.table.log_prior(points) - parent.subject.table.log_prior(known)
-    return points, subject.log_prob(points) - parent.subject.log_prob(known) - own
+    names = subject.extended(cause).table.names
+    return np.stack([(base | prior)[name] for name in names], axis=1)
