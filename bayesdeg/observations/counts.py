@@ -13,7 +13,7 @@ doi:10.3389/frobt.2021.760485, leave a material three times as soft as its films
 against the model (`bayesdeg.criticism.checks.count_misfit`) and join it with a cause of ruptures.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar, NamedTuple, override
 
@@ -99,31 +99,6 @@ def log_count(ruptured: Floats, tested: Floats, chances: Chances) -> Floats:
     return found
 
 
-def rupture_log_density(
-    ruptured: Floats, tested: Floats, peak_stretch: Floats, *, limit: Floats, scatter: Floats
-) -> Floats:
-    """Return the log probability that so many of the tested specimens burst, (n, n_levels).
-
-    Parameters
-    ----------
-    ruptured, tested : array, shape (n_levels,)
-        Counts.
-    peak_stretch, limit, scatter : array
-        As of `rupture_chances`.
-
-    Examples
-    --------
-    Every specimen at its limit: 2 of 3 have probability 3/8.
-
-    >>> density = rupture_log_density(np.array([2.0]), np.array([3.0]), np.full((1, 1, 7), 1.5),
-    ...                               limit=np.array([[1.5]]), scatter=np.array([[0.1]]))
-    >>> round(float(np.exp(density[0, 0])), 6)
-    0.375
-    """
-    chances = rupture_chances(peak_stretch, limit=limit, scatter=scatter)
-    return log_count(ruptured, tested, chances)
-
-
 @dataclass(frozen=True)
 class CountedTests:
     """Actuators of which is known how many burst, level by level.
@@ -173,23 +148,42 @@ def counted_by_level(curves: ActuatorCurves) -> CountedTests:
     )
 
 
-def stretch_demanded(state: State[FilmsAndActuators], tests: CountedTests) -> Floats:
-    """Return the peak stretch at the largest pressure over stiffnesses, (n, n_levels, 7).
+class Demand(NamedTuple):
+    """What the largest pressure demands of the actuators of each level.
 
-    nan where the forward map has no answer.
+    Parameters
+    ----------
+    stretch : array, shape (n, n_levels, 7)
+        Peak stretch over the nodes of stiffness [–]; nan where the forward map has no answer.
+    excess : array, shape (n, n_levels)
+        How far outside its range the forward map was asked for the mean specimen, where it goes on
+        there: the likelihood falls with its square; else 0.
     """
+
+    stretch: Floats
+    excess: Floats
+
+
+def demand_of(state: State[FilmsAndActuators], tests: CountedTests) -> Demand:
+    """Return what the largest pressure demands of the actuators of each level."""
     spread = state.once(parts_of, tests).spread
     deviation = np.sqrt(spread)[..., None] * STIFFNESS_NODES
     prediction = state.world.answer(inputs_met(state, tests, deviation))
-    return np.where(prediction.status == 0, prediction.peak_stretch, np.nan)
+    answered = prediction.status == 0
+    stretch = np.where(answered, prediction.peak_stretch, np.nan)
+    mean = answered[..., len(STIFFNESS_NODES) // 2]
+    if prediction.excess is None:
+        return Demand(stretch, np.zeros(mean.shape))
+    excess = np.broadcast_to(prediction.excess, stretch.shape)[..., len(STIFFNESS_NODES) // 2]
+    whole = np.where(mean[..., None], stretch, prediction.peak_stretch)
+    return Demand(whole, np.where(mean, 0.0, excess))
 
 
 def chances_of(state: State[FilmsAndActuators], tests: CountedTests) -> Chances:
     """Return the log probabilities that an actuator of each level bursts or not."""
     strength: Strength = strength_of(state, tests)
-    return rupture_chances(
-        state.once(stretch_demanded, tests), limit=1.0 + strength.median, scatter=strength.scatter
-    )
+    demand = state.once(demand_of, tests)
+    return rupture_chances(demand.stretch, limit=1.0 + strength.median, scatter=strength.scatter)
 
 
 @dataclass(frozen=True)
@@ -220,17 +214,20 @@ class RuptureCounts(Observations):
 
     @override
     def log_likelihood(self, state: State[FilmsAndActuators]) -> Floats:
-        return log_count(self.tests.ruptured, self.tests.tested, chances_of(state, self.tests))
+        excess = state.once(demand_of, self.tests).excess
+        found: Floats = self._log_count(state) - 0.5 * excess**2
+        return found
 
     @override
     def factors(self, state: State[FilmsAndActuators]) -> Parts:
-        log_probability = self.log_likelihood(state)
-        return Parts(events=((log_probability, event_signal(log_probability)),))
+        log_probability = self._log_count(state)
+        excess = state.once(demand_of, self.tests).excess
+        events = (log_probability, event_signal(log_probability)), (-0.5 * excess**2, excess)
+        return Parts(events=events)
+
+    def _log_count(self, state: State[FilmsAndActuators]) -> Floats:
+        return log_count(self.tests.ruptured, self.tests.tested, chances_of(state, self.tests))
 
     @override
     def subset(self, rows: Rows) -> "RuptureCounts":
         return RuptureCounts(chosen(self.tests, rows))
-
-    def with_counts(self, ruptured: Floats) -> "RuptureCounts":
-        """Return the same tests with other counts, (n_levels,)."""
-        return RuptureCounts(replace(self.tests, ruptured=ruptured))

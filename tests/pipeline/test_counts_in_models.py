@@ -3,10 +3,12 @@
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from bayesdeg.data.study import read_study
-from bayesdeg.observations.counts import RuptureCounts
+from bayesdeg.observations.counts import RuptureCounts, demand_of
+from bayesdeg.observations.kinds import State
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.experiment import ModelledExperiment
 
@@ -64,3 +66,22 @@ def test_causes_that_counts_may_show_need_no_columns(experiment):
     names = [cause.name for cause in experiment.assembly.of_counts]
     assert names == ["dry_embrittlement", "flaw_embrittlement"]
     assert "dry_embrittlement" in experiment.assembly.unjudged
+
+
+def test_where_actuators_balloon_before_the_counted_pressure_the_density_leads_back(experiment):
+    """The sensor reads far too little: fresh actuators are beyond what the emulator answers."""
+    density = with_causes(experiment, "pressure_offset", "flaw_embrittlement")
+    values = {p.name: np.array(p.law.quantile(np.array([0.5]))) for p in density.table.parameters}
+    steps = np.array([-20.0, -60.0, -70.0, -80.0])
+    far = {name: np.repeat(v, len(steps)) for name, v in values.items()}
+    far |= {"pressure_offset.offset": steps}
+    state = density.state(far)
+    [counts] = density.of_kind(RuptureCounts)
+    excess = demand_of(state, counts.tests).excess.max(axis=1)
+    assert excess[0] == 0.0
+    assert np.all(np.diff(excess) > 0.0)
+    assert np.all(np.isfinite(counts.log_likelihood(state)))
+    # where there is an answer both worlds agree
+    plain = State({n: v[:1] for n, v in far.items()}, density.world, density.causes)
+    inside = counts.log_likelihood(state)[:1]
+    np.testing.assert_allclose(counts.log_likelihood(plain), inside, rtol=1e-12)
