@@ -211,7 +211,9 @@ def read_stored(
         )
     folder = RunFolder(path)
     run, verdict = folder.read_run(), folder.read_verdict()
-    members = () if base or run.model is None else run.model.averaged
+    # a run may have had to leave the average out
+    has_average = not base and (path / f"{POSTERIOR_AVERAGED}.nc").exists()
+    members = run.model.averaged if has_average and run.model is not None else ()
     tree = folder.read_posterior(
         POSTERIOR_BASE if base else POSTERIOR_AVERAGED if members else POSTERIOR
     )

@@ -24,7 +24,7 @@ from bayesdeg.pipeline import writing as deciding
 from bayesdeg.prediction import prior_predictive
 from bayesdeg.report import drawing
 from bayesdeg.report import tables as columns
-from bayesdeg.report.folder import LEFT_OUT, POSTERIORS, RunFolder
+from bayesdeg.report.folder import LEFT_OUT, POSTERIOR_AVERAGED, POSTERIORS, RunFolder
 from bayesdeg.report.left_out import (
     STRICT,
     Guard,
@@ -92,7 +92,10 @@ FIGURES = {figure_stage(name): name for name in DRAWN}
 # what can only be said, not raised: see the tests of too few simulated data sets
 SAID = {OptionalStage.CALIBRATION}
 # of a study of films alone, and of readings of other kinds
-ELSEWHERE = {table_stage(columns.GAIN_MODES), table_stage(columns.FITTED)}
+ELSEWHERE = {
+    *(table_stage(columns.GAIN_MODES), table_stage(columns.FITTED)),
+    posterior_stage(POSTERIOR_AVERAGED),  # where causes cannot be told apart
+}
 STAGES = sorted({*OptionalStage, *WRITTEN, *FIGURES} - SAID - ELSEWHERE)
 
 # what goes with a stage

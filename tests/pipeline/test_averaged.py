@@ -1,0 +1,195 @@
+"""Predictions averaged over causes that cannot be told apart: draws, folder, commands."""
+
+import json
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from bayesdeg.causes.catalogue import find
+from bayesdeg.cli import INPUT_FAULT, exit_code
+from bayesdeg.criticism.decide.support import Support
+from bayesdeg.data.study import read_study
+from bayesdeg.pipeline.assemble import assemble
+from bayesdeg.pipeline.averaged import DRAWS, Averaged, averaged
+from bayesdeg.pipeline.forecast import AVERAGE, MODEL, read_stored
+from bayesdeg.prediction.predictive import draw_values
+from bayesdeg.report.folder import POSTERIOR_AVERAGED, RunFolder
+from tests.pipeline.planted_offset import emulator, planted_study
+from tests.pipeline.small_run import chain_of, write_run
+
+GAP = 1.1  # nats by which the rival is behind
+LEADING, RIVAL = "pressure_offset", "pressure_loss"
+
+
+def trial_of(model, seed):
+    """What `averaged` needs of a fitted set of causes."""
+    vectors = chain_of(model, seed).vectors
+    flat = vectors.reshape(-1, vectors.shape[-1])
+
+    def draws(generator, count):
+        return flat[generator.integers(len(flat), size=count)]
+
+    return SimpleNamespace(subject=model, draws=draws)
+
+
+def judgement_of(base, *, gap=GAP, sampled=True):
+    """A verdict in which the leading cause has one rival, or none if it is far behind."""
+    sets = {frozenset({name}): trial_of(base.extended(find(name)), 3) for name in (LEADING, RIVAL)}
+    factors = {frozenset({LEADING}): 40.0, frozenset({RIVAL}): 40.0 - gap}
+    return SimpleNamespace(
+        supported=(Support(LEADING, 40.0, 9.0, 2.0, {RIVAL: gap}, 0.5),),
+        chosen=frozenset({LEADING}),
+        predicted_with=(LEADING,),
+        search=SimpleNamespace(trials=sets, factor=factors.__getitem__),
+        counted=None,
+        of_counts=None,
+        counts_fitted=True,
+        sampled=sampled,
+    )
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """A finished run, its base model and emulator file."""
+    folder = tmp_path_factory.mktemp("averaged")
+    (folder / "study").mkdir()
+    path, file = write_run(folder / "run", planted_study(folder / "study"), course=True)
+    stored = read_stored(path, emulator=file)
+    return path, file, stored
+
+
+@pytest.fixture(scope="module")
+def final(run):
+    """The calibration with the leading cause, with its priors."""
+    assembly = assemble(read_study(run[0].parent / "study"), emulator())
+    model = assembly.model.extended(find(LEADING))
+    return assembly.model, SimpleNamespace(model=model, chain=chain_of(model, 1))
+
+
+@pytest.fixture(scope="module")
+def found(final) -> Averaged:
+    base, fit = final
+    return averaged(judgement_of(base), fit, np.random.default_rng(2))
+
+
+def test_probabilities_are_those_of_the_evidence(found):
+    assert [m.causes for m in found.members] == [(LEADING,), (RIVAL,)]
+    weights = np.exp([0.0, -GAP])
+    np.testing.assert_allclose([m.probability for m in found.members], weights / weights.sum())
+    share = np.mean(found.number == 0)
+    p = found.members[0].probability
+    assert share == pytest.approx(p, abs=4.0 * np.sqrt(p * (1.0 - p) / DRAWS))
+
+
+def test_each_draw_has_one_cause_and_predicts_as_the_model_with_it_alone(found, final):
+    base, _ = final
+    values = found.model.table.named(found.vectors)
+    neutral = {name: find(name).parameters[0].neutral for name in (LEADING, RIVAL)}
+    for k, (own, other) in enumerate(((LEADING, RIVAL), (RIVAL, LEADING))):
+        some = {name: v[found.number == k][:20] for name, v in values.items()}
+        size = find(other).parameters[0].name
+        assert np.all(some[f"{other}.{size}"] == neutral[other])
+        alone = base.extended(find(own))
+        known = {name: some[name] for name in alone.table.names}
+        np.testing.assert_array_equal(
+            found.model.curvature(some).curvature, alone.curvature(known).curvature
+        )
+
+
+def test_nothing_is_averaged_where_one_set_is_left(final):
+    base, fit = final
+    generator = np.random.default_rng(0)
+    assert averaged(judgement_of(base, gap=9.0), fit, generator) is None
+    assert averaged(judgement_of(base, sampled=False), fit, generator) is None
+
+
+@pytest.fixture(scope="module")
+def ambiguous(run, found):
+    """The run folder with draws over both causes."""
+    path, file, _ = run
+    folder = RunFolder(path)
+    folder.write_posterior(POSTERIOR_AVERAGED, found.tree())
+    record = folder.read_run()
+    entries = [{"causes": m.causes, "probability": m.probability} for m in found.members]
+    document = json.loads((path / "run.json").read_text(encoding="utf-8"))
+    document["model"]["averaged"] = entries
+    document["posteriors"] = folder.posterior_hashes()
+    (path / "run.json").write_text(json.dumps(document), encoding="utf-8")
+    assert record.model.averaged == ()
+    return path, file
+
+
+def test_a_run_folder_predicts_with_the_average_and_with_each(ambiguous, found):
+    path, file = ambiguous
+    stored = read_stored(path, emulator=file)
+    assert stored.name == f"base+{LEADING} or base+{RIVAL}"
+    assert stored.chain.log_prob.size == DRAWS
+    assert [one.name for one in stored.each] == [f"base+{LEADING}", f"base+{RIVAL}"]
+    for k, one in enumerate(stored.each):
+        assert one.chain.log_prob.size == np.sum(found.number == k)
+        other = (RIVAL, LEADING)[k]
+        drawn = draw_values(one.model, one.chain, np.random.default_rng(0), 50)
+        assert np.all(drawn[f"{other}.{find(other).parameters[0].name}"] == 0.0)
+    assert read_stored(path, base=True, emulator=file).each == ()
+
+
+@pytest.fixture
+def bayesdeg(monkeypatch, capsys):
+    def run(*arguments):
+        monkeypatch.setattr("sys.argv", ["bayesdeg", *map(str, arguments)])
+        code = exit_code()
+        printed = capsys.readouterr()
+        return code, printed.out, printed.err
+
+    return run
+
+
+def test_predict_shows_the_average_and_the_band_of_each(ambiguous, bayesdeg, tmp_path):
+    path, file = ambiguous
+    place = ("--pressure", "60,100", "--degradation", "0,25", "--emulator", file)
+    code, out, said = bayesdeg("predict", path, *place, "--out", tmp_path / "bands.csv")
+    assert code == 0
+    assert "averaged over" in said
+    assert "75 %" in said
+    assert "25 %" in said
+    table = pd.read_csv(tmp_path / "bands.csv")
+    assert table[MODEL].unique().tolist() == [AVERAGE, f"base+{LEADING}", f"base+{RIVAL}"]
+    widths = table["q95"] - table["q05"]
+    median = {name: rows["q50"].to_numpy() for name, rows in table.groupby(MODEL)}
+    ends = np.sort([median[f"base+{name}"] for name in (LEADING, RIVAL)], axis=0)
+    slack = 0.1 * widths[table[MODEL] == AVERAGE].to_numpy()
+    assert np.all(median[AVERAGE] > ends[0] - slack)
+    assert np.all(median[AVERAGE] < ends[1] + slack)
+    assert out.count("verdict: named") == 3
+
+
+def test_one_cause_can_be_asked_for(ambiguous, bayesdeg):
+    path, file = ambiguous
+    place = ("--pressure", "100", "--degradation", "25", "--emulator", file, "--json")
+    code, out, _ = bayesdeg("predict", path, *place, "--cause", RIVAL)
+    answer = json.loads(out)
+    assert code == 0
+    assert answer["model"] == f"base+{RIVAL}"
+    assert len(answer["rows"]) == 1
+    code, _, said = bayesdeg("predict", path, *place, "--cause", "creep")
+    assert code == INPUT_FAULT
+    assert LEADING in said
+    assert RIVAL in said
+    code, _, said = bayesdeg("predict", path, *place, "--cause", RIVAL, "--base")
+    assert code == INPUT_FAULT
+
+
+@pytest.mark.parametrize("command", ["control", "lifetime"])
+def test_the_other_commands_average_too(ambiguous, bayesdeg, command):
+    path, file = ambiguous
+    asked = {
+        "control": ("--curvature", "5", "--degradation", "0"),
+        "lifetime": ("--curvature", "1", "--pressure", "80", "--hours", "0:12:6"),
+    }[command]
+    code, out, said = bayesdeg(command, path, *asked, "--emulator", file, "--json")
+    assert code == 0, said
+    answer = json.loads(out)
+    assert answer["model"] == f"base+{LEADING} or base+{RIVAL}"
+    assert any("averaged over" in one for one in answer["messages"])
