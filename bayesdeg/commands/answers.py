@@ -498,22 +498,7 @@ def levels_of(
     )
 
 
-def refuse_conditions(conditions: ServiceConditions) -> None:
-    """Refuse conditions of actuators where a forward map of one's own is asked.
-
-    Raises
-    ------
-    typer.BadParameter
-        Naming them.
-    """
-    if conditions != PROMPT:
-        raise typer.BadParameter(
-            f"{', '.join(conditions.changed)} is of actuators, and has no meaning in a study with "
-            "a forward map of its own"
-        )
-
-
-def refuse_others(**given: object) -> None:
+def refuse_others(conditions: ServiceConditions, **given: object) -> None:
     """Refuse options of actuators where a forward map of one's own is asked.
 
     Raises
@@ -521,6 +506,11 @@ def refuse_others(**given: object) -> None:
     typer.BadParameter
         Naming the option.
     """
+    if conditions != PROMPT:
+        raise typer.BadParameter(
+            f"{', '.join(conditions.changed)} is of actuators, and has no meaning in a study with "
+            "a forward map of its own"
+        )
     for name, value in given.items():
         if value:
             raise typer.BadParameter(

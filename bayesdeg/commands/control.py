@@ -1,5 +1,6 @@
 """``bayesdeg control``: the pressure for a wanted curvature, from a stored posterior."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -34,7 +35,6 @@ from bayesdeg.commands.answers import (
     needed,
     numbers,
     output,
-    refuse_conditions,
     refuse_others,
     refuse_risk,
     refuse_too_many,
@@ -49,6 +49,7 @@ from bayesdeg.pipeline.output import output_file
 from bayesdeg.pipeline.own_forecast import is_own, read_own
 from bayesdeg.prediction.conditions import PROMPT, ServiceConditions
 from bayesdeg.prediction.control import Setting
+from bayesdeg.prediction.soil import Level
 from bayesdeg.report.wording import chance, interval
 
 Floats = NDArray[np.float64]
@@ -135,13 +136,13 @@ def control(
     """
     conditions = ServiceConditions(hold_s, cycle, branch, humidity, mount, degradation_sd)
     if is_own(report):
-        refuse_conditions(conditions)
-        refuse_others(curvature=curvature, degradation=degradation, hours=hours)
+        others = {"curvature": curvature, "degradation": degradation, "hours": hours}
+        refuse_others(conditions, **others, cause=cause)
         _of_own(report, reading or [], x or [], base=base, seed=seed, out=out, as_json=as_json)
         return
     curvature = needed(curvature, "--curvature", x=x, reading=reading)
-    wanted, levels = _asked(curvature, risk), levels_of(report, degradation, hours, seed)
-    refuse_too_many(wanted, levels, most=MOST_SETTINGS)
+    levels = levels_of(report, degradation, hours, seed)
+    wanted = _asked(curvature, risk, levels)
     out = None if out is None else output_file(out)
     stored = stored_run(report, cause, base=base, emulator=emulator)
     with shown(quiet or as_json) as progress:
@@ -153,18 +154,19 @@ def control(
             conditions=conditions,
             experience=None if beyond else stored.experience,
         )
+    said = forecast.said_of_settings(stored, levels, found, conditions, beyond=beyond)
     table = forecast.settings_table(found)
-    messages = forecast.said_of_settings(stored, levels, found, conditions, beyond=beyond)
-    if not delivered(stored, table, messages, UNITS, out=out, quiet=quiet, as_json=as_json):
+    if not delivered(stored, table, said, UNITS, out=out, quiet=quiet, as_json=as_json):
         _show(stored, found)
 
 
-def _asked(curvature: list[str], risk: float) -> Floats:
+def _asked(curvature: list[str], risk: float, levels: Sequence[Level]) -> Floats:
     """Return wanted curvatures [1/m]."""
     wanted = numbers(curvature, "--curvature", "1/m", low=0.0, high=float("inf"))
     if wanted[0] == 0.0:
         raise typer.BadParameter("--curvature 0 needs no pressure; give a curvature above 0")
     refuse_risk(risk)
+    refuse_too_many(wanted, levels, most=MOST_SETTINGS)
     return wanted
 
 

@@ -33,7 +33,6 @@ from bayesdeg.commands.answers import (
     needed,
     numbers,
     output,
-    refuse_conditions,
     refuse_others,
     refuse_too_many,
     seed_of,
@@ -101,8 +100,8 @@ def predict(
     """
     conditions = ServiceConditions(hold_s, cycle, branch, humidity, mount, degradation_sd)
     if is_own(report):
-        refuse_conditions(conditions)
-        refuse_others(pressure=pressure, degradation=degradation, hours=hours)
+        others = {"pressure": pressure, "degradation": degradation, "hours": hours}
+        refuse_others(conditions, **others, cause=cause)
         _of_own(report, x or [], base=base, seed=seed, out=out, as_json=as_json)
         return
     pressures = numbers(

@@ -19,6 +19,7 @@ from bayesdeg.report.folder import POSTERIOR_AVERAGED, RunFolder
 from tests.pipeline.planted_offset import emulator, planted_study
 from tests.pipeline.small_run import chain_of, write_run
 
+BOTH = " or ".join(("base+pressure_offset", "base+pressure_loss"))
 GAP = 1.1  # nats by which the rival is behind
 LEADING, RIVAL = "pressure_offset", "pressure_loss"
 
@@ -124,7 +125,7 @@ def ambiguous(run, found):
 def test_a_run_folder_predicts_with_the_average_and_with_each(ambiguous, found):
     path, file = ambiguous
     stored = read_stored(path, emulator=file)
-    assert stored.name == f"base+{LEADING} or base+{RIVAL}"
+    assert stored.name == BOTH
     assert stored.chain.log_prob.size == DRAWS
     assert [one.name for one in stored.each] == [f"base+{LEADING}", f"base+{RIVAL}"]
     for k, one in enumerate(stored.each):
@@ -191,5 +192,5 @@ def test_the_other_commands_average_too(ambiguous, bayesdeg, command):
     code, out, said = bayesdeg(command, path, *asked, "--emulator", file, "--json")
     assert code == 0, said
     answer = json.loads(out)
-    assert answer["model"] == f"base+{LEADING} or base+{RIVAL}"
+    assert answer["model"] == BOTH
     assert any("averaged over" in one for one in answer["messages"])
