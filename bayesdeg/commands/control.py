@@ -140,9 +140,8 @@ def control(
         refuse_others(conditions, **others, cause=cause)
         _of_own(report, reading or [], x or [], base=base, seed=seed, out=out, as_json=as_json)
         return
-    curvature = needed(curvature, "--curvature", x=x, reading=reading)
     levels = levels_of(report, degradation, hours, seed)
-    wanted = _asked(curvature, risk, levels)
+    wanted = _asked(needed(curvature, "--curvature", x=x, reading=reading), risk, levels)
     out = None if out is None else output_file(out)
     stored = stored_run(report, cause, base=base, emulator=emulator)
     with shown(quiet or as_json) as progress:
