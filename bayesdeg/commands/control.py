@@ -144,15 +144,14 @@ def control(
     wanted = _asked(needed(curvature, "--curvature", x=x, reading=reading), risk, levels)
     out = None if out is None else output_file(out)
     stored = stored_run(report, cause, base=base, emulator=emulator)
-    with shown(quiet or as_json) as progress:
-        found = forecast.settings(
-            *(stored, levels, wanted),
-            risk=risk,
-            seed=seed_of(stored, seed),
-            progress=progress,
-            conditions=conditions,
-            experience=None if beyond else stored.experience,
-        )
+    found = _settings(
+        *(stored, levels, wanted),
+        risk=risk,
+        beyond=beyond,
+        seed=seed_of(stored, seed),
+        conditions=conditions,
+        quiet=quiet or as_json,
+    )
     said = forecast.said_of_settings(stored, levels, found, conditions, beyond=beyond)
     table = forecast.settings_table(found)
     if not delivered(stored, table, said, UNITS, out=out, quiet=quiet, as_json=as_json):
@@ -167,6 +166,29 @@ def _asked(curvature: list[str], risk: float, levels: Sequence[Level]) -> Floats
     refuse_risk(risk)
     refuse_too_many(wanted, levels, most=MOST_SETTINGS)
     return wanted
+
+
+def _settings(
+    stored: StoredRun,
+    levels: Sequence[Level],
+    wanted: Floats,
+    *,
+    risk: float,
+    beyond: bool,
+    seed: np.random.SeedSequence,
+    conditions: ServiceConditions,
+    quiet: bool,
+) -> list[Setting]:
+    """Find the settings, and show how far that is."""
+    with shown(quiet) as progress:
+        return forecast.settings(
+            *(stored, levels, wanted),
+            risk=risk,
+            seed=seed,
+            progress=progress,
+            conditions=conditions,
+            experience=None if beyond else stored.experience,
+        )
 
 
 def _show(stored: StoredRun, found: list[Setting]) -> None:
