@@ -136,7 +136,7 @@ def control(
     conditions = ServiceConditions(hold_s, cycle, branch, humidity, mount, degradation_sd)
     if is_own(report):
         refuse_conditions(conditions)
-        refuse_others(curvature=curvature, degradation=degradation, hours=hours)
+        refuse_others(curvature=curvature, degradation=degradation, hours=hours, cause=cause)
         _of_own(report, reading or [], x or [], base=base, seed=seed, out=out, as_json=as_json)
         return
     curvature = needed(curvature, "--curvature", x=x, reading=reading)

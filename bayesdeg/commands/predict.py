@@ -102,7 +102,7 @@ def predict(
     conditions = ServiceConditions(hold_s, cycle, branch, humidity, mount, degradation_sd)
     if is_own(report):
         refuse_conditions(conditions)
-        refuse_others(pressure=pressure, degradation=degradation, hours=hours)
+        refuse_others(pressure=pressure, degradation=degradation, hours=hours, cause=cause)
         _of_own(report, x or [], base=base, seed=seed, out=out, as_json=as_json)
         return
     pressures = numbers(

@@ -224,6 +224,8 @@ def conclude(
     with clock.stage("predict"):
         write = partial(write_results, pictures=pictures, deformed=full)
         document = write(study, files, results, generator)
+    if POSTERIOR_AVERAGED not in files.written:
+        results = replace(results, averaged=None)  # what was left out is not recorded as there
     doubted = guard.attempt(OptionalStage.IN_DOUBT, in_doubt, study, results) or InDoubt()
     record = run_document(study, results, clock.seconds, guard, doubted)
     folder.write(record.model_copy(update={"posteriors": folder.posterior_hashes()}))
@@ -396,8 +398,11 @@ def _extend(
 
 
 def _with_average(results: Results, seed: np.random.SeedSequence, guard: Guard) -> Results:
-    """Draw over the causes that cannot be told apart, if there are several."""
-    if results.judgement is None:
+    """Draw over the causes that cannot be told apart, if there are several.
+
+    Nothing is averaged of a forward map of one's own.
+    """
+    if results.judgement is None or results.assembly.own is not None:
         return results
     generator, stage = np.random.default_rng(seed), posterior_stage(POSTERIOR_AVERAGED)
     found = guard.attempt(stage, averaged, results.judgement, results.final, generator)
