@@ -224,7 +224,7 @@ def read_stored(
     )
     draws = {str(n): v.to_numpy() for n, v in _posterior(tree, path).items()}
     _refuse_impossible(draws, path)
-    if any(name not in draws for name in _NEEDED):
+    if not bends_actuators(draws):
         raise BayesdegError(
             f"{path}: the study has no readings of actuators, so its posterior does not say how an "
             "actuator bends; add actuator.csv to the study and run it again"
@@ -247,6 +247,17 @@ def read_stored(
     if members:
         number = _numbers(tree, vectors.shape[:2], len(members), path)
     return StoredRun(model, chain, measured, run, verdict, tested, members, number)
+
+
+def bends_actuators(parameters: Iterable[str]) -> bool:
+    """Return whether a posterior of these parameters says how an actuator bends.
+
+    Examples
+    --------
+    >>> bends_actuators(["c1"]), bends_actuators(["c1", "volume_ratio", "paper_stiffness"])
+    (False, True)
+    """
+    return {*_NEEDED} <= {*parameters}
 
 
 def _refuse_other_members(members: Sequence[MemberEntry], model: JointModel) -> None:

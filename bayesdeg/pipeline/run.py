@@ -31,6 +31,7 @@ from bayesdeg.pipeline.calibrate import Fit, awake, base_of, calibrate
 from bayesdeg.pipeline.checks import check
 from bayesdeg.pipeline.deformed import Begun, begin
 from bayesdeg.pipeline.films import Examination, begin_examination
+from bayesdeg.pipeline.forecast import bends_actuators
 from bayesdeg.pipeline.judge import (
     COUNT_DRAWS,
     JUDGE_EFFORTS,
@@ -400,9 +401,10 @@ def _extend(
 def _with_average(results: Results, seed: np.random.SeedSequence, guard: Guard) -> Results:
     """Draw over the causes that cannot be told apart, if there are several.
 
-    Nothing is averaged of a forward map of one's own.
+    Predictions of actuators are averaged. Of films alone there are none, and those with a forward
+    map of one's own are of the leading causes.
     """
-    if results.judgement is None or results.assembly.own is not None:
+    if results.judgement is None or not bends_actuators(results.final.model.table.names):
         return results
     generator, stage = np.random.default_rng(seed), posterior_stage(POSTERIOR_AVERAGED)
     found = guard.attempt(stage, averaged, results.judgement, results.final, generator)
