@@ -12,7 +12,7 @@ import xarray as xr
 from scipy.special import expit
 
 from bayesdeg.causes.catalogue import find
-from bayesdeg.cli import INPUT_FAULT, exit_code
+from bayesdeg.cli import INPUT_FAULT
 from bayesdeg.criticism.decide.support import INSEPARABLE, Support
 from bayesdeg.data.study import read_study
 from bayesdeg.errors import BayesdegError
@@ -240,17 +240,6 @@ def test_an_average_that_is_gone_is_not_replaced_by_one_cause(ambiguous, tmp_pat
     (tmp_path / "run" / f"{POSTERIOR_AVERAGED}.nc").unlink()
     with pytest.raises(BayesdegError, match=POSTERIOR_AVERAGED):
         read_stored(tmp_path / "run", emulator=file)
-
-
-@pytest.fixture
-def bayesdeg(monkeypatch, capsys):
-    def run(*arguments):
-        monkeypatch.setattr("sys.argv", ["bayesdeg", *map(str, arguments)])
-        code = exit_code()
-        printed = capsys.readouterr()
-        return code, printed.out, printed.err
-
-    return run
 
 
 def test_predict_shows_the_average_and_the_band_of_each(ambiguous, bayesdeg, tmp_path):
