@@ -14,12 +14,19 @@ from scipy.special import expit
 from bayesdeg.causes.catalogue import find
 from bayesdeg.cli import INPUT_FAULT
 from bayesdeg.criticism.decide.support import INSEPARABLE, Support
+from bayesdeg.criticism.posterior.convergence import diagnose
 from bayesdeg.data.study import read_study
 from bayesdeg.errors import BayesdegError
+from bayesdeg.inference.sampling import EFFORTS
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.averaged import DRAWS, Averaged, averaged
+from bayesdeg.pipeline.calibrate import Fit
 from bayesdeg.pipeline.forecast import AVERAGE, MODEL, read_stored
+from bayesdeg.pipeline.progress import Silent
+from bayesdeg.pipeline.record import Results
+from bayesdeg.pipeline.run import Clock, conclude
 from bayesdeg.report.folder import POSTERIOR_AVERAGED, RunFolder
+from bayesdeg.report.left_out import Guard
 from bayesdeg.report.record import MemberEntry
 from tests.pipeline.planted_offset import emulator, planted_study
 from tests.pipeline.small_run import chain_of, write_run
@@ -259,6 +266,22 @@ def test_predict_shows_the_average_and_the_band_of_each(ambiguous, bayesdeg, tmp
     assert np.all(median[AVERAGE] > ends[0] - slack)
     assert np.all(median[AVERAGE] < ends[1] + slack)
     assert out.count("verdict: named") == 3
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_an_average_that_cannot_be_written_is_not_recorded(run, final, found, tmp_path, fails):
+    _, fit = final
+    study = read_study(run[0].parent / "study")
+    whole = Fit(fit.model, None, None, fit.chain, diagnose(fit.model, fit.chain, EFFORTS["quick"]))
+    drawn = replace(found, number=None) if fails else found
+    results = Results(assemble(study, emulator()), whole, whole, None, averaged=drawn)
+    folder, guard = RunFolder(tmp_path / "run"), Guard(strict=False)
+    how = {"progress": Silent(), "executor": None, "guard": guard, "full": False}
+    conclude(study, folder, results, Clock(), **how)
+    assert (folder.path / f"{POSTERIOR_AVERAGED}.nc").exists() != fails
+    assert len(folder.read_run().model.averaged) == (0 if fails else 2)
+    left_out = [one.stage for one in folder.read_verdict().left_out]
+    assert (f"{POSTERIOR_AVERAGED}.nc" in left_out) == fails
 
 
 def test_one_cause_can_be_asked_for(ambiguous, bayesdeg):
