@@ -145,9 +145,10 @@ def stored_run(
     Raises
     ------
     typer.BadParameter
-        If a cause is asked for that could be told apart, or none acts.
+        If both a cause and the base model are asked for.
     BayesdegError
-        If the folder is not that of a finished run.
+        If the folder is not that of a finished run, or the cause is none of those that the run
+        could not tell apart.
     """
     if base and cause is not None:
         raise typer.BadParameter("give --base or --cause, not both: the base model has no cause")
@@ -334,7 +335,10 @@ class Answer(FileRecord):
 
     title: str
     virtual: bool
-    model: str = Field(description="the model by its causes: base, base+pressure_offset")
+    model: str = Field(
+        description="the model by its causes: base, base+pressure_offset; averaged: base+creep or "
+        "base+mullins"
+    )
     outcome: Outcome = Field(description="of the run")
     units: Mapping[str, str] = Field(description="by column of the rows")
     messages: Names = Field(description="what its user should know")

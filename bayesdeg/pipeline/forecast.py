@@ -105,12 +105,8 @@ class StoredRun:
     @property
     def each(self) -> tuple["StoredRun", ...]:
         """The run by each set of causes over which it is averaged; none where there is one."""
-        found = (
-            self._only([k])
-            for k in range(len(self.members))
-            if np.any(self.number == k) and len(self.members) > 1
-        )
-        return tuple(found)
+        several = len(self.members) > 1
+        return tuple(self._only([k]) for k in range(len(self.members)) if several)
 
     def with_cause(self, name: str) -> "StoredRun":
         """Return the run by those sets of causes that have one.
@@ -132,16 +128,27 @@ class StoredRun:
         return all(cause in m.causes for m in self.members)
 
     def _only(self, numbers: list[int]) -> "StoredRun":
-        kept, chain = np.isin(self.number, numbers), self.chain
-        vectors, density = chain.vectors[:, kept], chain.log_prob[:, kept]
+        """Return the run by some of the members, rising; causes that only others have are gone."""
         members = tuple(self.members[k] for k in numbers)
-        only = Chain(vectors, density, chain.acceptance)
-        return replace(self, chain=only, members=members, number=self.number[kept])
+        model, kept = _with_causes_of(self.model, members), np.isin(self.number, numbers)
+        columns = [self.model.table.names.index(name) for name in model.table.names]
+        only = replace(
+            self.chain,
+            vectors=self.chain.vectors[:, kept][..., columns],
+            log_prob=self.chain.log_prob[:, kept],
+        )
+        number = np.searchsorted(numbers, self.number[kept])
+        return replace(self, model=model, chain=only, members=members, number=number)
 
     @property
     def experience(self) -> Experience:
         """How far actuators were tested, and where they burst."""
         return experience_of(self.run.model or ModelEntry())
+
+
+def _with_causes_of(model: JointModel, members: Sequence[MemberEntry]) -> JointModel:
+    names = {name for member in members for name in member.causes}
+    return replace(model, causes=tuple(cause for cause in model.causes if cause.name in names))
 
 
 def model_document(model: JointModel, study: Study | None = None) -> ModelEntry:
@@ -211,15 +218,13 @@ def read_stored(
         )
     folder = RunFolder(path)
     run, verdict = folder.read_run(), folder.read_verdict()
-    # a run may have had to leave the average out
-    has_average = not base and (path / f"{POSTERIOR_AVERAGED}.nc").exists()
-    members = run.model.averaged if has_average and run.model is not None else ()
+    members = () if base or run.model is None else run.model.averaged
     tree = folder.read_posterior(
         POSTERIOR_BASE if base else POSTERIOR_AVERAGED if members else POSTERIOR
     )
     draws = {str(n): v.to_numpy() for n, v in _posterior(tree, path).items()}
     _refuse_impossible(draws, path)
-    if any(name not in draws for name in _NEEDED):
+    if not bends_actuators(draws):
         raise BayesdegError(
             f"{path}: the study has no readings of actuators, so its posterior does not say how an "
             "actuator bends; add actuator.csv to the study and run it again"
@@ -231,14 +236,54 @@ def read_stored(
                 "the study again with `bayesdeg run`"
             )
         model = _model(run.model, draws, _emulator(run.emulator.training, emulator, cache))
+        _refuse_other_members(members, model)
         measured = {name: (_known(n)[0], _known(n)[-1]) for name, n in run.model.measured.items()}
     except (RecordError, BayesdegError) as fault:
         raise BayesdegError(f"{path}: {fault}") from fault
     vectors = np.stack([draws[name] for name in model.table.names], axis=-1)[:, :, None, :]
     chain = Chain(vectors, np.zeros(vectors.shape[:3]), np.ones(len(vectors)))
     tested = int(run.model.rupture_checks or 0)
-    number = tree["sample_stats"]["member"].to_numpy().ravel() if members else np.empty(0, np.int64)
+    number = np.empty(0, np.int64)
+    if members:
+        number = _numbers(tree, vectors.shape[:2], len(members), path)
     return StoredRun(model, chain, measured, run, verdict, tested, members, number)
+
+
+def bends_actuators(parameters: Iterable[str]) -> bool:
+    """Return whether a posterior of these parameters says how an actuator bends.
+
+    Examples
+    --------
+    >>> bends_actuators(["c1"]), bends_actuators(["c1", "volume_ratio", "paper_stiffness"])
+    (False, True)
+    """
+    return {*_NEEDED} <= {*parameters}
+
+
+def _refuse_other_members(members: Sequence[MemberEntry], model: JointModel) -> None:
+    """Refuse sets of causes that are not those of the draws, or whose probabilities are none."""
+    sets = {frozenset(member.causes) for member in members}
+    theirs = {name for one in sets for name in one}
+    known = {cause.name for cause in model.causes}
+    shares = [member.probability or 0.0 for member in members]
+    are_shares = min(shares, default=1.0) >= 0.0 and abs(sum(shares) - 1.0) < ROUNDING
+    if members and not (len(sets) == len(members) and theirs == known and are_shares):
+        raise RecordError(
+            f"'averaged' of run.json does not fit {POSTERIOR_AVERAGED}.nc; run the study again "
+            "with --fresh"
+        )
+
+
+def _numbers(
+    tree: xr.DataTree, shape: tuple[int, ...], members: int, path: Path
+) -> NDArray[np.int64]:
+    """Return of which set of causes each draw is, (n,), of draws of a shape (1, n)."""
+    stats = tree["sample_stats"].to_dataset() if "sample_stats" in tree.children else xr.Dataset()
+    found = stats["member"].to_numpy() if "member" in stats else np.empty(0)
+    if found.shape != shape or len(found) > 1 or {*found[0].tolist()} != {*range(members)}:
+        raise _impossible(path, "its draws are not of the sets of causes that run.json lists")
+    number: NDArray[np.int64] = found[0].astype(np.int64)
+    return number
 
 
 def _posterior(tree: xr.DataTree, path: Path) -> xr.Dataset:
@@ -389,6 +434,7 @@ LEAST_ANSWERED = 0.5  # of the specimens; below, a band says nothing
 NEARLY_ALL = 0.99
 BAND_COLUMNS = tuple(f"q{round(100 * q):02d}" for q in QUANTILES)
 PROBABILITY_COLUMNS = ("probability", "probability_q05", "probability_q95")
+ROUNDING = 1e-6  # of probabilities that add up to 1
 POINT = 1.0  # by which a degradation rate may lie outside of what was measured [%]
 
 

@@ -31,6 +31,7 @@ from bayesdeg.pipeline.calibrate import Fit, awake, base_of, calibrate
 from bayesdeg.pipeline.checks import check
 from bayesdeg.pipeline.deformed import Begun, begin
 from bayesdeg.pipeline.films import Examination, begin_examination
+from bayesdeg.pipeline.forecast import bends_actuators
 from bayesdeg.pipeline.judge import (
     COUNT_DRAWS,
     JUDGE_EFFORTS,
@@ -224,6 +225,8 @@ def conclude(
     with clock.stage("predict"):
         write = partial(write_results, pictures=pictures, deformed=full)
         document = write(study, files, results, generator)
+    if POSTERIOR_AVERAGED not in files.written:
+        results = replace(results, averaged=None)  # what was left out is not recorded as there
     doubted = guard.attempt(OptionalStage.IN_DOUBT, in_doubt, study, results) or InDoubt()
     record = run_document(study, results, clock.seconds, guard, doubted)
     folder.write(record.model_copy(update={"posteriors": folder.posterior_hashes()}))
@@ -396,8 +399,12 @@ def _extend(
 
 
 def _with_average(results: Results, seed: np.random.SeedSequence, guard: Guard) -> Results:
-    """Draw over the causes that cannot be told apart, if there are several."""
-    if results.judgement is None:
+    """Draw over the causes that cannot be told apart, if there are several.
+
+    Predictions of actuators are averaged. Of films alone there are none, and those with a forward
+    map of one's own are of the leading causes.
+    """
+    if results.judgement is None or not bends_actuators(results.final.model.table.names):
         return results
     generator, stage = np.random.default_rng(seed), posterior_stage(POSTERIOR_AVERAGED)
     found = guard.attempt(stage, averaged, results.judgement, results.final, generator)

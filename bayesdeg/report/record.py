@@ -381,7 +381,6 @@ class ModelEntry(Record):
     )
     averaged: tuple[MemberEntry, ...] = Field(
         default=(),
-        exclude_if=is_absent,
         description="sets of causes that cannot be told apart, of which posterior_averaged.nc is",
     )
 

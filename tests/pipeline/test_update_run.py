@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 import bayesdeg as bd
-from bayesdeg.cli import INPUT_FAULT, exit_code
+from bayesdeg.cli import INPUT_FAULT
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.reading import read_study
 from bayesdeg.pipeline.update import ANEW, default_target
@@ -64,17 +64,6 @@ def places(run, tmp_path):
     shutil.copytree(path, tmp_path / "reports" / "planted")
     (tmp_path / "new.csv").write_text(new_specimen(), encoding="utf-8")
     return tmp_path, tmp_path / "reports" / "planted", file
-
-
-@pytest.fixture
-def bayesdeg(monkeypatch, capsys):
-    def run(*arguments):
-        monkeypatch.setattr("sys.argv", ["bayesdeg", *map(str, arguments)])
-        code = exit_code()
-        printed = capsys.readouterr()
-        return code, printed.out, printed.err
-
-    return run
 
 
 def test_the_updated_run_is_that_of_all_readings(places, bayesdeg):

@@ -1,0 +1,18 @@
+"""What tests of commands on run folders share."""
+
+import pytest
+
+from bayesdeg.cli import exit_code
+
+
+@pytest.fixture
+def bayesdeg(monkeypatch, capsys):
+    """Run a command as the command line does; return its exit code, output and messages."""
+
+    def run(*arguments):
+        monkeypatch.setattr("sys.argv", ["bayesdeg", *map(str, arguments)])
+        code = exit_code()
+        printed = capsys.readouterr()
+        return code, printed.out, printed.err
+
+    return run
