@@ -48,7 +48,7 @@ from bayesdeg.prediction.control import Allowed, Setting
 from bayesdeg.prediction.lifetime import Duty
 from bayesdeg.prediction.prior_predictive import PriorPredictive
 from bayesdeg.report.left_out import OptionalStage
-from bayesdeg.report.record import BurstEntry, UpdateEntry, VerdictRecord
+from bayesdeg.report.record import BurstEntry, MemberEntry, UpdateEntry, VerdictRecord
 from bayesdeg.report.wording import environment, sentences, worded
 
 WORDS = Path(__file__).with_name("findings.json")
@@ -360,6 +360,19 @@ ANSWERS = {
     ),
     "unexplained": ("unexplained", {}),
     "ambiguous": ("ambiguous", {"causes": ("creep", "mullins"), "model": "base+creep"}),
+    "averaged": (
+        "averaged",
+        {
+            "members": (
+                MemberEntry(causes=("creep",), probability=0.7),
+                MemberEntry(causes=("mullins",), probability=0.3),
+            )
+        },
+    ),
+    "one of an average": (
+        "averaged",
+        {"members": (MemberEntry(causes=("creep",), probability=0.7),)},
+    ),
     "no actuator": ("no_actuator", {}),
     "no rupture known": ("no_rupture", {}),
     "rates beyond": (
