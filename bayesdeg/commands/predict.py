@@ -1,5 +1,6 @@
 """``bayesdeg predict``: curvature and rupture of a new specimen, from a stored posterior."""
 
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -113,11 +114,9 @@ def predict(
     stored = stored_run(report, cause, base=base, emulator=emulator)
     messages = forecast.said_of(stored, levels, pressures, conditions)
     with shown(quiet or as_json) as progress:
-        table = forecast.predict_each(
-            *(stored, levels, pressures),
-            seed=seed_of(stored, seed),
-            progress=progress,
-            conditions=conditions,
+        ask = partial(forecast.predict, progress=progress, conditions=conditions)
+        table = forecast.by_each(
+            stored, lambda run: ask(run, levels, pressures, seed=seed_of(run, seed))
         )
     if not delivered(stored, table, messages, UNITS, out=out, quiet=quiet, as_json=as_json):
         names = table.get(forecast.MODEL, pd.Series(stored.name, index=table.index))

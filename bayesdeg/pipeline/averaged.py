@@ -91,29 +91,33 @@ def averaged(judgement: Judgement, final: Fit, generator: np.random.Generator) -
     others = list(_others(judgement))
     if not others or not judgement.sampled:
         return None
-    known = {cause.name: cause for cause in final.model.causes}
-    known |= {cause.name: cause for _, _, trial in others for cause in trial.subject.causes}
-    whole = final.model.extended(*(c for n, c in known.items() if n not in _names(final.model)))
-    shares = softmax([0.0, *(factor for _, factor, _ in others)])
-    causes = [tuple(sorted(_names(final.model))), *(one for one, _, _ in others)]
+    own = {cause.name: cause for cause in final.model.causes}
+    further = {cause.name: cause for one in others for cause in one.trial.subject.causes}
+    whole = final.model.extended(*(c for name, c in further.items() if name not in own))
+    shares = softmax([0.0, *(one.log_factor for one in others)])
+    sets = [tuple(sorted(own)), *(one.causes for one in others)]
     counts = np.maximum(generator.multinomial(DRAWS, shares), 1)  # so that each can be asked for
-    sources = [None, *(trial for _, _, trial in others)]
     drawn = [
         _drawn(whole, final, trial, names, int(count), generator)
-        for names, trial, count in zip(causes, sources, counts, strict=True)
+        for names, trial, count in zip(
+            sets, [None, *(one.trial for one in others)], counts, strict=True
+        )
     ]
     order = generator.permutation(np.sum(counts))  # so that the first of them are of all members
-    number = np.repeat(np.arange(len(causes)), counts)
-    members = tuple(Member(n, float(p)) for n, p in zip(causes, shares, strict=True))
+    number = np.repeat(np.arange(len(sets)), counts)
+    members = tuple(Member(n, float(p)) for n, p in zip(sets, shares, strict=True))
     return Averaged(whole, np.concatenate(drawn)[order], number[order], members)
 
 
-def _names(model: JointModel) -> frozenset[str]:
-    return frozenset(cause.name for cause in model.causes)
+class _Other(NamedTuple):
+    """Another set that may be right, its log Bayes factor over the leading one, and its fit."""
+
+    causes: tuple[str, ...]
+    log_factor: float
+    trial: Trial
 
 
-def _others(judgement: Judgement) -> Iterator[tuple[tuple[str, ...], float, Trial]]:
-    """Yield other sets that may be right: causes, log Bayes factor over the leading one, fit."""
+def _others(judgement: Judgement) -> Iterator[_Other]:
     predicted, search, counted = judgement.predicted_with, judgement.search, judgement.counted
     leading = search.factor(judgement.chosen)
     for one in judgement.supported:
@@ -121,7 +125,7 @@ def _others(judgement: Judgement) -> Iterator[tuple[tuple[str, ...], float, Tria
             names = one.replaced(judgement.chosen, rival)
             if names in search.trials and one.cause in predicted:
                 instead = _replaced(predicted, one.cause, rival)
-                yield instead, search.factor(names) - leading, search.trials[names]
+                yield _Other(instead, search.factor(names) - leading, search.trials[names])
     best = judgement.of_counts if judgement.counts_fitted else None
     if best is None or counted is None:
         return
@@ -129,7 +133,7 @@ def _others(judgement: Judgement) -> Iterator[tuple[tuple[str, ...], float, Tria
     for rival in best.support.inseparable:
         if rival != COMMON_FACTOR.name:
             instead = _replaced(predicted, best.name, rival)
-            yield instead, -best.support.rivals[rival], trials[rival]
+            yield _Other(instead, -best.support.rivals[rival], trials[rival])
 
 
 def _replaced(causes: tuple[str, ...], one: str, rival: str) -> tuple[str, ...]:

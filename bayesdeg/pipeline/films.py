@@ -91,39 +91,6 @@ class Films:
         return said
 
 
-def examine(
-    study: Study,
-    model: JointModel,
-    *,
-    effort: Effort,
-    seed: np.random.SeedSequence,
-    progress: Progress,
-    executor: Executor | None = None,
-    guard: Guard | None = None,
-) -> Films:
-    """Calibrate the course of degradation, and compare orders of the polynomials.
-
-    Parameters
-    ----------
-    study : Study
-        Readings of moisture, and degradation rates of specimens.
-    model : JointModel
-        The base model, for its films and priors.
-    effort : Effort
-        Of sampling the course.
-    seed : SeedSequence
-        Everything random comes from it.
-    progress : Progress
-        Shows each stage.
-    executor : Executor, optional
-        Compares orders, beside what is done here.
-    guard : Guard, optional
-        Leaves out what fails; by default nothing is left out and faults are raised.
-    """
-    begun = begin_examination(study, model, effort=effort, seed=seed, executor=executor)
-    return begun(progress, guard or Guard(strict=True))
-
-
 type Examination = Callable[[Progress, Guard], Films]
 
 
@@ -135,12 +102,26 @@ def begin_examination(
     seed: np.random.SeedSequence,
     executor: Executor | None = None,
 ) -> Examination:
-    """Begin to compare orders beside other work; return what does the rest of `examine`.
+    """Begin to ask what the films alone say: orders are compared beside other work.
 
     Parameters
     ----------
-    study, model, effort, seed, executor
-        As of `examine`.
+    study : Study
+        Readings of moisture, and degradation rates of specimens.
+    model : JointModel
+        The base model, for its films and priors.
+    effort : Effort
+        Of sampling the course.
+    seed : SeedSequence
+        Everything random comes from it.
+    executor : Executor, optional
+        Compares orders of the polynomials; by default that is done when the rest is.
+
+    Returns
+    -------
+    callable
+        Calibrates the course of degradation and waits for the orders; a guard leaves out what
+        fails.
     """
     of_course, of_orders = seed.spawn(2)
     orders = later(partial(_orders, model, of_orders), executor)
@@ -169,7 +150,7 @@ def _orders(model: JointModel, seed: np.random.SeedSequence) -> OrderComparison 
 
 
 def course_of(study: Study, effort: Effort, seed: np.random.SeedSequence) -> CourseFit | None:
-    """Calibrate the course of degradation as `examine` does with the same seed.
+    """Calibrate the course of degradation as `begin_examination` does with the same seed.
 
     Returns
     -------

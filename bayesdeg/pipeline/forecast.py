@@ -1,7 +1,7 @@
 """A finished run becomes a model again that predicts, from its folder alone."""
 
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Protocol
@@ -462,37 +462,26 @@ MODEL = "model"
 AVERAGE = "average"
 
 
-def predict_each(
-    stored: StoredRun,
-    levels: Sequence[Level],
-    pressure: Floats,
-    *,
-    seed: np.random.SeedSequence,
-    progress: Progress,
-    conditions: ServiceConditions = PROMPT,
-) -> pd.DataFrame:
-    """Return predictions averaged over causes that cannot be told apart, then those by each.
+def by_each(stored: StoredRun, predicted: Callable[[StoredRun], pd.DataFrame]) -> pd.DataFrame:
+    """Return what is predicted on average over causes that cannot be told apart, then by each.
 
-    Parameters are those of `predict`.
+    Parameters
+    ----------
+    stored : StoredRun
+        A finished run.
+    predicted : callable
+        Returns a table of a run, from the same random numbers each time.
 
     Returns
     -------
     DataFrame
-        As of `predict`; where there are several sets of causes with ``model`` first, which is
-        ``average`` or the model by its causes.
+        Where there are several sets of causes with ``model`` first, which is ``average`` or the
+        model by its causes.
     """
-    # the same random numbers for each: streams are spawned from a seed as it was given
-    given, key = seed.entropy, seed.spawn_key
-
-    def of(run: StoredRun) -> pd.DataFrame:
-        again = np.random.SeedSequence(given, spawn_key=key)
-        asked = (run, levels, pressure)
-        return predict(*asked, seed=again, progress=progress, conditions=conditions)
-
-    table = of(stored)
+    table = predicted(stored)
     if not stored.each:
         return table
-    named = [(AVERAGE, table), *((run.name, of(run)) for run in stored.each)]
+    named = [(AVERAGE, table), *((run.name, predicted(run)) for run in stored.each)]
     for name, frame in named:
         frame.insert(0, MODEL, name)
     return pd.concat([frame for _, frame in named], ignore_index=True)

@@ -211,7 +211,7 @@ def conclude(
     seeds, files = Streams.of(study.settings.seed), Files(folder, guard)
     generator = np.random.default_rng(seeds.drawing)
     pictures = _begun_pictures(study, results, executor, guard) if full else None
-    examined = _begun_examination(study, results, seeds, executor) if full else None
+    examined = _begun_examination(study, results, seeds, executor, guard) if full else None
     progress.stage("posteriors")
     write_posteriors(study, files, results, generator)
     if full:
@@ -301,13 +301,14 @@ def _begun_pictures(
 
 
 def _begun_examination(
-    study: Study, results: Results, seeds: Streams, executor: Executor | None
+    study: Study, results: Results, seeds: Streams, executor: Executor | None, guard: Guard
 ) -> Examination | None:
     """Begin to ask what the films alone say; None of a study with a forward map of its own."""
     if results.assembly.own is not None:
         return None
     effort, model = EFFORTS[study.settings.effort], results.base.model
-    return begin_examination(study, model, effort=effort, seed=seeds.films, executor=executor)
+    begin = partial(begin_examination, effort=effort, seed=seeds.films, executor=executor)
+    return guard.attempt(OptionalStage.ORDERS, begin, study, model)
 
 
 def say_left_out(folder: RunFolder, document: VerdictRecord, guard: Guard) -> VerdictRecord:

@@ -62,6 +62,7 @@ from bayesdeg.report.record import (
     ConvergenceEntry,
     InDoubt,
     LeftOutEntry,
+    MemberEntry,
     RunRecord,
     TakenInEntry,
     UpdateEntry,
@@ -618,7 +619,14 @@ def _entry(of: FinishedRun, found: Enlarged, taken: Mapping[str, TakenIn]) -> Up
             for label, name in names.items()
         },
         as_before=("verdict.json", *(path.name for path in _as_before(of.folder.path))),
+        not_averaged=_not_averaged(of.run),
     )
+
+
+def _not_averaged(run: RunRecord) -> tuple[MemberEntry, ...]:
+    """Return the sets of causes that could not be told apart before, by this update or another."""
+    averaged = () if run.model is None else run.model.averaged
+    return averaged or (() if run.update is None else run.update.not_averaged)
 
 
 def _said(entry: UpdateEntry) -> tuple[str, ...]:

@@ -431,6 +431,11 @@ class UpdateEntry(Record):
     added_sha256: Text = Field(default="", description="SHA-256 of added.csv")
     posteriors: Mapping[str, TakenInEntry] = Field(default={}, description="by model")
     as_before: Names = Field(default=(), description="files that are those of the run before")
+    not_averaged: tuple[MemberEntry, ...] = Field(
+        default=(),
+        description="sets of causes over which the run before was averaged; predictions are those "
+        "with the first",
+    )
 
 
 class RunRecord(FileRecord):

@@ -8,10 +8,17 @@ from bayesdeg.inference.course import CourseModel, degradation_at, rate_errors
 from bayesdeg.inference.sampling import EFFORTS, Chain, to_datatree
 from bayesdeg.pipeline import writing
 from bayesdeg.pipeline.assemble import assemble
-from bayesdeg.pipeline.films import CourseFit, Films, common_error, course_summary, examine
+from bayesdeg.pipeline.films import (
+    CourseFit,
+    Films,
+    begin_examination,
+    common_error,
+    course_summary,
+)
 from bayesdeg.pipeline.progress import Silent
 from bayesdeg.report.figures.films import course_figure
 from bayesdeg.report.folder import POSTERIOR_COURSE, RunFolder
+from bayesdeg.report.left_out import Guard
 from bayesdeg.report.page import build_page
 from bayesdeg.report.tables import COURSE, PARAMETERS, TABLES
 from tests.pipeline.study_files import SETTINGS, study_in
@@ -131,18 +138,18 @@ tensile_noise_floor = { law = "lognormal", median = 0.01, sigma = 0.3 }
 """
 
 
+def examine(study, model):
+    seed = np.random.SeedSequence(5)
+    begun = begin_examination(study, model, effort=EFFORTS["quick"], seed=seed)
+    return begun(Silent(), Guard(strict=True))
+
+
 @pytest.fixture(scope="module")
 def examined(tmp_path_factory):
     files = {"moisture.csv": MOISTURE, "study.toml": SETTINGS + NOISE}
     study = study_in(tmp_path_factory.mktemp("study"), files)
     model = assemble(study).model
-    return examine(
-        study,
-        model,
-        effort=EFFORTS["quick"],
-        seed=np.random.SeedSequence(5),
-        progress=Silent(),
-    )
+    return examine(study, model)
 
 
 def test_a_study_s_films_are_calibrated_until_they_may_be_used(examined):
@@ -157,13 +164,7 @@ def test_a_study_s_films_are_calibrated_until_they_may_be_used(examined):
 
 def test_a_study_without_moisture_has_no_course(tmp_path):
     study = study_in(tmp_path, without=("tensile.csv",))
-    films = examine(
-        study,
-        assemble(study).model,
-        effort=EFFORTS["quick"],
-        seed=np.random.SeedSequence(5),
-        progress=Silent(),
-    )
+    films = examine(study, assemble(study).model)
     assert films.course is None
     assert films.orders is None
     assert films.sentences() == {}

@@ -385,3 +385,25 @@ def test_a_run_without_causes_has_one_posterior(tmp_path):
 
 def replace_outcome(record):
     return record.model_copy(update={"causes": (), "predicted_with": ()})
+
+
+def test_that_an_average_ends_with_an_update_is_recorded_and_said(places, bayesdeg):
+    folder, report, file = places
+    sets = [("pressure_offset",), ("pressure_loss",)]
+    document = json.loads((report / "run.json").read_text(encoding="utf-8"))
+    document["model"]["averaged"] = [{"causes": one, "probability": 0.5} for one in sets]
+    (report / "run.json").write_text(json.dumps(document), encoding="utf-8")
+    lines = new_specimen().splitlines()
+    (folder / "first.csv").write_text("\n".join(lines[:4]) + "\n", encoding="utf-8")
+    (folder / "rest.csv").write_text("\n".join([HEAD, *lines[4:]]) + "\n", encoding="utf-8")
+    once = bd.update(report, folder / "first.csv", emulator=file, progress=False)
+    twice = bd.update(once.folder, folder / "rest.csv", emulator=file, progress=False)
+    for one in (once, twice):
+        record = RunFolder(one.folder).read_run()
+        assert record.model.averaged == ()
+        assert [member.causes for member in record.update.not_averaged] == sets
+    at = ("--pressure", "60", "--degradation", "0", "--emulator", file, "--json")
+    _, printed, _ = bayesdeg("predict", twice.folder, *at)
+    answer = json.loads(printed)
+    assert answer["model"] == "base+pressure_offset"
+    assert "pressure_loss" in " ".join(answer["messages"])

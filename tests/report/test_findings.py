@@ -404,6 +404,18 @@ ANSWERS = {
     ),
     "no cause and no experiment": ("nothing_proposed", nothing(outcome="unexplained")),
     "readings taken in": ("updated", {"update": UpdateEntry(specimens=("A00-1", "A25-3"))}),
+    "no average any more": (
+        "updated",
+        {
+            "update": UpdateEntry(
+                specimens=("A00-1",),
+                not_averaged=(
+                    MemberEntry(causes=("creep",), probability=0.7),
+                    MemberEntry(causes=("mullins",), probability=0.3),
+                ),
+            )
+        },
+    ),
     "never told apart": ("never_told_apart", {"causes": ("film_mismatch", "creep")}),
 }
 

@@ -58,7 +58,7 @@ CHANCE_SETS = 400
 
 
 def _cut_alike(strength: Strength, degradation: Floats, effect: Effect) -> Strength:
-    return replace(strength, median=strength.median * np.exp(-effect["cut"]))
+    return strength.weakened(effect["cut"], np.zeros(1))
 
 
 COMMON_FACTOR = Cause(

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.fit.linear import Linear, effects, linearise, rest_law, with_prior_moments
-from bayesdeg.criticism.subject import columns_of, typical_size, with_neutral
+from bayesdeg.criticism.subject import columns_of, with_neutral
 from bayesdeg.inference.density import bounds
 from bayesdeg.inference.importance import about_mode, improved
 from bayesdeg.inference.laplace import Evidence, approximate, weighted
@@ -18,7 +18,6 @@ Floats = NDArray[np.float64]
 
 STRONG = 5.0  # size of an effect, in standard deviations, that is climbed to from two sides
 CLIMBS, HIGHER = 2, 1.0  # more, where draws are higher than the mode by so much
-NEAR = 0.2  # of its bound, in typical sizes: a size from which a climb may slide back to none
 BENT = 2.5  # standard deviations by which a parameter has given way; heavy tails make them wide
 DRAWS = 3000  # of the estimate from the prior
 WANTED = 80.0  # effective draws
@@ -157,23 +156,7 @@ def _starts(parent: Trial, subject: JointModel, cause: Cause, size: Floats) -> l
         starts += [points[with_effect]] if np.isfinite(densities[with_effect]) else []
     elif best == 1 and np.linalg.norm(effect) > STRONG and np.isfinite(densities[2]):
         starts.append(points[2])
-    return starts + _off_bounds(subject, cause, points[with_effect])
-
-
-def _off_bounds(subject: JointModel, cause: Cause, guess: Floats) -> list[Floats]:
-    """Return the guess with what lies on its bound at its typical size, if anything does.
-
-    A standard deviation of 0 is a top of its own: readings tell of its square.
-    """
-    low, high = bounds(subject.table)
-    columns, typical = columns_of(subject, cause), typical_size(cause)
-    point = guess.copy()
-    for column, size in zip(columns, typical, strict=True):
-        for end in (low[column], high[column]):
-            if np.abs(guess[column] - end) < NEAR * np.abs(size - end):
-                point[column] = size
-    is_new = not np.array_equal(point, guess)
-    return [point] if is_new and np.isfinite(subject.log_prob(point[None])[0]) else []
+    return starts
 
 
 def firm(trial: Trial, generator: np.random.Generator) -> Trial:
