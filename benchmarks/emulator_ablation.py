@@ -14,7 +14,7 @@ from bayesdeg.actuator.curve import SAMPLING, Actuator, Curve, PathSamples
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.mesh import Resolution, build_mesh
 from bayesdeg.data.settings import Dimensions
-from bayesdeg.emulator.campaign import MESH_ERROR, PLANS, FitPlan, Run, runs, train
+from bayesdeg.emulator.campaign import MESH_ERROR, PLANS, WHOLE, FitPlan, Run, runs, train
 from bayesdeg.emulator.kept import Recipe
 from bayesdeg.emulator.scaling import TrainingRange
 from bayesdeg.emulator.solutions import SolutionStore
@@ -109,7 +109,7 @@ def trained(
         length=few[0].geometry.dimensions.length,
         mesh_error=MESH_ERROR,
         record={},
-        plans=plans,
+        terms=replace(WHOLE, plans=tuple(plans)),
     )
 
 

@@ -173,7 +173,7 @@ def limits_left_out(emulator: Surrogate, store: SolutionStore) -> dict[str, obje
     others = [reach(run.curve, s) for run, s in pairs if run.curve not in twins]
     known, judged = fine[::2], fine[1::2]
     shift = [reach(curve, samples) for curve, samples in known]
-    fitted = replace(emulator, limit=fit_limit(others, emulator.span, shift).terms)
+    fitted = replace(emulator, limit=fit_limit(others, shift).terms)
     return limits(fitted, judged) | {
         "what": f"{len(judged)} fine curves of the training design against a limit fitted to "
         f"{len(others)} other curves of the coarse mesh and shifted by {len(known)} of the fine one"

@@ -7,7 +7,7 @@ seconds_per_curve   twelve pressures on the converged mesh, the mesh at hand
 error_pct           that mesh's largest deviation of the curvature from Richardson's estimate
 felupe_ratio        felupe's time over ours, same mesh, element, tolerance and linear solver
 calculix_ratio      CalculiX's time over ours, same mesh and order of the element
-assembly_ratio      time of scikit-fem's forms over that of our kernel, same tangent and residual
+assembly_ratio      time of the backend scikit-fem over that of the kernels, one linearisation
 gradient_cost       time of all derivatives over that of the solution
 scaling             time against degrees of freedom, and the exponent
 peak_memory_mb      of a process that meshes and solves one such curve

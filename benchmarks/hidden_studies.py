@@ -174,8 +174,8 @@ ONLY_IN = {
     "initial_curvature": "careful",
 }
 REFUSED = ({"paper_slack", "initial_curvature"}, {"paper_slack", "gravity"})  # by the library
-# shows in ruptures, not in readings: planted in a study of tests/hidden_effects instead
-LEFT_OUT = ("flaw_embrittlement",)
+# show in ruptures, not in readings: flaws are planted in a study of tests/hidden_effects instead
+LEFT_OUT = ("flaw_embrittlement", "dry_embrittlement", "uneven_degradation")
 
 
 def drawn_study(number: int, *, seed: int) -> HiddenStudy:

@@ -342,7 +342,8 @@ def _cause(page) -> str:
 def validation_pages(figures: Path) -> dict[str, str]:
     """Return what recorded benchmarks say, to be included by the page on validation."""
     figures.mkdir(parents=True, exist_ok=True)
-    shutil.copy(BENCHMARKS / "calibration.svg", figures / "calibration.svg")
+    for name in ("calibration.svg", "rupture.svg"):
+        shutil.copy(BENCHMARKS / name, figures / name)
     record = BENCHMARKS / "hidden_effects.jsonl"
     published = "\n".join(_published(folder) for folder in sorted(REPORTS.iterdir()))
     return {

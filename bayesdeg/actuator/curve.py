@@ -3,11 +3,13 @@
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
+from functools import partial
 from threading import Lock
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdeg.actuator.demand import MEASURES, demanded_strain, needed
 from bayesdeg.actuator.equilibrium import LoadStep, Path, follow
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.inputs import (
@@ -20,11 +22,12 @@ from bayesdeg.actuator.inputs import (
 from bayesdeg.actuator.linear import Factorization, open_factorization
 from bayesdeg.actuator.material import MaterialGroups
 from bayesdeg.actuator.mesh import ActuatorMesh, build_mesh, reshaped
-from bayesdeg.actuator.outputs import OUTPUTS, read_state
-from bayesdeg.actuator.problem import Problem, System
+from bayesdeg.actuator.outputs import OUTPUTS, PEAK, measured_strains, read_state
+from bayesdeg.actuator.problem import DiscreteEquations, Problem, System
 from bayesdeg.actuator.sensitivity import INPUTS, Variation, derivatives, variations
 from bayesdeg.actuator.status import MODEL_VERSION as MODEL_VERSION
-from bayesdeg.actuator.status import PathEffort, Resolution, Status
+from bayesdeg.actuator.status import Backend, PathEffort, Resolution, Status
+from bayesdeg.actuator.weak_form import Spaces, WeakForm
 from bayesdeg.errors import GeometryError
 
 Floats = NDArray[np.float64]
@@ -188,10 +191,25 @@ class Actuator:
         Of the nominal geometry.
     solver : {"pypardiso", "splu"}, optional
         The direct solver; by default the best that this machine has.
+    backend : {"kernels", "scikit-fem"}
+        What assembles the equations; derivatives are those of the kernels only.
+
+    Raises
+    ------
+    ValueError
+        If scikit-fem is to assemble other elements than Q2/P1disc.
     """
 
-    def __init__(self, mesh: ActuatorMesh, *, solver: str | None = None) -> None:
+    def __init__(
+        self,
+        mesh: ActuatorMesh,
+        *,
+        solver: str | None = None,
+        backend: Backend | str = Backend.KERNELS,
+    ) -> None:
         self.mesh, self.system = mesh, System(mesh.body)
+        self.backend = Backend(backend)
+        self._spaces = Spaces.on(mesh.body) if self.backend is Backend.SCIKIT_FEM else None
         self._solver, self._lock = solver, Lock()
         self._factorization: Factorization | None = None
 
@@ -205,7 +223,7 @@ class Actuator:
     def solve(self, curve: Curve, *, effort: PathEffort | None = None) -> CurveSolution:
         """Solve one pressure curve; every failure is in the status, none is raised."""
         try:
-            mesh, problem = self.problem(curve)
+            mesh, problem = self.equations(curve)
         except (GeometryError, ValueError):
             return _empty(Status.INVALID_INPUT)
         with self._lock:
@@ -224,7 +242,13 @@ class Actuator:
             As from ``solve``, with an equilibrium at every load.
         gradients : array, shape (n_reached, n_outputs, n_inputs)
             In the orders of ``outputs.OUTPUTS`` and ``sensitivity.INPUTS``.
+
+        Raises
+        ------
+        NotImplementedError
+            If scikit-fem assembles the equations.
         """
+        self._need_kernels()
         exact = replace(effort or PathEffort(tolerance=1e-6, rate_tolerance=1e-7), exact=True)
         try:
             mesh, problem = self.problem(curve)
@@ -240,7 +264,13 @@ class Actuator:
         """Follow a curve to its last load; return readings and derivatives where the path stopped.
 
         With all derivatives a curve costs less than twice as much as without.
+
+        Raises
+        ------
+        NotImplementedError
+            If scikit-fem assembles the equations.
         """
+        self._need_kernels()
         try:
             mesh, problem = self.problem(curve)
         except (GeometryError, ValueError):
@@ -259,6 +289,10 @@ class Actuator:
             solver.name,
         )
 
+    def _need_kernels(self) -> None:
+        if self.backend is not Backend.KERNELS:
+            raise NotImplementedError(f"no derivatives by the inputs with {self.backend}")
+
     def _recorder(
         self, problem: Problem, mesh: ActuatorMesh, wanted: frozenset[float] | None, enough: float
     ) -> PathRecord:
@@ -272,8 +306,16 @@ class Actuator:
             self._factorization = open_factorization(self.system.upper, self._solver)
         return self._factorization
 
+    def equations(self, curve: Curve) -> tuple[ActuatorMesh, DiscreteEquations]:
+        """Return the mesh and what the backend assembles; as ``problem`` with the kernels."""
+        mesh, problem = self.problem(curve)
+        if self._spaces is None:
+            return mesh, problem
+        spaces = self._spaces if mesh is self.mesh else Spaces.on(mesh.body)
+        return mesh, WeakForm(problem.system, problem.material, spaces)
+
     def problem(self, curve: Curve) -> tuple[ActuatorMesh, Problem]:
-        """Return the mesh and the equations for a curve's material, walls and faces moved.
+        """Return the mesh and the kernels' equations for a curve, walls and faces moved.
 
         Raises
         ------
@@ -364,6 +406,8 @@ class ExactMap:
         Of the mesh.
     executor : Executor, optional
         Where the curves are solved; by default here, one after another.
+    backend : {"kernels", "scikit-fem"}
+        What assembles the equations.
     on_start, on_curve : callable, optional
         Called with the number of curves before, and after each curve, for a progress bar.
     """
@@ -374,10 +418,12 @@ class ExactMap:
         resolution: Resolution,
         *,
         executor: Executor | None = None,
+        backend: Backend | str = Backend.KERNELS,
         on_start: Callable[[int], None] | None = None,
         on_curve: Callable[[], None] | None = None,
     ) -> None:
         self.geometry, self.resolution = geometry, resolution
+        self.backend = Backend(backend)
         self._executor = executor
         self._on_start = on_start or (lambda count: None)
         self._on_curve = on_curve or (lambda: None)
@@ -400,10 +446,13 @@ class ExactMap:
             _curve(load[i, at], {name: group[i, at[0]] for name, group in rows.items()})
             for i, at in places
         ]
-        found = np.empty((5, *load.shape))
+        found = np.empty((5 + len(MEASURES), *load.shape))
         for (i, at), curve, solution in zip(places, curves, self._solve(curves), strict=True):
             found[:, i, at] = _place(solution, curve, load[i, at], scale[i, at])
-        curvature, angle, stretch, slope, status = found.reshape(5, *shape)
+        curvature, angle, stretch, slope, status, *strains = found.reshape(-1, *shape)
+        if inputs.criterion != "principal_stretch":
+            seen = np.stack([strains[k] for k in needed(inputs.criterion)])
+            stretch = 1.0 + demanded_strain(inputs, seen)
         return Prediction(
             curvature=curvature,
             bend_angle=angle,
@@ -421,7 +470,8 @@ class ExactMap:
         # a curve without loads is no work
         self._on_start(sum(len(curve.loads) > 0 for curve in curves))
         solutions = []
-        for curve, solution in zip(curves, apply(solve_task, tasks), strict=True):
+        solve = partial(solve_task, backend=self.backend)
+        for curve, solution in zip(curves, apply(solve, tasks), strict=True):
             if curve.loads:
                 self._on_curve()
             solutions.append(solution)
@@ -435,11 +485,15 @@ class _Held:
     """The meshes last used by this process, with their solvers; older ones are closed."""
 
     def __init__(self) -> None:
-        self._actuators: dict[tuple[Geometry, Resolution], Actuator] = {}
+        self._actuators: dict[tuple[Geometry, Resolution, Backend], Actuator] = {}
 
-    def get(self, geometry: Geometry, resolution: Resolution) -> Actuator:
-        key = (geometry, resolution)
-        found = self._actuators.pop(key, None) or Actuator(build_mesh(geometry, resolution))
+    def get(
+        self, geometry: Geometry, resolution: Resolution, backend: Backend = Backend.KERNELS
+    ) -> Actuator:
+        key = (geometry, resolution, backend)
+        found = self._actuators.pop(key, None)
+        if found is None:
+            found = Actuator(build_mesh(geometry, resolution), backend=backend)
         self._actuators[key] = found
         while len(self._actuators) > MESHES:
             self._actuators.pop(next(iter(self._actuators))).close()
@@ -450,11 +504,14 @@ _HELD = _Held()
 
 
 def solve_task(
-    task: tuple[Geometry, Resolution, Curve], *, effort: PathEffort | None = None
+    task: tuple[Geometry, Resolution, Curve],
+    *,
+    effort: PathEffort | None = None,
+    backend: Backend = Backend.KERNELS,
 ) -> CurveSolution:
     """Solve one curve, with this process's copy of the mesh built once."""
     geometry, resolution, curve = task
-    return _HELD.get(geometry, resolution).solve(curve, effort=effort)
+    return _HELD.get(geometry, resolution, backend).solve(curve, effort=effort)
 
 
 def sample_task(
@@ -478,10 +535,11 @@ def _curve(load: Floats, groups: dict[str, Floats]) -> Curve:
     return Curve(tuple(float(q) for q in loads), material)
 
 
-def _place(
-    solution: CurveSolution, curve: Curve, load: Floats, scale: Floats
-) -> tuple[Floats, Floats, Floats, Floats, NDArray[np.int64]]:
-    """Put the solved loads, and rest at zero load, where they stand among the observations."""
+def _place(solution: CurveSolution, curve: Curve, load: Floats, scale: Floats) -> list[Floats]:
+    """Put the solved loads, and rest at zero load, where they stand among the observations.
+
+    Curvature, bend angle, peak stretch, slope, status and the strains of ``MEASURES``.
+    """
     values = np.vstack([solution.rest, solution.readings])
     rates = np.vstack([solution.rest_rates, solution.rates])
     angle, length = values[:, 0], values[:, 1]
@@ -494,8 +552,9 @@ def _place(
     take = np.minimum(at, len(kappa) - 1)
     failed = np.where(load >= 0.0, int(solution.status), int(Status.INVALID_INPUT))
     status = np.where(ok, int(Status.CONVERGED), failed)
-    curvature, degrees, peak, change = (
-        np.where(ok, column[take], np.nan)
-        for column in (kappa - kappa[0], np.degrees(angle - angle[0]), values[:, 3], slope)
+    strains = measured_strains(values).T
+    columns = (kappa - kappa[0], np.degrees(angle - angle[0]), values[:, PEAK], slope, *strains)
+    curvature, degrees, peak, change, *measured = (
+        np.where(ok, column[take], np.nan) for column in columns
     )
-    return curvature / scale, degrees, peak, change / scale, status
+    return [curvature / scale, degrees, peak, change / scale, status, *measured]

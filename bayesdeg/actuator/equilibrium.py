@@ -15,7 +15,7 @@ from bayesdeg.actuator.linear import (
     open_indefinite,
 )
 from bayesdeg.actuator.material import is_elliptic
-from bayesdeg.actuator.problem import Linearisation, MechanicalState, Point, Problem
+from bayesdeg.actuator.problem import DiscreteEquations, Linearisation, MechanicalState, Point
 from bayesdeg.actuator.status import PathEffort, Status
 
 Floats = NDArray[np.float64]
@@ -49,7 +49,7 @@ class LoadStep:
 
 
 def find_equilibrium(
-    problem: Problem, solver: Factorization, *, guess: MechanicalState, effort: PathEffort
+    problem: DiscreteEquations, solver: Factorization, *, guess: MechanicalState, effort: PathEffort
 ) -> LoadStep:
     """Iterate from a guess to the equilibrium at its load.
 
@@ -82,7 +82,7 @@ def find_equilibrium(
 
 
 def polished(
-    problem: Problem,
+    problem: DiscreteEquations,
     solver: Factorization,
     point: Point,
     factors: Linearisation,
@@ -219,7 +219,7 @@ class StepControl:
 
     @classmethod
     def start(
-        cls, problem: Problem, rest: Point, loads: Sequence[float], effort: PathEffort
+        cls, problem: DiscreteEquations, rest: Point, loads: Sequence[float], effort: PathEffort
     ) -> Self:
         """Return the control at the beginning of a path: a first step that bends little."""
         size = float(np.ptp(problem.system.body.nodes, axis=0).max())
@@ -292,7 +292,7 @@ class _Place:
 
 
 def locate_limit(
-    problem: Problem,
+    problem: DiscreteEquations,
     points: Sequence[Point],
     *,
     effort: PathEffort,
@@ -308,7 +308,7 @@ def locate_limit(
 
     Parameters
     ----------
-    problem : Problem
+    problem : DiscreteEquations
         As it was followed.
     points : sequence of Point
         The path as far as it was followed under pressure control.
@@ -330,7 +330,7 @@ def locate_limit(
 
 
 class _Search:
-    def __init__(self, problem: Problem, solver: Indefinite, effort: PathEffort) -> None:
+    def __init__(self, problem: DiscreteEquations, solver: Indefinite, effort: PathEffort) -> None:
         self.problem, self.solver, self.effort = problem, solver, effort
         self.size = float(np.ptp(problem.system.body.nodes, axis=0).max())
         self.spent = 0
@@ -451,7 +451,7 @@ class Path:
 
 
 def follow(
-    problem: Problem,
+    problem: DiscreteEquations,
     solver: Factorization,
     *,
     loads: Sequence[float],
@@ -469,7 +469,7 @@ def follow(
 
     Parameters
     ----------
-    problem : Problem
+    problem : DiscreteEquations
         Body, material and dead loads.
     solver : Factorization
         Direct solver opened on ``problem.system.upper``.
@@ -511,7 +511,7 @@ def follow(
 
 
 def _climb(
-    problem: Problem,
+    problem: DiscreteEquations,
     solver: Factorization,
     rest: Point,
     loads: Sequence[float],
@@ -547,7 +547,12 @@ def _climb(
 
 
 def _rest(
-    problem: Problem, solver: Factorization, *, effort: PathEffort, visit: Visit, deadline: float
+    problem: DiscreteEquations,
+    solver: Factorization,
+    *,
+    effort: PathEffort,
+    visit: Visit,
+    deadline: float,
 ) -> tuple[Point | None, Status, int]:
     """Find the equilibrium at zero pressure, the dead loads raised in steps.
 
@@ -576,7 +581,7 @@ def _rest(
             return None, Status.BUCKLED, spent
 
 
-def _first_share(problem: Problem) -> float:
+def _first_share(problem: DiscreteEquations) -> float:
     """Return a share of the dead loads that is safe to begin with."""
     if not problem.has_dead_load:
         return 1.0

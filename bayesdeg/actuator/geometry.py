@@ -157,6 +157,25 @@ class Geometry:
         across, upward = (0.0, self.half_width), (self.slot_bottom, self.height)
         return tuple((span, across, upward) for span in self.slot_spans)
 
+    @property
+    def volume(self) -> float:
+        """Volume of the gel of the whole actuator [mm³].
+
+        Examples
+        --------
+        >>> from bayesdeg.data.settings import Dimensions
+        >>> round(Geometry(Dimensions()).volume, 6)
+        3636.0
+        """
+        planes = self.planes()
+        middles = np.meshgrid(*(0.5 * (p[1:] + p[:-1]) for p in planes), indexing="ij")
+        sizes = np.einsum("i,j,k->ijk", *(np.diff(p) for p in planes))
+        solid = np.ones(sizes.shape, dtype=bool)
+        for box in (*self.cavities, *self.slots):
+            inside = [(a < m) & (m < b) for m, (a, b) in zip(middles, box, strict=True)]
+            solid &= ~np.logical_and.reduce(inside)
+        return 2.0 * float(sizes[solid].sum())
+
     def planes(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """Return the coordinates of all planes along x, y and z between which bricks stand [mm]."""
         boxes = (*self.cavities, *self.slots)

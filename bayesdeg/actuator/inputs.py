@@ -6,6 +6,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdeg.data.settings import RuptureCriterion
+
 Floats = NDArray[np.float64]
 
 PAPER_THICKNESS = 0.1  # mm
@@ -44,6 +46,10 @@ class Inputs:
         Thickness of walls and roof over the nominal one; neutral 1 [–].
     erosion : array, optional
         Thickness lost from exposed faces; neutral 0 [mm].
+    criterion : str
+        What of the walls' state is asked for as peak stretch, see `bayesdeg.actuator.demand`.
+    weibull_modulus : array, optional
+        m of the weakest link, the same at all pressures of a specimen; of no other criterion [–].
     """
 
     pressure: Floats
@@ -62,6 +68,8 @@ class Inputs:
     weight_up: Floats | None = None
     wall_factor: Floats | None = None
     erosion: Floats | None = None
+    criterion: RuptureCriterion = "principal_stretch"
+    weibull_modulus: Floats | None = None
 
 
 @dataclass(frozen=True)
@@ -76,7 +84,8 @@ class Prediction:
     bend_angle : array
         Rotation of the free end face, less that at the reference pressure [deg].
     peak_stretch : array
-        Largest principal stretch that 99 % of the volume stays below [–].
+        Largest principal stretch that 99 % of the volume stays below, or the uniaxial stretch that
+        is as demanding by the criterion asked for [–].
     slope : array
         p ∂κ/∂p, the change of curvature for a relative change of pressure [1/m]. It is nearly
         that for a relative loss of stiffness, which also changes the paper's group.

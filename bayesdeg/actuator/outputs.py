@@ -14,6 +14,7 @@ from scipy.interpolate import make_splprep
 
 from bayesdeg.actuator import kernels
 from bayesdeg.actuator.body import Body
+from bayesdeg.actuator.demand import MEASURES, WEIBULL_MODULI
 from bayesdeg.actuator.mesh import ActuatorMesh
 from bayesdeg.actuator.problem import MechanicalState
 
@@ -278,11 +279,100 @@ class Stretches:
 
 def principal_stretch(body: Body, state: MechanicalState) -> Stretches:
     """Return the largest principal stretch and its derivative at every quadrature point."""
-    f = np.empty((*body.weights.shape, 3, 3))
-    kernels.deformation(state.displacement, body.elements, body.gradients, f)
+    f = _deformation(body, state)
     value = np.empty(body.weights.shape)
     largest_stretch(f, value)
     return Stretches(value, f)
+
+
+def _deformation(body: Body, state: MechanicalState) -> Floats:
+    """Return F at every quadrature point, (n_elements, n_points, 3, 3)."""
+    f = np.empty((*body.weights.shape, 3, 3))
+    kernels.deformation(state.displacement, body.elements, body.gradients, f)
+    return f
+
+
+_AT_REST = 1e-7
+"""Equivalent strain below which it has no derivative: it goes with the root of the energy."""
+
+
+def equivalent_stretches(f: Floats, largest: Stretches) -> tuple[Stretches, Stretches]:
+    r"""Return the stretches of uniaxial tests that are as demanding, at every quadrature point.
+
+    The first has the same energy in a material whose energy rises with the first invariant,
+
+    .. math:: λ^2 + 2/λ = \bar I_1,
+
+    the second the same difference of the largest and the smallest principal stretch squared,
+
+    .. math:: λ^2 - 1/λ = \bar λ_1^2 - \bar λ_3^2,
+
+    which times :math:`2 W'(\bar I_1)` is the largest Cauchy stress where the thinnest axis is free.
+    Bars are of the part without change of volume, :math:`J^{-1/3} F`.
+
+    Parameters
+    ----------
+    f : array, shape (n_elements, n_points, 3, 3)
+        Deformation gradient [–].
+    largest : Stretches
+        Largest principal stretch.
+
+    Examples
+    --------
+    >>> stretched = np.diag([4.0, 0.5, 0.5])[None, None]
+    >>> axis = np.diag([1.0, 0.0, 0.0])[None, None]
+    >>> energy, difference = equivalent_stretches(stretched, Stretches(np.array([[4.0]]), axis))
+    >>> energy.value.round(9), difference.value.round(9)
+    (array([[4.]]), array([[4.]]))
+    """
+    volume = np.linalg.det(f)
+    by_volume = volume[..., None, None] * np.swapaxes(np.linalg.inv(f), -1, -2)  # ∂J/∂F
+    shrunk = volume ** (-2.0 / 3.0)
+    whole = np.einsum("eqij,eqij->eq", f, f)
+    top = largest.value**2
+    by_top = 2.0 * largest.value[..., None, None] * largest.slope
+    # the other two squares have the sum and the product that are left
+    rest, product = whole - top, volume**2 / top
+    root = np.sqrt(np.maximum(rest**2 - 4.0 * product, 0.0))
+    by_rest = 2.0 * f - by_top
+    by_product = (
+        2.0 * (volume / top)[..., None, None] * by_volume
+        - (product / top)[..., None, None] * by_top
+    )
+    safe = np.maximum(root, _AT_REST)[..., None, None]
+    by_root = (rest[..., None, None] * by_rest - 2.0 * by_product) / safe
+    difference, by_difference = top - 0.5 * (rest - root), by_top - 0.5 * (by_rest - by_root)
+    found = []
+    for value, slope, uniaxial in (
+        (whole, 2.0 * f, _stretch_of_invariant),
+        (difference, by_difference, _stretch_of_difference),
+    ):
+        thinned = (value / volume)[..., None, None] * by_volume * (2.0 / 3.0)
+        stretch, rate = uniaxial(shrunk * value)
+        known = np.where(stretch - 1.0 > _AT_REST, shrunk / rate, 0.0)
+        found.append(Stretches(stretch, known[..., None, None] * (slope - thinned)))
+    return found[0], found[1]
+
+
+def _stretch_of_invariant(invariant: Floats) -> tuple[Floats, Floats]:
+    """Return λ with λ² + 2/λ = I₁, and dI₁/dλ."""
+    least = np.maximum(invariant, 3.0)
+    third = np.arccos(np.maximum(-((3.0 / least) ** 1.5), -1.0)) / 3.0
+    stretch = np.maximum(2.0 * np.sqrt(least / 3.0) * np.cos(third), 1.0)
+    return stretch, np.maximum(2.0 * stretch - 2.0 / stretch**2, _AT_REST)
+
+
+_NEWTON_STEPS = 8  # from above, where the function is convex: rounding is reached from λ = 8 on
+
+
+def _stretch_of_difference(difference: Floats) -> tuple[Floats, Floats]:
+    """Return λ with λ² − 1/λ = d, and dd/dλ."""
+    stretch = 1.0 + np.maximum(difference, 0.0) / 3.0
+    for _ in range(_NEWTON_STEPS):
+        rate = 2.0 * stretch + 1.0 / stretch**2
+        stretch = stretch - (stretch**2 - 1.0 / stretch - difference) / rate
+    stretch = np.maximum(stretch, 1.0)
+    return stretch, 2.0 * stretch + 1.0 / stretch**2
 
 
 @njit(cache=True)
@@ -445,14 +535,17 @@ def pull_back(body: Body, stretches: Stretches, factors: Floats) -> Floats:
 
 
 PEAK_SHARE = 0.99  # share of the volume that is stretched less than the peak stretch
-WEIBULL_MODULI = (5.0, 10.0, 20.0)
-OUTPUTS = (
-    "bend_angle",
-    "arc_length",
-    "cavity_volume",
-    "peak_stretch",
-    *(f"weibull_strain_{modulus:g}" for modulus in WEIBULL_MODULI),
-)
+OUTPUTS = ("bend_angle", "arc_length", "cavity_volume", "peak_stretch", *MEASURES)
+PEAK = OUTPUTS.index("peak_stretch")
+COLUMNS = [OUTPUTS.index(name) for name in MEASURES]
+_UNDEFORMED = np.array([float("stretch" in name) for name in MEASURES])
+"""What is taken off a reading for a strain: stretches are read, and strains."""
+
+
+def measured_strains(readings: Floats) -> Floats:
+    """Return strains by ``MEASURES`` from readings (…, n_outputs) of equilibria, (…, 6) [–]."""
+    strains: Floats = readings[..., COLUMNS] - _UNDEFORMED
+    return strains
 
 
 @dataclass(frozen=True)
@@ -464,8 +557,9 @@ class Reading:
     values : array, shape (n_outputs,)
         In the order of ``OUTPUTS``: rotation of the free end face towards the paper [rad];
         deformed length of the bottom line [mm]; volume of the cavity of the half model [mm³];
-        largest principal stretch that 99 % of the volume stays below [–]; and for each modulus m
-        the strain (1/V ∫ ε^m dV)^(1/m), ε the largest principal strain λ − 1 [–].
+        largest principal stretch that 99 % of the volume stays below [–]; for each modulus m the
+        strain (1/V ∫ ε^m dV)^(1/m), ε the largest principal strain λ − 1 [–]; and what 99 % of the
+        volume stays below of the stretches of `equivalent_stretches` [–].
     rates : array, shape (n_outputs,)
         Their derivatives by the load, along the path.
     """
@@ -520,28 +614,28 @@ def read_state(
     """
     body = mesh.body
     velocity = np.zeros_like(body.nodes) if rate is None else rate.displacement
-    stretches = principal_stretch(body, state)
-    stretching = stretches.rate(body, velocity)
     lines = _line_readings(mesh, body.nodes + state.displacement, previous_angle)
-    strains = _strain_readings(body, stretches)
-    values = [value for value, _ in (*lines, *strains)]
-    rates = [
-        *(np.sum(gradient * velocity) for _, gradient in lines),
-        *(np.sum(factors * stretching) for _, factors in strains),
-    ]
+    values = [value for value, _ in lines]
+    rates = [np.sum(gradient * velocity) for _, gradient in lines]
+    for stretches, strains in _strain_readings(body, state):
+        stretching = stretches.rate(body, velocity)
+        values += [value for value, _ in strains]
+        rates += [np.sum(factors * stretching) for _, factors in strains]
     return Reading(np.array(values), np.array(rates))
 
 
 def reading_gradients(mesh: ActuatorMesh, state: MechanicalState) -> Floats:
     """Return the derivatives of all readings by the nodes' positions, (n_outputs, n_nodes, 3)."""
     body = mesh.body
-    stretches = principal_stretch(body, state)
     lines = _line_readings(mesh, body.nodes + state.displacement, 0.0)
-    strains = _strain_readings(body, stretches)
     return np.stack(
         [
             *(gradient for _, gradient in lines),
-            *(pull_back(body, stretches, factors) for _, factors in strains),
+            *(
+                pull_back(body, stretches, factors)
+                for stretches, strains in _strain_readings(body, state)
+                for _, factors in strains
+            ),
         ]
     )
 
@@ -557,11 +651,19 @@ def _line_readings(
     ]
 
 
-def _strain_readings(body: Body, stretches: Stretches) -> list[tuple[float, Floats]]:
-    """Measures of stretch, with their derivatives by the stretch of every point."""
+def _strain_readings(
+    body: Body, state: MechanicalState
+) -> list[tuple[Stretches, list[tuple[float, Floats]]]]:
+    """Measures of stretch, each field with its readings and their derivatives by it."""
+    f = _deformation(body, state)
+    largest = principal_stretch(body, state)
+    strains = [weibull_strain(largest.value, body.weights, modulus) for modulus in WEIBULL_MODULI]
     return [
-        quantile_weights(stretches.value, body.weights, PEAK_SHARE),
-        *(weibull_strain(stretches.value, body.weights, modulus) for modulus in WEIBULL_MODULI),
+        (largest, [quantile_weights(largest.value, body.weights, PEAK_SHARE), *strains]),
+        *(
+            (one, [quantile_weights(one.value, body.weights, PEAK_SHARE)])
+            for one in equivalent_stretches(f, largest)
+        ),
     ]
 
 

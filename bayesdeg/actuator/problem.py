@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
 import scipy.sparse as sp
@@ -201,21 +201,67 @@ class Linearisation(NamedTuple):
 
     ``residual`` is that of the free unknowns with the pressure condensed, ``tangent`` the data
     of the upper triangle (empty if not asked for), ``force`` the uncondensed residual on all
-    degrees of freedom.
+    degrees of freedom. ``coupling`` is B, ∫ q cof F : ∇u, as the problem that made it keeps it.
     """
 
     residual: Floats
     tangent: Floats
     force: Floats
-    coupling: Floats
+    coupling: Any
     volume_residual: Floats
     smallest_jacobian: float
     cavity_volume: float
 
 
+class DiscreteEquations(Protocol):
+    """What the load path needs: kernels and scikit-fem assemble the same equations."""
+
+    @property
+    def system(self) -> System:
+        """Numbering and sparsity."""
+
+    @property
+    def material(self) -> MaterialGroups:
+        """In units of C1."""
+
+    @property
+    def has_dead_load(self) -> bool:
+        """Whether anything acts at zero pressure."""
+
+    def with_share(self, share: float) -> Self:
+        """Return the equations with another share of the dead loads."""
+
+    def linearise(self, state: MechanicalState, *, tangent: bool = True) -> Linearisation:
+        """Return residual and tangent at a state."""
+
+    def products(
+        self, state: MechanicalState, directions: Sequence[MechanicalState]
+    ) -> list[tuple[Floats, Floats]]:
+        """Return the mixed problem's tangent times directions."""
+
+    def condensed(self, force: Floats, volume_residual: Floats, factors: Linearisation) -> Floats:
+        """Return a residual on the free unknowns, its volume equation eliminated."""
+
+    def on_free(self, field: Floats) -> Floats:
+        """Return the values of a field that belong to unknowns."""
+
+    def pressure_increment(
+        self, factors: Linearisation, displacement: Floats, volume_residual: Floats | None = None
+    ) -> Floats:
+        """Return the pressure increments that go with a displacement increment."""
+
+    def cavity_gradient(self, state: MechanicalState) -> Floats:
+        """Return the derivative of the cavity's volume by the displacement."""
+
+    def cavity_volume(self, state: MechanicalState) -> float:
+        """Return the volume of the half model's cavity."""
+
+
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """A body of one material under dead loads and the pressure in its cavity.
+    """A body of one material under dead loads and the pressure in its cavity, by the kernels.
+
+    ``weak_form.WeakForm`` assembles the same equations with scikit-fem.
 
     Parameters
     ----------

@@ -1,7 +1,8 @@
 """How fine a solution is, what it may spend, and how it ended."""
 
 from dataclasses import dataclass
-from enum import IntEnum
+from enum import IntEnum, StrEnum
+from typing import Self
 
 import numpy as np
 
@@ -41,6 +42,17 @@ _ADVICE = {
     "of a wall: check that C1 is above 0, and pressure, scale, paper and walls",
     Status.TIMED_OUT: "not finished within the time allowed: allow more time, or a coarser mesh",
 }
+
+
+class Backend(StrEnum):
+    """What assembles the equations; solutions agree to rounding.
+
+    KERNELS are compiled loops. SCIKIT_FEM takes the weak form, written as scikit-fem's forms: it
+    is there to be read and to hold the kernels against, and assembles some forty times as long.
+    """
+
+    KERNELS = "kernels"
+    SCIKIT_FEM = "scikit-fem"
 
 
 @dataclass(frozen=True)
@@ -95,6 +107,17 @@ class Resolution:
     across: float
     up: float
     grading: float = 0.0
+
+    def scaled(self, ratio: float) -> Self:
+        """Return the resolution for an actuator that is so many times as large.
+
+        Examples
+        --------
+        >>> Resolution(along=3.0, across=2.0, up=1.0).scaled(2.0).along
+        6.0
+        """
+        along, across, up = (ratio * size for size in (self.along, self.across, self.up))
+        return type(self)(along, across, up, self.grading)
 
 
 COARSE = Resolution(along=3.5, across=2.5, up=5.0)

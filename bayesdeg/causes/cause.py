@@ -1,13 +1,15 @@
 """What a cause is: a named difference between what was recorded and what the mechanics met."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.actuator.inputs import Inputs, Prediction
+from bayesdeg.material.strength import ScatterLaw
 from bayesdeg.priors import Parameter
 
 Floats = NDArray[np.float64]
@@ -85,6 +87,20 @@ class Conditions:
         for name in ("time", "cycle", "unloading", "humidity", "mount"):
             object.__setattr__(self, name, np.broadcast_to(getattr(self, name), shape))
 
+    @cached_property
+    def room_humidity(self) -> Floats:
+        """Median humidity of each specimen's test [%], (n_specimens,); nan where none is known.
+
+        Examples
+        --------
+        >>> recorded = np.array([[60.0, np.nan, 61.0], [np.nan, np.nan, np.nan]])
+        >>> Conditions(np.ones((2, 3)), np.zeros((2, 1)), humidity=recorded).room_humidity.tolist()
+        [60.5, nan]
+        """
+        known = np.ma.masked_invalid(self.humidity)
+        median: Floats = np.ma.filled(np.ma.median(known, axis=-1), np.nan)
+        return median
+
 
 @dataclass(frozen=True)
 class FilmConditions:
@@ -125,6 +141,25 @@ class Degradation:
 
 
 @dataclass(frozen=True)
+class StrengthConditions:
+    """In which state actuators are when they meet their elongation limit: one value a specimen.
+
+    Parameters
+    ----------
+    degradation : array, shape (walkers, n_specimens)
+        As believed [%].
+    humidity : array, shape (n_specimens,)
+        Relative humidity of the room [%]; nan where it was not recorded.
+    film_slope : array, shape (walkers, n_specimens)
+        d ln ε_b/dD of the films' median elongation limit at these rates [1/%].
+    """
+
+    degradation: Floats
+    humidity: Floats
+    film_slope: Floats
+
+
+@dataclass(frozen=True)
 class Strength:
     """What is believed of the elongation limit of actuators.
 
@@ -134,10 +169,13 @@ class Strength:
         Median elongation at break as a strain, λ − 1 [–].
     scatter : array, shape (walkers, n_specimens)
         Standard deviation of its logarithm [–].
+    law : str
+        Of the elongation from specimen to specimen.
     """
 
     median: Floats
     scatter: Floats
+    law: ScatterLaw = "lognormal"
 
     def weakened(self, cut: Floats, widening: Floats) -> "Strength":
         """Return it with a median less by ``cut`` in logarithms, and wider by ``widening``.
@@ -146,9 +184,11 @@ class Strength:
         --------
         >>> films = Strength(np.array([2.0]), np.array([0.3]))
         >>> films.weakened(np.log([4.0]), np.array([0.4]))
-        Strength(median=array([0.5]), scatter=array([0.5]))
+        Strength(median=array([0.5]), scatter=array([0.5]), law='lognormal')
         """
-        return Strength(self.median * np.exp(-cut), np.hypot(self.scatter, widening))
+        return replace(
+            self, median=self.median * np.exp(-cut), scatter=np.hypot(self.scatter, widening)
+        )
 
 
 def always_visible(conditions: Conditions | FilmConditions) -> None:
@@ -186,8 +226,8 @@ class Cause:
         linear in both together, so it acts alike on a stress with its constants and on a
         derivative of the stress with that of the constants.
     on_strength : callable, optional
-        What it does to the elongation limit of actuators whose degradation rates are given,
-        (walkers, n_specimens) [%]; the effect is shaped (walkers, 1).
+        What it does to the elongation limit of actuators in given states; the effect is shaped
+        (walkers, 1).
     blind : callable
         Says why tests cannot reveal it although the columns are there; None if they can.
     blind_on_films : callable
@@ -206,7 +246,7 @@ class Cause:
     on_inputs: Callable[[Inputs, Conditions, Effect], Inputs] | None = None
     on_reading: Callable[[Prediction, Conditions, Effect], Prediction] | None = None
     on_stress: Callable[[Floats, FilmConditions, Effect, Floats], Floats] | None = None
-    on_strength: Callable[[Strength, Floats, Effect], Strength] | None = None
+    on_strength: Callable[[Strength, StrengthConditions, Effect], Strength] | None = None
     blind: Callable[[Conditions], str | None] = always_visible
     blind_on_films: Callable[[FilmConditions], str | None] = always_visible
 

@@ -7,19 +7,23 @@ Mechanism
     the larger share of what it has.
 
 Equation
-    Median elongation limit times exp(−b D/25 %), scatter of its logarithm √(σ² + (w D/25 %)²), with
-    D the degradation rate: specimens that were tested at other times dried by other amounts.
+    Median elongation limit times exp(−b ρ), scatter of its logarithm √(σ² + (w ρ)²), with
+    ρ = (D/25 %) max(67 % − RH, 0)/(67 % − 60 %), D the degradation rate and RH the humidity of the
+    room, the median of the specimen's test. Where none was recorded RH = 60 %. The scatter grows
+    since specimens that were tested at other times dried by other amounts; air that is moister than
+    that of the storage does nothing.
 
 Typical size
     Stored at 67 % relative humidity, where elongation peaks, tested near 60 %: two of three
     actuators burst at 25 % under a fifth of the films' limit, b of about 1.5. How much a limit
-    falls for a loss of 7 points of humidity is not published; the prior is an estimate.
+    falls for a loss of 7 points of humidity is not published; the prior is an estimate, and that
+    the cut of the logarithm is proportional to the loss is assumed.
 
 Revealed by
-    Ruptures at pressures that the films' elongation would bear, the more so the more degraded;
-    tests at the humidity at which the films were stored would not show them. Counts alone do not
-    tell it from flaws. It acts on the actuators' rupture, not on films, and not on curvature, which
-    is that of humidity drift.
+    Ruptures at pressures that the films' elongation would bear, the more so the more degraded and
+    the drier the room; tests at the humidity at which the films were stored do not show them.
+    Counts in one room do not tell it from flaws. It acts on the actuators' rupture, not on films,
+    and not on curvature, which is that of humidity drift.
 
 Refuted by
     Ruptures as early where the air is that in which the films were stored; smooth fracture surfaces
@@ -40,30 +44,50 @@ from bayesdeg.causes.cause import (
     Floats,
     Stage,
     Strength,
+    StrengthConditions,
 )
+from bayesdeg.causes.humidity import SAME, STORED, TESTED, dryness
 from bayesdeg.priors import Parameter, TruncatedNormal
 
 
-def dry(strength: Strength, degradation: Floats, effect: Effect) -> Strength:
-    """Return an elongation limit that is lower and more scattered the more an actuator is degraded.
+def dry(strength: Strength, conditions: StrengthConditions, effect: Effect) -> Strength:
+    """Return limits that are lower and more scattered, the more degraded and the drier the room.
 
     Examples
     --------
-    >>> films = Strength(np.array([[2.0, 0.5]]), np.array([[0.1, 0.1]]))
+    >>> films, rates = Strength(np.array([[2.0, 0.5, 0.5]]), np.full((1, 3), 0.1)), [[0, 25, 25]]
+    >>> tests = StrengthConditions(np.array(rates), np.array([60.0, 60.0, 67.0]), np.zeros((1, 3)))
     >>> size = {"cut": np.array([[np.log(5.0)]]), "widening": np.array([[0.0]])}
-    >>> dry(films, np.array([[0.0, 25.0]]), size).median
-    array([[2. , 0.1]])
+    >>> dry(films, tests, size).median
+    array([[2. , 0.1, 0.5]])
     """
-    share = np.maximum(degradation, 0.0) / REFERENCE_DEGRADATION
+    degraded = np.maximum(conditions.degradation, 0.0) / REFERENCE_DEGRADATION
+    share = degraded * lost_humidity(conditions.humidity)
     return strength.weakened(effect["cut"] * share, effect["widening"] * share)
 
 
+def lost_humidity(humidity: Floats) -> Floats:
+    """Return max(67 % − RH, 0)/(67 % − 60 %) [–]; 1 where the humidity is not known.
+
+    Examples
+    --------
+    >>> lost_humidity(np.array([75.0, 67.0, 53.0, np.nan])).tolist()
+    [0.0, 0.0, 2.0, 1.0]
+    """
+    known = np.where(np.isnan(humidity), TESTED, humidity)
+    return np.maximum(dryness(known), 0.0)
+
+
 def never_dry(conditions: Conditions) -> str | None:
-    """Say so where no actuator was degraded, or nothing is known of the air."""
-    if not np.any(conditions.degradation > 0.0):
+    """Say so where no actuator was degraded, or none of them was tested in dry air."""
+    degraded = np.any(conditions.degradation > 0.0, axis=-1)
+    if not np.any(degraded):
         return "no degraded actuator was tested"
     if not np.any(np.isfinite(conditions.humidity)):
         return "the humidity of the room was not recorded"
+    lost = lost_humidity(conditions.room_humidity) * (STORED - TESTED)
+    if np.all(lost[degraded] < SAME):
+        return f"degraded actuators were tested in air as humid as the storage, {STORED:g} %"
     return None
 
 
@@ -75,22 +99,24 @@ CAUSE = Cause(
             "cut",
             TruncatedNormal(0.0, 1.0, 0.0, np.inf),
             "–",
-            "ln of the films' over the actuators' elongation limit at a degradation rate of 25 %",
+            "ln of the films' over the actuators' elongation limit at a degradation rate of 25 % "
+            "in air 7 points of relative humidity drier than the storage",
             0.0,
         ),
         Parameter(
             "widening",
             TruncatedNormal(0.0, 0.4, 0.0, np.inf),
             "–",
-            "scatter of ln elongation limit that drying adds at a degradation rate of 25 %",
+            "scatter of ln elongation limit that such drying adds at a degradation rate of 25 %",
             0.0,
         ),
     ),
     mechanism="degraded actuators tested in air drier than that of the films break at less strain",
     typical={"cut": 1.5, "widening": 0.4},
     revealed_by="ruptures below what the films' elongation would bear, the more so the more "
-    "degraded; refuted by ruptures as early at the humidity at which the films were stored",
-    confusable_with=("flaw_embrittlement",),
+    "degraded and the drier the room; refuted by ruptures as early at the humidity at which the "
+    "films were stored",
+    confusable_with=("flaw_embrittlement", "uneven_degradation"),
     needs=("humidity_pct",),
     on_strength=dry,
     blind=never_dry,

@@ -34,15 +34,9 @@ from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.causes.blindness import without_time
 from bayesdeg.causes.cause import Cause, Conditions, Effect, Floats, Stage
 from bayesdeg.causes.history import filled, known_time, lagging
+from bayesdeg.causes.humidity import SAME, STORED, TESTED
+from bayesdeg.causes.humidity import dryness as dryness_at
 from bayesdeg.priors import LogNormal, Parameter, TruncatedNormal
-
-STORED = 67.0
-"""Relative humidity in which parts are stored [%]."""
-
-TESTED = 60.0
-"""Relative humidity of the room where none was recorded [%]."""
-
-_SAME = 0.5  # humidities that differ by less are the same to a hygrometer [%]
 
 
 def dry_out(inputs: Inputs, conditions: Conditions, effect: Effect) -> Inputs:
@@ -61,12 +55,12 @@ def dryness(conditions: Conditions) -> Floats:
     >>> dryness(Conditions(pressure, fresh, humidity=np.array([[67.0, 46.0]]))).tolist()
     [[0.0, 3.0]]
     """
-    return (STORED - filled(conditions.humidity, TESTED)) / (STORED - TESTED)
+    return dryness_at(filled(conditions.humidity, TESTED))
 
 
 def never_drier(conditions: Conditions) -> str | None:
     """Say so where no time was recorded, or the room was always as humid as the storage."""
-    if np.all(np.abs(dryness(conditions)) * (STORED - TESTED) < _SAME):
+    if np.all(np.abs(dryness(conditions)) * (STORED - TESTED) < SAME):
         return f"the room was as humid as the storage, {STORED:g} %"
     return without_time(conditions)
 

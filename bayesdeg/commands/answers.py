@@ -81,7 +81,8 @@ Branch = Annotated[
 Humidity = Annotated[
     float | None,
     typer.Option(
-        help="Relative humidity of the room in percent; it acts over the time of --hold-s.",
+        help="Relative humidity of the room in percent: of curvature it acts over the time of "
+        "--hold-s, of rupture at once.",
         metavar="PERCENT",
     ),
 ]

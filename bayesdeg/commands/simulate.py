@@ -10,10 +10,11 @@ import typer
 
 from bayesdeg.actuator.curve import ExactMap
 from bayesdeg.actuator.geometry import Geometry
-from bayesdeg.actuator.status import FINE
+from bayesdeg.actuator.status import FINE, Backend
 from bayesdeg.commands.options import CORES, Quiet, Seed, StudyFolder, Workers
 from bayesdeg.console import errors, say, shown
 from bayesdeg.data.settings import FILE as SETTINGS_FILE
+from bayesdeg.data.settings import relative_size
 from bayesdeg.data.study import Study
 from bayesdeg.emulator.workers import workplace
 from bayesdeg.errors import BayesdegError
@@ -30,6 +31,15 @@ Hidden = Annotated[
 ]
 Drawn = Annotated[bool, typer.Option("--draw-material", help="Draw the material at random.")]
 
+Assembled = Annotated[
+    Backend,
+    typer.Option(
+        help="What assembles the finite elements: compiled kernels, or scikit-fem's forms, which "
+        "say the same equations in plain sight, to check the kernels by. The readings are the "
+        "same, and assembly takes forty times as long: for checks, not for whole studies."
+    ),
+]
+
 
 def simulate(
     study: StudyFolder,
@@ -37,6 +47,7 @@ def simulate(
     cause: Hidden = None,
     seed: Seed = None,
     draw_material: Drawn = False,
+    backend: Assembled = Backend.KERNELS,
     workers: Workers = CORES,
     quiet: Quiet = False,
 ) -> None:
@@ -54,14 +65,17 @@ def simulate(
     truth = replace(truth, paper_thickness=template.settings.paper_thickness_mm)
     named = " ".join(f"--cause {text}" for text in cause or [])
     drawn = " --draw-material" if draw_material else ""
-    command = f"bayesdeg simulate {study} {named}{drawn} --out {out} --seed {chosen}"
-    provenance = Provenance(command=command, seed=chosen, mesh=vars(FINE))
+    by = "" if backend is Backend.KERNELS else f" --backend {backend}"
+    command = f"bayesdeg simulate {study} {named}{drawn} --out {out} --seed {chosen}{by}"
+    mesh = FINE.scaled(relative_size(template.settings.dimensions))
+    provenance = Provenance(command=command, seed=chosen, mesh=vars(mesh))
     with virtual_study(out, VIRTUAL_FILES), workplace(workers, None) as executor:
         with shown(quiet) as progress:
             forward = ExactMap(
                 Geometry(template.settings.dimensions),
-                FINE,
+                mesh,
                 executor=executor,
+                backend=backend,
                 on_start=partial(progress.stage, "finite element curves"),
                 on_curve=progress.advance,
             )

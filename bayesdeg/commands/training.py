@@ -2,7 +2,7 @@
 
 import sys
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import typer
@@ -12,20 +12,38 @@ from bayesdeg.commands.options import Stopped
 from bayesdeg.commands.outcome import accuracy_table, list_failures, runs_table
 from bayesdeg.console import errors, shown
 from bayesdeg.data.study import Study
-from bayesdeg.emulator.kept import CACHE, Recipe, duration
+from bayesdeg.emulator.kept import CACHE, Recipe, duration, local_recipe
+from bayesdeg.emulator.local import (
+    MORE_COARSE,
+    MORE_FINE,
+    ROUNDS,
+    TARGET_PCT,
+    AskedInputs,
+    local_design,
+    span_of,
+)
 from bayesdeg.emulator.solutions import SolutionStore
 from bayesdeg.emulator.surrogate import Surrogate
-from bayesdeg.emulator.trained import find, read_trained, surrogate_for, write_trained
+from bayesdeg.emulator.trained import (
+    find,
+    find_covering,
+    read_trained,
+    surrogate_for,
+    write_trained,
+)
+from bayesdeg.pipeline.asked import asked_of
 from bayesdeg.pipeline.emulation import (
     Campaign,
     Expectation,
     endings,
     expect,
+    largest_error,
     train_emulator,
 )
 
 STORE = Path(".cache/campaign")
 RECIPE = Recipe()
+LOCAL = local_recipe
 
 
 @dataclass(frozen=True)
@@ -78,9 +96,42 @@ def emulator_for(
     found = find(geometry, recipe=RECIPE, cache=CACHE)
     if found.surrogate is not None:
         return found.surrogate
+    with shown(manner.quiet) as progress:
+        progress.stage("where the study lies")
+        asked = asked_of(study, study.settings.seed)
+    known = find_covering(geometry, span_of(asked, wider=0.0), CACHE)
+    if known is not None:
+        return known
     if not manner.quiet:
-        _print(f"{found.reason}; one is trained now and kept as {found.path}")
-    return train(Campaign(geometry, RECIPE, SolutionStore(STORE), executor), found.path, manner)
+        _print(f"{found.reason}; one is trained now where this study lies, and kept in {CACHE}")
+    return train_where_asked(study, asked, executor, manner)
+
+
+def train_where_asked(
+    study: Study, asked: AskedInputs, executor: Executor | None, manner: Manner
+) -> Surrogate:
+    """Train an emulator where a study may ask, with further curves until its error is small.
+
+    Raises
+    ------
+    Stopped
+        If the user does not want to wait, or stops it.
+    """
+    geometry = Geometry(study.settings.dimensions)
+    recipe = LOCAL(geometry.dimensions)
+    for more in range(ROUNDS + 1):
+        enough = replace(
+            recipe,
+            coarse_runs=recipe.coarse_runs + more * MORE_COARSE,
+            fine_runs=recipe.fine_runs + more * MORE_FINE,
+        )
+        design = local_design(asked, enough)
+        campaign = Campaign(geometry, enough, SolutionStore(STORE), executor, design=design)
+        path = CACHE / f"{campaign.key()[:16]}.npz"
+        surrogate = train(campaign, path, manner)
+        if largest_error(surrogate) <= TARGET_PCT:
+            break
+    return surrogate
 
 
 def train(campaign: Campaign, path: Path, manner: Manner) -> Surrogate:

@@ -26,7 +26,7 @@ Effort = Literal["quick", "standard", "thorough"]
 
 Mode = Literal["uniaxial", "equibiaxial", "planar"]
 
-RuptureCriterion = Literal["principal_stretch", "cauchy_stress", "strain_energy"]
+RuptureCriterion = Literal["principal_stretch", "cauchy_stress", "strain_energy", "weakest_link"]
 
 EFFORTS: tuple[Effort, ...] = get_args(Effort)
 MODES: tuple[str, ...] = get_args(Mode)
@@ -161,6 +161,19 @@ class Dimensions:
         return tuple(wrong)
 
 
+def relative_size(dimensions: Dimensions) -> float:
+    """Return the cube root of an actuator's outer volume over that of the default one [–].
+
+    Examples
+    --------
+    >>> round(relative_size(Dimensions(length=100.0, width=20.0, height=20.0)), 12)
+    2.0
+    """
+    outer = (d.length * d.width * d.height for d in (dimensions, Dimensions()))
+    this, usual = outer
+    return float((this / usual) ** (1.0 / 3.0))
+
+
 @dataclass(frozen=True)
 class OwnForward:
     """A study of one's own forward map, as ``study.toml`` states it.
@@ -227,6 +240,9 @@ class Settings:
         A forward map of one's own, in the place of actuators and films.
     rupture_criterion : str
         What of a wall's state is held against the films' elongation at break.
+    film_volume_mm3 : float
+        Volume of a film that is stretched in a break test, for the weakest link; by default the
+        narrow part of ISO 37 type 1A, 20 mm × 5 mm, of a film of 0.5 mm.
 
     Examples
     --------
@@ -249,6 +265,7 @@ class Settings:
     note: str = ""
     forward: OwnForward | None = None
     rupture_criterion: RuptureCriterion = "principal_stretch"
+    film_volume_mm3: float = 50.0
 
 
 FILE = "study.toml"
@@ -316,7 +333,7 @@ def _recipe(name: str) -> _Entry:
 _SEED = f"a whole number not below 0 and up to {LARGEST_SEED}"
 _CAUSES = '"all" or a list of names of causes, each once'
 _MODES = f"a list with at least one of {', '.join(MODES)}, each once"
-_THICKNESS, _DEGRADATION = Annotated[Number, Gt(0.0)], Annotated[Number, Ge(0.0)]
+_POSITIVE, _DEGRADATION = Annotated[Number, Gt(0.0)], Annotated[Number, Ge(0.0)]
 _FUNCTION = 'a file of the study and a function in it, "model.py:predict"'
 _INPUTS = "a list of columns of readings.csv, each once"
 _READING = "the column of readings.csv that was read, in quotes"
@@ -331,7 +348,7 @@ ENTRIES: tuple[_Entry, ...] = (
     _Entry("", "virtual", "true or false", bool),
     _Entry("", "seed", _SEED, Annotated[int, Interval(ge=0, le=LARGEST_SEED)]),
     *(_dimension(entry.name) for entry in fields(Dimensions)),
-    _Entry("paper", "thickness", "a number above 0 [mm]", _THICKNESS, "paper_thickness_mm"),
+    _Entry("paper", "thickness", "a number above 0 [mm]", _POSITIVE, "paper_thickness_mm"),
     *(_recipe(entry.name) for entry in fields(MixtureRecipe)),
     _Entry("noise", "degradation_sd_pct", "a number not below 0 [%]", _DEGRADATION),
     _Entry("causes", "candidates", _CAUSES, Literal["all"] | _Names[str]),
@@ -345,11 +362,12 @@ ENTRIES: tuple[_Entry, ...] = (
         RuptureCriterion,
         "rupture_criterion",
     ),
+    _Entry("rupture", "film_volume", "a number above 0 [mm³]", _POSITIVE, "film_volume_mm3"),
     _Entry("forward", "function", _FUNCTION, _Function, "own_function"),
     _Entry("forward", "inputs", _INPUTS, Annotated[_Names[str], Len(1)], "own_inputs"),
     _Entry("reading", "name", _READING, _Text, "own_reading"),
     _Entry("reading", "unit", "a text in quotes", _Text, "own_unit"),
-    _Entry("reading", "error", f"a number above 0, or {_SCALE}", _Law | _THICKNESS, "own_error"),
+    _Entry("reading", "error", f"a number above 0, or {_SCALE}", _Law | _POSITIVE, "own_error"),
     _Entry("reading", "scatter", f"true, false, or {_SCALE}", _Law | bool, "own_scatter"),
 )
 TABLES = (

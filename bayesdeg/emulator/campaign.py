@@ -6,8 +6,9 @@ import warnings
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import inf
+from typing import NotRequired, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,11 +19,13 @@ from sklearn.linear_model import GammaRegressor
 from threadpoolctl import threadpool_limits
 
 from bayesdeg.actuator.curve import Curve, PathSamples
+from bayesdeg.actuator.demand import MEASURES, WEIBULL_MODULI
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.status import MODEL_VERSION, Status
 from bayesdeg.emulator.coordinates import LARGEST_WARPED, SLACK, coordinates, scaled_cause
 from bayesdeg.emulator.design import is_answered, likely, second_stage, space_filling
 from bayesdeg.emulator.kept import Recipe
+from bayesdeg.emulator.local import LocalDesign
 from bayesdeg.emulator.regression import (
     Equations,
     Observed,
@@ -38,10 +41,12 @@ from bayesdeg.emulator.scaling import Place, TrainingRange
 from bayesdeg.emulator.solutions import Kind, Run, Solution, SolutionStore
 from bayesdeg.emulator.surrogate import OUTPUTS, Surrogate
 from bayesdeg.emulator.terms import N_CHEBYSHEV, Family, Terms, features, stacked
+from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.emulator.workers import Supervised, solve
 from bayesdeg.errors import BayesdegError
 
 Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 # cubic in load and material, quadratic in each cause
 FAMILY = Family((3, 3, 3, 3), (1, 0, 0, 0), (2, 2, 0, 2, 2, 2, 2, 2, 2))
@@ -53,7 +58,7 @@ INSIDE = 0.9
 REACH, LEAST = 2.0, 0.02
 
 
-def fit_errors(points: Floats, left_out: Floats, weights: Floats) -> Terms:
+def fit_errors(points: Floats, left_out: Floats, weights: Floats, family: Family = FAMILY) -> Terms:
     """Return ln of the squared relative errors as terms.
 
     Their mean square is fitted by a gamma regression; then its level is set so that nine tenths
@@ -67,8 +72,10 @@ def fit_errors(points: Floats, left_out: Floats, weights: Floats) -> Terms:
         Relative errors of runs left out [–].
     weights : array, shape (n,)
         How much each counts, see ``nearness``.
+    family : Family
+        Of the terms.
     """
-    orders = FAMILY.orders
+    orders = family.orders
     matrix = features(orders, points)
     coefficients = []
     for column in left_out.T:
@@ -135,6 +142,7 @@ LIMIT_FAMILY = Family((0, 5, 5, 3), (0, 2, 2, 2), (2, 2, 1, 2, 2, 1, 2, 3, 3), (
 PRIOR = Prior(material=0.35, cause=0.25, noise=2e-2)
 # the standard error grows with the square of each cause
 ERRORS = Family((0, 0, 0, 0), (0, 0, 0, 0), 9 * (2,))
+UNKNOWN_LIMIT = 0.05  # standard error of ln(reach) where no curve of an actuator was seen to end
 ROUNDS = 200
 FOLDS = 10
 
@@ -156,9 +164,13 @@ class FittedLimit:
 
 
 def fit_limit(
-    reaches: Sequence[Reach], span: TrainingRange, fine: Sequence[Reach] = ()
+    reaches: Sequence[Reach],
+    fine: Sequence[Reach] = (),
+    *,
+    family: Family = LIMIT_FAMILY,
+    ground: Terms | None = None,
 ) -> FittedLimit:
-    """Fit ln of the warped load of the reach.
+    """Fit ln of the warped load of the reach, or by how much it departs from that of ``ground``.
 
     Many runs of a coarse mesh give the shape; how much earlier or later those of the ``fine`` mesh
     end, in the median, shifts it.
@@ -166,34 +178,50 @@ def fit_limit(
     Of a curve that is smooth to its end only a lower bound is known: such values are raised to
     the fit where that is above the bound, and the fit repeated, until nothing changes.
     """
-    points, known, bounded = _table([r for r in reaches if r.load > 0.0], span)
-    orders = LIMIT_FAMILY.orders
+    points, known, bounded = _table([r for r in reaches if r.load > 0.0])
+    orders = family.orders
     scales = PRIOR.scales(orders)
     matrix = features(orders, points) * scales
-    left_out = np.empty_like(known)
+    below = 0.0 * known if ground is None else _at(ground, points)
+    bound = np.minimum(known + 0.03, np.log(1.1 * LARGEST_WARPED)) - below
+    gaps, left_out = known - below, np.empty_like(known)
     for fold in range(FOLDS):
         out = np.arange(len(known)) % FOLDS == fold
-        left_out[out] = known[out] - matrix[out] @ _fit(matrix[~out], known[~out], bounded[~out])
-    best = Terms(orders, (scales * _fit(matrix, known, bounded))[None])
-    best.coefficients[0, 0] += _shift(best, [r for r in fine if r.load > 0.0 and not r.open], span)
+        left_out[out] = gaps[out] - matrix[out] @ _fit(
+            matrix[~out], gaps[~out], bound[~out], bounded[~out]
+        )
+    best = Terms(orders, (scales * _fit(matrix, gaps, bound, bounded))[None])
+    whole = best if ground is None else _sum(ground, best)
+    whole.coefficients[0, 0] += _shift(whole, [r for r in fine if r.load > 0.0 and not r.open])
     errors = _errors(points[~bounded], left_out[~bounded])
-    return FittedLimit(stacked([best, errors]), left_out[~bounded])
+    return FittedLimit(stacked([whole, errors]), left_out[~bounded])
 
 
-def _shift(best: Terms, ended: Sequence[Reach], span: TrainingRange) -> float:
+def _at(terms: Terms, points: Floats) -> Floats:
+    """Return the first output at points, (n,)."""
+    values: Floats = features(terms.orders, points) @ terms.coefficients[0]
+    return values
+
+
+def _sum(*parts: Terms) -> Terms:
+    """Return the sum of several terms of the same outputs."""
+    orders = np.vstack([part.orders for part in parts])
+    return stacked([Terms(orders, np.hstack([part.coefficients for part in parts]))])
+
+
+def _shift(best: Terms, ended: Sequence[Reach]) -> float:
     """Return the median of ln(reach) less the fit at runs whose end is known; 0 if there are none.
 
     The first term is the constant.
     """
     if not ended:
         return 0.0
-    points, known, _ = _table(ended, span)
-    return float(np.median(known - features(best.orders, points) @ best.coefficients[0]))
+    points, known, _ = _table(ended)
+    return float(np.median(known - _at(best, points)))
 
 
-def _fit(matrix: Floats, known: Floats, bounded: NDArray[np.bool_]) -> Floats:
+def _fit(matrix: Floats, known: Floats, bound: Floats, bounded: NDArray[np.bool_]) -> Floats:
     """Return scaled coefficients; a bounded value is raised to the fit where that is above it."""
-    bound = np.minimum(known + 0.03, np.log(1.1 * LARGEST_WARPED))
     normal = matrix.T @ matrix + PRIOR.noise**2 * np.eye(matrix.shape[1])
     factor = cho_factor(normal)
     target = np.where(bounded, bound, known)
@@ -206,12 +234,10 @@ def _fit(matrix: Floats, known: Floats, bounded: NDArray[np.bool_]) -> Floats:
     return coefficients
 
 
-def _table(
-    reaches: Sequence[Reach], span: TrainingRange
-) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+def _table(reaches: Sequence[Reach]) -> tuple[Floats, Floats, NDArray[np.bool_]]:
     """Return coordinates without the load, ln of the warped load, and where it is a bound."""
     groups = np.column_stack([[r.load for r in reaches], [r.groups for r in reaches]])
-    place = coordinates(groups, span)
+    place = coordinates(groups)
     points = place.points.copy()
     points[:, 0] = 0.0
     points[:, SLACK], _ = scaled_cause("paper_slack", groups[:, SLACK])
@@ -220,6 +246,8 @@ def _table(
 
 def _errors(points: Floats, left_out: Floats) -> Terms:
     """Return the standard error as a constant and a part for the square of each cause, none < 0."""
+    if len(left_out) == 0:
+        return Terms(FAMILY.orders[:1], np.full((1, 1), UNKNOWN_LIMIT))
     orders = ERRORS.orders
     even = orders[np.all(orders % 2 == 0, axis=1)]
     matrix = features(even, points)
@@ -258,23 +286,78 @@ class FitPlan:
 
 POWERS = (3, 3, 1, 4, 2, 1, 2, 4, 4)
 ONCE = (1, 1, 1, 2, 1, 1, 1, 2, 2)
+_MEASURED = tuple(len(OUTPUTS) + k for k in range(len(MEASURES)))
+WEIBULL, EQUIVALENT = _MEASURED[: len(WEIBULL_MODULI)], _MEASURED[len(WEIBULL_MODULI) :]
+SMOOTH = Family((10, 6, 6, 5), (6, 4, 4, 3), POWERS, (2, 1, 1, 1))
+_ANGLES = FitPlan(
+    ANGLES,
+    True,
+    Family((12, 8, 8, 5), (8, 5, 5, 4), POWERS, (4, 2, 2, 2), (1, 1, 1, 1)),
+    Family((6, 4, 4, 4), (3, 2, 2, 2), ONCE, (1, 1, 1, 0)),
+    Prior(0.65, 0.5, 0.5, 1e-2),
+    Prior(0.5, 0.4, 0.3, 5e-2),
+)
+_STRETCH = FitPlan(
+    STRETCH,
+    False,
+    Family((8, 5, 5, 4), (3, 2, 2, 1), ONCE, (0, 0, 0, 0)),
+    Family((3, 2, 2, 1), (1, 1, 1, 0), ONCE),
+    Prior(0.6, 0.45, 0.35, 3e-2),
+    Prior(0.5, 0.4, 0.3, 1e-1),
+)
 PLANS = (
-    FitPlan(
-        ANGLES,
-        True,
-        Family((12, 8, 8, 5), (8, 5, 5, 4), POWERS, (4, 2, 2, 2), (1, 1, 1, 1)),
-        Family((6, 4, 4, 4), (3, 2, 2, 2), ONCE, (1, 1, 1, 0)),
-        Prior(0.65, 0.5, 0.5, 1e-2),
-        Prior(0.5, 0.4, 0.3, 5e-2),
+    _ANGLES,
+    _STRETCH,
+    # corners decide, and the coarse mesh has others: the deviation from it has as many terms
+    FitPlan(WEIBULL, True, SMOOTH, SMOOTH, _ANGLES.prior, Prior(0.6, 0.45, 0.35, 1e-2)),
+    replace(_STRETCH, outputs=EQUIVALENT),
+)
+
+
+@dataclass(frozen=True)
+class FitTerms:
+    """With which terms an emulator is fitted.
+
+    Parameters
+    ----------
+    plans : tuple of FitPlan
+        Of ``OUTPUTS`` and of ``MEASURES``, in their order.
+    errors, limit : Family
+        Of the logarithm of squared errors, and of the limit.
+    """
+
+    plans: tuple[FitPlan, ...]
+    errors: Family
+    limit: Family
+
+
+WHOLE = FitTerms(PLANS, FAMILY, LIMIT_FAMILY)
+# beside an emulator of another actuator: what departs from it is smooth, and few runs say it
+_NEAR = FitPlan(
+    ANGLES,
+    True,
+    Family((5, 3, 3, 3), (2, 1, 1, 1), (2, 2, 1, 2, 2, 1, 1, 2, 2)),
+    Family((3, 2, 2, 2), (1, 1, 1, 1), (1, 1, 1, 1, 1, 1, 1, 1, 1)),
+    Prior(0.6, 0.5, 0.4, 1e-2),
+    Prior(0.5, 0.4, 0.3, 5e-2),
+)
+_NEAR_STRETCH = FitPlan(
+    STRETCH,
+    False,
+    Family((3, 2, 2, 2), (1, 1, 1, 0), ONCE),
+    Family((2, 1, 1, 1), (0, 0, 0, 0), ONCE),
+    Prior(0.6, 0.45, 0.35, 3e-2),
+    Prior(0.5, 0.4, 0.3, 1e-1),
+)
+NEAR = FitTerms(
+    (
+        _NEAR,
+        _NEAR_STRETCH,
+        replace(_NEAR, outputs=WEIBULL),
+        replace(_NEAR_STRETCH, outputs=EQUIVALENT),
     ),
-    FitPlan(
-        STRETCH,
-        False,
-        Family((8, 5, 5, 4), (3, 2, 2, 1), ONCE, (0, 0, 0, 0)),
-        Family((3, 2, 2, 1), (1, 1, 1, 0), ONCE),
-        Prior(0.6, 0.45, 0.35, 3e-2),
-        Prior(0.5, 0.4, 0.3, 1e-1),
-    ),
+    Family((1, 0, 0, 0), (0, 0, 0, 0), 9 * (0,)),
+    Family((0, 1, 1, 1), (0, 0, 0, 0), 9 * (1,)),
 )
 
 
@@ -308,7 +391,9 @@ def train(
     length: float,
     mesh_error: float,
     record: dict[str, object],
-    plans: Sequence[FitPlan] = PLANS,
+    terms: FitTerms | None = None,
+    usual: Sequence[Curve] | None = None,
+    ground: Surrogate | None = None,
 ) -> Surrogate:
     """Return a surrogate of the fine mesh.
 
@@ -324,44 +409,60 @@ def train(
         Relative error of the fine mesh itself [–].
     record : dict
         What the design was; accuracy is added to it.
-    plans : sequence of FitPlan
-        Terms of the outputs, in their order.
+    terms : FitTerms, optional
+        With which terms all is fitted; by default those of the whole range.
+    usual : sequence of Curve, optional
+        Curves of materials at which the error is known best; by default those of `likely`.
+    ground : Surrogate, optional
+        An emulator of another actuator: what is fitted is by how much this one departs from it.
     """
+    chosen = terms or WHOLE
     many, few = (_observed(*runs, span=span, length=length) for runs in (coarse, fine))
-    parts = [_train(many, few, plan, span) for plan in plans]
-    ends, fine_ends = (
-        [reach(c, s) for c, s in zip(*runs, strict=True) if is_answered(c, span)]
-        for runs in (coarse, fine)
-    )
-    limit = fit_limit(ends, span, fine_ends)
-    usual = _material_points(likely(span), span)
+    parts = [_train(many, few, plan, span, _below(ground, plan)) for plan in chosen.plans]
+    limit = _limit(coarse, fine, span, chosen.limit, ground)
+    met = _material_points(likely(span) if usual is None else usual)
     errors = [
-        fit_errors(part.points, part.left_out, nearness(part.points, usual)) for part in parts
+        fit_errors(part.points, part.left_out, nearness(part.points, met), chosen.errors)
+        for part in parts
     ]
-    covered = [
-        share
-        for part, error in zip(parts, errors, strict=True)
-        for share in coverage(error, part.points, part.left_out)
-    ]
-    accuracy = _accuracy(parts, limit, covered)
+    n = sum(max(plan.outputs) < len(OUTPUTS) for plan in chosen.plans)
+    terms_of_outputs = stacked([part.terms for part in parts[:n]])
     facts = {
         "model_version": MODEL_VERSION,
         "coarse_curves": len(coarse[0]),
         "fine_curves": len(fine[0]),
         "curves_cut_short": sum(s.status != Status.CONVERGED for s in (*coarse[1], *fine[1])),
-        "terms": len(stacked([part.terms for part in parts]).orders),
+        "terms": len(terms_of_outputs.orders),
         "mesh_error_pct": 100.0 * mesh_error,
-        "accuracy": accuracy,
+        "accuracy": _accuracy(parts, errors, limit),
     }
     return Surrogate(
         length=length,
         span=span,
-        terms=stacked([part.terms for part in parts]),
-        error=stacked(errors),
+        terms=terms_of_outputs,
+        error=stacked(errors[:n]),
         limit=limit.terms,
+        strains=stacked([part.terms for part in parts[n:]]),
+        strain_error=stacked(errors[n:]),
         mesh_error=mesh_error,
         record=json.dumps(record | facts, indent=1),
     )
+
+
+def _limit(
+    coarse: tuple[Sequence[Curve], Sequence[PathSamples]],
+    fine: tuple[Sequence[Curve], Sequence[PathSamples]],
+    span: TrainingRange,
+    family: Family,
+    ground: Surrogate | None,
+) -> FittedLimit:
+    """Fit where curves end."""
+    ends, fine_ends = (
+        [reach(c, s) for c, s in zip(*runs, strict=True) if is_answered(c, span)]
+        for runs in (coarse, fine)
+    )
+    below = None if ground is None else ground.limit.output(0)
+    return fit_limit(ends, fine_ends, family=family, ground=below)
 
 
 def _observed(
@@ -376,80 +477,94 @@ def _observed(
     return {curve: run for curve, run in found.items() if run is not None}
 
 
-def _material_points(curves: Sequence[Curve], span: TrainingRange) -> Floats:
+def _material_points(curves: Sequence[Curve]) -> Floats:
     """Return coordinates of the materials of curves, without a load, (n, 13)."""
     places = np.array([Place.of(curve.material).values for curve in curves])
-    return coordinates(np.column_stack([np.zeros(len(places)), places]), span).points
+    return coordinates(np.column_stack([np.zeros(len(places)), places])).points
+
+
+def _below(ground: Surrogate | None, plan: FitPlan) -> tuple[Terms, ...]:
+    """Return the terms of an emulator for the outputs of a plan; none without one."""
+    if ground is None:
+        return ()
+    table, first = ground.terms, 0
+    if min(plan.outputs) >= len(OUTPUTS):
+        table, first = ground.strains, len(OUTPUTS)
+    coefficients = table.coefficients[[k - first for k in plan.outputs]]
+    there = np.any(coefficients != 0.0, axis=0)
+    return (Terms(table.orders[there], coefficients[:, there]),)
 
 
 def _train(
-    many: dict[Curve, Observed], few: dict[Curve, Observed], plan: FitPlan, span: TrainingRange
+    many: dict[Curve, Observed],
+    few: dict[Curve, Observed],
+    plan: FitPlan,
+    span: TrainingRange,
+    below: tuple[Terms, ...] = (),
 ) -> Trained:
-    orders, small = plan.family.orders, plan.correction.orders
+    """Fit by how much the coarse mesh departs from what is below it, and the fine one from both."""
+
+    def coarse(run: Observed) -> Equations:
+        return _gap(run, plan.family, below, plan, span)
+
     base = fit(
-        (_rows(run, plan.family, plan, span) for run in many.values()),
-        orders,
-        plan.prior,
-        outputs=len(plan.outputs),
+        map(coarse, many.values()), plan.family.orders, plan.prior, outputs=len(plan.outputs)
     )
-    gaps = {curve: _gap(run, base, plan, span) for curve, run in few.items()}
-    shift = fit(gaps.values(), small, plan.correction_prior, outputs=len(plan.outputs))
+    under = (*below, Terms(base.orders, base.coefficients))
+    gaps = {curve: _gap(run, plan.correction, under, plan, span) for curve, run in few.items()}
+    shift = fit(
+        gaps.values(), plan.correction.orders, plan.correction_prior, outputs=len(plan.outputs)
+    )
     points, left_out, worst = [], [], []
     for curve, run in few.items():
-        error = _left_out(run, many.get(curve), gaps[curve], base, shift, plan, span)
+        error = _without(gaps[curve], shift)
+        if curve in many:  # the coarse twin is left out too
+            change = base.without(coarse(many[curve])) - base.coefficients
+            error = error - (_rows(run, base.orders, plan, span).matrix @ change.T)[: len(error)]
         worst.append(np.max(np.abs(error), axis=0))
         points.append(run.coordinates.points)
         left_out.append(error / run.weights[:, None])
-    terms = stacked(
-        [
-            Terms(
-                np.vstack([orders, small]),
-                np.hstack([base.coefficients, shift.coefficients]),
-            )
-        ]
-    )
+    terms = _sum(*under, Terms(shift.orders, shift.coefficients))
     return Trained(terms, np.vstack(points), np.vstack(left_out), np.array(worst))
 
 
-def _rows(run: Observed, family: Family, plan: FitPlan, span: TrainingRange) -> Equations:
-    return rows_of(
-        run, family.orders, outputs=list(plan.outputs), span=span, derivatives=plan.derivatives
-    )
+def _rows(run: Observed, orders: Indices, plan: FitPlan, span: TrainingRange) -> Equations:
+    return rows_of(run, orders, outputs=list(plan.outputs), span=span, derivatives=plan.derivatives)
 
 
-def _gap(run: Observed, base: Regression, plan: FitPlan, span: TrainingRange) -> Equations:
-    """Return the equations of a fine run for its deviation from the coarse mesh's fit."""
-    whole = _rows(run, plan.family, plan, span)
-    part = _rows(run, plan.correction, plan, span)
-    return Equations(part.matrix, whole.targets - whole.matrix @ base.coefficients.T, part.n_values)
-
-
-def _left_out(
+def _gap(
     run: Observed,
-    twin: Observed | None,
-    gap: Equations,
-    base: Regression,
-    shift: Regression,
+    family: Family,
+    below: Sequence[Terms],
     plan: FitPlan,
     span: TrainingRange,
-) -> Floats:
-    """Return the weighted errors of a fine run left out, together with its coarse twin."""
-    error = (gap.targets - gap.matrix @ shift.without(gap).T)[: gap.n_values]
-    if twin is None:
-        return error
-    change = base.without(_rows(twin, plan.family, plan, span)) - base.coefficients
-    whole = _rows(run, plan.family, plan, span)
-    return error - (whole.matrix @ change.T)[: gap.n_values]
+) -> Equations:
+    """Return the equations of a run for its deviation from a sum of terms."""
+    part = _rows(run, family.orders, plan, span)
+    targets = part.targets
+    for terms in below:
+        targets = targets - _rows(run, terms.orders, plan, span).matrix @ terms.coefficients.T
+    return Equations(part.matrix, targets, part.n_values)
+
+
+def _without(gap: Equations, shift: Regression) -> Floats:
+    """Return the weighted errors of values of a run that is left out of a fit."""
+    return (gap.targets - gap.matrix @ shift.without(gap).T)[: gap.n_values]
 
 
 def _accuracy(
-    parts: Sequence[Trained], limit: FittedLimit, covered: Sequence[float]
+    parts: Sequence[Trained], errors: Sequence[Terms], limit: FittedLimit
 ) -> dict[str, dict[str, float]]:
     """Return errors at runs left out: of each curve the largest, over its largest value."""
+    covered = [
+        share
+        for part, error in zip(parts, errors, strict=True)
+        for share in coverage(error, part.points, part.left_out)
+    ]
     worst = np.hstack([part.worst for part in parts])
     found = {
         name: summary(list(column)) | {"coverage_90": share}
-        for name, column, share in zip(OUTPUTS, worst.T, covered, strict=True)
+        for name, column, share in zip((*OUTPUTS, *MEASURES), worst.T, covered, strict=True)
     }
     return found | {"limit": summary(list(limit.left_out))}
 
@@ -688,9 +803,13 @@ def _deadly(run: Run) -> BayesdegError:
 # rms deviation of CONVERGED from vanishing elements on the default geometry, fresh and degraded,
 # as printed by `python benchmarks/forward.py --json` (details of error_pct)
 MESH_ERROR = 0.0065
+WHOLE_RANGE = "scrambled Sobol' over the material, none to four causes at work in each"
+LOCAL = "where one study may ask, as a departure from the emulator of the default geometry"
 
 
-def runs(geometry: Geometry, recipe: Recipe | None = None) -> list[Run]:
+def runs(
+    geometry: Geometry, recipe: Recipe | None = None, design: LocalDesign | None = None
+) -> list[Run]:
     """Return the runs that an emulator of a geometry is trained on, those of the coarse mesh first.
 
     Examples
@@ -700,15 +819,17 @@ def runs(geometry: Geometry, recipe: Recipe | None = None) -> list[Run]:
     6
     """
     recipe = recipe or Recipe()
-    coarse, fine = _curves(recipe)
+    coarse, fine = _curves(recipe, design)
     return [
         *(Run(geometry, recipe.coarse_mesh, curve, Kind.SAMPLES) for curve in coarse),
         *(Run(geometry, recipe.fine_mesh, curve, Kind.SAMPLES) for curve in fine),
     ]
 
 
-def _curves(recipe: Recipe) -> tuple[list[Curve], list[Curve]]:
+def _curves(recipe: Recipe, design: LocalDesign | None) -> tuple[list[Curve], list[Curve]]:
     """Return the curves for the coarse and the fine mesh, which are among the former."""
+    if design is not None:
+        return list(design.coarse), list(design.fine)
     span = TrainingRange()
     coarse = space_filling(span, recipe.coarse_runs, seed=recipe.seed)
     fine = coarse[: recipe.fine_runs]
@@ -723,6 +844,7 @@ def build(
     store: SolutionStore,
     *,
     recipe: Recipe | None = None,
+    design: LocalDesign | None = None,
     executor: Executor | None = None,
     timeout: float = inf,
     on_run: Callable[[Finished], None] | None = None,
@@ -737,6 +859,8 @@ def build(
         Finite element solutions; an interrupted campaign goes on from it.
     recipe : Recipe, optional
         Meshes and numbers of curves.
+    design : LocalDesign, optional
+        Curves of one study, in the place of those that the recipe spreads over the whole range.
     executor : Executor, optional
         Where to solve.
     timeout : float
@@ -745,23 +869,46 @@ def build(
         Called after each run that the store lacked.
     """
     recipe = recipe or Recipe()
-    wanted = runs(geometry, recipe)
+    wanted = runs(geometry, recipe, design)
     found = complete(wanted, store, executor=executor, timeout=timeout, on_run=on_run)
-    solved = [solution for solution in found if isinstance(solution, PathSamples)]
-    curves, many = [run.curve for run in wanted], len(_curves(recipe)[0])
+    solved = [
+        (run, solution)
+        for run, solution in zip(wanted, found, strict=True)
+        if isinstance(solution, PathSamples)
+    ]
+    coarse, fine = (
+        _split([pair for pair in solved if pair[0].resolution == mesh])
+        for mesh in (recipe.coarse_mesh, recipe.fine_mesh)
+    )
+    record = {
+        "design": WHOLE_RANGE if design is None else LOCAL,
+        "seed": recipe.seed,
+        "coarse_mesh_mm": vars(recipe.coarse_mesh),
+        "fine_mesh_mm": vars(recipe.fine_mesh),
+        "dimensions_mm": vars(geometry.dimensions),
+    }
+    place: _Place = {"span": TrainingRange()}
+    if design is not None:
+        place = {
+            "span": design.span,
+            "terms": NEAR,
+            "usual": design.coarse,
+            "ground": default_surrogate(),
+        }
+    length = geometry.dimensions.length
     # sums of several threads depend on their number
     with threadpool_limits(1):
-        return train(
-            (curves[:many], solved[:many]),
-            (curves[many:], solved[many:]),
-            span=TrainingRange(),
-            length=geometry.dimensions.length,
-            mesh_error=MESH_ERROR,
-            record={
-                "design": "scrambled Sobol' over the material, none to four causes at work in each",
-                "seed": recipe.seed,
-                "coarse_mesh_mm": vars(recipe.coarse_mesh),
-                "fine_mesh_mm": vars(recipe.fine_mesh),
-                "dimensions_mm": vars(geometry.dimensions),
-            },
-        )
+        return train(coarse, fine, length=length, mesh_error=MESH_ERROR, record=record, **place)
+
+
+class _Place(TypedDict):
+    """What differs between an emulator of the whole range and one of a study."""
+
+    span: TrainingRange
+    terms: NotRequired[FitTerms]
+    usual: NotRequired[Sequence[Curve]]
+    ground: NotRequired[Surrogate]
+
+
+def _split(pairs: list[tuple[Run, PathSamples]]) -> tuple[list[Curve], list[PathSamples]]:
+    return [run.curve for run, _ in pairs], [solution for _, solution in pairs]

@@ -46,6 +46,8 @@ WARP = {
     "wall_factor": (-0.42, 0.0),
     "erosion": (0.4, 0.03),
 }
+_LOW, _HIGH = (np.array([getattr(g, end) for g in GROUPS]) for end in ("low", "high"))
+_WIDTH = _HIGH - _LOW
 _FIRST = np.array([WARP.get(cause.name, (0.0, 0.0))[0] for cause in CAUSES])
 _SECOND = np.array([WARP.get(cause.name, (0.0, 0.0))[1] for cause in CAUSES])
 
@@ -73,9 +75,9 @@ class Coordinates:
     warp_gradient: Floats
 
 
-def scaled_material(values: Floats, span: TrainingRange) -> Floats:
-    """Map the material's groups (…, 3) from their ranges to [−1, 1]."""
-    low, high = span.lower[:N_MATERIAL], span.upper[:N_MATERIAL]
+def scaled_material(values: Floats) -> Floats:
+    """Map the material's groups (…, 3) from their whole ranges to [−1, 1]."""
+    low, high = _LOW[:N_MATERIAL], _HIGH[:N_MATERIAL]
     scaled: Floats = (2.0 * values - (low + high)) / (high - low)
     return scaled
 
@@ -105,12 +107,12 @@ def paper_give(log_paper: Floats) -> Floats:
     return give
 
 
-def coordinates(groups: Floats, span: TrainingRange) -> Coordinates:
+def coordinates(groups: Floats) -> Coordinates:
     """Return coordinates and derivatives at loads and groups, (n, 13) in the order of ``NAMES``."""
     count = len(groups)
     points, jacobian = np.zeros((count, len(NAMES))), np.zeros((count, len(NAMES), len(NAMES)))
     material = slice(1, 1 + N_MATERIAL)
-    points[:, material] = scaled_material(groups[:, material], span)
+    points[:, material] = scaled_material(groups[:, material])
     for k, group in enumerate(MATERIAL, start=1):
         jacobian[:, k, k] = 2.0 / (group.high - group.low)
     slopes = np.zeros((count, N_CAUSES))
@@ -158,7 +160,7 @@ def inside(groups: Floats, span: TrainingRange) -> NDArray[np.bool_]:
     A paper both slack and mismatched is not trained: the mismatch takes up the slack, or adds to
     it, with a corner where it is used up. The slack then counts as out of range.
     """
-    room = ROOM * (span.upper - span.lower)
+    room = ROOM * _WIDTH
     within: NDArray[np.bool_] = (groups >= span.lower - room) & (groups <= span.upper + room)
     mismatched = np.abs(groups[:, MISMATCH - 1]) > TAKEN_UP
     within[:, SLACK - 1] &= ~(mismatched & (groups[:, SLACK - 1] > TAKEN_UP))
@@ -223,7 +225,7 @@ class Batch:
         for name, value in given.items():
             groups[NAMES.index(name)] = np.broadcast_to(value, rows).ravel()
         within = _within(groups, tuple(given), span)
-        scaled, warp = _scaled(groups, within, tuple(given), span)
+        scaled, warp = _scaled(groups, within, tuple(given))
         columns = shape[-1] if curves and shape else 1
         loads = np.broadcast_to(load, shape).reshape(-1, columns)
         return cls(shape, loads, groups, within, scaled, warp[:, None])
@@ -236,7 +238,7 @@ class Batch:
         batch : Batch
             Rows of groups that are no numbers stay outside.
         distance : array, shape (n_rows,)
-            Root of the sum of squares over groups, in the widths of their ranges [–].
+            Root of the sum of squares over groups, in the widths of their whole ranges [–].
         """
         if self.within.all():
             return self, np.zeros(len(self.within))
@@ -246,12 +248,12 @@ class Batch:
         # a paper both slack and mismatched is not trained
         taken_up = ~inside(inner.T, span)[:, SLACK - 1]
         inner[SLACK - 1] = np.where(taken_up, np.minimum(inner[SLACK - 1], 0.0), inner[SLACK - 1])
-        off = (given - inner) / (span.upper - span.lower)[:, None]
+        off = (given - inner) / _WIDTH[:, None]
         known = np.all(np.isfinite(given), axis=0)
         groups, within = self.groups.copy(), self.within.copy()
         scaled, warp, distance = self.scaled.copy(), self.warp.copy(), np.zeros(len(within))
         groups[1:, rows], within[rows] = np.where(known, inner, given), known
-        scaled[:, rows], warp[rows, 0] = _scaled(groups[:, rows], known, NAMES[1:], span)
+        scaled[:, rows], warp[rows, 0] = _scaled(groups[:, rows], known, NAMES[1:])
         distance[rows] = np.where(known, np.sqrt(np.sum(off**2, axis=0)), 0.0)
         return replace(self, groups=groups, within=within, scaled=scaled, warp=warp), distance
 
@@ -287,19 +289,17 @@ def _within(groups: Floats, given: tuple[str, ...], span: TrainingRange) -> Flag
     within = np.ones(groups.shape[1], dtype=bool)
     for k in (NAMES.index(name) for name in given):
         low, high = span.lower[k - 1], span.upper[k - 1]
-        room = ROOM * (high - low)
+        room = ROOM * _WIDTH[k - 1]
         within &= (groups[k] >= low - room) & (groups[k] <= high + room)
     return within
 
 
-def _scaled(
-    groups: Floats, within: Flags, given: tuple[str, ...], span: TrainingRange
-) -> tuple[Floats, Floats]:
+def _scaled(groups: Floats, within: Flags, given: tuple[str, ...]) -> tuple[Floats, Floats]:
     """Return the scaled groups and W; a cause that is not given is neutral, which is 0."""
     scaled = np.zeros_like(groups)
     material = slice(1, 1 + N_MATERIAL)
     with np.errstate(over="ignore"):
-        scaled[material] = scaled_material(groups[material].T, span).T
+        scaled[material] = scaled_material(groups[material].T).T
         for name in _CAUSES.intersection(given):
             scaled[NAMES.index(name)] = scaled_cause(name, groups[NAMES.index(name)])[0]
     if not np.all(within):

@@ -307,7 +307,7 @@ def most_telling(
 def _places(curve: Curve, span: TrainingRange) -> Coordinates:
     place = Place.of(curve.material)
     loads = np.array(SHARES) * curve.loads[-1] / place.modulus
-    found = coordinates(np.column_stack([loads, np.tile(place.values, (len(loads), 1))]), span)
+    found = coordinates(np.column_stack([loads, np.tile(place.values, (len(loads), 1))]))
     found.points[:, 0] = np.minimum(found.points[:, 0], 1.0)
     return found
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.status import CONVERGED, MODEL_VERSION, Resolution
-from bayesdeg.data.settings import Dimensions
+from bayesdeg.data.settings import Dimensions, relative_size
 from bayesdeg.errors import BayesdegError
 from bayesdeg.files import EMULATOR_MB, read_bytes, reason
 
@@ -121,7 +121,7 @@ def cached_path(geometry: Geometry, recipe: Recipe, cache: Path = CACHE) -> Path
 
     Examples
     --------
-    >>> from bayesdeg.data.settings import Dimensions
+    >>> from bayesdeg.data.settings import Dimensions, relative_size
     >>> one, other = (Geometry(Dimensions(length=mm)) for mm in (50.0, 60.0))
     >>> cached_path(one, Recipe()) == cached_path(other, Recipe())
     False
@@ -227,14 +227,32 @@ def search(
     return EmulatorSearch(None, path, tuple(reasons))
 
 
-# both stages, and what a curve of the default geometry takes on one core (studies/scaling.md) [s]
-COARSE_CURVES, FINE_CURVES = 576, 120
+COARSE_RUNS, FINE_RUNS = 24, 6
+"""Curves of an emulator that is trained where one study lies, on either mesh."""
+# what a curve of the default geometry takes on one core (studies/scaling.md) [s]
 COARSE_SECONDS, FINE_SECONDS = 3.3, 27.0
-TRAINING_SECONDS = 65.0
+FITTING_SECONDS = 10.0
+
+
+def local_recipe(dimensions: Dimensions) -> Recipe:
+    """Return the meshes and the numbers of curves of an emulator that is trained for one study.
+
+    Elements are as large as those of the default geometry, in the ratio of the sizes of both: what
+    a mesh misses depends on its shape alone.
+
+    Examples
+    --------
+    >>> larger = local_recipe(Dimensions(length=100.0, width=20.0, height=20.0))
+    >>> round(larger.fine_mesh.along / Recipe().fine_mesh.along, 12)
+    2.0
+    """
+    ratio, usual = relative_size(dimensions), Recipe()
+    coarse, fine = usual.coarse_mesh.scaled(ratio), usual.fine_mesh.scaled(ratio)
+    return Recipe(coarse, fine, COARSE_RUNS, FINE_RUNS, further=False)
 
 
 def rough_seconds(dimensions: Dimensions, *, workers: int = 1) -> float:
-    """Return roughly how long it takes to train an emulator of a geometry [s].
+    """Return roughly how long it takes to train an emulator for a study [s].
 
     The time of a curve is taken as proportional to the number of elements, which it exceeds for
     meshes that are wider or higher; the campaign itself measures it.
@@ -249,19 +267,15 @@ def rough_seconds(dimensions: Dimensions, *, workers: int = 1) -> float:
     Examples
     --------
     >>> round(rough_seconds(Dimensions()) / 60.0)
-    87
+    4
     >>> rough_seconds(Dimensions(length=100.0), workers=2) > rough_seconds(Dimensions(), workers=2)
     True
     """
-    recipe = Recipe()
-    curves = COARSE_CURVES * COARSE_SECONDS * _size(dimensions, recipe.coarse_mesh)
-    curves += FINE_CURVES * FINE_SECONDS * _size(dimensions, recipe.fine_mesh)
-    return curves / max(1, workers) + TRAINING_SECONDS
-
-
-def _size(dimensions: Dimensions, mesh: Resolution) -> float:
-    """Return the number of elements over that of the default geometry."""
-    return _elements(dimensions, mesh) / _elements(Dimensions(), mesh)
+    recipe, usual = local_recipe(dimensions), Recipe()
+    coarse = _elements(dimensions, recipe.coarse_mesh) / _elements(Dimensions(), usual.coarse_mesh)
+    fine = _elements(dimensions, recipe.fine_mesh) / _elements(Dimensions(), usual.fine_mesh)
+    curves = COARSE_RUNS * COARSE_SECONDS * coarse + FINE_RUNS * FINE_SECONDS * fine
+    return curves / max(1, workers) + FITTING_SECONDS
 
 
 def _elements(dimensions: Dimensions, mesh: Resolution) -> int:

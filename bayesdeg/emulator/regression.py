@@ -6,7 +6,8 @@ out by the block form of the leave-one-out identity.
 
 With q = p/M, a curve's logarithm y = ln(Δκ s L/q) is known at every equilibrium that its path
 visited, together with its derivatives by load and groups; so for the bend angle and, with
-y = ln(ε/(q + q₀)), for the peak strain ε, q₀ the offset of what strains at rest.
+y = ln(ε/(q + q₀)), for the peak strain and all other measures of strain ε, q₀ the offset of what
+strains at rest.
 """
 
 from collections.abc import Iterable, Sequence
@@ -17,7 +18,8 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
 from bayesdeg.actuator.curve import Curve, PathSamples
-from bayesdeg.actuator.outputs import OUTPUTS as READINGS
+from bayesdeg.actuator.demand import MEASURES
+from bayesdeg.actuator.outputs import COLUMNS, PEAK, measured_strains
 from bayesdeg.actuator.sensitivity import INPUTS
 from bayesdeg.emulator import coordinates as at
 from bayesdeg.emulator.coordinates import Coordinates, coordinates
@@ -43,13 +45,13 @@ class Observed:
         Of each equilibrium.
     load : array, shape (n,)
         p/M [–].
-    values : array, shape (n, 3)
-        y of curvature, bend angle and peak strain.
-    gradients : array, shape (n, 3, 13)
+    values : array, shape (n, 9)
+        y of curvature, bend angle, peak strain and the strains of ``MEASURES``.
+    gradients : array, shape (n, 9, 13)
         Their derivatives by load and groups.
     weights : array, shape (n,)
         Curvature over the curve's largest, at least ``FLOOR``.
-    first : array, shape (3,)
+    first : array, shape (9,)
         y at zero load, from the first slope; nan if it is not known.
     tight : bool
         Whether the paper is without slack: derivatives by slack are then of no use.
@@ -137,22 +139,23 @@ def observe(
     place = Place.of(curve.material)
     q = samples.loads[1:] / place.modulus
     groups = np.column_stack([q, np.tile(place.values, (len(q), 1))])
-    points = coordinates(groups, span)
+    points = coordinates(groups)
     keep = (q <= limit * (1.0 + 1e-9)) & (points.points[:, 0] <= 1.0 + 1e-9)
     keep &= np.isfinite(_growth(samples))
     if np.count_nonzero(keep) < 2:
         return None
     quantities, slopes = _quantities(samples, length)
     rest = stretch_offset(groups.T)
-    denominators = np.column_stack([q, q, q + rest])
+    denominators = np.column_stack([q, q, *(q + rest for _ in (PEAK, *MEASURES))])
     changes, by_inputs = quantities[1:].copy(), slopes[1:].copy()
     changes[:, :2] -= quantities[0, :2]
     by_inputs[:, :2, 1:] -= slopes[0, :2, 1:]
     by_groups = _by_groups(by_inputs / changes[..., None], q, place, denominators)
-    by_groups[:, 2] -= _offset_gradient(place) / denominators[:, 2:]
+    by_groups[:, 2:] -= (_offset_gradient(place) / denominators[:, 2, None])[:, None]
     with np.errstate(invalid="ignore", divide="ignore"):
         first = np.log(slopes[0, :, 0] * place.modulus)
-    first[2] = first[2] if rest[0] == 0.0 else np.nan
+    if rest[0] != 0.0:
+        first[2:] = np.nan
     weights = np.maximum(changes[keep, 0] / changes[keep, 0].max(), FLOOR)
     return Observed(
         Coordinates(
@@ -171,14 +174,15 @@ def observe(
 
 
 def _quantities(samples: PathSamples, length: float) -> tuple[Floats, Floats]:
-    """Return κ s L, bend angle and peak strain, (n, 3), and their derivatives by ``INPUTS``."""
+    """Return κ s L, bend angle and strains, (n, 9), and their derivatives by ``INPUTS``."""
     angle, arc = samples.readings[:, 0], samples.readings[:, 1]
     by_angle, by_arc = samples.gradients[:, 0], samples.gradients[:, 1]
-    peak = READINGS.index("peak_stretch")
     kappa = angle / arc * length
     by_kappa = (by_angle * length - kappa[:, None] * by_arc) / arc[:, None]
-    quantities = np.column_stack([kappa, angle, samples.readings[:, peak] - 1.0])
-    return quantities, np.stack([by_kappa, by_angle, samples.gradients[:, peak]], axis=1)
+    peak, strains = samples.readings[:, PEAK] - 1.0, measured_strains(samples.readings)
+    by_strains = samples.gradients[:, [PEAK, *COLUMNS]]
+    slopes = np.concatenate([by_kappa[:, None], by_angle[:, None], by_strains], axis=1)
+    return np.column_stack([kappa, angle, peak, strains]), slopes
 
 
 def _by_groups(logarithmic: Floats, q: Floats, place: Place, denominators: Floats) -> Floats:

@@ -86,11 +86,15 @@ class TrainingRange:
     load : float
         Largest p/M [–]; the smallest is 0. See ``largest_load`` for stiffening materials.
     groups : tuple of Group
-        In the order of ``GROUPS``.
+        In the order of ``GROUPS``; where an emulator is trained for one study, their ranges are
+        parts of those there. Coordinates are of the whole ranges in any case.
+    share : float
+        Share of the largest load up to which it is trained [–].
     """
 
     load: float = 0.96
     groups: tuple[Group, ...] = GROUPS
+    share: float = 1.0
 
     @cached_property
     def lower(self) -> Floats:
@@ -118,7 +122,7 @@ class TrainingRange:
         >>> TrainingRange().largest_load(np.array([-1.0, 1.0])).tolist()
         [0.96, 0.35]
         """
-        return np.interp(unit_stiffening, [0.1, 1.0], [self.load, 0.35])
+        return self.share * np.interp(unit_stiffening, [0.1, 1.0], [self.load, 0.35])
 
 
 def groups_of(inputs: Inputs) -> dict[str, Floats]:

@@ -5,6 +5,7 @@ With q = p/M the load, s the linear scale, L the length as moulded and W the war
     change of curvature     κ s L = q exp(W + Y₀)
     change of bend angle          = q exp(W + Y₁)
     peak stretch            λ − 1 = (q + b) exp(W + Y₂)
+    other strains               ε = (q + b) exp(W + Yₖ)
 
 where b is the load that misfit and weight of the body amount to, and each Y a sum of ``Terms``. So
 the curvature is zero at zero pressure, smooth in it, and has exact derivatives.
@@ -18,6 +19,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdeg.actuator.demand import demanded_strain, needed
 from bayesdeg.actuator.inputs import Inputs, Prediction, relative_to_reference
 from bayesdeg.actuator.status import Status
 from bayesdeg.emulator.compiled_map import Rows, map_of_rows
@@ -150,6 +152,12 @@ def curvature_gradient(
 
 
 @lru_cache(maxsize=8)
+def _of_outputs(terms: Terms, places: tuple[int, ...]) -> Terms:
+    """Return some of the outputs."""
+    return Terms(terms.orders, terms.coefficients[list(places)])
+
+
+@lru_cache(maxsize=8)
 def _with_gradient(terms: Terms) -> Terms:
     """Return Y₀ and its derivatives by the 13 coordinates, as 14 outputs."""
     first = terms.output(0)
@@ -158,7 +166,7 @@ def _with_gradient(terms: Terms) -> Terms:
 
 def _by_groups(groups: Floats, terms: Terms, span: TrainingRange) -> tuple[Floats, Floats]:
     """Return κ s L (n,) and its derivatives by load and groups (13, n)."""
-    at = coordinates(groups.T, span)
+    at = coordinates(groups.T)
     rows = np.ascontiguousarray(at.points.T)
     phi = rows[SLACK][:, None]
     y = evaluate(_with_gradient(terms), rows, rows[0][:, None], phi)[:, :, 0]
@@ -230,8 +238,11 @@ _MISMATCH, _ALONG, _UP = (
 OUTSIDE_BY = 0.01
 """Distance outside the range at which a density has fallen by one half, of range or ln load: small
 against the widths of posteriors, large against the steps of derivatives."""
+STRAIN_MESH_ERROR = 0.025
+"""Relative standard error of other measures of strain than the peak stretch, which corners decide:
+what a mesh of 4616 instead of 2042 elements changes (`benchmarks/rupture_measures.py`)."""
 LIMIT_MARGIN = 2.0  # standard errors that are kept away from a limit
-_TABLES = ("terms", "error", "limit")
+_TABLES = ("terms", "error", "limit", "strains", "strain_error")
 _NUMBERS = ("length", "mesh_error")
 
 
@@ -252,6 +263,14 @@ def _constants() -> Floats:
     """Return what the coordinates are made with: terms mean nothing in others."""
     warp = [WARP.get(group.name, (0.0, 0.0)) for group in GROUPS]
     return np.concatenate([np.ravel(warp), [LARGEST_WARPED, STRAIN, GIVE, SAGGING]])
+
+
+def _are_parts(ranges: Floats) -> bool:
+    """Return whether low, high and neutral values, (12, 3), are parts of the known ranges."""
+    known = np.array([(g.low, g.high, g.neutral) for g in GROUPS])
+    within = (ranges[:, 0] >= known[:, 0]) & (ranges[:, 1] <= known[:, 1])
+    ordered = ranges[:, 0] <= ranges[:, 1]
+    return bool(np.all(within & ordered) and np.array_equal(ranges[:, 2], known[:, 2]))
 
 
 @dataclass(frozen=True)
@@ -291,6 +310,9 @@ class Surrogate:
         ln of the warped load x = q e^W up to which curves are smooth, and its standard error; the
         slack enters by its range, the load not at all. Loads are refused from ``LIMIT_MARGIN``
         standard errors below it.
+    strains, strain_error : Terms
+        Y of each of ``MEASURES`` of `bayesdeg.actuator.demand`, and ln of their squared relative
+        standard errors.
     mesh_error : float
         Relative standard error of the finite element model itself, in all outputs [–].
     record : str
@@ -302,6 +324,8 @@ class Surrogate:
     terms: Terms
     error: Terms
     limit: Terms
+    strains: Terms
+    strain_error: Terms
     mesh_error: float
     record: str
 
@@ -347,17 +371,36 @@ class Surrogate:
             self.mesh_error,
         )
         curvature, angle, stretch, slope, *sds = values.reshape(len(values), *batch.shape)
+        demand, demand_sd = stretch, sds[2]
+        if inputs.criterion != "principal_stretch":
+            demand, demand_sd = self._demand(inputs, batch, rows, allowed)
         return Prediction(
             curvature=curvature,
             bend_angle=angle,
-            peak_stretch=stretch,
+            peak_stretch=demand,
             slope=slope,
             sd=sds[0],
             bend_angle_sd=sds[1],
-            peak_stretch_sd=sds[2],
+            peak_stretch_sd=demand_sd,
             status=np.where(allowed, 0, int(Status.OUTSIDE_TRAINING)).reshape(batch.shape),
             excess=np.zeros(batch.shape),
         )
+
+    def _demand(
+        self, inputs: Inputs, batch: Batch, rows: Rows, allowed: Flags
+    ) -> tuple[Floats, Floats]:
+        """Return the uniaxial stretch that is as demanding by a criterion, and its error."""
+        loads = np.where(allowed, batch.loads, 0.0)
+        warped = loads * rows.stretching[:, None] * (2.0 / LARGEST_WARPED) - 1.0
+        places, phi = needed(inputs.criterion), batch.phi(loads)
+        y, log_error = (
+            evaluate(_of_outputs(terms, places), batch.scaled, warped, phi)
+            for terms in (self.strains, self.strain_error)
+        )
+        base = np.where(allowed, (loads + rows.offset[:, None]) * rows.stretching[:, None], np.nan)
+        strain = demanded_strain(inputs, (base * np.exp(y)).reshape(-1, *batch.shape))
+        variance = np.exp(log_error).mean(axis=0).reshape(batch.shape) + STRAIN_MESH_ERROR**2
+        return 1.0 + strain, strain * np.sqrt(variance)
 
     def without_mesh_error(self) -> Self:
         """Return the same map with errors of interpolation alone: those against its own mesh."""
@@ -418,6 +461,7 @@ class Surrogate:
         """Return everything as plain arrays, for a npz file."""
         arrays: dict[str, NDArray[np.generic]] = {
             "load": np.array(self.span.load),
+            "share": np.array(self.span.share),
             "groups": np.array([group.name for group in self.span.groups]),
             "ranges": np.array([(g.low, g.high, g.neutral) for g in self.span.groups]),
             "constants": _constants(),
@@ -439,9 +483,8 @@ class Surrogate:
         """
         names = tuple(str(name) for name in arrays["groups"])
         ranges = np.asarray(arrays["ranges"], dtype=np.float64)
-        known = np.array([(g.low, g.high, g.neutral) for g in GROUPS])
         constants = np.asarray(arrays["constants"], dtype=np.float64)
-        if names != tuple(group.name for group in GROUPS) or not np.array_equal(ranges, known):
+        if names != tuple(group.name for group in GROUPS) or not _are_parts(ranges):
             raise ValueError("the emulator was trained with other groups than this version has")
         if not np.array_equal(constants, _constants()):
             raise ValueError("the emulator was trained in other coordinates than this version has")
@@ -454,12 +497,22 @@ class Surrogate:
         }
         return cls(
             length=float(arrays["length"]),
-            span=TrainingRange(load=float(arrays["load"])),
+            span=TrainingRange(
+                load=float(arrays["load"]),
+                groups=tuple(
+                    replace(group, low=float(low), high=float(high))
+                    for group, (low, high, _) in zip(GROUPS, ranges, strict=True)
+                ),
+                # those of the whole range were written without it once
+                share=float(arrays.get("share", np.ones(()))),
+            ),
             mesh_error=float(arrays["mesh_error"]),
             record=str(arrays["record"]),
             terms=tables["terms"],
             error=tables["error"],
             limit=tables["limit"],
+            strains=tables["strains"],
+            strain_error=tables["strain_error"],
         )
 
     def _limit(self, batch: Batch) -> tuple[Floats, Floats]:

@@ -21,6 +21,8 @@ from bayesdeg.emulator.kept import (
     refuse_outdated,
     search,
 )
+from bayesdeg.emulator.local import covers
+from bayesdeg.emulator.scaling import TrainingRange
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.errors import BayesdegError, ResumableError
 from bayesdeg.files import written
@@ -100,6 +102,21 @@ def read_trained(path: Traversable) -> Surrogate:
     surrogate = read_content(path, from_bytes)
     refuse_outdated(path, surrogate.record)
     return surrogate
+
+
+def find_covering(
+    geometry: Geometry, wanted: TrainingRange, cache: Path = CACHE
+) -> Surrogate | None:
+    """Return an emulator of a geometry in a cache that answers over a range; None if none does."""
+    for path in sorted(cache.glob("*.npz")):
+        try:
+            surrogate = read_trained(path)
+            refuse_other(geometry, surrogate.record)
+        except BayesdegError:
+            continue
+        if covers(surrogate.span, wanted):
+            return surrogate
+    return None
 
 
 def write_trained(path: Path, surrogate: Surrogate) -> None:

@@ -5,18 +5,28 @@ The folding of causes is that of `bayesdeg.inference.model`, on the truth instea
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
+from bayesdeg.actuator.demand import demanded, scatter_law
+from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.inputs import ForwardMap, Inputs, Prediction
 from bayesdeg.actuator.status import Status
 from bayesdeg.causes.catalogue import in_order
-from bayesdeg.causes.cause import Conditions, Degradation, FilmConditions, Strength
+from bayesdeg.causes.cause import (
+    Conditions,
+    Degradation,
+    FilmConditions,
+    Strength,
+    StrengthConditions,
+)
 from bayesdeg.causes.fold import Acting, applied
 from bayesdeg.data.moisture import mass_loss_from_degradation, saturating
+from bayesdeg.data.settings import RuptureCriterion
 from bayesdeg.data.shrinkage import Mixture, film_volume
 from bayesdeg.data.study import Study
 from bayesdeg.data.tables import TABLES
@@ -31,6 +41,7 @@ from bayesdeg.laboratory.truth import (
     stated_sd,
 )
 from bayesdeg.material.hyperelastic import yeoh_basis
+from bayesdeg.material.strength import ScatterLaw
 
 LEVELS = (0, 5, 10, 15, 20, 25)
 REPLICATES = 3
@@ -83,6 +94,24 @@ def _shrinkage() -> pd.DataFrame:
     return pd.DataFrame({"film_id": [f"S{film}" for film in range(1, SHRINKAGE_FILMS + 1)]})
 
 
+class Breaking(NamedTuple):
+    """When walls break.
+
+    Parameters
+    ----------
+    criterion : str
+        What of their state is held against the elongation at break of films.
+    size_ratio : float
+        Volume of an actuator as moulded over that of a film that is stretched [–].
+    """
+
+    criterion: RuptureCriterion = "principal_stretch"
+    size_ratio: float = 1.0
+
+
+BY_STRETCH = Breaking()
+
+
 @dataclass(frozen=True)
 class Design:
     """What is tested and at what settings; the defaults are the tests of Nagai et al.
@@ -108,6 +137,8 @@ class Design:
         Of which the films of ``shrinkage`` are poured.
     bend_angle : bool
         Whether the bend angle is read beside the curvature.
+    breaking : Breaking
+        When walls break.
 
     References
     ----------
@@ -127,6 +158,12 @@ class Design:
     shrinkage: pd.DataFrame = field(default_factory=_shrinkage)
     mixture: Mixture = field(default_factory=Mixture)
     bend_angle: bool = True
+    breaking: Breaking = BY_STRETCH
+
+    @property
+    def scatter_law(self) -> ScatterLaw:
+        """Law of the elongation at break from specimen to specimen."""
+        return scatter_law(self.breaking.criterion)
 
 
 def design_of(study: Study) -> Design:
@@ -164,6 +201,10 @@ def design_of(study: Study) -> Design:
         shrinkage=_films(study.shrinkage, ["film_id"], _shrinkage),
         mixture=study.settings.recipe.mixture,
         bend_angle=study.actuator is None or "bend_angle_deg" in recorded,
+        breaking=Breaking(
+            study.settings.rupture_criterion,
+            Geometry(study.settings.dimensions).volume / study.settings.film_volume_mm3,
+        ),
     )
 
 
@@ -333,6 +374,7 @@ def tear_films(
         degradation=both["degradation_pct"].to_numpy(np.float64),
         sd=stated_sd(both, truth),
         generator=generator,
+        law=design.scatter_law,
     )
     limit = films["limit_stretch"].loc[design.breaks["specimen_id"]].to_numpy()
     breaks = design.breaks[columns].assign(
@@ -404,6 +446,7 @@ def inflate_actuators(
     effects: Sequence[HiddenEffect],
     forward: ForwardMap,
     generator: np.random.Generator,
+    breaking: Breaking = BY_STRETCH,
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Inflate actuators and read curvature and bend angle.
 
@@ -423,6 +466,8 @@ def inflate_actuators(
         The mechanics; its own standard error is not added.
     generator : numpy.random.Generator
         Source of randomness; how much is drawn depends on the design alone.
+    breaking : Breaking
+        What is taken for the peak stretch.
 
     Returns
     -------
@@ -431,11 +476,69 @@ def inflate_actuators(
         saying how their solution ended.
     """
     plan = _plan(table, truth)
-    specimens = _drawn(plan, truth, effects, generator)
-    prediction = _predict(plan, truth, effects, forward, constants_of(specimens, truth))
-    readings = _read(plan, truth, prediction, specimens, generator)
+    specimens = _drawn(plan, truth, effects, generator, scatter_law(breaking.criterion))
+    met = partial(_demanded, forward, breaking, np.array(truth.elongation_scatter))
+    prediction = _predict(plan, truth, effects, met, constants_of(specimens, truth))
+    limit = specimens["limit_stretch"].to_numpy()[:, None]
+    burst = (prediction.status != int(Status.CONVERGED)) | (prediction.peak_stretch > limit)
+    bent = Bent(prediction.curvature, prediction.bend_angle, burst)
+    readings = read_actuators(table, truth, bent, generator)
     worst = [Status(int(status)).name.lower() for status in prediction.status.max(axis=1)]
     return readings, specimens.assign(status=worst)
+
+
+class Bent(NamedTuple):
+    """What actuators do at each step of their tests, each (n_specimens, n_steps).
+
+    Parameters
+    ----------
+    curvature, angle : array
+        Without errors of reading [1/m, °].
+    burst : array of bool
+        Whether a wall breaks at that pressure.
+    """
+
+    curvature: Floats
+    angle: Floats
+    burst: npt.NDArray[np.bool_]
+
+
+def read_actuators(
+    table: pd.DataFrame, truth: Truth, bent: Bent, generator: np.random.Generator
+) -> pd.DataFrame:
+    """Read actuators that are bent by a physics of its own, up to where they burst.
+
+    Parameters
+    ----------
+    table : pandas.DataFrame
+        As of `inflate_actuators`.
+    truth : Truth
+        Errors of reading.
+    bent : Bent
+        What the specimens do, in the order in which they first stand in the table.
+    generator : numpy.random.Generator
+        Source of randomness.
+
+    Returns
+    -------
+    pandas.DataFrame
+        The columns of ``actuator.csv``.
+    """
+    plan = _plan(table, truth)
+    reached = (np.cumsum(bent.burst, axis=1) - bent.burst == 0)[plan.mask]
+    over, curvature, angle = bent.burst[plan.mask], bent.curvature[plan.mask], bent.angle[plan.mask]
+    counted = plan.rows["pressure_kPa"].to_numpy() != 0.0
+    floor = np.hypot(truth.curvature_noise_floor, plan.known_sd)
+    z, y = _normals(plan.rows, truth, generator)
+    error = noise(curvature, z, floor=floor, share=truth.curvature_noise)
+    slip = noise(angle, y, floor=truth.bend_angle_noise_floor, share=truth.bend_angle_noise)
+    readings = plan.rows.assign(
+        curvature_per_m=np.where(over, np.nan, curvature + counted * error).round(4),
+        bend_angle_deg=np.where(over, np.nan, angle + counted * slip).round(3),
+        ruptured=over.astype(np.int64),
+    )
+    kept: pd.DataFrame = readings.loc[reached]
+    return kept.reset_index(drop=True)
 
 
 def _plan(table: pd.DataFrame, truth: Truth) -> _Plan:
@@ -482,15 +585,29 @@ def _conditions(
     )
 
 
+def _demanded(
+    forward: ForwardMap, breaking: Breaking, scatter: Floats, inputs: Inputs
+) -> Prediction:
+    """Return what a forward map answers, its peak stretch as the criterion sees it."""
+    criterion, size_ratio = breaking
+    return demanded(forward, inputs, criterion, scatter=scatter, size_ratio=size_ratio)
+
+
 def _drawn(
-    plan: _Plan, truth: Truth, effects: Sequence[HiddenEffect], generator: np.random.Generator
+    plan: _Plan,
+    truth: Truth,
+    effects: Sequence[HiddenEffect],
+    generator: np.random.Generator,
+    law: ScatterLaw,
 ) -> pd.DataFrame:
     state = Degradation(plan.conditions.degradation, plan.degradation_sd)
     state = applied("on_degradation", state, plan.conditions, _acting(effects))
     count = len(plan.names)
     value, sd = (np.broadcast_to(v, (1, count, 1))[0, :, 0] for v in (state.value, state.sd))
-    drawn = draw_specimens(plan.names, truth, degradation=value, sd=sd, generator=generator)
-    return _weakened(drawn, truth, effects)
+    drawn = draw_specimens(
+        plan.names, truth, degradation=value, sd=sd, generator=generator, law=law
+    )
+    return _weakened(drawn, truth, effects, plan.conditions.room_humidity)
 
 
 def _acting(effects: Sequence[HiddenEffect]) -> tuple[Acting, ...]:
@@ -498,7 +615,7 @@ def _acting(effects: Sequence[HiddenEffect]) -> tuple[Acting, ...]:
 
 
 def _weakened(
-    specimens: pd.DataFrame, truth: Truth, effects: Sequence[HiddenEffect]
+    specimens: pd.DataFrame, truth: Truth, effects: Sequence[HiddenEffect], humidity: Floats
 ) -> pd.DataFrame:
     """Return specimens whose elongation limits are what the hidden effects leave of them."""
     acting = [hidden for hidden in effects if hidden.cause.on_strength is not None]
@@ -513,7 +630,8 @@ def _weakened(
         Acting(one.cause, {name: size[..., 0] for name, size in one.effect.items()})
         for one in acting
     )
-    strength = applied("on_strength", strength, level, flat)
+    conditions = StrengthConditions(level, humidity, truth.elongation_slope(level))
+    strength = applied("on_strength", strength, conditions, flat)
     limit = 1.0 + strength.median * np.exp(strength.scatter * z)
     return specimens.assign(limit_stretch=limit[0])
 
@@ -555,32 +673,6 @@ def _without_walkers(prediction: Prediction, shape: tuple[int, ...]) -> Predicti
         only(prediction.peak_stretch_sd),
         np.broadcast_to(prediction.status, (1, *shape)).reshape(shape),
     )
-
-
-def _read(
-    plan: _Plan,
-    truth: Truth,
-    prediction: Prediction,
-    specimens: pd.DataFrame,
-    generator: np.random.Generator,
-) -> pd.DataFrame:
-    limit = specimens["limit_stretch"].to_numpy()[:, None]
-    burst = (prediction.status != int(Status.CONVERGED)) | (prediction.peak_stretch > limit)
-    reached = (np.cumsum(burst, axis=1) - burst == 0)[plan.mask]
-    over = burst[plan.mask]
-    curvature, angle = prediction.curvature[plan.mask], prediction.bend_angle[plan.mask]
-    counted = plan.rows["pressure_kPa"].to_numpy() != 0.0
-    floor = np.hypot(truth.curvature_noise_floor, plan.known_sd)
-    z, y = _normals(plan.rows, truth, generator)
-    error = noise(curvature, z, floor=floor, share=truth.curvature_noise)
-    slip = noise(angle, y, floor=truth.bend_angle_noise_floor, share=truth.bend_angle_noise)
-    readings = plan.rows.assign(
-        curvature_per_m=np.where(over, np.nan, curvature + counted * error).round(4),
-        bend_angle_deg=np.where(over, np.nan, angle + counted * slip).round(3),
-        ruptured=over.astype(np.int64),
-    )
-    kept: pd.DataFrame = readings.loc[reached]
-    return kept.reset_index(drop=True)
 
 
 def _normals(
@@ -631,6 +723,9 @@ class VirtualExperiment:
     films: pd.DataFrame
 
 
+Inflate = Callable[[np.random.Generator], tuple[pd.DataFrame, pd.DataFrame]]
+
+
 def run_experiment(
     design: Design,
     truth: Truth,
@@ -664,11 +759,42 @@ def run_experiment(
     """
     by_name = {hidden.cause.name: hidden for hidden in effects}
     ordered = tuple(by_name[c.name] for c in in_order(h.cause for h in by_name.values()))
-    tear, inflate, moisture, shrinkage = generator.spawn(4)
-    tensile, breaks, films = tear_films(design, truth, tear, ordered)
-    actuator, actuators = inflate_actuators(
-        design.actuator, truth, effects=ordered, forward=forward, generator=inflate
-    )
+
+    def inflate(source: np.random.Generator) -> tuple[pd.DataFrame, pd.DataFrame]:
+        return inflate_actuators(
+            design.actuator,
+            truth,
+            effects=ordered,
+            forward=forward,
+            generator=source,
+            breaking=design.breaking,
+        )
+
+    return experiment_with(design, truth, inflate, generator, ordered)
+
+
+def experiment_with(
+    design: Design,
+    truth: Truth,
+    inflate: Inflate,
+    generator: np.random.Generator,
+    effects: tuple[HiddenEffect, ...] = (),
+) -> VirtualExperiment:
+    """Make every test of a design, actuators being inflated as the caller says.
+
+    Parameters
+    ----------
+    design, truth, generator
+        As of `run_experiment`.
+    inflate : callable
+        From a source of randomness to the columns of ``actuator.csv``, and the actuators as they
+        really are, as `inflate_actuators` returns them.
+    effects : tuple of HiddenEffect
+        What is hidden in the stresses of films, in the order of application.
+    """
+    tear, pressed, moisture, shrinkage = generator.spawn(4)
+    tensile, breaks, films = tear_films(design, truth, tear, effects)
+    actuator, actuators = inflate(pressed)
     if not design.bend_angle:
         actuator = actuator.drop(columns="bend_angle_deg")
     tables = {
@@ -679,7 +805,7 @@ def run_experiment(
         "actuator": actuator,
     }
     tables = {name: _in_order_of_contract(name, table) for name, table in tables.items()}
-    return VirtualExperiment(tables, truth, ordered, actuators, films)
+    return VirtualExperiment(tables, truth, effects, actuators, films)
 
 
 def _in_order_of_contract(name: str, table: pd.DataFrame) -> pd.DataFrame:

@@ -12,8 +12,8 @@ from bayesdeg.actuator.inputs import PAPER_THICKNESS
 from bayesdeg.causes.catalogue import find, in_order
 from bayesdeg.causes.cause import Cause, Effect
 from bayesdeg.errors import BayesdegError, nearest
-from bayesdeg.material.degradation import NODES, is_stable, yeoh_constants
-from bayesdeg.material.strength import limit_stretch
+from bayesdeg.material.degradation import NODES, derivative, is_stable, yeoh_constants
+from bayesdeg.material.strength import ScatterLaw, limit_stretch, scores_from_normal
 from bayesdeg.observations.noise import INDEPENDENT
 from bayesdeg.observations.specimens import node_name
 from bayesdeg.priors import Parameter
@@ -115,6 +115,10 @@ class Truth:
         """Return the median stretch at break at degradation rates (n,) [%]."""
         elongation = np.asarray(self.elongation) / 100.0
         return limit_stretch(np.log(elongation), degradation, TRUTH_NODES)
+
+    def elongation_slope(self, degradation: npt.ArrayLike) -> Floats:
+        """Return d ln ε/dD_R of the median elongation at break at degradation rates (n,) [1/%]."""
+        return derivative(np.log(self.elongation), degradation, TRUTH_NODES)
 
     def is_stable(self) -> bool:
         """Return whether the material is stable up to a degradation rate of 30 %."""
@@ -339,6 +343,7 @@ def draw_specimens(
     degradation: Floats,
     sd: Floats,
     generator: np.random.Generator,
+    law: ScatterLaw = "lognormal",
 ) -> pd.DataFrame:
     r"""Draw what each specimen really is.
 
@@ -355,6 +360,8 @@ def draw_specimens(
         Degradation rate that is believed and its standard error [%].
     generator : numpy.random.Generator
         Source of randomness.
+    law : str
+        Of the elongation at break: by Weibull's z₃ has a law of its own.
 
     Returns
     -------
@@ -373,7 +380,8 @@ def draw_specimens(
     """
     z = generator.standard_normal((3, len(names)))
     true = degradation + sd * z[0]
-    elongation = (truth.limit_stretch(true) - 1.0) * np.exp(truth.elongation_scatter * z[2])
+    score = scores_from_normal(z[2], law)
+    elongation = (truth.limit_stretch(true) - 1.0) * np.exp(truth.elongation_scatter * score)
     return pd.DataFrame(
         {
             "degradation_pct": true,

@@ -15,14 +15,16 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 from scipy import special
-from scipy.optimize import elementwise
 
 from bayesdeg.material.degradation import Nodes, polynomial
-from bayesdeg.material.hyperelastic import FloatArray, Yeoh, cauchy_stress
+from bayesdeg.material.hyperelastic import FloatArray, Yeoh
 
 type ScatterLaw = Literal["normal", "lognormal", "weibull"]
 
 SCATTER_LAWS: tuple[ScatterLaw, ...] = ("normal", "lognormal", "weibull")
+GUMBEL = math.pi / math.sqrt(6.0)
+"""Standard deviation of ln E, E exponential: Weibull's modulus times the scatter."""
+_LN_2 = math.log(2.0)
 _LOG_ROOT_TWO_PI = 0.5 * math.log(2.0 * math.pi)
 
 
@@ -70,7 +72,7 @@ def weibull_modulus(limit_scatter: npt.ArrayLike) -> FloatArray:
     >>> round(float(weibull_modulus(0.1)), 2)
     12.83
     """
-    return math.pi / (math.sqrt(6.0) * np.asarray(limit_scatter, dtype=np.float64))
+    return GUMBEL / np.asarray(limit_scatter, dtype=np.float64)
 
 
 def log_survival(
@@ -121,13 +123,121 @@ def log_survival(
     """
     ratio, _, scatter = _relative(stretch, limit_median, limit_scatter, law)
     if law == "normal":
-        return np.asarray(special.log_ndtr((1.0 - ratio) / scatter))
+        return log_whole((ratio - 1.0) / scatter)
     with np.errstate(divide="ignore"):
-        log_ratio = np.log(np.maximum(ratio, 0.0))
-    if law == "lognormal":
-        return np.asarray(special.log_ndtr(-log_ratio / scatter))
+        return log_whole(np.log(np.maximum(ratio, 0.0)) / scatter, law)
+
+
+def log_whole(score: npt.ArrayLike, law: ScatterLaw = "lognormal") -> FloatArray:
+    r"""Return the log probability that a specimen is whole at a score.
+
+    .. math:: \ln S = \ln \Phi(-z), \quad \ln S = -\ln 2 \, e^{\pi z / \sqrt 6}
+
+    for the log-normal (and normal) and for Weibull's law; both have the median at z = 0, and of
+    both the scores at break have the standard deviation 1.
+
+    Parameters
+    ----------
+    score : array_like
+        z, ln strain over the median at break, in standard deviations of the logarithm.
+    law : str
+        Of `SCATTER_LAWS`.
+
+    Examples
+    --------
+    >>> np.exp(log_whole([0.0, 1.0], "weibull")).round(3)
+    array([0.5  , 0.082])
+    """
+    z = np.asarray(score, dtype=np.float64)
+    if law != "weibull":
+        return np.asarray(special.log_ndtr(-z))
     with np.errstate(over="ignore", under="ignore"):
-        return -math.log(2.0) * np.exp(weibull_modulus(scatter) * log_ratio)
+        return np.asarray(-_LN_2 * np.exp(GUMBEL * z))
+
+
+def log_broken(score: npt.ArrayLike, law: ScatterLaw = "lognormal") -> FloatArray:
+    """Return the log probability that a specimen has broken at a score, see `log_whole`.
+
+    Examples
+    --------
+    >>> float(np.exp(log_broken(0.0, "weibull")).round(12))
+    0.5
+    """
+    if law != "weibull":
+        return np.asarray(special.log_ndtr(np.asarray(score, dtype=np.float64)))
+    return _log_complement(log_whole(score, law))
+
+
+def log_broken_between(
+    low: npt.ArrayLike, high: npt.ArrayLike, law: ScatterLaw = "lognormal"
+) -> FloatArray:
+    """Return the log probability to break between two scores, low < high, either infinite.
+
+    Examples
+    --------
+    >>> round(float(log_broken_between(-np.inf, 0.0)), 4)  # ln ½
+    -0.6931
+    """
+    low, high = (np.asarray(score, dtype=np.float64) for score in (low, high))
+    if law == "weibull":
+        before = log_whole(low, law)
+        with np.errstate(invalid="ignore"):  # what is infinite on both sides has no chance
+            change = np.where(np.isinf(before), -np.inf, log_whole(high, law) - before)
+        return before + _log_complement(change)
+    # in the tail on the left, where the difference of two logarithms is exact
+    swap = low > 0.0
+    low, high = np.where(swap, -high, low), np.where(swap, -low, high)
+    upper = special.log_ndtr(high)
+    with np.errstate(divide="ignore"):
+        return np.asarray(upper + np.log1p(-np.exp(special.log_ndtr(low) - upper)))
+
+
+def score_density(score: npt.ArrayLike, law: ScatterLaw = "lognormal") -> FloatArray:
+    """Return the log density of scores at break, that of `log_whole`.
+
+    Examples
+    --------
+    >>> round(float(score_density(0.0, "weibull")), 4)
+    -0.8108
+    """
+    z = np.asarray(score, dtype=np.float64)
+    if law != "weibull":
+        return _normal_log_density(z)
+    return math.log(GUMBEL * _LN_2) + GUMBEL * z + log_whole(z, law)
+
+
+def scores_from_normal(normal: npt.ArrayLike, law: ScatterLaw = "lognormal") -> FloatArray:
+    """Return the scores at break that are as rare as standard normal ones.
+
+    Examples
+    --------
+    >>> scores_from_normal([0.0, -2.0], "weibull").round(3) + 0.0
+    array([ 0.   , -2.655])
+    """
+    z = np.asarray(normal, dtype=np.float64)
+    if law != "weibull":
+        return z
+    return np.asarray(np.log(-special.log_ndtr(-z) / _LN_2) / GUMBEL)
+
+
+def draw_scores(
+    shape: tuple[int, ...], generator: np.random.Generator, law: ScatterLaw = "lognormal"
+) -> FloatArray:
+    """Draw scores at break.
+
+    Examples
+    --------
+    >>> scores = draw_scores((20000,), np.random.default_rng(1), "weibull")
+    >>> round(float(np.std(scores)), 1), round(abs(float(np.median(scores))), 1)
+    (1.0, 0.0)
+    """
+    return scores_from_normal(generator.standard_normal(shape), law)
+
+
+def _log_complement(logarithm: FloatArray) -> FloatArray:
+    """Return ln(1 − e^x) for x ≤ 0."""
+    with np.errstate(divide="ignore"):
+        return np.asarray(np.log(-np.expm1(logarithm)))
 
 
 def log_density(
@@ -150,14 +260,8 @@ def log_density(
         return _normal_log_density((ratio - 1.0) / scatter) - np.log(scatter * elongation)
     possible = ratio > 0.0
     log_ratio = np.log(np.where(possible, ratio, 1.0))
-    if law == "lognormal":
-        density = _normal_log_density(log_ratio / scatter) - np.log(scatter) - log_ratio
-    else:
-        modulus = weibull_modulus(scatter)
-        with np.errstate(over="ignore", under="ignore"):
-            hazard = math.log(2.0) * np.exp(modulus * log_ratio)
-        density = np.log(modulus * math.log(2.0)) + (modulus - 1.0) * log_ratio - hazard
-    return np.where(possible, density - np.log(elongation), -math.inf)
+    density = score_density(log_ratio / scatter, law) - np.log(scatter * elongation) - log_ratio
+    return np.where(possible, density, -math.inf)
 
 
 def rupture_probability(
@@ -395,7 +499,7 @@ def equivalent_uniaxial_stretch(
         raise ValueError(f"unknown criterion {criterion!r}; one of {', '.join(known)}")
     if law is None:
         raise ValueError("the criterion 'cauchy_stress' needs the material's law")
-    return _stretch_at_stress(law, largest_cauchy_stress(law, stretches))
+    return uniaxial_stretch(law, largest_cauchy_stress(law, stretches))
 
 
 def utilisation(
@@ -438,17 +542,49 @@ def utilisation(
     return (equivalent_uniaxial_stretch(stretches, criterion, law) - 1.0) / (limit - 1.0)
 
 
-def _stretch_at_stress(law: Yeoh, stress: FloatArray) -> FloatArray:
-    def excess(
-        stretch: FloatArray, c1: FloatArray, c2: FloatArray, c3: FloatArray, wanted: FloatArray
-    ) -> FloatArray:
-        return cauchy_stress(Yeoh(c1, c2, c3), stretch, mode="uniaxial") - wanted
+STEPS, LARGEST_STEP, CLOSE = 60, 0.3, 1e-9
+"""Of Newton, in ln stretch: how many at most, the largest one, and the one that is the last; five
+or six are enough from a stretch nearby."""
+_NUDGE = 1e-6  # of a stretch, for the slope of its stress
 
-    arguments = tuple(
-        np.asarray(array, dtype=np.float64)
-        for array in np.broadcast_arrays(law.c1, law.c2, law.c3, stress)
-    )
-    start = np.ones_like(arguments[-1])
-    bracket = elementwise.bracket_root(excess, start, start + 1.0, args=arguments, xmin=1.0)
-    root = elementwise.find_root(excess, bracket.bracket, args=arguments)
-    return np.where(root.success, root.x, np.nan)
+
+def uniaxial_stretch(law: Yeoh, stress: npt.ArrayLike, *, start: npt.ArrayLike = 1.5) -> FloatArray:
+    """Return the stretch in uniaxial tension with a Cauchy stress, by Newton in its logarithm.
+
+    Parameters
+    ----------
+    law : Yeoh
+        Constants [MPa]; nominal stress must rise with stretch.
+    stress : array_like
+        [MPa], not negative.
+    start : array_like
+        A stretch nearby [–].
+
+    Returns
+    -------
+    ndarray
+        nan where no stretch is found.
+
+    Examples
+    --------
+    >>> float(uniaxial_stretch(Yeoh(0.25, 0.0, 0.0), 1.75).round(9))
+    2.0
+    """
+    wanted, found = np.broadcast_arrays(np.asarray(stress, dtype=np.float64), start)
+    found, step = np.maximum(found, 1.0), np.array(np.inf)
+    for _ in range(STEPS):
+        value = _uniaxial_stress(law, found)
+        slope = (_uniaxial_stress(law, found * (1.0 + _NUDGE)) - value) / _NUDGE
+        with np.errstate(invalid="ignore", divide="ignore"):
+            step = np.clip((wanted - value) / slope, -LARGEST_STEP, LARGEST_STEP)
+        found = np.maximum(found * np.exp(np.nan_to_num(step)), 1.0)
+        if np.all(np.abs(np.nan_to_num(step)) < CLOSE):
+            break
+    return np.where(np.isfinite(step) & (np.abs(step) < _SETTLED), found, np.nan)
+
+
+_SETTLED = 1e-6  # a last step above that has not arrived
+
+
+def _uniaxial_stress(law: Yeoh, stretch: FloatArray) -> FloatArray:
+    return largest_cauchy_stress(law, wall_state(stretch, -0.5))

@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from bayesdeg.data.study import Study
 from bayesdeg.material.degradation import lagrange_weights
+from bayesdeg.material.strength import GUMBEL, draw_scores, score_density
 from bayesdeg.observations.arrays import chosen
 from bayesdeg.observations.kinds import Observations, Parts, Rows, State
-from bayesdeg.observations.noise import log_normal
-from bayesdeg.observations.specimens import FilmsAndActuators, node_name
+from bayesdeg.observations.specimens import FilmsAndActuators, elongation_spread, node_name
 
 Floats = NDArray[np.float64]
 
@@ -80,13 +80,16 @@ class Breaks(Observations):
 
     @override
     def log_likelihood(self, state: State[FilmsAndActuators]) -> Floats:
-        return log_normal(self.table.elongation, *self._law(state))
+        score, log_scale = self._scores(state)
+        return score_density(score, state.world.scatter_law) - log_scale
 
     @override
     def factors(self, state: State[FilmsAndActuators]) -> Parts:
-        median, spread = self._law(state)
-        score = np.log(self.table.elongation / median) / spread
-        return Parts(normal=((score, np.log(spread * self.table.elongation)),))
+        score, log_scale = self._scores(state)
+        if state.world.scatter_law == "lognormal":
+            return Parts(normal=((score, log_scale),))
+        # the expected information of a shift of ln elongation by one sd is that of Gumbel's law
+        return Parts(events=((score_density(score, "weibull") - log_scale, GUMBEL * score),))
 
     @override
     def subset(self, rows: Rows) -> "Breaks":
@@ -100,7 +103,8 @@ class Breaks(Observations):
         drawn: tuple[Observations, ...],
     ) -> tuple[Observations, ...]:
         median, spread = self._law(state)
-        again = median * np.exp(spread * generator.standard_normal(spread.shape))
+        scores = draw_scores(spread.shape, generator, state.world.scatter_law)
+        again = median * np.exp(spread * scores)
         return (*drawn, Breaks(replace(self.table, elongation=again[0])))
 
     @override
@@ -114,10 +118,17 @@ class Breaks(Observations):
             for node, value in zip(nodes, at_nodes, strict=True)
         }
 
+    def _scores(self, state: State[FilmsAndActuators]) -> tuple[Floats, Floats]:
+        """Return scores at break, and ln of the elongation that one of them amounts to [%]."""
+        median, spread = self._law(state)
+        elongation = self.table.elongation
+        return np.log(elongation / median) / spread, np.log(spread * elongation)
+
     def _law(self, state: State[FilmsAndActuators]) -> tuple[Floats, Floats]:
         """Return median and sd of the logarithm of elongations at break, each (n, n_films)."""
         world, rates = state.world, self.table.degradation
-        spread = world.elongation_spread(state.values, rates, self.table.degradation_sd)
+        slope = world.elongation_slope(state.values, rates)
+        spread = elongation_spread(state.values, slope, self.table.degradation_sd)
         return world.elongation(state.values, rates), np.sqrt(spread)
 
 

@@ -2,10 +2,11 @@
 
 Actuators of a level are alike but for their stiffness and their strength. One of them bursts with
 
-    p = Σ_q w_q Φ( ln[(λ_q − 1)/(λ_b − 1)] / s ),
+    p = Σ_q w_q F( ln[(λ_q − 1)/(λ_b − 1)] / s ),
 
-over a Gauss–Hermite rule for its stiffness, and the count is binomial. Every cause of the model
-acts on these tests as on those of the study: a prompt first loading in a horizontal mount.
+F the law of strengths, over a Gauss–Hermite rule for its stiffness, and the count is binomial.
+Every cause of the model acts on these tests as on those of the study: a prompt first loading in a
+horizontal mount, in the room of the study's own tests where its humidity is known.
 
 Counts are no part of a base model: one of walls without flaws may hold them for next to impossible,
 and would give up its stiffness before it believes them (two of three at 25 % and none below, of
@@ -13,16 +14,17 @@ doi:10.3389/frobt.2021.760485, leave a material three times as soft as its films
 against the model (`bayesdeg.criticism.checks.count_misfit`) and join it with a cause of ruptures.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import ClassVar, NamedTuple, override
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gammaln, log_ndtr, logsumexp
+from scipy.special import gammaln, logsumexp
 
 from bayesdeg.causes.cause import Conditions, Strength
 from bayesdeg.material.degradation import levels
+from bayesdeg.material.strength import ScatterLaw, log_broken, log_whole
 from bayesdeg.observations.arrays import chosen
 from bayesdeg.observations.curvature import ActuatorCurves, inputs_met, parts_of
 from bayesdeg.observations.kinds import Observations, Parts, Rows, State
@@ -49,10 +51,12 @@ class Chances(NamedTuple):
     whole: Floats
 
 
-def rupture_chances(peak_stretch: Floats, *, limit: Floats, scatter: Floats) -> Chances:
+def rupture_chances(
+    peak_stretch: Floats, *, limit: Floats, scatter: Floats, law: ScatterLaw = "lognormal"
+) -> Chances:
     r"""Return the log probabilities that a specimen of a level bursts or stays whole.
 
-    .. math:: p = \sum_q w_q \Phi\left(\frac{1}{s} \ln \frac{\lambda_q - 1}{\lambda_b - 1}\right)
+    .. math:: p = \sum_q w_q F\left(\frac{1}{s} \ln \frac{\lambda_q - 1}{\lambda_b - 1}\right)
 
     In logarithms throughout, so that what the model holds for next to impossible gets a very small
     probability and not zero.
@@ -67,6 +71,8 @@ def rupture_chances(peak_stretch: Floats, *, limit: Floats, scatter: Floats) -> 
         λ_b, median stretch at break [–].
     scatter : array, shape (n, n_levels) or (n, 1)
         s, sd of ln elongation at break [–].
+    law : str
+        F.
     """
     answered = np.isfinite(peak_stretch[..., len(STIFFNESS_NODES) // 2])
     known = np.isfinite(peak_stretch) | ~answered[..., None]
@@ -76,8 +82,8 @@ def rupture_chances(peak_stretch: Floats, *, limit: Floats, scatter: Floats) -> 
     z = (np.log(elongation) - np.log(limit - 1.0)[..., None]) / scatter[..., None]
     weight = np.where(known, _LOG_WEIGHTS, -np.inf)
     weight = weight - logsumexp(weight, axis=-1, keepdims=True)
-    burst = logsumexp(weight + log_ndtr(z), axis=-1)
-    whole = logsumexp(weight + log_ndtr(-z), axis=-1)
+    burst = logsumexp(weight + log_broken(z, law), axis=-1)
+    whole = logsumexp(weight + log_whole(z, law), axis=-1)
     return Chances(np.where(answered, burst, np.nan), np.where(answered, whole, np.nan))
 
 
@@ -113,6 +119,8 @@ class CountedTests:
         Up to which they were tested [kPa].
     tested, ruptured : array, shape (n_levels,)
         Number of actuators, and of those that burst.
+    humidity : array, shape (n_levels,)
+        Relative humidity of the room [%]; nan where it is not known, as of published counts.
     """
 
     specimens: tuple[str, ...]
@@ -121,23 +129,31 @@ class CountedTests:
     pressure: Floats
     tested: Floats
     ruptured: Floats
+    humidity: Floats = field(default_factory=lambda: np.array(np.nan))
+
+    def __post_init__(self) -> None:
+        """Bring a humidity of all levels to the shape of the others."""
+        shape = self.pressure.shape
+        object.__setattr__(self, "humidity", np.broadcast_to(self.humidity, shape))
 
     @cached_property
     def conditions(self) -> Conditions:
         """What was set: one reading at the largest pressure for each node of stiffness."""
-        across = np.ones(len(STIFFNESS_NODES))
-        return Conditions(self.pressure[:, None] * across, self.degradation)
+        pressure = self.pressure[:, None] * np.ones(len(STIFFNESS_NODES))
+        return Conditions(pressure, self.degradation, humidity=self.humidity[:, None])
 
 
 def counted_by_level(curves: ActuatorCurves) -> CountedTests:
     """Return how many of a study's own actuators burst, by the levels that they were meant to have.
 
-    Each level was tested up to the largest pressure that any of its actuators met.
+    Each level was tested up to the largest pressure that any of its actuators met, in the room of
+    the median humidity of its tests.
     """
     centres, member = levels(curves.degradation[:, 0])
     burst = curves.ruptured.any(axis=1)
     largest = np.max(np.where(curves.recorded, curves.pressure, 0.0), axis=1)
     rows = [np.flatnonzero(member == k) for k in range(len(centres))]
+    room = np.ma.masked_invalid(curves.conditions.room_humidity)
     return CountedTests(
         specimens=tuple(f"ruptures at {centre:.3g} %" for centre in centres),
         degradation=centres[:, None],
@@ -145,6 +161,7 @@ def counted_by_level(curves: ActuatorCurves) -> CountedTests:
         pressure=np.array([largest[row].max() for row in rows]),
         tested=np.array([float(len(row)) for row in rows]),
         ruptured=np.array([float(burst[row].sum()) for row in rows]),
+        humidity=np.array([np.ma.filled(np.ma.median(room[row]), np.nan) for row in rows]),
     )
 
 
@@ -168,7 +185,7 @@ def demand_of(state: State[FilmsAndActuators], tests: CountedTests) -> Demand:
     """Return what the largest pressure demands of the actuators of each level."""
     spread = state.once(parts_of, tests).spread
     deviation = np.sqrt(spread)[..., None] * STIFFNESS_NODES
-    prediction = state.world.answer(inputs_met(state, tests, deviation))
+    prediction = state.world.answer(inputs_met(state, tests, deviation), state.values)
     answered = prediction.status == 0
     stretch = np.where(answered, prediction.peak_stretch, np.nan)
     mean = answered[..., len(STIFFNESS_NODES) // 2]
@@ -183,7 +200,12 @@ def chances_of(state: State[FilmsAndActuators], tests: CountedTests) -> Chances:
     """Return the log probabilities that an actuator of each level bursts or not."""
     strength: Strength = strength_of(state, tests)
     demand = state.once(demand_of, tests)
-    return rupture_chances(demand.stretch, limit=1.0 + strength.median, scatter=strength.scatter)
+    return rupture_chances(
+        demand.stretch,
+        limit=1.0 + strength.median,
+        scatter=strength.scatter,
+        law=strength.law,
+    )
 
 
 @dataclass(frozen=True)

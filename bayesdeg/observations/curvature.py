@@ -500,11 +500,21 @@ def inputs_met(state: State[FilmsAndActuators], data: AtPressures, deviation: Fl
 
 
 def _predictions(
-    state: State[FilmsAndActuators], data: ActuatorCurves, deviation: Floats
+    state: State[FilmsAndActuators],
+    data: ActuatorCurves,
+    deviation: Floats,
+    *,
+    with_strain: bool = True,
 ) -> tuple[Prediction, Prediction]:
-    """Return predictions before and after causes that act on the reading."""
+    """Return predictions before and after causes that act on the reading.
+
+    Without the strain that the criterion sees, which takes as long as the rest, the peak stretch
+    is that of the forward map.
+    """
     causes, met = state.acting(), inputs_met(state, data, deviation)
-    mechanics = _with_common_error(state, data, state.world.answer(met))
+    world = state.world
+    answer = world.answer(met, state.values) if with_strain else world.forward(met)
+    mechanics = _with_common_error(state, data, answer)
     return mechanics, applied("on_reading", mechanics, data.conditions, causes)
 
 
@@ -512,7 +522,7 @@ def linearise_actuators(
     state: State[FilmsAndActuators], data: ActuatorCurves
 ) -> tuple[Linearised, Predicted]:
     """Linearise readings at the actuators' most probable deviations of ln stiffness."""
-    mode, _, _ = _mode_and_density(state, data, passes=PASSES - 1)
+    mode, _, _ = _mode_and_density(state, data, passes=PASSES - 1, with_strain=False)
     predicted = predict(state, data, mode[..., None])
     linearised = Linearised(
         data.readings - predicted.mean + predicted.slope * mode[..., None],
@@ -536,7 +546,11 @@ def log_density(state: State[FilmsAndActuators], data: ActuatorCurves) -> tuple[
 
 
 def _mode_and_density(
-    state: State[FilmsAndActuators], data: ActuatorCurves, *, passes: int
+    state: State[FilmsAndActuators],
+    data: ActuatorCurves,
+    *,
+    passes: int,
+    with_strain: bool = True,
 ) -> tuple[Floats, Floats, Prediction]:
     """Return the most probable deviations, and density and prediction of the last pass.
 
@@ -547,10 +561,12 @@ def _mode_and_density(
     names += ["bend_angle_noise_floor", "bend_angle_noise"] if data.with_angle else names
     noise = np.stack([values[name] for name in names], axis=-1)
     density, mode = np.empty(spread.shape), np.zeros(spread.shape)
-    for _ in range(passes):
+    for left in reversed(range(passes)):
         at = mode
         mode = np.empty(spread.shape)
-        mechanics, prediction = _predictions(state, data, at[..., None])
+        mechanics, prediction = _predictions(
+            state, data, at[..., None], with_strain=with_strain and left == 0
+        )
         curve_density(
             np.ascontiguousarray(data.readings),
             np.ascontiguousarray(np.broadcast_to(data.curvature_sd, data.pressure.shape)),

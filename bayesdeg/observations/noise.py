@@ -25,7 +25,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gammaln, log_ndtr
+from scipy.special import gammaln
 
 from bayesdeg.compiled import compiled
 
@@ -557,24 +557,3 @@ def student_information(dof: float) -> float:
     (1.0, 0.8165)
     """
     return 1.0 if np.isinf(dof) else float(np.sqrt((dof + 1.0) / (dof + 3.0)))
-
-
-def log_normal(value: Floats, median: Floats, scatter: Floats) -> Floats:
-    """Return the log-normal log density of values with this median and sd of the logarithm."""
-    return normal(np.log(value), np.log(median), scatter) - np.log(value)
-
-
-def log_interval(low: Floats, high: Floats) -> Floats:
-    """Return ln(Φ(high) − Φ(low)) of standard scores, low < high, either infinite.
-
-    Examples
-    --------
-    >>> round(float(log_interval(np.array(-np.inf), np.array(0.0))), 4)  # ln ½
-    -0.6931
-    """
-    # in the tail on the left, where the difference of two logarithms is exact
-    swap = low > 0.0
-    low, high = np.where(swap, -high, low), np.where(swap, -low, high)
-    upper = log_ndtr(high)
-    with np.errstate(divide="ignore"):
-        return np.asarray(upper + np.log1p(-np.exp(log_ndtr(low) - upper)))

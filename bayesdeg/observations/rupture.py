@@ -7,8 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.actuator.inputs import Prediction
-from bayesdeg.causes.cause import Strength
+from bayesdeg.causes.cause import Strength, StrengthConditions
 from bayesdeg.causes.fold import applied
+from bayesdeg.material.strength import draw_scores, log_broken_between
 from bayesdeg.observations.curvature import (
     ActuatorCurves,
     AtPressures,
@@ -19,8 +20,8 @@ from bayesdeg.observations.curvature import (
     log_density,
 )
 from bayesdeg.observations.kinds import Observations, Parts, Rows, State
-from bayesdeg.observations.noise import event_signal, log_interval
-from bayesdeg.observations.specimens import FilmsAndActuators, shared
+from bayesdeg.observations.noise import event_signal
+from bayesdeg.observations.specimens import FilmsAndActuators, elongation_spread, shared
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -30,17 +31,20 @@ def strength_of(state: State[FilmsAndActuators], data: AtPressures) -> Strength:
     """Return the elongation limit of the actuators, (n, n_specimens)."""
     values, believed = state.values, state.once(believed_degradation, data)
     level, world = believed.value, state.world
-    spread = world.elongation_spread(values, shared(level), believed.sd)
-    strength = Strength(world.elongation(values, shared(level)) / 100.0, np.sqrt(spread))
-    return applied("on_strength", strength, level, state.acting(axes=1))
+    slope = world.elongation_slope(values, shared(level))
+    spread = elongation_spread(values, slope, believed.sd)
+    median = world.elongation(values, shared(level)) / 100.0
+    strength = Strength(median, np.sqrt(spread), world.scatter_law)
+    conditions = StrengthConditions(level, data.conditions.room_humidity, slope)
+    return applied("on_strength", strength, conditions, state.acting(axes=1))
 
 
 def log_rupture(data: ActuatorCurves, prediction: Prediction, strength: Strength) -> Floats:
     r"""Return log probabilities that each specimen burst where it did, or survived, (n, S).
 
-    A specimen bursts where the stretch that its pressure demands passes its own limit, ln ε_b ~
-    N(ln ε̃, s²) with ε = λ − 1: survived up to p, burst at p' it has
-    :math:`\Phi(z(p')) - \Phi(z(p))`, and one that did not burst :math:`1 - \Phi(z(p))`. A pressure
+    A specimen bursts where the stretch that its pressure demands passes its own limit, of which
+    ln ε_b, ε = λ − 1, has the median ln ε̃, the sd s and a law F of scores: survived up to p, burst
+    at p' it has :math:`F(z(p')) - F(z(p))`, one that did not burst :math:`1 - F(z(p))`. A pressure
     at which the forward map has no answer demands an infinite stretch of the specimen that burst
     there, and says nothing of one that survived it; without strain nothing bursts. Of earlier
     cycles only what was survived below the pressure of the rupture counts: fatigue is not modelled.
@@ -52,7 +56,7 @@ def log_rupture(data: ActuatorCurves, prediction: Prediction, strength: Strength
     prediction : Prediction
         At the specimens' most probable stiffness.
     strength : Strength
-        ε̃ [–] and s of the specimens, (n, n_specimens).
+        ε̃ [–], s and the law of the specimens, (n, n_specimens).
     """
     ruptures = data.ruptures
     rows = np.arange(len(data.specimens))
@@ -69,7 +73,8 @@ def log_rupture(data: ActuatorCurves, prediction: Prediction, strength: Strength
 
     low = np.where(ruptures.survived < 0, -np.inf, score(ruptures.survived, refused=-np.inf))
     high = np.where(ruptures.burst < 0, np.inf, score(ruptures.burst, refused=np.inf))
-    return np.where(high > low, log_interval(np.minimum(low, high), high), -np.inf)
+    chance = log_broken_between(np.minimum(low, high), high, strength.law)
+    return np.where(high > low, chance, -np.inf)
 
 
 @dataclass(frozen=True)
@@ -148,7 +153,7 @@ class Rupture(Observations):
         grows with pressure; for each pressure it has the law of the likelihood.
         """
         data, strength = self.curves, strength_of(state, self.curves)
-        z = generator.standard_normal(strength.median.shape)
+        z = draw_scores(strength.median.shape, generator, strength.law)
         limit = np.log(strength.median) + strength.scatter * z
         strain = prediction.peak_stretch - 1.0
         share = prediction.peak_stretch_sd / np.maximum(strain, 1e-12)

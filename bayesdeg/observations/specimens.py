@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdeg.actuator.demand import demanded, scatter_law
 from bayesdeg.actuator.inputs import PAPER_THICKNESS, ForwardMap, Inputs, Prediction, continuation
 from bayesdeg.actuator.status import Status
 from bayesdeg.causes.cause import Cause, FilmConditions
@@ -22,12 +23,8 @@ from bayesdeg.material.degradation import (
     constants,
     satisfies_baker_ericksen,
 )
-from bayesdeg.material.hyperelastic import Yeoh, yeoh_basis
-from bayesdeg.material.strength import (
-    energy_equivalent_stretch,
-    largest_cauchy_stress,
-    wall_state,
-)
+from bayesdeg.material.hyperelastic import yeoh_basis
+from bayesdeg.material.strength import ScatterLaw
 from bayesdeg.priors import HalfNormal, Law, LogNormal, Named, Parameter, TruncatedNormal, Uniform
 
 Floats = NDArray[np.float64]
@@ -218,78 +215,33 @@ def elongation_at(values: Named, degradation: Floats, nodes: Nodes) -> Floats:
     return elongation
 
 
-def elongation_spread(values: Named, degradation: Floats, sd: Floats, *, nodes: Nodes) -> Floats:
+def elongation_slope(values: Named, degradation: Floats, nodes: Nodes) -> Floats:
+    """Return d ln ε/dD_R of the median elongation at break [1/%], (n, S)."""
+    log_values = np.log(np.stack([values[node_name("elongation", n)] for n in nodes], axis=-1))
+    return law.derivative(log_values, degradation, nodes)
+
+
+def elongation_spread(values: Named, slope: Floats, sd: Floats) -> Floats:
     """Return the variance of ln elongation at break of specimens, shape (n, S).
 
     σ² + (d ln ε/dD_R · sd(D_R))²: scatter, and the error of the degradation rate.
+
+    Parameters
+    ----------
+    values : mapping
+        Named values, (n,).
+    slope : array, shape (n, S)
+        Of `elongation_slope` [1/%].
+    sd : array, shape (S,) or (n, S)
+        Standard errors of the degradation rates [%].
     """
-    log_values = np.log(np.stack([values[node_name("elongation", n)] for n in nodes], axis=-1))
-    sensitivity = law.derivative(log_values, degradation, nodes)
-    spread: Floats = values["elongation_scatter"][:, None] ** 2 + (sensitivity * sd) ** 2
+    spread: Floats = values["elongation_scatter"][:, None] ** 2 + (slope * sd) ** 2
     return spread
 
 
 def no_map(inputs: Inputs) -> Prediction:
     """Answer nothing: the forward map of a world without actuators."""
     raise ValueError("there is no forward map in a world without actuators")
-
-
-WALL_BIAXIALITY = {"cauchy_stress": -0.30, "strain_energy": -0.26}
-"""b of the wall that decides, whose second stretch is λ^b, by criterion: what 44 actuators, solved
-by finite elements at 12 pressures, agree with best (`benchmarks/rupture_measures.py`)."""
-WALL_ERROR = {"cauchy_stress": 0.024, "strain_energy": 0.018}
-"""Standard error of the equivalent strain for that, a half of its 95 % quantile there (4.8 and
-3.7 %; the median is 1.3 and 0.7 %, and single curves with causes of geometry are off by 40 %)."""
-STEPS = 25
-"""Of Newton, for the uniaxial stretch of a stress; five or six are enough."""
-
-
-def wall_demand(criterion: RuptureCriterion, inputs: Inputs, prediction: Prediction) -> Prediction:
-    """Return a prediction whose peak stretch is the uniaxial one with which a criterion sees alike.
-
-    Of the wall's state the forward map says its largest stretch λ; the second is taken as λ^b. So
-    it is an approximation: `benchmarks/rupture_measures.py` holds it against solved actuators.
-
-    Parameters
-    ----------
-    criterion : str
-        ``principal_stretch`` changes nothing.
-    inputs : Inputs
-        What the mechanics met: the material's constants.
-    prediction : Prediction
-        Of the forward map.
-    """
-    if criterion == "principal_stretch":
-        return prediction
-    peak = np.maximum(prediction.peak_stretch, 1.0)
-    wall = wall_state(peak, WALL_BIAXIALITY[criterion])
-    if criterion == "strain_energy":
-        stretch = energy_equivalent_stretch(wall)
-    else:
-        law = Yeoh(inputs.c1, inputs.c2, inputs.c3)
-        stretch = _stretch_of_stress(law, largest_cauchy_stress(law, wall), peak)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        grown = np.where(peak > 1.0, (stretch - 1.0) / (peak - 1.0), 1.0)
-    error = np.hypot(prediction.peak_stretch_sd * grown, WALL_ERROR[criterion] * (stretch - 1.0))
-    return replace(prediction, peak_stretch=stretch, peak_stretch_sd=error)
-
-
-def _stretch_of_stress(law: Yeoh, stress: Floats, start: Floats) -> Floats:
-    """Return the uniaxial stretch with a Cauchy stress by Newton's method in its logarithm."""
-    found = np.array(start)
-    for _ in range(STEPS):
-        value = largest_cauchy_stress(law, wall_state(found, -0.5))
-        above = largest_cauchy_stress(law, wall_state(found * (1.0 + _NUDGE), -0.5))
-        with np.errstate(invalid="ignore", divide="ignore"):
-            step = np.clip((stress - value) * _NUDGE / (above - value), -0.3, 0.3)
-        step = np.where(np.isfinite(step), step, 0.0)
-        found = np.maximum(found * np.exp(step), 1.0)
-        if np.all(np.abs(step) < 1e-9):
-            break
-    return found
-
-
-_NUDGE = 1e-6  # of a stretch, for the slope of its stress
 
 
 @dataclass(frozen=True)
@@ -307,7 +259,11 @@ class FilmsAndActuators:
     largest_pressure : float
         By which the emulator's common error is scaled [kPa].
     criterion : str
-        What of a wall's state is held against the films' elongation at break.
+        What of a wall's state is held against the films' elongation at break, see
+        `bayesdeg.actuator.demand`.
+    size_ratio : float
+        Volume of the actuator as moulded over that of a film that is stretched, for the weakest
+        link [–].
     """
 
     nodes: Nodes
@@ -316,6 +272,7 @@ class FilmsAndActuators:
     paper_thickness: float = PAPER_THICKNESS
     largest_pressure: float = 240.0
     criterion: RuptureCriterion = "principal_stretch"
+    size_ratio: float = 1.0
 
     @property
     def is_limited(self) -> bool:
@@ -332,9 +289,27 @@ class FilmsAndActuators:
         """The same with a forward map that goes on outside its range, if it can."""
         return replace(self, forward=continuation(self.forward))
 
-    def answer(self, inputs: Inputs) -> Prediction:
-        """Return what the forward map answers, its peak stretch as the criterion sees it."""
-        return wall_demand(self.criterion, inputs, self.forward(inputs))
+    @property
+    def scatter_law(self) -> ScatterLaw:
+        """Law of the elongation at break from specimen to specimen."""
+        return scatter_law(self.criterion)
+
+    def answer(self, inputs: Inputs, values: Named) -> Prediction:
+        """Return what the forward map answers, its peak stretch as the criterion sees it.
+
+        Parameters
+        ----------
+        inputs : Inputs
+            What the mechanics met, (n, n_specimens, n_pressures).
+        values : mapping
+            Named values, (n,).
+        """
+        if self.criterion == "principal_stretch":
+            return self.forward(inputs)
+        scatter = values["elongation_scatter"][:, None, None]
+        return demanded(
+            self.forward, inputs, self.criterion, scatter=scatter, size_ratio=self.size_ratio
+        )
 
     def check(self, causes: tuple[Cause, ...]) -> None:
         """Refuse no cause: each acts on something of films or actuators."""
@@ -391,9 +366,9 @@ class FilmsAndActuators:
         """Return the median elongation at break [%] at degradation rates (S,), shape (n, S)."""
         return elongation_at(values, degradation, self.elongation_nodes)
 
-    def elongation_spread(self, values: Named, degradation: Floats, sd: Floats) -> Floats:
-        """Return the variance of ln elongation at break of specimens, shape (n, S)."""
-        return elongation_spread(values, degradation, sd, nodes=self.elongation_nodes)
+    def elongation_slope(self, values: Named, degradation: Floats) -> Floats:
+        """Return d ln ε/dD_R of the median elongation at break [1/%], (n, S)."""
+        return elongation_slope(values, degradation, self.elongation_nodes)
 
 
 def stiffness_spread(values: Named, material: Material, sd: Floats) -> Floats:

@@ -155,8 +155,9 @@ def assemble(study: Study, forward: ForwardMap | None = None) -> Assembly:
         return _assemble_study(study)
     emulated = forward is None or isinstance(forward, Surrogate)
     plan = outline(study, emulated=emulated)
+    geometry = Geometry(study.settings.dimensions)
     if plan.needs_forward and (forward is None or isinstance(forward, Surrogate)):
-        forward = surrogate_for(Geometry(study.settings.dimensions), forward)
+        forward = surrogate_for(geometry, forward)
     world = FilmsAndActuators(
         nodes=plan.nodes,
         elongation_nodes=plan.elongation_nodes or (0.0,),
@@ -164,6 +165,7 @@ def assemble(study: Study, forward: ForwardMap | None = None) -> Assembly:
         paper_thickness=study.settings.paper_thickness_mm,
         largest_pressure=plan.largest,
         criterion=study.settings.rupture_criterion,
+        size_ratio=geometry.volume / study.settings.film_volume_mm3,
     )
     model = JointModel(plan.base, plan.observations, world)
     return Assembly(

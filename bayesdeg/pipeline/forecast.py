@@ -177,6 +177,7 @@ def model_document(model: JointModel, study: Study | None = None) -> ModelEntry:
         largest_pressure_kPa=model.largest_pressure,
         measured={name: (float(min(v)), float(max(v))) for name, v in measured.items()},
         rupture_criterion=model.films_and_actuators.criterion,
+        rupture_size_ratio=model.films_and_actuators.size_ratio,
         rupture_checks=specimens_tested(model) or None,
         bursts=bursts_of(model, study),
     )
@@ -345,6 +346,7 @@ def _model(entry: ModelEntry, draws: Mapping[str, Floats], forward: Surrogate) -
             paper_thickness=thickness,
             largest_pressure=largest,
             criterion=_criterion(entry),
+            size_ratio=entry.rupture_size_ratio or 1.0,
         ),
         causes=in_order(_flat(find(name)) for name in names),
     )

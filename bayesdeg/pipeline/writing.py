@@ -27,6 +27,7 @@ from bayesdeg.data.study import Study
 from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import EFFORTS, to_datatree
 from bayesdeg.material.degradation import levels
+from bayesdeg.material.strength import draw_scores
 from bayesdeg.observations.curvature import ActuatorCurves
 from bayesdeg.observations.means import statistics
 from bayesdeg.observations.tensile import (
@@ -254,7 +255,8 @@ def elongation(fit: Fit, generator: np.random.Generator) -> pd.DataFrame | None:
     grid = level_grid(fit.model)
     values = draw_values(fit.model, fit.chain, generator, 2000)
     median = fit.model.elongation(values, grid)
-    scatter = values["elongation_scatter"][:, None] * generator.standard_normal(median.shape)
+    law = fit.model.films_and_actuators.scatter_law
+    scatter = values["elongation_scatter"][:, None] * draw_scores(median.shape, generator, law)
     low, middle, high = np.quantile(median * np.exp(scatter), [0.05, 0.5, 0.95], axis=0)
     band = pd.DataFrame(
         {"kind": "band", "degradation_pct": grid, "value": np.nan}

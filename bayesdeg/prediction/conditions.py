@@ -36,7 +36,8 @@ class ServiceConditions:
         study's tests.
     humidity_pct : float, optional
         Relative humidity of the room [%]; by default that of the study's room where it recorded
-        none, see `bayesdeg.causes.humidity_drift`. It acts with time, so give `hold_s` as well.
+        none. By `bayesdeg.causes.humidity_drift` it acts on curvature with time, so give `hold_s`
+        as well; by `bayesdeg.causes.dry_embrittlement` it acts on rupture at once.
     mount : {"horizontal", "hanging", "bending_up", "bending_down"}
         How the actuator is held.
     degradation_sd : float

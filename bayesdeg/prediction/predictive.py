@@ -87,7 +87,8 @@ class Grid:
     def strength(self, values: Named) -> Strength:
         """Return the elongation limit of specimens at each rate, (n, n_levels, 1)."""
         strength, step = self.model.strength(values), self._alike
-        return Strength(strength.median[:, ::step, None], strength.scatter[:, ::step, None])
+        median, scatter = (v[:, ::step, None] for v in (strength.median, strength.scatter))
+        return replace(strength, median=median, scatter=scatter)
 
     def reached(self, values: Named, deviation: Floats) -> "Reached":
         """Return what specimens do up to each reading, (n, n_levels, n_pressures).
@@ -148,11 +149,12 @@ SAME = 1e-9  # relative difference up to which predictions are the same: roundin
 def moving_nothing(
     model: JointModel, chain: Chain, degradation: Floats, conditions: ServiceConditions
 ) -> tuple[str, ...]:
-    """Return the names of conditions to which no cause answers, so that they move no curvature.
+    """Return the names of conditions to which no cause answers: they move no curvature, no limit.
 
     Each is put back to that of a prompt first loading while the others stay; a condition that acts
-    only together with another one that was not given moves nothing either. Rupture is left out:
-    whatever the causes, what was at a larger pressure before may have burst there.
+    only together with another one that was not given moves nothing either. Of rupture the
+    elongation limit counts alone: whatever the causes, what was at a larger pressure before may
+    have burst there.
 
     Parameters
     ----------
@@ -170,7 +172,11 @@ def moving_nothing(
     def seen(at: ServiceConditions) -> Floats:
         grid = Grid.of(model, degradation, pressure, at)
         sd = grid.deviation_sd(values)
-        return np.concatenate([sd, grid.reached(values, np.zeros_like(sd)).curvature], axis=-1)
+        found = [sd, grid.reached(values, np.zeros_like(sd)).curvature]
+        if model.has_elongation:
+            strength = grid.strength(values)
+            found += [strength.median, strength.scatter]
+        return np.concatenate(found, axis=-1)
 
     whole = seen(conditions)
     return tuple(
@@ -382,7 +388,7 @@ def _burst(grid: Grid, values: Named, reached: Reached) -> Floats:
     # the error of the forward map adds to the scatter of the strain at break
     share = np.nan_to_num(reached.stretch_sd[:, 0]) / np.maximum(stretch - 1.0, 1e-12)
     scatter = np.hypot(strength.scatter[:, 0], share)
-    return rupture_probability(stretch, 1.0 + strength.median[:, 0], scatter, "lognormal")
+    return rupture_probability(stretch, 1.0 + strength.median[:, 0], scatter, strength.law)
 
 
 def specimens_tested(model: JointModel) -> int:
@@ -434,11 +440,11 @@ def rupture_table(
 ) -> pd.DataFrame:
     """Return the probability that a specimen bursts up to a pressure.
 
-    A specimen bursts where the largest principal stretch that 99 % of its volume stays below
-    passes its uniaxial elongation limit (log-normal about a median that depends on D_R). The
-    probability averages over specimens; its 5 and 95 % quantiles are over the posterior. None of
-    them is below one in the number of specimens that were tested, or of draws if that is not given.
-    Parameters are those of `curvature_bands`.
+    A specimen bursts where the stretch that the criterion sees passes its uniaxial elongation
+    limit, which scatters about a median that depends on D_R. The probability averages over
+    specimens; its 5 and 95 % quantiles are over the posterior. None of them is below one in the
+    number of specimens that were tested, or of draws if that is not given. Parameters are those of
+    `curvature_bands`.
 
     Returns
     -------
@@ -455,8 +461,7 @@ def rupture_table(
         reached = grid.reached(values, node * sd)
         stretch = np.where(reached.answered, np.maximum(reached.stretch, 1.0), np.nan)
         share = reached.stretch_sd / np.maximum(stretch - 1.0, 1e-12)
-        limit, scatter = 1.0 + strength.median, np.hypot(strength.scatter, share)
-        total += weight * _probability(stretch, limit, scatter)
+        total += weight * _probability(stretch, strength, np.hypot(strength.scatter, share))
     levels, pressures = np.meshgrid(_medians(degradation), pressure, indexing="ij")
     usable = np.mean(np.isfinite(total), axis=0) > 0.5
     safe = np.where(usable, total, 0.0)
@@ -478,7 +483,8 @@ def rupture_table(
     )
 
 
-def _probability(stretch: Floats, limit: Floats, scatter: Floats) -> Floats:
+def _probability(stretch: Floats, strength: Strength, scatter: Floats) -> Floats:
     known = np.isfinite(stretch)
-    probability = rupture_probability(np.where(known, stretch, 1.0), limit, scatter, "lognormal")
+    safe, limit = np.where(known, stretch, 1.0), 1.0 + strength.median
+    probability = rupture_probability(safe, limit, scatter, strength.law)
     return np.where(known, probability, np.nan)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import pandas as pd
 
+from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.criticism.outcome import MISFIT_LEVEL, Outcome
 from bayesdeg.report.record import CandidateEntry, VerdictRecord
 from bayesdeg.report.summaries import BASE, Row, extended_model, pooled, rows_of
@@ -88,6 +89,8 @@ def headline_of(verdict: VerdictRecord, gain: pd.DataFrame | None) -> Headline:
     numbers = (misfit, _certainty(verdict, facts), _gained(facts))
     made = sentences("headline", "made", **facts)
     of_readings, of_counts = (first_sentence(verdict.misfit.where), made), counts_of(verdict)
+    if facts["ruptures"]:
+        of_readings = of_readings[::-1]
     both = (*of_counts, *of_readings) if facts["by_counts"] else (*of_readings, *of_counts)
     lede = tuple(filter(None, both))
     return Headline(BADGES[verdict.outcome], sentence, numbers, lede)
@@ -104,7 +107,8 @@ def _facts(verdict: VerdictRecord, gain: pd.DataFrame | None) -> Mapping[str, ob
         "either": " or ".join(words(cause) for cause in verdict.causes),
         "first": _begun(verdict.causes[0]) if verdict.causes else "",
         "off_priors": fits_off_priors(verdict),
-        "by_counts": _by_counts(verdict),
+        "by_counts": _by_counts(verdict) or _by_ruptures(verdict),
+        "ruptures": verdict.ruptures if _by_ruptures(verdict) else None,
         "share": max((one for one in fractions if one is not None), default=None),
         "best": _best(verdict),
         "directed": _directed(verdict),
@@ -128,9 +132,24 @@ def _by_counts(verdict: VerdictRecord) -> bool:
     """Return whether counts of ruptures alone speak against the model."""
     found = [one for one in verdict.rupture_counts if one.contradicted]
     named = {name for one in found for name in one.explained_by}
+    return bool(found) and _readings_agree(verdict) and set(verdict.causes) <= named
+
+
+def _by_ruptures(verdict: VerdictRecord) -> bool:
+    """Return whether the study's own ruptures alone speak for the causes, which act on no reading.
+
+    What such a cause explains of the misfit of readings, and how it predicts them, says nothing.
+    """
+    silent = all(
+        name in CATALOGUE and CATALOGUE[name].is_of_rupture_alone for name in verdict.causes
+    )
+    told = bool(verdict.causes) and silent and verdict.ruptures is not None
+    return told and _readings_agree(verdict)
+
+
+def _readings_agree(verdict: VerdictRecord) -> bool:
     p_value = verdict.misfit.p_value
-    agrees = p_value is not None and p_value > MISFIT_LEVEL
-    return bool(found) and agrees and set(verdict.causes) <= named
+    return p_value is not None and p_value > MISFIT_LEVEL
 
 
 def _note(of: str, facts: Mapping[str, object]) -> str:

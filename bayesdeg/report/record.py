@@ -372,6 +372,11 @@ class ModelEntry(Record):
     rupture_criterion: Text = Field(
         default="", exclude_if=is_absent, description="what is held against the elongation at break"
     )
+    rupture_size_ratio: Number = Field(
+        default=None,
+        exclude_if=is_absent,
+        description="volume of the actuator as moulded over that of a film that is stretched",
+    )
     rupture_checks: Number = Field(
         default=None,
         description="films broken and actuators loaded: no probability of rupture is below 1/n",

@@ -12,12 +12,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdeg.causes.cause import Cause, Strength
+from bayesdeg.causes.cause import Cause, Strength, StrengthConditions
 from bayesdeg.emulator.surrogate import Surrogate
+from bayesdeg.material.degradation import derivative
 from bayesdeg.material.hyperelastic import Yeoh
 from bayesdeg.material.strength import CRITERIA, Criterion, limit_stretch, rupture_probability
 from nagai_2021.causes import (
     LAST,
+    ROOM,
     Misread,
     Values,
     able,
@@ -34,7 +36,7 @@ from nagai_2021.rupture import SCATTER, counts_given, demanded, log_elongations
 
 Floats = NDArray[np.float64]
 
-LATER = frozenset({"dry_embrittlement"})
+LATER = frozenset({"dry_embrittlement", "uneven_degradation"})
 WIDE = 2.5
 """Scatter is drawn from a prior so many times as wide, and weighted for it."""
 HERMITE = ((-np.sqrt(3.0), 1.0 / 6.0), (0.0, 2.0 / 3.0), (np.sqrt(3.0), 1.0 / 6.0))
@@ -218,4 +220,6 @@ def _strength(
     if cause is None or cause.on_strength is None or values is None:
         return strength
     effect = {name: size[..., 0] for name, size in cause.effect(values).items()}
-    return cause.on_strength(strength, level, effect)
+    slope = derivative(shared.log_limit, level, NODES_USED)
+    tests = StrengthConditions(level, np.full(level.shape[-1], ROOM), slope)
+    return cause.on_strength(strength, tests, effect)

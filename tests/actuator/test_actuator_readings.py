@@ -83,7 +83,8 @@ def test_arc_length_of_a_circle_converges_at_fourth_order():
             Resolution(along=along, across=9.0, up=9.0),
         )
         x, y, z = mesh.body.nodes.T
-        bent = np.stack([10.0 * np.sin(x / 10.0), y, 10.0 * np.cos(x / 10.0) - 10.0 + z], axis=1)
+        turn, radius = x / 10.0, 10.0 + z
+        bent = np.stack([radius * np.sin(turn), y, radius * np.cos(turn) - 10.0], axis=1)
         state = MechanicalState(bent - mesh.body.nodes, np.zeros((len(mesh.body.elements), 4)), 0.0)
         errors.append(abs(read_state(mesh, state).arc_length - 20.0))
     orders = np.log2(np.array(errors[:-1]) / np.array(errors[1:]))

@@ -11,7 +11,14 @@ import pytest
 import bayesdeg.causes
 from bayesdeg.actuator.inputs import NEUTRAL, Inputs
 from bayesdeg.causes.catalogue import CATALOGUE, find, in_order
-from bayesdeg.causes.cause import Conditions, Degradation, FilmConditions, Stage, Strength
+from bayesdeg.causes.cause import (
+    Conditions,
+    Degradation,
+    FilmConditions,
+    Stage,
+    Strength,
+    StrengthConditions,
+)
 from bayesdeg.data.tables import TABLES
 from bayesdeg.errors import BayesdegError
 from bayesdeg.inference.model import JointModel
@@ -40,6 +47,7 @@ NAMES = (
     "second_invariant",
     "flaw_embrittlement",
     "dry_embrittlement",
+    "uneven_degradation",
 )
 SECTIONS = ("Mechanism", "Equation", "Typical size", "Revealed by", "Refuted by", "Source")
 
@@ -148,7 +156,10 @@ def acted_on(cause, values, model):
         pairs.append((Stresses(STRESS), Stresses(after)))
     if cause.on_strength is not None:
         flat = {name: value[..., 0] for name, value in effect.items()}
-        after = cause.on_strength(STRENGTH, model.actuator.degradation[None, :, 0], flat)
+        level = model.actuator.degradation[None, :, 0]
+        slope = np.full(level.shape, -0.056)
+        state = StrengthConditions(level, conditions.room_humidity, slope)
+        after = cause.on_strength(STRENGTH, state, flat)
         pairs.append((STRENGTH, after))
     return pairs
 

@@ -9,8 +9,11 @@ from tests.causes.default_actuator import LEVELS, LOADING, THERE_AND_BACK, condi
 
 DEFAULT = Conditions(np.broadcast_to(LOADING, (6, 12)), LEVELS)
 FRESH_ONLY = Conditions(np.broadcast_to(LOADING, (1, 12)), np.array([[0.3]]))
-OF_RUPTURE = ("dry_embrittlement", "flaw_embrittlement")
-NEED_DEGRADED = ("degradation_misread", "degraded_skin", "erosion", "paper_softening")
+OF_RUPTURE = ("dry_embrittlement", "flaw_embrittlement", "uneven_degradation")
+NEED_DEGRADED = (
+    *("degradation_misread", "degraded_skin", "erosion", "paper_softening"),
+    "uneven_degradation",
+)
 
 
 def test_by_default_a_test_is_a_prompt_first_loading_in_a_horizontal_mount():
@@ -42,6 +45,21 @@ def test_drying_needs_degraded_actuators_and_a_humidity():
     fresh = Conditions(np.broadcast_to(LOADING, (1, 12)), np.array([[0.0]]))
     assert cause.blind(fresh).startswith("no degraded actuator")
     assert cause.needs == ("humidity_pct",)
+
+
+def test_dry_air_shows_nothing_where_degraded_actuators_were_tested_as_they_were_stored():
+    cause = find("dry_embrittlement")
+    for humidity in (66.8, 67.0, 72.0):
+        assert cause.blind(conditions_of(humidity=humidity)).endswith("67 %")
+    # fresh ones, the first of six, are not weakened by dry air
+    room = np.full((6, 12), 67.0)
+    room[0] = 50.0
+    assert cause.blind(conditions_of(humidity=room)).endswith("67 %")
+    room[3] = 50.0
+    assert cause.blind(conditions_of(humidity=room)) is None
+    # most of the test counts, not a door that was opened
+    room[3, 2:] = 67.0
+    assert cause.blind(conditions_of(humidity=room)).endswith("67 %")
 
 
 def test_flaws_need_far_degraded_actuators():

@@ -37,6 +37,8 @@ def here(tmp_path, monkeypatch):
     """A working directory where the recipe is tiny; with a study and a file of its geometry."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(training, "RECIPE", RECIPE)
+    monkeypatch.setattr(training, "LOCAL", lambda _dimensions: RECIPE)
+    monkeypatch.setattr(training, "ROUNDS", 0)
     monkeypatch.setattr(emulation, "build", build)
     (tmp_path / "tiny.toml").write_text(TABLE, encoding="utf-8")
     (tmp_path / "study").mkdir()
@@ -68,6 +70,10 @@ def pipeline(monkeypatch):
     monkeypatch.setattr(run_command, "run_study", run_study)
     monkeypatch.setattr(run_command, "add_page", lambda _folder, found, _guard: (found, None))
     return given
+
+
+def kept():
+    return list(CACHED.parent.glob("*.npz"))
 
 
 def solved(folder=Path(".cache/campaign")):
@@ -206,9 +212,10 @@ def test_run_trains_on_first_use_and_finds_the_emulator_afterwards(here, command
     code, _, err = command("run", "study", "--workers", 1)
     assert code == 0, err
     assert "one is trained" in err
-    assert f"kept as {CACHED}" in err
     assert f"training takes {duration(0.0)}" in err
-    assert CACHED.exists()
+    # of what one study may ask, and not of the whole range
+    assert len(kept()) == 1
+    assert not CACHED.exists()
     code, _, err = command("run", "study", "--workers", 1)
     assert code == 0
     assert "train" not in err
@@ -230,7 +237,23 @@ def test_run_trains_again_what_cannot_be_used_and_says_why(here, command, pipeli
     assert code == 0
     assert str(CACHED) in err
     assert said in err
-    assert read_trained(CACHED).record == pipeline[0].record
+    (new,) = (path for path in kept() if path != CACHED)
+    assert read_trained(new).record == pipeline[0].record
+
+
+def test_run_solves_further_curves_while_errors_are_large(here, command, pipeline, monkeypatch):
+    monkeypatch.setattr(training, "ROUNDS", 1)
+    monkeypatch.setattr(training, "TARGET_PCT", 0.6)
+    code, _, err = command("run", "study", "--workers", 1, "--out", "one")
+    assert code == 0, err
+    assert len(solved()) == RECIPE.coarse_runs + RECIPE.fine_runs
+    for path in kept():
+        path.unlink()
+    monkeypatch.setattr(training, "TARGET_PCT", 0.1)
+    code, _, err = command("run", "study", "--workers", 1, "--out", "two")
+    assert code == 0, err
+    more = training.MORE_COARSE + training.MORE_FINE
+    assert len(solved()) == RECIPE.coarse_runs + RECIPE.fine_runs + more
 
 
 def test_an_emulator_file_is_used_as_it_is(here, command, pipeline):
@@ -328,12 +351,12 @@ def on_terminal(folder, answer, *arguments):
 
 
 @pytest.mark.slow
-def test_on_a_terminal_it_is_asked_and_a_no_leaves_what_was_solved(here):
+def test_on_a_terminal_it_is_asked_and_a_no_starts_nothing(here):
     code, shown = on_terminal(here, b"n\n", "emulate", "tiny.toml", "--workers", 1)
     assert code == 3
     assert f"Train the emulator, {duration(0.0)}? [Y/n]" in shown
     assert "the same command" in shown
-    assert len(solved()) == 5
+    assert not solved()
     assert not CACHED.exists()
 
 
@@ -342,7 +365,7 @@ def test_yes_goes_on_without_a_question(here):
     code, shown = on_terminal(here, b"", "emulate", "tiny.toml", "--workers", 1, "--yes")
     assert code == 0
     assert "[Y/n]" not in shown
-    assert re.search(rf"\d of 3, {duration(0.0)} left", shown)
+    assert re.search(rf"\d of 8, {duration(0.0)} left", shown)
     assert CACHED.exists()
 
 

@@ -1,11 +1,14 @@
 """Counts of ruptures under a model, against laws of scipy and a hand-made actuator."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
+from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.criticism.checks.count_misfit import (
     COUNT_LEVEL,
     FEWEST,
@@ -17,7 +20,7 @@ from bayesdeg.criticism.checks.count_misfit import (
     judged_counts,
     own_counts,
 )
-from bayesdeg.observations.counts import Chances, CountedTests, RuptureCounts
+from bayesdeg.observations.counts import Chances, CountedTests, RuptureCounts, chances_of
 from bayesdeg.observations.curvature import inputs_met, parts_of
 from tests.inference.small_study import TRUTH, altered, small_model, values_of
 
@@ -149,6 +152,23 @@ def test_own_actuators_are_counted_by_level():
     assert own.tested.sum() == len(model.actuator.specimens)
     assert own.ruptured.sum() == model.actuator.ruptured.any(axis=1).sum()
     assert own_counts(altered(model, actuator=None)) is None
+
+
+def test_own_actuators_of_a_level_are_counted_in_the_room_of_their_tests():
+    """Whose dry air weakens them, and that of the storage does not."""
+    model, dry = small_model(), CATALOGUE["dry_embrittlement"]
+    room = np.full(model.actuator.pressure.shape, 67.0)
+    room[0], room[1], room[2] = 61.0, 63.0, np.nan  # two are fresh, the next is of 5 %
+    known = altered(model, actuator=replace(model.actuator, humidity=room))
+    tests = own_counts(known).tests
+    np.testing.assert_array_equal(tests.humidity, [62.0, np.nan, 67.0, 67.0])
+    assert np.all(np.isnan(own_counts(model).tests.humidity))
+    values = values_of(TRUTH | {"elongation_at_25": 10.0})
+    sizes = {dry.qualified(name): np.array([size]) for name, size in dry.typical.items()}
+    without = chances_of(known.tests(values), tests).burst[0]
+    with_it = chances_of(known.extended(dry).tests(values | sizes), tests).burst[0]
+    np.testing.assert_array_equal(with_it[[0, 2, 3]], without[[0, 2, 3]])
+    assert with_it[1] > without[1] + 1.0
 
 
 def test_only_models_of_actuators_with_a_limit_are_asked():

@@ -43,6 +43,7 @@ QUIET = {
     "tensile_noise_floor": 0.002,
 }
 DRAWS = 300
+STRIP = "strip of the wall"
 
 
 @pytest.fixture(scope="module")
@@ -235,7 +236,7 @@ def test_thickness_separates_the_walls_from_the_material(model, experiments):
         if e.plan.levels == (0.0,)
     }
     assert of["roof"] > 2.0
-    assert of["strip of the wall"] > 2.0
+    assert of[STRIP] > 2.0
     assert abs(of["length"]) < 0.1
 
 
@@ -244,7 +245,7 @@ def test_only_a_second_gauge_or_a_strip_separates_a_leak_from_the_material(model
     ranked = rank_hypotheses(pair, experiments, np.random.default_rng(6))
     assert ranked[0].experiment.kind == "second gauge"
     assert ranked[0].decisive.expected > 10.0
-    assert ranked[1].experiment.kind == "strip of the wall"
+    assert ranked[1].experiment.kind == STRIP
     assert all(r.decisive.expected < LEAST for r in ranked[2:])
 
 

@@ -1,7 +1,7 @@
 """An actuator in closed form, to stand in for finite element curves."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -11,7 +11,7 @@ from bayesdeg.actuator.inputs import PAPER_THICKNESS, Inputs, Prediction
 from bayesdeg.actuator.outputs import OUTPUTS
 from bayesdeg.actuator.sensitivity import INPUTS
 from bayesdeg.actuator.status import Status
-from bayesdeg.emulator.campaign import FitPlan, train
+from bayesdeg.emulator.campaign import WHOLE, FitPlan, train
 from bayesdeg.emulator.design import space_filling
 from bayesdeg.emulator.regression import Prior
 from bayesdeg.emulator.scaling import TrainingRange
@@ -20,7 +20,7 @@ from bayesdeg.emulator.terms import Family
 LENGTH = 50.0
 SPAN = TrainingRange()
 COARSE_EXCESS = 0.04  # a coarse mesh is too stiff or too soft by a factor that depends on load
-READ = (0, 1, 3)  # bend angle, arc length, peak stretch
+READ = (0, 1, *range(3, len(OUTPUTS)))  # bend angle, arc length, peak stretch, measures of strain
 STEP = 1e-30  # imaginary: derivatives are exact to rounding
 
 
@@ -115,6 +115,16 @@ def readings_at(load, m, *, fine=True):
     return kappa * arc, arc, 1.0 + (q + misfit + 60.0 * weight) * pulled
 
 
+def all_readings_at(load, m, *, fine=True):
+    """The same with Weibull strains and equivalent stretches, each another function of the peak."""
+    angle, arc, stretch = np.broadcast_arrays(*readings_at(load, m, fine=fine))
+    strains = [
+        measured + (0.5 + 0.1 * k) * (stretch - 1.0) * (1.0 + 0.2 * k * (stretch - 1.0))
+        for k, measured in enumerate((0.0, 0.0, 0.0, 0.0, 1.0, 1.0))
+    ]
+    return np.column_stack([angle, arc, stretch, *strains])
+
+
 def limit_of(m):
     """p/C1 at which a material balloons."""
     modulus = 1.0 + m["second_invariant_ratio"] / (2.0 * math.sqrt(3.0))
@@ -131,15 +141,14 @@ def sample(curve, *, fine=True):
     loads = np.array([0.0, *(q for q in curve.loads if q < limit)])
     met = len(loads) <= len(curve.loads)
     readings = np.full((len(loads), len(OUTPUTS)), np.nan)
-    readings[:, READ] = np.column_stack(readings_at(loads, m, fine=fine))
+    readings[:, READ] = all_readings_at(loads, m, fine=fine)
     gradients = np.full((*readings.shape, len(INPUTS)), np.nan)
     for k, name in enumerate(INPUTS):
         load = loads + 1j * STEP if name == "load" else loads
         moved = m if name == "load" else m | {name: m[name] + 1j * STEP}
         if name == "paper_slack" and m[name] == 0.0:
             moved = m  # of a tight paper no use is made of this derivative
-        found = np.broadcast_arrays(*readings_at(load, moved, fine=fine))
-        gradients[:, READ, k] = np.column_stack(found).imag / STEP
+        gradients[:, READ, k] = all_readings_at(load, moved, fine=fine).imag / STEP
     return PathSamples(
         loads=loads,
         readings=readings,
@@ -203,23 +212,25 @@ class ClosedFormMap:
 
 POWERS = (1, 2, 2, 2, 1, 1, 2, 2, 2)
 ONCE = (1, 1, 0, 1, 1, 1, 1, 1, 1)
+ANGLES = FitPlan(
+    (0, 1),
+    True,
+    Family((4, 2, 2, 2), (2, 1, 1, 1), POWERS, (1, 0, 1, 0)),
+    Family((2, 1, 1, 0), (1, 0, 0, 0), ONCE),
+    Prior(noise=1e-3),
+    Prior(noise=1e-3),
+)
+STRETCH = FitPlan(
+    (2,),
+    False,
+    Family((3, 2, 2, 1), (1, 0, 1, 0), POWERS),
+    Family((1, 1, 1, 0), (0, 0, 0, 0), (0,) * 9),
+    Prior(noise=1e-2),
+    Prior(noise=1e-2),
+)
 PLANS = (
-    FitPlan(
-        (0, 1),
-        True,
-        Family((4, 2, 2, 2), (2, 1, 1, 1), POWERS, (1, 0, 1, 0)),
-        Family((2, 1, 1, 0), (1, 0, 0, 0), ONCE),
-        Prior(noise=1e-3),
-        Prior(noise=1e-3),
-    ),
-    FitPlan(
-        (2,),
-        False,
-        Family((3, 2, 2, 1), (1, 0, 1, 0), POWERS),
-        Family((1, 1, 1, 0), (0, 0, 0, 0), (0,) * 9),
-        Prior(noise=1e-2),
-        Prior(noise=1e-2),
-    ),
+    *(ANGLES, STRETCH),
+    *(replace(ANGLES, outputs=(3, 4, 5, 6)), replace(STRETCH, outputs=(7, 8))),
 )
 RECORD = {"design": "closed form"}
 
@@ -243,5 +254,5 @@ def trained(*, mesh_error=0.0):
         length=LENGTH,
         mesh_error=mesh_error,
         record=RECORD,
-        plans=PLANS,
+        terms=replace(WHOLE, plans=PLANS),
     )

@@ -1,6 +1,7 @@
 """Small tables of terms, and the formulae of the map written out once more, slowly."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -56,9 +57,17 @@ def small_surrogate(*, count=120, seed=3, mesh_error=0.002):
         terms=random_terms(generator, count, 3, size=0.5),
         error=error,
         limit=limit,
+        strains=random_terms(generator, count, 6, size=0.5),
+        strain_error=random_terms(generator, 12, 6, size=0.5),
         mesh_error=mesh_error,
         record='{"design": "by hand"}',
     )
+
+
+def taken(inputs, at):
+    """The same inputs at some places of all arrays."""
+    arrays = {n: v[at] for n, v in vars(inputs).items() if isinstance(v, np.ndarray)}
+    return replace(inputs, **arrays)
 
 
 def random_inputs(generator, shape, *, given=(), columns=1):

@@ -16,7 +16,7 @@ def test_neither_the_number_of_rows_nor_their_order_changes_a_result(given):
     whole = surrogate(inputs)
     order = np.arange(BLOCK + 5)[::-1]
     fields = {
-        field.name: value if value is None else value[order]
+        field.name: value[order] if isinstance(value, np.ndarray) else value
         for field in dataclasses.fields(inputs)
         for value in [getattr(inputs, field.name)]
     }

@@ -32,7 +32,7 @@ def differences(groups, axis):
     """Central differences of points and warp by the load or a group."""
     step = np.zeros(len(NAMES))
     step[axis] = 1e-6 * (1.0 if axis == 0 else GROUPS[axis - 1].high - GROUPS[axis - 1].low)
-    more, less = (coordinates(groups + sign * step, SPAN) for sign in (1.0, -1.0))
+    more, less = (coordinates(groups + sign * step) for sign in (1.0, -1.0))
     width = 2.0 * step[axis]
     return (more.points - less.points) / width, (more.warp - less.warp) / width
 
@@ -41,7 +41,7 @@ def differences(groups, axis):
 def test_derivatives_are_those_of_central_differences(axis):
     groups = random_groups(50)
     groups[:, SLACK] = np.maximum(groups[:, SLACK], 1e-4)
-    found = coordinates(groups, SPAN)
+    found = coordinates(groups)
     points, warp = differences(groups, axis)
     scale = np.max(np.abs(points))
     np.testing.assert_allclose(found.jacobian[:, :, axis], points, rtol=1e-6, atol=1e-7 * scale)
@@ -53,15 +53,15 @@ def test_derivatives_of_tight_paper_are_one_sided():
     groups[:, SLACK] = 0.0
     more = groups.copy()
     more[:, SLACK] = 1e-10
-    found = coordinates(groups, SPAN)
-    rise = (coordinates(more, SPAN).points - found.points) / 1e-10
+    found = coordinates(groups)
+    rise = (coordinates(more).points - found.points) / 1e-10
     np.testing.assert_allclose(found.jacobian[:, :, SLACK], rise, rtol=1e-5)
     others = [k for k in range(len(NAMES)) if k != SLACK]
     np.testing.assert_array_equal(found.jacobian[:, SLACK, others], 0.0)
 
 
 def test_the_base_model_has_neither_causes_nor_warp():
-    found = coordinates(NEUTRAL[None], SPAN)
+    found = coordinates(NEUTRAL[None])
     np.testing.assert_allclose(found.points[0, 1:], 0.0, atol=1e-12)
     assert found.warp[0] == 0.0
     assert found.points[0, 0] == pytest.approx(2.0 * 0.3 / LARGEST_WARPED - 1.0)
@@ -78,7 +78,7 @@ def test_softer_walls_act_like_more_load():
     groups = np.tile(NEUTRAL, (3, 1))
     groups[1, NAMES.index("wall_factor")] = 0.8
     groups[2, NAMES.index("erosion")] = 0.4
-    found = coordinates(groups, SPAN)
+    found = coordinates(groups)
     assert found.warp[1] == pytest.approx(-WARP["wall_factor"][0])
     assert found.warp[2] == pytest.approx(sum(WARP["erosion"]))
     x = 0.5 * LARGEST_WARPED * (found.points[:, 0] + 1.0)
@@ -88,7 +88,7 @@ def test_softer_walls_act_like_more_load():
 def felt(load, slack, log_paper=MIDDLE_PAPER):
     groups = np.tile(NEUTRAL, (np.size(load), 1))
     groups[:, 0], groups[:, SLACK], groups[:, PAPER] = load, slack, log_paper
-    return coordinates(groups, SPAN).points[:, SLACK]
+    return coordinates(groups).points[:, SLACK]
 
 
 def test_slack_paper_is_not_felt_at_rest_and_tight_paper_always():

@@ -20,7 +20,7 @@ AT = {name: k for k, name in enumerate(NAMES)}
 def points_of(places):
     """Coordinates without a load, the slack by its range; and the warp."""
     groups = np.column_stack([np.full(len(places), 0.1), places])
-    place = coordinates(groups, SPAN)
+    place = coordinates(groups)
     points = place.points.copy()
     points[:, 0] = 0.0
     slack = AT["paper_slack"]
@@ -54,7 +54,7 @@ def fitted(limit, places):
 
 
 def test_a_known_limit_is_found_at_fresh_materials():
-    found = fit_limit(reaches_of(PLACES), SPAN)
+    found = fit_limit(reaches_of(PLACES))
     error = fitted(found, FRESH)[0] - log_limit(FRESH)
     assert np.sqrt(np.mean(error**2)) < 5e-3
     assert np.sqrt(np.mean(found.left_out**2)) < 1e-2
@@ -62,9 +62,9 @@ def test_a_known_limit_is_found_at_fresh_materials():
 
 
 def test_bounds_below_the_limit_leave_it_as_it_is():
-    known = fit_limit(reaches_of(PLACES), SPAN)
+    known = fit_limit(reaches_of(PLACES))
     low = reaches_of(FRESH[:16], lower=0.8)
-    both = fit_limit([*reaches_of(PLACES), *low], SPAN)
+    both = fit_limit([*reaches_of(PLACES), *low])
     assert np.max(np.abs(fitted(both, FRESH)[0] - fitted(known, FRESH)[0])) < 5e-3
     assert len(both.left_out) == COUNT  # no error is known where the limit is not
 
@@ -72,24 +72,22 @@ def test_bounds_below_the_limit_leave_it_as_it_is():
 @pytest.mark.parametrize("index", range(4))
 def test_a_bound_above_the_fit_pushes_it_up(index):
     place = FRESH[index : index + 1]
-    known = fit_limit(reaches_of(PLACES), SPAN)
-    high = fit_limit([*reaches_of(PLACES), *reaches_of(place, lower=1.4)], SPAN)
+    known = fit_limit(reaches_of(PLACES))
+    high = fit_limit([*reaches_of(PLACES), *reaches_of(place, lower=1.4)])
     rise = (fitted(high, place)[0] - fitted(known, place)[0])[0]
     assert 0.02 < rise < np.log(1.4) + 0.03
 
 
 def test_runs_that_failed_at_once_say_nothing():
     failed = [Reach(place, 0.0, open=False) for place in FRESH[:5]]
-    with_them, without = (
-        fit_limit([*reaches_of(PLACES[:96]), *more], SPAN) for more in (failed, [])
-    )
+    with_them, without = (fit_limit([*reaches_of(PLACES[:96]), *more]) for more in (failed, []))
     np.testing.assert_array_equal(with_them.terms.coefficients, without.terms.coefficients)
     np.testing.assert_array_equal(with_them.left_out, without.left_out)
 
 
 def test_the_standard_error_is_that_of_scattered_limits_and_never_negative():
     noise = 0.08 * np.random.default_rng(2).standard_normal(COUNT)
-    found = fit_limit(reaches_of(PLACES, noise), SPAN)
+    found = fit_limit(reaches_of(PLACES, noise))
     sd = fitted(found, PLACES)[1]
     assert np.all(found.terms.coefficients[1] >= 0.0)
     assert np.min(sd) >= 0.0

@@ -15,11 +15,12 @@ from bayesdeg.emulator.coordinates import SLACK, coordinates
 from bayesdeg.emulator.design import space_filling
 from bayesdeg.emulator.regression import FLOOR, LIMIT_MARGIN, STEEPEST, observe, reach
 from bayesdeg.emulator.scaling import GROUPS, NAMES, Place
-from tests.emulator.closed_form import LENGTH, SPAN, readings_at, sample
+from tests.emulator.closed_form import LENGTH, SPAN, all_readings_at, sample
 
 CURVES = space_filling(SPAN, 24, seed=9)
 MIXED = Place((0.1, -3.0, 5.0, 0.1, 0.4, 0.15, 0.02, 0.01, 2e-5, -1e-5, 0.9, 0.2))
 BASE = Place((0.1, -3.0, 5.0, *(group.neutral for group in GROUPS[3:])))
+STARTS = (1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0)  # what strains are read as at rest
 LOADS = (0.1, 0.2, 0.3, 0.4, 0.5)
 
 
@@ -28,17 +29,20 @@ def observed(curve, samples=None):
 
 
 def logarithms(q, values):
-    """y of the three outputs, by their definitions, at a load over M and groups."""
+    """y of curvature, angle and strains, by their definitions, at a load over M and groups."""
     place = Place(tuple(float(v) for v in values))
     at = dict(zip(NAMES[1:], place.values, strict=True))
-    angle, arc, stretch = readings_at(np.array([0.0, q * place.modulus]), vars(place.material()))
-    arc = np.broadcast_to(arc, angle.shape)
+    loads = np.array([0.0, q * place.modulus])
+    angle, arc, *strains = all_readings_at(loads, vars(place.material())).T
     offset = abs(at["paper_mismatch"]) + 60.0 * math.hypot(at["gravity_along"], at["gravity_up"])
     return np.log(
         [
             np.diff(angle / arc)[0] * LENGTH / q,
             np.diff(angle)[0] / q,
-            (stretch[1] - 1.0) / (q + offset),
+            *(
+                (one[1] - at_rest) / (q + offset)
+                for one, at_rest in zip(strains, STARTS, strict=True)
+            ),
         ]
     )
 
@@ -70,7 +74,7 @@ def test_coordinates_are_those_of_load_and_groups():
     run = observed(Curve(LOADS, MIXED.material()))
     groups = [[q / MIXED.modulus, *MIXED.values] for q in LOADS]
     np.testing.assert_allclose(
-        run.coordinates.points, coordinates(np.array(groups), SPAN).points, rtol=1e-10, atol=1e-12
+        run.coordinates.points, coordinates(np.array(groups)).points, rtol=1e-10, atol=1e-12
     )
 
 

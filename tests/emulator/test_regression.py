@@ -23,7 +23,7 @@ def polynomial_run(curve):
     """A run whose logarithms are the warp and polynomials of the family."""
     values = Place.of(curve.material).values
     loads = np.array(curve.loads[::2])
-    place = coordinates(np.column_stack([loads, np.tile(values, (len(loads), 1))]), SPAN)
+    place = coordinates(np.column_stack([loads, np.tile(values, (len(loads), 1))]))
     terms = Terms(ORDERS, TRUTH)
     by_points = np.stack(
         [
@@ -32,7 +32,7 @@ def polynomial_run(curve):
         ],
         axis=-1,
     )
-    at_rest = coordinates(np.array([[1e-13, *values]]), SPAN)
+    at_rest = coordinates(np.array([[1e-13, *values]]))
     return Observed(
         coordinates=place,
         load=loads,

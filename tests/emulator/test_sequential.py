@@ -33,7 +33,7 @@ def groups_at(curve):
 
 
 def basis(groups):
-    return SCALES * features(ORDERS, coordinates(groups, SPAN).points)
+    return SCALES * features(ORDERS, coordinates(groups).points)
 
 
 def equations(curve):
@@ -127,7 +127,7 @@ def test_the_variance_counts_where_errors_of_the_first_output_were_large(sign):
     orders[1, NAMES.index("log_stiffening")] = 1
     asked = question(3, errors=Terms(orders, np.array([[-8.0, 6.0 * sign], [0.0, 0.0]])))
     groups = np.vstack([groups_at(curve) for curve in LIKELY])
-    place = coordinates(groups, SPAN).points[:, NAMES.index("log_stiffening")]
+    place = coordinates(groups).points[:, NAMES.index("log_stiffening")]
     weights = plain_weights() * np.exp(-8.0 + 6.0 * sign * place)
     picked = pick(asked, 1)
     assert picked == [int(np.argmax(lowered(asked.normal, weights)))]

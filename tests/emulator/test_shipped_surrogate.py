@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from bayesdeg.actuator.curve import MODEL_VERSION, ExactMap
+from bayesdeg.actuator.demand import MEASURES
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.actuator.status import Status
@@ -62,8 +63,8 @@ def test_it_is_of_the_default_geometry_recipe_and_model(shipped, record):
     assert surrogate_for(Geometry(Dimensions())).record == shipped.record
 
 
-def test_its_record_says_how_accurate_four_quantities_are(record):
-    assert set(record["accuracy"]) == {*QUANTITIES, "limit"}
+def test_its_record_says_how_accurate_all_quantities_are(record):
+    assert set(record["accuracy"]) == {*QUANTITIES, *MEASURES, "limit"}
     for name, found in record["accuracy"].items():
         assert 0.0 < found["median_pct"] <= found["p95_pct"] <= found["max_pct"], name
         assert 0.0 < found["rms_pct"] <= found["max_pct"], name

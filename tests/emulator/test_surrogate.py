@@ -24,6 +24,7 @@ from tests.emulator.term_sums import (
     random_inputs,
     random_terms,
     small_surrogate,
+    taken,
 )
 
 SURROGATE = small_surrogate()
@@ -82,10 +83,10 @@ def test_materials_that_change_along_a_curve_are_points_of_their_own():
 
 def test_scalars_and_lists_of_points_are_answered_too():
     inputs = random_inputs(np.random.default_rng(2), (4,), given=["erosion"])
-    flat = Inputs(**{n: None if v is None else v[:, 0] for n, v in vars(inputs).items()})
+    flat = taken(inputs, np.s_[:, 0])
     whole, lists = SURROGATE(inputs), SURROGATE(flat)
     np.testing.assert_allclose(lists.curvature, whole.curvature[:, 0], rtol=1e-13)
-    one = Inputs(**{n: None if v is None else v[2, 0] for n, v in vars(inputs).items()})
+    one = taken(inputs, (2, 0))
     assert SURROGATE(one).curvature.shape == ()
     assert SURROGATE(one).curvature == pytest.approx(whole.curvature[2, 0], rel=1e-13)
 
@@ -97,8 +98,7 @@ def test_walkers_are_the_same_one_at_a_time():
     together = SURROGATE(dataclasses.replace(walkers, pressure=pressure))
     assert together.curvature.shape == (6, 5, 4)
     for walker in range(6):
-        row = {n: None if v is None else v[walker] for n, v in vars(walkers).items()}
-        alone = SURROGATE(Inputs(**row | {"pressure": pressure}))
+        alone = SURROGATE(dataclasses.replace(taken(walkers, walker), pressure=pressure))
         for field in dataclasses.fields(alone):
             np.testing.assert_array_equal(
                 getattr(alone, field.name), getattr(together, field.name)[walker]
@@ -458,7 +458,7 @@ def test_order_of_specimens_does_not_matter():
     generator = np.random.default_rng(11)
     inputs = random_inputs(generator, (70,), given=["skin", "paper_slack"], columns=3)
     order = generator.permutation(70)
-    moved = Inputs(**{n: None if v is None else v[order] for n, v in vars(inputs).items()})
+    moved = taken(inputs, order)
     a, b = SURROGATE(inputs), SURROGATE(moved)
     for name in (*VALUES, "slope", "status"):
         np.testing.assert_array_equal(getattr(b, name), getattr(a, name)[order])

@@ -7,8 +7,9 @@ from functools import cache
 import numpy as np
 
 from bayesdeg.actuator.curve import MODEL_VERSION
+from bayesdeg.actuator.demand import MEASURES
 from bayesdeg.actuator.status import Status
-from bayesdeg.emulator.campaign import FitPlan, train
+from bayesdeg.emulator.campaign import WHOLE, FitPlan, train
 from bayesdeg.emulator.design import space_filling
 from bayesdeg.emulator.regression import Prior, observe
 from bayesdeg.emulator.surrogate import OUTPUTS
@@ -29,12 +30,15 @@ PRIOR = Prior(noise=1e-2)
 PLANS = (
     FitPlan((0, 1), True, SMALL, SHIFT, PRIOR, PRIOR),
     FitPlan((2,), False, SMALL, SHIFT, PRIOR, PRIOR),
+    FitPlan((3, 4, 5, 6), True, SMALL, SHIFT, PRIOR, PRIOR),
+    FitPlan((7, 8), False, SMALL, SHIFT, PRIOR, PRIOR),
 )
 FRESH = space_filling(SPAN, 64, seed=101)
 
 
 def quickly(coarse, fine):
-    return train(coarse, fine, span=SPAN, length=LENGTH, mesh_error=0.0, record=RECORD, plans=PLANS)
+    terms = replace(WHOLE, plans=PLANS)
+    return train(coarse, fine, span=SPAN, length=LENGTH, mesh_error=0.0, record=RECORD, terms=terms)
 
 
 @cache
@@ -42,17 +46,25 @@ def small():
     return quickly(*training_runs(40, 16))
 
 
+def sums(parts, points):
+    return np.hstack([features(one.orders, points) @ one.coefficients.T for one in parts])
+
+
 def fresh_errors(surrogate, *, fine=True):
-    """Largest weighted errors of the logarithms of each fresh curve, (n, 3), and all of them."""
+    """Largest weighted errors of the logarithms of each fresh curve, (n, 9), and all of them."""
+    terms, errors = (
+        (surrogate.terms, surrogate.strains),
+        (surrogate.error, surrogate.strain_error),
+    )
     worst, ratios = [], []
     for curve in FRESH:
         run = observe(curve, sample(curve, fine=fine), span=SPAN, length=LENGTH)
         if run is None:
             continue
         points = run.coordinates.points
-        y = features(surrogate.terms.orders, points) @ surrogate.terms.coefficients.T
+        y = sums(terms, points)
         error = y + run.coordinates.warp[:, None] - run.values
-        level = features(surrogate.error.orders, points) @ surrogate.error.coefficients.T
+        level = sums(errors, points)
         worst.append(np.max(np.abs(run.weights[:, None] * error), axis=0))
         ratios.append(error / np.exp(0.5 * level))
     assert len(worst) > 50
@@ -71,10 +83,13 @@ def test_errors_of_fresh_curves_are_those_of_runs_left_out():
     """Both are of runs unseen: over 24 and 60 curves their rms differ by less than a factor 2."""
     worst, ratios = fresh_errors(trained())
     accuracy = accuracy_of(trained())
-    for name, error in zip(OUTPUTS, rms(worst), strict=True):
+    for name, error in zip((*OUTPUTS, *MEASURES), rms(worst), strict=True):
         assert 100.0 * error < 2.0 * accuracy[name]["rms_pct"]
     # most lie within three of the standard errors that it states
-    assert np.all(np.mean(np.abs(ratios) < 3.0, axis=0) > 0.85)
+    within = np.mean(np.abs(ratios) < 3.0, axis=0)
+    assert np.all(within[: len(OUTPUTS)] > 0.85)
+    # these have hardly any error: what is stated has a floor, and rests on 24 curves
+    assert np.all(within[len(OUTPUTS) :] > 0.7)
 
 
 def test_the_fine_mesh_is_learned_from_few_runs():
@@ -147,7 +162,7 @@ def test_the_record_is_complete():
     assert record["curves_cut_short"] == sum(s.status != Status.CONVERGED for s in coarse + fine)
     assert record["terms"] == len(surrogate.terms.orders)
     assert record["mesh_error_pct"] == 0.0
-    assert set(record["accuracy"]) == {*OUTPUTS, "limit"}
+    assert set(record["accuracy"]) == {*OUTPUTS, *MEASURES, "limit"}
     for name in OUTPUTS:
         found = record["accuracy"][name]
         assert set(found) == {"rms_pct", "median_pct", "p95_pct", "max_pct", "coverage_90"}

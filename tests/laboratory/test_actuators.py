@@ -12,7 +12,7 @@ from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.actuator.mesh import Resolution
 from bayesdeg.data.settings import Dimensions
-from bayesdeg.laboratory.experiment import inflate_actuators
+from bayesdeg.laboratory.experiment import Breaking, inflate_actuators
 from bayesdeg.laboratory.truth import Truth, parse_effects
 from tests.laboratory.linear_actuator import LENGTH_M, LinearActuator, curvature_by_hand
 
@@ -212,6 +212,30 @@ def test_specimens_and_errors_do_not_depend_on_what_is_hidden():
     pd.testing.assert_series_equal(plain["bend_angle_deg"], hidden["bend_angle_deg"])
 
 
+def test_hidden_dry_air_weakens_by_the_humidity_of_each_test():
+    """ln of the limits: less by b (D/25 %)(67 % − RH)/7 %, the specimens and their own limits kept.
+
+    The rate is what each has, not what is recorded.
+    """
+    table = many(20.0, 4).assign(humidity_pct=np.repeat([67.0, 60.0, 46.0, np.nan], 3))
+    _, plain = inflate(table)
+    _, hidden = inflate(table, effects=["dry_embrittlement=1.2"])
+    cut = np.log((plain["limit_stretch"] - 1.0) / (hidden["limit_stretch"] - 1.0))
+    lost = np.array([0.0, 1.0, 3.0, 1.0])
+    np.testing.assert_allclose(cut, 1.2 * lost * plain["degradation_pct"] / 25.0, rtol=1e-12)
+
+
+def test_hidden_unevenness_weakens_along_the_trend_of_the_films():
+    table = many(20.0, 3)
+    _, plain = inflate(table)
+    _, hidden = inflate(table, effects=["uneven_degradation=0.3"])
+    cut = np.log((plain["limit_stretch"] - 1.0) / (hidden["limit_stretch"] - 1.0))
+    rate, h = plain["degradation_pct"].to_numpy(), 1e-4
+    near = [np.log(TRUTH.limit_stretch(rate + step) - 1.0) for step in (-h, h)]
+    slope = (near[1] - near[0]) / (2.0 * h)
+    np.testing.assert_allclose(cut, -0.3 * rate * slope, rtol=1e-6)
+
+
 @pytest.mark.fem
 def test_the_finite_element_model_as_the_truth():
     """Two specimens on a tiny actuator, against solutions asked for one by one."""
@@ -236,3 +260,26 @@ def test_the_finite_element_model_as_the_truth():
         np.testing.assert_allclose(test["bend_angle_deg"], alone.bend_angle, atol=6e-4)
     assert (readings["curvature_per_m"] > 0.0).all()
     assert (readings["ruptured"] == 0).all()
+
+
+def test_by_the_weakest_link_the_larger_actuator_bursts_sooner():
+    """Under uniform strain its volume survives as so many films would, one beside the other."""
+    scatter, size_ratio, pressures = 0.1, 60.0, np.arange(60.0, 2001.0, 20.0)
+    weak = replace(QUIET, elongation_scatter=scatter, stiffness_scatter=0.0)
+    readings, _ = inflate_actuators(
+        many(0.0, 1500, pressures),
+        weak,
+        effects=(),
+        forward=LinearActuator(),
+        generator=np.random.default_rng(3),
+        breaking=Breaking("weakest_link", size_ratio),
+    )
+    modulus = np.pi / (np.sqrt(6.0) * scatter)
+    strain = pressures / (1e3 * weak.constants([0.0])[0, 0])
+    median = weak.limit_stretch([0.0])[0] - 1.0
+    films = size_ratio * weak.volume_ratio
+    expected_share = 1.0 - 0.5 ** (films * (strain / median) ** modulus)
+    burst = readings.loc[readings["ruptured"] == 1].groupby("pressure_kPa").size()
+    share = burst.reindex(pressures, fill_value=0).cumsum().to_numpy() / 1500.0
+    assert expected_share.max() > 0.2
+    np.testing.assert_allclose(share, expected_share, atol=4.0 * np.sqrt(0.25 / 1500.0))

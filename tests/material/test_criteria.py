@@ -4,34 +4,22 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy import optimize
 
-from bayesdeg.actuator.inputs import Inputs, Prediction
 from bayesdeg.data.settings import RUPTURE_CRITERIA, parse_settings
-from bayesdeg.material.hyperelastic import Yeoh
+from bayesdeg.material.hyperelastic import Yeoh, cauchy_stress
 from bayesdeg.material.strength import (
     energy_equivalent_stretch,
     equivalent_uniaxial_stretch,
+    uniaxial_stretch,
     wall_state,
 )
-from bayesdeg.observations.specimens import WALL_BIAXIALITY, WALL_ERROR, wall_demand
 
 YEOH = (0.288, -0.004, 0.0012)
 stretches = st.floats(1.0, 4.0)
 
 
-def prediction(stretch, sd=0.01):
-    stretch = np.asarray(stretch, dtype=float)
-    zero = np.zeros_like(stretch)
-    return Prediction(
-        *(zero, zero, stretch, zero, zero, zero),
-        np.full_like(stretch, sd),
-        np.zeros(stretch.shape, int),
-    )
-
-
-def inputs(shape):
-    one = np.ones(shape)
-    return Inputs(240.0 * one, *(c * one for c in YEOH), 0.85 * one, 3e4 * one)
+POINTWISE = [one for one in RUPTURE_CRITERIA if one != "weakest_link"]
 
 
 @given(stretches, st.floats(-0.5, 1.0))
@@ -50,7 +38,7 @@ def test_the_uniaxial_state_of_an_energy_has_that_energy(stretch, b):
 
 
 @given(stretches)
-@pytest.mark.parametrize("criterion", RUPTURE_CRITERIA)
+@pytest.mark.parametrize("criterion", POINTWISE)
 def test_in_uniaxial_tension_all_criteria_are_one(criterion, stretch):
     state = wall_state(stretch, -0.5)
     found = equivalent_uniaxial_stretch(state, criterion, Yeoh(*YEOH))
@@ -62,22 +50,27 @@ def test_the_more_biaxial_a_wall_the_more_its_energy_counts():
     assert np.all(np.diff(energy_equivalent_stretch(wall_state(1.5, b))) > 0.0)
 
 
-def test_by_the_principal_stretch_nothing_is_changed():
-    given_ = prediction([[[1.2, 1.5]]])
-    assert wall_demand("principal_stretch", inputs((1, 1, 2)), given_) is given_
-
-
-@pytest.mark.parametrize("criterion", RUPTURE_CRITERIA[1:])
-def test_the_demand_of_a_wall_is_that_of_the_library(criterion):
+@given(stretches, st.floats(1.0, 4.0))
+def test_the_uniaxial_stretch_of_a_stress_is_that_of_the_library(stretch, start):
     """The root finder of the library is another way to the same stretch."""
-    peak = np.linspace(1.0, 3.0, 9)[None, None]
-    found = wall_demand(criterion, inputs(peak.shape), prediction(peak))
-    wall = wall_state(peak, WALL_BIAXIALITY[criterion])
-    expected = equivalent_uniaxial_stretch(wall, criterion, Yeoh(*YEOH))
-    np.testing.assert_allclose(found.peak_stretch, expected, rtol=1e-6)
-    assert np.all(found.peak_stretch[..., 1:] > peak[..., 1:])
-    least = WALL_ERROR[criterion] * (found.peak_stretch - 1.0)
-    assert np.all(found.peak_stretch_sd >= least)
+    law = Yeoh(*YEOH)
+    stress = float(cauchy_stress(law, stretch, mode="uniaxial"))
+    found = float(uniaxial_stretch(law, stress, start=start))
+    other = optimize.brentq(
+        lambda one: float(cauchy_stress(law, one, mode="uniaxial")) - stress, 0.5, 8.0, xtol=1e-13
+    )
+    assert found == pytest.approx(other, abs=1e-7)
+
+
+def test_a_stress_that_no_stretch_has_is_no_number():
+    assert np.isnan(uniaxial_stretch(Yeoh(0.3, -0.5, 0.0), 1e3))
+
+
+def test_the_volume_of_a_film_can_be_given():
+    settings, faults = parse_settings(b"[rupture]\nfilm_volume = 120.0\n")
+    assert (faults, settings.film_volume_mm3) == ((), 120.0)
+    _, faults = parse_settings(b"[rupture]\nfilm_volume = 0.0\n")
+    assert len(faults) == 1
 
 
 @pytest.mark.parametrize("criterion", RUPTURE_CRITERIA)

@@ -9,11 +9,17 @@ from hypothesis import strategies as st
 from scipy import integrate, stats
 
 from bayesdeg.material.strength import (
+    GUMBEL,
     SCATTER_LAWS,
+    draw_scores,
     limit_stretch,
+    log_broken,
+    log_broken_between,
     log_density,
     log_survival,
+    log_whole,
     rupture_probability,
+    score_density,
     weakest_link_limit,
     weibull_modulus,
 )
@@ -114,3 +120,48 @@ def test_faults_are_named():
         log_density(2.0, 2.0, 0.0)
     with pytest.raises(ValueError, match="above 0"):
         weakest_link_limit(2.0, 10.0, 0.0)
+
+
+def scores_of(law):
+    """The law of scores at break, as scipy has it: Gumbel's of the smallest about its median."""
+    if law == "lognormal":
+        return stats.norm()
+    return stats.gumbel_l(loc=-math.log(math.log(2.0)) / GUMBEL, scale=1.0 / GUMBEL)
+
+
+@pytest.mark.parametrize("law", ["lognormal", "weibull"])
+@given(score=st.floats(-12.0, 4.0))
+def test_laws_of_scores_are_those_of_scipy(law, score):
+    expected = scores_of(law)
+    assert float(log_whole(score, law)) == pytest.approx(expected.logsf(score), rel=1e-9)
+    assert float(log_broken(score, law)) == pytest.approx(expected.logcdf(score), rel=1e-7)
+    assert float(score_density(score, law)) == pytest.approx(expected.logpdf(score), rel=1e-9)
+
+
+@given(low=st.floats(-40.0, 40.0), width=st.floats(1e-3, 50.0))
+def test_interval_probabilities_are_those_of_scipy(low, width):
+    """In the tails too, where scipy's own difference of cdfs is nothing."""
+    got = float(log_broken_between(low, low + width))
+    flipped = -abs(low + 0.5 * width)  # the left tail has digits to spare
+    a, b = stats.norm.logcdf([flipped - 0.5 * width, flipped + 0.5 * width])
+    assert got == pytest.approx(b + np.log1p(-np.exp(a - b)), rel=1e-6, abs=1e-9)
+
+
+@given(low=st.floats(-30.0, 3.0), width=st.floats(1e-3, 20.0))
+def test_interval_probabilities_of_weakest_links_are_those_of_scipy(low, width):
+    got = float(log_broken_between(low, low + width, "weibull"))
+    law = scores_of("weibull")
+    a, b = law.logsf([low, low + width])
+    assert got == pytest.approx(a + np.log(-np.expm1(b - a)), rel=1e-7, abs=1e-9)
+    assert float(log_broken_between(-np.inf, low, "weibull")) == pytest.approx(
+        law.logcdf(low), rel=1e-7
+    )
+    assert float(log_broken_between(low, np.inf, "weibull")) == pytest.approx(
+        law.logsf(low), rel=1e-9
+    )
+
+
+@pytest.mark.parametrize("law", ["lognormal", "weibull"])
+def test_drawn_scores_follow_their_law(law):
+    drawn = draw_scores((4000,), np.random.default_rng(4), law)
+    assert stats.kstest(drawn, scores_of(law).cdf).pvalue > 0.01

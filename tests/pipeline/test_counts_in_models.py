@@ -32,7 +32,7 @@ def test_the_base_model_is_not_fitted_to_them(experiment):
     assert with_causes(experiment, "pressure_offset").of_kind(RuptureCounts) == ()
 
 
-@pytest.mark.parametrize("name", ["flaw_embrittlement", "dry_embrittlement"])
+@pytest.mark.parametrize("name", ["flaw_embrittlement", "dry_embrittlement", "uneven_degradation"])
 def test_a_model_with_a_cause_of_rupture_is(experiment, name):
     [counts] = with_causes(experiment, "pressure_offset", name).of_kind(RuptureCounts)
     assert counts is experiment.assembly.counts
@@ -64,7 +64,7 @@ def test_a_list_of_candidates_holds_for_counts_too(experiment):
 
 def test_causes_that_counts_may_show_need_no_columns(experiment):
     names = [cause.name for cause in experiment.assembly.of_counts]
-    assert names == ["dry_embrittlement", "flaw_embrittlement"]
+    assert names == ["dry_embrittlement", "flaw_embrittlement", "uneven_degradation"]
     assert "dry_embrittlement" in experiment.assembly.unjudged
 
 

@@ -31,7 +31,9 @@ def emulator(geometry=GEOMETRY, *, version=MODEL_VERSION):
     return replace(trained(), length=geometry.dimensions.length, record=json.dumps(record))
 
 
-def build(geometry, store, *, recipe, executor, timeout, on_run):
+def build(geometry, store, *, recipe, executor, timeout, on_run, design=None):
     """Solve the campaign in earnest; in place of training on so few curves, take a closed form."""
-    complete(runs(geometry, recipe), store, executor=executor, timeout=timeout, on_run=on_run)
+    complete(
+        runs(geometry, recipe, design), store, executor=executor, timeout=timeout, on_run=on_run
+    )
     return emulator(geometry)

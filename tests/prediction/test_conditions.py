@@ -196,6 +196,7 @@ ANSWERS = {
     "humidity_drift": {"hold_s", "humidity_pct"},
     "mullins": {"cycle", "branch"},
     "gravity": {"mount"},
+    "dry_embrittlement": {"humidity_pct"},
     "pressure_offset": set(),
 }
 
@@ -222,6 +223,27 @@ def test_humidity_without_time_moves_nothing_and_an_uncertain_rate_always_does(s
     assert moving_nothing(model, chain, LEVELS, PROMPT) == ()
 
 
+def test_dry_air_moves_rupture_and_in_the_air_of_the_storage_limits_are_those_of_films(surrogate):
+    """At once, without a time in the room; what is fresh is weakened in no air."""
+    weak = {"elongation_at_0": 30.0, "elongation_at_25": 12.0}
+    dry, plain = model_with(surrogate, "dry_embrittlement"), model_with(surrogate)
+    asked = {"degradation": LEVELS, "pressure": np.array([60.0, LARGEST]), "draws": 20}
+
+    def burst(model, humidity, **size):
+        chain, generator = chain_at(model, **weak, **size), np.random.default_rng(3)
+        conditions = ServiceConditions(humidity_pct=humidity)
+        found = rupture_table(model, chain, generator, **asked, conditions=conditions)
+        return found["probability"].to_numpy().reshape(2, 2)
+
+    typical = sizes("dry_embrittlement")
+    stored, usual, drier = (burst(dry, humidity, **typical) for humidity in (67.0, 60.0, 50.0))
+    np.testing.assert_array_equal(stored, burst(plain, 67.0))
+    np.testing.assert_array_equal(usual, burst(dry, None, **typical))
+    np.testing.assert_array_equal(usual[0], stored[0])
+    np.testing.assert_array_equal(drier[0], stored[0])
+    assert np.all(np.diff([stored[1], usual[1], drier[1]], axis=0) > 0.05)
+
+
 ACTING = [cause for cause in CATALOGUE.values() if cause.acts_on != {"tensile"}]
 
 
@@ -232,7 +254,7 @@ def test_every_cause_with_a_size_moves_a_prediction_in_some_conditions(surrogate
     neutral = {cause.qualified(p.name): p.neutral for p in cause.parameters}
     found = []
     for values in (neutral, sizes(cause.name)):
-        chain = chain_at(model, elongation_at_25=12.0, **values)
+        chain = chain_at(model, elongation_at_25=5.0, **values)
         asked = {"degradation": LEVELS, "pressure": PRESSURES, "draws": 20, "conditions": ALL}
         bands = curvature_bands(model, chain, np.random.default_rng(3), **asked)
         rupture = rupture_table(model, chain, np.random.default_rng(3), **asked)

@@ -49,7 +49,7 @@ def verdict(outcome, causes=(), *, p_value=0.4, **changes):
     ("outcome", "causes", "words"),
     [
         ("unexplained", (), "no cause"),
-        ("named", ("flaw_embrittlement",), "explains them"),
+        ("named", ("flaw_embrittlement",), "explained by flaw embrittlement"),
         ("ambiguous", ("flaw_embrittlement", "dry_embrittlement"), "cannot tell"),
     ],
 )

@@ -107,3 +107,22 @@ def test_the_lede_says_what_is_gained_by_a_named_cause():
     (made,) = headline_of(named, gain("named")).lede
     numbers = ("93 %", "2.40 to 0.71 1/m")
     assert all(number in made.replace(SPACE, " ") for number in numbers)
+
+
+@pytest.mark.parametrize(("p_value", "told"), [(0.4, True), (0.001, False)])
+def test_of_a_cause_that_acts_on_rupture_alone_the_ruptures_are_told(p_value, told):
+    """What it explains of the readings, which agree without it, says nothing."""
+    named = VerdictRecord.read(
+        {
+            "outcome": "named",
+            "causes": ["flaw_embrittlement"],
+            "candidates": [{"cause": "flaw_embrittlement", "explained_fraction": 0.07}],
+            "misfit": {"rms_per_m": 0.5, "noise_per_m": 0.5, "p_value": p_value},
+            "ruptures": {"burst": 6, "expected": 0.66, "p_value": 0.01},
+        }
+    )
+    headline = headline_of(named, None)
+    assert ("ruptures do not" in headline.sentence) == told
+    (made,) = headline.lede
+    assert ("6 actuators burst" in made) == told
+    assert ("7 %" in made.replace(SPACE, " ")) != told

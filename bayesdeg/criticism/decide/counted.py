@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from bayesdeg.causes.cause import Cause, Effect, Stage, Strength
+from bayesdeg.causes.cause import Cause, Effect, Stage, Strength, StrengthConditions
 from bayesdeg.criticism.chance import chance_of
 from bayesdeg.criticism.checks.count_misfit import (
     PUBLISHED,
@@ -57,7 +57,7 @@ CHANCE_SETS = 400
 """Counts simulated without an effect, for the factor that chance gives in 5 % of them."""
 
 
-def _cut_alike(strength: Strength, degradation: Floats, effect: Effect) -> Strength:
+def _cut_alike(strength: Strength, conditions: StrengthConditions, effect: Effect) -> Strength:
     return strength.weakened(effect["cut"], np.zeros(1))
 
 

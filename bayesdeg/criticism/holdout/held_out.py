@@ -194,10 +194,31 @@ def _smooth(density: Floats, relative: float) -> tuple[Floats, float]:
     except ValueError:  # a tail of equal weights
         weights, k = -density, np.nan
     if np.isfinite(k) or k == np.inf:
-        return weights, float(k)
+        return _equal_where_alike(weights, density), float(k)
     # a specimen that tells next to nothing has bounded weights: nothing to smooth, no tail
     plain = -density - logsumexp(-density)
     return plain, 0.0 if np.ptp(density) < 1.0 else np.inf
+
+
+ALIKE = 9
+"""Decimals of a log density beyond which draws count as the same one, drawn again."""
+
+
+def _equal_where_alike(weights: Floats, density: Floats) -> Floats:
+    """Give draws of one density the mean of their weights.
+
+    Those of a resampled posterior stand there several times, and which of them gets which place in
+    the smoothed tail is up to the sort, which differs from processor to processor.
+
+    Examples
+    --------
+    >>> shares = _equal_where_alike(np.log([0.1, 0.3, 0.6]), np.array([2.0, 2.0, 1.0]))
+    >>> np.exp(shares).round(9).tolist()
+    [0.2, 0.2, 0.6]
+    """
+    _, group, count = np.unique(density.round(ALIKE), return_inverse=True, return_counts=True)
+    shares: Floats = np.bincount(group, np.exp(weights)) / count
+    return np.log(shares)[group]
 
 
 def largest_k(draws: int) -> float:

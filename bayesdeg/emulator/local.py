@@ -1,0 +1,189 @@
+"""An emulator for one study: trained where its films, priors and conditions say its inputs lie.
+
+The emulator that ships is of another actuator, but its map has the same form: what is fitted is by
+how much this actuator departs from it, in ln of curvature, bend angle and strains. That is smooth,
+so that a few dozen curves with their derivatives say it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdeg.actuator.curve import Curve
+from bayesdeg.emulator.coordinates import coordinates
+from bayesdeg.emulator.design import LOAD_SHARES
+from bayesdeg.emulator.kept import Recipe
+from bayesdeg.emulator.scaling import GROUPS, NAMES, Group, Place, TrainingRange
+
+Floats = NDArray[np.float64]
+
+WIDER = 0.1  # of what was drawn, on either side, and of the largest load
+TAIL = 0.005  # share of draws of a material's group, on either side, that is not gone after
+POINTS = 400  # drawn places that the curves are chosen from
+MORE_COARSE, MORE_FINE, ROUNDS = 8, 2, 2
+"""Curves that are added, and how often, while errors are above the target."""
+TARGET_PCT = 0.3
+"""Error of curvature and angle at runs left out that is small against those of readings [%]."""
+_STIFFENING = NAMES.index("log_stiffening")
+
+
+@dataclass(frozen=True)
+class AskedInputs:
+    """Where the inputs of a study lie: draws of what its models may ask of a forward map.
+
+    Parameters
+    ----------
+    groups : array, shape (n, 12)
+        In the order of ``GROUPS``.
+    load : array, shape (n,)
+        Largest p/M of each [–].
+    """
+
+    groups: Floats
+    load: Floats
+
+    @classmethod
+    def joined(cls, parts: Sequence["AskedInputs"]) -> "AskedInputs":
+        """Return all draws together."""
+        groups = np.vstack([part.groups for part in parts])
+        return cls(groups, np.concatenate([part.load for part in parts]))
+
+
+@dataclass(frozen=True)
+class LocalDesign:
+    """Which curves are solved for one study, and over which range its emulator answers.
+
+    Parameters
+    ----------
+    span : TrainingRange
+        Part of the whole range.
+    coarse, fine : tuple of Curve
+        For either mesh; the fine ones are the first of the coarse.
+    """
+
+    span: TrainingRange
+    coarse: tuple[Curve, ...]
+    fine: tuple[Curve, ...]
+
+
+def local_design(asked: AskedInputs, recipe: Recipe) -> LocalDesign:
+    """Return a design for what a study may ask; a larger one begins with a smaller one's curves."""
+    span = span_of(asked)
+    curves = tuple(curves_of(asked, span, recipe.coarse_runs, seed=recipe.seed))
+    return LocalDesign(span, curves, curves[: recipe.fine_runs])
+
+
+def covers(span: TrainingRange, wanted: TrainingRange) -> bool:
+    """Return whether an emulator of a range answers over all of another one.
+
+    Examples
+    --------
+    >>> whole, part = TrainingRange(), TrainingRange(share=0.5)
+    >>> covers(whole, part), covers(part, whole)
+    (True, False)
+    """
+    within = (span.lower <= wanted.lower) & (span.upper >= wanted.upper)
+    return bool(np.all(within)) and span.share >= wanted.share
+
+
+def span_of(asked: AskedInputs, *, wider: float = WIDER) -> TrainingRange:
+    """Return the range over which an emulator answers all that was drawn, if any can.
+
+    A group that no draw moved stays at its neutral value; all others have the range of the draws
+    that moved them but for their tails, widened, within what the emulator that ships was trained
+    on. The largest load is widened alike.
+
+    Parameters
+    ----------
+    asked : AskedInputs
+        Draws.
+    wider : float
+        Room on either side, in the width of the draws' range [–].
+    """
+    whole = TrainingRange()
+    groups = tuple(_range(g, v, wider) for g, v in zip(GROUPS, asked.groups.T, strict=True))
+    largest = whole.largest_load(_unit_stiffening(asked.groups))
+    share = float(np.quantile(asked.load / largest, 1.0 - 2.0 * TAIL))
+    return replace(whole, groups=groups, share=min(1.0, (1.0 + wider) * share))
+
+
+def _range(group: Group, values: Floats, wider: float) -> Group:
+    """Return the group with the range of the values that differ from its neutral one."""
+    moved = values[values != group.neutral]
+    if len(moved) == 0:
+        return replace(group, low=group.neutral, high=group.neutral)
+    if group.is_cause:  # few sets of causes move it, and none far
+        ends = np.array([min(moved.min(), group.neutral), max(moved.max(), group.neutral)])
+    else:
+        ends = np.quantile(moved, [TAIL, 1.0 - TAIL])
+    room = wider * (ends[1] - ends[0])
+    low, high = np.clip([ends[0] - room, ends[1] + room], group.low, group.high)
+    return replace(group, low=float(low), high=float(high))
+
+
+def _unit_stiffening(groups: Floats) -> Floats:
+    at = np.column_stack([np.zeros(len(groups)), groups])
+    return coordinates(at).points[:, _STIFFENING]
+
+
+def curves_of(asked: AskedInputs, span: TrainingRange, count: int, *, seed: int) -> list[Curve]:
+    """Return curves that fill what was drawn, one after another each far from those before.
+
+    Distances are of groups over their ranges; the first curve is the one nearest to the middle.
+    The first curves of a longer list are those of a shorter one.
+
+    Parameters
+    ----------
+    asked : AskedInputs
+        Draws.
+    span : TrainingRange
+        Of the emulator; draws outside are put on its ends.
+    count : int
+        Number of curves.
+    seed : int
+        Of which draws are looked at.
+
+    Examples
+    --------
+    >>> draws = np.random.default_rng(1).uniform(0.3, 0.6, (60, 12))
+    >>> low, high = TrainingRange().lower, TrainingRange().upper
+    >>> asked = AskedInputs(low + (high - low) * draws, np.full(60, 0.2))
+    >>> asked.groups[:, 5:9] = [0.1172, 0.0, 0.0, 0.0]  # thickness, slack, mismatch, gravity
+    >>> span = span_of(asked)
+    >>> curves_of(asked, span, 4, seed=1)[:2] == curves_of(asked, span, 2, seed=1)
+    True
+    """
+    places, loads = _inside(asked, span)
+    kept = np.random.default_rng(seed).permutation(len(places))[:POINTS]
+    places, loads = places[kept], loads[kept]
+    width = span.upper - span.lower
+    unit = (places - span.lower) / np.where(width > 0.0, width, 1.0)
+    unit = np.column_stack([unit, loads / loads.max()])
+    order = _apart(unit, min(count, len(unit)))
+    return [_curve(places[k], loads[k]) for k in order]
+
+
+def _inside(asked: AskedInputs, span: TrainingRange) -> tuple[Floats, Floats]:
+    """Return the draws put into the range where they lie outside, and the loads to solve up to."""
+    places = np.clip(asked.groups, span.lower, span.upper)
+    largest = span.largest_load(_unit_stiffening(places))
+    return places, np.minimum((1.0 + WIDER) * asked.load, largest)
+
+
+def _apart(points: Floats, count: int) -> list[int]:
+    """Return which points to take: each time the one farthest from all that were taken."""
+    distance = np.square(points - points.mean(axis=0)).sum(axis=1)
+    taken = [int(np.argmin(distance))]
+    nearest = np.full(len(points), np.inf)
+    while len(taken) < count:
+        nearest = np.minimum(nearest, np.square(points - points[taken[-1]]).sum(axis=1))
+        taken.append(int(np.argmax(nearest)))
+    return taken
+
+
+def _curve(values: Floats, load: float) -> Curve:
+    place = Place(tuple(float(v) for v in values))
+    largest = load * place.modulus
+    return Curve(tuple(float(largest * share) for share in LOAD_SHARES), place.material())

@@ -1,0 +1,92 @@
+"""What a study may ask of a forward map, known before there is one: films, priors, conditions."""
+
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdeg.causes.cause import Cause
+from bayesdeg.data.study import Study
+from bayesdeg.emulator.local import AskedInputs
+from bayesdeg.emulator.scaling import GROUPS, LOAD, groups_of
+from bayesdeg.inference.model import JointModel
+from bayesdeg.observations.curvature import Curvature, inputs_met
+from bayesdeg.observations.specimens import no_map
+from bayesdeg.pipeline.assemble import assemble
+from bayesdeg.pipeline.calibrate import base_without_chain
+
+Floats = NDArray[np.float64]
+
+DRAWS = 60  # of each set of causes
+OFF = 2.5  # standard deviations of the specimens' stiffness that draws reach
+
+
+def asked_of(study: Study, seed: int) -> AskedInputs:
+    """Return draws of what the models of a study ask of its forward map.
+
+    The material is drawn from its posterior given all but the readings of the actuators, causes
+    from their priors: none, each one, and pairs of those that follow one another in the catalogue.
+
+    Parameters
+    ----------
+    study : Study
+        One with readings of actuators.
+    seed : int
+        Of the draws.
+    """
+    assembly = assemble(study, no_map)
+    model = assembly.model
+    curvature = model.of_kind(Curvature)
+    sequence = np.random.SeedSequence(seed)
+    generator = np.random.default_rng(sequence)
+    rest = model.without_kinds(*(one.name for one in model.observations if one.uses_forward))
+    known = base_without_chain(rest, sequence).posterior.resample(generator, DRAWS)
+    parts = [
+        part
+        for causes in _sets(assembly.candidates)
+        for part in _asked(model.extended(*causes), curvature, known, generator)
+    ]
+    return AskedInputs.joined(parts)
+
+
+def _sets(causes: Sequence[Cause]) -> Iterator[tuple[Cause, ...]]:
+    yield ()
+    yield from ((cause,) for cause in causes)
+    yield from pairwise(causes)
+
+
+def _asked(
+    model: JointModel,
+    curvature: tuple[Curvature, ...],
+    known: Floats,
+    generator: np.random.Generator,
+) -> Iterator[AskedInputs]:
+    vectors = model.table.sample(generator, len(known))
+    vectors[:, : known.shape[1]] = known  # those of the causes come last
+    with np.errstate(all="ignore"):
+        state = model.tests(model.table.named(vectors))
+        for one in curvature:
+            sd = one.deviation_sd(state)
+            off = np.clip(generator.standard_normal(sd.shape), -OFF, OFF) * sd
+            yield _flat(groups_of(inputs_met(state, one.curves, off)))
+
+
+def _flat(given: dict[str, Floats]) -> AskedInputs:
+    load = given.pop(LOAD)
+    shape = np.broadcast_shapes(load.shape, *(value.shape for value in given.values()))
+    count = int(np.prod(shape[:-1]))
+
+    def flat(value: Floats) -> Floats:
+        return np.broadcast_to(value, shape).reshape(count, -1)
+
+    largest = flat(load).max(axis=1)
+    groups = np.column_stack(
+        [
+            flat(given[g.name])[:, 0] if g.name in given else np.full(count, g.neutral)
+            for g in GROUPS
+        ]
+    )
+    # a material that no law describes is asked of no forward map
+    known = np.isfinite(largest) & np.all(np.isfinite(groups), axis=1)
+    return AskedInputs(groups[known], largest[known])

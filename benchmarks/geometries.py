@@ -1,0 +1,177 @@
+"""How long it takes from a study of an actuator that was never seen to its verdict, and how wrong
+the emulator is that was trained for it.
+
+    uv run python benchmarks/geometries.py --json
+
+For each geometry a virtual study is made (``bayesdeg simulate`` with films and 18 actuators of the
+gelatin study, on a finer mesh than any emulator's, an offset of the pressure hidden in it), an
+emulator is trained where the study lies, and the study is run with it. Curves that the study may
+ask for and that no training saw are then solved on the emulator's own mesh. What is solved is kept
+in ``.cache/geometries``; times of what was found there are those that were measured then.
+
+Keys, each the worst of the geometries: ``minutes`` from reading the study to the report,
+``training_minutes`` of them, ``error_p95_pct`` of
+curvature and bend angle over the largest value of a curve, ``stretch_p95_pct`` of the peak
+stretch less 1 likewise, ``limit_pct`` of pressures at which curves end, where some do.
+"""
+
+import argparse
+import json
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from emulator_held_out import HeldOut
+from numpy.typing import NDArray
+
+from bayesdeg.actuator.curve import CurveSolution
+from bayesdeg.actuator.geometry import Geometry
+from bayesdeg.commands.training import LOCAL, Manner, emulator_for
+from bayesdeg.console import errors
+from bayesdeg.data.study import Study, read_study
+from bayesdeg.emulator.campaign import complete
+from bayesdeg.emulator.local import curves_of, span_of
+from bayesdeg.emulator.regression import reach
+from bayesdeg.emulator.solutions import Kind, Run, SolutionStore
+from bayesdeg.emulator.surrogate import Surrogate
+from bayesdeg.emulator.workers import workplace
+from bayesdeg.pipeline.asked import asked_of
+
+Floats = NDArray[np.float64]
+Json = dict[str, Any]
+
+CACHE = Path(".cache/geometries")
+TEMPLATE = Path("studies/gelatin_actuator")
+HIDDEN = "pressure_offset=14"
+SEED = 4242
+DIMENSIONS = {
+    "six_chambers": {"length": 60.0, "width": 12.0, "height": 12.0, "chambers": 6},
+    "inner_channels": {"length": 50.0, "chambers": 5, "gap": 0.0},
+    "long": {"length": 90.0, "width": 20.0, "height": 17.0, "chambers": 7, "floor": 3.0,
+             "roof": 3.0, "side_wall": 3.0, "end_wall": 5.0, "chamber_wall": 2.0,
+             "channel_width": 4.0, "channel_height": 2.5, "channel_roof": 2.0},
+}  # fmt: skip
+
+
+def template(name: str) -> Path:
+    """Write the folder that says what is tested: films and actuators of the gelatin study."""
+    folder = CACHE / name / "template"
+    folder.mkdir(parents=True, exist_ok=True)
+    for file in TEMPLATE.glob("*.csv"):
+        if file.name != "summary.csv":
+            (folder / file.name).write_bytes(file.read_bytes())
+    lines = [f'title = "{name}"', f"seed = {SEED}", "", "[actuator]"]
+    lines += [f"{key} = {value}" for key, value in DIMENSIONS[name].items()]
+    (folder / "study.toml").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return folder
+
+
+def virtual(name: str, workers: int) -> Path:
+    """Return the virtual study, made if it is not there."""
+    folder = CACHE / name / "study"
+    if not (folder / "truth.json").exists():
+        _bayesdeg("simulate", template(name), "--cause", HIDDEN, "--out", folder,
+                  "--workers", workers)  # fmt: skip
+    return folder
+
+
+def _bayesdeg(*arguments: object) -> None:
+    subprocess.run([sys.executable, "-m", "bayesdeg", *map(str, arguments)], check=True)
+
+
+def trained(name: str, study: Study, workers: int) -> tuple[Surrogate, float]:
+    """Return the emulator of a study and the minutes that it took when it was trained."""
+    begun, kept = time.perf_counter(), CACHE / name / "minutes.json"
+    with workplace(workers, None) as executor:
+        found = emulator_for(study, None, manner=Manner(yes=True), executor=executor)
+    assert found is not None
+    if not kept.exists():
+        minutes = (time.perf_counter() - begun) / 60.0
+        kept.write_text(json.dumps({"training": minutes}), encoding="utf-8")
+    return found, float(json.loads(kept.read_text(encoding="utf-8"))["training"])
+
+
+def held_out(study: Study, count: int, workers: int) -> list[HeldOut]:
+    """Return curves that the study may ask, on the mesh that its emulator stands for."""
+    geometry = Geometry(study.settings.dimensions)
+    asked = asked_of(study, SEED)
+    curves = curves_of(asked, span_of(asked, wider=0.0), count, seed=SEED)
+    store, mesh = SolutionStore(CACHE / "held_out"), LOCAL(geometry.dimensions).fine_mesh
+    runs = [Run(geometry, mesh, curve, Kind.CURVE) for curve in curves]
+    with workplace(workers, None) as executor:
+        found = complete(runs, store, executor=executor, on_run=lambda f: errors.print(f.seconds))
+    return [
+        HeldOut(run.curve, solution, 0.0)
+        for run, solution in zip(runs, found, strict=True)
+        if isinstance(solution, CurveSolution) and len(solution.readings) > 1
+    ]
+
+
+def errors_of(surrogate: Surrogate, curves: list[HeldOut]) -> tuple[Floats, list[float]]:
+    """Return largest errors of each curve over its largest value, (n, 3), and those of its end."""
+    worst, ends = [], []
+    for one in curves:
+        answer = surrogate(one.inputs)
+        found = np.stack([answer.curvature, answer.bend_angle, answer.peak_stretch - 1.0])
+        known = np.isfinite(found[0])
+        if known.any():
+            gap = np.abs(found - one.truth)[:, known].max(axis=1)
+            worst.append(100.0 * gap / np.abs(one.truth).max(axis=1))
+        end = reach(one.curve, one.samples)
+        limit = surrogate.limit_pressure(one.inputs)
+        if not end.open and limit.trained.all():
+            ends.append(100.0 * abs(float(limit.pressure.ravel()[0]) / (1e3 * end.load) - 1.0))
+    return np.array(worst), ends
+
+
+def judged(name: str, workers: int, curves: int) -> Json:
+    """Train, run, compare: what is found of one geometry."""
+    folder = virtual(name, workers)
+    study = read_study(folder)
+    surrogate, training = trained(name, study, workers)
+    out, begun = CACHE / name / "report", time.perf_counter()
+    _bayesdeg("run", folder, "--out", out, "--workers", workers, "--yes", "--fresh")
+    running = (time.perf_counter() - begun) / 60.0
+    verdict = json.loads((out / "verdict.json").read_text(encoding="utf-8"))
+    seen = held_out(study, curves, workers)
+    worst, ends = errors_of(surrogate, seen)
+    p95 = np.quantile(worst, 0.95, axis=0)
+    record = json.loads(surrogate.record)
+    return {
+        "minutes": training + running,
+        "training_minutes": training,
+        "error_p95_pct": float(p95[:2].max()),
+        "stretch_p95_pct": float(p95[2]),
+        "limit_pct": max(ends, default=None),
+        "curves_answered": f"{len(worst)} of {len(seen)}",
+        "coarse_and_fine_curves": [record["coarse_curves"], record["fine_curves"]],
+        "left_out_p95_pct": record["accuracy"]["curvature"]["p95_pct"],
+        "outcome": verdict["outcome"],
+        "causes": verdict["causes"],
+    }
+
+
+def main() -> None:
+    """Judge the geometries and print the worst of each figure."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
+    parser.add_argument("--only", choices=list(DIMENSIONS), nargs="*", default=list(DIMENSIONS))
+    parser.add_argument("--curves", type=int, default=8, help="held out, of each geometry")
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--json", action="store_true")
+    given = parser.parse_args()
+    CACHE.mkdir(parents=True, exist_ok=True)
+    found = {name: judged(name, given.workers, given.curves) for name in given.only}
+    keys = ("minutes", "training_minutes", "error_p95_pct", "stretch_p95_pct", "limit_pct")
+    worst = {
+        key: max((one[key] for one in found.values() if one[key] is not None), default=None)
+        for key in keys
+    }
+    document = worst | {"geometries": found}
+    print(json.dumps(document, indent=1) if given.json else document)
+
+
+if __name__ == "__main__":
+    main()

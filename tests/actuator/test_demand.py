@@ -1,0 +1,171 @@
+"""What of the walls' state is held against films, of solved actuators and in closed form."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bayesdeg.actuator.curve import Actuator, Curve, ExactMap
+from bayesdeg.actuator.demand import (
+    MEASURES,
+    demanded_strain,
+    modulus_weights,
+    needed,
+)
+from bayesdeg.actuator.equilibrium import follow
+from bayesdeg.actuator.geometry import Geometry
+from bayesdeg.actuator.inputs import Inputs
+from bayesdeg.actuator.linear import open_factorization
+from bayesdeg.actuator.material import MaterialGroups
+from bayesdeg.actuator.mesh import Resolution, build_mesh
+from bayesdeg.actuator.outputs import (
+    PEAK_SHARE,
+    Stretches,
+    equivalent_stretches,
+    largest_stretch,
+    measured_strains,
+    principal_stretch,
+    read_state,
+    reading_gradients,
+    volume_quantile,
+    weibull_strain,
+)
+from bayesdeg.data.settings import Dimensions
+from bayesdeg.material.hyperelastic import Yeoh
+from bayesdeg.material.strength import (
+    energy_equivalent_stretch,
+    equivalent_uniaxial_stretch,
+    wall_state,
+)
+
+COARSEST = Resolution(9.0, 9.0, 9.0)
+ONE_CHAMBER = Geometry(Dimensions(length=14.0, chambers=1))
+MATERIAL = MaterialGroups(c2_ratio=-0.05, c3_ratio=0.05, paper_group=30.0, paper_thickness=0.12)
+LOADS = (0.1, 0.3, 0.6)
+STEP = 1e-6
+
+
+@pytest.fixture(scope="module")
+def solved():
+    """A small actuator at three loads: its mesh and its states."""
+    actuator = Actuator(build_mesh(ONE_CHAMBER, COARSEST))
+    mesh, problem = actuator.problem(Curve(LOADS, MATERIAL))
+    factorization = open_factorization(problem.system.upper)
+    try:
+        path = follow(problem, factorization, loads=LOADS)
+    finally:
+        factorization.close()
+    return mesh, [point.state for point in path.points]
+
+
+def inputs(criterion, shape=(1, 1, 3), **given_):
+    one = np.ones(shape)
+    constants = (0.3 * one, -0.015 * one, 0.015 * one)
+    return Inputs(100.0 * one, *constants, one, 3e4 * one, criterion=criterion, **given_)
+
+
+@settings(deadline=None)  # the first call compiles
+@given(st.floats(1.0, 4.0), st.floats(-0.5, 1.0))
+def test_equivalent_stretches_of_a_homogeneous_state_are_those_in_closed_form(stretch, b):
+    state = wall_state(stretch, b)
+    f = np.diag(state)[None, None]
+    value, slope = np.empty((1, 1)), f.copy()
+    largest_stretch(slope, value)
+    energy, difference = equivalent_stretches(f, Stretches(value, slope))
+    assert float(energy.value[0, 0]) == pytest.approx(
+        float(energy_equivalent_stretch(state)), abs=1e-7
+    )
+    other = float(difference.value[0, 0])
+    assert other**2 - 1.0 / other == pytest.approx(state.max() ** 2 - state.min() ** 2, abs=1e-8)
+
+
+def test_derivatives_of_all_readings_are_differences(solved):
+    mesh, states = solved
+    generator = np.random.default_rng(2)
+    direction = generator.normal(size=states[-1].displacement.shape)
+    gradient = reading_gradients(mesh, states[-1])
+    more, less = (
+        read_state(
+            mesh,
+            replace(states[-1], displacement=states[-1].displacement + sign * STEP * direction),
+        ).values
+        for sign in (1.0, -1.0)
+    )
+    slopes = (more - less) / (2.0 * STEP)
+    found = np.einsum("onk,nk->o", gradient, direction)
+    np.testing.assert_allclose(found, slopes, rtol=2e-5, atol=1e-7)
+
+
+@pytest.mark.parametrize("modulus", [6.0, 7.0, 14.0, 28.0, 35.0])
+def test_weibull_strains_between_the_moduli_are_interpolated(solved, modulus):
+    mesh, states = solved
+    for state in states:
+        stretch, weights = principal_stretch(mesh.body, state).value, mesh.body.weights
+        strains = measured_strains(read_state(mesh, state).values)
+        asked = inputs("weakest_link", (1,), weibull_modulus=np.array([modulus]))
+        seen = strains[list(needed("weakest_link")), None]
+        exact, _ = weibull_strain(stretch, weights, modulus)
+        assert float(demanded_strain(asked, seen)[0]) == pytest.approx(exact, rel=4e-3)
+
+
+def test_the_stress_of_a_state_is_that_of_uniaxial_tension():
+    """Where energy and difference are those of one state, the criterion is the pointwise one."""
+    state = wall_state(np.array([1.1, 1.6, 2.2]), 0.3)
+    energy = energy_equivalent_stretch(state)
+    squares = state.max(axis=-1) ** 2 - state.min(axis=-1) ** 2
+    difference = equivalent_uniaxial_stretch(state, "cauchy_stress", Yeoh(1.0, 0.0, 0.0))
+    np.testing.assert_allclose(difference**2 - 1.0 / difference, squares)
+    asked = inputs("cauchy_stress", (3,))
+    found = demanded_strain(asked, np.stack([energy, difference]) - 1.0)
+    law = Yeoh(asked.c1, asked.c2, asked.c3)
+    np.testing.assert_allclose(
+        found, equivalent_uniaxial_stretch(state, "cauchy_stress", law) - 1.0, rtol=1e-7
+    )
+
+
+@given(st.floats(5.0, 40.0))
+def test_weights_of_the_moduli_are_those_of_a_polynomial(modulus):
+    weights = modulus_weights(np.array(modulus))
+    nodes = 1.0 / (np.array([5.0, 10.0, 20.0, 40.0]) + 10.0)
+    for power in range(4):
+        expected = (modulus + 10.0) ** -power
+        assert float(weights @ nodes**power) == pytest.approx(expected, rel=1e-9)
+
+
+def test_without_a_modulus_the_weakest_link_is_refused():
+    with pytest.raises(ValueError, match="weibull_modulus"):
+        demanded_strain(inputs("weakest_link"), np.ones((4, 1, 1, 3)))
+
+
+@pytest.mark.parametrize("criterion", ["cauchy_stress", "strain_energy", "weakest_link"])
+def test_the_exact_map_reads_what_the_criterion_asks_for(criterion):
+    pressure = np.array([[[30.0, 60.0]]])
+    given_ = {"weibull_modulus": np.full((1, 1, 1), 10.0)} if criterion == "weakest_link" else {}
+    forward = ExactMap(ONE_CHAMBER, COARSEST)
+    asked = replace(inputs(criterion, (1, 1, 1), **given_), pressure=pressure)
+    found, plain = forward(asked), forward(replace(asked, criterion="principal_stretch"))
+    np.testing.assert_array_equal(found.curvature, plain.curvature)
+    assert np.all(np.diff(found.peak_stretch) > 0.0)
+    assert np.all(found.peak_stretch > 1.0)
+    assert not np.allclose(found.peak_stretch, plain.peak_stretch, rtol=1e-4)
+
+
+def test_quantiles_of_equivalent_stretches_are_read(solved):
+    mesh, states = solved
+    f = np.eye(3) + np.einsum(
+        "eai,eqaj->eqij", states[-1].displacement[mesh.body.elements], _gradients(mesh.body)
+    )
+    energy, _ = equivalent_stretches(f, principal_stretch(mesh.body, states[-1]))
+    quantile = volume_quantile(energy.value, mesh.body.weights, PEAK_SHARE)
+    strain = measured_strains(read_state(mesh, states[-1]).values)[
+        MEASURES.index("peak_energy_stretch")
+    ]
+    assert 1.0 + strain == pytest.approx(quantile, rel=1e-9)
+
+
+def _gradients(body):
+    """Shape function gradients as (n_elements, n_points, n_nodes, 3)."""
+    gradients = body.gradients
+    return gradients if gradients.shape[-1] == 3 else np.swapaxes(gradients, -1, -2)
