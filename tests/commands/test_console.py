@@ -61,8 +61,10 @@ def test_names_are_printed_as_they_are_on_a_terminal_too(monkeypatch, name):
 
 def test_a_larger_actuator_takes_longer_and_more_workers_less():
     small, large = Dimensions(), Dimensions(length=300.0)
-    assert rough_seconds(large) > 1.5 * rough_seconds(small)
-    assert rough_seconds(large, workers=4) < rough_seconds(large) / 3.0
+    # meshes grow with the actuator, so six times the length has twice the elements at most
+    assert 1.2 * rough_seconds(small) < rough_seconds(large) < 2.0 * rough_seconds(small)
+    # fitting is not shared among workers
+    assert rough_seconds(large, workers=4) < rough_seconds(large) / 2.0
     # elements grow with the actuator
     twice = Dimensions(length=100.0, width=20.0, height=20.0)
     assert rough_seconds(twice) < 1.1 * rough_seconds(small)
