@@ -17,27 +17,28 @@ from bayesdeg.emulator.local import (
     MORE_COARSE,
     MORE_FINE,
     ROUNDS,
+    TARGET_OUTSIDE,
     TARGET_PCT,
-    AskedInputs,
+    LocalDesign,
     local_design,
     span_of,
 )
+from bayesdeg.emulator.scaling import TrainingRange
 from bayesdeg.emulator.solutions import SolutionStore
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.emulator.trained import (
+    covering,
     find,
-    find_covering,
     read_trained,
     surrogate_for,
     write_trained,
 )
-from bayesdeg.pipeline.asked import asked_of
+from bayesdeg.pipeline.asked import AskedAfterwards, asked_after, asked_of
 from bayesdeg.pipeline.emulation import (
     Campaign,
     Expectation,
     endings,
     expect,
-    largest_error,
     train_emulator,
 )
 
@@ -99,43 +100,96 @@ def emulator_for(
     with shown(manner.quiet) as progress:
         progress.stage("where the study lies")
         asked = asked_of(study, study.settings.seed)
-    known = find_covering(geometry, span_of(asked, wider=0.0), CACHE)
+    first = local_design(asked, LOCAL(geometry.dimensions))
+    known = _known(study, first, span_of(asked, wider=0.0), manner)
     if known is not None:
         return known
     if not manner.quiet:
         _print(f"{found.reason}; one is trained now where this study lies, and kept in {CACHE}")
-    return train_where_asked(study, asked, executor, manner)
+    return train_where_asked(study, first, executor, manner)
+
+
+def _known(
+    study: Study, first: LocalDesign, wanted: TrainingRange, manner: Manner
+) -> Surrogate | None:
+    """Return an emulator that was trained for this study, or one that answers it as well."""
+    geometry = Geometry(study.settings.dimensions)
+    own = _kept_for(geometry, first)
+    for path, surrogate in covering(geometry, wanted, CACHE):
+        if path == own or _is_good(_asked_after(study, surrogate, manner)):
+            return surrogate
+    return None
+
+
+def _kept_for(geometry: Geometry, first: LocalDesign) -> Path:
+    """Return where an emulator is kept whose training began with a design."""
+    campaign = Campaign(geometry, LOCAL(geometry.dimensions), SolutionStore(STORE), design=first)
+    return CACHE / f"{campaign.key()[:16]}.npz"
+
+
+def _asked_after(study: Study, surrogate: Surrogate, manner: Manner) -> AskedAfterwards:
+    with shown(manner.quiet) as progress:
+        progress.stage("where the posterior lies")
+        return asked_after(study, surrogate, study.settings.seed)
+
+
+def _is_good(found: AskedAfterwards) -> bool:
+    return found.error_pct <= TARGET_PCT and found.outside <= TARGET_OUTSIDE
 
 
 def train_where_asked(
-    study: Study, asked: AskedInputs, executor: Executor | None, manner: Manner
+    study: Study, first: LocalDesign, executor: Executor | None, manner: Manner
 ) -> Surrogate:
-    """Train an emulator where a study may ask, with further curves until its error is small.
+    """Train an emulator where a study may ask, then where its posterior lies, until that is good.
+
+    Parameters
+    ----------
+    study : Study
+        With readings of actuators.
+    first : LocalDesign
+        Where films, priors and conditions say that it asks.
+    executor : Executor, optional
+        Where to solve.
+    manner : Manner
+        Of training.
 
     Raises
     ------
     Stopped
         If the user does not want to wait, or stops it.
     """
-    geometry = Geometry(study.settings.dimensions)
-    recipe = LOCAL(geometry.dimensions)
+    geometry, store = Geometry(study.settings.dimensions), SolutionStore(STORE)
+    recipe, design = LOCAL(geometry.dimensions), first
     for more in range(ROUNDS + 1):
-        enough = replace(
-            recipe,
-            coarse_runs=recipe.coarse_runs + more * MORE_COARSE,
-            fine_runs=recipe.fine_runs + more * MORE_FINE,
-        )
-        design = local_design(asked, enough)
-        campaign = Campaign(geometry, enough, SolutionStore(STORE), executor, design=design)
-        path = CACHE / f"{campaign.key()[:16]}.npz"
-        surrogate = train(campaign, path, manner)
-        if largest_error(surrogate) <= TARGET_PCT:
+        campaign = Campaign(geometry, recipe, store, executor, design=design)
+        surrogate = completed(campaign, manner)
+        if more == ROUNDS:
             break
+        found = _asked_after(study, surrogate, manner)
+        _say_where(found, manner, good=_is_good(found))
+        if _is_good(found):
+            break
+        added = replace(recipe, coarse_runs=MORE_COARSE, fine_runs=MORE_FINE, seed=more + 1)
+        design = design.further(found.asked, added)
+    _keep(campaign, _kept_for(geometry, first), surrogate, manner)
     return surrogate
 
 
 def train(campaign: Campaign, path: Path, manner: Manner) -> Surrogate:
     """Say how long a campaign takes, complete it, train the emulator and keep it in a file.
+
+    Raises
+    ------
+    Stopped
+        If the user does not want to wait, or stops it.
+    """
+    surrogate = completed(campaign, manner)
+    _keep(campaign, path, surrogate, manner)
+    return surrogate
+
+
+def completed(campaign: Campaign, manner: Manner) -> Surrogate:
+    """Say how long a campaign takes, complete it and train the emulator.
 
     Raises
     ------
@@ -148,10 +202,14 @@ def train(campaign: Campaign, path: Path, manner: Manner) -> Surrogate:
         if expectation.left:
             _say(expectation, campaign.store.folder, manner)
         with shown(manner.quiet) as progress:
-            surrogate = train_emulator(campaign, expectation, progress)
-        write_trained(path, surrogate)
+            return train_emulator(campaign, expectation, progress)
     except KeyboardInterrupt as stop:
         raise Stopped(_what_stays(campaign)) from stop
+
+
+def _keep(campaign: Campaign, path: Path, surrogate: Surrogate, manner: Manner) -> None:
+    """Write the emulator, and what ended how."""
+    write_trained(path, surrogate)
     ended = endings(campaign)
     listed = list_failures(path, ended)
     if not manner.quiet:
@@ -159,7 +217,16 @@ def train(campaign: Campaign, path: Path, manner: Manner) -> Surrogate:
         if listed is not None:
             _print(f"parameters of the failed ones: {listed}")
         errors.print(accuracy_table(surrogate))
-    return surrogate
+
+
+def _say_where(found: AskedAfterwards, manner: Manner, *, good: bool) -> None:
+    if manner.quiet:
+        return
+    then = "" if good else "; further curves are solved there"
+    _print(
+        f"where the posterior lies the emulator's standard error is {found.error_pct:.2g} % "
+        f"(wanted: {TARGET_PCT:g} %), and {100.0 * found.outside:.2g} % of it is outside{then}"
+    )
 
 
 def _say(expectation: Expectation, store: Path, manner: Manner) -> None:

@@ -336,9 +336,9 @@ WHOLE = FitTerms(PLANS, FAMILY, LIMIT_FAMILY)
 _NEAR = FitPlan(
     ANGLES,
     True,
-    Family((5, 3, 3, 3), (2, 1, 1, 1), (2, 2, 1, 2, 2, 1, 1, 2, 2)),
+    Family((6, 4, 4, 4), (3, 2, 2, 2), (2, 2, 1, 3, 2, 1, 2, 3, 3), (1, 1, 1, 1)),
     Family((3, 2, 2, 2), (1, 1, 1, 1), (1, 1, 1, 1, 1, 1, 1, 1, 1)),
-    Prior(0.6, 0.5, 0.4, 1e-2),
+    Prior(0.6, 0.5, 0.4, 3e-3),
     Prior(0.5, 0.4, 0.3, 5e-2),
 )
 _NEAR_STRETCH = FitPlan(
@@ -892,7 +892,7 @@ def build(
         place = {
             "span": design.span,
             "terms": NEAR,
-            "usual": design.coarse,
+            "usual": design.usual,
             "ground": default_surrogate(),
         }
     length = geometry.dimensions.length

@@ -227,7 +227,7 @@ def search(
     return EmulatorSearch(None, path, tuple(reasons))
 
 
-COARSE_RUNS, FINE_RUNS = 24, 6
+COARSE_RUNS, FINE_RUNS = 24, 4
 """Curves of an emulator that is trained where one study lies, on either mesh."""
 # what a curve of the default geometry takes on one core (studies/scaling.md) [s]
 COARSE_SECONDS, FINE_SECONDS = 3.3, 27.0

@@ -5,6 +5,7 @@ They are read and written here; where they are kept, and what their records say,
 """
 
 import io
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from importlib.resources.abc import Traversable
 from pathlib import Path
@@ -104,10 +105,10 @@ def read_trained(path: Traversable) -> Surrogate:
     return surrogate
 
 
-def find_covering(
+def covering(
     geometry: Geometry, wanted: TrainingRange, cache: Path = CACHE
-) -> Surrogate | None:
-    """Return an emulator of a geometry in a cache that answers over a range; None if none does."""
+) -> Iterator[tuple[Path, Surrogate]]:
+    """Yield the emulators of a geometry in a cache that answer over all of a range."""
     for path in sorted(cache.glob("*.npz")):
         try:
             surrogate = read_trained(path)
@@ -115,8 +116,7 @@ def find_covering(
         except BayesdegError:
             continue
         if covers(surrogate.span, wanted):
-            return surrogate
-    return None
+            yield path, surrogate
 
 
 def write_trained(path: Path, surrogate: Surrogate) -> None:

@@ -1,16 +1,19 @@
 """What a study may ask of a forward map, known before there is one: films, priors, conditions."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from bayesdeg.causes.cause import Cause
 from bayesdeg.data.study import Study
 from bayesdeg.emulator.local import AskedInputs
 from bayesdeg.emulator.scaling import GROUPS, LOAD, groups_of
-from bayesdeg.inference.model import JointModel
+from bayesdeg.emulator.surrogate import Surrogate
+from bayesdeg.inference.model import JointModel, share_outside
 from bayesdeg.observations.curvature import Curvature, inputs_met
 from bayesdeg.observations.specimens import no_map
 from bayesdeg.pipeline.assemble import assemble
@@ -48,6 +51,71 @@ def asked_of(study: Study, seed: int) -> AskedInputs:
         for part in _asked(model.extended(*causes), curvature, known, generator)
     ]
     return AskedInputs.joined(parts)
+
+
+@dataclass(frozen=True)
+class AskedAfterwards:
+    """What a study asks once it was calibrated with an emulator, and how that emulator does there.
+
+    Parameters
+    ----------
+    asked : AskedInputs
+        Draws of the posterior, with causes drawn from their priors.
+    outside : float
+        Share of the posterior at which the emulator gives no answer [–].
+    error_pct : float
+        95th percentile over the posterior's curves of the standard error of their curvature, less
+        that of the mesh, over the largest of each [%].
+    """
+
+    asked: AskedInputs
+    outside: float
+    error_pct: float
+
+
+def asked_after(study: Study, surrogate: Surrogate, seed: int) -> AskedAfterwards:
+    """Calibrate a study's base model with an emulator and return what it asks then.
+
+    Parameters
+    ----------
+    study : Study
+        One with readings of actuators.
+    surrogate : Surrogate
+        Of its geometry.
+    seed : int
+        Of the draws.
+    """
+    assembly = assemble(study, surrogate)
+    model = assembly.model
+    curvature = model.of_kind(Curvature)
+    sequence = np.random.SeedSequence(seed)
+    generator = np.random.default_rng(sequence)
+    # sums of several threads depend on their number
+    with threadpool_limits(1):
+        posterior = base_without_chain(model, sequence).posterior
+        known = posterior.resample(generator, DRAWS)
+        asked = AskedInputs.joined(
+            [
+                part
+                for causes in _sets(assembly.candidates)
+                for part in _asked(model.extended(*causes), curvature, known, generator)
+            ]
+        )
+        return AskedAfterwards(
+            asked, share_outside(model, known), _error_pct(model, surrogate, known)
+        )
+
+
+def _error_pct(model: JointModel, surrogate: Surrogate, known: Floats) -> float:
+    """Return the 95th percentile of the standard error over each curve's largest curvature [%]."""
+    exact = surrogate.without_mesh_error()
+    state = model.tests(model.table.named(known))
+    shares = []
+    for one in model.of_kind(Curvature):
+        found = exact(inputs_met(state, one.curves, np.zeros_like(one.deviation_sd(state))))
+        with np.errstate(invalid="ignore"):
+            shares.append(np.nanmax(found.sd, axis=-1) / np.nanmax(found.curvature, axis=-1))
+    return 100.0 * float(np.nanquantile(np.concatenate([s.ravel() for s in shares]), 0.95))
 
 
 def _sets(causes: Sequence[Cause]) -> Iterator[tuple[Cause, ...]]:

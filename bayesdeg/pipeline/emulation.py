@@ -1,6 +1,5 @@
 """An emulator is trained on a campaign of finite element runs: how long it takes, how far it is."""
 
-import json
 import time
 from collections import Counter
 from collections.abc import Callable
@@ -21,7 +20,7 @@ from bayesdeg.emulator.campaign import Finished, build, missing, runs
 from bayesdeg.emulator.kept import Recipe, duration
 from bayesdeg.emulator.local import LocalDesign
 from bayesdeg.emulator.solutions import ANSWERS, Run, SolutionStore
-from bayesdeg.emulator.surrogate import OUTPUTS, Surrogate
+from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.emulator.workers import Supervised
 from bayesdeg.pipeline.progress import Progress
 
@@ -245,15 +244,6 @@ def train_emulator(campaign: Campaign, expectation: Expectation, progress: Progr
         timeout=campaign.timeout,
         on_run=on_run,
     )
-
-
-def largest_error(surrogate: Surrogate) -> float:
-    """Return the larger 95th percentile of errors of curvature and bend angle at runs left out [%].
-
-    They are over each run's largest value.
-    """
-    accuracy = json.loads(surrogate.record).get("accuracy", {})
-    return max((accuracy.get(name, {}).get("p95_pct", 0.0) for name in OUTPUTS[:2]), default=0.0)
 
 
 def endings(campaign: Campaign) -> list[tuple[Run, Status]]:

@@ -241,19 +241,38 @@ def test_run_trains_again_what_cannot_be_used_and_says_why(here, command, pipeli
     assert read_trained(new).record == pipeline[0].record
 
 
-def test_run_solves_further_curves_while_errors_are_large(here, command, pipeline, monkeypatch):
+def test_run_solves_further_curves_where_the_posterior_lies(here, command, pipeline, monkeypatch):
     monkeypatch.setattr(training, "ROUNDS", 1)
-    monkeypatch.setattr(training, "TARGET_PCT", 0.6)
+    monkeypatch.setattr(training, "TARGET_PCT", 1e9)
+    monkeypatch.setattr(training, "TARGET_OUTSIDE", 1.0)
     code, _, err = command("run", "study", "--workers", 1, "--out", "one")
     assert code == 0, err
     assert len(solved()) == RECIPE.coarse_runs + RECIPE.fine_runs
+    assert "further curves" not in err
     for path in kept():
         path.unlink()
-    monkeypatch.setattr(training, "TARGET_PCT", 0.1)
+    monkeypatch.setattr(training, "TARGET_PCT", 0.0)
     code, _, err = command("run", "study", "--workers", 1, "--out", "two")
     assert code == 0, err
+    assert "further curves are solved there" in err
     more = training.MORE_COARSE + training.MORE_FINE
     assert len(solved()) == RECIPE.coarse_runs + RECIPE.fine_runs + more
+
+
+def test_an_emulator_of_another_study_is_used_where_it_is_good(
+    here, command, pipeline, monkeypatch
+):
+    command("run", "study", "--workers", 1)
+    (own,) = kept()
+    own.rename(own.with_name("others.npz"))
+    monkeypatch.setattr(training, "TARGET_PCT", 1e9)
+    monkeypatch.setattr(training, "TARGET_OUTSIDE", 1.0)
+    code, _, err = command("run", "study", "--workers", 1)
+    assert code == 0, err
+    assert len(kept()) == 1
+    monkeypatch.setattr(training, "TARGET_PCT", 0.0)
+    command("run", "study", "--workers", 1)
+    assert len(kept()) == 2
 
 
 def test_an_emulator_file_is_used_as_it_is(here, command, pipeline):

@@ -15,7 +15,7 @@ from bayesdeg.emulator.regression import observe
 from bayesdeg.emulator.scaling import GROUPS, NAMES, Place, TrainingRange
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.emulator.terms import features
-from bayesdeg.emulator.trained import find_covering, write_trained
+from bayesdeg.emulator.trained import covering, write_trained
 from tests.emulator.closed_form import LENGTH, SPAN, sample, trained
 from tests.pipeline.tiny_campaign import GEOMETRY, emulator
 
@@ -137,6 +137,25 @@ def test_draws_that_all_lie_outside_give_curves_at_the_end_of_the_range():
     np.testing.assert_allclose(places[:, 1], SPAN.upper[1])
 
 
+def test_further_curves_lie_where_a_study_asks_now_and_the_range_holds_both(design):
+    moved = asked_of(80, 5)
+    moved.groups[:, WALL] = 1.15
+    more = design.further(moved, replace(Recipe(), coarse_runs=6, fine_runs=2, further=False))
+    assert more.coarse[:16] == design.coarse
+    assert more.fine == (*design.fine, *more.usual[:2])
+    assert more.coarse[16:] == more.usual
+    walls = [Place.of(curve.material).values[WALL] for curve in more.usual]
+    np.testing.assert_allclose(walls, 1.15, atol=1e-3)  # draws stand on a grid of the range
+    assert covers(more.span, design.span)
+    assert covers(more.span, span_of(moved, wider=0.0))
+
+
+def test_draws_that_differ_by_rounding_give_the_same_curves():
+    noise = np.random.default_rng(8).normal(0.0, 1e-12, ASKED.groups.shape)
+    near = AskedInputs(np.where(ASKED.groups == NEUTRAL, NEUTRAL, ASKED.groups + noise), ASKED.load)
+    assert curves_of(near, WANTED, 20, seed=1) == curves_of(ASKED, WANTED, 20, seed=1)
+
+
 def test_runs_of_a_design_are_its_curves_on_either_mesh(design):
     recipe = local_recipe(GEOMETRY.dimensions)
     found = runs(GEOMETRY, recipe, design)
@@ -181,9 +200,9 @@ def test_its_file_holds_its_range(beside, tmp_path):
     assert again.span == beside.span
     write_trained(tmp_path / "one.npz", beside)
     write_trained(tmp_path / "whole.npz", replace(emulator(Geometry(Dimensions())), span=SPAN))
-    found = find_covering(GEOMETRY, span_of(ASKED, wider=0.0), tmp_path)
-    assert found is not None
+    ((path, found),) = covering(GEOMETRY, span_of(ASKED, wider=0.0), tmp_path)
+    assert path == tmp_path / "one.npz"
     assert found.span == WANTED
     # of a wider study it knows nothing
-    assert find_covering(GEOMETRY, TrainingRange(), tmp_path) is None
-    assert find_covering(Geometry(Dimensions(length=70.0)), WANTED, tmp_path) is None
+    assert not list(covering(GEOMETRY, TrainingRange(), tmp_path))
+    assert not list(covering(Geometry(Dimensions(length=70.0)), WANTED, tmp_path))
