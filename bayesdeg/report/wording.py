@@ -381,7 +381,7 @@ def worded(record: object, **facts: object) -> str:
     'it removes only 40 % of the misfit'
     """
     part = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", type(record).__name__).lower()
-    said = sentences("findings", part, one=record, **{"most": None} | facts)
+    said = sentences("findings", part, one=record, **{"most": None, "degrades": True} | facts)
     return said.replace(SPACE, " ")
 
 
