@@ -358,9 +358,10 @@ def sentences(template: str, part: str, **facts: object) -> str:
     part : str
         A macro of it without arguments.
     **facts
-        What it speaks of: seen by all macros of the file.
+        What it speaks of: seen by all macros of the file. So is ``degrades``, whether anything of
+        the study does, which is true by default.
     """
-    module = _plain().get_template(f"{template}.j2").make_module(facts)
+    module = _plain().get_template(f"{template}.j2").make_module({"degrades": True} | facts)
     return _joined(str(getattr(module, part)()))
 
 
@@ -381,7 +382,7 @@ def worded(record: object, **facts: object) -> str:
     'it removes only 40 % of the misfit'
     """
     part = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", type(record).__name__).lower()
-    said = sentences("findings", part, one=record, **{"most": None, "degrades": True} | facts)
+    said = sentences("findings", part, one=record, **{"most": None} | facts)
     return said.replace(SPACE, " ")
 
 
