@@ -498,11 +498,6 @@ def _update(
     progress.stage("reading")
     of = finished(report)
     found, before, after = _enlarged(of, content, name)
-    if after.degrades and not of.study.degrades:
-        raise BayesdegError(
-            f"{name}: {report} is of a study in which nothing degrades, so its model does not know "
-            "what degradation changes; add the rows to the study and run it"
-        )
     unlikely = doubts(after, outline(after).expected)
     doubted = suspicions(before, unlikely, name)
     forward = emulator_of(of.run, emulator)

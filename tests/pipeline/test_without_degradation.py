@@ -14,12 +14,13 @@ import pytest
 from bayesdeg import cli
 from bayesdeg.commands import run as command
 from bayesdeg.criticism.fit.search import SearchEffort
+from bayesdeg.emulator.trained import write_trained
 from bayesdeg.observations.curvature import Curvature, common_error
 from bayesdeg.observations.kinds import State
 from bayesdeg.pipeline import run, writing
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.outline import outline
-from tests.pipeline.fresh_study import RATIO_PRIOR, SETTINGS, SHRINKAGE, fresh_study
+from tests.pipeline.fresh_study import HEADS, RATIO_PRIOR, SETTINGS, SHRINKAGE, fresh_study
 from tests.pipeline.planted_offset import emulator
 from tests.pipeline.study_files import study_in
 from tests.pipeline.test_never_lost import COARSEST
@@ -190,3 +191,29 @@ def test_its_files_have_no_word_of_it_but_names_of_columns(finished):
     for path in files:
         text = own_words(path.read_text(encoding="utf-8").replace('"degrades"', ""))
         assert WORDS.findall(text) == [], path.name
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("asked", [("predict", "--pressure"), ("control", "--curvature")])
+def test_predictions_need_no_rate_and_show_none(finished, asked, bayesdeg, tmp_path):
+    folder, _ = finished
+    write_trained(tmp_path / "emulator.npz", emulator())
+    command, option = asked
+    given = (command, folder, option, "4", "--emulator", tmp_path / "emulator.npz")
+    code, printed, said = bayesdeg(*given)
+    assert code == 0, said
+    assert WORDS.findall(printed + said) == []
+    code, printed, _ = bayesdeg(*given, "--degradation", "0,5")
+    assert code == 0
+    assert "D_R" in printed
+
+
+@pytest.mark.slow
+def test_a_degraded_specimen_does_not_enter_such_a_run(finished, bayesdeg, tmp_path):
+    folder, _ = finished
+    added = tmp_path / "new.csv"
+    added.write_text(HEADS["actuator.csv"] + "a9,5,40,1.2\n", encoding="utf-8")
+    code, _, said = bayesdeg("update", folder, added, "--out", tmp_path / "updated")
+    assert code == 2
+    assert "emulator_error_degradation" in said
+    assert not (tmp_path / "updated").exists()
