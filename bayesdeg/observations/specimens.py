@@ -223,7 +223,7 @@ def linear_scale(values: Named) -> Floats:
 
     Examples
     --------
-    >>> linear_scale({"volume_ratio": np.array([0.125])}).tolist()
+    >>> linear_scale({"volume_ratio": np.array([0.125])}).round(6).tolist()
     [0.5]
     >>> linear_scale({"stiffness_scatter": np.array([0.1])}).tolist()
     [1.0]
