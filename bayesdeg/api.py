@@ -264,7 +264,8 @@ def predict(
     fit : Calibration
         Of any model.
     pressure, degradation : float or array
-        Of actuators: pressures as read [kPa] and degradation rates [%], every combination.
+        Of actuators: pressures as read [kPa] and degradation rates [%], every combination. Of a
+        study in which nothing degrades the rate is 0 by default.
     hours : float or array
         In place of degradation rates: times in the soil [h], from which the rates follow by the
         moisture of films, with their uncertainty.
@@ -334,7 +335,8 @@ def control(
     fit : Calibration
         Of a study with actuators, or of a forward map of one's own.
     curvature, degradation : float or array
-        Wanted curvatures [1/m] and degradation rates [%], every combination.
+        Wanted curvatures [1/m] and degradation rates [%], every combination; the rates as of
+        `predict`.
     hours : float or array
         In place of degradation rates, as of `predict` [h].
     max_risk : float
@@ -476,8 +478,10 @@ def _levels(
     if degradation is not None and hours is not None:
         raise BayesdegError("give degradation= or hours=, not both")
     times = None if hours is None else _numbers(hours, "hours", "h")
-    rates = None if hours is not None else _numbers(degradation, "degradation", "%", high=100.0)
     experiment = fit.model.experiment
+    if degradation is None and hours is None and not fit.fit.model.degrades:
+        degradation = 0.0
+    rates = None if hours is not None else _numbers(degradation, "degradation", "%", high=100.0)
     return experiment.levels(rates, times, effort=fit.effort, seed=seed, progress=progress)
 
 

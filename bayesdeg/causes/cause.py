@@ -217,6 +217,10 @@ class Cause:
         Causes with a like signature in curvature alone.
     needs : tuple of str
         Columns of actuator.csv without which it cannot be judged.
+    of_degradation : bool
+        Whether it is of degradation or of shrinkage: a study without either has no such cause.
+    corrects : tuple of str
+        Parameters of the model that it takes for misread.
     on_degradation, on_inputs, on_reading : callable, optional
         What it does to the degradation rates, to the inputs of the forward map, to the
         prediction; one that is not given means no effect.
@@ -242,6 +246,8 @@ class Cause:
     revealed_by: str
     confusable_with: tuple[str, ...] = ()
     needs: tuple[str, ...] = ()
+    of_degradation: bool = False
+    corrects: tuple[str, ...] = ()
     on_degradation: Callable[[Degradation, Conditions, Effect], Degradation] | None = None
     on_inputs: Callable[[Inputs, Conditions, Effect], Inputs] | None = None
     on_reading: Callable[[Prediction, Conditions, Effect], Prediction] | None = None

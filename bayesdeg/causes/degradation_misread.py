@@ -63,4 +63,5 @@ CAUSE = Cause(
     confusable_with=("degraded_skin", "erosion", "film_mismatch"),
     on_degradation=misread,
     blind=without_degraded,
+    of_degradation=True,
 )

@@ -59,4 +59,5 @@ CAUSE = Cause(
     confusable_with=("degradation_misread", "erosion", "paper_softening"),
     on_inputs=stiffen_skin,
     blind=without_degraded,
+    of_degradation=True,
 )

@@ -120,4 +120,5 @@ CAUSE = Cause(
     needs=("humidity_pct",),
     on_strength=dry,
     blind=never_dry,
+    of_degradation=True,
 )

@@ -62,4 +62,5 @@ CAUSE = Cause(
     confusable_with=("degradation_misread", "degraded_skin", "paper_softening"),
     on_inputs=thin_walls,
     blind=without_degraded,
+    of_degradation=True,
 )

@@ -60,7 +60,7 @@ CAUSE = Cause(
             0.0,
         ),
     ),
-    mechanism="the cast actuator is stiffer or softer than the films at the same degradation rate",
+    mechanism="the cast actuator is stiffer or softer than the films",
     typical={"log_ratio": 0.12},
     revealed_by="a constant ratio at every pressure and degradation rate; refuted by films cut "
     "from an actuator that agree with cast ones",

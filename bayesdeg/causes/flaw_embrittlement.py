@@ -108,4 +108,5 @@ CAUSE = Cause(
     "only; refuted by actuators at 25 % that reach the pressure which it allows",
     on_strength=embrittle,
     blind=never_flawed,
+    of_degradation=True,
 )

@@ -61,4 +61,5 @@ CAUSE = Cause(
     confusable_with=("degradation_misread", "degraded_skin", "erosion"),
     on_inputs=soften_paper,
     blind=without_degraded,
+    of_degradation=True,
 )

@@ -55,4 +55,6 @@ CAUSE = Cause(
     "show; refuted by the same misfit in the bend angle",
     confusable_with=("film_mismatch", "wall_thickness", "pressure_loss"),
     on_inputs=resize,
+    of_degradation=True,
+    corrects=("volume_ratio",),
 )

@@ -79,4 +79,5 @@ CAUSE = Cause(
     confusable_with=("flaw_embrittlement", "dry_embrittlement"),
     on_strength=at_most_degraded,
     blind=without_degraded,
+    of_degradation=True,
 )

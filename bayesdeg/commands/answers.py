@@ -25,6 +25,7 @@ from bayesdeg.prediction.conditions import MOUNTS, PROMPT, ServiceConditions
 from bayesdeg.prediction.soil import Level
 from bayesdeg.quantities import LARGEST_SEED
 from bayesdeg.records import FileRecord, Names, Scalar, is_absent
+from bayesdeg.report.folder import RunFolder
 from bayesdeg.report.record import RunRecord, VerdictRecord
 from bayesdeg.report.wording import number
 
@@ -42,7 +43,7 @@ MaybeRates = Annotated[
     typer.Option(
         "--degradation",
         help="Degradation rates in percent, known but for --degradation-sd: 10, or 0,10,25, or a "
-        "range 0:25:5 (its end included); may be repeated.",
+        "range 0:25:5 (its end included); may be repeated. Not needed where nothing degrades.",
         metavar="PERCENT",
     ),
 ]
@@ -483,6 +484,8 @@ def levels_of(
 ) -> tuple[Level, ...]:
     """Return the degradation rates that are asked for, given or by hours in the soil.
 
+    Of a study in which nothing degrades it is 0 unless another is given.
+
     Raises
     ------
     typer.BadParameter
@@ -493,14 +496,18 @@ def levels_of(
     if degradation and hours:
         raise typer.BadParameter("give --degradation or --hours, not both")
     if not hours:
-        if not degradation:
+        if not degradation and _degrades(report):
             raise typer.BadParameter("--degradation is missing; give it, or --hours in the soil")
-        rates = numbers(degradation, "--degradation", "%", low=0.0, high=100.0)
+        rates = numbers(degradation or ["0"], "--degradation", "%", low=0.0, high=100.0)
         return forecast.levels_at(degradation=rates, hours=None, soil=None, seed=seed)
     times = numbers(hours, "--hours", "h", low=0.0, high=math.inf)
     return forecast.levels_at(
         degradation=None, hours=times, soil=forecast.soil_of(report), seed=seed
     )
+
+
+def _degrades(report: Path) -> bool:
+    return RunFolder(report).read_run().degrades if report.is_dir() else True
 
 
 def refuse_others(conditions: ServiceConditions, **given: object) -> None:

@@ -76,5 +76,5 @@ def _check_own(study: Study) -> None:
 def _tables(study: Study) -> Iterator[tuple[str, int | None]]:
     for name, table in TABLES.items():
         frame = study.table(name)
-        if frame is not None or table.cost:
+        if frame is not None or table.cost_in(degrades=study.degrades):
             yield table.file, None if frame is None else len(frame)

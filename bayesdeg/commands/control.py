@@ -64,8 +64,8 @@ UNITS = (
     | dict.fromkeys(forecast.PROBABILITY_COLUMNS, "–")
 )
 
+RATE = "D_R\n[%]"
 HEADINGS = (
-    "D_R\n[%]",
     "wanted\n[1/m]",
     "reached",
     "set to\n[kPa]",
@@ -193,14 +193,16 @@ def _settings(
 
 def _show(stored: StoredRun, found: list[Setting]) -> None:
     time = () if found[0].hours is None else ("soil\n[h]",)
-    table = empty_table(stored, (*time, *HEADINGS), f", risk up to {found[0].risk:g}")
+    degrades = stored.run.degrades or any(s.degradation for s in found)
+    rate = (RATE,) if degrades else ()
+    table = empty_table(stored, (*time, *rate, *HEADINGS), f", risk up to {found[0].risk:g}")
     checks = forecast.checks_of(stored)
     for s in found:
         burst, low, high = (chance(float(p), checks, short=True) for p in s.probability)
         allowed = f"{s.allowed.pressure:.0f}"
         table.add_row(
             *(() if s.hours is None else (f"{s.hours:g}",)),
-            f"{s.degradation:.4g}",
+            *((f"{s.degradation:.4g}",) if rate else ()),
             f"{s.wanted:g}",
             "yes" if s.reached else "no",
             f"{s.pressure:.1f}" if np.isfinite(s.pressure) else "–",

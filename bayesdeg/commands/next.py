@@ -58,7 +58,7 @@ def next_experiment(report: RunFolderPath, as_json: AsJson = False, quiet: Quiet
         )
     run, verdict = folder.read_run(), folder.read_verdict()
     proposals = verdict.next_experiments
-    messages = [*_explained(verdict), *_never_told_apart(proposals)]
+    messages = [*_explained(verdict, degrades=run.degrades), *_never_told_apart(proposals)]
     if as_json:
         _give(run, verdict, messages)
         return
@@ -87,11 +87,12 @@ def odds(expected: float | None) -> str:
     return f"{count(ratio) if ratio >= 10.0 else fixed(ratio, 1)} : 1"
 
 
-def _explained(verdict: VerdictRecord) -> Iterator[str]:
+def _explained(verdict: VerdictRecord, *, degrades: bool) -> Iterator[str]:
     """Say why nothing is proposed."""
     if not verdict.next_experiments:
         left_out = verdict.why_left_out(OptionalStage.EXPERIMENTS)
-        yield sentences("answers", "nothing_proposed", v=verdict, left_out=left_out, least=LEAST)
+        facts = {"v": verdict, "left_out": left_out, "least": LEAST, "degrades": degrades}
+        yield sentences("answers", "nothing_proposed", **facts)
 
 
 def _never_told_apart(proposals: Sequence[ExperimentEntry]) -> Iterator[str]:

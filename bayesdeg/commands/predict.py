@@ -127,13 +127,15 @@ def predict(
 def _show(stored: StoredRun, table: pd.DataFrame) -> None:
     kappas = (f"κ {name}\n[1/m]" for name in forecast.BAND_COLUMNS)
     time = ("soil\n[h]",) if forecast.TIME in table else ()
-    headings = (*time, "D_R\n[%]", "pressure\n[kPa]", *kappas, *RUPTURE_HEADINGS)
+    degrades = stored.run.degrades or bool(table["degradation_pct"].any())
+    rate = ("D_R\n[%]",) if degrades else ()
+    headings = (*time, *rate, "pressure\n[kPa]", *kappas, *RUPTURE_HEADINGS)
     shown_table = empty_table(stored, headings)
     checks = forecast.checks_of(stored, forecast.RUPTURE_DRAWS)
     last = None
     for row in table.to_dict("records"):
         place = [f"{row[name]:g}" for name in (forecast.TIME,) if name in row]
-        place.append(f"{row['degradation_pct']:.4g}")
+        place += [f"{row['degradation_pct']:.4g}"] if rate else []
         if last is not None and place != last:
             shown_table.add_section()
         last = place
@@ -150,8 +152,8 @@ def _show(stored: StoredRun, table: pd.DataFrame) -> None:
     console = output()
     console.print(shown_table)
     for row in table[table["why"] != ""].to_dict("records"):
-        where = f"{row['degradation_pct']:.4g} %, {row['pressure_kPa']:g} kPa"
-        console.print(f"{where}: {row['why']}", soft_wrap=True)
+        level = f"{row['degradation_pct']:.4g} %, " if rate else ""
+        console.print(f"{level}{row['pressure_kPa']:g} kPa: {row['why']}", soft_wrap=True)
 
 
 def _of_own(

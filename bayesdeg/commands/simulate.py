@@ -63,6 +63,8 @@ def simulate(
     effects = parse_effects(cause or [])
     truth = drawn_truth(generator) if draw_material else Truth()
     truth = replace(truth, paper_thickness=template.settings.paper_thickness_mm)
+    if not template.degrades:
+        truth = replace(truth, volume_ratio=_volume_ratio(template))
     named = " ".join(f"--cause {text}" for text in cause or [])
     drawn = " --draw-material" if draw_material else ""
     by = "" if backend is Backend.KERNELS else f" --backend {backend}"
@@ -87,6 +89,12 @@ def simulate(
             if not (name == SETTINGS_FILE and study.resolve() == out.resolve()):
                 write_text(out / name, text)
     errors.print(f"wrote a virtual experiment to {out}", soft_wrap=True)
+
+
+def _volume_ratio(template: Study) -> float:
+    """Return that of a part that does not degrade: the median of its prior, 1 without one."""
+    law = template.settings.priors.get("volume_ratio")
+    return 1.0 if law is None else float(law.quantile(0.5))
 
 
 def _refuse_own(template: Study) -> None:

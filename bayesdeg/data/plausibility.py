@@ -403,9 +403,10 @@ def _moduli(films: pd.DataFrame, expected: Expected) -> Iterator[Doubt]:
     prior = np.exp(_prior_at(expected.c1, rates[[middle]])[0][0])
     factor = _factor(log_factor)
     guess = _likely(factor, STRESS_UNITS, NEAR_UNIT_OF_PRIOR)
+    rate = " at this degradation rate" if rates.any() else ""
     problem = (
         f"gives C1 = {c1[middle]:.3g} MPa at small strain; the films are {_times(factor)} "
-        f"what the prior expects ({prior:.3g} MPa at this degradation rate); {guess}"
+        f"what the prior expects ({prior:.3g} MPa{rate}); {guess}"
     )
     remedy = "give MPa; if the stress is right, state the prior of c1_at_… in study.toml"
     name, stress = str(films.index[middle]), float(films["stress"].iloc[middle])
@@ -471,8 +472,9 @@ def _all_elongations(
     beyond = 0.0 if stretched is None else float(np.nanmedian(np.log(values / stretched)))
     log_factor, impossible = _off_prior(np.log(values), rates, expected.elongation)
     if stretched is not None and beyond < -np.log(LEAST_FACTOR):
+        films = "films of that degradation rate" if rates.any() else "films"
         problem = (
-            "is, as the others, far below how far films of that degradation rate were stretched in "
+            f"is, as the others, far below how far {films} were stretched in "
             f"tensile.csv (1/{_short(_factor(-beyond))} of that); likely a fraction or a stretch "
             "in place of percent"
         )

@@ -21,6 +21,8 @@ from bayesdeg.files import STUDY_MB, as_named, read_bytes, reason
 CAUSES = "causes"
 #: So many faults of one kind in one column are told one by one.
 TOLD_ONE_BY_ONE = 5
+#: Statistics that speak of degradation or shrinkage, at whatever rate they hold.
+OF_DEGRADATION = ("volume_ratio", "mass_loss_slope")
 
 
 @dataclass(frozen=True)
@@ -282,6 +284,29 @@ class Study:
         """Return a table by its name, whichever kind of data it is of; None if it is not there."""
         found: pd.DataFrame | None = self.others.get(name, getattr(self, name, None))
         return found
+
+    @property
+    def degrades(self) -> bool:
+        """Whether anything does: a specimen or a mean is degraded, or moisture or α is recorded.
+
+        Where nothing does, the model has no parameter of degradation or shrinkage, and no report
+        speaks of them.
+
+        Examples
+        --------
+        >>> fresh = pd.DataFrame({"degradation_pct": [0.0, 0.0]})
+        >>> Study("silicone", Path("silicone"), tensile=fresh).degrades
+        False
+        >>> Study("gelatin", Path("gelatin"), tensile=fresh, moisture=pd.DataFrame()).degrades
+        True
+        """
+        if self.moisture is not None or self.shrinkage is not None:
+            return True
+        if self.summary is not None and self.summary["quantity"].isin(OF_DEGRADATION).any():
+            return True
+        tables = (self.table(name) for name in (*TABLES, *self.others))
+        found = (table for table in tables if table is not None and "degradation_pct" in table)
+        return any(bool((table["degradation_pct"].abs() > 0.0).any()) for table in found)
 
     @property
     def geometry(self) -> Dimensions:

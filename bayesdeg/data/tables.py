@@ -353,6 +353,10 @@ def words_of(column: pa.Column) -> tuple[str, ...]:
     return tuple(word for words in listed for word in words if isinstance(word, str))
 
 
+AGAINST_DEGRADATION = " against degradation"
+"""Ends a statement that is shorter where nothing degrades."""
+
+
 @dataclass(frozen=True)
 class Table:
     """A file of data.
@@ -370,6 +374,8 @@ class Table:
         Which statements of a report rest on it.
     counts : str
         What stands in its first column, in the plural: of these the report gives the number.
+    of_degradation : bool
+        Whether it is of degradation or shrinkage, and not missed where there is neither.
     """
 
     name: str
@@ -377,6 +383,7 @@ class Table:
     cost: str = ""
     supports: str = ""
     counts: str = "specimens"
+    of_degradation: bool = False
 
     @property
     def file(self) -> str:
@@ -388,6 +395,26 @@ class Table:
         """Columns by their names."""
         found: Mapping[str, pa.Column] = self.schema.columns
         return found
+
+    def cost_in(self, *, degrades: bool) -> str:
+        """Return what a study goes without if it lacks this; empty where nothing is missed.
+
+        Examples
+        --------
+        >>> TABLES["moisture"].cost_in(degrades=False), bool(TABLES["moisture"].cost)
+        ('', True)
+        """
+        return self.cost if degrades or not self.of_degradation else ""
+
+    def supports_in(self, *, degrades: bool) -> str:
+        """Return which statements rest on it.
+
+        Examples
+        --------
+        >>> TABLES["tensile"].supports_in(degrades=False)
+        'Yeoh constants'
+        """
+        return self.supports if degrades else self.supports.removesuffix(AGAINST_DEGRADATION)
 
 
 def _specimens() -> dict[str, pa.Column]:
@@ -497,6 +524,7 @@ TABLES: Mapping[str, Table] = MappingProxyType(
                 "moisture",
                 MOISTURE,
                 cost="degradation rates are taken as recorded, without a check against time",
+                of_degradation=True,
             ),
             Table(
                 "shrinkage",
@@ -504,12 +532,13 @@ TABLES: Mapping[str, Table] = MappingProxyType(
                 cost="the volume ratio α rests on its prior and published statistics",
                 supports="volume ratio α",
                 counts="films",
+                of_degradation=True,
             ),
             Table(
                 "tensile",
                 TENSILE,
                 cost="the Yeoh constants rest on priors and published statistics",
-                supports="Yeoh constants against degradation",
+                supports=f"Yeoh constants{AGAINST_DEGRADATION}",
             ),
             Table(
                 "breaks",

@@ -418,6 +418,12 @@ class JointModel:
         return self.films_and_actuators.largest_pressure
 
     @property
+    def degrades(self) -> bool:
+        """Whether anything of the study does; of a forward map of one's own that is not known."""
+        world = self.world
+        return not isinstance(world, FilmsAndActuators) or world.degrades
+
+    @property
     def has_elongation(self) -> bool:
         """Whether the elongation at break is a part of the model."""
         return any(p.name == "elongation_scatter" for p in self.base)

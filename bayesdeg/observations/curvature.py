@@ -41,7 +41,13 @@ from bayesdeg.observations.noise import (
     sequential,
     specimen_density,
 )
-from bayesdeg.observations.specimens import FilmsAndActuators, Material, shared, stiffness_spread
+from bayesdeg.observations.specimens import (
+    FilmsAndActuators,
+    Material,
+    linear_scale,
+    shared,
+    stiffness_spread,
+)
 from bayesdeg.priors import (
     HalfNormal,
     LogNormal,
@@ -95,6 +101,9 @@ EMULATOR = (
         _ERROR_MEANING.format("with degradation"),
     ),
 )
+
+OF_DEGRADATION = ("volume_ratio", "emulator_error_degradation")
+"""Parameters of actuators that a study without degradation and shrinkage does not have."""
 
 
 def actuator_parameters(largest_pressure: float) -> tuple[Parameter, ...]:
@@ -448,7 +457,7 @@ def believed_degradation(state: State[FilmsAndActuators], data: AtPressures) -> 
     """Return degradation rates and their standard errors [%], each (n, n_specimens)."""
     recorded = Degradation(data.degradation, data.degradation_sd)
     believed = applied("on_degradation", recorded, data.conditions, state.acting())
-    shape = (len(state.values["volume_ratio"]), len(data.specimens))
+    shape = (len(state), len(data.specimens))
     level, sd = (np.broadcast_to(v[..., 0], shape) for v in (believed.value, believed.sd))
     return Degradation(level, sd)
 
@@ -492,7 +501,7 @@ def inputs_met(state: State[FilmsAndActuators], data: AtPressures, deviation: Fl
         c1=c1,
         c2=c2,
         c3=c3,
-        linear_scale=np.cbrt(values["volume_ratio"])[:, None, None],
+        linear_scale=linear_scale(values)[:, None, None],
         paper_stiffness=values["paper_stiffness"][:, None, None],
         paper_thickness=np.full((1, 1, 1), state.world.paper_thickness),
     )
@@ -641,14 +650,19 @@ def common_error(state: State[FilmsAndActuators], data: ActuatorCurves) -> Float
     """Return the emulator's error in its standard errors, (n, n_specimens, n_points).
 
     g = u₀/√3 + u₁ (2 p/p_max − 1) + u₂ (2 D/D_max − 1), of unit variance on average over pressures
-    and degradation rates.
+    and degradation rates; without u₂, g = u₀ √(2/3) + u₁ (2 p/p_max − 1).
     """
+    names = ("emulator_error_level", "emulator_error_pressure", "emulator_error_degradation")
     level, by_pressure, by_degradation = (
-        state.values[f"emulator_error_{name}"][:, None, None]
-        for name in ("level", "pressure", "degradation")
+        state.values[name][:, None, None] if name in state.values else None for name in names
     )
-    rates = 2.0 * data.degradation / max(state.world.nodes[-1], 1.0) - 1.0
+    assert level is not None
+    assert by_pressure is not None
     pressures = 2.0 * data.pressure / state.world.largest_pressure - 1.0
+    if by_degradation is None:
+        alone: Floats = level * np.sqrt(2.0 / 3.0) + by_pressure * pressures
+        return alone
+    rates = 2.0 * data.degradation / max(state.world.nodes[-1], 1.0) - 1.0
     error: Floats = (level / np.sqrt(3.0) + by_degradation * rates) + by_pressure * pressures
     return error
 

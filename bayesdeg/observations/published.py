@@ -30,7 +30,7 @@ from bayesdeg.errors import Fault, StudyError
 from bayesdeg.observations.counts import CountedTests, RuptureCounts
 from bayesdeg.observations.curvature import actuator_parameters
 from bayesdeg.observations.kinds import Observations, Rows, State
-from bayesdeg.observations.specimens import FilmsAndActuators, stiffness_spread
+from bayesdeg.observations.specimens import FilmsAndActuators, linear_scale, stiffness_spread
 from bayesdeg.priors import Parameter
 
 Floats = NDArray[np.float64]
@@ -306,7 +306,7 @@ def asked(state: State[FilmsAndActuators], tests: PublishedTests) -> Asked:
         c1=c1,
         c2=c2,
         c3=c3,
-        linear_scale=np.cbrt(values["volume_ratio"])[:, None, None],
+        linear_scale=linear_scale(values)[:, None, None],
         paper_stiffness=values["paper_stiffness"][:, None, None],
         paper_thickness=np.full((1, 1, 1), state.world.paper_thickness),
     )

@@ -84,36 +84,44 @@ def control_name(quantity: str, nodes: Nodes, k: int) -> str:
     return f"{quantity}_control_{nodes[k]:.3g}".replace(".", "_")
 
 
-def material_parameters(nodes: Nodes) -> tuple[Parameter, ...]:
-    """Return the parameters of the Yeoh constants against D_R: their Bernstein control values."""
+def material_parameters(nodes: Nodes, *, degrades: bool = True) -> tuple[Parameter, ...]:
+    """Return the parameters of the Yeoh constants against D_R: their Bernstein control values.
+
+    Examples
+    --------
+    >>> [p.meaning for p in material_parameters((0.0,), degrades=False)][::2]
+    ['C1', 'C3']
+    """
     parameters = []
     for k, node in enumerate(nodes):
         at_end = k in (0, len(nodes) - 1)
         place = f"at a degradation rate of {node:.3g} %"
-        where = place if at_end else f"control value {place}, between the ends"
+        where = f", {place}" if at_end else f", control value {place}, between the ends"
+        where = where if degrades else ""
         ratio = _RATIO_AT_ENDS if at_end else _RATIO_BETWEEN
         parameters += [
-            Parameter(control_name("c1", nodes, k), _nearest(_C1, node), "MPa", f"C1, {where}"),
+            Parameter(control_name("c1", nodes, k), _nearest(_C1, node), "MPa", f"C1{where}"),
             Parameter(
                 control_name("c2_ratio", nodes, k),
                 ratio,
                 "–",
-                f"C2/sqrt(3 C1 C3), {where}; above −1 the material is stable",
+                f"C2/sqrt(3 C1 C3){where}; above −1 the material is stable",
             ),
-            Parameter(control_name("c3", nodes, k), _nearest(_C3, node), "MPa", f"C3, {where}"),
+            Parameter(control_name("c3", nodes, k), _nearest(_C3, node), "MPa", f"C3{where}"),
         ]
     return tuple(parameters)
 
 
-def elongation_parameters(nodes: Nodes) -> tuple[Parameter, ...]:
+def elongation_parameters(nodes: Nodes, *, degrades: bool = True) -> tuple[Parameter, ...]:
     """Return the parameters of the elongation at break against D_R."""
+    where = " at a degradation rate of {:g} %" if degrades else ""
     return (
         *(
             Parameter(
                 node_name("elongation", node),
                 _nearest(_ELONGATION, node),
                 "%",
-                f"median elongation at break at a degradation rate of {node:g} %",
+                f"median elongation at break{where.format(node)}",
             )
             for node in nodes
         ),
@@ -208,6 +216,24 @@ def shared(degradation: Floats) -> Floats:
     return degradation[0] if one else degradation
 
 
+def linear_scale(values: Named) -> Floats:
+    """Return the length of the part over that of its mould, (n,).
+
+    It is α^(1/3), and exactly 1 where α is no parameter: nothing then says that the part shrank.
+
+    Examples
+    --------
+    >>> linear_scale({"volume_ratio": np.array([0.125])}).round(6).tolist()
+    [0.5]
+    >>> linear_scale({"stiffness_scatter": np.array([0.1])}).tolist()
+    [1.0]
+    """
+    if "volume_ratio" not in values:
+        return np.ones(len(values["stiffness_scatter"]))
+    scale: Floats = np.cbrt(values["volume_ratio"])
+    return scale
+
+
 def elongation_at(values: Named, degradation: Floats, nodes: Nodes) -> Floats:
     """Return the median elongation at break [%] at degradation rates (S,) or (n, S), (n, S)."""
     log_values = np.log(np.stack([values[node_name("elongation", n)] for n in nodes], axis=-1))
@@ -264,6 +290,8 @@ class FilmsAndActuators:
     size_ratio : float
         Volume of the actuator as moulded over that of a film that is stretched, for the weakest
         link [–].
+    degrades : bool
+        Whether anything of the study does, see `bayesdeg.data.study.Study.degrades`.
     """
 
     nodes: Nodes
@@ -273,6 +301,7 @@ class FilmsAndActuators:
     largest_pressure: float = 240.0
     criterion: RuptureCriterion = "principal_stretch"
     size_ratio: float = 1.0
+    degrades: bool = True
 
     @property
     def is_limited(self) -> bool:

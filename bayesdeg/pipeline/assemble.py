@@ -166,6 +166,7 @@ def assemble(study: Study, forward: ForwardMap | None = None) -> Assembly:
         largest_pressure=plan.largest,
         criterion=study.settings.rupture_criterion,
         size_ratio=geometry.volume / study.settings.film_volume_mm3,
+        degrades=plan.degrades,
     )
     model = JointModel(plan.base, plan.observations, world)
     return Assembly(

@@ -57,13 +57,14 @@ def explain(judgement: Judgement, where: str) -> str:
     """
     misfit, decision = judgement.misfit, judgement.decision
     count = len(misfit.null)
-    counted = judgement.counted
+    counted, degrades = judgement.counted, judgement.search.base.subject.degrades
     contradicted = counted is not None and counted.misfit.contradicts
     said = sentences(
         "verdict",
         "explanation",
         j=judgement,
-        counts=worded(counted) if contradicted else "",
+        degrades=degrades,
+        counts=worded(counted, degrades=degrades) if contradicted else "",
         by_counts_alone=contradicted and _agrees_otherwise(judgement),
         where=where,
         outcome=str(decision.outcome),
@@ -71,7 +72,7 @@ def explain(judgement: Judgement, where: str) -> str:
         causes=[_named(judgement, name) for name in decision.causes],
         named_or=" or ".join(decision.causes),
         favoured=" and ".join(one.cause for one in judgement.supported),
-        reasons="; ".join(map(worded, decision.reasons)),
+        reasons="; ".join(worded(one, degrades=degrades) for one in decision.reasons),
         uncalibrated="" if misfit.is_calibrated else worded(uncalibrated(misfit)),
         count=count,
         larger=round(misfit.p_value * (count + 1) - 1) if np.isfinite(misfit.p_value) else 0,

@@ -136,9 +136,11 @@ def _examined(
     progress: Progress,
     guard: Guard,
 ) -> Films:
-    progress.stage("course of degradation")
+    if study.moisture is not None:
+        progress.stage("course of degradation")
     fit = guard.attempt(OptionalStage.COURSE, _course, study, effort=effort, seed=seed)
-    progress.stage("order of the polynomials of the degradation rate")
+    if study.degrades:
+        progress.stage("order of the polynomials of the degradation rate")
     orders = guard.attempt(OptionalStage.ORDERS, begun)
     return Films(fit, orders, _stated(study))
 

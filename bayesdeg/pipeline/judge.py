@@ -678,7 +678,7 @@ def _next(
         untested=untested,
         executor=search.executor,
     )
-    return next_experiments_document(ranked, worded)
+    return next_experiments_document(ranked, partial(worded, degrades=base.subject.degrades))
 
 
 def _beside_the_law(
@@ -687,7 +687,7 @@ def _beside_the_law(
     """Rank what would show causes that read like another form of the law in the tests so far."""
     trials = [try_causes(base, c, neutral_sizes(c), generator) for c in catalogue.alike]
     ranked = rank([base, *trials], candidate_experiments(base.subject), generator)
-    return next_experiments_document(ranked, worded)
+    return next_experiments_document(ranked, partial(worded, degrades=base.subject.degrades))
 
 
 def _unjudged(catalogue: Catalogue | Assembly) -> list[Candidate]:

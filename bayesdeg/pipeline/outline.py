@@ -20,7 +20,7 @@ from bayesdeg.errors import BayesdegError, Fault, StudyError
 from bayesdeg.material.degradation import Nodes, nodes_for
 from bayesdeg.observations.catalogue import TABLES, observations_of, of_kind
 from bayesdeg.observations.counts import RuptureCounts
-from bayesdeg.observations.curvature import Curvature
+from bayesdeg.observations.curvature import OF_DEGRADATION, Curvature
 from bayesdeg.observations.kinds import Observations
 from bayesdeg.observations.means import Means, Statistic
 from bayesdeg.observations.published import published_counts
@@ -54,6 +54,8 @@ class Outline:
         Largest pressure that was applied [kPa].
     candidates, unjudged, missing, alike, counts, of_counts
         As in `bayesdeg.pipeline.assemble.Assembly`.
+    degrades : bool
+        Whether anything of the study does.
     """
 
     base: tuple[Parameter, ...]
@@ -67,6 +69,7 @@ class Outline:
     alike: tuple[Cause, ...]
     counts: RuptureCounts | None = None
     of_counts: tuple[Cause, ...] = ()
+    degrades: bool = True
 
     @property
     def needs_forward(self) -> bool:
@@ -134,10 +137,12 @@ def outline(study: Study, *, emulated: bool = True) -> Outline:
     nodes = nodes_for(_levels(one.material_levels for one in found) or [0.0], study.settings.order)
     elongation_levels = _levels(one.elongation_levels for one in found)
     elongation_nodes = nodes_for(elongation_levels) if elongation_levels else ()
-    base = [*material_parameters(nodes), STIFFNESS_SCATTER]
+    degrades = study.degrades
+    base = [*material_parameters(nodes, degrades=degrades), STIFFNESS_SCATTER]
     base += {p.name: p for one in found for p in one.parameters}.values()
-    base += elongation_parameters(elongation_nodes) if elongation_nodes else ()
+    base += elongation_parameters(elongation_nodes, degrades=degrades) if elongation_nodes else ()
     base += [p for one in found for p in one.error_parameters if emulated]
+    base = [p for p in base if p.name not in _without(study)]
     candidates, unjudged, alike = _candidates(study, found, limited=bool(elongation_nodes))
     counts = published_counts(study)
     of_counts = _of_counts(study, counts)
@@ -156,7 +161,30 @@ def outline(study: Study, *, emulated: bool = True) -> Outline:
         alike=alike,
         counts=counts,
         of_counts=of_counts,
+        degrades=degrades,
     )
+
+
+def _without(study: Study) -> frozenset[str]:
+    """Return the parameters that have no meaning in a study: a prior that it states gives them one.
+
+    Where nothing degrades or shrank the part has the size of its mould.
+    """
+    return frozenset() if study.degrades else frozenset(OF_DEGRADATION) - {*study.settings.priors}
+
+
+def _asked(study: Study) -> list[Cause]:
+    """Return the causes that a study wants judged: by default all that have a meaning in it."""
+    wanted = study.settings.candidates
+    if wanted is not None:
+        return [find(name) for name in wanted]
+    meant = study.degrades
+    stated = study.settings.priors.keys()
+    return [
+        cause
+        for cause in CATALOGUE.values()
+        if meant or not cause.of_degradation or stated & {*cause.corrects}
+    ]
 
 
 def _of_counts(study: Study, counts: RuptureCounts | None) -> tuple[Cause, ...]:
@@ -166,11 +194,9 @@ def _of_counts(study: Study, counts: RuptureCounts | None) -> tuple[Cause, ...]:
     """
     if counts is None:
         return ()
-    wanted = study.settings.candidates
-    causes = CATALOGUE.values() if wanted is None else [find(name) for name in wanted]
     return tuple(
         replace(cause, parameters=stated_priors(cause, study))
-        for cause in causes
+        for cause in _asked(study)
         if cause.is_of_rupture_alone
         and (cause.needs or cause.blind(counts.tests.conditions) is None)
     )
@@ -198,12 +224,10 @@ def _candidates(
     """
     actuators, films = of_kind(found, Curvature), of_kind(found, Tensile)
     alone = () if any(one.uses_forward for one in found) else films
-    wanted = study.settings.candidates
-    causes = CATALOGUE.values() if wanted is None else [find(name) for name in wanted]
     judged: list[Cause] = []
     alike: list[Cause] = []
     unjudged: dict[str, str] = {}
-    for cause in causes:
+    for cause in _asked(study):
         on_films = "tensile" in cause.acts_on
         blind = [cause.blind_on_films(one.curves.conditions) for one in alone if on_films]
         indistinct = next(iter(blind), None)
@@ -272,7 +296,7 @@ def _missing(study: Study) -> tuple[tuple[str, str], ...]:
     absent = (
         (table.file, table.cost)
         for table in TABLES.values()
-        if table.cost and study.table(table.name) is None
+        if table.cost_in(degrades=study.degrades) and study.table(table.name) is None
     )
     return (*passed_over(study), *absent)
 

@@ -222,12 +222,13 @@ def _ruptures(found: RuptureMisfit | None) -> RuptureEntry | None:
 def _rupture_counts(judgement: Judgement) -> tuple[RuptureCountsEntry, ...]:
     """Return what was made of counts of ruptures, published ones first."""
     counted, own = judgement.counted, judgement.own_counts
-    found = () if counted is None else (_with_causes(counted),)
-    return (*found, *(() if own is None else (counts_entry(own),)))
+    degrades = judgement.search.base.subject.degrades
+    found = () if counted is None else (_with_causes(counted, degrades=degrades),)
+    return (*found, *(() if own is None else (counts_entry(own, degrades=degrades),)))
 
 
-def _with_causes(counted: Counted) -> RuptureCountsEntry:
-    said = worded(counted if counted.misfit.contradicts else counted.misfit)
+def _with_causes(counted: Counted, *, degrades: bool) -> RuptureCountsEntry:
+    said = worded(counted if counted.misfit.contradicts else counted.misfit, degrades=degrades)
     return counts_entry(counted.misfit).model_copy(
         update={
             "explained_by": counted.explained_by,
@@ -245,8 +246,16 @@ def _with_causes(counted: Counted) -> RuptureCountsEntry:
     )
 
 
-def counts_entry(found: CountMisfit) -> RuptureCountsEntry:
-    """Return what ``verdict.json`` says of counts: no probability below one in all draws."""
+def counts_entry(found: CountMisfit, *, degrades: bool = True) -> RuptureCountsEntry:
+    """Return what ``verdict.json`` says of counts: no probability below one in all draws.
+
+    Parameters
+    ----------
+    found : CountMisfit
+        Counts beside what the model expects.
+    degrades : bool
+        Whether anything of the study does.
+    """
     least = 1.0 / max(found.draws, 1)
     return RuptureCountsEntry(
         source=found.source,
@@ -255,7 +264,7 @@ def counts_entry(found: CountMisfit) -> RuptureCountsEntry:
         p_value=found.p_value,
         draws=found.draws,
         contradicted=found.contradicts,
-        sentence=worded(found)
+        sentence=worded(found, degrades=degrades)
         if found.levels
         else sentences("findings", "counts_not_judged", one=found),
     )
@@ -385,7 +394,9 @@ def verdict_of(results: Results, residual: Floats | None, note: str, guard: Guar
         unjudged = tried | unjudged
     shown = bool(results.base.model.statistics)
     document = unjudged_document(unjudged, note, failed, published=shown)
-    counted = () if results.counts is None else (counts_entry(results.counts),)
+    counted: tuple[RuptureCountsEntry, ...] = ()
+    if results.counts is not None:
+        counted = (counts_entry(results.counts, degrades=results.base.model.degrades),)
     return document.model_copy(update={"rupture_counts": counted})
 
 
@@ -401,7 +412,8 @@ def _verdict(
         judgement.steps[0].simulated,
         judgement.misfit.statistic,
     )
-    place = "" if departure is None else worded(departure, most=found)
+    degrades = results.base.model.degrades
+    place = "" if departure is None else worded(departure, most=found, degrades=degrades)
     said = guard.attempt(OptionalStage.EXPLANATION, explain, judgement, place)
     missing = " ".join(guard.why(stage) for stage in OF_VERDICT)
     return verdict_document(
@@ -582,7 +594,8 @@ def bases(study: Study, model: JointModel) -> Iterator[Basis]:
         frame = study.table(name)
         if frame is not None and table.supports:
             count = int(frame[next(iter(table.columns))].nunique())
-            yield Basis(table.file, table.supports, count, table.counts, virtual)
+            said = table.supports_in(degrades=study.degrades)
+            yield Basis(table.file, said, count, table.counts, virtual)
     if study.summary is not None:
         used = {s.quantity for s in model.statistics if not s.source.startswith("shrinkage.csv")}
         used |= set() if model.published is None else {"r_squared"}
@@ -672,6 +685,7 @@ def run_document(
         study=study.name,
         created=datetime.now(UTC).isoformat(timespec="seconds"),
         virtual=settings.virtual,
+        degrades=own is not None or study.degrades,
         note=settings.note,
         seed=settings.seed,
         effort=settings.effort,

@@ -32,11 +32,11 @@ def summary(judgement: Judgement) -> dict[str, Any]:
     """
     search = judgement.search
     base, final = (step.misfit for step in judgement.steps)
-    parameters = search.base.subject.table.parameters
+    parameters, degrades = search.base.subject.table.parameters, search.base.subject.degrades
     return {
         "outcome": str(judgement.decision.outcome),
         "causes": list(judgement.decision.causes),
-        "reasons": [worded(reason) for reason in judgement.decision.reasons],
+        "reasons": [worded(reason, degrades=degrades) for reason in judgement.decision.reasons],
         "favoured": sorted(judgement.chosen),
         "threshold": judgement.threshold,
         "misfit": _misfit(base),

@@ -514,7 +514,8 @@ def _update(
         _finish(of, folder, after, results, (found, entry, unlikely), guard, begun)
     left_out = (f"{one.stage}: {one.why}" for one in guard.left_out)
     moved = _moved(taken[POSTERIOR])
-    return UpdatedRun(target, entry, moved, (*doubted, *_said(entry), *left_out))
+    said = _said(entry, degrades=of.run.degrades)
+    return UpdatedRun(target, entry, moved, (*doubted, *said, *left_out))
 
 
 def _results(
@@ -629,8 +630,8 @@ def _not_averaged(run: RunRecord) -> tuple[MemberEntry, ...]:
     return averaged or (() if run.update is None else run.update.not_averaged)
 
 
-def _said(entry: UpdateEntry) -> tuple[str, ...]:
-    return (sentences("run", "updated", update=entry),)
+def _said(entry: UpdateEntry, *, degrades: bool) -> tuple[str, ...]:
+    return (sentences("run", "updated", update=entry, degrades=degrades),)
 
 
 def _finish(

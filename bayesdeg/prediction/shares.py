@@ -318,8 +318,8 @@ def _inputs(model: JointModel, values: Named, generator: np.random.Generator) ->
     count = len(values[names[0]])
     scores = np.column_stack([_scores(values[name]) for name in names])
     own = generator.standard_normal((count, 2))
-    size = len(names)
-    correlation = np.eye(size + 2)
+    size, drawn = len(names), own if model.degrades else own[:, :1]
+    correlation = np.eye(size + drawn.shape[1])
     correlation[:size, :size] = scores.T @ scores / count  # scores have mean 0 and variance 1
     np.fill_diagonal(correlation, 1.0)  # also of a parameter that is known exactly
     groups, first = {}, 0
@@ -327,9 +327,10 @@ def _inputs(model: JointModel, values: Named, generator: np.random.Generator) ->
         groups[source] = np.arange(first, first + len(group))
         first += len(group)
     groups[SCATTER] = np.append(groups[SCATTER], size)
-    groups[DEGRADATION] = np.array([size + 1])
+    if model.degrades:
+        groups[DEGRADATION] = np.array([size + 1])
     ordered = {source: groups[source] for source in SOURCES if source in groups}
-    return _Inputs(np.column_stack([scores, own]), ordered, correlation, own)
+    return _Inputs(np.column_stack([scores, drawn]), ordered, correlation, own)
 
 
 def _scores(draws: Floats) -> Floats:
@@ -348,7 +349,7 @@ def _members(model: JointModel) -> dict[str, list[str]]:
         MATERIAL: [n for n in names if n.startswith(("c1_", "c2_ratio_", "c3_"))],
         SCATTER: ["stiffness_scatter"],
         PAPER: ["paper_stiffness"],
-        SCALE: ["volume_ratio"],
+        SCALE: [n for n in names if n == "volume_ratio"],
         CAUSES: [one.qualified(p.name) for one in acting for p in one.parameters],
         EMULATOR: [n for n in names if n.startswith("emulator_error_")],
         READING: ["curvature_noise", "curvature_noise_floor"],

@@ -2,7 +2,7 @@
 
 import io
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -15,11 +15,12 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.typing import RcKeyType
 
+from bayesdeg.quantities import axis_label
 from bayesdeg.report.record import RunRecord, VerdictRecord
 from bayesdeg.report.summaries import BASE, FINAL
 from bayesdeg.report.surface import Surface
 from bayesdeg.report.tables import TABLES, Tables
-from bayesdeg.report.wording import filled
+from bayesdeg.report.wording import filled, level_words
 
 VIRTUAL = "virtual experiment"
 
@@ -156,8 +157,8 @@ class PageFigure:
     draw : callable
         Draws it; None where the run has no data for it.
     caption : str
-        What is drawn: a template of the sketch's facts. Those who cannot see the figure are told
-        the same.
+        What is drawn: a template of the sketch's facts and of ``degrades``, whether anything of
+        the study does. Those who cannot see the figure are told the same.
     tables : tuple of str
         Names of the tables that are drawn.
     half : bool
@@ -179,12 +180,26 @@ class PageFigure:
         sketch = self.draw(shown)
         if sketch is None:
             return None
-        caption = filled(self.caption, **sketch.facts)
+        caption = filled(self.caption, degrades=shown.run.degrades, **sketch.facts)
         virtual = shown.run.virtual
         svg = inline_svg(sketch.figure, self.name, description=caption, virtual=virtual)
         there = (name for name in self.tables if shown.tables[name] is not None)
         files = tuple(TABLES[name].file for name in there)
         return Drawing(self.name, svg, caption, self.half, files, self.section, self.title)
+
+
+def rate_title(rate: float, *, degrades: bool) -> str:
+    """Return what stands over a panel of one degradation rate: nothing where none degrades."""
+    return f"{level_words(rate)} degradation" if degrades else ""
+
+
+def label_rates(figure: Figure, every_axes: Sequence[Axes], *, degrades: bool) -> None:
+    """Label horizontal axes of degradation rates; where none degrades, all is at one place."""
+    if degrades:
+        figure.supxlabel(axis_label("degradation_pct"), fontsize=8.0)
+        return
+    for axes in every_axes:
+        axes.set_xticks([])
 
 
 def level_colour(index: int, levels: int) -> str:

@@ -158,7 +158,7 @@ def content_of(shown: Shown, guard: Guard | None = None) -> Content:
         gain_modes=sorted(rows_of(tables["gain_modes"]), key=lambda row: str(row["mode"])),
         decisions=decision_pairs(tables["decisions"]),
         criteria=by_criterion(tables["criteria"]),
-        criteria_influence=influence_of_criteria(tables["criteria"]),
+        criteria_influence=influence_of_criteria(tables["criteria"], degrades=shown.run.degrades),
         lookalikes=lookalikes(verdict),
         sized=[c for c in map(verdict.candidate, verdict.causes) if c is not None and c.effect],
         meanings=defaultdict(str, meanings_of(tables["parameters"])),
@@ -175,7 +175,7 @@ def _updated(run: RunRecord) -> str:
     """Say which readings entered after the run; nothing if none did."""
     if run.update is None:
         return ""
-    return wording.sentences("run", "updated", update=run.update)
+    return wording.sentences("run", "updated", update=run.update, degrades=run.degrades)
 
 
 def _before_update(run: RunRecord) -> frozenset[str]:

@@ -460,6 +460,12 @@ class RunRecord(FileRecord):
     study: Text = ""
     created: Text = Field(default="", description="date and time, ISO 8601")
     virtual: bool = Field(default=False, strict=True)
+    degrades: bool = Field(
+        default=True,
+        strict=True,
+        exclude_if=bool,
+        description="false where nothing of the study does, and the report does not speak of it",
+    )
     note: Text = ""
     seed: Scalar = None
     effort: Text = ""

@@ -211,7 +211,7 @@ def by_criterion(criteria: pd.DataFrame | None) -> list[Row]:
     return rows_of(pd.DataFrame(rows))
 
 
-def influence_of_criteria(criteria: pd.DataFrame | None) -> str:
+def influence_of_criteria(criteria: pd.DataFrame | None, *, degrades: bool = True) -> str:
     """Return the largest difference between criteria in a probability of rupture; empty if none.
 
     Examples
@@ -231,7 +231,8 @@ def influence_of_criteria(criteria: pd.DataFrame | None) -> str:
     place = int(np.argmax(spread))
     level, pressure = ends.index[place]
     low, high = (number(float(ends[name].iloc[place])) for name in ("min", "max"))
-    return f"from {low} to {high} at {level:g} % and {pressure:g} kPa"
+    rate = f"{level:g} % and " if degrades else ""
+    return f"from {low} to {high} at {rate}{pressure:g} kPa"
 
 
 def decision_pairs(decisions: pd.DataFrame | None) -> list[DecisionPair]:

@@ -358,9 +358,10 @@ def sentences(template: str, part: str, **facts: object) -> str:
     part : str
         A macro of it without arguments.
     **facts
-        What it speaks of: seen by all macros of the file.
+        What it speaks of: seen by all macros of the file. So is ``degrades``, whether anything of
+        the study does, which is true by default.
     """
-    module = _plain().get_template(f"{template}.j2").make_module(facts)
+    module = _plain().get_template(f"{template}.j2").make_module({"degrades": True} | facts)
     return _joined(str(getattr(module, part)()))
 
 

@@ -1,5 +1,6 @@
 """Statistics with a physical reading: calibrated, and each finds the effect it is named after."""
 
+import re
 from dataclasses import replace
 from functools import cache
 
@@ -91,6 +92,7 @@ class Read:
     def __init__(self, subject, observed):
         self.subject = getattr(subject, "subject", subject)
         self.places, self.observed = subject.places, observed
+        self.degrades = self.subject.degrades
 
 
 def reading(linear, readings):
@@ -135,6 +137,18 @@ def test_every_statistic_of_a_study_has_its_unit():
     assert all(
         np.isfinite([s.value, s.low, s.high, s.p_value]).all() for s in table if s.name in NAMES
     )
+
+
+def test_no_statistic_speaks_of_degradation_where_nothing_degrades():
+    linear = rich()
+    model = linear.subject
+    fresh = replace(linear, subject=model.with_world(degrades=False))
+    found = {one.name: one for one in statistics_of(fresh)}
+    kept = set(NAMES) - {"trend of the residual with degradation"}
+    assert set(found) & set(NAMES) == kept
+    said = " ".join(f"{s.name} {s.more} {s.less} {s.why}" for s in found.values())
+    assert not re.search("degrad|misread rate", said)
+    assert "degrad" in " ".join(s.more for s in statistics_of(linear))
 
 
 @pytest.fixture(scope="module")

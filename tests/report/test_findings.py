@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.criticism.checks.count_misfit import CountedLevel, CountMisfit
 from bayesdeg.criticism.checks.residuals import (
     Concentration,
@@ -445,15 +446,33 @@ def test_every_macro_of_a_record_is_rendered():
     rendered = {re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower() for name in classes}
     module = environment().get_template("findings.j2").make_module({"one": None, "most": None})
     helpers = {"few", "mostly", "place", "off", "figures", "new", "burst_of", "counts_in"}
-    macros = {name for name in vars(module) if not name.startswith("_")} - {
-        "mounts",
-        "parts",
-        "uncatalogued",
-    }
+    helpers |= {"those", "uncatalogued"}
+    macros = {name for name in vars(module) if not name.startswith("_")} - {"mounts", "parts"}
     assert macros - helpers == rendered | set(NOTES)
     module = environment().get_template("answers.j2").make_module({})
     macros = {name for name in vars(module) if not name.startswith("_")}
     assert macros - {"beyond", "allowed", "when"} == {part for part, _ in ANSWERS.values()}
+
+
+def as_made(record):
+    """The record as it would be of a study in which nothing degrades; None if there is none."""
+    if isinstance(record, CourseSummary | CommonError | OrderComparison | PriorSensitivity):
+        return None
+    if isinstance(record, ExperimentPlan):
+        made = replace(record, levels=(0.0,) * len(record.levels))
+        return None if record.kind == "weighed piece" else made
+    return record
+
+
+@pytest.mark.parametrize("name", RECORDS)
+def test_no_finding_speaks_of_degradation_where_nothing_degrades(name):
+    record, most = RECORDS[name] if isinstance(RECORDS[name], tuple) else (RECORDS[name], None)
+    if (made := as_made(record)) is None:
+        return
+    said = worded(made, most=most, degrades=False)
+    told = re.sub("|".join(c.name for c in CATALOGUE.values() if c.of_degradation), "", said)
+    assert not re.search(r"degrad|fresh|moisture|shrink| at \d+ %", told)
+    assert not re.search(r"nan|None|\{|  | [.,;]|\.\.", said)
 
 
 @pytest.mark.parametrize(

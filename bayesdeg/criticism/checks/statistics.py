@@ -110,7 +110,7 @@ def actuator_statistics(linear: Linear) -> tuple[ResidualStatistic, ...]:
         _slopes(bench),
         _hysteresis(bench),
         _time(bench),
-        _degradation(bench),
+        *([_degradation(bench)] if linear.subject.degrades else []),
         _scatter(bench),
         _angle(bench),
         _cycles(bench),
@@ -223,18 +223,26 @@ def _degradation(bench: Bench) -> ResidualStatistic:
 
 
 def _scatter(bench: Bench) -> ResidualStatistic:
+    one_rate, misread, at_one_rate = _of_one_rate(bench.linear)
     return ResidualStatistic(
         "variance between specimens, over the model's",
         "–",
-        "specimens of one degradation rate differ more than the model allows: as with uneven walls "
-        "or misread degradation rates",
-        "specimens of one degradation rate differ less than the model allows: its scatter of "
-        "stiffness is too large for them",
+        f"specimens{one_rate} differ more than the model allows: as with uneven walls{misread}",
+        f"specimens{one_rate} differ less than the model allows: its scatter of stiffness is too "
+        "large for them",
         between_specimens(bench.linear, bench.size, alike=bench.histories[:, 2]),
-        "needs several actuators at one degradation rate",
+        f"needs several actuators{at_one_rate}",
         neutral=1.0,
         squares=True,
     )
+
+
+def _of_one_rate(linear: Linear) -> tuple[str, str, str]:
+    """Return what is said of specimens that are alike: nothing where none degrades."""
+    if not linear.subject.degrades:
+        return "", "", ""
+    rate = "one degradation rate"
+    return f" of {rate}", " or misread degradation rates", f" at {rate}"
 
 
 def _angle(bench: Bench) -> ResidualStatistic:
@@ -370,15 +378,16 @@ def _of_mean_one(size: Floats, rows: NDArray[np.bool_]) -> Floats:
 
 
 def _scatter_of_films(linear: Linear, size: Floats) -> ResidualStatistic:
+    one_rate, misread, at_one_rate = _of_one_rate(linear)
+    also = misread.replace(" misread", "")
     return ResidualStatistic(
         "variance between films, over the model's",
         "–",
-        "films of one degradation rate differ more than the model allows: as with misread "
-        "thickness or degradation rates",
-        "films of one degradation rate differ less than the model allows: its scatter of "
-        "stiffness is too large for them",
+        f"films{one_rate} differ more than the model allows: as with misread thickness{also}",
+        f"films{one_rate} differ less than the model allows: its scatter of stiffness is too large "
+        "for them",
         between_specimens(linear, size, alike=linear.subject.places.history),
-        "needs several films at one degradation rate",
+        f"needs several films{at_one_rate}",
         neutral=1.0,
         squares=True,
     )

@@ -25,6 +25,7 @@ from bayesdeg.inference.model import JointModel
 from bayesdeg.material.degradation import young_modulus
 from bayesdeg.material.hyperelastic import yeoh_basis
 from bayesdeg.observations.curvature import ActuatorCurves, Curvature
+from bayesdeg.observations.specimens import linear_scale
 from bayesdeg.observations.tensile import Tensile, TensileCurves
 from bayesdeg.priors import Named
 
@@ -317,7 +318,7 @@ class PartMeasurements:
         return self._whole(values, self.quantity.variance(self._part(model, values)))
 
     def _whole(self, values: Named, readings: Floats) -> Floats:
-        return np.broadcast_to(readings, (len(values["volume_ratio"]), *self.pressure.shape))
+        return np.broadcast_to(readings, (len(values["stiffness_scatter"]), *self.pressure.shape))
 
     def _part(self, model: JointModel, values: Named) -> Part:
         conditions = Conditions(self.pressure, self.degradation)
@@ -332,7 +333,7 @@ class PartMeasurements:
             c1=c1,
             c2=c2,
             c3=c3,
-            linear_scale=np.cbrt(values["volume_ratio"])[:, None, None],
+            linear_scale=linear_scale(values)[:, None, None],
             paper_stiffness=values["paper_stiffness"][:, None, None],
         )
         # what is a response of the material to the load is no property of the part

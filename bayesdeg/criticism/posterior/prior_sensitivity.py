@@ -118,14 +118,13 @@ def conclusions(model: JointModel, values: Named) -> dict[str, Floats]:
     found: dict[str, Floats] = {}
     if isinstance(model.world, FilmsAndActuators):
         c1 = model.constants(values, _ends(model.nodes))[..., 0]
-        found = _against_degradation("C1", c1, model.nodes)
+        found = _against_degradation("C1", c1, model.nodes, degrades=model.degrades)
     named = {"volume_ratio": "volume ratio", "paper_stiffness": "paper stiffness"}
     found |= {words: values[name] for name, words in named.items() if name in values}
     if "elongation_scatter" in values:
         nodes = model.elongation_nodes
-        found |= _against_degradation(
-            "elongation limit", model.elongation(values, _ends(nodes)), nodes
-        )
+        limit = model.elongation(values, _ends(nodes))
+        found |= _against_degradation("elongation limit", limit, nodes, degrades=model.degrades)
     for cause in model.causes:
         for parameter in cause.parameters:
             words = f"{cause.name.replace('_', ' ')}: {parameter.name.replace('_', ' ')}"
@@ -137,7 +136,11 @@ def _ends(nodes: tuple[float, ...]) -> Floats:
     return np.unique([0.0, max(nodes)])
 
 
-def _against_degradation(name: str, draws: Floats, nodes: tuple[float, ...]) -> dict[str, Floats]:
+def _against_degradation(
+    name: str, draws: Floats, nodes: tuple[float, ...], *, degrades: bool
+) -> dict[str, Floats]:
+    if not degrades:
+        return {name: draws[:, 0]}
     return {f"{name} at {end:.3g} %": draws[:, i] for i, end in enumerate(_ends(nodes))}
 
 

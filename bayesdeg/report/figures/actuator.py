@@ -16,6 +16,7 @@ from bayesdeg.report.drawing import (
     PageFigure,
     Shown,
     Sketch,
+    rate_title,
     styled,
 )
 from bayesdeg.report.surface import (
@@ -27,7 +28,6 @@ from bayesdeg.report.surface import (
     segments_of,
     sharp_edges,
 )
-from bayesdeg.report.wording import level_words
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -49,7 +49,7 @@ _ACROSS = np.array([1.0, -1.0, 1.0])  # what mirrors a point at the plane of sym
 
 
 @styled
-def deformed_figure(surface: Surface) -> Figure:
+def deformed_figure(surface: Surface, *, degrades: bool = True) -> Figure:
     """Draw solved actuators at true size, coloured by their largest principal stretch.
 
     Above, the cut through the plane of symmetry, with the chambers, and its outline before
@@ -60,6 +60,8 @@ def deformed_figure(surface: Surface) -> Figure:
     ----------
     surface : Surface
         With at least one shape; each has a column.
+    degrades : bool
+        Whether anything of the study does, so that columns say of which rate they are.
 
     Returns
     -------
@@ -72,9 +74,8 @@ def deformed_figure(surface: Surface) -> Figure:
     boxes = _box([_in_plane(c) for c in cuts]), _box([_projected(w)[..., :2] for w in wholes])
     figure, rows = _panels(len(surface.shapes), boxes)
     for i, shape in enumerate(surface.shapes):
-        rows[0][i].set_title(
-            f"{level_words(shape.degradation)} degradation, {shape.pressure:g} kPa"
-        )
+        rate = rate_title(shape.degradation, degrades=degrades)
+        rows[0][i].set_title(", ".join(filter(None, (rate, f"{shape.pressure:g} kPa"))))
         _draw_cut(rows[0][i], surface, shape, cuts[i], norm)
         _draw_whole(rows[1][i], surface, shape, wholes[i], norm)
     rows[0][0].set_ylabel("z [mm]")
@@ -235,7 +236,9 @@ def _scale_bar(axes: Axes, box: Floats) -> None:
 
 
 def _deformed(shown: Shown) -> Sketch | None:
-    return None if shown.deformed is None else Sketch(deformed_figure(shown.deformed))
+    if shown.deformed is None:
+        return None
+    return Sketch(deformed_figure(shown.deformed, degrades=shown.run.degrades))
 
 
 FIGURES = (

@@ -22,6 +22,7 @@ from bayesdeg.report.drawing import (
     panels,
     points,
     points_key,
+    rate_title,
     single,
     styled,
 )
@@ -96,7 +97,9 @@ def sensitivity_figure(sensitivity: pd.DataFrame) -> Figure:
 
 
 @styled
-def prior_curvature_figure(prior: pd.DataFrame, observations: pd.DataFrame | None) -> Figure:
+def prior_curvature_figure(
+    prior: pd.DataFrame, observations: pd.DataFrame | None, *, degrades: bool = True
+) -> Figure:
     """Draw the prior's curvature, a panel a degradation rate, beside the readings.
 
     Parameters
@@ -105,12 +108,14 @@ def prior_curvature_figure(prior: pd.DataFrame, observations: pd.DataFrame | Non
         Rows of table ``prior_predictive`` for the curvature.
     observations : pandas.DataFrame, optional
         Table ``observations``.
+    degrades : bool
+        Whether anything of the study does, so that panels say of which rate they are.
     """
     levels = panel_levels(prior)
     figure, every_axes = panels(len(levels))
     for axes, level in zip(every_axes, levels, strict=True):
         _draw_prior(axes, prior[prior["degradation_pct"] == level], "pressure_kPa")
-        axes.set_title(f"{level_words(level)} degradation")
+        axes.set_title(rate_title(level, degrades=degrades))
     if observations is not None:
         readings = observations.drop_duplicates(["specimen_id", "pressure_kPa", "cycle", "branch"])
         panel = nearest_level(readings["degradation_pct"], levels)
@@ -125,7 +130,9 @@ def prior_curvature_figure(prior: pd.DataFrame, observations: pd.DataFrame | Non
 
 
 @styled
-def prior_stress_figure(prior: pd.DataFrame, tensile: pd.DataFrame | None) -> Figure:
+def prior_stress_figure(
+    prior: pd.DataFrame, tensile: pd.DataFrame | None, *, degrades: bool = True
+) -> Figure:
     """Draw the prior's nominal stress, a panel a mode and degradation rate, beside the readings.
 
     Parameters
@@ -134,6 +141,8 @@ def prior_stress_figure(prior: pd.DataFrame, tensile: pd.DataFrame | None) -> Fi
         Rows of table ``prior_predictive`` for the stress.
     tensile : pandas.DataFrame, optional
         Table ``tensile``.
+    degrades : bool
+        Whether anything of the study does, so that panels say of which rate they are.
     """
     pairs = prior[["mode", "degradation_pct"]].drop_duplicates()
     kinds = [(str(row["mode"]), float(row["degradation_pct"])) for _, row in pairs.iterrows()]
@@ -143,7 +152,7 @@ def prior_stress_figure(prior: pd.DataFrame, tensile: pd.DataFrame | None) -> Fi
     for axes, (mode, level) in zip(every_axes, shown, strict=True):
         here = prior[(prior["mode"] == mode) & (prior["degradation_pct"] == level)]
         _draw_prior(axes, here, "stretch")
-        axes.set_title(f"{mode}, {level_words(level)}")
+        axes.set_title(f"{mode}, {level_words(level)}" if degrades else mode)
         if tensile is not None:
             _draw_films(
                 axes, tensile, mode, level, [rate for other, rate in kinds if other == mode]
@@ -186,12 +195,16 @@ def _prior_curvature(shown: Shown) -> Sketch | None:
     curvature = _of_priors(shown, "curvature")
     if curvature is None:
         return None
-    return Sketch(prior_curvature_figure(curvature, shown.tables["observations"]))
+    observations, degrades = shown.tables["observations"], shown.run.degrades
+    return Sketch(prior_curvature_figure(curvature, observations, degrades=degrades))
 
 
 def _prior_stress(shown: Shown) -> Sketch | None:
     stress = _of_priors(shown, "nominal_stress")
-    return None if stress is None else Sketch(prior_stress_figure(stress, shown.tables["tensile"]))
+    if stress is None:
+        return None
+    tensile, degrades = shown.tables["tensile"], shown.run.degrades
+    return Sketch(prior_stress_figure(stress, tensile, degrades=degrades))
 
 
 def _of_priors(shown: Shown, quantity: str) -> pd.DataFrame | None:

@@ -28,6 +28,7 @@ from bayesdeg.report.drawing import (
     legend_above,
     panels,
     points_key,
+    rate_title,
     side_by_side,
     single,
     styled,
@@ -154,7 +155,7 @@ def loo_pit_figure(curves: pd.DataFrame) -> Figure:
 
 
 @styled
-def discrepancy_figure(discrepancy: pd.DataFrame) -> Figure:
+def discrepancy_figure(discrepancy: pd.DataFrame, *, degrades: bool = True) -> Figure:
     """Draw how much there is to explain, and what is left after the named cause.
 
     Curvature against pressure, a panel a degradation rate; of studies without actuators, stress
@@ -166,11 +167,13 @@ def discrepancy_figure(discrepancy: pd.DataFrame) -> Figure:
         Table ``discrepancy``: columns ``model`` (``base``, and ``final`` where a cause was named),
         ``kind``, ``history``, ``specimen_id``, ``degradation_pct``, ``along`` (pressure [kPa] or
         stretch), ``discrepancy`` and ``residual`` in the unit of the kind (1/m, MPa).
+    degrades : bool
+        Whether anything of the study does, so that panels say of which rate they are.
     """
     kinds = set(discrepancy["kind"].astype(str))
     kind = next((k for k in (CURVATURE, STRESS) if k in kinds), sorted(kinds)[0])
     chosen = discrepancy[discrepancy["kind"] == kind]
-    rows, titles = _panels_of(chosen, kind)
+    rows, titles = _panels_of(chosen, kind, degrades=degrades)
     figure, every_axes = panels(len(titles))
     for number_of, (axes, title) in enumerate(zip(every_axes, titles, strict=True)):
         here = chosen[rows == number_of]
@@ -205,7 +208,9 @@ def _axes_of(kind: str) -> tuple[str, str]:
     return "along the path", f"{kind}, measured − simulated"
 
 
-def _panels_of(chosen: pd.DataFrame, kind: str) -> tuple[NDArray[np.int64], list[str]]:
+def _panels_of(
+    chosen: pd.DataFrame, kind: str, *, degrades: bool
+) -> tuple[NDArray[np.int64], list[str]]:
     """Return in which panel each row is drawn, and what stands over the panels."""
     if kind != CURVATURE:
         names = sorted(set(chosen["history"].astype(str)))[:MOST_LEVELS]
@@ -214,7 +219,8 @@ def _panels_of(chosen: pd.DataFrame, kind: str) -> tuple[NDArray[np.int64], list
     rates = np.unique(chosen["degradation_pct"].to_numpy(float))
     levels = panel_levels(pd.DataFrame({"degradation_pct": levels_of(rates)[0]}))
     nearest = nearest_level(chosen["degradation_pct"], levels)
-    return np.searchsorted(levels, nearest), [f"{level_words(v)} degradation" for v in levels]
+    titles = [rate_title(level, degrades=degrades) for level in levels]
+    return np.searchsorted(levels, nearest), titles
 
 
 def _draw_points(axes: Axes, here: pd.DataFrame) -> None:
@@ -403,7 +409,8 @@ def _discrepancy(shown: Shown) -> Sketch | None:
     if discrepancy is None:
         return None
     final = bool((discrepancy["model"] == FINAL).any())
-    return Sketch(discrepancy_figure(discrepancy), {"final": final})
+    figure = discrepancy_figure(discrepancy, degrades=shown.run.degrades)
+    return Sketch(figure, {"final": final})
 
 
 def _gain(shown: Shown) -> Sketch | None:

@@ -26,11 +26,13 @@ from bayesdeg.report.drawing import (
     band,
     intervals,
     key,
+    label_rates,
     legend_above,
     level_colour,
     panels,
     points,
     points_key,
+    rate_title,
     single,
     styled,
 )
@@ -41,7 +43,11 @@ from bayesdeg.report.wording import level_words, model_words
 
 @styled
 def bands_figure(
-    bands: pd.DataFrame, observations: pd.DataFrame | None, levels: Sequence[float]
+    bands: pd.DataFrame,
+    observations: pd.DataFrame | None,
+    levels: Sequence[float],
+    *,
+    degrades: bool = True,
 ) -> Figure:
     """Draw the curvature bands with the measured readings, a panel a degradation rate.
 
@@ -53,6 +59,8 @@ def bands_figure(
         Table ``observations``: readings as points, what the models say of them as dashed lines.
     levels : sequence of float
         Degradation rates of the bands that get a panel [%].
+    degrades : bool
+        Whether anything of the study does, so that panels say of which rate they are.
     """
     figure, every_axes = panels(len(levels))
     for axes, level in zip(every_axes, levels, strict=True):
@@ -61,7 +69,7 @@ def bands_figure(
         band(axes, pressure, chosen["q05"], chosen["q95"], FINAL_COLOUR, 0.18)
         band(axes, pressure, chosen["q25"], chosen["q75"], FINAL_COLOUR, 0.28)
         axes.plot(pressure, chosen["q50"], color=FINAL_COLOUR)
-        axes.set_title(f"{level_words(level)} degradation")
+        axes.set_title(rate_title(level, degrades=degrades))
     entries = {"new specimen: median, 50 % and 90 % band": key(FINAL_COLOUR)}
     if observations is not None:
         _draw_measured(every_axes, observations, levels)
@@ -76,7 +84,11 @@ def bands_figure(
 
 @styled
 def rupture_figure(
-    rupture: pd.DataFrame, counts: Sequence[RuptureCountsEntry] = (), tested: float | None = None
+    rupture: pd.DataFrame,
+    counts: Sequence[RuptureCountsEntry] = (),
+    tested: float | None = None,
+    *,
+    degrades: bool = True,
 ) -> Figure:
     """Draw the probability of rupture against pressure, a curve a degradation rate.
 
@@ -88,6 +100,8 @@ def rupture_figure(
         How many burst: a point with its interval where they were tested to.
     tested : float, optional
         Largest pressure of the tests [kPa]; beyond, curves are dashed.
+    degrades : bool
+        Whether anything of the study does, so that a legend tells the rates apart.
     """
     figure, axes = single()
     levels = np.unique(rupture["degradation_pct"].to_numpy(float))
@@ -104,7 +118,8 @@ def rupture_figure(
         _draw_counts(axes, counts, level, colour, index - 0.5 * (levels.size - 1))
     axes.set(ylim=(-0.02, 1.02), xlabel=axis_label("pressure_kPa"))
     axes.set_ylabel("probability of rupture [–]")
-    axes.legend(title="degradation", loc="best", handlelength=1.2)
+    if degrades:
+        axes.legend(title="degradation", loc="best", handlelength=1.2)
     return figure
 
 
@@ -152,8 +167,11 @@ def share_interval(burst: float, tested: float) -> tuple[float, float]:
 
 
 @styled
-def elongation_figure(elongation: pd.DataFrame) -> Figure:
-    """Draw the elongation limit against the degradation rate, with what was measured."""
+def elongation_figure(elongation: pd.DataFrame, *, degrades: bool = True) -> Figure:
+    """Draw the elongation limit against the degradation rate, with what was measured.
+
+    Where nothing degrades all is at one place of an axis without a label.
+    """
     figure, axes = single()
     limit = elongation[elongation["kind"] == "band"].sort_values("degradation_pct")
     measured = elongation[elongation["kind"] == "measured"]
@@ -165,7 +183,8 @@ def elongation_figure(elongation: pd.DataFrame) -> Figure:
         label = "median, 90 % band"
         axes.plot(limit["degradation_pct"], limit["q50"], color=FINAL_COLOUR, label=label)
     points(axes, measured["degradation_pct"], measured["value"], "measured")
-    axes.set(xlabel=axis_label("degradation_pct"), ylabel="elongation at break [%]")
+    label_rates(figure, [axes], degrades=degrades)
+    axes.set_ylabel("elongation at break [%]")
     axes.set_ylim(bottom=0.0)
     axes.legend()
     return figure
@@ -230,6 +249,7 @@ def residual_figure(
     *,
     noise_per_m: float | None,
     specimens: Sequence[str] = (),
+    degrades: bool = True,
 ) -> Figure:
     """Draw measured less predicted curvature against pressure, a panel a degradation rate.
 
@@ -245,6 +265,8 @@ def residual_figure(
         Standard deviation of the noise, drawn as a band about zero [1/m].
     specimens : sequence of str, optional
         Those in which most of the misfit sits: drawn thick, with their names.
+    degrades : bool
+        Whether anything of the study does, so that panels say of which rate they are.
     """
     figure, every_axes = panels(len(levels))
     panel = nearest_level(observations["degradation_pct"], levels)
@@ -255,7 +277,7 @@ def residual_figure(
         for model in (BASE, FINAL):
             chosen = observations[(panel == level) & (observations["model"] == model)]
             _draw_curves(axes, chosen, COLOURS[model], specimens)
-        axes.set_title(f"{level_words(level)} degradation")
+        axes.set_title(rate_title(level, degrades=degrades))
     figure.supxlabel(axis_label("pressure_kPa"), fontsize=8.0)
     figure.supylabel("measured − simulated [1/m]", fontsize=8.0)
     legend_above(figure, _keys(observations, noise_per_m))
@@ -343,7 +365,11 @@ def _residuals(shown: Shown) -> Sketch | None:
         return None
     levels = panel_levels(by_level(shown.tables["levels"]), shown.tables["bands"], observations)
     figure = residual_figure(
-        observations, levels, noise_per_m=misfit.noise_per_m, specimens=misfit.specimens
+        observations,
+        levels,
+        noise_per_m=misfit.noise_per_m,
+        specimens=misfit.specimens,
+        degrades=shown.run.degrades,
     )
     facts = {
         "unloading": bool((observations["branch"] == UNLOADING).any()),
@@ -367,7 +393,8 @@ def _bands(shown: Shown) -> Sketch | None:
         return None
     levels = panel_levels(bands)
     facts = {"levels": levels, "measured": observations is not None}
-    return Sketch(bands_figure(bands, observations, levels), facts)
+    figure = bands_figure(bands, observations, levels, degrades=shown.run.degrades)
+    return Sketch(figure, facts)
 
 
 def _rupture(shown: Shown) -> Sketch | None:
@@ -385,12 +412,15 @@ def _rupture(shown: Shown) -> Sketch | None:
         "tested": tested,
         "counts": any(one.levels for one in counts),
     }
-    return Sketch(rupture_figure(rupture, counts, tested), facts)
+    figure = rupture_figure(rupture, counts, tested, degrades=shown.run.degrades)
+    return Sketch(figure, facts)
 
 
 def _elongation(shown: Shown) -> Sketch | None:
     elongation = shown.tables["elongation"]
-    return None if elongation is None else Sketch(elongation_figure(elongation))
+    if elongation is None:
+        return None
+    return Sketch(elongation_figure(elongation, degrades=shown.run.degrades))
 
 
 FIGURES = (
@@ -398,9 +428,10 @@ FIGURES = (
         "residuals",
         "misfit",
         _residuals,
-        "Measured less simulated curvature against pressure: a panel for each degradation rate, a "
-        "line for each specimen. If the model is right, readings scatter about zero within the "
-        "noise. {% if unloading %}Unloading is dashed, with hollow marks.{% endif %}"
+        "Measured less simulated curvature against pressure: "
+        "{% if degrades %}a panel for each degradation rate, {% endif %}a line for each specimen. "
+        "If the model is right, readings scatter about zero within the noise. "
+        "{% if unloading %}Unloading is dashed, with hollow marks.{% endif %}"
         "{% if later_cycles %} Squares are of cycles after the first.{% endif %}"
         "{% if specimens %} Most of the misfit is in {{ specimens | join(' and ') }}: the thick "
         "lines.{% endif %}",
@@ -419,11 +450,13 @@ FIGURES = (
         "bands",
         "curvature",
         _bands,
-        "Measured curvature against pressure, and the curvature predicted for new specimens at "
-        "{{ levels | map('level') | join(', ') }} degradation. All panels have one scale."
+        "Measured curvature against pressure, and the curvature predicted for new specimens"
+        "{% if degrades %} at {{ levels | map('level') | join(', ') }} degradation. All panels "
+        "have one scale{% endif %}."
         "{% if measured %} Dashed: what the models predict for the measured specimens themselves, "
-        "at their own degradation rate and with their own history of loading. The bands are for a "
-        "new specimen at the rate of the panel.{% endif %}",
+        "{% if degrades %}at their own degradation rate and {% endif %}with their own history of "
+        "loading.{% if degrades %} The bands are for a new specimen at the rate of the panel."
+        "{% endif %}{% endif %}",
         ("bands", "observations"),
     ),
     PageFigure(
@@ -444,7 +477,8 @@ FIGURES = (
         "elongation",
         "rupture",
         _elongation,
-        "Elongation at break against degradation rate: 90 % band and measured specimens.",
+        "Elongation at break{% if degrades %} against degradation rate: 90 % band{% else %}: "
+        "median, 90 % interval{% endif %} and measured specimens.",
         ("elongation",),
         half=True,
     ),

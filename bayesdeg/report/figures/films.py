@@ -21,6 +21,7 @@ from bayesdeg.report.drawing import (
     band,
     intervals,
     key,
+    label_rates,
     legend_above,
     panels,
     points,
@@ -44,15 +45,17 @@ class TensilePanel:
     degradation_pct: float
     fitted: bool
 
-    @property
-    def title(self) -> str:
-        """What stands over the panel."""
+    def title(self, *, degrades: bool) -> str:
+        """Return what stands over the panel, with the rate where anything degrades."""
         held = "" if self.fitted else " · held out"
-        return f"{self.mode}, {level_words(self.degradation_pct)}{held}"
+        rate = f", {level_words(self.degradation_pct)}" if degrades else ""
+        return f"{self.mode}{rate}{held}"
 
 
 @styled
-def constants_figure(constants: pd.DataFrame, measured: pd.DataFrame | None) -> Figure:
+def constants_figure(
+    constants: pd.DataFrame, measured: pd.DataFrame | None, *, degrades: bool = True
+) -> Figure:
     """Draw the constants of Yeoh's law against the degradation rate, a panel a constant.
 
     Parameters
@@ -61,6 +64,8 @@ def constants_figure(constants: pd.DataFrame, measured: pd.DataFrame | None) -> 
         Table ``constants``.
     measured : pandas.DataFrame, optional
         Table ``measured``; values of the same quantities are drawn with their standard deviation.
+    degrades : bool
+        Whether anything of the study does; else the axis has no label.
     """
     names = [name for name in CONSTANT_ORDER if (constants["constant"] == name).any()]
     figure, every_axes = panels(len(names), columns=2, share_y="none", height=2.0)
@@ -74,7 +79,7 @@ def constants_figure(constants: pd.DataFrame, measured: pd.DataFrame | None) -> 
             _draw_along_rates(axes, chosen, values)
         axes.set_title(words(name))
         axes.set_ylabel(f"{words(name)} [{chosen['unit'].iloc[0]}]")
-    figure.supxlabel(axis_label("degradation_pct"), fontsize=8.0)
+    label_rates(figure, every_axes, degrades=degrades)
     entries = {
         model_words(model): key(COLOURS[model])
         for model in (BASE, FINAL)
@@ -109,13 +114,15 @@ def tensile_panels(tensile: pd.DataFrame) -> list[TensilePanel]:
 
 
 @styled
-def tensile_figure(tensile: pd.DataFrame) -> Figure:
+def tensile_figure(tensile: pd.DataFrame, *, degrades: bool = True) -> Figure:
     """Draw nominal stress against stretch with the predictions, a panel a mode and rate.
 
     Parameters
     ----------
     tensile : pandas.DataFrame
         Table ``tensile``.
+    degrades : bool
+        Whether anything of the study does, so that panels say of which rate they are.
     """
     chosen = tensile_panels(tensile)
     figure, every_axes = panels(len(chosen), height=2.2)
@@ -128,7 +135,7 @@ def tensile_figure(tensile: pd.DataFrame) -> Figure:
         for model in (BASE, FINAL):
             _draw_fit(axes, here[here["model"] == model], COLOURS[model])
         _draw_stress(axes, here)
-        axes.set_title(panel.title, color=INK if panel.fitted else BASE_COLOUR)
+        axes.set_title(panel.title(degrades=degrades), color=INK if panel.fitted else BASE_COLOUR)
     figure.supxlabel(f"{axis_label('stretch')} [–]", fontsize=8.0)
     figure.supylabel("nominal stress [MPa]", fontsize=8.0)
     entries = {"measured": points_key()} | {
@@ -238,7 +245,8 @@ def _constants(shown: Shown) -> Sketch | None:
     if constants is None:
         return None
     rate = float(constants["degradation_pct"].iloc[0]) if has_one_rate(constants) else None
-    return Sketch(constants_figure(constants, shown.tables["measured"]), {"rate": rate})
+    figure = constants_figure(constants, shown.tables["measured"], degrades=shown.run.degrades)
+    return Sketch(figure, {"rate": rate})
 
 
 def _tensile(shown: Shown) -> Sketch | None:
@@ -251,7 +259,7 @@ def _tensile(shown: Shown) -> Sketch | None:
         "drawn": len(drawn),
         "all": len(tensile[["fitted", "mode", "degradation_pct"]].drop_duplicates()),
     }
-    return Sketch(tensile_figure(tensile), facts)
+    return Sketch(tensile_figure(tensile, degrades=shown.run.degrades), facts)
 
 
 def _course(shown: Shown) -> Sketch | None:
@@ -264,10 +272,10 @@ FIGURES = (
         "constants",
         "posterior",
         _constants,
-        "Constants of Yeoh's law and Young's modulus {% if rate is none %}against degradation "
-        "rate: posterior median with 50 % and 90 % bands{% else %}at {{ rate | level }} "
-        "degradation, the only rate of the study: posterior median with 50 % (thick) and 90 % "
-        "intervals{% endif %}, each constant on its own scale.",
+        "Constants of Yeoh's law and Young's modulus{% if rate is none %} against degradation "
+        "rate: posterior median with 50 % and 90 % bands{% else %}{% if degrades %} at "
+        "{{ rate | level }} degradation, the only rate of the study{% endif %}: posterior median "
+        "with 50 % (thick) and 90 % intervals{% endif %}, each constant on its own scale.",
         ("constants", "measured"),
     ),
     PageFigure(

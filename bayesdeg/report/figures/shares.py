@@ -36,24 +36,28 @@ LARGEST = 3  # sources that the caption names
 
 
 @styled
-def shares_figure(shares: pd.DataFrame) -> Figure:
+def shares_figure(shares: pd.DataFrame, *, degrades: bool = True) -> Figure:
     """Draw the shares of the variance as stacked bars, a panel a pressure.
+
+    Where nothing degrades a pressure is a bar, and they are all in one panel.
 
     Parameters
     ----------
     shares : pandas.DataFrame
         Table ``shares``.
+    degrades : bool
+        Whether anything of the study does.
     """
-    pressures = np.unique(shares["pressure_kPa"].to_numpy(float))
-    figure, every_axes = panels(len(pressures), columns=2)
     there = [source for source in WORDS if (shares["source"] == source).any()]
-    places = ["pressure_kPa", "degradation_pct"]
-    table = shares.pivot_table(index=places, columns="source", values="share")
-    levels = np.unique(shares["degradation_pct"].to_numpy(float))
-    for axes, pressure in zip(every_axes, pressures, strict=True):
-        _stack(axes, table.loc[pressure].reindex(index=levels, columns=there))
-        axes.set_title(f"{pressure:g} kPa")
-    figure.supxlabel(axis_label("degradation_pct"), fontsize=8.0)
+    over, along = ("pressure_kPa", "degradation_pct")[:: 1 if degrades else -1]
+    panes = np.unique(shares[over].to_numpy(float))
+    figure, every_axes = panels(len(panes), columns=2)
+    table = shares.pivot_table(index=[over, along], columns="source", values="share")
+    bars = np.unique(shares[along].to_numpy(float))
+    for axes, pane in zip(every_axes, panes, strict=True):
+        _stack(axes, table.loc[pane].reindex(index=bars, columns=there))
+        axes.set_title(f"{pane:g} kPa" if degrades else "")
+    figure.supxlabel(axis_label(along), fontsize=8.0)
     figure.supylabel("share of the variance [–]", fontsize=8.0)
     entries = {WORDS[source]: key(level_colour(i, len(there))) for i, source in enumerate(there)}
     for entry in entries.values():
@@ -99,7 +103,9 @@ def largest_of(shares: pd.DataFrame) -> dict[str, object]:
 
 def _shares(shown: Shown) -> Sketch | None:
     shares = shown.tables["shares"]
-    return None if shares is None else Sketch(shares_figure(shares), largest_of(shares))
+    if shares is None:
+        return None
+    return Sketch(shares_figure(shares, degrades=shown.run.degrades), largest_of(shares))
 
 
 FIGURES = (
@@ -108,7 +114,8 @@ FIGURES = (
         "curvature",
         _shares,
         "Shares of the variance of a curvature read on a new actuator, by what is uncertain: a bar "
-        "for each degradation rate, a panel for each pressure. At {{ level | level }} and "
+        "for each {% if degrades %}degradation rate, a panel for each pressure. At "
+        "{{ level | level }} and {% else %}pressure. At {% endif %}"
         "{{ pressure | number }} kPa its standard deviation is {{ sd | number(2) }} 1/m; the "
         "largest shares are {% for name, share in largest %}{{ ', ' if not loop.first }}{{ name }} "
         "({{ share | percent }}){% endfor %}. Parameters that the posterior ties together share "
