@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from rich.table import Table
 from rich.text import Text
 
-from bayesdeg.actuator.geometry import Geometry
+from bayesdeg.actuator.families import geometry_of_study
 from bayesdeg.commands.options import CORES, StudyFolder
 from bayesdeg.console import errors, say
 from bayesdeg.data.plausibility import doubts, refuse_impossible
@@ -41,7 +41,7 @@ def check(study: StudyFolder) -> None:
     for what, cost in plan.missing:
         errors.print(f"without {what}: {cost}", soft_wrap=True)
     if plan.has_actuators:
-        found = search(Geometry(checked.settings.dimensions))
+        found = search(geometry_of_study(checked.settings))
         if found.source is None:
             seconds = rough_seconds(checked.settings.dimensions, workers=CORES)
             errors.print(

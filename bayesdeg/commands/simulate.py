@@ -9,7 +9,7 @@ import numpy as np
 import typer
 
 from bayesdeg.actuator.curve import ExactMap
-from bayesdeg.actuator.geometry import Geometry
+from bayesdeg.actuator.families import geometry_of_study
 from bayesdeg.actuator.status import FINE, Backend
 from bayesdeg.commands.options import CORES, Quiet, Seed, StudyFolder, Workers
 from bayesdeg.console import errors, say, shown
@@ -72,7 +72,7 @@ def simulate(
     with virtual_study(out, VIRTUAL_FILES), workplace(workers, None) as executor:
         with shown(quiet) as progress:
             forward = ExactMap(
-                Geometry(template.settings.dimensions),
+                geometry_of_study(template.settings),
                 mesh,
                 executor=executor,
                 backend=backend,

@@ -7,12 +7,18 @@ from pathlib import Path
 
 import typer
 
-from bayesdeg.actuator.geometry import Geometry
+from bayesdeg.actuator.families import geometry_of_study
 from bayesdeg.commands.options import Stopped
 from bayesdeg.commands.outcome import accuracy_table, list_failures, runs_table
 from bayesdeg.console import errors, shown
 from bayesdeg.data.study import Study
-from bayesdeg.emulator.kept import CACHE, Recipe, duration, local_recipe
+from bayesdeg.emulator.kept import (
+    CACHE,
+    Recipe,
+    duration,
+    local_recipe,
+    refuse_without_emulator,
+)
 from bayesdeg.emulator.local import (
     MORE_COARSE,
     MORE_FINE,
@@ -89,10 +95,11 @@ def emulator_for(
         trained = read_trained(given)
         if study.actuator is None:
             return trained
-        return surrogate_for(Geometry(study.settings.dimensions), trained)
+        return surrogate_for(geometry_of_study(study.settings), trained)
     if study.actuator is None:
         return None
-    geometry = Geometry(study.settings.dimensions)
+    geometry = geometry_of_study(study.settings)
+    refuse_without_emulator(geometry)
     found = find(geometry, recipe=RECIPE, cache=CACHE)
     if found.surrogate is not None:
         return found.surrogate
@@ -117,7 +124,7 @@ def train_where_asked(
     Stopped
         If the user does not want to wait, or stops it.
     """
-    geometry = Geometry(study.settings.dimensions)
+    geometry = geometry_of_study(study.settings)
     recipe = LOCAL(geometry.dimensions)
     for more in range(ROUNDS + 1):
         enough = replace(

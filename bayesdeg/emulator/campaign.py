@@ -20,11 +20,11 @@ from threadpoolctl import threadpool_limits
 
 from bayesdeg.actuator.curve import Curve, PathSamples
 from bayesdeg.actuator.demand import MEASURES, WEIBULL_MODULI
-from bayesdeg.actuator.geometry import Geometry
+from bayesdeg.actuator.moulded import Moulded
 from bayesdeg.actuator.status import MODEL_VERSION, Status
 from bayesdeg.emulator.coordinates import LARGEST_WARPED, SLACK, coordinates, scaled_cause
 from bayesdeg.emulator.design import is_answered, likely, second_stage, space_filling
-from bayesdeg.emulator.kept import Recipe
+from bayesdeg.emulator.kept import Recipe, refuse_without_emulator
 from bayesdeg.emulator.local import LocalDesign
 from bayesdeg.emulator.regression import (
     Equations,
@@ -808,12 +808,13 @@ LOCAL = "where one study may ask, as a departure from the emulator of the defaul
 
 
 def runs(
-    geometry: Geometry, recipe: Recipe | None = None, design: LocalDesign | None = None
+    geometry: Moulded, recipe: Recipe | None = None, design: LocalDesign | None = None
 ) -> list[Run]:
     """Return the runs that an emulator of a geometry is trained on, those of the coarse mesh first.
 
     Examples
     --------
+    >>> from bayesdeg.actuator.geometry import Geometry
     >>> from bayesdeg.data.settings import Dimensions
     >>> len(runs(Geometry(Dimensions()), Recipe(coarse_runs=4, fine_runs=2)))
     6
@@ -840,7 +841,7 @@ def _curves(recipe: Recipe, design: LocalDesign | None) -> tuple[list[Curve], li
 
 
 def build(
-    geometry: Geometry,
+    geometry: Moulded,
     store: SolutionStore,
     *,
     recipe: Recipe | None = None,
@@ -853,7 +854,7 @@ def build(
 
     Parameters
     ----------
-    geometry : Geometry
+    geometry : Moulded
         The actuator as moulded.
     store : SolutionStore
         Finite element solutions; an interrupted campaign goes on from it.
@@ -868,6 +869,7 @@ def build(
     on_run : callable, optional
         Called after each run that the store lacked.
     """
+    refuse_without_emulator(geometry)
     recipe = recipe or Recipe()
     wanted = runs(geometry, recipe, design)
     found = complete(wanted, store, executor=executor, timeout=timeout, on_run=on_run)
