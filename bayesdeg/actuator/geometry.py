@@ -16,8 +16,9 @@ from bayesdeg.actuator.moulded import (
     planes_of,
     volume_without,
 )
+from bayesdeg.actuator.status import FINE, Resolution
 from bayesdeg.data.families import Constraint
-from bayesdeg.data.settings import Dimensions
+from bayesdeg.data.settings import Dimensions, relative_size
 from bayesdeg.errors import GeometryError
 
 
@@ -47,7 +48,7 @@ class Geometry:
 
     Examples
     --------
-    >>> from bayesdeg.data.settings import Dimensions
+    >>> from bayesdeg.data.settings import Dimensions, relative_size
     >>> round(Geometry(Dimensions()).chamber_length, 3)
     4.8
     """
@@ -211,11 +212,16 @@ class Geometry:
 
         Examples
         --------
-        >>> from bayesdeg.data.settings import Dimensions
+        >>> from bayesdeg.data.settings import Dimensions, relative_size
         >>> round(Geometry(Dimensions()).volume, 6)
         3636.0
         """
         return 2.0 * volume_without(self.planes(), (*self.cavities, *self.slots))
+
+    @property
+    def fine_mesh(self) -> Resolution:
+        """Mesh of virtual experiments: as many elements, whatever the size."""
+        return FINE.scaled(relative_size(self.dimensions))
 
     def planes(self) -> Planes:
         """Return the coordinates of all planes along x, y and z between which bricks stand [mm]."""

@@ -5,6 +5,7 @@ from typing import Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdeg.actuator.status import Resolution
 from bayesdeg.data.families import Constraint, Mould
 
 Floats = NDArray[np.float64]
@@ -50,6 +51,10 @@ class Moulded(Protocol):
     @property
     def volume(self) -> float:
         """Volume of the material of the whole actuator [mm³]."""
+
+    @property
+    def fine_mesh(self) -> Resolution:
+        """Mesh of virtual experiments, finer than any that an emulator is trained on."""
 
     def planes(self) -> Planes:
         """Return the coordinates of all planes along x, y and z between which bricks stand [mm]."""

@@ -15,8 +15,11 @@ from bayesdeg.actuator.moulded import (
     planes_of,
     volume_without,
 )
+from bayesdeg.actuator.status import Resolution
 from bayesdeg.data.families import Constraint, RibbedDimensions
 from bayesdeg.errors import GeometryError
+
+MOST_ALONG, MOST_UP = 100, 30  # elements of a mesh where slits are small, about
 
 
 @dataclass(frozen=True)
@@ -154,6 +157,17 @@ class RibbedGeometry:
         20295
         """
         return 2.0 * volume_without(self.planes(), (*self.upper, *self.lower))
+
+    @property
+    def fine_mesh(self) -> Resolution:
+        """Mesh of virtual experiments: two elements a rib, seven across, two to four a layer.
+
+        On the default segment, 75,600 degrees of freedom, whose curvatures are 1.1 to 1.7 % below
+        those with 164,800 up to half of the limit pressure.
+        """
+        d = self.dimensions
+        along = max(d.channel_length, 0.5 * (d.pitch - d.channel_length), d.length / MOST_ALONG)
+        return Resolution(along, d.width / 7.0, max(0.52 * d.channel_height, d.height / MOST_UP))
 
     def planes(self) -> Planes:
         """Return the coordinates of all planes along x, y and z between which bricks stand [mm]."""

@@ -5,7 +5,7 @@ The dimensions of a pneunet are `bayesdeg.data.settings.Dimensions`.
 
 from dataclasses import dataclass, fields
 from math import isfinite
-from typing import ClassVar, Literal, Protocol, get_args
+from typing import Literal, Protocol, get_args
 
 Kind = Literal["pneunet", "ribbed"]
 ConstraintKind = Literal["paper", "film", "none"]
@@ -150,8 +150,6 @@ class RibbedDimensions:
     (1.84, 12.4)
     """
 
-    kind: ClassVar[Kind] = "ribbed"
-
     length: float = 37.8
     width: float = 32.0
     height: float = 18.5
@@ -164,6 +162,11 @@ class RibbedDimensions:
     passage_width: float = 0.65
     passage_height: float = 1.34
     passive: Passive = "open"
+
+    @property
+    def kind(self) -> Kind:
+        """The family."""
+        return "ribbed"
 
     @property
     def is_mirrored(self) -> bool:
@@ -265,7 +268,7 @@ class RibbedDimensions:
             )
         room = 0.5 * self.height if self.is_mirrored else self.height
         if self.cover + self.channel_height >= room:
-            half = "half of the height" if self.is_mirrored else "height"
+            half = "half height" if self.is_mirrored else "height"
             wrong.append(
                 f"cover and slits ({self.cover + self.channel_height:g} mm) leave nothing under "
                 f"the slits in the {half} ({room:g} mm); "
