@@ -16,7 +16,7 @@ from bayesdeg.actuator.moulded import (
     planes_of,
     volume_without,
 )
-from bayesdeg.actuator.status import FINE, Resolution
+from bayesdeg.actuator.status import Resolution
 from bayesdeg.data.families import Constraint
 from bayesdeg.data.settings import Dimensions, relative_size
 from bayesdeg.errors import GeometryError
@@ -218,10 +218,9 @@ class Geometry:
         """
         return 2.0 * volume_without(self.planes(), (*self.cavities, *self.slots))
 
-    @property
-    def fine_mesh(self) -> Resolution:
-        """Mesh of virtual experiments: as many elements, whatever the size."""
-        return FINE.scaled(relative_size(self.dimensions))
+    def mesh_like(self, usual: Resolution) -> Resolution:
+        """Return a mesh of the default pneunet in the ratio of the sizes of both."""
+        return usual.scaled(relative_size(self.dimensions))
 
     def planes(self) -> Planes:
         """Return the coordinates of all planes along x, y and z between which bricks stand [mm]."""

@@ -52,9 +52,8 @@ class Moulded(Protocol):
     def volume(self) -> float:
         """Volume of the material of the whole actuator [mm³]."""
 
-    @property
-    def fine_mesh(self) -> Resolution:
-        """Mesh of virtual experiments, finer than any that an emulator is trained on."""
+    def mesh_like(self, usual: Resolution) -> Resolution:
+        """Return the mesh that is to this actuator what a mesh is to the default pneunet."""
 
     def planes(self) -> Planes:
         """Return the coordinates of all planes along x, y and z between which bricks stand [mm]."""

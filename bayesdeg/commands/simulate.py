@@ -10,7 +10,7 @@ import typer
 
 from bayesdeg.actuator.curve import ExactMap
 from bayesdeg.actuator.families import geometry_of_study
-from bayesdeg.actuator.status import Backend
+from bayesdeg.actuator.status import FINE, Backend
 from bayesdeg.commands.options import CORES, Quiet, Seed, StudyFolder, Workers
 from bayesdeg.console import errors, say, shown
 from bayesdeg.data.settings import FILE as SETTINGS_FILE
@@ -67,7 +67,7 @@ def simulate(
     by = "" if backend is Backend.KERNELS else f" --backend {backend}"
     command = f"bayesdeg simulate {study} {named}{drawn} --out {out} --seed {chosen}{by}"
     geometry = geometry_of_study(template.settings)
-    mesh = geometry.fine_mesh
+    mesh = geometry.mesh_like(FINE)
     provenance = Provenance(command=command, seed=chosen, mesh=vars(mesh))
     with virtual_study(out, VIRTUAL_FILES), workplace(workers, None) as executor:
         with shown(quiet) as progress:
