@@ -34,8 +34,8 @@ class RibbedGeometry:
     dimensions : RibbedDimensions
         As moulded [mm].
     wall_factor : float
-        Thickness of cover, ribs, side and end walls over the nominal one; the outer faces and the
-        floor of the slits stay where they are [–].
+        Thickness of cover, ribs and side walls over the nominal one; all slits stay alike, and the
+        outer faces and the floor of the slits where they are [–].
     erosion : float
         Thickness lost from every exposed face: all outer faces but the clamped end, and the
         bottom if the constraint covers it [mm].
@@ -100,11 +100,10 @@ class RibbedGeometry:
         """First and last x of every slit [mm]."""
         d = self.dimensions
         starts = d.end_wall + d.pitch * np.arange(d.channels, dtype=np.float64)
-        walls = np.full(d.channels + 1, 0.5 * (d.pitch - d.channel_length))
-        walls[[0, -1]] = d.end_wall
-        thicker = (self.wall_factor - 1.0) * walls
-        first, last = starts + thicker[:-1], starts + d.channel_length - thicker[1:]
-        return tuple((float(a), float(b)) for a, b in zip(first, last, strict=True))
+        rib = d.pitch - d.channel_length if d.channels > 1 else 0.0
+        thicker = 0.5 * (self.wall_factor - 1.0) * rib
+        ends = np.stack([starts + thicker, starts + d.channel_length - thicker], axis=1)
+        return tuple((float(a), float(b)) for a, b in ends)
 
     @property
     def upper(self) -> tuple[Box, ...]:

@@ -102,7 +102,7 @@ class Constraint:
         Examples
         --------
         >>> Constraint(height=13.0).problems(RibbedDimensions())[0].partition("; ")[2]
-        'give [constraint] height from 6.1 to 12.4 mm'
+        'give [constraint] height from 8.75 to 9.75 mm'
         """
         low, high = mould.constraint_room
         at = self.height_in(mould)
@@ -134,7 +134,8 @@ class RibbedDimensions:
         From one slit to the next [mm]. The default leaves ribs of 1.76 mm, one of the factors in
         the authors' sum of the cavity, of which the sum does not say which side it is: assumed.
     cover : float
-        Material over the slits [mm]; not stated by the authors, assumed.
+        Material over the slits [mm]; not stated by the authors. The default is what a centre layer
+        of 1 mm leaves, onto which the slits open: assumed.
     passage_width, passage_height : float
         The passages through the ribs, on the floor of the slits [mm]; which of the factors is
         which, and that they are on the floor, is assumed.
@@ -147,7 +148,7 @@ class RibbedDimensions:
     >>> RibbedDimensions().problems()
     ()
     >>> round(RibbedDimensions().end_wall, 9), round(RibbedDimensions().floor, 9)
-    (1.84, 12.4)
+    (1.84, 9.75)
     """
 
     length: float = 37.8
@@ -158,7 +159,7 @@ class RibbedDimensions:
     channel_width: float = 25.4
     channel_height: float = 3.1
     pitch: float = 2.76
-    cover: float = 3.0
+    cover: float = 5.65
     passage_width: float = 0.65
     passage_height: float = 1.34
     passive: Passive = "open"

@@ -38,7 +38,7 @@ def test_by_default_nothing_has_changed():
     [
         "seed = 3\n",
         RIBBED,
-        RIBBED + 'pitch = 2.5\n[constraint]\nkind = "none"\nheight = 8.0\nthickness = 0.3\n',
+        RIBBED + 'pitch = 2.5\n[constraint]\nkind = "none"\nheight = 9.0\nthickness = 0.3\n',
         "[actuator]\nend_wall = 4.0\n[constraint]\nheight = 1.0\n",
     ],
 )
@@ -70,8 +70,8 @@ def test_settings_are_written_as_they_are_read(text):
         (RIBBED + "pitch = 0.8\n", 1, "actuator", None, "0.8 mm"),
         (RIBBED + "passage_width = 26.0\n", 1, "actuator", None, "26 mm"),
         (RIBBED + "passage_height = 4.0\n", 1, "actuator", None, "3.1 mm"),
-        (RIBBED + "[constraint]\nheight = 30.0\n", 3, "constraint", None, "6.1 to 12.4"),
-        (RIBBED + "[constraint]\nheight = 13.0\n", 3, "constraint", None, "13 mm"),
+        (RIBBED + "[constraint]\nheight = 30.0\n", 3, "constraint", None, "8.75 to 9.75"),
+        (RIBBED + "[constraint]\nheight = 10.0\n", 3, "constraint", None, "10 mm"),
         ("[constraint]\nheight = 2.5\n", 1, "constraint", None, "0 to 2 mm"),
         ("[constraint]\nheight = -1.0\n", 2, "constraint.height", "-1.0", "from 0"),
         ('[constraint]\nkind = "steel"\n', 2, "constraint.kind", '"steel"', "paper, film"),
