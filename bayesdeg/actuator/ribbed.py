@@ -153,7 +153,7 @@ class RibbedGeometry:
         Examples
         --------
         >>> round(RibbedGeometry(RibbedDimensions()).volume)
-        20295
+        20294
         """
         return 2.0 * volume_without(self.planes(), (*self.upper, *self.lower))
 

@@ -63,13 +63,13 @@ def section(geometry: Moulded, columns: int = COLUMNS) -> str:
     >>> from bayesdeg.actuator.families import geometry_of
     >>> from bayesdeg.data.settings import Dimensions
     >>> print(section(geometry_of(Dimensions(length=20.0, chambers=2)), 40))
-    ################oooooooo################
-    ################oooooooo################
-    ######          oooooooo          ######
-    ######          oooooooo          ######
-    ######          oooooooo          ######
-    ######          ########          ######
-    ######          ########          ######
+    ##################oooo##################
+    ##################oooo##################
+    ######         ###oooo###         ######
+    ######         ###oooo###         ######
+    ######         ###oooo###         ######
+    ######         ##########         ######
+    ######         ##########         ######
     ######                            ######
     ########################################
     ########################################

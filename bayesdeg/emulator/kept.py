@@ -166,8 +166,7 @@ def cached_path(geometry: Moulded, recipe: Recipe, cache: Path = CACHE) -> Path:
 
     Examples
     --------
-    >>> from bayesdeg.data.families import Mould
-    from bayesdeg.data.settings import Dimensions, relative_size
+    >>> from bayesdeg.actuator.geometry import Geometry
     >>> one, other = (Geometry(Dimensions(length=mm)) for mm in (50.0, 60.0))
     >>> cached_path(one, Recipe()) == cached_path(other, Recipe())
     False
