@@ -19,15 +19,17 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
-from bayesdeg.actuator.geometry import Geometry
+from bayesdeg.actuator.families import geometry_of, geometry_of_study
+from bayesdeg.actuator.moulded import Moulded
 from bayesdeg.causes.cause import Cause
 from bayesdeg.console import can_show_bars, shown
 from bayesdeg.criticism.decide.support import can_be_held_out
 from bayesdeg.criticism.holdout.gain import gain_table
 from bayesdeg.criticism.holdout.leaving_out import carried_out, one_by_one
+from bayesdeg.data.families import RibbedDimensions
 from bayesdeg.data.settings import EFFORTS, Dimensions, Effort
 from bayesdeg.data.study import Study
-from bayesdeg.emulator.kept import CACHE, Recipe
+from bayesdeg.emulator.kept import CACHE, Recipe, refuse_without_emulator
 from bayesdeg.emulator.solutions import SolutionStore
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.emulator.trained import find, write_trained
@@ -50,7 +52,7 @@ CAMPAIGN = Path(".cache/campaign")
 
 
 def emulator(
-    geometry: Dimensions | Geometry | Study,
+    geometry: Dimensions | RibbedDimensions | Moulded | Study,
     *,
     cache: Path | str = CACHE,
     workers: int | None = None,
@@ -81,9 +83,11 @@ def emulator(
     ------
     GeometryError
         If no actuator can be made of the dimensions.
+    BayesdegError
+        If it is an actuator that no emulator can be trained for.
     """
-    given = geometry.geometry if isinstance(geometry, Study) else geometry
-    shape = given if isinstance(given, Geometry) else Geometry(given)
+    shape = _moulded(geometry)
+    refuse_without_emulator(shape)
     found = find(shape, cache=Path(cache))
     if found.surrogate is not None:
         return found.surrogate
@@ -92,6 +96,12 @@ def emulator(
         trained = train_emulator(campaign, expect(campaign, show), show)
     write_trained(found.path, trained)
     return trained
+
+
+def _moulded(given: Dimensions | RibbedDimensions | Moulded | Study) -> Moulded:
+    if isinstance(given, Study):
+        return geometry_of_study(given.settings)
+    return geometry_of(given) if isinstance(given, Dimensions | RibbedDimensions) else given
 
 
 def calibrate(

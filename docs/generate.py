@@ -153,6 +153,9 @@ def _study_toml() -> str:
             if e.place == place
         ]
         title = f"`[{place}]`" if place else "Above the first table"
+        if place.startswith("actuator."):
+            kind = place.removeprefix("actuator.")
+            title = f'`[actuator]` with `kind = "{kind}"`'
         parts.append(f"## {title}\n\n{table(('key', 'default', 'wanted', 'meaning'), rows)}")
     parts.append(
         "## `[parameters]`\n\nUnknowns of [a forward map of one's own]"

@@ -21,7 +21,7 @@ import pandas as pd
 import bayesdeg
 import bayesdeg.causes
 from bayesdeg.commands.lazy import COMMANDS, loaded
-from bayesdeg.data.settings import ENTRIES, Dimensions, OwnForward, Settings
+from bayesdeg.data.settings import ENTRIES, MOULDS, OwnForward, Settings
 from bayesdeg.data.shrinkage import Known, MixtureRecipe
 from bayesdeg.data.tables import words_of
 from bayesdeg.emulator.trained import default_surrogate
@@ -144,22 +144,36 @@ def rules_of_studies() -> dict[str, list[str]]:
 
 def keys_of_study_toml() -> list[Entry]:
     """Return every key of ``study.toml`` with its default, from the classes that hold them."""
-    meanings = _documented(Dimensions) | _documented(MixtureRecipe) | _documented(Settings)
+    meanings = _documented(MixtureRecipe) | _documented(Settings)
     meanings |= {f"own_{name}": text for name, text in _documented(OwnForward).items()}
     # "reading, unit" share a line there
-    meanings |= {"own_unit": "Unit of the reading."}
-    defaults = {f.name: f for owner in (Dimensions, MixtureRecipe, Settings) for f in fields(owner)}
-    defaults |= {f"own_{f.name}": f for f in fields(OwnForward)}
+    meanings |= {
+        "own_unit": "Unit of the reading.",
+        "kind": "Family of the actuator, which has the dimensions.",
+        "constraint_thickness_mm": "The same as `thickness` of `[paper]`, in its place.",
+    }
+    defaults = {f.name: f.default for owner in (MixtureRecipe, Settings) for f in fields(owner)}
+    defaults |= {f"own_{f.name}": f.default for f in fields(OwnForward)}
+    defaults |= {"kind": Settings().kind, "constraint_height_mm": MISSING}
+    rows = []
+    for entry in ENTRIES:
+        if entry.table == "actuator" and entry.key != "kind":
+            continue
+        default = _written(defaults.get(entry.field, MISSING))
+        meaning = meanings[entry.field]
+        rows.append(Entry(entry.key, "", meaning, entry.table, default, accepts=entry.wanted))
+        if entry.key == "kind" and entry.table == "actuator":
+            rows += [row for kind, mould in MOULDS.items() for row in _dimensions(kind, mould)]
+    return rows
+
+
+def _dimensions(kind: str, mould) -> list[Entry]:
+    """Return the dimensions of one family, in a table of their own."""
+    meanings, place = _documented(mould), f"actuator.{kind}"
+    wanted = {e.key: e.wanted for e in ENTRIES if e.table == "actuator"}
     return [
-        Entry(
-            entry.key,
-            "",
-            meanings[entry.field],
-            entry.table,
-            _written(defaults[entry.field].default),
-            accepts=entry.wanted,
-        )
-        for entry in ENTRIES
+        Entry(f.name, "", meanings[f.name], place, _written(f.default), accepts=wanted[f.name])
+        for f in fields(mould)
     ]
 
 

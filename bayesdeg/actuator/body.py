@@ -92,7 +92,8 @@ class Body:
         Nodes of faces under pressure, as grids whose first axis times second axis points out
         of the cavity, into the body.
     paper : array, shape (n_faces, (order + 1)²)
-        Nodes of faces z = 0 that carry paper, first axis along x, second along y.
+        Nodes of the faces in a plane z = const that carry paper, or another layer that does not
+        stretch; first axis along x, second along y.
     fixed : array of bool, shape (n_nodes, 3)
         Displacements that are held at zero.
     depth : array, shape (n_elements, n_points)
@@ -211,6 +212,33 @@ def boundary_faces(body: Body) -> Indices:
     _, first, count = np.unique(corners, axis=0, return_index=True, return_counts=True)
     boundary: Indices = faces[np.sort(first[count == 1])]
     return boundary
+
+
+def faces_on_plane(body: Body, height: float) -> Indices:
+    """Return the nodes of all faces in the plane z = height, each once, (n_faces, (order + 1)²).
+
+    Faces of the boundary, and those between two bricks; on which side a face's grid points is not
+    said.
+
+    Parameters
+    ----------
+    body : Body
+        Of straight bricks.
+    height : float
+        Of the plane [mm].
+
+    Examples
+    --------
+    >>> len(faces_on_plane(box((3.0, 2.0, 1.0), divisions=(3, 2, 2)), 0.5))
+    6
+    """
+    grids = reference_faces(body.element.order)
+    faces = body.elements[:, grids].reshape(-1, grids.shape[1])
+    faces = faces[np.all(np.isclose(body.nodes[faces][..., 2], height), axis=1)]
+    corners = np.sort(faces[:, _corner_places(body.element.order)], axis=1)
+    _, first = np.unique(corners, axis=0, return_index=True)
+    on_plane: Indices = faces[np.sort(first)]
+    return on_plane
 
 
 def reference_faces(order: int) -> Indices:

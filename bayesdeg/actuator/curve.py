@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from bayesdeg.actuator.demand import MEASURES, demanded_strain, needed
 from bayesdeg.actuator.equilibrium import LoadStep, Path, follow
-from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.inputs import (
     Inputs,
     Prediction,
@@ -22,6 +21,7 @@ from bayesdeg.actuator.inputs import (
 from bayesdeg.actuator.linear import Factorization, open_factorization
 from bayesdeg.actuator.material import MaterialGroups
 from bayesdeg.actuator.mesh import ActuatorMesh, build_mesh, reshaped
+from bayesdeg.actuator.moulded import Moulded
 from bayesdeg.actuator.outputs import OUTPUTS, PEAK, measured_strains, read_state
 from bayesdeg.actuator.problem import DiscreteEquations, Problem, System
 from bayesdeg.actuator.sensitivity import INPUTS, Variation, derivatives, variations
@@ -400,7 +400,7 @@ class ExactMap:
 
     Parameters
     ----------
-    geometry : Geometry
+    geometry : Moulded
         The actuator as moulded.
     resolution : Resolution
         Of the mesh.
@@ -414,7 +414,7 @@ class ExactMap:
 
     def __init__(
         self,
-        geometry: Geometry,
+        geometry: Moulded,
         resolution: Resolution,
         *,
         executor: Executor | None = None,
@@ -485,10 +485,10 @@ class _Held:
     """The meshes last used by this process, with their solvers; older ones are closed."""
 
     def __init__(self) -> None:
-        self._actuators: dict[tuple[Geometry, Resolution, Backend], Actuator] = {}
+        self._actuators: dict[tuple[Moulded, Resolution, Backend], Actuator] = {}
 
     def get(
-        self, geometry: Geometry, resolution: Resolution, backend: Backend = Backend.KERNELS
+        self, geometry: Moulded, resolution: Resolution, backend: Backend = Backend.KERNELS
     ) -> Actuator:
         key = (geometry, resolution, backend)
         found = self._actuators.pop(key, None)
@@ -504,7 +504,7 @@ _HELD = _Held()
 
 
 def solve_task(
-    task: tuple[Geometry, Resolution, Curve],
+    task: tuple[Moulded, Resolution, Curve],
     *,
     effort: PathEffort | None = None,
     backend: Backend = Backend.KERNELS,
@@ -515,7 +515,7 @@ def solve_task(
 
 
 def sample_task(
-    task: tuple[Geometry, Resolution, Curve], *, effort: PathEffort | None = None
+    task: tuple[Moulded, Resolution, Curve], *, effort: PathEffort | None = None
 ) -> PathSamples:
     """Sample one curve, with this process's copy of the mesh built once."""
     geometry, resolution, curve = task

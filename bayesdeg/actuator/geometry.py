@@ -1,20 +1,30 @@
-"""Dimensions of the actuator and what follows from them: planes, cavities, slots."""
+"""A pneunet: its dimensions and what follows from them: planes, cavities, slots."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field, replace
 from itertools import pairwise
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdeg.data.settings import Dimensions
+from bayesdeg.actuator.moulded import (
+    Box,
+    Planes,
+    bottom_is_exposed,
+    constraint_record,
+    line_height,
+    planes_of,
+    volume_without,
+)
+from bayesdeg.actuator.status import Resolution
+from bayesdeg.data.families import Constraint
+from bayesdeg.data.settings import Dimensions, relative_size
 from bayesdeg.errors import GeometryError
-
-Box = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
 
 
 @dataclass(frozen=True)
 class Geometry:
-    """The half actuator as moulded, cut at its plane of symmetry y = 0.
+    """The half pneunet as moulded, cut at its plane of symmetry y = 0.
 
     x runs along the actuator from the clamped end, y across from the plane of symmetry, z up
     from the paper.
@@ -27,7 +37,9 @@ class Geometry:
         Thickness of roof and walls over the nominal one; the outer faces stay where they are [–].
     erosion : float
         Thickness lost from every face exposed to the soil: all outer faces and slots but for the
-        bottom, which the paper covers, and the clamped end [mm].
+        bottom, where the paper covers it, and the clamped end [mm].
+    constraint : Constraint
+        The layer that does not stretch; by default the paper on the bottom.
 
     Raises
     ------
@@ -36,7 +48,7 @@ class Geometry:
 
     Examples
     --------
-    >>> from bayesdeg.data.settings import Dimensions
+    >>> from bayesdeg.data.settings import Dimensions, relative_size
     >>> round(Geometry(Dimensions()).chamber_length, 3)
     4.8
     """
@@ -44,10 +56,15 @@ class Geometry:
     dimensions: Dimensions
     wall_factor: float = 1.0
     erosion: float = 0.0
+    constraint: Constraint = field(default_factory=Constraint)
 
     def __post_init__(self) -> None:
         """Refuse impossible dimensions."""
-        problems = self.dimensions.problems() or self._changed_problems()
+        problems = (
+            self.dimensions.problems()
+            or self.constraint.problems(self.dimensions)
+            or self._changed_problems()
+        )
         if problems:
             raise GeometryError("; ".join(problems))
 
@@ -58,6 +75,13 @@ class Geometry:
         walls = {"roof": d.roof, "side_wall": d.side_wall, "end_wall": d.end_wall}
         if self.slot_spans:
             walls |= {"chamber_wall": d.chamber_wall, "channel_roof": d.channel_roof / w}
+        if self.bottom > 0.0:
+            walls |= {"floor": d.floor / w}
+            walls |= (
+                {"height of the constraint": self.line_height / w}
+                if self.constraint.is_there
+                else {}
+            )
         wrong = [
             f"{name} of {thickness:g} mm is lost to a wall factor of {w:g} and {e:g} mm of erosion"
             for name, thickness in walls.items()
@@ -95,6 +119,21 @@ class Geometry:
     def height(self) -> float:
         """Height that is left [mm]."""
         return self.dimensions.height - self.erosion
+
+    @property
+    def line_height(self) -> float:
+        """Height of the constraint's plane, along whose middle the curvature is read [mm]."""
+        return line_height(self.constraint, self.dimensions, self.erosion)
+
+    @property
+    def bottom(self) -> float:
+        """Height of the bottom that is left [mm]."""
+        return self.erosion if bottom_is_exposed(self.constraint, self.dimensions) else 0.0
+
+    @property
+    def outer(self) -> Box:
+        """What is left of the block after erosion [mm]."""
+        return (0.0, self.length), (0.0, self.half_width), (self.bottom, self.height)
 
     @property
     def chamber_length(self) -> float:
@@ -158,36 +197,47 @@ class Geometry:
         return tuple((span, across, upward) for span in self.slot_spans)
 
     @property
+    def voids(self) -> tuple[Box, ...]:
+        """The slots: air that is not under pressure [mm]."""
+        return self.slots
+
+    @property
+    def exposed(self) -> tuple[Box, ...]:
+        """The slots, which lie open to what is outside [mm]."""
+        return self.slots
+
+    @property
     def volume(self) -> float:
         """Volume of the gel of the whole actuator [mm³].
 
         Examples
         --------
-        >>> from bayesdeg.data.settings import Dimensions
+        >>> from bayesdeg.data.settings import Dimensions, relative_size
         >>> round(Geometry(Dimensions()).volume, 6)
         3636.0
         """
-        planes = self.planes()
-        middles = np.meshgrid(*(0.5 * (p[1:] + p[:-1]) for p in planes), indexing="ij")
-        sizes = np.einsum("i,j,k->ijk", *(np.diff(p) for p in planes))
-        solid = np.ones(sizes.shape, dtype=bool)
-        for box in (*self.cavities, *self.slots):
-            inside = [(a < m) & (m < b) for m, (a, b) in zip(middles, box, strict=True)]
-            solid &= ~np.logical_and.reduce(inside)
-        return 2.0 * float(sizes[solid].sum())
+        return 2.0 * volume_without(self.planes(), (*self.cavities, *self.slots))
 
-    def planes(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    def mesh_like(self, usual: Resolution) -> Resolution:
+        """Return a mesh of the default pneunet in the ratio of the sizes of both."""
+        return usual.scaled(relative_size(self.dimensions))
+
+    def planes(self) -> Planes:
         """Return the coordinates of all planes along x, y and z between which bricks stand [mm]."""
-        boxes = (*self.cavities, *self.slots)
-        outer = ((0.0, self.length), (0.0, self.half_width), (0.0, self.height))
-        x, y, z = (
-            _distinct([*outer[axis], *(edge for box in boxes for edge in box[axis])])
-            for axis in range(3)
-        )
-        return x, y, z
+        return planes_of(self.outer, (*self.cavities, *self.slots), self.line_height)
 
+    def changed(self, *, wall_factor: float, erosion: float) -> Self:
+        """Return the actuator with thicker or thinner walls and faces eroded [–, mm]."""
+        return replace(self, wall_factor=wall_factor, erosion=erosion)
 
-def _distinct(values: list[float], tolerance: float = 1e-9) -> NDArray[np.float64]:
-    ordered = np.sort(np.asarray(values, dtype=np.float64))
-    distinct: NDArray[np.float64] = ordered[np.concatenate([[True], np.diff(ordered) > tolerance])]
-    return distinct
+    def record(self) -> dict[str, object]:
+        """Return all that a solution depends on, as it is written and hashed.
+
+        The usual constraint, on the bottom, is not named: solutions were stored before there was
+        another.
+        """
+        named = asdict(self)
+        del named["constraint"]
+        if not bottom_is_exposed(self.constraint, self.dimensions):
+            return named
+        return named | {"constraint": constraint_record(self.constraint, self.dimensions)}

@@ -7,8 +7,15 @@ import numpy as np
 from numpy.typing import NDArray
 from skfem import MeshHex
 
-from bayesdeg.actuator.body import QUADRATIC, Body, Element, body_of, boundary_faces
-from bayesdeg.actuator.geometry import Box, Geometry
+from bayesdeg.actuator.body import (
+    QUADRATIC,
+    Body,
+    Element,
+    body_of,
+    boundary_faces,
+    faces_on_plane,
+)
+from bayesdeg.actuator.moulded import Box, Moulded, bottom_is_exposed
 from bayesdeg.actuator.status import COARSE as COARSE
 from bayesdeg.actuator.status import CONVERGED as CONVERGED
 from bayesdeg.actuator.status import FINE as FINE
@@ -25,31 +32,32 @@ class ActuatorMesh:
 
     Parameters
     ----------
-    geometry : Geometry
+    geometry : Moulded
         What was meshed.
     body : Body
         Bricks, what is held, pressed and papered; depth under the faces exposed to the soil.
     free_end : array, shape (n_faces, (order + 1)²)
         Nodes of the faces of the free end, as grids over y and z.
     bottom_line : array, shape (n,)
-        Nodes of the line at the middle of the bottom, ordered along x; its curvature is read.
+        Nodes of the line at the middle of the constraint layer, which is on the bottom of a
+        pneunet, ordered along x; its curvature is read.
     """
 
-    geometry: Geometry
+    geometry: Moulded
     body: Body
     free_end: Indices
     bottom_line: Indices
 
 
 def build_mesh(
-    geometry: Geometry, resolution: Resolution, *, element: Element = QUADRATIC
+    geometry: Moulded, resolution: Resolution, *, element: Element = QUADRATIC
 ) -> ActuatorMesh:
     """Return the half model of an actuator.
 
     Parameters
     ----------
-    geometry : Geometry
-        The actuator as moulded.
+    geometry : Moulded
+        The actuator as moulded, of any family.
     resolution : Resolution
         Largest element sizes [mm]; every wall has at least one element.
     element : Element
@@ -57,6 +65,7 @@ def build_mesh(
 
     Examples
     --------
+    >>> from bayesdeg.actuator.geometry import Geometry
     >>> from bayesdeg.data.settings import Dimensions
     >>> mesh = build_mesh(Geometry(Dimensions()), COARSE)
     >>> bool(abs(mesh.body.volume - 1818.0) < 1e-6)  # volume of the material [mm³]
@@ -69,11 +78,11 @@ def build_mesh(
     ]
     full = MeshHex.init_tensor(*grids)
     centres = full.p[:, full.t].mean(axis=1).T
-    hollow = _inside_any(centres, (*geometry.cavities, *geometry.slots))
+    hollow = _inside_any(centres, (*geometry.cavities, *geometry.voids))
     body = body_of(full.restrict(np.flatnonzero(~hollow)), element)
     faces = boundary_faces(body)
     middles = body.nodes[faces].mean(axis=1)
-    end = np.isclose(middles[:, 0], geometry.length)
+    end = np.isclose(middles[:, 0], geometry.outer[0][1])
     nodes = body.nodes
     fixed = np.repeat(np.isclose(nodes[:, :1], 0.0), 3, axis=1)
     fixed[:, 1] |= np.isclose(nodes[:, 1], 0.0)
@@ -82,12 +91,12 @@ def build_mesh(
         body=replace(
             body,
             cavity=faces[_on_cavity(middles, geometry)],
-            paper=_grid_order(nodes, faces[np.isclose(middles[:, 2], 0.0)]),
+            paper=_layer(body, geometry),
             fixed=fixed,
             depth=_depth(body, geometry),
         ),
         free_end=_grid_order(nodes, faces[end]),
-        bottom_line=_line(nodes),
+        bottom_line=_line(nodes, geometry.line_height),
     )
 
 
@@ -99,14 +108,14 @@ def reshaped(mesh: ActuatorMesh, *, wall_factor: float, erosion: float) -> Actua
     mesh : ActuatorMesh
         Of the nominal geometry.
     wall_factor, erosion : float
-        As in ``Geometry`` [–, mm].
+        As in ``Moulded.changed`` [–, mm].
 
     Raises
     ------
     GeometryError
         If nothing is left of a wall or of a chamber.
     """
-    geometry = replace(mesh.geometry, wall_factor=wall_factor, erosion=erosion)
+    geometry = mesh.geometry.changed(wall_factor=wall_factor, erosion=erosion)
     before, after = mesh.geometry.planes(), geometry.planes()
     if any(len(a) != len(b) for a, b in zip(before, after, strict=True)):
         raise GeometryError("walls so changed fall together with other faces")
@@ -117,16 +126,25 @@ def reshaped(mesh: ActuatorMesh, *, wall_factor: float, erosion: float) -> Actua
     return replace(mesh, geometry=geometry, body=replace(body, depth=_depth(body, geometry)))
 
 
-def _depth(body: Body, geometry: Geometry) -> Floats:
+def _depth(body: Body, geometry: Moulded) -> Floats:
     """Distance of quadrature points from the faces that are exposed to the soil."""
     points = np.einsum("qa,eai->eqi", body.element.shapes, body.nodes[body.elements])
-    outer = np.array([geometry.length, geometry.half_width, geometry.height])
-    depth = np.min(outer - points, axis=-1)
-    for slot in geometry.slots:
-        low, high = np.array(slot).T
+    (_, length), (_, half_width), (bottom, top) = geometry.outer
+    depth = np.min(np.array([length, half_width, top]) - points, axis=-1)
+    if bottom_is_exposed(geometry.constraint, geometry.dimensions):
+        depth = np.minimum(depth, points[..., 2] - bottom)
+    for void in geometry.exposed:
+        low, high = np.array(void).T
         outside = np.maximum(np.maximum(low - points, points - high), 0.0)
         depth = np.minimum(depth, np.linalg.norm(outside, axis=-1))
     return np.maximum(depth, 0.0)
+
+
+def _layer(body: Body, geometry: Moulded) -> Indices:
+    """Nodes of the faces that the constraint layer covers, as grids over x and y."""
+    if not geometry.constraint.is_there:
+        return np.empty((0, (body.element.order + 1) ** 2), dtype=np.int64)
+    return _grid_order(body.nodes, faces_on_plane(body, geometry.line_height))
 
 
 def _divide(planes: Floats, size: float, grading: float) -> Floats:
@@ -177,7 +195,7 @@ def _inside_any(
     return inside
 
 
-def _on_cavity(middles: Floats, geometry: Geometry) -> NDArray[np.bool_]:
+def _on_cavity(middles: Floats, geometry: Moulded) -> NDArray[np.bool_]:
     on_symmetry = np.isclose(middles[:, 1], 0.0)
     return _inside_any(middles, geometry.cavities) & ~on_symmetry
 
@@ -192,6 +210,6 @@ def _grid_order(nodes: Floats, faces: Indices) -> Indices:
     return ordered
 
 
-def _line(nodes: Floats) -> Indices:
-    on_line = np.flatnonzero(np.isclose(nodes[:, 1], 0.0) & np.isclose(nodes[:, 2], 0.0))
+def _line(nodes: Floats, height: float) -> Indices:
+    on_line = np.flatnonzero(np.isclose(nodes[:, 1], 0.0) & np.isclose(nodes[:, 2], height))
     return on_line[np.argsort(nodes[on_line, 0])]

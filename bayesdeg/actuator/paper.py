@@ -1,7 +1,7 @@
-"""The paper on the bottom, compiled: a membrane that may be slack, and its bending.
+"""The paper on the bottom or inside, compiled: a membrane that may be slack, and its bending.
 
 The energy of a plate that bends without stretching is ½ D ∫ |∇∇x|² dX, quadratic in the positions
-and unchanged by rotations. The bottom's nodes stand in a rectangular grid, so second derivatives
+and unchanged by rotations. The plane's nodes stand in a rectangular grid, so second derivatives
 are taken as differences over neighbouring nodes; kinks between elements count.
 """
 
@@ -31,7 +31,7 @@ def membrane(
     position: Places,
     data: Floats,
 ) -> float:  # pragma: no cover - compiled
-    """Add force and tangent of the paper on plane faces z = 0; return its energy.
+    """Add force and tangent of the paper on plane faces z = const; return its energy.
 
     W = k Ψ(q), k = Et/(1 − ν²), q² = (1 − ν) E : E + ν (tr E)², with E the Green strain in the
     plane, measured from a paper that is longer by ``mismatch``. Without slack Ψ = q²/2: St.

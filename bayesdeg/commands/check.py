@@ -6,12 +6,13 @@ from collections.abc import Iterator
 from rich.table import Table
 from rich.text import Text
 
-from bayesdeg.actuator.geometry import Geometry
+from bayesdeg.actuator.families import geometry_of_study
+from bayesdeg.actuator.section import described, section
 from bayesdeg.commands.options import CORES, StudyFolder
 from bayesdeg.console import errors, say
 from bayesdeg.data.plausibility import doubts, refuse_impossible
 from bayesdeg.data.study import Study
-from bayesdeg.emulator.kept import duration, rough_seconds, search
+from bayesdeg.emulator.kept import duration, rough_seconds, search, without_emulator
 from bayesdeg.observations.catalogue import TABLES
 from bayesdeg.pipeline.outline import outline
 from bayesdeg.pipeline.reading import read_study
@@ -41,8 +42,17 @@ def check(study: StudyFolder) -> None:
     for what, cost in plan.missing:
         errors.print(f"without {what}: {cost}", soft_wrap=True)
     if plan.has_actuators:
-        found = search(Geometry(checked.settings.dimensions))
-        if found.source is None:
+        geometry = geometry_of_study(checked.settings)
+        errors.print(described(geometry), soft_wrap=True, markup=False, highlight=False)
+        errors.print(section(geometry), soft_wrap=True, markup=False, highlight=False)
+        found = search(geometry)
+        if without_emulator(geometry):
+            errors.print(
+                f"'bayesdeg run' stops before it calibrates: no emulator can be trained for this "
+                f"actuator ({found.reason}); 'bayesdeg simulate' works",
+                soft_wrap=True,
+            )
+        elif found.source is None:
             seconds = rough_seconds(checked.settings.dimensions, workers=CORES)
             errors.print(
                 f"{found.reason}; 'bayesdeg run' trains one first: {duration(seconds)} with "

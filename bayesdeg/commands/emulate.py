@@ -8,12 +8,12 @@ from typing import Annotated
 
 import typer
 
-from bayesdeg.actuator.geometry import Geometry
+from bayesdeg.actuator.families import geometry_of_study
 from bayesdeg.commands import training
 from bayesdeg.commands.options import CORES, Quiet, Scheduler, Workers, Yes
 from bayesdeg.console import errors
-from bayesdeg.data.settings import FILE, Dimensions, parse_settings
-from bayesdeg.emulator.kept import CACHE, cached_path
+from bayesdeg.data.settings import FILE, Settings, parse_settings
+from bayesdeg.emulator.kept import CACHE, cached_path, refuse_without_emulator
 from bayesdeg.emulator.solutions import SolutionStore
 from bayesdeg.emulator.workers import workplace
 from bayesdeg.errors import Fault, StudyError
@@ -74,7 +74,8 @@ def emulate(
     """
     if not timeout > 0.0:
         raise typer.BadParameter(f"{timeout:g} s is no time to solve anything; give more than 0")
-    actuator = Geometry(_dimensions(geometry))
+    actuator = geometry_of_study(_settings(geometry))
+    refuse_without_emulator(actuator)
     path = cached_path(actuator, training.RECIPE, CACHE) if out is None else output_file(out)
     with workplace(workers, scheduler) as executor:
         campaign = Campaign(actuator, training.RECIPE, SolutionStore(store), executor, timeout)
@@ -83,10 +84,10 @@ def emulate(
         errors.print(f"wrote {path}", soft_wrap=True)
 
 
-def _dimensions(path: Path | None) -> Dimensions:
-    """Read the dimensions of an actuator from a study folder or a TOML file."""
+def _settings(path: Path | None) -> Settings:
+    """Read the settings of an actuator from a study folder or a TOML file."""
     if path is None:
-        return Dimensions()
+        return Settings()
     file = path / FILE if path.is_dir() else path
     try:
         content = read_bytes(file, most_mb=STUDY_MB)
@@ -99,4 +100,4 @@ def _dimensions(path: Path | None) -> Dimensions:
     if not path.is_dir() and "actuator" not in tomllib.loads(content.decode("utf-8-sig")):
         remedy = "write [actuator] and below it the dimensions that differ, such as length = 60.0"
         raise StudyError([Fault(str(file), "has no [actuator] table", remedy)])
-    return settings.dimensions
+    return settings

@@ -9,12 +9,11 @@ import numpy as np
 import typer
 
 from bayesdeg.actuator.curve import ExactMap
-from bayesdeg.actuator.geometry import Geometry
+from bayesdeg.actuator.families import geometry_of_study
 from bayesdeg.actuator.status import FINE, Backend
 from bayesdeg.commands.options import CORES, Quiet, Seed, StudyFolder, Workers
 from bayesdeg.console import errors, say, shown
 from bayesdeg.data.settings import FILE as SETTINGS_FILE
-from bayesdeg.data.settings import relative_size
 from bayesdeg.data.study import Study
 from bayesdeg.emulator.workers import workplace
 from bayesdeg.errors import BayesdegError
@@ -69,12 +68,13 @@ def simulate(
     drawn = " --draw-material" if draw_material else ""
     by = "" if backend is Backend.KERNELS else f" --backend {backend}"
     command = f"bayesdeg simulate {study} {named}{drawn} --out {out} --seed {chosen}{by}"
-    mesh = FINE.scaled(relative_size(template.settings.dimensions))
+    geometry = geometry_of_study(template.settings)
+    mesh = geometry.mesh_like(FINE)
     provenance = Provenance(command=command, seed=chosen, mesh=vars(mesh))
     with virtual_study(out, VIRTUAL_FILES), workplace(workers, None) as executor:
         with shown(quiet) as progress:
             forward = ExactMap(
-                Geometry(template.settings.dimensions),
+                geometry,
                 mesh,
                 executor=executor,
                 backend=backend,

@@ -7,12 +7,19 @@ from pathlib import Path
 
 import typer
 
-from bayesdeg.actuator.geometry import Geometry
+from bayesdeg.actuator.families import geometry_of_study
+from bayesdeg.actuator.moulded import Moulded
 from bayesdeg.commands.options import Stopped
 from bayesdeg.commands.outcome import accuracy_table, list_failures, runs_table
 from bayesdeg.console import errors, shown
 from bayesdeg.data.study import Study
-from bayesdeg.emulator.kept import CACHE, Recipe, duration, local_recipe
+from bayesdeg.emulator.kept import (
+    CACHE,
+    Recipe,
+    duration,
+    local_recipe,
+    refuse_without_emulator,
+)
 from bayesdeg.emulator.local import (
     MORE_COARSE,
     MORE_FINE,
@@ -90,10 +97,11 @@ def emulator_for(
         trained = read_trained(given)
         if study.actuator is None:
             return trained
-        return surrogate_for(Geometry(study.settings.dimensions), trained)
+        return surrogate_for(geometry_of_study(study.settings), trained)
     if study.actuator is None:
         return None
-    geometry = Geometry(study.settings.dimensions)
+    geometry = geometry_of_study(study.settings)
+    refuse_without_emulator(geometry)
     found = find(geometry, recipe=RECIPE, cache=CACHE)
     if found.surrogate is not None:
         return found.surrogate
@@ -113,7 +121,7 @@ def _known(
     study: Study, first: LocalDesign, wanted: TrainingRange, manner: Manner
 ) -> Surrogate | None:
     """Return an emulator that was trained for this study, or one that answers it as well."""
-    geometry = Geometry(study.settings.dimensions)
+    geometry = geometry_of_study(study.settings)
     own = _kept_for(geometry, first)
     for path, surrogate in covering(geometry, wanted, CACHE):
         if path == own or _is_good(_asked_after(study, surrogate, manner)):
@@ -121,7 +129,7 @@ def _known(
     return None
 
 
-def _kept_for(geometry: Geometry, first: LocalDesign) -> Path:
+def _kept_for(geometry: Moulded, first: LocalDesign) -> Path:
     """Return where an emulator is kept whose training began with a design."""
     campaign = Campaign(geometry, LOCAL(geometry.dimensions), SolutionStore(STORE), design=first)
     return CACHE / f"{campaign.key()[:16]}.npz"
@@ -158,7 +166,7 @@ def train_where_asked(
     Stopped
         If the user does not want to wait, or stops it.
     """
-    geometry, store = Geometry(study.settings.dimensions), SolutionStore(STORE)
+    geometry, store = geometry_of_study(study.settings), SolutionStore(STORE)
     recipe, design = LOCAL(geometry.dimensions), first
     for more in range(ROUNDS + 1):
         campaign = Campaign(geometry, recipe, store, executor, design=design)

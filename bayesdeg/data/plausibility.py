@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from bayesdeg.data.settings import Dimensions
+from bayesdeg.data.families import Mould
 from bayesdeg.data.study import Study
 from bayesdeg.errors import Fault, StudyError
 from bayesdeg.priors import Law
@@ -70,7 +70,7 @@ IMPOSSIBLE_BENDING = 30.0
 MOST_TURNING = 4.0 * np.pi
 #: Stretch; the toughest hydrogels reach 23 (Sun et al. 2012, doi:10.1038/nature11409).
 HIGHEST_STRETCH = 30.0
-#: Bending of the default actuator over that of a beam of its section, whose walls do not bulge.
+#: Bending of the default actuator of either family over that of a beam whose walls do not bulge.
 BULGING = 2.0
 #: Curvature at zero pressure that reading errors (0.3 1/m by their prior) do not give [1/m].
 LARGEST_AT_REST, LARGEST_SHARE_AT_REST = 1.5, 0.1
@@ -633,27 +633,19 @@ def _curves(actuator: pd.DataFrame) -> list[_Curve]:
     return found
 
 
-def bending_of_beam(dimensions: Dimensions) -> float:
-    r"""Return the bend angle over p/C1 that an actuator of these dimensions has, roughly [rad].
+def bending_of_beam(mould: Mould) -> float:
+    """Return the bend angle over p/C1 that an actuator of these dimensions has, roughly [rad].
 
-    A beam of the section through a chamber, on paper that does not stretch:
-
-    .. math:: \theta = \frac{p A z_c}{6 C_1 I} L, \qquad I = \int z^2 dA
-
-    with A and :math:`z_c` area of the chamber and height of its middle over the paper, times
-    `BULGING`. The angle does not depend on the scale of the part.
+    That of a beam of its section (`Mould.beam_bending`), times `BULGING`. The angle does not depend
+    on the scale of the part.
 
     Examples
     --------
+    >>> from bayesdeg.data.settings import Dimensions
     >>> round(bending_of_beam(Dimensions()), 2)
     1.29
     """
-    d = dimensions
-    wide, high = d.width - 2.0 * d.side_wall, d.height - d.floor - d.roof
-    top = d.height - d.roof
-    second_moment = d.width * d.height**3 / 3.0 - wide * (top**3 - d.floor**3) / 3.0
-    moment = wide * high * (d.floor + 0.5 * high)
-    return BULGING * moment / (6.0 * second_moment) * d.length
+    return BULGING * mould.beam_bending
 
 
 def _bending(study: Study, material: _Material) -> list[Doubt]:

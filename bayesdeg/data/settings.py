@@ -16,6 +16,20 @@ from pydantic import (
 )
 
 from bayesdeg.data.cells import LARGEST
+from bayesdeg.data.families import (
+    CONSTRAINTS,
+    KINDS,
+    LARGEST_MM,
+    MOST_CHAMBERS,
+    PASSIVES,
+    SMALLEST_MM,
+    Constraint,
+    ConstraintKind,
+    Kind,
+    Mould,
+    Passive,
+    RibbedDimensions,
+)
 from bayesdeg.data.shrinkage import Known, MixtureRecipe
 from bayesdeg.errors import Fault, nearest
 from bayesdeg.files import DEEPEST, too_deep
@@ -31,9 +45,6 @@ RuptureCriterion = Literal["principal_stretch", "cauchy_stress", "strain_energy"
 EFFORTS: tuple[Effort, ...] = get_args(Effort)
 MODES: tuple[str, ...] = get_args(Mode)
 RUPTURE_CRITERIA: tuple[RuptureCriterion, ...] = get_args(RuptureCriterion)
-
-#: Limits of a dimension [mm] and of the number of chambers; beyond them no mesh can be made.
-SMALLEST_MM, LARGEST_MM, MOST_CHAMBERS = 1e-3, 2000.0, 200
 
 
 @dataclass(frozen=True)
@@ -78,6 +89,36 @@ class Dimensions:
     channel_width: float = 2.0
     channel_height: float = 1.5
     channel_roof: float = 1.0
+
+    @property
+    def kind(self) -> Kind:
+        """The family."""
+        return "pneunet"
+
+    @property
+    def usual_height(self) -> float:
+        """Height at which the constraint layer lies if none is stated: the bottom [mm]."""
+        return 0.0
+
+    @property
+    def constraint_room(self) -> tuple[float, float]:
+        """Heights between which a layer runs through material alone: the floor [mm]."""
+        return 0.0, self.floor
+
+    @property
+    def beam_bending(self) -> float:
+        r"""Bend angle over p/C1 of a beam of the section through a chamber [rad].
+
+        .. math:: \theta = \frac{p A z_c}{6 C_1 I} L, \qquad I = \int z^2 dA
+
+        with A and :math:`z_c` area of the chamber and height of its middle over the paper, which
+        does not stretch.
+        """
+        wide, high = self.width - 2.0 * self.side_wall, self.height - self.floor - self.roof
+        top = self.height - self.roof
+        second_moment = self.width * self.height**3 / 3.0 - wide * (top**3 - self.floor**3) / 3.0
+        moment = wide * high * (self.floor + 0.5 * high)
+        return moment / (6.0 * second_moment) * self.length
 
     def problems(self) -> tuple[str, ...]:
         """Say why no actuator can be made of these dimensions.
@@ -161,7 +202,7 @@ class Dimensions:
         return tuple(wrong)
 
 
-def relative_size(dimensions: Dimensions) -> float:
+def relative_size(dimensions: Mould) -> float:
     """Return the cube root of an actuator's outer volume over that of the default one [–].
 
     Examples
@@ -214,10 +255,16 @@ class Settings:
         Heading of the report; empty if not given.
     seed : int
         Seed from which every random number of the study comes.
-    dimensions : Dimensions
+    dimensions : Dimensions or RibbedDimensions
         The actuator as moulded.
     paper_thickness_mm : float
-        Thickness of the strain-limiting paper [mm].
+        Thickness of the strain-limiting paper, or of another layer in its place [mm].
+    constraint_kind : {"paper", "film", "none"}
+        The layer that does not stretch: paper and film differ in name alone; with none nothing
+        keeps the plane from stretching.
+    constraint_height_mm : float, optional
+        Height of that layer over the bottom [mm]; by default the bottom, or the middle of an
+        actuator with two halves.
     recipe : MixtureRecipe
         Parts by mass and densities of what films are poured of.
     priors : mapping of str to Law
@@ -246,14 +293,16 @@ class Settings:
 
     Examples
     --------
-    >>> Settings().dimensions.chambers
-    5
+    >>> Settings().dimensions == Dimensions()
+    True
     """
 
     title: str = ""
     seed: int = 20211124
-    dimensions: Dimensions = field(default_factory=Dimensions)
+    dimensions: Dimensions | RibbedDimensions = field(default_factory=Dimensions)
     paper_thickness_mm: float = 0.1
+    constraint_kind: ConstraintKind = "paper"
+    constraint_height_mm: float | None = None
     recipe: MixtureRecipe = field(default_factory=MixtureRecipe)
     priors: Mapping[str, Law] = field(default_factory=dict)
     degradation_sd_pct: float = 1.0
@@ -266,6 +315,16 @@ class Settings:
     forward: OwnForward | None = None
     rupture_criterion: RuptureCriterion = "principal_stretch"
     film_volume_mm3: float = 50.0
+
+    @property
+    def kind(self) -> Kind:
+        """The family of the actuator."""
+        return self.dimensions.kind
+
+    @property
+    def constraint(self) -> Constraint:
+        """The layer that does not stretch."""
+        return Constraint(self.constraint_kind, self.constraint_height_mm)
 
 
 FILE = "study.toml"
@@ -313,8 +372,10 @@ type _Names[T] = Annotated[list[T], AfterValidator(_each_once)]
 
 
 def _dimension(name: str) -> _Entry:
-    if name == "chambers":
+    if name in ("chambers", "channels"):
         return _Entry("actuator", name, "a whole number of at least 1", int)
+    if name == "passive":
+        return _Entry("actuator", name, f"one of {', '.join(PASSIVES)}", Passive)
     return _Entry("actuator", name, f"a number up to {LARGEST_MM:g} [mm]", Number)
 
 
@@ -342,13 +403,42 @@ _Law = Annotated[Any, PlainValidator(_law)]
 _Text = Annotated[str, StringConstraints(pattern=r"\S")]
 _Function = Annotated[str, StringConstraints(pattern=r"^[^:/\\]+\.py:[A-Za-z_]\w*$")]
 
+MOULDS: Mapping[Kind, type[Dimensions] | type[RibbedDimensions]] = {
+    "pneunet": Dimensions,
+    "ribbed": RibbedDimensions,
+}
+DIMENSIONS = tuple(dict.fromkeys(one.name for mould in MOULDS.values() for one in fields(mould)))
+"""Names of dimensions of all families, those that several have once."""
+
 ENTRIES: tuple[_Entry, ...] = (
     _Entry("", "title", "a text in quotes", str),
     _Entry("", "note", "a text in quotes", str),
     _Entry("", "virtual", "true or false", bool),
     _Entry("", "seed", _SEED, Annotated[int, Interval(ge=0, le=LARGEST_SEED)]),
-    *(_dimension(entry.name) for entry in fields(Dimensions)),
+    _Entry("actuator", "kind", f"one of {', '.join(KINDS)}", Kind),
+    *(_dimension(name) for name in DIMENSIONS),
     _Entry("paper", "thickness", "a number above 0 [mm]", _POSITIVE, "paper_thickness_mm"),
+    _Entry(
+        "constraint",
+        "kind",
+        f"one of {', '.join(CONSTRAINTS)}",
+        ConstraintKind,
+        "constraint_kind",
+    ),
+    _Entry(
+        "constraint",
+        "height",
+        "a number from 0 [mm]",
+        Annotated[Number, Ge(0.0)],
+        "constraint_height_mm",
+    ),
+    _Entry(
+        "constraint",
+        "thickness",
+        "a number above 0 [mm]",
+        _POSITIVE,
+        "constraint_thickness_mm",
+    ),
     *(_recipe(entry.name) for entry in fields(MixtureRecipe)),
     _Entry("noise", "degradation_sd_pct", "a number not below 0 [%]", _DEGRADATION),
     _Entry("causes", "candidates", _CAUSES, Literal["all"] | _Names[str]),
@@ -371,7 +461,7 @@ ENTRIES: tuple[_Entry, ...] = (
     _Entry("reading", "scatter", f"true, false, or {_SCALE}", _Law | bool, "own_scatter"),
 )
 TABLES = (
-    *("actuator", "paper", "shrinkage", "priors", "noise", "causes", "sampling"),
+    *("actuator", "paper", "constraint", "shrinkage", "priors", "noise", "causes", "sampling"),
     *("tensile", "material", "rupture", "forward", "parameters", "reading"),
 )
 
@@ -454,13 +544,18 @@ def _from_document(document: dict[str, Any], text: str) -> tuple[Settings, tuple
             faults.append(_wrong_value(entry, value, text))
     if accepted.get("candidates") == "all":
         accepted["candidates"] = None
-    dimensions, recipe = (
-        Dimensions(**_of(Dimensions, accepted)),
-        MixtureRecipe(**_of(MixtureRecipe, accepted)),
-    )
+    table = tables.get("actuator", {})
+    if ("kind" in table) == ("kind" in accepted):
+        faults += _of_other_kinds(accepted.get("kind", "pneunet"), table, text)
+    faults += _two_thicknesses(tables, text)
+    if "constraint_thickness_mm" in accepted:
+        accepted["paper_thickness_mm"] = accepted.pop("constraint_thickness_mm")
+    dimensions = _mould(accepted)
+    recipe = MixtureRecipe(**_of(MixtureRecipe, accepted))
     # the defaults that stand in for refused keys must not be blamed
-    if not any((fault.column or "").startswith("actuator") for fault in faults):
-        faults += _impossible(dimensions, text)
+    if not any((fault.column or "").startswith(("actuator", "constraint")) for fault in faults):
+        height = accepted.get("constraint_height_mm")
+        faults += _impossible(dimensions, Constraint(height=height), text)
     own = {k: accepted.pop(f"own_{k}") for k in _OWN if f"own_{k}" in accepted}
     forward = OwnForward(**own, parameters=unknowns) if "function" in own else None
     if forward is None and not faults:
@@ -510,16 +605,65 @@ def _read_parameters(
     return tuple(found), tuple(faults)
 
 
-def _of(part: type[Dimensions | MixtureRecipe], accepted: dict[str, Any]) -> dict[str, Any]:
+def _mould(accepted: dict[str, Any]) -> Dimensions | RibbedDimensions:
+    """Take the dimensions of the actuator out of what was accepted, whatever its family."""
+    mould = MOULDS[accepted.pop("kind", "pneunet")]
+    sizes = {name: accepted.pop(name) for name in DIMENSIONS if name in accepted}
+    own = {one.name for one in fields(mould)}
+    return mould(**{name: value for name, value in sizes.items() if name in own})
+
+
+def _of_other_kinds(kind: Kind, table: Mapping[str, Any], text: str) -> tuple[Fault, ...]:
+    """Refuse dimensions that actuators of this family do not have."""
+    names = {name: {one.name for one in fields(mould)} for name, mould in MOULDS.items()}
+    return tuple(
+        Fault(
+            FILE,
+            f"is no dimension of a {kind} actuator",
+            "remove it, or write kind = "
+            + " or ".join(_as_written(name) for name, known in names.items() if key in known),
+            _row_of(text, "actuator", key),
+            _dotted("actuator", key),
+            _as_written(table[key]),
+        )
+        for key in table
+        if key in DIMENSIONS and key not in names[kind]
+    )
+
+
+def _two_thicknesses(tables: Mapping[str, Any], text: str) -> tuple[Fault, ...]:
+    """Refuse the thickness of one layer stated twice."""
+    if not all("thickness" in tables.get(name, {}) for name in ("paper", "constraint")):
+        return ()
+    return (
+        Fault(
+            FILE,
+            "is there beside paper.thickness, and both are of the same layer",
+            "remove one of them",
+            _row_of(text, "constraint", "thickness"),
+            "constraint.thickness",
+            _as_written(tables["constraint"]["thickness"]),
+        ),
+    )
+
+
+def _of(part: type[MixtureRecipe], accepted: dict[str, Any]) -> dict[str, Any]:
     """Take the fields of a part out of what was accepted."""
     names = {entry.name for entry in fields(part)}
     return {name: accepted.pop(name) for name in names & accepted.keys()}
 
 
-def _impossible(dimensions: Dimensions, text: str) -> tuple[Fault, ...]:
-    row = _row_of(text, "actuator", None)
-    remedy = "change the dimensions so that an actuator can be made"
-    return tuple(Fault(FILE, problem, remedy, row, "actuator") for problem in dimensions.problems())
+def _impossible(
+    dimensions: Dimensions | RibbedDimensions, constraint: Constraint, text: str
+) -> tuple[Fault, ...]:
+    problems = [("actuator", one) for one in dimensions.problems()]
+    if not problems:
+        problems = [("constraint", one) for one in constraint.problems(dimensions)]
+    usual = "change the dimensions so that an actuator can be made"
+    return tuple(
+        Fault(FILE, problem, remedy or usual, _row_of(text, table, None), table)
+        for table, (problem, _, remedy) in ((t, one.partition("; ")) for t, one in problems)
+    )
 
 
 def _wrong_tables(document: Mapping[str, Any], text: str) -> tuple[Fault, ...]:

@@ -11,6 +11,7 @@ import pandera.pandas as pa
 
 from bayesdeg.data import readings
 from bayesdeg.data.cells import Cells, check_header, read_cells, read_number
+from bayesdeg.data.families import RibbedDimensions
 from bayesdeg.data.settings import FILE as SETTINGS_FILE
 from bayesdeg.data.settings import Dimensions, Settings, parse_settings
 from bayesdeg.data.tables import TABLES, Table, broken, row_check, words_of
@@ -309,7 +310,7 @@ class Study:
         return any(bool((table["degradation_pct"].abs() > 0.0).any()) for table in found)
 
     @property
-    def geometry(self) -> Dimensions:
+    def geometry(self) -> Dimensions | RibbedDimensions:
         """Dimensions of the actuator as moulded, from ``[actuator]`` of ``study.toml``."""
         return self.settings.dimensions
 

@@ -20,11 +20,11 @@ from threadpoolctl import threadpool_limits
 
 from bayesdeg.actuator.curve import Curve, PathSamples
 from bayesdeg.actuator.demand import MEASURES, WEIBULL_MODULI
-from bayesdeg.actuator.geometry import Geometry
+from bayesdeg.actuator.moulded import Moulded
 from bayesdeg.actuator.status import MODEL_VERSION, Status
 from bayesdeg.emulator.coordinates import LARGEST_WARPED, SLACK, coordinates, scaled_cause
 from bayesdeg.emulator.design import is_answered, likely, second_stage, space_filling
-from bayesdeg.emulator.kept import Recipe
+from bayesdeg.emulator.kept import Recipe, refuse_without_emulator
 from bayesdeg.emulator.local import LocalDesign
 from bayesdeg.emulator.regression import (
     Equations,
@@ -56,6 +56,7 @@ INSIDE = 0.9
 # runs count by how near their material is to those that studies meet: over how many standard
 # deviations, and how much at least
 REACH, LEAST = 2.0, 0.02
+NARROWEST = 0.01  # spread of materials below which they count as alike, of half of the range
 
 
 def fit_errors(points: Floats, left_out: Floats, weights: Floats, family: Family = FAMILY) -> Terms:
@@ -106,6 +107,7 @@ def nearness(points: Floats, usual: Floats) -> Floats:
     """
     material = slice(1, N_CHEBYSHEV)
     centre, spread = usual[:, material].mean(axis=0), np.cov(usual[:, material].T)
+    spread += NARROWEST**2 * np.eye(len(spread))
     away = points[:, material] - centre
     square = np.einsum("ni,ij,nj->n", away, np.linalg.inv(spread), away)
     near: Floats = np.exp(-0.5 * square / REACH**2) + LEAST
@@ -808,12 +810,13 @@ LOCAL = "where one study may ask, as a departure from the emulator of the defaul
 
 
 def runs(
-    geometry: Geometry, recipe: Recipe | None = None, design: LocalDesign | None = None
+    geometry: Moulded, recipe: Recipe | None = None, design: LocalDesign | None = None
 ) -> list[Run]:
     """Return the runs that an emulator of a geometry is trained on, those of the coarse mesh first.
 
     Examples
     --------
+    >>> from bayesdeg.actuator.geometry import Geometry
     >>> from bayesdeg.data.settings import Dimensions
     >>> len(runs(Geometry(Dimensions()), Recipe(coarse_runs=4, fine_runs=2)))
     6
@@ -840,7 +843,7 @@ def _curves(recipe: Recipe, design: LocalDesign | None) -> tuple[list[Curve], li
 
 
 def build(
-    geometry: Geometry,
+    geometry: Moulded,
     store: SolutionStore,
     *,
     recipe: Recipe | None = None,
@@ -853,7 +856,7 @@ def build(
 
     Parameters
     ----------
-    geometry : Geometry
+    geometry : Moulded
         The actuator as moulded.
     store : SolutionStore
         Finite element solutions; an interrupted campaign goes on from it.
@@ -868,6 +871,7 @@ def build(
     on_run : callable, optional
         Called after each run that the store lacked.
     """
+    refuse_without_emulator(geometry)
     recipe = recipe or Recipe()
     wanted = runs(geometry, recipe, design)
     found = complete(wanted, store, executor=executor, timeout=timeout, on_run=on_run)

@@ -17,8 +17,9 @@ from zipfile import BadZipFile
 
 import numpy as np
 
-from bayesdeg.actuator.geometry import Geometry
+from bayesdeg.actuator.moulded import Moulded
 from bayesdeg.actuator.status import CONVERGED, MODEL_VERSION, Resolution
+from bayesdeg.data.families import Mould
 from bayesdeg.data.settings import Dimensions, relative_size
 from bayesdeg.errors import BayesdegError
 from bayesdeg.files import EMULATOR_MB, read_bytes, reason
@@ -92,14 +93,58 @@ class EmulatorSearch:
         return "; ".join(self.reasons) or "no emulator of this geometry has been trained yet"
 
 
-def other_dimensions(geometry: Geometry, record: str) -> list[str]:
+def other_dimensions(geometry: Moulded, record: str) -> list[str]:
     """Return in words the dimensions of a geometry that an emulator was not trained for."""
     trained = json.loads(record).get("dimensions_mm", {})
+    unlike = without_emulator(geometry)
+    if unlike:
+        return [unlike]
     return [
         f"{name} = {value:g} (trained: {trained.get(name, float('nan')):g})"
-        for name, value in asdict(geometry.dimensions).items()
+        for name, value in vars(geometry.dimensions).items()
         if trained.get(name) != value
     ]
+
+
+def without_emulator(geometry: Moulded) -> str:
+    """Say why no emulator of an actuator can be trained; empty if one can.
+
+    The coordinates of the emulator are those of the pneunet with paper on its bottom, and how well
+    they serve another was not tried.
+
+    Examples
+    --------
+    >>> from bayesdeg.actuator.families import geometry_of
+    >>> from bayesdeg.data.families import RibbedDimensions
+    >>> without_emulator(geometry_of(Dimensions()))
+    ''
+    >>> without_emulator(geometry_of(RibbedDimensions()))
+    'it is a ribbed actuator'
+    """
+    kind = geometry.dimensions.kind
+    if kind != "pneunet":
+        return f"it is a {kind} actuator"
+    if not geometry.constraint.is_there:
+        return "it has no constraint layer"
+    height = geometry.line_height
+    return f"its constraint layer is {height:g} mm over the bottom" if height > 0.0 else ""
+
+
+def refuse_without_emulator(geometry: Moulded) -> None:
+    """Refuse what needs an emulator for an actuator that none can be trained for.
+
+    Raises
+    ------
+    BayesdegError
+        Saying why, and what can be done without.
+    """
+    reason = without_emulator(geometry)
+    if reason:
+        raise BayesdegError(
+            f"no emulator can be trained for this actuator: {reason}, and emulators are of "
+            "pneunets with paper or a film on the bottom; 'bayesdeg check' and 'bayesdeg simulate' "
+            "work without, and so does ExactMap of bayesdeg.actuator.curve as a model's forward map"
+        )
 
 
 def outdated(record: str) -> str:
@@ -116,17 +161,17 @@ def outdated(record: str) -> str:
     return f"was trained on version {version} of the finite element model, this is {MODEL_VERSION}"
 
 
-def cached_path(geometry: Geometry, recipe: Recipe, cache: Path = CACHE) -> Path:
+def cached_path(geometry: Moulded, recipe: Recipe, cache: Path = CACHE) -> Path:
     """Return where the emulator of a geometry is kept: named by dimensions and recipe.
 
     Examples
     --------
-    >>> from bayesdeg.data.settings import Dimensions, relative_size
+    >>> from bayesdeg.actuator.geometry import Geometry
     >>> one, other = (Geometry(Dimensions(length=mm)) for mm in (50.0, 60.0))
     >>> cached_path(one, Recipe()) == cached_path(other, Recipe())
     False
     """
-    content = json.dumps([asdict(geometry), asdict(recipe)])
+    content = json.dumps([geometry.record(), asdict(recipe)])
     content = json.dumps(json.loads(content, parse_int=float), sort_keys=True)  # 60 and 60.0
     return cache / f"{hashlib.sha256(content.encode()).hexdigest()[:16]}.npz"
 
@@ -173,7 +218,7 @@ def refuse_outdated(path: Traversable, record: str) -> None:
         raise BayesdegError(f"{path} {old}; train it again with 'bayesdeg emulate'")
 
 
-def refuse_other(geometry: Geometry, record: str) -> None:
+def refuse_other(geometry: Moulded, record: str) -> None:
     """Refuse an emulator of another geometry.
 
     Raises
@@ -181,6 +226,7 @@ def refuse_other(geometry: Geometry, record: str) -> None:
     BayesdegError
         Naming the dimensions that differ.
     """
+    refuse_without_emulator(geometry)
     changed = other_dimensions(geometry, record)
     if changed:
         raise BayesdegError(
@@ -190,13 +236,13 @@ def refuse_other(geometry: Geometry, record: str) -> None:
 
 
 def search(
-    geometry: Geometry, *, recipe: Recipe | None = None, cache: Path = CACHE
+    geometry: Moulded, *, recipe: Recipe | None = None, cache: Path = CACHE
 ) -> EmulatorSearch:
     """Look for a trained emulator of a geometry by records: in the package, then in a cache.
 
     Parameters
     ----------
-    geometry : Geometry
+    geometry : Moulded
         The actuator of the study.
     recipe : Recipe, optional
         What it shall be trained on; the package's is of the default recipe.
@@ -205,6 +251,9 @@ def search(
     """
     recipe = recipe or Recipe()
     path = cached_path(geometry, recipe, cache)
+    unlike = without_emulator(geometry)
+    if unlike:
+        return EmulatorSearch(None, path, (unlike,))
     reasons = []
     if recipe == Recipe():
         record = read_content(SHIPPED, record_of)
@@ -234,7 +283,7 @@ COARSE_SECONDS, FINE_SECONDS = 3.3, 27.0
 FITTING_SECONDS = 10.0
 
 
-def local_recipe(dimensions: Dimensions) -> Recipe:
+def local_recipe(dimensions: Mould) -> Recipe:
     """Return the meshes and the numbers of curves of an emulator that is trained for one study.
 
     Elements are as large as those of the default geometry, in the ratio of the sizes of both: what
@@ -251,7 +300,7 @@ def local_recipe(dimensions: Dimensions) -> Recipe:
     return Recipe(coarse, fine, COARSE_RUNS, FINE_RUNS, further=False)
 
 
-def rough_seconds(dimensions: Dimensions, *, workers: int = 1) -> float:
+def rough_seconds(dimensions: Mould, *, workers: int = 1) -> float:
     """Return roughly how long it takes to train an emulator for a study [s].
 
     The time of a curve is taken as proportional to the number of elements, which it exceeds for
@@ -259,7 +308,7 @@ def rough_seconds(dimensions: Dimensions, *, workers: int = 1) -> float:
 
     Parameters
     ----------
-    dimensions : Dimensions
+    dimensions : Mould
         Of the actuator.
     workers : int
         Processes, each with a core of its own.
@@ -278,7 +327,7 @@ def rough_seconds(dimensions: Dimensions, *, workers: int = 1) -> float:
     return curves / max(1, workers) + FITTING_SECONDS
 
 
-def _elements(dimensions: Dimensions, mesh: Resolution) -> int:
+def _elements(dimensions: Mould, mesh: Resolution) -> int:
     along, across = ceil(dimensions.length / mesh.along), ceil(dimensions.width / 2.0 / mesh.across)
     return along * across * ceil(dimensions.height / mesh.up)
 

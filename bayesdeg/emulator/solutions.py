@@ -18,12 +18,12 @@ from zipfile import ZipFile, ZipInfo
 import numpy as np
 
 from bayesdeg.actuator.curve import Curve, CurveSolution, PathSamples
-from bayesdeg.actuator.geometry import Geometry
+from bayesdeg.actuator.families import geometry_of_record
 from bayesdeg.actuator.material import MaterialGroups
+from bayesdeg.actuator.moulded import Moulded
 from bayesdeg.actuator.outputs import OUTPUTS
 from bayesdeg.actuator.sensitivity import INPUTS
 from bayesdeg.actuator.status import MODEL_VERSION, Resolution, Status
-from bayesdeg.data.settings import Dimensions
 from bayesdeg.errors import BayesdegError, ResumableError
 from bayesdeg.files import RUN_MB, read_bytes, reason
 
@@ -43,8 +43,8 @@ class Run:
 
     Parameters
     ----------
-    geometry : Geometry
-        As moulded.
+    geometry : Moulded
+        As moulded, of any family.
     resolution : Resolution
         Of the mesh.
     curve : Curve
@@ -54,20 +54,23 @@ class Run:
 
     Examples
     --------
+    >>> from bayesdeg.actuator.geometry import Geometry
+    >>> from bayesdeg.data.settings import Dimensions
     >>> material = MaterialGroups(c2_ratio=-0.014, c3_ratio=0.004, paper_group=120.0)
     >>> run = Run(Geometry(Dimensions()), Resolution(3.5, 2.5, 5.0), Curve((0.2, 0.4), material))
     >>> len(run.key())
     64
     """
 
-    geometry: Geometry
+    geometry: Moulded
     resolution: Resolution
     curve: Curve
     kind: Kind = Kind.CURVE
 
     def parameters(self) -> dict[str, object]:
         """Return all that the solution depends on, the model's version included, as plain JSON."""
-        return {"model_version": MODEL_VERSION, **{k: _plain(v) for k, v in asdict(self).items()}}
+        whole = asdict(self) | {"geometry": self.geometry.record()}
+        return {"model_version": MODEL_VERSION, **{k: _plain(v) for k, v in whole.items()}}
 
     def key(self) -> str:
         """Return the content's name: version of the model, geometry, mesh, inputs, kind, hashed."""
@@ -75,13 +78,21 @@ class Run:
 
     def __str__(self) -> str:
         """Return the parameters as a user reads them, but for those that are 0."""
+        shape = self.geometry.record()
+        shape.pop("dimensions")
+        sizes = vars(self.geometry.dimensions)
         groups = [asdict(part) for part in (self.resolution, self.curve.material)]
-        shape = asdict(self.geometry)
-        values = shape.pop("dimensions") | shape | groups[0] | groups[1]
-        named = ", ".join(f"{name}={value:g}" for name, value in values.items() if value)
+        values = sizes | shape | groups[0] | groups[1]
+        named = ", ".join(_worded(name, value) for name, value in values.items() if value)
         loads = self.curve.loads
         upto = f"{len(loads)} loads up to {loads[-1]:g}" if loads else "no load"
         return f"{self.kind} run {self.key()[:12]} ({upto}, {named})"
+
+
+def _worded(name: str, value: object) -> str:
+    if isinstance(value, dict):
+        return ", ".join(_worded(f"{name} {key}", part) for key, part in value.items())
+    return f"{name}={value:g}" if isinstance(value, int | float) else f"{name}={value}"
 
 
 def key_of(parameters: dict[str, object]) -> str:
@@ -98,11 +109,8 @@ def run_of(parameters: dict[str, Any]) -> Run:
         If they are of another version of the package.
     """
     shape, curve = parameters["geometry"], parameters["curve"]
-    sizes = shape["dimensions"]
-    dimensions = Dimensions(**sizes | {"chambers": int(sizes["chambers"])})
-    rest = {name: value for name, value in shape.items() if name != "dimensions"}
     return Run(
-        Geometry(dimensions, **rest),
+        geometry_of_record(shape),
         Resolution(**parameters["resolution"]),
         Curve(tuple(curve["loads"]), MaterialGroups(**curve["material"])),
         Kind(parameters["kind"]),

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bayesdeg.actuator.geometry import Geometry
+from bayesdeg.actuator.moulded import Moulded
 from bayesdeg.emulator.kept import (
     CACHE,
     SHIPPED,
@@ -72,12 +72,12 @@ def default_surrogate() -> Surrogate:
     return from_bytes(SHIPPED.read_bytes())
 
 
-def surrogate_for(geometry: Geometry, surrogate: Surrogate | None = None) -> Surrogate:
+def surrogate_for(geometry: Moulded, surrogate: Surrogate | None = None) -> Surrogate:
     """Return an emulator if it is of this geometry.
 
     Parameters
     ----------
-    geometry : Geometry
+    geometry : Moulded
         The actuator of the study.
     surrogate : Surrogate, optional
         By default the one that ships with the package.
@@ -106,7 +106,7 @@ def read_trained(path: Traversable) -> Surrogate:
 
 
 def covering(
-    geometry: Geometry, wanted: TrainingRange, cache: Path = CACHE
+    geometry: Moulded, wanted: TrainingRange, cache: Path = CACHE
 ) -> Iterator[tuple[Path, Surrogate]]:
     """Yield the emulators of a geometry in a cache that answer over all of a range."""
     for path in sorted(cache.glob("*.npz")):
@@ -134,12 +134,12 @@ def write_trained(path: Path, surrogate: Surrogate) -> None:
         raise ResumableError(f"{fault}; nothing that was solved is lost") from fault
 
 
-def find(geometry: Geometry, *, recipe: Recipe | None = None, cache: Path = CACHE) -> Found:
+def find(geometry: Moulded, *, recipe: Recipe | None = None, cache: Path = CACHE) -> Found:
     """Look for a trained emulator of a geometry: first in the package, then in a cache.
 
     Parameters
     ----------
-    geometry : Geometry
+    geometry : Moulded
         The actuator of the study.
     recipe : Recipe, optional
         What it shall be trained on; the package's is of the default recipe.

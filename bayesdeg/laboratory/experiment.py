@@ -13,7 +13,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from bayesdeg.actuator.demand import demanded, scatter_law
-from bayesdeg.actuator.geometry import Geometry
+from bayesdeg.actuator.families import geometry_of_study
 from bayesdeg.actuator.inputs import ForwardMap, Inputs, Prediction
 from bayesdeg.actuator.status import Status
 from bayesdeg.causes.catalogue import in_order
@@ -203,7 +203,7 @@ def design_of(study: Study) -> Design:
         bend_angle=study.actuator is None or "bend_angle_deg" in recorded,
         breaking=Breaking(
             study.settings.rupture_criterion,
-            Geometry(study.settings.dimensions).volume / study.settings.film_volume_mm3,
+            geometry_of_study(study.settings).volume / study.settings.film_volume_mm3,
         ),
     )
 

@@ -10,9 +10,10 @@ from pydantic import Field
 
 import bayesdeg
 from bayesdeg.actuator.status import MODEL_VERSION
-from bayesdeg.data.settings import ENTRIES, Settings
+from bayesdeg.data.families import RibbedDimensions
+from bayesdeg.data.settings import ENTRIES, Dimensions, Settings
 from bayesdeg.data.settings import FILE as SETTINGS_FILE
-from bayesdeg.data.shrinkage import Known
+from bayesdeg.data.shrinkage import Known, MixtureRecipe
 from bayesdeg.data.tables import TABLES
 from bayesdeg.files import spreadsheet_safe
 from bayesdeg.laboratory.experiment import VirtualExperiment
@@ -162,7 +163,7 @@ def settings_text(settings: Settings) -> str:
     written: dict[str, Any] = {}
     for entry in ENTRIES:
         holders = (settings, settings.dimensions, settings.recipe)
-        holder = next((one for one in holders if hasattr(one, entry.field)), None)
+        holder = next((one for one in holders if _holds(one, entry.field)), None)
         if holder is None:  # of a forward map of one's own, which no virtual experiment has
             continue
         value = getattr(holder, entry.field)
@@ -172,6 +173,12 @@ def settings_text(settings: Settings) -> str:
     if settings.priors:
         written["priors"] = {name: _plain_law(law) for name, law in settings.priors.items()}
     return tomli_w.dumps(written)
+
+
+def _holds(record: Settings | Dimensions | RibbedDimensions | MixtureRecipe, name: str) -> bool:
+    """Return whether a value of a key is held here; what follows from others is not."""
+    is_family = isinstance(record, Settings) and name == "kind"
+    return is_family or name in {entry.name for entry in fields(record)}
 
 
 def _plain_law(law: Law) -> dict[str, object]:

@@ -42,6 +42,7 @@ from bayesdeg.data.tables import (
     number,
     of_actuators,
 )
+from bayesdeg.errors import Fault, StudyError
 from bayesdeg.observations.curvature import actuator_parameters, inputs_met, parts_of
 from bayesdeg.observations.kinds import Observations, Parts, Places, Rows, Scale, State, Stored
 from bayesdeg.observations.noise import (
@@ -301,4 +302,9 @@ def from_study(study: Study) -> tuple[TipForce, ...]:
     tests = None if table is None else pressure_tests(table, "tip_force_N")
     if tests is None:
         return ()
-    return (TipForce(tests, study.geometry, study.recorded.get(TABLE.name, frozenset())),)
+    mould, constraint = study.geometry, study.settings.constraint
+    if not (isinstance(mould, Dimensions) and constraint.is_there and not constraint.height):
+        problem = "is of an actuator whose tip force is not computed"
+        remedy = "it is that of pneunets with paper on the bottom: remove the file"
+        raise StudyError([Fault(TABLE.file, problem, remedy)])
+    return (TipForce(tests, mould, study.recorded.get(TABLE.name, frozenset())),)

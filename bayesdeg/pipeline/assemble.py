@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bayesdeg.actuator.geometry import Geometry
+from bayesdeg.actuator.families import geometry_of_study
 from bayesdeg.actuator.inputs import ForwardMap
 from bayesdeg.causes.cause import Cause
 from bayesdeg.causes.fold import with_causes
@@ -155,7 +155,7 @@ def assemble(study: Study, forward: ForwardMap | None = None) -> Assembly:
         return _assemble_study(study)
     emulated = forward is None or isinstance(forward, Surrogate)
     plan = outline(study, emulated=emulated)
-    geometry = Geometry(study.settings.dimensions)
+    geometry = geometry_of_study(study.settings)
     if plan.needs_forward and (forward is None or isinstance(forward, Surrogate)):
         forward = surrogate_for(geometry, forward)
     world = FilmsAndActuators(

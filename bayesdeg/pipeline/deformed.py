@@ -20,6 +20,7 @@ from bayesdeg.actuator.inputs import Inputs, dimensionless, material_groups
 from bayesdeg.actuator.linear import open_factorization
 from bayesdeg.actuator.material import MaterialGroups
 from bayesdeg.actuator.mesh import build_mesh
+from bayesdeg.actuator.moulded import Moulded
 from bayesdeg.actuator.status import COARSE, Resolution
 from bayesdeg.criticism.fit.side_by_side import later
 from bayesdeg.data.settings import Dimensions
@@ -119,7 +120,7 @@ type Begun = Callable[[], list[Solved]]
 
 def begin(
     fit: Fit,
-    geometry: Geometry,
+    geometry: Moulded,
     executor: Executor | None = None,
     *,
     resolution: Resolution = PICTURE_MESH,
@@ -145,7 +146,7 @@ def _those_solved(cases: list[Callable[[], Solved | None]]) -> list[Solved]:
 def write_deformed(
     folder: RunFolder,
     fit: Fit,
-    geometry: Geometry,
+    geometry: Moulded,
     *,
     resolution: Resolution = PICTURE_MESH,
     begun: Begun | None = None,
@@ -161,7 +162,7 @@ def write_deformed(
         Gets the surface of all states for the report, and a VTU file of each.
     fit : Fit
         Of a model with actuator readings.
-    geometry : Geometry
+    geometry : Moulded
         The actuator as moulded.
     resolution : Resolution
         Of the mesh.
@@ -233,12 +234,12 @@ def fitted_inputs(fit: Fit, degradation: Floats, pressure: Floats) -> Inputs:
     return listener.heard[0]
 
 
-def solve(geometry: Geometry, resolution: Resolution, case: Case) -> Solved | None:
+def solve(geometry: Moulded, resolution: Resolution, case: Case) -> Solved | None:
     """Solve a case; None if it has no equilibrium.
 
     Parameters
     ----------
-    geometry : Geometry
+    geometry : Moulded
         The actuator as moulded.
     resolution : Resolution
         Of the mesh.

@@ -10,10 +10,10 @@ from statistics import median
 
 import numpy as np
 
-from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.linear import open_factorization
 from bayesdeg.actuator.material import MaterialGroups
 from bayesdeg.actuator.mesh import build_mesh
+from bayesdeg.actuator.moulded import Moulded
 from bayesdeg.actuator.problem import Problem, System
 from bayesdeg.actuator.status import Resolution, Status
 from bayesdeg.emulator.campaign import Finished, build, missing, runs
@@ -35,7 +35,7 @@ class Campaign:
 
     Parameters
     ----------
-    geometry : Geometry
+    geometry : Moulded
         The actuator as moulded.
     recipe : Recipe
         Meshes and numbers of runs.
@@ -49,7 +49,7 @@ class Campaign:
         Where one study may ask; by default the whole range.
     """
 
-    geometry: Geometry
+    geometry: Moulded
     recipe: Recipe
     store: SolutionStore
     executor: Executor | None = None
@@ -145,7 +145,7 @@ def expect(campaign: Campaign, progress: Progress) -> Expectation:
     return Expectation(dict(counts), each, campaign.workers)
 
 
-def seconds_of_factorization(geometry: Geometry, mesh: Resolution) -> float:
+def seconds_of_factorization(geometry: Moulded, mesh: Resolution) -> float:
     """Return how long it takes to assemble and factorize the tangent of an actuator at rest [s]."""
     system = System(build_mesh(geometry, mesh).body)
     problem, solver = Problem(system, PLAIN), open_factorization(system.upper)

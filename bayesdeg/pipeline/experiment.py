@@ -12,7 +12,7 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from bayesdeg.actuator.geometry import Geometry
+from bayesdeg.actuator.families import geometry_of_study
 from bayesdeg.actuator.inputs import ForwardMap
 from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.causes.cause import Cause
@@ -21,6 +21,7 @@ from bayesdeg.criticism.fit.trials import Trial
 from bayesdeg.data.plausibility import doubts, refuse_impossible
 from bayesdeg.data.settings import Effort, Settings
 from bayesdeg.data.study import Study
+from bayesdeg.emulator.kept import refuse_without_emulator
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.emulator.trained import find as find_emulator
 from bayesdeg.errors import BayesdegError, use_one_of
@@ -536,7 +537,9 @@ def _known_emulator(study: Study) -> Surrogate:
     BayesdegError
         If there is none yet.
     """
-    found = find_emulator(Geometry(study.geometry))
+    geometry = geometry_of_study(study.settings)
+    refuse_without_emulator(geometry)
+    found = find_emulator(geometry)
     if found.surrogate is None:
         raise BayesdegError(
             f"{found.reason}; train one with bayesdeg.emulator(study.geometry), which takes long, "

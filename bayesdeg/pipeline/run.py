@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 import bayesdeg
-from bayesdeg.actuator.geometry import Geometry
+from bayesdeg.actuator.families import geometry_of_study
 from bayesdeg.data.settings import Effort
 from bayesdeg.data.study import Study
 from bayesdeg.emulator.surrogate import Surrogate
@@ -296,7 +296,7 @@ def _begun_pictures(
     """Begin to solve the deformed actuators, which takes long, beside what comes next."""
     if results.final.model.actuator is None or executor is None:
         return None
-    geometry = Geometry(study.settings.dimensions)
+    geometry = geometry_of_study(study.settings)
     return guard.attempt(OptionalStage.DEFORMED, begin, results.final, geometry, executor)
 
 

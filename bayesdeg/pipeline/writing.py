@@ -9,7 +9,7 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from bayesdeg.actuator.geometry import Geometry
+from bayesdeg.actuator.families import geometry_of_study
 from bayesdeg.criticism.checks import statistics as residual_statistics
 from bayesdeg.criticism.checks.residuals import (
     CurvatureFit,
@@ -571,7 +571,7 @@ def write_results(
     _write_what_checks_say(files, found)
     frames = {name: files.table(name, partial(build, found)) for name, build in BUILDS.items()}
     if found.has_actuators and deformed:
-        geometry = Geometry(study.settings.dimensions)
+        geometry = geometry_of_study(study.settings)
         draw = partial(write_deformed, begun=pictures)
         guard.attempt(OptionalStage.DEFORMED, draw, files.folder, results.final, geometry)
     files.remove_others()

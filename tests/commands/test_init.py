@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 from bayesdeg.cli import app
 from bayesdeg.commands.init import STARTER, write_starter
 from bayesdeg.data.plausibility import doubts
-from bayesdeg.data.settings import ENTRIES, Settings, parse_settings
+from bayesdeg.data.settings import ENTRIES, Dimensions, Settings, parse_settings
 from bayesdeg.data.study import read_study
 from bayesdeg.errors import BayesdegError
 from bayesdeg.pipeline.outline import outline
@@ -49,6 +49,10 @@ def test_every_key_is_there_and_what_is_commented_out_is_the_default():
     document = tomllib.loads(everything)
     for entry in ENTRIES:
         if entry.table in ("forward", "reading"):  # of a forward map of one's own
+            continue
+        if entry.table == "actuator" and entry.key not in (*vars(Dimensions()), "kind"):
+            continue  # of another family
+        if entry.table == "constraint" and entry.key != "kind":  # has no default of its own
             continue
         assert entry.key in (document[entry.table] if entry.table else document)
     settings, faults = parse_settings(everything.encode())

@@ -181,7 +181,7 @@ def test_an_actuator_is_learned_as_a_departure_from_another(beside):
 
 
 def test_few_curves_say_more_beside_another_emulator_than_alone(design):
-    few = replace(design, coarse=design.coarse[:4], fine=design.fine[:2])
+    few = replace(design, coarse=design.coarse[:3], fine=design.fine[:1])
     with_it, alone = (worst_error(learned(few, ground)) for ground in (trained(), None))
     assert with_it < 0.5 * alone
 

@@ -97,10 +97,11 @@ def _mesh(body):
 
 
 def _on_faces(mesh, faces):
-    """Displacements on exactly these boundary faces.
+    """Displacements on exactly these faces, of the boundary or between two bricks.
 
     felupe chooses faces by a mask over the points, which also takes those that lie between
-    wanted faces; so all boundary faces are built, and the others dropped.
+    wanted faces; so all faces are built, and the others dropped. Of a face between bricks either
+    side will do where only its own plane counts.
     """
     quadratic = mesh.cell_type == "hexahedron27"
     kind = (
@@ -108,7 +109,7 @@ def _on_faces(mesh, faces):
         if quadratic
         else felupe.RegionHexahedronBoundary
     )
-    region = kind(mesh)
+    region = kind(mesh, only_surface=False)
     there = {frozenset(face): row for row, face in enumerate(region.mesh.cells_faces.tolist())}
     chosen = np.array([there[frozenset(face)] for face in faces.tolist()])
     region.mesh.update(cells=region.mesh.cells[chosen])

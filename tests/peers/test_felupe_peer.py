@@ -8,6 +8,8 @@ import pytest
 from bayesdeg.actuator.body import LINEAR_CONSTANT, QUADRATIC, QUADRATIC_CONSTANT
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.mesh import Resolution, build_mesh
+from bayesdeg.actuator.ribbed import RibbedGeometry
+from bayesdeg.data.families import Constraint, RibbedDimensions
 from bayesdeg.data.settings import Dimensions
 from tests.peers.peer_path import FRESH, LOADS, curvatures, own_path
 
@@ -18,14 +20,26 @@ pytestmark = [pytest.mark.peer, pytest.mark.fem]
 ONE_CHAMBER = Geometry(Dimensions(length=14.0, chambers=1))
 TWO_CHAMBERS = Geometry(Dimensions(length=20.0, chambers=2))
 DEFAULT = Geometry(Dimensions())
+TWO_SLITS = RibbedDimensions(
+    length=9.0,
+    width=8.0,
+    height=8.0,
+    channels=2,
+    channel_width=5.0,
+    channel_height=1.5,
+    pitch=3.0,
+    cover=1.0,
+    passage_width=1.0,
+    passage_height=0.6,
+)
 COARSEST = Resolution(along=9.0, across=9.0, up=9.0)
 FIVE_DECIMALS = 5e-6  # 1/m
 
 
-def both(geometry, element, material=FRESH):
+def both(geometry, element, material=FRESH, loads=LOADS):
     mesh = build_mesh(geometry, COARSEST, element=element)
-    ours = own_path(mesh.body, material, loads=LOADS)
-    theirs = felupe_actuator.solve(mesh.body, material, loads=LOADS)
+    ours = own_path(mesh.body, material, loads=loads)
+    theirs = felupe_actuator.solve(mesh.body, material, loads=loads)
     return curvatures(mesh, ours.displacements), curvatures(mesh, theirs.displacements)
 
 
@@ -45,6 +59,25 @@ def test_all_curvatures_agree_to_five_decimals(geometry, element):
     ours, theirs = both(geometry, element)
     assert ours[-1] > 5.0  # a path of large rotations
     np.testing.assert_allclose(ours, theirs, rtol=0.0, atol=FIVE_DECIMALS)
+
+
+@pytest.mark.parametrize("element", [LINEAR_CONSTANT, QUADRATIC], ids=lambda e: e.name)
+def test_a_ribbed_segment_with_a_film_inside(element):
+    """The film lies between bricks, the slits of the other half are not pressed."""
+    ours, theirs = both(RibbedGeometry(TWO_SLITS), element, loads=LOADS[:6])
+    assert ours[-1] > 1.0
+    np.testing.assert_allclose(ours, theirs, rtol=1e-6)
+
+
+def test_a_film_inside_one_half_counts():
+    one_half = replace(TWO_SLITS, passive="none", height=4.0)
+    found = []
+    for constraint in (Constraint("film", 0.8), Constraint("none", 0.8)):
+        geometry = RibbedGeometry(one_half, constraint=constraint)
+        ours, theirs = both(geometry, LINEAR_CONSTANT, loads=LOADS[:6])
+        np.testing.assert_allclose(ours, theirs, rtol=1e-6)
+        found.append(ours)
+    assert np.all(np.abs(found[0] / found[1] - 1.0) > 0.05)
 
 
 def test_without_paper_too():

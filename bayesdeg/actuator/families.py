@@ -1,0 +1,79 @@
+"""The families of actuators: which geometry belongs to which dimensions, and back from a record."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import fields
+from typing import Any
+
+from bayesdeg.actuator.geometry import Geometry
+from bayesdeg.actuator.moulded import Moulded
+from bayesdeg.actuator.ribbed import RibbedGeometry
+from bayesdeg.data.families import Constraint, Kind, RibbedDimensions
+from bayesdeg.data.settings import MOULDS, Dimensions, Settings
+
+GEOMETRIES: Mapping[Kind, Callable[..., Moulded]] = {"pneunet": Geometry, "ribbed": RibbedGeometry}
+"""Each is made of the family's dimensions, a wall factor, an erosion and a constraint."""
+
+
+def geometry_of(
+    dimensions: Dimensions | RibbedDimensions, constraint: Constraint | None = None
+) -> Moulded:
+    """Return the geometry of an actuator as moulded.
+
+    Parameters
+    ----------
+    dimensions : Dimensions or RibbedDimensions
+        Of any family.
+    constraint : Constraint, optional
+        By default paper, where the family has it.
+
+    Raises
+    ------
+    GeometryError
+        If no actuator can be made of the dimensions.
+
+    Examples
+    --------
+    >>> type(geometry_of(RibbedDimensions())).__name__
+    'RibbedGeometry'
+    """
+    return GEOMETRIES[dimensions.kind](dimensions, constraint=constraint or Constraint())
+
+
+def geometry_of_study(settings: Settings) -> Moulded:
+    """Return the geometry of the actuators of a study.
+
+    Examples
+    --------
+    >>> geometry_of_study(Settings()).dimensions.kind
+    'pneunet'
+    """
+    return geometry_of(settings.dimensions, settings.constraint)
+
+
+def geometry_of_record(record: Mapping[str, Any]) -> Moulded:
+    """Return the geometry with a record, the inverse of ``Moulded.record``.
+
+    Raises
+    ------
+    KeyError, TypeError, ValueError
+        If it is of another version of the package.
+
+    Examples
+    --------
+    >>> geometry = geometry_of(RibbedDimensions(), Constraint("none"))
+    >>> geometry_of_record(geometry.record()) == geometry_of(
+    ...     RibbedDimensions(), Constraint("none", height=9.25)
+    ... )
+    True
+    """
+    kind: Kind = record.get("kind", "pneunet")
+    layer = record.get("constraint")
+    constraint = Constraint()
+    if layer is not None:
+        constraint = Constraint("paper" if layer["is_there"] else "none", float(layer["height"]))
+    whole = {one.name for one in fields(MOULDS[kind]) if one.type is int}
+    sizes: dict[str, Any] = {
+        name: int(value) if name in whole else value for name, value in record["dimensions"].items()
+    }
+    rest = {name: record[name] for name in ("wall_factor", "erosion") if name in record}
+    return GEOMETRIES[kind](MOULDS[kind](**sizes), constraint=constraint, **rest)

@@ -1,0 +1,143 @@
+"""What a mesh asks of an actuator of any family, and what follows from its boxes alone."""
+
+from typing import Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdeg.actuator.status import Resolution
+from bayesdeg.data.families import Constraint, Mould
+
+Floats = NDArray[np.float64]
+Box = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
+Planes = tuple[Floats, Floats, Floats]
+
+
+class Moulded(Protocol):
+    """The half actuator as moulded, cut at its plane of symmetry y = 0: a block less boxes.
+
+    x runs along the actuator from the clamped end, y across from the plane of symmetry, z up
+    from the bottom. Positive bending is downwards.
+    """
+
+    @property
+    def dimensions(self) -> Mould:
+        """As moulded [mm]."""
+
+    @property
+    def constraint(self) -> Constraint:
+        """The layer that does not stretch."""
+
+    @property
+    def outer(self) -> Box:
+        """What is left of the block after erosion [mm]."""
+
+    @property
+    def cavities(self) -> tuple[Box, ...]:
+        """Boxes of air under pressure; they may overlap [mm]."""
+
+    @property
+    def voids(self) -> tuple[Box, ...]:
+        """Boxes of air that is not under pressure [mm]."""
+
+    @property
+    def exposed(self) -> tuple[Box, ...]:
+        """Those of the voids that lie open to what is outside [mm]."""
+
+    @property
+    def line_height(self) -> float:
+        """Height of the constraint's plane, along whose middle the curvature is read [mm]."""
+
+    @property
+    def volume(self) -> float:
+        """Volume of the material of the whole actuator [mm³]."""
+
+    def mesh_like(self, usual: Resolution) -> Resolution:
+        """Return the mesh that is to this actuator what a mesh is to the default pneunet."""
+
+    def planes(self) -> Planes:
+        """Return the coordinates of all planes along x, y and z between which bricks stand [mm]."""
+
+    def changed(self, *, wall_factor: float, erosion: float) -> Self:
+        """Return the actuator with thicker or thinner walls and faces eroded [–, mm]."""
+
+    def record(self) -> dict[str, object]:
+        """Return all that a solution depends on, as it is written and hashed."""
+
+
+def bottom_is_exposed(constraint: Constraint, mould: Mould) -> bool:
+    """Return whether no layer covers the bottom."""
+    return not (constraint.is_there and constraint.height_in(mould) == 0.0)
+
+
+def line_height(constraint: Constraint, mould: Mould, erosion: float) -> float:
+    """Return the height of the plane along whose middle the curvature is read [mm].
+
+    That of the constraint layer. Where there is none it may lie on the bottom, and then moves with
+    a bottom that is eroded.
+    """
+    height = constraint.height_in(mould)
+    return height if constraint.is_there else max(height, erosion)
+
+
+def constraint_record(constraint: Constraint, mould: Mould) -> dict[str, object]:
+    """Return what a solution depends on of the constraint: paper and film are the same."""
+    return {"is_there": constraint.is_there, "height": constraint.height_in(mould)}
+
+
+def planes_of(outer: Box, boxes: tuple[Box, ...], line_height: float) -> Planes:
+    """Return the coordinates of all faces along x, y and z, and of the line's plane [mm].
+
+    Examples
+    --------
+    >>> box = ((1.0, 2.0), (0.0, 0.5), (1.0, 2.0))
+    >>> [axis.tolist() for axis in planes_of(((0, 3), (0, 1), (0, 3)), (box,), 0.0)]
+    [[0.0, 1.0, 2.0, 3.0], [0.0, 0.5, 1.0], [0.0, 1.0, 2.0, 3.0]]
+    """
+    also = ((), (), (line_height,))
+    x, y, z = (
+        _distinct([*outer[axis], *also[axis], *(edge for box in boxes for edge in box[axis])])
+        for axis in range(3)
+    )
+    return x, y, z
+
+
+def order_is_kept(before: tuple[Box, ...], after: tuple[Box, ...], least: float = 1e-9) -> bool:
+    """Return whether faces of boxes that were apart still are, in the same order along each axis.
+
+    Only then bricks between them can be moved along.
+
+    Examples
+    --------
+    >>> wide, thin, turned = (((0.0, x), (0.0, 1.0), (0.0, 1.0)) for x in (2.0, 1.0, -1.0))
+    >>> order_is_kept((wide,), (thin,)), order_is_kept((wide,), (turned,))
+    (True, False)
+    """
+    old, new = (np.moveaxis(np.array(boxes), 1, 0).reshape(3, -1) for boxes in (before, after))
+    order = np.argsort(old, axis=1, kind="stable")
+    steps, moved = (np.diff(np.take_along_axis(x, order, axis=1)) for x in (old, new))
+    return bool(np.all(np.where(steps > least, moved > least, np.abs(moved) <= least)))
+
+
+def volume_without(planes: Planes, boxes: tuple[Box, ...]) -> float:
+    """Return the volume between planes but for that in boxes whose faces are among them [mm³].
+
+    Examples
+    --------
+    >>> box = ((1.0, 2.0), (0.0, 0.5), (1.0, 2.0))
+    >>> volume_without(planes_of(((0, 3), (0, 1), (0, 3)), (box,), 0.0), (box,))
+    8.5
+    """
+    middles = np.meshgrid(*(0.5 * (p[1:] + p[:-1]) for p in planes), indexing="ij")
+    sizes = np.einsum("i,j,k->ijk", *(np.diff(p) for p in planes))
+    solid = np.ones(sizes.shape, dtype=bool)
+    for box in boxes:
+        inside = [(a < m) & (m < b) for m, (a, b) in zip(middles, box, strict=True)]
+        solid &= ~np.logical_and.reduce(inside)
+    return float(sizes[solid].sum())
+
+
+def _distinct(values: list[float], tolerance: float = 1e-9) -> Floats:
+    ordered = np.sort(np.asarray(values, dtype=np.float64))
+    distinct: Floats = ordered[np.concatenate([[True], np.diff(ordered) > tolerance])]
+    return distinct

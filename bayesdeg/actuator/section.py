@@ -1,0 +1,95 @@
+"""What an actuator is, in words and in characters: for a terminal, before anything is solved."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdeg.actuator.moulded import Box, Moulded, volume_without
+
+MATERIAL, PRESSED, OPEN, LAYER = "#", " ", "o", "="
+COLUMNS = 76
+Bools = NDArray[np.bool_]
+Floats = NDArray[np.float64]
+
+CELL = 2.0  # height over width of a character
+
+
+def air_volume(geometry: Moulded) -> float:
+    """Return the volume of the cavities under pressure of the whole actuator [mm³].
+
+    Examples
+    --------
+    >>> from bayesdeg.actuator.families import geometry_of
+    >>> from bayesdeg.data.settings import Dimensions
+    >>> round(air_volume(geometry_of(Dimensions())), 6)
+    924.0
+    """
+    planes = geometry.planes()
+    return 2.0 * (volume_without(planes, ()) - volume_without(planes, geometry.cavities))
+
+
+def described(geometry: Moulded) -> str:
+    """Say what an actuator is: family, dimensions, layer and volumes.
+
+    Examples
+    --------
+    >>> from bayesdeg.actuator.families import geometry_of
+    >>> from bayesdeg.data.families import RibbedDimensions
+    >>> described(geometry_of(RibbedDimensions())).partition(", width")[0]
+    'ribbed actuator as moulded [mm]: length 37.8'
+    """
+    mould, layer = geometry.dimensions, geometry.constraint
+    sizes = ", ".join(f"{name} {value}" for name, value in vars(mould).items())
+    at = f"{layer.kind} at a height of {geometry.line_height:g}" if layer.is_there else "none"
+    return (
+        f"{mould.kind} actuator as moulded [mm]: {sizes}; constraint layer: {at}; "
+        f"material {1e-3 * geometry.volume:.4g} ml, cavity {1e-3 * air_volume(geometry):.3g} ml"
+    )
+
+
+def section(geometry: Moulded, columns: int = COLUMNS) -> str:
+    """Draw the section along the middle of an actuator, the clamped end on the left.
+
+    Material is ``#``, air under pressure blank, other air ``o``, the constraint layer ``=``.
+
+    Parameters
+    ----------
+    geometry : Moulded
+        Of any family.
+    columns : int
+        Characters for the length.
+
+    Examples
+    --------
+    >>> from bayesdeg.actuator.families import geometry_of
+    >>> from bayesdeg.data.settings import Dimensions
+    >>> print(section(geometry_of(Dimensions(length=20.0, chambers=2)), 40))
+    ##################oooo##################
+    ##################oooo##################
+    ######         ###oooo###         ######
+    ######         ###oooo###         ######
+    ######         ###oooo###         ######
+    ######         ##########         ######
+    ######         ##########         ######
+    ######                            ######
+    ########################################
+    ########################################
+    ========================================
+    """
+    (_, length), _, (bottom, top) = geometry.outer
+    rows = max(2, round((top - bottom) / length * columns / CELL))
+    x = length * (np.arange(columns) + 0.5) / columns
+    z = top - (top - bottom) * (np.arange(rows) + 0.5) / rows
+    drawn = np.full((rows, columns), MATERIAL)
+    for boxes, mark in ((geometry.voids, OPEN), (geometry.cavities, PRESSED)):
+        for box in boxes:
+            drawn[np.ix_(*_within(box, z, x))] = mark
+    lines = ["".join(row) for row in drawn]
+    if geometry.constraint.is_there:
+        lines.insert(int(np.sum(z > geometry.line_height)), LAYER * columns)
+    return "\n".join(lines)
+
+
+def _within(box: Box, z: Floats, x: Floats) -> tuple[Bools, Bools]:
+    """Return which heights and which places along the middle lie in a box."""
+    along, _, upward = box
+    return (upward[0] < z) & (z < upward[1]), (along[0] < x) & (x < along[1])

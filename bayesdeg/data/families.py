@@ -1,0 +1,291 @@
+"""Families of actuators: what may be said of a constraint layer, and of a ribbed segment's mould.
+
+The dimensions of a pneunet are `bayesdeg.data.settings.Dimensions`.
+"""
+
+from dataclasses import dataclass, fields
+from math import isfinite
+from typing import Literal, Protocol, get_args
+
+Kind = Literal["pneunet", "ribbed"]
+ConstraintKind = Literal["paper", "film", "none"]
+Passive = Literal["open", "pressurised", "solid", "none"]
+
+KINDS: tuple[Kind, ...] = get_args(Kind)
+CONSTRAINTS: tuple[ConstraintKind, ...] = get_args(ConstraintKind)
+PASSIVES: tuple[Passive, ...] = get_args(Passive)
+
+#: Limits of a dimension [mm] and of the number of chambers; beyond them no mesh can be made.
+SMALLEST_MM, LARGEST_MM, MOST_CHAMBERS = 1e-3, 2000.0, 200
+
+
+class Mould(Protocol):
+    """The dimensions of an actuator of any family, all in mm."""
+
+    @property
+    def kind(self) -> Kind:
+        """The family."""
+
+    @property
+    def length(self) -> float:
+        """Outer length [mm]."""
+
+    @property
+    def width(self) -> float:
+        """Outer width [mm]."""
+
+    @property
+    def height(self) -> float:
+        """Outer height [mm]."""
+
+    @property
+    def constraint_room(self) -> tuple[float, float]:
+        """Heights between which a layer runs through material alone [mm]."""
+
+    @property
+    def usual_height(self) -> float:
+        """Height at which the constraint layer lies if none is stated [mm]."""
+
+    @property
+    def beam_bending(self) -> float:
+        """Bend angle over p/C1 of a beam of the section, whose walls do not bulge [rad]."""
+
+    def problems(self) -> tuple[str, ...]:
+        """Say why no actuator can be made of these dimensions."""
+
+
+@dataclass(frozen=True)
+class Constraint:
+    """The layer that does not stretch, by which pressure bends the actuator.
+
+    Parameters
+    ----------
+    kind : {"paper", "film", "none"}
+        Paper and film are the same membrane with its bending stiffness; with none nothing keeps
+        the plane from stretching, and the curvature is read along it all the same.
+    height : float, optional
+        Of its plane over the bottom [mm]; by default the bottom, or the middle of an actuator
+        with two halves.
+
+    Examples
+    --------
+    >>> Constraint("film", height=9.25).height
+    9.25
+    """
+
+    kind: ConstraintKind = "paper"
+    height: float | None = None
+
+    @property
+    def is_there(self) -> bool:
+        """Whether there is a layer at all."""
+        return self.kind != "none"
+
+    def height_in(self, mould: Mould) -> float:
+        """Return the height of the plane in an actuator [mm].
+
+        Examples
+        --------
+        >>> Constraint().height_in(RibbedDimensions())
+        9.25
+        """
+        return mould.usual_height if self.height is None else self.height
+
+    def problems(self, mould: Mould) -> tuple[str, ...]:
+        """Say why the layer cannot lie in an actuator of these possible dimensions.
+
+        Returns
+        -------
+        tuple of str
+            What is wrong and, after a semicolon, what to do; empty if it can.
+
+        Examples
+        --------
+        >>> Constraint(height=13.0).problems(RibbedDimensions())[0].partition("; ")[2]
+        'give [constraint] height from 8.75 to 9.75 mm'
+        """
+        low, high = mould.constraint_room
+        at = self.height_in(mould)
+        if low <= at <= high:
+            return ()
+        return (
+            f"the constraint layer at a height of {at:g} mm would cut the channels or lie outside; "
+            f"give [constraint] height from {low:g} to {high:g} mm",
+        )
+
+
+@dataclass(frozen=True)
+class RibbedDimensions:
+    """Dimensions of a ribbed segment as moulded, before shrinkage; all lengths in mm.
+
+    A block with rectangular slits across, joined by passages along its middle. The defaults are
+    those of the ribbed segment of Marchese, Katzschmann and Rus, doi:10.1089/soro.2014.0022, as
+    far as they are stated.
+
+    Parameters
+    ----------
+    length, width, height : float
+        Outer length, width and height of the whole, both halves included [mm].
+    channels : int
+        Number of slits in a row; they stand in the middle of the length.
+    channel_length, channel_width, channel_height : float
+        One slit: along and across the actuator, and its depth [mm].
+    pitch : float
+        From one slit to the next [mm]. The default leaves ribs of 1.76 mm, one of the factors in
+        the authors' sum of the cavity, of which the sum does not say which side it is: assumed.
+    cover : float
+        Material over the slits [mm]; not stated by the authors. The default is what a centre layer
+        of 1 mm leaves, onto which the slits open: assumed.
+    passage_width, passage_height : float
+        The passages through the ribs, on the floor of the slits [mm]; which of the factors is
+        which, and that they are on the floor, is assumed.
+    passive : {"open", "pressurised", "solid", "none"}
+        The other half, a mirror image: its channels open to the air, under the same pressure,
+        or none in it; or no other half at all.
+
+    Examples
+    --------
+    >>> RibbedDimensions().problems()
+    ()
+    >>> round(RibbedDimensions().end_wall, 9), round(RibbedDimensions().floor, 9)
+    (1.84, 9.75)
+    """
+
+    length: float = 37.8
+    width: float = 32.0
+    height: float = 18.5
+    channels: int = 13
+    channel_length: float = 1.0
+    channel_width: float = 25.4
+    channel_height: float = 3.1
+    pitch: float = 2.76
+    cover: float = 5.65
+    passage_width: float = 0.65
+    passage_height: float = 1.34
+    passive: Passive = "open"
+
+    @property
+    def kind(self) -> Kind:
+        """The family."""
+        return "ribbed"
+
+    @property
+    def is_mirrored(self) -> bool:
+        """Whether there are channels in the other half too."""
+        return self.passive in ("open", "pressurised")
+
+    @property
+    def end_wall(self) -> float:
+        """Material before the first and behind the last slit [mm]."""
+        return 0.5 * (self.length - self._row)
+
+    @property
+    def side_wall(self) -> float:
+        """Material beside the slits [mm]."""
+        return 0.5 * (self.width - self.channel_width)
+
+    @property
+    def floor(self) -> float:
+        """Height of the floor of the slits over the bottom [mm]."""
+        return self.height - self.cover - self.channel_height
+
+    @property
+    def usual_height(self) -> float:
+        """Height of the constraint layer if none is stated: the middle, or the bottom [mm]."""
+        return 0.0 if self.passive == "none" else 0.5 * self.height
+
+    @property
+    def constraint_room(self) -> tuple[float, float]:
+        """Heights between which a layer runs through material alone [mm]."""
+        return (self.cover + self.channel_height if self.is_mirrored else 0.0), self.floor
+
+    @property
+    def beam_bending(self) -> float:
+        r"""Bend angle over p/C1 of a beam of the section through a slit [rad].
+
+        .. math:: \theta = \frac{p A z_c}{6 C_1 I} n l, \qquad I = \int z^2 dA
+
+        with A and :math:`z_c` area of a slit across the length and height of its middle over the
+        usual plane of the constraint, which does not stretch; n slits of length l bend, ribs do
+        not.
+        """
+        plane, top, low = self.usual_height, self.height - self.cover, self.floor
+        whole = self.width * ((self.height - plane) ** 3 + plane**3) / 3.0
+        slits = 2 if self.is_mirrored else 1
+        air = slits * self.channel_width * ((top - plane) ** 3 - (low - plane) ** 3) / 3.0
+        moment = self.channel_width * (top - low) * (0.5 * (top + low) - plane)
+        return moment / (6.0 * (whole - air)) * self.channels * self.channel_length
+
+    @property
+    def _row(self) -> float:
+        return (self.channels - 1) * self.pitch + self.channel_length
+
+    def problems(self) -> tuple[str, ...]:
+        """Say why no actuator can be made of these dimensions.
+
+        Returns
+        -------
+        tuple of str
+            For each reason what is wrong and, after a semicolon, what to do; empty if the
+            dimensions are possible.
+
+        Examples
+        --------
+        >>> RibbedDimensions(cover=7.0).problems()[0].partition("; ")[2]
+        'give a cover or a channel_height that is smaller'
+        """
+        return self._wrong_values() or self._wrong_sums() or self._wrong_passages()
+
+    def _wrong_values(self) -> tuple[str, ...]:
+        lengths = [e.name for e in fields(self) if e.name not in ("channels", "passive")]
+        wrong = [
+            f"{name} is {value:g} mm; give {SMALLEST_MM:g} to {LARGEST_MM:g} mm"
+            for name in lengths
+            if not (isfinite(value := getattr(self, name)) and SMALLEST_MM <= value <= LARGEST_MM)
+        ]
+        if not isinstance(self.channels, int) or not 1 <= self.channels <= MOST_CHAMBERS:
+            wrong.append(f"channels is {self.channels}; give a whole number of 1 to 200")
+        if self.passive not in PASSIVES:
+            wrong.append(f"passive is {self.passive!r}; give one of {', '.join(PASSIVES)}")
+        return tuple(wrong)
+
+    def _wrong_sums(self) -> tuple[str, ...]:
+        wrong = []
+        if self.channels > 1 and self.channel_length >= self.pitch:
+            wrong.append(
+                f"slits {self.channel_length:g} mm long leave no ribs at a pitch of "
+                f"{self.pitch:g} mm; give a smaller channel_length or a larger pitch"
+            )
+        elif self._row >= self.length:
+            wrong.append(
+                f"{self.channels} slits at a pitch of {self.pitch:g} mm take {self._row:g} mm and "
+                f"leave no end walls in the length ({self.length:g} mm); "
+                "give fewer channels, a smaller pitch or a larger length"
+            )
+        if self.channel_width >= self.width:
+            wrong.append(
+                f"slits {self.channel_width:g} mm wide leave no side walls in the width "
+                f"({self.width:g} mm); give a smaller channel_width or a larger width"
+            )
+        room = 0.5 * self.height if self.is_mirrored else self.height
+        if self.cover + self.channel_height >= room:
+            half = "half height" if self.is_mirrored else "height"
+            wrong.append(
+                f"cover and slits ({self.cover + self.channel_height:g} mm) leave nothing under "
+                f"the slits in the {half} ({room:g} mm); "
+                "give a cover or a channel_height that is smaller"
+            )
+        return tuple(wrong)
+
+    def _wrong_passages(self) -> tuple[str, ...]:
+        if self.channels == 1:
+            return ()
+        return tuple(
+            f"passage_{side} of {passage:g} mm is more than the slits' {slit:g} mm; "
+            f"give at most channel_{side}"
+            for side, passage, slit in (
+                ("width", self.passage_width, self.channel_width),
+                ("height", self.passage_height, self.channel_height),
+            )
+            if passage > slit
+        )

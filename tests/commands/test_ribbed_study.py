@@ -1,0 +1,100 @@
+"""A study of a ribbed segment at the command line: read, drawn, simulated, and not calibrated."""
+
+import sys
+
+import pytest
+
+from bayesdeg import cli
+from bayesdeg.actuator.status import Resolution
+from bayesdeg.commands import simulate
+from tests.pipeline.study_files import SETTINGS, study_in
+
+SEGMENT = """
+[actuator]
+kind = "ribbed"
+length = 9.0
+width = 8.0
+height = 8.0
+channels = 2
+channel_width = 5.0
+channel_height = 1.5
+pitch = 3.0
+cover = 1.0
+passage_width = 1.0
+passage_height = 0.6
+[constraint]
+kind = "film"
+thickness = 0.2
+"""
+ACTUATOR = (
+    "specimen_id,degradation_pct,degradation_sd_pct,pressure_kPa,curvature_per_m\n"
+    "a0,0,0.5,0,0.0\na0,0,0.5,40,0.5\na0,0,0.5,80,1.1\n"
+)
+FORCE = "specimen_id,degradation_pct,pressure_kPa,tip_force_N\na0,0,40,0.1\na0,0,80,0.2\n"
+
+
+@pytest.fixture
+def command(monkeypatch, tmp_path, capsys):
+    """Run a command on a study; gives exit code and what it printed to standard error."""
+    study = tmp_path / "study"
+    study.mkdir()
+    study_in(study, {"study.toml": SETTINGS + SEGMENT, "actuator.csv": ACTUATOR})
+    monkeypatch.chdir(tmp_path)
+
+    def call(name, *options):
+        monkeypatch.setattr(sys, "argv", ["bayesdeg", name, "study", *options])
+        return cli.exit_code(), capsys.readouterr().err
+
+    call.study = study
+    return call
+
+
+def test_check_says_what_it_is_and_draws_it(command):
+    code, said = command("check")
+    assert code == 0
+    assert "ribbed actuator" in said
+    assert "film" in said
+    assert "0.0162 ml" in said  # 2 slits of 7.5 mm³, a passage of 1.2
+    rows = [line for line in said.splitlines() if line and set(line) <= set("# o=")]
+    assert sum("o" in row for row in rows) == sum(" " in row for row in rows) > 1
+    assert [set(row) for row in rows].count({"="}) == 1
+
+
+@pytest.mark.parametrize("name", ["run", "emulate"])
+def test_what_needs_an_emulator_is_refused(name, command):
+    code, said = command(name)
+    assert code == 2
+    assert said.strip().count("\n") == 0
+    assert "ribbed" in said
+    assert "simulate" in said
+    assert not (command.study.parent / ".cache").exists()
+
+
+@pytest.mark.parametrize("name", ["check", "run"])
+def test_tip_forces_are_refused(name, command):
+    (command.study / "force.csv").write_text(FORCE, encoding="utf-8")
+    code, said = command(name)
+    assert code == 2
+    assert "force.csv" in said
+
+
+def test_impossible_dimensions_end_with_exit_code_2(command):
+    text = (SETTINGS + SEGMENT).replace("cover = 1.0", "cover = 3.0")
+    (command.study / "study.toml").write_text(text, encoding="utf-8")
+    for name in ("check", "run"):
+        code, said = command(name)
+        assert code == 2
+        assert {"study.toml", "4.5"} <= set(said.replace(",", "").replace("(", "").split())
+
+
+@pytest.mark.fem
+def test_a_virtual_experiment_is_made_and_is_a_study_again(command, monkeypatch):
+    monkeypatch.setattr(simulate, "FINE", Resolution(9.0, 9.0, 9.0))
+    code, _ = command("simulate", "--out", "virtual", "--workers", "1", "--quiet")
+    assert code == 0
+    made = command.study.parent / "virtual"
+    assert 'kind = "ribbed"' in (made / "study.toml").read_text("utf-8")
+    rows = (made / "actuator.csv").read_text("utf-8").splitlines()[-1].split(",")
+    assert 0.0 < float(rows[4]) < 5.0
+    monkeypatch.setattr(sys, "argv", ["bayesdeg", "check", "virtual"])
+    assert cli.exit_code() == 0
