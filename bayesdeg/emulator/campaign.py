@@ -56,7 +56,7 @@ INSIDE = 0.9
 # runs count by how near their material is to those that studies meet: over how many standard
 # deviations, and how much at least
 REACH, LEAST = 2.0, 0.02
-NARROWEST = 0.01  # spread of materials below which they count as alike, of half of the range
+NARROWEST = 1e-6  # spread of alike materials, of half of the range: it can then be inverted
 
 
 def fit_errors(points: Floats, left_out: Floats, weights: Floats, family: Family = FAMILY) -> Terms:

@@ -316,7 +316,7 @@ def rough_seconds(dimensions: Mould, *, workers: int = 1) -> float:
     Examples
     --------
     >>> round(rough_seconds(Dimensions()) / 60.0)
-    4
+    3
     >>> rough_seconds(Dimensions(length=100.0), workers=2) > rough_seconds(Dimensions(), workers=2)
     True
     """

@@ -254,7 +254,7 @@ def test_run_solves_further_curves_where_the_posterior_lies(here, command, pipel
     monkeypatch.setattr(training, "TARGET_PCT", 0.0)
     code, _, err = command("run", "study", "--workers", 1, "--out", "two")
     assert code == 0, err
-    assert "further curves are solved there" in err
+    assert "further curves" in err
     more = training.MORE_COARSE + training.MORE_FINE
     assert len(solved()) == RECIPE.coarse_runs + RECIPE.fine_runs + more
 
