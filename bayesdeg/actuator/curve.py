@@ -28,7 +28,7 @@ from bayesdeg.actuator.sensitivity import INPUTS, Variation, derivatives, variat
 from bayesdeg.actuator.status import MODEL_VERSION as MODEL_VERSION
 from bayesdeg.actuator.status import Backend, PathEffort, Resolution, Status
 from bayesdeg.actuator.weak_form import Spaces, WeakForm
-from bayesdeg.errors import GeometryError
+from bayesdeg.errors import BayesdegError, GeometryError
 
 Floats = NDArray[np.float64]
 
@@ -245,7 +245,7 @@ class Actuator:
 
         Raises
         ------
-        NotImplementedError
+        BayesdegError
             If scikit-fem assembles the equations.
         """
         self._need_kernels()
@@ -267,7 +267,7 @@ class Actuator:
 
         Raises
         ------
-        NotImplementedError
+        BayesdegError
             If scikit-fem assembles the equations.
         """
         self._need_kernels()
@@ -291,7 +291,9 @@ class Actuator:
 
     def _need_kernels(self) -> None:
         if self.backend is not Backend.KERNELS:
-            raise NotImplementedError(f"no derivatives by the inputs with {self.backend}")
+            raise BayesdegError(
+                f"{self.backend} gives no derivatives by the inputs; take {Backend.KERNELS}"
+            )
 
     def _recorder(
         self, problem: Problem, mesh: ActuatorMesh, wanted: frozenset[float] | None, enough: float

@@ -11,6 +11,7 @@ from bayesdeg.actuator.moulded import (
     Box,
     Planes,
     bottom_is_exposed,
+    change_problems,
     constraint_record,
     line_height,
     planes_of,
@@ -48,7 +49,7 @@ class Geometry:
 
     Examples
     --------
-    >>> from bayesdeg.data.settings import Dimensions, relative_size
+    >>> from bayesdeg.data.settings import Dimensions
     >>> round(Geometry(Dimensions()).chamber_length, 3)
     4.8
     """
@@ -70,8 +71,8 @@ class Geometry:
 
     def _changed_problems(self) -> tuple[str, ...]:
         d, w, e = self.dimensions, self.wall_factor, self.erosion
-        if not (w > 0.0 and e >= 0.0):
-            return (f"wall factor {w:g} and erosion {e:g} mm must be above 0 and not below 0",)
+        if wrong_change := change_problems(w, e):
+            return wrong_change
         walls = {"roof": d.roof, "side_wall": d.side_wall, "end_wall": d.end_wall}
         if self.slot_spans:
             walls |= {"chamber_wall": d.chamber_wall, "channel_roof": d.channel_roof / w}
@@ -212,7 +213,7 @@ class Geometry:
 
         Examples
         --------
-        >>> from bayesdeg.data.settings import Dimensions, relative_size
+        >>> from bayesdeg.data.settings import Dimensions
         >>> round(Geometry(Dimensions()).volume, 6)
         3636.0
         """

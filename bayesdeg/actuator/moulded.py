@@ -102,6 +102,15 @@ def planes_of(outer: Box, boxes: tuple[Box, ...], line_height: float) -> Planes:
     return x, y, z
 
 
+def change_problems(wall_factor: float, erosion: float) -> tuple[str, ...]:
+    """Say why no walls can be so changed [–, mm]; empty if they can."""
+    if wall_factor > 0.0 and erosion >= 0.0:
+        return ()
+    return (
+        f"wall factor {wall_factor:g} and erosion {erosion:g} mm must be above 0 and not below 0",
+    )
+
+
 def order_is_kept(before: tuple[Box, ...], after: tuple[Box, ...], least: float = 1e-9) -> bool:
     """Return whether faces of boxes that were apart still are, in the same order along each axis.
 

@@ -9,6 +9,7 @@ from bayesdeg.actuator.moulded import (
     Box,
     Planes,
     bottom_is_exposed,
+    change_problems,
     constraint_record,
     line_height,
     order_is_kept,
@@ -73,8 +74,8 @@ class RibbedGeometry:
         d, w, e = self.dimensions, self.wall_factor, self.erosion
         if w == 1.0 and e == 0.0:
             return ()
-        if not (w > 0.0 and e >= 0.0):
-            return (f"wall factor {w:g} and erosion {e:g} mm must be above 0 and not below 0",)
+        if wrong_change := change_problems(w, e):
+            return wrong_change
         if order_is_kept(self.changed(wall_factor=1.0, erosion=0.0)._faces, self._faces):
             return ()
         return (

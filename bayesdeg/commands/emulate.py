@@ -67,10 +67,10 @@ def emulate(
 ) -> None:
     """Train an emulator on finite element curves of a geometry.
 
-    A few curves are timed first, to say how long all of them take; in a terminal, and without
-    --yes, the command then asks whether to go on. Every solution is kept: stopped at any moment,
-    the same command goes on where it was. At the end tables say how the curves ended and how
-    accurate the emulator is; the parameters of failed curves are written to a file.
+    A factorization on each mesh is timed first, to say how long all curves take; in a terminal,
+    and without --yes, the command then asks whether to go on. Every solution is kept: stopped at
+    any moment, the same command goes on where it was. At the end tables say how the curves ended
+    and how accurate the emulator is; the parameters of failed curves are written to a file.
     """
     if not timeout > 0.0:
         raise typer.BadParameter(f"{timeout:g} s is no time to solve anything; give more than 0")

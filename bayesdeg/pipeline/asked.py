@@ -16,7 +16,7 @@ from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.inference.model import JointModel, share_outside
 from bayesdeg.observations.curvature import Curvature, inputs_met
 from bayesdeg.observations.specimens import no_map
-from bayesdeg.pipeline.assemble import assemble
+from bayesdeg.pipeline.assemble import Assembly, assemble
 from bayesdeg.pipeline.calibrate import base_without_chain
 
 Floats = NDArray[np.float64]
@@ -40,17 +40,11 @@ def asked_of(study: Study, seed: int) -> AskedInputs:
     """
     assembly = assemble(study, no_map)
     model = assembly.model
-    curvature = model.of_kind(Curvature)
     sequence = np.random.SeedSequence(seed)
     generator = np.random.default_rng(sequence)
     rest = model.without_kinds(*(one.name for one in model.observations if one.uses_forward))
     known = base_without_chain(rest, sequence).posterior.resample(generator, DRAWS)
-    parts = [
-        part
-        for causes in _sets(assembly.candidates)
-        for part in _asked(model.extended(*causes), curvature, known, generator)
-    ]
-    return AskedInputs.joined(parts)
+    return _asked(assembly, known, generator)
 
 
 @dataclass(frozen=True)
@@ -87,20 +81,13 @@ def asked_after(study: Study, surrogate: Surrogate, seed: int) -> AskedAfterward
     """
     assembly = assemble(study, surrogate)
     model = assembly.model
-    curvature = model.of_kind(Curvature)
     sequence = np.random.SeedSequence(seed)
     generator = np.random.default_rng(sequence)
     # sums of several threads depend on their number
     with threadpool_limits(1):
         posterior = base_without_chain(model, sequence).posterior
         known = posterior.resample(generator, DRAWS)
-        asked = AskedInputs.joined(
-            [
-                part
-                for causes in _sets(assembly.candidates)
-                for part in _asked(model.extended(*causes), curvature, known, generator)
-            ]
-        )
+        asked = _asked(assembly, known, generator)
         return AskedAfterwards(
             asked, share_outside(model, known), _error_pct(model, surrogate, known)
         )
@@ -112,9 +99,10 @@ def _error_pct(model: JointModel, surrogate: Surrogate, known: Floats) -> float:
     state = model.tests(model.table.named(known))
     shares = []
     for one in model.of_kind(Curvature):
-        found = exact(inputs_met(state, one.curves, np.zeros_like(one.deviation_sd(state))))
+        inputs = inputs_met(state, one.curves, np.zeros_like(one.deviation_sd(state)))
+        found = exact.continued(inputs)
         with np.errstate(invalid="ignore"):
-            shares.append(np.nanmax(found.sd, axis=-1) / np.nanmax(found.curvature, axis=-1))
+            shares.append(found.sd.max(axis=-1) / found.curvature.max(axis=-1))
     return 100.0 * float(np.nanquantile(np.concatenate([s.ravel() for s in shares]), 0.95))
 
 
@@ -124,17 +112,25 @@ def _sets(causes: Sequence[Cause]) -> Iterator[tuple[Cause, ...]]:
     yield from pairwise(causes)
 
 
-def _asked(
-    model: JointModel,
-    curvature: tuple[Curvature, ...],
-    known: Floats,
-    generator: np.random.Generator,
+def _asked(assembly: Assembly, known: Floats, generator: np.random.Generator) -> AskedInputs:
+    """Return what all sets of causes ask, at draws of the base model and causes from priors."""
+    return AskedInputs.joined(
+        [
+            part
+            for causes in _sets(assembly.candidates)
+            for part in _of_model(assembly.model.extended(*causes), known, generator)
+        ]
+    )
+
+
+def _of_model(
+    model: JointModel, known: Floats, generator: np.random.Generator
 ) -> Iterator[AskedInputs]:
     vectors = model.table.sample(generator, len(known))
     vectors[:, : known.shape[1]] = known  # those of the causes come last
     with np.errstate(all="ignore"):
         state = model.tests(model.table.named(vectors))
-        for one in curvature:
+        for one in model.of_kind(Curvature):
             sd = one.deviation_sd(state)
             off = np.clip(generator.standard_normal(sd.shape), -OFF, OFF) * sd
             yield _flat(groups_of(inputs_met(state, one.curves, off)))

@@ -9,8 +9,9 @@ from bayesdeg.actuator.body import LINEAR_CONSTANT, QUADRATIC, QUADRATIC_CONSTAN
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.mesh import Resolution, build_mesh
 from bayesdeg.actuator.ribbed import RibbedGeometry
-from bayesdeg.data.families import Constraint, RibbedDimensions
+from bayesdeg.data.families import Constraint
 from bayesdeg.data.settings import Dimensions
+from tests.actuator.test_ribbed import SMALL
 from tests.peers.peer_path import FRESH, LOADS, curvatures, own_path
 
 felupe_actuator = pytest.importorskip("tests.peers.felupe_actuator", reason="needs felupe")
@@ -20,18 +21,6 @@ pytestmark = [pytest.mark.peer, pytest.mark.fem]
 ONE_CHAMBER = Geometry(Dimensions(length=14.0, chambers=1))
 TWO_CHAMBERS = Geometry(Dimensions(length=20.0, chambers=2))
 DEFAULT = Geometry(Dimensions())
-TWO_SLITS = RibbedDimensions(
-    length=9.0,
-    width=8.0,
-    height=8.0,
-    channels=2,
-    channel_width=5.0,
-    channel_height=1.5,
-    pitch=3.0,
-    cover=1.0,
-    passage_width=1.0,
-    passage_height=0.6,
-)
 COARSEST = Resolution(along=9.0, across=9.0, up=9.0)
 FIVE_DECIMALS = 5e-6  # 1/m
 
@@ -64,13 +53,13 @@ def test_all_curvatures_agree_to_five_decimals(geometry, element):
 @pytest.mark.parametrize("element", [LINEAR_CONSTANT, QUADRATIC], ids=lambda e: e.name)
 def test_a_ribbed_segment_with_a_film_inside(element):
     """The film lies between bricks, the slits of the other half are not pressed."""
-    ours, theirs = both(RibbedGeometry(TWO_SLITS), element, loads=LOADS[:6])
+    ours, theirs = both(RibbedGeometry(SMALL), element, loads=LOADS[:6])
     assert ours[-1] > 1.0
     np.testing.assert_allclose(ours, theirs, rtol=1e-6)
 
 
 def test_a_film_inside_one_half_counts():
-    one_half = replace(TWO_SLITS, passive="none", height=4.0)
+    one_half = replace(SMALL, passive="none", height=4.0)
     found = []
     for constraint in (Constraint("film", 0.8), Constraint("none", 0.8)):
         geometry = RibbedGeometry(one_half, constraint=constraint)
