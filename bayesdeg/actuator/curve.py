@@ -22,7 +22,13 @@ from bayesdeg.actuator.linear import Factorization, open_factorization
 from bayesdeg.actuator.material import MaterialGroups
 from bayesdeg.actuator.mesh import ActuatorMesh, build_mesh, reshaped
 from bayesdeg.actuator.moulded import Moulded
-from bayesdeg.actuator.outputs import OUTPUTS, PEAK, measured_strains, read_state
+from bayesdeg.actuator.outputs import (
+    OUTPUTS,
+    PEAK,
+    measured_strains,
+    read_state,
+    read_with_gradients,
+)
 from bayesdeg.actuator.problem import DiscreteEquations, Problem, System
 from bayesdeg.actuator.sensitivity import INPUTS, Variation, derivatives, variations
 from bayesdeg.actuator.status import MODEL_VERSION as MODEL_VERSION
@@ -72,17 +78,18 @@ class PathRecord:
         """Record a converged step."""
         if step.factors is None or not (self._wanted is None or step.state.load in self._wanted):
             return
-        reading = read_state(self._mesh, step.state, previous_angle=self._angle)
-        self._angle = reading.bend_angle
+        values, gradients = read_with_gradients(self._mesh, step.state, previous_angle=self._angle)
+        self._angle = float(values[0])
         self.loads.append(step.state.load)
-        self.readings.append(reading.values)
+        self.readings.append(values)
         self.gradients.append(
             derivatives(
                 self._problem,
                 self._solver,
                 state=step.state,
                 factors=step.factors,
-                mesh=self._mesh,
+                readings=values,
+                gradients=gradients,
                 shapes=self._shapes,
                 enough=self._enough,
             )

@@ -424,8 +424,7 @@ class Problem:
         for faces, tangents in self._surface_tangents(state):
             local = along[faces].reshape(*tangents.shape[:2], len(directions))
             pushes = (tangents @ local).reshape(*faces.shape, 3, len(directions))
-            for force, push in zip(forces, np.moveaxis(pushes, -1, 0), strict=True):
-                np.add.at(force, faces, push)
+            kernels.add_rows(faces, pushes, forces)
         if self.material.paper_group > 0.0:
             bend = self.system.bending @ along.reshape(-1, len(directions))
             forces += self.bending_stiffness * bend.T.reshape(forces.shape)
