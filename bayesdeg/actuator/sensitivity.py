@@ -136,6 +136,7 @@ MATERIAL_INPUTS = (
 INPUTS = (*MATERIAL_INPUTS, *SHAPE_INPUTS)
 
 CORRECTIONS = 8
+NOTHING = np.finfo(float).tiny  # at rest some readings do not change, and their adjoints are zero
 
 
 def derivatives(
@@ -204,7 +205,7 @@ def adjoint_states(
     right = np.column_stack([problem.on_free(g) for g in gradients])
     fields = [problem.system.expand(column) for column in solver.solve(right).T]
     adjoints = [MechanicalState(u, problem.pressure_increment(factors, u), 0.0) for u in fields]
-    before = np.ones(len(fields))
+    before, sizes = np.ones(len(fields)), np.array([_largest(field) for field in fields])
     for _ in range(CORRECTIONS):
         products = problem.products(state, adjoints)
         defects = [(f - g, v) for (f, v), g in zip(products, gradients, strict=True)]
@@ -214,8 +215,8 @@ def adjoint_states(
             a.moved(u, problem.pressure_increment(factors, u, v))
             for a, u, (_, v) in zip(adjoints, moves, defects, strict=True)
         ]
-        now = np.array([_largest(u) / _largest(a) for u, a in zip(moves, fields, strict=True)])
-        if np.all(now * np.minimum(now / before, 1.0) <= enough):
+        now = np.array([_largest(u) for u in moves]) / np.maximum(sizes, NOTHING)
+        if np.all(now * np.minimum(now / np.maximum(before, NOTHING), 1.0) <= enough):
             break
         before = now
     return adjoints
