@@ -8,12 +8,14 @@ from numpy.typing import NDArray
 from skfem import MeshHex
 
 from bayesdeg.actuator.body import (
+    APART,
     QUADRATIC,
     Body,
     Element,
     body_of,
     boundary_faces,
     faces_on_plane,
+    levels_of,
 )
 from bayesdeg.actuator.moulded import Box, Moulded, bottom_is_exposed
 from bayesdeg.actuator.status import COARSE as COARSE
@@ -204,9 +206,10 @@ def _grid_order(nodes: Floats, faces: Indices) -> Indices:
     """Order the nodes of plane faces as a grid over their two tangent axes, x before y before z."""
     ordered = np.empty_like(faces)
     for row, face in enumerate(faces):
-        position = np.round(nodes[face], 7)
-        first, second = np.flatnonzero(np.ptp(position, axis=0) > 1e-6)
-        ordered[row] = face[np.lexsort((position[:, second], position[:, first]))]
+        position = nodes[face]
+        first, second = np.flatnonzero(np.ptp(position, axis=0) > APART)
+        keys = [levels_of(position[:, axis])[1] for axis in (second, first)]
+        ordered[row] = face[np.lexsort(keys)]
     return ordered
 
 
