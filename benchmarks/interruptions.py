@@ -1,6 +1,6 @@
 """Ctrl-C at many moments of a command: it must end with one line and exit code 3, or be done.
 
-    python benchmarks/interruptions.py --moments 40 --last 8 run studies/treloar_uniaxial --effort quick
+    python benchmarks/interruptions.py --moments 40 run studies/treloar_uniaxial --effort quick
 
 Each moment starts the command anew in one folder, so that later ones also go on from checkpoints.
 """
