@@ -85,6 +85,30 @@ def constraint_record(constraint: Constraint, mould: Mould) -> dict[str, object]
     return {"is_there": constraint.is_there, "height": constraint.height_in(mould)}
 
 
+def block_left(mould: Mould, constraint: Constraint, erosion: float) -> Box:
+    """Return what erosion leaves of the half block: all outer faces but the clamped end move [mm].
+
+    The bottom is one of them where no layer covers it.
+    """
+    bottom = erosion if bottom_is_exposed(constraint, mould) else 0.0
+    return (
+        (0.0, mould.length - erosion),
+        (0.0, mould.width / 2 - erosion),
+        (bottom, mould.height - erosion),
+    )
+
+
+def mirrored(boxes: tuple[Box, ...], height: float) -> tuple[Box, ...]:
+    """Return the mirror images of boxes in the middle of a height [mm].
+
+    Examples
+    --------
+    >>> mirrored((((0.0, 1.0), (0.0, 1.0), (7.0, 9.0)),), 10.0)
+    (((0.0, 1.0), (0.0, 1.0), (1.0, 3.0)),)
+    """
+    return tuple((x, y, (height - high, height - low)) for x, y, (low, high) in boxes)
+
+
 def planes_of(outer: Box, boxes: tuple[Box, ...], line_height: float) -> Planes:
     """Return the coordinates of all faces along x, y and z, and of the line's plane [mm].
 

@@ -8,10 +8,11 @@ import numpy as np
 from bayesdeg.actuator.moulded import (
     Box,
     Planes,
-    bottom_is_exposed,
+    block_left,
     change_problems,
     constraint_record,
     line_height,
+    mirrored,
     order_is_kept,
     planes_of,
     volume_without,
@@ -92,9 +93,7 @@ class RibbedGeometry:
     @property
     def outer(self) -> Box:
         """What is left of the block after erosion [mm]."""
-        d, e = self.dimensions, self.erosion
-        bottom = e if bottom_is_exposed(self.constraint, d) else 0.0
-        return (0.0, d.length - e), (0.0, d.width / 2 - e), (bottom, d.height - e)
+        return block_left(self.dimensions, self.constraint, self.erosion)
 
     @property
     def slit_spans(self) -> tuple[tuple[float, float], ...]:
@@ -122,10 +121,8 @@ class RibbedGeometry:
     @property
     def lower(self) -> tuple[Box, ...]:
         """Their mirror images in the lower half; none if it has no channels [mm]."""
-        top = self.dimensions.height
-        if not self.dimensions.is_mirrored:
-            return ()
-        return tuple((x, y, (top - high, top - low)) for x, y, (low, high) in self.upper)
+        d = self.dimensions
+        return mirrored(self.upper, d.height) if d.is_mirrored else ()
 
     @property
     def cavities(self) -> tuple[Box, ...]:

@@ -25,6 +25,7 @@ from bayesdeg.data.families import (
     SMALLEST_MM,
     Constraint,
     ConstraintKind,
+    CylindricalDimensions,
     Kind,
     Mould,
     Passive,
@@ -202,6 +203,10 @@ class Dimensions:
         return tuple(wrong)
 
 
+AnyDimensions = Dimensions | RibbedDimensions | CylindricalDimensions
+"""Dimensions of an actuator of any family."""
+
+
 def relative_size(dimensions: Mould) -> float:
     """Return the cube root of an actuator's outer volume over that of the default one [–].
 
@@ -255,7 +260,7 @@ class Settings:
         Heading of the report; empty if not given.
     seed : int
         Seed from which every random number of the study comes.
-    dimensions : Dimensions or RibbedDimensions
+    dimensions : Dimensions, RibbedDimensions or CylindricalDimensions
         The actuator as moulded.
     paper_thickness_mm : float
         Thickness of the strain-limiting paper, or of another layer in its place [mm].
@@ -299,7 +304,7 @@ class Settings:
 
     title: str = ""
     seed: int = 20211124
-    dimensions: Dimensions | RibbedDimensions = field(default_factory=Dimensions)
+    dimensions: AnyDimensions = field(default_factory=Dimensions)
     paper_thickness_mm: float = 0.1
     constraint_kind: ConstraintKind = "paper"
     constraint_height_mm: float | None = None
@@ -403,9 +408,10 @@ _Law = Annotated[Any, PlainValidator(_law)]
 _Text = Annotated[str, StringConstraints(pattern=r"\S")]
 _Function = Annotated[str, StringConstraints(pattern=r"^[^:/\\]+\.py:[A-Za-z_]\w*$")]
 
-MOULDS: Mapping[Kind, type[Dimensions] | type[RibbedDimensions]] = {
+MOULDS: Mapping[Kind, type[AnyDimensions]] = {
     "pneunet": Dimensions,
     "ribbed": RibbedDimensions,
+    "cylindrical": CylindricalDimensions,
 }
 DIMENSIONS = tuple(dict.fromkeys(one.name for mould in MOULDS.values() for one in fields(mould)))
 """Names of dimensions of all families, those that several have once."""
@@ -605,7 +611,7 @@ def _read_parameters(
     return tuple(found), tuple(faults)
 
 
-def _mould(accepted: dict[str, Any]) -> Dimensions | RibbedDimensions:
+def _mould(accepted: dict[str, Any]) -> AnyDimensions:
     """Take the dimensions of the actuator out of what was accepted, whatever its family."""
     mould = MOULDS[accepted.pop("kind", "pneunet")]
     sizes = {name: accepted.pop(name) for name in DIMENSIONS if name in accepted}
@@ -653,9 +659,7 @@ def _of(part: type[MixtureRecipe], accepted: dict[str, Any]) -> dict[str, Any]:
     return {name: accepted.pop(name) for name in names & accepted.keys()}
 
 
-def _impossible(
-    dimensions: Dimensions | RibbedDimensions, constraint: Constraint, text: str
-) -> tuple[Fault, ...]:
+def _impossible(dimensions: AnyDimensions, constraint: Constraint, text: str) -> tuple[Fault, ...]:
     problems = [("actuator", one) for one in dimensions.problems()]
     if not problems:
         problems = [("constraint", one) for one in constraint.problems(dimensions)]

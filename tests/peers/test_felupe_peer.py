@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 
 from bayesdeg.actuator.body import LINEAR_CONSTANT, QUADRATIC, QUADRATIC_CONSTANT
+from bayesdeg.actuator.cylindrical import CylindricalGeometry
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.mesh import Resolution, build_mesh
 from bayesdeg.actuator.ribbed import RibbedGeometry
 from bayesdeg.data.families import Constraint
 from bayesdeg.data.settings import Dimensions
+from tests.actuator.test_cylindrical import SMALL as CHANNELS
 from tests.actuator.test_ribbed import SMALL
 from tests.peers.peer_path import FRESH, LOADS, curvatures, own_path
 
@@ -55,6 +57,13 @@ def test_a_ribbed_segment_with_a_film_inside(element):
     """The film lies between bricks, the slits of the other half are not pressed."""
     ours, theirs = both(RibbedGeometry(SMALL), element, loads=LOADS[:6])
     assert ours[-1] > 1.0
+    np.testing.assert_allclose(ours, theirs, rtol=1e-6)
+
+
+@pytest.mark.parametrize("element", [LINEAR_CONSTANT, QUADRATIC], ids=lambda e: e.name)
+def test_straight_channels_beside_the_axis(element):
+    ours, theirs = both(CylindricalGeometry(CHANNELS), element, loads=LOADS[:6])
+    assert ours[-1] > 0.2
     np.testing.assert_allclose(ours, theirs, rtol=1e-6)
 
 
