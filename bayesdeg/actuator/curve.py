@@ -19,7 +19,7 @@ from bayesdeg.actuator.inputs import (
     relative_to_reference,
 )
 from bayesdeg.actuator.linear import Factorization, open_factorization
-from bayesdeg.actuator.material import MaterialGroups
+from bayesdeg.actuator.material import LayerGroups, MaterialGroups
 from bayesdeg.actuator.mesh import ActuatorMesh, build_mesh, reshaped
 from bayesdeg.actuator.moulded import Moulded
 from bayesdeg.actuator.outputs import (
@@ -106,10 +106,13 @@ class Curve:
         p/C1, rising, above 0 [–].
     material : MaterialGroups
         The other groups.
+    layer : LayerGroups, optional
+        Material of a constraint layer of elastomer.
     """
 
     loads: tuple[float, ...]
     material: MaterialGroups
+    layer: LayerGroups | None = None
 
 
 @dataclass(frozen=True)
@@ -253,9 +256,9 @@ class Actuator:
         Raises
         ------
         BayesdegError
-            If scikit-fem assembles the equations.
+            If scikit-fem assembles the equations, or a layer is of another elastomer.
         """
-        self._need_kernels()
+        self._need_kernels(curve)
         exact = replace(effort or PathEffort(tolerance=1e-6, rate_tolerance=1e-7), exact=True)
         try:
             mesh, problem = self.problem(curve)
@@ -275,9 +278,9 @@ class Actuator:
         Raises
         ------
         BayesdegError
-            If scikit-fem assembles the equations.
+            If scikit-fem assembles the equations, or a layer is of another elastomer.
         """
-        self._need_kernels()
+        self._need_kernels(curve)
         try:
             mesh, problem = self.problem(curve)
         except (GeometryError, ValueError):
@@ -296,7 +299,9 @@ class Actuator:
             solver.name,
         )
 
-    def _need_kernels(self) -> None:
+    def _need_kernels(self, curve: Curve) -> None:
+        if curve.layer is not None:
+            raise BayesdegError("no derivatives are computed beside a layer of another elastomer")
         if self.backend is not Backend.KERNELS:
             raise BayesdegError(
                 f"{self.backend} gives no derivatives by the inputs; take {Backend.KERNELS}"
@@ -321,7 +326,7 @@ class Actuator:
         if self._spaces is None:
             return mesh, problem
         spaces = self._spaces if mesh is self.mesh else Spaces.on(mesh.body)
-        return mesh, WeakForm(problem.system, problem.material, spaces)
+        return mesh, WeakForm(problem.system, problem.material, spaces, layer=problem.layer)
 
     def problem(self, curve: Curve) -> tuple[ActuatorMesh, Problem]:
         """Return the mesh and the kernels' equations for a curve, walls and faces moved.
@@ -333,12 +338,15 @@ class Actuator:
         ValueError
             If an input is not finite or has an impossible sign.
         """
-        material = curve.material
+        material, layer = curve.material, curve.layer
         check_inputs(curve)
+        if layer is not None:  # the stiffer of both must not be compressed either
+            bulk = material.bulk_ratio * max(1.0, layer.c1)
+            material = replace(material, bulk_ratio=bulk)
         if material.wall_factor == 1.0 and material.erosion == 0.0:
-            return self.mesh, Problem(self.system, material)
+            return self.mesh, Problem(self.system, material, layer=layer)
         mesh = reshaped(self.mesh, wall_factor=material.wall_factor, erosion=material.erosion)
-        return mesh, Problem(self.system.with_body(mesh.body), material)
+        return mesh, Problem(self.system.with_body(mesh.body), material, layer=layer)
 
 
 def check_inputs(curve: Curve) -> None:
@@ -450,9 +458,15 @@ class ExactMap:
             for name, group in groups.items()
         }
         scale = np.broadcast_to(inputs.linear_scale, shape).reshape(-1, shape[-1])
-        places = [(i, at) for i in range(len(load)) for at in _alike(rows, i)]
+        c1 = np.broadcast_to(inputs.c1, shape).reshape(-1, shape[-1])
+        # a layer has constants of its own, of which only ratios to C1 count
+        apart = rows | ({"c1": c1} if self.geometry.constraint.is_slab else {})
+        places = [(i, at) for i in range(len(load)) for at in _alike(apart, i)]
         curves = [
-            _curve(load[i, at], {name: group[i, at[0]] for name, group in rows.items()})
+            replace(
+                _curve(load[i, at], {name: group[i, at[0]] for name, group in rows.items()}),
+                layer=self._layer(float(c1[i, at[0]])),
+            )
             for i, at in places
         ]
         found = np.empty((5 + len(MEASURES), *load.shape))
@@ -472,6 +486,13 @@ class ExactMap:
             peak_stretch_sd=np.zeros(shape),
             status=status.astype(np.int64),
         )
+
+    def _layer(self, c1: float) -> LayerGroups | None:
+        """Return the constants of a layer of elastomer over C1 of the body [MPa]."""
+        constraint = self.geometry.constraint
+        if not constraint.is_slab:
+            return None
+        return LayerGroups(*(constant / c1 for constant in constraint.constants))
 
     def _solve(self, curves: list[Curve]) -> list[CurveSolution]:
         tasks = [(self.geometry, self.resolution, curve) for curve in curves]

@@ -75,7 +75,11 @@ def geometry_of_record(record: Mapping[str, Any]) -> Moulded:
     layer = record.get("constraint")
     constraint = Constraint()
     if layer is not None:
-        constraint = Constraint("paper" if layer["is_there"] else "none", float(layer["height"]))
+        own = {
+            name: layer[name] for name in ("kind", "thickness", "c1", "c2", "c3") if name in layer
+        }
+        kind_of_layer = {"kind": "paper" if layer["is_there"] else "none"}
+        constraint = Constraint(**kind_of_layer | own | {"height": float(layer["height"])})
     whole = {one.name for one in fields(MOULDS[kind]) if one.type is int}
     sizes: dict[str, Any] = {
         name: int(value) if name in whole else value for name, value in record["dimensions"].items()

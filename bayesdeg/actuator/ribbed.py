@@ -15,6 +15,7 @@ from bayesdeg.actuator.moulded import (
     mirrored,
     order_is_kept,
     planes_of,
+    slab_of,
     volume_without,
 )
 from bayesdeg.actuator.status import FINE, Resolution
@@ -140,9 +141,14 @@ class RibbedGeometry:
         return ()
 
     @property
+    def slab(self) -> tuple[Box, ...]:
+        """The box of a constraint layer of elastomer, if it is one [mm]."""
+        return slab_of(self.constraint, self.dimensions, self.outer)
+
+    @property
     def _faces(self) -> tuple[Box, ...]:
         plane = (0.0, 0.0), (0.0, 0.0), (self.line_height, self.line_height)
-        return (self.outer, plane, *self.upper, *self.lower)
+        return (self.outer, plane, *self.slab, *self.upper, *self.lower)
 
     @property
     def volume(self) -> float:
@@ -174,7 +180,7 @@ class RibbedGeometry:
 
     def planes(self) -> Planes:
         """Return the coordinates of all planes along x, y and z between which bricks stand [mm]."""
-        return planes_of(self.outer, (*self.upper, *self.lower), self.line_height)
+        return planes_of(self.outer, (*self.slab, *self.upper, *self.lower), self.line_height)
 
     def changed(self, *, wall_factor: float, erosion: float) -> Self:
         """Return the segment with thicker or thinner walls and faces eroded [–, mm]."""

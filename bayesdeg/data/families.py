@@ -4,11 +4,11 @@ The dimensions of a pneunet are `bayesdeg.data.settings.Dimensions`.
 """
 
 from dataclasses import dataclass, fields
-from math import isfinite
+from math import isfinite, sqrt
 from typing import Literal, Protocol, get_args
 
 Kind = Literal["pneunet", "ribbed", "cylindrical"]
-ConstraintKind = Literal["paper", "film", "none"]
+ConstraintKind = Literal["paper", "film", "elastomer", "none"]
 Passive = Literal["open", "pressurised", "solid", "none"]
 
 KINDS: tuple[Kind, ...] = get_args(Kind)
@@ -60,12 +60,17 @@ class Constraint:
 
     Parameters
     ----------
-    kind : {"paper", "film", "none"}
-        Paper and film are the same membrane with its bending stiffness; with none nothing keeps
-        the plane from stretching, and the curvature is read along it all the same.
+    kind : {"paper", "film", "elastomer", "none"}
+        Paper and film are the same membrane with its bending stiffness. An elastomer is a slab
+        of another material in the place of the actuator's own, bonded to it. With none nothing
+        keeps the plane from stretching, and the curvature is read along it all the same.
     height : float, optional
-        Of its plane over the bottom [mm]; by default the bottom, or the middle of an actuator
-        with two halves.
+        Of its plane, which is the middle of a slab, over the bottom [mm]; by default the layer
+        lies on the bottom, or in the middle of an actuator with two halves.
+    thickness : float
+        Of a slab of elastomer [mm]; that of a membrane belongs to the paper.
+    c1, c2, c3 : float
+        Yeoh constants of an elastomer [kPa].
 
     Examples
     --------
@@ -75,11 +80,30 @@ class Constraint:
 
     kind: ConstraintKind = "paper"
     height: float | None = None
+    thickness: float = 0.0
+    c1: float = 0.0
+    c2: float = 0.0
+    c3: float = 0.0
 
     @property
     def is_there(self) -> bool:
         """Whether there is a layer at all."""
         return self.kind != "none"
+
+    @property
+    def is_membrane(self) -> bool:
+        """Whether it is a membrane in its plane."""
+        return self.kind in ("paper", "film")
+
+    @property
+    def is_slab(self) -> bool:
+        """Whether it is a slab of an elastomer with a thickness of its own."""
+        return self.kind == "elastomer"
+
+    @property
+    def constants(self) -> tuple[float, float, float]:
+        """Yeoh constants of an elastomer [MPa]."""
+        return 1e-3 * self.c1, 1e-3 * self.c2, 1e-3 * self.c3
 
     def height_in(self, mould: Mould) -> float:
         """Return the height of the plane in an actuator [mm].
@@ -89,7 +113,20 @@ class Constraint:
         >>> Constraint().height_in(RibbedDimensions())
         9.25
         """
-        return mould.usual_height if self.height is None else self.height
+        if self.height is not None:
+            return self.height
+        return max(mould.usual_height, 0.5 * self.thickness if self.is_slab else 0.0)
+
+    def slab_in(self, mould: Mould) -> tuple[float, float]:
+        """Return the heights of the lower and the upper face of a slab [mm].
+
+        Examples
+        --------
+        >>> Constraint("elastomer", thickness=1.0, c1=60.0).slab_in(RibbedDimensions())
+        (8.75, 9.75)
+        """
+        middle = self.height_in(mould)
+        return middle - 0.5 * self.thickness, middle + 0.5 * self.thickness
 
     def problems(self, mould: Mould) -> tuple[str, ...]:
         """Say why the layer cannot lie in an actuator of these possible dimensions.
@@ -104,6 +141,8 @@ class Constraint:
         >>> Constraint(height=13.0).problems(RibbedDimensions())[0].partition("; ")[2]
         'give [constraint] height from 8.75 to 9.75 mm'
         """
+        if self.is_slab:
+            return self._wrong_constants() or self._wrong_slab(mould)
         low, high = mould.constraint_room
         at = self.height_in(mould)
         if low <= at <= high:
@@ -111,6 +150,35 @@ class Constraint:
         return (
             f"the constraint layer at a height of {at:g} mm would cut the channels or lie outside; "
             f"give [constraint] height from {low:g} to {high:g} mm",
+        )
+
+    def _wrong_constants(self) -> tuple[str, ...]:
+        """Say what is wrong with an elastomer; ∂W/∂I₁ > 0 at every strain as of the body."""
+        if not (isfinite(self.thickness) and self.thickness >= SMALLEST_MM):
+            return (
+                f"an elastomer layer {self.thickness:g} mm thick cannot be made; "
+                f"give [constraint] thickness of at least {SMALLEST_MM:g} mm",
+            )
+        if not (isfinite(self.c1) and self.c1 > 0.0):
+            return (
+                f"an elastomer layer with C1 = {self.c1:g} kPa has no stiffness; give C1 in kPa",
+            )
+        lowest = -sqrt(3.0 * self.c1 * max(self.c3, 0.0))
+        if self.c3 >= 0.0 and (self.c2 >= 0.0 or self.c2 > lowest):
+            return ()
+        return (
+            f"an elastomer with C2 = {self.c2:g} and C3 = {self.c3:g} kPa softens to nothing when "
+            f"stretched; give C3 not below 0 and C2 above {lowest:g} kPa",
+        )
+
+    def _wrong_slab(self, mould: Mould) -> tuple[str, ...]:
+        room, slab, slack = mould.constraint_room, self.slab_in(mould), 1e-9
+        if room[0] - slack <= slab[0] and slab[1] <= room[1] + slack:
+            return ()
+        return (
+            f"an elastomer layer from {slab[0]:g} to {slab[1]:g} mm would cut the channels or lie "
+            f"outside; give [constraint] height and thickness with which it lies between "
+            f"{room[0]:g} and {room[1]:g} mm",
         )
 
 

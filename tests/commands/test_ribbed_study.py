@@ -140,3 +140,14 @@ def test_a_channel_beside_the_block_ends_with_exit_code_2(command):
         code, said = command(name, *(["--out", "virtual"] if name == "simulate" else []))
         assert code == 2
         assert "(1.8 mm)" in said
+
+
+def test_a_layer_of_elastomer_is_described_and_refused_by_run(command):
+    layer = '[constraint]\nkind = "elastomer"\nthickness = 1.0\nC1 = 60.0\n'
+    (command.study / "study.toml").write_text(SETTINGS + layer, encoding="utf-8")
+    code, said = command("check")
+    assert code == 0
+    assert "elastomer at a height of 0.5, 1 thick, C1 60" in " ".join(said.split())
+    code, said = command("run")
+    assert code == 2
+    assert "0.5 mm over the bottom" in " ".join(said.split())

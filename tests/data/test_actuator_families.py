@@ -15,6 +15,7 @@ from bayesdeg.laboratory.writing import settings_text
 
 RIBBED = '[actuator]\nkind = "ribbed"\n'
 CYLINDRICAL = '[actuator]\nkind = "cylindrical"\n'
+ELASTOMER = '[constraint]\n\nkind = "elastomer"\nthickness = 0.8\nC1 = 60.0\n'
 LAYER = '[constraint]\nkind = "none"\nheight = 9.0\nthickness = 0.3\n'
 
 
@@ -47,6 +48,7 @@ def test_by_default_nothing_has_changed():
         RIBBED,
         RIBBED + "pitch = 2.5\n" + LAYER,
         CYLINDRICAL,
+        ELASTOMER + "C2 = -1.0\nC3 = 2.0\nheight = 0.9\n",
         CYLINDRICAL + "channels = 3\noffset = 5.0\n" + LAYER.replace("9.0", "10.5"),
         "[actuator]\nend_wall = 4.0\n[constraint]\nheight = 1.0\n",
     ],
@@ -94,6 +96,22 @@ def test_settings_are_written_as_they_are_read(text):
         (RIBBED + "passage_height = 4.0\n", 1, "actuator", None, "3.1 mm"),
         (RIBBED + "[constraint]\nheight = 30.0\n", 3, "constraint", None, "8.75 to 9.75"),
         (RIBBED + "[constraint]\nheight = 10.0\n", 3, "constraint", None, "10 mm"),
+        (ELASTOMER.replace("0.8", "3.0"), 1, "constraint", None, "0 and 2 mm"),
+        (ELASTOMER.replace("0.8", "2e-4"), 1, "constraint", None, "0.0002 mm"),
+        (ELASTOMER + "height = 1.8\n", 1, "constraint", None, "1.4 to 2.2 mm"),
+        (ELASTOMER + "C2 = -4.0\n", 1, "constraint", None, "C2 above"),
+        (ELASTOMER + "C3 = -4.0\n", 6, "constraint.C3", "-4.0", "not below 0"),
+        (ELASTOMER + "C4 = 1.0\n", 6, "constraint.C4", "1.0", "not a known key"),
+        (ELASTOMER.replace("60.0", "0.0"), 5, "constraint.C1", "0.0", "above 0"),
+        ("[constraint]\nC1 = 3.0\n", 2, "constraint.C1", "3.0", "elastomer"),
+        (ELASTOMER.replace("C1 = 60.0", ""), 3, "constraint.kind", '"elastomer"', "C1"),
+        (
+            ELASTOMER.replace("thickness = 0.8", ""),
+            3,
+            "constraint.kind",
+            '"elastomer"',
+            "thickness",
+        ),
         ("[constraint]\nheight = 2.5\n", 1, "constraint", None, "0 to 2 mm"),
         ("[constraint]\nheight = -1.0\n", 2, "constraint.height", "-1.0", "from 0"),
         ('[constraint]\nkind = "steel"\n', 2, "constraint.kind", '"steel"', "paper, film"),
