@@ -38,6 +38,9 @@ from bayesdeg.errors import BayesdegError, GeometryError
 
 Floats = NDArray[np.float64]
 
+VOLUME = OUTPUTS.index("cavity_volume")
+CUBIC_MILLIMETRE = 1e-3  # ml
+
 
 class PathRecord:
     """Reads the steps of a path, and differentiates while the solver holds their factors.
@@ -449,6 +452,40 @@ class ExactMap:
         """Solve every curve; the last axis of the inputs runs over pressures."""
         if inputs.reference_pressure is not None:
             return relative_to_reference(self, inputs)
+        curvature, angle, stretch, slope, status, _, *strains = self._answers(inputs)
+        shape = curvature.shape
+        if inputs.criterion != "principal_stretch":
+            seen = np.stack([strains[k] for k in needed(inputs.criterion)])
+            stretch = 1.0 + demanded_strain(inputs, seen)
+        return Prediction(
+            curvature=curvature,
+            bend_angle=angle,
+            peak_stretch=stretch,
+            slope=slope,
+            sd=np.zeros(shape),
+            bend_angle_sd=np.zeros(shape),
+            peak_stretch_sd=np.zeros(shape),
+            status=status.astype(np.int64),
+        )
+
+    def cavity_volume(self, inputs: Inputs) -> Floats:
+        """Return the volume of the whole actuator's cavity less that at zero pressure [ml].
+
+        At the reference pressure instead, if there is one; nan where the curve was not reached.
+
+        Parameters
+        ----------
+        inputs : Inputs
+            The last axis runs over pressures.
+        """
+        if inputs.reference_pressure is not None:
+            plain = replace(inputs, reference_pressure=None)
+            zero = replace(plain, pressure=inputs.reference_pressure)
+            return self.cavity_volume(plain) - self.cavity_volume(zero)
+        return self._answers(inputs)[5]
+
+    def _answers(self, inputs: Inputs) -> Floats:
+        """Solve every curve; what `_place` returns, (6 + n_measures, …)."""
         load, *_ = dimensionless(inputs)
         groups = material_groups(inputs)
         shape = np.broadcast_shapes(load.shape, *(np.shape(group) for group in groups.values()))
@@ -469,23 +506,10 @@ class ExactMap:
             )
             for i, at in places
         ]
-        found = np.empty((5 + len(MEASURES), *load.shape))
+        found = np.empty((6 + len(MEASURES), *load.shape))
         for (i, at), curve, solution in zip(places, curves, self._solve(curves), strict=True):
             found[:, i, at] = _place(solution, curve, load[i, at], scale[i, at])
-        curvature, angle, stretch, slope, status, *strains = found.reshape(-1, *shape)
-        if inputs.criterion != "principal_stretch":
-            seen = np.stack([strains[k] for k in needed(inputs.criterion)])
-            stretch = 1.0 + demanded_strain(inputs, seen)
-        return Prediction(
-            curvature=curvature,
-            bend_angle=angle,
-            peak_stretch=stretch,
-            slope=slope,
-            sd=np.zeros(shape),
-            bend_angle_sd=np.zeros(shape),
-            peak_stretch_sd=np.zeros(shape),
-            status=status.astype(np.int64),
-        )
+        return found.reshape(-1, *shape)
 
     def _layer(self, c1: float) -> LayerGroups | None:
         """Return the constants of a layer of elastomer over C1 of the body [MPa]."""
@@ -568,7 +592,8 @@ def _curve(load: Floats, groups: dict[str, Floats]) -> Curve:
 def _place(solution: CurveSolution, curve: Curve, load: Floats, scale: Floats) -> list[Floats]:
     """Put the solved loads, and rest at zero load, where they stand among the observations.
 
-    Curvature, bend angle, peak stretch, slope, status and the strains of ``MEASURES``.
+    Curvature, bend angle, peak stretch, slope, status, cavity volume of both halves less that at
+    rest [ml], and the strains of ``MEASURES``.
     """
     values = np.vstack([solution.rest, solution.readings])
     rates = np.vstack([solution.rest_rates, solution.rates])
@@ -583,8 +608,13 @@ def _place(solution: CurveSolution, curve: Curve, load: Floats, scale: Floats) -
     failed = np.where(load >= 0.0, int(solution.status), int(Status.INVALID_INPUT))
     status = np.where(ok, int(Status.CONVERGED), failed)
     strains = measured_strains(values).T
-    columns = (kappa - kappa[0], np.degrees(angle - angle[0]), values[:, PEAK], slope, *strains)
-    curvature, degrees, peak, change, *measured = (
+    volume = 2.0 * CUBIC_MILLIMETRE * (values[:, VOLUME] - values[0, VOLUME])
+    columns = (
+        *(kappa - kappa[0], np.degrees(angle - angle[0]), values[:, PEAK], slope),
+        *(volume, *strains),
+    )
+    curvature, degrees, peak, change, swept, *measured = (
         np.where(ok, column[take], np.nan) for column in columns
     )
-    return [curvature / scale, degrees, peak, change / scale, status, *measured]
+    swept = swept * scale**3
+    return [curvature / scale, degrees, peak, change / scale, status, swept, *measured]
