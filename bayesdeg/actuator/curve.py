@@ -482,7 +482,8 @@ class ExactMap:
             plain = replace(inputs, reference_pressure=None)
             zero = replace(plain, pressure=inputs.reference_pressure)
             return self.cavity_volume(plain) - self.cavity_volume(zero)
-        return self._answers(inputs)[5]
+        volume: Floats = self._answers(inputs)[5]
+        return volume
 
     def _answers(self, inputs: Inputs) -> Floats:
         """Solve every curve; what `_place` returns, (6 + n_measures, …)."""
