@@ -209,7 +209,8 @@ def render(content: Content) -> str:
         "plain": lambda text: wording.plain(text, names),
         "drawing": lambda drawing: Markup(drawing.svg),
     }
-    script = page.get_template("page.js").render()
+    assert page.loader is not None
+    script = page.loader.get_source(page, "page.js")[0]
     allowed = {"script": Markup(script), "script_hash": _source_hash(script)}
     return page.get_template("page.html").render(c=content, **allowed).lstrip()
 
