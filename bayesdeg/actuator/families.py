@@ -7,22 +7,20 @@ from typing import Any
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.moulded import Moulded
 from bayesdeg.actuator.ribbed import RibbedGeometry
-from bayesdeg.data.families import Constraint, Kind, RibbedDimensions
-from bayesdeg.data.settings import MOULDS, Dimensions, Settings
+from bayesdeg.data.families import Constraint, Kind, Mould
+from bayesdeg.data.settings import MOULDS, Settings
 
 GEOMETRIES: Mapping[Kind, Callable[..., Moulded]] = {"pneunet": Geometry, "ribbed": RibbedGeometry}
 """Each is made of the family's dimensions, a wall factor, an erosion and a constraint."""
 
 
-def geometry_of(
-    dimensions: Dimensions | RibbedDimensions, constraint: Constraint | None = None
-) -> Moulded:
+def geometry_of(dimensions: Mould, constraint: Constraint | None = None) -> Moulded:
     """Return the geometry of an actuator as moulded.
 
     Parameters
     ----------
-    dimensions : Dimensions or RibbedDimensions
-        Of any family.
+    dimensions : Mould
+        Of any family, such as ``Dimensions`` or ``RibbedDimensions``.
     constraint : Constraint, optional
         By default paper, where the family has it.
 

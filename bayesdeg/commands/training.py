@@ -18,7 +18,6 @@ from bayesdeg.emulator.kept import (
     Recipe,
     duration,
     local_recipe,
-    refuse_without_emulator,
 )
 from bayesdeg.emulator.local import (
     MORE_COARSE,
@@ -29,6 +28,7 @@ from bayesdeg.emulator.local import (
     LocalDesign,
     local_design,
     span_of,
+    units_for,
 )
 from bayesdeg.emulator.scaling import TrainingRange
 from bayesdeg.emulator.solutions import SolutionStore
@@ -101,15 +101,15 @@ def emulator_for(
     if study.actuator is None:
         return None
     geometry = geometry_of_study(study.settings)
-    refuse_without_emulator(geometry)
     found = find(geometry, recipe=RECIPE, cache=CACHE)
     if found.surrogate is not None:
         return found.surrogate
     with shown(manner.quiet) as progress:
         progress.stage("where the study lies")
         asked = asked_of(study, study.settings.seed)
-    first = local_design(asked, LOCAL(geometry.dimensions))
-    known = _known(study, first, span_of(asked, wider=0.0), manner)
+    units = units_for(geometry, asked)
+    first = local_design(asked, LOCAL(geometry.dimensions), units)
+    known = _known(study, first, span_of(asked.in_units(units), wider=0.0), manner)
     if known is not None:
         return known
     if not manner.quiet:
@@ -124,6 +124,8 @@ def _known(
     geometry = geometry_of_study(study.settings)
     own = _kept_for(geometry, first)
     for path, surrogate in covering(geometry, wanted, CACHE):
+        if surrogate.units != first.units:
+            continue
         if path == own or _is_good(_asked_after(study, surrogate, manner)):
             return surrogate
     return None
