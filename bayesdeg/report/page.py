@@ -209,6 +209,7 @@ def render(content: Content) -> str:
         "plain": lambda text: wording.plain(text, names),
         "drawing": lambda drawing: Markup(drawing.svg),
     }
+    assert page.loader is not None
     script = page.loader.get_source(page, "page.js")[0]
     allowed = {"script": Markup(script), "script_hash": _source_hash(script)}
     return page.get_template("page.html").render(c=content, **allowed).lstrip()
