@@ -3,7 +3,6 @@
 import errno
 import io
 import os
-import signal
 import sys
 import traceback
 from contextlib import suppress
@@ -13,7 +12,7 @@ from typing import Annotated
 import typer
 
 import bayesdeg
-from bayesdeg.__main__ import SIGNALS
+from bayesdeg import signals
 from bayesdeg.commands.lazy import COMMANDS, LazyGroup, placeholder
 from bayesdeg.commands.options import Stopped
 from bayesdeg.console import errors
@@ -57,17 +56,14 @@ def main() -> None:
     """Run the command line with the exit codes of the contract."""
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")
-    for number in SIGNALS:
-        if signal.getsignal(number) is not signal.SIG_IGN:
-            signal.signal(number, _stop)
     try:
+        signals.answer(_stop)
         code = exit_code()
     except KeyboardInterrupt:  # a second signal, while the first was being answered
         code = STOPPED
     except OSError:  # nothing can be said any more: the terminal is gone
         code = STOPPED
-    for number in SIGNALS:
-        signal.signal(number, signal.SIG_IGN)  # what is done is done
+    signals.ignore()  # what is done is done
     if code != DONE:
         # at once: worker processes end with this one, whatever they are at
         with suppress(OSError):

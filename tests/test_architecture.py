@@ -45,6 +45,7 @@ LAYERS = (
     "errors",
     "compiled",
     "quantities",
+    "signals",
 )
 
 
