@@ -409,6 +409,18 @@ class Trained:
     worst: Floats
 
 
+def _cut_short(*samples: PathSamples) -> int:
+    return sum(one.status != Status.CONVERGED for one in samples)
+
+
+def _refuse_nothing(fine: Mapping[Curve, Observed]) -> None:
+    if not fine:
+        raise BayesdegError(
+            "no curve of the fine mesh has enough equilibria to learn from: the study hardly bends "
+            "its actuator, or all its curves balloon at once; check pressures and priors"
+        )
+
+
 def train(
     coarse: tuple[Sequence[Curve], Sequence[PathSamples]],
     fine: tuple[Sequence[Curve], Sequence[PathSamples]],
@@ -449,17 +461,12 @@ def train(
     usual = None if usual is None else [counted_in(curve, units) for curve in usual]
     chosen = terms or WHOLE
     many, few = (_observed(*runs, span=span, length=length) for runs in (coarse, fine))
-    if not few:
-        raise BayesdegError(
-            "no curve of the fine mesh has enough equilibria to learn from: the study hardly bends "
-            "its actuator, or all its curves balloon at once; check pressures and priors"
-        )
+    _refuse_nothing(few)
     parts = [_train(many, few, plan, span, _below(ground, plan)) for plan in chosen.plans]
     limit = _limit(coarse, fine, span, chosen.limit, ground)
     met = _material_points(likely(span) if usual is None else usual)
     errors = [
-        fit_errors(part.points, part.left_out, nearness(part.points, met), chosen.errors)
-        for part in parts
+        fit_errors(p.points, p.left_out, nearness(p.points, met), chosen.errors) for p in parts
     ]
     n = sum(max(plan.outputs) < len(OUTPUTS) for plan in chosen.plans)
     terms_of_outputs = stacked([part.terms for part in parts[:n]])
@@ -467,7 +474,7 @@ def train(
         "model_version": MODEL_VERSION,
         "coarse_curves": len(coarse[0]),
         "fine_curves": len(fine[0]),
-        "curves_cut_short": sum(s.status != Status.CONVERGED for s in (*coarse[1], *fine[1])),
+        "curves_cut_short": _cut_short(*coarse[1], *fine[1]),
         "terms": len(terms_of_outputs.orders),
         "mesh_error_pct": 100.0 * mesh_error,
         "accuracy": _accuracy(parts, errors, limit),
