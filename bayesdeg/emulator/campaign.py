@@ -413,12 +413,16 @@ def _cut_short(*samples: PathSamples) -> int:
     return sum(one.status != Status.CONVERGED for one in samples)
 
 
-def _refuse_nothing(fine: Mapping[Curve, Observed]) -> None:
-    if not fine:
+def _learned(
+    curves: Sequence[Curve], samples: Sequence[PathSamples], *, span: TrainingRange, length: float
+) -> dict[Curve, Observed]:
+    found = _observed(curves, samples, span=span, length=length)
+    if not found:
         raise BayesdegError(
-            "no curve of the fine mesh has enough equilibria to learn from: the study hardly bends "
-            "its actuator, or all its curves balloon at once; check pressures and priors"
+            "no curve of a mesh has enough equilibria to learn from: the study hardly bends its "
+            "actuator, or all its curves balloon at once; check pressures and priors"
         )
+    return found
 
 
 def train(
@@ -458,31 +462,29 @@ def train(
         In which the span counts load and paper; curves and samples are given in units of 1.
     """
     coarse, fine = (_counted(*runs, units) for runs in (coarse, fine))
-    usual = None if usual is None else [counted_in(curve, units) for curve in usual]
     chosen = terms or WHOLE
-    many, few = (_observed(*runs, span=span, length=length) for runs in (coarse, fine))
-    _refuse_nothing(few)
+    many, few = (_learned(*runs, span=span, length=length) for runs in (coarse, fine))
     parts = [_train(many, few, plan, span, _below(ground, plan)) for plan in chosen.plans]
     limit = _limit(coarse, fine, span, chosen.limit, ground)
-    met = _material_points(likely(span) if usual is None else usual)
+    met = _material_points(likely(span) if usual is None else [counted_in(c, units) for c in usual])
     errors = [
         fit_errors(p.points, p.left_out, nearness(p.points, met), chosen.errors) for p in parts
     ]
     n = sum(max(plan.outputs) < len(OUTPUTS) for plan in chosen.plans)
-    terms_of_outputs = stacked([part.terms for part in parts[:n]])
+    outputs = stacked([part.terms for part in parts[:n]])
     facts = {
         "model_version": MODEL_VERSION,
         "coarse_curves": len(coarse[0]),
         "fine_curves": len(fine[0]),
         "curves_cut_short": _cut_short(*coarse[1], *fine[1]),
-        "terms": len(terms_of_outputs.orders),
+        "terms": len(outputs.orders),
         "mesh_error_pct": 100.0 * mesh_error,
         "accuracy": _accuracy(parts, errors, limit),
     }
     return Surrogate(
         length=length,
         span=span,
-        terms=terms_of_outputs,
+        terms=outputs,
         error=stacked(errors[:n]),
         limit=limit.terms,
         strains=stacked([part.terms for part in parts[n:]]),
