@@ -12,11 +12,10 @@ from bayesdeg.photographs.picture import Colours
 
 Floats = NDArray[np.float64]
 
-#: A checkerboard is looked for on a photograph of this longer side [px]; its corners are then refined.
+#: Longer side of the photograph on which a checkerboard is looked for [px], before refinement.
 SEARCHED_WIDTH = 1400
-#: Inner corners along both sides from which a board is grown; which of them finds one depends on
-#: how the board is turned.
-LEAST_CORNERS = ((3, 3), (4, 3), (3, 4), (4, 4))
+#: Inner corners along both sides from which a board is grown.
+LEAST_CORNERS = (3, 3)
 #: A camera held square to a plane by eye is off by about this much about each axis [deg].
 TILT_BY_EYE = 1.5
 #: Distance of the camera over the width of what it sees: phones and cameras have 0.7 … 4 here.
@@ -85,12 +84,9 @@ def grid_plane(image: Colours, square: float, rng: np.random.Generator) -> Plane
     grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
     factor = min(1.0, SEARCHED_WIDTH / max(grey.shape))
     small = cv2.resize(grey, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
-    flags = cv2.CALIB_CB_LARGER | cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE
-    for size in LEAST_CORNERS:
-        found, corners, meta = cv2.findChessboardCornersSBWithMeta(small, size, flags)
-        if found:
-            break
-    else:
+    flags = cv2.CALIB_CB_LARGER | cv2.CALIB_CB_NORMALIZE_IMAGE
+    found, corners, meta = cv2.findChessboardCornersSBWithMeta(small, LEAST_CORNERS, flags)
+    if not found:
         raise BayesdegError(
             "no checkerboard is found; show one whole and unobstructed, beside the actuator, or "
             "give --length"

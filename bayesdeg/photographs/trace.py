@@ -27,8 +27,8 @@ CLAMP = 1.3
 #: Bending away from the paper by more is no noise: the line is on the wrong side [deg].
 AWAY = 8.0
 #: An angle less well known than this is not worth a reading [deg].
-MOST_ANGLE_ERROR = 3.0
-#: Least share of the line that is seen without a doubt being said.
+MOST_ANGLE_ERROR = 1.2
+#: Least share of the line on which the edge is seen; marks on it hide it.
 SEEN = 0.8
 #: Least share of the stiff ends on which the edge is seen: the bend angle is read there.
 ENDS_SEEN = 0.7
@@ -187,6 +187,11 @@ def measured(
             "the edge is hidden at an end of the line, where the bend angle is read; clear the "
             "ends of marks, glare and shadow"
         )
+    if np.mean(edge.seen) < SEEN:
+        raise BayesdegError(
+            f"the edge is seen on {100.0 * float(np.mean(edge.seen)):.0f} % of the line only; "
+            "light it evenly, without marks and glare on it"
+        )
     plane = _plane(image, edge, scale, rng)
     draws = np.array([_reading(plane_draw, edge, rng) for plane_draw in plane.samples])
     angle, length = angle_and_length(plane.placed(edge.points))
@@ -207,9 +212,6 @@ def measured(
     reverse, doubts = _order(edge, base)
     points, error = _in_frame(plane, edge, reverse=reverse)
     order = slice(None, None, -1 if reverse else 1)
-    if np.mean(edge.seen) < SEEN:
-        share = 100.0 * float(np.mean(edge.seen))
-        doubts = (*doubts, f"the edge is seen on {share:.0f} % of the line only")
     return Trace(
         points,
         error,
