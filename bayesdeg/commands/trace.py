@@ -25,40 +25,46 @@ ABOUT = ("specimen_id", "pressure_kPa", "degradation_pct")
 _SIZE = re.compile(r"\s*([0-9.eE+-]+)\s*(mm)?\s*")
 
 
+Photos = Annotated[list[Path], typer.Argument(help="Photographs.", metavar="PHOTO…")]
+Out = Annotated[Path, typer.Option(help="Where markers.csv goes.", metavar="FOLDER")]
+Grid = Annotated[str | None, typer.Option(help="Side of a square of a checkerboard.", metavar="MM")]
+Ruler = Annotated[str | None, typer.Option(help="From tick to tick of a ruler.", metavar="MM")]
+Length = Annotated[
+    str | None,
+    typer.Option(help="Length of the bottom line; with another scale, a check.", metavar="MM"),
+]
+PixelSize = Annotated[
+    float | None, typer.Option(help="Size of a pixel, seen square on [mm].", metavar="MM/PX")
+]
+Hint = Annotated[
+    Path | None,
+    typer.Option(
+        help="Points near the line from end to end, a CSV file with x_px and y_px, and a "
+        "column file where there are several photographs; an edited points.csv will do.",
+        metavar="CSV",
+    ),
+]
+About = Annotated[
+    Path | None,
+    typer.Option(
+        help="photos.csv: file, specimen_id, pressure_kPa, degradation_pct.", metavar="CSV"
+    ),
+]
+Base = Annotated[str | None, typer.Option(help="Where the clamp is: left, right, top, bottom.")]
+Marked = Annotated[bool, typer.Option(help="There are marks on the line.")]
+
+
 def trace_photographs(
-    photos: Annotated[list[Path], typer.Argument(help="Photographs.", metavar="PHOTO…")],
-    out: Annotated[Path, typer.Option(help="Where markers.csv goes.", metavar="FOLDER")],
-    grid: Annotated[
-        str | None, typer.Option(help="Side of a square of a checkerboard.", metavar="MM")
-    ] = None,
-    ruler: Annotated[
-        str | None, typer.Option(help="From tick to tick of a ruler.", metavar="MM")
-    ] = None,
-    length: Annotated[
-        str | None,
-        typer.Option(help="Length of the bottom line; with another scale, a check.", metavar="MM"),
-    ] = None,
-    scale: Annotated[
-        float | None, typer.Option(help="Size of a pixel, seen square on [mm].", metavar="MM/PX")
-    ] = None,
-    hint: Annotated[
-        Path | None,
-        typer.Option(
-            help="Points near the line from end to end, a CSV file with x_px and y_px, and a "
-            "column file where there are several photographs; an edited points.csv will do.",
-            metavar="CSV",
-        ),
-    ] = None,
-    about: Annotated[
-        Path | None,
-        typer.Option(
-            help="photos.csv: file, specimen_id, pressure_kPa, degradation_pct.", metavar="CSV"
-        ),
-    ] = None,
-    base: Annotated[
-        str | None, typer.Option(help="Where the clamp is: left, right, top, bottom.")
-    ] = None,
-    marked: Annotated[bool, typer.Option(help="There are marks on the line.")] = False,
+    photos: Photos,
+    out: Out,
+    grid: Grid = None,
+    ruler: Ruler = None,
+    length: Length = None,
+    scale: PixelSize = None,
+    hint: Hint = None,
+    about: About = None,
+    base: Base = None,
+    marked: Marked = False,
     seed: Annotated[int, typer.Option(min=0, max=LARGEST_SEED)] = 1,
 ) -> None:
     """Trace the bottom line of actuators in photographs, and write points with their errors.

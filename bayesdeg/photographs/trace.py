@@ -181,17 +181,7 @@ def measured(
     base: Side | None = None,
 ) -> Trace:
     """Return what points on the line, the paper on their left, give in mm; see `trace`."""
-    stiff = max(2, int(STIFF * len(edge.points)))
-    if min(np.mean(edge.seen[:stiff]), np.mean(edge.seen[-stiff:])) < ENDS_SEEN:
-        raise BayesdegError(
-            "the edge is hidden at an end of the line, where the bend angle is read; clear the "
-            "ends of marks, glare and shadow"
-        )
-    if np.mean(edge.seen) < SEEN:
-        raise BayesdegError(
-            f"the edge is seen on {100.0 * float(np.mean(edge.seen)):.0f} % of the line only; "
-            "light it evenly, without marks and glare on it"
-        )
+    _refuse_hidden(edge)
     plane = _plane(image, edge, scale, rng)
     draws = np.array([_reading(plane_draw, edge, rng) for plane_draw in plane.samples])
     angle, length = angle_and_length(plane.placed(edge.points))
@@ -225,6 +215,20 @@ def measured(
         plane,
         doubts,
     )
+
+
+def _refuse_hidden(edge: Edge) -> None:
+    stiff = max(2, int(STIFF * len(edge.points)))
+    if min(np.mean(edge.seen[:stiff]), np.mean(edge.seen[-stiff:])) < ENDS_SEEN:
+        raise BayesdegError(
+            "the edge is hidden at an end of the line, where the bend angle is read; clear the "
+            "ends of marks, glare and shadow"
+        )
+    if np.mean(edge.seen) < SEEN:
+        raise BayesdegError(
+            f"the edge is seen on {100.0 * float(np.mean(edge.seen)):.0f} % of the line only; "
+            "light it evenly, without marks and glare on it"
+        )
 
 
 def _plane(image: Colours, edge: Edge, scale: Scale, rng: np.random.Generator) -> Plane:
