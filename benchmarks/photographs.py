@@ -62,7 +62,7 @@ def attempt(seed: int, megapixels: int | None) -> dict[str, object]:
     problem = ""
     try:
         image = read_picture("photograph.jpg", content)
-        found = trace(image, scale_of(one), rng=rng, hint=hint, marked=one.method == "markers")
+        found = trace(image, scale_of(one), rng=rng, hint=hint)
     except BayesdegError as fault:
         problem = str(fault)
     seconds = time.process_time() - start
@@ -104,6 +104,7 @@ def summary(records: list[dict[str, object]]) -> dict[str, float]:
         [angle_error / column("angle_sd"), curvature_error / column("curvature_sd")]
     )
     worst = np.max(np.abs(scores.reshape(2, -1)), axis=0)
+    plain = [one for one in records if one["method"] != "markers"]
     large = [one["seconds"] for one in records if one["megapixels"] == 12]
     return {
         "photographs": len(records),
@@ -113,6 +114,7 @@ def summary(records: list[dict[str, object]]) -> dict[str, float]:
         "curvature_p95_pct": float(np.quantile(relative, 0.95)),
         "coverage_90": float(np.mean(np.abs(scores) <= NORMAL_90)),
         "refused": 1.0 - len(read) / len(records),
+        "refused_without_marks": float(np.mean(["angle" not in one for one in plain])),
         "silently_wrong": float(np.sum(worst > WRONG)) / len(records),
         "seconds": float(np.median(large)) if large else float("nan"),
     }

@@ -51,7 +51,6 @@ About = Annotated[
     ),
 ]
 Base = Annotated[str | None, typer.Option(help="Where the clamp is: left, right, top, bottom.")]
-Marked = Annotated[bool, typer.Option(help="There are marks on the line.")]
 
 
 def trace_photographs(
@@ -64,7 +63,6 @@ def trace_photographs(
     hint: Hint = None,
     about: About = None,
     base: Base = None,
-    marked: Marked = False,
     seed: Annotated[int, typer.Option(min=0, max=LARGEST_SEED)] = 1,
 ) -> None:
     """Trace the bottom line of actuators in photographs, and write points with their errors.
@@ -89,7 +87,6 @@ def trace_photographs(
                 rng=np.random.default_rng(seed),
                 hint=_hint(hints, path.name),
                 base=side,
-                marked=marked,
             )
         except BayesdegError as fault:
             text = str(fault)

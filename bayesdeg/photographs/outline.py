@@ -32,10 +32,11 @@ DISTINCT = 1.8
 SLENDER = (2.5, 16.0)
 #: Share of a photograph that an actuator fills.
 FILLED = (0.003, 0.4)
-#: Outlines of one actuator, alone and with what touches it, have bottoms alike to this.
-ALIKE = 0.85
-#: Marks on the line are notches in the gel's colour: those narrower are closed [px at `WIDTH`].
-MARK = 11
+#: Outlines of one body in several colours differ by less, as a share of thickness and length.
+ALIKE = 0.1
+#: A second actuator has at least this share of the first one's size, and of its colour divisions:
+#: smaller things are clutter, and a ruler has teeth in few of the divisions.
+SECOND = 0.5
 #: Points of a hint are within this share of its length of the line.
 HINT_REACH = 0.06
 
@@ -56,7 +57,7 @@ class Body:
     thickness: float
 
 
-def find_body(image: Colours, hint: Floats | None = None, *, marked: bool = False) -> Body:
+def find_body(image: Colours, hint: Floats | None = None) -> Body:
     """Return the actuator of a photograph.
 
     Parameters
@@ -65,8 +66,6 @@ def find_body(image: Colours, hint: Floats | None = None, *, marked: bool = Fals
         The photograph.
     hint : array, shape (k, 2), optional
         Points near the bottom line, from end to end [px].
-    marked : bool
-        Whether there are marks on the line, which interrupt the gel's colour.
 
     Raises
     ------
@@ -75,34 +74,66 @@ def find_body(image: Colours, hint: Floats | None = None, *, marked: bool = Fals
     """
     factor = WIDTH / image.shape[1]
     small = cv2.resize(image, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
-    outlines = list(_outlines(_clustered(small), MARK if marked else 0))
-    if hint is not None:
-        return _nearest_to(outlines, (hint + 0.5) * factor - 0.5, factor)
+    outlines = list(_outlines(_clustered(small)))
     found = [body for outline in outlines if (body := _comb_body(outline, factor)) is not None]
+    if hint is not None:
+        along = [body for body in found if _follows(body, hint)]
+        # a comb shows on which side of its line the gel is; any other outline does not
+        return _agreed(along) if along else _nearest_to(outlines, hint, factor)
     if not found:
         raise BayesdegError(
             "no actuator is found: nothing has one long smooth side and a toothed one; show where "
             "its bottom line is with --hint, or with a points file"
         )
-    longest = max(found, key=lambda one: len_of(one.line))
-    # with what it touches in one colour it is thicker, and its bottom longer by a little
-    best = min(
-        (
-            one
-            for one in found
-            if _apart(one, longest) < 0.5 * longest.thickness
-            and len_of(one.line) > ALIKE * len_of(longest.line)
-        ),
-        key=lambda one: one.thickness,
-    )
-    for other in found:
-        if _apart(other, best) > 1.5 * best.thickness and len_of(other.line) > 0.4 * len_of(
-            best.line
-        ):
-            raise BayesdegError(
-                "two actuators are found; cut the photograph to one, or show the line with --hint"
-            )
+    best = _agreed(found)
+    enough = SECOND * _votes(best, found)
+    if any(_is_second(other, best) and _votes(other, found) >= enough for other in found):
+        raise BayesdegError(
+            "two actuators are found; cut the photograph to one, or show the line with --hint"
+        )
     return best
+
+
+def _agreed(found: list[Body]) -> Body:
+    """Return the body that most divisions into colours agree on; of equals, the larger."""
+    return max(found, key=lambda one: (_votes(one, found), len_of(one.line) * one.thickness))
+
+
+def _votes(one: Body, found: list[Body]) -> int:
+    return sum(_alike(one, other) for other in found)
+
+
+def _alike(one: Body, other: Body) -> bool:
+    return (
+        _apart(one, other) < ALIKE * other.thickness
+        and abs(one.thickness / other.thickness - 1.0) < ALIKE
+        and abs(len_of(one.line) / len_of(other.line) - 1.0) < ALIKE
+    )
+
+
+def _is_second(other: Body, best: Body) -> bool:
+    """Whether a body is another actuator, neither part of the first nor a small object."""
+    return (
+        _apart(other, best) > 1.5 * best.thickness
+        and other.thickness > SECOND * best.thickness
+        and len_of(other.line) > SECOND * len_of(best.line)
+    )
+
+
+def _follows(body: Body, hint: Floats) -> bool:
+    """Whether a body's line is along a hint, and no longer than it by much."""
+    reach = HINT_REACH * len_of(hint)
+    apart = np.hypot(*(_dense(hint)[:, None] - body.line[None]).transpose(2, 0, 1))
+    # ends of a hint may lie beyond those of the line
+    ways = (float(np.quantile(apart.min(axis=axis), 0.9)) for axis in (0, 1))
+    return max(ways) < reach
+
+
+def _dense(hint: Floats) -> Floats:
+    """Return 60 points in equal steps along a hint."""
+    arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(hint, axis=0).T))])
+    at = np.linspace(0.0, arc[-1], 60)
+    return np.column_stack([np.interp(at, arc, axis) for axis in hint.T])
 
 
 def _apart(one: Body, other: Body) -> float:
@@ -152,7 +183,7 @@ def _closest(points: NDArray[np.float32], centres: NDArray[np.float32]) -> NDArr
     return np.argmin(offset - 2.0 * points @ centres.T, axis=1).astype(np.int32)
 
 
-def _outlines(labels: NDArray[np.int32], closing: int) -> Iterator[Floats]:
+def _outlines(labels: NDArray[np.int32]) -> Iterator[Floats]:
     """Yield outlines of what has one colour, or two, and a plausible size [px of the small one]."""
     kernel = np.ones((3, 3), dtype=np.uint8)
     count = int(labels.max()) + 1
@@ -160,9 +191,6 @@ def _outlines(labels: NDArray[np.int32], closing: int) -> Iterator[Floats]:
         for second in range(first, count):
             mask = ((labels == first) | (labels == second)).astype(np.uint8)
             mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, kernel)
-            if closing:
-                disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (closing, closing))
-                mask = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, disc)
             contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
             for contour in contours:
                 area = cv2.contourArea(contour)
@@ -216,9 +244,8 @@ def _comb_body(outline: Floats, factor: float) -> Body | None:
 
 def _nearest_to(outlines: list[Floats], hint: Floats, factor: float) -> Body:
     """Return the body along whose outline the hint goes."""
-    at = np.linspace(0.0, 1.0, 60)
-    arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(hint, axis=0).T))]) / len_of(hint)
-    dense = np.column_stack([np.interp(at, arc, axis) for axis in hint.T])
+    hint = (hint + 0.5) * factor - 0.5
+    dense = _dense(hint)
     best, least = None, HINT_REACH * len_of(hint)
     for outline in outlines:
         points = _evenly(outline, OUTLINE_POINTS)

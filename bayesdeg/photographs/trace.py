@@ -143,7 +143,6 @@ def trace(
     rng: np.random.Generator,
     hint: Floats | None = None,
     base: Side | None = None,
-    marked: bool = False,
 ) -> Trace:
     """Trace the bottom line of the actuator in a photograph.
 
@@ -159,8 +158,6 @@ def trace(
         Points near the line, from end to end, or corrected ones [px].
     base : {"left", "right", "top", "bottom"}, optional
         On which side of the photograph the clamp is; else it is found.
-    marked : bool
-        Whether there are marks on the line.
 
     Raises
     ------
@@ -168,7 +165,7 @@ def trace(
         If the actuator, its edge or the target is not found, or what is found contradicts what is
         stated.
     """
-    edge = find_edge(image, find_body(image, hint, marked=marked))
+    edge = find_edge(image, find_body(image, hint))
     return measured(image, edge, scale, rng=rng, base=base)
 
 
