@@ -268,4 +268,4 @@ def _running(arc: Floats, place: Floats, good: NDArray[np.bool_], window: float)
         ]
     )
     known = np.isfinite(middle)
-    return np.interp(arc, at[known], middle[known])
+    return np.asarray(np.interp(arc, at[known], middle[known]))

@@ -30,11 +30,11 @@ def overlay(image: Colours, found: Trace, name: str) -> bytes:
     pixels = np.round(factor * 16.0 * found.pixels).astype(np.int32)
     for i in range(len(pixels) - 1):
         colour = READ if found.seen[i] and found.seen[i + 1] else BETWEEN
-        start, end = (tuple(pixels[k].tolist()) for k in (i, i + 1))
+        start, end = pixels[i].tolist(), pixels[i + 1].tolist()
         cv2.line(drawn, start, end, colour, 1, cv2.LINE_AA, 4)
-    cv2.circle(drawn, tuple((pixels[0] // 16).tolist()), 8, READ, 2, cv2.LINE_AA)
+    cv2.circle(drawn, (pixels[0] // 16).tolist(), 8, READ, 2, cv2.LINE_AA)
     for point in found.plane.target:
-        cv2.circle(drawn, tuple(np.int32(factor * point).tolist()), 3, TARGET, 1, cv2.LINE_AA)
+        cv2.circle(drawn, np.int32(factor * point).tolist(), 3, TARGET, 1, cv2.LINE_AA)
     lines = [
         name.encode("ascii", "replace").decode(),
         f"angle {found.angle:.2f} +- {found.angle_error:.2f} deg",
