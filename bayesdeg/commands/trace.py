@@ -9,13 +9,13 @@ import pandas as pd
 import typer
 from numpy.typing import NDArray
 
-from bayesdeg.commands.options import LARGEST_SEED
 from bayesdeg.console import errors
 from bayesdeg.errors import BayesdegError
 from bayesdeg.files import read_bytes, reason, spreadsheet_safe, write_bytes, written
 from bayesdeg.photographs.overlay import overlay
 from bayesdeg.photographs.picture import Colours, read_picture
 from bayesdeg.photographs.trace import Scale, Side, Trace, trace
+from bayesdeg.quantities import LARGEST_SEED
 
 Floats = NDArray[np.float64]
 
@@ -184,7 +184,8 @@ def _hint(hints: pd.DataFrame | None, name: str) -> Floats | None:
     points = mine[["x_px", "y_px"]].apply(pd.to_numeric, errors="coerce").to_numpy(np.float64)
     if len(points) < 2 or not np.all(np.isfinite(points)):
         raise BayesdegError(f"{name}: its hint is not two points or more; give x_px and y_px")
-    return points
+    line: Floats = points
+    return line
 
 
 def _write(out: Path, found: dict[str, Trace], rows: pd.DataFrame | None) -> None:

@@ -268,4 +268,5 @@ def _running(arc: Floats, place: Floats, good: NDArray[np.bool_], window: float)
         ]
     )
     known = np.isfinite(middle)
-    return np.asarray(np.interp(arc, at[known], middle[known]))
+    smooth: Floats = np.interp(arc, at[known], middle[known])
+    return smooth
