@@ -38,6 +38,7 @@ LAYERS = (
     "emulator",
     "actuator",
     "material",
+    "photographs",
     "data",
     "priors",
     "records",
