@@ -111,6 +111,7 @@ def _bayesdeg(*arguments: object) -> None:
 def trained(name: str, study: Study, workers: int) -> tuple[Surrogate, float]:
     """Return the emulator of a study and the minutes that it took when it was trained."""
     begun, kept = time.perf_counter(), CACHE / name / "minutes.json"
+    kept.parent.mkdir(parents=True, exist_ok=True)
     with workplace(workers, None) as executor:
         found = emulator_for(study, None, manner=Manner(yes=True), executor=executor)
     assert found is not None

@@ -98,6 +98,8 @@ class Body:
         Displacements that are held at zero.
     depth : array, shape (n_elements, n_points)
         How far each quadrature point is under the nearest exposed face; inf if none is [mm].
+    layer : array of bool, shape (n_elements,), optional
+        Bricks of a layer of another elastomer; none if not given.
     """
 
     element: Element
@@ -109,6 +111,7 @@ class Body:
     paper: Indices
     fixed: NDArray[np.bool_]
     depth: Floats
+    layer: NDArray[np.bool_] | None = None
 
     def placed_at(self, nodes: Floats) -> Self:
         """Return the same bricks with their nodes elsewhere, (n_nodes, 3) [mm]."""

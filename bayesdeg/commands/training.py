@@ -231,9 +231,16 @@ def _say_where(found: AskedAfterwards, manner: Manner, *, good: bool) -> None:
     if manner.quiet:
         return
     then = "" if good else "; further curves are solved there"
+    ends = (
+        ""
+        if found.unanswered == 0.0
+        else f" (at a further {100.0 * found.unanswered:.2g} % some reading lies where curves end, "
+        "which no training mends)"
+    )
     _print(
         f"where the posterior lies the emulator's standard error is {found.error_pct:.2g} % "
-        f"(wanted: {TARGET_PCT:g} %), and {100.0 * found.outside:.2g} % of it is outside{then}"
+        f"(wanted: {TARGET_PCT:g} %), and {100.0 * found.outside:.2g} % of it is outside its range"
+        f"{ends}{then}"
     )
 
 

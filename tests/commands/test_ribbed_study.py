@@ -1,4 +1,4 @@
-"""A study of a ribbed segment at the command line: read, drawn, simulated, and not calibrated."""
+"""Studies of segments at the command line: read, drawn, simulated, and not calibrated."""
 
 import sys
 
@@ -25,6 +25,17 @@ passage_height = 0.6
 [constraint]
 kind = "film"
 thickness = 0.2
+"""
+CHANNELS = """
+[actuator]
+kind = "cylindrical"
+length = 16.0
+width = 8.0
+height = 8.0
+channel_length = 12.0
+channel_width = 2.0
+channel_height = 1.5
+offset = 2.2
 """
 ACTUATOR = (
     "specimen_id,degradation_pct,degradation_sd_pct,pressure_kPa,curvature_per_m\n"
@@ -98,3 +109,45 @@ def test_a_virtual_experiment_is_made_and_is_a_study_again(command, monkeypatch)
     assert 0.0 < float(rows[4]) < 5.0
     monkeypatch.setattr(sys, "argv", ["bayesdeg", "check", "virtual"])
     assert cli.exit_code() == 0
+
+
+@pytest.mark.fem
+def test_a_study_of_straight_channels_is_drawn_and_simulated_and_not_calibrated(
+    command, monkeypatch
+):
+    (command.study / "study.toml").write_text(SETTINGS + CHANNELS, encoding="utf-8")
+    code, said = command("check")
+    assert code == 0
+    assert "cylindrical actuator" in said
+    assert "0.036 ml" in said
+    code, said = command("run")
+    assert code == 2
+    assert "cylindrical" in said
+    assert said.strip().count("\n") == 0
+    monkeypatch.setattr(simulate, "FINE", Resolution(16.0, 9.0, 9.0))
+    code, _ = command("simulate", "--out", "virtual", "--workers", "1", "--quiet")
+    assert code == 0
+    made = command.study.parent / "virtual"
+    assert 'kind = "cylindrical"' in (made / "study.toml").read_text("utf-8")
+    monkeypatch.setattr(sys, "argv", ["bayesdeg", "check", "virtual"])
+    assert cli.exit_code() == 0
+
+
+def test_a_channel_beside_the_block_ends_with_exit_code_2(command):
+    text = SETTINGS + CHANNELS.replace("width = 8.0", "width = 1.8", 1)
+    (command.study / "study.toml").write_text(text, encoding="utf-8")
+    for name in ("check", "run", "simulate"):
+        code, said = command(name, *(["--out", "virtual"] if name == "simulate" else []))
+        assert code == 2
+        assert "(1.8 mm)" in said
+
+
+def test_a_layer_of_elastomer_is_described_and_refused_by_run(command):
+    layer = '[constraint]\nkind = "elastomer"\nthickness = 1.0\nC1 = 60.0\n'
+    (command.study / "study.toml").write_text(SETTINGS + layer, encoding="utf-8")
+    code, said = command("check")
+    assert code == 0
+    assert {"elastomer", "0.5,", "60,"} <= set(said.split())
+    code, said = command("run")
+    assert code == 2
+    assert {"0.5", "bottom"} <= set(said.split())
