@@ -28,7 +28,7 @@ from bayesdeg.actuator.inputs import (
     relative_to_reference,
 )
 from bayesdeg.actuator.line import read_line
-from bayesdeg.data.settings import Operator
+from bayesdeg.data.settings import Operator, Settings
 
 Floats = NDArray[np.float64]
 
@@ -41,6 +41,8 @@ _USUAL_GROUP = 50.0  # [mm], by which the paper's group is made a number near 1
 @dataclass(frozen=True)
 class BottomLines:
     """Bottom lines of finite element curves of the default actuator.
+
+    ``python benchmarks/bottom_lines.py`` makes those that ship.
 
     Parameters
     ----------
@@ -116,7 +118,7 @@ def operator_ratio(operator: Operator, points: int) -> OperatorRatio:
     """
     lines = bottom_lines()
     contract = 1e3 * lines.bend_angle / lines.arc_length
-    read = [read_line(_even(line, points), operator).curvature for line in lines.points]
+    read = [read_line(evenly(line, points), operator).curvature for line in lines.points]
     log_ratio = np.log(np.array(read) / contract)
     group = np.log(lines.paper_group / _USUAL_GROUP)
     design = np.stack([lines.bend_angle**i * group**j for i, j in _POWERS], axis=1)
@@ -129,7 +131,14 @@ def operator_ratio(operator: Operator, points: int) -> OperatorRatio:
     return OperatorRatio(whole, float(np.sqrt(np.mean(missed**2))), float(lines.bend_angle.max()))
 
 
-def _even(line: Floats, count: int) -> Floats:
+def evenly(line: Floats, count: int) -> Floats:
+    """Return so many even points of the cubic spline through a line, (count, 2) [mm].
+
+    Examples
+    --------
+    >>> evenly(np.array([[0.0, 0.0], [1.0, 0.0], [4.0, 0.0]]), 5)[:, 0].tolist()
+    [0.0, 1.0, 2.0, 3.0, 4.0]
+    """
     arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
     found: Floats = CubicSpline(arc, line)(np.linspace(0.0, arc[-1], count))
     return found
@@ -170,6 +179,24 @@ class ReadByOperator:
     def continued(self, inputs: Inputs) -> Prediction:
         """Return the same of the map's continuation beyond its range."""
         return replace(self, mechanics=continuation(self.mechanics))(inputs)
+
+
+def as_read(settings: Settings, forward: ForwardMap) -> ForwardMap:
+    """Return the map that predicts the reading of the operator that a study states.
+
+    Of the contract's curvature that is the map itself.
+
+    Examples
+    --------
+    >>> def mechanics(inputs): ...
+    >>> as_read(Settings(), mechanics) is mechanics
+    True
+    >>> as_read(Settings(operator="circle", reading_points=12), mechanics).points
+    12
+    """
+    if settings.operator in (None, "angle_over_arc"):
+        return forward
+    return ReadByOperator(forward, settings.operator, settings.reading_points)
 
 
 def mechanics_of(forward: ForwardMap | None) -> ForwardMap | None:

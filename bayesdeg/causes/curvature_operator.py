@@ -17,13 +17,14 @@ Revealed by
     Curvatures larger by this factor while the bend angle shows no misfit.
 
 Refuted by
-    The same misfit in the bend angle; another size; points of the line (markers.csv). The factor
+    The same misfit in the bend angle; another size; points of the line. The factor
     hardly depends on pressure, so a part that is 15 % smaller than α says, `shrinkage_reading`,
     looks the same unless α is known. Where curvature alone is recorded it also looks like a softer
     material or a lost pressure. Other operators differ by less than 6 % and are not covered.
 
 Source
-    The ratio is computed from finite element lines, `bayesdeg.actuator.reading`.
+    The ratio is computed from finite element lines, `bayesdeg.actuator.reading`; the fit of the
+    circle is that of doi:10.1145/37402.37420.
 """
 
 from dataclasses import replace

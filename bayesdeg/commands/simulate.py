@@ -10,6 +10,7 @@ import typer
 
 from bayesdeg.actuator.curve import ExactMap
 from bayesdeg.actuator.families import geometry_of_study
+from bayesdeg.actuator.reading import as_read
 from bayesdeg.actuator.status import FINE, Backend
 from bayesdeg.commands.options import CORES, Quiet, Seed, StudyFolder, Workers
 from bayesdeg.console import errors, say, shown
@@ -82,7 +83,11 @@ def simulate(
                 on_curve=progress.advance,
             )
             experiment = run_experiment(
-                design_of(template), truth, forward=forward, generator=generator, effects=effects
+                design_of(template),
+                truth,
+                forward=as_read(template.settings, forward),
+                generator=generator,
+                effects=effects,
             )
         files = study_files(experiment, template.settings, provenance=provenance)
         for name, text in files.items():

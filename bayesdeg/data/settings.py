@@ -343,9 +343,9 @@ class Settings:
 
     @property
     def is_default_mould(self) -> bool:
-        """Whether it is the default actuator with its layer at the bottom."""
-        layer = self.constraint_kind != "none" and not self.constraint_height_mm
-        return self.dimensions == Dimensions() and layer
+        """Whether it is the default actuator with paper or film on its bottom."""
+        on_bottom = self.constraint_kind in ("paper", "film") and not self.constraint_height_mm
+        return self.dimensions == Dimensions() and on_bottom
 
     @property
     def constraint(self) -> Constraint:
@@ -611,11 +611,31 @@ def _from_document(document: dict[str, Any], text: str) -> tuple[Settings, tuple
     settings = Settings(
         dimensions=dimensions, recipe=recipe, priors=priors, forward=forward, **accepted
     )
+    if not faults:
+        faults += _unknown_operator(settings, text)
     return settings, tuple(faults)
 
 
 _OF_OPERATOR = {"operator", "points"}
 _OWN = tuple(entry.name for entry in fields(OwnForward) if entry.name != "parameters")
+
+
+def _unknown_operator(settings: Settings, text: str) -> tuple[Fault, ...]:
+    """Refuse an operator of which it is not known what it reads of this actuator."""
+    if settings.operator in (None, "angle_over_arc"):
+        return ()
+    if settings.forward is None and settings.is_default_mould:
+        return ()
+    return (
+        Fault(
+            FILE,
+            "is known of the default actuator alone",
+            "read the rotation of the end faces over the arc length and write angle_over_arc",
+            _row_of(text, "reading", "operator"),
+            "reading.operator",
+            _as_written(settings.operator),
+        ),
+    )
 
 
 def _without_forward(document: Mapping[str, Any], text: str) -> tuple[Fault, ...]:

@@ -7,10 +7,9 @@ import numpy as np
 
 from bayesdeg.actuator.families import geometry_of_study
 from bayesdeg.actuator.inputs import ForwardMap
-from bayesdeg.actuator.reading import ReadByOperator
+from bayesdeg.actuator.reading import as_read
 from bayesdeg.causes.cause import Cause
 from bayesdeg.causes.fold import with_causes
-from bayesdeg.data.settings import Settings
 from bayesdeg.data.study import Study
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.emulator.trained import surrogate_for
@@ -161,7 +160,7 @@ def assemble(study: Study, forward: ForwardMap | None = None) -> Assembly:
     if plan.needs_forward and (forward is None or isinstance(forward, Surrogate)):
         forward = surrogate_for(geometry, forward)
     if plan.has_actuators and forward is not None:
-        forward = _as_read(study.settings, forward)
+        forward = as_read(study.settings, forward)
     world = FilmsAndActuators(
         nodes=plan.nodes,
         elongation_nodes=plan.elongation_nodes or (0.0,),
@@ -182,25 +181,6 @@ def assemble(study: Study, forward: ForwardMap | None = None) -> Assembly:
         counts=plan.counts,
         of_counts=plan.of_counts,
     )
-
-
-def _as_read(settings: Settings, forward: ForwardMap) -> ForwardMap:
-    """Return the map that predicts the reading of the operator that a study states.
-
-    Raises
-    ------
-    StudyError
-        If what the operator reads of this actuator is not known.
-    """
-    operator = settings.operator or "angle_over_arc"
-    if operator == "angle_over_arc":
-        return forward
-    if not settings.is_default_mould:
-        problem = "is known of the default actuator alone"
-        remedy = "read the rotation of the end faces over the arc length, angle_over_arc"
-        place = (None, "reading.operator", operator)
-        raise StudyError([Fault("study.toml", problem, remedy, *place)])
-    return ReadByOperator(forward, operator, settings.reading_points)
 
 
 def level_grid(model: JointModel) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
