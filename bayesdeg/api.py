@@ -28,7 +28,7 @@ from bayesdeg.criticism.holdout.gain import gain_table
 from bayesdeg.criticism.holdout.leaving_out import carried_out, one_by_one
 from bayesdeg.data.settings import EFFORTS, AnyDimensions, Effort
 from bayesdeg.data.study import Study
-from bayesdeg.emulator.kept import CACHE, Recipe, refuse_without_emulator
+from bayesdeg.emulator.kept import CACHE, Recipe, refuse_whole_range
 from bayesdeg.emulator.solutions import SolutionStore
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.emulator.trained import find, write_trained
@@ -86,7 +86,7 @@ def emulator(
         If it is an actuator that no emulator can be trained for.
     """
     shape = _moulded(geometry)
-    refuse_without_emulator(shape)
+    refuse_whole_range(shape)
     found = find(shape, cache=Path(cache))
     if found.surrogate is not None:
         return found.surrogate

@@ -8,8 +8,8 @@ from bayesdeg.actuator.cylindrical import CylindricalGeometry
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.moulded import Moulded
 from bayesdeg.actuator.ribbed import RibbedGeometry
-from bayesdeg.data.families import Constraint, Kind
-from bayesdeg.data.settings import MOULDS, AnyDimensions, Settings
+from bayesdeg.data.families import Constraint, Kind, Mould
+from bayesdeg.data.settings import MOULDS, Settings
 
 GEOMETRIES: Mapping[Kind, Callable[..., Moulded]] = {
     "pneunet": Geometry,
@@ -19,13 +19,13 @@ GEOMETRIES: Mapping[Kind, Callable[..., Moulded]] = {
 """Each is made of the family's dimensions, a wall factor, an erosion and a constraint."""
 
 
-def geometry_of(dimensions: AnyDimensions, constraint: Constraint | None = None) -> Moulded:
+def geometry_of(dimensions: Mould, constraint: Constraint | None = None) -> Moulded:
     """Return the geometry of an actuator as moulded.
 
     Parameters
     ----------
-    dimensions : Dimensions, RibbedDimensions or CylindricalDimensions
-        Of any family.
+    dimensions : Mould
+        Of any family, such as ``Dimensions`` or ``CylindricalDimensions``.
     constraint : Constraint, optional
         By default paper, where the family has it.
 

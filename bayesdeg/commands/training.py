@@ -29,6 +29,7 @@ from bayesdeg.emulator.local import (
     LocalDesign,
     local_design,
     span_of,
+    units_for,
 )
 from bayesdeg.emulator.scaling import TrainingRange
 from bayesdeg.emulator.solutions import SolutionStore
@@ -108,8 +109,9 @@ def emulator_for(
     with shown(manner.quiet) as progress:
         progress.stage("where the study lies")
         asked = asked_of(study, study.settings.seed)
-    first = local_design(asked, LOCAL(geometry.dimensions))
-    known = _known(study, first, span_of(asked, wider=0.0), manner)
+    units = units_for(geometry, asked)
+    first = local_design(asked, LOCAL(geometry.dimensions), units)
+    known = _known(study, first, span_of(asked.in_units(units), wider=0.0), manner)
     if known is not None:
         return known
     if not manner.quiet:
@@ -124,6 +126,8 @@ def _known(
     geometry = geometry_of_study(study.settings)
     own = _kept_for(geometry, first)
     for path, surrogate in covering(geometry, wanted, CACHE):
+        if surrogate.units != first.units:
+            continue
         if path == own or _is_good(_asked_after(study, surrogate, manner)):
             return surrogate
     return None

@@ -109,7 +109,8 @@ def _outside(model: JointModel, surrogate: Surrogate, known: Floats) -> float:
     state = model.tests(model.table.named(known))
     missed, whole = np.zeros(len(known), dtype=bool), TrainingRange()
     for one in model.of_kind(Curvature):
-        inputs = inputs_met(state, one.curves, np.zeros_like(one.deviation_sd(state)))
+        off = np.zeros_like(one.deviation_sd(state))
+        inputs = surrogate.units.inputs(inputs_met(state, one.curves, off))
         own, all_ = (Batch.of(inputs, span).in_range(span) for span in (surrogate.span, whole))
         missed |= np.any(all_ & ~own & one.curves.mask, axis=(-2, -1))
     return float(np.mean(missed))
