@@ -28,7 +28,7 @@ from bayesdeg.actuator.inputs import (
     relative_to_reference,
 )
 from bayesdeg.actuator.line import read_line
-from bayesdeg.data.settings import Operator, Settings
+from bayesdeg.data.settings import Operator
 
 Floats = NDArray[np.float64]
 
@@ -181,22 +181,22 @@ class ReadByOperator:
         return replace(self, mechanics=continuation(self.mechanics))(inputs)
 
 
-def as_read(settings: Settings, forward: ForwardMap) -> ForwardMap:
-    """Return the map that predicts the reading of the operator that a study states.
+def as_read(forward: ForwardMap, operator: Operator | None, points: int) -> ForwardMap:
+    """Return the map that predicts the reading of the operator that a study states, if it does.
 
     Of the contract's curvature that is the map itself.
 
     Examples
     --------
     >>> def mechanics(inputs): ...
-    >>> as_read(Settings(), mechanics) is mechanics
+    >>> as_read(mechanics, None, 50) is mechanics
     True
-    >>> as_read(Settings(operator="circle", reading_points=12), mechanics).points
+    >>> as_read(mechanics, "circle", 12).points
     12
     """
-    if settings.operator in (None, "angle_over_arc"):
+    if operator in (None, "angle_over_arc"):
         return forward
-    return ReadByOperator(forward, settings.operator, settings.reading_points)
+    return ReadByOperator(forward, operator, points)
 
 
 def mechanics_of(forward: ForwardMap | None) -> ForwardMap | None:

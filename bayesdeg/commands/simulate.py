@@ -69,7 +69,8 @@ def simulate(
     drawn = " --draw-material" if draw_material else ""
     by = "" if backend is Backend.KERNELS else f" --backend {backend}"
     command = f"bayesdeg simulate {study} {named}{drawn} --out {out} --seed {chosen}{by}"
-    geometry = geometry_of_study(template.settings)
+    stated = template.settings
+    geometry = geometry_of_study(stated)
     mesh = geometry.mesh_like(FINE)
     provenance = Provenance(command=command, seed=chosen, mesh=vars(mesh))
     with virtual_study(out, VIRTUAL_FILES), workplace(workers, None) as executor:
@@ -85,7 +86,7 @@ def simulate(
             experiment = run_experiment(
                 design_of(template),
                 truth,
-                forward=as_read(template.settings, forward),
+                forward=as_read(forward, stated.operator, stated.reading_points),
                 generator=generator,
                 effects=effects,
             )

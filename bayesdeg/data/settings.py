@@ -48,6 +48,8 @@ Operator = Literal["angle_over_arc", "circle", "spline", "base_tip"]
 EFFORTS: tuple[Effort, ...] = get_args(Effort)
 MODES: tuple[str, ...] = get_args(Mode)
 OPERATORS: tuple[Operator, ...] = get_args(Operator)
+FEWEST_POINTS = 4
+"""Of a line that is read, as a cubic spline needs."""
 RUPTURE_CRITERIA: tuple[RuptureCriterion, ...] = get_args(RuptureCriterion)
 
 
@@ -498,8 +500,8 @@ ENTRIES: tuple[_Entry, ...] = (
     _Entry(
         "reading",
         "points",
-        "a whole number of at least 4",
-        Annotated[int, Ge(4)],
+        f"a whole number of at least {FEWEST_POINTS}",
+        Annotated[int, Ge(FEWEST_POINTS)],
         "reading_points",
     ),
     _Entry("reading", "name", _READING, _Text, "own_reading"),

@@ -160,7 +160,7 @@ def assemble(study: Study, forward: ForwardMap | None = None) -> Assembly:
     if plan.needs_forward and (forward is None or isinstance(forward, Surrogate)):
         forward = surrogate_for(geometry, forward)
     if plan.has_actuators and forward is not None:
-        forward = as_read(study.settings, forward)
+        forward = as_read(forward, study.settings.operator, study.settings.reading_points)
     world = FilmsAndActuators(
         nodes=plan.nodes,
         elongation_nodes=plan.elongation_nodes or (0.0,),

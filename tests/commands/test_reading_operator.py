@@ -8,11 +8,11 @@ import pandas as pd
 import pytest
 
 from bayesdeg import cli
-from bayesdeg.actuator.curve import ExactMap
-from bayesdeg.actuator.reading import ReadByOperator, as_read, mechanics_of, operator_ratio
+from bayesdeg.actuator.reading import ReadByOperator, mechanics_of, operator_ratio
 from bayesdeg.actuator.status import Resolution
 from bayesdeg.commands import simulate
 from bayesdeg.pipeline.assemble import assemble
+from bayesdeg.pipeline.forecast import as_recorded, model_document
 from bayesdeg.pipeline.reading import read_study
 from tests.pipeline.planted_offset import emulator
 from tests.pipeline.study_files import SETTINGS, study_in
@@ -71,8 +71,17 @@ def test_the_model_predicts_what_is_stated(call, tmp_path):
     call("", "check")
     study = read_study(tmp_path / "study")
     assert not isinstance(assemble(study, emulator()).model.forward, ReadByOperator)
-    exact = ExactMap.__new__(ExactMap)
-    assert as_read(study.settings, exact) is exact
+
+
+def test_a_run_folder_keeps_what_its_predictions_are_readings_of(call, tmp_path):
+    for more, expected in ((CIRCLE + "points = 12\n", ("circle", 12)), ("", ("", None))):
+        call(more, "check")
+        study = read_study(tmp_path / "study")
+        model = assemble(study, emulator()).model
+        entry = model_document(model, study)
+        assert (entry.reading_operator, entry.reading_points) == expected
+        kept = as_recorded(entry, emulator())
+        assert isinstance(kept, ReadByOperator) == (expected[0] == "circle")
 
 
 @pytest.mark.fem
