@@ -21,7 +21,7 @@ from bayesdeg.actuator.linear import open_factorization
 from bayesdeg.actuator.material import MaterialGroups
 from bayesdeg.actuator.mesh import build_mesh
 from bayesdeg.actuator.moulded import Moulded
-from bayesdeg.actuator.status import COARSE, Resolution
+from bayesdeg.actuator.status import COARSE, PathEffort, Resolution
 from bayesdeg.criticism.fit.side_by_side import later
 from bayesdeg.data.settings import Dimensions
 from bayesdeg.emulator.workers import deaf_to_interrupts, end_with_parent
@@ -48,6 +48,9 @@ Floats = NDArray[np.float64]
 # some 730 bricks on the default geometry: a few seconds a state
 PICTURE_MESH = Resolution(along=1.7, across=1.3, up=2.1)
 STEPS = 8
+# half a minute at most: about to balloon, a path goes on in ever smaller steps; the last state that
+# it reached is as good a picture
+ENOUGH = PathEffort(total=60)
 
 
 @dataclass(frozen=True)
@@ -123,7 +126,7 @@ def begin(
     geometry: Moulded,
     executor: Executor | None = None,
     *,
-    resolution: Resolution = PICTURE_MESH,
+    resolution: Resolution | None = None,
 ) -> Begun:
     """Begin to solve the actuators of a picture; return what waits for those that have a solution.
 
@@ -134,7 +137,7 @@ def begin(
     executor : Executor, optional
         Where to solve, each case by itself, beside other work; by default when they are asked for.
     """
-    work = partial(solve, geometry, resolution)
+    work = partial(solve, geometry, resolution or geometry.mesh_like(PICTURE_MESH))
     cases = [later(partial(work, case), executor) for case in fitted_cases(fit)]
     return partial(_those_solved, cases)
 
@@ -148,7 +151,7 @@ def write_deformed(
     fit: Fit,
     geometry: Moulded,
     *,
-    resolution: Resolution = PICTURE_MESH,
+    resolution: Resolution | None = None,
     begun: Begun | None = None,
 ) -> None:
     """Solve the fitted actuator at the lowest and highest degradation rate; write what it shows.
@@ -164,8 +167,8 @@ def write_deformed(
         Of a model with actuator readings.
     geometry : Moulded
         The actuator as moulded.
-    resolution : Resolution
-        Of the mesh.
+    resolution : Resolution, optional
+        Of the mesh; by default one that is to the actuator what ``PICTURE_MESH`` is to the default.
     begun : callable, optional
         What `begin` returned, where they are being solved already.
     """
@@ -254,7 +257,7 @@ def solve(geometry: Moulded, resolution: Resolution, case: Case) -> Solved | Non
         return None
     factorization = open_factorization(problem.system.upper)
     try:
-        path = follow(problem, factorization, loads=case.curve.loads)
+        path = follow(problem, factorization, loads=case.curve.loads, effort=ENOUGH)
     finally:
         factorization.close()
     if not path.points:
