@@ -10,6 +10,7 @@ import typer
 
 from bayesdeg.actuator.curve import ExactMap
 from bayesdeg.actuator.families import geometry_of_study
+from bayesdeg.actuator.inputs import ForwardMap
 from bayesdeg.actuator.reading import as_read
 from bayesdeg.actuator.status import FINE, Backend
 from bayesdeg.commands.options import CORES, Quiet, Seed, StudyFolder, Workers
@@ -69,8 +70,7 @@ def simulate(
     drawn = " --draw-material" if draw_material else ""
     by = "" if backend is Backend.KERNELS else f" --backend {backend}"
     command = f"bayesdeg simulate {study} {named}{drawn} --out {out} --seed {chosen}{by}"
-    stated = template.settings
-    geometry = geometry_of_study(stated)
+    geometry = geometry_of_study(template.settings)
     mesh = geometry.mesh_like(FINE)
     provenance = Provenance(command=command, seed=chosen, mesh=vars(mesh))
     with virtual_study(out, VIRTUAL_FILES), workplace(workers, None) as executor:
@@ -83,18 +83,20 @@ def simulate(
                 on_start=partial(progress.stage, "finite element curves"),
                 on_curve=progress.advance,
             )
+            read = _as_stated(template, forward)
             experiment = run_experiment(
-                design_of(template),
-                truth,
-                forward=as_read(forward, stated.operator, stated.reading_points),
-                generator=generator,
-                effects=effects,
+                design_of(template), truth, forward=read, generator=generator, effects=effects
             )
         files = study_files(experiment, template.settings, provenance=provenance)
         for name, text in files.items():
             if not (name == SETTINGS_FILE and study.resolve() == out.resolve()):
                 write_text(out / name, text)
     errors.print(f"wrote a virtual experiment to {out}", soft_wrap=True)
+
+
+def _as_stated(template: Study, forward: ExactMap) -> ForwardMap:
+    """Return the map of curvatures as the operator reads them that a study states."""
+    return as_read(forward, template.settings.operator, template.settings.reading_points)
 
 
 def _volume_ratio(template: Study) -> float:
