@@ -41,6 +41,13 @@ def check(study: StudyFolder) -> None:
     say(f"in doubt: {doubt}" for doubt in unlikely)
     for what, cost in plan.missing:
         errors.print(f"without {what}: {cost}", soft_wrap=True)
+    if plan.has_actuators and checked.settings.operator is None:
+        errors.print(
+            "study.toml does not state \\[reading] operator: curvatures are taken for "
+            "angle_over_arc, bend angle over arc length; a circle fitted to the bottom line reads "
+            "up to a fifth more, which looks like shrinkage_reading",
+            soft_wrap=True,
+        )
     if plan.has_actuators:
         geometry = geometry_of_study(checked.settings)
         errors.print(described(geometry), soft_wrap=True, markup=False, highlight=False)
