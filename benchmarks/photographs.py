@@ -22,7 +22,7 @@ from photograph_scenes import SQUARE, Scene, scene
 
 from bayesdeg.errors import BayesdegError
 from bayesdeg.photographs.picture import read_picture
-from bayesdeg.photographs.trace import Scale, Trace, angle_and_length, trace
+from bayesdeg.photographs.trace import PictureScale, Trace, angle_and_length, trace
 
 cv2.setNumThreads(1)
 
@@ -34,13 +34,13 @@ HINT_ERROR = 0.35  # mm, of a hand
 ANGLE_FLOOR = 1.0  # deg: actuators that bend less have no relative error of curvature
 
 
-def scale_of(one: Scene) -> Scale:
+def scale_of(one: Scene) -> PictureScale:
     """Return what a person would say of the target."""
     if one.target == "grid":
-        return Scale(grid=SQUARE)
+        return PictureScale(grid=SQUARE)
     if one.target == "ruler":
-        return Scale(ruler=1.0)
-    return Scale(length=round(one.length, 1))
+        return PictureScale(ruler=1.0)
+    return PictureScale(length=round(one.length, 1))
 
 
 def hint_of(one: Scene, seed: int) -> np.ndarray | None:

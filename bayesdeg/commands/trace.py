@@ -14,7 +14,7 @@ from bayesdeg.errors import BayesdegError
 from bayesdeg.files import read_bytes, reason, spreadsheet_safe, write_bytes, written
 from bayesdeg.photographs.overlay import overlay
 from bayesdeg.photographs.picture import Colours, read_picture
-from bayesdeg.photographs.trace import Scale, Side, Trace, trace
+from bayesdeg.photographs.trace import PictureScale, Side, Trace, trace
 from bayesdeg.quantities import LARGEST_SEED
 
 Floats = NDArray[np.float64]
@@ -116,9 +116,13 @@ def _size(text: str | None, option: str) -> float | None:
     return value
 
 
-def _scale(grid: str | None, ruler: str | None, length: str | None, scale: float | None) -> Scale:
-    known = Scale(_size(grid, "--grid"), _size(ruler, "--ruler"), _size(length, "--length"), scale)
-    if known == Scale():
+def _scale(
+    grid: str | None, ruler: str | None, length: str | None, scale: float | None
+) -> PictureScale:
+    known = PictureScale(
+        _size(grid, "--grid"), _size(ruler, "--ruler"), _size(length, "--length"), scale
+    )
+    if known == PictureScale():
         raise typer.BadParameter("no scale is given; give --grid, --ruler, --length or --scale")
     if scale is not None and not 0.0 < scale < 100.0:
         raise typer.BadParameter(f"--scale {scale:g} is no size of a pixel in mm")

@@ -70,6 +70,8 @@ class Run:
     def parameters(self) -> dict[str, object]:
         """Return all that the solution depends on, the model's version included, as plain JSON."""
         whole = asdict(self) | {"geometry": self.geometry.record()}
+        if self.curve.layer is None:  # runs without one keep the names that they had before layers
+            whole["curve"].pop("layer")
         return {"model_version": MODEL_VERSION, **{k: _plain(v) for k, v in whole.items()}}
 
     def key(self) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.errors import BayesdegError
-from bayesdeg.photographs.outline import Body, len_of
+from bayesdeg.photographs.outline import Silhouette, len_of
 from bayesdeg.photographs.picture import Colours
 
 Floats = NDArray[np.float64]
@@ -68,7 +68,7 @@ class Edge:
     ends: Floats
 
 
-def find_edge(image: Colours, body: Body) -> Edge:
+def find_edge(image: Colours, body: Silhouette) -> Edge:
     """Return the line of a body that was found roughly.
 
     Raises

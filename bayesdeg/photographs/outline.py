@@ -42,7 +42,7 @@ HINT_REACH = 0.06
 
 
 @dataclass(frozen=True)
-class Body:
+class Silhouette:
     """An actuator as it was found.
 
     Parameters
@@ -57,7 +57,7 @@ class Body:
     thickness: float
 
 
-def find_body(image: Colours, hint: Floats | None = None) -> Body:
+def find_body(image: Colours, hint: Floats | None = None) -> Silhouette:
     """Return the actuator of a photograph.
 
     Parameters
@@ -94,16 +94,16 @@ def find_body(image: Colours, hint: Floats | None = None) -> Body:
     return best
 
 
-def _agreed(found: list[Body]) -> Body:
+def _agreed(found: list[Silhouette]) -> Silhouette:
     """Return the body that most divisions into colours agree on; of equals, the larger."""
     return max(found, key=lambda one: (_votes(one, found), len_of(one.line) * one.thickness))
 
 
-def _votes(one: Body, found: list[Body]) -> int:
+def _votes(one: Silhouette, found: list[Silhouette]) -> int:
     return sum(_alike(one, other) for other in found)
 
 
-def _alike(one: Body, other: Body) -> bool:
+def _alike(one: Silhouette, other: Silhouette) -> bool:
     return (
         _apart(one, other) < ALIKE * other.thickness
         and abs(one.thickness / other.thickness - 1.0) < ALIKE
@@ -111,7 +111,7 @@ def _alike(one: Body, other: Body) -> bool:
     )
 
 
-def _is_second(other: Body, best: Body) -> bool:
+def _is_second(other: Silhouette, best: Silhouette) -> bool:
     """Whether a body is another actuator, neither part of the first nor a small object."""
     return (
         _apart(other, best) > 1.5 * best.thickness
@@ -120,7 +120,7 @@ def _is_second(other: Body, best: Body) -> bool:
     )
 
 
-def _follows(body: Body, hint: Floats) -> bool:
+def _follows(body: Silhouette, hint: Floats) -> bool:
     """Whether a body's line is along a hint, and no longer than it by much."""
     reach = HINT_REACH * len_of(hint)
     apart = np.hypot(*(_dense(hint)[:, None] - body.line[None]).transpose(2, 0, 1))
@@ -136,7 +136,7 @@ def _dense(hint: Floats) -> Floats:
     return np.column_stack([np.interp(at, arc, axis) for axis in hint.T])
 
 
-def _apart(one: Body, other: Body) -> float:
+def _apart(one: Silhouette, other: Silhouette) -> float:
     """Distance of the middle of a line from another [px]."""
     middle = one.line[len(one.line) // 2]
     return float(np.min(np.hypot(*(middle - other.line).T)))
@@ -217,7 +217,7 @@ def _turning(points: Floats) -> Floats:
     return np.degrees(np.arctan2(cross, np.sum(behind * ahead, axis=1)))
 
 
-def _comb_body(outline: Floats, factor: float) -> Body | None:
+def _comb_body(outline: Floats, factor: float) -> Silhouette | None:
     """Return the body of an outline that is a comb."""
     points = _evenly(outline, OUTLINE_POINTS)
     turning = np.abs(_turning(points))
@@ -239,10 +239,10 @@ def _comb_body(outline: Floats, factor: float) -> Body | None:
         return None
     if np.hypot(*(line[-1] - line[0])) < 0.3 * len_of(line):
         return None  # round things with a notch
-    return Body((_smoothed(line) + 0.5) / factor - 0.5, area / len_of(line) / factor)
+    return Silhouette((_smoothed(line) + 0.5) / factor - 0.5, area / len_of(line) / factor)
 
 
-def _nearest_to(outlines: list[Floats], hint: Floats, factor: float) -> Body:
+def _nearest_to(outlines: list[Floats], hint: Floats, factor: float) -> Silhouette:
     """Return the body along whose outline the hint goes."""
     hint = (hint + 0.5) * factor - 0.5
     dense = _dense(hint)
@@ -261,7 +261,9 @@ def _nearest_to(outlines: list[Floats], hint: Floats, factor: float) -> Body:
             line = points[min(ways, key=lambda way: float(apart[:, way].min(axis=0).max()))]
             if len(line) > 10:
                 area = cv2.contourArea(np.float32(outline))
-                body = Body((_smoothed(line) + 0.5) / factor - 0.5, area / len_of(line) / factor)
+                body = Silhouette(
+                    (_smoothed(line) + 0.5) / factor - 0.5, area / len_of(line) / factor
+                )
                 best, least = body, off
     if best is None:
         raise BayesdegError(

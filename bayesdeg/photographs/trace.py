@@ -38,7 +38,7 @@ CORRELATED = 2.0
 
 
 @dataclass(frozen=True)
-class Scale:
+class PictureScale:
     """What is known of sizes in a photograph; at least one is given.
 
     Parameters
@@ -50,7 +50,7 @@ class Scale:
     length : float, optional
         Of the bottom line [mm]; with another of these it is a check.
     mm_per_px : float, optional
-        Scale of a photograph that was taken square on.
+        PictureScale of a photograph that was taken square on.
     """
 
     grid: float | None = None
@@ -138,7 +138,7 @@ def _direction(points: Floats) -> float:
 
 def trace(
     image: Colours,
-    scale: Scale,
+    scale: PictureScale,
     *,
     rng: np.random.Generator,
     hint: Floats | None = None,
@@ -150,7 +150,7 @@ def trace(
     ----------
     image : array of uint8
         Blue, green, red.
-    scale : Scale
+    scale : PictureScale
         What is known of sizes.
     rng : Generator
         Draws errors of the target and of points, from which those of the readings follow.
@@ -172,7 +172,7 @@ def trace(
 def measured(
     image: Colours,
     edge: Edge,
-    scale: Scale,
+    scale: PictureScale,
     *,
     rng: np.random.Generator,
     base: Side | None = None,
@@ -228,7 +228,7 @@ def _refuse_hidden(edge: Edge) -> None:
         )
 
 
-def _plane(image: Colours, edge: Edge, scale: Scale, rng: np.random.Generator) -> Plane:
+def _plane(image: Colours, edge: Edge, scale: PictureScale, rng: np.random.Generator) -> Plane:
     if scale.grid is not None:
         return grid_plane(image, scale.grid, rng)
     if scale.ruler is not None:

@@ -13,7 +13,7 @@ from bayesdeg.cli import app
 from bayesdeg.errors import BayesdegError
 from bayesdeg.photographs.picture import read_picture
 from bayesdeg.photographs.plane import grid_plane, ruler_plane
-from bayesdeg.photographs.trace import Scale, angle_and_length, trace
+from bayesdeg.photographs.trace import PictureScale, angle_and_length, trace
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +66,7 @@ def test_a_ruler_gives_the_scale(scenes):
 
 
 def test_angle_and_curvature_are_those_of_the_true_line(bent):
-    found = traced(bent, Scale(grid=5.0), base="left")
+    found = traced(bent, PictureScale(grid=5.0), base="left")
     angle, length = angle_and_length(bent.line)
     assert abs(found.angle + np.degrees(angle)) < min(1.5, 3.0 * found.angle_error)
     assert found.curvature == pytest.approx(-1e3 * angle / length, rel=0.03)
@@ -78,7 +78,7 @@ def test_angle_and_curvature_are_those_of_the_true_line(bent):
 
 
 def test_a_mirrored_or_upside_down_photograph_has_the_same_reading(bent):
-    scale = Scale(grid=5.0)
+    scale = PictureScale(grid=5.0)
     first = traced(bent, scale)
     for image in (bent.image[::-1, ::-1], bent.image[:, ::-1]):
         other = trace(np.ascontiguousarray(image), scale, rng=np.random.default_rng(1))
@@ -88,8 +88,8 @@ def test_a_mirrored_or_upside_down_photograph_has_the_same_reading(bent):
 
 def test_a_hint_in_any_direction_gives_the_line(bent):
     hint = bent.line_px[:: len(bent.line_px) // 6] + np.array([3.0, -4.0])
-    first = traced(bent, Scale(length=bent.length), hint=hint)
-    second = traced(bent, Scale(length=bent.length), hint=hint[::-1])
+    first = traced(bent, PictureScale(length=bent.length), hint=hint)
+    second = traced(bent, PictureScale(length=bent.length), hint=hint[::-1])
     assert first.length == pytest.approx(bent.length, rel=1e-9)
     assert second.angle == pytest.approx(first.angle, abs=2.0 * first.angle_error)
 
@@ -99,28 +99,32 @@ def test_a_hint_in_any_direction_gives_the_line(bent):
 
 def test_a_scale_wrong_by_ten_is_refused(bent):
     with pytest.raises(BayesdegError, match="factor of 10"):
-        traced(bent, Scale(grid=50.0, length=bent.length))
+        traced(bent, PictureScale(grid=50.0, length=bent.length))
 
 
 def test_a_clamp_at_the_other_end_is_refused(bent):
     with pytest.raises(BayesdegError, match="mirrored"):
-        traced(bent, Scale(grid=5.0), base="right")
+        traced(bent, PictureScale(grid=5.0), base="right")
 
 
 def test_nothing_and_two_actuators_are_refused(bent):
     empty = np.full_like(bent.image, 180)
     with pytest.raises(BayesdegError, match="no actuator"):
-        trace(empty, Scale(length=40.0), rng=np.random.default_rng(0))
+        trace(empty, PictureScale(length=40.0), rng=np.random.default_rng(0))
     with pytest.raises(BayesdegError, match="two actuators"):
-        trace(np.vstack([bent.image, bent.image]), Scale(length=40.0), rng=np.random.default_rng(0))
+        trace(
+            np.vstack([bent.image, bent.image]),
+            PictureScale(length=40.0),
+            rng=np.random.default_rng(0),
+        )
 
 
 def test_a_missing_target_is_refused(scenes):
     one = scenes.scene(4, megapixels=3, target="length", method="paper", kind="white")
     with pytest.raises(BayesdegError, match="no checkerboard"):
-        traced(one, Scale(grid=5.0))
+        traced(one, PictureScale(grid=5.0))
     with pytest.raises(BayesdegError, match="no ruler"):
-        traced(one, Scale(ruler=1.0))
+        traced(one, PictureScale(ruler=1.0))
 
 
 def bomb():
