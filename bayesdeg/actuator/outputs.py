@@ -25,13 +25,13 @@ Floats = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Stretches:
-    """The largest principal stretch at every quadrature point.
+    """The largest principal stretch at quadrature points, of all elements or of some points.
 
     Parameters
     ----------
-    value : array, shape (n_elements, n_points)
+    value : array, shape (n_elements, n_points) or (n,)
         λ [–].
-    slope : array, shape (n_elements, n_points, 3, 3)
+    slope : array, shape (n_elements, n_points, 3, 3) or (n, 3, 3)
         ∂λ/∂F = n ⊗ N, the principal axes in space and in the undeformed body [–].
     """
 
@@ -41,8 +41,12 @@ class Stretches:
 
 def principal_stretch(body: Body, state: MechanicalState) -> Stretches:
     """Return the largest principal stretch and its derivative at every quadrature point."""
-    f = _deformation(body, state.displacement)
-    value = np.empty(body.weights.shape)
+    return _largest(_deformation(body, state.displacement))
+
+
+def _largest(f: Floats) -> Stretches:
+    """Return the largest stretch of F, (n_elements, n_points, 3, 3), which is overwritten."""
+    value = np.empty(f.shape[:2])
     largest_stretch(f, value)
     return Stretches(value, f)
 
@@ -74,7 +78,7 @@ def equivalent_stretches(f: Floats, largest: Stretches) -> tuple[Stretches, Stre
 
     Parameters
     ----------
-    f : array, shape (n_elements, n_points, 3, 3)
+    f : array, shape (n_elements, n_points, 3, 3) or (n, 3, 3)
         Deformation gradient [–].
     largest : Stretches
         Largest principal stretch.
@@ -261,17 +265,6 @@ def quantile_points(
     return order, left, right, part
 
 
-def quantile_weights(stretch: Floats, weights: Floats, share: float) -> tuple[float, Floats]:
-    """Return ``volume_quantile`` and its derivative by the stretch of every point.
-
-    The derivative is exact as long as the order of the points by stretch stays.
-    """
-    order, left, right, part = quantile_points(stretch, weights, share)
-    factors = np.zeros(stretch.size)
-    factors[order[left]], factors[order[right]] = 1.0 - part, part
-    return float(factors @ stretch.ravel()), factors.reshape(stretch.shape)
-
-
 def weibull_strain(stretch: Floats, weights: Floats, modulus: float) -> tuple[float, Floats]:
     """Return (1/V ∫ ε^m dV)^(1/m), ε = λ − 1, and its derivative by the stretch of every point.
 
@@ -456,7 +449,7 @@ def _line_readings(
 def _strain_readings(body: Body, state: MechanicalState) -> list[StrainReading]:
     """Measures of stretch, in the order of ``OUTPUTS``, with their derivatives."""
     f = _deformation(body, state.displacement)
-    largest = principal_stretch(body, state)
+    largest = _largest(f.copy())
     energy, difference = np.empty(largest.value.shape), np.empty(largest.value.shape)
     demands(f, largest.value, energy, difference)
     every = np.arange(len(body.elements))
@@ -474,10 +467,6 @@ def _strain_readings(body: Body, state: MechanicalState) -> list[StrainReading]:
             body, f, largest, field=difference, stretches=lambda f, s: equivalent_stretches(f, s)[1]
         ),
     ]
-
-
-def _equivalent(which: int, f: Floats, largest: Stretches) -> Stretches:
-    return equivalent_stretches(f, largest)[which]
 
 
 def _quantile(

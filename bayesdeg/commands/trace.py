@@ -1,6 +1,7 @@
 """``bayesdeg trace``: from photographs to points on the bottom line, in mm."""
 
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, get_args
 
@@ -63,7 +64,9 @@ def trace_photographs(
     hint: Hint = None,
     about: About = None,
     base: Base = None,
-    seed: Annotated[int, typer.Option(min=0, max=LARGEST_SEED)] = 1,
+    seed: Annotated[
+        int, typer.Option(min=0, max=LARGEST_SEED, help="Of the draws that errors are taken from.")
+    ] = 1,
 ) -> None:
     """Trace the bottom line of actuators in photographs, and write points with their errors.
 
@@ -76,6 +79,7 @@ def trace_photographs(
     rows, hints = _table(about, ("file",)), _table(hint, ("x_px", "y_px"))
     _refuse_alike(photos)
     _refuse_beside(photos, out)
+    known_of = {path.name: _about(about, rows, path.name) for path in photos}
     found: dict[str, Trace] = {}
     problems: list[str] = []
     for path in photos:
@@ -94,7 +98,7 @@ def trace_photographs(
             continue
         write_bytes(out / f"{path.stem}_traced.png", overlay(image, found[path.name], path.name))
     if found:
-        _write(out, found, rows)
+        _write(out, found, known_of)
     for name, one in found.items():
         for doubt in one.doubts:
             errors.print(f"{name}: not sure: {doubt}", soft_wrap=True, markup=False)
@@ -129,13 +133,13 @@ def _scale(
     return known
 
 
+SIDES: Mapping[str, Side] = {side: side for side in get_args(Side.__value__)}
+
+
 def _side(base: str | None) -> Side | None:
-    for side in get_args(Side.__value__):
-        if base == side:
-            return side  # type: ignore[no-any-return]
-    if base is not None:
-        raise typer.BadParameter(f"--base {base!r}: write left, right, top or bottom")
-    return None
+    if base is not None and base not in SIDES:
+        raise typer.BadParameter(f"--base {base!r}: write {', '.join(SIDES)}")
+    return None if base is None else SIDES[base]
 
 
 def _refuse_alike(photos: list[Path]) -> None:
@@ -192,11 +196,11 @@ def _hint(hints: pd.DataFrame | None, name: str) -> Floats | None:
     return line
 
 
-def _write(out: Path, found: dict[str, Trace], rows: pd.DataFrame | None) -> None:
+def _write(out: Path, found: dict[str, Trace], known_of: Mapping[str, dict[str, object]]) -> None:
     """Write the tables of all photographs."""
     markers, traces, pixels = [], [], []
     for name, one in found.items():
-        about = _about(rows, name)
+        about = known_of[name]
         count = np.arange(1, len(one.points) + 1)
         markers.append(
             pd.DataFrame(
@@ -235,7 +239,7 @@ def _write(out: Path, found: dict[str, Trace], rows: pd.DataFrame | None) -> Non
             table.map(spreadsheet_safe).to_csv(part, index=False, encoding="utf-8")
 
 
-def _about(rows: pd.DataFrame | None, name: str) -> dict[str, object]:
+def _about(path: Path | None, rows: pd.DataFrame | None, name: str) -> dict[str, object]:
     """Return what is known of a photograph; by default its name is the specimen's."""
     known: dict[str, object] = {"specimen_id": Path(name).stem, "pressure_kPa": None}
     if rows is None:
@@ -243,6 +247,6 @@ def _about(rows: pd.DataFrame | None, name: str) -> dict[str, object]:
     mine = rows[rows["file"] == name]
     if len(mine) != 1:
         raise BayesdegError(
-            f"photos.csv: {len(mine)} rows are of {name!r}; give one row for each photograph"
+            f"{path}: {len(mine)} rows are of {name!r}; give one row for each photograph"
         )
     return known | {key: mine.iloc[0][key] for key in ABOUT if key in rows}

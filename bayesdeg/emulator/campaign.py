@@ -23,10 +23,9 @@ from bayesdeg.actuator.demand import MEASURES, WEIBULL_MODULI
 from bayesdeg.actuator.moulded import Moulded
 from bayesdeg.actuator.sensitivity import INPUTS
 from bayesdeg.actuator.status import MODEL_VERSION, Status
-from bayesdeg.data.families import Kind as ActuatorKind
 from bayesdeg.emulator.coordinates import LARGEST_WARPED, SLACK, coordinates, scaled_cause
 from bayesdeg.emulator.design import is_answered, likely, second_stage, space_filling
-from bayesdeg.emulator.kept import Recipe, has_ground, refuse_whole_range
+from bayesdeg.emulator.kept import MESH_ERROR, Recipe, has_ground, refuse_whole_range
 from bayesdeg.emulator.local import LocalDesign, counted_in
 from bayesdeg.emulator.regression import (
     Equations,
@@ -39,7 +38,7 @@ from bayesdeg.emulator.regression import (
     reach,
     rows_of,
 )
-from bayesdeg.emulator.scaling import Place, TrainingRange, Units
+from bayesdeg.emulator.scaling import ONE, Place, TrainingRange, Units
 from bayesdeg.emulator.solutions import Kind, Run, Solution, SolutionStore
 from bayesdeg.emulator.surrogate import OUTPUTS, Surrogate
 from bayesdeg.emulator.terms import N_CHEBYSHEV, Family, Terms, features, stacked
@@ -436,7 +435,7 @@ def train(
     terms: FitTerms | None = None,
     usual: Sequence[Curve] | None = None,
     ground: Surrogate | None = None,
-    units: Units = Units(),  # noqa: B008 - frozen
+    units: Units = ONE,
 ) -> Surrogate:
     """Return a surrogate of the fine mesh.
 
@@ -863,11 +862,6 @@ def _deadly(run: Run) -> BayesdegError:
     )
 
 
-# rms deviation of the fine mesh from vanishing elements. Default pneunet: fresh and degraded, as
-# printed by `python benchmarks/forward.py --json` (details of error_pct). Default ribbed segment:
-# 1,118 elements are 4 % below 3,498 elements, and these 1.5 % below finer ones, see
-# `RibbedGeometry.mesh_like`
-MESH_ERROR: dict[ActuatorKind, float] = {"pneunet": 0.0065, "ribbed": 0.05}
 WHOLE_RANGE = "scrambled Sobol' over the material, none to four causes at work in each"
 LOCAL = "where one study may ask, as a departure from the emulator of the default geometry"
 ALONE = "where one study may ask"

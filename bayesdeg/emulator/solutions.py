@@ -19,7 +19,7 @@ import numpy as np
 
 from bayesdeg.actuator.curve import Curve, CurveSolution, PathSamples
 from bayesdeg.actuator.families import geometry_of_record
-from bayesdeg.actuator.material import MaterialGroups
+from bayesdeg.actuator.material import LayerGroups, MaterialGroups
 from bayesdeg.actuator.moulded import Moulded
 from bayesdeg.actuator.outputs import OUTPUTS
 from bayesdeg.actuator.sensitivity import INPUTS
@@ -114,9 +114,13 @@ def run_of(parameters: dict[str, Any]) -> Run:
     return Run(
         geometry_of_record(shape),
         Resolution(**parameters["resolution"]),
-        Curve(tuple(curve["loads"]), MaterialGroups(**curve["material"])),
+        Curve(tuple(curve["loads"]), MaterialGroups(**curve["material"]), _layer(curve)),
         Kind(parameters["kind"]),
     )
+
+
+def _layer(curve: dict[str, Any]) -> LayerGroups | None:
+    return LayerGroups(**curve["layer"]) if "layer" in curve else None
 
 
 def _plain(value: object) -> object:

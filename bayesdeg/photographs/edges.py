@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.errors import BayesdegError
-from bayesdeg.photographs.outline import Silhouette, len_of
+from bayesdeg.photographs.outline import Silhouette, arc_of, len_of
 from bayesdeg.photographs.picture import Colours
 
 Floats = NDArray[np.float64]
@@ -102,13 +102,9 @@ def _straight_ends(edge: Edge) -> Floats:
     return points
 
 
-def _arc(line: Floats) -> Floats:
-    return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
-
-
 def _at(line: Floats, arc: Floats) -> tuple[Floats, Floats]:
     """Points of a line at some lengths along it, beyond the ends too, and normals off the gel."""
-    known = _arc(line)
+    known = arc_of(line)
     points = np.column_stack([np.interp(arc, known, axis) for axis in line.T])
     window = max(known[-1] / 40.0, 2.0)
     inside = np.clip(arc, 0.0, known[-1])

@@ -131,7 +131,7 @@ def _follows(body: Silhouette, hint: Floats) -> bool:
 
 def _dense(hint: Floats) -> Floats:
     """Return 60 points in equal steps along a hint."""
-    arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(hint, axis=0).T))])
+    arc = arc_of(hint)
     at = np.linspace(0.0, arc[-1], 60)
     return np.column_stack([np.interp(at, arc, axis) for axis in hint.T])
 
@@ -142,6 +142,17 @@ def _apart(one: Silhouette, other: Silhouette) -> float:
     return float(np.min(np.hypot(*(middle - other.line).T)))
 
 
+def arc_of(line: Floats) -> Floats:
+    """Length along a line through points up to each of them, (n,).
+
+    Examples
+    --------
+    >>> arc_of(np.array([[0.0, 0.0], [3.0, 4.0], [3.0, 5.0]])).tolist()
+    [0.0, 5.0, 6.0]
+    """
+    return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
+
+
 def len_of(line: Floats) -> float:
     """Length of a line through points.
 
@@ -150,7 +161,7 @@ def len_of(line: Floats) -> float:
     >>> len_of(np.array([[0.0, 0.0], [3.0, 4.0]]))
     5.0
     """
-    return float(np.sum(np.hypot(*np.diff(line, axis=0).T)))
+    return float(arc_of(line)[-1])
 
 
 def _clustered(small: Colours) -> NDArray[np.int32]:
@@ -204,7 +215,7 @@ def _outlines(labels: NDArray[np.int32]) -> Iterator[Floats]:
 
 def _evenly(outline: Floats, count: int) -> Floats:
     closed = np.vstack([outline, outline[:1]])
-    arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(closed, axis=0).T))])
+    arc = arc_of(closed)
     at = np.linspace(0.0, arc[-1], count, endpoint=False)
     return np.column_stack([np.interp(at, arc, axis) for axis in closed.T])
 

@@ -179,7 +179,7 @@ def _tilted(tilt: Floats, far: float) -> Floats:
 
 
 def rescaled(plane: Plane, make: Callable[[Floats], float]) -> Plane:
-    """PictureScale every draw of a plane such that a length read in it is what is known of it.
+    """Scale every draw of a plane such that a length read in it is what is known of it.
 
     Parameters
     ----------

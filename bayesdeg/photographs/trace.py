@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from bayesdeg.errors import BayesdegError
 from bayesdeg.photographs.edges import Edge, find_edge
-from bayesdeg.photographs.outline import find_body, len_of
+from bayesdeg.photographs.outline import arc_of, find_body, len_of
 from bayesdeg.photographs.picture import Colours
 from bayesdeg.photographs.plane import Plane, grid_plane, mapped, rescaled, ruler_plane, square_on
 
@@ -50,7 +50,7 @@ class PictureScale:
     length : float, optional
         Of the bottom line [mm]; with another of these it is a check.
     mm_per_px : float, optional
-        PictureScale of a photograph that was taken square on.
+        Of a photograph that was taken square on [mm/px].
     """
 
     grid: float | None = None
@@ -118,7 +118,7 @@ def angle_and_length(points: Floats) -> tuple[float, float]:
     (0.945, 20.0)
     """
     steps = np.diff(points, axis=0)
-    arc = np.concatenate([[0.0], np.cumsum(np.hypot(*steps.T))])
+    arc = arc_of(points)
     reach = max(STIFF * arc[-1], float(arc[2]), float(arc[-1] - arc[-3]))
     first, last = _direction(points[arc <= reach]), _direction(points[arc >= arc[-1] - reach])
     # the whole turn, counted along the line, chooses the branch
@@ -304,7 +304,7 @@ def _in_frame(plane: Plane, edge: Edge, *, reverse: bool) -> tuple[Floats, Float
     else:
         # the paper is on the left; seen from the other side it is on the right
         placed, across, forth = (a * [1.0, -1.0] for a in (placed, across, forth))
-    arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(placed, axis=0).T))])
+    arc = arc_of(placed)
     turn = _direction(placed[arc <= max(STIFF * arc[-1], float(arc[2]))])
     c, s = np.cos(turn), np.sin(turn)
     rotation = np.array([[c, -s], [s, c]])

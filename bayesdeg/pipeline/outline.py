@@ -14,6 +14,7 @@ from bayesdeg.causes.cause import Cause
 from bayesdeg.causes.fold import with_causes
 from bayesdeg.data.cells import IN_QUOTES
 from bayesdeg.data.plausibility import Expected
+from bayesdeg.data.settings import FILE
 from bayesdeg.data.shrinkage import linear_scale
 from bayesdeg.data.study import Study
 from bayesdeg.errors import BayesdegError, Fault, StudyError, use_one_of
@@ -184,7 +185,7 @@ def _asked(study: Study) -> list[Cause]:
     wanted = study.settings.candidates
     if wanted is not None:
         unknown = [
-            Fault("study.toml", "is no cause", use_one_of(name, CATALOGUE),
+            Fault(FILE, "is no cause", use_one_of(name, CATALOGUE),
                   None, "causes.candidates", name)
             for name in wanted if name not in CATALOGUE
         ]  # fmt: skip

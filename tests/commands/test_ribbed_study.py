@@ -127,6 +127,7 @@ def test_a_study_of_straight_channels_is_drawn_and_simulated_and_not_calibrated(
     code, said = command("check")
     assert code == 0
     assert "cylindrical actuator" in said
+    assert "stops before" in said
     assert "0.036 ml" in said
     code, said = command("run")
     assert code == 2
@@ -156,6 +157,7 @@ def test_a_layer_of_elastomer_is_described_and_refused_by_run(command):
     code, said = command("check")
     assert code == 0
     assert {"elastomer", "0.5,", "60,"} <= set(said.split())
+    assert "stops before" in said
     code, said = command("run")
     assert code == 2
     assert "elastomer" in said

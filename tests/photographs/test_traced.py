@@ -200,7 +200,9 @@ def test_the_command_writes_tables_and_a_picture_and_leaves_photographs_alone(tm
     (folder / "a.png").write_bytes(saved(bent.image))
     (folder / "b.png").write_bytes(b"no picture")
     about = tmp_path / "photos.csv"
-    about.write_text("file,specimen_id,pressure_kPa,degradation_pct\na.png,S1,120,5\n")
+    about.write_text(
+        "file,specimen_id,pressure_kPa,degradation_pct\na.png,S1,120,5\nb.png,S2,120,5\n"
+    )
     asked = ["--grid", "5 mm", "--length", f"{bent.length:.2f}", "--about", about]
     done = run(folder / "a.png", folder / "b.png", *asked, "--out", out)
     assert isinstance(done.exception, BayesdegError)
@@ -224,6 +226,16 @@ def test_the_command_writes_tables_and_a_picture_and_leaves_photographs_alone(tm
     corrected = pd.read_csv(tmp_path / "two" / "traces.csv").iloc[0]
     error = reading["bend_angle_error_deg"]
     assert corrected["bend_angle_deg"] == pytest.approx(reading["bend_angle_deg"], abs=error)
+
+
+def test_a_photograph_that_the_table_lacks_is_told_before_anything_is_written(tmp_path, bent):
+    (tmp_path / "a.png").write_bytes(saved(bent.image))
+    about, out = tmp_path / "about.csv", tmp_path / "out"
+    about.write_text("file,specimen_id\nother.png,S1\n")
+    done = run(tmp_path / "a.png", "--grid", "5", "--about", about, "--out", out)
+    assert isinstance(done.exception, BayesdegError)
+    assert "about.csv" in str(done.exception)
+    assert not out.exists()
 
 
 def test_nothing_is_written_beside_photographs(tmp_path, bent):
