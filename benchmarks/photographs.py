@@ -4,8 +4,8 @@
 
 draws 200 photographs by seed, writes each as JPEG in memory, reads and traces it as the command
 does, and compares bend angle and curvature with those of the true line by the same operator. Seeds
-from 5007 on were never looked at; those below were, while the tracing was written. ``seconds`` is the median
-time of reading and tracing a photograph of 12 megapixels.
+from 5007 on were never looked at; those below were, while the tracing was written. ``seconds`` is
+the median time of reading and tracing a photograph of 12 megapixels.
 """
 
 import argparse
