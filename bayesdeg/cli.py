@@ -32,6 +32,7 @@ for command in COMMANDS:
 
 DONE, OUR_FAULT, INPUT_FAULT, STOPPED = 0, 1, 2, 3
 INTERRUPTED = 130  # what typer returns of a command that Ctrl-C stopped
+_requests: list[int] = []  # signals that asked this process to end
 
 
 def _print_version(wanted: bool) -> None:
@@ -81,17 +82,33 @@ def _give_back_semaphores() -> None:
             util._run_finalizers(0)
 
 
-def _stop(_signal: int, _frame: FrameType | None) -> None:
+def _stop(number: int, _frame: FrameType | None) -> None:
     """Take any request to end as if the user had pressed Ctrl-C."""
+    _requests.append(number)
     raise KeyboardInterrupt
+
+
+def _ended() -> object:
+    """Run the command; any fault after a request to end is that request.
+
+    A library that is interrupted half-way (an extension that is being imported, a pool whose
+    workers heard the signal too) may raise what it likes.
+    """
+    try:
+        ended = app(standalone_mode=False)
+    except Exception:
+        if _requests:
+            raise KeyboardInterrupt from None
+        raise
+    if ended == INTERRUPTED:
+        raise KeyboardInterrupt
+    return ended
 
 
 def exit_code() -> int:
     """Run the command that stands in ``sys.argv``; return its exit code."""
     try:
-        ended = app(standalone_mode=False)
-        if ended == INTERRUPTED:
-            raise KeyboardInterrupt
+        ended = _ended()
     except StudyError as fault:
         return _say(*(str(line) for line in fault.faults))
     except ResumableError as fault:

@@ -114,8 +114,8 @@ def angle_and_length(points: Floats) -> tuple[float, float]:
     --------
     >>> at = np.linspace(0.0, 1.0, 200)
     >>> angle, length = angle_and_length(20.0 * np.column_stack([np.sin(at), 1.0 - np.cos(at)]))
-    >>> round(angle, 3), round(length, 3)  # the ends of an arc are not straight
-    (0.945, 20.0)
+    >>> round(angle, 2), round(length, 2)  # the ends of an arc are not straight
+    (0.95, 20.0)
     """
     steps = np.diff(points, axis=0)
     arc = arc_of(points)
