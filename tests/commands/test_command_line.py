@@ -164,7 +164,7 @@ def test_a_stopped_run_ends_with_3_and_one_line(rubber, number, seconds):
 
 
 def test_a_fault_after_a_request_to_end_is_that_request(monkeypatch, capsys):
-    """A pool whose workers heard the signal too, or an import cut short, may raise what it likes."""
+    """A pool whose workers heard the signal too, or a cut import, may raise what it likes."""
 
     def command(**_):
         with contextlib.suppress(KeyboardInterrupt):
