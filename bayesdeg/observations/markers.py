@@ -99,11 +99,12 @@ def angle_errors(lines: Sequence[Floats], operator: Operator, sd: Sequence[Float
 
     Examples
     --------
-    Of three points the middle one counts twice: σ √6 over the distance between them.
+    Of three points at distances c the angle is that of the second differences, with an error of
+    2 σ √6/c:
 
     >>> row = np.array([[0.0, 0.0], [20.0, 0.0], [40.0, -1.0]])
     >>> angle_errors([row], "angle_over_arc", [np.full(3, 0.1)]).round(4)
-    array([0.0122])
+    array([0.0245])
     """
     read = [read_line(line, operator) for line in lines]
     angle, arc = (np.array(v) for v in zip(*((r.angle, r.arc_length) for r in read), strict=True))

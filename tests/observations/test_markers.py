@@ -82,13 +82,13 @@ def test_lines_of_one_specimen_at_one_pressure_are_told_apart(tmp_path):
 @pytest.mark.parametrize("operator", OPERATORS)
 @pytest.mark.parametrize("curvature", [1.0, 20.0])
 def test_errors_are_those_of_lines_that_are_drawn_anew(operator, curvature):
-    """Against 4,000 lines with independent errors, of which 2 % are left to chance."""
+    """Against 800 lines with independent errors, whose scatter is known to 2.5 %."""
     line, sd = arc(curvature), np.linspace(0.02, 0.1, COUNT)
     generator = np.random.default_rng(5)
-    noise = sd[:, None] * generator.standard_normal((4000, COUNT, 2))
+    noise = sd[:, None] * generator.standard_normal((800, COUNT, 2))
     drawn = np.std([read_line(line + one, operator).angle for one in noise])
     stated = angle_errors([line], operator, [sd])[0]
-    assert stated == pytest.approx(drawn, rel=0.06)
+    assert stated == pytest.approx(drawn, rel=0.08)
 
 
 def test_between_lines_that_were_moved_errors_are_interpolated():
