@@ -41,21 +41,8 @@ def check(study: StudyFolder) -> None:
     say(f"in doubt: {doubt}" for doubt in unlikely)
     for what, cost in plan.missing:
         errors.print(f"without {what}: {cost}", soft_wrap=True)
-    if checked.line_points is not None and checked.actuator is not None:
-        errors.print(
-            f"{len(checked.actuator)} lines: curvature and bend angle are read of "
-            f"{checked.line_points} even points each, as "
-            f"{checked.settings.operator or 'angle_over_arc'}, and so is the model's own line",
-            soft_wrap=True,
-        )
-    elif plan.has_actuators and checked.settings.operator is None:
-        errors.print(
-            "study.toml does not state \\[reading] operator: curvatures are taken for "
-            "angle_over_arc, bend angle over arc length; a circle fitted to the bottom line reads "
-            "up to a fifth more, which looks like shrinkage_reading",
-            soft_wrap=True,
-        )
     if plan.has_actuators:
+        _say_how_read(checked)
         geometry = geometry_of_study(checked.settings)
         errors.print(described(geometry), soft_wrap=True, markup=False, highlight=False)
         errors.print(section(geometry), soft_wrap=True, markup=False, highlight=False)
@@ -73,6 +60,26 @@ def check(study: StudyFolder) -> None:
                 f"--workers {CORES}, a rough guess that it replaces by a measured time",
                 soft_wrap=True,
             )
+
+
+def _say_how_read(study: Study) -> None:
+    """Say by which operator curvatures are read, and of what."""
+    operator = study.settings.operator
+    if study.line_points is not None and study.actuator is not None:
+        errors.print(
+            f"{len(study.actuator)} lines: curvature and bend angle are read of "
+            f"{study.line_points} even points each, as {operator or 'angle_over_arc'}, and so is "
+            "the model's own line",
+            soft_wrap=True,
+        )
+    elif operator is None:
+        errors.print(
+            "study.toml does not state [reading] operator: curvatures are taken for "
+            "angle_over_arc, bend angle over arc length; a circle fitted to the bottom line reads "
+            "up to a fifth more, which looks like shrinkage_reading",
+            soft_wrap=True,
+            markup=False,
+        )
 
 
 def _check_own(study: Study) -> None:

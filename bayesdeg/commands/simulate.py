@@ -59,8 +59,7 @@ def simulate(
     other command opens.
     """
     template = read_study(study)
-    _refuse_own(template)
-    outline(template)  # priors and candidates that do not exist are told now, not by `run`
+    _refuse(template)
     chosen = template.settings.seed if seed is None else seed
     generator = np.random.default_rng(chosen)
     effects = parse_effects(cause or [])
@@ -107,13 +106,13 @@ def _volume_ratio(template: Study) -> float:
     return 1.0 if law is None else float(law.quantile(0.5))
 
 
-def _refuse_own(template: Study) -> None:
+def _refuse(template: Study) -> None:
     """Refuse a study with a forward map of its own, and say which files are not made.
 
     Raises
     ------
     BayesdegError
-        If it is one.
+        If it is one, or states priors or candidates that do not exist, as `run` would say.
     """
     say(
         f"{name}.csv: not simulated, no finite elements answer it"
@@ -125,3 +124,4 @@ def _refuse_own(template: Study) -> None:
             f"{template.name} has a forward map of its own, and virtual experiments are of films "
             "and actuators; draw readings from the function itself"
         )
+    outline(template)

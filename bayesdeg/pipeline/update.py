@@ -139,7 +139,7 @@ class TakenIn:
 
 
 @dataclass(frozen=True)
-class Drawn:
+class StoredPosterior:
     """One stored posterior of the run, and the model that it is of.
 
     Parameters
@@ -320,7 +320,7 @@ def _model_of_run(assembly: Assembly, names: tuple[str, ...]) -> JointModel:
     return model
 
 
-def _drawn(of: FinishedRun, assembly: Assembly) -> dict[str, Drawn]:
+def _drawn(of: FinishedRun, assembly: Assembly) -> dict[str, StoredPosterior]:
     """Return the posteriors of a run by name: where no cause was found both are one.
 
     Raises
@@ -334,7 +334,7 @@ def _drawn(of: FinishedRun, assembly: Assembly) -> dict[str, Drawn]:
             f"{of.folder.path}: run.json has nodes of degradation ({entry.nodes_pct}) that are not "
             f"those of the study ({assembly.model.nodes}); run the study again"
         )
-    found: dict[str, Drawn] = {}
+    found: dict[str, StoredPosterior] = {}
     for posterior in (POSTERIOR, POSTERIOR_BASE):
         if posterior == POSTERIOR_BASE and not of.verdict.predicted_with:
             found[posterior] = found[POSTERIOR]
@@ -342,14 +342,14 @@ def _drawn(of: FinishedRun, assembly: Assembly) -> dict[str, Drawn]:
         stored, density = of.folder.read_draws(posterior)
         refuse_impossible_draws({str(n): v.to_numpy() for n, v in stored.items()}, of.folder.path)
         draws = {str(n): v.to_numpy().ravel() for n, v in stored.items()}
-        found[posterior] = Drawn(_model_of_run(assembly, tuple(draws)), draws, density)
+        found[posterior] = StoredPosterior(_model_of_run(assembly, tuple(draws)), draws, density)
     return found
 
 
 def _taken_in(
     of: FinishedRun,
     posterior: str,
-    drawn: Drawn,
+    drawn: StoredPosterior,
     curves: tuple[ActuatorCurves, ActuatorCurves],
     specimens: tuple[str, ...],
     generator: np.random.Generator,
@@ -564,7 +564,7 @@ def _update(
 def _results(
     of: FinishedRun,
     assembly: Assembly,
-    drawn: Mapping[str, Drawn],
+    drawn: Mapping[str, StoredPosterior],
     studies: tuple[Study, Study],
     found: Enlarged,
     seed: int | None,

@@ -161,16 +161,16 @@ def test_the_model_of_points_predicts_what_the_operator_reads(tmp_path):
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (lambda t: t[t["point"] < 4], "specimen 'a, line at 20 kPa': has 3 points"),
+        (lambda t: t[t["point"] < 4], "has 3 points"),
         (lambda t: t.assign(x_mm=10 * t["x_mm"], y_mm=10 * t["y_mm"]), "is 430 mm long"),
-        (lambda t: t.assign(y_mm=None), "does not say where the point is"),
+        (lambda t: t.assign(y_mm=None), "where the point is"),
         (lambda t: t.drop(columns="point"), "column point: is missing"),
         (lambda t: t.assign(sd_mm=-0.1), "column sd_mm, value '-0.1': is below 0"),
         (lambda t: t.assign(x_mm="left"), "column x_mm, value 'left': is not a number"),
         (lambda t: t.assign(point=1.5), "is not a whole number"),
         (lambda t: pd.concat([t.iloc[:3], t.iloc[2:3].assign(point=3.5e0 + 0.5), t.iloc[4:]]),
-         "has point 4 where the one before it is"),
-        (lambda t: pd.concat([t.iloc[COUNT:], t.iloc[:COUNT]]), "does not go on in the direction"),
+         "has point 4 where"),
+        (lambda t: pd.concat([t.iloc[COUNT:], t.iloc[:COUNT]]), "in the direction"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_is_said(tmp_path, change, said):
@@ -190,15 +190,15 @@ def test_points_and_curvatures_are_not_both_taken(tmp_path):
     folder = written(tmp_path, table([2.0, 6.0]))
     head = "specimen_id,degradation_pct,pressure_kPa,curvature_per_m\n"
     (folder / "actuator.csv").write_text(f"{head}a,0,20,2\n", encoding="utf-8")
-    assert "stands beside actuator.csv" in faults(folder)[0]
+    assert "beside actuator.csv" in faults(folder)[0]
 
 
 def test_pixels_do_not_say_how_the_base_lies(tmp_path):
     settings = 'seed = 7\n[reading]\noperator = "base_tip"'
-    assert "how the base lies" in faults(written(tmp_path, in_pixels(table([2.0])), settings))[0]
+    assert "the base lies" in faults(written(tmp_path, in_pixels(table([2.0])), settings))[0]
 
 
 def test_points_of_another_actuator_are_refused(tmp_path):
     settings = "seed = 7\n[actuator]\nlength = 60"
     folder = written(tmp_path, table([2.0]), settings)
-    assert "is known of the default actuator alone" in faults(folder)[0]
+    assert "default actuator alone" in faults(folder)[0]
