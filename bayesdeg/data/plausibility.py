@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from bayesdeg.data.families import Mould
 from bayesdeg.data.study import Study
 from bayesdeg.errors import Fault, StudyError
+from bayesdeg.material.degradation import levels
 from bayesdeg.priors import Law
 
 Floats = NDArray[np.float64]
@@ -87,6 +88,11 @@ CLEAR = 5.0
 #: How far a ratio may be off that of a unit which is named: scatter of specimens and of priors.
 NEAR_UNIT, NEAR_UNIT_OF_PRIOR = 1.4, 2.5
 
+#: Different readings of a curve that no other specimen has by chance.
+LEAST_ALIKE = 4
+#: Degradation rates, from which on one with fewer specimens stands out.
+FEWEST_RATES = 3
+
 OTHER_UNIT = "likely another unit"
 DEGREE = np.pi / 180.0
 TINY = 1e-300
@@ -103,10 +109,13 @@ class Doubt:
         Where it stands, what it was compared with, the likely mistake, and what to do.
     impossible : bool
         Whether it cannot be right, so that nothing may be computed from it.
+    is_alone : bool
+        Whether it is of a single specimen, which the others contradict.
     """
 
     fault: Fault
     impossible: bool
+    is_alone: bool = False
 
     def __str__(self) -> str:
         """Return the doubt as one line."""
@@ -659,7 +668,8 @@ def _bending(study: Study, material: _Material) -> list[Doubt]:
     if against:
         return against
     found = [*_wound(curves, length)] or [*_compliance(curves, material, beam, length)]
-    return [*found, *_odd_actuators(curves)]
+    copies = _duplicates(study.actuator)
+    return [*found, *_odd_actuators(curves), *copies, *_survivors(study.actuator)]
 
 
 def _directions(curves: list[_Curve]) -> Iterator[Doubt]:
@@ -826,7 +836,7 @@ def _odd_actuator(curve: _Curve, near: list[_Curve], factor: float) -> Doubt:
     )
     remedy = f"give {unit}; compare it with the record of the test, or leave the specimen out"
     fault = _fault("actuator.csv", curve.name, column, float(values[-1]), problem, remedy)
-    return Doubt(fault, bool(abs(np.log(factor)) >= np.log(IMPOSSIBLE_FACTOR)))
+    return Doubt(fault, bool(abs(np.log(factor)) >= np.log(IMPOSSIBLE_FACTOR)), is_alone=True)
 
 
 def _log_ratio(one: _Curve, other: _Curve) -> float:
@@ -866,6 +876,44 @@ def _pressure_ratio(one: _Curve, other: _Curve) -> float:
 def _rising(curve: _Curve) -> Floats:
     """Return the largest curvature up to each pressure."""
     return np.asarray(np.maximum.accumulate(np.maximum(curve.curvature, 0.0)), np.float64)
+
+
+def _duplicates(actuator: pd.DataFrame) -> Iterator[Doubt]:
+    """Doubt curves that are those of another specimen, to the last digit."""
+    seen: dict[tuple[tuple[float, ...], ...], str] = {}
+    for name, rows in actuator.groupby("specimen_id", sort=False):
+        read = rows[(rows["pressure_kPa"] > 0.0) & rows["curvature_per_m"].notna()]
+        curve = (tuple(read["pressure_kPa"]), tuple(read["curvature_per_m"]))
+        if len(set(curve[1])) < LEAST_ALIKE:
+            continue
+        if curve in seen:
+            problem = (
+                f"and all other curvatures are those of specimen '{seen[curve]}' to the last digit"
+            )
+            remedy = "one of both is likely a copy: give what was read on each, or leave one out"
+            place = ("actuator.csv", name, "curvature_per_m", float(curve[1][-1]))
+            yield Doubt(_fault(*place, problem, remedy), False)
+        seen.setdefault(curve, str(name))
+
+
+def _survivors(actuator: pd.DataFrame) -> Iterator[Doubt]:
+    """Doubt that all specimens of the highest degradation rate are there, where others are more."""
+    first = actuator.drop_duplicates("specimen_id")
+    rate = first["degradation_pct"].to_numpy(np.float64)
+    centres, member = levels(rate)
+    counts = np.bincount(member)
+    if len(counts) < FEWEST_RATES or not counts[-1] < counts[:-1].min():
+        return
+    highest = actuator["specimen_id"].isin(first["specimen_id"][member == len(counts) - 1])
+    if (actuator.loc[highest, "ruptured"] > 0.5).any():
+        return
+    problem = (
+        f"is that of {counts[-1]} of the actuators, no other degradation rate of fewer than "
+        f"{counts[:-1].min()}, and none of them burst; are these survivors only?"
+    )
+    remedy = "give the rows of those that burst too, with ruptured = 1 at the last pressure"
+    place = ("actuator.csv", None, "degradation_pct", float(centres[-1]))
+    yield Doubt(_fault(*place, problem, remedy), False)
 
 
 def _conditions(actuator: pd.DataFrame) -> Iterator[Doubt]:

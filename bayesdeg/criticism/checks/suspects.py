@@ -1,0 +1,750 @@
+r"""Which specimens and readings do not belong with the rest of their study.
+
+A mishap of the laboratory is of one specimen, of one picture or of one day, while a physical cause
+acts on all specimens that were tested alike. So every way in which readings are commonly wrong is a
+direction d in the readings, and what all specimens may have in common is made free: the parameters
+within their priors, and smooth functions of path, degradation rate, history and time. With z and
+:math:`w` the readings and the direction on the scale on which all of that and the scatter of
+specimens and errors is white,
+
+.. math:: y = f + X \beta + d\,\phi + e,\qquad t = w^T z / |w|, \qquad
+          \hat\phi = w^T z / |w|^2 ,
+
+t is the deletion residual of the linear model: what a specimen departs by from a prediction in
+which it took no part. A mishap widens scatter and errors as long as it takes part in the
+calibration, which hides it. So what may be one is taken out first, by a loose threshold on scores
+that are divided by their median size; the model is calibrated without; and what has been taken out
+is judged by it, with Student's law for a scatter that is known from few specimens, and a threshold
+such that one sound study in 200 has a suspect.
+
+Sources: Cook and Weisberg (1982), Residuals and Influence in Regression, chapter 2, for the mean
+shift model and deletion residuals; Hadi and Simonoff (1993), doi:10.1080/01621459.1993.10476407,
+for the search from a sound part of the data outwards.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from bayesdeg.criticism.checks.discrepancy import discrepancy_roots
+from bayesdeg.criticism.fit.linear import Whitening, jacobian_of
+from bayesdeg.inference.model import JointModel
+from bayesdeg.material.degradation import levels
+from bayesdeg.observations.curvature import ACTUATOR, ANGLE, CURVATURE
+from bayesdeg.observations.kinds import Places
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+LEVEL = 0.005
+"""Probability that a study without a mishap has a suspect, half of the one in 100 that is wanted:
+scatter is not as normal as its law."""
+LOOSE = np.array([3.0, 3.0, 2.0, 4.5])
+"""Scores, over their median size, from which on whole responses, other errors of specimens, groups
+and readings are left out at first: chance gives one every few studies, which costs a second."""
+NARROWER = 0.4
+"""Of the calibrated scatter of specimens, at first: the wider it is, the more of a specimen's
+departure is taken for what all have in common. Median sizes of scores make up for it."""
+LEAST_SCATTER = 0.01
+SCATTER = "stiffness_scatter"
+MOST_SPECIMENS, MOST_READINGS = 1 / 3, 1 / 4
+"""Shares that are left out at most: what most specimens do is no mishap."""
+LEAST_SCALE = 0.3
+"""Of the median size of scores: errors were calibrated to at most three times their size."""
+COMMON = 0.5
+"""Relative size of what all specimens tested alike may have in common: beyond any effect that is
+known to act on all."""
+COMMON_SHAPES = (
+    "the path, slowly, drifting with degradation",
+    "the path, for each history of load",
+)
+TIME_CONSTANTS = (10.0, 100.0, 1000.0)  # s, of what goes on while an actuator is held
+FEWEST = 4
+"""Specimens of a family from which on one can be told from the others."""
+FEWEST_OF_SORT = 5
+"""Hypotheses of one sort from which on the median size of their scores says how wide they are."""
+NORMAL_MEDIAN = 0.6745
+EDGES = np.array([0.96, 0.98, 1.0])
+"""Edges of the picture, over the largest curvature that was read: beyond the edge it scatters about
+it by the errors of tracing."""
+ROUNDS = 2  # calibrations without what was found so far
+SMALL = 1e-9
+SPLITS = 10_000  # sets of sizes without groups, for the chance of two groups
+SMALLEST_GROUP = 3  # specimens; fewer are told one by one
+
+
+class Oddity(StrEnum):
+    """What is odd about readings."""
+
+    RESPONSE = "response"
+    OFFSET = "offset"
+    CURVATURE = "curvature"
+    ANGLE = "angle"
+    JUMP = "jump"
+    CUT_OFF = "cut off"
+    EDGE = "edge"
+    READING = "reading"
+    BATCH = "batch"
+    DAY = "day"
+
+
+OF_SPECIMENS = (
+    Oddity.RESPONSE,
+    Oddity.OFFSET,
+    Oddity.CURVATURE,
+    Oddity.ANGLE,
+    Oddity.BATCH,
+    Oddity.DAY,
+)
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """One way in which some readings may be wrong.
+
+    Parameters
+    ----------
+    oddity : Oddity
+        In which way.
+    specimens : tuple of str
+        Whose.
+    kind : str
+        What was read; empty if all of it.
+    rows : array of bool, shape (n,)
+        Readings that are not to be trusted if it is right.
+    direction : array, shape (n,)
+        Change of the readings by a size of 1: of ln response, a relative error, or what the
+        readings are given in.
+    at : float
+        Where on the path it begins, or stands; nan of whole specimens.
+    """
+
+    oddity: Oddity
+    specimens: tuple[str, ...]
+    kind: str
+    rows: Flags
+    direction: Floats
+    at: float = float("nan")
+
+    @property
+    def is_of_specimen(self) -> bool:
+        """Whether it is of whole specimens, whose number says how well a scatter is known."""
+        return self.oddity in OF_SPECIMENS
+
+
+@dataclass(frozen=True)
+class Suspect:
+    """Readings that do not belong with the rest.
+
+    Parameters
+    ----------
+    hypothesis : Hypothesis
+        The way of being wrong that they are most like.
+    size : float
+        Its size; see `Hypothesis`.
+    score : float
+        In standard deviations of what the others predict.
+    p_value : float
+        Probability of a score as large by chance, times the number of hypotheses.
+    """
+
+    hypothesis: Hypothesis
+    size: float
+    score: float
+    p_value: float
+
+
+Refit = Callable[[Sequence[Suspect]], Floats | None]
+"""The mode, on the scale of the whole model, of a calibration without suspects; None if there is
+none."""
+
+
+# ---- what may be wrong
+
+
+def hypotheses(
+    subject: JointModel, vector: Floats, batches: Iterable[tuple[str, ...]] = ()
+) -> tuple[Hypothesis, ...]:
+    """Return the ways in which readings of a model may be wrong.
+
+    Parameters
+    ----------
+    subject : JointModel
+        With its readings.
+    vector : array, shape (n_parameters,)
+        Where it is calibrated.
+    batches : iterable of tuple of str
+        Specimens that have something in common beside their degradation rate.
+    """
+    places, prediction = subject.places, subject.expected(vector[None])[0]
+    response = subject.deviations(vector).slope.sum(axis=1)
+    found: list[Hypothesis] = []
+    for family in dict.fromkeys(places.family.tolist()):
+        rows = places.family == family
+        names = list(dict.fromkeys(places.specimen[rows].tolist()))
+        for name in names:
+            own = rows & (places.specimen == name)
+            found += _of_specimen(places, own, name, response, prediction)
+        found += _of_edge(subject, rows, prediction)
+        groups = [*_levels(places, rows), *batches]
+        found += _of_batches(places, rows, groups, response)
+    return tuple(one for one in found if np.any(one.direction != 0.0))
+
+
+def _of_specimen(
+    places: Places, own: Flags, name: str, response: Floats, prediction: Floats
+) -> Iterator[Hypothesis]:
+    yield Hypothesis(Oddity.RESPONSE, (name,), "", own, np.where(own, response, 0.0))
+    kinds = list(dict.fromkeys(places.kind[own].tolist()))
+    if ACTUATOR in places.family[own]:
+        shifted = response / np.maximum(np.abs(places.along), SMALL)
+        yield Hypothesis(Oddity.OFFSET, (name,), "", own, np.where(own, shifted, 0.0))
+        named = {CURVATURE: Oddity.CURVATURE, ANGLE: Oddity.ANGLE}
+        for kind in kinds if len(kinds) > 1 else ():
+            one = own & (places.kind == kind)
+            if kind in named:
+                direction = np.where(one, prediction, 0.0)
+                yield Hypothesis(named[kind], (name,), kind, one, direction)
+        yield from _along(places, own, name, prediction)
+    yield from _pictures(places, own, name, kinds, prediction)
+
+
+def _along(places: Places, own: Flags, name: str, prediction: Floats) -> Iterator[Hypothesis]:
+    """Yield a jump before each reading of a path, and a cut-off after it."""
+    first = own & (places.kind == CURVATURE)
+    order = np.flatnonzero(first)
+    largest = {
+        kind: _largest(prediction, own & (places.kind == kind)) for kind in (CURVATURE, ANGLE)
+    }
+    unit = np.array([largest.get(kind, 1.0) for kind in places.kind.tolist()])
+    step = _steps(places, own)
+    for place in range(2, len(order) - 1):
+        after = own & (step >= step[order[place]])
+        at = float(places.along[order[place]])
+        yield Hypothesis(Oddity.JUMP, (name,), "", after, np.where(after, unit, 0.0), at)
+    top = order[np.argmax(prediction[order])] if len(order) else 0
+    for place in order[1:]:
+        beyond = first & (prediction > prediction[place])
+        if place != top and beyond.sum() > 1:
+            lost = np.where(beyond, prediction[place] - prediction, 0.0)
+            at = float(places.along[beyond].min())
+            yield Hypothesis(Oddity.CUT_OFF, (name,), CURVATURE, beyond, lost, at)
+
+
+def _of_edge(subject: JointModel, rows: Flags, prediction: Floats) -> Iterator[Hypothesis]:
+    """Yield that no specimen was seen beyond a curvature: the edge of the picture."""
+    places = subject.places
+    curved = rows & (places.kind == CURVATURE)
+    if not curved.any():
+        return
+    top = float(subject.observed[curved].max())
+    for edge in EDGES * top:
+        beyond = curved & (prediction > edge)
+        names = tuple(dict.fromkeys(places.specimen[beyond].tolist()))
+        if beyond.sum() > 1 and len(names) > 1:
+            lost = np.where(beyond, edge - prediction, 0.0)
+            yield Hypothesis(Oddity.EDGE, names, CURVATURE, beyond, lost, float(edge))
+
+
+def _largest(values: Floats, rows: Flags) -> float:
+    return float(np.abs(values[rows]).max()) if rows.any() else 1.0
+
+
+def _steps(places: Places, own: Flags) -> NDArray[np.int64]:
+    """Return the number of each reading along its specimen's path, by kind; −1 of others."""
+    step = np.full(len(places), -1)
+    for kind in dict.fromkeys(places.kind[own].tolist()):
+        rows = own & (places.kind == kind)
+        step[rows] = np.arange(rows.sum())
+    return step
+
+
+def _pictures(
+    places: Places, own: Flags, name: str, kinds: list[str], prediction: Floats
+) -> Iterator[Hypothesis]:
+    """Yield each reading, and all that were taken from one picture together."""
+    pictures: dict[tuple[object, ...], list[int]] = {}
+    for i in np.flatnonzero(own):
+        time = places.time[i]
+        key = (places.along[i], places.history[i], None if np.isnan(time) else time)
+        pictures.setdefault(key, []).append(int(i))
+    for (along, *_), members in pictures.items():
+        rows = np.zeros(len(places), dtype=bool)
+        rows[members] = True
+        at = float(str(along))
+        if len(members) > 1 and len(kinds) > 1:
+            yield Hypothesis(Oddity.READING, (name,), "", rows, np.where(rows, prediction, 0.0), at)
+        for i in members:
+            alone = np.zeros(len(places))
+            alone[i] = prediction[i] if prediction[i] != 0.0 else 1.0
+            yield Hypothesis(Oddity.READING, (name,), str(places.kind[i]), rows, alone, at)
+
+
+def _levels(places: Places, rows: Flags) -> list[tuple[str, ...]]:
+    """Return the specimens of each degradation rate, where there are several rates."""
+    names, first = np.unique(places.specimen[rows], return_index=True)
+    member = levels(places.level[rows][first])[1]
+    if member.max(initial=0) < 2:
+        return []
+    return [tuple(names[member == k].tolist()) for k in range(member.max() + 1)]
+
+
+def _of_batches(
+    places: Places, rows: Flags, groups: list[tuple[str, ...]], response: Floats
+) -> Iterator[Hypothesis]:
+    for group in dict.fromkeys(groups):
+        own = rows & np.isin(places.specimen, group)
+        several = len(np.unique(places.specimen[own])) > 1
+        if several and not np.array_equal(own, rows):
+            yield Hypothesis(Oddity.BATCH, group, "", own, np.where(own, response, 0.0))
+
+
+# ---- scores
+
+
+@dataclass(frozen=True)
+class Scored:
+    """Readings and hypotheses on the scale on which all but mishaps is white.
+
+    Parameters
+    ----------
+    observed : array, shape (n,)
+        z.
+    columns : array, shape (n, m)
+        w, one a hypothesis.
+    """
+
+    observed: Floats
+    columns: Floats
+
+    @property
+    def norms(self) -> Floats:
+        """|w|, (m,)."""
+        return np.linalg.norm(self.columns, axis=0)
+
+    def without(self, direction: Floats) -> "Scored":
+        """Return the same with the size of one whitened direction free, (n,)."""
+        length = float(np.linalg.norm(direction))
+        if not length > SMALL:
+            return self
+        unit = direction / length
+        return Scored(
+            self.observed - unit * (unit @ self.observed),
+            self.columns - np.outer(unit, unit @ self.columns),
+        )
+
+    def scores(self, whole: Floats) -> Floats:
+        """Return t of each hypothesis, (m,); 0 of one that the free ones leave nothing of.
+
+        Parameters
+        ----------
+        whole : array, shape (m,)
+            |w| before anything was made free.
+        """
+        norms = self.norms
+        seen = norms > 1e-3 * np.maximum(whole, SMALL)
+        found: Floats = np.where(seen, self.columns.T @ self.observed, 0.0)
+        return found / np.where(seen, norms, 1.0)
+
+
+def scored(subject: JointModel, vector: Floats, known: Sequence[Hypothesis]) -> Scored | None:
+    """Return readings and hypotheses with all that specimens have in common made free.
+
+    Parameters
+    ----------
+    subject : JointModel
+        The model.
+    vector : array, shape (n_parameters,)
+        Where it is calibrated: of the scatter, and where it is linearised.
+    known : sequence of Hypothesis
+        What may be wrong.
+    """
+    slopes = jacobian_of(subject, vector) * _prior_widths(subject)
+    prediction = subject.expected(vector[None])[0]
+    residual = _residual(subject, vector, prediction)
+    shared = np.hstack([slopes, *_common(subject.places, prediction)])
+    finite = np.all(np.isfinite(shared)) and np.all(np.isfinite(residual))
+    if not finite:
+        return None
+    whitening = Whitening.of(subject.scatter(vector), shared)
+    directions = np.stack([one.direction for one in known], axis=1)
+    return Scored(whitening.whitened(residual), whitening.whitened(directions))
+
+
+def _prior_widths(subject: JointModel) -> Floats:
+    """Return how far priors let each parameter go, on the sampler's scale, (n_parameters,)."""
+    ends = np.array([0.1587, 0.8413])
+    found = []
+    for parameter in subject.table.parameters:
+        low, high = parameter.law.to_unconstrained(parameter.law.quantile(ends))
+        width = 0.5 * float(high - low)
+        found.append(width if np.isfinite(width) else 1.0)
+    return np.array(found)
+
+
+def _residual(subject: JointModel, vector: Floats, prediction: Floats) -> Floats:
+    """Return readings less their mean, of actuators linear in the specimens' deviations."""
+    residual: Floats = subject.observed - prediction
+    data = subject.actuator
+    if data is not None:
+        rows = np.isin(subject.places.kind, (CURVATURE, ANGLE)) & (
+            subject.places.family == ACTUATOR
+        )
+        linearised = subject.actuator_linearised(subject.table.named(vector[None]))
+        residual[rows] = linearised.residual[0][data.paths.mask]
+    return residual
+
+
+def _common(places: Places, prediction: Floats) -> Iterator[Floats]:
+    """Yield directions that all specimens tested alike have in common, each (n, r)."""
+    for _, label, root in discrepancy_roots(places, prediction):
+        if label in COMMON_SHAPES:
+            yield COMMON * root
+    if np.isfinite(places.time).any():
+        time = np.nan_to_num(places.time)
+        for constant in TIME_CONSTANTS:
+            gone = np.log1p(time / constant)
+            column = prediction * gone / max(float(gone.max()), SMALL)
+            yield COMMON * np.stack(
+                [column, column * places.level / max(places.level.max(), 1.0)], 1
+            )
+
+
+# ---- the search
+
+
+@dataclass(frozen=True)
+class Pool:
+    """Hypotheses of one study, and how their scores are held against chance.
+
+    Parameters
+    ----------
+    known : tuple of Hypothesis
+        All of them.
+    family : array of str, shape (m,)
+        Of which readings each is.
+    specimens : array of int, shape (m,)
+        Number of specimens of that family.
+    total : int
+        Number of specimens of all families.
+    """
+
+    known: tuple[Hypothesis, ...]
+    family: NDArray[np.str_]
+    specimens: NDArray[np.int64]
+    total: int
+
+    @property
+    def of_specimen(self) -> Flags:
+        """Which are of whole specimens, (m,)."""
+        return np.array([one.is_of_specimen for one in self.known])
+
+    def scales(self, scores: Floats) -> Floats:
+        """Return the median size of the scores of hypotheses of the same sort, over a normal's.
+
+        A batch scatters as its specimens do.
+        """
+        sort = np.array([f"{one.oddity} {one.kind}" for one in self.known])
+        found = np.ones(len(scores))
+        for family in np.unique(self.family):
+            for name in np.unique(sort):
+                rows = (self.family == family) & (sort == name)
+                if rows.sum() >= FEWEST_OF_SORT:
+                    found[rows] = np.median(np.abs(scores[rows])) / NORMAL_MEDIAN
+            batch = (self.family == family) & (sort == f"{Oddity.BATCH} ")
+            single = (self.family == family) & (sort == f"{Oddity.RESPONSE} ")
+            found[batch] = found[single][0] if single.any() else 1.0
+        return np.maximum(found, LEAST_SCALE)
+
+    def p_values(self, scores: Floats) -> Floats:
+        """Return p of each score, times the number of hypotheses that share its part of the level.
+
+        Whole responses, other errors of specimens, groups and readings have a quarter each. The
+        scatter of stiffness is known from all specimens, films among them.
+        """
+        dof = np.where(self.of_specimen, max(self.total - 2, 1), READING_DOF)
+        chance = 2.0 * stats.t.sf(np.abs(scores), dof)
+        part = np.array([_PART[one.oddity] for one in self.known])
+        count = np.bincount(part, minlength=PARTS)[part]
+        found: Floats = np.minimum(1.0, PARTS * count * chance)
+        return np.where(self.specimens >= FEWEST, found, 1.0)
+
+
+PARTS = 4
+_PART = {
+    Oddity.RESPONSE: 0,
+    Oddity.OFFSET: 1,
+    Oddity.CURVATURE: 1,
+    Oddity.ANGLE: 1,
+    Oddity.BATCH: 2,
+    Oddity.DAY: 2,
+    Oddity.EDGE: 2,
+    Oddity.JUMP: 3,
+    Oddity.CUT_OFF: 3,
+    Oddity.READING: 3,
+}
+READING_DOF = 60
+"""Of errors of reading: readings on all paths, less what a path has in common."""
+
+
+def pool_of(subject: JointModel, known: tuple[Hypothesis, ...]) -> Pool:
+    """Return hypotheses with the families of their readings."""
+    places = subject.places
+    family = np.array([str(places.family[np.argmax(one.rows)]) for one in known])
+    count = {
+        name: len(np.unique(places.specimen[places.family == name])) for name in np.unique(family)
+    }
+    return Pool(known, family, np.array([count[name] for name in family]), sum(count.values()))
+
+
+def find_suspects(
+    subject: JointModel,
+    mode: Floats,
+    refit: Refit,
+    batches: Iterable[tuple[str, ...]] = (),
+) -> tuple[Suspect, ...]:
+    """Return the specimens and readings that do not belong with the rest, the oddest first.
+
+    Parameters
+    ----------
+    subject : JointModel
+        With all readings.
+    mode : array, shape (n_parameters,)
+        Of the calibration with all readings.
+    refit : callable
+        Calibrates without suspects.
+    batches : iterable of tuple of str
+        Specimens that have something in common beside their degradation rate.
+    """
+    batches = tuple(batches)
+    found: tuple[Suspect, ...] = _loose(subject, mode, batches)
+    if not found:
+        return ()
+    for _ in range(ROUNDS):
+        vector = refit(found)
+        if vector is None:
+            return ()
+        before = {_key(one) for one in found}
+        found = _strict(subject, vector, batches)
+        if not found or {_key(one) for one in found} == before:
+            break
+    return found
+
+
+def _key(suspect: Suspect) -> tuple[str, bytes]:
+    return suspect.hypothesis.oddity, suspect.hypothesis.rows.tobytes()
+
+
+def _posed(
+    subject: JointModel, vector: Floats, batches: tuple[tuple[str, ...], ...]
+) -> tuple[Pool, Scored] | None:
+    """Return the hypotheses and their scores, with those of groups that the scores suggest."""
+    known = hypotheses(subject, vector, batches)
+    now = scored(subject, vector, known) if known else None
+    if now is None:
+        return None
+    groups = list(_two_groups(pool_of(subject, known), now))
+    known = (*known, *(one for one, _ in groups))
+    columns = np.column_stack([now.columns, *(column for _, column in groups)])
+    now = Scored(now.observed, columns)
+    return pool_of(subject, known), now
+
+
+def _two_groups(pool: Pool, now: Scored) -> Iterator[tuple[Hypothesis, Floats]]:
+    r"""Yield hypotheses that specimens fall into two groups, each with its whitened direction.
+
+    The sizes :math:`\hat\phi_k` of single specimens in order, the statistic is the largest t of the
+    means of a first and a last part, of at least `SMALLEST_GROUP` each. It needs no scale of the
+    scatter, which two groups widen; its law without groups is that of equal normal sizes.
+    """
+    for oddity, group in ((Oddity.CURVATURE, Oddity.DAY), (Oddity.RESPONSE, Oddity.BATCH)):
+        for family in np.unique(pool.family):
+            members = [
+                k
+                for k, one in enumerate(pool.known)
+                if one.oddity is oddity and pool.family[k] == family
+            ]
+            if len(members) < 2 * SMALLEST_GROUP:
+                continue
+            norms = np.maximum(now.norms[members], SMALL)
+            sizes = (now.columns[:, members].T @ now.observed) / norms**2
+            statistic, part = largest_t(sizes[None], norms)
+            if statistic[0] <= _t_of_chance(norms):
+                continue
+            order = np.argsort(sizes)
+            low, high = order[: part[0]], order[part[0] :]
+            few = [members[k] for k in (low if len(low) < len(high) else high)]
+            chosen = [pool.known[k] for k in few]
+            names = tuple(one.specimens[0] for one in chosen)
+            rows = np.any([one.rows for one in chosen], axis=0)
+            direction = np.sum([one.direction for one in chosen], axis=0)
+            one = Hypothesis(group, names, chosen[0].kind, rows, direction)
+            yield one, now.columns[:, few].sum(axis=1)
+
+
+def largest_t(sizes: Floats, weights: Floats) -> tuple[Floats, NDArray[np.int64]]:
+    """Return the largest t of two groups of ordered sizes (n, k), and where the second begins.
+
+    Parameters
+    ----------
+    sizes : array, shape (n, k)
+        Of k specimens, with errors in proportion to one over their weights.
+    weights : array, shape (k,)
+        Whatever their scale.
+
+    Examples
+    --------
+    >>> t, part = largest_t(np.array([[0.1, 5.0, 0.0, 5.2, 5.1, -0.1]]), np.ones(6))
+    >>> t.round(1).tolist(), part.tolist()
+    ([62.5], [3])
+    """
+    order = np.argsort(sizes, axis=1)
+    values = np.take_along_axis(sizes, order, axis=1)
+    square = weights[order] ** 2
+    count = sizes.shape[1]
+    sums = [np.cumsum(square * values**power, axis=1) for power in range(3)]
+    first = slice(SMALLEST_GROUP - 1, count - SMALLEST_GROUP)
+    low = [one[:, first] for one in sums]
+    high = [one[:, -1:] - one[:, first] for one in sums]
+    within = sum(two - one**2 / zero for zero, one, two in (low, high))
+    spread = np.sqrt(np.maximum(within, 1e-300) / (count - 2) * (1.0 / low[0] + 1.0 / high[0]))
+    t = (high[1] / high[0] - low[1] / low[0]) / spread
+    best = np.argmax(t, axis=1)
+    return np.take_along_axis(t, best[:, None], axis=1)[:, 0], best + SMALLEST_GROUP
+
+
+def _t_of_chance(weights: Floats) -> float:
+    """Return the largest t of two groups that chance gives once in 4/`LEVEL` sets of sizes."""
+    sizes = np.random.default_rng(len(weights)).standard_normal((SPLITS, len(weights))) / weights
+    return float(np.quantile(largest_t(sizes, weights)[0], 1.0 - LEVEL / PARTS))
+
+
+def _loose(
+    subject: JointModel, vector: Floats, batches: tuple[tuple[str, ...], ...]
+) -> tuple[Suspect, ...]:
+    """Return what may be a mishap by scores over their median size."""
+    posed = _posed(subject, _narrower(subject, vector), batches)
+    if posed is None:
+        return ()
+    pool, now = posed
+    threshold = LOOSE[[_PART[one.oddity] for one in pool.known]]
+    scale = pool.scales(now.scores(now.norms))
+
+    def excess(scores: Floats) -> Floats:
+        size = np.abs(scores) / scale
+        return np.where((size > threshold) & (pool.specimens >= FEWEST), size / threshold, 0.0)
+
+    return tuple(map(partial(_whole, subject.places), _pursued(subject, pool, now, excess)))
+
+
+def _narrower(subject: JointModel, vector: Floats) -> Floats:
+    """Return parameters with less scatter of specimens, if the model has such a scatter."""
+    names = subject.table.names
+    if SCATTER not in names:
+        return vector
+    i = names.index(SCATTER)
+    law = subject.table.parameters[i].law
+    found = vector.copy()
+    value = float(subject.table.named(vector[None])[SCATTER][0])
+    found[i] = float(law.to_unconstrained(np.asarray(max(NARROWER * value, LEAST_SCATTER))))
+    return found
+
+
+def _whole(places: Places, suspect: Suspect) -> Suspect:
+    """Return a suspect whose specimen is left out, where more than single readings are odd.
+
+    Which of the ways it is shows only when the scatter is known that it has taken no part in.
+    """
+    one = suspect.hypothesis
+    if one.oddity not in (Oddity.JUMP, Oddity.CUT_OFF):
+        return suspect
+    family = places.family == places.family[np.argmax(one.rows)]
+    rows = family & np.isin(places.specimen, one.specimens)
+    return replace(suspect, hypothesis=replace(one, oddity=Oddity.RESPONSE, rows=rows))
+
+
+def _strict(
+    subject: JointModel, vector: Floats, batches: tuple[tuple[str, ...], ...]
+) -> tuple[Suspect, ...]:
+    """Return what is a mishap by a calibration in which it took no part."""
+    posed = _posed(subject, vector, batches)
+    if posed is None:
+        return ()
+    pool, now = posed
+
+    def excess(scores: Floats) -> Floats:
+        chance = pool.p_values(scores)
+        return np.where(chance < LEVEL, np.abs(scores), 0.0)
+
+    return _confirmed(pool, now, _pursued(subject, pool, now, excess))
+
+
+def _pursued(
+    subject: JointModel, pool: Pool, now: Scored, excess: Callable[[Floats], Floats]
+) -> tuple[Suspect, ...]:
+    """Take the oddest hypothesis, make its size free, and so on, until none is odd."""
+    whole, found = now.norms, []
+    places = subject.places
+    left = np.zeros(len(places), dtype=bool)
+    most = MOST_READINGS * len(places)
+    while len(found) < most:
+        scores = now.scores(whole)
+        odd = excess(scores)
+        # what is out already is not to be explained again
+        odd[[bool(np.all(left[one.rows])) for one in pool.known]] = 0.0
+        odd = np.where(_too_many(pool, found, places), 0.0, odd)
+        best = int(np.argmax(odd))
+        if not odd[best] > 0.0:
+            break
+        one = pool.known[best]
+        size = scores[best] / float(now.norms[best])
+        found.append(Suspect(one, size, float(scores[best]), float(pool.p_values(scores)[best])))
+        left |= one.rows if one.oddity in _WHOLE else np.zeros_like(left)
+        if one.oddity is Oddity.READING:
+            left |= one.rows
+        now = now.without(now.columns[:, best])
+    return tuple(found)
+
+
+_WHOLE = (Oddity.RESPONSE, Oddity.OFFSET, Oddity.BATCH, Oddity.CURVATURE, Oddity.ANGLE, Oddity.DAY)
+"""Of which nothing that was read on the specimen is to be trusted."""
+
+
+def _too_many(pool: Pool, found: list[Suspect], places: Places) -> Flags:
+    """Return which hypotheses would take more specimens of a family than there may be."""
+    out = {
+        name for one in found if one.hypothesis.is_of_specimen for name in one.hypothesis.specimens
+    }
+    most = np.maximum(1, np.floor(MOST_SPECIMENS * pool.specimens))
+    with_it = np.array(
+        [len(out | set(one.specimens)) if one.is_of_specimen else 0 for one in pool.known]
+    )
+    return np.asarray(with_it > most)
+
+
+def _confirmed(pool: Pool, now: Scored, found: tuple[Suspect, ...]) -> tuple[Suspect, ...]:
+    """Return suspects that stay ones with all others free, by what they are then."""
+    index = {id(one): k for k, one in enumerate(pool.known)}
+    whole, kept = now.norms, list(found)
+    while kept:
+        judged = []
+        for one in kept:
+            free = now
+            for other in kept:
+                if other is not one:
+                    free = free.without(free.columns[:, index[id(other.hypothesis)]])
+            k = index[id(one.hypothesis)]
+            scores = free.scores(whole)
+            size = scores[k] / max(float(free.norms[k]), SMALL)
+            chance = float(pool.p_values(scores)[k])
+            judged.append(replace(one, size=float(size), score=float(scores[k]), p_value=chance))
+        worst = max(range(len(judged)), key=lambda i: judged[i].p_value)
+        if judged[worst].p_value < LEVEL:
+            return tuple(sorted(judged, key=lambda one: -abs(one.score)))
+        del kept[worst]
+    return ()

@@ -1,0 +1,113 @@
+"""What of a study is set aside, since it does not belong with the rest."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pandas as pd
+
+from bayesdeg.criticism.checks.suspects import Oddity, Suspect
+from bayesdeg.data.study import Study
+from bayesdeg.inference.model import JointModel
+from bayesdeg.observations.curvature import ACTUATOR
+from bayesdeg.observations.kinds import Places
+from bayesdeg.observations.tensile import FILM
+
+BY_READING = (Oddity.READING, Oddity.JUMP, Oddity.CUT_OFF, Oddity.EDGE)
+READ = ("curvature_per_m", "bend_angle_deg")
+TABLES = {ACTUATOR: "actuator", FILM: "tensile"}
+"""Tables by the family of readings; suspects of others are told and not set aside."""
+
+
+@dataclass(frozen=True)
+class Aside:
+    """What is set aside for one suspect.
+
+    Parameters
+    ----------
+    suspect : Suspect or None
+        Why; None where its columns say it, without a model.
+    table : str
+        Of which table: ``actuator`` or ``tensile``.
+    specimens : tuple of str
+        Whose.
+    readings : tuple of (str, float, str, float)
+        Specimen, pressure [kPa] or stretch, history and time [s] of single readings; empty where
+        the specimens are set aside.
+    is_out : bool
+        Whether it is: as many specimens as half of them are merely told.
+    """
+
+    suspect: Suspect | None
+    table: str
+    specimens: tuple[str, ...]
+    readings: tuple[tuple[str, float, str, float], ...]
+    is_out: bool = True
+
+
+def asides(model: JointModel, found: Iterable[Suspect]) -> tuple[Aside, ...]:
+    """Return what is set aside for suspects of a model."""
+    return tuple(_aside(model.places, suspect) for suspect in found)
+
+
+def _aside(places: Places, suspect: Suspect) -> Aside:
+    one = suspect.hypothesis
+    table = TABLES.get(str(places.family[np.argmax(one.rows)]), "")
+    if one.oddity in BY_READING:
+        rows = np.flatnonzero(one.rows)
+        keys = {
+            (
+                str(places.specimen[i]),
+                float(places.along[i]),
+                str(places.history[i]),
+                float(np.nan_to_num(places.time[i], nan=-1.0)),
+            )
+            for i in rows
+        }
+        return Aside(suspect, table, one.specimens, tuple(sorted(keys)))
+    family = places.family == places.family[np.argmax(one.rows)]
+    total = len(np.unique(places.specimen[family]))
+    return Aside(suspect, table, one.specimens, (), is_out=2 * len(one.specimens) <= total)
+
+
+def set_aside(study: Study, aside: Iterable[Aside]) -> Study:
+    """Return a study without what is set aside.
+
+    Specimens leave their table; of single readings of actuators the row stays, with what was read
+    empty, so that pressure and rupture are still known.
+    """
+    changed: dict[str, pd.DataFrame] = {}
+    for one in aside:
+        table = changed.get(one.table, study.table(one.table)) if one.table else None
+        if table is None or not one.is_out:
+            continue
+        changed[one.table] = _without(table, one)
+    return replace(study, **changed)
+
+
+def _without(table: pd.DataFrame, one: Aside) -> pd.DataFrame:
+    specimen = table["specimen_id"].astype(str)
+    if not one.readings:
+        return table[~specimen.isin(one.specimens)].reset_index(drop=True)
+    wanted = set(one.readings)
+    wrong = np.array([key in wanted for key in _keys(table, one.table)])
+    if one.table == "tensile":
+        return table[~wrong].reset_index(drop=True)
+    found = table.copy()
+    found.loc[wrong, list(READ)] = np.nan
+    return found
+
+
+def _keys(table: pd.DataFrame, name: str) -> list[tuple[str, float, str, float]]:
+    """Return specimen, path, history and time of each row, as `Places` has them."""
+    specimen = table["specimen_id"].astype(str)
+    if name == "tensile":
+        along, history, time = table["stretch"], table["mode"].astype(str), None
+    else:
+        along, time = table["pressure_kPa"], table["time_s"].fillna(-1.0)
+        cycle = table["cycle"].fillna(1).astype(int).astype(str)
+        history = table["branch"].astype(str) + " " + cycle + " " + table["mount"].astype(str)
+    times = [-1.0] * len(table) if time is None else [float(t) for t in time]
+    return list(
+        zip(specimen, (float(a) for a in along), (str(h) for h in history), times, strict=True)
+    )
