@@ -2,9 +2,11 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from bayesdeg.criticism.checks.suspects import Oddity, Suspect
 from bayesdeg.data.study import Study
@@ -76,7 +78,7 @@ def set_aside(study: Study, aside: Iterable[Aside]) -> Study:
     Specimens leave their table; of single readings of actuators the row stays, with what was read
     empty, so that pressure and rupture are still known.
     """
-    changed: dict[str, pd.DataFrame] = {}
+    changed: dict[str, Any] = {}
     for one in aside:
         table = changed.get(one.table, study.table(one.table)) if one.table else None
         if table is None or not one.is_out:
@@ -85,13 +87,21 @@ def set_aside(study: Study, aside: Iterable[Aside]) -> Study:
     return replace(study, **changed)
 
 
+def is_set_aside(table: pd.DataFrame, aside: Iterable[Aside]) -> NDArray[np.bool_]:
+    """Return which rows of a table are set aside, (n_rows,)."""
+    specimen, found = table["specimen_id"].astype(str), np.zeros(len(table), dtype=bool)
+    for one in aside:
+        if one.readings:
+            wanted = set(one.readings)
+            found |= np.array([key in wanted for key in _keys(table, one.table)], dtype=bool)
+        else:
+            found |= specimen.isin(one.specimens).to_numpy()
+    return found
+
+
 def _without(table: pd.DataFrame, one: Aside) -> pd.DataFrame:
-    specimen = table["specimen_id"].astype(str)
-    if not one.readings:
-        return table[~specimen.isin(one.specimens)].reset_index(drop=True)
-    wanted = set(one.readings)
-    wrong = np.array([key in wanted for key in _keys(table, one.table)])
-    if one.table == "tensile":
+    wrong = is_set_aside(table, [one])
+    if one.table == "tensile" or not one.readings:
         return table[~wrong].reset_index(drop=True)
     found = table.copy()
     found.loc[wrong, list(READ)] = np.nan

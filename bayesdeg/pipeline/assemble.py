@@ -48,8 +48,8 @@ class Assembly:
         Causes that such counts may show.
     aside : tuple of Aside
         Specimens and readings that were set aside, since they do not belong with the rest.
-    study : Study, optional
-        What is left of the study, where something was.
+    study, whole : Study, optional
+        What is left of the study, and the study with all of it, where something was.
     """
 
     model: JointModel
@@ -62,6 +62,7 @@ class Assembly:
     of_counts: tuple[Cause, ...] = ()
     aside: tuple[Aside, ...] = ()
     study: Study | None = None
+    whole: Study | None = None
 
     @property
     def causes(self) -> tuple[Cause, ...]:

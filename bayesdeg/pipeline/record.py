@@ -2,7 +2,7 @@
 
 import json
 import platform
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -25,8 +25,10 @@ from bayesdeg.criticism.checks.residuals import (
     where_readings,
 )
 from bayesdeg.criticism.checks.rupture_misfit import RuptureMisfit
+from bayesdeg.criticism.checks.suspects import Oddity
 from bayesdeg.criticism.decide.candidates import Candidate
 from bayesdeg.criticism.decide.counted import Counted
+from bayesdeg.criticism.decide.verdict import Decision
 from bayesdeg.criticism.outcome import Outcome
 from bayesdeg.data.plausibility import Doubt, doubts
 from bayesdeg.data.study import Study
@@ -35,6 +37,7 @@ from bayesdeg.inference.model import JointModel, Refusals, share_outside
 from bayesdeg.observations.catalogue import TABLES
 from bayesdeg.observations.specimens import FilmsAndActuators
 from bayesdeg.observations.tensile import STRESS
+from bayesdeg.pipeline.aside import Aside
 from bayesdeg.pipeline.assemble import Assembly
 from bayesdeg.pipeline.averaged import Averaged
 from bayesdeg.pipeline.calibrate import Fit, refused_inputs
@@ -65,6 +68,7 @@ from bayesdeg.report.record import (
     MissingEntry,
     ModelEntry,
     NamingEntry,
+    OutcomeEntry,
     QuestionedEntry,
     RunRecord,
     RuptureCountsEntry,
@@ -97,6 +101,8 @@ class Results:
         How probable published counts of ruptures are, where nothing was judged.
     averaged : Averaged, optional
         Draws over the causes that cannot be told apart, where there are several.
+    with_suspects : Decision, optional
+        What is decided with all that was set aside, where something was.
     """
 
     assembly: Assembly
@@ -107,6 +113,7 @@ class Results:
     films: Films | None = None
     counts: CountMisfit | None = None
     averaged: Averaged | None = None
+    with_suspects: Decision | None = None
 
     @property
     def fits(self) -> dict[str, Fit]:
@@ -459,24 +466,99 @@ def in_doubt(study: Study, results: Results, found: Sequence[Doubt] | None = Non
         Readings and specimens that are unlikely, and parameters that are calibrated to what their
         priors all but exclude.
     """
-    if found is None:
-        known = isinstance(results.final.model.world, FilmsAndActuators)
-        found = doubts(study, outline(study).expected) if known else ()
     return InDoubt(
-        suspects=tuple(_suspect(doubt) for doubt in found),
+        suspects=suspects_of(study, results, found),
         parameters_in_question=_off_priors(results),
+        with_suspects=_outcome(results.with_suspects),
     )
 
 
-def _suspect(doubt: Doubt) -> SuspectEntry:
+def _outcome(decision: Decision | None) -> OutcomeEntry | None:
+    if decision is None:
+        return None
+    found = {"outcome": decision.outcome, "causes": decision.causes, "one_of": decision.one_of}
+    return OutcomeEntry.model_validate(found)
+
+
+def suspects_of(
+    study: Study, results: Results, found: Sequence[Doubt] | None = None
+) -> tuple[SuspectEntry, ...]:
+    """Return what is unlikely of a study: what the others contradict, then what its columns say."""
+    assembly = results.assembly
+    whole = assembly.whole or study
+    if found is None:
+        known = isinstance(assembly.model.world, FilmsAndActuators)
+        found = doubts(whole, outline(whole).expected) if known else ()
+    odd = [_odd(one, results, whole) for one in assembly.aside if one.suspect is not None]
+    out = {(one.table, n) for one in assembly.aside if one.suspect is None for n in one.specimens}
+    return (*odd, *(_suspect(doubt, out) for doubt in found))
+
+
+def _suspect(doubt: Doubt, out: Collection[tuple[str, str]]) -> SuspectEntry:
     fault = doubt.fault
+    set_aside = (fault.file.removesuffix(".csv"), fault.specimen) in out and doubt.is_alone
     return SuspectEntry(
         file=fault.file,
         specimen=fault.specimen,
         column=fault.column,
         value=fault.value,
-        why=str(doubt),
+        why=f"{doubt}; it is set aside" if set_aside else str(doubt),
+        set_aside=set_aside,
     )
+
+
+def _odd(one: Aside, results: Results, whole: Study) -> SuspectEntry:
+    """Return a suspect that the other specimens contradict, in words and numbers."""
+    assert one.suspect is not None
+    suspect, hypothesis = one.suspect, one.suspect.hypothesis
+    partner = _exchanged_with(one, results, whole)
+    facts = {"one": one, "suspect": suspect, "way": hypothesis, "partner": partner}
+    return SuspectEntry(
+        file=f"{one.table}.csv" if one.table else "",
+        specimen=one.specimens[0] if len(one.specimens) == 1 else None,
+        specimens=one.specimens if len(one.specimens) > 1 else (),
+        why=sentences("findings", "suspect", **facts),
+        oddity=str(hypothesis.oddity),
+        size=suspect.size,
+        score=suspect.score,
+        p_value=suspect.p_value,
+        readings=len(one.readings) if one.readings else int(hypothesis.rows.sum()),
+        set_aside=one.is_out,
+    )
+
+
+ALIKE = 0.35
+"""How far the stiffness of two specimens may be off that of each other's degradation rate, over
+the difference of both: the scatter of specimens is some tenth of such a difference."""
+
+
+def _exchanged_with(one: Aside, results: Results, whole: Study) -> str:
+    """Return the suspect for which another could have been taken; empty if there is none."""
+    table = whole.table(one.table) if one.table else None
+    if table is None or not _is_stiffness(one):
+        return ""
+    rate = table.drop_duplicates("specimen_id").set_index("specimen_id")["degradation_pct"]
+    model, chain = results.final.model, results.final.chain
+    middle = np.mean(chain.vectors.reshape(-1, chain.vectors.shape[-1]), axis=0)
+    values = model.table.named(middle[None])
+    for other in results.assembly.aside:
+        if other is one or other.table != one.table or not _is_stiffness(other):
+            continue
+        ends = np.array([float(rate[one.specimens[0]]), float(rate[other.specimens[0]])])
+        first, second = np.log(model.constants(values, ends)[0, :, 0])
+        assert one.suspect is not None
+        assert other.suspect is not None
+        off = max(
+            abs(one.suspect.size - (second - first)), abs(other.suspect.size + (second - first))
+        )
+        if off <= ALIKE * abs(second - first):
+            return other.specimens[0]
+    return ""
+
+
+def _is_stiffness(one: Aside) -> bool:
+    way = None if one.suspect is None else one.suspect.hypothesis.oddity
+    return way is Oddity.RESPONSE and len(one.specimens) == 1
 
 
 def _off_priors(results: Results) -> tuple[QuestionedEntry, ...]:

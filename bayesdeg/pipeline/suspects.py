@@ -69,12 +69,13 @@ def without_suspects(study: Study, assembly: Assembly, forward: ForwardMap | Non
     if seen:
         rest = set_aside(study, seen)
         found = without_suspects(rest, assemble(rest, forward), forward)
-        return replace(found, study=found.study or rest, aside=(*seen, *found.aside))
+        aside = (*seen, *found.aside)
+        return replace(found, study=found.study or rest, whole=study, aside=aside)
     aside = asides(model, _suspects(study, model, forward))
     if not aside:
         return assembly
     rest = set_aside(study, aside)
-    return replace(assemble(rest, forward), study=rest, aside=aside)
+    return replace(assemble(rest, forward), study=rest, whole=study, aside=aside)
 
 
 def _suspects(study: Study, model: JointModel, forward: ForwardMap | None) -> tuple[Suspect, ...]:

@@ -22,7 +22,7 @@ shift model and deletion residuals; Hadi and Simonoff (1993), doi:10.1080/016214
 for the search from a sound part of the data outwards.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import partial
@@ -36,7 +36,7 @@ from bayesdeg.criticism.fit.linear import Whitening, jacobian_of
 from bayesdeg.inference.model import JointModel
 from bayesdeg.material.degradation import levels
 from bayesdeg.observations.curvature import ACTUATOR, ANGLE, CURVATURE
-from bayesdeg.observations.kinds import Places
+from bayesdeg.observations.kinds import Labels, Places
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -44,14 +44,12 @@ Flags = NDArray[np.bool_]
 LEVEL = 0.005
 """Probability that a study without a mishap has a suspect, half of the one in 100 that is wanted:
 scatter is not as normal as its law."""
-LOOSE = np.array([3.0, 3.0, 2.0, 4.5])
-"""Scores, over their median size, from which on whole responses, other errors of specimens, groups
-and readings are left out at first: chance gives one every few studies, which costs a second."""
+LOOSE = np.array([3.0, 3.0, 2.0, 4.5, 2.0])
+"""Scores, over their median size, from which on whole responses, other errors of specimens, groups,
+readings and the edge of the picture are left out at first: chance gives one every few studies, which costs a second."""
 NARROWER = 0.4
 """Of the calibrated scatter of specimens, at first: the wider it is, the more of a specimen's
 departure is taken for what all have in common. Median sizes of scores make up for it."""
-LEAST_SCATTER = 0.01
-SCATTER = "stiffness_scatter"
 MOST_SPECIMENS, MOST_READINGS = 1 / 3, 1 / 4
 """Shares that are left out at most: what most specimens do is no mishap."""
 LEAST_SCALE = 0.3
@@ -273,16 +271,16 @@ def _pictures(
         time = places.time[i]
         key = (places.along[i], places.history[i], None if np.isnan(time) else time)
         pictures.setdefault(key, []).append(int(i))
-    for (along, *_), members in pictures.items():
+    for (along, *_), taken in pictures.items():
         rows = np.zeros(len(places), dtype=bool)
-        rows[members] = True
+        rows[taken] = True
         at = float(str(along))
-        if len(members) > 1 and len(kinds) > 1:
+        if len(taken) > 1 and len(kinds) > 1:
             yield Hypothesis(Oddity.READING, (name,), "", rows, np.where(rows, prediction, 0.0), at)
-        for i in members:
+        for one in taken:
             alone = np.zeros(len(places))
-            alone[i] = prediction[i] if prediction[i] != 0.0 else 1.0
-            yield Hypothesis(Oddity.READING, (name,), str(places.kind[i]), rows, alone, at)
+            alone[one] = float(prediction[one]) or 1.0
+            yield Hypothesis(Oddity.READING, (name,), str(places.kind[one]), rows, alone, at)
 
 
 def _levels(places: Places, rows: Flags) -> list[tuple[str, ...]]:
@@ -352,28 +350,144 @@ class Scored:
         return found / np.where(seen, norms, 1.0)
 
 
-def scored(subject: JointModel, vector: Floats, known: Sequence[Hypothesis]) -> Scored | None:
-    """Return readings and hypotheses with all that specimens have in common made free.
+@dataclass(frozen=True)
+class Parts:
+    """What readings are made of near a point, with all that specimens have in common free.
+
+    Parameters
+    ----------
+    residual : array, shape (n,)
+        Readings less their mean.
+    shared : array, shape (n, r)
+        Directions that all specimens have in common, of the size that they may have.
+    specimens, errors : array, shape (n, n)
+        Covariances of specimens' deviations, and of errors of reading.
+    family : array of str, shape (n,)
+        Of which readings each is.
+    """
+
+    residual: Floats
+    shared: Floats
+    specimens: Floats
+    errors: Floats
+    family: Labels
+
+    @property
+    def is_finite(self) -> bool:
+        """Whether the model answers there."""
+        parts = (self.residual, self.shared, self.specimens, self.errors)
+        return all(bool(np.all(np.isfinite(part))) for part in parts)
+
+    def whitening(self, scatter: float, error: Floats) -> Whitening:
+        """Return the scale on which readings are white, with deviations and errors so much wider.
+
+        Parameters
+        ----------
+        scatter : float
+            Factor of the standard deviation of specimens.
+        error : array, shape (n,)
+            Factors of those of the errors of reading.
+        """
+        scaled = scatter**2 * self.specimens + np.outer(error, error) * self.errors
+        return Whitening.of(scaled, self.shared)
+
+    def log_density(self, scatter: float, error: Floats) -> float:
+        """Return the log density of the readings, up to a constant."""
+        law = self.whitening(scatter, error)
+        white = law.whitened(self.residual)
+        blocks = float(np.sum(np.log(law.lower.diagonal())))
+        return -0.5 * float(white @ white) - blocks - 0.5 * float(np.sum(np.log1p(law.size**2)))
+
+    def without(self, rows: Flags) -> "Parts":
+        """Return the same without some of the readings, (n,)."""
+        kept = ~rows
+        both = np.ix_(kept, kept)
+        return Parts(
+            self.residual[kept],
+            self.shared[kept],
+            self.specimens[both],
+            self.errors[both],
+            self.family[kept],
+        )
+
+    def widths(self) -> tuple[float, dict[str, float]]:
+        """Return factors of deviations, and of errors by family, that are the most probable.
+
+        A misfit widens both in the calibration; what is common takes it up here. As the common
+        directions are integrated out, this is the restricted likelihood of variance components
+        (Patterson and Thompson 1971, doi:10.1093/biomet/58.3.545).
+        """
+        error = np.ones(len(self.residual))
+        scatter = _peak([self.log_density(factor, error) for factor in FACTORS])
+        found: dict[str, float] = {}
+        for family in dict.fromkeys(self.family.tolist()):
+            own = self.family == family
+            tried = [np.where(own, factor, error) for factor in FACTORS]
+            found[family] = _peak([self.log_density(scatter, one) for one in tried])
+            error = np.where(own, found[family], error)
+        return scatter, found
+
+
+FACTORS = np.geomspace(0.25, 1.25, 6)
+"""Of calibrated standard deviations: a misfit may have made them several times too wide."""
+
+
+def _peak(values: list[float]) -> float:
+    """Return the factor at the top of the parabola through the largest of the values."""
+    best = int(np.clip(np.argmax(values), 1, len(values) - 2))
+    low, top, high = values[best - 1 : best + 2]
+    bend = low - 2.0 * top + high
+    shift = 0.5 * (low - high) / bend if bend < 0.0 else float(np.sign(high - low))
+    step = float(np.log(FACTORS[1] / FACTORS[0]))
+    return float(FACTORS[best] * np.exp(step * np.clip(shift, -1.0, 1.0)))
+
+
+def parts_of(subject: JointModel, vector: Floats) -> Parts:
+    """Return what the readings of a model are made of, linearised at a point.
 
     Parameters
     ----------
     subject : JointModel
         The model.
     vector : array, shape (n_parameters,)
-        Where it is calibrated: of the scatter, and where it is linearised.
-    known : sequence of Hypothesis
-        What may be wrong.
+        Where it is calibrated.
     """
     slopes = jacobian_of(subject, vector) * _prior_widths(subject)
     prediction = subject.expected(vector[None])[0]
-    residual = _residual(subject, vector, prediction)
-    shared = np.hstack([slopes, *_common(subject.places, prediction)])
-    finite = np.all(np.isfinite(shared)) and np.all(np.isfinite(residual))
-    if not finite:
-        return None
-    whitening = Whitening.of(subject.scatter(vector), shared)
+    deviations = subject.deviations(vector)
+    specimens = (deviations.slope * deviations.spread) @ deviations.slope.T
+    return Parts(
+        _residual(subject, vector, prediction),
+        np.hstack([slopes, *_common(subject.places, prediction)]),
+        specimens,
+        subject.scatter(vector) - specimens,
+        subject.places.family,
+    )
+
+
+def scored(
+    parts: Parts,
+    known: Sequence[Hypothesis],
+    scatter: float = 1.0,
+    errors: Mapping[str, float] | None = None,
+) -> Scored:
+    """Return readings and hypotheses with all that specimens have in common made free.
+
+    Parameters
+    ----------
+    parts : Parts
+        What the readings are made of.
+    known : sequence of Hypothesis
+        What may be wrong.
+    scatter : float
+        Factor of the deviations of specimens.
+    errors : mapping of str to float, optional
+        Factors of the errors of reading by family.
+    """
+    error = np.array([(errors or {}).get(one, 1.0) for one in parts.family.tolist()])
+    whitening = parts.whitening(scatter, error)
     directions = np.stack([one.direction for one in known], axis=1)
-    return Scored(whitening.whitened(residual), whitening.whitened(directions))
+    return Scored(whitening.whitened(parts.residual), whitening.whitened(directions))
 
 
 def _prior_widths(subject: JointModel) -> Floats:
@@ -464,8 +578,8 @@ class Pool:
     def p_values(self, scores: Floats) -> Floats:
         """Return p of each score, times the number of hypotheses that share its part of the level.
 
-        Whole responses, other errors of specimens, groups and readings have a quarter each. The
-        scatter of stiffness is known from all specimens, films among them.
+        Whole responses, other errors of specimens, groups, readings, and the edge of the picture
+        have a fifth each. The scatter of stiffness is known from all specimens, films among them.
         """
         dof = np.where(self.of_specimen, max(self.total - 2, 1), READING_DOF)
         chance = 2.0 * stats.t.sf(np.abs(scores), dof)
@@ -475,7 +589,9 @@ class Pool:
         return np.where(self.specimens >= FEWEST, found, 1.0)
 
 
-PARTS = 4
+SINGLE_FIRST = 1.5
+"""By which a group has to be odder than the oddest specimen: one of three draws its group along."""
+PARTS, GROUPS = 5, 2
 _PART = {
     Oddity.RESPONSE: 0,
     Oddity.OFFSET: 1,
@@ -483,7 +599,7 @@ _PART = {
     Oddity.ANGLE: 1,
     Oddity.BATCH: 2,
     Oddity.DAY: 2,
-    Oddity.EDGE: 2,
+    Oddity.EDGE: 4,
     Oddity.JUMP: 3,
     Oddity.CUT_OFF: 3,
     Oddity.READING: 3,
@@ -530,7 +646,7 @@ def find_suspects(
         if vector is None:
             return ()
         before = {_key(one) for one in found}
-        found = _strict(subject, vector, batches)
+        found = _strict(subject, vector, batches, found)
         if not found or {_key(one) for one in found} == before:
             break
     return found
@@ -541,18 +657,28 @@ def _key(suspect: Suspect) -> tuple[str, bytes]:
 
 
 def _posed(
-    subject: JointModel, vector: Floats, batches: tuple[tuple[str, ...], ...]
+    subject: JointModel,
+    vector: Floats,
+    batches: tuple[tuple[str, ...], ...],
+    left_out: Sequence[Suspect] | None = None,
 ) -> tuple[Pool, Scored] | None:
-    """Return the hypotheses and their scores, with those of groups that the scores suggest."""
+    """Return the hypotheses and their scores, with those of groups that the scores suggest.
+
+    Where it is known what to leave out, scatter and errors are those of the other readings.
+    """
+    parts = parts_of(subject, vector)
     known = hypotheses(subject, vector, batches)
-    now = scored(subject, vector, known) if known else None
-    if now is None:
+    if not known or not parts.is_finite:
         return None
+    widths: tuple[float, dict[str, float]] = (NARROWER, {})
+    if left_out is not None:
+        out = np.any([one.hypothesis.rows for one in left_out], axis=0)
+        widths = parts.without(out).widths()
+    now = scored(parts, known, *widths)
     groups = list(_two_groups(pool_of(subject, known), now))
     known = (*known, *(one for one, _ in groups))
     columns = np.column_stack([now.columns, *(column for _, column in groups)])
-    now = Scored(now.observed, columns)
-    return pool_of(subject, known), now
+    return pool_of(subject, known), Scored(now.observed, columns)
 
 
 def _two_groups(pool: Pool, now: Scored) -> Iterator[tuple[Hypothesis, Floats]]:
@@ -628,7 +754,7 @@ def _loose(
     subject: JointModel, vector: Floats, batches: tuple[tuple[str, ...], ...]
 ) -> tuple[Suspect, ...]:
     """Return what may be a mishap by scores over their median size."""
-    posed = _posed(subject, _narrower(subject, vector), batches)
+    posed = _posed(subject, vector, batches)
     if posed is None:
         return ()
     pool, now = posed
@@ -640,19 +766,6 @@ def _loose(
         return np.where((size > threshold) & (pool.specimens >= FEWEST), size / threshold, 0.0)
 
     return tuple(map(partial(_whole, subject.places), _pursued(subject, pool, now, excess)))
-
-
-def _narrower(subject: JointModel, vector: Floats) -> Floats:
-    """Return parameters with less scatter of specimens, if the model has such a scatter."""
-    names = subject.table.names
-    if SCATTER not in names:
-        return vector
-    i = names.index(SCATTER)
-    law = subject.table.parameters[i].law
-    found = vector.copy()
-    value = float(subject.table.named(vector[None])[SCATTER][0])
-    found[i] = float(law.to_unconstrained(np.asarray(max(NARROWER * value, LEAST_SCATTER))))
-    return found
 
 
 def _whole(places: Places, suspect: Suspect) -> Suspect:
@@ -669,17 +782,22 @@ def _whole(places: Places, suspect: Suspect) -> Suspect:
 
 
 def _strict(
-    subject: JointModel, vector: Floats, batches: tuple[tuple[str, ...], ...]
+    subject: JointModel,
+    vector: Floats,
+    batches: tuple[tuple[str, ...], ...],
+    left_out: Sequence[Suspect],
 ) -> tuple[Suspect, ...]:
     """Return what is a mishap by a calibration in which it took no part."""
-    posed = _posed(subject, vector, batches)
+    posed = _posed(subject, vector, batches, left_out)
     if posed is None:
         return ()
     pool, now = posed
+    groups = np.array([_PART[one.oddity] == GROUPS for one in pool.known])
 
     def excess(scores: Floats) -> Floats:
         chance = pool.p_values(scores)
-        return np.where(chance < LEVEL, np.abs(scores), 0.0)
+        size = np.abs(scores)
+        return np.where(chance < LEVEL, np.where(groups, size / SINGLE_FIRST, size), 0.0)
 
     return _confirmed(pool, now, _pursued(subject, pool, now, excess))
 
@@ -688,7 +806,8 @@ def _pursued(
     subject: JointModel, pool: Pool, now: Scored, excess: Callable[[Floats], Floats]
 ) -> tuple[Suspect, ...]:
     """Take the oddest hypothesis, make its size free, and so on, until none is odd."""
-    whole, found = now.norms, []
+    whole = now.norms
+    found: list[Suspect] = []
     places = subject.places
     left = np.zeros(len(places), dtype=bool)
     most = MOST_READINGS * len(places)
