@@ -535,15 +535,15 @@ the difference of both: the scatter of specimens is some tenth of such a differe
 def _exchanged_with(one: Aside, results: Results, whole: Study) -> str:
     """Return the suspect for which another could have been taken; empty if there is none."""
     table = whole.table(one.table) if one.table else None
-    if table is None or not _is_stiffness(one):
+    same = (other for other in results.assembly.aside if other.table == one.table)
+    others = [other for other in same if other is not one and _is_stiffness(other)]
+    if table is None or not others or not _is_stiffness(one):
         return ""
     rate = table.drop_duplicates("specimen_id").set_index("specimen_id")["degradation_pct"]
     model, chain = results.final.model, results.final.chain
     middle = np.mean(chain.vectors.reshape(-1, chain.vectors.shape[-1]), axis=0)
     values = model.table.named(middle[None])
-    for other in results.assembly.aside:
-        if other is one or other.table != one.table or not _is_stiffness(other):
-            continue
+    for other in others:
         ends = np.array([float(rate[one.specimens[0]]), float(rate[other.specimens[0]])])
         first, second = np.log(model.constants(values, ends)[0, :, 0])
         assert one.suspect is not None

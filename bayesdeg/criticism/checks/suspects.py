@@ -45,8 +45,9 @@ LEVEL = 0.005
 """Probability that a study without a mishap has a suspect, half of the one in 100 that is wanted:
 scatter is not as normal as its law."""
 LOOSE = np.array([3.0, 3.0, 2.0, 4.5, 2.0])
-"""Scores, over their median size, from which on whole responses, other errors of specimens, groups,
-readings and the edge of the picture are left out at first: chance gives one every few studies, which costs a second."""
+"""Scores, over their median size, from which on whole responses, other errors of specimens,
+groups, readings and the edge of the picture are left out at first: chance gives one every few
+studies, which costs a second."""
 NARROWER = 0.4
 """Of the calibrated scatter of specimens, at first: the wider it is, the more of a specimen's
 departure is taken for what all have in common. Median sizes of scores make up for it."""
