@@ -283,9 +283,8 @@ def doubts_of(verdict: VerdictRecord) -> tuple[str, ...]:
     asked = verdict.parameters_in_question
     said = (sentences("headline", "in_question", one=one, SPACE=SPACE) for one in asked)
     whole = verdict.with_suspects
-    other = (
-        () if whole is None else (sentences("headline", "with_suspects", whole=whole, v=verdict),)
-    )
+    facts = {"whole": whole, "v": verdict}
+    other = [] if whole is None else [sentences("headline", "with_suspects", **facts)]
     return (*suspects, *other, *said)
 
 

@@ -46,9 +46,8 @@ def test_only_the_rows_that_are_named_are_changed(readings, name, seed):
     others = before.index.difference(rows)
     pd.testing.assert_frame_equal(wrong.loc[others], before.loc[others])
     assert set(before.loc[rows, "specimen_id"]) <= set(mishap.specimens)
-    changed = np.any(
-        wrong.loc[rows, ["pressure_kPa", *READ]] != before.loc[rows].iloc[:, 2:], axis=1
-    )
+    columns = ["pressure_kPa", *READ]
+    changed = np.any(wrong.loc[rows, columns] != before.loc[rows, columns], axis=1)
     assert changed.all()
 
 
