@@ -512,7 +512,8 @@ def _odd(one: Aside, results: Results, whole: Study) -> SuspectEntry:
     assert one.suspect is not None
     suspect, hypothesis = one.suspect, one.suspect.hypothesis
     partner = _exchanged_with(one, results, whole)
-    facts = {"one": one, "suspect": suspect, "way": hypothesis, "partner": partner}
+    stiffer = float(np.exp(np.clip(suspect.size, -MOST_LOGS, MOST_LOGS)))
+    facts = {"one": one, "odd": suspect, "way": hypothesis, "partner": partner, "stiffer": stiffer}
     return SuspectEntry(
         file=f"{one.table}.csv" if one.table else "",
         specimen=one.specimens[0] if len(one.specimens) == 1 else None,
@@ -527,6 +528,7 @@ def _odd(one: Aside, results: Results, whole: Study) -> SuspectEntry:
     )
 
 
+MOST_LOGS = 20.0  # of a size that is a logarithm, for one that is none
 ALIKE = 0.35
 """How far the stiffness of two specimens may be off that of each other's degradation rate, over
 the difference of both: the scatter of specimens is some tenth of such a difference."""

@@ -103,7 +103,7 @@ def test_every_oddity_has_its_words(oddity):
     found = suspect(oddity, at=120.0)
     way = found.hypothesis
     one = Aside(found, "actuator", way.specimens, ())
-    facts = {"one": one, "suspect": found, "way": way, "partner": ""}
+    facts = {"one": one, "odd": found, "way": way, "partner": "", "stiffer": 1.35}
     said = sentences("findings", "suspect", **facts)
     assert said.startswith("A10-2 ")
     assert said.endswith("It is set aside.")
