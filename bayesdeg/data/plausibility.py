@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from bayesdeg.data.families import Mould
 from bayesdeg.data.study import Study
 from bayesdeg.errors import Fault, StudyError
-from bayesdeg.material.degradation import levels
 from bayesdeg.priors import Law
 
 Floats = NDArray[np.float64]
@@ -900,7 +899,9 @@ def _survivors(actuator: pd.DataFrame) -> Iterator[Doubt]:
     """Doubt that all specimens of the highest degradation rate are there, where others are more."""
     first = actuator.drop_duplicates("specimen_id")
     rate = first["degradation_pct"].to_numpy(np.float64)
-    centres, member = levels(rate)
+    order = np.argsort(rate)
+    member = np.empty(len(rate), dtype=np.int64)
+    member[order] = np.cumsum(np.diff(rate[order], prepend=rate[order][:1]) > LEVEL)
     counts = np.bincount(member)
     if len(counts) < FEWEST_RATES or not counts[-1] < counts[:-1].min():
         return
@@ -912,7 +913,7 @@ def _survivors(actuator: pd.DataFrame) -> Iterator[Doubt]:
         f"{counts[:-1].min()}, and none of them burst; are these survivors only?"
     )
     remedy = "give the rows of those that burst too, with ruptured = 1 at the last pressure"
-    place = ("actuator.csv", None, "degradation_pct", float(centres[-1]))
+    place = ("actuator.csv", None, "degradation_pct", float(rate.max()))
     yield Doubt(_fault(*place, problem, remedy), False)
 
 

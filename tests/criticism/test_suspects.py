@@ -11,7 +11,7 @@ from bayesdeg.criticism.checks.suspects import (
     LEVEL,
     Hypothesis,
     Oddity,
-    Parts,
+    ReadingParts,
     find_suspects,
     hypotheses,
     largest_t,
@@ -74,7 +74,7 @@ def test_a_score_is_the_deletion_residual_of_the_linear_model():
     blocks = generator.standard_normal((12, 12))
     scatter = np.kron(np.eye(3), (blocks @ blocks.T)[:4, :4] + 4.0 * np.eye(4))
     residual = generator.standard_normal(n)
-    parts = Parts(residual, shared, np.zeros((n, n)), scatter, np.full(n, "one"))
+    parts = ReadingParts(residual, shared, np.zeros((n, n)), scatter, np.full(n, "one"))
     one = Hypothesis(Oddity.READING, ("a",), "x", np.eye(n)[0] > 0.0, np.eye(n)[0])
     found = scored(parts, [one])
     # what all other readings say of the first, with its variance
@@ -90,7 +90,7 @@ def test_a_density_is_that_of_the_whole_normal_law():
     generator = np.random.default_rng(1)
     scatter, shared = np.diag(generator.uniform(1.0, 2.0, 5)), generator.standard_normal((5, 2))
     residual = generator.standard_normal(5)
-    parts = Parts(residual, shared, scatter, 0.5 * scatter, np.full(5, "one"))
+    parts = ReadingParts(residual, shared, scatter, 0.5 * scatter, np.full(5, "one"))
     total = 0.49 * scatter + 1.44 * 0.5 * scatter + shared @ shared.T
     exact = -0.5 * residual @ np.linalg.solve(total, residual) - 0.5 * np.linalg.slogdet(total)[1]
     assert parts.log_density(0.7, np.full(5, 1.2)) == pytest.approx(exact)
@@ -102,7 +102,7 @@ def test_widths_are_found_again():
     specimens = np.kron(np.eye(n // 4), np.ones((4, 4)))
     deviation = np.repeat(generator.standard_normal(n // 4), 4)
     residual = 0.5 * deviation + 0.6 * generator.standard_normal(n)
-    parts = Parts(residual, np.ones((n, 1)), specimens, np.eye(n), np.full(n, "one"))
+    parts = ReadingParts(residual, np.ones((n, 1)), specimens, np.eye(n), np.full(n, "one"))
     for _ in range(1):
         scatter, errors = parts.widths()
     assert errors["one"] == pytest.approx(0.6, rel=0.15)

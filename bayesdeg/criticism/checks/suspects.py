@@ -352,7 +352,7 @@ class Scored:
 
 
 @dataclass(frozen=True)
-class Parts:
+class ReadingParts:
     """What readings are made of near a point, with all that specimens have in common free.
 
     Parameters
@@ -399,11 +399,11 @@ class Parts:
         blocks = float(np.sum(np.log(law.lower.diagonal())))
         return -0.5 * float(white @ white) - blocks - 0.5 * float(np.sum(np.log1p(law.size**2)))
 
-    def without(self, rows: Flags) -> "Parts":
+    def without(self, rows: Flags) -> "ReadingParts":
         """Return the same without some of the readings, (n,)."""
         kept = ~rows
         both = np.ix_(kept, kept)
-        return Parts(
+        return ReadingParts(
             self.residual[kept],
             self.shared[kept],
             self.specimens[both],
@@ -443,7 +443,7 @@ def _peak(values: list[float]) -> float:
     return float(FACTORS[best] * np.exp(step * np.clip(shift, -1.0, 1.0)))
 
 
-def parts_of(subject: JointModel, vector: Floats) -> Parts:
+def parts_of(subject: JointModel, vector: Floats) -> ReadingParts:
     """Return what the readings of a model are made of, linearised at a point.
 
     Parameters
@@ -457,7 +457,7 @@ def parts_of(subject: JointModel, vector: Floats) -> Parts:
     prediction = subject.expected(vector[None])[0]
     deviations = subject.deviations(vector)
     specimens = (deviations.slope * deviations.spread) @ deviations.slope.T
-    return Parts(
+    return ReadingParts(
         _residual(subject, vector, prediction),
         np.hstack([slopes, *_common(subject.places, prediction)]),
         specimens,
@@ -467,7 +467,7 @@ def parts_of(subject: JointModel, vector: Floats) -> Parts:
 
 
 def scored(
-    parts: Parts,
+    parts: ReadingParts,
     known: Sequence[Hypothesis],
     scatter: float = 1.0,
     errors: Mapping[str, float] | None = None,
@@ -476,7 +476,7 @@ def scored(
 
     Parameters
     ----------
-    parts : Parts
+    parts : ReadingParts
         What the readings are made of.
     known : sequence of Hypothesis
         What may be wrong.
