@@ -9,7 +9,7 @@ from scipy.stats import ttest_ind
 from bayesdeg.criticism.checks import suspects
 from bayesdeg.criticism.checks.suspects import (
     LEVEL,
-    Hypothesis,
+    Irregularity,
     Oddity,
     ReadingParts,
     find_suspects,
@@ -75,7 +75,7 @@ def test_a_score_is_the_deletion_residual_of_the_linear_model():
     scatter = np.kron(np.eye(3), (blocks @ blocks.T)[:4, :4] + 4.0 * np.eye(4))
     residual = generator.standard_normal(n)
     parts = ReadingParts(residual, shared, np.zeros((n, n)), scatter, np.full(n, "one"))
-    one = Hypothesis(Oddity.READING, ("a",), "x", np.eye(n)[0] > 0.0, np.eye(n)[0])
+    one = Irregularity(Oddity.READING, ("a",), "x", np.eye(n)[0] > 0.0, np.eye(n)[0])
     found = scored(parts, [one])
     # what all other readings say of the first, with its variance
     total = scatter + shared @ shared.T

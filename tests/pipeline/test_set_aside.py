@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bayesdeg.criticism.checks.suspects import Hypothesis, Oddity, Suspect
+from bayesdeg.criticism.checks.suspects import Irregularity, Oddity, Suspect
 from bayesdeg.criticism.outcome import Outcome
 from bayesdeg.data.study import read_study
 from bayesdeg.pipeline.aside import Aside, is_set_aside, set_aside
@@ -70,7 +70,7 @@ def test_a_specimen_that_the_others_contradict_takes_no_part(study, change, oddi
 
 def suspect(oddity, *, size=0.3, at=float("nan"), kind="", specimens=("A10-2",)):
     nothing = np.zeros(1)
-    way = Hypothesis(oddity, specimens, kind, nothing > 0.0, nothing, at)
+    way = Irregularity(oddity, specimens, kind, nothing > 0.0, nothing, at)
     return Suspect(way, size, 6.0, 1e-4)
 
 

@@ -103,7 +103,7 @@ OF_SPECIMENS = (
 
 
 @dataclass(frozen=True)
-class Hypothesis:
+class Irregularity:
     """One way in which some readings may be wrong.
 
     Parameters
@@ -142,17 +142,17 @@ class Suspect:
 
     Parameters
     ----------
-    hypothesis : Hypothesis
+    hypothesis : Irregularity
         The way of being wrong that they are most like.
     size : float
-        Its size; see `Hypothesis`.
+        Its size; see `Irregularity`.
     score : float
         In standard deviations of what the others predict.
     p_value : float
         Probability of a score as large by chance, times the number of hypotheses.
     """
 
-    hypothesis: Hypothesis
+    hypothesis: Irregularity
     size: float
     score: float
     p_value: float
@@ -168,7 +168,7 @@ none."""
 
 def hypotheses(
     subject: JointModel, vector: Floats, batches: Iterable[tuple[str, ...]] = ()
-) -> tuple[Hypothesis, ...]:
+) -> tuple[Irregularity, ...]:
     """Return the ways in which readings of a model may be wrong.
 
     Parameters
@@ -182,7 +182,7 @@ def hypotheses(
     """
     places, prediction = subject.places, subject.expected(vector[None])[0]
     response = subject.deviations(vector).slope.sum(axis=1)
-    found: list[Hypothesis] = []
+    found: list[Irregularity] = []
     for family in dict.fromkeys(places.family.tolist()):
         rows = places.family == family
         names = list(dict.fromkeys(places.specimen[rows].tolist()))
@@ -197,23 +197,23 @@ def hypotheses(
 
 def _of_specimen(
     places: Places, own: Flags, name: str, response: Floats, prediction: Floats
-) -> Iterator[Hypothesis]:
-    yield Hypothesis(Oddity.RESPONSE, (name,), "", own, np.where(own, response, 0.0))
+) -> Iterator[Irregularity]:
+    yield Irregularity(Oddity.RESPONSE, (name,), "", own, np.where(own, response, 0.0))
     kinds = list(dict.fromkeys(places.kind[own].tolist()))
     if ACTUATOR in places.family[own]:
         shifted = response / np.maximum(np.abs(places.along), SMALL)
-        yield Hypothesis(Oddity.OFFSET, (name,), "", own, np.where(own, shifted, 0.0))
+        yield Irregularity(Oddity.OFFSET, (name,), "", own, np.where(own, shifted, 0.0))
         named = {CURVATURE: Oddity.CURVATURE, ANGLE: Oddity.ANGLE}
         for kind in kinds if len(kinds) > 1 else ():
             one = own & (places.kind == kind)
             if kind in named:
                 direction = np.where(one, prediction, 0.0)
-                yield Hypothesis(named[kind], (name,), kind, one, direction)
+                yield Irregularity(named[kind], (name,), kind, one, direction)
         yield from _along(places, own, name, prediction)
     yield from _pictures(places, own, name, kinds, prediction)
 
 
-def _along(places: Places, own: Flags, name: str, prediction: Floats) -> Iterator[Hypothesis]:
+def _along(places: Places, own: Flags, name: str, prediction: Floats) -> Iterator[Irregularity]:
     """Yield a jump before each reading of a path, and a cut-off after it."""
     first = own & (places.kind == CURVATURE)
     order = np.flatnonzero(first)
@@ -225,17 +225,17 @@ def _along(places: Places, own: Flags, name: str, prediction: Floats) -> Iterato
     for place in range(2, len(order) - 1):
         after = own & (step >= step[order[place]])
         at = float(places.along[order[place]])
-        yield Hypothesis(Oddity.JUMP, (name,), "", after, np.where(after, unit, 0.0), at)
+        yield Irregularity(Oddity.JUMP, (name,), "", after, np.where(after, unit, 0.0), at)
     top = order[np.argmax(prediction[order])] if len(order) else 0
     for place in order[1:]:
         beyond = first & (prediction > prediction[place])
         if place != top and beyond.sum() > 1:
             lost = np.where(beyond, prediction[place] - prediction, 0.0)
             at = float(places.along[beyond].min())
-            yield Hypothesis(Oddity.CUT_OFF, (name,), CURVATURE, beyond, lost, at)
+            yield Irregularity(Oddity.CUT_OFF, (name,), CURVATURE, beyond, lost, at)
 
 
-def _of_edge(subject: JointModel, rows: Flags, prediction: Floats) -> Iterator[Hypothesis]:
+def _of_edge(subject: JointModel, rows: Flags, prediction: Floats) -> Iterator[Irregularity]:
     """Yield that no specimen was seen beyond a curvature: the edge of the picture."""
     places = subject.places
     curved = rows & (places.kind == CURVATURE)
@@ -247,7 +247,7 @@ def _of_edge(subject: JointModel, rows: Flags, prediction: Floats) -> Iterator[H
         names = tuple(dict.fromkeys(places.specimen[beyond].tolist()))
         if beyond.sum() > 1 and len(names) > 1:
             lost = np.where(beyond, edge - prediction, 0.0)
-            yield Hypothesis(Oddity.EDGE, names, CURVATURE, beyond, lost, float(edge))
+            yield Irregularity(Oddity.EDGE, names, CURVATURE, beyond, lost, float(edge))
 
 
 def _largest(values: Floats, rows: Flags) -> float:
@@ -265,7 +265,7 @@ def _steps(places: Places, own: Flags) -> NDArray[np.int64]:
 
 def _pictures(
     places: Places, own: Flags, name: str, kinds: list[str], prediction: Floats
-) -> Iterator[Hypothesis]:
+) -> Iterator[Irregularity]:
     """Yield each reading, and all that were taken from one picture together."""
     pictures: dict[tuple[object, ...], list[int]] = {}
     for i in np.flatnonzero(own):
@@ -277,11 +277,13 @@ def _pictures(
         rows[taken] = True
         at = float(str(along))
         if len(taken) > 1 and len(kinds) > 1:
-            yield Hypothesis(Oddity.READING, (name,), "", rows, np.where(rows, prediction, 0.0), at)
+            yield Irregularity(
+                Oddity.READING, (name,), "", rows, np.where(rows, prediction, 0.0), at
+            )
         for one in taken:
             alone = np.zeros(len(places))
             alone[one] = float(prediction[one]) or 1.0
-            yield Hypothesis(Oddity.READING, (name,), str(places.kind[one]), rows, alone, at)
+            yield Irregularity(Oddity.READING, (name,), str(places.kind[one]), rows, alone, at)
 
 
 def _levels(places: Places, rows: Flags) -> list[tuple[str, ...]]:
@@ -295,12 +297,12 @@ def _levels(places: Places, rows: Flags) -> list[tuple[str, ...]]:
 
 def _of_batches(
     places: Places, rows: Flags, groups: list[tuple[str, ...]], response: Floats
-) -> Iterator[Hypothesis]:
+) -> Iterator[Irregularity]:
     for group in dict.fromkeys(groups):
         own = rows & np.isin(places.specimen, group)
         several = len(np.unique(places.specimen[own])) > 1
         if several and not np.array_equal(own, rows):
-            yield Hypothesis(Oddity.BATCH, group, "", own, np.where(own, response, 0.0))
+            yield Irregularity(Oddity.BATCH, group, "", own, np.where(own, response, 0.0))
 
 
 # ---- scores
@@ -468,7 +470,7 @@ def parts_of(subject: JointModel, vector: Floats) -> ReadingParts:
 
 def scored(
     parts: ReadingParts,
-    known: Sequence[Hypothesis],
+    known: Sequence[Irregularity],
     scatter: float = 1.0,
     errors: Mapping[str, float] | None = None,
 ) -> Scored:
@@ -478,7 +480,7 @@ def scored(
     ----------
     parts : ReadingParts
         What the readings are made of.
-    known : sequence of Hypothesis
+    known : sequence of Irregularity
         What may be wrong.
     scatter : float
         Factor of the deviations of specimens.
@@ -539,7 +541,7 @@ class Pool:
 
     Parameters
     ----------
-    known : tuple of Hypothesis
+    known : tuple of Irregularity
         All of them.
     family : array of str, shape (m,)
         Of which readings each is.
@@ -549,7 +551,7 @@ class Pool:
         Number of specimens of all families.
     """
 
-    known: tuple[Hypothesis, ...]
+    known: tuple[Irregularity, ...]
     family: NDArray[np.str_]
     specimens: NDArray[np.int64]
     total: int
@@ -609,7 +611,7 @@ READING_DOF = 60
 """Of errors of reading: readings on all paths, less what a path has in common."""
 
 
-def pool_of(subject: JointModel, known: tuple[Hypothesis, ...]) -> Pool:
+def pool_of(subject: JointModel, known: tuple[Irregularity, ...]) -> Pool:
     """Return hypotheses with the families of their readings."""
     places = subject.places
     family = np.array([str(places.family[np.argmax(one.rows)]) for one in known])
@@ -682,7 +684,7 @@ def _posed(
     return pool_of(subject, known), Scored(now.observed, columns)
 
 
-def _two_groups(pool: Pool, now: Scored) -> Iterator[tuple[Hypothesis, Floats]]:
+def _two_groups(pool: Pool, now: Scored) -> Iterator[tuple[Irregularity, Floats]]:
     r"""Yield hypotheses that specimens fall into two groups, each with its whitened direction.
 
     The sizes :math:`\hat\phi_k` of single specimens in order, the statistic is the largest t of the
@@ -710,7 +712,7 @@ def _two_groups(pool: Pool, now: Scored) -> Iterator[tuple[Hypothesis, Floats]]:
             names = tuple(one.specimens[0] for one in chosen)
             rows = np.any([one.rows for one in chosen], axis=0)
             direction = np.sum([one.direction for one in chosen], axis=0)
-            one = Hypothesis(group, names, chosen[0].kind, rows, direction)
+            one = Irregularity(group, names, chosen[0].kind, rows, direction)
             yield one, now.columns[:, few].sum(axis=1)
 
 
