@@ -106,14 +106,14 @@ def test_every_oddity_has_its_words(oddity):
     facts = {"one": one, "odd": found, "way": way, "partner": "", "stiffer": 1.35}
     said = sentences("findings", "suspect", **facts)
     assert said.startswith("A10-2 ")
-    assert said.endswith("It is set aside.")
+    assert "set aside" in said
     assert said.count("?") == 1
     exchanged = sentences("findings", "suspect", **(facts | {"partner": "A20-1"}))
     assert "A20-1" in exchanged
 
 
 def test_the_reader_learns_what_the_verdict_would_be_with_them():
-    entry = SuspectEntry(specimen="A10-2", why="A10-2 is odd.", set_aside=True)
+    entry = SuspectEntry(specimen="A10-2", why="odd", set_aside=True)
     verdict = VerdictRecord.read(
         {
             "outcome": "adequate",
@@ -123,7 +123,7 @@ def test_the_reader_learns_what_the_verdict_would_be_with_them():
     )
     assert verdict.with_suspects.outcome is Outcome.NAMED
     first, second = doubts_of(verdict)
-    assert first == "A10-2 is odd."
+    assert first == "odd"
     assert "erosion" in second
     alike = {"outcome": "adequate", "suspects": [entry.document()]}
     same = VerdictRecord.read(alike | {"with_suspects": {"outcome": "adequate"}})
