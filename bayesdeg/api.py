@@ -26,10 +26,9 @@ from bayesdeg.console import can_show_bars, shown
 from bayesdeg.criticism.decide.support import can_be_held_out
 from bayesdeg.criticism.holdout.gain import gain_table
 from bayesdeg.criticism.holdout.leaving_out import carried_out, one_by_one
-from bayesdeg.data.families import RibbedDimensions
-from bayesdeg.data.settings import EFFORTS, Dimensions, Effort
+from bayesdeg.data.settings import EFFORTS, AnyDimensions, Effort
 from bayesdeg.data.study import Study
-from bayesdeg.emulator.kept import CACHE, Recipe, refuse_without_emulator
+from bayesdeg.emulator.kept import CACHE, Recipe, refuse_whole_range
 from bayesdeg.emulator.solutions import SolutionStore
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.emulator.trained import find, write_trained
@@ -52,7 +51,7 @@ CAMPAIGN = Path(".cache/campaign")
 
 
 def emulator(
-    geometry: Dimensions | RibbedDimensions | Moulded | Study,
+    geometry: AnyDimensions | Moulded | Study,
     *,
     cache: Path | str = CACHE,
     workers: int | None = None,
@@ -87,7 +86,7 @@ def emulator(
         If it is an actuator that no emulator can be trained for.
     """
     shape = _moulded(geometry)
-    refuse_without_emulator(shape)
+    refuse_whole_range(shape)
     found = find(shape, cache=Path(cache))
     if found.surrogate is not None:
         return found.surrogate
@@ -98,10 +97,10 @@ def emulator(
     return trained
 
 
-def _moulded(given: Dimensions | RibbedDimensions | Moulded | Study) -> Moulded:
+def _moulded(given: AnyDimensions | Moulded | Study) -> Moulded:
     if isinstance(given, Study):
         return geometry_of_study(given.settings)
-    return geometry_of(given) if isinstance(given, Dimensions | RibbedDimensions) else given
+    return geometry_of(given) if isinstance(given, AnyDimensions) else given
 
 
 def calibrate(

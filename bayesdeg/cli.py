@@ -13,6 +13,7 @@ from typing import Annotated
 import typer
 
 import bayesdeg
+from bayesdeg.__main__ import SIGNALS
 from bayesdeg.commands.lazy import COMMANDS, LazyGroup, placeholder
 from bayesdeg.commands.options import Stopped
 from bayesdeg.console import errors
@@ -32,7 +33,6 @@ for command in COMMANDS:
 
 DONE, OUR_FAULT, INPUT_FAULT, STOPPED = 0, 1, 2, 3
 INTERRUPTED = 130  # what typer returns of a command that Ctrl-C stopped
-SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 def _print_version(wanted: bool) -> None:
@@ -64,12 +64,15 @@ def main() -> None:
         code = exit_code()
     except KeyboardInterrupt:  # a second signal, while the first was being answered
         code = STOPPED
+    except OSError:  # nothing can be said any more: the terminal is gone
+        code = STOPPED
     for number in SIGNALS:
         signal.signal(number, signal.SIG_IGN)  # what is done is done
     if code != DONE:
         # at once: worker processes end with this one, whatever they are at
-        sys.stdout.flush()
-        sys.stderr.flush()
+        with suppress(OSError):
+            sys.stdout.flush()
+            sys.stderr.flush()
         _give_back_semaphores()
         os._exit(code)
 

@@ -7,6 +7,7 @@ and its thickness.
 """
 
 from collections.abc import Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,8 +20,7 @@ from scipy.stats import norm, qmc
 from bayesdeg.actuator.curve import Curve, PathSamples, relative_to_reference
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.inputs import Inputs, Prediction
-from bayesdeg.actuator.mesh import CONVERGED
-from bayesdeg.data.settings import Dimensions
+from bayesdeg.actuator.status import Resolution
 from bayesdeg.emulator.campaign import Finished, Kind, Run, complete, missing
 from bayesdeg.emulator.regression import Observed, observe
 from bayesdeg.emulator.scaling import GROUPS, LOAD, MATERIAL, NAMES, Place, groups_of
@@ -167,16 +167,22 @@ def left_out(gaps: Sequence[Gap]) -> Floats:
 
 
 def exact_gaps(
-    levels: Sequence[Level], emulator: Surrogate, store: SolutionStore, *, count: int
+    levels: Sequence[Level],
+    emulator: Surrogate,
+    store: SolutionStore,
+    *,
+    count: int,
+    geometry: Geometry,
+    mesh: Resolution,
+    executor: Executor | None = None,
 ) -> tuple[list[list[Gap]], float]:
     """Solve the exact curves that the store lacks; return gaps by level, and core seconds."""
-    geometry = Geometry(Dimensions())
     # the first of more curves are those of fewer
     sampler = qmc.Sobol(len(COORDINATES), rng=np.random.default_rng(7))
     unit = sampler.random(2 ** int(np.ceil(np.log2(count))))[:count]
     normals = SPREAD * norm.ppf(unit)
     runs = [
-        Run(geometry, CONVERGED, _curve(level, point), Kind.SAMPLES)
+        Run(geometry, mesh, _curve(level, point), Kind.SAMPLES)
         for level in levels
         for point in level.mean + normals @ level.factor.T
     ]
@@ -186,7 +192,7 @@ def exact_gaps(
     def show(finished: Finished) -> None:
         say(f"  {finished.solution.status.name} after {finished.seconds:.1f} s")
 
-    solved = complete(runs, store, on_run=show)
+    solved = complete(runs, store, executor=executor, on_run=show)
     gaps: list[list[Gap]] = [[] for _ in levels]
     for k, (run, samples) in enumerate(zip(runs, solved, strict=True)):
         assert isinstance(samples, PathSamples)

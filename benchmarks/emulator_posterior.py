@@ -12,6 +12,7 @@ What the emulator may be wrong by is a part of its posterior: an error common to
 parameters say nothing of an exact map, whose own error is that of its mesh. So densities of all
 other parameters are compared, the common error being integrated out of both."""
 
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,10 +22,12 @@ from forward_case import say
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.inputs import Inputs
+from bayesdeg.actuator.status import CONVERGED, Resolution
 from bayesdeg.causes.catalogue import find
 from bayesdeg.criticism.subject import with_neutral
-from bayesdeg.data.study import read_study
+from bayesdeg.data.study import Study, read_study
 from bayesdeg.emulator.scaling import LOAD, groups_of
 from bayesdeg.emulator.solutions import SolutionStore
 from bayesdeg.emulator.surrogate import Surrogate
@@ -78,9 +81,9 @@ class Draws:
         return np.stack([named[name] for name in self.names], axis=-1)
 
 
-def sampled(emulator: Surrogate, seed: int) -> Draws:
+def sampled(study: Study, emulator: Surrogate, seed: int) -> Draws:
     """Return draws by importance sampling, as the pipeline does."""
-    base, cause = assemble(read_study(STUDY), emulator).model, find(CAUSE)
+    base, cause = assemble(study, emulator).model, find(CAUSE)
     model, generator = base.extended(cause), np.random.default_rng(seed)
     start = with_neutral(approximate(base, generator).mode, base, model)
     rough = evidence(model, approximate(model, generator, start=start), generator, draws=PROPOSALS)
@@ -201,15 +204,35 @@ def shift_of(values: Floats, weights: Floats, log_ratio: Floats) -> Shift:
 
 
 def posterior_shift(
-    emulator: Surrogate, store: SolutionStore, *, exact_draws: int, seed: int = 12
+    emulator: Surrogate,
+    store: SolutionStore,
+    *,
+    exact_draws: int,
+    seed: int = 12,
+    study: Study | None = None,
+    mesh: Resolution = CONVERGED,
+    executor: Executor | None = None,
 ) -> tuple[float, dict[str, object]]:
-    """Return the largest shift of a posterior mean and what was done."""
-    draws = sampled(emulator, seed)
+    """Return the largest shift of a posterior mean and what was done.
+
+    Of the gelatin study, unless another is given, in which ``CAUSE`` is at work and whose
+    emulator stands for ``mesh``.
+    """
+    study = study or read_study(STUDY)
+    draws = sampled(study, emulator, seed)
     model, names = draws.model, draws.names
     say(f"{len(draws.vectors)} draws, effective number {draws.effective:.0f}")
     equal = np.random.default_rng(4).choice(len(draws.weights), 2000, p=draws.weights)
     levels = levels_of(model, model.table.named(draws.vectors[equal]), emulator)
-    gaps, seconds = exact_gaps(levels, emulator, store, count=exact_draws)
+    gaps, seconds = exact_gaps(
+        levels,
+        emulator,
+        store,
+        count=exact_draws,
+        geometry=Geometry(study.settings.dimensions),
+        mesh=mesh,
+        executor=executor,
+    )
     assert model.actuator is not None
     rates = np.unique(model.actuator.degradation)
     places = np.searchsorted(rates, model.actuator.degradation.ravel())

@@ -281,7 +281,7 @@ main()
 """
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", cli.SIGNALS)
 @pytest.mark.parametrize("when", ["typer", "rich.console", "bayesdeg.errors", "numpy", "pandas"])
 def test_a_signal_ends_the_command_with_3_from_its_first_import_on(tmp_path, number, when):
     done = subprocess.run(
@@ -295,6 +295,16 @@ def test_a_signal_ends_the_command_with_3_from_its_first_import_on(tmp_path, num
     assert done.returncode == cli.STOPPED
     assert done.stderr.startswith("stopped")
     assert len(done.stderr.splitlines()) == 1
+
+
+def test_a_closed_terminal_ends_a_command_with_3(tmp_path):
+    """Nothing can be said there any more, not even that it stopped."""
+    ours, theirs = os.openpty()
+    command = [sys.executable, "-c", START, str(int(signal.SIGHUP)), "numpy", "check", "nowhere"]
+    with subprocess.Popen(command, cwd=tmp_path, stdout=theirs, stderr=theirs) as running:
+        os.close(theirs)
+        os.close(ours)
+        assert running.wait(60) == cli.STOPPED
 
 
 def test_a_signal_after_the_work_changes_nothing(monkeypatch):

@@ -98,6 +98,8 @@ class Body:
         Displacements that are held at zero.
     depth : array, shape (n_elements, n_points)
         How far each quadrature point is under the nearest exposed face; inf if none is [mm].
+    layer : array of bool, shape (n_elements,), optional
+        Bricks of a layer of another elastomer; none if not given.
     """
 
     element: Element
@@ -109,6 +111,7 @@ class Body:
     paper: Indices
     fixed: NDArray[np.bool_]
     depth: Floats
+    layer: NDArray[np.bool_] | None = None
 
     def placed_at(self, nodes: Floats) -> Self:
         """Return the same bricks with their nodes elsewhere, (n_nodes, 3) [mm]."""
@@ -259,3 +262,23 @@ def reference_faces(order: int) -> Indices:
 def _corner_places(order: int) -> Indices:
     side = order + 1
     return np.array([0, side - 1, side * (side - 1), side * side - 1])
+
+
+APART = 1e-6  # mm: coordinates that differ by less are one plane's, and by more two planes'
+
+
+def levels_of(values: Floats) -> tuple[Floats, Indices]:
+    """Return coordinates that are equal but for rounding as one, rising, and which each is.
+
+    Examples
+    --------
+    >>> x, which = levels_of(np.array([1.0, 0.5 + 2e-16, 0.5, 1.0 - 1e-15]))
+    >>> x.round(3).tolist(), which.tolist()
+    ([0.5, 1.0], [1, 0, 0, 1])
+    """
+    order = np.argsort(values, kind="stable")
+    rising = values[order]
+    begins = np.diff(rising, prepend=-np.inf) > APART
+    which = np.empty(len(values), dtype=np.int64)
+    which[order] = np.cumsum(begins) - 1
+    return rising[begins], which

@@ -19,10 +19,16 @@ from bayesdeg.actuator.inputs import (
     relative_to_reference,
 )
 from bayesdeg.actuator.linear import Factorization, open_factorization
-from bayesdeg.actuator.material import MaterialGroups
+from bayesdeg.actuator.material import LayerGroups, MaterialGroups
 from bayesdeg.actuator.mesh import ActuatorMesh, build_mesh, reshaped
 from bayesdeg.actuator.moulded import Moulded
-from bayesdeg.actuator.outputs import OUTPUTS, PEAK, measured_strains, read_state
+from bayesdeg.actuator.outputs import (
+    OUTPUTS,
+    PEAK,
+    measured_strains,
+    read_state,
+    read_with_gradients,
+)
 from bayesdeg.actuator.problem import DiscreteEquations, Problem, System
 from bayesdeg.actuator.sensitivity import INPUTS, Variation, derivatives, variations
 from bayesdeg.actuator.status import MODEL_VERSION as MODEL_VERSION
@@ -31,6 +37,9 @@ from bayesdeg.actuator.weak_form import Spaces, WeakForm
 from bayesdeg.errors import BayesdegError, GeometryError
 
 Floats = NDArray[np.float64]
+
+VOLUME = OUTPUTS.index("cavity_volume")
+CUBIC_MILLIMETRE = 1e-3  # ml
 
 
 class PathRecord:
@@ -72,17 +81,18 @@ class PathRecord:
         """Record a converged step."""
         if step.factors is None or not (self._wanted is None or step.state.load in self._wanted):
             return
-        reading = read_state(self._mesh, step.state, previous_angle=self._angle)
-        self._angle = reading.bend_angle
+        values, gradients = read_with_gradients(self._mesh, step.state, previous_angle=self._angle)
+        self._angle = float(values[0])
         self.loads.append(step.state.load)
-        self.readings.append(reading.values)
+        self.readings.append(values)
         self.gradients.append(
             derivatives(
                 self._problem,
                 self._solver,
                 state=step.state,
                 factors=step.factors,
-                mesh=self._mesh,
+                readings=values,
+                gradients=gradients,
                 shapes=self._shapes,
                 enough=self._enough,
             )
@@ -99,10 +109,13 @@ class Curve:
         p/C1, rising, above 0 [–].
     material : MaterialGroups
         The other groups.
+    layer : LayerGroups, optional
+        Material of a constraint layer of elastomer.
     """
 
     loads: tuple[float, ...]
     material: MaterialGroups
+    layer: LayerGroups | None = None
 
 
 @dataclass(frozen=True)
@@ -246,9 +259,9 @@ class Actuator:
         Raises
         ------
         BayesdegError
-            If scikit-fem assembles the equations.
+            If scikit-fem assembles the equations, or a layer is of another elastomer.
         """
-        self._need_kernels()
+        self._need_kernels(curve)
         exact = replace(effort or PathEffort(tolerance=1e-6, rate_tolerance=1e-7), exact=True)
         try:
             mesh, problem = self.problem(curve)
@@ -268,9 +281,9 @@ class Actuator:
         Raises
         ------
         BayesdegError
-            If scikit-fem assembles the equations.
+            If scikit-fem assembles the equations, or a layer is of another elastomer.
         """
-        self._need_kernels()
+        self._need_kernels(curve)
         try:
             mesh, problem = self.problem(curve)
         except (GeometryError, ValueError):
@@ -289,7 +302,9 @@ class Actuator:
             solver.name,
         )
 
-    def _need_kernels(self) -> None:
+    def _need_kernels(self, curve: Curve) -> None:
+        if curve.layer is not None:
+            raise BayesdegError("no derivatives are computed beside a layer of another elastomer")
         if self.backend is not Backend.KERNELS:
             raise BayesdegError(
                 f"{self.backend} gives no derivatives by the inputs; take {Backend.KERNELS}"
@@ -314,7 +329,7 @@ class Actuator:
         if self._spaces is None:
             return mesh, problem
         spaces = self._spaces if mesh is self.mesh else Spaces.on(mesh.body)
-        return mesh, WeakForm(problem.system, problem.material, spaces)
+        return mesh, WeakForm(problem.system, problem.material, spaces, layer=problem.layer)
 
     def problem(self, curve: Curve) -> tuple[ActuatorMesh, Problem]:
         """Return the mesh and the kernels' equations for a curve, walls and faces moved.
@@ -326,12 +341,15 @@ class Actuator:
         ValueError
             If an input is not finite or has an impossible sign.
         """
-        material = curve.material
+        material, layer = curve.material, curve.layer
         check_inputs(curve)
+        if layer is not None:  # the stiffer of both must not be compressed either
+            bulk = material.bulk_ratio * max(1.0, layer.c1)
+            material = replace(material, bulk_ratio=bulk)
         if material.wall_factor == 1.0 and material.erosion == 0.0:
-            return self.mesh, Problem(self.system, material)
+            return self.mesh, Problem(self.system, material, layer=layer)
         mesh = reshaped(self.mesh, wall_factor=material.wall_factor, erosion=material.erosion)
-        return mesh, Problem(self.system.with_body(mesh.body), material)
+        return mesh, Problem(self.system.with_body(mesh.body), material, layer=layer)
 
 
 def check_inputs(curve: Curve) -> None:
@@ -434,24 +452,8 @@ class ExactMap:
         """Solve every curve; the last axis of the inputs runs over pressures."""
         if inputs.reference_pressure is not None:
             return relative_to_reference(self, inputs)
-        load, *_ = dimensionless(inputs)
-        groups = material_groups(inputs)
-        shape = np.broadcast_shapes(load.shape, *(np.shape(group) for group in groups.values()))
-        load = np.broadcast_to(load, shape).reshape(-1, shape[-1])
-        rows = {
-            name: np.broadcast_to(group, shape).reshape(-1, shape[-1])
-            for name, group in groups.items()
-        }
-        scale = np.broadcast_to(inputs.linear_scale, shape).reshape(-1, shape[-1])
-        places = [(i, at) for i in range(len(load)) for at in _alike(rows, i)]
-        curves = [
-            _curve(load[i, at], {name: group[i, at[0]] for name, group in rows.items()})
-            for i, at in places
-        ]
-        found = np.empty((5 + len(MEASURES), *load.shape))
-        for (i, at), curve, solution in zip(places, curves, self._solve(curves), strict=True):
-            found[:, i, at] = _place(solution, curve, load[i, at], scale[i, at])
-        curvature, angle, stretch, slope, status, *strains = found.reshape(-1, *shape)
+        curvature, angle, stretch, slope, status, _, *strains = self._answers(inputs)
+        shape = curvature.shape
         if inputs.criterion != "principal_stretch":
             seen = np.stack([strains[k] for k in needed(inputs.criterion)])
             stretch = 1.0 + demanded_strain(inputs, seen)
@@ -465,6 +467,57 @@ class ExactMap:
             peak_stretch_sd=np.zeros(shape),
             status=status.astype(np.int64),
         )
+
+    def cavity_volume(self, inputs: Inputs) -> Floats:
+        """Return the volume of the whole actuator's cavity less that at zero pressure [ml].
+
+        At the reference pressure instead, if there is one; nan where the curve was not reached.
+
+        Parameters
+        ----------
+        inputs : Inputs
+            The last axis runs over pressures.
+        """
+        if inputs.reference_pressure is not None:
+            plain = replace(inputs, reference_pressure=None)
+            zero = replace(plain, pressure=inputs.reference_pressure)
+            return self.cavity_volume(plain) - self.cavity_volume(zero)
+        volume: Floats = self._answers(inputs)[5]
+        return volume
+
+    def _answers(self, inputs: Inputs) -> Floats:
+        """Solve every curve; what `_place` returns, (6 + n_measures, …)."""
+        load, *_ = dimensionless(inputs)
+        groups = material_groups(inputs)
+        shape = np.broadcast_shapes(load.shape, *(np.shape(group) for group in groups.values()))
+        load = np.broadcast_to(load, shape).reshape(-1, shape[-1])
+        rows = {
+            name: np.broadcast_to(group, shape).reshape(-1, shape[-1])
+            for name, group in groups.items()
+        }
+        scale = np.broadcast_to(inputs.linear_scale, shape).reshape(-1, shape[-1])
+        c1 = np.broadcast_to(inputs.c1, shape).reshape(-1, shape[-1])
+        # a layer has constants of its own, of which only ratios to C1 count
+        apart = rows | ({"c1": c1} if self.geometry.constraint.is_slab else {})
+        places = [(i, at) for i in range(len(load)) for at in _alike(apart, i)]
+        curves = [
+            replace(
+                _curve(load[i, at], {name: group[i, at[0]] for name, group in rows.items()}),
+                layer=self._layer(float(c1[i, at[0]])),
+            )
+            for i, at in places
+        ]
+        found = np.empty((6 + len(MEASURES), *load.shape))
+        for (i, at), curve, solution in zip(places, curves, self._solve(curves), strict=True):
+            found[:, i, at] = _place(solution, curve, load[i, at], scale[i, at])
+        return found.reshape(-1, *shape)
+
+    def _layer(self, c1: float) -> LayerGroups | None:
+        """Return the constants of a layer of elastomer over C1 of the body [MPa]."""
+        constraint = self.geometry.constraint
+        if not constraint.is_slab:
+            return None
+        return LayerGroups(*(constant / c1 for constant in constraint.constants))
 
     def _solve(self, curves: list[Curve]) -> list[CurveSolution]:
         tasks = [(self.geometry, self.resolution, curve) for curve in curves]
@@ -540,7 +593,8 @@ def _curve(load: Floats, groups: dict[str, Floats]) -> Curve:
 def _place(solution: CurveSolution, curve: Curve, load: Floats, scale: Floats) -> list[Floats]:
     """Put the solved loads, and rest at zero load, where they stand among the observations.
 
-    Curvature, bend angle, peak stretch, slope, status and the strains of ``MEASURES``.
+    Curvature, bend angle, peak stretch, slope, status, cavity volume of both halves less that at
+    rest [ml], and the strains of ``MEASURES``.
     """
     values = np.vstack([solution.rest, solution.readings])
     rates = np.vstack([solution.rest_rates, solution.rates])
@@ -555,8 +609,13 @@ def _place(solution: CurveSolution, curve: Curve, load: Floats, scale: Floats) -
     failed = np.where(load >= 0.0, int(solution.status), int(Status.INVALID_INPUT))
     status = np.where(ok, int(Status.CONVERGED), failed)
     strains = measured_strains(values).T
-    columns = (kappa - kappa[0], np.degrees(angle - angle[0]), values[:, PEAK], slope, *strains)
-    curvature, degrees, peak, change, *measured = (
+    volume = 2.0 * CUBIC_MILLIMETRE * (values[:, VOLUME] - values[0, VOLUME])
+    columns = (
+        *(kappa - kappa[0], np.degrees(angle - angle[0]), values[:, PEAK], slope),
+        *(volume, *strains),
+    )
+    curvature, degrees, peak, change, swept, *measured = (
         np.where(ok, column[take], np.nan) for column in columns
     )
-    return [curvature / scale, degrees, peak, change / scale, status, *measured]
+    swept = swept * scale**3
+    return [curvature / scale, degrees, peak, change / scale, status, swept, *measured]

@@ -4,25 +4,28 @@ from collections.abc import Callable, Mapping
 from dataclasses import fields
 from typing import Any
 
+from bayesdeg.actuator.cylindrical import CylindricalGeometry
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.moulded import Moulded
 from bayesdeg.actuator.ribbed import RibbedGeometry
-from bayesdeg.data.families import Constraint, Kind, RibbedDimensions
-from bayesdeg.data.settings import MOULDS, Dimensions, Settings
+from bayesdeg.data.families import Constraint, Kind, Mould
+from bayesdeg.data.settings import MOULDS, Settings
 
-GEOMETRIES: Mapping[Kind, Callable[..., Moulded]] = {"pneunet": Geometry, "ribbed": RibbedGeometry}
+GEOMETRIES: Mapping[Kind, Callable[..., Moulded]] = {
+    "pneunet": Geometry,
+    "ribbed": RibbedGeometry,
+    "cylindrical": CylindricalGeometry,
+}
 """Each is made of the family's dimensions, a wall factor, an erosion and a constraint."""
 
 
-def geometry_of(
-    dimensions: Dimensions | RibbedDimensions, constraint: Constraint | None = None
-) -> Moulded:
+def geometry_of(dimensions: Mould, constraint: Constraint | None = None) -> Moulded:
     """Return the geometry of an actuator as moulded.
 
     Parameters
     ----------
-    dimensions : Dimensions or RibbedDimensions
-        Of any family.
+    dimensions : Mould
+        Of any family, such as ``Dimensions`` or ``CylindricalDimensions``.
     constraint : Constraint, optional
         By default paper, where the family has it.
 
@@ -33,6 +36,7 @@ def geometry_of(
 
     Examples
     --------
+    >>> from bayesdeg.data.families import RibbedDimensions
     >>> type(geometry_of(RibbedDimensions())).__name__
     'RibbedGeometry'
     """
@@ -60,6 +64,7 @@ def geometry_of_record(record: Mapping[str, Any]) -> Moulded:
 
     Examples
     --------
+    >>> from bayesdeg.data.families import RibbedDimensions
     >>> geometry = geometry_of(RibbedDimensions(), Constraint("none"))
     >>> geometry_of_record(geometry.record()) == geometry_of(
     ...     RibbedDimensions(), Constraint("none", height=9.25)
@@ -70,7 +75,11 @@ def geometry_of_record(record: Mapping[str, Any]) -> Moulded:
     layer = record.get("constraint")
     constraint = Constraint()
     if layer is not None:
-        constraint = Constraint("paper" if layer["is_there"] else "none", float(layer["height"]))
+        own = {
+            name: layer[name] for name in ("kind", "thickness", "c1", "c2", "c3") if name in layer
+        }
+        kind_of_layer = {"kind": "paper" if layer["is_there"] else "none"}
+        constraint = Constraint(**kind_of_layer | own | {"height": float(layer["height"])})
     whole = {one.name for one in fields(MOULDS[kind]) if one.type is int}
     sizes: dict[str, Any] = {
         name: int(value) if name in whole else value for name, value in record["dimensions"].items()

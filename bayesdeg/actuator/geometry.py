@@ -15,6 +15,7 @@ from bayesdeg.actuator.moulded import (
     constraint_record,
     line_height,
     planes_of,
+    slab_of,
     volume_without,
 )
 from bayesdeg.actuator.status import Resolution
@@ -208,6 +209,11 @@ class Geometry:
         return self.slots
 
     @property
+    def slab(self) -> tuple[Box, ...]:
+        """The box of a constraint layer of elastomer, if it is one [mm]."""
+        return slab_of(self.constraint, self.dimensions, self.outer)
+
+    @property
     def volume(self) -> float:
         """Volume of the gel of the whole actuator [mm³].
 
@@ -225,7 +231,7 @@ class Geometry:
 
     def planes(self) -> Planes:
         """Return the coordinates of all planes along x, y and z between which bricks stand [mm]."""
-        return planes_of(self.outer, (*self.cavities, *self.slots), self.line_height)
+        return planes_of(self.outer, (*self.slab, *self.cavities, *self.slots), self.line_height)
 
     def changed(self, *, wall_factor: float, erosion: float) -> Self:
         """Return the actuator with thicker or thinner walls and faces eroded [–, mm]."""

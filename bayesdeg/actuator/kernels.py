@@ -408,6 +408,32 @@ def deformation(
 
 
 @njit(cache=True)
+def add_pull(
+    push: Floats, chosen: Indices, elements: Indices, gradients: Floats, out: Floats
+) -> None:  # pragma: no cover - compiled
+    """Add what a rate by F, (n, n_points, 3, 3) of chosen elements, is by the nodes' positions."""
+    n_local, n_points = elements.shape[1], gradients.shape[1]
+    rows = np.empty((3, 3 * n_points))
+    for k in range(chosen.shape[0]):
+        e = chosen[k]
+        for q in range(n_points):
+            for i in range(3):
+                for j in range(3):
+                    rows[i, 3 * q + j] = push[k, q, i, j]
+        add_force(rows @ gradients[e].reshape((3 * n_points, n_local)), elements[e], out)
+
+
+@njit(cache=True)
+def add_rows(places: Indices, values: Floats, out: Floats) -> None:  # pragma: no cover - compiled
+    """Add values (n, n_places, 3, n_fields) at places (n, n_places) to fields (n_fields, …, 3)."""
+    for k in range(places.shape[0]):
+        for a in range(places.shape[1]):
+            for i in range(3):
+                for f in range(out.shape[0]):
+                    out[f, places[k, a], i] += values[k, a, i, f]
+
+
+@njit(cache=True)
 def solid_products(
     displacement: Floats,
     pressure: Floats,

@@ -7,6 +7,8 @@ from numpy.typing import NDArray
 
 from bayesdeg.actuator.body import Body
 
+Floats = NDArray[np.float64]
+
 
 @dataclass(frozen=True)
 class MaterialGroups:
@@ -57,6 +59,55 @@ class MaterialGroups:
     erosion: float = 0.0
 
 
+@dataclass(frozen=True)
+class LayerGroups:
+    """Yeoh constants of a layer of another elastomer, over C1 of the body.
+
+    Parameters
+    ----------
+    c1, c2, c3 : float
+        Its constants [C1].
+    """
+
+    c1: float
+    c2: float = 0.0
+    c3: float = 0.0
+
+
+def local_constants(
+    material: MaterialGroups, body: Body, layer: LayerGroups | None = None
+) -> Floats:
+    """Return C1, C2, C3 and r at every quadrature point, (n_elements, n_points, 4) [C1].
+
+    Parameters
+    ----------
+    material : MaterialGroups
+        Of the body, whose skin may be stiffer than its core.
+    body : Body
+        Its bricks.
+    layer : LayerGroups, optional
+        Of the bricks of its layer, which has no skin.
+
+    Examples
+    --------
+    >>> from bayesdeg.actuator.body import box
+    >>> from dataclasses import replace
+    >>> body = replace(box((1, 1, 2), divisions=(1, 1, 2)), layer=np.array([True, False]))
+    >>> soft = MaterialGroups(c2_ratio=0.0, c3_ratio=0.5, paper_group=0.0)
+    >>> local_constants(soft, body, LayerGroups(8.0))[:, 0, :3].tolist()
+    [[8.0, 0.0, 0.0], [1.0, 0.0, 0.5]]
+    """
+    m = material
+    uniform = np.array([1.0, m.c2_ratio, m.c3_ratio, m.second_invariant_ratio])
+    if m.skin == 0.0:
+        local = np.broadcast_to(uniform, (*body.weights.shape, 4)).copy()
+    else:
+        local = np.exp(m.skin * skin_profile(body))[..., None] * uniform
+    if layer is not None and body.layer is not None:
+        local[body.layer] = [layer.c1, layer.c2, layer.c3, 0.0]
+    return local
+
+
 def is_elliptic(material: MaterialGroups) -> bool:
     """Return whether ∂W/∂I₁ > 0 for all strains: C3 ≥ 0 and C2 > −√(3 C1 C3).
 
@@ -74,8 +125,6 @@ def is_elliptic(material: MaterialGroups) -> bool:
         return bool(c2 > -np.sqrt(3.0 * c3))
     return c3 == 0.0 and c2 >= 0.0
 
-
-Floats = NDArray[np.float64]
 
 SKIN_DEPTH = 0.5  # mm at moulded size, over which degradation falls by e from an exposed face
 

@@ -8,12 +8,14 @@ from numpy.typing import NDArray
 from skfem import MeshHex
 
 from bayesdeg.actuator.body import (
+    APART,
     QUADRATIC,
     Body,
     Element,
     body_of,
     boundary_faces,
     faces_on_plane,
+    levels_of,
 )
 from bayesdeg.actuator.moulded import Box, Moulded, bottom_is_exposed
 from bayesdeg.actuator.status import COARSE as COARSE
@@ -94,6 +96,7 @@ def build_mesh(
             paper=_layer(body, geometry),
             fixed=fixed,
             depth=_depth(body, geometry),
+            layer=_slab(body, geometry),
         ),
         free_end=_grid_order(nodes, faces[end]),
         bottom_line=_line(nodes, geometry.line_height),
@@ -141,10 +144,17 @@ def _depth(body: Body, geometry: Moulded) -> Floats:
 
 
 def _layer(body: Body, geometry: Moulded) -> Indices:
-    """Nodes of the faces that the constraint layer covers, as grids over x and y."""
-    if not geometry.constraint.is_there:
+    """Nodes of the faces that a membrane covers, as grids over x and y."""
+    if not geometry.constraint.is_membrane:
         return np.empty((0, (body.element.order + 1) ** 2), dtype=np.int64)
     return _grid_order(body.nodes, faces_on_plane(body, geometry.line_height))
+
+
+def _slab(body: Body, geometry: Moulded) -> NDArray[np.bool_] | None:
+    """Bricks of a constraint layer of elastomer; None without one."""
+    if not geometry.slab:
+        return None
+    return _inside_any(body.nodes[body.elements].mean(axis=1), geometry.slab)
 
 
 def _divide(planes: Floats, size: float, grading: float) -> Floats:
@@ -204,9 +214,10 @@ def _grid_order(nodes: Floats, faces: Indices) -> Indices:
     """Order the nodes of plane faces as a grid over their two tangent axes, x before y before z."""
     ordered = np.empty_like(faces)
     for row, face in enumerate(faces):
-        position = np.round(nodes[face], 7)
-        first, second = np.flatnonzero(np.ptp(position, axis=0) > 1e-6)
-        ordered[row] = face[np.lexsort((position[:, second], position[:, first]))]
+        position = nodes[face]
+        first, second = np.flatnonzero(np.ptp(position, axis=0) > APART)
+        keys = [levels_of(position[:, axis])[1] for axis in (second, first)]
+        ordered[row] = face[np.lexsort(keys)]
     return ordered
 
 

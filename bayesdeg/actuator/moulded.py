@@ -45,6 +45,10 @@ class Moulded(Protocol):
         """Those of the voids that lie open to what is outside [mm]."""
 
     @property
+    def slab(self) -> tuple[Box, ...]:
+        """The box of a constraint layer of elastomer, if it is one [mm]."""
+
+    @property
     def line_height(self) -> float:
         """Height of the constraint's plane, along whose middle the curvature is read [mm]."""
 
@@ -66,8 +70,8 @@ class Moulded(Protocol):
 
 
 def bottom_is_exposed(constraint: Constraint, mould: Mould) -> bool:
-    """Return whether no layer covers the bottom."""
-    return not (constraint.is_there and constraint.height_in(mould) == 0.0)
+    """Return whether no membrane covers the bottom; an elastomer there is exposed itself."""
+    return not (constraint.is_membrane and constraint.height_in(mould) == 0.0)
 
 
 def line_height(constraint: Constraint, mould: Mould, erosion: float) -> float:
@@ -82,7 +86,52 @@ def line_height(constraint: Constraint, mould: Mould, erosion: float) -> float:
 
 def constraint_record(constraint: Constraint, mould: Mould) -> dict[str, object]:
     """Return what a solution depends on of the constraint: paper and film are the same."""
-    return {"is_there": constraint.is_there, "height": constraint.height_in(mould)}
+    plain: dict[str, object] = {
+        "is_there": constraint.is_there,
+        "height": constraint.height_in(mould),
+    }
+    own = ("kind", "thickness", "c1", "c2", "c3")
+    return plain | ({name: getattr(constraint, name) for name in own} if constraint.is_slab else {})
+
+
+def slab_of(constraint: Constraint, mould: Mould, outer: Box) -> tuple[Box, ...]:
+    """Return the box of a layer of elastomer within what is left of the block, if it is one.
+
+    Examples
+    --------
+    >>> from bayesdeg.data.families import RibbedDimensions
+    >>> layer = Constraint("elastomer", thickness=1.0, c1=60.0)
+    >>> slab_of(layer, RibbedDimensions(), ((0.0, 37.8), (0.0, 16.0), (0.0, 18.5)))
+    (((0.0, 37.8), (0.0, 16.0), (8.75, 9.75)),)
+    """
+    if not constraint.is_slab:
+        return ()
+    low, high = constraint.slab_in(mould)
+    return ((outer[0], outer[1], (max(low, outer[2][0]), min(high, outer[2][1]))),)
+
+
+def block_left(mould: Mould, constraint: Constraint, erosion: float) -> Box:
+    """Return what erosion leaves of the half block: all outer faces but the clamped end move [mm].
+
+    The bottom is one of them where no layer covers it.
+    """
+    bottom = erosion if bottom_is_exposed(constraint, mould) else 0.0
+    return (
+        (0.0, mould.length - erosion),
+        (0.0, mould.width / 2 - erosion),
+        (bottom, mould.height - erosion),
+    )
+
+
+def mirrored(boxes: tuple[Box, ...], height: float) -> tuple[Box, ...]:
+    """Return the mirror images of boxes in the middle of a height [mm].
+
+    Examples
+    --------
+    >>> mirrored((((0.0, 1.0), (0.0, 1.0), (7.0, 9.0)),), 10.0)
+    (((0.0, 1.0), (0.0, 1.0), (1.0, 3.0)),)
+    """
+    return tuple((x, y, (height - high, height - low)) for x, y, (low, high) in boxes)
 
 
 def planes_of(outer: Box, boxes: tuple[Box, ...], line_height: float) -> Planes:

@@ -4,6 +4,7 @@ Every reading comes with its rate along the path, and with its gradient by the n
 from which adjoint derivatives follow.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -268,27 +269,19 @@ class Stretches:
     value: Floats
     slope: Floats
 
-    def rate(self, body: Body, velocity: Floats) -> Floats:
-        """Return dλ for a displacement (n_nodes, 3) at every point, (n_elements, n_points)."""
-        change = np.empty_like(self.slope)
-        kernels.deformation(velocity, body.elements, body.gradients, change)
-        change -= np.eye(3)
-        rate: Floats = np.einsum("eqij,eqij->eq", self.slope, change)
-        return rate
-
 
 def principal_stretch(body: Body, state: MechanicalState) -> Stretches:
     """Return the largest principal stretch and its derivative at every quadrature point."""
-    f = _deformation(body, state)
+    f = _deformation(body, state.displacement)
     value = np.empty(body.weights.shape)
     largest_stretch(f, value)
     return Stretches(value, f)
 
 
-def _deformation(body: Body, state: MechanicalState) -> Floats:
+def _deformation(body: Body, displacement: Floats) -> Floats:
     """Return F at every quadrature point, (n_elements, n_points, 3, 3)."""
     f = np.empty((*body.weights.shape, 3, 3))
-    kernels.deformation(state.displacement, body.elements, body.gradients, f)
+    kernels.deformation(displacement, body.elements, body.gradients, f)
     return f
 
 
@@ -328,7 +321,7 @@ def equivalent_stretches(f: Floats, largest: Stretches) -> tuple[Stretches, Stre
     volume = np.linalg.det(f)
     by_volume = volume[..., None, None] * np.swapaxes(np.linalg.inv(f), -1, -2)  # ∂J/∂F
     shrunk = volume ** (-2.0 / 3.0)
-    whole = np.einsum("eqij,eqij->eq", f, f)
+    whole = np.einsum("...ij,...ij->...", f, f)
     top = largest.value**2
     by_top = 2.0 * largest.value[..., None, None] * largest.slope
     # the other two squares have the sum and the product that are left
@@ -373,6 +366,30 @@ def _stretch_of_difference(difference: Floats) -> tuple[Floats, Floats]:
         stretch = stretch - (stretch**2 - 1.0 / stretch - difference) / rate
     stretch = np.maximum(stretch, 1.0)
     return stretch, 2.0 * stretch + 1.0 / stretch**2
+
+
+@njit(cache=True)
+def demands(
+    f: Floats, largest: Floats, energy: Floats, difference: Floats
+) -> None:  # pragma: no cover - compiled
+    """Overwrite with Ī₁ and λ̄₁² − λ̄₃², which `equivalent_stretches` rise with.
+
+    The two squares but the largest have the sum I₁ − λ₁² and the product J²/λ₁².
+    """
+    inverse = np.empty((3, 3))
+    for e in range(largest.shape[0]):
+        for q in range(largest.shape[1]):
+            volume = kernels.invert(f[e, q], inverse)
+            whole = 0.0
+            for i in range(3):
+                for j in range(3):
+                    whole += f[e, q, i, j] * f[e, q, i, j]
+            top = largest[e, q] * largest[e, q]
+            rest = whole - top
+            root = np.sqrt(max(rest * rest - 4.0 * volume * volume / top, 0.0))
+            shrunk = volume ** (-2.0 / 3.0)
+            energy[e, q] = shrunk * whole
+            difference[e, q] = shrunk * (top - 0.5 * (rest - root))
 
 
 @njit(cache=True)
@@ -524,14 +541,33 @@ def weibull_integral(stretch: Floats, weights: Floats, modulus: float) -> float:
     return float(np.sum(weights * np.maximum(stretch - 1.0, 0.0) ** modulus))
 
 
-def pull_back(body: Body, stretches: Stretches, factors: Floats) -> Floats:
-    """Return Σ factor ∂λ/∂x over quadrature points, (n_nodes, 3) [1/mm]."""
-    element, point = np.nonzero(factors)
-    weighted = factors[element, point][:, None, None] * stretches.slope[element, point]
-    pull = np.einsum("kij,kja->kai", weighted, body.gradients[element, point], optimize=True)
-    gradient = np.zeros_like(body.nodes)
-    np.add.at(gradient, body.elements[element], pull)
-    return gradient
+@dataclass(frozen=True)
+class StrainReading:
+    """One number that is read of the field of stretch, and how it changes with the deformation.
+
+    Parameters
+    ----------
+    value : float
+        [–].
+    elements : array, shape (n,)
+        Those that it depends on.
+    push : array, shape (n, n_points, 3, 3)
+        Its derivative by the deformation gradient at their quadrature points [–].
+    """
+
+    value: float
+    elements: NDArray[np.int64]
+    push: Floats
+
+    def rate(self, change: Floats) -> float:
+        """Return its change with that of the deformation gradient, (n_elements, n_points, 3, 3)."""
+        return float(np.vdot(self.push, change[self.elements]))
+
+    def gradient(self, body: Body) -> Floats:
+        """Return its derivative by the nodes' positions, (n_nodes, 3) [1/mm]."""
+        gradient = np.zeros_like(body.nodes)
+        kernels.add_pull(self.push, self.elements, body.elements, body.gradients, gradient)
+        return gradient
 
 
 PEAK_SHARE = 0.99  # share of the volume that is stretched less than the peak stretch
@@ -612,32 +648,29 @@ def read_state(
     previous_angle : float
         Angle at the load before [rad]; the angle is unwrapped to the branch next to it.
     """
-    body = mesh.body
-    velocity = np.zeros_like(body.nodes) if rate is None else rate.displacement
-    lines = _line_readings(mesh, body.nodes + state.displacement, previous_angle)
-    values = [value for value, _ in lines]
-    rates = [np.sum(gradient * velocity) for _, gradient in lines]
-    for stretches, strains in _strain_readings(body, state):
-        stretching = stretches.rate(body, velocity)
-        values += [value for value, _ in strains]
-        rates += [np.sum(factors * stretching) for _, factors in strains]
-    return Reading(np.array(values), np.array(rates))
+    lines = _line_readings(mesh, mesh.body.nodes + state.displacement, previous_angle)
+    strains = _strain_readings(mesh.body, state)
+    values = np.array([*(value for value, _ in lines), *(strain.value for strain in strains)])
+    if rate is None:
+        return Reading(values, np.zeros_like(values))
+    change = _deformation(mesh.body, rate.displacement) - np.eye(3)
+    rates = [float(np.vdot(gradient, rate.displacement)) for _, gradient in lines]
+    rates += [strain.rate(change) for strain in strains]
+    return Reading(values, np.array(rates))
 
 
-def reading_gradients(mesh: ActuatorMesh, state: MechanicalState) -> Floats:
-    """Return the derivatives of all readings by the nodes' positions, (n_outputs, n_nodes, 3)."""
-    body = mesh.body
-    lines = _line_readings(mesh, body.nodes + state.displacement, 0.0)
-    return np.stack(
-        [
-            *(gradient for _, gradient in lines),
-            *(
-                pull_back(body, stretches, factors)
-                for stretches, strains in _strain_readings(body, state)
-                for _, factors in strains
-            ),
-        ]
-    )
+def read_with_gradients(
+    mesh: ActuatorMesh, state: MechanicalState, *, previous_angle: float = 0.0
+) -> tuple[Floats, Floats]:
+    """Return all readings, (n_outputs,), and their derivatives by the nodes' positions.
+
+    The derivatives have the shape (n_outputs, n_nodes, 3).
+    """
+    lines = _line_readings(mesh, mesh.body.nodes + state.displacement, previous_angle)
+    strains = _strain_readings(mesh.body, state)
+    values = np.array([*(value for value, _ in lines), *(strain.value for strain in strains)])
+    gradients = [gradient for _, gradient in lines]
+    return values, np.stack([*gradients, *(strain.gradient(mesh.body) for strain in strains)])
 
 
 def _line_readings(
@@ -651,20 +684,53 @@ def _line_readings(
     ]
 
 
-def _strain_readings(
-    body: Body, state: MechanicalState
-) -> list[tuple[Stretches, list[tuple[float, Floats]]]]:
-    """Measures of stretch, each field with its readings and their derivatives by it."""
-    f = _deformation(body, state)
+def _strain_readings(body: Body, state: MechanicalState) -> list[StrainReading]:
+    """Measures of stretch, in the order of ``OUTPUTS``, with their derivatives."""
+    f = _deformation(body, state.displacement)
     largest = principal_stretch(body, state)
-    strains = [weibull_strain(largest.value, body.weights, modulus) for modulus in WEIBULL_MODULI]
+    energy, difference = np.empty(largest.value.shape), np.empty(largest.value.shape)
+    demands(f, largest.value, energy, difference)
+    every = np.arange(len(body.elements))
+    whole = [weibull_strain(largest.value, body.weights, m) for m in WEIBULL_MODULI]
     return [
-        (largest, [quantile_weights(largest.value, body.weights, PEAK_SHARE), *strains]),
+        _quantile(body, f, largest, field=largest.value, stretches=lambda _, here: here),
         *(
-            (one, [quantile_weights(one.value, body.weights, PEAK_SHARE)])
-            for one in equivalent_stretches(f, largest)
+            StrainReading(value, every, factors[..., None, None] * largest.slope)
+            for value, factors in whole
+        ),
+        _quantile(
+            body, f, largest, field=energy, stretches=lambda f, s: equivalent_stretches(f, s)[0]
+        ),
+        _quantile(
+            body, f, largest, field=difference, stretches=lambda f, s: equivalent_stretches(f, s)[1]
         ),
     ]
+
+
+def _equivalent(which: int, f: Floats, largest: Stretches) -> Stretches:
+    return equivalent_stretches(f, largest)[which]
+
+
+def _quantile(
+    body: Body,
+    f: Floats,
+    largest: Stretches,
+    *,
+    field: Floats,
+    stretches: Callable[[Floats, Stretches], Stretches],
+) -> StrainReading:
+    """Return what 99 % of the volume stays below, of stretches that rise with ``field``.
+
+    Two points tell all, so only theirs are evaluated.
+    """
+    order, left, right, part = quantile_points(field, body.weights, PEAK_SHARE)
+    elements, points = np.unravel_index(order[[left, right]], field.shape)
+    shares = np.array([1.0 - part, part])
+    here = Stretches(largest.value[elements, points], largest.slope[elements, points])
+    found = stretches(f[elements, points], here)
+    push = np.zeros((2, *largest.slope.shape[1:]))
+    push[(0, 1), points] = shares[:, None, None] * found.slope
+    return StrainReading(float(shares @ found.value), elements, push)
 
 
 def traced_curvature(mesh: ActuatorMesh, state: MechanicalState) -> float:

@@ -10,7 +10,7 @@ import scipy.sparse as sp
 from numba import njit
 from numpy.typing import NDArray
 
-from bayesdeg.actuator.body import Body
+from bayesdeg.actuator.body import Body, levels_of
 from bayesdeg.actuator.kernels import scatter
 
 Floats = NDArray[np.float64]
@@ -247,8 +247,8 @@ def bending_matrix(body: Body) -> sp.coo_array:
 
 def _grid(body: Body) -> tuple[Indices, Floats, Floats]:
     nodes = np.unique(body.paper)
-    x, first = np.unique(np.round(body.nodes[nodes, 0], 9), return_inverse=True)
-    y, second = np.unique(np.round(body.nodes[nodes, 1], 9), return_inverse=True)
+    x, first = levels_of(body.nodes[nodes, 0])
+    y, second = levels_of(body.nodes[nodes, 1])
     if len(nodes) != len(x) * len(y):
         raise ValueError("the papered faces do not fill a rectangle")
     grid = np.empty((len(x), len(y)), dtype=np.int64)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from bayesdeg.actuator import kernels, paper
 from bayesdeg.actuator.body import Body
-from bayesdeg.actuator.material import MaterialGroups, skin_profile
+from bayesdeg.actuator.material import LayerGroups, MaterialGroups, local_constants
 from bayesdeg.actuator.paper import bending_matrix
 
 Floats = NDArray[np.float64]
@@ -273,12 +273,15 @@ class Problem:
         Dead forces beside gravity [C1 mm²].
     share : float
         Share of the dead loads and of the paper's mismatch that acts [–].
+    layer : LayerGroups, optional
+        Material of the bricks of the body's layer.
     """
 
     system: System
     material: MaterialGroups
     nodal_force: Floats | None = None
     share: float = 1.0
+    layer: LayerGroups | None = None
     face: tuple[Floats, Floats, Floats] = field(init=False, repr=False)
     _form: Floats = field(init=False, repr=False)
 
@@ -300,12 +303,7 @@ class Problem:
     @cached_property
     def constants(self) -> Floats:
         """C1, C2, C3 and r at every quadrature point, (n_elements, n_points, 4) [C1]."""
-        m, body = self.material, self.system.body
-        uniform = np.array([1.0, m.c2_ratio, m.c3_ratio, m.second_invariant_ratio])
-        if m.skin == 0.0:
-            return np.ascontiguousarray(np.broadcast_to(uniform, (*body.weights.shape, 4)))
-        local: Floats = np.exp(m.skin * skin_profile(body))[..., None] * uniform
-        return local
+        return local_constants(self.material, self.system.body, self.layer)
 
     @cached_property
     def dead_force(self) -> Floats:
@@ -424,8 +422,7 @@ class Problem:
         for faces, tangents in self._surface_tangents(state):
             local = along[faces].reshape(*tangents.shape[:2], len(directions))
             pushes = (tangents @ local).reshape(*faces.shape, 3, len(directions))
-            for force, push in zip(forces, np.moveaxis(pushes, -1, 0), strict=True):
-                np.add.at(force, faces, push)
+            kernels.add_rows(faces, pushes, forces)
         if self.material.paper_group > 0.0:
             bend = self.system.bending @ along.reshape(-1, len(directions))
             forces += self.bending_stiffness * bend.T.reshape(forces.shape)

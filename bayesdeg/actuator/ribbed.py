@@ -8,12 +8,14 @@ import numpy as np
 from bayesdeg.actuator.moulded import (
     Box,
     Planes,
-    bottom_is_exposed,
+    block_left,
     change_problems,
     constraint_record,
     line_height,
+    mirrored,
     order_is_kept,
     planes_of,
+    slab_of,
     volume_without,
 )
 from bayesdeg.actuator.status import FINE, Resolution
@@ -92,9 +94,7 @@ class RibbedGeometry:
     @property
     def outer(self) -> Box:
         """What is left of the block after erosion [mm]."""
-        d, e = self.dimensions, self.erosion
-        bottom = e if bottom_is_exposed(self.constraint, d) else 0.0
-        return (0.0, d.length - e), (0.0, d.width / 2 - e), (bottom, d.height - e)
+        return block_left(self.dimensions, self.constraint, self.erosion)
 
     @property
     def slit_spans(self) -> tuple[tuple[float, float], ...]:
@@ -122,10 +122,8 @@ class RibbedGeometry:
     @property
     def lower(self) -> tuple[Box, ...]:
         """Their mirror images in the lower half; none if it has no channels [mm]."""
-        top = self.dimensions.height
-        if not self.dimensions.is_mirrored:
-            return ()
-        return tuple((x, y, (top - high, top - low)) for x, y, (low, high) in self.upper)
+        d = self.dimensions
+        return mirrored(self.upper, d.height) if d.is_mirrored else ()
 
     @property
     def cavities(self) -> tuple[Box, ...]:
@@ -143,9 +141,14 @@ class RibbedGeometry:
         return ()
 
     @property
+    def slab(self) -> tuple[Box, ...]:
+        """The box of a constraint layer of elastomer, if it is one [mm]."""
+        return slab_of(self.constraint, self.dimensions, self.outer)
+
+    @property
     def _faces(self) -> tuple[Box, ...]:
         plane = (0.0, 0.0), (0.0, 0.0), (self.line_height, self.line_height)
-        return (self.outer, plane, *self.upper, *self.lower)
+        return (self.outer, plane, *self.slab, *self.upper, *self.lower)
 
     @property
     def volume(self) -> float:
@@ -177,7 +180,7 @@ class RibbedGeometry:
 
     def planes(self) -> Planes:
         """Return the coordinates of all planes along x, y and z between which bricks stand [mm]."""
-        return planes_of(self.outer, (*self.upper, *self.lower), self.line_height)
+        return planes_of(self.outer, (*self.slab, *self.upper, *self.lower), self.line_height)
 
     def changed(self, *, wall_factor: float, erosion: float) -> Self:
         """Return the segment with thicker or thinner walls and faces eroded [–, mm]."""

@@ -40,6 +40,9 @@ def described(geometry: Moulded) -> str:
     mould, layer = geometry.dimensions, geometry.constraint
     sizes = ", ".join(f"{name} {value}" for name, value in vars(mould).items())
     at = f"{layer.kind} at a height of {geometry.line_height:g}" if layer.is_there else "none"
+    if layer.is_slab:
+        c1, c2, c3 = layer.c1, layer.c2, layer.c3
+        at += f", {layer.thickness:g} thick, C1 {c1:g}, C2 {c2:g}, C3 {c3:g} kPa"
     return (
         f"{mould.kind} actuator as moulded [mm]: {sizes}; constraint layer: {at}; "
         f"material {1e-3 * geometry.volume:.4g} ml, cavity {1e-3 * air_volume(geometry):.3g} ml"
@@ -83,8 +86,10 @@ def section(geometry: Moulded, columns: int = COLUMNS) -> str:
     for boxes, mark in ((geometry.voids, OPEN), (geometry.cavities, PRESSED)):
         for box in boxes:
             drawn[np.ix_(*_within(box, z, x))] = mark
+    for box in geometry.slab:
+        drawn[np.ix_(*_within(box, z, x))] = LAYER
     lines = ["".join(row) for row in drawn]
-    if geometry.constraint.is_there:
+    if geometry.constraint.is_there and LAYER not in drawn:
         lines.insert(int(np.sum(z > geometry.line_height)), LAYER * columns)
     return "\n".join(lines)
 

@@ -17,7 +17,7 @@ from bayesdeg.actuator import kernels, paper
 from bayesdeg.actuator.linear import Factorization
 from bayesdeg.actuator.material import MaterialGroups, skin_profile
 from bayesdeg.actuator.mesh import ActuatorMesh, reshaped
-from bayesdeg.actuator.outputs import read_state, reading_gradients
+from bayesdeg.actuator.outputs import read_state
 from bayesdeg.actuator.problem import Linearisation, MechanicalState, Problem, System
 from bayesdeg.errors import GeometryError
 
@@ -42,7 +42,8 @@ class Variation:
         volume, and (λᵤ, λₚ) the adjoint of the reading g. The partial derivatives are
         differences over ``STEP``, good to about 1e-7 of the whole.
         """
-        there = evaluated(self.mesh, self.problem, here.state)
+        angle = float(here.readings[0])
+        there = evaluated(self.mesh, self.problem, here.state, previous_angle=angle)
         force, volume = there.force - here.force, there.volume - here.volume
         through = [np.sum(a.displacement * force) + np.sum(a.pressure * volume) for a in adjoints]
         return (there.readings - here.readings - np.array(through)) / STEP
@@ -58,10 +59,12 @@ class Evaluated:
     volume: Floats
 
 
-def evaluated(mesh: ActuatorMesh, problem: Problem, state: MechanicalState) -> Evaluated:
+def evaluated(
+    mesh: ActuatorMesh, problem: Problem, state: MechanicalState, *, previous_angle: float
+) -> Evaluated:
     """Return readings and residuals of a mesh at a state."""
     residual = problem.linearise(state, tangent=False)
-    readings = read_state(mesh, state).values
+    readings = read_state(mesh, state, previous_angle=previous_angle).values
     return Evaluated(state, readings, residual.force, residual.volume_residual)
 
 
@@ -133,6 +136,7 @@ MATERIAL_INPUTS = (
 INPUTS = (*MATERIAL_INPUTS, *SHAPE_INPUTS)
 
 CORRECTIONS = 8
+NOTHING = np.finfo(float).tiny  # at rest some readings do not change, and their adjoints are zero
 
 
 def derivatives(
@@ -141,7 +145,8 @@ def derivatives(
     *,
     state: MechanicalState,
     factors: Linearisation,
-    mesh: ActuatorMesh,
+    readings: Floats,
+    gradients: Floats,
     shapes: Sequence[Variation | None],
     enough: float,
 ) -> Floats:
@@ -157,8 +162,8 @@ def derivatives(
         An equilibrium.
     factors : Linearisation
         That tangent's linearisation.
-    mesh : ActuatorMesh
-        Whose outputs are read.
+    readings, gradients : arrays, shapes (n_outputs,) and (n_outputs, n_nodes, 3)
+        From ``outputs.read_with_gradients``.
     shapes : sequence of Variation
         Of ``SHAPE_INPUTS``.
     enough : float
@@ -170,13 +175,13 @@ def derivatives(
         Columns in the order of ``INPUTS``, nan where the geometry cannot vary; the outputs depend
         directly on the shape alone.
     """
-    gradients = reading_gradients(mesh, state)
     adjoints = adjoint_states(
         problem, solver, state=state, factors=factors, gradients=gradients, enough=enough
     )
     fields = np.stack([adjoint.displacement for adjoint in adjoints])
     by_material = -np.einsum("oni,mni->om", fields, residual_rates(problem, state), optimize=True)
-    here = evaluated(mesh, problem, state)
+    residual = problem.linearise(state, tangent=False)
+    here = Evaluated(state, readings, residual.force, residual.volume_residual)
     unknown = np.full(len(adjoints), np.nan)
     by_shape = [unknown if s is None else s.derivatives(here, adjoints) for s in shapes]
     return np.column_stack([by_material, *by_shape])
@@ -193,11 +198,14 @@ def adjoint_states(
 ) -> list[MechanicalState]:
     """Return the adjoints of all outputs: the mixed problem's tangent inverted, times (g, 0).
 
-    Factors of a tangent near by are corrected by the defect of the mixed problem's equations.
+    Factors of a tangent near by are corrected by the defect of the mixed problem's equations. The
+    corrections shrink by a constant ratio, so the next is foreseen from the last two; it ends where
+    that changes less than ``enough``.
     """
     right = np.column_stack([problem.on_free(g) for g in gradients])
     fields = [problem.system.expand(column) for column in solver.solve(right).T]
     adjoints = [MechanicalState(u, problem.pressure_increment(factors, u), 0.0) for u in fields]
+    before, sizes = np.ones(len(fields)), np.array([_largest(field) for field in fields])
     for _ in range(CORRECTIONS):
         products = problem.products(state, adjoints)
         defects = [(f - g, v) for (f, v), g in zip(products, gradients, strict=True)]
@@ -207,8 +215,10 @@ def adjoint_states(
             a.moved(u, problem.pressure_increment(factors, u, v))
             for a, u, (_, v) in zip(adjoints, moves, defects, strict=True)
         ]
-        if all(_largest(u) <= enough * _largest(a) for u, a in zip(moves, fields, strict=True)):
+        now = np.array([_largest(u) for u in moves]) / np.maximum(sizes, NOTHING)
+        if np.all(now * np.minimum(now / np.maximum(before, NOTHING), 1.0) <= enough):
             break
+        before = now
     return adjoints
 
 

@@ -38,7 +38,12 @@ from skfem.helpers import ddot, det, eye, grad, identity, inv, mul, trace, trans
 from skfem.refdom import RefHex
 
 from bayesdeg.actuator.body import QUADRATIC, Body
-from bayesdeg.actuator.material import MaterialGroups, skin_profile
+from bayesdeg.actuator.material import (
+    LayerGroups,
+    MaterialGroups,
+    local_constants,
+    skin_profile,
+)
 from bayesdeg.actuator.problem import NOTHING, Linearisation, MechanicalState, System
 
 Floats = NDArray[np.float64]
@@ -156,10 +161,13 @@ class SolidLaw:
         Ratios of the constants to C1.
     c1 : array, shape (n_elements, n_points)
         C1 over its value in the groups: a skin differs from the core [–].
+    ratios : array, shape (3, n_elements, n_points), optional
+        C2, C3 and r over the C1 of their place, where they are not those of the groups [–].
     """
 
     material: MaterialGroups
     c1: Floats
+    ratios: Floats | None = None
 
     def stress(self, at: Deformation, p: Floats) -> Floats:
         """Return P = w'(Ī₁) D₁ + v'(Ī₂) D₂ + p cof F, with Dᵢ = ∂Īᵢ/∂F [C1]."""
@@ -179,10 +187,12 @@ class SolidLaw:
 
     def _slopes(self, at: Deformation) -> tuple[tuple[Floats, Floats], tuple[Floats, Floats]]:
         """First and second derivatives w', w'' and v', v'' of the energy."""
-        c2, c3 = self.material.c2_ratio, self.material.c3_ratio
+        m = self.material
+        usual = (m.c2_ratio, m.c3_ratio, m.second_invariant_ratio)
+        c2, c3, r_ratio = usual if self.ratios is None else self.ratios
         x = at.J ** (-2.0 / 3.0) * at.first - 3.0
         y = at.J ** (-4.0 / 3.0) * at.second
-        r = self.c1 * self.material.second_invariant_ratio
+        r = self.c1 * r_ratio
         return (
             (self.c1 * (1.0 + 2.0 * c2 * x + 3.0 * c3 * x**2), self.c1 * (2.0 * c2 + 6.0 * c3 * x)),
             (0.5 * r / np.sqrt(y), -0.25 * r / (y * np.sqrt(y))),
@@ -443,6 +453,7 @@ class WeakForm:
     material: MaterialGroups
     spaces: Spaces
     share: float = 1.0
+    layer: LayerGroups | None = None
 
     def with_share(self, share: float) -> Self:
         """Return the problem with another share of its dead loads."""
@@ -459,6 +470,10 @@ class WeakForm:
 
     @cached_property
     def _solid(self) -> SolidLaw:
+        if self.layer is not None:
+            constants = local_constants(self.material, self.system.body, self.layer)
+            c1 = constants[..., 0]
+            return SolidLaw(self.material, c1, np.moveaxis(constants[..., 1:], -1, 0) / c1)
         contrast = self.material.skin
         local = np.exp(contrast * skin_profile(self.system.body)) if contrast else np.ones(1)
         return SolidLaw(self.material, local)

@@ -13,7 +13,7 @@ from bayesdeg.commands import training
 from bayesdeg.commands.options import CORES, Quiet, Scheduler, Workers, Yes
 from bayesdeg.console import errors
 from bayesdeg.data.settings import FILE, Settings, parse_settings
-from bayesdeg.emulator.kept import CACHE, cached_path, refuse_without_emulator
+from bayesdeg.emulator.kept import CACHE, cached_path, refuse_whole_range
 from bayesdeg.emulator.solutions import SolutionStore
 from bayesdeg.emulator.workers import workplace
 from bayesdeg.errors import Fault, StudyError
@@ -75,7 +75,7 @@ def emulate(
     if not timeout > 0.0:
         raise typer.BadParameter(f"{timeout:g} s is no time to solve anything; give more than 0")
     actuator = geometry_of_study(_settings(geometry))
-    refuse_without_emulator(actuator)
+    refuse_whole_range(actuator)
     path = cached_path(actuator, training.RECIPE, CACHE) if out is None else output_file(out)
     with workplace(workers, scheduler) as executor:
         campaign = Campaign(actuator, training.RECIPE, SolutionStore(store), executor, timeout)

@@ -29,6 +29,7 @@ from bayesdeg.emulator.local import (
     LocalDesign,
     local_design,
     span_of,
+    units_for,
 )
 from bayesdeg.emulator.scaling import TrainingRange
 from bayesdeg.emulator.solutions import SolutionStore
@@ -108,8 +109,9 @@ def emulator_for(
     with shown(manner.quiet) as progress:
         progress.stage("where the study lies")
         asked = asked_of(study, study.settings.seed)
-    first = local_design(asked, LOCAL(geometry.dimensions))
-    known = _known(study, first, span_of(asked, wider=0.0), manner)
+    units = units_for(geometry, asked)
+    first = local_design(asked, LOCAL(geometry.dimensions), units)
+    known = _known(study, first, span_of(asked.in_units(units), wider=0.0), manner)
     if known is not None:
         return known
     if not manner.quiet:
@@ -124,6 +126,8 @@ def _known(
     geometry = geometry_of_study(study.settings)
     own = _kept_for(geometry, first)
     for path, surrogate in covering(geometry, wanted, CACHE):
+        if surrogate.units != first.units:
+            continue
         if path == own or _is_good(_asked_after(study, surrogate, manner)):
             return surrogate
     return None
@@ -231,9 +235,16 @@ def _say_where(found: AskedAfterwards, manner: Manner, *, good: bool) -> None:
     if manner.quiet:
         return
     then = "" if good else "; further curves are solved there"
+    ends = (
+        ""
+        if found.unanswered == 0.0
+        else f" (at a further {100.0 * found.unanswered:.2g} % some reading lies where curves end, "
+        "which no training mends)"
+    )
     _print(
         f"where the posterior lies the emulator's standard error is {found.error_pct:.2g} % "
-        f"(wanted: {TARGET_PCT:g} %), and {100.0 * found.outside:.2g} % of it is outside{then}"
+        f"(wanted: {TARGET_PCT:g} %), and {100.0 * found.outside:.2g} % of it is outside its range"
+        f"{ends}{then}"
     )
 
 

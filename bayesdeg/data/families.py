@@ -1,14 +1,14 @@
-"""Families of actuators: what may be said of a constraint layer, and of a ribbed segment's mould.
+"""Families of actuators: what may be said of a constraint layer, and of segments with channels.
 
 The dimensions of a pneunet are `bayesdeg.data.settings.Dimensions`.
 """
 
 from dataclasses import dataclass, fields
-from math import isfinite
+from math import isfinite, sqrt
 from typing import Literal, Protocol, get_args
 
-Kind = Literal["pneunet", "ribbed"]
-ConstraintKind = Literal["paper", "film", "none"]
+Kind = Literal["pneunet", "ribbed", "cylindrical"]
+ConstraintKind = Literal["paper", "film", "elastomer", "none"]
 Passive = Literal["open", "pressurised", "solid", "none"]
 
 KINDS: tuple[Kind, ...] = get_args(Kind)
@@ -60,12 +60,17 @@ class Constraint:
 
     Parameters
     ----------
-    kind : {"paper", "film", "none"}
-        Paper and film are the same membrane with its bending stiffness; with none nothing keeps
-        the plane from stretching, and the curvature is read along it all the same.
+    kind : {"paper", "film", "elastomer", "none"}
+        Paper and film are the same membrane with its bending stiffness. An elastomer is a slab
+        of another material in the place of the actuator's own, bonded to it. With none nothing
+        keeps the plane from stretching, and the curvature is read along it all the same.
     height : float, optional
-        Of its plane over the bottom [mm]; by default the bottom, or the middle of an actuator
-        with two halves.
+        Of its plane, which is the middle of a slab, over the bottom [mm]; by default the layer
+        lies on the bottom, or in the middle of an actuator with two halves.
+    thickness : float
+        Of a slab of elastomer [mm]; that of a membrane belongs to the paper.
+    c1, c2, c3 : float
+        Yeoh constants of an elastomer [kPa].
 
     Examples
     --------
@@ -75,11 +80,30 @@ class Constraint:
 
     kind: ConstraintKind = "paper"
     height: float | None = None
+    thickness: float = 0.0
+    c1: float = 0.0
+    c2: float = 0.0
+    c3: float = 0.0
 
     @property
     def is_there(self) -> bool:
         """Whether there is a layer at all."""
         return self.kind != "none"
+
+    @property
+    def is_membrane(self) -> bool:
+        """Whether it is a membrane in its plane."""
+        return self.kind in ("paper", "film")
+
+    @property
+    def is_slab(self) -> bool:
+        """Whether it is a slab of an elastomer with a thickness of its own."""
+        return self.kind == "elastomer"
+
+    @property
+    def constants(self) -> tuple[float, float, float]:
+        """Yeoh constants of an elastomer [MPa]."""
+        return 1e-3 * self.c1, 1e-3 * self.c2, 1e-3 * self.c3
 
     def height_in(self, mould: Mould) -> float:
         """Return the height of the plane in an actuator [mm].
@@ -89,7 +113,20 @@ class Constraint:
         >>> Constraint().height_in(RibbedDimensions())
         9.25
         """
-        return mould.usual_height if self.height is None else self.height
+        if self.height is not None:
+            return self.height
+        return max(mould.usual_height, 0.5 * self.thickness if self.is_slab else 0.0)
+
+    def slab_in(self, mould: Mould) -> tuple[float, float]:
+        """Return the heights of the lower and the upper face of a slab [mm].
+
+        Examples
+        --------
+        >>> Constraint("elastomer", thickness=1.0, c1=60.0).slab_in(RibbedDimensions())
+        (8.75, 9.75)
+        """
+        middle = self.height_in(mould)
+        return middle - 0.5 * self.thickness, middle + 0.5 * self.thickness
 
     def problems(self, mould: Mould) -> tuple[str, ...]:
         """Say why the layer cannot lie in an actuator of these possible dimensions.
@@ -104,6 +141,8 @@ class Constraint:
         >>> Constraint(height=13.0).problems(RibbedDimensions())[0].partition("; ")[2]
         'give [constraint] height from 8.75 to 9.75 mm'
         """
+        if self.is_slab:
+            return self._wrong_constants() or self._wrong_slab(mould)
         low, high = mould.constraint_room
         at = self.height_in(mould)
         if low <= at <= high:
@@ -111,6 +150,35 @@ class Constraint:
         return (
             f"the constraint layer at a height of {at:g} mm would cut the channels or lie outside; "
             f"give [constraint] height from {low:g} to {high:g} mm",
+        )
+
+    def _wrong_constants(self) -> tuple[str, ...]:
+        """Say what is wrong with an elastomer; ∂W/∂I₁ > 0 at every strain as of the body."""
+        if not (isfinite(self.thickness) and self.thickness >= SMALLEST_MM):
+            return (
+                f"an elastomer layer {self.thickness:g} mm thick cannot be made; "
+                f"give [constraint] thickness of at least {SMALLEST_MM:g} mm",
+            )
+        if not (isfinite(self.c1) and self.c1 > 0.0):
+            return (
+                f"an elastomer layer with C1 = {self.c1:g} kPa has no stiffness; give C1 in kPa",
+            )
+        lowest = -sqrt(3.0 * self.c1 * max(self.c3, 0.0))
+        if self.c3 >= 0.0 and (self.c2 >= 0.0 or self.c2 > lowest):
+            return ()
+        return (
+            f"an elastomer with C2 = {self.c2:g} and C3 = {self.c3:g} kPa softens to nothing when "
+            f"stretched; give C3 not below 0 and C2 above {lowest:g} kPa",
+        )
+
+    def _wrong_slab(self, mould: Mould) -> tuple[str, ...]:
+        room, slab, slack = mould.constraint_room, self.slab_in(mould), 1e-9
+        if room[0] - slack <= slab[0] and slab[1] <= room[1] + slack:
+            return ()
+        return (
+            f"an elastomer layer from {slab[0]:g} to {slab[1]:g} mm would cut the channels or lie "
+            f"outside; give [constraint] height and thickness with which it lies between "
+            f"{room[0]:g} and {room[1]:g} mm",
         )
 
 
@@ -234,20 +302,7 @@ class RibbedDimensions:
         >>> RibbedDimensions(cover=7.0).problems()[0].partition("; ")[2]
         'give a cover or a channel_height that is smaller'
         """
-        return self._wrong_values() or self._wrong_sums() or self._wrong_passages()
-
-    def _wrong_values(self) -> tuple[str, ...]:
-        lengths = [e.name for e in fields(self) if e.name not in ("channels", "passive")]
-        wrong = [
-            f"{name} is {value:g} mm; give {SMALLEST_MM:g} to {LARGEST_MM:g} mm"
-            for name in lengths
-            if not (isfinite(value := getattr(self, name)) and SMALLEST_MM <= value <= LARGEST_MM)
-        ]
-        if not isinstance(self.channels, int) or not 1 <= self.channels <= MOST_CHAMBERS:
-            wrong.append(f"channels is {self.channels}; give a whole number of 1 to 200")
-        if self.passive not in PASSIVES:
-            wrong.append(f"passive is {self.passive!r}; give one of {', '.join(PASSIVES)}")
-        return tuple(wrong)
+        return _wrong_values(self) or self._wrong_sums() or self._wrong_passages()
 
     def _wrong_sums(self) -> tuple[str, ...]:
         wrong = []
@@ -289,3 +344,185 @@ class RibbedDimensions:
             )
             if passage > slit
         )
+
+
+@dataclass(frozen=True)
+class CylindricalDimensions:
+    """Dimensions of a segment with straight channels beside its axis, as moulded; lengths in mm.
+
+    A block with rectangular channels along it, side by side over the middle of its width, closed at
+    both ends. The defaults are those of the cylindrical segment of Marchese, Katzschmann and Rus,
+    doi:10.1089/soro.2014.0022, as far as they are stated.
+
+    Parameters
+    ----------
+    length, width, height : float
+        Outer length, width and height of the whole, both halves included [mm].
+    channels : int
+        Number of channels side by side in a half.
+    channel_length, channel_width, channel_height : float
+        One channel, in the middle of the length [mm].
+    pitch : float
+        From the middle of one channel to that of the next [mm]; of one channel it says nothing.
+    offset : float
+        Height of the channels' middle over the plane of the constraint layer where that usually
+        lies: the middle, or the bottom of an actuator with one half [mm]. Not stated by the
+        authors; the default puts the channel in the middle of its half: assumed.
+    passive : {"open", "pressurised", "solid", "none"}
+        The other half, a mirror image: its channels open to the air, under the same pressure,
+        or none in it; or no other half at all.
+
+    Examples
+    --------
+    >>> d = CylindricalDimensions()
+    >>> d.problems()
+    ()
+    >>> round(d.channel_length * d.channel_width * d.channel_height, 1)  # of a half [mm³]
+    313.6
+    """
+
+    length: float = 61.2
+    width: float = 33.5
+    height: float = 19.6
+    channels: int = 1
+    channel_length: float = 40.0
+    channel_width: float = 2.8
+    channel_height: float = 2.8
+    pitch: float = 5.6
+    offset: float = 4.9
+    passive: Passive = "open"
+
+    @property
+    def kind(self) -> Kind:
+        """The family."""
+        return "cylindrical"
+
+    @property
+    def is_mirrored(self) -> bool:
+        """Whether there are channels in the other half too."""
+        return self.passive in ("open", "pressurised")
+
+    @property
+    def end_wall(self) -> float:
+        """Material before and behind the channels [mm]."""
+        return 0.5 * (self.length - self.channel_length)
+
+    @property
+    def floor(self) -> float:
+        """Height of the lower face of the channels over the bottom [mm]."""
+        return self.usual_height + self.offset - 0.5 * self.channel_height
+
+    @property
+    def cover(self) -> float:
+        """Material over the channels [mm]."""
+        return self.height - self.floor - self.channel_height
+
+    @property
+    def usual_height(self) -> float:
+        """Height of the constraint layer if none is stated: the middle, or the bottom [mm]."""
+        return 0.0 if self.passive == "none" else 0.5 * self.height
+
+    @property
+    def constraint_room(self) -> tuple[float, float]:
+        """Heights between which a layer runs through material alone [mm]."""
+        return (self.height - self.floor if self.is_mirrored else 0.0), self.floor
+
+    @property
+    def channel_middles(self) -> tuple[float, ...]:
+        """Where the middles of the channels lie across, from the middle of the width [mm].
+
+        Examples
+        --------
+        >>> CylindricalDimensions(channels=3).channel_middles
+        (-5.6, 0.0, 5.6)
+        """
+        return tuple(self.pitch * (k - 0.5 * (self.channels - 1)) for k in range(self.channels))
+
+    @property
+    def beam_bending(self) -> float:
+        r"""Bend angle over p/C1 of a beam bent by the pressure on the channels' ends [rad].
+
+        .. math:: \theta = \frac{p A z_c}{6 C_1 I} l, \qquad I = \int z^2 dA
+
+        with A and :math:`z_c` area of the channels across the length and height of their middle
+        over the usual plane of the constraint, which does not stretch, and l their length. It is
+        an order of magnitude: the walls that a channel widens get shorter, which in an
+        incompressible block undoes all of it to first order, so that a segment hardly bends until
+        its channels balloon.
+        """
+        plane, deep = self.usual_height, 0.5 * self.channel_height
+        whole = self.width * ((self.height - plane) ** 3 + plane**3) / 3.0
+        rows, across = 2 if self.is_mirrored else 1, self.channels * self.channel_width
+        air = rows * across * ((self.offset + deep) ** 3 - (self.offset - deep) ** 3) / 3.0
+        moment = across * self.channel_height * self.offset
+        return moment / (6.0 * (whole - air)) * self.channel_length
+
+    @property
+    def _row(self) -> float:
+        return (self.channels - 1) * self.pitch + self.channel_width
+
+    def problems(self) -> tuple[str, ...]:
+        """Say why no actuator can be made of these dimensions.
+
+        Returns
+        -------
+        tuple of str
+            For each reason what is wrong and, after a semicolon, what to do; empty if the
+            dimensions are possible.
+
+        Examples
+        --------
+        >>> CylindricalDimensions(channel_length=70.0).problems()[0].partition("; ")[2]
+        'give a smaller channel_length or a larger length'
+        """
+        return _wrong_values(self) or self._wrong_places() + self._wrong_heights()
+
+    def _wrong_places(self) -> tuple[str, ...]:
+        wrong = []
+        if self.channel_length >= self.length:
+            wrong.append(
+                f"channels {self.channel_length:g} mm long leave no end walls in the length "
+                f"({self.length:g} mm); give a smaller channel_length or a larger length"
+            )
+        if self.channels > 1 and self.channel_width >= self.pitch:
+            wrong.append(
+                f"channels {self.channel_width:g} mm wide leave no walls between them at a pitch "
+                f"of {self.pitch:g} mm; give a smaller channel_width or a larger pitch"
+            )
+        elif self._row >= self.width:
+            wrong.append(
+                f"{self.channels} channels take {self._row:g} mm across and do not lie inside the "
+                f"width ({self.width:g} mm); give fewer or narrower channels, a smaller pitch or a "
+                "larger width"
+            )
+        return tuple(wrong)
+
+    def _wrong_heights(self) -> tuple[str, ...]:
+        lowest, room = 0.5 * self.channel_height, self.height - self.usual_height
+        wrong = []
+        if self.offset <= lowest:
+            wrong.append(
+                f"channels {self.channel_height:g} mm high whose middle is {self.offset:g} mm over "
+                f"the plane of the constraint cut it; give an offset above {lowest:g} mm"
+            )
+        if self.offset + lowest >= room:
+            wrong.append(
+                f"channels {self.channel_height:g} mm high whose middle is {self.offset:g} mm over "
+                f"the plane of the constraint do not lie inside the {room:g} mm above it; "
+                "give a smaller offset or channel_height, or a larger height"
+            )
+        return tuple(wrong)
+
+
+def _wrong_values(mould: RibbedDimensions | CylindricalDimensions) -> tuple[str, ...]:
+    lengths = [e.name for e in fields(mould) if e.name not in ("channels", "passive")]
+    wrong = [
+        f"{name} is {value:g} mm; give {SMALLEST_MM:g} to {LARGEST_MM:g} mm"
+        for name in lengths
+        if not (isfinite(value := getattr(mould, name)) and SMALLEST_MM <= value <= LARGEST_MM)
+    ]
+    if not isinstance(mould.channels, int) or not 1 <= mould.channels <= MOST_CHAMBERS:
+        wrong.append(f"channels is {mould.channels}; give a whole number of 1 to {MOST_CHAMBERS}")
+    if mould.passive not in PASSIVES:
+        wrong.append(f"passive is {mould.passive!r}; give one of {', '.join(PASSIVES)}")
+    return tuple(wrong)

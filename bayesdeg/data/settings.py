@@ -25,6 +25,7 @@ from bayesdeg.data.families import (
     SMALLEST_MM,
     Constraint,
     ConstraintKind,
+    CylindricalDimensions,
     Kind,
     Mould,
     Passive,
@@ -202,6 +203,10 @@ class Dimensions:
         return tuple(wrong)
 
 
+AnyDimensions = Dimensions | RibbedDimensions | CylindricalDimensions
+"""Dimensions of an actuator of any family."""
+
+
 def relative_size(dimensions: Mould) -> float:
     """Return the cube root of an actuator's outer volume over that of the default one [–].
 
@@ -255,16 +260,19 @@ class Settings:
         Heading of the report; empty if not given.
     seed : int
         Seed from which every random number of the study comes.
-    dimensions : Dimensions or RibbedDimensions
+    dimensions : Dimensions, RibbedDimensions or CylindricalDimensions
         The actuator as moulded.
     paper_thickness_mm : float
         Thickness of the strain-limiting paper, or of another layer in its place [mm].
-    constraint_kind : {"paper", "film", "none"}
-        The layer that does not stretch: paper and film differ in name alone; with none nothing
-        keeps the plane from stretching.
+    constraint_kind : {"paper", "film", "elastomer", "none"}
+        The layer that does not stretch: paper and film differ in name alone; an elastomer has a
+        thickness and constants of its own, which must be stated; with none nothing keeps the
+        plane from stretching.
     constraint_height_mm : float, optional
-        Height of that layer over the bottom [mm]; by default the bottom, or the middle of an
-        actuator with two halves.
+        Height of the layer's middle over the bottom [mm]; by default it lies on the bottom, or in
+        the middle of an actuator with two halves.
+    constraint_c1, constraint_c2, constraint_c3 : float
+        Yeoh constants of a layer of elastomer [kPa].
     recipe : MixtureRecipe
         Parts by mass and densities of what films are poured of.
     priors : mapping of str to Law
@@ -299,10 +307,13 @@ class Settings:
 
     title: str = ""
     seed: int = 20211124
-    dimensions: Dimensions | RibbedDimensions = field(default_factory=Dimensions)
+    dimensions: AnyDimensions = field(default_factory=Dimensions)
     paper_thickness_mm: float = 0.1
     constraint_kind: ConstraintKind = "paper"
     constraint_height_mm: float | None = None
+    constraint_c1: float = 0.0
+    constraint_c2: float = 0.0
+    constraint_c3: float = 0.0
     recipe: MixtureRecipe = field(default_factory=MixtureRecipe)
     priors: Mapping[str, Law] = field(default_factory=dict)
     degradation_sd_pct: float = 1.0
@@ -324,7 +335,16 @@ class Settings:
     @property
     def constraint(self) -> Constraint:
         """The layer that does not stretch."""
-        return Constraint(self.constraint_kind, self.constraint_height_mm)
+        if self.constraint_kind != "elastomer":
+            return Constraint(self.constraint_kind, self.constraint_height_mm)
+        return Constraint(
+            self.constraint_kind,
+            self.constraint_height_mm,
+            self.paper_thickness_mm,
+            self.constraint_c1,
+            self.constraint_c2,
+            self.constraint_c3,
+        )
 
 
 FILE = "study.toml"
@@ -403,9 +423,10 @@ _Law = Annotated[Any, PlainValidator(_law)]
 _Text = Annotated[str, StringConstraints(pattern=r"\S")]
 _Function = Annotated[str, StringConstraints(pattern=r"^[^:/\\]+\.py:[A-Za-z_]\w*$")]
 
-MOULDS: Mapping[Kind, type[Dimensions] | type[RibbedDimensions]] = {
+MOULDS: Mapping[Kind, type[AnyDimensions]] = {
     "pneunet": Dimensions,
     "ribbed": RibbedDimensions,
+    "cylindrical": CylindricalDimensions,
 }
 DIMENSIONS = tuple(dict.fromkeys(one.name for mould in MOULDS.values() for one in fields(mould)))
 """Names of dimensions of all families, those that several have once."""
@@ -439,6 +460,9 @@ ENTRIES: tuple[_Entry, ...] = (
         _POSITIVE,
         "constraint_thickness_mm",
     ),
+    _Entry("constraint", "C1", "a number above 0 [kPa]", _POSITIVE, "constraint_c1"),
+    _Entry("constraint", "C2", "a number [kPa]", Number, "constraint_c2"),
+    _Entry("constraint", "C3", "a number not below 0 [kPa]", _DEGRADATION, "constraint_c3"),
     *(_recipe(entry.name) for entry in fields(MixtureRecipe)),
     _Entry("noise", "degradation_sd_pct", "a number not below 0 [%]", _DEGRADATION),
     _Entry("causes", "candidates", _CAUSES, Literal["all"] | _Names[str]),
@@ -548,14 +572,15 @@ def _from_document(document: dict[str, Any], text: str) -> tuple[Settings, tuple
     if ("kind" in table) == ("kind" in accepted):
         faults += _of_other_kinds(accepted.get("kind", "pneunet"), table, text)
     faults += _two_thicknesses(tables, text)
+    faults += _of_elastomers(tables, text)
     if "constraint_thickness_mm" in accepted:
         accepted["paper_thickness_mm"] = accepted.pop("constraint_thickness_mm")
     dimensions = _mould(accepted)
     recipe = MixtureRecipe(**_of(MixtureRecipe, accepted))
     # the defaults that stand in for refused keys must not be blamed
     if not any((fault.column or "").startswith(("actuator", "constraint")) for fault in faults):
-        height = accepted.get("constraint_height_mm")
-        faults += _impossible(dimensions, Constraint(height=height), text)
+        of_layer = {k: v for k, v in accepted.items() if k.startswith(("constraint", "paper"))}
+        faults += _impossible(dimensions, Settings(**of_layer).constraint, text)
     own = {k: accepted.pop(f"own_{k}") for k in _OWN if f"own_{k}" in accepted}
     forward = OwnForward(**own, parameters=unknowns) if "function" in own else None
     if forward is None and not faults:
@@ -605,7 +630,7 @@ def _read_parameters(
     return tuple(found), tuple(faults)
 
 
-def _mould(accepted: dict[str, Any]) -> Dimensions | RibbedDimensions:
+def _mould(accepted: dict[str, Any]) -> AnyDimensions:
     """Take the dimensions of the actuator out of what was accepted, whatever its family."""
     mould = MOULDS[accepted.pop("kind", "pneunet")]
     sizes = {name: accepted.pop(name) for name in DIMENSIONS if name in accepted}
@@ -647,15 +672,45 @@ def _two_thicknesses(tables: Mapping[str, Any], text: str) -> tuple[Fault, ...]:
     )
 
 
+def _of_elastomers(tables: Mapping[str, Any], text: str) -> tuple[Fault, ...]:
+    """Refuse an elastomer without what it needs, and its constants for another layer."""
+    table = tables.get("constraint", {})
+    if table.get("kind") != "elastomer":
+        return tuple(
+            Fault(
+                FILE,
+                "is a constant of an elastomer, and the layer is none",
+                'remove it, or write kind = "elastomer"',
+                _row_of(text, "constraint", key),
+                _dotted("constraint", key),
+                _as_written(table[key]),
+            )
+            for key in ("C1", "C2", "C3")
+            if key in table
+        )
+    needed = {"thickness": "mm", "C1": "kPa"}
+    there = table.keys() | tables.get("paper", {}).keys()
+    return tuple(
+        Fault(
+            FILE,
+            f"is of an elastomer without {name}",
+            f"give [constraint] {name} in {unit}",
+            _row_of(text, "constraint", "kind"),
+            "constraint.kind",
+            '"elastomer"',
+        )
+        for name, unit in needed.items()
+        if name not in there
+    )
+
+
 def _of(part: type[MixtureRecipe], accepted: dict[str, Any]) -> dict[str, Any]:
     """Take the fields of a part out of what was accepted."""
     names = {entry.name for entry in fields(part)}
     return {name: accepted.pop(name) for name in names & accepted.keys()}
 
 
-def _impossible(
-    dimensions: Dimensions | RibbedDimensions, constraint: Constraint, text: str
-) -> tuple[Fault, ...]:
+def _impossible(dimensions: AnyDimensions, constraint: Constraint, text: str) -> tuple[Fault, ...]:
     problems = [("actuator", one) for one in dimensions.problems()]
     if not problems:
         problems = [("constraint", one) for one in constraint.problems(dimensions)]

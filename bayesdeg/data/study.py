@@ -11,9 +11,8 @@ import pandera.pandas as pa
 
 from bayesdeg.data import readings
 from bayesdeg.data.cells import Cells, check_header, read_cells, read_number
-from bayesdeg.data.families import RibbedDimensions
 from bayesdeg.data.settings import FILE as SETTINGS_FILE
-from bayesdeg.data.settings import Dimensions, Settings, parse_settings
+from bayesdeg.data.settings import AnyDimensions, Settings, parse_settings
 from bayesdeg.data.tables import TABLES, Table, broken, row_check, words_of
 from bayesdeg.errors import Fault, StudyError, nearest, use_one_of
 from bayesdeg.files import STUDY_MB, as_named, read_bytes, reason
@@ -310,7 +309,7 @@ class Study:
         return any(bool((table["degradation_pct"].abs() > 0.0).any()) for table in found)
 
     @property
-    def geometry(self) -> Dimensions | RibbedDimensions:
+    def geometry(self) -> AnyDimensions:
         """Dimensions of the actuator as moulded, from ``[actuator]`` of ``study.toml``."""
         return self.settings.dimensions
 

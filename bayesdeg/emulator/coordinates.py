@@ -262,6 +262,14 @@ class Batch:
         warped = LARGEST_WARPED * np.exp(-self.warp[:, 0])
         return np.minimum(warped, span.largest_load(self.scaled[_STIFFENING]))
 
+    def in_range(self, span: TrainingRange) -> Flags:
+        """Return whether material and load lie in the range of the batch, of ``shape``.
+
+        Where curves end earlier there is no answer all the same.
+        """
+        found = self.within[:, None] & (self.loads <= self.largest_load(span)[:, None])
+        return found.reshape(self.shape)
+
     def phi(self, loads: Floats) -> Floats | None:
         """Return φ = s/(s + e q) at loads (n_rows, n_columns); None if no paper is slack."""
         slack, give = (part[:, None] for part in self.slack)

@@ -11,12 +11,13 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from importlib.resources import files
 from importlib.resources.abc import Traversable
-from math import ceil
+from math import ceil, prod
 from pathlib import Path
 from zipfile import BadZipFile
 
 import numpy as np
 
+from bayesdeg.actuator.families import geometry_of
 from bayesdeg.actuator.moulded import Moulded
 from bayesdeg.actuator.status import CONVERGED, MODEL_VERSION, Resolution
 from bayesdeg.data.families import Mould
@@ -95,10 +96,13 @@ class EmulatorSearch:
 
 def other_dimensions(geometry: Moulded, record: str) -> list[str]:
     """Return in words the dimensions of a geometry that an emulator was not trained for."""
-    trained = json.loads(record).get("dimensions_mm", {})
-    unlike = without_emulator(geometry)
-    if unlike:
-        return [unlike]
+    facts = json.loads(record)
+    trained, shape = facts.get("dimensions_mm", {}), facts.get("geometry")
+    unlike = departure(geometry)
+    if shape is not None and shape == json.loads(json.dumps(geometry.record())):
+        return []
+    if unlike or shape is not None:
+        return [unlike or "it is of another kind of actuator"]
     return [
         f"{name} = {value:g} (trained: {trained.get(name, float('nan')):g})"
         for name, value in vars(geometry.dimensions).items()
@@ -106,19 +110,24 @@ def other_dimensions(geometry: Moulded, record: str) -> list[str]:
     ]
 
 
-def without_emulator(geometry: Moulded) -> str:
-    """Say why no emulator of an actuator can be trained; empty if one can.
+def has_ground(geometry: Moulded) -> bool:
+    """Return whether the map of an actuator has the form of the default one's."""
+    return not departure(geometry)
 
-    The coordinates of the emulator are those of the pneunet with paper on its bottom, and how well
-    they serve another was not tried.
+
+def departure(geometry: Moulded) -> str:
+    """Say in what an actuator is no pneunet with paper on its bottom; empty if it is one.
+
+    The whole range of groups is that of such pneunets. An emulator of another actuator is trained
+    for one study, over the part that it asks for.
 
     Examples
     --------
     >>> from bayesdeg.actuator.families import geometry_of
     >>> from bayesdeg.data.families import RibbedDimensions
-    >>> without_emulator(geometry_of(Dimensions()))
+    >>> departure(geometry_of(Dimensions()))
     ''
-    >>> without_emulator(geometry_of(RibbedDimensions()))
+    >>> departure(geometry_of(RibbedDimensions()))
     'it is a ribbed actuator'
     """
     kind = geometry.dimensions.kind
@@ -130,20 +139,46 @@ def without_emulator(geometry: Moulded) -> str:
     return f"its constraint layer is {height:g} mm over the bottom" if height > 0.0 else ""
 
 
+TRAINED_KINDS = ("pneunet", "ribbed")
+"""Families for which the error of the meshes was measured, which an emulator has to state."""
+
+
 def refuse_without_emulator(geometry: Moulded) -> None:
-    """Refuse what needs an emulator for an actuator that none can be trained for.
+    """Refuse an actuator that no emulator can be trained for, not even for one study.
 
     Raises
     ------
     BayesdegError
-        Saying why, and what can be done without.
+        Saying why, and what to do instead.
     """
-    reason = without_emulator(geometry)
+    kind, layer = geometry.dimensions.kind, geometry.constraint
+    reason = ""
+    if kind not in TRAINED_KINDS:
+        reason = f"it is a {kind} actuator, and the error of its meshes is not known"
+    elif layer.is_slab:
+        reason = f"no derivatives are computed beside its layer of {layer.kind}"
     if reason:
         raise BayesdegError(
-            f"no emulator can be trained for this actuator: {reason}, and emulators are of "
-            "pneunets with paper or a film on the bottom; 'bayesdeg check' and 'bayesdeg simulate' "
-            "work without, and so does ExactMap of bayesdeg.actuator.curve as a model's forward map"
+            f"no emulator can be trained for this actuator: {reason}; 'bayesdeg simulate' and "
+            "ExactMap of bayesdeg.actuator.curve solve without"
+        )
+
+
+def refuse_whole_range(geometry: Moulded) -> None:
+    """Refuse an emulator of the whole range for an actuator that is no pneunet with paper.
+
+    Raises
+    ------
+    BayesdegError
+        Saying why, and what to do instead.
+    """
+    refuse_without_emulator(geometry)
+    reason = departure(geometry)
+    if reason:
+        raise BayesdegError(
+            f"no emulator of the whole range can be trained for this actuator: {reason}, and that "
+            "range is of pneunets with paper or a film on the bottom; 'bayesdeg run STUDY' trains "
+            "one where the study lies, and ExactMap of bayesdeg.actuator.curve solves without"
         )
 
 
@@ -226,7 +261,6 @@ def refuse_other(geometry: Moulded, record: str) -> None:
     BayesdegError
         Naming the dimensions that differ.
     """
-    refuse_without_emulator(geometry)
     changed = other_dimensions(geometry, record)
     if changed:
         raise BayesdegError(
@@ -251,9 +285,9 @@ def search(
     """
     recipe = recipe or Recipe()
     path = cached_path(geometry, recipe, cache)
-    unlike = without_emulator(geometry)
-    if unlike:
-        return EmulatorSearch(None, path, (unlike,))
+    unlike = departure(geometry)
+    if unlike:  # those that were trained are of one study each
+        return EmulatorSearch(None, path, (f"the package has no emulator of it: {unlike}",))
     reasons = []
     if recipe == Recipe():
         record = read_content(SHIPPED, record_of)
@@ -281,13 +315,18 @@ COARSE_RUNS, FINE_RUNS = 24, 4
 # what a curve of the default geometry takes on one core (studies/scaling.md) [s]
 COARSE_SECONDS, FINE_SECONDS = 3.3, 27.0
 FITTING_SECONDS = 10.0
+# of the default pneunet, as `Moulded.mesh_like` takes them: a default ribbed segment then has 684
+# and 1,118 elements, and its slits one along and in the depth
+SLIT_COARSE = Resolution(along=2.0, across=1.25, up=5.0)
+SLIT_FINE = Resolution(along=2.0, across=0.92, up=1.79)
 
 
 def local_recipe(dimensions: Mould) -> Recipe:
     """Return the meshes and the numbers of curves of an emulator that is trained for one study.
 
     Elements are as large as those of the default geometry, in the ratio of the sizes of both: what
-    a mesh misses depends on its shape alone.
+    a mesh misses depends on its shape alone. Of a family whose slits ask for many elements, both
+    meshes are the coarsest that divide cover and slits.
 
     Examples
     --------
@@ -295,6 +334,10 @@ def local_recipe(dimensions: Mould) -> Recipe:
     >>> round(larger.fine_mesh.along / Recipe().fine_mesh.along, 12)
     2.0
     """
+    if dimensions.kind != "pneunet":
+        shape = geometry_of(dimensions)
+        coarse, fine = (shape.mesh_like(mesh) for mesh in (SLIT_COARSE, SLIT_FINE))
+        return Recipe(coarse, fine, COARSE_RUNS, FINE_RUNS, further=False)
     ratio, usual = relative_size(dimensions), Recipe()
     coarse, fine = usual.coarse_mesh.scaled(ratio), usual.fine_mesh.scaled(ratio)
     return Recipe(coarse, fine, COARSE_RUNS, FINE_RUNS, further=False)
@@ -328,6 +371,10 @@ def rough_seconds(dimensions: Mould, *, workers: int = 1) -> float:
 
 
 def _elements(dimensions: Mould, mesh: Resolution) -> int:
+    if dimensions.kind != "pneunet":  # planes of the slits divide it more than the size does
+        sizes = (mesh.along, mesh.across, mesh.up)
+        planes = zip(geometry_of(dimensions).planes(), sizes, strict=True)
+        return prod(int(np.ceil(np.diff(axis) / size).sum()) for axis, size in planes)
     along, across = ceil(dimensions.length / mesh.along), ceil(dimensions.width / 2.0 / mesh.across)
     return along * across * ceil(dimensions.height / mesh.up)
 

@@ -1,8 +1,10 @@
 """An emulator for one study: trained where its films, priors and conditions say its inputs lie.
 
-The emulator that ships is of another actuator, but its map has the same form: what is fitted is by
-how much this actuator departs from it, in ln of curvature, bend angle and strains. That is smooth,
-so that a few dozen curves with their derivatives say it.
+The emulator that ships is of another actuator. The map of a pneunet with paper on its bottom has
+the same form: what is fitted is by how much it departs from it, in ln of curvature, bend angle and
+strains. That is smooth, so that a few dozen curves with their derivatives say it. Of any other
+actuator the map itself is fitted, over the part that the study asks for alone, and in units of load
+and film that put this part within the ranges of the groups.
 """
 
 from collections.abc import Sequence
@@ -12,10 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.actuator.curve import Curve
+from bayesdeg.actuator.moulded import Moulded
 from bayesdeg.emulator.coordinates import coordinates
 from bayesdeg.emulator.design import LOAD_SHARES
-from bayesdeg.emulator.kept import Recipe
-from bayesdeg.emulator.scaling import GROUPS, NAMES, Group, Place, TrainingRange
+from bayesdeg.emulator.kept import Recipe, has_ground
+from bayesdeg.emulator.scaling import GROUPS, NAMES, Group, Place, TrainingRange, Units
 
 Floats = NDArray[np.float64]
 
@@ -29,6 +32,7 @@ TARGET_PCT = 0.15
 nineteen in twenty errors are then below 0.3 %."""
 TARGET_OUTSIDE = 0.005  # share of the posterior that may lie outside the range: that of one tail
 _STIFFENING = NAMES.index("log_stiffening")
+_PAPER = [group.name for group in GROUPS].index("log_paper")
 
 
 @dataclass(frozen=True)
@@ -52,6 +56,19 @@ class AskedInputs:
         groups = np.vstack([part.groups for part in parts])
         return cls(groups, np.concatenate([part.load for part in parts]))
 
+    def in_units(self, units: Units) -> "AskedInputs":
+        """Return the draws with loads and paper counted in other units.
+
+        Examples
+        --------
+        >>> asked = AskedInputs(np.zeros((2, 12)), np.array([1.0, 2.0]))
+        >>> asked.in_units(Units(load=4.0)).load.tolist()
+        [0.25, 0.5]
+        """
+        groups = self.groups.copy()
+        groups[:, _PAPER] -= np.log(units.paper)
+        return AskedInputs(groups, self.load / units.load)
+
 
 @dataclass(frozen=True)
 class LocalDesign:
@@ -65,12 +82,15 @@ class LocalDesign:
         For either mesh; the fine ones are among the coarse.
     usual : tuple of Curve
         Those of the coarse ones at which the error is to be known best.
+    units : Units
+        In which the range counts load and paper; the curves do not.
     """
 
     span: TrainingRange
     coarse: tuple[Curve, ...]
     fine: tuple[Curve, ...]
     usual: tuple[Curve, ...]
+    units: Units = Units()  # noqa: RUF009 - frozen
 
     def further(self, asked: AskedInputs, recipe: Recipe) -> "LocalDesign":
         """Return the design with curves where a study asks now, over a range that holds both.
@@ -82,17 +102,76 @@ class LocalDesign:
         recipe : Recipe
             How many curves are added; its seed chooses them.
         """
-        span = _spanning(self.span, span_of(asked))
-        more = tuple(curves_of(asked, span, recipe.coarse_runs, seed=recipe.seed))
+        counted = asked.in_units(self.units)
+        span = _spanning(self.span, span_of(counted))
+        more = _curves(counted, span, recipe, self.units)
         fine = (*self.fine, *more[: recipe.fine_runs])
-        return LocalDesign(span, (*self.coarse, *more), fine, more)
+        return LocalDesign(span, (*self.coarse, *more), fine, more, self.units)
 
 
-def local_design(asked: AskedInputs, recipe: Recipe) -> LocalDesign:
+def local_design(
+    asked: AskedInputs,
+    recipe: Recipe,
+    units: Units = Units(),  # noqa: B008 - frozen
+) -> LocalDesign:
     """Return a design for what a study may ask; a larger one begins with a smaller one's curves."""
-    span = span_of(asked)
-    curves = tuple(curves_of(asked, span, recipe.coarse_runs, seed=recipe.seed))
-    return LocalDesign(span, curves, curves[: recipe.fine_runs], curves)
+    counted = asked.in_units(units)
+    span = span_of(counted)
+    curves = _curves(counted, span, recipe, units)
+    return LocalDesign(span, curves, curves[: recipe.fine_runs], curves, units)
+
+
+def _curves(
+    counted: AskedInputs, span: TrainingRange, recipe: Recipe, units: Units
+) -> tuple[Curve, ...]:
+    chosen = curves_of(counted, span, recipe.coarse_runs, seed=recipe.seed)
+    return tuple(counted_in(curve, Units(1.0 / units.load, 1.0 / units.paper)) for curve in chosen)
+
+
+def counted_in(curve: Curve, units: Units) -> Curve:
+    """Return a curve with load and paper counted in other units.
+
+    Examples
+    --------
+    >>> from bayesdeg.actuator.material import MaterialGroups
+    >>> curve = Curve((1.0, 2.0), MaterialGroups(0.0, 0.01, 800.0))
+    >>> counted_in(curve, Units(load=4.0, paper=8.0)).material.paper_group
+    100.0
+    """
+    if units == Units():
+        return curve
+    material = replace(curve.material, paper_group=curve.material.paper_group / units.paper)
+    return Curve(tuple(load / units.load for load in curve.loads), material)
+
+
+def units_for(geometry: Moulded, asked: AskedInputs) -> Units:
+    """Return units in which all that a study asks of an actuator lies within the known ranges.
+
+    They are powers of two, so that studies that ask alike have the same, and nothing is rounded.
+    Those of a pneunet with paper on its bottom are 1.
+
+    Parameters
+    ----------
+    geometry : Moulded
+        The actuator.
+    asked : AskedInputs
+        Draws of what is asked, in units of 1.
+    """
+    if has_ground(geometry):
+        return Units()
+    share = span_share(asked)
+    paper = np.quantile(asked.groups[:, _PAPER], [TAIL, 1.0 - TAIL])
+    middle = 0.5 * (GROUPS[_PAPER].low + GROUPS[_PAPER].high)
+    return Units(
+        load=float(2.0 ** np.ceil(np.log2(share))),
+        paper=float(np.exp2(np.round((np.mean(paper) - middle) / np.log(2.0)))),
+    )
+
+
+def span_share(asked: AskedInputs, wider: float = WIDER) -> float:
+    """Return the largest load that is gone after, over the largest that is known [–]."""
+    largest = TrainingRange().largest_load(_unit_stiffening(asked.groups))
+    return (1.0 + wider) * float(np.quantile(asked.load / largest, 1.0 - 2.0 * TAIL))
 
 
 def _spanning(one: TrainingRange, other: TrainingRange) -> TrainingRange:
@@ -133,9 +212,7 @@ def span_of(asked: AskedInputs, *, wider: float = WIDER) -> TrainingRange:
     """
     whole = TrainingRange()
     groups = tuple(_range(g, v, wider) for g, v in zip(GROUPS, asked.groups.T, strict=True))
-    largest = whole.largest_load(_unit_stiffening(asked.groups))
-    share = float(np.quantile(asked.load / largest, 1.0 - 2.0 * TAIL))
-    return replace(whole, groups=groups, share=min(1.0, (1.0 + wider) * share))
+    return replace(whole, groups=groups, share=min(1.0, span_share(asked, wider)))
 
 
 def _range(group: Group, values: Floats, wider: float) -> Group:

@@ -8,7 +8,7 @@ every stable material; C3/M and the paper's group enter by their logarithms.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Self
 
@@ -75,6 +75,50 @@ CAUSES = (
 )
 GROUPS = (*MATERIAL, *CAUSES)
 NAMES = (LOAD, *(group.name for group in GROUPS))
+
+
+@dataclass(frozen=True)
+class Units:
+    """In what an emulator counts p/M and Et/(M s), so that any actuator lies in the known ranges.
+
+    A thick cover or a stiff film takes another actuator far out of the ranges of load and paper,
+    which are those of the default one. An emulator trained for it counts both in units of its own;
+    to the map this is a change of two scales and nothing else.
+
+    Parameters
+    ----------
+    load : float
+        Unit of p/M [–].
+    paper : float
+        Unit of Et/(M s) [mm].
+
+    Examples
+    --------
+    >>> one = np.ones(1)
+    >>> inputs = Inputs(16 * one, one, one, one, one, 3e4 * one)
+    >>> float(Units(load=4.0).inputs(inputs).pressure[0])
+    4.0
+    """
+
+    load: float = 1.0
+    paper: float = 1.0
+
+    def inputs(self, given: Inputs) -> Inputs:
+        """Return inputs whose groups are those of the given ones in these units."""
+        if self == Units():
+            return given
+        reference = given.reference_pressure
+        return replace(
+            given,
+            pressure=given.pressure / self.load,
+            paper_stiffness=given.paper_stiffness / self.paper,
+            reference_pressure=None if reference is None else reference / self.load,
+        )
+
+    def by_field(self, name: str) -> float:
+        """Return the factor of a derivative by a field of ``Inputs``, from theirs to the given."""
+        units = {"pressure": self.load, "paper_stiffness": self.paper}
+        return 1.0 / units.get(name, 1.0)
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,16 @@ from bayesdeg.emulator.coordinates import (
     coordinates,
     inside,
 )
-from bayesdeg.emulator.scaling import GROUPS, LOAD, MATERIAL, NAMES, SECOND, Group, TrainingRange
+from bayesdeg.emulator.scaling import (
+    GROUPS,
+    LOAD,
+    MATERIAL,
+    NAMES,
+    SECOND,
+    Group,
+    TrainingRange,
+    Units,
+)
 from bayesdeg.emulator.terms import ROW_AXES, Terms, active_plan, evaluate, stacked
 
 Floats = NDArray[np.float64]
@@ -43,7 +52,12 @@ Flags = NDArray[np.bool_]
 LIMIT = "limit"
 
 
-def describe(batch: Batch, span: TrainingRange, limit: Floats) -> dict[str, str]:
+def describe(
+    batch: Batch,
+    span: TrainingRange,
+    limit: Floats,
+    units: Units = Units(),  # noqa: B008 - frozen
+) -> dict[str, str]:
     """Return a sentence for each group that is out of its range somewhere, and for the load.
 
     Parameters
@@ -54,16 +68,26 @@ def describe(batch: Batch, span: TrainingRange, limit: Floats) -> dict[str, str]
         What is trained.
     limit : array, shape (n_rows,)
         p/M up to which curves are smooth [–].
+    units : Units
+        In which all of these are counted.
     """
     out = ~inside(batch.groups[1:].T, span).T
     # values of a group are counted once for each load of its row
     columns = batch.loads.shape[1]
     found = {
-        group.name: _group(group, values, refused, columns)
+        group.name: _group(*_counted_in_one(group, values, units), refused, columns)
         for group, values, refused in zip(span.groups, batch.groups[1:], out, strict=True)
         if np.any(refused)
     }
-    return found | _loads(batch, span, limit)
+    return found | _loads(batch, span, limit, units.load)
+
+
+def _counted_in_one(group: Group, values: Floats, units: Units) -> tuple[Group, Floats]:
+    """Return the range and the values of a group as a user knows them."""
+    if group.name != "log_paper":
+        return group, values
+    shift = float(np.log(units.paper))
+    return replace(group, low=group.low + shift, high=group.high + shift), values + shift
 
 
 def _group(group: Group, values: Floats, refused: Flags, columns: int) -> str:
@@ -80,9 +104,9 @@ def _group(group: Group, values: Floats, refused: Flags, columns: int) -> str:
     return f"{group.meaning} reaches {worst:.4g}{unit}, {trained}"
 
 
-def _loads(batch: Batch, span: TrainingRange, limit: Floats) -> dict[str, str]:
-    loads, total = batch.loads, batch.loads.size
-    largest = np.where(batch.within, batch.largest_load(span), np.inf)
+def _loads(batch: Batch, span: TrainingRange, limit: Floats, unit: float) -> dict[str, str]:
+    loads, total, limit = unit * batch.loads, batch.loads.size, unit * limit
+    largest = np.where(batch.within, unit * batch.largest_load(span), np.inf)
     largest = np.broadcast_to(largest[:, None], loads.shape)
     within = batch.within[:, None]
     over = ~((loads >= 0.0) & (loads <= largest))
@@ -317,6 +341,8 @@ class Surrogate:
         Relative standard error of the finite element model itself, in all outputs [–].
     record : str
         How it was trained: design, code version, accuracy (JSON).
+    units : Units
+        In which the span and the terms count p/M and Et/(M s).
     """
 
     length: float
@@ -328,11 +354,13 @@ class Surrogate:
     strain_error: Terms
     mesh_error: float
     record: str
+    units: Units = Units()  # noqa: RUF009 - frozen
 
     def __call__(self, inputs: Inputs) -> Prediction:
         """Return the prediction; outside the training range it is nan with a status."""
         if inputs.reference_pressure is not None:
             return relative_to_reference(self, inputs)
+        inputs = self.units.inputs(inputs)
         batch = Batch.of(inputs, self.span)
         return self._answer(inputs, batch, self._largest(batch))
 
@@ -345,6 +373,7 @@ class Surrogate:
         """
         if inputs.reference_pressure is not None:
             return relative_to_reference(self.continued, inputs)
+        inputs = self.units.inputs(inputs)
         inner, distance = Batch.of(inputs, self.span).brought_inside(self.span)
         limits = self._largest(inner)
         asked, most = inner.loads, limits[:, None]
@@ -424,12 +453,15 @@ class Surrogate:
                 "pressure": by["pressure"] + 0.0 * zero["pressure"],
                 "reference_pressure": 0.0 * by["pressure"] - zero["pressure"],
             }
+        inputs = self.units.inputs(inputs)
         batch = Batch.of(inputs, self.span, one_by_one=True)
         gradient = curvature_gradient(inputs, batch, self._allowed(batch), self.terms, self.span)
-        return {name: value / self.length for name, value in gradient.items()}
+        factor = self.units.by_field
+        return {name: factor(name) * value / self.length for name, value in gradient.items()}
 
     def limit_pressure(self, inputs: Inputs) -> LimitPressure:
         """Return the pressure up to which the curve of each material is smooth, with its error."""
+        inputs = self.units.inputs(inputs)
         batch = Batch.of(inputs, self.span)
         shape = (*batch.shape[:-1], 1) if batch.loads.shape[-1:] != (1,) else batch.shape
         c1 = np.broadcast_to(inputs.c1, shape).ravel()
@@ -437,7 +469,7 @@ class Surrogate:
         modulus = c1 + SECOND * np.broadcast_to(second, shape).ravel()
         load, error = self._limit(batch)
         largest = batch.largest_load(self.span)
-        pressure = np.where(batch.within, 1e3 * modulus * load, np.nan)
+        pressure = np.where(batch.within, 1e3 * modulus * load * self.units.load, np.nan)
         trained: Flags = batch.within & (load <= largest)
         return LimitPressure(
             pressure.reshape(shape), (error * pressure).reshape(shape), trained.reshape(shape)
@@ -449,8 +481,8 @@ class Surrogate:
         The names are those of the groups, "load" for the largest load trained, and "limit" for
         loads at which the curve is no longer smooth. Nothing is refused if there are none.
         """
-        batch = Batch.of(inputs, self.span)
-        found = describe(batch, self.span, self._limit_load(batch))
+        batch = Batch.of(self.units.inputs(inputs), self.span)
+        found = describe(batch, self.span, self._limit_load(batch), self.units)
         if inputs.reference_pressure is None:
             return found
         at = replace(inputs, pressure=inputs.reference_pressure, reference_pressure=None)
@@ -467,6 +499,8 @@ class Surrogate:
             "constants": _constants(),
             "record": np.array(self.record),
         }
+        if self.units != Units():  # files were written without them once
+            arrays["units"] = np.array([self.units.load, self.units.paper])
         for name in _TABLES:
             table: Terms = getattr(self, name)
             arrays |= {f"{name}_orders": table.orders, f"{name}_coefficients": table.coefficients}
@@ -495,6 +529,7 @@ class Surrogate:
             )
             for name in _TABLES
         }
+        load, paper = arrays.get("units", np.ones(2)).astype(np.float64)
         return cls(
             length=float(arrays["length"]),
             span=TrainingRange(
@@ -513,6 +548,7 @@ class Surrogate:
             limit=tables["limit"],
             strains=tables["strains"],
             strain_error=tables["strain_error"],
+            units=Units(float(load), float(paper)),
         )
 
     def _limit(self, batch: Batch) -> tuple[Floats, Floats]:

@@ -10,8 +10,7 @@ from pydantic import Field
 
 import bayesdeg
 from bayesdeg.actuator.status import MODEL_VERSION
-from bayesdeg.data.families import RibbedDimensions
-from bayesdeg.data.settings import ENTRIES, Dimensions, Settings
+from bayesdeg.data.settings import ENTRIES, AnyDimensions, Settings
 from bayesdeg.data.settings import FILE as SETTINGS_FILE
 from bayesdeg.data.shrinkage import Known, MixtureRecipe
 from bayesdeg.data.tables import TABLES
@@ -175,7 +174,7 @@ def settings_text(settings: Settings) -> str:
     return tomli_w.dumps(written)
 
 
-def _holds(record: Settings | Dimensions | RibbedDimensions | MixtureRecipe, name: str) -> bool:
+def _holds(record: Settings | AnyDimensions | MixtureRecipe, name: str) -> bool:
     """Return whether a value of a key is held here; what follows from others is not."""
     is_family = isinstance(record, Settings) and name == "kind"
     return is_family or name in {entry.name for entry in fields(record)}

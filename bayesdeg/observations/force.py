@@ -303,7 +303,7 @@ def from_study(study: Study) -> tuple[TipForce, ...]:
     if tests is None:
         return ()
     mould, constraint = study.geometry, study.settings.constraint
-    if not (isinstance(mould, Dimensions) and constraint.is_there and not constraint.height):
+    if not (isinstance(mould, Dimensions) and constraint.is_membrane and not constraint.height):
         problem = "is of an actuator whose tip force is not computed"
         remedy = "it is that of pneunets with paper on the bottom: remove the file"
         raise StudyError([Fault(TABLE.file, problem, remedy)])

@@ -10,8 +10,9 @@ from threadpoolctl import threadpool_limits
 
 from bayesdeg.causes.cause import Cause
 from bayesdeg.data.study import Study
+from bayesdeg.emulator.coordinates import Batch
 from bayesdeg.emulator.local import AskedInputs
-from bayesdeg.emulator.scaling import GROUPS, LOAD, groups_of
+from bayesdeg.emulator.scaling import GROUPS, LOAD, TrainingRange, groups_of
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.inference.model import JointModel, share_outside
 from bayesdeg.observations.curvature import Curvature, inputs_met
@@ -56,7 +57,11 @@ class AskedAfterwards:
     asked : AskedInputs
         Draws of the posterior, with causes drawn from their priors.
     outside : float
-        Share of the posterior at which the emulator gives no answer [–].
+        Share of the posterior outside the range of this emulator but not beyond that of all, which
+        further curves mend [–].
+    unanswered : float
+        Share at which there is no answer to some reading for another reason: curves end, where
+        actuators are about to balloon, or no emulator goes so far [–].
     error_pct : float
         95th percentile over the posterior's curves of the standard error of their curvature, less
         that of the mesh, over the largest of each [%].
@@ -64,6 +69,7 @@ class AskedAfterwards:
 
     asked: AskedInputs
     outside: float
+    unanswered: float
     error_pct: float
 
 
@@ -88,9 +94,26 @@ def asked_after(study: Study, surrogate: Surrogate, seed: int) -> AskedAfterward
         posterior = base_without_chain(model, sequence).posterior
         known = posterior.resample(generator, DRAWS)
         asked = _asked(assembly, known, generator)
+        outside = _outside(model, surrogate, known)
+        refused = share_outside(model, known)
         return AskedAfterwards(
-            asked, share_outside(model, known), _error_pct(model, surrogate, known)
+            asked, outside, max(refused - outside, 0.0), _error_pct(model, surrogate, known)
         )
+
+
+def _outside(model: JointModel, surrogate: Surrogate, known: Floats) -> float:
+    """Return the share of draws that ask beyond the emulator's range, but not beyond that of all.
+
+    Readings count alone, not the pressures between them.
+    """
+    state = model.tests(model.table.named(known))
+    missed, whole = np.zeros(len(known), dtype=bool), TrainingRange()
+    for one in model.of_kind(Curvature):
+        off = np.zeros_like(one.deviation_sd(state))
+        inputs = surrogate.units.inputs(inputs_met(state, one.curves, off))
+        own, all_ = (Batch.of(inputs, span).in_range(span) for span in (surrogate.span, whole))
+        missed |= np.any(all_ & ~own & one.curves.mask, axis=(-2, -1))
+    return float(np.mean(missed))
 
 
 def _error_pct(model: JointModel, surrogate: Surrogate, known: Floats) -> float:

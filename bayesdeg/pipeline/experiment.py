@@ -21,7 +21,7 @@ from bayesdeg.criticism.fit.trials import Trial
 from bayesdeg.data.plausibility import doubts, refuse_impossible
 from bayesdeg.data.settings import Effort, Settings
 from bayesdeg.data.study import Study
-from bayesdeg.emulator.kept import refuse_without_emulator
+from bayesdeg.emulator.kept import refuse_whole_range
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.emulator.trained import find as find_emulator
 from bayesdeg.errors import BayesdegError, use_one_of
@@ -540,7 +540,7 @@ def _known_emulator(study: Study) -> Surrogate:
         If there is none yet.
     """
     geometry = geometry_of_study(study.settings)
-    refuse_without_emulator(geometry)
+    refuse_whole_range(geometry)
     found = find_emulator(geometry)
     if found.surrogate is None:
         raise BayesdegError(

@@ -16,7 +16,7 @@ from bayesdeg.causes.catalogue import find, in_order
 from bayesdeg.causes.cause import Cause
 from bayesdeg.data.settings import RUPTURE_CRITERIA, Dimensions, RuptureCriterion
 from bayesdeg.data.study import Study
-from bayesdeg.emulator.kept import CACHE, Recipe, cached_path
+from bayesdeg.emulator.kept import CACHE, Recipe, cached_path, read_content, record_of
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.emulator.trained import default_surrogate, read_trained
 from bayesdeg.errors import BayesdegError
@@ -398,6 +398,9 @@ def _emulator(training: Mapping[str, object], given: Path | None, cache: Path) -
     kept = _kept(training, cache)
     if kept is not None and kept.exists() and _same(found := read_trained(kept), training):
         return found
+    for path in sorted(cache.glob("*.npz")):  # those of one study have names of their own
+        if _is_of(path, training):
+            return read_trained(path)
     raise BayesdegError(
         "the emulator that the run used is neither in this version of the package nor in "
         f"{cache}; give its file with --emulator FILE, or run the study again with `bayesdeg run`"
@@ -405,8 +408,20 @@ def _emulator(training: Mapping[str, object], given: Path | None, cache: Path) -
 
 
 def _same(surrogate: Surrogate, training: Mapping[str, object]) -> bool:
+    return _is_record(surrogate.record, training)
+
+
+def _is_record(record: str, training: Mapping[str, object]) -> bool:
     # what is not finite is written as null
-    return bool(json.loads(surrogate.record, parse_constant=lambda _: None) == training)
+    return bool(json.loads(record, parse_constant=lambda _: None) == training)
+
+
+def _is_of(path: Path, training: Mapping[str, object]) -> bool:
+    """Return whether a file holds the emulator of a training; a damaged one does not."""
+    try:
+        return _is_record(read_content(path, record_of), training)
+    except BayesdegError:
+        return False
 
 
 def _kept(training: Mapping[str, object], cache: Path) -> Path | None:

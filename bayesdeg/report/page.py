@@ -1,5 +1,7 @@
 """A run folder becomes one self-contained page; nothing is computed anew."""
 
+import base64
+import hashlib
 import importlib
 import pkgutil
 from collections import defaultdict
@@ -207,7 +209,22 @@ def render(content: Content) -> str:
         "plain": lambda text: wording.plain(text, names),
         "drawing": lambda drawing: Markup(drawing.svg),
     }
-    return page.get_template("page.html").render(c=content).lstrip()
+    assert page.loader is not None
+    script = page.loader.get_source(page, "page.js")[0]
+    allowed = {"script": Markup(script), "script_hash": _source_hash(script)}
+    return page.get_template("page.html").render(c=content, **allowed).lstrip()
+
+
+def _source_hash(script: str) -> str:
+    """Return the hash by which a page's security policy allows this script and no other.
+
+    Examples
+    --------
+    >>> _source_hash("")
+    'sha256-47DEQpj8HBSa+/TImW+5JCeuQeRkm5NMpJWZG3hSuFU='
+    """
+    digest = hashlib.sha256(script.encode()).digest()
+    return f"sha256-{base64.b64encode(digest).decode()}"
 
 
 def _unbroken(text: str) -> str:

@@ -28,7 +28,7 @@ from bayesdeg.actuator.outputs import (
     measured_strains,
     principal_stretch,
     read_state,
-    reading_gradients,
+    read_with_gradients,
     volume_quantile,
     weibull_strain,
 )
@@ -78,14 +78,18 @@ def test_equivalent_stretches_of_a_homogeneous_state_are_those_in_closed_form(st
         float(energy_equivalent_stretch(state)), abs=1e-7
     )
     other = float(difference.value[0, 0])
-    assert other**2 - 1.0 / other == pytest.approx(state.max() ** 2 - state.min() ** 2, abs=1e-8)
+    # where the two thinner axes are equal their difference is the root of rounding
+    rounding = np.sqrt(np.finfo(float).eps) * state.max() ** 2
+    assert other**2 - 1.0 / other == pytest.approx(
+        state.max() ** 2 - state.min() ** 2, abs=float(rounding)
+    )
 
 
 def test_derivatives_of_all_readings_are_differences(solved):
     mesh, states = solved
     generator = np.random.default_rng(2)
     direction = generator.normal(size=states[-1].displacement.shape)
-    gradient = reading_gradients(mesh, states[-1])
+    _, gradient = read_with_gradients(mesh, states[-1])
     more, less = (
         read_state(
             mesh,

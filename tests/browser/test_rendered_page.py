@@ -1,3 +1,5 @@
+import json
+import re
 import shutil
 import struct
 import subprocess
@@ -58,6 +60,9 @@ PROBE = """<script>addEventListener("load", () => {
 });</script>"""
 
 
+POLICY = re.compile(r'<meta http-equiv="Content-Security-Policy"[^>]*>')
+
+
 def chromium(page: Path, *options: str, profile: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         [CHROMIUM, *FLAGS, f"--user-data-dir={profile}", *options, page.as_uri()],
@@ -74,7 +79,9 @@ def complaints(run: subprocess.CompletedProcess[str]) -> list[str]:
 
 def measured(page: Path, profile: Path, width: int) -> tuple[dict[str, str], list[str]]:
     probed = page.with_name("probed.html")
-    probed.write_text(page.read_text(encoding="utf-8").replace("</body>", PROBE + "</body>"))
+    text = page.read_text(encoding="utf-8").replace("</body>", PROBE + "</body>")
+    # the page's own policy refuses any script but its own, as a test below shows
+    probed.write_text(POLICY.sub("", text), encoding="utf-8")
     run = chromium(probed, f"--window-size={width},900", "--dump-dom", profile=profile)
     return read_html(run.stdout).all("body")[0].attributes, complaints(run)
 
@@ -123,6 +130,55 @@ def test_the_page_of_a_study_without_actuator_data_renders(tmp_path):
     assert problems == []
     assert found["data-first"] == "H1"
     assert found["data-figures"] == "0"
+
+
+def test_no_script_but_the_page_s_own_runs_in_it(page, tmp_path):
+    """Not even one that came in with a text, nor anything from outside."""
+    foreign = (
+        "<script>document.body.dataset.foreign = 1</script>"
+        '<img src="https://example.org/x.png" onerror="document.body.dataset.foreign = 2">'
+    )
+    text = page.read_text(encoding="utf-8")
+    hostile = page.with_name("hostile.html")
+    hostile.write_text(text.replace("</body>", foreign + "</body>"), encoding="utf-8")
+    run = chromium(hostile, "--dump-dom", profile=tmp_path)
+    body = read_html(run.stdout).all("body")[0]
+    assert "data-foreign" not in body.attributes
+    assert any("Content Security Policy" in line for line in complaints(run))
+    assert [one for one in body.every() if one.attributes.get("class") == "copy"]
+
+
+SORT = """<script>addEventListener("load", () => {
+  const table = [...document.querySelectorAll("table")].find((t) => t.querySelector("button.sort"));
+  const header = [...table.tHead.rows[0].cells].find((h) => h.matches(".num"));
+  const read = () => [...table.tBodies[0].rows].map((row) => row.cells[header.cellIndex].innerText);
+  header.querySelector("button").click();
+  document.body.dataset.upwards = JSON.stringify(read());
+  header.querySelector("button").click();
+  document.body.dataset.downwards = JSON.stringify(read());
+  document.body.dataset.sort = header.getAttribute("aria-sort");
+});</script>"""
+
+
+def test_tables_are_sorted_by_a_press_of_their_headers(page, tmp_path):
+    text = POLICY.sub("", page.read_text(encoding="utf-8"))
+    probed = page.with_name("sorted.html")
+    probed.write_text(text.replace("</body>", SORT + "</body>"), encoding="utf-8")
+    run = chromium(probed, "--dump-dom", profile=tmp_path)
+    assert complaints(run) == []
+    found = read_html(run.stdout).all("body")[0].attributes
+    upwards, downwards = (
+        [
+            float(re.sub(r"[^0-9.+-]", "", cell.replace("−", "-").split(" ")[0]) or "nan")
+            for cell in cells
+        ]
+        for cells in (json.loads(found["data-upwards"]), json.loads(found["data-downwards"]))
+    )
+    known = [number for number in upwards if number == number]
+    assert len(known) > 1
+    assert known == sorted(known)
+    assert [number for number in downwards if number == number] == known[::-1]
+    assert found["data-sort"] == "descending"
 
 
 def test_a_screenshot_can_be_taken(page, tmp_path):

@@ -1,12 +1,24 @@
-"""A study of a ribbed segment at the command line: read, drawn, simulated, and not calibrated."""
+"""Studies of segments at the command line: read, drawn, simulated, trained for, run."""
 
+import json
 import sys
+from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from bayesdeg import cli
+from bayesdeg.actuator.curve import ExactMap
+from bayesdeg.actuator.families import geometry_of_study
+from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.actuator.status import Resolution
-from bayesdeg.commands import simulate
+from bayesdeg.commands import run as run_command
+from bayesdeg.commands import simulate, training
+from bayesdeg.data.study import read_study
+from bayesdeg.emulator.kept import Recipe
+from bayesdeg.emulator.trained import read_trained, surrogate_for
+from bayesdeg.errors import BayesdegError
+from bayesdeg.report.record import VerdictRecord
 from tests.pipeline.study_files import SETTINGS, study_in
 
 SEGMENT = """
@@ -25,6 +37,17 @@ passage_height = 0.6
 [constraint]
 kind = "film"
 thickness = 0.2
+"""
+CHANNELS = """
+[actuator]
+kind = "cylindrical"
+length = 16.0
+width = 8.0
+height = 8.0
+channel_length = 12.0
+channel_width = 2.0
+channel_height = 1.5
+offset = 2.2
 """
 ACTUATOR = (
     "specimen_id,degradation_pct,degradation_sd_pct,pressure_kPa,curvature_per_m\n"
@@ -60,13 +83,12 @@ def test_check_says_what_it_is_and_draws_it(command):
     assert [set(row) for row in rows].count({"="}) == 1
 
 
-@pytest.mark.parametrize("name", ["run", "emulate"])
-def test_what_needs_an_emulator_is_refused(name, command):
-    code, said = command(name)
+def test_an_emulator_of_the_whole_range_is_refused(command):
+    code, said = command("emulate")
     assert code == 2
     assert said.strip().count("\n") == 0
     assert "ribbed" in said
-    assert "simulate" in said
+    assert "bayesdeg run" in said
     assert not (command.study.parent / ".cache").exists()
 
 
@@ -98,3 +120,117 @@ def test_a_virtual_experiment_is_made_and_is_a_study_again(command, monkeypatch)
     assert 0.0 < float(rows[4]) < 5.0
     monkeypatch.setattr(sys, "argv", ["bayesdeg", "check", "virtual"])
     assert cli.exit_code() == 0
+
+
+@pytest.mark.fem
+def test_a_study_of_straight_channels_is_drawn_and_simulated_and_not_calibrated(
+    command, monkeypatch
+):
+    (command.study / "study.toml").write_text(SETTINGS + CHANNELS, encoding="utf-8")
+    code, said = command("check")
+    assert code == 0
+    assert "cylindrical actuator" in said
+    assert "0.036 ml" in said
+    code, said = command("run")
+    assert code == 2
+    assert "cylindrical" in said
+    assert said.strip().count("\n") == 0
+    monkeypatch.setattr(simulate, "FINE", Resolution(16.0, 9.0, 9.0))
+    code, _ = command("simulate", "--out", "virtual", "--workers", "1", "--quiet")
+    assert code == 0
+    made = command.study.parent / "virtual"
+    assert 'kind = "cylindrical"' in (made / "study.toml").read_text("utf-8")
+    monkeypatch.setattr(sys, "argv", ["bayesdeg", "check", "virtual"])
+    assert cli.exit_code() == 0
+
+
+def test_a_channel_beside_the_block_ends_with_exit_code_2(command):
+    text = SETTINGS + CHANNELS.replace("width = 8.0", "width = 1.8", 1)
+    (command.study / "study.toml").write_text(text, encoding="utf-8")
+    for name in ("check", "run", "simulate"):
+        code, said = command(name, *(["--out", "virtual"] if name == "simulate" else []))
+        assert code == 2
+        assert "(1.8 mm)" in said
+
+
+def test_a_layer_of_elastomer_is_described_and_refused_by_run(command):
+    layer = '[constraint]\nkind = "elastomer"\nthickness = 1.0\nC1 = 60.0\n'
+    (command.study / "study.toml").write_text(SETTINGS + layer, encoding="utf-8")
+    code, said = command("check")
+    assert code == 0
+    assert {"elastomer", "0.5,", "60,"} <= set(said.split())
+    code, said = command("run")
+    assert code == 2
+    assert "elastomer" in said
+
+
+STIFF = """
+[causes]
+candidates = ["pressure_offset"]
+[priors]
+"c1_at_0" = { law = "lognormal", median = 0.06, sigma = 0.1 }
+"c3_at_0" = { law = "lognormal", median = 6e-4, sigma = 0.3 }
+"c2_ratio_at_0" = { law = "uniform", low = -0.3, high = 0.3 }
+"paper_stiffness" = { law = "lognormal", median = 2e5, sigma = 0.1 }
+"""
+TINY = Recipe(
+    Resolution(9.0, 9.0, 9.0), Resolution(5.0, 9.0, 9.0), coarse_runs=10, fine_runs=4, further=False
+)
+
+
+@pytest.fixture
+def trains(command, monkeypatch):
+    """Let 'run' train on tiny meshes."""
+    text = SETTINGS + SEGMENT + STIFF
+    (command.study / "study.toml").write_text(text, encoding="utf-8")
+    for name in ("tensile.csv", "break.csv", "summary.csv"):
+        (command.study / name).unlink()
+    monkeypatch.setattr(training, "LOCAL", lambda _dimensions: TINY)
+    monkeypatch.setattr(training, "ROUNDS", 0)
+    return command
+
+
+@pytest.fixture
+def given(monkeypatch):
+    """Let 'run' go no further than to the emulator; gives the emulators that it was given."""
+    found = []
+
+    def run_study(_study, _folder, _checkpoints, *, forward, **_):
+        found.append(forward)
+        return VerdictRecord(outcome="adequate", explanation="nothing was calibrated")
+
+    monkeypatch.setattr(run_command, "run_study", run_study)
+    monkeypatch.setattr(run_command, "add_page", lambda _folder, page, _guard: (page, None))
+    return found
+
+
+@pytest.mark.fem
+def test_an_emulator_is_trained_where_the_study_lies_and_kept(trains, given):
+    """A film far stiffer than any paper of the default range is among what it answers."""
+    assert trains("run", "--workers", "1", "--yes")[0] == 0
+    assert trains("run", "--workers", "1", "--yes", "--quiet")[0] == 0
+    first, again = given
+    kept = list((trains.study.parent / ".cache/emulators").glob("*.npz"))
+    assert len(kept) == 1
+    assert first.units == again.units == read_trained(kept[0]).units
+    assert first.units.paper > 1.0
+    assert first.units.load > 1.0
+    record = json.loads(again.record)
+    assert record["geometry"]["kind"] == "ribbed"
+
+    study = read_study(trains.study)
+    geometry = geometry_of_study(study.settings)
+    one = np.ones((1, 1))
+    loads = np.array([[20.0, 50.0, 80.0]])
+    asked = Inputs(loads, 0.06 * one, 0.0 * one, 6e-4 * one, one, 2e5 * one)
+    exact, found = ExactMap(geometry, TINY.fine_mesh)(asked), again(asked)
+    np.testing.assert_allclose(found.curvature, exact.curvature, rtol=0.03)
+    np.testing.assert_allclose(found.bend_angle, exact.bend_angle, rtol=0.03)
+    away = np.abs(found.curvature - exact.curvature)
+    assert np.all(away < 3.0 * again.without_mesh_error()(asked).sd + 1e-3 * exact.curvature)
+
+    other = replace(geometry, dimensions=replace(geometry.dimensions, cover=1.2))
+    for unlike in (other, replace(geometry, constraint=replace(geometry.constraint, height=4.2))):
+        with pytest.raises(BayesdegError):
+            surrogate_for(unlike, again)
+    assert surrogate_for(geometry, again) is again

@@ -4,11 +4,18 @@ from dataclasses import replace
 
 import pytest
 
-from bayesdeg.data.families import MOST_CHAMBERS, Constraint, RibbedDimensions
+from bayesdeg.data.families import (
+    MOST_CHAMBERS,
+    Constraint,
+    CylindricalDimensions,
+    RibbedDimensions,
+)
 from bayesdeg.data.settings import Dimensions, Settings, parse_settings
 from bayesdeg.laboratory.writing import settings_text
 
 RIBBED = '[actuator]\nkind = "ribbed"\n'
+CYLINDRICAL = '[actuator]\nkind = "cylindrical"\n'
+ELASTOMER = '[constraint]\n\nkind = "elastomer"\nthickness = 0.8\nC1 = 60.0\n'
 LAYER = '[constraint]\nkind = "none"\nheight = 9.0\nthickness = 0.3\n'
 
 
@@ -40,6 +47,9 @@ def test_by_default_nothing_has_changed():
         "seed = 3\n",
         RIBBED,
         RIBBED + "pitch = 2.5\n" + LAYER,
+        CYLINDRICAL,
+        ELASTOMER + "C2 = -1.0\nC3 = 2.0\nheight = 0.9\n",
+        CYLINDRICAL + "channels = 3\noffset = 5.0\n" + LAYER.replace("9.0", "10.5"),
         "[actuator]\nend_wall = 4.0\n[constraint]\nheight = 1.0\n",
     ],
 )
@@ -56,9 +66,22 @@ def test_settings_are_written_as_they_are_read(text):
     [
         (RIBBED + "chambers = 4\n", 3, "actuator.chambers", "4", '"pneunet"'),
         (RIBBED + "end_wall = 3.0\n", 3, "actuator.end_wall", "3.0", '"pneunet"'),
+        (CYLINDRICAL + "cover = 3.0\n", 3, "actuator.cover", "3.0", '"ribbed"'),
+        (CYLINDRICAL + "ofset = 3.0\n", 3, "actuator.ofset", "3.0", "'offset'"),
+        (CYLINDRICAL + "channels = 0\n", 1, "actuator", None, "1 to 200"),
+        (CYLINDRICAL + "channels = 10000\n", 1, "actuator", None, "10000"),
+        (CYLINDRICAL + "width = 0.0\n", 1, "actuator", None, "width is 0 mm"),
+        (CYLINDRICAL + "channel_length = 61.2\n", 1, "actuator", None, "61.2 mm"),
+        (CYLINDRICAL + "channel_width = 33.5\n", 1, "actuator", None, "larger width"),
+        (CYLINDRICAL + "channels = 7\n", 1, "actuator", None, "36.4 mm across"),
+        (CYLINDRICAL + "channels = 2\npitch = 2.0\n", 1, "actuator", None, "larger pitch"),
+        (CYLINDRICAL + "offset = 8.5\n", 1, "actuator", None, "9.8 mm above"),
+        (CYLINDRICAL + "offset = 1.0\n", 1, "actuator", None, "above 1.4 mm"),
+        (CYLINDRICAL + "channel_height = 30.0\noffset = 16.0\n", 1, "actuator", None, "16 mm"),
+        (CYLINDRICAL + "[constraint]\nheight = 14.0\n", 3, "constraint", None, "6.3 to 13.3"),
         ("[actuator]\nchannels = 4\n", 2, "actuator.channels", "4", '"ribbed"'),
         (RIBBED + "covre = 4.0\n", 3, "actuator.covre", "4.0", "'cover'"),
-        ('[actuator]\nkind = "ribed"\n', 2, "actuator.kind", '"ribed"', "pneunet, ribbed"),
+        ('[actuator]\nkind = "ribed"\n', 2, "actuator.kind", '"ribed"', "ribbed, cylindrical"),
         (RIBBED + 'passive = "shut"\n', 3, "actuator.passive", '"shut"', "open, pressurised"),
         (RIBBED + "channels = 0\n", 1, "actuator", None, "1 to 200"),
         (RIBBED + "channels = 10000\n", 1, "actuator", None, "10000"),
@@ -73,6 +96,22 @@ def test_settings_are_written_as_they_are_read(text):
         (RIBBED + "passage_height = 4.0\n", 1, "actuator", None, "3.1 mm"),
         (RIBBED + "[constraint]\nheight = 30.0\n", 3, "constraint", None, "8.75 to 9.75"),
         (RIBBED + "[constraint]\nheight = 10.0\n", 3, "constraint", None, "10 mm"),
+        (ELASTOMER.replace("0.8", "3.0"), 1, "constraint", None, "and 2 mm"),
+        (ELASTOMER.replace("0.8", "2e-4"), 1, "constraint", None, "0.0002 mm"),
+        (ELASTOMER + "height = 1.8\n", 1, "constraint", None, "1.4 to 2.2"),
+        (ELASTOMER + "C2 = -4.0\n", 1, "constraint", None, "C2 above"),
+        (ELASTOMER + "C3 = -4.0\n", 6, "constraint.C3", "-4.0", "not below 0"),
+        (ELASTOMER + "C4 = 1.0\n", 6, "constraint.C4", "1.0", "known key"),
+        (ELASTOMER.replace("60.0", "0.0"), 5, "constraint.C1", "0.0", "above 0"),
+        ("[constraint]\nC1 = 3.0\n", 2, "constraint.C1", "3.0", "elastomer"),
+        (ELASTOMER.replace("C1 = 60.0", ""), 3, "constraint.kind", '"elastomer"', "C1"),
+        (
+            ELASTOMER.replace("thickness = 0.8", ""),
+            3,
+            "constraint.kind",
+            '"elastomer"',
+            "thickness",
+        ),
         ("[constraint]\nheight = 2.5\n", 1, "constraint", None, "0 to 2 mm"),
         ("[constraint]\nheight = -1.0\n", 2, "constraint.height", "-1.0", "from 0"),
         ('[constraint]\nkind = "steel"\n', 2, "constraint.kind", '"steel"', "paper, film"),
@@ -100,6 +139,11 @@ def test_several_impossible_dimensions_are_all_named():
     assert len(RibbedDimensions(channels=MOST_CHAMBERS + 1, length=560.0).problems()) == 1
 
 
+def test_channels_across_the_plane_of_the_layer_and_beside_the_block_are_both_named():
+    d = CylindricalDimensions(width=2.0, offset=0.5, channel_length=80.0)
+    assert len(d.problems()) == 3
+
+
 def test_a_single_slit_needs_neither_pitch_nor_passage():
     d = RibbedDimensions(channels=1, channel_length=5.0, passage_width=30.0)
     assert d.problems() == ()
@@ -107,16 +151,18 @@ def test_a_single_slit_needs_neither_pitch_nor_passage():
 
 
 @pytest.mark.parametrize("passive", ["open", "pressurised", "solid"])
-def test_a_layer_lies_in_the_middle_of_two_halves(passive):
-    d = RibbedDimensions(passive=passive)
-    assert Constraint().height_in(d) == 9.25
+@pytest.mark.parametrize("family", [RibbedDimensions, CylindricalDimensions])
+def test_a_layer_lies_in_the_middle_of_two_halves(passive, family):
+    d = family(passive=passive)
+    middle = 0.5 * d.height
+    assert Constraint().height_in(d) == middle
     low, high = d.constraint_room
-    assert low <= 9.25 <= high
+    assert low <= middle <= high
     assert Constraint().height_in(replace(d, passive="none")) == 0.0
 
 
 def test_beams_of_either_family_do_not_depend_on_the_size():
-    for d in (Dimensions(), RibbedDimensions()):
+    for d in (Dimensions(), RibbedDimensions(), CylindricalDimensions()):
         lengths = {n: v for n, v in vars(d).items() if isinstance(v, float)}
         larger = replace(d, **{name: 3.0 * value for name, value in lengths.items()})
         assert larger.beam_bending == pytest.approx(d.beam_bending, rel=1e-12)

@@ -57,7 +57,7 @@ def test_a_run_is_read_from_its_parameters(geometry):
 
 
 @pytest.mark.parametrize("geometry", OTHERS)
-def test_no_emulator_is_trained_or_taken_for_them(geometry, tmp_path):
+def test_none_of_the_whole_range_is_trained_or_taken_for_them(geometry, tmp_path):
     found = search(geometry)
     assert found.source is None
     assert found.reasons

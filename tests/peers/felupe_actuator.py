@@ -18,7 +18,7 @@ from bayesdeg.actuator.body import LINEAR_FULL, QUADRATIC
 from tests.peers.peer_path import PeerPath, refuse_special
 
 
-def solve(body, material, *, loads, tolerance=1e-8):
+def solve(body, material, *, loads, tolerance=1e-8, layer=None):
     """Return the equilibria of a body at rising cavity pressures, in units of C1.
 
     A load is done when the largest displacement of a Newton step is below ``tolerance`` times
@@ -27,7 +27,7 @@ def solve(body, material, *, loads, tolerance=1e-8):
     """
     refuse_special(material)
     start = time.perf_counter()
-    items, pressure, field = _items(body, material)
+    items, pressure, field = _items(body, material, layer)
     held = np.flatnonzero(body.fixed)
     free = np.setdiff1d(np.arange(int(np.sum(field.fieldsizes))), held)
     size = float(np.ptp(body.nodes, axis=0).max())
@@ -61,14 +61,18 @@ def _settled(count, largest):
     return check
 
 
-def _items(body, material):
+def _items(body, material, layer):
     """Solid, paper and pressure, with the container of all unknowns."""
     mesh = _mesh(body)
     quadratic = body.element.order == 2
     kind = felupe.RegionTriQuadraticHexahedron if quadratic else felupe.RegionHexahedron
     displacement = felupe.Field(kind(mesh), dim=3)
     field = felupe.FieldContainer([displacement])
-    yeoh = Yeoh(1.0, material.c2_ratio, material.c3_ratio)
+    constants = (1.0, material.c2_ratio, material.c3_ratio)
+    if layer is not None:  # a constant a brick, next to the axis of quadrature points
+        own = (layer.c1, layer.c2, layer.c3)
+        constants = [np.where(body.layer, b, a) for a, b in zip(constants, own, strict=True)]
+    yeoh = Yeoh(*constants)
     bulk = material.bulk_ratio
     if body.element is QUADRATIC:
         field = felupe.FieldContainer([displacement, _linear_pressure(displacement)])

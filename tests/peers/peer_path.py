@@ -53,13 +53,14 @@ def refuse_special(material):
 EXACT = PathEffort(tolerance=1e-8, iterations=30, exact=True)
 
 
-def own_path(body, material, *, loads, effort=EXACT):
+def own_path(body, material, *, loads, effort=EXACT, layer=None):
     """Follow the same loads with bayesdeg; by default to an equilibrium at every load."""
     start = time.perf_counter()
     system = System(body)
     solver = open_factorization(system.upper)
+    problem = Problem(system, material, layer=layer)
     begun = time.perf_counter()
-    path = follow(Problem(system, material), solver, loads=[float(q) for q in loads], effort=effort)
+    path = follow(problem, solver, loads=[float(q) for q in loads], effort=effort)
     end = time.perf_counter()
     solver.close()
     if path.status != Status.CONVERGED:

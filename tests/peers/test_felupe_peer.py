@@ -6,11 +6,14 @@ import numpy as np
 import pytest
 
 from bayesdeg.actuator.body import LINEAR_CONSTANT, QUADRATIC, QUADRATIC_CONSTANT
+from bayesdeg.actuator.cylindrical import CylindricalGeometry
 from bayesdeg.actuator.geometry import Geometry
+from bayesdeg.actuator.material import LayerGroups
 from bayesdeg.actuator.mesh import Resolution, build_mesh
 from bayesdeg.actuator.ribbed import RibbedGeometry
 from bayesdeg.data.families import Constraint
 from bayesdeg.data.settings import Dimensions
+from tests.actuator.test_cylindrical import SMALL as CHANNELS
 from tests.actuator.test_ribbed import SMALL
 from tests.peers.peer_path import FRESH, LOADS, curvatures, own_path
 
@@ -25,10 +28,10 @@ COARSEST = Resolution(along=9.0, across=9.0, up=9.0)
 FIVE_DECIMALS = 5e-6  # 1/m
 
 
-def both(geometry, element, material=FRESH, loads=LOADS):
+def both(geometry, element, material=FRESH, loads=LOADS, layer=None):
     mesh = build_mesh(geometry, COARSEST, element=element)
-    ours = own_path(mesh.body, material, loads=loads)
-    theirs = felupe_actuator.solve(mesh.body, material, loads=loads)
+    ours = own_path(mesh.body, material, loads=loads, layer=layer)
+    theirs = felupe_actuator.solve(mesh.body, material, loads=loads, layer=layer)
     return curvatures(mesh, ours.displacements), curvatures(mesh, theirs.displacements)
 
 
@@ -55,6 +58,23 @@ def test_a_ribbed_segment_with_a_film_inside(element):
     """The film lies between bricks, the slits of the other half are not pressed."""
     ours, theirs = both(RibbedGeometry(SMALL), element, loads=LOADS[:6])
     assert ours[-1] > 1.0
+    np.testing.assert_allclose(ours, theirs, rtol=1e-6)
+
+
+@pytest.mark.parametrize("element", [LINEAR_CONSTANT, QUADRATIC], ids=lambda e: e.name)
+def test_straight_channels_beside_the_axis(element):
+    ours, theirs = both(CylindricalGeometry(CHANNELS), element, loads=LOADS[:6])
+    assert ours[-1] > 0.2
+    np.testing.assert_allclose(ours, theirs, rtol=1e-6)
+
+
+@pytest.mark.parametrize("element", [LINEAR_CONSTANT, QUADRATIC], ids=lambda e: e.name)
+def test_a_layer_of_another_elastomer(element):
+    slab = Constraint("elastomer", thickness=0.8, c1=1.0)
+    geometry = RibbedGeometry(SMALL, constraint=slab)
+    stiff = replace(FRESH, bulk_ratio=1e5)
+    ours, theirs = both(geometry, element, stiff, LOADS[:6], LayerGroups(8.0, -0.1, 0.02))
+    assert ours[-1] > 0.2
     np.testing.assert_allclose(ours, theirs, rtol=1e-6)
 
 

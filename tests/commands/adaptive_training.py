@@ -1,0 +1,101 @@
+"""Training in rounds on real finite element curves of a small actuator; as a script, one killed.
+
+    python -m tests.commands.adaptive_training FOLDER KILLS SEED
+
+forks a process that trains where the study lies and kills it at a random moment, as often as
+wanted; the last one may finish. Prints what it did as JSON.
+"""
+
+import json
+import os
+import signal
+import sys
+import time
+import traceback
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from bayesdeg.actuator.families import geometry_of_study
+from bayesdeg.commands import training
+from bayesdeg.data.study import read_study
+from bayesdeg.emulator.kept import local_recipe
+from bayesdeg.emulator.local import local_design
+from bayesdeg.pipeline.asked import asked_of
+from tests.pipeline.study_files import SETTINGS, study_in
+from tests.pipeline.tiny_campaign import COARSE, FINE, TABLE
+
+MANNER = training.Manner(yes=True, quiet=True)
+LONGEST = 0.75  # of the time that an undisturbed training takes
+
+
+def recipe(dimensions):
+    """As a study's own, on meshes of a second."""
+    return replace(local_recipe(dimensions), coarse_mesh=COARSE, fine_mesh=FINE)
+
+
+def study_of(folder):
+    folder.mkdir(parents=True)
+    study_in(folder, {"study.toml": SETTINGS + TABLE})
+    return read_study(folder)
+
+
+def train(study, folder):
+    """Train in all rounds, in a working folder."""
+    folder.mkdir(parents=True, exist_ok=True)
+    os.chdir(folder)
+    training.LOCAL = recipe
+    training.TARGET_PCT = 0.0  # never good: all rounds are worked
+    asked = asked_of(study, study.settings.seed)
+    first = local_design(asked, recipe(geometry_of_study(study.settings).dimensions))
+    training.train_where_asked(study, first, None, MANNER)
+
+
+def left(folder):
+    """Everything that stays: solutions and the emulator, by name."""
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in sorted(folder.rglob("*.npz"))
+        if not path.name.startswith(".")
+    }
+
+
+def forked(study, folder):
+    pid = os.fork()
+    if pid == 0:
+        try:
+            train(study, folder)
+            os._exit(0)
+        except BaseException:
+            traceback.print_exc()
+            os._exit(1)
+    return pid
+
+
+def killed(study, folder, kills, seed, longest):
+    """Kill the training at random moments, then let it finish."""
+    rng, hits, progress = np.random.default_rng(seed), 0, []
+    while hits < kills:
+        pid = forked(study, folder)
+        time.sleep(rng.uniform(0.0, longest))
+        os.kill(pid, signal.SIGKILL)
+        _, status = os.waitpid(pid, 0)
+        if not os.WIFSIGNALED(status):
+            break  # it was done before
+        hits += 1
+        progress.append(len(left(folder)))
+    _, status = os.waitpid(forked(study, folder), 0)
+    return {"kills": hits, "progress": progress, "exit": os.waitstatus_to_exitcode(status)}
+
+
+if __name__ == "__main__":
+    chosen, count, chance = Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3])
+    of = study_of(chosen / "study")
+    begun = time.monotonic()
+    _, state = os.waitpid(forked(of, chosen / "undisturbed"), 0)
+    assert state == 0
+    pause = LONGEST * (time.monotonic() - begun)
+    found = killed(of, chosen / "killed", count, chance, pause)
+    same = left(chosen / "killed") == left(chosen / "undisturbed")
+    print(json.dumps(found | {"same": same, "files": len(left(chosen / "killed"))}))

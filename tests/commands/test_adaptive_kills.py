@@ -1,0 +1,32 @@
+"""Training that goes on where the posterior lies, killed at random moments: the bits stay."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from bayesdeg.commands import training
+from bayesdeg.emulator.kept import COARSE_RUNS, FINE_RUNS
+
+ROOT = Path(__file__).resolve().parents[2]
+KILLS = 24
+
+
+@pytest.mark.slow
+@pytest.mark.fem
+def test_training_in_rounds_killed_at_random_moments_ends_with_the_same_bits(tmp_path):
+    module = "tests.commands.adaptive_training"
+    command = [sys.executable, "-m", module, str(tmp_path), str(KILLS), "20"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    told = json.loads(done.stdout.splitlines()[-1])
+    assert told["exit"] == 0
+    assert told["kills"] == KILLS
+    # the kills hit training at work, and what it had done was never lost
+    assert told["progress"] == sorted(told["progress"])
+    more = training.ROUNDS * (training.MORE_COARSE + training.MORE_FINE)
+    # all curves of all rounds, and one emulator
+    assert told["files"] == COARSE_RUNS + FINE_RUNS + more + 1
+    assert told["same"]
