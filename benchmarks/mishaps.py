@@ -96,7 +96,7 @@ def judged(number: int, folder: Path, *, spoilt: bool = True, screen: bool = Fal
     mishap = written(number, folder, spoilt=spoilt)
     kind, name, cause, design = drawn(number)
     with threadpool_limits(limits=1):
-        study = read_study(folder)
+        study = screening(read_study(folder))
         begun = time.perf_counter()
         assembly = assemble_screened(study)
         seconds = time.perf_counter() - begun
@@ -129,6 +129,11 @@ def judged(number: int, folder: Path, *, spoilt: bool = True, screen: bool = Fal
         "rivals": list(rivals),
         "seconds": time.perf_counter() - begun,
     }
+
+
+def screening(study: Study) -> Study:
+    """Return a study that asks to be looked through."""
+    return replace(study, settings=replace(study.settings, set_aside=True))
 
 
 def _short(one: Aside) -> list[object]:

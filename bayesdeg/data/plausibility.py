@@ -667,8 +667,8 @@ def _bending(study: Study, material: _Material) -> list[Doubt]:
     if against:
         return against
     found = [*_wound(curves, length)] or [*_compliance(curves, material, beam, length)]
-    copies = _duplicates(study.actuator)
-    return [*found, *_odd_actuators(curves), *copies, *_survivors(study.actuator)]
+    mishaps = (*_duplicates(study.actuator), *_survivors(study.actuator))
+    return [*found, *_odd_actuators(curves), *(mishaps if study.settings.set_aside else ())]
 
 
 def _directions(curves: list[_Curve]) -> Iterator[Doubt]:

@@ -143,10 +143,11 @@ def run_study(
     seeds = Streams.of(study.settings.seed)
     with clock.stage("read"):
         assembly = assemble(study, forward)
-    with clock.stage("suspects"):
-        progress.stage("specimens and readings that do not belong with the rest")
-        assembly = _without_suspects(study, assembly, forward, guard)
-        study = assembly.study or study
+    if study.settings.set_aside:
+        with clock.stage("suspects"):
+            progress.stage(OptionalStage.SUSPECTS)
+            assembly = _without_suspects(study, assembly, forward, guard)
+            study = assembly.study or study
     fit = partial(
         calibrate,
         effort=EFFORTS[study.settings.effort],
@@ -158,23 +159,50 @@ def run_study(
         base = fit(assembly.model, "base", seed=seeds.base)
     results = Results(assembly, base, base, None)
     if can_be_judged(assembly.model):
-        judged = partial(judged_fit, progress=progress, executor=executor, guard=guard)
-        effort = study.settings.effort
-        with clock.stage("verdict"):
-            judgement = guard.attempt(
-                OptionalStage.VERDICT, judged, assembly, base, effort, seeds.verdict
-            )
-        with clock.stage("extended"):
-            results = _extend(replace(results, judgement=judgement), fit, seeds.final, guard)
-            results = _with_average(results, seeds.averaged, guard)
-        with clock.stage("verdict with suspects"):
-            judging = (seeds.suspects, executor, guard)
-            results = _judged_with_suspects(results, forward, *judging)
+        results = _judged(
+            results,
+            study.settings.effort,
+            fit=fit,
+            forward=forward,
+            seeds=seeds,
+            clock=clock,
+            progress=progress,
+            executor=executor,
+            guard=guard,
+        )
     if results.judgement is None:
         results = with_counts(results, seeds.verdict, guard)
     return conclude(
         study, folder, results, clock, progress=progress, executor=executor, guard=guard
     )
+
+
+def _judged(
+    results: Results,
+    effort: Effort,
+    *,
+    fit: Calibrate,
+    forward: Surrogate | None,
+    seeds: Streams,
+    clock: Clock,
+    progress: Progress,
+    executor: Executor | None,
+    guard: Guard,
+) -> Results:
+    """Judge the base model of a study, and calibrate what follows from the verdict."""
+    assembly = results.assembly
+    judged = partial(judged_fit, progress=progress, executor=executor, guard=guard)
+    with clock.stage("verdict"):
+        stage, seed = OptionalStage.VERDICT, seeds.verdict
+        judgement = guard.attempt(stage, judged, assembly, results.base, effort, seed)
+    with clock.stage("extended"):
+        results = _extend(replace(results, judgement=judgement), fit, seeds.final, guard)
+        results = _with_average(results, seeds.averaged, guard)
+    if assembly.whole is None:
+        return results
+    with clock.stage("verdict with suspects"):
+        judging = (assembly.whole, forward, seeds.suspects, executor)
+        return _judged_with_suspects(results, *judging, guard)
 
 
 def _without_suspects(
@@ -188,14 +216,14 @@ def _without_suspects(
 
 def _judged_with_suspects(
     results: Results,
+    whole: Study,
     forward: Surrogate | None,
     seed: np.random.SeedSequence,
     executor: Executor | None,
     guard: Guard,
 ) -> Results:
-    """Judge the study with what was set aside too, at quick effort, where something was."""
-    whole = results.assembly.whole
-    if whole is None or results.judgement is None:
+    """Judge the study with what was set aside too, at quick effort."""
+    if results.judgement is None:
         return results
     work = partial(_decision_of, whole, forward, seed, executor)
     found = guard.attempt(OptionalStage.WITH_SUSPECTS, work)

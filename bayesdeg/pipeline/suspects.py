@@ -1,4 +1,4 @@
-"""A study is looked through for mishaps of the laboratory before it is calibrated.
+"""A study that asks for it is looked through for mishaps before it is calibrated.
 
 What is found is set aside: calibration, verdict and predictions are made without it, and the report
 says with which outcome they would be made with it.
@@ -28,12 +28,12 @@ SEED = 0  # of starts of the climb to the mode, which they hardly move
 
 
 def assemble_screened(study: Study, forward: ForwardMap | None = None) -> Assembly:
-    """Build the base model of a study without the specimens and readings that do not belong to it.
+    """Build the base model of a study, without what does not belong to it if it says so.
 
     Parameters
     ----------
     study : Study
-        Checked data and settings.
+        Checked data and settings; `Settings.set_aside` says whether to look it through.
     forward : ForwardMap, optional
         By default the emulator that ships with the package.
 
@@ -47,7 +47,8 @@ def assemble_screened(study: Study, forward: ForwardMap | None = None) -> Assemb
     StudyError, BayesdegError
         As of `assemble`.
     """
-    return without_suspects(study, assemble(study, forward), forward)
+    assembly = assemble(study, forward)
+    return without_suspects(study, assembly, forward) if study.settings.set_aside else assembly
 
 
 def without_suspects(study: Study, assembly: Assembly, forward: ForwardMap | None) -> Assembly:

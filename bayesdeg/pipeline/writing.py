@@ -829,6 +829,8 @@ def _null_table(found: TableSources) -> pd.DataFrame | None:
 
 def _suspects_table(found: TableSources) -> pd.DataFrame | None:
     """Return what does not belong with the rest of the study, or is unlikely by its columns."""
+    if not found.study.settings.set_aside:
+        return None
     rows = [
         {
             "file": one.file,

@@ -10,20 +10,29 @@ import pytest
 from bayesdeg.criticism.checks.suspects import Irregularity, Oddity, Suspect
 from bayesdeg.criticism.outcome import Outcome
 from bayesdeg.data.study import read_study
+from bayesdeg.observations.specimens import FilmsAndActuators
+from bayesdeg.pipeline import suspects as screening
 from bayesdeg.pipeline.aside import Aside, is_set_aside, set_aside
+from bayesdeg.pipeline.assemble import Assembly
 from bayesdeg.pipeline.record import suspects_of
 from bayesdeg.pipeline.suspects import assemble_screened
+from bayesdeg.pipeline.writing import BUILDS
 from bayesdeg.report.headline import doubts_of
 from bayesdeg.report.record import SuspectEntry, VerdictRecord
+from bayesdeg.report.tables import SUSPECTS
 from bayesdeg.report.wording import sentences
 
 STUDY = Path(__file__).resolve().parents[2] / "studies" / "gelatin_actuator"
 READ = ["curvature_per_m", "bend_angle_deg"]
 
 
+def asked(study, *, set_aside=True):
+    return replace(study, settings=replace(study.settings, set_aside=set_aside))
+
+
 @pytest.fixture(scope="module")
 def study():
-    return read_study(STUDY)
+    return asked(read_study(STUDY))
 
 
 def spoilt(study, specimen, change):
@@ -43,6 +52,30 @@ def in_millibar(rows):
     return rows
 
 
+def test_nobody_is_looked_for_unless_the_study_says_so(study, monkeypatch):
+    def looked(*_):
+        raise AssertionError
+
+    monkeypatch.setattr(screening, "without_suspects", looked)
+    wrong = asked(spoilt(study, "A10-2", halved), set_aside=False)
+    assert not read_study(STUDY).settings.set_aside
+    assembly = assemble_screened(wrong)
+    assert (assembly.aside, assembly.study, assembly.whole) == ((), None, None)
+    assert "A10-2" in assembly.model.actuator.specimens
+
+
+def test_no_table_of_suspects_is_written_unless_the_study_says_so(study):
+    millibar = spoilt(study, "A10-2", in_millibar)
+    model = SimpleNamespace(world=object.__new__(FilmsAndActuators))
+    results = SimpleNamespace(assembly=Assembly(model, (), {}, {}))
+    found = SimpleNamespace(study=millibar, results=results)
+    build = BUILDS[SUSPECTS]
+    assert build(found)["set_aside"].tolist() == [0]
+    found.study = asked(millibar, set_aside=False)
+    assert build(found) is None
+
+
+@pytest.mark.slow
 def test_nothing_of_the_study_of_the_readme_is_set_aside(study):
     assembly = assemble_screened(study)
     assert assembly.aside == ()
@@ -50,6 +83,7 @@ def test_nothing_of_the_study_of_the_readme_is_set_aside(study):
     assert len(assembly.model.actuator.specimens) == study.actuator["specimen_id"].nunique()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("change", "oddity"), [(halved, "response"), (in_millibar, "")])
 def test_a_specimen_that_the_others_contradict_takes_no_part(study, change, oddity):
     wrong = spoilt(study, "A10-2", change)

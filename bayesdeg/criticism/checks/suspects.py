@@ -180,55 +180,70 @@ def hypotheses(
     batches : iterable of tuple of str
         Specimens that have something in common beside their degradation rate.
     """
-    places, prediction = subject.places, subject.expected(vector[None])[0]
+    family, batches = subject.places.family, tuple(batches)
+    prediction = subject.expected(vector[None])[0]
     response = subject.deviations(vector).slope.sum(axis=1)
     found: list[Irregularity] = []
-    for family in dict.fromkeys(places.family.tolist()):
-        rows = places.family == family
-        names = list(dict.fromkeys(places.specimen[rows].tolist()))
-        for name in names:
-            own = rows & (places.specimen == name)
-            found += _of_specimen(places, own, name, response, prediction)
-        found += _of_edge(subject, rows, prediction)
-        groups = [*_levels(places, rows), *batches]
-        found += _of_batches(places, rows, groups, response)
+    for name in dict.fromkeys(family.tolist()):
+        found += _of_family(subject, family == name, batches, response, prediction)
     return tuple(one for one in found if np.any(one.direction != 0.0))
 
 
-def _of_specimen(
+def _of_family(
+    subject: JointModel,
+    rows: Flags,
+    batches: tuple[tuple[str, ...], ...],
+    response: Floats,
+    prediction: Floats,
+) -> Iterator[Irregularity]:
+    places = subject.places
+    for name in dict.fromkeys(places.specimen[rows].tolist()):
+        own = rows & (places.specimen == name)
+        yield Irregularity(Oddity.RESPONSE, (name,), "", own, np.where(own, response, 0.0))
+        if ACTUATOR in places.family[own]:
+            yield from _of_actuator(places, own, name, response, prediction)
+        yield from _pictures(places, own, name, prediction)
+    yield from _of_edge(subject, rows, prediction)
+    yield from _of_batches(places, rows, [*_levels(places, rows), *batches], response)
+
+
+def _of_actuator(
     places: Places, own: Flags, name: str, response: Floats, prediction: Floats
 ) -> Iterator[Irregularity]:
-    yield Irregularity(Oddity.RESPONSE, (name,), "", own, np.where(own, response, 0.0))
+    shifted = response / np.maximum(np.abs(places.along), SMALL)
+    yield Irregularity(Oddity.OFFSET, (name,), "", own, np.where(own, shifted, 0.0))
     kinds = list(dict.fromkeys(places.kind[own].tolist()))
-    if ACTUATOR in places.family[own]:
-        shifted = response / np.maximum(np.abs(places.along), SMALL)
-        yield Irregularity(Oddity.OFFSET, (name,), "", own, np.where(own, shifted, 0.0))
-        named = {CURVATURE: Oddity.CURVATURE, ANGLE: Oddity.ANGLE}
-        for kind in kinds if len(kinds) > 1 else ():
-            one = own & (places.kind == kind)
-            if kind in named:
-                direction = np.where(one, prediction, 0.0)
-                yield Irregularity(named[kind], (name,), kind, one, direction)
-        yield from _along(places, own, name, prediction)
-    yield from _pictures(places, own, name, kinds, prediction)
+    named = {CURVATURE: Oddity.CURVATURE, ANGLE: Oddity.ANGLE}
+    for kind in kinds if len(kinds) > 1 else ():
+        one = own & (places.kind == kind)
+        if kind in named:
+            direction = np.where(one, prediction, 0.0)
+            yield Irregularity(named[kind], (name,), kind, one, direction)
+    yield from _jumps(places, own, name, prediction)
+    yield from _cut_offs(places, own, name, prediction)
 
 
-def _along(places: Places, own: Flags, name: str, prediction: Floats) -> Iterator[Irregularity]:
-    """Yield a jump before each reading of a path, and a cut-off after it."""
-    first = own & (places.kind == CURVATURE)
-    order = np.flatnonzero(first)
-    largest = {
-        kind: _largest(prediction, own & (places.kind == kind)) for kind in (CURVATURE, ANGLE)
-    }
-    unit = np.array([largest.get(kind, 1.0) for kind in places.kind.tolist()])
+def _jumps(places: Places, own: Flags, name: str, prediction: Floats) -> Iterator[Irregularity]:
+    """Yield a jump before each reading of a path, as large as the largest of its kind."""
+    order = np.flatnonzero(own & (places.kind == CURVATURE))
+    unit = np.ones(len(places))
+    for kind in (CURVATURE, ANGLE):
+        read = own & (places.kind == kind)
+        unit[read] = np.abs(prediction[read]).max(initial=0.0)
     step = _steps(places, own)
     for place in range(2, len(order) - 1):
         after = own & (step >= step[order[place]])
         at = float(places.along[order[place]])
         yield Irregularity(Oddity.JUMP, (name,), "", after, np.where(after, unit, 0.0), at)
+
+
+def _cut_offs(places: Places, own: Flags, name: str, prediction: Floats) -> Iterator[Irregularity]:
+    """Yield that a path bends no further than to each of its readings."""
+    curved = own & (places.kind == CURVATURE)
+    order = np.flatnonzero(curved)
     top = order[np.argmax(prediction[order])] if len(order) else 0
     for place in order[1:]:
-        beyond = first & (prediction > prediction[place])
+        beyond = curved & (prediction > prediction[place])
         if place != top and beyond.sum() > 1:
             lost = np.where(beyond, prediction[place] - prediction, 0.0)
             at = float(places.along[beyond].min())
@@ -250,10 +265,6 @@ def _of_edge(subject: JointModel, rows: Flags, prediction: Floats) -> Iterator[I
             yield Irregularity(Oddity.EDGE, names, CURVATURE, beyond, lost, float(edge))
 
 
-def _largest(values: Floats, rows: Flags) -> float:
-    return float(np.abs(values[rows]).max()) if rows.any() else 1.0
-
-
 def _steps(places: Places, own: Flags) -> NDArray[np.int64]:
     """Return the number of each reading along its specimen's path, by kind; −1 of others."""
     step = np.full(len(places), -1)
@@ -263,27 +274,28 @@ def _steps(places: Places, own: Flags) -> NDArray[np.int64]:
     return step
 
 
-def _pictures(
-    places: Places, own: Flags, name: str, kinds: list[str], prediction: Floats
-) -> Iterator[Irregularity]:
+def _pictures(places: Places, own: Flags, name: str, prediction: Floats) -> Iterator[Irregularity]:
     """Yield each reading, and all that were taken from one picture together."""
-    pictures: dict[tuple[object, ...], list[int]] = {}
-    for i in np.flatnonzero(own):
-        time = places.time[i]
-        key = (places.along[i], places.history[i], None if np.isnan(time) else time)
-        pictures.setdefault(key, []).append(int(i))
-    for (along, *_), taken in pictures.items():
+    for at, taken in _taken_together(places, own):
         rows = np.zeros(len(places), dtype=bool)
         rows[taken] = True
-        at = float(str(along))
-        if len(taken) > 1 and len(kinds) > 1:
-            yield Irregularity(
-                Oddity.READING, (name,), "", rows, np.where(rows, prediction, 0.0), at
-            )
+        if len(taken) > 1 and len(set(places.kind[own].tolist())) > 1:
+            whole = np.where(rows, prediction, 0.0)
+            yield Irregularity(Oddity.READING, (name,), "", rows, whole, at)
         for one in taken:
             alone = np.zeros(len(places))
             alone[one] = float(prediction[one]) or 1.0
             yield Irregularity(Oddity.READING, (name,), str(places.kind[one]), rows, alone, at)
+
+
+def _taken_together(places: Places, own: Flags) -> Iterator[tuple[float, list[int]]]:
+    """Yield where on the path each picture was taken, and its readings."""
+    pictures: dict[tuple[float, str, float | None], list[int]] = {}
+    for i in np.flatnonzero(own):
+        time = float(places.time[i])
+        key = (float(places.along[i]), str(places.history[i]), None if np.isnan(time) else time)
+        pictures.setdefault(key, []).append(int(i))
+    yield from ((along, taken) for (along, *_), taken in pictures.items())
 
 
 def _levels(places: Places, rows: Flags) -> list[tuple[str, ...]]:
@@ -692,28 +704,33 @@ def _two_groups(pool: Pool, now: Scored) -> Iterator[tuple[Irregularity, Floats]
     scatter, which two groups widen; its law without groups is that of equal normal sizes.
     """
     for oddity, group in ((Oddity.CURVATURE, Oddity.DAY), (Oddity.RESPONSE, Oddity.BATCH)):
+        same = np.array([one.oddity is oddity for one in pool.known])
         for family in np.unique(pool.family):
-            members = [
-                k
-                for k, one in enumerate(pool.known)
-                if one.oddity is oddity and pool.family[k] == family
-            ]
-            if len(members) < 2 * SMALLEST_GROUP:
-                continue
-            norms = np.maximum(now.norms[members], SMALL)
-            sizes = (now.columns[:, members].T @ now.observed) / norms**2
-            statistic, part = largest_t(sizes[None], norms)
-            if statistic[0] <= _t_of_chance(norms):
-                continue
-            order = np.argsort(sizes)
-            low, high = order[: part[0]], order[part[0] :]
-            few = [members[k] for k in (low if len(low) < len(high) else high)]
-            chosen = [pool.known[k] for k in few]
-            names = tuple(one.specimens[0] for one in chosen)
-            rows = np.any([one.rows for one in chosen], axis=0)
-            direction = np.sum([one.direction for one in chosen], axis=0)
-            one = Irregularity(group, names, chosen[0].kind, rows, direction)
-            yield one, now.columns[:, few].sum(axis=1)
+            members = np.flatnonzero(same & (pool.family == family))
+            few = members[_smaller_group(now, members)]
+            if len(few):
+                yield _together(group, [pool.known[k] for k in few]), now.columns[:, few].sum(1)
+
+
+def _smaller_group(now: Scored, members: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return places among some hypotheses of those that are a group; none if there is no group."""
+    if len(members) < 2 * SMALLEST_GROUP:
+        return np.array([], dtype=np.int64)
+    norms = np.maximum(now.norms[members], SMALL)
+    sizes = (now.columns[:, members].T @ now.observed) / norms**2
+    statistic, part = largest_t(sizes[None], norms)
+    if statistic[0] <= _t_of_chance(norms):
+        return np.array([], dtype=np.int64)
+    order = np.argsort(sizes)
+    return min(order[part[0] :], order[: part[0]], key=len)
+
+
+def _together(oddity: Oddity, ways: Sequence[Irregularity]) -> Irregularity:
+    """Return that specimens are odd together that are odd one by one."""
+    names = tuple(one.specimens[0] for one in ways)
+    rows = np.any([one.rows for one in ways], axis=0)
+    direction = np.sum([one.direction for one in ways], axis=0)
+    return Irregularity(oddity, names, ways[0].kind, rows, direction)
 
 
 def largest_t(sizes: Floats, weights: Floats) -> tuple[Floats, NDArray[np.int64]]:
@@ -809,35 +826,33 @@ def _pursued(
     subject: JointModel, pool: Pool, now: Scored, excess: Callable[[Floats], Floats]
 ) -> tuple[Suspect, ...]:
     """Take the oddest hypothesis, make its size free, and so on, until none is odd."""
-    whole = now.norms
+    whole, places = now.norms, subject.places
     found: list[Suspect] = []
-    places = subject.places
     left = np.zeros(len(places), dtype=bool)
-    most = MOST_READINGS * len(places)
-    while len(found) < most:
-        scores = now.scores(whole)
-        odd = excess(scores)
+    while len(found) < MOST_READINGS * len(places):
         # what is out already is not to be explained again
-        odd[[bool(np.all(left[one.rows])) for one in pool.known]] = 0.0
-        odd = np.where(_too_many(pool, found, places), 0.0, odd)
+        explained = np.array([bool(np.all(left[one.rows])) for one in pool.known])
+        closed = explained | _too_many(pool, found)
+        odd = np.where(closed, 0.0, excess(now.scores(whole)))
         best = int(np.argmax(odd))
         if not odd[best] > 0.0:
             break
         one = pool.known[best]
-        size = scores[best] / float(now.norms[best])
-        found.append(Suspect(one, size, float(scores[best]), float(pool.p_values(scores)[best])))
-        left |= one.rows if one.oddity in _WHOLE else np.zeros_like(left)
-        if one.oddity is Oddity.READING:
+        found.append(_suspect(pool, now, whole, best))
+        if one.is_of_specimen or one.oddity is Oddity.READING:
             left |= one.rows
         now = now.without(now.columns[:, best])
     return tuple(found)
 
 
-_WHOLE = (Oddity.RESPONSE, Oddity.OFFSET, Oddity.BATCH, Oddity.CURVATURE, Oddity.ANGLE, Oddity.DAY)
-"""Of which nothing that was read on the specimen is to be trusted."""
+def _suspect(pool: Pool, now: Scored, whole: Floats, best: int) -> Suspect:
+    scores = now.scores(whole)
+    size = float(scores[best]) / max(float(now.norms[best]), SMALL)
+    chance = float(pool.p_values(scores)[best])
+    return Suspect(pool.known[best], size, float(scores[best]), chance)
 
 
-def _too_many(pool: Pool, found: list[Suspect], places: Places) -> Flags:
+def _too_many(pool: Pool, found: list[Suspect]) -> Flags:
     """Return which hypotheses would take more specimens of a family than there may be."""
     out = {
         name for one in found if one.hypothesis.is_of_specimen for name in one.hypothesis.specimens
@@ -851,22 +866,20 @@ def _too_many(pool: Pool, found: list[Suspect], places: Places) -> Flags:
 
 def _confirmed(pool: Pool, now: Scored, found: tuple[Suspect, ...]) -> tuple[Suspect, ...]:
     """Return suspects that stay ones with all others free, by what they are then."""
-    index = {id(one): k for k, one in enumerate(pool.known)}
-    whole, kept = now.norms, list(found)
+    kept = list(found)
     while kept:
-        judged = []
-        for one in kept:
-            free = now
-            for other in kept:
-                if other is not one:
-                    free = free.without(free.columns[:, index[id(other.hypothesis)]])
-            k = index[id(one.hypothesis)]
-            scores = free.scores(whole)
-            size = scores[k] / max(float(free.norms[k]), SMALL)
-            chance = float(pool.p_values(scores)[k])
-            judged.append(replace(one, size=float(size), score=float(scores[k]), p_value=chance))
+        judged = [_beside(pool, now, one, [k for k in kept if k is not one]) for one in kept]
         worst = max(range(len(judged)), key=lambda i: judged[i].p_value)
         if judged[worst].p_value < LEVEL:
             return tuple(sorted(judged, key=lambda one: -abs(one.score)))
         del kept[worst]
     return ()
+
+
+def _beside(pool: Pool, now: Scored, one: Suspect, others: Sequence[Suspect]) -> Suspect:
+    """Return a suspect by what it is with the sizes of others free."""
+    index = {id(way): k for k, way in enumerate(pool.known)}
+    free = now
+    for other in others:
+        free = free.without(free.columns[:, index[id(other.hypothesis)]])
+    return _suspect(pool, free, now.norms, index[id(one.hypothesis)])
