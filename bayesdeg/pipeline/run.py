@@ -159,17 +159,8 @@ def run_study(
         base = fit(assembly.model, "base", seed=seeds.base)
     results = Results(assembly, base, base, None)
     if can_be_judged(assembly.model):
-        results = _judged(
-            results,
-            study.settings.effort,
-            fit=fit,
-            forward=forward,
-            seeds=seeds,
-            clock=clock,
-            progress=progress,
-            executor=executor,
-            guard=guard,
-        )
+        judging = (results, study.settings.effort, fit, forward, seeds, clock)
+        results = _judged(*judging, progress=progress, executor=executor, guard=guard)
     if results.judgement is None:
         results = with_counts(results, seeds.verdict, guard)
     return conclude(
@@ -180,11 +171,11 @@ def run_study(
 def _judged(
     results: Results,
     effort: Effort,
-    *,
     fit: Calibrate,
     forward: Surrogate | None,
     seeds: Streams,
     clock: Clock,
+    *,
     progress: Progress,
     executor: Executor | None,
     guard: Guard,
