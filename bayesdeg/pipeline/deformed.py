@@ -123,7 +123,7 @@ def begin(
     geometry: Moulded,
     executor: Executor | None = None,
     *,
-    resolution: Resolution = PICTURE_MESH,
+    resolution: Resolution | None = None,
 ) -> Begun:
     """Begin to solve the actuators of a picture; return what waits for those that have a solution.
 
@@ -134,7 +134,7 @@ def begin(
     executor : Executor, optional
         Where to solve, each case by itself, beside other work; by default when they are asked for.
     """
-    work = partial(solve, geometry, resolution)
+    work = partial(solve, geometry, resolution or geometry.mesh_like(PICTURE_MESH))
     cases = [later(partial(work, case), executor) for case in fitted_cases(fit)]
     return partial(_those_solved, cases)
 
@@ -148,7 +148,7 @@ def write_deformed(
     fit: Fit,
     geometry: Moulded,
     *,
-    resolution: Resolution = PICTURE_MESH,
+    resolution: Resolution | None = None,
     begun: Begun | None = None,
 ) -> None:
     """Solve the fitted actuator at the lowest and highest degradation rate; write what it shows.
@@ -164,8 +164,8 @@ def write_deformed(
         Of a model with actuator readings.
     geometry : Moulded
         The actuator as moulded.
-    resolution : Resolution
-        Of the mesh.
+    resolution : Resolution, optional
+        Of the mesh; by default one that is to the actuator what ``PICTURE_MESH`` is to the default.
     begun : callable, optional
         What `begin` returned, where they are being solved already.
     """
