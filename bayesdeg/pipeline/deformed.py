@@ -21,7 +21,7 @@ from bayesdeg.actuator.linear import open_factorization
 from bayesdeg.actuator.material import MaterialGroups
 from bayesdeg.actuator.mesh import build_mesh
 from bayesdeg.actuator.moulded import Moulded
-from bayesdeg.actuator.status import COARSE, Resolution
+from bayesdeg.actuator.status import COARSE, PathEffort, Resolution
 from bayesdeg.criticism.fit.side_by_side import later
 from bayesdeg.data.settings import Dimensions
 from bayesdeg.emulator.workers import deaf_to_interrupts, end_with_parent
@@ -48,6 +48,9 @@ Floats = NDArray[np.float64]
 # some 730 bricks on the default geometry: a few seconds a state
 PICTURE_MESH = Resolution(along=1.7, across=1.3, up=2.1)
 STEPS = 8
+# half a minute at most: about to balloon, a path goes on in ever smaller steps; the last state that
+# it reached is as good a picture
+ENOUGH = PathEffort(total=60)
 
 
 @dataclass(frozen=True)
@@ -254,7 +257,7 @@ def solve(geometry: Moulded, resolution: Resolution, case: Case) -> Solved | Non
         return None
     factorization = open_factorization(problem.system.upper)
     try:
-        path = follow(problem, factorization, loads=case.curve.loads)
+        path = follow(problem, factorization, loads=case.curve.loads, effort=ENOUGH)
     finally:
         factorization.close()
     if not path.points:
