@@ -9,8 +9,15 @@ The names below are all there is to the door; they are imported when they are fi
 """
 
 import importlib
-import os
 import sys
+
+if sys.argv[:1] == ["-m"] and "bayesdeg" in sys.orig_argv:
+    # Started by `python -m bayesdeg`: until the command answers signals itself, Ctrl-C ends the
+    # process without a traceback. Whoever imports the library is left alone.
+    _signals = importlib.import_module("_signal")  # a part of the interpreter, there at once
+    _signals.signal(_signals.SIGINT, _signals.SIG_DFL)
+
+import os
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 

@@ -2,25 +2,18 @@
 
 import importlib
 import os
-import signal
 from contextlib import suppress
 from types import FrameType
 
+from bayesdeg import signals
+
 STOPPED = 3
-#: Ctrl-C, a request to end, and a terminal that is closed, which not every system has.
-SIGNALS = (
-    signal.SIGINT,
-    signal.SIGTERM,
-    *((signal.SIGHUP,) if hasattr(signal, "SIGHUP") else ()),
-)
 MESSAGE = "stopped before anything was begun; the same command starts again\n"
 
 
 def main() -> None:
     """Run the command line, of which a signal may stop even the import."""
-    for number in SIGNALS:
-        if signal.getsignal(number) is not signal.SIG_IGN:
-            signal.signal(number, _end)
+    signals.answer(_end)
     importlib.import_module("bayesdeg.cli").main()
 
 

@@ -3,7 +3,6 @@
 import errno
 import io
 import os
-import signal
 import sys
 import traceback
 from contextlib import suppress
@@ -13,7 +12,7 @@ from typing import Annotated
 import typer
 
 import bayesdeg
-from bayesdeg.__main__ import SIGNALS
+from bayesdeg import signals
 from bayesdeg.commands.lazy import COMMANDS, LazyGroup, placeholder
 from bayesdeg.commands.options import Stopped
 from bayesdeg.console import errors
@@ -33,6 +32,7 @@ for command in COMMANDS:
 
 DONE, OUR_FAULT, INPUT_FAULT, STOPPED = 0, 1, 2, 3
 INTERRUPTED = 130  # what typer returns of a command that Ctrl-C stopped
+_requests: list[int] = []  # signals that asked this process to end
 
 
 def _print_version(wanted: bool) -> None:
@@ -57,17 +57,14 @@ def main() -> None:
     """Run the command line with the exit codes of the contract."""
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")
-    for number in SIGNALS:
-        if signal.getsignal(number) is not signal.SIG_IGN:
-            signal.signal(number, _stop)
     try:
+        signals.answer(_stop)
         code = exit_code()
     except KeyboardInterrupt:  # a second signal, while the first was being answered
         code = STOPPED
     except OSError:  # nothing can be said any more: the terminal is gone
         code = STOPPED
-    for number in SIGNALS:
-        signal.signal(number, signal.SIG_IGN)  # what is done is done
+    signals.ignore()  # what is done is done
     if code != DONE:
         # at once: worker processes end with this one, whatever they are at
         with suppress(OSError):
@@ -85,17 +82,33 @@ def _give_back_semaphores() -> None:
             util._run_finalizers(0)
 
 
-def _stop(_signal: int, _frame: FrameType | None) -> None:
+def _stop(number: int, _frame: FrameType | None) -> None:
     """Take any request to end as if the user had pressed Ctrl-C."""
+    _requests.append(number)
     raise KeyboardInterrupt
+
+
+def _ended() -> object:
+    """Run the command; any fault after a request to end is that request.
+
+    A library that is interrupted half-way (an extension that is being imported, a pool whose
+    workers heard the signal too) may raise what it likes.
+    """
+    try:
+        ended = app(standalone_mode=False)
+    except Exception:
+        if _requests:
+            raise KeyboardInterrupt from None
+        raise
+    if ended == INTERRUPTED:
+        raise KeyboardInterrupt
+    return ended
 
 
 def exit_code() -> int:
     """Run the command that stands in ``sys.argv``; return its exit code."""
     try:
-        ended = app(standalone_mode=False)
-        if ended == INTERRUPTED:
-            raise KeyboardInterrupt
+        ended = _ended()
     except StudyError as fault:
         return _say(*(str(line) for line in fault.faults))
     except ResumableError as fault:

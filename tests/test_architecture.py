@@ -38,6 +38,7 @@ LAYERS = (
     "emulator",
     "actuator",
     "material",
+    "photographs",
     "data",
     "priors",
     "records",
@@ -45,6 +46,7 @@ LAYERS = (
     "errors",
     "compiled",
     "quantities",
+    "signals",
 )
 
 

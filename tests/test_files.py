@@ -19,6 +19,7 @@ from bayesdeg.files import LIMIT, parse_json, read_bytes, too_deep, write_bytes,
 from bayesdeg.report.checkpoints import Checkpoints
 from bayesdeg.report.folder import RunFolder
 from bayesdeg.report.left_out import Guard
+from bayesdeg.signals import SIGNALS
 
 TABLE = "specimen_id,degradation_pct,stretch,stress_MPa\na,0,1.2,0.1\na,0,1.4,0.2\n"
 
@@ -270,6 +271,8 @@ def test_a_reader_that_has_seen_enough_is_no_fault():
 START = """
 import builtins, os, signal, sys
 real, number, when = builtins.__import__, int(sys.argv.pop(1)), sys.argv.pop(1)
+if number != signal.SIGINT:  # under nohup closed terminals are ignored, and stay so
+    signal.signal(number, signal.SIG_DFL)
 def importing(name, *rest, **named):
     if name == when:
         builtins.__import__ = real
@@ -281,7 +284,7 @@ main()
 """
 
 
-@pytest.mark.parametrize("number", cli.SIGNALS)
+@pytest.mark.parametrize("number", SIGNALS)
 @pytest.mark.parametrize("when", ["typer", "rich.console", "bayesdeg.errors", "numpy", "pandas"])
 def test_a_signal_ends_the_command_with_3_from_its_first_import_on(tmp_path, number, when):
     done = subprocess.run(
@@ -309,7 +312,7 @@ def test_a_closed_terminal_ends_a_command_with_3(tmp_path):
 
 def test_a_signal_after_the_work_changes_nothing(monkeypatch):
     """What is done is done, also while modules say goodbye."""
-    known = {number: signal.getsignal(number) for number in cli.SIGNALS}
+    known = {number: signal.getsignal(number) for number in SIGNALS}
     monkeypatch.setattr(cli, "app", lambda **_: 0)
     try:
         cli.main()

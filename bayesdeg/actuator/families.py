@@ -4,17 +4,16 @@ from collections.abc import Callable, Mapping
 from dataclasses import fields
 from typing import Any
 
-from bayesdeg.actuator.cylindrical import CylindricalGeometry
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.moulded import Moulded
-from bayesdeg.actuator.ribbed import RibbedGeometry
+from bayesdeg.actuator.segment import SegmentGeometry
 from bayesdeg.data.families import Constraint, Kind, Mould
 from bayesdeg.data.settings import MOULDS, Settings
 
 GEOMETRIES: Mapping[Kind, Callable[..., Moulded]] = {
     "pneunet": Geometry,
-    "ribbed": RibbedGeometry,
-    "cylindrical": CylindricalGeometry,
+    "ribbed": SegmentGeometry,
+    "cylindrical": SegmentGeometry,
 }
 """Each is made of the family's dimensions, a wall factor, an erosion and a constraint."""
 
@@ -38,7 +37,7 @@ def geometry_of(dimensions: Mould, constraint: Constraint | None = None) -> Moul
     --------
     >>> from bayesdeg.data.families import RibbedDimensions
     >>> type(geometry_of(RibbedDimensions())).__name__
-    'RibbedGeometry'
+    'SegmentGeometry'
     """
     return GEOMETRIES[dimensions.kind](dimensions, constraint=constraint or Constraint())
 

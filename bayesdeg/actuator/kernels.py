@@ -411,7 +411,10 @@ def deformation(
 def add_pull(
     push: Floats, chosen: Indices, elements: Indices, gradients: Floats, out: Floats
 ) -> None:  # pragma: no cover - compiled
-    """Add what a rate by F, (n, n_points, 3, 3) of chosen elements, is by the nodes' positions."""
+    """Add Σ push_iJ ∂N/∂X_J: a derivative by F of chosen elements, by the nodes' positions.
+
+    ``push`` has the shape (n, n_points, 3, 3), ``chosen`` (n,), ``out`` (n_nodes, 3).
+    """
     n_local, n_points = elements.shape[1], gradients.shape[1]
     rows = np.empty((3, 3 * n_points))
     for k in range(chosen.shape[0]):

@@ -136,7 +136,7 @@ MATERIAL_INPUTS = (
 INPUTS = (*MATERIAL_INPUTS, *SHAPE_INPUTS)
 
 CORRECTIONS = 8
-NOTHING = np.finfo(float).tiny  # at rest some readings do not change, and their adjoints are zero
+SMALLEST = np.finfo(float).tiny  # at rest some readings do not change, and their adjoints are zero
 
 
 def derivatives(
@@ -215,8 +215,8 @@ def adjoint_states(
             a.moved(u, problem.pressure_increment(factors, u, v))
             for a, u, (_, v) in zip(adjoints, moves, defects, strict=True)
         ]
-        now = np.array([_largest(u) for u in moves]) / np.maximum(sizes, NOTHING)
-        if np.all(now * np.minimum(now / np.maximum(before, NOTHING), 1.0) <= enough):
+        now = np.array([_largest(u) for u in moves]) / np.maximum(sizes, SMALLEST)
+        if np.all(now * np.minimum(now / np.maximum(before, SMALLEST), 1.0) <= enough):
             break
         before = now
     return adjoints

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.actuator.inputs import Inputs, Prediction
+from bayesdeg.data.settings import Settings
 from bayesdeg.material.strength import ScatterLaw
 from bayesdeg.priors import Parameter
 
@@ -195,6 +196,10 @@ def always_visible(conditions: Conditions | FilmConditions) -> None:
     """Say nothing: no test is blind to the cause."""
 
 
+def judged_anywhere(settings: Settings) -> None:
+    """Say nothing: whatever a study states, the cause has a meaning in it."""
+
+
 @dataclass(frozen=True)
 class Cause:
     """One entry of the catalogue.
@@ -234,6 +239,8 @@ class Cause:
         (walkers, 1).
     blind : callable
         Says why tests cannot reveal it although the columns are there; None if they can.
+    blind_in : callable
+        Says why what ``study.toml`` states leaves it no meaning; None if it has one.
     blind_on_films : callable
         Says why tensile tests alone, without actuators, cannot reveal it; None if they can.
     """
@@ -254,6 +261,7 @@ class Cause:
     on_stress: Callable[[Floats, FilmConditions, Effect, Floats], Floats] | None = None
     on_strength: Callable[[Strength, StrengthConditions, Effect], Strength] | None = None
     blind: Callable[[Conditions], str | None] = always_visible
+    blind_in: Callable[[Settings], str | None] = judged_anywhere
     blind_on_films: Callable[[FilmConditions], str | None] = always_visible
 
     def qualified(self, parameter: str) -> str:

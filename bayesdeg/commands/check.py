@@ -12,7 +12,7 @@ from bayesdeg.commands.options import CORES, StudyFolder
 from bayesdeg.console import errors, say
 from bayesdeg.data.plausibility import doubts, refuse_impossible
 from bayesdeg.data.study import Study
-from bayesdeg.emulator.kept import duration, rough_seconds, search
+from bayesdeg.emulator.kept import duration, rough_seconds, search, without_emulator
 from bayesdeg.observations.catalogue import TABLES
 from bayesdeg.pipeline.outline import outline
 from bayesdeg.pipeline.reading import read_study
@@ -41,12 +41,25 @@ def check(study: StudyFolder) -> None:
     say(f"in doubt: {doubt}" for doubt in unlikely)
     for what, cost in plan.missing:
         errors.print(f"without {what}: {cost}", soft_wrap=True)
+    if plan.has_actuators and checked.settings.operator is None:
+        errors.print(
+            "study.toml does not state \\[reading] operator: curvatures are taken for "
+            "angle_over_arc, bend angle over arc length; a circle fitted to the bottom line reads "
+            "up to a fifth more, which looks like shrinkage_reading",
+            soft_wrap=True,
+        )
     if plan.has_actuators:
         geometry = geometry_of_study(checked.settings)
         errors.print(described(geometry), soft_wrap=True, markup=False, highlight=False)
         errors.print(section(geometry), soft_wrap=True, markup=False, highlight=False)
         found = search(geometry)
-        if found.source is None:
+        if why := without_emulator(geometry):
+            errors.print(
+                f"'bayesdeg run' stops before it calibrates: no emulator can be trained for this "
+                f"actuator ({why}); 'bayesdeg simulate' works",
+                soft_wrap=True,
+            )
+        elif found.source is None:
             seconds = rough_seconds(checked.settings.dimensions, workers=CORES)
             errors.print(
                 f"{found.reason}; 'bayesdeg run' trains one first: {duration(seconds)} with "

@@ -169,6 +169,16 @@ COMMANDS = (
             "updated run: reports/gelatin_actuator_updated",
         ),
     ),
+    Command(
+        "trace",
+        "trace",
+        "trace_photographs",
+        "Trace the bottom line of actuators in photographs, and write points with their errors.",
+        (
+            "bayesdeg trace photos/*.jpg --grid 5 --out traced",
+            "bayesdeg trace photo.jpg --length 42.6 --hint traced/points.csv --out corrected",
+        ),
+    ),
 )
 
 

@@ -10,6 +10,8 @@ import typer
 
 from bayesdeg.actuator.curve import ExactMap
 from bayesdeg.actuator.families import geometry_of_study
+from bayesdeg.actuator.inputs import ForwardMap
+from bayesdeg.actuator.reading import as_read
 from bayesdeg.actuator.status import FINE, Backend
 from bayesdeg.commands.options import CORES, Quiet, Seed, StudyFolder, Workers
 from bayesdeg.console import errors, say, shown
@@ -81,14 +83,20 @@ def simulate(
                 on_start=partial(progress.stage, "finite element curves"),
                 on_curve=progress.advance,
             )
+            read = _as_stated(template, forward)
             experiment = run_experiment(
-                design_of(template), truth, forward=forward, generator=generator, effects=effects
+                design_of(template), truth, forward=read, generator=generator, effects=effects
             )
         files = study_files(experiment, template.settings, provenance=provenance)
         for name, text in files.items():
             if not (name == SETTINGS_FILE and study.resolve() == out.resolve()):
                 write_text(out / name, text)
     errors.print(f"wrote a virtual experiment to {out}", soft_wrap=True)
+
+
+def _as_stated(template: Study, forward: ExactMap) -> ForwardMap:
+    """Return the map of curvatures as the operator reads them that a study states."""
+    return as_read(forward, template.settings.operator, template.settings.reading_points)
 
 
 def _volume_ratio(template: Study) -> float:

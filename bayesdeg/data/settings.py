@@ -43,8 +43,13 @@ Mode = Literal["uniaxial", "equibiaxial", "planar"]
 
 RuptureCriterion = Literal["principal_stretch", "cauchy_stress", "strain_energy", "weakest_link"]
 
+Operator = Literal["angle_over_arc", "circle", "spline", "base_tip"]
+
 EFFORTS: tuple[Effort, ...] = get_args(Effort)
 MODES: tuple[str, ...] = get_args(Mode)
+OPERATORS: tuple[Operator, ...] = get_args(Operator)
+FEWEST_POINTS = 4
+"""Of a line that is read, as a cubic spline needs."""
 RUPTURE_CRITERIA: tuple[RuptureCriterion, ...] = get_args(RuptureCriterion)
 
 
@@ -301,6 +306,10 @@ class Settings:
     set_aside : bool
         Whether to look for specimens and readings that the others contradict, and to calibrate
         and judge without them.
+    operator : str, optional
+        How curvature was read; if it is not stated, as bend angle over arc length.
+    reading_points : int
+        How many points along the bottom line another operator was given.
 
     Examples
     --------
@@ -330,11 +339,19 @@ class Settings:
     rupture_criterion: RuptureCriterion = "principal_stretch"
     film_volume_mm3: float = 50.0
     set_aside: bool = False
+    operator: Operator | None = None
+    reading_points: int = 50
 
     @property
     def kind(self) -> Kind:
         """The family of the actuator."""
         return self.dimensions.kind
+
+    @property
+    def is_default_mould(self) -> bool:
+        """Whether it is the default actuator with paper or film on its bottom."""
+        on_bottom = self.constraint_kind in ("paper", "film") and not self.constraint_height_mm
+        return self.dimensions == Dimensions() and on_bottom
 
     @property
     def constraint(self) -> Constraint:
@@ -484,6 +501,14 @@ ENTRIES: tuple[_Entry, ...] = (
     _Entry("suspects", "set_aside", "true or false", bool),
     _Entry("forward", "function", _FUNCTION, _Function, "own_function"),
     _Entry("forward", "inputs", _INPUTS, Annotated[_Names[str], Len(1)], "own_inputs"),
+    _Entry("reading", "operator", f"one of {', '.join(OPERATORS)}", Operator),
+    _Entry(
+        "reading",
+        "points",
+        f"a whole number of at least {FEWEST_POINTS}",
+        Annotated[int, Ge(FEWEST_POINTS)],
+        "reading_points",
+    ),
     _Entry("reading", "name", _READING, _Text, "own_reading"),
     _Entry("reading", "unit", "a text in quotes", _Text, "own_unit"),
     _Entry("reading", "error", f"a number above 0, or {_SCALE}", _Law | _POSITIVE, "own_error"),
@@ -593,10 +618,31 @@ def _from_document(document: dict[str, Any], text: str) -> tuple[Settings, tuple
     settings = Settings(
         dimensions=dimensions, recipe=recipe, priors=priors, forward=forward, **accepted
     )
+    if not faults:
+        faults += _unknown_operator(settings, text)
     return settings, tuple(faults)
 
 
+_OF_OPERATOR = {"operator", "points"}
 _OWN = tuple(entry.name for entry in fields(OwnForward) if entry.name != "parameters")
+
+
+def _unknown_operator(settings: Settings, text: str) -> tuple[Fault, ...]:
+    """Refuse an operator of which it is not known what it reads of this actuator."""
+    if settings.operator in (None, "angle_over_arc"):
+        return ()
+    if settings.forward is None and settings.is_default_mould:
+        return ()
+    return (
+        Fault(
+            FILE,
+            "is known of the default actuator alone",
+            "read the rotation of the end faces over the arc length and write angle_over_arc",
+            _row_of(text, "reading", "operator"),
+            "reading.operator",
+            _as_written(settings.operator),
+        ),
+    )
 
 
 def _without_forward(document: Mapping[str, Any], text: str) -> tuple[Fault, ...]:
@@ -605,7 +651,7 @@ def _without_forward(document: Mapping[str, Any], text: str) -> tuple[Fault, ...
     return tuple(
         Fault(FILE, "is of no use without [forward]", remedy, _row_of(text, name, None), name)
         for name in ("forward", "parameters", "reading")
-        if name in document
+        if name in document and not (name == "reading" and document[name].keys() <= _OF_OPERATOR)
     )
 
 

@@ -23,10 +23,9 @@ from bayesdeg.actuator.demand import MEASURES, WEIBULL_MODULI
 from bayesdeg.actuator.moulded import Moulded
 from bayesdeg.actuator.sensitivity import INPUTS
 from bayesdeg.actuator.status import MODEL_VERSION, Status
-from bayesdeg.data.families import Kind as ActuatorKind
 from bayesdeg.emulator.coordinates import LARGEST_WARPED, SLACK, coordinates, scaled_cause
 from bayesdeg.emulator.design import is_answered, likely, second_stage, space_filling
-from bayesdeg.emulator.kept import Recipe, has_ground, refuse_whole_range
+from bayesdeg.emulator.kept import MESH_ERROR, Recipe, has_ground, refuse_whole_range
 from bayesdeg.emulator.local import LocalDesign, counted_in
 from bayesdeg.emulator.regression import (
     Equations,
@@ -39,7 +38,7 @@ from bayesdeg.emulator.regression import (
     reach,
     rows_of,
 )
-from bayesdeg.emulator.scaling import Place, TrainingRange, Units
+from bayesdeg.emulator.scaling import ONE, Place, TrainingRange, Units
 from bayesdeg.emulator.solutions import Kind, Run, Solution, SolutionStore
 from bayesdeg.emulator.surrogate import OUTPUTS, Surrogate
 from bayesdeg.emulator.terms import N_CHEBYSHEV, Family, Terms, features, stacked
@@ -409,6 +408,22 @@ class Trained:
     worst: Floats
 
 
+def _cut_short(*samples: PathSamples) -> int:
+    return sum(one.status != Status.CONVERGED for one in samples)
+
+
+def _learned(
+    curves: Sequence[Curve], samples: Sequence[PathSamples], *, span: TrainingRange, length: float
+) -> dict[Curve, Observed]:
+    found = _observed(curves, samples, span=span, length=length)
+    if not found:
+        raise BayesdegError(
+            "no curve of a mesh has enough equilibria to learn from: the study hardly bends its "
+            "actuator, or all its curves balloon at once; check pressures and priors"
+        )
+    return found
+
+
 def train(
     coarse: tuple[Sequence[Curve], Sequence[PathSamples]],
     fine: tuple[Sequence[Curve], Sequence[PathSamples]],
@@ -420,7 +435,7 @@ def train(
     terms: FitTerms | None = None,
     usual: Sequence[Curve] | None = None,
     ground: Surrogate | None = None,
-    units: Units = Units(),  # noqa: B008 - frozen
+    units: Units = ONE,
 ) -> Surrogate:
     """Return a surrogate of the fine mesh.
 
@@ -446,36 +461,29 @@ def train(
         In which the span counts load and paper; curves and samples are given in units of 1.
     """
     coarse, fine = (_counted(*runs, units) for runs in (coarse, fine))
-    usual = None if usual is None else [counted_in(curve, units) for curve in usual]
     chosen = terms or WHOLE
-    many, few = (_observed(*runs, span=span, length=length) for runs in (coarse, fine))
-    if not few:
-        raise BayesdegError(
-            "no curve of the fine mesh has enough equilibria to learn from: the study hardly bends "
-            "its actuator, or all its curves balloon at once; check pressures and priors"
-        )
+    many, few = (_learned(*runs, span=span, length=length) for runs in (coarse, fine))
     parts = [_train(many, few, plan, span, _below(ground, plan)) for plan in chosen.plans]
     limit = _limit(coarse, fine, span, chosen.limit, ground)
-    met = _material_points(likely(span) if usual is None else usual)
+    met = _material_points(likely(span) if usual is None else [counted_in(c, units) for c in usual])
     errors = [
-        fit_errors(part.points, part.left_out, nearness(part.points, met), chosen.errors)
-        for part in parts
+        fit_errors(p.points, p.left_out, nearness(p.points, met), chosen.errors) for p in parts
     ]
     n = sum(max(plan.outputs) < len(OUTPUTS) for plan in chosen.plans)
-    terms_of_outputs = stacked([part.terms for part in parts[:n]])
+    outputs = stacked([part.terms for part in parts[:n]])
     facts = {
         "model_version": MODEL_VERSION,
         "coarse_curves": len(coarse[0]),
         "fine_curves": len(fine[0]),
-        "curves_cut_short": sum(s.status != Status.CONVERGED for s in (*coarse[1], *fine[1])),
-        "terms": len(terms_of_outputs.orders),
+        "curves_cut_short": _cut_short(*coarse[1], *fine[1]),
+        "terms": len(outputs.orders),
         "mesh_error_pct": 100.0 * mesh_error,
         "accuracy": _accuracy(parts, errors, limit),
     }
     return Surrogate(
         length=length,
         span=span,
-        terms=terms_of_outputs,
+        terms=outputs,
         error=stacked(errors[:n]),
         limit=limit.terms,
         strains=stacked([part.terms for part in parts[n:]]),
@@ -854,11 +862,6 @@ def _deadly(run: Run) -> BayesdegError:
     )
 
 
-# rms deviation of the fine mesh from vanishing elements. Default pneunet: fresh and degraded, as
-# printed by `python benchmarks/forward.py --json` (details of error_pct). Default ribbed segment:
-# 1,118 elements are 4 % below 3,498 elements, and these 1.5 % below finer ones, see
-# `RibbedGeometry.mesh_like`
-MESH_ERROR: dict[ActuatorKind, float] = {"pneunet": 0.0065, "ribbed": 0.05}
 WHOLE_RANGE = "scrambled Sobol' over the material, none to four causes at work in each"
 LOCAL = "where one study may ask, as a departure from the emulator of the default geometry"
 ALONE = "where one study may ask"

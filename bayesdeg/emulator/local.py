@@ -18,7 +18,7 @@ from bayesdeg.actuator.moulded import Moulded
 from bayesdeg.emulator.coordinates import coordinates
 from bayesdeg.emulator.design import LOAD_SHARES
 from bayesdeg.emulator.kept import Recipe, has_ground
-from bayesdeg.emulator.scaling import GROUPS, NAMES, Group, Place, TrainingRange, Units
+from bayesdeg.emulator.scaling import GROUPS, NAMES, ONE, Group, Place, TrainingRange, Units
 
 Floats = NDArray[np.float64]
 
@@ -90,7 +90,7 @@ class LocalDesign:
     coarse: tuple[Curve, ...]
     fine: tuple[Curve, ...]
     usual: tuple[Curve, ...]
-    units: Units = Units()  # noqa: RUF009 - frozen
+    units: Units = ONE
 
     def further(self, asked: AskedInputs, recipe: Recipe) -> "LocalDesign":
         """Return the design with curves where a study asks now, over a range that holds both.
@@ -112,7 +112,7 @@ class LocalDesign:
 def local_design(
     asked: AskedInputs,
     recipe: Recipe,
-    units: Units = Units(),  # noqa: B008 - frozen
+    units: Units = ONE,
 ) -> LocalDesign:
     """Return a design for what a study may ask; a larger one begins with a smaller one's curves."""
     counted = asked.in_units(units)
@@ -138,7 +138,7 @@ def counted_in(curve: Curve, units: Units) -> Curve:
     >>> counted_in(curve, Units(load=4.0, paper=8.0)).material.paper_group
     100.0
     """
-    if units == Units():
+    if units == ONE:
         return curve
     material = replace(curve.material, paper_group=curve.material.paper_group / units.paper)
     return Curve(tuple(load / units.load for load in curve.loads), material)
@@ -158,7 +158,7 @@ def units_for(geometry: Moulded, asked: AskedInputs) -> Units:
         Draws of what is asked, in units of 1.
     """
     if has_ground(geometry):
-        return Units()
+        return ONE
     share = span_share(asked)
     paper = np.quantile(asked.groups[:, _PAPER], [TAIL, 1.0 - TAIL])
     middle = 0.5 * (GROUPS[_PAPER].low + GROUPS[_PAPER].high)

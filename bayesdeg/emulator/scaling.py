@@ -105,7 +105,7 @@ class Units:
 
     def inputs(self, given: Inputs) -> Inputs:
         """Return inputs whose groups are those of the given ones in these units."""
-        if self == Units():
+        if self == ONE:
             return given
         reference = given.reference_pressure
         return replace(
@@ -119,6 +119,9 @@ class Units:
         """Return the factor of a derivative by a field of ``Inputs``, from theirs to the given."""
         units = {"pressure": self.load, "paper_stiffness": self.paper}
         return 1.0 / units.get(name, 1.0)
+
+
+ONE = Units()
 
 
 @dataclass(frozen=True)

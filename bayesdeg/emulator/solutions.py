@@ -19,7 +19,7 @@ import numpy as np
 
 from bayesdeg.actuator.curve import Curve, CurveSolution, PathSamples
 from bayesdeg.actuator.families import geometry_of_record
-from bayesdeg.actuator.material import MaterialGroups
+from bayesdeg.actuator.material import LayerGroups, MaterialGroups
 from bayesdeg.actuator.moulded import Moulded
 from bayesdeg.actuator.outputs import OUTPUTS
 from bayesdeg.actuator.sensitivity import INPUTS
@@ -70,6 +70,8 @@ class Run:
     def parameters(self) -> dict[str, object]:
         """Return all that the solution depends on, the model's version included, as plain JSON."""
         whole = asdict(self) | {"geometry": self.geometry.record()}
+        if self.curve.layer is None:  # runs without one keep the names that they had before layers
+            whole["curve"].pop("layer")
         return {"model_version": MODEL_VERSION, **{k: _plain(v) for k, v in whole.items()}}
 
     def key(self) -> str:
@@ -112,9 +114,13 @@ def run_of(parameters: dict[str, Any]) -> Run:
     return Run(
         geometry_of_record(shape),
         Resolution(**parameters["resolution"]),
-        Curve(tuple(curve["loads"]), MaterialGroups(**curve["material"])),
+        Curve(tuple(curve["loads"]), MaterialGroups(**curve["material"]), _layer(curve)),
         Kind(parameters["kind"]),
     )
+
+
+def _layer(curve: dict[str, Any]) -> LayerGroups | None:
+    return LayerGroups(**curve["layer"]) if "layer" in curve else None
 
 
 def _plain(value: object) -> object:

@@ -39,6 +39,7 @@ from bayesdeg.emulator.scaling import (
     LOAD,
     MATERIAL,
     NAMES,
+    ONE,
     SECOND,
     Group,
     TrainingRange,
@@ -56,7 +57,7 @@ def describe(
     batch: Batch,
     span: TrainingRange,
     limit: Floats,
-    units: Units = Units(),  # noqa: B008 - frozen
+    units: Units = ONE,
 ) -> dict[str, str]:
     """Return a sentence for each group that is out of its range somewhere, and for the load.
 
@@ -354,7 +355,7 @@ class Surrogate:
     strain_error: Terms
     mesh_error: float
     record: str
-    units: Units = Units()  # noqa: RUF009 - frozen
+    units: Units = ONE
 
     def __call__(self, inputs: Inputs) -> Prediction:
         """Return the prediction; outside the training range it is nan with a status."""
@@ -499,7 +500,7 @@ class Surrogate:
             "constants": _constants(),
             "record": np.array(self.record),
         }
-        if self.units != Units():  # files were written without them once
+        if self.units != ONE:  # files were written without them once
             arrays["units"] = np.array([self.units.load, self.units.paper])
         for name in _TABLES:
             table: Terms = getattr(self, name)

@@ -7,6 +7,7 @@ import numpy as np
 
 from bayesdeg.actuator.families import geometry_of_study
 from bayesdeg.actuator.inputs import ForwardMap
+from bayesdeg.actuator.reading import as_read
 from bayesdeg.causes.cause import Cause
 from bayesdeg.causes.fold import with_causes
 from bayesdeg.data.study import Study
@@ -166,6 +167,8 @@ def assemble(study: Study, forward: ForwardMap | None = None) -> Assembly:
     geometry = geometry_of_study(study.settings)
     if plan.needs_forward and (forward is None or isinstance(forward, Surrogate)):
         forward = surrogate_for(geometry, forward)
+    if plan.has_actuators and forward is not None:
+        forward = as_read(forward, study.settings.operator, study.settings.reading_points)
     world = FilmsAndActuators(
         nodes=plan.nodes,
         elongation_nodes=plan.elongation_nodes or (0.0,),

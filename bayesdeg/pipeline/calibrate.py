@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from bayesdeg.actuator.inputs import ForwardMap, Inputs, Prediction
+from bayesdeg.actuator.reading import mechanics_of
 from bayesdeg.criticism.fit.trials import Trial, base_trial
 from bayesdeg.criticism.posterior.convergence import Convergence, diagnose
 from bayesdeg.emulator.surrogate import Surrogate
@@ -368,7 +369,7 @@ def refused_inputs(fit: Fit) -> dict[str, str]:
     fit : Fit
         Of a model with actuator readings; another forward map than an emulator refuses nothing.
     """
-    forward = fit.model.forward
+    forward = mechanics_of(fit.model.forward)
     if not isinstance(forward, Surrogate):
         return {}
     vectors = fit.chain.vectors.reshape(-1, fit.chain.vectors.shape[-1])

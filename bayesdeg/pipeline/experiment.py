@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from bayesdeg.actuator.families import geometry_of_study
 from bayesdeg.actuator.inputs import ForwardMap
+from bayesdeg.actuator.reading import mechanics_of
 from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.checks.residuals import predict_readings
@@ -218,7 +219,7 @@ class ModelledExperiment:
         """Whether other processes know all that is computed with: nothing is the user's own."""
         if self.own is not None:
             return False
-        forward = self.assembly.model.forward
+        forward = mechanics_of(self.assembly.model.forward)
         ours = forward is None or isinstance(forward, Surrogate)
         tried = (*self.causes, *self.assembly.candidates)
         return ours and all(map(_is_ours, tried))

@@ -12,9 +12,17 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from bayesdeg.actuator.geometry import Geometry
+from bayesdeg.actuator.inputs import ForwardMap
+from bayesdeg.actuator.reading import ReadByOperator, as_read
 from bayesdeg.causes.catalogue import find, in_order
 from bayesdeg.causes.cause import Cause
-from bayesdeg.data.settings import RUPTURE_CRITERIA, Dimensions, RuptureCriterion
+from bayesdeg.data.settings import (
+    FEWEST_POINTS,
+    OPERATORS,
+    RUPTURE_CRITERIA,
+    Dimensions,
+    RuptureCriterion,
+)
 from bayesdeg.data.study import Study
 from bayesdeg.emulator.kept import CACHE, Recipe, cached_path, read_content, record_of
 from bayesdeg.emulator.surrogate import Surrogate
@@ -170,6 +178,8 @@ def model_document(model: JointModel, study: Study | None = None) -> ModelEntry:
     measured |= {"film_degradation_pct": films} if films else {}
     buried = None if study is None else study.moisture
     measured |= {} if buried is None else {TIME: buried["time_h"].to_numpy(np.float64)}
+    forward = model.forward
+    reads = forward if isinstance(forward, ReadByOperator) else None
     return ModelEntry(
         nodes_pct=model.nodes,
         elongation_nodes_pct=model.elongation_nodes,
@@ -178,6 +188,8 @@ def model_document(model: JointModel, study: Study | None = None) -> ModelEntry:
         measured={name: (float(min(v)), float(max(v))) for name, v in measured.items()},
         rupture_criterion=model.films_and_actuators.criterion,
         rupture_size_ratio=model.films_and_actuators.size_ratio,
+        reading_operator=reads.operator if reads else "",
+        reading_points=reads.points if reads else None,
         rupture_checks=specimens_tested(model) or None,
         bursts=bursts_of(model, study),
     )
@@ -342,13 +354,32 @@ def _model(entry: ModelEntry, draws: Mapping[str, Floats], forward: Surrogate) -
         world=FilmsAndActuators(
             nodes=nodes,
             elongation_nodes=_known(entry.elongation_nodes_pct),
-            forward=forward,
+            forward=as_recorded(entry, forward),
             paper_thickness=thickness,
             largest_pressure=largest,
             criterion=_criterion(entry),
             size_ratio=entry.rupture_size_ratio or 1.0,
         ),
         causes=in_order(_flat(find(name)) for name in names),
+    )
+
+
+def as_recorded(entry: ModelEntry, mechanics: ForwardMap) -> ForwardMap:
+    """Return the map of the readings that a model is of.
+
+    Raises
+    ------
+    RecordError
+        If they were read by no known operator.
+    """
+    if not entry.reading_operator:
+        return mechanics
+    for operator in OPERATORS:
+        if entry.reading_operator == operator and (entry.reading_points or 0) >= FEWEST_POINTS:
+            return as_read(mechanics, operator, int(entry.reading_points or 0))
+    raise RecordError(
+        f"run.json: 'reading_operator' must be one of {', '.join(OPERATORS)}, of {FEWEST_POINTS} "
+        f"points at least, not {entry.reading_operator!r} of {entry.reading_points}"
     )
 
 

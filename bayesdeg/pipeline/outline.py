@@ -14,9 +14,10 @@ from bayesdeg.causes.cause import Cause
 from bayesdeg.causes.fold import with_causes
 from bayesdeg.data.cells import IN_QUOTES
 from bayesdeg.data.plausibility import Expected
+from bayesdeg.data.settings import FILE
 from bayesdeg.data.shrinkage import linear_scale
 from bayesdeg.data.study import Study
-from bayesdeg.errors import BayesdegError, Fault, StudyError
+from bayesdeg.errors import BayesdegError, Fault, StudyError, use_one_of
 from bayesdeg.material.degradation import Nodes, nodes_for
 from bayesdeg.observations.catalogue import TABLES, observations_of, of_kind
 from bayesdeg.observations.counts import RuptureCounts
@@ -174,9 +175,22 @@ def _without(study: Study) -> frozenset[str]:
 
 
 def _asked(study: Study) -> list[Cause]:
-    """Return the causes that a study wants judged: by default all that have a meaning in it."""
+    """Return the causes that a study wants judged: by default all that have a meaning in it.
+
+    Raises
+    ------
+    StudyError
+        If it names one that is not in the catalogue.
+    """
     wanted = study.settings.candidates
     if wanted is not None:
+        unknown = [
+            Fault(FILE, "is no cause", use_one_of(name, CATALOGUE),
+                  None, "causes.candidates", name)
+            for name in wanted if name not in CATALOGUE
+        ]  # fmt: skip
+        if unknown:
+            raise StudyError(unknown)
         return [find(name) for name in wanted]
     meant = study.degrades
     stated = study.settings.priors.keys()
@@ -233,6 +247,7 @@ def _candidates(
         indistinct = next(iter(blind), None)
         why = indistinct or _unseen(cause, study, actuators, films, limited=limited)
         why = None if any(one.reveals(cause) for one in found) else why
+        why = cause.blind_in(study.settings) or why
         if why is not None:
             unjudged[cause.name] = why
         if why in (None, indistinct):

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import bayesdeg
+from bayesdeg.actuator.reading import mechanics_of
 from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.criticism.checks.conflict import Conflict, Questioned, questioned
 from bayesdeg.criticism.checks.count_misfit import CountedLevel, CountMisfit, can_be_counted
@@ -833,7 +834,7 @@ def _proposal_counts(results: Results) -> dict[str, int]:
 def _emulated(results: Results) -> Surrogate | None:
     """Return the emulator that stood for the mechanics, if one did."""
     world = results.base.model.world
-    forward = world.forward if isinstance(world, FilmsAndActuators) else None
+    forward = mechanics_of(world.forward) if isinstance(world, FilmsAndActuators) else None
     return forward if isinstance(forward, Surrogate) else None
 
 

@@ -412,6 +412,12 @@ class ModelEntry(Record):
         exclude_if=is_absent,
         description="volume of the actuator as moulded over that of a film that is stretched",
     )
+    reading_operator: Text = Field(
+        default="", exclude_if=is_absent, description="how curvature was read, if not by its angle"
+    )
+    reading_points: Number = Field(
+        default=None, exclude_if=is_absent, description="points that it was read of"
+    )
     rupture_checks: Number = Field(
         default=None,
         description="films broken and actuators loaded: no probability of rupture is below 1/n",

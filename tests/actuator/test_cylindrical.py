@@ -8,12 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bayesdeg.actuator.curve import Actuator, Curve, ExactMap
-from bayesdeg.actuator.cylindrical import CylindricalGeometry
 from bayesdeg.actuator.families import geometry_of, geometry_of_record
 from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.actuator.mesh import Resolution, build_mesh, reshaped
 from bayesdeg.actuator.problem import Problem
 from bayesdeg.actuator.section import air_volume, section
+from bayesdeg.actuator.segment import SegmentGeometry
 from bayesdeg.actuator.sensitivity import INPUTS
 from bayesdeg.actuator.status import FINE, Status
 from bayesdeg.data.families import Constraint, CylindricalDimensions
@@ -35,7 +35,7 @@ SMALL = CylindricalDimensions(
 
 
 def actuator(dimensions=SMALL, constraint=None, **changes):
-    geometry = CylindricalGeometry(dimensions, constraint=constraint or Constraint(), **changes)
+    geometry = SegmentGeometry(dimensions, constraint=constraint or Constraint(), **changes)
     return Actuator(build_mesh(geometry, ONE_ELEMENT_A_WALL))
 
 
@@ -63,7 +63,7 @@ def possible(draw):
 @settings(max_examples=25, deadline=None)
 @given(possible())
 def test_the_mesh_holds_exactly_material_and_air_of_the_boxes(d):
-    geometry = CylindricalGeometry(d)
+    geometry = SegmentGeometry(d)
     body = build_mesh(geometry, ONE_ELEMENT_A_WALL).body
     air = d.channels * d.channel_length * d.channel_width * d.channel_height
     halves = {"open": 2, "pressurised": 2, "solid": 1, "none": 1}[d.passive]
@@ -89,10 +89,10 @@ def test_the_default_cavity_is_that_of_its_authors():
 def test_an_even_number_of_channels_leaves_the_middle_solid():
     for count, first in ((1, 0.0), (2, 0.5), (3, 0.0), (4, 0.5)):
         d = replace(SMALL, channels=count, width=20.0)
-        boxes = CylindricalGeometry(d).upper
+        boxes = SegmentGeometry(d).upper
         assert len(boxes) == (count + 1) // 2
         assert min(across[0] for _, across, _ in boxes) == pytest.approx(first)
-    drawn = section(CylindricalGeometry(SMALL), 64).splitlines()
+    drawn = section(SegmentGeometry(SMALL), 64).splitlines()
     assert max(row.count(" ") for row in drawn) == 48  # 12 of 16 mm
 
 
@@ -100,7 +100,7 @@ def test_an_even_number_of_channels_leaves_the_middle_solid():
 @pytest.mark.parametrize("passive", ["open", "none"])
 def test_moved_walls_hold_what_a_new_mesh_holds(wall_factor, passive):
     d = replace(SMALL, passive=passive, offset=2.2)
-    mesh = build_mesh(CylindricalGeometry(d), ONE_ELEMENT_A_WALL)
+    mesh = build_mesh(SegmentGeometry(d), ONE_ELEMENT_A_WALL)
     moved = reshaped(mesh, wall_factor=wall_factor, erosion=0.15)
     anew = build_mesh(moved.geometry, ONE_ELEMENT_A_WALL)
     np.testing.assert_allclose(moved.body.nodes, anew.body.nodes, atol=1e-12)
@@ -114,7 +114,7 @@ def test_moved_walls_hold_what_a_new_mesh_holds(wall_factor, passive):
 )
 def test_walls_that_are_lost_are_refused(changes):
     with pytest.raises(GeometryError):
-        CylindricalGeometry(SMALL, **changes)
+        SegmentGeometry(SMALL, **changes)
     material = replace(SOFT, **{"wall_factor": 1.0, "erosion": 0.0} | changes)
     assert actuator().solve(Curve((0.1,), material)).status is Status.INVALID_INPUT
 
@@ -142,7 +142,7 @@ def test_a_straight_channel_does_not_bend_an_incompressible_block_to_first_order
     angles, beams = [], []
     for length in (24.0, 48.0):
         d = replace(SMALL, length=length + 8.0, channel_length=length, channels=1, passive="none")
-        geometry = CylindricalGeometry(replace(d, height=4.0), constraint=Constraint("none"))
+        geometry = SegmentGeometry(replace(d, height=4.0), constraint=Constraint("none"))
         of = Actuator(build_mesh(geometry, Resolution(along=4.0, across=2.0, up=1.0)))
         angles.append(of.solve(Curve((1e-4,), gentle), effort=EXACT).bend_angle[0])
         beams.append(1e-4 * geometry.dimensions.beam_bending)
@@ -200,7 +200,7 @@ def test_derivatives_are_those_of_solutions_done_anew(name):
 @pytest.mark.fem
 def test_the_forward_map_answers_and_smaller_parts_bend_more():
     one = np.ones((1, 1))
-    forward = ExactMap(CylindricalGeometry(SMALL), ONE_ELEMENT_A_WALL)
+    forward = ExactMap(SegmentGeometry(SMALL), ONE_ELEMENT_A_WALL)
     plain = Inputs(
         np.array([[2.0, 4.0]]), 0.01 * one, 0 * one, 0 * one, one, 3e3 * one, paper_thickness=one
     )

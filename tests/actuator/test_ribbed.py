@@ -17,8 +17,8 @@ from bayesdeg.actuator.material import MaterialGroups
 from bayesdeg.actuator.mesh import COARSE, Resolution, build_mesh, reshaped
 from bayesdeg.actuator.outputs import read_state
 from bayesdeg.actuator.problem import Problem, System
-from bayesdeg.actuator.ribbed import RibbedGeometry
 from bayesdeg.actuator.section import air_volume, section
+from bayesdeg.actuator.segment import SegmentGeometry
 from bayesdeg.actuator.sensitivity import INPUTS
 from bayesdeg.actuator.status import FINE, PathEffort, Status
 from bayesdeg.data.families import Constraint, RibbedDimensions
@@ -45,7 +45,7 @@ EXACT = PathEffort(tolerance=1e-8, iterations=20, rate_tolerance=1e-9, exact=Tru
 
 
 def actuator(dimensions=SMALL, constraint=None, **changes):
-    geometry = RibbedGeometry(dimensions, constraint=constraint or Constraint(), **changes)
+    geometry = SegmentGeometry(dimensions, constraint=constraint or Constraint(), **changes)
     return Actuator(build_mesh(geometry, ONE_ELEMENT_A_WALL))
 
 
@@ -94,7 +94,7 @@ def possible(draw):
 @settings(max_examples=25, deadline=None)
 @given(possible())
 def test_the_mesh_holds_exactly_material_and_air_of_the_boxes(d):
-    geometry = RibbedGeometry(d)
+    geometry = SegmentGeometry(d)
     body = build_mesh(geometry, ONE_ELEMENT_A_WALL).body
     halves = {"open": 2, "pressurised": 2, "solid": 1, "none": 1}[d.passive]
     block = d.length * d.width * d.height
@@ -108,7 +108,7 @@ def test_the_mesh_holds_exactly_material_and_air_of_the_boxes(d):
 def test_the_default_cavity_is_the_sum_of_its_authors():
     """doi:10.1089/soro.2014.0022: 1.04 ml, thirteen slits and twelve passages."""
     stated = 13 * 25.4 * 3.1 * 1.0 + 12 * 0.65 * (3.15 - 1.81) * 1.76
-    body = build_mesh(RibbedGeometry(RibbedDimensions()), ONE_ELEMENT_A_WALL).body
+    body = build_mesh(SegmentGeometry(RibbedDimensions()), ONE_ELEMENT_A_WALL).body
     assert 2.0 * cavity(body) == pytest.approx(stated, rel=1e-12)
     assert round(1e-3 * stated, 2) == 1.04
 
@@ -156,7 +156,7 @@ def test_a_plane_between_bricks_has_each_face_once():
 @pytest.mark.parametrize("wall_factor", [0.8, 1.2])
 @pytest.mark.parametrize("passive", ["open", "none"])
 def test_moved_walls_hold_what_a_new_mesh_holds(wall_factor, passive):
-    mesh = build_mesh(RibbedGeometry(replace(SMALL, passive=passive)), ONE_ELEMENT_A_WALL)
+    mesh = build_mesh(SegmentGeometry(replace(SMALL, passive=passive)), ONE_ELEMENT_A_WALL)
     moved = reshaped(mesh, wall_factor=wall_factor, erosion=0.15)
     anew = build_mesh(moved.geometry, ONE_ELEMENT_A_WALL)
     np.testing.assert_allclose(moved.body.nodes, anew.body.nodes, atol=1e-12)
@@ -171,13 +171,13 @@ def test_moved_walls_hold_what_a_new_mesh_holds(wall_factor, passive):
 )
 def test_walls_that_are_lost_are_refused(changes):
     with pytest.raises(GeometryError):
-        RibbedGeometry(SMALL, **changes)
+        SegmentGeometry(SMALL, **changes)
     material = replace(SOFT, **{"wall_factor": 1.0, "erosion": 0.0} | changes)
     assert actuator().solve(Curve((0.1,), material)).status is Status.INVALID_INPUT
 
 
 def test_the_drawn_section_shows_the_passages_and_the_layer():
-    drawn = section(RibbedGeometry(SMALL), 72).splitlines()
+    drawn = section(SegmentGeometry(SMALL), 72).splitlines()
     assert sum(set(row) == {"="} for row in drawn) == 1
     upper, lower = drawn[: drawn.index("=" * 72)], drawn[drawn.index("=" * 72) + 1 :]
     assert upper == [row.replace("o", " ") for row in reversed(lower)]
@@ -280,7 +280,7 @@ def test_derivatives_are_those_of_solutions_done_anew(name):
 def test_the_forward_map_answers_and_smaller_parts_bend_more():
     one = np.ones((1, 1))
     pressure = np.array([[2.0, 4.0]])
-    forward = ExactMap(RibbedGeometry(SMALL), ONE_ELEMENT_A_WALL)
+    forward = ExactMap(SegmentGeometry(SMALL), ONE_ELEMENT_A_WALL)
     plain = Inputs(
         pressure, 0.01 * one, 0 * one, 0 * one, one, 3e3 * one, paper_thickness=0.1 * one
     )
@@ -294,7 +294,7 @@ def test_the_forward_map_answers_and_smaller_parts_bend_more():
 
 
 def test_meshes_follow_the_slits():
-    default, small = (RibbedGeometry(d) for d in (RibbedDimensions(), SMALL))
+    default, small = (SegmentGeometry(d) for d in (RibbedDimensions(), SMALL))
     mesh = build_mesh(default, default.mesh_like(FINE))
     assert 60_000 < 3 * len(mesh.body.nodes) < 90_000
     assert small.mesh_like(FINE).along == pytest.approx(1.0)

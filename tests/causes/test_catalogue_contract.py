@@ -42,6 +42,7 @@ NAMES = (
     "shrinkage_reading",
     "film_mismatch",
     "curvature_reading",
+    "curvature_operator",
     "initial_curvature",
     "stress_measure",
     "second_invariant",

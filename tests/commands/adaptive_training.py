@@ -8,14 +8,11 @@ wanted; the last one may finish. Prints what it did as JSON.
 
 import json
 import os
-import signal
 import sys
 import time
-import traceback
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-
-import numpy as np
 
 from bayesdeg.actuator.families import geometry_of_study
 from bayesdeg.commands import training
@@ -23,6 +20,7 @@ from bayesdeg.data.study import read_study
 from bayesdeg.emulator.kept import local_recipe
 from bayesdeg.emulator.local import local_design
 from bayesdeg.pipeline.asked import asked_of
+from tests.killing import forked, killed
 from tests.pipeline.study_files import SETTINGS, study_in
 from tests.pipeline.tiny_campaign import COARSE, FINE, TABLE
 
@@ -61,41 +59,14 @@ def left(folder):
     }
 
 
-def forked(study, folder):
-    pid = os.fork()
-    if pid == 0:
-        try:
-            train(study, folder)
-            os._exit(0)
-        except BaseException:
-            traceback.print_exc()
-            os._exit(1)
-    return pid
-
-
-def killed(study, folder, kills, seed, longest):
-    """Kill the training at random moments, then let it finish."""
-    rng, hits, progress = np.random.default_rng(seed), 0, []
-    while hits < kills:
-        pid = forked(study, folder)
-        time.sleep(rng.uniform(0.0, longest))
-        os.kill(pid, signal.SIGKILL)
-        _, status = os.waitpid(pid, 0)
-        if not os.WIFSIGNALED(status):
-            break  # it was done before
-        hits += 1
-        progress.append(len(left(folder)))
-    _, status = os.waitpid(forked(study, folder), 0)
-    return {"kills": hits, "progress": progress, "exit": os.waitstatus_to_exitcode(status)}
-
-
 if __name__ == "__main__":
     chosen, count, chance = Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3])
     of = study_of(chosen / "study")
     begun = time.monotonic()
-    _, state = os.waitpid(forked(of, chosen / "undisturbed"), 0)
+    _, state = os.waitpid(forked(partial(train, of, chosen / "undisturbed")), 0)
     assert state == 0
     pause = LONGEST * (time.monotonic() - begun)
-    found = killed(of, chosen / "killed", count, chance, pause)
-    same = left(chosen / "killed") == left(chosen / "undisturbed")
-    print(json.dumps(found | {"same": same, "files": len(left(chosen / "killed"))}))
+    folder = chosen / "killed"
+    found = killed(partial(train, of, folder), lambda: len(left(folder)), count, chance, pause)
+    same = left(folder) == left(chosen / "undisturbed")
+    print(json.dumps(found | {"same": same, "files": len(left(folder))}))

@@ -1,3 +1,4 @@
+import contextlib
 import json
 import os
 import shutil
@@ -9,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from bayesdeg import cli
 from bayesdeg.report.folder import RunFolder
 
 STUDIES = Path(__file__).parents[2] / "studies"
@@ -159,6 +161,20 @@ def test_a_stopped_run_ends_with_3_and_one_line(rubber, number, seconds):
     assert len(said.splitlines()) == 1
     assert said.startswith("stopped")
     assert not list((rubber.parent / "reports").rglob(".lock"))
+
+
+def test_a_fault_after_a_request_to_end_is_that_request(monkeypatch, capsys):
+    """A pool whose workers heard the signal too, or a cut import, may raise what it likes."""
+
+    def command(**_):
+        with contextlib.suppress(KeyboardInterrupt):
+            cli._stop(signal.SIGINT, None)
+        raise SystemError("returned NULL without setting an exception")
+
+    monkeypatch.setattr(cli, "app", command)
+    monkeypatch.setattr(cli, "_requests", [])
+    assert cli.exit_code() == 3
+    assert capsys.readouterr().err.startswith("stopped")
 
 
 @pytest.mark.slow

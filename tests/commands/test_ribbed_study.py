@@ -4,13 +4,10 @@ import json
 import sys
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from bayesdeg import cli
-from bayesdeg.actuator.curve import ExactMap
 from bayesdeg.actuator.families import geometry_of_study
-from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.actuator.status import Resolution
 from bayesdeg.commands import run as run_command
 from bayesdeg.commands import simulate, training
@@ -130,6 +127,7 @@ def test_a_study_of_straight_channels_is_drawn_and_simulated_and_not_calibrated(
     code, said = command("check")
     assert code == 0
     assert "cylindrical actuator" in said
+    assert "stops before" in said
     assert "0.036 ml" in said
     code, said = command("run")
     assert code == 2
@@ -159,6 +157,7 @@ def test_a_layer_of_elastomer_is_described_and_refused_by_run(command):
     code, said = command("check")
     assert code == 0
     assert {"elastomer", "0.5,", "60,"} <= set(said.split())
+    assert "stops before" in said
     code, said = command("run")
     assert code == 2
     assert "elastomer" in said
@@ -220,15 +219,6 @@ def test_an_emulator_is_trained_where_the_study_lies_and_kept(trains, given):
 
     study = read_study(trains.study)
     geometry = geometry_of_study(study.settings)
-    one = np.ones((1, 1))
-    loads = np.array([[20.0, 50.0, 80.0]])
-    asked = Inputs(loads, 0.06 * one, 0.0 * one, 6e-4 * one, one, 2e5 * one)
-    exact, found = ExactMap(geometry, TINY.fine_mesh)(asked), again(asked)
-    np.testing.assert_allclose(found.curvature, exact.curvature, rtol=0.03)
-    np.testing.assert_allclose(found.bend_angle, exact.bend_angle, rtol=0.03)
-    away = np.abs(found.curvature - exact.curvature)
-    assert np.all(away < 3.0 * again.without_mesh_error()(asked).sd + 1e-3 * exact.curvature)
-
     other = replace(geometry, dimensions=replace(geometry.dimensions, cover=1.2))
     for unlike in (other, replace(geometry, constraint=replace(geometry.constraint, height=4.2))):
         with pytest.raises(BayesdegError):

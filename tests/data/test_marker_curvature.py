@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bayesdeg.actuator.outputs import curvature_standard_error, measure_bend, spline_curvature
+from bayesdeg.actuator.line import curvature_standard_error, measure_bend, spline_curvature
 
 Floats = npt.NDArray[np.float64]
 

@@ -7,7 +7,7 @@ import pytest
 from bayesdeg.actuator.curve import Curve
 from bayesdeg.actuator.families import geometry_of, geometry_of_record
 from bayesdeg.actuator.geometry import Geometry
-from bayesdeg.actuator.material import MaterialGroups
+from bayesdeg.actuator.material import LayerGroups, MaterialGroups
 from bayesdeg.actuator.mesh import COARSE
 from bayesdeg.data.families import Constraint, RibbedDimensions
 from bayesdeg.data.settings import Dimensions
@@ -44,6 +44,15 @@ def test_every_other_actuator_has_a_name_of_its_own():
     runs = [Run(g, COARSE, CURVE) for g in (Geometry(Dimensions()), *OTHERS)]
     assert len({run.key() for run in runs}) == len(runs)
     assert len({cached_path(run.geometry, Recipe()) for run in runs}) == len(runs)
+
+
+def test_a_run_with_a_layer_is_read_with_it():
+    layer = Constraint("elastomer", thickness=1.0, c1=60.0)
+    curve = replace(CURVE, layer=LayerGroups(8.0, 0.5, 0.1))
+    run = Run(geometry_of(Dimensions(), layer), COARSE, curve)
+    again = run_of(run.parameters())
+    assert again.curve.layer == curve.layer
+    assert again.key() == run.key() != Run(run.geometry, COARSE, CURVE).key()
 
 
 @pytest.mark.parametrize("geometry", OTHERS)

@@ -89,11 +89,13 @@ def test_no_folder_that_is_read_holds_the_truth():
 # on ruptures they act as flaws do, dry air as much and unevenness less, so that no study of
 # actuators in one room could ask for their names
 COUNTED_ALONE = {"dry_embrittlement", "uneven_degradation"}
+# judged only where a study states by which operator its curvature was read, which none here does
+STATED_ALONE = {"curvature_operator"}
 
 
 def test_every_cause_of_the_catalogue_is_hidden():
     hidden = {name for number in (*SINGLE, TWO) for name in hidden_in(number)}
-    assert hidden == set(CATALOGUE) - COUNTED_ALONE
+    assert hidden == set(CATALOGUE) - COUNTED_ALONE - STATED_ALONE
 
 
 @pytest.mark.parametrize("number", SINGLE)

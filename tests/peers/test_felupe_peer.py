@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 
 from bayesdeg.actuator.body import LINEAR_CONSTANT, QUADRATIC, QUADRATIC_CONSTANT
-from bayesdeg.actuator.cylindrical import CylindricalGeometry
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.material import LayerGroups
 from bayesdeg.actuator.mesh import Resolution, build_mesh
-from bayesdeg.actuator.ribbed import RibbedGeometry
+from bayesdeg.actuator.segment import SegmentGeometry
 from bayesdeg.data.families import Constraint
 from bayesdeg.data.settings import Dimensions
 from tests.actuator.test_cylindrical import SMALL as CHANNELS
@@ -56,14 +55,14 @@ def test_all_curvatures_agree_to_five_decimals(geometry, element):
 @pytest.mark.parametrize("element", [LINEAR_CONSTANT, QUADRATIC], ids=lambda e: e.name)
 def test_a_ribbed_segment_with_a_film_inside(element):
     """The film lies between bricks, the slits of the other half are not pressed."""
-    ours, theirs = both(RibbedGeometry(SMALL), element, loads=LOADS[:6])
+    ours, theirs = both(SegmentGeometry(SMALL), element, loads=LOADS[:6])
     assert ours[-1] > 1.0
     np.testing.assert_allclose(ours, theirs, rtol=1e-6)
 
 
 @pytest.mark.parametrize("element", [LINEAR_CONSTANT, QUADRATIC], ids=lambda e: e.name)
 def test_straight_channels_beside_the_axis(element):
-    ours, theirs = both(CylindricalGeometry(CHANNELS), element, loads=LOADS[:6])
+    ours, theirs = both(SegmentGeometry(CHANNELS), element, loads=LOADS[:6])
     assert ours[-1] > 0.2
     np.testing.assert_allclose(ours, theirs, rtol=1e-6)
 
@@ -71,7 +70,7 @@ def test_straight_channels_beside_the_axis(element):
 @pytest.mark.parametrize("element", [LINEAR_CONSTANT, QUADRATIC], ids=lambda e: e.name)
 def test_a_layer_of_another_elastomer(element):
     slab = Constraint("elastomer", thickness=0.8, c1=1.0)
-    geometry = RibbedGeometry(SMALL, constraint=slab)
+    geometry = SegmentGeometry(SMALL, constraint=slab)
     stiff = replace(FRESH, bulk_ratio=1e5)
     ours, theirs = both(geometry, element, stiff, LOADS[:6], LayerGroups(8.0, -0.1, 0.02))
     assert ours[-1] > 0.2
@@ -82,7 +81,7 @@ def test_a_film_inside_one_half_counts():
     one_half = replace(SMALL, passive="none", height=4.0)
     found = []
     for constraint in (Constraint("film", 0.8), Constraint("none", 0.8)):
-        geometry = RibbedGeometry(one_half, constraint=constraint)
+        geometry = SegmentGeometry(one_half, constraint=constraint)
         ours, theirs = both(geometry, LINEAR_CONSTANT, loads=LOADS[:6])
         np.testing.assert_allclose(ours, theirs, rtol=1e-6)
         found.append(ours)

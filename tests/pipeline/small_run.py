@@ -39,7 +39,7 @@ def chain_of(model, seed):
     )
 
 
-def write_run(path, study, *, causes=("pressure_offset",), course=False):
+def write_run(path, study, *, causes=("pressure_offset",), course=False, chain=chain_of):
     """Write what a finished run leaves that an update needs; return its path and emulator."""
     assembly = assemble(study, emulator())
     known = {cause.name: cause for cause in assembly.causes}
@@ -49,7 +49,7 @@ def write_run(path, study, *, causes=("pressure_offset",), course=False):
     training = {"training": json.loads(emulator().record)}
     with run_folder(path, study) as folder:
         for seed, (name, model) in enumerate({"posterior_base": base, "posterior": final}.items()):
-            tree = to_datatree(model, chain_of(model, seed), np.random.default_rng(0))
+            tree = to_datatree(model, chain(model, seed), np.random.default_rng(0))
             folder.write_posterior(name, tree)
         if course:
             found = course_of(study, EFFORTS["quick"], np.random.SeedSequence(1))

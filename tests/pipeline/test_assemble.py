@@ -64,13 +64,16 @@ def test_readings_stay_alike_over_a_share_of_the_largest_pressure(tmp_path):
 
 
 def test_all_causes_are_candidates_unless_the_study_lists_some(tmp_path):
-    assembly = assemble(study_in(tmp_path))
+    study = study_in(tmp_path)
+    assembly = assemble(study)
     judged = {c.name for c in assembly.candidates}
     conditions = assembly.model.actuator.conditions
     visible = {
         name
         for name, cause in CATALOGUE.items()
-        if not cause.needs and (cause.blind(conditions) is None or "tensile" in cause.acts_on)
+        if not cause.needs
+        and cause.blind_in(study.settings) is None
+        and (cause.blind(conditions) is None or "tensile" in cause.acts_on)
     }
     assert visible == judged
     assert judged | set(assembly.unjudged) == set(CATALOGUE)

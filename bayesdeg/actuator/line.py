@@ -1,0 +1,388 @@
+"""How far a line of points is bent: one function for a camera's points and the model's nodes.
+
+What laboratories call curvature differs by the operator that reads it. On the bottom line of a
+chambered actuator, whose floor bulges under each chamber, operators differ by up to a fifth.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import make_splprep
+
+from bayesdeg.data.settings import Operator
+
+Floats = npt.NDArray[np.float64]
+
+MILLIMETRES_PER_METRE = 1000.0
+
+
+@dataclass(frozen=True)
+class Bend:
+    """How far a row of points is bent.
+
+    Parameters
+    ----------
+    angle : float
+        Rotation of the free end relative to the clamped one, beyond 180° too [rad].
+    arc_length : float
+        Length of the row along its arc [mm].
+    """
+
+    angle: float
+    arc_length: float
+
+    @property
+    def curvature(self) -> float:
+        """Bend angle over arc length, the contract's mean curvature [1/m]."""
+        return MILLIMETRES_PER_METRE * self.angle / self.arc_length
+
+
+def measure_bend(points: npt.ArrayLike, *, end_points: int | None = None) -> Bend:
+    r"""Measure bend angle and arc length of a row of points.
+
+    The tangent at each end comes from a circular arc through the points nearest to it. On an arc
+    of curvature κ the chord from s_i to s_{i+1} points along the tangent at their middle and has
+    the length
+
+    .. math:: c_i = (2/\kappa) \sin(\kappa \Delta s_i / 2)
+
+    so the directions of chords are linear in s and the arc lengths follow from the chords; both
+    are exact on a circular arc. The line through the directions is fitted by generalised least
+    squares, because neighbouring chords share a point and its noise.
+
+    Parameters
+    ----------
+    points : array_like, shape (n, 2)
+        (x, z) from the clamped to the free end, n at least 3; neighbours less than 90° of arc
+        apart [mm].
+    end_points : int, optional
+        Number of points at each end that give the tangent there, at least 3; by default a third
+        of the row. Few follow the very end, many suppress noise; all n fit one circle.
+
+    Returns
+    -------
+    Bend
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than three points, two neighbours coincide, or a value is not finite.
+
+    Notes
+    -----
+    The floor of a chambered actuator bulges under each chamber, so one circle through the whole
+    row can differ severalfold from the rotation of the end. Tangents at the ends are the
+    contract's definition and the default.
+
+    Examples
+    --------
+    A quarter of a circle of radius 100 mm, downwards:
+
+    >>> s = np.linspace(0.0, np.pi / 2, 7)
+    >>> bend = measure_bend(np.column_stack([100 * np.sin(s), 100 * np.cos(s) - 100]))
+    >>> round(bend.curvature, 9), round(float(np.degrees(bend.angle)), 9)
+    (10.0, 90.0)
+    """
+    row = _checked(points)
+    steps = np.diff(row, axis=0)
+    chords = np.hypot(steps[:, 0], steps[:, 1])
+    directions = np.unwrap(np.arctan2(-steps[:, 1], steps[:, 0]))
+    bend = Bend(0.0, float(chords.sum()))
+    # the arc lengths need the curvature, which needs the arc lengths: a rapid contraction
+    for _ in range(100):
+        arcs = _arcs(chords, bend.angle / bend.arc_length)
+        weights = _angle_weights(arcs, chords, _end_count(len(row), end_points))
+        improved = Bend(float(weights @ directions), float(arcs.sum()))
+        settled = abs(improved.angle - bend.angle) <= 1e-14 * (1.0 + abs(bend.angle))
+        if settled and abs(improved.arc_length - bend.arc_length) <= 1e-14 * bend.arc_length:
+            return improved
+        bend = improved
+    return bend
+
+
+def curvature_standard_error(
+    points_count: int, arc_length: float, noise_sd: float, *, end_points: int | None = None
+) -> float:
+    r"""Compute the standard error of `measure_bend`'s curvature from the noise of the points.
+
+    The bend angle is a weighted sum of the directions of chords, :math:`\sum_i a_i \phi_i`, and to
+    first order :math:`\phi_i = (e_{i+1} - e_i)/c` with e the noise across the row, so
+
+    .. math::
+        \sigma_\kappa = \frac{\sigma}{c L}
+        \sqrt{\sum_{j} (a_{j-1} - a_j)^2}, \quad a_{-1} = a_{n-1} = 0
+
+    for n evenly spaced points. Noise along the row changes L by a share of σ/L only and is left
+    out.
+
+    Parameters
+    ----------
+    points_count : int
+        n, at least 3.
+    arc_length : float
+        L [mm].
+    noise_sd : float
+        Standard deviation σ of each coordinate of a point [mm].
+    end_points : int, optional
+        As in `measure_bend`.
+
+    Returns
+    -------
+    float
+        [1/m]
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than three points.
+
+    Examples
+    --------
+    Three points fix κ = (z_0 − 2 z_1 + z_2)/c² up to sign, whose error is σ √6/c²:
+
+    >>> round(curvature_standard_error(3, 50.0, 0.1), 9)
+    0.391918359
+    >>> round(0.1 * 6**0.5 / 25.0**2 * 1000, 9)
+    0.391918359
+    """
+    if points_count < 3:
+        raise ValueError("a row needs at least 3 points to be bent")
+    chords = np.full(points_count - 1, arc_length / (points_count - 1))
+    weights = _angle_weights(chords, chords, _end_count(points_count, end_points))
+    across = np.diff(weights / chords, prepend=0.0, append=0.0)
+    return MILLIMETRES_PER_METRE * noise_sd / arc_length * float(np.linalg.norm(across))
+
+
+def spline_curvature(points: npt.ArrayLike, *, noise_sd: float = 0.0) -> float:
+    r"""Compute the mean curvature along a smoothing spline through the points.
+
+    .. math:: \bar\kappa = \frac{1}{L} \int \frac{x'' z' - x' z''}{(x'^2 + z'^2)^{3/2}} ds
+
+    This is what the Kappa plugin for Fiji reports of a traced curve (doi:10.1101/852772): a cubic
+    B-spline is fitted and its curvature averaged; here the average is by arc length and keeps
+    its sign.
+
+    Parameters
+    ----------
+    points : array_like, shape (n, 2)
+        (x, z) from the clamped to the free end, n at least 4 [mm].
+    noise_sd : float
+        Standard deviation of each coordinate, which sets the smoothing: the spline is as smooth
+        as a sum of squared residuals of n σ² allows; 0 interpolates [mm].
+
+    Returns
+    -------
+    float
+        [1/m]; on a circular arc exact up to the third power of the spacing.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than four points, two neighbours coincide, or a value is not finite.
+
+    Examples
+    --------
+    >>> s = np.linspace(0.0, np.pi / 2, 20)
+    >>> row = np.column_stack([100 * np.sin(s), 100 * np.cos(s) - 100])
+    >>> round(spline_curvature(row), 2)
+    10.0
+    """
+    turned, length = _along_spline(_checked(points), noise_sd)
+    return MILLIMETRES_PER_METRE * turned / length
+
+
+def _along_spline(row: Floats, noise_sd: float) -> tuple[float, float]:
+    """Return the turning and the length of a smoothing spline."""
+    if len(row) < 4:
+        raise ValueError("a cubic spline needs at least 4 points")
+    spline, _ = make_splprep(row.T, k=3, s=len(row) * noise_sd**2)
+    nodes, node_weights = np.polynomial.legendre.leggauss(8)
+    breaks = np.unique(spline.t)
+    half = np.diff(breaks)[:, None] / 2.0
+    u = (breaks[:-1, None] + half + half * nodes).ravel()
+    (x1, z1), (x2, z2) = spline(u, nu=1), spline(u, nu=2)
+    speed = np.hypot(x1, z1)
+    weights = (half * node_weights).ravel()
+    # κ ds = turning/speed³ · speed du
+    turned = float(weights @ ((x2 * z1 - x1 * z2) / speed**2))
+    return turned, float(weights @ speed)
+
+
+def _checked(points: npt.ArrayLike) -> Floats:
+    row = np.asarray(points, float)
+    if row.ndim != 2 or row.shape[1] != 2 or len(row) < 3:
+        raise ValueError(f"a row of points has shape (n, 2) with n at least 3, not {row.shape}")
+    if not np.all(np.isfinite(row)):
+        raise ValueError("every coordinate must be finite")
+    if np.any(np.all(np.diff(row, axis=0) == 0.0, axis=1)):
+        raise ValueError("two neighbouring points coincide")
+    return row
+
+
+def _end_count(points_count: int, end_points: int | None) -> int:
+    wanted = -(-points_count // 3) if end_points is None else end_points
+    return min(points_count, max(3, wanted))
+
+
+def _arcs(chords: Floats, curvature: float) -> Floats:
+    half_angles = np.arcsin(np.clip(abs(curvature) * chords / 2.0, 0.0, 1.0))
+    flat = half_angles < 1e-9
+    return np.where(flat, chords, chords * half_angles / np.where(flat, 1.0, np.sin(half_angles)))
+
+
+def _angle_weights(arcs: Floats, chords: Floats, count: int) -> Floats:
+    """Weigh the directions of chords so that their sum is the bend angle."""
+    ends = np.concatenate([[0.0], np.cumsum(arcs)])
+    middles = (ends[:-1] + ends[1:]) / 2.0
+    first, last = slice(0, count - 1), slice(len(arcs) - count + 1, None)
+    weights = np.zeros(len(arcs))
+    weights[last] += _tangent_weights(middles[last] - ends[-1], chords[last])
+    weights[first] -= _tangent_weights(middles[first], chords[first])
+    return weights
+
+
+def _tangent_weights(distances: Floats, chords: Floats) -> Floats:
+    """Weigh directions at the distances so that their sum is the direction at distance 0."""
+    differences = (
+        np.eye(len(chords), len(chords) + 1, 1) - np.eye(len(chords), len(chords) + 1)
+    ) / (chords[:, None] / chords.mean())
+    design = np.column_stack([np.ones_like(distances), distances / chords.mean()])
+    weighted = np.linalg.solve(differences @ differences.T, design)
+    return np.asarray(np.linalg.solve(design.T @ weighted, weighted.T)[0], float)
+
+
+def read_line(
+    points: npt.ArrayLike, operator: Operator = "angle_over_arc", *, end_angle: float | None = None
+) -> Bend:
+    r"""Return curvature, angle and arc length of a line of points as an operator reads them.
+
+    ``angle_over_arc``
+        The rotation between the ends over the arc length. With the rotation of the end faces,
+        ``end_angle``, it is the contract's curvature; from points alone the tangents at the ends
+        stand in for it, see `measure_bend`.
+    ``circle``
+        1/R of the circle that fits all points best by least squares of distances across it.
+    ``spline``
+        Mean curvature of an interpolating cubic spline, see `spline_curvature`.
+    ``base_tip``
+        The circle through both ends that leaves the base along the x axis, as in
+        doi:10.1089/soro.2015.0013: with the chord c at an angle φ to the axis
+
+        .. math:: \kappa = \frac{2 \sin \varphi}{c}, \qquad \theta = 2 \varphi .
+
+        It alone depends on how the picture is aligned with the clamp.
+
+    Parameters
+    ----------
+    points : array_like, shape (n, 2)
+        (x, z) from the clamped to the free end; bending towards negative z is positive [mm].
+    operator : str
+        One of the four.
+    end_angle : float, optional
+        Rotation of the free end face relative to the clamped one, where it was seen [rad]; of use
+        to ``angle_over_arc`` alone.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than three points, or four for a spline, two neighbours coincide, or a
+        value is not finite.
+
+    Examples
+    --------
+    On a circular arc all of them agree, the spline as far as its points are close:
+
+    >>> s = np.linspace(0.0, np.pi / 2, 20)
+    >>> row = np.column_stack([100 * np.sin(s), 100 * np.cos(s) - 100])
+    >>> [round(read_line(row, name).curvature, 2) for name in OPERATORS]
+    [10.0, 10.0, 10.0, 10.0]
+    """
+    if operator == "angle_over_arc" and end_angle is not None:
+        return Bend(end_angle, measure_bend(points).arc_length)
+    return OPERATORS[operator](points)
+
+
+def circle_bend(points: npt.ArrayLike) -> Bend:
+    r"""Fit a circle: least squares of the distances across it, by Gauss's and Newton's method.
+
+    The fit is in terms of the curvature, so that straight rows are no exception: with r from the
+    first point and n across the direction there, a circle is the set of points where
+
+    .. math:: f = a + \sqrt{1 + 2 a \kappa}\; n \cdot r + \tfrac{\kappa}{2} r^2 = 0
+
+    and :math:`2 f / (1 + \sqrt{1 + 2 \kappa f})` is the signed distance from it (Pratt 1987,
+    doi:10.1145/37402.37420).
+
+    Examples
+    --------
+    >>> s = np.linspace(0.0, 1.0, 6)
+    >>> row = np.column_stack([100 * np.sin(s), 100 * np.cos(s) - 100])
+    >>> round(circle_bend(row).curvature, 9), round(circle_bend(row[:, ::-1]).curvature, 9)
+    (10.0, -10.0)
+    """
+    row = _checked(points)
+    start = measure_bend(row)
+    r = (row - row[0]) / start.arc_length
+    square = 0.5 * np.sum(r * r, axis=1)
+    # an arc leaves its chord by half its angle
+    offset, curvature = 0.0, start.angle
+    direction = float(np.arctan2(r[-1, 1], r[-1, 0])) + 0.5 * curvature
+    for _ in range(_STEPS):
+        along = np.array([np.cos(direction), np.sin(direction)])
+        ahead, across = r @ along, r @ np.array([-along[1], along[0]])
+        gain = np.sqrt(max(1.0 + 2.0 * offset * curvature, _LEAST))
+        f = offset + gain * across + curvature * square
+        root = np.sqrt(np.maximum(1.0 + 2.0 * curvature * f, _LEAST))
+        distance = 2.0 * f / (1.0 + root)
+        by = (
+            1.0 + curvature / gain * across,
+            -gain * ahead,
+            square + offset / gain * across - 0.5 * distance**2,
+        )
+        step = np.linalg.lstsq(np.column_stack(by) / root[:, None], -distance, rcond=None)[0]
+        offset, direction, curvature = (
+            float(v) for v in np.add((offset, direction, curvature), step)
+        )
+        if np.abs(step).max() < 1e-13 * (1.0 + abs(curvature)):
+            break
+    return Bend(curvature, start.arc_length)
+
+
+def base_tip_bend(points: npt.ArrayLike) -> Bend:
+    """Return the circle through both ends that leaves the base along the x axis.
+
+    Examples
+    --------
+    >>> bend = base_tip_bend([[0.0, 0.0], [70.0, -20.0], [100.0, -100.0]])
+    >>> round(float(np.degrees(bend.angle)), 9), round(bend.curvature, 9)
+    (90.0, 10.0)
+    """
+    row = _checked(points)
+    along, up = row[-1] - row[0]
+    chord = float(np.hypot(along, up))
+    half = float(np.arctan2(-up, along))
+    return Bend(2.0 * half, chord / float(np.sinc(half / np.pi)))
+
+
+def spline_bend(points: npt.ArrayLike) -> Bend:
+    """Return turning and length of an interpolating cubic spline, see `spline_curvature`."""
+    turned, length = _along_spline(_checked(points), 0.0)
+    return Bend(turned, length)
+
+
+_STEPS = 60
+"""Steps of Gauss's and Newton's method; fewer than ten are enough on rows that look like arcs."""
+_LEAST = 1e-12
+"""Keeps roots from 0 while the method is far off: that at the centre of the circle."""
+
+OPERATORS: Mapping[Operator, Callable[[npt.ArrayLike], Bend]] = MappingProxyType(
+    {
+        "angle_over_arc": measure_bend,
+        "circle": circle_bend,
+        "spline": spline_bend,
+        "base_tip": base_tip_bend,
+    }
+)

@@ -1,0 +1,204 @@
+r"""Forward maps that predict the reading of a stated operator.
+
+Maps answer the contract's curvature, the bend angle of the end faces over the arc length. What
+another operator reads of the same shape is a ratio to it, since shapes are similar: with θ the bend
+angle and g = E t/(C1 s) the paper's group,
+
+.. math:: \ln \frac{\kappa_\text{op}}{\kappa} = \sum_{i + j \le 3} a_{ij} \theta^i \ln^j g .
+
+The ratio is fitted to bottom lines of finite element curves of the default actuator, sampled at as
+many even points as were read; by how much curves that were left out of the fit miss it is added to
+the standard error of the map.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cache
+from importlib.resources import files
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from bayesdeg.actuator.inputs import (
+    ForwardMap,
+    Inputs,
+    Prediction,
+    continuation,
+    dimensionless,
+    relative_to_reference,
+)
+from bayesdeg.actuator.line import read_line
+from bayesdeg.data.settings import Operator
+
+Floats = NDArray[np.float64]
+
+LINES = "lines.npz"
+_ORDER = 3
+_POWERS = tuple((i, j) for i in range(_ORDER + 1) for j in range(_ORDER + 1 - i))
+_USUAL_GROUP = 50.0  # [mm], by which the paper's group is made a number near 1
+
+
+@dataclass(frozen=True)
+class BottomLines:
+    """Bottom lines of finite element curves of the default actuator.
+
+    ``python benchmarks/bottom_lines.py`` makes those that ship.
+
+    Parameters
+    ----------
+    curve : array of int, shape (n,)
+        Which curve each line is of.
+    bend_angle, arc_length, paper_group : array, shape (n,)
+        Rotation of the free end face [rad], length of the line [mm], E t/(C1 s) [mm].
+    points : array, shape (n, n_nodes, 2)
+        (x, z) of the nodes [mm].
+    """
+
+    curve: NDArray[np.int64]
+    bend_angle: Floats
+    arc_length: Floats
+    paper_group: Floats
+    points: Floats
+
+
+@cache
+def bottom_lines() -> BottomLines:
+    """Return the lines that ship with the package.
+
+    Examples
+    --------
+    >>> bottom_lines().points.shape[1:]
+    (49, 2)
+    """
+    with np.load(str(files(__package__) / LINES), allow_pickle=False) as stored:
+        return BottomLines(**{name: stored[name] for name in stored.files})
+
+
+@dataclass(frozen=True)
+class OperatorRatio:
+    """What an operator reads over the contract's curvature.
+
+    Parameters
+    ----------
+    coefficients : array, shape (10,)
+        Of ln ratio.
+    sd : float
+        Root mean square of what curves left out of the fit miss [–].
+    largest_angle : float
+        Of the lines [rad]; beyond it the ratio is that at this angle.
+    """
+
+    coefficients: Floats
+    sd: float
+    largest_angle: float
+
+    def __call__(self, angle: Floats, paper_group: Floats) -> tuple[Floats, Floats]:
+        """Return the ratio and its derivative by the angle [rad], which broadcast."""
+        inside = np.clip(np.abs(angle), 0.0, self.largest_angle)
+        group = np.log(paper_group / _USUAL_GROUP)
+        terms = zip(self.coefficients, _POWERS, strict=True)
+        log_ratio, slope = np.zeros(np.broadcast_shapes(inside.shape, group.shape)), 0.0
+        for a, (i, j) in terms:
+            log_ratio = log_ratio + a * inside**i * group**j
+            slope = slope + (a * i * inside ** (i - 1) * group**j if i else 0.0)
+        ratio: Floats = np.exp(log_ratio)
+        moves = (np.abs(angle) < self.largest_angle) * np.sign(angle)
+        return ratio, ratio * slope * moves
+
+
+@cache
+def operator_ratio(operator: Operator, points: int) -> OperatorRatio:
+    """Fit the ratio of an operator that reads so many even points.
+
+    Examples
+    --------
+    >>> ratio = operator_ratio("circle", 50)
+    >>> float(ratio(np.array(0.5), np.array(50.0))[0].round(2)), ratio.sd < 2e-3
+    (1.18, True)
+    """
+    lines = bottom_lines()
+    contract = 1e3 * lines.bend_angle / lines.arc_length
+    read = [read_line(evenly(line, points), operator).curvature for line in lines.points]
+    log_ratio = np.log(np.array(read) / contract)
+    group = np.log(lines.paper_group / _USUAL_GROUP)
+    design = np.stack([lines.bend_angle**i * group**j for i, j in _POWERS], axis=1)
+    missed = np.empty(len(design))
+    for curve in np.unique(lines.curve):
+        out = lines.curve == curve
+        fitted = np.linalg.lstsq(design[~out], log_ratio[~out], rcond=None)[0]
+        missed[out] = log_ratio[out] - design[out] @ fitted
+    whole = np.linalg.lstsq(design, log_ratio, rcond=None)[0]
+    return OperatorRatio(whole, float(np.sqrt(np.mean(missed**2))), float(lines.bend_angle.max()))
+
+
+def evenly(line: Floats, count: int) -> Floats:
+    """Return so many even points of the cubic spline through a line, (count, 2) [mm].
+
+    Examples
+    --------
+    >>> evenly(np.array([[0.0, 0.0], [1.0, 0.0], [4.0, 0.0]]), 5)[:, 0].tolist()
+    [0.0, 1.0, 2.0, 3.0, 4.0]
+    """
+    arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
+    found: Floats = CubicSpline(arc, line)(np.linspace(0.0, arc[-1], count))
+    return found
+
+
+@dataclass(frozen=True)
+class ReadByOperator:
+    """A forward map whose curvature is that which an operator reads of points on the bottom line.
+
+    Parameters
+    ----------
+    mechanics : ForwardMap
+        Answers the contract's curvature of the default actuator.
+    operator : str
+        Of `bayesdeg.actuator.line.OPERATORS`; ``angle_over_arc`` is that from points alone.
+    points : int
+        How many points, evenly along the line.
+    """
+
+    mechanics: ForwardMap
+    operator: Operator
+    points: int
+
+    def __call__(self, inputs: Inputs) -> Prediction:
+        """Return the prediction of the mechanics with the curvature as it is read."""
+        if inputs.reference_pressure is not None:
+            return relative_to_reference(self, inputs)
+        found, ratio = self.mechanics(inputs), operator_ratio(self.operator, self.points)
+        angle = np.radians(found.bend_angle)
+        gain, change = ratio(angle, dimensionless(inputs)[3])
+        return replace(
+            found,
+            curvature=gain * found.curvature,
+            slope=(gain + change * angle) * found.slope,
+            sd=gain * np.hypot(found.sd, ratio.sd * found.curvature),
+        )
+
+    def continued(self, inputs: Inputs) -> Prediction:
+        """Return the same of the map's continuation beyond its range."""
+        return replace(self, mechanics=continuation(self.mechanics))(inputs)
+
+
+def as_read(forward: ForwardMap, operator: Operator | None, points: int) -> ForwardMap:
+    """Return the map that predicts the reading of the operator that a study states, if it does.
+
+    Of the contract's curvature that is the map itself.
+
+    Examples
+    --------
+    >>> def mechanics(inputs): ...
+    >>> as_read(mechanics, None, 50) is mechanics
+    True
+    >>> as_read(mechanics, "circle", 12).points
+    12
+    """
+    if operator in (None, "angle_over_arc"):
+        return forward
+    return ReadByOperator(forward, operator, points)
+
+
+def mechanics_of(forward: ForwardMap | None) -> ForwardMap | None:
+    """Return the map of the mechanics alone, whatever reads its answers."""
+    return forward.mechanics if isinstance(forward, ReadByOperator) else forward

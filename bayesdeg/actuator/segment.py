@@ -1,0 +1,249 @@
+"""Segments with channels in a block, in one half or both, and a layer between: ribbed, cylindrical.
+
+The families differ in where their channels are and in the elements that these ask for.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+
+from bayesdeg.actuator.moulded import (
+    Box,
+    Planes,
+    block_left,
+    change_problems,
+    constraint_record,
+    line_height,
+    mirrored,
+    order_is_kept,
+    planes_of,
+    slab_of,
+    volume_without,
+)
+from bayesdeg.actuator.status import FINE, Resolution
+from bayesdeg.data.families import Constraint, CylindricalDimensions, Kind, RibbedDimensions
+from bayesdeg.errors import GeometryError
+
+Boxes = tuple[Box, ...]
+Sizes = tuple[float, float, float]
+
+MOST_ALONG, MOST_UP = 100, 30  # elements of a mesh where channels are small, about
+ALONG, ACROSS = 24, 10  # of a fine mesh of straight channels in the outer sizes, about
+
+
+def slits(d: RibbedDimensions, wall_factor: float) -> Boxes:
+    """Return slits across the upper half, and the passage that joins them [mm].
+
+    Cover, ribs and side walls are ``wall_factor`` times as thick; all slits stay alike.
+    """
+    starts = d.end_wall + d.pitch * np.arange(d.channels, dtype=np.float64)
+    rib = d.pitch - d.channel_length if d.channels > 1 else 0.0
+    thicker = 0.5 * (wall_factor - 1.0) * rib
+    spans = [(float(x + thicker), float(x + d.channel_length - thicker)) for x in starts]
+    across = (0.0, d.width / 2 - wall_factor * d.side_wall)
+    upward = (d.floor, d.height - wall_factor * d.cover)
+    found: list[Box] = [(span, across, upward) for span in spans]
+    if d.channels > 1:
+        along = (spans[0][0], spans[-1][1])
+        found.append((along, (0.0, d.passage_width / 2), (d.floor, d.floor + d.passage_height)))
+    return tuple(found)
+
+
+def sizes_about_slits(d: RibbedDimensions) -> Sizes:
+    """Return sizes of elements of a fine mesh along, across and up [mm].
+
+    There are two a rib, seven across and ten to twelve in the height: on the default segment 75,600
+    degrees of freedom, whose curvatures are 1.1 to 1.7 % below those with 164,800.
+    """
+    along = max(d.channel_length, 0.5 * (d.pitch - d.channel_length), d.length / MOST_ALONG)
+    return along, d.width / 7.0, max(0.52 * d.channel_height, d.height / MOST_UP)
+
+
+def straight_channels(d: CylindricalDimensions, wall_factor: float) -> Boxes:
+    """Return channels along the upper half, one in the middle cut in two [mm].
+
+    The cover and the walls between channels are ``wall_factor`` times as thick.
+    """
+    wall = d.pitch - d.channel_width if d.channels > 1 else 0.0
+    reach = 0.5 * (d.channel_width - (wall_factor - 1.0) * wall)
+    along = (d.end_wall, d.end_wall + d.channel_length)
+    upward = (d.floor, d.height - wall_factor * d.cover)
+    return tuple(
+        (along, (max(0.0, middle - reach), middle + reach), upward)
+        for middle in d.channel_middles
+        if middle > -0.5 * d.channel_width
+    )
+
+
+def sizes_about_straight_channels(d: CylindricalDimensions) -> Sizes:
+    """Return sizes of elements of a fine mesh along, across and up [mm].
+
+    There are two in the height of a channel, 24 along and about seven across.
+    """
+    up = max(0.52 * d.channel_height, d.height / MOST_UP)
+    return d.length / ALONG, d.width / ACROSS, up
+
+
+class Layout(NamedTuple):
+    """What one family of segments has of its own."""
+
+    channels: Callable[[Any, float], Boxes]
+    sizes: Callable[[Any], Sizes]
+
+
+LAYOUTS: Mapping[Kind, Layout] = {
+    "ribbed": Layout(slits, sizes_about_slits),
+    "cylindrical": Layout(straight_channels, sizes_about_straight_channels),
+}
+
+
+@dataclass(frozen=True)
+class SegmentGeometry:
+    """The half segment as moulded, cut at its plane of symmetry y = 0.
+
+    The channels of the upper half are under pressure, which bends the segment downwards: towards
+    the constraint layer, and the passive half below it.
+
+    Parameters
+    ----------
+    dimensions : RibbedDimensions or CylindricalDimensions
+        As moulded [mm].
+    wall_factor : float
+        Thickness of the cover and of the walls beside channels over the nominal one; the outer
+        faces and the floor of the channels stay where they are [–].
+    erosion : float
+        Thickness lost from every exposed face: all outer faces but the clamped end, and the
+        bottom if the constraint covers it [mm].
+    constraint : Constraint
+        The layer that does not stretch, or stretches less.
+
+    Raises
+    ------
+    GeometryError
+        If no segment can be made of the dimensions; the message lists every reason.
+
+    Examples
+    --------
+    >>> ribbed = SegmentGeometry(RibbedDimensions())
+    >>> len(ribbed.cavities), ribbed.line_height
+    (14, 9.25)
+    >>> straight = SegmentGeometry(CylindricalDimensions())
+    >>> len(straight.cavities), straight.line_height
+    (1, 9.8)
+    """
+
+    dimensions: RibbedDimensions | CylindricalDimensions
+    wall_factor: float = 1.0
+    erosion: float = 0.0
+    constraint: Constraint = field(default_factory=Constraint)
+
+    def __post_init__(self) -> None:
+        """Refuse impossible dimensions."""
+        problems = (
+            self.dimensions.problems()
+            or self.constraint.problems(self.dimensions)
+            or self._changed_problems()
+        )
+        if problems:
+            raise GeometryError("; ".join(problems))
+
+    def _changed_problems(self) -> tuple[str, ...]:
+        d, w, e = self.dimensions, self.wall_factor, self.erosion
+        if w == 1.0 and e == 0.0:
+            return ()
+        if wrong_change := change_problems(w, e):
+            return wrong_change
+        if order_is_kept(self.changed(wall_factor=1.0, erosion=0.0)._faces, self._faces):
+            return ()
+        return (
+            f"a wall factor of {w:g} and {e:g} mm of erosion leave nothing of a wall or a channel "
+            f"(cover {d.cover:g} mm, pitch {d.pitch:g} mm, channels {d.channel_length:g} mm long, "
+            f"{d.channel_width:g} mm wide and {d.channel_height:g} mm high)",
+        )
+
+    @property
+    def _layout(self) -> Layout:
+        return LAYOUTS[self.dimensions.kind]
+
+    @property
+    def line_height(self) -> float:
+        """Height of the constraint's plane, along whose middle the curvature is read [mm]."""
+        return line_height(self.constraint, self.dimensions, self.erosion)
+
+    @property
+    def outer(self) -> Box:
+        """What is left of the block after erosion [mm]."""
+        return block_left(self.dimensions, self.constraint, self.erosion)
+
+    @property
+    def upper(self) -> Boxes:
+        """Boxes of air in the upper half [mm]."""
+        return self._layout.channels(self.dimensions, self.wall_factor)
+
+    @property
+    def lower(self) -> Boxes:
+        """Their mirror images in the lower half; none if it has no channels [mm]."""
+        d = self.dimensions
+        return mirrored(self.upper, d.height) if d.is_mirrored else ()
+
+    @property
+    def cavities(self) -> Boxes:
+        """Boxes of air under pressure [mm]."""
+        return self.upper + (self.lower if self.dimensions.passive == "pressurised" else ())
+
+    @property
+    def voids(self) -> Boxes:
+        """Boxes of air that is not under pressure [mm]."""
+        return self.lower if self.dimensions.passive == "open" else ()
+
+    @property
+    def exposed(self) -> Boxes:
+        """None: the channels of the lower half open into a tube, not to the soil."""
+        return ()
+
+    @property
+    def slab(self) -> Boxes:
+        """The box of a constraint layer of elastomer, if it is one [mm]."""
+        return slab_of(self.constraint, self.dimensions, self.outer)
+
+    @property
+    def _faces(self) -> Boxes:
+        plane = (0.0, 0.0), (0.0, 0.0), (self.line_height, self.line_height)
+        return (self.outer, plane, *self.slab, *self.upper, *self.lower)
+
+    @property
+    def volume(self) -> float:
+        """Volume of the material of the whole segment [mm³].
+
+        Examples
+        --------
+        >>> round(SegmentGeometry(RibbedDimensions()).volume)
+        20294
+        >>> round(SegmentGeometry(CylindricalDimensions()).volume)
+        39557
+        """
+        return 2.0 * volume_without(self.planes(), (*self.upper, *self.lower))
+
+    def mesh_like(self, usual: Resolution) -> Resolution:
+        """Return the mesh that is to this segment what a mesh is to the default pneunet."""
+        along, across, up = self._layout.sizes(self.dimensions)
+        return Resolution(
+            along * usual.along / FINE.along,
+            across * usual.across / FINE.across,
+            up * usual.up / FINE.up,
+        )
+
+    def planes(self) -> Planes:
+        """Return the coordinates of all planes along x, y and z between which bricks stand [mm]."""
+        return planes_of(self.outer, (*self.slab, *self.upper, *self.lower), self.line_height)
+
+    def changed(self, *, wall_factor: float, erosion: float) -> Self:
+        """Return the segment with thicker or thinner walls and faces eroded [–, mm]."""
+        return replace(self, wall_factor=wall_factor, erosion=erosion)
+
+    def record(self) -> dict[str, object]:
+        """Return all that a solution depends on, as it is written and hashed."""
+        layer = constraint_record(self.constraint, self.dimensions)
+        return asdict(self) | {"kind": self.dimensions.kind, "constraint": layer}

@@ -1,0 +1,268 @@
+"""The bottom line to a fraction of a pixel: the edge of the gel, read on profiles across the line.
+
+Profiles are sampled along the normals of a rough line. The edge is where the colour, seen from the
+gel, has gone half the way to the brightest difference of what follows, paper or background.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdeg.errors import BayesdegError
+from bayesdeg.photographs.outline import Silhouette, arc_of, len_of
+from bayesdeg.photographs.picture import Colours
+
+Floats = NDArray[np.float64]
+Values = NDArray[np.float32]
+
+#: Half the length of profiles, as shares of the thickness, in successive passes.
+REACHES = (0.14, 0.09, 0.07)
+#: How far a colour is looked for beyond the rough ends, as a share of the thickness.
+BEYOND = 0.35
+#: Points along the line.
+POINTS = 86
+#: An edge further from its neighbours' than so many of their deviations is not used.
+OUTLYING = 3.5
+#: Least deviation of edges from their neighbours': a rough line is off by more at kinks [px].
+SPREAD = 0.4
+#: Share of a rough line that is left out at both ends, where its corners are.
+ROUNDED = 0.03
+#: Points from which ends without an edge are continued, straight.
+STRAIGHT = 6
+#: Contrast of an edge against the noise along the line, below which nothing is read from it.
+LEAST_CONTRAST = 4.0
+#: Share of the line on which an edge must be seen.
+LEAST_SEEN = 0.6
+#: Width of the derivative across the line [px].
+BLUR = 1.0
+#: Of the strongest change of colour on a profile, the share from which a change is an edge.
+FIRST = 0.4
+#: What pixels, colour filters and compression leave of an edge's error, however many are read [px].
+LEAST_ERROR = 0.04
+#: Next to the ends the corner is rounded by blur: there no edge is read [px].
+CORNER = 3.0
+
+
+@dataclass(frozen=True)
+class Edge:
+    """Points on the bottom line, in order.
+
+    Parameters
+    ----------
+    points : array, shape (n, 2)
+        From one end to the other [px].
+    error : array, shape (n,)
+        Standard error of each across the line [px].
+    seen : array of bool, shape (n,)
+        Where an edge was read; elsewhere the point is between its neighbours.
+    ends : array, shape (2,)
+        How much more what lies beyond the first and the last end differs from what lies below
+        the line: large at a clamp, small where a tip is free [colour units].
+    """
+
+    points: Floats
+    error: Floats
+    seen: NDArray[np.bool_]
+    ends: Floats
+
+
+def find_edge(image: Colours, body: Silhouette) -> Edge:
+    """Return the line of a body that was found roughly.
+
+    Raises
+    ------
+    BayesdegError
+        If the edge is too faint, or hidden over too much of the line.
+    """
+    # an outline is rounded at its corners
+    rough = len_of(body.line)
+    line = _at(body.line, np.linspace(ROUNDED * rough, (1.0 - ROUNDED) * rough, 2 * POINTS))[0]
+    edge = None
+    for reach in REACHES:
+        line, ends = _to_ends(image, line, body.thickness)
+        edge = _read(image, line, reach * body.thickness)
+        line = _straight_ends(edge)
+        edge = Edge(line, edge.error, edge.seen, ends)
+    assert edge is not None
+    return edge
+
+
+def _straight_ends(edge: Edge) -> Floats:
+    """Continue a line straight where no edge was read at its ends, which are stiff."""
+    points, known = edge.points.copy(), np.flatnonzero(edge.seen)
+    last = len(points) - 1
+    for end, inner in ((0, known[:STRAIGHT]), (last, known[-STRAIGHT:])):
+        missing = np.arange(0, inner[0]) if end == 0 else np.arange(inner[-1] + 1, last + 1)
+        if len(missing):
+            points[missing] = np.column_stack(
+                [np.polyval(np.polyfit(inner, axis[inner], 1), missing) for axis in edge.points.T]
+            )
+    return points
+
+
+def _at(line: Floats, arc: Floats) -> tuple[Floats, Floats]:
+    """Points of a line at some lengths along it, beyond the ends too, and normals off the gel."""
+    known = arc_of(line)
+    points = np.column_stack([np.interp(arc, known, axis) for axis in line.T])
+    window = max(known[-1] / 40.0, 2.0)
+    inside = np.clip(arc, 0.0, known[-1])
+    before, after = np.maximum(inside - window, 0.0), np.minimum(inside + window, known[-1])
+    ahead = np.column_stack(
+        [np.interp(after, known, axis) - np.interp(before, known, axis) for axis in line.T]
+    )
+    ahead /= np.hypot(*ahead.T)[:, None]
+    points += ahead * (np.minimum(arc, 0.0) + np.maximum(arc - known[-1], 0.0))[:, None]
+    return points, np.column_stack([ahead[:, 1], -ahead[:, 0]])
+
+
+def _sampled(image: Colours, points: Floats, normals: Floats, off: Floats) -> Values:
+    """Colours at distances from points along normals, (n_points, n_off, 3), in CIELAB."""
+    at = (points[:, None] + off[None, :, None] * normals[:, None]).astype(np.float32)
+    low = np.maximum(np.floor(at.min(axis=(0, 1))).astype(int) - 2, 0)
+    high = np.ceil(at.max(axis=(0, 1))).astype(int) + 3
+    part = image[low[1] : high[1], low[0] : high[0]]
+    values = cv2.remap(
+        part.astype(np.float32) / np.float32(255.0),
+        at[..., 0] - np.float32(low[0]),
+        at[..., 1] - np.float32(low[1]),
+        cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_REPLICATE,
+    )
+    return np.asarray(cv2.cvtColor(values, cv2.COLOR_BGR2LAB), dtype=np.float32)
+
+
+def _to_ends(image: Colours, line: Floats, thickness: float) -> tuple[Floats, Floats]:
+    """Move both ends of a line to where the gel ends; say how alike it is beyond and below."""
+    length = len_of(line)
+    room = BEYOND * thickness
+    arc = np.arange(-room, length + room, 1.0)
+    points, normals = _at(line, arc)
+    inner = _sampled(image, points, normals, -thickness * np.linspace(0.08, 0.3, 9))
+    outer = np.median(
+        _sampled(image, points, normals, thickness * np.linspace(0.15, 0.35, 7)), axis=1
+    )
+    colour = np.median(inner, axis=1)
+    middle = (arc > 0.1 * length) & (arc < 0.9 * length)
+    gel = np.median(colour[middle], axis=0)
+    different = np.linalg.norm(colour - gel, axis=1)
+    found, ends = [], []
+    for beyond, order in ((arc < 0.0, slice(None, None, -1)), (arc > length, slice(None))):
+        far = np.sort(different[beyond])[len(different[beyond]) // 2 :].mean()
+        near = np.abs(arc - (0.0 if order.step == -1 else length)) < room
+        at, value = arc[near][order], different[near][order]
+        level = 0.5 * (far + np.median(different[middle]))
+        # from inside out, the first that stays above the level
+        above = np.flatnonzero(np.convolve(value > level, np.ones(3), mode="valid") == 3)
+        if len(above) == 0 or above[0] == 0:
+            found.append(0.0 if order.step == -1 else length)
+        else:
+            k = int(above[0])
+            share = (level - value[k - 1]) / max(value[k] - value[k - 1], 1e-6)
+            found.append(float(at[k - 1] + share * (at[k] - at[k - 1])))
+        there = np.median(colour[beyond], axis=0)
+        below = np.median(outer[middle], axis=0)
+        ends.append(float(np.linalg.norm(there - below)))
+    moved = np.linspace(found[0], found[1], 4 * POINTS)
+    return _at(line, moved)[0], np.array(ends)
+
+
+def _read(image: Colours, line: Floats, reach: float) -> Edge:
+    length = len_of(line)
+    arc = np.arange(CORNER, length - CORNER, 1.0)
+    points, normals = _at(line, arc)
+    off = np.arange(-2.0 * reach, reach + 0.25, 0.5)
+    profiles = _sampled(image, points, normals, off)
+    width = 2 * int(length / POINTS / 4.0) + 1
+    profiles = cv2.blur(profiles, (1, width), borderType=cv2.BORDER_REPLICATE)
+    place, contrast = _crossings(profiles, off, reach)
+    return _averaged(line, arc, place, contrast)
+
+
+def _crossings(profiles: Values, off: Floats, reach: float) -> tuple[Floats, Floats]:
+    """Where each profile leaves the gel, and how strong that edge is in its noise.
+
+    Paper is a few pixels wide and may be followed by a stronger edge, of the background; the first
+    of those that are not faint, from inside, is that of the gel.
+    """
+    step = off[1] - off[0]
+    at = np.arange(-4, 5) * step / BLUR
+    slope = (at * np.exp(-0.5 * at * at)).astype(np.float32)
+    change = -cv2.filter2D(profiles, cv2.CV_32F, -slope[None] / np.abs(slope).sum())
+    strength = np.linalg.norm(change, axis=2)
+    inside = off < -reach
+    noise = np.median(strength[:, inside], axis=1)
+    s, at = strength[:, ~inside], off[~inside]
+    top = s[:, 1:-1].max(axis=1)
+    peak = (s[:, 1:-1] >= s[:, :-2]) & (s[:, 1:-1] > s[:, 2:])
+    peak &= s[:, 1:-1] > FIRST * top[:, None]
+    first = np.argmax(peak, axis=1) + 1
+    rows = np.arange(len(s))
+    before, here, after = (
+        s[rows, first - 1],
+        s[rows, first],
+        s[rows, np.minimum(first + 1, len(at) - 1)],
+    )
+    bend = before - 2.0 * here + after
+    share = np.where(bend < 0.0, 0.5 * (before - after) / np.where(bend < 0.0, bend, -1.0), 0.0)
+    place = (at[first] + step * share).astype(np.float64)
+    place[~peak.any(axis=1)] = np.nan
+    return place, (here / np.maximum(noise, 0.05)).astype(np.float64)
+
+
+def _averaged(line: Floats, arc: Floats, place: Floats, contrast: Floats) -> Edge:
+    """Average the offsets of edges about points along the line."""
+    length = len_of(line)
+    good = np.isfinite(place) & (contrast > LEAST_CONTRAST)
+    for _ in range(3):
+        if np.sum(good) < LEAST_SEEN * len(arc):
+            raise BayesdegError(
+                "the bottom edge is too faint or hidden; light the paper evenly, or put it on a "
+                "plain background of another colour"
+            )
+        expected = _running(arc, place, good, length / 12.0)
+        residual = place - expected
+        spread = 1.48 * np.median(np.abs(residual[good])) + SPREAD
+        good = (
+            np.isfinite(place)
+            & (contrast > LEAST_CONTRAST)
+            & (np.abs(residual) < OUTLYING * spread)
+        )
+    at = np.linspace(0.0, length, POINTS)
+    step = length / (POINTS - 1)
+    offsets, error, seen = np.empty(POINTS), np.empty(POINTS), np.zeros(POINTS, dtype=bool)
+    for i, here in enumerate(at):
+        half = max(1.0 * step, 4.0)
+        near = good & (np.abs(arc - here) <= half)
+        seen[i] = np.sum(near) > 0.35 * np.sum(np.abs(arc - here) <= half)
+        if not seen[i]:
+            near = good & (np.abs(arc - here) <= 4.0 * half)
+        if np.sum(near) < 4:
+            near = good & (np.abs(arc - here) <= length / 8.0)
+        slope = np.polyfit(arc[near] - here, place[near], 1) if np.sum(near) > 3 else [0.0, 0.0]
+        offsets[i] = slope[1]
+        # neighbouring profiles share pixels and were blurred: about one in four counts
+        scatter = (
+            np.std(place[near] - np.polyval(slope, arc[near] - here)) if np.sum(near) > 3 else 1.0
+        )
+        lever = 2.0 if i in (0, POINTS - 1) else 1.0
+        error[i] = lever * np.hypot(scatter / np.sqrt(max(np.sum(near) / 4.0, 1.0)), LEAST_ERROR)
+    points, normals = _at(line, at)
+    return Edge(points + offsets[:, None] * normals, error, seen, np.zeros(2))
+
+
+def _running(arc: Floats, place: Floats, good: NDArray[np.bool_], window: float) -> Floats:
+    """Return a running median of the good ones, interpolated."""
+    at = np.linspace(arc[0], arc[-1], 40)
+    middle = np.array(
+        [
+            np.median(place[near])
+            if np.any(near := good & (np.abs(arc - one) < window / 2))
+            else np.nan
+            for one in at
+        ]
+    )
+    known = np.isfinite(middle)
+    smooth: Floats = np.interp(arc, at[known], middle[known])
+    return smooth

@@ -1,0 +1,313 @@
+"""A photograph to points on the bottom line, with what angle and curvature they give."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdeg.errors import BayesdegError
+from bayesdeg.photographs.edges import Edge, find_edge
+from bayesdeg.photographs.outline import arc_of, find_body, len_of
+from bayesdeg.photographs.picture import Colours
+from bayesdeg.photographs.plane import Plane, grid_plane, mapped, rescaled, ruler_plane, square_on
+
+Floats = NDArray[np.float64]
+type Side = Literal["left", "right", "top", "bottom"]
+
+#: The stiff ends of an actuator, over which its line is straight: end walls have 3 of 50 mm.
+STIFF = 0.055
+#: Error of a point along the line, and of its ends, where the gel's corner is read [px].
+ALONG, END = 0.3, 1.5
+#: A stated length and a measured one that differ by more are not of one thing.
+LENGTH_AGREES = 0.1
+#: The clamp is told from a free tip if beyond it differs by so much more from what is below the
+#: line; else which end is which is not sure.
+CLAMP = 1.3
+#: Bending away from the paper by more is no noise: the line is on the wrong side [deg].
+AWAY = 8.0
+#: An angle less well known than this is not worth a reading [deg].
+MOST_ANGLE_ERROR = 1.2
+#: Least share of the line on which the edge is seen; marks on it hide it.
+SEEN = 0.8
+#: Least share of the stiff ends on which the edge is seen: the bend angle is read there.
+ENDS_SEEN = 0.7
+#: By what errors of points grow as they are correlated over a few neighbours; found on rendered
+#: photographs other than those of the published benchmark.
+CORRELATED = 2.0
+
+
+@dataclass(frozen=True)
+class PictureScale:
+    """What is known of sizes in a photograph; at least one is given.
+
+    Parameters
+    ----------
+    grid : float, optional
+        Side of a square of a checkerboard in the plane of the actuator's side [mm].
+    ruler : float, optional
+        From tick to tick of a ruler in that plane [mm].
+    length : float, optional
+        Of the bottom line [mm]; with another of these it is a check.
+    mm_per_px : float, optional
+        Of a photograph that was taken square on [mm/px].
+    """
+
+    grid: float | None = None
+    ruler: float | None = None
+    length: float | None = None
+    mm_per_px: float | None = None
+
+
+@dataclass(frozen=True)
+class Trace:
+    """What was read of a photograph.
+
+    Parameters
+    ----------
+    points : array, shape (n, 2)
+        On the bottom line from the clamp to the tip [mm]: from the first, x along the clamped end,
+        y away from the paper, so that an actuator that bends towards its paper goes to y < 0.
+    error : array, shape (n, 2)
+        Standard errors of x and y from reading the edge, without those of scale and tilt [mm].
+    pixels : array, shape (n, 2)
+        The points in the photograph [px].
+    seen : array of bool, shape (n,)
+        Where an edge was read; elsewhere points lie between their neighbours.
+    angle, angle_error : float
+        Of the free end against the clamped one, towards the paper [deg].
+    curvature, curvature_error : float
+        Angle over length [1/m].
+    length : float
+        Of the line [mm].
+    plane : Plane
+        With the target that the scale is from.
+    doubts : tuple of str
+        What a person should look at.
+    """
+
+    points: Floats
+    error: Floats
+    pixels: Floats
+    seen: NDArray[np.bool_]
+    angle: float
+    angle_error: float
+    curvature: float
+    curvature_error: float
+    length: float
+    plane: Plane
+    doubts: tuple[str, ...]
+
+
+def angle_and_length(points: Floats) -> tuple[float, float]:
+    """Return the bend angle [rad], turning left positive, and the length of a line of points.
+
+    The angle is that between straight lines fitted to the stiff ends, as the contract's is that
+    between end faces; curvature is the one over the other.
+
+    Parameters
+    ----------
+    points : array, shape (n, 2)
+        In order.
+
+    Examples
+    --------
+    >>> at = np.linspace(0.0, 1.0, 200)
+    >>> angle, length = angle_and_length(20.0 * np.column_stack([np.sin(at), 1.0 - np.cos(at)]))
+    >>> round(angle, 2), round(length, 2)  # the ends of an arc are not straight
+    (0.95, 20.0)
+    """
+    steps = np.diff(points, axis=0)
+    arc = arc_of(points)
+    reach = max(STIFF * arc[-1], float(arc[2]), float(arc[-1] - arc[-3]))
+    first, last = _direction(points[arc <= reach]), _direction(points[arc >= arc[-1] - reach])
+    # the whole turn, counted along the line, chooses the branch
+    heading = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
+    turned = heading[-1] - heading[0]
+    angle = last - first
+    return float(angle + 2.0 * np.pi * np.round((turned - angle) / (2.0 * np.pi))), float(arc[-1])
+
+
+def _direction(points: Floats) -> float:
+    centred = points - points.mean(axis=0)
+    axis = np.linalg.svd(centred, full_matrices=False)[2][0]
+    if axis @ (points[-1] - points[0]) < 0.0:
+        axis = -axis
+    return float(np.arctan2(axis[1], axis[0]))
+
+
+def trace(
+    image: Colours,
+    scale: PictureScale,
+    *,
+    rng: np.random.Generator,
+    hint: Floats | None = None,
+    base: Side | None = None,
+) -> Trace:
+    """Trace the bottom line of the actuator in a photograph.
+
+    Parameters
+    ----------
+    image : array of uint8
+        Blue, green, red.
+    scale : PictureScale
+        What is known of sizes.
+    rng : Generator
+        Draws errors of the target and of points, from which those of the readings follow.
+    hint : array, shape (k, 2), optional
+        Points near the line, from end to end, or corrected ones [px].
+    base : {"left", "right", "top", "bottom"}, optional
+        On which side of the photograph the clamp is; else it is found.
+
+    Raises
+    ------
+    BayesdegError
+        If the actuator, its edge or the target is not found, or what is found contradicts what is
+        stated.
+    """
+    edge = find_edge(image, find_body(image, hint))
+    return measured(image, edge, scale, rng=rng, base=base)
+
+
+def measured(
+    image: Colours,
+    edge: Edge,
+    scale: PictureScale,
+    *,
+    rng: np.random.Generator,
+    base: Side | None = None,
+) -> Trace:
+    """Return what points on the line, the paper on their left, give in mm; see `trace`."""
+    _refuse_hidden(edge)
+    plane = _plane(image, edge, scale, rng)
+    draws = np.array([_reading(plane_draw, edge, rng) for plane_draw in plane.samples])
+    angle, length = angle_and_length(plane.placed(edge.points))
+    if scale.length is not None:
+        _refuse_length(length, scale.length)
+    spread = np.std(draws, axis=0)
+    curvature_error = float(np.std(draws[:, 0] / draws[:, 1]))
+    if np.degrees(spread[0]) > MOST_ANGLE_ERROR:
+        raise BayesdegError(
+            f"the bend angle is uncertain by {np.degrees(spread[0]):.1f} degrees; take the "
+            "photograph nearer, sharper, or show a checkerboard"
+        )
+    if np.degrees(angle) < -AWAY:
+        raise BayesdegError(
+            f"the line bends away from the paper by {-np.degrees(angle):.0f} degrees; show the "
+            "bottom line with --hint, the side with the paper"
+        )
+    reverse, doubts = _order(edge, base)
+    points, error = _in_frame(plane, edge, reverse=reverse)
+    order = slice(None, None, -1 if reverse else 1)
+    return Trace(
+        points,
+        error,
+        edge.points[order],
+        edge.seen[order],
+        float(np.degrees(angle)),
+        float(np.degrees(spread[0])),
+        1e3 * angle / length,
+        1e3 * curvature_error,
+        length,
+        plane,
+        doubts,
+    )
+
+
+def _refuse_hidden(edge: Edge) -> None:
+    stiff = max(2, int(STIFF * len(edge.points)))
+    if min(np.mean(edge.seen[:stiff]), np.mean(edge.seen[-stiff:])) < ENDS_SEEN:
+        raise BayesdegError(
+            "the edge is hidden at an end of the line, where the bend angle is read; clear the "
+            "ends of marks, glare and shadow"
+        )
+    if np.mean(edge.seen) < SEEN:
+        raise BayesdegError(
+            f"the edge is seen on {100.0 * float(np.mean(edge.seen)):.0f} % of the line only; "
+            "light it evenly, without marks and glare on it"
+        )
+
+
+def _plane(image: Colours, edge: Edge, scale: PictureScale, rng: np.random.Generator) -> Plane:
+    if scale.grid is not None:
+        return grid_plane(image, scale.grid, rng)
+    if scale.ruler is not None:
+        return ruler_plane(image, scale.ruler, rng)
+    if scale.mm_per_px is not None:
+        return square_on(image, scale.mm_per_px, 0.0, source="stated scale", rng=rng)
+    if scale.length is None:
+        raise BayesdegError("no scale is given; give --grid, --ruler, --length or --scale")
+    wanted = scale.length
+    plane = square_on(image, 1.0, 0.0, source="stated length", rng=rng)
+    return rescaled(plane, lambda h: wanted / len_of(mapped(h, edge.points)))
+
+
+def _refuse_length(found: float, stated: float) -> None:
+    ratio = found / stated
+    if abs(ratio - 1.0) > LENGTH_AGREES:
+        raise BayesdegError(
+            f"the line measures {found:.4g} mm and is stated as {stated:.4g} mm, a factor of "
+            f"{ratio:.3g}; check the squares of the grid, the ticks of the ruler, the scale, and "
+            "whether all of the line is seen"
+        )
+
+
+def _reading(homography: Floats, edge: Edge, rng: np.random.Generator) -> tuple[float, float]:
+    """Return angle and length of a draw of the points in a draw of the plane."""
+    normals = _normals(edge.points)
+    white = rng.normal(size=len(edge.points) + 1)
+    noise = CORRELATED * (white[1:] + white[:-1]) / np.sqrt(2.0)
+    moved = edge.points + (noise * edge.error)[:, None] * normals
+    ahead = np.column_stack([-normals[:, 1], normals[:, 0]])
+    moved[[0, -1]] += END * rng.normal(size=2)[:, None] * ahead[[0, -1]]
+    return angle_and_length(mapped(homography, moved))
+
+
+def _normals(points: Floats) -> Floats:
+    ahead = np.gradient(points, axis=0)
+    ahead /= np.hypot(*ahead.T)[:, None]
+    return np.column_stack([ahead[:, 1], -ahead[:, 0]])
+
+
+_TOWARDS = {"left": (-1.0, 0.0), "right": (1.0, 0.0), "top": (0.0, -1.0), "bottom": (0.0, 1.0)}
+
+
+def _order(edge: Edge, base: Side | None) -> tuple[bool, tuple[str, ...]]:
+    """Return whether the line runs from tip to clamp, and doubts about it."""
+    first, last = edge.ends
+    sure = max(first, last) > CLAMP * min(first, last) + 1.0
+    found = bool(last > first)
+    if base is None:
+        doubt = "which end is clamped is not sure; say so with --base"
+        return found, () if sure else (doubt,)
+    along = float((edge.points[-1] - edge.points[0]) @ np.array(_TOWARDS[base]))
+    stated = along > 0.0
+    if sure and stated != found:
+        raise BayesdegError(
+            f"the clamp is stated on the {base} and is seen at the other end: the photograph is "
+            "mirrored, or --base is wrong"
+        )
+    return stated, ()
+
+
+def _in_frame(plane: Plane, edge: Edge, *, reverse: bool) -> tuple[Floats, Floats]:
+    """Return points and errors from the clamp, x along the clamped end, y away from the paper."""
+    placed = plane.placed(edge.points)
+    normals = _normals(edge.points)
+    ahead = np.column_stack([-normals[:, 1], normals[:, 0]])
+    along = np.full(len(placed), ALONG)
+    along[[0, -1]] = END
+    across = plane.placed(edge.points + edge.error[:, None] * normals) - placed
+    forth = plane.placed(edge.points + along[:, None] * ahead) - placed
+    if reverse:
+        placed, across, forth = placed[::-1], across[::-1], forth[::-1]
+    else:
+        # the paper is on the left; seen from the other side it is on the right
+        placed, across, forth = (a * [1.0, -1.0] for a in (placed, across, forth))
+    arc = arc_of(placed)
+    turn = _direction(placed[arc <= max(STIFF * arc[-1], float(arc[2]))])
+    c, s = np.cos(turn), np.sin(turn)
+    rotation = np.array([[c, -s], [s, c]])
+    points = (placed - placed[0]) @ rotation
+    error = np.sqrt((across @ rotation) ** 2 + (forth @ rotation) ** 2)
+    return points, error

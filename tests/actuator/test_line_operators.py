@@ -1,0 +1,132 @@
+"""Operators that read a line of points, and maps that predict what they read."""
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+from bayesdeg.actuator.geometry import Geometry
+from bayesdeg.actuator.inputs import Inputs, Prediction
+from bayesdeg.actuator.line import OPERATORS, read_line
+from bayesdeg.actuator.mesh import build_mesh
+from bayesdeg.actuator.outputs import read_bottom_line
+from bayesdeg.actuator.problem import MechanicalState
+from bayesdeg.actuator.reading import ReadByOperator, bottom_lines, operator_ratio
+from bayesdeg.actuator.status import COARSE
+from bayesdeg.data.settings import Dimensions, parse_settings
+
+
+def arc(angle, count=30, length=50.0):
+    s, radius = np.linspace(0.0, angle, count), length / angle
+    return np.column_stack([radius * np.sin(s), radius * (np.cos(s) - 1.0)])
+
+
+def turned(points, angle):
+    cosine, sine = np.cos(angle), np.sin(angle)
+    return points @ np.array([[cosine, sine], [-sine, cosine]])
+
+
+@pytest.mark.parametrize("angle", [-4.0, -0.5, 1e-5, 2.0, 5.0])
+@pytest.mark.parametrize("operator", OPERATORS)
+def test_all_operators_agree_on_an_arc(operator, angle):
+    bend = read_line(arc(angle), operator)
+    assert bend.angle == pytest.approx(angle, rel=2e-3)
+    assert bend.arc_length == pytest.approx(50.0, rel=1e-3)
+
+
+@pytest.mark.parametrize("operator", ["angle_over_arc", "circle", "spline"])
+def test_only_base_and_tip_depend_on_the_alignment(operator):
+    line = bottom_lines().points[-1]
+    moved = turned(line, 0.3) + 7.0
+    assert read_line(moved, operator).curvature == pytest.approx(
+        read_line(line, operator).curvature, rel=1e-9
+    )
+    assert read_line(turned(line, 0.3), "base_tip").angle == pytest.approx(
+        read_line(line, "base_tip").angle - 0.6
+    )
+
+
+def test_curvature_goes_with_one_over_size_and_mirrors():
+    line = bottom_lines().points[-1]
+    for operator in OPERATORS:
+        once = read_line(line, operator).curvature
+        assert read_line(2.0 * line, operator).curvature == pytest.approx(0.5 * once, rel=1e-8)
+        assert read_line(line * [1.0, -1.0], operator).curvature == pytest.approx(-once, rel=1e-8)
+
+
+def test_circle_is_the_least_squares_fit():
+    # an independent search over centre and radius
+    rng = np.random.default_rng(2)
+    line = arc(1.2) + rng.normal(0.0, 0.4, (30, 2))
+
+    def distances(v):
+        return np.hypot(*(line - v[:2]).T) - v[2]
+
+    found = least_squares(distances, [0.0, -40.0, 40.0], xtol=1e-14, ftol=1e-14, gtol=1e-14)
+    assert read_line(line, "circle").curvature == pytest.approx(1e3 / found.x[2], rel=1e-6)
+
+
+def test_end_faces_take_the_place_of_tangents():
+    line = bottom_lines().points[5]
+    bend = read_line(line, end_angle=0.2)
+    assert bend.angle == 0.2
+    assert bend.curvature == pytest.approx(200.0 / bend.arc_length)
+
+
+@pytest.mark.parametrize("operator", OPERATORS)
+def test_the_model_is_read_as_points_are(operator):
+    mesh = build_mesh(Geometry(Dimensions()), COARSE)
+    x = mesh.body.nodes[:, 0]
+    displacement = np.zeros_like(mesh.body.nodes)
+    displacement[:, 2] = -4e-3 * x**2
+    state = MechanicalState.__new__(MechanicalState)
+    object.__setattr__(state, "displacement", displacement)
+    points = (mesh.body.nodes + displacement)[mesh.bottom_line][:, (0, 2)]
+    assert read_bottom_line(mesh, state, operator) == read_line(points, operator)
+
+
+@pytest.mark.parametrize(
+    ("operator", "most"),
+    [("angle_over_arc", 2e-3), ("circle", 2e-3), ("spline", 6e-3), ("base_tip", 2e-3)],
+)
+def test_ratio_is_what_is_read_of_curves_left_out(operator, most):
+    ratio, lines = operator_ratio(operator, 50), bottom_lines()
+    assert 0.0 < ratio.sd < most
+    # lines that do not bend have a ratio too, and it is that of the smallest angles
+    at_rest, _ = ratio(np.zeros(1), np.array([50.0]))
+    near, slope = ratio(np.array([0.01]), np.array([50.0]))
+    assert at_rest == pytest.approx(near, abs=2e-3)
+    step, _ = ratio(np.array([0.01 + 1e-6]), np.array([50.0]))
+    assert slope == pytest.approx((step - near) / 1e-6, rel=1e-3, abs=1e-6)
+    assert len(np.unique(lines.curve)) >= 20
+
+
+def test_map_predicts_the_operator_and_its_slope():
+    def linear(inputs):
+        curvature = 0.1 * inputs.pressure
+        zero = np.zeros_like(curvature)
+        angle = np.degrees(curvature * 0.05)
+        return Prediction(
+            curvature, angle, 1.0 + zero, curvature, zero, zero, zero, zero.astype(int)
+        )
+
+    def at(pressure):
+        one = np.ones(1)
+        inputs = Inputs(pressure * one, 0.3 * one, 0 * one, 0 * one, one, 3e4 * one)
+        return ReadByOperator(linear, "circle", 50)(inputs)
+
+    found, step = at(100.0), at(100.0 * (1.0 + 1e-6))
+    assert found.curvature == pytest.approx(11.8, abs=0.15)
+    assert found.bend_angle == pytest.approx(np.degrees(0.5))
+    assert found.slope == pytest.approx((step.curvature - found.curvature) / 1e-6, rel=1e-4)
+    assert found.sd > 0.0
+
+
+def test_settings_state_the_operator():
+    settings, faults = parse_settings(b'[reading]\noperator = "circle"\npoints = 12\n')
+    assert not faults
+    assert (settings.operator, settings.reading_points) == ("circle", 12)
+    assert parse_settings(b"")[0].operator is None
+    _, faults = parse_settings(b'[reading]\noperator = "parabola"\n')
+    assert "circle" in str(faults[0])
+    _, faults = parse_settings(b'[reading]\nname = "x"\n')
+    assert len(faults) == 1

@@ -1,0 +1,64 @@
+"""A circle that was fitted though curvatures are stated as bend angle over arc length."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bayesdeg.actuator.reading import operator_ratio
+from bayesdeg.causes.catalogue import find
+from bayesdeg.causes.curvature_operator import ARC
+from bayesdeg.data.settings import Dimensions, Settings
+from bayesdeg.pipeline.outline import outline
+from bayesdeg.pipeline.reading import read_study
+from tests.causes.default_actuator import conditions_of, effect, inputs_of, surrogate
+
+GELATIN = Path(__file__).parents[2] / "studies" / "gelatin_actuator"
+CAUSE = find("curvature_operator")
+
+
+@pytest.mark.parametrize("share", [0.5, 1.0, -1.0])
+def test_curvature_is_multiplied_by_the_ratio_to_its_share_and_nothing_else_moves(share):
+    before = surrogate()(inputs_of())
+    after = CAUSE.on_reading(before, conditions_of(), effect(circle_share=share))
+    ratio_at, group = operator_ratio("circle", 50), np.array(50.0)
+    ratio, _ = ratio_at(ARC * before.curvature, group)
+    # the usual arc in place of each part's own hardly matters
+    np.testing.assert_allclose(ratio, ratio_at(np.radians(before.bend_angle), group)[0], rtol=1e-3)
+    np.testing.assert_allclose(after.curvature, ratio**share * before.curvature, rtol=1e-12)
+    for name in ("bend_angle", "peak_stretch", "status", "bend_angle_sd"):
+        np.testing.assert_array_equal(getattr(after, name), getattr(before, name))
+
+
+def test_a_circle_reads_a_sixth_more_at_any_pressure():
+    before = surrogate()(inputs_of())
+    after = CAUSE.on_reading(before, conditions_of(), effect(circle_share=1.0))
+    factor = after.curvature / before.curvature
+    assert np.all((factor > 1.165) & (factor < 1.2))
+
+
+def test_without_a_statement_the_candidates_are_those_of_before():
+    study = read_study(GELATIN)
+    assert study.settings.operator is None
+    plan = outline(study)
+    assert CAUSE.name in plan.unjudged
+    assert CAUSE.name not in {cause.name for cause in plan.candidates}
+    stated = outline(replace(study, settings=replace(study.settings, operator="angle_over_arc")))
+    assert stated.base == plan.base
+    assert {c.name for c in stated.candidates} == {c.name for c in plan.candidates} | {CAUSE.name}
+    assert set(plan.unjudged) - set(stated.unjudged) == {CAUSE.name}
+
+
+@pytest.mark.parametrize(
+    ("settings", "judged"),
+    [
+        (Settings(), False),
+        (Settings(operator="angle_over_arc"), True),
+        (Settings(operator="circle"), False),
+        (Settings(operator="angle_over_arc", dimensions=Dimensions(length=60.0)), False),
+        (Settings(operator="angle_over_arc", constraint_kind="elastomer"), False),
+    ],
+)
+def test_it_is_judged_where_a_statement_may_be_wrong(settings, judged):
+    assert (CAUSE.blind_in(settings) is None) == judged

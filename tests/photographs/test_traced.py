@@ -1,0 +1,250 @@
+"""From rendered photographs to points: against the truth, and what is refused."""
+
+import io
+import zlib
+
+import numpy as np
+import pandas as pd
+import pytest
+from PIL import Image
+from typer.testing import CliRunner
+
+from bayesdeg.cli import app
+from bayesdeg.errors import BayesdegError
+from bayesdeg.photographs.picture import read_picture
+from bayesdeg.photographs.plane import grid_plane, ruler_plane
+from bayesdeg.photographs.trace import PictureScale, angle_and_length, trace
+
+
+@pytest.fixture(scope="module")
+def bent(scenes):
+    return scenes.scene(5, megapixels=3, target="grid", method="paper", kind="white")
+
+
+def traced(one, scale, **asked):
+    return trace(one.image, scale, rng=np.random.default_rng(1), **asked)
+
+
+def saved(image, kind="PNG", **asked):
+    content = io.BytesIO()
+    Image.fromarray(np.ascontiguousarray(image[:, :, ::-1])).save(content, kind, **asked)
+    return content.getvalue()
+
+
+# ---- angle and length
+
+
+def test_a_circle_between_straight_ends_has_its_angle_and_length():
+    turn = np.linspace(0.0, 4.0, 400)  # more than half a turn
+    arc = 10.0 * np.column_stack([np.sin(turn), 1.0 - np.cos(turn)])
+    end = np.array([np.cos(4.0), np.sin(4.0)])
+    line = np.vstack([[[-4.0, 0.0]], [[-2.0, 0.0]], arc, arc[-1] + 2.0 * end, arc[-1] + 4.0 * end])
+    angle, length = angle_and_length(line)
+    assert angle == pytest.approx(4.0, abs=1e-9)
+    assert length == pytest.approx(48.0, rel=1e-4)
+    mirrored, _ = angle_and_length(line * [1.0, -1.0])
+    assert mirrored == pytest.approx(-4.0, abs=1e-9)
+
+
+# ---- planes
+
+
+def test_a_checkerboard_gives_lengths_in_a_tilted_view(scenes, bent):
+    plane = grid_plane(bent.image, 5.0, np.random.default_rng(0))
+    _, length = angle_and_length(plane.placed(bent.line_px))
+    assert length == pytest.approx(bent.length, rel=0.003)
+
+
+def test_a_ruler_gives_the_scale(scenes):
+    one = scenes.scene(9, megapixels=3, target="ruler", method="paper", kind="grey")
+    plane = ruler_plane(one.image, 1.0, np.random.default_rng(0))
+    _, length = angle_and_length(plane.placed(one.line_px))
+    assert length == pytest.approx(one.length, rel=0.01)
+
+
+# ---- lines
+
+
+def test_angle_and_curvature_are_those_of_the_true_line(bent):
+    found = traced(bent, PictureScale(grid=5.0), base="left")
+    angle, length = angle_and_length(bent.line)
+    assert abs(found.angle + np.degrees(angle)) < min(1.5, 3.0 * found.angle_error)
+    assert found.curvature == pytest.approx(-1e3 * angle / length, rel=0.03)
+    # in its own frame: from the clamp, along x, towards the paper
+    assert found.points[0].tolist() == [0.0, 0.0]
+    assert abs(found.points[3, 1]) < 0.05 < found.points[3, 0]
+    assert found.points[-1, 1] < -5.0
+    assert found.pixels[0, 0] < found.pixels[-1, 0]
+
+
+def test_a_mirrored_or_upside_down_photograph_has_the_same_reading(bent):
+    scale = PictureScale(grid=5.0)
+    first = traced(bent, scale)
+    for image in (bent.image[::-1, ::-1], bent.image[:, ::-1]):
+        other = trace(np.ascontiguousarray(image), scale, rng=np.random.default_rng(1))
+        assert other.angle == pytest.approx(first.angle, abs=4.0 * first.angle_error)
+        assert np.allclose(other.points[-1], first.points[-1], atol=0.6)
+
+
+def test_a_hint_in_any_direction_gives_the_line(bent):
+    hint = bent.line_px[:: len(bent.line_px) // 6] + np.array([3.0, -4.0])
+    first = traced(bent, PictureScale(length=bent.length), hint=hint)
+    second = traced(bent, PictureScale(length=bent.length), hint=hint[::-1])
+    assert first.length == pytest.approx(bent.length, rel=1e-9)
+    assert second.angle == pytest.approx(first.angle, abs=2.0 * first.angle_error)
+
+
+# ---- what is refused
+
+
+def test_a_scale_wrong_by_ten_is_refused(bent):
+    with pytest.raises(BayesdegError, match="factor of 10"):
+        traced(bent, PictureScale(grid=50.0, length=bent.length))
+
+
+def test_a_clamp_at_the_other_end_is_refused(bent):
+    with pytest.raises(BayesdegError, match="mirrored"):
+        traced(bent, PictureScale(grid=5.0), base="right")
+
+
+def test_nothing_and_two_actuators_are_refused(bent):
+    empty = np.full_like(bent.image, 180)
+    with pytest.raises(BayesdegError, match="no actuator"):
+        trace(empty, PictureScale(length=40.0), rng=np.random.default_rng(0))
+    with pytest.raises(BayesdegError, match="two actuators"):
+        trace(
+            np.vstack([bent.image, bent.image]),
+            PictureScale(length=40.0),
+            rng=np.random.default_rng(0),
+        )
+
+
+def test_a_missing_target_is_refused(scenes):
+    one = scenes.scene(4, megapixels=3, target="length", method="paper", kind="white")
+    with pytest.raises(BayesdegError, match="no checkerboard"):
+        traced(one, PictureScale(grid=5.0))
+    with pytest.raises(BayesdegError, match="no ruler"):
+        traced(one, PictureScale(ruler=1.0))
+
+
+def bomb():
+    """A PNG of a few bytes that claims 30,000 × 30,000 pixels."""
+
+    def chunk(kind, data):
+        body = kind + data
+        return len(data).to_bytes(4) + body + zlib.crc32(body).to_bytes(4)
+
+    size = (30_000).to_bytes(4)
+    header = chunk(b"IHDR", size + size + bytes([8, 2, 0, 0, 0]))
+    return b"\x89PNG\r\n\x1a\n" + header + chunk(b"IDAT", zlib.compress(b"")) + chunk(b"IEND", b"")
+
+
+def encoded(mode, kind, value=128, **asked):
+    content = io.BytesIO()
+    Image.new(mode, (300, 300), value).save(content, kind, **asked)
+    return content.getvalue()
+
+
+def animated():
+    frames = [Image.new("RGB", (300, 300), (i, 0, 0)) for i in (10, 200)]
+    content = io.BytesIO()
+    frames[0].save(content, "GIF", save_all=True, append_images=frames[1:])
+    return content.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: b"specimen_id,pressure_kPa\n", "no picture"),
+        (lambda: b"", "no picture"),
+        (lambda: encoded("I;16", "PNG"), "8 bits"),
+        (lambda: encoded("CMYK", "JPEG", (0, 0, 0, 0)), "CMYK"),
+        (animated, "several frames"),
+        (bomb, "megapixels"),
+        (
+            lambda: saved(np.random.default_rng(0).integers(0, 255, (300, 300, 3), dtype=np.uint8))[
+                :5000
+            ],
+            "truncated",
+        ),
+        (lambda: saved(np.zeros((50, 300, 3), dtype=np.uint8)), "too few"),
+    ],
+)
+def test_a_bad_file_is_one_line(make, words):
+    with pytest.raises(BayesdegError, match=words) as caught:
+        read_picture("a.jpg", make())
+    assert str(caught.value).startswith("a.jpg: ")
+    assert "\n" not in str(caught.value)
+
+
+def test_the_camera_held_upright_is_turned():
+    image = np.zeros((300, 400, 3), dtype=np.uint8)
+    image[:, :50] = 255
+    exif = Image.Exif()
+    exif[0x0112] = 6  # turn clockwise
+    upright = read_picture("a.jpg", saved(image, "JPEG", exif=exif))
+    assert upright.shape == (400, 300, 3)
+    assert upright[:40].min() > 200
+
+
+# ---- the command
+
+
+def run(*arguments):
+    return CliRunner().invoke(app, ["trace", *map(str, arguments)])
+
+
+def test_the_command_writes_tables_and_a_picture_and_leaves_photographs_alone(tmp_path, bent):
+    folder, out = tmp_path / "photos", tmp_path / "out"
+    folder.mkdir()
+    (folder / "a.png").write_bytes(saved(bent.image))
+    (folder / "b.png").write_bytes(b"no picture")
+    about = tmp_path / "photos.csv"
+    about.write_text(
+        "file,specimen_id,pressure_kPa,degradation_pct\na.png,S1,120,5\nb.png,S2,120,5\n"
+    )
+    asked = ["--grid", "5 mm", "--length", f"{bent.length:.2f}", "--about", about]
+    done = run(folder / "a.png", folder / "b.png", *asked, "--out", out)
+    assert isinstance(done.exception, BayesdegError)
+    assert str(done.exception).startswith("b.png: ")
+    assert sorted(p.name for p in folder.iterdir()) == ["a.png", "b.png"]
+    names = ["a_traced.png", "markers.csv", "points.csv", "traces.csv"]
+    assert sorted(p.name for p in out.iterdir()) == names
+    markers = pd.read_csv(out / "markers.csv")
+    assert markers[["specimen_id", "pressure_kPa", "degradation_pct"]].iloc[0].tolist() == [
+        "S1",
+        120,
+        5,
+    ]
+    assert (markers["x_error_mm"] > 0.0).all()
+    reading = pd.read_csv(out / "traces.csv").iloc[0]
+    angle, length = angle_and_length(markers[["x_mm", "y_mm"]].to_numpy())
+    assert -np.degrees(angle) == pytest.approx(reading["bend_angle_deg"], abs=0.02)
+    assert length == pytest.approx(reading["length_mm"], abs=0.01)
+    again = run(folder / "a.png", *asked, "--hint", out / "points.csv", "--out", tmp_path / "two")
+    assert again.exception is None, again.output
+    corrected = pd.read_csv(tmp_path / "two" / "traces.csv").iloc[0]
+    error = reading["bend_angle_error_deg"]
+    assert corrected["bend_angle_deg"] == pytest.approx(reading["bend_angle_deg"], abs=error)
+
+
+def test_a_photograph_that_the_table_lacks_is_told_before_anything_is_written(tmp_path, bent):
+    (tmp_path / "a.png").write_bytes(saved(bent.image))
+    about, out = tmp_path / "about.csv", tmp_path / "out"
+    about.write_text("file,specimen_id\nother.png,S1\n")
+    done = run(tmp_path / "a.png", "--grid", "5", "--about", about, "--out", out)
+    assert isinstance(done.exception, BayesdegError)
+    assert "about.csv" in str(done.exception)
+    assert not out.exists()
+
+
+def test_nothing_is_written_beside_photographs(tmp_path, bent):
+    (tmp_path / "a.png").write_bytes(saved(bent.image))
+    done = run(tmp_path / "a.png", "--grid", "5", "--out", tmp_path)
+    assert isinstance(done.exception, BayesdegError)
+    assert [p.name for p in tmp_path.iterdir()] == ["a.png"]
+
+
+def test_a_size_that_is_none_is_refused(tmp_path):
+    for asked in (["--grid", "five"], ["--length", "-3"], ["--scale", "0"], []):
+        assert run(tmp_path / "a.png", *asked, "--out", tmp_path / "out").exit_code == 2
