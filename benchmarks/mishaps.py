@@ -7,14 +7,16 @@ as those of ``hidden_effects.py``: a third without anything, a third with a mish
 `bayesdeg.laboratory.mishaps`, a third with a mishap and a cause. A mishap changes the file that was
 written; the study is then looked through, calibrated and judged from its folder alone, as
 ``bayesdeg run`` does at quick effort. With ``--record FILE`` studies in the file are not judged
-again; ``--screen`` judges no study without a suspect, for the share of false ones alone.
+again; ``--search`` looks for suspects and judges nothing, for what is found alone, in seconds a
+study.
 
 Keys: ``mishap_named`` is the share of studies with a mishap alone in which a cause is named;
 ``mishap_found`` that in which the specimens or readings at fault are among the suspects: one of
 them for a mishap of one specimen, half of them else; ``cause_beside_mishap_named`` the share of
 studies with a cause beside a mishap in which that cause alone is named, or stands in a set that
 cannot be told apart, of those in which the same study without the mishap is judged so;
-``false_suspects`` the share of studies without a mishap that have a suspect.
+``false_suspects`` the share of studies without a mishap that have a suspect; ``innocent_aside``
+that of studies with one in which a sound specimen, or a reading of one, is set aside too.
 """
 
 import argparse
@@ -91,7 +93,7 @@ def written(number: int, folder: Path, *, spoilt: bool) -> Mishap | None:
     return replace(mishap, rows=tuple(row for row in mishap.rows if clear[row]))
 
 
-def judged(number: int, folder: Path, *, spoilt: bool = True, screen: bool = False) -> Json:
+def judged(number: int, folder: Path, *, spoilt: bool = True, search: bool = False) -> Json:
     """Make a study, look it through and judge it; return what was found beside the truth."""
     mishap = written(number, folder, spoilt=spoilt)
     kind, name, cause, design = drawn(number)
@@ -110,11 +112,12 @@ def judged(number: int, folder: Path, *, spoilt: bool = True, screen: bool = Fal
             "spoilt": spoilt,
             "size": None if mishap is None else mishap.size,
             "found": None if mishap is None else was_found(mishap, study, assembly.aside, known),
+            "innocent": innocent(mishap, assembly.aside),
             "aside": [_short(one) for one in assembly.aside],
             "doubts": known,
             "seconds_screened": seconds,
         }
-        if screen and not assembly.aside:
+        if search:
             return found
         fitting, judging = np.random.SeedSequence(number).spawn(2)
         base = base_without_chain(assembly.model, fitting)
@@ -170,6 +173,12 @@ def was_found(mishap: Mishap, study: Study, aside: Iterable[Aside], known: Itera
     return share == 1.0 if mishap.name == "exchanged_labels" else share >= HALF
 
 
+def innocent(mishap: Mishap | None, aside: Iterable[Aside]) -> list[str]:
+    """Return specimens that are set aside, or of which readings are, without any at fault."""
+    wrong = set() if mishap is None else set(mishap.specimens)
+    return sorted({name for one in aside if one.is_out for name in one.specimens} - wrong)
+
+
 def right(one: Json) -> bool:
     """Return whether the hidden cause alone is named, or a set that the study cannot tell apart."""
     causes, cause = one["causes"], one["cause"]
@@ -179,29 +188,36 @@ def right(one: Json) -> bool:
     return one["outcome"] == "ambiguous" and inseparable
 
 
+def is_judged(one: Json) -> bool:
+    """Return whether a study has a verdict, not only suspects."""
+    return "outcome" in one
+
+
 def summary(found: list[Json]) -> Json:
     """Return the figures of the benchmark."""
-    sound = {one["number"]: right(one) for one in found if one["cause"] and not one["spoilt"]}
+    hidden = [one for one in found if one["cause"] and is_judged(one)]
+    sound = {one["number"]: right(one) for one in hidden if not one["spoilt"]}
     none = [one for one in found if one["kind"] == "none"]
     alone = [one for one in found if one["kind"] == "mishap"]
     beside = [one for one in found if one["kind"] == "beside" and one["spoilt"]]
-    comparable = [one for one in beside if sound.get(one["number"])]
+    comparable = [one for one in beside if is_judged(one) and sound.get(one["number"])]
     spoilt = [*alone, *beside]
     clean = [one for one in found if not one["spoilt"] or one["kind"] == "none"]
     return {
         "studies": len(found),
-        "mishap_named": _share(one["outcome"] == "named" for one in alone),
-        "mishap_alone_studies": len(alone),
+        "mishap_named": _share(one["outcome"] == "named" for one in alone if is_judged(one)),
+        "mishap_alone_studies": sum(map(is_judged, alone)),
         "mishap_found": _share(one["found"] for one in spoilt),
         "mishap_studies": len(spoilt),
+        "innocent_aside": _share(bool(one["innocent"]) for one in spoilt),
         "cause_beside_mishap_named": _share(map(right, comparable)),
         "cause_beside_mishap_studies": len(comparable),
-        "cause_beside_mishap_named_of_all": _share(map(right, beside)),
-        "cause_beside_mishap_all_studies": len(beside),
+        "cause_beside_mishap_named_of_all": _share(right(one) for one in hidden if one["spoilt"]),
+        "cause_beside_mishap_all_studies": sum(one["spoilt"] for one in hidden),
         "false_suspects": _share(bool(one["aside"]) for one in clean),
         "studies_without_mishap": len(clean),
         "false_doubts": _share(bool(one["doubts"]) for one in clean),
-        "none_named": _share(one["outcome"] == "named" for one in none if "outcome" in one),
+        "none_named": _share(one["outcome"] == "named" for one in none if is_judged(one)),
         "found_by_mishap": {name: _of(spoilt, name, "found") for name in MISHAPS},
         "named_by_mishap": {name: _named(alone, name) for name in MISHAPS},
         "seconds_screened": float(np.median([one["seconds_screened"] for one in clean])),
@@ -221,7 +237,7 @@ def _named(studies: list[Json], name: str) -> dict[str, int]:
     said = [
         "+".join(one["causes"]) if one["outcome"] == "named" else str(one["outcome"])
         for one in studies
-        if one["mishap"] == name
+        if one["mishap"] == name and is_judged(one)
     ]
     return {word: said.count(word) for word in dict.fromkeys(said)}
 
@@ -245,7 +261,7 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--kind", choices=KINDS, help="studies of this kind alone")
     parser.add_argument("--record", type=Path, help="file of studies that were judged, to go on")
-    parser.add_argument("--screen", action="store_true", help="judge only those with a suspect")
+    parser.add_argument("--search", action="store_true", help="look for suspects, judge nothing")
     parser.add_argument("--seconds", type=float, default=np.inf, help="to begin no study after")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
@@ -256,16 +272,18 @@ def main() -> None:
             continue
         for spoilt in (True, False) if drawn(number)[2] else (True,):
             key = (number, spoilt)
-            if key not in known and time.perf_counter() - begun < options.seconds:
+            new = key not in known or not (options.search or is_judged(known[key]))
+            if new and time.perf_counter() - begun < options.seconds:
                 folder = STORE / f"{number}{'' if spoilt else '-sound'}"
-                known[key] = judged(number, folder, spoilt=spoilt, screen=options.screen)
+                known[key] = judged(number, folder, spoilt=spoilt, search=options.search)
                 if options.record is not None:
                     with options.record.open("a", encoding="utf-8") as file:
                         file.write(json.dumps(known[key], ensure_ascii=False) + "\n")
                 if not options.json:
                     one = known[key]
                     said = (one.get("outcome"), one.get("causes"), one["aside"])
-                    print(number, one["mishap"], one["cause"], one["found"], *said, flush=True)
+                    facts = (one["mishap"], one["cause"], one["found"], one["innocent"])
+                    print(number, *facts, *said, flush=True)
             if key in known:
                 found.append(known[key])
     print(json.dumps(summary(found), indent=1, ensure_ascii=False))

@@ -8,10 +8,12 @@ from scipy.stats import ttest_ind
 
 from bayesdeg.criticism.checks import suspects
 from bayesdeg.criticism.checks.suspects import (
+    FACTORS,
     LEVEL,
     Irregularity,
     Oddity,
     ReadingParts,
+    film_density,
     find_suspects,
     hypotheses,
     largest_t,
@@ -20,8 +22,9 @@ from bayesdeg.criticism.checks.suspects import (
     scored,
 )
 from bayesdeg.inference.laplace import find_mode
+from bayesdeg.observations.tensile import Tensile
 from tests.criticism.linear_case import tight_model
-from tests.inference.small_study import altered, values_of
+from tests.inference.small_study import TRUTH, altered, small_model, values_of
 
 SPECIMENS, POINTS = 18, 8
 RATES = np.repeat(np.arange(0.0, 26.0, 5.0), 3)[:, None]
@@ -103,10 +106,37 @@ def test_widths_are_found_again():
     deviation = np.repeat(generator.standard_normal(n // 4), 4)
     residual = 0.5 * deviation + 0.6 * generator.standard_normal(n)
     parts = ReadingParts(residual, np.ones((n, 1)), specimens, np.eye(n), np.full(n, "one"))
-    for _ in range(1):
-        scatter, errors = parts.widths()
-    assert errors["one"] == pytest.approx(0.6, rel=0.15)
-    assert scatter == pytest.approx(0.5, rel=0.6)
+    found = parts.widths()
+    assert found.errors["one"] == pytest.approx(0.6, rel=0.1)
+    assert found.scatter == pytest.approx(0.5, rel=0.15)
+
+
+def test_degrees_of_freedom_are_those_of_the_specimens():
+    generator = np.random.default_rng(6)
+    specimens = np.kron(np.eye(60), np.ones((4, 4)))
+    residual = 0.6 * np.repeat(generator.standard_normal(60), 4)
+    residual += 0.01 * generator.standard_normal(240)
+    parts = ReadingParts(
+        residual, np.ones((240, 1)), specimens, 1e-4 * np.eye(240), np.full(240, "one")
+    )
+    alone = parts.widths()
+    assert alone.dof == pytest.approx(59, rel=0.1)
+    # as many again, of the same width
+    beside = -60 * np.log(FACTORS) - 30 * (0.6 / FACTORS) ** 2
+    both = parts.widths(beside)
+    assert both.dof == pytest.approx(119, rel=0.1)
+
+
+def test_films_say_how_wide_the_scatter_of_specimens_is(study):
+    assert np.all(film_density(*study, ()) == 0.0)  # it has none
+    model = small_model()
+    vector = model.table.vectors(values_of())[0]
+    [films] = model.of_kind(Tensile)
+    left_out = film_density(model, vector, ()) - film_density(model, vector, films.labels[:1])
+    for k in (0, 3):
+        values = values_of(TRUTH | {"stiffness_scatter": TRUTH["stiffness_scatter"] * FACTORS[k]})
+        first = films.log_likelihood(model.state(values))[0, 0]
+        assert left_out[k] == pytest.approx(first)
 
 
 def test_the_split_is_the_largest_t_of_all():

@@ -14,8 +14,9 @@ t is the deletion residual of the linear model: what a specimen departs by from 
 which it took no part. A mishap widens scatter and errors as long as it takes part in the
 calibration, which hides it. So what may be one is taken out first, by a loose threshold on scores
 that are divided by their median size; the model is calibrated without; and what has been taken out
-is judged by it, with Student's law for a scatter that is known from few specimens, and a threshold
-such that one sound study in 200 has a suspect.
+is judged by it, with Student's law for a scatter that is known from few specimens, films among
+them, and a threshold such that one sound study in 200 has a suspect. That is repeated until nothing
+but what is found has been left out: with the oddest sound specimens out scatter seems too small.
 
 Sources: Cook and Weisberg (1982), Residuals and Influence in Regression, chapter 2, for the mean
 shift model and deletion residuals; Hadi and Simonoff (1993), doi:10.1080/01621459.1993.10476407,
@@ -37,6 +38,8 @@ from bayesdeg.inference.model import JointModel
 from bayesdeg.material.degradation import levels
 from bayesdeg.observations.curvature import ACTUATOR, ANGLE, CURVATURE
 from bayesdeg.observations.kinds import Labels, Places
+from bayesdeg.observations.specimens import STIFFNESS_SCATTER
+from bayesdeg.observations.tensile import Tensile
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -71,7 +74,7 @@ NORMAL_MEDIAN = 0.6745
 EDGES = np.array([0.96, 0.98, 1.0])
 """Edges of the picture, over the largest curvature that was read: beyond the edge it scatters about
 it by the errors of tracing."""
-ROUNDS = 2  # calibrations without what was found so far
+ROUNDS = 5  # calibrations without what was found so far: mostly two tell the same
 SMALL = 1e-9
 SPLITS = 10_000  # sets of sizes without groups, for the chance of two groups
 SMALLEST_GROUP = 3  # specimens; fewer are told one by one
@@ -425,36 +428,92 @@ class ReadingParts:
             self.family[kept],
         )
 
-    def widths(self) -> tuple[float, dict[str, float]]:
-        """Return factors of deviations, and of errors by family, that are the most probable.
+    def widths(self, beside: Floats | float = 0.0) -> "Widths":
+        """Return how wide deviations and errors are, most probably.
 
         A misfit widens both in the calibration; what is common takes it up here. As the common
         directions are integrated out, this is the restricted likelihood of variance components
         (Patterson and Thompson 1971, doi:10.1093/biomet/58.3.545).
+
+        Parameters
+        ----------
+        beside : array, shape (n_factors,)
+            Log density of what else is known of the scatter of specimens, at each of `FACTORS`.
         """
         error = np.ones(len(self.residual))
-        scatter = _peak([self.log_density(factor, error) for factor in FACTORS])
-        found: dict[str, float] = {}
-        for family in dict.fromkeys(self.family.tolist()):
-            own = self.family == family
-            tried = [np.where(own, factor, error) for factor in FACTORS]
-            found[family] = _peak([self.log_density(scatter, one) for one in tried])
-            error = np.where(own, found[family], error)
-        return scatter, found
+        scatter, dof, found = 1.0, 1.0, dict[str, float]()
+        for _ in range(SWEEPS):
+            density = np.array([self.log_density(factor, error) for factor in FACTORS])
+            scatter, dof = _peak(density + beside)
+            for family in dict.fromkeys(self.family.tolist()):
+                own = self.family == family
+                tried = [np.where(own, factor, error) for factor in FACTORS]
+                found[family] = _peak(np.array([self.log_density(scatter, e) for e in tried]))[0]
+                error = np.where(own, found[family], error)
+        return Widths(scatter, dof, found)
+
+
+@dataclass(frozen=True)
+class Widths:
+    """How wide deviations of specimens and errors of reading are, over what was calibrated.
+
+    Parameters
+    ----------
+    scatter : float
+        Of specimens' deviations.
+    dof : float
+        From how many degrees of freedom that is known: of a variance from ν normal deviations the
+        log density in ln of the standard deviation bends by −2ν at its top.
+    errors : mapping of str to float
+        Of the errors of reading, by family.
+    """
+
+    scatter: float
+    dof: float
+    errors: Mapping[str, float]
 
 
 FACTORS = np.geomspace(0.25, 1.25, 6)
 """Of calibrated standard deviations: a misfit may have made them several times too wide."""
+SWEEPS = 2  # over scatter and errors, each given the others
 
 
-def _peak(values: list[float]) -> float:
-    """Return the factor at the top of the parabola through the largest of the values."""
+def _peak(values: Floats) -> tuple[float, float]:
+    """Return the factor at the top of the parabola through the largest value, and its dof."""
     best = int(np.clip(np.argmax(values), 1, len(values) - 2))
     low, top, high = values[best - 1 : best + 2]
-    bend = low - 2.0 * top + high
+    bend = float(low - 2.0 * top + high)
     shift = 0.5 * (low - high) / bend if bend < 0.0 else float(np.sign(high - low))
     step = float(np.log(FACTORS[1] / FACTORS[0]))
-    return float(FACTORS[best] * np.exp(step * np.clip(shift, -1.0, 1.0)))
+    ratio = float(np.exp(step * np.clip(shift, -1.0, 1.0)))
+    # −ν (ln f + f̂²/2f²) bends by −2ν f̂²/f², and f is that of the values, not of the top
+    return float(FACTORS[best] * ratio), max(1.0, -0.5 * bend / step**2 / ratio**2)
+
+
+def film_density(subject: JointModel, vector: Floats, left_out: Iterable[str]) -> Floats:
+    """Return the log density of films where stiffness scatters otherwise, at each of `FACTORS`.
+
+    Films and actuators of a study scatter alike: so says its model.
+
+    Parameters
+    ----------
+    subject : JointModel
+        The model.
+    vector : array, shape (n_parameters,)
+        Where it is calibrated.
+    left_out : iterable of str
+        Specimens of which nothing is to be known.
+    """
+    values = subject.table.named(np.repeat(vector[None], len(FACTORS), axis=0))
+    name = STIFFNESS_SCATTER.name
+    if name not in values:
+        return np.zeros(len(FACTORS))
+    state = subject.state(dict(values) | {name: values[name] * FACTORS})
+    total, out = np.zeros(len(FACTORS)), list(left_out)
+    for films in subject.of_kind(Tensile):
+        density = films.log_likelihood(state)[:, ~np.isin(films.labels, out)]
+        total += density.sum(axis=1)
+    return total if np.all(np.isfinite(total)) else np.zeros(len(FACTORS))
 
 
 def parts_of(subject: JointModel, vector: Floats) -> ReadingParts:
@@ -559,19 +618,14 @@ class Pool:
         Of which readings each is.
     specimens : array of int, shape (m,)
         Number of specimens of that family.
-    total : int
-        Number of specimens of all families.
+    dof : array, shape (m,)
+        Degrees of freedom from which it is known how wide each score is.
     """
 
     known: tuple[Irregularity, ...]
     family: NDArray[np.str_]
     specimens: NDArray[np.int64]
-    total: int
-
-    @property
-    def of_specimen(self) -> Flags:
-        """Which are of whole specimens, (m,)."""
-        return np.array([one.is_of_specimen for one in self.known])
+    dof: Floats
 
     def scales(self, scores: Floats) -> Floats:
         """Return the median size of the scores of hypotheses of the same sort, over a normal's.
@@ -594,10 +648,9 @@ class Pool:
         """Return p of each score, times the number of hypotheses that share its part of the level.
 
         Whole responses, other errors of specimens, groups, readings, and the edge of the picture
-        have a fifth each. The scatter of stiffness is known from all specimens, films among them.
+        have a fifth each.
         """
-        dof = np.where(self.of_specimen, max(self.total - 2, 1), READING_DOF)
-        chance = 2.0 * stats.t.sf(np.abs(scores), dof)
+        chance = 2.0 * stats.t.sf(np.abs(scores), self.dof)
         part = np.array([_PART[one.oddity] for one in self.known])
         count = np.bincount(part, minlength=PARTS)[part]
         found: Floats = np.minimum(1.0, PARTS * count * chance)
@@ -623,14 +676,17 @@ READING_DOF = 60
 """Of errors of reading: readings on all paths, less what a path has in common."""
 
 
-def pool_of(subject: JointModel, known: tuple[Irregularity, ...]) -> Pool:
-    """Return hypotheses with the families of their readings."""
+def pool_of(
+    subject: JointModel, known: tuple[Irregularity, ...], dof: Floats | float = READING_DOF
+) -> Pool:
+    """Return hypotheses with the families of their readings, and how well scores are known."""
     places = subject.places
     family = np.array([str(places.family[np.argmax(one.rows)]) for one in known])
     count = {
         name: len(np.unique(places.specimen[places.family == name])) for name in np.unique(family)
     }
-    return Pool(known, family, np.array([count[name] for name in family]), sum(count.values()))
+    every = np.broadcast_to(np.float64(dof), len(known))
+    return Pool(known, family, np.array([count[name] for name in family]), every)
 
 
 def find_suspects(
@@ -663,8 +719,8 @@ def find_suspects(
         before = {_key(one) for one in found}
         found = _strict(subject, vector, batches, found)
         if not found or {_key(one) for one in found} == before:
-            break
-    return found
+            return found
+    return tuple(one for one in found if _key(one) in before)  # what comes and goes is in doubt
 
 
 def _key(suspect: Suspect) -> tuple[str, bytes]:
@@ -685,15 +741,41 @@ def _posed(
     known = hypotheses(subject, vector, batches)
     if not known or not parts.is_finite:
         return None
-    widths: tuple[float, dict[str, float]] = (NARROWER, {})
+    widths = Widths(NARROWER, READING_DOF, {})
     if left_out is not None:
-        out = np.any([one.hypothesis.rows for one in left_out], axis=0)
-        widths = parts.without(out).widths()
-    now = scored(parts, known, *widths)
+        widths = _widths_without(subject, vector, parts, left_out)
+    now = scored(parts, known, widths.scatter, widths.errors)
     groups = list(_two_groups(pool_of(subject, known), now))
     known = (*known, *(one for one, _ in groups))
     columns = np.column_stack([now.columns, *(column for _, column in groups)])
-    return pool_of(subject, known), Scored(now.observed, columns)
+    now = Scored(now.observed, columns)
+    return pool_of(subject, known, _dof(parts, known, now, widths)), now
+
+
+def _widths_without(
+    subject: JointModel, vector: Floats, parts: ReadingParts, left_out: Sequence[Suspect]
+) -> Widths:
+    """Return how wide deviations and errors are of what is not left out."""
+    out = np.any([one.hypothesis.rows for one in left_out], axis=0)
+    names = {name for one in left_out for name in one.hypothesis.specimens}
+    return parts.without(out).widths(film_density(subject, vector, names))
+
+
+def _dof(parts: ReadingParts, known: Sequence[Irregularity], now: Scored, widths: Widths) -> Floats:
+    r"""Return the degrees of freedom from which the width of each score is known, (m,).
+
+    Of the variance of a size, 1/|w|², a share s comes from the scatter of specimens, which is known
+    from ν degrees of freedom, and the rest from errors of reading, known from many more. The rule
+    is that of Satterthwaite (1946), doi:10.2307/3002019: :math:`1/(s^2/\nu + (1 - s)^2/\nu_e)`.
+    """
+    wider = scored(parts, known, WIDER * widths.scatter, widths.errors)
+    grown = np.log(np.maximum(now.norms, SMALL) / np.maximum(wider.norms, SMALL))
+    share = np.clip(grown / np.log(WIDER), 0.0, 1.0)
+    found: Floats = 1.0 / (share**2 / widths.dof + (1.0 - share) ** 2 / READING_DOF)
+    return found
+
+
+WIDER = 1.1  # scatter of specimens, for the share of a variance that comes from it
 
 
 def _two_groups(pool: Pool, now: Scored) -> Iterator[tuple[Irregularity, Floats]]:
