@@ -826,7 +826,7 @@ def _odd_actuator(curve: _Curve, near: list[_Curve], factor: float) -> Doubt:
         column, units, values, unit = "pressure_kPa", PRESSURE_UNITS, curve.pressure, "kPa"
     exact = float(np.median([ratio(curve, other) for other in near]))
     factor = exact if np.isfinite(exact) and exact > 0.0 else factor
-    slip = "likely another unit, or a slipped decimal point"
+    slip = "likely another unit, a slipped decimal point or an exchanged label"
     guess = _likely(factor, units, NEAR_UNIT, otherwise=slip)
     at_same = "for the same curvature" if is_of_pressure else "at the same pressure"
     names = ", ".join(c.name for c in near[:3])

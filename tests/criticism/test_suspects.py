@@ -208,6 +208,22 @@ def test_a_level_that_deviates_together_is_a_batch(study):
     assert named == {"A10-0", "A10-1", "A10-2"}
 
 
+def test_a_recorded_day_on_which_lengths_were_short_is_found(study):
+    model, mode = study
+    data = model.actuator
+    day = tuple(name for name in data.specimens if name.endswith("-1"))
+    readings = data.readings.copy()
+    of_day = np.isin(data.specimens, day)
+    readings[of_day, : data.pressure.shape[1]] /= 0.93
+    wrong = model.with_readings(readings)
+    rest = find_mode(wrong.of_actuators(wrong.actuator.subset(np.flatnonzero(~of_day))), mode)[0]
+    start = find_mode(wrong, mode)[0]
+    [found] = find_suspects(wrong, start, lambda suspects: rest, [day])
+    assert set(found.hypothesis.specimens) == set(day)
+    assert found.hypothesis.oddity is Oddity.DAY
+    assert found.size == pytest.approx(1.0 / 0.93 - 1.0, abs=0.02)
+
+
 def test_false_suspects_are_as_rare_as_stated(study):
     """Under the linear model with known scatter, whichever of all hypotheses is the oddest."""
     model, mode = study

@@ -208,6 +208,7 @@ def _of_family(
         yield from _pictures(places, own, name, prediction)
     yield from _of_edge(subject, rows, prediction)
     yield from _of_batches(places, rows, [*_levels(places, rows), *batches], response)
+    yield from _of_days(places, rows, batches, prediction)
 
 
 def _of_actuator(
@@ -318,6 +319,17 @@ def _of_batches(
         several = len(np.unique(places.specimen[own])) > 1
         if several and not np.array_equal(own, rows):
             yield Irregularity(Oddity.BATCH, group, "", own, np.where(own, response, 0.0))
+
+
+def _of_days(
+    places: Places, rows: Flags, batches: tuple[tuple[str, ...], ...], prediction: Floats
+) -> Iterator[Irregularity]:
+    """Yield that lengths of a recorded batch are wrong, where bend angles were read too."""
+    curved = rows & (places.kind == CURVATURE)
+    for group in batches if np.any(rows & (places.kind == ANGLE)) else ():
+        own = curved & np.isin(places.specimen, group)
+        if len(np.unique(places.specimen[own])) > 1 and not np.array_equal(own, curved):
+            yield Irregularity(Oddity.DAY, group, CURVATURE, own, np.where(own, prediction, 0.0))
 
 
 # ---- scores

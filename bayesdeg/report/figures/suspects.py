@@ -33,17 +33,23 @@ def suspects_figure(rows: pd.DataFrame) -> Figure:
     for axes, name in zip(every_axes, names, strict=True):
         own = rows["specimen_id"].astype(str) == name
         rate = float(rows.loc[own, "degradation_pct"].iloc[0])
-        near = rows[~own & (np.abs(rows["degradation_pct"] - rate) <= NEAR)]
+        alike = ~own & (np.abs(rows["degradation_pct"] - rate) <= NEAR)
+        near = rows[alike & (rows["set_aside"] == 0)]
         for _, other in near.groupby("specimen_id", sort=False):
             axes.plot(other["pressure_kPa"], other["curvature_per_m"], color=MUTED, linewidth=0.8)
-        axes.plot(rows.loc[own, "pressure_kPa"], rows.loc[own, "curvature_per_m"], color=MUTED,
-                  linewidth=0.8, linestyle=(0, (4, 2)))  # fmt: skip
-        odd = rows[own & (rows["set_aside"] > 0)]
+        itself = rows[own]
+        curve = (itself["pressure_kPa"], itself["curvature_per_m"])
+        axes.plot(*curve, color=MUTED, linewidth=0.8, linestyle="--")
+        odd = itself[itself["set_aside"] > 0]
         axes.plot(odd["pressure_kPa"], odd["curvature_per_m"], "o", color=BASE_COLOUR, markersize=3)
         axes.set_title(f"{name}, {rate:.3g} %")
     figure.supxlabel(axis_label("pressure_kPa"), fontsize=8.0)
     figure.supylabel(axis_label("curvature_per_m"), fontsize=8.0)
-    entries = {"set aside": key(BASE_COLOUR, marker="o"), "specimens of the same rate": key(MUTED)}
+    entries = {
+        "set aside": key(BASE_COLOUR, marker="o", line=False),
+        "the specimen itself": key(MUTED, dashed=True),
+        "others of the same rate": key(MUTED),
+    }
     legend_above(figure, entries)
     return figure
 
