@@ -5,6 +5,7 @@ another version has besides are passed over, and those that it lacks have their 
 the wrong kind are refused, with the place, what was found, and what belongs there.
 """
 
+import itertools
 import json
 import math
 from collections.abc import Iterable, Mapping
@@ -76,6 +77,33 @@ def _scalar(value: object) -> object:
     return value.item() if isinstance(value, np.generic) else value
 
 
+def _seed(value: object) -> int | None:
+    if isinstance(value, np.generic):
+        value = value.item()
+    if value is None or (isinstance(value, int) and not isinstance(value, bool) and value >= 0):
+        return value
+    raise ValueError(f"must be a whole number from 0 on, not {_shown(value)}")
+
+
+def _above_zero(value: float | None) -> float | None:
+    if value is not None and value <= 0.0:
+        raise ValueError(f"must be above 0, not {value:g}")
+    return value
+
+
+def _from_zero(value: float | None) -> float | None:
+    if value is not None and value < 0.0:
+        raise ValueError(f"must not be below 0, but is {value:g}")
+    return value
+
+
+def _rising(values: tuple[float | None, ...]) -> tuple[float | None, ...]:
+    known = [value for value in values if value is not None]
+    if len(known) < len(values) or any(a >= b for a, b in itertools.pairwise(known)):
+        raise ValueError(f"must be numbers that rise, not {_shown(list(values))}")
+    return values
+
+
 def _known_version(version: int) -> int:
     if version > VERSION:
         raise ValueError(
@@ -103,6 +131,12 @@ def is_absent(value: object) -> bool:
 
 #: A finite number or null; whole numbers stay whole.
 Number = Annotated[float | None, PlainValidator(_number, json_schema_input_type=float | None)]
+PositiveNumber = Annotated[Number, AfterValidator(_above_zero)]
+#: A count or null.
+Count = Annotated[Number, AfterValidator(_from_zero)]
+RisingNumbers = Annotated[tuple[Number, ...], AfterValidator(_rising)]
+#: A seed of random numbers or null.
+SeedNumber = Annotated[int | None, PlainValidator(_seed, json_schema_input_type=int | None)]
 #: A text; a number is read as its digits, null as an empty text.
 Text = Annotated[str, PlainValidator(_text, json_schema_input_type=str)]
 #: A number or a text, as it was written.

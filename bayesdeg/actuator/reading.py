@@ -6,9 +6,10 @@ angle and g = E t/(C1 s) the paper's group,
 
 .. math:: \ln \frac{\kappa_\text{op}}{\kappa} = \sum_{i + j \le 3} a_{ij} \theta^i \ln^j g .
 
-The ratio is fitted to bottom lines of finite element curves of the default actuator, sampled at as
-many even points as were read; by how much curves that were left out of the fit miss it is added to
-the standard error of the map.
+Where the bend angle was read of the same points, its ratio to the rotation of the end faces has
+the same form. A ratio is fitted to bottom lines of finite element curves of the default actuator,
+sampled at as many even points as were read; by how much curves that were left out of the fit miss
+it is added to the standard error of the map.
 """
 
 from dataclasses import dataclass, replace
@@ -27,7 +28,7 @@ from bayesdeg.actuator.inputs import (
     dimensionless,
     relative_to_reference,
 )
-from bayesdeg.actuator.line import read_line
+from bayesdeg.actuator.line import MILLIMETRES_PER_METRE, read_line
 from bayesdeg.data.settings import Operator
 
 Floats = NDArray[np.float64]
@@ -76,7 +77,7 @@ def bottom_lines() -> BottomLines:
 
 @dataclass(frozen=True)
 class OperatorRatio:
-    """What an operator reads over the contract's curvature.
+    """What an operator reads over the contract's curvature, or bend angle.
 
     Parameters
     ----------
@@ -107,8 +108,8 @@ class OperatorRatio:
 
 
 @cache
-def operator_ratio(operator: Operator, points: int) -> OperatorRatio:
-    """Fit the ratio of an operator that reads so many even points.
+def operator_ratio(operator: Operator, points: int, *, of_angle: bool = False) -> OperatorRatio:
+    """Fit the ratio of an operator that reads so many even points: of curvature, or of the angle.
 
     Examples
     --------
@@ -117,9 +118,10 @@ def operator_ratio(operator: Operator, points: int) -> OperatorRatio:
     (1.18, True)
     """
     lines = bottom_lines()
-    contract = 1e3 * lines.bend_angle / lines.arc_length
-    read = [read_line(evenly(line, points), operator).curvature for line in lines.points]
-    log_ratio = np.log(np.array(read) / contract)
+    bends = [read_line(evenly(line, points), operator) for line in lines.points]
+    read = np.array([bend.angle if of_angle else bend.curvature for bend in bends])
+    length = 1.0 if of_angle else lines.arc_length / MILLIMETRES_PER_METRE
+    log_ratio = np.log(read * length / lines.bend_angle)
     group = np.log(lines.paper_group / _USUAL_GROUP)
     design = np.stack([lines.bend_angle**i * group**j for i, j in _POWERS], axis=1)
     missed = np.empty(len(design))
@@ -156,11 +158,14 @@ class ReadByOperator:
         Of `bayesdeg.actuator.line.OPERATORS`; ``angle_over_arc`` is that from points alone.
     points : int
         How many points, evenly along the line.
+    with_angle : bool
+        Whether the bend angle is what the operator reads of them too, not that of the end faces.
     """
 
     mechanics: ForwardMap
     operator: Operator
     points: int
+    with_angle: bool = False
 
     def __call__(self, inputs: Inputs) -> Prediction:
         """Return the prediction of the mechanics with the curvature as it is read."""
@@ -168,7 +173,10 @@ class ReadByOperator:
             return relative_to_reference(self, inputs)
         found, ratio = self.mechanics(inputs), operator_ratio(self.operator, self.points)
         angle = np.radians(found.bend_angle)
-        gain, change = ratio(angle, dimensionless(inputs)[3])
+        group = dimensionless(inputs)[3]
+        gain, change = ratio(angle, group)
+        if self.with_angle:
+            found = self._angle_read(found, angle, group)
         return replace(
             found,
             curvature=gain * found.curvature,
@@ -176,15 +184,27 @@ class ReadByOperator:
             sd=gain * np.hypot(found.sd, ratio.sd * found.curvature),
         )
 
+    def _angle_read(self, found: Prediction, angle: Floats, group: Floats) -> Prediction:
+        ratio = operator_ratio(self.operator, self.points, of_angle=True)
+        gain, _ = ratio(angle, group)
+        return replace(
+            found,
+            bend_angle=gain * found.bend_angle,
+            bend_angle_sd=gain * np.hypot(found.bend_angle_sd, ratio.sd * found.bend_angle),
+        )
+
     def continued(self, inputs: Inputs) -> Prediction:
         """Return the same of the map's continuation beyond its range."""
         return replace(self, mechanics=continuation(self.mechanics))(inputs)
 
 
-def as_read(forward: ForwardMap, operator: Operator | None, points: int) -> ForwardMap:
+def as_read(
+    forward: ForwardMap, operator: Operator | None, points: int, *, of_line: bool = False
+) -> ForwardMap:
     """Return the map that predicts the reading of the operator that a study states, if it does.
 
-    Of the contract's curvature that is the map itself.
+    Of the contract's curvature that is the map itself, unless curvature and angle were both read
+    ``of_line``, of nothing but points.
 
     Examples
     --------
@@ -194,7 +214,9 @@ def as_read(forward: ForwardMap, operator: Operator | None, points: int) -> Forw
     >>> as_read(mechanics, "circle", 12).points
     12
     """
-    if operator in (None, "angle_over_arc"):
+    if of_line:
+        return ReadByOperator(forward, operator or "angle_over_arc", points, with_angle=True)
+    if operator is None or operator == "angle_over_arc":
         return forward
     return ReadByOperator(forward, operator, points)
 

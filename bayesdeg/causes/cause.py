@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.actuator.inputs import Inputs, Prediction
-from bayesdeg.data.settings import Settings
+from bayesdeg.data.study import Study
 from bayesdeg.material.strength import ScatterLaw
 from bayesdeg.priors import Parameter
 
@@ -196,7 +196,7 @@ def always_visible(conditions: Conditions | FilmConditions) -> None:
     """Say nothing: no test is blind to the cause."""
 
 
-def judged_anywhere(settings: Settings) -> None:
+def judged_anywhere(study: Study) -> None:
     """Say nothing: whatever a study states, the cause has a meaning in it."""
 
 
@@ -240,7 +240,7 @@ class Cause:
     blind : callable
         Says why tests cannot reveal it although the columns are there; None if they can.
     blind_in : callable
-        Says why what ``study.toml`` states leaves it no meaning; None if it has one.
+        Says why what a study states or gives leaves it no meaning; None if it has one.
     blind_on_films : callable
         Says why tensile tests alone, without actuators, cannot reveal it; None if they can.
     """
@@ -261,7 +261,7 @@ class Cause:
     on_stress: Callable[[Floats, FilmConditions, Effect, Floats], Floats] | None = None
     on_strength: Callable[[Strength, StrengthConditions, Effect], Strength] | None = None
     blind: Callable[[Conditions], str | None] = always_visible
-    blind_in: Callable[[Settings], str | None] = judged_anywhere
+    blind_in: Callable[[Study], str | None] = judged_anywhere
     blind_on_films: Callable[[FilmConditions], str | None] = always_visible
 
     def qualified(self, parameter: str) -> str:

@@ -34,7 +34,7 @@ import numpy as np
 from bayesdeg.actuator.inputs import Prediction
 from bayesdeg.actuator.reading import operator_ratio
 from bayesdeg.causes.cause import Cause, Conditions, Effect, Stage
-from bayesdeg.data.settings import Settings
+from bayesdeg.data.study import Study
 from bayesdeg.priors import Normal, Parameter
 
 POINTS = 50
@@ -60,8 +60,11 @@ def fit_circle(prediction: Prediction, conditions: Conditions, effect: Effect) -
     )
 
 
-def unstated(settings: Settings) -> str | None:
+def unstated(study: Study) -> str | None:
     """Say why a study cannot contradict a statement: it made none, or another one."""
+    settings = study.settings
+    if study.line_points is not None:
+        return "the points themselves are given, and are read as the model's are"
     if settings.operator is None:
         return "study.toml does not state [reading] operator"
     if settings.operator != "angle_over_arc":

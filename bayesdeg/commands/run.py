@@ -88,7 +88,7 @@ def run(
     target, guard = out or Path("reports") / checked.name, Guard()
     # functions of a study folder are not known to other processes
     workers, scheduler = (1, None) if own else (workers, scheduler)
-    with run_folder(target, checked) as folder, workplace(workers, scheduler) as executor:
+    with workplace(workers, scheduler) as executor, run_folder(target, checked) as folder:
         if not quiet:
             say(f"in doubt: {doubt}" for doubt in unlikely)
             say(f"without {what}: {cost}" for what, cost in passed_over(checked))

@@ -23,6 +23,7 @@ from bayesdeg.files import write_text
 from bayesdeg.laboratory.experiment import design_of, run_experiment
 from bayesdeg.laboratory.truth import Truth, drawn_truth, parse_effects
 from bayesdeg.laboratory.writing import VIRTUAL_FILES, Provenance, study_files
+from bayesdeg.pipeline.outline import outline
 from bayesdeg.pipeline.output import virtual_study
 from bayesdeg.pipeline.reading import read_study
 
@@ -59,6 +60,7 @@ def simulate(
     """
     template = read_study(study)
     _refuse_own(template)
+    outline(template)  # priors and candidates that do not exist are told now, not by `run`
     chosen = template.settings.seed if seed is None else seed
     generator = np.random.default_rng(chosen)
     effects = parse_effects(cause or [])

@@ -253,6 +253,8 @@ class Study:
         By file, the number of comments that look like rows of data.
     others : mapping of str to DataFrame
         Checked tables of further kinds of data by their names.
+    line_points : int, optional
+        By how many even points each line of ``markers.csv`` was read for the actuators' table.
     """
 
     name: str
@@ -268,6 +270,7 @@ class Study:
     recorded: Mapping[str, frozenset[str]] = field(default_factory=dict)
     passed_over: Mapping[str, int] = field(default_factory=dict)
     others: Mapping[str, pd.DataFrame] = field(default_factory=dict)
+    line_points: int | None = None
 
     def __repr__(self) -> str:
         """Return its name, and how much of which data it has."""
@@ -466,6 +469,7 @@ def _assemble(
         recorded={name: table.recorded for name, table in tables.items()},
         passed_over={files[name]: t.passed_over for name, t in tables.items() if t.passed_over},
         others={name: frame for name, frame in frames.items() if name not in TABLES},
+        line_points=None,
     )
 
 

@@ -492,6 +492,7 @@ ACTUATOR = pa.DataFrameSchema(
             "curvature_per_m": number(empty=True),
             "bend_angle_deg": number(optional=True),
             "curvature_sd_per_m": number(NOT_NEGATIVE, optional=True),
+            "bend_angle_sd_deg": number(NOT_NEGATIVE, optional=True),
         }
     )
     | {"ruptured": _whole(BURST, default=0)},

@@ -54,7 +54,8 @@ SHRINKAGE_FILMS = 4
 
 SPECIMEN = ("specimen_id", "degradation_pct", "degradation_sd_pct")
 _SCHEDULE = ("cycle", "branch")
-_CONDITIONS = ("curvature_sd_per_m", "time_s", *_SCHEDULE, "humidity_pct", "mount")
+_ERRORS = ("curvature_sd_per_m", "bend_angle_sd_deg")
+_CONDITIONS = (*_ERRORS, "time_s", *_SCHEDULE, "humidity_pct", "mount")
 
 
 def _specimens(prefix: str) -> pd.DataFrame:
@@ -426,17 +427,13 @@ def _stretch(
 
 
 class _Plan(NamedTuple):
-    """The rows of the design in the order of specimens, and as specimens by steps.
-
-    ``known_sd`` is the reading error that the design states, on each row.
-    """
+    """The rows of the design in the order of specimens, and as specimens by steps."""
 
     rows: pd.DataFrame
     names: pd.Series
     conditions: Conditions
     degradation_sd: Floats
     mask: npt.NDArray[np.bool_]
-    known_sd: Floats
 
 
 def inflate_actuators(
@@ -528,10 +525,12 @@ def read_actuators(
     reached = (np.cumsum(bent.burst, axis=1) - bent.burst == 0)[plan.mask]
     over, curvature, angle = bent.burst[plan.mask], bent.curvature[plan.mask], bent.angle[plan.mask]
     counted = plan.rows["pressure_kPa"].to_numpy() != 0.0
-    floor = np.hypot(truth.curvature_noise_floor, plan.known_sd)
+    known, known_angle = (_known_sd(plan.rows, name) for name in _ERRORS)
+    floor = np.hypot(truth.curvature_noise_floor, known)
+    angle_floor = np.hypot(truth.bend_angle_noise_floor, known_angle)
     z, y = _normals(plan.rows, truth, generator)
     error = noise(curvature, z, floor=floor, share=truth.curvature_noise)
-    slip = noise(angle, y, floor=truth.bend_angle_noise_floor, share=truth.bend_angle_noise)
+    slip = noise(angle, y, floor=angle_floor, share=truth.bend_angle_noise)
     readings = plan.rows.assign(
         curvature_per_m=np.where(over, np.nan, curvature + counted * error).round(4),
         bend_angle_deg=np.where(over, np.nan, angle + counted * slip).round(3),
@@ -552,15 +551,20 @@ def _plan(table: pd.DataFrame, truth: Truth) -> _Plan:
     pressure = np.stack(
         [t["pressure_kPa"].to_numpy(np.float64)[i] for t, i in zip(tests, steps, strict=True)]
     )
-    known = rows["curvature_sd_per_m"].fillna(0.0) if "curvature_sd_per_m" in rows else None
     return _Plan(
         rows,
         first["specimen_id"],
         _conditions(tests, steps, pressure),
         first["degradation_sd_pct"].to_numpy(np.float64)[:, None],
         np.arange(size) < np.array([[len(test)] for test in tests]),
-        np.zeros(len(rows)) if known is None else known.to_numpy(np.float64),
     )
+
+
+def _known_sd(rows: pd.DataFrame, name: str) -> Floats:
+    """Return the recorded errors of readings; 0 where there is none."""
+    if name not in rows:
+        return np.zeros(len(rows))
+    return rows[name].fillna(0.0).to_numpy(np.float64)
 
 
 def _conditions(

@@ -145,8 +145,8 @@ class ActuatorCurves:
         predicted that have a rate of their own in each draw.
     pressure, curvature : array, shape (n_specimens, n_points)
         As read [kPa], [1/m].
-    curvature_sd : array, shape (n_specimens, n_points)
-        Reading error that was recorded; 0 where there is none [1/m].
+    curvature_sd, angle_sd : array, shape (n_specimens, n_points)
+        Reading errors that were recorded; 0 where there is none [1/m], [°].
     mask : array of bool, shape (n_specimens, n_points)
         Where there is an observation; a reading at zero pressure is zero by definition and none.
     bend_angle : array, shape (n_specimens, n_points)
@@ -169,6 +169,7 @@ class ActuatorCurves:
     pressure: Floats
     curvature: Floats
     curvature_sd: Floats
+    angle_sd: Floats
     mask: Flags
     bend_angle: Floats
     angle_mask: Flags
@@ -203,6 +204,13 @@ class ActuatorCurves:
         """Curvatures [1/m], then bend angles [°] if there are any, (n_specimens, n_readings)."""
         both = (self.curvature, self.bend_angle) if self.with_angle else (self.curvature,)
         return np.concatenate(both, axis=1)
+
+    @cached_property
+    def readings_sd(self) -> Floats:
+        """Recorded errors of the readings, (n_specimens, n_readings); 0 where there is none."""
+        both = (self.curvature_sd, self.angle_sd) if self.with_angle else (self.curvature_sd,)
+        shape = self.pressure.shape
+        return np.concatenate([np.broadcast_to(sd, shape) for sd in both], axis=1)
 
     @cached_property
     def paths(self) -> Paths:
@@ -248,6 +256,7 @@ def actuator_curves(study: Study) -> ActuatorCurves | None:
     mask = np.isfinite(curvature) & (pressure > 0.0)
     known_sd = padded([g["curvature_sd_per_m"] for g in groups], size, fill=0.0)
     angle = padded([g["bend_angle_deg"] for g in groups], size, fill=np.nan)
+    known_angle_sd = padded([g["bend_angle_sd_deg"] for g in groups], size, fill=0.0)
     angle_mask = np.isfinite(angle) & mask
     if not mask.any():
         return None
@@ -258,6 +267,7 @@ def actuator_curves(study: Study) -> ActuatorCurves | None:
         pressure=pressure,
         curvature=np.where(mask, curvature, 0.0),
         curvature_sd=np.nan_to_num(known_sd),
+        angle_sd=np.nan_to_num(known_angle_sd),
         mask=mask,
         bend_angle=np.where(angle_mask, angle, 0.0),
         angle_mask=angle_mask,
@@ -315,8 +325,8 @@ def curve_density(
     ----------
     readings : array, shape (n_specimens, n_readings)
         Curvatures [1/m], then angles [°] if they were read.
-    reading_sd : array, shape (n_specimens, n_points)
-        Standard error of each curvature by itself [1/m].
+    reading_sd : array, shape (n_specimens, n_readings)
+        Recorded standard error of each [1/m], [°].
     curves : Curves
         At the deviations ``mode``.
     noise : array, shape (n, 4)
@@ -353,7 +363,7 @@ def curve_density(
                 )  # fmt: skip
                 if n_readings > points:
                     _angles(
-                        readings[s], curves.angle[b, s], curves.angle_sd[b, s],
+                        readings[s], reading_sd[s], curves.angle[b, s], curves.angle_sd[b, s],
                         curves.unread_curvature[b, s], curves.unread_slope[b, s], noise[b],
                         mode[b, s], width, rows[:, lane::LANES],
                     )  # fmt: skip
@@ -387,6 +397,7 @@ def _curvatures(
 @compiled
 def _angles(
     readings: Floats,
+    reading_sd: Floats,
     angle: Floats,
     sd: Floats,
     curvature: Floats,
@@ -403,7 +414,8 @@ def _angles(
         error, slope = noise[3] * angle[j], -angle[j] * relative
         rows[points + j, 0] = readings[points + j] - angle[j] + slope * mode
         rows[points + j, 1], rows[points + j, 2] = slope * width, 0.0
-        rows[points + j, 3] = noise[2] * noise[2] + error * error + sd[j] * sd[j]
+        variance = noise[2] * noise[2] + error * error + sd[j] * sd[j]
+        rows[points + j, 3] = variance + reading_sd[points + j] * reading_sd[points + j]
 
 
 FARTHEST = 1.0
@@ -578,7 +590,7 @@ def _mode_and_density(
         )
         curve_density(
             np.ascontiguousarray(data.readings),
-            np.ascontiguousarray(np.broadcast_to(data.curvature_sd, data.pressure.shape)),
+            np.ascontiguousarray(data.readings_sd),
             _curves(mechanics, prediction),
             noise,
             at,
@@ -685,7 +697,10 @@ def _readings(
         prediction,
         np.concatenate([mean, angle], axis=-1),
         np.concatenate([slope, -angle * growth], axis=-1),
-        np.concatenate([variance, floor**2 + noise**2 + prediction.bend_angle_sd**2], axis=-1),
+        np.concatenate(
+            [variance, floor**2 + noise**2 + prediction.bend_angle_sd**2 + data.angle_sd**2],
+            axis=-1,
+        ),
     )
 
 

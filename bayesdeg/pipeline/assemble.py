@@ -168,7 +168,10 @@ def assemble(study: Study, forward: ForwardMap | None = None) -> Assembly:
     if plan.needs_forward and (forward is None or isinstance(forward, Surrogate)):
         forward = surrogate_for(geometry, forward)
     if plan.has_actuators and forward is not None:
-        forward = as_read(forward, study.settings.operator, study.settings.reading_points)
+        points, of_line = study.settings.reading_points, study.line_points
+        forward = as_read(
+            forward, study.settings.operator, of_line or points, of_line=of_line is not None
+        )
     world = FilmsAndActuators(
         nodes=plan.nodes,
         elongation_nodes=plan.elongation_nodes or (0.0,),

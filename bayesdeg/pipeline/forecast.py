@@ -52,7 +52,7 @@ from bayesdeg.prediction.predictive import (
 )
 from bayesdeg.prediction.soil import Level, Soil, known_levels
 from bayesdeg.priors import Flat, Parameter
-from bayesdeg.records import RecordError
+from bayesdeg.records import LARGEST, RecordError
 from bayesdeg.report.folder import (
     POSTERIOR,
     POSTERIOR_AVERAGED,
@@ -68,6 +68,8 @@ Range = tuple[float, float]
 
 _NEEDED = "paper_stiffness"  # the volume ratio is 1 where it is no parameter
 # beginnings of names of what can only be above 0
+_CONSTANTS = ("c1", "c2_ratio", "c3")
+_CONTROLS = tuple(f"{name}_{kind}_" for name in _CONSTANTS for kind in ("at", "control"))
 _POSITIVE = (_NEEDED, "volume_ratio", "c1_", "c3_", "elongation_at_")
 
 
@@ -190,6 +192,7 @@ def model_document(model: JointModel, study: Study | None = None) -> ModelEntry:
         rupture_size_ratio=model.films_and_actuators.size_ratio,
         reading_operator=reads.operator if reads else "",
         reading_points=reads.points if reads else None,
+        reading_of_line=reads is not None and reads.with_angle,
         rupture_checks=specimens_tested(model) or None,
         bursts=bursts_of(model, study),
     )
@@ -236,7 +239,7 @@ def read_stored(
         POSTERIOR_BASE if base else POSTERIOR_AVERAGED if members else POSTERIOR
     )
     draws = {str(n): v.to_numpy() for n, v in _posterior(tree, path).items()}
-    _refuse_impossible(draws, path)
+    refuse_impossible_draws(draws, path)
     if not bends_actuators(draws):
         raise BayesdegError(
             f"{path}: the study has no readings of actuators, so its posterior does not say how an "
@@ -308,13 +311,19 @@ def _posterior(tree: xr.DataTree, path: Path) -> xr.Dataset:
     return tree["posterior"].to_dataset()
 
 
-def _refuse_impossible(draws: Mapping[str, Floats], path: Path) -> None:
-    """Refuse draws that no calibration leaves: not finite, or not positive where it must be."""
+def refuse_impossible_draws(draws: Mapping[str, Floats], path: Path) -> None:
+    """Refuse draws that no calibration leaves: not finite, or not positive where it must be.
+
+    Raises
+    ------
+    BayesdegError
+        With the parameter.
+    """
     shapes = {values.shape for values in draws.values()}
     if len(shapes) != 1 or len(shape := shapes.pop()) != 2 or 0 in shape:
         raise _impossible(path, "its parameters have no draws, or not the same number of them")
     for name, values in draws.items():
-        if not np.issubdtype(values.dtype, np.floating) or not np.all(np.isfinite(values)):
+        if not np.issubdtype(values.dtype, np.floating) or not np.all(np.abs(values) <= LARGEST):
             raise _impossible(path, f"draws of {name} are no finite numbers")
         if name.startswith(_POSITIVE) and not np.all(values > 0.0):
             raise _impossible(path, f"{name} is {values.min():.3g}, and can only be above 0")
@@ -331,15 +340,19 @@ def _model(entry: ModelEntry, draws: Mapping[str, Floats], forward: Surrogate) -
     """Rebuild a model from its record and the names of its draws."""
     nodes = _known(entry.nodes_pct)
     wanted = [
-        control_name(quantity, nodes, k)
-        for quantity in ("c1", "c2_ratio", "c3")
-        for k in range(len(nodes))
+        control_name(quantity, nodes, k) for quantity in _CONSTANTS for k in range(len(nodes))
     ]
     missing = [name for name in wanted if name not in draws]
     if missing:
         raise RecordError(
             f"posterior and run.json do not belong together ({', '.join(missing)} is missing); "
             "run the study again with --fresh"
+        )
+    beside = [name for name in draws if name.startswith(_CONTROLS) and name not in wanted]
+    if beside:
+        raise RecordError(
+            f"posterior and run.json do not belong together (run.json knows no {beside[0]}); run "
+            "the study again with --fresh"
         )
     names = dict.fromkeys(name.split(".")[0] for name in draws if "." in name)
     thickness, largest = entry.paper_thickness_mm, entry.largest_pressure_kPa
@@ -376,7 +389,8 @@ def as_recorded(entry: ModelEntry, mechanics: ForwardMap) -> ForwardMap:
         return mechanics
     for operator in OPERATORS:
         if entry.reading_operator == operator and (entry.reading_points or 0) >= FEWEST_POINTS:
-            return as_read(mechanics, operator, int(entry.reading_points or 0))
+            points = int(entry.reading_points or 0)
+            return as_read(mechanics, operator, points, of_line=entry.reading_of_line)
     raise RecordError(
         f"run.json: 'reading_operator' must be one of {', '.join(OPERATORS)}, of {FEWEST_POINTS} "
         f"points at least, not {entry.reading_operator!r} of {entry.reading_points}"

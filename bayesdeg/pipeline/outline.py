@@ -247,7 +247,7 @@ def _candidates(
         indistinct = next(iter(blind), None)
         why = indistinct or _unseen(cause, study, actuators, films, limited=limited)
         why = None if any(one.reveals(cause) for one in found) else why
-        why = cause.blind_in(study.settings) or why
+        why = cause.blind_in(study) or why
         if why is not None:
             unjudged[cause.name] = why
         if why in (None, indistinct):

@@ -5,10 +5,11 @@ from pathlib import Path
 from bayesdeg.data import study as folders
 from bayesdeg.data.study import Study
 from bayesdeg.observations.catalogue import TABLES
+from bayesdeg.observations.markers import with_lines
 
 
 def read_study(folder: Path | str) -> Study:
-    """Read a study folder and check everything in it.
+    """Read a study folder and check everything in it; lines of points become curvatures.
 
     Parameters
     ----------
@@ -29,4 +30,4 @@ def read_study(folder: Path | str) -> Study:
     >>> read_study("studies/treloar").tensile["mode"].unique().tolist()
     ['uniaxial', 'equibiaxial', 'planar']
     """
-    return folders.read_study(folder, TABLES)
+    return with_lines(folders.read_study(folder, TABLES))

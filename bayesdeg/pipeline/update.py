@@ -30,7 +30,7 @@ from bayesdeg.inference.update import ENOUGH, FEWEST, RELIABLE_K, Updated, drawn
 from bayesdeg.observations.curvature import ActuatorCurves, actuator_curves
 from bayesdeg.pipeline.assemble import Assembly, assemble
 from bayesdeg.pipeline.calibrate import Fit
-from bayesdeg.pipeline.forecast import emulator_of, known_soil_of
+from bayesdeg.pipeline.forecast import emulator_of, known_soil_of, refuse_impossible_draws
 from bayesdeg.pipeline.outline import outline
 from bayesdeg.pipeline.output import Owner, owner_of, update_folder
 from bayesdeg.pipeline.progress import Progress
@@ -136,6 +136,25 @@ class TakenIn:
     fit: Fit
     updated: Updated
     before: Floats
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """One stored posterior of the run, and the model that it is of.
+
+    Parameters
+    ----------
+    model : JointModel
+        Of the study as it was.
+    draws : mapping of str to array, shape (n,)
+        By parameter.
+    density : array, shape (n,)
+        Their log densities.
+    """
+
+    model: JointModel
+    draws: Mapping[str, Floats]
+    density: Floats
 
 
 # ---- what is updated
@@ -306,10 +325,36 @@ def _model_of_run(assembly: Assembly, names: tuple[str, ...]) -> JointModel:
     return model
 
 
+def _drawn(of: FinishedRun, assembly: Assembly) -> dict[str, Drawn]:
+    """Return the posteriors of a run by name: where no cause was found both are one.
+
+    Raises
+    ------
+    BayesdegError
+        If draws are impossible, or are not those of a model of the study.
+    """
+    entry = of.run.model
+    if entry is not None and entry.nodes_pct != assembly.model.nodes:
+        raise BayesdegError(
+            f"{of.folder.path}: run.json has nodes of degradation ({entry.nodes_pct}) that are not "
+            f"those of the study ({assembly.model.nodes}); run the study again"
+        )
+    found: dict[str, Drawn] = {}
+    for posterior in (POSTERIOR, POSTERIOR_BASE):
+        if posterior == POSTERIOR_BASE and not of.verdict.predicted_with:
+            found[posterior] = found[POSTERIOR]
+            continue
+        stored, density = of.folder.read_draws(posterior)
+        refuse_impossible_draws({str(n): v.to_numpy() for n, v in stored.items()}, of.folder.path)
+        draws = {str(n): v.to_numpy().ravel() for n, v in stored.items()}
+        found[posterior] = Drawn(_model_of_run(assembly, tuple(draws)), draws, density)
+    return found
+
+
 def _taken_in(
     of: FinishedRun,
     posterior: str,
-    assembly: Assembly,
+    drawn: Drawn,
     curves: tuple[ActuatorCurves, ActuatorCurves],
     specimens: tuple[str, ...],
     generator: np.random.Generator,
@@ -320,20 +365,17 @@ def _taken_in(
     Raises
     ------
     BayesdegError
-        If the draws are not those of the model, or do not lead to the new posterior.
+        If this version has another density, or the draws do not lead to the new posterior.
     """
-    stored, density = of.folder.read_draws(posterior)
-    draws = {str(n): v.to_numpy().ravel() for n, v in stored.items()}
-    whole = _model_of_run(assembly, tuple(draws))
-    before, model = (whole.of_actuators(tests) for tests in curves)
-    vectors = before.table.vectors(draws)
-    _refuse_other_density(before, vectors, density, of)
+    before, model = (drawn.model.of_actuators(tests) for tests in curves)
+    vectors = before.table.vectors(drawn.draws)
+    _refuse_other_density(before, vectors, drawn.density, of)
     worth = _independent(of.run, posterior, len(vectors))
     updated = take_in(
         before,
         model,
         vectors,
-        density,
+        drawn.density,
         specimens,
         generator,
         independent=worth,
@@ -508,9 +550,10 @@ def _update(
     forward = emulator_of(of.run, emulator)
     # priors and scales stay those of the run, whatever pressures were added
     assembly = assemble(of.study, forward)
+    drawn = _drawn(of, assembly)
     target = out or default_target(report)
     with update_folder(target, report, of.study) as folder:
-        results, taken = _results(of, assembly, (before, after), found, seed, progress)
+        results, taken = _results(of, assembly, drawn, (before, after), found, seed, progress)
         progress.stage("predictions and tables")
         entry = _entry(of, found, taken)
         guard = Guard()
@@ -526,6 +569,7 @@ def _update(
 def _results(
     of: FinishedRun,
     assembly: Assembly,
+    drawn: Mapping[str, Drawn],
     studies: tuple[Study, Study],
     found: Enlarged,
     seed: int | None,
@@ -536,9 +580,8 @@ def _results(
     before, after = map(actuator_curves, studies)
     assert before is not None
     assert after is not None
-    same = not of.verdict.predicted_with
     for number, posterior in enumerate((POSTERIOR, POSTERIOR_BASE)):
-        if posterior == POSTERIOR_BASE and same:
+        if number and drawn[posterior] is drawn[POSTERIOR]:
             taken[posterior] = taken[POSTERIOR]
             continue
         progress.stage(f"taking the readings in: {posterior}")
@@ -546,7 +589,7 @@ def _results(
         # predictions are the final model's; the base model is only taken along
         enough = ENOUGH if posterior == POSTERIOR else FEWEST
         taken[posterior] = _taken_in(
-            of, posterior, assembly, (before, after), found.specimens, generator, enough
+            of, posterior, drawn[posterior], (before, after), found.specimens, generator, enough
         )
     whole = replace(assembly, model=taken[POSTERIOR_BASE].fit.model)
     return Results(whole, taken[POSTERIOR_BASE].fit, taken[POSTERIOR].fit, None), taken

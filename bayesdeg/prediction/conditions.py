@@ -205,6 +205,7 @@ def _tests(conditions: ServiceConditions, degradation: Floats, path: LoadHistory
         pressure=path.pressure,
         curvature=np.zeros(shape),
         curvature_sd=np.zeros(shape),
+        angle_sd=np.zeros(shape),
         mask=np.ones(shape, dtype=bool),
         bend_angle=np.zeros(shape),
         angle_mask=np.zeros(shape, dtype=bool),

@@ -2,18 +2,24 @@
 
 from collections.abc import Mapping
 from operator import not_
+from typing import Annotated
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from bayesdeg.criticism.outcome import MISFIT_LEVEL, Outcome
+from bayesdeg.data.settings import RUPTURE_CRITERIA
 from bayesdeg.records import (
+    Count,
     FileRecord,
     Names,
     NeededText,
     Number,
     Numbers,
+    PositiveNumber,
     Record,
+    RisingNumbers,
     Scalar,
+    SeedNumber,
     Text,
     Texts,
     is_absent,
@@ -396,15 +402,21 @@ class MemberEntry(Record):
     probability: Number = Field(default=None, description="among those that cannot be told apart")
 
 
+def _known_criterion(name: str) -> str:
+    if name and name not in RUPTURE_CRITERIA:
+        raise ValueError(f"must be one of {', '.join(RUPTURE_CRITERIA)}, not {name!r}")
+    return name
+
+
 class ModelEntry(Record):
     """What is needed beside its draws to predict with a posterior."""
 
-    nodes_pct: tuple[Number, ...] = ()
-    elongation_nodes_pct: tuple[Number, ...] = ()
-    paper_thickness_mm: Number = None
-    largest_pressure_kPa: Number = None  # noqa: N815  a unit
+    nodes_pct: RisingNumbers = ()
+    elongation_nodes_pct: RisingNumbers = ()
+    paper_thickness_mm: PositiveNumber = None
+    largest_pressure_kPa: PositiveNumber = None  # noqa: N815  a unit
     measured: Mapping[str, tuple[Number, ...]] = Field(default={}, description="ranges by name")
-    rupture_criterion: Text = Field(
+    rupture_criterion: Annotated[Text, AfterValidator(_known_criterion)] = Field(
         default="", exclude_if=is_absent, description="what is held against the elongation at break"
     )
     rupture_size_ratio: Number = Field(
@@ -418,7 +430,12 @@ class ModelEntry(Record):
     reading_points: Number = Field(
         default=None, exclude_if=is_absent, description="points that it was read of"
     )
-    rupture_checks: Number = Field(
+    reading_of_line: bool = Field(
+        default=False,
+        exclude_if=not_,
+        description="whether the bend angle was read of the same points",
+    )
+    rupture_checks: Count = Field(
         default=None,
         description="films broken and actuators loaded: no probability of rupture is below 1/n",
     )
@@ -508,7 +525,7 @@ class RunRecord(FileRecord):
         description="false where nothing of the study does, and the report does not speak of it",
     )
     note: Text = ""
-    seed: Scalar = None
+    seed: SeedNumber = None
     effort: Text = ""
     version: Text = Field(default="", description="of bayesdeg")
     versions: Texts = Field(default={}, description="of the libraries")

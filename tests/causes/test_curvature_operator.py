@@ -10,6 +10,7 @@ from bayesdeg.actuator.reading import operator_ratio
 from bayesdeg.causes.catalogue import find
 from bayesdeg.causes.curvature_operator import ARC
 from bayesdeg.data.settings import Dimensions, Settings
+from bayesdeg.data.study import Study
 from bayesdeg.pipeline.outline import outline
 from bayesdeg.pipeline.reading import read_study
 from tests.causes.default_actuator import conditions_of, effect, inputs_of, surrogate
@@ -61,4 +62,9 @@ def test_without_a_statement_the_candidates_are_those_of_before():
     ],
 )
 def test_it_is_judged_where_a_statement_may_be_wrong(settings, judged):
-    assert (CAUSE.blind_in(settings) is None) == judged
+    assert (CAUSE.blind_in(Study("s", Path("s"), settings)) is None) == judged
+
+
+def test_points_of_the_line_leave_nothing_to_state():
+    settings = Settings(operator="angle_over_arc")
+    assert CAUSE.blind_in(Study("s", Path("s"), settings, line_points=12)) is not None

@@ -48,6 +48,7 @@ def tight_model(*, with_angle=False):
         pressure=np.tile(np.linspace(20.0, 160.0, 8), (6, 1)),
         curvature=np.zeros(shape),
         curvature_sd=np.zeros(shape),
+        angle_sd=np.zeros(shape),
         mask=np.ones(shape, bool),
         bend_angle=np.zeros(shape),
         angle_mask=np.full(shape, with_angle),

@@ -45,6 +45,7 @@ def rich_actuators(data, *, mounts=("horizontal", "hanging")):
         pressure=pressure,
         curvature=np.zeros(shape),
         curvature_sd=np.zeros(shape),
+        angle_sd=np.zeros(shape),
         mask=np.ones(shape, bool),
         bend_angle=np.zeros(shape),
         angle_mask=np.ones(shape, bool),

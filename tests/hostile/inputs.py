@@ -1,5 +1,6 @@
-"""The table of hostile inputs, and how each is made of a sound study."""
+"""The table of hostile inputs, and how each is made of a sound folder."""
 
+import json
 import os
 import random
 import stat
@@ -9,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 TABLE = Path(__file__).with_name("inputs.toml")
-DEEP = 5000
-#: More than any file of a study may have, without taking room on the disk [bytes].
+DEEP, DIGITS = 5000, 6000
+#: More than any file of a study or run may have, without taking room on the disk [bytes].
 SPARSE = 300_000_000
 
 
@@ -18,11 +19,13 @@ SPARSE = 300_000_000
 class Hostile:
     """One input, and the command that must refuse it."""
 
+    subject: str
     command: str
     file: str
     name: str
     change: dict[str, Any]
     said: tuple[str, ...]
+    signed: bool
 
     def __str__(self):
         return "-".join(filter(None, (self.file, self.name, self.command)))
@@ -33,8 +36,9 @@ def hostile_inputs():
     groups = tomllib.loads(TABLE.read_text(encoding="utf-8"))["group"]
     return [
         Hostile(
-            *(command, group["file"], name, change),
+            *(group["subject"], command, group["file"], name, change),
             tuple(group.get("said", [group["file"]] if group["file"] else [])),
+            group.get("signed", False),
         )
         for group in groups
         for name, change in group.get("cases", {"": {}}).items()
@@ -42,21 +46,32 @@ def hostile_inputs():
     ]
 
 
-def spoil(folder, case):
-    """Make the input of a sound folder."""
+def spoil(folder, case, redraw=None):
+    """Make the input of a sound folder; posteriors are changed by `redraw`."""
     if not case.file:
         return
     path = folder / case.file
     change = case.change
     if "special" in change:
         _replace(path, change["special"])
-        return
-    text = change["put"].replace("@DEEP@", "[" * DEEP + "]" * DEEP)
-    if "find" in change:
-        before = path.read_text(encoding="utf-8")
-        assert change["find"] in before, f"{case}: {change['find']!r} is not there to be found"
-        text = before.replace(change["find"], text, 1)
-    path.write_text(text, encoding="utf-8")
+    elif "draws" in change:
+        redraw(path, change["draws"], change.get("of"))
+    elif "key" in change:
+        _set(path, change["key"].split("."), change["put"])
+    else:
+        text = _long(change["put"])
+        if "find" in change:
+            before = path.read_text(encoding="utf-8")
+            assert change["find"] in before, f"{case}: {change['find']!r} is not there to be found"
+            text = before.replace(change["find"], text, 1)
+        path.write_text(text, encoding="utf-8")
+    if case.signed and path.is_file():
+        _forget_hash(folder, case.file)
+
+
+def _long(text):
+    deep = "[" * DEEP + "]" * DEEP
+    return text.replace("@DEEP@", deep).replace("@DIGITS@", DIGITS * "9")
 
 
 def _replace(path, kind):
@@ -71,6 +86,8 @@ def _replace(path, kind):
             path.symlink_to("/dev/zero")
         case "binary":
             path.write_bytes(random.Random(1).randbytes(2000))
+        case "cut":
+            path.write_bytes(content[: len(content) // 2])
         case "sparse":
             path.write_bytes(content)
             os.truncate(path, SPARSE)
@@ -78,6 +95,21 @@ def _replace(path, kind):
             pass
         case _:
             raise ValueError(kind)
+
+
+def _set(path, keys, value):
+    content = json.loads(path.read_text(encoding="utf-8"))
+    inner = content
+    for key in keys[:-1]:
+        inner = inner[key]
+    inner[keys[-1]] = value
+    path.write_text(json.dumps(content), encoding="utf-8")
+
+
+def _forget_hash(folder, file):
+    run = json.loads((folder / "run.json").read_text(encoding="utf-8"))
+    run.get("posteriors", {}).pop(file, None)
+    (folder / "run.json").write_text(json.dumps(run), encoding="utf-8")
 
 
 def listing(folder):

@@ -210,7 +210,8 @@ def actuator_readings(model, values, s, m):
                 rows.append((kappa * error, -grown, sd, (place[j], j), 0, data.curvature[s, j]))
             else:
                 read = angle * error
-                sd = math.hypot(values["bend_angle_noise_floor"], values["bend_angle_noise"] * read)
+                floor = math.hypot(values["bend_angle_noise_floor"], data.angle_sd[s, j])
+                sd = math.hypot(floor, values["bend_angle_noise"] * read)
                 rows.append((read, -read * growth, sd, (place[j], j), 1, data.bend_angle[s, j]))
     return rows
 

@@ -222,6 +222,7 @@ def test_padding_does_not_matter(model, vectors):
         wider(data.pressure, 55.0),
         wider(data.curvature, 1e3),
         wider(data.curvature_sd, 0.0),
+        wider(data.angle_sd, 0.0),
         wider(data.mask, False),
         wider(data.bend_angle, 1e3),
         wider(data.angle_mask, False),

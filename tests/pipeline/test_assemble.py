@@ -72,7 +72,7 @@ def test_all_causes_are_candidates_unless_the_study_lists_some(tmp_path):
         name
         for name, cause in CATALOGUE.items()
         if not cause.needs
-        and cause.blind_in(study.settings) is None
+        and cause.blind_in(study) is None
         and (cause.blind(conditions) is None or "tensile" in cause.acts_on)
     }
     assert visible == judged

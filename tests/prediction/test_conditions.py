@@ -77,6 +77,7 @@ def test_a_prompt_first_loading_gives_the_numbers_it_gave_before_there_were_cond
         pressure=np.broadcast_to(PRESSURES, shape).copy(),
         curvature=np.zeros(shape),
         curvature_sd=np.zeros(shape),
+        angle_sd=np.zeros(shape),
         mask=np.ones(shape, bool),
         bend_angle=np.zeros(shape),
         angle_mask=np.zeros(shape, bool),

@@ -133,6 +133,7 @@ class ActuatorDesign:
             pressure=np.broadcast_to(pressure, shape),
             curvature=np.zeros(shape),
             curvature_sd=np.full(shape, np.median(self.data.curvature_sd[self.data.mask])),
+            angle_sd=np.full(shape, np.median(self.data.angle_sd[self.data.mask])),
             mask=read,
             bend_angle=np.zeros(shape),
             angle_mask=read & (angle or self.data.with_angle),
