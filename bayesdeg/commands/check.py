@@ -41,7 +41,14 @@ def check(study: StudyFolder) -> None:
     say(f"in doubt: {doubt}" for doubt in unlikely)
     for what, cost in plan.missing:
         errors.print(f"without {what}: {cost}", soft_wrap=True)
-    if plan.has_actuators and checked.settings.operator is None:
+    if checked.line_points is not None and checked.actuator is not None:
+        errors.print(
+            f"{len(checked.actuator)} lines: curvature and bend angle are read of "
+            f"{checked.line_points} even points each, as "
+            f"{checked.settings.operator or 'angle_over_arc'}, and so is the model's own line",
+            soft_wrap=True,
+        )
+    elif plan.has_actuators and checked.settings.operator is None:
         errors.print(
             "study.toml does not state \\[reading] operator: curvatures are taken for "
             "angle_over_arc, bend angle over arc length; a circle fitted to the bottom line reads "
@@ -92,6 +99,7 @@ def _check_own(study: Study) -> None:
 
 def _tables(study: Study) -> Iterator[tuple[str, int | None]]:
     for name, table in TABLES.items():
-        frame = study.table(name)
-        if frame is not None or table.cost_in(degrades=study.degrades):
+        frame = study.given(name)
+        read = study.table(name) is not None and frame is None
+        if not read and (frame is not None or table.cost_in(degrades=study.degrades)):
             yield table.file, None if frame is None else len(frame)

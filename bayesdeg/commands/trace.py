@@ -209,8 +209,7 @@ def _write(out: Path, found: dict[str, Trace], known_of: Mapping[str, dict[str, 
                     "point": count,
                     "x_mm": one.points[:, 0].round(4),
                     "y_mm": one.points[:, 1].round(4),
-                    "x_error_mm": one.error[:, 0].round(5),
-                    "y_error_mm": one.error[:, 1].round(5),
+                    "sd_mm": np.sqrt(np.mean(one.error**2, axis=1)).round(5),
                     "file": name,
                 }
             )

@@ -158,7 +158,14 @@ def doubts(study: Study, expected: Expected) -> tuple[Doubt, ...]:
             films = film_moduli(trusted)
             found += _bending(study, _Material(expected, films[films["c1"] > 0.0]))
             found += _conditions(study.actuator)
-    return tuple(found)
+    return tuple(_where_it_stands(doubt, study) for doubt in found)
+
+
+def _where_it_stands(doubt: Doubt, study: Study) -> Doubt:
+    """Say of readings of lines that they come from points."""
+    if study.line_points is None or doubt.fault.file != "actuator.csv":
+        return doubt
+    return replace(doubt, fault=replace(doubt.fault, file="markers.csv"))
 
 
 def refuse_impossible(found: Iterable[Doubt]) -> tuple[Doubt, ...]:

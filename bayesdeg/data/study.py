@@ -275,7 +275,7 @@ class Study:
     def __repr__(self) -> str:
         """Return its name, and how much of which data it has."""
         files = {name: table.file for name, table in TABLES.items()}
-        tables = {name: self.table(name) for name in (*TABLES, *self.others)}
+        tables = {name: self.given(name) for name in (*TABLES, *self.others)}
         rows = [
             f"{files.get(name, f'{name}.csv')} {len(table)} rows"
             for name, table in tables.items()
@@ -287,6 +287,10 @@ class Study:
         """Return a table by its name, whichever kind of data it is of; None if it is not there."""
         found: pd.DataFrame | None = self.others.get(name, getattr(self, name, None))
         return found
+
+    def given(self, name: str) -> pd.DataFrame | None:
+        """Return a table that there is a file of; None for what was read of lines of points."""
+        return None if name == "actuator" and self.line_points else self.table(name)
 
     @property
     def degrades(self) -> bool:

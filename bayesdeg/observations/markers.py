@@ -81,7 +81,7 @@ TABLE = Table(
         [ONE_DEGRADATION, PLACED],
         name=FILE,
     ),
-    supports="curvatures and bend angles, read as the forward map is read",
+    supports="verdict, gain, curvature bands",
 )
 
 

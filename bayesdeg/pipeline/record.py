@@ -676,7 +676,7 @@ def bases(study: Study, model: JointModel) -> Iterator[Basis]:
     """Yield which data the statements of the report rest on."""
     virtual = study.settings.virtual
     for name, table in TABLES.items():
-        frame = study.table(name)
+        frame = study.given(name)
         if frame is not None and table.supports:
             count = int(frame[next(iter(table.columns))].nunique())
             said = table.supports_in(degrades=study.degrades)

@@ -7,10 +7,12 @@ import pytest
 from bayesdeg.actuator.inputs import Inputs, Prediction
 from bayesdeg.actuator.line import OPERATORS, read_line
 from bayesdeg.actuator.reading import ReadByOperator, bottom_lines, evenly, operator_ratio
+from bayesdeg.data.plausibility import doubts
 from bayesdeg.errors import StudyError
 from bayesdeg.observations.curvature import actuator_curves
 from bayesdeg.observations.markers import angle_errors
 from bayesdeg.pipeline.assemble import assemble
+from bayesdeg.pipeline.outline import outline
 from bayesdeg.pipeline.reading import read_study
 
 COUNT = 12
@@ -173,6 +175,15 @@ def test_the_model_of_points_predicts_what_the_operator_reads(tmp_path):
 )  # fmt: skip
 def test_what_is_wrong_is_said(tmp_path, change, said):
     assert any(said in fault for fault in faults(written(tmp_path, change(table([2.0, 6.0])))))
+
+
+def test_a_line_in_doubt_is_said_to_be_of_points(tmp_path):
+    usual = [table([2.0, 6.0], specimen=name) for name in "abc"]
+    other = table([16.0, 45.0], specimen="d")
+    study = read_study(written(tmp_path, pd.concat([*usual, other])))
+    found = doubts(study, outline(study).expected)
+    assert any("markers.csv, specimen 'd'" in str(doubt) for doubt in found)
+    assert not any("actuator.csv" in str(doubt) for doubt in found)
 
 
 def test_points_and_curvatures_are_not_both_taken(tmp_path):

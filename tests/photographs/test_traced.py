@@ -216,7 +216,7 @@ def test_the_command_writes_tables_and_a_picture_and_leaves_photographs_alone(tm
         120,
         5,
     ]
-    assert (markers["x_error_mm"] > 0.0).all()
+    assert (markers["sd_mm"] > 0.0).all()
     reading = pd.read_csv(out / "traces.csv").iloc[0]
     angle, length = angle_and_length(markers[["x_mm", "y_mm"]].to_numpy())
     assert -np.degrees(angle) == pytest.approx(reading["bend_angle_deg"], abs=0.02)
