@@ -36,9 +36,10 @@ from bayesdeg.data.study import Study
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.inference.model import JointModel, Refusals, share_outside
 from bayesdeg.observations.catalogue import TABLES
+from bayesdeg.observations.curvature import ACTUATOR
 from bayesdeg.observations.specimens import FilmsAndActuators
 from bayesdeg.observations.tensile import STRESS
-from bayesdeg.pipeline.aside import Aside
+from bayesdeg.pipeline.aside import FILES, Aside
 from bayesdeg.pipeline.assemble import Assembly
 from bayesdeg.pipeline.averaged import Averaged
 from bayesdeg.pipeline.calibrate import Fit, refused_inputs
@@ -495,9 +496,9 @@ def suspects_of(
     return (*odd, *(_suspect(doubt, out) for doubt in found))
 
 
-def _suspect(doubt: Doubt, out: Collection[tuple[str, str]]) -> SuspectEntry:
+def _suspect(doubt: Doubt, out: Collection[tuple[str | None, str]]) -> SuspectEntry:
     fault = doubt.fault
-    set_aside = (fault.file.removesuffix(".csv"), fault.specimen) in out and doubt.is_alone
+    set_aside = (FILES.get(fault.file), fault.specimen) in out and doubt.is_alone
     return SuspectEntry(
         file=fault.file,
         specimen=fault.specimen,
@@ -515,8 +516,9 @@ def _odd(one: Aside, results: Results, whole: Study) -> SuspectEntry:
     partner = _exchanged_with(one, results, whole)
     stiffer = float(np.exp(np.clip(suspect.size, -MOST_LOGS, MOST_LOGS)))
     facts = {"one": one, "odd": suspect, "way": hypothesis, "partner": partner, "stiffer": stiffer}
+    lines = one.table == ACTUATOR and whole.line_points is not None
     return SuspectEntry(
-        file=f"{one.table}.csv" if one.table else "",
+        file="markers.csv" if lines else f"{one.table}.csv" if one.table else "",
         specimen=one.specimens[0] if len(one.specimens) == 1 else None,
         specimens=one.specimens if len(one.specimens) > 1 else (),
         why=sentences("findings", "suspect", **facts),

@@ -18,7 +18,7 @@ from bayesdeg.errors import BayesdegError
 from bayesdeg.inference.laplace import find_mode
 from bayesdeg.inference.model import JointModel, near_films
 from bayesdeg.observations.specimens import FilmsAndActuators
-from bayesdeg.pipeline.aside import Aside, asides, set_aside
+from bayesdeg.pipeline.aside import FILES, Aside, asides, set_aside
 from bayesdeg.pipeline.assemble import Assembly, assemble
 from bayesdeg.pipeline.outline import outline
 
@@ -94,11 +94,10 @@ def _suspects(study: Study, model: JointModel, forward: ForwardMap | None) -> tu
 def _doubted(study: Study) -> tuple[Aside, ...]:
     """Return single specimens whose columns are many times those of the others: another unit."""
     odd = [one.fault for one in doubts(study, outline(study).expected) if one.is_alone]
-    tables = {"actuator.csv": "actuator", "tensile.csv": "tensile"}
     return tuple(
-        Aside(None, tables[fault.file], (fault.specimen,), ())
+        Aside(None, FILES[fault.file], (fault.specimen,), ())
         for fault in odd
-        if fault.file in tables and fault.specimen is not None
+        if fault.file in FILES and fault.specimen is not None
     )
 
 
