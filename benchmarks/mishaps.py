@@ -8,7 +8,7 @@ as those of ``hidden_effects.py``: a third without anything, a third with a mish
 written; the study is then looked through, calibrated and judged from its folder alone, as
 ``bayesdeg run`` does at quick effort. With ``--record FILE`` studies in the file are not judged
 again; ``--search`` looks for suspects and judges nothing, for what is found alone, in seconds a
-study.
+study; ``--whole`` sets nothing aside, for what the verdicts would be.
 
 Keys: ``mishap_named`` is the share of studies with a mishap alone in which a cause is named;
 ``mishap_found`` that in which the specimens or readings at fault are among the suspects: one of
@@ -93,12 +93,14 @@ def written(number: int, folder: Path, *, spoilt: bool) -> Mishap | None:
     return replace(mishap, rows=tuple(row for row in mishap.rows if clear[row]))
 
 
-def judged(number: int, folder: Path, *, spoilt: bool = True, search: bool = False) -> Json:
+def judged(
+    number: int, folder: Path, *, spoilt: bool = True, search: bool = False, whole: bool = False
+) -> Json:
     """Make a study, look it through and judge it; return what was found beside the truth."""
     mishap = written(number, folder, spoilt=spoilt)
     kind, name, cause, design = drawn(number)
     with threadpool_limits(limits=1):
-        study = screening(read_study(folder))
+        study = read_study(folder) if whole else screening(read_study(folder))
         begun = time.perf_counter()
         assembly = assemble_screened(study)
         seconds = time.perf_counter() - begun
@@ -262,10 +264,12 @@ def main() -> None:
     parser.add_argument("--kind", choices=KINDS, help="studies of this kind alone")
     parser.add_argument("--record", type=Path, help="file of studies that were judged, to go on")
     parser.add_argument("--search", action="store_true", help="look for suspects, judge nothing")
+    parser.add_argument("--whole", action="store_true", help="set nothing aside, for comparison")
     parser.add_argument("--seconds", type=float, default=np.inf, help="to begin no study after")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     begun, known = time.perf_counter(), _known(options.record)
+    how = {"search": options.search, "whole": options.whole}
     found: list[Json] = []
     for number in range(options.first, options.first + options.studies):
         if options.kind not in (None, drawn(number)[0]):
@@ -275,7 +279,7 @@ def main() -> None:
             new = key not in known or not (options.search or is_judged(known[key]))
             if new and time.perf_counter() - begun < options.seconds:
                 folder = STORE / f"{number}{'' if spoilt else '-sound'}"
-                known[key] = judged(number, folder, spoilt=spoilt, search=options.search)
+                known[key] = judged(number, folder, **how, spoilt=spoilt)
                 if options.record is not None:
                     with options.record.open("a", encoding="utf-8") as file:
                         file.write(json.dumps(known[key], ensure_ascii=False) + "\n")
