@@ -1,16 +1,20 @@
 """Ctrl-C at many moments of a command: it must end with one line and exit code 3, or be done.
 
+As from a terminal, the signal goes to the command and its worker processes.
+
     python benchmarks/interruptions.py --moments 40 run studies/treloar_uniaxial --effort quick
 
 Each moment starts the command anew in one folder, so that later ones also go on from checkpoints.
 """
 
 import argparse
+import os
 import signal
 import subprocess
 import sys
 import tempfile
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -22,9 +26,12 @@ ENDS = (0, 3)
 
 def interrupted(command: list[str], seconds: float, number: int) -> str:
     """Send a signal after so many seconds; return what was wrong, or an empty text."""
-    with subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL) as running:
+    with subprocess.Popen(
+        command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, start_new_session=True
+    ) as running:
         time.sleep(seconds)
-        running.send_signal(number)
+        with suppress(ProcessLookupError):  # it is done
+            os.killpg(running.pid, number)
         try:
             said = running.communicate(timeout=PATIENCE)[1].decode()
         except subprocess.TimeoutExpired:
