@@ -87,6 +87,11 @@ CLEAR = 5.0
 #: How far a ratio may be off that of a unit which is named: scatter of specimens and of priors.
 NEAR_UNIT, NEAR_UNIT_OF_PRIOR = 1.4, 2.5
 
+#: Different readings of a curve that no other specimen has by chance.
+LEAST_ALIKE = 4
+#: Degradation rates, from which on one with fewer specimens stands out.
+FEWEST_RATES = 3
+
 OTHER_UNIT = "likely another unit"
 DEGREE = np.pi / 180.0
 TINY = 1e-300
@@ -103,10 +108,13 @@ class Doubt:
         Where it stands, what it was compared with, the likely mistake, and what to do.
     impossible : bool
         Whether it cannot be right, so that nothing may be computed from it.
+    is_alone : bool
+        Whether it is of a single specimen, which the others contradict.
     """
 
     fault: Fault
     impossible: bool
+    is_alone: bool = False
 
     def __str__(self) -> str:
         """Return the doubt as one line."""
@@ -666,7 +674,8 @@ def _bending(study: Study, material: _Material) -> list[Doubt]:
     if against:
         return against
     found = [*_wound(curves, length)] or [*_compliance(curves, material, beam, length)]
-    return [*found, *_odd_actuators(curves)]
+    mishaps = (*_duplicates(study.actuator), *_survivors(study.actuator))
+    return [*found, *_odd_actuators(curves), *(mishaps if study.settings.set_aside else ())]
 
 
 def _directions(curves: list[_Curve]) -> Iterator[Doubt]:
@@ -824,7 +833,7 @@ def _odd_actuator(curve: _Curve, near: list[_Curve], factor: float) -> Doubt:
         column, units, values, unit = "pressure_kPa", PRESSURE_UNITS, curve.pressure, "kPa"
     exact = float(np.median([ratio(curve, other) for other in near]))
     factor = exact if np.isfinite(exact) and exact > 0.0 else factor
-    slip = "likely another unit, or a slipped decimal point"
+    slip = "likely another unit, a slipped decimal point or an exchanged label"
     guess = _likely(factor, units, NEAR_UNIT, otherwise=slip)
     at_same = "for the same curvature" if is_of_pressure else "at the same pressure"
     names = ", ".join(c.name for c in near[:3])
@@ -833,7 +842,7 @@ def _odd_actuator(curve: _Curve, near: list[_Curve], factor: float) -> Doubt:
     )
     remedy = f"give {unit}; compare it with the record of the test, or leave the specimen out"
     fault = _fault("actuator.csv", curve.name, column, float(values[-1]), problem, remedy)
-    return Doubt(fault, bool(abs(np.log(factor)) >= np.log(IMPOSSIBLE_FACTOR)))
+    return Doubt(fault, bool(abs(np.log(factor)) >= np.log(IMPOSSIBLE_FACTOR)), is_alone=True)
 
 
 def _log_ratio(one: _Curve, other: _Curve) -> float:
@@ -873,6 +882,46 @@ def _pressure_ratio(one: _Curve, other: _Curve) -> float:
 def _rising(curve: _Curve) -> Floats:
     """Return the largest curvature up to each pressure."""
     return np.asarray(np.maximum.accumulate(np.maximum(curve.curvature, 0.0)), np.float64)
+
+
+def _duplicates(actuator: pd.DataFrame) -> Iterator[Doubt]:
+    """Doubt curves that are those of another specimen, to the last digit."""
+    seen: dict[tuple[tuple[float, ...], ...], str] = {}
+    for name, rows in actuator.groupby("specimen_id", sort=False):
+        read = rows[(rows["pressure_kPa"] > 0.0) & rows["curvature_per_m"].notna()]
+        curve = (tuple(read["pressure_kPa"]), tuple(read["curvature_per_m"]))
+        if len(set(curve[1])) < LEAST_ALIKE:
+            continue
+        if curve in seen:
+            problem = (
+                f"and all other curvatures are those of specimen '{seen[curve]}' to the last digit"
+            )
+            remedy = "one of both is likely a copy: give what was read on each, or leave one out"
+            place = ("actuator.csv", name, "curvature_per_m", float(curve[1][-1]))
+            yield Doubt(_fault(*place, problem, remedy), False)
+        seen.setdefault(curve, str(name))
+
+
+def _survivors(actuator: pd.DataFrame) -> Iterator[Doubt]:
+    """Doubt that all specimens of the highest degradation rate are there, where others are more."""
+    first = actuator.drop_duplicates("specimen_id")
+    rate = first["degradation_pct"].to_numpy(np.float64)
+    order = np.argsort(rate)
+    member = np.empty(len(rate), dtype=np.int64)
+    member[order] = np.cumsum(np.diff(rate[order], prepend=rate[order][:1]) > LEVEL)
+    counts = np.bincount(member)
+    if len(counts) < FEWEST_RATES or not counts[-1] < counts[:-1].min():
+        return
+    highest = actuator["specimen_id"].isin(first["specimen_id"][member == len(counts) - 1])
+    if (actuator.loc[highest, "ruptured"] > 0.5).any():
+        return
+    problem = (
+        f"is that of {counts[-1]} of the actuators, no other degradation rate of fewer than "
+        f"{counts[:-1].min()}, and none of them burst; are these survivors only?"
+    )
+    remedy = "give the rows of those that burst too, with ruptured = 1 at the last pressure"
+    place = ("actuator.csv", None, "degradation_pct", float(rate.max()))
+    yield Doubt(_fault(*place, problem, remedy), False)
 
 
 def _conditions(actuator: pd.DataFrame) -> Iterator[Doubt]:

@@ -303,6 +303,9 @@ class Settings:
     film_volume_mm3 : float
         Volume of a film that is stretched in a break test, for the weakest link; by default the
         narrow part of ISO 37 type 1A, 20 mm × 5 mm, of a film of 0.5 mm.
+    set_aside : bool
+        Whether to look for specimens and readings that the others contradict, and to calibrate
+        and judge without them.
     operator : str, optional
         How curvature was read; if it is not stated, as bend angle over arc length.
     reading_points : int
@@ -335,6 +338,7 @@ class Settings:
     forward: OwnForward | None = None
     rupture_criterion: RuptureCriterion = "principal_stretch"
     film_volume_mm3: float = 50.0
+    set_aside: bool = False
     operator: Operator | None = None
     reading_points: int = 50
 
@@ -494,6 +498,7 @@ ENTRIES: tuple[_Entry, ...] = (
         "rupture_criterion",
     ),
     _Entry("rupture", "film_volume", "a number above 0 [mm³]", _POSITIVE, "film_volume_mm3"),
+    _Entry("suspects", "set_aside", "true or false", bool),
     _Entry("forward", "function", _FUNCTION, _Function, "own_function"),
     _Entry("forward", "inputs", _INPUTS, Annotated[_Names[str], Len(1)], "own_inputs"),
     _Entry("reading", "operator", f"one of {', '.join(OPERATORS)}", Operator),
@@ -511,7 +516,7 @@ ENTRIES: tuple[_Entry, ...] = (
 )
 TABLES = (
     *("actuator", "paper", "constraint", "shrinkage", "priors", "noise", "causes", "sampling"),
-    *("tensile", "material", "rupture", "forward", "parameters", "reading"),
+    *("tensile", "material", "rupture", "suspects", "forward", "parameters", "reading"),
 )
 
 

@@ -17,6 +17,7 @@ from bayesdeg.errors import BayesdegError, Fault, StudyError, use_one_of
 from bayesdeg.inference.model import JointModel
 from bayesdeg.observations.counts import RuptureCounts
 from bayesdeg.observations.specimens import FilmsAndActuators, no_map
+from bayesdeg.pipeline.aside import Aside
 from bayesdeg.pipeline.formula import OwnMap, probe
 from bayesdeg.pipeline.outline import outline, stated_priors
 from bayesdeg.pipeline.user_code import own_causes, own_map, try_out
@@ -46,6 +47,10 @@ class Assembly:
         How many of the actuators of others burst.
     of_counts : tuple of Cause
         Causes that such counts may show.
+    aside : tuple of Aside
+        Specimens and readings that were set aside, since they do not belong with the rest.
+    study, whole : Study, optional
+        What is left of the study, and the study with all of it, where something was.
     """
 
     model: JointModel
@@ -56,6 +61,9 @@ class Assembly:
     own: OwnMap | None = None
     counts: RuptureCounts | None = None
     of_counts: tuple[Cause, ...] = ()
+    aside: tuple[Aside, ...] = ()
+    study: Study | None = None
+    whole: Study | None = None
 
     @property
     def causes(self) -> tuple[Cause, ...]:

@@ -57,6 +57,7 @@ from bayesdeg.pipeline.run import (
     with_counts,
     with_options,
 )
+from bayesdeg.pipeline.suspects import assemble_screened
 from bayesdeg.prediction.conditions import PROMPT, ServiceConditions
 from bayesdeg.prediction.lifetime import Duty
 from bayesdeg.prediction.soil import Level, Soil
@@ -147,7 +148,8 @@ class ModelledExperiment:
         refuse_impossible(doubts(study, plan.expected))
         if forward is None and plan.needs_forward:
             forward = _known_emulator(study)
-        return cls._with(study, assemble(study, forward), active)
+        assembly = assemble_screened(study, forward)
+        return cls._with(assembly.study or study, assembly, active)
 
     @classmethod
     def of_readings(

@@ -2,7 +2,7 @@
 
 import json
 import platform
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -26,16 +26,20 @@ from bayesdeg.criticism.checks.residuals import (
     where_readings,
 )
 from bayesdeg.criticism.checks.rupture_misfit import RuptureMisfit
+from bayesdeg.criticism.checks.suspects import Oddity
 from bayesdeg.criticism.decide.candidates import Candidate
 from bayesdeg.criticism.decide.counted import Counted
+from bayesdeg.criticism.decide.verdict import Decision
 from bayesdeg.criticism.outcome import Outcome
 from bayesdeg.data.plausibility import Doubt, doubts
 from bayesdeg.data.study import Study
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.inference.model import JointModel, Refusals, share_outside
 from bayesdeg.observations.catalogue import TABLES
+from bayesdeg.observations.curvature import ACTUATOR
 from bayesdeg.observations.specimens import FilmsAndActuators
 from bayesdeg.observations.tensile import STRESS
+from bayesdeg.pipeline.aside import FILES, Aside
 from bayesdeg.pipeline.assemble import Assembly
 from bayesdeg.pipeline.averaged import Averaged
 from bayesdeg.pipeline.calibrate import Fit, refused_inputs
@@ -66,6 +70,7 @@ from bayesdeg.report.record import (
     MissingEntry,
     ModelEntry,
     NamingEntry,
+    OutcomeEntry,
     QuestionedEntry,
     RunRecord,
     RuptureCountsEntry,
@@ -98,6 +103,8 @@ class Results:
         How probable published counts of ruptures are, where nothing was judged.
     averaged : Averaged, optional
         Draws over the causes that cannot be told apart, where there are several.
+    with_suspects : Decision, optional
+        What is decided with all that was set aside, where something was.
     """
 
     assembly: Assembly
@@ -108,6 +115,7 @@ class Results:
     films: Films | None = None
     counts: CountMisfit | None = None
     averaged: Averaged | None = None
+    with_suspects: Decision | None = None
 
     @property
     def fits(self) -> dict[str, Fit]:
@@ -460,24 +468,102 @@ def in_doubt(study: Study, results: Results, found: Sequence[Doubt] | None = Non
         Readings and specimens that are unlikely, and parameters that are calibrated to what their
         priors all but exclude.
     """
-    if found is None:
-        known = isinstance(results.final.model.world, FilmsAndActuators)
-        found = doubts(study, outline(study).expected) if known else ()
     return InDoubt(
-        suspects=tuple(_suspect(doubt) for doubt in found),
+        suspects=suspects_of(study, results, found),
         parameters_in_question=_off_priors(results),
+        with_suspects=_outcome(results.with_suspects),
     )
 
 
-def _suspect(doubt: Doubt) -> SuspectEntry:
+def _outcome(decision: Decision | None) -> OutcomeEntry | None:
+    if decision is None:
+        return None
+    found = {"outcome": decision.outcome, "causes": decision.causes, "one_of": decision.one_of}
+    return OutcomeEntry.model_validate(found)
+
+
+def suspects_of(
+    study: Study, results: Results, found: Sequence[Doubt] | None = None
+) -> tuple[SuspectEntry, ...]:
+    """Return what is unlikely of a study: what the others contradict, then what its columns say."""
+    assembly = results.assembly
+    whole = assembly.whole or study
+    if found is None:
+        known = isinstance(assembly.model.world, FilmsAndActuators)
+        found = doubts(whole, outline(whole).expected) if known else ()
+    odd = [_odd(one, results, whole) for one in assembly.aside if one.suspect is not None]
+    out = {(one.table, n) for one in assembly.aside if one.suspect is None for n in one.specimens}
+    return (*odd, *(_suspect(doubt, out) for doubt in found))
+
+
+def _suspect(doubt: Doubt, out: Collection[tuple[str | None, str]]) -> SuspectEntry:
     fault = doubt.fault
+    set_aside = (FILES.get(fault.file), fault.specimen) in out and doubt.is_alone
     return SuspectEntry(
         file=fault.file,
         specimen=fault.specimen,
         column=fault.column,
         value=fault.value,
-        why=str(doubt),
+        why=f"{doubt}; it is set aside" if set_aside else str(doubt),
+        set_aside=set_aside,
     )
+
+
+def _odd(one: Aside, results: Results, whole: Study) -> SuspectEntry:
+    """Return a suspect that the other specimens contradict, in words and numbers."""
+    assert one.suspect is not None
+    suspect, hypothesis = one.suspect, one.suspect.hypothesis
+    partner = _exchanged_with(one, results, whole)
+    stiffer = float(np.exp(np.clip(suspect.size, -MOST_LOGS, MOST_LOGS)))
+    facts = {"one": one, "odd": suspect, "way": hypothesis, "partner": partner, "stiffer": stiffer}
+    lines = one.table == ACTUATOR and whole.line_points is not None
+    return SuspectEntry(
+        file="markers.csv" if lines else f"{one.table}.csv" if one.table else "",
+        specimen=one.specimens[0] if len(one.specimens) == 1 else None,
+        specimens=one.specimens if len(one.specimens) > 1 else (),
+        why=sentences("findings", "suspect", **facts),
+        oddity=str(hypothesis.oddity),
+        size=suspect.size,
+        score=suspect.score,
+        p_value=suspect.p_value,
+        readings=len(one.readings) if one.readings else int(hypothesis.rows.sum()),
+        set_aside=one.is_out,
+    )
+
+
+MOST_LOGS = 20.0  # of a size that is a logarithm, for one that is none
+ALIKE = 0.35
+"""How far the stiffness of two specimens may be off that of each other's degradation rate, over
+the difference of both: the scatter of specimens is some tenth of such a difference."""
+
+
+def _exchanged_with(one: Aside, results: Results, whole: Study) -> str:
+    """Return the suspect for which another could have been taken; empty if there is none."""
+    table = whole.table(one.table) if one.table else None
+    same = (other for other in results.assembly.aside if other.table == one.table)
+    others = [other for other in same if other is not one and _is_stiffness(other)]
+    if table is None or not others or not _is_stiffness(one):
+        return ""
+    rate = table.drop_duplicates("specimen_id").set_index("specimen_id")["degradation_pct"]
+    model, chain = results.final.model, results.final.chain
+    middle = np.mean(chain.vectors.reshape(-1, chain.vectors.shape[-1]), axis=0)
+    values = model.table.named(middle[None])
+    for other in others:
+        ends = np.array([float(rate[one.specimens[0]]), float(rate[other.specimens[0]])])
+        first, second = np.log(model.constants(values, ends)[0, :, 0])
+        assert one.suspect is not None
+        assert other.suspect is not None
+        off = max(
+            abs(one.suspect.size - (second - first)), abs(other.suspect.size + (second - first))
+        )
+        if off <= ALIKE * abs(second - first):
+            return other.specimens[0]
+    return ""
+
+
+def _is_stiffness(one: Aside) -> bool:
+    way = None if one.suspect is None else one.suspect.hypothesis.oddity
+    return way is Oddity.RESPONSE and len(one.specimens) == 1
 
 
 def _off_priors(results: Results) -> tuple[QuestionedEntry, ...]:

@@ -17,6 +17,7 @@ from threadpoolctl import threadpool_limits
 
 import bayesdeg
 from bayesdeg.actuator.families import geometry_of_study
+from bayesdeg.criticism.decide.verdict import Decision
 from bayesdeg.data.settings import Effort
 from bayesdeg.data.study import Study
 from bayesdeg.emulator.surrogate import Surrogate
@@ -27,7 +28,7 @@ from bayesdeg.inference.sampling import EFFORTS
 from bayesdeg.observations.counts import RuptureCounts
 from bayesdeg.pipeline.assemble import Assembly, assemble
 from bayesdeg.pipeline.averaged import averaged
-from bayesdeg.pipeline.calibrate import Fit, awake, base_of, calibrate
+from bayesdeg.pipeline.calibrate import Fit, awake, base_of, base_without_chain, calibrate
 from bayesdeg.pipeline.checks import check
 from bayesdeg.pipeline.deformed import Begun, begin
 from bayesdeg.pipeline.films import Examination, begin_examination
@@ -45,6 +46,7 @@ from bayesdeg.pipeline.judge import (
 )
 from bayesdeg.pipeline.progress import Progress
 from bayesdeg.pipeline.record import Results, in_doubt, run_document
+from bayesdeg.pipeline.suspects import without_suspects
 from bayesdeg.pipeline.writing import Files, write_posteriors, write_results
 from bayesdeg.report.checkpoints import Checkpoints
 from bayesdeg.report.folder import POSTERIOR_AVERAGED, RunFolder
@@ -85,6 +87,7 @@ class Streams(NamedTuple):
     checks: np.random.SeedSequence
     films: np.random.SeedSequence
     averaged: np.random.SeedSequence
+    suspects: np.random.SeedSequence
 
     @classmethod
     def of(cls, seed: int) -> Self:
@@ -140,6 +143,11 @@ def run_study(
     seeds = Streams.of(study.settings.seed)
     with clock.stage("read"):
         assembly = assemble(study, forward)
+    if study.settings.set_aside:
+        with clock.stage("suspects"):
+            progress.stage(OptionalStage.SUSPECTS)
+            assembly = _without_suspects(study, assembly, forward, guard)
+            study = assembly.study or study
     fit = partial(
         calibrate,
         effort=EFFORTS[study.settings.effort],
@@ -151,20 +159,80 @@ def run_study(
         base = fit(assembly.model, "base", seed=seeds.base)
     results = Results(assembly, base, base, None)
     if can_be_judged(assembly.model):
-        judged = partial(judged_fit, progress=progress, executor=executor, guard=guard)
-        effort = study.settings.effort
-        with clock.stage("verdict"):
-            judgement = guard.attempt(
-                OptionalStage.VERDICT, judged, assembly, base, effort, seeds.verdict
-            )
-        with clock.stage("extended"):
-            results = _extend(replace(results, judgement=judgement), fit, seeds.final, guard)
-            results = _with_average(results, seeds.averaged, guard)
+        judging = (results, study.settings.effort, fit, forward, seeds, clock)
+        results = _judged(*judging, progress=progress, executor=executor, guard=guard)
     if results.judgement is None:
         results = with_counts(results, seeds.verdict, guard)
     return conclude(
         study, folder, results, clock, progress=progress, executor=executor, guard=guard
     )
+
+
+def _judged(
+    results: Results,
+    effort: Effort,
+    fit: Calibrate,
+    forward: Surrogate | None,
+    seeds: Streams,
+    clock: Clock,
+    *,
+    progress: Progress,
+    executor: Executor | None,
+    guard: Guard,
+) -> Results:
+    """Judge the base model of a study, and calibrate what follows from the verdict."""
+    assembly = results.assembly
+    judged = partial(judged_fit, progress=progress, executor=executor, guard=guard)
+    with clock.stage("verdict"):
+        stage, seed = OptionalStage.VERDICT, seeds.verdict
+        judgement = guard.attempt(stage, judged, assembly, results.base, effort, seed)
+    with clock.stage("extended"):
+        results = _extend(replace(results, judgement=judgement), fit, seeds.final, guard)
+        results = _with_average(results, seeds.averaged, guard)
+    if assembly.whole is None:
+        return results
+    with clock.stage("verdict with suspects"):
+        judging = (assembly.whole, forward, seeds.suspects, executor)
+        return _judged_with_suspects(results, *judging, guard)
+
+
+def _without_suspects(
+    study: Study, assembly: Assembly, forward: Surrogate | None, guard: Guard
+) -> Assembly:
+    """Return a study's models without what does not belong with the rest of its readings."""
+    with threadpool_limits(limits=1):
+        stage = OptionalStage.SUSPECTS
+        return guard.attempt(stage, without_suspects, study, assembly, forward) or assembly
+
+
+def _judged_with_suspects(
+    results: Results,
+    whole: Study,
+    forward: Surrogate | None,
+    seed: np.random.SeedSequence,
+    executor: Executor | None,
+    guard: Guard,
+) -> Results:
+    """Judge the study with what was set aside too, at quick effort."""
+    if results.judgement is None:
+        return results
+    work = partial(_decision_of, whole, forward, seed, executor)
+    found = guard.attempt(OptionalStage.WITH_SUSPECTS, work)
+    return replace(results, with_suspects=found)
+
+
+def _decision_of(
+    study: Study,
+    forward: Surrogate | None,
+    seed: np.random.SeedSequence,
+    executor: Executor | None,
+) -> Decision:
+    fitting, judging = seed.spawn(2)
+    with threadpool_limits(limits=1):
+        assembly = assemble(study, forward)
+        base = base_without_chain(assembly.model, fitting)
+        effort = JUDGE_EFFORTS["quick"]
+        return judge(assembly, base, effort=effort, seed=judging, executor=executor).decision
 
 
 def _wake(executor: Executor | None) -> None:

@@ -186,6 +186,11 @@ def finished(report: Path) -> FinishedRun:
             f"{report}: the study has no readings of actuators to which others could be added; add "
             f"{FILE} to the study and run it again"
         )
+    if any(one.set_aside for one in run.suspects):
+        raise BayesdegError(
+            f"{report}: the run set specimens or readings aside (suspects.csv), which only a new "
+            f"run can judge again: add the rows to {FILE} of the study and run it again"
+        )
     study = _study_of(report, owner_of(report) or Owner(), run)
     return FinishedRun(folder, run, verdict, study, _earlier(folder, run))
 

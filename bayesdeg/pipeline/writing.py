@@ -36,6 +36,7 @@ from bayesdeg.observations.tensile import (
     stress_variance,
     tensile_curves,
 )
+from bayesdeg.pipeline.aside import is_set_aside
 from bayesdeg.pipeline.assemble import level_grid
 from bayesdeg.pipeline.calibrate import Fit, Sampled
 from bayesdeg.pipeline.deformed import Begun, write_deformed
@@ -44,7 +45,7 @@ from bayesdeg.pipeline.forecast import model_document, ranges_of
 from bayesdeg.pipeline.judge import Judgement
 from bayesdeg.pipeline.lifetime import default_hours, life_table, lifetime_of
 from bayesdeg.pipeline.progress import Silent
-from bayesdeg.pipeline.record import Results, verdict_of
+from bayesdeg.pipeline.record import Results, suspects_of, verdict_of
 from bayesdeg.prediction.control import INTERVAL, largest_allowed, needed_by
 from bayesdeg.prediction.lifetime import Duty
 from bayesdeg.prediction.predictive import (
@@ -826,6 +827,43 @@ def _null_table(found: TableSources) -> pd.DataFrame | None:
     return pd.DataFrame({"statistic": null, "replicate": np.arange(len(null))})
 
 
+def _suspects_table(found: TableSources) -> pd.DataFrame | None:
+    """Return what does not belong with the rest of the study, or is unlikely by its columns."""
+    if not found.study.settings.set_aside:
+        return None
+    rows = [
+        {
+            "file": one.file,
+            "specimens": " ".join(one.specimens or ((one.specimen,) if one.specimen else ())),
+            "column": one.column or "",
+            "value": one.value,
+            "oddity": one.oddity,
+            "size": one.size,
+            "score": one.score,
+            "p_value": one.p_value,
+            "readings": one.readings,
+            "set_aside": int(one.set_aside),
+            "why": one.why,
+        }
+        for one in suspects_of(found.study, found.results)
+    ]
+    return pd.DataFrame(rows) if rows else None
+
+
+def _set_aside_table(found: TableSources) -> pd.DataFrame | None:
+    """Return curvatures at the degradation rates of suspects, and which of them are set aside."""
+    whole, aside = found.results.assembly.whole, found.results.assembly.aside
+    if whole is None or whole.actuator is None or not any(a.table == "actuator" for a in aside):
+        return None
+    table = whole.actuator[whole.actuator["curvature_per_m"].notna()].reset_index(drop=True)
+    out = is_set_aside(table, [one for one in aside if one.table == "actuator" and one.is_out])
+    member = levels(table["degradation_pct"].to_numpy(np.float64))[1]
+    shown = table[["specimen_id", "degradation_pct", "pressure_kPa", "curvature_per_m"]].assign(
+        set_aside=out.astype(int)
+    )
+    return shown[np.isin(member, member[out])]
+
+
 #: What makes each table, in the order in which they draw random numbers; None where there is
 #: nothing to tell. Those of checks and films are theirs.
 BUILDS: Mapping[str, Build] = {
@@ -854,4 +892,6 @@ BUILDS: Mapping[str, Build] = {
     columns.LIFETIME: lambda found: life(found),  # looked up when it is made
     columns.SHARES: _shares_table,
     columns.CRITERIA: _criteria_table,
+    columns.SUSPECTS: _suspects_table,
+    columns.SET_ASIDE: _set_aside_table,
 }

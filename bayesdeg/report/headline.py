@@ -282,7 +282,10 @@ def doubts_of(verdict: VerdictRecord) -> tuple[str, ...]:
     suspects = (one.why for one in verdict.suspects)
     asked = verdict.parameters_in_question
     said = (sentences("headline", "in_question", one=one, SPACE=SPACE) for one in asked)
-    return (*suspects, *said)
+    whole = verdict.with_suspects
+    facts = {"whole": whole, "v": verdict}
+    other = [] if whole is None else [sentences("headline", "with_suspects", **facts)]
+    return (*suspects, *other, *said)
 
 
 def first_sentence(text: str) -> str:

@@ -20,6 +20,8 @@ _PASSED_ON = (StudyError, ResumableError)  # the user's to mend, or to be resume
 class OptionalStage(StrEnum):
     """Stages that compute what is more than one table or figure."""
 
+    SUSPECTS = "specimens and readings that do not belong with the rest"
+    WITH_SUSPECTS = "verdict with the suspects"
     VERDICT = "verdict"
     CALIBRATION = "misfit against chance"
     RUPTURE_MISFIT = "ruptures against the base model"

@@ -192,13 +192,41 @@ class ContradictionEntry(Record):
 
 
 class SuspectEntry(Record):
-    """A reading or a specimen that is unlikely."""
+    """A reading or a specimen that is unlikely, by its columns or by what the others predict."""
 
     file: Text = ""
     specimen: Text | None = None
     column: Text | None = None
     value: Scalar = None
     why: Text = ""
+    specimens: Names = Field(default=(), exclude_if=not_, description="if several")
+    oddity: Text = Field(default="", exclude_if=is_absent, description="in which way it is odd")
+    size: Number = Field(default=None, exclude_if=is_absent)
+    score: Number = Field(
+        default=None,
+        exclude_if=is_absent,
+        description="standard deviations off what all others predict",
+    )
+    p_value: Number = Field(
+        default=None, exclude_if=is_absent, description="of such a score, times those looked at"
+    )
+    readings: Number = Field(
+        default=None, exclude_if=is_absent, description="rows set aside, of whole specimens all"
+    )
+    set_aside: bool = Field(
+        default=False,
+        strict=True,
+        exclude_if=not_,
+        description="whether the calibration is without it",
+    )
+
+
+class OutcomeEntry(Record):
+    """An outcome and its causes, as at the top of ``verdict.json``."""
+
+    outcome: Outcome
+    causes: Names = ()
+    one_of: tuple[Names, ...] = ()
 
 
 class QuestionedEntry(Record):
@@ -228,6 +256,7 @@ class InDoubt(Record):
 
     suspects: tuple[SuspectEntry, ...] = ()
     parameters_in_question: tuple[QuestionedEntry, ...] = ()
+    with_suspects: OutcomeEntry | None = Field(default=None, exclude_if=is_absent)
 
 
 class VerdictRecord(FileRecord):
@@ -261,6 +290,11 @@ class VerdictRecord(FileRecord):
     next_experiments: tuple[ExperimentEntry, ...] = ()
     suspects: tuple[SuspectEntry, ...] = ()
     parameters_in_question: tuple[QuestionedEntry, ...] = ()
+    with_suspects: OutcomeEntry | None = Field(
+        default=None,
+        exclude_if=is_absent,
+        description="the outcome with all that was set aside; only there if something was",
+    )
     left_out: tuple[LeftOutEntry, ...] = ()
 
     @property

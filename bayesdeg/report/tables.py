@@ -38,6 +38,8 @@ STATISTICS = "statistics"
 LOO_PIT = "loo_pit"
 DISCREPANCY = "discrepancy"
 SHARES = "shares"
+SUSPECTS = "suspects"
+SET_ASIDE = "set_aside"
 
 ALL_LEVELS = "all"
 """What stands in ``degradation_pct`` of a row that pools every degradation rate."""
@@ -454,6 +456,32 @@ _TABLES = (
             Column("share", "–", "Shapley effect: its share, which all sources together make 1"),
             Column("sd_per_m", "1/m", "standard deviation of a curvature read on a new actuator"),
             Column("explained", "–", "share of the prediction's variance that this accounts for"),
+        ),
+    ),
+    ResultTable(
+        SUSPECTS,
+        (
+            _text("file", "in which it stands"),
+            _text("specimens", "whose, separated by spaces"),
+            _text("column", "which column, if it is one"),
+            _text("value", "what stands there"),
+            _text("oddity", "in which way it is odd; empty of what its columns alone say"),
+            Column("size", "–", "how much: of ln stiffness, or a share; of an offset in kPa"),
+            Column("score", "–", "standard deviations off what all others predict"),
+            Column("p_value", "–", "of such a score by chance, times the number looked at"),
+            Column("readings", "–", "rows that it is of"),
+            Column("set_aside", "–", "1 if calibration and verdict are without it"),
+            _text("why", "what is odd, and what may have happened"),
+        ),
+    ),
+    ResultTable(
+        SET_ASIDE,
+        (
+            _SPECIMEN,
+            _DEGRADATION,
+            _PRESSURE,
+            Column("curvature_per_m", "1/m", "as read"),
+            Column("set_aside", "–", "1 if calibration and verdict are without it"),
         ),
     ),
     ResultTable(

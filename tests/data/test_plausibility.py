@@ -442,3 +442,34 @@ def test_whatever_numbers_a_study_holds_the_answer_is_a_list_of_doubts(data):
     study = Study("any", Path(), tensile=films, breaks=broken, actuator=bent)
     for doubt in doubts(study, shipped("gelatin_actuator")[1]):
         assert str(doubt)
+
+
+def looked_through(study):
+    return replace(study, settings=replace(study.settings, set_aside=True))
+
+
+def test_a_copied_curve_is_told_with_both_names():
+    study, expected = shipped("gelatin_actuator")
+    table = study.actuator.copy()
+    first, second = (table.index[table["specimen_id"] == name] for name in ("A10-1", "A10-3"))
+    table.loc[second, "curvature_per_m"] = table.loc[first, "curvature_per_m"].to_numpy()
+    assert doubts(replace(study, actuator=table), expected) == ()
+    [doubt] = doubts(replace(looked_through(study), actuator=table), expected)
+    assert doubt.fault.specimen == "A10-3"
+    assert "'A10-1'" in str(doubt)
+    assert not doubt.impossible
+
+
+def test_survivors_alone_are_told_unless_ruptures_are_recorded():
+    study, expected = shipped("gelatin_actuator")
+    table = study.actuator
+    last = table["specimen_id"][table["degradation_pct"] > 22.0].unique()[1:]
+    left = table[~table["specimen_id"].isin(last)].reset_index(drop=True)
+    assert doubts(replace(study, actuator=left), expected) == ()
+    study = looked_through(study)
+    [doubt] = doubts(replace(study, actuator=left), expected)
+    assert doubt.fault.column == "degradation_pct"
+    assert "ruptured" in doubt.fault.remedy
+    burst = left.copy()
+    burst.loc[burst.index[burst["degradation_pct"] > 22.0][-1], "ruptured"] = 1
+    assert doubts(replace(study, actuator=burst), expected) == ()

@@ -23,7 +23,9 @@ def results(**priors):
     stated = altered(model, base=with_priors(model.base, priors))
     vectors = stated.table.vectors(values).reshape(4, 50, -1)
     return SimpleNamespace(
-        final=SimpleNamespace(model=stated, chain=SimpleNamespace(vectors=vectors))
+        final=SimpleNamespace(model=stated, chain=SimpleNamespace(vectors=vectors)),
+        assembly=SimpleNamespace(model=stated, aside=(), whole=None),
+        with_suspects=None,
     )
 
 

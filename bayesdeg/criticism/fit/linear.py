@@ -270,7 +270,7 @@ def linearise(
         normal law of their width.
     """
     prediction = subject.expected(mode[None])[0]
-    jacobian = _jacobian(subject, mode)
+    jacobian = jacobian_of(subject, mode)
     if uncertain is None:
         uncertain = rest_covariance(subject, mode)
     scatter = subject.scatter(mode)
@@ -429,7 +429,7 @@ def log_bayes_factor(whitened: Floats, columns: Floats) -> Floats:
     return factor
 
 
-def _jacobian(subject: JointModel, mode: Floats, step: float = 1e-3) -> Floats:
+def jacobian_of(subject: JointModel, mode: Floats, step: float = 1e-3) -> Floats:
     """Central differences; one-sided where the other side is outside the forward map's range."""
     size = len(mode)
     around = mode + step * np.vstack([np.zeros(size), np.eye(size), -np.eye(size)])

@@ -1,0 +1,125 @@
+"""What of a study is set aside, since it does not belong with the rest."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from bayesdeg.criticism.checks.suspects import Oddity, Suspect
+from bayesdeg.data.study import Study
+from bayesdeg.inference.model import JointModel
+from bayesdeg.observations.curvature import ACTUATOR
+from bayesdeg.observations.kinds import Places
+from bayesdeg.observations.tensile import FILM
+
+BY_READING = (Oddity.READING, Oddity.JUMP, Oddity.CUT_OFF, Oddity.EDGE)
+READ = ("curvature_per_m", "bend_angle_deg")
+TABLES = {ACTUATOR: "actuator", FILM: "tensile"}
+"""Tables by the family of readings; suspects of others are told and not set aside."""
+FILES = {"actuator.csv": "actuator", "markers.csv": "actuator", "tensile.csv": "tensile"}
+"""The same tables by the files that they are read from."""
+
+
+@dataclass(frozen=True)
+class Aside:
+    """What is set aside for one suspect.
+
+    Parameters
+    ----------
+    suspect : Suspect or None
+        Why; None where its columns say it, without a model.
+    table : str
+        Of which table: ``actuator`` or ``tensile``.
+    specimens : tuple of str
+        Whose.
+    readings : tuple of (str, float, str, float)
+        Specimen, pressure [kPa] or stretch, history and time [s] of single readings; empty where
+        the specimens are set aside.
+    is_out : bool
+        Whether it is: as many specimens as half of them are merely told.
+    """
+
+    suspect: Suspect | None
+    table: str
+    specimens: tuple[str, ...]
+    readings: tuple[tuple[str, float, str, float], ...]
+    is_out: bool = True
+
+
+def asides(model: JointModel, found: Iterable[Suspect]) -> tuple[Aside, ...]:
+    """Return what is set aside for suspects of a model."""
+    return tuple(_aside(model.places, suspect) for suspect in found)
+
+
+def _aside(places: Places, suspect: Suspect) -> Aside:
+    one = suspect.hypothesis
+    table = TABLES.get(str(places.family[np.argmax(one.rows)]), "")
+    if one.oddity in BY_READING:
+        rows = np.flatnonzero(one.rows)
+        keys = {
+            (
+                str(places.specimen[i]),
+                float(places.along[i]),
+                str(places.history[i]),
+                float(np.nan_to_num(places.time[i], nan=-1.0)),
+            )
+            for i in rows
+        }
+        return Aside(suspect, table, one.specimens, tuple(sorted(keys)))
+    family = places.family == places.family[np.argmax(one.rows)]
+    total = len(np.unique(places.specimen[family]))
+    return Aside(suspect, table, one.specimens, (), is_out=2 * len(one.specimens) <= total)
+
+
+def set_aside(study: Study, aside: Iterable[Aside]) -> Study:
+    """Return a study without what is set aside.
+
+    Specimens leave their table; of single readings of actuators the row stays, with what was read
+    empty, so that pressure and rupture are still known.
+    """
+    changed: dict[str, Any] = {}
+    for one in aside:
+        table = changed.get(one.table, study.table(one.table)) if one.table else None
+        if table is None or not one.is_out:
+            continue
+        changed[one.table] = _without(table, one)
+    return replace(study, **changed)
+
+
+def is_set_aside(table: pd.DataFrame, aside: Iterable[Aside]) -> NDArray[np.bool_]:
+    """Return which rows of a table are set aside, (n_rows,)."""
+    specimen, found = table["specimen_id"].astype(str), np.zeros(len(table), dtype=bool)
+    for one in aside:
+        if one.readings:
+            wanted = set(one.readings)
+            found |= np.array([key in wanted for key in _keys(table, one.table)], dtype=bool)
+        else:
+            found |= specimen.isin(one.specimens).to_numpy()
+    return found
+
+
+def _without(table: pd.DataFrame, one: Aside) -> pd.DataFrame:
+    wrong = is_set_aside(table, [one])
+    if one.table == "tensile" or not one.readings:
+        return table[~wrong].reset_index(drop=True)
+    found = table.copy()
+    found.loc[wrong, list(READ)] = np.nan
+    return found
+
+
+def _keys(table: pd.DataFrame, name: str) -> list[tuple[str, float, str, float]]:
+    """Return specimen, path, history and time of each row, as `Places` has them."""
+    specimen = table["specimen_id"].astype(str)
+    if name == "tensile":
+        along, history, time = table["stretch"], table["mode"].astype(str), None
+    else:
+        along, time = table["pressure_kPa"], table["time_s"].fillna(-1.0)
+        cycle = table["cycle"].fillna(1).astype(int).astype(str)
+        history = table["branch"].astype(str) + " " + cycle + " " + table["mount"].astype(str)
+    times = [-1.0] * len(table) if time is None else [float(t) for t in time]
+    return list(
+        zip(specimen, (float(a) for a in along), (str(h) for h in history), times, strict=True)
+    )

@@ -1,0 +1,131 @@
+"""A study that asks for it is looked through for mishaps before it is calibrated.
+
+What is found is set aside: calibration, verdict and predictions are made without it, and the report
+says with which outcome they would be made with it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdeg.actuator.inputs import ForwardMap
+from bayesdeg.criticism.checks.suspects import Suspect, find_suspects
+from bayesdeg.data.plausibility import doubts
+from bayesdeg.data.study import Study
+from bayesdeg.errors import BayesdegError
+from bayesdeg.inference.laplace import find_mode
+from bayesdeg.inference.model import JointModel, near_films
+from bayesdeg.observations.specimens import FilmsAndActuators
+from bayesdeg.pipeline.aside import FILES, Aside, asides, set_aside
+from bayesdeg.pipeline.assemble import Assembly, assemble
+from bayesdeg.pipeline.outline import outline
+
+Floats = NDArray[np.float64]
+
+SEED = 0  # of starts of the climb to the mode, which they hardly move
+
+
+def assemble_screened(study: Study, forward: ForwardMap | None = None) -> Assembly:
+    """Build the base model of a study, without what does not belong to it if it says so.
+
+    Parameters
+    ----------
+    study : Study
+        Checked data and settings; `Settings.set_aside` says whether to look it through.
+    forward : ForwardMap, optional
+        By default the emulator that ships with the package.
+
+    Returns
+    -------
+    Assembly
+        With what was set aside, and the study that is left.
+
+    Raises
+    ------
+    StudyError, BayesdegError
+        As of `assemble`.
+    """
+    assembly = assemble(study, forward)
+    return without_suspects(study, assembly, forward) if study.settings.set_aside else assembly
+
+
+def without_suspects(study: Study, assembly: Assembly, forward: ForwardMap | None) -> Assembly:
+    """Return an assembly without the suspects of its study; itself, where there is none.
+
+    Parameters
+    ----------
+    study : Study
+        Checked.
+    assembly : Assembly
+        Its base model with all readings.
+    forward : ForwardMap, optional
+        With which that was assembled.
+    """
+    model = assembly.model
+    if not isinstance(model.world, FilmsAndActuators) or model.actuator is None:
+        return assembly
+    seen = _doubted(study)
+    if seen:
+        rest = set_aside(study, seen)
+        found = without_suspects(rest, assemble(rest, forward), forward)
+        aside = (*seen, *found.aside)
+        return replace(found, study=found.study or rest, whole=study, aside=aside)
+    aside = asides(model, _suspects(study, model, forward))
+    if not aside:
+        return assembly
+    rest = set_aside(study, aside)
+    return replace(assemble(rest, forward), study=rest, whole=study, aside=aside)
+
+
+def _suspects(study: Study, model: JointModel, forward: ForwardMap | None) -> tuple[Suspect, ...]:
+    start = near_films(model, np.random.default_rng(SEED))
+    if start is None:
+        return ()
+    mode = find_mode(model, start)[0]
+
+    def refit(found: Sequence[Suspect]) -> Floats | None:
+        return _mode_of(set_aside(study, asides(model, found)), forward, model, mode)
+
+    return find_suspects(model, mode, refit, _batches(study))
+
+
+def _doubted(study: Study) -> tuple[Aside, ...]:
+    """Return single specimens whose columns are many times those of the others: another unit."""
+    odd = [one.fault for one in doubts(study, outline(study).expected) if one.is_alone]
+    return tuple(
+        Aside(None, FILES[fault.file], (fault.specimen,), ())
+        for fault in odd
+        if fault.file in FILES and fault.specimen is not None
+    )
+
+
+def _mode_of(
+    study: Study, forward: ForwardMap | None, whole: JointModel, start: Floats
+) -> Floats | None:
+    """Return the mode of a study without suspects, as a vector of the whole model."""
+    try:
+        model = assemble(study, forward).model
+    except BayesdegError:  # what is left is no study
+        return None
+    values = {name: value[0] for name, value in whole.table.named(start[None]).items()}
+    medians = {p.name: float(p.law.quantile(0.5)) for p in model.table.parameters}
+    known = medians | {name: values[name] for name in medians if name in values}
+    vector = model.table.vectors({name: np.array(known[name]) for name in medians})
+    climbed = find_mode(model, np.asarray(vector))[0]
+    found = {name: value[0] for name, value in model.table.named(climbed[None]).items()}
+    mode = whole.table.vectors({n: np.array(found.get(n, values[n])) for n in whole.table.names})
+    return np.asarray(mode) if np.all(np.isfinite(mode)) else None
+
+
+def _batches(study: Study) -> list[tuple[str, ...]]:
+    """Return the specimens of each batch, where a table says which batch they are of."""
+    found: dict[str, tuple[str, ...]] = {}
+    for table in (study.actuator, study.tensile):
+        if table is not None and "batch" in table:
+            recorded = table[table["batch"].notna() & (table["batch"].astype(str) != "")]
+            for batch, rows in recorded.groupby("batch", sort=False):
+                names = tuple(dict.fromkeys(rows["specimen_id"].astype(str)))
+                found[str(batch)] = (*found.get(str(batch), ()), *names)
+    return list(found.values())

@@ -1,0 +1,246 @@
+"""Suspects: deletion residuals against a plain computation, and mishaps planted in closed form."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import ttest_ind
+
+from bayesdeg.criticism.checks import suspects
+from bayesdeg.criticism.checks.suspects import (
+    FACTORS,
+    LEVEL,
+    Irregularity,
+    Oddity,
+    ReadingParts,
+    film_density,
+    find_suspects,
+    hypotheses,
+    largest_t,
+    parts_of,
+    pool_of,
+    scored,
+)
+from bayesdeg.inference.laplace import find_mode
+from bayesdeg.observations.tensile import Tensile
+from tests.criticism.linear_case import tight_model
+from tests.inference.small_study import TRUTH, altered, small_model, values_of
+
+SPECIMENS, POINTS = 18, 8
+RATES = np.repeat(np.arange(0.0, 26.0, 5.0), 3)[:, None]
+
+
+def whole_study(generator):
+    """Eighteen actuators at six rates, drawn from the model at known values."""
+    base = altered(tight_model(with_angle=True), tensile=None)
+    curves = base.actuator
+    rows = np.zeros(SPECIMENS, dtype=np.int64)
+    many = curves.subset(rows)
+    many = replace(
+        many,
+        specimens=tuple(f"A{rate:02.0f}-{k % 3}" for k, rate in enumerate(RATES[:, 0])),
+        degradation=RATES,
+        degradation_sd=np.full_like(RATES, 0.3),
+    )
+    model = base.of_actuators(many)
+    values = model.table.named(model.table.vectors(values_of()))
+    return model.with_readings(model.simulate(values, generator)[0]), values
+
+
+@pytest.fixture(scope="module")
+def study():
+    model, _ = whole_study(np.random.default_rng(5))
+    return model, find_mode(model, model.table.vectors(values_of())[0])[0]
+
+
+def planted(study, specimen, change):
+    """The study with the readings of a specimen changed, and its mode with and without it."""
+    model, mode = study
+    data = model.actuator
+    row = data.specimens.index(specimen)
+    readings = data.readings.copy()
+    readings[row] = change(readings[row])
+    wrong = model.with_readings(readings)
+
+    def refit(found):
+        out = {name for one in found for name in one.hypothesis.specimens}
+        keep = [k for k, name in enumerate(data.specimens) if name not in out]
+        rest = wrong.of_actuators(wrong.actuator.subset(np.array(keep)))
+        return find_mode(rest, mode)[0]
+
+    return wrong, find_mode(wrong, mode)[0], refit
+
+
+def test_a_score_is_the_deletion_residual_of_the_linear_model():
+    generator = np.random.default_rng(0)
+    n, shared = 12, generator.standard_normal((12, 3))
+    blocks = generator.standard_normal((12, 12))
+    scatter = np.kron(np.eye(3), (blocks @ blocks.T)[:4, :4] + 4.0 * np.eye(4))
+    residual = generator.standard_normal(n)
+    parts = ReadingParts(residual, shared, np.zeros((n, n)), scatter, np.full(n, "one"))
+    one = Irregularity(Oddity.READING, ("a",), "x", np.eye(n)[0] > 0.0, np.eye(n)[0])
+    found = scored(parts, [one])
+    # what all other readings say of the first, with its variance
+    total = scatter + shared @ shared.T
+    gain = np.linalg.solve(total[1:, 1:], total[1:, 0])
+    expected, variance = gain @ residual[1:], total[0, 0] - gain @ total[1:, 0]
+    score = found.scores(found.norms)[0]
+    assert score == pytest.approx((residual[0] - expected) / np.sqrt(variance))
+    assert score / found.norms[0] == pytest.approx(residual[0] - expected)
+
+
+def test_a_density_is_that_of_the_whole_normal_law():
+    generator = np.random.default_rng(1)
+    scatter, shared = np.diag(generator.uniform(1.0, 2.0, 5)), generator.standard_normal((5, 2))
+    residual = generator.standard_normal(5)
+    parts = ReadingParts(residual, shared, scatter, 0.5 * scatter, np.full(5, "one"))
+    total = 0.49 * scatter + 1.44 * 0.5 * scatter + shared @ shared.T
+    exact = -0.5 * residual @ np.linalg.solve(total, residual) - 0.5 * np.linalg.slogdet(total)[1]
+    assert parts.log_density(0.7, np.full(5, 1.2)) == pytest.approx(exact)
+
+
+def test_widths_are_found_again():
+    generator = np.random.default_rng(2)
+    n = 600
+    specimens = np.kron(np.eye(n // 4), np.ones((4, 4)))
+    deviation = np.repeat(generator.standard_normal(n // 4), 4)
+    residual = 0.5 * deviation + 0.6 * generator.standard_normal(n)
+    parts = ReadingParts(residual, np.ones((n, 1)), specimens, np.eye(n), np.full(n, "one"))
+    found = parts.widths()
+    assert found.errors["one"] == pytest.approx(0.6, rel=0.1)
+    assert found.scatter == pytest.approx(0.5, rel=0.15)
+
+
+def test_degrees_of_freedom_are_those_of_the_specimens():
+    generator = np.random.default_rng(6)
+    specimens = np.kron(np.eye(60), np.ones((4, 4)))
+    residual = 0.6 * np.repeat(generator.standard_normal(60), 4)
+    residual += 0.01 * generator.standard_normal(240)
+    parts = ReadingParts(
+        residual, np.ones((240, 1)), specimens, 1e-4 * np.eye(240), np.full(240, "one")
+    )
+    alone = parts.widths()
+    assert alone.dof == pytest.approx(59, rel=0.1)
+    # as many again, of the same width
+    beside = -60 * np.log(FACTORS) - 30 * (0.6 / FACTORS) ** 2
+    both = parts.widths(beside)
+    assert both.dof == pytest.approx(119, rel=0.1)
+
+
+def test_films_say_how_wide_the_scatter_of_specimens_is(study):
+    assert np.all(film_density(*study, ()) == 0.0)  # it has none
+    model = small_model()
+    vector = model.table.vectors(values_of())[0]
+    [films] = model.of_kind(Tensile)
+    left_out = film_density(model, vector, ()) - film_density(model, vector, films.labels[:1])
+    for k in (0, 3):
+        values = values_of(TRUTH | {"stiffness_scatter": TRUTH["stiffness_scatter"] * FACTORS[k]})
+        first = films.log_likelihood(model.state(values))[0, 0]
+        assert left_out[k] == pytest.approx(first)
+
+
+def test_the_split_is_the_largest_t_of_all():
+    generator = np.random.default_rng(3)
+    sizes = generator.standard_normal(9)
+    ordered = np.sort(sizes)
+    each = [ttest_ind(ordered[k:], ordered[:k]).statistic for k in range(3, 7)]
+    t, part = largest_t(sizes[None], np.ones(9))
+    assert t[0] == pytest.approx(max(each))
+    assert part[0] == 3 + int(np.argmax(each))
+
+
+def test_a_sound_study_has_no_suspects(study):
+    model, mode = study
+    assert find_suspects(model, mode, lambda found: mode) == ()
+
+
+def test_every_reading_is_of_a_picture_of_its_specimen(study):
+    model, mode = study
+    known = hypotheses(model, mode)
+    pictures = [one for one in known if one.oddity is Oddity.READING]
+    places = model.places
+    assert sum(one.kind != "" for one in pictures) == len(places)
+    for one in pictures:
+        assert set(places.specimen[one.rows]) == set(one.specimens)
+        assert len(set(places.along[one.rows])) == 1
+    names = {one.specimens for one in known if one.oddity is Oddity.BATCH}
+    assert len(names) == 6
+
+
+@pytest.mark.parametrize("factor", [0.6, 1.6])
+def test_a_specimen_that_responds_otherwise_is_found_by_name(study, factor):
+    wrong, mode, refit = planted(study, "A10-1", lambda read: factor * read)
+    [found] = find_suspects(wrong, mode, refit)
+    assert found.hypothesis.specimens == ("A10-1",)
+    assert found.hypothesis.oddity is Oddity.RESPONSE
+    assert np.sign(found.size) == np.sign(1.0 - factor)
+    assert found.p_value < LEVEL
+
+
+def test_a_mistraced_picture_is_found_and_nothing_else(study):
+    points = study[0].actuator.pressure.shape[1]
+
+    def mistraced(read):
+        changed = read.copy()
+        changed[[points - 2, 2 * points - 2]] *= 1.4
+        return changed
+
+    wrong, mode, refit = planted(study, "A15-2", mistraced)
+    [found] = find_suspects(wrong, mode, refit)
+    place = wrong.actuator.pressure[0, points - 2]
+    assert found.hypothesis.oddity is Oddity.READING
+    assert found.hypothesis.specimens == ("A15-2",)
+    assert found.hypothesis.at == pytest.approx(place)
+    assert found.size == pytest.approx(0.4, abs=0.1)
+
+
+def test_a_level_that_deviates_together_is_a_batch(study):
+    model, mode = study
+    data = model.actuator
+    readings = data.readings.copy()
+    readings[data.degradation[:, 0] == 10.0] *= 0.55
+    wrong = model.with_readings(readings)
+    start = find_mode(wrong, mode)[0]
+    keep = np.flatnonzero(data.degradation[:, 0] != 10.0)
+    rest = find_mode(wrong.of_actuators(wrong.actuator.subset(keep)), mode)[0]
+    found = find_suspects(wrong, start, lambda suspects: rest)
+    named = {name for one in found for name in one.hypothesis.specimens}
+    assert named == {"A10-0", "A10-1", "A10-2"}
+
+
+def test_a_recorded_day_on_which_lengths_were_short_is_found(study):
+    model, mode = study
+    data = model.actuator
+    day = tuple(name for name in data.specimens if name.endswith("-1"))
+    readings = data.readings.copy()
+    of_day = np.isin(data.specimens, day)
+    readings[of_day, : data.pressure.shape[1]] /= 0.93
+    wrong = model.with_readings(readings)
+    rest = find_mode(wrong.of_actuators(wrong.actuator.subset(np.flatnonzero(~of_day))), mode)[0]
+    start = find_mode(wrong, mode)[0]
+    [found] = find_suspects(wrong, start, lambda suspects: rest, [day])
+    assert set(found.hypothesis.specimens) == set(day)
+    assert found.hypothesis.oddity is Oddity.DAY
+    assert found.size == pytest.approx(1.0 / 0.93 - 1.0, abs=0.02)
+
+
+def test_false_suspects_are_as_rare_as_stated(study):
+    """Under the linear model with known scatter, whichever of all hypotheses is the oddest."""
+    model, mode = study
+    known = hypotheses(model, mode)
+    parts = parts_of(model, mode)
+    now, pool = scored(parts, known), pool_of(model, known)
+    generator = np.random.default_rng(4)
+    whole, false = now.norms, 0
+    for _ in range(300):
+        drawn = suspects.Scored(generator.standard_normal(len(now.observed)), now.columns)
+        false += pool.p_values(drawn.scores(whole)).min() < LEVEL
+    assert false <= 5  # of 300 at 0.005: more than five has a chance of 0.004
+
+
+def test_few_specimens_accuse_nobody(study):
+    model, mode = study
+    few = model.of_actuators(model.actuator.subset(np.array([0, 3, 6])))
+    known = hypotheses(few, mode)
+    pool = pool_of(few, known)
+    assert np.all(pool.p_values(np.full(len(known), 50.0)) == 1.0)
