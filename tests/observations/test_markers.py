@@ -163,7 +163,7 @@ def test_the_model_of_points_predicts_what_the_operator_reads(tmp_path):
     [
         (lambda t: t[t["point"] < 4], "has 3 points"),
         (lambda t: t.assign(x_mm=10 * t["x_mm"], y_mm=10 * t["y_mm"]), "is 430 mm long"),
-        (lambda t: t.assign(y_mm=None), "where the point is"),
+        (lambda t: t.assign(y_mm=None), "where the point"),
         (lambda t: t.drop(columns="point"), "point: is missing"),
         (lambda t: t.assign(sd_mm=-0.1), "value '-0.1': is below"),
         (lambda t: t.assign(x_mm="left"), "value 'left': is not"),
