@@ -166,7 +166,7 @@ def test_the_model_of_points_predicts_what_the_operator_reads(tmp_path):
         (lambda t: t.assign(y_mm=None), "where the point"),
         (lambda t: t.drop(columns="point"), "point: is missing"),
         (lambda t: t.assign(sd_mm=-0.1), "value '-0.1': is below"),
-        (lambda t: t.assign(x_mm="left"), "value 'left': is not"),
+        (lambda t: t.assign(x_mm="left"), "'left': is not"),
         (lambda t: t.assign(point=1.5), "a whole number"),
         (lambda t: pd.concat([t.iloc[:3], t.iloc[2:3].assign(point=3.5e0 + 0.5), t.iloc[4:]]),
          "has point 4 where"),
