@@ -88,6 +88,8 @@ BEND_ANGLE = (
         "correlation of the reading errors of curvature and angle in one picture",
     ),
 )
+#: Of lines of points: a curvature is an angle over a length whose error is small beside it.
+_OF_ONE_LINE = TruncatedNormal(0.95, 0.1, -0.98, 0.98)
 _ERROR_MEANING = "error of the emulator common to all curves, {}, in its own standard errors"
 EMULATOR = (
     Parameter("emulator_error_level", Normal(0.0, 1.0), "–", _ERROR_MEANING.format("on average")),
@@ -712,6 +714,8 @@ class Curvature(Observations):
     ----------
     curves : ActuatorCurves
         What was read.
+    of_lines : bool
+        Whether curvature and angle were read of the same points.
     """
 
     name: ClassVar[str] = "actuator"
@@ -721,12 +725,17 @@ class Curvature(Observations):
     uses_forward: ClassVar[bool] = True
 
     curves: ActuatorCurves
+    of_lines: bool = False
 
     @property
     @override
     def parameters(self) -> tuple[Parameter, ...]:
         own = actuator_parameters(float(self.curves.pressure.max()))
-        return (*own, *BEND_ANGLE) if self.curves.with_angle else own
+        if not self.curves.with_angle:
+            return own
+        *errors, correlation = BEND_ANGLE
+        law = _OF_ONE_LINE if self.of_lines else correlation.law
+        return (*own, *errors, replace(correlation, law=law))
 
     @property
     @override
@@ -757,7 +766,7 @@ class Curvature(Observations):
 
     @override
     def subset(self, rows: Rows) -> "Curvature":
-        return Curvature(self.curves.subset(rows))
+        return replace(self, curves=self.curves.subset(rows))
 
     @cached_property
     @override
@@ -808,7 +817,7 @@ class Curvature(Observations):
         drawn: tuple[Observations, ...],
     ) -> tuple[Observations, ...]:
         readings = state.once(draw_readings, self.curves, generator)[0]
-        return (*drawn, Curvature(self.curves.with_readings(readings[0])))
+        return (*drawn, replace(self, curves=self.curves.with_readings(readings[0])))
 
     @override
     def deviations(self, state: State[FilmsAndActuators]) -> Deviations:
@@ -923,4 +932,4 @@ def draw_readings(
 def from_study(study: Study) -> tuple[Curvature, ...]:
     """Return the curves of a study, if there are any."""
     curves = actuator_curves(study)
-    return () if curves is None else (Curvature(curves),)
+    return () if curves is None else (Curvature(curves, study.line_points is not None),)

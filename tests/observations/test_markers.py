@@ -158,6 +158,12 @@ def test_the_model_of_points_predicts_what_the_operator_reads(tmp_path):
     assert "curvature_operator" in assemble(study).unjudged
 
 
+def test_errors_of_one_line_go_together(tmp_path):
+    model = assemble(read_study(written(tmp_path, table([2.0, 6.0])))).model
+    law = next(p.law for p in model.table.parameters if p.name == "reading_correlation")
+    assert law.quantile(np.array([0.5]))[0] > 0.8
+
+
 @pytest.mark.parametrize(
     ("change", "said"),
     [
