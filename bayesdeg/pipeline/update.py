@@ -597,7 +597,7 @@ def _results(
 
 def _seed(of: FinishedRun, given: int | None, stream: int) -> np.random.SeedSequence:
     """Return a stream of random numbers that no other update and no other work of the run has."""
-    number = given if given is not None else int(str(of.run.seed or 0))
+    number = given if given is not None else (of.run.seed or 0)
     times = 0 if of.run.update is None else int(of.run.update.times or 0)
     return np.random.SeedSequence([number, 2, times, stream])
 
