@@ -17,7 +17,6 @@ from rich.text import Text
 
 from bayesdeg.console import console, say
 from bayesdeg.criticism.outcome import Outcome
-from bayesdeg.errors import BayesdegError
 from bayesdeg.files import spreadsheet_safe, written
 from bayesdeg.pipeline import forecast
 from bayesdeg.prediction.conditions import MOUNTS, PROMPT, ServiceConditions
