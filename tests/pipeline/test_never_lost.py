@@ -3,7 +3,7 @@
 import re
 import shutil
 import sys
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -95,6 +95,9 @@ SAID = {OptionalStage.CALIBRATION}
 ELSEWHERE = {
     *(table_stage(columns.GAIN_MODES), table_stage(columns.FITTED)),
     posterior_stage(POSTERIOR_AVERAGED),  # where causes cannot be told apart
+    # where a study asks for suspects to be set aside
+    *(OptionalStage.SUSPECTS, OptionalStage.WITH_SUSPECTS),
+    *(table_stage(columns.SUSPECTS), figure_stage("suspects")),
 }
 STAGES = sorted({*OptionalStage, *WRITTEN, *FIGURES} - SAID - ELSEWHERE)
 
@@ -249,7 +252,7 @@ def broken_at(stage, fault, patch):
 def test_every_stage_that_may_be_left_out_is_known_here():
     """The stages of the tables, posteriors and figures are made of their lists."""
     assert set(BROKEN) <= set(STAGES)
-    assert set(OptionalStage) - SAID <= set(BROKEN)
+    assert set(OptionalStage) - SAID - ELSEWHERE <= set(BROKEN)
     assert not set(WRITTEN) & set(FIGURES)
 
 
@@ -265,7 +268,7 @@ def test_a_run_in_which_nothing_breaks_leaves_nothing_out(whole):
     page = (out / "index.html").read_text(encoding="utf-8")
     assert 'id="left-out"' not in page
     # whatever can be drawn is drawn, so that the tests below lack nothing
-    assert set(DRAWN) - {"readings", "reading-residuals"} == set(
+    assert set(DRAWN) - {"readings", "reading-residuals", "suspects"} == set(
         re.findall(r'id="figure-([a-z-]+)"', page)
     )
 
@@ -332,6 +335,25 @@ def test_several_stages_may_break_at_once_and_files_of_the_run_before_are_remove
     assert found == whole[1] - gone | {"left_out.txt"}
     verdict = RunFolder(out).read_json("verdict")
     assert {entry["stage"] for entry in verdict["left_out"]} == set(broken)
+
+
+@dataclass(frozen=True)
+class Judged:
+    """As much of the results of a run as the verdict with suspects touches."""
+
+    judgement: object
+    with_suspects: object = None
+
+
+def test_the_search_for_suspects_and_the_verdict_with_them_may_break(monkeypatch):
+    monkeypatch.setenv(STRICT, "0")
+    fault, guard, found = raising(RuntimeError("broken on purpose")), Guard(), Judged("a verdict")
+    monkeypatch.setattr(run, "without_suspects", fault)
+    monkeypatch.setattr(run, "_decision_of", fault)
+    assert run._without_suspects(None, found, None, guard) is found
+    assert run._judged_with_suspects(found, None, None, None, None, guard) == found
+    stages = [one.stage for one in guard.left_out]
+    assert stages == [OptionalStage.SUSPECTS, OptionalStage.WITH_SUSPECTS]
 
 
 @pytest.mark.slow
