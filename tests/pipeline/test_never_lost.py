@@ -97,7 +97,7 @@ ELSEWHERE = {
     posterior_stage(POSTERIOR_AVERAGED),  # where causes cannot be told apart
     # where a study asks for suspects to be set aside
     *(OptionalStage.SUSPECTS, OptionalStage.WITH_SUSPECTS),
-    *(table_stage(columns.SUSPECTS), figure_stage("suspects")),
+    *(table_stage(columns.SUSPECTS), table_stage(columns.SET_ASIDE), figure_stage("suspects")),
 }
 STAGES = sorted({*OptionalStage, *WRITTEN, *FIGURES} - SAID - ELSEWHERE)
 
