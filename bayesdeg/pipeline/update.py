@@ -192,6 +192,11 @@ def finished(report: Path) -> FinishedRun:
             f"run can judge again: add the rows to {FILE} of the study and run it again"
         )
     study = _study_of(report, owner_of(report) or Owner(), run)
+    if study.line_points is not None:
+        raise BayesdegError(
+            f"{report}: the run is of lines of points, to which no readings can be added yet; add "
+            "the points to markers.csv and run the study again"
+        )
     return FinishedRun(folder, run, verdict, study, _earlier(folder, run))
 
 
