@@ -96,6 +96,8 @@ def _ended() -> object:
     """
     try:
         ended = app(standalone_mode=False)
+    except (Stopped, ResumableError):  # they say more
+        raise
     except Exception:
         if _requests:
             raise KeyboardInterrupt from None

@@ -109,7 +109,6 @@ def actuator_curves():
     curvature_sd = np.zeros((5, 7))
     curvature_sd[2] = 0.15
     angle_sd = np.zeros((5, 7))
-    angle_sd[3] = 0.6
     return ActuatorCurves(
         specimens=("a1", "a2", "a3", "a4", "a5"),
         degradation=np.array([[0.0], [0.0], [5.2], [14.0], [24.0]]),
