@@ -64,6 +64,7 @@ def actuators(draw: st.DrawFn) -> pd.DataFrame:
                             st.lists(st.one_of(FINITE, st.just(np.nan)), min_size=n, max_size=n)
                         ),
                         "curvature_sd_per_m": draw(st.floats(0, 5)),
+                        "bend_angle_sd_deg": draw(st.floats(0, 5)),
                         "time_s": np.arange(n, dtype=float),
                         "cycle": draw(st.integers(1, 9)),
                         "branch": branch,
