@@ -5,6 +5,7 @@ import io
 import os
 import sys
 import traceback
+from concurrent.futures import BrokenExecutor
 from contextlib import suppress
 from types import FrameType
 from typing import Annotated
@@ -126,6 +127,12 @@ def exit_code() -> int:
         return STOPPED
     except MemoryError:
         _say("there is not enough memory; close other programs, or make the study smaller")
+        return STOPPED
+    except BrokenExecutor:
+        _say(
+            "a worker process was ended from outside, as systems do that run out of memory; the "
+            "same command goes on, with --workers 1 in less memory"
+        )
         return STOPPED
     except (BrokenPipeError, SystemExit):  # rich's: whoever read the output has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)

@@ -27,11 +27,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
+import h5py
 import numpy as np
 from photograph_scenes import scene
 
 ROOT = Path(__file__).resolve().parents[1]
-VOLATILE = {"created", "seconds", "memory", "folder"}
+VOLATILE = {"created", "seconds", "memory", "folder", "posteriors"}
+#: When a posterior was made, and so the hash of its file; its arrays are compared.
+VOLATILE_ATTRIBUTES = {"created_at"}
 #: Of a page: when it was made, how long that took, and what memory.
 VOLATILE_HTML = re.compile(
     r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d(\+00:00| UTC)?"
@@ -139,10 +142,28 @@ def contents(folder: Path) -> dict[str, str]:
 def _lasting(path: Path) -> bytes:
     if path.suffix == ".html":
         return VOLATILE_HTML.sub("", path.read_text(encoding="utf-8")).encode()
+    if path.suffix == ".nc":
+        return repr(_arrays(path)).encode()
     if path.suffix == ".json":
         document = json.loads(path.read_bytes())
         return json.dumps({k: v for k, v in document.items() if k not in VOLATILE}).encode()
     return path.read_bytes()
+
+
+def _arrays(path: Path) -> list[tuple[str, str, object]]:
+    found: list[tuple[str, str, object]] = []
+
+    def add(name: str, node: h5py.Group | h5py.Dataset) -> None:
+        kept = {n: str(v) for n, v in node.attrs.items() if n not in VOLATILE_ATTRIBUTES}
+        values = node[()] if isinstance(node, h5py.Dataset) else b""
+        content = values.tobytes() if isinstance(values, np.ndarray) else bytes(values)
+        if isinstance(values, np.ndarray) and values.dtype == object:
+            content = repr(values.tolist()).encode()
+        found.append((name, repr(kept), hashlib.sha256(content).hexdigest()))
+
+    with h5py.File(path, "r") as file:
+        file.visititems(add)
+    return found
 
 
 def killed_after(command: list[str], seconds: float, *, alone: bool) -> bool:

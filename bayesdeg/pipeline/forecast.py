@@ -344,10 +344,9 @@ def _model(entry: ModelEntry, draws: Mapping[str, Floats], forward: Surrogate) -
         control_name(quantity, nodes, k) for quantity in _CONSTANTS for k in range(len(nodes))
     ]
     _refuse_missing((*wanted, *entry.parameters), draws)
-    known = {*wanted, *entry.parameters}
-    beside = [name for name in draws if name.startswith(_CONTROLS) and name not in known]
+    beside = [name for name in draws if name.startswith(_CONTROLS) and name not in wanted]
     if entry.parameters:  # an older version did not record them
-        beside += [name for name in draws if "." not in name and name not in known]
+        beside += [name for name in draws if "." not in name and name not in entry.parameters]
     if beside:
         raise RecordError(
             f"posterior and run.json do not belong together (run.json knows no {beside[0]}); run "

@@ -66,7 +66,16 @@ if __name__ == "__main__":
     _, state = os.waitpid(forked(partial(train, of, chosen / "undisturbed")), 0)
     assert state == 0
     pause = LONGEST * (time.monotonic() - begun)
-    folder = chosen / "killed"
-    found = killed(partial(train, of, folder), lambda: len(left(folder)), count, chance, pause)
-    same = left(folder) == left(chosen / "undisturbed")
-    print(json.dumps(found | {"same": same, "files": len(left(folder))}))
+    whole = left(chosen / "undisturbed")
+    told = {"kills": 0, "exits": [], "progress": [], "files": [], "same": True}
+    while told["kills"] < count:  # a training that ends before its last kill is begun anew
+        folder = chosen / f"killed {len(told['exits'])}"
+        work, done = partial(train, of, folder), partial(left, folder)
+        more = count - told["kills"]
+        found = killed(work, lambda done=done: len(done()), more, chance + more, pause)
+        told["kills"] += found["kills"]
+        told["exits"].append(found["exit"])
+        told["progress"].append(found["progress"])
+        told["files"].append(len(left(folder)))
+        told["same"] &= left(folder) == whole
+    print(json.dumps(told))

@@ -22,11 +22,11 @@ def test_training_in_rounds_killed_at_random_moments_ends_with_the_same_bits(tmp
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     told = json.loads(done.stdout.splitlines()[-1])
-    assert told["exit"] == 0
+    assert set(told["exits"]) == {0}
     assert told["kills"] == KILLS
     # the kills hit training at work, and what it had done was never lost
-    assert told["progress"] == sorted(told["progress"])
+    assert all(progress == sorted(progress) for progress in told["progress"])
     more = training.ROUNDS * (training.MORE_COARSE + training.MORE_FINE)
     # all curves of all rounds, and one emulator
-    assert told["files"] == COARSE_RUNS + FINE_RUNS + more + 1
+    assert set(told["files"]) == {COARSE_RUNS + FINE_RUNS + more + 1}
     assert told["same"]
