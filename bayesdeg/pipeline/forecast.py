@@ -193,6 +193,8 @@ def model_document(model: JointModel, study: Study | None = None) -> ModelEntry:
         reading_operator=reads.operator if reads else "",
         reading_points=reads.points if reads else None,
         reading_of_line=reads is not None and reads.with_angle,
+        material_law="" if model.films_and_actuators.law == "yeoh" else "neo_hookean",
+        stiffening=model.films_and_actuators.stiffening or None,
         rupture_checks=specimens_tested(model) or None,
         bursts=bursts_of(model, study),
     )
@@ -339,9 +341,9 @@ def _impossible(path: Path, problem: str) -> BayesdegError:
 def _model(entry: ModelEntry, draws: Mapping[str, Floats], forward: Surrogate) -> JointModel:
     """Rebuild a model from its record and the names of its draws."""
     nodes = _known(entry.nodes_pct)
-    wanted = [
-        control_name(quantity, nodes, k) for quantity in _CONSTANTS for k in range(len(nodes))
-    ]
+    neo_hookean = entry.material_law == "neo_hookean"
+    constants = _CONSTANTS[:1] if neo_hookean else _CONSTANTS
+    wanted = [control_name(quantity, nodes, k) for quantity in constants for k in range(len(nodes))]
     missing = [name for name in wanted if name not in draws]
     if missing:
         raise RecordError(
@@ -372,6 +374,8 @@ def _model(entry: ModelEntry, draws: Mapping[str, Floats], forward: Surrogate) -
             largest_pressure=largest,
             criterion=_criterion(entry),
             size_ratio=entry.rupture_size_ratio or 1.0,
+            law="neo_hookean" if neo_hookean else "yeoh",
+            stiffening=entry.stiffening or 0.0,
         ),
         causes=in_order(_flat(find(name)) for name in names),
     )

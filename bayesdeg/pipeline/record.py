@@ -50,6 +50,7 @@ from bayesdeg.pipeline.forecast import model_document
 from bayesdeg.pipeline.formula import OwnMap
 from bayesdeg.pipeline.judge import Judgement, readings_misfit
 from bayesdeg.pipeline.outline import outline
+from bayesdeg.pipeline.vendor import vendor_check
 from bayesdeg.prediction.predictive import specimens_tested
 from bayesdeg.report.left_out import Guard, OptionalStage
 from bayesdeg.report.record import (
@@ -792,7 +793,7 @@ def run_document(
             name="log-likelihood ratio of a smooth discrepancy",
         ),
         comparisons=tuple(compared or ()),
-        checks=guard.attempt(OptionalStage.CHECKS_IN_WORDS, _checks, results) or {},
+        checks=guard.attempt(OptionalStage.CHECKS_IN_WORDS, _checks, study, results) or {},
         suspects=doubted.suspects,
         parameters_in_question=doubted.parameters_in_question,
     )
@@ -803,9 +804,12 @@ def library_versions() -> dict[str, str]:
     return {name: version(name) for name in LIBRARIES} | {"python": platform.python_version()}
 
 
-def _checks(results: Results) -> dict[str, str]:
-    """Return what checks and films came to, in plain words."""
+def _checks(study: Study, results: Results) -> dict[str, str]:
+    """Return what checks, films and a vendor's figures came to, in plain words."""
     said = {} if results.checks is None else results.checks.sentences()
+    vendor = vendor_check(study, results.final)
+    if vendor is not None:
+        said["vendor"] = worded(vendor, degrades=study.degrades)
     return said if results.films is None else said | results.films.sentences()
 
 

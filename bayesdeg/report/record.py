@@ -435,6 +435,12 @@ class ModelEntry(Record):
         exclude_if=not_,
         description="whether the bend angle was read of the same points",
     )
+    material_law: Text = Field(
+        default="", exclude_if=is_absent, description="the law of the material, if not Yeoh's"
+    )
+    stiffening: Number = Field(
+        default=None, exclude_if=is_absent, description="C3/C1, where C3 is no parameter"
+    )
     rupture_checks: Count = Field(
         default=None,
         description="films broken and actuators loaded: no probability of rupture is below 1/n",
