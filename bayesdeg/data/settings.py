@@ -673,9 +673,9 @@ def _from_document(document: dict[str, Any], text: str) -> tuple[Settings, tuple
     if "constraint_thickness_mm" in accepted:
         accepted["paper_thickness_mm"] = accepted.pop("constraint_thickness_mm")
     dimensions = _mould(accepted)
-    recipe = MixtureRecipe(**_of(MixtureRecipe, accepted))
+    accepted["recipe"] = MixtureRecipe(**_of(MixtureRecipe, accepted))
+    accepted["vendor"] = _vendor_figures(accepted)
     faults += _not_calibrated(accepted, text)
-    vendor = _vendor_figures(accepted)
     # the defaults that stand in for refused keys must not be blamed
     if not any((fault.column or "").startswith(("actuator", "constraint")) for fault in faults):
         of_layer = {k: v for k, v in accepted.items() if k.startswith(("constraint", "paper"))}
@@ -684,14 +684,7 @@ def _from_document(document: dict[str, Any], text: str) -> tuple[Settings, tuple
     forward = OwnForward(**own, parameters=unknowns) if "function" in own else None
     if forward is None and not faults:
         faults += _without_forward(document, text)
-    settings = Settings(
-        dimensions=dimensions,
-        recipe=recipe,
-        priors=priors,
-        forward=forward,
-        vendor=vendor,
-        **accepted,
-    )
+    settings = Settings(dimensions=dimensions, priors=priors, forward=forward, **accepted)
     if not faults:
         faults += _unknown_operator(settings, text)
     return settings, tuple(faults)

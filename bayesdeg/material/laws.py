@@ -60,7 +60,7 @@ SMALLEST_POWER = 1e-4
 """Below it a power of Ogden's law is taken as this, where the stress is that of its limit."""
 
 
-class FilmTests(NamedTuple):
+class StressBasis(NamedTuple):
     """What the stresses of tests are made of, whatever the law; the last axis is the readings.
 
     Parameters
@@ -82,9 +82,9 @@ class FilmTests(NamedTuple):
     share: FloatArray
     exponents: FloatArray
 
-    def of(self, rows: npt.NDArray[np.intp]) -> "FilmTests":
+    def of(self, rows: npt.NDArray[np.intp]) -> "StressBasis":
         """Return some of the tests, each as often as it is named."""
-        return FilmTests(*(part[rows] for part in self))
+        return StressBasis(*(part[rows] for part in self))
 
 
 def film_tests(
@@ -93,7 +93,7 @@ def film_tests(
     largest: FloatArray,
     *,
     cauchy: npt.NDArray[np.bool_] | None = None,
-) -> FilmTests:
+) -> StressBasis:
     """Return what the stresses of tests are made of.
 
     Parameters
@@ -118,7 +118,7 @@ def film_tests(
                        "cauchy", "nominal")  # fmt: skip
     factor = measure_factor(stretch, measure) / loaded_axes(names)
     i1, i2 = power_sum(stretch, names, 2.0), power_sum(stretch, names, -2.0)
-    return FilmTests(
+    return StressBasis(
         i1.value / np.asarray(largest)[:, None],
         factor * i1.slope,
         factor * i2.slope,
@@ -168,7 +168,7 @@ class LawForm:
 
     name: MaterialLaw
     size: int
-    response: Callable[[FloatArray, FilmTests], Response]
+    response: Callable[[FloatArray, StressBasis], Response]
     constants: Callable[[FloatArray, float, float], dict[str, float]]
     solid: Callable[[Mapping[str, float]], HyperelasticLaw]
     starts: tuple[tuple[float, ...], ...] = ()
@@ -190,23 +190,23 @@ def _with_modulus(stress: FloatArray, *slopes: FloatArray) -> Response:
     return stress, np.stack([SPREAD * stress, *slopes], axis=-1)
 
 
-def _neo_hookean(u: FloatArray, tests: FilmTests) -> Response:
+def _neo_hookean(u: FloatArray, tests: StressBasis) -> Response:
     return _with_modulus(_modulus(u) * tests.first)
 
 
-def _yeoh(u: FloatArray, tests: FilmTests) -> Response:
+def _yeoh(u: FloatArray, tests: StressBasis) -> Response:
     base, x = _modulus(u) * tests.first, tests.excess
     second, third = 2.0 * x, 3.0 * x * x
     stress = base * (1.0 + u[..., 1:2] * second + u[..., 2:3] * third)
     return _with_modulus(stress, base * second, base * third)
 
 
-def _mooney_rivlin(u: FloatArray, tests: FilmTests) -> Response:
+def _mooney_rivlin(u: FloatArray, tests: StressBasis) -> Response:
     half, change = _modulus(u), tests.second - tests.first
     return _with_modulus(half * (tests.first + u[..., 1:2] * change), half * change)
 
 
-def _gent(u: FloatArray, tests: FilmTests) -> Response:
+def _gent(u: FloatArray, tests: StressBasis) -> Response:
     beyond = np.exp(1.0 + SPREAD * u[..., 1:2])  # J_m = X (1 + this)
     left = 1.0 - tests.excess / (1.0 + beyond)
     stress = _modulus(u) * tests.first / left
@@ -214,7 +214,7 @@ def _gent(u: FloatArray, tests: FilmTests) -> Response:
     return _with_modulus(stress, slope)
 
 
-def _ogden(u: FloatArray, tests: FilmTests) -> Response:
+def _ogden(u: FloatArray, tests: StressBasis) -> Response:
     stress, slopes = np.zeros(tests.share.shape), list[tuple[FloatArray, FloatArray]]()
     for k, (centre, spread) in enumerate(POWERS):
         term, by_power = _power_term(centre + spread * u[..., 3 + k : 4 + k], tests)
@@ -226,7 +226,7 @@ def _ogden(u: FloatArray, tests: FilmTests) -> Response:
     return stress, np.stack([*by_moduli, *by_powers], axis=-1)
 
 
-def _power_term(power: FloatArray, tests: FilmTests) -> Response:
+def _power_term(power: FloatArray, tests: StressBasis) -> Response:
     r"""Return a term of Ogden's law of unit shear modulus, and its slope by α.
 
     With :math:`S = \sum_i e_i \lambda^{\alpha e_i}`, stress = (2/α) S × share.  As the exponents

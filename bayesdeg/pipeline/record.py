@@ -807,7 +807,9 @@ def library_versions() -> dict[str, str]:
 def _checks(study: Study, results: Results) -> dict[str, str]:
     """Return what checks, films and a vendor's figures came to, in plain words."""
     said = {} if results.checks is None else results.checks.sentences()
-    vendor = vendor_check(study, results.final)
+    final = results.final
+    flat = final.chain.vectors.reshape(-1, final.chain.vectors.shape[-1])
+    vendor = vendor_check(study, final.model, flat)
     if vendor is not None:
         said["vendor"] = worded(vendor, degrades=study.degrades)
     return said if results.films is None else said | results.films.sentences()

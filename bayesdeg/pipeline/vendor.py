@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from bayesdeg.data.shrinkage import Known
 from bayesdeg.data.study import Study
+from bayesdeg.inference.model import JointModel
 from bayesdeg.observations.means import MPA
 from bayesdeg.observations.specimens import modulus_100, node_name
-from bayesdeg.pipeline.calibrate import Fit
 
 Floats = NDArray[np.float64]
 
@@ -65,26 +65,27 @@ class VendorCheck:
     source: str
 
 
-def vendor_check(study: Study, fit: Fit) -> VendorCheck | None:
-    """Return a vendor's figures beside the final posterior; None if the study states none.
+def vendor_check(study: Study, model: JointModel, vectors: Floats) -> VendorCheck | None:
+    """Return a vendor's figures beside a posterior; None if the study states none.
 
     Parameters
     ----------
     study : Study
         Its settings hold the figures.
-    fit : Fit
-        The final calibration.
+    model : JointModel
+        The final one.
+    vectors : array, shape (n, n_parameters)
+        Draws of its posterior, unconstrained.
     """
     if study.settings.forward is not None:
         return None
-    found = tuple(_figures(study, fit))
+    found = tuple(_figures(study, model, vectors))
     return VendorCheck(found, study.settings.vendor.source) if found else None
 
 
-def _figures(study: Study, fit: Fit) -> Iterator[VendorFigure]:
-    vendor, model = study.settings.vendor, fit.model
-    flat = fit.chain.vectors.reshape(-1, fit.chain.vectors.shape[-1])
-    values = model.table.named(flat[:: max(1, len(flat) // DRAWS)])
+def _figures(study: Study, model: JointModel, vectors: Floats) -> Iterator[VendorFigure]:
+    vendor = study.settings.vendor
+    values = model.table.named(vectors[:: max(1, len(vectors) // DRAWS)])
     if vendor.modulus_100 is not None:
         stated = Known(MPA * vendor.modulus_100.value, MPA * vendor.modulus_100.sd)
         draws = modulus_100(values, model.constants(values, FRESH), model.causes)[:, 0]
@@ -92,16 +93,16 @@ def _figures(study: Study, fit: Fit) -> Iterator[VendorFigure]:
     if vendor.elongation_at_break is not None:
         known = model.has_elongation
         draws = model.elongation(values, FRESH)[:, 0] if known else np.empty(0)
-        use = _use_of_elongation(study, fit)
+        use = _use_of_elongation(study, model)
         yield _beside("elongation_at_break", "%", vendor.elongation_at_break, use, draws)
 
 
-def _use_of_elongation(study: Study, fit: Fit) -> str:
+def _use_of_elongation(study: Study, model: JointModel) -> str:
     """Return what is made of a vendor's elongation at break."""
-    if not fit.model.has_elongation:
+    if not model.has_elongation:
         return "there is no actuator that could burst"
-    measured = fit.model.breaks is not None or any(
-        one.quantity == "elongation_at_break" for one in fit.model.statistics
+    measured = model.breaks is not None or any(
+        one.quantity == "elongation_at_break" for one in model.statistics
     )
     if measured:
         return "the study has elongations of its own"

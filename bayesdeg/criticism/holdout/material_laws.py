@@ -30,8 +30,8 @@ from bayesdeg.material.degradation import levels as levels_of
 from bayesdeg.material.laws import (
     CONSTANTS,
     FORMS,
-    FilmTests,
     LawForm,
+    StressBasis,
     film_tests,
     largest_excess,
 )
@@ -105,7 +105,7 @@ class LevelFilms:
         return np.array([each[self.member == k].max() for k in range(self.count)])
 
     @cached_property
-    def tests(self) -> FilmTests:
+    def tests(self) -> StressBasis:
         """What stresses are made of."""
         data = self.curves
         return film_tests(data.stretch, data.modes, self.largest[self.member], cauchy=data.cauchy)
@@ -129,7 +129,7 @@ class LevelFilms:
         return chosen
 
 
-class Point(NamedTuple):
+class LawPoint(NamedTuple):
     """A law at coordinates: stresses [MPa] and their slopes.
 
     Parameters
@@ -168,7 +168,7 @@ class Products(NamedTuple):
     log_det: Floats
 
 
-class Start(NamedTuple):
+class FitStart(NamedTuple):
     """Where a calibration sets out.
 
     Parameters
@@ -189,19 +189,19 @@ class Start(NamedTuple):
 class Calibrated(NamedTuple):
     """A law calibrated to weighted films: its coordinates, their precision and the noise."""
 
-    point: Point
+    point: LawPoint
     precision: Floats
     noise: NoiseLevels
-    end: Start
+    end: FitStart
 
 
-def _at(form: LawForm, films: LevelFilms, u: Floats) -> Point:
+def _at(form: LawForm, films: LevelFilms, u: Floats) -> LawPoint:
     stress, slope = form.response(u[films.member], films.tests)
     scale = films.scale[films.member][:, None]
-    return Point(u, scale * stress, scale[..., None] * slope)
+    return LawPoint(u, scale * stress, scale[..., None] * slope)
 
 
-def _products(films: LevelFilms, point: Point, noise: NoiseLevels) -> Products:
+def _products(films: LevelFilms, point: LawPoint, noise: NoiseLevels) -> Products:
     data, size = films.curves, point.slope.shape[-1]
     columns = np.concatenate(
         [(data.stress - point.stress)[..., None], point.slope, point.stress[..., None]], axis=-1
@@ -228,7 +228,7 @@ def _by_level(films: LevelFilms, each: Floats, weights: Floats) -> Floats:
 
 
 def _normal_equations(
-    films: LevelFilms, point: Point, products: Products, weights: Floats
+    films: LevelFilms, point: LawPoint, products: Products, weights: Floats
 ) -> tuple[Floats, Floats]:
     """Return the precision of the coordinates, and the right-hand side of their mean."""
     matrix = _by_level(films, products.matrix, weights)
@@ -237,7 +237,7 @@ def _normal_equations(
     return matrix + np.eye(matrix.shape[-1]), vector
 
 
-def _log_evidence(films: LevelFilms, point: Point, noise: NoiseLevels, weights: Floats) -> float:
+def _log_evidence(films: LevelFilms, point: LawPoint, noise: NoiseLevels, weights: Floats) -> float:
     """Return the log density of weighted films, with the law linear about a point."""
     found = _products(films, point, noise)
     u = point.u[films.member]
@@ -255,7 +255,7 @@ def _noise_of(films: LevelFilms, z: Floats) -> NoiseLevels:
     return NoiseLevels(*(float(law.from_unconstrained(x)) for law, x in zip(laws, z, strict=True)))
 
 
-def _log_density(films: LevelFilms, point: Point, z: Floats, weights: Floats) -> float:
+def _log_density(films: LevelFilms, point: LawPoint, z: Floats, weights: Floats) -> float:
     """Return the log density of weighted films and of the noise, unconstrained, a priori."""
     noise = _noise_of(films, z)
     found = _log_evidence(films, point, noise, weights)
@@ -266,7 +266,7 @@ def _log_density(films: LevelFilms, point: Point, z: Floats, weights: Floats) ->
 
 
 def _find_noise(
-    films: LevelFilms, point: Point, z: Floats, weights: Floats, inverse: Floats
+    films: LevelFilms, point: LawPoint, z: Floats, weights: Floats, inverse: Floats
 ) -> tuple[Floats, Floats]:
     """Return the most probable noise, unconstrained, with the law linear about a point.
 
@@ -293,7 +293,7 @@ def _definite(inverse: Floats) -> Floats:
 
 def _find_coordinates(
     form: LawForm, films: LevelFilms, u: Floats, noise: NoiseLevels, weights: Floats
-) -> tuple[Point, Floats]:
+) -> tuple[LawPoint, Floats]:
     """Return the law at its most probable coordinates and their precision (Gauss and Newton)."""
     point = _at(form, films, u)
     for _ in range(STEPS):
@@ -309,7 +309,7 @@ def _find_coordinates(
 
 
 def _calibrate(
-    form: LawForm, films: LevelFilms, weights: Floats, start: Start, rounds: int = ROUNDS
+    form: LawForm, films: LevelFilms, weights: Floats, start: FitStart, rounds: int = ROUNDS
 ) -> Calibrated:
     """Find coordinates and noise in turn."""
     u, z, inverse = start
@@ -321,7 +321,7 @@ def _calibrate(
             break
     noise = _noise_of(films, z)
     point, precision = _find_coordinates(form, films, u, noise, weights)
-    return Calibrated(point, precision, noise, Start(point.u, z, inverse))
+    return Calibrated(point, precision, noise, FitStart(point.u, z, inverse))
 
 
 def _start(films: LevelFilms) -> Floats:
@@ -335,7 +335,10 @@ def _from_all_starts(form: LawForm, films: LevelFilms) -> Calibrated:
     weights, z = np.ones(len(films.member)), _start(films)
     found = [
         _calibrate(
-            form, films, weights, Start(np.tile(np.array(u), (films.count, 1)), z, np.eye(len(z)))
+            form,
+            films,
+            weights,
+            FitStart(np.tile(np.array(u), (films.count, 1)), z, np.eye(len(z))),
         )
         for u in form.all_starts
     ]
@@ -418,7 +421,7 @@ def fit_law(form: LawForm, films: LevelFilms) -> FittedLaw:
     )
 
 
-def _errors(films: LevelFilms, point: Point) -> Floats:
+def _errors(films: LevelFilms, point: LawPoint) -> Floats:
     """Return the root mean square error of each film [MPa]."""
     read = films.curves.mask
     square = np.where(read, np.square(films.curves.stress - point.stress), 0.0)

@@ -7,6 +7,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import FuncFormatter
 from numpy.typing import NDArray
 
 from bayesdeg.material.hyperelastic import nominal_stress
@@ -100,7 +101,8 @@ def _films(tensile: pd.DataFrame, every: list[float], level: float, mode: str) -
     here = here.drop_duplicates(["specimen_id", "stretch", "stress_MPa"])
     rates = here["degradation_pct"].to_numpy(float)
     nearest = np.abs(rates[:, None] - np.array(every)).argmin(axis=1)
-    return here[nearest == every.index(level)]
+    found: pd.DataFrame = here[nearest == every.index(level)]
+    return found
 
 
 def _of_level(laws: pd.DataFrame, level: float) -> pd.DataFrame:
@@ -146,10 +148,17 @@ def _draw_errors(axes: Axes, laws: pd.DataFrame, *, degrades: bool) -> None:
         axes.plot([k], here.loc[pooled, "held_out_rmse_MPa"], "o", color=_colour(name),
                   markersize=6, markeredgecolor=PAPER)  # fmt: skip
     axes.set_yscale("log")
+    for axis_format in (axes.yaxis.set_major_formatter, axes.yaxis.set_minor_formatter):
+        axis_format(FuncFormatter(_plain))
     axes.set_xticks(range(len(names)), [words(name) for name in names], rotation=30, ha="right")
     axes.set_xlim(-0.5, len(names) - 0.5)
     axes.set_ylabel("rms error of held-out films [MPa]")
     axes.set_title("films left out in turn", color=INK)
+
+
+def _plain(value: float, _place: int | None = None) -> str:
+    """Word a tick of a logarithmic axis: 1, 2 and 5 in each decade."""
+    return f"{value:g}" if f"{value:e}"[0] in "125" else ""
 
 
 def _laws(shown: Shown) -> Sketch | None:
