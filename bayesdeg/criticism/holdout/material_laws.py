@@ -55,7 +55,8 @@ STEPS, CLOSE = 30, 1e-4  # of Gauss and Newton, until no coordinate moves by mor
 ROUNDS = 3  # in which coordinates and noise are found in turn
 VARIANCES = 1e-4, 10.0  # of the noise's logarithms, between which a search takes them
 STILL = 0.01  # of the noise's logarithms: what moves by less has been found
-FLAT = 0.03  # nats per unit of a logarithm, at which a search for the noise ends
+FLAT = 0.005  # nats per unit of a logarithm, at which a search for the noise ends
+STEP = 1e-6  # of it, by which slopes are taken
 
 
 class NoiseLevels(NamedTuple):
@@ -279,7 +280,7 @@ def _find_noise(
 
     # takes a second to import, and what only reads data does without
     optimize = importlib.import_module("scipy.optimize")
-    options = {"gtol": FLAT, "eps": 1e-4, "hess_inv0": inverse}
+    options = {"gtol": FLAT, "eps": STEP, "hess_inv0": inverse}
     found = optimize.minimize(loss, z, method="BFGS", options=options)
     return np.asarray(found.x, dtype=np.float64), _definite(found.hess_inv)
 
