@@ -556,7 +556,7 @@ ENTRIES: tuple[_Entry, ...] = (
     ),
     _vendor("modulus_100", "kPa"),
     _vendor("elongation_at_break", "%"),
-    _Entry("vendor", "source", "a text in quotes", _Text, "vendor_source"),
+    _Entry("vendor", "source", "a text in quotes", _Text),
     _Entry(
         "rupture",
         "criterion",
@@ -674,7 +674,7 @@ def _from_document(document: dict[str, Any], text: str) -> tuple[Settings, tuple
         accepted["paper_thickness_mm"] = accepted.pop("constraint_thickness_mm")
     dimensions = _mould(accepted)
     accepted["recipe"] = MixtureRecipe(**_of(MixtureRecipe, accepted))
-    accepted["vendor"] = _vendor_figures(accepted)
+    accepted["vendor"] = VendorFigures(**_of(VendorFigures, accepted))
     faults += _not_calibrated(accepted, text)
     # the defaults that stand in for refused keys must not be blamed
     if not any((fault.column or "").startswith(("actuator", "constraint")) for fault in faults):
@@ -822,17 +822,6 @@ def _of_elastomers(tables: Mapping[str, Any], text: str) -> tuple[Fault, ...]:
     )
 
 
-def _vendor_figures(accepted: dict[str, Any]) -> VendorFigures:
-    """Take the vendor's figures out of what was accepted."""
-    given = {
-        name: accepted.pop(key)
-        for name in (entry.name for entry in fields(VendorFigures))
-        for key in (f"vendor_{name}" if name == "source" else name,)
-        if key in accepted
-    }
-    return VendorFigures(**given)
-
-
 def _not_calibrated(accepted: dict[str, Any], text: str) -> tuple[Fault, ...]:
     """Refuse a law that films are compared by and that no model has."""
     law = accepted.get("law", "yeoh")
@@ -853,7 +842,7 @@ def _not_calibrated(accepted: dict[str, Any], text: str) -> tuple[Fault, ...]:
     )
 
 
-def _of(part: type[MixtureRecipe], accepted: dict[str, Any]) -> dict[str, Any]:
+def _of(part: type[MixtureRecipe | VendorFigures], accepted: dict[str, Any]) -> dict[str, Any]:
     """Take the fields of a part out of what was accepted."""
     names = {entry.name for entry in fields(part)}
     return {name: accepted.pop(name) for name in names & accepted.keys()}
