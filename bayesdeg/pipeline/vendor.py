@@ -87,9 +87,8 @@ def _figures(study: Study, model: JointModel, vectors: Floats) -> Iterator[Vendo
     vendor = study.settings.vendor
     values = model.table.named(vectors[:: max(1, len(vectors) // DRAWS)])
     if vendor.modulus_100 is not None:
-        stated = Known(MPA * vendor.modulus_100.value, MPA * vendor.modulus_100.sd)
         draws = modulus_100(values, model.constants(values, FRESH), model.causes)[:, 0]
-        yield _beside("modulus_100", "MPa", stated, "datum", draws)
+        yield _beside("modulus_100", "kPa", vendor.modulus_100, "datum", draws / MPA)
     if vendor.elongation_at_break is not None:
         known = model.has_elongation
         draws = model.elongation(values, FRESH)[:, 0] if known else np.empty(0)

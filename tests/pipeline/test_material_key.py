@@ -239,13 +239,13 @@ def test_the_check_says_how_far_the_posterior_is_off(tmp_path):
     keys = "[vendor]\nmodulus_100 = { value = 900, sd = 400 }\n"
     study = with_keys(tmp_path, keys, without=("break.csv", "actuator.csv"))
     (figure,) = vendor_check(study, *calibrated(study)).figures
-    assert (figure.value, figure.sd, figure.use) == (0.9, 0.4, "datum")
+    assert (figure.value, figure.sd, figure.use) == (900.0, 400.0, "datum")
     stress = study.tensile.groupby("specimen_id")[["stretch", "stress_MPa"]].apply(
         lambda film: np.interp(2.0, film["stretch"], film["stress_MPa"])
     )
-    assert figure.middle == pytest.approx(float(stress.mean()), rel=0.05)
+    assert figure.middle == pytest.approx(1e3 * float(stress.mean()), rel=0.05)
     assert figure.low < figure.middle < figure.high
-    assert figure.distance == pytest.approx((figure.middle - 0.9) / 0.4)
+    assert figure.distance == pytest.approx((figure.middle - 900.0) / 400.0)
 
 
 def test_a_study_without_such_figures_has_no_check(tmp_path):

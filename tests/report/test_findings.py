@@ -137,7 +137,7 @@ GENT = fitted_law("gent", [12.0, 11.5, 14.0], 0.0914)
 OGDEN = fitted_law("ogden", [26.0, 27.5, 28.0], 0.0221)
 DOUBTFUL = fitted_law("mooney_rivlin", [20.0, 29.0, 20.0], 0.0397)
 ALONE = fitted_law("yeoh", [NAN, NAN], NAN), fitted_law("gent", [NAN, NAN], NAN)
-STATED = VendorFigure("modulus_100", "MPa", 0.0689, 0.0138, "datum", 0.0741, 0.0702, 0.0788)
+STATED = VendorFigure("modulus_100", "kPa", 68.9, 13.8, "datum", 74.1, 70.2, 78.8)
 BROKEN = VendorFigure("elongation_at_break", "%", 900.0, 180.0, "prior", 873.0, 640.0, 1170.0)
 NO_ACTUATOR = VendorFigure(
     "elongation_at_break", "%", 900.0, 180.0, "there is no actuator that could burst"
@@ -542,7 +542,7 @@ def test_no_finding_speaks_of_degradation_where_nothing_degrades(name):
         ("another law is better", ["18.5 ± 0.5", "0.022", "0.043 MPa"]),
         (
             "vendor",
-            ["0.0689 ± 0.014 MPa", "0.0741", "0.0702", "0.0788", "0.4 of", "873 %", "0.1 of"],
+            ["68.9 ± 14 kPa", "74.1", "70.2", "78.8", "0.4 of", "873 %", "0.1 of"],
         ),
         ("band of the others", ["12 %"]),
         ("rupture forbids", ["25 1/m at 10 %", "300 kPa", "204 kPa", "0.05", "8.25 1/m"]),

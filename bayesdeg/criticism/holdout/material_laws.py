@@ -113,7 +113,10 @@ class LevelFilms:
 
     @cached_property
     def scale(self) -> Floats:
-        """G₀ of each level, by least squares of a neo-Hookean solid [MPa]."""
+        """G₀ of each level, by least squares of a neo-Hookean solid [MPa].
+
+        A film that is held out counts in it, to no effect: the prior about it spans a factor of 20.
+        """
         base = np.where(self.curves.mask, 0.5 * self.tests.first, 0.0)
         stress = np.where(self.curves.mask, self.curves.stress, 0.0)
         both = np.sum(base * stress, axis=-1), np.sum(base * base, axis=-1)
