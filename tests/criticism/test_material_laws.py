@@ -82,7 +82,8 @@ def dense(films, point, film):
     """The covariance of a film's readings given the law, from whole matrices."""
     paths = films.curves.paths
     correlation = noise_correlation(paths, np.array([TRUE.length]), np.zeros(1))[0, film]
-    sd = np.hypot(TRUE.floor, TRUE.share * point.stress[film])
+    floor = np.hypot(TRUE.floor, films.resolution)
+    sd = np.hypot(floor, TRUE.share * point.stress[film])
     return correlation * np.outer(sd, sd) + TRUE.scatter**2 * np.outer(
         point.stress[film], point.stress[film]
     )
@@ -214,6 +215,15 @@ def test_levels_with_several_films_are_judged_beside_those_with_one():
 def test_of_very_many_films_some_are_held_out():
     films = LevelFilms(curves_of(SOLIDS["neo_hookean"], films=MOST + 20, points=6), PRIORS)
     assert len(films.held_out) == len(set(films.held_out.tolist())) == MOST
+
+
+@pytest.mark.parametrize("size", [0.0, 1.0])
+def test_films_without_any_error_or_stress_are_compared_too(size):
+    data = curves_of(SOLIDS["neo_hookean"], films=3)
+    exact = replace(data, stress=size * 0.3 * data.basis[..., 0])
+    for fit in compare_laws(exact, PRIORS).fits:
+        assert np.isfinite(fit.elpd).all()
+        assert (fit.error < 1e-3).all()
 
 
 def test_the_scale_of_stress_does_not_matter():
