@@ -262,10 +262,15 @@ def check_header(
     ('stress_kPa', 'give it in MPa and name the column stress_MPa')
     """
     required, optional = tuple(required), tuple(optional)
-    if not set(names) & {*required, *optional} and any(NUMBER.fullmatch(name) for name in names):
-        remedy = f"begin with a line that names the columns: {', '.join(required)}"
+    listed_first = required or optional
+    if (
+        listed_first
+        and not {*names} & {*required, *optional}
+        and any(NUMBER.fullmatch(name) for name in names)
+    ):
+        remedy = f"begin with a line that names the columns: {', '.join(listed_first)}"
         fault = Fault(place.file, "has no header", remedy, place.row, value=",".join(names))
-        return {required[0]: fault}
+        return {listed_first[0]: fault}
     listed = {*required, *optional}
     there = tuple(listed & set(names))
     # `stress_MPa_raw` beside `stress_MPa` is the user's own

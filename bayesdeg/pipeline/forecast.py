@@ -183,6 +183,7 @@ def model_document(model: JointModel, study: Study | None = None) -> ModelEntry:
     forward = model.forward
     reads = forward if isinstance(forward, ReadByOperator) else None
     return ModelEntry(
+        parameters=tuple(model.table.names),
         nodes_pct=model.nodes,
         elongation_nodes_pct=model.elongation_nodes,
         paper_thickness_mm=model.paper_thickness,
@@ -344,13 +345,11 @@ def _model(entry: ModelEntry, draws: Mapping[str, Floats], forward: Surrogate) -
     neo_hookean = entry.material_law == "neo_hookean"
     constants = _CONSTANTS[:1] if neo_hookean else _CONSTANTS
     wanted = [control_name(quantity, nodes, k) for quantity in constants for k in range(len(nodes))]
-    missing = [name for name in wanted if name not in draws]
-    if missing:
-        raise RecordError(
-            f"posterior and run.json do not belong together ({', '.join(missing)} is missing); "
-            "run the study again with --fresh"
-        )
-    beside = [name for name in draws if name.startswith(_CONTROLS) and name not in wanted]
+    _refuse_missing((*wanted, *entry.parameters), draws)
+    known = {*wanted, *entry.parameters}
+    beside = [name for name in draws if name.startswith(_CONTROLS) and name not in known]
+    if entry.parameters:  # an older version did not record them
+        beside += [name for name in draws if "." not in name and name not in known]
     if beside:
         raise RecordError(
             f"posterior and run.json do not belong together (run.json knows no {beside[0]}); run "
@@ -363,7 +362,7 @@ def _model(entry: ModelEntry, draws: Mapping[str, Floats], forward: Surrogate) -
             "run.json must give the paper's thickness and the largest pressure, both above 0, not "
             f"{thickness} and {largest}; run the study again with --fresh"
         )
-    return JointModel(
+    model = JointModel(
         base=tuple(Parameter(name, Flat(), "–", "") for name in draws if "." not in name),
         observations=(),
         world=FilmsAndActuators(
@@ -379,6 +378,17 @@ def _model(entry: ModelEntry, draws: Mapping[str, Floats], forward: Surrogate) -
         ),
         causes=in_order(_flat(find(name)) for name in names),
     )
+    _refuse_missing(model.table.names, draws)
+    return model
+
+
+def _refuse_missing(wanted: Iterable[str], draws: Mapping[str, Floats]) -> None:
+    missing = [name for name in wanted if name not in draws]
+    if missing:
+        raise RecordError(
+            f"posterior and run.json do not belong together ({', '.join(missing)} is missing); "
+            "run the study again with --fresh"
+        )
 
 
 def as_recorded(entry: ModelEntry, mechanics: ForwardMap) -> ForwardMap:

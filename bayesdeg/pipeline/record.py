@@ -49,6 +49,7 @@ from bayesdeg.pipeline.films import CourseFit, Films
 from bayesdeg.pipeline.forecast import model_document
 from bayesdeg.pipeline.formula import OwnMap
 from bayesdeg.pipeline.judge import Judgement, readings_misfit
+from bayesdeg.pipeline.memory import peaks_of_memory
 from bayesdeg.pipeline.outline import outline
 from bayesdeg.pipeline.vendor import vendor_check
 from bayesdeg.prediction.predictive import specimens_tested
@@ -781,6 +782,7 @@ def run_document(
         versions=library_versions(),
         hashes=dict(study.hashes),
         seconds=seconds,
+        memory=peaks_of_memory(),
         counts=draw_counts(results) | _proposal_counts(results),
         missing=tuple(MissingEntry(what=w, cost=c) for w, c in results.assembly.missing),
         rests_on=tuple(_rests_on_own(study, own) if own else rests_on(study, results.base.model)),

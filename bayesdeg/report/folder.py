@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+import h5py
 import numpy as np
 import pandas as pd
 import xarray as xr
@@ -50,6 +51,9 @@ POSTERIOR_AVERAGED: Final = "posterior_averaged"
 #: Documents kept as JSON and posteriors kept as netCDF, by name.
 DOCUMENTS: Final = (VERDICT, RUN)
 POSTERIORS: Final = (POSTERIOR, POSTERIOR_BASE, POSTERIOR_COURSE, POSTERIOR_AVERAGED)
+
+#: Of a posterior, with its likelihoods by reading; those of 400 readings take some 30 [MB].
+MOST_ARRAYS_MB: Final = 1000.0
 
 #: All files of fixed name that a run writes.
 RUN_FILES: Final = (
@@ -228,16 +232,15 @@ class RunFolder:
         BayesdegError
             If the file is missing, cannot be read, or is not the one that the run wrote.
         """
-        file = f"{_known(name, POSTERIORS)}.nc"
-        if not (self.path / file).exists():
-            raise self._incomplete(file)
-        try:
-            refuse_special(self.path / file)
-            self._refuse_other(file)
-            with xr.open_datatree(self.path / file, engine="h5netcdf") as tree:
-                return tree.load()
-        except (OSError, ValueError, KeyError, RuntimeError) as fault:
-            raise self._corrupted(file, str(fault)) from fault
+
+        def read(path: Path) -> xr.DataTree:
+            with xr.open_datatree(path, engine="h5netcdf") as tree:
+                loaded = tree.load()
+            for group in loaded.children.values():
+                group.to_dataset()  # sizes that do not go together are found here
+            return loaded
+
+        return self._read_netcdf(name, read)
 
     def draws_of(self, name: str) -> xr.Dataset | None:
         """Return the draws of one of `POSTERIORS`; None where the run has none."""
@@ -254,19 +257,29 @@ class RunFolder:
         BayesdegError
             If the file is missing, cannot be read, or is not the one that the run wrote.
         """
+
+        def read(path: Path) -> tuple[xr.Dataset, NDArray[np.float64]]:
+            groups = ("posterior", "sample_stats")
+            draws, stats = (
+                xr.load_dataset(path, group=group, engine="h5netcdf") for group in groups
+            )
+            return draws, stats["lp"].to_numpy().ravel()
+
+        return self._read_netcdf(name, read)
+
+    def _read_netcdf[T](self, name: str, read: Callable[[Path], T]) -> T:
+        """Read one of `POSTERIORS`; whatever a library says against the file, it is damaged."""
         file = f"{_known(name, POSTERIORS)}.nc"
         if not (self.path / file).exists():
             raise self._incomplete(file)
         try:
             refuse_special(self.path / file)
             self._refuse_other(file)
-            groups = ("posterior", "sample_stats")
-            draws, stats = (
-                xr.load_dataset(self.path / file, group=group, engine="h5netcdf")
-                for group in groups
-            )
-            return draws, stats["lp"].to_numpy().ravel()
-        except (OSError, ValueError, KeyError, RuntimeError) as fault:
+            _refuse_unsound_arrays(self.path / file)
+            return read(self.path / file)
+        except MemoryError:
+            raise
+        except Exception as fault:
             raise self._corrupted(file, str(fault)) from fault
 
     def posterior_hashes(self) -> dict[str, str]:
@@ -318,6 +331,27 @@ class RunFolder:
         return BayesdegError(
             f"{self.path / file}: {problem}; the file is damaged or from another version: "
             "run the study again with --fresh"
+        )
+
+
+def _refuse_unsound_arrays(path: Path) -> None:
+    """Look at all that a netCDF file holds before a library takes it for sound.
+
+    A file of a few kB may promise arrays of any size; and of a damaged file the netCDF library
+    leaves half an object, of which Python complains on the terminal.
+    """
+    size = 0
+
+    def add(_name: str, node: h5py.Group | h5py.Dataset) -> None:
+        nonlocal size
+        size += node.nbytes if isinstance(node, h5py.Dataset) else 0
+
+    with h5py.File(path, "r") as file:
+        file.visititems(add)
+    if size > MOST_ARRAYS_MB * 1e6:
+        raise ValueError(
+            f"it has arrays of {size / 1e6:.0f} MB, more than the {MOST_ARRAYS_MB:.0f} MB of any "
+            "posterior"
         )
 
 

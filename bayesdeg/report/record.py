@@ -417,6 +417,7 @@ def _known_criterion(name: str) -> str:
 class ModelEntry(Record):
     """What is needed beside its draws to predict with a posterior."""
 
+    parameters: Names = Field(default=(), description="of the base model")
     nodes_pct: RisingNumbers = ()
     elongation_nodes_pct: RisingNumbers = ()
     paper_thickness_mm: PositiveNumber = None
@@ -543,6 +544,10 @@ class RunRecord(FileRecord):
     versions: Texts = Field(default={}, description="of the libraries")
     hashes: Texts = Field(default={}, description="SHA-256 of the files of the study")
     seconds: Numbers = Field(default={}, description="wall time by stage [s]")
+    memory: Numbers = Field(
+        default={},
+        description="largest resident memory by process [MB], where the system says",
+    )
     counts: Numbers = Field(default={}, description="of draws, proposals and refusals")
     missing: tuple[MissingEntry, ...] = ()
     rests_on: tuple[BasisEntry, ...] = ()

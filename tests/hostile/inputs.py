@@ -66,7 +66,7 @@ def spoil(folder, case, redraw=None):
             text = before.replace(change["find"], text, 1)
         path.write_text(text, encoding="utf-8")
     if case.signed and path.is_file():
-        _forget_hash(folder, case.file)
+        forget_hash(folder, case.file)
 
 
 def _long(text):
@@ -106,7 +106,7 @@ def _set(path, keys, value):
     path.write_text(json.dumps(content), encoding="utf-8")
 
 
-def _forget_hash(folder, file):
+def forget_hash(folder, file):
     run = json.loads((folder / "run.json").read_text(encoding="utf-8"))
     run.get("posteriors", {}).pop(file, None)
     (folder / "run.json").write_text(json.dumps(run), encoding="utf-8")
