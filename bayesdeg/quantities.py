@@ -105,6 +105,7 @@ _ROWS = (
     ("unit", "", "–", "unit of value and standard deviation"),
     ("source", "", "–", "where the statistic stands"),
     ("young_modulus", "Y", "MPa", "Young's modulus of films at zero strain; 6 C1 of Yeoh's law"),
+    ("modulus_100", "", "MPa", "nominal stress at a stretch of 2 in uniaxial tension"),
     ("elongation_at_break", "", "%", "elongation at break"),
     ("r_squared", "R²", "–", "1 − SSE/SST of simulation against experiment"),
     ("ruptured_count", "", "–", "actuators that burst"),

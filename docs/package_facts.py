@@ -21,7 +21,7 @@ import pandas as pd
 import bayesdeg
 import bayesdeg.causes
 from bayesdeg.commands.lazy import COMMANDS, loaded
-from bayesdeg.data.settings import ENTRIES, MOULDS, OwnForward, Settings
+from bayesdeg.data.settings import ENTRIES, MOULDS, OwnForward, Settings, VendorFigures
 from bayesdeg.data.shrinkage import Known, MixtureRecipe
 from bayesdeg.data.tables import words_of
 from bayesdeg.emulator.trained import default_surrogate
@@ -144,7 +144,7 @@ def rules_of_studies() -> dict[str, list[str]]:
 
 def keys_of_study_toml() -> list[Entry]:
     """Return every key of ``study.toml`` with its default, from the classes that hold them."""
-    meanings = _documented(MixtureRecipe) | _documented(Settings)
+    meanings = _documented(MixtureRecipe) | _documented(Settings) | _documented(VendorFigures)
     meanings |= {f"own_{name}": text for name, text in _documented(OwnForward).items()}
     # "reading, unit" share a line there
     meanings |= {
@@ -155,6 +155,7 @@ def keys_of_study_toml() -> list[Entry]:
     defaults = {f.name: f.default for owner in (MixtureRecipe, Settings) for f in fields(owner)}
     defaults |= {f"own_{f.name}": f.default for f in fields(OwnForward)}
     defaults |= {"kind": Settings().kind, "constraint_height_mm": MISSING}
+    defaults |= {"stretch_range": MISSING, "source": VendorFigures().source}
     rows = []
     for entry in ENTRIES:
         if entry.table == "actuator" and entry.key != "kind":

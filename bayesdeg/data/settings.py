@@ -45,9 +45,16 @@ RuptureCriterion = Literal["principal_stretch", "cauchy_stress", "strain_energy"
 
 Operator = Literal["angle_over_arc", "circle", "spline", "base_tip"]
 
+MaterialLaw = Literal["yeoh", "neo_hookean", "mooney_rivlin", "gent", "ogden"]
+
 EFFORTS: tuple[Effort, ...] = get_args(Effort)
 MODES: tuple[str, ...] = get_args(Mode)
 OPERATORS: tuple[Operator, ...] = get_args(Operator)
+MATERIAL_LAWS: tuple[MaterialLaw, ...] = get_args(MaterialLaw)
+CALIBRATED_LAWS: tuple[MaterialLaw, ...] = ("yeoh", "neo_hookean")
+"""Laws that a model can be calibrated with; the finite element model has Yeoh's constants."""
+VENDOR_SD = 0.2
+"""Standard deviation of a vendor's figure over it, where none is stated."""
 FEWEST_POINTS = 4
 """Of a line that is read, as a cubic spline needs."""
 RUPTURE_CRITERIA: tuple[RuptureCriterion, ...] = get_args(RuptureCriterion)
@@ -256,6 +263,25 @@ class OwnForward:
 
 
 @dataclass(frozen=True)
+class VendorFigures:
+    """What the vendor of a material states of it, fresh: the 20 % about it are batch and method.
+
+    Parameters
+    ----------
+    modulus_100 : Known, optional
+        Nominal stress at a stretch of 2 in uniaxial tension, "100 % modulus" [kPa].
+    elongation_at_break : Known, optional
+        100 (λ_break − 1) [%].
+    source : str
+        Where they stand.
+    """
+
+    modulus_100: Known | None = None
+    elongation_at_break: Known | None = None
+    source: str = "vendor"
+
+
+@dataclass(frozen=True)
 class Settings:
     """The contents of ``study.toml``, defaults filled in.
 
@@ -310,6 +336,12 @@ class Settings:
         How curvature was read; if it is not stated, as bend angle over arc length.
     reading_points : int
         How many points along the bottom line another operator was given.
+    law : {"yeoh", "neo_hookean"}
+        The material law that a model is calibrated with.
+    stretch_range : (float, float), optional
+        Stretches that are read of films; readings outside are left out.
+    vendor : VendorFigures
+        What the vendor states of the fresh material.
 
     Examples
     --------
@@ -341,6 +373,9 @@ class Settings:
     set_aside: bool = False
     operator: Operator | None = None
     reading_points: int = 50
+    law: MaterialLaw = "yeoh"
+    stretch_range: tuple[float, float] | None = None
+    vendor: VendorFigures = field(default_factory=VendorFigures)
 
     @property
     def kind(self) -> Kind:
@@ -408,6 +443,23 @@ def _known(value: Any) -> Known:
     return Known(**both)
 
 
+def _figure(value: Any) -> Known:
+    """Read a vendor's figure: a value above 0, and its sd, 20 % of it if none is given."""
+    known = _known(value)
+    if known.sd == 0.0:
+        if isinstance(value, dict) and "sd" in value:
+            raise ValueError("a vendor's figure is not exact")
+        return Known(known.value, VENDOR_SD * known.value)
+    return known
+
+
+def _range(ends: list[float]) -> tuple[float, float]:
+    low, high = ends
+    if not 0.0 < low < high:
+        raise ValueError("is not a range of stretches")
+    return low, high
+
+
 Number = Annotated[float, Interval(ge=-LARGEST, le=LARGEST)]
 type _Names[T] = Annotated[list[T], AfterValidator(_each_once)]
 
@@ -430,6 +482,11 @@ def _recipe(name: str) -> _Entry:
     unit = "[g/cm³]" if name.endswith("density") else "[parts by mass]"
     wanted = f"a number above 0 {unit}, or {{ value = .., sd = .. }} with sd from 0 to below value"
     return _Entry("shrinkage", name, wanted, Annotated[Known, PlainValidator(_known)])
+
+
+def _vendor(name: str, unit: str) -> _Entry:
+    wanted = f"a number above 0 [{unit}], or {{ value = .., sd = .. }} with sd above 0, below value"
+    return _Entry("vendor", name, wanted, Annotated[Known, PlainValidator(_figure)])
 
 
 _SEED = f"a whole number not below 0 and up to {LARGEST_SEED}"
@@ -490,6 +547,16 @@ ENTRIES: tuple[_Entry, ...] = (
     _Entry("sampling", "effort", f"one of {', '.join(EFFORTS)}", Effort),
     _Entry("tensile", "fit_modes", _MODES, Annotated[_Names[Mode], Len(1)]),
     _Entry("material", "order", "a whole number from 0 to 3", Annotated[int, Interval(ge=0, le=3)]),
+    _Entry("material", "law", f"one of {', '.join(MATERIAL_LAWS)}", MaterialLaw),
+    _Entry(
+        "material",
+        "stretch_range",
+        "two stretches above 0, the smaller first, such as [1.0, 2.0]",
+        Annotated[list[Number], Len(2, 2), AfterValidator(_range)],
+    ),
+    _vendor("modulus_100", "kPa"),
+    _vendor("elongation_at_break", "%"),
+    _Entry("vendor", "source", "a text in quotes", _Text),
     _Entry(
         "rupture",
         "criterion",
@@ -516,7 +583,7 @@ ENTRIES: tuple[_Entry, ...] = (
 )
 TABLES = (
     *("actuator", "paper", "constraint", "shrinkage", "priors", "noise", "causes", "sampling"),
-    *("tensile", "material", "rupture", "suspects", "forward", "parameters", "reading"),
+    *("tensile", "material", "vendor", "rupture", "suspects", "forward", "parameters", "reading"),
 )
 
 
@@ -606,7 +673,9 @@ def _from_document(document: dict[str, Any], text: str) -> tuple[Settings, tuple
     if "constraint_thickness_mm" in accepted:
         accepted["paper_thickness_mm"] = accepted.pop("constraint_thickness_mm")
     dimensions = _mould(accepted)
-    recipe = MixtureRecipe(**_of(MixtureRecipe, accepted))
+    accepted["recipe"] = MixtureRecipe(**_of(MixtureRecipe, accepted))
+    accepted["vendor"] = VendorFigures(**_of(VendorFigures, accepted))
+    faults += _not_calibrated(accepted, text)
     # the defaults that stand in for refused keys must not be blamed
     if not any((fault.column or "").startswith(("actuator", "constraint")) for fault in faults):
         of_layer = {k: v for k, v in accepted.items() if k.startswith(("constraint", "paper"))}
@@ -615,9 +684,7 @@ def _from_document(document: dict[str, Any], text: str) -> tuple[Settings, tuple
     forward = OwnForward(**own, parameters=unknowns) if "function" in own else None
     if forward is None and not faults:
         faults += _without_forward(document, text)
-    settings = Settings(
-        dimensions=dimensions, recipe=recipe, priors=priors, forward=forward, **accepted
-    )
+    settings = Settings(dimensions=dimensions, priors=priors, forward=forward, **accepted)
     if not faults:
         faults += _unknown_operator(settings, text)
     return settings, tuple(faults)
@@ -755,7 +822,27 @@ def _of_elastomers(tables: Mapping[str, Any], text: str) -> tuple[Fault, ...]:
     )
 
 
-def _of(part: type[MixtureRecipe], accepted: dict[str, Any]) -> dict[str, Any]:
+def _not_calibrated(accepted: dict[str, Any], text: str) -> tuple[Fault, ...]:
+    """Refuse a law that films are compared by and that no model has."""
+    law = accepted.get("law", "yeoh")
+    if law in CALIBRATED_LAWS:
+        return ()
+    del accepted["law"]
+    return (
+        Fault(
+            FILE,
+            "is compared with the films, but no model is calibrated with it: the finite element "
+            "model has Yeoh's constants",
+            f"write {' or '.join(_as_written(name) for name in CALIBRATED_LAWS)}, or remove the "
+            f"key; material_laws.csv of the run says how well {law} predicts the films",
+            _row_of(text, "material", "law"),
+            "material.law",
+            _as_written(law),
+        ),
+    )
+
+
+def _of(part: type[MixtureRecipe | VendorFigures], accepted: dict[str, Any]) -> dict[str, Any]:
     """Take the fields of a part out of what was accepted."""
     names = {entry.name for entry in fields(part)}
     return {name: accepted.pop(name) for name in names & accepted.keys()}
@@ -815,10 +902,14 @@ def _suggest(table: str, key: str) -> str:
     return f"did you mean {best!r}?" if best else f"known here: {', '.join(known)}"
 
 
+_NEAREST: Mapping[str, tuple[str, ...]] = {"effort": EFFORTS, "law": MATERIAL_LAWS}
+"""Keys of which a misspelt value gets the nearest one suggested."""
+
+
 def _wrong_value(entry: _Entry, value: object, text: str) -> Fault:
     remedy = f"give {entry.wanted}"
-    if entry.field == "effort" and isinstance(value, str):
-        best = nearest(value, EFFORTS)
+    if entry.field in _NEAREST and isinstance(value, str):
+        best = nearest(value, _NEAREST[entry.field])
         remedy += f"; did you mean {best!r}?" if best else ""
     if isinstance(value, dict):
         unknown = [key for key in value if key not in KNOWN]

@@ -255,6 +255,8 @@ class Study:
         Checked tables of further kinds of data by their names.
     line_points : int, optional
         By how many even points each line of ``markers.csv`` was read for the actuators' table.
+    outside_range : int
+        Readings of films that were left out, since they are outside ``stretch_range``.
     """
 
     name: str
@@ -271,6 +273,7 @@ class Study:
     passed_over: Mapping[str, int] = field(default_factory=dict)
     others: Mapping[str, pd.DataFrame] = field(default_factory=dict)
     line_points: int | None = None
+    outside_range: int = 0
 
     def __repr__(self) -> str:
         """Return its name, and how much of which data it has."""
@@ -375,6 +378,8 @@ def read_study(folder: Path | str, tables: Mapping[str, Table] = TABLES) -> Stud
     faults += [fault for table in checked.values() for fault in table.faults]
     if not faults and "tensile" in checked:
         faults += _absent_modes(settings, checked["tensile"].frame)
+    if not faults and settings.stretch_range is not None:
+        faults += _empty_range(settings, checked.get("tensile"))
     if not faults and "shrinkage" in checked:
         faults += _too_light(settings, checked["shrinkage"].frame)
     if faults:
@@ -440,6 +445,27 @@ def _absent_modes(settings: Settings, tensile: pd.DataFrame) -> Iterator[Fault]:
     yield Fault(SETTINGS_FILE, problem, remedy, None, "tensile.fit_modes", asked)
 
 
+def _empty_range(settings: Settings, tensile: CheckedTable | None) -> Iterator[Fault]:
+    """Refuse a range of stretch in which no reading of a mode that is fitted lies."""
+    place = (None, "material.stretch_range", str(list(settings.stretch_range or ())))
+    if tensile is None:
+        yield Fault(SETTINGS_FILE, "is of no use without tensile.csv", "remove the key", *place)
+        return
+    fitted = tensile.frame[tensile.frame["mode"].isin(settings.fit_modes)]
+    if not in_range(settings, fitted).any():
+        problem = "leaves no reading of tensile.csv that could be fitted"
+        low, high = fitted["stretch"].min(), fitted["stretch"].max()
+        yield Fault(
+            SETTINGS_FILE, problem, f"the films have stretches of {low:g} to {high:g}", *place
+        )
+
+
+def in_range(settings: Settings, tensile: pd.DataFrame) -> pd.Series:
+    """Return which readings of films are at stretches that are read."""
+    low, high = settings.stretch_range or (0.0, np.inf)
+    return tensile["stretch"].between(low, high)
+
+
 def _too_light(settings: Settings, shrinkage: pd.DataFrame) -> Iterator[Fault]:
     """Refuse films that weigh less than the gelatin and glycerol that were poured."""
     solids = settings.recipe.mixture.solids
@@ -463,6 +489,11 @@ def _assemble(
     files: Mapping[str, str],
 ) -> Study:
     frames = {name: table.frame for name, table in tables.items()}
+    outside = 0
+    if "tensile" in frames:
+        kept = in_range(settings, frames["tensile"])
+        outside = int((~kept).sum())
+        frames["tensile"] = frames["tensile"][kept].reset_index(drop=True)
     own = {name: frame for name, frame in frames.items() if name in TABLES}
     return Study(
         folder.resolve().name,
@@ -474,6 +505,7 @@ def _assemble(
         passed_over={files[name]: t.passed_over for name, t in tables.items() if t.passed_over},
         others={name: frame for name, frame in frames.items() if name not in TABLES},
         line_points=None,
+        outside_range=outside,
     )
 
 

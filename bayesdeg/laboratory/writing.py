@@ -10,7 +10,7 @@ from pydantic import Field
 
 import bayesdeg
 from bayesdeg.actuator.status import MODEL_VERSION
-from bayesdeg.data.settings import ENTRIES, AnyDimensions, Settings
+from bayesdeg.data.settings import ENTRIES, AnyDimensions, Settings, VendorFigures
 from bayesdeg.data.settings import FILE as SETTINGS_FILE
 from bayesdeg.data.shrinkage import Known, MixtureRecipe
 from bayesdeg.data.tables import TABLES
@@ -134,11 +134,14 @@ def _by_specimen(frame: pd.DataFrame) -> dict[str, dict[str, float | str | None]
 def virtual_settings(settings: Settings, *, seed: int) -> Settings:
     """Return settings that say that the data are virtual; virtual ones keep title and note.
 
+    What a vendor states is of another material than the one that is made up.
+
     Examples
     --------
     >>> virtual_settings(Settings(title="Gelatin"), seed=7).title
     'Virtual experiment: Gelatin'
     """
+    settings = replace(settings, vendor=VendorFigures())
     if settings.virtual:
         return replace(settings, seed=seed)
     title = f"Virtual experiment: {settings.title}" if settings.title else "Virtual experiment"
@@ -161,7 +164,7 @@ def settings_text(settings: Settings) -> str:
     """
     written: dict[str, Any] = {}
     for entry in ENTRIES:
-        holders = (settings, settings.dimensions, settings.recipe)
+        holders = (settings, settings.dimensions, settings.recipe, settings.vendor)
         holder = next((one for one in holders if _holds(one, entry.field)), None)
         if holder is None:  # of a forward map of one's own, which no virtual experiment has
             continue
@@ -174,7 +177,7 @@ def settings_text(settings: Settings) -> str:
     return tomli_w.dumps(written)
 
 
-def _holds(record: Settings | AnyDimensions | MixtureRecipe, name: str) -> bool:
+def _holds(record: Settings | AnyDimensions | MixtureRecipe | VendorFigures, name: str) -> bool:
     """Return whether a value of a key is held here; what follows from others is not."""
     is_family = isinstance(record, Settings) and name == "kind"
     return is_family or name in {entry.name for entry in fields(record)}

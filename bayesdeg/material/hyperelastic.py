@@ -289,6 +289,36 @@ class YeohRootSecondInvariant:
 
 
 @dataclass(frozen=True)
+class MooneyRivlin:
+    r"""Mooney's and Rivlin's solid, :math:`W = C_{10} (I_1 - 3) + C_{01} (I_2 - 3)`.
+
+    Parameters
+    ----------
+    c10, c01 : array_like
+        Constants [MPa].
+
+    References
+    ----------
+    Mooney (1940), J. Appl. Phys. 11, 582; doi:10.1063/1.1712836.
+    """
+
+    c10: npt.ArrayLike
+    c01: npt.ArrayLike
+
+    @property
+    def shear_modulus(self) -> FloatArray:
+        """Shear modulus 2 (C₁₀ + C₀₁) [MPa]."""
+        both = np.asarray(self.c10, dtype=np.float64) + np.asarray(self.c01, dtype=np.float64)
+        return np.asarray(2.0 * both, dtype=np.float64)
+
+    def along(self, stretch: npt.ArrayLike, mode: Modes) -> ModePath:
+        """Return the energy along a mode."""
+        c10, c01 = (np.asarray(c, dtype=np.float64) for c in (self.c10, self.c01))
+        i1, i2 = power_sum(stretch, mode, 2.0), power_sum(stretch, mode, -2.0)
+        return ModePath(*(c10 * first + c01 * second for first, second in zip(i1, i2, strict=True)))
+
+
+@dataclass(frozen=True)
 class Gent:
     r"""Gent's solid of limited extensibility.
 

@@ -13,11 +13,14 @@ from bayesdeg.data.study import Study
 from bayesdeg.errors import Fault, StudyError
 from bayesdeg.observations.kinds import Compared, Observations, Parts, Rows, State
 from bayesdeg.observations.noise import student, student_information
-from bayesdeg.observations.specimens import FilmsAndActuators, young_modulus
+from bayesdeg.observations.specimens import FilmsAndActuators, modulus_100, young_modulus
 from bayesdeg.priors import Named
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+
+
+MPA = 1e-3  # of a kPa
 
 
 @dataclass(frozen=True)
@@ -29,7 +32,7 @@ class Statistic:
 
     Parameters
     ----------
-    quantity : {"young_modulus", "elongation_at_break", "volume_ratio"}
+    quantity : {"young_modulus", "modulus_100", "elongation_at_break", "volume_ratio"}
         What it is of.
     degradation : float
         D_R at which it holds [%].
@@ -51,6 +54,8 @@ class Statistic:
 
 def statistics(study: Study) -> tuple[Statistic, ...]:
     """Return published means with their standard errors, and α from the films' masses.
+
+    A vendor's 100 % modulus of the fresh material is one of them, with its stated error.
 
     The standard error is sd/√n; without n it is the sd itself. That of α has what the study states
     of the recipe's and the densities' errors, which all films share.
@@ -79,6 +84,10 @@ def statistics(study: Study) -> tuple[Statistic, ...]:
         mean, dof = mean_over_films(film_masses(study.shrinkage), study.settings.recipe)
         source = f"shrinkage.csv, {mean.count} films"
         found.append(Statistic("volume_ratio", 0.0, mean.value, mean.standard_error, source, dof))
+    vendor = study.settings.vendor
+    if vendor.modulus_100 is not None:
+        value, se = (MPA * number for number in (vendor.modulus_100.value, vendor.modulus_100.sd))
+        found.append(Statistic("modulus_100", 0.0, value, se, f"study.toml, {vendor.source}"))
     _refuse_zero_errors(found)
     return tuple(found)
 
@@ -101,7 +110,7 @@ def expected_statistics(
     state: State[FilmsAndActuators], statistics: tuple[Statistic, ...]
 ) -> Floats:
     """Return what statistics are of, in their units, (n, n_statistics)."""
-    levels, ratio, modulus, elongation = _kinds_of(statistics)
+    levels, ratio, modulus, at_100, elongation = _kinds_of(statistics)
     world = state.world
     given: Named = state.values  # noqa: PD011 - no frame
     means = np.empty((len(state), len(statistics)))
@@ -110,18 +119,22 @@ def expected_statistics(
     if np.any(modulus):
         at = world.constants(given, levels[modulus])
         means[:, modulus] = young_modulus(given, at, state.causes)
+    if np.any(at_100):
+        at = world.constants(given, levels[at_100])
+        means[:, at_100] = modulus_100(given, at, state.causes)
     if np.any(elongation):
         means[:, elongation] = world.elongation(given, levels[elongation])
     return means
 
 
 @lru_cache(maxsize=64)
-def _kinds_of(statistics: tuple[Statistic, ...]) -> tuple[Floats, Flags, Flags, Flags]:
-    """Return degradation rates [%], and which are volume ratios, moduli and elongations."""
+def _kinds_of(statistics: tuple[Statistic, ...]) -> tuple[Floats, Flags, Flags, Flags, Flags]:
+    """Return degradation rates [%], and which are ratios, moduli of both kinds and elongations."""
     levels = np.array([s.degradation for s in statistics])
     kinds = np.array([s.quantity for s in statistics])
     ratio, modulus = kinds == "volume_ratio", kinds == "young_modulus"
-    return levels, ratio, modulus, ~(ratio | modulus)
+    at_100 = kinds == "modulus_100"
+    return levels, ratio, modulus, at_100, ~(ratio | modulus | at_100)
 
 
 @dataclass(frozen=True)
@@ -167,7 +180,7 @@ class Means(Observations):
     @property
     @override
     def material_levels(self) -> Floats:
-        return self._levels("young_modulus")
+        return np.concatenate([self._levels("young_modulus"), self._levels("modulus_100")])
 
     @property
     @override

@@ -363,6 +363,69 @@ def _learn(white: Floats, order: Indices, score: Floats, log_sd: Floats) -> None
         var, cov, var_other = var - p * p / total, cov - p * q / total, var_other - q * q / total
 
 
+@compiled
+def path_grams(
+    columns: Floats,
+    variance: Floats,
+    mask: Flags,
+    gap: Floats,
+    length: float,
+    gram: Floats,
+    log_det: Floats,
+) -> None:
+    """Write products C' R⁻¹ C of columns of readings, R the covariance of one output's errors.
+
+    Parameters
+    ----------
+    columns : array, shape (n_specimens, n_readings, n_columns)
+        Such as residuals and their slopes.
+    variance : array, shape (n_specimens, n_readings)
+        v of the reading errors.
+    mask, gap : array, shape (n_specimens, n_readings)
+        As `Paths`.
+    length : float
+        ℓ, in the unit of the gaps.
+    gram : array, shape (n_specimens, n_columns, n_columns)
+        Written.
+    log_det : array, shape (n_specimens,)
+        Written: ln det(2π R).
+
+    Notes
+    -----
+    The filter is that of `filter_of` and `whiten`, for one length and any number of columns.
+    """
+    n_specimens, n_readings, n_columns = columns.shape
+    last, white = np.empty(n_columns), np.empty(n_columns)
+    step, decay = -1.0, 0.0
+    gram[:] = 0.0
+    for s in range(n_specimens):
+        known, logs = 1.0 - INDEPENDENT, 0.0
+        last[:] = 0.0
+        for j in range(n_readings):
+            if not mask[s, j]:
+                continue
+            if gap[s, j] != step:  # most steps of a path are alike
+                step = gap[s, j]
+                decay = math.exp(-step / length)
+            square = decay * decay
+            ahead = square * known + (1.0 - square) * (1.0 - INDEPENDENT)
+            total = ahead + INDEPENDENT
+            known, gain = ahead * INDEPENDENT / total, ahead / total
+            scale, inverse = 1.0 / math.sqrt(variance[s, j]), 1.0 / math.sqrt(total)
+            logs += math.log(variance[s, j] * total) + LOG_TWO_PI
+            for k in range(n_columns):
+                decayed = decay * last[k]
+                new = columns[s, j, k] * scale - decayed
+                last[k] = decayed + gain * new
+                white[k] = new * inverse
+                for m in range(k + 1):
+                    gram[s, k, m] += white[k] * white[m]
+        for k in range(n_columns):
+            for m in range(k):
+                gram[s, m, k] = gram[s, k, m]
+        log_det[s] = logs
+
+
 HELD = 300_000  # entries of covariance matrices that are held at a time: what a cache holds
 
 

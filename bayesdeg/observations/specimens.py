@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from bayesdeg.actuator.demand import demanded, scatter_law
 from bayesdeg.actuator.inputs import PAPER_THICKNESS, ForwardMap, Inputs, Prediction, continuation
 from bayesdeg.actuator.status import Status
-from bayesdeg.causes.cause import Cause, FilmConditions
+from bayesdeg.causes.cause import Cause, FilmConditions, Stage
 from bayesdeg.causes.fold import acting, applied
-from bayesdeg.data.settings import RuptureCriterion
-from bayesdeg.material import degradation as law
+from bayesdeg.data.settings import MaterialLaw, RuptureCriterion
+from bayesdeg.material import degradation as rates
 from bayesdeg.material.degradation import (
     Controls,
     Nodes,
@@ -84,23 +84,33 @@ def control_name(quantity: str, nodes: Nodes, k: int) -> str:
     return f"{quantity}_control_{nodes[k]:.3g}".replace(".", "_")
 
 
-def material_parameters(nodes: Nodes, *, degrades: bool = True) -> tuple[Parameter, ...]:
+def material_parameters(
+    nodes: Nodes, *, degrades: bool = True, law: MaterialLaw = "yeoh"
+) -> tuple[Parameter, ...]:
     """Return the parameters of the Yeoh constants against D_R: their Bernstein control values.
+
+    A neo-Hookean solid has those of C1 alone.
 
     Examples
     --------
     >>> [p.meaning for p in material_parameters((0.0,), degrades=False)][::2]
     ['C1', 'C3']
+    >>> [p.name for p in material_parameters((0.0,), law="neo_hookean")]
+    ['c1_at_0']
     """
-    parameters = []
+    parameters: list[Parameter] = []
     for k, node in enumerate(nodes):
         at_end = k in (0, len(nodes) - 1)
         place = f"at a degradation rate of {node:.3g} %"
         where = f", {place}" if at_end else f", control value {place}, between the ends"
         where = where if degrades else ""
         ratio = _RATIO_AT_ENDS if at_end else _RATIO_BETWEEN
+        parameters.append(
+            Parameter(control_name("c1", nodes, k), _nearest(_C1, node), "MPa", f"C1{where}")
+        )
+        if law == "neo_hookean":
+            continue
         parameters += [
-            Parameter(control_name("c1", nodes, k), _nearest(_C1, node), "MPa", f"C1{where}"),
             Parameter(
                 control_name("c2_ratio", nodes, k),
                 ratio,
@@ -127,6 +137,11 @@ def elongation_parameters(nodes: Nodes, *, degrades: bool = True) -> tuple[Param
         ),
         Parameter("elongation_scatter", HalfNormal(0.2), "–", "sd of ln elongation at break"),
     )
+
+
+LEAST_STIFFENING = 1.0 / 1500.0
+"""C3/C1 of a neo-Hookean solid where actuators are predicted: emulators know solids that stiffen,
+C3/M from 4e-4 on. To the stress it adds 0.8 % at a stretch of 2 and 0.07 % at 1.5."""
 
 
 STIFFNESS_SCATTER = Parameter(
@@ -179,14 +194,19 @@ class Material(NamedTuple):
         return sensitivity
 
 
-def controls_of(values: Named, nodes: Nodes) -> Controls:
-    """Return the control values of the constants, each (n, n_nodes)."""
-    return Controls(
-        *(
-            np.stack([values[control_name(name, nodes, k)] for k in range(len(nodes))], axis=-1)
-            for name in ("c1", "c2_ratio", "c3")
-        )
-    )
+def controls_of(values: Named, nodes: Nodes, stiffening: float = 0.0) -> Controls:
+    """Return the control values of the constants, each (n, n_nodes).
+
+    Where C2 and C3 are no parameters the solid is neo-Hookean: C2 = 0, and C3 is this share of C1.
+    """
+    given = ("c1", "c2_ratio", "c3") if control_name("c3", nodes, 0) in values else ("c1",)
+    found = [
+        np.stack([values[control_name(name, nodes, k)] for k in range(len(nodes))], axis=-1)
+        for name in given
+    ]
+    if len(found) == 1:
+        found += [np.zeros_like(found[0]), stiffening * found[0]]
+    return Controls(*found)
 
 
 def material_at(controls: Controls, degradation: Floats, nodes: Nodes) -> Material:
@@ -237,14 +257,14 @@ def linear_scale(values: Named) -> Floats:
 def elongation_at(values: Named, degradation: Floats, nodes: Nodes) -> Floats:
     """Return the median elongation at break [%] at degradation rates (S,) or (n, S), (n, S)."""
     log_values = np.log(np.stack([values[node_name("elongation", n)] for n in nodes], axis=-1))
-    elongation: Floats = np.exp(law.polynomial(log_values, degradation, nodes))
+    elongation: Floats = np.exp(rates.polynomial(log_values, degradation, nodes))
     return elongation
 
 
 def elongation_slope(values: Named, degradation: Floats, nodes: Nodes) -> Floats:
     """Return d ln ε/dD_R of the median elongation at break [1/%], (n, S)."""
     log_values = np.log(np.stack([values[node_name("elongation", n)] for n in nodes], axis=-1))
-    return law.derivative(log_values, degradation, nodes)
+    return rates.derivative(log_values, degradation, nodes)
 
 
 def elongation_spread(values: Named, slope: Floats, sd: Floats) -> Floats:
@@ -292,6 +312,10 @@ class FilmsAndActuators:
         link [–].
     degrades : bool
         Whether anything of the study does, see `bayesdeg.data.study.Study.degrades`.
+    law : {"yeoh", "neo_hookean"}
+        Which constants are parameters.
+    stiffening : float
+        C3/C1 of a neo-Hookean solid: 0, and `LEAST_STIFFENING` where actuators are predicted.
     """
 
     nodes: Nodes
@@ -302,6 +326,8 @@ class FilmsAndActuators:
     criterion: RuptureCriterion = "principal_stretch"
     size_ratio: float = 1.0
     degrades: bool = True
+    law: MaterialLaw = "yeoh"
+    stiffening: float = 0.0
 
     @property
     def is_limited(self) -> bool:
@@ -381,15 +407,19 @@ class FilmsAndActuators:
         if not beyond.size:
             return np.ones(len(values["stiffness_scatter"]), dtype=bool)
         c1, c2, c3 = np.moveaxis(self.constants(values, beyond), -1, 0)
-        return np.asarray(np.all((c3 > 0.0) & satisfies_baker_ericksen(c1, c2, c3), axis=-1))
+        stiffens = (c3 > 0.0) | (self.law == "neo_hookean")
+        return np.asarray(np.all(stiffens & satisfies_baker_ericksen(c1, c2, c3), axis=-1))
+
+    def _controls(self, values: Named) -> Controls:
+        return controls_of(values, self.nodes, self.stiffening)
 
     def constants(self, values: Named, degradation: Floats) -> Floats:
         """Return C1, C2, C3 [MPa] at degradation rates (S,) or (n, S), shape (n, S, 3)."""
-        return constants_at(controls_of(values, self.nodes), degradation, self.nodes)
+        return constants_at(self._controls(values), degradation, self.nodes)
 
     def material(self, values: Named, degradation: Floats) -> Material:
         """Return the median material at degradation rates (S,) or (n, S)."""
-        return material_at(controls_of(values, self.nodes), degradation, self.nodes)
+        return material_at(self._controls(values), degradation, self.nodes)
 
     def elongation(self, values: Named, degradation: Floats) -> Floats:
         """Return the median elongation at break [%] at degradation rates (S,), shape (n, S)."""
@@ -410,6 +440,46 @@ def stiffness_spread(values: Named, material: Material, sd: Floats) -> Floats:
     scatter = values["stiffness_scatter"][:, None]
     spread: Floats = scatter**2 + (material.sensitivity * sd) ** 2
     return spread
+
+
+def modulus_100(values: Named, constants: Floats, causes: tuple[Cause, ...] = ()) -> Floats:
+    r"""Return the nominal stress at a stretch of 2 in uniaxial tension, "100 % modulus" [MPa].
+
+    .. math:: P(2) = \tfrac{7}{2} \left(C_1 + 4 C_2 + 12 C_3\right)
+
+    since I₁ − 3 = 2 there.  Causes that change the material change it; those that change how films
+    of the study were read do not, as it was read elsewhere.
+
+    Parameters
+    ----------
+    values : mapping
+        Named values with the parameters of the causes, each (n,).
+    constants : array, shape (n, S, 3)
+        Yeoh's C1, C2, C3 [MPa].
+    causes : tuple of Cause
+        Those that act.
+
+    Returns
+    -------
+    array, shape (n, S)
+        [MPa]
+
+    Examples
+    --------
+    >>> modulus_100({}, np.array([[[0.3, -0.01, 0.002]]])).round(6)
+    array([[0.994]])
+    """
+    stress: Floats = constants @ yeoh_basis(2.0, "uniaxial")
+    of_material = tuple(cause for cause in causes if cause.stage is Stage.MATERIAL)
+    if not any(cause.on_stress is not None for cause in of_material):
+        return stress
+    count = constants.shape[-2]
+    nominal = np.zeros((count, 1), dtype=bool)
+    tests = FilmConditions(
+        np.full((count, 1), 2.0), np.full(count, "uniaxial"), nominal, np.zeros(count)
+    )
+    acted = applied("on_stress", stress[..., None], tests, acting(of_material, values), constants)
+    return acted[..., 0]
 
 
 def young_modulus(values: Named, constants: Floats, causes: tuple[Cause, ...] = ()) -> Floats:
@@ -446,7 +516,7 @@ def young_modulus(values: Named, constants: Floats, causes: tuple[Cause, ...] = 
     array([[2.0598]])
     """
     if not any(cause.on_stress is not None for cause in causes):
-        return law.young_modulus(constants[..., 0])
+        return rates.young_modulus(constants[..., 0])
     count = constants.shape[-2]
     stretch = np.broadcast_to(_AROUND_ONE, (count, len(_AROUND_ONE)))
     nominal = np.zeros(stretch.shape, dtype=bool)

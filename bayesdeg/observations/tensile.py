@@ -519,14 +519,17 @@ class Tensile(Observations):
         # takes a second to import, and what only reads data does without
         optimize = importlib.import_module("scipy.optimize")
         data, nodes = self.curves, world.nodes
+        names = ("c1",) if world.law == "neo_hookean" else ("c1", "c2_ratio", "c3")
         weights = bernstein_weights(data.degradation, nodes)
-        columns = (data.basis[..., None] * weights[:, None, None, :])[data.mask]
+        columns = (data.basis[..., : len(names), None] * weights[:, None, None, :])[data.mask]
         stress = data.stress[data.mask]
         scale = 1.0 / (NOISE * (np.abs(stress) + 0.05 * float(np.abs(stress).max())))
         design = columns.reshape(len(stress), -1) * scale[:, None]
-        lower = np.repeat(SMALLEST, len(nodes))
-        c1, c2, c3 = optimize.lsq_linear(design, stress * scale, (lower, np.inf)).x.reshape(3, -1)
-        found = {"c1": c1, "c2_ratio": c2 / np.sqrt(3.0 * c1 * c3), "c3": c3}
+        lower = np.repeat(SMALLEST[: len(names)], len(nodes))
+        solved = optimize.lsq_linear(design, stress * scale, (lower, np.inf)).x
+        found = dict(zip(names, solved.reshape(len(names), -1), strict=True))
+        if "c3" in found:
+            found["c2_ratio"] = found["c2_ratio"] / np.sqrt(3.0 * found["c1"] * found["c3"])
         return {
             control_name(name, nodes, k): float(controls[k])
             for name, controls in found.items()

@@ -16,10 +16,10 @@ from bayesdeg.emulator.trained import surrogate_for
 from bayesdeg.errors import BayesdegError, Fault, StudyError, use_one_of
 from bayesdeg.inference.model import JointModel
 from bayesdeg.observations.counts import RuptureCounts
-from bayesdeg.observations.specimens import FilmsAndActuators, no_map
+from bayesdeg.observations.specimens import LEAST_STIFFENING, FilmsAndActuators, no_map
 from bayesdeg.pipeline.aside import Aside
 from bayesdeg.pipeline.formula import OwnMap, probe
-from bayesdeg.pipeline.outline import outline, stated_priors
+from bayesdeg.pipeline.outline import Outline, outline, stated_priors
 from bayesdeg.pipeline.user_code import own_causes, own_map, try_out
 from bayesdeg.priors import Parameter, check_priors, with_priors
 
@@ -181,6 +181,8 @@ def assemble(study: Study, forward: ForwardMap | None = None) -> Assembly:
         criterion=study.settings.rupture_criterion,
         size_ratio=geometry.volume / study.settings.film_volume_mm3,
         degrades=plan.degrades,
+        law=study.settings.law,
+        stiffening=_stiffening(study, plan),
     )
     model = JointModel(plan.base, plan.observations, world)
     return Assembly(
@@ -192,6 +194,11 @@ def assemble(study: Study, forward: ForwardMap | None = None) -> Assembly:
         counts=plan.counts,
         of_counts=plan.of_counts,
     )
+
+
+def _stiffening(study: Study, plan: Outline) -> float:
+    """Return C3/C1 where C3 is no parameter."""
+    return LEAST_STIFFENING if study.settings.law == "neo_hookean" and plan.needs_forward else 0.0
 
 
 def level_grid(model: JointModel) -> np.ndarray[tuple[int], np.dtype[np.float64]]:

@@ -1,4 +1,4 @@
-"""What the films alone say: their course of degradation, and the order of the polynomials."""
+"""What the films alone say: their course of degradation, the polynomials' order, the law."""
 
 from collections.abc import Callable
 from concurrent.futures import Executor
@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from bayesdeg.criticism.fit.side_by_side import later
+from bayesdeg.criticism.holdout.material_laws import NOISE, LawComparison, compare_laws
 from bayesdeg.criticism.posterior.convergence import Convergence, diagnose
 from bayesdeg.criticism.posterior.order import OrderComparison, compare_orders
+from bayesdeg.data.settings import MaterialLaw
 from bayesdeg.data.study import Study
 from bayesdeg.inference.course import (
     CourseModel,
@@ -25,7 +27,9 @@ from bayesdeg.inference.course import (
 from bayesdeg.inference.laplace import approximate, evidence
 from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import Chain, Effort, sample
+from bayesdeg.observations.tensile import Tensile
 from bayesdeg.pipeline.progress import Progress
+from bayesdeg.priors import Law
 from bayesdeg.report import tables as columns
 from bayesdeg.report.left_out import Guard, OptionalStage
 from bayesdeg.report.wording import worded
@@ -65,11 +69,17 @@ class Films:
         None without films at several degradation rates.
     stated : array
         Degradation rates of degraded specimens and their standard errors, (n, 2) [%].
+    laws : LawComparison, optional
+        None without films.
+    degrades : bool
+        Whether anything of the study does.
     """
 
     course: CourseFit | None
     orders: OrderComparison | None
     stated: Floats
+    laws: LawComparison | None = None
+    degrades: bool = True
 
     def tables(self, generator: np.random.Generator) -> dict[str, Callable[[], pd.DataFrame]]:
         """Return what makes the tables of the run folder, by their names."""
@@ -78,6 +88,8 @@ class Films:
             found[columns.COURSE] = partial(course_table, self.course, generator)
         if self.orders is not None:
             found[columns.ORDERS] = self.orders.table
+        if self.laws is not None:
+            found[columns.MATERIAL_LAWS] = self.laws.table
         return found
 
     def sentences(self) -> dict[str, str]:
@@ -88,6 +100,8 @@ class Films:
             said[COMMON_ERROR] = worded(common_error(self.course, self.stated))
         if self.orders is not None:
             said[columns.ORDERS] = worded(self.orders)
+        if self.laws is not None:
+            said[columns.MATERIAL_LAWS] = worded(self.laws, degrades=self.degrades)
         return said
 
 
@@ -102,7 +116,7 @@ def begin_examination(
     seed: np.random.SeedSequence,
     executor: Executor | None = None,
 ) -> Examination:
-    """Begin to ask what the films alone say: orders are compared beside other work.
+    """Begin to ask what the films alone say: orders and laws are compared beside other work.
 
     Parameters
     ----------
@@ -115,17 +129,20 @@ def begin_examination(
     seed : SeedSequence
         Everything random comes from it.
     executor : Executor, optional
-        Compares orders of the polynomials; by default that is done when the rest is.
+        Compares orders and laws; by default that is done when the rest is.
 
     Returns
     -------
     callable
-        Calibrates the course of degradation and waits for the orders; a guard leaves out what
-        fails.
+        Calibrates the course of degradation and waits for orders and laws; a guard leaves out
+        what fails.
     """
     of_course, of_orders = seed.spawn(2)
     orders = later(partial(_orders, model, of_orders), executor)
-    return partial(_examined, study, effort, of_course, orders)
+    priors = {p.name: p.law for p in model.base if p.name in NOISE}
+    used = model.films_and_actuators.law
+    laws = later(partial(_laws, model.of_kind(Tensile), priors, used), executor)
+    return partial(_examined, study, effort, of_course, orders, laws)
 
 
 def _examined(
@@ -133,6 +150,7 @@ def _examined(
     effort: Effort,
     seed: np.random.SeedSequence,
     begun: Callable[[], OrderComparison | None],
+    laws: Callable[[], LawComparison | None],
     progress: Progress,
     guard: Guard,
 ) -> Films:
@@ -142,13 +160,26 @@ def _examined(
     if study.degrades:
         progress.stage("order of the polynomials of the degradation rate")
     orders = guard.attempt(OptionalStage.ORDERS, begun)
-    return Films(fit, orders, _stated(study))
+    if study.tensile is not None:
+        progress.stage(OptionalStage.LAWS)
+    compared = guard.attempt(OptionalStage.LAWS, laws)
+    return Films(fit, orders, _stated(study), compared, study.degrades)
 
 
 def _orders(model: JointModel, seed: np.random.SeedSequence) -> OrderComparison | None:
     # one thread: the same bits in whatever process
     with threadpool_limits(limits=1):
         return compare_orders(model, seed=seed)
+
+
+def _laws(
+    films: tuple[Tensile, ...], priors: dict[str, Law], used: MaterialLaw
+) -> LawComparison | None:
+    """Compare material laws; None without films."""
+    if not films:
+        return None
+    with threadpool_limits(limits=1):
+        return compare_laws(films[0].curves, priors, used=used)
 
 
 def course_of(study: Study, effort: Effort, seed: np.random.SeedSequence) -> CourseFit | None:

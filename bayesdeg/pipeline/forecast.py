@@ -194,6 +194,8 @@ def model_document(model: JointModel, study: Study | None = None) -> ModelEntry:
         reading_operator=reads.operator if reads else "",
         reading_points=reads.points if reads else None,
         reading_of_line=reads is not None and reads.with_angle,
+        material_law="" if model.films_and_actuators.law == "yeoh" else "neo_hookean",
+        stiffening=model.films_and_actuators.stiffening or None,
         rupture_checks=specimens_tested(model) or None,
         bursts=bursts_of(model, study),
     )
@@ -340,9 +342,9 @@ def _impossible(path: Path, problem: str) -> BayesdegError:
 def _model(entry: ModelEntry, draws: Mapping[str, Floats], forward: Surrogate) -> JointModel:
     """Rebuild a model from its record and the names of its draws."""
     nodes = _known(entry.nodes_pct)
-    wanted = [
-        control_name(quantity, nodes, k) for quantity in _CONSTANTS for k in range(len(nodes))
-    ]
+    neo_hookean = entry.material_law == "neo_hookean"
+    constants = _CONSTANTS[:1] if neo_hookean else _CONSTANTS
+    wanted = [control_name(quantity, nodes, k) for quantity in constants for k in range(len(nodes))]
     _refuse_missing((*wanted, *entry.parameters), draws)
     beside = [name for name in draws if name.startswith(_CONTROLS) and name not in wanted]
     if entry.parameters:  # an older version did not record them
@@ -370,6 +372,8 @@ def _model(entry: ModelEntry, draws: Mapping[str, Floats], forward: Surrogate) -
             largest_pressure=largest,
             criterion=_criterion(entry),
             size_ratio=entry.rupture_size_ratio or 1.0,
+            law="neo_hookean" if neo_hookean else "yeoh",
+            stiffening=entry.stiffening or 0.0,
         ),
         causes=in_order(_flat(find(name)) for name in names),
     )

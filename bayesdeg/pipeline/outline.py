@@ -33,7 +33,7 @@ from bayesdeg.observations.specimens import (
     node_name,
 )
 from bayesdeg.observations.tensile import Tensile
-from bayesdeg.priors import Law, Parameter, Uniform, check_priors, with_priors
+from bayesdeg.priors import Law, LogNormal, Parameter, Uniform, check_priors, with_priors
 from bayesdeg.report.wording import sentences
 
 Floats = NDArray[np.float64]
@@ -137,9 +137,14 @@ def outline(study: Study, *, emulated: bool = True) -> Outline:
     found = observations_of(study)
     nodes = nodes_for(_levels(one.material_levels for one in found) or [0.0], study.settings.order)
     elongation_levels = _levels(one.elongation_levels for one in found)
+    by_vendor = not elongation_levels and _vendor_elongation(study, found)
+    if by_vendor:
+        read = _levels(one.levels for one in found if one.uses_forward)
+        elongation_levels = [0.0, *read]
     elongation_nodes = nodes_for(elongation_levels) if elongation_levels else ()
     degrades = study.degrades
-    base = [*material_parameters(nodes, degrades=degrades), STIFFNESS_SCATTER]
+    law = study.settings.law
+    base = [*material_parameters(nodes, degrades=degrades, law=law), STIFFNESS_SCATTER]
     base += {p.name: p for one in found for p in one.parameters}.values()
     base += elongation_parameters(elongation_nodes, degrades=degrades) if elongation_nodes else ()
     base += [p for one in found for p in one.error_parameters if emulated]
@@ -151,7 +156,12 @@ def outline(study: Study, *, emulated: bool = True) -> Outline:
     _check(study, base, tuple(stated.values()))
     pressures = [float(one.curves.pressure.max()) for one in of_kind(found, Curvature)]
     return Outline(
-        base=with_priors(_default_priors(base, _statistics(found)), study.settings.priors),
+        base=with_priors(
+            with_priors(
+                _default_priors(base, _statistics(found)), vendor_prior(study) if by_vendor else {}
+            ),
+            study.settings.priors,
+        ),
         nodes=nodes,
         elongation_nodes=elongation_nodes,
         observations=found,
@@ -227,6 +237,20 @@ def _default_priors(
     measured = any(s.quantity == "volume_ratio" for s in statistics)
     wide: dict[str, Law] = {"volume_ratio": Uniform(0.2, 1.0)} if measured else {}
     return with_priors(base, wide)
+
+
+def _vendor_elongation(study: Study, found: tuple[Observations, ...]) -> bool:
+    """Return whether a vendor states an elongation at break, and actuators could reach it."""
+    stated = study.settings.vendor.elongation_at_break is not None
+    return stated and any(one.uses_forward for one in found)
+
+
+def vendor_prior(study: Study) -> dict[str, Law]:
+    """Return the prior of the fresh elongation at break that a vendor's figure amounts to."""
+    figure = study.settings.vendor.elongation_at_break
+    if figure is None:
+        return {}
+    return {node_name("elongation", 0.0): LogNormal(figure.value, figure.sd / figure.value)}
 
 
 def _candidates(
@@ -313,7 +337,17 @@ def _missing(study: Study) -> tuple[tuple[str, str], ...]:
         for table in TABLES.values()
         if table.cost_in(degrades=study.degrades) and study.table(table.name) is None
     )
-    return (*passed_over(study), *absent)
+    return (*passed_over(study), *_out_of_range(study), *absent)
+
+
+def _out_of_range(study: Study) -> tuple[tuple[str, str], ...]:
+    """Say how many readings of films are outside the range of stretch that the study states."""
+    if not study.outside_range or study.settings.stretch_range is None:
+        return ()
+    low, high = study.settings.stretch_range
+    facts = {"count": study.outside_range, "low": low, "high": high}
+    what = sentences("run", "outside_range", **facts)
+    return ((what, sentences("run", "outside_range_cost", **facts)),)
 
 
 def passed_over(study: Study) -> tuple[tuple[str, str], ...]:

@@ -51,6 +51,7 @@ from bayesdeg.pipeline.formula import OwnMap
 from bayesdeg.pipeline.judge import Judgement, readings_misfit
 from bayesdeg.pipeline.memory import peaks_of_memory
 from bayesdeg.pipeline.outline import outline
+from bayesdeg.pipeline.vendor import vendor_check
 from bayesdeg.prediction.predictive import specimens_tested
 from bayesdeg.report.left_out import Guard, OptionalStage
 from bayesdeg.report.record import (
@@ -794,7 +795,7 @@ def run_document(
             name="log-likelihood ratio of a smooth discrepancy",
         ),
         comparisons=tuple(compared or ()),
-        checks=guard.attempt(OptionalStage.CHECKS_IN_WORDS, _checks, results) or {},
+        checks=guard.attempt(OptionalStage.CHECKS_IN_WORDS, _checks, study, results) or {},
         suspects=doubted.suspects,
         parameters_in_question=doubted.parameters_in_question,
     )
@@ -805,9 +806,14 @@ def library_versions() -> dict[str, str]:
     return {name: version(name) for name in LIBRARIES} | {"python": platform.python_version()}
 
 
-def _checks(results: Results) -> dict[str, str]:
-    """Return what checks and films came to, in plain words."""
+def _checks(study: Study, results: Results) -> dict[str, str]:
+    """Return what checks, films and a vendor's figures came to, in plain words."""
     said = {} if results.checks is None else results.checks.sentences()
+    final = results.final
+    flat = final.chain.vectors.reshape(-1, final.chain.vectors.shape[-1])
+    vendor = vendor_check(study, final.model, flat)
+    if vendor is not None:
+        said["vendor"] = worded(vendor, degrades=study.degrades)
     return said if results.films is None else said | results.films.sentences()
 
 

@@ -278,6 +278,7 @@ def elongation(fit: Fit, generator: np.random.Generator) -> pd.DataFrame | None:
 def measured(study: Study) -> pd.DataFrame:
     """Return what was reduced from readings or taken from publications, and what it rests on."""
     units = {"young_modulus": "MPa", "elongation_at_break": "%", "volume_ratio": "–"}
+    units["modulus_100"] = "MPa"
     rows: list[dict[str, object]] = [
         {
             "quantity": s.quantity,

@@ -38,6 +38,7 @@ class OptionalStage(StrEnum):
     LEAVE_ONE_OUT = "specimens left out in turn"
     COURSE = "course of degradation"
     ORDERS = "order of the polynomials"
+    LAWS = "material laws on held-out films"
     READINGS = "predictions at the readings"
     DEFORMED = "deformed actuator"
     HELD_OUT_MODES = "held-out modes of tension"

@@ -93,6 +93,7 @@ class Content:
     leave_one_out: list[Row]
     sensitivity: list[Row]
     orders: list[Row]
+    laws: list[Row]
     gain_levels: list[Row]
     gain_modes: list[Row]
     decisions: list[DecisionPair]
@@ -156,6 +157,7 @@ def content_of(shown: Shown, guard: Guard | None = None) -> Content:
         leave_one_out=rows_of(tables["leave_one_out"]),
         sensitivity=rows_of(tables["prior_sensitivity"]),
         orders=rows_of(tables["orders"]),
+        laws=rows_of(tables["material_laws"]),
         gain_levels=rows_of(pooled(tables["gain_levels"])),
         gain_modes=sorted(rows_of(tables["gain_modes"]), key=lambda row: str(row["mode"])),
         decisions=decision_pairs(tables["decisions"]),

@@ -7,7 +7,7 @@ from typing import Annotated
 from pydantic import AfterValidator, Field
 
 from bayesdeg.criticism.outcome import MISFIT_LEVEL, Outcome
-from bayesdeg.data.settings import RUPTURE_CRITERIA
+from bayesdeg.data.settings import CALIBRATED_LAWS, RUPTURE_CRITERIA
 from bayesdeg.records import (
     Count,
     FileRecord,
@@ -402,6 +402,12 @@ class MemberEntry(Record):
     probability: Number = Field(default=None, description="among those that cannot be told apart")
 
 
+def _known_law(name: str) -> str:
+    if name and name not in CALIBRATED_LAWS:
+        raise ValueError(f"must be one of {', '.join(CALIBRATED_LAWS)}, not {name!r}")
+    return name
+
+
 def _known_criterion(name: str) -> str:
     if name and name not in RUPTURE_CRITERIA:
         raise ValueError(f"must be one of {', '.join(RUPTURE_CRITERIA)}, not {name!r}")
@@ -435,6 +441,12 @@ class ModelEntry(Record):
         default=False,
         exclude_if=not_,
         description="whether the bend angle was read of the same points",
+    )
+    material_law: Annotated[Text, AfterValidator(_known_law)] = Field(
+        default="", exclude_if=is_absent, description="the law of the material, if not Yeoh's"
+    )
+    stiffening: PositiveNumber = Field(
+        default=None, exclude_if=is_absent, description="C3/C1, where C3 is no parameter"
     )
     rupture_checks: Count = Field(
         default=None,

@@ -32,6 +32,7 @@ PRIOR_SENSITIVITY = "prior_sensitivity"
 PRIOR_PREDICTIVE = "prior_predictive"
 COURSE = "course"
 ORDERS = "orders"
+MATERIAL_LAWS = "material_laws"
 DECISIONS = "decisions"
 LIFETIME = "lifetime"
 STATISTICS = "statistics"
@@ -446,6 +447,41 @@ _TABLES = (
         ),
     ),
     ResultTable(
+        MATERIAL_LAWS,
+        (
+            _text("law", "yeoh, neo_hookean, mooney_rivlin, gent or ogden"),
+            _LEVEL,
+            Column("used", "–", "1 for the law of the study's model"),
+            Column("parameters", "–", "number of constants at a degradation rate"),
+            Column("films", "–", "number of films that are fitted"),
+            Column("held_out", "–", "number of films that were left out in turn"),
+            _log("elpd", "log predictive density of held-out films"),
+            _log("elpd_diff", "its difference to the law used; positive is better"),
+            _log("elpd_diff_se", "standard error of it, over films"),
+            Column("rmse_MPa", "MPa", "root mean square error of films that are fitted"),
+            Column("held_out_rmse_MPa", "MPa", "the same of films that were left out"),
+            Column("shear_modulus_MPa", "MPa", "shear modulus at zero strain"),
+            Column("c1_MPa", "MPa", "C1 of (I1 − 3)"),
+            Column("c2_MPa", "MPa", "C2 of (I1 − 3)²"),
+            Column("c3_MPa", "MPa", "C3 of (I1 − 3)³"),
+            Column("c01_MPa", "MPa", "C01 of (I2 − 3)"),
+            Column("mu_MPa", "MPa", "shear modulus of Gent's law"),
+            Column("j_m", "–", "limit of I1 − 3 of Gent's law"),
+            *(
+                column
+                for k in (1, 2, 3)
+                for column in (
+                    Column(f"mu_{k}_MPa", "MPa", f"constant of term {k} of Ogden's law"),
+                    Column(f"alpha_{k}", "–", f"power of term {k} of Ogden's law"),
+                )
+            ),
+            Column("tensile_noise_floor", "MPa", "constant reading error that the law leaves"),
+            Column("tensile_noise", "–", "proportional reading error that it leaves"),
+            Column("stiffness_scatter", "–", "scatter of stiffness that it leaves"),
+            Column("tensile_noise_length", "–", "stretch over which errors stay alike"),
+        ),
+    ),
+    ResultTable(
         SHARES,
         (
             _DEGRADATION,
@@ -493,7 +529,7 @@ _TABLES = (
     ),
 )
 #: Tables that readings of actuators do not change: of films, and of what priors alone predict.
-NOT_OF_ACTUATORS: Final = (COURSE, MEASURED, ORDERS, PRIOR_PREDICTIVE)
+NOT_OF_ACTUATORS: Final = (COURSE, MATERIAL_LAWS, MEASURED, ORDERS, PRIOR_PREDICTIVE)
 
 #: Every table by its name.
 TABLES: Final[Mapping[str, ResultTable]] = MappingProxyType(

@@ -26,6 +26,12 @@ _PROPER = {
     "c2": "C2",
     "c3": "C3",
     "young_modulus": "Young's modulus",
+    "modulus_100": "100 % modulus",
+    "neo_hookean": "neo-Hookean",
+    "mooney_rivlin": "Mooney–Rivlin",
+    "yeoh": "Yeoh",
+    "gent": "Gent",
+    "ogden": "Ogden",
     "r_squared": "R²",
     "mullins": "Mullins",
 }

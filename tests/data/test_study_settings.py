@@ -47,6 +47,19 @@ def test_the_contract_spells_out_the_defaults() -> None:
     assert parse(CONTRACT) == replace(Settings(), title="A study", priors=prior)
 
 
+def test_law_range_and_vendors_figures_are_taken_over() -> None:
+    settings = parse(
+        "[material]\nlaw = 'neo_hookean'\nstretch_range = [1, 2.5]\n"
+        "[vendor]\nmodulus_100 = 69\nsource = 'data sheet'\n"
+        "elongation_at_break = { value = 900, sd = 90 }\n"
+    )
+    assert settings.law == "neo_hookean"
+    assert settings.stretch_range == (1.0, 2.5)
+    assert settings.vendor.modulus_100 == Known(69.0, 0.2 * 69.0)
+    assert settings.vendor.elongation_at_break == Known(900.0, 90.0)
+    assert settings.vendor.source == "data sheet"
+
+
 def test_empty_file_gives_the_defaults() -> None:
     assert parse("") == Settings()
     assert parse("\ufeff# only a comment\n") == Settings()
@@ -113,6 +126,36 @@ material.order = 3
         ("[material]\norder = 2.0", 2, "material.order", "2.0", "whole number"),
         ("[material]\nordr = 2", 2, "material.ordr", "2", "'order'"),
         ("order = 2", 1, "order", "2", "under [material]"),
+        ("[material]\nlaw = 'neohookean'", 2, "material.law", '"neohookean"', "'neo_hookean'"),
+        ("[material]\nlaw = 'gent'", 2, "material.law", '"gent"', "material_laws.csv"),
+        ("[material]\nlaw = 'ogden'", 2, "material.law", '"ogden"', '"neo_hookean"'),
+        ("[material]\nlaw = 3", 2, "material.law", "3", "mooney_rivlin"),
+        ("[material]\nstretch_range = [2, 1]", 2, "material.stretch_range", "[2, 1]", "smaller"),
+        ("[material]\nstretch_range = [0, 2]", 2, "material.stretch_range", "[0, 2]", "above 0"),
+        ("[material]\nstretch_range = 2.0", 2, "material.stretch_range", "2.0", "two stretches"),
+        (
+            "[material]\nstretch_range = [1, 2, 3]",
+            2,
+            "material.stretch_range",
+            "[1, 2, 3]",
+            "two stretches",
+        ),
+        ("[vendor]\nmodulus_100 = -69", 2, "vendor.modulus_100", "-69", "kPa"),
+        ("[vendor]\nmodulus = 69", 2, "vendor.modulus", "69", "'modulus_100'"),
+        (
+            "[vendor]\nmodulus_100 = { value = 69, sd = 0 }",
+            2,
+            "vendor.modulus_100",
+            "{ value = 69, sd = 0 }",
+            "sd above 0",
+        ),
+        (
+            "[vendor]\nelongation_at_break = { value = 900, std = 90 }",
+            2,
+            "vendor.elongation_at_break",
+            "{ value = 900, std = 90 }",
+            "sd = ..",
+        ),
         ("[priors]\nc1 = 3", 2, "priors.c1", "3", "law ="),
         (
             "[priors]\nc1 = { law = 'norml', mean = 1, sd = 1 }",

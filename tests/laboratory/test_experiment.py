@@ -10,7 +10,14 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 import bayesdeg
-from bayesdeg.data.settings import MODES, Dimensions, Settings, parse_settings
+from bayesdeg.data.settings import (
+    CALIBRATED_LAWS,
+    MODES,
+    Dimensions,
+    Settings,
+    VendorFigures,
+    parse_settings,
+)
 from bayesdeg.data.shrinkage import Known, MixtureRecipe
 from bayesdeg.data.study import read_study
 from bayesdeg.laboratory.experiment import Design, design_of, run_experiment
@@ -195,8 +202,10 @@ def test_settings_of_the_study_are_kept(tmp_path):
         priors={"volume_ratio": Normal(0.6, 0.05), "a.b": TruncatedNormal(0.0, 1.0, 0.0)},
         candidates=("pressure_offset",),
         effort="quick",
+        vendor=VendorFigures(Known(900.0, 90.0)),
     )
     study = written(tmp_path, make(), settings)
+    assert study.settings.vendor == VendorFigures()
     made = virtual_settings(settings, seed=7)
     assert study.settings == made
     assert made.title == f"Virtual experiment: {settings.title}"
@@ -237,6 +246,13 @@ laws = st.one_of(
         effort=st.sampled_from(["quick", "standard", "thorough"]),
         fit_modes=st.sampled_from([("uniaxial",), MODES]),
         virtual=st.booleans(),
+        law=st.sampled_from(CALIBRATED_LAWS),
+        stretch_range=st.none() | st.tuples(st.floats(0.1, 1.0), st.floats(1.1, 9.0)),
+        vendor=st.builds(
+            VendorFigures,
+            modulus_100=st.none() | st.builds(Known, st.floats(2.0, 1e4), st.floats(0.1, 1.9)),
+            source=st.sampled_from(["vendor", "data sheet"]),
+        ),
     )
 )
 def test_settings_are_read_back_from_their_text(settings):

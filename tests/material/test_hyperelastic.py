@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from bayesdeg.material.hyperelastic import (
     EXPONENTS,
     Gent,
+    MooneyRivlin,
     NeoHookean,
     Ogden,
     Yeoh,
@@ -50,6 +51,7 @@ LAWS = [
         yeoh_symbolic(EXACT(3, 10), -EXACT(2, 100), EXACT(4, 1000))
         + EXACT(15, 100) * (sympy.sqrt(I2) - sympy.sqrt(3)),
     ),
+    (MooneyRivlin(0.25, 0.05), EXACT(1, 4) * (I1 - 3) + EXACT(1, 20) * (I2 - 3)),
     (Gent(0.6, 40.0), -EXACT(6, 10) * 20 * sympy.log(1 - (I1 - 3) / 40)),
     (
         Ogden([0.5, 0.02, -0.1], [1.5, 4.0, -2.0]),

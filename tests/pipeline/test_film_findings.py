@@ -158,8 +158,8 @@ def test_a_study_s_films_are_calibrated_until_they_may_be_used(examined):
     assert np.mean(draws["fresh_moisture"]) == pytest.approx(20.0, abs=0.5)
     assert np.mean(draws["moisture_scatter"]) == pytest.approx(0.4, abs=0.15)
     assert examined.stated.tolist() == [[25.0, 1.0], [10.0, 0.5], [25.0, 0.5]]
-    assert set(examined.sentences()) == {"course", "common_error", "orders"}
-    assert set(examined.tables(np.random.default_rng(1))) == {"course", "orders"}
+    assert set(examined.sentences()) == {"course", "common_error", "orders", "material_laws"}
+    assert set(examined.tables(np.random.default_rng(1))) == {"course", "orders", "material_laws"}
 
 
 def test_a_study_without_moisture_has_no_course(tmp_path):

@@ -39,12 +39,14 @@ from bayesdeg.criticism.experiments.designs import MOUNTS
 from bayesdeg.criticism.experiments.ranking import ExperimentPlan
 from bayesdeg.criticism.holdout.gain import LooPit, Scatter
 from bayesdeg.criticism.holdout.leave_one_out import LeaveOneOut
+from bayesdeg.criticism.holdout.material_laws import FittedLaw, LawComparison, NoiseLevels
 from bayesdeg.criticism.posterior.convergence import Convergence
 from bayesdeg.criticism.posterior.order import OrderComparison, OrderFit
 from bayesdeg.criticism.posterior.prior_sensitivity import PriorSensitivity, Sensitivity
 from bayesdeg.inference.sampling import Effort
 from bayesdeg.pipeline.films import CommonError, CourseSummary
 from bayesdeg.pipeline.lifetime import LifeSummary
+from bayesdeg.pipeline.vendor import VendorCheck, VendorFigure
 from bayesdeg.prediction.control import Allowed, Setting
 from bayesdeg.prediction.lifetime import Duty
 from bayesdeg.prediction.prior_predictive import PriorPredictive
@@ -117,6 +119,29 @@ def order(number, elpd, log_evidence):
 SECOND = order(2, [20.0, 41.0, 50.0], 14.0)
 WORSE, SIMPLER = order(1, [9.0, 20.0, 31.0], -30.0), order(1, [20.0, 40.5, 50.6], 15.0)
 HIGHER = order(3, [90.0, 91.0, 92.0], 20.0)
+
+
+def fitted_law(name, elpd, error):
+    elpd, errors = np.array(elpd), np.full(len(elpd), error)
+    noise = NoiseLevels(0.01, 0.02, 0.03, 0.05)
+    return FittedLaw(name, 3, ({},), np.ones(1), noise, errors, errors, elpd)
+
+
+def laws(*fits, modes=("uniaxial",)):
+    count = len(fits[0].elpd)
+    return LawComparison(fits, "yeoh", np.zeros(count), np.full(count, 5), modes)
+
+
+YEOH = fitted_law("yeoh", [20.0, 21.0, 22.0], 0.0432)
+GENT = fitted_law("gent", [12.0, 11.5, 14.0], 0.0914)
+OGDEN = fitted_law("ogden", [26.0, 27.5, 28.0], 0.0221)
+DOUBTFUL = fitted_law("mooney_rivlin", [20.0, 29.0, 20.0], 0.0397)
+ALONE = fitted_law("yeoh", [NAN, NAN], NAN), fitted_law("gent", [NAN, NAN], NAN)
+STATED = VendorFigure("modulus_100", "kPa", 68.9, 13.8, "datum", 74.1, 70.2, 78.8)
+BROKEN = VendorFigure("elongation_at_break", "%", 900.0, 180.0, "prior", 873.0, 640.0, 1170.0)
+NO_ACTUATOR = VendorFigure(
+    "elongation_at_break", "%", 900.0, 180.0, "there is no actuator that could burst"
+)
 COURSE = CourseSummary(63, 25.0, 1.0, (24.31, 22.4, 27.08), (32.1, 28.9, 35.2), 24.0)
 ERROR = CommonError(9, 8, 25.0, 0.441, 0.582, 0.731, 0.5)
 
@@ -222,6 +247,13 @@ RECORDS = {
     "order could be lower": OrderComparison((SIMPLER, SECOND), 2),
     "order too low": OrderComparison((WORSE, SECOND, HIGHER), 2),
     "order not judged": OrderComparison((WORSE, replace(SECOND, log_evidence=NAN)), 2),
+    "law used predicts best": laws(YEOH, GENT),
+    "law used predicts best, of modes": laws(YEOH, GENT, modes=("uniaxial", "planar")),
+    "another law is better": laws(YEOH, GENT, OGDEN),
+    "another law may be better": laws(YEOH, DOUBTFUL),
+    "laws not judged": laws(*ALONE),
+    "vendor": VendorCheck((STATED, BROKEN), "data sheet, 2024"),
+    "vendor, not used": VendorCheck((NO_ACTUATOR,), "vendor"),
     "course reaches the rate": COURSE,
     "course reaches the rate in time": replace(COURSE, last_h=48.0),
     "course may not reach the rate": replace(COURSE, reached=0.43),
@@ -506,6 +538,12 @@ def test_no_finding_speaks_of_degradation_where_nothing_degrades(name):
             ["63", "25 %", "24.3", "22.4", "27.1", "24 h", "32", "29", "35"],
         ),
         ("course may not reach the rate", ["43 %"]),
+        ("law used predicts best", ["3 films", "25.5 ± 1.5", "0.043", "0.091 MPa"]),
+        ("another law is better", ["18.5 ± 0.5", "0.022", "0.043 MPa"]),
+        (
+            "vendor",
+            ["68.9 ± 14 kPa", "74.1", "70.2", "78.8", "0.4 of", "873 %", "0.1 of"],
+        ),
         ("band of the others", ["12 %"]),
         ("rupture forbids", ["25 1/m at 10 %", "300 kPa", "204 kPa", "0.05", "8.25 1/m"]),
         ("ballooning forbids", ["204 kPa", "5 %"]),

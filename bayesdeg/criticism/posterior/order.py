@@ -215,9 +215,9 @@ def films_alone(model: JointModel, nodes: Nodes) -> JointModel:
     own = (p for p in model.base if p.name.startswith(("stiffness_scatter", "tensile_")))
     moduli = tuple(s for s in model.statistics if s.quantity == "young_modulus")
     data = (*model.of_kind(Tensile), *((Means(moduli),) if moduli else ()))
-    return JointModel(
-        (*with_priors(material_parameters(nodes), laws), *own), data, FilmsAndActuators(nodes)
-    )
+    law = model.films_and_actuators.law
+    parameters = with_priors(material_parameters(nodes, law=law), laws)
+    return JointModel((*parameters, *own), data, FilmsAndActuators(nodes, law=law))
 
 
 def fit_order(films: JointModel, seed: np.random.SeedSequence) -> OrderFit:
