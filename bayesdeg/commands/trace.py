@@ -1,28 +1,34 @@
 """``bayesdeg trace``: from photographs to points on the bottom line, in mm."""
 
+import io
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, get_args
+from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
 import typer
-from numpy.typing import NDArray
 
 from bayesdeg.console import errors
+from bayesdeg.data.photographs import TracedPhotograph
+from bayesdeg.data.settings import SIDES, Side
 from bayesdeg.errors import BayesdegError
-from bayesdeg.files import read_bytes, reason, spreadsheet_safe, write_bytes, written
+from bayesdeg.files import (
+    STUDY_MB,
+    read_bytes,
+    reason,
+    spreadsheet_safe,
+    write_bytes,
+    written,
+)
+from bayesdeg.photographs.lines import line_of, parse_lines
 from bayesdeg.photographs.overlay import overlay
-from bayesdeg.photographs.picture import Colours, read_picture
-from bayesdeg.photographs.trace import PictureScale, Side, Trace, trace
+from bayesdeg.photographs.picture import read_picture
+from bayesdeg.photographs.record import recorded, tables_of
+from bayesdeg.photographs.trace import PHOTO_MB, PictureScale, trace
 from bayesdeg.quantities import LARGEST_SEED
 
-Floats = NDArray[np.float64]
-
-PHOTO_MB = 100.0
-"""A JPEG file of 12 megapixels has 3 … 10 MB, a TIFF file 36 MB."""
-ABOUT = ("specimen_id", "pressure_kPa", "degradation_pct")
 _SIZE = re.compile(r"\s*([0-9.eE+-]+)\s*(mm)?\s*")
 
 
@@ -76,35 +82,35 @@ def trace_photographs(
     """
     known = _scale(grid, ruler, length, scale)
     side = _side(base)
-    rows, hints = _table(about, ("file",)), _table(hint, ("x_px", "y_px"))
+    rows = _table(about)
+    hints = {} if hint is None else parse_lines(str(hint), _content(hint))
     _refuse_alike(photos)
     _refuse_beside(photos, out)
-    known_of = {path.name: _about(about, rows, path.name) for path in photos}
-    found: dict[str, Trace] = {}
-    problems: list[str] = []
+    of_each = {path.name: _about(about, rows, path.name) for path in photos}
+    found: list[TracedPhotograph] = []
     for path in photos:
+        name = path.name
         try:
-            image = _photograph(path)
-            found[path.name] = trace(
-                image,
-                known,
-                rng=np.random.default_rng(seed),
-                hint=_hint(hints, path.name),
-                base=side,
-            )
+            content = _content(path, most_mb=PHOTO_MB)
+            image = read_picture(name, content)
+            rng = np.random.default_rng(seed)
+            one = trace(image, known, rng=rng, hint=line_of(hints, name), base=side)
         except BayesdegError as fault:
-            text = str(fault)
-            problems.append(text if text.startswith(path.name) else f"{path.name}: {text}")
+            why = str(fault).removeprefix(f"{name}: ")
+            found.append(TracedPhotograph(file=name, refused=why, **of_each[name]))
             continue
-        write_bytes(out / f"{path.stem}_traced.png", overlay(image, found[path.name], path.name))
-    if found:
-        _write(out, found, known_of)
-    for name, one in found.items():
-        for doubt in one.doubts:
-            errors.print(f"{name}: not sure: {doubt}", soft_wrap=True, markup=False)
-    errors.print(f"{len(found)} of {len(photos)} photographs traced", soft_wrap=True)
-    if problems:
-        raise BayesdegError("\n".join(problems))
+        record = recorded(name, content, image, one)
+        found.append(record.model_copy(update=dict(of_each[name])))
+        write_bytes(out / f"{path.stem}_traced.png", overlay(image, one, name))
+    _write(out, found)
+    for done in found:
+        for doubt in done.not_sure:
+            errors.print(f"{done.file}: not sure: {doubt}", soft_wrap=True, markup=False)
+    traced = [done for done in found if not done.refused]
+    errors.print(f"{len(traced)} of {len(photos)} photographs traced", soft_wrap=True)
+    if len(traced) < len(found):
+        wrong = (f"{done.file}: {done.refused}" for done in found if done.refused)
+        raise BayesdegError("\n".join(wrong))
 
 
 def _size(text: str | None, option: str) -> float | None:
@@ -133,13 +139,13 @@ def _scale(
     return known
 
 
-SIDES: Mapping[str, Side] = {side: side for side in get_args(Side.__value__)}
+_SIDES: Mapping[str, Side] = {side: side for side in SIDES}
 
 
 def _side(base: str | None) -> Side | None:
-    if base is not None and base not in SIDES:
+    if base is not None and base not in _SIDES:
         raise typer.BadParameter(f"--base {base!r}: write {', '.join(SIDES)}")
-    return None if base is None else SIDES[base]
+    return None if base is None else _SIDES[base]
 
 
 def _refuse_alike(photos: list[Path]) -> None:
@@ -161,91 +167,49 @@ def _refuse_beside(photos: list[Path], out: Path) -> None:
             )
 
 
-def _photograph(path: Path) -> Colours:
+def _content(path: Path, most_mb: float = STUDY_MB) -> bytes:
     try:
-        return read_picture(path.name, read_bytes(path, most_mb=PHOTO_MB))
+        return read_bytes(path, most_mb=most_mb)
     except OSError as fault:
         raise BayesdegError(
-            f"{path.name}: cannot be read ({reason(fault)}); give the path of a photograph"
+            f"{path.name}: cannot be read ({reason(fault)}); give the path of a file that can"
         ) from fault
 
 
-def _table(path: Path | None, needed: tuple[str, ...]) -> pd.DataFrame | None:
+def _table(path: Path | None) -> pd.DataFrame | None:
     if path is None:
         return None
     try:
-        frame = pd.read_csv(path, comment="#", encoding="utf-8-sig")
-    except (OSError, ValueError) as fault:
+        frame = pd.read_csv(io.BytesIO(_content(path)), comment="#", encoding="utf-8-sig")
+    except ValueError as fault:
         raise BayesdegError(f"{path}: it is no table that can be read; write a CSV file") from fault
-    missing = [name for name in needed if name not in frame]
-    if missing:
-        raise BayesdegError(f"{path}: column {missing[0]} is missing; add it")
+    if "file" not in frame:
+        raise BayesdegError(f"{path}: column file is missing; add it")
     return frame
 
 
-def _hint(hints: pd.DataFrame | None, name: str) -> Floats | None:
-    if hints is None:
-        return None
-    mine = hints[hints["file"] == name] if "file" in hints else hints
-    if mine.empty:
-        return None
-    points = mine[["x_px", "y_px"]].apply(pd.to_numeric, errors="coerce").to_numpy(np.float64)
-    if len(points) < 2 or not np.all(np.isfinite(points)):
-        raise BayesdegError(f"{name}: its hint is not two points or more; give x_px and y_px")
-    line: Floats = points
-    return line
-
-
-def _write(out: Path, found: dict[str, Trace], known_of: Mapping[str, dict[str, object]]) -> None:
-    """Write the tables of all photographs."""
-    markers, traces, pixels = [], [], []
-    for name, one in found.items():
-        about = known_of[name]
-        count = np.arange(1, len(one.points) + 1)
-        markers.append(
-            pd.DataFrame(
-                {
-                    **about,
-                    "point": count,
-                    "x_mm": one.points[:, 0].round(4),
-                    "y_mm": one.points[:, 1].round(4),
-                    "sd_mm": np.sqrt(np.mean(one.error**2, axis=1)).round(5),
-                    "file": name,
-                }
-            )
-        )
-        traces.append(
-            {
-                "file": name,
-                **about,
-                "bend_angle_deg": round(one.angle, 4),
-                "bend_angle_error_deg": round(one.angle_error, 4),
-                "curvature_per_m": round(one.curvature, 5),
-                "curvature_error_per_m": round(one.curvature_error, 5),
-                "length_mm": round(one.length, 4),
-                "scale_from": one.plane.source,
-                "not_sure": "; ".join(one.doubts),
-            }
-        )
-        place = {"x_px": one.pixels[:, 0].round(2), "y_px": one.pixels[:, 1].round(2)}
-        pixels.append(pd.DataFrame({"file": name, "point": count, **place}))
-    for name, table in (
-        ("markers.csv", pd.concat(markers)),
-        ("traces.csv", pd.DataFrame(traces)),
-        ("points.csv", pd.concat(pixels)),
-    ):
-        with written(out / name) as part:
-            table.map(spreadsheet_safe).to_csv(part, index=False, encoding="utf-8")
-
-
-def _about(path: Path | None, rows: pd.DataFrame | None, name: str) -> dict[str, object]:
+def _about(path: Path | None, rows: pd.DataFrame | None, name: str) -> dict[str, Any]:
     """Return what is known of a photograph; by default its name is the specimen's."""
-    known: dict[str, object] = {"specimen_id": Path(name).stem, "pressure_kPa": None}
     if rows is None:
-        return known
+        return {"specimen_id": Path(name).stem}
     mine = rows[rows["file"] == name]
     if len(mine) != 1:
         raise BayesdegError(
             f"{path}: {len(mine)} rows are of {name!r}; give one row for each photograph"
         )
-    return known | {key: mine.iloc[0][key] for key in ABOUT if key in rows}
+    row = mine.iloc[0]
+    known: dict[str, Any] = {"specimen_id": str(row.get("specimen_id", Path(name).stem))}
+    for field, column in (("pressure", "pressure_kPa"), ("degradation", "degradation_pct")):
+        if column in rows:
+            number = pd.to_numeric(row[column], errors="coerce")
+            if not np.isfinite(number):
+                raise BayesdegError(f"{path}: {column} of {name!r} is no number; give one")
+            known[field] = float(number)
+    return known
+
+
+def _write(out: Path, found: Sequence[TracedPhotograph]) -> None:
+    """Write the tables of all photographs."""
+    for file, table in tables_of(found).items():
+        with written(out / file) as part:
+            table.map(spreadsheet_safe).to_csv(part, index=False, encoding="utf-8")

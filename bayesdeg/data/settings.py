@@ -45,9 +45,12 @@ RuptureCriterion = Literal["principal_stretch", "cauchy_stress", "strain_energy"
 
 Operator = Literal["angle_over_arc", "circle", "spline", "base_tip"]
 
+Side = Literal["left", "right", "top", "bottom"]
+
 EFFORTS: tuple[Effort, ...] = get_args(Effort)
 MODES: tuple[str, ...] = get_args(Mode)
 OPERATORS: tuple[Operator, ...] = get_args(Operator)
+SIDES: tuple[Side, ...] = get_args(Side)
 FEWEST_POINTS = 4
 """Of a line that is read, as a cubic spline needs."""
 RUPTURE_CRITERIA: tuple[RuptureCriterion, ...] = get_args(RuptureCriterion)
@@ -256,6 +259,39 @@ class OwnForward:
 
 
 @dataclass(frozen=True)
+class PhotographOptions:
+    """How the photographs of a study are traced, as ``[photographs]`` states it.
+
+    Parameters
+    ----------
+    grid : float, optional
+        Side of a square of a checkerboard in view [mm].
+    ruler : float, optional
+        From tick to tick of a ruler in view [mm].
+    length : float, optional
+        Of the bottom line [mm]; with another scale it is a check.
+    scale : float, optional
+        Size of a pixel, seen square on [mm].
+    base : {"left", "right", "top", "bottom"}, optional
+        On which side the clamp is.
+    hint : str, optional
+        File of the study with points near the lines.
+    """
+
+    grid: float | None = None
+    ruler: float | None = None
+    length: float | None = None
+    scale: float | None = None
+    base: Side | None = None
+    hint: str | None = None
+
+    @property
+    def has_scale(self) -> bool:
+        """Whether anything says how large things are."""
+        return any(one is not None for one in (self.grid, self.ruler, self.length, self.scale))
+
+
+@dataclass(frozen=True)
 class Settings:
     """The contents of ``study.toml``, defaults filled in.
 
@@ -310,6 +346,8 @@ class Settings:
         How curvature was read; if it is not stated, as bend angle over arc length.
     reading_points : int
         How many points along the bottom line another operator was given.
+    photographs : PhotographOptions
+        How photographs are traced.
 
     Examples
     --------
@@ -341,6 +379,7 @@ class Settings:
     set_aside: bool = False
     operator: Operator | None = None
     reading_points: int = 50
+    photographs: PhotographOptions = field(default_factory=PhotographOptions)
 
     @property
     def kind(self) -> Kind:
@@ -432,6 +471,11 @@ def _recipe(name: str) -> _Entry:
     return _Entry("shrinkage", name, wanted, Annotated[Known, PlainValidator(_known)])
 
 
+def _photographs(name: str) -> _Entry:
+    wanted = f"a number above 0 [{'mm/px' if name == 'scale' else 'mm'}]"
+    return _Entry("photographs", name, wanted, _POSITIVE, f"photographs_{name}")
+
+
 _SEED = f"a whole number not below 0 and up to {LARGEST_SEED}"
 _CAUSES = '"all" or a list of names of causes, each once'
 _MODES = f"a list with at least one of {', '.join(MODES)}, each once"
@@ -509,6 +553,9 @@ ENTRIES: tuple[_Entry, ...] = (
         Annotated[int, Ge(FEWEST_POINTS)],
         "reading_points",
     ),
+    *(_photographs(name) for name in ("grid", "ruler", "length", "scale")),
+    _Entry("photographs", "base", f"one of {', '.join(SIDES)}", Side, "photographs_base"),
+    _Entry("photographs", "hint", "a file of the study, in quotes", _Text, "photographs_hint"),
     _Entry("reading", "name", _READING, _Text, "own_reading"),
     _Entry("reading", "unit", "a text in quotes", _Text, "own_unit"),
     _Entry("reading", "error", f"a number above 0, or {_SCALE}", _Law | _POSITIVE, "own_error"),
@@ -517,6 +564,7 @@ ENTRIES: tuple[_Entry, ...] = (
 TABLES = (
     *("actuator", "paper", "constraint", "shrinkage", "priors", "noise", "causes", "sampling"),
     *("tensile", "material", "rupture", "suspects", "forward", "parameters", "reading"),
+    "photographs",
 )
 
 
@@ -607,6 +655,9 @@ def _from_document(document: dict[str, Any], text: str) -> tuple[Settings, tuple
         accepted["paper_thickness_mm"] = accepted.pop("constraint_thickness_mm")
     dimensions = _mould(accepted)
     recipe = MixtureRecipe(**_of(MixtureRecipe, accepted))
+    of_photographs = PhotographOptions(
+        **{n: accepted.pop(f"photographs_{n}", None) for n in _OF_PHOTOGRAPHS}
+    )
     # the defaults that stand in for refused keys must not be blamed
     if not any((fault.column or "").startswith(("actuator", "constraint")) for fault in faults):
         of_layer = {k: v for k, v in accepted.items() if k.startswith(("constraint", "paper"))}
@@ -615,6 +666,7 @@ def _from_document(document: dict[str, Any], text: str) -> tuple[Settings, tuple
     forward = OwnForward(**own, parameters=unknowns) if "function" in own else None
     if forward is None and not faults:
         faults += _without_forward(document, text)
+    accepted["photographs"] = of_photographs
     settings = Settings(
         dimensions=dimensions, recipe=recipe, priors=priors, forward=forward, **accepted
     )
@@ -623,6 +675,7 @@ def _from_document(document: dict[str, Any], text: str) -> tuple[Settings, tuple
     return settings, tuple(faults)
 
 
+_OF_PHOTOGRAPHS = tuple(entry.name for entry in fields(PhotographOptions))
 _OF_OPERATOR = {"operator", "points"}
 _OWN = tuple(entry.name for entry in fields(OwnForward) if entry.name != "parameters")
 

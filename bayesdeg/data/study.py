@@ -11,6 +11,8 @@ import pandera.pandas as pa
 
 from bayesdeg.data import readings
 from bayesdeg.data.cells import Cells, check_header, read_cells, read_number
+from bayesdeg.data.photographs import FILE as PHOTOS_FILE
+from bayesdeg.data.photographs import TracedPhotograph
 from bayesdeg.data.settings import FILE as SETTINGS_FILE
 from bayesdeg.data.settings import AnyDimensions, Settings, parse_settings
 from bayesdeg.data.tables import TABLES, Table, broken, row_check, words_of
@@ -255,6 +257,8 @@ class Study:
         Checked tables of further kinds of data by their names.
     line_points : int, optional
         By how many even points each line of ``markers.csv`` was read for the actuators' table.
+    photographs : tuple of TracedPhotograph
+        What was traced in each of ``photos.csv``, also those that were refused.
     """
 
     name: str
@@ -271,6 +275,7 @@ class Study:
     passed_over: Mapping[str, int] = field(default_factory=dict)
     others: Mapping[str, pd.DataFrame] = field(default_factory=dict)
     line_points: int | None = None
+    photographs: tuple[TracedPhotograph, ...] = ()
 
     def __repr__(self) -> str:
         """Return its name, and how much of which data it has."""
@@ -290,7 +295,14 @@ class Study:
 
     def given(self, name: str) -> pd.DataFrame | None:
         """Return a table that there is a file of; None for what was read of lines of points."""
-        return None if name == "actuator" and self.line_points else self.table(name)
+        of_lines = name == "actuator" and self.line_points
+        of_photographs = name == "markers" and self.photographs
+        return None if of_lines or of_photographs else self.table(name)
+
+    @property
+    def lines_file(self) -> str:
+        """The file that lines of points come from."""
+        return PHOTOS_FILE if self.photographs else "markers.csv"
 
     @property
     def degrades(self) -> bool:
@@ -474,6 +486,7 @@ def _assemble(
         passed_over={files[name]: t.passed_over for name, t in tables.items() if t.passed_over},
         others={name: frame for name, frame in frames.items() if name not in TABLES},
         line_points=None,
+        photographs=(),
     )
 
 

@@ -1,11 +1,11 @@
 """A photograph to points on the bottom line, with what angle and curvature they give."""
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdeg.data.settings import Side
 from bayesdeg.errors import BayesdegError
 from bayesdeg.photographs.edges import Edge, find_edge
 from bayesdeg.photographs.outline import arc_of, find_body, len_of
@@ -13,8 +13,9 @@ from bayesdeg.photographs.picture import Colours
 from bayesdeg.photographs.plane import Plane, grid_plane, mapped, rescaled, ruler_plane, square_on
 
 Floats = NDArray[np.float64]
-type Side = Literal["left", "right", "top", "bottom"]
 
+PHOTO_MB = 100.0
+"""A JPEG file of 12 megapixels has 3 … 10 MB, a TIFF file 36 MB."""
 #: The stiff ends of an actuator, over which its line is straight: end walls have 3 of 50 mm.
 STIFF = 0.055
 #: Error of a point along the line, and of its ends, where the gel's corner is read [px].
@@ -82,6 +83,8 @@ class Trace:
         Of the line [mm].
     plane : Plane
         With the target that the scale is from.
+    to_mm : array, shape (3, 3)
+        Homography from pixels to the frame of ``points``.
     doubts : tuple of str
         What a person should look at.
     """
@@ -96,6 +99,7 @@ class Trace:
     curvature_error: float
     length: float
     plane: Plane
+    to_mm: Floats
     doubts: tuple[str, ...]
 
 
@@ -197,7 +201,7 @@ def measured(
             "bottom line with --hint, the side with the paper"
         )
     reverse, doubts = _order(edge, base)
-    points, error = _in_frame(plane, edge, reverse=reverse)
+    points, error, to_mm = _in_frame(plane, edge, reverse=reverse)
     order = slice(None, None, -1 if reverse else 1)
     return Trace(
         points,
@@ -210,6 +214,7 @@ def measured(
         1e3 * curvature_error,
         length,
         plane,
+        to_mm,
         doubts,
     )
 
@@ -290,24 +295,43 @@ def _order(edge: Edge, base: Side | None) -> tuple[bool, tuple[str, ...]]:
     return stated, ()
 
 
-def _in_frame(plane: Plane, edge: Edge, *, reverse: bool) -> tuple[Floats, Floats]:
-    """Return points and errors from the clamp, x along the clamped end, y away from the paper."""
-    placed = plane.placed(edge.points)
+def _in_frame(plane: Plane, edge: Edge, *, reverse: bool) -> tuple[Floats, Floats, Floats]:
+    """Return points and errors from the clamp, x along the clamped end, y away from the paper.
+
+    The third is the homography from pixels to that frame.
+    """
     normals = _normals(edge.points)
     ahead = np.column_stack([-normals[:, 1], normals[:, 0]])
-    along = np.full(len(placed), ALONG)
+    along = np.full(len(edge.points), ALONG)
     along[[0, -1]] = END
-    across = plane.placed(edge.points + edge.error[:, None] * normals) - placed
-    forth = plane.placed(edge.points + along[:, None] * ahead) - placed
-    if reverse:
-        placed, across, forth = placed[::-1], across[::-1], forth[::-1]
-    else:
-        # the paper is on the left; seen from the other side it is on the right
-        placed, across, forth = (a * [1.0, -1.0] for a in (placed, across, forth))
-    arc = arc_of(placed)
-    turn = _direction(placed[arc <= max(STIFF * arc[-1], float(arc[2]))])
+    order = slice(None, None, -1 if reverse else 1)
+    # the paper is on the left; seen from the other side it is on the right
+    upright = np.diag([1.0, 1.0 if reverse else -1.0, 1.0]) @ plane.homography
+    to_mm = into_frame(mapped(upright, edge.points[order])) @ upright
+    points = mapped(to_mm, edge.points)
+    across = mapped(to_mm, edge.points + edge.error[:, None] * normals) - points
+    forth = mapped(to_mm, edge.points + along[:, None] * ahead) - points
+    return (points - points[order][0])[order], np.sqrt(across**2 + forth**2)[order], to_mm
+
+
+def into_frame(points: Floats) -> Floats:
+    """Return the rigid motion that takes a line to its clamped end: from 0, along x, (3, 3).
+
+    Parameters
+    ----------
+    points : array, shape (n, 2)
+        From the clamp [mm].
+
+    Examples
+    --------
+    >>> line = np.array([[2.0, 1.0], [2.0, 2.0], [2.0, 3.0], [2.0, 4.0]])
+    >>> mapped(into_frame(line), line).round(9).tolist()
+    [[0.0, 0.0], [1.0, 0.0], [2.0, 0.0], [3.0, 0.0]]
+    """
+    arc = arc_of(points)
+    turn = _direction(points[arc <= max(STIFF * arc[-1], float(arc[2]))])
     c, s = np.cos(turn), np.sin(turn)
-    rotation = np.array([[c, -s], [s, c]])
-    points = (placed - placed[0]) @ rotation
-    error = np.sqrt((across @ rotation) ** 2 + (forth @ rotation) ** 2)
-    return points, error
+    motion = np.eye(3)
+    motion[:2, :2] = [[c, s], [-s, c]]
+    motion[:2, 2] = -motion[:2, :2] @ points[0]
+    return motion

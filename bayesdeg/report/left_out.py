@@ -40,6 +40,7 @@ class OptionalStage(StrEnum):
     ORDERS = "order of the polynomials"
     READINGS = "predictions at the readings"
     DEFORMED = "deformed actuator"
+    PHOTOGRAPHS = "photographs with lines"
     HELD_OUT_MODES = "held-out modes of tension"
     WHERE = "where the misfit sits"
     CONCENTRATION = "specimens and branches in which the misfit sits"
