@@ -3,37 +3,52 @@
 import io
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
 import typer
+from numpy.typing import NDArray
 
+from bayesdeg.commands.trace_folder import (
+    refuse_lost_corrections,
+    way_to,
+    write_overlay,
+    write_traces,
+)
+from bayesdeg.commands.trace_page import serve
 from bayesdeg.console import errors
 from bayesdeg.data.photographs import TracedPhotograph
 from bayesdeg.data.settings import SIDES, Side
 from bayesdeg.errors import BayesdegError
-from bayesdeg.files import (
-    STUDY_MB,
-    read_bytes,
-    reason,
-    spreadsheet_safe,
-    write_bytes,
-    written,
-)
+from bayesdeg.files import STUDY_MB, read_bytes, reason
 from bayesdeg.photographs.lines import line_of, parse_lines
 from bayesdeg.photographs.overlay import overlay
 from bayesdeg.photographs.picture import read_picture
-from bayesdeg.photographs.record import recorded, tables_of
+from bayesdeg.photographs.record import recorded
 from bayesdeg.photographs.trace import PHOTO_MB, PictureScale, trace
 from bayesdeg.quantities import LARGEST_SEED
+
+Floats = NDArray[np.float64]
 
 _SIZE = re.compile(r"\s*([0-9.eE+-]+)\s*(mm)?\s*")
 
 
-Photos = Annotated[list[Path], typer.Argument(help="Photographs.", metavar="PHOTO…")]
-Out = Annotated[Path, typer.Option(help="Where markers.csv goes.", metavar="FOLDER")]
+Photos = Annotated[list[Path] | None, typer.Argument(help="Photographs.", metavar="PHOTO…")]
+Out = Annotated[Path | None, typer.Option(help="Where markers.csv goes.", metavar="FOLDER")]
+PageOf = Annotated[
+    Path | None,
+    typer.Option(
+        help="Instead of tracing, show what was traced into a folder on a page of this machine, "
+        "where points can be moved and saved.",
+        metavar="FOLDER",
+    ),
+]
+Port = Annotated[
+    int | None, typer.Option(help="Of the page; by default a free one.", min=1024, max=65535)
+]
 Grid = Annotated[str | None, typer.Option(help="Side of a square of a checkerboard.", metavar="MM")]
 Ruler = Annotated[str | None, typer.Option(help="From tick to tick of a ruler.", metavar="MM")]
 Length = Annotated[
@@ -61,8 +76,8 @@ Base = Annotated[str | None, typer.Option(help="Where the clamp is: left, right,
 
 
 def trace_photographs(
-    photos: Photos,
-    out: Out,
+    photos: Photos = None,
+    out: Out = None,
     grid: Grid = None,
     ruler: Ruler = None,
     length: Length = None,
@@ -73,6 +88,8 @@ def trace_photographs(
     seed: Annotated[
         int, typer.Option(min=0, max=LARGEST_SEED, help="Of the draws that errors are taken from.")
     ] = 1,
+    page: PageOf = None,
+    port: Port = None,
 ) -> None:
     """Trace the bottom line of actuators in photographs, and write points with their errors.
 
@@ -80,37 +97,64 @@ def trace_photographs(
     corrected) and a picture with the line of every photograph. A checkerboard or ruler must lie in
     the plane of the side that is traced. What cannot be read is said, and left out.
     """
-    known = _scale(grid, ruler, length, scale)
-    side = _side(base)
-    rows = _table(about)
+    if page is not None:
+        _refuse_with_page(photos, out)
+        serve(page, port)
+        return
+    if not photos or out is None:
+        raise typer.BadParameter("give photographs and --out FOLDER, or --page FOLDER")
     hints = {} if hint is None else parse_lines(str(hint), _content(hint))
+    asked = _Asked(_scale(grid, ruler, length, scale), _side(base), hints, seed)
+    rows = _table(about)
     _refuse_alike(photos)
     _refuse_beside(photos, out)
-    of_each = {path.name: _about(about, rows, path.name) for path in photos}
-    found: list[TracedPhotograph] = []
-    for path in photos:
-        name = path.name
-        try:
-            content = _content(path, most_mb=PHOTO_MB)
-            image = read_picture(name, content)
-            rng = np.random.default_rng(seed)
-            one = trace(image, known, rng=rng, hint=line_of(hints, name), base=side)
-        except BayesdegError as fault:
-            why = str(fault).removeprefix(f"{name}: ")
-            found.append(TracedPhotograph(file=name, refused=why, **of_each[name]))
-            continue
-        record = recorded(name, content, image, one)
-        found.append(record.model_copy(update=dict(of_each[name])))
-        write_bytes(out / f"{path.stem}_traced.png", overlay(image, one, name))
-    _write(out, found)
-    for done in found:
-        for doubt in done.not_sure:
-            errors.print(f"{done.file}: not sure: {doubt}", soft_wrap=True, markup=False)
-    traced = [done for done in found if not done.refused]
-    errors.print(f"{len(traced)} of {len(photos)} photographs traced", soft_wrap=True)
-    if len(traced) < len(found):
-        wrong = (f"{done.file}: {done.refused}" for done in found if done.refused)
+    refuse_lost_corrections(out)
+    of_each = {path: _about(about, rows, path.name) for path in photos}
+    found = [_traced(path, out, asked, known) for path, known in of_each.items()]
+    write_traces(out, found)
+    _report(found)
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """How all photographs are traced."""
+
+    scale: PictureScale
+    base: Side | None
+    hints: Mapping[str, Floats]
+    seed: int
+
+
+def _traced(path: Path, out: Path, asked: _Asked, known: dict[str, Any]) -> TracedPhotograph:
+    """Trace a photograph and draw its line; say why if there is none."""
+    name, rng = path.name, np.random.default_rng(asked.seed)
+    try:
+        content = _content(path, most_mb=PHOTO_MB)
+        image = read_picture(name, content)
+        hint = line_of(asked.hints, name)
+        found = trace(image, asked.scale, rng=rng, hint=hint, base=asked.base)
+    except BayesdegError as fault:
+        return TracedPhotograph(file=name, refused=str(fault).removeprefix(f"{name}: "), **known)
+    record = recorded(name, content, image, found)
+    record = record.model_copy(update={**known, "place": way_to(out, path)})
+    write_overlay(out, record, overlay(image, record, found.plane.target))
+    return record
+
+
+def _report(found: Sequence[TracedPhotograph]) -> None:
+    """Say what is not sure, and refuse what could not be traced."""
+    for one in found:
+        for doubt in one.not_sure:
+            errors.print(f"{one.file}: not sure: {doubt}", soft_wrap=True, markup=False)
+    wrong = [f"{one.file}: {one.refused}" for one in found if one.refused]
+    errors.print(f"{len(found) - len(wrong)} of {len(found)} photographs traced", soft_wrap=True)
+    if wrong:
         raise BayesdegError("\n".join(wrong))
+
+
+def _refuse_with_page(photos: list[Path] | None, out: Path | None) -> None:
+    if photos or out is not None:
+        raise typer.BadParameter("--page shows what was traced; give it without photographs")
 
 
 def _size(text: str | None, option: str) -> float | None:
@@ -206,10 +250,3 @@ def _about(path: Path | None, rows: pd.DataFrame | None, name: str) -> dict[str,
                 raise BayesdegError(f"{path}: {column} of {name!r} is no number; give one")
             known[field] = float(number)
     return known
-
-
-def _write(out: Path, found: Sequence[TracedPhotograph]) -> None:
-    """Write the tables of all photographs."""
-    for file, table in tables_of(found).items():
-        with written(out / file) as part:
-            table.map(spreadsheet_safe).to_csv(part, index=False, encoding="utf-8")

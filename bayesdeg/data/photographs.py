@@ -17,6 +17,7 @@ class TracedPhotograph(FileRecord):
     """A photograph, and the bottom line that was traced in it, or why none was."""
 
     file: Text = Field(default="", description="name of the photograph")
+    place: Text = Field(default="", description="way from the folder of this file to it")
     sha256: Text = Field(default="", description="SHA-256 of the photograph")
     refused: Text = Field(default="", description="why nothing was traced; empty if it was")
     specimen_id: Text = Field(default="", description="the specimen")
@@ -53,6 +54,14 @@ class TracedPhotograph(FileRecord):
             "pressure_kPa": self.pressure,
             "degradation_pct": self.degradation,
         }
+
+
+class TraceFile(FileRecord):
+    """All that `bayesdeg trace` found, with what is needed to correct it."""
+
+    photographs: tuple[TracedPhotograph, ...] = Field(
+        default=(), description="those that were traced, in the order of the tables"
+    )
 
 
 def messages(photographs: Iterable[TracedPhotograph]) -> Iterator[str]:

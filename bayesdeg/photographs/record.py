@@ -16,6 +16,8 @@ Floats = NDArray[np.float64]
 
 #: Error of a point that a person set, along and across the line [px].
 BY_HAND = 1.5
+#: Of the length of a line, by which a point is moved to see what it changes.
+STEP = 1e-5
 
 
 def hash_of(content: bytes) -> str:
@@ -95,6 +97,7 @@ def corrected(photograph: TracedPhotograph, pixels: Floats) -> TracedPhotograph:
     angle, length = angle_and_length(points)
     per_pixel = _per_pixel(to_mm, pixels)[:, None]
     errors = np.where(moved[:, None], BY_HAND * per_pixel, np.array(photograph.errors))
+    added = _angle_error(points, np.where(moved[:, None], errors, 0.0))
     return photograph.model_copy(
         update={
             "pixels": _places(pixels, 3),
@@ -102,11 +105,30 @@ def corrected(photograph: TracedPhotograph, pixels: Floats) -> TracedPhotograph:
             "errors": _places(errors, 6),
             "to_mm": tuple(map(tuple, (motion @ to_mm).tolist())),
             "bend_angle_deg": round(float(-np.degrees(angle)), 4),
+            "bend_angle_error_deg": round(
+                float(np.hypot(photograph.bend_angle_error_deg, np.degrees(added))), 4
+            ),
             "curvature_per_m": round(-1e3 * angle / length, 5),
+            "curvature_error_per_m": round(
+                float(np.hypot(photograph.curvature_error_per_m, 1e3 * added / length)), 5
+            ),
             "length_mm": round(length, 4),
             "corrected": photograph.corrected or bool(moved.any()),
         }
     )
+
+
+def _angle_error(points: Floats, errors: Floats) -> float:
+    """Return the standard error of the bend angle that errors of points give [rad]."""
+    angle, length = angle_and_length(points)
+    step = STEP * length
+    found = 0.0
+    for place in np.argwhere(errors > 0.0):
+        moved = points.copy()
+        moved[tuple(place)] += step
+        slope = (angle_and_length(moved)[0] - angle) / step
+        found += float(slope * errors[tuple(place)]) ** 2
+    return float(np.sqrt(found))
 
 
 def _per_pixel(to_mm: Floats, pixels: Floats) -> Floats:

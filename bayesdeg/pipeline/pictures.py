@@ -26,7 +26,7 @@ from bayesdeg.material.degradation import levels
 from bayesdeg.photographs.picture import read_picture
 from bayesdeg.photographs.plane import mapped
 from bayesdeg.photographs.record import hash_of
-from bayesdeg.photographs.trace import PHOTO_MB
+from bayesdeg.photographs.trace import PHOTO_MB, into_frame
 from bayesdeg.pipeline.calibrate import Fit
 from bayesdeg.pipeline.deformed import fitted_inputs
 from bayesdeg.report.folder import PICTURES, RunFolder
@@ -149,6 +149,8 @@ def lines_on(
             angle, group = curvature * one.length_mm / MILLIMETRES_PER_METRE, groups[model][number]
             points = study.line_points or len(pixels)
             line = line_of_reading(angle, one.length_mm, float(group), operator, points)
+            # a traced line lies along the clamped end; the model's leaves it at a small angle
+            line = mapped(into_frame(line), line)
             to_pixels = np.linalg.inv(np.array(one.to_mm))
             frames.append(_rows(picture, model, curvature, mapped(to_pixels, line)))
     if not frames:

@@ -208,7 +208,7 @@ def test_the_command_writes_tables_and_a_picture_and_leaves_photographs_alone(tm
     assert isinstance(done.exception, BayesdegError)
     assert str(done.exception).startswith("b.png: ")
     assert sorted(p.name for p in folder.iterdir()) == ["a.png", "b.png"]
-    names = ["a_traced.png", "markers.csv", "points.csv", "traces.csv"]
+    names = ["a_traced.png", "markers.csv", "points.csv", "trace.json", "traces.csv"]
     assert sorted(p.name for p in out.iterdir()) == names
     markers = pd.read_csv(out / "markers.csv")
     assert markers[["specimen_id", "pressure_kPa", "degradation_pct"]].iloc[0].tolist() == [
