@@ -21,6 +21,7 @@ import pandas as pd
 import bayesdeg
 import bayesdeg.causes
 from bayesdeg.commands.lazy import COMMANDS, loaded
+from bayesdeg.data.foreign import ForeignTable
 from bayesdeg.data.settings import ENTRIES, MOULDS, OwnForward, PhotographOptions, Settings
 from bayesdeg.data.shrinkage import Known, MixtureRecipe
 from bayesdeg.data.tables import words_of
@@ -147,6 +148,7 @@ def keys_of_study_toml() -> list[Entry]:
     meanings = _documented(MixtureRecipe) | _documented(Settings)
     meanings |= {f"own_{name}": text for name, text in _documented(OwnForward).items()}
     of_photographs = _documented(PhotographOptions)
+    meanings |= {f"markers_{name}": text for name, text in _documented(ForeignTable).items()}
     meanings |= {f"photographs_{name}": text for name, text in of_photographs.items()}
     # "reading, unit" share a line there
     meanings |= {

@@ -28,7 +28,7 @@ from bayesdeg.photographs.lines import line_of, parse_lines
 from bayesdeg.photographs.overlay import overlay
 from bayesdeg.photographs.picture import read_picture
 from bayesdeg.photographs.record import recorded
-from bayesdeg.photographs.trace import PHOTO_MB, PictureScale, trace
+from bayesdeg.photographs.trace import PHOTO_MB, PictureScale, trace, trace_line
 from bayesdeg.quantities import LARGEST_SEED
 
 Floats = NDArray[np.float64]
@@ -62,8 +62,17 @@ Hint = Annotated[
     Path | None,
     typer.Option(
         help="Points near the line from end to end, a CSV file with x_px and y_px, and a "
-        "column file where there are several photographs; an edited points.csv will do.",
-        metavar="CSV",
+        "column file where there are several photographs; ROIs of ImageJ will do, see --line.",
+        metavar="FILE",
+    ),
+]
+Line = Annotated[
+    Path | None,
+    typer.Option(
+        help="The line itself, from the clamp to the tip, where tracing fails or is to be "
+        "corrected: an edited points.csv, a ROI of ImageJ (.roi), or a RoiSet.zip whose ROIs are "
+        "named as the photographs.",
+        metavar="FILE",
     ),
 ]
 About = Annotated[
@@ -83,6 +92,7 @@ def trace_photographs(
     length: Length = None,
     scale: PixelSize = None,
     hint: Hint = None,
+    line: Line = None,
     about: About = None,
     base: Base = None,
     seed: Annotated[
@@ -104,7 +114,8 @@ def trace_photographs(
     if not photos or out is None:
         raise typer.BadParameter("give photographs and --out FOLDER, or --page FOLDER")
     hints = {} if hint is None else parse_lines(str(hint), _content(hint))
-    asked = _Asked(_scale(grid, ruler, length, scale), _side(base), hints, seed)
+    lines = {} if line is None else parse_lines(str(line), _content(line))
+    asked = _Asked(_scale(grid, ruler, length, scale), _side(base), hints, lines, seed)
     rows = _table(about)
     _refuse_alike(photos)
     _refuse_beside(photos, out)
@@ -122,6 +133,7 @@ class _Asked:
     scale: PictureScale
     base: Side | None
     hints: Mapping[str, Floats]
+    lines: Mapping[str, Floats]
     seed: int
 
 
@@ -131,12 +143,16 @@ def _traced(path: Path, out: Path, asked: _Asked, known: dict[str, Any]) -> Trac
     try:
         content = _content(path, most_mb=PHOTO_MB)
         image = read_picture(name, content)
-        hint = line_of(asked.hints, name)
-        found = trace(image, asked.scale, rng=rng, hint=hint, base=asked.base)
+        hint, line = line_of(asked.hints, name), line_of(asked.lines, name)
+        if line is None:
+            found = trace(image, asked.scale, rng=rng, hint=hint, base=asked.base)
+        else:
+            found = trace_line(image, asked.scale, line, rng=rng)
     except BayesdegError as fault:
         return TracedPhotograph(file=name, refused=str(fault).removeprefix(f"{name}: "), **known)
     record = recorded(name, content, image, found)
-    record = record.model_copy(update={**known, "place": way_to(out, path)})
+    about = {**known, "place": way_to(out, path), "corrected": line is not None}
+    record = record.model_copy(update=about)
     write_overlay(out, record, overlay(image, record, found.plane.target))
     return record
 

@@ -26,6 +26,7 @@ from bayesdeg.data.photographs import TracedPhotograph
 from bayesdeg.errors import BayesdegError
 from bayesdeg.files import parse_json, reason
 from bayesdeg.photographs.record import corrected
+from bayesdeg.photographs.trace import OUTSIDE
 from bayesdeg.pipeline.output import claimed
 
 Floats = NDArray[np.float64]
@@ -37,8 +38,6 @@ LARGEST_BODY = 1_000_000
 PATIENCE = 30.0
 #: Longer side of a photograph on the page [px], and its quality as JPEG.
 SIDE, QUALITY = 2400, 88
-#: Points are within the photograph, or this share of it outside.
-OUTSIDE = 0.05
 
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; "

@@ -31,6 +31,7 @@ from bayesdeg.data.families import (
     Passive,
     RibbedDimensions,
 )
+from bayesdeg.data.foreign import DECIMALS, DELIMITERS, ForeignTable
 from bayesdeg.data.shrinkage import Known, MixtureRecipe
 from bayesdeg.errors import Fault, nearest
 from bayesdeg.files import DEEPEST, too_deep
@@ -276,6 +277,8 @@ class PhotographOptions:
         On which side the clamp is.
     hint : str, optional
         File of the study with points near the lines.
+    line : str, optional
+        File of the study with lines that are taken as they are, where tracing fails.
     """
 
     grid: float | None = None
@@ -284,6 +287,7 @@ class PhotographOptions:
     scale: float | None = None
     base: Side | None = None
     hint: str | None = None
+    line: str | None = None
 
     @property
     def has_scale(self) -> bool:
@@ -348,6 +352,8 @@ class Settings:
         How many points along the bottom line another operator was given.
     photographs : PhotographOptions
         How photographs are traced.
+    markers : ForeignTable
+        How ``markers.csv`` is written, if another program wrote it.
 
     Examples
     --------
@@ -380,6 +386,7 @@ class Settings:
     operator: Operator | None = None
     reading_points: int = 50
     photographs: PhotographOptions = field(default_factory=PhotographOptions)
+    markers: ForeignTable = field(default_factory=ForeignTable)
 
     @property
     def kind(self) -> Kind:
@@ -435,6 +442,12 @@ def _each_once(names: list[str]) -> tuple[str, ...]:
     if len(set(names)) < len(names):
         raise ValueError("a name is there twice")
     return tuple(names)
+
+
+def _of_other_names(columns: dict[str, str]) -> dict[str, str]:
+    if not columns or len(set(columns.values())) < len(columns) or not all(columns.values()):
+        raise ValueError("names a column twice, or none")
+    return columns
 
 
 def _known(value: Any) -> Known:
@@ -555,7 +568,38 @@ ENTRIES: tuple[_Entry, ...] = (
     ),
     *(_photographs(name) for name in ("grid", "ruler", "length", "scale")),
     _Entry("photographs", "base", f"one of {', '.join(SIDES)}", Side, "photographs_base"),
-    _Entry("photographs", "hint", "a file of the study, in quotes", _Text, "photographs_hint"),
+    *(
+        _Entry("photographs", name, "a file of the study, in quotes", _Text, f"photographs_{name}")
+        for name in ("hint", "line")
+    ),
+    _Entry(
+        "markers",
+        "columns",
+        'a table of names, { x_mm = "X", y_mm = "Y" }',
+        Annotated[dict[str, str], AfterValidator(_of_other_names)],
+        "markers_columns",
+    ),
+    _Entry(
+        "markers",
+        "delimiter",
+        "one of " + ", ".join(f'"{one}"' for one in DELIMITERS if one != "\t"),
+        Literal[",", ";", "tab", "\t", "space"],
+        "markers_delimiter",
+    ),
+    _Entry(
+        "markers",
+        "decimal",
+        "one of " + " or ".join(f'"{one}"' for one in DECIMALS),
+        Literal[".", ","],
+        "markers_decimal",
+    ),
+    _Entry(
+        "markers",
+        "skip",
+        "a whole number from 0 to 100",
+        Annotated[int, Interval(ge=0, le=100)],
+        "markers_skip",
+    ),
     _Entry("reading", "name", _READING, _Text, "own_reading"),
     _Entry("reading", "unit", "a text in quotes", _Text, "own_unit"),
     _Entry("reading", "error", f"a number above 0, or {_SCALE}", _Law | _POSITIVE, "own_error"),
@@ -564,7 +608,7 @@ ENTRIES: tuple[_Entry, ...] = (
 TABLES = (
     *("actuator", "paper", "constraint", "shrinkage", "priors", "noise", "causes", "sampling"),
     *("tensile", "material", "rupture", "suspects", "forward", "parameters", "reading"),
-    "photographs",
+    *("photographs", "markers"),
 )
 
 
@@ -655,9 +699,10 @@ def _from_document(document: dict[str, Any], text: str) -> tuple[Settings, tuple
         accepted["paper_thickness_mm"] = accepted.pop("constraint_thickness_mm")
     dimensions = _mould(accepted)
     recipe = MixtureRecipe(**_of(MixtureRecipe, accepted))
-    of_photographs = PhotographOptions(
-        **{n: accepted.pop(f"photographs_{n}", None) for n in _OF_PHOTOGRAPHS}
-    )
+    accepted |= {
+        "photographs": PhotographOptions(**_prefixed("photographs", accepted)),
+        "markers": ForeignTable(**_prefixed("markers", accepted)),
+    }
     # the defaults that stand in for refused keys must not be blamed
     if not any((fault.column or "").startswith(("actuator", "constraint")) for fault in faults):
         of_layer = {k: v for k, v in accepted.items() if k.startswith(("constraint", "paper"))}
@@ -666,7 +711,6 @@ def _from_document(document: dict[str, Any], text: str) -> tuple[Settings, tuple
     forward = OwnForward(**own, parameters=unknowns) if "function" in own else None
     if forward is None and not faults:
         faults += _without_forward(document, text)
-    accepted["photographs"] = of_photographs
     settings = Settings(
         dimensions=dimensions, recipe=recipe, priors=priors, forward=forward, **accepted
     )
@@ -675,7 +719,6 @@ def _from_document(document: dict[str, Any], text: str) -> tuple[Settings, tuple
     return settings, tuple(faults)
 
 
-_OF_PHOTOGRAPHS = tuple(entry.name for entry in fields(PhotographOptions))
 _OF_OPERATOR = {"operator", "points"}
 _OWN = tuple(entry.name for entry in fields(OwnForward) if entry.name != "parameters")
 
@@ -812,6 +855,12 @@ def _of(part: type[MixtureRecipe], accepted: dict[str, Any]) -> dict[str, Any]:
     """Take the fields of a part out of what was accepted."""
     names = {entry.name for entry in fields(part)}
     return {name: accepted.pop(name) for name in names & accepted.keys()}
+
+
+def _prefixed(table: str, accepted: dict[str, Any]) -> dict[str, Any]:
+    """Take the keys of a table out of what was accepted, where its name stands before them."""
+    names = [name for name in accepted if name.startswith(f"{table}_")]
+    return {name.removeprefix(f"{table}_"): accepted.pop(name) for name in names}
 
 
 def _impossible(dimensions: AnyDimensions, constraint: Constraint, text: str) -> tuple[Fault, ...]:

@@ -11,6 +11,7 @@ import pandera.pandas as pa
 
 from bayesdeg.data import readings
 from bayesdeg.data.cells import Cells, check_header, read_cells, read_number
+from bayesdeg.data.foreign import translated
 from bayesdeg.data.photographs import FILE as PHOTOS_FILE
 from bayesdeg.data.photographs import TracedPhotograph
 from bayesdeg.data.settings import FILE as SETTINGS_FILE
@@ -19,6 +20,7 @@ from bayesdeg.data.tables import TABLES, Table, broken, row_check, words_of
 from bayesdeg.errors import Fault, StudyError, nearest, use_one_of
 from bayesdeg.files import STUDY_MB, as_named, read_bytes, reason
 
+MARKERS_FILE = "markers.csv"
 #: The folder of a study's own causes.
 CAUSES = "causes"
 #: So many faults of one kind in one column are told one by one.
@@ -302,7 +304,7 @@ class Study:
     @property
     def lines_file(self) -> str:
         """The file that lines of points come from."""
-        return PHOTOS_FILE if self.photographs else "markers.csv"
+        return PHOTOS_FILE if self.photographs else MARKERS_FILE
 
     @property
     def degrades(self) -> bool:
@@ -375,9 +377,16 @@ def read_study(folder: Path | str, tables: Mapping[str, Table] = TABLES) -> Stud
     if contents.pop(readings.FILE, None) is not None:
         remedy = '[forward] function = "model.py:predict" in study.toml names what predicts them'
         wrong_settings += (Fault(readings.FILE, "is of no use without [forward]", remedy),)
+    read = dict(contents)
+    if MARKERS_FILE in read:
+        form = settings.markers
+        read[MARKERS_FILE], unmapped = translated(
+            read[MARKERS_FILE], form, MARKERS_FILE, SETTINGS_FILE
+        )
+        wrong_settings += unmapped
     checked = {
         name: check_table(
-            contents[table.file], table.schema, degradation_sd_pct=settings.degradation_sd_pct
+            read[table.file], table.schema, degradation_sd_pct=settings.degradation_sd_pct
         )
         for name, table in tables.items()
         if table.file in contents

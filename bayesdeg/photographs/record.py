@@ -10,12 +10,10 @@ from numpy.typing import NDArray
 from bayesdeg.data.photographs import Places, TracedPhotograph
 from bayesdeg.photographs.picture import Colours
 from bayesdeg.photographs.plane import mapped
-from bayesdeg.photographs.trace import Trace, angle_and_length, into_frame
+from bayesdeg.photographs.trace import BY_HAND, Trace, angle_and_length, into_frame
 
 Floats = NDArray[np.float64]
 
-#: Error of a point that a person set, along and across the line [px].
-BY_HAND = 1.5
 #: Of the length of a line, by which a point is moved to see what it changes.
 STEP = 1e-5
 

@@ -1,13 +1,14 @@
 """A photograph to points on the bottom line, with what angle and curvature they give."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
-from bayesdeg.data.settings import Side
+from bayesdeg.data.settings import FEWEST_POINTS, Side
 from bayesdeg.errors import BayesdegError
-from bayesdeg.photographs.edges import Edge, find_edge
+from bayesdeg.photographs.edges import POINTS, Edge, find_edge
 from bayesdeg.photographs.outline import arc_of, find_body, len_of
 from bayesdeg.photographs.picture import Colours
 from bayesdeg.photographs.plane import Plane, grid_plane, mapped, rescaled, ruler_plane, square_on
@@ -33,6 +34,10 @@ MOST_ANGLE_ERROR = 1.2
 SEEN = 0.8
 #: Least share of the stiff ends on which the edge is seen: the bend angle is read there.
 ENDS_SEEN = 0.7
+#: Error of a point that a person set, along and across the line [px].
+BY_HAND = 1.5
+#: Points of a person are within the photograph, or this share of it outside.
+OUTSIDE = 0.05
 #: By what errors of points grow as they are correlated over a few neighbours; found on rendered
 #: photographs other than those of the published benchmark.
 CORRELATED = 2.0
@@ -173,6 +178,49 @@ def trace(
     return measured(image, edge, scale, rng=rng, base=base)
 
 
+def trace_line(
+    image: Colours, scale: PictureScale, line: Floats, *, rng: np.random.Generator
+) -> Trace:
+    """Take the line that a person set for the bottom line, without looking for an edge.
+
+    Its points have an error of `BY_HAND` across the line. Which side the paper is on is told by the
+    bend, which is towards it.
+
+    Parameters
+    ----------
+    image : array of uint8
+        Blue, green, red.
+    scale : PictureScale
+        What is known of sizes.
+    line : array, shape (k, 2)
+        From the clamp to the tip, k at least 4 [px].
+    rng : Generator
+        As of `trace`.
+
+    Raises
+    ------
+    BayesdegError
+        If it has fewer points, leaves the photograph, or contradicts what is stated.
+    """
+    if len(line) < FEWEST_POINTS:
+        raise BayesdegError(
+            f"its line has {len(line)} points; set {FEWEST_POINTS} at least, from the clamp to the "
+            "tip"
+        )
+    size = np.array(image.shape[1::-1])
+    if np.any(line < -OUTSIDE * size) or np.any(line > (1.0 + OUTSIDE) * size):
+        raise BayesdegError("its line leaves the photograph; give points in pixels of this one")
+    arc = arc_of(line)
+    points = CubicSpline(arc, line)(np.linspace(0.0, arc[-1], POINTS))
+    every = np.ones(POINTS, dtype=bool)
+    edge = Edge(points, np.full(POINTS, BY_HAND), every, np.zeros(2))
+    plane = _plane(image, edge, scale, rng)
+    reverse = angle_and_length(plane.placed(points))[0] < 0.0
+    if reverse:
+        edge = replace(edge, points=points[::-1])
+    return measured(image, edge, scale, rng=rng, reverse=reverse)
+
+
 def measured(
     image: Colours,
     edge: Edge,
@@ -180,8 +228,12 @@ def measured(
     *,
     rng: np.random.Generator,
     base: Side | None = None,
+    reverse: bool | None = None,
 ) -> Trace:
-    """Return what points on the line, the paper on their left, give in mm; see `trace`."""
+    """Return what points on the line, the paper on their left, give in mm; see `trace`.
+
+    Whether they run from the tip to the clamp is found where ``reverse`` does not say it.
+    """
     _refuse_hidden(edge)
     plane = _plane(image, edge, scale, rng)
     draws = np.array([_reading(plane_draw, edge, rng) for plane_draw in plane.samples])
@@ -190,17 +242,10 @@ def measured(
         _refuse_length(length, scale.length)
     spread = np.std(draws, axis=0)
     curvature_error = float(np.std(draws[:, 0] / draws[:, 1]))
-    if np.degrees(spread[0]) > MOST_ANGLE_ERROR:
-        raise BayesdegError(
-            f"the bend angle is uncertain by {np.degrees(spread[0]):.1f} degrees; take the "
-            "photograph nearer, sharper, or show a checkerboard"
-        )
-    if np.degrees(angle) < -AWAY:
-        raise BayesdegError(
-            f"the line bends away from the paper by {-np.degrees(angle):.0f} degrees; show the "
-            "bottom line with --hint, the side with the paper"
-        )
-    reverse, doubts = _order(edge, base)
+    _refuse_bend(np.degrees(angle), np.degrees(spread[0]), by_hand=reverse is not None)
+    doubts: tuple[str, ...] = ()
+    if reverse is None:
+        reverse, doubts = _order(edge, base)
     points, error, to_mm = _in_frame(plane, edge, reverse=reverse)
     order = slice(None, None, -1 if reverse else 1)
     return Trace(
@@ -217,6 +262,19 @@ def measured(
         to_mm,
         doubts,
     )
+
+
+def _refuse_bend(angle: float, error: float, *, by_hand: bool) -> None:
+    if error > MOST_ANGLE_ERROR and not by_hand:
+        raise BayesdegError(
+            f"the bend angle is uncertain by {error:.1f} degrees; take the photograph nearer, "
+            "sharper, or show a checkerboard"
+        )
+    if angle < -AWAY:
+        raise BayesdegError(
+            f"the line bends away from the paper by {-angle:.0f} degrees; show the bottom line "
+            "with --hint, the side with the paper"
+        )
 
 
 def _refuse_hidden(edge: Edge) -> None:

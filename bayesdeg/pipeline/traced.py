@@ -10,7 +10,7 @@ import json
 import re
 from collections.abc import Hashable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cache
 from pathlib import Path, PurePosixPath
 
@@ -29,7 +29,7 @@ from bayesdeg.observations.markers import LONGEST, SHORTEST, with_lines
 from bayesdeg.photographs.lines import line_of, parse_lines
 from bayesdeg.photographs.picture import read_picture
 from bayesdeg.photographs.record import hash_of, marker_rows, recorded
-from bayesdeg.photographs.trace import LENGTH_AGREES, PHOTO_MB, PictureScale, trace
+from bayesdeg.photographs.trace import LENGTH_AGREES, PHOTO_MB, PictureScale, trace, trace_line
 from bayesdeg.pipeline.progress import Progress
 
 Floats = NDArray[np.float64]
@@ -38,7 +38,7 @@ CACHE = Path(".cache/traces")
 FEWEST_LENGTHS = 4  # of which the median is that of the actuators
 SEED = 1  # of the draws that errors are taken from, as of the command
 _MARKERS, _PHOTOS = "markers", "photos"
-_OPTION = re.compile(r"--(grid|ruler|length|scale|base|hint)\b")
+_OPTION = re.compile(r"--(grid|ruler|length|scale|base|hint|line)\b")
 
 
 def with_photographs(study: Study, progress: Progress, kept: Path = CACHE) -> Study:
@@ -63,8 +63,8 @@ def with_photographs(study: Study, progress: Progress, kept: Path = CACHE) -> St
     _raise(_wrong_study(study))
     places, faults = _places(study.folder, table)
     _raise(faults)
-    hints, hashes = _hints(study)
-    tracing = _Tracing(study.settings.photographs, hints, _outside(kept, study.folder))
+    by_hand, hashes = _set_by_hand(study)
+    tracing = _Tracing(study.settings.photographs, by_hand, _outside(kept, study.folder))
     progress.stage("tracing photographs", len(places))
     found: list[TracedPhotograph] = []
     wrong: list[Fault] = []
@@ -140,13 +140,19 @@ def _labelled(photograph: TracedPhotograph, row: Mapping[Hashable, object]) -> T
     return photograph.model_copy(update={name: row[column] for name, column in names.items()})
 
 
+@dataclass(frozen=True)
+class _ByHand:
+    """Lines by the names of photographs: near the edge, and in the place of tracing."""
+
+    hints: Mapping[str, Floats]
+    lines: Mapping[str, Floats]
+
+
 class _Tracing:
     """Traces photographs of one study, or finds what was traced before."""
 
-    def __init__(
-        self, options: PhotographOptions, hints: Mapping[str, Floats], kept: Path | None
-    ) -> None:
-        self._options, self._hints, self._kept = options, hints, kept
+    def __init__(self, options: PhotographOptions, by_hand: _ByHand, kept: Path | None) -> None:
+        self._options, self._by_hand, self._kept = options, by_hand, kept
         self._scale = PictureScale(options.grid, options.ruler, options.length, options.scale)
 
     def of(self, name: str, path: Path) -> TracedPhotograph:
@@ -173,8 +179,10 @@ class _Tracing:
         return known.model_copy(update={"file": name})
 
     def _key(self, name: str, content: bytes) -> str:
-        hint = line_of(self._hints, name)
-        options = asdict(self._options) | {"hint": None if hint is None else hint.tolist()}
+        of_each = {"hint": self._by_hand.hints, "line": self._by_hand.lines}
+        own = {key: line_of(lines, name) for key, lines in of_each.items()}
+        points = {key: None if line is None else line.tolist() for key, line in own.items()}
+        options = asdict(self._options) | points
         asked = json.dumps([_code(), cv2.__version__, options], sort_keys=True)
         return hash_of(content + asked.encode())
 
@@ -192,15 +200,19 @@ class _Tracing:
         except BayesdegError as fault:
             problem, _, remedy = str(fault).removeprefix(f"{name}: ").partition("; ")
             raise StudyError([Fault(f"{FOLDER}/{name}", problem, remedy)]) from fault
-        hint, rng = line_of(self._hints, name), np.random.default_rng(SEED)
+        hint, line = (line_of(one, name) for one in (self._by_hand.hints, self._by_hand.lines))
+        rng, base = np.random.default_rng(SEED), self._options.base
         try:
-            found = trace(image, self._scale, rng=rng, hint=hint, base=self._options.base)
+            if line is None:
+                found = trace(image, self._scale, rng=rng, hint=hint, base=base)
+            else:
+                found = trace_line(image, self._scale, line, rng=rng)
         except BayesdegError as fault:
             why = _OPTION.sub(r"[photographs] \1", str(fault))
             return TracedPhotograph(file=name, sha256=hash_of(content), refused=why)
         record = recorded(name, content, image, found)
         doubts = tuple(_OPTION.sub(r"[photographs] \1", doubt) for doubt in record.not_sure)
-        return record.model_copy(update={"not_sure": doubts})
+        return record.model_copy(update={"not_sure": doubts, "corrected": line is not None})
 
 
 @cache
@@ -267,12 +279,18 @@ def _wrong_place(folder: Path, name: str) -> str:
         return "is not there"
 
 
-def _hints(study: Study) -> tuple[dict[str, Floats], dict[str, str]]:
-    """Return the lines that the study hints at, and the hash of their file."""
-    name = study.settings.photographs.hint
+def _set_by_hand(study: Study) -> tuple[_ByHand, dict[str, str]]:
+    """Return the lines near the edge and those that are stated, and the hashes of their files."""
+    options = study.settings.photographs
+    hints, hash_of_hints = _lines_in(study, "hint", options.hint)
+    lines, hash_of_lines = _lines_in(study, "line", options.line)
+    return _ByHand(hints, lines), hash_of_hints | hash_of_lines
+
+
+def _lines_in(study: Study, key: str, name: str | None) -> tuple[dict[str, Floats], dict[str, str]]:
     if name is None:
         return {}, {}
-    place = ("photographs.hint", name)
+    place = (f"photographs.{key}", name)
     way = PurePosixPath(name)
     whole = (study.folder / name).resolve()
     if way.is_absolute() or not whole.is_relative_to(study.folder.resolve()):
@@ -283,7 +301,7 @@ def _hints(study: Study) -> tuple[dict[str, Floats], dict[str, str]]:
         return parse_lines(name, content), {name: hash_of(content)}
     except OSError as fault:
         problem = f"cannot be read ({reason(fault)})"
-        remedy = "name a file of the study with x_px and y_px"
+        remedy = "name a file of the study with x_px and y_px, or ROIs of ImageJ"
         raise StudyError([Fault(SETTINGS_FILE, problem, remedy, None, *place)]) from fault
     except BayesdegError as fault:
         problem, _, remedy = str(fault).removeprefix(f"{name}: ").partition("; ")

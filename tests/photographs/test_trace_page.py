@@ -17,7 +17,7 @@ from bayesdeg.commands.trace_folder import read_traces, refuse_lost_corrections,
 from bayesdeg.commands.trace_page import Correction, TraceServer
 from bayesdeg.data.photographs import TraceFile
 from bayesdeg.errors import BayesdegError
-from bayesdeg.photographs.record import BY_HAND
+from bayesdeg.photographs.trace import BY_HAND
 from tests.photographs.traced_folder import SCALE, traced_folder
 
 
