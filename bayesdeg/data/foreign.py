@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from bayesdeg.errors import Fault, use_one_of
 
 DELIMITERS = {",": ",", ";": ";", "tab": "\t", "\t": "\t", "space": " "}
+_POINT, _OF_A_LINE = "point", ("specimen_id", "pressure_kPa")
 DECIMALS = (".", ",")
 
 
@@ -25,18 +26,23 @@ class ForeignTable:
         The sign of decimals.
     skip : int
         Lines before the header.
+    constants : mapping of str to str or float
+        Columns of the contract that the file lacks, with what is in every row.
     """
 
     columns: Mapping[str, str] = field(default_factory=dict)
     delimiter: str = ","
     decimal: str = "."
     skip: int = 0
+    constants: Mapping[str, str | float] = field(default_factory=dict)
 
 
 def translated(
     content: bytes, form: ForeignTable, file: str, settings: str
 ) -> tuple[bytes, tuple[Fault, ...]]:
     r"""Return a table as the contract has it, line for line, and what is wrong with the mapping.
+
+    Points that are not numbered are counted, from 1 at every other specimen or pressure.
 
     Parameters
     ----------
@@ -60,7 +66,9 @@ def translated(
     except UnicodeDecodeError:  # what is wrong is said when the cells are read
         return content, ()
     rows = [f"# {line}" if number < form.skip else line for number, line in enumerate(lines)]
-    named, header, written = dict(form.columns), None, io.StringIO()
+    there = {column: name for name, column in form.columns.items()}
+    header: list[str] | None = None
+    count, written = _PointCount(), io.StringIO()
     write = csv.writer(written, lineterminator="\n")
     for line in rows:
         if line.startswith("#") or not line.strip():
@@ -69,10 +77,15 @@ def translated(
         cells = _cells(line, form)
         if header is None:
             header = cells
-            there = {column: name for name, column in named.items()}
-            cells = [there.get(cell, cell) for cell in cells]
-        write.writerow(cells)
-    missing = [column for column in named.values() if column not in (header or [])]
+            names = [there.get(cell, cell) for cell in cells]
+            added = [name for name in form.constants if name not in names]
+            numbered = _POINT in names or _POINT in added
+            write.writerow([*names, *added, *([] if numbered else [_POINT])])
+        else:
+            whole = [*cells, *(str(form.constants[name]) for name in added)]
+            of_row = dict(zip([*names, *added], whole, strict=False))
+            write.writerow(whole if numbered else [*whole, str(count.of(of_row))])
+    missing = [column for column in there if column not in (header or [])]
     place = "markers.columns"
     return written.getvalue().encode(), tuple(
         Fault(
@@ -80,6 +93,21 @@ def translated(
         )
         for name in missing
     )
+
+
+class _PointCount:
+    """Counts the rows of a line of points."""
+
+    def __init__(self) -> None:
+        self._of: tuple[str | None, ...] = ()
+        self._count = 0
+
+    def of(self, row: Mapping[str, str]) -> int:
+        """Return the number of a row's point."""
+        line = tuple(row.get(name) for name in _OF_A_LINE)
+        self._count = self._count + 1 if line == self._of else 1
+        self._of = line
+        return self._count
 
 
 def _cells(line: str, form: ForeignTable) -> list[str]:

@@ -581,6 +581,13 @@ ENTRIES: tuple[_Entry, ...] = (
     ),
     _Entry(
         "markers",
+        "constants",
+        "a table of values, { scale_mm_per_px = 0.001 }",
+        Annotated[dict[str, float | str], Len(1)],
+        "markers_constants",
+    ),
+    _Entry(
+        "markers",
         "delimiter",
         "one of " + ", ".join(f'"{one}"' for one in DELIMITERS if one != "\t"),
         Literal[",", ";", "tab", "\t", "space"],

@@ -56,11 +56,14 @@ class Silhouette:
         Area over length [px].
     filled : float
         Area over that of the convex hull less what is between the line and its chord.
+    outline : array, shape (m, 2), optional
+        All around it [px].
     """
 
     line: Floats
     thickness: float
     filled: float = 1.0
+    outline: Floats | None = None
 
 
 def find_body(image: Colours, hint: Floats | None = None) -> Silhouette:
@@ -271,7 +274,8 @@ def _comb_body(outline: Floats, factor: float) -> Silhouette | None:
     if np.hypot(*(line[-1] - line[0])) < 0.3 * len_of(line):
         return None  # round things with a notch
     thickness = area / len_of(line) / factor
-    return Silhouette((_smoothed(line) + 0.5) / factor - 0.5, thickness, area / max(room, 1.0))
+    around, placed = (points + 0.5) / factor - 0.5, (_smoothed(line) + 0.5) / factor - 0.5
+    return Silhouette(placed, thickness, area / max(room, 1.0), around)
 
 
 def _nearest_to(outlines: list[Floats], hint: Floats, factor: float) -> Silhouette:

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
@@ -9,7 +10,7 @@ from scipy.interpolate import CubicSpline
 from bayesdeg.data.settings import FEWEST_POINTS, Side
 from bayesdeg.errors import BayesdegError
 from bayesdeg.photographs.edges import POINTS, Edge, find_edge
-from bayesdeg.photographs.outline import arc_of, find_body, len_of
+from bayesdeg.photographs.outline import Silhouette, arc_of, find_body, len_of
 from bayesdeg.photographs.picture import Colours
 from bayesdeg.photographs.plane import Plane, grid_plane, mapped, rescaled, ruler_plane, square_on
 
@@ -27,7 +28,9 @@ LENGTH_AGREES = 0.1
 #: line; else which end is which is not sure.
 CLAMP = 1.3
 #: Bending away from the paper by more is no noise: the line is on the wrong side [deg].
-AWAY = 8.0
+AWAY = 5.0
+#: A body that holds more of the target's points than this share is the target, such as a ruler.
+IS_TARGET = 0.2
 #: An angle less well known than this is not worth a reading [deg].
 MOST_ANGLE_ERROR = 1.2
 #: Least share of the line on which the edge is seen; marks on it hide it.
@@ -174,8 +177,23 @@ def trace(
         If the actuator, its edge or the target is not found, or what is found contradicts what is
         stated.
     """
-    edge = find_edge(image, find_body(image, hint))
-    return measured(image, edge, scale, rng=rng, base=base)
+    body = find_body(image, hint)
+    found = measured(image, find_edge(image, body), scale, rng=rng, base=base)
+    _refuse_target(body, found.plane.target)
+    return found
+
+
+def _refuse_target(body: Silhouette, target: Floats) -> None:
+    """Refuse a ruler or a card that was taken for the actuator: its own marks are in it."""
+    if body.outline is None:
+        return
+    hull = cv2.convexHull(body.outline.astype(np.float32))  # ticks cut into the outline itself
+    within = [cv2.pointPolygonTest(hull, point, False) >= 0.0 for point in target.tolist()]
+    if within and np.mean(within) > IS_TARGET:
+        raise BayesdegError(
+            "the ruler or checkerboard is found where the actuator should be; show the bottom line "
+            "with --hint, or with a points file"
+        )
 
 
 def trace_line(

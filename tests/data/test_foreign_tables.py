@@ -59,10 +59,28 @@ def test_rows_of_faults_are_those_of_the_file(tmp_path):
     assert (fault.row, fault.column, fault.value) == (6, "degradation_pct", "zero")
 
 
+def test_points_of_kappa_are_read_with_their_scale(tmp_path):
+    """Fiji's plugin writes micrometres, the curve's name, and averages that are passed over."""
+    header = '"Curve Name","Average Curvature (um-1)","X-Coordinate (um)","Y-Coordinate (um)","kPa"'
+    rows = [f'"{c[0]}","0.1","{1e3 * float(c[4])}","{-1e3 * float(c[5])}","{c[2]}"'
+            for c in cells(False)]  # fmt: skip
+    (tmp_path / "markers.csv").write_text("\n".join([header, *rows]), encoding="utf-8")
+    (tmp_path / "study.toml").write_text(
+        "[markers]\nconstants = { scale_mm_per_px = 0.001, degradation_pct = 0.0 }\n"
+        '[markers.columns]\nspecimen_id = "Curve Name"\npressure_kPa = "kPa"\n'
+        'x_px = "X-Coordinate (um)"\ny_px = "Y-Coordinate (um)"\n'
+    )
+    read = read_study(tmp_path).actuator
+    assert read["pressure_kPa"].tolist() == [40.0, 80.0]
+    assert read["curvature_per_m"].to_numpy() == pytest.approx(0.8e3 / 43.0, rel=2e-3)
+
+
 @pytest.mark.parametrize(
     "settings",
     [
         'columns = { x_mm = "no_such" }',
+        "constants = {}",
+        "constants = { x_mm = [1] }",
         'columns = { x_mm = "x", y_mm = "x" }',
         "columns = {}",
         'columns = "x"',
