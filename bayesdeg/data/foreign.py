@@ -57,7 +57,7 @@ def translated(
     --------
     >>> form = ForeignTable({"x_mm": "x"}, delimiter=";", decimal=",", skip=1)
     >>> translated(b"mass A\nx;y_mm\n0,5;1\n", form, "markers.csv", "study.toml")[0]
-    b'# mass A\nx_mm,y_mm\n0.5,1\n'
+    b'# mass A\nx_mm,y_mm,point\n0.5,1,1\n'
     """
     if form == ForeignTable():
         return content, ()
