@@ -85,6 +85,7 @@ _ROWS = (
     ("tip_force_N", "F", "N", "force that holds the tip in the bending direction"),
     ("curvature_sd_per_m", "", "1/m", "reading error of the curvature"),
     ("bend_angle_sd_deg", "", "°", "reading error of the bend angle"),
+    ("file", "", "–", "name of the photograph in the folder photos"),
     ("point", "", "–", "place in the line, counted from the clamped end"),
     ("x_mm", "x", "mm", "place of a point along the clamped end"),
     ("y_mm", "y", "mm", "place of a point away from the paper"),

@@ -313,10 +313,12 @@ def scene(
     target: str | None = None,
     method: str | None = None,
     kind: str | None = None,
+    shape: Shape | None = None,
 ) -> Scene:
     """Draw a photograph; what is not given is drawn by the seed."""
     rng = np.random.default_rng([23, seed])
-    shape = drawn_shape(rng)
+    drawn = drawn_shape(rng)
+    shape = shape or drawn
     chosen = {
         "target": str(rng.choice(TARGETS, p=[0.5, 0.2, 0.3])),
         "method": str(rng.choice(LINES, p=[0.6, 0.2, 0.2])),

@@ -21,7 +21,15 @@ import pandas as pd
 import bayesdeg
 import bayesdeg.causes
 from bayesdeg.commands.lazy import COMMANDS, loaded
-from bayesdeg.data.settings import ENTRIES, MOULDS, OwnForward, Settings, VendorFigures
+from bayesdeg.data.foreign import ForeignTable
+from bayesdeg.data.settings import (
+    ENTRIES,
+    MOULDS,
+    OwnForward,
+    PhotographOptions,
+    Settings,
+    VendorFigures,
+)
 from bayesdeg.data.shrinkage import Known, MixtureRecipe
 from bayesdeg.data.tables import words_of
 from bayesdeg.emulator.trained import default_surrogate
@@ -146,6 +154,9 @@ def keys_of_study_toml() -> list[Entry]:
     """Return every key of ``study.toml`` with its default, from the classes that hold them."""
     meanings = _documented(MixtureRecipe) | _documented(Settings) | _documented(VendorFigures)
     meanings |= {f"own_{name}": text for name, text in _documented(OwnForward).items()}
+    of_photographs = _documented(PhotographOptions)
+    meanings |= {f"markers_{name}": text for name, text in _documented(ForeignTable).items()}
+    meanings |= {f"photographs_{name}": text for name, text in of_photographs.items()}
     # "reading, unit" share a line there
     meanings |= {
         "own_unit": "Unit of the reading.",

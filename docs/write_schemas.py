@@ -6,6 +6,7 @@ from pathlib import Path
 from bayesdeg.commands.answers import Answer
 from bayesdeg.commands.next import Proposals
 from bayesdeg.commands.update import UpdateAnswer
+from bayesdeg.data.photographs import TraceFile
 from bayesdeg.laboratory.writing import TruthRecord
 from bayesdeg.pipeline.output import Owner
 from bayesdeg.records import FileRecord
@@ -19,6 +20,7 @@ SCHEMAS: dict[str, type[FileRecord]] = {
     "answer": Answer,
     "next": Proposals,
     "update": UpdateAnswer,
+    "trace": TraceFile,
 }
 
 

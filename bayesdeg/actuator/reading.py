@@ -146,6 +146,72 @@ def evenly(line: Floats, count: int) -> Floats:
     return found
 
 
+def line_of_reading(
+    angle: float, length: float, paper_group: float, operator: Operator, points: int
+) -> Floats:
+    r"""Return the model's bottom line of which an operator reads this bend angle, (n, 2) [mm].
+
+    Shapes are similar: with θ the rotation of the end face, l the logarithm of the paper's group
+    and φ(s) the direction along the line, φ/θ is fitted at every s by a polynomial of second order
+    in θ and l, to the finite element lines that ship.
+
+    Parameters
+    ----------
+    angle : float
+        As the operator reads it of so many even points [rad].
+    length : float
+        Of the line [mm].
+    paper_group : float
+        E t/(C1 s) [mm].
+    operator : str
+        Of `bayesdeg.actuator.line.OPERATORS`.
+    points : int
+        How many points it reads.
+
+    Examples
+    --------
+    >>> line = line_of_reading(0.7, 43.0, 50.0, "circle", 50)
+    >>> line[0].tolist(), round(read_line(evenly(line, 50), "circle").angle, 4)
+    ([0.0, 0.0], 0.7)
+    """
+    turned = abs(angle)
+    for _ in range(_TRIES):
+        line = _line_turned(turned, length, paper_group)
+        read = read_line(evenly(line, points), operator).angle
+        if read <= 0.0 or abs(read - abs(angle)) < _CLOSE:
+            break
+        turned *= abs(angle) / read
+    return line * [1.0, -1.0 if angle < 0.0 else 1.0]
+
+
+_TRIES, _CLOSE = 30, 1e-6
+
+
+def _line_turned(turned: float, length: float, paper_group: float) -> Floats:
+    """Return a line whose end face is turned by so much [rad]."""
+    terms = _shape_terms(np.array([turned]), np.array([paper_group]))
+    headings = turned * (terms @ _shape_coefficients())[0]
+    steps = length / len(headings) * np.column_stack([np.cos(headings), -np.sin(headings)])
+    return np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
+
+
+def _shape_terms(angle: Floats, paper_group: Floats) -> Floats:
+    group = np.log(paper_group / _USUAL_GROUP)
+    powers = (np.ones_like(angle), angle, angle**2, group, group**2, angle * group)
+    return np.stack(powers, axis=1)
+
+
+@cache
+def _shape_coefficients() -> Floats:
+    lines = bottom_lines()
+    steps = np.diff([evenly(line, lines.points.shape[1]) for line in lines.points], axis=1)
+    headings = np.unwrap(np.arctan2(-steps[..., 1], steps[..., 0]), axis=1)
+    share = headings / lines.bend_angle[:, None]
+    terms = _shape_terms(lines.bend_angle, lines.paper_group)
+    found: Floats = np.linalg.lstsq(terms, share, rcond=None)[0]
+    return found
+
+
 @dataclass(frozen=True)
 class ReadByOperator:
     """A forward map whose curvature is that which an operator reads of points on the bottom line.

@@ -9,7 +9,8 @@ from rich.text import Text
 from bayesdeg.actuator.families import geometry_of_study
 from bayesdeg.actuator.section import described, section
 from bayesdeg.commands.options import CORES, StudyFolder
-from bayesdeg.console import errors, say
+from bayesdeg.console import errors, say, shown
+from bayesdeg.data.photographs import messages
 from bayesdeg.data.plausibility import doubts, refuse_impossible
 from bayesdeg.data.study import Study
 from bayesdeg.emulator.kept import duration, rough_seconds, search, without_emulator
@@ -25,7 +26,9 @@ def check(study: StudyFolder) -> None:
     impossible is a fault; what is unlikely, such as one specimen in another unit, is reported as
     in doubt.
     """
-    checked = read_study(study)
+    with shown(False) as progress:
+        checked = read_study(study, progress)
+    say(messages(checked.photographs))
     if checked.settings.forward is not None:
         _check_own(checked)
         return

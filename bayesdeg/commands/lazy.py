@@ -176,6 +176,7 @@ COMMANDS = (
         "Trace the bottom line of actuators in photographs, and write points with their errors.",
         (
             "bayesdeg trace photos/*.jpg --grid 5 --out traced",
+            "bayesdeg trace --page traced",
             "bayesdeg trace photo.jpg --length 42.6 --hint traced/points.csv --out corrected",
         ),
     ),

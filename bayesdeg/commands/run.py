@@ -21,6 +21,7 @@ from bayesdeg.commands.options import (
 )
 from bayesdeg.commands.training import Manner, emulator_for
 from bayesdeg.console import errors, say, shown
+from bayesdeg.data.photographs import messages
 from bayesdeg.data.plausibility import Doubt, doubts, refuse_impossible
 from bayesdeg.data.study import Study
 from bayesdeg.emulator.workers import workplace
@@ -83,13 +84,16 @@ def run(
     before it starts. Finite element solutions are kept in .cache/campaign, emulators in
     .cache/emulators.
     """
-    checked = with_options(read_study(study), None if effort is None else effort.value, seed)
+    with shown(quiet) as progress:
+        found = read_study(study, progress)
+    checked = with_options(found, None if effort is None else effort.value, seed)
     unlikely, own = _doubts(checked), checked.settings.forward is not None
     target, guard = out or Path("reports") / checked.name, Guard()
     # functions of a study folder are not known to other processes
     workers, scheduler = (1, None) if own else (workers, scheduler)
     with workplace(workers, scheduler) as executor, run_folder(target, checked) as folder:
         if not quiet:
+            say(messages(checked.photographs))
             say(f"in doubt: {doubt}" for doubt in unlikely)
             say(f"without {what}: {cost}" for what, cost in passed_over(checked))
         if checked.actuator is not None:

@@ -1,33 +1,54 @@
 """``bayesdeg trace``: from photographs to points on the bottom line, in mm."""
 
+import io
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, get_args
+from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
 import typer
 from numpy.typing import NDArray
 
+from bayesdeg.commands.trace_folder import (
+    refuse_lost_corrections,
+    way_to,
+    write_overlay,
+    write_traces,
+)
+from bayesdeg.commands.trace_page import serve
 from bayesdeg.console import errors
+from bayesdeg.data.photographs import TracedPhotograph
+from bayesdeg.data.settings import SIDES, Side
 from bayesdeg.errors import BayesdegError
-from bayesdeg.files import read_bytes, reason, spreadsheet_safe, write_bytes, written
+from bayesdeg.files import STUDY_MB, read_bytes, reason
+from bayesdeg.photographs.lines import line_of, parse_lines
 from bayesdeg.photographs.overlay import overlay
-from bayesdeg.photographs.picture import Colours, read_picture
-from bayesdeg.photographs.trace import PictureScale, Side, Trace, trace
+from bayesdeg.photographs.picture import read_picture
+from bayesdeg.photographs.record import recorded
+from bayesdeg.photographs.trace import PHOTO_MB, PictureScale, trace, trace_line
 from bayesdeg.quantities import LARGEST_SEED
 
 Floats = NDArray[np.float64]
 
-PHOTO_MB = 100.0
-"""A JPEG file of 12 megapixels has 3 … 10 MB, a TIFF file 36 MB."""
-ABOUT = ("specimen_id", "pressure_kPa", "degradation_pct")
 _SIZE = re.compile(r"\s*([0-9.eE+-]+)\s*(mm)?\s*")
 
 
-Photos = Annotated[list[Path], typer.Argument(help="Photographs.", metavar="PHOTO…")]
-Out = Annotated[Path, typer.Option(help="Where markers.csv goes.", metavar="FOLDER")]
+Photos = Annotated[list[Path] | None, typer.Argument(help="Photographs.", metavar="PHOTO…")]
+Out = Annotated[Path | None, typer.Option(help="Where markers.csv goes.", metavar="FOLDER")]
+PageOf = Annotated[
+    Path | None,
+    typer.Option(
+        help="Instead of tracing, show what was traced into a folder on a page of this machine, "
+        "where points can be moved and saved.",
+        metavar="FOLDER",
+    ),
+]
+Port = Annotated[
+    int | None, typer.Option(help="Of the page; by default a free one.", min=1024, max=65535)
+]
 Grid = Annotated[str | None, typer.Option(help="Side of a square of a checkerboard.", metavar="MM")]
 Ruler = Annotated[str | None, typer.Option(help="From tick to tick of a ruler.", metavar="MM")]
 Length = Annotated[
@@ -41,8 +62,17 @@ Hint = Annotated[
     Path | None,
     typer.Option(
         help="Points near the line from end to end, a CSV file with x_px and y_px, and a "
-        "column file where there are several photographs; an edited points.csv will do.",
-        metavar="CSV",
+        "column file where there are several photographs; ROIs of ImageJ will do, see --line.",
+        metavar="FILE",
+    ),
+]
+Line = Annotated[
+    Path | None,
+    typer.Option(
+        help="The line itself, from the clamp to the tip, where tracing fails or is to be "
+        "corrected: an edited points.csv, a ROI of ImageJ (.roi), or a RoiSet.zip whose ROIs are "
+        "named as the photographs.",
+        metavar="FILE",
     ),
 ]
 About = Annotated[
@@ -55,18 +85,21 @@ Base = Annotated[str | None, typer.Option(help="Where the clamp is: left, right,
 
 
 def trace_photographs(
-    photos: Photos,
-    out: Out,
+    photos: Photos = None,
+    out: Out = None,
     grid: Grid = None,
     ruler: Ruler = None,
     length: Length = None,
     scale: PixelSize = None,
     hint: Hint = None,
+    line: Line = None,
     about: About = None,
     base: Base = None,
     seed: Annotated[
         int, typer.Option(min=0, max=LARGEST_SEED, help="Of the draws that errors are taken from.")
     ] = 1,
+    page: PageOf = None,
+    port: Port = None,
 ) -> None:
     """Trace the bottom line of actuators in photographs, and write points with their errors.
 
@@ -74,37 +107,70 @@ def trace_photographs(
     corrected) and a picture with the line of every photograph. A checkerboard or ruler must lie in
     the plane of the side that is traced. What cannot be read is said, and left out.
     """
-    known = _scale(grid, ruler, length, scale)
-    side = _side(base)
-    rows, hints = _table(about, ("file",)), _table(hint, ("x_px", "y_px"))
+    if page is not None:
+        _refuse_with_page(photos, out)
+        serve(page, port)
+        return
+    if not photos or out is None:
+        raise typer.BadParameter("give photographs and --out FOLDER, or --page FOLDER")
+    hints = {} if hint is None else parse_lines(str(hint), _content(hint))
+    lines = {} if line is None else parse_lines(str(line), _content(line))
+    asked = _Asked(_scale(grid, ruler, length, scale), _side(base), hints, lines, seed)
+    rows = _table(about)
     _refuse_alike(photos)
     _refuse_beside(photos, out)
-    known_of = {path.name: _about(about, rows, path.name) for path in photos}
-    found: dict[str, Trace] = {}
-    problems: list[str] = []
-    for path in photos:
-        try:
-            image = _photograph(path)
-            found[path.name] = trace(
-                image,
-                known,
-                rng=np.random.default_rng(seed),
-                hint=_hint(hints, path.name),
-                base=side,
-            )
-        except BayesdegError as fault:
-            text = str(fault)
-            problems.append(text if text.startswith(path.name) else f"{path.name}: {text}")
-            continue
-        write_bytes(out / f"{path.stem}_traced.png", overlay(image, found[path.name], path.name))
-    if found:
-        _write(out, found, known_of)
-    for name, one in found.items():
-        for doubt in one.doubts:
-            errors.print(f"{name}: not sure: {doubt}", soft_wrap=True, markup=False)
-    errors.print(f"{len(found)} of {len(photos)} photographs traced", soft_wrap=True)
-    if problems:
-        raise BayesdegError("\n".join(problems))
+    refuse_lost_corrections(out)
+    of_each = {path: _about(about, rows, path.name) for path in photos}
+    found = [_traced(path, out, asked, known) for path, known in of_each.items()]
+    write_traces(out, found)
+    _report(found)
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """How all photographs are traced."""
+
+    scale: PictureScale
+    base: Side | None
+    hints: Mapping[str, Floats]
+    lines: Mapping[str, Floats]
+    seed: int
+
+
+def _traced(path: Path, out: Path, asked: _Asked, known: dict[str, Any]) -> TracedPhotograph:
+    """Trace a photograph and draw its line; say why if there is none."""
+    name, rng = path.name, np.random.default_rng(asked.seed)
+    try:
+        content = _content(path, most_mb=PHOTO_MB)
+        image = read_picture(name, content)
+        hint, line = line_of(asked.hints, name), line_of(asked.lines, name)
+        if line is None:
+            found = trace(image, asked.scale, rng=rng, hint=hint, base=asked.base)
+        else:
+            found = trace_line(image, asked.scale, line, rng=rng)
+    except BayesdegError as fault:
+        return TracedPhotograph(file=name, refused=str(fault).removeprefix(f"{name}: "), **known)
+    record = recorded(name, content, image, found)
+    about = {**known, "place": way_to(out, path), "corrected": line is not None}
+    record = record.model_copy(update=about)
+    write_overlay(out, record, overlay(image, record, found.plane.target))
+    return record
+
+
+def _report(found: Sequence[TracedPhotograph]) -> None:
+    """Say what is not sure, and refuse what could not be traced."""
+    for one in found:
+        for doubt in one.not_sure:
+            errors.print(f"{one.file}: not sure: {doubt}", soft_wrap=True, markup=False)
+    wrong = [f"{one.file}: {one.refused}" for one in found if one.refused]
+    errors.print(f"{len(found) - len(wrong)} of {len(found)} photographs traced", soft_wrap=True)
+    if wrong:
+        raise BayesdegError("\n".join(wrong))
+
+
+def _refuse_with_page(photos: list[Path] | None, out: Path | None) -> None:
+    if photos or out is not None:
+        raise typer.BadParameter("--page shows what was traced; give it without photographs")
 
 
 def _size(text: str | None, option: str) -> float | None:
@@ -133,13 +199,13 @@ def _scale(
     return known
 
 
-SIDES: Mapping[str, Side] = {side: side for side in get_args(Side.__value__)}
+_SIDES: Mapping[str, Side] = {side: side for side in SIDES}
 
 
 def _side(base: str | None) -> Side | None:
-    if base is not None and base not in SIDES:
+    if base is not None and base not in _SIDES:
         raise typer.BadParameter(f"--base {base!r}: write {', '.join(SIDES)}")
-    return None if base is None else SIDES[base]
+    return None if base is None else _SIDES[base]
 
 
 def _refuse_alike(photos: list[Path]) -> None:
@@ -161,91 +227,42 @@ def _refuse_beside(photos: list[Path], out: Path) -> None:
             )
 
 
-def _photograph(path: Path) -> Colours:
+def _content(path: Path, most_mb: float = STUDY_MB) -> bytes:
     try:
-        return read_picture(path.name, read_bytes(path, most_mb=PHOTO_MB))
+        return read_bytes(path, most_mb=most_mb)
     except OSError as fault:
         raise BayesdegError(
-            f"{path.name}: cannot be read ({reason(fault)}); give the path of a photograph"
+            f"{path.name}: cannot be read ({reason(fault)}); give the path of a file that can"
         ) from fault
 
 
-def _table(path: Path | None, needed: tuple[str, ...]) -> pd.DataFrame | None:
+def _table(path: Path | None) -> pd.DataFrame | None:
     if path is None:
         return None
     try:
-        frame = pd.read_csv(path, comment="#", encoding="utf-8-sig")
-    except (OSError, ValueError) as fault:
+        frame = pd.read_csv(io.BytesIO(_content(path)), comment="#", encoding="utf-8-sig")
+    except ValueError as fault:
         raise BayesdegError(f"{path}: it is no table that can be read; write a CSV file") from fault
-    missing = [name for name in needed if name not in frame]
-    if missing:
-        raise BayesdegError(f"{path}: column {missing[0]} is missing; add it")
+    if "file" not in frame:
+        raise BayesdegError(f"{path}: column file is missing; add it")
     return frame
 
 
-def _hint(hints: pd.DataFrame | None, name: str) -> Floats | None:
-    if hints is None:
-        return None
-    mine = hints[hints["file"] == name] if "file" in hints else hints
-    if mine.empty:
-        return None
-    points = mine[["x_px", "y_px"]].apply(pd.to_numeric, errors="coerce").to_numpy(np.float64)
-    if len(points) < 2 or not np.all(np.isfinite(points)):
-        raise BayesdegError(f"{name}: its hint is not two points or more; give x_px and y_px")
-    line: Floats = points
-    return line
-
-
-def _write(out: Path, found: dict[str, Trace], known_of: Mapping[str, dict[str, object]]) -> None:
-    """Write the tables of all photographs."""
-    markers, traces, pixels = [], [], []
-    for name, one in found.items():
-        about = known_of[name]
-        count = np.arange(1, len(one.points) + 1)
-        markers.append(
-            pd.DataFrame(
-                {
-                    **about,
-                    "point": count,
-                    "x_mm": one.points[:, 0].round(4),
-                    "y_mm": one.points[:, 1].round(4),
-                    "sd_mm": np.sqrt(np.mean(one.error**2, axis=1)).round(5),
-                    "file": name,
-                }
-            )
-        )
-        traces.append(
-            {
-                "file": name,
-                **about,
-                "bend_angle_deg": round(one.angle, 4),
-                "bend_angle_error_deg": round(one.angle_error, 4),
-                "curvature_per_m": round(one.curvature, 5),
-                "curvature_error_per_m": round(one.curvature_error, 5),
-                "length_mm": round(one.length, 4),
-                "scale_from": one.plane.source,
-                "not_sure": "; ".join(one.doubts),
-            }
-        )
-        place = {"x_px": one.pixels[:, 0].round(2), "y_px": one.pixels[:, 1].round(2)}
-        pixels.append(pd.DataFrame({"file": name, "point": count, **place}))
-    for name, table in (
-        ("markers.csv", pd.concat(markers)),
-        ("traces.csv", pd.DataFrame(traces)),
-        ("points.csv", pd.concat(pixels)),
-    ):
-        with written(out / name) as part:
-            table.map(spreadsheet_safe).to_csv(part, index=False, encoding="utf-8")
-
-
-def _about(path: Path | None, rows: pd.DataFrame | None, name: str) -> dict[str, object]:
+def _about(path: Path | None, rows: pd.DataFrame | None, name: str) -> dict[str, Any]:
     """Return what is known of a photograph; by default its name is the specimen's."""
-    known: dict[str, object] = {"specimen_id": Path(name).stem, "pressure_kPa": None}
     if rows is None:
-        return known
+        return {"specimen_id": Path(name).stem}
     mine = rows[rows["file"] == name]
     if len(mine) != 1:
         raise BayesdegError(
             f"{path}: {len(mine)} rows are of {name!r}; give one row for each photograph"
         )
-    return known | {key: mine.iloc[0][key] for key in ABOUT if key in rows}
+    row = mine.iloc[0]
+    known: dict[str, Any] = {"specimen_id": str(row.get("specimen_id", Path(name).stem))}
+    for field, column in (("pressure", "pressure_kPa"), ("degradation", "degradation_pct")):
+        if column in rows:
+            number = pd.to_numeric(row[column], errors="coerce")
+            if not np.isfinite(number):
+                raise BayesdegError(f"{path}: {column} of {name!r} is no number; give one")
+            known[field] = float(number)
+    return known

@@ -165,7 +165,7 @@ def _where_it_stands(doubt: Doubt, study: Study) -> Doubt:
     """Say of readings of lines that they come from points."""
     if study.line_points is None or doubt.fault.file != "actuator.csv":
         return doubt
-    return replace(doubt, fault=replace(doubt.fault, file="markers.csv"))
+    return replace(doubt, fault=replace(doubt.fault, file=study.lines_file))
 
 
 def refuse_impossible(found: Iterable[Doubt]) -> tuple[Doubt, ...]:

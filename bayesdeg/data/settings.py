@@ -31,6 +31,7 @@ from bayesdeg.data.families import (
     Passive,
     RibbedDimensions,
 )
+from bayesdeg.data.foreign import DECIMALS, DELIMITERS, ForeignTable
 from bayesdeg.data.shrinkage import Known, MixtureRecipe
 from bayesdeg.errors import Fault, nearest
 from bayesdeg.files import DEEPEST, too_deep
@@ -46,6 +47,7 @@ RuptureCriterion = Literal["principal_stretch", "cauchy_stress", "strain_energy"
 Operator = Literal["angle_over_arc", "circle", "spline", "base_tip"]
 
 MaterialLaw = Literal["yeoh", "neo_hookean", "mooney_rivlin", "gent", "ogden"]
+Side = Literal["left", "right", "top", "bottom"]
 
 EFFORTS: tuple[Effort, ...] = get_args(Effort)
 MODES: tuple[str, ...] = get_args(Mode)
@@ -55,6 +57,7 @@ CALIBRATED_LAWS: tuple[MaterialLaw, ...] = ("yeoh", "neo_hookean")
 """Laws that a model can be calibrated with; the finite element model has Yeoh's constants."""
 VENDOR_SD = 0.2
 """Standard deviation of a vendor's figure over it, where none is stated."""
+SIDES: tuple[Side, ...] = get_args(Side)
 FEWEST_POINTS = 4
 """Of a line that is read, as a cubic spline needs."""
 RUPTURE_CRITERIA: tuple[RuptureCriterion, ...] = get_args(RuptureCriterion)
@@ -282,6 +285,42 @@ class VendorFigures:
 
 
 @dataclass(frozen=True)
+class PhotographOptions:
+    """How the photographs of a study are traced, as ``[photographs]`` states it.
+
+    Parameters
+    ----------
+    grid : float, optional
+        Side of a square of a checkerboard in view [mm].
+    ruler : float, optional
+        From tick to tick of a ruler in view [mm].
+    length : float, optional
+        Of the bottom line [mm]; with another scale it is a check.
+    scale : float, optional
+        Size of a pixel, seen square on [mm].
+    base : {"left", "right", "top", "bottom"}, optional
+        On which side the clamp is.
+    hint : str, optional
+        File of the study with points near the lines.
+    line : str, optional
+        File of the study with lines that are taken as they are, where tracing fails.
+    """
+
+    grid: float | None = None
+    ruler: float | None = None
+    length: float | None = None
+    scale: float | None = None
+    base: Side | None = None
+    hint: str | None = None
+    line: str | None = None
+
+    @property
+    def has_scale(self) -> bool:
+        """Whether anything says how large things are."""
+        return any(one is not None for one in (self.grid, self.ruler, self.length, self.scale))
+
+
+@dataclass(frozen=True)
 class Settings:
     """The contents of ``study.toml``, defaults filled in.
 
@@ -342,6 +381,10 @@ class Settings:
         Stretches that are read of films; readings outside are left out.
     vendor : VendorFigures
         What the vendor states of the fresh material.
+    photographs : PhotographOptions
+        How photographs are traced.
+    markers : ForeignTable
+        How ``markers.csv`` is written, if another program wrote it.
 
     Examples
     --------
@@ -376,6 +419,8 @@ class Settings:
     law: MaterialLaw = "yeoh"
     stretch_range: tuple[float, float] | None = None
     vendor: VendorFigures = field(default_factory=VendorFigures)
+    photographs: PhotographOptions = field(default_factory=PhotographOptions)
+    markers: ForeignTable = field(default_factory=ForeignTable)
 
     @property
     def kind(self) -> Kind:
@@ -433,6 +478,12 @@ def _each_once(names: list[str]) -> tuple[str, ...]:
     return tuple(names)
 
 
+def _of_other_names(columns: dict[str, str]) -> dict[str, str]:
+    if not columns or len(set(columns.values())) < len(columns) or not all(columns.values()):
+        raise ValueError("names a column twice, or none")
+    return columns
+
+
 def _known(value: Any) -> Known:
     """Read a value above 0, with or without its standard uncertainty."""
     both = TypeAdapter(dict[str, Number]).validate_python(
@@ -487,6 +538,11 @@ def _recipe(name: str) -> _Entry:
 def _vendor(name: str, unit: str) -> _Entry:
     wanted = f"a number above 0 [{unit}], or {{ value = .., sd = .. }} with sd above 0, below value"
     return _Entry("vendor", name, wanted, Annotated[Known, PlainValidator(_figure)])
+
+
+def _photographs(name: str) -> _Entry:
+    wanted = f"a number above 0 [{'mm/px' if name == 'scale' else 'mm'}]"
+    return _Entry("photographs", name, wanted, _POSITIVE, f"photographs_{name}")
 
 
 _SEED = f"a whole number not below 0 and up to {LARGEST_SEED}"
@@ -576,6 +632,47 @@ ENTRIES: tuple[_Entry, ...] = (
         Annotated[int, Ge(FEWEST_POINTS)],
         "reading_points",
     ),
+    *(_photographs(name) for name in ("grid", "ruler", "length", "scale")),
+    _Entry("photographs", "base", f"one of {', '.join(SIDES)}", Side, "photographs_base"),
+    *(
+        _Entry("photographs", name, "a file of the study, in quotes", _Text, f"photographs_{name}")
+        for name in ("hint", "line")
+    ),
+    _Entry(
+        "markers",
+        "columns",
+        'a table of names, { x_mm = "X", y_mm = "Y" }',
+        Annotated[dict[str, str], AfterValidator(_of_other_names)],
+        "markers_columns",
+    ),
+    _Entry(
+        "markers",
+        "constants",
+        "a table of values, { scale_mm_per_px = 0.001 }",
+        Annotated[dict[str, float | str], Len(1)],
+        "markers_constants",
+    ),
+    _Entry(
+        "markers",
+        "delimiter",
+        "one of " + ", ".join(f'"{one}"' for one in DELIMITERS if one != "\t"),
+        Literal[",", ";", "tab", "\t", "space"],
+        "markers_delimiter",
+    ),
+    _Entry(
+        "markers",
+        "decimal",
+        "one of " + " or ".join(f'"{one}"' for one in DECIMALS),
+        Literal[".", ","],
+        "markers_decimal",
+    ),
+    _Entry(
+        "markers",
+        "skip",
+        "a whole number from 0 to 100",
+        Annotated[int, Interval(ge=0, le=100)],
+        "markers_skip",
+    ),
     _Entry("reading", "name", _READING, _Text, "own_reading"),
     _Entry("reading", "unit", "a text in quotes", _Text, "own_unit"),
     _Entry("reading", "error", f"a number above 0, or {_SCALE}", _Law | _POSITIVE, "own_error"),
@@ -584,6 +681,7 @@ ENTRIES: tuple[_Entry, ...] = (
 TABLES = (
     *("actuator", "paper", "constraint", "shrinkage", "priors", "noise", "causes", "sampling"),
     *("tensile", "material", "vendor", "rupture", "suspects", "forward", "parameters", "reading"),
+    *("photographs", "markers"),
 )
 
 
@@ -676,6 +774,10 @@ def _from_document(document: dict[str, Any], text: str) -> tuple[Settings, tuple
     accepted["recipe"] = MixtureRecipe(**_of(MixtureRecipe, accepted))
     accepted["vendor"] = VendorFigures(**_of(VendorFigures, accepted))
     faults += _not_calibrated(accepted, text)
+    accepted |= {
+        "photographs": PhotographOptions(**_prefixed("photographs", accepted)),
+        "markers": ForeignTable(**_prefixed("markers", accepted)),
+    }
     # the defaults that stand in for refused keys must not be blamed
     if not any((fault.column or "").startswith(("actuator", "constraint")) for fault in faults):
         of_layer = {k: v for k, v in accepted.items() if k.startswith(("constraint", "paper"))}
@@ -846,6 +948,12 @@ def _of(part: type[MixtureRecipe | VendorFigures], accepted: dict[str, Any]) -> 
     """Take the fields of a part out of what was accepted."""
     names = {entry.name for entry in fields(part)}
     return {name: accepted.pop(name) for name in names & accepted.keys()}
+
+
+def _prefixed(table: str, accepted: dict[str, Any]) -> dict[str, Any]:
+    """Take the keys of a table out of what was accepted, where its name stands before them."""
+    names = [name for name in accepted if name.startswith(f"{table}_")]
+    return {name.removeprefix(f"{table}_"): accepted.pop(name) for name in names}
 
 
 def _impossible(dimensions: AnyDimensions, constraint: Constraint, text: str) -> tuple[Fault, ...]:

@@ -11,12 +11,16 @@ import pandera.pandas as pa
 
 from bayesdeg.data import readings
 from bayesdeg.data.cells import Cells, check_header, read_cells, read_number
+from bayesdeg.data.foreign import translated
+from bayesdeg.data.photographs import FILE as PHOTOS_FILE
+from bayesdeg.data.photographs import TracedPhotograph
 from bayesdeg.data.settings import FILE as SETTINGS_FILE
 from bayesdeg.data.settings import AnyDimensions, Settings, parse_settings
 from bayesdeg.data.tables import TABLES, Table, broken, row_check, words_of
 from bayesdeg.errors import Fault, StudyError, nearest, use_one_of
 from bayesdeg.files import STUDY_MB, as_named, read_bytes, reason
 
+MARKERS_FILE = "markers.csv"
 #: The folder of a study's own causes.
 CAUSES = "causes"
 #: So many faults of one kind in one column are told one by one.
@@ -257,6 +261,8 @@ class Study:
         By how many even points each line of ``markers.csv`` was read for the actuators' table.
     outside_range : int
         Readings of films that were left out, since they are outside ``stretch_range``.
+    photographs : tuple of TracedPhotograph
+        What was traced in each of ``photos.csv``, also those that were refused.
     """
 
     name: str
@@ -274,6 +280,7 @@ class Study:
     others: Mapping[str, pd.DataFrame] = field(default_factory=dict)
     line_points: int | None = None
     outside_range: int = 0
+    photographs: tuple[TracedPhotograph, ...] = ()
 
     def __repr__(self) -> str:
         """Return its name, and how much of which data it has."""
@@ -293,7 +300,14 @@ class Study:
 
     def given(self, name: str) -> pd.DataFrame | None:
         """Return a table that there is a file of; None for what was read of lines of points."""
-        return None if name == "actuator" and self.line_points else self.table(name)
+        of_lines = name == "actuator" and self.line_points
+        of_photographs = name == "markers" and self.photographs
+        return None if of_lines or of_photographs else self.table(name)
+
+    @property
+    def lines_file(self) -> str:
+        """The file that lines of points come from."""
+        return PHOTOS_FILE if self.photographs else MARKERS_FILE
 
     @property
     def degrades(self) -> bool:
@@ -366,9 +380,16 @@ def read_study(folder: Path | str, tables: Mapping[str, Table] = TABLES) -> Stud
     if contents.pop(readings.FILE, None) is not None:
         remedy = '[forward] function = "model.py:predict" in study.toml names what predicts them'
         wrong_settings += (Fault(readings.FILE, "is of no use without [forward]", remedy),)
+    read = dict(contents)
+    if MARKERS_FILE in read:
+        form = settings.markers
+        read[MARKERS_FILE], unmapped = translated(
+            read[MARKERS_FILE], form, MARKERS_FILE, SETTINGS_FILE
+        )
+        wrong_settings += unmapped
     checked = {
         name: check_table(
-            contents[table.file], table.schema, degradation_sd_pct=settings.degradation_sd_pct
+            read[table.file], table.schema, degradation_sd_pct=settings.degradation_sd_pct
         )
         for name, table in tables.items()
         if table.file in contents
@@ -506,6 +527,7 @@ def _assemble(
         others={name: frame for name, frame in frames.items() if name not in TABLES},
         line_points=None,
         outside_range=outside,
+        photographs=(),
     )
 
 

@@ -12,8 +12,19 @@ from bayesdeg.photographs.picture import Colours
 
 Floats = NDArray[np.float64]
 
-#: Longer side of the photograph on which a checkerboard is looked for [px], before refinement.
-SEARCHED_WIDTH = 1400
+#: Longer side of the photograph on which a checkerboard is looked for [px], before refinement, and
+#: how: each finds a part of some boards alone.
+SEARCHES = (
+    (1000, 0),
+    (1000, cv2.CALIB_CB_NORMALIZE_IMAGE),
+    (700, 0),
+    (1400, 0),
+    (700, cv2.CALIB_CB_NORMALIZE_IMAGE),
+    (1400, cv2.CALIB_CB_NORMALIZE_IMAGE),
+)
+#: Corners of a board are no further from a plane lattice, as a share of a square: lenses bend by
+#: less, and a corner that was taken for another is off by much more.
+OFF_LATTICE = 0.06
 #: Inner corners along both sides from which a board is grown.
 LEAST_CORNERS = (3, 3)
 #: A camera held square to a plane by eye is off by about this much about each axis [deg].
@@ -82,26 +93,55 @@ def grid_plane(image: Colours, square: float, rng: np.random.Generator) -> Plane
         If no checkerboard is found.
     """
     grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
-    factor = min(1.0, SEARCHED_WIDTH / max(grey.shape))
-    small = cv2.resize(grey, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
-    flags = cv2.CALIB_CB_LARGER | cv2.CALIB_CB_NORMALIZE_IMAGE
-    found, corners, meta = cv2.findChessboardCornersSBWithMeta(small, LEAST_CORNERS, flags)
-    if not found:
+    best: tuple[Floats, Floats] | None = None
+    for width, flags in SEARCHES:
+        found = _board(grey, width, flags)
+        if found is None:
+            continue
+        if best is not None and len(found[0]) == len(best[0]):
+            break  # twice the same size: it is the whole board
+        if best is None or len(found[0]) > len(best[0]):
+            best = found
+    if best is None:
         raise BayesdegError(
             "no checkerboard is found; show one whole and unobstructed, beside the actuator, or "
             "give --length"
         )
+    at, lattice = best
+    return _fitted(at, _upright(at, square * lattice), rng)
+
+
+def _board(grey: NDArray[np.uint8], width: int, flags: int) -> tuple[Floats, Floats] | None:
+    """Return corners [px] and their places in the board [squares]; None if none are sound.
+
+    What is found may be a part of the board, and a corner may be at another than its place: then
+    the corners are not those of a plane lattice.
+    """
+    factor = min(1.0, width / max(grey.shape))
+    small = cv2.resize(grey, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
+    found, corners, meta = cv2.findChessboardCornersSBWithMeta(
+        small, LEAST_CORNERS, flags | cv2.CALIB_CB_LARGER
+    )
+    if not found:
+        return None
     rows, columns = meta.shape[:2]
     at = (corners.reshape(-1, 2).astype(np.float64) + 0.5) / factor - 0.5
     pitch = float(np.min(np.hypot(*(at[1:columns] - at[: columns - 1]).T)))
     reach = max(3, int(0.2 * pitch))
     criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 40, 1e-3)
     fine = np.float32(at).reshape(-1, 1, 2)
-    at = cv2.cornerSubPix(grey, fine, (reach, reach), (-1, -1), criteria).reshape(-1, 2)
-    lattice = square * np.array(
+    at = np.asarray(
+        cv2.cornerSubPix(grey, fine, (reach, reach), (-1, -1), criteria).reshape(-1, 2),
+        dtype=np.float64,
+    )
+    lattice = np.array(
         [(i % columns, i // columns) for i in range(rows * columns)], dtype=np.float64
     )
-    return _fitted(np.asarray(at, dtype=np.float64), _upright(at, lattice), rng)
+    homography, _ = cv2.findHomography(lattice, at, 0)
+    if homography is None:
+        return None
+    off = np.hypot(*(at - mapped(homography, lattice)).T)
+    return (at, lattice) if off.max() < OFF_LATTICE * pitch else None
 
 
 def _upright(at: Floats, lattice: Floats) -> Floats:

@@ -1,20 +1,23 @@
 """A photograph to points on the bottom line, with what angle and curvature they give."""
 
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
+from bayesdeg.data.settings import FEWEST_POINTS, Side
 from bayesdeg.errors import BayesdegError
-from bayesdeg.photographs.edges import Edge, find_edge
-from bayesdeg.photographs.outline import arc_of, find_body, len_of
+from bayesdeg.photographs.edges import POINTS, Edge, find_edge
+from bayesdeg.photographs.outline import Silhouette, arc_of, find_body, len_of
 from bayesdeg.photographs.picture import Colours
 from bayesdeg.photographs.plane import Plane, grid_plane, mapped, rescaled, ruler_plane, square_on
 
 Floats = NDArray[np.float64]
-type Side = Literal["left", "right", "top", "bottom"]
 
+PHOTO_MB = 100.0
+"""A JPEG file of 12 megapixels has 3 … 10 MB, a TIFF file 36 MB."""
 #: The stiff ends of an actuator, over which its line is straight: end walls have 3 of 50 mm.
 STIFF = 0.055
 #: Error of a point along the line, and of its ends, where the gel's corner is read [px].
@@ -25,13 +28,19 @@ LENGTH_AGREES = 0.1
 #: line; else which end is which is not sure.
 CLAMP = 1.3
 #: Bending away from the paper by more is no noise: the line is on the wrong side [deg].
-AWAY = 8.0
+AWAY = 5.0
+#: A body that holds more of the target's points than this share is the target, such as a ruler.
+IS_TARGET = 0.2
 #: An angle less well known than this is not worth a reading [deg].
 MOST_ANGLE_ERROR = 1.2
 #: Least share of the line on which the edge is seen; marks on it hide it.
 SEEN = 0.8
 #: Least share of the stiff ends on which the edge is seen: the bend angle is read there.
 ENDS_SEEN = 0.7
+#: Error of a point that a person set, along and across the line [px].
+BY_HAND = 1.5
+#: Points of a person are within the photograph, or this share of it outside.
+OUTSIDE = 0.05
 #: By what errors of points grow as they are correlated over a few neighbours; found on rendered
 #: photographs other than those of the published benchmark.
 CORRELATED = 2.0
@@ -82,6 +91,8 @@ class Trace:
         Of the line [mm].
     plane : Plane
         With the target that the scale is from.
+    to_mm : array, shape (3, 3)
+        Homography from pixels to the frame of ``points``.
     doubts : tuple of str
         What a person should look at.
     """
@@ -96,6 +107,7 @@ class Trace:
     curvature_error: float
     length: float
     plane: Plane
+    to_mm: Floats
     doubts: tuple[str, ...]
 
 
@@ -165,8 +177,66 @@ def trace(
         If the actuator, its edge or the target is not found, or what is found contradicts what is
         stated.
     """
-    edge = find_edge(image, find_body(image, hint))
-    return measured(image, edge, scale, rng=rng, base=base)
+    body = find_body(image, hint)
+    found = measured(image, find_edge(image, body), scale, rng=rng, base=base)
+    _refuse_target(body, found.plane.target)
+    return found
+
+
+def _refuse_target(body: Silhouette, target: Floats) -> None:
+    """Refuse a ruler or a card that was taken for the actuator: its own marks are in it."""
+    if body.outline is None:
+        return
+    hull = cv2.convexHull(body.outline.astype(np.float32))  # ticks cut into the outline itself
+    within = [cv2.pointPolygonTest(hull, point, False) >= 0.0 for point in target.tolist()]
+    if within and np.mean(within) > IS_TARGET:
+        raise BayesdegError(
+            "the ruler or checkerboard is found where the actuator should be; show the bottom line "
+            "with --hint, or with a points file"
+        )
+
+
+def trace_line(
+    image: Colours, scale: PictureScale, line: Floats, *, rng: np.random.Generator
+) -> Trace:
+    """Take the line that a person set for the bottom line, without looking for an edge.
+
+    Its points have an error of `BY_HAND` across the line. Which side the paper is on is told by the
+    bend, which is towards it.
+
+    Parameters
+    ----------
+    image : array of uint8
+        Blue, green, red.
+    scale : PictureScale
+        What is known of sizes.
+    line : array, shape (k, 2)
+        From the clamp to the tip, k at least 4 [px].
+    rng : Generator
+        As of `trace`.
+
+    Raises
+    ------
+    BayesdegError
+        If it has fewer points, leaves the photograph, or contradicts what is stated.
+    """
+    if len(line) < FEWEST_POINTS:
+        raise BayesdegError(
+            f"its line has {len(line)} points; set {FEWEST_POINTS} at least, from the clamp to the "
+            "tip"
+        )
+    size = np.array(image.shape[1::-1])
+    if np.any(line < -OUTSIDE * size) or np.any(line > (1.0 + OUTSIDE) * size):
+        raise BayesdegError("its line leaves the photograph; give points in pixels of this one")
+    arc = arc_of(line)
+    points = CubicSpline(arc, line)(np.linspace(0.0, arc[-1], POINTS))
+    every = np.ones(POINTS, dtype=bool)
+    edge = Edge(points, np.full(POINTS, BY_HAND), every, np.zeros(2))
+    plane = _plane(image, edge, scale, rng)
+    reverse = angle_and_length(plane.placed(points))[0] < 0.0
+    if reverse:
+        edge = replace(edge, points=points[::-1])
+    return measured(image, edge, scale, rng=rng, reverse=reverse)
 
 
 def measured(
@@ -176,8 +246,12 @@ def measured(
     *,
     rng: np.random.Generator,
     base: Side | None = None,
+    reverse: bool | None = None,
 ) -> Trace:
-    """Return what points on the line, the paper on their left, give in mm; see `trace`."""
+    """Return what points on the line, the paper on their left, give in mm; see `trace`.
+
+    Whether they run from the tip to the clamp is found where ``reverse`` does not say it.
+    """
     _refuse_hidden(edge)
     plane = _plane(image, edge, scale, rng)
     draws = np.array([_reading(plane_draw, edge, rng) for plane_draw in plane.samples])
@@ -186,18 +260,11 @@ def measured(
         _refuse_length(length, scale.length)
     spread = np.std(draws, axis=0)
     curvature_error = float(np.std(draws[:, 0] / draws[:, 1]))
-    if np.degrees(spread[0]) > MOST_ANGLE_ERROR:
-        raise BayesdegError(
-            f"the bend angle is uncertain by {np.degrees(spread[0]):.1f} degrees; take the "
-            "photograph nearer, sharper, or show a checkerboard"
-        )
-    if np.degrees(angle) < -AWAY:
-        raise BayesdegError(
-            f"the line bends away from the paper by {-np.degrees(angle):.0f} degrees; show the "
-            "bottom line with --hint, the side with the paper"
-        )
-    reverse, doubts = _order(edge, base)
-    points, error = _in_frame(plane, edge, reverse=reverse)
+    _refuse_bend(np.degrees(angle), np.degrees(spread[0]), by_hand=reverse is not None)
+    doubts: tuple[str, ...] = ()
+    if reverse is None:
+        reverse, doubts = _order(edge, base)
+    points, error, to_mm = _in_frame(plane, edge, reverse=reverse)
     order = slice(None, None, -1 if reverse else 1)
     return Trace(
         points,
@@ -210,8 +277,22 @@ def measured(
         1e3 * curvature_error,
         length,
         plane,
+        to_mm,
         doubts,
     )
+
+
+def _refuse_bend(angle: float, error: float, *, by_hand: bool) -> None:
+    if error > MOST_ANGLE_ERROR and not by_hand:
+        raise BayesdegError(
+            f"the bend angle is uncertain by {error:.1f} degrees; take the photograph nearer, "
+            "sharper, or show a checkerboard"
+        )
+    if angle < -AWAY:
+        raise BayesdegError(
+            f"the line bends away from the paper by {-angle:.0f} degrees; show the bottom line "
+            "with --hint, the side with the paper"
+        )
 
 
 def _refuse_hidden(edge: Edge) -> None:
@@ -290,24 +371,43 @@ def _order(edge: Edge, base: Side | None) -> tuple[bool, tuple[str, ...]]:
     return stated, ()
 
 
-def _in_frame(plane: Plane, edge: Edge, *, reverse: bool) -> tuple[Floats, Floats]:
-    """Return points and errors from the clamp, x along the clamped end, y away from the paper."""
-    placed = plane.placed(edge.points)
+def _in_frame(plane: Plane, edge: Edge, *, reverse: bool) -> tuple[Floats, Floats, Floats]:
+    """Return points and errors from the clamp, x along the clamped end, y away from the paper.
+
+    The third is the homography from pixels to that frame.
+    """
     normals = _normals(edge.points)
     ahead = np.column_stack([-normals[:, 1], normals[:, 0]])
-    along = np.full(len(placed), ALONG)
+    along = np.full(len(edge.points), ALONG)
     along[[0, -1]] = END
-    across = plane.placed(edge.points + edge.error[:, None] * normals) - placed
-    forth = plane.placed(edge.points + along[:, None] * ahead) - placed
-    if reverse:
-        placed, across, forth = placed[::-1], across[::-1], forth[::-1]
-    else:
-        # the paper is on the left; seen from the other side it is on the right
-        placed, across, forth = (a * [1.0, -1.0] for a in (placed, across, forth))
-    arc = arc_of(placed)
-    turn = _direction(placed[arc <= max(STIFF * arc[-1], float(arc[2]))])
+    order = slice(None, None, -1 if reverse else 1)
+    # the paper is on the left; seen from the other side it is on the right
+    upright = np.diag([1.0, 1.0 if reverse else -1.0, 1.0]) @ plane.homography
+    to_mm = into_frame(mapped(upright, edge.points[order])) @ upright
+    points = mapped(to_mm, edge.points)
+    across = mapped(to_mm, edge.points + edge.error[:, None] * normals) - points
+    forth = mapped(to_mm, edge.points + along[:, None] * ahead) - points
+    return (points - points[order][0])[order], np.sqrt(across**2 + forth**2)[order], to_mm
+
+
+def into_frame(points: Floats) -> Floats:
+    """Return the rigid motion that takes a line to its clamped end: from 0, along x, (3, 3).
+
+    Parameters
+    ----------
+    points : array, shape (n, 2)
+        From the clamp [mm].
+
+    Examples
+    --------
+    >>> line = np.array([[2.0, 1.0], [2.0, 2.0], [2.0, 3.0], [2.0, 4.0]])
+    >>> mapped(into_frame(line), line).round(9).tolist()
+    [[0.0, 0.0], [1.0, 0.0], [2.0, 0.0], [3.0, 0.0]]
+    """
+    arc = arc_of(points)
+    turn = _direction(points[arc <= max(STIFF * arc[-1], float(arc[2]))])
     c, s = np.cos(turn), np.sin(turn)
-    rotation = np.array([[c, -s], [s, c]])
-    points = (placed - placed[0]) @ rotation
-    error = np.sqrt((across @ rotation) ** 2 + (forth @ rotation) ** 2)
-    return points, error
+    motion = np.eye(3)
+    motion[:2, :2] = [[c, s], [-s, c]]
+    motion[:2, 2] = -motion[:2, :2] @ points[0]
+    return motion

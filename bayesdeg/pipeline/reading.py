@@ -1,20 +1,27 @@
 """A study folder with every kind of data that there is a file for."""
 
+import importlib
 from pathlib import Path
 
 from bayesdeg.data import study as folders
 from bayesdeg.data.study import Study
 from bayesdeg.observations.catalogue import TABLES
 from bayesdeg.observations.markers import with_lines
+from bayesdeg.pipeline.progress import Progress, Silent
 
 
-def read_study(folder: Path | str) -> Study:
+def read_study(folder: Path | str, progress: Progress | None = None) -> Study:
     """Read a study folder and check everything in it; lines of points become curvatures.
+
+    Photographs are traced, which takes about a second each; what was traced is kept in
+    ``.cache/traces``.
 
     Parameters
     ----------
     folder : Path or str
         Holds ``study.toml`` and at least one of the data files.
+    progress : Progress, optional
+        Shows the tracing of photographs.
 
     Returns
     -------
@@ -30,4 +37,10 @@ def read_study(folder: Path | str) -> Study:
     >>> read_study("studies/treloar").tensile["mode"].unique().tolist()
     ['uniaxial', 'equibiaxial', 'planar']
     """
-    return with_lines(folders.read_study(folder, TABLES))
+    study = folders.read_study(folder, TABLES)
+    if study.table("photos") is None:
+        return with_lines(study)
+    # brings OpenCV along, which no other study needs
+    tracing = importlib.import_module("bayesdeg.pipeline.traced")
+    traced: Study = tracing.with_photographs(study, progress or Silent())
+    return traced

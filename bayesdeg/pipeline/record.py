@@ -520,7 +520,7 @@ def _odd(one: Aside, results: Results, whole: Study) -> SuspectEntry:
     facts = {"one": one, "odd": suspect, "way": hypothesis, "partner": partner, "stiffer": stiffer}
     lines = one.table == ACTUATOR and whole.line_points is not None
     return SuspectEntry(
-        file="markers.csv" if lines else f"{one.table}.csv" if one.table else "",
+        file=whole.lines_file if lines else f"{one.table}.csv" if one.table else "",
         specimen=one.specimens[0] if len(one.specimens) == 1 else None,
         specimens=one.specimens if len(one.specimens) > 1 else (),
         why=sentences("findings", "suspect", **facts),

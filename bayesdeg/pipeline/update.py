@@ -195,7 +195,7 @@ def finished(report: Path) -> FinishedRun:
     if study.line_points is not None:
         raise BayesdegError(
             f"{report}: the run is of lines of points, to which no readings can be added yet; add "
-            "the points to markers.csv and run the study again"
+            f"the points to {study.lines_file} and run the study again"
         )
     return FinishedRun(folder, run, verdict, study, _earlier(folder, run))
 

@@ -36,6 +36,7 @@ from bayesdeg.observations.tensile import (
     stress_variance,
     tensile_curves,
 )
+from bayesdeg.photographs.record import trace_rows
 from bayesdeg.pipeline.aside import is_set_aside
 from bayesdeg.pipeline.assemble import level_grid
 from bayesdeg.pipeline.calibrate import Fit, Sampled
@@ -44,6 +45,7 @@ from bayesdeg.pipeline.experience import experience_of
 from bayesdeg.pipeline.forecast import model_document, ranges_of
 from bayesdeg.pipeline.judge import Judgement
 from bayesdeg.pipeline.lifetime import default_hours, life_table, lifetime_of
+from bayesdeg.pipeline.pictures import Picture, lines_on, paper_groups, pictures_of, write_pictures
 from bayesdeg.pipeline.progress import Silent
 from bayesdeg.pipeline.record import Results, suspects_of, verdict_of
 from bayesdeg.prediction.control import INTERVAL, largest_allowed, needed_by
@@ -519,6 +521,11 @@ class TableSources:
         """None where nothing was judged."""
         return self.results.judgement
 
+    @cached_property
+    def pictures(self) -> tuple[Picture, ...]:
+        """Cuts of photographs that the report shows."""
+        return pictures_of(self.study)
+
     @property
     def has_actuators(self) -> bool:
         """Whether curvature was read."""
@@ -576,6 +583,8 @@ def write_results(
         geometry = geometry_of_study(study.settings)
         draw = partial(write_deformed, begun=pictures)
         guard.attempt(OptionalStage.DEFORMED, draw, files.folder, results.final, geometry)
+    draw_photographs = partial(write_pictures, files.folder, study)
+    guard.attempt(OptionalStage.PHOTOGRAPHS, draw_photographs, found.pictures)
     files.remove_others()
     films = frames[columns.TENSILE]
     note = (
@@ -865,6 +874,20 @@ def _set_aside_table(found: TableSources) -> pd.DataFrame | None:
     return shown[np.isin(member, member[out])]
 
 
+def _traces_table(found: TableSources) -> pd.DataFrame | None:
+    """Return what was traced in each photograph, and why others were refused."""
+    return trace_rows(found.study.photographs) if found.study.photographs else None
+
+
+def _photo_lines_table(found: TableSources) -> pd.DataFrame | None:
+    """Return measured and predicted lines on the photographs that the report shows."""
+    if not found.study.photographs:
+        return None
+    readings, pictures = _observations_table(found), found.pictures
+    groups = {name: paper_groups(fit, pictures) for name, fit in found.results.fits.items()}
+    return lines_on(pictures, found.study, readings, groups)
+
+
 #: What makes each table, in the order in which they draw random numbers; None where there is
 #: nothing to tell. Those of checks and films are theirs.
 BUILDS: Mapping[str, Build] = {
@@ -895,4 +918,6 @@ BUILDS: Mapping[str, Build] = {
     columns.CRITERIA: _criteria_table,
     columns.SUSPECTS: _suspects_table,
     columns.SET_ASIDE: _set_aside_table,
+    columns.TRACES: _traces_table,
+    columns.PHOTO_LINES: _photo_lines_table,
 }

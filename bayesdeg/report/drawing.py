@@ -129,6 +129,8 @@ class Shown:
         Of the solved actuators.
     posterior : callable, optional
         Returns the draws of a posterior of the run folder by its name; None if there are none.
+    pictures : mapping of str to bytes
+        Cuts of photographs by their names in the run folder.
     """
 
     verdict: VerdictRecord
@@ -136,13 +138,17 @@ class Shown:
     tables: Tables
     deformed: Surface | None = None
     posterior: Callable[[str], xr.Dataset | None] = lambda _name: None
+    pictures: Mapping[str, bytes] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class Sketch:
-    """A figure before it is written for the page, and the facts of which its caption speaks."""
+    """A figure before it is written for the page, and the facts of which its caption speaks.
 
-    figure: Figure
+    One that matplotlib does not draw is an ``<svg>`` element.
+    """
+
+    figure: Figure | str
     facts: Mapping[str, object] = field(default_factory=dict)
 
 
@@ -355,13 +361,13 @@ def stamp_virtual(figure: Figure) -> None:
     )
 
 
-def inline_svg(figure: Figure, name: str, *, description: str, virtual: bool) -> str:
+def inline_svg(figure: Figure | str, name: str, *, description: str, virtual: bool) -> str:
     """Turn a figure into an SVG element that can stand inside a page.
 
     Parameters
     ----------
-    figure : Figure
-        What is drawn.
+    figure : Figure or str
+        What is drawn; an ``<svg>`` element is kept as it is, but for its label.
     name : str
         Unique within the page; every id of the element begins with it.
     description : str
@@ -375,8 +381,12 @@ def inline_svg(figure: Figure, name: str, *, description: str, virtual: bool) ->
         Text stays text; colours follow the page.
     """
     if virtual:
-        stamp_virtual(figure)
         description = f"{VIRTUAL}: {description}"
+    if isinstance(figure, str):
+        labelled = figure.replace("<svg", f'<svg role="img" aria-label="{_quoted(description)}"', 1)
+        return labelled.removesuffix("</svg>") + (_STAMP if virtual else "") + "</svg>"
+    if virtual:
+        stamp_virtual(figure)
     buffer = io.StringIO()
     with rc_context({**STYLE, "svg.hashsalt": name}):
         figure.savefig(buffer, format="svg", metadata={"Date": None})
@@ -396,6 +406,12 @@ def inline_svg(figure: Figure, name: str, *, description: str, virtual: bool) ->
         flags=re.DOTALL,
     ).strip()
 
+
+_STAMP = (
+    '<text x="50%" y="50%" text-anchor="middle" opacity="0.3" font-size="44" font-weight="bold" '
+    f'style="transform-box:fill-box;transform-origin:center;transform:rotate(-18deg)">{VIRTUAL}'
+    "</text>"
+)
 
 #: Digits after the point of a place [px], and colours of a picture, that an eye can tell apart.
 _DIGITS, _COLOURS = 2, 128
@@ -448,5 +464,8 @@ def _fewer_colours(picture: re.Match[str]) -> str:
 
 
 def _attribute(text: str) -> str:
-    escaped = text.replace("&", "&amp;").replace('"', "&quot;").replace("<", "&lt;")
-    return escaped.replace("\\", r"\\")
+    return _quoted(text).replace("\\", r"\\")
+
+
+def _quoted(text: str) -> str:
+    return text.replace("&", "&amp;").replace('"', "&quot;").replace("<", "&lt;")

@@ -50,14 +50,17 @@ POSTERIOR_AVERAGED: Final = "posterior_averaged"
 
 #: Documents kept as JSON and posteriors kept as netCDF, by name.
 DOCUMENTS: Final = (VERDICT, RUN)
+#: Cuts of photographs, of which a run writes as many as it shows.
+PICTURES: Final = tuple(f"photograph_{number}.jpg" for number in range(1, 7))
 POSTERIORS: Final = (POSTERIOR, POSTERIOR_BASE, POSTERIOR_COURSE, POSTERIOR_AVERAGED)
 
 #: Of a posterior, with its likelihoods by reading; those of 400 readings take some 30 [MB].
 MOST_ARRAYS_MB: Final = 1000.0
+PICTURE_MB: Final = 2.0  # a cut that a run writes has 0.05
 
 #: All files of fixed name that a run writes.
 RUN_FILES: Final = (
-    *(INDEX, LEFT_OUT, ADDED),
+    *(INDEX, LEFT_OUT, ADDED, *PICTURES),
     *(f"{name}.json" for name in DOCUMENTS),
     *(f"{name}.nc" for name in POSTERIORS),
     *(table.file for table in TABLES.values()),
@@ -302,6 +305,18 @@ class RunFolder:
     def remove(self, file: str) -> None:
         """Remove a file of an earlier run, if there is one."""
         (self.path / file).unlink(missing_ok=True)
+
+    def write_picture(self, name: str, content: bytes) -> None:
+        """Write a cut of a photograph, one of `PICTURES`."""
+        write_bytes(self.path / _known(name, PICTURES), content)
+
+    def read_pictures(self) -> dict[str, bytes]:
+        """Return the cuts of photographs that are there, by name."""
+        there = (name for name in PICTURES if (self.path / name).is_file())
+        try:
+            return {name: read_bytes(self.path / name, most_mb=PICTURE_MB) for name in there}
+        except OSError as fault:
+            raise self._corrupted("photograph", reason(fault)) from fault
 
     def write_left_out(self, text: str) -> None:
         """Write the tracebacks of what was left out; remove those of an earlier run if none."""

@@ -41,6 +41,7 @@ class OptionalStage(StrEnum):
     LAWS = "material laws on held-out films"
     READINGS = "predictions at the readings"
     DEFORMED = "deformed actuator"
+    PHOTOGRAPHS = "photographs with lines"
     HELD_OUT_MODES = "held-out modes of tension"
     WHERE = "where the misfit sits"
     CONCENTRATION = "specimens and branches in which the misfit sits"

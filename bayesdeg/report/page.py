@@ -132,7 +132,8 @@ def build_page(folder: Path, guard: Guard | None = None) -> Path:
     """
     run_folder = RunFolder(folder)
     verdict, run = run_folder.read_verdict(), run_folder.read_run()
-    shown = Shown(verdict, run, run_folder.read_tables(), read_surface(folder), run_folder.draws_of)
+    kept = (run_folder.read_tables(), read_surface(folder), run_folder.draws_of)
+    shown = Shown(verdict, run, *kept, pictures=run_folder.read_pictures())
     return run_folder.write_page(render(content_of(shown, guard or Guard())))
 
 

@@ -41,6 +41,8 @@ DISCREPANCY = "discrepancy"
 SHARES = "shares"
 SUSPECTS = "suspects"
 SET_ASIDE = "set_aside"
+TRACES = "traces"
+PHOTO_LINES = "photo_lines"
 
 ALL_LEVELS = "all"
 """What stands in ``degradation_pct`` of a row that pools every degradation rate."""
@@ -508,6 +510,37 @@ _TABLES = (
             Column("readings", "–", "rows that it is of"),
             Column("set_aside", "–", "1 if calibration and verdict are without it"),
             _text("why", "what is odd, and what may have happened"),
+        ),
+    ),
+    ResultTable(
+        TRACES,
+        (
+            _text("file", "the photograph"),
+            _SPECIMEN,
+            _DEGRADATION,
+            _PRESSURE,
+            Column("bend_angle_deg", "deg", "bend angle that was traced; empty where none was"),
+            Column("bend_angle_error_deg", "deg", "its standard error"),
+            Column("curvature_per_m", "1/m", "bend angle over length of the line"),
+            Column("curvature_error_per_m", "1/m", "its standard error"),
+            Column("length_mm", "mm", "length of the line"),
+            _text("scale_from", "what the scale was read from"),
+            _text("not_sure", "what a person should look at"),
+            _text("refused", "why nothing was traced; empty where it was"),
+        ),
+    ),
+    ResultTable(
+        PHOTO_LINES,
+        (
+            _text("picture", "file of the run folder with the cut of the photograph"),
+            _text("file", "the photograph"),
+            _SPECIMEN,
+            _DEGRADATION,
+            _PRESSURE,
+            _text("line", "measured, or predicted by base or final"),
+            Column("curvature_per_m", "1/m", "curvature of that line"),
+            Column("x_px", "px", "a point of the line in the picture, from the left"),
+            Column("y_px", "px", "the same, from the top"),
         ),
     ),
     ResultTable(

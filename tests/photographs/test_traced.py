@@ -3,6 +3,7 @@
 import io
 import zlib
 
+import cv2
 import numpy as np
 import pandas as pd
 import pytest
@@ -11,9 +12,10 @@ from typer.testing import CliRunner
 
 from bayesdeg.cli import app
 from bayesdeg.errors import BayesdegError
+from bayesdeg.photographs.outline import Silhouette, _with_slots
 from bayesdeg.photographs.picture import read_picture
-from bayesdeg.photographs.plane import grid_plane, ruler_plane
-from bayesdeg.photographs.trace import PictureScale, angle_and_length, trace
+from bayesdeg.photographs.plane import _board, grid_plane, ruler_plane
+from bayesdeg.photographs.trace import PictureScale, _refuse_target, angle_and_length, trace
 
 
 @pytest.fixture(scope="module")
@@ -105,6 +107,41 @@ def test_a_scale_wrong_by_ten_is_refused(bent):
 def test_a_clamp_at_the_other_end_is_refused(bent):
     with pytest.raises(BayesdegError, match="mirrored"):
         traced(bent, PictureScale(grid=5.0), base="right")
+
+
+def test_a_ruler_that_is_taken_for_the_actuator_is_refused():
+    ticks = np.column_stack([np.linspace(10.0, 90.0, 30), np.full(30, 45.0)])
+    line = np.column_stack([np.linspace(0.0, 100.0, 40), np.full(40, 60.0)])
+    around = np.array([[0.0, 60.0], [100.0, 60.0], [100.0, 30.0], [0.0, 30.0]])
+    ruler = Silhouette(line, 30.0, 0.99, around)
+    _refuse_target(ruler, ticks + np.array([0.0, 25.0]))  # beside it
+    _refuse_target(ruler, np.empty((0, 2)))
+    with pytest.raises(BayesdegError):
+        _refuse_target(ruler, ticks)
+
+
+def test_a_board_of_which_a_corner_is_not_in_its_place_is_not_taken(bent):
+    grey = cv2.cvtColor(bent.image, cv2.COLOR_BGR2GRAY)
+    at, lattice = _board(grey, 1000, 0)
+    assert len(at) == 24
+    assert sorted(set(np.diff(np.unique(lattice[:, 0])))) == [1.0]
+    # bent by more than any lens does, it is none
+    assert _board(cv2.remap(grey, *swirled(grey.shape), cv2.INTER_LINEAR), 1000, 0) is None
+
+
+def swirled(shape):
+    y, x = np.mgrid[: shape[0], : shape[1]].astype(np.float32)
+    return x + 40.0 * np.sin(y / 60.0).astype(np.float32), y + 40.0 * np.sin(x / 60.0).astype(
+        np.float32
+    )
+
+
+def test_a_card_is_told_from_a_comb():
+    comb, card = Silhouette(np.zeros((2, 2)), 1.0, 0.87), Silhouette(np.zeros((2, 2)), 1.0, 0.99)
+    with_clamp = Silhouette(np.zeros((2, 2)), 1.0, 0.68)
+    assert _with_slots([card, with_clamp, comb]) == [comb]
+    assert _with_slots([card, with_clamp]) == [with_clamp]
+    assert _with_slots([card]) == []
 
 
 def test_nothing_and_two_actuators_are_refused(bent):
@@ -208,7 +245,7 @@ def test_the_command_writes_tables_and_a_picture_and_leaves_photographs_alone(tm
     assert isinstance(done.exception, BayesdegError)
     assert str(done.exception).startswith("b.png: ")
     assert sorted(p.name for p in folder.iterdir()) == ["a.png", "b.png"]
-    names = ["a_traced.png", "markers.csv", "points.csv", "traces.csv"]
+    names = ["a_traced.png", "markers.csv", "points.csv", "trace.json", "traces.csv"]
     assert sorted(p.name for p in out.iterdir()) == names
     markers = pd.read_csv(out / "markers.csv")
     assert markers[["specimen_id", "pressure_kPa", "degradation_pct"]].iloc[0].tolist() == [

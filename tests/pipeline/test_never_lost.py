@@ -60,6 +60,7 @@ BROKEN = {
     OptionalStage.LAWS: (films, "compare_laws"),
     OptionalStage.READINGS: (writing, "predict_readings"),
     OptionalStage.DEFORMED: (writing, "write_deformed"),
+    OptionalStage.PHOTOGRAPHS: (writing, "write_pictures"),
     OptionalStage.HELD_OUT_MODES: (writing, "held_out_modes"),
     OptionalStage.WHERE: (record, "where"),
     OptionalStage.CONCENTRATION: (record, "concentration"),
@@ -99,6 +100,8 @@ ELSEWHERE = {
     # where a study asks for suspects to be set aside
     *(OptionalStage.SUSPECTS, OptionalStage.WITH_SUSPECTS),
     *(table_stage(columns.SUSPECTS), table_stage(columns.SET_ASIDE), figure_stage("suspects")),
+    # of a study of photographs
+    *(table_stage(columns.TRACES), table_stage(columns.PHOTO_LINES), figure_stage("photographs")),
 }
 STAGES = sorted({*OptionalStage, *WRITTEN, *FIGURES} - SAID - ELSEWHERE)
 
@@ -271,7 +274,7 @@ def test_a_run_in_which_nothing_breaks_leaves_nothing_out(whole):
     page = (out / "index.html").read_text(encoding="utf-8")
     assert 'id="left-out"' not in page
     # whatever can be drawn is drawn, so that the tests below lack nothing
-    assert set(DRAWN) - {"readings", "reading-residuals", "suspects"} == set(
+    assert set(DRAWN) - {"readings", "reading-residuals", "suspects", "photographs"} == set(
         re.findall(r'id="figure-([a-z-]+)"', page)
     )
 

@@ -1,0 +1,117 @@
+"""The folder that ``bayesdeg trace`` writes: tables for people, and a record to correct them by."""
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+from bayesdeg.data.photographs import TracedPhotograph, TraceFile
+from bayesdeg.errors import BayesdegError
+from bayesdeg.files import (
+    RUN_MB,
+    parse_json,
+    read_bytes,
+    reason,
+    spreadsheet_safe,
+    write_bytes,
+    write_text,
+    written,
+)
+from bayesdeg.photographs.overlay import overlay
+from bayesdeg.photographs.picture import Colours, read_picture
+from bayesdeg.photographs.record import hash_of, tables_of
+from bayesdeg.photographs.trace import PHOTO_MB
+
+FILE = "trace.json"
+
+
+def way_to(folder: Path, photograph: Path) -> str:
+    """Return the way from a folder to a photograph, which stays right if both are moved."""
+    try:
+        return os.path.relpath(photograph.resolve(), folder.resolve())
+    except ValueError:  # on another drive
+        return str(photograph.resolve())
+
+
+def write_traces(folder: Path, photographs: Sequence[TracedPhotograph]) -> None:
+    """Write record and tables of what was traced; nothing where nothing was."""
+    traced = tuple(one for one in photographs if not one.refused)
+    if not traced:
+        return
+    write_text(folder / FILE, TraceFile(photographs=traced).text())
+    for file, table in tables_of(traced).items():
+        with written(folder / file) as part:
+            table.map(spreadsheet_safe).to_csv(part, index=False, encoding="utf-8")
+
+
+def write_overlay(folder: Path, photograph: TracedPhotograph, content: bytes) -> None:
+    """Write the picture on which a person checks a line."""
+    write_bytes(folder / f"{Path(photograph.file).stem}_traced.png", content)
+
+
+def read_traces(folder: Path) -> tuple[TracedPhotograph, ...]:
+    """Return what was traced into a folder.
+
+    Raises
+    ------
+    BayesdegError
+        If there is nothing, or it is damaged.
+    """
+    try:
+        found = TraceFile.read(parse_json(read_bytes(folder / FILE, most_mb=RUN_MB)))
+    except OSError as fault:
+        raise BayesdegError(
+            f"{folder}: {FILE} cannot be read ({reason(fault)}); give the --out folder of a "
+            "'bayesdeg trace'"
+        ) from fault
+    except ValueError as fault:
+        raise BayesdegError(
+            f"{folder / FILE}: {fault}; the file is damaged: trace the photographs again"
+        ) from fault
+    for one in found.photographs:
+        counts = {len(one.pixels), len(one.points), len(one.errors), len(one.seen)}
+        if len(counts) > 1 or len(one.pixels) < 4 or len(one.to_mm) != 3:
+            raise BayesdegError(
+                f"{folder / FILE}: {one.file} has points and errors of different numbers; the file "
+                "is damaged: trace the photographs again"
+            )
+    return found.photographs
+
+
+def refuse_lost_corrections(folder: Path) -> None:
+    """Refuse to trace into a folder in which a person has corrected points."""
+    if not (folder / FILE).exists():
+        return
+    corrected = [one.file for one in read_traces(folder) if one.corrected]
+    if corrected:
+        raise BayesdegError(
+            f"{folder} holds points that were corrected by hand ({corrected[0]}), which would be "
+            "lost; name another folder with --out"
+        )
+
+
+def picture_of(folder: Path, photograph: TracedPhotograph) -> Colours:
+    """Return a photograph that was traced, upright.
+
+    Raises
+    ------
+    BayesdegError
+        If it is not there any more, or is another one.
+    """
+    path = folder / photograph.place
+    try:
+        content = read_bytes(path, most_mb=PHOTO_MB)
+    except OSError as fault:
+        raise BayesdegError(
+            f"{path}: cannot be read ({reason(fault)}); put the photograph back, or trace again"
+        ) from fault
+    if hash_of(content) != photograph.sha256:
+        raise BayesdegError(f"{path}: it is not the photograph that was traced; trace again")
+    return read_picture(photograph.file, content)
+
+
+def save_correction(
+    folder: Path, photographs: Sequence[TracedPhotograph], changed: TracedPhotograph
+) -> None:
+    """Write everything again after a person has corrected one of the photographs."""
+    write_traces(folder, photographs)
+    write_overlay(folder, changed, overlay(picture_of(folder, changed), changed))

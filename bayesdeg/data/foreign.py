@@ -1,0 +1,132 @@
+"""A table as another program writes it becomes one of the contract: names, delimiter, decimals."""
+
+import csv
+import io
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from bayesdeg.errors import Fault, use_one_of
+
+DELIMITERS = {",": ",", ";": ";", "tab": "\t", "\t": "\t", "space": " "}
+_POINT, _OF_A_LINE = "point", ("specimen_id", "pressure_kPa")
+DECIMALS = (".", ",")
+
+
+@dataclass(frozen=True)
+class ForeignTable:
+    """How a table is written that another program exported.
+
+    Parameters
+    ----------
+    columns : mapping of str to str
+        Column of the contract to that of the file; columns that are not named keep their names.
+    delimiter : {",", ";", "tab", "space"}
+        What stands between cells.
+    decimal : {".", ","}
+        The sign of decimals.
+    skip : int
+        Lines before the header.
+    constants : mapping of str to str or float
+        Columns of the contract that the file lacks, with what is in every row.
+    """
+
+    columns: Mapping[str, str] = field(default_factory=dict)
+    delimiter: str = ","
+    decimal: str = "."
+    skip: int = 0
+    constants: Mapping[str, str | float] = field(default_factory=dict)
+
+
+def translated(
+    content: bytes, form: ForeignTable, file: str, settings: str
+) -> tuple[bytes, tuple[Fault, ...]]:
+    r"""Return a table as the contract has it, line for line, and what is wrong with the mapping.
+
+    Points that are not numbered are counted, from 1 at every other specimen or pressure.
+
+    Parameters
+    ----------
+    content : bytes
+        The file as it is on the disk.
+    form : ForeignTable
+        How it is written.
+    file, settings : str
+        Names of the file, and of that which states the form.
+
+    Examples
+    --------
+    >>> form = ForeignTable({"x_mm": "x"}, delimiter=";", decimal=",", skip=1)
+    >>> translated(b"mass A\nx;y_mm\n0,5;1\n", form, "markers.csv", "study.toml")[0]
+    b'# mass A\nx_mm,y_mm,point\n0.5,1,1\n'
+    """
+    if form == ForeignTable():
+        return content, ()
+    try:
+        lines = content.decode("utf-8-sig").splitlines()
+    except UnicodeDecodeError:  # what is wrong is said when the cells are read
+        return content, ()
+    rows = [f"# {line}" if number < form.skip else line for number, line in enumerate(lines)]
+    there = {column: name for name, column in form.columns.items()}
+    header: list[str] | None = None
+    count, written = _PointCount(), io.StringIO()
+    write = csv.writer(written, lineterminator="\n")
+    for line in rows:
+        if line.startswith("#") or not line.strip():
+            written.write(line + "\n")
+            continue
+        cells = _cells(line, form)
+        if header is None:
+            header = cells
+            names = [there.get(cell, cell) for cell in cells]
+            added = [name for name in form.constants if name not in names]
+            numbered = _POINT in names or _POINT in added
+            write.writerow([*names, *added, *([] if numbered else [_POINT])])
+        else:
+            whole = [*cells, *(str(form.constants[name]) for name in added)]
+            of_row = dict(zip([*names, *added], whole, strict=False))
+            write.writerow(whole if numbered else [*whole, str(count.of(of_row))])
+    missing = [column for column in there if column not in (header or [])]
+    place = "markers.columns"
+    return written.getvalue().encode(), tuple(
+        Fault(
+            settings, f"is no column of {file}", use_one_of(name, header or []), None, place, name
+        )
+        for name in missing
+    )
+
+
+class _PointCount:
+    """Counts the rows of a line of points."""
+
+    def __init__(self) -> None:
+        self._of: tuple[str | None, ...] = ()
+        self._count = 0
+
+    def of(self, row: Mapping[str, str]) -> int:
+        """Return the number of a row's point."""
+        line = tuple(row.get(name) for name in _OF_A_LINE)
+        self._count = self._count + 1 if line == self._of else 1
+        self._of = line
+        return self._count
+
+
+def _cells(line: str, form: ForeignTable) -> list[str]:
+    delimiter = DELIMITERS[form.delimiter]
+    reader = csv.reader([line], delimiter=delimiter, skipinitialspace=True)
+    try:
+        cells = [cell.strip() for cell in next(reader)]
+    except csv.Error:  # kept as it is; its cells are refused
+        return [line]
+    if form.delimiter == "space":
+        cells = [cell for cell in cells if cell]
+    if form.decimal == ",":
+        cells = [cell.replace(",", ".", 1) if _is_number(cell) else cell for cell in cells]
+    return cells
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell.replace(",", ".", 1))
+    except ValueError:
+        return False
+    return cell.count(",") == 1 and "." not in cell

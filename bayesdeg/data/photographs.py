@@ -1,0 +1,79 @@
+"""What was traced in a photograph: points in pixels, how they become mm, and what they give."""
+
+from collections.abc import Iterable, Iterator
+
+from pydantic import Field
+
+from bayesdeg.records import FileRecord, Names, Text
+
+type Places = tuple[tuple[float, float], ...]
+type Homography = tuple[tuple[float, float, float], ...]
+
+FILE, FOLDER = "photos.csv", "photos"
+"""Of a study: the table of its photographs, and the folder in which they are."""
+
+
+class TracedPhotograph(FileRecord):
+    """A photograph, and the bottom line that was traced in it, or why none was."""
+
+    file: Text = Field(default="", description="name of the photograph")
+    place: Text = Field(default="", description="way from the folder of this file to it")
+    sha256: Text = Field(default="", description="SHA-256 of the photograph")
+    refused: Text = Field(default="", description="why nothing was traced; empty if it was")
+    specimen_id: Text = Field(default="", description="the specimen")
+    pressure: float | None = Field(default=None, description="gauge pressure [kPa]")
+    degradation: float | None = Field(default=None, description="degradation rate [%]")
+    width: int = Field(default=0, description="of the photograph, upright [px]")
+    height: int = Field(default=0, description="of the photograph, upright [px]")
+    pixels: Places = Field(default=(), description="points on the line from the clamp [px]")
+    points: Places = Field(
+        default=(),
+        description="the same, x along the clamped end, y away from the paper [mm]",
+    )
+    errors: Places = Field(default=(), description="standard errors of the points [mm]")
+    seen: tuple[bool, ...] = Field(
+        default=(), description="where an edge was read; other points lie between neighbours"
+    )
+    to_mm: Homography = Field(
+        default=(), description="rows of the homography from pixels to the points in mm"
+    )
+    bend_angle_deg: float = Field(default=0.0, description="towards the paper [deg]")
+    bend_angle_error_deg: float = Field(default=0.0, description="its standard error [deg]")
+    curvature_per_m: float = Field(default=0.0, description="angle over length [1/m]")
+    curvature_error_per_m: float = Field(default=0.0, description="its standard error [1/m]")
+    length_mm: float = Field(default=0.0, description="of the line [mm]")
+    scale_from: Text = Field(default="", description="what the scale was read from")
+    not_sure: Names = Field(default=(), description="what a person should look at")
+    corrected: bool = Field(default=False, description="whether a person moved points")
+
+    @property
+    def about(self) -> dict[str, object]:
+        """Columns of tables that say what it is a photograph of."""
+        return {
+            "specimen_id": self.specimen_id,
+            "pressure_kPa": self.pressure,
+            "degradation_pct": self.degradation,
+        }
+
+
+class TraceFile(FileRecord):
+    """All that `bayesdeg trace` found, with what is needed to correct it."""
+
+    photographs: tuple[TracedPhotograph, ...] = Field(
+        default=(), description="those that were traced, in the order of the tables"
+    )
+
+
+def messages(photographs: Iterable[TracedPhotograph]) -> Iterator[str]:
+    """Say which photographs are left out and why, and what is not sure about the others.
+
+    Examples
+    --------
+    >>> list(messages([TracedPhotograph(file="a.jpg", refused="it shows nothing")]))
+    ['a.jpg is left out: it shows nothing']
+    """
+    for one in photographs:
+        if one.refused:
+            yield f"{one.file} is left out: {one.refused}"
+        for doubt in one.not_sure:
+            yield f"{one.file}: not sure: {doubt}"

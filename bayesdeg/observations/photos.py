@@ -1,0 +1,20 @@
+"""Photographs in place of readings: the columns of ``photos.csv``.
+
+Each is traced, and its line of points is read as one of ``markers.csv`` is; see
+`bayesdeg.pipeline.traced`.
+"""
+
+import pandera.pandas as pa
+
+from bayesdeg.data.photographs import FILE
+from bayesdeg.data.tables import ONE_DEGRADATION, Table, of_actuators, once, text
+
+TABLE = Table(
+    "photos",
+    pa.DataFrameSchema(
+        of_actuators({"file": text()}),
+        [ONE_DEGRADATION, once("file", "give every photograph one row")],
+        name=FILE,
+    ),
+    supports="verdict, gain, curvature bands",
+)

@@ -1,0 +1,209 @@
+"""What was traced in a photograph as a record and as rows of tables."""
+
+from collections.abc import Mapping, Sequence
+from hashlib import sha256
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from bayesdeg.data.photographs import Places, TracedPhotograph
+from bayesdeg.photographs.picture import Colours
+from bayesdeg.photographs.plane import mapped
+from bayesdeg.photographs.trace import BY_HAND, Trace, angle_and_length, into_frame
+
+Floats = NDArray[np.float64]
+
+#: Of the length of a line, by which a point is moved to see what it changes.
+STEP = 1e-5
+
+
+def hash_of(content: bytes) -> str:
+    """Return the SHA-256 of a photograph.
+
+    Examples
+    --------
+    >>> hash_of(b"")[:8]
+    'e3b0c442'
+    """
+    return sha256(content).hexdigest()
+
+
+def recorded(name: str, content: bytes, image: Colours, found: Trace) -> TracedPhotograph:
+    """Return the record of what was traced.
+
+    Parameters
+    ----------
+    name : str
+        Of the photograph.
+    content : bytes
+        Of its file.
+    image : array of uint8
+        The photograph, upright.
+    found : Trace
+        What was read of it.
+    """
+    return TracedPhotograph(
+        file=name,
+        sha256=hash_of(content),
+        width=image.shape[1],
+        height=image.shape[0],
+        pixels=_places(found.pixels, 3),
+        points=_places(found.points, 5),
+        errors=_places(found.error, 6),
+        seen=tuple(found.seen.tolist()),
+        to_mm=found.to_mm.tolist(),
+        bend_angle_deg=round(found.angle, 4),
+        bend_angle_error_deg=round(found.angle_error, 4),
+        curvature_per_m=round(found.curvature, 5),
+        curvature_error_per_m=round(found.curvature_error, 5),
+        length_mm=round(found.length, 4),
+        scale_from=found.plane.source,
+        not_sure=found.doubts,
+    )
+
+
+def corrected(photograph: TracedPhotograph, pixels: Floats) -> TracedPhotograph:
+    """Return a photograph whose points a person has moved.
+
+    Moved points become mm by the homography that the tracing used, turned such that x is along the
+    clamped end of the new line. Their error is that of a hand.
+
+    Parameters
+    ----------
+    photograph : TracedPhotograph
+        As it was traced.
+    pixels : array, shape (n, 2)
+        As many points, from the clamp [px].
+
+    Examples
+    --------
+    >>> known = TracedPhotograph(
+    ...     pixels=((0, 0), (10, 0), (20, 0), (30, 0)),
+    ...     errors=((0.01, 0.01),) * 4,
+    ...     to_mm=((0.1, 0, 0), (0, -0.1, 0), (0, 0, 1)),
+    ... )
+    >>> moved = corrected(known, np.array([[0.0, 0.0], [10.0, 0.0], [20.0, 0.0], [30.0, 10.0]]))
+    >>> moved.points[-1], moved.corrected, moved.errors[0], moved.errors[-1]
+    ((3.0, -1.0), True, (0.01, 0.01), (0.15, 0.15))
+    """
+    to_mm, before = np.array(photograph.to_mm), np.array(photograph.pixels)
+    moved = np.hypot(*(pixels - before).T) > 0.0
+    points = mapped(to_mm, pixels)
+    motion = into_frame(points)
+    points = mapped(motion, points)
+    angle, length = angle_and_length(points)
+    per_pixel = _per_pixel(to_mm, pixels)[:, None]
+    errors = np.where(moved[:, None], BY_HAND * per_pixel, np.array(photograph.errors))
+    added = _angle_error(points, np.where(moved[:, None], errors, 0.0))
+    return photograph.model_copy(
+        update={
+            "pixels": _places(pixels, 3),
+            "points": _places(points, 5),
+            "errors": _places(errors, 6),
+            "to_mm": tuple(map(tuple, (motion @ to_mm).tolist())),
+            "bend_angle_deg": round(float(-np.degrees(angle)), 4),
+            "bend_angle_error_deg": round(
+                float(np.hypot(photograph.bend_angle_error_deg, np.degrees(added))), 4
+            ),
+            "curvature_per_m": round(-1e3 * angle / length, 5),
+            "curvature_error_per_m": round(
+                float(np.hypot(photograph.curvature_error_per_m, 1e3 * added / length)), 5
+            ),
+            "length_mm": round(length, 4),
+            "corrected": photograph.corrected or bool(moved.any()),
+        }
+    )
+
+
+def _angle_error(points: Floats, errors: Floats) -> float:
+    """Return the standard error of the bend angle that errors of points give [rad]."""
+    angle, length = angle_and_length(points)
+    step = STEP * length
+    found = 0.0
+    for place in np.argwhere(errors > 0.0):
+        moved = points.copy()
+        moved[tuple(place)] += step
+        slope = (angle_and_length(moved)[0] - angle) / step
+        found += float(slope * errors[tuple(place)]) ** 2
+    return float(np.sqrt(found))
+
+
+def _per_pixel(to_mm: Floats, pixels: Floats) -> Floats:
+    """Return the size of a pixel about points [mm]."""
+    here = mapped(to_mm, pixels)
+    beside, above = (mapped(to_mm, pixels + step) - here for step in ([1.0, 0.0], [0.0, 1.0]))
+    size: Floats = np.sqrt(0.5 * (np.sum(beside**2, axis=1) + np.sum(above**2, axis=1)))
+    return size
+
+
+def _places(points: Floats, digits: int) -> Places:
+    return tuple((round(x, digits), round(y, digits)) for x, y in points.tolist())
+
+
+def marker_rows(photograph: TracedPhotograph, about: Mapping[str, object]) -> pd.DataFrame:
+    """Return the points of a photograph as rows of ``markers.csv``.
+
+    Parameters
+    ----------
+    photograph : TracedPhotograph
+        Traced.
+    about : mapping
+        Other columns, the same for all points.
+    """
+    points, errors = np.array(photograph.points), np.array(photograph.errors)
+    return pd.DataFrame(
+        {
+            **about,
+            "point": np.arange(1, len(points) + 1),
+            "x_mm": points[:, 0].round(4),
+            "y_mm": points[:, 1].round(4),
+            "sd_mm": np.sqrt(np.mean(errors**2, axis=1)).round(5),
+            "file": photograph.file,
+        }
+    )
+
+
+def pixel_rows(photograph: TracedPhotograph) -> pd.DataFrame:
+    """Return the points of a photograph in pixels, to be corrected."""
+    pixels = np.array(photograph.pixels)
+    return pd.DataFrame(
+        {
+            "file": photograph.file,
+            "point": np.arange(1, len(pixels) + 1),
+            "x_px": pixels[:, 0].round(2),
+            "y_px": pixels[:, 1].round(2),
+        }
+    )
+
+
+def trace_rows(photographs: Sequence[TracedPhotograph]) -> pd.DataFrame:
+    """Return a row a photograph: what was read of it, or why nothing was."""
+    read = (
+        *("bend_angle_deg", "bend_angle_error_deg"),
+        *("curvature_per_m", "curvature_error_per_m", "length_mm"),
+    )
+    return pd.DataFrame(
+        {
+            "file": one.file,
+            **one.about,
+            **{name: None if one.refused else getattr(one, name) for name in read},
+            "scale_from": one.scale_from,
+            "not_sure": "; ".join(one.not_sure),
+            "refused": one.refused,
+            "corrected": int(one.corrected),
+        }
+        for one in photographs
+    )
+
+
+def tables_of(photographs: Sequence[TracedPhotograph]) -> dict[str, pd.DataFrame]:
+    """Return what is written of traced photographs: tables by their files; none if none is."""
+    traced = [one for one in photographs if not one.refused]
+    if not traced:
+        return {}
+    return {
+        "markers.csv": pd.concat([marker_rows(one, one.about) for one in traced]),
+        "traces.csv": trace_rows(traced),
+        "points.csv": pd.concat([pixel_rows(one) for one in traced]),
+    }

@@ -1,0 +1,62 @@
+"""A folder as ``bayesdeg trace`` leaves it, of photographs that are not traced but made up."""
+
+import io
+
+import numpy as np
+from PIL import Image
+
+from bayesdeg.commands.trace_folder import write_traces
+from bayesdeg.data.photographs import TracedPhotograph
+from bayesdeg.photographs.plane import mapped
+from bayesdeg.photographs.record import hash_of
+from bayesdeg.photographs.trace import into_frame
+
+WIDTH, HEIGHT, COUNT = 640, 480, 30
+SCALE = 0.1  # mm/px
+
+
+def line(bend=0.5):
+    """Return a circular arc that bends downwards by an angle [px]."""
+    at = np.linspace(0.0, bend, COUNT)
+    radius = 400.0 / bend
+    return np.column_stack([100 + radius * np.sin(at), 200 + radius * (1.0 - np.cos(at))])
+
+
+def photograph(name, content, bend=0.5):
+    pixels = line(bend).round(3)
+    upright = np.diag([SCALE, -SCALE, 1.0])
+    motion = into_frame(mapped(upright, pixels)) @ upright
+    points = mapped(motion, pixels)
+    return TracedPhotograph(
+        file=name,
+        place=f"../{name}",
+        sha256=hash_of(content),
+        specimen_id=name.partition(".")[0],
+        pressure=100.0,
+        degradation=0.0,
+        width=WIDTH,
+        height=HEIGHT,
+        pixels=pixels.tolist(),
+        points=points.tolist(),
+        errors=np.full((COUNT, 2), 0.01).tolist(),
+        seen=[True] * (COUNT - 1) + [False],
+        to_mm=motion.tolist(),
+        bend_angle_deg=float(np.degrees(bend)),
+        curvature_per_m=1e3 * bend / 40.0,
+        length_mm=40.0,
+        scale_from="grid",
+    )
+
+
+def traced_folder(path, names=("one.png", "two.png")):
+    """Write photographs, and beside them a folder with what was traced of them."""
+    path.mkdir(parents=True, exist_ok=True)
+    found = []
+    for i, name in enumerate(names):
+        content = io.BytesIO()
+        shade = np.linspace(60, 200, WIDTH)[None, :, None] * np.ones((HEIGHT, 1, 3))
+        Image.fromarray((shade + 20 * i).astype(np.uint8)).save(content, "PNG")
+        (path / name).write_bytes(content.getvalue())
+        found.append(photograph(name, content.getvalue(), 0.5 + 0.2 * i))
+    write_traces(path / "traced", found)
+    return path / "traced"
