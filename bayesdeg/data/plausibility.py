@@ -7,7 +7,7 @@ of which medians are taken. What no soft actuator can do is a fault; what is mer
 warning, which goes on to stand beside the verdict.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,6 +20,7 @@ from bayesdeg.errors import Fault, StudyError
 from bayesdeg.priors import Law
 
 Floats = NDArray[np.float64]
+Integers = NDArray[np.intp]
 Units = Mapping[str, float]
 
 #: What a number in another unit is, over the same in the unit of the column.
@@ -89,6 +90,9 @@ NEAR_UNIT, NEAR_UNIT_OF_PRIOR = 1.4, 2.5
 
 #: Different readings of a curve that no other specimen has by chance.
 LEAST_ALIKE = 4
+#: Specimens that are compared with one another, each with each; more are taken in parts, by their
+#: degradation rates, so that work and memory grow as their number.
+MOST_COMPARED = 50
 #: Degradation rates, from which on one with fewer specimens stands out.
 FEWEST_RATES = 3
 
@@ -448,7 +452,7 @@ def _odd_ones(
     The third of ``place`` says in words what is compared.
     """
     file, column, what = place
-    off = off_neighbours(logs[:, None] - logs, table["rate"].to_numpy(float))
+    off = _off(table["rate"].to_numpy(float), lambda part: logs[part, None] - logs[part])
     wrong = np.flatnonzero(off)
     if len(table) == 2:  # either may be wrong
         wrong = wrong[:1]
@@ -807,18 +811,28 @@ def _stiff_or_soft(
 
 
 def _odd_actuators(curves: list[_Curve]) -> Iterator[Doubt]:
+    def differences(part: Integers) -> Floats:
+        return np.array([[_log_ratio(curves[i], curves[j]) for j in part] for i in part])
+
     rates = np.array([curve.rate for curve in curves])
-    differences = np.array([[_log_ratio(one, other) for other in curves] for one in curves])
-    off = off_neighbours(differences, rates)
+    off = _off(rates, differences)
     wrong = np.flatnonzero(off)
     for i in wrong[:1] if len(curves) == 2 else wrong:
-        others = sorted((c for c in curves if c is not curves[i]), key=lambda c: _far(c, curves[i]))
-        near = [c for c in others if _far(c, curves[i]) <= _far(others[0], curves[i]) + LEVEL]
-        yield _odd_actuator(curves[i], near, _factor(off[i]))
+        distance = np.abs(rates - rates[i])
+        distance[i] = np.inf
+        near = np.flatnonzero(distance <= distance.min() + LEVEL)
+        near = near[np.argsort(distance[near], kind="stable")][:MOST_COMPARED]
+        yield _odd_actuator(curves[i], [curves[j] for j in near], _factor(off[i]))
 
 
-def _far(one: _Curve, other: _Curve) -> float:
-    return abs(one.rate - other.rate)
+def _off(rates: Floats, differences: Callable[[Integers], Floats]) -> Floats:
+    """Return what `off_neighbours` says; of many specimens, among those alike in rate."""
+    found = np.zeros(len(rates))
+    parts = -(-len(rates) // MOST_COMPARED)
+    for part in np.array_split(np.argsort(rates, kind="stable"), parts) if parts else ():
+        part.sort()
+        found[part] = off_neighbours(differences(part), rates[part])
+    return found
 
 
 def _odd_actuator(curve: _Curve, near: list[_Curve], factor: float) -> Doubt:

@@ -167,7 +167,7 @@ def _one_degradation(frame: pd.DataFrame) -> pd.Series:
 
 def _previous(frame: pd.DataFrame, column: str) -> pd.Series:
     keys = [frame[key] for key in BRANCH]
-    return frame[column].groupby(keys).transform(lambda values: values.ffill().shift())
+    return frame[column].groupby(keys).ffill().groupby(keys).shift()
 
 
 def _pressure_proceeds(frame: pd.DataFrame) -> pd.Series:

@@ -107,40 +107,46 @@ def test_an_unknown_prior_is_named(rubber):
     assert "c1_at_0" in done.stderr
 
 
+def draws_of(folder):
+    return RunFolder(folder).read_posterior("posterior")["posterior"].to_dataset()
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory):
+    """A run in one process, with the study beside it; what it said, and its draws."""
+    study = tmp_path_factory.mktemp("undisturbed") / "rubber"
+    shutil.copytree(STUDIES / "treloar_uniaxial", study)
+    asked = ("run", study, "--effort", "quick", "--workers", 1, "--quiet", "--json")
+    done = bayesdeg(*asked, cwd=study.parent)
+    assert done.returncode == 0, done.stderr
+    target = study.parent / "reports" / "rubber"
+    return study, done, target, draws_of(target)
+
+
 @pytest.mark.slow
-def test_run_writes_the_folder_prints_json_and_resumes(rubber):
-    first = bayesdeg("run", rubber, "--effort", "quick", "--quiet", "--json", cwd=rubber.parent)
-    assert first.returncode == 0, first.stderr
+def test_run_writes_the_folder_prints_json_and_resumes(undisturbed):
+    study, first, target, draws = undisturbed
     assert first.stderr == ""
     assert json.loads(first.stdout)["outcome"] == "ambiguous"
-    target = rubber.parent / "reports" / "rubber"
     for name in ("index.html", "verdict.json", "posterior.nc", "posterior_base.nc", "run.json"):
         assert (target / name).exists()
-    posterior = RunFolder(target).read_posterior("posterior")["posterior"].to_dataset()
-    again = bayesdeg("run", rubber, "--effort", "quick", cwd=rubber.parent)
+    again = bayesdeg("run", study, "--effort", "quick", cwd=study.parent)
     assert "interrupted run" in again.stderr
-    again_posterior = RunFolder(target).read_posterior("posterior")["posterior"].to_dataset()
-    assert posterior.equals(again_posterior)
+    assert draws.equals(draws_of(target))
     (target / "index.html").unlink()
-    assert bayesdeg("report", target, cwd=rubber.parent).returncode == 0
+    assert bayesdeg("report", target, cwd=study.parent).returncode == 0
     assert (target / "index.html").exists()
 
 
 @pytest.mark.slow
-def test_workers_do_not_change_the_result(rubber):
-    draws, verdicts = [], []
-    for workers in (1, 2, 4):
-        out = rubber.parent / f"out{workers}"
-        done = bayesdeg(
-            *("run", rubber, "--effort", "quick", "--out", out, "--workers", workers),
-            cwd=rubber.parent,
-        )
-        assert done.returncode == 0, done.stderr
-        draws.append(RunFolder(out).read_posterior("posterior")["posterior"].to_dataset())
-        verdicts.append(RunFolder(out).read_json("verdict"))
-    assert draws[0].equals(draws[1])
-    assert draws[0].equals(draws[2])
-    assert verdicts[0] == verdicts[1] == verdicts[2]
+def test_workers_do_not_change_the_result(undisturbed, tmp_path):
+    study, _, target, draws = undisturbed
+    asked = ("run", study, "--effort", "quick", "--workers", 3, "--out", tmp_path / "out")
+    done = bayesdeg(*asked, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert draws.equals(draws_of(tmp_path / "out"))
+    verdicts = [RunFolder(path).read_json("verdict") for path in (target, tmp_path / "out")]
+    assert verdicts[0] == verdicts[1]
 
 
 PATIENCE = 60.0  # s; on a busy machine the interpreter alone takes seconds to begin
@@ -194,7 +200,7 @@ def test_a_fault_after_a_request_to_end_is_that_request(monkeypatch, capsys):
 
 
 @pytest.mark.slow
-def test_a_killed_run_leaves_nothing_broken_and_goes_on(rubber):
+def test_a_killed_run_leaves_nothing_broken_and_goes_on(rubber, undisturbed):
     command = [sys.executable, "-m", "bayesdeg.cli", "run", str(rubber), "--effort", "quick"]
     for seconds in (2.0, 5.0):
         with subprocess.Popen(command, cwd=rubber.parent, stderr=subprocess.DEVNULL) as running:
@@ -203,3 +209,4 @@ def test_a_killed_run_leaves_nothing_broken_and_goes_on(rubber):
     done = bayesdeg("run", rubber, "--effort", "quick", cwd=rubber.parent)
     assert done.returncode == 0, done.stderr
     assert not list((rubber.parent / "reports").rglob("*.part"))
+    assert undisturbed[3].equals(draws_of(rubber.parent / "reports" / "rubber"))

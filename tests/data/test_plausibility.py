@@ -473,3 +473,28 @@ def test_survivors_alone_are_told_unless_ruptures_are_recorded():
     burst = left.copy()
     burst.loc[burst.index[burst["degradation_pct"] > 22.0][-1], "ruptured"] = 1
     assert doubts(replace(study, actuator=burst), expected) == ()
+
+
+def many(table, times):
+    return pd.concat(
+        [table.assign(specimen_id=table["specimen_id"] + f" {k}") for k in range(times)]
+    )
+
+
+def test_one_of_many_specimens_that_is_off_is_found_and_no_other():
+    """More than are compared each with each: work and memory must not grow as their square."""
+    study, _ = shipped("gelatin_actuator")
+    found = {}
+    for name, column, copies in (
+        ("actuator", "curvature_per_m", 20),
+        ("breaks", "elongation_pct", 800),
+    ):
+        table = many(getattr(study, name), copies)
+        wrong = table["specimen_id"].iloc[len(table) // 2]
+        rows = table["specimen_id"] == wrong
+        table.loc[rows, [c for c in (column, "bend_angle_deg") if c in table]] *= 10.0
+        found[wrong] = [
+            doubt.fault.specimen for doubt in found_in("gelatin_actuator", **{name: table})
+        ]
+    assert len(found) == 2
+    assert all({*named} == {wrong} for wrong, named in found.items())
