@@ -4,7 +4,10 @@ import importlib
 from pathlib import Path
 
 from bayesdeg.data import study as folders
+from bayesdeg.data.foreign import ForeignTable
+from bayesdeg.data.settings import FILE, PhotographOptions
 from bayesdeg.data.study import Study
+from bayesdeg.errors import Fault, StudyError
 from bayesdeg.observations.catalogue import TABLES
 from bayesdeg.observations.markers import with_lines
 from bayesdeg.pipeline.progress import Progress, Silent
@@ -38,9 +41,26 @@ def read_study(folder: Path | str, progress: Progress | None = None) -> Study:
     ['uniaxial', 'equibiaxial', 'planar']
     """
     study = folders.read_study(folder, TABLES)
+    _refuse_options_of_nothing(study)
     if study.table("photos") is None:
         return with_lines(study)
     # brings OpenCV along, which no other study needs
     tracing = importlib.import_module("bayesdeg.pipeline.traced")
     traced: Study = tracing.with_photographs(study, progress or Silent())
     return traced
+
+
+def _refuse_options_of_nothing(study: Study) -> None:
+    """Refuse what is said of photographs or points where there are none: a file is misnamed."""
+    settings = study.settings
+    of_files = (
+        ("photographs", settings.photographs, PhotographOptions(), "photos", "photos.csv"),
+        ("markers", settings.markers, ForeignTable(), "markers", "markers.csv"),
+    )
+    faults = [
+        Fault(FILE, f"is there without {file}", f"add {file}, or leave [{key}] out", None, key)
+        for key, stated, nothing, table, file in of_files
+        if stated != nothing and study.table(table) is None
+    ]
+    if faults:
+        raise StudyError(faults)
