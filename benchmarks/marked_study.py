@@ -15,7 +15,9 @@ import json
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -26,7 +28,7 @@ from bayesdeg.actuator.equilibrium import follow
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.linear import open_factorization
 from bayesdeg.actuator.material import MaterialGroups
-from bayesdeg.actuator.mesh import build_mesh
+from bayesdeg.actuator.mesh import ActuatorMesh, Resolution, build_mesh
 from bayesdeg.actuator.outputs import read_state
 from bayesdeg.actuator.status import FINE
 from bayesdeg.data.settings import Dimensions
@@ -41,12 +43,24 @@ READING = 0.1, 0.25  # 1/m and degrees, of the exact study
 SEED = 31
 
 
-def shapes(seed: int) -> pd.DataFrame:
-    """Solve every actuator; return a row a node of each bottom line [mm], [rad]."""
+class Solved(NamedTuple):
+    """One actuator at one pressure: its true reading, and where its nodes are [mm]."""
+
+    name: str
+    level: float
+    pressure: float
+    angle: float  # rad
+    length: float
+    mesh: ActuatorMesh
+    nodes: np.ndarray
+
+
+def solved(seed: int, resolution: Resolution) -> Iterator[Solved]:
+    """Solve every actuator of the study, with the offset in its pressures."""
     truth, generator = Truth(), np.random.default_rng(seed)
-    scale, mesh = np.cbrt(truth.volume_ratio), build_mesh(Geometry(Dimensions()), FINE)
-    actuator, tables = Actuator(mesh), []
-    for level in np.repeat(LEVELS, COPIES):
+    scale = np.cbrt(truth.volume_ratio)
+    actuator = Actuator(build_mesh(Geometry(Dimensions()), resolution))
+    for number, level in enumerate(np.repeat(LEVELS, COPIES)):
         rate = max(0.0, level + truth.degradation_sd * generator.standard_normal())
         stiffer = np.exp(truth.stiffness_scatter * generator.standard_normal())
         c1, c2, c3 = stiffer * truth.constants([rate])[0]
@@ -57,21 +71,28 @@ def shapes(seed: int) -> pd.DataFrame:
             paper_thickness=truth.paper_thickness / scale,
         )
         loads = 1e-3 * (PRESSURES - OFFSET) / c1
-        moved, problem = actuator.problem(Curve(tuple(loads), material))
+        mesh, problem = actuator.problem(Curve(tuple(loads), material))
         solver = open_factorization(problem.system.upper)
         path = follow(problem, solver, loads=[float(q) for q in loads])
         solver.close()
-        angle, name = 0.0, f"A{level:02.0f}-{len(tables)}"
-        rows = []
+        angle, name = 0.0, f"A{level:02.0f}-{number}"
         for pressure, point in zip(PRESSURES, path.points, strict=False):
-            reading = read_state(moved, point.state, previous_angle=angle)
+            reading = read_state(mesh, point.state, previous_angle=angle)
             angle = reading.bend_angle
-            line = scale * (moved.body.nodes + point.state.displacement)[moved.bottom_line][:, ::2]
-            rows += [(name, level, pressure, angle, scale * reading.arc_length, *p) for p in line]
-        columns = ["specimen_id", "degradation_pct", "pressure_kPa", "angle", "length", "x", "y"]
-        tables.append(pd.DataFrame(rows, columns=columns))
+            nodes = scale * (mesh.body.nodes + point.state.displacement)
+            yield Solved(name, level, pressure, angle, scale * reading.arc_length, mesh, nodes)
         print(f"{name}: {len(path.points)} shapes, {np.degrees(angle):.1f}°", file=sys.stderr)
-    return pd.concat(tables)
+
+
+def shapes(seed: int) -> pd.DataFrame:
+    """Return a row a node of each bottom line [mm], [rad]."""
+    columns = ["specimen_id", "degradation_pct", "pressure_kPa", "angle", "length", "x", "y"]
+    rows = [
+        (*one[:5], *node)
+        for one in solved(seed, FINE)
+        for node in one.nodes[one.mesh.bottom_line][:, ::2]
+    ]
+    return pd.DataFrame(rows, columns=columns)
 
 
 def by_hand(line: np.ndarray, generator: np.random.Generator) -> np.ndarray:

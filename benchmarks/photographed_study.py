@@ -12,7 +12,6 @@ not that of the emulator.
 
 import argparse
 import json
-import sys
 import tempfile
 import tomllib
 from pathlib import Path
@@ -20,25 +19,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pandas as pd
-from marked_study import (
-    COPIES,
-    LEVELS,
-    OFFSET,
-    PRESSURES,
-    READING,
-    verdict,
-)
+from marked_study import READING, solved, verdict
 from photograph_scenes import SQUARE, scene
 from photograph_shapes import MESH, Shape, side_view
 
-from bayesdeg.actuator.curve import Actuator, Curve
-from bayesdeg.actuator.equilibrium import follow
-from bayesdeg.actuator.geometry import Geometry
-from bayesdeg.actuator.linear import open_factorization
-from bayesdeg.actuator.material import MaterialGroups
-from bayesdeg.actuator.mesh import build_mesh
-from bayesdeg.actuator.outputs import read_state
-from bayesdeg.data.settings import Dimensions
 from bayesdeg.laboratory.experiment import Design, tear_films, weigh_shrinkage
 from bayesdeg.laboratory.truth import Truth
 
@@ -50,36 +34,12 @@ SETTINGS = 'title = "Virtual: {name}"\nseed = 7\nvirtual = true\n'
 
 def shapes(seed: int) -> tuple[pd.DataFrame, list[Shape]]:
     """Solve every actuator; return a row a photograph with its true reading, and its shape."""
-    truth, generator = Truth(), np.random.default_rng(seed)
-    scale, actuator = (
-        np.cbrt(truth.volume_ratio),
-        Actuator(build_mesh(Geometry(Dimensions()), MESH)),
-    )
     rows, found = [], []
-    for number, level in enumerate(np.repeat(LEVELS, COPIES)):
-        rate = max(0.0, level + truth.degradation_sd * generator.standard_normal())
-        stiffer = np.exp(truth.stiffness_scatter * generator.standard_normal())
-        c1, c2, c3 = stiffer * truth.constants([rate])[0]
-        material = MaterialGroups(
-            c2_ratio=c2 / c1,
-            c3_ratio=c3 / c1,
-            paper_group=1e-3 * truth.paper_stiffness / (c1 * scale),
-            paper_thickness=truth.paper_thickness / scale,
-        )
-        loads = 1e-3 * (PRESSURES - OFFSET) / c1
-        mesh, problem = actuator.problem(Curve(tuple(loads), material))
-        solver = open_factorization(problem.system.upper)
-        path = follow(problem, solver, loads=[float(q) for q in loads])
-        solver.close()
-        angle = 0.0
-        for pressure, point in zip(PRESSURES, path.points, strict=False):
-            reading = read_state(mesh, point.state, previous_angle=angle)
-            angle = reading.bend_angle
-            view = side_view(mesh, mesh.body.nodes + point.state.displacement)
-            found.append(Shape(scale * view.faces, scale * view.line))
-            name, length = f"A{level:02.0f}-{number}", scale * reading.arc_length
-            rows.append((name, level, pressure, 1e3 * angle / length, np.degrees(angle)))
-        print(f"{name}: {len(path.points)} shapes, {np.degrees(angle):.1f}°", file=sys.stderr)
+    for one in solved(seed, MESH):
+        view = side_view(one.mesh, one.nodes)
+        found.append(Shape(view.faces, view.line))
+        curvature, angle = 1e3 * one.angle / one.length, np.degrees(one.angle)
+        rows.append((one.name, one.level, one.pressure, curvature, angle))
     columns = ["specimen_id", "degradation_pct", "pressure_kPa"]
     return pd.DataFrame(rows, columns=[*columns, "curvature_per_m", "bend_angle_deg"]), found
 

@@ -1,39 +1,20 @@
 """Reports as an automatic checker of accessibility (axe-core) sees them, in a real browser."""
 
-import shutil
 from pathlib import Path
 
 import pytest
 from axe_playwright_python.sync_playwright import Axe
-from playwright.sync_api import sync_playwright
 
 from bayesdeg.criticism.outcome import Outcome
 from bayesdeg.report.page import build_page
+from tests.browser.chromium import NEEDED
 from tests.report.synthetic_run import write_bare, write_full
 
-CHROMIUM = next(
-    filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
-)
 ROOT = Path(__file__).parents[2]
 PUBLISHED = sorted((ROOT / "docs" / "reports").glob("*/index.html"))
-SWITCHES = [
-    *("--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--no-first-run"),
-    *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
-]
 OPEN = "document.querySelectorAll('details').forEach(one => { one.open = true; })"
 
-pytestmark = [
-    pytest.mark.browser,
-    pytest.mark.skipif(CHROMIUM is None, reason="no chromium binary is installed"),
-]
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with sync_playwright() as playwright:
-        started = playwright.chromium.launch(executable_path=CHROMIUM, args=SWITCHES)
-        yield started
-        started.close()
+pytestmark = NEEDED
 
 
 @pytest.fixture(scope="module")

@@ -1,6 +1,5 @@
 import json
 import re
-import shutil
 import struct
 import subprocess
 from pathlib import Path
@@ -8,30 +7,14 @@ from pathlib import Path
 import pytest
 
 from bayesdeg.report.page import build_page
+from tests.browser.chromium import CHROMIUM, NEEDED, SWITCHES
 from tests.report.html_reading import read_html
 from tests.report.synthetic_run import write_bare, write_full
 
-CHROMIUM = next(
-    filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
-)
-
-pytestmark = [
-    pytest.mark.browser,
-    pytest.mark.skipif(CHROMIUM is None, reason="no chromium binary is installed"),
-]
+pytestmark = NEEDED
 
 FLAGS = [
-    "--headless",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-dev-shm-usage",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--disable-extensions",
-    "--hide-scrollbars",
-    "--host-resolver-rules=MAP * ~NOTFOUND",
+    *("--headless", *SWITCHES, "--disable-extensions", "--hide-scrollbars"),
     "--enable-logging=stderr",
 ]
 

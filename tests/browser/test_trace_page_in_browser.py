@@ -1,45 +1,14 @@
 """Traced lines are corrected in a real browser: by mouse, by keys, and saved."""
 
-import shutil
-import threading
-
 import numpy as np
 import pandas as pd
 import pytest
 
 from bayesdeg.commands.trace_folder import read_traces
-from bayesdeg.commands.trace_page import Correction, TraceServer
-from tests.photographs.traced_folder import HEIGHT, WIDTH, traced_folder
+from tests.browser.chromium import NEEDED
+from tests.photographs.traced_folder import HEIGHT, WIDTH, served, traced_folder
 
-playwright = pytest.importorskip("playwright.sync_api")
-
-CHROMIUM = next(
-    filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
-)
-
-pytestmark = [
-    pytest.mark.browser,
-    pytest.mark.skipif(CHROMIUM is None, reason="no chromium binary is installed"),
-]
-
-FLAGS = [
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-dev-shm-usage",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--no-first-run",
-    "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1",
-]
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with playwright.sync_playwright() as driver:
-        made = driver.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
-        yield made
-        made.close()
+pytestmark = NEEDED
 
 
 @pytest.fixture
@@ -49,13 +18,8 @@ def folder(tmp_path):
 
 @pytest.fixture
 def server(folder):
-    made = TraceServer(Correction(folder, list(read_traces(folder))))
-    thread = threading.Thread(target=made.serve_forever, kwargs={"poll_interval": 0.02})
-    thread.start()
-    yield made
-    made.shutdown()
-    thread.join()
-    made.server_close()
+    with served(folder) as made:
+        yield made
 
 
 @pytest.fixture

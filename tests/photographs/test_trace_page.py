@@ -6,7 +6,6 @@ import signal
 import socket
 import subprocess
 import sys
-import threading
 
 import numpy as np
 import pandas as pd
@@ -14,11 +13,10 @@ import pytest
 
 from bayesdeg.commands import trace_page
 from bayesdeg.commands.trace_folder import read_traces, refuse_lost_corrections, write_traces
-from bayesdeg.commands.trace_page import Correction, TraceServer
 from bayesdeg.data.photographs import TraceFile
 from bayesdeg.errors import BayesdegError
 from bayesdeg.photographs.trace import BY_HAND
-from tests.photographs.traced_folder import SCALE, traced_folder
+from tests.photographs.traced_folder import SCALE, served, traced_folder
 
 
 @pytest.fixture
@@ -28,13 +26,8 @@ def folder(tmp_path):
 
 @pytest.fixture
 def server(folder):
-    made = TraceServer(Correction(folder, list(read_traces(folder))))
-    thread = threading.Thread(target=made.serve_forever, kwargs={"poll_interval": 0.02})
-    thread.start()
-    yield made
-    made.shutdown()
-    thread.join()
-    made.server_close()
+    with served(folder) as made:
+        yield made
 
 
 def ask(server, way="", *, method="GET", body=None, token=None, **headers):

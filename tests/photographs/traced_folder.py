@@ -1,11 +1,14 @@
 """A folder as ``bayesdeg trace`` leaves it, of photographs that are not traced but made up."""
 
 import io
+import threading
+from contextlib import contextmanager
 
 import numpy as np
 from PIL import Image
 
-from bayesdeg.commands.trace_folder import write_traces
+from bayesdeg.commands.trace_folder import read_traces, write_traces
+from bayesdeg.commands.trace_page import Correction, TraceServer
 from bayesdeg.data.photographs import TracedPhotograph
 from bayesdeg.photographs.plane import mapped
 from bayesdeg.photographs.record import hash_of
@@ -60,3 +63,15 @@ def traced_folder(path, names=("one.png", "two.png")):
         found.append(photograph(name, content.getvalue(), 0.5 + 0.2 * i))
     write_traces(path / "traced", found)
     return path / "traced"
+
+
+@contextmanager
+def served(folder):
+    """The local page of a folder, answering in a thread."""
+    made = TraceServer(Correction(folder, list(read_traces(folder))))
+    thread = threading.Thread(target=made.serve_forever, kwargs={"poll_interval": 0.02})
+    thread.start()
+    yield made
+    made.shutdown()
+    thread.join()
+    made.server_close()
