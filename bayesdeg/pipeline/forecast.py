@@ -715,12 +715,14 @@ def known_soil_of(path: Path) -> Soil | None:
     draws = RunFolder(path).draws_of(POSTERIOR_COURSE)
     if draws is None:
         return None
-    values = {str(n): v.to_numpy().ravel().astype(np.float64) for n, v in draws.items()}
+    read = {str(name): drawn.to_numpy() for name, drawn in draws.items()}
+    refuse_impossible_draws(read, path)
+    values = {name: drawn.ravel().astype(np.float64) for name, drawn in read.items()}
     if not {p.name for p in COURSE} <= set(values):
         raise _impossible(path, "the course of degradation lacks a parameter")
     for name, drawn in values.items():
-        if not np.all(np.isfinite(drawn) & (drawn >= 0.0)):
-            raise _impossible(path, f"draws of {name} are no finite numbers above 0")
+        if not np.all(drawn >= 0.0):
+            raise _impossible(path, f"draws of {name} are no numbers above 0")
     return Soil(values)
 
 

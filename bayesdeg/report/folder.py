@@ -37,6 +37,8 @@ from bayesdeg.report.tables import TABLES, CellKind, Column, Tables
 
 INDEX: Final = "index.html"
 LEFT_OUT: Final = "left_out.txt"
+MODEL: Final = "model"
+"""The column that says of which model a row is; like a degradation rate it is never empty."""
 ADDED: Final = "added.csv"
 """Rows of actuator.csv that entered a run since, see `bayesdeg.pipeline.update`."""
 
@@ -386,6 +388,8 @@ def _problem(columns: Sequence[Column], frame: pd.DataFrame) -> str | None:
         return f"column {', '.join(missing)} is missing"
     for column in columns:
         for row, cell in enumerate(frame[column.name]):
+            if (column.name == MODEL or column.kind is CellKind.LEVEL) and pd.isna(cell):
+                return f"column {column.name}, row {row + 1}: is empty"
             if not _fits(cell, column.kind):
                 return f"column {column.name}, row {row + 1}: {cell!r} is not {column.kind.value}"
     return None

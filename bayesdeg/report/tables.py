@@ -69,7 +69,8 @@ class Column:
     meaning : str
         In a few words.
     kind : CellKind
-        What the cells hold; an empty cell is always allowed and means "not available".
+        What the cells hold; an empty cell means "not available", and may stand anywhere but in
+        ``model`` and in a degradation rate that may be "all".
     finite : bool
         Whether a number must be finite; what is not is written as "not available".
     """

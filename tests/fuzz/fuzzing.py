@@ -17,6 +17,7 @@ import contextlib
 import faulthandler
 import hashlib
 import io
+import itertools
 import json
 import os
 import resource
@@ -44,6 +45,7 @@ SECONDS = 10.0  # of the processor, for an answer or a refusal; refusals are wan
 MEGABYTES = 1024.0
 HUNG = 120.0  # s by the clock, after which the interpreter is ended
 KEPT = 300  # inputs of a subject that are changed further
+UNDER_WAY = "under way"  # a file that is left where the interpreter was ended: a hang, a crash
 TOOL = 4  # of `sys.monitoring`: not one of those that are reserved
 
 type Changes = Mapping[str, bytes]
@@ -70,10 +72,12 @@ class Pool:
 
     subject: Subject
     folder: Path
+    rng: np.random.Generator
     kept: list[Changes] = field(default_factory=lambda: [{}])
 
-    def drawn(self, rng: np.random.Generator) -> Changes:
+    def drawn(self) -> Changes:
         """Return an input that was kept, with one or two of its files changed further."""
+        rng = self.rng
         changes = dict(self.kept[rng.integers(len(self.kept))])
         for name in rng.choice(self.subject.files, 1 + int(rng.random() < 0.2), replace=False):
             before = changes.get(name)
@@ -179,38 +183,70 @@ def sound_folder(subject: Subject, top: Path) -> Path:
     return folder
 
 
+@dataclass
+class Search:
+    """A search over subjects; faults go to a folder, and are told."""
+
+    pools: list[Pool]
+    found: Path
+    say: Callable[[str], None]
+    coverage: Coverage = field(default_factory=Coverage)
+    told: dict[str, dict[str, int]] = field(default_factory=dict)
+    seen: set[str] = field(default_factory=set)
+
+    def once(self, pool: Pool) -> None:
+        """Try one input of a subject."""
+        one = self.told.setdefault(pool.subject.name, {"inputs": 0, "new": 0, "faults": 0})
+        changes, before = pool.drawn(), self.coverage.lines
+        command = str(pool.rng.choice(pool.subject.commands))
+        fault = fault_of(pool.folder, command, changes)
+        one["inputs"] += 1
+        if fault:
+            one["faults"] += 1
+            if (last := fault.strip().splitlines()[-2:][0]) not in self.seen:
+                self.seen.add(last)
+                where = keep(pool.subject.name, changes, command, fault, self.found)
+                self.say(f"{where}: {last}")
+        elif self.coverage.lines > before:
+            one["new"] += 1
+            pool.add(changes)
+
+    def for_seconds(self, seconds: float) -> None:
+        """Search for so long; a subject has a second at a time, that slow ones are not all."""
+        until = time.monotonic() + seconds
+        for pool in itertools.cycle(self.pools):
+            turn = time.monotonic() + 1.0
+            while time.monotonic() < min(turn, until):
+                self.once(pool)
+            if time.monotonic() >= until:
+                return
+
+    def of_each(self, inputs: int) -> None:
+        """Try so many inputs of each subject: the same ones for a seed, however fast it goes."""
+        for pool in self.pools:
+            for _ in range(inputs):
+                self.once(pool)
+
+
 def fuzz(
     subjects: Iterable[Subject],
-    seconds: float,
+    search: Callable[[Search], None],
     seed: int,
     found: Path,
-    say: Callable[[str], None] = lambda _line: None,
+    say: Callable[[str], None],
 ) -> dict[str, dict[str, int]]:
-    """Change files for so long; return by subject how many inputs, lines and faults there were."""
-    rng, told, seen = np.random.default_rng(seed), dict[str, dict[str, int]](), set[str]()
+    """Search; return by subject how many inputs, further ones and faults there were."""
     with tempfile.TemporaryDirectory() as name, contextlib.chdir(name):
-        pools = [Pool(one, sound_folder(one, Path(name))) for one in subjects]
-        coverage, until = Coverage(), time.monotonic() + seconds
-        while time.monotonic() < until:
-            for pool in pools:
-                one = told.setdefault(pool.subject.name, {"inputs": 0, "new": 0, "faults": 0})
-                # a subject has a second at a time, so slow ones are not all that is tried
-                turn = time.monotonic() + 1.0
-                while time.monotonic() < min(turn, until):
-                    changes, before = pool.drawn(rng), coverage.lines
-                    command = str(rng.choice(pool.subject.commands))
-                    fault = fault_of(pool.folder, command, changes)
-                    one["inputs"] += 1
-                    if fault:
-                        one["faults"] += 1
-                        if (last := fault.strip().splitlines()[-2:][0]) not in seen:
-                            seen.add(last)
-                            where = keep(pool.subject.name, changes, command, fault, found)
-                            say(f"{where}: {last}")
-                    elif coverage.lines > before:
-                        one["new"] += 1
-                        pool.add(changes)
-    return told
+        mark = Path(name).parent / UNDER_WAY
+        mark.touch()
+        pools = [
+            Pool(one, sound_folder(one, Path(name)), np.random.default_rng([seed, number]))
+            for number, one in enumerate(subjects)
+        ]
+        searched = Search(pools, found, say)
+        search(searched)
+        mark.unlink()
+    return searched.told
 
 
 def supervised(arguments: list[str]) -> int:
@@ -220,7 +256,7 @@ def supervised(arguments: list[str]) -> int:
         # threads of linear algebra cost more than they give on matrices as small as these
         own = {"TMPDIR": name, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
         done = subprocess.run(command, cwd=ROOT, env={**os.environ, **own}, check=False)
-        if done.returncode in (0, 1):
+        if not (Path(name) / UNDER_WAY).exists():
             return done.returncode
         left = FOUND / "crash"
         shutil.rmtree(left, ignore_errors=True)
@@ -233,6 +269,7 @@ def main() -> int:
     """Search for so many seconds; print what was tried, and exit with 1 if there were faults."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seconds", type=float, default=60.0)
+    parser.add_argument("--inputs", type=int, help="of each subject, in place of --seconds")
     parser.add_argument("--seed", type=int, default=int(time.time()), help="by default the time")
     parser.add_argument("--only", nargs="*", default=[], help="names of subjects")
     parser.add_argument("--found", type=Path, default=FOUND, help="where faults go")

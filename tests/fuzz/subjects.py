@@ -6,6 +6,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from roifile import ROI_TYPE, ImagejRoi
 
 from tests.hostile.inputs import forget_hash
 from tests.hostile.test_hostile_runs import ROWS, about_prior, write_course
@@ -143,10 +144,27 @@ def _photograph(folder: Path) -> None:
         cv2.imwrite(str(folder / f"photo.{ending}"), image)
     hint = "".join(f"{x:.1f},{y:.1f}\n" for x, y in line[::20])
     (folder / "hint.csv").write_text("x_px,y_px\n" + hint, encoding="utf-8")
+    drawn = ImagejRoi.frompoints(line[::20])
+    drawn.roitype = ROI_TYPE.POLYLINE
+    drawn.tofile(folder / "hint.roi")
     about = (
         "file,specimen_id,pressure_kPa,degradation_pct\nphoto.png,S1,120,5\nphoto.jpg,S1,120,5\n"
     )
     (folder / "photos.csv").write_text(about, encoding="utf-8")
+
+
+def _photographed(folder: Path) -> None:
+    (folder / "photos").mkdir()
+    _photograph(folder / "photos")
+    for name in ("photos.csv", "hint.roi"):
+        (folder / "photos" / name).rename(folder / name)
+    # the second would be a copy of the first
+    about = (
+        "file,specimen_id,pressure_kPa,degradation_pct\nphoto.png,S1,120,5\nphoto.jpg,S2,120,5\n"
+    )
+    (folder / "photos.csv").write_text(about, encoding="utf-8")
+    settings = 'title = "Seen"\nseed = 7\n[photographs]\nscale = 0.09\nhint = "hint.roi"\n'
+    (folder / "study.toml").write_text(settings, encoding="utf-8")
 
 
 ANSWERS = (
@@ -191,11 +209,20 @@ SUBJECTS = (
     Subject(
         "photograph",
         _photograph,
-        ("photo.png", "photo.jpg", "hint.csv", "photos.csv"),
+        ("photo.png", "photo.jpg", "hint.csv", "hint.roi", "photos.csv"),
         tuple(
             TRACE % ending + extra
             for ending in ("png", "jpg")
-            for extra in ("", " --hint {folder}/hint.csv", " --about {folder}/photos.csv")
+            for extra in (
+                *("", " --hint {folder}/hint.csv", " --about {folder}/photos.csv"),
+                *(" --hint {folder}/hint.roi", " --line {folder}/hint.roi"),
+            )
         ),
+    ),
+    Subject(
+        "photographed study",
+        _photographed,
+        ("photos.csv", "study.toml", "hint.roi", "photos/photo.png", "photos/photo.jpg"),
+        ("check {folder}",),
     ),
 )
