@@ -15,6 +15,7 @@ search works its way past the first checks (as coverage-guided fuzzers do, here 
 import argparse
 import contextlib
 import faulthandler
+import functools
 import hashlib
 import io
 import itertools
@@ -278,9 +279,11 @@ def main() -> int:
     if not asked.inner:
         return supervised([*sys.argv[1:], "--seed", str(asked.seed)])
     chosen = [one for one in SUBJECTS if not asked.only or one.name in asked.only]
-    told = fuzz(
-        chosen, asked.seconds, asked.seed, asked.found, lambda line: print(line, flush=True)
-    )
+    search = functools.partial(Search.for_seconds, seconds=asked.seconds)
+    if asked.inputs:
+        search = functools.partial(Search.of_each, inputs=asked.inputs)
+    say = functools.partial(print, flush=True)
+    told = fuzz(chosen, search, asked.seed, asked.found, say)
     print(json.dumps({"seed": asked.seed, **told}, indent=1))
     return int(any(one["faults"] for one in told.values()))
 
