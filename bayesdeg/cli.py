@@ -130,8 +130,8 @@ def exit_code() -> int:
         return STOPPED
     except BrokenExecutor:
         _say(
-            "a worker process was ended from outside, as systems do that run out of memory; the "
-            "same command goes on, with --workers 1 in less memory"
+            "a worker process was ended from outside, as systems do that run out of memory; give "
+            "the same command again, with --workers 1 it needs less"
         )
         return STOPPED
     except (BrokenPipeError, SystemExit):  # rich's: whoever read the output has seen enough

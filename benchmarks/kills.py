@@ -235,7 +235,7 @@ def main() -> int:
     parser.add_argument("--only", help="commands whose name contains this")
     parser.add_argument("--json", action="store_true", help="print nothing but the result")
     asked = parser.parse_args()
-    rng, told = np.random.default_rng(asked.seed), dict[str, object]()
+    rng, told = np.random.default_rng(asked.seed), dict[str, dict[str, object]]()
     with tempfile.TemporaryDirectory() as name:
         inputs = Path(name) / "inputs"
         inputs.mkdir()
@@ -250,7 +250,7 @@ def main() -> int:
                 print(f"{case.name}: {told[case.name]}", flush=True)
     if asked.json:
         print(json.dumps(told, indent=2))
-    return int(any(found["differing"] for found in told.values()))  # type: ignore[index]
+    return int(any(found["differing"] for found in told.values()))
 
 
 if __name__ == "__main__":

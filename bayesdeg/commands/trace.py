@@ -28,7 +28,7 @@ from bayesdeg.photographs.lines import line_of, parse_lines
 from bayesdeg.photographs.overlay import overlay
 from bayesdeg.photographs.picture import read_picture
 from bayesdeg.photographs.record import recorded
-from bayesdeg.photographs.trace import PHOTO_MB, PictureScale, trace, trace_line
+from bayesdeg.photographs.trace import PHOTO_MB, PictureScale, trace
 from bayesdeg.quantities import LARGEST_SEED
 
 Floats = NDArray[np.float64]
@@ -144,10 +144,7 @@ def _traced(path: Path, out: Path, asked: _Asked, known: dict[str, Any]) -> Trac
         content = _content(path, most_mb=PHOTO_MB)
         image = read_picture(name, content)
         hint, line = line_of(asked.hints, name), line_of(asked.lines, name)
-        if line is None:
-            found = trace(image, asked.scale, rng=rng, hint=hint, base=asked.base)
-        else:
-            found = trace_line(image, asked.scale, line, rng=rng)
+        found = trace(image, asked.scale, rng=rng, hint=hint, line=line, base=asked.base)
     except BayesdegError as fault:
         return TracedPhotograph(file=name, refused=str(fault).removeprefix(f"{name}: "), **known)
     record = recorded(name, content, image, found)

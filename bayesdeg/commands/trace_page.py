@@ -114,12 +114,14 @@ class Correction:
 
     def _checked(self, asked: object) -> tuple[int, Floats]:
         wrong = PageError(HTTPStatus.BAD_REQUEST, "these are no points of a photograph")
-        number = asked.get("number") if isinstance(asked, Mapping) else None
+        if not isinstance(asked, Mapping):
+            raise wrong
+        number = asked.get("number")
         if not isinstance(number, int) or not 0 <= number < len(self.photographs):
             raise wrong
         one = self.photographs[number]
         try:
-            pixels = np.array(asked["pixels"], dtype=np.float64)  # type: ignore[index]
+            pixels = np.array(asked["pixels"], dtype=np.float64)
         except (KeyError, TypeError, ValueError):
             raise wrong from None
         size = np.array([one.width, one.height])

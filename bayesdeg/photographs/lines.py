@@ -7,6 +7,7 @@ sets of them, ``.zip``), and the points of curves that Fiji's plugin Kappa expor
 import io
 import struct
 import zipfile
+import zlib
 from collections.abc import Mapping
 
 import numpy as np
@@ -91,7 +92,7 @@ def _regions(name: str, content: bytes) -> dict[str, Floats]:
                     one = file.read(LARGEST_REGION)
                 label, line = _region(f"{name}: {entry.filename}", one)
                 found[label or entry.filename.rpartition("/")[2].removesuffix(".roi")] = line
-    except (zipfile.BadZipFile, RuntimeError, NotImplementedError, EOFError, *_DAMAGED) as fault:
+    except (zipfile.BadZipFile, zlib.error, RuntimeError, EOFError, *_DAMAGED) as fault:
         raise _damaged(name) from fault
     if not found:
         raise BayesdegError(

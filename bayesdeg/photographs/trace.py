@@ -154,6 +154,7 @@ def trace(
     *,
     rng: np.random.Generator,
     hint: Floats | None = None,
+    line: Floats | None = None,
     base: Side | None = None,
 ) -> Trace:
     """Trace the bottom line of the actuator in a photograph.
@@ -168,6 +169,8 @@ def trace(
         Draws errors of the target and of points, from which those of the readings follow.
     hint : array, shape (k, 2), optional
         Points near the line, from end to end, or corrected ones [px].
+    line : array, shape (k, 2), optional
+        The line itself, see `trace_line`: no edge is looked for then [px].
     base : {"left", "right", "top", "bottom"}, optional
         On which side of the photograph the clamp is; else it is found.
 
@@ -177,6 +180,8 @@ def trace(
         If the actuator, its edge or the target is not found, or what is found contradicts what is
         stated.
     """
+    if line is not None:
+        return trace_line(image, scale, line, rng=rng)
     body = find_body(image, hint)
     found = measured(image, find_edge(image, body), scale, rng=rng, base=base)
     _refuse_target(body, found.plane.target)

@@ -345,7 +345,7 @@ def _model(entry: ModelEntry, draws: Mapping[str, Floats], forward: Surrogate) -
     neo_hookean = entry.material_law == "neo_hookean"
     constants = _CONSTANTS[:1] if neo_hookean else _CONSTANTS
     wanted = [control_name(quantity, nodes, k) for quantity in constants for k in range(len(nodes))]
-    _refuse_missing((*wanted, *entry.parameters), draws)
+    _refuse_missing(dict.fromkeys((*wanted, *entry.parameters)), draws)
     beside = [name for name in draws if name.startswith(_CONTROLS) and name not in wanted]
     if entry.parameters:  # an older version did not record them
         beside += [name for name in draws if "." not in name and name not in entry.parameters]

@@ -29,7 +29,7 @@ from bayesdeg.observations.markers import LONGEST, SHORTEST, with_lines
 from bayesdeg.photographs.lines import line_of, parse_lines
 from bayesdeg.photographs.picture import read_picture
 from bayesdeg.photographs.record import hash_of, marker_rows, recorded
-from bayesdeg.photographs.trace import LENGTH_AGREES, PHOTO_MB, PictureScale, trace, trace_line
+from bayesdeg.photographs.trace import LENGTH_AGREES, PHOTO_MB, PictureScale, trace
 from bayesdeg.pipeline.progress import Progress
 
 Floats = NDArray[np.float64]
@@ -203,10 +203,7 @@ class _Tracing:
         hint, line = (line_of(one, name) for one in (self._by_hand.hints, self._by_hand.lines))
         rng, base = np.random.default_rng(SEED), self._options.base
         try:
-            if line is None:
-                found = trace(image, self._scale, rng=rng, hint=hint, base=base)
-            else:
-                found = trace_line(image, self._scale, line, rng=rng)
+            found = trace(image, self._scale, rng=rng, hint=hint, line=line, base=base)
         except BayesdegError as fault:
             why = _OPTION.sub(r"[photographs] \1", str(fault))
             return TracedPhotograph(file=name, sha256=hash_of(content), refused=why)
@@ -256,7 +253,7 @@ def _places(folder: Path, table: pd.DataFrame) -> tuple[dict[str, Path], list[Fa
     if not root.is_dir():
         return {}, [Fault(FILE, f"names photographs, and there is no folder {FOLDER}", "add it")]
     for name in map(str, table["file"]):
-        if problem := _wrong_place(folder, name):
+        if problem := _wrong_place(folder, root, name):
             remedy = f"put it into {FOLDER} of the study and write its name there"
             faults.append(Fault(FILE, problem, remedy, None, "file", name))
         else:
@@ -264,15 +261,15 @@ def _places(folder: Path, table: pd.DataFrame) -> tuple[dict[str, Path], list[Fa
     return places, faults
 
 
-def _wrong_place(folder: Path, name: str) -> str:
-    """Say why a name is none of a file in the study's folder of photographs."""
+def _wrong_place(study: Path, folder: Path, name: str) -> str:
+    """Say why a name is none of a file that is in a folder of the study, links followed."""
     way = PurePosixPath(name)
     outside = "is not in the study"
     if way.is_absolute() or ".." in way.parts or "\\" in name or ":" in name or "\0" in name:
         return outside
     try:
-        whole = (folder / FOLDER / name).resolve()
-        if not whole.is_relative_to(folder.resolve()):
+        whole = (folder / name).resolve()
+        if not whole.is_relative_to(study.resolve()):
             return outside
         return "" if whole.exists() else "is not there"
     except (OSError, RuntimeError):  # too long a name, a loop of links
@@ -291,13 +288,11 @@ def _lines_in(study: Study, key: str, name: str | None) -> tuple[dict[str, Float
     if name is None:
         return {}, {}
     place = (f"photographs.{key}", name)
-    way = PurePosixPath(name)
-    whole = (study.folder / name).resolve()
-    if way.is_absolute() or not whole.is_relative_to(study.folder.resolve()):
+    if problem := _wrong_place(study.folder, study.folder, name):
         remedy = "put the file into the study"
-        raise StudyError([Fault(SETTINGS_FILE, "is not in the study", remedy, None, *place)])
+        raise StudyError([Fault(SETTINGS_FILE, problem, remedy, None, *place)])
     try:
-        content = read_bytes(whole, most_mb=STUDY_MB)
+        content = read_bytes(study.folder / name, most_mb=STUDY_MB)
         return parse_lines(name, content), {name: hash_of(content)}
     except OSError as fault:
         problem = f"cannot be read ({reason(fault)})"

@@ -37,8 +37,6 @@ from bayesdeg.report.tables import TABLES, CellKind, Column, Tables
 
 INDEX: Final = "index.html"
 LEFT_OUT: Final = "left_out.txt"
-MODEL: Final = "model"
-"""The column that says of which model a row is; like a degradation rate it is never empty."""
 ADDED: Final = "added.csv"
 """Rows of actuator.csv that entered a run since, see `bayesdeg.pipeline.update`."""
 
@@ -280,11 +278,14 @@ class RunFolder:
         try:
             refuse_special(self.path / file)
             self._refuse_other(file)
+        except (OSError, ValueError) as fault:
+            raise self._corrupted(file, str(fault)) from fault
+        try:
             _refuse_unsound_arrays(self.path / file)
             return read(self.path / file)
         except MemoryError:
             raise
-        except Exception as fault:
+        except Exception as fault:  # of a damaged file the libraries raise what they like
             raise self._corrupted(file, str(fault)) from fault
 
     def posterior_hashes(self) -> dict[str, str]:
@@ -388,7 +389,7 @@ def _problem(columns: Sequence[Column], frame: pd.DataFrame) -> str | None:
         return f"column {', '.join(missing)} is missing"
     for column in columns:
         for row, cell in enumerate(frame[column.name]):
-            if (column.name == MODEL or column.kind is CellKind.LEVEL) and pd.isna(cell):
+            if not column.may_be_empty and pd.isna(cell):
                 return f"column {column.name}, row {row + 1}: is empty"
             if not _fits(cell, column.kind):
                 return f"column {column.name}, row {row + 1}: {cell!r} is not {column.kind.value}"

@@ -5,7 +5,7 @@ run makes it (`bayesdeg.pipeline.writing.BUILDS`).
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from types import MappingProxyType
 from typing import Final
@@ -69,10 +69,11 @@ class Column:
     meaning : str
         In a few words.
     kind : CellKind
-        What the cells hold; an empty cell means "not available", and may stand anywhere but in
-        ``model`` and in a degradation rate that may be "all".
+        What the cells hold; an empty cell means "not available".
     finite : bool
         Whether a number must be finite; what is not is written as "not available".
+    may_be_empty : bool
+        Whether a cell may be "not available"; not where it says what the row is of.
     """
 
     name: str
@@ -80,6 +81,7 @@ class Column:
     meaning: str
     kind: CellKind = CellKind.NUMBER
     finite: bool = True
+    may_be_empty: bool = True
 
 
 @dataclass(frozen=True)
@@ -121,8 +123,17 @@ def _text(name: str, meaning: str) -> Column:
     return Column(name, "–", meaning, CellKind.TEXT)
 
 
-_MODEL = _text("model", "base, the base with the causes it was extended by, or the course alone")
-_LEVEL = Column("degradation_pct", "%", "degradation rate, or all of them pooled", CellKind.LEVEL)
+_MODEL = replace(
+    _text("model", "base, the base with the causes it was extended by, or the course alone"),
+    may_be_empty=False,
+)
+_LEVEL = Column(
+    "degradation_pct",
+    "%",
+    "degradation rate, or all of them pooled",
+    CellKind.LEVEL,
+    may_be_empty=False,
+)
 _DEGRADATION = Column("degradation_pct", "%", "degradation rate")
 _PRESSURE = Column("pressure_kPa", "kPa", "gauge pressure")
 _SPECIMEN = _text("specimen_id", "the specimen")

@@ -215,6 +215,10 @@ def test_what_is_no_picture_is_refused_with_all_other_faults(folder):
             "study.toml",
         ),
         (
+            lambda folder: (folder / "study.toml").write_text(f'{SETTINGS}line = "\\u0000x"\n'),
+            "study.toml",
+        ),
+        (
             lambda folder: (folder / "study.toml").write_text(f'{SETTINGS}hint = "no.csv"\n'),
             "study.toml",
         ),
