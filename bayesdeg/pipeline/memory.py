@@ -9,10 +9,15 @@ from pathlib import Path
 _HIGHEST = re.compile(r"^VmHWM:\s+(\d+) kB$", re.MULTILINE)
 
 
-def peaks_of_memory() -> dict[str, float]:
+def peaks_of_memory(name: str = "main process") -> dict[str, float]:
     """Return the largest resident memory of this process and of its largest worker now [MB].
 
     Empty where the system does not say (it is Linux that does).
+
+    Parameters
+    ----------
+    name : str
+        Of this process in what is returned.
 
     Examples
     --------
@@ -24,7 +29,7 @@ def peaks_of_memory() -> dict[str, float]:
         return {}
     known = [_peak(str(worker.pid)) for worker in multiprocessing.active_children()]
     sizes = [size for size in known if size is not None]
-    return {"main process": own} | ({"largest worker": max(sizes)} if sizes else {})
+    return {name: own} | ({"largest worker": max(sizes)} if sizes else {})
 
 
 def _peak(process: str) -> float | None:

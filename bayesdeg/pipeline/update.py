@@ -31,6 +31,7 @@ from bayesdeg.observations.curvature import ActuatorCurves, actuator_curves
 from bayesdeg.pipeline.assemble import Assembly, assemble
 from bayesdeg.pipeline.calibrate import Fit
 from bayesdeg.pipeline.forecast import emulator_of, known_soil_of, refuse_impossible_draws
+from bayesdeg.pipeline.memory import peaks_of_memory
 from bayesdeg.pipeline.outline import outline
 from bayesdeg.pipeline.output import Owner, owner_of, update_folder
 from bayesdeg.pipeline.progress import Progress
@@ -714,6 +715,7 @@ def _finish(
         "counts": {**of.run.counts, **draw_counts(results)},
         "emulator": emulator,
         "seconds": {**of.run.seconds, "update": round(time.perf_counter() - begun, 2)},
+        "memory": {**of.run.memory, **peaks_of_memory("update")},
         "rests_on": tuple(rests_on(after, results.base.model)),
         "comparisons": tuple(compared),
         "convergence": {**of.run.convergence, **_convergence(entry)},
