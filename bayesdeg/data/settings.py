@@ -841,6 +841,9 @@ def _read_parameters(
                 Fault(FILE, "has a unit or a meaning that is no text", "quote it", *place)
             )
             continue
+        if not name.strip():
+            faults.append(Fault(FILE, "has no name", "write for example [parameters.g]", *place))
+            continue
         try:
             law = law_from_mapping({k: v for k, v in value.items() if k not in words})
         except ValueError as error:

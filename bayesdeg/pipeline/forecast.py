@@ -31,7 +31,12 @@ from bayesdeg.errors import BayesdegError
 from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import Chain
 from bayesdeg.observations.curvature import Curvature
-from bayesdeg.observations.specimens import COURSE, FilmsAndActuators, control_name
+from bayesdeg.observations.specimens import (
+    COURSE,
+    FilmsAndActuators,
+    control_name,
+    node_name,
+)
 from bayesdeg.observations.tensile import Tensile
 from bayesdeg.pipeline.experience import Experience, bursts_of, experience_of
 from bayesdeg.pipeline.progress import Progress
@@ -70,7 +75,8 @@ _NEEDED = "paper_stiffness"  # the volume ratio is 1 where it is no parameter
 # beginnings of names of what can only be above 0
 _CONSTANTS = ("c1", "c2_ratio", "c3")
 _CONTROLS = tuple(f"{name}_{kind}_" for name in _CONSTANTS for kind in ("at", "control"))
-_POSITIVE = (_NEEDED, "volume_ratio", "c1_", "c3_", "elongation_at_")
+_ELONGATION = "elongation"
+_POSITIVE = (_NEEDED, "volume_ratio", "c1_", "c3_", f"{_ELONGATION}_at_")
 
 
 @dataclass(frozen=True)
@@ -345,7 +351,10 @@ def _model(entry: ModelEntry, draws: Mapping[str, Floats], forward: Surrogate) -
     neo_hookean = entry.material_law == "neo_hookean"
     constants = _CONSTANTS[:1] if neo_hookean else _CONSTANTS
     wanted = [control_name(quantity, nodes, k) for quantity in constants for k in range(len(nodes))]
-    _refuse_missing(dict.fromkeys((*wanted, *entry.parameters)), draws)
+    elongation_nodes = _known(entry.elongation_nodes_pct)
+    limits = [node_name(_ELONGATION, node) for node in elongation_nodes]
+    broke = any(name.startswith(f"{_ELONGATION}_at_") for name in draws)
+    _refuse_missing(dict.fromkeys((*wanted, *entry.parameters, *(limits if broke else ()))), draws)
     beside = [name for name in draws if name.startswith(_CONTROLS) and name not in wanted]
     if entry.parameters:  # an older version did not record them
         beside += [name for name in draws if "." not in name and name not in entry.parameters]
@@ -366,7 +375,7 @@ def _model(entry: ModelEntry, draws: Mapping[str, Floats], forward: Surrogate) -
         observations=(),
         world=FilmsAndActuators(
             nodes=nodes,
-            elongation_nodes=_known(entry.elongation_nodes_pct),
+            elongation_nodes=elongation_nodes,
             forward=as_recorded(entry, forward),
             paper_thickness=thickness,
             largest_pressure=largest,

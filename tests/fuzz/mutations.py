@@ -196,7 +196,8 @@ def _other_values(opened: h5py.File, name: str, rng: np.random.Generator) -> Non
             at = tuple(int(rng.integers(size)) for size in values.shape)
             node[at] = rng.choice([0, -1, 1e30]) if values.dtype.kind == "i" else _odd(rng)
         case 1 if values.dtype.kind == "f":
-            node[...] = values * _odd(rng)
+            with np.errstate(over="ignore", invalid="ignore"):
+                node[...] = values * _odd(rng)
         case 2:  # of another type
             del opened[name]
             opened[name] = np.full(values.shape, "x", dtype=h5py.string_dtype())
