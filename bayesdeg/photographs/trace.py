@@ -39,6 +39,7 @@ SEEN = 0.8
 ENDS_SEEN = 0.7
 #: Error of a point that a person set, along and across the line [px].
 BY_HAND = 1.5
+SAME_POINT = 1e-3  # px: far below what a hand can set, far above rounding
 #: Points of a person are within the photograph, or this share of it outside.
 OUTSIDE = 0.05
 #: By what errors of points grow as they are correlated over a few neighbours; found on rendered
@@ -216,7 +217,7 @@ def trace_line(
     scale : PictureScale
         What is known of sizes.
     line : array, shape (k, 2)
-        From the clamp to the tip, k at least 4 [px].
+        From the clamp to the tip, k at least 4 [px]; points that repeat the one before count once.
     rng : Generator
         As of `trace`.
 
@@ -225,6 +226,8 @@ def trace_line(
     BayesdegError
         If it has fewer points, leaves the photograph, or contradicts what is stated.
     """
+    moves = np.hypot(*np.diff(line, axis=0).T) > SAME_POINT
+    line = line[np.append(np.ones(min(len(line), 1), dtype=bool), moves)]
     if len(line) < FEWEST_POINTS:
         raise BayesdegError(
             f"its line has {len(line)} points; set {FEWEST_POINTS} at least, from the clamp to the "

@@ -138,6 +138,16 @@ def test_a_line_is_taken_as_it_is_with_the_error_of_a_hand(bent):
     assert found.doubts == ()
 
 
+def test_a_point_that_is_set_twice_counts_once(bent):
+    line, scale = by_hand(bent), PictureScale(grid=5.0)
+    once, twice = (
+        trace_line(bent.image, scale, points, rng=np.random.default_rng(1))
+        for points in (line, np.repeat(line, 2, axis=0))
+    )
+    assert twice.angle == once.angle
+    np.testing.assert_array_equal(twice.points, once.points)
+
+
 def test_a_line_from_the_other_side_of_the_actuator_bends_towards_its_paper_too(bent):
     image = np.ascontiguousarray(bent.image[:, ::-1])
     line = [bent.image.shape[1] - 1, 0] + by_hand(bent) * [-1, 1]
