@@ -12,6 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.causes.cause import Cause
+from bayesdeg.criticism.checks.absorption import Absorption, absorption
 from bayesdeg.criticism.checks.conflict import Conflict, Questioned, conflict, questioned
 from bayesdeg.criticism.checks.count_misfit import (
     OWN,
@@ -111,6 +112,8 @@ class Judgement:
         Whether specimens that the favoured causes let scatter one by one deviate level by level.
     questioned : tuple of Questioned
         Parameters that the base model takes far off their priors.
+    absorbed : Absorption or None
+        What the base model's parameters took up; None where that could not be computed.
     sampled : bool
         Whether the model with the causes was calibrated, so that predictions are made with it.
     """
@@ -135,6 +138,7 @@ class Judgement:
     counted: Counted | None = None
     own_counts: CountMisfit | None = None
     counts_fitted: bool = True
+    absorbed: Absorption | None = None
 
     @property
     def predicted_with(self) -> tuple[str, ...]:
@@ -458,6 +462,7 @@ def judge(
         alike=tuple(cause.name for cause in catalogue.alike),
         counted=counted,
         own_counts=own,
+        absorbed=guard.attempt(OptionalStage.ABSORPTION, absorption, search, chosen),
     )
 
 

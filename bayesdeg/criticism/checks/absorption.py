@@ -575,25 +575,35 @@ class Absorption:
     after: tuple[Displacement, ...] = ()
 
     @property
+    def judged(self) -> tuple[Displacement, ...]:
+        """Parameters that the readings could have contradicted."""
+        return tuple(one for one in self.displacements if one.is_judged)
+
+    @property
     def in_question(self) -> tuple[Displacement, ...]:
         """Parameters that the readings contradict, the farthest first."""
         found = [one for one in self.displacements if one.is_in_question]
         return tuple(sorted(found, key=lambda one: -abs(one.score)))
 
-    def pushed_by(self, one: Displacement) -> tuple[str, ...]:
-        """Return the causes that would have pushed a parameter to where it is, the best first.
+    def pushed_by(self, one: Displacement) -> tuple[Push, ...]:
+        """Return what would have pushed a parameter to where it is, the best first.
 
-        Each has a Bayes factor that speaks for it, within odds of 20 of the best, and explains more
-        of the displacement than it leaves. Where none does by itself, those that the evidence
-        favours together, if they do. Empty if nothing in the catalogue would have.
+        Each cause has a Bayes factor that speaks for it, within odds of 20 of the best, and
+        explains more of the displacement than it leaves: any one of them may have pushed it. Where
+        none does by itself, those that the evidence favours together, if they do. Empty if nothing
+        in the catalogue would have.
         """
         factors = [push.log_bayes_factor for push in self.pushes]
         least = max(LEAST_FACTOR, max(factors, default=-np.inf) - LEAST_FACTOR)
         leading = [push for push in self.pushes if push.log_bayes_factor >= least]
         found = [push for push in leading if push.explains(one)]
-        found.sort(key=lambda push: (len(push.causes), -push.log_bayes_factor))
-        alone = tuple(push.causes[0] for push in found if len(push.causes) == 1)
-        return alone or (found[0].causes if found else ())
+        found.sort(key=lambda push: -push.log_bayes_factor)
+        alone = tuple(push for push in found if len(push.causes) == 1)
+        return alone or tuple(found)
+
+    def of(self, name: str) -> Displacement | None:
+        """Return what is known of a parameter of the base model; None if there is no such."""
+        return next((one for one in self.displacements if one.parameter.name == name), None)
 
     def returned(self, one: Displacement) -> Displacement | None:
         """Return what became of a parameter with the causes that the evidence favours."""
