@@ -441,7 +441,6 @@ def judge(
     shared = _shared(final, guard)
     counted, own = guard.attempt(OptionalStage.RUPTURE_COUNTS, counting) or (None, None)
     decision = _decided((alone, final), supported, (*beside, counted), catalogue, shared, guard)
-    names = extension(decision, tuple(supported)) if effort.levels_out else BASE
     judged = candidates(search, supported, everything, generator)
     return Judgement(
         misfit=alone.misfit,
@@ -455,7 +454,7 @@ def judge(
         threshold=alone.threshold,
         confusability=guard.attempt(OptionalStage.CONFUSABILITY, confused) or NOT_KNOWN,
         held_out={label(names): found for names, found in held_out.items()},
-        levels_out=_levels_out(search, names, folding, guard),
+        levels_out=_levels_out(search, extension(decision, tuple(supported)), folding, guard),
         search=search,
         shared=tuple(shared),
         experiments=_proposed(guard, search, decision, supported, catalogue, generator),
@@ -567,7 +566,9 @@ def _held_out(
 def _levels_out(
     search: Search, names: Names, seed: np.random.SeedSequence, guard: Guard
 ) -> dict[str, HeldOut]:
-    """Return what `levels_out` does; nothing where it could not be computed."""
+    """Return what `levels_out` does; nothing where it was not asked for or not computed."""
+    if not search.effort.levels_out:
+        return {}
     found = guard.attempt(
         OptionalStage.LEVELS_OUT, levels_out, search, names, seed=seed, executor=search.executor
     )
