@@ -31,6 +31,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp, ndtr
+from threadpoolctl import threadpool_limits
 
 from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.fit.linear import Linear, linearise
@@ -626,9 +627,10 @@ def absorption(search: Search, chosen: Names) -> Absorption:
     ValueError
         As of `split`.
     """
-    base = split(search.base)
-    pushes = tuple(_pushes(search, base, chosen))
-    after = split(search.trials[chosen]).displacements if chosen else ()
+    with threadpool_limits(limits=1):  # the same sums in the same order, whatever the machine
+        base = split(search.base)
+        pushes = tuple(_pushes(search, base, chosen))
+        after = split(search.trials[chosen]).displacements if chosen else ()
     return Absorption(base.displacements, pushes, after)
 
 
