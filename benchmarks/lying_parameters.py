@@ -2,22 +2,25 @@
 
     uv run python benchmarks/lying_parameters.py --studies 60 --without 60 --json
 
-draws studies anew, with an effect hidden in them and without, makes their curvatures with the second
-surrogate of the fine finite element model (``fine_library.py``), calibrates the base model, and
-holds the parameters that it puts in question against the truth. A parameter has absorbed an effect
-where the base posterior is more than `PUSHED` standard deviations of all else off the true value,
-and all else itself is not off as far: a film that was read wrongly misleads all else too, which
-nothing in the study contradicts; such parameters are counted apart. One that is accused wrongly has
-a base posterior within the 90 % interval about the truth.
+draws studies anew, with an effect hidden in them and without, makes their curvatures with the
+second surrogate of the fine finite element model (``fine_library.py``), calibrates the base model,
+and holds the parameters that it puts in question against the truth. A parameter has absorbed an
+effect where the base posterior is more than `PUSHED` standard deviations of all else off the true
+value, and as far off the posterior of a refit that knows the effect: the rest may be chance of the
+films. Where all else itself is as far off the truth, a film that was read wrongly misleads both,
+which nothing in the study contradicts; such parameters are counted apart. One that is accused
+wrongly has a base posterior within the 90 % interval about the truth.
 
 ``lying_found`` is the share of the first kind that is in question, ``lying_false`` the share of
-studies without an effect in which any parameter is; finished studies are kept in
-``.cache/lying_parameters``.
+studies without an effect in which any parameter is. ``--causes`` searches for causes too, and says
+how often the one that is said to have pushed a parameter is hidden there. Finished studies are kept
+in ``.cache/lying_parameters``.
 """
 
 import argparse
 import json
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -30,24 +33,31 @@ from threadpoolctl import threadpool_limits
 from bayesdeg.actuator.inputs import ForwardMap
 from bayesdeg.criticism.checks.absorption import Absorption, Split, absorption, split
 from bayesdeg.criticism.fit.search import Search, SearchEffort, run_search
+from bayesdeg.criticism.fit.trials import Trial
+from bayesdeg.criticism.subject import columns_of, with_neutral
 from bayesdeg.data.study import read_study
+from bayesdeg.inference.importance import about_mode
+from bayesdeg.inference.laplace import approximate
 from bayesdeg.inference.model import JointModel
 from bayesdeg.laboratory.truth import Truth
 from bayesdeg.material.degradation import bernstein_weights
 from bayesdeg.observations.specimens import control_name
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.calibrate import base_without_chain
+from bayesdeg.priors import Normal
 
 Floats = NDArray[np.float64]
 Json = dict[str, object]
 
 STORE = Path(".cache/lying_parameters")
-SEED = 47
+SEED = 53
 PUSHED = 3.0  # standard deviations of all else by which a base posterior is off the truth
 STRICTER = (4.0, 5.0)
 NORMAL = 1.645  # up to which it is as it should be
 FIRST_WITHOUT = 10_000  # numbers of studies without an effect
 PLAIN = ("curvature", "angle", "history", "careful")  # their designs, in turn
+KNOWN = 1e-3  # relative standard deviation of an effect that is known
+DRAWS = 4000
 EFFORT = SearchEffort(replicates=100, fitted=3, pairs=1)
 
 
@@ -100,7 +110,31 @@ def true_values(model: JointModel, truth: Truth) -> dict[str, float]:
     return found
 
 
-def judged(study: HiddenStudy, folder: Path, *, seed: int) -> Json:
+def refitted(base: Trial, start: Floats, study: HiddenStudy) -> Floats:
+    """Return the posterior's mean of the base parameters where the hidden effect is known."""
+    known = []
+    for hidden in study.effects:
+        laws = [
+            replace(
+                p, law=Normal(hidden.values[p.name], KNOWN * max(abs(hidden.values[p.name]), KNOWN))
+            )
+            for p in hidden.cause.parameters
+        ]
+        known.append(replace(hidden.cause, parameters=tuple(laws)))
+    model, generator = base.subject.extended(*known), np.random.default_rng(0)
+    climbs = []
+    for point in (base.mode, start):
+        vector = with_neutral(point, base.subject, model)
+        for cause, hidden in zip(known, study.effects, strict=True):
+            vector[columns_of(model, cause)] = [hidden.values[p.name] for p in cause.parameters]
+        climbs.append(approximate(model, generator, start=vector))
+    best = max(climbs, key=lambda climbed: climbed.log_density)
+    draws = about_mode(model, best, generator).resample(generator, DRAWS)
+    there = dict(zip(model.table.names, np.mean(draws, axis=0), strict=True))
+    return np.array([there[name] for name in base.subject.table.names])
+
+
+def judged(study: HiddenStudy, folder: Path, *, seed: int, causes: bool) -> Json:
     """Make one study, calibrate it, and return its parameters beside the truth."""
     command = f"benchmarks/lying_parameters.py, study {study.number}"
     _, truth = made(study, folder, forward=library(), seed=seed, command=command)
@@ -110,21 +144,25 @@ def judged(study: HiddenStudy, folder: Path, *, seed: int) -> Json:
         fitting, judging = np.random.SeedSequence(study.number).spawn(2)
         base = base_without_chain(assembly.model, fitting)
         here, found, chosen = split(base), None, frozenset[str]()
-        if study.effects and any(one.is_in_question for one in here.displacements):
+        if causes and any(one.is_in_question for one in here.displacements):
             search = Search(base, assembly.candidates, EFFORT, judging)
             chosen = run_search(search)
             found = absorption(search, chosen)
+        knowing = refitted(base, here.known.mean, study) if study.effects else base.mode
     return {
         "number": study.number,
         "kind": study.kind,
         "design": study.design,
         "hidden": {one.cause.name: dict(one.values) for one in study.effects},
+        "searched": found is not None,
         "chosen": sorted(chosen),
-        "parameters": _rows(here, found, true_values(assembly.model, truth)),
+        "parameters": _rows(here, found, true_values(assembly.model, truth), knowing),
     }
 
 
-def _rows(here: Split, found: Absorption | None, true: dict[str, float]) -> list[Json]:
+def _rows(
+    here: Split, found: Absorption | None, true: dict[str, float], knowing: Floats
+) -> list[Json]:
     names, rows = here.model.table.names, []
     middle = np.mean(here.draws, axis=0)
     for one in here.displacements:
@@ -139,6 +177,7 @@ def _rows(here: Split, found: Absorption | None, true: dict[str, float]) -> list
             {
                 "parameter": name,
                 "off": (float(middle[k]) - true[name]) / sd,
+                "pushed": (float(middle[k]) - float(knowing[k])) / sd,
                 "all_else_off": (float(here.known.mean[k]) - true[name]) / sd,
                 "moved": one.moved,
                 "score": one.score,
@@ -158,15 +197,16 @@ def summary(found: list[Json]) -> Json:
     rows = [(one, row) for one in hidden for row in one["parameters"]]
     right = [(one, row) for one, row in rows if abs(row["all_else_off"]) <= PUSHED]
     misled = [row for _, row in rows if abs(row["all_else_off"]) > PUSHED < abs(row["off"])]
-    planted = [(one, row) for one, row in right if abs(row["off"]) > PUSHED]
+    planted = [(one, row) for one, row in right if _by(row) > PUSHED]
+    off = [row["in_question"] for _, row in right if abs(row["off"]) > PUSHED]
     flagged = [(one, row) for one, row in planted if row["in_question"]]
     accused = [row for _, row in rows if row["in_question"]]
     normal = [row for _, row in rows if abs(row["off"]) <= NORMAL]
     false = [any(row["in_question"] for row in one["parameters"]) for one in plain]
-    named = [
+    named = [  # none where causes were not searched for
         (any(set(causes) & set(one["hidden"]) for causes in row["pushed_by"]), row["pushed_by"])
         for one, row in flagged
-        if one["kind"] != "outside"
+        if one["kind"] != "outside" and one["searched"]
     ]
     back = [
         abs(row["after_moved"]) < NORMAL for _, row in flagged if row["after_moved"] is not None
@@ -179,10 +219,11 @@ def summary(found: list[Json]) -> Json:
         "planted_in_studies": len({one["number"] for one, _ in planted}),
         **{
             f"lying_found_{size:.0f}_sd": _share(
-                [row["in_question"] for _, row in planted if abs(row["off"]) > size]
+                [row["in_question"] for _, row in planted if _by(row) > size]
             )
             for size in STRICTER
         },
+        "off_truth_found": _share(off),
         "lying_false": _share(false),
         "false_studies": sum(false),
         "accused": len(accused),
@@ -196,18 +237,23 @@ def summary(found: list[Json]) -> Json:
     }
 
 
+def _by(row: Json) -> float:
+    """Return how far an effect has pushed a parameter, off the truth and off the refit [sd]."""
+    return float(min(abs(row["off"]), abs(row["pushed"])))
+
+
 def _share(found: list[bool]) -> float | None:
     return float(np.mean(found)) if found else None
 
 
-def run_all(count: int, without: int, *, seed: int) -> Iterator[Json]:
+def run_all(count: int, without: int, *, seed: int, causes: bool) -> Iterator[Json]:
     """Judge studies one after another; those in the store are read."""
-    store = STORE / f"seed-{seed}"
+    store = STORE / f"seed-{seed}{'-causes' * causes}"
     store.mkdir(parents=True, exist_ok=True)
     for study in studies(count, without, seed=seed):
         path = store / f"{study.number}.json"
         if not path.exists():
-            found = judged(study, store / str(study.number), seed=seed)
+            found = judged(study, store / str(study.number), seed=seed, causes=causes)
             part = path.with_suffix(".part")
             part.write_text(json.dumps(found), encoding="utf-8")
             part.replace(path)
@@ -220,10 +266,12 @@ def main() -> None:
     parser.add_argument("--studies", type=int, default=40, help="with an effect")
     parser.add_argument("--without", type=int, default=40, help="without one")
     parser.add_argument("--seed", type=int, default=SEED)
+    parser.add_argument("--causes", action="store_true", help="search for causes, which takes long")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     found = []
-    for one in run_all(options.studies, options.without, seed=options.seed):
+    how = {"seed": options.seed, "causes": options.causes}
+    for one in run_all(options.studies, options.without, **how):
         found.append(one)
         if not options.json:
             said = [

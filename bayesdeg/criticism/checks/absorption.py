@@ -49,9 +49,9 @@ Floats = NDArray[np.float64]
 EFFECTIVE = 4000.0
 """Effective draws of the law of all else: p-values down to 2/4001 are told apart, and 20 parameters
 times that are still below the level that decides."""
-LEAST_LEARNED = 0.1
-"""Share of a parameter's variance that readings must take for it to be judged: one that they narrow
-by less than 5 % of its width is moved by less than one width even at three standard deviations."""
+LEAST_LEARNED = 0.01
+"""Share of a parameter's variance that readings must take for it to be judged: those that narrow it
+by less than half a percent of its width say nothing of it."""
 MOVED = 1.645
 """Standard deviations of all else by which a parameter in question must be off: out of the 90 %
 interval. Readings that are sure of little may be at odds with all else, and move nothing."""
