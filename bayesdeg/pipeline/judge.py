@@ -12,6 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.causes.cause import Cause
+from bayesdeg.criticism.checks.absorption import Absorption, absorption
 from bayesdeg.criticism.checks.conflict import Conflict, Questioned, conflict, questioned
 from bayesdeg.criticism.checks.count_misfit import (
     OWN,
@@ -111,6 +112,8 @@ class Judgement:
         Whether specimens that the favoured causes let scatter one by one deviate level by level.
     questioned : tuple of Questioned
         Parameters that the base model takes far off their priors.
+    absorbed : Absorption or None
+        What the base model's parameters took up; None where that could not be computed.
     sampled : bool
         Whether the model with the causes was calibrated, so that predictions are made with it.
     """
@@ -135,6 +138,7 @@ class Judgement:
     counted: Counted | None = None
     own_counts: CountMisfit | None = None
     counts_fitted: bool = True
+    absorbed: Absorption | None = None
 
     @property
     def predicted_with(self) -> tuple[str, ...]:
@@ -437,7 +441,6 @@ def judge(
     shared = _shared(final, guard)
     counted, own = guard.attempt(OptionalStage.RUPTURE_COUNTS, counting) or (None, None)
     decision = _decided((alone, final), supported, (*beside, counted), catalogue, shared, guard)
-    names = extension(decision, tuple(supported)) if effort.levels_out else BASE
     judged = candidates(search, supported, everything, generator)
     return Judgement(
         misfit=alone.misfit,
@@ -451,13 +454,14 @@ def judge(
         threshold=alone.threshold,
         confusability=guard.attempt(OptionalStage.CONFUSABILITY, confused) or NOT_KNOWN,
         held_out={label(names): found for names, found in held_out.items()},
-        levels_out=_levels_out(search, names, folding, guard),
+        levels_out=_levels_out(search, extension(decision, tuple(supported)), folding, guard),
         search=search,
         shared=tuple(shared),
         experiments=_proposed(guard, search, decision, supported, catalogue, generator),
         alike=tuple(cause.name for cause in catalogue.alike),
         counted=counted,
         own_counts=own,
+        absorbed=guard.attempt(OptionalStage.ABSORPTION, absorption, search, chosen),
     )
 
 
@@ -562,7 +566,9 @@ def _held_out(
 def _levels_out(
     search: Search, names: Names, seed: np.random.SeedSequence, guard: Guard
 ) -> dict[str, HeldOut]:
-    """Return what `levels_out` does; nothing where it could not be computed."""
+    """Return what `levels_out` does; nothing where it was not asked for or not computed."""
+    if not search.effort.levels_out:
+        return {}
     found = guard.attempt(
         OptionalStage.LEVELS_OUT, levels_out, search, names, seed=seed, executor=search.executor
     )

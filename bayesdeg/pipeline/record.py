@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 import bayesdeg
 from bayesdeg.actuator.reading import mechanics_of
 from bayesdeg.causes.catalogue import CATALOGUE
+from bayesdeg.criticism.checks.absorption import Absorption, Displacement
 from bayesdeg.criticism.checks.conflict import Conflict, Questioned, questioned
 from bayesdeg.criticism.checks.count_misfit import CountedLevel, CountMisfit, can_be_counted
 from bayesdeg.criticism.checks.residuals import (
@@ -55,6 +56,7 @@ from bayesdeg.pipeline.vendor import vendor_check
 from bayesdeg.prediction.predictive import specimens_tested
 from bayesdeg.report.left_out import Guard, OptionalStage
 from bayesdeg.report.record import (
+    AbsorbedEntry,
     BasisEntry,
     CandidateEntry,
     ComparisonEntry,
@@ -183,6 +185,7 @@ def verdict_document(
         ruptures=_ruptures(judgement.rupture),
         rupture_counts=_rupture_counts(judgement),
         contradicted=_contradicted(judgement.contradicted),
+        absorbed=_absorbed(judgement.absorbed),
         next_experiments=tuple(ExperimentEntry.model_validate(one) for one in experiments),
     )
 
@@ -294,6 +297,33 @@ def _counted_level(one: CountedLevel, least: float) -> CountedLevelEntry:
     )
 
 
+def _absorbed(found: Absorption | None) -> tuple[AbsorbedEntry, ...]:
+    """Return the parameters that took up what the model lacks, the farthest off first."""
+    return () if found is None else tuple(_taken_up(found, one) for one in found.in_question)
+
+
+def _taken_up(found: Absorption, one: Displacement) -> AbsorbedEntry:
+    pushes, after, direct = found.pushed_by(one), found.returned(one), one.measured
+    return AbsorbedEntry(
+        parameter=one.parameter.name,
+        meaning=one.parameter.meaning,
+        unit=one.parameter.unit,
+        median=one.posterior.median,
+        all_else_low=one.all_else.low,
+        all_else_median=one.all_else.median,
+        all_else_high=one.all_else.high,
+        measured=None if direct is None else direct.value,
+        measured_se=None if direct is None else direct.se,
+        source="" if direct is None else direct.source,
+        displacement=one.moved,
+        p_value=one.adjusted,
+        pushed_by=tuple(push.causes for push in pushes),
+        explained_share=pushes[0].share(one) if pushes else None,
+        median_after=None if after is None else after.posterior.median,
+        displacement_after=None if after is None else after.moved,
+    )
+
+
 def _contradicted(found: Conflict | None) -> ContradictionEntry | None:
     if found is None:
         return None
@@ -367,6 +397,7 @@ OF_VERDICT = (
     OptionalStage.RUPTURE_MISFIT,
     OptionalStage.RUPTURE_COUNTS,
     OptionalStage.CONFLICT,
+    OptionalStage.ABSORPTION,
     OptionalStage.LEVELS_OUT,
     OptionalStage.EXPERIMENTS,
     OptionalStage.CONFUSABILITY,
@@ -572,11 +603,15 @@ def _off_priors(results: Results) -> tuple[QuestionedEntry, ...]:
     fit = results.final
     vectors = fit.chain.vectors.reshape(-1, fit.chain.vectors.shape[-1])
     step = max(1, len(vectors) // DRAWS)
-    return tuple(_question(one) for one in questioned(fit.model, vectors[::step]))
+    absorbed = None if results.judgement is None else results.judgement.absorbed
+    return tuple(_question(one, absorbed) for one in questioned(fit.model, vectors[::step]))
 
 
-def _question(one: Questioned) -> QuestionedEntry:
+def _question(one: Questioned, absorbed: Absorption | None) -> QuestionedEntry:
     low, high = one.expected
+    displaced = None if absorbed is None else absorbed.of(one.parameter.name)
+    known = displaced is not None and not np.isnan(displaced.moved)
+    pushes = absorbed.pushed_by(displaced) if absorbed and displaced and known else ()
     return QuestionedEntry(
         parameter=one.parameter.name,
         meaning=one.parameter.meaning,
@@ -585,6 +620,8 @@ def _question(one: Questioned) -> QuestionedEntry:
         prior_low=low,
         prior_high=high,
         p_value=one.p_value,
+        displacement=displaced.moved if displaced and known else None,
+        pushed_by=tuple(push.causes for push in pushes),
     )
 
 
@@ -809,6 +846,9 @@ def library_versions() -> dict[str, str]:
 def _checks(study: Study, results: Results) -> dict[str, str]:
     """Return what checks, films and a vendor's figures came to, in plain words."""
     said = {} if results.checks is None else results.checks.sentences()
+    absorbed = None if results.judgement is None else results.judgement.absorbed
+    if absorbed is not None:
+        said["absorption"] = worded(absorbed, degrades=study.degrades)
     final = results.final
     flat = final.chain.vectors.reshape(-1, final.chain.vectors.shape[-1])
     vendor = vendor_check(study, final.model, flat)

@@ -30,6 +30,7 @@ class OptionalStage(StrEnum):
     HELD_OUT = "held-out specimens"
     SHARED_SCATTER = "scatter shared by a degradation rate"
     CONFUSABILITY = "causes that this design could confuse"
+    ABSORPTION = "parameters that absorb an effect"
     LEVELS_OUT = "held-out degradation rates"
     EXPERIMENTS = "next experiments"
     EXTENDED = "calibration with the cause"

@@ -26,6 +26,7 @@ from bayesdeg.report.summaries import (
     by_criterion,
     decision_pairs,
     extended_model,
+    farthest_first,
     gain_parts,
     influence_of_criteria,
     level_rows,
@@ -92,6 +93,7 @@ class Content:
     measured: list[Row]
     leave_one_out: list[Row]
     sensitivity: list[Row]
+    absorption: list[Row]
     orders: list[Row]
     laws: list[Row]
     gain_levels: list[Row]
@@ -157,6 +159,7 @@ def content_of(shown: Shown, guard: Guard | None = None) -> Content:
         measured=rows_of(tables["measured"]),
         leave_one_out=rows_of(tables["leave_one_out"]),
         sensitivity=rows_of(tables["prior_sensitivity"]),
+        absorption=farthest_first(tables["absorption"]),
         orders=rows_of(tables["orders"]),
         laws=rows_of(tables["material_laws"]),
         gain_levels=rows_of(pooled(tables["gain_levels"])),

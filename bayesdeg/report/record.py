@@ -242,6 +242,33 @@ class QuestionedEntry(Record):
     prior_low: Number = None
     prior_high: Number = None
     p_value: Number = None
+    displacement: Number = Field(default=None, exclude_if=is_absent)
+    pushed_by: tuple[Names, ...] = Field(default=(), exclude_if=not_)
+
+
+class AbsorbedEntry(Record):
+    """A parameter of the base model that took up what the model lacks.
+
+    All else is the prior, films and means of replicates: what is known of it without the readings
+    that the model is judged by.
+    """
+
+    parameter: Text = ""
+    meaning: Text = ""
+    unit: Text = ""
+    median: Number = None
+    all_else_low: Number = None
+    all_else_median: Number = None
+    all_else_high: Number = None
+    measured: Number = None
+    measured_se: Number = None
+    source: Text = ""
+    displacement: Number = None
+    p_value: Number = None
+    pushed_by: tuple[Names, ...] = ()
+    explained_share: Number = None
+    median_after: Number = None
+    displacement_after: Number = None
 
 
 class LeftOutEntry(Record):
@@ -288,6 +315,7 @@ class VerdictRecord(FileRecord):
     )
     contradicted: ContradictionEntry | None = None
     next_experiments: tuple[ExperimentEntry, ...] = ()
+    absorbed: tuple[AbsorbedEntry, ...] = ()
     suspects: tuple[SuspectEntry, ...] = ()
     parameters_in_question: tuple[QuestionedEntry, ...] = ()
     with_suspects: OutcomeEntry | None = Field(

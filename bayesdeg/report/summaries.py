@@ -146,6 +146,21 @@ def rows_of(frame: pd.DataFrame | None) -> list[Row]:
     return [{str(key): value for key, value in row.items()} for row in plain.to_dict("records")]
 
 
+def farthest_first(absorption: pd.DataFrame | None) -> list[Row]:
+    """Return the parameters that were judged, those farthest off all else first.
+
+    Examples
+    --------
+    >>> table = pd.DataFrame({"parameter": ["a", "b", "c"], "score_sd": [1.0, np.nan, -4.0]})
+    >>> [row["parameter"] for row in farthest_first(table)]
+    ['c', 'a']
+    """
+    if absorption is None:
+        return []
+    judged = absorption[absorption["score_sd"].notna()]
+    return rows_of(judged.sort_values("score_sd", key=lambda score: -score.abs(), kind="stable"))
+
+
 def models_of(frame: pd.DataFrame | None) -> tuple[str, ...]:
     """Return the models of a table in the order in which they stand."""
     return () if frame is None else tuple(dict.fromkeys(frame["model"].astype(str)))

@@ -43,6 +43,8 @@ SUSPECTS = "suspects"
 SET_ASIDE = "set_aside"
 TRACES = "traces"
 PHOTO_LINES = "photo_lines"
+ABSORPTION = "absorption"
+PUSHES = "pushes"
 
 ALL_LEVELS = "all"
 """What stands in ``degradation_pct`` of a row that pools every degradation rate."""
@@ -563,6 +565,40 @@ _TABLES = (
             _PRESSURE,
             Column("curvature_per_m", "1/m", "as read"),
             Column("set_aside", "–", "1 if calibration and verdict are without it"),
+        ),
+    ),
+    ResultTable(
+        ABSORPTION,
+        (
+            _text("parameter", "name in the posterior"),
+            _text("unit", "unit of its values"),
+            _text("meaning", "what it is"),
+            *_quantiles("as stated", 5, 50, 95, prefix="prior_"),
+            *_quantiles("as stated", 5, 50, 95, prefix="all_else_"),
+            Column("measured", "as stated", "a measurement of the parameter alone"),
+            Column("measured_se", "as stated", "its standard error"),
+            _text("measured_source", "where it stands"),
+            *_quantiles("as stated", 5, 50, 95, prefix="base_"),
+            *_quantiles("as stated", 5, 50, 95, prefix="after_"),
+            Column("moved_sd", "–", "base posterior off all else, in sd of all else"),
+            Column("learned", "–", "share of the variance that the readings take"),
+            Column("score_sd", "–", "the same in sd of what a right model gives"),
+            Column("p_value", "–", "of the readings alone against all else"),
+            Column("p_adjusted", "–", "the same for all parameters together"),
+            Column("in_question", "–", "1 if it absorbs what the model lacks"),
+            _text("pushed_by", "causes that would have pushed it there"),
+            Column("pushed_share", "–", "share of the displacement that the first explains"),
+            Column("after_moved_sd", "–", "as moved_sd, with the causes that evidence favours"),
+        ),
+    ),
+    ResultTable(
+        PUSHES,
+        (
+            _text("parameter", "name in the posterior"),
+            _text("causes", "what acts, joined by +"),
+            _log("log_bayes_factor", "of the model with them against the base model"),
+            Column("shift_sd", "–", "how far the base model moves it, in sd of all else"),
+            Column("share", "–", "share of the displacement that this explains"),
         ),
     ),
     ResultTable(

@@ -6,9 +6,10 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from bayesdeg.criticism.checks.absorption import Absorption, Displacement, Interval, Push
 from bayesdeg.data.study import read_study
 from bayesdeg.pipeline.record import in_doubt
-from bayesdeg.priors import LogNormal, with_priors
+from bayesdeg.priors import LogNormal, Parameter, with_priors
 from bayesdeg.report.headline import doubts_of
 from bayesdeg.report.record import InDoubt, VerdictRecord
 from tests.inference.small_study import altered, draws_near_truth, small_model
@@ -16,7 +17,7 @@ from tests.inference.small_study import altered, draws_near_truth, small_model
 STUDY = Path(__file__).resolve().parents[2] / "studies" / "gelatin_actuator"
 
 
-def results(**priors):
+def results(absorbed=None, **priors):
     """A calibration near the truth of the small study, under some other priors."""
     model = small_model()
     values = model.table.named(draws_near_truth(model, 200))
@@ -26,6 +27,7 @@ def results(**priors):
         final=SimpleNamespace(model=stated, chain=SimpleNamespace(vectors=vectors)),
         assembly=SimpleNamespace(model=stated, aside=(), whole=None),
         with_suspects=None,
+        judgement=SimpleNamespace(absorbed=absorbed),
     )
 
 
@@ -50,3 +52,23 @@ def test_an_odd_film_and_a_value_off_its_prior_reach_the_reader():
     assert len(said) == 2
     assert said[0] == suspect.why
     assert np.all(["paper stiffness" in said[1], "N/m" in said[1]])
+
+
+def test_what_pushed_a_parameter_in_question_stands_with_it():
+    prior = LogNormal(3e5, 0.3)
+    nothing = Interval(np.nan, np.nan, np.nan)
+    stiff = Displacement(
+        Parameter("paper_stiffness", prior, "N/m"), nothing, nothing, nothing, None, -7.5, 0.9
+    )
+    pushes = (
+        Push(("paper_slack",), 30.0, {"paper_stiffness": -7.0}),
+        Push(("creep",), 2.0, {"paper_stiffness": -7.5}),
+    )
+    absorbed = Absorption((stiff,), pushes)
+    study = read_study(STUDY)
+    [question] = in_doubt(study, results(absorbed, paper_stiffness=prior)).parameters_in_question
+    assert question.displacement == -7.5
+    assert question.pushed_by == (("paper_slack",),)
+    [plain] = in_doubt(study, results(paper_stiffness=prior)).parameters_in_question
+    assert {"displacement", "pushed_by"} & set(plain.model_dump()) == set()
+    assert plain.median == question.median

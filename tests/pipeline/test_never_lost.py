@@ -49,6 +49,7 @@ BROKEN = {
     OptionalStage.HELD_OUT: (judge, "held_out_and_all"),
     OptionalStage.SHARED_SCATTER: (judge, "shared_scatter"),
     OptionalStage.CONFUSABILITY: (judge, "confusability"),
+    OptionalStage.ABSORPTION: (judge, "absorption"),
     OptionalStage.LEVELS_OUT: (judge, "levels_out"),
     OptionalStage.EXPERIMENTS: (judge, "rank"),
     OptionalStage.EXTENDED: (run, "with_sampled_sizes"),
@@ -109,8 +110,9 @@ STAGES = sorted({*OptionalStage, *WRITTEN, *FIGURES} - SAID - ELSEWHERE)
 WITHOUT = {
     OptionalStage.VERDICT: {
         *("gain.csv", "gain_levels.csv", "statistics.csv", "discrepancy.csv", "loo_pit.csv"),
-        "misfit_null.csv",
+        *("misfit_null.csv", "absorption.csv", "pushes.csv"),
     },
+    OptionalStage.ABSORPTION: {"absorption.csv", "pushes.csv"},
     OptionalStage.HELD_OUT: {"gain.csv", "gain_levels.csv", "loo_pit.csv"},
     OptionalStage.SHARED_SCATTER: {"gain_levels.csv"},
     OptionalStage.LEVELS_OUT: {"gain_levels.csv"},
@@ -167,6 +169,7 @@ KEPT = [
     (run, "base_of", None),
     (judge, "Search", None),
     (judge, "held_out_and_all", None),
+    (judge, "absorption", None),
     (judge, "levels_out", lambda _search, names, **_options: names),
     (judge, "rank", lambda trials, *_args, **_options: tuple(t.names for t in trials)),
     (judge, "rupture_misfit", None),

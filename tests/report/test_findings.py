@@ -13,6 +13,7 @@ import pandas as pd
 import pytest
 
 from bayesdeg.causes.catalogue import CATALOGUE
+from bayesdeg.criticism.checks.absorption import Absorption, Displacement, Interval, Push
 from bayesdeg.criticism.checks.count_misfit import CountedLevel, CountMisfit
 from bayesdeg.criticism.checks.residuals import (
     Concentration,
@@ -50,6 +51,7 @@ from bayesdeg.pipeline.vendor import VendorCheck, VendorFigure
 from bayesdeg.prediction.control import Allowed, Setting
 from bayesdeg.prediction.lifetime import Duty
 from bayesdeg.prediction.prior_predictive import PriorPredictive
+from bayesdeg.priors import Parameter, Uniform
 from bayesdeg.report.left_out import OptionalStage
 from bayesdeg.report.record import BurstEntry, MemberEntry, UpdateEntry, VerdictRecord
 from bayesdeg.report.wording import environment, sentences, worded
@@ -181,7 +183,45 @@ COUNTED = Counted(COUNTS, (with_rivals(FLAWS, common_factor=29.2), ALIKE), 3.0)
 TWO = (with_rivals(FLAWS, dry_embrittlement=1.0), counted_cause("dry_embrittlement", 43.5, 0.3))
 
 
+def displaced(moved, adjusted, *, median):
+    """The volume ratio of films of 0.62, where a model has another."""
+    parameter = Parameter("volume_ratio", Uniform(0.2, 1.0), "–", "of the part over its mould")
+    known = Interval(0.571, 0.62, 0.668)
+    return Displacement(
+        parameter,
+        prior=Interval(0.24, 0.6, 0.96),
+        all_else=known,
+        posterior=Interval(median - 0.02, median, median + 0.02),
+        measured=None,
+        moved=moved,
+        learned=0.9,
+        score=moved,
+        p_value=adjusted,
+        adjusted=adjusted,
+    )
+
+
+def push(*causes, share, factor=80.0):
+    return Push(causes, factor, {"volume_ratio": share * 10.46})
+
+
+HIGH = displaced(10.46, 0.0034, median=0.94)
+BACK = displaced(0.31, 1.0, median=0.629)
+ABSORBED = Absorption((HIGH,), (push("pressure_offset", share=0.97),), (BACK,))
+
+
 RECORDS = {
+    "absorbed, pushed by a cause": ABSORBED,
+    "absorbed, pushed by either": replace(
+        ABSORBED, pushes=(*ABSORBED.pushes, push("creep", share=0.8, factor=79.0))
+    ),
+    "absorbed, pushed by two together": replace(
+        ABSORBED,
+        pushes=(push("creep", share=0.4), push("creep", "mullins", share=1.1)),
+    ),
+    "absorbed, pushed by nothing known": Absorption((HIGH,), (push("creep", share=0.1),)),
+    "absorbed by nothing": Absorption((BACK,)),
+    "nothing could absorb": Absorption((replace(BACK, p_value=NAN, adjusted=NAN),)),
     "counts that contradict": COUNTS,
     "counts of the study's own": replace(COUNTS, source="actuator.csv", p_value=0.4),
     "counts as expected": replace(
@@ -293,6 +333,7 @@ COSTLY = (
     ),
     *(
         OptionalStage.CONFUSABILITY,
+        OptionalStage.ABSORPTION,
         OptionalStage.LEVELS_OUT,
         OptionalStage.EXPERIMENTS,
         OptionalStage.EXTENDED,
@@ -512,6 +553,11 @@ def test_no_finding_speaks_of_degradation_where_nothing_degrades(name):
 @pytest.mark.parametrize(
     ("name", "numbers"),
     [
+        (
+            "absorbed, pushed by a cause",
+            ["0.940", "0.620", "0.571", "0.668", "10.5 of", "p = 0.003", "97 %", "0.629", "0.3"],
+        ),
+        ("absorbed by nothing", ["(1)"]),
         ("misfit not calibrated", ["18", "200"]),
         ("little power", ["10 %", "32 %"]),
         ("not predicted better", ["−20 ± 14"]),

@@ -1,0 +1,682 @@
+r"""Which parameters absorb what the model lacks, and which cause would have pushed them there.
+
+What was read on actuators is split from all else that is known of a parameter θₖ: its prior, films,
+and means of replicates. With N(m, U) the law of the parameters given all else, and readings
+y = f + X (θ − m) + e, e ~ N(0, V), the readings alone say of θₖ
+
+.. math:: \ell(\theta_k) = \mathrm{N}(y;\ f + X u_k (\theta_k - m_k),\
+    V + X (U - U_{kk} u_k u_k^T) X^T), \qquad u_k = U e_k / U_{kk}
+
+where the other parameters follow θₖ as all else has it. The posterior is the product of this and of
+the law of all else, which are independent; the posterior itself knows both, and must not be held
+against either. A right model moves the posterior's mean off m by N(0, s²),
+
+.. math:: s_k^2 = (U X^T \Sigma^{-1} X U)_{kk}, \qquad \Sigma = V + X U X^T
+
+and the law of the readings alone has variance Uₖₖ (Uₖₖ − s²)/s² and its mean Uₖₖ/s² times as far
+off m as the posterior. A parameter of which all else says little, and the readings much, has s²
+near Uₖₖ: it may move by as much as all else is uncertain. That is learning, not a contradiction.
+
+References
+----------
+Marshall and Spiegelhalter (2007), doi:10.1214/07-BA203, and Presanis, Ohlssen, Spiegelhalter and De
+Angelis (2013), doi:10.1214/13-STS426, for conflicts at a node that is split; Evans and Moshonov
+(2006), doi:10.1214/06-BA129, for conflicts of priors and data.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp, ndtr
+from threadpoolctl import threadpool_limits
+
+from bayesdeg.causes.cause import Cause
+from bayesdeg.criticism.fit.linear import Linear, linearise
+from bayesdeg.criticism.fit.search import LEAST_FACTOR, Names, Search
+from bayesdeg.criticism.fit.trials import BENT, Trial
+from bayesdeg.criticism.outcome import MISFIT_LEVEL
+from bayesdeg.criticism.subject import columns_of, with_neutral
+from bayesdeg.inference.importance import about_mode, improved
+from bayesdeg.inference.laplace import FEWEST_EFFECTIVE, Evidence, approximate
+from bayesdeg.inference.model import JointModel
+from bayesdeg.priors import Flat, Parameter
+
+Floats = NDArray[np.float64]
+
+EFFECTIVE = 4000.0
+"""Effective draws of the law of all else: p-values down to 2/4001 are told apart, and 20 parameters
+times that are still below the level that decides."""
+LEAST_LEARNED = 0.01
+"""Share of a parameter's variance that readings must take for it to be judged: those that narrow it
+by less than half a percent of its width say nothing of it."""
+MOVED = 1.645
+"""Standard deviations of all else by which a parameter in question must be off: out of the 90 %
+interval. Readings that are sure of little may be at odds with all else, and move nothing."""
+PUSHED = 0.5
+"""Share of a displacement that must go away for a cause to be said to have pushed a parameter: the
+cause explains more of it than it leaves, in either direction."""
+DRAWS = 4000  # of posteriors, for their quantiles: those at 5 % are known to a hundredth of the sd
+QUANTILES = (0.05, 0.5, 0.95)
+STEP = 1e-3  # of differences, on the sampler's scale
+UNMOVED = 1e-9  # relative change of a mean that rounding makes
+
+
+@dataclass(frozen=True)
+class AllElse:
+    """The law of the parameters given all but the readings that the model is judged by.
+
+    Parameters
+    ----------
+    draws : array, shape (n, n_parameters)
+        On the sampler's scale.
+    weights : array, shape (n,)
+        Of the draws; they sum to 1.
+    effective : float
+        Draws of equal weight that are worth as much.
+    """
+
+    draws: Floats
+    weights: Floats
+    effective: float
+
+    @cached_property
+    def mean(self) -> Floats:
+        """m, (n_parameters,)."""
+        mean: Floats = self.weights @ self.draws
+        return mean
+
+    @cached_property
+    def covariance(self) -> Floats:
+        """U, (n_parameters, n_parameters)."""
+        return np.atleast_2d(np.cov(self.draws.T, aweights=self.weights))
+
+    @property
+    def sd(self) -> Floats:
+        """Roots of the diagonal of U, (n_parameters,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    def p_value(self, place: int, centre: float, sd: float) -> float:
+        r"""Return how probable a value as far from the law of the readings alone is.
+
+        .. math:: p = 2 \min(P(\theta' > \theta''),\ P(\theta' < \theta''))
+
+        with θ' of all else and θ'' ~ N(centre, sd²), independent. The draws stand for the first:
+        means of few replicates have heavy tails, and bounded priors none.
+
+        Parameters
+        ----------
+        place : int
+            Of the parameter.
+        centre, sd : float
+            Of what the readings alone say, on the sampler's scale.
+        """
+        above = float(self.weights @ ndtr((self.draws[:, place] - centre) / max(sd, UNMOVED)))
+        tail = min(above, 1.0 - above)
+        return min(1.0, 2.0 * (1.0 + self.effective * tail) / (1.0 + self.effective))
+
+
+def judged_kinds(model: JointModel) -> tuple[str, ...]:
+    """Return the kinds of data that a model is judged by: those that ask the forward map.
+
+    Where none does, such as with films alone, they are all readings.
+    """
+    forward = tuple(one.name for one in model.observations if one.uses_forward)
+    return forward or tuple(one.name for one in model.criticised)
+
+
+def all_else(model: JointModel, start: Floats) -> AllElse:
+    """Return the law of the parameters given all but what a model is judged by.
+
+    Parameters
+    ----------
+    model : JointModel
+        With its readings.
+    start : array, shape (n_parameters,)
+        A point near.
+
+    Raises
+    ------
+    ValueError
+        If importance sampling fails.
+    """
+    rest, generator = model.without_kinds(*judged_kinds(model)), np.random.default_rng(0)
+    found = about_mode(rest, approximate(rest, generator, start=start), generator)
+    if found.effective < EFFECTIVE:
+        more = improved(rest, found, generator, draws=int(EFFECTIVE), enough=EFFECTIVE)
+        found = max(found, more, key=lambda one: one.effective)
+    if found.effective < FEWEST_EFFECTIVE:
+        raise ValueError(f"all else is known from {found.effective:.0f} effective draws only")
+    return _weighted(found)
+
+
+def _weighted(found: Evidence) -> AllElse:
+    kept = np.isfinite(found.log_weights)
+    weights = np.exp(found.log_weights[kept] - logsumexp(found.log_weights[kept]))
+    return AllElse(found.draws[kept], weights, found.effective)
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A parameter that was measured by itself.
+
+    Parameters
+    ----------
+    value, se : float
+        Mean and its standard error, in the parameter's unit.
+    source : str
+        Where it stands.
+    """
+
+    value: float
+    se: float
+    source: str
+
+
+def measured(model: JointModel, vector: Floats) -> dict[str, Measured]:
+    """Return the means of replicates that speak of one parameter alone, by its name.
+
+    Young's modulus at a degradation rate of zero is six times C1 there, whatever else holds; that
+    between the ends is of several parameters and of none alone. Of several means the one with the
+    least standard error is taken.
+
+    Parameters
+    ----------
+    model : JointModel
+        With or without such means.
+    vector : array, shape (n_parameters,)
+        Where the relation is looked at.
+    """
+    points = vector + STEP * np.vstack([np.zeros(len(vector)), np.eye(len(vector))])
+    values = model.table.named(points)
+    found: dict[str, Measured] = {}
+    for mean, expected in model.compared(values):
+        changes = expected[1:] - expected[0]
+        moving = np.flatnonzero(np.abs(changes) > UNMOVED * np.abs(expected[0]))
+        if len(moving) != 1:
+            continue
+        name = model.table.names[moving[0]]
+        own = values[name]
+        slope = changes[moving[0]] / (own[moving[0] + 1] - own[0])
+        one = Measured(
+            float(own[0] + (mean.value - expected[0]) / slope),
+            float(mean.se / abs(slope)),
+            str(mean.source),
+        )
+        if name not in found or one.se < found[name].se:
+            found[name] = one
+    return found
+
+
+@dataclass(frozen=True)
+class Interval:
+    """Median and 90 % interval of a parameter, in its unit."""
+
+    low: float
+    median: float
+    high: float
+
+    @classmethod
+    def of(cls, parameter: Parameter, draws: Floats, weights: Floats | None = None) -> "Interval":
+        """Return that of draws on the sampler's scale, (n,), with weights or without."""
+        return cls(
+            *(float(parameter.law.from_unconstrained(q)) for q in _quantiles(draws, weights))
+        )
+
+
+NO_INTERVAL = Interval(float("nan"), float("nan"), float("nan"))
+"""Of a flat prior."""
+
+
+def _quantiles(draws: Floats, weights: Floats | None) -> Floats:
+    if weights is None:
+        return np.quantile(draws, QUANTILES)
+    order = np.argsort(draws)
+    found: Floats = np.interp(QUANTILES, np.cumsum(weights[order]), draws[order])
+    return found
+
+
+@dataclass(frozen=True)
+class Displacement:
+    """One parameter, calibrated, against what all else says of it.
+
+    Parameters
+    ----------
+    parameter : Parameter
+        With its prior.
+    prior, all_else, posterior : Interval
+        Of the prior, of all but the readings, and of the posterior.
+    measured : Measured or None
+        A measurement of the parameter alone; None where there is none.
+    moved : float
+        How far the posterior's mean is off that of all else, in standard deviations of all else on
+        the sampler's scale.
+    learned : float
+        s²/U, the share of the variance that the readings take [–]; 0 where they do not show it.
+    score : float
+        The same distance in standard deviations of what a right model gives, moved/√learned; nan
+        where it is not judged.
+    p_value, adjusted : float
+        Of the readings against all else, and with all parameters that were judged counted; nan
+        where it is not judged.
+    """
+
+    parameter: Parameter
+    prior: Interval
+    all_else: Interval
+    posterior: Interval
+    measured: Measured | None
+    moved: float
+    learned: float
+    score: float = float("nan")
+    p_value: float = float("nan")
+    adjusted: float = float("nan")
+
+    @property
+    def is_judged(self) -> bool:
+        """Whether the readings could have contradicted all else."""
+        return not np.isnan(self.p_value)
+
+    @property
+    def is_in_question(self) -> bool:
+        """Whether the readings contradict all else more than chance does, and have moved it."""
+        return self.is_judged and self.adjusted <= MISFIT_LEVEL and abs(self.moved) > MOVED
+
+
+def holm(p_values: Floats) -> Floats:
+    """Return p-values with all of a family counted, (k,).
+
+    The probability that any is at most a level, if every hypothesis holds, is at most that level,
+    however the statistics depend on one another: displacements of parameters that readings confuse
+    go together, with either sign, for which the procedure of Benjamini and Hochberg gives no
+    guarantee. One parameter accused wrongly is an error, however many are accused rightly.
+
+    References
+    ----------
+    Holm (1979), Scandinavian Journal of Statistics 6, 65-70, https://www.jstor.org/stable/4615733.
+
+    Examples
+    --------
+    >>> holm(np.array([0.01, 0.2, 0.03]))
+    array([0.03, 0.2 , 0.06])
+    """
+    order = np.argsort(p_values)
+    stepped = np.maximum.accumulate(p_values[order] * np.arange(len(order), 0, -1))
+    adjusted = np.empty(len(order))
+    adjusted[order] = np.minimum(stepped, 1.0)
+    return adjusted
+
+
+@dataclass(frozen=True)
+class Split:
+    """A fitted model with what it is judged by split from all else.
+
+    Parameters
+    ----------
+    trial : Trial
+        The fitted model.
+    known : AllElse
+        What all else says.
+    linear : Linear
+        The readings that it is judged by, linearised with the law of all else.
+    """
+
+    trial: Trial
+    known: AllElse
+    linear: Linear
+
+    @property
+    def model(self) -> JointModel:
+        """What was fitted."""
+        return self.trial.subject
+
+    @cached_property
+    def columns(self) -> Floats:
+        """Whitened X U, (n_readings, n_parameters)."""
+        return self.linear.whiten_columns(self.linear.jacobian @ self.known.covariance)
+
+    @cached_property
+    def learned(self) -> Floats:
+        """s²/U of each parameter, (n_parameters,)."""
+        share = np.sum(self.columns**2, axis=0) / np.diag(self.known.covariance)
+        moves = np.any(self.linear.jacobian != 0.0, axis=0)
+        # the readings' scatter has no column of its own: what correlates with it is not its own
+        return np.where(moves, np.minimum(share, 1.0), 0.0)
+
+    @cached_property
+    def draws(self) -> Floats:
+        """Draws from the posterior, (n, n_parameters)."""
+        return self.trial.draws(np.random.default_rng(0), DRAWS)
+
+    @cached_property
+    def moved(self) -> Floats:
+        """How far the posterior's mean is off all else, in its standard deviations."""
+        return np.asarray((np.mean(self.draws, axis=0) - self.known.mean) / self.known.sd)
+
+    @cached_property
+    def displacements(self) -> tuple[Displacement, ...]:
+        """Every parameter that is not of a cause, in the order of the model."""
+        direct = measured(self.model, self.trial.mode)
+        names = self.model.table.names
+        found = [self._one(p, names.index(p.name), direct.get(p.name)) for p in self.model.base]
+        return tuple(_with_all_counted(found))
+
+    def _one(self, parameter: Parameter, place: int, direct: Measured | None) -> Displacement:
+        law, share = parameter.law, float(self.learned[place])
+        is_flat = isinstance(law, Flat)
+        is_unknown = is_flat and len(judged_kinds(self.model)) == len(self.model.observations)
+        known = Interval.of(parameter, self.known.draws[:, place], self.known.weights)
+        one = Displacement(
+            parameter,
+            prior=NO_INTERVAL if is_flat else Interval(*law.quantile(QUANTILES).tolist()),
+            all_else=NO_INTERVAL if is_unknown else known,
+            posterior=Interval.of(parameter, self.draws[:, place]),
+            measured=direct,
+            moved=float("nan") if is_unknown else float(self.moved[place]),
+            learned=share,
+        )
+        is_shown = share >= LEAST_LEARNED and (direct is not None or not is_flat)
+        return self._tested(one, place) if is_shown else one
+
+    def _tested(self, one: Displacement, place: int) -> Displacement:
+        """Return it with what the readings alone say held against all else."""
+        sd, share = float(self.known.sd[place]), one.learned
+        centre = float(self.known.mean[place]) + sd * one.moved / share
+        alone = sd * float(np.sqrt((1.0 - share) / share))
+        p_value = self.known.p_value(place, centre, alone)
+        return replace(one, score=one.moved / float(np.sqrt(share)), p_value=p_value)
+
+    @cached_property
+    def _films(self) -> Linear | None:
+        """The readings that are part of all else, linearised; None if there are none."""
+        model = self.model.without_kinds(*judged_kinds(self.model))
+        if not len(model.observed):
+            return None
+        trial = self.trial
+        return linearise(model, trial.mode, uncertain=trial.uncertain, centre=trial.centre)
+
+    def shift_by(self, effect: "PlacedEffect") -> Floats:
+        r"""Return how far an effect moves the model without it off all else, (n_parameters,).
+
+        .. math:: \delta = U X^T \Sigma^{-1} (d - X \delta_0), \qquad
+            \delta_0 = U_0 X_0^T \Sigma_0^{-1} d_0
+
+        with d the change of the readings, and d₀ that of the films, which moves what all else says
+        by δ₀: N(m₀, U₀) is known without films. In standard deviations of all else.
+
+        Parameters
+        ----------
+        effect : PlacedEffect
+            What acts, and where.
+        """
+        off = effect.of(self.linear.subject) - self.linear.jacobian @ self._by_films(effect)
+        found = self.columns.T @ self.linear.whiten_columns(off)
+        return np.asarray(found / self.known.sd)
+
+    def refit_shift(self, trial: Trial, effect: "PlacedEffect") -> Floats:
+        """Return the same from a model that was fitted with the effect, (n_parameters,).
+
+        What the posterior's mean goes back by where the effect is part of the model: in a linear
+        model that is `shift_by`.
+
+        Parameters
+        ----------
+        trial : Trial
+            The same model with the effect's causes active, fitted.
+        effect : PlacedEffect
+            That of its causes.
+        """
+        there = dict(zip(trial.subject.table.names, _mean_of(trial), strict=True))
+        back = np.mean(self.draws, axis=0) - [there[name] for name in self.model.table.names]
+        return np.asarray((back - self._by_films(effect)) / self.known.sd)
+
+    def _by_films(self, effect: "PlacedEffect") -> Floats:
+        """Return δ₀, (n_parameters,)."""
+        films = self._films
+        if films is None:
+            return np.zeros(len(self.known.mean))
+        moved = films.whiten_columns(films.jacobian @ self.trial.uncertain)
+        return np.asarray(moved.T @ films.whiten_columns(effect.of(films.subject)))
+
+
+def _mean_of(trial: Trial) -> Floats:
+    return np.asarray(np.mean(trial.draws(np.random.default_rng(0), DRAWS), axis=0))
+
+
+def _with_all_counted(found: list[Displacement]) -> list[Displacement]:
+    judged = [k for k, one in enumerate(found) if one.is_judged]
+    adjusted = holm(np.array([found[k].p_value for k in judged]))
+    for k, p_value in zip(judged, adjusted, strict=True):
+        found[k] = replace(found[k], adjusted=float(p_value))
+    return found
+
+
+def split(trial: Trial) -> Split:
+    """Split a fitted model's readings from all else.
+
+    Where a parameter has given way to the readings, the readings are linearised at what all else
+    says of it: a scatter that grew to make room for an effect would hide how far off the others
+    are, and a law with heavy tails gives way altogether.
+
+    Parameters
+    ----------
+    trial : Trial
+        The fitted model.
+
+    Raises
+    ------
+    ValueError
+        If all else could not be sampled, or the model does not answer where it was fitted.
+    """
+    model = trial.subject
+    known = all_else(model, trial.mode)
+    judged = judged_kinds(model)
+    alone = model.without_kinds(*(k.name for k in model.criticised if k.name not in judged))
+    bent = np.abs(trial.mode - known.mean) > BENT * known.sd
+    for cause in model.causes:
+        bent[columns_of(model, cause)] = False
+    for point in (np.where(bent, known.mean, trial.mode), trial.mode):
+        linear = linearise(alone, point, uncertain=known.covariance, centre=known.mean)
+        if linear.is_known:
+            return Split(trial, known, linear)
+    raise ValueError("the model does not answer at its mode")
+
+
+@dataclass(frozen=True)
+class PlacedEffect:
+    """Causes at given sizes, at a point of the parameter space.
+
+    Parameters
+    ----------
+    causes : tuple of Cause
+        What acts.
+    vector : array, shape (n_parameters + n_sizes,)
+        Of the model with the causes.
+    neutral : array, the same shape
+        The same where they have no effect.
+    """
+
+    causes: tuple[Cause, ...]
+    vector: Floats
+    neutral: Floats
+
+    @classmethod
+    def at(cls, model: JointModel, point: Floats, cause: Cause, size: Floats) -> "PlacedEffect":
+        """Return the effect of a cause that a model lacks.
+
+        Parameters
+        ----------
+        model : JointModel
+            Without the cause.
+        point : array, shape (n_parameters,)
+            Its parameters.
+        cause : Cause
+            What acts.
+        size : array, shape (n_sizes,)
+            On the unconstrained scale.
+        """
+        extended = model.extended(cause)
+        neutral = with_neutral(point, model, extended)
+        vector = neutral.copy()
+        vector[columns_of(extended, cause)] = size
+        return cls((cause,), vector, neutral)
+
+    def of(self, model: JointModel) -> Floats:
+        """Return the change of a model's readings, (n,); nan where it has no answer."""
+        readings = model.extended(*self.causes).expected(np.stack([self.vector, self.neutral]))
+        change: Floats = readings[0] - readings[1]
+        return change
+
+
+@dataclass(frozen=True)
+class Push:
+    """What one cause, or several together, would do to the parameters of a model without it.
+
+    Parameters
+    ----------
+    causes : tuple of str
+        Which.
+    log_bayes_factor : float
+        Of the fitted or screened model with them, against the one without a cause [nats].
+    shifts : mapping
+        By parameter, how far it is moved off all else, in standard deviations of all else.
+    """
+
+    causes: tuple[str, ...]
+    log_bayes_factor: float
+    shifts: Mapping[str, float]
+
+    def share(self, one: Displacement) -> float:
+        """Return the share of a displacement that it explains [–]; nan of none."""
+        return self.shifts[one.parameter.name] / one.moved if one.moved else float("nan")
+
+    def explains(self, one: Displacement) -> bool:
+        """Return whether more of a displacement goes away than is left, see `PUSHED`."""
+        return abs(1.0 - self.share(one)) <= PUSHED
+
+
+@dataclass(frozen=True)
+class Absorption:
+    """What the parameters of the base model took up, and what would have pushed them.
+
+    Parameters
+    ----------
+    displacements : tuple of Displacement
+        Of the base model.
+    pushes : tuple of Push
+        Every cause by itself, then those together that the evidence favours, if several.
+    after : tuple of Displacement
+        The same parameters with the causes that the evidence favours; empty if there are none.
+    """
+
+    displacements: tuple[Displacement, ...]
+    pushes: tuple[Push, ...] = ()
+    after: tuple[Displacement, ...] = ()
+
+    @property
+    def judged(self) -> tuple[Displacement, ...]:
+        """Parameters that the readings could have contradicted."""
+        return tuple(one for one in self.displacements if one.is_judged)
+
+    @property
+    def in_question(self) -> tuple[Displacement, ...]:
+        """Parameters that the readings contradict, the farthest first."""
+        found = [one for one in self.displacements if one.is_in_question]
+        return tuple(sorted(found, key=lambda one: -abs(one.score)))
+
+    def pushed_by(self, one: Displacement) -> tuple[Push, ...]:
+        """Return what would have pushed a parameter to where it is, the best first.
+
+        Each cause has a Bayes factor that speaks for it, within odds of 20 of the best, and
+        explains more of the displacement than it leaves: any one of them may have pushed it. Where
+        none does by itself, those that the evidence favours together, if they do. Empty if nothing
+        in the catalogue would have.
+        """
+        factors = [push.log_bayes_factor for push in self.pushes]
+        least = max(LEAST_FACTOR, max(factors, default=-np.inf) - LEAST_FACTOR)
+        leading = [push for push in self.pushes if push.log_bayes_factor >= least]
+        found = [push for push in leading if push.explains(one)]
+        found.sort(key=lambda push: -push.log_bayes_factor)
+        alone = tuple(push for push in found if len(push.causes) == 1)
+        return alone or tuple(found)
+
+    def of(self, name: str) -> Displacement | None:
+        """Return what is known of a parameter of the base model; None if there is no such."""
+        return next((one for one in self.displacements if one.parameter.name == name), None)
+
+    def returned(self, one: Displacement) -> Displacement | None:
+        """Return what became of a parameter with the causes that the evidence favours."""
+        name = one.parameter.name
+        return next((other for other in self.after if other.parameter.name == name), None)
+
+
+def absorption(search: Search, chosen: Names) -> Absorption:
+    """Return what the base model's parameters took up, and which causes would have pushed them.
+
+    Parameters
+    ----------
+    search : Search
+        With the base model screened, and some sets of causes fitted.
+    chosen : frozenset of str
+        The causes that the evidence favours.
+
+    Raises
+    ------
+    ValueError
+        As of `split`.
+    """
+    with threadpool_limits(limits=1):  # the same sums in the same order, whatever the machine
+        base = split(search.base)
+        pushes = tuple(_pushes(search, base, chosen))
+        after = split(search.trials[chosen]).displacements if chosen else ()
+    return Absorption(base.displacements, pushes, after)
+
+
+def _pushes(search: Search, base: Split, chosen: Names) -> Iterable[Push]:
+    """Yield what every cause would do by itself, then those together that the evidence favours.
+
+    One that was fitted by itself, by what that fit took back. One that was fitted among others
+    alone, or screened, by the linear model at the size that it has there.
+    """
+    step, names = search.step(search.base.names), base.model.table.names
+    for cause in search.causes:
+        own = frozenset({cause.name})
+        if own in search.trials and (cause.name not in chosen or chosen == own):
+            shift = base.refit_shift(search.trials[own], effect_in(search.trials[own], own))
+            factor = search.factor(own)
+        elif cause.name in chosen:
+            shift = base.shift_by(effect_in(search.trials[chosen], own))
+            factor = search.factor(chosen)
+        else:
+            effect = PlacedEffect.at(base.model, base.linear.mode, *step.guess(cause.name))
+            shift, factor = base.shift_by(effect), step.screened[cause.name].log_bayes_factor
+        yield _push((cause.name,), factor, shift, names)
+    if len(chosen) > 1:
+        trial = search.trials[chosen]
+        shift = base.refit_shift(trial, effect_in(trial, chosen))
+        yield _push(tuple(sorted(chosen)), search.factor(chosen), shift, names)
+
+
+def _push(causes: tuple[str, ...], factor: float, shift: Floats, names: Iterable[str]) -> Push:
+    return Push(causes, factor, dict(zip(names, shift.tolist(), strict=True)))
+
+
+def effect_in(trial: Trial, names: Names) -> PlacedEffect:
+    """Return the effect that some of a fitted model's causes have there.
+
+    Parameters
+    ----------
+    trial : Trial
+        With the causes active.
+    names : frozenset of str
+        Those whose effect it is.
+    """
+    acting = tuple(cause for cause in trial.subject.causes if cause.name in names)
+    lacking = replace(trial.subject, causes=acting)
+    table = dict(zip(trial.subject.table.names, trial.mode, strict=True))
+    vector = np.array([table[name] for name in lacking.table.names])
+    bare = replace(lacking, causes=())
+    neutral = with_neutral(vector[: len(bare.table)], bare, lacking)
+    return PlacedEffect(acting, vector, neutral)
