@@ -29,10 +29,12 @@ from skfem.models.poisson import laplace
 from bayesdeg.actuator import kernels
 from bayesdeg.actuator.body import Body, boundary_faces
 from bayesdeg.actuator.equilibrium import LoadStep, find_equilibrium
+from bayesdeg.actuator.inputs import ForwardMap, Inputs, Prediction, load_of, material_groups
 from bayesdeg.actuator.linear import Factorization, open_factorization
 from bayesdeg.actuator.material import MaterialGroups, local_constants
-from bayesdeg.actuator.mesh import ActuatorMesh
-from bayesdeg.actuator.outputs import OUTPUTS, read_state
+from bayesdeg.actuator.mesh import ActuatorMesh, build_mesh
+from bayesdeg.actuator.moulded import Moulded
+from bayesdeg.actuator.outputs import OUTPUTS, PEAK, read_state
 from bayesdeg.actuator.problem import (
     Linearisation,
     MechanicalState,
@@ -40,7 +42,7 @@ from bayesdeg.actuator.problem import (
     System,
     stored_pairs,
 )
-from bayesdeg.actuator.status import PathEffort
+from bayesdeg.actuator.status import PathEffort, Resolution, Status
 from bayesdeg.actuator.weak_form import Spaces, mass, on_faces
 
 Floats = NDArray[np.float64]
@@ -584,27 +586,27 @@ class Schedule(NamedTuple):
 
 
 @dataclass
-class FieldActuator:
-    """A meshed actuator that is tested with materials that have a memory.
+class FieldBody:
+    """A body whose material has a memory, from one equilibrium to the next.
 
     Parameters
     ----------
-    mesh : ActuatorMesh
-        Of the geometry.
+    body : Body
+        With what is held, pressed and papered.
     material : MaterialGroups
         Of the paper, the bulk modulus, and of the body where no memory says else.
     effort : PathEffort
         Of each equilibrium.
     """
 
-    mesh: ActuatorMesh
+    body: Body
     material: MaterialGroups
     effort: PathEffort = AN_EFFORT
 
     @cached_property
     def system(self) -> System:
         """Numbering and sparsity."""
-        return System(self.mesh.body)
+        return System(self.body)
 
     @cached_property
     def solver(self) -> Factorization:
@@ -614,63 +616,53 @@ class FieldActuator:
     @property
     def constants(self) -> Floats:
         """Of the material's groups at every quadrature point, (n_elements, n_points, 4) [C1]."""
-        return local_constants(self.material, self.mesh.body)
+        return local_constants(self.material, self.body)
 
-    def tested(
-        self,
-        memory: Memory,
-        schedule: Schedule,
-        *,
-        on_reading: Callable[[], None] | None = None,
-    ) -> Floats:
-        """Return what is read, (n, n_outputs) in the order of `OUTPUTS`; nan past a failure.
+    @property
+    def rest(self) -> LoadStep:
+        """The undeformed state."""
+        return LoadStep(self.system.rest(), None, None, 0)
+
+    def later(
+        self, last: LoadStep, load: float, memory: Memory, span: float
+    ) -> tuple[LoadStep, Memory]:
+        """Return the equilibrium after a span of time, and what the material then remembers.
 
         Parameters
         ----------
+        last : LoadStep
+            Where it was.
+        load : float
+            p/C1, set at the beginning of the span and held [–].
         memory : Memory
-            Of the material before the test.
-        schedule : Schedule
-            Loads and holds.
-        on_reading : callable, optional
-            Called after each.
-        """
-        found = np.full((len(schedule.load), len(OUTPUTS)), np.nan)
-        state, angle = self.system.rest(), 0.0
-        last = LoadStep(state, None, None, 0)
-        for row, (load, held) in enumerate(zip(*schedule, strict=True)):
-            for span in (0.0, *_parts(float(held), memory.longest)):
-                last, memory = self._stepped(last, float(load), memory, span)
-                if last.rate is None:
-                    return found
-            assert last.rate is not None
-            reading = read_state(self.mesh, last.state, rate=last.rate, previous_angle=angle)
-            found[row], angle = reading.values, reading.bend_angle
-            if on_reading is not None:
-                on_reading()
-        return found
+            What the material remembers.
+        span : float
+            0 for what happens at once [s].
 
-    def _stepped(
-        self, last: LoadStep, load: float, memory: Memory, span: float
-    ) -> tuple[LoadStep, Memory]:
-        """Return the equilibrium after a span of time, and what the material then remembers."""
-        gradient = deformation(self.mesh.body, last.state.displacement)
-        if not memory.follows_state:
-            last = self._found(memory.field(span, gradient), last, load)
-        else:
+        Returns
+        -------
+        LoadStep
+            Without a rate where there is no equilibrium.
+        Memory
+        """
+        gradient = deformation(self.body, last.state.displacement)
+        if memory.follows_state:
             last = self._swept(memory, last, load, span)
+        else:
+            last = self._found(memory.field(span, gradient), last, load)
         if last.rate is None:
             return last, memory
-        return last, memory.after(span, deformation(self.mesh.body, last.state.displacement))
+        return last, memory.after(span, deformation(self.body, last.state.displacement))
 
     def _swept(self, memory: Memory, last: LoadStep, load: float, span: float) -> LoadStep:
         """Return the equilibrium with the field that follows from it, found by turns."""
-        gradient = deformation(self.mesh.body, last.state.displacement)
+        gradient = deformation(self.body, last.state.displacement)
         field, share, change = memory.field(span, gradient), RELAXED, np.inf
         for _ in range(SWEEPS):
             last = self._found(field, last, load)
             if last.rate is None:
                 return last
-            gradient = deformation(self.mesh.body, last.state.displacement)
+            gradient = deformation(self.body, last.state.displacement)
             wanted = memory.field(span, gradient)
             before, change = change, _change(field.constants, wanted.constants)
             if change < SETTLED:
@@ -703,6 +695,77 @@ class FieldActuator:
         return self._reached(equations, middle, load, halvings - 1)
 
 
+@dataclass
+class FieldActuator:
+    """A meshed actuator that is tested with materials that have a memory.
+
+    Parameters
+    ----------
+    mesh : ActuatorMesh
+        Of the geometry.
+    material : MaterialGroups
+        As of `FieldBody`.
+    effort : PathEffort
+        Of each equilibrium.
+
+    Examples
+    --------
+    >>> from bayesdeg.actuator.geometry import Geometry
+    >>> from bayesdeg.actuator.mesh import COARSE, build_mesh
+    >>> from bayesdeg.data.settings import Dimensions
+    >>> mesh = build_mesh(Geometry(Dimensions(length=14.0, chambers=1)), COARSE)
+    >>> actuator = FieldActuator(mesh, MaterialGroups(0.0, 0.0, paper_group=100.0))
+    >>> viscous = Viscous(actuator.body.constants, shares=(0.2,), times=(30.0,))
+    >>> quick, slow = (
+    ...     actuator.tested(viscous, Schedule(np.array([0.1]), np.array([held])))[0, 0]
+    ...     for held in (0.0, 60.0)
+    ... )
+    >>> round(float(slow / quick), 2)  # bend angles: paper does not creep
+    1.24
+    """
+
+    mesh: ActuatorMesh
+    material: MaterialGroups
+    effort: PathEffort = AN_EFFORT
+
+    @cached_property
+    def body(self) -> FieldBody:
+        """Its body."""
+        return FieldBody(self.mesh.body, self.material, self.effort)
+
+    def tested(
+        self,
+        memory: Memory,
+        schedule: Schedule,
+        *,
+        on_reading: Callable[[], None] | None = None,
+    ) -> Floats:
+        """Return what is read, (n, n_outputs) in the order of `OUTPUTS`; nan past a failure.
+
+        Parameters
+        ----------
+        memory : Memory
+            Of the material before the test.
+        schedule : Schedule
+            Loads and holds.
+        on_reading : callable, optional
+            Called after each.
+        """
+        found = np.full((len(schedule.load), len(OUTPUTS)), np.nan)
+        last, angle = self.body.rest, 0.0
+        for row, (load, held) in enumerate(zip(*schedule, strict=True)):
+            for span in (0.0, *_parts(float(held), memory.longest)):
+                last, memory = self.body.later(last, float(load), memory, span)
+                if last.rate is None:
+                    return found
+            assert last.rate is not None
+            reading = read_state(self.mesh, last.state, rate=last.rate, previous_angle=angle)
+            found[row], angle = reading.values, reading.bend_angle
+            if on_reading is not None:
+                on_reading()
+        return found
+
+
 def _parts(held: float, longest: float) -> list[float]:
     """Return spans of a hold, none longer than ``longest``; none without a hold."""
     if held <= 0.0 or np.isinf(longest):
@@ -714,3 +777,89 @@ def _parts(held: float, longest: float) -> list[float]:
 def _change(before: Floats, now: Floats) -> float:
     """Return the largest change of C1, relative."""
     return float(np.max(np.abs(now[..., 0] / before[..., 0] - 1.0)))
+
+
+class FieldMap:
+    """A forward map of actuators that are tested in time, each with a material of its own.
+
+    Parameters
+    ----------
+    geometry : Moulded
+        The actuator as moulded.
+    resolution : Resolution
+        Of the mesh on which fields are solved.
+    held : array, shape (n_specimens, n_readings)
+        How long each pressure is held before it is read [s].
+    remembering : callable
+        Returns the memory of a specimen, given its actuator and its place.
+    finer : ForwardMap, optional
+        Elastic, on a finer mesh: its readings are multiplied by what the field changes on the
+        coarser one, which depends far less on the mesh than the readings do.
+
+    Notes
+    -----
+    The slope of a prediction, which nothing here needs, is nan. Causes that count from a reference
+    pressure are refused.
+    """
+
+    def __init__(
+        self,
+        geometry: Moulded,
+        resolution: Resolution,
+        held: Floats,
+        remembering: Callable[[FieldActuator, int], Memory],
+        *,
+        finer: ForwardMap | None = None,
+    ) -> None:
+        self.mesh = build_mesh(geometry, resolution)
+        self.held, self.remembering, self.finer = held, remembering, finer
+
+    def __call__(self, inputs: Inputs) -> Prediction:
+        """Test every specimen; inputs are (1, n_specimens, n_readings)."""
+        if inputs.reference_pressure is not None:
+            raise ValueError("a test in time counts from no reference pressure")
+        load = np.broadcast_to(load_of(inputs), (1, *self.held.shape))[0]
+        groups = {name: np.ravel(group) for name, group in material_groups(inputs).items()}
+        scale = np.broadcast_to(inputs.linear_scale, (1, len(load), 1))[0, :, 0]
+        rows = [
+            self._tested(load[k], {n: float(g[k % len(g)]) for n, g in groups.items()}, k)
+            for k in range(len(load))
+        ]
+        angle, length, peak = np.moveaxis(np.array(rows), -1, 0)
+        return self._predicted(inputs, angle, length * scale[:, None], peak)
+
+    def _tested(self, load: Floats, groups: dict[str, float], specimen: int) -> Floats:
+        """Return bend angle, arc length and peak stretch, (n_readings, 3), at moulded size."""
+        actuator = FieldActuator(self.mesh, MaterialGroups(**groups))
+        schedule = Schedule(load, self.held[specimen])
+        read = actuator.tested(self.remembering(actuator, specimen), schedule)
+        found = read[:, [0, 1, PEAK]]
+        if self.finer is not None:
+            elastic = actuator.tested(Elastic(Field(actuator.body.constants)), schedule)
+            found = found / elastic[:, [0, 1, PEAK]]
+        actuator.body.solver.close()
+        return found
+
+    def _predicted(
+        self, inputs: Inputs, angle: Floats, length: Floats, peak: Floats
+    ) -> Prediction:
+        none, solved = np.zeros((1, *angle.shape)), np.isfinite(angle)[None]
+        status = np.where(solved, int(Status.CONVERGED), int(Status.EFFORT_EXHAUSTED))
+        curvature, degrees = 1e3 * angle / length, np.degrees(angle)
+        if self.finer is not None:
+            fine = self.finer(inputs)
+            scale = np.broadcast_to(inputs.linear_scale, fine.curvature.shape)
+            curvature = fine.curvature * angle / (length / scale)
+            degrees, peak = fine.bend_angle * angle, fine.peak_stretch * peak
+            status = np.maximum(status, fine.status)
+        shape = none.shape
+        return Prediction(
+            curvature=np.broadcast_to(curvature, shape),
+            bend_angle=np.broadcast_to(degrees, shape),
+            peak_stretch=np.broadcast_to(peak, shape),
+            slope=np.full(shape, np.nan),
+            sd=none,
+            bend_angle_sd=none,
+            peak_stretch_sd=none,
+            status=status,
+        )
