@@ -199,13 +199,17 @@ def by_skin(parts: list[Part]) -> Callable[[np.ndarray, Part, float], np.ndarray
 
 
 def compared(
-    curves: Curves, rule: Callable[[np.ndarray, Part, float], np.ndarray], start: Mapping[str, float]
+    curves: Curves,
+    rule: Callable[[np.ndarray, Part, float], np.ndarray],
+    start: Mapping[str, float],
 ) -> dict[str, object]:
     """Fit a rule to the curves of a physics; return its size and what it leaves."""
 
     def left(logs: np.ndarray) -> np.ndarray:
         sizes = np.exp(logs)
-        return np.concatenate([_over(rule(sizes, o, held) - read, read) for o, held, read in curves])
+        return np.concatenate(
+            [_over(rule(sizes, o, held) - read, read) for o, held, read in curves]
+        )
 
     effect = np.concatenate([_over(read - one.elastic(PATH), read) for one, _, read in curves])
     fit = least_squares(left, np.log(list(start.values())))
@@ -261,7 +265,9 @@ def _crept(table: pd.DataFrame) -> dict[str, object]:
     return {
         "recordings": int(table["file"].nunique()),
         "displacements": len(growth),
-        "size": dict(zip(("amount", "time_constant"), np.exp(fit.x).round(3).tolist(), strict=True)),
+        "size": dict(
+            zip(("amount", "time_constant"), np.exp(fit.x).round(3).tolist(), strict=True)
+        ),
         "effect_pct": round(100.0 * rms[0], 2),
         "left_pct": round(100.0 * rms[1], 2),
         "worst_pct": round(100.0 * float(np.max(np.abs(rest))), 2),
@@ -277,7 +283,7 @@ def main() -> None:
     parts = [part(level, Truth()) for level in LEVELS]
     sizes = {
         "creep": {"amount": 0.1, "time_constant": 30.0},
-        "mullins": {"softening": 0.1},
+        "mullins": {"softening": 0.1, "onset": 0.1},
         "humidity_drift": {"stiffening": 0.05, "time_constant": 900.0},
     }
     physics = {"creep": of_creep, "mullins": of_mullins, "humidity_drift": of_drying}

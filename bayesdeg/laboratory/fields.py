@@ -840,9 +840,7 @@ class FieldMap:
         actuator.body.solver.close()
         return found
 
-    def _predicted(
-        self, inputs: Inputs, angle: Floats, length: Floats, peak: Floats
-    ) -> Prediction:
+    def _predicted(self, inputs: Inputs, angle: Floats, length: Floats, peak: Floats) -> Prediction:
         none, solved = np.zeros((1, *angle.shape)), np.isfinite(angle)[None]
         status = np.where(solved, int(Status.CONVERGED), int(Status.EFFORT_EXHAUSTED))
         curvature, degrees = 1e3 * angle / length, np.degrees(angle)

@@ -121,7 +121,9 @@ def test_the_tangent_is_the_derivative_of_the_residual(mesh):
     def moved(scale):
         return body.system.expand(scale * rng.standard_normal(len(body.system.free)))
 
-    state = MechanicalState(moved(0.01), 0.1 * rng.standard_normal((len(mesh.body.elements), 4)), 0.1)
+    state = MechanicalState(
+        moved(0.01), 0.1 * rng.standard_normal((len(mesh.body.elements), 4)), 0.1
+    )
     along = MechanicalState(moved(1.0), rng.standard_normal(state.pressure.shape), 0.0)
     step = 1e-6
     ends = [
