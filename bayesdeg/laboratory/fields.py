@@ -77,7 +77,7 @@ class Field:
 
 @dataclass(frozen=True, eq=False)
 class FieldEquations:
-    r"""The equations of `Problem` with an overstress H and a volume J* that the material strives for.
+    r"""The equations of `Problem` with an overstress H and a volume J* that the material wants.
 
     .. math:: \int F H : \nabla v\, dV \quad\text{is added, and}\quad
         \int q (J - J^* - p/K)\, dV = 0.
