@@ -57,7 +57,7 @@ USUAL: Mapping[str, Mapping[str, float]] = {
     "pressure_offset": {"offset": 8.0},
     "creep": {"amount": 0.06, "time_constant": 30.0},
     "humidity_drift": {"stiffening": 0.08, "time_constant": 900.0},
-    "mullins": {"softening": 0.08},
+    "mullins": {"softening": 0.08, "onset": 0.1},
     "curvature_reading": {"fibre_height": 5.0, "magnification": 0.0},
     "stress_measure": {"confusion": 0.4},
 }

@@ -8,6 +8,7 @@ number alone. What stands there is left alone.
 """
 
 import argparse
+import json
 from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
@@ -21,7 +22,7 @@ from hidden_studies import LARGEST_PRESSURE, OUTSIDE, HiddenStudy, designs, made
 from bayesdeg.actuator.curve import ExactMap
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.inputs import ForwardMap, Inputs, Prediction
-from bayesdeg.actuator.mesh import FINE
+from bayesdeg.actuator.mesh import COARSE, FINE
 from bayesdeg.causes.catalogue import find
 from bayesdeg.causes.cause import Cause
 from bayesdeg.causes.flaw_embrittlement import SMOOTH
@@ -29,6 +30,17 @@ from bayesdeg.console import shown
 from bayesdeg.data.settings import Dimensions
 from bayesdeg.emulator.workers import pool
 from bayesdeg.laboratory.experiment import Design
+from bayesdeg.laboratory.fields import (
+    Diffusion,
+    Elastic,
+    Field,
+    FieldActuator,
+    FieldMap,
+    Memory,
+    Softened,
+    Viscous,
+    reacted,
+)
 from bayesdeg.laboratory.truth import HiddenEffect, Three
 
 Key = tuple[tuple[str, tuple[int, ...], bytes], ...]
@@ -40,6 +52,7 @@ EVERY_LEVEL = (0.0, 5.0, 10.0, 15.0, 20.0, 25.0)
 FLAWS = "flaw_embrittlement"
 COPIES = {0.0: 2, 10.0: 2, 22.5: 3, 25.0: 5}  # of actuators that are inflated until they burst
 STEP, LARGEST_OF_STIFF = 40.0, 520.0  # kPa; of those, and of what is degraded beyond `SMOOTH`
+STEEPNESS = 0.068  # d ln C/dD of the reference material [1/%]
 BRITTLE = (209.8, 75.0, 16.0)  # elongation at break of films that break early [%]
 
 
@@ -63,6 +76,9 @@ class Planted:
         The study whose actuators it tests anew, with curves that are solved once; empty if none.
     elongation : tuple of float, optional
         At break, of films [%].
+    memory : callable, optional
+        Of an actuator at a degradation rate [%]: what is hidden is this physics, and ``hidden``
+        only says what its sizes are.
     """
 
     design: str
@@ -72,9 +88,12 @@ class Planted:
     bursts: bool = False
     twin: str = ""
     elongation: Three | None = None
+    memory: Callable[[FieldActuator, float], Memory] | None = None
 
     def effects(self) -> tuple[HiddenEffect, ...]:
-        """Return what is hidden."""
+        """Return the functions by which it is hidden; none where it is a physics of its own."""
+        if self.memory is not None:
+            return ()
         return tuple(HiddenEffect(_cause(name), values) for name, values in self.hidden.items())
 
     def tests(self) -> Design:
@@ -87,6 +106,27 @@ class Planted:
         kept = table["degradation_pct"].isin(self.levels) & (copy <= self.copies)
         return replace(whole, actuator=table[kept].reset_index(drop=True))
 
+
+def viscous(actuator: FieldActuator, level: float) -> Memory:
+    """Return a body whose stress relaxes."""
+    return Viscous(actuator.body.constants, shares=(SHARE,), times=(RELAXATION,))
+
+
+def softened(actuator: FieldActuator, level: float) -> Memory:
+    """Return a body that the largest energies of its points soften."""
+    return Softened(actuator.body.constants, r=1.0 / SOFTENED, m=ENERGY, beta=0.1)
+
+
+def from_surfaces(actuator: FieldActuator, level: float) -> Memory:
+    """Return a body that is degraded from its surfaces inwards, by diffusion and reaction."""
+    rate = reacted(Diffusion.on(actuator.mesh.body), REACH, level)
+    factor = np.exp(STEEPNESS * (rate - level))
+    return Elastic(Field(actuator.body.constants * factor[..., None]))
+
+
+SHARE, RELAXATION = 0.11, 27.0  # of the stress that relaxes, and its time [s]
+SOFTENED, ENERGY = 0.16, 0.02  # in the end; energy about which it sets in [C1]
+REACH = 1.5  # mm that what degrades comes into the walls
 
 PLANTED = {
     "degradation_misread": Planted(
@@ -103,11 +143,15 @@ PLANTED = {
     "wall_thickness": Planted("careful", {"wall_thickness": {"excess": 0.08}}),
     "gravity": Planted("mounts", {"gravity": {"density": 1500.0}}),
     "pressure_loss": Planted("careful", {"pressure_loss": {"fraction": 0.15}}),
-    "creep": Planted("history", {"creep": {"amount": 0.12, "time_constant": 30.0}}),
+    "creep": Planted(
+        "history",
+        {"creep": {"amount": SHARE / (1.0 - SHARE), "time_constant": RELAXATION / (1.0 - SHARE)}},
+        memory=viscous,
+    ),
     "humidity_drift": Planted(
         "history", {"humidity_drift": {"stiffening": 0.15, "time_constant": 900.0}}
     ),
-    "mullins": Planted("history", {"mullins": {"softening": 0.15}}),
+    "mullins": Planted("history", {"mullins": {"softening": SOFTENED}}, memory=softened),
     "offset_and_curvature_reading": Planted(
         "careful",
         {
@@ -125,6 +169,7 @@ PLANTED = {
     "outside_one_batch": Planted(
         "angle", {"outside_one_batch": {"log_ratio": 0.4}}, levels=EVERY_LEVEL
     ),
+    "degraded_from_surfaces": Planted("careful", {"degraded_skin": {}}, 3, memory=from_surfaces),
 }
 
 
@@ -157,6 +202,8 @@ def plant(number: int, folder: Path, truths: Path, *, forward: ForwardMap) -> No
     """Make one study; what was hidden in it is written elsewhere."""
     name, planted = list(PLANTED.items())[number - 1]
     drawn_as = list(PLANTED).index(planted.twin or name) + 1
+    if planted.memory is not None:
+        forward = with_memory(planted, forward)
     study = HiddenStudy(number, name, planted.design, planted.effects(), 1.0, drawn_as)
     made(
         study,
@@ -169,7 +216,29 @@ def plant(number: int, folder: Path, truths: Path, *, forward: ForwardMap) -> No
         elongation=planted.elongation,
     )
     truths.mkdir(parents=True, exist_ok=True)
-    (folder / "truth.json").replace(truths / f"{number:02d}.json")
+    written = folder / "truth.json"
+    if planted.memory is not None:
+        truth = json.loads(written.read_text(encoding="utf-8")) | {"causes": planted.hidden}
+        written.write_text(json.dumps(truth, indent=2) + "\n", encoding="utf-8")
+    written.replace(truths / f"{number:02d}.json")
+
+
+def with_memory(planted: Planted, forward: ForwardMap) -> ForwardMap:
+    """Return a map on which specimens have the memory that is planted."""
+    memory, table = planted.memory, planted.tests().actuator
+    assert memory is not None
+    tests = [test for _, test in table.groupby("specimen_id", sort=False)]
+    levels = [float(test["degradation_pct"].iloc[0]) for test in tests]
+    held = np.zeros((len(tests), len(tests[0])))
+    if "time_s" in table:
+        held = np.stack([np.diff(test["time_s"], prepend=0.0) for test in tests])
+    return FieldMap(
+        Geometry(Dimensions()),
+        COARSE,
+        held,
+        lambda actuator, place: memory(actuator, levels[place]),
+        finer=forward,
+    )
 
 
 def fine(

@@ -136,7 +136,7 @@ def _degrees(nodes: Indices) -> Indices:
     return (3 * nodes[:, None, :] + np.arange(3)[:, None]).reshape(len(nodes), -1)
 
 
-def _stored_pairs(n_local: int) -> tuple[Indices, Indices]:
+def stored_pairs(n_local: int) -> tuple[Indices, Indices]:
     """Rows and columns of an element's upper triangle in the order of ``scatter_upper``."""
     rows, columns = [], []
     for i in range(3):
@@ -159,7 +159,7 @@ def _pattern(
     """Pattern of the upper triangle; where entries of elements and of the bending stand in it."""
     count = int(equation.max()) + 1
     local = equation[_degrees(elements)]
-    first, second = _stored_pairs(elements.shape[1])
+    first, second = stored_pairs(elements.shape[1])
     one, other = local[:, first], local[:, second]
     stored = (one >= 0) & (other >= 0)
     keys = (np.minimum(one, other) * count + np.maximum(one, other))[stored]
@@ -275,6 +275,8 @@ class Problem:
         Share of the dead loads and of the paper's mismatch that acts [–].
     layer : LayerGroups, optional
         Material of the bricks of the body's layer.
+    local : array, shape (n_elements, n_points, 4), optional
+        C1, C2, C3 and r at every quadrature point, where they are not those of the groups [C1].
     """
 
     system: System
@@ -282,6 +284,7 @@ class Problem:
     nodal_force: Floats | None = None
     share: float = 1.0
     layer: LayerGroups | None = None
+    local: Floats | None = None
     face: tuple[Floats, Floats, Floats] = field(init=False, repr=False)
     _form: Floats = field(init=False, repr=False)
 
@@ -303,6 +306,8 @@ class Problem:
     @cached_property
     def constants(self) -> Floats:
         """C1, C2, C3 and r at every quadrature point, (n_elements, n_points, 4) [C1]."""
+        if self.local is not None:
+            return self.local
         return local_constants(self.material, self.system.body, self.layer)
 
     @cached_property

@@ -342,8 +342,8 @@ class Spaces:
         return cls(
             displacement,
             pressure,
-            _on_faces(displacement, body.cavity),
-            _on_faces(displacement, body.paper),
+            on_faces(displacement, body.cavity),
+            on_faces(displacement, body.paper),
             sp.csr_array(mass.elemental(pressure).inverse().tocsr()),
         )
 
@@ -354,7 +354,7 @@ def _check_places(body: Body, basis: Basis) -> None:
         raise ValueError("the weak form needs bricks with straight edges, nodes in the middle")
 
 
-def _on_faces(basis: Basis, faces: NDArray[np.int64]) -> FacetBasis:
+def on_faces(basis: Basis, faces: NDArray[np.int64]) -> FacetBasis:
     """Return a basis on faces, each found by its middle node: a facet has one."""
     middles = faces[:, faces.shape[1] // 2]
     facets = np.searchsorted(basis.facet_dofs[0], middles)

@@ -12,7 +12,10 @@ Equation
 
 Typical size
     Stiffness 1.02–1.13 times within 10–30 minutes, assumed; a is what 7 points of humidity make in
-    the end. It lowers the load: typical sizes stay within the emulator's range.
+    the end. It lowers the load: typical sizes stay within the emulator's range. Diffusion through
+    the walls of the default actuator, at 1e-11 m²/s, brings 2 points of ln stiffness within 50 min
+    where 15 are gained in the end, with τ = 955 s; the rule leaves 15 % of that effect
+    (`benchmarks/rules.py`). A larger drift is one of thin parts, or of something else.
 
 Revealed by
     Loss of curvature that grows with the time since the first reading, in fresh specimens too; a

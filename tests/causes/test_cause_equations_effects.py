@@ -205,7 +205,7 @@ def test_mullins_softens_the_way_back_only():
     found = change(find("mullins"), inputs, conditions)
     np.testing.assert_array_equal(found[:, :12], 0.0)
     assert np.all(found[:, 12:] > 0.0)
-    assert np.all(np.diff(found[:, 12:], axis=1) > 0.0)
+    assert np.all(np.diff(found[:, 12:].max(axis=1)) < 0.0)  # stiffer ones were stretched less
 
 
 def test_creep_and_drying_have_opposite_signs():

@@ -1,10 +1,13 @@
 """Causes that remember: creep, drying and softening against the same laws solved step by step."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
+from scipy.special import erf
 
 from bayesdeg.causes.cause import Conditions
 from bayesdeg.causes.creep import creep_under_load
@@ -165,30 +168,45 @@ def test_a_lagging_response_to_one_step_of_many_walkers():
     np.testing.assert_allclose(response[:, 0, 1], 1.0 - np.exp([-2.0, -1.0]), rtol=1e-15)
 
 
-def softened(pressure, b):
+def softened(pressure, b, onset=0.1):
     conditions = experiment(pressure)
     inputs = inputs_of(conditions.pressure, FRESH)
-    return soften_below_largest(inputs, conditions, effect(softening=b)).pressure[0, 0]
+    values = effect(softening=b, onset=onset)
+    return soften_below_largest(inputs, conditions, values).pressure[0, 0]
 
 
 @given(
     pressure=st.lists(st.floats(0.0, 240.0), min_size=1, max_size=10),
     b=st.floats(0.0, 0.9),
+    onset=st.floats(1e-3, 10.0),
 )
-def test_softened_material_balances_the_pressure(pressure, b):
-    """p = η q with η = 1 − b (1 − q/q_m), and no shape beyond that of the largest pressure."""
-    load = softened(pressure, b)
+def test_softened_material_balances_the_pressure(pressure, b, onset):
+    """p = η q with η of Ogden and Roxburgh, and no shape beyond that of the largest pressure."""
+    load = softened(pressure, b, onset)
     largest = np.maximum.accumulate(pressure)
-    eta = 1.0 - b * (1.0 - load / np.where(largest > 0.0, largest, 1.0))
-    np.testing.assert_allclose(eta * load, pressure, rtol=1e-12, atol=1e-12)
+    c1 = float(np.ravel(inputs_of(np.array([[1.0]]), FRESH).c1)[0])
+    eta = 1.0 - b * erf((largest**2 - load**2) * 1e-6 / (onset * c1**2))
+    np.testing.assert_allclose(eta * load, pressure, rtol=1e-6, atol=1e-6)
     assert np.all(load <= largest * (1.0 + 1e-14))
     assert np.all(load >= np.array(pressure) * (1.0 - 1e-14))
 
 
-def test_softened_load_by_hand():
-    """p = 60 of 100 kPa, b = 0.5: q (0.5 + 0.5 q/100) = 60 has q = 100 (√5.8 − 1)/2."""
-    load = softened([100.0, 60.0], 0.5)
-    np.testing.assert_allclose(load, [100.0, 50.0 * (np.sqrt(5.8) - 1.0)], rtol=1e-14)
+def test_a_far_larger_load_takes_the_whole_share():
+    """Where (q_m² − q²)/(w C1²) is large, p = (1 − b) q; at small loads it is as it ever was."""
+    load = softened([100.0, 60.0], 0.2, onset=1e-4)
+    np.testing.assert_allclose(load, [100.0, 75.0], rtol=1e-12)
+    np.testing.assert_allclose(softened([100.0, 60.0], 0.2, onset=1e6), [100.0, 60.0], rtol=1e-6)
+
+
+def test_stiff_specimens_soften_less():
+    pressure = experiment([200.0, 60.0])
+    inputs = inputs_of(pressure.pressure, FRESH)
+    values = effect(softening=0.2, onset=0.1)
+    soft, stiff = (
+        soften_below_largest(replace(inputs, c1=c1 * inputs.c1), pressure, values).pressure[0, 0, 1]
+        for c1 in (1.0, 5.0)
+    )
+    assert soft > 1.2 * 60.0 > 1.03 * stiff > 1.03 * 60.0
 
 
 def test_first_loading_is_left_bit_by_bit_and_met_again_beyond_the_largest():
@@ -208,5 +226,5 @@ def test_ratio_to_the_largest_pressure_counts_from_each_specimens_own_readings()
 def test_mullins_does_not_wait(hold):
     there = experiment(THERE_AND_BACK, hold * np.arange(23.0))
     inputs = inputs_of(THERE_AND_BACK, FRESH)
-    load = soften_below_largest(inputs, there, effect(softening=0.2)).pressure[0, 0]
+    load = soften_below_largest(inputs, there, effect(softening=0.2, onset=0.1)).pressure[0, 0]
     np.testing.assert_array_equal(load, softened(THERE_AND_BACK, 0.2))

@@ -4,6 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
+from scipy.special import erf
 
 from bayesdeg.causes.catalogue import CATALOGUE, find
 from bayesdeg.emulator.trained import default_surrogate
@@ -165,16 +167,21 @@ def test_dry_air_lowers_the_load_by_its_share_of_the_time(surrogate):
     "conditions", [ServiceConditions(branch="unloading"), ServiceConditions(cycle=2)]
 )
 def test_what_was_stretched_before_is_softer(surrogate, conditions):
-    """q = 2 p / (1 − b + √((1 − b)² + 4 b p/q_m)), and nothing at the largest pressure."""
+    """p = q (1 − b erf((q_m² − q²)/(w C1²))), and nothing at the largest pressure."""
     still = {"emulator_error_pressure": 0.0}
     effect = sizes("mullins", **still)
-    b, ratio = effect["mullins.softening"], PRESSURES / LARGEST
-    load = 2.0 * PRESSURES / (1.0 - b + np.sqrt((1.0 - b) ** 2 + 4.0 * b * ratio))
     model = model_with(surrogate, "mullins")
     found = curvature_of(model, conditions, **effect)
-    np.testing.assert_allclose(
-        found, curvature_of(model_with(surrogate), PROMPT, load, **still), rtol=1e-10
-    )
+    for row, level in enumerate(LEVELS):
+        share = effect["mullins.onset"] * (1e3 * TRUTH[f"c1_at_{level:g}"]) ** 2
+
+        def missing(q, p, share=share):
+            eta = 1.0 - effect["mullins.softening"] * erf((LARGEST**2 - q**2) / share)
+            return q * eta - p
+
+        load = np.array([brentq(missing, p, LARGEST, args=(p,)) for p in PRESSURES])
+        expected = curvature_of(model_with(surrogate), PROMPT, load, **still)
+        np.testing.assert_allclose(found[row], expected[row], rtol=1e-8)
     top = np.array([LARGEST])
     np.testing.assert_allclose(
         curvature_of(model, conditions, top, **effect),

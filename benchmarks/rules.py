@@ -1,0 +1,308 @@
+"""How far the rules of causes are right: each fitted to the physics that it stands for.
+
+    uv run python benchmarks/rules.py --json
+
+An actuator of the default geometry is tested at degradation rates of 0, 12.5 and 25 % with
+materials that have a field with a memory (`bayesdeg.laboratory.fields`), and the rule of the cause
+is fitted to all curves at once by least squares, against the elastic actuator of the same mesh.
+For each physics the answer holds
+
+* ``size``: the fitted parameters of the cause;
+* ``effect_pct``: the effect, and ``left_pct``: what the rule leaves of the readings, both as root
+  mean squares of the change of curvature over the curvature [%];
+* ``worst_pct``: the largest of what is left over its reading [%];
+* ``share_left``: what is left over the effect.
+
+``creep_in_an_arm`` holds the rule of `creep` against measured displacements of a silicone arm, of
+which pressure, growth after the first second and length of the hold are known
+(``studies/data/srl_arm_creep.csv``): what a rule cannot explain there is scatter too.
+"""
+
+import argparse
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+from scipy.interpolate import CubicSpline
+from scipy.optimize import least_squares
+
+from bayesdeg.actuator.geometry import Geometry
+from bayesdeg.actuator.inputs import PAPER_THICKNESS, Inputs
+from bayesdeg.actuator.material import MaterialGroups, local_constants
+from bayesdeg.actuator.mesh import COARSE, build_mesh
+from bayesdeg.causes.catalogue import find
+from bayesdeg.causes.cause import Conditions
+from bayesdeg.data.settings import Dimensions
+from bayesdeg.laboratory.fields import (
+    Diffusion,
+    Drying,
+    Elastic,
+    Field,
+    FieldActuator,
+    Memory,
+    Schedule,
+    Softened,
+    Viscous,
+    Water,
+    reacted,
+)
+from bayesdeg.laboratory.truth import Truth
+
+ROOT = Path(__file__).resolve().parents[1]
+ARM = ROOT / "studies" / "data" / "srl_arm_creep.csv"
+LEVELS = (0.0, 12.5, 25.0)
+UP = np.arange(20.0, 201.0, 20.0)
+PATH = np.concatenate([UP, UP[-2::-1]])  # kPa
+HELD = (8.0, 45.0)  # s at each pressure, while stress relaxes
+DRIED = (30.0, 150.0)  # while water leaves
+DENSE = np.arange(0.0, 261.0, 10.0)  # kPa, for the elastic curve
+SHARE, RELAXATION = 0.11, 30.0  # of the stress that relaxes in the end, and its time [s]
+SOFTENING, ENERGY, BETA = 8.0, 0.02, 0.1  # r, m [C1], beta of Ogden and Roxburgh
+DIFFUSIVITY, TRANSFER = 1e-5, 2e-4  # mm²/s, mm/s
+DRIER, STIFFER = 1.0, 0.15
+REACTION = 1.0  # mm that what degrades comes into the walls
+SKINS = (0.0, 0.4, 0.8, 1.2)
+AT_ONCE = 0.2  # s between onsets of markers in one recording, which move together
+END = "disp_end_of_hold_mm"
+SKIN = "degraded_skin"
+FLOOR = 0.1  # 1/m, below which a curvature is no measure of an error
+
+
+class Part(NamedTuple):
+    """The actuator at one degradation rate."""
+
+    level: float
+    actuator: FieldActuator
+    c1: float
+    scale: float
+    elastic: CubicSpline
+    steepness: float  # d ln C1/dD [1/%]
+
+    def curvature(self, readings: np.ndarray) -> np.ndarray:
+        """Return 1/m from what the model reads."""
+        return readings[:, 0] / readings[:, 1] * 1e3 / self.scale
+
+    def load(self, pressure: np.ndarray) -> np.ndarray:
+        """Return p/C1."""
+        return pressure * 1e-3 / self.c1
+
+    def tested(self, memory: Memory, held: float = 0.0) -> np.ndarray:
+        """Return the curvature along the path [1/m]."""
+        schedule = Schedule(self.load(PATH), np.full(len(PATH), held))
+        return self.curvature(self.actuator.tested(memory, schedule))
+
+
+def part(level: float, truth: Truth) -> Part:
+    """Return the actuator at a degradation rate, with its elastic curve."""
+    c1, c2, c3 = truth.constants([level])[0]
+    scale = float(np.cbrt(truth.volume_ratio))
+    material = MaterialGroups(
+        c2_ratio=c2 / c1,
+        c3_ratio=c3 / c1,
+        paper_group=truth.paper_stiffness * 1e-3 / (c1 * scale),
+        paper_thickness=PAPER_THICKNESS / scale,
+    )
+    actuator = FieldActuator(build_mesh(Geometry(Dimensions()), COARSE), material)
+    bare = Part(level, actuator, c1, scale, CubicSpline([0, 1], [0, 1]), 0.0)
+    schedule = Schedule(bare.load(DENSE[1:]), np.zeros(len(DENSE) - 1))
+    read = bare.curvature(actuator.tested(Elastic(Field(actuator.body.constants)), schedule))
+    known = np.isfinite(read)
+    if not known[DENSE[1:] <= UP[-1]].all():
+        raise RuntimeError(f"no elastic curve at {level:g} %")
+    curve = CubicSpline(DENSE[: known.sum() + 1], np.append(0.0, read[known]), extrapolate=True)
+    ends = np.log(truth.constants([level - 1.0, level + 1.0])[:, 0])
+    return bare._replace(elastic=curve, steepness=float(ends[1] - ends[0]) / 2.0)
+
+
+Curves = list[tuple[Part, float, np.ndarray]]
+"""Each with the time that a pressure was held, and the curvature that the physics gives."""
+
+
+def of_creep(parts: list[Part]) -> Curves:
+    """Return curves of a body whose stress relaxes, on paper that does not."""
+    return [
+        (one, held, one.tested(Viscous(one.actuator.body.constants, (SHARE,), (RELAXATION,)), held))
+        for one in parts
+        for held in HELD
+    ]
+
+
+def of_mullins(parts: list[Part]) -> Curves:
+    """Return curves of a body that each point's own largest energy has softened."""
+    return [
+        (one, 0.0, one.tested(Softened(one.actuator.body.constants, SOFTENING, ENERGY, BETA)))
+        for one in parts
+    ]
+
+
+def of_drying(parts: list[Part]) -> Curves:
+    """Return curves of a body from which water diffuses, without shrinkage."""
+    water = Water(DIFFUSIVITY, TRANSFER, DRIER, STIFFER)
+    found = []
+    for one in parts:
+        diffusion = Diffusion.on(one.actuator.mesh.body)
+        for held in DRIED:
+            memory = Drying(diffusion, one.actuator.body.constants, water, step=75.0)
+            found.append((one, held, one.tested(memory, held)))
+    return found
+
+
+def of_skin(parts: list[Part]) -> Curves:
+    """Return curves of a body that is degraded from its surfaces inwards."""
+    found = []
+    for one in parts[1:]:
+        diffusion = Diffusion.on(one.actuator.mesh.body)
+        rate = reacted(diffusion, REACTION, one.level)
+        factor = np.exp(one.steepness * (rate - one.level))
+        field = Field(one.actuator.body.constants * factor[..., None])
+        found.append((one, 0.0, one.tested(Elastic(field))))
+    return found
+
+
+def by_pressure(name: str) -> Callable[[np.ndarray, Part, float], np.ndarray]:
+    """Return the curvature that a rule gives which changes the pressure."""
+    cause = find(name)
+
+    def ruled(sizes: np.ndarray, one: Part, held: float) -> np.ndarray:
+        time = held * np.arange(1, len(PATH) + 1)
+        back = np.arange(len(PATH)) >= len(UP)
+        degradation = np.array([[one.level]])
+        conditions = Conditions(PATH[None], degradation, time=time[None], unloading=back[None])
+        values = zip(cause.parameters, sizes, strict=True)
+        effect = cause.effect({cause.qualified(p.name): np.array([v]) for p, v in values})
+        unit = np.ones((1, 1, 1))
+        inputs = Inputs(PATH[None, None], one.c1 * unit, unit, unit, unit, unit)
+        assert cause.on_inputs is not None
+        return one.elastic(cause.on_inputs(inputs, conditions, effect).pressure[0, 0])
+
+    return ruled
+
+
+def by_skin(parts: list[Part]) -> Callable[[np.ndarray, Part, float], np.ndarray]:
+    """Return the curvature that the rule of `degraded_skin` gives: one size for every rate."""
+    known = {}
+    for one in parts[1:]:
+        curves = []
+        for skin in SKINS:
+            material = replace(one.actuator.material, skin=skin)
+            local = local_constants(material, one.actuator.mesh.body)
+            curves.append(one.tested(Elastic(Field(local))))
+        known[one.level] = CubicSpline(SKINS, np.array(curves))
+
+    def ruled(sizes: np.ndarray, one: Part, held: float) -> np.ndarray:
+        return known[one.level](sizes[0] * one.level / 25.0)
+
+    return ruled
+
+
+def compared(
+    curves: Curves,
+    rule: Callable[[np.ndarray, Part, float], np.ndarray],
+    start: Mapping[str, float],
+) -> dict[str, object]:
+    """Fit a rule to the curves of a physics; return its size and what it leaves."""
+
+    def left(logs: np.ndarray) -> np.ndarray:
+        sizes = np.exp(logs)
+        return np.concatenate(
+            [_over(rule(sizes, o, held) - read, read) for o, held, read in curves]
+        )
+
+    effect = np.concatenate([_over(read - one.elastic(PATH), read) for one, _, read in curves])
+    fit = least_squares(left, np.log(list(start.values())))
+    rest = left(fit.x)
+    rms = [float(np.sqrt(np.mean(values**2))) for values in (effect, rest)]
+    return {
+        "size": dict(zip(start, np.exp(fit.x).round(4).tolist(), strict=True)),
+        "effect_pct": round(100.0 * rms[0], 2),
+        "left_pct": round(100.0 * rms[1], 2),
+        "worst_pct": round(100.0 * float(np.max(np.abs(rest))), 2),
+        "share_left": round(rms[1] / rms[0], 3),
+    }
+
+
+def _over(change: np.ndarray, reading: np.ndarray) -> np.ndarray:
+    return change / np.maximum(np.abs(reading), FLOOR)
+
+
+def in_an_arm(path: Path = ARM) -> dict[str, object]:
+    r"""Fit the rule of creep to the growth of displacements under held pressure.
+
+    At a pressure that is set at once and held, :math:`u(t) = U(p (1 + a (1 - e^{-t/\tau})))`, with
+    U the curve of the displacements after one second, whose slope in logarithms is that of the
+    table itself. The arm and its single segment are two specimens. Markers whose onset was found
+    elsewhere than that of the others in their recording are left out.
+    """
+    table = pd.read_csv(path, comment="#")
+    onset = table.groupby("file")["onset_s"].transform("median")
+    table = table[(table["onset_s"] - onset).abs() < AT_ONCE].reset_index(drop=True)
+    part = np.where(table["file"].str.startswith("segment"), "segment", "arm")
+    return {str(name): _crept(rows) for name, rows in table.groupby(part)}
+
+
+def _crept(table: pd.DataFrame) -> dict[str, object]:
+    first = table["disp_1s_after_onset_mm"]
+    logs = table.assign(x=np.log(table["p_mbar"]), y=np.log(first))
+    slopes = {m: np.polyfit(g["x"], g["y"], 1)[0] for m, g in logs.groupby("marker")}
+    slope = table["marker"].map(slopes).to_numpy()
+    seen = [np.log(table[name] / first).to_numpy() for name in ("disp_2s_mm", END)]
+    held = (2.0, table["hold_s"].to_numpy())
+
+    def left(sizes: np.ndarray) -> np.ndarray:
+        amount, constant = np.exp(sizes)
+        late = [np.log1p(-amount * np.expm1(-np.asarray(t) / constant)) for t in (1.0, *held)]
+        return np.concatenate(
+            [slope * (end - late[0]) - growth for end, growth in zip(late[1:], seen, strict=True)]
+        )
+
+    bounds = np.log([1e-4, 0.1]), np.log([2.0, 60.0])
+    fit = least_squares(left, np.log([0.1, 3.0]), bounds=bounds)
+    growth, rest = np.concatenate(seen), left(fit.x)
+    rms = [float(np.sqrt(np.mean(values**2))) for values in (growth, rest)]
+    return {
+        "recordings": int(table["file"].nunique()),
+        "displacements": len(growth),
+        "size": dict(
+            zip(("amount", "time_constant"), np.exp(fit.x).round(3).tolist(), strict=True)
+        ),
+        "effect_pct": round(100.0 * rms[0], 2),
+        "left_pct": round(100.0 * rms[1], 2),
+        "worst_pct": round(100.0 * float(np.max(np.abs(rest))), 2),
+        "share_left": round(rms[1] / rms[0], 3),
+    }
+
+
+def main() -> None:
+    """Compare every rule with its physics."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--json", action="store_true", help="print nothing but the result")
+    parser.add_argument("--only", nargs="*", help="causes; by default all, and the arm")
+    options = parser.parse_args()
+    parts = [part(level, Truth()) for level in LEVELS]
+    sizes = {
+        "creep": {"amount": 0.1, "time_constant": 30.0},
+        "mullins": {"softening": 0.1, "onset": 0.1},
+        "humidity_drift": {"stiffening": 0.05, "time_constant": 900.0},
+    }
+    physics = {"creep": of_creep, "mullins": of_mullins, "humidity_drift": of_drying}
+    found: dict[str, object] = {}
+    wanted = options.only or [*sizes, SKIN, "creep_in_an_arm"]
+    for name, start in sizes.items():
+        if name not in wanted:
+            continue
+        found[name] = compared(physics[name](parts), by_pressure(name), start)
+        if not options.json:
+            print(name, found[name], flush=True)
+    if SKIN in wanted:
+        found[SKIN] = compared(of_skin(parts), by_skin(parts), {"skin_stiffening": 0.5})
+    if "creep_in_an_arm" in wanted:
+        found["creep_in_an_arm"] = in_an_arm()
+    print(json.dumps(found, indent=2))
+
+
+if __name__ == "__main__":
+    main()
