@@ -22,6 +22,8 @@ from bayesdeg.criticism.checks.count_misfit import (
     own_counts,
 )
 from bayesdeg.criticism.checks.discrepancy import Misfit
+from bayesdeg.criticism.checks.misfit_columns import ColumnMisfit, misfit_columns
+from bayesdeg.criticism.checks.missing_terms import MissingTerms, missing_terms
 from bayesdeg.criticism.checks.rupture_misfit import RuptureMisfit, rupture_misfit
 from bayesdeg.criticism.checks.shared_scatter import SharedScatter, shared_scatter
 from bayesdeg.criticism.decide.candidates import (
@@ -47,6 +49,7 @@ from bayesdeg.criticism.decide.verdict import (
     decide,
     uncalibrated,
 )
+from bayesdeg.criticism.experiments.between_terms import term_trials
 from bayesdeg.criticism.experiments.designs import candidate_experiments
 from bayesdeg.criticism.experiments.ranking import next_experiments_document, rank
 from bayesdeg.criticism.fit.linear import neutral_sizes
@@ -85,6 +88,8 @@ class Judgement:
         How probable published counts of ruptures are, and what explains them; None without any.
     own_counts : CountMisfit or None
         How probable the number of the study's own actuators that burst is.
+    missing : Description, optional
+        What the misfit looks like, where no cause accounts for it.
     counts_fitted : bool
         Whether the cause that explains published counts is part of the model that predicts.
     contradicted : Conflict or None
@@ -135,6 +140,7 @@ class Judgement:
     counted: Counted | None = None
     own_counts: CountMisfit | None = None
     counts_fitted: bool = True
+    missing: "Description | None" = None
 
     @property
     def predicted_with(self) -> tuple[str, ...]:
@@ -194,6 +200,38 @@ class Judgement:
             for names, count in zip(self.possible, counts, strict=True)
         ]
         return np.concatenate(found)
+
+
+@dataclass(frozen=True)
+class Description:
+    """What a misfit looks like that no cause accounts for.
+
+    Parameters
+    ----------
+    step : Step
+        The model whose misfit it is: the base model, or with the causes that are named.
+    found : MissingTerms
+        The terms in known quantities that would remove it.
+    columns : tuple of ColumnMisfit
+        In which columns it sits.
+    experiments : tuple of dict
+        What would tell the best terms apart, as in ``verdict.json``.
+    """
+
+    step: Step
+    found: MissingTerms
+    columns: tuple[ColumnMisfit, ...]
+    experiments: tuple[dict[str, object], ...] = ()
+
+    @property
+    def chief(self) -> ColumnMisfit | None:
+        """The column with the largest share: of those that hold as much the one of fewest levels.
+
+        A column of many levels, as of specimens, takes up what one of few does as well.
+        """
+        largest = max((one.share for one in self.columns), default=0.0)
+        near = [one for one in self.columns if one.share >= MOSTLY * largest]
+        return min(near, key=lambda one: len(one.levels), default=None)
 
 
 def label(names: Names) -> str:
@@ -333,8 +371,10 @@ COUNT_DRAWS = 1000  # for counts of a study's own ruptures
 REFUTING = (
     OptionalStage.HELD_OUT,
     OptionalStage.SHARED_SCATTER,
+    OptionalStage.STRUCTURE,
 )  # tests that a cause must pass to be named
 Beside = tuple[RuptureMisfit | None, Conflict | None, tuple[Questioned, ...]]
+MOSTLY = 0.9  # of the largest share: a column that holds about as much
 IN_QUESTION = 3  # rivals between which experiments are ranked
 
 
@@ -355,6 +395,8 @@ class Catalogue:
         How many of the actuators of others burst.
     of_counts : tuple of Cause
         Causes that such counts may show.
+    batches : mapping of str to str
+        The batch of each specimen of which one is recorded.
     """
 
     candidates: tuple[Cause, ...]
@@ -362,6 +404,7 @@ class Catalogue:
     alike: tuple[Cause, ...] = ()
     counts: RuptureCounts | None = None
     of_counts: tuple[Cause, ...] = ()
+    batches: Mapping[str, str] = field(default_factory=dict)
 
 
 def judge_model(
@@ -434,9 +477,10 @@ def judge(
     beside = _beside(base, rupture, generator, guard)
     held_out, everything = _held_out(search, chosen, folding, progress, guard)
     supported = supports(search, chosen, everything)
-    shared = _shared(final, guard)
+    shared, structure = _shared(final, guard), _structure(final, alone, catalogue, guard)
     counted, own = guard.attempt(OptionalStage.RUPTURE_COUNTS, counting) or (None, None)
-    decision = _decided((alone, final), supported, (*beside, counted), catalogue, shared, guard)
+    left = (shared, structure)
+    decision = _decided((alone, final), supported, (*beside, counted), catalogue, left, guard)
     names = extension(decision, tuple(supported)) if effort.levels_out else BASE
     judged = candidates(search, supported, everything, generator)
     return Judgement(
@@ -458,6 +502,9 @@ def judge(
         alike=tuple(cause.name for cause in catalogue.alike),
         counted=counted,
         own_counts=own,
+        missing=_missing(
+            (alone, final), decision, structure, catalogue, guard, seed.spawn(1)[0], executor
+        ),
     )
 
 
@@ -520,6 +567,64 @@ def _shared(step: Step, guard: Guard) -> list[SharedScatter]:
     """Return what `shared_scatter` does; nothing where it could not be computed."""
     stage = OptionalStage.SHARED_SCATTER
     return guard.attempt(stage, shared_scatter, step.trial, step.simulated) or []
+
+
+def _structure(
+    final: Step, alone: Step, catalogue: Catalogue | Assembly, guard: Guard
+) -> MissingTerms | None:
+    """Return the terms that what the favoured causes leave asks for; None without a cause."""
+    if final is alone:
+        return None
+    return guard.attempt(OptionalStage.STRUCTURE, _terms_of, final, catalogue)
+
+
+def _terms_of(step: Step, catalogue: Catalogue | Assembly) -> MissingTerms:
+    linear, batches = step.trial.linear, catalogue.batches
+    return missing_terms(linear, step.simulated, step.misfit, batches=batches)
+
+
+def _missing(
+    steps: tuple[Step, Step],
+    decision: Decision,
+    structure: MissingTerms | None,
+    catalogue: Catalogue | Assembly,
+    guard: Guard,
+    seed: np.random.SeedSequence,
+    executor: Executor | None,
+) -> Description | None:
+    """Return what the misfit looks like that is not accounted for; None where there is none."""
+    alone, final = steps
+    named = decision.outcome in (Outcome.NAMED, Outcome.AMBIGUOUS)
+    remains = named and final.misfit.p_value <= MISFIT_LEVEL
+    if decision.outcome is not Outcome.UNEXPLAINED and not remains:
+        return None
+    step, known = (final, structure) if named else (alone, None)
+    found = guard.attempt(OptionalStage.MISSING_TERMS, _described, step, known, catalogue)
+    if found is None:
+        return None
+    generator = np.random.default_rng(seed)
+    told = guard.attempt(OptionalStage.EXPERIMENTS, _between_terms, found, generator, executor)
+    return replace(found, experiments=tuple(told or ()))
+
+
+def _between_terms(
+    found: Description, generator: np.random.Generator, executor: Executor | None
+) -> list[dict[str, object]]:
+    """Rank what would tell apart the terms that fit about as well."""
+    trial = found.step.trial
+    trials = term_trials(trial, found.found, generator)
+    experiments = candidate_experiments(trial.subject) if trials else ()
+    ranked = rank(trials, experiments, generator, executor=executor)
+    return next_experiments_document(ranked, partial(worded, degrades=trial.subject.degrades))
+
+
+def _described(
+    step: Step, known: MissingTerms | None, catalogue: Catalogue | Assembly
+) -> Description:
+    found = _terms_of(step, catalogue) if known is None else known
+    linear, batches = step.trial.linear, catalogue.batches
+    columns = misfit_columns(linear, step.simulated, step.misfit, batches=batches)
+    return Description(step, found, columns)
 
 
 def _on(base: Trial, effort: SearchEffort) -> SearchEffort:
@@ -610,7 +715,7 @@ def _decided(
     supported: list[Support],
     beside: tuple[*Beside, Counted | None],
     catalogue: Catalogue | Assembly,
-    shared: list[SharedScatter],
+    left: tuple[list[SharedScatter], MissingTerms | None],
     guard: Guard,
 ) -> Decision:
     rupture, contradicted, off_prior, counted = beside
@@ -628,7 +733,8 @@ def _decided(
         questioned=off_prior,
         on_rupture=silent,
         alike=tuple(cause.name for cause in catalogue.alike),
-        shared=shared,
+        shared=left[0],
+        structure=left[1],
         untested=[NotComputed(s, guard.why(s)) for s in REFUTING if s in guard.stages],
     )
 

@@ -115,7 +115,7 @@ RATE = Quantified("level", "D_R")
 SIZE = "size"
 
 
-class Known(NamedTuple):
+class KnownColumns(NamedTuple):
     """What is known of each reading, by the names of columns; all arrays of one shape.
 
     Parameters
@@ -157,12 +157,12 @@ class KnownFunction:
     end: float = 0.0
     group: str = ""
 
-    def at(self, known: Known) -> Floats:
+    def at(self, known: KnownColumns) -> Floats:
         """Return its values, of the shape of what is known.
 
         Examples
         --------
-        >>> known = Known({"time": np.array([0.0, 30.0])}, {})
+        >>> known = KnownColumns({"time": np.array([0.0, 30.0])}, {})
         >>> KnownFunction(TIME, Form.LOGARITHM, 30.0).at(known).round(4)
         array([0.    , 0.6931])
         """
@@ -311,14 +311,14 @@ class KnownTerm:
             else f"{name}({self.path.symbol} + {size})"
         )
 
-    def change(self, kind: str, known: Known, reading: Floats, slope: Floats) -> Floats:
+    def change(self, kind: str, known: KnownColumns, reading: Floats, slope: Floats) -> Floats:
         """Return what it does to readings of one kind where it is taken once.
 
         Parameters
         ----------
         kind : str
             What was read.
-        known : Known
+        known : KnownColumns
             What is known of these readings.
         reading, slope : array
             As they are without it, and ∂y/∂x along the path.
@@ -402,7 +402,12 @@ def _offered(linear: Linear, terms: Sequence[KnownTerm], directions: Floats) -> 
 
 
 def _direction(
-    term: KnownTerm, places: Places, rows: Flags, known: Known, reading: Floats, slope: Floats
+    term: KnownTerm,
+    places: Places,
+    rows: Flags,
+    known: KnownColumns,
+    reading: Floats,
+    slope: Floats,
 ) -> Floats:
     """Return the change of all readings by a term of one family, (n,)."""
     whole = np.zeros(len(places))
@@ -438,7 +443,7 @@ def slopes_along(places: Places, readings: Floats) -> Floats:
     return found
 
 
-def known_of(linear: Linear, rows: Flags, batches: Mapping[str, str]) -> Known:
+def known_of(linear: Linear, rows: Flags, batches: Mapping[str, str]) -> KnownColumns:
     """Return what is known of the readings of one family, each (k,)."""
     places = linear.subject.places.subset(rows)
     path = path_of(linear, places)
@@ -462,7 +467,7 @@ def known_of(linear: Linear, rows: Flags, batches: Mapping[str, str]) -> Known:
     else:
         labels[BRANCH.column], labels[MOUNT.column] = split[:, 0], split[:, 2]
         numbers[CYCLE.column] = split[:, 1].astype(np.float64) - 1.0
-    return Known({n: v for n, v in numbers.items() if np.all(np.isfinite(v))}, labels)
+    return KnownColumns({n: v for n, v in numbers.items() if np.all(np.isfinite(v))}, labels)
 
 
 def path_of(linear: Linear, places: Places) -> Quantified:
@@ -523,7 +528,7 @@ def _histories(places: Places) -> Labels | None:
     return np.array(words)
 
 
-def _terms_of(linear: Linear, rows: Flags, known: Known) -> Iterator[KnownTerm]:
+def _terms_of(linear: Linear, rows: Flags, known: KnownColumns) -> Iterator[KnownTerm]:
     """Yield all terms of one family of readings."""
     places = linear.subject.places.subset(rows)
     path, tops = path_of(linear, places), _tops(places, linear.prediction[rows])
@@ -544,7 +549,7 @@ def _go_together(load: KnownFunction, state: KnownFunction) -> bool:
     return state.form is not Form.MEMBER or (load.form is Form.POWER and load.end == 1)
 
 
-def _of_load(path: Quantified, known: Known) -> Iterator[KnownFunction]:
+def _of_load(path: Quantified, known: KnownColumns) -> Iterator[KnownFunction]:
     """Yield functions of the load, and of the reading itself."""
     yield from _shapes(path, known.numbers[path.column])
     top = float(np.max(np.abs(known.numbers[path.column])))
@@ -575,7 +580,7 @@ def _shapes(of: Quantified, values: Floats) -> Iterator[KnownFunction]:
         yield KnownFunction(of, Form.BELOW, top, part * top)
 
 
-def _of_state(places: Places, known: Known) -> Iterator[KnownFunction]:
+def _of_state(places: Places, known: KnownColumns) -> Iterator[KnownFunction]:
     """Yield functions of the specimen's state, and of the history of its test."""
     rates = known.numbers[DEGRADATION.column]
     if np.ptp(rates) > 0.0:
@@ -603,7 +608,7 @@ def _of_time(time: Floats) -> Iterator[KnownFunction]:
     yield KnownFunction(TIME, Form.LOGARITHM, first)
 
 
-def _groups(places: Places, known: Known) -> Iterator[KnownFunction]:
+def _groups(places: Places, known: KnownColumns) -> Iterator[KnownFunction]:
     """Yield memberships of groups that hold several specimens, but not all readings."""
     names = {column.column: column for column in (BRANCH, MOUNT, HISTORY, BATCH, RATE)}
     for column, labels in known.labels.items():

@@ -103,6 +103,8 @@ class MissingTerm:
         How many there are, with those that are not told.
     change : array, shape (n,)
         What it does to the readings at its size, in their units.
+    largest : float
+        The largest change of a reading, over the largest reading of its kind [–].
     """
 
     term: KnownTerm
@@ -117,6 +119,7 @@ class MissingTerm:
     alike: tuple[AlikeTerm, ...]
     count_alike: int
     change: Floats
+    largest: float
 
 
 @dataclass(frozen=True)
@@ -314,7 +317,15 @@ def _term(
         alike=alike[:MOST_ALIKE],
         count_alike=len(alike),
         change=mean * offered.directions[:, pick.index],
+        largest=_largest(linear, term, mean * offered.directions[:, pick.index]),
     )
+
+
+def _largest(linear: Linear, term: KnownTerm, change: Floats) -> float:
+    """Return the largest change of a reading, over the largest reading of its kind."""
+    kind = linear.subject.places.kind
+    found = (np.max(np.abs(change[kind == one])) / term.scales[one][0] for one in term.kinds)
+    return float(max(found))
 
 
 def _alike(linear: Linear, offered: KnownTerms, pick: Pick) -> tuple[AlikeTerm, ...]:

@@ -28,6 +28,7 @@ from bayesdeg.criticism.checks.discrepancy import (
     explained_on_one_scale,
     power,
 )
+from bayesdeg.criticism.checks.missing_terms import MissingTerms
 from bayesdeg.criticism.checks.rupture_misfit import RuptureMisfit
 from bayesdeg.criticism.checks.shared_scatter import SharedScatter
 from bayesdeg.criticism.decide.support import Support
@@ -131,6 +132,22 @@ class MisfitRemains:
     replicates: int
 
 
+@dataclass(frozen=True)
+class StructureLeft:
+    """A term in known quantities fits what the causes leave: one that they do not account for.
+
+    `change` is its largest, over the largest reading of its kind; `alike` how many terms fit as
+    well.
+    """
+
+    formula: str
+    columns: tuple[str, ...]
+    change: float
+    alike: int
+    p_value: float
+    replicates: int
+
+
 type Reason = (
     Uncalibrated
     | LittlePower
@@ -143,6 +160,7 @@ type Reason = (
     | NoReduction
     | TooLittleExplained
     | MisfitRemains
+    | StructureLeft
 )
 
 
@@ -181,6 +199,7 @@ def decide(
     alike: tuple[str, ...] = (),
     shared: Sequence[SharedScatter] = (),
     untested: Sequence[NotComputed] = (),
+    structure: MissingTerms | None = None,
 ) -> Decision:
     """Return the outcome.
 
@@ -218,6 +237,8 @@ def decide(
         Whether specimens that those causes let scatter one by one deviate level by level.
     untested : sequence of NotComputed
         Tests that might refute a favoured cause and could not be made.
+    structure : MissingTerms, optional
+        The terms in known quantities that what those causes leave asks for.
     """
     missed: list[Reason] = [
         *untested,
@@ -231,10 +252,12 @@ def decide(
     # a model that takes wide errors for its readings shows no misfit
     off = off or (of_readings and final.misfit.p_value <= MISFIT_LEVEL)
     by_level = [one for one in shared if one.is_more_than_chance]
-    off = off or bool(by_level) or bool(questioned)
     reasons = [*_against_each(supported, by_level)]
     if of_readings:
-        reasons += _against_all(base, final)
+        structured = _structure(structure)
+        off = off or bool(structured)
+        reasons += [*_against_all(base, final), *structured]
+    off = off or bool(by_level) or bool(questioned)
     if not supported or reasons:
         if misread and len(alike) > 1:
             return Decision(Outcome.AMBIGUOUS, alike, reasons=tuple(reasons))
@@ -308,6 +331,23 @@ def _against_each(supported: list[Support], shared: list[SharedScatter]) -> Iter
             yield ImplausibleSize(one.cause, one.prior_tail, one.log_bayes_factor)
     for found in shared:
         yield SharedByLevel(found.cause, found.p_value, found.replicates)
+
+
+def _structure(found: MissingTerms | None) -> list[Reason]:
+    """Return the term that the causes leave, if there is one."""
+    if found is None or not found.terms:
+        return []
+    first, term = found.terms[0], found.terms[0].term
+    return [
+        StructureLeft(
+            term.formula,
+            term.columns,
+            first.largest,
+            first.count_alike,
+            first.p_value,
+            found.replicates,
+        )
+    ]
 
 
 def _against(one: Support) -> Reason:
