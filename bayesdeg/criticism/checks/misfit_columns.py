@@ -8,8 +8,9 @@ simulated from the model,
 .. math:: \tfrac12 |Q^T z|^2 - \overline{\tfrac12 |Q^T z^{sim}|^2}, \qquad
     Q \text{ orthonormal, of the span of the } W \text{ of its levels},
 
-over the misfit statistic less chance, is the share of the column; that of a level is the same of
-its own directions. Columns that go together share what they have in common: shares do not add up.
+over the largest that is gained by any column or by the smooth discrepancy that measures the misfit,
+is the share of the column; that of a level is the same of its own directions. Columns that go
+together share what they have in common: shares do not add up.
 
 Sign and size are those of e = V C⁻¹ (y − mean), the errors and scatter left after the parameters
 are fitted again (`criticism.fit.linear.Linear.unexplained`), on average over the readings of the
@@ -56,7 +57,7 @@ class LevelMisfit:
     readings : int
         How many were taken there.
     share : float
-        Of the misfit statistic, by a scale and a trend of this level alone.
+        Of the misfit, by a scale and a trend of this level alone.
     excess : float
         Mean of measured less simulated after the refit, in the unit of the reading.
     excess_pct : float
@@ -79,7 +80,7 @@ class ColumnMisfit:
     column : str
         Its name, in words.
     share : float
-        Of the misfit statistic, by a scale and a trend of each level.
+        Of the misfit, by a scale and a trend of each level.
     kind, unit : str
         Which reading the sizes are of, and in which unit.
     levels : tuple of LevelMisfit
@@ -123,10 +124,14 @@ def misfit_columns(
         return ()
     data = np.vstack([linear.observed, linear.whiten(simulated)])
     rows = linear.subject.places.family == misfit.family
-    found = [
-        _column(linear, rows, name, labels, data, ceiling)
-        for name, labels in _columns(linear, rows, batches or {})
-    ]
+    columns = dict(_columns(linear, rows, batches or {}))
+    parts = {name: _by_level(linear, rows, labels) for name, labels in columns.items()}
+    gains = {n: _gain(linear, np.hstack([*own.values()]), data) for n, own in parts.items()}
+    ceiling = max([ceiling, *gains.values()])
+    found = []
+    for name, labels in columns.items():
+        shares = {level: _gain(linear, own, data) / ceiling for level, own in parts[name].items()}
+        found.append(_column(linear, rows, name, labels, shares, gains[name] / ceiling))
     return tuple(sorted(found, key=lambda one: -one.share))
 
 
@@ -159,30 +164,34 @@ def _thirds(values: Floats, unit: str) -> NDArray[np.str_]:
     return names
 
 
+def _by_level(linear: Linear, rows: Flags, labels: NDArray[np.str_]) -> dict[str, Floats]:
+    """Return the directions of each level of a column, in the order along the path."""
+    places, found = linear.subject.places, {}
+    for level in dict.fromkeys(labels[np.argsort(places.along[rows], kind="stable")].tolist()):
+        own = np.zeros(len(rows), dtype=bool)
+        own[rows] = labels == level
+        found[level] = _directions(linear, own)
+    return found
+
+
 def _column(
     linear: Linear,
     rows: Flags,
     name: str,
     labels: NDArray[np.str_],
-    data: Floats,
-    ceiling: float,
+    shares: Mapping[str, float],
+    share: float,
 ) -> ColumnMisfit:
-    places = linear.subject.places
-    kind = str(places.kind[rows][0])
-    first = places.kind[rows] == kind
+    kinds = linear.subject.places.kind[rows]
+    kind = str(kinds[0])
     left, size = linear.unexplained(linear.observed)[rows], np.abs(linear.prediction[rows])
-    directions, levels = [], []
-    for level in dict.fromkeys(labels[np.argsort(places.along[rows], kind="stable")].tolist()):
-        own = np.zeros(len(rows), dtype=bool)
-        own[rows] = labels == level
-        directions.append(_directions(linear, own))
-        here = (labels == level) & first
-        here = here if here.any() else labels == level
-        excess = float(np.mean(left[here]))
-        relative = 100.0 * excess / max(float(np.mean(size[here])), 1e-300)
-        share = _share(linear, directions[-1], data, ceiling)
-        levels.append(LevelMisfit(level, int(np.sum(own)), share, excess, relative))
-    share = _share(linear, np.hstack(directions), data, ceiling)
+    levels = []
+    for level, own in shares.items():
+        here = labels == level
+        read = here & (kinds == kind) if np.any(here & (kinds == kind)) else here
+        excess = float(np.mean(left[read]))
+        relative = 100.0 * excess / max(float(np.mean(size[read])), 1e-300)
+        levels.append(LevelMisfit(level, int(np.sum(here)), own, excess, relative))
     return ColumnMisfit(name, share, kind, reading_unit(linear, kind), tuple(levels))
 
 
@@ -196,9 +205,10 @@ def _directions(linear: Linear, own: Flags) -> Floats:
     return np.column_stack(columns)
 
 
-def _share(linear: Linear, directions: Floats, data: Floats, ceiling: float) -> float:
+def _gain(linear: Linear, directions: Floats, data: Floats) -> float:
+    """Return what directions gain in log-likelihood of the first data set, less chance [nats]."""
     whitened = linear.whiten_columns(directions)
     vectors, values, _ = np.linalg.svd(whitened, full_matrices=False)
     basis = vectors[:, values > FAINT * values[0]]
     gain = 0.5 * np.sum((data @ basis) ** 2, axis=1)
-    return float(np.clip((gain[0] - np.mean(gain[1:])) / ceiling, 0.0, 1.0))
+    return max(float(gain[0] - np.mean(gain[1:])), 0.0)

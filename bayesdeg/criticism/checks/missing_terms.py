@@ -144,6 +144,11 @@ class MissingTerms:
     p_value: float
 
     @property
+    def is_chance(self) -> bool:
+        """Whether the best of all terms gains no more than chance gives."""
+        return self.p_value > FALSE_TERMS
+
+    @property
     def share(self) -> float:
         """Share of the misfit statistic that all terms remove together; 0 without any."""
         return self.terms[-1].share if self.terms else 0.0

@@ -9,7 +9,8 @@ out by more than a standard error, each adding to it, and leave no more than cha
 of the misfit, and none may need an implausible size unless the evidence is strong, or a scatter of
 single specimens that is one of whole levels (`checks.shared_scatter`); without a cause,
 the misfit as a whole, ruptures, their counts, measured means and priors say whether the base model
-is adequate;
+is adequate; what causes leave must ask for no further term in known quantities
+(`checks.missing_terms`): an effect outside the catalogue that resembles a cause is caught by that;
 (5) what could stand in the place of a cause is reported beside it.
 """
 
@@ -40,6 +41,9 @@ Floats = NDArray[np.float64]
 LEAST_EXPLAINED, LEAST_ON_ONE_SCALE = 0.5, 0.8
 LEAST_POWER = 0.5  # of the misfit's test: below, a large misfit would more often be missed
 NEARLY_ALL = 0.9  # of the misfit: what is left may be small and yet significant
+LEAST_CHANGE = 0.03
+"""Largest change by a term in what causes leave, over the largest reading, below which it does not
+speak against them: as much the simulation and the scale of a picture may themselves be off."""
 CHANCE = 0.1  # p-value of what is left above which nothing is left to explain
 
 
@@ -334,8 +338,8 @@ def _against_each(supported: list[Support], shared: list[SharedScatter]) -> Iter
 
 
 def _structure(found: MissingTerms | None) -> list[Reason]:
-    """Return the term that the causes leave, if there is one."""
-    if found is None or not found.terms:
+    """Return the term that the causes leave, if there is one of any size."""
+    if found is None or not found.terms or found.terms[0].largest < LEAST_CHANGE:
         return []
     first, term = found.terms[0], found.terms[0].term
     return [
