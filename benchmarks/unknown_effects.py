@@ -146,7 +146,7 @@ def _cause(form: str) -> Cause:
         mechanism=str(act.__doc__),
         revealed_by="nothing in the catalogue",
         **{hook: act},
-        **outside_effect(name, "–", size, stage),
+        **outside_effect(name, "–", abs(size), stage) | {"typical": typical},
     )
 
 

@@ -477,19 +477,17 @@ def judge(
     beside = _beside(base, rupture, generator, guard)
     held_out, everything = _held_out(search, chosen, folding, progress, guard)
     supported = supports(search, chosen, everything)
-    shared, structure = _shared(final, guard), _structure(final, alone, catalogue, guard)
+    left = _left((alone, final), catalogue, guard)
     counted, own = guard.attempt(OptionalStage.RUPTURE_COUNTS, counting) or (None, None)
-    left = (shared, structure)
     decision = _decided((alone, final), supported, (*beside, counted), catalogue, left, guard)
     names = extension(decision, tuple(supported)) if effort.levels_out else BASE
-    judged = candidates(search, supported, everything, generator)
     return Judgement(
         misfit=alone.misfit,
         left=final.misfit,
         rupture=beside[0],
         contradicted=beside[1],
         questioned=beside[2],
-        candidates=_with_counted([*judged, *_unjudged(catalogue)], counted),
+        candidates=_tried(search, supported, everything, generator, catalogue, counted),
         supported=tuple(supported),
         decision=decision,
         threshold=alone.threshold,
@@ -497,14 +495,12 @@ def judge(
         held_out={label(names): found for names, found in held_out.items()},
         levels_out=_levels_out(search, names, folding, guard),
         search=search,
-        shared=tuple(shared),
+        shared=tuple(left[0]),
         experiments=_proposed(guard, search, decision, supported, catalogue, generator),
         alike=tuple(cause.name for cause in catalogue.alike),
         counted=counted,
         own_counts=own,
-        missing=_missing(
-            (alone, final), decision, structure, catalogue, guard, seed.spawn(1)[0], executor
-        ),
+        missing=_missing((alone, final), decision, left[1], catalogue, guard, seed, executor),
     )
 
 
@@ -552,6 +548,19 @@ def _judged_counts(
         return None if counts is None else judge_counts(trial, counts, causes, second), own
 
 
+def _tried(
+    search: Search,
+    supported: list[Support],
+    everything: dict[Names, HeldOut],
+    generator: np.random.Generator,
+    catalogue: Catalogue | Assembly,
+    counted: Counted | None,
+) -> tuple[Candidate, ...]:
+    """Return every cause, also those that cannot be judged, the most probable first."""
+    judged = candidates(search, supported, everything, generator)
+    return _with_counted([*judged, *_unjudged(catalogue)], counted)
+
+
 def _with_counted(judged: list[Candidate], counted: Counted | None) -> tuple[Candidate, ...]:
     """Return the candidates with what counts say of those of rupture, the most probable first."""
     found = {} if counted is None else counted.candidates
@@ -569,13 +578,15 @@ def _shared(step: Step, guard: Guard) -> list[SharedScatter]:
     return guard.attempt(stage, shared_scatter, step.trial, step.simulated) or []
 
 
-def _structure(
-    final: Step, alone: Step, catalogue: Catalogue | Assembly, guard: Guard
-) -> MissingTerms | None:
-    """Return the terms that what the favoured causes leave asks for; None without a cause."""
+def _left(
+    steps: tuple[Step, Step], catalogue: Catalogue | Assembly, guard: Guard
+) -> tuple[list[SharedScatter], MissingTerms | None]:
+    """Return what scatter shares, and which terms what the causes leave asks for; None of none."""
+    alone, final = steps
+    shared = _shared(final, guard)
     if final is alone:
-        return None
-    return guard.attempt(OptionalStage.STRUCTURE, _terms_of, final, catalogue)
+        return shared, None
+    return shared, guard.attempt(OptionalStage.STRUCTURE, _terms_of, final, catalogue)
 
 
 def _terms_of(step: Step, catalogue: Catalogue | Assembly) -> MissingTerms:
@@ -602,7 +613,7 @@ def _missing(
     found = guard.attempt(OptionalStage.MISSING_TERMS, _described, step, known, catalogue)
     if found is None:
         return None
-    generator = np.random.default_rng(seed)
+    generator = np.random.default_rng(seed.spawn(1)[0])
     told = guard.attempt(OptionalStage.EXPERIMENTS, _between_terms, found, generator, executor)
     return replace(found, experiments=tuple(told or ()))
 

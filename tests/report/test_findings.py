@@ -530,6 +530,7 @@ def test_every_macro_of_a_record_is_rendered():
     module = environment().get_template("findings.j2").make_module({"one": None, "most": None})
     helpers = {"few", "mostly", "place", "off", "figures", "new", "burst_of", "counts_in"}
     helpers |= {"those", "uncatalogued"}
+    helpers |= {"in_words", "fit_alike", "by_column", "column_words", "a_term"}
     # of facts, not of a record: tests/pipeline/test_set_aside.py
     helpers |= {"suspect", "oddness", "guess", "verb"}
     macros = {name for name in vars(module) if not name.startswith("_")} - {"mounts", "parts"}

@@ -200,7 +200,7 @@ class KnownFunction:
             case Form.MEMBER:
                 return f"[{name} = {self.group}]"
             case Form.POWER:
-                ratio = self._over(f"({less})" if " " in less else less)
+                ratio = self._over(f"({less})" if {" ", "/"} & set(less) else less)
                 return f"{ratio}²" if self.end == 2 else ratio
             case Form.ABOVE:
                 return self._over(f"max({less}, 0)")

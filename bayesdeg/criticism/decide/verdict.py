@@ -244,24 +244,20 @@ def decide(
     structure : MissingTerms, optional
         The terms in known quantities that what those causes leave asks for.
     """
-    missed: list[Reason] = [
-        *untested,
-        *(NotTested(one.cause) for one in shared if not one.is_tested),
-    ]
+    unknown_scatter = (NotTested(one.cause) for one in shared if not one.is_tested)
+    missed: list[Reason] = [*untested, *unknown_scatter]
     if supported and missed:
         return Decision(Outcome.NOT_JUDGED, (), reasons=tuple(missed))
     misread = base.misfit.p_value <= MISFIT_LEVEL
-    off = misread or _is_off_beside(rupture, contradicted, counts)
+    off = misread or bool(questioned) or _is_off_beside(rupture, contradicted, counts)
     of_readings = any(one.cause not in on_rupture for one in supported)
     # a model that takes wide errors for its readings shows no misfit
     off = off or (of_readings and final.misfit.p_value <= MISFIT_LEVEL)
     by_level = [one for one in shared if one.is_more_than_chance]
-    reasons = [*_against_each(supported, by_level)]
-    if of_readings:
-        structured = _structure(structure)
-        off = off or bool(structured)
-        reasons += [*_against_all(base, final), *structured]
-    off = off or bool(by_level) or bool(questioned)
+    against = _against_all(base, final, structure) if of_readings else []
+    structured = any(isinstance(reason, StructureLeft) for reason in against)
+    off = off or bool(by_level) or structured
+    reasons = [*_against_each(supported, by_level), *against]
     if not supported or reasons:
         if misread and len(alike) > 1:
             return Decision(Outcome.AMBIGUOUS, alike, reasons=tuple(reasons))
@@ -360,7 +356,12 @@ def _against(one: Support) -> Reason:
     return NotPredictedBetter(one.cause, one.elpd_diff, one.elpd_diff_se or 0.0)
 
 
-def _against_all(base: Step, final: Step) -> list[Reason]:
+def _against_all(base: Step, final: Step, structure: MissingTerms | None) -> list[Reason]:
+    """Return why all causes together are not to be named: what they leave of the readings."""
+    return [*_against_misfit(base, final), *_structure(structure)]
+
+
+def _against_misfit(base: Step, final: Step) -> list[Reason]:
     left, replicates = final.misfit.p_value, len(final.misfit.null)
     if left > CHANCE:
         return []
