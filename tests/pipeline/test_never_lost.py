@@ -118,6 +118,7 @@ WITHOUT = {
     },
     OptionalStage.HELD_OUT: {"gain.csv", "gain_levels.csv", "loo_pit.csv"},
     OptionalStage.SHARED_SCATTER: {"gain_levels.csv"},
+    OptionalStage.STRUCTURE: {"gain_levels.csv"},
     OptionalStage.LEVELS_OUT: {"gain_levels.csv"},
     OptionalStage.PRIOR_SENSITIVITY: {"prior_sensitivity.csv"},
     OptionalStage.PRIOR_PREDICTIVE: {"prior_predictive.csv"},
