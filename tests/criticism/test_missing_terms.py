@@ -145,6 +145,20 @@ def test_what_parameters_could_take_up_is_not_offered():
     assert np.all(left >= LEAST_LEFT)
 
 
+@pytest.mark.parametrize("level", [np.nan, 0.0])
+def test_a_path_or_a_level_without_extent_gives_no_function(level):
+    """Readings of a formula may be at one place, or have no level."""
+    linear = straight.exact_linear(straight.readings(0))
+    places = linear.subject.places
+    flat = np.zeros(len(places))
+    [read] = linear.subject.observations
+    still = replace(read, read_at=replace(places, along=flat, level=flat + level))
+    subject = linear.subject.with_observations(still)
+    offered = known_terms(replace(linear, subject=subject))
+    assert np.all(np.isfinite(offered.directions))
+    assert not {"x", "degradation rate"} & {c for one in offered.terms for c in one.columns}
+
+
 def test_no_two_terms_are_the_same_readings(linear):
     offered = known_terms(linear)
     unit = offered.whitened / np.linalg.norm(offered.whitened, axis=0)

@@ -459,7 +459,7 @@ def known_of(linear: Linear, rows: Flags, batches: Mapping[str, str]) -> KnownCo
     modulus = _modulus(linear, places)
     if modulus is not None:
         numbers[LOAD.column] = 1e-3 * places.along / modulus
-    labels = {RATE.column: _rates(places.level)}
+    labels = {RATE.column: _rates(places)}
     labels[BATCH.column] = np.array([batches.get(str(name), "") for name in places.specimen])
     split = _histories(places)
     if split is None:
@@ -514,10 +514,11 @@ def _modulus(linear: Linear, places: Places) -> Floats | None:
     return np.asarray(moduli[place])
 
 
-def _rates(level: Floats) -> Labels:
+def _rates(places: Places) -> Labels:
     """Return the degradation rate of the group to which each belongs, as it is written."""
-    centres, member = levels(level)
-    return np.array([f"{centre:.3g} %" for centre in centres])[member]
+    unit = " %" if places.family[0] in PATHS else ""
+    centres, member = levels(places.level)
+    return np.array([f"{centre:.3g}{unit}" for centre in centres])[member]
 
 
 def _histories(places: Places) -> Labels | None:
@@ -553,11 +554,11 @@ def _of_load(path: Quantified, known: KnownColumns) -> Iterator[KnownFunction]:
     """Yield functions of the load, and of the reading itself."""
     yield from _shapes(path, known.numbers[path.column])
     top = float(np.max(np.abs(known.numbers[path.column])))
-    ends = (0.0, top / 3.0, 2.0 * top / 3.0, top)
-    for low, high in pairwise(ends):
-        yield KnownFunction(path, Form.BETWEEN, top, high, low)
-    for form, count in product((Form.SINE, Form.COSINE), WAVES):
-        yield KnownFunction(path, form, top, end=count)
+    if top > 0.0:
+        for low, high in pairwise((0.0, top / 3.0, 2.0 * top / 3.0, top)):
+            yield KnownFunction(path, Form.BETWEEN, top, high, low)
+        for form, count in product((Form.SINE, Form.COSINE), WAVES):
+            yield KnownFunction(path, form, top, end=count)
     if LOAD.column in known.numbers:
         yield from _shapes(LOAD, known.numbers[LOAD.column])
     yield from _shapes(Quantified(SIZE, "y/y_max"), known.numbers[SIZE])
@@ -582,8 +583,8 @@ def _shapes(of: Quantified, values: Floats) -> Iterator[KnownFunction]:
 
 def _of_state(places: Places, known: KnownColumns) -> Iterator[KnownFunction]:
     """Yield functions of the specimen's state, and of the history of its test."""
-    rates = known.numbers[DEGRADATION.column]
-    if np.ptp(rates) > 0.0:
+    rates = known.numbers.get(DEGRADATION.column)
+    if rates is not None and np.ptp(rates) > 0.0:
         of = DEGRADATION if places.family[0] in PATHS else LEVEL
         for power in (1, 2):
             yield KnownFunction(of._replace(column=DEGRADATION.column), Form.POWER,
@@ -610,7 +611,8 @@ def _of_time(time: Floats) -> Iterator[KnownFunction]:
 
 def _groups(places: Places, known: KnownColumns) -> Iterator[KnownFunction]:
     """Yield memberships of groups that hold several specimens, but not all readings."""
-    names = {column.column: column for column in (BRANCH, MOUNT, HISTORY, BATCH, RATE)}
+    rate = RATE if places.family[0] in PATHS else LEVEL
+    names = {column.column: column for column in (BRANCH, MOUNT, HISTORY, BATCH, rate)}
     for column, labels in known.labels.items():
         groups = [str(name) for name in np.unique(labels) if name]
         if len(groups) == 2 and column in (BRANCH.column, MOUNT.column):
