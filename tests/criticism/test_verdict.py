@@ -133,7 +133,7 @@ def test_causes_that_read_like_the_law_answer_for_no_contradicted_mean():
     assert found == Decision(Outcome.UNEXPLAINED, ())
 
 
-def left_over(largest, *, count_alike=0):
+def left_over(largest, *, count_alike=0, p_value=0.004, confirmed=True):
     """What a cause leaves, if a term changes it by as much of the largest reading."""
     path = Quantified("force", "x")
     term = KnownTerm(
@@ -142,7 +142,7 @@ def left_over(largest, *, count_alike=0):
     one = MissingTerm(
         term, 0.2, 0.1, 0.3, 12.0, 0.004, 0.8, 9.0, 3.0, (), count_alike, np.zeros(3), largest
     )
-    return MissingTerms((one,), 187, 300, 0.004)
+    return MissingTerms((one,) if confirmed else (), 187, 300, p_value, one)
 
 
 def test_a_cause_that_leaves_structure_is_not_named():
@@ -151,12 +151,19 @@ def test_a_cause_that_leaves_structure_is_not_named():
     assert found.reasons == (StructureLeft("y(x + b)", ("force",), 0.1, 2, 0.004, 300),)
     quiet = outcome_of(support(), base=step(0.5), structure=left_over(0.1))
     assert quiet.outcome is Outcome.UNEXPLAINED
+    doubted = outcome_of(support(), structure=left_over(0.1, confirmed=False))
+    assert doubted.outcome is Outcome.UNEXPLAINED
 
 
 @pytest.mark.parametrize(
     "structure",
-    [None, MissingTerms((), 187, 300, 0.4), left_over(0.99 * LEAST_CHANGE)],
-    ids=["not tested", "none", "as small as the simulation's own error"],
+    [
+        None,
+        MissingTerms((), 187, 300, np.nan),
+        left_over(0.1, p_value=1.01 * MISFIT_LEVEL),
+        left_over(0.99 * LEAST_CHANGE),
+    ],
+    ids=["not tested", "no data", "chance", "as small as the simulation's own error"],
 )
 def test_a_cause_is_named_where_nothing_of_any_size_is_left(structure):
     found = outcome_of(support(), structure=structure)

@@ -136,12 +136,15 @@ class MissingTerms:
         Simulated data sets.
     p_value : float
         Of the best of all terms, whether or not it is given.
+    best : MissingTerm, optional
+        That term, also where held-out specimens do not confirm it or chance gives as much.
     """
 
     terms: tuple[MissingTerm, ...]
     tried: int
     replicates: int
     p_value: float
+    best: MissingTerm | None = None
 
     @property
     def is_chance(self) -> bool:
@@ -183,7 +186,8 @@ def missing_terms(
     held = _held_out(linear, offered, len([one for one in picks if one.p_value <= FALSE_TERMS]))
     given = _given(picks, held)
     terms = _described(linear, offered, picks[:given], held, misfit)
-    return MissingTerms(terms, len(offered), len(null), p_value)
+    best = terms[:1] or _described(linear, offered, picks[:1], held, misfit)
+    return MissingTerms(terms, len(offered), len(null), p_value, next(iter(best), None))
 
 
 @dataclass(frozen=True)

@@ -41,9 +41,9 @@ Floats = NDArray[np.float64]
 LEAST_EXPLAINED, LEAST_ON_ONE_SCALE = 0.5, 0.8
 LEAST_POWER = 0.5  # of the misfit's test: below, a large misfit would more often be missed
 NEARLY_ALL = 0.9  # of the misfit: what is left may be small and yet significant
-LEAST_CHANGE = 0.03
+LEAST_CHANGE = 0.01
 """Largest change by a term in what causes leave, over the largest reading, below which it does not
-speak against them: as much the simulation and the scale of a picture may themselves be off."""
+speak against them: as much emulator and mesh may themselves be off."""
 CHANCE = 0.1  # p-value of what is left above which nothing is left to explain
 
 
@@ -334,10 +334,16 @@ def _against_each(supported: list[Support], shared: list[SharedScatter]) -> Iter
 
 
 def _structure(found: MissingTerms | None) -> list[Reason]:
-    """Return the term that the causes leave, if there is one of any size."""
-    if found is None or not found.terms or found.terms[0].largest < LEAST_CHANGE:
+    """Return the term that the causes leave, if it is of any size and more than chance.
+
+    Held-out specimens need not confirm it: to give a term is a claim, to doubt a cause is none.
+    """
+    first = None if found is None else found.best
+    if found is None or first is None or first.largest < LEAST_CHANGE:
         return []
-    first, term = found.terms[0], found.terms[0].term
+    if not found.p_value <= MISFIT_LEVEL:
+        return []
+    term = first.term
     return [
         StructureLeft(
             term.formula,
