@@ -328,7 +328,7 @@ def _second_gauge(inputs: Inputs, conditions: Conditions, effect: Effect) -> Inp
     return replace(inputs, pressure=inputs.pressure * (1.0 - effect["excess"] * other))
 
 
-def _effect(name: str, unit: str, size: float, stage: Stage) -> dict[str, object]:
+def outside_effect(name: str, unit: str, size: float, stage: Stage) -> dict[str, object]:
     parameter = Parameter(name, Normal(0.0, 10.0 * size), unit, "of a made-up effect", 0.0)
     return {"stage": stage, "parameters": (parameter,), "typical": {name: size}}
 
@@ -339,34 +339,34 @@ OUTSIDE = (
         mechanism="the gauge's error swings along its range",
         revealed_by="nothing in the catalogue",
         on_inputs=_gauge_wave,
-        **_effect("amplitude", "kPa", 9.0, Stage.LOAD),
+        **outside_effect("amplitude", "kPa", 9.0, Stage.LOAD),
     ),
     Cause(
         name="outside_one_batch",
         mechanism="one batch of material was mixed wrongly",
         revealed_by="nothing in the catalogue",
         on_inputs=_one_batch,
-        **_effect("log_ratio", "–", 0.4, Stage.MATERIAL),
+        **outside_effect("log_ratio", "–", 0.4, Stage.MATERIAL),
     ),
     Cause(
         name="outside_slipping",
         mechanism="the camera's picture is distorted in the middle of its field",
         revealed_by="nothing in the catalogue",
         on_reading=_slipping,
-        **_effect("share", "–", 0.2, Stage.READING),
+        **outside_effect("share", "–", 0.2, Stage.READING),
     ),
     Cause(
         name="outside_contact",
         mechanism="chambers touch when the actuator is bent far",
         revealed_by="nothing in the catalogue",
         on_reading=_contact,
-        **_effect("lost", "–", 0.4, Stage.READING),
+        **outside_effect("lost", "–", 0.4, Stage.READING),
     ),
     Cause(
         name="outside_second_gauge",
         mechanism="every third actuator hung on a gauge that reads too much",
         revealed_by="nothing in the catalogue",
         on_inputs=_second_gauge,
-        **_effect("excess", "–", 0.15, Stage.LOAD),
+        **outside_effect("excess", "–", 0.15, Stage.LOAD),
     ),
 )

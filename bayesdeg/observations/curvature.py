@@ -788,6 +788,7 @@ class Curvature(Observations):
             each(np.array(data.specimens)[:, None]).astype(np.str_),
             each(np.char.add(np.char.add(history, " "), data.mount)).astype(np.str_),
             each(data.time).astype(np.float64),
+            each(data.humidity).astype(np.float64),
         )
 
     @property

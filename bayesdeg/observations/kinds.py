@@ -43,6 +43,8 @@ class Places:
         How the load was applied: branch, cycle, mount, mode of tension.
     time : array
         When [s]; nan where it was not recorded.
+    humidity : array, optional
+        Relative humidity of the room [%]; nan where it was not recorded, as by default.
     """
 
     kind: Labels
@@ -52,6 +54,12 @@ class Places:
     specimen: Labels
     history: Labels
     time: Floats
+    humidity: Floats = field(default_factory=lambda: np.array(np.nan))
+
+    def __post_init__(self) -> None:
+        """Bring a humidity that is the same for all readings to their shape."""
+        shape = np.shape(self.kind)
+        object.__setattr__(self, "humidity", np.broadcast_to(self.humidity, shape))
 
     def __len__(self) -> int:
         """Return the number of readings."""

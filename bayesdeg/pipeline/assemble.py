@@ -1,7 +1,7 @@
 """A study becomes the base model: which data, which parameters, which priors."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -49,6 +49,8 @@ class Assembly:
         Causes that such counts may show.
     aside : tuple of Aside
         Specimens and readings that were set aside, since they do not belong with the rest.
+    batches : dict of str to str
+        The batch of each specimen of which one is recorded.
     study, whole : Study, optional
         What is left of the study, and the study with all of it, where something was.
     """
@@ -62,6 +64,7 @@ class Assembly:
     counts: RuptureCounts | None = None
     of_counts: tuple[Cause, ...] = ()
     aside: tuple[Aside, ...] = ()
+    batches: dict[str, str] = field(default_factory=dict)
     study: Study | None = None
     whole: Study | None = None
 
@@ -193,7 +196,19 @@ def assemble(study: Study, forward: ForwardMap | None = None) -> Assembly:
         plan.alike,
         counts=plan.counts,
         of_counts=plan.of_counts,
+        batches=batches_of(study),
     )
+
+
+def batches_of(study: Study) -> dict[str, str]:
+    """Return the batch of each specimen, where a table says of which it is."""
+    found: dict[str, str] = {}
+    for table in (study.actuator, study.tensile):
+        if table is not None and "batch" in table:
+            known = table[table["batch"].notna() & (table["batch"].astype(str) != "")]
+            names, batches = known["specimen_id"].astype(str), known["batch"].astype(str)
+            found |= dict(zip(names, batches, strict=True))
+    return found
 
 
 def _stiffening(study: Study, plan: Outline) -> float:

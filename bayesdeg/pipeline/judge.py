@@ -23,6 +23,8 @@ from bayesdeg.criticism.checks.count_misfit import (
     own_counts,
 )
 from bayesdeg.criticism.checks.discrepancy import Misfit
+from bayesdeg.criticism.checks.misfit_columns import ColumnMisfit, misfit_columns
+from bayesdeg.criticism.checks.missing_terms import MissingTerms, missing_terms
 from bayesdeg.criticism.checks.rupture_misfit import RuptureMisfit, rupture_misfit
 from bayesdeg.criticism.checks.shared_scatter import SharedScatter, shared_scatter
 from bayesdeg.criticism.decide.candidates import (
@@ -48,6 +50,7 @@ from bayesdeg.criticism.decide.verdict import (
     decide,
     uncalibrated,
 )
+from bayesdeg.criticism.experiments.between_terms import term_trials
 from bayesdeg.criticism.experiments.designs import candidate_experiments
 from bayesdeg.criticism.experiments.ranking import next_experiments_document, rank
 from bayesdeg.criticism.fit.linear import neutral_sizes
@@ -86,6 +89,8 @@ class Judgement:
         How probable published counts of ruptures are, and what explains them; None without any.
     own_counts : CountMisfit or None
         How probable the number of the study's own actuators that burst is.
+    missing : Description, optional
+        What the misfit looks like, where no cause accounts for it.
     counts_fitted : bool
         Whether the cause that explains published counts is part of the model that predicts.
     contradicted : Conflict or None
@@ -139,6 +144,7 @@ class Judgement:
     own_counts: CountMisfit | None = None
     counts_fitted: bool = True
     absorbed: Absorption | None = None
+    missing: "Description | None" = None
 
     @property
     def predicted_with(self) -> tuple[str, ...]:
@@ -198,6 +204,38 @@ class Judgement:
             for names, count in zip(self.possible, counts, strict=True)
         ]
         return np.concatenate(found)
+
+
+@dataclass(frozen=True)
+class Description:
+    """What a misfit looks like that no cause accounts for.
+
+    Parameters
+    ----------
+    step : Step
+        The model whose misfit it is: the base model, or with the causes that are named.
+    found : MissingTerms
+        The terms in known quantities that would remove it.
+    columns : tuple of ColumnMisfit
+        In which columns it sits.
+    experiments : tuple of dict
+        What would tell the best terms apart, as in ``verdict.json``.
+    """
+
+    step: Step
+    found: MissingTerms
+    columns: tuple[ColumnMisfit, ...]
+    experiments: tuple[dict[str, object], ...] = ()
+
+    @property
+    def chief(self) -> ColumnMisfit | None:
+        """The column with the largest share: of those that hold as much the one of fewest levels.
+
+        A column of many levels, as of specimens, takes up what one of few does as well.
+        """
+        largest = max((one.share for one in self.columns), default=0.0)
+        near = [one for one in self.columns if one.share >= MOSTLY * largest]
+        return min(near, key=lambda one: len(one.levels), default=None)
 
 
 def label(names: Names) -> str:
@@ -337,8 +375,10 @@ COUNT_DRAWS = 1000  # for counts of a study's own ruptures
 REFUTING = (
     OptionalStage.HELD_OUT,
     OptionalStage.SHARED_SCATTER,
+    OptionalStage.STRUCTURE,
 )  # tests that a cause must pass to be named
 Beside = tuple[RuptureMisfit | None, Conflict | None, tuple[Questioned, ...]]
+MOSTLY = 0.9  # of the largest share: a column that holds about as much
 IN_QUESTION = 3  # rivals between which experiments are ranked
 
 
@@ -359,6 +399,8 @@ class Catalogue:
         How many of the actuators of others burst.
     of_counts : tuple of Cause
         Causes that such counts may show.
+    batches : mapping of str to str
+        The batch of each specimen of which one is recorded.
     """
 
     candidates: tuple[Cause, ...]
@@ -366,6 +408,7 @@ class Catalogue:
     alike: tuple[Cause, ...] = ()
     counts: RuptureCounts | None = None
     of_counts: tuple[Cause, ...] = ()
+    batches: Mapping[str, str] = field(default_factory=dict)
 
 
 def judge_model(
@@ -438,17 +481,16 @@ def judge(
     beside = _beside(base, rupture, generator, guard)
     held_out, everything = _held_out(search, chosen, folding, progress, guard)
     supported = supports(search, chosen, everything)
-    shared = _shared(final, guard)
+    left = _left((alone, final), catalogue, guard)
     counted, own = guard.attempt(OptionalStage.RUPTURE_COUNTS, counting) or (None, None)
-    decision = _decided((alone, final), supported, (*beside, counted), catalogue, shared, guard)
-    judged = candidates(search, supported, everything, generator)
+    decision = _decided((alone, final), supported, (*beside, counted), catalogue, left, guard)
     return Judgement(
         misfit=alone.misfit,
         left=final.misfit,
         rupture=beside[0],
         contradicted=beside[1],
         questioned=beside[2],
-        candidates=_with_counted([*judged, *_unjudged(catalogue)], counted),
+        candidates=_tried(search, supported, everything, generator, catalogue, counted),
         supported=tuple(supported),
         decision=decision,
         threshold=alone.threshold,
@@ -456,12 +498,13 @@ def judge(
         held_out={label(names): found for names, found in held_out.items()},
         levels_out=_levels_out(search, extension(decision, tuple(supported)), folding, guard),
         search=search,
-        shared=tuple(shared),
+        shared=tuple(left[0]),
         experiments=_proposed(guard, search, decision, supported, catalogue, generator),
         alike=tuple(cause.name for cause in catalogue.alike),
         counted=counted,
         own_counts=own,
         absorbed=guard.attempt(OptionalStage.ABSORPTION, absorption, search, chosen),
+        missing=_missing((alone, final), decision, left[1], catalogue, guard, seed, executor),
     )
 
 
@@ -509,6 +552,19 @@ def _judged_counts(
         return None if counts is None else judge_counts(trial, counts, causes, second), own
 
 
+def _tried(
+    search: Search,
+    supported: list[Support],
+    everything: dict[Names, HeldOut],
+    generator: np.random.Generator,
+    catalogue: Catalogue | Assembly,
+    counted: Counted | None,
+) -> tuple[Candidate, ...]:
+    """Return every cause, also those that cannot be judged, the most probable first."""
+    judged = candidates(search, supported, everything, generator)
+    return _with_counted([*judged, *_unjudged(catalogue)], counted)
+
+
 def _with_counted(judged: list[Candidate], counted: Counted | None) -> tuple[Candidate, ...]:
     """Return the candidates with what counts say of those of rupture, the most probable first."""
     found = {} if counted is None else counted.candidates
@@ -524,6 +580,66 @@ def _shared(step: Step, guard: Guard) -> list[SharedScatter]:
     """Return what `shared_scatter` does; nothing where it could not be computed."""
     stage = OptionalStage.SHARED_SCATTER
     return guard.attempt(stage, shared_scatter, step.trial, step.simulated) or []
+
+
+def _left(
+    steps: tuple[Step, Step], catalogue: Catalogue | Assembly, guard: Guard
+) -> tuple[list[SharedScatter], MissingTerms | None]:
+    """Return what scatter shares, and which terms what the causes leave asks for; None of none."""
+    alone, final = steps
+    shared = _shared(final, guard)
+    if final is alone:
+        return shared, None
+    return shared, guard.attempt(OptionalStage.STRUCTURE, _terms_of, final, catalogue)
+
+
+def _terms_of(step: Step, catalogue: Catalogue | Assembly) -> MissingTerms:
+    linear, batches = step.trial.linear, catalogue.batches
+    return missing_terms(linear, step.simulated, step.misfit, batches=batches)
+
+
+def _missing(
+    steps: tuple[Step, Step],
+    decision: Decision,
+    structure: MissingTerms | None,
+    catalogue: Catalogue | Assembly,
+    guard: Guard,
+    seed: np.random.SeedSequence,
+    executor: Executor | None,
+) -> Description | None:
+    """Return what the misfit looks like that is not accounted for; None where there is none."""
+    alone, final = steps
+    named = decision.outcome in (Outcome.NAMED, Outcome.AMBIGUOUS)
+    remains = named and final.misfit.p_value <= MISFIT_LEVEL
+    if decision.outcome is not Outcome.UNEXPLAINED and not remains:
+        return None
+    step, known = (final, structure) if named else (alone, None)
+    found = guard.attempt(OptionalStage.MISSING_TERMS, _described, step, known, catalogue)
+    if found is None:
+        return None
+    generator = np.random.default_rng(seed.spawn(1)[0])
+    told = guard.attempt(OptionalStage.EXPERIMENTS, _between_terms, found, generator, executor)
+    return replace(found, experiments=tuple(told or ()))
+
+
+def _between_terms(
+    found: Description, generator: np.random.Generator, executor: Executor | None
+) -> list[dict[str, object]]:
+    """Rank what would tell apart the terms that fit about as well."""
+    trial = found.step.trial
+    trials = term_trials(trial, found.found, generator)
+    experiments = candidate_experiments(trial.subject) if trials else ()
+    ranked = rank(trials, experiments, generator, executor=executor)
+    return next_experiments_document(ranked, partial(worded, degrades=trial.subject.degrades))
+
+
+def _described(
+    step: Step, known: MissingTerms | None, catalogue: Catalogue | Assembly
+) -> Description:
+    found = _terms_of(step, catalogue) if known is None else known
+    linear, batches = step.trial.linear, catalogue.batches
+    columns = misfit_columns(linear, step.simulated, step.misfit, batches=batches)
+    return Description(step, found, columns)
 
 
 def _on(base: Trial, effort: SearchEffort) -> SearchEffort:
@@ -616,7 +732,7 @@ def _decided(
     supported: list[Support],
     beside: tuple[*Beside, Counted | None],
     catalogue: Catalogue | Assembly,
-    shared: list[SharedScatter],
+    left: tuple[list[SharedScatter], MissingTerms | None],
     guard: Guard,
 ) -> Decision:
     rupture, contradicted, off_prior, counted = beside
@@ -634,7 +750,8 @@ def _decided(
         questioned=off_prior,
         on_rupture=silent,
         alike=tuple(cause.name for cause in catalogue.alike),
-        shared=shared,
+        shared=left[0],
+        structure=left[1],
         untested=[NotComputed(s, guard.why(s)) for s in REFUTING if s in guard.stages],
     )
 

@@ -51,6 +51,7 @@ from bayesdeg.pipeline.forecast import model_document
 from bayesdeg.pipeline.formula import OwnMap
 from bayesdeg.pipeline.judge import Judgement, readings_misfit
 from bayesdeg.pipeline.memory import peaks_of_memory
+from bayesdeg.pipeline.missing import description_entry
 from bayesdeg.pipeline.outline import outline
 from bayesdeg.pipeline.vendor import vendor_check
 from bayesdeg.prediction.predictive import specimens_tested
@@ -187,6 +188,7 @@ def verdict_document(
         contradicted=_contradicted(judgement.contradicted),
         absorbed=_absorbed(judgement.absorbed),
         next_experiments=tuple(ExperimentEntry.model_validate(one) for one in experiments),
+        description=description_entry(judgement),
     )
 
 

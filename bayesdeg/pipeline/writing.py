@@ -44,8 +44,9 @@ from bayesdeg.pipeline.calibrate import Fit, Sampled
 from bayesdeg.pipeline.deformed import Begun, write_deformed
 from bayesdeg.pipeline.experience import experience_of
 from bayesdeg.pipeline.forecast import model_document, ranges_of
-from bayesdeg.pipeline.judge import Judgement
+from bayesdeg.pipeline.judge import Description, Judgement
 from bayesdeg.pipeline.lifetime import default_hours, life_table, lifetime_of
+from bayesdeg.pipeline.missing import columns_table, readings_table, terms_table
 from bayesdeg.pipeline.pictures import Picture, lines_on, paper_groups, pictures_of, write_pictures
 from bayesdeg.pipeline.progress import Silent
 from bayesdeg.pipeline.record import Results, suspects_of, verdict_of
@@ -916,6 +917,14 @@ def _suspects_table(found: TableSources) -> pd.DataFrame | None:
     return pd.DataFrame(rows) if rows else None
 
 
+def _of_missing(
+    make: Callable[[Description], pd.DataFrame | None], found: TableSources
+) -> pd.DataFrame | None:
+    """Return a table of what the misfit looks like, where no cause accounts for it."""
+    known = None if found.judgement is None else found.judgement.missing
+    return None if known is None else make(known)
+
+
 def _set_aside_table(found: TableSources) -> pd.DataFrame | None:
     """Return curvatures at the degradation rates of suspects, and which of them are set aside."""
     whole, aside = found.results.assembly.whole, found.results.assembly.aside
@@ -978,4 +987,7 @@ BUILDS: Mapping[str, Build] = {
     columns.SET_ASIDE: _set_aside_table,
     columns.TRACES: _traces_table,
     columns.PHOTO_LINES: _photo_lines_table,
+    columns.MISSING_TERMS: partial(_of_missing, terms_table),
+    columns.MISFIT_COLUMNS: partial(_of_missing, columns_table),
+    columns.TERM_READINGS: partial(_of_missing, readings_table),
 }

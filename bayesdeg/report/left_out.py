@@ -28,6 +28,8 @@ class OptionalStage(StrEnum):
     RUPTURE_COUNTS = "counts of ruptures against the model"
     CONFLICT = "measured means and priors against the base model"
     HELD_OUT = "held-out specimens"
+    STRUCTURE = "structure that the causes leave"
+    MISSING_TERMS = "terms that the misfit asks for"
     SHARED_SCATTER = "scatter shared by a degradation rate"
     CONFUSABILITY = "causes that this design could confuse"
     ABSORPTION = "parameters that absorb an effect"

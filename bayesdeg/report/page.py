@@ -99,6 +99,7 @@ class Content:
     gain_levels: list[Row]
     gain_modes: list[Row]
     decisions: list[DecisionPair]
+    missing_terms: list[Row]
     criteria: list[Row]
     criteria_influence: str
     lookalikes: list[str]
@@ -165,6 +166,7 @@ def content_of(shown: Shown, guard: Guard | None = None) -> Content:
         gain_levels=rows_of(pooled(tables["gain_levels"])),
         gain_modes=sorted(rows_of(tables["gain_modes"]), key=lambda row: str(row["mode"])),
         decisions=decision_pairs(tables["decisions"]),
+        missing_terms=rows_of(tables["missing_terms"]),
         criteria=by_criterion(tables["criteria"]),
         criteria_influence=influence_of_criteria(tables["criteria"], degrades=shown.run.degrades),
         lookalikes=lookalikes(verdict),

@@ -221,6 +221,58 @@ class SuspectEntry(Record):
     )
 
 
+class MissingTermEntry(Record):
+    """A term in known quantities that removes part of a misfit; sizes in `unit`."""
+
+    formula: Text = Field(default="", description="of the reading with it, b its size")
+    columns: Names = Field(default=(), description="what it is a function of")
+    size: Number = None
+    q05: Number = None
+    q95: Number = None
+    unit: Text = ""
+    share_of_misfit: Number = Field(default=None, description="with the terms before it")
+    p_value: Number = None
+    elpd_diff: Number = Field(default=None, description="held-out log predictive gain [nats]")
+    elpd_diff_se: Number = None
+    alike: Names = Field(default=(), description="terms that fit as well, the best first")
+    count_alike: Number = Field(default=None, description="how many there are")
+
+
+class LevelMisfitEntry(Record):
+    """What one level of a column has of a misfit."""
+
+    level: Text = ""
+    readings: Number = None
+    share_of_misfit: Number = None
+    excess: Number = Field(default=None, description="measured less simulated, on average")
+    excess_pct: Number = Field(default=None, description="the same over the simulated [%]")
+
+
+class ColumnMisfitEntry(Record):
+    """What the levels of a column have of a misfit; sizes are of `kind`, in `unit`."""
+
+    column: Text = ""
+    share_of_misfit: Number = None
+    kind: Text = ""
+    unit: Text = ""
+    levels: tuple[LevelMisfitEntry, ...] = ()
+
+
+class DescriptionEntry(Record):
+    """What a misfit looks like that no cause accounts for."""
+
+    sentence: Text = ""
+    with_causes: Names = Field(default=(), description="active in the model whose misfit it is")
+    terms: tuple[MissingTermEntry, ...] = ()
+    columns: tuple[ColumnMisfitEntry, ...] = ()
+    p_value: Number = Field(default=None, description="of the best of all terms")
+    tried: Number = Field(default=None, description="terms that were tried")
+    replicates: Number = Field(default=None, description="simulated data sets behind p_value")
+    next_experiments: tuple[ExperimentEntry, ...] = Field(
+        default=(), description="which would tell the best terms apart"
+    )
+
+
 class OutcomeEntry(Record):
     """An outcome and its causes, as at the top of ``verdict.json``."""
 
@@ -316,6 +368,11 @@ class VerdictRecord(FileRecord):
     contradicted: ContradictionEntry | None = None
     next_experiments: tuple[ExperimentEntry, ...] = ()
     absorbed: tuple[AbsorbedEntry, ...] = ()
+    description: DescriptionEntry | None = Field(
+        default=None,
+        exclude_if=is_absent,
+        description="what the misfit looks like, where no cause accounts for it",
+    )
     suspects: tuple[SuspectEntry, ...] = ()
     parameters_in_question: tuple[QuestionedEntry, ...] = ()
     with_suspects: OutcomeEntry | None = Field(

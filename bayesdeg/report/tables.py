@@ -45,6 +45,9 @@ TRACES = "traces"
 PHOTO_LINES = "photo_lines"
 ABSORPTION = "absorption"
 PUSHES = "pushes"
+MISSING_TERMS = "missing_terms"
+MISFIT_COLUMNS = "misfit_columns"
+TERM_READINGS = "missing_terms_readings"
 
 ALL_LEVELS = "all"
 """What stands in ``degradation_pct`` of a row that pools every degradation rate."""
@@ -599,6 +602,49 @@ _TABLES = (
             _log("log_bayes_factor", "of the model with them against the base model"),
             Column("shift_sd", "–", "how far the base model moves it, in sd of all else"),
             Column("share", "–", "share of the displacement that this explains"),
+        ),
+    ),
+    ResultTable(
+        MISSING_TERMS,
+        (
+            Column("step", "–", "1 for the first term that was taken, 2 for that beside it"),
+            _text("status", "taken, or fits as well as the one that was"),
+            _text("formula", "of the reading with it, b its size"),
+            _text("columns", "what it is a function of"),
+            _text("unit", "unit of its size"),
+            Column("size", "as stated", "its size"),
+            *_quantiles("as stated", 5, 95),
+            Column("behind", "–", "log-likelihood that it gains less, complexities weighed"),
+            Column("share", "–", "share of the misfit removed with it and those before it"),
+            Column("p_value", "–", "share of simulated data in which the best term gains as much"),
+            _log("elpd_diff", "log predictive density that held-out specimens gain by it"),
+            _log("elpd_diff_se", "standard error of that"),
+        ),
+    ),
+    ResultTable(
+        MISFIT_COLUMNS,
+        (
+            _text("column", "a column of the study's tables"),
+            Column("column_share", "–", "share of the misfit that sits in its levels"),
+            _text("level", "a level of it, or a third of its readings"),
+            Column("readings", "–", "number of readings there"),
+            Column("share", "–", "share of the misfit that sits there"),
+            _text("kind", "which reading the excess is of"),
+            _text("unit", "unit of the excess"),
+            Column("excess", "as stated", "measured less simulated, on average"),
+            Column("excess_pct", "%", "the same over the mean size of the simulated"),
+        ),
+    ),
+    ResultTable(
+        TERM_READINGS,
+        (
+            _text("kind", "what was read"),
+            _text("history", "branch, cycle and mount, or mode of tension"),
+            _SPECIMEN,
+            _DEGRADATION,
+            Column("along", "as stated", "pressure [kPa] or stretch [–]"),
+            Column("term", "as read", "change of the reading by the terms that were taken"),
+            Column("residual", "as read", "reading less model, fitted beside the terms"),
         ),
     ),
     ResultTable(

@@ -11,6 +11,8 @@ from scipy.stats import norm
 
 from bayesdeg.criticism.checks.conflict import Conflict, Questioned
 from bayesdeg.criticism.checks.discrepancy import LARGE, Misfit
+from bayesdeg.criticism.checks.known_terms import Acts, KnownTerm, Quantified
+from bayesdeg.criticism.checks.missing_terms import MissingTerm, MissingTerms
 from bayesdeg.criticism.checks.rupture_misfit import RuptureMisfit
 from bayesdeg.criticism.checks.shared_scatter import SharedScatter
 from bayesdeg.criticism.decide import verdict as deciding
@@ -24,6 +26,7 @@ from bayesdeg.criticism.decide.support import (
 )
 from bayesdeg.criticism.decide.verdict import (
     CHANCE,
+    LEAST_CHANGE,
     LEAST_EXPLAINED,
     LEAST_ON_ONE_SCALE,
     LEAST_POWER,
@@ -38,6 +41,7 @@ from bayesdeg.criticism.decide.verdict import (
     NotPredictedBetter,
     NotTested,
     SharedByLevel,
+    StructureLeft,
     TooLittleExplained,
     Uncalibrated,
     decide,
@@ -127,6 +131,47 @@ def test_causes_that_read_like_the_law_answer_for_no_contradicted_mean():
     wrong = Conflict(mean, 0.96, 0.04, MISFIT_LEVEL)
     found = outcome_of(base=step(0.5), contradicted=wrong, alike=("creep", "erosion"))
     assert found == Decision(Outcome.UNEXPLAINED, ())
+
+
+def left_over(largest, *, count_alike=0, p_value=0.004, confirmed=True):
+    """What a cause leaves, if a term changes it by as much of the largest reading."""
+    path = Quantified("force", "x")
+    term = KnownTerm(
+        "readings", ("reading",), Acts.PATH, (), path, {"reading": (1.0, "y", "")}, 1.0
+    )
+    one = MissingTerm(
+        term, 0.2, 0.1, 0.3, 12.0, 0.004, 0.8, 9.0, 3.0, (), count_alike, np.zeros(3), largest
+    )
+    return MissingTerms((one,) if confirmed else (), 187, 300, p_value, one)
+
+
+def test_a_cause_that_leaves_structure_is_not_named():
+    found = outcome_of(support(), structure=left_over(0.1, count_alike=2))
+    assert (found.outcome, found.causes) == (Outcome.UNEXPLAINED, ())
+    assert found.reasons == (StructureLeft("y(x + b)", ("force",), 0.1, 2, 0.004, 300),)
+    quiet = outcome_of(support(), base=step(0.5), structure=left_over(0.1))
+    assert quiet.outcome is Outcome.UNEXPLAINED
+    doubted = outcome_of(support(), structure=left_over(0.1, confirmed=False))
+    assert doubted.outcome is Outcome.UNEXPLAINED
+
+
+@pytest.mark.parametrize(
+    "structure",
+    [
+        None,
+        MissingTerms((), 187, 300, np.nan),
+        left_over(0.1, p_value=1.01 * MISFIT_LEVEL),
+        left_over(0.99 * LEAST_CHANGE),
+    ],
+    ids=["not tested", "no data", "chance", "as small as the simulation's own error"],
+)
+def test_a_cause_is_named_where_nothing_of_any_size_is_left(structure):
+    found = outcome_of(support(), structure=structure)
+    assert found == Decision(Outcome.NAMED, ("creep",))
+
+
+def test_structure_speaks_for_no_misfit_where_no_cause_is_favoured():
+    assert outcome_of(base=step(0.5), structure=left_over(0.1)).outcome is Outcome.ADEQUATE
 
 
 @pytest.mark.parametrize("gain", [3.9, -20.0])

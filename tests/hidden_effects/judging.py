@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from bayesdeg.causes.cause import Cause
+from bayesdeg.criticism.checks.missing_terms import MissingTerm
 from bayesdeg.criticism.decide.candidates import effect_sizes
 from bayesdeg.criticism.decide.support import Support, supports
 from bayesdeg.criticism.decide.verdict import Reason, decide
@@ -54,6 +55,10 @@ class Verdict:
         Of the ruptures that the base model expects.
     reasons : tuple of Reason
         Why what the evidence favours is not named.
+    terms : tuple of MissingTerm
+        That would remove a misfit that no cause accounts for.
+    chief : str
+        The column in which most of it sits; empty where nothing is described.
     """
 
     outcome: str
@@ -64,6 +69,8 @@ class Verdict:
     p_value: float
     rupture_p_value: float
     reasons: tuple[Reason, ...] = ()
+    terms: tuple[MissingTerm, ...] = ()
+    chief: str = ""
 
 
 @dataclass(frozen=True)
@@ -181,7 +188,8 @@ def _unchanged(state: object, *_: object) -> object:
 
 
 def _told(judgement: Judgement) -> Verdict:
-    rupture = judgement.rupture
+    rupture, described = judgement.rupture, judgement.missing
+    chief = None if described is None else described.chief
     return Verdict(
         str(judgement.decision.outcome),
         judgement.decision.causes,
@@ -192,6 +200,8 @@ def _told(judgement: Judgement) -> Verdict:
         p_value=judgement.misfit.p_value,
         rupture_p_value=1.0 if rupture is None else rupture.p_value,
         reasons=judgement.decision.reasons,
+        terms=() if described is None else described.found.terms,
+        chief="" if chief is None else chief.column,
         **_evidence(judgement.supported, judgement.threshold),
     )
 

@@ -7,10 +7,12 @@ benchmarks/planted_studies.py; the numbers are those of its studies.
 import json
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 
 from bayesdeg.causes.catalogue import CATALOGUE
+from bayesdeg.criticism.checks.known_terms import Acts, Form, KnownColumns
 from bayesdeg.criticism.decide.verdict import SharedByLevel
 from tests.hidden_effects.judging import Verdict, side_by_side
 
@@ -130,6 +132,23 @@ def test_where_nothing_is_hidden_nothing_is_named(verdicts):
 def test_an_effect_outside_the_catalogue_is_not_named(verdicts):
     assert not set(hidden_in(OUTSIDE)) & set(CATALOGUE)
     assert verdicts[OUTSIDE].result().plain.outcome == "unexplained"
+
+
+def test_an_effect_outside_the_catalogue_is_described(verdicts):
+    """The picture is distorted at middle pressures, at any degradation rate: all read too much."""
+    [hidden] = hidden_in(OUTSIDE).values()
+    first, *_ = verdicts[OUTSIDE].result().plain.terms
+    assert first.term.columns == ("pressure",)
+    assert first.term.acts is Acts.FACTOR
+    assert verdicts[OUTSIDE].result().plain.chief == "pressure"
+    middle = KnownColumns({"pressure": np.array([20.0, 100.0, 200.0])}, {})
+    low, high, top = sum(first.size * one.at(middle) for one in first.term.functions)
+    assert high - low == pytest.approx(hidden["share"], abs=0.08)
+    assert high - top == pytest.approx(hidden["share"], abs=0.08)
+    both = [first.term, *(one.term for one in first.alike)]
+    assert Form.BETWEEN in {one.form for term in both for one in term.functions}
+    assert first.share > 0.5
+    assert first.held_out > first.held_out_se
 
 
 def test_a_batch_that_was_mixed_wrongly_is_not_taken_for_misread_degradation_rates(verdicts):

@@ -48,6 +48,7 @@ BROKEN = {
     OptionalStage.CONFLICT: (judge, "conflict"),
     OptionalStage.HELD_OUT: (judge, "held_out_and_all"),
     OptionalStage.SHARED_SCATTER: (judge, "shared_scatter"),
+    OptionalStage.STRUCTURE: (judge, "missing_terms"),
     OptionalStage.CONFUSABILITY: (judge, "confusability"),
     OptionalStage.ABSORPTION: (judge, "absorption"),
     OptionalStage.LEVELS_OUT: (judge, "levels_out"),
@@ -101,6 +102,10 @@ ELSEWHERE = {
     # where a study asks for suspects to be set aside
     *(OptionalStage.SUSPECTS, OptionalStage.WITH_SUSPECTS),
     *(table_stage(columns.SUSPECTS), table_stage(columns.SET_ASIDE), figure_stage("suspects")),
+    # of a study with a misfit that no cause accounts for: see the test of that
+    *(OptionalStage.MISSING_TERMS, figure_stage("missing-terms")),
+    *(table_stage(columns.MISSING_TERMS), table_stage(columns.MISFIT_COLUMNS)),
+    table_stage(columns.TERM_READINGS),
     # of a study of photographs
     *(table_stage(columns.TRACES), table_stage(columns.PHOTO_LINES), figure_stage("photographs")),
 }
@@ -115,6 +120,7 @@ WITHOUT = {
     OptionalStage.ABSORPTION: {"absorption.csv", "pushes.csv"},
     OptionalStage.HELD_OUT: {"gain.csv", "gain_levels.csv", "loo_pit.csv"},
     OptionalStage.SHARED_SCATTER: {"gain_levels.csv"},
+    OptionalStage.STRUCTURE: {"gain_levels.csv"},
     OptionalStage.LEVELS_OUT: {"gain_levels.csv"},
     OptionalStage.PRIOR_SENSITIVITY: {"prior_sensitivity.csv"},
     OptionalStage.PRIOR_PREDICTIVE: {"prior_predictive.csv"},
@@ -277,9 +283,8 @@ def test_a_run_in_which_nothing_breaks_leaves_nothing_out(whole):
     page = (out / "index.html").read_text(encoding="utf-8")
     assert 'id="left-out"' not in page
     # whatever can be drawn is drawn, so that the tests below lack nothing
-    assert set(DRAWN) - {"readings", "reading-residuals", "suspects", "photographs"} == set(
-        re.findall(r'id="figure-([a-z-]+)"', page)
-    )
+    elsewhere = {"readings", "reading-residuals", "suspects", "photographs", "missing-terms"}
+    assert set(DRAWN) - elsewhere == set(re.findall(r'id="figure-([a-z-]+)"', page))
 
 
 @pytest.mark.slow
@@ -310,7 +315,7 @@ def test_a_stage_that_breaks_is_left_out_and_all_else_is_written(
 
 def assert_judged_as_far_as_known(stage, verdict):
     """Nothing is named where a test that may refute it is missing, and nothing is adequate."""
-    if stage in (OptionalStage.VERDICT, OptionalStage.HELD_OUT, OptionalStage.SHARED_SCATTER):
+    if stage in (OptionalStage.VERDICT, *judge.REFUTING):
         assert verdict["outcome"] == "not_judged"
         assert verdict["causes"] == verdict["predicted_with"] == []
         assert "broken on purpose" in verdict["explanation"]
@@ -363,6 +368,32 @@ def test_the_search_for_suspects_and_the_verdict_with_them_may_break(monkeypatch
     assert run._judged_with_suspects(found, None, None, None, None, guard) == found
     stages = [one.stage for one in guard.left_out]
     assert stages == [OptionalStage.SUSPECTS, OptionalStage.WITH_SUSPECTS]
+
+
+@pytest.mark.slow
+def test_without_the_description_of_a_misfit_a_run_has_all_else(
+    cheap, whole, tmp_path, monkeypatch
+):
+    """No cause is found, so that the misfit of the planted offset is described, or is not."""
+    monkeypatch.setattr(judge, "run_search", lambda _search: frozenset())
+    files = {columns.TABLES[n].file for n in (columns.MISSING_TERMS, columns.MISFIT_COLUMNS)}
+    files |= {columns.TABLES[columns.TERM_READINGS].file}
+    code, described = command_of(cheap, tmp_path / "described", monkeypatch)
+    assert code == 0
+    verdict = RunFolder(tmp_path / "described").read_json("verdict")
+    assert verdict["outcome"] == "unexplained"
+    assert verdict["description"]["terms"][0]["columns"] == ["pressure"]
+    assert files <= described
+    page = read_html((tmp_path / "described" / "index.html").read_text(encoding="utf-8"))
+    assert page.by_id("figure-missing-terms") is not None
+    monkeypatch.setattr(judge, "misfit_columns", raising(RuntimeError("broken on purpose")))
+    code, found = command_of(cheap, tmp_path / "broken", monkeypatch)
+    assert code == 0
+    assert found == described - files | {"left_out.txt"}
+    verdict = RunFolder(tmp_path / "broken").read_json("verdict")
+    assert (verdict["outcome"], "description" in verdict) == ("unexplained", False)
+    [entry] = verdict["left_out"]
+    assert entry["stage"] == OptionalStage.MISSING_TERMS
 
 
 @pytest.mark.slow

@@ -7,6 +7,7 @@ import json
 import re
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -15,6 +16,9 @@ import pytest
 from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.criticism.checks.absorption import Absorption, Displacement, Interval, Push
 from bayesdeg.criticism.checks.count_misfit import CountedLevel, CountMisfit
+from bayesdeg.criticism.checks.known_terms import PATHS, Acts, Form, KnownFunction, KnownTerm
+from bayesdeg.criticism.checks.misfit_columns import ColumnMisfit, LevelMisfit
+from bayesdeg.criticism.checks.missing_terms import AlikeTerm, MissingTerm, MissingTerms
 from bayesdeg.criticism.checks.residuals import (
     Concentration,
     CurvatureDeparture,
@@ -33,11 +37,13 @@ from bayesdeg.criticism.decide.verdict import (
     NotPredictedBetter,
     NotTested,
     SharedByLevel,
+    StructureLeft,
     TooLittleExplained,
     Uncalibrated,
 )
 from bayesdeg.criticism.experiments.designs import MOUNTS
 from bayesdeg.criticism.experiments.ranking import ExperimentPlan
+from bayesdeg.criticism.fit.search import Step
 from bayesdeg.criticism.holdout.gain import LooPit, Scatter
 from bayesdeg.criticism.holdout.leave_one_out import LeaveOneOut
 from bayesdeg.criticism.holdout.material_laws import FittedLaw, LawComparison, NoiseLevels
@@ -46,6 +52,7 @@ from bayesdeg.criticism.posterior.order import OrderComparison, OrderFit
 from bayesdeg.criticism.posterior.prior_sensitivity import PriorSensitivity, Sensitivity
 from bayesdeg.inference.sampling import Effort
 from bayesdeg.pipeline.films import CommonError, CourseSummary
+from bayesdeg.pipeline.judge import Description
 from bayesdeg.pipeline.lifetime import LifeSummary
 from bayesdeg.pipeline.vendor import VendorCheck, VendorFigure
 from bayesdeg.prediction.control import Allowed, Setting
@@ -210,6 +217,36 @@ BACK = displaced(0.31, 1.0, median=0.629)
 ABSORBED = Absorption((HIGH,), (push("pressure_offset", share=0.97),), (BACK,))
 
 
+SCALES = {"curvature": (30.0, "κ", "1/m"), "bend angle": (90.0, "φ", "°")}
+STEEP = KnownFunction(PATHS["actuator"], Form.ABOVE, 200.0, 100.0)
+FACTOR = KnownTerm(
+    "actuator", tuple(SCALES), Acts.FACTOR, (STEEP,), PATHS["actuator"], SCALES, 200.0
+)
+ALONG = replace(FACTOR, acts=Acts.PATH, functions=(), kinds=("curvature",))
+
+
+def missing_term(term, **changes):
+    found = MissingTerm(
+        term, -0.312, -0.401, -0.223, 18.0, 0.00498, 0.87, 9.41, 4.02, (), 0, np.zeros(3), 0.16
+    )
+    return replace(found, **changes)
+
+
+def described(*terms, causes=(), share=0.82, p_value=0.00498):
+    levels = (
+        LevelMisfit("20 to 80 kPa", 72, 0.1, 0.02, 0.7),
+        LevelMisfit("160 to 200 kPa", 54, 0.7, -0.243, -2.25),
+    )
+    columns = (
+        ColumnMisfit("specimen", share + 0.02, "curvature", "1/m", levels * 2),
+        ColumnMisfit("pressure", share, "curvature", "1/m", levels),
+        ColumnMisfit("level", 0.1, "curvature", "1/m", levels),
+    )
+    trial = SimpleNamespace(names=frozenset(causes))
+    step = Step(trial, None, np.zeros((0, 3)), {}, 4.0)
+    return Description(step, MissingTerms(terms, 465, 200, p_value), columns)
+
+
 RECORDS = {
     "absorbed, pushed by a cause": ABSORBED,
     "absorbed, pushed by either": replace(
@@ -222,6 +259,20 @@ RECORDS = {
     "absorbed, pushed by nothing known": Absorption((HIGH,), (push("creep", share=0.1),)),
     "absorbed by nothing": Absorption((BACK,)),
     "nothing could absorb": Absorption((replace(BACK, p_value=NAN, adjusted=NAN),)),
+    "structure left": StructureLeft(FACTOR.formula, FACTOR.columns, 0.163, 0, 0.00498, 200),
+    "structure left, several": StructureLeft(ALONG.formula, (), 0.163, 4, 0.00498, 200),
+    "a term describes the misfit": described(missing_term(FACTOR)),
+    "one of several terms describes it": described(
+        missing_term(FACTOR, alike=(AlikeTerm(ALONG, 3.0, 1.2),), count_alike=3),
+        causes=("creep", "erosion"),
+    ),
+    "two terms describe it": described(
+        missing_term(FACTOR, alike=(AlikeTerm(ALONG, 3.0, 1.2),), count_alike=1),
+        missing_term(ALONG, size=4.1, low=3.0, high=5.2, share=0.98, held_out=None),
+    ),
+    "no term describes it": described(causes=("creep",), p_value=0.31),
+    "held-out specimens confirm no term": described(p_value=0.01),
+    "nothing is known of where it sits": described(share=0.0, p_value=NAN),
     "counts that contradict": COUNTS,
     "counts of the study's own": replace(COUNTS, source="actuator.csv", p_value=0.4),
     "counts as expected": replace(
@@ -520,6 +571,7 @@ def test_every_macro_of_a_record_is_rendered():
     module = environment().get_template("findings.j2").make_module({"one": None, "most": None})
     helpers = {"few", "mostly", "place", "off", "figures", "new", "burst_of", "counts_in"}
     helpers |= {"those", "uncatalogued"}
+    helpers |= {"in_words", "fit_alike", "by_column", "column_words", "a_term"}
     # of facts, not of a record: tests/pipeline/test_set_aside.py
     helpers |= {"suspect", "oddness", "guess", "verb"}
     macros = {name for name in vars(module) if not name.startswith("_")} - {"mounts", "parts"}

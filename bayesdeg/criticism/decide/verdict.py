@@ -9,7 +9,8 @@ out by more than a standard error, each adding to it, and leave no more than cha
 of the misfit, and none may need an implausible size unless the evidence is strong, or a scatter of
 single specimens that is one of whole levels (`checks.shared_scatter`); without a cause,
 the misfit as a whole, ruptures, their counts, measured means and priors say whether the base model
-is adequate;
+is adequate; what causes leave must ask for no further term in known quantities
+(`checks.missing_terms`): an effect outside the catalogue that resembles a cause is caught by that;
 (5) what could stand in the place of a cause is reported beside it.
 """
 
@@ -28,6 +29,7 @@ from bayesdeg.criticism.checks.discrepancy import (
     explained_on_one_scale,
     power,
 )
+from bayesdeg.criticism.checks.missing_terms import MissingTerms
 from bayesdeg.criticism.checks.rupture_misfit import RuptureMisfit
 from bayesdeg.criticism.checks.shared_scatter import SharedScatter
 from bayesdeg.criticism.decide.support import Support
@@ -39,6 +41,9 @@ Floats = NDArray[np.float64]
 LEAST_EXPLAINED, LEAST_ON_ONE_SCALE = 0.5, 0.8
 LEAST_POWER = 0.5  # of the misfit's test: below, a large misfit would more often be missed
 NEARLY_ALL = 0.9  # of the misfit: what is left may be small and yet significant
+LEAST_CHANGE = 0.01
+"""Largest change by a term in what causes leave, over the largest reading, below which it does not
+speak against them: as much emulator and mesh may themselves be off."""
 CHANCE = 0.1  # p-value of what is left above which nothing is left to explain
 
 
@@ -131,6 +136,22 @@ class MisfitRemains:
     replicates: int
 
 
+@dataclass(frozen=True)
+class StructureLeft:
+    """A term in known quantities fits what the causes leave: one that they do not account for.
+
+    `change` is its largest, over the largest reading of its kind; `alike` how many terms fit as
+    well.
+    """
+
+    formula: str
+    columns: tuple[str, ...]
+    change: float
+    alike: int
+    p_value: float
+    replicates: int
+
+
 type Reason = (
     Uncalibrated
     | LittlePower
@@ -143,6 +164,7 @@ type Reason = (
     | NoReduction
     | TooLittleExplained
     | MisfitRemains
+    | StructureLeft
 )
 
 
@@ -181,6 +203,7 @@ def decide(
     alike: tuple[str, ...] = (),
     shared: Sequence[SharedScatter] = (),
     untested: Sequence[NotComputed] = (),
+    structure: MissingTerms | None = None,
 ) -> Decision:
     """Return the outcome.
 
@@ -218,23 +241,23 @@ def decide(
         Whether specimens that those causes let scatter one by one deviate level by level.
     untested : sequence of NotComputed
         Tests that might refute a favoured cause and could not be made.
+    structure : MissingTerms, optional
+        The terms in known quantities that what those causes leave asks for.
     """
-    missed: list[Reason] = [
-        *untested,
-        *(NotTested(one.cause) for one in shared if not one.is_tested),
-    ]
+    unknown_scatter = (NotTested(one.cause) for one in shared if not one.is_tested)
+    missed: list[Reason] = [*untested, *unknown_scatter]
     if supported and missed:
         return Decision(Outcome.NOT_JUDGED, (), reasons=tuple(missed))
     misread = base.misfit.p_value <= MISFIT_LEVEL
-    off = misread or _is_off_beside(rupture, contradicted, counts)
+    off = misread or bool(questioned) or _is_off_beside(rupture, contradicted, counts)
     of_readings = any(one.cause not in on_rupture for one in supported)
     # a model that takes wide errors for its readings shows no misfit
     off = off or (of_readings and final.misfit.p_value <= MISFIT_LEVEL)
     by_level = [one for one in shared if one.is_more_than_chance]
-    off = off or bool(by_level) or bool(questioned)
-    reasons = [*_against_each(supported, by_level)]
-    if of_readings:
-        reasons += _against_all(base, final)
+    against = _against_all(base, final, structure) if of_readings else []
+    structured = any(isinstance(reason, StructureLeft) for reason in against)
+    off = off or bool(by_level) or structured
+    reasons = [*_against_each(supported, by_level), *against]
     if not supported or reasons:
         if misread and len(alike) > 1:
             return Decision(Outcome.AMBIGUOUS, alike, reasons=tuple(reasons))
@@ -310,13 +333,41 @@ def _against_each(supported: list[Support], shared: list[SharedScatter]) -> Iter
         yield SharedByLevel(found.cause, found.p_value, found.replicates)
 
 
+def _structure(found: MissingTerms | None) -> list[Reason]:
+    """Return the term that the causes leave, if it is of any size and more than chance.
+
+    Held-out specimens need not confirm it: to give a term is a claim, to doubt a cause is none.
+    """
+    first = None if found is None else found.best
+    if found is None or first is None or first.largest < LEAST_CHANGE:
+        return []
+    if not found.p_value <= MISFIT_LEVEL:
+        return []
+    term = first.term
+    return [
+        StructureLeft(
+            term.formula,
+            term.columns,
+            first.largest,
+            first.count_alike,
+            first.p_value,
+            found.replicates,
+        )
+    ]
+
+
 def _against(one: Support) -> Reason:
     if one.elpd_diff is None:
         return NothingHeldOut()
     return NotPredictedBetter(one.cause, one.elpd_diff, one.elpd_diff_se or 0.0)
 
 
-def _against_all(base: Step, final: Step) -> list[Reason]:
+def _against_all(base: Step, final: Step, structure: MissingTerms | None) -> list[Reason]:
+    """Return why all causes together are not to be named: what they leave of the readings."""
+    return [*_against_misfit(base, final), *_structure(structure)]
+
+
+def _against_misfit(base: Step, final: Step) -> list[Reason]:
     left, replicates = final.misfit.p_value, len(final.misfit.null)
     if left > CHANCE:
         return []

@@ -155,7 +155,13 @@ def loo_pit_figure(curves: pd.DataFrame) -> Figure:
 
 
 @styled
-def discrepancy_figure(discrepancy: pd.DataFrame, *, degrades: bool = True) -> Figure:
+def discrepancy_figure(
+    discrepancy: pd.DataFrame,
+    *,
+    degrades: bool = True,
+    line: str = "to explain",
+    points: str = "measured less base model",
+) -> Figure:
     """Draw how much there is to explain, and what is left after the named cause.
 
     Curvature against pressure, a panel a degradation rate; of studies without actuators, stress
@@ -169,6 +175,8 @@ def discrepancy_figure(discrepancy: pd.DataFrame, *, degrades: bool = True) -> F
         stretch), ``discrepancy`` and ``residual`` in the unit of the kind (1/m, MPa).
     degrades : bool
         Whether anything of the study does, so that panels say of which rate they are.
+    line, points : str
+        What line and points of the base model are.
     """
     kinds = set(discrepancy["kind"].astype(str))
     kind = next((k for k in (CURVATURE, STRESS) if k in kinds), sorted(kinds)[0])
@@ -185,15 +193,15 @@ def discrepancy_figure(discrepancy: pd.DataFrame, *, degrades: bool = True) -> F
     x, y = _axes_of(kind)
     figure.supxlabel(x, fontsize=8.0)
     figure.supylabel(y, fontsize=8.0)
-    legend_above(figure, _discrepancy_keys(chosen))
+    legend_above(figure, _discrepancy_keys(chosen, line, points))
     return figure
 
 
-def _discrepancy_keys(chosen: pd.DataFrame) -> dict[str, Line2D]:
-    entries: dict[str, Line2D] = {"to explain": key(BASE_COLOUR)}
+def _discrepancy_keys(chosen: pd.DataFrame, line: str, points: str) -> dict[str, Line2D]:
+    entries: dict[str, Line2D] = {line: key(BASE_COLOUR)}
     if (chosen["model"] == FINAL).any():
         entries["left after the named cause"] = key(FINAL_COLOUR)
-    entries["measured less base model"] = points_key()
+    entries[points] = points_key()
     for name, entry in path_keys(*_paths(chosen)).items():
         entry.set_linestyle("")
         entries[name] = entry

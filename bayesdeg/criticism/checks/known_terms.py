@@ -1,0 +1,622 @@
+r"""Which terms a model could lack: products of known functions of what the experiment set or read.
+
+A term changes the readings y of one family by
+
+.. math:: \Delta = b\, a\, f\, g, \qquad
+    a \in \{ y,\; y_{max},\; x_{max}\, \partial y / \partial x \},
+
+b its size: in proportion to the reading, as a shift of the reading, or as a shift of the path x at
+which it was taken. f is a function of the load or of the reading itself, g one of the state of the
+specimen or of the history of the test; either may be 1. Every f and g has no dimension and is a
+power, a logarithm, a part above, below or between values, a wave, or the membership of a group:
+
+====================  =====================================================================
+of the load           path x over its largest; pressure over the modulus of the specimen,
+                      p/(6 C1(D)); the reading over the largest; how far the path is below its
+                      largest value so far
+of state and history  degradation rate, time, humidity, cycle, branch, mount, mode of tension,
+                      batch, one degradation rate of several
+====================  =====================================================================
+
+What one specimen alone does is no term: nothing held out could confirm it.
+
+A term is offered only if it is none that parameters of the model could take up:
+
+.. math:: |F^{-1} d|^2 \ge 0.1\, |B^{-1} d|^2,
+
+d its direction, F F' the covariance of the readings with the parameters integrated out, B B' that
+of errors and scatter alone.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from itertools import pairwise, product
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdeg.criticism.fit.linear import Linear
+from bayesdeg.material.degradation import levels
+from bayesdeg.observations.curvature import ACTUATOR, ANGLE, CURVATURE
+from bayesdeg.observations.kinds import Places
+from bayesdeg.observations.specimens import FilmsAndActuators
+from bayesdeg.observations.tensile import FILM, STRESS
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Labels = NDArray[np.str_]
+
+LEAST_LEFT = 0.1
+"""Share of a term's square that parameters must leave of it: below, nine tenths of what it does, a
+change of the parameters within their priors does too."""
+ALIKE = 1.0 - 1e-6
+"""Cosine from which two terms are the same readings, of which the simpler is kept."""
+PARTS = (0.25, 0.5, 0.75)
+"""Of the largest load or reading: where one that begins or ends may do so."""
+WAVES = (1, 2)
+"""Waves along the whole path; shorter ones are as long as reading errors stay alike."""
+SHARED = 2  # specimens of a group from which it is one
+
+
+class Acts(StrEnum):
+    """On what a term acts."""
+
+    FACTOR = "factor"
+    SHIFT = "shift"
+    PATH = "path"
+
+
+class Form(StrEnum):
+    """Functions of one quantity."""
+
+    POWER = "power"
+    ABOVE = "above"
+    BELOW = "below"
+    BETWEEN = "between"
+    SINE = "sine"
+    COSINE = "cosine"
+    LOGARITHM = "logarithm"
+    MEMBER = "member"
+
+
+class Quantified(NamedTuple):
+    """How a quantity is written: its name, its symbol, and its unit."""
+
+    column: str
+    symbol: str
+    unit: str = ""
+
+
+PATHS: Mapping[str, Quantified] = {
+    ACTUATOR: Quantified("pressure", "p", "kPa"),
+    FILM: Quantified("strain", "(λ − 1)"),
+}
+AT_REST: Mapping[str, float] = {FILM: 1.0}
+"""Where the path of a family begins, if not at 0."""
+READ: Mapping[str, tuple[str, str]] = {
+    CURVATURE: ("κ", "1/m"),
+    ANGLE: ("φ", "°"),
+    STRESS: ("σ", "MPa"),
+}
+LOAD = Quantified("pressure over modulus", "p/(6 C1)")
+LAG = Quantified("largest load so far", "x_max − x")
+DEGRADATION = Quantified("degradation rate", "D_R", "%")
+LEVEL = Quantified("level", "level")
+TIME = Quantified("time", "t", "s")
+HUMIDITY = Quantified("humidity", "RH", "%")
+CYCLE = Quantified("cycle", "cycle − 1")
+BRANCH = Quantified("branch", "branch")
+MOUNT = Quantified("mount", "mount")
+HISTORY = Quantified("history", "history")
+BATCH = Quantified("batch", "batch")
+RATE = Quantified("level", "D_R")
+SIZE = "size"
+
+
+class KnownColumns(NamedTuple):
+    """What is known of each reading, by the names of columns; all arrays of one shape.
+
+    Parameters
+    ----------
+    numbers : mapping of str to array
+        Quantities in their units.
+    labels : mapping of str to array of str
+        Groups to which readings belong.
+    """
+
+    numbers: Mapping[str, Floats]
+    labels: Mapping[str, Labels]
+
+
+@dataclass(frozen=True)
+class KnownFunction:
+    """A function of one known quantity, without dimension.
+
+    Parameters
+    ----------
+    of : Quantified
+        What it is a function of.
+    form : Form
+        Which.
+    scale : float
+        By which the quantity is divided, in its unit.
+    origin : float
+        What is taken off before; of a part its upper, of a wave no end.
+    end : float
+        Lower end of a part that is between two values; number of waves in one scale.
+    group : str
+        Of which it is the membership.
+    """
+
+    of: Quantified
+    form: Form
+    scale: float = 1.0
+    origin: float = 0.0
+    end: float = 0.0
+    group: str = ""
+
+    def at(self, known: KnownColumns) -> Floats:
+        """Return its values, of the shape of what is known.
+
+        Examples
+        --------
+        >>> known = KnownColumns({"time": np.array([0.0, 30.0])}, {})
+        >>> KnownFunction(TIME, Form.LOGARITHM, 30.0).at(known).round(4)
+        array([0.    , 0.6931])
+        """
+        if self.form is Form.MEMBER:
+            return np.asarray(known.labels[self.of.column] == self.group, dtype=np.float64)
+        value = known.numbers[self.of.column]
+        match self.form:
+            case Form.POWER:
+                found = ((value - self.origin) / self.scale) ** self.end
+            case Form.ABOVE:
+                found = np.maximum(value - self.origin, 0.0) / self.scale
+            case Form.BELOW:
+                found = np.maximum(self.origin - value, 0.0) / self.scale
+            case Form.BETWEEN:
+                found = ((value > self.end) & (value <= self.origin)).astype(np.float64)
+            case Form.LOGARITHM:
+                found = np.log1p(np.maximum(value - self.origin, 0.0) / self.scale)
+            case _:
+                turns = 2.0 * np.pi * self.end * value / self.scale
+                found = np.sin(turns) if self.form is Form.SINE else np.cos(turns)
+        return np.asarray(found, dtype=np.float64)
+
+    @property
+    def formula(self) -> str:
+        """How it is written.
+
+        Examples
+        --------
+        >>> KnownFunction(PATHS["actuator"], Form.POWER, 200.0, end=2).formula
+        '(p/200 kPa)²'
+        """
+        name, here = self.of.symbol, self._value(self.origin)
+        less = f"{name} − {here}" if self.origin else name
+        match self.form:
+            case Form.MEMBER:
+                return f"[{name} = {self.group}]"
+            case Form.POWER:
+                ratio = self._over(f"({less})" if {" ", "/"} & set(less) else less)
+                return f"{ratio}²" if self.end == 2 else ratio
+            case Form.ABOVE:
+                return self._over(f"max({less}, 0)")
+            case Form.BELOW:
+                return self._over(f"max({here} − {name}, 0)")
+            case Form.BETWEEN:
+                return f"[{self._value(self.end)} < {name} ≤ {here}]"
+            case Form.LOGARITHM:
+                return f"ln(1 + {self._over(f'({less})' if self.origin else less)})"
+            case _:
+                wave = "sin" if self.form is Form.SINE else "cos"
+                return f"{wave}(2π {name}/{self._value(self.scale / self.end)})"
+
+    def _over(self, above: str) -> str:
+        """Write a quotient; what has no unit and is divided by 1 stays as it is."""
+        below = self._value(self.scale)
+        return above if below == "1" else f"({above}/{below})"
+
+    def _value(self, value: float) -> str:
+        return f"{value:.3g} {self.of.unit}".strip()
+
+
+@dataclass(frozen=True)
+class KnownTerm:
+    """A term that may be missing.
+
+    Parameters
+    ----------
+    family : str
+        Of which readings.
+    kinds : tuple of str
+        Which of them it changes.
+    acts : Acts
+        On what.
+    functions : tuple of KnownFunction
+        f and g, as far as they are not 1.
+    path : Quantified
+        What the readings of the family are taken along.
+    scales : mapping of str to (float, str, str)
+        Largest reading of each kind, its symbol and unit.
+    longest : float
+        Largest value of the path, in its unit.
+    """
+
+    family: str
+    kinds: tuple[str, ...]
+    acts: Acts
+    functions: tuple[KnownFunction, ...]
+    path: Quantified
+    scales: Mapping[str, tuple[float, str, str]]
+    longest: float
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """What it is a function of, beside what it acts on."""
+        found = [one.of.column for one in self.functions]
+        return tuple(
+            dict.fromkeys([*found, *([self.path.column] if self.acts is Acts.PATH else [])])
+        )
+
+    @property
+    def complexity(self) -> int:
+        """Number of functions in it, and one more where it is of some kinds of the family alone."""
+        return len(self.functions) + (len(self.kinds) < len(self.scales))
+
+    @property
+    def simplicity(self) -> tuple[int, int, int]:
+        """Order of terms that fit alike: functions, those that are not linear, what it acts on."""
+        bent = sum(one.form is not Form.POWER or one.end > 1 for one in self.functions)
+        return self.complexity, bent, list(Acts).index(self.acts)
+
+    @property
+    def unit(self) -> str:
+        """Unit of its size: of the path, of the first kind it changes, or none."""
+        if self.acts is Acts.PATH:
+            return self.path.unit or "–"
+        return "–" if self.acts is Acts.FACTOR else self.scales[self.kinds[0]][2]
+
+    @property
+    def per_unit(self) -> float:
+        """Size, in its unit, of a term whose direction is taken once."""
+        if self.acts is Acts.PATH:
+            return self.longest
+        return 1.0 if self.acts is Acts.FACTOR else self.scales[self.kinds[0]][0]
+
+    @property
+    def formula(self) -> str:
+        """How the readings are written with it, b its size.
+
+        Examples
+        --------
+        >>> p = PATHS["actuator"]
+        >>> scales = {"curvature": (30.0, "κ", "1/m")}
+        >>> f = KnownFunction(p, Form.POWER, 200.0, end=1)
+        >>> KnownTerm("actuator", ("curvature",), Acts.FACTOR, (f,), p, scales, 200.0).formula
+        'κ × (1 + b (p/200 kPa))'
+        >>> KnownTerm("actuator", ("curvature",), Acts.PATH, (), p, scales, 200.0).formula
+        'κ(p + b)'
+        """
+        symbols = [self.scales[kind][1] for kind in self.kinds]
+        name = symbols[0] if len(symbols) == 1 else f"({', '.join(symbols)})"
+        size = " ".join(["b", *(one.formula for one in self.functions)])
+        if self.acts is Acts.FACTOR:
+            return f"{name} × (1 + {size})"
+        return (
+            f"{name} + {size}"
+            if self.acts is Acts.SHIFT
+            else f"{name}({self.path.symbol} + {size})"
+        )
+
+    def change(self, kind: str, known: KnownColumns, reading: Floats, slope: Floats) -> Floats:
+        """Return what it does to readings of one kind where it is taken once.
+
+        Parameters
+        ----------
+        kind : str
+            What was read.
+        known : KnownColumns
+            What is known of these readings.
+        reading, slope : array
+            As they are without it, and ∂y/∂x along the path.
+        """
+        if kind not in self.kinds:
+            return np.zeros_like(reading)
+        whole = {
+            Acts.FACTOR: reading,
+            Acts.SHIFT: np.full_like(reading, self.scales[kind][0]),
+            Acts.PATH: self.longest * slope,
+        }[self.acts]
+        for one in self.functions:
+            whole = whole * one.at(known)
+        return whole
+
+
+@dataclass(frozen=True)
+class KnownTerms:
+    """All terms that are offered to a linearised model.
+
+    Parameters
+    ----------
+    terms : tuple of KnownTerm
+        The simplest first.
+    directions : array, shape (n, m)
+        Changes of the readings by each, taken once, in the readings' units.
+    whitened : array, shape (n, m)
+        The same on the whitened scale.
+    penalty : array, shape (m,)
+        ln of how many are as complex [nats]: each complexity is as probable as another.
+    """
+
+    terms: tuple[KnownTerm, ...]
+    directions: Floats
+    whitened: Floats
+    penalty: Floats
+
+    def __len__(self) -> int:
+        """Return how many there are."""
+        return len(self.terms)
+
+
+def known_terms(linear: Linear, batches: Mapping[str, str] | None = None) -> KnownTerms:
+    """Return the terms that a linearised model may lack and that its parameters leave to be seen.
+
+    Parameters
+    ----------
+    linear : Linear
+        The model linearised at its mode.
+    batches : mapping of str to str, optional
+        The batch of each specimen of which it is known.
+    """
+    places, terms, columns = linear.subject.places, [], []
+    slope = slopes_along(places, linear.prediction)
+    for family in dict.fromkeys(places.family.tolist()):
+        rows = places.family == family
+        known = known_of(linear, rows, batches or {})
+        for term in _terms_of(linear, rows, known):
+            terms.append(term)
+            columns.append(_direction(term, places, rows, known, linear.prediction, slope))
+    order = sorted(range(len(terms)), key=lambda i: terms[i].complexity)
+    directions = np.array([columns[i] for i in order]).reshape(len(terms), len(places)).T
+    return _offered(linear, [terms[i] for i in order], directions)
+
+
+def _offered(linear: Linear, terms: Sequence[KnownTerm], directions: Floats) -> KnownTerms:
+    """Return the terms that parameters leave to be seen, each kind of readings once."""
+    whitened = linear.whiten_columns(directions)
+    own = linear.whitening.inverse @ directions
+    square, whole = np.sum(whitened**2, axis=0), np.sum(own**2, axis=0)
+    seen = np.flatnonzero(square > np.maximum(LEAST_LEFT * whole, 1e-12))
+    unit = whitened[:, seen] / np.sqrt(square[seen])
+    same = np.abs(unit.T @ unit) > ALIKE
+    first = np.array([not same[i, :i].any() for i in range(len(seen))], dtype=bool)
+    kept = seen[first] if len(seen) else seen
+    found = tuple(terms[i] for i in kept.tolist())
+    complexity = np.array([one.complexity for one in found], dtype=int)
+    count = np.bincount(complexity, minlength=1)
+    penalty = np.log(count[complexity]) if len(found) else np.zeros(0)
+    return KnownTerms(found, directions[:, kept], whitened[:, kept], penalty)
+
+
+def _direction(
+    term: KnownTerm,
+    places: Places,
+    rows: Flags,
+    known: KnownColumns,
+    reading: Floats,
+    slope: Floats,
+) -> Floats:
+    """Return the change of all readings by a term of one family, (n,)."""
+    whole = np.zeros(len(places))
+    kinds = places.kind[rows]
+    for kind in term.kinds:
+        changed = term.change(kind, known, reading[rows], slope[rows])
+        whole[np.flatnonzero(rows)[kinds == kind]] = changed[kinds == kind]
+    return whole
+
+
+def slopes_along(places: Places, readings: Floats) -> Floats:
+    """Return ∂y/∂x of readings along the path on which they were taken, (n,).
+
+    By differences between neighbours of the same specimen, kind and history; 0 of a reading that
+    has none.
+
+    Examples
+    --------
+    >>> from bayesdeg.observations.readings import places_of
+    >>> curve = places_of([1.0, 2.0, 4.0], specimen=["a", "a", "a"])
+    >>> slopes_along(curve, np.array([2.0, 4.0, 8.0])).tolist()
+    [2.0, 2.0, 2.0]
+    """
+    found = np.zeros(len(places))
+    keys = np.char.add(np.char.add(places.specimen, "\n"), places.kind)
+    keys = np.char.add(np.char.add(keys, "\n"), places.history)
+    for key in np.unique(keys):
+        rows = np.flatnonzero(keys == key)
+        along, place = np.unique(places.along[rows], return_inverse=True)
+        if len(along) > 1:
+            mean = np.bincount(place, readings[rows]) / np.bincount(place)
+            found[rows] = np.gradient(mean, along)[place]
+    return found
+
+
+def known_of(linear: Linear, rows: Flags, batches: Mapping[str, str]) -> KnownColumns:
+    """Return what is known of the readings of one family, each (k,)."""
+    places = linear.subject.places.subset(rows)
+    path = path_of(linear, places)
+    tops = _tops(places, linear.prediction[rows])
+    numbers = {
+        path.column: places.along - AT_REST.get(str(places.family[0]), 0.0),
+        SIZE: np.abs(linear.prediction[rows]) / np.array([tops[kind] for kind in places.kind]),
+        LAG.column: _lag(places),
+        DEGRADATION.column: places.level,
+        TIME.column: places.time,
+        HUMIDITY.column: places.humidity,
+    }
+    modulus = _modulus(linear, places)
+    if modulus is not None:
+        numbers[LOAD.column] = 1e-3 * places.along / modulus
+    labels = {RATE.column: _rates(places)}
+    labels[BATCH.column] = np.array([batches.get(str(name), "") for name in places.specimen])
+    split = _histories(places)
+    if split is None:
+        labels[HISTORY.column] = places.history
+    else:
+        labels[BRANCH.column], labels[MOUNT.column] = split[:, 0], split[:, 2]
+        numbers[CYCLE.column] = split[:, 1].astype(np.float64) - 1.0
+    return KnownColumns({n: v for n, v in numbers.items() if np.all(np.isfinite(v))}, labels)
+
+
+def path_of(linear: Linear, places: Places) -> Quantified:
+    """Return what readings of one family are taken along."""
+    family = str(places.family[0])
+    if family in PATHS:
+        return PATHS[family]
+    scale = linear.subject.scales.get(str(places.kind[0]))
+    name = "x" if scale is None else scale.axis
+    return Quantified(name, name)
+
+
+def reading_unit(linear: Linear, kind: str) -> str:
+    """Return the unit of one kind of reading; an en dash where it has none."""
+    scale = linear.subject.scales.get(kind)
+    return READ[kind][1] if kind in READ else ("" if scale is None else scale.unit) or "–"
+
+
+def _tops(places: Places, readings: Floats) -> dict[str, float]:
+    """Return the largest reading of each kind, in size."""
+    return {
+        str(kind): max(float(np.max(np.abs(readings[places.kind == kind]))), 1e-300)
+        for kind in np.unique(places.kind)
+    }
+
+
+def _lag(places: Places) -> Floats:
+    """Return how far the path is below its largest value so far, in the order of the readings."""
+    found = np.zeros(len(places))
+    keys = np.char.add(np.char.add(places.specimen, "\n"), places.kind)
+    for key in np.unique(keys):
+        rows = np.flatnonzero(keys == key)
+        found[rows] = np.maximum.accumulate(places.along[rows]) - places.along[rows]
+    return found
+
+
+def _modulus(linear: Linear, places: Places) -> Floats | None:
+    """Return 6 C1 at the degradation rate of each reading [MPa]; None where it is no pressure."""
+    model = linear.subject
+    if places.family[0] != ACTUATOR or not isinstance(model.world, FilmsAndActuators):
+        return None
+    rates, place = np.unique(places.level, return_inverse=True)
+    moduli = model.young_modulus(model.table.named(linear.mode[None]), rates)[0]
+    return np.asarray(moduli[place])
+
+
+def _rates(places: Places) -> Labels:
+    """Return the degradation rate of the group to which each belongs, as it is written."""
+    unit = " %" if places.family[0] in PATHS else ""
+    centres, member = levels(places.level)
+    return np.array([f"{centre:.3g}{unit}" for centre in centres])[member]
+
+
+def _histories(places: Places) -> Labels | None:
+    """Return branch, cycle and mount of each reading; None where histories are of another kind."""
+    words = [history.split() for history in places.history.tolist()]
+    if any(len(one) != 3 or not one[1].isdigit() for one in words):
+        return None
+    return np.array(words)
+
+
+def _terms_of(linear: Linear, rows: Flags, known: KnownColumns) -> Iterator[KnownTerm]:
+    """Yield all terms of one family of readings."""
+    places = linear.subject.places.subset(rows)
+    path, tops = path_of(linear, places), _tops(places, linear.prediction[rows])
+    kinds = tuple(dict.fromkeys(places.kind.tolist()))
+    scales = {k: (tops[k], READ.get(k, (k, ""))[0], reading_unit(linear, k)) for k in kinds}
+    longest = float(np.max(np.abs(known.numbers[path.column])))
+    plain = KnownTerm(str(places.family[0]), kinds, Acts.FACTOR, (), path, scales, longest)
+    loads, states = list(_of_load(path, known)), list(_of_state(places, known))
+    pairs = [(one, other) for one, other in product(loads, states) if _go_together(one, other)]
+    functions = [(), *((one,) for one in (*loads, *states)), *pairs]
+    alone = [(kind,) for kind in kinds] if len(kinds) > 1 else []
+    for acts, some, of in product(Acts, functions, [kinds, *alone]):
+        yield replace(plain, acts=acts, functions=some, kinds=of)
+
+
+def _go_together(load: KnownFunction, state: KnownFunction) -> bool:
+    """Return whether a product is tried: that of a group only with a trend."""
+    return state.form is not Form.MEMBER or (load.form is Form.POWER and load.end == 1)
+
+
+def _of_load(path: Quantified, known: KnownColumns) -> Iterator[KnownFunction]:
+    """Yield functions of the load, and of the reading itself."""
+    yield from _shapes(path, known.numbers[path.column])
+    top = float(np.max(np.abs(known.numbers[path.column])))
+    if top > 0.0:
+        for low, high in pairwise((0.0, top / 3.0, 2.0 * top / 3.0, top)):
+            yield KnownFunction(path, Form.BETWEEN, top, high, low)
+        for form, count in product((Form.SINE, Form.COSINE), WAVES):
+            yield KnownFunction(path, form, top, end=count)
+    if LOAD.column in known.numbers:
+        yield from _shapes(LOAD, known.numbers[LOAD.column])
+    yield from _shapes(Quantified(SIZE, "y/y_max"), known.numbers[SIZE])
+    if np.max(known.numbers[LAG.column]) > 0.0:
+        largest = float(np.max(known.numbers[LAG.column]))
+        lag = Quantified(LAG.column, f"{path.symbol}_max − {path.symbol}", path.unit)
+        yield KnownFunction(lag, Form.POWER, largest, end=1)
+
+
+def _shapes(of: Quantified, values: Floats) -> Iterator[KnownFunction]:
+    """Yield powers of a quantity, and where it is above or below parts of its largest value."""
+    top = float(np.max(np.abs(values)))
+    if top <= 0.0:
+        return
+    for power in (1, 2):
+        yield KnownFunction(of, Form.POWER, top, end=power)
+    for part in PARTS:
+        yield KnownFunction(of, Form.ABOVE, top, part * top)
+    for part in PARTS[:2]:
+        yield KnownFunction(of, Form.BELOW, top, part * top)
+
+
+def _of_state(places: Places, known: KnownColumns) -> Iterator[KnownFunction]:
+    """Yield functions of the specimen's state, and of the history of its test."""
+    rates = known.numbers.get(DEGRADATION.column)
+    if rates is not None and np.ptp(rates) > 0.0:
+        of = DEGRADATION if places.family[0] in PATHS else LEVEL
+        for power in (1, 2):
+            yield KnownFunction(of._replace(column=DEGRADATION.column), Form.POWER,
+                                float(np.max(np.abs(rates))), end=power)  # fmt: skip
+    if TIME.column in known.numbers and np.ptp(known.numbers[TIME.column]) > 0.0:
+        yield from _of_time(known.numbers[TIME.column])
+    humidity = known.numbers.get(HUMIDITY.column)
+    if humidity is not None and np.ptp(humidity) > 0.0:
+        middle = float(np.median(humidity))
+        yield KnownFunction(HUMIDITY, Form.POWER, float(np.ptp(humidity)), middle, 1)
+    cycle = known.numbers.get(CYCLE.column)
+    if cycle is not None and np.max(cycle) > 0.0:
+        yield KnownFunction(CYCLE, Form.ABOVE, float(np.max(cycle)), 0.0)
+        yield KnownFunction(CYCLE, Form.LOGARITHM, 1.0)
+    yield from _groups(places, known)
+
+
+def _of_time(time: Floats) -> Iterator[KnownFunction]:
+    """Yield functions of time; the logarithm begins at the median reading's tenth."""
+    yield KnownFunction(TIME, Form.POWER, float(np.max(time)), end=1)
+    first = 0.1 * float(np.median(time[time > 0.0]))
+    yield KnownFunction(TIME, Form.LOGARITHM, first)
+
+
+def _groups(places: Places, known: KnownColumns) -> Iterator[KnownFunction]:
+    """Yield memberships of groups that hold several specimens, but not all readings."""
+    rate = RATE if places.family[0] in PATHS else LEVEL
+    names = {column.column: column for column in (BRANCH, MOUNT, HISTORY, BATCH, rate)}
+    for column, labels in known.labels.items():
+        groups = [str(name) for name in np.unique(labels) if name]
+        if len(groups) == 2 and column in (BRANCH.column, MOUNT.column):
+            groups = groups[1:]  # one is what the other is not
+        for group in groups if len(np.unique(labels)) > 1 else ():
+            if len(np.unique(places.specimen[labels == group])) >= SHARED:
+                yield KnownFunction(names[column], Form.MEMBER, group=group)

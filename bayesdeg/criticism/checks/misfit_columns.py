@@ -1,0 +1,214 @@
+r"""In which columns a misfit sits: its share, sign and size for each level of each column.
+
+Each level of a column (a third of the path, a degradation rate, a branch, a mount, a specimen …) is
+given a scale and a trend along the path of its own, directions W on the whitened scale, for every
+kind of reading in the family. What a column gains in log-likelihood, less what it gains in data
+simulated from the model,
+
+.. math:: \tfrac12 |Q^T z|^2 - \overline{\tfrac12 |Q^T z^{sim}|^2}, \qquad
+    Q \text{ orthonormal, of the span of the } W \text{ of its levels},
+
+over the largest that is gained by any column or by the smooth discrepancy that measures the misfit,
+is the share of the column; that of a level is the same of its own directions. Columns that go
+together share what they have in common: shares do not add up.
+
+Sign and size are those of e = V C⁻¹ (y − mean), the errors and scatter left after the parameters
+are fitted again (`criticism.fit.linear.Linear.unexplained`), on average over the readings of the
+first kind, also over the mean size of what the model predicts there.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdeg.criticism.checks.discrepancy import Misfit
+from bayesdeg.criticism.checks.known_terms import (
+    BATCH,
+    BRANCH,
+    CYCLE,
+    HISTORY,
+    HUMIDITY,
+    MOUNT,
+    RATE,
+    TIME,
+    known_of,
+    path_of,
+    reading_unit,
+)
+from bayesdeg.criticism.fit.linear import Linear
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+PARTS = 3  # of a column of numbers, with as many readings each
+FAINT = 1e-6  # of the largest: a direction that the others hold
+
+
+@dataclass(frozen=True)
+class LevelMisfit:
+    """What one level of a column has of a misfit.
+
+    Parameters
+    ----------
+    label : str
+        Which level.
+    readings : int
+        How many were taken there.
+    share : float
+        Of the misfit, by a scale and a trend of this level alone.
+    excess : float
+        Mean of measured less simulated after the refit, in the unit of the reading.
+    excess_pct : float
+        The same over the mean size of the simulated [%].
+    """
+
+    label: str
+    readings: int
+    share: float
+    excess: float
+    excess_pct: float
+
+
+@dataclass(frozen=True)
+class ColumnMisfit:
+    """What the levels of one column have of a misfit.
+
+    Parameters
+    ----------
+    column : str
+        Its name, in words.
+    share : float
+        Of the misfit, by a scale and a trend of each level.
+    kind, unit : str
+        Which reading the sizes are of, and in which unit.
+    levels : tuple of LevelMisfit
+        In the order of their values.
+    """
+
+    column: str
+    share: float
+    kind: str
+    unit: str
+    levels: tuple[LevelMisfit, ...]
+
+    @property
+    def worst(self) -> LevelMisfit:
+        """The level with the largest share."""
+        return max(self.levels, key=lambda one: one.share)
+
+
+def misfit_columns(
+    linear: Linear,
+    simulated: Floats,
+    misfit: Misfit,
+    *,
+    batches: Mapping[str, str] | None = None,
+) -> tuple[ColumnMisfit, ...]:
+    """Return what of a misfit each column has, the largest share first.
+
+    Parameters
+    ----------
+    linear : Linear
+        The model linearised at its mode.
+    simulated : array, shape (k, n_readings)
+        Data sets simulated from its posterior.
+    misfit : Misfit
+        What was measured of it: the columns are those of its family.
+    batches : mapping of str to str, optional
+        The batch of each specimen of which it is known.
+    """
+    ceiling = misfit.statistic - misfit.by_chance
+    if ceiling <= 0.0 or not len(simulated):
+        return ()
+    data = np.vstack([linear.observed, linear.whiten(simulated)])
+    rows = linear.subject.places.family == misfit.family
+    columns = dict(_columns(linear, rows, batches or {}))
+    parts = {name: _by_level(linear, rows, labels) for name, labels in columns.items()}
+    gains = {n: _gain(linear, np.hstack([*own.values()]), data) for n, own in parts.items()}
+    ceiling = max([ceiling, *gains.values()])
+    found = []
+    for name, labels in columns.items():
+        shares = {level: _gain(linear, own, data) / ceiling for level, own in parts[name].items()}
+        found.append(_column(linear, rows, name, labels, shares, gains[name] / ceiling))
+    return tuple(sorted(found, key=lambda one: -one.share))
+
+
+def _columns(
+    linear: Linear, rows: Flags, batches: Mapping[str, str]
+) -> Iterator[tuple[str, NDArray[np.str_]]]:
+    """Yield columns with the level of each reading of the family, where there are several."""
+    places, known = linear.subject.places.subset(rows), known_of(linear, rows, batches)
+    path = path_of(linear, places)
+    numbers = ((path.column, path.unit), (TIME.column, TIME.unit), (HUMIDITY.column, HUMIDITY.unit))
+    found = {c: _thirds(known.numbers[c], u) for c, u in numbers if c in known.numbers}
+    for quantity in (RATE, BRANCH, MOUNT, HISTORY, BATCH):
+        if quantity.column in known.labels:
+            found[quantity.column] = known.labels[quantity.column]
+    if CYCLE.column in known.numbers:
+        found["cycle"] = np.array([f"{1.0 + c:g}" for c in known.numbers[CYCLE.column]])
+    found["specimen"] = places.specimen
+    found["kind of reading"] = places.kind
+    yield from ((name, labels) for name, labels in found.items() if len(np.unique(labels)) > 1)
+
+
+def _thirds(values: Floats, unit: str) -> NDArray[np.str_]:
+    """Return in which third of the readings each lies, by the ends of the third."""
+    inner = np.quantile(values, np.arange(1, PARTS) / PARTS)
+    part = np.searchsorted(inner, values)
+    names = np.full(len(values), "", dtype="<U40")
+    for k in np.unique(part):
+        own = values[part == k]
+        names[part == k] = f"{own.min():.3g} to {own.max():.3g} {unit}".strip()
+    return names
+
+
+def _by_level(linear: Linear, rows: Flags, labels: NDArray[np.str_]) -> dict[str, Floats]:
+    """Return the directions of each level of a column, in the order along the path."""
+    places, found = linear.subject.places, {}
+    for level in dict.fromkeys(labels[np.argsort(places.along[rows], kind="stable")].tolist()):
+        own = np.zeros(len(rows), dtype=bool)
+        own[rows] = labels == level
+        found[level] = _directions(linear, own)
+    return found
+
+
+def _column(
+    linear: Linear,
+    rows: Flags,
+    name: str,
+    labels: NDArray[np.str_],
+    shares: Mapping[str, float],
+    share: float,
+) -> ColumnMisfit:
+    kinds = linear.subject.places.kind[rows]
+    kind = str(kinds[0])
+    left, size = linear.unexplained(linear.observed)[rows], np.abs(linear.prediction[rows])
+    levels = []
+    for level, own in shares.items():
+        here = labels == level
+        read = here & (kinds == kind) if np.any(here & (kinds == kind)) else here
+        excess = float(np.mean(left[read]))
+        relative = 100.0 * excess / max(float(np.mean(size[read])), 1e-300)
+        levels.append(LevelMisfit(level, int(np.sum(here)), own, excess, relative))
+    return ColumnMisfit(name, share, kind, reading_unit(linear, kind), tuple(levels))
+
+
+def _directions(linear: Linear, own: Flags) -> Floats:
+    """Return a scale and a trend along the path of some readings, for each kind, (n, r)."""
+    places, columns = linear.subject.places, []
+    for kind in np.unique(places.kind[own]):
+        size = np.where(own & (places.kind == kind), linear.prediction, 0.0)
+        middle, length = float(np.mean(places.along[own])), float(np.ptp(places.along[own]))
+        columns += [size, size * (places.along - middle) / max(length, 1e-12)]
+    return np.column_stack(columns)
+
+
+def _gain(linear: Linear, directions: Floats, data: Floats) -> float:
+    """Return what directions gain in log-likelihood of the first data set, less chance [nats]."""
+    whitened = linear.whiten_columns(directions)
+    vectors, values, _ = np.linalg.svd(whitened, full_matrices=False)
+    basis = vectors[:, values > FAINT * values[0]]
+    gain = 0.5 * np.sum((data @ basis) ** 2, axis=1)
+    return max(float(gain[0] - np.mean(gain[1:])), 0.0)

@@ -1,0 +1,433 @@
+r"""What the missing term would look like: the few known terms that would remove a misfit.
+
+On the whitened scale of a linearised model, its parameters integrated out, data without a misfit
+are z ~ N(0, I). A term of direction w [`known_terms`] gains the log-likelihood (wᵀz)²/(2|w|²), and
+as there are many, those of each complexity share a prior alike (Scott and Berger 2010):
+
+.. math:: s = \max_j \left( \frac{(w_j^T z)^2}{2 |w_j|^2} - \ln m_j \right),
+
+m_j the number of terms as complex as j. The best is taken, then the best of what it leaves, with
+all directions made orthogonal to it (orthogonal matching pursuit; Pati et al. 1993), two at most.
+
+How many are terms and not chance: the same maximum over the whole dictionary is taken of data
+simulated from the fitted model, at each step with the same terms taken out. Its share that is as
+large is the p-value of the step, adjusted for all terms that were tried (Westfall and Young 1993),
+and the search ends at the first above 5 %: so in at most 5 % of studies without a misfit a term is
+given at all. This keeps the dependence between terms, which are alike by construction; knockoffs
+(Barber and Candès 2015) would need more readings than twice the terms, or the law of the terms,
+and here they are fixed by the design.
+
+What the steps give is then held out: the whole search is repeated without some specimens, which are
+predicted with as many terms as it found, and one term more is given only where that raises their
+log predictive density by more than a standard error.
+
+References
+----------
+Pati, Rezaiifar and Krishnaprasad (1993), doi:10.1109/ACSSC.1993.342465; Westfall and Young (1993),
+Resampling-Based Multiple Testing; Romano and Wolf (2005), doi:10.1198/016214504000000539, for the
+adjustment by the largest; G'Sell et al. (2016), doi:10.1111/rssb.12122, for stopping at the first;
+Scott and Berger (2010), doi:10.1214/10-AOS792; Barber and Candès (2015), doi:10.1214/15-AOS1337.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
+
+from bayesdeg.criticism.chance import chance_of
+from bayesdeg.criticism.checks.discrepancy import Misfit, discrepancies, largest_ratio
+from bayesdeg.criticism.checks.known_terms import LEAST_LEFT, KnownTerm, KnownTerms, known_terms
+from bayesdeg.criticism.fit.linear import Linear
+
+Floats = NDArray[np.float64]
+
+FALSE_TERMS = 0.05
+"""Share of data without a misfit in which a term may be given at all."""
+MOST_TERMS = 2
+"""More could hardly be read, and are not what the smallest description is."""
+AS_GOOD = float(np.log(20.0))
+"""Odds up to which another term is as good: as of causes that cannot be told apart."""
+BARELY = 1.0
+"""Lead of the best over a simpler term that is not worth a mention [nats] (Kass and Raftery 1995,
+doi:10.1080/01621459.1995.10476572): the simpler one is taken."""
+MOST_ALIKE = 5  # of those that are told
+FOLDS = 9
+"""Groups of specimens that are held out in turn, at most: each fold searches the dictionary."""
+QUANTILE = 1.645  # of the normal law, of a 90 % interval
+
+
+@dataclass(frozen=True)
+class AlikeTerm:
+    """A term that fits as well as the one that was taken.
+
+    Parameters
+    ----------
+    term : KnownTerm
+        Which.
+    size : float
+        In the unit of the term.
+    behind : float
+        What it gains less than the best, the complexities weighed [nats]; below ln 20.
+    """
+
+    term: KnownTerm
+    size: float
+    behind: float
+
+
+@dataclass(frozen=True)
+class MissingTerm:
+    """A term that removes part of a misfit.
+
+    Parameters
+    ----------
+    term : KnownTerm
+        Which.
+    size, low, high : float
+        Posterior mean and ends of the 90 % interval, beside the other terms, in the term's unit.
+    gain : float
+        In log-likelihood when it was taken [nats].
+    p_value : float
+        Share of simulated data in which the best of all terms gains as much, (1 + #)/(1 + n).
+    share : float
+        Of the misfit statistic that is removed with it and those before it.
+    held_out, held_out_se : float or None
+        Gain in log predictive density of held-out specimens by it, and its standard error; None
+        where there are no specimens to hold out [nats].
+    alike : tuple of AlikeTerm
+        Those that fit as well, the best first.
+    count_alike : int
+        How many there are, with those that are not told.
+    change : array, shape (n,)
+        What it does to the readings at its size, in their units.
+    largest : float
+        The largest change of a reading, over the largest reading of its kind [–].
+    """
+
+    term: KnownTerm
+    size: float
+    low: float
+    high: float
+    gain: float
+    p_value: float
+    share: float
+    held_out: float | None
+    held_out_se: float | None
+    alike: tuple[AlikeTerm, ...]
+    count_alike: int
+    change: Floats
+    largest: float
+
+
+@dataclass(frozen=True)
+class MissingTerms:
+    """The terms that would remove a misfit: none, one or two.
+
+    Parameters
+    ----------
+    terms : tuple of MissingTerm
+        In the order in which they were taken.
+    tried : int
+        Terms in the dictionary.
+    replicates : int
+        Simulated data sets.
+    p_value : float
+        Of the best of all terms, whether or not it is given.
+    best : MissingTerm, optional
+        That term, also where held-out specimens do not confirm it or chance gives as much.
+    """
+
+    terms: tuple[MissingTerm, ...]
+    tried: int
+    replicates: int
+    p_value: float
+    best: MissingTerm | None = None
+
+    @property
+    def is_chance(self) -> bool:
+        """Whether the best of all terms gains no more than chance gives."""
+        return self.p_value > FALSE_TERMS
+
+    @property
+    def share(self) -> float:
+        """Share of the misfit statistic that all terms remove together; 0 without any."""
+        return self.terms[-1].share if self.terms else 0.0
+
+
+def missing_terms(
+    linear: Linear,
+    simulated: Floats,
+    misfit: Misfit,
+    *,
+    batches: Mapping[str, str] | None = None,
+) -> MissingTerms:
+    """Return the few known terms that would remove the misfit of a linearised model.
+
+    Parameters
+    ----------
+    linear : Linear
+        The model linearised at its mode.
+    simulated : array, shape (k, n_readings)
+        Data sets simulated from its posterior, without a misfit.
+    misfit : Misfit
+        What was measured of it.
+    batches : mapping of str to str, optional
+        The batch of each specimen of which it is known.
+    """
+    offered = known_terms(linear, batches)
+    null = linear.whiten(simulated) if len(simulated) else np.zeros((0, len(linear.mean)))
+    if not len(offered) or not len(null):
+        return MissingTerms((), len(offered), len(null), float("nan"))
+    picks = search_terms(offered, linear.observed, null)
+    p_value = picks[0].p_value if picks else 1.0
+    held = _held_out(linear, offered, len([one for one in picks if one.p_value <= FALSE_TERMS]))
+    given = _given(picks, held)
+    terms = _described(linear, offered, picks[:given], held, misfit)
+    best = terms[:1] or _described(linear, offered, picks[:1], held, misfit)
+    return MissingTerms(terms, len(offered), len(null), p_value, next(iter(best), None))
+
+
+@dataclass(frozen=True)
+class Pick:
+    """What one step of the search takes.
+
+    Parameters
+    ----------
+    index : int
+        Of the term.
+    gains : array, shape (m,)
+        Of every term at this step [nats]; −inf of those that are made of the terms before.
+    p_value : float
+        Of the best, adjusted for all; nan without simulated data.
+    """
+
+    index: int
+    gains: Floats
+    p_value: float
+
+
+def search_terms(
+    offered: KnownTerms, observed: Floats, null: Floats, *, most: int = MOST_TERMS
+) -> tuple[Pick, ...]:
+    """Return the best term, then the best beside it, as long as chance does not explain them.
+
+    Parameters
+    ----------
+    offered : KnownTerms
+        The dictionary.
+    observed : array, shape (n,)
+        Whitened data.
+    null : array, shape (k, n)
+        Whitened data without a misfit; without any, nothing is tested and all steps are made.
+    most : int
+        Steps at most.
+
+    Returns
+    -------
+    tuple of Pick
+        With the first that is explained by chance, at which the search ends.
+    """
+    found: list[Pick] = []
+    directions = offered.whitened
+    whole = np.sum(directions**2, axis=0)
+    for _ in range(most):
+        square = np.sum(directions**2, axis=0)
+        open_ones = square > LEAST_LEFT * whole
+        if not open_ones.any():
+            break
+        scale = np.where(open_ones, np.sqrt(np.maximum(square, 1e-300)), np.inf)
+        less = np.where(open_ones, offered.penalty, np.inf)
+        unit = directions / scale
+        gains = 0.5 * (observed @ unit) ** 2 - less
+        best = _simplest(offered, gains)
+        chance = np.max(0.5 * (null @ unit) ** 2 - less, axis=1) if len(null) else np.zeros(0)
+        p_value = float(chance_of(float(np.max(gains)), chance)) if len(null) else float("nan")
+        found.append(Pick(best, gains, p_value))
+        if p_value > FALSE_TERMS:
+            break
+        along = unit[:, best]
+        directions = directions - np.outer(along, along @ directions)
+    return tuple(found)
+
+
+def _simplest(offered: KnownTerms, gains: Floats) -> int:
+    """Return the simplest of the terms that gain hardly less than the best."""
+    close = np.flatnonzero(gains > np.max(gains) - BARELY)
+    return int(min(close, key=lambda i: (*offered.terms[i].simplicity, -gains[i])))
+
+
+def _given(picks: Sequence[Pick], held: Floats | None) -> int:
+    """Return how many terms are given: those beyond chance that held-out specimens confirm."""
+    significant = len([one for one in picks if one.p_value <= FALSE_TERMS])
+    if held is None:
+        return significant
+    for count in range(significant):
+        gain, error = _gain_of(held, count)
+        if not gain > error:
+            return count
+    return significant
+
+
+def _gain_of(held: Floats, place: int) -> tuple[float, float]:
+    """Return what one more term gains in all folds, and its standard error [nats]."""
+    own = held[:, place + 1] - held[:, place]
+    return float(np.sum(own)), float(np.std(own, ddof=1) * np.sqrt(len(own)))
+
+
+def _described(
+    linear: Linear,
+    offered: KnownTerms,
+    picks: Sequence[Pick],
+    held: Floats | None,
+    misfit: Misfit,
+) -> tuple[MissingTerm, ...]:
+    """Return what is known of the terms that are given, their sizes fitted together."""
+    if not picks:
+        return ()
+    chosen = [one.index for one in picks]
+    whitened = offered.whitened[:, chosen]
+    covariance = np.linalg.inv(whitened.T @ whitened)
+    sizes, errors = covariance @ (whitened.T @ linear.observed), np.sqrt(np.diag(covariance))
+    shares = _shares(linear, whitened, misfit)
+    return tuple(
+        _term(
+            linear, offered, pick, place, (float(sizes[place]), float(errors[place])), held, shares
+        )
+        for place, pick in enumerate(picks)
+    )
+
+
+def _term(
+    linear: Linear,
+    offered: KnownTerms,
+    pick: Pick,
+    place: int,
+    size: tuple[float, float],
+    held: Floats | None,
+    shares: Sequence[float],
+) -> MissingTerm:
+    term, (mean, error) = offered.terms[pick.index], size
+    unit = term.per_unit
+    gain = None if held is None else _gain_of(held, place)
+    alike = _alike(linear, offered, pick)
+    return MissingTerm(
+        term=term,
+        size=unit * mean,
+        low=unit * (mean - QUANTILE * error),
+        high=unit * (mean + QUANTILE * error),
+        gain=float(pick.gains[pick.index] + offered.penalty[pick.index]),
+        p_value=pick.p_value,
+        share=shares[place],
+        held_out=None if gain is None else gain[0],
+        held_out_se=None if gain is None else gain[1],
+        alike=alike[:MOST_ALIKE],
+        count_alike=len(alike),
+        change=mean * offered.directions[:, pick.index],
+        largest=_largest(linear, term, mean * offered.directions[:, pick.index]),
+    )
+
+
+def _largest(linear: Linear, term: KnownTerm, change: Floats) -> float:
+    """Return the largest change of a reading, over the largest reading of its kind."""
+    kind = linear.subject.places.kind
+    found = (np.max(np.abs(change[kind == one])) / term.scales[one][0] for one in term.kinds)
+    return float(max(found))
+
+
+def _alike(linear: Linear, offered: KnownTerms, pick: Pick) -> tuple[AlikeTerm, ...]:
+    """Return the terms that fit as well as the best of one step, the best first."""
+    behind = pick.gains[pick.index] - pick.gains
+    close = [i for i in np.argsort(behind) if behind[i] < AS_GOOD and i != pick.index]
+    found = []
+    for i in close:
+        own = offered.whitened[:, i]
+        size = float(own @ linear.observed / (own @ own)) * offered.terms[i].per_unit
+        found.append(AlikeTerm(offered.terms[i], size, float(behind[i])))
+    return tuple(found)
+
+
+def _shares(linear: Linear, whitened: Floats, misfit: Misfit) -> list[float]:
+    """Return the share of the misfit statistic, less chance, removed by the first terms of each."""
+    kernels, data = discrepancies(linear), [linear.observed]
+    for count in range(1, whitened.shape[1] + 1):
+        basis = np.linalg.qr(whitened[:, :count])[0]
+        data.append(linear.observed - basis @ (basis.T @ linear.observed))
+    left = largest_ratio(np.array(data), kernels)[0] - misfit.by_chance
+    if left[0] <= 0.0:
+        return [1.0] * whitened.shape[1]
+    return [float(np.clip(1.0 - max(one, 0.0) / left[0], 0.0, 1.0)) for one in left[1:]]
+
+
+@dataclass(frozen=True)
+class _Fold:
+    """Readings that are held out, and the law of the others and of these given the others."""
+
+    linear: Linear
+    held: NDArray[np.bool_]
+
+    @cached_property
+    def others(self) -> Floats:
+        """Lower Cholesky factor of the covariance of all others."""
+        rest = ~self.held
+        return np.asarray(cholesky(self.linear.covariance[np.ix_(rest, rest)], lower=True))
+
+    def whitened(self, columns: Floats) -> Floats:
+        """Return columns (n, k), of all others, on their whitened scale."""
+        rest = columns[~self.held]
+        return np.asarray(solve_triangular(self.others, rest, lower=True))
+
+    def conditional(self, columns: Floats) -> Floats:
+        """Return columns (n, k) of what is held out, less what the others say of it."""
+        covariance = self.linear.covariance
+        cross = solve_triangular(self.others, covariance[np.ix_(~self.held, self.held)], lower=True)
+        return np.asarray(columns[self.held] - cross.T @ self.whitened(columns))
+
+    @cached_property
+    def own(self) -> Floats:
+        """Covariance of what is held out given the others."""
+        covariance = self.linear.covariance
+        cross = solve_triangular(self.others, covariance[np.ix_(~self.held, self.held)], lower=True)
+        return np.asarray(covariance[np.ix_(self.held, self.held)] - cross.T @ cross)
+
+
+def _held_out(linear: Linear, offered: KnownTerms, most: int) -> Floats | None:
+    """Return log densities of held-out readings with 0, 1 … terms found without them, (folds, k).
+
+    None where there are fewer than two groups to hold out, or nothing to try.
+    """
+    group = linear.subject.group
+    names = [name for name in dict.fromkeys(group.tolist()) if name]
+    if len(names) < 2 or most == 0:
+        return None
+    member = {name: i % min(FOLDS, len(names)) for i, name in enumerate(names)}
+    fold = np.array([member.get(name, -1) for name in group.tolist()])
+    return np.array(
+        [_fold_densities(linear, offered, fold == k, most) for k in np.unique(fold) if k >= 0]
+    )
+
+
+def _fold_densities(
+    linear: Linear, offered: KnownTerms, held: NDArray[np.bool_], most: int
+) -> list[float]:
+    fold = _Fold(linear, held)
+    residual = (linear.subject.observed - linear.mean)[:, None]
+    data, whitened = fold.whitened(residual)[:, 0], fold.whitened(offered.directions)
+    inside = KnownTerms(offered.terms, offered.directions, whitened, offered.penalty)
+    picks = search_terms(inside, data, np.zeros((0, len(data))), most=most)
+    found = []
+    for count in range(most + 1):
+        chosen = [one.index for one in picks[:count]]
+        mean, covariance = fold.conditional(residual)[:, 0], fold.own
+        if chosen:
+            seen = whitened[:, chosen]
+            uncertain = np.linalg.inv(seen.T @ seen)
+            acts = fold.conditional(offered.directions[:, chosen])
+            mean = mean - acts @ (uncertain @ (seen.T @ data))
+            covariance = covariance + acts @ uncertain @ acts.T
+        factor = cho_factor(covariance, lower=True)
+        logs = 2.0 * np.sum(np.log(np.diag(factor[0])))
+        found.append(float(-0.5 * (mean @ cho_solve(factor, mean) + logs)))
+    return found

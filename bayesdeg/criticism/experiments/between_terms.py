@@ -1,0 +1,177 @@
+"""Terms that a misfit asks for as models that may be true: what would tell them apart.
+
+A term in known quantities becomes a cause that acts on the reading: everything is fitted again with
+it, and experiments are ranked between such models as between any others.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdeg.actuator.inputs import Prediction
+from bayesdeg.causes.cause import Cause, Conditions, Effect, Stage
+from bayesdeg.criticism.checks.known_terms import (
+    BATCH,
+    BRANCH,
+    CYCLE,
+    DEGRADATION,
+    HUMIDITY,
+    LAG,
+    LOAD,
+    MOUNT,
+    PATHS,
+    RATE,
+    SIZE,
+    TIME,
+    KnownColumns,
+    KnownTerm,
+)
+from bayesdeg.criticism.checks.missing_terms import MissingTerms
+from bayesdeg.criticism.fit.linear import Linear
+from bayesdeg.criticism.fit.trials import Trial, try_causes
+from bayesdeg.material.degradation import LEVEL_WIDTH, levels
+from bayesdeg.observations.curvature import ACTUATOR, ANGLE, CURVATURE
+from bayesdeg.observations.specimens import FilmsAndActuators
+from bayesdeg.priors import Normal, Parameter
+
+Floats = NDArray[np.float64]
+
+WIDE = 2.0
+"""Standard deviation of the prior of a term's size, over the size found: it hardly pulls."""
+IN_QUESTION = 3  # terms between which experiments are ranked
+
+
+@dataclass(frozen=True)
+class TermOnReading:
+    """A term as it changes what a forward map predicts of actuators.
+
+    Parameters
+    ----------
+    term : KnownTerm
+        Of curvature, bend angle or both.
+    rates, moduli : array, shape (m,)
+        Degradation rates of the study's specimens [%], and 6 C1 there [MPa].
+    """
+
+    term: KnownTerm
+    rates: Floats
+    moduli: Floats
+
+    def __call__(
+        self, prediction: Prediction, conditions: Conditions, effect: Effect
+    ) -> Prediction:
+        """Return the prediction with the term at a size."""
+        size = effect["size"] / self.term.per_unit
+        steep = np.divide(prediction.slope, np.maximum(conditions.pressure, 1e-9))
+        curvature = size * self._change(CURVATURE, conditions, prediction.curvature, steep)
+        if ANGLE not in self.term.kinds:
+            return replace(prediction, curvature=prediction.curvature + curvature)
+        bent = prediction.curvature
+        ratio = np.divide(prediction.bend_angle, bent, out=np.zeros_like(bent), where=bent != 0.0)
+        angle = size * self._change(ANGLE, conditions, prediction.bend_angle, ratio * steep)
+        return replace(
+            prediction,
+            curvature=prediction.curvature + curvature,
+            bend_angle=prediction.bend_angle + angle,
+        )
+
+    def _change(self, kind: str, conditions: Conditions, reading: Floats, slope: Floats) -> Floats:
+        known = self._known(conditions, np.abs(reading) / self._top(kind))
+        return self.term.change(kind, known, reading, slope)
+
+    def _top(self, kind: str) -> float:
+        return self.term.scales[kind][0] if kind in self.term.scales else 1.0
+
+    def _known(self, conditions: Conditions, size: Floats) -> KnownColumns:
+        """Return what is known of readings under conditions; new specimens are of no batch."""
+        pressure, level = conditions.pressure, conditions.degradation
+        lag = np.maximum.accumulate(pressure, axis=-1) - pressure
+        modulus = np.interp(level, self.rates, self.moduli)
+        numbers = {
+            PATHS[ACTUATOR].column: pressure,
+            LOAD.column: 1e-3 * pressure / modulus,
+            LAG.column: lag,
+            SIZE: size,
+            DEGRADATION.column: np.asarray(level, dtype=np.float64),
+            TIME.column: conditions.time,
+            HUMIDITY.column: conditions.humidity,
+            CYCLE.column: conditions.cycle - 1.0,
+        }
+        labels = {
+            BRANCH.column: np.where(conditions.unloading, "unloading", "loading"),
+            MOUNT.column: conditions.mount,
+            RATE.column: self._rate(level),
+            BATCH.column: np.array(""),
+        }
+        return KnownColumns({n: np.nan_to_num(v) for n, v in numbers.items()}, labels)
+
+    def _rate(self, level: Floats) -> NDArray[np.str_]:
+        """Return the group of rates of the study to which each rate belongs, if to any."""
+        centres = levels(self.rates)[0]
+        gap = np.abs(np.asarray(level)[..., None] - centres)
+        names = np.array([f"{centre:.3g} %" for centre in centres])[np.argmin(gap, axis=-1)]
+        return np.where(np.min(gap, axis=-1) <= LEVEL_WIDTH, names, "")
+
+
+def term_trials(
+    trial: Trial, found: MissingTerms, generator: np.random.Generator
+) -> tuple[Trial, ...]:
+    """Return the model fitted again with each of the best terms, which fit about as well.
+
+    Parameters
+    ----------
+    trial : Trial
+        The model whose misfit was searched.
+    found : MissingTerms
+        What was found; of the first term those that fit as well are in question.
+    generator : Generator
+        Draws the proposals of the fits.
+
+    Returns
+    -------
+    tuple of Trial
+        Empty where fewer than two terms of actuators are in question.
+    """
+    in_question = list(_in_question(found))[:IN_QUESTION]
+    if len(in_question) < 2 or not isinstance(trial.subject.world, FilmsAndActuators):
+        return ()
+    causes = [term_cause(trial.linear, term, size) for term, size in in_question]
+    sizes = [np.array([size]) for _, size in in_question]
+    return tuple(try_causes(trial, c, s, generator) for c, s in zip(causes, sizes, strict=True))
+
+
+def _in_question(found: MissingTerms) -> Iterator[tuple[KnownTerm, float]]:
+    """Yield the term that was taken and those that fit as well, each with its size."""
+    for one in found.terms[:1]:
+        both = ((one.term, one.size), *((other.term, other.size) for other in one.alike))
+        yield from ((term, size) for term, size in both if term.family == ACTUATOR)
+
+
+def term_cause(linear: Linear, term: KnownTerm, size: float) -> Cause:
+    """Return a term as a cause that acts on the readings of actuators.
+
+    Parameters
+    ----------
+    linear : Linear
+        The model in which it was found.
+    term : KnownTerm
+        Of actuators.
+    size : float
+        In its unit: the prior is N(0, (2 size)²).
+    """
+    model = linear.subject
+    places = model.places
+    rates = np.unique(places.level[places.family == ACTUATOR])
+    moduli = model.young_modulus(model.table.named(linear.mode[None]), rates)[0]
+    law = Normal(0.0, WIDE * max(abs(size), 1e-12))
+    return Cause(
+        name=term.formula,
+        stage=Stage.READING,
+        parameters=(Parameter("size", law, term.unit, "size of the term", 0.0),),
+        mechanism="a term in known quantities",
+        typical={"size": size},
+        revealed_by="what the model without it leaves",
+        on_reading=TermOnReading(term, rates, moduli),
+    )
