@@ -1,7 +1,8 @@
 """Effects hidden by the fine finite element model are found from the studies' folders alone.
 
 The folders, and the truths that no process that judges opens, are made by
-benchmarks/planted_studies.py; the numbers are those of its studies.
+benchmarks/planted_studies.py; the numbers are those of its studies. Creep, softening and
+degradation from the surfaces are planted by physics of their own, not by functions of causes.
 """
 
 import json
@@ -22,6 +23,7 @@ STUDIES, TRUTHS = Path(__file__).parent / "studies", Path(__file__).parent / "tr
 WALLS, LEAK, TWO, NOTHING, OUTSIDE = "10", "12", "16", "17", "18"
 FLAWS, BRITTLE, MISLABELLED = "19", "20", "21"  # actuators that are inflated until they burst
 BATCH = "22"
+SURFACES = "23"  # degraded by diffusion and reaction, deeper than the rule of a skin has it
 SINGLE = [*(f"{number:02d}" for number in range(1, 16)), FLAWS, MISLABELLED]
 # what reads like the hidden cause in that study and may stand beside it
 ALIKE = {
@@ -161,6 +163,15 @@ def test_a_batch_that_was_mixed_wrongly_is_not_taken_for_misread_degradation_rat
     assert "degradation_misread" in {
         reason.cause for reason in found.reasons if isinstance(reason, SharedByLevel)
     }
+
+
+def test_a_layer_deeper_than_that_of_the_rule_is_not_taken_for_another_cause(verdicts):
+    assert hidden_in(SURFACES) == {"degraded_skin": {}}
+    found = verdicts[SURFACES].result().plain
+    assert found.p_value <= 0.02
+    assert found.outcome in ("unexplained", "named")
+    assert set(found.causes) <= {"degraded_skin"}
+    assert found.factors["degraded_skin"] > 0.0
 
 
 def test_ruptures_without_flaws_where_films_break_as_early_are_expected(verdicts):

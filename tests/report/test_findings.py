@@ -249,6 +249,15 @@ def described(*terms, causes=(), share=0.82, p_value=0.00498):
 
 RECORDS = {
     "absorbed, pushed by a cause": ABSORBED,
+    "absorbed by several": replace(
+        ABSORBED,
+        displacements=(
+            HIGH,
+            replace(
+                HIGH, parameter=replace(HIGH.parameter, name="c1_at_0"), moved=-3.2, score=-3.2
+            ),
+        ),
+    ),
     "absorbed, pushed by either": replace(
         ABSORBED, pushes=(*ABSORBED.pushes, push("creep", share=0.8, factor=79.0))
     ),
