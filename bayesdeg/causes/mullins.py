@@ -38,16 +38,18 @@ from bayesdeg.priors import LogNormal, Parameter, TruncatedNormal
 
 ROUNDS = 30  # of Newton's method and bisection, which together need some six
 EXACT = 1e-10  # relative change at which they end
+SHARPEST = 1e-12  # of the onset; below, it is a step whatever it is
+LEAST = 1e-200  # load below which its gain is lost in rounding
 KILO = 1e-3  # kPa in MPa
 
 
 def soften_below_largest(inputs: Inputs, conditions: Conditions, effect: Effect) -> Inputs:
     """Return inputs at the load that material never stretched would need for the same shape."""
     largest = np.maximum.accumulate(inputs.pressure, axis=-1)
-    scale = inputs.c1 / KILO * np.sqrt(effect["onset"])
+    scale = inputs.c1 / KILO * np.sqrt(np.maximum(effect["onset"], SHARPEST))
     load = inputs.pressure / scale
     q = unsoftened(load, largest / scale, effect["softening"])
-    below = (inputs.pressure > 0.0) & (inputs.pressure < largest)
+    below = (load > LEAST) & (inputs.pressure < largest)
     gain = np.where(below, q / np.where(below, load, 1.0), 1.0)
     return replace(inputs, pressure=inputs.pressure * gain)
 
