@@ -132,8 +132,8 @@ def _environment() -> dict[str, str]:
 
 
 def contents(folder: Path) -> dict[str, str]:
-    """Return a hash of every file but locks, without what differs between two runs alike."""
-    files = [path for path in folder.rglob("*") if path.is_file() and path.suffix != ".lock"]
+    """Return a hash of every file but locks and durations, without what differs between runs."""
+    files = [p for p in folder.rglob("*") if p.is_file() and p.suffix not in (".lock", ".seconds")]
     return {
         str(path.relative_to(folder)): hashlib.sha256(_lasting(path)).hexdigest() for path in files
     }
