@@ -13,6 +13,9 @@ For each physics the answer holds
 * ``worst_pct``: the largest of what is left over its reading [%];
 * ``share_left``: what is left over the effect.
 
+``drying`` says what water does in the fresh actuator within ``minutes``: the share of it that has
+left, and the change of curvature [%] at the pressures of its path, without and with shrinkage.
+
 ``creep_in_an_arm`` holds the rule of `creep` against measured displacements of a silicone arm, of
 which pressure, growth after the first second and length of the hold are known
 (``studies/data/srl_arm_creep.csv``): what a rule cannot explain there is scatter too.
@@ -64,6 +67,8 @@ SHARE, RELAXATION = 0.11, 30.0  # of the stress that relaxes in the end, and its
 SOFTENING, ENERGY, BETA = 8.0, 0.02, 0.1  # r, m [C1], beta of Ogden and Roxburgh
 DIFFUSIVITY, TRANSFER = 1e-5, 2e-4  # mm²/s, mm/s
 DRIER, STIFFER = 1.0, 0.15
+DRYING, LONG = np.array([20.0, 80.0, 140.0, 200.0]), 405.0  # kPa, each held so long [s]
+SHRINKAGE = 0.05  # of the volume, where dry
 REACTION = 1.0  # mm that what degrades comes into the walls
 SKINS = (0.0, 0.4, 0.8, 1.2)
 AT_ONCE = 0.2  # s between onsets of markers in one recording, which move together
@@ -149,6 +154,31 @@ def of_drying(parts: list[Part]) -> Curves:
             memory = Drying(diffusion, one.actuator.body.constants, water, step=75.0)
             found.append((one, held, one.tested(memory, held)))
     return found
+
+
+def dried(one: Part) -> dict[str, object]:
+    """Return what drying does to an actuator, without shrinkage and with some."""
+    diffusion = Diffusion.on(one.actuator.mesh.body)
+    load, held = one.load(DRYING), np.full(len(DRYING), LONG)
+    constants = one.actuator.body.constants
+    changes = {}
+    for shrinkage in (0.0, SHRINKAGE):
+        water = Water(DIFFUSIVITY, TRANSFER, DRIER, STIFFER, shrinkage)
+        memory = Drying(diffusion, constants, water, step=60.0)
+        read = one.curvature(one.actuator.tested(memory, Schedule(load, held)))
+        change = 100.0 * (read / one.elastic(DRYING) - 1.0)
+        changes[f"shrinkage {shrinkage:g}"] = change.round(1).tolist()
+    span, count = 60.0, round(LONG * len(DRYING) / 60.0)
+    content = np.zeros(diffusion.count)
+    for _ in range(count):
+        content = diffusion.later(content, Water(DIFFUSIVITY, TRANSFER, DRIER), span)
+    left = -diffusion.at_points(content) * one.actuator.mesh.body.weights
+    return {
+        "minutes": count,
+        "left_pct": round(100.0 * float(left.sum()) / one.actuator.mesh.body.volume, 1),
+        "pressure_kPa": DRYING.tolist(),
+        "curvature_pct": changes,
+    }
 
 
 def of_skin(parts: list[Part]) -> Curves:
@@ -290,7 +320,7 @@ def main() -> None:
     }
     physics = {"creep": of_creep, "mullins": of_mullins, "humidity_drift": of_drying}
     found: dict[str, object] = {}
-    wanted = options.only or [*sizes, SKIN, "creep_in_an_arm"]
+    wanted = options.only or [*sizes, SKIN, "drying", "creep_in_an_arm"]
     for name, start in sizes.items():
         if name not in wanted:
             continue
@@ -299,6 +329,8 @@ def main() -> None:
             print(name, found[name], flush=True)
     if SKIN in wanted:
         found[SKIN] = compared(of_skin(parts), by_skin(parts), {"skin_stiffening": 0.5})
+    if "drying" in wanted:
+        found["drying"] = dried(parts[0])
     if "creep_in_an_arm" in wanted:
         found["creep_in_an_arm"] = in_an_arm()
     print(json.dumps(found, indent=2))

@@ -41,7 +41,7 @@ class Stretches:
 
 def principal_stretch(body: Body, state: MechanicalState) -> Stretches:
     """Return the largest principal stretch and its derivative at every quadrature point."""
-    return _largest(_deformation(body, state.displacement))
+    return _largest(deformation_gradients(body, state.displacement))
 
 
 def _largest(f: Floats) -> Stretches:
@@ -51,7 +51,7 @@ def _largest(f: Floats) -> Stretches:
     return Stretches(value, f)
 
 
-def _deformation(body: Body, displacement: Floats) -> Floats:
+def deformation_gradients(body: Body, displacement: Floats) -> Floats:
     """Return F at every quadrature point, (n_elements, n_points, 3, 3)."""
     f = np.empty((*body.weights.shape, 3, 3))
     kernels.deformation(displacement, body.elements, body.gradients, f)
@@ -415,7 +415,7 @@ def read_state(
     values = np.array([*(value for value, _ in lines), *(strain.value for strain in strains)])
     if rate is None:
         return Reading(values, np.zeros_like(values))
-    change = _deformation(mesh.body, rate.displacement) - np.eye(3)
+    change = deformation_gradients(mesh.body, rate.displacement) - np.eye(3)
     rates = [float(np.vdot(gradient, rate.displacement)) for _, gradient in lines]
     rates += [strain.rate(change) for strain in strains]
     return Reading(values, np.array(rates))
@@ -448,7 +448,7 @@ def _line_readings(
 
 def _strain_readings(body: Body, state: MechanicalState) -> list[StrainReading]:
     """Measures of stretch, in the order of ``OUTPUTS``, with their derivatives."""
-    f = _deformation(body, state.displacement)
+    f = deformation_gradients(body, state.displacement)
     largest = _largest(f.copy())
     energy, difference = np.empty(largest.value.shape), np.empty(largest.value.shape)
     demands(f, largest.value, energy, difference)

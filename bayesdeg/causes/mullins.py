@@ -10,7 +10,8 @@ Equation
     largest so far, p = η q with η = 1 − b erf((q_m² − q²)/(w C1²)): the factor of Ogden and
     Roxburgh, with an energy that grows as (q/C1)². The paper is taken to soften alike. Against that
     law at every integration point, on paper that stays as it is, the rule leaves 4 % of the effect
-    at degradation rates of 0 to 25 %, and b is 1/r (`benchmarks/rules.py`).
+    at degradation rates of 0 to 25 %, with b 4 % below 1/r since the paper does not soften
+    (`benchmarks/rules.py`).
 
 Typical size
     b = 0.05–0.3 in weakly filled elastomers; assumed for the gel. w = 0.1 is met at some 90 kPa in

@@ -34,7 +34,7 @@ from bayesdeg.actuator.linear import Factorization, open_factorization
 from bayesdeg.actuator.material import MaterialGroups, local_constants
 from bayesdeg.actuator.mesh import ActuatorMesh, build_mesh
 from bayesdeg.actuator.moulded import Moulded
-from bayesdeg.actuator.outputs import OUTPUTS, PEAK, read_state
+from bayesdeg.actuator.outputs import OUTPUTS, PEAK, deformation_gradients, read_state
 from bayesdeg.actuator.problem import (
     Linearisation,
     MechanicalState,
@@ -53,7 +53,7 @@ SWEEPS = 40  # of the softening, which follows the energy, at one load
 SETTLED = 1e-5  # change of the constants, over themselves, at which they are taken for settled
 LESS = 0.9  # of the change of the sweep before; else the next ones are damped
 RELAXED = 0.67  # share of a new softening that is taken: undamped, half of an error comes back
-AN_EFFORT = PathEffort(tolerance=1e-5, iterations=25)
+EFFORT = PathEffort(tolerance=1e-5, iterations=25)  # a creep step moves little, and must count
 
 
 @dataclass(frozen=True)
@@ -121,7 +121,7 @@ class FieldEquations:
         found = self.problem.linearise(state, tangent=tangent)
         force, volume, data = found.force, found.volume_residual, found.tangent
         if self.overstress is not None:
-            gradient = deformation(self.system.body, state.displacement)
+            gradient = deformation_gradients(self.system.body, state.displacement)
             force = force + self._pull(gradient @ self.overstress)
             data = data + self._stiffness if data.size else data
         if self.swelling is not None:
@@ -136,7 +136,9 @@ class FieldEquations:
         found = self.problem.products(state, directions)
         if self.overstress is None:
             return found
-        rates = (deformation(self.system.body, d.displacement) - np.eye(3) for d in directions)
+        rates = (
+            deformation_gradients(self.system.body, d.displacement) - np.eye(3) for d in directions
+        )
         return [
             (force + self._pull(rate @ self.overstress), volume)
             for (force, volume), rate in zip(found, rates, strict=True)
@@ -196,13 +198,6 @@ class FieldEquations:
         size = self.system.upper.nnz
         found: Floats = np.bincount(places[known], values[known], minlength=size)
         return found
-
-
-def deformation(body: Body, displacement: Floats) -> Floats:
-    """Return F = I + ∂u/∂X at every quadrature point, (n_elements, n_points, 3, 3)."""
-    out = np.empty((*body.weights.shape, 3, 3))
-    kernels.deformation(displacement, body.elements, body.gradients, out)
-    return out
 
 
 def excess_of(gradient: Floats) -> Floats:
@@ -601,7 +596,7 @@ class FieldBody:
 
     body: Body
     material: MaterialGroups
-    effort: PathEffort = AN_EFFORT
+    effort: PathEffort = EFFORT
 
     @cached_property
     def system(self) -> System:
@@ -645,24 +640,24 @@ class FieldBody:
             Without a rate where there is no equilibrium.
         Memory
         """
-        gradient = deformation(self.body, last.state.displacement)
+        gradient = deformation_gradients(self.body, last.state.displacement)
         if memory.follows_state:
             last = self._swept(memory, last, load, span)
         else:
             last = self._found(memory.field(span, gradient), last, load)
         if last.rate is None:
             return last, memory
-        return last, memory.after(span, deformation(self.body, last.state.displacement))
+        return last, memory.after(span, deformation_gradients(self.body, last.state.displacement))
 
     def _swept(self, memory: Memory, last: LoadStep, load: float, span: float) -> LoadStep:
         """Return the equilibrium with the field that follows from it, found by turns."""
-        gradient = deformation(self.body, last.state.displacement)
+        gradient = deformation_gradients(self.body, last.state.displacement)
         field, share, change = memory.field(span, gradient), RELAXED, np.inf
         for _ in range(SWEEPS):
             last = self._found(field, last, load)
             if last.rate is None:
                 return last
-            gradient = deformation(self.body, last.state.displacement)
+            gradient = deformation_gradients(self.body, last.state.displacement)
             wanted = memory.field(span, gradient)
             before, change = change, _change(field.constants, wanted.constants)
             if change < SETTLED:
@@ -726,7 +721,7 @@ class FieldActuator:
 
     mesh: ActuatorMesh
     material: MaterialGroups
-    effort: PathEffort = AN_EFFORT
+    effort: PathEffort = EFFORT
 
     @cached_property
     def body(self) -> FieldBody:
@@ -798,8 +793,8 @@ class FieldMap:
 
     Notes
     -----
-    The slope of a prediction, which nothing here needs, is nan. Causes that count from a reference
-    pressure are refused.
+    The slope of a prediction, which nothing here needs, is nan. With a finer map, what bends
+    without pressure, as by shrinkage, is lost.
     """
 
     def __init__(
@@ -815,7 +810,13 @@ class FieldMap:
         self.held, self.remembering, self.finer = held, remembering, finer
 
     def __call__(self, inputs: Inputs) -> Prediction:
-        """Test every specimen; inputs are (1, n_specimens, n_readings)."""
+        """Test every specimen; inputs are (1, n_specimens, n_readings).
+
+        Raises
+        ------
+        ValueError
+            If they count from a reference pressure.
+        """
         if inputs.reference_pressure is not None:
             raise ValueError("a test in time counts from no reference pressure")
         load = np.broadcast_to(load_of(inputs), (1, *self.held.shape))[0]
@@ -835,8 +836,10 @@ class FieldMap:
         read = actuator.tested(self.remembering(actuator, specimen), schedule)
         found = read[:, [0, 1, PEAK]]
         if self.finer is not None:
-            elastic = actuator.tested(Elastic(Field(actuator.body.constants)), schedule)
-            found = found / elastic[:, [0, 1, PEAK]]
+            memory = Elastic(Field(actuator.body.constants))
+            elastic = actuator.tested(memory, schedule)[:, [0, 1, PEAK]]
+            # without pressure neither bends
+            found = np.divide(found, elastic, out=np.ones_like(found), where=elastic != 0.0)
         actuator.body.solver.close()
         return found
 
