@@ -69,7 +69,7 @@ def test_what_is_no_regular_file_is_never_opened(tmp_path, make, why):
     make(tmp_path / "base.npz")
     assert Checkpoints(tmp_path, "x").load("base") is None
     (tmp_path / "chain-base").mkdir()
-    make(tmp_path / "chain-base" / "ensemble-0-000.h5")
+    make(tmp_path / "chain-base" / "ensemble-0-000.npz")
     assert Checkpoints(tmp_path, "x").chain("base").load(0, 0, "key") is None
 
 

@@ -1,7 +1,7 @@
 """What a run keeps so that it goes on where it was stopped: finished stages, pieces of chains.
 
-An HDF5 file does not survive its writer being killed; a file that appears whole under its name,
-or not at all, does.
+Each file appears whole under its name, or not at all: one that is written piece by piece does not
+survive its writer being killed.
 """
 
 import io
@@ -9,17 +9,22 @@ import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 from zipfile import BadZipFile
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.files import refuse_special, write_bytes
 from bayesdeg.inference.sampling import ChainStore, NoStore, Piece, digest
 
-ENDING = ".h5"
+ENDING = ".npz"
+LABELS = ("fingerprint", "key", "digest")
+UNREADABLE = (
+    *(OSError, ValueError, KeyError, EOFError, RuntimeError, TypeError),
+    *(MemoryError, BadZipFile, zlib.error),
+)
+"""What numpy and zipfile say of a file that is none."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +32,7 @@ class ChainPieces:
     """Pieces of one chain in a folder.
 
     Each file holds ``chain``, ``log_prob``, ``acceptance``, ``refusals`` and the state of the
-    random numbers after it; its attributes say what it follows from, and a hash of all arrays.
+    random numbers after it; besides what it follows from, and a hash of all arrays.
 
     Parameters
     ----------
@@ -49,29 +54,22 @@ class ChainPieces:
         if not path.exists():
             return None
         try:
-            refuse_special(path)
-            with h5py.File(path, "r") as file:
-                owner = (str(file.attrs["fingerprint"]), str(file.attrs["key"]))
-                arrays = {name: np.asarray(file[name]) for name in file}
-                whole = str(file.attrs["digest"]) == digest(arrays)
-            if whole:
-                return Piece.from_arrays(arrays) if owner == (self.fingerprint, key) else None
-        except (OSError, KeyError, ValueError, RuntimeError, TypeError):
-            pass  # whatever h5py says of a file that is none
+            arrays = load_arrays(path)
+            fingerprint, follows, whole = (str(arrays.pop(name)) for name in LABELS)
+            if whole == digest(arrays):
+                is_own = (fingerprint, follows) == (self.fingerprint, key)
+                return Piece.from_arrays(arrays) if is_own else None
+        except UNREADABLE:
+            pass
         self.damaged.append(path)
         return None
 
     def save(self, ensemble: int, number: int, key: str, piece: Piece) -> None:
         """Keep a piece: whole or not at all."""
         arrays = piece.arrays()
-        made = io.BytesIO()
-        with h5py.File(made, "w") as file:
-            for name, array in arrays.items():
-                file.create_dataset(name, data=array)
-            file.attrs["fingerprint"] = self.fingerprint
-            file.attrs["key"] = key
-            file.attrs["digest"] = digest(arrays)
-        write_bytes(self._path(ensemble, number), made.getbuffer())
+        labels = dict(zip(LABELS, (self.fingerprint, key, digest(arrays)), strict=True))
+        labelled = {name: np.array(text) for name, text in labels.items()}
+        save_arrays(self._path(ensemble, number), arrays | labelled)
 
     def _path(self, ensemble: int, number: int) -> Path:
         return self.folder / f"ensemble-{ensemble}-{number:03d}{ENDING}"
@@ -82,6 +80,13 @@ def save_arrays(path: Path, arrays: Mapping[str, NDArray[np.generic]]) -> None:
     made = io.BytesIO()
     np.savez(made, allow_pickle=False, **arrays)
     write_bytes(path, made.getbuffer())
+
+
+def load_arrays(path: Path) -> dict[str, NDArray[Any]]:
+    """Read what `save_arrays` kept; of what is none, one of `UNREADABLE` is raised."""
+    refuse_special(path)
+    with path.open("rb") as content, np.load(content, allow_pickle=False) as stored:
+        return {name: stored[name] for name in stored.files}
 
 
 class Stages(Protocol):
@@ -144,20 +149,17 @@ class Checkpoints:
 
     def load(self, name: str) -> dict[str, NDArray[np.float64]] | None:
         """Return the arrays of a stage; None if they are not there, of other inputs, or broken."""
-        path = self.folder / f"{name}.npz"
+        path = self.folder / f"{name}{ENDING}"
         try:
-            refuse_special(path)
-            with np.load(path, allow_pickle=False) as stored:
-                if str(stored["fingerprint"]) != self.fingerprint:
-                    return None
-                return {key: stored[key] for key in stored.files if key != "fingerprint"}
-        except (OSError, ValueError, KeyError, EOFError, BadZipFile, zlib.error):
+            arrays = load_arrays(path)
+            return arrays if str(arrays.pop("fingerprint")) == self.fingerprint else None
+        except UNREADABLE:
             return None
 
     def save(self, name: str, arrays: Mapping[str, NDArray[np.float64]]) -> None:
         """Keep the arrays of a stage: whole or not at all."""
         labelled = {"fingerprint": np.array(self.fingerprint), **arrays}
-        save_arrays(self.folder / f"{name}.npz", labelled)
+        save_arrays(self.folder / f"{name}{ENDING}", labelled)
 
     def chain(self, name: str) -> ChainPieces:
         """Return where the pieces of a chain are kept."""
@@ -165,6 +167,6 @@ class Checkpoints:
 
     def clear(self) -> None:
         """Forget everything."""
-        for pattern in ("*.npz", f"chain-*/*{ENDING}", "**/.*.part"):
+        for pattern in (f"*{ENDING}", f"chain-*/*{ENDING}", "**/.*.part"):
             for path in self.folder.glob(pattern):
                 path.unlink()

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-import h5py
 import numpy as np
 import pandas as pd
 import xarray as xr
@@ -32,6 +31,7 @@ from bayesdeg.files import (
     written,
 )
 from bayesdeg.records import LARGEST, FileRecord, RecordError, plain
+from bayesdeg.report.hdf5 import refuse_unsound
 from bayesdeg.report.record import RunRecord, VerdictRecord
 from bayesdeg.report.tables import TABLES, CellKind, Column, Tables
 
@@ -281,7 +281,7 @@ class RunFolder:
         except (OSError, ValueError) as fault:
             raise self._corrupted(file, str(fault)) from fault
         try:
-            _refuse_unsound_arrays(self.path / file)
+            refuse_unsound(self.path / file, self._hash(file), most_mb=MOST_ARRAYS_MB)
             return read(self.path / file)
         except MemoryError:
             raise
@@ -349,27 +349,6 @@ class RunFolder:
         return BayesdegError(
             f"{self.path / file}: {problem}; the file is damaged or from another version: "
             "run the study again with --fresh"
-        )
-
-
-def _refuse_unsound_arrays(path: Path) -> None:
-    """Look at all that a netCDF file holds before a library takes it for sound.
-
-    A file of a few kB may promise arrays of any size; and of a damaged file the netCDF library
-    leaves half an object, of which Python complains on the terminal.
-    """
-    size = 0
-
-    def add(_name: str, node: h5py.Group | h5py.Dataset) -> None:
-        nonlocal size
-        size += node.nbytes if isinstance(node, h5py.Dataset) else 0
-
-    with h5py.File(path, "r") as file:
-        file.visititems(add)
-    if size > MOST_ARRAYS_MB * 1e6:
-        raise ValueError(
-            f"it has arrays of {size / 1e6:.0f} MB, more than the {MOST_ARRAYS_MB:.0f} MB of any "
-            "posterior"
         )
 
 
