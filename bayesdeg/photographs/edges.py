@@ -9,8 +9,11 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import savgol_filter
+from scipy.spatial.distance import cdist
 
 from bayesdeg.errors import BayesdegError
+from bayesdeg.photographs.marks import Marks
 from bayesdeg.photographs.outline import Silhouette, arc_of, len_of
 from bayesdeg.photographs.picture import Colours
 
@@ -19,6 +22,9 @@ Values = NDArray[np.float32]
 
 #: Half the length of profiles, as shares of the thickness, in successive passes.
 REACHES = (0.14, 0.09, 0.07)
+#: The gel's own colour is looked for between these depths, as shares of the thickness; where there
+#: are marks from so many of their diameters inwards.
+INNER, MARKED = (0.08, 0.3), 1.1
 #: How far a colour is looked for beyond the rough ends, as a share of the thickness.
 BEYOND = 0.35
 #: Points along the line.
@@ -41,6 +47,11 @@ BLUR = 1.0
 FIRST = 0.4
 #: What pixels, colour filters and compression leave of an edge's error, however many are read [px].
 LEAST_ERROR = 0.04
+#: The edge is known at a mark if it is seen on both sides of it on more than this share of so many
+#: diameters; so many marks tell how marks lie on the edge.
+FEW, BESIDE, FEWEST_KNOWN = 0.3, 2.0, 4
+#: Points over which a line with marks is smoothed before it is read again: two marks or three.
+SMOOTH = 15
 #: Next to the ends the corner is rounded by blur: there no edge is read [px].
 CORNER = 3.0
 
@@ -68,8 +79,10 @@ class Edge:
     ends: Floats
 
 
-def find_edge(image: Colours, body: Silhouette) -> Edge:
+def find_edge(image: Colours, body: Silhouette, marks: Marks | None = None) -> Edge:
     """Return the line of a body that was found roughly.
+
+    Where marks hide the edge, points are read from the marks, see `_through_marks`.
 
     Raises
     ------
@@ -79,12 +92,18 @@ def find_edge(image: Colours, body: Silhouette) -> Edge:
     # an outline is rounded at its corners
     rough = len_of(body.line)
     line = _at(body.line, np.linspace(ROUNDED * rough, (1.0 - ROUNDED) * rough, 2 * POINTS))[0]
-    edge = None
+    edge, skin = None, INNER[0] * body.thickness
+    if marks is not None:
+        skin = max(skin, MARKED * marks.diameter)
     for reach in REACHES:
-        line, ends = _to_ends(image, line, body.thickness)
-        edge = _read(image, line, reach * body.thickness)
+        line, ends = _to_ends(image, line, body.thickness, skin)
+        edge = _read(image, line, reach * body.thickness, marks)
         line = _straight_ends(edge)
         edge = Edge(line, edge.error, edge.seen, ends)
+        if (
+            marks is not None
+        ):  # that they are off the line must not be in what they are held against
+            line = savgol_filter(line, SMOOTH, 2, axis=0)
     assert edge is not None
     return edge
 
@@ -133,13 +152,16 @@ def _sampled(image: Colours, points: Floats, normals: Floats, off: Floats) -> Va
     return np.asarray(cv2.cvtColor(values, cv2.COLOR_BGR2LAB), dtype=np.float32)
 
 
-def _to_ends(image: Colours, line: Floats, thickness: float) -> tuple[Floats, Floats]:
-    """Move both ends of a line to where the gel ends; say how alike it is beyond and below."""
+def _to_ends(image: Colours, line: Floats, thickness: float, skin: float) -> tuple[Floats, Floats]:
+    """Move both ends of a line to where the gel ends; say how alike it is beyond and below.
+
+    The gel's colour is that from ``skin`` [px] inwards.
+    """
     length = len_of(line)
     room = BEYOND * thickness
     arc = np.arange(-room, length + room, 1.0)
     points, normals = _at(line, arc)
-    inner = _sampled(image, points, normals, -thickness * np.linspace(0.08, 0.3, 9))
+    inner = _sampled(image, points, normals, -np.linspace(skin, INNER[1] * thickness, 9))
     outer = np.median(
         _sampled(image, points, normals, thickness * np.linspace(0.15, 0.35, 7)), axis=1
     )
@@ -168,7 +190,7 @@ def _to_ends(image: Colours, line: Floats, thickness: float) -> tuple[Floats, Fl
     return _at(line, moved)[0], np.array(ends)
 
 
-def _read(image: Colours, line: Floats, reach: float) -> Edge:
+def _read(image: Colours, line: Floats, reach: float, marks: Marks | None) -> Edge:
     length = len_of(line)
     arc = np.arange(CORNER, length - CORNER, 1.0)
     points, normals = _at(line, arc)
@@ -177,7 +199,61 @@ def _read(image: Colours, line: Floats, reach: float) -> Edge:
     width = 2 * int(length / POINTS / 4.0) + 1
     profiles = cv2.blur(profiles, (1, width), borderType=cv2.BORDER_REPLICATE)
     place, contrast = _crossings(profiles, off, reach)
-    return _averaged(line, arc, place, contrast)
+    if marks is None:
+        return _averaged(line, arc, place, contrast, np.zeros(len(arc)))
+    hidden = _sampled_mask(marks.hidden, points, normals, off[off > -reach]).any(axis=1)
+    place = np.where(hidden, np.nan, place)
+    through, error = _through_marks(points, normals, place, marks)
+    marked = hidden & np.isfinite(through)
+    place, contrast = np.where(marked, through, place), np.where(marked, np.inf, contrast)
+    return _averaged(line, arc, place, contrast, np.where(marked, error, 0.0))
+
+
+def _through_marks(
+    points: Floats, normals: Floats, place: Floats, marks: Marks
+) -> tuple[Floats, float]:
+    """Return where a line through marks is, within each of them, and the error of that [px].
+
+    Marks need not sit on the edge. Where it is seen on both sides of them, their common distance
+    from it and their scatter are measured: the one is taken off, the other is the error.
+
+    Parameters
+    ----------
+    points, normals : array, shape (n, 2)
+        Along a rough line, a pixel apart.
+    place : array, shape (n,)
+        Distance of the edge from them; NaN where it is not seen.
+    """
+    at = np.argmin(cdist(marks.centres, points), axis=1)
+    offset = np.sum((marks.centres - points[at]) * normals[at], axis=1)
+    reach, index = int(BESIDE * marks.diameter), np.arange(len(points))
+    beside = np.array(
+        [[_middle(place[max(k - reach, 0) : k]), _middle(place[k : k + reach])] for k in at]
+    ).mean(axis=1)
+    known = np.isfinite(beside)
+    through = np.full(len(points), np.nan)
+    if np.sum(known) < FEWEST_KNOWN:
+        return through, 0.0
+    off = (offset - beside)[known]
+    common = np.median(off)
+    for k, one in zip(at, offset - common, strict=True):
+        through[np.abs(index - k) <= 0.5 * marks.diameter] = one
+    return through, max(1.48 * float(np.median(np.abs(off - common))), LEAST_ERROR)
+
+
+def _middle(place: Floats) -> float:
+    """Return the median of edges that are seen; NaN if they are few."""
+    there = place[np.isfinite(place)]
+    return float(np.median(there)) if len(there) > FEW * len(place) else np.nan
+
+
+def _sampled_mask(
+    mask: NDArray[np.bool_], points: Floats, normals: Floats, off: Floats
+) -> NDArray[np.bool_]:
+    """Return a mask at distances from points along normals, (n_points, n_off)."""
+    at = np.round(points[:, None] + off[None, :, None] * normals[:, None]).astype(int)
+    columns, rows = (np.clip(at[..., k], 0, mask.shape[1 - k] - 1) for k in (0, 1))
+    return np.asarray(mask[rows, columns])
 
 
 def _crossings(profiles: Values, off: Floats, reach: float) -> tuple[Floats, Floats]:
@@ -211,8 +287,11 @@ def _crossings(profiles: Values, off: Floats, reach: float) -> tuple[Floats, Flo
     return place, (here / np.maximum(noise, 0.05)).astype(np.float64)
 
 
-def _averaged(line: Floats, arc: Floats, place: Floats, contrast: Floats) -> Edge:
-    """Average the offsets of edges about points along the line."""
+def _averaged(line: Floats, arc: Floats, place: Floats, contrast: Floats, common: Floats) -> Edge:
+    """Average the offsets of edges about points along the line.
+
+    ``common`` is an error of neighbours that no average lessens, (n,).
+    """
     length = len_of(line)
     good = np.isfinite(place) & (contrast > LEAST_CONTRAST)
     for _ in range(3):
@@ -247,7 +326,8 @@ def _averaged(line: Floats, arc: Floats, place: Floats, contrast: Floats) -> Edg
             np.std(place[near] - np.polyval(slope, arc[near] - here)) if np.sum(near) > 3 else 1.0
         )
         lever = 2.0 if i in (0, POINTS - 1) else 1.0
-        error[i] = lever * np.hypot(scatter / np.sqrt(max(np.sum(near) / 4.0, 1.0)), LEAST_ERROR)
+        alone = np.hypot(scatter / np.sqrt(max(np.sum(near) / 4.0, 1.0)), LEAST_ERROR)
+        error[i] = lever * np.hypot(alone, np.mean(common[near]) if np.any(near) else 0.0)
     points, normals = _at(line, at)
     return Edge(points + offsets[:, None] * normals, error, seen, np.zeros(2))
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.errors import BayesdegError
+from bayesdeg.photographs.marks import Marks
 from bayesdeg.photographs.picture import Colours
 
 Floats = NDArray[np.float64]
@@ -66,7 +67,7 @@ class Silhouette:
     outline: Floats | None = None
 
 
-def find_body(image: Colours, hint: Floats | None = None) -> Silhouette:
+def find_body(image: Colours, hint: Floats | None = None, marks: Marks | None = None) -> Silhouette:
     """Return the actuator of a photograph.
 
     Parameters
@@ -75,6 +76,8 @@ def find_body(image: Colours, hint: Floats | None = None) -> Silhouette:
         The photograph.
     hint : array, shape (k, 2), optional
         Points near the bottom line, from end to end [px].
+    marks : Marks, optional
+        Marks that would break the outline.
 
     Raises
     ------
@@ -83,6 +86,8 @@ def find_body(image: Colours, hint: Floats | None = None) -> Silhouette:
     """
     factor = WIDTH / image.shape[1]
     small = cv2.resize(image, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
+    if marks is not None:  # they say where the line is as a hint does
+        small, hint = marks.without(small), marks.centres if hint is None else hint
     outlines = list(_outlines(_clustered(small)))
     found = _with_slots(
         [body for outline in outlines if (body := _comb_body(outline, factor)) is not None]
@@ -90,7 +95,7 @@ def find_body(image: Colours, hint: Floats | None = None) -> Silhouette:
     if hint is not None:
         along = [body for body in found if _follows(body, hint)]
         # a comb shows on which side of its line the gel is; any other outline does not
-        return _agreed(along) if along else _nearest_to(outlines, hint, factor)
+        return _one_sided(_agreed(along), along) if along else _nearest_to(outlines, hint, factor)
     if not found:
         raise BayesdegError(
             "no actuator is found: nothing has one long smooth side and a toothed one; show where "
@@ -101,6 +106,17 @@ def find_body(image: Colours, hint: Floats | None = None) -> Silhouette:
     if any(_is_second(other, best) and _votes(other, found) >= enough for other in found):
         raise BayesdegError(
             "two actuators are found; cut the photograph to one, or show the line with --hint"
+        )
+    return _one_sided(best, found)
+
+
+def _one_sided(best: Silhouette, found: list[Silhouette]) -> Silhouette:
+    """Return the body, unless as good a one lies on the other side of its line, as of a grid."""
+    across = [other for other in found if _is_across(other, best)]
+    if across and max(_votes(one, found) for one in across) >= SECOND * _votes(best, found):
+        raise BayesdegError(
+            "on both sides of the line something looks like an actuator, such as lines of a mat; "
+            "put the actuator on a plain background, or give the line itself with --line"
         )
     return best
 
@@ -139,6 +155,12 @@ def _is_second(other: Silhouette, best: Silhouette) -> bool:
         and other.thickness > SECOND * best.thickness
         and len_of(other.line) > SECOND * len_of(best.line)
     )
+
+
+def _is_across(other: Silhouette, best: Silhouette) -> bool:
+    """Whether a body shares the line of another, and is on its other side."""
+    opposite = (other.line[-1] - other.line[0]) @ (best.line[-1] - best.line[0]) < 0.0
+    return bool(opposite) and _apart(other, best) < ALIKE * best.thickness
 
 
 def _follows(body: Silhouette, hint: Floats) -> bool:

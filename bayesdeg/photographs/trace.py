@@ -10,6 +10,7 @@ from scipy.interpolate import CubicSpline
 from bayesdeg.data.settings import FEWEST_POINTS, Side
 from bayesdeg.errors import BayesdegError
 from bayesdeg.photographs.edges import POINTS, Edge, find_edge
+from bayesdeg.photographs.marks import find_marks
 from bayesdeg.photographs.outline import Silhouette, arc_of, find_body, len_of
 from bayesdeg.photographs.picture import Colours
 from bayesdeg.photographs.plane import Plane, grid_plane, mapped, rescaled, ruler_plane, square_on
@@ -183,8 +184,9 @@ def trace(
     """
     if line is not None:
         return trace_line(image, scale, line, rng=rng)
-    body = find_body(image, hint)
-    found = measured(image, find_edge(image, body), scale, rng=rng, base=base)
+    marks = find_marks(image)
+    body = find_body(image, hint, marks)
+    found = measured(image, find_edge(image, body, marks), scale, rng=rng, base=base)
     _refuse_target(body, found.plane.target)
     return found
 

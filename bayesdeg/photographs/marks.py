@@ -1,0 +1,230 @@
+"""Marks that were drawn along the bottom line: where they are, and what they hide.
+
+Marks are small round spots of one ink, in a row. They differ from what is left of the photograph
+when a median filter has taken away all that is as small as they are; of those spots, the longest
+row of one ink and one size counts. Then their ink is looked for along the row, pixel by pixel.
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
+from scipy.sparse.csgraph import minimum_spanning_tree, shortest_path
+from scipy.spatial.distance import cdist
+
+from bayesdeg.photographs.picture import Colours
+
+Floats = NDArray[np.float64]
+Values = NDArray[np.float32]
+
+#: Marks are looked for on a photograph of this width [px], of these diameters there [px].
+WIDTH, DIAMETERS = 1000, (6.0, 9.0, 13.0)
+#: Spots of one diameter that is looked for are between these shares of it.
+SIZES = (0.6, 1.6)
+#: Window of the median filter, in diameters: a spot on an edge is less than half of it.
+WINDOW = 2.6
+#: Spots differ by so much from what surrounds them, in CIELAB.
+SPOT = 14.0
+#: Lines thinner than this share of a diameter, such as paper, are no spots.
+THIN = 0.45
+#: Least share of the circle about it that a spot fills: squares fill 0.64, discs of few pixels 0.8.
+ROUND = 0.7
+#: Spots of one ink differ by less in colour; an ink that fewer have is not looked for.
+ONE_INK, SEVERAL = 16.0, 2
+#: Inks of which marks are looked for.
+INKS = 4
+#: Fewest marks of a row; they turn by less from one to the next [deg], and are not farther apart
+#: than so many times the middle distance.
+FEWEST, MOST_TURN, FAR = 6, 50.0, 2.5
+MOST = 200  # spots of one ink: where there are more they are a pattern, such as a fabric's
+#: Beyond the row's ends and beside it marks are looked for within so many diameters.
+BESIDE = 1.5
+BLUR = 0.8  # px: noise of the sensor is no ink
+#: A pixel has the marks' ink if it is nearer to it than this share of what they stand out by.
+IS_INK = 0.5
+#: Blur and the ink's rim hide more than the ink, by a share of a diameter and by pixels.
+RIM, RIM_PX = 0.2, 2.0
+
+
+@dataclass(frozen=True)
+class Marks:
+    """Marks on the bottom line.
+
+    Parameters
+    ----------
+    centres : array, shape (k, 2)
+        In the order of the row, which runs either way [px].
+    diameter : float
+        Of a mark [px].
+    hidden : array of bool, shape (rows, columns)
+        Pixels of the photograph that marks and their rims hide.
+    """
+
+    centres: Floats
+    diameter: float
+    hidden: NDArray[np.bool_]
+
+    def without(self, small: Colours) -> Colours:
+        """Return a reduced photograph with the nearest colours beside the marks in place of them.
+
+        Parameters
+        ----------
+        small : array of uint8, shape (rows, columns, 3)
+            The photograph, of any size.
+        """
+        share = cv2.resize(
+            self.hidden.astype(np.float32), small.shape[1::-1], interpolation=cv2.INTER_AREA
+        )
+        nearest = distance_transform_edt(share > 0.0, return_distances=False, return_indices=True)
+        return np.asarray(small[nearest[0], nearest[1]])
+
+
+def find_marks(image: Colours) -> Marks | None:
+    """Return the marks of a photograph; None if there is no row of them.
+
+    Parameters
+    ----------
+    image : array of uint8
+        Blue, green, red.
+    """
+    factor = WIDTH / image.shape[1]
+    small = cv2.resize(image, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
+    colours = _lab(small)
+    rows = [
+        _longest_path(_of_ink(colours, *ink, diameter))
+        for diameter in DIAMETERS
+        for ink in _inks(_spots(small, colours, diameter))
+    ]
+    for row in sorted(rows, key=len, reverse=True):
+        if len(row) < FEWEST:
+            return None
+        centres = (row[:, :2] + 0.5) / factor - 0.5
+        marks = _refined(image, centres, float(np.median(row[:, 2])) / factor)
+        if marks is not None:
+            return marks
+    return None
+
+
+def _lab(image: Colours) -> Values:
+    return np.asarray(
+        cv2.cvtColor(image.astype(np.float32) / np.float32(255.0), cv2.COLOR_BGR2LAB),
+        dtype=np.float32,
+    )
+
+
+def _spots(small: Colours, colours: Values, diameter: float) -> Floats:
+    """Return centre, diameter, colour, and what is around it, of spots of a diameter, (k, 9)."""
+    around = _lab(cv2.medianBlur(small, int(WINDOW * diameter) | 1))
+    differs = np.linalg.norm(colours - around, axis=2) > SPOT
+    thick = max(3, int(THIN * diameter) | 1)
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (thick, thick))
+    mask = cv2.morphologyEx(differs.astype(np.uint8), cv2.MORPH_OPEN, kernel)
+    spots = _round_ones(mask, colours, SIZES[0] * diameter, SIZES[1] * diameter)
+    at = np.round(spots[:, :2]).astype(int)
+    return np.column_stack([spots, around[at[:, 1], at[:, 0]]])
+
+
+def _round_ones(mask: NDArray[np.uint8], colours: Values, least: float, most: float) -> Floats:
+    """Return centre, diameter and colour of the round parts of a mask between two diameters."""
+    count, labels, parts, centres = cv2.connectedComponentsWithStats(mask)
+    found = []
+    for i in range(1, count):
+        x, y, width, height, area = parts[i]
+        diameter = float(np.sqrt(4.0 * area / np.pi))
+        if not least < diameter < most:
+            continue
+        own = labels[y : y + height, x : x + width] == i
+        _, radius = cv2.minEnclosingCircle(np.argwhere(own).astype(np.float32))
+        if area > ROUND * np.pi * (radius + 0.5) ** 2:
+            colour = np.median(colours[y : y + height, x : x + width][own], axis=0)
+            found.append([*centres[i], diameter, *colour])
+    return np.array(found, dtype=np.float64).reshape(-1, 6)
+
+
+def _inks(spots: Floats) -> list[tuple[Values, float]]:
+    """Return colours that several spots have, the most frequent first, and by what they differ."""
+    left, found = spots[:MOST, 3:], list[tuple[int, Values, float]]()
+    while len(left):
+        near = cdist(left[:, :3], left[:, :3]) < ONE_INK
+        alike = near[int(np.argmax(near.sum(axis=1)))]
+        ink, around = np.split(left[alike], 2, axis=1)
+        stands_out = float(np.median(np.linalg.norm(ink - around, axis=1)))
+        found.append((len(ink), np.median(ink, axis=0).astype(np.float32), stands_out))
+        left = left[~alike]
+    often = sorted((one for one in found if one[0] >= SEVERAL), key=lambda one: -one[0])
+    return [one[1:] for one in often[:INKS]]
+
+
+def _of_ink(colours: Values, ink: Values, stands_out: float, diameter: float) -> Floats:
+    """Return the round spots of about a diameter that have an ink's colour, (k, 6).
+
+    Of marks on an edge some touch what else is small, such as paper, and are no round spots alone.
+    """
+    mask = np.linalg.norm(colours - ink, axis=2) < IS_INK * stands_out
+    return _round_ones(mask.astype(np.uint8), colours, SIZES[0] * diameter, SIZES[1] * diameter)
+
+
+def _longest_path(spots: Floats) -> Floats:
+    """Return the spots on the longest path of the tree that joins them by the shortest ways."""
+    if not FEWEST <= len(spots) <= MOST:
+        return spots[:0]
+    apart = cdist(spots[:, :2], spots[:, :2])
+    nearest = np.median(np.sort(apart, axis=1)[:, 1])
+    tree = minimum_spanning_tree(np.where(apart < 2.0 * FAR * nearest, apart, 0.0))
+    steps, before = shortest_path(tree, directed=False, unweighted=True, return_predecessors=True)
+    steps[~np.isfinite(steps)] = -1.0
+    start, end = np.unravel_index(int(np.argmax(steps)), steps.shape)
+    path = [int(end)]
+    while path[-1] != start:
+        path.append(int(before[start, path[-1]]))
+    return _unbroken(spots[path])
+
+
+def _unbroken(row: Floats) -> Floats:
+    """Return the longest part of a row without a sharp turn or a wide gap."""
+    steps = np.diff(row[:, :2], axis=0)
+    size = np.hypot(*steps.T)
+    heading = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
+    turns = np.abs(np.degrees(np.diff(heading))) > MOST_TURN
+    wide = size > FAR * np.median(size)
+    # at a turn the row ends on its corner; over a gap it ends before it
+    cuts = sorted({0, *(np.flatnonzero(turns) + 1), *(np.flatnonzero(wide) + 1), len(row)})
+    return max((row[a:b] for a, b in pairwise(cuts)), key=len)
+
+
+def _refined(image: Colours, centres: Floats, diameter: float) -> Marks | None:
+    """Return marks from the pixels of their ink along a row that was found roughly."""
+    low, corridor = _corridor(image, centres, BESIDE * diameter)
+    part = image[low[1] : low[1] + len(corridor), low[0] : low[0] + corridor.shape[1]]
+    colours = _lab(cv2.GaussianBlur(part, (0, 0), BLUR))
+    at = np.round(centres - low).astype(int)
+    off = np.linalg.norm(colours - np.median(colours[at[:, 1], at[:, 0]], axis=0), axis=2)
+    stands_out = float(np.median(off[corridor]))
+    mask = ((off < IS_INK * stands_out) & corridor).astype(np.uint8)
+    row = _longest_path(_round_ones(mask, colours, SIZES[0] * diameter, SIZES[1] * diameter))
+    if len(row) < FEWEST:
+        return None
+    hidden = np.zeros(image.shape[:2], dtype=bool)
+    rim = 2 * int(RIM * diameter + RIM_PX) + 1
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (rim, rim))
+    rows, columns = (slice(low[k], low[k] + corridor.shape[1 - k]) for k in (1, 0))
+    hidden[rows, columns] = cv2.dilate(mask, kernel) == 1
+    return Marks(row[:, :2] + low, float(np.median(row[:, 2])), hidden)
+
+
+def _corridor(
+    image: Colours, centres: Floats, reach: float
+) -> tuple[NDArray[np.int_], NDArray[np.bool_]]:
+    """Return what is within a distance of a row, continued at its ends, and its corner [px]."""
+    ahead = np.array([centres[0] - centres[1], centres[-1] - centres[-2]])
+    ahead *= 2.0 * reach / np.hypot(*ahead.T)[:, None]
+    path = np.vstack([centres[0] + ahead[0], centres, centres[-1] + ahead[1]])
+    low = np.maximum(np.floor(path.min(axis=0) - 4.0 * reach), 0).astype(int)
+    high = np.minimum(np.ceil(path.max(axis=0) + 4.0 * reach), image.shape[1::-1]).astype(int)
+    corridor = np.zeros((high - low)[::-1], dtype=np.uint8)
+    line = np.round(path - low).astype(np.int32)
+    cv2.polylines(corridor, [line], isClosed=False, color=1, thickness=round(2.0 * reach))
+    return low, corridor == 1
