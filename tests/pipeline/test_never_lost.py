@@ -49,6 +49,7 @@ BROKEN = {
     OptionalStage.HELD_OUT: (judge, "held_out_and_all"),
     OptionalStage.SHARED_SCATTER: (judge, "shared_scatter"),
     OptionalStage.STRUCTURE: (judge, "missing_terms"),
+    OptionalStage.SETS: (judge, "stated_sets"),
     OptionalStage.CONFUSABILITY: (judge, "confusability"),
     OptionalStage.ABSORPTION: (judge, "absorption"),
     OptionalStage.LEVELS_OUT: (judge, "levels_out"),

@@ -230,7 +230,8 @@ class Search:
         Parameters
         ----------
         guesses : mapping
-            Of each set the sizes at which the fit of each cause begins, by name.
+            Of each set the sizes at which the fit of each cause begins, by name; by default those
+            that screening found for each alone.
         """
         missing = [names for names in guesses if names not in self.trials]
         jobs = [self._way(names, guesses[names]) for names in missing]
@@ -248,8 +249,14 @@ class Search:
         own, jobs, reached = {c.name: c for c in self.causes}, [], known
         for name in sorted(names - known):
             reached = reached | {name}
-            jobs.append((own[name], sizes[name], self._seed(reached)))
+            size = sizes.get(name)
+            jobs.append(
+                (own[name], self._guessed(name) if size is None else size, self._seed(reached))
+            )
         return self.trials[known], jobs
+
+    def _guessed(self, name: str) -> Floats:
+        return self.step(self.base.names).guess(name)[1]
 
     def leaders(self, names: Names) -> list[str]:
         """Return which additions deserve a full fit: those that screening finds near the best."""
@@ -380,11 +387,15 @@ def run_search(search: Search) -> Names:
 def rivals(search: Search, chosen: Names, cause: str) -> dict[str, float]:
     """Return what could stand in the place of one cause of a set, with log Bayes factors.
 
-    The factors are those of the whole set against the base model.
+    What screening puts near the best, and what is fitted already. The factors are those of the
+    whole set against the base model.
     """
     rest = chosen - {cause}
     _ensure(search, rest)
-    others = [name for name in search.leaders(rest) if name not in chosen]
+    larger = [names for names in search.trials if names > rest and len(names) == len(chosen)]
+    fitted = sorted(name for names in larger for name in names - rest)
+    leading = dict.fromkeys([*search.leaders(rest), *fitted])
+    others = [name for name in leading if name not in chosen]
     sets = search.fit(rest, others)
     return dict(zip(others, (search.factor(names) for names in sets), strict=True))
 
@@ -602,6 +613,17 @@ class SetScale:
             if (places := scale.places_of(names)) is not None
         ]
         return max(found, default=None)
+
+    def sizes_of(self, names: Names) -> dict[str, Floats]:
+        """Return the most probable sizes in a set, on the unconstrained scale, by name.
+
+        Empty where a cause of them changes no reading.
+        """
+        for scale in self.scales:
+            places = scale.places_of(names)
+            if places is not None:
+                return scale.sizes_of(places)
+        return {}
 
     def best(self, size: int, least: float) -> list[RankedSet]:
         """Return the sets of so many causes with at least some log Bayes factor."""
