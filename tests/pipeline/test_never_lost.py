@@ -116,8 +116,9 @@ STAGES = sorted({*OptionalStage, *WRITTEN, *FIGURES} - SAID - ELSEWHERE)
 WITHOUT = {
     OptionalStage.VERDICT: {
         *("gain.csv", "gain_levels.csv", "statistics.csv", "discrepancy.csv", "loo_pit.csv"),
-        *("misfit_null.csv", "absorption.csv", "pushes.csv"),
+        *("misfit_null.csv", "absorption.csv", "pushes.csv", "sets.csv"),
     },
+    OptionalStage.SETS: {"sets.csv"},
     OptionalStage.ABSORPTION: {"absorption.csv", "pushes.csv"},
     OptionalStage.HELD_OUT: {"gain.csv", "gain_levels.csv", "loo_pit.csv"},
     OptionalStage.SHARED_SCATTER: {"gain_levels.csv"},

@@ -550,7 +550,8 @@ def in_reach(search: Search, chosen: Names) -> list[RankedSet]:
     """Return the sets to be fitted beside a chosen one, the most plausible first.
 
     They differ from it by two causes at least, and screening puts them within odds of 20 of it, or
-    finds that they gain what one more cause takes. At most as many as the effort allows.
+    finds that they gain what further causes take, and what chance gives for there being more sets
+    to choose from. At most as many as the effort allows.
     """
     scale = SetScale.of(search, chosen)
     own = scale.log_bayes_factor(chosen)
@@ -559,7 +560,8 @@ def in_reach(search: Search, chosen: Names) -> list[RankedSet]:
     wanted = search.step(chosen).threshold - MARGIN
     found = []
     for size in range(max(len(chosen), 2), MOST_CAUSES + 1):
-        least = own - LEAST_FACTOR if size == len(chosen) else own + wanted * (size - len(chosen))
+        more, choice = size - len(chosen), scale.penalties[size] - scale.penalties[len(chosen)]
+        least = own + float(wanted * more + choice) if more else own - LEAST_FACTOR
         found += [one for one in scale.best(size, least) if len(one.names - chosen) > 1]
     found.sort(key=lambda one: -one.score)
     return found[: search.effort.pairs]
