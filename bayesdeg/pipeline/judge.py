@@ -384,6 +384,7 @@ REFUTING = (
     OptionalStage.STRUCTURE,
 )  # tests that a cause must pass to be named
 Beside = tuple[RuptureMisfit | None, Conflict | None, tuple[Questioned, ...]]
+Favoured = tuple[list[Support], StatedSets | None]
 MOSTLY = 0.9  # of the largest share: a column that holds about as much
 IN_QUESTION = 3  # rivals between which experiments are ranked
 
@@ -485,37 +486,50 @@ def judge(
     chosen, alone, final = _searched(search, progress)
     counting = _begun_counts(final.trial, catalogue, seed, executor)
     beside = _beside(base, rupture, generator, guard)
-    held_out, everything = _held_out(search, chosen, folding, progress, guard)
-    supported = supports(search, chosen, everything)
-    stated = guard.attempt(OptionalStage.SETS, stated_sets, search, chosen, supported)
+    held_out, everything, favoured = _favoured(search, chosen, folding, progress, guard)
     left = _left((alone, final), catalogue, guard)
     counted, own = guard.attempt(OptionalStage.RUPTURE_COUNTS, counting) or (None, None)
-    decision = _decided(
-        (alone, final), (supported, stated), (*beside, counted), catalogue, left, guard
-    )
+    decision = _decided((alone, final), favoured, (*beside, counted), catalogue, left, guard)
     return Judgement(
         misfit=alone.misfit,
         left=final.misfit,
         rupture=beside[0],
         contradicted=beside[1],
         questioned=beside[2],
-        candidates=_tried(search, supported, everything, generator, catalogue, counted),
-        supported=tuple(supported),
+        candidates=_tried(search, favoured[0], everything, generator, catalogue, counted),
+        supported=tuple(favoured[0]),
         decision=decision,
         threshold=alone.threshold,
         confusability=guard.attempt(OptionalStage.CONFUSABILITY, confused) or NOT_KNOWN,
         held_out={label(names): found for names, found in held_out.items()},
-        levels_out=_levels_out(search, extension(decision, tuple(supported)), folding, guard),
+        levels_out=_levels_out(search, extension(decision, tuple(favoured[0])), folding, guard),
         search=search,
         shared=tuple(left[0]),
-        experiments=_proposed(guard, search, decision, supported, catalogue, generator, stated),
+        experiments=_proposed(guard, search, decision, favoured, catalogue, generator),
         alike=tuple(cause.name for cause in catalogue.alike),
         counted=counted,
         own_counts=own,
         absorbed=guard.attempt(OptionalStage.ABSORPTION, absorption, search, chosen),
         missing=_missing((alone, final), decision, left[1], catalogue, guard, seed, executor),
-        stated=stated,
+        stated=favoured[1],
     )
+
+
+def _favoured(
+    search: Search,
+    chosen: Names,
+    seed: np.random.SeedSequence,
+    progress: Progress,
+    guard: Guard,
+) -> tuple[dict[Names, HeldOut], dict[Names, HeldOut], Favoured]:
+    """Return what was held out, what speaks for each favoured cause, and which sets may be right.
+
+    The sets are None where that could not be computed.
+    """
+    held_out, everything = _held_out(search, chosen, seed, progress, guard)
+    supported = supports(search, chosen, everything)
+    stated = guard.attempt(OptionalStage.SETS, stated_sets, search, chosen, supported)
+    return held_out, everything, (supported, stated)
 
 
 def count_misfits(
@@ -739,7 +753,7 @@ def _beside(
 
 def _decided(
     steps: tuple[Step, Step],
-    favoured: tuple[list[Support], StatedSets | None],
+    favoured: Favoured,
     beside: tuple[*Beside, Counted | None],
     catalogue: Catalogue | Assembly,
     left: tuple[list[SharedScatter], MissingTerms | None],
@@ -775,13 +789,12 @@ def _proposed(guard: Guard, *about: Any) -> list[dict[str, object]]:
 def _next(
     search: Search,
     decision: Decision,
-    supported: list[Support],
+    favoured: Favoured,
     catalogue: Catalogue | Assembly,
     generator: np.random.Generator,
-    stated: StatedSets | None = None,
 ) -> list[dict[str, object]]:
     """Rank what to measure next, to tell apart the models that are in question."""
-    base = search.base
+    base, (supported, stated) = search.base, favoured
     chosen = frozenset(one.cause for one in supported)
     untested: tuple[Cause, ...] = ()
     if decision.outcome is Outcome.ADEQUATE:

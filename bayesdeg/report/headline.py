@@ -104,7 +104,7 @@ def _facts(verdict: VerdictRecord, gain: pd.DataFrame | None) -> Mapping[str, ob
         "v": verdict,
         "SPACE": SPACE,
         "sized": _sized(verdict) if verdict.causes else "",
-        "either": sentences("headline", "either", v=verdict),
+        "either": sentences("headline", "possible", v=verdict),
         "first": _begun(verdict.causes[0]) if verdict.causes else "",
         "off_priors": fits_off_priors(verdict),
         "by_counts": _by_counts(verdict) or _by_ruptures(verdict),
