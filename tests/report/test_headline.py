@@ -64,14 +64,14 @@ def test_the_headline_follows_the_outcome(outcome, misfit, probability):
 
 
 LISTS = [["creep", "erosion"], ["pressure_loss"]]
-APART = [["creep", "pressure_loss"], ["erosion", "gravity"]]
+APART = [["creep", "gravity"], ["erosion", "mullins"]]
 
 
 @pytest.mark.parametrize(
     ("found", "between", "within", "line"),
     [
         ({"sets": LISTS}, ", together with ", " or ", "(creep or erosion) × pressure_loss"),
-        ({"alternatives": APART}, ", or ", " and ", "creep + pressure_loss; or erosion + gravity"),
+        ({"alternatives": APART}, ", or ", " and ", "creep + gravity; or erosion + mullins"),
         ({"sets": [["second_invariant"]]}, ", ", " or ", ""),
         ({}, ", ", " or ", ""),
     ],
