@@ -367,6 +367,14 @@ def test_sets_in_reach_are_no_neighbours_and_no_more_than_the_effort_allows():
     assert in_reach(none, NOTHING) == []
 
 
+@pytest.mark.parametrize("count", [0, 1, 2])
+def test_a_catalogue_of_a_few_causes_is_searched(count):
+    causes = straight.CAUSES[:count]
+    search, chosen = searched(straight.readings(0, offset=0.3, wave=-0.3), causes)
+    assert chosen == {cause.name for cause in causes}
+    assert in_reach(search, chosen) == []
+
+
 CHEAP = SearchEffort(replicates=60, fitted=2, pairs=2, most=0)
 
 

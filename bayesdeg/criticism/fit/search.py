@@ -559,7 +559,7 @@ def in_reach(search: Search, chosen: Names) -> list[RankedSet]:
         return []
     wanted = search.step(chosen).threshold - MARGIN
     found = []
-    for size in range(max(len(chosen), 2), MOST_CAUSES + 1):
+    for size in range(max(len(chosen), 2), min(MOST_CAUSES, len(search.causes)) + 1):
         more, choice = size - len(chosen), scale.penalties[size] - scale.penalties[len(chosen)]
         least = own + float(wanted * more + choice) if more else own - LEAST_FACTOR
         found += [one for one in scale.best(size, least) if len(one.names - chosen) > 1]
