@@ -367,6 +367,13 @@ def test_sets_in_reach_are_no_neighbours_and_no_more_than_the_effort_allows():
     assert in_reach(none, NOTHING) == []
 
 
+@pytest.mark.parametrize(("size", "kept"), [(0.0, False), (0.3, True)])
+def test_what_is_left_of_a_set_must_be_seen_by_itself(size, kept):
+    search, _ = searched(straight.readings(0, wave=size))
+    search.fit_sets({frozenset({"wave", "lag"}): {}})
+    assert searching._pruned(search, frozenset({"wave", "lag"})) == ({"wave"} if kept else NOTHING)
+
+
 @pytest.mark.parametrize("count", [0, 1, 2])
 def test_a_catalogue_of_a_few_causes_is_searched(count):
     causes = straight.CAUSES[:count]

@@ -380,7 +380,11 @@ def run_search(search: Search) -> Names:
         better = _exchanged(search, _elsewhere(search, chosen))
         if better == chosen:
             break
-        chosen = _pruned(search, _added(search, better))
+        grown = _pruned(search, _added(search, better))
+        begun = chosen == search.base.names and len(grown) > 1
+        if begun and not _passes_at_once(search, chosen, grown):
+            break
+        chosen = grown
     return chosen
 
 
@@ -490,9 +494,9 @@ def _exchanged(search: Search, chosen: Names) -> Names:
 
 def _pruned(search: Search, names: Names) -> Names:
     """Leave out causes that do not earn their place beside the others."""
-    while len(names) > 1:
+    while names - search.base.names:
         gains = {}
-        for name in names:
+        for name in sorted(names - search.base.names):
             _ensure(search, names - {name})
             gains[name] = search.factor(names) - search.factor(names - {name})
         weakest = min(gains, key=lambda name: gains[name])
