@@ -554,8 +554,8 @@ def in_reach(search: Search, chosen: Names) -> list[RankedSet]:
     """Return the sets to be fitted beside a chosen one, the most plausible first.
 
     They differ from it by two causes at least, and screening puts them within odds of 20 of it, or
-    finds that they gain what further causes take, and what chance gives for there being more sets
-    to choose from. At most as many as the effort allows.
+    finds that they gain about what further causes take, and beyond a cause what chance gives for
+    there being more sets to choose from. At most as many as the effort allows.
     """
     scale = SetScale.of(search, chosen)
     own = scale.log_bayes_factor(chosen)
@@ -564,8 +564,10 @@ def in_reach(search: Search, chosen: Names) -> list[RankedSet]:
     wanted = search.step(chosen).threshold - MARGIN
     found = []
     for size in range(max(len(chosen), 2), min(MOST_CAUSES, len(search.causes)) + 1):
-        more, choice = size - len(chosen), scale.penalties[size] - scale.penalties[len(chosen)]
-        least = own + float(wanted * more + choice) if more else own - LEAST_FACTOR
+        more = size - len(chosen)
+        # without a cause errors have grown most, and screening is lowest: a few fits are worth it
+        choice = float(scale.penalties[size] - scale.penalties[len(chosen)]) if chosen else 0.0
+        least = own + wanted * more + choice if more else own - LEAST_FACTOR
         found += [one for one in scale.best(size, least) if len(one.names - chosen) > 1]
     found.sort(key=lambda one: -one.score)
     return found[: search.effort.pairs]
