@@ -386,14 +386,15 @@ CHEAP = SearchEffort(replicates=60, fitted=2, pairs=2, most=0)
 
 
 def test_nothing_is_named_in_one_of_twenty_data_sets_without_an_effect():
-    """Of 240, with causes that look like two others and that cancel among them: 5 % are 12, and
-    twice their binomial standard deviation of 3.4 is allowed, once for the thresholds, which are
-    known from 60 data sets each."""
+    """Of 240, with causes that look like two others and that cancel among them, at most 5 %.
+
+    Odds of 20 ask for more than chance gives here, so that it is far below.
+    """
     causes = (*straight.CAUSES, summed(0.45), *cancelling())
     named = [
         searched(straight.readings(1000 + s), causes, effort=CHEAP, seed=s)[1] for s in range(240)
     ]
-    assert sum(bool(one) for one in named) <= 12 + 7
+    assert sum(bool(one) for one in named) <= 0.05 * len(named)
     assert sum(len(one) > 1 for one in named) <= 3
 
 
@@ -404,4 +405,4 @@ def test_a_second_cause_is_named_in_one_of_twenty_data_sets_with_one():
         observed = straight.readings(2000 + seed, offset=0.3)
         chosen = searched(observed, causes, effort=CHEAP, seed=seed)[1]
         right += chosen == {"offset"}
-    assert right >= 120 - 6 - 5
+    assert right >= 0.95 * 120
