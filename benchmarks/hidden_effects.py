@@ -115,6 +115,8 @@ def _found(judgement: Judgement) -> Json:
         "outcome": str(decision.outcome),
         "causes": list(decision.causes),
         "one_of": [list(names) for names in decision.one_of],
+        "sets": [list(names) for names in decision.sets],
+        "alternatives": [list(names) for names in decision.alternatives],
         "reasons": [worded(reason) for reason in decision.reasons],
         "p_value": judgement.misfit.p_value,
         "p_left": judgement.left.p_value,

@@ -54,6 +54,7 @@ def summary(found: list[Json], again: list[Json]) -> Json:
         "outside": _said(outside),
         "two_causes_both_named": _share(_both(one) for one in pairs),
         "two_causes_both_in_a_stated_set": _share(_both_stated(one) for one in pairs),
+        "two_causes_stated_exactly": _share(_exactly_stated(one) for one in pairs if "sets" in one),
         "two_causes_none_wrong": _share(not _wrong(one) for one in pairs),
         "pair_studies": len(pairs),
         "two_causes_both_named_not_on_one_scale": _share(_both(one) for one in apart),
@@ -108,6 +109,21 @@ def _both_stated(one: Json) -> bool:
         return False
     sets = one["one_of"]
     return hidden <= said.union(*sets) and all(_inseparable(one, names) for names in sets)
+
+
+def _exactly_stated(one: Json) -> bool:
+    """Whether what is stated holds the hidden set, and else only what the study takes it for.
+
+    As a choice from lists, of which each other name is one that the hidden cause of its list looks
+    like; or as one of several sets.
+    """
+    hidden, lists = set(one["hidden"]), one["sets"]
+    if one["outcome"] not in ("named", "ambiguous"):
+        return False
+    if one["alternatives"]:
+        return any(set(names) == hidden for names in one["alternatives"])
+    once = all(len(hidden & set(names)) == 1 for names in lists)
+    return once and len(lists) == len(hidden) and all(_inseparable(one, n) for n in lists)
 
 
 def _inseparable(one: Json, names: Iterable[str]) -> bool:

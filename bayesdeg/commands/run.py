@@ -33,7 +33,7 @@ from bayesdeg.pipeline.reading import read_study
 from bayesdeg.pipeline.run import add_page, fingerprint, run_study, with_options
 from bayesdeg.report.checkpoints import Checkpoints
 from bayesdeg.report.folder import LEFT_OUT, RunFolder
-from bayesdeg.report.headline import doubts_of
+from bayesdeg.report.headline import doubts_of, sets_of
 from bayesdeg.report.left_out import Guard
 from bayesdeg.report.record import VerdictRecord
 
@@ -141,6 +141,9 @@ def _say_verdict(verdict: VerdictRecord, page: Path | None, *, virtual: bool) ->
     names = ", ".join(verdict.causes)
     outcome = (f"{label}{verdict.outcome}", "bold")
     errors.print(Text.assemble("\n", outcome, f": {names}" if names else ""))
+    sets = sets_of(verdict)
+    if sets:
+        errors.print(f"sets of causes that may be right: {sets}", soft_wrap=True)
     errors.print(verdict.explanation)
     if page is not None:
         errors.print(f"\nreport: {page}", soft_wrap=True)

@@ -76,8 +76,8 @@ class Averaged:
 def averaged(judgement: Judgement, final: Fit, generator: np.random.Generator) -> Averaged | None:
     """Return draws over the causes that cannot be told apart; None where there is one set only.
 
-    One cause at a time is replaced by one that is as good. Where a cause of the readings is
-    replaced, that of published counts keeps the sizes that it has beside the leading one.
+    Members are the sets that may be right, of those that were fitted. Where a cause of the readings
+    is replaced, that of published counts keeps the sizes that it has beside the leading one.
 
     Parameters
     ----------
@@ -120,12 +120,13 @@ class _Other(NamedTuple):
 def _others(judgement: Judgement) -> Iterator[_Other]:
     predicted, search, counted = judgement.predicted_with, judgement.search, judgement.counted
     leading = search.factor(judgement.chosen)
-    for one in judgement.supported:
-        for rival in one.inseparable:
-            names = one.replaced(judgement.chosen, rival)
-            if names in search.trials and one.cause in predicted:
-                instead = _replaced(predicted, one.cause, rival)
-                yield _Other(instead, search.factor(names) - leading, search.trials[names])
+    chosen, own = judgement.chosen, frozenset(predicted)
+    once = [one.replaced(chosen, r) for one in judgement.supported for r in one.inseparable]
+    stated = () if judgement.stated is None else judgement.stated.members
+    for names in dict.fromkeys([*once, *(one.names for one in stated if one.fitted)]):
+        if names != chosen and names in search.trials and chosen - names <= own:
+            instead = tuple(sorted(own - chosen | names))
+            yield _Other(instead, search.factor(names) - leading, search.trials[names])
     best = judgement.of_counts if judgement.counts_fitted else None
     if best is None or counted is None:
         return

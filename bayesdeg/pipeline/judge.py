@@ -27,6 +27,7 @@ from bayesdeg.criticism.checks.misfit_columns import ColumnMisfit, misfit_column
 from bayesdeg.criticism.checks.missing_terms import MissingTerms, missing_terms
 from bayesdeg.criticism.checks.rupture_misfit import RuptureMisfit, rupture_misfit
 from bayesdeg.criticism.checks.shared_scatter import SharedScatter, shared_scatter
+from bayesdeg.criticism.decide.alternatives import StatedSets, stated_sets
 from bayesdeg.criticism.decide.candidates import (
     NOT_KNOWN,
     Candidate,
@@ -121,6 +122,9 @@ class Judgement:
         What the base model's parameters took up; None where that could not be computed.
     sampled : bool
         Whether the model with the causes was calibrated, so that predictions are made with it.
+    stated : StatedSets or None
+        Which sets of causes of the readings may be right; None where the evidence favours none, or
+        it could not be computed.
     """
 
     misfit: Misfit
@@ -145,6 +149,7 @@ class Judgement:
     counts_fitted: bool = True
     absorbed: Absorption | None = None
     missing: "Description | None" = None
+    stated: StatedSets | None = None
 
     @property
     def predicted_with(self) -> tuple[str, ...]:
@@ -186,8 +191,9 @@ class Judgement:
             return (BASE,)
         if self.left.p_value <= MISFIT_LEVEL:
             return ()
-        others = (one.replaced(self.chosen, r) for one in self.supported for r in one.inseparable)
-        return (self.chosen, *others)
+        others = [one.replaced(self.chosen, r) for one in self.supported for r in one.inseparable]
+        further = [] if self.stated is None else [m.names for m in self.stated.members if m.fitted]
+        return tuple(dict.fromkeys((self.chosen, *others, *further)))
 
     def draws(self, name: str, generator: np.random.Generator) -> Floats:
         """Draw a base parameter, averaged over the sets that may be right by their evidence.
@@ -378,6 +384,7 @@ REFUTING = (
     OptionalStage.STRUCTURE,
 )  # tests that a cause must pass to be named
 Beside = tuple[RuptureMisfit | None, Conflict | None, tuple[Questioned, ...]]
+Favoured = tuple[list[Support], StatedSets | None]
 MOSTLY = 0.9  # of the largest share: a column that holds about as much
 IN_QUESTION = 3  # rivals between which experiments are ranked
 
@@ -479,33 +486,50 @@ def judge(
     chosen, alone, final = _searched(search, progress)
     counting = _begun_counts(final.trial, catalogue, seed, executor)
     beside = _beside(base, rupture, generator, guard)
-    held_out, everything = _held_out(search, chosen, folding, progress, guard)
-    supported = supports(search, chosen, everything)
+    held_out, everything, favoured = _favoured(search, chosen, folding, progress, guard)
     left = _left((alone, final), catalogue, guard)
     counted, own = guard.attempt(OptionalStage.RUPTURE_COUNTS, counting) or (None, None)
-    decision = _decided((alone, final), supported, (*beside, counted), catalogue, left, guard)
+    decision = _decided((alone, final), favoured, (*beside, counted), catalogue, left, guard)
     return Judgement(
         misfit=alone.misfit,
         left=final.misfit,
         rupture=beside[0],
         contradicted=beside[1],
         questioned=beside[2],
-        candidates=_tried(search, supported, everything, generator, catalogue, counted),
-        supported=tuple(supported),
+        candidates=_tried(search, favoured[0], everything, generator, catalogue, counted),
+        supported=tuple(favoured[0]),
         decision=decision,
         threshold=alone.threshold,
         confusability=guard.attempt(OptionalStage.CONFUSABILITY, confused) or NOT_KNOWN,
         held_out={label(names): found for names, found in held_out.items()},
-        levels_out=_levels_out(search, extension(decision, tuple(supported)), folding, guard),
+        levels_out=_levels_out(search, extension(decision, tuple(favoured[0])), folding, guard),
         search=search,
         shared=tuple(left[0]),
-        experiments=_proposed(guard, search, decision, supported, catalogue, generator),
+        experiments=_proposed(guard, search, decision, favoured, catalogue, generator),
         alike=tuple(cause.name for cause in catalogue.alike),
         counted=counted,
         own_counts=own,
         absorbed=guard.attempt(OptionalStage.ABSORPTION, absorption, search, chosen),
         missing=_missing((alone, final), decision, left[1], catalogue, guard, seed, executor),
+        stated=favoured[1],
     )
+
+
+def _favoured(
+    search: Search,
+    chosen: Names,
+    seed: np.random.SeedSequence,
+    progress: Progress,
+    guard: Guard,
+) -> tuple[dict[Names, HeldOut], dict[Names, HeldOut], Favoured]:
+    """Return what was held out, what speaks for each favoured cause, and which sets may be right.
+
+    The sets are None where that could not be computed.
+    """
+    held_out, everything = _held_out(search, chosen, seed, progress, guard)
+    supported = supports(search, chosen, everything)
+    stated = guard.attempt(OptionalStage.SETS, stated_sets, search, chosen, supported)
+    return held_out, everything, (supported, stated)
 
 
 def count_misfits(
@@ -729,7 +753,7 @@ def _beside(
 
 def _decided(
     steps: tuple[Step, Step],
-    supported: list[Support],
+    favoured: Favoured,
     beside: tuple[*Beside, Counted | None],
     catalogue: Catalogue | Assembly,
     left: tuple[list[SharedScatter], MissingTerms | None],
@@ -743,7 +767,7 @@ def _decided(
     silent = frozenset(cause.name for cause in tried if cause.is_of_rupture_alone)
     return decide(
         *steps,
-        [*supported, *(() if counted is None else counted.supported)],
+        [*favoured[0], *(() if counted is None else counted.supported)],
         rupture=rupture,
         counts=None if counted is None else counted.misfit,
         contradicted=contradicted,
@@ -752,6 +776,7 @@ def _decided(
         alike=tuple(cause.name for cause in catalogue.alike),
         shared=left[0],
         structure=left[1],
+        stated=favoured[1],
         untested=[NotComputed(s, guard.why(s)) for s in REFUTING if s in guard.stages],
     )
 
@@ -764,12 +789,12 @@ def _proposed(guard: Guard, *about: Any) -> list[dict[str, object]]:
 def _next(
     search: Search,
     decision: Decision,
-    supported: list[Support],
+    favoured: Favoured,
     catalogue: Catalogue | Assembly,
     generator: np.random.Generator,
 ) -> list[dict[str, object]]:
     """Rank what to measure next, to tell apart the models that are in question."""
-    base = search.base
+    base, (supported, stated) = search.base, favoured
     chosen = frozenset(one.cause for one in supported)
     untested: tuple[Cause, ...] = ()
     if decision.outcome is Outcome.ADEQUATE:
@@ -791,6 +816,8 @@ def _next(
             for rival, gap in one.rivals.items()
             if rival in one.inseparable or decision.outcome is Outcome.NAMED
         }
+        if stated is not None:
+            others |= {one.names: one.behind for one in stated.elsewhere}
         near = sorted(others, key=lambda names: others[names])
         sets = dict.fromkeys([chosen, *(near[:IN_QUESTION] or [BASE])])
     trials = [search.trials[names] for names in sets]

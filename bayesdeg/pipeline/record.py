@@ -176,6 +176,8 @@ def verdict_document(
         outcome=decision.outcome,
         causes=decision.causes,
         one_of=decision.one_of,
+        sets=decision.sets,
+        alternatives=decision.alternatives,
         explanation=f"{said} {note}".strip(),
         candidates=tuple(_candidate(c, judgement) for c in judgement.candidates),
         confusable=tuple(judgement.confusability.pairs()),

@@ -917,6 +917,26 @@ def _suspects_table(found: TableSources) -> pd.DataFrame | None:
     return pd.DataFrame(rows) if rows else None
 
 
+def _sets_table(found: TableSources) -> pd.DataFrame | None:
+    """Return the sets of causes that may be right, and the choices that the data exclude."""
+    stated = None if found.judgement is None else found.judgement.stated
+    if stated is None or not stated.members:
+        return None
+    rows = [
+        {
+            "causes": "+".join(one.causes),
+            "stated": word,
+            "log_bayes_factor": one.log_bayes_factor,
+            "behind": one.behind,
+            "odds": float(np.exp(one.behind)),
+            "judged_by": "full fit" if one.fitted else "screening",
+        }
+        for word, sets in (("may be right", stated.members), ("excluded", stated.excluded))
+        for one in sets
+    ]
+    return pd.DataFrame(rows)
+
+
 def _of_missing(
     make: Callable[[Description], pd.DataFrame | None], found: TableSources
 ) -> pd.DataFrame | None:
@@ -979,6 +999,7 @@ BUILDS: Mapping[str, Build] = {
     columns.MISFIT_NULL: _null_table,
     columns.ABSORPTION: _absorption_table,
     columns.PUSHES: _pushes_table,
+    columns.SETS: _sets_table,
     columns.FITTED: _fitted_table,
     columns.LIFETIME: lambda found: life(found),  # looked up when it is made
     columns.SHARES: _shares_table,

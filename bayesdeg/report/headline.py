@@ -104,7 +104,7 @@ def _facts(verdict: VerdictRecord, gain: pd.DataFrame | None) -> Mapping[str, ob
         "v": verdict,
         "SPACE": SPACE,
         "sized": _sized(verdict) if verdict.causes else "",
-        "either": " or ".join(words(cause) for cause in verdict.causes),
+        "either": sentences("headline", "possible", v=verdict),
         "first": _begun(verdict.causes[0]) if verdict.causes else "",
         "off_priors": fits_off_priors(verdict),
         "by_counts": _by_counts(verdict) or _by_ruptures(verdict),
@@ -117,6 +117,20 @@ def _facts(verdict: VerdictRecord, gain: pd.DataFrame | None) -> Mapping[str, ob
         **_misfit_facts(verdict),
         **_gain_facts(verdict, gain),
     }
+
+
+def sets_of(verdict: VerdictRecord) -> str:
+    """Return the sets of causes that may be right, in a line; empty where there is one, or none.
+
+    Examples
+    --------
+    >>> lists = [["creep"], ["pressure_loss", "film_mismatch"]]
+    >>> sets_of(VerdictRecord.read({"outcome": "named", "sets": lists}))
+    'creep × (pressure_loss or film_mismatch)'
+    >>> sets_of(VerdictRecord.read({"outcome": "named", "sets": [["creep"]]}))
+    ''
+    """
+    return sentences("headline", "sets", v=verdict)
 
 
 def counts_of(verdict: VerdictRecord) -> tuple[str, ...]:

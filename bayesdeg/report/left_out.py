@@ -30,6 +30,7 @@ class OptionalStage(StrEnum):
     HELD_OUT = "held-out specimens"
     STRUCTURE = "structure that the causes leave"
     MISSING_TERMS = "terms that the misfit asks for"
+    SETS = "sets of causes that may be right"
     SHARED_SCATTER = "scatter shared by a degradation rate"
     CONFUSABILITY = "causes that this design could confuse"
     ABSORPTION = "parameters that absorb an effect"

@@ -13,7 +13,7 @@ from markupsafe import Markup
 from bayesdeg.report import figures, wording
 from bayesdeg.report.drawing import Drawing, PageFigure, Shown
 from bayesdeg.report.folder import RUN, VERDICT, RunFolder
-from bayesdeg.report.headline import Headline, doubts_of, headline_of
+from bayesdeg.report.headline import Headline, doubts_of, headline_of, sets_of
 from bayesdeg.report.left_out import FIGURE, Guard, OptionalStage, figure_stage
 from bayesdeg.report.record import CandidateEntry, RunRecord, VerdictRecord
 from bayesdeg.report.summaries import (
@@ -100,6 +100,8 @@ class Content:
     gain_modes: list[Row]
     decisions: list[DecisionPair]
     missing_terms: list[Row]
+    sets: list[Row]
+    supported: str
     criteria: list[Row]
     criteria_influence: str
     lookalikes: list[str]
@@ -167,6 +169,8 @@ def content_of(shown: Shown, guard: Guard | None = None) -> Content:
         gain_modes=sorted(rows_of(tables["gain_modes"]), key=lambda row: str(row["mode"])),
         decisions=decision_pairs(tables["decisions"]),
         missing_terms=rows_of(tables["missing_terms"]),
+        sets=rows_of(tables["sets"]),
+        supported=sets_of(verdict),
         criteria=by_criterion(tables["criteria"]),
         criteria_influence=influence_of_criteria(tables["criteria"], degrades=shown.run.degrades),
         lookalikes=lookalikes(verdict),

@@ -354,6 +354,12 @@ class VerdictRecord(FileRecord):
     outcome: Outcome
     causes: Names = Field(default=(), description="named, or that cannot be told apart")
     one_of: tuple[Names, ...] = ()
+    sets: tuple[Names, ...] = Field(
+        default=(), description="of each list one cause acts; a named one is alone in its list"
+    )
+    alternatives: tuple[Names, ...] = Field(
+        default=(), description="sets of causes of which one acts, if they are no such lists"
+    )
     explanation: Text = ""
     candidates: tuple[CandidateEntry, ...] = Field(default=(), description="best first")
     confusable: tuple[Names, ...] = ()

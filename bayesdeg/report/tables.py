@@ -48,6 +48,7 @@ PUSHES = "pushes"
 MISSING_TERMS = "missing_terms"
 MISFIT_COLUMNS = "misfit_columns"
 TERM_READINGS = "missing_terms_readings"
+SETS = "sets"
 
 ALL_LEVELS = "all"
 """What stands in ``degradation_pct`` of a row that pools every degradation rate."""
@@ -645,6 +646,17 @@ _TABLES = (
             Column("along", "as stated", "pressure [kPa] or stretch [–]"),
             Column("term", "as read", "change of the reading by the terms that were taken"),
             Column("residual", "as read", "reading less model, fitted beside the terms"),
+        ),
+    ),
+    ResultTable(
+        SETS,
+        (
+            _text("causes", "what acts, joined by +"),
+            _text("stated", "may be right, or excluded where each cause by itself is not"),
+            _log("log_bayes_factor", "of the model with them against the base model"),
+            _log("behind", "what that is less than the one of the favoured set"),
+            _log("odds", "of the favoured set against this one, by their evidence"),
+            _text("judged_by", "full fit, or screening on the linear scale"),
         ),
     ),
     ResultTable(

@@ -10,7 +10,7 @@ from scipy.stats import multivariate_normal
 
 from bayesdeg.causes.catalogue import find
 from bayesdeg.criticism.fit.linear import effects, neutral_sizes
-from bayesdeg.criticism.fit.screening import screen, screen_pairs
+from bayesdeg.criticism.fit.screening import screen
 from bayesdeg.criticism.subject import columns_of, with_neutral
 from bayesdeg.priors import Normal, TruncatedNormal
 from tests.criticism import straight_subject as straight
@@ -197,36 +197,6 @@ def scatter_by_quadrature(linear, cause):
         law = multivariate_normal(np.zeros(len(residuals)), wide, allow_singular=False)
         total.append(logsumexp(law.logpdf(residuals - changes) - none) - np.log(len(sizes)))
     return logsumexp(total) - np.log(len(shares))
-
-
-def test_log_bayes_factors_of_pairs_are_exact():
-    observed = straight.readings(9, offset=0.15, wave=-0.2)
-    linear = straight.exact_linear(observed)
-    screened = [screen(linear, cause) for cause in straight.CAUSES]
-    pairs = screen_pairs(linear, screened)
-    assert len(pairs) == 6
-    for (first, second), factor in pairs.items():
-        exact = straight.log_factor(observed, linear_cause(first), linear_cause(second))
-        # no draws: the pair of normal laws is integrated in closed form
-        assert factor == pytest.approx(exact, abs=0.01)
-    assert max(pairs, key=pairs.get) == ("offset", "wave")
-
-
-def test_a_pair_with_a_twin_is_no_better_than_one_of_them():
-    observed = straight.readings(10, offset=0.15)
-    linear = straight.exact_linear(observed)
-    one, twin = (screen(linear, linear_cause(name)) for name in ("offset", "twin"))
-    [factor] = screen_pairs(linear, [one, twin]).values()
-    exact = straight.log_factor(observed, one.cause, twin.cause)
-    assert factor == pytest.approx(exact, abs=0.01)
-    assert factor < one.log_bayes_factor + np.log(2.0)
-
-
-def test_causes_without_an_effect_are_in_no_pair():
-    linear = straight.exact_linear(straight.readings(11, wave=0.1))
-    noise = cause_of("noise", {"extra": TruncatedNormal(0.0, 0.1, 0.0, np.inf)}, straight.untouched)
-    screened = [screen(linear, c) for c in (noise, linear_cause("wave"), linear_cause("lag"))]
-    assert list(screen_pairs(linear, screened)) == [("wave", "lag")]
 
 
 def test_screening_draws_the_same_each_time():

@@ -17,6 +17,7 @@ from bayesdeg.criticism.fit.search import (
     Search,
     SearchEffort,
     factors_by_chance,
+    in_reach,
     naming_threshold,
     rivals,
     run_search,
@@ -270,3 +271,138 @@ def test_sets_have_the_same_evidence_in_whatever_order_causes_are_tried():
         search.fit(NOTHING, order)
         found.append({names: trial.log_evidence for names, trial in search.trials.items()})
     assert found[0] == found[1]
+
+
+# ---- sets that no path of single additions leads to
+
+
+def unit(shape):
+    """A shape as large as one standard deviation of the readings after a refit."""
+    linear = straight.exact_linear(straight.readings(0))
+    return shape / np.linalg.norm(linear.whiten_columns(shape))
+
+
+def in_units(**shapes):
+    return {name: unit(shape) for name, shape in shapes.items()}
+
+
+PARTS = in_units(lag=SHAPES["lag"], wave=SHAPES["wave"])
+SUM = PARTS["lag"] + PARTS["wave"]
+ODD = unit(np.cos(9.0 * X + straight.LEVEL))
+"""What tells a cause from the sum of two others."""
+
+
+def summed(odd, name="summed"):
+    """The sum of two causes, but for a share of something else."""
+    return linear_cause(name, 40.0 * (SUM + odd * ODD))
+
+
+def of_parts():
+    return tuple(linear_cause(name, 40.0 * shape) for name, shape in PARTS.items())
+
+
+def planted_parts(seed, size=12.0):
+    return straight.readings(seed) + size * SUM
+
+
+def test_two_causes_that_look_like_a_third_are_found_as_a_pair_and_the_third_is_not():
+    """The greedy path takes the third first, and stays with it: each part gains little beside."""
+    causes = (*of_parts(), summed(0.45), linear_cause("ageing"))
+    alone = replace(EFFORT, pairs=0)
+    observed = [planted_parts(seed) for seed in range(10)]
+    greedy = [searched(one, causes, effort=alone, seed=k)[1] for k, one in enumerate(observed)]
+    assert greedy.count({"summed"}) >= 4
+    found = [searched(one, causes, seed=k)[1] for k, one in enumerate(observed)]
+    assert found.count({"lag", "wave"}) == 10
+
+
+def test_one_cause_that_looks_like_two_others_is_found_alone():
+    causes = (*of_parts(), summed(0.45), linear_cause("ageing"))
+    observed = [straight.readings(seed) + 12.0 * (SUM + 0.45 * ODD) for seed in range(10)]
+    found = [searched(one, causes, seed=seed)[1] for seed, one in enumerate(observed)]
+    assert found.count({"summed"}) >= 9
+
+
+def test_the_order_of_the_catalogue_does_not_decide():
+    causes = (*of_parts(), summed(0.45), linear_cause("ageing"))
+    observed = planted_parts(3)
+    for order in ([0, 1, 2, 3], [3, 2, 1, 0], [2, 0, 3, 1]):
+        search, chosen = searched(observed, [causes[k] for k in order])
+        assert chosen == {"lag", "wave"}
+        exact = straight.log_factor(observed, *of_parts())
+        assert search.factor(chosen) == pytest.approx(exact, abs=0.15)
+
+
+def cancelling():
+    """Two causes that are nearly opposite: each alone hardly shows, both together do."""
+    shape, odd = unit(SHAPES["lag"]), unit(SHAPES["wave"])
+    return linear_cause("pulls", 30.0 * (shape + 0.12 * odd)), linear_cause(
+        "pushes", 30.0 * (-shape + 0.12 * odd)
+    )
+
+
+def test_two_causes_that_cancel_are_found_where_neither_is_seen_alone():
+    causes, found = (*cancelling(), linear_cause("ageing")), []
+    for seed in range(6):
+        observed = straight.readings(seed) + 7.0 * unit(SHAPES["wave"])
+        pair = straight.log_factor(observed, *cancelling())
+        alone = [straight.log_factor(observed, one) for one in cancelling()]
+        search, chosen = searched(observed, causes, seed=seed)
+        if max(alone) < search.step(NOTHING).threshold and pair > 12.0:
+            found.append(chosen == {"pulls", "pushes"})
+    assert len(found) >= 3
+    assert all(found)
+
+
+def test_sets_in_reach_are_no_neighbours_and_no_more_than_the_effort_allows():
+    causes = (*of_parts(), summed(0.45), linear_cause("ageing"), linear_cause("offset"))
+    search, _ = searched(planted_parts(0), causes)
+    reached = in_reach(search, frozenset({"summed"}))
+    assert 1 <= len(reached) <= EFFORT.pairs
+    assert reached[0].names == {"lag", "wave"}
+    assert all(len(one.names - {"summed"}) > 1 for one in reached)
+    exact = straight.log_factor(planted_parts(0), *of_parts())
+    assert reached[0].log_bayes_factor == pytest.approx(exact, rel=0.02, abs=0.3)
+    none = Search(search.base, causes, replace(EFFORT, pairs=0), np.random.SeedSequence(1))
+    assert in_reach(none, NOTHING) == []
+
+
+@pytest.mark.parametrize(("size", "kept"), [(0.0, False), (0.3, True)])
+def test_what_is_left_of_a_set_must_be_seen_by_itself(size, kept):
+    search, _ = searched(straight.readings(0, wave=size))
+    search.fit_sets({frozenset({"wave", "lag"}): {}})
+    assert searching._pruned(search, frozenset({"wave", "lag"})) == ({"wave"} if kept else NOTHING)
+
+
+@pytest.mark.parametrize("count", [0, 1, 2])
+def test_a_catalogue_of_a_few_causes_is_searched(count):
+    causes = straight.CAUSES[:count]
+    search, chosen = searched(straight.readings(0, offset=0.3, wave=-0.3), causes)
+    assert chosen == {cause.name for cause in causes}
+    assert in_reach(search, chosen) == []
+
+
+CHEAP = SearchEffort(replicates=60, fitted=2, pairs=2, most=0)
+
+
+def test_nothing_is_named_in_one_of_twenty_data_sets_without_an_effect():
+    """Of 240, with causes that look like two others and that cancel among them, at most 5 %.
+
+    Odds of 20 ask for more than chance gives here, so that it is far below.
+    """
+    causes = (*straight.CAUSES, summed(0.45), *cancelling())
+    named = [
+        searched(straight.readings(1000 + s), causes, effort=CHEAP, seed=s)[1] for s in range(240)
+    ]
+    assert sum(bool(one) for one in named) <= 0.05 * len(named)
+    assert sum(len(one) > 1 for one in named) <= 3
+
+
+def test_a_second_cause_is_named_in_one_of_twenty_data_sets_with_one():
+    causes = (*straight.CAUSES, summed(0.45), *cancelling())
+    right = 0
+    for seed in range(120):
+        observed = straight.readings(2000 + seed, offset=0.3)
+        chosen = searched(observed, causes, effort=CHEAP, seed=seed)[1]
+        right += chosen == {"offset"}
+    assert right >= 0.95 * 120

@@ -14,6 +14,7 @@ import numpy as np
 
 from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.checks.missing_terms import MissingTerm
+from bayesdeg.criticism.decide.alternatives import stated_sets
 from bayesdeg.criticism.decide.candidates import effect_sizes
 from bayesdeg.criticism.decide.support import Support, supports
 from bayesdeg.criticism.decide.verdict import Reason, decide
@@ -59,6 +60,8 @@ class Verdict:
         That would remove a misfit that no cause accounts for.
     chief : str
         The column in which most of it sits; empty where nothing is described.
+    sets : tuple of tuple of str
+        Lists of each of which one cause acts.
     """
 
     outcome: str
@@ -71,6 +74,7 @@ class Verdict:
     reasons: tuple[Reason, ...] = ()
     terms: tuple[MissingTerm, ...] = ()
     chief: str = ""
+    sets: tuple[tuple[str, ...], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -136,12 +140,14 @@ def verdict_with_idle(judgement: Judgement, name: str) -> Verdict:
         rupture=judgement.rupture,
         contradicted=judgement.contradicted,
         on_rupture=frozenset(cause.name for cause in search.causes if cause.is_of_rupture_alone),
+        stated=stated_sets(search, chosen, agreed),
     )
     generator, trial = np.random.default_rng(0), search.trials[chosen]
     return replace(
         _told(judgement),
         outcome=str(decision.outcome),
         causes=decision.causes,
+        sets=decision.sets,
         sizes={
             cause.name: {
                 p: (s.mean, s.sd) for p, s in effect_sizes(trial, cause, generator).items()
@@ -202,6 +208,7 @@ def _told(judgement: Judgement) -> Verdict:
         reasons=judgement.decision.reasons,
         terms=() if described is None else described.found.terms,
         chief="" if chief is None else chief.column,
+        sets=judgement.decision.sets,
         **_evidence(judgement.supported, judgement.threshold),
     )
 

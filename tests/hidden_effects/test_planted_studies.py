@@ -111,10 +111,14 @@ def test_a_constant_fraction_of_pressure_reads_like_stiffer_films(verdicts):
     found = verdicts[LEAK].result().plain
     assert found.outcome == "ambiguous"
     assert set(found.causes) == {"pressure_loss", "film_mismatch"}
+    [either] = found.sets
+    assert set(either) == set(found.causes)
 
 
 def test_two_causes_are_both_named(verdicts):
-    assert_named(verdicts[TWO].result().plain, hidden_in(TWO))
+    found = verdicts[TWO].result().plain
+    assert_named(found, hidden_in(TWO))
+    assert sorted(found.sets) == sorted((name,) for name in hidden_in(TWO))
 
 
 def test_the_bend_angle_separates_what_the_curvature_alone_cannot(verdicts):

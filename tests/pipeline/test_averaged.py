@@ -57,6 +57,7 @@ def judgement_of(base, *, gap=GAP, sampled=True, prior_tail=0.5):
         predicted_with=(LEADING,),
         search=SimpleNamespace(trials=sets, factor=factors.__getitem__),
         counted=None,
+        stated=None,
         of_counts=None,
         counts_fitted=True,
         sampled=sampled,

@@ -164,6 +164,34 @@ def cases():
             Decision(Outcome.AMBIGUOUS, ("pressure_offset", "pressure_loss")),
             support("pressure_offset"),
         ),
+        "ambiguous, one of two together with one of two": judgement_of(
+            replace(
+                Decision(Outcome.AMBIGUOUS, ("creep", "erosion", "pressure_loss", "gravity")),
+                sets=(("creep", "erosion"), ("pressure_loss", "gravity")),
+            ),
+            support("creep"),
+            support("pressure_loss"),
+        ),
+        "ambiguous, one of two sets": judgement_of(
+            replace(
+                Decision(Outcome.AMBIGUOUS, ("creep", "erosion", "pressure_loss", "gravity")),
+                alternatives=(("creep", "pressure_loss"), ("erosion", "gravity")),
+            ),
+            support("creep"),
+            support("pressure_loss"),
+        ),
+        "named, and one of two sets beside it": judgement_of(
+            replace(
+                named("pressure_offset", one_of=(("creep", "erosion", "gravity", "mullins"),)),
+                alternatives=(
+                    ("pressure_offset", "creep", "erosion"),
+                    ("gravity", "mullins", "pressure_offset"),
+                ),
+            ),
+            support("pressure_offset"),
+            support("creep"),
+            support("erosion"),
+        ),
         "ambiguous, films in one mode": judgement_of(
             Decision(Outcome.AMBIGUOUS, ("second_invariant", "stress_measure"))
         ),
@@ -335,6 +363,16 @@ def test_the_document_holds_what_was_promised():
         "concentrated": None,
     }
     assert json.loads(json.dumps(document)) == document
+
+
+def test_the_document_holds_the_lists_or_the_sets_that_may_be_right():
+    known = cases()
+    lists = verdict_document(known["ambiguous, one of two together with one of two"], WHERE)
+    assert lists["sets"] == [["creep", "erosion"], ["pressure_loss", "gravity"]]
+    assert lists["alternatives"] == []
+    sets = verdict_document(known["ambiguous, one of two sets"], WHERE)
+    assert sets["sets"] == []
+    assert sets["alternatives"] == [["creep", "pressure_loss"], ["erosion", "gravity"]]
 
 
 def test_the_false_name_rate_is_never_none_of_as_many_as_were_simulated():

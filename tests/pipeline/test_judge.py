@@ -202,7 +202,7 @@ def test_experiments_are_sought_to_tell_the_causes_of_an_ambiguous_outcome_apart
     assert one.inseparable == ("erosion",)
     ambiguous = Decision(Outcome.AMBIGUOUS, ("pressure_offset", "erosion"))
     assembly = Assembly(search.base.subject, CAUSES, UNJUDGED, ())
-    judging._next(search, ambiguous, [one], assembly, np.random.default_rng(1))
+    judging._next(search, ambiguous, ([one], None), assembly, np.random.default_rng(1))
     assert asked == [[known, search.trials[frozenset({"erosion"})]]]
 
 

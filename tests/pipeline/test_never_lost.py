@@ -49,6 +49,7 @@ BROKEN = {
     OptionalStage.HELD_OUT: (judge, "held_out_and_all"),
     OptionalStage.SHARED_SCATTER: (judge, "shared_scatter"),
     OptionalStage.STRUCTURE: (judge, "missing_terms"),
+    OptionalStage.SETS: (judge, "stated_sets"),
     OptionalStage.CONFUSABILITY: (judge, "confusability"),
     OptionalStage.ABSORPTION: (judge, "absorption"),
     OptionalStage.LEVELS_OUT: (judge, "levels_out"),
@@ -115,8 +116,9 @@ STAGES = sorted({*OptionalStage, *WRITTEN, *FIGURES} - SAID - ELSEWHERE)
 WITHOUT = {
     OptionalStage.VERDICT: {
         *("gain.csv", "gain_levels.csv", "statistics.csv", "discrepancy.csv", "loo_pit.csv"),
-        *("misfit_null.csv", "absorption.csv", "pushes.csv"),
+        *("misfit_null.csv", "absorption.csv", "pushes.csv", "sets.csv"),
     },
+    OptionalStage.SETS: {"sets.csv"},
     OptionalStage.ABSORPTION: {"absorption.csv", "pushes.csv"},
     OptionalStage.HELD_OUT: {"gain.csv", "gain_levels.csv", "loo_pit.csv"},
     OptionalStage.SHARED_SCATTER: {"gain_levels.csv"},

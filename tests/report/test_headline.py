@@ -5,7 +5,7 @@ from itertools import product
 import pytest
 
 from bayesdeg.criticism.outcome import Outcome
-from bayesdeg.report.headline import BADGES, headline_of
+from bayesdeg.report.headline import BADGES, headline_of, sets_of
 from bayesdeg.report.record import VerdictRecord
 from tests.report.synthetic_run import gain
 
@@ -30,7 +30,7 @@ MISFITS = {
 }
 
 
-def verdict(outcome, misfit="of films", *, probability=None, effects=None):
+def verdict(outcome, misfit="of films", *, probability=None, effects=None, more=None):
     effects = effects or {}
     causes = ["second_invariant", "stress_measure"]
     return VerdictRecord.read(
@@ -44,6 +44,7 @@ def verdict(outcome, misfit="of films", *, probability=None, effects=None):
             ],
             "misfit": MISFITS[misfit] | {"where": WHERE},
             "next_experiments": [{"design": "planar tension of a new film", "separates": causes}],
+            **(more or {}),
         }
     )
 
@@ -60,6 +61,37 @@ def test_the_headline_follows_the_outcome(outcome, misfit, probability):
     headline = headline_of(verdict(outcome, misfit, probability=probability), None)
     assert headline.badge == BADGES[outcome]
     assert headline.sentence == SAID[outcome]
+
+
+LISTS = [["creep", "erosion"], ["gravity"]]
+APART = [["creep", "gravity"], ["erosion", "creep"]]
+
+
+@pytest.mark.parametrize(
+    ("found", "between", "within", "line"),
+    [
+        ({"sets": LISTS}, ", together with ", " or ", (" × ", ["(creep or erosion)", "gravity"])),
+        (
+            {"alternatives": APART},
+            ", or ",
+            " and ",
+            ("; or ", ["creep + gravity", "erosion + creep"]),
+        ),
+        ({"sets": [["second_invariant"]]}, ", ", " or ", ("", [])),
+        ({}, ", ", " or ", ("", [])),
+    ],
+)
+def test_sets_of_causes_are_told_as_what_they_are(found, between, within, line):
+    told = verdict(Outcome.AMBIGUOUS, more=found)
+    begun, said = headline_of(told, None).sentence.split(": ")
+    assert SAID[Outcome.AMBIGUOUS].startswith(begun)
+    whole = CAUSES[Outcome.AMBIGUOUS]
+    wanted = found.get("alternatives") or (LISTS if found.get("sets") == LISTS else [whole])
+    parts = said.removeprefix("either ").split(between)
+    assert [part.split(within) for part in parts] == [
+        [name.replace("_", " ") for name in names] for names in wanted
+    ]
+    assert sets_of(told) == line[0].join(line[1])
 
 
 @pytest.mark.parametrize("outcome", Outcome)

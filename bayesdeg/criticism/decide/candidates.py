@@ -15,7 +15,7 @@ from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.decide.support import Support
 from bayesdeg.criticism.decide.verdict import fraction_explained
 from bayesdeg.criticism.fit.linear import Linear, effects, log_bayes_factor, sensitivities
-from bayesdeg.criticism.fit.search import Names, Search
+from bayesdeg.criticism.fit.search import Names, Search, set_penalties
 from bayesdeg.criticism.fit.trials import Trial
 from bayesdeg.criticism.holdout.held_out import HeldOut, difference
 from bayesdeg.criticism.subject import typical_size
@@ -200,8 +200,7 @@ def probabilities(search: Search) -> dict[str, float]:
     factors = {names: search.factor(names) for names in search.trials}
     for name, one in search.step(search.base.names).screened.items():
         factors.setdefault(frozenset({name}), one.log_bayes_factor)
-    count = len(search.causes)
-    penalty = np.cumsum(np.log([1.0, *(max(count - k, 1) / (k + 1) for k in range(count))]))
+    penalty = set_penalties(len(search.causes))
     logs = np.array([factor - penalty[len(names)] for names, factor in factors.items()])
     weights = np.exp(logs - logsumexp(logs))
     return {

@@ -11,7 +11,9 @@ single specimens that is one of whole levels (`checks.shared_scatter`); without 
 the misfit as a whole, ruptures, their counts, measured means and priors say whether the base model
 is adequate; what causes leave must ask for no further term in known quantities
 (`checks.missing_terms`): an effect outside the catalogue that resembles a cause is caught by that;
-(5) what could stand in the place of a cause is reported beside it.
+(5) what could stand in the place of a cause is reported beside it, as a product of lists where
+every choice from them is supported, else as a list of sets (`decide.alternatives`): a cause is
+named where it is in each of them.
 """
 
 from collections.abc import Iterator, Sequence
@@ -32,6 +34,7 @@ from bayesdeg.criticism.checks.discrepancy import (
 from bayesdeg.criticism.checks.missing_terms import MissingTerms
 from bayesdeg.criticism.checks.rupture_misfit import RuptureMisfit
 from bayesdeg.criticism.checks.shared_scatter import SharedScatter
+from bayesdeg.criticism.decide.alternatives import StatedSets
 from bayesdeg.criticism.decide.support import Support
 from bayesdeg.criticism.fit.search import Step
 from bayesdeg.criticism.outcome import MISFIT_LEVEL, Outcome
@@ -182,12 +185,19 @@ class Decision:
         Beside named causes: sets of which one more acts, but which cannot be said.
     reasons : tuple of Reason
         Why causes that the evidence favours were not named, or why nothing could be judged.
+    sets : tuple of tuple of str
+        Lists of each of which one cause acts, a named one alone in its list; empty where nothing is
+        supported, or where what is supported is no product of lists.
+    alternatives : tuple of tuple of str
+        Sets of causes of which one acts, the most plausible first, where they are no such product.
     """
 
     outcome: Outcome
     causes: tuple[str, ...]
     one_of: tuple[tuple[str, ...], ...] = ()
     reasons: tuple[Reason, ...] = ()
+    sets: tuple[tuple[str, ...], ...] = ()
+    alternatives: tuple[tuple[str, ...], ...] = ()
 
 
 def decide(
@@ -204,6 +214,7 @@ def decide(
     shared: Sequence[SharedScatter] = (),
     untested: Sequence[NotComputed] = (),
     structure: MissingTerms | None = None,
+    stated: StatedSets | None = None,
 ) -> Decision:
     """Return the outcome.
 
@@ -243,6 +254,9 @@ def decide(
         Tests that might refute a favoured cause and could not be made.
     structure : MissingTerms, optional
         The terms in known quantities that what those causes leave asks for.
+    stated : StatedSets, optional
+        Which sets of causes of the readings may be right; by default each cause is held against its
+        own rivals alone.
     """
     unknown_scatter = (NotTested(one.cause) for one in shared if not one.is_tested)
     missed: list[Reason] = [*untested, *unknown_scatter]
@@ -267,12 +281,28 @@ def decide(
             return Decision(Outcome.NOT_JUDGED, (), reasons=tuple(both))
         outcome = Outcome.UNEXPLAINED if off else Outcome.ADEQUATE
         return Decision(outcome, (), reasons=tuple(reasons))
-    certain = tuple(one.cause for one in supported if not one.inseparable)
-    open_ones = tuple((one.cause, *one.inseparable) for one in supported if one.inseparable)
-    if certain:
-        return Decision(Outcome.NAMED, certain, one_of=open_ones)
-    together = dict.fromkeys(name for names in open_ones for name in names)
-    return Decision(Outcome.AMBIGUOUS, tuple(together))
+    return _said(supported, stated)
+
+
+def _said(supported: Sequence[Support], stated: StatedSets | None) -> Decision:
+    """Return what is named, which is in every set that may be right, and of what one acts."""
+    apart = [one for one in supported if stated is None or one.cause not in stated.favoured]
+    lists = [(one.cause, *one.inseparable) for one in apart]
+    certain = [names[0] for names in lists if len(names) == 1]
+    open_ones = [names for names in lists if len(names) > 1]
+    sets: list[tuple[str, ...]] = []
+    if stated is not None:
+        certain, open_ones = [*stated.certain, *certain], [*stated.one_of, *open_ones]
+        sets = [*stated.product, *lists] if stated.is_product else []
+    outcome = Outcome.NAMED if certain else Outcome.AMBIGUOUS
+    together = tuple(dict.fromkeys(name for names in open_ones for name in names))
+    return Decision(
+        outcome,
+        tuple(certain) or together,
+        one_of=tuple(open_ones) if certain else (),
+        sets=tuple(sets),
+        alternatives=() if stated is None else stated.alternatives,
+    )
 
 
 def _is_off_beside(

@@ -1,4 +1,4 @@
-"""Every cause at its most probable size, and pairs of them: fast, to see which deserve a full fit.
+"""Every cause at its most probable size: fast, to see which deserve a full fit.
 
 The model's own parameters are integrated out in the linearised model; the size φ of a cause goes
 through the full equations, so that strong effects are judged at the size that they have. With z the
@@ -10,7 +10,6 @@ an average over draws from the prior and about the most probable size, weighted 
 """
 
 from dataclasses import dataclass, replace
-from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,32 +73,6 @@ def screen(linear: Linear, cause: Cause) -> Screened:
     factor = _evidence(linear, cause, size, columns=columns, units=units, prior=(prior, fit))
     found = Screened(cause, size, factor, effect, columns)
     return replace(found, log_bayes_factor=factor + _widening(linear, found))
-
-
-def screen_pairs(linear: Linear, screened: list[Screened]) -> dict[tuple[str, str], float]:
-    """Return log Bayes factors of pairs of causes, each linear about its own most probable size.
-
-    The size φ = φ* + u of each has an effect d* + S (u/τ), with a normal prior of its size τ about
-    the neutral value; u is integrated out for both together.
-    """
-    z = linear.observed
-    return {
-        (a.cause.name, b.cause.name): _pair(z, a, b)
-        for a, b in combinations(screened, 2)
-        if np.any(a.effect) and np.any(b.effect)
-    }
-
-
-def _pair(z: Floats, first: Screened, second: Screened) -> float:
-    columns = np.hstack([first.columns, second.columns])
-    offsets = np.concatenate([_offset(first), _offset(second)])
-    # with u/τ = v + offset the prior of v is standard normal about the neutral value
-    target = z - first.effect - second.effect + columns @ offsets
-    inner = np.eye(columns.shape[1]) + columns.T @ columns
-    projected = columns.T @ target
-    gain = projected @ np.linalg.solve(inner, projected)
-    chi = float(z @ z - target @ target + gain)
-    return 0.5 * chi - 0.5 * float(np.linalg.slogdet(inner)[1])
 
 
 def _offset(one: Screened) -> Floats:

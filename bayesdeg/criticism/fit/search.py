@@ -1,12 +1,16 @@
 """What is known of a fitted set of causes: its misfit, and which others deserve a full fit.
 
 A cause is added as long as the log Bayes factor of the best addition passes what chance alone gives
-in 5 % of data sets simulated from the model so far. Pairs that screening finds better than any
-addition are tried too. In the set that is left, every cause must earn its place against the set
-without it, and every cause is compared with all that could stand in its place.
+in 5 % of data sets simulated from the model so far. That path may go astray: one cause may look
+like two others together. So all pairs and triples are ranked too, on one linear scale, with the
+scatter of what was found so far (`fit.sets`); those in reach of it are fitted, and one of them
+takes its place if it is better, or if it is larger and passes what chance gives. Each cause is
+exchanged for a rival as long as that is better. In the set that is left, every cause must earn its
+place against the set without it, and every cause is compared with all that could stand in its
+place.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -18,7 +22,8 @@ from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.chance import chance_of, is_clear
 from bayesdeg.criticism.checks.discrepancy import Misfit, measure, resolved
 from bayesdeg.criticism.fit.linear import Linear, is_seen, log_bayes_factor, sensitivities
-from bayesdeg.criticism.fit.screening import Screened, screen, screen_pairs
+from bayesdeg.criticism.fit.screening import Screened, screen
+from bayesdeg.criticism.fit.sets import JointScreening, largest_by_chance
 from bayesdeg.criticism.fit.side_by_side import apply
 from bayesdeg.criticism.fit.trials import Trial, from_prior, try_causes
 
@@ -110,6 +115,7 @@ FALSE_NAME_RATE = 0.05
 LEAST_FACTOR = float(np.log(20.0))
 MARGIN = 2.0  # by which screening may be too low for a cause that a full fit would name
 MOST_CAUSES = 3
+ROUNDS = 3  # of exchanging and growing; each begins with a better set, so that few are needed
 FEW = 400  # draws of the screening of what acts on rupture alone
 
 
@@ -124,7 +130,7 @@ class SearchEffort:
     fitted : int
         Causes that are fitted fully at each step.
     pairs : int
-        Pairs that are fitted fully.
+        Pairs and triples, of those that screening ranks best, that are fitted fully at a time.
     levels_out : bool
         Whether whole levels of degradation are held out too.
     most : int
@@ -217,6 +223,40 @@ class Search:
             if self.on_fit is not None:
                 self.on_fit(" and ".join(sorted(parent | {name})))
         return [parent | {name} for name in wanted]
+
+    def fit_sets(self, guesses: Mapping[Names, Mapping[str, Floats]]) -> None:
+        """Fit sets from the largest part of each that is fitted, without a look at what is between.
+
+        Parameters
+        ----------
+        guesses : mapping
+            Of each set the sizes at which the fit of each cause begins, by name; by default those
+            that screening found for each alone.
+        """
+        missing = [names for names in guesses if names not in self.trials]
+        jobs = [self._way(names, guesses[names]) for names in missing]
+        run = map if self.executor is None else self.executor.map
+        for names, fitted in zip(missing, run(_fitted_in_turn, jobs), strict=True):
+            for trial in fitted:
+                self.trials.setdefault(trial.names, trial)
+            if self.on_fit is not None:
+                self.on_fit(" and ".join(sorted(names)))
+
+    def _way(self, names: Names, sizes: Mapping[str, Floats]) -> "_Way":
+        """Return the fits that lead to a set, from its best largest part."""
+        parts = [known for known in self.trials if known < names]
+        known = max(parts, key=lambda part: (len(part), self.factor(part)))
+        own, jobs, reached = {c.name: c for c in self.causes}, [], known
+        for name in sorted(names - known):
+            reached = reached | {name}
+            size = sizes.get(name)
+            jobs.append(
+                (own[name], self._guessed(name) if size is None else size, self._seed(reached))
+            )
+        return self.trials[known], jobs
+
+    def _guessed(self, name: str) -> Floats:
+        return self.step(self.base.names).guess(name)[1]
 
     def leaders(self, names: Names) -> list[str]:
         """Return which additions deserve a full fit: those that screening finds near the best."""
@@ -335,21 +375,31 @@ def naming_threshold(chance: Floats) -> float:
 
 def run_search(search: Search) -> Names:
     """Return the set of causes that the data support: none, one or several."""
-    chosen = _added(search, search.base.names)
-    pair = _best_pair(search)
-    if pair is not None and _score(search, pair) > _score(search, chosen):
-        chosen = _added(search, pair)
-    return _pruned(search, chosen)
+    chosen = _pruned(search, _added(search, search.base.names))
+    for _ in range(ROUNDS):
+        better = _exchanged(search, _elsewhere(search, chosen))
+        if better == chosen:
+            break
+        grown = _pruned(search, _added(search, better))
+        begun = chosen == search.base.names and len(grown) > 1
+        if begun and not _passes_at_once(search, chosen, grown):
+            break
+        chosen = grown
+    return chosen
 
 
 def rivals(search: Search, chosen: Names, cause: str) -> dict[str, float]:
     """Return what could stand in the place of one cause of a set, with log Bayes factors.
 
-    The factors are those of the whole set against the base model.
+    What screening puts near the best, and what is fitted already. The factors are those of the
+    whole set against the base model.
     """
     rest = chosen - {cause}
     _ensure(search, rest)
-    others = [name for name in search.leaders(rest) if name not in chosen]
+    larger = [names for names in search.trials if names > rest and len(names) == len(chosen)]
+    fitted = sorted(name for names in larger for name in names - rest)
+    leading = dict.fromkeys([*search.leaders(rest), *fitted])
+    others = [name for name in leading if name not in chosen]
     sets = search.fit(rest, others)
     return dict(zip(others, (search.factor(names) for names in sets), strict=True))
 
@@ -367,25 +417,86 @@ def _added(search: Search, names: Names) -> Names:
     return names
 
 
-def _best_pair(search: Search) -> Names | None:
-    """Return the best of the pairs that screening finds better than any single cause."""
-    start = search.base.names
-    step = search.step(start)
-    pairs = screen_pairs(step.trial.linear, list(step.screened.values()))
-    single = max((s.log_bayes_factor for s in step.screened.values()), default=0.0)
-    better = {p: f for p, f in pairs.items() if f > single + step.threshold}
-    tried = []
-    for first, second in sorted(better, key=lambda p: -better[p])[: search.effort.pairs]:
-        [one] = search.fit(start, [first])
-        tried += search.fit(one, [second])
-    return max(tried, key=search.factor, default=None)
+def _elsewhere(search: Search, chosen: Names) -> Names:
+    """Return the best of a set and of those in reach that no single addition or exchange leads to.
+
+    A set of as many causes need only be better; a larger one must gain what naming takes.
+    """
+    reached = in_reach(search, chosen)
+    search.fit_sets({one.names: one.sizes for one in reached})
+    same = [names for names in search.trials if len(names) == len(chosen)]
+    best = max(same, key=search.factor)
+    larger = [one.names for one in reached if len(one.names) > len(chosen)]
+    passing = [names for names in larger if _passes_at_once(search, best, names)]
+    penalty = set_penalties(len(search.causes))
+    return max([best, *passing], key=lambda n: search.factor(n) - penalty[len(n)])
+
+
+def _passes_at_once(search: Search, names: Names, larger: Names) -> bool:
+    """Return whether a larger set, which need not hold the smaller one, gains what naming takes.
+
+    Where nothing was named, chance has all pairs to choose from. They are held against what chance
+    leaves of its 5 % to single causes, so that both together keep it.
+    """
+    if names != search.base.names:
+        return search.passes(names, larger)
+    step = search.step(names)
+    least = LEAST_FACTOR + float(np.log(max(len(search.causes) - 1, 2) / 2.0))
+    gain = search.factor(larger)
+    if gain < least or not len(step.simulated):
+        return gain >= least
+    linear = step.trial.linear
+    columns = [sensitivities(linear, cause) for cause in search.causes]
+    singles = factors_by_chance(linear, search.causes, step.simulated)
+    pairs = largest_by_chance(linear.whiten(step.simulated), columns)
+    return gain > beside_the_rate(singles, pairs, step.threshold)
+
+
+def beside_the_rate(singles: Floats, pairs: Floats, threshold: float) -> float:
+    """Return the log Bayes factor of a pair that keeps the rate of false names [nats].
+
+    Parameters
+    ----------
+    singles, pairs : array, shape (k,)
+        The best single cause and the best pair in each of k data sets without an effect.
+    threshold : float
+        Which single causes have to pass.
+
+    Returns
+    -------
+    float
+        In at most 5 % of the data sets a cause or a pair passes; where single causes use that up,
+        what no other data set reaches.
+
+    Examples
+    --------
+    >>> beside_the_rate(np.arange(100.0), np.arange(100.0), 96.5)
+    94.0
+    """
+    left = np.sort(pairs[singles <= threshold])[::-1]
+    allowed = int(FALSE_NAME_RATE * len(pairs)) - int(np.sum(singles > threshold))
+    return float(left[min(max(allowed, 0), len(left) - 1)]) if len(left) else np.inf
+
+
+def _exchanged(search: Search, chosen: Names) -> Names:
+    """Put a rival in the place of a cause as long as that makes a better set."""
+    while True:
+        found = {
+            chosen - {name} | {rival}: factor
+            for name in sorted(chosen)
+            for rival, factor in rivals(search, chosen, name).items()
+        }
+        best = max(found, key=lambda names: found[names], default=chosen)
+        if search.factor(best) <= search.factor(chosen):
+            return chosen
+        chosen = best
 
 
 def _pruned(search: Search, names: Names) -> Names:
     """Leave out causes that do not earn their place beside the others."""
-    while len(names) > 1:
+    while names - search.base.names:
         gains = {}
-        for name in names:
+        for name in sorted(names - search.base.names):
             _ensure(search, names - {name})
             gains[name] = search.factor(names) - search.factor(names - {name})
         weakest = min(gains, key=lambda name: gains[name])
@@ -404,15 +515,152 @@ def _ensure(search: Search, names: Names) -> None:
         [known] = search.fit(known, [name])
 
 
-def _score(search: Search, names: Names) -> float:
-    """Return the log Bayes factor less what every cause beyond the first has to earn."""
-    step = search.step(search.base.names)
-    return search.factor(names) - step.threshold * max(len(names) - 1, 0)
+@dataclass(frozen=True)
+class RankedSet:
+    """A set of causes on the linear scale.
+
+    Parameters
+    ----------
+    names : frozenset of str
+        The causes.
+    log_bayes_factor : float
+        Against the base model [nats].
+    score : float
+        That less ln of the number of sets as large [nats].
+    sizes : mapping of str to array
+        Most probable sizes in it, on the unconstrained scale.
+    """
+
+    names: Names
+    log_bayes_factor: float
+    score: float
+    sizes: Mapping[str, Floats]
+
+
+def set_penalties(count: int) -> Floats:
+    """Return ln of the number of sets of 0, 1, … of so many causes: what their priors differ by.
+
+    Examples
+    --------
+    >>> np.exp(set_penalties(4)).round().tolist()
+    [1.0, 4.0, 6.0, 4.0, 1.0]
+    """
+    steps = [max(count - k, 1) / (k + 1) for k in range(count)]
+    found: Floats = np.cumsum(np.log([1.0, *steps]))
+    return found
+
+
+def in_reach(search: Search, chosen: Names) -> list[RankedSet]:
+    """Return the sets to be fitted beside a chosen one, the most plausible first.
+
+    They differ from it by two causes at least, and screening puts them within odds of 20 of it, or
+    finds that they gain about what further causes take, and beyond a cause what chance gives for
+    there being more sets to choose from. At most as many as the effort allows.
+    """
+    scale = SetScale.of(search, chosen)
+    own = scale.log_bayes_factor(chosen)
+    if own is None:
+        return []
+    wanted = search.step(chosen).threshold - MARGIN
+    found = []
+    for size in range(max(len(chosen), 2), min(MOST_CAUSES, len(search.causes)) + 1):
+        more = size - len(chosen)
+        # without a cause errors have grown most, and screening is lowest: a few fits are worth it
+        choice = float(scale.penalties[size] - scale.penalties[len(chosen)]) if chosen else 0.0
+        least = own + wanted * more + choice if more else own - LEAST_FACTOR
+        found += [one for one in scale.best(size, least) if len(one.names - chosen) > 1]
+    found.sort(key=lambda one: -one.score)
+    return found[: search.effort.pairs]
+
+
+@dataclass(frozen=True)
+class SetScale:
+    """All sets of causes on one linear scale: that of the base model, with the scatter of a set.
+
+    Parameters
+    ----------
+    scales : tuple of JointScreening
+        Of the base model, and where its parameters have given way to the misfit, of it unbent.
+    own : tuple of array
+        What the causes of each scale gain alone by more than they do linearly [nats].
+    penalties : array
+        Those of `set_penalties`.
+    """
+
+    scales: tuple[JointScreening, ...]
+    own: tuple[Floats, ...]
+    penalties: Floats
+
+    @classmethod
+    def of(cls, search: Search, names: Names) -> "SetScale":
+        """Return the scale with the scatter of a fitted set, without that of its causes."""
+        step, base = search.step(search.base.names), search.base
+        fitted = search.trials[names]
+        known = dict(zip(fitted.subject.table.names, fitted.mode, strict=True))
+        point = np.array([known[name] for name in base.subject.table.names])
+        scatter = base.subject.scatter(point)
+        scales, own = [], []
+        for linear, found in ((base.linear, step.screened), (base.unbent(), step.unbent)):
+            screened = [one for one in found.values() if not one.cause.is_of_rupture_alone]
+            if linear is None or not screened:
+                continue
+            plain = JointScreening.of(linear.observed, screened)
+            factors = {one.cause.name: one.log_bayes_factor for one in screened}
+            beyond = np.array([factors[cause.name] for cause in plain.causes]) - plain.alone
+            own.append(np.where(np.isfinite(beyond), beyond, 0.0))
+            scales.append(JointScreening.at(linear, screened, scatter))
+        return cls(tuple(scales), tuple(own), set_penalties(len(search.causes)))
+
+    def log_bayes_factor(self, names: Names) -> float | None:
+        """Return the log Bayes factor of a set; None where one of it changes no reading."""
+        if not names:
+            return 0.0
+        found = [
+            float(scale.factors(places[None])[0] + np.sum(own[places]))
+            for scale, own in zip(self.scales, self.own, strict=True)
+            if (places := scale.places_of(names)) is not None
+        ]
+        return max(found, default=None)
+
+    def sizes_of(self, names: Names) -> dict[str, Floats]:
+        """Return the most probable sizes in a set, on the unconstrained scale, by name.
+
+        Empty where a cause of them changes no reading.
+        """
+        for scale in self.scales:
+            places = scale.places_of(names)
+            if places is not None:
+                return scale.sizes_of(places)
+        return {}
+
+    def best(self, size: int, least: float) -> list[RankedSet]:
+        """Return the sets of so many causes with at least some log Bayes factor."""
+        found: dict[Names, RankedSet] = {}
+        for scale, own in zip(self.scales, self.own, strict=True):
+            sets = scale.all_sets(size)
+            factors = scale.factors(sets) + np.sum(own[sets], axis=1)
+            for k in np.flatnonzero(factors >= least):
+                names, factor = scale.names_of(sets[k]), float(factors[k])
+                if names not in found or found[names].log_bayes_factor < factor:
+                    score = factor - float(self.penalties[size])
+                    found[names] = RankedSet(names, factor, score, scale.sizes_of(sets[k]))
+        return list(found.values())
 
 
 def _fitted(parent: Trial, job: tuple[Cause, Floats, np.random.SeedSequence]) -> Trial:
     cause, size, seed = job
     return try_causes(parent, cause, size, np.random.default_rng(seed))
+
+
+type _Way = tuple[Trial, list[tuple[Cause, Floats, np.random.SeedSequence]]]
+
+
+def _fitted_in_turn(way: _Way) -> list[Trial]:
+    trial, found = way[0], []
+    for job in way[1]:
+        trial = _fitted(trial, job)
+        found.append(trial)
+    return found
 
 
 def _screened(trial: Trial, job: tuple[Cause, np.random.SeedSequence]) -> Screened:
