@@ -5,10 +5,13 @@ import json
 import os
 import re
 import stat
+import struct
+import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib.resources.abc import Traversable
 from pathlib import Path
+from zipfile import BadZipFile
 
 from bayesdeg.errors import BayesdegError, ResumableError
 
@@ -24,6 +27,12 @@ EMULATOR_MB = 200.0
 
 #: Levels of lists and tables within one another; what bayesdeg reads has at most six.
 DEEPEST = 30
+
+#: What zipfile and numpy say of an archive of arrays that is damaged, or promises what it lacks.
+OF_DAMAGED_ARCHIVES = (
+    *(OSError, ValueError, LookupError, EOFError, RuntimeError, TypeError),
+    *(MemoryError, OverflowError, struct.error, BadZipFile, zlib.error),
+)
 
 _KINDS = (
     (stat.S_ISDIR, "folder"),

@@ -6,14 +6,12 @@ An emulator's record says what it was trained on; to read it needs nothing compi
 import hashlib
 import io
 import json
-import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from math import ceil, prod
 from pathlib import Path
-from zipfile import BadZipFile
 
 import numpy as np
 
@@ -24,7 +22,7 @@ from bayesdeg.data.families import Kind as ActuatorKind
 from bayesdeg.data.families import Mould
 from bayesdeg.data.settings import Dimensions
 from bayesdeg.errors import BayesdegError
-from bayesdeg.files import EMULATOR_MB, read_bytes, reason
+from bayesdeg.files import EMULATOR_MB, OF_DAMAGED_ARCHIVES, read_bytes, reason
 
 FIRST_STAGE = (512, 96, 11)  # numbers of runs and seed for which the second stage was chosen
 
@@ -245,7 +243,7 @@ def read_content[T](path: Traversable, take: Callable[[bytes], T]) -> T:
         ) from fault
     try:
         return take(content)
-    except (OSError, ValueError, LookupError, EOFError, BadZipFile, zlib.error) as fault:
+    except OF_DAMAGED_ARCHIVES as fault:
         raise BayesdegError(
             f"{path} is damaged, or no emulator made by 'bayesdeg emulate' ({fault}); "
             "train it again"

@@ -7,7 +7,6 @@ sets of them, ``.zip``), and the points of curves that Fiji's plugin Kappa expor
 import io
 import struct
 import zipfile
-import zlib
 from collections.abc import Mapping
 
 import numpy as np
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 from roifile import ROI_TYPE, ImagejRoi
 
 from bayesdeg.errors import BayesdegError
+from bayesdeg.files import OF_DAMAGED_ARCHIVES
 
 Floats = NDArray[np.float64]
 
@@ -92,7 +92,7 @@ def _regions(name: str, content: bytes) -> dict[str, Floats]:
                     one = file.read(LARGEST_REGION)
                 label, line = _region(f"{name}: {entry.filename}", one)
                 found[label or entry.filename.rpartition("/")[2].removesuffix(".roi")] = line
-    except (zipfile.BadZipFile, zlib.error, RuntimeError, EOFError, *_DAMAGED) as fault:
+    except OF_DAMAGED_ARCHIVES as fault:
         raise _damaged(name) from fault
     if not found:
         raise BayesdegError(

@@ -5,26 +5,19 @@ survive its writer being killed.
 """
 
 import io
-import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
-from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdeg.files import refuse_special, write_bytes
+from bayesdeg.files import OF_DAMAGED_ARCHIVES, refuse_special, write_bytes
 from bayesdeg.inference.sampling import ChainStore, NoStore, Piece, digest
 
 ENDING = ".npz"
 LABELS = ("fingerprint", "key", "digest")
-UNREADABLE = (
-    *(OSError, ValueError, KeyError, EOFError, RuntimeError, TypeError),
-    *(MemoryError, BadZipFile, zlib.error),
-)
-"""What numpy and zipfile say of a file that is none."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +52,7 @@ class ChainPieces:
             if whole == digest(arrays):
                 is_own = (fingerprint, follows) == (self.fingerprint, key)
                 return Piece.from_arrays(arrays) if is_own else None
-        except UNREADABLE:
+        except OF_DAMAGED_ARCHIVES:
             pass
         self.damaged.append(path)
         return None
@@ -83,7 +76,7 @@ def save_arrays(path: Path, arrays: Mapping[str, NDArray[np.generic]]) -> None:
 
 
 def load_arrays(path: Path) -> dict[str, NDArray[Any]]:
-    """Read what `save_arrays` kept; of what is none, one of `UNREADABLE` is raised."""
+    """Read what `save_arrays` kept; of what is none, one of `OF_DAMAGED_ARCHIVES` is raised."""
     refuse_special(path)
     with path.open("rb") as content, np.load(content, allow_pickle=False) as stored:
         return {name: stored[name] for name in stored.files}
@@ -153,7 +146,7 @@ class Checkpoints:
         try:
             arrays = load_arrays(path)
             return arrays if str(arrays.pop("fingerprint")) == self.fingerprint else None
-        except UNREADABLE:
+        except OF_DAMAGED_ARCHIVES:
             return None
 
     def save(self, name: str, arrays: Mapping[str, NDArray[np.float64]]) -> None:

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from dataclasses import fields as fields_of
 from itertools import product
 from pathlib import Path
-from zipfile import BadZipFile
 
 import meshio  # type: ignore[import-untyped]
 import numpy as np
@@ -16,7 +15,7 @@ from skfem.quadrature import get_quadrature
 from bayesdeg.actuator.body import Body, Element, boundary_faces, isoparametric
 from bayesdeg.actuator.problem import MechanicalState, Problem
 from bayesdeg.errors import BayesdegError
-from bayesdeg.files import refuse_special, write_bytes, written
+from bayesdeg.files import OF_DAMAGED_ARCHIVES, refuse_special, write_bytes, written
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -574,7 +573,7 @@ def read_surface(folder: Path) -> Surface | None:
                 tuple(Shape(*row) for row in zip(*columns, strict=True)),
             )
         _check(surface)
-    except (OSError, ValueError, KeyError, EOFError, BadZipFile) as fault:
+    except OF_DAMAGED_ARCHIVES as fault:
         raise BayesdegError(
             f"{path}: {fault}; the file is damaged or from another version: run the study again "
             "with --fresh, or delete the file to leave its figure out of the report"
