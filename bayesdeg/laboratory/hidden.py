@@ -5,6 +5,7 @@ each set acts, so that ``[["creep", "mullins"], ["gravity"]]``, in a cell ``cree
 is "creep or mullins, and gravity besides".
 """
 
+import json
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from enum import StrEnum
@@ -218,9 +219,9 @@ def lines_of(records: Iterable[FileRecord]) -> str:
     Examples
     --------
     >>> print(lines_of([HiddenTruth(study="0001", origin=Origin.NOTHING)])[:37])
-    {"schema_version":1,"study":"0001","o
+    {"schema_version": 1, "study": "0001"
     """
-    return "".join(f"{record.model_dump_json()}\n" for record in records)
+    return "".join(f"{json.dumps(record.document(), ensure_ascii=False)}\n" for record in records)
 
 
 def wrong_answer(answer: HiddenAnswer, file: str, row: int | None = None) -> Iterator[Fault]:
