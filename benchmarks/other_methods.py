@@ -10,12 +10,12 @@ parameters are integrated out, so that what a cause does is what is left of it a
 taken before by 20 to 1, at most two; those within 20 to 1 of a taken one are said with it; what is
 left is tested by its sum of squares.
 
-**Kennedy and O'Hagan.** The readings get a discrepancy, a Gaussian process over pressure,
-degradation and whatever else was varied, with hyperparameters of largest posterior density; it
-exists if it raises the likelihood more than chance does. Then its users look at it: the cause whose
-own effect, seen through the same smoother, looks most like it is what they say. Draws of the
-discrepancy say how sure that is: the set said holds 95 % of them. A discrepancy that looks like no
-cause is unexplained.
+**Kennedy and O'Hagan.** The readings are :math:`\rho f` and a discrepancy, a Gaussian process over
+pressure, degradation and whatever else was varied, with hyperparameters of largest posterior
+density; both together are real if they raise the likelihood more than chance does. Then its users
+look at what they add: the cause whose own effect, seen through the same smoother, looks most like
+it is what they say. Draws of it say how sure that is: the set said holds 95 % of them. What looks
+like no cause is unexplained.
 
 References
 ----------
@@ -58,9 +58,15 @@ MOST_CAUSES = 2
 NINETY = float(stats.norm.ppf(0.95))
 
 LARGEST_FIT = 400  # readings on which hyperparameters are found; the rest of the work takes all
-STARTS = ((0.5, 0.02), (1.5, 0.1))  # length over range, amplitude over the readings' size
-LENGTH_PRIOR, AMPLITUDE_PRIOR, NOISE_PRIOR = 1.0, 1.5, 0.5  # sd of logs about their centres
-CENTRES = (0.0, -3.0, 0.0)  # of ln length over range, ln amplitude over size, ln noise over fitted
+STARTS = ((0.5, 0.02, 0.02), (1.5, 0.1, 0.1))  # the first three of these, not in logs
+LENGTH_PRIOR, AMPLITUDE_PRIOR, FACTOR_PRIOR, NOISE_PRIOR = (
+    1.0,
+    1.5,
+    1.5,
+    1.0,
+)  # sd of logs about their centres
+# of ln length over range, amplitude over size, deviation of ρ from 1, noise over fitted noise
+CENTRES = (0.0, -3.0, -3.0, 0.0)
 DRAWS = 400
 HELD = 0.95  # of the draws that the set said holds
 LOOKS_LIKE = 0.9  # correlation below which a discrepancy is said to look like no cause
@@ -207,14 +213,15 @@ def _probabilities(z: Floats, columns: Mapping[str, Floats]) -> dict[str, float]
 
 @dataclass(frozen=True)
 class Discrepancy:
-    r"""A Gaussian process beside a model that is refitted: :math:`r \sim N(0, s^2 V + U U^T + K)`.
+    r"""A Gaussian process beside a refitted model: :math:`r \sim N(0, s^2 E + t^2 D + U U^T + K)`.
 
     Parameters
     ----------
     residual : array, shape (n,)
         Readings less what all other data say of them.
-    scatter : array, shape (n, n)
-        V, fitted without a discrepancy, so that s is to be found.
+    errors, specimens : array, shape (n, n)
+        E of reading and D of specimens, whose sum is V; their sizes were fitted without a
+        discrepancy, to which they have made room, so that s and t are found with it.
     shared : array, shape (n, k)
         U, of the parameters.
     inputs : array, shape (n, d)
@@ -223,14 +230,18 @@ class Discrepancy:
         Kind of reading; each has a process of its own, −1 none.
     size : array, shape (n,)
         Of the readings of a kind, in which amplitudes are counted.
+    predicted : array, shape (n,)
+        f where there is a process, else 0.
     """
 
     residual: Floats
-    scatter: Floats
+    errors: Floats
+    specimens: Floats
     shared: Floats
     inputs: Floats
     block: NDArray[np.int64]
     size: Floats
+    predicted: Floats
 
     @classmethod
     def of(cls, base: Trial) -> "Discrepancy":
@@ -239,24 +250,30 @@ class Discrepancy:
         values, vectors = np.linalg.eigh(base.uncertain)
         root = vectors * np.sqrt(np.maximum(values, 0.0))
         block, size = _blocks(places, linear.subject.observed)
+        own = linear.subject.deviations(linear.mode)
+        specimens = (own.slope * own.spread) @ own.slope.T
         return cls(
             linear.subject.observed - linear.mean,
-            linear.scatter,
+            linear.scatter - specimens,
+            specimens,
             linear.jacobian @ root,
-            _inputs(places),
+            _inputs(places, block >= 0),
             block,
             size,
+            np.where(block >= 0, linear.mean, 0.0),
         )
 
     def part(self, rows: NDArray[np.intp]) -> "Discrepancy":
         """Return that of some of the readings."""
         return Discrepancy(
             self.residual[rows],
-            self.scatter[np.ix_(rows, rows)],
+            self.errors[np.ix_(rows, rows)],
+            self.specimens[np.ix_(rows, rows)],
             self.shared[rows],
             self.inputs[rows],
             self.block[rows],
             self.size[rows],
+            self.predicted[rows],
         )
 
     @property
@@ -264,12 +281,13 @@ class Discrepancy:
         """How many kinds of readings have a process."""
         return int(self.block.max()) + 1
 
-    def without(self, log_noise: float) -> Floats:
-        """Return the covariance without a process."""
-        return np.exp(2.0 * log_noise) * self.scatter + self.shared @ self.shared.T
+    def without(self, logs: Floats) -> Floats:
+        """Return the covariance without a process; the last logs are those of s and t."""
+        error, scatter = np.exp(2.0 * logs[-2:])
+        return error * self.errors + scatter * self.specimens + self.shared @ self.shared.T
 
     def process(self, logs: Floats) -> Floats:
-        """Return K: squared exponentials with ln lengths, then ln amplitudes by kind."""
+        """Return K: squared exponentials with ln lengths, ln amplitudes by kind; then ln of ρ's."""
         dimensions = self.inputs.shape[1]
         scaled = self.inputs / np.exp(logs[:dimensions])
         square = np.sum(scaled**2, axis=1)
@@ -277,7 +295,8 @@ class Discrepancy:
         amplitude = np.exp(np.append(logs[dimensions : dimensions + self.kinds], -np.inf))
         height = amplitude[self.block] * self.size
         alike = self.block[:, None] == self.block
-        return np.exp(-0.5 * apart) * height[:, None] * height * alike
+        factor = np.exp(logs[dimensions + self.kinds]) * self.predicted
+        return np.exp(-0.5 * apart) * height[:, None] * height * alike + np.outer(factor, factor)
 
     def log_likelihood(self, covariance: Floats) -> float:
         """Return ln N(r; 0, C); −inf where C is not positive definite."""
@@ -303,22 +322,22 @@ def _is_actuator(places: Places, kind: str) -> bool:
     return bool(np.all(places.family[places.kind == kind] == "actuator"))
 
 
-def _inputs(places: Places) -> Floats:
+def _inputs(places: Places, rows: NDArray[np.bool_]) -> Floats:
     """Return pressure, degradation, the course of time and each history, over their ranges."""
     columns = [places.along, places.level, np.log1p(np.nan_to_num(places.time))]
     columns += [1.0 * (places.history == name) for name in dict.fromkeys(places.history)]
-    varied = [column for column in columns if np.ptp(column) > 0.0]
-    return np.stack([column / np.ptp(column) for column in varied], axis=1)
+    varied = [column for column in columns if np.ptp(column[rows]) > 0.0]
+    return np.stack([column / np.ptp(column[rows]) for column in varied], axis=1)
 
 
 def kennedy_ohagan(study: FittedStudy) -> HiddenAnswer:
     """Say what the discrepancy of a study looks like."""
     whole = Discrepancy.of(study.base)
     step = -(-len(whole.residual) // LARGEST_FIT)
-    logs, noise = _fitted(whole.part(np.arange(0, len(whole.residual), step)))
-    gain = whole.log_likelihood(whole.without(logs[-1]) + whole.process(logs))
-    gain -= whole.log_likelihood(whole.without(noise))
-    p_value = float(stats.chi2.sf(2.0 * max(gain, 0.0), len(logs) - 1))
+    logs, alone = _fitted(whole.part(np.arange(0, len(whole.residual), step)))
+    gain = whole.log_likelihood(whole.without(logs) + whole.process(logs))
+    gain -= whole.log_likelihood(whole.without(alone))
+    p_value = float(stats.chi2.sf(2.0 * max(gain, 0.0), whole.kinds + 1))
     if p_value > MISFIT_LEVEL:
         return HiddenAnswer(study=study.name, outcome=Outcome.ADEQUATE, p_value=p_value)
     names, likeness, chances = _looked_at(study, whole, logs)
@@ -335,35 +354,27 @@ def kennedy_ohagan(study: FittedStudy) -> HiddenAnswer:
     )
 
 
-def _fitted(part: Discrepancy) -> tuple[Floats, float]:
-    """Return ln of lengths, amplitudes and noise with a process, and of the noise without one."""
-    dimensions, kinds = part.inputs.shape[1], part.kinds
-    centre = np.repeat(CENTRES, [dimensions, kinds, 1])
-    width = np.repeat([LENGTH_PRIOR, AMPLITUDE_PRIOR, NOISE_PRIOR], [dimensions, kinds, 1])
+def _fitted(part: Discrepancy) -> tuple[Floats, Floats]:
+    """Return ln of lengths, amplitudes, s and t with a process, and of s and t without one."""
+    numbers = [part.inputs.shape[1], part.kinds, 1, 2]
+    centre = np.repeat(CENTRES, numbers)
+    width = np.repeat([LENGTH_PRIOR, AMPLITUDE_PRIOR, FACTOR_PRIOR, NOISE_PRIOR], numbers)
 
     def against(logs: Floats) -> float:
-        covariance = part.without(logs[-1]) + part.process(logs)
-        penalty = 0.5 * np.sum(((logs - centre) / width) ** 2)
-        return min(float(penalty) - part.log_likelihood(covariance), 1e12)
+        count = len(logs)
+        penalty = 0.5 * np.sum(((logs - centre[-count:]) / width[-count:]) ** 2)
+        process = part.process(logs) if count > 2 else 0.0
+        return min(float(penalty) - part.log_likelihood(part.without(logs) + process), 1e12)
 
-    def against_none(log_noise: Floats) -> float:
-        penalty = 0.5 * (float(log_noise[0]) / NOISE_PRIOR) ** 2
-        return min(penalty - part.log_likelihood(part.without(float(log_noise[0]))), 1e12)
+    def least(start: Floats) -> Floats:
+        reach = 4.0 * width[-len(start) :]
+        bounds = np.stack([centre[-len(start) :] - reach, centre[-len(start) :] + reach], axis=1)
+        how = {"method": "L-BFGS-B", "bounds": bounds, "options": {"maxiter": 40}}
+        return np.asarray(minimize(against, start, **how).x)
 
-    bounds = [(low, high) for low, high in zip(centre - 4 * width, centre + 4 * width, strict=True)]
-    found = [
-        minimize(
-            against,
-            np.repeat([np.log(length), np.log(amplitude), 0.0], [dimensions, kinds, 1]),
-            method="L-BFGS-B",
-            bounds=bounds,
-            options={"maxiter": 40},
-        )
-        for length, amplitude in STARTS
-    ]
-    best = min(found, key=lambda one: float(one.fun))
-    none = minimize(against_none, np.zeros(1), method="L-BFGS-B", bounds=bounds[-1:])
-    return np.asarray(best.x), float(none.x[0])
+    alone = least(np.zeros(2))
+    starts = (np.concatenate([np.repeat(np.log(start), numbers[:3]), alone]) for start in STARTS)
+    return min(map(least, starts), key=against), alone
 
 
 def _looked_at(
@@ -374,7 +385,7 @@ def _looked_at(
     Likeness is the correlation over the readings, weighed by what they know after a refit. What a
     cause would do is passed through the same smoother first.
     """
-    without, process = whole.without(logs[-1]), whole.process(logs)
+    without, process = whole.without(logs), whole.process(logs)
     known = cho_factor(without + process, lower=True)
     smoother = cho_solve(known, process).T
     rows = whole.block >= 0

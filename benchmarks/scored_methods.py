@@ -16,14 +16,14 @@ import argparse
 import hashlib
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 
 import numpy as np
 from other_methods import METHODS as OTHERS
-from other_methods import fit_study
+from other_methods import FittedStudy, fit_study
 from threadpoolctl import threadpool_limits
 
 from bayesdeg.data.study import read_study
@@ -59,12 +59,11 @@ SHOWN = (
 
 def judged(folder: Path) -> HiddenAnswer:
     """Return what bayesdeg says of a study, as ``bayesdeg run`` does at quick effort."""
-    with threadpool_limits(limits=1):
-        study = read_study(folder)
-        assembly = assemble(study)
-        fitting, judging = np.random.SeedSequence(study.settings.seed).spawn(2)
-        base = base_without_chain(assembly.model, fitting)
-        found = judge(assembly, base, effort=JUDGE_EFFORTS["quick"], seed=judging)
+    study = read_study(folder)
+    assembly = assemble(study)
+    fitting, judging = np.random.SeedSequence(study.settings.seed).spawn(2)
+    base = base_without_chain(assembly.model, fitting)
+    found = judge(assembly, base, effort=JUDGE_EFFORTS["quick"], seed=judging)
     sets = said_by(found)
     stated = {name for names in sets for name in names}
     tried = [one for one in found.candidates if one.probability is not None]
@@ -103,13 +102,11 @@ def answered(method: str, folder: Path) -> tuple[HiddenAnswer, float]:
     if path.exists():
         kept = json.loads(path.read_text(encoding="utf-8"))
         return HiddenAnswer.read(kept["answer"]), kept["seconds"]
+    fitted, seconds = (None, 0.0) if method == "bayesdeg" else _fit(folder)
     start = time.perf_counter()
-    if method == "bayesdeg":
-        answer = judged(folder)
-    else:
-        with threadpool_limits(limits=1):
-            answer = OTHERS[method](fit_study(folder))
-    seconds = time.perf_counter() - start
+    with threadpool_limits(limits=1):
+        answer = judged(folder) if fitted is None else OTHERS[method](fitted)
+    seconds += time.perf_counter() - start
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_suffix(".part")
     kept = {"seconds": seconds, "answer": answer.document()}
@@ -118,17 +115,33 @@ def answered(method: str, folder: Path) -> tuple[HiddenAnswer, float]:
     return answer, seconds
 
 
+@lru_cache(maxsize=1)
+def _fit(folder: Path) -> tuple[FittedStudy, float]:
+    """Return the base model that two methods start from, and the seconds that it took."""
+    start = time.perf_counter()
+    found = fit_study(folder)
+    return found, time.perf_counter() - start
+
+
 def answers_of(
-    method: str, studies: list[Path], workers: int
-) -> tuple[tuple[HiddenAnswer, ...], float]:
-    """Return a method's answers on all studies, and the median of the seconds."""
-    ask: Callable[[Path], tuple[HiddenAnswer, float]] = partial(answered, method)
+    methods: Sequence[str], studies: Sequence[Path], workers: int
+) -> tuple[dict[str, tuple[HiddenAnswer, ...]], dict[str, float]]:
+    """Return the answers of methods on all studies, and the median seconds of each."""
+    ask = partial(_answers, tuple(methods))
     if workers == 1:
         found = [ask(folder) for folder in studies]
     else:
         with ProcessPoolExecutor(workers) as pool:
             found = list(pool.map(ask, studies))
-    return tuple(one for one, _ in found), float(np.median([seconds for _, seconds in found]))
+    answers, seconds = {}, {}
+    for place, method in enumerate(methods):
+        answers[method] = tuple(row[place][0] for row in found)
+        seconds[method] = float(np.median([row[place][1] for row in found]))
+    return answers, seconds
+
+
+def _answers(methods: tuple[str, ...], folder: Path) -> list[tuple[HiddenAnswer, float]]:
+    return [answered(method, folder) for method in methods]
 
 
 def recorded(folder: Path) -> tuple[tuple[HiddenTruth, ...], dict[str, tuple[HiddenAnswer, ...]]]:
@@ -243,9 +256,7 @@ def main() -> None:
     else:
         truths = read_truths(options.truths.read_bytes(), str(options.truths))
         folders = [options.studies / truth.study for truth in truths]
-        answers = {}
-        for method in options.methods:
-            answers[method], seconds[method] = answers_of(method, folders, options.workers)
+        answers, seconds = answers_of(options.methods, folders, options.workers)
         if options.record is not None:
             write_record(options.record, truths, answers)
     scores = {method: score(given, truths, method) for method, given in answers.items()}

@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import sys
 from collections import Counter
 from importlib import import_module
 from pathlib import Path
@@ -190,20 +189,26 @@ def test_the_likelihood_of_a_discrepancy_is_that_of_its_normal_law():
     count = 12
     part = methods.Discrepancy(
         residual=generator.standard_normal(count),
-        scatter=np.diag(generator.uniform(0.5, 2.0, count)),
+        errors=np.diag(generator.uniform(0.5, 2.0, count)),
+        specimens=np.kron(np.eye(4), np.ones((3, 3))),
         shared=generator.standard_normal((count, 2)),
         inputs=generator.uniform(size=(count, 2)),
         block=np.repeat([0, 1, -1], 4),
         size=np.repeat([1.0, 3.0, 1.0], 4),
+        predicted=np.repeat([2.0, 5.0, 0.0], 4),
     )
-    logs = np.log([0.5, 0.7, 0.2, 0.3, 1.2])
+    logs = np.log([0.5, 0.7, 0.2, 0.3, 0.1, 1.2, 0.6])
     process = part.process(logs)
     gaps = (part.inputs[0] - part.inputs[1]) / [0.5, 0.7]
-    assert process[0, 1] == pytest.approx(0.2**2 * np.exp(-0.5 * gaps @ gaps))
-    assert process[4, 4] == pytest.approx((0.3 * 3.0) ** 2)
+    assert process[0, 1] == pytest.approx(0.2**2 * np.exp(-0.5 * gaps @ gaps) + 0.2**2)
+    assert process[4, 4] == pytest.approx((0.3 * 3.0) ** 2 + 0.5**2)
     assert not process[8:].any()  # films have none
-    assert not process[:4, 4:].any()  # nor have two kinds one in common
-    whole = part.without(logs[-1]) + process
+    # two kinds have the factor alone in common
+    assert process[:4, 4:8] == pytest.approx(0.2 * 0.5)
+    whole = part.without(logs) + process
+    assert whole[8, 8] == pytest.approx(
+        1.2**2 * part.errors[8, 8] + 0.6**2 + part.shared[8] @ part.shared[8]
+    )
     sign, log_determinant = np.linalg.slogdet(whole)
     wanted = -0.5 * (log_determinant + part.residual @ np.linalg.solve(whole, part.residual))
     assert sign > 0
