@@ -14,7 +14,7 @@ left is tested by its sum of squares.
 pressure, degradation and whatever else was varied, with hyperparameters of largest posterior
 density; both together are real if they raise the likelihood more than chance does. Then its users
 look at what they add: the cause whose own effect, seen through the same smoother, looks most like
-it is what they say. Draws of it say how sure that is: the set said holds 95 % of them. What looks
+it is what they say. Draws of it say how sure that is: the set said holds 80 % of them. What looks
 like no cause is unexplained.
 
 References
@@ -68,8 +68,8 @@ LENGTH_PRIOR, AMPLITUDE_PRIOR, FACTOR_PRIOR, NOISE_PRIOR = (
 # of ln length over range, amplitude over size, deviation of ρ from 1, noise over fitted noise
 CENTRES = (0.0, -3.0, -3.0, 0.0)
 DRAWS = 400
-HELD = 0.95  # of the draws that the set said holds
-LOOKS_LIKE = 0.9  # correlation below which a discrepancy is said to look like no cause
+HELD = 0.8  # of the draws that the set said holds
+LOOKS_LIKE = 0.8  # correlation below which a discrepancy is said to look like no cause
 JITTER = 1e-8
 
 
@@ -427,7 +427,7 @@ def _correlation(seen: Floats, effect: Floats, cause: Cause) -> Floats:
 
 
 def _said(names: Sequence[str], chances: Floats) -> Sets:
-    """Return the smallest set of causes that holds 95 % of the draws."""
+    """Return the smallest set of causes that holds 80 % of the draws."""
     order = np.argsort(-chances)
     count = int(np.searchsorted(np.cumsum(chances[order]), HELD)) + 1
     return (tuple(names[place] for place in order[:count]),)

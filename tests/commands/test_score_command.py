@@ -8,7 +8,7 @@ import pytest
 
 from bayesdeg.cli import exit_code
 from bayesdeg.laboratory.hidden import HiddenTruth, lines_of
-from bayesdeg.laboratory.score import SAID
+from bayesdeg.laboratory.score import OUTSIDE, SAID, SEVERAL, WITH_IT, WITHOUT_IT
 
 TRUTHS = [
     HiddenTruth(study="0001", origin="nothing"),
@@ -39,7 +39,7 @@ def test_a_score_is_printed(ask):
     assert code == 0
     words = " ".join(out.replace("│", " ").split())
     assert "combinations said 3 0.50" in words
-    assert "one of several, it among them 1" in words
+    assert f"{WITH_IT} 1" in words
 
 
 def test_json_is_all_that_is_printed_and_files_hold_the_same(ask, tmp_path):
@@ -47,7 +47,7 @@ def test_json_is_all_that_is_printed_and_files_hold_the_same(ask, tmp_path):
     assert code == 0
     found = json.loads(out)
     assert found["credit"]["count"] == 1.5
-    assert found["matrix"]["outside the catalogue"] == {"gravity": 1}
+    assert found["matrix"][OUTSIDE] == {"gravity": 1}
     folder = tmp_path / "scored"
     assert json.loads((folder / "score.json").read_text(encoding="utf-8")) == found
     matrix = pd.read_csv(folder / "isolability.csv")
@@ -89,8 +89,8 @@ def test_run_folders_are_answers(ask, tmp_path):
     code, out, _ = ask(runs(tmp_path), "truths.jsonl", "--json")
     found = json.loads(out)
     assert code == 0
-    assert found["matrix"]["creep"] == {"several at once": 1}
-    assert found["matrix"]["outside the catalogue"] == {"one of several, without it": 1}
+    assert found["matrix"]["creep"] == {SEVERAL: 1}
+    assert found["matrix"][OUTSIDE] == {WITHOUT_IT: 1}
     assert found["probabilities"]["brier"] == pytest.approx((0.0 + 0.1**2 + 1.0) / 3 - 1 / 3)
 
 
@@ -98,20 +98,20 @@ def test_a_verdict_that_states_its_sets_is_taken_at_its_word(ask, tmp_path):
     stated = {"study_0003": {"sets": [["creep", "erosion"], ["gravity"]]}}
     code, out, _ = ask(runs(tmp_path, **stated), "truths.jsonl", "--json")
     assert code == 0
-    assert json.loads(out)["matrix"]["outside the catalogue"] == {"several at once": 1}
+    assert json.loads(out)["matrix"][OUTSIDE] == {SEVERAL: 1}
 
 
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        (ANSWERS.replace("0002,", "0001,"), "row 3, column study, value '0001'"),
-        (ANSWERS.replace("gravity", "gravty"), "row 4, column causes, value 'gravty'"),
-        (ANSWERS.replace("0003,named,gravity\n", ""), "column study, value '0003'"),
-        (ANSWERS + "0004,adequate,\n", "column study, value '0004'"),
-        (ANSWERS.replace("named", "sure"), "row 4, column outcome, value 'sure'"),
-        (ANSWERS.replace("causes", "causes,p_value").replace("\n0", ",\n0", 1), "answers.csv, row"),
-    ],
-)
+MALFORMED = [
+    (ANSWERS.replace("0002,", "0001,"), "row 3, column study, value '0001'"),
+    (ANSWERS.replace("gravity", "gravty"), "row 4, column causes, value 'gravty'"),
+    (ANSWERS.replace("0003,named,gravity\n", ""), "column study, value '0003'"),
+    (ANSWERS + "0004,adequate,\n", "column study, value '0004'"),
+    (ANSWERS.replace("named", "sure"), "row 4, column outcome, value 'sure'"),
+    (ANSWERS.replace("causes", "causes,p_value").replace("\n0", ",\n0", 1), "answers.csv, row"),
+]
+
+
+@pytest.mark.parametrize(("change", "said"), MALFORMED)
 def test_malformed_answers_are_one_line_and_exit_code_2(ask, tmp_path, change, said):
     (tmp_path / "answers.csv").write_text(change, encoding="utf-8")
     code, out, err = ask("answers.csv", "truths.jsonl", "--json", "--out", "scored")

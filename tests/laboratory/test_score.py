@@ -268,33 +268,33 @@ def test_answers_come_back_from_lines_and_from_cells(rows):
 GOOD = "study,outcome,causes,p_value,sizes,probabilities"
 
 
-@pytest.mark.parametrize(
-    ("row", "column"),
-    [
-        ("1,named,crep,,,", "causes"),
-        ("1,named,creep|creep,,,", "causes"),
-        ("1,named,creep||gravity,,,", "causes"),
-        ("1,named,creep;,,,", "causes"),
-        ("1,named,creep;creep;creep;creep;creep,,,", "causes"),
-        ("1,named,,,,", "outcome"),
-        ("1,adequate,creep,,,", "outcome"),
-        ("1,fine,,,,", "outcome"),
-        (",adequate,,,,", "study"),
-        ("1,adequate,,nan,,", "p_value"),
-        ("1,adequate,,2,,", "p_value"),
-        ("1,adequate,,-0.1,,", "p_value"),
-        ("1,adequate,,few,,", "p_value"),
-        ("1,named,creep,,creep.amount=0.5,", "sizes"),
-        ("1,named,creep,,creep.amount=0.5[2:1],", "sizes"),
-        ("1,named,creep,,creep.amount=nan[0:1],", "sizes"),
-        ("1,named,creep,,creep.amnt=0.5[0:1],", "sizes"),
-        ("1,named,creep,,crep.amount=0.5[0:1],", "sizes"),
-        ("1,named,creep,,,creep=1.5", "probabilities"),
-        ("1,named,creep,,,creep=inf", "probabilities"),
-        ("1,named,creep,,,crep=0.5", "probabilities"),
-        ("1,named,creep,,,creep", "probabilities"),
-    ],
-)
+WRONG_ROWS = [
+    ("1,named,crep,,,", "causes"),
+    ("1,named,creep|creep,,,", "causes"),
+    ("1,named,creep||gravity,,,", "causes"),
+    ("1,named,creep;,,,", "causes"),
+    ("1,named,creep;creep;creep;creep;creep,,,", "causes"),
+    ("1,named,,,,", "outcome"),
+    ("1,adequate,creep,,,", "outcome"),
+    ("1,fine,,,,", "outcome"),
+    (",adequate,,,,", "study"),
+    ("1,adequate,,nan,,", "p_value"),
+    ("1,adequate,,2,,", "p_value"),
+    ("1,adequate,,-0.1,,", "p_value"),
+    ("1,adequate,,few,,", "p_value"),
+    ("1,named,creep,,creep.amount=0.5,", "sizes"),
+    ("1,named,creep,,creep.amount=0.5[2:1],", "sizes"),
+    ("1,named,creep,,creep.amount=nan[0:1],", "sizes"),
+    ("1,named,creep,,creep.amnt=0.5[0:1],", "sizes"),
+    ("1,named,creep,,crep.amount=0.5[0:1],", "sizes"),
+    ("1,named,creep,,,creep=1.5", "probabilities"),
+    ("1,named,creep,,,creep=inf", "probabilities"),
+    ("1,named,creep,,,crep=0.5", "probabilities"),
+    ("1,named,creep,,,creep", "probabilities"),
+]
+
+
+@pytest.mark.parametrize(("row", "column"), WRONG_ROWS)
 def test_a_cell_that_cannot_be_meant_is_one_fault_that_says_where(row, column):
     with pytest.raises(StudyError) as caught:
         read_answers(f"{GOOD}\n0,adequate,,,,\n{row}\n".encode(), "a.csv")
@@ -304,26 +304,26 @@ def test_a_cell_that_cannot_be_meant_is_one_fault_that_says_where(row, column):
     assert fault.remedy
 
 
-@pytest.mark.parametrize(
-    ("name", "content", "row"),
-    [
-        ("a.csv", "", None),
-        ("a.csv", f"{GOOD}\n", 1),
-        ("a.csv", "study,outcome\n1,adequate\n", 1),
-        ("a.csv", "study,outcome,cause\n1,adequate,\n", 1),
-        ("a.csv", f"{GOOD}\n1,adequate,,,,\n1,adequate,,,,\n", 3),
-        ("a.csv", f"{GOOD}\n1,adequate,,,,,,\n2,adequate,,,,\n", 2),
-        ("a.jsonl", "", None),
-        ("a.jsonl", "{\n", 1),
-        ("a.jsonl", "[1]\n", 1),
-        ("a.jsonl", '{"study": "1"}\n', 1),
-        ("a.jsonl", '{"study": "1", "outcome": "fine"}\n', 1),
-        ("a.jsonl", '{"study": "1", "outcome": "adequate", "p_value": NaN}\n', 1),
-        ("a.jsonl", '{"study": "1", "outcome": "adequate", "sets": ["creep"]}\n', 1),
-        ("a.jsonl", '{"study": "1", "outcome": "named", "sets": [[]]}\n', 1),
-        ("a.jsonl", "\n".join(['{"study": "1", "outcome": "adequate"}'] * 2), 2),
-    ],
-)
+WRONG_FILES = [
+    ("a.csv", "", None),
+    ("a.csv", f"{GOOD}\n", 1),
+    ("a.csv", "study,outcome\n1,adequate\n", 1),
+    ("a.csv", "study,outcome,cause\n1,adequate,\n", 1),
+    ("a.csv", f"{GOOD}\n1,adequate,,,,\n1,adequate,,,,\n", 3),
+    ("a.csv", f"{GOOD}\n1,adequate,,,,,,\n2,adequate,,,,\n", 2),
+    ("a.jsonl", "", None),
+    ("a.jsonl", "{\n", 1),
+    ("a.jsonl", "[1]\n", 1),
+    ("a.jsonl", '{"study": "1"}\n', 1),
+    ("a.jsonl", '{"study": "1", "outcome": "fine"}\n', 1),
+    ("a.jsonl", '{"study": "1", "outcome": "adequate", "p_value": NaN}\n', 1),
+    ("a.jsonl", '{"study": "1", "outcome": "adequate", "sets": ["creep"]}\n', 1),
+    ("a.jsonl", '{"study": "1", "outcome": "named", "sets": [[]]}\n', 1),
+    ("a.jsonl", "\n".join(['{"study": "1", "outcome": "adequate"}'] * 2), 2),
+]
+
+
+@pytest.mark.parametrize(("name", "content", "row"), WRONG_FILES)
 def test_a_file_that_is_malformed_is_refused_with_its_row(name, content, row):
     with pytest.raises(StudyError) as caught:
         read_answers(content.encode(), name)
@@ -332,16 +332,16 @@ def test_a_file_that_is_malformed_is_refused_with_its_row(name, content, row):
     assert all("\n" not in str(fault) for fault in caught.value.faults)
 
 
-@pytest.mark.parametrize(
-    "line",
-    [
-        '{"study": "1", "origin": "rule"}',
-        '{"study": "1", "origin": "nothing", "hidden": {"creep": {}}}',
-        '{"study": "1", "origin": "rule", "hidden": {"crep": {}}}',
-        '{"study": "1", "origin": "magic", "hidden": {"creep": {}}}',
-        '{"origin": "nothing"}',
-    ],
-)
+WRONG_TRUTHS = [
+    '{"study": "1", "origin": "rule"}',
+    '{"study": "1", "origin": "nothing", "hidden": {"creep": {}}}',
+    '{"study": "1", "origin": "rule", "hidden": {"crep": {}}}',
+    '{"study": "1", "origin": "magic", "hidden": {"creep": {}}}',
+    '{"origin": "nothing"}',
+]
+
+
+@pytest.mark.parametrize("line", WRONG_TRUTHS)
 def test_truths_that_contradict_themselves_are_refused(line):
     with pytest.raises(StudyError) as caught:
         read_truths(f"{line}\n".encode(), "t.jsonl")
