@@ -3,7 +3,7 @@
     uv run python benchmarks/hidden_dataset.py --studies 96 --seed 97 --physics 3 \
         --out .cache/scored/studies --truths .cache/scored/truths.jsonl
     uv run python benchmarks/scored_methods.py --studies .cache/scored/studies \
-        --truths .cache/scored/truths.jsonl --record benchmarks/scored --json
+        --truths .cache/scored/truths.jsonl --first 80 --record benchmarks/scored --json
 
 lets each method answer each study from its folder alone, and scores it as ``bayesdeg score`` does.
 bayesdeg judges as ``bayesdeg run`` does at quick effort; the other two are in ``other_methods.py``.
@@ -240,6 +240,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--studies", type=Path, help="folder of a data set; else what is recorded")
     parser.add_argument("--truths", type=Path)
+    parser.add_argument(
+        "--first", type=int, help="only so many, in their order, which is by chance"
+    )
     parser.add_argument("--methods", nargs="*", default=list(WORDS), choices=list(WORDS))
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--record", type=Path, help="folder of truths and answers")
@@ -254,7 +257,7 @@ def main() -> None:
     if options.studies is None:
         truths, answers = recorded(options.record)
     else:
-        truths = read_truths(options.truths.read_bytes(), str(options.truths))
+        truths = read_truths(options.truths.read_bytes(), str(options.truths))[: options.first]
         folders = [options.studies / truth.study for truth in truths]
         answers, seconds = answers_of(options.methods, folders, options.workers)
         if options.record is not None:

@@ -432,3 +432,4 @@ def _lines(content: bytes, file: str, faults: list[Fault]) -> Iterator[tuple[int
             yield row, parse_json(line)
         except ValueError as fault:
             faults.append(Fault(file, f"is no JSON ({fault})", _AS_LINE, row))
+            return  # a document of many lines would have a fault in each
