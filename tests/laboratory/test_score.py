@@ -348,6 +348,12 @@ def test_truths_that_contradict_themselves_are_refused(line):
     assert caught.value.faults[0].row == 1
 
 
+def test_a_document_of_many_lines_has_one_fault():
+    with pytest.raises(StudyError) as caught:
+        read_answers(b'[\n {\n  "study": "1"\n }\n]\n', "a.json")
+    assert [fault.row for fault in caught.value.faults if fault.row] == [1]
+
+
 def test_truths_come_back():
     assert read_truths(lines_of(TRUTHS).encode(), "t.jsonl") == tuple(TRUTHS)
 
