@@ -61,6 +61,7 @@ class StatedVerdict(Record):
     causes: Names = ()
     one_of: tuple[Names, ...] = ()
     sets: tuple[Names, ...] = Field(default=(), description="product of sets, if it is stated")
+    alternatives: tuple[Names, ...] = Field(default=(), description="if they are no such product")
     candidates: tuple[CandidateEntry, ...] = ()
     misfit: MisfitEntry = MisfitEntry()
 
@@ -75,12 +76,15 @@ class StatedVerdict(Record):
     def answer(self, study: str) -> HiddenAnswer:
         """Return it as an answer."""
         sets = self.stated_sets()
-        stated = {name for names in sets for name in names}
+        alternatives = () if self.sets or self.outcome not in SAYING else self.alternatives
+        sets = () if alternatives else sets
+        stated = {name for names in (*sets, *alternatives) for name in names}
         tried = [one for one in self.candidates if one.probability is not None]
         return HiddenAnswer(
             study=study,
             outcome=self.outcome,
             sets=sets,
+            alternatives=alternatives,
             p_value=self.misfit.p_value,
             sizes={
                 f"{one.cause}.{name}": StatedSize(mean=e.mean, q05=e.q05, q95=e.q95)

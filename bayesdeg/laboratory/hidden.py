@@ -104,6 +104,9 @@ class HiddenAnswer(FileRecord):
     sets: tuple[Names, ...] = Field(
         default=(), description="product of sets: of each one cause acts"
     )
+    alternatives: tuple[Names, ...] = Field(
+        default=(), description="instead of sets: the combinations, of which one acts as a whole"
+    )
     p_value: Number = Field(default=None, description="of the misfit without a cause")
     sizes: Mapping[str, StatedSize] = Field(default={}, description="by cause.parameter")
     probabilities: Numbers = Field(
@@ -238,15 +241,18 @@ def wrong_answer(answer: HiddenAnswer, file: str, row: int | None = None) -> Ite
     def fault(column: str, value: object, problem: str, remedy: str) -> Fault:
         return Fault(file, problem, remedy, row, column, str(value))
 
-    said = [name for names in answer.sets for name in names]
+    groups = (*answer.sets, *answer.alternatives)
+    said = [name for names in groups for name in names]
     for name in dict.fromkeys(said):
         if name not in CATALOGUE:
             yield fault("causes", name, "is no cause", use_one_of(name, CATALOGUE))
-        elif any(names.count(name) > 1 for names in answer.sets):
+        elif any(names.count(name) > 1 for names in groups):
             yield fault("causes", name, "is twice in a set", "give it once")
     if len(answer.sets) > MOST_SETS:
         yield fault("causes", len(answer.sets), "are too many sets", f"say {MOST_SETS} at most")
-    if not all(answer.sets):
+    if answer.sets and answer.alternatives:
+        yield fault("alternatives", len(answer.alternatives), "stand beside sets", "give one")
+    if not all(groups):
         yield fault("causes", "", "has an empty set", "leave it out")
     if bool(said) != (answer.outcome in SAYING):
         word = "says causes" if said else "says no cause"

@@ -173,7 +173,21 @@ def is_right(answer: HiddenAnswer, truth: HiddenTruth) -> bool:
     if truth.is_outside or not truth.hidden:
         wanted = Outcome.UNEXPLAINED if truth.is_outside else Outcome.ADEQUATE
         return answer.outcome is wanted
-    return frozenset(truth.hidden) in combinations(answer.sets)
+    return frozenset(truth.hidden) in said_by(answer)
+
+
+def said_by(answer: HiddenAnswer) -> set[frozenset[str]]:
+    """Return the combinations of causes that an answer allows; none where it says no cause.
+
+    Examples
+    --------
+    >>> pairs = HiddenAnswer(study="1", outcome="ambiguous", alternatives=[["a", "b"], ["c"]])
+    >>> sorted(sorted(one) for one in said_by(pairs))
+    [['a', 'b'], ['c']]
+    """
+    if answer.alternatives:
+        return {frozenset(names) for names in answer.alternatives}
+    return combinations(answer.sets) if answer.sets else set()
 
 
 def combinations(sets: Sequence[Sequence[str]]) -> set[frozenset[str]]:
@@ -197,21 +211,22 @@ def credit(answer: HiddenAnswer, truth: HiddenTruth) -> float:
     >>> credit(HiddenAnswer(study="1", outcome="ambiguous", sets=[["creep", "mullins"]]), truth)
     0.5
     """
-    return is_right(answer, truth) / max(len(combinations(answer.sets)), 1)
+    return is_right(answer, truth) / max(len(said_by(answer)), 1)
 
 
 def says_false(answer: HiddenAnswer, truth: HiddenTruth) -> bool:
-    """Return whether a set is said of which no member is hidden: somebody would mend the wrong."""
-    return any(not set(truth.hidden).intersection(names) for names in answer.sets)
+    """Return whether all combinations said hold a cause that is not hidden: it would be mended."""
+    allowed = said_by(answer)
+    return bool(allowed) and not any(one <= set(truth.hidden) for one in allowed)
 
 
 def said(answer: HiddenAnswer, truth: HiddenTruth) -> str:
     """Return the column of the isolability matrix: one of `SAID`."""
-    if not answer.sets:
+    if not answer.sets and not answer.alternatives:
         return SAID_OF.get(answer.outcome, "not judged")
-    if len(answer.sets) > 1:
+    if len(answer.sets) > 1 or any(len(one) > 1 for one in answer.alternatives):
         return SEVERAL
-    [names] = answer.sets
+    names = answer.sets[0] if answer.sets else tuple(n for one in answer.alternatives for n in one)
     if len(names) == 1:
         return names[0]
     return WITH_IT if set(truth.hidden).intersection(names) else WITHOUT_IT
@@ -315,7 +330,9 @@ def _shares(pairs: Sequence[Pair]) -> Iterator[ScoredShare]:
         _part("two_right", "right, of two causes", both, is_right),
         _part("two_alone", "both named alone, of two causes", both, _alone),
         _part("two_plain_right", "right, of two causes of 5 sd and more each", shown, is_right),
-        _part("said_false", "a set said that holds nothing hidden", pairs, says_false),
+        _part(
+            "said_false", "a cause said that is not hidden, whichever is drawn", pairs, says_false
+        ),
         _part("none_adequate", "adequate, where nothing is hidden", none, is_right),
         _part("none_said", "causes said where nothing is hidden", none, says_false),
         _part("outside_unexplained", "unexplained, of effects without entry", outside, is_right),
@@ -343,7 +360,7 @@ def _alone(answer: HiddenAnswer, truth: HiddenTruth) -> bool:
 
 
 def _of_several(answer: HiddenAnswer, truth: HiddenTruth) -> bool:
-    return any(len(names) > 1 for names in answer.sets)
+    return len(said_by(answer)) > 1
 
 
 def _rejected(answer: HiddenAnswer, truth: HiddenTruth) -> bool:
@@ -358,11 +375,17 @@ def _least(truth: HiddenTruth) -> float | None:
 
 def _causes_said(pairs: Sequence[Pair]) -> float | None:
     counts = [
-        sum(map(len, answer.sets)) / len(truth.hidden)
+        _said_in_all(answer) / len(truth.hidden)
         for answer, truth in pairs
         if truth.hidden and not truth.is_outside and is_right(answer, truth)
     ]
     return mean(counts) if counts else None
+
+
+def _said_in_all(answer: HiddenAnswer) -> int:
+    if answer.alternatives:
+        return len(set().union(*answer.alternatives))
+    return sum(map(len, answer.sets))
 
 
 def _sizes(pairs: Sequence[Pair]) -> ScoredSizes | None:

@@ -101,6 +101,14 @@ def test_a_verdict_that_states_its_sets_is_taken_at_its_word(ask, tmp_path):
     assert json.loads(out)["matrix"][OUTSIDE] == {SEVERAL: 1}
 
 
+def test_alternatives_of_a_verdict_are_combinations(ask, tmp_path):
+    either = [["creep", "mullins"], ["gravity"]]
+    changed = {"outcome": "ambiguous", "one_of": [], "alternatives": either}
+    code, out, _ = ask(runs(tmp_path, study_0002=changed), "truths.jsonl", "--json")
+    assert code == 0
+    assert json.loads(out)["matrix"]["creep"] == {SEVERAL: 1}
+
+
 MALFORMED = [
     (ANSWERS.replace("0002,", "0001,"), "row 3, column study, value '0001'"),
     (ANSWERS.replace("gravity", "gravty"), "row 4, column causes, value 'gravty'"),

@@ -184,6 +184,20 @@ def test_of_sets_that_overlap_each_combination_counts_once():
     assert says_false(answer("1", ["creep"], ["erosion", "mullins"]), hidden)
 
 
+def test_alternatives_are_combinations_that_no_product_gives():
+    hidden = truth("1", "creep", "gravity")
+    either = [["creep", "gravity"], ["erosion"], ["mullins", "creep"]]
+    said = HiddenAnswer(study="1", outcome=Outcome.AMBIGUOUS, alternatives=either)
+    assert credit(said, hidden) == pytest.approx(1 / 3)
+    assert not says_false(said, hidden)
+    assert says_false(said, truth("1", "gravity"))
+    assert score([said], [hidden]).causes_said == 2.0  # four for two
+    assert read_answers(lines_of([said]).encode(), "a.jsonl") == (said,)
+    both = said.model_copy(update={"sets": (("creep",),)})
+    with pytest.raises(StudyError):
+        read_answers(lines_of([both]).encode(), "a.jsonl")
+
+
 def test_coverage_counts_sizes_of_what_is_right_alone():
     def stated(low, high):
         return {"creep.size": StatedSize(mean=2.0, q05=low, q95=high)}
