@@ -40,6 +40,7 @@ from bayesdeg.criticism.fit.linear import (
     neutral_sizes,
     sensitivities,
 )
+from bayesdeg.criticism.fit.trials import Trial
 from bayesdeg.data.study import read_study
 from bayesdeg.laboratory.truth import HiddenEffect, Truth
 from bayesdeg.pipeline.assemble import assemble
@@ -94,7 +95,7 @@ def judged(study: HiddenStudy, folder: Path, *, effort: str, seed: int) -> Json:
         "design": study.design,
         "size": study.size,
         "hidden": {hidden.cause.name: dict(hidden.values) for hidden in study.effects},
-        "visible": _visible(judgement, study, truth),
+        "visible": visible(judgement.search.base, study.effects, truth),
         "baseline": _baseline(linear, judgement),
         "effort": effort,
         "seconds_fit": begun - start,
@@ -134,13 +135,12 @@ def _found(judgement: Judgement) -> Json:
     }
 
 
-def _visible(judgement: Judgement, study: HiddenStudy, truth: Truth) -> dict[str, float]:
+def visible(base: Trial, hidden: tuple[HiddenEffect, ...], truth: Truth) -> dict[str, float]:
     """Return how large each hidden effect is after a refit of all else, in standard deviations.
 
     At the base fit, but with the true scatter and errors: those of the base fit have grown to make
     room for the effect.
     """
-    base = judgement.search.base
     true, mode = truth.named(), base.mode.copy()
     for i, parameter in enumerate(base.subject.table.parameters):
         if parameter.name in NOISE:
@@ -149,7 +149,7 @@ def _visible(judgement: Judgement, study: HiddenStudy, truth: Truth) -> dict[str
     linear = linearise(base.subject, mode, uncertain=base.uncertain)
     if not linear.is_known:
         linear = base.linear
-    columns = {one.cause.name: _column(linear, one) for one in study.effects}
+    columns = {one.cause.name: _column(linear, one) for one in hidden}
     sizes = {}
     for name, column in columns.items():
         others = [other for n, other in columns.items() if n != name and np.any(other)]

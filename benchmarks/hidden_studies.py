@@ -19,7 +19,7 @@ from bayesdeg.data.settings import Settings
 from bayesdeg.laboratory.experiment import PRESSURES, Design, VirtualExperiment, run_experiment
 from bayesdeg.laboratory.truth import HiddenEffect, Three, Truth, drawn_truth
 from bayesdeg.laboratory.writing import Provenance, study_files
-from bayesdeg.priors import LogNormal, Normal, Parameter
+from bayesdeg.priors import Law, LogNormal, Normal, Parameter
 
 SIZES = (0.6, 1.0, 1.4, 1.8)
 LARGEST_PRESSURE = 200.0  # kPa; beyond, soft draws of the material balloon
@@ -225,18 +225,35 @@ def _outside(generator: np.random.Generator) -> HiddenEffect:
     return HiddenEffect(cause, dict(cause.typical))
 
 
-def made(
+@dataclass(frozen=True)
+class MadeStudy:
+    """A study as it was recorded, and what is true of it.
+
+    Parameters
+    ----------
+    experiment : VirtualExperiment
+        Tables and what was hidden.
+    truth : Truth
+        Material and errors.
+    priors : mapping of str to Law
+        What the study knows of a test of its own, as that of the paper.
+    """
+
+    experiment: VirtualExperiment
+    truth: Truth
+    priors: Mapping[str, Law]
+
+
+def experimented(
     study: HiddenStudy,
-    folder: Path,
     *,
     forward: ForwardMap,
     seed: int,
-    command: str,
     design: Design | None = None,
     bursts: bool = False,
     elongation: Three | None = None,
-) -> tuple[VirtualExperiment, Truth]:
-    """Make the experiment and write its folder; materials that balloon are drawn anew.
+) -> MadeStudy:
+    """Make the experiment; materials that balloon are drawn anew.
 
     The design is the one that the study names, or a given one instead. Where actuators are meant to
     burst, theirs may; the elongation at break is that of `Truth`, or a given one [%].
@@ -268,10 +285,28 @@ def made(
     if study.design in CAREFULLY:
         known = truth.paper_stiffness * float(np.exp(PAPER_TEST * generator.standard_normal()))
         priors["paper_stiffness"] = LogNormal(known, PAPER_TEST)
-    settings = Settings(title=f"hidden effect {study.number}", seed=study.number, priors=priors)
+    return MadeStudy(experiment, truth, priors)
+
+
+def made(
+    study: HiddenStudy,
+    folder: Path,
+    *,
+    forward: ForwardMap,
+    seed: int,
+    command: str,
+    design: Design | None = None,
+    bursts: bool = False,
+    elongation: Three | None = None,
+) -> tuple[VirtualExperiment, Truth]:
+    """Make the experiment, as `experimented`, and write its folder."""
+    how = {"forward": forward, "seed": seed, "design": design}
+    found = experimented(study, **how, bursts=bursts, elongation=elongation)
+    title = f"hidden effect {study.number}"
+    settings = Settings(title=title, seed=study.number, priors=found.priors)
     provenance = Provenance(command=command, seed=seed, mesh=vars(FINE))
-    write_folder(experiment, settings, folder, provenance=provenance)
-    return experiment, truth
+    write_folder(found.experiment, settings, folder, provenance=provenance)
+    return found.experiment, found.truth
 
 
 def complete(experiment: VirtualExperiment, design: Design) -> bool:

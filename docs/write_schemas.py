@@ -7,6 +7,8 @@ from bayesdeg.commands.answers import Answer
 from bayesdeg.commands.next import Proposals
 from bayesdeg.commands.update import UpdateAnswer
 from bayesdeg.data.photographs import TraceFile
+from bayesdeg.laboratory.hidden import HiddenAnswer, HiddenTruth
+from bayesdeg.laboratory.score import Score
 from bayesdeg.laboratory.writing import TruthRecord
 from bayesdeg.pipeline.output import Owner
 from bayesdeg.records import FileRecord
@@ -21,6 +23,9 @@ SCHEMAS: dict[str, type[FileRecord]] = {
     "next": Proposals,
     "update": UpdateAnswer,
     "trace": TraceFile,
+    "hidden-truth": HiddenTruth,
+    "hidden-answer": HiddenAnswer,
+    "score": Score,
 }
 
 

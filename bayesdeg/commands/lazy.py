@@ -170,6 +170,16 @@ COMMANDS = (
         ),
     ),
     Command(
+        "score",
+        "score",
+        "score_answers",
+        "Score what a method says of hidden effects against the truths, with 95 % intervals.",
+        (
+            "bayesdeg score answers.csv truths.jsonl --out scored",
+            "bayesdeg score reports truths.jsonl --json",
+        ),
+    ),
+    Command(
         "trace",
         "trace",
         "trace_photographs",

@@ -1,0 +1,441 @@
+"""What is hidden in the studies of a benchmark, and what a method says of them: files and faults.
+
+Truths and answers have a row for each study. What a method says is a product of sets: one cause of
+each set acts, so that ``[["creep", "mullins"], ["gravity"]]``, in a cell ``creep|mullins;gravity``,
+is "creep or mullins, and gravity besides".
+"""
+
+import json
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from enum import StrEnum
+
+from pydantic import Field, ValidationError
+
+from bayesdeg.causes.catalogue import CATALOGUE
+from bayesdeg.criticism.outcome import Outcome
+from bayesdeg.data.cells import Cells, read_cells, read_number
+from bayesdeg.errors import Fault, StudyError, nearest, use_one_of
+from bayesdeg.files import parse_json
+from bayesdeg.records import FileRecord, Names, NeededText, Number, Numbers, Record, RecordError
+from bayesdeg.records import Text as Words
+
+Sets = tuple[tuple[str, ...], ...]
+
+JSON_LINES = (".jsonl", ".ndjson", ".json")
+NEEDED = ("study", "outcome", "causes")
+COLUMNS = (*NEEDED, "p_value", "sizes", "probabilities")
+#: No study hides more than two causes; more sets than this have too many combinations.
+MOST_SETS = 4
+#: Outcomes that say causes; the others say none.
+SAYING = (Outcome.NAMED, Outcome.AMBIGUOUS)
+_SIZE = re.compile(r"(?P<name>[^=]+)=(?P<mean>[^\[\]]+)\[(?P<low>[^:\]]+):(?P<high>[^\]]+)\]")
+_AS_SIZE = "write cause.parameter=mean[q05:q95], such as pressure_offset.offset=14[13.2:14.8]"
+_AS_PROBABILITY = "write cause=probability, such as creep=0.9;mullins=0.1"
+_AS_LINE = "write one JSON object a line, as docs/schemas has it"
+
+
+class Origin(StrEnum):
+    """By what an effect got into a study."""
+
+    NOTHING = "nothing"
+    RULE = "rule"
+    """The function of the catalogue by which bayesdeg itself explains data."""
+    PHYSICS = "physics"
+    """A cause of the catalogue, planted by a field of material that was solved, not by its rule."""
+    OUTSIDE = "outside"
+    """No entry of the catalogue."""
+
+
+class HiddenTruth(FileRecord):
+    """A line of the file of truths.
+
+    Examples
+    --------
+    >>> truth = HiddenTruth(study="0001", origin=Origin.RULE, hidden={"creep": {"amount": 0.1}})
+    >>> truth.causes, truth.is_outside
+    (('creep',), False)
+    """
+
+    study: NeededText = Field(description="name of its folder")
+    origin: Origin = Field(description="by what the effect got into the study")
+    design: Words = Field(default="", description="of its tests")
+    hidden: Mapping[str, Numbers] = Field(
+        default={}, description="true sizes by cause and parameter, in the units of the catalogue"
+    )
+    visible: Numbers = Field(
+        default={},
+        description="by cause: its size after a refit of all else, in standard deviations of noise "
+        "and scatter; `together` of two",
+    )
+    mechanism: Words = Field(default="", description="of what has no entry in the catalogue")
+
+    @property
+    def causes(self) -> tuple[str, ...]:
+        """Names of what is hidden."""
+        return tuple(self.hidden)
+
+    @property
+    def is_outside(self) -> bool:
+        """Whether what is hidden has no entry in the catalogue."""
+        return self.origin is Origin.OUTSIDE
+
+
+class StatedSize(Record):
+    """A size with its 90 % interval, in the unit of the catalogue."""
+
+    mean: Number = None
+    q05: Number = None
+    q95: Number = None
+
+
+class HiddenAnswer(FileRecord):
+    """What a method says of one study: a line of JSON, or a row of CSV with the same content.
+
+    Examples
+    --------
+    >>> answer = HiddenAnswer(study="0001", outcome=Outcome.NAMED, sets=(("creep", "mullins"),))
+    >>> sets_text(answer.sets)
+    'creep|mullins'
+    """
+
+    study: NeededText = Field(description="name of its folder")
+    outcome: Outcome = Field(description="named and ambiguous say causes, the others say none")
+    sets: tuple[Names, ...] = Field(
+        default=(), description="product of sets: of each one cause acts"
+    )
+    alternatives: tuple[Names, ...] = Field(
+        default=(), description="instead of sets: the combinations, of which one acts as a whole"
+    )
+    p_value: Number = Field(default=None, description="of the misfit without a cause")
+    sizes: Mapping[str, StatedSize] = Field(default={}, description="by cause.parameter")
+    probabilities: Numbers = Field(
+        default={}, description="that a cause acts, by cause; 0 where it is not listed"
+    )
+
+
+def sets_text(sets: Iterable[Iterable[str]]) -> str:
+    """Return a product of sets as it stands in a cell.
+
+    Examples
+    --------
+    >>> sets_text([["creep", "mullins"], ["gravity"]])
+    'creep|mullins;gravity'
+    """
+    return ";".join("|".join(names) for names in sets)
+
+
+def parse_sets(text: str) -> Sets:
+    """Return the product of sets that a cell holds; none in an empty cell.
+
+    Raises
+    ------
+    ValueError
+        If a name is missing between two signs.
+
+    Examples
+    --------
+    >>> parse_sets("creep|mullins; gravity"), parse_sets("")
+    ((('creep', 'mullins'), ('gravity',)), ())
+    """
+    if not text.strip():
+        return ()
+    sets = tuple(tuple(name.strip() for name in part.split("|")) for part in text.split(";"))
+    if not all(all(names) for names in sets):
+        raise ValueError("has an empty name; write a|b;c for a or b, and c")
+    return sets
+
+
+def read_answers(content: bytes, file: str) -> tuple[HiddenAnswer, ...]:
+    r"""Read what a method says, from CSV or JSON lines.
+
+    Parameters
+    ----------
+    content : bytes
+        The file.
+    file : str
+        Its name, for faults; by its ending it is JSON lines or CSV with `COLUMNS`.
+
+    Raises
+    ------
+    StudyError
+        With every fault of it.
+
+    Examples
+    --------
+    >>> read_answers(b"study,outcome,causes\n0001,adequate,\n", "answers.csv")[0].outcome
+    <Outcome.ADEQUATE: 'adequate'>
+    >>> read_answers(b"study,outcome,causes\n0001,named,crep\n", "answers.csv")
+    Traceback (most recent call last):
+    ...
+    bayesdeg.errors.StudyError: answers.csv, row 2, column causes, value 'crep': is no cause; ...
+    """
+    faults: list[Fault] = []
+    found: list[tuple[int, HiddenAnswer]] = []
+    for row, content_of_row in _rows(content, file, faults):
+        answer = _record(HiddenAnswer, content_of_row, file, row, faults)
+        if answer is not None:
+            faults += wrong_answer(answer, file, row)
+            found.append((row, answer))
+    faults += _twice(((row, answer.study) for row, answer in found), file)
+    if faults:
+        raise StudyError(faults)
+    return tuple(answer for _, answer in found)
+
+
+def read_truths(content: bytes, file: str) -> tuple[HiddenTruth, ...]:
+    r"""Read what is hidden, from JSON lines.
+
+    Parameters
+    ----------
+    content : bytes
+        The file.
+    file : str
+        Its name, for faults.
+
+    Raises
+    ------
+    StudyError
+        With every fault of it.
+
+    Examples
+    --------
+    >>> read_truths(b'{"study": "0001", "origin": "nothing"}\n', "truths.jsonl")[0].causes
+    ()
+    """
+    faults: list[Fault] = []
+    found: list[tuple[int, HiddenTruth]] = []
+    for row, content_of_row in _lines(content, file, faults):
+        truth = _record(HiddenTruth, content_of_row, file, row, faults)
+        if truth is not None:
+            faults += _wrong_truth(truth, file, row)
+            found.append((row, truth))
+    faults += _twice(((row, truth.study) for row, truth in found), file)
+    if faults:
+        raise StudyError(faults)
+    return tuple(truth for _, truth in found)
+
+
+def lines_of(records: Iterable[FileRecord]) -> str:
+    """Return records as JSON lines.
+
+    Examples
+    --------
+    >>> print(lines_of([HiddenTruth(study="0001", origin=Origin.NOTHING)])[:37])
+    {"schema_version": 1, "study": "0001"
+    """
+    return "".join(f"{json.dumps(record.document(), ensure_ascii=False)}\n" for record in records)
+
+
+def wrong_answer(answer: HiddenAnswer, file: str, row: int | None = None) -> Iterator[Fault]:
+    """Yield what cannot be meant by an answer that is well formed.
+
+    Parameters
+    ----------
+    answer : HiddenAnswer
+        As it was read.
+    file, row
+        Where, for the faults.
+    """
+
+    def fault(column: str, value: object, problem: str, remedy: str) -> Fault:
+        return Fault(file, problem, remedy, row, column, str(value))
+
+    groups = (*answer.sets, *answer.alternatives)
+    said = [name for names in groups for name in names]
+    for name in dict.fromkeys(said):
+        if name not in CATALOGUE:
+            yield fault("causes", name, "is no cause", use_one_of(name, CATALOGUE))
+        elif any(names.count(name) > 1 for names in groups):
+            yield fault("causes", name, "is twice in a set", "give it once")
+    if len(answer.sets) > MOST_SETS:
+        yield fault("causes", len(answer.sets), "are too many sets", f"say {MOST_SETS} at most")
+    if answer.sets and answer.alternatives:
+        yield fault("alternatives", len(answer.alternatives), "stand beside sets", "give one")
+    if not all(groups):
+        yield fault("causes", "", "has an empty set", "leave it out")
+    if bool(said) != (answer.outcome in SAYING):
+        word = "says causes" if said else "says no cause"
+        remedy = "named and ambiguous say causes, the other outcomes say none"
+        yield fault("outcome", answer.outcome, f"does not fit a row that {word}", remedy)
+    chances = {"p_value": answer.p_value}
+    for column, value in (
+        chances | {f"probabilities {k}": v for k, v in answer.probabilities.items()}
+    ).items():
+        if value is not None and not 0.0 <= value <= 1.0:
+            remedy = "give a number from 0 to 1"
+            yield fault(column.split()[0], value, "is no probability", remedy)
+    for name in answer.probabilities:
+        if name not in CATALOGUE:
+            yield fault("probabilities", name, "is no cause", use_one_of(name, CATALOGUE))
+    for name, size in answer.sizes.items():
+        yield from (fault("sizes", name, *why) for why in _wrong_size(name, size))
+
+
+def _wrong_size(name: str, size: StatedSize) -> Iterator[tuple[str, str]]:
+    cause, _, parameter = name.partition(".")
+    known = [p.name for p in CATALOGUE[cause].parameters] if cause in CATALOGUE else []
+    if not known:
+        yield "is of no cause", use_one_of(cause, CATALOGUE)
+    elif parameter not in known:
+        yield "is no parameter of it", use_one_of(parameter, known)
+    if size.q05 is None or size.q95 is None or size.q05 > size.q95:
+        yield "has no interval", f"give q05 and q95, the first not above the second; {_AS_SIZE}"
+
+
+def _wrong_truth(truth: HiddenTruth, file: str, row: int) -> Iterator[Fault]:
+    for name in truth.causes:
+        if not truth.is_outside and name not in CATALOGUE:
+            remedy = use_one_of(name, CATALOGUE)
+            yield Fault(file, "is no cause", remedy, row, "hidden", name)
+    if bool(truth.hidden) == (truth.origin is Origin.NOTHING):
+        remedy = f"{Origin.NOTHING} is of studies in which nothing is hidden, and of these alone"
+        yield Fault(file, "does not fit what is hidden", remedy, row, "origin", truth.origin)
+
+
+def _twice(rows: Iterable[tuple[int, str]], file: str) -> Iterator[Fault]:
+    first: dict[str, int] = {}
+    for row, study in rows:
+        if study in first:
+            problem = f"is on row {first[study]} too"
+            yield Fault(file, problem, "keep one row for each study", row, "study", study)
+        first.setdefault(study, row)
+    if not first:
+        yield Fault(file, "has no study", "give one row for each study")
+
+
+def _record[Kind: FileRecord](
+    kind: type[Kind], content: object, file: str, row: int, faults: list[Fault]
+) -> Kind | None:
+    """Return a record; where it is none, the fault is added."""
+    try:
+        return kind.read(content)
+    except RecordError as fault:
+        faults.append(Fault(file, str(fault), "correct it", row))
+    except ValidationError as fault:
+        faults.append(Fault(file, str(fault.errors()[0]["msg"]), "correct it", row))
+    return None
+
+
+def _rows(content: bytes, file: str, faults: list[Fault]) -> Iterator[tuple[int, object]]:
+    if file.lower().endswith(JSON_LINES):
+        yield from _lines(content, file, faults)
+        return
+    cells, wrong = read_cells(content, file)
+    faults += wrong
+    if cells is None:
+        return
+    header = _wrong_header(cells)
+    faults += header
+    if not header:
+        for row, texts in cells.texts.iterrows():
+            yield from _of_cells(
+                cells.file, int(str(row)), {str(k): str(v) for k, v in texts.items()}, faults
+            )
+
+
+def _wrong_header(cells: Cells) -> list[Fault]:
+    names = [str(name) for name in cells.texts.columns]
+    missing = [
+        Fault(cells.file, "is missing", f"add it; the columns are {', '.join(COLUMNS)}",
+              cells.header_row, name)
+        for name in NEEDED
+        if name not in names and nearest(name, names) is None
+    ]  # fmt: skip
+    unknown = [
+        Fault(cells.file, "is no column of answers", use_one_of(name, COLUMNS),
+              cells.header_row, name)
+        for name in names
+        if name not in COLUMNS
+    ]  # fmt: skip
+    return [*unknown, *missing]
+
+
+def _of_cells(
+    file: str, row: int, texts: Mapping[str, str], faults: list[Fault]
+) -> Iterator[tuple[int, object]]:
+    """Yield a row of CSV as the object that a line of JSON would hold; none if it is at fault."""
+    found: dict[str, object] = {}
+    wrong = []
+    for name in COLUMNS:
+        key, parse = _PARSED[name]
+        text = str(texts.get(name, ""))
+        try:
+            found[key] = parse(text)
+        except ValueError as fault:
+            problem, _, remedy = str(fault).partition("; ")
+            wrong.append(Fault(file, problem, remedy, row, name, text))
+    faults += wrong
+    if not wrong:
+        yield row, found
+
+
+def _needed(text: str) -> str:
+    if not text:
+        raise ValueError("is empty; give the name of the study's folder")
+    return text
+
+
+def _outcome(text: str) -> str:
+    if text not in list(Outcome):
+        raise ValueError(f"is no outcome; {use_one_of(text, list(Outcome))}")
+    return text
+
+
+def _number(text: str) -> float | None:
+    if not text:
+        return None
+    value = read_number(text.strip())
+    if isinstance(value, tuple):
+        raise ValueError("; ".join(value))
+    return value
+
+
+def _by_name(text: str, remedy: str) -> Iterator[tuple[str, str]]:
+    for part in text.split(";") if text else ():
+        name, equals, value = (one.strip() for one in part.partition("="))
+        if not (name and equals and value):
+            raise ValueError(f"cannot be read at {part!r}; {remedy}")
+        yield name, value
+
+
+def _probabilities(text: str) -> dict[str, float | None]:
+    return {name: _number(value) for name, value in _by_name(text, _AS_PROBABILITY)}
+
+
+def _sizes(text: str) -> dict[str, dict[str, float | None]]:
+    found = {}
+    for name, value in _by_name(text, _AS_SIZE):
+        match = _SIZE.fullmatch(f"{name}={value}")
+        if match is None:
+            raise ValueError(f"cannot be read at {name!r}; {_AS_SIZE}")
+        ends = {"mean": match["mean"], "q05": match["low"], "q95": match["high"]}
+        found[name] = {end: _number(number) for end, number in ends.items()}
+    return found
+
+
+_PARSED: Mapping[str, tuple[str, Callable[[str], object]]] = {
+    "study": ("study", _needed),
+    "outcome": ("outcome", _outcome),
+    "causes": ("sets", parse_sets),
+    "p_value": ("p_value", _number),
+    "sizes": ("sizes", _sizes),
+    "probabilities": ("probabilities", _probabilities),
+}
+"""By column: the key of the record, and what reads the cell."""
+
+
+def _lines(content: bytes, file: str, faults: list[Fault]) -> Iterator[tuple[int, object]]:
+    try:
+        lines = content.decode("utf-8-sig").splitlines()
+    except UnicodeDecodeError:
+        faults.append(Fault(file, "is not UTF-8 text", "save it in UTF-8"))
+        return
+    for row, line in enumerate(lines, start=1):
+        if not line.strip():
+            continue
+        try:
+            yield row, parse_json(line)
+        except ValueError as fault:
+            faults.append(Fault(file, f"is no JSON ({fault})", _AS_LINE, row))
+            return  # a document of many lines would have a fault in each
