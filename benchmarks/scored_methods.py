@@ -64,13 +64,14 @@ def judged(folder: Path) -> HiddenAnswer:
     fitting, judging = np.random.SeedSequence(study.settings.seed).spawn(2)
     base = base_without_chain(assembly.model, fitting)
     found = judge(assembly, base, effort=JUDGE_EFFORTS["quick"], seed=judging)
-    sets = said_by(found)
-    stated = {name for names in sets for name in names}
+    sets, alternatives = said_by(found)
+    stated = {name for names in (*sets, *alternatives) for name in names}
     tried = [one for one in found.candidates if one.probability is not None]
     return HiddenAnswer(
         study=folder.name,
         outcome=found.decision.outcome,
         sets=sets,
+        alternatives=alternatives,
         p_value=found.misfit.p_value,
         sizes={
             f"{one.cause}.{name}": StatedSize(mean=size.mean, q05=size.q05, q95=size.q95)
@@ -83,14 +84,14 @@ def judged(folder: Path) -> HiddenAnswer:
     )
 
 
-def said_by(found: Judgement) -> Sets:
-    """Return the product of sets: of each supported cause, it and what it cannot be told from."""
+def said_by(found: Judgement) -> tuple[Sets, Sets]:
+    """Return the product of sets that a verdict states, or the sets in place of one."""
     decision = found.decision
     if decision.outcome not in SAYING:
-        return ()
-    if not found.supported or set(decision.causes) == set(found.alike):
-        return (decision.causes,)
-    return tuple((one.cause, *one.inseparable) for one in found.supported)
+        return (), ()
+    if decision.sets or decision.alternatives:
+        return decision.sets, decision.alternatives
+    return (decision.causes,), ()
 
 
 def answered(method: str, folder: Path) -> tuple[HiddenAnswer, float]:
