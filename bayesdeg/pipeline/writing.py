@@ -917,6 +917,9 @@ def _suspects_table(found: TableSources) -> pd.DataFrame | None:
     return pd.DataFrame(rows) if rows else None
 
 
+FARTHEST = 600.0  # of evidences [nats]: farther than any odds that are a finite number
+
+
 def _sets_table(found: TableSources) -> pd.DataFrame | None:
     """Return the sets of causes that may be right, and the choices that the data exclude."""
     stated = None if found.judgement is None else found.judgement.stated
@@ -926,9 +929,9 @@ def _sets_table(found: TableSources) -> pd.DataFrame | None:
         {
             "causes": "+".join(one.causes),
             "stated": word,
-            "log_bayes_factor": one.log_bayes_factor,
-            "behind": one.behind,
-            "odds": float(np.exp(one.behind)),
+            "log_bayes_factor": max(one.log_bayes_factor, -FARTHEST),
+            "behind": min(one.behind, FARTHEST),
+            "odds": float(np.exp(min(one.behind, FARTHEST))),
             "judged_by": "full fit" if one.fitted else "screening",
         }
         for word, sets in (("may be right", stated.members), ("excluded", stated.excluded))

@@ -167,9 +167,11 @@ def models_of(frame: pd.DataFrame | None) -> tuple[str, ...]:
 
 
 def extended_model(gain: pd.DataFrame | None, verdict: VerdictRecord) -> str | None:
-    """Return the name in ``gain.csv`` of the base model extended by the named causes.
+    """Return the name in ``gain.csv`` of the base model extended by the causes that act.
 
-    Causes that counts of ruptures show are no part of it: no reading is predicted otherwise.
+    They are the named ones, and of each list of which one acts beside them the first, which the
+    evidence favours: with the named ones alone a model may predict worse than with none. Causes
+    that counts of ruptures show are no part of it: no reading is predicted otherwise.
 
     Examples
     --------
@@ -177,26 +179,32 @@ def extended_model(gain: pd.DataFrame | None, verdict: VerdictRecord) -> str | N
     >>> gain = pd.DataFrame({"model": ["base", "base+creep"]})
     >>> extended_model(gain, VerdictRecord.read({"outcome": "named", "causes": ["creep"]}))
     'base+creep'
+    >>> gain = pd.DataFrame({"model": ["base", "base+creep", "base+creep+pressure_loss"]})
+    >>> lists = [["creep"], ["pressure_loss", "film_mismatch"]]
+    >>> both = VerdictRecord.read({"outcome": "named", "causes": ["creep"], "sets": lists})
+    >>> extended_model(gain, both)
+    'base+creep+pressure_loss'
     """
     if verdict.outcome is not Outcome.NAMED:
         return None
     of_counts = {name for one in verdict.rupture_counts for name in one.explained_by}
-    wanted = {BASE, *verdict.causes} - of_counts
-    if len(wanted) == 1:
-        return None
-    for model in models_of(gain):
-        if model == FINAL or set(model.split("+")) == wanted:
-            return model
+    beside = {names[0] for names in verdict.sets} or set(next(iter(verdict.alternatives), ()))
+    known = models_of(gain)
+    for causes in ({*verdict.causes, *beside} - of_counts, {*verdict.causes} - of_counts):
+        for model in known if causes else ():
+            if model == FINAL or set(model.split("+")) == {BASE, *causes}:
+                return model
     return None
 
 
 def gain_parts(gain: pd.DataFrame | None, verdict: VerdictRecord) -> GainParts | None:
-    """Return of what the gain of a single named cause is made up; None where it is all in one.
+    """Return of what the gain of a single cause is made up; None where it is one part, or of more.
 
     A cause is judged by all that was held out, while ``gain.csv`` scores what the study predicts.
     """
     extended = extended_model(gain, verdict)
-    found = verdict.candidate(verdict.causes[0]) if len(verdict.causes) == 1 else None
+    alone = len(verdict.causes) == 1 and len(verdict.sets) < 2 and not verdict.alternatives
+    found = verdict.candidate(verdict.causes[0]) if alone else None
     rows = {row["model"]: row for row in rows_of(pooled(gain))}
     here = rows[extended]["elpd_diff"] if extended in rows else None
     if found is None or found.elpd_diff is None or here is None:

@@ -653,9 +653,9 @@ _TABLES = (
         (
             _text("causes", "what acts, joined by +"),
             _text("stated", "may be right, or excluded where each cause by itself is not"),
-            _log("log_bayes_factor", "of the model with them against the base model"),
-            _log("behind", "what that is less than the one of the favoured set"),
-            _log("odds", "of the favoured set against this one, by their evidence"),
+            Column("log_bayes_factor", "–", "of the model with them against the base model"),
+            Column("behind", "–", "what that is less than the one of the favoured set"),
+            Column("odds", "–", "of the favoured set against this one, by their evidence"),
             _text("judged_by", "full fit, or screening on the linear scale"),
         ),
     ),
