@@ -29,6 +29,8 @@ INNER, MARKED = (0.08, 0.3), 1.1
 BEYOND = 0.35
 #: Points along the line.
 POINTS = 86
+#: The stiff ends of an actuator, over which its line is straight: end walls have 3 of 50 mm.
+STIFF = 0.055
 #: An edge further from its neighbours' than so many of their deviations is not used.
 OUTLYING = 3.5
 #: Least deviation of edges from their neighbours': a rough line is off by more at kinks [px].
@@ -50,6 +52,9 @@ LEAST_ERROR = 0.04
 #: The edge is known at a mark if it is seen on both sides of it on more than this share of so many
 #: diameters; so many marks tell how marks lie on the edge.
 FEW, BESIDE, FEWEST_KNOWN = 0.3, 2.0, 4
+#: Of a mark's scatter, what the error of a point on it is: errors of points are grown for what
+#: neighbours have in common, and the scatter of marks has it already.
+SHARED = 0.5
 #: Points over which a line with marks is smoothed before it is read again: two marks or three.
 SMOOTH = 15
 #: Next to the ends the corner is rounded by blur: there no edge is read [px].
@@ -100,12 +105,23 @@ def find_edge(image: Colours, body: Silhouette, marks: Marks | None = None) -> E
         edge = _read(image, line, reach * body.thickness, marks)
         line = _straight_ends(edge)
         edge = Edge(line, edge.error, edge.seen, ends)
-        if (
-            marks is not None
-        ):  # that they are off the line must not be in what they are held against
-            line = savgol_filter(line, SMOOTH, 2, axis=0)
+        if marks is not None:
+            line = _smooth(line)
     assert edge is not None
     return edge
+
+
+def _smooth(line: Floats) -> Floats:
+    """Return a line to hold marks against: without what they made of it, with straight stiff ends.
+
+    The last point is beyond what was read, and takes no part.
+    """
+    smooth: Floats = savgol_filter(line, SMOOTH, 2, axis=0)
+    at = np.arange(int(STIFF * len(line)) + 1)
+    for part, raw in ((smooth, line), (smooth[::-1], line[::-1])):
+        ends = [np.polyval(np.polyfit(at[1:], axis[at[1:]], 1), at) for axis in raw.T]
+        part[at] = np.column_stack(ends)
+    return smooth
 
 
 def _straight_ends(edge: Edge) -> Floats:
@@ -238,7 +254,8 @@ def _through_marks(
     common = np.median(off)
     for k, one in zip(at, offset - common, strict=True):
         through[np.abs(index - k) <= 0.5 * marks.diameter] = one
-    return through, max(1.48 * float(np.median(np.abs(off - common))), LEAST_ERROR)
+    scatter = 1.48 * float(np.median(np.abs(off - common)))
+    return through, max(SHARED * scatter, LEAST_ERROR)
 
 
 def _middle(place: Floats) -> float:

@@ -9,7 +9,7 @@ from scipy.interpolate import CubicSpline
 
 from bayesdeg.data.settings import FEWEST_POINTS, Side
 from bayesdeg.errors import BayesdegError
-from bayesdeg.photographs.edges import POINTS, Edge, find_edge
+from bayesdeg.photographs.edges import POINTS, STIFF, Edge, find_edge
 from bayesdeg.photographs.marks import find_marks
 from bayesdeg.photographs.outline import Silhouette, arc_of, find_body, len_of
 from bayesdeg.photographs.picture import Colours
@@ -19,8 +19,6 @@ Floats = NDArray[np.float64]
 
 PHOTO_MB = 100.0
 """A JPEG file of 12 megapixels has 3 … 10 MB, a TIFF file 36 MB."""
-#: The stiff ends of an actuator, over which its line is straight: end walls have 3 of 50 mm.
-STIFF = 0.055
 #: Error of a point along the line, and of its ends, where the gel's corner is read [px].
 ALONG, END = 0.3, 1.5
 #: A stated length and a measured one that differ by more are not of one thing.
