@@ -102,7 +102,8 @@ def find_edge(image: Colours, body: Silhouette, marks: Marks | None = None) -> E
         skin = max(skin, MARKED * marks.diameter)
     for reach in REACHES:
         line, ends = _to_ends(image, line, body.thickness, skin)
-        edge = _read(image, line, reach * body.thickness, marks)
+        shown = None if marks is None else marks.within(line)
+        edge = _read(image, line, reach * body.thickness, shown)
         line = _straight_ends(edge)
         edge = Edge(line, edge.error, edge.seen, ends)
         if marks is not None:

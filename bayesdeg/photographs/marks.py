@@ -40,8 +40,13 @@ INKS = 4
 #: than so many times the middle distance.
 FEWEST, MOST_TURN, FAR = 6, 50.0, 2.5
 MOST = 200  # spots of one ink: where there are more they are a pattern, such as a fabric's
-#: Beyond the row's ends and beside it marks are looked for within so many diameters.
-BESIDE = 1.5
+#: Beside the row marks are looked for within so many diameters, and beyond its ends within twice
+#: as many, or so many of its steps.
+BESIDE, NEXT = 1.5, 1.3
+#: Points of a line from its end to which its direction there is taken, and the reach of what lies
+#: beyond an end, in diameters.
+END_POINTS, END_REACH = 4, 5.0
+END_BLUR = 1.5  # px, by which what is beyond an end reaches in
 BLUR = 0.8  # px: noise of the sensor is no ink
 #: A pixel has the marks' ink if it is nearer to it than this share of what they stand out by.
 IS_INK = 0.5
@@ -61,11 +66,14 @@ class Marks:
         Of a mark [px].
     hidden : array of bool, shape (rows, columns)
         Pixels of the photograph that marks and their rims hide.
+    ink : array of bool, shape (rows, columns)
+        Pixels along the row that have the marks' colour: of marks, and of a clamp of that colour.
     """
 
     centres: Floats
     diameter: float
     hidden: NDArray[np.bool_]
+    ink: NDArray[np.bool_]
 
     def without(self, small: Colours) -> Colours:
         """Return a reduced photograph with the nearest colours beside the marks in place of them.
@@ -80,6 +88,26 @@ class Marks:
         )
         nearest = distance_transform_edt(share > 0.0, return_distances=False, return_indices=True)
         return np.asarray(small[nearest[0], nearest[1]])
+
+    def within(self, line: Floats) -> "Marks":
+        """Return the marks where the ends of the line are known: what lies beyond is no ink.
+
+        A mark that touches a clamp of its own colour is a round spot without the clamp.
+
+        Parameters
+        ----------
+        line : array, shape (n, 2)
+            From end to end [px].
+        """
+        rows, columns = np.nonzero(self.ink)
+        at, alone = np.column_stack([columns, rows]), np.ones(len(rows), dtype=bool)
+        for end, inner in ((line[0], line[END_POINTS]), (line[-1], line[-1 - END_POINTS])):
+            near = np.hypot(*(at - end).T) < END_REACH * self.diameter
+            beyond = (at - end) @ (end - inner) / np.hypot(*(end - inner))
+            alone &= ~(near & (beyond > -END_BLUR))
+        ink = self.ink.copy()
+        ink[rows, columns] = alone
+        return _marked(ink, self.diameter) or self
 
 
 def find_marks(image: Colours) -> Marks | None:
@@ -127,8 +155,13 @@ def _spots(small: Colours, colours: Values, diameter: float) -> Floats:
     return np.column_stack([spots, around[at[:, 1], at[:, 0]]])
 
 
-def _round_ones(mask: NDArray[np.uint8], colours: Values, least: float, most: float) -> Floats:
-    """Return centre, diameter and colour of the round parts of a mask between two diameters."""
+def _round_ones(
+    mask: NDArray[np.uint8], colours: Values | None, least: float, most: float
+) -> Floats:
+    """Return centre, diameter and colour of the round parts of a mask between two diameters.
+
+    Colours are 0 where none are given.
+    """
     count, labels, parts, centres = cv2.connectedComponentsWithStats(mask)
     found = []
     for i in range(1, count):
@@ -139,7 +172,9 @@ def _round_ones(mask: NDArray[np.uint8], colours: Values, least: float, most: fl
         own = labels[y : y + height, x : x + width] == i
         _, radius = cv2.minEnclosingCircle(np.argwhere(own).astype(np.float32))
         if area > ROUND * np.pi * (radius + 0.5) ** 2:
-            colour = np.median(colours[y : y + height, x : x + width][own], axis=0)
+            colour = np.zeros(3)
+            if colours is not None:
+                colour = np.median(colours[y : y + height, x : x + width][own], axis=0)
             found.append([*centres[i], diameter, *colour])
     return np.array(found, dtype=np.float64).reshape(-1, 6)
 
@@ -203,16 +238,27 @@ def _refined(image: Colours, centres: Floats, diameter: float) -> Marks | None:
     at = np.round(centres - low).astype(int)
     off = np.linalg.norm(colours - np.median(colours[at[:, 1], at[:, 0]], axis=0), axis=2)
     stands_out = float(np.median(off[corridor]))
-    mask = ((off < IS_INK * stands_out) & corridor).astype(np.uint8)
-    row = _longest_path(_round_ones(mask, colours, SIZES[0] * diameter, SIZES[1] * diameter))
+    mask = (off < IS_INK * stands_out) & corridor
+    ink = np.zeros(image.shape[:2], dtype=bool)
+    ink[low[1] : low[1] + len(corridor), low[0] : low[0] + corridor.shape[1]] = mask
+    return _marked(ink, diameter)
+
+
+def _marked(ink: NDArray[np.bool_], diameter: float) -> Marks | None:
+    """Return the row of marks that ink makes; None if it makes none."""
+    rows, columns = (np.flatnonzero(ink.any(axis=axis)) for axis in (1, 0))
+    if not len(rows):
+        return None
+    rim = int(RIM * diameter + RIM_PX)
+    low = np.maximum([columns[0] - rim, rows[0] - rim], 0)
+    part = ink[low[1] : rows[-1] + rim + 1, low[0] : columns[-1] + rim + 1].astype(np.uint8)
+    row = _longest_path(_round_ones(part, None, SIZES[0] * diameter, SIZES[1] * diameter))
     if len(row) < FEWEST:
         return None
-    hidden = np.zeros(image.shape[:2], dtype=bool)
-    rim = 2 * int(RIM * diameter + RIM_PX) + 1
-    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (rim, rim))
-    rows, columns = (slice(low[k], low[k] + corridor.shape[1 - k]) for k in (1, 0))
-    hidden[rows, columns] = cv2.dilate(mask, kernel) == 1
-    return Marks(row[:, :2] + low, float(np.median(row[:, 2])), hidden)
+    hidden = np.zeros_like(ink)
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * rim + 1, 2 * rim + 1))
+    hidden[low[1] : low[1] + len(part), low[0] : low[0] + part.shape[1]] = cv2.dilate(part, kernel)
+    return Marks(row[:, :2] + low, float(np.median(row[:, 2])), hidden, ink)
 
 
 def _corridor(
@@ -220,7 +266,8 @@ def _corridor(
 ) -> tuple[NDArray[np.int_], NDArray[np.bool_]]:
     """Return what is within a distance of a row, continued at its ends, and its corner [px]."""
     ahead = np.array([centres[0] - centres[1], centres[-1] - centres[-2]])
-    ahead *= 2.0 * reach / np.hypot(*ahead.T)[:, None]
+    steps = np.hypot(*np.diff(centres, axis=0).T)
+    ahead *= max(2.0 * reach, NEXT * float(np.median(steps))) / np.hypot(*ahead.T)[:, None]
     path = np.vstack([centres[0] + ahead[0], centres, centres[-1] + ahead[1]])
     low = np.maximum(np.floor(path.min(axis=0) - 4.0 * reach), 0).astype(int)
     high = np.minimum(np.ceil(path.max(axis=0) + 4.0 * reach), image.shape[1::-1]).astype(int)

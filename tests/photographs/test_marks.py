@@ -84,7 +84,8 @@ def along(place, centres, diameter=12.0):
     points = np.column_stack([np.arange(len(place)), np.zeros(len(place))])
     normals = np.tile([0.0, 1.0], (len(place), 1))
     hidden = np.abs(points[:, :1] - centres[None, :, 0]).min(axis=1) < 0.7 * diameter
-    marks = Marks(centres, diameter, np.zeros((1, 1), dtype=bool))
+    none = np.zeros((1, 1), dtype=bool)
+    marks = Marks(centres, diameter, none, none)
     return _through_marks(points, normals, np.where(hidden, np.nan, place), marks), hidden
 
 
@@ -109,3 +110,20 @@ def test_too_few_marks_beside_a_seen_edge_say_nothing():
     (through, error), _ = along(place, np.column_stack([at, np.ones(6)]))
     assert np.isnan(through).all()
     assert error == 0.0
+
+
+def test_a_mark_that_touches_a_clamp_of_its_colour_is_found_where_the_end_is_known():
+    image = np.full((900, 1200, 3), (30, 105, 190), np.uint8)
+    image[450:] = 220
+    cv2.rectangle(image, (0, 200), (200, 700), (30, 30, 30), -1)
+    centres = np.column_stack([206.0 + 70.0 * np.arange(9), np.full(9, 450.0)])
+    for x, y in centres.astype(int):
+        cv2.circle(image, (x, y), 7, (30, 30, 30), -1, lineType=cv2.LINE_AA)
+    found = find_marks(image)
+    assert len(found.centres) == 8
+    assert found.hidden[440:460, 150:190].any()  # the clamp, taken for ink
+    line = np.column_stack([np.linspace(200.0, 800.0, 300), np.full(300, 450.0)])
+    within = found.within(line)
+    assert cdist(within.centres, centres).min(axis=0).max() < 2.0
+    assert not within.hidden[440:460, 150:185].any()
+    assert len(found.within(line[::-1]).centres) == 9
