@@ -132,8 +132,17 @@ def find_marks(image: Colours) -> Marks | None:
         centres = (row[:, :2] + 0.5) / factor - 0.5
         marks = _refined(image, centres, float(np.median(row[:, 2])) / factor)
         if marks is not None:
-            return marks
+            return _continued(image, marks)
     return None
+
+
+def _continued(image: Colours, marks: Marks) -> Marks:
+    """Return a row with the marks beyond its ends that were not seen in the reduced photograph."""
+    while True:
+        longer = _refined(image, marks.centres, marks.diameter)
+        if longer is None or len(longer.centres) <= len(marks.centres):
+            return marks
+        marks = longer
 
 
 def _lab(image: Colours) -> Values:
