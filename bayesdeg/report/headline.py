@@ -106,6 +106,7 @@ def _facts(verdict: VerdictRecord, gain: pd.DataFrame | None) -> Mapping[str, ob
         "sized": _sized(verdict) if verdict.causes else "",
         "either": sentences("headline", "possible", v=verdict),
         "first": _begun(verdict.causes[0]) if verdict.causes else "",
+        "beside": _beside(verdict),
         "off_priors": fits_off_priors(verdict),
         "by_counts": _by_counts(verdict) or _by_ruptures(verdict),
         "ruptures": verdict.ruptures if _by_ruptures(verdict) else None,
@@ -117,6 +118,12 @@ def _facts(verdict: VerdictRecord, gain: pd.DataFrame | None) -> Mapping[str, ob
         **_misfit_facts(verdict),
         **_gain_facts(verdict, gain),
     }
+
+
+def _beside(verdict: VerdictRecord) -> tuple[tuple[str, ...], ...]:
+    """Return lists of which one cause acts on the readings beside the named ones."""
+    of_counts = {name for one in verdict.rupture_counts for name in one.explained_by}
+    return tuple(names for names in verdict.sets if len(names) > 1 and not of_counts & {*names})
 
 
 def sets_of(verdict: VerdictRecord) -> str:

@@ -3,7 +3,9 @@
 import pandas as pd
 import pytest
 
+from bayesdeg.report.headline import headline_of
 from bayesdeg.report.page import build_page
+from bayesdeg.report.record import VerdictRecord
 from bayesdeg.report.tables import SETS, TABLES
 from bayesdeg.report.wording import listed
 from tests.report import synthetic_run
@@ -39,3 +41,13 @@ def test_every_set_stands_in_the_table_with_its_odds(tmp_path, stated):
 def test_one_set_needs_no_table(tmp_path):
     page = page_of(tmp_path / "run", ROWS[:1], {"sets": [["creep"], ["pressure_loss"]]})
     assert 'href="sets.csv"' not in page.split('id="cause"')[1].split("</section>")[0]
+
+
+def test_the_headline_holds_what_acts_beside_on_readings_and_not_what_counts_show():
+    lists = [["creep"], ["pressure_loss", "film_mismatch"]]
+    named = {"outcome": "named", "causes": ["creep"], "sets": lists}
+    both = headline_of(VerdictRecord.read(named), None).sentence
+    assert both.endswith("pressure loss or film mismatch")
+    counts = {"p_value": 0.001, "explained_by": ["pressure_loss", "film_mismatch"]}
+    of_counts = VerdictRecord.read({**named, "rupture_counts": [counts]})
+    assert headline_of(of_counts, None).sentence.endswith("creep")
