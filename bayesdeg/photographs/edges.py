@@ -43,6 +43,8 @@ STRAIGHT = 6
 LEAST_CONTRAST = 4.0
 #: Share of the line on which an edge must be seen.
 LEAST_SEEN = 0.6
+#: A line of fewer pixels has hardly one for each point; profiles of fewer hold no whole edge [px].
+LEAST_LENGTH, LEAST_REACH = 90.0, 1.5
 #: Width of the derivative across the line [px].
 BLUR = 1.0
 #: Of the strongest change of colour on a profile, the share from which a change is an edge.
@@ -209,6 +211,12 @@ def _to_ends(image: Colours, line: Floats, thickness: float, skin: float) -> tup
 
 def _read(image: Colours, line: Floats, reach: float, marks: Marks | None) -> Edge:
     length = len_of(line)
+    if length < LEAST_LENGTH or reach < LEAST_REACH:
+        raise BayesdegError(
+            f"the line found is {length:.0f} pixels long, of a body too small to read an edge on; "
+            f"take the photograph nearer, so that the line has {LEAST_LENGTH:.0f} pixels and more, "
+            "or show it with --hint"
+        )
     arc = np.arange(CORNER, length - CORNER, 1.0)
     points, normals = _at(line, arc)
     off = np.arange(-2.0 * reach, reach + 0.25, 0.5)

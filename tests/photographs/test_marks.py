@@ -6,8 +6,9 @@ import pytest
 from scipy.spatial.distance import cdist
 
 from bayesdeg.errors import BayesdegError
-from bayesdeg.photographs.edges import FEWEST_KNOWN, SHARED, _through_marks
+from bayesdeg.photographs.edges import FEWEST_KNOWN, SHARED, _through_marks, find_edge
 from bayesdeg.photographs.marks import FEWEST, Marks, find_marks
+from bayesdeg.photographs.outline import Silhouette
 from bayesdeg.photographs.trace import PictureScale, angle_and_length, trace
 
 
@@ -128,3 +129,10 @@ def test_a_mark_that_touches_a_clamp_of_its_colour_is_found_where_the_end_is_kno
     assert cdist(within.centres, centres).min(axis=0).max() < 2.0
     assert not within.hidden[440:460, 150:185].any()
     assert len(found.within(line[::-1]).centres) == 9
+
+
+def test_a_line_of_few_pixels_is_refused():
+    image = np.full((300, 400, 3), 200, np.uint8)
+    line = np.column_stack([np.linspace(100.0, 160.0, 60), np.full(60, 150.0)])
+    with pytest.raises(BayesdegError, match="too small"):
+        find_edge(image, Silhouette(line, 200.0))
