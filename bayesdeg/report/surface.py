@@ -15,7 +15,8 @@ from skfem.quadrature import get_quadrature
 from bayesdeg.actuator.body import Body, Element, boundary_faces, isoparametric
 from bayesdeg.actuator.problem import MechanicalState, Problem
 from bayesdeg.errors import BayesdegError
-from bayesdeg.files import OF_DAMAGED_ARCHIVES, refuse_special, write_bytes, written
+from bayesdeg.files import OF_DAMAGED_ARCHIVES, write_bytes, written
+from bayesdeg.report.checkpoints import load_arrays
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -563,15 +564,14 @@ def read_surface(folder: Path) -> Surface | None:
     if not path.exists():
         return None
     try:
-        refuse_special(path)
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
-            columns = [stored[field.name].astype(np.float64) for field in fields_of(Shape)]
-            surface = Surface(
-                stored["faces"].astype(np.int64),
-                stored["on_cut"].astype(bool),
-                stored["in_cavity"].astype(bool),
-                tuple(Shape(*row) for row in zip(*columns, strict=True)),
-            )
+        stored = load_arrays(path)
+        columns = [stored[field.name].astype(np.float64) for field in fields_of(Shape)]
+        surface = Surface(
+            stored["faces"].astype(np.int64),
+            stored["on_cut"].astype(bool),
+            stored["in_cavity"].astype(bool),
+            tuple(Shape(*row) for row in zip(*columns, strict=True)),
+        )
         _check(surface)
     except OF_DAMAGED_ARCHIVES as fault:
         raise BayesdegError(
