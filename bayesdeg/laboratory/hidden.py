@@ -171,16 +171,8 @@ def read_answers(content: bytes, file: str) -> tuple[HiddenAnswer, ...]:
     bayesdeg.errors.StudyError: answers.csv, row 2, column causes, value 'crep': is no cause; ...
     """
     faults: list[Fault] = []
-    found: list[tuple[int, HiddenAnswer]] = []
-    for row, content_of_row in _rows(content, file, faults):
-        answer = _record(HiddenAnswer, content_of_row, file, row, faults)
-        if answer is not None:
-            faults += wrong_answer(answer, file, row)
-            found.append((row, answer))
-    faults += _twice(((row, answer.study) for row, answer in found), file)
-    if faults:
-        raise StudyError(faults)
-    return tuple(answer for _, answer in found)
+    rows = _rows(content, file, faults)
+    return _sound(HiddenAnswer, rows, wrong_answer, file, faults)
 
 
 def read_truths(content: bytes, file: str) -> tuple[HiddenTruth, ...]:
@@ -204,16 +196,28 @@ def read_truths(content: bytes, file: str) -> tuple[HiddenTruth, ...]:
     ()
     """
     faults: list[Fault] = []
-    found: list[tuple[int, HiddenTruth]] = []
-    for row, content_of_row in _lines(content, file, faults):
-        truth = _record(HiddenTruth, content_of_row, file, row, faults)
-        if truth is not None:
-            faults += _wrong_truth(truth, file, row)
-            found.append((row, truth))
-    faults += _twice(((row, truth.study) for row, truth in found), file)
+    rows = _lines(content, file, faults)
+    return _sound(HiddenTruth, rows, _wrong_truth, file, faults)
+
+
+def _sound[T: (HiddenAnswer, HiddenTruth)](
+    kind: type[T],
+    rows: Iterable[tuple[int, object]],
+    wrong: Callable[[T, str, int], Iterable[Fault]],
+    file: str,
+    faults: list[Fault],
+) -> tuple[T, ...]:
+    """Return the records of rows, one a study; raise with every fault of them."""
+    found: list[tuple[int, T]] = []
+    for row, content in rows:
+        record = _record(kind, content, file, row, faults)
+        if record is not None:
+            faults += wrong(record, file, row)
+            found.append((row, record))
+    faults += _twice(((row, record.study) for row, record in found), file)
     if faults:
         raise StudyError(faults)
-    return tuple(truth for _, truth in found)
+    return tuple(record for _, record in found)
 
 
 def lines_of(records: Iterable[FileRecord]) -> str:
