@@ -26,12 +26,11 @@ from other_methods import METHODS as OTHERS
 from other_methods import FittedStudy, fit_study
 from threadpoolctl import threadpool_limits
 
+from bayesdeg.commands.score import StatedVerdict
 from bayesdeg.data.study import read_study
 from bayesdeg.laboratory.hidden import (
-    SAYING,
     HiddenAnswer,
     HiddenTruth,
-    Sets,
     StatedSize,
     lines_of,
     read_answers,
@@ -40,7 +39,8 @@ from bayesdeg.laboratory.hidden import (
 from bayesdeg.laboratory.score import Score, ScoredShare, score
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.calibrate import base_without_chain
-from bayesdeg.pipeline.judge import JUDGE_EFFORTS, Judgement, judge
+from bayesdeg.pipeline.judge import JUDGE_EFFORTS, judge
+from bayesdeg.pipeline.record import verdict_document
 
 STORE = Path(".cache/scored/answers")
 TRUTHS = "truths.jsonl"
@@ -64,34 +64,8 @@ def judged(folder: Path) -> HiddenAnswer:
     fitting, judging = np.random.SeedSequence(study.settings.seed).spawn(2)
     base = base_without_chain(assembly.model, fitting)
     found = judge(assembly, base, effort=JUDGE_EFFORTS["quick"], seed=judging)
-    sets, alternatives = said_by(found)
-    stated = {name for names in (*sets, *alternatives) for name in names}
-    tried = [one for one in found.candidates if one.probability is not None]
-    return HiddenAnswer(
-        study=folder.name,
-        outcome=found.decision.outcome,
-        sets=sets,
-        alternatives=alternatives,
-        p_value=found.misfit.p_value,
-        sizes={
-            f"{one.cause}.{name}": StatedSize(mean=size.mean, q05=size.q05, q95=size.q95)
-            for one in tried
-            if one.cause in stated
-            for name, size in one.effect.items()
-            if np.isfinite(size.q05) and np.isfinite(size.q95)
-        },
-        probabilities={one.cause: one.probability for one in tried},
-    )
-
-
-def said_by(found: Judgement) -> tuple[Sets, Sets]:
-    """Return the product of sets that a verdict states, or the sets in place of one."""
-    decision = found.decision
-    if decision.outcome not in SAYING:
-        return (), ()
-    if decision.sets or decision.alternatives:
-        return decision.sets, decision.alternatives
-    return (decision.causes,), ()
+    document = verdict_document(found, "", explanation="not scored").document()
+    return StatedVerdict.read(document).answer(folder.name)
 
 
 def answered(method: str, folder: Path) -> tuple[HiddenAnswer, float]:
