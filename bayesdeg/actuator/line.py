@@ -10,7 +10,8 @@ from types import MappingProxyType
 
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import make_splprep
+from scipy.interpolate import BSpline, make_splprep
+from scipy.spatial import KDTree
 
 from bayesdeg.data.settings import Operator
 
@@ -161,9 +162,7 @@ def spline_curvature(points: npt.ArrayLike, *, noise_sd: float = 0.0) -> float:
 
     .. math:: \bar\kappa = \frac{1}{L} \int \frac{x'' z' - x' z''}{(x'^2 + z'^2)^{3/2}} ds
 
-    This is what the Kappa plugin for Fiji reports of a traced curve (doi:10.1101/852772): a cubic
-    B-spline is fitted and its curvature averaged; here the average is by arc length and keeps
-    its sign.
+    The Kappa plugin for Fiji (doi:10.1101/852772) averages in another way, see `kappa_bend`.
 
     Parameters
     ----------
@@ -275,6 +274,8 @@ def read_line(
 
         It alone depends on how the picture is aligned with the clamp.
 
+    What Kappa says of a line, `kappa_bend`, depends on a number of control points besides.
+
     Parameters
     ----------
     points : array_like, shape (n, 2)
@@ -373,6 +374,76 @@ def spline_bend(points: npt.ArrayLike) -> Bend:
     return Bend(turned, length)
 
 
+def kappa_bend(points: npt.ArrayLike, controls: int) -> Bend:
+    r"""Return what Fiji's plugin Kappa says of a traced line.
+
+    A cubic B-spline with its first and last control point at the ends and even knots is fitted to
+    the pixels of the line: each pixel is given to the nearest of 129 points on each piece, all
+    control points follow by least squares, and this is repeated as long as the points of the curve
+    come closer to the pixels on average. The curvature is the mean of its absolute value over these
+    points, which are even in the spline's parameter, not along the arc:
+
+    .. math:: \bar\kappa = \frac{1}{129 m} \sum_j |\kappa(u_j)|, \qquad m = n - 3
+
+    with n control points. The fit begins with control points evenly on the line, as a person may
+    set them, and ends after one to six rounds, wherever it began: it does not read 1/R of an arc.
+
+    Parameters
+    ----------
+    points : array_like, shape (n_pixels, 2)
+        Pixels of the line, many for each control point [mm].
+    controls : int
+        n, at least 4.
+
+    Returns
+    -------
+    Bend
+        Of which the angle is the mean curvature times the length of the curve.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than four control points, or fewer points than those.
+
+    Examples
+    --------
+    >>> s = np.linspace(0.0, np.pi / 2, 300)
+    >>> row = np.column_stack([100 * np.sin(s), 100 * np.cos(s) - 100])
+    >>> [round(kappa_bend(row, controls).curvature, 1) for controls in (5, 8)]
+    [9.2, 9.6]
+    """
+    row = _checked(points)
+    if not 4 <= controls <= len(row):
+        raise ValueError(f"{controls} control points are none of a cubic spline of {len(row)}")
+    pieces = controls - 3
+    knots = np.concatenate([[0.0] * 3, np.linspace(0.0, 1.0, pieces + 1), [1.0] * 3])
+    steps = np.linspace(0.0, 1.0, _PER_PIECE)
+    places = ((np.arange(pieces)[:, None] + steps) / pieces).ravel()
+    basis = BSpline.design_matrix(places, knots, 3).toarray()
+    first = np.round(np.linspace(0, len(row) - 1, controls)).astype(int)
+    spline = BSpline(knots, _fitted_as_kappa(row, row[first], basis), 3)
+    rate, change = spline(places, nu=1), spline(places, nu=2)
+    speed = np.hypot(*rate.T)
+    turning = np.abs(change[:, 0] * rate[:, 1] - change[:, 1] * rate[:, 0]) / speed**3
+    length = float(np.hypot(*np.diff(basis @ spline.c, axis=0).T).sum())
+    return Bend(float(np.mean(turning)) * length, length)
+
+
+def _fitted_as_kappa(pixels: Floats, controls: Floats, basis: Floats) -> Floats:
+    """Return control points after as many fits as bring the curve closer to the pixels."""
+    near = KDTree(pixels)
+    distance = np.mean(near.query(basis @ controls)[0])
+    for _ in range(_STEPS):
+        given = KDTree(basis @ controls).query(pixels)[1]
+        moved = np.linalg.lstsq(basis[given], pixels, rcond=None)[0]
+        closer = np.mean(near.query(basis @ moved)[0])
+        if closer >= distance:
+            break
+        controls, distance = moved, closer
+    return controls
+
+
+_PER_PIECE = 129  # points that Kappa sets on each piece of a spline
 _STEPS = 60
 """Steps of Gauss's and Newton's method; fewer than ten are enough on rows that look like arcs."""
 _LEAST = 1e-12

@@ -44,7 +44,7 @@ Mode = Literal["uniaxial", "equibiaxial", "planar"]
 
 RuptureCriterion = Literal["principal_stretch", "cauchy_stress", "strain_energy", "weakest_link"]
 
-Operator = Literal["angle_over_arc", "circle", "spline", "base_tip"]
+Operator = Literal["angle_over_arc", "circle", "spline", "base_tip", "kappa"]
 
 MaterialLaw = Literal["yeoh", "neo_hookean", "mooney_rivlin", "gent", "ogden"]
 Side = Literal["left", "right", "top", "bottom"]
@@ -60,6 +60,9 @@ VENDOR_SD = 0.2
 SIDES: tuple[Side, ...] = get_args(Side)
 FEWEST_POINTS = 4
 """Of a line that is read, as a cubic spline needs."""
+FEWEST_CONTROLS, MOST_CONTROLS = 5, 8
+"""Control points of a line in Kappa. With four what is read depends by 14 % on where they are set,
+with nine and more the curve follows the waves of the floor and differs from line to line."""
 RUPTURE_CRITERIA: tuple[RuptureCriterion, ...] = get_args(RuptureCriterion)
 
 
@@ -374,7 +377,8 @@ class Settings:
     operator : str, optional
         How curvature was read; if it is not stated, as bend angle over arc length.
     reading_points : int
-        How many points along the bottom line another operator was given.
+        How many points along the bottom line another operator was given; for ``kappa`` how many
+        control points the curve had.
     law : {"yeoh", "neo_hookean"}
         The material law that a model is calibrated with.
     stretch_range : (float, float), optional
@@ -789,6 +793,7 @@ def _from_document(document: dict[str, Any], text: str) -> tuple[Settings, tuple
     settings = Settings(dimensions=dimensions, priors=priors, forward=forward, **accepted)
     if not faults:
         faults += _unknown_operator(settings, text)
+        faults += _unknown_controls(settings, "points" in document.get("reading", {}), text)
     return settings, tuple(faults)
 
 
@@ -812,6 +817,20 @@ def _unknown_operator(settings: Settings, text: str) -> tuple[Fault, ...]:
             _as_written(settings.operator),
         ),
     )
+
+
+def _unknown_controls(settings: Settings, stated: bool, text: str) -> tuple[Fault, ...]:
+    """Refuse curves of Kappa of which it is not known how many control points they had."""
+    points = settings.reading_points
+    if settings.operator != "kappa" or (stated and FEWEST_CONTROLS <= points <= MOST_CONTROLS):
+        return ()
+    problem = (
+        f"must be {FEWEST_CONTROLS} to {MOST_CONTROLS} with kappa, whose reading depends on it"
+    )
+    remedy = "state how many control points the curves had, or export their points as markers.csv"
+    row = _row_of(text, "reading", "points" if stated else "operator")
+    value = str(points) if stated else "not stated"
+    return (Fault(FILE, problem, remedy, row, "reading.points", value),)
 
 
 def _without_forward(document: Mapping[str, Any], text: str) -> tuple[Fault, ...]:

@@ -23,9 +23,10 @@ import pandas as pd
 import pandera.pandas as pa
 from numpy.typing import NDArray
 
-from bayesdeg.actuator.line import MILLIMETRES_PER_METRE, read_line
+from bayesdeg.actuator.line import MILLIMETRES_PER_METRE, OPERATORS, read_line
 from bayesdeg.actuator.reading import evenly
 from bayesdeg.data.settings import FEWEST_POINTS, Operator
+from bayesdeg.data.settings import FILE as SETTINGS_FILE
 from bayesdeg.data.study import Study
 from bayesdeg.data.tables import (
     ACTUATOR,
@@ -229,6 +230,10 @@ def _wrong_study(study: Study, operator: Operator, table: pd.DataFrame) -> Itera
     if not study.settings.is_default_mould:
         problem = "is known of the default actuator alone: what points read of another is not"
         yield Fault(FILE, problem, "give bend angles of the end faces in actuator.csv")
+    if operator == "kappa":
+        problem = "reads curves, not points, and a line of points is given"
+        remedy = f"state one of {', '.join(OPERATORS)}"
+        yield Fault(SETTINGS_FILE, problem, remedy, column="reading.operator", value=operator)
     if operator == "base_tip" and table[[*_MILLIMETRES]].isna().any(axis=None):
         remedy = "give x_mm along the clamped end and y_mm, or another [reading] operator"
         yield Fault(FILE, "has pixels, which do not say how the base lies", remedy)

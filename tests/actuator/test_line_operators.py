@@ -6,11 +6,11 @@ from scipy.optimize import least_squares
 
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.inputs import Inputs, Prediction
-from bayesdeg.actuator.line import OPERATORS, read_line
+from bayesdeg.actuator.line import OPERATORS, kappa_bend, read_line
 from bayesdeg.actuator.mesh import build_mesh
 from bayesdeg.actuator.outputs import read_bottom_line
 from bayesdeg.actuator.problem import MechanicalState
-from bayesdeg.actuator.reading import ReadByOperator, bottom_lines, operator_ratio
+from bayesdeg.actuator.reading import ReadByOperator, bottom_lines, evenly, operator_ratio
 from bayesdeg.actuator.status import COARSE
 from bayesdeg.data.settings import Dimensions, parse_settings
 
@@ -130,3 +130,86 @@ def test_settings_state_the_operator():
     assert "circle" in str(faults[0])
     _, faults = parse_settings(b'[reading]\nname = "x"\n')
     assert len(faults) == 1
+
+
+def by_hand(row, count):
+    """Return what Kappa reads, from the recursion of B-splines and distances one by one."""
+    pieces = count - 3
+    knots = np.concatenate([[0.0] * 4, np.arange(1, pieces) / pieces, [1.0] * 4])
+
+    def basis(i, degree, u):
+        if degree == 0:
+            last = u == 1.0 and knots[i] < knots[i + 1] == 1.0
+            return float(knots[i] <= u < knots[i + 1] or last)
+        found = 0.0
+        if knots[i + degree] > knots[i]:
+            found += (u - knots[i]) / (knots[i + degree] - knots[i]) * basis(i, degree - 1, u)
+        if knots[i + degree + 1] > knots[i + 1]:
+            share = (knots[i + degree + 1] - u) / (knots[i + degree + 1] - knots[i + 1])
+            found += share * basis(i + 1, degree - 1, u)
+        return found
+
+    places = np.concatenate([(k + np.linspace(0.0, 1.0, 129)) / pieces for k in range(pieces)])
+    table = np.array([[basis(i, 3, u) for i in range(count)] for u in places])
+    control = row[np.round(np.linspace(0, len(row) - 1, count)).astype(int)]
+    mean = np.inf
+    while True:
+        apart = np.linalg.norm((table @ control)[:, None] - row, axis=2)
+        if not apart.min(axis=1).mean() < mean:
+            break
+        best, mean = control, apart.min(axis=1).mean()
+        given = table[apart.argmin(axis=0)]
+        control = np.linalg.solve(given.T @ given, given.T @ row)
+    fine = np.linspace(0.0, 1.0, 129 * 40)
+    curve = np.array([[basis(i, 3, u) for i in range(count)] for u in fine]) @ best
+    rate = np.gradient(curve, fine, axis=0)
+    change = np.gradient(rate, fine, axis=0)
+    bent = np.abs(rate[:, 0] * change[:, 1] - rate[:, 1] * change[:, 0])
+    return 1e3 * np.mean(bent / np.hypot(*rate.T) ** 3)
+
+
+@pytest.mark.parametrize("controls", [4, 5, 7])
+def test_kappa_fits_and_averages_as_the_plugin_does(controls):
+    row = evenly(bottom_lines().points[-1], 120)
+    assert kappa_bend(row, controls).curvature == pytest.approx(by_hand(row, controls), rel=5e-3)
+
+
+@pytest.mark.parametrize("angle", [-2.0, 0.3])
+def test_kappa_reads_the_size_of_a_curvature_at_any_scale_and_side(angle):
+    once = kappa_bend(arc(angle, 400), 6)
+    assert once.angle == pytest.approx(abs(angle), rel=0.1)
+    assert kappa_bend(2.0 * arc(-angle, 400), 6).angle == pytest.approx(once.angle, rel=1e-6)
+
+
+@pytest.mark.parametrize("controls", [3, 31])
+def test_kappa_needs_four_control_points_and_more_pixels(controls):
+    with pytest.raises(ValueError, match="control"):
+        kappa_bend(arc(1.0), controls)
+
+
+@pytest.mark.parametrize("controls", [5, 6, 7, 8])
+def test_error_of_kappa_holds_what_other_control_points_read(controls):
+    rng = np.random.default_rng(5)
+    ratio, apart = operator_ratio("kappa", controls), []
+    for line in bottom_lines().points[::24]:
+        row = evenly(line, 400)
+        at = np.linspace(0, 399, controls)
+        at[1:-1] += rng.normal(0.0, 0.15 * 399 / (controls - 1), controls - 2)
+        # as many pixels, more of them where control points are closer
+        uneven = np.interp(np.linspace(0, controls - 1, 400), np.arange(controls), np.sort(at))
+        moved = np.column_stack([np.interp(uneven, np.arange(400), row[:, k]) for k in (0, 1)])
+        apart.append(np.log(kappa_bend(moved, controls).angle / kappa_bend(row, controls).angle))
+    assert np.sqrt(np.mean(np.square(apart))) < 2.0 * ratio.sd
+
+
+@pytest.mark.parametrize("points", ["", "points = 4", "points = 9"])
+def test_the_number_of_control_points_must_be_stated(points):
+    _, faults = parse_settings(f'[reading]\noperator = "kappa"\n{points}'.encode())
+    assert len(faults) == 1
+    assert faults[0].column == "reading.points"
+
+
+def test_a_study_states_its_control_points():
+    settings, faults = parse_settings(b'[reading]\noperator = "kappa"\npoints = 6\n')
+    assert not faults
+    assert (settings.operator, settings.reading_points) == ("kappa", 6)

@@ -204,6 +204,11 @@ def test_pixels_do_not_say_how_the_base_lies(tmp_path):
     assert "the base lies" in faults(written(tmp_path, in_pixels(table([2.0])), settings))[0]
 
 
+def test_points_are_not_read_as_curves_of_kappa(tmp_path):
+    settings = 'seed = 7\n[reading]\noperator = "kappa"\npoints = 6'
+    assert "reading.operator" in faults(written(tmp_path, table([2.0]), settings))[0]
+
+
 def test_points_of_another_actuator_are_refused(tmp_path):
     settings = "seed = 7\n[actuator]\nlength = 60"
     folder = written(tmp_path, table([2.0]), settings)
