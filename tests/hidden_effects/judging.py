@@ -1,18 +1,18 @@
 """From a study folder alone to its verdict, as ``bayesdeg run --effort quick`` comes to it.
 
 Verdicts are made in processes of their own, which open the folder and nothing else. So are those of
-a catalogue in which one cause does nothing (`verdict_with_idle`).
+a catalogue in which one cause does nothing, or something else (`verdict_with`).
 """
 
 import multiprocessing
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from concurrent.futures import Future, ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from bayesdeg.causes.cause import Cause
+from bayesdeg.causes.cause import Cause, Effect
 from bayesdeg.criticism.checks.missing_terms import MissingTerm
 from bayesdeg.criticism.decide.alternatives import stated_sets
 from bayesdeg.criticism.decide.candidates import effect_sizes
@@ -95,7 +95,7 @@ class Verdicts:
 def verdicts_on(folder: Path, idle: tuple[str, ...] = ()) -> Verdicts:
     """Judge a folder; then anew with each of some causes doing nothing."""
     judgement = judged(assemble(read_study(folder)))
-    return Verdicts(_told(judgement), {name: verdict_with_idle(judgement, name) for name in idle})
+    return Verdicts(_told(judgement), {name: verdict_with(judgement, name) for name in idle})
 
 
 def side_by_side(
@@ -119,15 +119,41 @@ def judged(assembly: Assembly, *, seed: int = 1) -> Judgement:
     )
 
 
-def verdict_with_idle(judgement: Judgement, name: str) -> Verdict:
-    """Return the verdict of a catalogue in which one cause does nothing, all else as it was.
+def idle(cause: Cause) -> Cause:
+    """Return a cause that does nothing."""
+    return replace(cause, **{hook: _unchanged for hook in HOOKS if getattr(cause, hook)})
+
+
+def scaled(factor: float) -> Callable[[Cause], Cause]:
+    """Return what makes a cause act as with its first parameter that much farther off neutral."""
+
+    def mutated(cause: Cause) -> Cause:
+        size = cause.parameters[0]
+
+        def wrong(hook: Callable[..., object]) -> Callable[..., object]:
+            def acting(state: object, conditions: object, effect: Effect, *rest: object) -> object:
+                moved = size.neutral + factor * (effect[size.name] - size.neutral)
+                return hook(state, conditions, {**effect, size.name: moved}, *rest)
+
+            return acting
+
+        hooks = {name: getattr(cause, name) for name in HOOKS}
+        return replace(cause, **{name: wrong(hook) for name, hook in hooks.items() if hook})
+
+    return mutated
+
+
+def verdict_with(
+    judgement: Judgement, name: str, mutate: Callable[[Cause], Cause] = idle
+) -> Verdict:
+    """Return the verdict of a catalogue in which one cause does something else, or nothing.
 
     The search is made anew, but what it knows already of sets without that cause is the same for
     both and is not computed twice. Further sets are fitted only with the cause that screening finds
     best. Held-out specimens, the dear part, are taken to agree with all that is found: they can but
     take causes away, so a test that fails this verdict fails the whole one.
     """
-    search = search_with_idle(judgement.search, name)
+    search = search_with(judgement.search, name, mutate)
     chosen = run_search(search)
     agreed = [
         replace(one, elpd_diff=np.inf, elpd_diff_se=0.0, together=None)
@@ -158,35 +184,31 @@ def verdict_with_idle(judgement: Judgement, name: str) -> Verdict:
     )
 
 
-def search_with_idle(search: Search, name: str) -> Search:
-    """Return a search whose cause of that name does nothing, with what is known without it."""
-    causes = tuple(_idle(c) if c.name == name else c for c in search.causes)
+def search_with(search: Search, name: str, mutate: Callable[[Cause], Cause]) -> Search:
+    """Return a search with another cause of that name, and with what is known without it."""
+    causes = tuple(mutate(c) if c.name == name else c for c in search.causes)
     other = replace(search, causes=causes, effort=NARROW, trials={}, steps={}, on_fit=None)
     other.trials |= {n: trial for n, trial in search.trials.items() if name not in n}
-    [idle] = (cause for cause in causes if cause.name == name)
+    [mutant] = (cause for cause in causes if cause.name == name)
     for names, step in search.steps.items():
         if name not in names:
             others = [cause for cause in causes if cause.name not in names]
-            other.steps[names] = _without(step, idle, others)
+            other.steps[names] = _screened_with(step, mutant, others)
     return other
 
 
-def _without(step: Step, idle: Cause, others: list[Cause]) -> Step:
-    """Return what is known of a set where another cause has become idle."""
+def _screened_with(step: Step, mutant: Cause, others: list[Cause]) -> Step:
+    """Return what is known of a set where another cause has become something else."""
     linear = step.trial.linear
-    found = {idle.name: screen(linear, idle)}
+    found = {mutant.name: screen(linear, mutant)}
     chance = factors_by_chance(linear, others, step.simulated)
     return replace(
         step,
         screened=step.screened | found,
         threshold=naming_threshold(chance),
         chance=chance,
-        unbent=step.unbent | found if idle.name in step.unbent else step.unbent,
+        unbent=step.unbent | found if mutant.name in step.unbent else step.unbent,
     )
-
-
-def _idle(cause: Cause) -> Cause:
-    return replace(cause, **{hook: _unchanged for hook in HOOKS if getattr(cause, hook)})
 
 
 def _unchanged(state: object, *_: object) -> object:

@@ -20,7 +20,7 @@ from bayesdeg.pipeline.run import fingerprint, run_study
 from bayesdeg.report.checkpoints import Checkpoints
 from bayesdeg.report.folder import RunFolder
 from bayesdeg.report.page import build_page
-from tests.hidden_effects.judging import verdict_with_idle
+from tests.hidden_effects.judging import verdict_with
 
 STUDY = Path(__file__).parents[2] / "studies" / "gelatin_actuator"
 
@@ -86,7 +86,7 @@ def test_the_verbs_of_the_library_say_the_same(run):
 @pytest.mark.slow
 def test_with_an_offset_that_does_nothing_that_test_fails(judged_run):
     """The mutation check, as of the planted studies."""
-    mutated = verdict_with_idle(judged_run[1], "pressure_offset")
+    mutated = verdict_with(judged_run[1], "pressure_offset")
     with pytest.raises(AssertionError):
         assert_named({"outcome": mutated.outcome, "causes": list(mutated.causes)})
 

@@ -78,6 +78,7 @@ def assert_found(found: Verdict, hidden: dict[str, dict[str, float]]) -> None:
 def assert_sizes(found: Verdict, hidden: dict[str, dict[str, float]]) -> None:
     for cause, values in hidden.items():
         name = CATALOGUE[cause].parameters[0].name
+        assert cause in found.sizes
         mean, sd = found.sizes[cause][name]
         assert abs(mean - values[name]) < FARTHEST * sd
 
