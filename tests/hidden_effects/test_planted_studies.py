@@ -24,11 +24,13 @@ WALLS, LEAK, TWO, NOTHING, OUTSIDE = "10", "12", "16", "17", "18"
 FLAWS, BRITTLE, MISLABELLED = "19", "20", "21"  # actuators that are inflated until they burst
 BATCH = "22"
 SURFACES = "23"  # degraded by diffusion and reaction, deeper than the rule of a skin has it
-SINGLE = [*(f"{number:02d}" for number in range(1, 16)), FLAWS, MISLABELLED]
+LOOSE = "24"  # paper that comes off, in the finite element model
+SINGLE = [*(f"{number:02d}" for number in range(1, 16)), FLAWS, MISLABELLED, LOOSE]
 # what reads like the hidden cause in that study and may stand beside it
 ALIKE = {
     "pressure_loss": {"film_mismatch"},
-    "paper_softening": {"erosion"},
+    "paper_softening": {"delamination", "erosion"},
+    "delamination": {"paper_softening", "erosion"},
     "initial_curvature": {"wall_thickness", "film_mismatch"},
 }
 FARTHEST = 3.5  # standard deviations of a size
