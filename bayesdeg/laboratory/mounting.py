@@ -144,7 +144,11 @@ def cuts_of(geometry: Moulded, bond: Bond) -> Planes:
 
 
 def _apart(planes: Floats, wanted: tuple[float, ...]) -> Floats:
-    return np.array([at for at in np.unique(wanted) if np.min(np.abs(planes - at)) > NEAREST])
+    kept: list[float] = []
+    for at in np.unique(wanted).tolist():
+        if np.min(np.abs(np.append(planes, kept) - at)) > NEAREST:
+            kept.append(at)
+    return np.array(kept)
 
 
 def detached(mesh: ActuatorMesh, bond: Bond) -> ActuatorMesh:

@@ -94,6 +94,8 @@ def test_bonding_ends_on_a_plane_that_is_near_enough():
     for off, cuts in ((0.5 * NEAREST, 0), (2.0 * NEAREST, 1)):
         bond = Bond(off_end=1.0 - (x + off) / TWO.dimensions.length)
         assert len(cuts_of(TWO, bond)[0]) == cuts
+    narrow = Bond(off_clamp=0.5, off_end=0.5 - 0.5 * NEAREST / TWO.dimensions.length)
+    assert len(cuts_of(TWO, narrow)[0]) == 1
 
 
 def test_shares_grow_with_degradation_up_to_all():
