@@ -1,8 +1,9 @@
 """Effects hidden by the fine finite element model are found from the studies' folders alone.
 
 The folders, and the truths that no process that judges opens, are made by
-benchmarks/planted_studies.py; the numbers are those of its studies. Creep, softening and
-degradation from the surfaces are planted by physics of their own, not by functions of causes.
+benchmarks/planted_studies.py; the numbers are those of its studies. Creep, softening,
+degradation from the surfaces and paper that comes off are planted by physics of their own, not by
+functions of causes.
 """
 
 import json
