@@ -22,9 +22,9 @@ from hidden_studies import LARGEST_PRESSURE, OUTSIDE, HiddenStudy, designs, made
 from bayesdeg.actuator.curve import ExactMap
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.inputs import ForwardMap, Inputs, Prediction
-from bayesdeg.actuator.mesh import COARSE, FINE
+from bayesdeg.actuator.mesh import COARSE, FINE, Resolution
 from bayesdeg.causes.catalogue import find
-from bayesdeg.causes.cause import Cause
+from bayesdeg.causes.cause import REFERENCE_DEGRADATION, Cause
 from bayesdeg.causes.flaw_embrittlement import SMOOTH
 from bayesdeg.console import shown
 from bayesdeg.data.settings import Dimensions
@@ -41,6 +41,7 @@ from bayesdeg.laboratory.fields import (
     Viscous,
     reacted,
 )
+from bayesdeg.laboratory.mounting import Bond, Mounting
 from bayesdeg.laboratory.truth import HiddenEffect, Three
 
 Key = tuple[tuple[str, tuple[int, ...], bytes], ...]
@@ -79,6 +80,8 @@ class Planted:
     memory : callable, optional
         Of an actuator at a degradation rate [%]: what is hidden is this physics, and ``hidden``
         only says what its sizes are.
+    mounting : callable, optional
+        How an actuator is made and held at a degradation rate [%]: another physics.
     """
 
     design: str
@@ -89,10 +92,16 @@ class Planted:
     twin: str = ""
     elongation: Three | None = None
     memory: Callable[[FieldActuator, float], Memory] | None = None
+    mounting: Callable[[float], Mounting] | None = None
+
+    @property
+    def by_physics(self) -> bool:
+        """Whether no function of a cause plants it."""
+        return self.memory is not None or self.mounting is not None
 
     def effects(self) -> tuple[HiddenEffect, ...]:
         """Return the functions by which it is hidden; none where it is a physics of its own."""
-        if self.memory is not None:
+        if self.by_physics:
             return ()
         return tuple(HiddenEffect(_cause(name), values) for name, values in self.hidden.items())
 
@@ -124,9 +133,22 @@ def from_surfaces(actuator: FieldActuator, level: float) -> Memory:
     return Elastic(Field(actuator.body.constants * factor[..., None]))
 
 
+def elastic(actuator: FieldActuator, level: float) -> Memory:
+    """Return a body without a memory."""
+    return Elastic(Field(actuator.body.constants))
+
+
+def coming_off(level: float) -> Mounting:
+    """Return paper that has come off from the free end, further where more has degraded."""
+    return Mounting(Bond(off_end=OFF).grown(level, REFERENCE_DEGRADATION))
+
+
 SHARE, RELAXATION = 0.11, 27.0  # of the stress that relaxes, and its time [s]
 SOFTENED, ENERGY = 0.16, 0.02  # in the end; energy about which it sets in [C1]
 REACH = 1.5  # mm that what degrades comes into the walls
+OFF = 0.5  # of the length, of the paper at 25 %
+# of what comes off; on `COARSE` it does a sixth more than on a mesh of vanishing elements
+MIDDLE = Resolution(along=1.8, across=1.3, up=2.5)
 
 PLANTED = {
     "degradation_misread": Planted(
@@ -170,6 +192,9 @@ PLANTED = {
         "angle", {"outside_one_batch": {"log_ratio": 0.4}}, levels=EVERY_LEVEL
     ),
     "degraded_from_surfaces": Planted("careful", {"degraded_skin": {}}, 3, memory=from_surfaces),
+    "delamination": Planted(
+        "careful", {"delamination": {"looseness": 1.0}}, 3, mounting=coming_off
+    ),
 }
 
 
@@ -202,8 +227,8 @@ def plant(number: int, folder: Path, truths: Path, *, forward: ForwardMap) -> No
     """Make one study; what was hidden in it is written elsewhere."""
     name, planted = list(PLANTED.items())[number - 1]
     drawn_as = list(PLANTED).index(planted.twin or name) + 1
-    if planted.memory is not None:
-        forward = with_memory(planted, forward)
+    if planted.by_physics:
+        forward = with_physics(planted, forward)
     study = HiddenStudy(number, name, planted.design, planted.effects(), 1.0, drawn_as)
     made(
         study,
@@ -217,16 +242,16 @@ def plant(number: int, folder: Path, truths: Path, *, forward: ForwardMap) -> No
     )
     truths.mkdir(parents=True, exist_ok=True)
     written = folder / "truth.json"
-    if planted.memory is not None:
+    if planted.by_physics:
         truth = json.loads(written.read_text(encoding="utf-8")) | {"causes": planted.hidden}
         written.write_text(json.dumps(truth, indent=2) + "\n", encoding="utf-8")
     written.replace(truths / f"{number:02d}.json")
 
 
-def with_memory(planted: Planted, forward: ForwardMap) -> ForwardMap:
-    """Return a map on which specimens have the memory that is planted."""
-    memory, table = planted.memory, planted.tests().actuator
-    assert memory is not None
+def with_physics(planted: Planted, forward: ForwardMap) -> ForwardMap:
+    """Return a map on which specimens have the memory that is planted, and are mounted so."""
+    memory, table = planted.memory or elastic, planted.tests().actuator
+    mounting = planted.mounting or (lambda level: Mounting())
     tests = [test for _, test in table.groupby("specimen_id", sort=False)]
     levels = [float(test["degradation_pct"].iloc[0]) for test in tests]
     held = np.zeros((len(tests), len(tests[0])))
@@ -234,9 +259,10 @@ def with_memory(planted: Planted, forward: ForwardMap) -> ForwardMap:
         held = np.stack([np.diff(test["time_s"], prepend=0.0) for test in tests])
     return FieldMap(
         Geometry(Dimensions()),
-        COARSE,
+        COARSE if planted.mounting is None else MIDDLE,
         held,
         lambda actuator, place: memory(actuator, levels[place]),
+        mounting=lambda place: mounting(levels[place]),
         finer=forward,
     )
 

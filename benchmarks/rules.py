@@ -13,6 +13,16 @@ For each physics the answer holds
 * ``worst_pct``: the largest of what is left over its reading [%];
 * ``share_left``: what is left over the effect.
 
+``delamination`` is fitted once for each place from which paper comes off, by the share that is off
+at 25 %; ``paper_softening`` fitted to the first of them says what tells the two causes apart.
+
+``clamp`` says by how much the readings of an actuator change whose clamped end stands on springs,
+by their stiffness, at two degradation rates and in three mounts, in percent: ``faces_pct`` the
+curvature of the contract, whose bend angle is that between the end faces, and ``space_pct`` that
+of the free end face in space, both less what they are at zero pressure; ``turned_deg`` is by how
+much weight alone has turned the clamped face. ``force_pct`` is by how much the blocked tip force
+falls, for small loads and without weight.
+
 ``drying`` says what water does in the fresh actuator within ``minutes``: the share of it that has
 left, and the change of curvature [%] at the pressures of its path, without and with shrinkage.
 
@@ -34,11 +44,12 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import least_squares
 
 from bayesdeg.actuator.geometry import Geometry
-from bayesdeg.actuator.inputs import PAPER_THICKNESS, Inputs
+from bayesdeg.actuator.inputs import PAPER_THICKNESS, Inputs, gravity_direction
 from bayesdeg.actuator.material import MaterialGroups, local_constants
-from bayesdeg.actuator.mesh import COARSE, build_mesh
+from bayesdeg.actuator.mesh import COARSE, ActuatorMesh, build_mesh
+from bayesdeg.actuator.problem import Problem
 from bayesdeg.causes.catalogue import find
-from bayesdeg.causes.cause import Conditions
+from bayesdeg.causes.cause import REFERENCE_DEGRADATION, Conditions
 from bayesdeg.data.settings import Dimensions
 from bayesdeg.laboratory.fields import (
     Diffusion,
@@ -46,6 +57,7 @@ from bayesdeg.laboratory.fields import (
     Elastic,
     Field,
     FieldActuator,
+    FieldEquations,
     Memory,
     Schedule,
     Softened,
@@ -53,6 +65,7 @@ from bayesdeg.laboratory.fields import (
     Water,
     reacted,
 )
+from bayesdeg.laboratory.mounting import Bond, Clamp, cuts_of, detached
 from bayesdeg.laboratory.truth import Truth
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -73,7 +86,18 @@ REACTION = 1.0  # mm that what degrades comes into the walls
 SKINS = (0.0, 0.4, 0.8, 1.2)
 AT_ONCE = 0.2  # s between onsets of markers in one recording, which move together
 END = "disp_end_of_hold_mm"
-SKIN = "degraded_skin"
+SKIN, PAPER = "degraded_skin", "delamination"
+OFF = {  # of the paper, at 25 %
+    "from_end": Bond(off_end=0.6),
+    "from_both_ends": Bond(off_end=0.3, off_clamp=0.3),
+    "half_from_end": Bond(off_end=0.5),
+    "from_edges": Bond(off_edges=0.6),
+}
+PAPERS = np.log(np.geomspace(3e-4, 1.0, 9))  # ln stiffness of the paper over that of the actuator
+SPRINGS = (1.0, 0.1, 0.03, 0.01)  # of the clamp [MPa/mm]; a third of it along the face
+WEIGHT = 12.0  # kN/m³
+GIVING = np.array([0.0, 20.0, 120.0, 200.0])  # kPa
+MOUNTS = ("horizontal", "hanging", "bending_down")
 FLOOR = 0.1  # 1/m, below which a curvature is no measure of an error
 
 
@@ -191,6 +215,126 @@ def of_skin(parts: list[Part]) -> Curves:
         field = Field(one.actuator.body.constants * factor[..., None])
         found.append((one, 0.0, one.tested(Elastic(field))))
     return found
+
+
+def of_delamination(parts: list[Part], off: Bond) -> Curves:
+    """Return curves of actuators whose paper is bonded in part, further off where degraded more.
+
+    Against the same mesh bonded all over, since its planes follow the paper.
+    """
+    found = []
+    for one in parts:
+        bond = off.grown(one.level, REFERENCE_DEGRADATION)
+        geometry = Geometry(Dimensions())
+        mesh = build_mesh(geometry, COARSE, cuts=cuts_of(geometry, bond))
+        whole, loose = (_elastic(one, mesh_now) for mesh_now in (mesh, detached(mesh, bond)))
+        found.append((one, 0.0, one.elastic(PATH) * loose / whole))
+    return found
+
+
+def _elastic(one: Part, mesh: ActuatorMesh) -> np.ndarray:
+    """Return the curvature along the path of an elastic actuator; down as up."""
+    actuator = FieldActuator(mesh, one.actuator.material)
+    schedule = Schedule(one.load(UP), np.zeros(len(UP)))
+    up = one.curvature(actuator.tested(Elastic(Field(actuator.body.constants)), schedule))
+    return np.concatenate([up, up[-2::-1]])
+
+
+def by_paper(name: str, parts: list[Part]) -> Callable[[np.ndarray, Part, float], np.ndarray]:
+    """Return the curvature that the rule gives of a cause that changes the paper's stiffness."""
+    cause, known = find(name), {}
+    for one in parts:
+        papers = np.exp(PAPERS) * one.actuator.material.paper_group
+        materials = [replace(one.actuator.material, paper_group=float(g)) for g in papers]
+        actuators = [FieldActuator(one.actuator.mesh, material) for material in materials]
+        curves = [_elastic(one._replace(actuator=a), one.actuator.mesh) for a in actuators]
+        known[one.level] = CubicSpline(PAPERS, np.array(curves))
+
+    def ruled(sizes: np.ndarray, one: Part, held: float) -> np.ndarray:
+        conditions = Conditions(PATH[None], np.array([[one.level]]))
+        values = zip(cause.parameters, sizes, strict=True)
+        effect = cause.effect({cause.qualified(p.name): np.array([v]) for p, v in values})
+        unit = np.ones((1, 1, 1))
+        paper = 1e3 * one.actuator.material.paper_group * one.c1 * one.scale * unit
+        inputs = Inputs(
+            PATH[None, None], one.c1 * unit, 0 * unit, 0 * unit, one.scale * unit, paper
+        )
+        assert cause.on_inputs is not None
+        met = cause.on_inputs(inputs, conditions, effect).paper_stiffness
+        return known[one.level](float(np.log(met / paper)[0, 0, 0]))
+
+    return ruled
+
+
+def detachments(parts: list[Part]) -> dict[str, object]:
+    """Return how far the rule of paper that comes off is right, and how like soft paper it is."""
+    degraded = parts[1:]  # nothing has come off fresh ones
+    curves = {where: of_delamination(degraded, off) for where, off in OFF.items()}
+    rule = by_paper(PAPER, degraded)
+    found = {where: compared(one, rule, {"looseness": 0.5}) for where, one in curves.items()}
+    softened = by_paper("paper_softening", degraded)
+    first = next(iter(OFF))
+    alike = compared(curves[first], softened, {"softening": 1.0})
+    return {**found, f"paper_softening to {first}": alike}
+
+
+def clamped(one: Part) -> dict[str, object]:
+    """Return what a clamp that gives does to the readings of an actuator."""
+    weight = 1e-6 * WEIGHT * one.scale / one.c1
+    clamps = {
+        f"{k:g} MPa/mm": Clamp(k * one.scale / one.c1, k * one.scale / one.c1 / 3.0)
+        for k in SPRINGS
+    }
+    firm = _blocked(one, None)
+    found = {
+        "force_pct": {
+            name: round(100.0 * (_blocked(one, clamp) / firm - 1.0), 1)
+            for name, clamp in clamps.items()
+        }
+    }
+    for mount in MOUNTS:
+        along, up = (weight * share for share in gravity_direction(mount))
+        heavy = replace(one.actuator.material, gravity_along=along, gravity_up=up)
+        held, *_ = _readings(one, heavy, None)
+        found[mount] = {}
+        for name, clamp in clamps.items():
+            faces, space, turned = _readings(one, heavy, clamp)
+            found[mount][name] = {
+                "faces_pct": (100.0 * (faces / held - 1.0)).round(2).tolist(),
+                "space_pct": (100.0 * (space / held - 1.0)).round(2).tolist(),
+                "turned_deg": round(turned, 2),
+            }
+    return found
+
+
+def _blocked(one: Part, clamp: Clamp | None) -> float:
+    """Return the force that holds the tip for a unit of pressure, linear about rest [mm²].
+
+    What the pressure moves the middle of the end face by, over what a unit of force does.
+    """
+    actuator = FieldActuator(one.actuator.mesh, one.actuator.material, clamp=clamp)
+    body = actuator.body
+    equations = FieldEquations(Problem(body.system, one.actuator.material), support=body.support)
+    state, tip = body.system.rest(), np.zeros_like(body.body.nodes)
+    nodes = np.unique(actuator.mesh.free_end)
+    tip[nodes, 2] = 1.0 / len(nodes)
+    body.solver.factorize(equations.linearise(state).tangent)
+    loads = [equations.on_free(load) for load in (equations.cavity_gradient(state), tip)]
+    moved = body.solver.solve(np.column_stack(loads)).T @ loads[1]
+    return float(moved[0] / moved[1])
+
+
+def _readings(
+    one: Part, material: MaterialGroups, clamp: Clamp | None
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Return curvatures between faces and in space less those at rest, and the clamp's turn."""
+    actuator = FieldActuator(one.actuator.mesh, material, clamp=clamp)
+    memory = Elastic(Field(actuator.body.constants))
+    schedule = Schedule(one.load(GIVING), np.zeros(len(GIVING)))
+    read = [actuator.tested(memory, schedule, to_horizontal=space) for space in (False, True)]
+    faces, space = (one.curvature(now) - one.curvature(now)[0] for now in read)
+    turned = np.degrees(read[1][0, 0] - read[0][0, 0])
+    return faces[1:], space[1:], float(turned)
 
 
 def by_pressure(name: str) -> Callable[[np.ndarray, Part, float], np.ndarray]:
@@ -320,7 +464,7 @@ def main() -> None:
     }
     physics = {"creep": of_creep, "mullins": of_mullins, "humidity_drift": of_drying}
     found: dict[str, object] = {}
-    wanted = options.only or [*sizes, SKIN, "drying", "creep_in_an_arm"]
+    wanted = options.only or [*sizes, SKIN, PAPER, "clamp", "drying", "creep_in_an_arm"]
     for name, start in sizes.items():
         if name not in wanted:
             continue
@@ -329,6 +473,10 @@ def main() -> None:
             print(name, found[name], flush=True)
     if SKIN in wanted:
         found[SKIN] = compared(of_skin(parts), by_skin(parts), {"skin_stiffening": 0.5})
+    if PAPER in wanted:
+        found[PAPER] = detachments(parts)
+    if "clamp" in wanted:
+        found["clamp"] = {f"{one.level:g} %": clamped(one) for one in parts[::2]}
     if "drying" in wanted:
         found["drying"] = dried(parts[0])
     if "creep_in_an_arm" in wanted:

@@ -44,7 +44,7 @@ CAUSES = (
     *("mullins", "humidity_drift", "pressure_loss", "paper_softening", "shrinkage_reading"),
     *("degradation_misread", "degraded_skin", "erosion", "paper_slack", "gravity"),
     *("initial_curvature", "stress_measure", "second_invariant", "flaw_embrittlement"),
-    *("dry_embrittlement", "uneven_degradation", "curvature_operator"),
+    *("dry_embrittlement", "uneven_degradation", "curvature_operator", "delamination"),
 )
 READINGS, SPECIMENS, CATALOGUES = (200, 400, 800, 1600), (6, 18, 50, 100), (5, 10, 20)
 LOW_READINGS, USUAL_SPECIMENS = 12, 18

@@ -17,7 +17,7 @@ from bayesdeg.actuator.body import (
     faces_on_plane,
     levels_of,
 )
-from bayesdeg.actuator.moulded import Box, Moulded, bottom_is_exposed
+from bayesdeg.actuator.moulded import Box, Moulded, Planes, bottom_is_exposed
 from bayesdeg.actuator.status import COARSE as COARSE
 from bayesdeg.actuator.status import CONVERGED as CONVERGED
 from bayesdeg.actuator.status import FINE as FINE
@@ -52,7 +52,11 @@ class ActuatorMesh:
 
 
 def build_mesh(
-    geometry: Moulded, resolution: Resolution, *, element: Element = QUADRATIC
+    geometry: Moulded,
+    resolution: Resolution,
+    *,
+    element: Element = QUADRATIC,
+    cuts: Planes | None = None,
 ) -> ActuatorMesh:
     """Return the half model of an actuator.
 
@@ -64,6 +68,8 @@ def build_mesh(
         Largest element sizes [mm]; every wall has at least one element.
     element : Element
         Kind of brick.
+    cuts : tuple of arrays, optional
+        Further planes along x, y and z between which bricks stand [mm].
 
     Examples
     --------
@@ -74,9 +80,10 @@ def build_mesh(
     True
     """
     sizes = (resolution.along, resolution.across, resolution.up)
+    also = (np.empty(0),) * 3 if cuts is None else cuts
     grids = [
-        _divide(planes, size, resolution.grading)
-        for planes, size in zip(geometry.planes(), sizes, strict=True)
+        _divide(np.union1d(planes, more) if len(more) else planes, size, resolution.grading)
+        for planes, more, size in zip(geometry.planes(), also, sizes, strict=True)
     ]
     full = MeshHex.init_tensor(*grids)
     centres = full.p[:, full.t].mean(axis=1).T
@@ -98,7 +105,7 @@ def build_mesh(
             depth=_depth(body, geometry),
             layer=_slab(body, geometry),
         ),
-        free_end=_grid_order(nodes, faces[end]),
+        free_end=grid_order(nodes, faces[end]),
         bottom_line=_line(nodes, geometry.line_height),
     )
 
@@ -147,7 +154,7 @@ def _layer(body: Body, geometry: Moulded) -> Indices:
     """Nodes of the faces that a membrane covers, as grids over x and y."""
     if not geometry.constraint.is_membrane:
         return np.empty((0, (body.element.order + 1) ** 2), dtype=np.int64)
-    return _grid_order(body.nodes, faces_on_plane(body, geometry.line_height))
+    return grid_order(body.nodes, faces_on_plane(body, geometry.line_height))
 
 
 def _slab(body: Body, geometry: Moulded) -> NDArray[np.bool_] | None:
@@ -210,8 +217,8 @@ def _on_cavity(middles: Floats, geometry: Moulded) -> NDArray[np.bool_]:
     return _inside_any(middles, geometry.cavities) & ~on_symmetry
 
 
-def _grid_order(nodes: Floats, faces: Indices) -> Indices:
-    """Order the nodes of plane faces as a grid over their two tangent axes, x before y before z."""
+def grid_order(nodes: Floats, faces: Indices) -> Indices:
+    """Return the nodes of plane faces as grids over their two tangent axes, x before y before z."""
     ordered = np.empty_like(faces)
     for row, face in enumerate(faces):
         position = nodes[face]

@@ -440,7 +440,7 @@ def _line_readings(
 ) -> list[tuple[float, Floats]]:
     """Angle, arc length and volume, with their gradients by the nodes' positions."""
     return [
-        _end_rotation(mesh, placed, previous_angle),
+        face_rotation(mesh.body, mesh.free_end, placed, previous_angle),
         _arc_length(mesh, placed),
         _cavity_volume(mesh, placed),
     ]
@@ -503,15 +503,30 @@ def read_bottom_line(
     return read_line(line[:, (0, 2)], operator)
 
 
-def _end_rotation(mesh: ActuatorMesh, placed: Floats, previous: float) -> tuple[float, Floats]:
-    shapes, _, _, weights = kernels.face_shapes(mesh.body.element.order)
-    grid = mesh.body.nodes[mesh.free_end]
+def face_rotation(
+    body: Body, faces: NDArray[np.int64], placed: Floats, previous: float
+) -> tuple[float, Floats]:
+    """Return the angle by which an end face turned, as in `read_state`, and its gradient [rad].
+
+    Parameters
+    ----------
+    body : Body
+        Undeformed.
+    faces : array, shape (n_faces, (order + 1)²)
+        Nodes of the face as grids over y and z.
+    placed : array, shape (n_nodes, 3)
+        Positions of all nodes [mm].
+    previous : float
+        Angle whose branch is wanted [rad].
+    """
+    shapes, _, _, weights = kernels.face_shapes(body.element.order)
+    grid = body.nodes[faces]
     area = np.ptp(grid[:, :, 1], axis=1) * np.ptp(grid[:, :, 2], axis=1)
     at = area[:, None] * weights
     height = grid[:, :, 2] @ shapes.T
     arm = (at * (height - np.sum(at * height) / np.sum(at))) @ shapes
     moments = np.zeros(len(placed))
-    np.add.at(moments, mesh.free_end, arm)
+    np.add.at(moments, faces, arm)
     sine, cosine = moments @ placed[:, 0], moments @ placed[:, 2]
     gradient = np.zeros_like(placed)
     square = sine * sine + cosine * cosine

@@ -124,6 +124,13 @@ class System:
         pressure = np.zeros((len(body.elements), body.element.modes.shape[1]))
         return MechanicalState(np.zeros_like(body.nodes), pressure, load=0.0)
 
+    def places_of(self, faces: Indices) -> Places:
+        """Return where the entries of faces stand in the pattern's data; −1 below the diagonal.
+
+        Degrees of freedom are ordered node by node: (n_faces, 3 n, 3 n) for faces of n nodes.
+        """
+        return _positions(self._equation(), faces, self.upper)
+
     def expand(self, unknowns: Floats) -> Floats:
         """Return values of the unknowns as a field over the nodes, (n_nodes, 3)."""
         field = np.zeros(3 * len(self.body.nodes))

@@ -58,7 +58,7 @@ CAUSE = Cause(
     typical={"softening": 1.5},
     revealed_by="a misfit that grows with the degradation rate and falls a little with pressure; "
     "refuted by a tensile test of the paper peeled off",
-    confusable_with=("degradation_misread", "degraded_skin", "erosion"),
+    confusable_with=("delamination", "degradation_misread", "degraded_skin", "erosion"),
     on_inputs=soften_paper,
     blind=without_degraded,
     of_degradation=True,

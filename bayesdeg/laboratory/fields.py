@@ -34,7 +34,13 @@ from bayesdeg.actuator.linear import Factorization, open_factorization
 from bayesdeg.actuator.material import MaterialGroups, local_constants
 from bayesdeg.actuator.mesh import ActuatorMesh, build_mesh
 from bayesdeg.actuator.moulded import Moulded
-from bayesdeg.actuator.outputs import OUTPUTS, PEAK, deformation_gradients, read_state
+from bayesdeg.actuator.outputs import (
+    OUTPUTS,
+    PEAK,
+    deformation_gradients,
+    face_rotation,
+    read_state,
+)
 from bayesdeg.actuator.problem import (
     Linearisation,
     MechanicalState,
@@ -44,6 +50,16 @@ from bayesdeg.actuator.problem import (
 )
 from bayesdeg.actuator.status import PathEffort, Resolution, Status
 from bayesdeg.actuator.weak_form import Spaces, mass, on_faces
+from bayesdeg.laboratory.mounting import (
+    Bond,
+    Clamp,
+    ClampSprings,
+    Mounting,
+    cuts_of,
+    detached,
+    end_face,
+    released,
+)
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -90,11 +106,14 @@ class FieldEquations:
         With the field's constants.
     overstress, swelling : array, optional
         As in `Field`.
+    support : ClampSprings, optional
+        Springs that hold the end face, where it is not held itself.
     """
 
     problem: Problem
     overstress: Floats | None = None
     swelling: Floats | None = None
+    support: ClampSprings | None = None
 
     @property
     def system(self) -> System:
@@ -124,6 +143,9 @@ class FieldEquations:
             gradient = deformation_gradients(self.system.body, state.displacement)
             force = force + self._pull(gradient @ self.overstress)
             data = data + self._stiffness if data.size else data
+        if self.support is not None:
+            force = force + self.support.push(state.displacement)
+            data = data + self.support.data if data.size else data
         if self.swelling is not None:
             volume = volume - self._grown
         residual = self.problem.condensed(force, volume, found)
@@ -133,16 +155,22 @@ class FieldEquations:
         self, state: MechanicalState, directions: Sequence[MechanicalState]
     ) -> list[tuple[Floats, Floats]]:
         """Return the mixed problem's tangent times directions."""
-        found = self.problem.products(state, directions)
-        if self.overstress is None:
-            return found
-        rates = (
-            deformation_gradients(self.system.body, d.displacement) - np.eye(3) for d in directions
-        )
         return [
-            (force + self._pull(rate @ self.overstress), volume)
-            for (force, volume), rate in zip(found, rates, strict=True)
+            (force + self._further(direction.displacement), volume)
+            for (force, volume), direction in zip(
+                self.problem.products(state, directions), directions, strict=True
+            )
         ]
+
+    def _further(self, displacement: Floats) -> Floats:
+        """Return what overstress and springs add along a direction, (n_nodes, 3)."""
+        force = np.zeros_like(displacement)
+        if self.overstress is not None:
+            rate = deformation_gradients(self.system.body, displacement) - np.eye(3)
+            force += self._pull(rate @ self.overstress)
+        if self.support is not None:
+            force += self.support.push(displacement)
+        return force
 
     def condensed(self, force: Floats, volume_residual: Floats, factors: Linearisation) -> Floats:
         """Return a residual on the free unknowns, its volume equation eliminated."""
@@ -592,16 +620,24 @@ class FieldBody:
         Of the paper, the bulk modulus, and of the body where no memory says else.
     effort : PathEffort
         Of each equilibrium.
+    clamp : Clamp, optional
+        Springs that hold the end face of a body that is released there.
     """
 
     body: Body
     material: MaterialGroups
     effort: PathEffort = EFFORT
+    clamp: Clamp | None = None
 
     @cached_property
     def system(self) -> System:
         """Numbering and sparsity."""
         return System(self.body)
+
+    @cached_property
+    def support(self) -> ClampSprings | None:
+        """The springs of the clamp; None if it does not give."""
+        return None if self.clamp is None else ClampSprings.on(self.system, self.clamp)
 
     @cached_property
     def solver(self) -> Factorization:
@@ -669,7 +705,7 @@ class FieldBody:
 
     def _found(self, field: Field, start: LoadStep, load: float) -> LoadStep:
         problem = Problem(self.system, self.material, local=field.constants)
-        equations = FieldEquations(problem, field.overstress, field.swelling)
+        equations = FieldEquations(problem, field.overstress, field.swelling, self.support)
         return self._reached(equations, start, load, HALVINGS)
 
     def _reached(
@@ -702,6 +738,8 @@ class FieldActuator:
         As of `FieldBody`.
     effort : PathEffort
         Of each equilibrium.
+    clamp : Clamp, optional
+        That gives; by default the end face is held.
 
     Examples
     --------
@@ -722,11 +760,21 @@ class FieldActuator:
     mesh: ActuatorMesh
     material: MaterialGroups
     effort: PathEffort = EFFORT
+    clamp: Clamp | None = None
 
     @cached_property
     def body(self) -> FieldBody:
         """Its body."""
-        return FieldBody(self.mesh.body, self.material, self.effort)
+        body = self.mesh.body if self.clamp is None else released(self.mesh.body)
+        return FieldBody(body, self.material, self.effort, self.clamp)
+
+    def clamp_angle(self, state: MechanicalState) -> float:
+        """Return by how much the clamped end face has turned towards the paper [rad]."""
+        if self.clamp is None:
+            return 0.0
+        body = self.mesh.body
+        angle, _ = face_rotation(body, end_face(body), body.nodes + state.displacement, 0.0)
+        return angle
 
     def tested(
         self,
@@ -734,8 +782,11 @@ class FieldActuator:
         schedule: Schedule,
         *,
         on_reading: Callable[[], None] | None = None,
+        to_horizontal: bool = False,
     ) -> Floats:
         """Return what is read, (n, n_outputs) in the order of `OUTPUTS`; nan past a failure.
+
+        The bend angle is that of the free end face to the clamped one.
 
         Parameters
         ----------
@@ -745,6 +796,9 @@ class FieldActuator:
             Loads and holds.
         on_reading : callable, optional
             Called after each.
+        to_horizontal : bool
+            Whether the bend angle is that of the free end face to where the clamped one was, as a
+            camera reads it that takes the clamp for rigid.
         """
         found = np.full((len(schedule.load), len(OUTPUTS)), np.nan)
         last, angle = self.body.rest, 0.0
@@ -756,6 +810,8 @@ class FieldActuator:
             assert last.rate is not None
             reading = read_state(self.mesh, last.state, rate=last.rate, previous_angle=angle)
             found[row], angle = reading.values, reading.bend_angle
+            if not to_horizontal:
+                found[row, 0] -= self.clamp_angle(last.state)
             if on_reading is not None:
                 on_reading()
         return found
@@ -787,6 +843,9 @@ class FieldMap:
         How long each pressure is held before it is read [s].
     remembering : callable
         Returns the memory of a specimen, given its actuator and its place.
+    mounting : callable, optional
+        Returns how a specimen is made and held, given its place; by default paper is bonded all
+        over and the end face held.
     finer : ForwardMap, optional
         Elastic, on a finer mesh: its readings are multiplied by what the field changes on the
         coarser one, which depends far less on the mesh than the readings do.
@@ -804,10 +863,12 @@ class FieldMap:
         held: Floats,
         remembering: Callable[[FieldActuator, int], Memory],
         *,
+        mounting: Callable[[int], Mounting] | None = None,
         finer: ForwardMap | None = None,
     ) -> None:
-        self.mesh = build_mesh(geometry, resolution)
+        self.geometry, self.resolution = geometry, resolution
         self.held, self.remembering, self.finer = held, remembering, finer
+        self.mounting = mounting or (lambda specimen: Mounting())
 
     def __call__(self, inputs: Inputs) -> Prediction:
         """Test every specimen; inputs are (1, n_specimens, n_readings).
@@ -831,17 +892,25 @@ class FieldMap:
 
     def _tested(self, load: Floats, groups: dict[str, float], specimen: int) -> Floats:
         """Return bend angle, arc length and peak stretch, (n_readings, 3), at moulded size."""
-        actuator = FieldActuator(self.mesh, MaterialGroups(**groups))
+        mounting, material = self.mounting(specimen), MaterialGroups(**groups)
+        mesh = self._mesh(mounting.bond)
+        actuator = FieldActuator(detached(mesh, mounting.bond), material, clamp=mounting.clamp)
         schedule = Schedule(load, self.held[specimen])
         read = actuator.tested(self.remembering(actuator, specimen), schedule)
         found = read[:, [0, 1, PEAK]]
         if self.finer is not None:
-            memory = Elastic(Field(actuator.body.constants))
-            elastic = actuator.tested(memory, schedule)[:, [0, 1, PEAK]]
+            whole = FieldActuator(mesh, material)
+            memory = Elastic(Field(whole.body.constants))
+            elastic = whole.tested(memory, schedule)[:, [0, 1, PEAK]]
+            whole.body.solver.close()
             # without pressure neither bends
             found = np.divide(found, elastic, out=np.ones_like(found), where=elastic != 0.0)
         actuator.body.solver.close()
         return found
+
+    def _mesh(self, bond: Bond) -> ActuatorMesh:
+        """Return the mesh that ends where bonding does, bonded all over."""
+        return build_mesh(self.geometry, self.resolution, cuts=cuts_of(self.geometry, bond))
 
     def _predicted(self, inputs: Inputs, angle: Floats, length: Floats, peak: Floats) -> Prediction:
         none, solved = np.zeros((1, *angle.shape)), np.isfinite(angle)[None]

@@ -49,6 +49,7 @@ NAMES = (
     "flaw_embrittlement",
     "dry_embrittlement",
     "uneven_degradation",
+    "delamination",
 )
 SECTIONS = ("Mechanism", "Equation", "Typical size", "Revealed by", "Refuted by", "Source")
 

@@ -11,7 +11,7 @@ DEFAULT = Conditions(np.broadcast_to(LOADING, (6, 12)), LEVELS)
 FRESH_ONLY = Conditions(np.broadcast_to(LOADING, (1, 12)), np.array([[0.3]]))
 OF_RUPTURE = ("dry_embrittlement", "flaw_embrittlement", "uneven_degradation")
 NEED_DEGRADED = (
-    *("degradation_misread", "degraded_skin", "erosion", "paper_softening"),
+    *("degradation_misread", "degraded_skin", "delamination", "erosion", "paper_softening"),
     "uneven_degradation",
 )
 

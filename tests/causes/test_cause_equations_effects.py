@@ -94,7 +94,7 @@ def test_typical_sizes_stay_within_the_emulators_range(cause):
     assert np.all(status[0, : 10 if cause.name == "creep" else 12] == 0)
 
 
-@pytest.mark.parametrize("name", ["degraded_skin", "erosion", "paper_softening"])
+@pytest.mark.parametrize("name", ["degraded_skin", "delamination", "erosion", "paper_softening"])
 def test_effects_of_degradation_grow_with_it_from_nothing(name):
     found = change(find(name), inputs_of(), conditions_of())
     np.testing.assert_allclose(found[0], 0.0, atol=1e-12)
@@ -122,6 +122,14 @@ def test_softer_paper_bends_the_slotted_actuator_more():
     softer = find("paper_softening").on_inputs(inputs, conditions, effect(softening=2.1))
     before, after = (surrogate()(i).bend_angle[0, -1] for i in (inputs, softer))
     assert np.all(after > before)
+
+
+def test_paper_that_comes_off_lets_the_slotted_actuator_bend_more():
+    """With half of its length off, where ρ is 1.0, as the finite elements of `CONVERGED` do."""
+    _, degraded = changed("delamination", looseness=1.0)
+    # at 40 and 200 kPa, benchmarks/rules.py on that mesh
+    assert degraded[[1, 9]] == pytest.approx([8.14, 7.37], abs=0.4)
+    assert np.all(np.diff(degraded) < 0.0)
 
 
 def test_slack_paper_is_felt_at_low_pressure():

@@ -8,6 +8,7 @@ import pytest
 from bayesdeg.actuator.inputs import gravity_direction
 from bayesdeg.causes.catalogue import find
 from bayesdeg.causes.degraded_skin import stiffen_skin
+from bayesdeg.causes.delamination import loosen_paper
 from bayesdeg.causes.erosion import thin_walls
 from bayesdeg.causes.film_mismatch import stiffen_casting
 from bayesdeg.causes.gravity import weigh
@@ -49,9 +50,18 @@ def test_paper_keeps_a_share_that_halves_with_every_step():
     np.testing.assert_allclose(softened.paper_stiffness[0, :, 0], want, rtol=1e-13)
 
 
+def test_paper_that_comes_off_is_in_series_with_a_compliance():
+    """1/(E t)' = 1/(E t) + ρ (D/25 %)³/(C1 s h), with h = 5 mm."""
+    loosened = loosen_paper(INPUTS, CONDITIONS, effect(looseness=0.8)).paper_stiffness
+    share = 0.8 * (LEVELS[:, 0] / 25.0) ** 3
+    held = 5.0 * 1e3 * (INPUTS.c1 * INPUTS.linear_scale)[0, :, 0]  # N/m
+    np.testing.assert_allclose(1.0 / loosened[0, :, 0], 1.0 / 3e4 + share / held, rtol=1e-13)
+
+
 @pytest.mark.parametrize(
     ("apply", "parameter", "field"),
     [
+        (loosen_paper, "looseness", "paper_stiffness"),
         (stiffen_skin, "skin_stiffening", "skin"),
         (thin_walls, "lost_share", "erosion"),
         (soften_paper, "softening", "paper_stiffness"),

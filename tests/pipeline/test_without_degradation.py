@@ -29,7 +29,7 @@ from tests.report.html_reading import read_html
 WORDS = re.compile(r"degrad|\bD_?R\b|moisture|shrink|gelatin|fresh specimen|in the soil", re.I)
 COLUMNS = re.compile(r"(film_)?degradation(_sd)?_pct")
 OF_DEGRADATION = {
-    *("degradation_misread", "degraded_skin", "erosion", "paper_softening"),
+    *("degradation_misread", "degraded_skin", "delamination", "erosion", "paper_softening"),
     *("uneven_degradation", "flaw_embrittlement", "dry_embrittlement", "shrinkage_reading"),
 }
 EFFORT = SearchEffort(replicates=60, fitted=1, pairs=0, levels_out=True)
