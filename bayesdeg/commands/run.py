@@ -21,6 +21,7 @@ from bayesdeg.commands.options import (
 )
 from bayesdeg.commands.training import Manner, emulator_for
 from bayesdeg.console import errors, say, shown
+from bayesdeg.data.captures import captured_messages
 from bayesdeg.data.photographs import messages
 from bayesdeg.data.plausibility import Doubt, doubts, refuse_impossible
 from bayesdeg.data.study import Study
@@ -94,6 +95,7 @@ def run(
     with workplace(workers, scheduler) as executor, run_folder(target, checked) as folder:
         if not quiet:
             say(messages(checked.photographs))
+            say(captured_messages(checked.captured))
             say(f"in doubt: {doubt}" for doubt in unlikely)
             say(f"without {what}: {cost}" for what, cost in passed_over(checked))
         if checked.actuator is not None:
