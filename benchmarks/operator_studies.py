@@ -58,7 +58,7 @@ SEED, SOLVED, LARGEST = 13, 10, 200.0  # of the lines; actuators; kPa
 STEPS = np.array([0.06, 0.15, 0.3, 0.45, 0.6, 0.8, 1.0])
 POINTS = (12, 20, 50)  # that a laboratory sets along a line
 CAUSE = "curvature_operator"
-#: Standard deviations from which on it counts that a planted operator is not named.
+#: Standard deviations by which a circle must show after a refit, for its share to count.
 SEEN = 5.0
 
 
@@ -246,32 +246,41 @@ def judged(number: int, operator: str, design: str, *, seed: int, forward: Forwa
 
 
 def summary(records: list[Json]) -> Json:
-    """Return what was named, by operator and design."""
+    """Return what was said, by operator and design; shares are of studies."""
     found: Json = {}
     for operator in OPERATORS:
         for design in ("angle", "curvature"):
             own = [r for r in records if (r["operator"], r["design"]) == (operator, design)]
-            if not own:
-                continue
-            of_cause = [r["causes"] == [CAUSE] for r in own]
-            seen = [named for named, r in zip(of_cause, own, strict=True) if r["visible"] >= SEEN]
-            among = [CAUSE in r["causes"] for r in own]
-            outcomes = [str(r["outcome"]) for r in own]
-            found[f"{operator}_{design}"] = {
-                "studies": len(own),
-                "seen": len(seen),
-                "named": float(np.mean(of_cause)),
-                "named_where_seen": float(np.mean(seen)) if seen else None,
-                "named_or_among_possible": float(np.mean(among)),
-                "shrinkage_reading": float(
-                    np.mean(["shrinkage_reading" in r["causes"] for r in own])
-                ),
-                "other_cause": float(
-                    np.mean([bool(r["causes"]) and r["causes"] != [CAUSE] for r in own])
-                ),
-                "outcomes": {name: outcomes.count(name) for name in sorted(set(outcomes))},
-            }
+            if own:
+                found[f"{operator}_{design}"] = _of_design(own)
     return found
+
+
+def _of_design(records: list[Json]) -> Json:
+    single = [r["causes"][0] if r["outcome"] == "named" else "" for r in records]
+    seen = [r["visible"] >= SEEN for r in records]
+    among = [CAUSE in r["causes"] for r in records]
+    margins = [_margin(r["factors"]) for r in records]
+    outcomes = [str(r["outcome"]) for r in records]
+    return {
+        "studies": len(records),
+        "seen": sum(seen),
+        "named": float(np.mean([name == CAUSE for name in single])),
+        "possible": float(np.mean(among)),
+        "possible_where_seen": float(np.mean(np.array(among)[seen])) if any(seen) else None,
+        "first": float(np.mean(np.array(margins) > 0.0)),
+        "log_odds_median": float(np.median(margins)),
+        "log_odds_largest": float(np.max(margins)),
+        "named_shrinkage_reading": single.count("shrinkage_reading"),
+        "named_other": {n: single.count(n) for n in sorted({*single} - {"", CAUSE})},
+        "outcomes": {name: outcomes.count(name) for name in sorted(set(outcomes))},
+    }
+
+
+def _margin(factors: dict[str, float]) -> float:
+    """Return the logarithm of the odds of the planted cause against the best other one."""
+    others = [value for name, value in factors.items() if name != CAUSE]
+    return factors.get(CAUSE, 0.0) - max(others, default=0.0)
 
 
 def main() -> None:

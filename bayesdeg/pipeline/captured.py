@@ -39,6 +39,7 @@ Floats = NDArray[np.float64]
 CAPTURE_MB = 200.0
 #: Of the length of the line: markers that leave the plane of bending by more do not bend in it.
 OFF_PLANE = 0.1
+SAME_PLACE = 1e-6  # mm: far below what is measured, far above rounding
 MILLIMETRES: Mapping[str, float] = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
 KILOPASCALS: Mapping[str, float] = {"pa": 1e-3, "hpa": 0.1, "mbar": 0.1, "kpa": 1.0, "bar": 100.0,
                                     "mpa": 1e3, "psi": 6.894757}  # fmt: skip
@@ -103,6 +104,7 @@ def with_captures(study: Study, progress: Progress) -> Study:
     _raise(faults)
     planes, faults = _planes(holds, options)
     _raise(faults)
+    _raise(_apart(hold, planes[_specimen(hold)], options) for hold in holds)
     lines = [_line(hold, planes[_specimen(hold)], options) for hold in holds]
     read = replace(
         study,
@@ -117,8 +119,8 @@ def with_captures(study: Study, progress: Progress) -> Study:
         raise StudyError(replace(one, file=FILE) for one in fault.faults) from fault
 
 
-def _raise(faults: Iterable[Fault]) -> None:
-    if found := tuple(faults):
+def _raise(faults: Iterable[Fault | None]) -> None:
+    if found := tuple(one for one in faults if one is not None):
         raise StudyError(found)
 
 
@@ -322,6 +324,16 @@ def _planes(
 
 def _length(line: Floats) -> float:
     return float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum())
+
+
+def _apart(hold: Hold, plane: BendingPlane, options: CaptureOptions) -> Fault | None:
+    """Return what is wrong with a line that has neighbours at one place."""
+    steps = np.linalg.norm(np.diff(plane.placed(hold.points), axis=0), axis=1)
+    if steps.min() > SAME_PLACE:
+        return None
+    k = int(np.argmin(steps))
+    problem = f"has the markers {options.markers[k]} and {options.markers[k + 1]} at one place"
+    return _refused(hold.row, problem, "name every marker once, and check the plane").faults[0]
 
 
 def _line(hold: Hold, plane: BendingPlane, options: CaptureOptions) -> pd.DataFrame:

@@ -283,6 +283,16 @@ def test_an_actuator_that_never_bends_has_no_plane(tmp_path):
     assert "plane" in one.remedy
 
 
+def test_two_markers_at_one_place_are_refused(tmp_path):
+    folder = write_study(tmp_path / "study")
+    points = frames(ANGLES[80.0])
+    points[:, 5] = points[:, 4]
+    write_c3d(folder / "captures" / "p80.c3d", points, names())
+    one = fault(folder)
+    assert one.value == "p80.c3d"
+    assert "B5 and B6" in one.problem
+
+
 @pytest.mark.parametrize("name", ["../p40.c3d", "/etc/passwd", "none.c3d", "a\\b.c3d"])
 def test_a_recording_outside_the_study_or_not_there_is_refused(tmp_path, name):
     rows = [{"file": name, "specimen_id": "a", "degradation_pct": 0, "pressure_kPa": 40}]
