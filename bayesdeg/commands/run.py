@@ -94,8 +94,7 @@ def run(
     workers, scheduler = (1, None) if own else (workers, scheduler)
     with workplace(workers, scheduler) as executor, run_folder(target, checked) as folder:
         if not quiet:
-            say(messages(checked.photographs))
-            say(captured_messages(checked.captured))
+            say((*messages(checked.photographs), *captured_messages(checked.captured)))
             say(f"in doubt: {doubt}" for doubt in unlikely)
             say(f"without {what}: {cost}" for what, cost in passed_over(checked))
         if checked.actuator is not None:

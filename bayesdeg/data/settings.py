@@ -2,7 +2,7 @@
 
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from typing import Annotated, Any, Literal, get_args
 
@@ -850,11 +850,7 @@ def _from_document(document: dict[str, Any], text: str) -> tuple[Settings, tuple
     accepted["recipe"] = MixtureRecipe(**_of(MixtureRecipe, accepted))
     accepted["vendor"] = VendorFigures(**_of(VendorFigures, accepted))
     faults += _not_calibrated(accepted, text)
-    accepted |= {
-        "photographs": PhotographOptions(**_prefixed("photographs", accepted)),
-        "markers": ForeignTable(**_prefixed("markers", accepted)),
-        "captures": CaptureOptions(**_prefixed("captures", accepted)),
-    }
+    accepted |= {name: make(**_prefixed(name, accepted)) for name, make in _OF_FILES.items()}
     # the defaults that stand in for refused keys must not be blamed
     if not any((fault.column or "").startswith(("actuator", "constraint")) for fault in faults):
         of_layer = {k: v for k, v in accepted.items() if k.startswith(("constraint", "paper"))}
@@ -869,6 +865,12 @@ def _from_document(document: dict[str, Any], text: str) -> tuple[Settings, tuple
     return settings, tuple(faults)
 
 
+_OF_FILES: Mapping[str, Callable[..., object]] = {
+    "photographs": PhotographOptions,
+    "markers": ForeignTable,
+    "captures": CaptureOptions,
+}
+"""Tables of ``study.toml`` that say how a file is read."""
 _OF_OPERATOR = {"operator", "points"}
 _OWN = tuple(entry.name for entry in fields(OwnForward) if entry.name != "parameters")
 

@@ -346,7 +346,7 @@ def test_a_file_that_is_cut_off_is_refused(tmp_path, sound, kept):
 
 @pytest.mark.parametrize("content", [b"", b"x", b"\x02\x51" + bytes(600), b"RIFF" + bytes(2000)])
 def test_what_is_no_recording_is_refused(tmp_path, content):
-    assert refused(tmp_path, content) == "is not a C3D file"
+    assert "not a C3D" in refused(tmp_path, content)
 
 
 @pytest.mark.parametrize(
