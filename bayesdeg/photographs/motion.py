@@ -127,9 +127,11 @@ def error_of_mean(values: Floats) -> Floats:
 
     Examples
     --------
-    >>> noise = np.random.default_rng(1).normal(size=(400, 1))
-    >>> error_of_mean(noise).round(3), error_of_mean(np.repeat(noise, 4, axis=0)).round(3)
-    (array([0.048]), array([0.047]))
+    Of 400 frames, and of as many that are each there four times:
+
+    >>> noise = np.random.default_rng(1).normal(size=(400, 100))
+    >>> [float(error_of_mean(one).mean().round(3)) for one in (noise, np.repeat(noise, 4, axis=0))]
+    [0.052, 0.051]
     """
     count = len(values)
     if count < 2:
