@@ -136,10 +136,11 @@ def write_studies(out: Path, found: pd.DataFrame, seed: int) -> None:
             rows.to_csv(folder / file, index=False)
 
 
-def verdict(study: Path) -> dict[str, object]:
+def verdict(study: Path, effort: str = "standard") -> dict[str, object]:
     """Run a study; return what is named, and the offset with its 90 % interval [kPa]."""
     report = study.parent / "reports" / study.name
     command = [sys.executable, "-m", "bayesdeg", "run", study, "--out", report, "--quiet"]
+    command += ["--effort", effort]
     subprocess.run([str(word) for word in command], check=True)
     found = json.loads((report / "verdict.json").read_text(encoding="utf-8"))
     entry = next(c for c in found["candidates"] if c["cause"] == "pressure_offset")

@@ -112,13 +112,14 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=SEED)
     parser.add_argument("--shapes", type=Path, help="npz file: read if there, else written")
     parser.add_argument("--out", type=Path, help="folder for the studies; else a temporary one")
+    parser.add_argument("--effort", default="standard", help="of both runs")
     parser.add_argument("--write", action="store_true", help="write the studies, run nothing")
     asked = parser.parse_args()
     out = asked.out or Path(tempfile.mkdtemp())
     write_studies(out, *kept_shapes(asked.shapes, asked.seed), asked.seed)
     if asked.write:
         return
-    results = {name: verdict(out / name) for name in ("photographed", "exact")}
+    results = {name: verdict(out / name, asked.effort) for name in ("photographed", "exact")}
     traces = pd.read_csv(out / "reports" / "photographed" / "traces.csv")
     results["photographed"]["refused"] = int(traces["refused"].notna().sum())
     results["photographed"]["photographs"] = len(traces)

@@ -25,6 +25,7 @@ from bayesdeg.data.foreign import ForeignTable
 from bayesdeg.data.settings import (
     ENTRIES,
     MOULDS,
+    CaptureOptions,
     OwnForward,
     PhotographOptions,
     Settings,
@@ -157,6 +158,7 @@ def keys_of_study_toml() -> list[Entry]:
     of_photographs = _documented(PhotographOptions)
     meanings |= {f"markers_{name}": text for name, text in _documented(ForeignTable).items()}
     meanings |= {f"photographs_{name}": text for name, text in of_photographs.items()}
+    meanings |= {f"captures_{name}": text for name, text in _documented(CaptureOptions).items()}
     # "reading, unit" share a line there
     meanings |= {
         "own_unit": "Unit of the reading.",

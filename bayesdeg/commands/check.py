@@ -10,6 +10,7 @@ from bayesdeg.actuator.families import geometry_of_study
 from bayesdeg.actuator.section import described, section
 from bayesdeg.commands.options import CORES, StudyFolder
 from bayesdeg.console import errors, say, shown
+from bayesdeg.data.captures import captured_messages
 from bayesdeg.data.photographs import messages
 from bayesdeg.data.plausibility import doubts, refuse_impossible
 from bayesdeg.data.study import Study
@@ -29,6 +30,7 @@ def check(study: StudyFolder) -> None:
     with shown(False) as progress:
         checked = read_study(study, progress)
     say(messages(checked.photographs))
+    say(captured_messages(checked.captured))
     if checked.settings.forward is not None:
         _check_own(checked)
         return

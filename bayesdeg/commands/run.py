@@ -21,6 +21,7 @@ from bayesdeg.commands.options import (
 )
 from bayesdeg.commands.training import Manner, emulator_for
 from bayesdeg.console import errors, say, shown
+from bayesdeg.data.captures import captured_messages
 from bayesdeg.data.photographs import messages
 from bayesdeg.data.plausibility import Doubt, doubts, refuse_impossible
 from bayesdeg.data.study import Study
@@ -93,7 +94,7 @@ def run(
     workers, scheduler = (1, None) if own else (workers, scheduler)
     with workplace(workers, scheduler) as executor, run_folder(target, checked) as folder:
         if not quiet:
-            say(messages(checked.photographs))
+            say((*messages(checked.photographs), *captured_messages(checked.captured)))
             say(f"in doubt: {doubt}" for doubt in unlikely)
             say(f"without {what}: {cost}" for what, cost in passed_over(checked))
         if checked.actuator is not None:

@@ -2,7 +2,7 @@
 
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from typing import Annotated, Any, Literal, get_args
 
@@ -48,6 +48,8 @@ Operator = Literal["angle_over_arc", "circle", "spline", "base_tip", "kappa"]
 
 MaterialLaw = Literal["yeoh", "neo_hookean", "mooney_rivlin", "gent", "ogden"]
 Side = Literal["left", "right", "top", "bottom"]
+LengthUnit = Literal["mm", "cm", "m", "in"]
+Axis = Literal["x", "-x", "y", "-y", "z", "-z"]
 
 EFFORTS: tuple[Effort, ...] = get_args(Effort)
 MODES: tuple[str, ...] = get_args(Mode)
@@ -58,6 +60,7 @@ CALIBRATED_LAWS: tuple[MaterialLaw, ...] = ("yeoh", "neo_hookean")
 VENDOR_SD = 0.2
 """Standard deviation of a vendor's figure over it, where none is stated."""
 SIDES: tuple[Side, ...] = get_args(Side)
+LENGTH_UNITS: tuple[LengthUnit, ...] = get_args(LengthUnit)
 FEWEST_POINTS = 4
 """Of a line that is read, as a cubic spline needs."""
 FEWEST_CONTROLS, MOST_CONTROLS = 5, 8
@@ -324,6 +327,45 @@ class PhotographOptions:
 
 
 @dataclass(frozen=True)
+class CaptureOptions:
+    """How recordings of motion capture are read, as ``[captures]`` states it.
+
+    Parameters
+    ----------
+    markers : tuple of str
+        Names of the markers along the bottom line, from the clamp to the tip; the part before a
+        colon may be left out.
+    unit : {"mm", "cm", "m", "in"}, optional
+        Of lengths in the recordings, where they do not state it, or state it wrongly.
+    plane : (str, str), optional
+        Axes of the laboratory along the clamped end, towards the tip, and away from the paper,
+        such as ``["x", "-z"]``; by default the plane in which the markers of a specimen move, with
+        the paper on the side to which it bends.
+    offset : float
+        Distance of markers' centres from the bottom line, on the side of the paper [mm].
+    sd : float
+        Standard error of a marker's place that averaging does not lessen: of the system, and of how
+        it was put on [mm].
+    pressure : str, optional
+        Analog channel of the pressure, for rows of ``captures.csv`` that state none.
+    kpa_per_unit : float, optional
+        Pressure per unit of the channel [kPa]; not needed where the channel states a unit of
+        pressure.
+    zero : float
+        What the channel reads at no pressure, in its unit.
+    """
+
+    markers: tuple[str, ...] = ()
+    unit: LengthUnit | None = None
+    plane: tuple[str, str] | None = None
+    offset: float = 0.0
+    sd: float = 0.0
+    pressure: str | None = None
+    kpa_per_unit: float | None = None
+    zero: float = 0.0
+
+
+@dataclass(frozen=True)
 class Settings:
     """The contents of ``study.toml``, defaults filled in.
 
@@ -389,6 +431,8 @@ class Settings:
         How photographs are traced.
     markers : ForeignTable
         How ``markers.csv`` is written, if another program wrote it.
+    captures : CaptureOptions
+        How recordings of motion capture are read.
 
     Examples
     --------
@@ -425,6 +469,7 @@ class Settings:
     vendor: VendorFigures = field(default_factory=VendorFigures)
     photographs: PhotographOptions = field(default_factory=PhotographOptions)
     markers: ForeignTable = field(default_factory=ForeignTable)
+    captures: CaptureOptions = field(default_factory=CaptureOptions)
 
     @property
     def kind(self) -> Kind:
@@ -486,6 +531,12 @@ def _of_other_names(columns: dict[str, str]) -> dict[str, str]:
     if not columns or len(set(columns.values())) < len(columns) or not all(columns.values()):
         raise ValueError("names a column twice, or none")
     return columns
+
+
+def _two_axes(axes: list[str]) -> tuple[str, ...]:
+    if len({axis[-1] for axis in axes}) < len(axes):
+        raise ValueError("is one axis twice")
+    return tuple(axes)
 
 
 def _known(value: Any) -> Known:
@@ -568,6 +619,30 @@ MOULDS: Mapping[Kind, type[AnyDimensions]] = {
 }
 DIMENSIONS = tuple(dict.fromkeys(one.name for mould in MOULDS.values() for one in fields(mould)))
 """Names of dimensions of all families, those that several have once."""
+
+
+def _captures(name: str, wanted: str, accepted: Any) -> _Entry:
+    return _Entry("captures", name, wanted, accepted, f"captures_{name.lower()}")
+
+
+_CAPTURES = (
+    _captures(
+        "markers",
+        f"a list of {FEWEST_POINTS} names of markers or more, each once",
+        Annotated[_Names[_Text], Len(FEWEST_POINTS)],
+    ),
+    _captures("unit", f"one of {', '.join(LENGTH_UNITS)}", LengthUnit),
+    _captures(
+        "plane",
+        'two different axes, along the clamped end and away from the paper, such as ["x", "-z"]',
+        Annotated[list[Axis], Len(2, 2), AfterValidator(_two_axes)],
+    ),
+    _captures("offset", "a number [mm]", Number),
+    _captures("sd", "a number not below 0 [mm]", Annotated[Number, Ge(0.0)]),
+    _captures("pressure", "the name of an analog channel, in quotes", _Text),
+    _captures("kPa_per_unit", "a number above 0 [kPa]", _POSITIVE),
+    _captures("zero", "a number, in the unit of the channel", Number),
+)
 
 ENTRIES: tuple[_Entry, ...] = (
     _Entry("", "title", "a text in quotes", str),
@@ -677,6 +752,7 @@ ENTRIES: tuple[_Entry, ...] = (
         Annotated[int, Interval(ge=0, le=100)],
         "markers_skip",
     ),
+    *_CAPTURES,
     _Entry("reading", "name", _READING, _Text, "own_reading"),
     _Entry("reading", "unit", "a text in quotes", _Text, "own_unit"),
     _Entry("reading", "error", f"a number above 0, or {_SCALE}", _Law | _POSITIVE, "own_error"),
@@ -685,7 +761,7 @@ ENTRIES: tuple[_Entry, ...] = (
 TABLES = (
     *("actuator", "paper", "constraint", "shrinkage", "priors", "noise", "causes", "sampling"),
     *("tensile", "material", "vendor", "rupture", "suspects", "forward", "parameters", "reading"),
-    *("photographs", "markers"),
+    *("photographs", "markers", "captures"),
 )
 
 
@@ -778,10 +854,7 @@ def _from_document(document: dict[str, Any], text: str) -> tuple[Settings, tuple
     accepted["recipe"] = MixtureRecipe(**_of(MixtureRecipe, accepted))
     accepted["vendor"] = VendorFigures(**_of(VendorFigures, accepted))
     faults += _not_calibrated(accepted, text)
-    accepted |= {
-        "photographs": PhotographOptions(**_prefixed("photographs", accepted)),
-        "markers": ForeignTable(**_prefixed("markers", accepted)),
-    }
+    accepted |= {name: make(**_prefixed(name, accepted)) for name, make in _OF_FILES.items()}
     # the defaults that stand in for refused keys must not be blamed
     if not any((fault.column or "").startswith(("actuator", "constraint")) for fault in faults):
         of_layer = {k: v for k, v in accepted.items() if k.startswith(("constraint", "paper"))}
@@ -797,6 +870,12 @@ def _from_document(document: dict[str, Any], text: str) -> tuple[Settings, tuple
     return settings, tuple(faults)
 
 
+_OF_FILES: Mapping[str, Callable[..., object]] = {
+    "photographs": PhotographOptions,
+    "markers": ForeignTable,
+    "captures": CaptureOptions,
+}
+"""Tables of ``study.toml`` that say how a file is read."""
 _OF_OPERATOR = {"operator", "points"}
 _OWN = tuple(entry.name for entry in fields(OwnForward) if entry.name != "parameters")
 

@@ -10,6 +10,8 @@ import pandas as pd
 import pandera.pandas as pa
 
 from bayesdeg.data import readings
+from bayesdeg.data.captures import FILE as CAPTURES_FILE
+from bayesdeg.data.captures import CapturedLine
 from bayesdeg.data.cells import Cells, check_header, read_cells, read_number
 from bayesdeg.data.foreign import translated
 from bayesdeg.data.photographs import FILE as PHOTOS_FILE
@@ -21,6 +23,8 @@ from bayesdeg.errors import Fault, StudyError, nearest, use_one_of
 from bayesdeg.files import STUDY_MB, as_named, read_bytes, reason
 
 MARKERS_FILE = "markers.csv"
+#: Tables of what lines of points are read of, and their files.
+OF_LINES = {"photos": PHOTOS_FILE, "captures": CAPTURES_FILE}
 #: The folder of a study's own causes.
 CAUSES = "causes"
 #: So many faults of one kind in one column are told one by one.
@@ -263,6 +267,8 @@ class Study:
         Readings of films that were left out, since they are outside ``stretch_range``.
     photographs : tuple of TracedPhotograph
         What was traced in each of ``photos.csv``, also those that were refused.
+    captured : tuple of CapturedLine
+        What was read of each hold of ``captures.csv``.
     """
 
     name: str
@@ -281,6 +287,7 @@ class Study:
     line_points: int | None = None
     outside_range: int = 0
     photographs: tuple[TracedPhotograph, ...] = ()
+    captured: tuple[CapturedLine, ...] = ()
 
     def __repr__(self) -> str:
         """Return its name, and how much of which data it has."""
@@ -301,13 +308,14 @@ class Study:
     def given(self, name: str) -> pd.DataFrame | None:
         """Return a table that there is a file of; None for what was read of lines of points."""
         of_lines = name == "actuator" and self.line_points
-        of_photographs = name == "markers" and self.photographs
-        return None if of_lines or of_photographs else self.table(name)
+        of_others = name == "markers" and self.lines_file != MARKERS_FILE
+        return None if of_lines or of_others else self.table(name)
 
     @property
     def lines_file(self) -> str:
         """The file that lines of points come from."""
-        return PHOTOS_FILE if self.photographs else MARKERS_FILE
+        there = (file for name, file in OF_LINES.items() if name in self.others)
+        return next(there, MARKERS_FILE)
 
     @property
     def degrades(self) -> bool:
@@ -528,6 +536,7 @@ def _assemble(
         line_points=None,
         outside_range=outside,
         photographs=(),
+        captured=(),
     )
 
 

@@ -29,7 +29,7 @@ CLAMP = 1.3
 #: Bending away from the paper by more is no noise: the line is on the wrong side [deg].
 AWAY = 5.0
 #: A body that holds more of the target's points than this share is the target, such as a ruler.
-IS_TARGET = 0.2
+IS_TARGET = 0.05
 #: An angle less well known than this is not worth a reading [deg].
 MOST_ANGLE_ERROR = 1.2
 #: Least share of the line on which the edge is seen; marks on it hide it.

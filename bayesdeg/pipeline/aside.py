@@ -20,7 +20,7 @@ READ = ("curvature_per_m", "bend_angle_deg")
 TABLES = {ACTUATOR: "actuator", FILM: "tensile"}
 """Tables by the family of readings; suspects of others are told and not set aside."""
 FILES = {"actuator.csv": "actuator", "tensile.csv": "tensile"} | dict.fromkeys(
-    ("markers.csv", "photos.csv"), "actuator"
+    ("markers.csv", "photos.csv", "captures.csv"), "actuator"
 )
 """The same tables by the files that they are read from."""
 

@@ -5,17 +5,19 @@ from pathlib import Path
 
 from bayesdeg.data import study as folders
 from bayesdeg.data.foreign import ForeignTable
-from bayesdeg.data.settings import FILE, PhotographOptions
+from bayesdeg.data.settings import FILE, CaptureOptions, PhotographOptions
 from bayesdeg.data.study import Study
 from bayesdeg.errors import Fault, StudyError
 from bayesdeg.observations.catalogue import TABLES
 from bayesdeg.observations.markers import with_lines
+from bayesdeg.pipeline.captured import with_captures
 from bayesdeg.pipeline.progress import Progress, Silent
 
 
 def read_study(folder: Path | str, progress: Progress | None = None) -> Study:
     """Read a study folder and check everything in it; lines of points become curvatures.
 
+    Recordings of motion are averaged over the frames of each hold, a second for a few of them.
     Photographs are traced, which takes about a second each; what was traced is kept in
     ``.cache/traces``.
 
@@ -42,6 +44,8 @@ def read_study(folder: Path | str, progress: Progress | None = None) -> Study:
     """
     study = folders.read_study(folder, TABLES)
     _refuse_options_of_nothing(study)
+    if study.table("captures") is not None:
+        return with_captures(study, progress or Silent())
     if study.table("photos") is None:
         return with_lines(study)
     # brings OpenCV along, which no other study needs
@@ -56,6 +60,7 @@ def _refuse_options_of_nothing(study: Study) -> None:
     of_files = (
         ("photographs", settings.photographs, PhotographOptions(), "photos", "photos.csv"),
         ("markers", settings.markers, ForeignTable(), "markers", "markers.csv"),
+        ("captures", settings.captures, CaptureOptions(), "captures", "captures.csv"),
     )
     faults = [
         Fault(FILE, f"is there without {file}", f"add {file}, or leave [{key}] out", None, key)

@@ -12,7 +12,7 @@ from collections.abc import Hashable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from functools import cache
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -30,6 +30,7 @@ from bayesdeg.photographs.lines import line_of, parse_lines
 from bayesdeg.photographs.picture import read_picture
 from bayesdeg.photographs.record import hash_of, marker_rows, recorded
 from bayesdeg.photographs.trace import LENGTH_AGREES, PHOTO_MB, PictureScale, trace
+from bayesdeg.pipeline.places import named_files, wrong_place
 from bayesdeg.pipeline.progress import Progress
 
 Floats = NDArray[np.float64]
@@ -61,7 +62,8 @@ def with_photographs(study: Study, progress: Progress, kept: Path = CACHE) -> St
     table = study.table(_PHOTOS)
     assert table is not None
     _raise(_wrong_study(study))
-    places, faults = _places(study.folder, table)
+    names = map(str, table["file"])
+    places, faults = named_files(study.folder, FILE, FOLDER, names, "photographs")
     _raise(faults)
     by_hand, hashes = _set_by_hand(study)
     tracing = _Tracing(study.settings.photographs, by_hand, _outside(kept, study.folder))
@@ -246,36 +248,6 @@ def _wrong_study(study: Study) -> Iterator[Fault]:
         yield Fault(FILE, problem, "give bend angles of the end faces in actuator.csv")
 
 
-def _places(folder: Path, table: pd.DataFrame) -> tuple[dict[str, Path], list[Fault]]:
-    """Return where each photograph is, and what is wrong with the names of others."""
-    places, faults = {}, []
-    root = folder / FOLDER
-    if not root.is_dir():
-        return {}, [Fault(FILE, f"names photographs, and there is no folder {FOLDER}", "add it")]
-    for name in map(str, table["file"]):
-        if problem := _wrong_place(folder, root, name):
-            remedy = f"put it into {FOLDER} of the study and write its name there"
-            faults.append(Fault(FILE, problem, remedy, None, "file", name))
-        else:
-            places[name] = root / name
-    return places, faults
-
-
-def _wrong_place(study: Path, folder: Path, name: str) -> str:
-    """Say why a name is none of a file that is in a folder of the study, links followed."""
-    way = PurePosixPath(name)
-    outside = "is not in the study"
-    if way.is_absolute() or ".." in way.parts or "\\" in name or ":" in name or "\0" in name:
-        return outside
-    try:
-        whole = (folder / name).resolve()
-        if not whole.is_relative_to(study.resolve()):
-            return outside
-        return "" if whole.exists() else "is not there"
-    except (OSError, RuntimeError):  # too long a name, a loop of links
-        return "is not there"
-
-
 def _set_by_hand(study: Study) -> tuple[_ByHand, dict[str, str]]:
     """Return the lines near the edge and those that are stated, and the hashes of their files."""
     options = study.settings.photographs
@@ -288,7 +260,7 @@ def _lines_in(study: Study, key: str, name: str | None) -> tuple[dict[str, Float
     if name is None:
         return {}, {}
     place = (f"photographs.{key}", name)
-    if problem := _wrong_place(study.folder, study.folder, name):
+    if problem := wrong_place(study.folder, study.folder, name):
         remedy = "put the file into the study"
         raise StudyError([Fault(SETTINGS_FILE, problem, remedy, None, *place)])
     try:

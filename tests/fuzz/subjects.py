@@ -10,6 +10,7 @@ from roifile import ROI_TYPE, ImagejRoi
 
 from tests.hostile.inputs import forget_hash
 from tests.hostile.test_hostile_runs import ROWS, about_prior, write_course
+from tests.photographs.recordings import arc, names, write_c3d
 from tests.pipeline.planted_offset import planted_study
 from tests.pipeline.small_run import write_run
 from tests.pipeline.study_files import study_in
@@ -105,6 +106,20 @@ def _lines(folder: Path) -> None:
     study_in(folder, {"markers.csv": MARKERS}, without=("actuator.csv",))
 
 
+def _captured(folder: Path) -> None:
+    (folder / "captures").mkdir()
+    holds = np.concatenate([np.repeat(arc(angle)[None], 12, axis=0) for angle in (0.2, 0.5)])
+    holds += [300.0, -120.0, 850.0]
+    volts = np.repeat([0.8, 1.6], 12)
+    write_c3d(folder / "captures" / "one.c3d", holds, names(), pressures=volts)
+    rows = "specimen_id,degradation_pct,pressure_kPa,file,first_frame,last_frame\n"
+    rows += "S1,0,,one.c3d,1,12\nS1,0,80,one.c3d,13,24\n"
+    (folder / "captures.csv").write_text(rows, encoding="utf-8")
+    settings = f'title = "Moved"\nseed = 7\n[captures]\nmarkers = {names()}\noffset = 0.5\n'
+    settings += 'sd = 0.05\npressure = "p"\nkPa_per_unit = 50.0\nzero = 0.0\n'
+    (folder / "study.toml").write_text(settings, encoding="utf-8")
+
+
 def _own(folder: Path) -> None:
     for name, text in {**OWN, "model.py": MODEL}.items():
         (folder / name).write_text(text, encoding="utf-8")
@@ -184,6 +199,12 @@ SUBJECTS = (
         ("check {folder}",),
     ),
     Subject("lines", _lines, ("markers.csv", "study.toml"), ("check {folder}",)),
+    Subject(
+        "recordings",
+        _captured,
+        ("captures/one.c3d", "captures.csv", "study.toml"),
+        ("check {folder}",),
+    ),
     Subject("own map", _own, ("readings.csv", "study.toml"), ("check {folder}",)),
     Subject(
         "run",

@@ -1,0 +1,33 @@
+"""Recordings of motion capture in place of readings: the columns of ``captures.csv``.
+
+A row is a hold: the markers of a recording are averaged over its frames, and their line is read as
+one of ``markers.csv`` is; see `bayesdeg.pipeline.captured`.
+"""
+
+import pandera.pandas as pa
+
+from bayesdeg.data.captures import FILE
+from bayesdeg.data.tables import (
+    NOT_NEGATIVE,
+    ONE_DEGRADATION,
+    WHOLE,
+    Table,
+    at_most,
+    number,
+    of_actuators,
+    text,
+)
+
+FRAMES = ("first_frame", "last_frame")
+TABLE = Table(
+    "captures",
+    pa.DataFrameSchema(
+        of_actuators(
+            {"file": text(), **{one: number(NOT_NEGATIVE, WHOLE, optional=True) for one in FRAMES}}
+        )
+        | {"pressure_kPa": number(optional=True)},
+        [ONE_DEGRADATION, at_most(*FRAMES, "give the first and the last frame of the hold")],
+        name=FILE,
+    ),
+    supports="verdict, gain, curvature bands",
+)

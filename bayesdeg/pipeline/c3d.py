@@ -1,0 +1,211 @@
+"""Recordings of motion capture, C3D files: read by a process that may be lost.
+
+The reader is ezc3d (doi:10.21105/joss.02911), which bayesdeg can do without. On a damaged file a
+library in C++ may ask for any amount of memory, or crash, and nothing in Python stops it there. So
+another process reads the file, with limits that the system enforces, and hands over plain arrays.
+"""
+
+import io
+import os
+import struct
+import subprocess
+import sys
+from contextlib import suppress
+from dataclasses import dataclass
+from importlib import import_module
+from importlib.util import find_spec
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+LIBRARY = "ezc3d"
+SECONDS = 60  # of the processor: a recording of 100 MB takes 5
+PATIENCE_S = 300.0  # by the clock, on a machine that does much else, or has no limit of its own
+MEMORY_MB, PER_MB = 1500.0, 40.0  # of addresses: of Python and numpy, and for each MB of the file
+IS_DAMAGED, NOT_BEGUN = 3, 1  # exit codes: of the reader, and of Python, with a message each
+BLOCK = 512  # bytes
+IS_C3D = 0x50  # second byte of every C3D file
+ORDERS = {84: "<", 85: "<", 86: ">"}  # of bytes, by the kind of processor: Intel, DEC, MIPS
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What a C3D file holds.
+
+    Parameters
+    ----------
+    labels : tuple of str
+        Names of the markers.
+    unit : str
+        Of lengths, as the file states it; empty if it does not.
+    first_frame : int
+        Number of the first frame; recordings that were cut keep their numbers.
+    points : array, shape (n_frames, n_markers, 3)
+        In that unit; nan where a marker was not seen.
+    channels, channel_units : tuple of str
+        Names and units of the analog channels.
+    analogs : array, shape (n_frames, n_samples, n_channels)
+        Samples of each frame.
+    """
+
+    labels: tuple[str, ...]
+    unit: str
+    first_frame: int
+    points: Floats
+    channels: tuple[str, ...]
+    channel_units: tuple[str, ...]
+    analogs: Floats
+
+
+def is_readable() -> bool:
+    """Return whether the library is there that reads C3D files."""
+    return find_spec(LIBRARY) is not None
+
+
+def read_c3d(path: str, content: bytes) -> Recording:
+    """Return what a C3D file holds.
+
+    Parameters
+    ----------
+    path : str
+        The file.
+    content : bytes
+        What is in it.
+
+    Raises
+    ------
+    ValueError
+        If it is no C3D file, is damaged or cut off; the message says which, in lower case.
+
+    Examples
+    --------
+    >>> read_c3d("notes.txt", b"a recording")
+    Traceback (most recent call last):
+        ...
+    ValueError: is not a C3D file
+    """
+    refuse_cut_off(content)
+    most_mb = MEMORY_MB + PER_MB * len(content) / 1e6
+    command = [sys.executable, "-P", __file__, path, str(most_mb)]
+    alone = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    try:
+        ended = subprocess.run(
+            command, capture_output=True, timeout=PATIENCE_S, check=False, env=alone
+        )
+    except subprocess.TimeoutExpired as fault:
+        raise ValueError("is damaged: reading it does not come to an end") from fault
+    if ended.returncode == 0:
+        return _recording(ended.stdout)
+    said = ended.stderr.decode("utf-8", "replace").strip().splitlines()
+    known = ended.returncode in (IS_DAMAGED, NOT_BEGUN) and said
+    raise ValueError(f"is damaged: {said[-1] if known else 'the reader fails on it'}")
+
+
+def refuse_cut_off(content: bytes) -> None:
+    """Raise if a file is not C3D, or shorter than its header says.
+
+    Examples
+    --------
+    >>> refuse_cut_off(bytes([2, 0x50]) + 100 * b"x")
+    Traceback (most recent call last):
+        ...
+    ValueError: is cut off in its header
+    """
+    if len(content) < 2 or content[1] != IS_C3D:
+        raise ValueError("is not a C3D file")
+    at = BLOCK * (content[0] - 1)
+    if len(content) < BLOCK or not 0 < at <= len(content) - 4:
+        raise ValueError("is cut off in its header")
+    order = ORDERS.get(content[at + 3])
+    if order is None:
+        raise ValueError("is damaged: its numbers are of no known processor")
+    markers, samples, first, last = struct.unpack_from(f"{order}4H", content, 2)
+    scale = content[12:16]
+    # DEC's numbers have their signs where Intel's have them
+    negative = scale[0 if order == ">" else 3] & 0x80
+    size = 4 if negative else 2
+    start = struct.unpack_from(f"{order}H", content, 16)[0]
+    promised = BLOCK * (start - 1) + (last - first + 1) * size * (4 * markers + samples)
+    if last < first or promised > len(content):
+        raise ValueError(
+            f"is cut off: it promises {last - first + 1} frames of {markers} markers, "
+            f"{promised / 1e6:.3g} MB, and has {len(content) / 1e6:.3g} MB"
+        )
+
+
+def _recording(content: bytes) -> Recording:
+    with np.load(io.BytesIO(content), allow_pickle=False) as found:
+        words = {name: tuple(map(str, found[name])) for name in ("labels", "channels", "units")}
+        return Recording(
+            words["labels"],
+            str(found["unit"]),
+            int(found["first_frame"]),
+            found["points"],
+            words["channels"],
+            words["units"],
+            found["analogs"],
+        )
+
+
+def _arrays(path: str) -> dict[str, NDArray[np.generic]]:
+    """Return the arrays of `Recording` by their names."""
+    file = import_module(LIBRARY).c3d(path)
+    about, channels = file["parameters"]["POINT"], file["parameters"].get("ANALOG", {})
+    points = file["data"]["points"][:3].transpose(2, 1, 0)
+    unseen = (file["data"]["meta_points"]["residuals"][0].T < 0.0) | np.all(points == 0.0, axis=2)
+    labels = _words(about, "LABELS")
+    analogs = file["data"]["analogs"][0].T
+    frames, samples = len(points), len(analogs) // max(len(points), 1)
+    names, units = _words(channels, "LABELS"), _words(channels, "UNITS")
+    if len(labels) < points.shape[1] or len(names) < analogs.shape[1]:
+        raise ValueError("it has markers or channels without names")
+    units = [*units, *[""] * analogs.shape[1]]
+    unit = _words(about, "UNITS")
+    return {
+        "labels": np.array(labels[: points.shape[1]], dtype=np.str_),
+        "unit": np.array(unit[0] if unit else "", dtype=np.str_),
+        "first_frame": np.array(int(file["header"]["points"]["first_frame"]) + 1),
+        "points": np.where(unseen[..., None], np.nan, points),
+        "channels": np.array(names[: analogs.shape[1]], dtype=np.str_),
+        "units": np.array(units[: analogs.shape[1]], dtype=np.str_),
+        "analogs": analogs[: samples * frames].reshape(frames, samples, analogs.shape[1]),
+    }
+
+
+def _words(group: dict[str, dict[str, list[str]]], name: str) -> list[str]:
+    """Return a list of texts, which goes on in further ones after 255."""
+    found: list[str] = []
+    for key in (name, *(f"{name}{k}" for k in range(2, 100))):
+        if key not in group:
+            break
+        found += [str(word).strip() for word in group[key]["value"]]
+    return found
+
+
+def _limit_this_process(most_mb: float) -> None:
+    """Have the system end this process where it goes in circles or asks for all memory."""
+    with suppress(ImportError):  # on a system without, the clock alone ends it
+        resource, most = import_module("resource"), int(most_mb * 1e6)
+        resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS))
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        resource.setrlimit(resource.RLIMIT_AS, (most, most))
+
+
+def _main(path: str, most_mb: str) -> int:
+    _limit_this_process(float(most_mb))
+    made = io.BytesIO()
+    try:
+        np.savez(made, allow_pickle=False, **_arrays(path))
+    except Exception as fault:  # of a damaged file the library raises what it likes
+        words = str(fault).split()
+        print(*(words or [type(fault).__name__]), file=sys.stderr, flush=True)
+        return IS_DAMAGED
+    sys.stdout.buffer.write(made.getvalue())
+    sys.stdout.flush()
+    return 0
+
+
+if __name__ == "__main__":
+    os._exit(_main(*sys.argv[1:]))

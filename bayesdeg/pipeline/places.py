@@ -1,0 +1,52 @@
+"""Files that a table of a study names: where they are, links followed, and that they are in it."""
+
+from collections.abc import Iterable
+from pathlib import Path, PurePosixPath
+
+from bayesdeg.errors import Fault
+
+
+def named_files(
+    folder: Path, table: str, inner: str, names: Iterable[str], kind: str
+) -> tuple[dict[str, Path], list[Fault]]:
+    """Return where each file is, and what is wrong with the names of others.
+
+    Parameters
+    ----------
+    folder : Path
+        The study.
+    table : str
+        The file of the study that names them, in a column ``file``.
+    inner : str
+        The folder of the study in which they are.
+    names : iterable of str
+        As they are named.
+    kind : str
+        What they are, in the plural.
+    """
+    places, faults = {}, []
+    root = folder / inner
+    if not root.is_dir():
+        return {}, [Fault(table, f"names {kind}, and there is no folder {inner}", "add it")]
+    for name in names:
+        if problem := wrong_place(folder, root, name):
+            remedy = f"put it into {inner} of the study and write its name there"
+            faults.append(Fault(table, problem, remedy, None, "file", name))
+        else:
+            places[name] = root / name
+    return places, faults
+
+
+def wrong_place(study: Path, folder: Path, name: str) -> str:
+    """Say why a name is none of a file that is in a folder of the study, links followed."""
+    way = PurePosixPath(name)
+    outside = "is not in the study"
+    if way.is_absolute() or ".." in way.parts or "\\" in name or ":" in name or "\0" in name:
+        return outside
+    try:
+        whole = (folder / name).resolve()
+        if not whole.is_relative_to(study.resolve()):
+            return outside
+        return "" if whole.exists() else "is not there"
+    except (OSError, RuntimeError):  # too long a name, a loop of links
+        return "is not there"
