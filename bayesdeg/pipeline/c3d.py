@@ -1,16 +1,12 @@
 """Recordings of motion capture, C3D files: read by a process that may be lost.
 
-The reader is ezc3d (doi:10.21105/joss.02911), which bayesdeg can do without. On a damaged file a
-library in C++ may ask for any amount of memory, or crash, and nothing in Python stops it there. So
-another process reads the file, with limits that the system enforces, and hands over plain arrays.
+The reader is ezc3d (doi:10.21105/joss.02911), which bayesdeg can do without. Another process reads
+the file (`bayesdeg.limited`), and hands over plain arrays.
 """
 
 import io
-import os
 import struct
-import subprocess
 import sys
-from contextlib import suppress
 from dataclasses import dataclass
 from importlib import import_module
 from importlib.util import find_spec
@@ -18,13 +14,13 @@ from importlib.util import find_spec
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdeg.limited import asked, ended
+
 Floats = NDArray[np.float64]
 
 LIBRARY = "ezc3d"
 SECONDS = 60  # of the processor: a recording of 100 MB takes 5
-PATIENCE_S = 300.0  # by the clock, on a machine that does much else, or has no limit of its own
 MEMORY_MB, PER_MB = 1500.0, 40.0  # of addresses: of Python and numpy, and for each MB of the file
-IS_DAMAGED, NOT_BEGUN = 3, 1  # exit codes: of the reader, and of Python, with a message each
 BLOCK = 512  # bytes
 IS_C3D = 0x50  # second byte of every C3D file
 ORDERS = {84: "<", 85: "<", 86: ">"}  # of bytes, by the kind of processor: Intel, DEC, MIPS
@@ -88,19 +84,10 @@ def read_c3d(path: str, content: bytes) -> Recording:
     """
     refuse_cut_off(content)
     most_mb = MEMORY_MB + PER_MB * len(content) / 1e6
-    command = [sys.executable, "-P", __file__, path, str(most_mb)]
-    alone = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     try:
-        ended = subprocess.run(
-            command, capture_output=True, timeout=PATIENCE_S, check=False, env=alone
-        )
-    except subprocess.TimeoutExpired as fault:
-        raise ValueError("is damaged: reading it does not come to an end") from fault
-    if ended.returncode == 0:
-        return _recording(ended.stdout)
-    said = ended.stderr.decode("utf-8", "replace").strip().splitlines()
-    known = ended.returncode in (IS_DAMAGED, NOT_BEGUN) and said
-    raise ValueError(f"is damaged: {said[-1] if known else 'the reader fails on it'}")
+        return _recording(asked(__file__, path, most_mb, library="the reader"))
+    except ValueError as fault:
+        raise ValueError(f"is damaged: {fault}") from fault
 
 
 def refuse_cut_off(content: bytes) -> None:
@@ -184,28 +171,11 @@ def _words(group: dict[str, dict[str, list[str]]], name: str) -> list[str]:
     return found
 
 
-def _limit_this_process(most_mb: float) -> None:
-    """Have the system end this process where it goes in circles or asks for all memory."""
-    with suppress(ImportError):  # on a system without, the clock alone ends it
-        resource, most = import_module("resource"), int(most_mb * 1e6)
-        resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS))
-        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-        resource.setrlimit(resource.RLIMIT_AS, (most, most))
-
-
-def _main(path: str, most_mb: str) -> int:
-    _limit_this_process(float(most_mb))
+def _written(path: str) -> bytes:
     made = io.BytesIO()
-    try:
-        np.savez(made, allow_pickle=False, **_arrays(path))
-    except Exception as fault:  # of a damaged file the library raises what it likes
-        words = str(fault).split()
-        print(*(words or [type(fault).__name__]), file=sys.stderr, flush=True)
-        return IS_DAMAGED
-    sys.stdout.buffer.write(made.getvalue())
-    sys.stdout.flush()
-    return 0
+    np.savez(made, allow_pickle=False, **_arrays(path))
+    return made.getvalue()
 
 
 if __name__ == "__main__":
-    os._exit(_main(*sys.argv[1:]))
+    ended(lambda: _written(sys.argv[1]), seconds=SECONDS, megabytes=float(sys.argv[2]))

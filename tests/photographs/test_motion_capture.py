@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from bayesdeg import limited
 from bayesdeg.actuator.line import read_line
 from bayesdeg.commands.check import check
 from bayesdeg.data.captures import captured_messages
@@ -360,7 +361,7 @@ def test_huge_counts_are_refused_before_anything_is_read(
     """The header promises gigabytes: no process is started for them."""
     content = bytearray(sound)
     struct.pack_into("<H", content, place, value)
-    monkeypatch.setattr(c3d.subprocess, "run", lambda *_, **__: pytest.fail("was read"))
+    monkeypatch.setattr(limited.subprocess, "run", lambda *_, **__: pytest.fail("was read"))
     assert "cut off" in refused(tmp_path, bytes(content))
 
 
@@ -370,7 +371,7 @@ def test_a_reader_that_dies_or_hangs_is_a_refusal(tmp_path, sound, monkeypatch):
     for code in ("import os; os.abort()", "while True: pass"):
         (tmp_path / "reader.py").write_text(code)
         monkeypatch.setattr(c3d, "__file__", str(tmp_path / "reader.py"))
-        monkeypatch.setattr(c3d, "PATIENCE_S", 2.0)
+        monkeypatch.setattr(limited, "PATIENCE_S", 2.0)
         with pytest.raises(ValueError, match="is damaged"):
             read_c3d(str(path), sound)
 

@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-from pathlib import Path
 
 import h5py
 import numpy as np
@@ -53,8 +52,10 @@ def test_bits_of_packed_numbers_are_looked_at(sound):
         refuse_unsound(sound, "packed", most_mb=1.0)
 
 
-HERE = str(Path(hdf5.__file__).parent)
-LIMITED = f"import sys\nsys.path.insert(0, {HERE!r})\nimport hdf5\nhdf5._limit_this_process()\n"
+LIMITED = (
+    "from bayesdeg.limited import limit_this_process\n"
+    f"limit_this_process({hdf5.SECONDS}, {hdf5.MEMORY_MB})\n"
+)
 PROGRAMS = {
     "goes in circles": "while True: pass",
     "crashes": "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)",
