@@ -46,6 +46,7 @@ LAYERS = (
     "errors",
     "compiled",
     "quantities",
+    "limited",
     "signals",
 )
 
@@ -196,6 +197,7 @@ def test_files_are_read_and_written_in_few_places():
         "api.py",  # the door: studies and reports are where the user says
         "results.py",
         "files.py",
+        "limited.py",  # the environment of another process
         "__main__.py",  # a signal may end it
         "cli.py",
         "__init__.py",  # a setting of the compiler
