@@ -16,6 +16,7 @@ from bayesdeg.pipeline.outline import outline
 NO_DEFAULT = (
     *("stretch_range", "modulus_100", "elongation_at_break"),
     *("grid", "ruler", "length", "scale", "base", "hint", "line", "columns", "constants"),
+    *("markers", "unit", "plane", "pressure", "kPa_per_unit"),
 )
 SETTINGS = (STARTER / "study.toml").read_text(encoding="utf-8")
 

@@ -29,7 +29,9 @@ PARTS = (
     "published",
     "rupture",
 )
-DEGRADED_ONLY = {"degradation_misread", "degraded_skin", "erosion", "paper_softening"}
+DEGRADED_ONLY = {
+    *("degradation_misread", "degraded_skin", "delamination", "erosion", "paper_softening"),
+}
 ACCOUNTING = {"dry_embrittlement", "flaw_embrittlement"}  # for the ruptures
 OF_RUPTURE = {*ACCOUNTING, "uneven_degradation"}
 NOT_BENDING = {*OF_RUPTURE, "gravity", "mullins", "stress_measure"}
