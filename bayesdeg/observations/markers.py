@@ -148,14 +148,14 @@ def with_lines(study: Study) -> Study:
     if table is None:
         return study
     operator: Operator = study.settings.operator or "angle_over_arc"
-    _refuse(_wrong_study(study, operator, table))
+    _refuse(study, _wrong_study(study, operator, table))
     lines = [line for _, line in table.groupby(_line_numbers(table), sort=False)]
     points = [_points(line) for line in lines]
     faults = (_wrong_line(*pair, study.geometry.length) for pair in zip(lines, points, strict=True))
-    _refuse(fault for of_line in faults for fault in of_line)
+    _refuse(study, (fault for of_line in faults for fault in of_line))
     count = min(MOST_POINTS, min(map(len, lines)))
     read = _read(lines, points, operator, count)
-    _refuse(_wrong_readings(read))
+    _refuse(study, _wrong_readings(read))
     given = study.recorded.get(TABLE.name, frozenset()) | _READ
     recorded = {**study.recorded, "actuator": frozenset(given & set(ACTUATOR.columns))}
     return replace(study, actuator=read, recorded=recorded, line_points=count)
@@ -218,9 +218,12 @@ def _towards_the_paper(rows: pd.DataFrame, angle: Floats) -> Floats:
     return np.where(in_pixels & (angle[most] < 0.0), -1.0, 1.0)
 
 
-def _refuse(faults: Iterator[Fault]) -> None:
+def _refuse(study: Study, faults: Iterator[Fault]) -> None:
+    """Raise faults of lines with the file that the lines come from."""
     if found := tuple(faults):
-        raise StudyError(found)
+        raise StudyError(
+            replace(one, file=study.lines_file) if one.file == FILE else one for one in found
+        )
 
 
 def _wrong_study(study: Study, operator: Operator, table: pd.DataFrame) -> Iterator[Fault]:

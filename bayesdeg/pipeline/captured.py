@@ -113,10 +113,7 @@ def with_captures(study: Study, progress: Progress) -> Study:
         hashes={**study.hashes, **hashes},
         captured=tuple(_record(hold, planes[_specimen(hold)]) for hold in holds),
     )
-    try:
-        return with_lines(read)
-    except StudyError as fault:
-        raise StudyError(replace(one, file=FILE) for one in fault.faults) from fault
+    return with_lines(read)
 
 
 def _raise(faults: Iterable[Fault | None]) -> None:

@@ -106,10 +106,7 @@ def _read(study: Study, found: list[TracedPhotograph], hashes: Mapping[str, str]
         hashes={**study.hashes, **hashes},
         photographs=tuple(found),
     )
-    try:
-        return with_lines(traced)
-    except StudyError as fault:
-        raise StudyError(replace(one, file=FILE) for one in fault.faults) from fault
+    return with_lines(traced)
 
 
 def _of_one_length(found: list[TracedPhotograph], moulded: float) -> list[TracedPhotograph]:

@@ -429,3 +429,11 @@ def test_a_shifted_arc_is_an_arc_about_the_same_centre():
     radius = LENGTH / 0.8
     moved = shifted(line, 2.0)
     assert np.hypot(moved[:, 0], moved[:, 1] + radius) == pytest.approx(radius + 2.0, abs=1e-4)
+
+
+def test_an_operator_that_reads_curves_is_a_fault_of_the_settings(tmp_path):
+    folder = write_study(tmp_path / "study")
+    settings = (folder / "study.toml").read_text(encoding="utf-8")
+    stated = f'{settings}\n[reading]\noperator = "kappa"\npoints = 6\n'
+    (folder / "study.toml").write_text(stated, encoding="utf-8")
+    assert (fault(folder).file, fault(folder).column) == ("study.toml", "reading.operator")
