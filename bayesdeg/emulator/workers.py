@@ -352,7 +352,18 @@ def workplace(workers: int, scheduler: str | None) -> Iterator[Executor | None]:
         except BaseException:
             if executor is not None:
                 executor.shutdown(wait=False, cancel_futures=True)
+                _end_processes()
             raise
+
+
+def _end_processes() -> None:
+    """End the processes that were started here.
+
+    They would end with this one, but not before they have begun: one that is just starting finds
+    its parent's locks gone then, and complains of it with a traceback.
+    """
+    for process in multiprocessing.active_children():
+        process.kill()
 
 
 @contextmanager
