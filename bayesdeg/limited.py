@@ -35,6 +35,17 @@ def asked(program: str, *words: object, library: str) -> bytes:
     ------
     ValueError
         If the program found that the file is damaged, or did not come back; what is wrong.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> program = f"{tempfile.mkdtemp()}/reader.py"
+    >>> with open(program, "w") as made:
+    ...     _ = made.write("import sys; sys.exit('no numbers in it')")
+    >>> asked(program, "file.h5", library="the reader")
+    Traceback (most recent call last):
+        ...
+    ValueError: no numbers in it
     """
     command = [sys.executable, "-P", program, *map(str, words)]
     alone = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}

@@ -433,7 +433,7 @@ def _fitted_as_kappa(pixels: Floats, controls: Floats, basis: Floats) -> Floats:
     """Return control points after as many fits as bring the curve closer to the pixels."""
     near = KDTree(pixels)
     distance = np.mean(near.query(basis @ controls)[0])
-    for _ in range(_STEPS):
+    for _ in range(_ROUNDS):
         given = KDTree(basis @ controls).query(pixels)[1]
         moved = np.linalg.lstsq(basis[given], pixels, rcond=None)[0]
         closer = np.mean(near.query(basis @ moved)[0])
@@ -444,6 +444,7 @@ def _fitted_as_kappa(pixels: Floats, controls: Floats, basis: Floats) -> Floats:
 
 
 _PER_PIECE = 129  # points that Kappa sets on each piece of a spline
+_ROUNDS = 60  # of its fit, which ends by itself; six were the most on lines of the model
 _STEPS = 60
 """Steps of Gauss's and Newton's method; fewer than ten are enough on rows that look like arcs."""
 _LEAST = 1e-12

@@ -506,7 +506,9 @@ def read_bottom_line(
 def face_rotation(
     body: Body, faces: NDArray[np.int64], placed: Floats, previous: float
 ) -> tuple[float, Floats]:
-    """Return the angle by which an end face turned, as in `read_state`, and its gradient [rad].
+    """Return the angle by which an end face turned [rad] and its gradient, (n_nodes, 3) [rad/mm].
+
+    The equation is that of `read_state`.
 
     Parameters
     ----------

@@ -61,11 +61,15 @@ VENDOR_SD = 0.2
 """Standard deviation of a vendor's figure over it, where none is stated."""
 SIDES: tuple[Side, ...] = get_args(Side)
 LENGTH_UNITS: tuple[LengthUnit, ...] = get_args(LengthUnit)
-FEWEST_POINTS = 4
-"""Of a line that is read, as a cubic spline needs."""
-FEWEST_CONTROLS, MOST_CONTROLS = 5, 8
-"""Control points of a line in Kappa. With four what is read depends by 14 % on where they are set,
-with nine and more the curve follows the waves of the floor and differs from line to line."""
+FEWEST_POINTS, MOST_READ_POINTS = 4, 1000
+"""Of a line that is read: as a cubic spline needs; from 50 on readings change by 2 % at most."""
+POINTS_OF: Mapping[Operator, tuple[int, int]] = {
+    **dict.fromkeys(get_args(Operator), (FEWEST_POINTS, MOST_READ_POINTS)),
+    "kappa": (5, 8),
+}
+"""Least and most points that an operator may be given. Of Kappa they are control points: with four
+what is read depends by 14 % on where they are set, with nine and more the curve follows the waves
+of the floor and differs from line to line."""
 RUPTURE_CRITERIA: tuple[RuptureCriterion, ...] = get_args(RuptureCriterion)
 
 
@@ -707,8 +711,8 @@ ENTRIES: tuple[_Entry, ...] = (
     _Entry(
         "reading",
         "points",
-        f"a whole number of at least {FEWEST_POINTS}",
-        Annotated[int, Ge(FEWEST_POINTS)],
+        f"a whole number from {FEWEST_POINTS} to {MOST_READ_POINTS}",
+        Annotated[int, Interval(ge=FEWEST_POINTS, le=MOST_READ_POINTS)],
         "reading_points",
     ),
     *(_photographs(name) for name in ("grid", "ruler", "length", "scale")),
@@ -900,12 +904,11 @@ def _unknown_operator(settings: Settings, text: str) -> tuple[Fault, ...]:
 
 def _unknown_controls(settings: Settings, stated: bool, text: str) -> tuple[Fault, ...]:
     """Refuse curves of Kappa of which it is not known how many control points they had."""
+    least, most = POINTS_OF["kappa"]
     points = settings.reading_points
-    if settings.operator != "kappa" or (stated and FEWEST_CONTROLS <= points <= MOST_CONTROLS):
+    if settings.operator != "kappa" or (stated and least <= points <= most):
         return ()
-    problem = (
-        f"must be {FEWEST_CONTROLS} to {MOST_CONTROLS} with kappa, whose reading depends on it"
-    )
+    problem = f"must be {least} to {most} with kappa, whose reading depends on it"
     remedy = "state how many control points the curves had, or export their points as markers.csv"
     row = _row_of(text, "reading", "points" if stated else "operator")
     value = str(points) if stated else "not stated"

@@ -869,6 +869,7 @@ class FieldMap:
         self.geometry, self.resolution = geometry, resolution
         self.held, self.remembering, self.finer = held, remembering, finer
         self.mounting = mounting or (lambda specimen: Mounting())
+        self._meshes: dict[Bond, ActuatorMesh] = {}
 
     def __call__(self, inputs: Inputs) -> Prediction:
         """Test every specimen; inputs are (1, n_specimens, n_readings).
@@ -899,18 +900,23 @@ class FieldMap:
         read = actuator.tested(self.remembering(actuator, specimen), schedule)
         found = read[:, [0, 1, PEAK]]
         if self.finer is not None:
-            whole = FieldActuator(mesh, material)
+            plain = mounting == Mounting()
+            whole = actuator if plain else FieldActuator(mesh, material)
             memory = Elastic(Field(whole.body.constants))
             elastic = whole.tested(memory, schedule)[:, [0, 1, PEAK]]
-            whole.body.solver.close()
+            if not plain:
+                whole.body.solver.close()
             # without pressure neither bends
             found = np.divide(found, elastic, out=np.ones_like(found), where=elastic != 0.0)
         actuator.body.solver.close()
         return found
 
     def _mesh(self, bond: Bond) -> ActuatorMesh:
-        """Return the mesh that ends where bonding does, bonded all over."""
-        return build_mesh(self.geometry, self.resolution, cuts=cuts_of(self.geometry, bond))
+        """Return the mesh that ends where bonding does, bonded all over; specimens share it."""
+        if bond not in self._meshes:
+            cuts = cuts_of(self.geometry, bond)
+            self._meshes[bond] = build_mesh(self.geometry, self.resolution, cuts=cuts)
+        return self._meshes[bond]
 
     def _predicted(self, inputs: Inputs, angle: Floats, length: Floats, peak: Floats) -> Prediction:
         none, solved = np.zeros((1, *angle.shape)), np.isfinite(angle)[None]

@@ -28,7 +28,8 @@ LENGTH_AGREES = 0.1
 CLAMP = 1.3
 #: Bending away from the paper by more is no noise: the line is on the wrong side [deg].
 AWAY = 5.0
-#: A body that holds more of the target's points than this share is the target, such as a ruler.
+#: A body that holds more of the target's points than this share is the target, such as a ruler, or
+#: a part of it: the rim of a checkerboard holds few of its corners, an actuator beside it none.
 IS_TARGET = 0.05
 #: An angle less well known than this is not worth a reading [deg].
 MOST_ANGLE_ERROR = 1.2

@@ -17,8 +17,7 @@ from bayesdeg.actuator.reading import ReadByOperator, as_read
 from bayesdeg.causes.catalogue import find, in_order
 from bayesdeg.causes.cause import Cause
 from bayesdeg.data.settings import (
-    FEWEST_POINTS,
-    OPERATORS,
+    POINTS_OF,
     RUPTURE_CRITERIA,
     Dimensions,
     RuptureCriterion,
@@ -409,13 +408,16 @@ def as_recorded(entry: ModelEntry, mechanics: ForwardMap) -> ForwardMap:
     """
     if not entry.reading_operator:
         return mechanics
-    for operator in OPERATORS:
-        if entry.reading_operator == operator and (entry.reading_points or 0) >= FEWEST_POINTS:
+    for operator, (least, most) in POINTS_OF.items():
+        if entry.reading_operator == operator and least <= (entry.reading_points or 0) <= most:
             points = int(entry.reading_points or 0)
             return as_read(mechanics, operator, points, of_line=entry.reading_of_line)
+    ranges = ", ".join(
+        f"{name} ({low} to {high} points)" for name, (low, high) in POINTS_OF.items()
+    )
     raise RecordError(
-        f"run.json: 'reading_operator' must be one of {', '.join(OPERATORS)}, of {FEWEST_POINTS} "
-        f"points at least, not {entry.reading_operator!r} of {entry.reading_points}"
+        f"run.json: 'reading_operator' must be one of {ranges}, not {entry.reading_operator!r} of "
+        f"{entry.reading_points}"
     )
 
 

@@ -14,6 +14,8 @@ from bayesdeg.commands import simulate
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.forecast import as_recorded, model_document
 from bayesdeg.pipeline.reading import read_study
+from bayesdeg.records import RecordError
+from bayesdeg.report.record import ModelEntry
 from tests.pipeline.planted_offset import emulator
 from tests.pipeline.study_files import SETTINGS, study_in
 
@@ -102,3 +104,10 @@ def test_virtual_readings_are_those_of_the_stated_operator(call, tmp_path):
     # noise of reading is the same in size, not in proportion
     factor = circle["curvature_per_m"] / plain["curvature_per_m"]
     np.testing.assert_allclose(factor, ratio, rtol=0.02)
+
+
+@pytest.mark.parametrize(("operator", "points"), [("kappa", 500), ("kappa", 4), ("circle", 1e9)])
+def test_numbers_of_points_that_no_operator_reads_are_refused(operator, points):
+    entry = ModelEntry.read({"reading_operator": operator, "reading_points": points})
+    with pytest.raises(RecordError, match="reading_operator"):
+        as_recorded(entry, lambda inputs: pytest.fail("was asked"))
