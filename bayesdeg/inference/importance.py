@@ -92,7 +92,8 @@ def _spread(draws: Floats) -> Floats:
 
 
 def _log_cosh(x: Floats) -> Floats:
-    value: Floats = np.logaddexp(x, -x) - np.log(2.0)
+    size = np.abs(x)
+    value: Floats = size + np.log1p(np.exp(-2.0 * size)) - np.log(2.0)
     return value
 
 
@@ -289,13 +290,16 @@ def improved(
     laws: list[Proposal] = []
     known = posterior
     points, densities = np.empty((0, len(density.table))), np.empty(0)
+    under = np.empty((0, 0))  # log density of each point, a column, by each law
     found = posterior
     for _ in range(rounds if posterior.effective > 0.0 else 0):
-        laws.append(_wide(Proposal.fit(_flattened(known).resample(generator, FITTED))))
-        more, _ = laws[-1].independent(np.zeros((draws, points.shape[1])), generator)
-        points = np.concatenate([points, more])
+        law = _wide(Proposal.fit(_flattened(known).resample(generator, FITTED)))
+        more, _ = law.independent(np.zeros((draws, points.shape[1])), generator)
+        earlier = np.array([log_density(one, more) for one in laws]).reshape(len(laws), draws)
+        laws, points = [*laws, law], np.concatenate([points, more])
+        under = np.vstack([np.hstack([under, earlier]), log_density(law, points)])
         densities = np.concatenate([densities, density.log_prob(more)])
-        mixture = logsumexp([log_density(law, points) for law in laws], axis=0) - np.log(len(laws))
+        mixture = logsumexp(under, axis=0) - np.log(len(laws))
         found = replace(weighted(points, densities - mixture), log_densities=densities)
         if not np.isfinite(found.log_evidence) or found.effective >= enough:
             break

@@ -488,6 +488,7 @@ def judge(
     beside = _beside(base, rupture, generator, guard)
     held_out, everything, favoured = _favoured(search, chosen, folding, progress, guard)
     left = _left((alone, final), catalogue, guard)
+    absorbed = guard.attempt(OptionalStage.ABSORPTION, absorption, search, chosen)
     counted, own = guard.attempt(OptionalStage.RUPTURE_COUNTS, counting) or (None, None)
     decision = _decided((alone, final), favoured, (*beside, counted), catalogue, left, guard)
     return Judgement(
@@ -509,7 +510,7 @@ def judge(
         alike=tuple(cause.name for cause in catalogue.alike),
         counted=counted,
         own_counts=own,
-        absorbed=guard.attempt(OptionalStage.ABSORPTION, absorption, search, chosen),
+        absorbed=absorbed,
         missing=_missing((alone, final), decision, left[1], catalogue, guard, seed, executor),
         stated=favoured[1],
     )

@@ -202,10 +202,11 @@ class CountLaw(NamedTuple):
 
     def log_probability(self, counts: Floats) -> Floats:
         """Return the log probability of sets of counts (m, n_levels), levels together, (m,)."""
+        different, place = np.unique(counts.astype(int), axis=0, return_inverse=True)
         total = self.log_weights
         for level, tested in enumerate(self.tests.tested):
-            total = total + self._table(level, tested)[:, counts[:, level].astype(int)].T
-        found: Floats = logsumexp(total, axis=1)
+            total = total + self._table(level, tested)[:, different[:, level]].T
+        found: Floats = logsumexp(total, axis=1)[place]
         return found
 
     def simulated(self, generator: np.random.Generator, sets: int) -> Floats:
