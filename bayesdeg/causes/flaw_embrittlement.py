@@ -14,7 +14,8 @@ Equation
 
         exp(−u/s) + ρ (1 − exp(−b/s)) exp((b − u)/s') = 1,
 
-    which is b at 25 %, 0 up to the onset, and b + s' ln ρ where flaws decide. Its scatter is the slope of the hazard there,
+    which is b at 25 %, 0 up to the onset, and b + s' ln ρ where flaws decide. Its scatter is the
+    slope of the hazard there,
 
         1/s(ρ) = exp(−u/s)/s + (1 − exp(−u/s))/s',
 
