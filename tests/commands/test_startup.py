@@ -19,7 +19,10 @@ from bayesdeg.commands.interface import COMMANDS
 
 STUDIES = Path(__file__).parents[2] / "studies"
 # each takes a tenth of a second or more to import
-HEAVY = ("numba", "matplotlib", "sklearn", "skfem", "arviz_stats", "xarray", "emcee", "scipy.stats")
+HEAVY = (
+    *("numba", "matplotlib", "sklearn", "skfem", "arviz", "arviz_stats", "xarray", "emcee"),
+    *("scipy.stats", "scipy.optimize", "scipy.interpolate", "cv2", "jinja2"),
+)
 FOR_TABLES = ("numpy", "pandas", "pandera", "scipy")
 PARSERS = get_command(app).commands
 
@@ -62,10 +65,10 @@ def test_help_and_the_refusal_of_a_wrong_option_need_nothing_heavy(command):
     assert not needless(modules_after(command.name, "--no-such-option", expected=2))
 
 
-@pytest.mark.parametrize(
-    "words",
-    ["run", "run x --effort most", "simulate x --out y --backend z", "next x --risk 2", "nix"],
-)
+WRONG = ("run", "run x --effort most", "simulate x --out y --backend z", "next x --risk 2", "nix")
+
+
+@pytest.mark.parametrize("words", WRONG)
 def test_the_refusal_of_a_wrong_value_needs_nothing_heavy(words):
     assert not needless(modules_after(*words.split(), expected=2))
 
