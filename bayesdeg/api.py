@@ -26,7 +26,7 @@ from bayesdeg.console import can_show_bars, shown
 from bayesdeg.criticism.decide.support import can_be_held_out
 from bayesdeg.criticism.holdout.gain import gain_table
 from bayesdeg.criticism.holdout.leaving_out import carried_out, one_by_one
-from bayesdeg.data.settings import EFFORTS, AnyDimensions, Effort
+from bayesdeg.data.settings import AnyDimensions
 from bayesdeg.data.study import Study
 from bayesdeg.emulator.kept import CACHE, Recipe, refuse_whole_range
 from bayesdeg.emulator.solutions import SolutionStore
@@ -42,6 +42,7 @@ from bayesdeg.pipeline.update import update as update_run
 from bayesdeg.prediction.conditions import PROMPT, ServiceConditions
 from bayesdeg.prediction.lifetime import Duty
 from bayesdeg.prediction.soil import Level
+from bayesdeg.quantities import EFFORTS, Effort
 from bayesdeg.results import Calibration, Model, Report, Update, Verdict
 
 Floats = NDArray[np.float64]

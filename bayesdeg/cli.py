@@ -14,7 +14,7 @@ import typer
 
 import bayesdeg
 from bayesdeg import signals
-from bayesdeg.commands.lazy import COMMANDS, LazyGroup, placeholder
+from bayesdeg.commands.interface import COMMANDS
 from bayesdeg.commands.options import Stopped
 from bayesdeg.console import errors
 from bayesdeg.errors import BayesdegError, ResumableError, StudyError
@@ -26,10 +26,9 @@ app = typer.Typer(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode="markdown",
-    cls=LazyGroup,
 )
 for command in COMMANDS:
-    app.command(command.name, help=command.summary)(placeholder)
+    app.command(command.name, epilog=command.epilog)(command.call)
 
 DONE, OUR_FAULT, INPUT_FAULT, STOPPED = 0, 1, 2, 3
 INTERRUPTED = 130  # what typer returns of a command that Ctrl-C stopped

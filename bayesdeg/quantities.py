@@ -9,11 +9,24 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import Literal, get_args
 
 DIMENSIONLESS = "–"
 
 #: A seed is a whole number from 0 to this, the largest integer of a TOML file.
 LARGEST_SEED = 2**63 - 1
+
+#: How much is spent on sampling.
+Effort = Literal["quick", "standard", "thorough"]
+EFFORTS: tuple[Effort, ...] = get_args(Effort)
+
+#: Side of a photograph.
+Side = Literal["left", "right", "top", "bottom"]
+SIDES: tuple[Side, ...] = get_args(Side)
+
+#: Words of actuator.csv: whether the pressure is on its way up or down, how the actuator is held.
+BRANCHES = LOADING, UNLOADING = ("loading", "unloading")
+MOUNTS = ("horizontal", "hanging", "bending_up", "bending_down")
 
 #: What a name ends with when the quantity has the unit.
 SUFFIXES: Mapping[str, str] = MappingProxyType(

@@ -13,7 +13,6 @@ import xarray as xr
 
 from bayesdeg.actuator.inputs import ForwardMap
 from bayesdeg.causes.cause import Cause
-from bayesdeg.data.settings import Effort
 from bayesdeg.data.study import Study
 from bayesdeg.errors import BayesdegError
 from bayesdeg.pipeline import writing
@@ -21,6 +20,7 @@ from bayesdeg.pipeline.experiment import Judged, ModelledExperiment
 from bayesdeg.pipeline.formula import Forward, OwnMap, Readings
 from bayesdeg.pipeline.update import UpdatedRun
 from bayesdeg.priors import Parameter
+from bayesdeg.quantities import Effort
 from bayesdeg.report.folder import POSTERIOR, RunFolder
 from bayesdeg.report.headline import size_of
 from bayesdeg.report.record import CandidateEntry, TakenInEntry

@@ -183,7 +183,7 @@ PLANTED = {
     ),
     "nothing": Planted("careful", {}),
     "outside_slipping": Planted("angle", {"outside_slipping": {"share": 0.2}}),
-    FLAWS: Planted("careful", {FLAWS: {"cut": 1.5, "widening": 0.4}}, bursts=True),
+    FLAWS: Planted("careful", {FLAWS: {"cut": 1.5, "widening": 0.4, "onset": 20.0}}, bursts=True),
     "brittle_films": Planted("careful", {}, bursts=True, twin=FLAWS, elongation=BRITTLE),
     "stress_measure": Planted(
         "careful", {"stress_measure": {"confusion": 0.4}}, bursts=True, twin=FLAWS

@@ -17,10 +17,12 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from typer.main import get_command
 
 import bayesdeg
 import bayesdeg.causes
-from bayesdeg.commands.lazy import COMMANDS, loaded
+from bayesdeg.cli import app
+from bayesdeg.commands.interface import COMMANDS
 from bayesdeg.data.foreign import ForeignTable
 from bayesdeg.data.settings import (
     ENTRIES,
@@ -272,15 +274,15 @@ class CommandHelp:
 
 def commands() -> list[CommandHelp]:
     """Return every command with its arguments and options."""
-    return [_command(entry) for entry in COMMANDS]
+    parsers = get_command(app).commands
+    return [_command(entry.name, parsers[entry.name]) for entry in COMMANDS]
 
 
-def _command(entry) -> CommandHelp:
-    command = loaded(entry)
-    context = command.make_context(entry.name, [], resilient_parsing=True)
+def _command(name, command) -> CommandHelp:
+    context = command.make_context(name, [], resilient_parsing=True)
     usage = re.sub(r"[{}]", "", " ".join(command.collect_usage_pieces(context)))
     options = tuple(_option(p, context) for p in command.params if not getattr(p, "hidden", False))
-    return CommandHelp(entry.name, usage, command.help or "", command.epilog or "", options)
+    return CommandHelp(name, usage, command.help or "", command.epilog or "", options)
 
 
 def _option(option, context) -> Entry:

@@ -4,20 +4,25 @@ What laboratories call curvature differs by the operator that reads it. On the b
 chambered actuator, whose floor bulges under each chamber, operators differ by up to a fifth.
 """
 
+import importlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import BSpline, make_splprep
-from scipy.spatial import KDTree
 
 from bayesdeg.data.settings import Operator
 
 Floats = npt.NDArray[np.float64]
 
 MILLIMETRES_PER_METRE = 1000.0
+
+
+def splines() -> Any:
+    """Return ``scipy.interpolate``: half a second to import, and most studies have no lines."""
+    return importlib.import_module("scipy.interpolate")
 
 
 @dataclass(frozen=True)
@@ -197,7 +202,7 @@ def _along_spline(row: Floats, noise_sd: float) -> tuple[float, float]:
     """Return the turning and the length of a smoothing spline."""
     if len(row) < 4:
         raise ValueError("a cubic spline needs at least 4 points")
-    spline, _ = make_splprep(row.T, k=3, s=len(row) * noise_sd**2)
+    spline, _ = splines().make_splprep(row.T, k=3, s=len(row) * noise_sd**2)
     nodes, node_weights = np.polynomial.legendre.leggauss(8)
     breaks = np.unique(spline.t)
     half = np.diff(breaks)[:, None] / 2.0
@@ -419,9 +424,9 @@ def kappa_bend(points: npt.ArrayLike, controls: int) -> Bend:
     knots = np.concatenate([[0.0] * 3, np.linspace(0.0, 1.0, pieces + 1), [1.0] * 3])
     steps = np.linspace(0.0, 1.0, _PER_PIECE)
     places = ((np.arange(pieces)[:, None] + steps) / pieces).ravel()
-    basis = BSpline.design_matrix(places, knots, 3).toarray()
+    basis = splines().BSpline.design_matrix(places, knots, 3).toarray()
     first = np.round(np.linspace(0, len(row) - 1, controls)).astype(int)
-    spline = BSpline(knots, _fitted_as_kappa(row, row[first], basis), 3)
+    spline = splines().BSpline(knots, _fitted_as_kappa(row, row[first], basis), 3)
     rate, change = spline(places, nu=1), spline(places, nu=2)
     speed = np.hypot(*rate.T)
     turning = np.abs(change[:, 0] * rate[:, 1] - change[:, 1] * rate[:, 0]) / speed**3
@@ -431,10 +436,11 @@ def kappa_bend(points: npt.ArrayLike, controls: int) -> Bend:
 
 def _fitted_as_kappa(pixels: Floats, controls: Floats, basis: Floats) -> Floats:
     """Return control points after as many fits as bring the curve closer to the pixels."""
-    near = KDTree(pixels)
+    tree = importlib.import_module("scipy.spatial").KDTree
+    near = tree(pixels)
     distance = np.mean(near.query(basis @ controls)[0])
     for _ in range(_ROUNDS):
-        given = KDTree(basis @ controls).query(pixels)[1]
+        given = tree(basis @ controls).query(pixels)[1]
         moved = np.linalg.lstsq(basis[given], pixels, rcond=None)[0]
         closer = np.mean(near.query(basis @ moved)[0])
         if closer >= distance:

@@ -18,7 +18,6 @@ from importlib.resources import files
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from bayesdeg.actuator.inputs import (
     ForwardMap,
@@ -28,7 +27,7 @@ from bayesdeg.actuator.inputs import (
     dimensionless,
     relative_to_reference,
 )
-from bayesdeg.actuator.line import MILLIMETRES_PER_METRE, Bend, kappa_bend, read_line
+from bayesdeg.actuator.line import MILLIMETRES_PER_METRE, Bend, kappa_bend, read_line, splines
 from bayesdeg.data.settings import Operator
 
 Floats = NDArray[np.float64]
@@ -170,7 +169,7 @@ def evenly(line: Floats, count: int) -> Floats:
     [0.0, 1.0, 2.0, 3.0, 4.0]
     """
     arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
-    found: Floats = CubicSpline(arc, line)(np.linspace(0.0, arc[-1], count))
+    found: Floats = splines().CubicSpline(arc, line)(np.linspace(0.0, arc[-1], count))
     return found
 
 

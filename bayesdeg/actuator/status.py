@@ -2,9 +2,8 @@
 
 from dataclasses import dataclass
 from enum import IntEnum, StrEnum
+from math import inf
 from typing import Self
-
-import numpy as np
 
 
 class Status(IntEnum):
@@ -84,7 +83,7 @@ class PathEffort:
     iterations: int = 10
     halvings: int = 8
     total: int = 400
-    seconds: float = np.inf
+    seconds: float = inf
     rate_tolerance: float = 5e-4
     first_step: float = 0.03
     exact: bool = False

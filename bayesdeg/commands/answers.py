@@ -4,7 +4,7 @@ import math
 import sys
 from collections.abc import Mapping, Sequence, Sized
 from pathlib import Path
-from typing import Annotated, Protocol
+from typing import Protocol
 
 import numpy as np
 import pandas as pd
@@ -19,9 +19,8 @@ from bayesdeg.console import console, say
 from bayesdeg.criticism.outcome import Outcome
 from bayesdeg.files import spreadsheet_safe, written
 from bayesdeg.pipeline import forecast
-from bayesdeg.prediction.conditions import MOUNTS, PROMPT, ServiceConditions
+from bayesdeg.prediction.conditions import PROMPT, ServiceConditions
 from bayesdeg.prediction.soil import Level
-from bayesdeg.quantities import LARGEST_SEED
 from bayesdeg.records import FileRecord, Names, Scalar, is_absent
 from bayesdeg.report.folder import RunFolder
 from bayesdeg.report.record import RunRecord, VerdictRecord
@@ -31,109 +30,6 @@ Floats = NDArray[np.float64]
 
 MOST_ROWS = 5000
 WIDTH = 120  # of what is not printed to a terminal
-
-RunFolderPath = Annotated[
-    Path, typer.Argument(help="A run folder that 'bayesdeg run' has written.", metavar="REPORT")
-]
-MaybeRates = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--degradation",
-        help="Degradation rates in percent, known but for --degradation-sd: 10, or 0,10,25, or a "
-        "range 0:25:5 (its end included); may be repeated. Not needed where nothing degrades.",
-        metavar="PERCENT",
-    ),
-]
-Hours = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--hours",
-        help="Instead of --degradation: hours in the soil, from which the degradation rate follows "
-        "by the films' moisture, with its uncertainty; lists and ranges as for --degradation.",
-        metavar="H",
-    ),
-]
-Hold = Annotated[
-    float,
-    typer.Option(
-        "--hold-s",
-        help="How long the pressure has been held, and the actuator in the room, when it is read, "
-        "in seconds.",
-        metavar="S",
-    ),
-]
-Cycle = Annotated[
-    int,
-    typer.Option(
-        help="Loading cycle, from 1; earlier ones went to the largest pressure that was tested.",
-        metavar="N",
-    ),
-]
-Branch = Annotated[
-    str,
-    typer.Option(
-        help="loading, or unloading: down from the largest pressure that was tested.",
-        metavar="BRANCH",
-    ),
-]
-Humidity = Annotated[
-    float | None,
-    typer.Option(
-        help="Relative humidity of the room in percent: of curvature it acts over the time of "
-        "--hold-s, of rupture at once.",
-        metavar="PERCENT",
-    ),
-]
-Mount = Annotated[
-    str,
-    typer.Option(help="How the actuator is held: " + ", ".join(MOUNTS) + ".", metavar="MOUNT"),
-]
-DegradationSd = Annotated[
-    float,
-    typer.Option(
-        "--degradation-sd",
-        help="Standard error of the degradation rate of the actuator, in points of percent.",
-        metavar="POINTS",
-    ),
-]
-Risk = Annotated[
-    float,
-    typer.Option(help="Largest probability of rupture that is accepted.", metavar="PROBABILITY"),
-]
-Beyond = Annotated[
-    bool,
-    typer.Option(
-        "--beyond",
-        help="Allow pressures above the largest that was tested, and above those at which "
-        "actuators burst.",
-    ),
-]
-Base = Annotated[
-    bool, typer.Option("--base", help="Use the base model, without the causes that were named.")
-]
-OneCause = Annotated[
-    str | None,
-    typer.Option(
-        "--cause",
-        help="Of causes that the run could not tell apart, the one to predict with; by default "
-        "predictions are averaged over them by their probabilities.",
-        metavar="NAME",
-    ),
-]
-EmulatorFile = Annotated[
-    Path | None,
-    typer.Option(
-        help="The emulator that 'bayesdeg run' was given; not needed for the package's own, nor "
-        "for those trained in this folder.",
-        metavar="FILE",
-    ),
-]
-Seed = Annotated[
-    int | None,
-    typer.Option(help="Instead of the seed of the run.", min=0, max=LARGEST_SEED),
-]
-OutFile = Annotated[Path | None, typer.Option(help="Also write a CSV file.", metavar="FILE")]
-AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON, nothing else.")]
 
 
 def stored_run(
@@ -249,17 +145,6 @@ def refuse_too_many(*asked: Sized, most: int = MOST_ROWS) -> None:
         raise typer.BadParameter(
             f"{rows} combinations are asked for, more than {most}; ask for fewer at a time"
         )
-
-
-Inputs = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--x",
-        help="Of a forward map of one's own: an input, NAME=VALUES, with numbers, lists and ranges "
-        "as for --degradation; may be repeated for other inputs.",
-        metavar="NAME=VALUES",
-    ),
-]
 
 
 def inputs_of(texts: Sequence[str], wanted: Sequence[str]) -> dict[str, Floats]:

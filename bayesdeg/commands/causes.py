@@ -7,7 +7,7 @@ from bayesdeg.console import console
 
 
 def causes() -> None:
-    """List the catalogue: mechanism, parameters with units and priors, what reveals each cause."""
+    """Do what `interface.causes` says."""
     printed = console()
     for cause in CATALOGUE.values():
         printed.print(Text.assemble((cause.name, "bold"), f": {cause.mechanism}"))

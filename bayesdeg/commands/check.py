@@ -2,13 +2,14 @@
 
 import importlib
 from collections.abc import Iterator
+from pathlib import Path
 
 from rich.table import Table
 from rich.text import Text
 
 from bayesdeg.actuator.families import geometry_of_study
 from bayesdeg.actuator.section import described, section
-from bayesdeg.commands.options import CORES, StudyFolder
+from bayesdeg.commands.options import CORES
 from bayesdeg.console import errors, say, shown
 from bayesdeg.data.captures import captured_messages
 from bayesdeg.data.photographs import messages
@@ -20,13 +21,8 @@ from bayesdeg.pipeline.outline import outline
 from bayesdeg.pipeline.reading import read_study
 
 
-def check(study: StudyFolder) -> None:
-    """Read and check the data only; exit code 2 and the list of faults if there are any.
-
-    Columns are compared with each other, with the priors and with what is possible. What is
-    impossible is a fault; what is unlikely, such as one specimen in another unit, is reported as
-    in doubt.
-    """
+def check(study: Path) -> None:
+    """Do what `interface.check` says."""
     with shown(False) as progress:
         checked = read_study(study, progress)
     say(messages(checked.photographs))

@@ -2,31 +2,12 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
 import typer
 from numpy.typing import NDArray
 
 from bayesdeg.commands.answers import (
-    AsJson,
-    Base,
-    Beyond,
-    Branch,
-    Cycle,
-    DegradationSd,
-    EmulatorFile,
-    Hold,
-    Hours,
-    Humidity,
-    Inputs,
-    MaybeRates,
-    Mount,
-    OneCause,
-    OutFile,
-    Risk,
-    RunFolderPath,
-    Seed,
     answer,
     delivered,
     empty_table,
@@ -41,13 +22,12 @@ from bayesdeg.commands.answers import (
     seed_of,
     stored_run,
 )
-from bayesdeg.commands.options import Quiet
 from bayesdeg.console import shown
 from bayesdeg.pipeline import forecast, formula
 from bayesdeg.pipeline.forecast import StoredRun
 from bayesdeg.pipeline.output import output_file
 from bayesdeg.pipeline.own_forecast import is_own, read_own
-from bayesdeg.prediction.conditions import PROMPT, ServiceConditions
+from bayesdeg.prediction.conditions import ServiceConditions
 from bayesdeg.prediction.control import Setting
 from bayesdeg.prediction.soil import Level
 from bayesdeg.report.wording import chance, interval
@@ -77,63 +57,31 @@ HEADINGS = (
     "allowed\n[kPa]",
 )
 
-Curvatures = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--curvature",
-        help="Wanted curvature in 1/m, less that at zero pressure, positive towards the paper; "
-        "lists and ranges as for --degradation.",
-        metavar="PER_M",
-    ),
-]
-Wanted = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--reading",
-        help="Of a forward map of one's own: wanted readings in their unit, as for --degradation.",
-        metavar="VALUES",
-    ),
-]
-
 
 def control(
-    report: RunFolderPath,
-    curvature: Curvatures = None,
-    degradation: MaybeRates = None,
-    hours: Hours = None,
-    risk: Risk = 0.05,
-    beyond: Beyond = False,
-    reading: Wanted = None,
-    hold_s: Hold = PROMPT.hold_s,
-    cycle: Cycle = PROMPT.cycle,
-    branch: Branch = PROMPT.branch,
-    humidity: Humidity = PROMPT.humidity_pct,
-    mount: Mount = PROMPT.mount,
-    degradation_sd: DegradationSd = PROMPT.degradation_sd,
-    x: Inputs = None,
-    cause: OneCause = None,
-    base: Base = False,
-    emulator: EmulatorFile = None,
-    seed: Seed = None,
-    out: OutFile = None,
-    as_json: AsJson = False,
-    quiet: Quiet = False,
+    report: Path,
+    curvature: list[str] | None,
+    degradation: list[str] | None,
+    hours: list[str] | None,
+    risk: float,
+    beyond: bool,
+    reading: list[str] | None,
+    hold_s: float,
+    cycle: int,
+    branch: str,
+    humidity: float | None,
+    mount: str,
+    degradation_sd: float,
+    x: list[str] | None,
+    cause: str | None,
+    base: bool,
+    emulator: Path | None,
+    seed: int | None,
+    out: Path | None,
+    as_json: bool,
+    quiet: bool,
 ) -> None:
-    """Find the pressure that reaches a wanted curvature at a bounded risk of rupture.
-
-    The pressure is that at which half of new specimens bend as far or further. The table also
-    gives the pressures that 90 % of the specimens need, the curvature at the pressure, and the
-    probability of rupture. A specimen for which the emulator has no answer counts as burst: it
-    balloons, or nothing is known of it. If the wanted curvature cannot be reached at this risk,
-    the largest allowed pressure is given, with the curvature there; the exit code is 0 too. By
-    default it is for a prompt first loading in a horizontal mount; --hold-s, --cycle, --branch,
-    --humidity and --mount act by the causes that the run named. Whatever the risk, no pressure is
-    allowed above the largest that was tested, nor above what actuators survived that burst at or
-    near the degradation rate, unless --beyond is given.
-
-    For a forward map of your own, give --reading, and with --x the inputs to try: for the first
-    input, the range in which to look. Nothing is known of rupture there, so no risk is bounded.
-    """
+    """Do what `interface.control` says."""
     conditions = ServiceConditions(hold_s, cycle, branch, humidity, mount, degradation_sd)
     if is_own(report):
         others = {"curvature": curvature, "degradation": degradation, "hours": hours}

@@ -2,15 +2,12 @@
 
 import tomllib
 from dataclasses import replace
-from math import inf
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
 from bayesdeg.actuator.families import geometry_of_study
 from bayesdeg.commands import training
-from bayesdeg.commands.options import CORES, Quiet, Scheduler, Workers, Yes
 from bayesdeg.console import errors
 from bayesdeg.data.settings import FILE, Settings, parse_settings
 from bayesdeg.emulator.kept import CACHE, cached_path, refuse_whole_range
@@ -21,57 +18,18 @@ from bayesdeg.files import STUDY_MB, read_bytes, reason
 from bayesdeg.pipeline.emulation import Campaign
 from bayesdeg.pipeline.output import output_file
 
-GeometryFile = Annotated[
-    Path | None,
-    typer.Argument(
-        help="A study folder, or a TOML file with an [actuator] table (lengths in mm); by default "
-        "the geometry of the paper.",
-        metavar="GEOMETRY",
-    ),
-]
-Out = Annotated[
-    Path | None,
-    typer.Option(
-        help="File for the trained emulator; by default one in .cache/emulators, where "
-        "'bayesdeg run' finds it. Another file is given to 'bayesdeg run' with --emulator.",
-        metavar="FILE",
-    ),
-]
-Store = Annotated[
-    Path,
-    typer.Option(
-        help="Folder of finite element solutions, to go on from; several campaigns may share it.",
-        metavar="FOLDER",
-    ),
-]
-Timeout = Annotated[
-    float,
-    typer.Option(
-        help="Time after which a finite element run is given up, counted from its start; it is "
-        "then listed as failed, and tried again only if more time is allowed.",
-        metavar="SECONDS",
-        show_default="none",
-    ),
-]
-
 
 def emulate(
-    geometry: GeometryFile = None,
-    out: Out = None,
-    store: Store = training.STORE,
-    workers: Workers = CORES,
-    scheduler: Scheduler = None,
-    timeout: Timeout = inf,
-    yes: Yes = False,
-    quiet: Quiet = False,
+    geometry: Path | None,
+    out: Path | None,
+    store: Path,
+    workers: int,
+    scheduler: str | None,
+    timeout: float,
+    yes: bool,
+    quiet: bool,
 ) -> None:
-    """Train an emulator on finite element curves of a geometry.
-
-    A factorization on each mesh is timed first, to say how long all curves take; in a terminal,
-    and without --yes, the command then asks whether to go on. Every solution is kept: stopped at
-    any moment, the same command goes on where it was. At the end tables say how the curves ended
-    and how accurate the emulator is; the parameters of failed curves are written to a file.
-    """
+    """Do what `interface.emulate` says."""
     if not timeout > 0.0:
         raise typer.BadParameter(f"{timeout:g} s is no time to solve anything; give more than 0")
     actuator = geometry_of_study(_settings(geometry))

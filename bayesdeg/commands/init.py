@@ -2,9 +2,6 @@
 
 import shutil
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 from bayesdeg.console import errors
 from bayesdeg.errors import BayesdegError
@@ -13,16 +10,8 @@ from bayesdeg.files import reason
 STARTER = Path(__file__).with_name("starter")
 
 
-def init(
-    folder: Annotated[
-        Path, typer.Argument(help="A folder that is not there yet, or empty.", metavar="FOLDER")
-    ],
-) -> None:
-    """Write a commented study with example data, ready to be run and to be filled with your own.
-
-    Every key of study.toml is explained. The data are those of a virtual experiment, and the study
-    says so.
-    """
+def init(folder: Path) -> None:
+    """Do what `interface.init` says."""
     write_starter(folder)
     errors.print(f"wrote a study to {folder}, with data of a virtual experiment", soft_wrap=True)
     for does, command in (

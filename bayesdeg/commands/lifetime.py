@@ -1,6 +1,6 @@
 """``bayesdeg lifetime``: how long an actuator in the soil does its duty, from a finished run."""
 
-from typing import Annotated
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -8,21 +8,6 @@ import typer
 from numpy.typing import NDArray
 
 from bayesdeg.commands.answers import (
-    AsJson,
-    Base,
-    Beyond,
-    Branch,
-    Cycle,
-    EmulatorFile,
-    Hold,
-    Hours,
-    Humidity,
-    Mount,
-    OneCause,
-    OutFile,
-    Risk,
-    RunFolderPath,
-    Seed,
     delivered,
     empty_table,
     numbers,
@@ -32,7 +17,6 @@ from bayesdeg.commands.answers import (
     seed_of,
     stored_run,
 )
-from bayesdeg.commands.options import Quiet
 from bayesdeg.console import shown
 from bayesdeg.pipeline import forecast
 from bayesdeg.pipeline.forecast import StoredRun
@@ -45,7 +29,7 @@ from bayesdeg.pipeline.lifetime import (
 )
 from bayesdeg.pipeline.output import output_file
 from bayesdeg.pipeline.own_forecast import is_own
-from bayesdeg.prediction.conditions import PROMPT, ServiceConditions
+from bayesdeg.prediction.conditions import ServiceConditions
 from bayesdeg.prediction.lifetime import Duty
 from bayesdeg.report import tables as columns
 from bayesdeg.report.wording import chance, interval, number, percent
@@ -69,43 +53,28 @@ HEADINGS = (
 
 SHOWN_PROBABILITIES = ("burst_probability", "failed_probability", "failed_q05", "failed_q95")
 
-Pressure = Annotated[float, typer.Option(help="Gauge pressure of the duty in kPa.", metavar="KPA")]
-Curvature = Annotated[
-    float,
-    typer.Option(help="Curvature in 1/m that the duty asks for, above 0.", metavar="PER_M"),
-]
-
 
 def lifetime(
-    report: RunFolderPath,
-    pressure: Pressure,
-    curvature: Curvature,
-    risk: Risk = 0.05,
-    hours: Hours = None,
-    beyond: Beyond = False,
-    hold_s: Hold = PROMPT.hold_s,
-    cycle: Cycle = PROMPT.cycle,
-    branch: Branch = PROMPT.branch,
-    humidity: Humidity = PROMPT.humidity_pct,
-    mount: Mount = PROMPT.mount,
-    cause: OneCause = None,
-    base: Base = False,
-    emulator: EmulatorFile = None,
-    seed: Seed = None,
-    out: OutFile = None,
-    as_json: AsJson = False,
-    quiet: Quiet = False,
+    report: Path,
+    pressure: float,
+    curvature: float,
+    risk: float,
+    hours: list[str] | None,
+    beyond: bool,
+    hold_s: float,
+    cycle: int,
+    branch: str,
+    humidity: float | None,
+    mount: str,
+    cause: str | None,
+    base: bool,
+    emulator: Path | None,
+    seed: int | None,
+    out: Path | None,
+    as_json: bool,
+    quiet: bool,
 ) -> None:
-    """Say how long an actuator in the soil does its duty, and which pressure keeps its curvature.
-
-    An actuator fails when it bursts at the pressure of the duty or bends less than asked. The table
-    gives, by hours in the soil, degradation rate, curvature at that pressure, the probability of
-    having burst and of having failed by then with its 90 % interval, the pressures that keep the
-    curvature of 90 % of new actuators, the largest pressure that --risk and the tests allow, and
-    the share of actuators that reach the curvature with it. A probability of less than one in the
-    films broken and actuators loaded is no number. Times are those up to the last film that was
-    taken out of the soil; give others with --hours.
-    """
+    """Do what `interface.lifetime` says."""
     if is_own(report):
         raise typer.BadParameter("a study with a forward map of its own has no life in the soil")
     duty, times = _duty(pressure, curvature, risk), _times(hours)

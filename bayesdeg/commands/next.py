@@ -3,13 +3,13 @@
 import math
 import sys
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 
 from pydantic import Field
 from rich.table import Table
 from rich.text import Text
 
-from bayesdeg.commands.answers import AsJson, RunFolderPath, output
-from bayesdeg.commands.options import Quiet
+from bayesdeg.commands.answers import output
 from bayesdeg.console import say
 from bayesdeg.criticism.experiments.ranking import LEAST
 from bayesdeg.criticism.outcome import Outcome
@@ -43,13 +43,8 @@ class Proposals(FileRecord):
     next_experiments: tuple[ExperimentEntry, ...]
 
 
-def next_experiment(report: RunFolderPath, as_json: AsJson = False, quiet: Quiet = False) -> None:
-    """Rank further experiments by how well they would tell the causes still in question apart.
-
-    The expected log Bayes factor is what an experiment adds on average to the evidence for the
-    true cause, whichever of the two it is: 3 are odds of 20 to 1. The ranking is that of the run;
-    nothing is computed. The exit code is 0 too where there is nothing to tell apart.
-    """
+def next_experiment(report: Path, as_json: bool, quiet: bool) -> None:
+    """Do what `interface.next_experiment` says."""
     folder = RunFolder(report)
     if not folder.path.is_dir():
         raise BayesdegError(

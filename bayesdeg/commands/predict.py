@@ -2,30 +2,12 @@
 
 from functools import partial
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
 import pandas as pd
-import typer
 from numpy.typing import NDArray
 
 from bayesdeg.commands.answers import (
-    AsJson,
-    Base,
-    Branch,
-    Cycle,
-    DegradationSd,
-    EmulatorFile,
-    Hold,
-    Hours,
-    Humidity,
-    Inputs,
-    MaybeRates,
-    Mount,
-    OneCause,
-    OutFile,
-    RunFolderPath,
-    Seed,
     answer,
     delivered,
     empty_table,
@@ -39,13 +21,12 @@ from bayesdeg.commands.answers import (
     seed_of,
     stored_run,
 )
-from bayesdeg.commands.options import Quiet
 from bayesdeg.console import shown
 from bayesdeg.pipeline import forecast, formula
 from bayesdeg.pipeline.forecast import StoredRun
 from bayesdeg.pipeline.output import output_file
 from bayesdeg.pipeline.own_forecast import is_own, read_own
-from bayesdeg.prediction.conditions import PROMPT, ServiceConditions
+from bayesdeg.prediction.conditions import ServiceConditions
 from bayesdeg.report.wording import chance, interval, number
 
 Floats = NDArray[np.float64]
@@ -58,47 +39,28 @@ UNITS = (
 )
 RUPTURE_HEADINGS = ("rupture\nprobability", "90 %\ninterval")
 
-Pressures = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--pressure",
-        help="Gauge pressures in kPa, as read by the sensor: 100, or 50,100, or a range 0:240:20 "
-        "(its end included); may be repeated.",
-        metavar="KPA",
-    ),
-]
-
 
 def predict(
-    report: RunFolderPath,
-    pressure: Pressures = None,
-    degradation: MaybeRates = None,
-    hours: Hours = None,
-    hold_s: Hold = PROMPT.hold_s,
-    cycle: Cycle = PROMPT.cycle,
-    branch: Branch = PROMPT.branch,
-    humidity: Humidity = PROMPT.humidity_pct,
-    mount: Mount = PROMPT.mount,
-    degradation_sd: DegradationSd = PROMPT.degradation_sd,
-    x: Inputs = None,
-    cause: OneCause = None,
-    base: Base = False,
-    emulator: EmulatorFile = None,
-    seed: Seed = None,
-    out: OutFile = None,
-    as_json: AsJson = False,
-    quiet: Quiet = False,
+    report: Path,
+    pressure: list[str] | None,
+    degradation: list[str] | None,
+    hours: list[str] | None,
+    hold_s: float,
+    cycle: int,
+    branch: str,
+    humidity: float | None,
+    mount: str,
+    degradation_sd: float,
+    x: list[str] | None,
+    cause: str | None,
+    base: bool,
+    emulator: Path | None,
+    seed: int | None,
+    out: Path | None,
+    as_json: bool,
+    quiet: bool,
 ) -> None:
-    """Predict curvature and rupture of a new specimen from the posterior of a finished run.
-
-    Curvatures are 5, 25, 50, 75 and 95 % quantiles over new specimens, without reading noise; by
-    default on a prompt first loading in a horizontal mount. --hold-s, --cycle, --branch, --humidity
-    and --mount move predictions by the causes that the run named; what no cause answers to is said.
-    The probability of rupture up to a pressure has its 90 % interval; what is less than one in the
-    films broken and actuators loaded is no number. Cells are empty where most specimens are beyond
-    the range of the emulator. Of a forward map of one's own give --x NAME=VALUES for each of its
-    inputs.
-    """
+    """Do what `interface.predict` says."""
     conditions = ServiceConditions(hold_s, cycle, branch, humidity, mount, degradation_sd)
     if is_own(report):
         others = {"pressure": pressure, "degradation": degradation, "hours": hours}

@@ -1,19 +1,14 @@
 """``bayesdeg report``: the page of a run folder, built again."""
 
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 from bayesdeg.console import errors
 from bayesdeg.report.left_out import Guard
 from bayesdeg.report.page import build_page
 
 
-def report(
-    folder: Annotated[Path, typer.Argument(help="A run folder.", metavar="REPORT")],
-) -> None:
-    """Rebuild the HTML report from a run folder without computing anything."""
+def report(folder: Path) -> None:
+    """Do what `interface.report` says."""
     guard = Guard()
     errors.print(f"wrote {build_page(folder, guard)}", soft_wrap=True)
     for one in guard.left_out:

@@ -2,23 +2,11 @@
 
 import json
 import sys
-from enum import StrEnum
 from functools import partial
 from pathlib import Path
-from typing import Annotated
 
-import typer
 from rich.text import Text
 
-from bayesdeg.commands.options import (
-    CORES,
-    Quiet,
-    Scheduler,
-    Seed,
-    StudyFolder,
-    Workers,
-    Yes,
-)
 from bayesdeg.commands.training import Manner, emulator_for
 from bayesdeg.console import errors, say, shown
 from bayesdeg.data.captures import captured_messages
@@ -32,6 +20,7 @@ from bayesdeg.pipeline.outline import outline, passed_over
 from bayesdeg.pipeline.output import CHECKPOINTS, run_folder
 from bayesdeg.pipeline.reading import read_study
 from bayesdeg.pipeline.run import add_page, fingerprint, run_study, with_options
+from bayesdeg.quantities import Effort
 from bayesdeg.report.checkpoints import Checkpoints
 from bayesdeg.report.folder import LEFT_OUT, RunFolder
 from bayesdeg.report.headline import doubts_of, sets_of
@@ -39,55 +28,23 @@ from bayesdeg.report.left_out import Guard
 from bayesdeg.report.record import VerdictRecord
 
 
-class EffortChoice(StrEnum):
-    """How much is spent on sampling."""
-
-    QUICK = "quick"
-    STANDARD = "standard"
-    THOROUGH = "thorough"
-
-
-Effort = Annotated[EffortChoice | None, typer.Option(help="Instead of the study's own effort.")]
-EmulatorFile = Annotated[
-    Path | None,
-    typer.Option(
-        help="An emulator made by 'emulate', instead of those found by themselves.", metavar="FILE"
-    ),
-]
-Fresh = Annotated[
-    bool, typer.Option("--fresh", help="Calibrate again, resume nothing; emulators are kept.")
-]
-
-
-RunTarget = Annotated[
-    Path | None,
-    typer.Option(help="Run folder; by default reports/NAME, with the name of the study."),
-]
-
-
 def run(
-    study: StudyFolder,
-    effort: Effort = None,
-    out: RunTarget = None,
-    seed: Seed = None,
-    workers: Workers = CORES,
-    scheduler: Scheduler = None,
-    emulator: EmulatorFile = None,
-    fresh: Fresh = False,
-    yes: Yes = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print verdict.json last.")] = False,
-    quiet: Quiet = False,
+    study: Path,
+    effort: Effort | None,
+    out: Path | None,
+    seed: int | None,
+    workers: int,
+    scheduler: str | None,
+    emulator: Path | None,
+    fresh: bool,
+    yes: bool,
+    as_json: bool,
+    quiet: bool,
 ) -> None:
-    """Calibrate, criticise, name the cause, measure the gain, predict, and write the report.
-
-    An interrupted run goes on where it stopped. If there is no emulator of the geometry, one is
-    trained first; in a terminal, and without --yes, the command says how long that takes and asks
-    before it starts. Finite element solutions are kept in .cache/campaign, emulators in
-    .cache/emulators.
-    """
+    """Do what `interface.run` says."""
     with shown(quiet) as progress:
         found = read_study(study, progress)
-    checked = with_options(found, None if effort is None else effort.value, seed)
+    checked = with_options(found, effort, seed)
     unlikely, own = _doubts(checked), checked.settings.forward is not None
     target, guard = out or Path("reports") / checked.name, Guard()
     # functions of a study folder are not known to other processes

@@ -3,15 +3,14 @@
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated
 
 import pandas as pd
-import typer
 from pydantic import Field
 from rich.table import Table
 from rich.text import Text
 
-from bayesdeg.commands.answers import AsJson, output, write_csv
+from bayesdeg.commands.answers import output, write_csv
+from bayesdeg.commands.options import MATRIX, PICTURE, SCORE
 from bayesdeg.console import say
 from bayesdeg.criticism.outcome import Outcome
 from bayesdeg.errors import Fault, StudyError
@@ -33,25 +32,6 @@ from bayesdeg.report.record import CandidateEntry, MisfitEntry
 from bayesdeg.report.wording import NOTHING, fixed, words
 
 VERDICT = "verdict.json"
-SCORE, MATRIX, PICTURE = "score.json", "isolability.csv", "isolability.svg"
-
-Answers = Annotated[
-    Path,
-    typer.Argument(
-        help="What a method says: a CSV file with study, outcome, causes (a|b;c is a or b, and c) "
-        "and, if it gives them, p_value, sizes and probabilities; the same as JSON lines; or a "
-        "folder of run folders, named as the studies.",
-        metavar="ANSWERS",
-    ),
-]
-Truths = Annotated[Path, typer.Argument(help="What is hidden, as JSON lines.", metavar="TRUTHS")]
-Out = Annotated[
-    Path | None,
-    typer.Option(
-        help=f"Write {SCORE}, {MATRIX} (with 95 % intervals) and {PICTURE} there.",
-        metavar="FOLDER",
-    ),
-]
 
 
 class StatedVerdict(Record):
@@ -97,16 +77,8 @@ class StatedVerdict(Record):
         )
 
 
-def score_answers(
-    answers: Answers, truths: Truths, out: Out = None, as_json: AsJson = False
-) -> None:
-    """Score what a method says of hidden effects against the truths, with 95 % intervals.
-
-    Methods are ranked by the credit: 1 where what is said is what is hidden, and where a set of
-    causes is said, 1 over its members, so that naming everything wins nothing. Nothing hidden asks
-    for adequate, an effect that no cause of the catalogue is for unexplained. Every study must be
-    answered. The matrix has a row for each thing hidden and a column for each thing said.
-    """
+def score_answers(answers: Path, truths: Path, out: Path | None, as_json: bool) -> None:
+    """Do what `interface.score_answers` says."""
     hidden = read_truths(_content(truths), str(truths))
     if answers.is_dir():
         given = tuple(_of_runs(answers))

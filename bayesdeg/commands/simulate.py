@@ -3,17 +3,14 @@
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
-import typer
 
 from bayesdeg.actuator.curve import ExactMap
 from bayesdeg.actuator.families import geometry_of_study
 from bayesdeg.actuator.inputs import ForwardMap
 from bayesdeg.actuator.reading import as_read
 from bayesdeg.actuator.status import FINE, Backend
-from bayesdeg.commands.options import CORES, Quiet, Seed, StudyFolder, Workers
 from bayesdeg.console import errors, say, shown
 from bayesdeg.data.settings import FILE as SETTINGS_FILE
 from bayesdeg.data.study import Study
@@ -27,37 +24,18 @@ from bayesdeg.pipeline.outline import outline
 from bayesdeg.pipeline.output import virtual_study
 from bayesdeg.pipeline.reading import read_study
 
-Hidden = Annotated[
-    list[str] | None,
-    typer.Option(help="An effect to hide, NAME=VALUE or NAME.PARAMETER=VALUE; may be repeated."),
-]
-Drawn = Annotated[bool, typer.Option("--draw-material", help="Draw the material at random.")]
-
-Assembled = Annotated[
-    Backend,
-    typer.Option(
-        help="What assembles the finite elements: compiled kernels, or scikit-fem's forms, which "
-        "say the same equations in plain sight, to check the kernels by. The readings are the "
-        "same, and assembly takes forty times as long: for checks, not for whole studies."
-    ),
-]
-
 
 def simulate(
-    study: StudyFolder,
-    out: Annotated[Path, typer.Option(help="Folder for the virtual study.")],
-    cause: Hidden = None,
-    seed: Seed = None,
-    draw_material: Drawn = False,
-    backend: Assembled = Backend.KERNELS,
-    workers: Workers = CORES,
-    quiet: Quiet = False,
+    study: Path,
+    out: Path,
+    cause: list[str] | None,
+    seed: int | None,
+    draw_material: bool,
+    backend: Backend,
+    workers: int,
+    quiet: bool,
 ) -> None:
-    """Make a virtual experiment with the study's design, from a fine finite element model.
-
-    The curves take about half a minute each. What was hidden is written to truth.json, which no
-    other command opens.
-    """
+    """Do what `interface.simulate` says."""
     template = read_study(study)
     _refuse(template)
     chosen = template.settings.seed if seed is None else seed

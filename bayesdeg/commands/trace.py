@@ -5,7 +5,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -21,7 +21,6 @@ from bayesdeg.commands.trace_folder import (
 from bayesdeg.commands.trace_page import serve
 from bayesdeg.console import errors
 from bayesdeg.data.photographs import TracedPhotograph
-from bayesdeg.data.settings import SIDES, Side
 from bayesdeg.errors import BayesdegError
 from bayesdeg.files import STUDY_MB, read_bytes, reason
 from bayesdeg.photographs.lines import line_of, parse_lines
@@ -29,84 +28,29 @@ from bayesdeg.photographs.overlay import overlay
 from bayesdeg.photographs.picture import read_picture
 from bayesdeg.photographs.record import recorded
 from bayesdeg.photographs.trace import PHOTO_MB, PictureScale, trace
-from bayesdeg.quantities import LARGEST_SEED
+from bayesdeg.quantities import SIDES, Side
 
 Floats = NDArray[np.float64]
 
 _SIZE = re.compile(r"\s*([0-9.eE+-]+)\s*(mm)?\s*")
 
 
-Photos = Annotated[list[Path] | None, typer.Argument(help="Photographs.", metavar="PHOTO…")]
-Out = Annotated[Path | None, typer.Option(help="Where markers.csv goes.", metavar="FOLDER")]
-PageOf = Annotated[
-    Path | None,
-    typer.Option(
-        help="Instead of tracing, show what was traced into a folder on a page of this machine, "
-        "where points can be moved and saved.",
-        metavar="FOLDER",
-    ),
-]
-Port = Annotated[
-    int | None, typer.Option(help="Of the page; by default a free one.", min=1024, max=65535)
-]
-Grid = Annotated[str | None, typer.Option(help="Side of a square of a checkerboard.", metavar="MM")]
-Ruler = Annotated[str | None, typer.Option(help="From tick to tick of a ruler.", metavar="MM")]
-Length = Annotated[
-    str | None,
-    typer.Option(help="Length of the bottom line; with another scale, a check.", metavar="MM"),
-]
-PixelSize = Annotated[
-    float | None, typer.Option(help="Size of a pixel, seen square on [mm].", metavar="MM/PX")
-]
-Hint = Annotated[
-    Path | None,
-    typer.Option(
-        help="Points near the line from end to end, a CSV file with x_px and y_px, and a "
-        "column file where there are several photographs; ROIs of ImageJ will do, see --line.",
-        metavar="FILE",
-    ),
-]
-Line = Annotated[
-    Path | None,
-    typer.Option(
-        help="The line itself, from the clamp to the tip, where tracing fails or is to be "
-        "corrected: an edited points.csv, a ROI of ImageJ (.roi), or a RoiSet.zip whose ROIs are "
-        "named as the photographs.",
-        metavar="FILE",
-    ),
-]
-About = Annotated[
-    Path | None,
-    typer.Option(
-        help="photos.csv: file, specimen_id, pressure_kPa, degradation_pct.", metavar="CSV"
-    ),
-]
-Base = Annotated[str | None, typer.Option(help="Where the clamp is: left, right, top, bottom.")]
-
-
 def trace_photographs(
-    photos: Photos = None,
-    out: Out = None,
-    grid: Grid = None,
-    ruler: Ruler = None,
-    length: Length = None,
-    scale: PixelSize = None,
-    hint: Hint = None,
-    line: Line = None,
-    about: About = None,
-    base: Base = None,
-    seed: Annotated[
-        int, typer.Option(min=0, max=LARGEST_SEED, help="Of the draws that errors are taken from.")
-    ] = 1,
-    page: PageOf = None,
-    port: Port = None,
+    photos: list[Path] | None,
+    out: Path | None,
+    grid: str | None,
+    ruler: str | None,
+    length: str | None,
+    scale: float | None,
+    hint: Path | None,
+    line: Path | None,
+    about: Path | None,
+    base: str | None,
+    seed: int,
+    page: Path | None,
+    port: int | None,
 ) -> None:
-    """Trace the bottom line of actuators in photographs, and write points with their errors.
-
-    Writes markers.csv, traces.csv (angle and curvature), points.csv (the points in pixels, to be
-    corrected) and a picture with the line of every photograph. A checkerboard or ruler must lie in
-    the plane of the side that is traced. What cannot be read is said, and left out.
-    """
+    """Do what `interface.trace_photographs` says."""
     if page is not None:
         _refuse_with_page(photos, out)
         serve(page, port)

@@ -9,7 +9,7 @@ import typer
 
 from bayesdeg.actuator.families import geometry_of_study
 from bayesdeg.actuator.moulded import Moulded
-from bayesdeg.commands.options import Stopped
+from bayesdeg.commands.options import STORE, Stopped
 from bayesdeg.commands.outcome import accuracy_table, list_failures, runs_table
 from bayesdeg.console import errors, shown
 from bayesdeg.data.study import Study
@@ -50,7 +50,6 @@ from bayesdeg.pipeline.emulation import (
     train_emulator,
 )
 
-STORE = Path(".cache/campaign")
 RECIPE = Recipe()
 LOCAL = local_recipe
 

@@ -3,16 +3,13 @@
 import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
 
-import typer
 from pydantic import Field
 from rich.table import Table
 from rich.text import Text
 
 from bayesdeg import api
-from bayesdeg.commands.answers import AsJson, EmulatorFile, RunFolderPath, Seed, output
-from bayesdeg.commands.options import Quiet
+from bayesdeg.commands.answers import output
 from bayesdeg.console import say
 from bayesdeg.criticism.outcome import Outcome
 from bayesdeg.records import FileRecord, Names, Scalar
@@ -20,19 +17,6 @@ from bayesdeg.report.folder import RunFolder
 from bayesdeg.report.record import RunRecord, UpdateEntry
 from bayesdeg.report.wording import fixed, number, sentences
 from bayesdeg.results import Update, most_moved
-
-NewRows = Annotated[
-    Path,
-    typer.Argument(
-        help="Rows with the columns of actuator.csv: pressure in kPa, curvature in 1/m, bend angle "
-        "in degrees, degradation rate in percent.",
-        metavar="NEW.csv",
-    ),
-]
-Target = Annotated[
-    Path | None,
-    typer.Option(help="The new run folder; by default beside REPORT, its name with _updated."),
-]
 
 
 class UpdateAnswer(FileRecord):
@@ -50,23 +34,15 @@ class UpdateAnswer(FileRecord):
 
 
 def update(
-    report: RunFolderPath,
-    new: NewRows,
-    out: Target = None,
-    emulator: EmulatorFile = None,
-    seed: Seed = None,
-    as_json: AsJson = False,
-    quiet: Quiet = False,
+    report: Path,
+    new: Path,
+    out: Path | None,
+    emulator: Path | None,
+    seed: int | None,
+    as_json: bool,
+    quiet: bool,
 ) -> None:
-    """Let further readings of actuators enter a finished run, in seconds.
-
-    The rows are of new specimens, or further readings of earlier ones. Draws of the run's posterior
-    are weighed by what they say; where too few draws carry the weight, a law is fitted to these and
-    drawn from with all readings. Posteriors, curvature bands, ruptures, decisions, the life in the
-    soil and shares of all readings go to a new run folder, the run stays as it is. The verdict is
-    not judged again: for that, add the rows to the study and run it. The study must be where it was
-    for the run.
-    """
+    """Do what `interface.update` says."""
     found = api.update(
         report, new, out=out, emulator=emulator, seed=seed, progress=False if quiet else None
     )

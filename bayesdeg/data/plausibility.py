@@ -336,15 +336,25 @@ def film_moduli(tensile: pd.DataFrame | None) -> pd.DataFrame:
         ``stress`` [MPa], one of those it comes from.
     """
     rows = []
-    for name, film in [] if tensile is None else tensile.groupby("specimen_id", sort=False):
-        strained = film[np.abs(np.log(film["stretch"])) >= LEAST_STRAIN]
-        first = strained.iloc[np.argsort(np.abs(np.log(strained["stretch"])))[:3]]
-        if len(first):
-            c1 = first["stress_MPa"] / _neo_hookean(first)
-            row = {"rate": first["degradation_pct"].iloc[0], "c1": c1.median()}
-            rows.append({"specimen": str(name), **row, "stress": first["stress_MPa"].iloc[0]})
+    if tensile is not None:
+        stress, rate = tensile["stress_MPa"].to_numpy(), tensile["degradation_pct"].to_numpy()
+        strain, c1 = np.abs(np.log(tensile["stretch"].to_numpy())), stress / _neo_hookean(tensile)
+        for name, film in _rows_of_each(tensile["specimen_id"]):
+            strained = film[strain[film] >= LEAST_STRAIN]
+            first = strained[np.argsort(strain[strained])[:3]]
+            if len(first):
+                row = {"rate": rate[first[0]], "c1": c1.iloc[first].median()}
+                rows.append({"specimen": str(name), **row, "stress": stress[first[0]]})
     found = pd.DataFrame(rows, columns=["specimen", "rate", "c1", "stress"])
     return found.set_index("specimen")
+
+
+def _rows_of_each(names: pd.Series) -> Iterator[tuple[object, NDArray[np.intp]]]:
+    """Yield every name with the places of its rows, in the order of the first of them."""
+    codes, unique = pd.factorize(names)
+    order = np.argsort(codes, kind="stable")
+    ends = np.cumsum(np.bincount(codes, minlength=len(unique)))
+    yield from zip(unique, np.split(order, ends)[:-1], strict=True)
 
 
 def _neo_hookean(rows: pd.DataFrame) -> pd.Series:

@@ -36,9 +36,7 @@ from bayesdeg.data.shrinkage import Known, MixtureRecipe
 from bayesdeg.errors import Fault, nearest
 from bayesdeg.files import DEEPEST, too_deep
 from bayesdeg.priors import Law, Parameter, law_from_mapping
-from bayesdeg.quantities import LARGEST_SEED
-
-Effort = Literal["quick", "standard", "thorough"]
+from bayesdeg.quantities import EFFORTS, LARGEST_SEED, SIDES, Effort, Side
 
 Mode = Literal["uniaxial", "equibiaxial", "planar"]
 
@@ -47,11 +45,9 @@ RuptureCriterion = Literal["principal_stretch", "cauchy_stress", "strain_energy"
 Operator = Literal["angle_over_arc", "circle", "spline", "base_tip", "kappa"]
 
 MaterialLaw = Literal["yeoh", "neo_hookean", "mooney_rivlin", "gent", "ogden"]
-Side = Literal["left", "right", "top", "bottom"]
 LengthUnit = Literal["mm", "cm", "m", "in"]
 Axis = Literal["x", "-x", "y", "-y", "z", "-z"]
 
-EFFORTS: tuple[Effort, ...] = get_args(Effort)
 MODES: tuple[str, ...] = get_args(Mode)
 OPERATORS: tuple[Operator, ...] = get_args(Operator)
 MATERIAL_LAWS: tuple[MaterialLaw, ...] = get_args(MaterialLaw)
@@ -59,7 +55,6 @@ CALIBRATED_LAWS: tuple[MaterialLaw, ...] = ("yeoh", "neo_hookean")
 """Laws that a model can be calibrated with; the finite element model has Yeoh's constants."""
 VENDOR_SD = 0.2
 """Standard deviation of a vendor's figure over it, where none is stated."""
-SIDES: tuple[Side, ...] = get_args(Side)
 LENGTH_UNITS: tuple[LengthUnit, ...] = get_args(LengthUnit)
 FEWEST_POINTS, MOST_READ_POINTS = 4, 1000
 """Of a line that is read: as a cubic spline needs; from 50 on readings change by 2 % at most."""

@@ -12,6 +12,7 @@ import pandas as pd
 import pandera.pandas as pa
 
 from bayesdeg.data.settings import MODES
+from bayesdeg.quantities import BRANCHES, MOUNTS, UNLOADING
 
 BRANCH = ("specimen_id", "cycle", "branch")
 
@@ -173,7 +174,7 @@ def _previous(frame: pd.DataFrame, column: str) -> pd.Series:
 def _pressure_proceeds(frame: pd.DataFrame) -> pd.Series:
     step = frame["pressure_kPa"] - _previous(frame, "pressure_kPa")
     held = (step == 0.0) & (frame["time_s"] > _previous(frame, "time_s"))
-    backwards = (step <= 0.0).where(frame["branch"] != "unloading", step >= 0.0)
+    backwards = (step <= 0.0).where(frame["branch"] != UNLOADING, step >= 0.0)
     return ~(backwards & ~held)
 
 
@@ -480,9 +481,9 @@ def of_actuators(read: Mapping[str, pa.Column]) -> dict[str, pa.Column]:
         **read,
         "time_s": number(NOT_NEGATIVE, optional=True),
         "cycle": _whole(POSITIVE, WHOLE, default=1),
-        "branch": _word("loading", "unloading"),
+        "branch": _word(*BRANCHES),
         "humidity_pct": number(NOT_NEGATIVE, PERCENT, optional=True),
-        "mount": _word("horizontal", "hanging", "bending_up", "bending_down"),
+        "mount": _word(*MOUNTS),
     }
 
 

@@ -7,13 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from bayesdeg.data.settings import FEWEST_POINTS, Side
+from bayesdeg.data.settings import FEWEST_POINTS
 from bayesdeg.errors import BayesdegError
 from bayesdeg.photographs.edges import POINTS, STIFF, Edge, find_edge
 from bayesdeg.photographs.marks import find_marks
 from bayesdeg.photographs.outline import Silhouette, arc_of, find_body, len_of
 from bayesdeg.photographs.picture import Colours
 from bayesdeg.photographs.plane import Plane, grid_plane, mapped, rescaled, ruler_plane, square_on
+from bayesdeg.quantities import Side
 
 Floats = NDArray[np.float64]
 

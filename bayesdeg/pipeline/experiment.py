@@ -20,7 +20,7 @@ from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.checks.residuals import predict_readings
 from bayesdeg.criticism.fit.trials import Trial
 from bayesdeg.data.plausibility import doubts, refuse_impossible
-from bayesdeg.data.settings import Effort, Settings
+from bayesdeg.data.settings import Settings
 from bayesdeg.data.study import Study
 from bayesdeg.emulator.kept import refuse_whole_range
 from bayesdeg.emulator.surrogate import Surrogate
@@ -62,6 +62,7 @@ from bayesdeg.prediction.conditions import PROMPT, ServiceConditions
 from bayesdeg.prediction.lifetime import Duty
 from bayesdeg.prediction.soil import Level, Soil
 from bayesdeg.priors import Parameter
+from bayesdeg.quantities import Effort
 from bayesdeg.report.checkpoints import NoCheckpoints
 from bayesdeg.report.left_out import Guard
 from bayesdeg.report.record import ModelEntry, VerdictRecord

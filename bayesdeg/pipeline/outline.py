@@ -3,6 +3,7 @@
 Nothing is evaluated, so that a study can be checked without compiled code and emulator.
 """
 
+import importlib
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
@@ -34,7 +35,6 @@ from bayesdeg.observations.specimens import (
 )
 from bayesdeg.observations.tensile import Tensile
 from bayesdeg.priors import Law, LogNormal, Parameter, Uniform, check_priors, with_priors
-from bayesdeg.report.wording import sentences
 
 Floats = NDArray[np.float64]
 
@@ -340,14 +340,20 @@ def _missing(study: Study) -> tuple[tuple[str, str], ...]:
     return (*passed_over(study), *_out_of_range(study), *absent)
 
 
+def _sentences(macro: str, **facts: object) -> str:
+    """Fill a template of a run; jinja comes with the first, and most studies need none."""
+    wording = importlib.import_module("bayesdeg.report.wording")
+    return str(wording.sentences("run", macro, **facts))
+
+
 def _out_of_range(study: Study) -> tuple[tuple[str, str], ...]:
     """Say how many readings of films are outside the range of stretch that the study states."""
     if not study.outside_range or study.settings.stretch_range is None:
         return ()
     low, high = study.settings.stretch_range
     facts = {"count": study.outside_range, "low": low, "high": high}
-    what = sentences("run", "outside_range", **facts)
-    return ((what, sentences("run", "outside_range_cost", **facts)),)
+    what = _sentences("outside_range", **facts)
+    return ((what, _sentences("outside_range_cost", **facts)),)
 
 
 def passed_over(study: Study) -> tuple[tuple[str, str], ...]:
@@ -361,7 +367,7 @@ def passed_over(study: Study) -> tuple[tuple[str, str], ...]:
     """
     return tuple(
         (
-            sentences("run", "passed_over", file=file, rows=count),
+            _sentences("passed_over", file=file, rows=count),
             f"they are comments; {IN_QUOTES}",
         )
         for file, count in study.passed_over.items()

@@ -10,7 +10,6 @@ from bayesdeg.data.study import Study
 from bayesdeg.errors import Fault, StudyError
 from bayesdeg.observations.catalogue import TABLES
 from bayesdeg.observations.markers import with_lines
-from bayesdeg.pipeline.captured import with_captures
 from bayesdeg.pipeline.progress import Progress, Silent
 
 
@@ -44,14 +43,15 @@ def read_study(folder: Path | str, progress: Progress | None = None) -> Study:
     """
     study = folders.read_study(folder, TABLES)
     _refuse_options_of_nothing(study)
-    if study.table("captures") is not None:
-        return with_captures(study, progress or Silent())
-    if study.table("photos") is None:
+    if study.table("captures") is None and study.table("photos") is None:
         return with_lines(study)
-    # brings OpenCV along, which no other study needs
-    tracing = importlib.import_module("bayesdeg.pipeline.traced")
-    traced: Study = tracing.with_photographs(study, progress or Silent())
-    return traced
+    # bring scipy's splines and OpenCV along, which no other study needs
+    if study.table("captures") is not None:
+        reader = importlib.import_module("bayesdeg.pipeline.captured").with_captures
+    else:
+        reader = importlib.import_module("bayesdeg.pipeline.traced").with_photographs
+    found: Study = reader(study, progress or Silent())
+    return found
 
 
 def _refuse_options_of_nothing(study: Study) -> None:

@@ -18,7 +18,6 @@ from threadpoolctl import threadpool_limits
 import bayesdeg
 from bayesdeg.actuator.families import geometry_of_study
 from bayesdeg.criticism.decide.verdict import Decision
-from bayesdeg.data.settings import Effort
 from bayesdeg.data.study import Study
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.emulator.trained import default_surrogate, to_bytes
@@ -48,6 +47,7 @@ from bayesdeg.pipeline.progress import Progress
 from bayesdeg.pipeline.record import Results, in_doubt, run_document
 from bayesdeg.pipeline.suspects import without_suspects
 from bayesdeg.pipeline.writing import Files, write_posteriors, write_results
+from bayesdeg.quantities import Effort
 from bayesdeg.report.checkpoints import Checkpoints
 from bayesdeg.report.folder import POSTERIOR_AVERAGED, RunFolder
 from bayesdeg.report.left_out import Guard, OptionalStage, posterior_stage

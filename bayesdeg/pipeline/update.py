@@ -19,7 +19,6 @@ import bayesdeg
 from bayesdeg.criticism.posterior.convergence import Convergence
 from bayesdeg.data.added import FILE, Enlarged, enlarge
 from bayesdeg.data.plausibility import Doubt, doubts, refuse_impossible
-from bayesdeg.data.settings import EFFORTS as KNOWN_EFFORTS
 from bayesdeg.data.study import Study
 from bayesdeg.errors import BayesdegError, Fault, StudyError
 from bayesdeg.files import STUDY_MB, read_bytes, reason, write_bytes
@@ -48,6 +47,7 @@ from bayesdeg.pipeline.record import (
 )
 from bayesdeg.pipeline.run import with_counts
 from bayesdeg.pipeline.writing import BUILDS, Files, TableSources
+from bayesdeg.quantities import EFFORTS as KNOWN_EFFORTS
 from bayesdeg.report import tables as columns
 from bayesdeg.report.folder import (
     ADDED,

@@ -14,7 +14,8 @@ from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import Chain
 from bayesdeg.material.strength import rupture_probability
 from bayesdeg.observations.counts import RuptureCounts
-from bayesdeg.prediction.conditions import PROMPT, ServiceConditions, tests_in
+from bayesdeg.prediction.conditions import PROMPT, ServiceConditions
+from bayesdeg.prediction.history import tests_in
 from bayesdeg.priors import Named
 
 Floats = NDArray[np.float64]
@@ -37,7 +38,7 @@ def at_conditions(
         As read by the sensor [kPa].
     conditions : ServiceConditions
         Without a history each degradation rate has one specimen, over all pressures; with one
-        there is a specimen for each rate and pressure, see `bayesdeg.prediction.conditions`.
+        there is a specimen for each rate and pressure, see `bayesdeg.prediction.history`.
     """
     largest = model.largest_pressure
     return model.of_actuators(tests_in(conditions, degradation, pressure, largest=largest))

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from scipy.stats import weibull_min
 
 from bayesdeg.causes import dry_embrittlement, uneven_degradation
 from bayesdeg.causes.cause import Strength, StrengthConditions
@@ -30,57 +29,37 @@ def strength():
     )
 
 
-def ratio_of(after):
-    return after.median / strength().median
+def test_flaws_cut_the_limit_beyond_their_onset():
+    after = embrittle(strength(), state(), effect([np.log(4.0), np.log(4.0)], [0.0, 0.0]))
+    ratio = after.median / strength().median
+    np.testing.assert_allclose(ratio[0], [1.0, 1.0, 1.0, 0.5, 0.25], rtol=1e-14)
+    np.testing.assert_allclose(ratio[1], 4.0 ** -np.array([0.0, 0.2, 1.0, 2.0, 0.8]), rtol=1e-14)
+    np.testing.assert_array_equal(after.scatter, strength().scatter)
 
 
-def test_flaws_leave_the_limit_up_to_their_onset_and_cut_it_by_their_size_at_25_percent():
-    sizes = effect(2 * [np.log(4.0)], [0.0, 0.4], [0.0, 15.0])
-    after = embrittle(strength(), state(2 * [[0.0, 0.0, 12.0, 15.0, 25.0]]), sizes)
-    np.testing.assert_allclose(ratio_of(after)[:, -1], 0.25, rtol=1e-12)
-    np.testing.assert_array_equal(ratio_of(after)[0, :2], 1.0)
-    np.testing.assert_array_equal(ratio_of(after)[1, :4], 1.0)
-    np.testing.assert_array_equal(after.scatter[1, :4], 0.3)
+def test_flaws_of_an_early_onset_are_of_the_same_size_at_25_percent():
+    sizes = effect(2 * [np.log(4.0)], 2 * [0.4], [0.0, 15.0])
+    after = embrittle(strength(), state(2 * [[0.0, 15.0, 20.0, 22.5, 25.0]]), sizes)
+    ratio = after.median / strength().median
+    np.testing.assert_allclose(ratio[0], 4.0 ** -np.array([0.0, 0.6, 0.8, 0.9, 1.0]), rtol=1e-14)
+    np.testing.assert_allclose(ratio[1], 4.0 ** -np.array([0.0, 0.0, 0.5, 0.75, 1.0]), rtol=1e-14)
+    np.testing.assert_allclose(after.scatter[:, -1], 0.5, rtol=1e-14)
 
 
-def test_flaws_as_scattered_as_films_are_so_many_more_weak_points():
-    after = embrittle(strength(), state(), effect(2 * [np.log(4.0)], 2 * [0.0]))
-    ramp = np.maximum(DEGRADATION - 20.0, 0.0) / 5.0
-    scale = 0.3 * np.sqrt(6.0) / np.pi
-    expected = (1.0 + ramp * (4.0 ** (1.0 / scale) - 1.0)) ** -scale
-    np.testing.assert_allclose(ratio_of(after), expected, rtol=1e-12)
-    np.testing.assert_allclose(after.scatter, 0.3, rtol=1e-12)
+def test_flaws_from_the_beginning_are_as_dry_air():
+    sizes = effect(2 * [1.3], 2 * [0.4], 0.0)
+    one, other = (of(strength(), state(), sizes) for of in (embrittle, dry_embrittlement.dry))
+    np.testing.assert_allclose(one.median, other.median, rtol=1e-14)
+    np.testing.assert_allclose(one.scatter, other.scatter, rtol=1e-14)
 
 
-def test_flaws_that_decide_cut_by_the_logarithm_of_their_number_and_widen_by_squares():
-    after = embrittle(strength(), state(), effect(2 * [3.0], 2 * [0.4]))
-    scale = 0.5 * np.sqrt(6.0) / np.pi
-    np.testing.assert_allclose(after.scatter[0, 3:], 0.5, rtol=2e-3)
-    np.testing.assert_allclose(ratio_of(after)[0, 3], 0.5**-scale * np.exp(-3.0), rtol=2e-3)
-
-
-@pytest.mark.parametrize("degradation", [20.5, 22.0, 25.0])
-def test_the_limit_is_that_of_the_weaker_of_walls_and_flaws(degradation):
-    """Both drawn by the hundred thousand from Weibull's law, of scipy."""
-    cut, widening, own = 0.6, 0.3, 0.2
-    films = Strength(np.array([[0.5]]), np.array([[own]]), law="weibull")
-    after = embrittle(films, state([[degradation]]), effect(cut, widening))
-    modulus, flawed = (np.pi / np.sqrt(6.0) / scatter for scatter in (own, np.hypot(own, widening)))
-    # so many flaws that with the walls half of all break at 25 % at the limit that the size means
-    lacking = (1.0 - np.exp(-cut * modulus)) * (degradation - 20.0) / 5.0
-    scale = 0.5 * np.exp(-cut) * (np.log(2.0) * lacking) ** (-1.0 / flawed)
-    walls = weibull_min(modulus, scale=0.5 * np.log(2.0) ** (-1.0 / modulus))
-    flaws, generator = weibull_min(flawed, scale=scale), np.random.default_rng(1)
-    drawn = np.log(
-        np.minimum(
-            walls.rvs(200_000, random_state=generator), flaws.rvs(200_000, random_state=generator)
-        )
+def test_flaws_widen_the_scatter_by_squares():
+    after = embrittle(strength(), state(), effect([0.0, 0.0], [0.4, 0.8]))
+    np.testing.assert_allclose(
+        after.scatter[0], [0.3, 0.3, 0.3, np.hypot(0.3, 0.2), 0.5], rtol=1e-14
     )
-    below, median, above = np.quantile(drawn, [0.45, 0.5, 0.55])
-    assert np.log(after.median[0, 0]) == pytest.approx(median, abs=0.005)
-    # d ln H/d ln ε at the median, of H = −ln S
-    slope = np.log(np.log(0.45) / np.log(0.55)) / (above - below)
-    assert np.pi / np.sqrt(6.0) / slope == pytest.approx(after.scatter[0, 0], rel=0.03)
+    assert after.scatter[1, 3] == pytest.approx(np.hypot(0.3, 1.6))
+    np.testing.assert_array_equal(after.median, strength().median)
 
 
 def test_neutral_values_leave_strength_bit_by_bit():

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from bayesdeg.causes.catalogue import CATALOGUE
-from bayesdeg.commands.lazy import COMMANDS
+from bayesdeg.commands.interface import COMMANDS
 from bayesdeg.data.settings import parse_settings
 from bayesdeg.data.tables import TABLES
 from bayesdeg.report.tables import TABLES as RUN_TABLES

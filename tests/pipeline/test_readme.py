@@ -8,7 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from bayesdeg.cli import app
-from bayesdeg.commands.lazy import COMMANDS
+from bayesdeg.commands.interface import COMMANDS
 
 ROOT = Path(__file__).resolve().parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")

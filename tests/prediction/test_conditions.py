@@ -12,8 +12,9 @@ from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.errors import BayesdegError
 from bayesdeg.inference.sampling import Chain
 from bayesdeg.observations.curvature import ActuatorCurves
-from bayesdeg.prediction.conditions import MOUNTS, PROMPT, ServiceConditions, history
+from bayesdeg.prediction.conditions import PROMPT, ServiceConditions
 from bayesdeg.prediction.control import control
+from bayesdeg.prediction.history import history
 from bayesdeg.prediction.predictive import (
     QUANTILES,
     Grid,
@@ -25,6 +26,7 @@ from bayesdeg.prediction.predictive import (
     respond,
     rupture_table,
 )
+from bayesdeg.quantities import MOUNTS
 from tests.inference.small_study import TRUTH, altered, small_model, values_of
 from tests.prediction.test_control import StraightLine
 

@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from bayesdeg.material.degradation import levels as levels_of
-from bayesdeg.quantities import axis_label
+from bayesdeg.quantities import BRANCHES, axis_label
 from bayesdeg.report.drawing import (
     BASE_COLOUR,
     COLOURS,
@@ -247,9 +247,6 @@ def _draw_points(axes: Axes, here: pd.DataFrame) -> None:
             markeredgewidth=0.6,
             alpha=0.7,
         )
-
-
-BRANCHES = ("loading", "unloading")  # what histories of actuators begin with
 
 
 def _paths(here: pd.DataFrame) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:

@@ -12,7 +12,7 @@ from scipy.stats import beta
 
 from bayesdeg.criticism.checks.count_misfit import PUBLISHED
 from bayesdeg.material.degradation import LEVEL_WIDTH
-from bayesdeg.quantities import axis_label
+from bayesdeg.quantities import UNLOADING, axis_label
 from bayesdeg.report.drawing import (
     BASE_COLOUR,
     COLOURS,
@@ -237,9 +237,6 @@ def _draw_means(axes: Axes, chosen: pd.DataFrame, colour: str) -> None:
 def _label(figure: Figure, x: str, y: str) -> None:
     figure.supxlabel(x, fontsize=8.0)
     figure.supylabel(y, fontsize=8.0)
-
-
-UNLOADING = "unloading"
 
 
 @styled
