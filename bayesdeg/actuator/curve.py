@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from bayesdeg.actuator.demand import MEASURES, demanded_strain, needed
 from bayesdeg.actuator.equilibrium import LoadStep, Path, follow
 from bayesdeg.actuator.inputs import (
+    Further,
     Inputs,
     Prediction,
     dimensionless,
@@ -452,8 +453,9 @@ class ExactMap:
         """Solve every curve; the last axis of the inputs runs over pressures."""
         if inputs.reference_pressure is not None:
             return relative_to_reference(self, inputs)
-        curvature, angle, stretch, slope, status, _, *strains = self._answers(inputs)
+        curvature, angle, stretch, slope, status, swept, swelling, *strains = self._answers(inputs)
         shape = curvature.shape
+        volumes = Further(swept, swelling, np.zeros(shape))
         if inputs.criterion != "principal_stretch":
             seen = np.stack([strains[k] for k in needed(inputs.criterion)])
             stretch = 1.0 + demanded_strain(inputs, seen)
@@ -466,6 +468,7 @@ class ExactMap:
             bend_angle_sd=np.zeros(shape),
             peak_stretch_sd=np.zeros(shape),
             status=status.astype(np.int64),
+            further=volumes if inputs.asked == "cavity_volume" else None,
         )
 
     def cavity_volume(self, inputs: Inputs) -> Floats:
@@ -486,7 +489,7 @@ class ExactMap:
         return volume
 
     def _answers(self, inputs: Inputs) -> Floats:
-        """Solve every curve; what `_place` returns, (6 + n_measures, …)."""
+        """Solve every curve; what `_place` returns, (7 + n_measures, …)."""
         load, *_ = dimensionless(inputs)
         groups = material_groups(inputs)
         shape = np.broadcast_shapes(load.shape, *(np.shape(group) for group in groups.values()))
@@ -507,7 +510,7 @@ class ExactMap:
             )
             for i, at in places
         ]
-        found = np.empty((6 + len(MEASURES), *load.shape))
+        found = np.empty((7 + len(MEASURES), *load.shape))
         for (i, at), curve, solution in zip(places, curves, self._solve(curves), strict=True):
             found[:, i, at] = _place(solution, curve, load[i, at], scale[i, at])
         return found.reshape(-1, *shape)
@@ -594,14 +597,15 @@ def _place(solution: CurveSolution, curve: Curve, load: Floats, scale: Floats) -
     """Put the solved loads, and rest at zero load, where they stand among the observations.
 
     Curvature, bend angle, peak stretch, slope, status, cavity volume of both halves less that at
-    rest [ml], and the strains of ``MEASURES``.
+    rest [ml], q times its derivative by q, and the strains of ``MEASURES``.
     """
     values = np.vstack([solution.rest, solution.readings])
     rates = np.vstack([solution.rest_rates, solution.rates])
     angle, length = values[:, 0], values[:, 1]
     kappa = angle / length * 1e3
     known = np.concatenate([[0.0], curve.loads])
-    slope = known[: len(kappa)] * (rates[:, 0] - angle / length * rates[:, 1]) / length * 1e3
+    reached = known[: len(kappa)]
+    slope = reached * (rates[:, 0] - angle / length * rates[:, 1]) / length * 1e3
     at = np.searchsorted(known, load)
     solved = np.isfinite(solution.rest[0])
     ok = (at < len(kappa)) & (load >= 0.0) & solved
@@ -609,13 +613,14 @@ def _place(solution: CurveSolution, curve: Curve, load: Floats, scale: Floats) -
     failed = np.where(load >= 0.0, int(solution.status), int(Status.INVALID_INPUT))
     status = np.where(ok, int(Status.CONVERGED), failed)
     strains = measured_strains(values).T
-    volume = 2.0 * CUBIC_MILLIMETRE * (values[:, VOLUME] - values[0, VOLUME])
+    halves = 2.0 * CUBIC_MILLIMETRE
+    volume = halves * (values[:, VOLUME] - values[0, VOLUME])
     columns = (
         *(kappa - kappa[0], np.degrees(angle - angle[0]), values[:, PEAK], slope),
-        *(volume, *strains),
+        *(volume, halves * reached * rates[:, VOLUME], *strains),
     )
-    curvature, degrees, peak, change, swept, *measured = (
+    curvature, degrees, peak, change, swept, swelling, *measured = (
         np.where(ok, column[take], np.nan) for column in columns
     )
-    swept = swept * scale**3
-    return [curvature / scale, degrees, peak, change / scale, status, swept, *measured]
+    whole = (swept * scale**3, swelling * scale**3)
+    return [curvature / scale, degrees, peak, change / scale, status, *whole, *measured]

@@ -37,7 +37,9 @@ from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.emulator.trained import (
     covering,
     find,
+    lacking,
     read_trained,
+    refuse_lacking,
     surrogate_for,
     write_trained,
 )
@@ -49,6 +51,7 @@ from bayesdeg.pipeline.emulation import (
     expect,
     train_emulator,
 )
+from bayesdeg.pipeline.outline import outline
 
 STORE = Path(".cache/campaign")
 RECIPE = Recipe()
@@ -94,8 +97,10 @@ def emulator_for(
     Stopped
         If the user does not want to wait for the training, or stops it.
     """
+    asked_beside = outline(study).asked
     if given is not None:
         trained = read_trained(given)
+        refuse_lacking(trained, asked_beside)
         if study.actuator is None:
             return trained
         return surrogate_for(geometry_of_study(study.settings), trained)
@@ -105,7 +110,10 @@ def emulator_for(
     refuse_without_emulator(geometry)
     found = find(geometry, recipe=RECIPE, cache=CACHE)
     if found.surrogate is not None:
-        return found.surrogate
+        reason = lacking(found.surrogate, asked_beside)
+        if not reason:
+            return found.surrogate
+        found = replace(found, surrogate=None, reason=reason)
     with shown(manner.quiet) as progress:
         progress.stage("where the study lies")
         asked = asked_of(study, study.settings.seed)
@@ -126,7 +134,7 @@ def _known(
     geometry = geometry_of_study(study.settings)
     own = _kept_for(geometry, first)
     for path, surrogate in covering(geometry, wanted, CACHE):
-        if surrogate.units != first.units:
+        if surrogate.units != first.units or lacking(surrogate, outline(study).asked):
             continue
         if path == own or _is_good(_asked_after(study, surrogate, manner)):
             return surrogate

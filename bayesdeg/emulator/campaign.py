@@ -20,6 +20,7 @@ from threadpoolctl import threadpool_limits
 
 from bayesdeg.actuator.curve import Curve, PathSamples
 from bayesdeg.actuator.demand import MEASURES, WEIBULL_MODULI
+from bayesdeg.actuator.inputs import Asked
 from bayesdeg.actuator.moulded import Moulded
 from bayesdeg.actuator.sensitivity import INPUTS
 from bayesdeg.actuator.status import MODEL_VERSION, Status
@@ -40,7 +41,7 @@ from bayesdeg.emulator.regression import (
 )
 from bayesdeg.emulator.scaling import ONE, Place, TrainingRange, Units
 from bayesdeg.emulator.solutions import Kind, Run, Solution, SolutionStore
-from bayesdeg.emulator.surrogate import OUTPUTS, Surrogate
+from bayesdeg.emulator.surrogate import OUTPUTS, FurtherTerms, Surrogate
 from bayesdeg.emulator.terms import N_CHEBYSHEV, Family, Terms, features, stacked
 from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.emulator.workers import Supervised, solve
@@ -327,14 +328,18 @@ class FitTerms:
         Of ``OUTPUTS`` and of ``MEASURES``, in their order.
     errors, limit : Family
         Of the logarithm of squared errors, and of the limit.
+    volume : FitPlan
+        Of the volume of the cavity, which is fitted where all runs have it.
     """
 
     plans: tuple[FitPlan, ...]
     errors: Family
     limit: Family
+    volume: FitPlan
 
 
-WHOLE = FitTerms(PLANS, FAMILY, LIMIT_FAMILY)
+VOLUME = (len(OUTPUTS) + len(MEASURES),)
+WHOLE = FitTerms(PLANS, FAMILY, LIMIT_FAMILY, replace(_ANGLES, outputs=VOLUME))
 # beside an emulator of another actuator: what departs from it is smooth, and few runs say it
 _NEAR = FitPlan(
     ANGLES,
@@ -352,16 +357,6 @@ _NEAR_STRETCH = FitPlan(
     Prior(0.6, 0.45, 0.35, 3e-2),
     Prior(0.5, 0.4, 0.3, 1e-1),
 )
-NEAR = FitTerms(
-    (
-        _NEAR,
-        _NEAR_STRETCH,
-        replace(_NEAR, outputs=WEIBULL),
-        replace(_NEAR_STRETCH, outputs=EQUIVALENT),
-    ),
-    Family((1, 0, 0, 0), (0, 0, 0, 0), 9 * (0,)),
-    Family((0, 1, 1, 1), (0, 0, 0, 0), 9 * (1,)),
-)
 # without one: a curve up to where it balloons takes more orders in the load, and the part of the
 # material's range that one study asks for takes few
 _ALONE = replace(
@@ -374,6 +369,17 @@ _ALONE_STRETCH = replace(
     family=Family((8, 2, 2, 2), (3, 1, 1, 1), ONCE),
     prior=Prior(0.7, 0.45, 0.35, 1e-2),
 )
+NEAR = FitTerms(
+    (
+        _NEAR,
+        _NEAR_STRETCH,
+        replace(_NEAR, outputs=WEIBULL),
+        replace(_NEAR_STRETCH, outputs=EQUIVALENT),
+    ),
+    Family((1, 0, 0, 0), (0, 0, 0, 0), 9 * (0,)),
+    Family((0, 1, 1, 1), (0, 0, 0, 0), 9 * (1,)),
+    replace(_ALONE, outputs=VOLUME),  # the emulator that ships knows none to depart from
+)
 BY_ITSELF = FitTerms(
     (
         _ALONE,
@@ -383,6 +389,7 @@ BY_ITSELF = FitTerms(
     ),
     NEAR.errors,
     NEAR.limit,
+    NEAR.volume,
 )
 
 
@@ -466,9 +473,8 @@ def train(
     parts = [_train(many, few, plan, span, _below(ground, plan)) for plan in chosen.plans]
     limit = _limit(coarse, fine, span, chosen.limit, ground)
     met = _material_points(likely(span) if usual is None else [counted_in(c, units) for c in usual])
-    errors = [
-        fit_errors(p.points, p.left_out, nearness(p.points, met), chosen.errors) for p in parts
-    ]
+    errors = [_error_of(part, met, chosen) for part in parts]
+    further, also = _further(many, few, chosen, span, met)
     n = sum(max(plan.outputs) < len(OUTPUTS) for plan in chosen.plans)
     outputs = stacked([part.terms for part in parts[:n]])
     facts = {
@@ -478,7 +484,7 @@ def train(
         "curves_cut_short": _cut_short(*coarse[1], *fine[1]),
         "terms": len(outputs.orders),
         "mesh_error_pct": 100.0 * mesh_error,
-        "accuracy": _accuracy(parts, errors, limit),
+        "accuracy": _accuracy(parts, errors, limit) | also,
     }
     return Surrogate(
         length=length,
@@ -491,7 +497,31 @@ def train(
         mesh_error=mesh_error,
         record=json.dumps(record | facts, indent=1),
         units=units,
+        further=further,
     )
+
+
+def _error_of(part: Trained, met: Floats, chosen: FitTerms) -> Terms:
+    """Return ln of the squared relative errors of a fit as terms."""
+    return fit_errors(part.points, part.left_out, nearness(part.points, met), chosen.errors)
+
+
+def _further(
+    many: dict[Curve, Observed],
+    few: dict[Curve, Observed],
+    chosen: FitTerms,
+    span: TrainingRange,
+    met: Floats,
+) -> tuple[dict[Asked, FurtherTerms], dict[str, dict[str, float]]]:
+    """Fit what may be asked beside the shape, if all runs have it; return its accuracy too."""
+    runs = (*many.values(), *few.values())
+    if not all(np.all(np.isfinite(run.values[:, VOLUME])) for run in runs):
+        return {}, {}
+    part = _train(many, few, chosen.volume, span)
+    error = _error_of(part, met, chosen)
+    within = coverage(error, part.points, part.left_out)[0]
+    accuracy = summary(list(part.worst[:, 0])) | {"coverage_90": within}
+    return {"cavity_volume": FurtherTerms(part.terms, error)}, {"cavity_volume": accuracy}
 
 
 def _counted(

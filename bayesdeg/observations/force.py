@@ -20,8 +20,7 @@ the theory of composite beams; where the mechanics of `bayesdeg.actuator` answer
 it takes the place of `blocked_force`.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar, override
 
 import numpy as np
@@ -44,19 +43,11 @@ from bayesdeg.data.tables import (
 )
 from bayesdeg.errors import Fault, StudyError
 from bayesdeg.observations.curvature import actuator_parameters, inputs_met, parts_of
-from bayesdeg.observations.kinds import Observations, Parts, Places, Rows, Scale, State, Stored
-from bayesdeg.observations.noise import (
-    LOG_TWO_PI,
-    Linearised,
-    blocks_of_covariance,
-    correlated_normals,
-    innovations,
-    sequential,
-)
-from bayesdeg.observations.pressures import PressureTests, pressure_tests
+from bayesdeg.observations.kinds import State
+from bayesdeg.observations.noise import Linearised
+from bayesdeg.observations.pressures import ReadAtPressures, pressure_tests
 from bayesdeg.observations.specimens import FilmsAndActuators
 from bayesdeg.priors import HalfNormal, LogNormal, Parameter, Uniform
-from bayesdeg.quantities import axis_label
 
 Floats = NDArray[np.float64]
 
@@ -142,7 +133,7 @@ def _forces(state: State[FilmsAndActuators], data: "TipForce") -> Linearised:
 
 
 @dataclass(frozen=True)
-class TipForce(Observations):
+class TipForce(ReadAtPressures):
     """Blocked tip forces of actuators.
 
     Parameters
@@ -158,10 +149,11 @@ class TipForce(Observations):
     name: ClassVar[str] = "force"
     order: ClassVar[int] = 25
     priority: ClassVar[int] = 2
-    is_criticised: ClassVar[bool] = True
     beside: ClassVar[bool] = True
+    reading: ClassVar[str] = TIP_FORCE
+    column: ClassVar[str] = "tip_force_N"
+    output: ClassVar[str] = "tip_force"
 
-    tests: PressureTests
     mould: Dimensions
     recorded: frozenset[str] = frozenset()
 
@@ -174,68 +166,9 @@ class TipForce(Observations):
         shared = (of_parts["volume_ratio"], of_parts["paper_stiffness"])
         return (*shared, *_FORCE, Parameter("force_noise_length", length, "kPa", _MEANING))
 
-    @property
     @override
-    def labels(self) -> tuple[str, ...]:
-        return self.tests.specimens
-
-    @property
-    @override
-    def levels(self) -> Floats:
-        return self.tests.degradation.ravel()
-
-    @override
-    def log_likelihood(self, state: State[FilmsAndActuators]) -> Floats:
-        score, log_sd = innovations(self._linearised(state))
-        each = np.zeros((len(state), *self.tests.mask.shape))
-        each[:, self.tests.mask] = -0.5 * (score**2 + LOG_TWO_PI) - log_sd
-        total: Floats = each.sum(axis=-1)
-        return total
-
-    @override
-    def factors(self, state: State[FilmsAndActuators]) -> Parts:
-        return Parts(normal=(innovations(self._linearised(state)),))
-
-    @override
-    def subset(self, rows: Rows) -> "TipForce":
-        return replace(self, tests=self.tests.subset(rows))
-
-    @property
-    @override
-    def places(self) -> Places:
-        return self.tests.places(TIP_FORCE)
-
-    @property
-    @override
-    def scales(self) -> Mapping[str, Scale]:
-        return {TIP_FORCE: Scale("N", axis_label("pressure_kPa"), "%")}
-
-    @property
-    @override
-    def observed(self) -> Floats:
-        return self.tests.read[self.tests.mask]
-
-    @override
-    def expected(self, state: State[FilmsAndActuators]) -> Floats:
-        return self._mean(self._linearised(state))[:, self.tests.mask]
-
-    @override
-    def covariance(self, state: State[FilmsAndActuators]) -> list[Floats]:
-        return blocks_of_covariance(self._linearised(state))
-
-    @override
-    def simulate(self, state: State[FilmsAndActuators], generator: np.random.Generator) -> Floats:
-        return self._drawn(state, generator)[:, self.tests.mask]
-
-    @override
-    def replicated(
-        self,
-        state: State[FilmsAndActuators],
-        generator: np.random.Generator,
-        drawn: tuple[Observations, ...],
-    ) -> tuple[Observations, ...]:
-        read = np.where(self.tests.mask, self._drawn(state, generator)[0], 0.0)
-        return (*drawn, replace(self, tests=replace(self.tests, read=read)))
+    def linearised(self, state: State[FilmsAndActuators]) -> Linearised:
+        return state.once(_forces, self)
 
     @override
     def reveals(self, cause: Cause) -> bool:
@@ -253,47 +186,6 @@ class TipForce(Observations):
         met = applied("on_inputs", plain, conditions, acting)
         before, after = (blocked_force(one, self.mould)[0] for one in (plain, met))
         return bool(np.max(np.abs(after - before)) > LEAST * np.max(before))
-
-    @override
-    def stored(
-        self,
-        state: State[FilmsAndActuators],
-        tests: State[FilmsAndActuators],
-        generator: np.random.Generator,
-    ) -> list[Stored]:
-        mask, places = self.tests.mask, self.places
-        labels = {
-            "force_specimen_id": places.specimen,
-            "force_pressure_kPa": places.along,
-            "force_degradation_pct": places.level,
-        }
-        return [
-            Stored(
-                "tip_force",
-                "force_observation",
-                self.observed,
-                sequential(self._linearised(state))[:, mask],
-                self._drawn(tests, generator)[:, mask],
-                labels,
-                {},
-            )
-        ]
-
-    def _linearised(self, state: State[FilmsAndActuators]) -> Linearised:
-        return state.once(_forces, self)
-
-    def _mean(self, forces: Linearised) -> Floats:
-        mean: Floats = self.tests.read - forces.residual
-        return mean
-
-    def _drawn(self, state: State[FilmsAndActuators], generator: np.random.Generator) -> Floats:
-        """Draw forces that new specimens would show, (n, n_specimens, n_points) [N]."""
-        forces = self._linearised(state)
-        sd = np.sqrt(forces.spread)
-        moved = (sd * generator.standard_normal(sd.shape)) * forces.slope[..., 0]
-        z = correlated_normals(forces.paths, forces.length, forces.correlation, generator)
-        drawn: Floats = self._mean(forces) + moved + np.sqrt(forces.variance) * z
-        return drawn
 
 
 def from_study(study: Study) -> tuple[TipForce, ...]:

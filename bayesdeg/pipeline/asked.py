@@ -1,7 +1,7 @@
 """What a study may ask of a forward map, known before there is one: films, priors, conditions."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -64,7 +64,8 @@ class AskedAfterwards:
         actuators are about to balloon, or no emulator goes so far [–].
     error_pct : float
         95th percentile over the posterior's curves of the standard error of their curvature, less
-        that of the mesh, over the largest of each [%].
+        that of the mesh, over the largest of each; of the cavity's volume where that is larger,
+        if it is asked for [%].
     """
 
     asked: AskedInputs
@@ -117,16 +118,24 @@ def _outside(model: JointModel, surrogate: Surrogate, known: Floats) -> float:
 
 
 def _error_pct(model: JointModel, surrogate: Surrogate, known: Floats) -> float:
-    """Return the 95th percentile of the standard error over each curve's largest curvature [%]."""
+    """Return the 95th percentile of the standard error over each curve's largest curvature [%].
+
+    Of what is asked beside the shape too; the largest counts.
+    """
     exact = surrogate.without_mesh_error()
     state = model.tests(model.table.named(known))
     shares = []
     for one in model.of_kind(Curvature):
         inputs = inputs_met(state, one.curves, np.zeros_like(one.deviation_sd(state)))
-        found = exact.continued(inputs)
-        with np.errstate(invalid="ignore"):
-            shares.append(found.sd.max(axis=-1) / found.curvature.max(axis=-1))
-    return 100.0 * float(np.nanquantile(np.concatenate([s.ravel() for s in shares]), 0.95))
+        for asked in dict.fromkeys((one.asks, *(other.asks for other in model.observations))):
+            found = exact.continued(replace(inputs, asked=asked))
+            pair = (found.sd, found.curvature)
+            if found.further is not None:
+                pair = (found.further.sd, found.further.value)
+            with np.errstate(invalid="ignore"):
+                share = pair[0].max(axis=-1) / pair[1].max(axis=-1)
+                shares.append(float(np.nanquantile(share, 0.95)))
+    return 100.0 * max(shares)
 
 
 def _sets(causes: Sequence[Cause]) -> Iterator[tuple[Cause, ...]]:

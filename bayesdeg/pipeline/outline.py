@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdeg.actuator.inputs import Asked
 from bayesdeg.causes.catalogue import CATALOGUE, find
 from bayesdeg.causes.cause import Cause
 from bayesdeg.causes.fold import with_causes
@@ -76,6 +77,11 @@ class Outline:
     def needs_forward(self) -> bool:
         """Whether there is anything of actuators to predict."""
         return any(one.uses_forward for one in self.observations)
+
+    @property
+    def asked(self) -> tuple[Asked, ...]:
+        """What the data ask of the forward map beside the shape."""
+        return tuple(dict.fromkeys(one.asks for one in self.observations if one.asks))
 
     @property
     def has_actuators(self) -> bool:
