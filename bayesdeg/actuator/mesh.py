@@ -110,6 +110,32 @@ def build_mesh(
     )
 
 
+def with_held_tip(mesh: ActuatorMesh) -> ActuatorMesh:
+    """Return the mesh with the lower edge of its free end held in the bending direction.
+
+    So it rests on a load cell: along x it slides, and the end may turn.
+
+    Examples
+    --------
+    >>> from bayesdeg.actuator.geometry import Geometry
+    >>> from bayesdeg.data.settings import Dimensions
+    >>> mesh = build_mesh(Geometry(Dimensions()), COARSE)
+    >>> int(np.sum(with_held_tip(mesh).body.fixed) - np.sum(mesh.body.fixed)) == len(tip_edge(mesh))
+    True
+    """
+    fixed = mesh.body.fixed.copy()
+    fixed[tip_edge(mesh), 2] = True
+    return replace(mesh, body=replace(mesh.body, fixed=fixed))
+
+
+def tip_edge(mesh: ActuatorMesh) -> Indices:
+    """Return the nodes of the lower edge of the free end."""
+    nodes = np.unique(mesh.free_end)
+    height = mesh.body.nodes[nodes, 2]
+    lowest: Indices = nodes[height < height.min() + APART]
+    return lowest
+
+
 def reshaped(mesh: ActuatorMesh, *, wall_factor: float, erosion: float) -> ActuatorMesh:
     """Return the mesh with thicker or thinner walls and faces eroded: the same bricks moved.
 
