@@ -275,7 +275,9 @@ class Actuator:
         with self._lock:
             solver = self._opened()
             path = follow(problem, solver, loads=curve.loads, effort=effort)
-        return _reactions(problem, tip_edge(mesh), path, solver.name)
+        found = _reactions(problem, tip_edge(mesh), path, solver.name)
+        own = {name: mesh.share * getattr(found, name) for name in _FORCES}
+        return replace(found, **own)
 
     def solve_with_gradients(
         self, curve: Curve, *, effort: PathEffort | None = None
@@ -439,6 +441,9 @@ def _read_path(mesh: ActuatorMesh, path: Path, solver: str) -> CurveSolution:
         path.iterations,
         solver,
     )
+
+
+_FORCES = ("readings", "rates", "rest", "rest_rates")
 
 
 def _reactions(

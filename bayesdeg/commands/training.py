@@ -12,6 +12,7 @@ from bayesdeg.actuator.moulded import Moulded
 from bayesdeg.commands.options import Stopped
 from bayesdeg.commands.outcome import accuracy_table, list_failures, runs_table
 from bayesdeg.console import errors, shown
+from bayesdeg.data.families import MeshDimensions
 from bayesdeg.data.study import Study
 from bayesdeg.emulator.kept import (
     CACHE,
@@ -108,6 +109,9 @@ def emulator_for(
         return None
     geometry = geometry_of_study(study.settings)
     refuse_without_emulator(geometry)
+    mould = geometry.dimensions
+    if isinstance(mould, MeshDimensions) and mould.assumption and not manner.quiet:
+        _print(mould.assumption)
     found = find(geometry, recipe=RECIPE, cache=CACHE)
     if found.surrogate is not None:
         reason = lacking(found.surrogate, asked_beside)

@@ -26,7 +26,7 @@ from bayesdeg.actuator.sensitivity import INPUTS
 from bayesdeg.actuator.status import MODEL_VERSION, Status
 from bayesdeg.emulator.coordinates import LARGEST_WARPED, SLACK, coordinates, scaled_cause
 from bayesdeg.emulator.design import is_answered, likely, second_stage, space_filling
-from bayesdeg.emulator.kept import MESH_ERROR, Recipe, has_ground, refuse_whole_range
+from bayesdeg.emulator.kept import Recipe, has_ground, mesh_error_of, refuse_whole_range
 from bayesdeg.emulator.local import LocalDesign, counted_in
 from bayesdeg.emulator.regression import (
     Equations,
@@ -990,7 +990,7 @@ def build(
     length = geometry.dimensions.length
     # sums of several threads depend on their number
     with threadpool_limits(1):
-        mesh_error = MESH_ERROR[geometry.dimensions.kind]
+        mesh_error = mesh_error_of(geometry)
         return train(coarse, fine, length=length, mesh_error=mesh_error, record=record, **place)
 
 
