@@ -37,7 +37,13 @@ from bayesdeg.actuator.outputs import (
     read_with_gradients,
 )
 from bayesdeg.actuator.problem import DiscreteEquations, Problem, System
-from bayesdeg.actuator.sensitivity import INPUTS, Variation, derivatives, variations
+from bayesdeg.actuator.sensitivity import (
+    INPUTS,
+    Variation,
+    derivatives,
+    reaction_derivatives,
+    variations,
+)
 from bayesdeg.actuator.status import MODEL_VERSION as MODEL_VERSION
 from bayesdeg.actuator.status import Backend, PathEffort, Resolution, Status
 from bayesdeg.actuator.weak_form import Spaces, WeakForm
@@ -104,6 +110,49 @@ class PathRecord:
                 enough=self._enough,
             )
         )
+
+
+class ForceRecord:
+    """Reads and differentiates the force at the held tip while the solver holds the factors.
+
+    Parameters
+    ----------
+    mesh, problem, solver, shapes, enough
+        As of `PathRecord`.
+    """
+
+    def __init__(
+        self,
+        mesh: ActuatorMesh,
+        problem: Problem,
+        solver: Factorization,
+        *,
+        shapes: Sequence[Variation | None],
+        enough: float,
+    ) -> None:
+        self._share, self._held = mesh.share, tip_edge(mesh)
+        self._problem, self._solver = problem, solver
+        self._shapes, self._enough = shapes, enough
+        self.loads, self.readings = list[float](), list[Floats]()
+        self.gradients = list[Floats]()
+
+    def visit(self, step: LoadStep) -> None:
+        """Record a converged step."""
+        if step.factors is None:
+            return
+        residual = self._problem.linearise(step.state, tangent=False).force
+        self.loads.append(step.state.load)
+        self.readings.append(self._share * residual[self._held, 2].sum(keepdims=True))
+        found = reaction_derivatives(
+            self._problem,
+            self._solver,
+            state=step.state,
+            factors=step.factors,
+            held=self._held,
+            shapes=self._shapes,
+            enough=self._enough,
+        )
+        self.gradients.append(self._share * found)
 
 
 @dataclass(frozen=True)
@@ -311,7 +360,8 @@ class Actuator:
     def sample(self, curve: Curve, *, effort: PathEffort | None = None) -> PathSamples:
         """Follow a curve to its last load; return readings and derivatives where the path stopped.
 
-        With all derivatives a curve costs less than twice as much as without.
+        With all derivatives a curve costs less than twice as much as without. Of a held tip the
+        force alone is read, as by `tip_forces`.
 
         Raises
         ------
@@ -319,18 +369,19 @@ class Actuator:
             If scikit-fem assembles the equations, or a layer is of another elastomer.
         """
         self._need_kernels(curve)
+        outputs = 1 if self.held else len(OUTPUTS)
         try:
             mesh, problem = self.problem(curve)
         except (GeometryError, ValueError):
-            return _no_samples(Status.INVALID_INPUT)
+            return _no_samples(Status.INVALID_INPUT, outputs)
         with self._lock:
             record = self._recorder(problem, mesh, None, 1e-4)
             solver = self._opened()
             path = follow(problem, solver, loads=curve.loads, effort=effort, visit=record.visit)
         return PathSamples(
             np.array(record.loads),
-            np.array(record.readings).reshape(-1, len(OUTPUTS)),
-            _stacked(record.gradients),
+            np.array(record.readings).reshape(-1, outputs),
+            _stacked(record.gradients, outputs),
             path.status,
             path.limit_load,
             path.iterations,
@@ -347,8 +398,10 @@ class Actuator:
 
     def _recorder(
         self, problem: Problem, mesh: ActuatorMesh, wanted: frozenset[float] | None, enough: float
-    ) -> PathRecord:
+    ) -> PathRecord | ForceRecord:
         shapes = variations(self.mesh, self.system, problem.material)
+        if self.held:
+            return ForceRecord(mesh, problem, self._opened(), shapes=shapes, enough=enough)
         return PathRecord(
             mesh, problem, self._opened(), shapes=shapes, wanted=wanted, enough=enough
         )
@@ -413,13 +466,13 @@ def _empty(status: Status, *, outputs: int = len(OUTPUTS)) -> CurveSolution:
     return CurveSolution(none, none, missing, missing, status, 0.0, 0, "")
 
 
-def _stacked(gradients: Sequence[Floats]) -> Floats:
-    return np.array(gradients).reshape(-1, len(OUTPUTS), len(INPUTS))
+def _stacked(gradients: Sequence[Floats], outputs: int = len(OUTPUTS)) -> Floats:
+    return np.array(gradients).reshape(-1, outputs, len(INPUTS))
 
 
-def _no_samples(status: Status) -> PathSamples:
-    none = np.empty((0, len(OUTPUTS)))
-    return PathSamples(np.empty(0), none, _stacked([]), status, 0.0, 0, "")
+def _no_samples(status: Status, outputs: int) -> PathSamples:
+    none = np.empty((0, outputs))
+    return PathSamples(np.empty(0), none, _stacked([], outputs), status, 0.0, 0, "")
 
 
 def _read_path(mesh: ActuatorMesh, path: Path, solver: str) -> CurveSolution:
@@ -665,11 +718,14 @@ def solve_task(
 
 
 def sample_task(
-    task: tuple[Moulded, Resolution, Curve], *, effort: PathEffort | None = None
+    task: tuple[Moulded, Resolution, Curve],
+    *,
+    effort: PathEffort | None = None,
+    held: bool = False,
 ) -> PathSamples:
-    """Sample one curve, with this process's copy of the mesh built once."""
+    """Sample one curve, with this process's copy of the mesh built once, its tip held or free."""
     geometry, resolution, curve = task
-    return _HELD.get(geometry, resolution).sample(curve, effort=effort or SAMPLING)
+    return _HELD.get(geometry, resolution, held=held).sample(curve, effort=effort or SAMPLING)
 
 
 def _alike(rows: dict[str, Floats], row: int) -> list[NDArray[np.intp]]:

@@ -122,7 +122,10 @@ def emulator_for(
         progress.stage("where the study lies")
         asked = asked_of(study, study.settings.seed)
     units = units_for(geometry, asked)
-    first = local_design(asked, LOCAL(geometry.dimensions), units)
+    first = replace(
+        local_design(asked, LOCAL(geometry.dimensions), units),
+        with_forces="tip_force" in asked_beside,
+    )
     known = _known(study, first, span_of(asked.in_units(units), wider=0.0), manner)
     if known is not None:
         return known

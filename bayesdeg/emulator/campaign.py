@@ -36,6 +36,7 @@ from bayesdeg.emulator.regression import (
     Regression,
     fit,
     observe,
+    observe_force,
     reach,
     rows_of,
 )
@@ -393,6 +394,9 @@ BY_ITSELF = FitTerms(
 )
 
 
+Solved = tuple[Sequence[Curve], Sequence[PathSamples]]
+
+
 @dataclass(frozen=True)
 class Trained:
     """The fit of some outputs, and how it does at runs left out.
@@ -522,6 +526,54 @@ def _further(
     within = coverage(error, part.points, part.left_out)[0]
     accuracy = summary(list(part.worst[:, 0])) | {"coverage_90": within}
     return {"cavity_volume": FurtherTerms(part.terms, error)}, {"cavity_volume": accuracy}
+
+
+def with_forces(
+    surrogate: Surrogate,
+    coarse: Solved,
+    fine: Solved,
+    *,
+    usual: Sequence[Curve],
+    terms: FitTerms,
+) -> Surrogate:
+    """Return an emulator that answers the blocked tip force as well.
+
+    Parameters
+    ----------
+    surrogate : Surrogate
+        Of the free actuator.
+    coarse, fine : pair of sequences
+        Curves and what was solved of them with the tip held, on either mesh.
+    usual : sequence of Curve
+        At which the error is known best.
+    terms : FitTerms
+        The force is fitted with those of the volume.
+
+    Raises
+    ------
+    BayesdegError
+        If no curve says anything of the force.
+    """
+    units, span = surrogate.units, surrogate.span
+    many, few = (
+        {
+            curve: run
+            for curve, solved in zip(*_counted(*runs, units), strict=True)
+            if is_answered(curve, span)
+            and (run := observe_force(curve, solved, span=span, length=surrogate.length))
+        }
+        for runs in (coarse, fine)
+    )
+    if not (many and few):
+        raise BayesdegError("no curve with the tip held has enough equilibria to learn from")
+    part = _train(many, few, replace(terms.volume, outputs=(0,)), span)
+    met = _material_points([counted_in(curve, units) for curve in usual])
+    error = _error_of(part, met, terms)
+    record = json.loads(surrogate.record)
+    within = coverage(error, part.points, part.left_out)[0]
+    record["accuracy"]["tip_force"] = summary(list(part.worst[:, 0])) | {"coverage_90": within}
+    answers = {**surrogate.further, "tip_force": FurtherTerms(part.terms, error)}
+    return replace(surrogate, further=answers, record=json.dumps(record, indent=1))
 
 
 def _counted(
@@ -911,9 +963,13 @@ def runs(
     """
     recipe = recipe or Recipe()
     coarse, fine = _curves(recipe, design)
+    ways = (False, True) if design is not None and design.with_forces else (False,)
+    both = ((recipe.coarse_mesh, coarse), (recipe.fine_mesh, fine))
     return [
-        *(Run(geometry, recipe.coarse_mesh, curve, Kind.SAMPLES) for curve in coarse),
-        *(Run(geometry, recipe.fine_mesh, curve, Kind.SAMPLES) for curve in fine),
+        Run(geometry, mesh, curve, Kind.SAMPLES, held)
+        for held in ways
+        for mesh, curves in both
+        for curve in curves
     ]
 
 
@@ -969,20 +1025,13 @@ def build(
         for run, solution in zip(wanted, found, strict=True)
         if isinstance(solution, PathSamples)
     ]
-    coarse, fine = (
-        _split([pair for pair in solved if pair[0].resolution == mesh])
+    coarse, fine, *forces = (
+        _split([(r, s) for r, s in solved if r.resolution == mesh and r.held is held])
+        for held in (False, True)
         for mesh in (recipe.coarse_mesh, recipe.fine_mesh)
     )
     alike = has_ground(geometry)
-    record = {
-        "design": WHOLE_RANGE if design is None else LOCAL if alike else ALONE,
-        "seed": recipe.seed,
-        "coarse_mesh_mm": vars(recipe.coarse_mesh),
-        "fine_mesh_mm": vars(recipe.fine_mesh),
-        "dimensions_mm": vars(geometry.dimensions),
-    }
-    if not alike:
-        record["geometry"] = geometry.record()
+    record = _record_of(geometry, recipe, design)
     place: _Place = {"span": TrainingRange()}
     if design is not None:
         place = {"span": design.span, "usual": design.usual, "units": design.units}
@@ -991,7 +1040,25 @@ def build(
     # sums of several threads depend on their number
     with threadpool_limits(1):
         mesh_error = mesh_error_of(geometry)
-        return train(coarse, fine, length=length, mesh_error=mesh_error, record=record, **place)
+        surrogate = train(
+            coarse, fine, length=length, mesh_error=mesh_error, record=record, **place
+        )
+        if design is None or not design.with_forces:
+            return surrogate
+        return with_forces(surrogate, *forces, usual=design.usual, terms=place.get("terms", WHOLE))
+
+
+def _record_of(geometry: Moulded, recipe: Recipe, design: LocalDesign | None) -> dict[str, object]:
+    """Return what an emulator is trained on, as its file says."""
+    alike = has_ground(geometry)
+    record: dict[str, object] = {
+        "design": WHOLE_RANGE if design is None else LOCAL if alike else ALONE,
+        "seed": recipe.seed,
+        "coarse_mesh_mm": vars(recipe.coarse_mesh),
+        "fine_mesh_mm": vars(recipe.fine_mesh),
+        "dimensions_mm": vars(geometry.dimensions),
+    }
+    return record if alike else record | {"geometry": geometry.record()}
 
 
 class _Place(TypedDict):

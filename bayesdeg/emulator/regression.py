@@ -179,6 +179,39 @@ def observe(
     )
 
 
+def observe_force(
+    curve: Curve, samples: PathSamples, *, span: TrainingRange, length: float
+) -> Observed | None:
+    """Return what a run with its tip held says; None if that is less than two equilibria.
+
+    y = ln(ΔF/(M L² q)) of the half model, with ΔF less than at rest, under a load of q = p/M.
+    """
+    if len(samples.loads) < 3:
+        return None
+    place = Place.of(curve.material)
+    q = samples.loads[1:] / place.modulus
+    points = coordinates(np.column_stack([q, np.tile(place.values, (len(q), 1))]))
+    unit = place.modulus * length**2
+    changes = (samples.readings[1:] - samples.readings[0]) / unit
+    by_inputs = samples.gradients[1:] / unit
+    by_inputs[..., 1:] -= samples.gradients[0, :, 1:] / unit
+    keep = (points.points[:, 0] <= 1.0 + 1e-9) & (changes[:, 0] > 0.0)
+    if np.isfinite(samples.limit_load):
+        keep &= samples.loads[1:] <= LIMIT_MARGIN * samples.limit_load
+    if np.count_nonzero(keep) < 2:
+        return None
+    parts = (part[keep] for part in vars(points).values())
+    q, changes, by_inputs = q[keep], changes[keep], by_inputs[keep]
+    by_groups = _by_groups(by_inputs / changes[..., None], q, place, q[:, None])
+    by_groups[..., at.SECOND_INVARIANT] -= place.modulus  # of M itself: d ln M/dg = M
+    with np.errstate(invalid="ignore", divide="ignore"):
+        first = np.log(samples.gradients[0, :, 0] * place.modulus / unit)
+    tight = curve.material.paper_slack == 0.0
+    weights = np.maximum(changes[:, 0] / changes.max(), FLOOR)
+    values = np.log(changes / q[:, None])
+    return Observed(Coordinates(*parts), q, values, by_groups, weights, first, tight=tight)
+
+
 def _quantities(samples: PathSamples, length: float) -> tuple[Floats, Floats]:
     """Return κ s L, bend angle, strains and V/L³, (n, 10), with derivatives by ``INPUTS``."""
     angle, arc = samples.readings[:, 0], samples.readings[:, 1]

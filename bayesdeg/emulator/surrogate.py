@@ -7,6 +7,7 @@ With q = p/M the load, s the linear scale, L the length as moulded and W the war
     peak stretch            λ − 1 = (q + b) exp(W + Y₂)
     other strains               ε = (q + b) exp(W + Yₖ)
     half of the cavity's change ΔV = s³ L³ q exp(W + Yₖ)
+    half of the tip's force      F = s² L² M q exp(W + Yₖ)
 
 where b is the load that misfit and weight of the body amount to, and each Y a sum of ``Terms``. So
 the curvature is zero at zero pressure, smooth in it, and has exact derivatives.
@@ -282,7 +283,7 @@ STRAIN_MESH_ERROR = 0.025
 what a mesh of 4616 instead of 2042 elements changes (`benchmarks/rupture_measures.py`)."""
 LIMIT_MARGIN = 2.0  # standard errors that are kept away from a limit
 _TABLES = ("terms", "error", "limit", "strains", "strain_error")
-FURTHER: tuple[Asked, ...] = ("cavity_volume",)
+FURTHER: tuple[Asked, ...] = ("cavity_volume", "tip_force")
 _NUMBERS = ("length", "mesh_error")
 
 
@@ -463,10 +464,18 @@ class Surrogate:
         place = np.zeros(()) if phi is None else phi
         growth = 1.0 + (warped + 1.0) * by_load - place * (1.0 - place) * by_phi
         known = np.where(allowed, loads * rows.stretching[:, None], np.nan)
-        size = 2e-3 * (self.length * inputs.linear_scale) ** 3  # ml, of both halves
+        size = self._size_of(inputs)
         value = np.asarray(size * (known * np.exp(y)).reshape(batch.shape))
         sd = value * np.sqrt(np.exp(log_error) + self.mesh_error**2).reshape(batch.shape)
         return Further(value, value * growth.reshape(batch.shape), sd)
+
+    def _size_of(self, inputs: Inputs) -> Floats:
+        """Return what is asked of both halves where q exp(W + Y) is 1 [ml or N]."""
+        length = self.length * inputs.linear_scale
+        if inputs.asked == "cavity_volume":
+            return np.asarray(2e-3 * length**3)
+        second = 0.0 if inputs.second_invariant is None else inputs.second_invariant
+        return np.asarray(2.0 * length**2 * (inputs.c1 + SECOND * second))
 
     def _demand(
         self, inputs: Inputs, batch: Batch, rows: Rows, allowed: Flags

@@ -18,17 +18,18 @@ from the paper. Walls that bulge, dividers and slots between the chambers, and l
 left out; what they do to the force as a whole is the parameter ``force_gain``. Derived here from
 the theory of composite beams. Finite elements (`bayesdeg.actuator.curve.ExactMap.tip_force`) give
 0.35 of it for a fresh default pneunet at 20 kPa, 0.54 at 200 kPa, and 0.56 to 0.58 where C1 is 1.6
-MPa; they solve for the force curve by curve, and no emulator stands for them.
+MPa. So where curvatures are in the study, and the emulator is one that is trained for it, forces
+are those of finite elements with the tip held, `HeldTip`; the beam is for forces alone.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, override
 
 import numpy as np
 import pandera.pandas as pa
 from numpy.typing import NDArray
 
-from bayesdeg.actuator.inputs import Inputs
+from bayesdeg.actuator.inputs import Asked, Inputs
 from bayesdeg.causes.cause import Cause
 from bayesdeg.causes.fold import Acting, applied
 from bayesdeg.data.settings import Dimensions
@@ -42,13 +43,13 @@ from bayesdeg.data.tables import (
     number,
     of_actuators,
 )
-from bayesdeg.errors import Fault, StudyError
+from bayesdeg.errors import BayesdegError, Fault, StudyError
 from bayesdeg.observations.curvature import actuator_parameters, inputs_met, parts_of
 from bayesdeg.observations.kinds import State
 from bayesdeg.observations.noise import Linearised
 from bayesdeg.observations.pressures import ReadAtPressures, pressure_tests
 from bayesdeg.observations.specimens import FilmsAndActuators
-from bayesdeg.priors import HalfNormal, LogNormal, Parameter, Uniform
+from bayesdeg.priors import HalfNormal, LogNormal, Normal, Parameter, Uniform
 
 Floats = NDArray[np.float64]
 
@@ -190,12 +191,91 @@ class TipForce(ReadAtPressures):
         return bool(np.max(np.abs(after - before)) > LEAST * np.max(before))
 
 
-def from_study(study: Study) -> tuple[TipForce, ...]:
-    """Return the tip forces of a study, if there are any."""
+EMULATOR_ERROR = Parameter(
+    "emulator_error_force",
+    Normal(0.0, 1.0),
+    "–",
+    "error of the emulator common to all tip forces, in its own standard errors",
+)
+# of a load cell and of how the tip rests on it: friction, and an edge that is no line
+_CELL = Parameter("force_gain", LogNormal(1.0, 0.05), "–", "blocked tip force read over computed")
+
+
+@dataclass(frozen=True)
+class HeldTip(ReadAtPressures):
+    """Blocked tip forces of actuators that finite elements answer, beside curvatures of others.
+
+    Parameters
+    ----------
+    tests : PressureTests
+        What was read.
+    """
+
+    name: ClassVar[str] = "force"
+    order: ClassVar[int] = 25
+    priority: ClassVar[int] = 1
+    beside: ClassVar[bool] = True
+    uses_forward: ClassVar[bool] = True
+    asks: ClassVar[Asked] = "tip_force"
+    reading: ClassVar[str] = TIP_FORCE
+    column: ClassVar[str] = "tip_force_N"
+    output: ClassVar[str] = "tip_force"
+
+    @property
+    @override
+    def parameters(self) -> tuple[Parameter, ...]:
+        largest = float(self.tests.conditions.pressure.max())
+        length = Uniform(SHORTEST_NOISE * largest, LONGEST_NOISE * largest)
+        noise = (one for one in _FORCE if one.name != _CELL.name)
+        return (_CELL, *noise, Parameter("force_noise_length", length, "kPa", _MEANING))
+
+    @property
+    @override
+    def error_parameters(self) -> tuple[Parameter, ...]:
+        return (EMULATOR_ERROR,)
+
+    @override
+    def linearised(self, state: State[FilmsAndActuators]) -> Linearised:
+        return state.once(_held_forces, self)
+
+
+def _held_forces(state: State[FilmsAndActuators], data: HeldTip) -> Linearised:
+    """Linearise forces at no deviation of the specimens' ln stiffness.
+
+    F = C1 f(p/C1), so that stiffer by a part in a hundred it changes by F − p ∂F/∂p hundredths.
+    """
+    values, parts = state.values, state.once(parts_of, data.tests)
+    met = inputs_met(state, data.tests, np.zeros((*parts.spread.shape, 1)))
+    found = state.world.forward(replace(met, asked=data.asks)).further
+    if found is None:
+        raise BayesdegError("the forward map of this model does not answer tip forces")
+    shape = (*parts.spread.shape, data.tests.mask.shape[1])
+    error = values.get(EMULATOR_ERROR.name, np.zeros(len(state)))[:, None, None]
+    gain = values["force_gain"][:, None, None]
+    mean = np.broadcast_to(gain * (found.value + error * found.sd), shape)
+    noise, floor = (values[f"force_noise{end}"][:, None, None] for end in ("", "_floor"))
+    return Linearised(
+        data.tests.read - mean,
+        np.broadcast_to(gain * (found.value - found.slope), shape)[..., None],
+        floor**2 + (noise * mean) ** 2,
+        parts.spread[..., None],
+        values["force_noise_length"],
+        np.zeros(len(state)),
+        data.tests.paths,
+    )
+
+
+def from_study(study: Study) -> tuple[TipForce | HeldTip, ...]:
+    """Return the tip forces of a study, if there are any.
+
+    Where curvatures are there too finite elements answer both; without them a beam does.
+    """
     table = study.table(TABLE.name)
     tests = None if table is None else pressure_tests(table, "tip_force_N")
     if tests is None:
         return ()
+    if study.actuator is not None:
+        return (HeldTip(tests),)
     mould, constraint = study.geometry, study.settings.constraint
     if not (isinstance(mould, Dimensions) and constraint.is_membrane and not constraint.height):
         problem = "is of an actuator whose tip force is not computed"

@@ -15,7 +15,8 @@ from bayesdeg.emulator.local import AskedInputs
 from bayesdeg.emulator.scaling import GROUPS, LOAD, TrainingRange, groups_of
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.inference.model import JointModel, share_outside
-from bayesdeg.observations.curvature import Curvature, inputs_met
+from bayesdeg.observations.curvature import AtPressures, Curvature, inputs_met, parts_of
+from bayesdeg.observations.force import HeldTip
 from bayesdeg.observations.specimens import no_map
 from bayesdeg.pipeline.assemble import Assembly, assemble
 from bayesdeg.pipeline.calibrate import base_without_chain
@@ -162,10 +163,12 @@ def _of_model(
     vectors[:, : known.shape[1]] = known  # those of the causes come last
     with np.errstate(all="ignore"):
         state = model.tests(model.table.named(vectors))
-        for one in model.of_kind(Curvature):
-            sd = one.deviation_sd(state)
+        tests: list[AtPressures] = [one.curves for one in model.of_kind(Curvature)]
+        tests += [one.tests for one in model.of_kind(HeldTip)]
+        for one in tests:
+            sd = np.sqrt(state.once(parts_of, one).spread)[..., None]
             off = np.clip(generator.standard_normal(sd.shape), -OFF, OFF) * sd
-            yield _flat(groups_of(inputs_met(state, one.curves, off)))
+            yield _flat(groups_of(inputs_met(state, one, off)))
 
 
 def _flat(given: dict[str, Floats]) -> AskedInputs:

@@ -15,7 +15,8 @@ from bayesdeg.actuator.material import MaterialGroups
 from bayesdeg.actuator.mesh import COARSE, ActuatorMesh, build_mesh, grid_order, tip_edge
 from bayesdeg.actuator.outputs import face_rotation
 from bayesdeg.actuator.problem import Problem, System
-from bayesdeg.actuator.status import Resolution, Status
+from bayesdeg.actuator.sensitivity import INPUTS
+from bayesdeg.actuator.status import PathEffort, Resolution, Status
 from bayesdeg.data.settings import Dimensions
 
 SMALL = Geometry(Dimensions(length=20.0, chambers=2))
@@ -135,3 +136,38 @@ def test_impossible_inputs_are_a_status():
     found = held.tip_forces(Curve((0.1,), replace(YEOH, paper_group=-1.0)))
     assert found.status is Status.INVALID_INPUT
     assert found.readings.shape == (0, 1)
+
+
+def test_derivatives_of_the_force_are_those_of_solutions_done_anew():
+    """By every input, each moved a little either way; slack and weight included."""
+    material = replace(
+        YEOH,
+        paper_thickness=0.1,
+        second_invariant_ratio=0.1,
+        skin=0.2,
+        paper_slack=0.004,
+        gravity_along=1e-5,
+        gravity_up=2e-5,
+        erosion=0.05,
+        wall_factor=1.05,
+    )
+    held = Actuator(build_mesh(SMALL, COARSEST), held=True)
+    effort = PathEffort(tolerance=1e-6, rate_tolerance=1e-7)
+    found = held.sample(Curve((0.15,), material), effort=effort)
+    assert found.readings.shape == (len(found.loads), 1)
+    last = held.tip_forces(Curve((0.15,), material), effort=replace(effort, exact=True))
+    assert found.readings[-1, 0] == pytest.approx(last.readings[0, 0], rel=1e-6)
+    for column, name in enumerate(INPUTS):
+        value = 0.15 if name == "load" else getattr(material, name)
+        step = 1e-3 * abs(value) if value else 1e-5
+        ends = []
+        for sign in (-1.0, 1.0):
+            load = 0.15 + sign * step if name == "load" else 0.15
+            moved = material if name == "load" else replace(material, **{name: value + sign * step})
+            curve = Curve((load,), moved)
+            ends.append(held.tip_forces(curve, effort=replace(effort, exact=True)).readings[0, 0])
+        slope = (ends[1] - ends[0]) / (2.0 * step)
+        scale = abs(last.readings[0, 0]) / max(abs(value), 1e-2)
+        assert found.gradients[-1, 0, column] == pytest.approx(slope, rel=2e-3, abs=1e-4 * scale), (
+            name
+        )
