@@ -1056,7 +1056,7 @@ def _record_of(geometry: Moulded, recipe: Recipe, design: LocalDesign | None) ->
         "seed": recipe.seed,
         "coarse_mesh_mm": vars(recipe.coarse_mesh),
         "fine_mesh_mm": vars(recipe.fine_mesh),
-        "dimensions_mm": vars(geometry.dimensions),
+        "dimensions_mm": {n: v for n, v in vars(geometry.dimensions).items() if n != "path"},
     }
     return record if alike else record | {"geometry": geometry.record()}
 
