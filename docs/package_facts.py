@@ -190,6 +190,7 @@ def _dimensions(kind: str, mould) -> list[Entry]:
     return [
         Entry(f.name, "", meanings[f.name], place, _written(f.default), accepts=wanted[f.name])
         for f in fields(mould)
+        if not f.metadata
     ]
 
 

@@ -187,6 +187,7 @@ def test_files_are_read_and_written_in_few_places():
 
     places = {
         "data/study.py",
+        "data/part.py",  # the mesh beside a study
         "actuator/linear.py",  # where a library is
         "emulator/campaign.py",
         "emulator/design.py",

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from bayesdeg.actuator.demand import MEASURES, demanded_strain, needed
 from bayesdeg.actuator.equilibrium import LoadStep, Path, follow
 from bayesdeg.actuator.inputs import (
+    Further,
     Inputs,
     Prediction,
     dimensionless,
@@ -20,7 +21,13 @@ from bayesdeg.actuator.inputs import (
 )
 from bayesdeg.actuator.linear import Factorization, open_factorization
 from bayesdeg.actuator.material import LayerGroups, MaterialGroups
-from bayesdeg.actuator.mesh import ActuatorMesh, build_mesh, reshaped
+from bayesdeg.actuator.mesh import (
+    ActuatorMesh,
+    build_mesh,
+    reshaped,
+    tip_edge,
+    with_held_tip,
+)
 from bayesdeg.actuator.moulded import Moulded
 from bayesdeg.actuator.outputs import (
     OUTPUTS,
@@ -30,7 +37,13 @@ from bayesdeg.actuator.outputs import (
     read_with_gradients,
 )
 from bayesdeg.actuator.problem import DiscreteEquations, Problem, System
-from bayesdeg.actuator.sensitivity import INPUTS, Variation, derivatives, variations
+from bayesdeg.actuator.sensitivity import (
+    INPUTS,
+    Variation,
+    derivatives,
+    reaction_derivatives,
+    variations,
+)
 from bayesdeg.actuator.status import MODEL_VERSION as MODEL_VERSION
 from bayesdeg.actuator.status import Backend, PathEffort, Resolution, Status
 from bayesdeg.actuator.weak_form import Spaces, WeakForm
@@ -97,6 +110,49 @@ class PathRecord:
                 enough=self._enough,
             )
         )
+
+
+class ForceRecord:
+    """Reads and differentiates the force at the held tip while the solver holds the factors.
+
+    Parameters
+    ----------
+    mesh, problem, solver, shapes, enough
+        As of `PathRecord`.
+    """
+
+    def __init__(
+        self,
+        mesh: ActuatorMesh,
+        problem: Problem,
+        solver: Factorization,
+        *,
+        shapes: Sequence[Variation | None],
+        enough: float,
+    ) -> None:
+        self._share, self._held = mesh.share, tip_edge(mesh)
+        self._problem, self._solver = problem, solver
+        self._shapes, self._enough = shapes, enough
+        self.loads, self.readings = list[float](), list[Floats]()
+        self.gradients = list[Floats]()
+
+    def visit(self, step: LoadStep) -> None:
+        """Record a converged step."""
+        if step.factors is None:
+            return
+        residual = self._problem.linearise(step.state, tangent=False).force
+        self.loads.append(step.state.load)
+        self.readings.append(self._share * residual[self._held, 2].sum(keepdims=True))
+        found = reaction_derivatives(
+            self._problem,
+            self._solver,
+            state=step.state,
+            factors=step.factors,
+            held=self._held,
+            shapes=self._shapes,
+            enough=self._enough,
+        )
+        self.gradients.append(self._share * found)
 
 
 @dataclass(frozen=True)
@@ -206,6 +262,8 @@ class Actuator:
         The direct solver; by default the best that this machine has.
     backend : {"kernels", "scikit-fem"}
         What assembles the equations; derivatives are those of the kernels only.
+    held : bool
+        Whether the tip is held in the bending direction, so that `tip_forces` can be asked.
 
     Raises
     ------
@@ -219,8 +277,10 @@ class Actuator:
         *,
         solver: str | None = None,
         backend: Backend | str = Backend.KERNELS,
+        held: bool = False,
     ) -> None:
-        self.mesh, self.system = mesh, System(mesh.body)
+        mesh = with_held_tip(mesh) if held else mesh
+        self.mesh, self.system, self.held = mesh, System(mesh.body), held
         self.backend = Backend(backend)
         self._spaces = Spaces.on(mesh.body) if self.backend is Backend.SCIKIT_FEM else None
         self._solver, self._lock = solver, Lock()
@@ -243,6 +303,30 @@ class Actuator:
             solver = self._opened()
             path = follow(problem, solver, loads=curve.loads, effort=effort)
         return _read_path(mesh, path, solver.name)
+
+    def tip_forces(self, curve: Curve, *, effort: PathEffort | None = None) -> CurveSolution:
+        """Return the forces that hold the tip of the half model up against bending.
+
+        As `solve`, with one reading, the force over C1 [mm²]: what of the internal forces at the
+        nodes that are held no load balances.
+
+        Raises
+        ------
+        ValueError
+            If the tip is not held.
+        """
+        if not self.held:
+            raise ValueError("the tip of this actuator is not held")
+        try:
+            mesh, problem = self.equations(curve)
+        except (GeometryError, ValueError):
+            return _empty(Status.INVALID_INPUT, outputs=1)
+        with self._lock:
+            solver = self._opened()
+            path = follow(problem, solver, loads=curve.loads, effort=effort)
+        found = _reactions(problem, tip_edge(mesh), path, solver.name)
+        own = {name: mesh.share * getattr(found, name) for name in _FORCES}
+        return replace(found, **own)
 
     def solve_with_gradients(
         self, curve: Curve, *, effort: PathEffort | None = None
@@ -276,7 +360,8 @@ class Actuator:
     def sample(self, curve: Curve, *, effort: PathEffort | None = None) -> PathSamples:
         """Follow a curve to its last load; return readings and derivatives where the path stopped.
 
-        With all derivatives a curve costs less than twice as much as without.
+        With all derivatives a curve costs less than twice as much as without. Of a held tip the
+        force alone is read, as by `tip_forces`.
 
         Raises
         ------
@@ -284,18 +369,19 @@ class Actuator:
             If scikit-fem assembles the equations, or a layer is of another elastomer.
         """
         self._need_kernels(curve)
+        outputs = 1 if self.held else len(OUTPUTS)
         try:
             mesh, problem = self.problem(curve)
         except (GeometryError, ValueError):
-            return _no_samples(Status.INVALID_INPUT)
+            return _no_samples(Status.INVALID_INPUT, outputs)
         with self._lock:
             record = self._recorder(problem, mesh, None, 1e-4)
             solver = self._opened()
             path = follow(problem, solver, loads=curve.loads, effort=effort, visit=record.visit)
         return PathSamples(
             np.array(record.loads),
-            np.array(record.readings).reshape(-1, len(OUTPUTS)),
-            _stacked(record.gradients),
+            np.array(record.readings).reshape(-1, outputs),
+            _stacked(record.gradients, outputs),
             path.status,
             path.limit_load,
             path.iterations,
@@ -312,8 +398,10 @@ class Actuator:
 
     def _recorder(
         self, problem: Problem, mesh: ActuatorMesh, wanted: frozenset[float] | None, enough: float
-    ) -> PathRecord:
+    ) -> PathRecord | ForceRecord:
         shapes = variations(self.mesh, self.system, problem.material)
+        if self.held:
+            return ForceRecord(mesh, problem, self._opened(), shapes=shapes, enough=enough)
         return PathRecord(
             mesh, problem, self._opened(), shapes=shapes, wanted=wanted, enough=enough
         )
@@ -373,18 +461,18 @@ def check_inputs(curve: Curve) -> None:
         raise ValueError("; ".join(wrong))
 
 
-def _empty(status: Status) -> CurveSolution:
-    none, missing = np.empty((0, len(OUTPUTS))), np.full(len(OUTPUTS), np.nan)
+def _empty(status: Status, *, outputs: int = len(OUTPUTS)) -> CurveSolution:
+    none, missing = np.empty((0, outputs)), np.full(outputs, np.nan)
     return CurveSolution(none, none, missing, missing, status, 0.0, 0, "")
 
 
-def _stacked(gradients: Sequence[Floats]) -> Floats:
-    return np.array(gradients).reshape(-1, len(OUTPUTS), len(INPUTS))
+def _stacked(gradients: Sequence[Floats], outputs: int = len(OUTPUTS)) -> Floats:
+    return np.array(gradients).reshape(-1, outputs, len(INPUTS))
 
 
-def _no_samples(status: Status) -> PathSamples:
-    none = np.empty((0, len(OUTPUTS)))
-    return PathSamples(np.empty(0), none, _stacked([]), status, 0.0, 0, "")
+def _no_samples(status: Status, outputs: int) -> PathSamples:
+    none = np.empty((0, outputs))
+    return PathSamples(np.empty(0), none, _stacked([], outputs), status, 0.0, 0, "")
 
 
 def _read_path(mesh: ActuatorMesh, path: Path, solver: str) -> CurveSolution:
@@ -406,6 +494,28 @@ def _read_path(mesh: ActuatorMesh, path: Path, solver: str) -> CurveSolution:
         path.iterations,
         solver,
     )
+
+
+_FORCES = ("readings", "rates", "rest", "rest_rates")
+
+
+def _reactions(
+    problem: DiscreteEquations, held: NDArray[np.int64], path: Path, solver: str
+) -> CurveSolution:
+    """Return the force at nodes that are held, at every equilibrium of a path."""
+    end = (path.status, path.limit_load, path.iterations)
+    if path.rest is None:
+        return replace(
+            _empty(path.status, outputs=1), limit_load=path.limit_load, iterations=path.iterations
+        )
+    values, rates = list[float](), list[float]()
+    for point in (path.rest, *path.points):
+        residual = problem.linearise(point.state, tangent=False).force
+        ((change, _),) = problem.products(point.state, [point.rate])
+        values.append(float(residual[held, 2].sum()))
+        rates.append(float(change[held, 2].sum()))
+    found, by_load = np.array(values)[:, None], np.array(rates)[:, None]
+    return CurveSolution(found[1:], by_load[1:], found[0], by_load[0], *end, solver)
 
 
 # of a campaign: beyond so many factorizations a path is not one that an emulator should learn
@@ -452,8 +562,9 @@ class ExactMap:
         """Solve every curve; the last axis of the inputs runs over pressures."""
         if inputs.reference_pressure is not None:
             return relative_to_reference(self, inputs)
-        curvature, angle, stretch, slope, status, _, *strains = self._answers(inputs)
+        curvature, angle, stretch, slope, status, swept, swelling, *strains = self._answers(inputs)
         shape = curvature.shape
+        volumes = Further(swept, swelling, np.zeros(shape))
         if inputs.criterion != "principal_stretch":
             seen = np.stack([strains[k] for k in needed(inputs.criterion)])
             stretch = 1.0 + demanded_strain(inputs, seen)
@@ -466,7 +577,11 @@ class ExactMap:
             bend_angle_sd=np.zeros(shape),
             peak_stretch_sd=np.zeros(shape),
             status=status.astype(np.int64),
+            further=volumes if inputs.asked == "cavity_volume" else self._force_if_asked(inputs),
         )
+
+    def _force_if_asked(self, inputs: Inputs) -> Further | None:
+        return self.tip_force(inputs) if inputs.asked == "tip_force" else None
 
     def cavity_volume(self, inputs: Inputs) -> Floats:
         """Return the volume of the whole actuator's cavity less that at zero pressure [ml].
@@ -485,8 +600,29 @@ class ExactMap:
         volume: Floats = self._answers(inputs)[5]
         return volume
 
-    def _answers(self, inputs: Inputs) -> Floats:
-        """Solve every curve; what `_place` returns, (6 + n_measures, …)."""
+    def tip_force(self, inputs: Inputs) -> Further:
+        """Return the force that holds the tip of the whole actuator in the bending direction [N].
+
+        The lower edge of its free end rests on a load cell; the force is less that at the reference
+        pressure, or at zero pressure. It is nan where the curve was not reached.
+
+        Parameters
+        ----------
+        inputs : Inputs
+            The last axis runs over pressures.
+        """
+        if inputs.reference_pressure is not None:
+            plain = replace(inputs, reference_pressure=None)
+            at, zero = (
+                self.tip_force(one)
+                for one in (plain, replace(plain, pressure=inputs.reference_pressure))
+            )
+            return Further(at.value - zero.value, at.slope - zero.slope, at.sd)
+        value, slope = self._answers(inputs, held=True)
+        return Further(value, slope, np.zeros(value.shape))
+
+    def _answers(self, inputs: Inputs, *, held: bool = False) -> Floats:
+        """Solve every curve; what `_place` returns, (7 + n_measures, …), or `_place_force`."""
         load, *_ = dimensionless(inputs)
         groups = material_groups(inputs)
         shape = np.broadcast_shapes(load.shape, *(np.shape(group) for group in groups.values()))
@@ -507,9 +643,14 @@ class ExactMap:
             )
             for i, at in places
         ]
-        found = np.empty((6 + len(MEASURES), *load.shape))
-        for (i, at), curve, solution in zip(places, curves, self._solve(curves), strict=True):
-            found[:, i, at] = _place(solution, curve, load[i, at], scale[i, at])
+        found = np.empty((2 if held else 7 + len(MEASURES), *load.shape))
+        solved = self._solve(curves, held=held)
+        for (i, at), curve, solution in zip(places, curves, solved, strict=True):
+            if held:
+                size = 2.0 * c1[i, at] * scale[i, at] ** 2  # N, of both halves
+                found[:, i, at] = _place_force(solution, curve, load[i, at], size)
+            else:
+                found[:, i, at] = _place(solution, curve, load[i, at], scale[i, at])
         return found.reshape(-1, *shape)
 
     def _layer(self, c1: float) -> LayerGroups | None:
@@ -519,13 +660,13 @@ class ExactMap:
             return None
         return LayerGroups(*(constant / c1 for constant in constraint.constants))
 
-    def _solve(self, curves: list[Curve]) -> list[CurveSolution]:
+    def _solve(self, curves: list[Curve], *, held: bool = False) -> list[CurveSolution]:
         tasks = [(self.geometry, self.resolution, curve) for curve in curves]
         apply = map if self._executor is None else self._executor.map
         # a curve without loads is no work
         self._on_start(sum(len(curve.loads) > 0 for curve in curves))
         solutions = []
-        solve = partial(solve_task, backend=self.backend)
+        solve = partial(solve_task, backend=self.backend, held=held)
         for curve, solution in zip(curves, apply(solve, tasks), strict=True):
             if curve.loads:
                 self._on_curve()
@@ -540,15 +681,20 @@ class _Held:
     """The meshes last used by this process, with their solvers; older ones are closed."""
 
     def __init__(self) -> None:
-        self._actuators: dict[tuple[Moulded, Resolution, Backend], Actuator] = {}
+        self._actuators: dict[tuple[Moulded, Resolution, Backend, bool], Actuator] = {}
 
     def get(
-        self, geometry: Moulded, resolution: Resolution, backend: Backend = Backend.KERNELS
+        self,
+        geometry: Moulded,
+        resolution: Resolution,
+        backend: Backend = Backend.KERNELS,
+        *,
+        held: bool = False,
     ) -> Actuator:
-        key = (geometry, resolution, backend)
+        key = (geometry, resolution, backend, held)
         found = self._actuators.pop(key, None)
         if found is None:
-            found = Actuator(build_mesh(geometry, resolution), backend=backend)
+            found = Actuator(build_mesh(geometry, resolution), backend=backend, held=held)
         self._actuators[key] = found
         while len(self._actuators) > MESHES:
             self._actuators.pop(next(iter(self._actuators))).close()
@@ -563,18 +709,23 @@ def solve_task(
     *,
     effort: PathEffort | None = None,
     backend: Backend = Backend.KERNELS,
+    held: bool = False,
 ) -> CurveSolution:
-    """Solve one curve, with this process's copy of the mesh built once."""
+    """Solve one curve, with this process's copy of the mesh built once; of a held tip its force."""
     geometry, resolution, curve = task
-    return _HELD.get(geometry, resolution, backend).solve(curve, effort=effort)
+    actuator = _HELD.get(geometry, resolution, backend, held=held)
+    return (actuator.tip_forces if held else actuator.solve)(curve, effort=effort)
 
 
 def sample_task(
-    task: tuple[Moulded, Resolution, Curve], *, effort: PathEffort | None = None
+    task: tuple[Moulded, Resolution, Curve],
+    *,
+    effort: PathEffort | None = None,
+    held: bool = False,
 ) -> PathSamples:
-    """Sample one curve, with this process's copy of the mesh built once."""
+    """Sample one curve, with this process's copy of the mesh built once, its tip held or free."""
     geometry, resolution, curve = task
-    return _HELD.get(geometry, resolution).sample(curve, effort=effort or SAMPLING)
+    return _HELD.get(geometry, resolution, held=held).sample(curve, effort=effort or SAMPLING)
 
 
 def _alike(rows: dict[str, Floats], row: int) -> list[NDArray[np.intp]]:
@@ -590,18 +741,31 @@ def _curve(load: Floats, groups: dict[str, Floats]) -> Curve:
     return Curve(tuple(float(q) for q in loads), material)
 
 
+def _place_force(solution: CurveSolution, curve: Curve, load: Floats, size: Floats) -> list[Floats]:
+    """Put forces less that at rest, and p times their derivatives by p, where loads stand."""
+    values = np.concatenate([solution.rest, solution.readings[:, 0]])
+    rates = np.concatenate([solution.rest_rates, solution.rates[:, 0]])
+    known = np.concatenate([[0.0], curve.loads])
+    at = np.searchsorted(known, load)
+    ok = (at < len(values)) & (load >= 0.0)
+    take = np.minimum(at, len(values) - 1)
+    columns = (values - values[0], known[: len(values)] * rates)
+    return [size * np.where(ok, column[take], np.nan) for column in columns]
+
+
 def _place(solution: CurveSolution, curve: Curve, load: Floats, scale: Floats) -> list[Floats]:
     """Put the solved loads, and rest at zero load, where they stand among the observations.
 
     Curvature, bend angle, peak stretch, slope, status, cavity volume of both halves less that at
-    rest [ml], and the strains of ``MEASURES``.
+    rest [ml], q times its derivative by q, and the strains of ``MEASURES``.
     """
     values = np.vstack([solution.rest, solution.readings])
     rates = np.vstack([solution.rest_rates, solution.rates])
     angle, length = values[:, 0], values[:, 1]
     kappa = angle / length * 1e3
     known = np.concatenate([[0.0], curve.loads])
-    slope = known[: len(kappa)] * (rates[:, 0] - angle / length * rates[:, 1]) / length * 1e3
+    reached = known[: len(kappa)]
+    slope = reached * (rates[:, 0] - angle / length * rates[:, 1]) / length * 1e3
     at = np.searchsorted(known, load)
     solved = np.isfinite(solution.rest[0])
     ok = (at < len(kappa)) & (load >= 0.0) & solved
@@ -609,13 +773,14 @@ def _place(solution: CurveSolution, curve: Curve, load: Floats, scale: Floats) -
     failed = np.where(load >= 0.0, int(solution.status), int(Status.INVALID_INPUT))
     status = np.where(ok, int(Status.CONVERGED), failed)
     strains = measured_strains(values).T
-    volume = 2.0 * CUBIC_MILLIMETRE * (values[:, VOLUME] - values[0, VOLUME])
+    halves = 2.0 * CUBIC_MILLIMETRE
+    volume = halves * (values[:, VOLUME] - values[0, VOLUME])
     columns = (
         *(kappa - kappa[0], np.degrees(angle - angle[0]), values[:, PEAK], slope),
-        *(volume, *strains),
+        *(volume, halves * reached * rates[:, VOLUME], *strains),
     )
-    curvature, degrees, peak, change, swept, *measured = (
+    curvature, degrees, peak, change, swept, swelling, *measured = (
         np.where(ok, column[take], np.nan) for column in columns
     )
-    swept = swept * scale**3
-    return [curvature / scale, degrees, peak, change / scale, status, swept, *measured]
+    whole = (swept * scale**3, swelling * scale**3)
+    return [curvature / scale, degrees, peak, change / scale, status, *whole, *measured]

@@ -6,6 +6,7 @@ from typing import Any
 
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.moulded import Moulded
+from bayesdeg.actuator.part import PartGeometry
 from bayesdeg.actuator.segment import SegmentGeometry
 from bayesdeg.data.families import Constraint, Kind, Mould
 from bayesdeg.data.settings import MOULDS, Settings
@@ -14,6 +15,7 @@ GEOMETRIES: Mapping[Kind, Callable[..., Moulded]] = {
     "pneunet": Geometry,
     "ribbed": SegmentGeometry,
     "cylindrical": SegmentGeometry,
+    "mesh": PartGeometry,
 }
 """Each is made of the family's dimensions, a wall factor, an erosion and a constraint."""
 

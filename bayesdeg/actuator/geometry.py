@@ -225,6 +225,11 @@ class Geometry:
         """
         return 2.0 * volume_without(self.planes(), (*self.cavities, *self.slots))
 
+    @property
+    def is_boxes(self) -> bool:
+        """Whether it is a block less boxes: it is."""
+        return True
+
     def mesh_like(self, usual: Resolution) -> Resolution:
         """Return a mesh of the default pneunet in the ratio of the sizes of both."""
         return usual.scaled(relative_size(self.dimensions))

@@ -1,7 +1,7 @@
 """What a forward map takes and gives, and the dimensionless groups of its inputs."""
 
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,9 @@ from bayesdeg.data.settings import RuptureCriterion
 Floats = NDArray[np.float64]
 
 PAPER_THICKNESS = 0.1  # mm
+
+Asked = Literal["", "cavity_volume", "tip_force"]
+"""What may be asked of a forward map beside the shape: nothing, or one of these."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +53,8 @@ class Inputs:
         What of the walls' state is asked for as peak stretch, see `bayesdeg.actuator.demand`.
     weibull_modulus : array, optional
         m of the weakest link, the same at all pressures of a specimen; of no other criterion [–].
+    asked : str
+        What is asked for beside the shape, see ``Prediction.further``.
     """
 
     pressure: Floats
@@ -70,6 +75,26 @@ class Inputs:
     erosion: Floats | None = None
     criterion: RuptureCriterion = "principal_stretch"
     weibull_modulus: Floats | None = None
+    asked: Asked = ""
+
+
+@dataclass(frozen=True)
+class Further:
+    """An output beside the shape, less that at the reference pressure, or at zero pressure.
+
+    Parameters
+    ----------
+    value : array
+        Volume of the whole cavity [ml], or force that holds the tip in the bending direction [N].
+    slope : array
+        p times its derivative by the pressure, in the same unit.
+    sd : array
+        Standard error of the map's own value.
+    """
+
+    value: Floats
+    slope: Floats
+    sd: Floats
 
 
 @dataclass(frozen=True)
@@ -99,6 +124,8 @@ class Prediction:
         ``Status`` of each value.
     excess : array, optional
         How far outside its range a map was asked that goes on beyond it, see `continuation` [–].
+    further : Further, optional
+        What the inputs asked for beside the shape; None where nothing was, or the map has none.
     """
 
     curvature: Floats
@@ -110,6 +137,7 @@ class Prediction:
     peak_stretch_sd: Floats
     status: NDArray[np.int64]
     excess: Floats | None = None
+    further: Further | None = None
 
 
 class ForwardMap(Protocol):
@@ -264,6 +292,15 @@ def relative_to_reference(forward: ForwardMap, inputs: Inputs) -> Prediction:
         bend_angle_sd=_difference_sd(plain.bend_angle_sd, zero.bend_angle_sd),
         status=np.maximum(plain.status, zero.status),
         excess=_either(plain.excess, zero.excess),
+        further=_further_difference(plain.further, zero.further),
+    )
+
+
+def _further_difference(plain: Further | None, zero: Further | None) -> Further | None:
+    if plain is None or zero is None:
+        return None
+    return Further(
+        plain.value - zero.value, plain.slope - zero.slope, _difference_sd(plain.sd, zero.sd)
     )
 
 

@@ -18,6 +18,7 @@ from bayesdeg.actuator.body import (
     levels_of,
 )
 from bayesdeg.actuator.moulded import Box, Moulded, Planes, bottom_is_exposed
+from bayesdeg.actuator.part import PartGeometry, meshed_part
 from bayesdeg.actuator.status import COARSE as COARSE
 from bayesdeg.actuator.status import CONVERGED as CONVERGED
 from bayesdeg.actuator.status import FINE as FINE
@@ -43,12 +44,16 @@ class ActuatorMesh:
     bottom_line : array, shape (n,)
         Nodes of the line at the middle of the constraint layer, which is on the bottom of a
         pneunet, ordered along x; its curvature is read.
+    share : float
+        Of the model's volume and force, what a half of the actuator has: 1/2 where the model is
+        the whole of it.
     """
 
     geometry: Moulded
     body: Body
     free_end: Indices
     bottom_line: Indices
+    share: float = 1.0
 
 
 def build_mesh(
@@ -79,6 +84,9 @@ def build_mesh(
     >>> bool(abs(mesh.body.volume - 1818.0) < 1e-6)  # volume of the material [mm³]
     True
     """
+    if isinstance(geometry, PartGeometry):
+        part = meshed_part(geometry, element)
+        return ActuatorMesh(geometry, part.body, part.tip, part.line, part.share)
     sizes = (resolution.along, resolution.across, resolution.up)
     also = (np.empty(0),) * 3 if cuts is None else cuts
     grids = [
@@ -110,6 +118,32 @@ def build_mesh(
     )
 
 
+def with_held_tip(mesh: ActuatorMesh) -> ActuatorMesh:
+    """Return the mesh with the lower edge of its free end held in the bending direction.
+
+    So it rests on a load cell: along x it slides, and the end may turn.
+
+    Examples
+    --------
+    >>> from bayesdeg.actuator.geometry import Geometry
+    >>> from bayesdeg.data.settings import Dimensions
+    >>> mesh = build_mesh(Geometry(Dimensions()), COARSE)
+    >>> int(np.sum(with_held_tip(mesh).body.fixed) - np.sum(mesh.body.fixed)) == len(tip_edge(mesh))
+    True
+    """
+    fixed = mesh.body.fixed.copy()
+    fixed[tip_edge(mesh), 2] = True
+    return replace(mesh, body=replace(mesh.body, fixed=fixed))
+
+
+def tip_edge(mesh: ActuatorMesh) -> Indices:
+    """Return the nodes of the lower edge of the free end."""
+    nodes = np.unique(mesh.free_end)
+    height = mesh.body.nodes[nodes, 2]
+    lowest: Indices = nodes[height < height.min() + APART]
+    return lowest
+
+
 def reshaped(mesh: ActuatorMesh, *, wall_factor: float, erosion: float) -> ActuatorMesh:
     """Return the mesh with thicker or thinner walls and faces eroded: the same bricks moved.
 
@@ -126,6 +160,8 @@ def reshaped(mesh: ActuatorMesh, *, wall_factor: float, erosion: float) -> Actua
         If nothing is left of a wall or of a chamber.
     """
     geometry = mesh.geometry.changed(wall_factor=wall_factor, erosion=erosion)
+    if not geometry.is_boxes:
+        return mesh
     before, after = mesh.geometry.planes(), geometry.planes()
     if any(len(a) != len(b) for a, b in zip(before, after, strict=True)):
         raise GeometryError("walls so changed fall together with other faces")

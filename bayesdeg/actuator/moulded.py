@@ -62,6 +62,10 @@ class Moulded(Protocol):
     def planes(self) -> Planes:
         """Return the coordinates of all planes along x, y and z between which bricks stand [mm]."""
 
+    @property
+    def is_boxes(self) -> bool:
+        """Whether it is a block less boxes; otherwise a mesh says what it is."""
+
     def changed(self, *, wall_factor: float, erosion: float) -> Self:
         """Return the actuator with thicker or thinner walls and faces eroded [–, mm]."""
 

@@ -521,10 +521,10 @@ def face_rotation(
     previous : float
         Angle whose branch is wanted [rad].
     """
-    shapes, _, _, weights = kernels.face_shapes(body.element.order)
+    shapes, first, second, weights = kernels.face_shapes(body.element.order)
     grid = body.nodes[faces]
-    area = np.ptp(grid[:, :, 1], axis=1) * np.ptp(grid[:, :, 2], axis=1)
-    at = area[:, None] * weights
+    normal = np.cross(*(np.einsum("qa,fai->fqi", along, grid) for along in (first, second)))
+    at = np.abs(normal[..., 0]) * weights
     height = grid[:, :, 2] @ shapes.T
     arm = (at * (height - np.sum(at * height) / np.sum(at))) @ shapes
     moments = np.zeros(len(placed))
@@ -561,4 +561,4 @@ def _cavity_volume(mesh: ActuatorMesh, placed: Floats) -> tuple[float, Floats]:
         np.empty((0, 0, 0), dtype=np.int32),
         np.empty(0),
     )
-    return volume, gradient
+    return mesh.share * volume, mesh.share * gradient

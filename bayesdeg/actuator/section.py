@@ -4,6 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.actuator.moulded import Box, Moulded, volume_without
+from bayesdeg.actuator.part import PartGeometry
+from bayesdeg.data.part import cavity_of
 
 MATERIAL, PRESSED, OPEN, LAYER = "#", " ", "o", "="
 COLUMNS = 76
@@ -23,6 +25,9 @@ def air_volume(geometry: Moulded) -> float:
     >>> round(air_volume(geometry_of(Dimensions())), 6)
     924.0
     """
+    if isinstance(geometry, PartGeometry):
+        part = geometry.part
+        return cavity_of(part)[0] * (2.0 if part.is_half else 1.0)
     planes = geometry.planes()
     return 2.0 * (volume_without(planes, ()) - volume_without(planes, geometry.cavities))
 
@@ -38,7 +43,9 @@ def described(geometry: Moulded) -> str:
     'ribbed actuator as moulded [mm]: length 37.8'
     """
     mould, layer = geometry.dimensions, geometry.constraint
-    sizes = ", ".join(f"{name} {value}" for name, value in vars(mould).items())
+    shown = vars(mould).items()
+    hidden = ("path", "content", "bending")
+    sizes = ", ".join(f"{name} {value}" for name, value in shown if name not in hidden)
     at = f"{layer.kind} at a height of {geometry.line_height:g}" if layer.is_there else "none"
     if layer.is_slab:
         c1, c2, c3 = layer.c1, layer.c2, layer.c3
@@ -52,7 +59,8 @@ def described(geometry: Moulded) -> str:
 def section(geometry: Moulded, columns: int = COLUMNS) -> str:
     """Draw the section along the middle of an actuator, the clamped end on the left.
 
-    Material is ``#``, air under pressure blank, other air ``o``, the constraint layer ``=``.
+    Material is ``#``, air under pressure blank, other air ``o``, the constraint layer ``=``; of a
+    meshed part all air is blank.
 
     Parameters
     ----------
@@ -79,6 +87,8 @@ def section(geometry: Moulded, columns: int = COLUMNS) -> str:
     ========================================
     """
     (_, length), _, (bottom, top) = geometry.outer
+    if isinstance(geometry, PartGeometry):
+        return _of_bricks(geometry, columns)
     rows = max(2, round((top - bottom) / length * columns / CELL))
     x = length * (np.arange(columns) + 0.5) / columns
     z = top - (top - bottom) * (np.arange(rows) + 0.5) / rows
@@ -90,6 +100,29 @@ def section(geometry: Moulded, columns: int = COLUMNS) -> str:
         drawn[np.ix_(*_within(box, z, x))] = LAYER
     lines = ["".join(row) for row in drawn]
     if geometry.constraint.is_there and LAYER not in drawn:
+        lines.insert(int(np.sum(z > geometry.line_height)), LAYER * columns)
+    return "\n".join(lines)
+
+
+def _of_bricks(geometry: PartGeometry, columns: int) -> str:
+    """Draw the bricks of a part that its middle plane cuts, or touches where it ends there.
+
+    A character is material where it lies in the rectangle about the section of a brick.
+    """
+    part = geometry.part
+    corners = part.points[part.bricks]
+    low, high = corners.min(axis=1), corners.max(axis=1)
+    middle = 1e-3 * float(part.size[1])  # beside the plane, in which faces may lie
+    cut = (low[:, 1] <= middle) & (high[:, 1] >= middle)
+    length, top = float(part.size[0]), float(part.size[2])
+    rows = max(2, round(top / length * columns / CELL))
+    x = length * (np.arange(columns) + 0.5) / columns
+    z = top - top * (np.arange(rows) + 0.5) / rows
+    drawn = np.full((rows, columns), PRESSED)
+    for a, b in zip(low[cut], high[cut], strict=True):
+        drawn[np.ix_((a[2] <= z) & (z <= b[2]), (a[0] <= x) & (x <= b[0]))] = MATERIAL
+    lines = ["".join(row) for row in drawn]
+    if geometry.constraint.is_there:
         lines.insert(int(np.sum(z > geometry.line_height)), LAYER * columns)
     return "\n".join(lines)
 

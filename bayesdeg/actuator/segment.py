@@ -226,6 +226,11 @@ class SegmentGeometry:
         """
         return 2.0 * volume_without(self.planes(), (*self.upper, *self.lower))
 
+    @property
+    def is_boxes(self) -> bool:
+        """Whether it is a block less boxes: it is."""
+        return True
+
     def mesh_like(self, usual: Resolution) -> Resolution:
         """Return the mesh that is to this segment what a mesh is to the default pneunet."""
         along, across, up = self._layout.sizes(self.dimensions)

@@ -48,6 +48,13 @@ class Variation:
         through = [np.sum(a.displacement * force) + np.sum(a.pressure * volume) for a in adjoints]
         return (there.readings - here.readings - np.array(through)) / STEP
 
+    def push(self, state: MechanicalState, here: Linearisation, adjoint: MechanicalState) -> float:
+        """Return the derivative by the shape input of an adjoint's work on the residuals."""
+        there = self.problem.linearise(state, tangent=False)
+        force = np.sum(adjoint.displacement * (there.force - here.force))
+        volume = np.sum(adjoint.pressure * (there.volume_residual - here.volume_residual))
+        return float(force + volume) / STEP
+
 
 @dataclass(frozen=True)
 class Evaluated:
@@ -185,6 +192,44 @@ def derivatives(
     unknown = np.full(len(adjoints), np.nan)
     by_shape = [unknown if s is None else s.derivatives(here, adjoints) for s in shapes]
     return np.column_stack([by_material, *by_shape])
+
+
+def reaction_derivatives(
+    problem: Problem,
+    solver: Factorization,
+    *,
+    state: MechanicalState,
+    factors: Linearisation,
+    held: NDArray[np.int64],
+    shapes: Sequence[Variation | None],
+    enough: float,
+) -> Floats:
+    """Return derivatives by the inputs of the force up on nodes that are held, (1, n_inputs).
+
+    F = vᵀR with v = 1 up at these nodes, so that dF/dm = μᵀ ∂R/∂m, with μ = v there and K μ = 0 at
+    the unknowns: how the body follows when they are lifted.
+
+    Parameters
+    ----------
+    problem, solver, state, factors, shapes, enough
+        As of `derivatives`.
+    held : array
+        Nodes that are held in z.
+    """
+    lifted = np.zeros_like(problem.system.body.nodes)
+    lifted[held, 2] = 1.0
+    adjoint = MechanicalState(lifted, np.zeros_like(factors.volume_residual), 0.0)
+    for _ in range(1 + CORRECTIONS):
+        ((force, volume),) = problem.products(state, [adjoint])
+        move = problem.system.expand(-solver.solve(problem.condensed(force, volume, factors)))
+        change = problem.pressure_increment(factors, move, volume)
+        adjoint = adjoint.moved(move, change)
+        if _largest(move) <= enough:  # of a lift of 1
+            break
+    by_material = np.einsum("ni,mni->m", adjoint.displacement, residual_rates(problem, state))
+    residual = problem.linearise(state, tangent=False)
+    by_shape = [np.nan if s is None else s.push(state, residual, adjoint) for s in shapes]
+    return np.concatenate([by_material, by_shape])[None]
 
 
 def adjoint_states(

@@ -15,7 +15,8 @@ Typical size
 
 Revealed by
     A ratio of curvatures that is nearly constant in pressure and the same at every degradation
-    rate, other than that of stiffness only near the largest pressures of soft specimens; a cut
+    rate, other than that of stiffness only near the largest pressures of soft specimens. The volume
+    of the cavity falls by half as much again as the curvature, which no stiffness does; a cut
     through the part.
 
 Refuted by

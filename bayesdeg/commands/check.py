@@ -12,6 +12,7 @@ from bayesdeg.actuator.section import described, section
 from bayesdeg.commands.options import CORES
 from bayesdeg.console import errors, say, shown
 from bayesdeg.data.captures import captured_messages
+from bayesdeg.data.families import MeshDimensions
 from bayesdeg.data.photographs import messages
 from bayesdeg.data.plausibility import doubts, refuse_impossible
 from bayesdeg.data.study import Study
@@ -47,6 +48,8 @@ def check(study: Path) -> None:
         geometry = geometry_of_study(checked.settings)
         errors.print(described(geometry), soft_wrap=True, markup=False, highlight=False)
         errors.print(section(geometry), soft_wrap=True, markup=False, highlight=False)
+        if isinstance(mould := geometry.dimensions, MeshDimensions):
+            say(filter(None, [mould.assumption]))
         found = search(geometry)
         if why := without_emulator(geometry):
             errors.print(

@@ -12,11 +12,12 @@ from bayesdeg.actuator.inputs import ForwardMap
 from bayesdeg.actuator.reading import as_read
 from bayesdeg.actuator.status import FINE, Backend
 from bayesdeg.console import errors, say, shown
+from bayesdeg.data.families import MeshDimensions
 from bayesdeg.data.settings import FILE as SETTINGS_FILE
 from bayesdeg.data.study import Study
 from bayesdeg.emulator.workers import workplace
 from bayesdeg.errors import BayesdegError
-from bayesdeg.files import write_text
+from bayesdeg.files import write_bytes, write_text
 from bayesdeg.laboratory.experiment import design_of, run_experiment
 from bayesdeg.laboratory.truth import Truth, drawn_truth, parse_effects
 from bayesdeg.laboratory.writing import VIRTUAL_FILES, Provenance, study_files
@@ -50,8 +51,7 @@ def simulate(
     by = "" if backend is Backend.KERNELS else f" --backend {backend}"
     command = f"bayesdeg simulate {study} {named}{drawn} --out {out} --seed {chosen}{by}"
     geometry = geometry_of_study(template.settings)
-    mesh = geometry.mesh_like(FINE)
-    provenance = Provenance(command=command, seed=chosen, mesh=vars(mesh))
+    provenance = Provenance(command, chosen, vars(mesh := geometry.mesh_like(FINE)))
     with virtual_study(out, VIRTUAL_FILES), workplace(workers, None) as executor:
         with shown(quiet) as progress:
             forward = ExactMap(
@@ -66,11 +66,19 @@ def simulate(
             experiment = run_experiment(
                 design_of(template), truth, forward=read, generator=generator, effects=effects
             )
-        files = study_files(experiment, template.settings, provenance=provenance)
-        for name, text in files.items():
+        made = study_files(experiment, template.settings, provenance=provenance)
+        for name, text in made.items():
             if not (name == SETTINGS_FILE and study.resolve() == out.resolve()):
                 write_text(out / name, text)
+        _copy_mesh(template, out)
     errors.print(f"wrote a virtual experiment to {out}", soft_wrap=True)
+
+
+def _copy_mesh(template: Study, out: Path) -> None:
+    """Put the mesh of a part beside the settings that name it."""
+    mould = template.settings.dimensions
+    if isinstance(mould, MeshDimensions) and Path(mould.path) != (out / mould.file).resolve():
+        write_bytes(out / mould.file, Path(mould.path).read_bytes())
 
 
 def _as_stated(template: Study, forward: ExactMap) -> ForwardMap:

@@ -12,6 +12,7 @@ from bayesdeg.actuator.moulded import Moulded
 from bayesdeg.commands.options import STORE, Stopped
 from bayesdeg.commands.outcome import accuracy_table, list_failures, runs_table
 from bayesdeg.console import errors, shown
+from bayesdeg.data.families import MeshDimensions
 from bayesdeg.data.study import Study
 from bayesdeg.emulator.kept import (
     CACHE,
@@ -37,7 +38,9 @@ from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.emulator.trained import (
     covering,
     find,
+    lacking,
     read_trained,
+    refuse_lacking,
     surrogate_for,
     write_trained,
 )
@@ -49,6 +52,7 @@ from bayesdeg.pipeline.emulation import (
     expect,
     train_emulator,
 )
+from bayesdeg.pipeline.outline import outline
 
 RECIPE = Recipe()
 LOCAL = local_recipe
@@ -93,8 +97,10 @@ def emulator_for(
     Stopped
         If the user does not want to wait for the training, or stops it.
     """
+    asked_beside = outline(study).asked
     if given is not None:
         trained = read_trained(given)
+        refuse_lacking(trained, asked_beside)
         if study.actuator is None:
             return trained
         return surrogate_for(geometry_of_study(study.settings), trained)
@@ -102,14 +108,23 @@ def emulator_for(
         return None
     geometry = geometry_of_study(study.settings)
     refuse_without_emulator(geometry)
+    mould = geometry.dimensions
+    if isinstance(mould, MeshDimensions) and mould.assumption and not manner.quiet:
+        _print(mould.assumption)
     found = find(geometry, recipe=RECIPE, cache=CACHE)
     if found.surrogate is not None:
-        return found.surrogate
+        reason = lacking(found.surrogate, asked_beside)
+        if not reason:
+            return found.surrogate
+        found = replace(found, surrogate=None, reason=reason)
     with shown(manner.quiet) as progress:
         progress.stage("where the study lies")
         asked = asked_of(study, study.settings.seed)
     units = units_for(geometry, asked)
-    first = local_design(asked, LOCAL(geometry.dimensions), units)
+    first = replace(
+        local_design(asked, LOCAL(geometry.dimensions), units),
+        with_forces="tip_force" in asked_beside,
+    )
     known = _known(study, first, span_of(asked.in_units(units), wider=0.0), manner)
     if known is not None:
         return known
@@ -125,7 +140,7 @@ def _known(
     geometry = geometry_of_study(study.settings)
     own = _kept_for(geometry, first)
     for path, surrogate in covering(geometry, wanted, CACHE):
-        if surrogate.units != first.units:
+        if surrogate.units != first.units or lacking(surrogate, outline(study).asked):
             continue
         if path == own or _is_good(_asked_after(study, surrogate, manner)):
             return surrogate

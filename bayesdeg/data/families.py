@@ -3,11 +3,11 @@
 The dimensions of a pneunet are `bayesdeg.data.settings.Dimensions`.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from math import isfinite, sqrt
 from typing import Literal, Protocol, get_args
 
-Kind = Literal["pneunet", "ribbed", "cylindrical"]
+Kind = Literal["pneunet", "ribbed", "cylindrical", "mesh"]
 ConstraintKind = Literal["paper", "film", "elastomer", "none"]
 Passive = Literal["open", "pressurised", "solid", "none"]
 
@@ -17,6 +17,10 @@ PASSIVES: tuple[Passive, ...] = get_args(Passive)
 
 #: Limits of a dimension [mm] and of the number of chambers; beyond them no mesh can be made.
 SMALLEST_MM, LARGEST_MM, MOST_CHAMBERS = 1e-3, 2000.0, 200
+
+
+READ = {"is_read": True}
+"""Of fields that are no keys of ``study.toml``, since they follow from a file."""
 
 
 class Mould(Protocol):
@@ -512,6 +516,87 @@ class CylindricalDimensions:
                 "give a smaller offset or channel_height, or a larger height"
             )
         return tuple(wrong)
+
+
+UNKNOWN_MESH_ERROR = 0.05
+"""Relative error of a mesh of which nothing is known: that of the coarse meshes of ribbed segments,
+some 5 %, of which the default actuator's fine one has 0.65 %. It is assumed."""
+
+
+@dataclass(frozen=True)
+class MeshDimensions:
+    """A part that the user has meshed; all lengths in mm.
+
+    Parameters
+    ----------
+    file : str
+        Of the mesh, beside ``study.toml``: Gmsh (.msh), Abaqus (.inp) or VTU.
+    mesh_error : float
+        Relative standard error of curvatures and volumes by the size of the elements: what a finer
+        mesh changes [–]. By default assumed.
+    length, width, height : float
+        Outer size of the whole part, as read [mm].
+    plane : float
+        Height of the constraint, as read [mm].
+    bending : float
+        See `beam_bending`, as read.
+    path, content : str
+        Where the file is, and its hash.
+
+    Examples
+    --------
+    >>> MeshDimensions().problems()[0].partition("; ")[2]
+    'give file = "part.msh", a mesh beside study.toml'
+    """
+
+    file: str = ""
+    mesh_error: float = UNKNOWN_MESH_ERROR
+    length: float = field(default=0.0, metadata=READ)
+    width: float = field(default=0.0, metadata=READ)
+    height: float = field(default=0.0, metadata=READ)
+    plane: float = field(default=0.0, metadata=READ)
+    bending: float = field(default=0.0, metadata=READ)
+    path: str = field(default="", metadata=READ)
+    content: str = field(default="", metadata=READ)
+
+    @property
+    def kind(self) -> Kind:
+        """The family."""
+        return "mesh"
+
+    @property
+    def assumption(self) -> str:
+        """What is assumed of the mesh, in a sentence; empty where its error is stated."""
+        if self.mesh_error != UNKNOWN_MESH_ERROR:
+            return ""
+        return (
+            f"the error of {self.file} is not known and is assumed to be "
+            f"{100.0 * UNKNOWN_MESH_ERROR:g} %: solve a finer mesh, and state by how much it "
+            "differs as [actuator] mesh_error"
+        )
+
+    @property
+    def usual_height(self) -> float:
+        """Height of the constraint layer, which the mesh says [mm]."""
+        return self.plane
+
+    @property
+    def constraint_room(self) -> tuple[float, float]:
+        """Heights at which the constraint layer can lie: the one that the mesh says [mm]."""
+        return self.plane, self.plane
+
+    @property
+    def beam_bending(self) -> float:
+        """Bend angle over p/C1 of a beam of the mean section [rad]."""
+        return self.bending
+
+    def problems(self) -> tuple[str, ...]:
+        """Say why no actuator can be made of these dimensions."""
+        if not self.file:
+            return ('no mesh is stated; give file = "part.msh", a mesh beside study.toml',)
+        if not 0.0 < self.mesh_error < 1.0:
+            return (f"mesh_error is {self.mesh_error:g}; give a share between 0 and 1",)
+        return ()
 
 
 def _wrong_values(mould: RibbedDimensions | CylindricalDimensions) -> tuple[str, ...]:

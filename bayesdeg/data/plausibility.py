@@ -45,6 +45,7 @@ ANGLE_UNITS: Units = {
     "degrees, multiplied by 180/π once too often": 57.296,
     "revolutions": 1.0 / 360.0,
 }
+VOLUME_UNITS: Units = {"mm³ or µl": 1e3, "l": 1e-3, "cl": 0.1, "m³": 1e-6}
 PERCENT_UNITS: Units = {"a fraction in place of percent": 1e-2}
 
 #: Specimens of one level. Effects change curvature and stiffness twofold at most (a degraded skin);
@@ -67,6 +68,11 @@ LEAST_FACTOR_OF_PRESSURE = 2.0
 LEAST_FACTOR_OF_ANGLE = 3.0
 #: Of bending to what the dimensions give: bulging and ballooning stay within some tenfold.
 IMPOSSIBLE_BENDING = 30.0
+#: Of a cavity's volume to the bend angle times width times height squared: 0.2 to 0.9 of either
+#: family by finite elements; air in a line that is compressed made it 3 of a measured segment.
+IMPOSSIBLE_VOLUME = 30.0
+#: Share of the largest volume that may be read at zero pressure.
+LARGEST_VOLUME_AT_REST = 0.1
 #: Two full turns: clamp and tip of a bar would long have met.
 MOST_TURNING = 4.0 * np.pi
 #: Stretch; the toughest hydrogels reach 23 (Sun et al. 2012, doi:10.1038/nature11409).
@@ -688,6 +694,7 @@ def _bending(study: Study, material: _Material) -> list[Doubt]:
     if against:
         return against
     found = [*_wound(curves, length)] or [*_compliance(curves, material, beam, length)]
+    found = found or [*_volumes(study, length)]
     mishaps = (*_duplicates(study.actuator), *_survivors(study.actuator))
     return [*found, *_odd_actuators(curves), *(mishaps if study.settings.set_aside else ())]
 
@@ -818,6 +825,72 @@ def _stiff_or_soft(
     )
     remedy = "give kPa and 1/m; else check [actuator] and the priors of c1_at_… in study.toml"
     return _fault("actuator.csv", curve.name, column, value, problem, remedy)
+
+
+def _volumes(study: Study, length: float) -> Iterator[Doubt]:
+    """Doubt volumes of the cavity: their sign, their zero, their unit, and single specimens."""
+    assert study.actuator is not None
+    if "cavity_volume_ml" not in study.actuator:
+        return
+    rows = _first_loading(study.actuator)
+    rows = rows[rows["cavity_volume_ml"].notna() & rows["curvature_per_m"].notna()]
+    pressed = rows[rows["pressure_kPa"] > 0.0].sort_values("pressure_kPa", kind="stable")
+    ends = pressed.drop_duplicates("specimen_id", keep="last").set_index("specimen_id")
+    if not len(ends):
+        return
+    total, last = len(ends), ends["cavity_volume_ml"]
+    against = [*_shrunk(last, total)] or [*_not_from_rest(rows, last)]
+    yield from against
+    turned = length * ends["curvature_per_m"]
+    known = (turned > CLEAR * DEGREE * ANGLE_ERROR) & (last > 0.0)
+    if against or not known.any():
+        return
+    mould, scale = study.settings.dimensions, 1e3 * length / study.settings.dimensions.length
+    swept = 1e-3 * mould.width * mould.height**2 * scale**3 * turned[known]  # ml
+    logs = np.log(last[known].to_numpy(float) / swept.to_numpy(float))
+    table = ends.loc[known, ["degradation_pct"]].rename(columns={"degradation_pct": "rate"})
+    values = last[known].to_numpy(float)
+    log_factor = float(np.median(logs))
+    if abs(log_factor) > np.log(IMPOSSIBLE_VOLUME):
+        yield _wrong_volume(str(table.index[0]), float(values[0]), _factor(log_factor))
+        return
+    place = ("actuator.csv", "cavity_volume_ml", "volume at the same bending")
+    yield from _odd_ones(table, logs, values, place, VOLUME_UNITS, "give ml")
+
+
+def _wrong_volume(name: str, value: float, factor: float) -> Doubt:
+    problem = (
+        f"is, as the others, {_times(factor)} what width, height and bend angle of the actuator "
+        f"sweep; {_likely(factor, VOLUME_UNITS, NEAR_UNIT_OF_PRIOR)}"
+    )
+    remedy = "give ml, which are cm³; else check [actuator] in study.toml, which is in mm"
+    place = ("actuator.csv", name, "cavity_volume_ml", value)
+    return Doubt(_fault(*place, problem, remedy), True)
+
+
+def _shrunk(last: "pd.Series[float]", total: int) -> Iterator[Doubt]:
+    problem = "is negative at the largest pressure, which widens the chambers"
+    remedy = "give the volume of the chambers less that at zero pressure as positive"
+    faults = [
+        _fault("actuator.csv", name, "cavity_volume_ml", value, problem, remedy)
+        for name, value in last[last < 0.0].items()
+    ]
+    yield from _all(_told(faults, total), impossible=True)
+
+
+def _not_from_rest(rows: pd.DataFrame, last: "pd.Series[float]") -> Iterator[Doubt]:
+    at_rest = rows[rows["pressure_kPa"].abs() <= 1e-9].drop_duplicates("specimen_id")
+    largest = at_rest["specimen_id"].map(last.abs())
+    far = at_rest["cavity_volume_ml"].abs() > LARGEST_VOLUME_AT_REST * largest
+    problem = "is the volume at zero pressure, which is to be taken off every reading"
+    remedy = "take it off the volumes of this specimen, so that it reads 0 without pressure"
+    faults = [
+        _fault("actuator.csv", row["specimen_id"], "cavity_volume_ml", value, problem, remedy)
+        for (_, row), value in zip(
+            at_rest[far].iterrows(), at_rest.loc[far, "cavity_volume_ml"], strict=True
+        )
+    ]
+    yield from _all(_told(faults, rows["specimen_id"].nunique()), impossible=True)
 
 
 def _odd_actuators(curves: list[_Curve]) -> Iterator[Doubt]:

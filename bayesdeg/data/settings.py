@@ -27,6 +27,7 @@ from bayesdeg.data.families import (
     ConstraintKind,
     CylindricalDimensions,
     Kind,
+    MeshDimensions,
     Mould,
     Passive,
     RibbedDimensions,
@@ -223,7 +224,7 @@ class Dimensions:
         return tuple(wrong)
 
 
-AnyDimensions = Dimensions | RibbedDimensions | CylindricalDimensions
+AnyDimensions = Dimensions | RibbedDimensions | CylindricalDimensions | MeshDimensions
 """Dimensions of an actuator of any family."""
 
 
@@ -374,7 +375,7 @@ class Settings:
         Heading of the report; empty if not given.
     seed : int
         Seed from which every random number of the study comes.
-    dimensions : Dimensions, RibbedDimensions or CylindricalDimensions
+    dimensions : Dimensions, RibbedDimensions, CylindricalDimensions or MeshDimensions
         The actuator as moulded.
     paper_thickness_mm : float
         Thickness of the strain-limiting paper, or of another layer in its place [mm].
@@ -574,6 +575,10 @@ def _dimension(name: str) -> _Entry:
         return _Entry("actuator", name, "a whole number of at least 1", int)
     if name == "passive":
         return _Entry("actuator", name, f"one of {', '.join(PASSIVES)}", Passive)
+    if name == "file":
+        return _Entry("actuator", name, "the name of a mesh beside study.toml, in quotes", _Text)
+    if name == "mesh_error":
+        return _Entry("actuator", name, "a share between 0 and 1", Number)
     return _Entry("actuator", name, f"a number up to {LARGEST_MM:g} [mm]", Number)
 
 
@@ -615,8 +620,16 @@ MOULDS: Mapping[Kind, type[AnyDimensions]] = {
     "pneunet": Dimensions,
     "ribbed": RibbedDimensions,
     "cylindrical": CylindricalDimensions,
+    "mesh": MeshDimensions,
 }
-DIMENSIONS = tuple(dict.fromkeys(one.name for mould in MOULDS.values() for one in fields(mould)))
+
+
+def _keys(mould: type[AnyDimensions]) -> list[str]:
+    """Return the dimensions that a study states: those that are not read from a file."""
+    return [one.name for one in fields(mould) if not one.metadata]
+
+
+DIMENSIONS = tuple(dict.fromkeys(name for mould in MOULDS.values() for name in _keys(mould)))
 """Names of dimensions of all families, those that several have once."""
 
 
@@ -953,13 +966,13 @@ def _mould(accepted: dict[str, Any]) -> AnyDimensions:
     """Take the dimensions of the actuator out of what was accepted, whatever its family."""
     mould = MOULDS[accepted.pop("kind", "pneunet")]
     sizes = {name: accepted.pop(name) for name in DIMENSIONS if name in accepted}
-    own = {one.name for one in fields(mould)}
+    own = set(_keys(mould))
     return mould(**{name: value for name, value in sizes.items() if name in own})
 
 
 def _of_other_kinds(kind: Kind, table: Mapping[str, Any], text: str) -> tuple[Fault, ...]:
     """Refuse dimensions that actuators of this family do not have."""
-    names = {name: {one.name for one in fields(mould)} for name, mould in MOULDS.items()}
+    names = {name: {*_keys(mould)} for name, mould in MOULDS.items()}
     return tuple(
         Fault(
             FILE,

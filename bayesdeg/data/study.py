@@ -13,7 +13,9 @@ from bayesdeg.data import readings
 from bayesdeg.data.captures import FILE as CAPTURES_FILE
 from bayesdeg.data.captures import CapturedLine
 from bayesdeg.data.cells import Cells, check_header, read_cells, read_number
+from bayesdeg.data.families import MeshDimensions
 from bayesdeg.data.foreign import translated
+from bayesdeg.data.part import PartError, bending_of, plane_of, read_part
 from bayesdeg.data.photographs import FILE as PHOTOS_FILE
 from bayesdeg.data.photographs import TracedPhotograph
 from bayesdeg.data.settings import FILE as SETTINGS_FILE
@@ -383,6 +385,8 @@ def read_study(folder: Path | str, tables: Mapping[str, Table] = TABLES) -> Stud
     if not contents and unreadable:
         raise StudyError(unreadable)
     settings, wrong_settings = parse_settings(contents.get(SETTINGS_FILE, b""))
+    if isinstance(settings.dimensions, MeshDimensions) and not wrong_settings:
+        settings, wrong_settings = with_part(folder, settings, settings.dimensions)
     if settings.forward is not None:
         return _own_study(folder, settings, contents, [*unreadable, *wrong_settings])
     if contents.pop(readings.FILE, None) is not None:
@@ -415,6 +419,41 @@ def read_study(folder: Path | str, tables: Mapping[str, Table] = TABLES) -> Stud
         raise StudyError(faults)
     named = dict(zip(tables, files, strict=True))
     return _assemble(folder, settings, checked, contents, files=named)
+
+
+def with_part(
+    folder: Path, settings: Settings, stated: MeshDimensions
+) -> tuple[Settings, tuple[Fault, ...]]:
+    """Return settings with what the mesh of a part says, and what is wrong with it.
+
+    Without a boundary named constraint there is no layer.
+    """
+    place = (None, "actuator.file", stated.file)
+    if Path(stated.file).name != stated.file:
+        problem = "is not the name of a file beside study.toml"
+        return settings, (Fault(SETTINGS_FILE, problem, "put the mesh there", *place),)
+    if settings.constraint.is_slab or settings.constraint_height_mm is not None:
+        problem = "says where a layer lies or what it is made of, which the mesh does"
+        remedy = "name a flat boundary constraint in the mesh, for paper or a film"
+        return settings, (Fault(SETTINGS_FILE, problem, remedy, None, "constraint"),)
+    try:
+        part = read_part(folder / stated.file)
+    except PartError as fault:
+        problem, _, remedy = str(fault).partition("; ")
+        return settings, (Fault(SETTINGS_FILE, problem, remedy, *place),)
+    length, width, height = (float(size) for size in part.size)
+    found = replace(
+        stated,
+        length=length,
+        width=2.0 * width if part.is_half else width,
+        height=height,
+        plane=plane_of(part),
+        bending=bending_of(part),
+        path=str((folder / stated.file).resolve()),
+        content=part.content,
+    )
+    kind = settings.constraint_kind if "constraint" in part.sides else "none"
+    return replace(settings, dimensions=found, constraint_kind=kind), ()
 
 
 def _own_study(

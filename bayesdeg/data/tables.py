@@ -494,6 +494,7 @@ ACTUATOR = pa.DataFrameSchema(
             "bend_angle_deg": number(optional=True),
             "curvature_sd_per_m": number(NOT_NEGATIVE, optional=True),
             "bend_angle_sd_deg": number(NOT_NEGATIVE, optional=True),
+            "cavity_volume_ml": number(optional=True),
         }
     )
     | {"ruptured": _whole(BURST, default=0)},

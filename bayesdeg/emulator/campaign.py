@@ -20,12 +20,13 @@ from threadpoolctl import threadpool_limits
 
 from bayesdeg.actuator.curve import Curve, PathSamples
 from bayesdeg.actuator.demand import MEASURES, WEIBULL_MODULI
+from bayesdeg.actuator.inputs import Asked
 from bayesdeg.actuator.moulded import Moulded
 from bayesdeg.actuator.sensitivity import INPUTS
 from bayesdeg.actuator.status import MODEL_VERSION, Status
 from bayesdeg.emulator.coordinates import LARGEST_WARPED, SLACK, coordinates, scaled_cause
 from bayesdeg.emulator.design import is_answered, likely, second_stage, space_filling
-from bayesdeg.emulator.kept import MESH_ERROR, Recipe, has_ground, refuse_whole_range
+from bayesdeg.emulator.kept import Recipe, has_ground, mesh_error_of, refuse_whole_range
 from bayesdeg.emulator.local import LocalDesign, counted_in
 from bayesdeg.emulator.regression import (
     Equations,
@@ -35,12 +36,13 @@ from bayesdeg.emulator.regression import (
     Regression,
     fit,
     observe,
+    observe_force,
     reach,
     rows_of,
 )
 from bayesdeg.emulator.scaling import ONE, Place, TrainingRange, Units
 from bayesdeg.emulator.solutions import Kind, Run, Solution, SolutionStore
-from bayesdeg.emulator.surrogate import OUTPUTS, Surrogate
+from bayesdeg.emulator.surrogate import OUTPUTS, FurtherTerms, Surrogate
 from bayesdeg.emulator.terms import N_CHEBYSHEV, Family, Terms, features, stacked
 from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.emulator.workers import Supervised, solve
@@ -327,14 +329,18 @@ class FitTerms:
         Of ``OUTPUTS`` and of ``MEASURES``, in their order.
     errors, limit : Family
         Of the logarithm of squared errors, and of the limit.
+    volume : FitPlan
+        Of the volume of the cavity, which is fitted where all runs have it.
     """
 
     plans: tuple[FitPlan, ...]
     errors: Family
     limit: Family
+    volume: FitPlan
 
 
-WHOLE = FitTerms(PLANS, FAMILY, LIMIT_FAMILY)
+VOLUME = (len(OUTPUTS) + len(MEASURES),)
+WHOLE = FitTerms(PLANS, FAMILY, LIMIT_FAMILY, replace(_ANGLES, outputs=VOLUME))
 # beside an emulator of another actuator: what departs from it is smooth, and few runs say it
 _NEAR = FitPlan(
     ANGLES,
@@ -352,16 +358,6 @@ _NEAR_STRETCH = FitPlan(
     Prior(0.6, 0.45, 0.35, 3e-2),
     Prior(0.5, 0.4, 0.3, 1e-1),
 )
-NEAR = FitTerms(
-    (
-        _NEAR,
-        _NEAR_STRETCH,
-        replace(_NEAR, outputs=WEIBULL),
-        replace(_NEAR_STRETCH, outputs=EQUIVALENT),
-    ),
-    Family((1, 0, 0, 0), (0, 0, 0, 0), 9 * (0,)),
-    Family((0, 1, 1, 1), (0, 0, 0, 0), 9 * (1,)),
-)
 # without one: a curve up to where it balloons takes more orders in the load, and the part of the
 # material's range that one study asks for takes few
 _ALONE = replace(
@@ -374,6 +370,17 @@ _ALONE_STRETCH = replace(
     family=Family((8, 2, 2, 2), (3, 1, 1, 1), ONCE),
     prior=Prior(0.7, 0.45, 0.35, 1e-2),
 )
+NEAR = FitTerms(
+    (
+        _NEAR,
+        _NEAR_STRETCH,
+        replace(_NEAR, outputs=WEIBULL),
+        replace(_NEAR_STRETCH, outputs=EQUIVALENT),
+    ),
+    Family((1, 0, 0, 0), (0, 0, 0, 0), 9 * (0,)),
+    Family((0, 1, 1, 1), (0, 0, 0, 0), 9 * (1,)),
+    replace(_ALONE, outputs=VOLUME),  # the emulator that ships knows none to depart from
+)
 BY_ITSELF = FitTerms(
     (
         _ALONE,
@@ -383,7 +390,11 @@ BY_ITSELF = FitTerms(
     ),
     NEAR.errors,
     NEAR.limit,
+    NEAR.volume,
 )
+
+
+Solved = tuple[Sequence[Curve], Sequence[PathSamples]]
 
 
 @dataclass(frozen=True)
@@ -466,9 +477,8 @@ def train(
     parts = [_train(many, few, plan, span, _below(ground, plan)) for plan in chosen.plans]
     limit = _limit(coarse, fine, span, chosen.limit, ground)
     met = _material_points(likely(span) if usual is None else [counted_in(c, units) for c in usual])
-    errors = [
-        fit_errors(p.points, p.left_out, nearness(p.points, met), chosen.errors) for p in parts
-    ]
+    errors = [_error_of(part, met, chosen) for part in parts]
+    further, also = _further(many, few, chosen, span, met)
     n = sum(max(plan.outputs) < len(OUTPUTS) for plan in chosen.plans)
     outputs = stacked([part.terms for part in parts[:n]])
     facts = {
@@ -478,7 +488,7 @@ def train(
         "curves_cut_short": _cut_short(*coarse[1], *fine[1]),
         "terms": len(outputs.orders),
         "mesh_error_pct": 100.0 * mesh_error,
-        "accuracy": _accuracy(parts, errors, limit),
+        "accuracy": _accuracy(parts, errors, limit) | also,
     }
     return Surrogate(
         length=length,
@@ -491,7 +501,79 @@ def train(
         mesh_error=mesh_error,
         record=json.dumps(record | facts, indent=1),
         units=units,
+        further=further,
     )
+
+
+def _error_of(part: Trained, met: Floats, chosen: FitTerms) -> Terms:
+    """Return ln of the squared relative errors of a fit as terms."""
+    return fit_errors(part.points, part.left_out, nearness(part.points, met), chosen.errors)
+
+
+def _further(
+    many: dict[Curve, Observed],
+    few: dict[Curve, Observed],
+    chosen: FitTerms,
+    span: TrainingRange,
+    met: Floats,
+) -> tuple[dict[Asked, FurtherTerms], dict[str, dict[str, float]]]:
+    """Fit what may be asked beside the shape, if all runs have it; return its accuracy too."""
+    runs = (*many.values(), *few.values())
+    if not all(np.all(np.isfinite(run.values[:, VOLUME])) for run in runs):
+        return {}, {}
+    part = _train(many, few, chosen.volume, span)
+    error = _error_of(part, met, chosen)
+    within = coverage(error, part.points, part.left_out)[0]
+    accuracy = summary(list(part.worst[:, 0])) | {"coverage_90": within}
+    return {"cavity_volume": FurtherTerms(part.terms, error)}, {"cavity_volume": accuracy}
+
+
+def with_forces(
+    surrogate: Surrogate,
+    coarse: Solved,
+    fine: Solved,
+    *,
+    usual: Sequence[Curve],
+    terms: FitTerms,
+) -> Surrogate:
+    """Return an emulator that answers the blocked tip force as well.
+
+    Parameters
+    ----------
+    surrogate : Surrogate
+        Of the free actuator.
+    coarse, fine : pair of sequences
+        Curves and what was solved of them with the tip held, on either mesh.
+    usual : sequence of Curve
+        At which the error is known best.
+    terms : FitTerms
+        The force is fitted with those of the volume.
+
+    Raises
+    ------
+    BayesdegError
+        If no curve says anything of the force.
+    """
+    units, span = surrogate.units, surrogate.span
+    many, few = (
+        {
+            curve: run
+            for curve, solved in zip(*_counted(*runs, units), strict=True)
+            if is_answered(curve, span)
+            and (run := observe_force(curve, solved, span=span, length=surrogate.length))
+        }
+        for runs in (coarse, fine)
+    )
+    if not (many and few):
+        raise BayesdegError("no curve with the tip held has enough equilibria to learn from")
+    part = _train(many, few, replace(terms.volume, outputs=(0,)), span)
+    met = _material_points([counted_in(curve, units) for curve in usual])
+    error = _error_of(part, met, terms)
+    record = json.loads(surrogate.record)
+    within = coverage(error, part.points, part.left_out)[0]
+    record["accuracy"]["tip_force"] = summary(list(part.worst[:, 0])) | {"coverage_90": within}
+    answers = {**surrogate.further, "tip_force": FurtherTerms(part.terms, error)}
+    return replace(surrogate, further=answers, record=json.dumps(record, indent=1))
 
 
 def _counted(
@@ -881,9 +963,13 @@ def runs(
     """
     recipe = recipe or Recipe()
     coarse, fine = _curves(recipe, design)
+    ways = (False, True) if design is not None and design.with_forces else (False,)
+    both = ((recipe.coarse_mesh, coarse), (recipe.fine_mesh, fine))
     return [
-        *(Run(geometry, recipe.coarse_mesh, curve, Kind.SAMPLES) for curve in coarse),
-        *(Run(geometry, recipe.fine_mesh, curve, Kind.SAMPLES) for curve in fine),
+        Run(geometry, mesh, curve, Kind.SAMPLES, held)
+        for held in ways
+        for mesh, curves in both
+        for curve in curves
     ]
 
 
@@ -939,20 +1025,13 @@ def build(
         for run, solution in zip(wanted, found, strict=True)
         if isinstance(solution, PathSamples)
     ]
-    coarse, fine = (
-        _split([pair for pair in solved if pair[0].resolution == mesh])
+    coarse, fine, *forces = (
+        _split([(r, s) for r, s in solved if r.resolution == mesh and r.held is held])
+        for held in (False, True)
         for mesh in (recipe.coarse_mesh, recipe.fine_mesh)
     )
     alike = has_ground(geometry)
-    record = {
-        "design": WHOLE_RANGE if design is None else LOCAL if alike else ALONE,
-        "seed": recipe.seed,
-        "coarse_mesh_mm": vars(recipe.coarse_mesh),
-        "fine_mesh_mm": vars(recipe.fine_mesh),
-        "dimensions_mm": vars(geometry.dimensions),
-    }
-    if not alike:
-        record["geometry"] = geometry.record()
+    record = _record_of(geometry, recipe, design)
     place: _Place = {"span": TrainingRange()}
     if design is not None:
         place = {"span": design.span, "usual": design.usual, "units": design.units}
@@ -960,8 +1039,26 @@ def build(
     length = geometry.dimensions.length
     # sums of several threads depend on their number
     with threadpool_limits(1):
-        mesh_error = MESH_ERROR[geometry.dimensions.kind]
-        return train(coarse, fine, length=length, mesh_error=mesh_error, record=record, **place)
+        mesh_error = mesh_error_of(geometry)
+        surrogate = train(
+            coarse, fine, length=length, mesh_error=mesh_error, record=record, **place
+        )
+        if design is None or not design.with_forces:
+            return surrogate
+        return with_forces(surrogate, *forces, usual=design.usual, terms=place.get("terms", WHOLE))
+
+
+def _record_of(geometry: Moulded, recipe: Recipe, design: LocalDesign | None) -> dict[str, object]:
+    """Return what an emulator is trained on, as its file says."""
+    alike = has_ground(geometry)
+    record: dict[str, object] = {
+        "design": WHOLE_RANGE if design is None else LOCAL if alike else ALONE,
+        "seed": recipe.seed,
+        "coarse_mesh_mm": vars(recipe.coarse_mesh),
+        "fine_mesh_mm": vars(recipe.fine_mesh),
+        "dimensions_mm": {n: v for n, v in vars(geometry.dimensions).items() if n != "path"},
+    }
+    return record if alike else record | {"geometry": geometry.record()}
 
 
 class _Place(TypedDict):

@@ -19,7 +19,8 @@ from bayesdeg.actuator.families import geometry_of
 from bayesdeg.actuator.moulded import Moulded
 from bayesdeg.actuator.status import CONVERGED, MODEL_VERSION, Resolution
 from bayesdeg.data.families import Kind as ActuatorKind
-from bayesdeg.data.families import Mould
+from bayesdeg.data.families import MeshDimensions, Mould
+from bayesdeg.data.part import read_part
 from bayesdeg.data.settings import Dimensions
 from bayesdeg.errors import BayesdegError
 from bayesdeg.files import EMULATOR_MB, OF_DAMAGED_ARCHIVES, read_bytes, reason
@@ -145,6 +146,20 @@ def departure(geometry: Moulded) -> str:
 MESH_ERROR: Mapping[ActuatorKind, float] = {"pneunet": 0.0065, "ribbed": 0.05}
 
 
+def mesh_error_of(geometry: Moulded) -> float:
+    """Return the relative error of an actuator's fine mesh; of a user's own the one that is stated.
+
+    Examples
+    --------
+    >>> mesh_error_of(geometry_of(Dimensions()))
+    0.0065
+    """
+    dimensions = geometry.dimensions
+    if isinstance(dimensions, MeshDimensions):
+        return dimensions.mesh_error
+    return MESH_ERROR[dimensions.kind]
+
+
 def without_emulator(geometry: Moulded) -> str:
     """Say why no emulator of an actuator can be trained, not even for one study; empty if one can.
 
@@ -157,7 +172,7 @@ def without_emulator(geometry: Moulded) -> str:
     ''
     """
     kind, layer = geometry.dimensions.kind, geometry.constraint
-    if kind not in MESH_ERROR:
+    if kind not in MESH_ERROR and geometry.is_boxes:
         return f"it is a {kind} actuator, and the error of its meshes is not known"
     if layer.is_slab:
         return f"no derivatives are computed beside its layer of {layer.kind}"
@@ -350,6 +365,8 @@ def local_recipe(dimensions: Mould) -> Recipe:
     >>> round(larger.fine_mesh.along / Recipe().fine_mesh.along, 12)
     2.0
     """
+    if isinstance(dimensions, MeshDimensions):  # one mesh, that is solved twice of a few curves
+        return Recipe(coarse_runs=COARSE_RUNS, fine_runs=FINE_RUNS, further=False)
     usual, shape = Recipe(), geometry_of(dimensions)
     meshes = (usual.coarse_mesh, usual.fine_mesh)
     if dimensions.kind != "pneunet":
@@ -386,6 +403,8 @@ def rough_seconds(dimensions: Mould, *, workers: int = 1) -> float:
 
 
 def _elements(dimensions: Mould, mesh: Resolution) -> int:
+    if isinstance(dimensions, MeshDimensions):
+        return len(read_part(Path(dimensions.path)).bricks)
     if dimensions.kind != "pneunet":  # planes of the channels divide it more than the size does
         sizes = (mesh.along, mesh.across, mesh.up)
         planes = zip(geometry_of(dimensions).planes(), sizes, strict=True)

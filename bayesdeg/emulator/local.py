@@ -84,6 +84,8 @@ class LocalDesign:
         Those of the coarse ones at which the error is to be known best.
     units : Units
         In which the range counts load and paper; the curves do not.
+    with_forces : bool
+        Whether the same curves are solved with the tip held as well.
     """
 
     span: TrainingRange
@@ -91,6 +93,7 @@ class LocalDesign:
     fine: tuple[Curve, ...]
     usual: tuple[Curve, ...]
     units: Units = ONE
+    with_forces: bool = False
 
     def further(self, asked: AskedInputs, recipe: Recipe) -> "LocalDesign":
         """Return the design with curves where a study asks now, over a range that holds both.
@@ -106,7 +109,7 @@ class LocalDesign:
         span = _spanning(self.span, span_of(counted))
         more = _curves(counted, span, recipe, self.units)
         fine = (*self.fine, *more[: recipe.fine_runs])
-        return LocalDesign(span, (*self.coarse, *more), fine, more, self.units)
+        return replace(self, span=span, coarse=(*self.coarse, *more), fine=fine, usual=more)
 
 
 def local_design(

@@ -7,7 +7,7 @@ out by the block form of the leave-one-out identity.
 With q = p/M, a curve's logarithm y = ln(Δκ s L/q) is known at every equilibrium that its path
 visited, together with its derivatives by load and groups; so for the bend angle and, with
 y = ln(ε/(q + q₀)), for the peak strain and all other measures of strain ε, q₀ the offset of what
-strains at rest.
+strains at rest; and, with y = ln(ΔV/(L³ q)), for the volume of the half model's cavity.
 """
 
 from collections.abc import Iterable, Sequence
@@ -19,7 +19,7 @@ from scipy.linalg import cho_factor, cho_solve
 
 from bayesdeg.actuator.curve import Curve, PathSamples
 from bayesdeg.actuator.demand import MEASURES
-from bayesdeg.actuator.outputs import COLUMNS, PEAK, measured_strains
+from bayesdeg.actuator.outputs import COLUMNS, OUTPUTS, PEAK, measured_strains
 from bayesdeg.actuator.sensitivity import INPUTS
 from bayesdeg.emulator import coordinates as at
 from bayesdeg.emulator.coordinates import Coordinates, coordinates
@@ -33,6 +33,8 @@ Flags = NDArray[np.bool_]
 LIMIT_MARGIN = 0.97  # share of a limit load up to which a curve is emulated
 STEEPEST = 2.75  # where d ln κ / d ln p is larger the actuator is about to balloon
 FLOOR = 0.15  # smallest weight of a reading, over that of the curve's largest
+COUNTED = [0, 1, -1]  # outputs that are counted from rest: curvature, bend angle, volume
+_VOLUME = OUTPUTS.index("cavity_volume")
 
 
 @dataclass(frozen=True)
@@ -45,13 +47,13 @@ class Observed:
         Of each equilibrium.
     load : array, shape (n,)
         p/M [–].
-    values : array, shape (n, 9)
-        y of curvature, bend angle, peak strain and the strains of ``MEASURES``.
-    gradients : array, shape (n, 9, 13)
+    values : array, shape (n, 10)
+        y of curvature, bend angle, peak strain, the strains of ``MEASURES`` and the volume.
+    gradients : array, shape (n, 10, 13)
         Their derivatives by load and groups.
     weights : array, shape (n,)
         Curvature over the curve's largest, at least ``FLOOR``.
-    first : array, shape (9,)
+    first : array, shape (10,)
         y at zero load, from the first slope; nan if it is not known.
     tight : bool
         Whether the paper is without slack: derivatives by slack are then of no use.
@@ -146,16 +148,20 @@ def observe(
         return None
     quantities, slopes = _quantities(samples, length)
     rest = stretch_offset(groups.T)
-    denominators = np.column_stack([q, q, *(q + rest for _ in (PEAK, *MEASURES))])
+    strained = slice(2, -1)
+    denominators = np.column_stack([q, q, *(q + rest for _ in (PEAK, *MEASURES)), q])
     changes, by_inputs = quantities[1:].copy(), slopes[1:].copy()
-    changes[:, :2] -= quantities[0, :2]
-    by_inputs[:, :2, 1:] -= slopes[0, :2, 1:]
-    by_groups = _by_groups(by_inputs / changes[..., None], q, place, denominators)
-    by_groups[:, 2:] -= (_offset_gradient(place) / denominators[:, 2, None])[:, None]
+    changes[:, COUNTED] -= quantities[0, COUNTED]
+    by_inputs[:, COUNTED, 1:] -= slopes[0, COUNTED, 1:]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        by_groups = _by_groups(by_inputs / changes[..., None], q, place, denominators)
+    by_groups[:, strained] -= (_offset_gradient(place) / denominators[:, 2, None])[:, None]
     with np.errstate(invalid="ignore", divide="ignore"):
         first = np.log(slopes[0, :, 0] * place.modulus)
     if rest[0] != 0.0:
-        first[2:] = np.nan
+        first[strained] = np.nan
+    with np.errstate(invalid="ignore", divide="ignore"):
+        logs = np.log(changes / denominators)
     weights = np.maximum(changes[keep, 0] / changes[keep, 0].max(), FLOOR)
     return Observed(
         Coordinates(
@@ -165,7 +171,7 @@ def observe(
             points.warp_gradient[keep],
         ),
         q[keep],
-        np.log(changes / denominators)[keep],
+        logs[keep],
         by_groups[keep],
         weights,
         first,
@@ -173,16 +179,51 @@ def observe(
     )
 
 
+def observe_force(
+    curve: Curve, samples: PathSamples, *, span: TrainingRange, length: float
+) -> Observed | None:
+    """Return what a run with its tip held says; None if that is less than two equilibria.
+
+    y = ln(ΔF/(M L² q)) of the half model, with ΔF less than at rest, under a load of q = p/M.
+    """
+    if len(samples.loads) < 3:
+        return None
+    place = Place.of(curve.material)
+    q = samples.loads[1:] / place.modulus
+    points = coordinates(np.column_stack([q, np.tile(place.values, (len(q), 1))]))
+    unit = place.modulus * length**2
+    changes = (samples.readings[1:] - samples.readings[0]) / unit
+    by_inputs = samples.gradients[1:] / unit
+    by_inputs[..., 1:] -= samples.gradients[0, :, 1:] / unit
+    keep = (points.points[:, 0] <= 1.0 + 1e-9) & (changes[:, 0] > 0.0)
+    if np.isfinite(samples.limit_load):
+        keep &= samples.loads[1:] <= LIMIT_MARGIN * samples.limit_load
+    if np.count_nonzero(keep) < 2:
+        return None
+    parts = (part[keep] for part in vars(points).values())
+    q, changes, by_inputs = q[keep], changes[keep], by_inputs[keep]
+    by_groups = _by_groups(by_inputs / changes[..., None], q, place, q[:, None])
+    by_groups[..., at.SECOND_INVARIANT] -= place.modulus  # of M itself: d ln M/dg = M
+    with np.errstate(invalid="ignore", divide="ignore"):
+        first = np.log(samples.gradients[0, :, 0] * place.modulus / unit)
+    tight = curve.material.paper_slack == 0.0
+    weights = np.maximum(changes[:, 0] / changes.max(), FLOOR)
+    values = np.log(changes / q[:, None])
+    return Observed(Coordinates(*parts), q, values, by_groups, weights, first, tight=tight)
+
+
 def _quantities(samples: PathSamples, length: float) -> tuple[Floats, Floats]:
-    """Return κ s L, bend angle and strains, (n, 9), and their derivatives by ``INPUTS``."""
+    """Return κ s L, bend angle, strains and V/L³, (n, 10), with derivatives by ``INPUTS``."""
     angle, arc = samples.readings[:, 0], samples.readings[:, 1]
     by_angle, by_arc = samples.gradients[:, 0], samples.gradients[:, 1]
     kappa = angle / arc * length
     by_kappa = (by_angle * length - kappa[:, None] * by_arc) / arc[:, None]
     peak, strains = samples.readings[:, PEAK] - 1.0, measured_strains(samples.readings)
     by_strains = samples.gradients[:, [PEAK, *COLUMNS]]
-    slopes = np.concatenate([by_kappa[:, None], by_angle[:, None], by_strains], axis=1)
-    return np.column_stack([kappa, angle, peak, strains]), slopes
+    volume = samples.readings[:, _VOLUME] / length**3
+    by_volume = samples.gradients[:, [_VOLUME]] / length**3
+    slopes = np.concatenate([by_kappa[:, None], by_angle[:, None], by_strains, by_volume], axis=1)
+    return np.column_stack([kappa, angle, peak, strains, volume]), slopes
 
 
 def _by_groups(logarithmic: Floats, q: Floats, place: Place, denominators: Floats) -> Floats:
@@ -293,7 +334,8 @@ def rows_of(
     if derivatives:
         slopes = feature_gradients(orders, place.points)
         sizes = DERIVATIVE_WEIGHT * half_ranges(span)
-        for k in np.flatnonzero(run.known & np.all(np.isfinite(run.gradients), axis=(0, 1))):
+        finite = np.all(np.isfinite(run.gradients[:, outputs]), axis=(0, 1))
+        for k in np.flatnonzero(run.known & finite):
             along = np.einsum("npt,np->nt", slopes, place.jacobian[:, :, k])
             wanted = run.gradients[:, outputs, k] - place.warp_gradient[:, k, None]
             matrix.append(sizes[k] * w * along)

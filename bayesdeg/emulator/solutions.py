@@ -51,6 +51,8 @@ class Run:
         Loads and material in dimensionless groups.
     kind : Kind
         Readings at the curve's loads, or readings and derivatives where the path stopped.
+    held : bool
+        Whether the tip is held, and the force there is all that is read.
 
     Examples
     --------
@@ -66,12 +68,15 @@ class Run:
     resolution: Resolution
     curve: Curve
     kind: Kind = Kind.CURVE
+    held: bool = False
 
     def parameters(self) -> dict[str, object]:
         """Return all that the solution depends on, the model's version included, as plain JSON."""
         whole = asdict(self) | {"geometry": self.geometry.record()}
         if self.curve.layer is None:  # runs without one keep the names that they had before layers
             whole["curve"].pop("layer")
+        if not self.held:  # as those had before forces
+            whole.pop("held")
         return {"model_version": MODEL_VERSION, **{k: _plain(v) for k, v in whole.items()}}
 
     def key(self) -> str:
@@ -88,7 +93,8 @@ class Run:
         named = ", ".join(_worded(name, value) for name, value in values.items() if value)
         loads = self.curve.loads
         upto = f"{len(loads)} loads up to {loads[-1]:g}" if loads else "no load"
-        return f"{self.kind} run {self.key()[:12]} ({upto}, {named})"
+        tip = ", tip held" if self.held else ""
+        return f"{self.kind} run {self.key()[:12]} ({upto}, {named}{tip})"
 
 
 def _worded(name: str, value: object) -> str:
@@ -116,6 +122,7 @@ def run_of(parameters: dict[str, Any]) -> Run:
         Resolution(**parameters["resolution"]),
         Curve(tuple(curve["loads"]), MaterialGroups(**curve["material"]), _layer(curve)),
         Kind(parameters["kind"]),
+        bool(parameters.get("held", False)),
     )
 
 
@@ -334,7 +341,8 @@ def _solution(kind: Kind, members: dict[str, Any]) -> Solution:
 
 
 def _check_shapes(run: Run, members: dict[str, Any]) -> None:
-    n, outputs, inputs = len(members["readings"]), len(OUTPUTS), len(INPUTS)
+    n, inputs = len(members["readings"]), len(INPUTS)
+    outputs = 1 if run.held else len(OUTPUTS)
     wanted: dict[str, tuple[int, ...]] = {"readings": (n, outputs)}
     if run.kind is Kind.CURVE:
         wanted |= {"rates": (n, outputs), "rest": (outputs,), "rest_rates": (outputs,)}

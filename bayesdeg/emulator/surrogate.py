@@ -6,13 +6,15 @@ With q = p/M the load, s the linear scale, L the length as moulded and W the war
     change of bend angle          = q exp(W + Y₁)
     peak stretch            λ − 1 = (q + b) exp(W + Y₂)
     other strains               ε = (q + b) exp(W + Yₖ)
+    half of the cavity's change ΔV = s³ L³ q exp(W + Yₖ)
+    half of the tip's force      F = s² L² M q exp(W + Yₖ)
 
 where b is the load that misfit and weight of the body amount to, and each Y a sum of ``Terms``. So
 the curvature is zero at zero pressure, smooth in it, and has exact derivatives.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Self
 
@@ -20,7 +22,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.actuator.demand import demanded_strain, needed
-from bayesdeg.actuator.inputs import Inputs, Prediction, relative_to_reference
+from bayesdeg.actuator.inputs import (
+    Asked,
+    Further,
+    Inputs,
+    Prediction,
+    relative_to_reference,
+)
 from bayesdeg.actuator.status import Status
 from bayesdeg.emulator.compiled_map import Rows, map_of_rows
 from bayesdeg.emulator.coordinates import (
@@ -183,6 +191,13 @@ def _of_outputs(terms: Terms, places: tuple[int, ...]) -> Terms:
 
 
 @lru_cache(maxsize=8)
+def _along_load(terms: Terms) -> Terms:
+    """Return the first output and its derivatives by warped load and place of the slack."""
+    first = terms.output(0)
+    return stacked([first, first.derivative(0), first.derivative(SLACK)])
+
+
+@lru_cache(maxsize=8)
 def _with_gradient(terms: Terms) -> Terms:
     """Return Y₀ and its derivatives by the 13 coordinates, as 14 outputs."""
     first = terms.output(0)
@@ -268,6 +283,7 @@ STRAIN_MESH_ERROR = 0.025
 what a mesh of 4616 instead of 2042 elements changes (`benchmarks/rupture_measures.py`)."""
 LIMIT_MARGIN = 2.0  # standard errors that are kept away from a limit
 _TABLES = ("terms", "error", "limit", "strains", "strain_error")
+FURTHER: tuple[Asked, ...] = ("cavity_volume", "tip_force")
 _NUMBERS = ("length", "mesh_error")
 
 
@@ -296,6 +312,22 @@ def _are_parts(ranges: Floats) -> bool:
     within = (ranges[:, 0] >= known[:, 0]) & (ranges[:, 1] <= known[:, 1])
     ordered = ranges[:, 0] <= ranges[:, 1]
     return bool(np.all(within & ordered) and np.array_equal(ranges[:, 2], known[:, 2]))
+
+
+@dataclass(frozen=True)
+class FurtherTerms:
+    """What is trained of an output beside the shape.
+
+    Parameters
+    ----------
+    terms : Terms
+        Its Y.
+    error : Terms
+        ln of its squared relative standard error.
+    """
+
+    terms: Terms
+    error: Terms
 
 
 @dataclass(frozen=True)
@@ -344,6 +376,8 @@ class Surrogate:
         How it was trained: design, code version, accuracy (JSON).
     units : Units
         In which the span and the terms count p/M and Et/(M s).
+    further : mapping of str to FurtherTerms
+        Of what may be asked beside the shape.
     """
 
     length: float
@@ -356,6 +390,7 @@ class Surrogate:
     mesh_error: float
     record: str
     units: Units = ONE
+    further: Mapping[Asked, FurtherTerms] = field(default_factory=dict)
 
     def __call__(self, inputs: Inputs) -> Prediction:
         """Return the prediction; outside the training range it is nan with a status."""
@@ -414,7 +449,33 @@ class Surrogate:
             peak_stretch_sd=demand_sd,
             status=np.where(allowed, 0, int(Status.OUTSIDE_TRAINING)).reshape(batch.shape),
             excess=np.zeros(batch.shape),
+            further=self._further(inputs, batch, rows, allowed),
         )
+
+    def _further(self, inputs: Inputs, batch: Batch, rows: Rows, allowed: Flags) -> Further | None:
+        """Return what is asked beside the shape; None where it was not trained."""
+        if inputs.asked not in self.further:
+            return None
+        trained, loads = self.further[inputs.asked], np.where(allowed, batch.loads, 0.0)
+        warped = loads * rows.stretching[:, None] * (2.0 / LARGEST_WARPED) - 1.0
+        phi = batch.phi(loads)
+        y, by_load, by_phi = evaluate(_along_load(trained.terms), batch.scaled, warped, phi)
+        log_error = evaluate(trained.error, batch.scaled, warped, phi)[0]
+        place = np.zeros(()) if phi is None else phi
+        growth = 1.0 + (warped + 1.0) * by_load - place * (1.0 - place) * by_phi
+        known = np.where(allowed, loads * rows.stretching[:, None], np.nan)
+        size = self._size_of(inputs)
+        value = np.asarray(size * (known * np.exp(y)).reshape(batch.shape))
+        sd = value * np.sqrt(np.exp(log_error) + self.mesh_error**2).reshape(batch.shape)
+        return Further(value, value * growth.reshape(batch.shape), sd)
+
+    def _size_of(self, inputs: Inputs) -> Floats:
+        """Return what is asked of both halves where q exp(W + Y) is 1 [ml or N]."""
+        length = self.length * inputs.linear_scale
+        if inputs.asked == "cavity_volume":
+            return np.asarray(2e-3 * length**3)
+        second = 0.0 if inputs.second_invariant is None else inputs.second_invariant
+        return np.asarray(2.0 * length**2 * (inputs.c1 + SECOND * second))
 
     def _demand(
         self, inputs: Inputs, batch: Batch, rows: Rows, allowed: Flags
@@ -502,8 +563,10 @@ class Surrogate:
         }
         if self.units != ONE:  # files were written without them once
             arrays["units"] = np.array([self.units.load, self.units.paper])
-        for name in _TABLES:
-            table: Terms = getattr(self, name)
+        tables: dict[str, Terms] = {name: getattr(self, name) for name in _TABLES}
+        for asked, further in self.further.items():
+            tables |= {asked: further.terms, f"{asked}_error": further.error}
+        for name, table in tables.items():
             arrays |= {f"{name}_orders": table.orders, f"{name}_coefficients": table.coefficients}
         return arrays | {name: np.array(getattr(self, name)) for name in _NUMBERS}
 
@@ -523,12 +586,14 @@ class Surrogate:
             raise ValueError("the emulator was trained with other groups than this version has")
         if not np.array_equal(constants, _constants()):
             raise ValueError("the emulator was trained in other coordinates than this version has")
+        # files were written without what is asked beside the shape once
+        asked = [name for name in FURTHER if f"{name}_orders" in arrays]
         tables = {
             name: Terms(
                 arrays[f"{name}_orders"].astype(np.int64),
                 arrays[f"{name}_coefficients"].astype(np.float64),
             )
-            for name in _TABLES
+            for name in (*_TABLES, *asked, *(f"{name}_error" for name in asked))
         }
         load, paper = arrays.get("units", np.ones(2)).astype(np.float64)
         return cls(
@@ -550,6 +615,7 @@ class Surrogate:
             strains=tables["strains"],
             strain_error=tables["strain_error"],
             units=Units(float(load), float(paper)),
+            further={name: FurtherTerms(tables[name], tables[f"{name}_error"]) for name in asked},
         )
 
     def _limit(self, batch: Batch) -> tuple[Floats, Floats]:
@@ -590,7 +656,8 @@ class Surrogate:
 
 def _continued(found: Prediction, off: Flags, above: Floats, excess: Floats) -> Prediction:
     """Let curves of some rows go on along their tangents by so much in ln load."""
-    whole = {name: values.reshape(len(off), -1) for name, values in vars(found).items()}
+    arrays = {name: values for name, values in vars(found).items() if name != "further"}
+    whole = {name: values.reshape(len(off), -1) for name, values in arrays.items()}
     part = {name: values[off] for name, values in whole.items()}  # the whole is the map's own
     with np.errstate(divide="ignore", invalid="ignore"):
         curvature = part["curvature"]
@@ -601,4 +668,8 @@ def _continued(found: Prediction, off: Flags, above: Floats, excess: Floats) -> 
     outside = int(Status.OUTSIDE_TRAINING)
     whole["status"][off] = np.where(excess > 0.0, outside, part["status"])
     whole["excess"][off] = excess
-    return Prediction(**{n: v.reshape(found.curvature.shape) for n, v in whole.items()})
+    if found.further is not None:
+        value, slope = (v.reshape(len(off), -1) for v in (found.further.value, found.further.slope))
+        value[off] += slope[off] * above
+    shaped = {n: v.reshape(found.curvature.shape) for n, v in whole.items()}
+    return Prediction(**shaped, further=found.further)

@@ -5,13 +5,14 @@ They are read and written here; where they are kept, and what their records say,
 """
 
 import io
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from importlib.resources.abc import Traversable
 from pathlib import Path
 
 import numpy as np
 
+from bayesdeg.actuator.inputs import Asked
 from bayesdeg.actuator.moulded import Moulded
 from bayesdeg.emulator.kept import (
     CACHE,
@@ -90,6 +91,33 @@ def surrogate_for(geometry: Moulded, surrogate: Surrogate | None = None) -> Surr
     surrogate = surrogate or default_surrogate()
     refuse_other(geometry, surrogate.record)
     return surrogate
+
+
+def lacking(surrogate: Surrogate, asked: Sequence[Asked]) -> str:
+    """Say what an emulator does not answer of what is asked beside the shape; empty if nothing.
+
+    Examples
+    --------
+    >>> lacking(default_surrogate(), ["cavity_volume"])
+    'the emulator does not predict the cavity volume'
+    """
+    missing = [name.replace("_", " ") for name in asked if name not in surrogate.further]
+    return f"the emulator does not predict the {' or the '.join(missing)}" if missing else ""
+
+
+def refuse_lacking(surrogate: Surrogate, asked: Sequence[Asked]) -> None:
+    """Refuse an emulator that does not answer what is asked beside the shape.
+
+    Raises
+    ------
+    BayesdegError
+        Saying what it lacks, and what to do.
+    """
+    reason = lacking(surrogate, asked)
+    if reason:
+        raise BayesdegError(
+            f"{reason}; 'bayesdeg run STUDY' trains one that does, where the study lies"
+        )
 
 
 def read_trained(path: Traversable) -> Surrogate:

@@ -96,7 +96,10 @@ class JointModel:
     held: str = ""
 
     def __post_init__(self) -> None:
-        """Refuse what does not go together."""
+        """Link kinds of data that go on one another, and refuse what does not go together."""
+        linked = (one.linked(self.observations) for one in self.observations)
+        kept = tuple(one for one in linked if one is not None)
+        object.__setattr__(self, "observations", kept)
         names = self.table.names
         if not self.base or len(set(names)) < len(names):
             raise ValueError(f"parameters need distinct names, at least one, not {list(names)}")
@@ -283,13 +286,40 @@ class JointModel:
         """Return the covariance of readings, of specimens' deviations and of errors, (n, n)."""
         state = self.state(self.table.named(vector[None]))
         blocks = (block for one in self.criticised for block in one.covariance(state))
-        return np.asarray(block_diag(*blocks))
+        total = np.asarray(block_diag(*blocks))
+        own = {one.name: one.deviations(state) for one in self._read}
+        for one in self._read:
+            if one.shares in own:
+                first, second = own[one.shares], own[one.name]
+                both = first.slope * first.spread @ second.slope.T
+                rows, columns = self._rows_of(one.shares), self._rows_of(one.name)
+                total[rows, columns], total[columns, rows] = both, both.T
+        return total
+
+    def _rows_of(self, name: str) -> slice:
+        """Return which of all readings are those of a kind."""
+        before = 0
+        for one in self._read:
+            if one.name == name:
+                return slice(before, before + len(one.places))
+            before += len(one.places)
+        return slice(0, 0)
 
     def deviations(self, vector: Floats) -> Deviations:
         """Return what specimens' own deviations do to all readings."""
         state = self.state(self.table.named(vector[None]))
-        slope, spread, level = zip(*(one.deviations(state) for one in self.criticised), strict=True)
-        return Deviations(block_diag(*slope), np.concatenate(spread), np.concatenate(level))
+        found = [one.deviations(state) for one in self.criticised]
+        slope, spread, level = zip(*found, strict=True)
+        joined = block_diag(*slope)
+        starts = np.cumsum([0, *(len(own.spread) for own in found)])
+        place = {one.name: k for k, one in enumerate(self.criticised)}
+        own = np.ones(joined.shape[1], dtype=bool)
+        for k, one in enumerate(self.criticised):
+            if one.shares in place:
+                columns, chief = (slice(starts[i], starts[i + 1]) for i in (k, place[one.shares]))
+                joined[:, chief] += joined[:, columns]
+                own[columns] = False
+        return Deviations(joined[:, own], np.concatenate(spread)[own], np.concatenate(level)[own])
 
     def simulated(self, vectors: Floats, generator: np.random.Generator) -> Floats:
         """Draw readings of new specimens in the same tests, (k, n); nan where refused."""

@@ -14,7 +14,7 @@ import pandas as pd
 
 from bayesdeg.actuator.demand import demanded, scatter_law
 from bayesdeg.actuator.families import geometry_of_study
-from bayesdeg.actuator.inputs import ForwardMap, Inputs, Prediction
+from bayesdeg.actuator.inputs import Asked, ForwardMap, Further, Inputs, Prediction
 from bayesdeg.actuator.status import Status
 from bayesdeg.causes.catalogue import in_order
 from bayesdeg.causes.cause import (
@@ -136,8 +136,8 @@ class Design:
         ``film_id``. Default: 4 films.
     mixture : Mixture
         Of which the films of ``shrinkage`` are poured.
-    bend_angle : bool
-        Whether the bend angle is read beside the curvature.
+    bend_angle, cavity_volume : bool
+        Whether bend angle and cavity volume are read beside the curvature.
     breaking : Breaking
         When walls break.
 
@@ -159,6 +159,7 @@ class Design:
     shrinkage: pd.DataFrame = field(default_factory=_shrinkage)
     mixture: Mixture = field(default_factory=Mixture)
     bend_angle: bool = True
+    cavity_volume: bool = False
     breaking: Breaking = BY_STRETCH
 
     @property
@@ -202,6 +203,7 @@ def design_of(study: Study) -> Design:
         shrinkage=_films(study.shrinkage, ["film_id"], _shrinkage),
         mixture=study.settings.recipe.mixture,
         bend_angle=study.actuator is None or "bend_angle_deg" in recorded,
+        cavity_volume="cavity_volume_ml" in recorded,
         breaking=Breaking(
             study.settings.rupture_criterion,
             geometry_of_study(study.settings).volume / study.settings.film_volume_mm3,
@@ -444,6 +446,7 @@ def inflate_actuators(
     forward: ForwardMap,
     generator: np.random.Generator,
     breaking: Breaking = BY_STRETCH,
+    cavity_volume: bool = False,
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Inflate actuators and read curvature and bend angle.
 
@@ -465,6 +468,8 @@ def inflate_actuators(
         Source of randomness; how much is drawn depends on the design alone.
     breaking : Breaking
         What is taken for the peak stretch.
+    cavity_volume : bool
+        Whether the volume of the cavity is read as well.
 
     Returns
     -------
@@ -475,10 +480,12 @@ def inflate_actuators(
     plan = _plan(table, truth)
     specimens = _drawn(plan, truth, effects, generator, scatter_law(breaking.criterion))
     met = partial(_demanded, forward, breaking, np.array(truth.elongation_scatter))
-    prediction = _predict(plan, truth, effects, met, constants_of(specimens, truth))
+    asked: Asked = "cavity_volume" if cavity_volume else ""
+    prediction = _predict(plan, truth, effects, met, constants_of(specimens, truth), asked)
     limit = specimens["limit_stretch"].to_numpy()[:, None]
     burst = (prediction.status != int(Status.CONVERGED)) | (prediction.peak_stretch > limit)
-    bent = Bent(prediction.curvature, prediction.bend_angle, burst)
+    swept = None if prediction.further is None else prediction.further.value
+    bent = Bent(prediction.curvature, prediction.bend_angle, burst, swept)
     readings = read_actuators(table, truth, bent, generator)
     worst = [Status(int(status)).name.lower() for status in prediction.status.max(axis=1)]
     return readings, specimens.assign(status=worst)
@@ -493,11 +500,14 @@ class Bent(NamedTuple):
         Without errors of reading [1/m, °].
     burst : array of bool
         Whether a wall breaks at that pressure.
+    volume : array, optional
+        Of the cavity less that at zero pressure [ml].
     """
 
     curvature: Floats
     angle: Floats
     burst: npt.NDArray[np.bool_]
+    volume: Floats | None = None
 
 
 def read_actuators(
@@ -536,8 +546,19 @@ def read_actuators(
         bend_angle_deg=np.where(over, np.nan, angle + counted * slip).round(3),
         ruptured=over.astype(np.int64),
     )
+    if bent.volume is not None:
+        swept = bent.volume[plan.mask] + counted * _volume_error(plan, truth, bent, generator)
+        readings = readings.assign(cavity_volume_ml=np.where(over, np.nan, swept).round(5))
     kept: pd.DataFrame = readings.loc[reached]
     return kept.reset_index(drop=True)
+
+
+def _volume_error(plan: _Plan, truth: Truth, bent: Bent, generator: np.random.Generator) -> Floats:
+    """Draw the errors of volumes, after those of curvature and angle [ml]."""
+    assert bent.volume is not None
+    z, _ = _normals(plan.rows, truth, generator)
+    floor = np.full(len(plan.rows), truth.volume_noise_floor)
+    return noise(bent.volume[plan.mask], z, floor=floor, share=truth.volume_noise)
 
 
 def _plan(table: pd.DataFrame, truth: Truth) -> _Plan:
@@ -646,6 +667,7 @@ def _predict(
     effects: Sequence[HiddenEffect],
     forward: ForwardMap,
     constants: Floats,
+    asked: Asked = "",
 ) -> Prediction:
     c1, c2, c3 = (constants[None, :, i, None] for i in range(3))
     inputs = Inputs(
@@ -656,6 +678,7 @@ def _predict(
         linear_scale=np.full((1, 1, 1), np.cbrt(truth.volume_ratio)),
         paper_stiffness=np.full((1, 1, 1), truth.paper_stiffness),
         paper_thickness=np.full((1, 1, 1), truth.paper_thickness),
+        asked=asked,
     )
     causes = _acting(effects)
     prediction = forward(applied("on_inputs", inputs, plan.conditions, causes))
@@ -676,6 +699,11 @@ def _without_walkers(prediction: Prediction, shape: tuple[int, ...]) -> Predicti
         only(prediction.bend_angle_sd),
         only(prediction.peak_stretch_sd),
         np.broadcast_to(prediction.status, (1, *shape)).reshape(shape),
+        further=(
+            None
+            if prediction.further is None
+            else Further(*map(only, vars(prediction.further).values()))
+        ),
     )
 
 
@@ -772,6 +800,7 @@ def run_experiment(
             forward=forward,
             generator=source,
             breaking=design.breaking,
+            cavity_volume=design.cavity_volume,
         )
 
     return experiment_with(design, truth, inflate, generator, ordered)

@@ -58,11 +58,13 @@ class Truth:
         Reading error of the curvature: constant [1/m] and proportional, added in quadrature.
     bend_angle_noise_floor, bend_angle_noise : float
         The same of the bend angle [°]; the constant one is 0.1 1/m over a length of 43 mm.
+    volume_noise_floor, volume_noise : float
+        The same of the volume of the cavity [ml]: half a graduation of a syringe of 1 ml.
     tensile_noise_floor, tensile_noise : float
         The same of the stress [MPa].
     curvature_noise_length, tensile_noise_length : float
         Path of pressure [kPa] and of stretch [–] along which reading errors stay alike, those of
-        the bend angle as those of the curvature; 0 if they are independent.
+        the bend angle and of the volume as those of the curvature; 0 if they are independent.
     reading_correlation : float
         Correlation of the errors of curvature and bend angle that are read from one picture.
     degradation_limit, time_constant : float
@@ -96,6 +98,8 @@ class Truth:
     curvature_noise: float = 0.02
     bend_angle_noise_floor: float = 0.25
     bend_angle_noise: float = 0.02
+    volume_noise_floor: float = 0.005
+    volume_noise: float = 0.02
     tensile_noise_floor: float = 0.005
     tensile_noise: float = 0.02
     curvature_noise_length: float = 0.0

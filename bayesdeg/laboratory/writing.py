@@ -180,7 +180,7 @@ def settings_text(settings: Settings) -> str:
 def _holds(record: Settings | AnyDimensions | MixtureRecipe | VendorFigures, name: str) -> bool:
     """Return whether a value of a key is held here; what follows from others is not."""
     is_family = isinstance(record, Settings) and name == "kind"
-    return is_family or name in {entry.name for entry in fields(record)}
+    return is_family or name in {entry.name for entry in fields(record) if not entry.metadata}
 
 
 def _plain_law(law: Law) -> dict[str, object]:

@@ -806,7 +806,7 @@ class Curvature(Observations):
 
     @override
     def simulate(self, state: State[FilmsAndActuators], generator: np.random.Generator) -> Floats:
-        readings = self.drawn(state, generator)
+        readings = state.anew(draw_readings, self.curves, generator).readings.copy()
         readings[self.range_excess(state).max(axis=1) > FARTHEST] = np.nan
         return readings[:, self.curves.paths.mask]
 
@@ -817,7 +817,7 @@ class Curvature(Observations):
         generator: np.random.Generator,
         drawn: tuple[Observations, ...],
     ) -> tuple[Observations, ...]:
-        readings = state.once(draw_readings, self.curves, generator)[0]
+        readings = state.once(draw_readings, self.curves, generator).readings
         return (*drawn, replace(self, curves=self.curves.with_readings(readings[0])))
 
     @override
@@ -881,7 +881,7 @@ class Curvature(Observations):
         array, shape (n, n_specimens, n_readings)
             Curvatures [1/m], then bend angles [°]; nan where the forward map has no answer.
         """
-        return draw_readings(state, self.curves, generator)[0]
+        return draw_readings(state, self.curves, generator).readings
 
     @override
     def stored(
@@ -918,16 +918,35 @@ class Curvature(Observations):
         return found
 
 
+class DrawnCurves(NamedTuple):
+    """Readings of new specimens.
+
+    Parameters
+    ----------
+    readings : array, shape (n, n_specimens, n_readings)
+        Curvatures [1/m], then bend angles [°].
+    predicted : Predicted
+        Without their errors.
+    deviation : array, shape (n, n_specimens, 1)
+        Of each specimen's ln stiffness.
+    """
+
+    readings: Floats
+    predicted: Predicted
+    deviation: Floats
+
+
 def draw_readings(
     state: State[FilmsAndActuators], data: ActuatorCurves, generator: np.random.Generator
-) -> tuple[Floats, Predicted]:
+) -> DrawnCurves:
     """Draw readings of new specimens, see `Curvature.drawn`, and what was predicted of them."""
     sd = np.sqrt(state.once(parts_of, data).spread)[..., None]
-    predicted = predict(state, data, sd * generator.standard_normal(sd.shape))
+    deviation = sd * generator.standard_normal(sd.shape)
+    predicted = predict(state, data, deviation)
     length = state.values["curvature_noise_length"]
     correlation = reading_correlation(state.values, data)
     z = correlated_normals(data.paths, length, correlation, generator)
-    return predicted.mean + np.sqrt(predicted.variance) * z, predicted
+    return DrawnCurves(predicted.mean + np.sqrt(predicted.variance) * z, predicted, deviation)
 
 
 def from_study(study: Study) -> tuple[Curvature, ...]:

@@ -12,6 +12,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdeg.actuator.inputs import Asked
 from bayesdeg.causes.cause import Cause
 from bayesdeg.causes.fold import Acting, acting
 from bayesdeg.priors import Named, Parameter
@@ -145,6 +146,11 @@ class State[W]:
         found: T = self._known[key][1]
         return found
 
+    def anew[T, *About](self, work: Callable[["State[W]", *About], T], *about: *About) -> T:
+        """Return what work makes anew, which `once` then returns: draws that others go on with."""
+        self._known.pop((work, *map(id, about)), None)
+        return self.once(work, *about)
+
     def with_causes(self, causes: tuple[Cause, ...], values: Named) -> "State[W]":
         """Return the state with other causes, which may act on nothing that is worked out once."""
         return replace(self, causes=causes, values=values)
@@ -272,6 +278,10 @@ class Observations(Protocol):
         Whether the forward map has to be asked.
     beside : bool
         Whether it is held out beside the kind of the highest priority, to compare causes.
+    asks : str
+        What it asks of the forward map beside the shape, as `bayesdeg.actuator.inputs.Inputs`.
+    shares : str
+        The kind whose specimens' own deviations act on its readings as well; labels are the same.
     """
 
     name: ClassVar[str]
@@ -281,6 +291,8 @@ class Observations(Protocol):
     follows: ClassVar[str] = ""
     uses_forward: ClassVar[bool] = False
     beside: ClassVar[bool] = False
+    shares: ClassVar[str] = ""
+    asks: ClassVar[Asked] = ""
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -294,6 +306,10 @@ class Observations(Protocol):
 
     def among(self, others: tuple["Observations", ...]) -> "Observations":
         """Return what of it says something of the model that all data of a study need."""
+        return self
+
+    def linked(self, others: tuple["Observations", ...]) -> "Observations | None":
+        """Return it as it goes on what others of a model say; None where nothing is left of it."""
         return self
 
     @property

@@ -176,7 +176,7 @@ def _read(
     angle = angle * _towards_the_paper(rows, angle)
     rows["curvature_per_m"], rows["curvature_sd_per_m"] = angle / arc, error / arc
     rows["bend_angle_deg"], rows["bend_angle_sd_deg"] = np.degrees(angle), np.degrees(error)
-    return rows[list(ACTUATOR.columns)]
+    return rows.reindex(columns=list(ACTUATOR.columns))  # what points do not say is empty
 
 
 _READ = frozenset({"curvature_per_m", "curvature_sd_per_m", "bend_angle_deg", "bend_angle_sd_deg"})

@@ -302,11 +302,14 @@ def path_innovations(
     points: int,
     score: Floats,
     log_sd: Floats,
+    learnt: Floats,
 ) -> None:
     """Write the standardised innovations of each specimen's readings and the logs of their sd's.
 
     Arguments as `bayesdeg.observations.noise.Linearised`; ``score`` and ``log_sd``, both of
-    shape (n, n_specimens, n_readings), are written; they are 0 where there is no reading.
+    shape (n, n_specimens, n_readings), are written; they are 0 where there is no reading. So are
+    mean and variance of each specimen's first deviation given all of its readings, in units of τ
+    and τ²: ``learnt``, of shape (n, n_specimens, 2).
 
     Notes
     -----
@@ -318,8 +321,7 @@ def path_innovations(
     rows, white = np.empty((n_readings, 4 * LANES)), np.empty((n_readings, 3 * LANES))
     gains, order = np.empty((n_readings, 3 * LANES)), np.empty(n_readings, np.int64)
     lengths, both, constant = np.empty(LANES), np.empty(LANES), np.empty(LANES)
-    score[:] = 0.0
-    log_sd[:] = 0.0
+    score[:], log_sd[:] = 0.0, 0.0
     for first in range(0, n, LANES):
         here = min(LANES, n - first)
         for lane in range(LANES):
@@ -328,18 +330,18 @@ def path_innovations(
         for s in range(n_specimens):
             if not alike[s]:
                 count = filter_of(lengths, both, mask[s], gap[s], points, gains, order, constant)
+            rows[:, 2 * LANES : 3 * LANES] = 0.0
             for lane in range(here):
                 b = first + lane
                 for j in range(n_readings):
                     rows[j, lane], rows[j, 3 * LANES + lane] = residual[b, s, j], variance[b, s, j]
-                    rows[j, 2 * LANES + lane] = 0.0
                     for k in range(slope.shape[3]):
-                        width = math.sqrt(spread[b, s, k])
-                        rows[j, (1 + k) * LANES + lane] = slope[b, s, j, k] * width
+                        change = slope[b, s, j, k] * math.sqrt(spread[b, s, k])
+                        rows[j, (1 + k) * LANES + lane] = change
             whiten(rows, gains, order[:count], points, both, white)
             for lane in range(here):
-                b = first + lane
-                _learn(white[:, lane::LANES], order[:count], score[b, s], log_sd[b, s])
+                b, own = first + lane, white[:, lane::LANES]
+                _learn(own, order[:count], score[b, s], log_sd[b, s], learnt[b, s])
                 share = math.sqrt(1.0 - both[lane] * both[lane])
                 for i in range(count):
                     j = order[i]
@@ -348,8 +350,11 @@ def path_innovations(
 
 
 @compiled
-def _learn(white: Floats, order: Indices, score: Floats, log_sd: Floats) -> None:
-    """Write scores and ln sd of whitened readings (n, 3) of one specimen given those before."""
+def _learn(white: Floats, order: Indices, score: Floats, log_sd: Floats, learnt: Floats) -> None:
+    """Write scores and ln sd of whitened readings (n, 3) of one specimen given those before.
+
+    Mean and variance of its first deviation go to ``learnt``, in units of τ and τ².
+    """
     mean, other = 0.0, 0.0
     var, cov, var_other = 1.0, 0.0, 1.0
     for i in range(len(order)):
@@ -361,6 +366,7 @@ def _learn(white: Floats, order: Indices, score: Floats, log_sd: Floats) -> None
         log_sd[order[i]] = 0.5 * math.log(total)
         mean, other = mean + p * gap / total, other + q * gap / total
         var, cov, var_other = var - p * p / total, cov - p * q / total, var_other - q * q / total
+    learnt[0], learnt[1] = mean, var
 
 
 @compiled
@@ -479,7 +485,23 @@ def innovations(curves: Linearised) -> tuple[Floats, Floats]:
     score, log_sd : array, shape (n, n_recorded)
         Of the readings that there are, specimen by specimen.
     """
+    score, log_sd, _ = _innovations(curves)
+    return score[:, curves.paths.mask], log_sd[:, curves.paths.mask]
+
+
+def learnt_deviations(curves: Linearised) -> tuple[Floats, Floats]:
+    """Return mean and variance of specimens' first deviations given readings, (n, n_specimens).
+
+    Of a specimen without a reading they are 0 and τ².
+    """
+    learnt, spread = _innovations(curves)[2], curves.spread[..., 0]
+    return np.sqrt(spread) * learnt[..., 0], spread * learnt[..., 1]
+
+
+def _innovations(curves: Linearised) -> tuple[Floats, Floats, Floats]:
+    """Return what `path_innovations` writes."""
     score, log_sd = np.empty_like(curves.residual), np.empty_like(curves.residual)
+    learnt = np.empty((*curves.residual.shape[:2], 2))
     path_innovations(
         np.ascontiguousarray(curves.residual),
         np.ascontiguousarray(curves.slope),
@@ -492,8 +514,9 @@ def innovations(curves: Linearised) -> tuple[Floats, Floats]:
         curves.paths.points,
         score,
         log_sd,
+        learnt,
     )
-    return score[:, curves.paths.mask], log_sd[:, curves.paths.mask]
+    return score, log_sd, learnt
 
 
 def covariance(curves: Linearised) -> Floats:

@@ -1,8 +1,14 @@
-"""Tests of actuators at pressures, whatever was read in them: what was set, as padded arrays."""
+"""Tests of actuators at pressures, whatever was read in them: what was set, as padded arrays.
 
-from dataclasses import dataclass
+What kinds of one reading at each pressure have in common is `ReadAtPressures`: with the readings
+linearised about the specimens' deviations, all else follows.
+"""
+
+from abc import abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Self
+from typing import ClassVar, Self, override
 
 import numpy as np
 import pandas as pd
@@ -10,8 +16,27 @@ from numpy.typing import NDArray
 
 from bayesdeg.causes.cause import Conditions
 from bayesdeg.observations.arrays import chosen, padded
-from bayesdeg.observations.kinds import Places, Rows
-from bayesdeg.observations.noise import Paths, paths_of
+from bayesdeg.observations.kinds import (
+    Observations,
+    Parts,
+    Places,
+    Rows,
+    Scale,
+    State,
+    Stored,
+)
+from bayesdeg.observations.noise import (
+    LOG_TWO_PI,
+    Linearised,
+    Paths,
+    blocks_of_covariance,
+    correlated_normals,
+    innovations,
+    paths_of,
+    sequential,
+)
+from bayesdeg.observations.specimens import FilmsAndActuators
+from bayesdeg.quantities import QUANTITIES, axis_label
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -87,6 +112,8 @@ def pressure_tests(table: pd.DataFrame, column: str) -> PressureTests | None:
     >>> pressure_tests(table, "bend_angle_deg").read
     array([[4., 9.]])
     """
+    if column not in table:
+        return None
     groups = [group for _, group in table.groupby("specimen_id", sort=False)]
     size = max(map(len, groups))
 
@@ -113,3 +140,144 @@ def pressure_tests(table: pd.DataFrame, column: str) -> PressureTests | None:
     sd = filled("degradation_sd_pct", 0.0)[:, :1]
     tests = PressureTests(names, degradation, sd, found, np.where(mask, read, 0.0), mask)
     return tests if mask.any() else None
+
+
+@dataclass(frozen=True)
+class ReadAtPressures(Observations):
+    """One quantity that is read of actuators at pressures.
+
+    Parameters
+    ----------
+    reading : str
+        What is read, in words.
+    column : str
+        Of the file, a key of `bayesdeg.quantities.QUANTITIES`.
+    output : str
+        Name of the variables of a posterior file.
+    tests : PressureTests
+        What was read.
+    """
+
+    is_criticised: ClassVar[bool] = True
+    reading: ClassVar[str]
+    column: ClassVar[str]
+    output: ClassVar[str]
+
+    tests: PressureTests
+
+    @abstractmethod
+    def linearised(self, state: State[FilmsAndActuators]) -> Linearised:
+        """Linearise readings at no deviation of the specimens' ln stiffness."""
+
+    def conditioned(self, state: State[FilmsAndActuators]) -> Linearised:
+        """Linearise readings given what else was read of the same specimens."""
+        return self.linearised(state)
+
+    def drawn_deviations(
+        self, state: State[FilmsAndActuators], generator: np.random.Generator
+    ) -> Floats:
+        """Draw deviations of new specimens' ln stiffness, (n, n_specimens, 1)."""
+        sd = np.sqrt(self.linearised(state).spread)
+        deviation: Floats = sd * generator.standard_normal(sd.shape)
+        return deviation
+
+    @property
+    @override
+    def labels(self) -> tuple[str, ...]:
+        return self.tests.specimens
+
+    @property
+    @override
+    def levels(self) -> Floats:
+        return self.tests.degradation.ravel()
+
+    @override
+    def log_likelihood(self, state: State[FilmsAndActuators]) -> Floats:
+        score, log_sd = innovations(self.conditioned(state))
+        each = np.zeros((len(state), *self.tests.mask.shape))
+        each[:, self.tests.mask] = -0.5 * (score**2 + LOG_TWO_PI) - log_sd
+        total: Floats = each.sum(axis=-1)
+        return total
+
+    @override
+    def factors(self, state: State[FilmsAndActuators]) -> Parts:
+        return Parts(normal=(innovations(self.conditioned(state)),))
+
+    @override
+    def subset(self, rows: Rows) -> Self:
+        return replace(self, tests=self.tests.subset(rows))
+
+    @property
+    @override
+    def places(self) -> Places:
+        return self.tests.places(self.reading)
+
+    @property
+    @override
+    def scales(self) -> Mapping[str, Scale]:
+        unit = QUANTITIES[self.column].unit
+        return {self.reading: Scale(unit, axis_label("pressure_kPa"), "%")}
+
+    @property
+    @override
+    def observed(self) -> Floats:
+        return self.tests.read[self.tests.mask]
+
+    @override
+    def expected(self, state: State[FilmsAndActuators]) -> Floats:
+        return self._mean(self.linearised(state))[:, self.tests.mask]
+
+    @override
+    def covariance(self, state: State[FilmsAndActuators]) -> list[Floats]:
+        return blocks_of_covariance(self.linearised(state))
+
+    @override
+    def simulate(self, state: State[FilmsAndActuators], generator: np.random.Generator) -> Floats:
+        return self._drawn(state, generator)[:, self.tests.mask]
+
+    @override
+    def replicated(
+        self,
+        state: State[FilmsAndActuators],
+        generator: np.random.Generator,
+        drawn: tuple[Observations, ...],
+    ) -> tuple[Observations, ...]:
+        read = np.where(self.tests.mask, self._drawn(state, generator)[0], 0.0)
+        return (*drawn, replace(self, tests=replace(self.tests, read=read)))
+
+    @override
+    def stored(
+        self,
+        state: State[FilmsAndActuators],
+        tests: State[FilmsAndActuators],
+        generator: np.random.Generator,
+    ) -> list[Stored]:
+        mask, places = self.tests.mask, self.places
+        labels = {
+            f"{self.name}_specimen_id": places.specimen,
+            f"{self.name}_pressure_kPa": places.along,
+            f"{self.name}_degradation_pct": places.level,
+        }
+        return [
+            Stored(
+                self.output,
+                f"{self.name}_observation",
+                self.observed,
+                sequential(self.conditioned(state))[:, mask],
+                self._drawn(tests, generator)[:, mask],
+                labels,
+                {},
+            )
+        ]
+
+    def _mean(self, found: Linearised) -> Floats:
+        mean: Floats = self.tests.read - found.residual
+        return mean
+
+    def _drawn(self, state: State[FilmsAndActuators], generator: np.random.Generator) -> Floats:
+        """Draw readings that new specimens would show, (n, n_specimens, n_points)."""
+        found = self.linearised(state)
+        moved = self.drawn_deviations(state, generator) * found.slope[..., 0]
+        z = correlated_normals(found.paths, found.length, found.correlation, generator)
+        drawn: Floats = self._mean(found) + moved + np.sqrt(found.variance) * z
+        return drawn

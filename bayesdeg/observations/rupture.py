@@ -22,6 +22,7 @@ from bayesdeg.observations.curvature import (
 from bayesdeg.observations.kinds import Observations, Parts, Rows, State
 from bayesdeg.observations.noise import event_signal
 from bayesdeg.observations.specimens import FilmsAndActuators, elongation_spread, shared
+from bayesdeg.observations.volume import CavityVolume
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -135,11 +136,11 @@ class Rupture(Observations):
 
         Rows after that are gone, also from the readings that were drawn.
         """
-        readings, predicted = state.once(draw_readings, self.curves, generator)
+        readings, predicted, _ = state.once(draw_readings, self.curves, generator)
         burst = self._bursts(state, predicted.prediction, generator)
         cut = _cut(self.curves, burst).with_readings(readings[0])
         kept = (Curvature(cut) if isinstance(one, Curvature) else one for one in drawn)
-        return (*kept, Rupture(cut))
+        return (*(_ended(one, burst) for one in kept), Rupture(cut))
 
     def _bursts(
         self,
@@ -163,6 +164,14 @@ class Rupture(Observations):
         over = data.recorded & (data.pressure > 0.0) & (demanded > limit[..., None])[0]
         first: Flags = over & (np.cumsum(over, axis=1) == 1)
         return first
+
+
+def _ended(one: Observations, burst: Flags) -> Observations:
+    """Return volumes without those from where the specimens burst; all else as it is."""
+    if not isinstance(one, CavityVolume):
+        return one
+    mask = one.tests.mask & (np.cumsum(burst, axis=1) == 0)
+    return replace(one, tests=replace(one.tests, mask=mask))
 
 
 def _cut(data: ActuatorCurves, burst: Flags) -> ActuatorCurves:

@@ -1,7 +1,7 @@
 """What a study may ask of a forward map, known before there is one: films, priors, conditions."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -15,7 +15,8 @@ from bayesdeg.emulator.local import AskedInputs
 from bayesdeg.emulator.scaling import GROUPS, LOAD, TrainingRange, groups_of
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.inference.model import JointModel, share_outside
-from bayesdeg.observations.curvature import Curvature, inputs_met
+from bayesdeg.observations.curvature import AtPressures, Curvature, inputs_met, parts_of
+from bayesdeg.observations.force import HeldTip
 from bayesdeg.observations.specimens import no_map
 from bayesdeg.pipeline.assemble import Assembly, assemble
 from bayesdeg.pipeline.calibrate import base_without_chain
@@ -64,7 +65,8 @@ class AskedAfterwards:
         actuators are about to balloon, or no emulator goes so far [–].
     error_pct : float
         95th percentile over the posterior's curves of the standard error of their curvature, less
-        that of the mesh, over the largest of each [%].
+        that of the mesh, over the largest of each; of the cavity's volume where that is larger,
+        if it is asked for [%].
     """
 
     asked: AskedInputs
@@ -117,16 +119,24 @@ def _outside(model: JointModel, surrogate: Surrogate, known: Floats) -> float:
 
 
 def _error_pct(model: JointModel, surrogate: Surrogate, known: Floats) -> float:
-    """Return the 95th percentile of the standard error over each curve's largest curvature [%]."""
+    """Return the 95th percentile of the standard error over each curve's largest curvature [%].
+
+    Of what is asked beside the shape too; the largest counts.
+    """
     exact = surrogate.without_mesh_error()
     state = model.tests(model.table.named(known))
     shares = []
     for one in model.of_kind(Curvature):
         inputs = inputs_met(state, one.curves, np.zeros_like(one.deviation_sd(state)))
-        found = exact.continued(inputs)
-        with np.errstate(invalid="ignore"):
-            shares.append(found.sd.max(axis=-1) / found.curvature.max(axis=-1))
-    return 100.0 * float(np.nanquantile(np.concatenate([s.ravel() for s in shares]), 0.95))
+        for asked in dict.fromkeys((one.asks, *(other.asks for other in model.observations))):
+            found = exact.continued(replace(inputs, asked=asked))
+            pair = (found.sd, found.curvature)
+            if found.further is not None:
+                pair = (found.further.sd, found.further.value)
+            with np.errstate(invalid="ignore"):
+                share = pair[0].max(axis=-1) / pair[1].max(axis=-1)
+                shares.append(float(np.nanquantile(share, 0.95)))
+    return 100.0 * max(shares)
 
 
 def _sets(causes: Sequence[Cause]) -> Iterator[tuple[Cause, ...]]:
@@ -153,10 +163,12 @@ def _of_model(
     vectors[:, : known.shape[1]] = known  # those of the causes come last
     with np.errstate(all="ignore"):
         state = model.tests(model.table.named(vectors))
-        for one in model.of_kind(Curvature):
-            sd = one.deviation_sd(state)
+        tests: list[AtPressures] = [one.curves for one in model.of_kind(Curvature)]
+        tests += [one.tests for one in model.of_kind(HeldTip)]
+        for one in tests:
+            sd = np.sqrt(state.once(parts_of, one).spread)[..., None]
             off = np.clip(generator.standard_normal(sd.shape), -OFF, OFF) * sd
-            yield _flat(groups_of(inputs_met(state, one.curves, off)))
+            yield _flat(groups_of(inputs_met(state, one, off)))
 
 
 def _flat(given: dict[str, Floats]) -> AskedInputs:

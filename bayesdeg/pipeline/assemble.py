@@ -12,7 +12,7 @@ from bayesdeg.causes.cause import Cause
 from bayesdeg.causes.fold import with_causes
 from bayesdeg.data.study import Study
 from bayesdeg.emulator.surrogate import Surrogate
-from bayesdeg.emulator.trained import surrogate_for
+from bayesdeg.emulator.trained import refuse_lacking, surrogate_for
 from bayesdeg.errors import BayesdegError, Fault, StudyError, use_one_of
 from bayesdeg.inference.model import JointModel
 from bayesdeg.observations.counts import RuptureCounts
@@ -170,6 +170,7 @@ def assemble(study: Study, forward: ForwardMap | None = None) -> Assembly:
     geometry = geometry_of_study(study.settings)
     if plan.needs_forward and (forward is None or isinstance(forward, Surrogate)):
         forward = surrogate_for(geometry, forward)
+        refuse_lacking(forward, plan.asked)
     if plan.has_actuators and forward is not None:
         points, of_line = study.settings.reading_points, study.line_points
         forward = as_read(

@@ -10,9 +10,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdeg.actuator.inputs import Asked, Inputs
 from bayesdeg.causes.catalogue import CATALOGUE, find
 from bayesdeg.causes.cause import Cause
-from bayesdeg.causes.fold import with_causes
+from bayesdeg.causes.fold import Acting, applied, with_causes
 from bayesdeg.data.cells import IN_QUOTES
 from bayesdeg.data.plausibility import Expected
 from bayesdeg.data.settings import FILE
@@ -76,6 +77,11 @@ class Outline:
     def needs_forward(self) -> bool:
         """Whether there is anything of actuators to predict."""
         return any(one.uses_forward for one in self.observations)
+
+    @property
+    def asked(self) -> tuple[Asked, ...]:
+        """What the data ask of the forward map beside the shape."""
+        return tuple(dict.fromkeys(one.asks for one in self.observations if one.asks))
 
     @property
     def has_actuators(self) -> bool:
@@ -271,13 +277,28 @@ def _candidates(
         indistinct = next(iter(blind), None)
         why = indistinct or _unseen(cause, study, actuators, films, limited=limited)
         why = None if any(one.reveals(cause) for one in found) else why
-        why = cause.blind_in(study) or why
+        why = cause.blind_in(study) or _of_no_part(cause, study, actuators) or why
         if why is not None:
             unjudged[cause.name] = why
         if why in (None, indistinct):
             stated = replace(cause, parameters=stated_priors(cause, study))
             (judged if why is None else alike).append(stated)
     return tuple(judged), unjudged, tuple(alike)
+
+
+def _of_no_part(cause: Cause, study: Study, actuators: tuple[Curvature, ...]) -> str | None:
+    """Say why a cause has no meaning for an actuator that is a mesh; None if it has one.
+
+    What are walls, and which faces lie open, nothing says.
+    """
+    if study.settings.kind != "mesh" or cause.on_inputs is None or not actuators:
+        return None
+    one, conditions = np.ones((1, 1, 1)), actuators[0].curves.conditions
+    plain = Inputs(conditions.pressure * one, one, 0.0 * one, one, one, one)
+    acting = (Acting(cause, {name: size * one for name, size in cause.typical.items()}),)
+    met = applied("on_inputs", plain, conditions, acting)
+    moved = [name for name in ("wall_factor", "erosion", "skin") if getattr(met, name) is not None]
+    return "a meshed part does not say which faces are walls" if moved else None
 
 
 def _unseen(

@@ -15,6 +15,8 @@ from bayesdeg.data.study import read_study
 from bayesdeg.emulator.kept import Recipe
 from bayesdeg.emulator.trained import read_trained, surrogate_for
 from bayesdeg.errors import BayesdegError
+from bayesdeg.pipeline.outline import outline
+from bayesdeg.pipeline.reading import read_study as everything
 from bayesdeg.report.record import VerdictRecord
 from tests.pipeline.study_files import SETTINGS, study_in
 
@@ -90,11 +92,19 @@ def test_an_emulator_of_the_whole_range_is_refused(command):
 
 
 @pytest.mark.parametrize("name", ["check", "run"])
-def test_tip_forces_are_refused(name, command):
+def test_tip_forces_alone_are_refused(name, command):
+    """Without curvatures no emulator is trained, and the beam is one of pneunets."""
+    (command.study / "actuator.csv").unlink()
     (command.study / "force.csv").write_text(FORCE, encoding="utf-8")
     code, said = command(name)
     assert code == 2
     assert "force.csv" in said
+
+
+def test_tip_forces_beside_curvatures_are_those_of_finite_elements(command):
+    (command.study / "force.csv").write_text(FORCE, encoding="utf-8")
+    assert command("check")[0] == 0
+    assert outline(everything(command.study)).asked == ("tip_force",)
 
 
 def test_impossible_dimensions_end_with_exit_code_2(command):

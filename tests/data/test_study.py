@@ -65,6 +65,7 @@ def actuators(draw: st.DrawFn) -> pd.DataFrame:
                         ),
                         "curvature_sd_per_m": draw(st.floats(0, 5)),
                         "bend_angle_sd_deg": draw(st.floats(0, 5)),
+                        "cavity_volume_ml": draw(FINITE),
                         "time_s": np.arange(n, dtype=float),
                         "cycle": draw(st.integers(1, 9)),
                         "branch": branch,

@@ -21,6 +21,7 @@ LENGTH = 50.0
 SPAN = TrainingRange()
 COARSE_EXCESS = 0.04  # a coarse mesh is too stiff or too soft by a factor that depends on load
 READ = (0, 1, *range(3, len(OUTPUTS)))  # bend angle, arc length, peak stretch, measures of strain
+VOLUME, EMPTY = 2, 430.0  # of the half cavity at rest [mm³]
 STEP = 1e-30  # imaginary: derivatives are exact to rounding
 
 
@@ -125,6 +126,18 @@ def all_readings_at(load, m, *, fine=True):
     return np.column_stack([angle, arc, stretch, *strains])
 
 
+def volume_at(load, m, *, fine=True):
+    """Volume of the half cavity [mm³]: weight and misfit fill it a little at rest."""
+    modulus = 1.0 + m["second_invariant_ratio"] / (2.0 * math.sqrt(3.0))
+    q, c3 = load / modulus, m["c3_ratio"] / modulus
+    x = q * np.exp(softer_walls(m))
+    softening = m["c2_ratio"] / modulus / np.sqrt(3.0 * c3)
+    u, a, b, _ = unit_coordinates(x, softening, c3, m["paper_group"] / modulus)
+    excess = 0.0 if fine else 0.5 * COARSE_EXCESS * (1.0 + 0.3 * u)
+    swelling = x * np.exp(0.2 + 0.4 * u - 0.2 * a - 0.1 * b + 0.1 * m["skin"] + excess)
+    return EMPTY + 40.0 * m["paper_mismatch"] + 0.005 * LENGTH**3 * swelling
+
+
 def limit_of(m):
     """p/C1 at which a material balloons."""
     modulus = 1.0 + m["second_invariant_ratio"] / (2.0 * math.sqrt(3.0))
@@ -142,6 +155,7 @@ def sample(curve, *, fine=True):
     met = len(loads) <= len(curve.loads)
     readings = np.full((len(loads), len(OUTPUTS)), np.nan)
     readings[:, READ] = all_readings_at(loads, m, fine=fine)
+    readings[:, VOLUME] = volume_at(loads, m, fine=fine)
     gradients = np.full((*readings.shape, len(INPUTS)), np.nan)
     for k, name in enumerate(INPUTS):
         load = loads + 1j * STEP if name == "load" else loads
@@ -149,6 +163,7 @@ def sample(curve, *, fine=True):
         if name == "paper_slack" and m[name] == 0.0:
             moved = m  # of a tight paper no use is made of this derivative
         gradients[:, READ, k] = all_readings_at(load, moved, fine=fine).imag / STEP
+        gradients[:, VOLUME, k] = np.imag(volume_at(load, moved, fine=fine)) / STEP
     return PathSamples(
         loads=loads,
         readings=readings,
@@ -254,5 +269,5 @@ def trained(*, mesh_error=0.0):
         length=LENGTH,
         mesh_error=mesh_error,
         record=RECORD,
-        terms=replace(WHOLE, plans=PLANS),
+        terms=replace(WHOLE, plans=PLANS, volume=replace(ANGLES, outputs=(9,))),
     )

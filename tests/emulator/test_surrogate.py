@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bayesdeg.actuator.inputs import Inputs
+from bayesdeg.actuator.inputs import Inputs, Prediction
 from bayesdeg.actuator.status import Status
 from bayesdeg.emulator.coordinates import WARP
 from bayesdeg.emulator.scaling import CAUSES, GROUPS
@@ -99,10 +99,8 @@ def test_walkers_are_the_same_one_at_a_time():
     assert together.curvature.shape == (6, 5, 4)
     for walker in range(6):
         alone = SURROGATE(dataclasses.replace(taken(walkers, walker), pressure=pressure))
-        for field in dataclasses.fields(alone):
-            np.testing.assert_array_equal(
-                getattr(alone, field.name), getattr(together, field.name)[walker]
-            )
+        for name in ARRAYS:
+            np.testing.assert_array_equal(getattr(alone, name), getattr(together, name)[walker])
 
 
 def base_inputs(load=0.2, **fields):
@@ -162,16 +160,15 @@ def test_curvature_is_smooth_in_pressure(slack):
 
 
 ABSENT = {"paper_thickness": 0.1, "wall_factor": 1.0}
+ARRAYS = [one.name for one in dataclasses.fields(Prediction) if one.name != "further"]
 
 
 def test_neutral_fields_are_the_same_as_none():
     inputs = random_inputs(np.random.default_rng(6), (20,), columns=3)
     neutral = {name: np.full(1, ABSENT.get(name, 0.0)) for name in OPTIONAL}
     plain, spelt = SURROGATE(inputs), SURROGATE(dataclasses.replace(inputs, **neutral))
-    for field in dataclasses.fields(plain):
-        np.testing.assert_allclose(
-            getattr(spelt, field.name), getattr(plain, field.name), rtol=1e-12
-        )
+    for name in ARRAYS:
+        np.testing.assert_allclose(getattr(spelt, name), getattr(plain, name), rtol=1e-12)
 
 
 def test_one_active_cause_in_a_batch_leaves_the_others_as_they_are():
@@ -182,9 +179,9 @@ def test_one_active_cause_in_a_batch_leaves_the_others_as_they_are():
         value[0] = OPTIONAL[name][1]
         changes[name] = value
     plain, full = SURROGATE(inputs), SURROGATE(dataclasses.replace(inputs, **changes))
-    for field in dataclasses.fields(plain):
-        a, b = getattr(plain, field.name), getattr(full, field.name)
-        np.testing.assert_allclose(b[1:], a[1:], rtol=1e-12, err_msg=field.name)
+    for name in ARRAYS:
+        a, b = getattr(plain, name), getattr(full, name)
+        np.testing.assert_allclose(b[1:], a[1:], rtol=1e-12, err_msg=name)
 
 
 def differences(inputs, name, size):

@@ -8,12 +8,15 @@ import numpy as np
 
 from bayesdeg.actuator.curve import MODEL_VERSION
 from bayesdeg.actuator.demand import MEASURES
+from bayesdeg.actuator.inputs import Inputs, material_groups
+from bayesdeg.actuator.material import MaterialGroups
 from bayesdeg.actuator.status import Status
 from bayesdeg.emulator.campaign import WHOLE, FitPlan, train
 from bayesdeg.emulator.design import space_filling
 from bayesdeg.emulator.regression import Prior, observe
 from bayesdeg.emulator.surrogate import OUTPUTS
 from bayesdeg.emulator.terms import Family, features
+from bayesdeg.emulator.trained import from_bytes, to_bytes
 from tests.emulator.closed_form import (
     COARSE_EXCESS,
     LENGTH,
@@ -22,6 +25,7 @@ from tests.emulator.closed_form import (
     sample,
     trained,
     training_runs,
+    volume_at,
 )
 
 SMALL = Family((2, 1, 1, 1), (1, 0, 0, 0), (1, 1, 1, 1, 1, 1, 1, 1, 1))
@@ -33,11 +37,12 @@ PLANS = (
     FitPlan((3, 4, 5, 6), True, SMALL, SHIFT, PRIOR, PRIOR),
     FitPlan((7, 8), False, SMALL, SHIFT, PRIOR, PRIOR),
 )
+PLAIN = MaterialGroups(c2_ratio=0.0, c3_ratio=0.01, paper_group=100.0)
 FRESH = space_filling(SPAN, 64, seed=101)
 
 
 def quickly(coarse, fine):
-    terms = replace(WHOLE, plans=PLANS)
+    terms = replace(WHOLE, plans=PLANS, volume=replace(PLANS[0], outputs=(9,)))
     return train(coarse, fine, span=SPAN, length=LENGTH, mesh_error=0.0, record=RECORD, terms=terms)
 
 
@@ -51,10 +56,11 @@ def sums(parts, points):
 
 
 def fresh_errors(surrogate, *, fine=True):
-    """Largest weighted errors of the logarithms of each fresh curve, (n, 9), and all of them."""
+    """Largest weighted errors of the logarithms of each fresh curve, (n, 10), and all of them."""
+    volume = surrogate.further["cavity_volume"]
     terms, errors = (
-        (surrogate.terms, surrogate.strains),
-        (surrogate.error, surrogate.strain_error),
+        (surrogate.terms, surrogate.strains, volume.terms),
+        (surrogate.error, surrogate.strain_error, volume.error),
     )
     worst, ratios = [], []
     for curve in FRESH:
@@ -83,7 +89,8 @@ def test_errors_of_fresh_curves_are_those_of_runs_left_out():
     """Both are of runs unseen: over 24 and 60 curves their rms differ by less than a factor 2."""
     worst, ratios = fresh_errors(trained())
     accuracy = accuracy_of(trained())
-    for name, error in zip((*OUTPUTS, *MEASURES), rms(worst), strict=True):
+    names = (*OUTPUTS, *MEASURES, "cavity_volume")
+    for name, error in zip(names, rms(worst), strict=True):
         assert 100.0 * error < 2.0 * accuracy[name]["rms_pct"]
     # most lie within three of the standard errors that it states
     within = np.mean(np.abs(ratios) < 3.0, axis=0)
@@ -162,9 +169,58 @@ def test_the_record_is_complete():
     assert record["curves_cut_short"] == sum(s.status != Status.CONVERGED for s in coarse + fine)
     assert record["terms"] == len(surrogate.terms.orders)
     assert record["mesh_error_pct"] == 0.0
-    assert set(record["accuracy"]) == {*OUTPUTS, *MEASURES, "limit"}
+    assert set(record["accuracy"]) == {*OUTPUTS, *MEASURES, "cavity_volume", "limit"}
     for name in OUTPUTS:
         found = record["accuracy"][name]
         assert set(found) == {"rms_pct", "median_pct", "p95_pct", "max_pct", "coverage_90"}
         assert 0.0 < found["median_pct"] <= found["p95_pct"] <= found["max_pct"]
         assert 0.0 < found["coverage_90"] <= 1.0
+
+
+def test_the_volume_is_that_of_the_closed_form_with_slope_and_error():
+    """Of materials of studies, 62 % of the moulded volume; the slope by differences."""
+    one = np.ones((1, 1))
+    given = Inputs(
+        np.array([[20.0, 60.0, 120.0]]),
+        0.3 * one,
+        -0.004 * one,
+        0.003 * one,
+        0.853 * one,
+        3e4 * one,
+    )
+    given = replace(given, asked="cavity_volume")
+    found, material = trained()(given), material_groups(given)
+    m = {name: getattr(PLAIN, name) for name in vars(PLAIN)} | {
+        name: float(np.ravel(value)[0]) for name, value in material.items()
+    }
+    loads = np.concatenate([[0.0], given.pressure[0] / 300.0])
+    volume = volume_at(loads, m)
+    expected = 2e-3 * 0.853**3 * (volume[1:] - volume[0])
+    np.testing.assert_allclose(found.further.value[0], expected, rtol=5e-3)
+    assert np.all(np.abs(found.further.value[0] - expected) < 4.0 * found.further.sd[0])
+    ends = [trained()(replace(given, pressure=given.pressure * (1.0 + h))) for h in (-1e-5, 1e-5)]
+    slope = (ends[1].further.value - ends[0].further.value) / 2e-5
+    np.testing.assert_allclose(found.further.slope, slope, rtol=1e-6)
+    assert trained()(replace(given, asked="")).further is None
+
+
+def test_the_volume_goes_on_along_its_tangent_and_is_counted_from_the_reference():
+    one = np.ones((1, 1))
+    given = Inputs(
+        np.array([[60.0, 280.0, 300.0]]), 0.3 * one, 0 * one, 0.003 * one, 0.853 * one, 3e4 * one
+    )
+    given = replace(given, asked="cavity_volume")
+    near, far = trained().continued(given), trained()(given)
+    assert np.all(np.isfinite(near.further.value))
+    assert np.isnan(far.further.value[far.status != 0]).all()
+    zero = trained()(replace(given, pressure=np.array([[20.0, 20.0, 20.0]]))).further.value
+    reference = np.array([[20.0]])
+    counted = trained()(replace(given, reference_pressure=reference)).further.value
+    np.testing.assert_allclose(counted[0, 0], (far.further.value - zero)[0, 0])
+
+
+def test_the_file_holds_the_volume():
+    again = from_bytes(to_bytes(trained()))
+    assert set(again.further) == {"cavity_volume"}
+    kept = again.further["cavity_volume"].terms.coefficients
+    np.testing.assert_array_equal(kept, trained().further["cavity_volume"].terms.coefficients)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayesdeg.actuator.curve import relative_to_reference
-from bayesdeg.actuator.inputs import Inputs, Prediction
+from bayesdeg.actuator.inputs import Further, Inputs, Prediction
 from bayesdeg.actuator.status import Status
 
 LENGTH_M = 0.05
@@ -35,6 +35,11 @@ class LinearActuator:
             bend_angle_sd=np.zeros(curvature.shape),
             peak_stretch_sd=np.zeros(curvature.shape),
             status=np.where(there, 0, int(Status.LIMIT_POINT)),
+            further=(
+                Further(*(0.02 * x for x in (curvature, slope, 0.0 * curvature)))
+                if inputs.asked
+                else None
+            ),
         )
 
 

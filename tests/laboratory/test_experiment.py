@@ -278,3 +278,16 @@ def test_effects_act_in_the_order_of_the_catalogue_however_they_are_given():
 def test_none_or_several_effects_can_be_hidden(effects):
     record = truth_record(make(effects=effects), PROVENANCE)
     assert len(record.causes) == len(effects)
+
+
+def test_volumes_are_read_where_the_design_says_so():
+    """They come last of all draws: what else is read is the same with and without."""
+    plain, swollen = make(), make(design=replace(Design(), cavity_volume=True))
+    table = swollen.tables["actuator"]
+    np.testing.assert_array_equal(
+        plain.tables["actuator"]["curvature_per_m"], table["curvature_per_m"]
+    )
+    read = table[table["curvature_per_m"].notna()]
+    expected = 0.02 * read["curvature_per_m"]
+    assert np.all(np.abs(read["cavity_volume_ml"] - expected) < 0.05 + 0.15 * expected)
+    assert "cavity_volume_ml" not in plain.tables["actuator"]

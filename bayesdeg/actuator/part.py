@@ -1,0 +1,216 @@
+"""A part that the user has meshed, as an actuator: bricks with what is held, pressed, papered."""
+
+from dataclasses import asdict, dataclass, field, replace
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+from skfem import ElementHex1, MeshHex
+
+from bayesdeg.actuator.body import Body, Element, body_of, boundary_faces, faces_on_plane
+from bayesdeg.actuator.moulded import Box, Planes, constraint_record
+from bayesdeg.actuator.status import Resolution
+from bayesdeg.data.families import Constraint, MeshDimensions
+from bayesdeg.data.part import CORNERS, FLAT, PartMesh, read_part, volume_of
+from bayesdeg.errors import GeometryError
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class PartGeometry:
+    """A meshed part as moulded: there is one mesh of it, whatever resolution is asked for.
+
+    Parameters
+    ----------
+    dimensions : MeshDimensions
+        As read.
+    wall_factor, erosion : float
+        Neutral: nothing says which of its faces are walls.
+    constraint : Constraint
+        The layer on the boundary of that name.
+
+    Raises
+    ------
+    GeometryError
+        If walls are to be changed, or the mesh is no longer what was read.
+    """
+
+    dimensions: MeshDimensions
+    wall_factor: float = 1.0
+    erosion: float = 0.0
+    constraint: Constraint = field(default_factory=Constraint)
+
+    def __post_init__(self) -> None:
+        """Refuse changes of what no dimensions describe."""
+        if self.wall_factor != 1.0 or self.erosion != 0.0:
+            raise GeometryError("nothing says which faces of a meshed part are walls")
+
+    @property
+    def part(self) -> PartMesh:
+        """What the file holds."""
+        part = read_part(self.dimensions.path)
+        if part.content != self.dimensions.content:
+            raise GeometryError(f"{self.dimensions.file} was changed since it was read")
+        return part
+
+    @property
+    def line_height(self) -> float:
+        """Height of the constraint's plane, or of the bottom [mm]."""
+        return self.dimensions.plane
+
+    @property
+    def outer(self) -> Box:
+        """Block about the half of the part [mm]."""
+        d = self.dimensions
+        return (0.0, d.length), (0.0, 0.5 * d.width), (0.0, d.height)
+
+    @property
+    def cavities(self) -> tuple[Box, ...]:
+        """None: they are no boxes."""
+        return ()
+
+    @property
+    def voids(self) -> tuple[Box, ...]:
+        """None: they are no boxes."""
+        return ()
+
+    @property
+    def exposed(self) -> tuple[Box, ...]:
+        """None: they are no boxes."""
+        return ()
+
+    @property
+    def slab(self) -> tuple[Box, ...]:
+        """None: a layer of elastomer is not meshed."""
+        return ()
+
+    @property
+    def is_boxes(self) -> bool:
+        """Whether it is a block less boxes: it is not."""
+        return False
+
+    @property
+    def volume(self) -> float:
+        """Volume of the material of the whole part [mm³]."""
+        return volume_of(self.part) * (2.0 if self.part.is_half else 1.0)
+
+    def mesh_like(self, usual: Resolution) -> Resolution:
+        """Return the resolution as it is: it changes nothing."""
+        return usual
+
+    def planes(self) -> Planes:
+        """Return the planes of the block about it [mm]."""
+        x, y, z = (np.array(ends) for ends in self.outer)
+        return x, y, z
+
+    def changed(self, *, wall_factor: float, erosion: float) -> Self:
+        """Return the part itself where nothing changes."""
+        return replace(self, wall_factor=wall_factor, erosion=erosion)
+
+    def record(self) -> dict[str, object]:
+        """Return all that a solution depends on: the mesh by its content, wherever it lies."""
+        layer = constraint_record(self.constraint, self.dimensions)
+        sizes = asdict(self.dimensions)
+        del sizes["path"], sizes["file"], sizes["mesh_error"]
+        return {"kind": "mesh", "dimensions": sizes, "constraint": layer}
+
+
+@dataclass(frozen=True, eq=False)
+class MeshedPart:
+    """What `bayesdeg.actuator.mesh` makes an actuator of.
+
+    Parameters
+    ----------
+    body : Body
+        Bricks, what is held, pressed and papered.
+    tip, line : array
+        Nodes of the faces of the free end as grids, and of the line that is read, along x.
+    share : float
+        Of a reading that grows with the part, what a half of the actuator has: 1/2 of a whole one.
+    """
+
+    body: Body
+    tip: Indices
+    line: Indices
+    share: float
+
+
+def meshed_part(geometry: PartGeometry, element: Element) -> MeshedPart:
+    """Return the bricks of a part, each with straight edges.
+
+    Raises
+    ------
+    GeometryError
+        If no line of nodes runs along the middle of the constraint or the bottom.
+    """
+    part = geometry.part
+    body = body_of(_brick_mesh(part), element)
+    faces = boundary_faces(body)
+    corners = _corners_of(body, faces, part)
+    on = {name: np.isin(corners, _keys(sides)) for name, sides in part.sides.items()}
+    fixed = np.zeros(body.nodes.shape, dtype=bool)
+    fixed[np.unique(faces[on["clamp"]])] = True
+    if part.is_half:
+        fixed[np.unique(faces[on["symmetry"]]), 1] = True
+    paper = faces[:0]
+    if geometry.constraint.is_membrane and "constraint" in part.sides:
+        paper = _grids(body.nodes, faces_on_plane_within(body, part, geometry.line_height))
+    whole = replace(body, cavity=faces[on["cavity"]], paper=paper, fixed=fixed)
+    line = _line(whole, part, geometry.line_height)
+    return MeshedPart(whole, faces[on["tip"]], line, 1.0 if part.is_half else 0.5)
+
+
+def _brick_mesh(part: PartMesh) -> MeshHex:
+    """Return scikit-fem's mesh; its bricks are left-handed where the file's are right-handed."""
+    places = np.asarray(ElementHex1().doflocs)
+    mirrored = np.column_stack([1.0 - places[:, 0], places[:, 1:]])
+    order = [int(np.flatnonzero((place == CORNERS).all(axis=1))[0]) for place in mirrored]
+    return MeshHex(part.points.T.copy(), part.bricks[:, order].T.copy())
+
+
+def _keys(sides: Indices) -> NDArray[np.str_]:
+    return np.array([" ".join(map(str, sorted(side))) for side in sides.tolist()], dtype=np.str_)
+
+
+def _corners_of(body: Body, faces: Indices, part: PartMesh) -> NDArray[np.str_]:
+    """Return the corners of faces as the part numbers them; nodes of corners come first."""
+    size = body.element.order + 1
+    at = faces[:, [0, size - 1, size * (size - 1), size * size - 1]]
+    place = np.full(len(body.nodes), -1)
+    place[: len(part.points)] = np.arange(len(part.points))
+    return _keys(place[at])
+
+
+def faces_on_plane_within(body: Body, part: PartMesh, height: float) -> Indices:
+    """Return the faces of the constraint, which may lie between two bricks."""
+    faces = faces_on_plane(body, height)
+    return faces[np.isin(_corners_of(body, faces, part), _keys(part.sides["constraint"]))]
+
+
+def _grids(nodes: Floats, faces: Indices) -> Indices:
+    """Return flat faces as grids over x and y."""
+    ordered = np.empty_like(faces)
+    for row, face in enumerate(faces):
+        x, y = (np.round(nodes[face, axis], 6) for axis in (0, 1))
+        ordered[row] = face[np.lexsort((y, x))]
+    return ordered
+
+
+def _line(body: Body, part: PartMesh, height: float) -> Indices:
+    """Return the nodes along the middle of the constraint, or of the bottom."""
+    near = FLAT * float(part.size.max())
+    on = np.flatnonzero(
+        (np.abs(body.nodes[:, 1]) < near) & (np.abs(body.nodes[:, 2] - height) < near)
+    )
+    line: Indices = on[np.argsort(body.nodes[on, 0])]
+    ends = body.nodes[line[[0, -1]], 0] if len(line) else np.zeros(2)
+    whole = len(line) > 2 and np.ptp(ends) > (1.0 - FLAT) * float(part.size[0])
+    if not whole or (len(line) - 1) % body.element.order:
+        raise GeometryError(
+            "no line of edges runs along the middle of the constraint, or of the bottom: mesh the "
+            "part so that one does"
+        )
+    return line

@@ -1,0 +1,428 @@
+"""A part that a user has meshed: bricks and named boundaries of a file, and what is wrong with it.
+
+Gmsh, Abaqus and VTU are read. A boundary is named by a physical group or set of its faces, by a set
+of its nodes, or by an array over the nodes that is not 0 on it. x runs from the clamp along the
+part, z up from the constraint, in mm; the part may be cut at a plane of symmetry across y.
+"""
+
+import hashlib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import meshio  # type: ignore[import-untyped]
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from bayesdeg.data.families import LARGEST_MM
+from bayesdeg.files import STUDY_MB, read_bytes
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+FORMATS = {".msh": "Gmsh", ".inp": "Abaqus", ".vtu": "VTU"}
+NEEDED, OPTIONAL = ("clamp", "cavity", "tip"), ("constraint", "symmetry")
+CORNERS = np.array(
+    [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
+)
+"""Where the nodes of a brick stand on the unit cube, in the order of these files."""
+SIDES = np.array(
+    [(0, 1, 2, 3), (4, 7, 6, 5), (0, 4, 5, 1), (1, 5, 6, 2), (2, 6, 7, 3), (3, 7, 4, 0)]
+)
+"""Nodes of the sides of a brick, around each so that its normal points into the brick."""
+VOLUMES = ("tetra", "hexahedron", "wedge", "pyramid")
+SHORTEST_MM = 1.0  # a part in metres is shorter
+FLAT = 1e-4  # of the length: what is off a plane by less lies in it
+MOST_BRICKS = 20_000  # some ten times those of the default actuator's fine mesh
+BRICKS = 'export hexahedra of 8 nodes, in Gmsh by "Recombine" and "Transfinite"'
+
+
+class PartError(Exception):
+    """A part that cannot be used: what is wrong and, after a semicolon, what to do."""
+
+
+@dataclass(frozen=True, eq=False)
+class PartMesh:
+    """Bricks with named boundaries, moved so that the clamp stands at x = 0.
+
+    Parameters
+    ----------
+    points : array, shape (n_points, 3)
+        Corners of the bricks [mm]; the lowest at z = 0, the plane of symmetry, or else the middle,
+        at y = 0.
+    bricks : array, shape (n_bricks, 8)
+        Their corners, in the order of `CORNERS`.
+    sides : mapping of str to array, shape (n_sides, 4)
+        Corners of the sides on each boundary, around each side.
+    content : str
+        Hash of the file.
+    """
+
+    points: Floats
+    bricks: Indices
+    sides: Mapping[str, Indices]
+    content: str
+
+    @property
+    def size(self) -> Floats:
+        """Length, width and height of what is meshed [mm]."""
+        extent: Floats = np.ptp(self.points, axis=0)
+        return extent
+
+    @property
+    def is_half(self) -> bool:
+        """Whether the part is cut at a plane of symmetry."""
+        return "symmetry" in self.sides
+
+
+def read_part(place: Path | str) -> PartMesh:
+    """Return the part in a file; one that was read before is not read again.
+
+    Raises
+    ------
+    PartError
+        If it cannot be used.
+    """
+    path = Path(place)
+    if path.suffix.lower() not in FORMATS:
+        known = ", ".join(f"{name} ({end})" for end, name in FORMATS.items())
+        raise PartError(f"{path.name} is no mesh of a known format; give a file of {known}")
+    try:
+        content = read_bytes(path, most_mb=STUDY_MB)
+    except FileNotFoundError:
+        raise PartError(f"{path.name} is not there; put the mesh beside study.toml") from None
+    except OSError as fault:
+        raise PartError(f"{path.name} cannot be read ({fault}); export it again") from None
+    return _read(path, hashlib.sha256(content).hexdigest())
+
+
+@lru_cache(maxsize=4)
+def _read(path: Path, content: str) -> PartMesh:
+    try:
+        mesh = meshio.read(path)
+    except (SystemExit, Exception) as fault:  # meshio ends the process on what it does not know
+        raise PartError(
+            f"{path.name} cannot be read as {FORMATS[path.suffix.lower()]} ({fault}); "
+            "export it again, or in another of the formats"
+        ) from None
+    points, bricks = _bricks(mesh)
+    sides = _boundaries(mesh, points, bricks)
+    used, bricks_of_used = np.unique(bricks, return_inverse=True)
+    place = np.full(len(points), -1)
+    place[used] = np.arange(len(used))
+    kept = {name: place[at] for name, at in sides.items()}
+    part = PartMesh(points[used], bricks_of_used.reshape(bricks.shape), kept, content)
+    _refuse(_problems(part))
+    moved = _moved(part)
+    _refuse(_without_line(moved))
+    return moved
+
+
+def _bricks(mesh: meshio.Mesh) -> tuple[Floats, Indices]:
+    kinds = {block.type for block in mesh.cells if block.type.startswith(VOLUMES)}
+    other = sorted(kinds - {"hexahedron"})
+    if other:
+        raise PartError(f"has cells of the kind {', '.join(other)}, which are not solved; {BRICKS}")
+    found = [block.data for block in mesh.cells if block.type == "hexahedron"]
+    if not found:
+        raise PartError(f"has no cells with a volume; {BRICKS}")
+    bricks = np.vstack(found).astype(np.int64)
+    if len(bricks) > MOST_BRICKS:
+        raise PartError(
+            f"has {len(bricks)} bricks, more than can be solved for a study; "
+            f"give a coarser mesh, of at most {MOST_BRICKS}"
+        )
+    points = np.asarray(mesh.points, dtype=np.float64)
+    if points.shape[1] != 3 or not np.all(np.isfinite(points)):
+        raise PartError("has points that are no places in space; export it again")
+    return points, bricks
+
+
+def _boundaries(mesh: meshio.Mesh, points: Floats, bricks: Indices) -> dict[str, Indices]:
+    """Return the outer sides on each boundary that the file names."""
+    outer = outer_sides(bricks)
+    found = {}
+    for name in (*NEEDED, *OPTIONAL):
+        marked = _marked(mesh, name, outer, len(points))
+        if marked is not None and marked.any():
+            found[name] = outer[marked]
+    missing = [name for name in NEEDED if name not in found]
+    if missing:
+        named = sorted({*mesh.cell_sets, *mesh.point_sets, *mesh.point_data, *mesh.field_data})
+        known = ", ".join(n for n in named if ":" not in n) or "none"
+        raise PartError(
+            f"has no boundary named {' and none named '.join(missing)} (it names: {known}); "
+            "name the faces as a physical group, or their nodes as a set or an array"
+        )
+    return found
+
+
+def outer_sides(bricks: Indices) -> Indices:
+    """Return the sides that belong to one brick alone, (n_sides, 4).
+
+    Examples
+    --------
+    >>> len(outer_sides(np.arange(8)[None]))
+    6
+    """
+    sides = bricks[:, SIDES].reshape(-1, 4)
+    _, first, count = np.unique(
+        np.sort(sides, axis=1), axis=0, return_index=True, return_counts=True
+    )
+    outer: Indices = sides[np.sort(first[count == 1])]
+    return outer
+
+
+def _marked(mesh: meshio.Mesh, name: str, outer: Indices, count: int) -> Flags | None:
+    """Return which outer sides are on a boundary; None where nothing is named so."""
+    quads = _named_faces(mesh, name)
+    if len(quads):
+        wanted = {tuple(row) for row in np.sort(quads, axis=1).tolist()}
+        keys = np.sort(outer, axis=1).tolist()
+        return np.array([tuple(row) in wanted for row in keys], dtype=bool)
+    on = np.zeros(count, dtype=bool)
+    if name in mesh.point_sets:
+        on[np.asarray(mesh.point_sets[name], dtype=np.int64)] = True
+    elif name in mesh.point_data and np.ndim(mesh.point_data[name]) == 1:
+        on = np.asarray(mesh.point_data[name]) != 0
+    else:
+        return None
+    marked: Flags = on[outer].all(axis=1)
+    return marked
+
+
+def _named_faces(mesh: meshio.Mesh, name: str) -> Indices:
+    """Return the quadrangles of a set or of a physical group of a name, (n, 4)."""
+    found = [np.empty((0, 4), dtype=np.int64)]
+    tag = mesh.field_data.get(name, [None])[0]
+    tags = mesh.cell_data.get("gmsh:physical", [()] * len(mesh.cells))
+    rows_of_set = mesh.cell_sets.get(name, [()] * len(mesh.cells))
+    for block, of_group, of_set in zip(mesh.cells, tags, rows_of_set, strict=True):
+        if block.type == "quad":
+            rows = np.asarray(() if of_set is None else of_set, dtype=np.int64)
+            if tag is not None and len(of_group):
+                rows = np.union1d(rows, np.flatnonzero(np.asarray(of_group) == tag))
+            found.append(np.asarray(block.data, dtype=np.int64)[rows])
+    return np.vstack(found)
+
+
+def _refuse(problems: Iterator[str]) -> None:
+    """Refuse a part for the first thing that is wrong with it."""
+    for problem in problems:
+        raise PartError(problem)
+
+
+def _problems(part: PartMesh) -> Iterator[str]:
+    """Say what is wrong, the first of all that would follow from it."""
+    yield from _wrong_size(part)
+    yield from _inverted(part)
+    yield from _apart(part)
+    yield from _open_cavity(part)
+    yield from _wrong_planes(part)
+    yield from _wrong_constraint(part)
+
+
+def _wrong_size(part: PartMesh) -> Iterator[str]:
+    length = float(part.size.max())
+    if length > LARGEST_MM:
+        yield (
+            f"is {length:g} mm long, which no soft actuator is; likely in µm: export it in mm, or "
+            "divide by 1000"
+        )
+    elif length < SHORTEST_MM:
+        yield f"is {length:g} mm long; likely in m: export it in mm, or multiply by 1000"
+
+
+def jacobians(corners: Floats) -> Floats:
+    """Return the least Jacobian at the corners of each brick, (n,) of (n, 8, 3) [mm³]."""
+    found = []
+    for corner in CORNERS:
+        at = corners[:, np.flatnonzero((corner == CORNERS).all(axis=1))[0]]
+        edges = []
+        for axis in range(3):
+            other = corner.copy()
+            other[axis] = 1 - other[axis]
+            there = corners[:, np.flatnonzero((other == CORNERS).all(axis=1))[0]]
+            edges.append((there - at) * (1 - 2 * corner[axis]))
+        found.append(np.linalg.det(np.stack(edges, axis=1)))
+    least: Floats = np.min(found, axis=0)
+    return least
+
+
+def _inverted(part: PartMesh) -> Iterator[str]:
+    wrong = np.flatnonzero(~(jacobians(part.points[part.bricks]) > 0.0))
+    if len(wrong):
+        at = part.points[part.bricks[wrong[0]]].mean(axis=0)
+        yield (
+            f"has {len(wrong)} bricks that are flat or inside out, the first at {_place(at)}; "
+            "mesh that place anew, or mend the order of its nodes"
+        )
+
+
+def _apart(part: PartMesh) -> Iterator[str]:
+    rows = np.repeat(np.arange(len(part.bricks)), 8)
+    joins = coo_array(
+        (np.ones(len(rows)), (rows, part.bricks.ravel())),
+        shape=(len(part.bricks), len(part.points)),
+    ).tocsr()
+    count, _ = connected_components(joins @ joins.T, directed=False)
+    if count > 1:
+        yield (
+            f"falls into {count} pieces that share no nodes; merge nodes that stand at one place "
+            'before the export, in Gmsh by "Coherence"'
+        )
+
+
+def _open_cavity(part: PartMesh) -> Iterator[str]:
+    """Say where the cavity has an edge: it may have one in the plane of symmetry alone."""
+    sides = part.sides["cavity"]
+    edges = np.sort(np.stack([sides, np.roll(sides, -1, axis=1)], axis=-1).reshape(-1, 2), axis=1)
+    each, count = np.unique(edges, axis=0, return_counts=True)
+    loose = each[count % 2 == 1]
+    if part.is_half:
+        cut = np.unique(part.sides["symmetry"])
+        loose = loose[~np.isin(loose, cut).all(axis=1)]
+    if len(loose):
+        at = part.points[loose[0]].mean(axis=0)
+        yield (
+            f"has a hole in its cavity: {len(loose)} edges of faces named cavity have no other "
+            f"beside them, the first at {_place(at)}; name all faces that the pressure acts on, "
+            "and close the inlet"
+        )
+
+
+def _wrong_planes(part: PartMesh) -> Iterator[str]:
+    tolerance = FLAT * float(part.size.max())
+    ends = (("clamp", 0, part.points[:, 0].min()), ("tip", 0, part.points[:, 0].max()))
+    for name, axis, wanted in ends:
+        off = np.abs(part.points[part.sides[name], axis] - wanted)
+        if off.max() > tolerance:
+            yield (
+                f"has a {name} that is not the plane end of {_ENDS[name]} x; turn the part so that "
+                "x runs from the clamp to the tip, z up from the constraint, and cut both ends"
+            )
+    if part.is_half:
+        across = part.points[part.sides["symmetry"], 1]
+        if np.ptp(across) > tolerance or not _is_end(across.mean(), part.points[:, 1], tolerance):
+            yield (
+                "has a symmetry that is not an end of the part across y; turn the part so that "
+                "y runs across"
+            )
+
+
+_ENDS = {"clamp": "the lowest", "tip": "the largest"}
+
+
+def _is_end(value: float, values: Floats, tolerance: float) -> bool:
+    return bool(min(abs(value - values.min()), abs(value - values.max())) <= tolerance)
+
+
+def _wrong_constraint(part: PartMesh) -> Iterator[str]:
+    if "constraint" not in part.sides:
+        return
+    sides, tolerance = part.points[part.sides["constraint"]], FLAT * float(part.size.max())
+    nodes = np.unique(part.sides["constraint"])
+    x, y = (_distinct(part.points[nodes, axis], tolerance) for axis in (0, 1))
+    flat = np.ptp(sides[..., 2]) <= tolerance
+    if not flat or len(nodes) != x * y:
+        yield (
+            "has a constraint that is not a flat rectangle with a grid of rectangles; mesh the "
+            "face that carries the paper or film with lines along x and y, or leave it out"
+        )
+
+
+def _without_line(part: PartMesh) -> Iterator[str]:
+    """Say that no line of nodes runs along the middle of the constraint, or of the bottom."""
+    near, length = FLAT * float(part.size.max()), float(part.size[0])
+    off = np.abs(part.points[:, 1:] - [0.0, plane_of(part)])
+    x = part.points[(off < near).all(axis=1), 0]
+    if len(x) < 2 or np.ptp(x) < length - near:
+        yield (
+            "has no line of nodes along the middle of its constraint, or of its bottom, where the "
+            "curvature is read; cut the part there before it is meshed"
+        )
+
+
+def _distinct(values: Floats, tolerance: float) -> int:
+    return 1 + int(np.sum(np.diff(np.sort(values)) > tolerance))
+
+
+def _moved(part: PartMesh) -> PartMesh:
+    """Put the clamp at x = 0, the lowest point at z = 0, and the symmetry or middle at y = 0."""
+    points = part.points.copy()
+    points[:, 0] -= points[:, 0].min()
+    points[:, 2] -= points[:, 2].min()
+    if part.is_half:
+        points[:, 1] -= points[part.sides["symmetry"], 1].mean()
+        if points[:, 1].mean() < 0.0:  # the other half is its mirror image
+            points[:, 1] *= -1.0
+            mirrored = [int(np.flatnonzero((c == CORNERS).all(axis=1))[0]) for c in _across()]
+            return PartMesh(points, part.bricks[:, mirrored], part.sides, part.content)
+    else:
+        points[:, 1] -= 0.5 * (points[:, 1].min() + points[:, 1].max())
+    return PartMesh(points, part.bricks, part.sides, part.content)
+
+
+def _across() -> Indices:
+    mirrored = CORNERS.copy()
+    mirrored[:, 1] = 1 - mirrored[:, 1]
+    return mirrored
+
+
+def _place(at: Floats) -> str:
+    return f"({', '.join(f'{value:.4g}' for value in at)}) mm"
+
+
+def volume_of(part: PartMesh) -> float:
+    """Return the volume of the bricks [mm³], each as of the six tetrahedra about its middle."""
+    corners = part.points[part.bricks]
+    middle = corners.mean(axis=1)
+    total = 0.0
+    for side in SIDES:
+        face = corners[:, side]
+        centre = face.mean(axis=1)
+        for k in range(4):
+            edges = (face[:, k] - middle, face[:, (k + 1) % 4] - middle, centre - middle)
+            total += float(np.abs(np.linalg.det(np.stack(edges, axis=1))).sum()) / 6.0
+    return total
+
+
+def cavity_of(part: PartMesh) -> tuple[float, float]:
+    """Return volume of the cavity [mm³] and height of its middle [mm], by the divergence theorem.
+
+    What the plane of symmetry cuts open goes through the origin and adds nothing.
+    """
+    total, height = 0.0, 0.0
+    for triangle in ((0, 1, 2), (0, 2, 3)):
+        a, b, c = (part.points[part.sides["cavity"][:, k]] for k in triangle)
+        six = np.einsum("ni,ni->n", a, np.cross(b, c))
+        total += float(six.sum()) / 6.0
+        height += float((six * (a + b + c)[:, 2]).sum()) / 24.0
+    return abs(total), height / total if total else 0.0
+
+
+def bending_of(part: PartMesh) -> float:
+    r"""Return the bend angle over p/C1 of a beam of the part's mean section [rad].
+
+    .. math:: \theta = \frac{p V_c z_c}{6 C_1 \int z^2 dV} L
+
+    with :math:`V_c` and :math:`z_c` volume of the cavity and height of its middle over the
+    constraint, or over the bottom, and the integral over the material: a rough size.
+    """
+    plane = plane_of(part)
+    volume, height = cavity_of(part)
+    corners = part.points[part.bricks]
+    share = volume_of(part) / len(part.bricks)
+    second = share * float(np.sum((corners[..., 2].mean(axis=1) - plane) ** 2))
+    return volume * (height - plane) / (6.0 * second) * float(part.size[0])
+
+
+def plane_of(part: PartMesh) -> float:
+    """Return the height of the constraint, 0 without one [mm]."""
+    if "constraint" not in part.sides:
+        return 0.0
+    return float(part.points[part.sides["constraint"], 2].mean())

@@ -1,0 +1,189 @@
+r"""Volume that the chambers take up under pressure, read beside the curvature of actuators.
+
+With ΔV(m) the volume that the mechanics answers for a specimen whose ln stiffness deviates by m,
+
+.. math:: y = \Delta V(m) + g\,s + \varepsilon, \qquad m \sim N(0, \tau^2), \quad g \sim N(0, 1)
+
+with s the emulator's standard error, whose sign is the same in all specimens, and ε correlated
+along the path as every reading error is. m is that of the curvatures of the same specimen: the
+density is that of the volumes given these, so :math:`N(0, \tau^2)` gives way to what the curvatures
+leave of it, and both together are the density of all that was read.
+
+The volume tells of what changes the shape that is swept for a bending: walls of another thickness,
+faces that are eroded, a skin that is stiff, and the size of the part, whose cube it grows with. It
+does not tell a pressure that is lost from a material that is stiffer: both outputs are functions of
+p/C1 and of the paper's stiffness over C1, and only a force has a stress in it.
+
+Derived here from the linear model of `bayesdeg.observations.noise`.
+"""
+
+from dataclasses import dataclass, replace
+from typing import ClassVar, override
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdeg.actuator.inputs import Asked
+from bayesdeg.data.study import Study
+from bayesdeg.errors import BayesdegError
+from bayesdeg.observations.curvature import (
+    LONGEST_NOISE,
+    ActuatorCurves,
+    Curvature,
+    draw_readings,
+    inputs_met,
+    linearise_actuators,
+    parts_of,
+)
+from bayesdeg.observations.kinds import Deviations, Observations, State
+from bayesdeg.observations.noise import Linearised, learnt_deviations
+from bayesdeg.observations.pressures import ReadAtPressures, pressure_tests
+from bayesdeg.observations.specimens import FilmsAndActuators
+from bayesdeg.priors import HalfNormal, Normal, Parameter, Uniform
+
+Floats = NDArray[np.float64]
+
+VOLUME = "cavity volume"
+SHARE_OF_STROKE = 0.02
+"""Constant reading error by its prior, over the largest volume that was read: a syringe or a piston
+is graduated in fifties to hundreds of its stroke."""
+SHORTEST_NOISE = 0.005  # of the pressure range, as of curvature
+_PROPORTIONAL = Parameter(
+    # a syringe and its tubes give way with pressure, and the air in them is compressed
+    "volume_noise",
+    HalfNormal(0.05),
+    "–",
+    "reading error of volume, proportional",
+)
+_LENGTH = "pressure over which reading errors of volume stay alike"
+EMULATOR_ERROR = Parameter(
+    "emulator_error_volume",
+    Normal(0.0, 1.0),
+    "–",
+    "error of the emulator common to all volumes, in its own standard errors",
+)
+
+
+@dataclass(frozen=True)
+class CavityVolume(ReadAtPressures):
+    """Volumes of cavities less those at zero pressure, on specimens whose curvature was read.
+
+    Parameters
+    ----------
+    tests : PressureTests
+        What was read.
+    curves : ActuatorCurves, optional
+        What else was read of the same specimens, as the model has it.
+    """
+
+    name: ClassVar[str] = "volume"
+    order: ClassVar[int] = 22
+    follows: ClassVar[str] = "actuator"
+    shares: ClassVar[str] = "actuator"
+    uses_forward: ClassVar[bool] = True
+    asks: ClassVar[Asked] = "cavity_volume"
+    reading: ClassVar[str] = VOLUME
+    column: ClassVar[str] = "cavity_volume_ml"
+    output: ClassVar[str] = "cavity_volume"
+
+    curves: ActuatorCurves | None = None
+
+    @property
+    @override
+    def parameters(self) -> tuple[Parameter, ...]:
+        pressure = float(self.tests.conditions.pressure.max())
+        floor = HalfNormal(SHARE_OF_STROKE * max(float(np.abs(self.observed).max()), _LEAST))
+        length = Uniform(SHORTEST_NOISE * pressure, LONGEST_NOISE * pressure)
+        return (
+            _PROPORTIONAL,
+            Parameter("volume_noise_floor", floor, "ml", "reading error of volume, constant"),
+            Parameter("volume_noise_length", length, "kPa", _LENGTH),
+        )
+
+    @property
+    @override
+    def error_parameters(self) -> tuple[Parameter, ...]:
+        return (EMULATOR_ERROR,)
+
+    @override
+    def linked(self, others: tuple[Observations, ...]) -> "CavityVolume | None":
+        """Return it beside the curvatures of a model; None where these are of other tests."""
+        curves = next((one.curves for one in others if isinstance(one, Curvature)), self.curves)
+        if curves is None or curves is self.curves:
+            return self
+        alike = curves.specimens == self.labels and curves.mask.shape == self.tests.mask.shape
+        return replace(self, curves=curves) if alike else None
+
+    @override
+    def linearised(self, state: State[FilmsAndActuators]) -> Linearised:
+        return state.once(_volumes, self)
+
+    @override
+    def conditioned(self, state: State[FilmsAndActuators]) -> Linearised:
+        if self.curves is None:
+            return self.linearised(state)
+        return state.once(_given, self, self.curves)
+
+    @override
+    def deviations(self, state: State[FilmsAndActuators]) -> Deviations:
+        found, mask = self.linearised(state), self.tests.mask
+        slope = np.zeros((*mask.shape, len(mask)))
+        own = np.arange(len(mask))
+        slope[own, :, own] = found.slope[0, :, :, 0]
+        return Deviations(slope[mask], found.spread[0, :, 0], self.levels)
+
+    @override
+    def drawn_deviations(
+        self, state: State[FilmsAndActuators], generator: np.random.Generator
+    ) -> Floats:
+        """Return the deviations with which the curvatures were drawn."""
+        if self.curves is None:
+            return super().drawn_deviations(state, generator)
+        return state.once(draw_readings, self.curves, generator).deviation
+
+
+_LEAST = 1e-6  # ml, so that a law exists where nothing but zeros was read
+
+
+def _volumes(state: State[FilmsAndActuators], data: CavityVolume) -> Linearised:
+    """Linearise volumes at no deviation of the specimens' ln stiffness."""
+    spread = state.once(parts_of, data.tests).spread
+    return _linearised(state, data, np.zeros(spread.shape), spread)
+
+
+def _given(
+    state: State[FilmsAndActuators], data: CavityVolume, beside: ActuatorCurves
+) -> Linearised:
+    """Linearise volumes about the deviations that the curvatures of the same specimens tell of."""
+    curves, _ = state.once(linearise_actuators, beside)
+    return _linearised(state, data, *learnt_deviations(curves))
+
+
+def _linearised(
+    state: State[FilmsAndActuators], data: CavityVolume, centre: Floats, spread: Floats
+) -> Linearised:
+    values = state.values
+    met = inputs_met(state, data.tests, centre[..., None])
+    found = state.world.forward(replace(met, asked=data.asks)).further
+    if found is None:
+        raise BayesdegError("the forward map of this model does not answer volumes of cavities")
+    shape = (*spread.shape, data.tests.mask.shape[1])
+    error = values.get(EMULATOR_ERROR.name, np.zeros(len(state)))[:, None, None]
+    mean = np.broadcast_to(found.value + error * found.sd, shape)
+    noise, floor = (values[f"volume_noise{end}"][:, None, None] for end in ("", "_floor"))
+    return Linearised(
+        data.tests.read - mean,
+        np.broadcast_to(-found.slope, shape)[..., None],
+        floor**2 + (noise * mean) ** 2,
+        spread[..., None],
+        values["volume_noise_length"],
+        np.zeros(len(state)),
+        data.tests.paths,
+    )
+
+
+def from_study(study: Study) -> tuple[CavityVolume, ...]:
+    """Return the volumes of a study, if there are any."""
+    table = study.actuator
+    tests = None if table is None else pressure_tests(table, "cavity_volume_ml")
+    return () if tests is None else (CavityVolume(tests),)
