@@ -30,7 +30,9 @@ Boxes = tuple[Box, ...]
 Sizes = tuple[float, float, float]
 
 MOST_ALONG, MOST_UP = 100, 30  # elements of a mesh where channels are small, about
-ALONG, ACROSS = 24, 10  # of a fine mesh of straight channels in the outer sizes, about
+# of a fine mesh about straight channels: along, where nothing changes; in a channel's smaller side;
+# and at most in half the width and in the height where channels are small
+ALONG, IN_CHANNEL, MOST_ACROSS, MOST_HIGH = 8, 4, 14, 20
 
 
 def slits(d: RibbedDimensions, wall_factor: float) -> Boxes:
@@ -80,22 +82,23 @@ def straight_channels(d: CylindricalDimensions, wall_factor: float) -> Boxes:
 def sizes_about_straight_channels(d: CylindricalDimensions) -> Sizes:
     """Return sizes of elements of a fine mesh along, across and up [mm].
 
-    There are two in the height of a channel, 24 along and about seven across.
+    What decides is how the section widens: there are four in the smaller side of a channel.
     """
-    up = max(0.52 * d.channel_height, d.height / MOST_UP)
-    return d.length / ALONG, d.width / ACROSS, up
+    side = min(d.channel_width, d.channel_height) / IN_CHANNEL
+    return d.length / ALONG, max(side, 0.5 * d.width / MOST_ACROSS), max(side, d.height / MOST_HIGH)
 
 
 class Layout(NamedTuple):
-    """What one family of segments has of its own."""
+    """What one family of segments has of its own; whether its elements are smaller at edges."""
 
     channels: Callable[[Any, float], Boxes]
     sizes: Callable[[Any], Sizes]
+    graded: bool
 
 
 LAYOUTS: Mapping[Kind, Layout] = {
-    "ribbed": Layout(slits, sizes_about_slits),
-    "cylindrical": Layout(straight_channels, sizes_about_straight_channels),
+    "ribbed": Layout(slits, sizes_about_slits, graded=False),
+    "cylindrical": Layout(straight_channels, sizes_about_straight_channels, graded=True),
 }
 
 
@@ -233,6 +236,7 @@ class SegmentGeometry:
             along * usual.along / FINE.along,
             across * usual.across / FINE.across,
             up * usual.up / FINE.up,
+            usual.grading if self._layout.graded else 0.0,
         )
 
     def planes(self) -> Planes:

@@ -14,7 +14,7 @@ from bayesdeg.data.captures import captured_messages
 from bayesdeg.data.photographs import messages
 from bayesdeg.data.plausibility import doubts, refuse_impossible
 from bayesdeg.data.study import Study
-from bayesdeg.emulator.kept import duration, rough_seconds, search, without_emulator
+from bayesdeg.emulator.kept import duration, rough_seconds, search
 from bayesdeg.observations.catalogue import TABLES
 from bayesdeg.pipeline.outline import outline
 from bayesdeg.pipeline.reading import read_study
@@ -52,14 +52,8 @@ def check(study: StudyFolder) -> None:
         errors.print(described(geometry), soft_wrap=True, markup=False, highlight=False)
         errors.print(section(geometry), soft_wrap=True, markup=False, highlight=False)
         found = search(geometry)
-        if why := without_emulator(geometry):
-            errors.print(
-                f"'bayesdeg run' stops before it calibrates: no emulator can be trained for this "
-                f"actuator ({why}); 'bayesdeg simulate' works",
-                soft_wrap=True,
-            )
-        elif found.source is None:
-            seconds = rough_seconds(checked.settings.dimensions, workers=CORES)
+        if found.source is None:
+            seconds = rough_seconds(geometry.dimensions, geometry.constraint, workers=CORES)
             errors.print(
                 f"{found.reason}; 'bayesdeg run' trains one first: {duration(seconds)} with "
                 f"--workers {CORES}, a rough guess that it replaces by a measured time",

@@ -18,16 +18,17 @@ from scipy.stats import norm
 from sklearn.linear_model import GammaRegressor
 from threadpoolctl import threadpool_limits
 
-from bayesdeg.actuator.curve import Curve, PathSamples
+from bayesdeg.actuator.curve import Curve, PathSamples, with_layer
 from bayesdeg.actuator.demand import MEASURES, WEIBULL_MODULI
 from bayesdeg.actuator.moulded import Moulded
 from bayesdeg.actuator.sensitivity import INPUTS
 from bayesdeg.actuator.status import MODEL_VERSION, Status
 from bayesdeg.emulator.coordinates import LARGEST_WARPED, SLACK, coordinates, scaled_cause
 from bayesdeg.emulator.design import is_answered, likely, second_stage, space_filling
-from bayesdeg.emulator.kept import MESH_ERROR, Recipe, has_ground, refuse_whole_range
+from bayesdeg.emulator.kept import Recipe, has_ground, mesh_error_of, refuse_whole_range
 from bayesdeg.emulator.local import LocalDesign, counted_in
 from bayesdeg.emulator.regression import (
+    STEEPEST,
     Equations,
     Observed,
     Prior,
@@ -327,11 +328,14 @@ class FitTerms:
         Of ``OUTPUTS`` and of ``MEASURES``, in their order.
     errors, limit : Family
         Of the logarithm of squared errors, and of the limit.
+    steepest : float
+        Growth d ln κ / d ln p up to which curves are learned [–].
     """
 
     plans: tuple[FitPlan, ...]
     errors: Family
     limit: Family
+    steepest: float = STEEPEST
 
 
 WHOLE = FitTerms(PLANS, FAMILY, LIMIT_FAMILY)
@@ -384,6 +388,9 @@ BY_ITSELF = FitTerms(
     NEAR.errors,
     NEAR.limit,
 )
+# a segment with straight channels hardly bends at first, and then grows by up to p^5.5 where its
+# channels widen, along a path that is smooth all the way
+OF_CHANNELS = replace(BY_ITSELF, steepest=8.0)
 
 
 @dataclass(frozen=True)
@@ -413,9 +420,14 @@ def _cut_short(*samples: PathSamples) -> int:
 
 
 def _learned(
-    curves: Sequence[Curve], samples: Sequence[PathSamples], *, span: TrainingRange, length: float
+    curves: Sequence[Curve],
+    samples: Sequence[PathSamples],
+    *,
+    span: TrainingRange,
+    length: float,
+    steepest: float,
 ) -> dict[Curve, Observed]:
-    found = _observed(curves, samples, span=span, length=length)
+    found = _observed(curves, samples, span=span, length=length, steepest=steepest)
     if not found:
         raise BayesdegError(
             "no curve of a mesh has enough equilibria to learn from: the study hardly bends its "
@@ -462,9 +474,12 @@ def train(
     """
     coarse, fine = (_counted(*runs, units) for runs in (coarse, fine))
     chosen = terms or WHOLE
-    many, few = (_learned(*runs, span=span, length=length) for runs in (coarse, fine))
+    steepest = chosen.steepest
+    many, few = (
+        _learned(*runs, span=span, length=length, steepest=steepest) for runs in (coarse, fine)
+    )
     parts = [_train(many, few, plan, span, _below(ground, plan)) for plan in chosen.plans]
-    limit = _limit(coarse, fine, span, chosen.limit, ground)
+    limit = _limit(coarse, fine, span, chosen, ground)
     met = _material_points(likely(span) if usual is None else [counted_in(c, units) for c in usual])
     errors = [
         fit_errors(p.points, p.left_out, nearness(p.points, met), chosen.errors) for p in parts
@@ -515,24 +530,29 @@ def _limit(
     coarse: tuple[Sequence[Curve], Sequence[PathSamples]],
     fine: tuple[Sequence[Curve], Sequence[PathSamples]],
     span: TrainingRange,
-    family: Family,
+    terms: FitTerms,
     ground: Surrogate | None,
 ) -> FittedLimit:
     """Fit where curves end."""
     ends, fine_ends = (
-        [reach(c, s) for c, s in zip(*runs, strict=True) if is_answered(c, span)]
+        [reach(c, s, terms.steepest) for c, s in zip(*runs, strict=True) if is_answered(c, span)]
         for runs in (coarse, fine)
     )
     below = None if ground is None else ground.limit.output(0)
-    return fit_limit(ends, fine_ends, family=family, ground=below)
+    return fit_limit(ends, fine_ends, family=terms.limit, ground=below)
 
 
 def _observed(
-    curves: Sequence[Curve], samples: Sequence[PathSamples], *, span: TrainingRange, length: float
+    curves: Sequence[Curve],
+    samples: Sequence[PathSamples],
+    *,
+    span: TrainingRange,
+    length: float,
+    steepest: float,
 ) -> dict[Curve, Observed]:
     """Return what each run says, without those that say nothing."""
     found = {
-        curve: observe(curve, solved, span=span, length=length)
+        curve: observe(curve, solved, span=span, length=length, steepest=steepest)
         for curve, solved in zip(curves, samples, strict=True)
         if is_answered(curve, span)
     }
@@ -882,8 +902,9 @@ def runs(
     recipe = recipe or Recipe()
     coarse, fine = _curves(recipe, design)
     return [
-        *(Run(geometry, recipe.coarse_mesh, curve, Kind.SAMPLES) for curve in coarse),
-        *(Run(geometry, recipe.fine_mesh, curve, Kind.SAMPLES) for curve in fine),
+        Run(geometry, mesh, with_layer(geometry, curve), Kind.SAMPLES)
+        for mesh, curves in ((recipe.coarse_mesh, coarse), (recipe.fine_mesh, fine))
+        for curve in curves
     ]
 
 
@@ -956,11 +977,12 @@ def build(
     place: _Place = {"span": TrainingRange()}
     if design is not None:
         place = {"span": design.span, "usual": design.usual, "units": design.units}
-        place |= {"terms": NEAR, "ground": default_surrogate()} if alike else {"terms": BY_ITSELF}
+        alone = OF_CHANNELS if geometry.dimensions.kind == "cylindrical" else BY_ITSELF
+        place |= {"terms": NEAR, "ground": default_surrogate()} if alike else {"terms": alone}
     length = geometry.dimensions.length
     # sums of several threads depend on their number
     with threadpool_limits(1):
-        mesh_error = MESH_ERROR[geometry.dimensions.kind]
+        mesh_error = mesh_error_of(geometry)
         return train(coarse, fine, length=length, mesh_error=mesh_error, record=record, **place)
 
 

@@ -88,7 +88,10 @@ def _counted_in_one(group: Group, values: Floats, units: Units) -> tuple[Group, 
     if group.name != "log_paper":
         return group, values
     shift = float(np.log(units.paper))
-    return replace(group, low=group.low + shift, high=group.high + shift), values + shift
+    counted = replace(group, low=group.low + shift, high=group.high + shift)
+    if units.layer is not None:
+        counted = replace(counted, meaning="ln(C1 of the constraint layer/M)", unit="–")
+    return counted, values + shift
 
 
 def _group(group: Group, values: Floats, refused: Flags, columns: int) -> str:
@@ -457,8 +460,8 @@ class Surrogate:
         inputs = self.units.inputs(inputs)
         batch = Batch.of(inputs, self.span, one_by_one=True)
         gradient = curvature_gradient(inputs, batch, self._allowed(batch), self.terms, self.span)
-        factor = self.units.by_field
-        return {name: factor(name) * value / self.length for name, value in gradient.items()}
+        by_given = self.units.by_given(gradient, inputs)
+        return {name: value / self.length for name, value in by_given.items()}
 
     def limit_pressure(self, inputs: Inputs) -> LimitPressure:
         """Return the pressure up to which the curve of each material is smooth, with its error."""
@@ -501,7 +504,8 @@ class Surrogate:
             "record": np.array(self.record),
         }
         if self.units != ONE:  # files were written without them once
-            arrays["units"] = np.array([self.units.load, self.units.paper])
+            layer = () if self.units.layer is None else (self.units.layer,)
+            arrays["units"] = np.array([self.units.load, self.units.paper, *layer])
         for name in _TABLES:
             table: Terms = getattr(self, name)
             arrays |= {f"{name}_orders": table.orders, f"{name}_coefficients": table.coefficients}
@@ -530,7 +534,7 @@ class Surrogate:
             )
             for name in _TABLES
         }
-        load, paper = arrays.get("units", np.ones(2)).astype(np.float64)
+        load, paper, *layer = (float(unit) for unit in arrays.get("units", np.ones(2)))
         return cls(
             length=float(arrays["length"]),
             span=TrainingRange(
@@ -549,7 +553,7 @@ class Surrogate:
             limit=tables["limit"],
             strains=tables["strains"],
             strain_error=tables["strain_error"],
-            units=Units(float(load), float(paper)),
+            units=Units(load, paper, *layer),
         )
 
     def _limit(self, batch: Batch) -> tuple[Floats, Floats]:
