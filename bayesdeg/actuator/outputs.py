@@ -521,10 +521,11 @@ def face_rotation(
     previous : float
         Angle whose branch is wanted [rad].
     """
-    shapes, _, _, weights = kernels.face_shapes(body.element.order)
+    shapes, along_first, along_second, weights = kernels.face_shapes(body.element.order)
     grid = body.nodes[faces]
-    area = np.ptp(grid[:, :, 1], axis=1) * np.ptp(grid[:, :, 2], axis=1)
-    at = area[:, None] * weights
+    first, second = along_first @ grid[:, :, 1:], along_second @ grid[:, :, 1:]
+    area = np.abs(first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0])
+    at = area * weights
     height = grid[:, :, 2] @ shapes.T
     arm = (at * (height - np.sum(at * height) / np.sum(at))) @ shapes
     moments = np.zeros(len(placed))

@@ -22,6 +22,7 @@ from bayesdeg.data.families import (
     LARGEST_MM,
     MOST_CHAMBERS,
     PASSIVES,
+    SECTIONS,
     SMALLEST_MM,
     Constraint,
     ConstraintKind,
@@ -30,6 +31,7 @@ from bayesdeg.data.families import (
     Mould,
     Passive,
     RibbedDimensions,
+    Section,
 )
 from bayesdeg.data.foreign import DECIMALS, DELIMITERS, ForeignTable
 from bayesdeg.data.shrinkage import Known, MixtureRecipe
@@ -579,6 +581,8 @@ def _dimension(name: str) -> _Entry:
         return _Entry("actuator", name, "a whole number of at least 1", int)
     if name == "passive":
         return _Entry("actuator", name, f"one of {', '.join(PASSIVES)}", Passive)
+    if name == "section":
+        return _Entry("actuator", name, f"one of {', '.join(SECTIONS)}", Section)
     return _Entry("actuator", name, f"a number up to {LARGEST_MM:g} [mm]", Number)
 
 

@@ -18,7 +18,7 @@ from bayesdeg.actuator.sensitivity import INPUTS
 from bayesdeg.actuator.status import Status
 from bayesdeg.data.families import Constraint, CylindricalDimensions
 from bayesdeg.data.settings import Dimensions
-from bayesdeg.errors import BayesdegError, GeometryError
+from bayesdeg.errors import GeometryError
 from tests.actuator.test_ribbed import EXACT, ONE_ELEMENT_A_WALL, SMALL, SOFT
 
 SLAB = Constraint("elastomer", thickness=0.8, c1=60.0, c2=-0.5, c3=0.3)
