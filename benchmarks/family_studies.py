@@ -89,7 +89,7 @@ thickness = 1.5
 C1 = 200.0
 """,
 }
-LARGEST = {"straight_channels": 20.0, "layer": 12.0}  # kPa
+LARGEST = {"straight_channels": 20.0, "layer": 8.0}  # kPa
 STEPS, SPECIMENS, FILMS = 10, 4, 3
 
 

@@ -105,6 +105,13 @@ class RoundSection:
         """Area of the whole ellipse [mm²]."""
         return pi * self.half_width * self.half_height
 
+    def holds(self, y: Floats, z: Floats) -> NDArray[np.bool_]:
+        """Return whether places across and heights lie inside the ellipse [mm]."""
+        inside: NDArray[np.bool_] = (y / self.half_width) ** 2 + (
+            (z - self.axis) / self.half_height
+        ) ** 2 < 1.0
+        return inside
+
     def bent(self, nodes: Floats) -> Floats:
         """Return where nodes of the rectangle go, (n, 3) [mm]."""
         y, z = nodes[:, 1], nodes[:, 2] - self.axis

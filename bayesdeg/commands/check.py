@@ -7,7 +7,7 @@ from rich.table import Table
 from rich.text import Text
 
 from bayesdeg.actuator.families import geometry_of_study
-from bayesdeg.actuator.section import described, section
+from bayesdeg.actuator.section import across, described, section
 from bayesdeg.commands.options import CORES, StudyFolder
 from bayesdeg.console import errors, say, shown
 from bayesdeg.data.captures import captured_messages
@@ -50,7 +50,11 @@ def check(study: StudyFolder) -> None:
         _say_how_read(checked)
         geometry = geometry_of_study(checked.settings)
         errors.print(described(geometry), soft_wrap=True, markup=False, highlight=False)
-        errors.print(section(geometry), soft_wrap=True, markup=False, highlight=False)
+        drawings = [section(geometry)]
+        if geometry.dimensions.kind == "cylindrical":  # along it all sections look alike
+            drawings += ["", across(geometry)]
+        for drawing in drawings:
+            errors.print(drawing, soft_wrap=True, markup=False, highlight=False)
         found = search(geometry)
         if found.source is None:
             seconds = rough_seconds(geometry.dimensions, geometry.constraint, workers=CORES)

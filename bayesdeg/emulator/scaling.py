@@ -121,6 +121,7 @@ class Units:
             given,
             pressure=given.pressure / self.load,
             paper_stiffness=self._stiffness(given) / self.paper,
+            paper_thickness=self._thickness(given),
             reference_pressure=None if reference is None else reference / self.load,
         )
 
@@ -131,6 +132,13 @@ class Units:
         modulus = self.layer if self.layer > 0.0 else NO_LAYER * _modulus(given)
         stiffness: Floats = 1e3 * modulus * np.asarray(given.linear_scale)
         return stiffness
+
+    def _thickness(self, given: Inputs) -> Floats | None:
+        """Return the thickness of the paper [mm]; that of another layer is of its geometry."""
+        if self.layer is None or given.paper_thickness is None:
+            return given.paper_thickness
+        thickness: Floats = NOMINAL_THICKNESS * np.asarray(given.linear_scale)
+        return thickness
 
     def by_given(self, by: Mapping[str, Floats], counted: Inputs) -> dict[str, Floats]:
         """Return derivatives by the fields of given inputs from those by the counted ones.
@@ -149,6 +157,10 @@ class Units:
         found["paper_stiffness"] = 0.0 * by["paper_stiffness"]
         through = by["paper_stiffness"] * counted.paper_stiffness
         found["linear_scale"] = found["linear_scale"] + through / counted.linear_scale
+        if "paper_thickness" in by:
+            found["paper_thickness"] = 0.0 * by["paper_thickness"]
+            thickness = by["paper_thickness"] * NOMINAL_THICKNESS
+            found["linear_scale"] = found["linear_scale"] + thickness
         if self.layer == 0.0:
             relative = through / _modulus(counted)
             found["c1"] = found["c1"] + relative
