@@ -266,18 +266,23 @@ C1 = 600.0
 """
 SILICONE = """
 [priors]
-"c1_at_0" = { law = "lognormal", median = 0.3, sigma = 0.1 }
-"c3_at_0" = { law = "lognormal", median = 3e-3, sigma = 0.3 }
+"c1_at_0" = { law = "lognormal", median = C1, sigma = 0.1 }
+"c3_at_0" = { law = "lognormal", median = C3, sigma = 0.3 }
 "c2_ratio_at_0" = { law = "uniform", low = -0.3, high = 0.3 }
 """
 
 
 @pytest.mark.fem
 @pytest.mark.slow
-@pytest.mark.parametrize(("actuator", "layer"), [(BLOCK, 0.0), (LAYER, 0.6)], ids=["block", "slab"])
-def test_without_paper_one_is_trained_and_answers_as_the_exact_map(trains, given, actuator, layer):
+@pytest.mark.parametrize(
+    ("actuator", "layer", "c1"), [(BLOCK, 0.0, 0.06), (LAYER, 0.6, 0.3)], ids=["block", "slab"]
+)
+def test_without_paper_one_is_trained_and_answers_as_the_exact_map(
+    trains, given, actuator, layer, c1
+):
     """On its own mesh, at places that it was not trained on; no cause of paper is judged."""
-    text = SETTINGS + actuator + SILICONE
+    stated = SILICONE.replace("C1", f"{c1:g}").replace("C3", f"{0.01 * c1:g}")
+    text = SETTINGS + actuator + stated
     (trains.study / "study.toml").write_text(text, encoding="utf-8")
     code, said = trains("run", "--workers", "1", "--yes")
     assert code == 0, said
@@ -292,9 +297,9 @@ def test_without_paper_one_is_trained_and_answers_as_the_exact_map(trains, given
     one = np.ones((3, 1))
     given_inputs = Inputs(
         np.array([[30.0, 60.0, 80.0]]),
-        np.array([[0.27], [0.3], [0.33]]),
+        c1 * np.array([[0.9], [1.0], [1.1]]),
         0.0 * one,
-        3e-3 * one,
+        0.01 * c1 * one,
         one,
         0.0 * one,
         paper_thickness=study.settings.paper_thickness_mm * one,
