@@ -174,6 +174,28 @@ class Curve:
     layer: LayerGroups | None = None
 
 
+def with_layer(geometry: Moulded, curve: Curve) -> Curve:
+    """Return a curve with the constraint layer of its actuator, if that is of elastomer.
+
+    The layer's C1 over that of the body is then the paper's group, and its other constants are to
+    its C1 as they are stated.
+
+    Examples
+    --------
+    >>> from bayesdeg.actuator.families import geometry_of
+    >>> from bayesdeg.data.families import Constraint, RibbedDimensions
+    >>> layer = Constraint("elastomer", thickness=1.0, c1=60.0, c2=-6.0)
+    >>> curve = Curve((1.0,), MaterialGroups(0.0, 0.01, 8.0))
+    >>> with_layer(geometry_of(RibbedDimensions(), layer), curve).layer
+    LayerGroups(c1=8.0, c2=-0.8, c3=0.0)
+    """
+    if not geometry.constraint.is_slab:
+        return curve
+    c1, c2, c3 = geometry.constraint.constants
+    ratio = curve.material.paper_group
+    return replace(curve, layer=LayerGroups(ratio, ratio * c2 / c1, ratio * c3 / c1))
+
+
 @dataclass(frozen=True)
 class CurveSolution:
     """One pressure curve at moulded size, as far as it was reached.
@@ -343,9 +365,9 @@ class Actuator:
         Raises
         ------
         BayesdegError
-            If scikit-fem assembles the equations, or a layer is of another elastomer.
+            If scikit-fem assembles the equations.
         """
-        self._need_kernels(curve)
+        self._need_kernels()
         exact = replace(effort or PathEffort(tolerance=1e-6, rate_tolerance=1e-7), exact=True)
         try:
             mesh, problem = self.problem(curve)
@@ -366,9 +388,9 @@ class Actuator:
         Raises
         ------
         BayesdegError
-            If scikit-fem assembles the equations, or a layer is of another elastomer.
+            If scikit-fem assembles the equations.
         """
-        self._need_kernels(curve)
+        self._need_kernels()
         outputs = 1 if self.held else len(OUTPUTS)
         try:
             mesh, problem = self.problem(curve)
@@ -388,9 +410,7 @@ class Actuator:
             solver.name,
         )
 
-    def _need_kernels(self, curve: Curve) -> None:
-        if curve.layer is not None:
-            raise BayesdegError("no derivatives are computed beside a layer of another elastomer")
+    def _need_kernels(self) -> None:
         if self.backend is not Backend.KERNELS:
             raise BayesdegError(
                 f"{self.backend} gives no derivatives by the inputs; take {Backend.KERNELS}"
@@ -399,7 +419,7 @@ class Actuator:
     def _recorder(
         self, problem: Problem, mesh: ActuatorMesh, wanted: frozenset[float] | None, enough: float
     ) -> PathRecord | ForceRecord:
-        shapes = variations(self.mesh, self.system, problem.material)
+        shapes = variations(self.mesh, self.system, problem.material, problem.layer)
         if self.held:
             return ForceRecord(mesh, problem, self._opened(), shapes=shapes, enough=enough)
         return PathRecord(

@@ -209,6 +209,11 @@ class Geometry:
         return self.slots
 
     @property
+    def rounded(self) -> None:
+        """None: its section is made of rectangles."""
+        return
+
+    @property
     def slab(self) -> tuple[Box, ...]:
         """The box of a constraint layer of elastomer, if it is one [mm]."""
         return slab_of(self.constraint, self.dimensions, self.outer)

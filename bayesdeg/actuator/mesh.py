@@ -19,6 +19,7 @@ from bayesdeg.actuator.body import (
 )
 from bayesdeg.actuator.moulded import Box, Moulded, Planes, bottom_is_exposed
 from bayesdeg.actuator.part import PartGeometry, meshed_part
+from bayesdeg.actuator.round import ringed
 from bayesdeg.actuator.status import COARSE as COARSE
 from bayesdeg.actuator.status import CONVERGED as CONVERGED
 from bayesdeg.actuator.status import FINE as FINE
@@ -47,6 +48,8 @@ class ActuatorMesh:
     share : float
         Of the model's volume and force, what a half of the actuator has: 1/2 where the model is
         the whole of it.
+    unbent : array, shape (n_nodes, 3), optional
+        Where nodes of a round section are in the block from which it is bent [mm].
     """
 
     geometry: Moulded
@@ -54,6 +57,7 @@ class ActuatorMesh:
     free_end: Indices
     bottom_line: Indices
     share: float = 1.0
+    unbent: Floats | None = None
 
 
 def build_mesh(
@@ -93,10 +97,7 @@ def build_mesh(
         _divide(np.union1d(planes, more) if len(more) else planes, size, resolution.grading)
         for planes, more, size in zip(geometry.planes(), also, sizes, strict=True)
     ]
-    full = MeshHex.init_tensor(*grids)
-    centres = full.p[:, full.t].mean(axis=1).T
-    hollow = _inside_any(centres, (*geometry.cavities, *geometry.voids))
-    body = body_of(full.restrict(np.flatnonzero(~hollow)), element)
+    body, unbent = _bricks(geometry, grids, resolution, element)
     faces = boundary_faces(body)
     middles = body.nodes[faces].mean(axis=1)
     end = np.isclose(middles[:, 0], geometry.outer[0][1])
@@ -113,8 +114,9 @@ def build_mesh(
             depth=_depth(body, geometry),
             layer=_slab(body, geometry),
         ),
-        free_end=grid_order(nodes, faces[end]),
+        free_end=grid_order(nodes, faces[end]) if unbent is None else faces[end],
         bottom_line=_line(nodes, geometry.line_height),
+        unbent=unbent,
     )
 
 
@@ -144,6 +146,26 @@ def tip_edge(mesh: ActuatorMesh) -> Indices:
     return lowest
 
 
+def _bricks(
+    geometry: Moulded, grids: list[Floats], resolution: Resolution, element: Element
+) -> tuple[Body, Floats | None]:
+    """Return the bricks of material, and where those of a round section are before it is bent."""
+    section, (x, y, z) = geometry.rounded, grids
+    if section is not None:
+        a, b = section.core
+        y = y[y <= a + APART]
+        z = z[np.abs(z - section.axis) <= b + APART]
+    full = MeshHex.init_tensor(x, y, z)
+    centres = full.p[:, full.t].mean(axis=1).T
+    hollow = _inside_any(centres, (*geometry.cavities, *geometry.voids))
+    solid = full.restrict(np.flatnonzero(~hollow))
+    if section is None:
+        return body_of(solid, element), None
+    size = 0.5 * (resolution.across + resolution.up)
+    body = body_of(ringed(solid, (x, y, z), section, size), element)
+    return body.placed_at(section.bent(body.nodes)), body.nodes
+
+
 def reshaped(mesh: ActuatorMesh, *, wall_factor: float, erosion: float) -> ActuatorMesh:
     """Return the mesh with thicker or thinner walls and faces eroded: the same bricks moved.
 
@@ -165,17 +187,24 @@ def reshaped(mesh: ActuatorMesh, *, wall_factor: float, erosion: float) -> Actua
     before, after = mesh.geometry.planes(), geometry.planes()
     if any(len(a) != len(b) for a, b in zip(before, after, strict=True)):
         raise GeometryError("walls so changed fall together with other faces")
+    start = mesh.body.nodes if mesh.unbent is None else mesh.unbent
     nodes = np.column_stack(
-        [np.interp(mesh.body.nodes[:, axis], before[axis], after[axis]) for axis in range(3)]
+        [np.interp(start[:, axis], before[axis], after[axis]) for axis in range(3)]
     )
-    body = mesh.body.placed_at(nodes)
-    return replace(mesh, geometry=geometry, body=replace(body, depth=_depth(body, geometry)))
+    section = geometry.rounded
+    body = mesh.body.placed_at(nodes if section is None else section.bent(nodes))
+    body = replace(body, depth=_depth(body, geometry))
+    return replace(mesh, geometry=geometry, body=body, unbent=None if section is None else nodes)
 
 
 def _depth(body: Body, geometry: Moulded) -> Floats:
     """Distance of quadrature points from the faces that are exposed to the soil."""
     points = np.einsum("qa,eai->eqi", body.element.shapes, body.nodes[body.elements])
     (_, length), (_, half_width), (bottom, top) = geometry.outer
+    if geometry.rounded is not None:
+        nearest = np.minimum(length - points[..., 0], geometry.rounded.depth(points))
+        under: Floats = np.maximum(nearest, 0.0)
+        return under
     depth = np.min(np.array([length, half_width, top]) - points, axis=-1)
     if bottom_is_exposed(geometry.constraint, geometry.dimensions):
         depth = np.minimum(depth, points[..., 2] - bottom)

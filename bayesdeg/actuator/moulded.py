@@ -5,6 +5,7 @@ from typing import Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdeg.actuator.round import RoundSection
 from bayesdeg.actuator.status import Resolution
 from bayesdeg.data.families import Constraint, Mould
 
@@ -47,6 +48,10 @@ class Moulded(Protocol):
     @property
     def slab(self) -> tuple[Box, ...]:
         """The box of a constraint layer of elastomer, if it is one [mm]."""
+
+    @property
+    def rounded(self) -> RoundSection | None:
+        """The outline across the length, where it is round."""
 
     @property
     def line_height(self) -> float:

@@ -88,6 +88,11 @@ class PartGeometry:
         return ()
 
     @property
+    def rounded(self) -> None:
+        """None: the outline is whatever the mesh says."""
+        return
+
+    @property
     def is_boxes(self) -> bool:
         """Whether it is a block less boxes: it is not."""
         return False

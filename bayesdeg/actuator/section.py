@@ -7,8 +7,8 @@ from bayesdeg.actuator.moulded import Box, Moulded, volume_without
 from bayesdeg.actuator.part import PartGeometry
 from bayesdeg.data.part import cavity_of
 
-MATERIAL, PRESSED, OPEN, LAYER = "#", " ", "o", "="
-COLUMNS = 76
+MATERIAL, PRESSED, OPEN, LAYER, OUTSIDE = "#", " ", "o", "=", "."
+COLUMNS, ACROSS = 76, 40
 Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]
 
@@ -124,6 +124,52 @@ def _of_bricks(geometry: PartGeometry, columns: int) -> str:
     lines = ["".join(row) for row in drawn]
     if geometry.constraint.is_there:
         lines.insert(int(np.sum(z > geometry.line_height)), LAYER * columns)
+    return "\n".join(lines)
+
+
+def across(geometry: Moulded, columns: int = ACROSS) -> str:
+    """Draw the section across the middle of an actuator's length, seen along it.
+
+    As `section`; what lies outside a round outline is ``.``.
+
+    Parameters
+    ----------
+    geometry : Moulded
+        Of any family.
+    columns : int
+        Characters for the width.
+
+    Examples
+    --------
+    >>> from bayesdeg.actuator.families import geometry_of
+    >>> from bayesdeg.data.families import CylindricalDimensions
+    >>> print(across(geometry_of(CylindricalDimensions(section="round")), 24))
+    ......############......
+    ..#########  #########..
+    .######################.
+    ========================
+    ########################
+    .######################.
+    ..#########oo#########..
+    ......############......
+    """
+    (_, length), (_, half), (bottom, top) = geometry.outer
+    rows = max(2, round((top - bottom) / (2.0 * half) * columns / CELL))
+    y = half * (2.0 * (np.arange(columns) + 0.5) / columns - 1.0)
+    z = top - (top - bottom) * (np.arange(rows) + 0.5) / rows
+    drawn = np.full((rows, columns), MATERIAL)
+    parts = (geometry.voids, OPEN), (geometry.cavities, PRESSED), (geometry.slab, LAYER)
+    for boxes, mark in parts:
+        for (first, last), beside, upward in boxes:
+            if first < 0.5 * length < last:
+                drawn[np.ix_(*_within((beside, beside, upward), z, np.abs(y)))] = mark
+    if geometry.rounded is not None:
+        inside = geometry.rounded.holds(y[None, :], z[:, None])
+        drawn = np.where(inside, drawn, OUTSIDE)
+    lines = ["".join(row) for row in drawn]
+    if geometry.constraint.is_membrane:
+        place = int(np.sum(z > geometry.line_height))
+        lines.insert(place, LAYER * columns)
     return "\n".join(lines)
 
 

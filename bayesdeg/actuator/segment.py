@@ -22,6 +22,7 @@ from bayesdeg.actuator.moulded import (
     slab_of,
     volume_without,
 )
+from bayesdeg.actuator.round import RoundSection, core_of
 from bayesdeg.actuator.status import FINE, Resolution
 from bayesdeg.data.families import Constraint, CylindricalDimensions, Kind, RibbedDimensions
 from bayesdeg.errors import GeometryError
@@ -30,7 +31,9 @@ Boxes = tuple[Box, ...]
 Sizes = tuple[float, float, float]
 
 MOST_ALONG, MOST_UP = 100, 30  # elements of a mesh where channels are small, about
-ALONG, ACROSS = 24, 10  # of a fine mesh of straight channels in the outer sizes, about
+# of a fine mesh about straight channels: along, where nothing changes; in a channel's smaller side;
+# and at most in half the width and in the height where channels are small
+ALONG, IN_CHANNEL, MOST_ACROSS, MOST_HIGH = 8, 4, 10, 14
 
 
 def slits(d: RibbedDimensions, wall_factor: float) -> Boxes:
@@ -80,22 +83,23 @@ def straight_channels(d: CylindricalDimensions, wall_factor: float) -> Boxes:
 def sizes_about_straight_channels(d: CylindricalDimensions) -> Sizes:
     """Return sizes of elements of a fine mesh along, across and up [mm].
 
-    There are two in the height of a channel, 24 along and about seven across.
+    What decides is how the section widens: there are four in the smaller side of a channel.
     """
-    up = max(0.52 * d.channel_height, d.height / MOST_UP)
-    return d.length / ALONG, d.width / ACROSS, up
+    side = min(d.channel_width, d.channel_height) / IN_CHANNEL
+    return d.length / ALONG, max(side, 0.5 * d.width / MOST_ACROSS), max(side, d.height / MOST_HIGH)
 
 
 class Layout(NamedTuple):
-    """What one family of segments has of its own."""
+    """What one family of segments has of its own; whether its elements are smaller at edges."""
 
     channels: Callable[[Any, float], Boxes]
     sizes: Callable[[Any], Sizes]
+    graded: bool
 
 
 LAYOUTS: Mapping[Kind, Layout] = {
-    "ribbed": Layout(slits, sizes_about_slits),
-    "cylindrical": Layout(straight_channels, sizes_about_straight_channels),
+    "ribbed": Layout(slits, sizes_about_slits, graded=False),
+    "cylindrical": Layout(straight_channels, sizes_about_straight_channels, graded=True),
 }
 
 
@@ -155,7 +159,8 @@ class SegmentGeometry:
             return ()
         if wrong_change := change_problems(w, e):
             return wrong_change
-        if order_is_kept(self.changed(wall_factor=1.0, erosion=0.0)._faces, self._faces):
+        ordered = order_is_kept(self.changed(wall_factor=1.0, erosion=0.0)._faces, self._faces)
+        if ordered and (self.rounded is None or self.rounded.holds_core):
             return ()
         return (
             f"a wall factor of {w:g} and {e:g} mm of erosion leave nothing of a wall or a channel "
@@ -176,6 +181,27 @@ class SegmentGeometry:
     def outer(self) -> Box:
         """What is left of the block after erosion [mm]."""
         return block_left(self.dimensions, self.constraint, self.erosion)
+
+    @property
+    def rounded(self) -> RoundSection | None:
+        """The outline across the length, where it is round."""
+        d = self.dimensions
+        if not (isinstance(d, CylindricalDimensions) and d.is_round):
+            return None
+        axis = 0.5 * d.height
+        faces = {self.line_height, *(z for _, _, heights in self.slab for z in heights)}
+        levels = tuple(sorted(z - axis for z in faces))
+        size = 0.5 * d.width - self.erosion, axis - self.erosion
+        return RoundSection(*size, core_of(d), axis, levels)
+
+    @property
+    def _core(self) -> Boxes:
+        """The core of a round section, of which its ring is bent [mm]."""
+        section = self.rounded
+        if section is None:
+            return ()
+        across, up = section.core
+        return (((0.0, 0.0), (0.0, across), (section.axis - up, section.axis + up)),)
 
     @property
     def upper(self) -> Boxes:
@@ -211,7 +237,7 @@ class SegmentGeometry:
     @property
     def _faces(self) -> Boxes:
         plane = (0.0, 0.0), (0.0, 0.0), (self.line_height, self.line_height)
-        return (self.outer, plane, *self.slab, *self.upper, *self.lower)
+        return (self.outer, plane, *self.slab, *self._core, *self.upper, *self.lower)
 
     @property
     def volume(self) -> float:
@@ -224,7 +250,11 @@ class SegmentGeometry:
         >>> round(SegmentGeometry(CylindricalDimensions()).volume)
         39557
         """
-        return 2.0 * volume_without(self.planes(), (*self.upper, *self.lower))
+        planes, channels = self.planes(), (*self.upper, *self.lower)
+        if self.rounded is None:
+            return 2.0 * volume_without(planes, channels)
+        air = volume_without(planes, ()) - volume_without(planes, channels)
+        return self.rounded.area * self.outer[0][1] - 2.0 * air
 
     @property
     def is_boxes(self) -> bool:
@@ -238,11 +268,21 @@ class SegmentGeometry:
             along * usual.along / FINE.along,
             across * usual.across / FINE.across,
             up * usual.up / FINE.up,
+            usual.grading if self._layout.graded else 0.0,
         )
 
     def planes(self) -> Planes:
         """Return the coordinates of all planes along x, y and z between which bricks stand [mm]."""
-        return planes_of(self.outer, (*self.slab, *self.upper, *self.lower), self.line_height)
+        boxes = (*self.slab, *self.upper, *self.lower)
+        if not self._core:
+            return planes_of(self.outer, boxes, self.line_height)
+        # of the rectangle from which the section is bent, twice as large as the core
+        (_, (_, across), upward) = self._core[0]
+        axis = 0.5 * sum(upward)
+        outer = self.outer[0], (0.0, 2.0 * across), (2.0 * upward[0] - axis, 2.0 * upward[1] - axis)
+        flat = tuple((x, (0.0, across), z) for x, _, z in self.slab)
+        inner = (*flat, *self._core, *self.upper, *self.lower)
+        return planes_of(outer, inner, self.line_height)
 
     def changed(self, *, wall_factor: float, erosion: float) -> Self:
         """Return the segment with thicker or thinner walls and faces eroded [–, mm]."""

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from bayesdeg.actuator import kernels, paper
 from bayesdeg.actuator.linear import Factorization
-from bayesdeg.actuator.material import MaterialGroups, skin_profile
+from bayesdeg.actuator.material import LayerGroups, MaterialGroups, skin_profile
 from bayesdeg.actuator.mesh import ActuatorMesh, reshaped
 from bayesdeg.actuator.outputs import read_state
 from bayesdeg.actuator.problem import Linearisation, MechanicalState, Problem, System
@@ -76,7 +76,10 @@ def evaluated(
 
 
 def variations(
-    nominal: ActuatorMesh, system: System, material: MaterialGroups
+    nominal: ActuatorMesh,
+    system: System,
+    material: MaterialGroups,
+    layer: LayerGroups | None = None,
 ) -> tuple[Variation | None, ...]:
     """Return the variations of ``SHAPE_INPUTS`` about a material's walls and erosion.
 
@@ -88,6 +91,8 @@ def variations(
         Of the nominal mesh.
     material : MaterialGroups
         With the wall factor and the erosion to vary about.
+    layer : LayerGroups, optional
+        Of a constraint layer of elastomer.
 
     Returns
     -------
@@ -108,23 +113,17 @@ def variations(
         except GeometryError:
             found.append(None)
             continue
-        found.append(_moved(here, other, system, material, share=STEP / towards[name]))
+        moved = _moved(here, other, share=STEP / towards[name])
+        problem = Problem(system.with_body(moved.body), material, layer=layer)
+        found.append(Variation(moved, problem))
     return tuple(found)
 
 
-def _moved(
-    here: ActuatorMesh,
-    other: ActuatorMesh,
-    system: System,
-    material: MaterialGroups,
-    *,
-    share: float,
-) -> Variation:
+def _moved(here: ActuatorMesh, other: ActuatorMesh, *, share: float) -> ActuatorMesh:
     """Return the mesh moved by a share of the way to another."""
     body = here.body.placed_at(here.body.nodes + share * (other.body.nodes - here.body.nodes))
     depth = here.body.depth + share * (other.body.depth - here.body.depth)
-    mesh = replace(here, body=replace(body, depth=depth))
-    return Variation(mesh, Problem(system.with_body(mesh.body), material))
+    return replace(here, body=replace(body, depth=depth))
 
 
 MATERIAL_INPUTS = (
@@ -274,21 +273,13 @@ def _largest(field: Floats) -> float:
 def residual_rates(problem: Problem, state: MechanicalState) -> Floats:
     """Return ∂R/∂m of the uncondensed residual for ``MATERIAL_INPUTS``, (n_inputs, n_nodes, 3).
 
-    The volume equation knows none of these inputs.
+    The volume equation knows none of these inputs. Beside a layer of elastomer the paper's group
+    is the layer's C1 over that of the body, to which all its constants are in proportion; that
+    the bulk modulus grows with it is left out, which no reading feels.
     """
     system, body, material = problem.system, problem.system.body, problem.material
     placed = body.nodes + state.displacement
-    solid = np.zeros((len(body.nodes), 12))
-    profile = skin_profile(body)
-    kernels.constant_rates(
-        state.displacement,
-        body.elements,
-        body.gradients,
-        body.weights,
-        problem.constants,
-        profile,
-        solid,
-    )
+    solid = _constant_rates(problem, state)
     membrane = np.zeros((3, len(body.nodes), 3))
     paper.membrane_rate(placed, body.nodes, body.paper, *problem.face, problem.paper_law, membrane)
     bend = (system.bending @ state.displacement.ravel()).reshape(-1, 3)
@@ -299,8 +290,8 @@ def residual_rates(problem: Problem, state: MechanicalState) -> Floats:
     return np.stack(
         [
             -problem.cavity_gradient(state),
-            *np.moveaxis(solid.reshape(-1, 4, 3), 1, 0),
-            membrane[0] + plate * material.paper_thickness,
+            *solid,
+            membrane[0] + plate * material.paper_thickness + _layer_rate(problem, state),
             2.0 * plate * material.paper_group,
             membrane[1],
             problem.share * membrane[2],
@@ -308,3 +299,40 @@ def residual_rates(problem: Problem, state: MechanicalState) -> Floats:
             up,
         ]
     )
+
+
+def _constant_rates(problem: Problem, state: MechanicalState) -> Floats:
+    """Return the rates by C2, C3, r and the skin of the body alone, (4, n_nodes, 3)."""
+    body = problem.system.body
+    bricks = np.ones(len(body.elements), dtype=bool)
+    if problem.layer is not None and body.layer is not None:
+        bricks = ~body.layer
+    return _rates_of(problem, state, bricks, skin_profile(body))
+
+
+def _layer_rate(problem: Problem, state: MechanicalState) -> Floats:
+    """Return the rate by the C1 of a layer of elastomer, all its constants in proportion."""
+    body, layer = problem.system.body, problem.layer
+    if layer is None or body.layer is None:
+        return np.zeros_like(body.nodes)
+    relative: Floats = _rates_of(problem, state, body.layer, np.ones_like(body.weights))[3]
+    return relative / layer.c1
+
+
+def _rates_of(
+    problem: Problem, state: MechanicalState, bricks: NDArray[np.bool_], profile: Floats
+) -> Floats:
+    """Return the rates by C2, C3, r and the logarithm of all constants times a profile."""
+    body = problem.system.body
+    found = np.zeros((len(body.nodes), 12))
+    kernels.constant_rates(
+        state.displacement,
+        body.elements[bricks],
+        body.gradients[bricks],
+        body.weights[bricks],
+        problem.constants[bricks],
+        profile[bricks],
+        found,
+    )
+    rates: Floats = np.moveaxis(found.reshape(-1, 4, 3), 1, 0)
+    return rates

@@ -32,7 +32,17 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
-from skfem import Basis, BilinearForm, ElementHex2, FacetBasis, Functional, LinearForm, MeshHex, asm
+from skfem import (
+    Basis,
+    BilinearForm,
+    ElementHex2,
+    FacetBasis,
+    Functional,
+    LinearForm,
+    MeshHex,
+    MeshHex2,
+    asm,
+)
 from skfem.element import ElementH1
 from skfem.helpers import ddot, det, eye, grad, identity, inv, mul, trace, transpose
 from skfem.refdom import RefHex
@@ -329,7 +339,7 @@ class Spaces:
         Raises
         ------
         ValueError
-            If its element is not Q2/P1disc, or a brick has curved edges.
+            If its element is not Q2/P1disc, or its nodes have another order.
         """
         if body.element is not QUADRATIC:
             raise ValueError(f"the weak form knows {QUADRATIC.name} only, not {body.element.name}")
@@ -337,6 +347,9 @@ class Spaces:
         points = body.nodes[: int(corners.max()) + 1]
         mesh = MeshHex(np.ascontiguousarray(points.T), np.ascontiguousarray(corners.T))
         displacement = Basis(mesh, ElementHex2(), intorder=DEGREE)
+        if np.abs(displacement.doflocs.T - body.nodes).max() > MISPLACED:  # bent bricks
+            curved = replace(MeshHex2.from_mesh(mesh), doflocs=np.ascontiguousarray(body.nodes.T))
+            displacement = Basis(curved, ElementHex2(), intorder=DEGREE)
         _check_places(body, displacement)
         pressure = displacement.with_element(ElementHexLinear())
         return cls(
@@ -351,7 +364,7 @@ class Spaces:
 def _check_places(body: Body, basis: Basis) -> None:
     same = np.array_equal(basis.element_dofs.T, body.elements)
     if not same or np.abs(basis.doflocs.T - body.nodes).max() > MISPLACED:
-        raise ValueError("the weak form needs bricks with straight edges, nodes in the middle")
+        raise ValueError("the weak form needs nodes in the order of scikit-fem's")
 
 
 def on_faces(basis: Basis, faces: NDArray[np.int64]) -> FacetBasis:

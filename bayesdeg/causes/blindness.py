@@ -4,6 +4,7 @@ import numpy as np
 
 from bayesdeg.causes.cause import Conditions, FilmConditions
 from bayesdeg.causes.history import known_time
+from bayesdeg.data.study import Study
 
 FRESH = 0.5
 """A specimen recorded up to this never was in the soil [%]."""
@@ -65,3 +66,18 @@ def in_one_mode_and_measure(films: FilmConditions) -> str | None:
     """Say so where besides all stresses bear the same label, nominal or Cauchy."""
     labels = np.unique(films.cauchy[films.stretch != 1.0])  # what pads a curve has no label
     return in_one_mode(films) if len(labels) < 2 else None
+
+
+def without_membrane(study: Study) -> str | None:
+    """Say so where an actuator has neither paper nor film.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> without_membrane(Study("gelatin", Path("gelatin")))
+    """
+    layer = study.settings.constraint
+    if layer.is_membrane:
+        return None
+    what = "a layer of elastomer" if layer.is_slab else "no constraint layer"
+    return f"the actuator has {what}, and neither paper nor film"

@@ -35,7 +35,7 @@ Source
 from dataclasses import replace
 
 from bayesdeg.actuator.inputs import Inputs
-from bayesdeg.causes.blindness import without_degraded
+from bayesdeg.causes.blindness import without_degraded, without_membrane
 from bayesdeg.causes.cause import REFERENCE_DEGRADATION, Cause, Conditions, Effect, Stage
 from bayesdeg.priors import Parameter, TruncatedNormal
 
@@ -81,5 +81,6 @@ CAUSE = Cause(
     confusable_with=("paper_softening", "erosion", "degradation_misread"),
     on_inputs=loosen_paper,
     blind=without_degraded,
+    blind_in=without_membrane,
     of_degradation=True,
 )

@@ -30,6 +30,7 @@ Source
 from dataclasses import replace
 
 from bayesdeg.actuator.inputs import Inputs
+from bayesdeg.causes.blindness import without_membrane
 from bayesdeg.causes.cause import Cause, Conditions, Effect, Stage
 from bayesdeg.priors import Parameter, TruncatedNormal
 
@@ -58,4 +59,5 @@ CAUSE = Cause(
     "that is straight at rest",
     confusable_with=("film_mismatch", "wall_thickness", "shrinkage_reading"),
     on_inputs=shrink_on_paper,
+    blind_in=without_membrane,
 )

@@ -28,6 +28,7 @@ Source
 from dataclasses import replace
 
 from bayesdeg.actuator.inputs import Inputs
+from bayesdeg.causes.blindness import without_membrane
 from bayesdeg.causes.cause import Cause, Conditions, Effect, Stage
 from bayesdeg.priors import Parameter, TruncatedNormal
 
@@ -56,4 +57,5 @@ CAUSE = Cause(
     "refuted by flat paper bonded all over",
     confusable_with=("pressure_offset", "film_mismatch"),
     on_inputs=slacken_paper,
+    blind_in=without_membrane,
 )

@@ -31,7 +31,7 @@ from dataclasses import replace
 import numpy as np
 
 from bayesdeg.actuator.inputs import Inputs
-from bayesdeg.causes.blindness import without_degraded
+from bayesdeg.causes.blindness import without_degraded, without_membrane
 from bayesdeg.causes.cause import REFERENCE_DEGRADATION, Cause, Conditions, Effect, Stage
 from bayesdeg.priors import Parameter, TruncatedNormal
 
@@ -61,5 +61,6 @@ CAUSE = Cause(
     confusable_with=("delamination", "degradation_misread", "degraded_skin", "erosion"),
     on_inputs=soften_paper,
     blind=without_degraded,
+    blind_in=without_membrane,
     of_degradation=True,
 )

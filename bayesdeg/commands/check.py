@@ -8,7 +8,7 @@ from rich.table import Table
 from rich.text import Text
 
 from bayesdeg.actuator.families import geometry_of_study
-from bayesdeg.actuator.section import described, section
+from bayesdeg.actuator.section import across, described, section
 from bayesdeg.commands.options import CORES
 from bayesdeg.console import errors, say, shown
 from bayesdeg.data.captures import captured_messages
@@ -16,7 +16,7 @@ from bayesdeg.data.families import MeshDimensions
 from bayesdeg.data.photographs import messages
 from bayesdeg.data.plausibility import doubts, refuse_impossible
 from bayesdeg.data.study import Study
-from bayesdeg.emulator.kept import duration, rough_seconds, search, without_emulator
+from bayesdeg.emulator.kept import duration, rough_seconds, search
 from bayesdeg.observations.catalogue import TABLES
 from bayesdeg.pipeline.outline import outline
 from bayesdeg.pipeline.reading import read_study
@@ -47,18 +47,16 @@ def check(study: Path) -> None:
         _say_how_read(checked)
         geometry = geometry_of_study(checked.settings)
         errors.print(described(geometry), soft_wrap=True, markup=False, highlight=False)
-        errors.print(section(geometry), soft_wrap=True, markup=False, highlight=False)
+        drawings = [section(geometry)]
+        if geometry.dimensions.kind == "cylindrical":  # along it all sections look alike
+            drawings += ["", across(geometry)]
+        for drawing in drawings:
+            errors.print(drawing, soft_wrap=True, markup=False, highlight=False)
         if isinstance(mould := geometry.dimensions, MeshDimensions):
             say(filter(None, [mould.assumption]))
         found = search(geometry)
-        if why := without_emulator(geometry):
-            errors.print(
-                f"'bayesdeg run' stops before it calibrates: no emulator can be trained for this "
-                f"actuator ({why}); 'bayesdeg simulate' works",
-                soft_wrap=True,
-            )
-        elif found.source is None:
-            seconds = rough_seconds(checked.settings.dimensions, workers=CORES)
+        if found.source is None:
+            seconds = rough_seconds(geometry.dimensions, geometry.constraint, workers=CORES)
             errors.print(
                 f"{found.reason}; 'bayesdeg run' trains one first: {duration(seconds)} with "
                 f"--workers {CORES}, a rough guess that it replaces by a measured time",

@@ -19,7 +19,6 @@ from bayesdeg.emulator.kept import (
     Recipe,
     duration,
     local_recipe,
-    refuse_without_emulator,
 )
 from bayesdeg.emulator.local import (
     MORE_COARSE,
@@ -107,7 +106,6 @@ def emulator_for(
     if study.actuator is None:
         return None
     geometry = geometry_of_study(study.settings)
-    refuse_without_emulator(geometry)
     mould = geometry.dimensions
     if isinstance(mould, MeshDimensions) and mould.assumption and not manner.quiet:
         _print(mould.assumption)

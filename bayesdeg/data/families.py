@@ -4,19 +4,24 @@ The dimensions of a pneunet are `bayesdeg.data.settings.Dimensions`.
 """
 
 from dataclasses import dataclass, field, fields
-from math import isfinite, sqrt
+from math import hypot, isfinite, pi, sqrt
 from typing import Literal, Protocol, get_args
 
 Kind = Literal["pneunet", "ribbed", "cylindrical", "mesh"]
 ConstraintKind = Literal["paper", "film", "elastomer", "none"]
 Passive = Literal["open", "pressurised", "solid", "none"]
+Section = Literal["block", "round"]
 
 KINDS: tuple[Kind, ...] = get_args(Kind)
 CONSTRAINTS: tuple[ConstraintKind, ...] = get_args(ConstraintKind)
 PASSIVES: tuple[Passive, ...] = get_args(Passive)
+SECTIONS: tuple[Section, ...] = get_args(Section)
 
 #: Limits of a dimension [mm] and of the number of chambers; beyond them no mesh can be made.
 SMALLEST_MM, LARGEST_MM, MOST_CHAMBERS = 1e-3, 2000.0, 200
+#: Of a round section's radius, up to which channels may reach: less material than this cannot be
+#: meshed.
+INSIDE_ROUND = 0.97
 
 
 READ = {"is_read": True}
@@ -354,9 +359,9 @@ class RibbedDimensions:
 class CylindricalDimensions:
     """Dimensions of a segment with straight channels beside its axis, as moulded; lengths in mm.
 
-    A block with rectangular channels along it, side by side over the middle of its width, closed at
-    both ends. The defaults are those of the cylindrical segment of Marchese, Katzschmann and Rus,
-    doi:10.1089/soro.2014.0022, as far as they are stated.
+    A block, or a round bar, with rectangular channels along it, side by side over the middle of its
+    width, closed at both ends. The defaults are those of the cylindrical segment of Marchese,
+    Katzschmann and Rus, doi:10.1089/soro.2014.0022, as far as they are stated.
 
     Parameters
     ----------
@@ -374,7 +379,10 @@ class CylindricalDimensions:
         authors; the default puts the channel in the middle of its half: assumed.
     passive : {"open", "pressurised", "solid", "none"}
         The other half, a mirror image: its channels open to the air, under the same pressure,
-        or none in it; or no other half at all.
+        or none in it; or no other half at all, which a round section always has.
+    section : {"block", "round"}
+        Outline across the length: a rectangle, or the ellipse of this width and height; a circle
+        where they are the same.
 
     Examples
     --------
@@ -395,11 +403,17 @@ class CylindricalDimensions:
     pitch: float = 5.6
     offset: float = 4.9
     passive: Passive = "open"
+    section: Section = "block"
 
     @property
     def kind(self) -> Kind:
         """The family."""
         return "cylindrical"
+
+    @property
+    def is_round(self) -> bool:
+        """Whether its outline is an ellipse."""
+        return self.section == "round"
 
     @property
     def is_mirrored(self) -> bool:
@@ -429,7 +443,8 @@ class CylindricalDimensions:
     @property
     def constraint_room(self) -> tuple[float, float]:
         """Heights between which a layer runs through material alone [mm]."""
-        return (self.height - self.floor if self.is_mirrored else 0.0), self.floor
+        low = self.is_mirrored or self.is_round
+        return (self.height - self.floor if low else 0.0), self.floor
 
     @property
     def channel_middles(self) -> tuple[float, ...]:
@@ -456,6 +471,8 @@ class CylindricalDimensions:
         """
         plane, deep = self.usual_height, 0.5 * self.channel_height
         whole = self.width * ((self.height - plane) ** 3 + plane**3) / 3.0
+        if self.is_round:
+            whole = pi * self.width * self.height**3 / 64.0
         rows, across = 2 if self.is_mirrored else 1, self.channels * self.channel_width
         air = rows * across * ((self.offset + deep) ** 3 - (self.offset - deep) ** 3) / 3.0
         moment = across * self.channel_height * self.offset
@@ -479,7 +496,30 @@ class CylindricalDimensions:
         >>> CylindricalDimensions(channel_length=70.0).problems()[0].partition("; ")[2]
         'give a smaller channel_length or a larger length'
         """
-        return _wrong_values(self) or self._wrong_places() + self._wrong_heights()
+        return (
+            _wrong_values(self)
+            or self._wrong_places() + self._wrong_heights()
+            or self._wrong_outline()
+        )
+
+    def _wrong_outline(self) -> tuple[str, ...]:
+        if self.section not in SECTIONS:
+            return (f"section is {self.section!r}; give one of {', '.join(SECTIONS)}",)
+        if not self.is_round:
+            return ()
+        if self.passive == "none":
+            return (
+                "a round section has both halves, and passive is 'none'; "
+                'give passive = "solid", or section = "block"',
+            )
+        across, up = 0.5 * self._row, self.offset + 0.5 * self.channel_height
+        if hypot(across / (0.5 * self.width), up / (0.5 * self.height)) <= INSIDE_ROUND:
+            return ()
+        return (
+            f"a corner of the channels, {across:g} mm beside and {up:g} mm over the axis, does not "
+            f"lie inside the round section of {self.width:g} by {self.height:g} mm; give fewer or "
+            "smaller channels, a smaller offset, or a larger width and height",
+        )
 
     def _wrong_places(self) -> tuple[str, ...]:
         wrong = []
@@ -600,7 +640,7 @@ class MeshDimensions:
 
 
 def _wrong_values(mould: RibbedDimensions | CylindricalDimensions) -> tuple[str, ...]:
-    lengths = [e.name for e in fields(mould) if e.name not in ("channels", "passive")]
+    lengths = [e.name for e in fields(mould) if e.name not in ("channels", "passive", "section")]
     wrong = [
         f"{name} is {value:g} mm; give {SMALLEST_MM:g} to {LARGEST_MM:g} mm"
         for name in lengths

@@ -22,6 +22,7 @@ from bayesdeg.data.families import (
     LARGEST_MM,
     MOST_CHAMBERS,
     PASSIVES,
+    SECTIONS,
     SMALLEST_MM,
     Constraint,
     ConstraintKind,
@@ -31,6 +32,7 @@ from bayesdeg.data.families import (
     Mould,
     Passive,
     RibbedDimensions,
+    Section,
 )
 from bayesdeg.data.foreign import DECIMALS, DELIMITERS, ForeignTable
 from bayesdeg.data.shrinkage import Known, MixtureRecipe
@@ -579,6 +581,8 @@ def _dimension(name: str) -> _Entry:
         return _Entry("actuator", name, "the name of a mesh beside study.toml, in quotes", _Text)
     if name == "mesh_error":
         return _Entry("actuator", name, "a share between 0 and 1", Number)
+    if name == "section":
+        return _Entry("actuator", name, f"one of {', '.join(SECTIONS)}", Section)
     return _Entry("actuator", name, f"a number up to {LARGEST_MM:g} [mm]", Number)
 
 

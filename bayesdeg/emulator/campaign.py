@@ -18,7 +18,7 @@ from scipy.stats import norm
 from sklearn.linear_model import GammaRegressor
 from threadpoolctl import threadpool_limits
 
-from bayesdeg.actuator.curve import Curve, PathSamples
+from bayesdeg.actuator.curve import Curve, PathSamples, with_layer
 from bayesdeg.actuator.demand import MEASURES, WEIBULL_MODULI
 from bayesdeg.actuator.inputs import Asked
 from bayesdeg.actuator.moulded import Moulded
@@ -29,6 +29,7 @@ from bayesdeg.emulator.design import is_answered, likely, second_stage, space_fi
 from bayesdeg.emulator.kept import Recipe, has_ground, mesh_error_of, refuse_whole_range
 from bayesdeg.emulator.local import LocalDesign, counted_in
 from bayesdeg.emulator.regression import (
+    STEEPEST,
     Equations,
     Observed,
     Prior,
@@ -331,12 +332,15 @@ class FitTerms:
         Of the logarithm of squared errors, and of the limit.
     volume : FitPlan
         Of the volume of the cavity, which is fitted where all runs have it.
+    steepest : float
+        Growth d ln κ / d ln p up to which curves are learned [–].
     """
 
     plans: tuple[FitPlan, ...]
     errors: Family
     limit: Family
     volume: FitPlan
+    steepest: float = STEEPEST
 
 
 VOLUME = (len(OUTPUTS) + len(MEASURES),)
@@ -392,6 +396,9 @@ BY_ITSELF = FitTerms(
     NEAR.limit,
     NEAR.volume,
 )
+# a segment with straight channels hardly bends at first, and then grows by up to p^5.5 where its
+# channels widen, along a path that is smooth all the way
+OF_CHANNELS = replace(BY_ITSELF, steepest=8.0)
 
 
 Solved = tuple[Sequence[Curve], Sequence[PathSamples]]
@@ -424,9 +431,14 @@ def _cut_short(*samples: PathSamples) -> int:
 
 
 def _learned(
-    curves: Sequence[Curve], samples: Sequence[PathSamples], *, span: TrainingRange, length: float
+    curves: Sequence[Curve],
+    samples: Sequence[PathSamples],
+    *,
+    span: TrainingRange,
+    length: float,
+    steepest: float,
 ) -> dict[Curve, Observed]:
-    found = _observed(curves, samples, span=span, length=length)
+    found = _observed(curves, samples, span=span, length=length, steepest=steepest)
     if not found:
         raise BayesdegError(
             "no curve of a mesh has enough equilibria to learn from: the study hardly bends its "
@@ -473,9 +485,12 @@ def train(
     """
     coarse, fine = (_counted(*runs, units) for runs in (coarse, fine))
     chosen = terms or WHOLE
-    many, few = (_learned(*runs, span=span, length=length) for runs in (coarse, fine))
+    steepest = chosen.steepest
+    many, few = (
+        _learned(*runs, span=span, length=length, steepest=steepest) for runs in (coarse, fine)
+    )
     parts = [_train(many, few, plan, span, _below(ground, plan)) for plan in chosen.plans]
-    limit = _limit(coarse, fine, span, chosen.limit, ground)
+    limit = _limit(coarse, fine, span, chosen, ground)
     met = _material_points(likely(span) if usual is None else [counted_in(c, units) for c in usual])
     errors = [_error_of(part, met, chosen) for part in parts]
     further, also = _further(many, few, chosen, span, met)
@@ -597,24 +612,29 @@ def _limit(
     coarse: tuple[Sequence[Curve], Sequence[PathSamples]],
     fine: tuple[Sequence[Curve], Sequence[PathSamples]],
     span: TrainingRange,
-    family: Family,
+    terms: FitTerms,
     ground: Surrogate | None,
 ) -> FittedLimit:
     """Fit where curves end."""
     ends, fine_ends = (
-        [reach(c, s) for c, s in zip(*runs, strict=True) if is_answered(c, span)]
+        [reach(c, s, terms.steepest) for c, s in zip(*runs, strict=True) if is_answered(c, span)]
         for runs in (coarse, fine)
     )
     below = None if ground is None else ground.limit.output(0)
-    return fit_limit(ends, fine_ends, family=family, ground=below)
+    return fit_limit(ends, fine_ends, family=terms.limit, ground=below)
 
 
 def _observed(
-    curves: Sequence[Curve], samples: Sequence[PathSamples], *, span: TrainingRange, length: float
+    curves: Sequence[Curve],
+    samples: Sequence[PathSamples],
+    *,
+    span: TrainingRange,
+    length: float,
+    steepest: float,
 ) -> dict[Curve, Observed]:
     """Return what each run says, without those that say nothing."""
     found = {
-        curve: observe(curve, solved, span=span, length=length)
+        curve: observe(curve, solved, span=span, length=length, steepest=steepest)
         for curve, solved in zip(curves, samples, strict=True)
         if is_answered(curve, span)
     }
@@ -966,7 +986,7 @@ def runs(
     ways = (False, True) if design is not None and design.with_forces else (False,)
     both = ((recipe.coarse_mesh, coarse), (recipe.fine_mesh, fine))
     return [
-        Run(geometry, mesh, curve, Kind.SAMPLES, held)
+        Run(geometry, mesh, with_layer(geometry, curve), Kind.SAMPLES, held)
         for held in ways
         for mesh, curves in both
         for curve in curves
@@ -1035,7 +1055,8 @@ def build(
     place: _Place = {"span": TrainingRange()}
     if design is not None:
         place = {"span": design.span, "usual": design.usual, "units": design.units}
-        place |= {"terms": NEAR, "ground": default_surrogate()} if alike else {"terms": BY_ITSELF}
+        alone = OF_CHANNELS if geometry.dimensions.kind == "cylindrical" else BY_ITSELF
+        place |= {"terms": NEAR, "ground": default_surrogate()} if alike else {"terms": alone}
     length = geometry.dimensions.length
     # sums of several threads depend on their number
     with threadpool_limits(1):

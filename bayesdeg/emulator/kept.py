@@ -18,8 +18,8 @@ import numpy as np
 from bayesdeg.actuator.families import geometry_of
 from bayesdeg.actuator.moulded import Moulded
 from bayesdeg.actuator.status import CONVERGED, MODEL_VERSION, Resolution
+from bayesdeg.data.families import Constraint, MeshDimensions, Mould
 from bayesdeg.data.families import Kind as ActuatorKind
-from bayesdeg.data.families import MeshDimensions, Mould
 from bayesdeg.data.part import read_part
 from bayesdeg.data.settings import Dimensions
 from bayesdeg.errors import BayesdegError
@@ -142,8 +142,9 @@ def departure(geometry: Moulded) -> str:
 # rms deviation of the fine mesh from vanishing elements. Default pneunet: fresh and degraded, as
 # printed by `python benchmarks/forward.py --json` (details of error_pct). Default ribbed segment:
 # 1,118 elements are 4 % below 3,498 elements, and these 1.5 % below finer ones, see
-# `segment.sizes_about_slits`
-MESH_ERROR: Mapping[ActuatorKind, float] = {"pneunet": 0.0065, "ribbed": 0.05}
+# `segment.sizes_about_slits`. Straight channels: `python benchmarks/channel_meshes.py --json`
+MESH_ERROR: Mapping[ActuatorKind, float] = {"pneunet": 0.0065, "ribbed": 0.05, "cylindrical": 0.04}
+LAYER_MESH_ERROR = 0.01  # of a pneunet with a layer of elastomer, by the same command
 
 
 def mesh_error_of(geometry: Moulded) -> float:
@@ -157,42 +158,8 @@ def mesh_error_of(geometry: Moulded) -> float:
     dimensions = geometry.dimensions
     if isinstance(dimensions, MeshDimensions):
         return dimensions.mesh_error
-    return MESH_ERROR[dimensions.kind]
-
-
-def without_emulator(geometry: Moulded) -> str:
-    """Say why no emulator of an actuator can be trained, not even for one study; empty if one can.
-
-    Examples
-    --------
-    >>> from bayesdeg.data.families import CylindricalDimensions
-    >>> without_emulator(geometry_of(CylindricalDimensions()))
-    'it is a cylindrical actuator, and the error of its meshes is not known'
-    >>> without_emulator(geometry_of(Dimensions()))
-    ''
-    """
-    kind, layer = geometry.dimensions.kind, geometry.constraint
-    if kind not in MESH_ERROR and geometry.is_boxes:
-        return f"it is a {kind} actuator, and the error of its meshes is not known"
-    if layer.is_slab:
-        return f"no derivatives are computed beside its layer of {layer.kind}"
-    return ""
-
-
-def refuse_without_emulator(geometry: Moulded) -> None:
-    """Refuse an actuator that no emulator can be trained for, not even for one study.
-
-    Raises
-    ------
-    BayesdegError
-        Saying why, and what to do instead.
-    """
-    reason = without_emulator(geometry)
-    if reason:
-        raise BayesdegError(
-            f"no emulator can be trained for this actuator: {reason}; 'bayesdeg simulate' and "
-            "ExactMap of bayesdeg.actuator.curve solve without"
-        )
+    own = MESH_ERROR[dimensions.kind]
+    return max(own, LAYER_MESH_ERROR) if geometry.constraint.is_slab else own
 
 
 def refuse_whole_range(geometry: Moulded) -> None:
@@ -203,7 +170,6 @@ def refuse_whole_range(geometry: Moulded) -> None:
     BayesdegError
         Saying why, and what to do instead.
     """
-    refuse_without_emulator(geometry)
     reason = departure(geometry)
     if reason:
         raise BayesdegError(
@@ -350,6 +316,14 @@ FITTING_SECONDS = 10.0
 # and 1,118 elements, and its slits one along and in the depth
 SLIT_COARSE = Resolution(along=2.0, across=1.25, up=5.0)
 SLIT_FINE = Resolution(along=2.0, across=0.92, up=1.79)
+# of straight channels: two elements in a channel's smaller side, and three
+CHANNEL_COARSE = Resolution(along=1.0, across=1.4, up=1.8, grading=0.75)
+CHANNEL_FINE = Resolution(along=1.0, across=0.94, up=1.21, grading=0.75)
+MESHES: Mapping[ActuatorKind, tuple[Resolution, Resolution]] = {
+    "pneunet": (Recipe().coarse_mesh, Recipe().fine_mesh),
+    "ribbed": (SLIT_COARSE, SLIT_FINE),
+    "cylindrical": (CHANNEL_COARSE, CHANNEL_FINE),
+}
 
 
 def local_recipe(dimensions: Mould) -> Recipe:
@@ -367,15 +341,14 @@ def local_recipe(dimensions: Mould) -> Recipe:
     """
     if isinstance(dimensions, MeshDimensions):  # one mesh, that is solved twice of a few curves
         return Recipe(coarse_runs=COARSE_RUNS, fine_runs=FINE_RUNS, further=False)
-    usual, shape = Recipe(), geometry_of(dimensions)
-    meshes = (usual.coarse_mesh, usual.fine_mesh)
-    if dimensions.kind != "pneunet":
-        meshes = SLIT_COARSE, SLIT_FINE
-    coarse, fine = (shape.mesh_like(mesh) for mesh in meshes)
+    shape = geometry_of(dimensions)
+    coarse, fine = (shape.mesh_like(mesh) for mesh in MESHES[dimensions.kind])
     return Recipe(coarse, fine, COARSE_RUNS, FINE_RUNS, further=False)
 
 
-def rough_seconds(dimensions: Mould, *, workers: int = 1) -> float:
+def rough_seconds(
+    dimensions: Mould, constraint: Constraint | None = None, *, workers: int = 1
+) -> float:
     """Return roughly how long it takes to train an emulator for a study [s].
 
     The time of a curve is taken as proportional to the number of elements, which it exceeds for
@@ -385,6 +358,8 @@ def rough_seconds(dimensions: Mould, *, workers: int = 1) -> float:
     ----------
     dimensions : Mould
         Of the actuator.
+    constraint : Constraint, optional
+        By default paper.
     workers : int
         Processes, each with a core of its own.
 
@@ -396,22 +371,25 @@ def rough_seconds(dimensions: Mould, *, workers: int = 1) -> float:
     True
     """
     recipe, usual = local_recipe(dimensions), Recipe()
-    coarse = _elements(dimensions, recipe.coarse_mesh) / _elements(Dimensions(), usual.coarse_mesh)
-    fine = _elements(dimensions, recipe.fine_mesh) / _elements(Dimensions(), usual.fine_mesh)
+    shape, plain = geometry_of(dimensions, constraint), geometry_of(Dimensions())
+    coarse = _elements(shape, recipe.coarse_mesh) / _elements(plain, usual.coarse_mesh)
+    fine = _elements(shape, recipe.fine_mesh) / _elements(plain, usual.fine_mesh)
     curves = COARSE_RUNS * COARSE_SECONDS * coarse + FINE_RUNS * FINE_SECONDS * fine
     return curves / max(1, workers) + FITTING_SECONDS
 
 
-def _elements(dimensions: Mould, mesh: Resolution) -> int:
-    if isinstance(dimensions, MeshDimensions):
-        return len(read_part(Path(dimensions.path)).bricks)
-    if dimensions.kind != "pneunet":  # planes of the channels divide it more than the size does
+def _elements(shape: Moulded, mesh: Resolution) -> int:
+    mould = shape.dimensions
+    if isinstance(mould, MeshDimensions):
+        return len(read_part(Path(mould.path)).bricks)
+    if mould.kind != "pneunet":  # planes of the channels divide it more than the size does
         sizes = (mesh.along, mesh.across, mesh.up)
-        planes = zip(geometry_of(dimensions).planes(), sizes, strict=True)
+        planes = zip(shape.planes(), sizes, strict=True)
         return prod(int(np.ceil(np.diff(axis) / size).sum()) for axis, size in planes)
     # between the planes of slots there is air, so that the outer sizes say more
-    along, across = ceil(dimensions.length / mesh.along), ceil(dimensions.width / 2.0 / mesh.across)
-    return along * across * ceil(dimensions.height / mesh.up)
+    along, across = ceil(mould.length / mesh.along), ceil(mould.width / 2.0 / mesh.across)
+    layer = ceil(shape.constraint.thickness / mesh.up) if shape.constraint.is_slab else 0
+    return along * across * (ceil(mould.height / mesh.up) + layer)
 
 
 def duration(seconds: float) -> str:

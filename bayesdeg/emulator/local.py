@@ -165,10 +165,30 @@ def units_for(geometry: Moulded, asked: AskedInputs) -> Units:
     share = span_share(asked)
     paper = np.quantile(asked.groups[:, _PAPER], [TAIL, 1.0 - TAIL])
     middle = 0.5 * (GROUPS[_PAPER].low + GROUPS[_PAPER].high)
-    return Units(
+    return replace(
+        layer_units(geometry),
         load=float(2.0 ** np.ceil(np.log2(share))),
         paper=float(np.exp2(np.round((np.mean(paper) - middle) / np.log(2.0)))),
     )
+
+
+def layer_units(geometry: Moulded) -> Units:
+    """Return units of 1, in which the group of the paper is that of whatever layer there is.
+
+    Examples
+    --------
+    >>> from bayesdeg.actuator.families import geometry_of
+    >>> from bayesdeg.data.families import Constraint, RibbedDimensions
+    >>> [
+    ...     layer_units(geometry_of(RibbedDimensions(), layer)).layer
+    ...     for layer in (Constraint(), Constraint("none"))
+    ... ]
+    [None, 0.0]
+    """
+    layer = geometry.constraint
+    if layer.is_membrane:
+        return ONE
+    return Units(layer=layer.constants[0] if layer.is_slab else 0.0)
 
 
 def span_share(asked: AskedInputs, wider: float = WIDER) -> float:

@@ -31,7 +31,7 @@ Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 LIMIT_MARGIN = 0.97  # share of a limit load up to which a curve is emulated
-STEEPEST = 2.75  # where d ln κ / d ln p is larger the actuator is about to balloon
+STEEPEST = 2.75  # where d ln κ / d ln p is larger a pneunet is about to balloon
 FLOOR = 0.15  # smallest weight of a reading, over that of the curve's largest
 COUNTED = [0, 1, -1]  # outputs that are counted from rest: curvature, bend angle, volume
 _VOLUME = OUTPUTS.index("cavity_volume")
@@ -94,10 +94,10 @@ class Reach:
     open: bool
 
 
-def reach(curve: Curve, samples: PathSamples) -> Reach:
+def reach(curve: Curve, samples: PathSamples, steepest: float = STEEPEST) -> Reach:
     """Return the load up to which a curve is smooth enough to emulate.
 
-    Where d ln κ / d ln q passes ``STEEPEST``, or shortly before a limit point; of a curve whose
+    Where d ln κ / d ln q passes ``steepest``, or shortly before a limit point; of a curve whose
     end was not found, the last load that was solved is a bound.
     """
     place = Place.of(curve.material)
@@ -106,13 +106,13 @@ def reach(curve: Curve, samples: PathSamples) -> Reach:
     if len(q) < 3:
         return Reach(groups, 0.0, open=False)
     steep = _growth(samples)
-    over = np.flatnonzero(~(steep < STEEPEST))
+    over = np.flatnonzero(~(steep < steepest))
     if len(over):
         k = int(over[0])
         crossing = q[max(k, 1)]
         if k > 0 and np.isfinite(steep[k]):
             pair = slice(k, k + 2)
-            crossing = np.exp(np.interp(STEEPEST, steep[k - 1 : k + 1], np.log(q[pair])))
+            crossing = np.exp(np.interp(steepest, steep[k - 1 : k + 1], np.log(q[pair])))
         return Reach(groups, float(crossing), open=False)
     if np.isfinite(samples.limit_load):
         return Reach(groups, LIMIT_MARGIN * samples.limit_load / place.modulus, open=False)
@@ -132,12 +132,17 @@ def _growth(samples: PathSamples) -> Floats:
 
 
 def observe(
-    curve: Curve, samples: PathSamples, *, span: TrainingRange, length: float
+    curve: Curve,
+    samples: PathSamples,
+    *,
+    span: TrainingRange,
+    length: float,
+    steepest: float = STEEPEST,
 ) -> Observed | None:
     """Return what a run says within its reach; None if that is less than two equilibria."""
     if len(samples.loads) < 3:
         return None
-    limit = reach(curve, samples).load
+    limit = reach(curve, samples, steepest).load
     place = Place.of(curve.material)
     q = samples.loads[1:] / place.modulus
     groups = np.column_stack([q, np.tile(place.values, (len(q), 1))])

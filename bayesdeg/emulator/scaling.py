@@ -22,6 +22,8 @@ Floats = NDArray[np.float64]
 
 SECOND = 0.5 / np.sqrt(3.0)  # share of r in the modulus at rest
 NOMINAL_SCALE = 0.853
+# of an actuator without any layer, whose map does not depend on it: the middle of its range [mm]
+NO_LAYER = 61.0
 NOMINAL_THICKNESS = PAPER_THICKNESS / NOMINAL_SCALE
 
 
@@ -91,6 +93,10 @@ class Units:
         Unit of p/M [–].
     paper : float
         Unit of Et/(M s) [mm].
+    layer : float, optional
+        C1 of a constraint layer of elastomer, which has the paper's place: the group is then its
+        C1 over M, whatever Et is. 0 of an actuator without any layer, whose group stays at
+        ``NO_LAYER``. None of paper or film [MPa].
 
     Examples
     --------
@@ -98,10 +104,13 @@ class Units:
     >>> inputs = Inputs(16 * one, one, one, one, one, 3e4 * one)
     >>> float(Units(load=4.0).inputs(inputs).pressure[0])
     4.0
+    >>> float(np.exp(groups_of(Units(layer=8.0).inputs(inputs))["log_paper"][0]).round(9))
+    8.0
     """
 
     load: float = 1.0
     paper: float = 1.0
+    layer: float | None = None
 
     def inputs(self, given: Inputs) -> Inputs:
         """Return inputs whose groups are those of the given ones in these units."""
@@ -111,14 +120,60 @@ class Units:
         return replace(
             given,
             pressure=given.pressure / self.load,
-            paper_stiffness=given.paper_stiffness / self.paper,
+            paper_stiffness=self._stiffness(given) / self.paper,
+            paper_thickness=self._thickness(given),
             reference_pressure=None if reference is None else reference / self.load,
         )
 
-    def by_field(self, name: str) -> float:
-        """Return the factor of a derivative by a field of ``Inputs``, from theirs to the given."""
-        units = {"pressure": self.load, "paper_stiffness": self.paper}
-        return 1.0 / units.get(name, 1.0)
+    def _stiffness(self, given: Inputs) -> Floats:
+        """Return the Et of which the group is made [N/m]."""
+        if self.layer is None:
+            return given.paper_stiffness
+        modulus = self.layer if self.layer > 0.0 else NO_LAYER * _modulus(given)
+        stiffness: Floats = 1e3 * modulus * np.asarray(given.linear_scale)
+        return stiffness
+
+    def _thickness(self, given: Inputs) -> Floats | None:
+        """Return the thickness of the paper [mm]; that of another layer is of its geometry."""
+        if self.layer is None or given.paper_thickness is None:
+            return given.paper_thickness
+        thickness: Floats = NOMINAL_THICKNESS * np.asarray(given.linear_scale)
+        return thickness
+
+    def by_given(self, by: Mapping[str, Floats], counted: Inputs) -> dict[str, Floats]:
+        """Return derivatives by the fields of given inputs from those by the counted ones.
+
+        Parameters
+        ----------
+        by : mapping of str to array
+            Derivatives by fields of ``inputs(given)``.
+        counted : Inputs
+            Those inputs.
+        """
+        size = {"pressure": self.load, "paper_stiffness": self.paper}
+        found = {name: value / size.get(name, 1.0) for name, value in by.items()}
+        if self.layer is None:
+            return found
+        found["paper_stiffness"] = 0.0 * by["paper_stiffness"]
+        through = by["paper_stiffness"] * counted.paper_stiffness
+        found["linear_scale"] = found["linear_scale"] + through / counted.linear_scale
+        if "paper_thickness" in by:
+            found["paper_thickness"] = 0.0 * by["paper_thickness"]
+            thickness = by["paper_thickness"] * NOMINAL_THICKNESS
+            found["linear_scale"] = found["linear_scale"] + thickness
+        if self.layer == 0.0:
+            relative = through / _modulus(counted)
+            found["c1"] = found["c1"] + relative
+            if "second_invariant" in found:
+                found["second_invariant"] = found["second_invariant"] + SECOND * relative
+        return found
+
+
+def _modulus(inputs: Inputs) -> Floats:
+    """Return M = C1 + r/(2√3) [MPa]."""
+    second = 0.0 if inputs.second_invariant is None else inputs.second_invariant
+    modulus: Floats = np.asarray(inputs.c1 + SECOND * np.asarray(second), dtype=np.float64)
+    return modulus
 
 
 ONE = Units()

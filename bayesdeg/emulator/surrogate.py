@@ -96,7 +96,10 @@ def _counted_in_one(group: Group, values: Floats, units: Units) -> tuple[Group, 
     if group.name != "log_paper":
         return group, values
     shift = float(np.log(units.paper))
-    return replace(group, low=group.low + shift, high=group.high + shift), values + shift
+    counted = replace(group, low=group.low + shift, high=group.high + shift)
+    if units.layer is not None:
+        counted = replace(counted, meaning="ln(C1 of the constraint layer/M)", unit="–")
+    return counted, values + shift
 
 
 def _group(group: Group, values: Floats, refused: Flags, columns: int) -> str:
@@ -518,8 +521,8 @@ class Surrogate:
         inputs = self.units.inputs(inputs)
         batch = Batch.of(inputs, self.span, one_by_one=True)
         gradient = curvature_gradient(inputs, batch, self._allowed(batch), self.terms, self.span)
-        factor = self.units.by_field
-        return {name: factor(name) * value / self.length for name, value in gradient.items()}
+        by_given = self.units.by_given(gradient, inputs)
+        return {name: value / self.length for name, value in by_given.items()}
 
     def limit_pressure(self, inputs: Inputs) -> LimitPressure:
         """Return the pressure up to which the curve of each material is smooth, with its error."""
@@ -562,7 +565,8 @@ class Surrogate:
             "record": np.array(self.record),
         }
         if self.units != ONE:  # files were written without them once
-            arrays["units"] = np.array([self.units.load, self.units.paper])
+            layer = () if self.units.layer is None else (self.units.layer,)
+            arrays["units"] = np.array([self.units.load, self.units.paper, *layer])
         tables: dict[str, Terms] = {name: getattr(self, name) for name in _TABLES}
         for asked, further in self.further.items():
             tables |= {asked: further.terms, f"{asked}_error": further.error}
@@ -595,7 +599,7 @@ class Surrogate:
             )
             for name in (*_TABLES, *asked, *(f"{name}_error" for name in asked))
         }
-        load, paper = arrays.get("units", np.ones(2)).astype(np.float64)
+        load, paper, *layer = (float(unit) for unit in arrays.get("units", np.ones(2)))
         return cls(
             length=float(arrays["length"]),
             span=TrainingRange(
@@ -614,7 +618,7 @@ class Surrogate:
             limit=tables["limit"],
             strains=tables["strains"],
             strain_error=tables["strain_error"],
-            units=Units(float(load), float(paper)),
+            units=Units(load, paper, *layer),
             further={name: FurtherTerms(tables[name], tables[f"{name}_error"]) for name in asked},
         )
 

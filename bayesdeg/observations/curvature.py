@@ -44,6 +44,7 @@ from bayesdeg.observations.noise import (
 from bayesdeg.observations.specimens import (
     FilmsAndActuators,
     Material,
+    layer_stiffness,
     linear_scale,
     shared,
     stiffness_spread,
@@ -516,7 +517,7 @@ def inputs_met(state: State[FilmsAndActuators], data: AtPressures, deviation: Fl
         c2=c2,
         c3=c3,
         linear_scale=linear_scale(values)[:, None, None],
-        paper_stiffness=values["paper_stiffness"][:, None, None],
+        paper_stiffness=layer_stiffness(values)[:, None, None],
         paper_thickness=np.full((1, 1, 1), state.world.paper_thickness),
     )
     return applied("on_inputs", inputs, data.conditions, state.acting())

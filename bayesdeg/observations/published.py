@@ -30,7 +30,12 @@ from bayesdeg.errors import Fault, StudyError
 from bayesdeg.observations.counts import CountedTests, RuptureCounts
 from bayesdeg.observations.curvature import actuator_parameters
 from bayesdeg.observations.kinds import Observations, Rows, State
-from bayesdeg.observations.specimens import FilmsAndActuators, linear_scale, stiffness_spread
+from bayesdeg.observations.specimens import (
+    FilmsAndActuators,
+    layer_stiffness,
+    linear_scale,
+    stiffness_spread,
+)
 from bayesdeg.priors import Parameter
 
 Floats = NDArray[np.float64]
@@ -307,7 +312,7 @@ def asked(state: State[FilmsAndActuators], tests: PublishedTests) -> Asked:
         c2=c2,
         c3=c3,
         linear_scale=linear_scale(values)[:, None, None],
-        paper_stiffness=values["paper_stiffness"][:, None, None],
+        paper_stiffness=layer_stiffness(values)[:, None, None],
         paper_thickness=np.full((1, 1, 1), state.world.paper_thickness),
     )
     return Asked(inputs, stiffness_spread(values, material, tests.degradation_sd))

@@ -236,6 +236,12 @@ def shared(degradation: Floats) -> Floats:
     return degradation[0] if one else degradation
 
 
+PAPER_STIFFNESS = "paper_stiffness"
+#: Parameters of which every model of actuators has one: without paper the first is none, and of
+#: tip forces alone the second.
+OF_ACTUATORS = frozenset({PAPER_STIFFNESS, "curvature_noise"})
+
+
 def linear_scale(values: Named) -> Floats:
     """Return the length of the part over that of its mould, (n,).
 
@@ -252,6 +258,21 @@ def linear_scale(values: Named) -> Floats:
         return np.ones(len(values["stiffness_scatter"]))
     scale: Floats = np.cbrt(values["volume_ratio"])
     return scale
+
+
+def layer_stiffness(values: Named) -> Floats:
+    """Return E t of the paper or film, (n,) [N/m].
+
+    It is 0 where it is no parameter: an actuator has a layer of elastomer then, or none.
+
+    Examples
+    --------
+    >>> layer_stiffness({"stiffness_scatter": np.array([0.1])}).tolist()
+    [0.0]
+    """
+    if PAPER_STIFFNESS not in values:
+        return np.zeros(len(values["stiffness_scatter"]))
+    return values[PAPER_STIFFNESS]
 
 
 def elongation_at(values: Named, degradation: Floats, nodes: Nodes) -> Floats:

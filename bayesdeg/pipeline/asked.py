@@ -8,11 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from bayesdeg.actuator.families import geometry_of_study
 from bayesdeg.causes.cause import Cause
 from bayesdeg.data.study import Study
 from bayesdeg.emulator.coordinates import Batch
-from bayesdeg.emulator.local import AskedInputs
-from bayesdeg.emulator.scaling import GROUPS, LOAD, TrainingRange, groups_of
+from bayesdeg.emulator.local import AskedInputs, layer_units
+from bayesdeg.emulator.scaling import GROUPS, LOAD, TrainingRange, Units, groups_of
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.inference.model import JointModel, share_outside
 from bayesdeg.observations.curvature import AtPressures, Curvature, inputs_met, parts_of
@@ -46,7 +47,8 @@ def asked_of(study: Study, seed: int) -> AskedInputs:
     generator = np.random.default_rng(sequence)
     rest = model.without_kinds(*(one.name for one in model.observations if one.uses_forward))
     known = base_without_chain(rest, sequence).posterior.resample(generator, DRAWS)
-    return _asked(assembly, known, generator)
+    units = layer_units(geometry_of_study(study.settings))
+    return _asked(assembly, known, generator, units)
 
 
 @dataclass(frozen=True)
@@ -95,7 +97,8 @@ def asked_after(study: Study, surrogate: Surrogate, seed: int) -> AskedAfterward
     with threadpool_limits(1):
         posterior = base_without_chain(model, sequence).posterior
         known = posterior.resample(generator, DRAWS)
-        asked = _asked(assembly, known, generator)
+        units = layer_units(geometry_of_study(study.settings))
+        asked = _asked(assembly, known, generator, units)
         outside = _outside(model, surrogate, known)
         refused = share_outside(model, known)
         return AskedAfterwards(
@@ -145,19 +148,21 @@ def _sets(causes: Sequence[Cause]) -> Iterator[tuple[Cause, ...]]:
     yield from pairwise(causes)
 
 
-def _asked(assembly: Assembly, known: Floats, generator: np.random.Generator) -> AskedInputs:
+def _asked(
+    assembly: Assembly, known: Floats, generator: np.random.Generator, units: Units
+) -> AskedInputs:
     """Return what all sets of causes ask, at draws of the base model and causes from priors."""
     return AskedInputs.joined(
         [
             part
             for causes in _sets(assembly.candidates)
-            for part in _of_model(assembly.model.extended(*causes), known, generator)
+            for part in _of_model(assembly.model.extended(*causes), known, generator, units)
         ]
     )
 
 
 def _of_model(
-    model: JointModel, known: Floats, generator: np.random.Generator
+    model: JointModel, known: Floats, generator: np.random.Generator, units: Units
 ) -> Iterator[AskedInputs]:
     vectors = model.table.sample(generator, len(known))
     vectors[:, : known.shape[1]] = known  # those of the causes come last
@@ -168,7 +173,7 @@ def _of_model(
         for one in tests:
             sd = np.sqrt(state.once(parts_of, one).spread)[..., None]
             off = np.clip(generator.standard_normal(sd.shape), -OFF, OFF) * sd
-            yield _flat(groups_of(inputs_met(state, one, off)))
+            yield _flat(groups_of(units.inputs(inputs_met(state, one, off))))
 
 
 def _flat(given: dict[str, Floats]) -> AskedInputs:

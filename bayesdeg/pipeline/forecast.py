@@ -32,6 +32,8 @@ from bayesdeg.inference.sampling import Chain
 from bayesdeg.observations.curvature import Curvature
 from bayesdeg.observations.specimens import (
     COURSE,
+    OF_ACTUATORS,
+    PAPER_STIFFNESS,
     FilmsAndActuators,
     control_name,
     node_name,
@@ -70,12 +72,11 @@ from bayesdeg.report.wording import SPACE, sentences
 Floats = NDArray[np.float64]
 Range = tuple[float, float]
 
-_NEEDED = "paper_stiffness"  # the volume ratio is 1 where it is no parameter
 # beginnings of names of what can only be above 0
 _CONSTANTS = ("c1", "c2_ratio", "c3")
 _CONTROLS = tuple(f"{name}_{kind}_" for name in _CONSTANTS for kind in ("at", "control"))
 _ELONGATION = "elongation"
-_POSITIVE = (_NEEDED, "volume_ratio", "c1_", "c3_", f"{_ELONGATION}_at_")
+_POSITIVE = (PAPER_STIFFNESS, "volume_ratio", "c1_", "c3_", f"{_ELONGATION}_at_")
 
 
 @dataclass(frozen=True)
@@ -281,7 +282,7 @@ def bends_actuators(parameters: Iterable[str]) -> bool:
     >>> bends_actuators(["c1"]), bends_actuators(["c1", "paper_stiffness"])
     (False, True)
     """
-    return _NEEDED in {*parameters}
+    return not OF_ACTUATORS.isdisjoint(parameters)
 
 
 def _refuse_other_members(members: Sequence[MemberEntry], model: JointModel) -> None:

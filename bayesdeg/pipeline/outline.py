@@ -29,6 +29,7 @@ from bayesdeg.observations.means import Means, Statistic
 from bayesdeg.observations.published import published_counts
 from bayesdeg.observations.specimens import (
     COURSE,
+    PAPER_STIFFNESS,
     STIFFNESS_SCATTER,
     elongation_parameters,
     material_parameters,
@@ -185,9 +186,12 @@ def outline(study: Study, *, emulated: bool = True) -> Outline:
 def _without(study: Study) -> frozenset[str]:
     """Return the parameters that have no meaning in a study: a prior that it states gives them one.
 
-    Where nothing degrades or shrank the part has the size of its mould.
+    Where nothing degrades or shrank the part has the size of its mould; where there is neither
+    paper nor film, nothing has its stiffness.
     """
-    return frozenset() if study.degrades else frozenset(OF_DEGRADATION) - {*study.settings.priors}
+    of_size = frozenset() if study.degrades else frozenset(OF_DEGRADATION)
+    of_paper = frozenset() if study.settings.constraint.is_membrane else {PAPER_STIFFNESS}
+    return (of_size - {*study.settings.priors}) | of_paper
 
 
 def _asked(study: Study) -> list[Cause]:

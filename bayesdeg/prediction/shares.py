@@ -29,6 +29,7 @@ from threadpoolctl import threadpool_limits
 from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import Chain
 from bayesdeg.material.degradation import levels
+from bayesdeg.observations.specimens import PAPER_STIFFNESS
 from bayesdeg.prediction.predictive import at_conditions
 from bayesdeg.priors import Named
 
@@ -348,7 +349,7 @@ def _members(model: JointModel) -> dict[str, list[str]]:
     found = {
         MATERIAL: [n for n in names if n.startswith(("c1_", "c2_ratio_", "c3_"))],
         SCATTER: ["stiffness_scatter"],
-        PAPER: ["paper_stiffness"],
+        PAPER: [n for n in names if n == PAPER_STIFFNESS],
         SCALE: [n for n in names if n == "volume_ratio"],
         CAUSES: [one.qualified(p.name) for one in acting for p in one.parameters],
         EMULATOR: [n for n in names if n.startswith("emulator_error_")],

@@ -13,7 +13,15 @@ from bayesdeg.data.families import Constraint, RibbedDimensions
 from bayesdeg.data.settings import Dimensions
 from bayesdeg.emulator.kept import local_recipe
 from bayesdeg.emulator.local import AskedInputs, counted_in, local_design, span_of, units_for
-from bayesdeg.emulator.scaling import GROUPS, LOAD, TrainingRange, Units
+from bayesdeg.emulator.scaling import (
+    GROUPS,
+    LOAD,
+    NO_LAYER,
+    SECOND,
+    TrainingRange,
+    Units,
+    groups_of,
+)
 from bayesdeg.emulator.surrogate import Surrogate
 
 UNITS = Units(load=4.0, paper=16.0)
@@ -82,6 +90,35 @@ def test_a_file_keeps_them_and_files_of_before_have_units_of_one(pair):
     assert Surrogate.from_arrays(scaled.to_arrays()).units == UNITS
     assert "units" not in plain.to_arrays()
     assert Surrogate.from_arrays(plain.to_arrays()).units == Units()
+
+
+@pytest.mark.parametrize("layer", [0.02, 0.0])
+def test_without_paper_its_stiffness_is_no_input_and_derivatives_know_that(surrogate, layer):
+    """The group is then of the layer, which sizes and second invariants leave as it is, or none."""
+    units = Units(load=4.0, paper=2.0**-8, layer=layer) if layer else Units(load=4.0, layer=0.0)
+    scaled = replace(surrogate, units=units)
+    second = 0.02 * np.ones((2, 1))
+    given = replace(
+        inputs(np.array([100.0, 240.0]), 4e5, second_invariant=second),
+        linear_scale=np.array([[1.0], [0.9]]),
+        paper_thickness=2.0 * np.ones((2, 1)),  # of a slab: no paper of the known range
+    )
+    found = scaled.gradient(given)
+    assert np.all(np.isfinite(scaled(given).curvature))
+    other = scaled(replace(given, paper_stiffness=0.0 * given.paper_stiffness))
+    np.testing.assert_array_equal(other.curvature, scaled(given).curvature)
+    assert not found["paper_stiffness"].any()
+    assert not found["paper_thickness"].any()
+    modulus = given.c1 + SECOND * second
+    group = np.log(layer / modulus / units.paper) if layer else np.log(NO_LAYER) + 0.0 * modulus
+    np.testing.assert_allclose(groups_of(units.inputs(given))["log_paper"], group, rtol=1e-12)
+    for name in ("pressure", "linear_scale", "c1", "second_invariant"):
+        value = getattr(given, name)
+        step = 1e-5 * value
+        up, down = (scaled(replace(given, **{name: value + s * step})) for s in (1.0, -1.0))
+        slope = (up.curvature - down.curvature) / (2.0 * step)
+        np.testing.assert_allclose(found[name], slope, rtol=1e-5)
+    assert Surrogate.from_arrays(scaled.to_arrays()).units == units
 
 
 def asked(load, paper):

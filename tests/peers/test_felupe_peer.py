@@ -14,6 +14,7 @@ from bayesdeg.data.families import Constraint
 from bayesdeg.data.settings import Dimensions
 from tests.actuator.test_cylindrical import SMALL as CHANNELS
 from tests.actuator.test_ribbed import SMALL
+from tests.actuator.test_round import ROUND
 from tests.peers.peer_path import FRESH, LOADS, curvatures, own_path
 
 felupe_actuator = pytest.importorskip("tests.peers.felupe_actuator", reason="needs felupe")
@@ -64,6 +65,14 @@ def test_a_ribbed_segment_with_a_film_inside(element):
 def test_straight_channels_beside_the_axis(element):
     ours, theirs = both(SegmentGeometry(CHANNELS), element, loads=LOADS[:6])
     assert ours[-1] > 0.2
+    np.testing.assert_allclose(ours, theirs, rtol=1e-6)
+
+
+@pytest.mark.parametrize("element", [LINEAR_CONSTANT, QUADRATIC], ids=lambda e: e.name)
+def test_a_round_section_with_channels(element):
+    """Bricks of the ring are bent; the film lies in the plane of the axis."""
+    ours, theirs = both(SegmentGeometry(ROUND), element, loads=LOADS[:6])
+    assert ours[-1] > 0.1
     np.testing.assert_allclose(ours, theirs, rtol=1e-6)
 
 

@@ -30,6 +30,7 @@ from bayesdeg.observations.counts import (
     counted_by_level,
     log_count,
 )
+from bayesdeg.observations.specimens import OF_ACTUATORS
 
 Floats = NDArray[np.float64]
 
@@ -246,7 +247,7 @@ class CountLaw(NamedTuple):
 
 def can_be_counted(model: JointModel) -> bool:
     """Return whether a model says when actuators burst: it bends them, and knows their limit."""
-    return "paper_stiffness" in model.table.names and model.has_elongation
+    return not OF_ACTUATORS.isdisjoint(model.table.names) and model.has_elongation
 
 
 def own_counts(model: JointModel) -> RuptureCounts | None:

@@ -25,7 +25,7 @@ from bayesdeg.inference.model import JointModel
 from bayesdeg.material.degradation import young_modulus
 from bayesdeg.material.hyperelastic import yeoh_basis
 from bayesdeg.observations.curvature import ActuatorCurves, Curvature
-from bayesdeg.observations.specimens import linear_scale
+from bayesdeg.observations.specimens import PAPER_STIFFNESS, layer_stiffness, linear_scale
 from bayesdeg.observations.tensile import Tensile, TensileCurves
 from bayesdeg.priors import Named
 
@@ -335,7 +335,7 @@ class PartMeasurements:
             c2=c2,
             c3=c3,
             linear_scale=linear_scale(values)[:, None, None],
-            paper_stiffness=values["paper_stiffness"][:, None, None],
+            paper_stiffness=layer_stiffness(values)[:, None, None],
         )
         # what is a response of the material to the load is no property of the part
         lasting = (one for one in causes if one.cause.stage <= Stage.LOAD)
@@ -440,7 +440,7 @@ def candidate_experiments(model: JointModel) -> tuple[Experiment, ...]:
         for level in dict.fromkeys((design.levels[0], design.levels[-1])):
             found += _histories(design, level)
             found += _finer(design, level)
-            found += _of_part(design, level)
+            found += _of_part(design, level, with_paper=PAPER_STIFFNESS in model.table.names)
         found += _at_levels(design, model)
     for films in model.of_kind(Tensile):
         found += _modes(FilmDesign.of(films.curves))
@@ -502,7 +502,7 @@ def _at_levels(design: ActuatorDesign, model: JointModel) -> Iterator[Experiment
     )
 
 
-def _of_part(design: ActuatorDesign, level: float) -> Iterator[Experiment]:
+def _of_part(design: ActuatorDesign, level: float, *, with_paper: bool) -> Iterator[Experiment]:
     """Yield direct measurements of the part at one degradation rate."""
     rising = design.pressures(level)
     gauge = np.unique(rising[[0, len(rising) // 2, -1]])
@@ -510,9 +510,10 @@ def _of_part(design: ActuatorDesign, level: float) -> Iterator[Experiment]:
         ("length", LENGTH, rising[-1:]),
         ("roof", WALL, rising[-1:]),
         ("strip of the wall", STRIP, rising[-1:]),
-        ("strip of the paper", PAPER, rising[-1:]),
         ("second gauge", GAUGE, gauge),
     ]
+    if with_paper:
+        measured.insert(3, ("strip of the paper", PAPER, rising[-1:]))
     if level > FRESH:
         measured.append(("weighed piece", WEIGHED, rising[-1:]))
     for kind, quantity, pressure in measured:
