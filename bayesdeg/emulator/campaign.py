@@ -7,6 +7,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from dataclasses import dataclass, field, replace
+from functools import partial
 from math import inf
 from typing import NotRequired, TypedDict
 
@@ -485,10 +486,8 @@ def train(
     """
     coarse, fine = (_counted(*runs, units) for runs in (coarse, fine))
     chosen = terms or WHOLE
-    steepest = chosen.steepest
-    many, few = (
-        _learned(*runs, span=span, length=length, steepest=steepest) for runs in (coarse, fine)
-    )
+    learned = partial(_learned, span=span, length=length, steepest=chosen.steepest)
+    many, few = learned(*coarse), learned(*fine)
     parts = [_train(many, few, plan, span, _below(ground, plan)) for plan in chosen.plans]
     limit = _limit(coarse, fine, span, chosen, ground)
     met = _material_points(likely(span) if usual is None else [counted_in(c, units) for c in usual])
@@ -496,11 +495,7 @@ def train(
     further, also = _further(many, few, chosen, span, met)
     n = sum(max(plan.outputs) < len(OUTPUTS) for plan in chosen.plans)
     outputs = stacked([part.terms for part in parts[:n]])
-    facts = {
-        "model_version": MODEL_VERSION,
-        "coarse_curves": len(coarse[0]),
-        "fine_curves": len(fine[0]),
-        "curves_cut_short": _cut_short(*coarse[1], *fine[1]),
+    facts = _curve_facts(coarse, fine) | {
         "terms": len(outputs.orders),
         "mesh_error_pct": 100.0 * mesh_error,
         "accuracy": _accuracy(parts, errors, limit) | also,
@@ -518,6 +513,15 @@ def train(
         units=units,
         further=further,
     )
+
+
+def _curve_facts(coarse: Solved, fine: Solved) -> dict[str, object]:
+    return {
+        "model_version": MODEL_VERSION,
+        "coarse_curves": len(coarse[0]),
+        "fine_curves": len(fine[0]),
+        "curves_cut_short": _cut_short(*coarse[1], *fine[1]),
+    }
 
 
 def _error_of(part: Trained, met: Floats, chosen: FitTerms) -> Terms:

@@ -169,12 +169,7 @@ def observe(
         logs = np.log(changes / denominators)
     weights = np.maximum(changes[keep, 0] / changes[keep, 0].max(), FLOOR)
     return Observed(
-        Coordinates(
-            points.points[keep],
-            points.warp[keep],
-            points.jacobian[keep],
-            points.warp_gradient[keep],
-        ),
+        Coordinates(*(part[keep] for part in vars(points).values())),
         q[keep],
         logs[keep],
         by_groups[keep],

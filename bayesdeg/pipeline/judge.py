@@ -488,8 +488,7 @@ def judge(
     beside = _beside(base, rupture, generator, guard)
     held_out, everything, favoured = _favoured(search, chosen, folding, progress, guard)
     left = _left((alone, final), catalogue, guard)
-    absorbed = guard.attempt(OptionalStage.ABSORPTION, absorption, search, chosen)
-    counted, own = guard.attempt(OptionalStage.RUPTURE_COUNTS, counting) or (None, None)
+    absorbed, counted, own = _beside_counts(search, chosen, counting, guard)
     decision = _decided((alone, final), favoured, (*beside, counted), catalogue, left, guard)
     return Judgement(
         misfit=alone.misfit,
@@ -561,6 +560,17 @@ def _begun_counts(
         return lambda: (None, None)
     work = partial(_judged_counts, trial, catalogue.counts, catalogue.of_counts, generator)
     return later(work, executor)
+
+
+def _beside_counts(
+    search: Search,
+    chosen: Names,
+    counting: Callable[[], tuple[Counted | None, CountMisfit | None]],
+    guard: Guard,
+) -> tuple[Absorption | None, Counted | None, CountMisfit | None]:
+    """Return what parameters absorbed, found while another process judges counts, and these."""
+    absorbed = guard.attempt(OptionalStage.ABSORPTION, absorption, search, chosen)
+    return absorbed, *(guard.attempt(OptionalStage.RUPTURE_COUNTS, counting) or (None, None))
 
 
 def _judged_counts(

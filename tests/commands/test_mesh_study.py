@@ -8,7 +8,7 @@ import pytest
 
 from bayesdeg import cli
 from bayesdeg.actuator.families import geometry_of_study
-from bayesdeg.emulator.kept import mesh_error_of, without_emulator
+from bayesdeg.emulator.kept import mesh_error_of
 from bayesdeg.pipeline.outline import outline
 from bayesdeg.pipeline.reading import read_study
 from tests.actuator.parts import half, whole, write
@@ -57,7 +57,6 @@ def test_a_mesh_error_that_is_stated_is_taken(command):
     assert "assumed" not in said
     geometry = geometry_of_study(read_study(command.study).settings)
     assert mesh_error_of(geometry) == 0.012
-    assert without_emulator(geometry) == ""
 
 
 def test_causes_of_walls_are_not_judged(command):
