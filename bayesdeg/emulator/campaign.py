@@ -419,15 +419,18 @@ def _cut_short(*samples: PathSamples) -> int:
     return sum(one.status != Status.CONVERGED for one in samples)
 
 
+def _of_outputs(terms: FitTerms) -> int:
+    """Return how many of the plans are of ``OUTPUTS``, which come before ``MEASURES``."""
+    return sum(max(plan.outputs) < len(OUTPUTS) for plan in terms.plans)
+
+
 def _learned(
-    curves: Sequence[Curve],
-    samples: Sequence[PathSamples],
-    *,
+    runs: tuple[Sequence[Curve], Sequence[PathSamples]],
     span: TrainingRange,
     length: float,
     steepest: float,
 ) -> dict[Curve, Observed]:
-    found = _observed(curves, samples, span=span, length=length, steepest=steepest)
+    found = _observed(*runs, span=span, length=length, steepest=steepest)
     if not found:
         raise BayesdegError(
             "no curve of a mesh has enough equilibria to learn from: the study hardly bends its "
@@ -474,23 +477,20 @@ def train(
     """
     coarse, fine = (_counted(*runs, units) for runs in (coarse, fine))
     chosen = terms or WHOLE
-    steepest = chosen.steepest
-    many, few = (
-        _learned(*runs, span=span, length=length, steepest=steepest) for runs in (coarse, fine)
-    )
+    many, few = (_learned(r, span, length, chosen.steepest) for r in (coarse, fine))
     parts = [_train(many, few, plan, span, _below(ground, plan)) for plan in chosen.plans]
     limit = _limit(coarse, fine, span, chosen, ground)
     met = _material_points(likely(span) if usual is None else [counted_in(c, units) for c in usual])
     errors = [
         fit_errors(p.points, p.left_out, nearness(p.points, met), chosen.errors) for p in parts
     ]
-    n = sum(max(plan.outputs) < len(OUTPUTS) for plan in chosen.plans)
+    n, cut = _of_outputs(chosen), _cut_short(*coarse[1], *fine[1])
     outputs = stacked([part.terms for part in parts[:n]])
     facts = {
         "model_version": MODEL_VERSION,
         "coarse_curves": len(coarse[0]),
         "fine_curves": len(fine[0]),
-        "curves_cut_short": _cut_short(*coarse[1], *fine[1]),
+        "curves_cut_short": cut,
         "terms": len(outputs.orders),
         "mesh_error_pct": 100.0 * mesh_error,
         "accuracy": _accuracy(parts, errors, limit),
