@@ -1,5 +1,6 @@
 """Geometry to a hexahedral half model with named boundaries, on scikit-fem's bases."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -19,7 +20,7 @@ from bayesdeg.actuator.body import (
 )
 from bayesdeg.actuator.moulded import Box, Moulded, Planes, bottom_is_exposed
 from bayesdeg.actuator.part import PartGeometry, meshed_part
-from bayesdeg.actuator.round import ringed
+from bayesdeg.actuator.round import RoundSection
 from bayesdeg.actuator.status import COARSE as COARSE
 from bayesdeg.actuator.status import CONVERGED as CONVERGED
 from bayesdeg.actuator.status import FINE as FINE
@@ -28,6 +29,8 @@ from bayesdeg.errors import GeometryError
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
+
+TOGETHER = 9  # decimals of a coordinate [mm]: nodes of core and ring that agree to them are one
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,8 +165,50 @@ def _bricks(
     if section is None:
         return body_of(solid, element), None
     size = 0.5 * (resolution.across + resolution.up)
-    body = body_of(ringed(solid, (x, y, z), section, size), element)
+    body = body_of(_ringed(solid, [x, y, z], section, size), element)
     return body.placed_at(section.bent(body.nodes)), body.nodes
+
+
+def _ringed(core: MeshHex, grids: list[Floats], section: RoundSection, size: float) -> MeshHex:
+    """Return bricks of a core with those of the ring about it, not bent yet.
+
+    Parameters
+    ----------
+    core : MeshHex
+        Without what is hollow in it.
+    grids : list of array
+        Ends of its bricks along x, y and z [mm].
+    section : RoundSection
+        With the core.
+    size : float
+        Largest thickness of a brick of the ring [mm].
+    """
+    x, y, z = grids
+    a, b = section.core
+    edge = np.concatenate(
+        [
+            np.column_stack([y, np.full(len(y), -b)]),
+            np.column_stack([np.full(len(z) - 1, a), z[1:] - section.axis]),
+            np.column_stack([y[-2::-1], np.full(len(y) - 1, b)]),
+        ]
+    )
+    thickness = 0.5 * (section.half_width - a + section.half_height - b)
+    rings = np.linspace(1.0, 2.0, max(1, int(np.ceil(thickness / size))) + 1)
+    ring = MeshHex.init_tensor(x, rings, np.arange(len(edge), dtype=np.float64))
+    along, distance, place = ring.p
+    at = edge[np.rint(place).astype(np.int64)]
+    points = np.stack([along, distance * at[:, 0], section.axis + distance * at[:, 1]])
+    return _joined([(core.p, core.t), (points, ring.t)])
+
+
+def _joined(parts: Sequence[tuple[Floats, NDArray[np.int64]]]) -> MeshHex:
+    points = np.hstack([p for p, _ in parts])
+    firsts = np.cumsum([0, *(p.shape[1] for p, _ in parts[:-1])])
+    bricks = np.hstack([t + first for first, (_, t) in zip(firsts, parts, strict=True)])
+    _, kept, which = np.unique(
+        points.round(TOGETHER) + 0.0, axis=1, return_index=True, return_inverse=True
+    )
+    return MeshHex(points[:, kept], which.ravel()[bricks])
 
 
 def reshaped(mesh: ActuatorMesh, *, wall_factor: float, erosion: float) -> ActuatorMesh:

@@ -1,23 +1,19 @@
 """A round section, bent from a block of bricks: a core that stays as it is, and a ring about it."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from math import atan2, hypot, pi, sqrt
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from skfem import MeshHex
 
 from bayesdeg.data.families import CylindricalDimensions
 
 Floats = NDArray[np.float64]
-Triple = tuple[Floats, Floats, Floats]
 
 # the core reaches half way to the outline and not further than three quarters, unless channels do;
 # over and beside them it leaves room for walls that are thicker or thinner
 HALF_WAY, FARTHEST, ROOM_OVER, ROOM_BESIDE = 0.5, 0.75, 0.3, 0.1
-TOGETHER = 9  # decimals of a coordinate [mm]: nodes of core and ring that agree to them are one
 
 
 class Core(NamedTuple):
@@ -149,45 +145,3 @@ class RoundSection:
         with np.errstate(divide="ignore"):
             distance: Floats = (1.0 - y * y - z * z) / slope
         return distance
-
-
-def ringed(core: MeshHex, grids: Triple, section: RoundSection, size: float) -> MeshHex:
-    """Return bricks of a core with those of the ring about it, not bent yet.
-
-    Parameters
-    ----------
-    core : MeshHex
-        Without what is hollow in it.
-    grids : tuple of array
-        Ends of its bricks along x, y and z [mm].
-    section : RoundSection
-        With the core.
-    size : float
-        Largest thickness of a brick of the ring [mm].
-    """
-    x, y, z = grids
-    a, b = section.core
-    edge = np.concatenate(
-        [
-            np.column_stack([y, np.full(len(y), -b)]),
-            np.column_stack([np.full(len(z) - 1, a), z[1:] - section.axis]),
-            np.column_stack([y[-2::-1], np.full(len(y) - 1, b)]),
-        ]
-    )
-    thickness = 0.5 * (section.half_width - a + section.half_height - b)
-    rings = np.linspace(1.0, 2.0, max(1, int(np.ceil(thickness / size))) + 1)
-    ring = MeshHex.init_tensor(x, rings, np.arange(len(edge), dtype=np.float64))
-    along, distance, place = ring.p
-    at = edge[np.rint(place).astype(np.int64)]
-    points = np.stack([along, distance * at[:, 0], section.axis + distance * at[:, 1]])
-    return _joined([(core.p, core.t), (points, ring.t)])
-
-
-def _joined(parts: Sequence[tuple[Floats, NDArray[np.int64]]]) -> MeshHex:
-    points = np.hstack([p for p, _ in parts])
-    firsts = np.cumsum([0, *(p.shape[1] for p, _ in parts[:-1])])
-    bricks = np.hstack([t + first for first, (_, t) in zip(firsts, parts, strict=True)])
-    _, kept, which = np.unique(
-        points.round(TOGETHER) + 0.0, axis=1, return_index=True, return_inverse=True
-    )
-    return MeshHex(points[:, kept], which.ravel()[bricks])

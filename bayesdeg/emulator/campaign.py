@@ -7,7 +7,6 @@ from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from dataclasses import dataclass, field, replace
-from functools import partial
 from math import inf
 from typing import NotRequired, TypedDict
 
@@ -431,15 +430,18 @@ def _cut_short(*samples: PathSamples) -> int:
     return sum(one.status != Status.CONVERGED for one in samples)
 
 
+def _of_outputs(terms: FitTerms) -> int:
+    """Return how many of the plans are of ``OUTPUTS``, which come before ``MEASURES``."""
+    return sum(max(plan.outputs) < len(OUTPUTS) for plan in terms.plans)
+
+
 def _learned(
-    curves: Sequence[Curve],
-    samples: Sequence[PathSamples],
-    *,
+    runs: tuple[Sequence[Curve], Sequence[PathSamples]],
     span: TrainingRange,
     length: float,
     steepest: float,
 ) -> dict[Curve, Observed]:
-    found = _observed(curves, samples, span=span, length=length, steepest=steepest)
+    found = _observed(*runs, span=span, length=length, steepest=steepest)
     if not found:
         raise BayesdegError(
             "no curve of a mesh has enough equilibria to learn from: the study hardly bends its "
@@ -486,14 +488,13 @@ def train(
     """
     coarse, fine = (_counted(*runs, units) for runs in (coarse, fine))
     chosen = terms or WHOLE
-    learned = partial(_learned, span=span, length=length, steepest=chosen.steepest)
-    many, few = learned(*coarse), learned(*fine)
+    many, few = (_learned(r, span, length, chosen.steepest) for r in (coarse, fine))
     parts = [_train(many, few, plan, span, _below(ground, plan)) for plan in chosen.plans]
     limit = _limit(coarse, fine, span, chosen, ground)
     met = _material_points(likely(span) if usual is None else [counted_in(c, units) for c in usual])
     errors = [_error_of(part, met, chosen) for part in parts]
     further, also = _further(many, few, chosen, span, met)
-    n = sum(max(plan.outputs) < len(OUTPUTS) for plan in chosen.plans)
+    n = _of_outputs(chosen)
     outputs = stacked([part.terms for part in parts[:n]])
     facts = _curve_facts(coarse, fine) | {
         "terms": len(outputs.orders),

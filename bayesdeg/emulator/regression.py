@@ -142,8 +142,7 @@ def observe(
     """Return what a run says within its reach; None if that is less than two equilibria."""
     if len(samples.loads) < 3:
         return None
-    limit = reach(curve, samples, steepest).load
-    place = Place.of(curve.material)
+    limit, place = reach(curve, samples, steepest).load, Place.of(curve.material)
     q = samples.loads[1:] / place.modulus
     groups = np.column_stack([q, np.tile(place.values, (len(q), 1))])
     points = coordinates(groups)
