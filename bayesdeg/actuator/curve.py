@@ -184,10 +184,10 @@ def with_layer(geometry: Moulded, curve: Curve) -> Curve:
     --------
     >>> from bayesdeg.actuator.families import geometry_of
     >>> from bayesdeg.data.families import Constraint, RibbedDimensions
-    >>> layer = Constraint("elastomer", thickness=1.0, c1=60.0, c2=-6.0)
+    >>> layer = Constraint("elastomer", thickness=1.0, c1=60.0, c2=6.0)
     >>> curve = Curve((1.0,), MaterialGroups(0.0, 0.01, 8.0))
     >>> with_layer(geometry_of(RibbedDimensions(), layer), curve).layer
-    LayerGroups(c1=8.0, c2=-0.8, c3=0.0)
+    LayerGroups(c1=8.0, c2=0.8, c3=0.0)
     """
     if not geometry.constraint.is_slab:
         return curve

@@ -18,8 +18,9 @@ from bayesdeg.actuator.body import (
     faces_on_plane,
     levels_of,
 )
+from bayesdeg.actuator.families import PartGeometry
 from bayesdeg.actuator.moulded import Box, Moulded, Planes, bottom_is_exposed
-from bayesdeg.actuator.part import PartGeometry, meshed_part
+from bayesdeg.actuator.part import meshed_part
 from bayesdeg.actuator.round import RoundSection
 from bayesdeg.actuator.status import COARSE as COARSE
 from bayesdeg.actuator.status import CONVERGED as CONVERGED

@@ -1,126 +1,19 @@
-"""A part that the user has meshed, as an actuator: bricks with what is held, pressed, papered."""
+"""Bricks of a part that the user has meshed, with what is held, pressed and papered."""
 
-from dataclasses import asdict, dataclass, field, replace
-from typing import Self
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from skfem import ElementHex1, MeshHex
 
 from bayesdeg.actuator.body import Body, Element, body_of, boundary_faces, faces_on_plane
-from bayesdeg.actuator.moulded import Box, Planes, constraint_record
-from bayesdeg.actuator.status import Resolution
-from bayesdeg.data.families import Constraint, MeshDimensions
-from bayesdeg.data.part import CORNERS, FLAT, PartMesh, read_part, volume_of
+from bayesdeg.actuator.families import PartGeometry
+from bayesdeg.data.part import CORNERS, FLAT, PartMesh
 from bayesdeg.errors import GeometryError
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Flags = NDArray[np.bool_]
-
-
-@dataclass(frozen=True)
-class PartGeometry:
-    """A meshed part as moulded: there is one mesh of it, whatever resolution is asked for.
-
-    Parameters
-    ----------
-    dimensions : MeshDimensions
-        As read.
-    wall_factor, erosion : float
-        Neutral: nothing says which of its faces are walls.
-    constraint : Constraint
-        The layer on the boundary of that name.
-
-    Raises
-    ------
-    GeometryError
-        If walls are to be changed, or the mesh is no longer what was read.
-    """
-
-    dimensions: MeshDimensions
-    wall_factor: float = 1.0
-    erosion: float = 0.0
-    constraint: Constraint = field(default_factory=Constraint)
-
-    def __post_init__(self) -> None:
-        """Refuse changes of what no dimensions describe."""
-        if self.wall_factor != 1.0 or self.erosion != 0.0:
-            raise GeometryError("nothing says which faces of a meshed part are walls")
-
-    @property
-    def part(self) -> PartMesh:
-        """What the file holds."""
-        part = read_part(self.dimensions.path)
-        if part.content != self.dimensions.content:
-            raise GeometryError(f"{self.dimensions.file} was changed since it was read")
-        return part
-
-    @property
-    def line_height(self) -> float:
-        """Height of the constraint's plane, or of the bottom [mm]."""
-        return self.dimensions.plane
-
-    @property
-    def outer(self) -> Box:
-        """Block about the half of the part [mm]."""
-        d = self.dimensions
-        return (0.0, d.length), (0.0, 0.5 * d.width), (0.0, d.height)
-
-    @property
-    def cavities(self) -> tuple[Box, ...]:
-        """None: they are no boxes."""
-        return ()
-
-    @property
-    def voids(self) -> tuple[Box, ...]:
-        """None: they are no boxes."""
-        return ()
-
-    @property
-    def exposed(self) -> tuple[Box, ...]:
-        """None: they are no boxes."""
-        return ()
-
-    @property
-    def slab(self) -> tuple[Box, ...]:
-        """None: a layer of elastomer is not meshed."""
-        return ()
-
-    @property
-    def rounded(self) -> None:
-        """None: the outline is whatever the mesh says."""
-        return
-
-    @property
-    def is_boxes(self) -> bool:
-        """Whether it is a block less boxes: it is not."""
-        return False
-
-    @property
-    def volume(self) -> float:
-        """Volume of the material of the whole part [mm³]."""
-        return volume_of(self.part) * (2.0 if self.part.is_half else 1.0)
-
-    def mesh_like(self, usual: Resolution) -> Resolution:
-        """Return the resolution as it is: it changes nothing."""
-        return usual
-
-    def planes(self) -> Planes:
-        """Return the planes of the block about it [mm]."""
-        x, y, z = (np.array(ends) for ends in self.outer)
-        return x, y, z
-
-    def changed(self, *, wall_factor: float, erosion: float) -> Self:
-        """Return the part itself where nothing changes."""
-        return replace(self, wall_factor=wall_factor, erosion=erosion)
-
-    def record(self) -> dict[str, object]:
-        """Return all that a solution depends on: the mesh by its content, wherever it lies."""
-        layer = constraint_record(self.constraint, self.dimensions)
-        sizes = asdict(self.dimensions)
-        del sizes["path"], sizes["file"], sizes["mesh_error"]
-        return {"kind": "mesh", "dimensions": sizes, "constraint": layer}
 
 
 @dataclass(frozen=True, eq=False)

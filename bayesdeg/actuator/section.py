@@ -3,11 +3,11 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdeg.actuator.families import PartGeometry
 from bayesdeg.actuator.moulded import Box, Moulded, volume_without
-from bayesdeg.actuator.part import PartGeometry
 from bayesdeg.data.part import cavity_of
 
-MATERIAL, PRESSED, OPEN, LAYER, OUTSIDE = "#", " ", "o", "=", "."
+MATERIAL, PRESSED, OPEN, LAYER, OUTSIDE = "#", " ", "o", "=", "-"
 COLUMNS, ACROSS = 76, 40
 Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]
@@ -130,7 +130,7 @@ def _of_bricks(geometry: PartGeometry, columns: int) -> str:
 def across(geometry: Moulded, columns: int = ACROSS) -> str:
     """Draw the section across the middle of an actuator's length, seen along it.
 
-    As `section`; what lies outside a round outline is ``.``.
+    As `section`; what lies outside a round outline is ``-``.
 
     Parameters
     ----------
@@ -144,14 +144,14 @@ def across(geometry: Moulded, columns: int = ACROSS) -> str:
     >>> from bayesdeg.actuator.families import geometry_of
     >>> from bayesdeg.data.families import CylindricalDimensions
     >>> print(across(geometry_of(CylindricalDimensions(section="round")), 24))
-    ......############......
-    ..#########  #########..
-    .######################.
+    ------############------
+    --#########  #########--
+    -######################-
     ========================
     ########################
-    .######################.
-    ..#########oo#########..
-    ......############......
+    -######################-
+    --#########oo#########--
+    ------############------
     """
     (_, length), (_, half), (bottom, top) = geometry.outer
     rows = max(2, round((top - bottom) / (2.0 * half) * columns / CELL))

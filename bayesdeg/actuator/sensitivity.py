@@ -275,7 +275,7 @@ def residual_rates(problem: Problem, state: MechanicalState) -> Floats:
 
     The volume equation knows none of these inputs. Beside a layer of elastomer the paper's group
     is the layer's C1 over that of the body, to which all its constants are in proportion; that
-    the bulk modulus grows with it is left out, which no reading feels.
+    the bulk modulus grows with it is left out: half a percent of this derivative of a bend angle.
     """
     system, body, material = problem.system, problem.system.body, problem.material
     placed = body.nodes + state.displacement
