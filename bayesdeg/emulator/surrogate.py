@@ -393,7 +393,7 @@ class Surrogate:
     mesh_error: float
     record: str
     units: Units = ONE
-    further: Mapping[Asked, FurtherTerms] = field(default_factory=dict)
+    further: Mapping[Asked, FurtherTerms] = field(default_factory=dict, hash=False)
 
     def __call__(self, inputs: Inputs) -> Prediction:
         """Return the prediction; outside the training range it is nan with a status."""

