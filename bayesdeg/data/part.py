@@ -6,7 +6,9 @@ part, z up from the constraint, in mm; the part may be cut at a plane of symmetr
 """
 
 import hashlib
+import io
 from collections.abc import Iterator, Mapping
+from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -102,8 +104,10 @@ def read_part(place: Path | str) -> PartMesh:
 
 @lru_cache(maxsize=4)
 def _read(path: Path, content: str) -> PartMesh:
+    said = io.StringIO()  # meshio prints what it raises
     try:
-        mesh = meshio.read(path)
+        with redirect_stdout(said), redirect_stderr(said):
+            mesh = meshio.read(path)
     except (SystemExit, Exception) as fault:  # meshio ends the process on what it does not know
         raise PartError(
             f"{path.name} cannot be read as {FORMATS[path.suffix.lower()]} ({fault}); "

@@ -16,6 +16,7 @@ from bayesdeg.actuator.mesh import COARSE, build_mesh
 from bayesdeg.actuator.outputs import OUTPUTS
 from bayesdeg.actuator.section import air_volume, described, section
 from bayesdeg.data.families import MeshDimensions
+from bayesdeg.data.part import PartError, read_part
 from bayesdeg.data.settings import Dimensions, Settings
 from bayesdeg.data.study import with_part
 from bayesdeg.errors import GeometryError
@@ -175,3 +176,12 @@ def test_a_file_that_was_changed_since_is_refused(tmp_path):
     write(path, half(Geometry(Dimensions(length=22.0, chambers=2))))
     with pytest.raises(GeometryError, match="changed"):
         build_mesh(geometry, COARSEST)
+
+
+@pytest.mark.parametrize("suffix", ["msh", "inp", "vtu"])
+def test_what_the_reader_prints_of_a_damaged_file_is_not_heard(tmp_path, capfd, suffix):
+    path = tmp_path / f"part.{suffix}"
+    path.write_bytes(b"$MeshFormat\n<VTKFile>\n*NODE\n1, what\n")
+    with pytest.raises(PartError, match="export"):
+        read_part(path)
+    assert capfd.readouterr() == ("", "")
