@@ -1,4 +1,8 @@
-"""The families of actuators: which geometry belongs to which dimensions, and back from a record."""
+"""The families of actuators: which geometry belongs to which dimensions, and back from a record.
+
+That of a meshed part stands here; its bricks are made in `bayesdeg.actuator.part`, where somebody
+solves it.
+"""
 
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace

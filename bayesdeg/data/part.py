@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
-import meshio  # type: ignore[import-untyped]
+import meshio
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array

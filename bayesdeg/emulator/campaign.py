@@ -436,7 +436,7 @@ def _of_outputs(terms: FitTerms) -> int:
 
 
 def _learned(
-    runs: tuple[Sequence[Curve], Sequence[PathSamples]],
+    runs: Solved,
     span: TrainingRange,
     length: float,
     steepest: float,
@@ -451,8 +451,8 @@ def _learned(
 
 
 def train(
-    coarse: tuple[Sequence[Curve], Sequence[PathSamples]],
-    fine: tuple[Sequence[Curve], Sequence[PathSamples]],
+    coarse: Solved,
+    fine: Solved,
     *,
     span: TrainingRange,
     length: float,
@@ -614,8 +614,8 @@ def _counted(
 
 
 def _limit(
-    coarse: tuple[Sequence[Curve], Sequence[PathSamples]],
-    fine: tuple[Sequence[Curve], Sequence[PathSamples]],
+    coarse: Solved,
+    fine: Solved,
     span: TrainingRange,
     terms: FitTerms,
     ground: Surrogate | None,

@@ -67,8 +67,8 @@ class AskedAfterwards:
         actuators are about to balloon, or no emulator goes so far [–].
     error_pct : float
         95th percentile over the posterior's curves of the standard error of their curvature, less
-        that of the mesh, over the largest of each; of the cavity's volume where that is larger,
-        if it is asked for [%].
+        that of the mesh, over the largest of each; of the cavity's volume or of
+        the tip force where that is larger, if it is asked for [%].
     """
 
     asked: AskedInputs

@@ -6,7 +6,7 @@ from dataclasses import fields as fields_of
 from itertools import product
 from pathlib import Path
 
-import meshio  # type: ignore[import-untyped]
+import meshio
 import numpy as np
 from numpy.typing import NDArray
 from skfem import ElementHex1, ElementHex2

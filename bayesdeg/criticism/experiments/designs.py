@@ -510,10 +510,9 @@ def _of_part(design: ActuatorDesign, level: float, *, with_paper: bool) -> Itera
         ("length", LENGTH, rising[-1:]),
         ("roof", WALL, rising[-1:]),
         ("strip of the wall", STRIP, rising[-1:]),
+        *([("strip of the paper", PAPER, rising[-1:])] if with_paper else []),
         ("second gauge", GAUGE, gauge),
     ]
-    if with_paper:
-        measured.insert(3, ("strip of the paper", PAPER, rising[-1:]))
     if level > FRESH:
         measured.append(("weighed piece", WEIGHED, rising[-1:]))
     for kind, quantity, pressure in measured:
