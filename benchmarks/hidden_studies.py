@@ -185,18 +185,35 @@ LEFT_OUT = (
     *("flaw_embrittlement", "dry_embrittlement", "uneven_degradation", "curvature_operator"),
     "delamination",
 )
+# the first 300 studies are too few to bound what is rarely said: of 20 further ones 9 hide an
+# effect outside the catalogue, 6 none, 4 two causes and 1 one
+SECOND_DRAW = 300
+SECOND_KINDS = (
+    *("outside", "none", "outside", "pair", "outside", "none", "outside", "none", "outside"),
+    *("pair", "outside", "none", "outside", "pair", "outside", "none", "single", "outside"),
+    *("none", "pair"),
+)
+OUTSIDE_SIZES = (0.6, 1.6)  # over the usual size
 
 
 def drawn_study(number: int, *, seed: int) -> HiddenStudy:
-    """Draw what is hidden in a study: 60 % one cause, 15 % two, 15 % none, 10 % another effect."""
+    """Draw what is hidden in a study: 60 % one cause, 15 % two, 15 % none, 10 % another effect.
+
+    From number `SECOND_DRAW` on most have none, two, or an effect outside the catalogue, which
+    then are of more kinds and sizes.
+    """
     generator = np.random.default_rng((seed, number))
+    more = number >= SECOND_DRAW
     kind = str(generator.choice(["single", "pair", "none", "outside"], p=[0.6, 0.15, 0.15, 0.1]))
+    if more:
+        kind = SECOND_KINDS[number % len(SECOND_KINDS)]
     if kind == "none":
         return HiddenStudy(number, kind, str(generator.choice(list(designs()))), (), 0.0)
     if kind == "outside":
-        effect = _outside(generator)
+        size = float(generator.uniform(*OUTSIDE_SIZES)) if more else 1.0
+        effect = _outside(generator, (*OUTSIDE, *MORE_OUTSIDE) if more else OUTSIDE, size)
         return HiddenStudy(
-            number, kind, str(generator.choice(["curvature", "angle"])), (effect,), 1.0
+            number, kind, str(generator.choice(["curvature", "angle"])), (effect,), size
         )
     names = [name for name in CATALOGUE if name not in LEFT_OUT]
     # every cause in turn, so that the matrix is filled evenly
@@ -228,9 +245,11 @@ def _sized(name: str, size: float, generator: np.random.Generator) -> HiddenEffe
     return HiddenEffect(cause, values)
 
 
-def _outside(generator: np.random.Generator) -> HiddenEffect:
-    cause = OUTSIDE[int(generator.integers(len(OUTSIDE)))]
-    return HiddenEffect(cause, dict(cause.typical))
+def _outside(
+    generator: np.random.Generator, causes: tuple[Cause, ...], size: float
+) -> HiddenEffect:
+    cause = causes[int(generator.integers(len(causes)))]
+    return HiddenEffect(cause, {name: value * size for name, value in cause.typical.items()})
 
 
 @dataclass(frozen=True)
@@ -412,5 +431,79 @@ OUTSIDE = (
         revealed_by="nothing in the catalogue",
         on_inputs=_second_gauge,
         **outside_effect("excess", "–", 0.15, Stage.LOAD),
+    ),
+)
+
+
+def _bent_gauge(inputs: Inputs, conditions: Conditions, effect: Effect) -> Inputs:
+    """A gauge that reads too little, the more the higher the pressure."""
+    share = effect["bend"] * inputs.pressure / LARGEST_PRESSURE
+    return replace(inputs, pressure=inputs.pressure * (1.0 + share))
+
+
+def _stiff_at_large_strain(inputs: Inputs, conditions: Conditions, effect: Effect) -> Inputs:
+    """Cast walls stiffen with strain earlier than films do: C2 and C3, not C1."""
+    factor = np.exp(effect["log_ratio"])
+    return replace(inputs, c2=inputs.c2 * factor, c3=inputs.c3 * factor)
+
+
+def _wavy_course(inputs: Inputs, conditions: Conditions, effect: Effect) -> Inputs:
+    """Walls stiffen early and then soften again as they degrade; films do not."""
+    factor = np.exp(effect["log_ratio"] * np.sin(np.pi * conditions.degradation / 12.5))
+    return replace(inputs, c1=inputs.c1 * factor, c2=inputs.c2 * factor, c3=inputs.c3 * factor)
+
+
+def _warm_day(inputs: Inputs, conditions: Conditions, effect: Effect) -> Inputs:
+    """The first actuator of each degradation rate was inflated on a warm day, and was softer."""
+    warm = np.arange(conditions.pressure.shape[-2])[:, None] % 3 == 0
+    factor = np.exp(-effect["softer"] * warm)
+    return replace(inputs, c1=inputs.c1 * factor, c2=inputs.c2 * factor, c3=inputs.c3 * factor)
+
+
+def _lens(prediction: Prediction, conditions: Conditions, effect: Effect) -> Prediction:
+    """A lens that shows what bends far less bent."""
+    share = 1.0 - effect["lost"] * np.minimum(prediction.curvature / TOUCHING, 1.5)
+    return replace(
+        prediction,
+        curvature=prediction.curvature * share,
+        bend_angle=prediction.bend_angle * share,
+    )
+
+
+MORE_OUTSIDE = (
+    Cause(
+        name="outside_bent_gauge",
+        mechanism="the gauge reads too little, the more the higher the pressure",
+        revealed_by="nothing in the catalogue",
+        on_inputs=_bent_gauge,
+        **outside_effect("bend", "–", 0.25, Stage.LOAD),
+    ),
+    Cause(
+        name="outside_stiff_at_large_strain",
+        mechanism="cast walls stiffen with strain earlier than films",
+        revealed_by="nothing in the catalogue",
+        on_inputs=_stiff_at_large_strain,
+        **outside_effect("log_ratio", "–", 0.5, Stage.MATERIAL),
+    ),
+    Cause(
+        name="outside_wavy_course",
+        mechanism="walls stiffen early and soften again as they degrade",
+        revealed_by="nothing in the catalogue",
+        on_inputs=_wavy_course,
+        **outside_effect("log_ratio", "–", 0.2, Stage.MATERIAL),
+    ),
+    Cause(
+        name="outside_warm_day",
+        mechanism="the first actuator of each degradation rate was inflated on a warm day",
+        revealed_by="nothing in the catalogue",
+        on_inputs=_warm_day,
+        **outside_effect("softer", "–", 0.15, Stage.MATERIAL),
+    ),
+    Cause(
+        name="outside_lens",
+        mechanism="the lens shows what bends far less bent",
+        revealed_by="nothing in the catalogue",
+        on_reading=_lens,
+        **outside_effect("lost", "–", 0.2, Stage.READING),
     ),
 )
