@@ -129,6 +129,20 @@ def test_moves_are_fitted_again_only_where_the_first_law_served_badly(width, set
     assert told[-1].steps == 300
 
 
+def test_moves_that_served_are_fitted_again_where_the_walkers_go_too_slowly():
+    told, model = [], GaussianModel()
+    draws = MEAN + np.random.default_rng(0).standard_normal((300, 3))
+    start = Evidence(0.0, 0.1, draws, np.zeros(300), 300.0)
+    effort = Effort(effective=1.0, r_hat=9.0, chunk=20, longest=300, ensembles=2, times=1e9)
+    chain = sample(
+        model, start, effort=effort, seed=np.random.SeedSequence(0), on_chunk=told.append
+    )
+    settled = [standing.kept for standing in told if standing.settled]
+    assert settled == [10, 20, 30, 40]  # looks until the law is given up
+    assert told[-1].steps == 300
+    assert told[-1].kept == chain.vectors.shape[1] == 300 - 20 - 40 - 80
+
+
 def test_the_same_seed_gives_the_same_chain_and_another_seed_another():
     again = gaussian_chain.__wrapped__(1)
     np.testing.assert_array_equal(again.vectors, gaussian_chain().vectors)
