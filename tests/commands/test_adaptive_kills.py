@@ -11,7 +11,7 @@ from bayesdeg.commands import training
 from bayesdeg.emulator.kept import COARSE_RUNS, FINE_RUNS
 
 ROOT = Path(__file__).resolve().parents[2]
-KILLS = 24
+KILLS = 8  # 24 take two minutes: `python -m tests.commands.adaptive_training FOLDER 24 SEED`
 
 
 @pytest.mark.slow
