@@ -31,7 +31,7 @@ Source
 from dataclasses import replace
 
 import numpy as np
-from scipy.special import erf
+import scipy
 
 from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.causes.cause import Cause, Conditions, Effect, Floats, Stage
@@ -76,7 +76,7 @@ def unsoftened(load: Floats, largest: Floats, softening: Floats) -> Floats:
     low, high, q = load.copy(), largest.copy(), load.copy()
     for _ in range(ROUNDS):
         gap = largest**2 - q**2
-        eta = 1.0 - softening * erf(gap)
+        eta = 1.0 - softening * scipy.special.erf(gap)
         above = q * eta - load
         low, high = np.where(above < 0.0, q, low), np.where(above < 0.0, high, q)
         slope = eta + 4.0 / np.sqrt(np.pi) * softening * q**2 * np.exp(-(gap**2))

@@ -6,21 +6,24 @@ part, z up from the constraint, in mm; the part may be cut at a plane of symmetr
 """
 
 import hashlib
+import importlib
 import io
 from collections.abc import Iterator, Mapping
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import meshio
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from bayesdeg.data.families import LARGEST_MM
 from bayesdeg.files import STUDY_MB, read_bytes
+
+if TYPE_CHECKING:  # only a part that was meshed needs it, and it takes long to import
+    import meshio
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -107,7 +110,7 @@ def _read(path: Path, content: str) -> PartMesh:
     said = io.StringIO()  # meshio prints what it raises
     try:
         with redirect_stdout(said), redirect_stderr(said):
-            mesh = meshio.read(path)
+            mesh = importlib.import_module("meshio").read(path)
     except (SystemExit, Exception) as fault:  # meshio ends the process on what it does not know
         raise PartError(
             f"{path.name} cannot be read as {FORMATS[path.suffix.lower()]} ({fault}); "
@@ -126,7 +129,7 @@ def _read(path: Path, content: str) -> PartMesh:
     return moved
 
 
-def _bricks(mesh: meshio.Mesh) -> tuple[Floats, Indices]:
+def _bricks(mesh: "meshio.Mesh") -> tuple[Floats, Indices]:
     kinds = {block.type for block in mesh.cells if block.type.startswith(VOLUMES)}
     other = sorted(kinds - {"hexahedron"})
     if other:
@@ -146,7 +149,7 @@ def _bricks(mesh: meshio.Mesh) -> tuple[Floats, Indices]:
     return points, bricks
 
 
-def _boundaries(mesh: meshio.Mesh, points: Floats, bricks: Indices) -> dict[str, Indices]:
+def _boundaries(mesh: "meshio.Mesh", points: Floats, bricks: Indices) -> dict[str, Indices]:
     """Return the outer sides on each boundary that the file names."""
     outer = outer_sides(bricks)
     found = {}
@@ -181,7 +184,7 @@ def outer_sides(bricks: Indices) -> Indices:
     return outer
 
 
-def _marked(mesh: meshio.Mesh, name: str, outer: Indices, count: int) -> Flags | None:
+def _marked(mesh: "meshio.Mesh", name: str, outer: Indices, count: int) -> Flags | None:
     """Return which outer sides are on a boundary; None where nothing is named so."""
     quads = _named_faces(mesh, name)
     if len(quads):
@@ -199,7 +202,7 @@ def _marked(mesh: meshio.Mesh, name: str, outer: Indices, count: int) -> Flags |
     return marked
 
 
-def _named_faces(mesh: meshio.Mesh, name: str) -> Indices:
+def _named_faces(mesh: "meshio.Mesh", name: str) -> Indices:
     """Return the quadrangles of a set or of a physical group of a name, (n, 4)."""
     found = [np.empty((0, 4), dtype=np.int64)]
     tag = mesh.field_data.get(name, [None])[0]
@@ -269,11 +272,11 @@ def _inverted(part: PartMesh) -> Iterator[str]:
 
 def _apart(part: PartMesh) -> Iterator[str]:
     rows = np.repeat(np.arange(len(part.bricks)), 8)
-    joins = coo_array(
+    joins = scipy.sparse.coo_array(
         (np.ones(len(rows)), (rows, part.bricks.ravel())),
         shape=(len(part.bricks), len(part.points)),
     ).tocsr()
-    count, _ = connected_components(joins @ joins.T, directed=False)
+    count, _ = scipy.sparse.csgraph.connected_components(joins @ joins.T, directed=False)
     if count > 1:
         yield (
             f"falls into {count} pieces that share no nodes; merge nodes that stand at one place "

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from bayesdeg.data.families import Mould
 from bayesdeg.data.study import Study
 from bayesdeg.errors import Fault, StudyError
-from bayesdeg.priors import Law
+from bayesdeg.priors import Law, LogNormal
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.intp]
@@ -247,13 +247,23 @@ def off_neighbours(differences: Floats, rates: Floats) -> Floats:
 
 def _prior_at(laws: Mapping[float, Law], rates: Floats) -> tuple[Floats, Floats]:
     """Return ln of the median and its standard deviation at degradation rates; nan if unknown."""
-    known = {rate: law.quantile(np.array([0.5, 0.8413])) for rate, law in sorted(laws.items())}
+    known = {rate: _median_and_above(law) for rate, law in sorted(laws.items())}
     known = {rate: q for rate, q in known.items() if np.all(np.isfinite(q)) and q[0] > 0.0}
     if not known:
         return np.full(len(rates), np.nan), np.full(len(rates), np.nan)
     at, quantiles = list(known), np.log(np.array(list(known.values())))
     median = np.interp(rates, at, quantiles[:, 0])
     return median, np.maximum(np.interp(rates, at, quantiles[:, 1]) - median, 1e-6)
+
+
+def _median_and_above(law: Law) -> Floats:
+    """Return a law's median, and its quantile one standard deviation of a normal law above.
+
+    Those of a log-normal law, which these priors are by default, need no special function.
+    """
+    if isinstance(law, LogNormal):
+        return law.median * np.exp([0.0, law.sigma])
+    return law.quantile(np.array([0.5, 0.8413]))
 
 
 def _off_prior(logs: Floats, rates: Floats, laws: Mapping[float, Law]) -> tuple[float, bool | None]:

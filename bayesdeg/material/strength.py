@@ -14,7 +14,7 @@ from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
-from scipy import special
+import scipy
 
 from bayesdeg.material.degradation import Nodes, polynomial
 from bayesdeg.material.hyperelastic import FloatArray, Yeoh
@@ -150,7 +150,7 @@ def log_whole(score: npt.ArrayLike, law: ScatterLaw = "lognormal") -> FloatArray
     """
     z = np.asarray(score, dtype=np.float64)
     if law != "weibull":
-        return np.asarray(special.log_ndtr(-z))
+        return np.asarray(scipy.special.log_ndtr(-z))
     with np.errstate(over="ignore", under="ignore"):
         return np.asarray(-_LN_2 * np.exp(GUMBEL * z))
 
@@ -164,7 +164,7 @@ def log_broken(score: npt.ArrayLike, law: ScatterLaw = "lognormal") -> FloatArra
     0.5
     """
     if law != "weibull":
-        return np.asarray(special.log_ndtr(np.asarray(score, dtype=np.float64)))
+        return np.asarray(scipy.special.log_ndtr(np.asarray(score, dtype=np.float64)))
     return _log_complement(log_whole(score, law))
 
 
@@ -187,9 +187,9 @@ def log_broken_between(
     # in the tail on the left, where the difference of two logarithms is exact
     swap = low > 0.0
     low, high = np.where(swap, -high, low), np.where(swap, -low, high)
-    upper = special.log_ndtr(high)
+    upper = scipy.special.log_ndtr(high)
     with np.errstate(divide="ignore"):
-        return np.asarray(upper + np.log1p(-np.exp(special.log_ndtr(low) - upper)))
+        return np.asarray(upper + np.log1p(-np.exp(scipy.special.log_ndtr(low) - upper)))
 
 
 def score_density(score: npt.ArrayLike, law: ScatterLaw = "lognormal") -> FloatArray:
@@ -217,7 +217,7 @@ def scores_from_normal(normal: npt.ArrayLike, law: ScatterLaw = "lognormal") -> 
     z = np.asarray(normal, dtype=np.float64)
     if law != "weibull":
         return z
-    return np.asarray(np.log(-special.log_ndtr(-z) / _LN_2) / GUMBEL)
+    return np.asarray(np.log(-scipy.special.log_ndtr(-z) / _LN_2) / GUMBEL)
 
 
 def draw_scores(

@@ -19,8 +19,8 @@ from functools import cached_property
 from typing import ClassVar, NamedTuple, override
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.special import gammaln, logsumexp
 
 from bayesdeg.causes.cause import Conditions, Strength
 from bayesdeg.material.degradation import levels
@@ -81,9 +81,9 @@ def rupture_chances(
     )
     z = (np.log(elongation) - np.log(limit - 1.0)[..., None]) / scatter[..., None]
     weight = np.where(known, _LOG_WEIGHTS, -np.inf)
-    weight = weight - logsumexp(weight, axis=-1, keepdims=True)
-    burst = logsumexp(weight + log_broken(z, law), axis=-1)
-    whole = logsumexp(weight + log_whole(z, law), axis=-1)
+    weight = weight - scipy.special.logsumexp(weight, axis=-1, keepdims=True)
+    burst = scipy.special.logsumexp(weight + log_broken(z, law), axis=-1)
+    whole = scipy.special.logsumexp(weight + log_whole(z, law), axis=-1)
     return Chances(np.where(answered, burst, np.nan), np.where(answered, whole, np.nan))
 
 
@@ -96,6 +96,7 @@ def log_count(ruptured: Floats, tested: Floats, chances: Chances) -> Floats:
     >>> np.exp(log_count(np.array([2.0]), np.array([3.0]), even)).round(6)
     array([0.375])
     """
+    gammaln = scipy.special.gammaln
     ways = gammaln(tested + 1.0) - gammaln(ruptured + 1.0) - gammaln(tested - ruptured + 1.0)
     with np.errstate(invalid="ignore"):  # none of it times the logarithm of 0
         some = np.where(ruptured > 0.0, ruptured * chances.burst, 0.0 * np.isnan(chances.burst))

@@ -24,8 +24,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.special import gammaln
 
 from bayesdeg.compiled import compiled
 
@@ -613,6 +613,7 @@ def student(value: float, mean: Floats, scale: float, dof: float) -> Floats:
     if np.isinf(dof):
         return normal(value, mean, scale)
     z = (value - mean) / scale
+    gammaln = scipy.special.gammaln
     constant = gammaln(0.5 * (dof + 1.0)) - gammaln(0.5 * dof) - 0.5 * np.log(dof * np.pi)
     density: Floats = constant - np.log(scale) - 0.5 * (dof + 1.0) * np.log1p(z**2 / dof)
     return density

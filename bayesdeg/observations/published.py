@@ -21,8 +21,8 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, Literal, NamedTuple, override
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.special import gammaln
 
 from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.data.study import Study
@@ -159,7 +159,7 @@ def r_squared_log_density(
         (half_freedom - 1.0) * log_x
         - 0.5 * np.exp(log_x)
         - half_freedom * np.log(2.0)
-        - gammaln(half_freedom)
+        - scipy.special.gammaln(half_freedom)
         + log_unit
     )
     return density

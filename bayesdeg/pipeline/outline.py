@@ -337,7 +337,7 @@ def stated_priors(cause: Cause, study: Study) -> tuple[Parameter, ...]:
         name = cause.qualified(parameter.name)
         law = stated.get(name, parameter.law)
         neutral = float(law.to_unconstrained(parameter.neutral or 0.0))
-        if np.isfinite(neutral) and np.isfinite(float(law.log_density(parameter.neutral or 0.0))):
+        if np.isfinite(neutral) and law.allows(parameter.neutral or 0.0):
             parameters.append(replace(parameter, law=law))
         else:
             problem = f"leaves out {parameter.neutral:g}, the value without an effect"

@@ -21,7 +21,15 @@ STUDIES = Path(__file__).parents[2] / "studies"
 # each takes a tenth of a second or more to import
 HEAVY = (
     *("numba", "matplotlib", "sklearn", "skfem", "arviz", "arviz_stats", "xarray", "emcee"),
-    *("scipy.stats", "scipy.optimize", "scipy.interpolate", "cv2", "jinja2"),
+    *(
+        "scipy.stats",
+        "scipy.optimize",
+        "scipy.interpolate",
+        "scipy.special",
+        "cv2",
+        "jinja2",
+        "meshio",
+    ),
 )
 FOR_TABLES = ("numpy", "pandas", "pandera", "scipy")
 PARSERS = get_command(app).commands
