@@ -220,6 +220,9 @@ class Cause:
         What data shows it, and what data would refute it.
     confusable_with : tuple of str
         Causes with a like signature in curvature alone.
+    twins : tuple of str
+        Causes that no reading tells from it: what sets their evidence apart is priors of size, and
+        less than the rules are right to.
     needs : tuple of str
         Columns of actuator.csv without which it cannot be judged.
     of_degradation : bool
@@ -252,6 +255,7 @@ class Cause:
     typical: Mapping[str, float]
     revealed_by: str
     confusable_with: tuple[str, ...] = ()
+    twins: tuple[str, ...] = ()
     needs: tuple[str, ...] = ()
     of_degradation: bool = False
     corrects: tuple[str, ...] = ()

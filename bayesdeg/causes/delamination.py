@@ -79,6 +79,7 @@ CAUSE = Cause(
     revealed_by="more curvature than simulated, growing steeply with the degradation rate; "
     "refuted by paper that is bonded all over a degraded actuator",
     confusable_with=("paper_softening", "erosion", "degradation_misread"),
+    twins=("paper_softening",),
     on_inputs=loosen_paper,
     blind=without_degraded,
     blind_in=without_membrane,

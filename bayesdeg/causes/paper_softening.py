@@ -59,6 +59,7 @@ CAUSE = Cause(
     revealed_by="a misfit that grows with the degradation rate and falls a little with pressure; "
     "refuted by a tensile test of the paper peeled off",
     confusable_with=("delamination", "degradation_misread", "degraded_skin", "erosion"),
+    twins=("delamination",),
     on_inputs=soften_paper,
     blind=without_degraded,
     blind_in=without_membrane,

@@ -325,6 +325,8 @@ def test_its_parameters_have_units_meanings_neutral_and_typical_values(cause):
 @each_cause
 def test_it_can_be_confused_only_with_causes_that_have_a_name(cause):
     assert set(cause.confusable_with) <= set(NAMES) - {cause.name}
+    assert set(cause.twins) <= set(cause.confusable_with)
+    assert all(cause.name in CATALOGUE[twin].twins for twin in cause.twins)
 
 
 @each_cause

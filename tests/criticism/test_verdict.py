@@ -231,6 +231,18 @@ def test_one_of_two_causes_with_a_reason_against_it_keeps_both_from_being_named(
 
 
 @pytest.mark.parametrize(
+    ("twins", "gap", "causes"),
+    [
+        (("erosion",), 2.0 * INSEPARABLE - 0.1, ("creep", "erosion")),
+        (("erosion",), 2.0 * INSEPARABLE + 0.1, ("creep",)),
+        ((), 2.0 * INSEPARABLE - 0.1, ("creep",)),
+    ],
+)
+def test_a_twin_is_as_good_within_twice_the_margin(twins, gap, causes):
+    assert outcome_of(support(rivals={"erosion": gap}, twins=twins)).causes == causes
+
+
+@pytest.mark.parametrize(
     ("tail", "gap", "causes"),
     [
         (IMPLAUSIBLE / 2.0, 2.0 * INSEPARABLE - 0.1, ("creep", "erosion")),

@@ -42,6 +42,8 @@ class Support:
     chance : float or None
         Share of data sets simulated without it in which the best of all candidates has as large a
         log Bayes factor, (1 + #)/(1 + n): the test that names, directed at the catalogue.
+    twins : tuple of str
+        Those of the rivals that no reading tells from it.
     """
 
     cause: str
@@ -52,6 +54,7 @@ class Support:
     prior_tail: float
     together: tuple[float, float] | None = None
     chance: float | None = None
+    twins: tuple[str, ...] = ()
 
     @property
     def held_out_agrees(self) -> bool:
@@ -75,10 +78,15 @@ class Support:
     def inseparable(self) -> tuple[str, ...]:
         """Rivals as good as it, in the order of their evidence.
 
-        An implausible size counts against it: then rivals a little farther behind are as good.
+        An implausible size counts against it: then rivals a little farther behind are as good. So
+        are those that no reading tells from it, of which priors of size make most of the evidence.
         """
-        margin = INSEPARABLE if self.prior_tail >= IMPLAUSIBLE else 2.0 * INSEPARABLE
-        close = {name: gap for name, gap in self.rivals.items() if gap < margin}
+        implausible = self.prior_tail < IMPLAUSIBLE
+        close = {
+            name: gap
+            for name, gap in self.rivals.items()
+            if gap < (2.0 if implausible or name in self.twins else 1.0) * INSEPARABLE
+        }
         return tuple(sorted(close, key=lambda name: close[name]))
 
     def replaced(self, chosen: Names, rival: str) -> Names:
@@ -194,6 +202,7 @@ def supports(search: Search, chosen: Names, held_out: Mapping[Names, HeldOut]) -
                 prior_tail(search, chosen, name),
                 together,
                 search.step(rest).chance_of(factor),
+                _cause_of(search, chosen, name).twins,
             )
         )
     return sorted(found, key=lambda one: -one.log_bayes_factor)
@@ -204,10 +213,14 @@ def prior_tail(search: Search, names: Names, cause: str) -> float:
 
     Of the first parameter, which is the cause's size.
     """
-    trial = search.trials[names]
-    found: Cause = next(c for c in trial.subject.causes if c.name == cause)
+    trial, found = search.trials[names], _cause_of(search, names, cause)
     size = found.parameters[0]
     value = trial.mode[columns_of(trial.subject, found)[0]]
     neutral = float(size.law.to_unconstrained(size.neutral or 0.0))
     prior = size.law.to_unconstrained(size.law.quantile((np.arange(2000) + 0.5) / 2000.0))
     return float(np.mean(np.abs(prior - neutral) >= abs(value - neutral)))
+
+
+def _cause_of(search: Search, names: Names, name: str) -> Cause:
+    found: Cause = next(c for c in search.trials[names].subject.causes if c.name == name)
+    return found
