@@ -84,7 +84,7 @@ class HiddenStudy:
     number : int
         Of the study; all randomness comes from it and the seed.
     kind : str
-        ``single``, ``pair``, ``none`` or ``outside``.
+        ``single``, ``pair``, ``triple``, ``none`` or ``outside``.
     design : str
         One of `DESIGNS`.
     effects : tuple of HiddenEffect
@@ -193,6 +193,7 @@ SECOND_KINDS = (
     *("pair", "outside", "none", "outside", "pair", "outside", "none", "single", "outside"),
     *("none", "pair"),
 )
+THIRD_DRAW = 510
 OUTSIDE_SIZES = (0.6, 1.6)  # over the usual size
 
 
@@ -200,13 +201,13 @@ def drawn_study(number: int, *, seed: int) -> HiddenStudy:
     """Draw what is hidden in a study: 60 % one cause, 15 % two, 15 % none, 10 % another effect.
 
     From number `SECOND_DRAW` on most have none, two, or an effect outside the catalogue, which
-    then are of more kinds and sizes.
+    then are of more kinds and sizes; from `THIRD_DRAW` on all have three.
     """
     generator = np.random.default_rng((seed, number))
     more = number >= SECOND_DRAW
     kind = str(generator.choice(["single", "pair", "none", "outside"], p=[0.6, 0.15, 0.15, 0.1]))
     if more:
-        kind = SECOND_KINDS[number % len(SECOND_KINDS)]
+        kind = SECOND_KINDS[number % len(SECOND_KINDS)] if number < THIRD_DRAW else "triple"
     if kind == "none":
         return HiddenStudy(number, kind, str(generator.choice(list(designs()))), (), 0.0)
     if kind == "outside":
@@ -221,11 +222,13 @@ def drawn_study(number: int, *, seed: int) -> HiddenStudy:
     design = ONLY_IN.get(first, str(generator.choice(["angle", "angle", "curvature"])))
     size = float(generator.choice(SIZES))
     chosen = [first]
-    if kind == "pair":
+    for _ in range({"pair": 1, "triple": 2}.get(kind, 0)):
         fitting = [
             n
             for n in names
-            if n != first and ONLY_IN.get(n, design) == design and {n, first} not in REFUSED
+            if n not in chosen
+            and ONLY_IN.get(n, design) == design
+            and not any({n, other} in REFUSED for other in chosen)
         ]
         chosen.append(str(generator.choice(fitting)))
         size = max(size, 1.0)

@@ -25,6 +25,7 @@ def summary(found: list[Json], again: list[Json]) -> Json:
     outside = [one for one in found if one["kind"] == "outside"]
     pairs = [one for one in found if one["kind"] == "pair" and _z(one) >= VISIBLE]
     apart = [one for one in pairs if not ON_ONE_SCALE & set(one["hidden"])]
+    triples = [one for one in found if one["kind"] == "triple" and _z(one) >= VISIBLE]
     usual, careful = (
         [
             covered
@@ -59,6 +60,9 @@ def summary(found: list[Json], again: list[Json]) -> Json:
         "pair_studies": len(pairs),
         "two_causes_both_named_not_on_one_scale": _share(_both(one) for one in apart),
         "pair_studies_not_on_one_scale": len(apart),
+        "three_causes_all_named": _share(_both(one) for one in triples),
+        "three_causes_all_in_a_stated_set": _share(_both_stated(one) for one in triples),
+        "triple_studies": len(triples),
         "size_coverage_90": _share([*usual, *careful]),
         "sizes": len(usual) + len(careful),
         "size_coverage_90_usual_scatter": _share(usual),
