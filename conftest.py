@@ -2,10 +2,16 @@
 
 import os
 import signal
+import sys
 
 # many small matrices: threads of linear algebra cost more than they give, and disturb one another
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(name, "1")
+
+# where the environment forbids Python to keep what it compiled, as that of many containers does,
+# each of the hundreds of programs that tests start would compile 2,600 modules anew
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 
 # a fault of ours ends a run instead of being left out; tests of that pass a guard of their own
 os.environ["BAYESDEG_STRICT"] = "1"
