@@ -33,12 +33,15 @@ class Enlarged:
         Those of which there are new rows.
     rows : int
         How many new rows there are.
+    filled : tuple of str
+        Columns in which new rows have a value.
     """
 
     table: CheckedTable
     added: bytes
     specimens: tuple[str, ...]
     rows: int
+    filled: tuple[str, ...] = ()
 
 
 def enlarge(
@@ -97,7 +100,8 @@ def enlarge(
         raise StudyError(faults)
     added = rows if known is None else pd.concat([known, rows]).fillna("")
     specimens = tuple(dict.fromkeys(rows[SPECIMEN].tolist()))
-    return Enlarged(table, _to_csv(added.drop(columns=_ORIGIN)), specimens, len(rows))
+    filled = tuple(str(n) for n in rows if n != _ORIGIN and (rows[n].str.strip() != "").any())
+    return Enlarged(table, _to_csv(added.drop(columns=_ORIGIN)), specimens, len(rows), filled)
 
 
 def _texts(content: bytes, file: str) -> pd.DataFrame:

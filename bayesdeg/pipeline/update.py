@@ -90,6 +90,7 @@ STAGES_ANEW = (
 )
 """What else an update does again."""
 
+VOLUME = "cavity_volume_ml"  # needs the curvatures of the same specimens anew
 COUNTS_STREAM = 3  # of the seed: simulated counts of ruptures
 DRAWS = 12000  # of equal weight, of which tables are made: three for each effective one
 ENSEMBLES = 4  # among which they are divided, in the form of chains
@@ -277,6 +278,11 @@ def _enlarged(of: FinishedRun, content: bytes, name: str) -> tuple[Enlarged, Stu
         actuator=found.table.frame,
         recorded={**study.recorded, "actuator": found.table.recorded},
     )
+    if VOLUME in found.filled:
+        raise BayesdegError(
+            f"{name}: volumes ({VOLUME}) are not taken in by an update; leave the column out, or "
+            "add the rows to the study and run it again"
+        )
     known = {p.name for p in outline(before).base}
     wanted = [p.name for p in outline(after).base if p.name not in known]
     if wanted:

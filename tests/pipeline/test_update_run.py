@@ -199,6 +199,7 @@ REFUSED = {
     "text": (f"{HEAD}\nn1,0,0,twenty,1\n", "value 'twenty'"),
     "rate": (f"{HEAD}\nn1,300,0,20,1\n", "value '300'"),
     "angle": (f"{HEAD},bend_angle_deg\nn1,0,0,20,1,2.2\nn1,0,0,40,2,4.4\n", "bend_angle_noise"),
+    "volume": (f"{HEAD},cavity_volume_ml\nn1,0,0,20,1,0.1\n", "volumes"),
     "nothing": (f"{HEAD}\n", "no data"),
 }
 
