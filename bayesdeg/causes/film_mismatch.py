@@ -26,26 +26,16 @@ Source
     made.
 """
 
-from dataclasses import replace
-
 import numpy as np
 
 from bayesdeg.actuator.inputs import Inputs
-from bayesdeg.causes.cause import Cause, Conditions, Effect, Stage
+from bayesdeg.causes.cause import Cause, Conditions, Effect, Stage, scaled_stiffness
 from bayesdeg.priors import Normal, Parameter
 
 
 def stiffen_casting(inputs: Inputs, conditions: Conditions, effect: Effect) -> Inputs:
     """Return inputs with all constants times exp(x)."""
-    factor = np.exp(effect["log_ratio"])
-    second = inputs.second_invariant
-    return replace(
-        inputs,
-        c1=factor * inputs.c1,
-        c2=factor * inputs.c2,
-        c3=factor * inputs.c3,
-        second_invariant=None if second is None else factor * second,
-    )
+    return scaled_stiffness(inputs, np.exp(effect["log_ratio"]))
 
 
 CAUSE = Cause(
