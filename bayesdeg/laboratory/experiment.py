@@ -413,14 +413,7 @@ def _stretch(
     constants = constants_of(films, truth)[where]
     stress = np.sum(yeoh_basis(stretch, mode, measure) * constants, axis=-1)
     level = films["degradation_pct"].to_numpy()[where]
-    tests = FilmConditions(
-        stretch[:, None],
-        mode,
-        measure[:, None] == "cauchy",
-        level,
-        recorded_temperature(table),
-        batch_of_rows(table, batches),
-    )
+    tests = _film_conditions(table, stretch, level, batches)
     column = stress[None, :, None]
     stress = applied("on_stress", column, tests, _acting(effects), constants[None])[0, :, 0]
     z = alike_along(
@@ -441,6 +434,25 @@ def _stretch(
     whole = (mode != "uniaxial") | (stretch < limit)
     kept: pd.DataFrame = read.loc[whole]
     return kept.reset_index(drop=True)
+
+
+def _film_conditions(
+    table: pd.DataFrame, stretch: Floats, degradation: Floats, batches: Sequence[str]
+) -> FilmConditions:
+    """Return what tests of films set and recorded, one row a reading."""
+    names = table["specimen_id"].astype(str)
+    temperature: Floats = np.full(len(table), np.nan)
+    if "temperature_C" in table:
+        temperature = table["temperature_C"].to_numpy(np.float64)
+    of = dict(zip(names.drop_duplicates(), batch_numbers(table, batches), strict=True))
+    return FilmConditions(
+        stretch[:, None],
+        table["mode"].to_numpy(str),
+        table["stress_measure"].to_numpy(str)[:, None] == "cauchy",
+        degradation,
+        temperature,
+        names.map(of).to_numpy(np.int64),
+    )
 
 
 class _Plan(NamedTuple):
@@ -577,20 +589,6 @@ def _volume_error(plan: _Plan, truth: Truth, bent: Bent, generator: np.random.Ge
     z, _ = _normals(plan.rows, truth, generator)
     floor = np.full(len(plan.rows), truth.volume_noise_floor)
     return noise(bent.volume[plan.mask], z, floor=floor, share=truth.volume_noise)
-
-
-def recorded_temperature(table: pd.DataFrame) -> Floats:
-    """Return the temperature on each row; nan where none is recorded [°C]."""
-    if "temperature_C" not in table:
-        return np.full(len(table), np.nan)
-    return table["temperature_C"].to_numpy(np.float64)
-
-
-def batch_of_rows(table: pd.DataFrame, batches: Sequence[str]) -> npt.NDArray[np.int64]:
-    """Return the number of each row's batch, see `bayesdeg.data.batches.batch_numbers`."""
-    names = table["specimen_id"].astype(str).drop_duplicates()
-    of = dict(zip(names, batch_numbers(table, batches), strict=True))
-    return table["specimen_id"].astype(str).map(of).to_numpy(np.int64)
 
 
 def _plan(table: pd.DataFrame, truth: Truth, batches: Sequence[str] = ()) -> _Plan:
