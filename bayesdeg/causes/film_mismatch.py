@@ -8,7 +8,9 @@ Equation
     All constants of the actuator are exp(x) times those of the films.
 
 Typical size
-    x of ±0.1: assumed; moduli of gelatin films vary by tens of percent with drying. Below
+    x of ±0.1, an assumption: moduli of gelatin films vary by tens of percent with how they gel and
+    dry, and films and actuators of one mixture that are cured and conditioned alike are taken to
+    differ by less. Three standard deviations, and evidence, reach what differs more. Below
     x = −0.05 a fresh default actuator is so near to ballooning at 240 kPa that the emulator refuses
     this step.
 

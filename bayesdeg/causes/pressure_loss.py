@@ -8,7 +8,8 @@ Equation
     p_true = (1 − φ) p.
 
 Typical size
-    0–20 %: estimated from the flow resistance of thin tubing against a slow leak.
+    0–20 %: estimated from the flow resistance of thin tubing against a slow leak. A leak only takes
+    away; a gauge that is off either way is ``gauge_gain``.
 
 Revealed by
     A loss of curvature that is a constant ratio in pressure, at every degradation rate. From
