@@ -296,6 +296,7 @@ PLANTED = {
         "careful",
         {"temperature_softening": {"softening": 0.035}},
         3,
+        (0.0, 25.0),
         met=in_warmth,
         noted={"temperature_C": (19.0, 22.0, 27.0)},
         noted_of_films={"temperature_C": OF_FILMS},

@@ -62,7 +62,12 @@ CAUSE = Cause(
     typical={"lost_share": 0.1},
     revealed_by="more curvature than simulated, growing with the degradation rate; refuted by "
     "walls of degraded parts as thick as fresh ones",
-    confusable_with=("degradation_misread", "degraded_skin", "paper_softening"),
+    confusable_with=(
+        "degradation_misread",
+        "degraded_shrinkage",
+        "degraded_skin",
+        "paper_softening",
+    ),
     on_inputs=thin_walls,
     blind=without_degraded,
     of_degradation=True,

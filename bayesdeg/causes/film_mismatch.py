@@ -56,6 +56,6 @@ CAUSE = Cause(
     typical={"log_ratio": 0.12},
     revealed_by="a constant ratio at every pressure and degradation rate; refuted by films cut "
     "from an actuator that agree with cast ones",
-    confusable_with=("pressure_loss", "wall_thickness", "shrinkage_reading"),
+    confusable_with=("pressure_loss", "gauge_gain", "wall_thickness", "shrinkage_reading"),
     on_inputs=stiffen_casting,
 )

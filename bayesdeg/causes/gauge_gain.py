@@ -60,6 +60,6 @@ CAUSE = Cause(
     typical={"gain": 0.03},
     revealed_by="a small constant ratio at every pressure and degradation rate; refuted by a "
     "second gauge that reads the same",
-    confusable_with=("film_mismatch", "pressure_loss", "wall_thickness"),
+    confusable_with=("film_mismatch", "pressure_loss", "initial_curvature", "wall_thickness"),
     on_inputs=misgauge,
 )

@@ -57,6 +57,6 @@ CAUSE = Cause(
     typical={"fraction": 0.1},
     revealed_by="a loss of curvature in constant ratio to pressure at every degradation rate; "
     "refuted by a second sensor at the far end",
-    confusable_with=("film_mismatch", "wall_thickness", "shrinkage_reading"),
+    confusable_with=("film_mismatch", "gauge_gain", "wall_thickness", "shrinkage_reading"),
     on_inputs=lose_pressure,
 )
