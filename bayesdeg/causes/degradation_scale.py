@@ -1,4 +1,4 @@
-"""Degradation scale: rates of the actuators are all too large or too small by one factor.
+"""Degradation scale: rates that are recorded of the actuators are too large by one factor.
 
 Mechanism
     What is recorded of the actuators is in proportion to what the films' curves are recorded
@@ -6,8 +6,9 @@ Mechanism
 
     *Another moisture basis.* A content by total mass, M, and one by dry mass, X = M/(1 − M), give
     rates D and D/(1 − M_C). With M_0 = 20 % a rate of 25 % on the one is 29.4 % on the other; the
-    ratio is 1.25 where little has degraded and 1.18 at 25 %, so nearly a factor. Films on one basis
-    and actuators on the other differ by x = −0.15 … −0.20, or by +0.18 … +0.25.
+    ratio is 1.25 where little has degraded and 1.18 at 25 %, so nearly a factor. Where
+    rates of the actuators are by dry mass and those of the films by total mass x = −0.15 … −0.20,
+    the other way round +0.18 … +0.25.
 
     *Walls behind films.* Water reaches the middle of a film of 0.5 mm within hours, of a wall of
     2 mm not: with 10⁻¹¹ … 10⁻¹² m²/s, 60 % of a change takes 8–81 h if both faces are open. 24 h
@@ -19,12 +20,18 @@ Equation
     D = (1 + x) D_recorded, and so is its standard error. Fresh specimens stay fresh.
 
 Typical size
-    x = ±0.2, or −0.1 … −0.8 in walls behind films; at 25 % a shift by 5 points, at 5 % by 1.
+    x = −0.2 by another basis, −0.1 … −0.8 in walls behind films; −0.2 is a shift by 5 points at
+    25 %, by 1 at 5 %. The prior ends at 0: x of a few percent above it reads like
+    ``degraded_skin``, which a study could then not name alone, and x = 0.3 like degradation that
+    comes in from the surfaces. A study whose films may be on the dry basis states a prior of both
+    signs, ``"degradation_scale.excess" = { law = "truncated_normal", mean = 0.0, sd = 0.2,
+    low = -0.9, high = 1.0 }`` under ``[priors]``.
 
 Revealed by
-    A ratio of curvatures that is constant in pressure at small strain, of either sign, absent in
-    fresh specimens, and growing with the degradation rate; ``degradation_misread`` shifts slightly
-    and strongly degraded specimens alike. Levels that lie far apart tell the two from each other.
+    More curvature than simulated, in a ratio that is constant in pressure at small strain, absent
+    in fresh specimens, and growing with the degradation rate; ``degradation_misread`` shifts
+    slightly and strongly degraded specimens alike. Levels that lie far apart tell the two from each
+    other.
 
 Refuted by
     As many points off at 5 % as at 25 %; moisture of pieces of the walls, on the same basis and
@@ -64,15 +71,15 @@ CAUSE = Cause(
     parameters=(
         Parameter(
             "excess",
-            TruncatedNormal(0.0, 0.2, -0.9, 1.0),
+            TruncatedNormal(0.0, 0.25, -0.9, 0.0),
             "–",
             "true over recorded degradation rate of the actuators, less 1",
             0.0,
         ),
     ),
-    mechanism="degradation rates of the actuators are all too small or too large by one factor",
+    mechanism="degradation rates recorded of the actuators are all too large by one factor",
     typical={"excess": -0.18},
-    revealed_by="a ratio constant in pressure that grows with the degradation rate; refuted by as "
+    revealed_by="more curvature than simulated, growing with the degradation rate; refuted by as "
     "many points off at small rates as at large ones",
     confusable_with=("degradation_misread", "degraded_skin", "erosion", "degraded_shrinkage"),
     on_degradation=rescale,

@@ -34,7 +34,7 @@ ALIKE = {
     "pressure_loss": {"film_mismatch"},
     "paper_softening": {"delamination", "erosion"},
     "delamination": {"paper_softening", "erosion"},
-    "initial_curvature": {"wall_thickness", "film_mismatch"},
+    "initial_curvature": {"wall_thickness", "film_mismatch", "gauge_gain"},
     "gauge_gain": {"film_mismatch", "initial_curvature"},
 }
 NO_ANGLE, WITHOUT = (WALLS, SHRUNK), "without angle"
