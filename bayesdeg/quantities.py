@@ -114,6 +114,8 @@ _ROWS = (
     ("cycle", "", "–", "loading cycle, counted from 1"),
     ("branch", "", "–", "loading or unloading"),
     ("humidity_pct", "RH", "%", "relative humidity of the room"),
+    ("temperature_C", "T", "°C", "temperature of the room"),
+    ("batch", "", "–", "which mixture or day a specimen is of"),
     ("mount", "", "–", "how the actuator is held: horizontal, hanging, bending_up, bending_down"),
     ("ruptured", "", "–", "1 where the specimen burst, else 0"),
     ("quantity", "", "–", "which statistic is given"),

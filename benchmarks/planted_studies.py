@@ -9,15 +9,16 @@ number alone. What stands there is left alone.
 
 import argparse
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 from hidden_studies import LARGEST_PRESSURE, OUTSIDE, HiddenStudy, designs, made
+from numpy.typing import NDArray
 
 from bayesdeg.actuator.curve import ExactMap
 from bayesdeg.actuator.geometry import Geometry
@@ -44,6 +45,7 @@ from bayesdeg.laboratory.fields import (
 from bayesdeg.laboratory.mounting import Bond, Mounting
 from bayesdeg.laboratory.truth import HiddenEffect, Three
 
+Floats = NDArray[np.float64]
 Key = tuple[tuple[str, tuple[int, ...], bytes], ...]
 
 FOLDER = Path("tests/hidden_effects")
@@ -82,6 +84,15 @@ class Planted:
         only says what its sizes are.
     mounting : callable, optional
         How an actuator is made and held at a degradation rate [%]: another physics.
+    met : callable, optional
+        What the mechanics meets of what was set and cast, given the first row of each actuator's
+        test: another physics.
+    recorded : callable, optional
+        The degradation rates that are written down of actuators with these [%]: another slip.
+    noted : mapping, optional
+        Further columns of tests of actuators, each with its values by the number of the copy.
+    noted_of_films : mapping, optional
+        Further columns of tests of films, each with its value.
     """
 
     design: str
@@ -93,11 +104,15 @@ class Planted:
     elongation: Three | None = None
     memory: Callable[[FieldActuator, float], Memory] | None = None
     mounting: Callable[[float], Mounting] | None = None
+    met: Callable[[Inputs, pd.DataFrame], Inputs] | None = None
+    recorded: Callable[[Floats], Floats] | None = None
+    noted: Mapping[str, tuple[object, ...]] = field(default_factory=dict)
+    noted_of_films: Mapping[str, object] = field(default_factory=dict)
 
     @property
     def by_physics(self) -> bool:
         """Whether no function of a cause plants it."""
-        return self.memory is not None or self.mounting is not None
+        return any((self.memory, self.mounting, self.met, self.recorded))
 
     def effects(self) -> tuple[HiddenEffect, ...]:
         """Return the functions by which it is hidden; none where it is a physics of its own."""
@@ -113,7 +128,12 @@ class Planted:
         table = whole.actuator
         copy = table["specimen_id"].str[-1].astype(int)
         kept = table["degradation_pct"].isin(self.levels) & (copy <= self.copies)
-        return replace(whole, actuator=table[kept].reset_index(drop=True))
+        noted = {name: copy.map(lambda k, of=v: of[k - 1]) for name, v in self.noted.items()}
+        return replace(
+            whole,
+            actuator=table.assign(**noted)[kept].reset_index(drop=True),
+            tensile=whole.tensile.assign(**self.noted_of_films),
+        )
 
 
 def viscous(actuator: FieldActuator, level: float) -> Memory:
@@ -143,6 +163,65 @@ def coming_off(level: float) -> Mounting:
     return Mounting(Bond(off_end=OFF).grown(level, REFERENCE_DEGRADATION))
 
 
+def shrunken(inputs: Inputs, tests: pd.DataFrame) -> Inputs:
+    """Return actuators that are as small as what is left of their mass and water makes them."""
+    kept = volume_kept(tests["degradation_pct"].to_numpy(float)[:, None])
+    return replace(inputs, linear_scale=inputs.linear_scale * np.cbrt(kept))
+
+
+def volume_kept(rate: Floats) -> Floats:
+    """Return the share of a part's volume that is left at degradation rates of the wet basis [%].
+
+    Dry matter is lost by Eq. 6 of the source, whose rates are of the dry basis; what is left holds
+    the water that its moisture content says.
+    """
+    water = dry_basis(MOISTURE * (1.0 - rate / 100.0))
+    dry = 1.0 - EQUATION_6 * (1.0 - water / dry_basis(MOISTURE))
+    return dry * (1.0 / DRY_DENSITY + water) / (1.0 / DRY_DENSITY + dry_basis(MOISTURE))
+
+
+def dry_basis(moisture: float | Floats) -> Floats:
+    """Return water over dry matter for a moisture content by total mass."""
+    return np.asarray(moisture / (1.0 - moisture))
+
+
+def on_dry_basis(rate: Floats) -> Floats:
+    """Return the rates that the same weighings give by dry mass, for rates by total mass [%]."""
+    water = dry_basis(MOISTURE * (1.0 - rate / 100.0))
+    return 100.0 * (1.0 - water / dry_basis(MOISTURE))
+
+
+def misgauged(inputs: Inputs, tests: pd.DataFrame) -> Inputs:
+    """Return the pressures of a gauge whose span was set against a wrong weight."""
+    return replace(inputs, pressure=inputs.pressure * TRUE_WEIGHT / STATED_WEIGHT)
+
+
+def of_batches(inputs: Inputs, tests: pd.DataFrame) -> Inputs:
+    """Return actuators of which one batch has too little water: a gel's modulus goes with c²."""
+    dense = (tests["batch"] == DENSE).to_numpy()[:, None]
+    concentration = np.where(dense, 1.0 / (1.0 - MISSING_WATER), 1.0)
+    return _times(inputs, concentration**2)
+
+
+def in_warmth(inputs: Inputs, tests: pd.DataFrame) -> Inputs:
+    """Return actuators at the temperatures of their tests, films having been pulled at another.
+
+    A modulus goes with the square of the helices' share, which falls linearly to the melting point.
+    """
+    warmth = tests["temperature_C"].to_numpy(float)[:, None]
+    return _times(inputs, ((MELTING - warmth) / (MELTING - OF_FILMS)) ** 2)
+
+
+def _times(inputs: Inputs, factor: Floats) -> Inputs:
+    """Return inputs of a body that is stiffer by a factor, and its paper not."""
+    return replace(inputs, c1=factor * inputs.c1, c2=factor * inputs.c2, c3=factor * inputs.c3)
+
+
+MOISTURE, EQUATION_6 = 0.2, 0.8574  # by total mass, before degradation; dry mass lost over the rate
+DRY_DENSITY = 3.0 / (2.0 / 1.35 + 1.0 / 1.26)  # g/cm³, of gelatin and glycerol 2 : 1 by mass
+TRUE_WEIGHT, STATED_WEIGHT = 26.0, 25.0  # of the dead-weight tester, N
+DENSE, MISSING_WATER = "B", 0.09  # of the mass of its mixture
+MELTING, OF_FILMS = 80.0, 22.0  # °C
 SHARE, RELAXATION = 0.11, 27.0  # of the stress that relaxes, and its time [s]
 SOFTENED, ENERGY = 0.16, 0.02  # in the end; energy about which it sets in [C1]
 REACH = 1.5  # mm that what degrades comes into the walls
@@ -195,6 +274,33 @@ PLANTED = {
     "delamination": Planted(
         "careful", {"delamination": {"looseness": 1.0}}, 3, mounting=coming_off
     ),
+    "degraded_shrinkage": Planted(
+        "careful", {"degraded_shrinkage": {"lost_volume": 0.307}}, met=shrunken
+    ),
+    "degradation_scale": Planted(
+        "careful",
+        {"degradation_scale": {"excess": -0.16}},
+        levels=EVERY_LEVEL,
+        recorded=on_dry_basis,
+    ),
+    "gauge_gain": Planted("careful", {"gauge_gain": {"gain": 0.04}}, met=misgauged),
+    "batch_stiffness": Planted(
+        "careful",
+        {"batch_stiffness": {"second": 0.189}},
+        3,
+        met=of_batches,
+        noted={"batch": ("A", DENSE, "A")},
+        noted_of_films={"batch": "A"},
+    ),
+    "temperature_softening": Planted(
+        "careful",
+        {"temperature_softening": {"softening": 0.035}},
+        3,
+        (0.0, 25.0),
+        met=in_warmth,
+        noted={"temperature_C": (19.0, 22.0, 27.0)},
+        noted_of_films={"temperature_C": OF_FILMS},
+    ),
 }
 
 
@@ -227,8 +333,10 @@ def plant(number: int, folder: Path, truths: Path, *, forward: ForwardMap) -> No
     """Make one study; what was hidden in it is written elsewhere."""
     name, planted = list(PLANTED.items())[number - 1]
     drawn_as = list(PLANTED).index(planted.twin or name) + 1
-    if planted.by_physics:
+    if planted.memory is not None or planted.mounting is not None:
         forward = with_physics(planted, forward)
+    if planted.met is not None:
+        forward = meeting(planted.met, planted.tests().actuator, forward)
     study = HiddenStudy(number, name, planted.design, planted.effects(), 1.0, drawn_as)
     made(
         study,
@@ -240,12 +348,32 @@ def plant(number: int, folder: Path, truths: Path, *, forward: ForwardMap) -> No
         bursts=planted.bursts,
         elongation=planted.elongation,
     )
+    if planted.recorded is not None:
+        rewrite(folder / "actuator.csv", planted.recorded)
     truths.mkdir(parents=True, exist_ok=True)
     written = folder / "truth.json"
     if planted.by_physics:
         truth = json.loads(written.read_text(encoding="utf-8")) | {"causes": planted.hidden}
         written.write_text(json.dumps(truth, indent=2) + "\n", encoding="utf-8")
     written.replace(truths / f"{number:02d}.json")
+
+
+def rewrite(path: Path, recorded: Callable[[Floats], Floats]) -> None:
+    """Write other degradation rates into a file of actuators; its comments stay."""
+    lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
+    comments = "".join(line for line in lines if line.startswith("#"))
+    table = pd.read_csv(path, comment="#")
+    rates = recorded(table["degradation_pct"].to_numpy(float))
+    text = table.assign(degradation_pct=rates.round(2)).to_csv(index=False)
+    path.write_text(comments + text, encoding="utf-8")
+
+
+def meeting(
+    met: Callable[[Inputs, pd.DataFrame], Inputs], table: pd.DataFrame, forward: ForwardMap
+) -> ForwardMap:
+    """Return a map of mechanics that meets something else than what was set and cast."""
+    tests = table.drop_duplicates("specimen_id")
+    return lambda inputs: forward(met(inputs, tests))
 
 
 def with_physics(planted: Planted, forward: ForwardMap) -> ForwardMap:

@@ -45,6 +45,8 @@ CAUSES = (
     *("degradation_misread", "degraded_skin", "erosion", "paper_slack", "gravity"),
     *("initial_curvature", "stress_measure", "second_invariant", "flaw_embrittlement"),
     *("dry_embrittlement", "uneven_degradation", "curvature_operator", "delamination"),
+    *("degraded_shrinkage", "degradation_scale", "gauge_gain", "batch_stiffness"),
+    "temperature_softening",
 )
 READINGS, SPECIMENS, CATALOGUES = (200, 400, 800, 1600), (6, 18, 50, 100), (5, 10, 20)
 LOW_READINGS, USUAL_SPECIMENS = 12, 18

@@ -353,7 +353,7 @@ def signature(name: str) -> dict[str, pd.DataFrame]:
 
     There is neither scatter nor noise: all that differs is the cause. Actuators are inflated to
     200 kPa and let down again, with 30 s at each pressure, in a horizontal mount; where the cause
-    cannot show in that, bent against gravity.
+    cannot show in that, bent against gravity, at 29 °C, or of another batch than most films.
 
     Parameters
     ----------
@@ -416,6 +416,10 @@ def _design(needs) -> Design:
             "degradation_sd_pct": 0.0,
         }
     )
+    if "batch" in needs:
+        specimens["batch"] = ["B" if name in LEVELS else "A" for name in levels]
+    if "temperature_C" in needs:
+        specimens["temperature_C"] = 29.0
     share = pd.DataFrame({"elongation_share": np.linspace(0.02, 0.95, 40)})
     films = specimens.merge(share, how="cross")
     films = films.assign(mode="uniaxial", stress_measure="nominal")

@@ -60,6 +60,11 @@ class Conditions:
         Relative humidity of the room; nan where it was not recorded [%].
     mount : array of str
         ``horizontal``, ``hanging``, ``bending_up`` or ``bending_down``.
+    temperature : array
+        Of the room; nan where it was not recorded [°C].
+    batch : array of int
+        Of which batch the specimen is, as `bayesdeg.data.batches.batch_numbers`; 0 is the one with
+        which others are compared.
 
     Raises
     ------
@@ -80,12 +85,15 @@ class Conditions:
     unloading: Flags = field(default_factory=lambda: np.array(False))
     humidity: Floats = field(default_factory=lambda: np.array(np.nan))
     mount: NDArray[np.str_] = field(default_factory=lambda: np.array("horizontal"))
+    temperature: Floats = field(default_factory=lambda: np.array(np.nan))
+    batch: NDArray[np.int64] = field(default_factory=lambda: np.array(0))
 
     def __post_init__(self) -> None:
         """Bring what was recorded to the shape of the readings."""
         rates = np.shape(self.degradation)[-2:]  # what was recorded is the same for all walkers
         shape = np.broadcast_shapes(np.shape(self.pressure), rates)
-        for name in ("time", "cycle", "unloading", "humidity", "mount"):
+        recorded = ("time", "cycle", "unloading", "humidity", "mount", "temperature", "batch")
+        for name in recorded:
             object.__setattr__(self, name, np.broadcast_to(getattr(self, name), shape))
 
     @cached_property
@@ -98,9 +106,25 @@ class Conditions:
         >>> Conditions(np.ones((2, 3)), np.zeros((2, 1)), humidity=recorded).room_humidity.tolist()
         [60.5, nan]
         """
-        known = np.ma.masked_invalid(self.humidity)
-        median: Floats = np.ma.filled(np.ma.median(known, axis=-1), np.nan)
-        return median
+        return _median_known(self.humidity)
+
+    @cached_property
+    def room_temperature(self) -> Floats:
+        """Median temperature of each specimen's test [°C], (n_specimens,); nan where none is known.
+
+        Examples
+        --------
+        >>> Conditions(np.ones((1, 3)), np.zeros((1, 1)), temperature=24.0).room_temperature
+        array([24.])
+        """
+        return _median_known(self.temperature)
+
+
+def _median_known(values: Floats) -> Floats:
+    """Return the median along the last axis of what is known; nan where nothing is."""
+    known = np.ma.masked_invalid(values)
+    median: Floats = np.ma.filled(np.ma.median(known, axis=-1), np.nan)
+    return median
 
 
 @dataclass(frozen=True)
@@ -117,12 +141,24 @@ class FilmConditions:
         Whether the stress is labelled as Cauchy's; nominal otherwise.
     degradation : array, shape (n_specimens,)
         As measured [%].
+    temperature : array, shape (n_specimens,)
+        Of the room; nan where it was not recorded [°C].
+    batch : array of int, shape (n_specimens,)
+        As of `Conditions`.
     """
 
     stretch: Floats
     mode: NDArray[np.str_]
     cauchy: Flags
     degradation: Floats
+    temperature: Floats = field(default_factory=lambda: np.array(np.nan))
+    batch: NDArray[np.int64] = field(default_factory=lambda: np.array(0))
+
+    def __post_init__(self) -> None:
+        """Bring what was recorded to one value a specimen."""
+        shape = np.shape(self.degradation)
+        for name in ("temperature", "batch"):
+            object.__setattr__(self, name, np.broadcast_to(getattr(self, name), shape))
 
 
 @dataclass(frozen=True)
@@ -190,6 +226,26 @@ class Strength:
         return replace(
             self, median=self.median * np.exp(-cut), scatter=np.hypot(self.scatter, widening)
         )
+
+
+def scaled_stiffness(inputs: Inputs, factor: Floats) -> Inputs:
+    """Return inputs of a body that is stiffer by a factor, and its paper not.
+
+    Parameters
+    ----------
+    inputs : Inputs
+        As other causes left them.
+    factor : array, shape (walkers, n_specimens or 1, 1)
+        On all constants [–].
+    """
+    second = inputs.second_invariant
+    return replace(
+        inputs,
+        c1=factor * inputs.c1,
+        c2=factor * inputs.c2,
+        c3=factor * inputs.c3,
+        second_invariant=None if second is None else factor * second,
+    )
 
 
 def always_visible(conditions: Conditions | FilmConditions) -> None:

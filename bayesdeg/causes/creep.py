@@ -17,7 +17,8 @@ Typical size
     reading of a study up to 240 kPa, and 99 % of all readings are left. A stress that relaxes by a
     share g creeps by a = g/(1 − g); solved at every integration point, on paper that does not
     creep, the rule leaves 12 % of the effect, and 21 % of measured growth in a silicone arm
-    (`benchmarks/rules.py`).
+    (`benchmarks/rules.py`). One time constant stands for a spectrum of them: of relaxation with
+    one, most of what is left is at the end of unloading.
 
 Revealed by
     Curvature that exceeds the simulated one the longer the steps were held; unloading that lags

@@ -60,7 +60,7 @@ CAUSE = Cause(
     typical={"shift": 3.0, "scatter": 1.0},
     revealed_by="a ratio constant in pressure, absent in fresh specimens; refuted by the same "
     "misfit in fresh specimens or by moisture of the actuators' own material",
-    confusable_with=("degraded_skin", "erosion", "film_mismatch"),
+    confusable_with=("degradation_scale", "degraded_skin", "erosion", "film_mismatch"),
     on_degradation=misread,
     blind=without_degraded,
     of_degradation=True,

@@ -11,7 +11,10 @@ Equation
 
 Typical size
     e = 0.05–0.15: curvature +11 … +36 % at 25 % (8–30 % were estimated from 21 % of lost mass).
-    The emulator is trained up to 0.4 mm, e D/25 % = 0.2, which is where the prior ends.
+    The emulator is trained up to 0.4 mm, e D/25 % = 0.2, which is where the prior ends. That takes
+    20.5 % of the default actuator's gel. Eq. 6 would take more if all that is lost left from the
+    exposed faces: its 21–25 % of dry mass are e = 0.21–0.25, with their water 0.31. A size at the
+    end of the prior says so; what is lost evenly is ``degraded_shrinkage``, within its range.
 
 Revealed by
     More curvature than simulated, growing with the degradation rate, none of it in fresh
@@ -59,7 +62,12 @@ CAUSE = Cause(
     typical={"lost_share": 0.1},
     revealed_by="more curvature than simulated, growing with the degradation rate; refuted by "
     "walls of degraded parts as thick as fresh ones",
-    confusable_with=("degradation_misread", "degraded_skin", "paper_softening"),
+    confusable_with=(
+        "degradation_misread",
+        "degraded_shrinkage",
+        "degraded_skin",
+        "paper_softening",
+    ),
     on_inputs=thin_walls,
     blind=without_degraded,
     of_degradation=True,

@@ -8,7 +8,8 @@ Equation
     p_true = (1 − φ) p.
 
 Typical size
-    0–20 %: estimated from the flow resistance of thin tubing against a slow leak.
+    0–20 %: estimated from the flow resistance of thin tubing against a slow leak. A leak only takes
+    away; a gauge that is off either way is ``gauge_gain``.
 
 Revealed by
     A loss of curvature that is a constant ratio in pressure, at every degradation rate. From
@@ -56,6 +57,6 @@ CAUSE = Cause(
     typical={"fraction": 0.1},
     revealed_by="a loss of curvature in constant ratio to pressure at every degradation rate; "
     "refuted by a second sensor at the far end",
-    confusable_with=("film_mismatch", "wall_thickness", "shrinkage_reading"),
+    confusable_with=("film_mismatch", "gauge_gain", "wall_thickness", "shrinkage_reading"),
     on_inputs=lose_pressure,
 )

@@ -306,6 +306,11 @@ PERCENT = pa.Check.le(100.0, error="is above 100 %", description="give a percent
 WHOLE = pa.Check(
     lambda x: x % 1.0 == 0.0, error="is not a whole number", description="give a whole number"
 )
+ROOM = pa.Check.in_range(
+    *(-20.0, 90.0),
+    error="is no temperature of a room or an oven",
+    description="give degrees Celsius",
+)
 BURST = pa.Check.isin(
     [0, 1], error="is neither 0 nor 1", description="give 1 where it burst, else 0"
 )
@@ -336,6 +341,11 @@ def _word(*words: str, optional: bool = True) -> pa.Column:
     check = pa.Check.isin(words, error="is not known")
     default = words[0] if optional else None
     return pa.Column(str, check, nullable=optional, required=not optional, default=default)
+
+
+def _label() -> pa.Column:
+    """Make an optional column of names, of which none is meant where it is empty."""
+    return pa.Column(str, nullable=True, required=False)
 
 
 def _whole(*checks: pa.Check, default: int) -> pa.Column:
@@ -462,6 +472,8 @@ TENSILE = pa.DataFrameSchema(
         "stretch": number(POSITIVE, STRETCHABLE),
         "stress_MPa": number(),
         "stress_measure": _word("nominal", "cauchy"),
+        "temperature_C": number(ROOM, optional=True),
+        "batch": _label(),
     },
     [ONE_DEGRADATION, SOMETHING_STRESSED],
     name="tensile.csv",
@@ -484,6 +496,8 @@ def of_actuators(read: Mapping[str, pa.Column]) -> dict[str, pa.Column]:
         "branch": _word(*BRANCHES),
         "humidity_pct": number(NOT_NEGATIVE, PERCENT, optional=True),
         "mount": _word(*MOUNTS),
+        "temperature_C": number(ROOM, optional=True),
+        "batch": _label(),
     }
 
 

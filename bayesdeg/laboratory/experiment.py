@@ -4,7 +4,7 @@ The folding of causes is that of `bayesdeg.inference.model`, on the truth instea
 """
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import NamedTuple
 
@@ -25,6 +25,7 @@ from bayesdeg.causes.cause import (
     StrengthConditions,
 )
 from bayesdeg.causes.fold import Acting, applied
+from bayesdeg.data.batches import batch_numbers, batch_order
 from bayesdeg.data.moisture import mass_loss_from_degradation, saturating
 from bayesdeg.data.settings import RuptureCriterion
 from bayesdeg.data.shrinkage import Mixture, film_volume
@@ -55,7 +56,8 @@ SHRINKAGE_FILMS = 4
 SPECIMEN = ("specimen_id", "degradation_pct", "degradation_sd_pct")
 _SCHEDULE = ("cycle", "branch")
 _ERRORS = ("curvature_sd_per_m", "bend_angle_sd_deg")
-_CONDITIONS = (*_ERRORS, "time_s", *_SCHEDULE, "humidity_pct", "mount")
+_ROOM = ("temperature_C", "batch")  # of films and of actuators
+_CONDITIONS = (*_ERRORS, "time_s", *_SCHEDULE, "humidity_pct", "mount", *_ROOM)
 
 
 def _specimens(prefix: str) -> pd.DataFrame:
@@ -192,7 +194,9 @@ def design_of(study: Study) -> Design:
     [0.0, 7.0]
     """
     recorded = study.recorded.get("actuator", frozenset())
-    tensile = _table(study, "tensile", _tensile, ("mode", "stretch", "stress_measure"))
+    of_films = study.recorded.get("tensile", frozenset())
+    noted = [column for column in _ROOM if column in of_films]
+    tensile = _table(study, "tensile", _tensile, ("mode", "stretch", "stress_measure", *noted))
     uniaxial = tensile.loc[tensile["mode"] == "uniaxial", list(SPECIMEN)]
     torn = uniaxial.drop_duplicates("specimen_id").reset_index(drop=True)
     return Design(
@@ -384,7 +388,9 @@ def tear_films(
         degradation_sd_pct=stated_sd(design.breaks, truth),
         elongation_pct=(100.0 * (limit - 1.0)).round(2),
     )
-    return _stretch(design.tensile, films, truth, generator, effects=effects), breaks, films
+    batches = batch_order(design.tensile, design.actuator)
+    tensile = _stretch(design.tensile, films, truth, generator, effects=effects, batches=batches)
+    return tensile, breaks, films
 
 
 def _stretch(
@@ -394,6 +400,7 @@ def _stretch(
     generator: np.random.Generator,
     *,
     effects: Sequence[HiddenEffect],
+    batches: Sequence[str],
 ) -> pd.DataFrame:
     limit = films["limit_stretch"].loc[table["specimen_id"]].to_numpy()
     if "stretch" in table:
@@ -406,7 +413,7 @@ def _stretch(
     constants = constants_of(films, truth)[where]
     stress = np.sum(yeoh_basis(stretch, mode, measure) * constants, axis=-1)
     level = films["degradation_pct"].to_numpy()[where]
-    tests = FilmConditions(stretch[:, None], mode, measure[:, None] == "cauchy", level)
+    tests = _film_conditions(table, stretch, level, batches)
     column = stress[None, :, None]
     stress = applied("on_stress", column, tests, _acting(effects), constants[None])[0, :, 0]
     z = alike_along(
@@ -422,10 +429,30 @@ def _stretch(
         stretch=stretch,
         stress_MPa=significant(stress, 5),
         stress_measure=measure,
+        **{column: table[column] for column in _ROOM if column in table},
     )
     whole = (mode != "uniaxial") | (stretch < limit)
     kept: pd.DataFrame = read.loc[whole]
     return kept.reset_index(drop=True)
+
+
+def _film_conditions(
+    table: pd.DataFrame, stretch: Floats, degradation: Floats, batches: Sequence[str]
+) -> FilmConditions:
+    """Return what tests of films set and recorded, one row a reading."""
+    names = table["specimen_id"].astype(str)
+    temperature: Floats = np.full(len(table), np.nan)
+    if "temperature_C" in table:
+        temperature = table["temperature_C"].to_numpy(np.float64)
+    of = dict(zip(names.drop_duplicates(), batch_numbers(table, batches), strict=True))
+    return FilmConditions(
+        stretch[:, None],
+        table["mode"].to_numpy(str),
+        table["stress_measure"].to_numpy(str)[:, None] == "cauchy",
+        degradation,
+        temperature,
+        names.map(of).to_numpy(np.int64),
+    )
 
 
 class _Plan(NamedTuple):
@@ -447,6 +474,7 @@ def inflate_actuators(
     generator: np.random.Generator,
     breaking: Breaking = BY_STRETCH,
     cavity_volume: bool = False,
+    batches: Sequence[str] = (),
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Inflate actuators and read curvature and bend angle.
 
@@ -470,6 +498,8 @@ def inflate_actuators(
         What is taken for the peak stretch.
     cavity_volume : bool
         Whether the volume of the cavity is read as well.
+    batches : sequence of str
+        Of `bayesdeg.data.batches.batch_order`.
 
     Returns
     -------
@@ -477,7 +507,7 @@ def inflate_actuators(
         The columns of ``actuator.csv``, and the actuators as they really are, with ``status``
         saying how their solution ended.
     """
-    plan = _plan(table, truth)
+    plan = _plan(table, truth, batches)
     specimens = _drawn(plan, truth, effects, generator, scatter_law(breaking.criterion))
     met = partial(_demanded, forward, breaking, np.array(truth.elongation_scatter))
     asked: Asked = "cavity_volume" if cavity_volume else ""
@@ -561,7 +591,7 @@ def _volume_error(plan: _Plan, truth: Truth, bent: Bent, generator: np.random.Ge
     return noise(bent.volume[plan.mask], z, floor=floor, share=truth.volume_noise)
 
 
-def _plan(table: pd.DataFrame, truth: Truth) -> _Plan:
+def _plan(table: pd.DataFrame, truth: Truth, batches: Sequence[str] = ()) -> _Plan:
     tests = [test for _, test in table.groupby("specimen_id", sort=False)]
     rows = pd.concat(tests, ignore_index=True)
     rows = rows.assign(degradation_sd_pct=stated_sd(rows, truth))
@@ -575,7 +605,7 @@ def _plan(table: pd.DataFrame, truth: Truth) -> _Plan:
     return _Plan(
         rows,
         first["specimen_id"],
-        _conditions(tests, steps, pressure),
+        replace(_conditions(tests, steps, pressure), batch=batch_numbers(rows, batches)[:, None]),
         first["degradation_sd_pct"].to_numpy(np.float64)[:, None],
         np.arange(size) < np.array([[len(test)] for test in tests]),
     )
@@ -607,6 +637,7 @@ def _conditions(
         unloading=recorded("branch", "loading") == "unloading",
         humidity=recorded("humidity_pct", np.nan).astype(np.float64),
         mount=recorded("mount", "horizontal").astype(str),
+        temperature=recorded("temperature_C", np.nan).astype(np.float64),
     )
 
 
@@ -801,6 +832,7 @@ def run_experiment(
             generator=source,
             breaking=design.breaking,
             cavity_volume=design.cavity_volume,
+            batches=batch_order(design.tensile, design.actuator),
         )
 
     return experiment_with(design, truth, inflate, generator, ordered)

@@ -21,10 +21,15 @@ def padded(columns: Sequence["pd.Series[float]"], size: int, *, fill: float) -> 
 
 
 def chosen[T](data: T, rows: Rows) -> T:
-    """Return some specimens of a frozen dataclass that holds one entry for each in every field."""
+    """Return some specimens of a frozen dataclass that holds one entry for each in every field.
+
+    A field may be None: nothing was recorded of any.
+    """
     found: dict[str, Any] = {}
     for field in fields(data):  # type: ignore[arg-type]
         value = getattr(data, field.name)
+        if value is None:
+            continue
         if isinstance(value, tuple):
             found[field.name] = tuple(value[i] for i in rows)
         else:

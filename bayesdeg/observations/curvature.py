@@ -17,6 +17,7 @@ from bayesdeg.actuator.status import Status
 from bayesdeg.causes.cause import Conditions, Degradation
 from bayesdeg.causes.fold import applied
 from bayesdeg.compiled import compiled
+from bayesdeg.data.batches import batch_numbers, batch_order
 from bayesdeg.data.study import Study
 from bayesdeg.observations.arrays import chosen, padded
 from bayesdeg.observations.kinds import (
@@ -164,6 +165,10 @@ class ActuatorCurves:
         Since the specimen's first row [s], of the room [%]; nan where not recorded.
     mount : array of str, shape (n_specimens, n_points)
         How it was held.
+    temperature : array, shape (n_specimens, n_points), optional
+        Of the room [°C]; nan where not recorded.
+    batch : array of int, shape (n_specimens, 1), optional
+        Of which batch it is, see `bayesdeg.data.batches.batch_numbers`.
     """
 
     specimens: tuple[str, ...]
@@ -183,6 +188,8 @@ class ActuatorCurves:
     time: Floats
     humidity: Floats
     mount: NDArray[np.str_]
+    temperature: Floats | None = None
+    batch: NDArray[np.int64] | None = None
 
     @cached_property
     def conditions(self) -> Conditions:
@@ -195,6 +202,8 @@ class ActuatorCurves:
             unloading=self.branch == "unloading",
             humidity=self.humidity,
             mount=self.mount,
+            temperature=np.array(np.nan) if self.temperature is None else self.temperature,
+            batch=np.array(0) if self.batch is None else self.batch,
         )
 
     @cached_property
@@ -282,6 +291,8 @@ def actuator_curves(study: Study) -> ActuatorCurves | None:
         # rows that are not there are held as those that are
         mount=np.array([[*g["mount"], *[g["mount"].iloc[-1]] * (size - len(g))] for g in groups]),
         branch=np.array([[*g["branch"], *["loading"] * (size - len(g))] for g in groups]),
+        temperature=padded([g["temperature_C"] for g in groups], size, fill=np.nan),
+        batch=batch_numbers(table, batch_order(study.tensile, table))[:, None],
     )
 
 

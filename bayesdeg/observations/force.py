@@ -32,6 +32,7 @@ from numpy.typing import NDArray
 from bayesdeg.actuator.inputs import Asked, Inputs
 from bayesdeg.causes.cause import Cause
 from bayesdeg.causes.fold import Acting, applied
+from bayesdeg.data.batches import batch_order
 from bayesdeg.data.settings import Dimensions
 from bayesdeg.data.study import Study
 from bayesdeg.data.tables import (
@@ -271,7 +272,11 @@ def from_study(study: Study) -> tuple[TipForce | HeldTip, ...]:
     Where curvatures are there too finite elements answer both; without them a beam does.
     """
     table = study.table(TABLE.name)
-    tests = None if table is None else pressure_tests(table, "tip_force_N")
+    tests = (
+        None
+        if table is None
+        else pressure_tests(table, "tip_force_N", batch_order(study.tensile, study.actuator))
+    )
     if tests is None:
         return ()
     if study.actuator is not None:

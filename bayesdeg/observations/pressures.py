@@ -5,7 +5,7 @@ linearised about the specimens' deviations, all else follows.
 """
 
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar, Self, override
@@ -15,6 +15,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from bayesdeg.causes.cause import Conditions
+from bayesdeg.data.batches import batch_numbers
 from bayesdeg.observations.arrays import chosen, padded
 from bayesdeg.observations.kinds import (
     Observations,
@@ -98,8 +99,19 @@ class PressureTests:
         )
 
 
-def pressure_tests(table: pd.DataFrame, column: str) -> PressureTests | None:
+def pressure_tests(
+    table: pd.DataFrame, column: str, batches: Sequence[str] = ()
+) -> PressureTests | None:
     r"""Return what was read in a column of a file of tests at pressures; None if nothing was.
+
+    Parameters
+    ----------
+    table : DataFrame
+        As it was read.
+    column : str
+        Its column.
+    batches : sequence of str
+        Of `bayesdeg.data.batches.batch_order`.
 
     Examples
     --------
@@ -135,6 +147,8 @@ def pressure_tests(table: pd.DataFrame, column: str) -> PressureTests | None:
         humidity=filled("humidity_pct", np.nan),
         # rows that are not there are held as most are
         mount=words("mount", "horizontal"),
+        temperature=filled("temperature_C", np.nan),
+        batch=batch_numbers(table, batches)[:, None],
     )
     names = tuple(str(group["specimen_id"].iloc[0]) for group in groups)
     sd = filled("degradation_sd_pct", 0.0)[:, :1]

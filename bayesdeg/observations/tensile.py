@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from bayesdeg.causes.cause import FilmConditions
 from bayesdeg.causes.fold import applied
 from bayesdeg.compiled import compiled
+from bayesdeg.data.batches import batch_numbers, batch_order
 from bayesdeg.data.study import Study
 from bayesdeg.material.degradation import bernstein_weights
 from bayesdeg.material.hyperelastic import yeoh_basis
@@ -77,6 +78,10 @@ class TensileCurves:
         Whether the stress recorded is Cauchy's.
     mask : array of bool, shape (n_specimens, n_points)
         Where there is an observation.
+    temperature : array, shape (n_specimens,), optional
+        Of the room [°C]; nan where not recorded.
+    batch : array of int, shape (n_specimens,), optional
+        Of which batch it is, see `bayesdeg.data.batches.batch_numbers`.
     """
 
     specimens: tuple[str, ...]
@@ -88,11 +93,20 @@ class TensileCurves:
     stress: Floats
     cauchy: Flags
     mask: Flags
+    temperature: Floats | None = None
+    batch: NDArray[np.int64] | None = None
 
     @cached_property
     def conditions(self) -> FilmConditions:
         """What the tests set."""
-        return FilmConditions(self.stretch, np.array(self.modes), self.cauchy, self.degradation)
+        return FilmConditions(
+            self.stretch,
+            np.array(self.modes),
+            self.cauchy,
+            self.degradation,
+            np.array(np.nan) if self.temperature is None else self.temperature,
+            np.array(0) if self.batch is None else self.batch,
+        )
 
     @cached_property
     def paths(self) -> Paths:
@@ -115,6 +129,7 @@ def tensile_curves(study: Study, *, fitted: bool) -> TensileCurves | None:
         return None
     # by stretch, so that the order of rows does not matter
     table = table.sort_values("stretch", kind="stable")
+    batches = batch_order(study.tensile, study.actuator)
     order = table.groupby(["specimen_id", "mode"], sort=False)
     groups = sorted(order, key=lambda item: int(item[1].index.min()))
     size = max(len(g) for _, g in groups)
@@ -134,6 +149,8 @@ def tensile_curves(study: Study, *, fitted: bool) -> TensileCurves | None:
         stress=padded([g["stress_MPa"] for _, g in groups], size, fill=0.0),
         cauchy=cauchy,
         mask=np.arange(size) < np.array([len(g) for _, g in groups])[:, None],
+        temperature=np.array([g["temperature_C"].median() for _, g in groups]),
+        batch=np.array([int(batch_numbers(g, batches)[0]) for _, g in groups]),
     )
 
 

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.actuator.inputs import Asked
+from bayesdeg.data.batches import batch_order
 from bayesdeg.data.study import Study
 from bayesdeg.errors import BayesdegError
 from bayesdeg.observations.curvature import (
@@ -185,5 +186,9 @@ def _linearised(
 def from_study(study: Study) -> tuple[CavityVolume, ...]:
     """Return the volumes of a study, if there are any."""
     table = study.actuator
-    tests = None if table is None else pressure_tests(table, "cavity_volume_ml")
+    tests = (
+        None
+        if table is None
+        else pressure_tests(table, "cavity_volume_ml", batch_order(study.tensile, study.actuator))
+    )
     return () if tests is None else (CavityVolume(tests),)

@@ -10,6 +10,7 @@ from bayesdeg.actuator.inputs import ForwardMap
 from bayesdeg.actuator.reading import as_read
 from bayesdeg.causes.cause import Cause
 from bayesdeg.causes.fold import with_causes
+from bayesdeg.data.batches import recorded_batches
 from bayesdeg.data.study import Study
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.emulator.trained import refuse_lacking, surrogate_for
@@ -203,13 +204,7 @@ def assemble(study: Study, forward: ForwardMap | None = None) -> Assembly:
 
 def batches_of(study: Study) -> dict[str, str]:
     """Return the batch of each specimen, where a table says of which it is."""
-    found: dict[str, str] = {}
-    for table in (study.actuator, study.tensile):
-        if table is not None and "batch" in table:
-            known = table[table["batch"].notna() & (table["batch"].astype(str) != "")]
-            names, batches = known["specimen_id"].astype(str), known["batch"].astype(str)
-            found |= dict(zip(names, batches, strict=True))
-    return found
+    return recorded_batches(study.actuator) | recorded_batches(study.tensile)
 
 
 def _stiffening(study: Study, plan: Outline) -> float:

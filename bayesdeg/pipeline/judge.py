@@ -1,6 +1,6 @@
 """Everything that a verdict rests on, and what follows from it for the final model."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -53,7 +53,12 @@ from bayesdeg.criticism.decide.verdict import (
 )
 from bayesdeg.criticism.experiments.between_terms import term_trials
 from bayesdeg.criticism.experiments.designs import candidate_experiments
-from bayesdeg.criticism.experiments.ranking import next_experiments_document, rank
+from bayesdeg.criticism.experiments.ranking import (
+    ActuatorTests,
+    Experiment,
+    next_experiments_document,
+    rank,
+)
 from bayesdeg.criticism.fit.linear import neutral_sizes
 from bayesdeg.criticism.fit.search import Names, Search, SearchEffort, Step, run_search
 from bayesdeg.criticism.fit.side_by_side import later
@@ -815,7 +820,7 @@ def _next(
     if decision.outcome is Outcome.UNEXPLAINED:
         nearest = sorted(search.trials, key=search.factor)[-IN_QUESTION:]
         sets = dict.fromkeys([BASE, *nearest])
-        untested = tuple(CATALOGUE[n] for n in catalogue.unjudged if n in CATALOGUE)[:IN_QUESTION]
+        untested = _shown_by(candidate_experiments(base.subject), catalogue.unjudged)
     elif not supported and not catalogue.alike:
         return []  # nothing of the readings is in question
     elif not supported:
@@ -840,6 +845,22 @@ def _next(
         executor=search.executor,
     )
     return next_experiments_document(ranked, partial(worded, degrades=base.subject.degrades))
+
+
+def _shown_by(experiments: Iterable[Experiment], names: Iterable[str]) -> tuple[Cause, ...]:
+    """Return the first few of the causes not judged that a proposed test of actuators may show.
+
+    One that asks for a record which no proposal makes, as of batches, would only take the place of
+    another.
+    """
+    tests = [
+        one.measurement.curves.conditions
+        for one in experiments
+        if isinstance(one.measurement, ActuatorTests)
+    ]
+    causes = [CATALOGUE[name] for name in names if name in CATALOGUE]
+    shown = [cause for cause in causes if any(cause.blind(test) is None for test in tests)]
+    return tuple(shown[:IN_QUESTION])
 
 
 def _beside_the_law(

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from bayesdeg.actuator.inputs import ForwardMap
 from bayesdeg.criticism.checks.suspects import Suspect, find_suspects
+from bayesdeg.data.batches import recorded_batches
 from bayesdeg.data.plausibility import doubts
 from bayesdeg.data.study import Study
 from bayesdeg.errors import BayesdegError
@@ -123,9 +124,6 @@ def _batches(study: Study) -> list[tuple[str, ...]]:
     """Return the specimens of each batch, where a table says which batch they are of."""
     found: dict[str, tuple[str, ...]] = {}
     for table in (study.actuator, study.tensile):
-        if table is not None and "batch" in table:
-            recorded = table[table["batch"].notna() & (table["batch"].astype(str) != "")]
-            for batch, rows in recorded.groupby("batch", sort=False):
-                names = tuple(dict.fromkeys(rows["specimen_id"].astype(str)))
-                found[str(batch)] = (*found.get(str(batch), ()), *names)
+        for name, batch in recorded_batches(table).items():
+            found[batch] = (*found.get(batch, ()), name)
     return list(found.values())

@@ -50,6 +50,11 @@ NAMES = (
     "dry_embrittlement",
     "uneven_degradation",
     "delamination",
+    "degraded_shrinkage",
+    "degradation_scale",
+    "gauge_gain",
+    "batch_stiffness",
+    "temperature_softening",
 )
 SECTIONS = ("Mechanism", "Equation", "Typical size", "Revealed by", "Refuted by", "Source")
 
@@ -96,7 +101,10 @@ def degradation_of(model):
 
 
 def conditions_of(model):
-    """Up and down again with the clock running, hanging, in a room drier than the storage."""
+    """Up and down again with the clock running, hanging, in a room drier than the storage.
+
+    Specimens are of four batches, and were tested on days of different warmth.
+    """
     data = model.actuator
     return Conditions(
         np.concatenate([data.pressure, data.pressure[:, -2::-1]], axis=1),
@@ -105,6 +113,8 @@ def conditions_of(model):
         unloading=np.arange(2 * data.pressure.shape[1] - 1) >= data.pressure.shape[1],
         humidity=np.array(55.0),
         mount=np.array("hanging"),
+        temperature=np.linspace(20.0, 28.0, len(data.degradation))[:, None],
+        batch=np.arange(len(data.degradation))[:, None] % 4,
     )
 
 
@@ -126,7 +136,8 @@ def films():
     cauchy = np.zeros((3, 3), bool)
     cauchy[1] = True
     modes = np.array(["uniaxial", "equibiaxial", "planar"])
-    return FilmConditions(stretch, modes, cauchy, np.array([0.0, 10.0, 24.0]))
+    rates, rooms = np.array([0.0, 10.0, 24.0]), np.array([22.0, 22.0, np.nan])
+    return FilmConditions(stretch, modes, cauchy, rates, rooms, np.array([1, 2, 3]))
 
 
 STRESS = np.arange(1.0, 10.0).reshape(1, 3, 3)

@@ -9,6 +9,7 @@ from bayesdeg.actuator.inputs import Inputs, Prediction
 from bayesdeg.causes.cause import Conditions, Degradation
 from bayesdeg.causes.curvature_reading import trace_other_fibre
 from bayesdeg.causes.degradation_misread import FRESH, misread
+from bayesdeg.causes.degradation_scale import rescale
 from bayesdeg.causes.pressure_loss import lose_pressure
 from bayesdeg.causes.pressure_offset import shift_pressure
 from tests.emulator.closed_form import trained
@@ -181,3 +182,29 @@ def test_misread_judges_by_what_was_recorded_not_by_what_it_became():
     )
     assert state.value.item() == 30.0
     assert state.sd.item() == 0.5
+
+
+def test_rescaled_degradation_is_in_proportion_errors_too():
+    recorded = np.array([[0.0], [5.0], [25.0]])
+    state = rescale(
+        Degradation(recorded, np.full((3, 1), 0.6)),
+        Conditions(PRESSURE, recorded),
+        effect(excess=[0.2, -0.5]),
+    )
+    np.testing.assert_allclose(state.value[..., 0], [[0.0, 6.0, 30.0], [0.0, 2.5, 12.5]])
+    np.testing.assert_allclose(state.sd[..., 0], [[0.72] * 3, [0.3] * 3])
+
+
+def test_rescaled_degradation_is_the_change_of_basis_of_moisture():
+    """D/(1 − M_C) by dry mass for D by total mass: 25 → 29.4 at 20 % moisture."""
+    wet = np.array([5.0, 25.0])
+    content = 0.2 * (1.0 - wet / 100.0)
+    dry = 100.0 * (1.0 - content / (1.0 - content) / 0.25)
+    np.testing.assert_allclose(dry, wet / (1.0 - content))
+    assert dry[-1] == pytest.approx(29.4, abs=0.05)
+    back = rescale(
+        Degradation(dry[:, None], np.zeros((2, 1))),
+        Conditions(np.full((2, 1), 20.0), dry[:, None]),
+        effect(excess=-0.16),
+    )
+    np.testing.assert_allclose(back.value[0, :, 0], wet, rtol=0.05)

@@ -1,27 +1,34 @@
 """When tests cannot reveal a cause, and what tests are by default."""
 
+from pathlib import Path
+
 import numpy as np
+import pandas as pd
 import pytest
 
 from bayesdeg.causes.catalogue import CATALOGUE, find
 from bayesdeg.causes.cause import Conditions
+from bayesdeg.data.study import Study
 from tests.causes.default_actuator import LEVELS, LOADING, THERE_AND_BACK, conditions_of
 
 DEFAULT = Conditions(np.broadcast_to(LOADING, (6, 12)), LEVELS)
 FRESH_ONLY = Conditions(np.broadcast_to(LOADING, (1, 12)), np.array([[0.3]]))
+ROOMS = ("batch_stiffness", "temperature_softening")
 OF_RUPTURE = ("dry_embrittlement", "flaw_embrittlement", "uneven_degradation")
 NEED_DEGRADED = (
     *("degradation_misread", "degraded_skin", "delamination", "erosion", "paper_softening"),
-    "uneven_degradation",
+    *("uneven_degradation", "degradation_scale", "degraded_shrinkage"),
 )
 
 
 def test_by_default_a_test_is_a_prompt_first_loading_in_a_horizontal_mount():
     shape = (6, 12)
-    for name in ("time", "cycle", "unloading", "humidity", "mount"):
+    for name in ("time", "cycle", "unloading", "humidity", "mount", "temperature", "batch"):
         assert getattr(DEFAULT, name).shape == shape
     assert np.all(np.isnan(DEFAULT.time))
     assert np.all(np.isnan(DEFAULT.humidity))
+    assert np.all(np.isnan(DEFAULT.temperature))
+    assert np.all(DEFAULT.batch == 0)
     assert np.all(DEFAULT.cycle == 1)
     assert not np.any(DEFAULT.unloading)
     assert np.all(DEFAULT.mount == "horizontal")
@@ -108,12 +115,13 @@ def test_gravity_needs_a_mount_that_is_not_horizontal():
 
 def test_other_causes_are_never_hidden_by_the_conditions():
     hidden = {*NEED_DEGRADED, *OF_RUPTURE, "creep", "humidity_drift", "mullins", "gravity"}
+    hidden |= {*ROOMS}
     for name in CATALOGUE.keys() - hidden:
         assert find(name).blind(FRESH_ONLY) is None, name
 
 
 def test_each_cause_says_which_tests_it_changes():
-    films, both = {"stress_measure"}, {"second_invariant"}
+    films, both = {"stress_measure"}, {"second_invariant", *ROOMS}
     for name, cause in CATALOGUE.items():
         want = {"actuator"}
         if name in films | both:
@@ -121,3 +129,51 @@ def test_each_cause_says_which_tests_it_changes():
         if name in OF_RUPTURE:
             want = {"rupture"}
         assert cause.acts_on == want, name
+
+
+def actuators_of(batches):
+    return pd.DataFrame({"specimen_id": list("abcdef"), "batch": batches, "temperature_C": np.nan})
+
+
+def study_of(actuator, tensile=None):
+    return Study("s", Path("s"), actuator=actuator, tensile=tensile)
+
+
+@pytest.mark.parametrize(
+    ("batches", "blind"),
+    [
+        ([None] * 6, True),
+        (["A"] * 6, True),
+        (["A", None, "", None, "A", ""], True),
+        (["A", "B"] * 3, False),
+        (list("ABCDAB"), False),
+    ],
+)
+def test_batches_show_where_actuators_are_of_several(batches, blind):
+    found = find("batch_stiffness").blind_in(study_of(actuators_of(batches)))
+    assert (found is not None) == blind
+
+
+def test_more_batches_than_there_are_parameters_are_not_judged():
+    cause = find("batch_stiffness")
+    for count, why in ((1, "one batch"), (4, None), (5, "more than 4")):
+        said = cause.blind(conditions_of(batch=np.arange(6)[:, None] % count))
+        assert said is None if why is None else why in said
+
+
+@pytest.mark.parametrize(
+    ("rooms", "of_films", "blind"),
+    [
+        ([np.nan] * 6, [27.0], True),
+        ([24.0] * 6, [np.nan], True),
+        ([24.0, 24.3] * 3, [24.2], True),
+        ([27.0] * 6, [27.2], True),
+        ([27.0] * 6, [np.nan], False),  # films are taken to have been pulled at 24 °C
+        ([22.0, 27.0] * 3, [24.0], False),
+    ],
+)
+def test_warmth_shows_where_tests_differ_in_it(rooms, of_films, blind):
+    actuator = actuators_of(["A"] * 6).assign(temperature_C=rooms)
+    films = pd.DataFrame({"specimen_id": ["f"], "temperature_C": of_films})
+    found = find("temperature_softening").blind_in(study_of(actuator, films))
+    assert (found is not None) == blind

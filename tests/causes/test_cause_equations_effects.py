@@ -20,15 +20,22 @@ from tests.causes.default_actuator import (
 )
 
 ON_INPUTS = tuple(cause for cause in CATALOGUE.values() if cause.on_inputs is not None)
-RICH = {"mount": "hanging", "humidity": 58.0}
+RICH = {
+    "mount": "hanging",
+    "humidity": 58.0,
+    "temperature": 25.0,
+    "batch": np.array([[0], [1], [2], [3], [1], [2]]),
+}
 # of 400 draws from its prior, how many leave every reading of six levels by twelve pressures
 # within the emulator's range; those that do not are refused at the last steps of fresh specimens,
 # which balloon at 261 kPa, or at 25 % where the paper is too soft
 SHARE_WITHIN = {
+    "batch_stiffness": 0.95,
     "creep": 0.33,
     "film_mismatch": 0.74,
     "paper_softening": 0.99,
     "pressure_offset": 0.91,
+    "temperature_softening": 0.64,
     "wall_thickness": 0.80,
 }
 
@@ -97,7 +104,9 @@ def test_typical_sizes_stay_within_the_emulators_range(cause):
     assert np.all(status[0, : 10 if cause.name == "creep" else 12] == 0)
 
 
-@pytest.mark.parametrize("name", ["degraded_skin", "delamination", "erosion", "paper_softening"])
+@pytest.mark.parametrize(
+    "name", ["degraded_skin", "degraded_shrinkage", "delamination", "erosion", "paper_softening"]
+)
 def test_effects_of_degradation_grow_with_it_from_nothing(name):
     found = change(find(name), inputs_of(), conditions_of())
     np.testing.assert_allclose(found[0], 0.0, atol=1e-12)
@@ -229,3 +238,31 @@ def test_creep_and_drying_have_opposite_signs():
 
 def test_every_level_of_the_default_actuator_is_within_the_range_itself():
     assert not np.any(surrogate()(inputs_of(degradation=LEVELS)).status)
+
+
+def test_a_part_that_shrinks_as_it_degrades_bends_as_far_over_a_shorter_length():
+    """Curvature grows by a seventh at 25 % and all pressures, the angle changes by the paper."""
+    fresh, degraded = changed("degraded_shrinkage")
+    np.testing.assert_allclose(fresh, 0.0, atol=1e-12)
+    np.testing.assert_allclose(degraded, 12.7, atol=0.2)
+    cause = find("degraded_shrinkage")
+    inputs, conditions = inputs_of(), conditions_of()
+    before = surrogate()(inputs).bend_angle
+    after = surrogate()(cause.on_inputs(inputs, conditions, typical(cause))).bend_angle
+    np.testing.assert_allclose(after[0, -1] / before[0, -1] - 1.0, -0.004, atol=0.001)
+
+
+def test_a_gauge_reads_like_another_material():
+    """(1 + g) p on C and E t is p on C/(1 + g) and E t/(1 + g)."""
+    gain = changed("gauge_gain", gain=0.04)
+    softer = inputs_of()
+    softer = replace(
+        softer,
+        c1=softer.c1 / 1.04,
+        c2=softer.c2 / 1.04,
+        c3=softer.c3 / 1.04,
+        paper_stiffness=softer.paper_stiffness / 1.04,
+    )
+    before = surrogate()(inputs_of()).curvature
+    want = 100.0 * (surrogate()(softer).curvature / before - 1.0)[0]
+    np.testing.assert_allclose(gain, [want[0], want[-1]], rtol=1e-9)

@@ -1,5 +1,7 @@
 """Causes that act on tensile tests, against stresses derived by computer algebra."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import sympy
@@ -152,3 +154,17 @@ def test_unstretched_films_read_no_stress(name):
     cause = find(name)
     read = cause.on_stress(np.zeros((1, 3, 2)), film, effect(**cause.typical), np.ones((1, 3, 3)))
     np.testing.assert_allclose(read, 0.0, atol=1e-15)
+
+
+def test_films_of_another_batch_and_of_a_warm_day_are_stiffer_or_softer_by_a_factor():
+    tests = replace(
+        films(cauchy=False),
+        temperature=np.array([24.0, 29.0, np.nan]),
+        batch=np.array([0, 1, 3]),
+    )
+    stress, constants = np.ones((1, 3, len(STRETCH))), np.ones((1, 3, 3))
+    batches = effect(second=[0.2, -0.2], third=[0.0, 0.0], fourth=[0.1, 0.1])
+    mixed = find("batch_stiffness").on_stress(stress, tests, batches, constants)
+    np.testing.assert_allclose(np.log(mixed[..., 0]), [[0.0, 0.2, 0.1], [0.0, -0.2, 0.1]])
+    warm = find("temperature_softening").on_stress(stress, tests, effect(softening=0.02), constants)
+    np.testing.assert_allclose(np.log(warm[0, :, -1]), [0.0, -0.1, 0.0], atol=1e-15)

@@ -6,18 +6,23 @@ import numpy as np
 import pytest
 
 from bayesdeg.actuator.inputs import gravity_direction
+from bayesdeg.causes.batch_stiffness import mix_otherwise
 from bayesdeg.causes.catalogue import find
+from bayesdeg.causes.degraded_shrinkage import shrink_as_degraded
 from bayesdeg.causes.degraded_skin import stiffen_skin
 from bayesdeg.causes.delamination import loosen_paper
 from bayesdeg.causes.erosion import thin_walls
 from bayesdeg.causes.film_mismatch import stiffen_casting
+from bayesdeg.causes.gauge_gain import misgauge
 from bayesdeg.causes.gravity import weigh
 from bayesdeg.causes.initial_curvature import shrink_on_paper
 from bayesdeg.causes.paper_slack import slacken_paper
 from bayesdeg.causes.paper_softening import soften_paper
 from bayesdeg.causes.second_invariant import add_to_energy
 from bayesdeg.causes.shrinkage_reading import resize
+from bayesdeg.causes.temperature_softening import soften_in_warmth
 from bayesdeg.causes.wall_thickness import thicken_walls
+from bayesdeg.data.moisture import mass_loss_from_degradation
 from tests.causes.default_actuator import (
     LEVELS,
     LOADING,
@@ -41,6 +46,60 @@ def test_erosion_takes_a_share_of_two_millimetres_scaled_to_the_part():
     lost = thin_walls(INPUTS, CONDITIONS, effect(lost_share=0.1)).erosion
     # 0.1 · 2 mm · 0.853 at 25 %
     np.testing.assert_allclose(lost[0, :, 0], 0.1706 * LEVELS[:, 0] / 25.0, rtol=1e-14)
+
+
+def test_a_degraded_part_keeps_a_share_of_its_volume_that_falls_linearly():
+    scale = shrink_as_degraded(INPUTS, CONDITIONS, effect(lost_volume=[0.3, 0.6])).linear_scale
+    kept = (scale[..., 0] / 0.853) ** 3
+    np.testing.assert_allclose(kept[0], [1.0, 0.94, 0.88, 0.82, 0.76, 0.7], rtol=1e-13)
+    np.testing.assert_allclose(1.0 - kept[1], 2.0 * (1.0 - kept[0]), atol=1e-14)
+
+
+def test_scatter_of_rates_below_zero_makes_no_part_larger():
+    scattered = conditions_of(degradation=np.array([[-3.0], [100.0]]))
+    inputs = replace(INPUTS, linear_scale=np.ones((1, 1, 1)))
+    scale = shrink_as_degraded(inputs, scattered, effect(lost_volume=0.5)).linear_scale[0, :, 0]
+    np.testing.assert_allclose(scale, [1.0, np.cbrt(0.1)])  # a tenth of the volume stays
+
+
+def test_the_typical_loss_of_volume_is_that_of_the_lost_mass_and_water():
+    """Eq. 6 of the source for the dry mass, which then holds less water; 1.319 and 1 g/cm³."""
+    water, dry = (m / (1.0 - m) for m in (0.15, 0.2))
+    kept = 1.0 - mass_loss_from_degradation(25.0, moisture_initial_pct=20.0) / 100.0
+    volume = kept * (1.0 / 1.3186 + water) / (1.0 / 1.3186 + dry)
+    assert volume == pytest.approx(0.693, abs=1e-3)
+    assert find("degraded_shrinkage").typical["lost_volume"] == pytest.approx(1 - volume, abs=0.01)
+
+
+def test_a_gauge_is_off_either_way_and_so_is_its_zero():
+    counted = replace(INPUTS, reference_pressure=np.full((1, 1, 1), 5.0))
+    met = misgauge(counted, CONDITIONS, effect(gain=[0.03, -0.03]))
+    np.testing.assert_allclose(met.pressure[:, 0], [1.03 * LOADING, 0.97 * LOADING])
+    np.testing.assert_allclose(met.reference_pressure.ravel(), [5.15, 4.85])
+    assert misgauge(INPUTS, CONDITIONS, effect(gain=0.03)).reference_pressure is None
+
+
+def test_each_batch_has_its_own_stiffness():
+    batch = np.array([[0], [1], [2], [3], [1], [4]])  # the last is beyond those that are compared
+    tests = conditions_of(batch=batch)
+    met = mix_otherwise(INPUTS, tests, effect(second=0.2, third=-0.1, fourth=0.3))
+    want = [0.0, 0.2, -0.1, 0.3, 0.2, 0.0]
+    for name in ("c1", "c2", "c3"):
+        ratio = getattr(met, name) / getattr(INPUTS, name)
+        np.testing.assert_allclose(np.log(ratio[0, :, 0]), want, atol=1e-14)
+    np.testing.assert_array_equal(met.paper_stiffness, INPUTS.paper_stiffness)
+
+
+def test_a_body_is_softer_in_a_warmer_room_and_its_paper_not():
+    """By the median of its test; where nothing is recorded it is that of 24 °C."""
+    room = np.full((6, 12), np.nan)
+    room[1], room[2], room[3, 4:] = 29.0, 19.0, 34.0
+    room[1, :3] = 40.0  # a door that was opened
+    met = soften_in_warmth(INPUTS, conditions_of(temperature=room), effect(softening=0.02))
+    for name in ("c1", "c2", "c3"):
+        ratio = getattr(met, name) / getattr(INPUTS, name)
+        np.testing.assert_allclose(np.log(ratio[0, :, 0]), [0.0, -0.1, 0.1, -0.2, 0, 0], atol=1e-14)
+    np.testing.assert_array_equal(met.paper_stiffness, INPUTS.paper_stiffness)
 
 
 def test_paper_keeps_a_share_that_halves_with_every_step():
@@ -102,6 +161,7 @@ def test_one_number_for_a_fresh_specimen(apply, parameter, field, value, want):
         ("wall_thickness", "wall_factor", 0.9, 0.972),
         ("second_invariant", "second_invariant", 0.1, 0.1 + 0.794),
         ("film_mismatch", "second_invariant", 0.1, 0.1 * np.exp(0.12)),
+        ("degraded_shrinkage", "linear_scale", 0.8, 0.8 * np.cbrt(0.69)),
     ],
 )
 def test_what_others_did_before_is_kept(cause, field, before, together):

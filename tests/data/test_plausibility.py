@@ -94,6 +94,7 @@ def test_a_soft_silicone_under_the_priors_of_gelatin_is_unlikely_and_not_refused
             "stretch": stretch,
             "stress_MPa": 0.02 * (stretch - stretch**-2.0),
             "stress_measure": "nominal",
+            "temperature_C": np.nan,
         }
     )
     study = Study("silicone", Path(), tensile=film)

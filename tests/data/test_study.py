@@ -73,6 +73,8 @@ def actuators(draw: st.DrawFn) -> pd.DataFrame:
                         "mount": draw(
                             st.sampled_from(["horizontal", "hanging", "bending_up", "bending_down"])
                         ),
+                        "temperature_C": draw(st.floats(-20, 90)),
+                        "batch": "mixture " + draw(LABEL),
                         "ruptured": 0,
                     }
                 )
@@ -110,6 +112,8 @@ def test_tensile_table_keeps_extra_columns_and_reads_back_equal(
             "stretch": [row[2] for row in rows],
             "stress_MPa": [row[3] for row in rows],
             "stress_measure": "cauchy",
+            "temperature_C": 24.5,
+            "batch": ["mixture " + row[0] for row in rows],
             "operator's note": [row[4] for row in rows],
         }
     )
@@ -161,7 +165,8 @@ def test_defaults_fill_absent_columns_and_empty_cells() -> None:
     assert actuator["cycle"].tolist() == [1, 1]
     assert actuator["ruptured"].tolist() == [0, 0]
     assert actuator["degradation_sd_pct"].tolist() == [0.7, 0.7]
-    assert actuator[["time_s", "humidity_pct", "bend_angle_deg"]].isna().all(axis=None)
+    optional = ["time_s", "humidity_pct", "bend_angle_deg", "temperature_C", "batch"]
+    assert actuator[optional].isna().all(axis=None)
     assert tensile["degradation_sd_pct"].tolist() == [0.7, 0.2]
     assert tensile["mode"].tolist() == ["uniaxial", "uniaxial"]
     assert tensile["stress_measure"].tolist() == ["nominal", "nominal"]

@@ -62,6 +62,8 @@ class Verdict:
         The column in which most of it sits; empty where nothing is described.
     sets : tuple of tuple of str
         Lists of each of which one cause acts.
+    proposed : tuple of (tuple of str, float)
+        What further experiments tell apart, and the log Bayes factor expected of them.
     """
 
     outcome: str
@@ -75,6 +77,7 @@ class Verdict:
     terms: tuple[MissingTerm, ...] = ()
     chief: str = ""
     sets: tuple[tuple[str, ...], ...] = ()
+    proposed: tuple[tuple[tuple[str, ...], float], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -231,6 +234,10 @@ def _told(judgement: Judgement) -> Verdict:
         terms=() if described is None else described.found.terms,
         chief="" if chief is None else chief.column,
         sets=judgement.decision.sets,
+        proposed=tuple(
+            (tuple(one["separates"]), one["expected_log_bayes_factor"])
+            for one in judgement.experiments
+        ),
         **_evidence(judgement.supported, judgement.threshold),
     )
 

@@ -8,6 +8,7 @@ import pytest
 from bayesdeg.causes.catalogue import find
 from bayesdeg.criticism.decide.support import INSEPARABLE, Support
 from bayesdeg.criticism.decide.verdict import Decision
+from bayesdeg.criticism.experiments.designs import candidate_experiments
 from bayesdeg.criticism.fit.search import SearchEffort
 from bayesdeg.criticism.outcome import Outcome
 from bayesdeg.criticism.posterior.convergence import diagnose
@@ -204,6 +205,15 @@ def test_experiments_are_sought_to_tell_the_causes_of_an_ambiguous_outcome_apart
     assembly = Assembly(search.base.subject, CAUSES, UNJUDGED, ())
     judging._next(search, ambiguous, ([one], None), assembly, np.random.default_rng(1))
     assert asked == [[known, search.trials[frozenset({"erosion"})]]]
+
+
+def test_causes_that_no_proposal_could_show_do_not_take_the_place_of_others(shifted):
+    """No proposal records batches, rooms of another warmth or rooms that are drier."""
+    judgement, _ = shifted
+    proposals = candidate_experiments(judgement.search.base.subject)
+    recorded = ("batch_stiffness", "temperature_softening", "dry_embrittlement")
+    shown = judging._shown_by(proposals, (*recorded, "creep", "no cause", "gravity"))
+    assert [cause.name for cause in shown] == ["creep", "gravity"]
 
 
 def test_models_are_labelled_by_their_causes_in_alphabetical_order():

@@ -122,7 +122,6 @@ class ActuatorDesign:
         """Return tests without readings, all on the same pressures; the rest is as it was."""
         shape = (len(levels), len(pressure))
         usual_times = np.arange(len(pressure)) * (self.dwell if self.timed else np.nan)
-        known = self.data.humidity[np.isfinite(self.data.humidity)]
         names, counts = np.unique(self.data.mount[self.data.mask], return_counts=True)
         usual = str(names[int(np.argmax(counts))])
         read = np.ones(shape, dtype=bool)
@@ -142,8 +141,9 @@ class ActuatorDesign:
             cycle=np.broadcast_to(np.int64(1) if cycle is None else cycle, shape),
             branch=np.broadcast_to("loading" if branch is None else branch, shape),
             time=np.broadcast_to(usual_times if time is None else time, shape),
-            humidity=np.full(shape, np.median(known) if len(known) else np.nan),
+            humidity=np.full(shape, _usual(self.data.humidity)),
             mount=np.full(shape, usual if mount is None else mount),
+            temperature=np.full(shape, _usual(self.data.temperature)),
         )
 
     def experiment(
@@ -208,7 +208,14 @@ class FilmDesign:
             stress=np.zeros_like(stretch),
             cauchy=np.zeros(stretch.shape, dtype=bool),
             mask=np.ones(stretch.shape, dtype=bool),
+            temperature=np.array([_usual(self.data.temperature)]),
         )
+
+
+def _usual(values: Floats | None) -> float:
+    """Return the median of what was recorded; nan where nothing was."""
+    known = np.empty(0) if values is None else values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else np.nan
 
 
 def _levels(rates: Floats) -> tuple[float, ...]:

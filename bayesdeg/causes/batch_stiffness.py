@@ -1,0 +1,128 @@
+"""Batch stiffness: batches of the material are stiffer or softer than one another.
+
+Mechanism
+    What is weighed in, how long it gels and how it dries differs from one mixture to the next. All
+    that was cast of a batch is then stiffer or softer, actuators and films alike.
+
+Equation
+    All constants of batch b are exp(x_b) times those of the batch with which others are compared,
+    whose x is 0: that of most films, or of most actuators where films record none
+    (`bayesdeg.data.batches`). x is the ``second``, ``third`` and ``fourth`` of the others in the
+    order of their names. Specimens without a batch count as of the first.
+
+Typical size
+    x = ±0.2: a gel's modulus goes about with the square of its concentration, so that a mixture
+    with 9 % less of its mass, all of it water, is 21 % stiffer, and gelatin films vary by tens of
+    percent with their gelling and drying. The prior has a standard deviation of 0.25. What batches
+    of a careful laboratory differ by is no more than ``stiffness_scatter`` takes up.
+
+Revealed by
+    Specimens of one batch that deviate together, at all degradation rates and pressures. It is
+    judged only where ``batch`` in actuator.csv says that actuators are of two to four batches: what
+    they have in common is otherwise no more than a guess.
+
+Refuted by
+    Batches that differ among actuators and agree among films.
+
+Source
+    Bigi, Panzavolta, Rubini (2004), Biomaterials 25:5675,
+    doi:10.1016/j.biomaterials.2004.01.033, for stiffness of gelatin films against their structure;
+    Joly-Duhamel, Hellio, Ajdari, Djabourov (2002), Langmuir 18:7158, doi:10.1021/la020190m, for the
+    modulus of gels against what forms their network. The spread between batches is estimated.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdeg.actuator.inputs import Inputs
+from bayesdeg.causes.cause import (
+    Cause,
+    Conditions,
+    Effect,
+    FilmConditions,
+    Floats,
+    Stage,
+    scaled_stiffness,
+)
+from bayesdeg.data.batches import recorded_batches
+from bayesdeg.data.study import Study
+from bayesdeg.priors import Normal, Parameter
+
+CONTRASTS = ("second", "third", "fourth")
+
+
+def mix_otherwise(inputs: Inputs, conditions: Conditions, effect: Effect) -> Inputs:
+    """Return inputs with all constants times exp(x) of each specimen's batch."""
+    return scaled_stiffness(inputs, np.exp(_contrast(conditions.batch[:, :1], effect)))
+
+
+def pull_otherwise(stress: Floats, films: FilmConditions, effect: Effect, _: Floats) -> Floats:
+    """Return stresses times exp(x) of each film's batch."""
+    pulled: Floats = stress * np.exp(_contrast(films.batch[:, None], effect))
+    return pulled
+
+
+def _contrast(batch: NDArray[np.int64], effect: Effect) -> Floats:
+    """Return x of each specimen, (walkers, n_specimens, 1).
+
+    Films of batches beyond the fourth, of which no actuator is, count as of the first.
+    """
+    parts = [effect[name] * (batch == k) for k, name in enumerate(CONTRASTS, start=1)]
+    total: Floats = np.add.reduce(parts)
+    return total
+
+
+def of_one_batch(conditions: Conditions) -> str | None:
+    """Say so where actuators are not of two to four batches, as far as is known.
+
+    Examples
+    --------
+    >>> of_one_batch(Conditions(np.ones((2, 1)), np.zeros((2, 1)), batch=np.array([[0], [1]])))
+    >>> of_one_batch(Conditions(np.ones((2, 1)), np.zeros((2, 1))))
+    'all actuators are of one batch, or of none that was recorded'
+    """
+    if len(np.unique(conditions.batch)) < 2:
+        return "all actuators are of one batch, or of none that was recorded"
+    if conditions.batch.max() > len(CONTRASTS):
+        return f"actuators are of more than {len(CONTRASTS) + 1} batches"
+    return None
+
+
+def in_one_batch(study: Study) -> str | None:
+    """Say so where a study does not record several batches of actuators.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> in_one_batch(Study("s", Path("s")))
+    'no actuators are recorded as of several batches (batch in actuator.csv)'
+    """
+    if len(set(recorded_batches(study.actuator).values())) > 1:
+        return None
+    return "no actuators are recorded as of several batches (batch in actuator.csv)"
+
+
+CAUSE = Cause(
+    name="batch_stiffness",
+    stage=Stage.MATERIAL,
+    parameters=tuple(
+        Parameter(
+            name,
+            Normal(0.0, 0.25),
+            "–",
+            f"ln of the stiffness of the {name} batch over that of the first",
+            0.0,
+        )
+        for name in CONTRASTS
+    ),
+    mechanism="batches of the material are stiffer or softer than one another",
+    typical={"second": 0.2, "third": -0.1, "fourth": 0.1},
+    revealed_by="specimens of one batch that deviate together; refuted by films of the same "
+    "batches that agree",
+    confusable_with=("film_mismatch", "degradation_misread"),
+    needs=("batch",),
+    on_inputs=mix_otherwise,
+    on_stress=pull_otherwise,
+    blind=of_one_batch,
+    blind_in=in_one_batch,
+)
