@@ -208,7 +208,9 @@ def test_a_layer_deeper_than_that_of_the_rule_is_not_taken_for_another_cause(ver
     found = verdicts[SURFACES].result().plain
     assert found.outcome in ("unexplained", "named")
     assert set(found.causes) <= {"degraded_skin"}
-    assert found.factors["degraded_skin"] > 0.0
+    # what has evidence beside it is held against what it implies, and refused
+    refused = {reason.cause for reason in found.reasons if isinstance(reason, SharedByLevel)}
+    assert set(found.factors) - {"degraded_skin"} == refused
 
 
 def test_ruptures_without_flaws_where_films_break_as_early_are_expected(verdicts):
