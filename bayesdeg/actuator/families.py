@@ -184,7 +184,7 @@ def geometry_of_study(settings: Settings) -> Moulded:
 
 
 def with_dimensions(geometry: Moulded, values: Mapping[str, float]) -> Moulded:
-    """Return an actuator with other dimensions [mm] under the same layer.
+    """Return an actuator as moulded with other dimensions [mm] under the same layer.
 
     Where no height of the layer is stated it stays where it usually lies.
 
@@ -198,7 +198,8 @@ def with_dimensions(geometry: Moulded, values: Mapping[str, float]) -> Moulded:
     >>> with_dimensions(geometry_of(MOULDS["ribbed"]()), {"length": 43.0}).dimensions.length
     43.0
     """
-    return replace(geometry, dimensions=replace(geometry.dimensions, **values))
+    mould = geometry.dimensions
+    return geometry_of(MOULDS[mould.kind](**(vars(mould) | dict(values))), geometry.constraint)
 
 
 def is_movable(geometry: Moulded, other: Moulded) -> bool:

@@ -3,7 +3,7 @@
 import re
 import tomllib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 from typing import Annotated, Any, Literal, get_args
 
 from annotated_types import Ge, Gt, Interval, Len
@@ -587,7 +587,9 @@ def _dimension(name: str) -> _Entry:
         return _Entry("actuator", name, "a share between 0 and 1", Number)
     if name == "section":
         return _Entry("actuator", name, f"one of {', '.join(SECTIONS)}", Section)
-    wanted = f'a number up to {LARGEST_MM:g} [mm], or a law {{ law = "normal", mean = .., sd = .. }}'
+    wanted = (
+        f'a number up to {LARGEST_MM:g} [mm], or a law {{ law = "normal", mean = .., sd = .. }}'
+    )
     return _Entry("actuator", name, wanted, _Size)
 
 
@@ -1005,7 +1007,7 @@ def _uncertain(
     """Return where uncertain dimensions may lie; refuse laws of which no actuator can be made."""
 
     def problems(values: Mapping[str, float]) -> tuple[str, ...]:
-        made = replace(dimensions, **values)
+        made = type(dimensions)(**(vars(dimensions) | dict(values)))
         return made.problems() or constraint.problems(made)
 
     def fault(name: str, problem: str, remedy: str) -> Fault:

@@ -23,7 +23,7 @@ MOST_LOST = 0.01
 """Mass of a law that may lie where no actuator can be made. It is left out then; of more the law
 says what its author cannot mean."""
 KEPT_OFF = 0.05
-"""Of the way from the median to where a wall vanishes, that is kept off it: no mesh is left there."""
+"""Of the way from the median to where a wall vanishes: so near to it there is no mesh."""
 NEAR = 0.02  # of the width of a law, within which its bounds count as its ends
 _HALVINGS = 60
 _SD = 0.1586552539314571  # mass below one standard deviation under the mean of a normal law
@@ -216,7 +216,7 @@ def uncertain_dimension(name: str, law: Law, problems: Problems) -> UncertainDim
                 f"{wrong[0].partition('; ')[0]}"
             )
         ends.append(last + KEPT_OFF * (median - last))
-    return UncertainDimension(name, law, *ends, lost=lost)
+    return UncertainDimension(name, law, ends[0], ends[1], lost)
 
 
 def _far_ends(law: Law) -> tuple[float, float]:

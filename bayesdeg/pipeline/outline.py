@@ -19,6 +19,7 @@ from bayesdeg.data.plausibility import Expected
 from bayesdeg.data.settings import FILE
 from bayesdeg.data.shrinkage import linear_scale
 from bayesdeg.data.study import Study
+from bayesdeg.data.uncertain import UncertainDimension
 from bayesdeg.errors import BayesdegError, Fault, StudyError, use_one_of
 from bayesdeg.material.degradation import Nodes, nodes_for
 from bayesdeg.observations.catalogue import TABLES, observations_of, of_kind
@@ -59,6 +60,8 @@ class Outline:
         As in `bayesdeg.pipeline.assemble.Assembly`.
     degrades : bool
         Whether anything of the study does.
+    dimensions : tuple of UncertainDimension
+        Dimensions of the actuator that are parameters.
     """
 
     base: tuple[Parameter, ...]
@@ -73,6 +76,7 @@ class Outline:
     counts: RuptureCounts | None = None
     of_counts: tuple[Cause, ...] = ()
     degrades: bool = True
+    dimensions: tuple[UncertainDimension, ...] = ()
 
     @property
     def needs_forward(self) -> bool:
@@ -161,13 +165,14 @@ def outline(study: Study, *, emulated: bool = True) -> Outline:
     of_counts = _of_counts(study, counts)
     stated = {cause.name: cause for cause in (*candidates, *alike, *of_counts)}
     _check(study, base, tuple(stated.values()))
+    uncertain = study.settings.uncertain if any(one.uses_forward for one in found) else ()
     pressures = [float(one.curves.pressure.max()) for one in of_kind(found, Curvature)]
+    usual = _default_priors(base, _statistics(found))
+    usual = with_priors(usual, vendor_prior(study) if by_vendor else {})
     return Outline(
-        base=with_priors(
-            with_priors(
-                _default_priors(base, _statistics(found)), vendor_prior(study) if by_vendor else {}
-            ),
-            study.settings.priors,
+        base=(
+            *with_priors(usual, study.settings.priors),
+            *(one.parameter for one in uncertain),
         ),
         nodes=nodes,
         elongation_nodes=elongation_nodes,
@@ -180,6 +185,7 @@ def outline(study: Study, *, emulated: bool = True) -> Outline:
         counts=counts,
         of_counts=of_counts,
         degrades=degrades,
+        dimensions=uncertain,
     )
 
 
