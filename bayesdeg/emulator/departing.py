@@ -56,6 +56,7 @@ OF_FINE = Family((1, 0, 0, 0), (0, 0, 0, 0), _NO_CAUSE)  # by what the fine mesh
 PRIOR = Prior(0.7, 0.5, 0.4, 3e-3)
 A_POWER = 0.4  # factor by which coefficients are expected to fall with each power
 INSIDE = 0.9  # share of errors left out that lies within the 90 % interval of a normal law
+LEAST_ERROR = 1e-4  # a step: rounding of the paths of two curves
 FEWEST_ENDS = 3  # curves whose ends are known moved and unmoved, from which the limit is fitted
 UNKNOWN_END = 0.05  # standard error of ln(limit) a step where they are not
 LEAST_END = 0.01
@@ -90,7 +91,7 @@ class MovedCurve:
         return with_dimensions(
             nominal,
             {
-                one.name: one.median + away * one.step
+                one.name: round(one.median + away * one.step, 9)
                 for one, away in zip(dimensions, self.away, strict=True)
                 if away != 0.0
             },
@@ -286,7 +287,7 @@ def _rows(
     columns = []
     for part in parts:
         size = 0.0 if part.is_of_fine and not one.is_fine else part.size(one.away)
-        rows = rows_of(run, part.orders, outputs=outputs, span=span, derivatives=derivatives)
+        rows = rows_of(run, part.orders, outputs=list(outputs), span=span, derivatives=derivatives)
         columns.append(size * rows.matrix)
     return Equations(np.hstack(columns), rows.targets, rows.n_values)
 
@@ -385,12 +386,13 @@ def _errors(powers: Sequence[tuple[int, ...]], fitted: _Fitted, found: Differenc
     away = np.array([found[k][0].away for k in fitted.of])
     wide = norm.ppf(0.5 * (1.0 + INSIDE))
     for p, power in enumerate(powers):
-        acting = np.flatnonzero(power)
+        acting = [k for k, size in enumerate(power) if size]
         rows = np.all((away != 0.0) == (np.array(power) != 0), axis=1)
         if sum(power) > len(acting) or not np.any(rows):  # of one dimension the first power alone
             continue
         size = np.abs(np.prod(away[rows][:, acting], axis=1))[:, None]
         each = np.quantile(np.abs(fitted.left_out[rows]) / size, INSIDE, axis=0) / wide
+        each = np.maximum(each, LEAST_ERROR)
         if len(acting) > 1:
             firsts = [powers.index(_only(len(power), k)) for k in acting]
             each = np.sqrt(np.maximum(each**2 - np.sum(error[firsts] ** 2, axis=0), 0.0))
