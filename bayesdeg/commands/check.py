@@ -16,6 +16,7 @@ from bayesdeg.data.families import MeshDimensions
 from bayesdeg.data.photographs import messages
 from bayesdeg.data.plausibility import doubts, refuse_impossible
 from bayesdeg.data.study import Study
+from bayesdeg.data.uncertain import UncertainDimension
 from bayesdeg.emulator.kept import duration, rough_seconds, search
 from bayesdeg.observations.catalogue import TABLES
 from bayesdeg.pipeline.outline import outline
@@ -52,16 +53,33 @@ def check(study: Path) -> None:
             drawings += ["", across(geometry)]
         for drawing in drawings:
             errors.print(drawing, soft_wrap=True, markup=False, highlight=False)
+        say(map(_said, checked.settings.uncertain))
         if isinstance(mould := geometry.dimensions, MeshDimensions):
             say(filter(None, [mould.assumption]))
-        found = search(geometry)
-        if found.source is None:
-            seconds = rough_seconds(geometry.dimensions, geometry.constraint, workers=CORES)
+        found, uncertain = search(geometry), checked.settings.uncertain
+        if found.source is None or uncertain:
+            seconds = rough_seconds(
+                geometry.dimensions,
+                geometry.constraint,
+                workers=CORES,
+                moved=uncertain,
+                alone=found.source is not None,
+            )
+            reason = found.reason if found.source is None else f"{uncertain[0].name} is a prior"
             errors.print(
-                f"{found.reason}; 'bayesdeg run' trains one first: {duration(seconds)} with "
+                f"{reason}; 'bayesdeg run' trains one first: {duration(seconds)} with "
                 f"--workers {CORES}, a rough guess that it replaces by a measured time",
                 soft_wrap=True,
             )
+
+
+def _said(one: UncertainDimension) -> str:
+    """Say what is known of a dimension that is a prior."""
+    left_out = f"; {100.0 * one.lost:.2g} % of its law has no actuator" if one.lost > 0.0 else ""
+    return (
+        f"{one.name} is a prior: {one.median:.4g} ± {one.step:.2g} mm, taken from {one.low:.4g} "
+        f"to {one.high:.4g} mm{left_out}"
+    )
 
 
 def _say_how_read(study: Study) -> None:

@@ -1,6 +1,6 @@
 """Dimensions of an actuator that are known by a law alone: where they may lie."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -171,6 +171,28 @@ class UncertainDimension:
     def parameter(self) -> Parameter:
         """What is sampled."""
         return Parameter(f"{PREFIX}{self.name}", self.prior, UNIT, f"{self.name} as moulded")
+
+
+def is_dimension(name: str) -> bool:
+    """Return whether a parameter is a dimension of the actuator, by its name.
+
+    Examples
+    --------
+    >>> is_dimension("actuator.length"), is_dimension("pressure_offset.offset")
+    (True, False)
+    """
+    return name.startswith(PREFIX)
+
+
+def dimensions_among(names: Iterable[str]) -> tuple[str, ...]:
+    """Return the dimensions among parameters, by their own names.
+
+    Examples
+    --------
+    >>> dimensions_among(["paper_stiffness", "actuator.length"])
+    ('length',)
+    """
+    return tuple(name.removeprefix(PREFIX) for name in names if is_dimension(name))
 
 
 def uncertain_dimension(name: str, law: Law, problems: Problems) -> UncertainDimension:

@@ -21,6 +21,7 @@ from bayesdeg.actuator.inputs import Asked
 from bayesdeg.actuator.moulded import Moulded
 from bayesdeg.data.uncertain import UncertainDimension
 from bayesdeg.emulator.departure import Departure
+from bayesdeg.emulator.kept import PAIRED
 from bayesdeg.emulator.regression import (
     Equations,
     Observed,
@@ -39,10 +40,7 @@ Indices = NDArray[np.int64]
 
 LEVELS = (1.0, 2.0, 3.0)
 """Steps by which a dimension is moved, of one curve after another, within its range."""
-DEPARTING, DEPARTING_FINE = 12, 2
-"""Curves of a design that are solved with each dimension moved either way, on either mesh."""
 MORE_DEPARTING, MORE_DEPARTING_FINE = 4, 1  # of those that are added where a posterior lies
-PAIRED = 6  # curves with two dimensions moved by a step together, of each pair
 
 _NO_CAUSE, _ONCE = len(CAUSES) * (0,), len(CAUSES) * (1,)
 BY_POWER = {

@@ -18,15 +18,13 @@ from bayesdeg.actuator.moulded import Moulded
 from bayesdeg.data.uncertain import UncertainDimension
 from bayesdeg.emulator.coordinates import coordinates
 from bayesdeg.emulator.departing import (
-    DEPARTING,
-    DEPARTING_FINE,
     MORE_DEPARTING,
     MORE_DEPARTING_FINE,
     MovedCurve,
     moved_curves,
 )
 from bayesdeg.emulator.design import LOAD_SHARES
-from bayesdeg.emulator.kept import Recipe, has_ground
+from bayesdeg.emulator.kept import DEPARTING, DEPARTING_FINE, Recipe, has_ground
 from bayesdeg.emulator.scaling import GROUPS, NAMES, ONE, Group, Place, TrainingRange, Units
 
 Floats = NDArray[np.float64]

@@ -10,12 +10,11 @@ from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.data.uncertain import UncertainDimension
 from bayesdeg.emulator.departing import (
     LEVELS,
-    PAIRED,
     departed,
     fit_departure,
     moved_curves,
 )
-from bayesdeg.emulator.kept import Recipe
+from bayesdeg.emulator.kept import PAIRED, Recipe
 from bayesdeg.emulator.local import curves_of, local_design
 from bayesdeg.emulator.regression import observe
 from bayesdeg.emulator.surrogate import Surrogate
