@@ -131,8 +131,8 @@ REFUSED = [
     ),
     pytest.param(
         RIBBED
-        + f"pitch = {law('normal', mean=2.76, sd=0.09)}\n"
-        + f"length = {law('normal', mean=35.3, sd=0.4)}",
+        + f"pitch = {law('uniform', low=2.7, high=3.0)}\n"
+        + f"length = {law('uniform', low=35.4, high=39.0)}",
         "actuator.length",
         "together",
         id="together",
