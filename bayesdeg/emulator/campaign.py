@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from dataclasses import dataclass, field, replace
 from math import inf
-from typing import NotRequired, TypedDict
+from typing import NamedTuple, NotRequired, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,13 @@ from bayesdeg.actuator.moulded import Moulded
 from bayesdeg.actuator.sensitivity import INPUTS
 from bayesdeg.actuator.status import MODEL_VERSION, Status
 from bayesdeg.emulator.coordinates import LARGEST_WARPED, SLACK, coordinates, scaled_cause
-from bayesdeg.emulator.departing import MovedCurve, departed, end_of, fit_departure
+from bayesdeg.emulator.departing import (
+    MovedCurve,
+    departed,
+    end_of,
+    fit_departure,
+    load_shift,
+)
 from bayesdeg.emulator.design import is_answered, likely, second_stage, space_filling
 from bayesdeg.emulator.kept import Recipe, has_ground, mesh_error_of, refuse_whole_range
 from bayesdeg.emulator.local import LocalDesign, counted_in
@@ -1147,14 +1153,15 @@ def _with_departure(
         if design.with_forces
         else []
     )
-    moved = {k for one, _ in free for k in np.flatnonzero(one.away)}
+    moved = {k for found in free for k in np.flatnonzero(found.one.away)}
     if len(moved) < len(design.dimensions) or design.with_forces != bool(held):
         raise BayesdegError(
             "curves with an uncertain dimension moved end before they say anything of it; give it "
             "a narrower law"
         )
-    ends = _ends(geometry, recipe, design, solved, steepest)
-    found = fit_departure(design.dimensions, free, held, ends, design.span)
+    shapes, forces = ([(one, away) for one, away, _ in part] for part in (free, held))
+    ends = [(one, end) for one, _, end in free]
+    found = fit_departure(design.dimensions, shapes, forces, ends, design.span)
     record = json.loads(surrogate.record)
     record["dimensions_moved"] = found.facts
     return replace(surrogate, departure=found.departure, record=json.dumps(record, indent=1))
@@ -1185,7 +1192,7 @@ def _differences(
     steepest: float,
     *,
     held: bool,
-) -> list[tuple[MovedCurve, Observed]]:
+) -> list["_Departed"]:
     """Return by how much moved curves depart, those that say anything."""
     span, length = design.span, surrogate.length
     found = []
@@ -1199,18 +1206,18 @@ def _differences(
             for curve, path in both
         )
         away = departed(still, moved) if still is not None and moved is not None else None
-        if away is not None:
-            found.append((one, away))
+        if still is not None and away is not None:
+            end = None if held else end_of(both[0], both[1], steepest)
+            found.append(_Departed(one, away, load_shift(still, away) if end is None else end))
     return found
 
 
-def _ends(
-    geometry: Moulded, recipe: Recipe, design: LocalDesign, solved: Solutions, steepest: float
-) -> list[tuple[MovedCurve, float]]:
-    """Return by how much the ends of curves move, where both are known."""
-    pairs = _pairs(geometry, recipe, design, solved, held=False)
-    found = [(one, end_of(still, moved, steepest)) for one, still, moved in pairs]
-    return [(one, change) for one, change in found if change is not None]
+class _Departed(NamedTuple):
+    """A moved curve, by how much it departs, and the change of ln of the load at its end."""
+
+    one: MovedCurve
+    away: Observed
+    end: float
 
 
 def _record_of(geometry: Moulded, recipe: Recipe, design: LocalDesign | None) -> dict[str, object]:

@@ -55,9 +55,8 @@ PRIOR = Prior(0.7, 0.5, 0.4, 3e-3)
 A_POWER = 0.4  # factor by which coefficients are expected to fall with each power
 INSIDE = 0.9  # share of errors left out that lies within the 90 % interval of a normal law
 LEAST_ERROR = 1e-4  # a step: rounding of the paths of two curves
-FEWEST_ENDS = 3  # curves whose ends are known moved and unmoved, from which the limit is fitted
-UNKNOWN_END = 0.05  # standard error of ln(limit) a step where they are not
-LEAST_END = 0.01
+LEAST_END = 0.01  # standard error of ln(limit) a step
+UNSURE_END = 0.25  # the same, over the change itself: most ends are inferred from before them
 
 _WEIBULL = tuple(len(OUTPUTS) + k for k in range(len(WEIBULL_MODULI)))
 _EQUIVALENT = tuple(len(OUTPUTS) + k for k in range(len(WEIBULL_MODULI), len(MEASURES)))
@@ -145,6 +144,8 @@ def departed(nominal: Observed, moved: Observed) -> Observed | None:
         value, slope = _between(nominal, k)
         values[:, k] -= value(at)
         gradients[:, k] -= slope(at)
+    known = np.isfinite(moved.first) & np.isfinite(nominal.first)
+    first = np.where(known, moved.first, np.nan) - np.where(known, nominal.first, np.nan)
     parts = {name: part[inside] for name, part in vars(moved.coordinates).items()}
     flat = {name: np.zeros_like(parts[name]) for name in ("warp", "warp_gradient")}
     return Observed(
@@ -153,7 +154,7 @@ def departed(nominal: Observed, moved: Observed) -> Observed | None:
         values,
         gradients,
         moved.weights[inside],
-        moved.first - nominal.first,
+        first,
         tight=moved.tight,
     )
 
@@ -406,9 +407,6 @@ def _limits(
     powers: Sequence[tuple[int, ...]], ends: Sequence[tuple[MovedCurve, float]]
 ) -> tuple[Floats, Floats]:
     """Fit the change of ln of the limit by numbers; return their standard errors too."""
-    of_one = np.array([sum(p) == 1 for p in powers])
-    if len(ends) < FEWEST_ENDS:
-        return np.zeros(len(powers)), np.where(of_one, UNKNOWN_END, 0.0)
     away = np.array([one.away for one, _ in ends])
     scales = np.array([A_POWER ** (sum(p) - 1.0) for p in powers])
     matrix = np.prod(away[:, None] ** np.array(powers)[None], axis=2)
@@ -418,7 +416,9 @@ def _limits(
     found = scales * np.linalg.solve(normal, scaled.T @ change)
     missed = (change - matrix @ found) / np.sqrt(np.sum(away**2, axis=1))
     spread = np.sqrt(np.sum(missed**2) / max(1, len(ends) - len(powers)))
-    return found, np.where(of_one, max(float(spread), LEAST_END), 0.0)
+    least = max(float(spread), LEAST_END)
+    of_one = np.array([sum(p) == 1 for p in powers])
+    return found, np.where(of_one, np.maximum(UNSURE_END * np.abs(found), least), 0.0)
 
 
 def end_of(
@@ -432,6 +432,26 @@ def end_of(
     if first.open or second.open or min(first.load, second.load) <= 0.0:
         return None
     return float(np.log(second.load / first.load))
+
+
+def load_shift(nominal: Observed, away: Observed) -> float:
+    r"""Return by how much a departure is like a change of ln load, at the last load of both.
+
+    .. math:: s = -\frac{\Delta \ln \kappa}{d \ln \kappa / d \ln q}
+
+    Where curves balloon it is this that moves their end: they end when the load that acts is that
+    of the end of the unmoved one. So it stands for the end where no curve was followed to it.
+
+    Parameters
+    ----------
+    nominal : Observed
+        The unmoved curve.
+    away : Observed
+        By how much the moved one departs.
+    """
+    growth = 1.0 + nominal.load * nominal.gradients[:, 0, 0]
+    at = float(np.interp(away.load[-1], nominal.load, growth))
+    return float(-away.values[-1, 0] / at)
 
 
 def _facts(

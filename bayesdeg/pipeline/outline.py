@@ -165,7 +165,7 @@ def outline(study: Study, *, emulated: bool = True) -> Outline:
     of_counts = _of_counts(study, counts)
     stated = {cause.name: cause for cause in (*candidates, *alike, *of_counts)}
     _check(study, base, tuple(stated.values()))
-    uncertain = study.settings.uncertain if any(one.uses_forward for one in found) else ()
+    uncertain = study.settings.uncertain if _are_predicted(study, found) else ()
     pressures = [float(one.curves.pressure.max()) for one in of_kind(found, Curvature)]
     usual = _default_priors(base, _statistics(found))
     usual = with_priors(usual, vendor_prior(study) if by_vendor else {})
@@ -187,6 +187,11 @@ def outline(study: Study, *, emulated: bool = True) -> Outline:
         degrades=degrades,
         dimensions=uncertain,
     )
+
+
+def _are_predicted(study: Study, found: tuple[Observations, ...]) -> bool:
+    """Return whether actuators were read that a forward map answers for."""
+    return study.actuator is not None and any(one.uses_forward for one in found)
 
 
 def _without(study: Study) -> frozenset[str]:

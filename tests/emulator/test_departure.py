@@ -12,6 +12,7 @@ from bayesdeg.emulator.departing import (
     LEVELS,
     departed,
     fit_departure,
+    load_shift,
     moved_curves,
 )
 from bayesdeg.emulator.kept import PAIRED, Recipe
@@ -69,7 +70,8 @@ def design():
 def found(request, design):
     dimensions = request.param
     free = differences(dimensions, design)
-    return fit_departure(dimensions, free, [], [], SPAN)
+    ends = [(one, -0.05 * one.away[0] + 0.002 * one.away[0] ** 2) for one, _ in free]
+    return fit_departure(dimensions, free, [], ends, SPAN)
 
 
 @pytest.fixture(scope="module")
@@ -150,6 +152,27 @@ def test_the_record_says_how_far_curves_left_out_are_missed(found):
     assert 0.0 < facts["accuracy"]["curvature"]["p95_pct"] < 1.0
     assert facts["curves"] >= 28
     json.dumps(found.facts)
+
+
+def test_the_end_of_curves_moves(surrogate):
+    curve = curves_of(asked_of(40, 2), WANTED, 1, seed=3)[0]
+    at, still = (
+        surrogate.limit_pressure(inputs_at(curve, dims))
+        for dims in ({"roof": np.full((1,), 2.4)}, None)
+    )
+    wanted = np.exp(-0.05 * 2.0 + 0.002 * 4.0)
+    assert float((at.pressure / still.pressure).item()) == pytest.approx(wanted, rel=2e-3)
+    assert float((at.sd / at.pressure).item()) > float((still.sd / still.pressure).item())
+
+
+def test_a_departure_that_is_a_change_of_load_moves_the_end_by_as_much(design):
+    for curve in design.coarse[:4]:
+        found = sample(curve, fine=True)
+        stronger = replace(found, loads=found.loads * 1.03)
+        still = seen(curve, found)
+        away = departed(still, seen(curve, stronger))
+        # the gradients by the load are those at other loads: curvatures alone are read
+        assert load_shift(still, away) == pytest.approx(np.log(1.03), rel=0.05)
 
 
 def test_at_the_median_nothing_changes(surrogate):
