@@ -180,7 +180,7 @@ def outline(study: Study, *, emulated: bool = True) -> Outline:
         largest=max(pressures, default=240.0),
         candidates=candidates,
         unjudged=unjudged,
-        missing=_missing(study),
+        missing=(*unlinked(found), *_missing(study)),
         alike=alike,
         counts=counts,
         of_counts=of_counts,
@@ -390,6 +390,24 @@ def _out_of_range(study: Study) -> tuple[tuple[str, str], ...]:
     facts = {"count": study.outside_range, "low": low, "high": high}
     what = _sentences("outside_range", **facts)
     return ((what, _sentences("outside_range_cost", **facts)),)
+
+
+def unlinked(observations: tuple[Observations, ...]) -> tuple[tuple[str, str], ...]:
+    """Say which data a model leaves out, since what they go on was read in other tests.
+
+    Parameters
+    ----------
+    observations : tuple of Observations
+        All that a study has.
+    """
+    return tuple(
+        (
+            _sentences("unlinked", kind=one.name, count=len(one.observed)),
+            _sentences("unlinked_cost"),
+        )
+        for one in observations
+        if one.linked(observations) is None
+    )
 
 
 def passed_over(study: Study) -> tuple[tuple[str, str], ...]:
