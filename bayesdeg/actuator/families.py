@@ -198,6 +198,8 @@ def with_dimensions(geometry: Moulded, values: Mapping[str, float]) -> Moulded:
     >>> with_dimensions(geometry_of(MOULDS["ribbed"]()), {"length": 43.0}).dimensions.length
     43.0
     """
+    if not values:
+        return geometry
     mould = geometry.dimensions
     return geometry_of(MOULDS[mould.kind](**(vars(mould) | dict(values))), geometry.constraint)
 

@@ -8,6 +8,7 @@ from rich.table import Table
 from rich.text import Text
 
 from bayesdeg.actuator.families import geometry_of_study
+from bayesdeg.actuator.moulded import Moulded
 from bayesdeg.actuator.section import across, described, section
 from bayesdeg.commands.options import CORES
 from bayesdeg.console import errors, say, shown
@@ -56,21 +57,27 @@ def check(study: Path) -> None:
         say(map(_said, checked.settings.uncertain))
         if isinstance(mould := geometry.dimensions, MeshDimensions):
             say(filter(None, [mould.assumption]))
-        found, uncertain = search(geometry), checked.settings.uncertain
-        if found.source is None or uncertain:
-            seconds = rough_seconds(
-                geometry.dimensions,
-                geometry.constraint,
-                workers=CORES,
-                moved=uncertain,
-                alone=found.source is not None,
-            )
-            reason = found.reason if found.source is None else f"{uncertain[0].name} is a prior"
-            errors.print(
-                f"{reason}; 'bayesdeg run' trains one first: {duration(seconds)} with "
-                f"--workers {CORES}, a rough guess that it replaces by a measured time",
-                soft_wrap=True,
-            )
+        _say_how_long(geometry, checked.settings.uncertain)
+
+
+def _say_how_long(geometry: Moulded, uncertain: tuple[UncertainDimension, ...]) -> None:
+    """Say roughly how long an emulator of the actuator is trained, if one is."""
+    found = search(geometry)
+    if found.source is not None and not uncertain:
+        return
+    seconds = rough_seconds(
+        geometry.dimensions,
+        geometry.constraint,
+        workers=CORES,
+        moved=uncertain,
+        alone=found.source is not None,
+    )
+    reason = found.reason if found.source is None else f"{uncertain[0].name} is a prior"
+    errors.print(
+        f"{reason}; 'bayesdeg run' trains one first: {duration(seconds)} with "
+        f"--workers {CORES}, a rough guess that it replaces by a measured time",
+        soft_wrap=True,
+    )
 
 
 def _said(one: UncertainDimension) -> str:

@@ -42,17 +42,12 @@ def simulate(
     chosen = template.settings.seed if seed is None else seed
     generator = np.random.default_rng(chosen)
     effects = parse_effects(cause or [])
-    truth = drawn_truth(generator) if draw_material else Truth()
-    truth = replace(truth, paper_thickness=template.settings.paper_thickness_mm)
-    sizes = _sizes(template, generator if draw_material else None)
-    truth = replace(truth, dimensions=sizes)
-    if not template.degrades:
-        truth = replace(truth, volume_ratio=_volume_ratio(template))
+    truth = _truth(template, generator if draw_material else None)
     named = " ".join(f"--cause {text}" for text in cause or [])
     drawn = " --draw-material" if draw_material else ""
     by = "" if backend is Backend.KERNELS else f" --backend {backend}"
     command = f"bayesdeg simulate {study} {named}{drawn} --out {out} --seed {chosen}{by}"
-    geometry = with_dimensions(geometry_of_study(template.settings), sizes)
+    geometry = with_dimensions(geometry_of_study(template.settings), truth.dimensions)
     provenance = Provenance(command, chosen, vars(mesh := geometry.mesh_like(FINE)))
     with virtual_study(out, VIRTUAL_FILES), workplace(workers, None) as executor:
         with shown(quiet) as progress:
@@ -74,6 +69,17 @@ def simulate(
                 write_text(out / name, text)
         _copy_mesh(template, out)
     errors.print(f"wrote a virtual experiment to {out}", soft_wrap=True)
+
+
+def _truth(template: Study, generator: np.random.Generator | None) -> Truth:
+    """Return what is true of the specimens; material and dimensions drawn if there is a source."""
+    truth = Truth() if generator is None else drawn_truth(generator)
+    sizes = _sizes(template, generator)
+    thickness = template.settings.paper_thickness_mm
+    truth = replace(truth, paper_thickness=thickness, dimensions=sizes)
+    if template.degrades:
+        return truth
+    return replace(truth, volume_ratio=_volume_ratio(template))
 
 
 def _sizes(template: Study, generator: np.random.Generator | None) -> dict[str, float]:

@@ -891,10 +891,8 @@ def _from_document(document: dict[str, Any], text: str) -> tuple[Settings, tuple
     if not any((fault.column or "").startswith(("actuator", "constraint")) for fault in faults):
         of_layer = {k: v for k, v in accepted.items() if k.startswith(("constraint", "paper"))}
         layer = Settings(**of_layer).constraint
-        faults += _impossible(dimensions, layer, text)
-        if laws and not faults:
-            accepted["uncertain"], wrong_laws = _uncertain(laws, dimensions, layer, text)
-            faults += wrong_laws
+        accepted["uncertain"], wrong = _uncertain(laws, dimensions, layer, text)
+        faults += wrong
     own = {k: accepted.pop(f"own_{k}") for k in _OWN if f"own_{k}" in accepted}
     forward = OwnForward(**own, parameters=unknowns) if "function" in own else None
     if forward is None and not faults:
@@ -1004,7 +1002,10 @@ def _taken_laws(accepted: dict[str, Any]) -> dict[str, Law]:
 def _uncertain(
     laws: Mapping[str, Law], dimensions: AnyDimensions, constraint: Constraint, text: str
 ) -> tuple[tuple[UncertainDimension, ...], tuple[Fault, ...]]:
-    """Return where uncertain dimensions may lie; refuse laws of which no actuator can be made."""
+    """Return where uncertain dimensions may lie; refuse what no actuator can be made of."""
+    impossible = _impossible(dimensions, constraint, text)
+    if impossible:
+        return (), impossible
 
     def problems(values: Mapping[str, float]) -> tuple[str, ...]:
         made = type(dimensions)(**(vars(dimensions) | dict(values)))
