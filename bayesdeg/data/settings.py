@@ -881,8 +881,7 @@ def _from_document(document: dict[str, Any], text: str) -> tuple[Settings, tuple
     faults += _of_elastomers(tables, text)
     if "constraint_thickness_mm" in accepted:
         accepted["paper_thickness_mm"] = accepted.pop("constraint_thickness_mm")
-    laws = _taken_laws(accepted)
-    dimensions = _mould(accepted)
+    laws, dimensions = _taken_laws(accepted), _mould(accepted)
     accepted["recipe"] = MixtureRecipe(**_of(MixtureRecipe, accepted))
     accepted["vendor"] = VendorFigures(**_of(VendorFigures, accepted))
     faults += _not_calibrated(accepted, text)
