@@ -79,23 +79,25 @@ def test_of_the_default_actuator_nothing_but_its_departure_is_trained(command):
     assert rough_seconds(mould, moved=moved, alone=True) < rough_seconds(mould, moved=moved)
 
 
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        (
-            SEGMENT.replace("cover = 1.0", 'cover = { law = "normal", mean = 1.0, sd = 0.9 }'),
-            "cover",
-        ),
-        (SEGMENT.replace("cover = 1.0", 'cover = { law = "nrmal", mean = 1.0 }'), "'normal'"),
-        (SEGMENT.replace("channels = 2", f"channels = {COVER}"), "whole number"),
-        (SEGMENT.replace("cover = 1.0", f"cover = 1.0\nroof = {COVER}"), "ribbed"),
-        (f'[actuator]\nkind = "mesh"\nfile = "part.msh"\nlength = {LENGTH}\n', "mesh"),
-        (f"[priors]\n'actuator.roof' = {COVER}\n{ROOF}", "actuator.roof"),
-        (f"[reading]\noperator = 'circle'\n{ROOF}", "operator"),
-        ("[actuator]\nchannel_roof = 4.5\nfloor = " + ROOF.partition(" = ")[2], "fall together"),
-    ],
-    ids=["wall", "law", "count", "kind", "mesh", "twice", "operator", "together"],
+WIDE, MISSPELT = (
+    '{ law = "normal", mean = 1.0, sd = 0.9 }',
+    '{ law = "nrmal", mean = 1.0 }',
 )
+MESH = f'[actuator]\nkind = "mesh"\nfile = "part.msh"\nlength = {LENGTH}\n'
+LEVEL = "[actuator]\nchannel_roof = 4.5\nfloor = " + ROOF.partition(" = ")[2]
+IMPOSSIBLE = {
+    "wall": (SEGMENT.replace("cover = 1.0", f"cover = {WIDE}"), "cover"),
+    "law": (SEGMENT.replace("cover = 1.0", f"cover = {MISSPELT}"), "'normal'"),
+    "count": (SEGMENT.replace("channels = 2", f"channels = {COVER}"), "whole number"),
+    "kind": (SEGMENT.replace("cover = 1.0", f"cover = 1.0\nroof = {COVER}"), "ribbed"),
+    "mesh": (MESH, "mesh"),
+    "twice": (f"[priors]\n'actuator.roof' = {COVER}\n{ROOF}", "actuator.roof"),
+    "operator": (f"[reading]\noperator = 'circle'\n{ROOF}", "operator"),
+    "together": (LEVEL, "fall together"),
+}
+
+
+@pytest.mark.parametrize(("text", "said"), IMPOSSIBLE.values(), ids=IMPOSSIBLE)
 @pytest.mark.parametrize("name", ["check", "run"])
 def test_what_is_impossible_is_one_line_and_ends_with_2(command, name, text, said):
     (command.study / "study.toml").write_text(SETTINGS + text, encoding="utf-8")
