@@ -36,7 +36,7 @@ class Solver:
         self.calls, self.efforts = 0, []
         self.fails_at, self.before = fails_at, before
 
-    def __call__(self, task, *, effort, held, origin):
+    def __call__(self, task, *, effort, held, origin=None):
         assert not held
         assert origin is None
         self.before()
@@ -201,7 +201,7 @@ def test_an_executor_that_cancels_is_named_and_not_taken_for_a_solution(solver, 
 class TimedOut(Solver):
     """Needs a second for every curve."""
 
-    def __call__(self, task, *, effort, held, origin):
+    def __call__(self, task, *, effort, held, origin=None):
         solution = super().__call__(task, effort=effort, held=held)
         late = effort.seconds < 1.0
         return dataclasses.replace(solution, status=Status.TIMED_OUT) if late else solution
