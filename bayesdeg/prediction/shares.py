@@ -26,8 +26,8 @@ from scipy.special import ndtri
 from scipy.stats import rankdata
 from threadpoolctl import threadpool_limits
 
-from bayesdeg.inference.model import JointModel
 from bayesdeg.data.uncertain import is_dimension
+from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import Chain
 from bayesdeg.material.degradation import levels
 from bayesdeg.observations.specimens import PAPER_STIFFNESS
