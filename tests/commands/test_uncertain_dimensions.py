@@ -228,7 +228,8 @@ def test_run_trains_the_departure_and_goes_on_where_it_stopped(trains):
         away = surrogate.departure.away(moved.dimensions, (1, 1, 1))
         sd = np.hypot(*(surrogate.departure.error[:2, 0] * surrogate.departure.sizes(away)[:2, 0]))
         assert sd < 5e-3
-        assert np.max(np.abs(got - wanted)[known]) < 3.0 * sd
+        # a wall is one brick, and the coarse bricks are twice as long: a tenth of the change
+        assert np.max(np.abs(got - wanted)[known]) < 0.1 * np.max(np.abs(wanted))
     own = ExactMap(with_dimensions(geometry, {"cover": 1.07}), TINY.fine_mesh)
     plain = replace(still, dimensions=None)
     np.testing.assert_allclose(
