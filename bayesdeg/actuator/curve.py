@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from bayesdeg.actuator.demand import MEASURES, demanded_strain, needed
 from bayesdeg.actuator.equilibrium import LoadStep, Path, follow
+from bayesdeg.actuator.families import with_dimensions
 from bayesdeg.actuator.inputs import (
     Further,
     Inputs,
@@ -24,6 +25,7 @@ from bayesdeg.actuator.material import LayerGroups, MaterialGroups
 from bayesdeg.actuator.mesh import (
     ActuatorMesh,
     build_mesh,
+    moved_onto,
     reshaped,
     tip_edge,
     with_held_tip,
@@ -645,16 +647,21 @@ class ExactMap:
         """Solve every curve; what `_place` returns, (7 + n_measures, …), or `_place_force`."""
         load, *_ = dimensionless(inputs)
         groups = material_groups(inputs)
-        shape = np.broadcast_shapes(load.shape, *(np.shape(group) for group in groups.values()))
+        given = (*groups.values(), *(inputs.dimensions or {}).values())
+        shape = np.broadcast_shapes(load.shape, *map(np.shape, given))
         load = np.broadcast_to(load, shape).reshape(-1, shape[-1])
         rows = {
             name: np.broadcast_to(group, shape).reshape(-1, shape[-1])
             for name, group in groups.items()
         }
+        sizes = {
+            name: np.broadcast_to(size, shape).reshape(-1, shape[-1])
+            for name, size in (inputs.dimensions or {}).items()
+        }
         scale = np.broadcast_to(inputs.linear_scale, shape).reshape(-1, shape[-1])
         c1 = np.broadcast_to(inputs.c1, shape).reshape(-1, shape[-1])
         # a layer has constants of its own, of which only ratios to C1 count
-        apart = rows | ({"c1": c1} if self.geometry.constraint.is_slab else {})
+        apart = rows | sizes | ({"c1": c1} if self.geometry.constraint.is_slab else {})
         places = [(i, at) for i in range(len(load)) for at in _alike(apart, i)]
         curves = [
             replace(
@@ -664,7 +671,11 @@ class ExactMap:
             for i, at in places
         ]
         found = np.empty((2 if held else 7 + len(MEASURES), *load.shape))
-        solved = self._solve(curves, held=held)
+        shapes = [
+            self._moved({name: float(size[i, at[0]]) for name, size in sizes.items()})
+            for i, at in places
+        ]
+        solved = self._solve(curves, shapes, held=held)
         for (i, at), curve, solution in zip(places, curves, solved, strict=True):
             if held:
                 size = 2.0 * c1[i, at] * scale[i, at] ** 2  # N, of both halves
@@ -680,13 +691,21 @@ class ExactMap:
             return None
         return LayerGroups(*(constant / c1 for constant in constraint.constants))
 
-    def _solve(self, curves: list[Curve], *, held: bool = False) -> list[CurveSolution]:
-        tasks = [(self.geometry, self.resolution, curve) for curve in curves]
+    def _moved(self, sizes: dict[str, float]) -> Moulded:
+        """Return the actuator with other dimensions [mm]; itself where there are none."""
+        return with_dimensions(self.geometry, sizes) if sizes else self.geometry
+
+    def _solve(
+        self, curves: list[Curve], shapes: list[Moulded], *, held: bool = False
+    ) -> list[CurveSolution]:
+        tasks = [
+            (shape, self.resolution, curve) for shape, curve in zip(shapes, curves, strict=True)
+        ]
         apply = map if self._executor is None else self._executor.map
         # a curve without loads is no work
         self._on_start(sum(len(curve.loads) > 0 for curve in curves))
         solutions = []
-        solve = partial(solve_task, backend=self.backend, held=held)
+        solve = partial(solve_task, backend=self.backend, held=held, origin=self.geometry)
         for curve, solution in zip(curves, apply(solve, tasks), strict=True):
             if curve.loads:
                 self._on_curve()
@@ -701,7 +720,7 @@ class _Held:
     """The meshes last used by this process, with their solvers; older ones are closed."""
 
     def __init__(self) -> None:
-        self._actuators: dict[tuple[Moulded, Resolution, Backend, bool], Actuator] = {}
+        self._actuators: dict[tuple[object, ...], Actuator] = {}
 
     def get(
         self,
@@ -710,11 +729,15 @@ class _Held:
         backend: Backend = Backend.KERNELS,
         *,
         held: bool = False,
+        origin: Moulded | None = None,
     ) -> Actuator:
-        key = (geometry, resolution, backend, held)
+        meshed = geometry if origin is None else origin
+        key = (geometry, resolution, backend, held, meshed)
         found = self._actuators.pop(key, None)
         if found is None:
-            found = Actuator(build_mesh(geometry, resolution), backend=backend, held=held)
+            mesh = build_mesh(meshed, resolution)
+            mesh = mesh if meshed == geometry else moved_onto(mesh, geometry)
+            found = Actuator(mesh, backend=backend, held=held)
         self._actuators[key] = found
         while len(self._actuators) > MESHES:
             self._actuators.pop(next(iter(self._actuators))).close()
@@ -730,10 +753,14 @@ def solve_task(
     effort: PathEffort | None = None,
     backend: Backend = Backend.KERNELS,
     held: bool = False,
+    origin: Moulded | None = None,
 ) -> CurveSolution:
-    """Solve one curve, with this process's copy of the mesh built once; of a held tip its force."""
+    """Solve one curve, with this process's copy of the mesh built once; of a held tip its force.
+
+    The mesh is that of ``origin``, moved onto the actuator, if it is given.
+    """
     geometry, resolution, curve = task
-    actuator = _HELD.get(geometry, resolution, backend, held=held)
+    actuator = _HELD.get(geometry, resolution, backend, held=held, origin=origin)
     return (actuator.tip_forces if held else actuator.solve)(curve, effort=effort)
 
 
@@ -742,10 +769,12 @@ def sample_task(
     *,
     effort: PathEffort | None = None,
     held: bool = False,
+    origin: Moulded | None = None,
 ) -> PathSamples:
     """Sample one curve, with this process's copy of the mesh built once, its tip held or free."""
     geometry, resolution, curve = task
-    return _HELD.get(geometry, resolution, held=held).sample(curve, effort=effort or SAMPLING)
+    actuator = _HELD.get(geometry, resolution, held=held, origin=origin)
+    return actuator.sample(curve, effort=effort or SAMPLING)
 
 
 def _alike(rows: dict[str, Floats], row: int) -> list[NDArray[np.intp]]:

@@ -11,7 +11,7 @@ from typing import Any, Self
 import numpy as np
 
 from bayesdeg.actuator.geometry import Geometry
-from bayesdeg.actuator.moulded import Box, Moulded, Planes, constraint_record
+from bayesdeg.actuator.moulded import Box, Moulded, Planes, constraint_record, order_is_kept
 from bayesdeg.actuator.segment import SegmentGeometry
 from bayesdeg.actuator.status import Resolution
 from bayesdeg.data.families import Constraint, Kind, MeshDimensions, Mould
@@ -158,14 +158,72 @@ def geometry_of(dimensions: Mould, constraint: Constraint | None = None) -> Moul
 
 
 def geometry_of_study(settings: Settings) -> Moulded:
-    """Return the geometry of the actuators of a study.
+    """Return the geometry of the actuators of a study, uncertain dimensions at their medians.
+
+    Raises
+    ------
+    GeometryError
+        If faces fall together within the range of an uncertain dimension, so that no mesh can be
+        moved with it.
 
     Examples
     --------
     >>> geometry_of_study(Settings()).dimensions.kind
     'pneunet'
     """
-    return geometry_of(settings.dimensions, settings.constraint)
+    geometry = geometry_of(settings.dimensions, settings.constraint)
+    for one in settings.uncertain:
+        for end in (one.low, one.high):
+            if not is_movable(geometry, with_dimensions(geometry, {one.name: end})):
+                raise GeometryError(
+                    f"{one.name} cannot be a prior from {one.low:.4g} to {one.high:.4g} mm: faces "
+                    "of the actuator fall together or apart in between; change a dimension that "
+                    "is equal to another, or give a narrower law"
+                )
+    return geometry
+
+
+def with_dimensions(geometry: Moulded, values: Mapping[str, float]) -> Moulded:
+    """Return an actuator as moulded with other dimensions [mm] under the same layer.
+
+    Where no height of the layer is stated it stays where it usually lies.
+
+    Raises
+    ------
+    GeometryError
+        If no actuator can be made of them.
+
+    Examples
+    --------
+    >>> with_dimensions(geometry_of(MOULDS["ribbed"]()), {"length": 43.0}).dimensions.length
+    43.0
+    """
+    if not values:
+        return geometry
+    mould = geometry.dimensions
+    return geometry_of(MOULDS[mould.kind](**(vars(mould) | dict(values))), geometry.constraint)
+
+
+def is_movable(geometry: Moulded, other: Moulded) -> bool:
+    """Return whether the faces of two actuators of a family stand in the same order.
+
+    Only then the bricks of one can be moved onto the other.
+
+    Examples
+    --------
+    >>> from bayesdeg.data.settings import Dimensions
+    >>> usual, wide = (geometry_of(Dimensions(channel_width=mm)) for mm in (2.0, 6.0))
+    >>> is_movable(usual, usual), is_movable(usual, wide)
+    (True, False)
+    """
+    alike = [len(a) == len(b) for a, b in zip(geometry.planes(), other.planes(), strict=True)]
+    return all(alike) and order_is_kept(_faces(geometry), _faces(other))
+
+
+def _faces(geometry: Moulded) -> tuple[Box, ...]:
+    height = (geometry.line_height, geometry.line_height)
+    plane: Box = ((0.0, 0.0), (0.0, 0.0), height)
+    return (geometry.outer, plane, *geometry.slab, *geometry.cavities, *geometry.voids)
 
 
 def geometry_of_record(record: Mapping[str, Any]) -> Moulded:

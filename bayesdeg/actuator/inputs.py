@@ -1,5 +1,6 @@
 """What a forward map takes and gives, and the dimensionless groups of its inputs."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Literal, Protocol
 
@@ -55,6 +56,9 @@ class Inputs:
         m of the weakest link, the same at all pressures of a specimen; of no other criterion [–].
     asked : str
         What is asked for beside the shape, see ``Prediction.further``.
+    dimensions : mapping of str to array, optional
+        Dimensions as moulded that are not those of the map's actuator, the same at all pressures
+        of a specimen [mm].
     """
 
     pressure: Floats
@@ -76,6 +80,7 @@ class Inputs:
     criterion: RuptureCriterion = "principal_stretch"
     weibull_modulus: Floats | None = None
     asked: Asked = ""
+    dimensions: Mapping[str, Floats] | None = None
 
 
 @dataclass(frozen=True)

@@ -230,6 +230,36 @@ def reshaped(mesh: ActuatorMesh, *, wall_factor: float, erosion: float) -> Actua
     geometry = mesh.geometry.changed(wall_factor=wall_factor, erosion=erosion)
     if not geometry.is_boxes:
         return mesh
+    return moved_onto(mesh, geometry)
+
+
+def moved_onto(mesh: ActuatorMesh, geometry: Moulded) -> ActuatorMesh:
+    """Return a mesh whose bricks are moved onto another actuator of the same family.
+
+    Between two actuators that differ little, what the mesh misses is then nearly the same in both.
+
+    Parameters
+    ----------
+    mesh : ActuatorMesh
+        Of an actuator made of boxes.
+    geometry : Moulded
+        One whose faces stand in the same order.
+
+    Raises
+    ------
+    GeometryError
+        If they do not.
+
+    Examples
+    --------
+    >>> from bayesdeg.actuator.geometry import Geometry
+    >>> from bayesdeg.data.settings import Dimensions
+    >>> longer = moved_onto(
+    ...     build_mesh(Geometry(Dimensions()), COARSE), Geometry(Dimensions(length=52.0))
+    ... )
+    >>> round(float(longer.body.nodes[:, 0].max()), 9)
+    52.0
+    """
     before, after = mesh.geometry.planes(), geometry.planes()
     if any(len(a) != len(b) for a, b in zip(before, after, strict=True)):
         raise GeometryError("walls so changed fall together with other faces")

@@ -8,6 +8,7 @@ from rich.table import Table
 from rich.text import Text
 
 from bayesdeg.actuator.families import geometry_of_study
+from bayesdeg.actuator.moulded import Moulded
 from bayesdeg.actuator.section import across, described, section
 from bayesdeg.commands.options import CORES
 from bayesdeg.console import errors, say, shown
@@ -16,6 +17,7 @@ from bayesdeg.data.families import MeshDimensions
 from bayesdeg.data.photographs import messages
 from bayesdeg.data.plausibility import doubts, refuse_impossible
 from bayesdeg.data.study import Study
+from bayesdeg.data.uncertain import UncertainDimension
 from bayesdeg.emulator.kept import duration, rough_seconds, search
 from bayesdeg.observations.catalogue import TABLES
 from bayesdeg.pipeline.outline import outline
@@ -52,16 +54,39 @@ def check(study: Path) -> None:
             drawings += ["", across(geometry)]
         for drawing in drawings:
             errors.print(drawing, soft_wrap=True, markup=False, highlight=False)
+        say(map(_said, checked.settings.uncertain))
         if isinstance(mould := geometry.dimensions, MeshDimensions):
             say(filter(None, [mould.assumption]))
-        found = search(geometry)
-        if found.source is None:
-            seconds = rough_seconds(geometry.dimensions, geometry.constraint, workers=CORES)
-            errors.print(
-                f"{found.reason}; 'bayesdeg run' trains one first: {duration(seconds)} with "
-                f"--workers {CORES}, a rough guess that it replaces by a measured time",
-                soft_wrap=True,
-            )
+        _say_how_long(geometry, checked.settings.uncertain)
+
+
+def _say_how_long(geometry: Moulded, uncertain: tuple[UncertainDimension, ...]) -> None:
+    """Say roughly how long an emulator of the actuator is trained, if one is."""
+    found = search(geometry)
+    if found.source is not None and not uncertain:
+        return
+    seconds = rough_seconds(
+        geometry.dimensions,
+        geometry.constraint,
+        workers=CORES,
+        moved=uncertain,
+        alone=found.source is not None,
+    )
+    reason = found.reason if found.source is None else f"{uncertain[0].name} is a prior"
+    errors.print(
+        f"{reason}; 'bayesdeg run' trains one first: {duration(seconds)} with "
+        f"--workers {CORES}, a rough guess that it replaces by a measured time",
+        soft_wrap=True,
+    )
+
+
+def _said(one: UncertainDimension) -> str:
+    """Say what is known of a dimension that is a prior."""
+    left_out = f"; {100.0 * one.lost:.2g} % of its law has no actuator" if one.lost > 0.0 else ""
+    return (
+        f"{one.name} is a prior: {one.median:.4g} ± {one.step:.2g} mm, taken from {one.low:.4g} "
+        f"to {one.high:.4g} mm{left_out}"
+    )
 
 
 def _say_how_read(study: Study) -> None:

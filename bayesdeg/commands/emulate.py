@@ -13,7 +13,7 @@ from bayesdeg.data.settings import FILE, Settings, parse_settings
 from bayesdeg.emulator.kept import CACHE, cached_path, refuse_whole_range
 from bayesdeg.emulator.solutions import SolutionStore
 from bayesdeg.emulator.workers import workplace
-from bayesdeg.errors import Fault, StudyError
+from bayesdeg.errors import BayesdegError, Fault, StudyError
 from bayesdeg.files import STUDY_MB, read_bytes, reason
 from bayesdeg.pipeline.emulation import Campaign
 from bayesdeg.pipeline.output import output_file
@@ -32,7 +32,9 @@ def emulate(
     """Do what `interface.emulate` says."""
     if not timeout > 0.0:
         raise typer.BadParameter(f"{timeout:g} s is no time to solve anything; give more than 0")
-    actuator = geometry_of_study(_settings(geometry))
+    settings = _settings(geometry)
+    _refuse_uncertain(settings)
+    actuator = geometry_of_study(settings)
     refuse_whole_range(actuator)
     path = cached_path(actuator, training.RECIPE, CACHE) if out is None else output_file(out)
     with workplace(workers, scheduler) as executor:
@@ -40,6 +42,15 @@ def emulate(
         training.train(campaign, path, training.Manner(yes=yes, quiet=quiet))
     if not quiet:
         errors.print(f"wrote {path}", soft_wrap=True)
+
+
+def _refuse_uncertain(settings: Settings) -> None:
+    """Refuse dimensions that are priors, over whose range a whole-range emulator does not go."""
+    for one in settings.uncertain[:1]:
+        raise BayesdegError(
+            f"{one.name} is a prior, and emulators of the whole range are of dimensions that are "
+            "known; 'bayesdeg run STUDY' trains one for the study"
+        )
 
 
 def _settings(path: Path | None) -> Settings:

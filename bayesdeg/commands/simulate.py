@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from bayesdeg.actuator.curve import ExactMap
-from bayesdeg.actuator.families import geometry_of_study
+from bayesdeg.actuator.families import geometry_of_study, with_dimensions
 from bayesdeg.actuator.inputs import ForwardMap
 from bayesdeg.actuator.reading import as_read
 from bayesdeg.actuator.status import FINE, Backend
@@ -42,15 +42,12 @@ def simulate(
     chosen = template.settings.seed if seed is None else seed
     generator = np.random.default_rng(chosen)
     effects = parse_effects(cause or [])
-    truth = drawn_truth(generator) if draw_material else Truth()
-    truth = replace(truth, paper_thickness=template.settings.paper_thickness_mm)
-    if not template.degrades:
-        truth = replace(truth, volume_ratio=_volume_ratio(template))
+    truth = _truth(template, generator if draw_material else None)
     named = " ".join(f"--cause {text}" for text in cause or [])
     drawn = " --draw-material" if draw_material else ""
     by = "" if backend is Backend.KERNELS else f" --backend {backend}"
     command = f"bayesdeg simulate {study} {named}{drawn} --out {out} --seed {chosen}{by}"
-    geometry = geometry_of_study(template.settings)
+    geometry = with_dimensions(geometry_of_study(template.settings), truth.dimensions)
     provenance = Provenance(command, chosen, vars(mesh := geometry.mesh_like(FINE)))
     with virtual_study(out, VIRTUAL_FILES), workplace(workers, None) as executor:
         with shown(quiet) as progress:
@@ -72,6 +69,25 @@ def simulate(
                 write_text(out / name, text)
         _copy_mesh(template, out)
     errors.print(f"wrote a virtual experiment to {out}", soft_wrap=True)
+
+
+def _truth(template: Study, generator: np.random.Generator | None) -> Truth:
+    """Return what is true of the specimens; material and dimensions drawn if there is a source."""
+    truth = Truth() if generator is None else drawn_truth(generator)
+    sizes = _sizes(template, generator)
+    thickness = template.settings.paper_thickness_mm
+    truth = replace(truth, paper_thickness=thickness, dimensions=sizes)
+    if template.degrades:
+        return truth
+    return replace(truth, volume_ratio=_volume_ratio(template))
+
+
+def _sizes(template: Study, generator: np.random.Generator | None) -> dict[str, float]:
+    """Return the dimensions that are priors: drawn from their laws, or at their medians [mm]."""
+    return {
+        one.name: one.median if generator is None else float(one.prior.sample(generator))
+        for one in template.settings.uncertain
+    }
 
 
 def _copy_mesh(template: Study, out: Path) -> None:

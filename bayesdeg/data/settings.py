@@ -36,6 +36,7 @@ from bayesdeg.data.families import (
 )
 from bayesdeg.data.foreign import DECIMALS, DELIMITERS, ForeignTable
 from bayesdeg.data.shrinkage import Known, MixtureRecipe
+from bayesdeg.data.uncertain import MOST, UncertainDimension, corners, uncertain_dimension
 from bayesdeg.errors import Fault, nearest
 from bayesdeg.files import DEEPEST, too_deep
 from bayesdeg.priors import Law, Parameter, law_from_mapping
@@ -378,7 +379,9 @@ class Settings:
     seed : int
         Seed from which every random number of the study comes.
     dimensions : Dimensions, RibbedDimensions, CylindricalDimensions or MeshDimensions
-        The actuator as moulded.
+        The actuator as moulded; a dimension that is a prior has its median here.
+    uncertain : tuple of UncertainDimension
+        Dimensions that are priors.
     paper_thickness_mm : float
         Thickness of the strain-limiting paper, or of another layer in its place [mm].
     constraint_kind : {"paper", "film", "elastomer", "none"}
@@ -445,6 +448,7 @@ class Settings:
     title: str = ""
     seed: int = 20211124
     dimensions: AnyDimensions = field(default_factory=Dimensions)
+    uncertain: tuple[UncertainDimension, ...] = ()
     paper_thickness_mm: float = 0.1
     constraint_kind: ConstraintKind = "paper"
     constraint_height_mm: float | None = None
@@ -482,7 +486,7 @@ class Settings:
     def is_default_mould(self) -> bool:
         """Whether it is the default actuator with paper or film on its bottom."""
         on_bottom = self.constraint_kind in ("paper", "film") and not self.constraint_height_mm
-        return self.dimensions == Dimensions() and on_bottom
+        return self.dimensions == Dimensions() and on_bottom and not self.uncertain
 
     @property
     def constraint(self) -> Constraint:
@@ -583,7 +587,17 @@ def _dimension(name: str) -> _Entry:
         return _Entry("actuator", name, "a share between 0 and 1", Number)
     if name == "section":
         return _Entry("actuator", name, f"one of {', '.join(SECTIONS)}", Section)
-    return _Entry("actuator", name, f"a number up to {LARGEST_MM:g} [mm]", Number)
+    wanted = (
+        f'a number up to {LARGEST_MM:g} [mm], or a law {{ law = "normal", mean = .., sd = .. }}'
+    )
+    return _Entry("actuator", name, wanted, _Size)
+
+
+def _size(value: Any) -> float | Law:
+    """Read a length, or the law of one."""
+    if isinstance(value, dict):
+        return law_from_mapping(value)
+    return float(TypeAdapter(Number).validate_python(value, strict=True))
 
 
 def _law(value: Any) -> Law:
@@ -617,6 +631,7 @@ _INPUTS = "a list of columns of readings.csv, each once"
 _READING = "the column of readings.csv that was read, in quotes"
 _SCALE = 'a law { law = "half_normal", sd = .. }'
 _Law = Annotated[Any, PlainValidator(_law)]
+_Size = Annotated[Any, PlainValidator(_size)]
 _Text = Annotated[str, StringConstraints(pattern=r"\S")]
 _Function = Annotated[str, StringConstraints(pattern=r"^[^:/\\]+\.py:[A-Za-z_]\w*$")]
 
@@ -866,7 +881,7 @@ def _from_document(document: dict[str, Any], text: str) -> tuple[Settings, tuple
     faults += _of_elastomers(tables, text)
     if "constraint_thickness_mm" in accepted:
         accepted["paper_thickness_mm"] = accepted.pop("constraint_thickness_mm")
-    dimensions = _mould(accepted)
+    laws, dimensions = _taken_laws(accepted), _mould(accepted)
     accepted["recipe"] = MixtureRecipe(**_of(MixtureRecipe, accepted))
     accepted["vendor"] = VendorFigures(**_of(VendorFigures, accepted))
     faults += _not_calibrated(accepted, text)
@@ -874,7 +889,9 @@ def _from_document(document: dict[str, Any], text: str) -> tuple[Settings, tuple
     # the defaults that stand in for refused keys must not be blamed
     if not any((fault.column or "").startswith(("actuator", "constraint")) for fault in faults):
         of_layer = {k: v for k, v in accepted.items() if k.startswith(("constraint", "paper"))}
-        faults += _impossible(dimensions, Settings(**of_layer).constraint, text)
+        layer = Settings(**of_layer).constraint
+        accepted["uncertain"], wrong = _uncertain(laws, dimensions, layer, text)
+        faults += wrong
     own = {k: accepted.pop(f"own_{k}") for k in _OWN if f"own_{k}" in accepted}
     forward = OwnForward(**own, parameters=unknowns) if "function" in own else None
     if forward is None and not faults:
@@ -972,6 +989,47 @@ def _mould(accepted: dict[str, Any]) -> AnyDimensions:
     sizes = {name: accepted.pop(name) for name in DIMENSIONS if name in accepted}
     own = set(_keys(mould))
     return mould(**{name: value for name, value in sizes.items() if name in own})
+
+
+def _taken_laws(accepted: dict[str, Any]) -> dict[str, Law]:
+    """Take the laws of dimensions out of what was accepted, and put their medians there."""
+    laws = {n: accepted[n] for n in DIMENSIONS if isinstance(accepted.get(n), Law)}
+    accepted |= {name: float(law.quantile(0.5)) for name, law in laws.items()}
+    return laws
+
+
+def _uncertain(
+    laws: Mapping[str, Law], dimensions: AnyDimensions, constraint: Constraint, text: str
+) -> tuple[tuple[UncertainDimension, ...], tuple[Fault, ...]]:
+    """Return where uncertain dimensions may lie; refuse what no actuator can be made of."""
+    impossible = _impossible(dimensions, constraint, text)
+    if impossible:
+        return (), impossible
+
+    def problems(values: Mapping[str, float]) -> tuple[str, ...]:
+        made = type(dimensions)(**(vars(dimensions) | dict(values)))
+        return made.problems() or constraint.problems(made)
+
+    def fault(name: str, problem: str, remedy: str) -> Fault:
+        return Fault(FILE, problem, remedy, _row_of(text, "actuator", name), f"actuator.{name}")
+
+    found, faults = list[UncertainDimension](), list[Fault]()
+    for name, law in laws.items():
+        try:
+            found.append(uncertain_dimension(name, law, problems))
+        except ValueError as error:
+            faults.append(fault(name, str(error), "give a narrower law, or bounds"))
+    if len(laws) > MOST:
+        name = list(laws)[MOST]
+        remedy = "give numbers for the dimensions that matter least"
+        faults.append(fault(name, f"is one of more than {MOST} uncertain dimensions", remedy))
+    if not faults:
+        wrong = next(filter(None, map(problems, corners(tuple(found)))), ())
+        faults += [
+            fault(found[-1].name, f"goes not together with the others: {one}", "give narrower laws")
+            for one in wrong[:1]
+        ]
+    return tuple(found) if not faults else (), tuple(faults)
 
 
 def _of_other_kinds(kind: Kind, table: Mapping[str, Any], text: str) -> tuple[Fault, ...]:
@@ -1132,6 +1190,8 @@ _NEAREST: Mapping[str, tuple[str, ...]] = {"effort": EFFORTS, "law": MATERIAL_LA
 
 def _wrong_value(entry: _Entry, value: object, text: str) -> Fault:
     remedy = f"give {entry.wanted}"
+    if entry.accepted is _Size and isinstance(value, dict):
+        remedy = _wrong_law(value) or remedy
     if entry.field in _NEAREST and isinstance(value, str):
         best = nearest(value, _NEAREST[entry.field])
         remedy += f"; did you mean {best!r}?" if best else ""
@@ -1141,6 +1201,15 @@ def _wrong_value(entry: _Entry, value: object, text: str) -> Fault:
         remedy += f"; did you mean {best!r}?" if best else ""
     row, column = _row_of(text, entry.table, entry.key), _dotted(entry.table, entry.key)
     return Fault(FILE, "cannot stand here", remedy, row, column, _as_written(value))
+
+
+def _wrong_law(value: Mapping[str, object]) -> str:
+    """Say what is wrong with a law; empty if nothing is."""
+    try:
+        law_from_mapping(value)
+    except ValueError as error:
+        return str(error)
+    return ""
 
 
 def _read_priors(table: Mapping[str, Any], text: str) -> tuple[dict[str, Law], tuple[Fault, ...]]:

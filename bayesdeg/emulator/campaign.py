@@ -4,11 +4,11 @@ import json
 import os
 import warnings
 from collections import Counter, deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from dataclasses import dataclass, field, replace
 from math import inf
-from typing import NotRequired, TypedDict
+from typing import NamedTuple, NotRequired, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,13 @@ from bayesdeg.actuator.moulded import Moulded
 from bayesdeg.actuator.sensitivity import INPUTS
 from bayesdeg.actuator.status import MODEL_VERSION, Status
 from bayesdeg.emulator.coordinates import LARGEST_WARPED, SLACK, coordinates, scaled_cause
+from bayesdeg.emulator.departing import (
+    MovedCurve,
+    departed,
+    end_of,
+    fit_departure,
+    load_shift,
+)
 from bayesdeg.emulator.design import is_answered, likely, second_stage, space_filling
 from bayesdeg.emulator.kept import Recipe, has_ground, mesh_error_of, refuse_whole_range
 from bayesdeg.emulator.local import LocalDesign, counted_in
@@ -990,18 +997,32 @@ def runs(
     coarse, fine = _curves(recipe, design)
     ways = (False, True) if design is not None and design.with_forces else (False,)
     both = ((recipe.coarse_mesh, coarse), (recipe.fine_mesh, fine))
-    return [
+    found = [
         Run(geometry, mesh, with_layer(geometry, curve), Kind.SAMPLES, held)
         for held in ways
         for mesh, curves in both
         for curve in curves
     ]
+    return found + [run for held in ways for run in _moved(geometry, recipe, design, held)]
+
+
+def _moved(
+    geometry: Moulded, recipe: Recipe, design: LocalDesign | None, held: bool
+) -> Iterator[Run]:
+    """Yield the runs with dimensions moved, in the order of ``LocalDesign.moved``."""
+    for one in [] if design is None else design.moved:
+        assert design is not None
+        shape = one.geometry(geometry, design.dimensions)
+        mesh = recipe.fine_mesh if one.is_fine else recipe.coarse_mesh
+        curve = with_layer(shape, one.curve)
+        yield Run(shape, mesh, curve, Kind.SAMPLES, held, origin=geometry)
 
 
 def _curves(recipe: Recipe, design: LocalDesign | None) -> tuple[list[Curve], list[Curve]]:
     """Return the curves for the coarse and the fine mesh, which are among the former."""
     if design is not None:
-        return list(design.coarse), list(design.fine)
+        first, second = design.nominal
+        return list(first), list(second)
     span = TrainingRange()
     coarse = space_filling(span, recipe.coarse_runs, seed=recipe.seed)
     fine = coarse[: recipe.fine_runs]
@@ -1045,33 +1066,158 @@ def build(
     recipe = recipe or Recipe()
     wanted = runs(geometry, recipe, design)
     found = complete(wanted, store, executor=executor, timeout=timeout, on_run=on_run)
-    solved = [
+    pairs = [
         (run, solution)
         for run, solution in zip(wanted, found, strict=True)
         if isinstance(solution, PathSamples)
     ]
+    solved = dict(pairs)
+    # sums of several threads depend on their number
+    with threadpool_limits(1):
+        if design is not None and design.only_departure:
+            ready = replace(default_surrogate(), span=design.span)
+            return _with_departure(ready, geometry, recipe, design, solved)
+        surrogate = _train_all(geometry, recipe, design, pairs)
+        if design is None or not design.dimensions:
+            return surrogate
+        return _with_departure(surrogate, geometry, recipe, design, solved)
+
+
+Solutions = Mapping[Run, PathSamples]
+
+
+def _train_all(
+    geometry: Moulded,
+    recipe: Recipe,
+    design: LocalDesign | None,
+    pairs: Sequence[tuple[Run, PathSamples]],
+) -> Surrogate:
+    """Train on all that was solved of the actuator itself."""
     coarse, fine, *forces = (
-        _split([(r, s) for r, s in solved if r.resolution == mesh and r.held is held])
+        _split(
+            [
+                (run, found)
+                for run, found in pairs
+                if run.origin is None and run.resolution == mesh and run.held is held
+            ]
+        )
         for held in (False, True)
         for mesh in (recipe.coarse_mesh, recipe.fine_mesh)
     )
+    place = _place_of(geometry, design)
+    surrogate = train(
+        coarse,
+        fine,
+        length=geometry.dimensions.length,
+        mesh_error=mesh_error_of(geometry),
+        record=_record_of(geometry, recipe, design),
+        **place,
+    )
+    if design is None or not design.with_forces:
+        return surrogate
+    return with_forces(surrogate, *forces, usual=design.usual, terms=place.get("terms", WHOLE))
+
+
+def _place_of(geometry: Moulded, design: LocalDesign | None) -> "_Place":
+    """Return where and with which terms an emulator is trained."""
+    if design is None:
+        return {"span": TrainingRange()}
     alike = has_ground(geometry)
-    record = _record_of(geometry, recipe, design)
-    place: _Place = {"span": TrainingRange()}
-    if design is not None:
-        place = {"span": design.span, "usual": design.usual, "units": design.units}
-        alone = OF_CHANNELS if geometry.dimensions.kind == "cylindrical" else BY_ITSELF
-        place |= {"terms": NEAR, "ground": default_surrogate()} if alike else {"terms": alone}
-    length = geometry.dimensions.length
-    # sums of several threads depend on their number
-    with threadpool_limits(1):
-        mesh_error = mesh_error_of(geometry)
-        surrogate = train(
-            coarse, fine, length=length, mesh_error=mesh_error, record=record, **place
+    place: _Place = {"span": design.span, "usual": design.usual, "units": design.units}
+    alone = OF_CHANNELS if geometry.dimensions.kind == "cylindrical" else BY_ITSELF
+    if not alike:
+        place["terms"] = alone
+        return place
+    place["terms"], place["ground"] = NEAR, default_surrogate()
+    return place
+
+
+def _with_departure(
+    surrogate: Surrogate,
+    geometry: Moulded,
+    recipe: Recipe,
+    design: LocalDesign,
+    solved: Solutions,
+) -> Surrogate:
+    """Return an emulator that answers for other values of the uncertain dimensions as well.
+
+    Raises
+    ------
+    BayesdegError
+        If curves with dimensions moved say too little.
+    """
+    steepest = _place_of(geometry, design).get("terms", WHOLE).steepest
+    free = _differences(surrogate, geometry, recipe, design, solved, steepest, held=False)
+    held = (
+        _differences(surrogate, geometry, recipe, design, solved, steepest, held=True)
+        if design.with_forces
+        else []
+    )
+    moved = {k for found in free for k in np.flatnonzero(found.one.away)}
+    if len(moved) < len(design.dimensions) or design.with_forces != bool(held):
+        raise BayesdegError(
+            "curves with an uncertain dimension moved end before they say anything of it; give it "
+            "a narrower law"
         )
-        if design is None or not design.with_forces:
-            return surrogate
-        return with_forces(surrogate, *forces, usual=design.usual, terms=place.get("terms", WHOLE))
+    shapes, forces = ([(one, away) for one, away, _ in part] for part in (free, held))
+    ends = [(one, end) for one, _, end in free]
+    found = fit_departure(design.dimensions, shapes, forces, ends, design.span)
+    record = json.loads(surrogate.record)
+    record["dimensions_moved"] = found.facts
+    return replace(surrogate, departure=found.departure, record=json.dumps(record, indent=1))
+
+
+def _pairs(
+    geometry: Moulded, recipe: Recipe, design: LocalDesign, solved: Solutions, *, held: bool
+) -> Iterator[tuple[MovedCurve, tuple[Curve, PathSamples], tuple[Curve, PathSamples]]]:
+    """Yield moved curves that were solved beside the same curves unmoved, in the design's units."""
+    runs_moved = _moved(geometry, recipe, design, held)
+    for one, run in zip(design.moved, runs_moved, strict=True):
+        still = Run(geometry, run.resolution, with_layer(geometry, one.curve), Kind.SAMPLES, held)
+        if run not in solved or still not in solved:
+            continue
+        curves, samples = _counted(
+            [still.curve, run.curve], [solved[still], solved[run]], design.units
+        )
+        first, second = zip(curves, samples, strict=True)
+        yield one, first, second
+
+
+def _differences(
+    surrogate: Surrogate,
+    geometry: Moulded,
+    recipe: Recipe,
+    design: LocalDesign,
+    solved: Solutions,
+    steepest: float,
+    *,
+    held: bool,
+) -> list["_Departed"]:
+    """Return by how much moved curves depart, those that say anything."""
+    span, length = design.span, surrogate.length
+    found = []
+    for one, *both in _pairs(geometry, recipe, design, solved, held=held):
+        if not is_answered(both[0][0], span):
+            continue
+        still, moved = (
+            observe_force(curve, path, span=span, length=length)
+            if held
+            else observe(curve, path, span=span, length=length, steepest=steepest)
+            for curve, path in both
+        )
+        away = departed(still, moved) if still is not None and moved is not None else None
+        if still is not None and away is not None:
+            end = None if held else end_of(both[0], both[1], steepest)
+            found.append(_Departed(one, away, load_shift(still, away) if end is None else end))
+    return found
+
+
+class _Departed(NamedTuple):
+    """A moved curve, by how much it departs, and the change of ln of the load at its end."""
+
+    one: MovedCurve
+    away: Observed
+    end: float
 
 
 def _record_of(geometry: Moulded, recipe: Recipe, design: LocalDesign | None) -> dict[str, object]:

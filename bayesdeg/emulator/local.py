@@ -15,9 +15,16 @@ from numpy.typing import NDArray
 
 from bayesdeg.actuator.curve import Curve
 from bayesdeg.actuator.moulded import Moulded
+from bayesdeg.data.uncertain import UncertainDimension
 from bayesdeg.emulator.coordinates import coordinates
+from bayesdeg.emulator.departing import (
+    MORE_DEPARTING,
+    MORE_DEPARTING_FINE,
+    MovedCurve,
+    moved_curves,
+)
 from bayesdeg.emulator.design import LOAD_SHARES
-from bayesdeg.emulator.kept import Recipe, has_ground
+from bayesdeg.emulator.kept import DEPARTING, DEPARTING_FINE, Recipe, has_ground
 from bayesdeg.emulator.scaling import GROUPS, NAMES, ONE, Group, Place, TrainingRange, Units
 
 Floats = NDArray[np.float64]
@@ -86,6 +93,13 @@ class LocalDesign:
         In which the range counts load and paper; the curves do not.
     with_forces : bool
         Whether the same curves are solved with the tip held as well.
+    dimensions : tuple of UncertainDimension
+        With which curves are moved.
+    departing, departing_fine : tuple of Curve
+        Those of the curves that are, on either mesh.
+    only_departure : bool
+        Whether there is an emulator of the actuator already, that of the whole range: only the
+        departing curves are solved.
     """
 
     span: TrainingRange
@@ -94,6 +108,44 @@ class LocalDesign:
     usual: tuple[Curve, ...]
     units: Units = ONE
     with_forces: bool = False
+    dimensions: tuple[UncertainDimension, ...] = ()
+    departing: tuple[Curve, ...] = ()
+    departing_fine: tuple[Curve, ...] = ()
+    only_departure: bool = False
+
+    @property
+    def nominal(self) -> tuple[tuple[Curve, ...], tuple[Curve, ...]]:
+        """The curves that are solved of the actuator itself, on either mesh."""
+        if self.only_departure:
+            return self.departing, self.departing_fine
+        return self.coarse, self.fine
+
+    @property
+    def moved(self) -> list[MovedCurve]:
+        """The curves that are solved with dimensions moved."""
+        return moved_curves(self.dimensions, self.departing, self.departing_fine)
+
+    def departing_with(
+        self, dimensions: tuple[UncertainDimension, ...], *, alone: bool
+    ) -> "LocalDesign":
+        """Return the design with some of its curves solved with dimensions moved.
+
+        Parameters
+        ----------
+        dimensions : tuple of UncertainDimension
+            Those of the study; without any the design stays as it is.
+        alone : bool
+            Whether no other curves are needed.
+        """
+        if not dimensions:
+            return self
+        return replace(
+            self,
+            dimensions=dimensions,
+            departing=self.coarse[:DEPARTING],
+            departing_fine=self.fine[:DEPARTING_FINE],
+            only_departure=alone,
+        )
 
     def further(self, asked: AskedInputs, recipe: Recipe) -> "LocalDesign":
         """Return the design with curves where a study asks now, over a range that holds both.
@@ -109,7 +161,14 @@ class LocalDesign:
         span = _spanning(self.span, span_of(counted))
         more = _curves(counted, span, recipe, self.units)
         fine = (*self.fine, *more[: recipe.fine_runs])
-        return replace(self, span=span, coarse=(*self.coarse, *more), fine=fine, usual=more)
+        design = replace(self, span=span, coarse=(*self.coarse, *more), fine=fine, usual=more)
+        if not self.dimensions:
+            return design
+        return replace(
+            design,
+            departing=(*self.departing, *more[:MORE_DEPARTING]),
+            departing_fine=(*self.departing_fine, *more[:MORE_DEPARTING_FINE]),
+        )
 
 
 def local_design(

@@ -390,8 +390,28 @@ class Regression:
 
 def fit(rows: Iterable[Equations], orders: Indices, prior: Prior, *, outputs: int) -> Regression:
     """Return the most probable coefficients for the equations of all runs, taken one by one."""
-    scales = prior.scales(orders)
-    normal = prior.noise**2 * np.eye(len(orders))
+    return fit_scaled(rows, orders, prior.scales(orders), noise=prior.noise, outputs=outputs)
+
+
+def fit_scaled(
+    rows: Iterable[Equations], orders: Indices, scales: Floats, *, noise: float, outputs: int
+) -> Regression:
+    """Return the most probable coefficients whose prior standard deviations are given.
+
+    Parameters
+    ----------
+    rows : iterable of Equations
+        Of all runs.
+    orders : array, shape (n_terms, 13)
+        Of the terms.
+    scales : array, shape (n_terms,)
+        Prior standard deviations over that of the first coefficient.
+    noise : float
+        That of the residual over it.
+    outputs : int
+        How many there are.
+    """
+    normal = noise**2 * np.eye(len(orders))
     right = np.zeros((len(orders), outputs))
     for part in rows:
         scaled = part.matrix * scales

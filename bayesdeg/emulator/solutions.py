@@ -53,6 +53,8 @@ class Run:
         Readings at the curve's loads, or readings and derivatives where the path stopped.
     held : bool
         Whether the tip is held, and the force there is all that is read.
+    origin : Moulded, optional
+        The actuator whose mesh is moved onto this one; by default it has a mesh of its own.
 
     Examples
     --------
@@ -69,6 +71,7 @@ class Run:
     curve: Curve
     kind: Kind = Kind.CURVE
     held: bool = False
+    origin: Moulded | None = None
 
     def parameters(self) -> dict[str, object]:
         """Return all that the solution depends on, the model's version included, as plain JSON."""
@@ -77,6 +80,9 @@ class Run:
             whole["curve"].pop("layer")
         if not self.held:  # as those had before forces
             whole.pop("held")
+        whole.pop("origin")  # and those before dimensions could move
+        if self.origin is not None:
+            whole["origin"] = self.origin.record()
         return {"model_version": MODEL_VERSION, **{k: _plain(v) for k, v in whole.items()}}
 
     def key(self) -> str:
@@ -123,6 +129,7 @@ def run_of(parameters: dict[str, Any]) -> Run:
         Curve(tuple(curve["loads"]), MaterialGroups(**curve["material"]), _layer(curve)),
         Kind(parameters["kind"]),
         bool(parameters.get("held", False)),
+        geometry_of_record(parameters["origin"]) if "origin" in parameters else None,
     )
 
 

@@ -10,7 +10,8 @@ With q = p/M the load, s the linear scale, L the length as moulded and W the war
     half of the tip's force      F = s² L² M q exp(W + Yₖ)
 
 where b is the load that misfit and weight of the body amount to, and each Y a sum of ``Terms``. So
-the curvature is zero at zero pressure, smooth in it, and has exact derivatives.
+the curvature is zero at zero pressure, smooth in it, and has exact derivatives. L stays that of
+the nominal actuator where dimensions depart from it, see `bayesdeg.emulator.departure`.
 """
 
 from collections.abc import Mapping
@@ -21,7 +22,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdeg.actuator.demand import demanded_strain, needed
+from bayesdeg.actuator.demand import MEASURES, demanded_strain, needed
 from bayesdeg.actuator.inputs import (
     Asked,
     Further,
@@ -42,6 +43,7 @@ from bayesdeg.emulator.coordinates import (
     coordinates,
     inside,
 )
+from bayesdeg.emulator.departure import Change, Departure
 from bayesdeg.emulator.scaling import (
     GROUPS,
     LOAD,
@@ -54,6 +56,7 @@ from bayesdeg.emulator.scaling import (
     Units,
 )
 from bayesdeg.emulator.terms import ROW_AXES, Terms, active_plan, evaluate, stacked
+from bayesdeg.errors import BayesdegError
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -381,6 +384,8 @@ class Surrogate:
         In which the span and the terms count p/M and Et/(M s).
     further : mapping of str to FurtherTerms
         Of what may be asked beside the shape.
+    departure : Departure, optional
+        Of dimensions that may differ from those that it was trained at.
     """
 
     length: float
@@ -394,14 +399,36 @@ class Surrogate:
     record: str
     units: Units = ONE
     further: Mapping[Asked, FurtherTerms] = field(default_factory=dict, hash=False)
+    departure: Departure | None = None
 
     def __call__(self, inputs: Inputs) -> Prediction:
         """Return the prediction; outside the training range it is nan with a status."""
         if inputs.reference_pressure is not None:
             return relative_to_reference(self, inputs)
         inputs = self.units.inputs(inputs)
-        batch = Batch.of(inputs, self.span)
-        return self._answer(inputs, batch, self._largest(batch))
+        batch, away = self._batch(inputs)
+        return self._answer(inputs, batch, self._largest(batch, away), away)
+
+    def _batch(self, inputs: Inputs) -> tuple[Batch, Floats | None]:
+        """Return the rows of inputs, and how far their dimensions are off; None without any.
+
+        Raises
+        ------
+        BayesdegError
+            If a dimension is given that was not trained.
+        """
+        given = inputs.dimensions or {}
+        known = () if self.departure is None else self.departure.names
+        unknown = [name for name in given if name not in known]
+        if unknown:
+            raise BayesdegError(f"the emulator was not trained for other values of {unknown[0]}")
+        if self.departure is None or not given:
+            return Batch.of(inputs, self.span), None
+        shape = np.broadcast_shapes(np.shape(inputs.c1), *map(np.shape, given.values()))
+        batch = Batch.of(replace(inputs, c1=np.broadcast_to(inputs.c1, shape)), self.span)
+        rows = batch.shape if len(batch.warp) == np.prod(batch.shape) else (*batch.shape[:-1], 1)
+        away = self.departure.away(given, rows)
+        return replace(batch, within=batch.within & self.departure.inside(away)), away
 
     def continued(self, inputs: Inputs) -> Prediction:
         """Return the prediction, and outside the training range a continuation with its excess.
@@ -413,22 +440,28 @@ class Surrogate:
         if inputs.reference_pressure is not None:
             return relative_to_reference(self.continued, inputs)
         inputs = self.units.inputs(inputs)
-        inner, distance = Batch.of(inputs, self.span).brought_inside(self.span)
-        limits = self._largest(inner)
+        batch, away = self._batch(inputs)
+        inner, distance = batch.brought_inside(self.span)
+        if away is not None and self.departure is not None:
+            off_by = away - (away := np.clip(away, *self.departure.bounds))
+            distance = np.sqrt(distance**2 + np.sum(off_by**2, axis=0))
+        limits = self._largest(inner, away)
         asked, most = inner.loads, limits[:, None]
         off = ~np.all((asked >= 0.0) & (asked <= most), axis=1) | (distance > 0.0)
         if not off.any():
-            return self._answer(inputs, inner, limits)
+            return self._answer(inputs, inner, limits, away)
         loads, asked, most = asked.copy(), asked[off], most[off]
         loads[off] = np.clip(asked, 0.0, np.maximum(most, 0.0))
-        found = self._answer(inputs, replace(inner, loads=loads), limits)
+        found = self._answer(inputs, replace(inner, loads=loads), limits, away)
         with np.errstate(divide="ignore", invalid="ignore"):
             above = np.log(np.maximum(asked / most, 1.0))
             below = np.maximum(-asked / most, 0.0)
         excess = np.sqrt(distance[off, None] ** 2 + above**2 + below**2) / OUTSIDE_BY
         return _continued(found, off, above, excess)
 
-    def _answer(self, inputs: Inputs, batch: Batch, largest: Floats) -> Prediction:
+    def _answer(
+        self, inputs: Inputs, batch: Batch, largest: Floats, away: Floats | None
+    ) -> Prediction:
         rows = self._rows(inputs, batch, largest)
         slack = bool(np.any(rows.slack > 0.0))
         values, allowed = map_of_rows(
@@ -438,10 +471,12 @@ class Surrogate:
             active_plan(self.error, batch.scaled, slack=slack),
             self.mesh_error,
         )
+        if away is not None:
+            values = _departed(values, self._change((0, 1, 2), batch, rows, allowed, away))
         curvature, angle, stretch, slope, *sds = values.reshape(len(values), *batch.shape)
         demand, demand_sd = stretch, sds[2]
         if inputs.criterion != "principal_stretch":
-            demand, demand_sd = self._demand(inputs, batch, rows, allowed)
+            demand, demand_sd = self._demand(inputs, batch, rows, allowed, away)
         return Prediction(
             curvature=curvature,
             bend_angle=angle,
@@ -452,10 +487,24 @@ class Surrogate:
             peak_stretch_sd=demand_sd,
             status=np.where(allowed, 0, int(Status.OUTSIDE_TRAINING)).reshape(batch.shape),
             excess=np.zeros(batch.shape),
-            further=self._further(inputs, batch, rows, allowed),
+            further=self._further(inputs, batch, rows, allowed, away),
         )
 
-    def _further(self, inputs: Inputs, batch: Batch, rows: Rows, allowed: Flags) -> Further | None:
+    def _change(
+        self, places: tuple[int, ...], batch: Batch, rows: Rows, allowed: Flags, away: Floats
+    ) -> Change:
+        """Return how outputs change with the dimensions; the last ones are what is further asked.
+
+        They are counted as those of ``OUTPUTS``, ``MEASURES`` and what was asked beside the shape.
+        """
+        assert self.departure is not None
+        loads = np.where(allowed, batch.loads, 0.0)
+        warped = loads * rows.stretching[:, None] * (2.0 / LARGEST_WARPED) - 1.0
+        return self.departure.change(places, batch, away, warped, loads)
+
+    def _further(
+        self, inputs: Inputs, batch: Batch, rows: Rows, allowed: Flags, away: Floats | None
+    ) -> Further | None:
         """Return what is asked beside the shape; None where it was not trained."""
         if inputs.asked not in self.further:
             return None
@@ -467,6 +516,11 @@ class Surrogate:
         place = np.zeros(()) if phi is None else phi
         growth = 1.0 + (warped + 1.0) * by_load - place * (1.0 - place) * by_phi
         known = np.where(allowed, loads * rows.stretching[:, None], np.nan)
+        if away is not None and self.departure is not None:
+            at = len(OUTPUTS) + len(MEASURES) + self.departure.further.index(inputs.asked)
+            change = self._change((at,), batch, rows, allowed, away)
+            y, growth = y + np.log(change.factor[0]), growth + change.growth
+            log_error = np.log(np.exp(log_error) + change.variance[0])
         size = self._size_of(inputs)
         value = np.asarray(size * (known * np.exp(y)).reshape(batch.shape))
         sd = value * np.sqrt(np.exp(log_error) + self.mesh_error**2).reshape(batch.shape)
@@ -481,7 +535,7 @@ class Surrogate:
         return np.asarray(2.0 * length**2 * (inputs.c1 + SECOND * second))
 
     def _demand(
-        self, inputs: Inputs, batch: Batch, rows: Rows, allowed: Flags
+        self, inputs: Inputs, batch: Batch, rows: Rows, allowed: Flags, away: Floats | None
     ) -> tuple[Floats, Floats]:
         """Return the uniaxial stretch that is as demanding by a criterion, and its error."""
         loads = np.where(allowed, batch.loads, 0.0)
@@ -491,6 +545,11 @@ class Surrogate:
             evaluate(_of_outputs(terms, places), batch.scaled, warped, phi)
             for terms in (self.strains, self.strain_error)
         )
+        if away is not None:
+            at = tuple(len(OUTPUTS) + place for place in places)
+            change = self._change(at, batch, rows, allowed, away)
+            y = y + np.log(change.factor)
+            log_error = np.log(np.exp(log_error) + change.variance)
         base = np.where(allowed, (loads + rows.offset[:, None]) * rows.stretching[:, None], np.nan)
         strain = demanded_strain(inputs, (base * np.exp(y)).reshape(-1, *batch.shape))
         variance = np.exp(log_error).mean(axis=0).reshape(batch.shape) + STRAIN_MESH_ERROR**2
@@ -508,6 +567,11 @@ class Surrogate:
         dict of array
             By the names of ``Inputs``, each with the shape that the inputs broadcast to: 1/m over
             the field's own unit; nan where the prediction is refused.
+
+        Raises
+        ------
+        BayesdegError
+            If dimensions are given.
         """
         if inputs.reference_pressure is not None:
             at = replace(inputs, reference_pressure=None)
@@ -518,6 +582,8 @@ class Surrogate:
                 "pressure": by["pressure"] + 0.0 * zero["pressure"],
                 "reference_pressure": 0.0 * by["pressure"] - zero["pressure"],
             }
+        if inputs.dimensions:
+            raise BayesdegError("no derivatives are known where dimensions differ")
         inputs = self.units.inputs(inputs)
         batch = Batch.of(inputs, self.span, one_by_one=True)
         gradient = curvature_gradient(inputs, batch, self._allowed(batch), self.terms, self.span)
@@ -527,12 +593,12 @@ class Surrogate:
     def limit_pressure(self, inputs: Inputs) -> LimitPressure:
         """Return the pressure up to which the curve of each material is smooth, with its error."""
         inputs = self.units.inputs(inputs)
-        batch = Batch.of(inputs, self.span)
+        batch, away = self._batch(inputs)
         shape = (*batch.shape[:-1], 1) if batch.loads.shape[-1:] != (1,) else batch.shape
         c1 = np.broadcast_to(inputs.c1, shape).ravel()
         second = 0.0 if inputs.second_invariant is None else inputs.second_invariant
         modulus = c1 + SECOND * np.broadcast_to(second, shape).ravel()
-        load, error = self._limit(batch)
+        load, error = self._limit(batch, away)
         largest = batch.largest_load(self.span)
         pressure = np.where(batch.within, 1e3 * modulus * load * self.units.load, np.nan)
         trained: Flags = batch.within & (load <= largest)
@@ -546,8 +612,8 @@ class Surrogate:
         The names are those of the groups, "load" for the largest load trained, and "limit" for
         loads at which the curve is no longer smooth. Nothing is refused if there are none.
         """
-        batch = Batch.of(self.units.inputs(inputs), self.span)
-        found = describe(batch, self.span, self._limit_load(batch), self.units)
+        batch, away = self._batch(self.units.inputs(inputs))
+        found = describe(batch, self.span, self._limit_load(batch, away), self.units)
         if inputs.reference_pressure is None:
             return found
         at = replace(inputs, pressure=inputs.reference_pressure, reference_pressure=None)
@@ -572,6 +638,8 @@ class Surrogate:
             tables |= {asked: further.terms, f"{asked}_error": further.error}
         for name, table in tables.items():
             arrays |= {f"{name}_orders": table.orders, f"{name}_coefficients": table.coefficients}
+        if self.departure is not None:
+            arrays |= self.departure.to_arrays()
         return arrays | {name: np.array(getattr(self, name)) for name in _NUMBERS}
 
     @classmethod
@@ -620,23 +688,27 @@ class Surrogate:
             strain_error=tables["strain_error"],
             units=Units(load, paper, *layer),
             further={name: FurtherTerms(tables[name], tables[f"{name}_error"]) for name in asked},
+            departure=Departure.from_arrays(arrays),
         )
 
-    def _limit(self, batch: Batch) -> tuple[Floats, Floats]:
+    def _limit(self, batch: Batch, away: Floats | None) -> tuple[Floats, Floats]:
         """Return p/M up to which curves are smooth, and its relative standard error, (n_rows,)."""
         slack = batch.scaled[SLACK][:, None]
         log_limit, error = evaluate(self.limit, batch.scaled, np.zeros_like(slack), slack)[:, :, 0]
+        if away is not None and self.departure is not None:
+            change, more = self.departure.limit(away)
+            log_limit, error = log_limit + change, np.hypot(error, more)
         return np.exp(log_limit - batch.warp[:, 0]), error
 
-    def _limit_load(self, batch: Batch) -> Floats:
+    def _limit_load(self, batch: Batch, away: Floats | None = None) -> Floats:
         """Return p/M up to which curves are emulated, (n_rows,)."""
-        load, error = self._limit(batch)
+        load, error = self._limit(batch, away)
         safe: Floats = load * np.exp(-LIMIT_MARGIN * error)
         return safe
 
-    def _largest(self, batch: Batch) -> Floats:
+    def _largest(self, batch: Batch, away: Floats | None = None) -> Floats:
         """Return p/M up to which there is an answer, (n_rows,); −1 in rows outside."""
-        largest = np.minimum(self._limit_load(batch), batch.largest_load(self.span))
+        largest = np.minimum(self._limit_load(batch, away), batch.largest_load(self.span))
         return np.where(batch.within, largest, -1.0)
 
     def _allowed(self, batch: Batch) -> Flags:
@@ -656,6 +728,29 @@ class Surrogate:
             offset=stretch_offset(batch.groups),
             bending=1e3 / self.length / scale,
         )
+
+
+def _departed(values: Floats, change: Change) -> Floats:
+    """Change curvature, bend angle, peak stretch, slope and three errors with the dimensions.
+
+    Parameters
+    ----------
+    values : array, shape (7, n_rows, n_columns)
+        Of the map at its own dimensions.
+    change : Change
+        Of the first three.
+    """
+    curvature, angle, stretch, slope, *sds = values
+    sizes = (curvature, angle, stretch - 1.0)
+    changed = [size * factor for size, factor in zip(sizes, change.factor, strict=True)]
+    return np.stack(
+        [
+            *changed[:2],
+            1.0 + changed[2],
+            change.factor[0] * (slope + curvature * change.growth),
+            *(change.sd(k, sd, size) for k, (sd, size) in enumerate(zip(sds, sizes, strict=True))),
+        ]
+    )
 
 
 def _continued(found: Prediction, off: Flags, above: Floats, excess: Floats) -> Prediction:

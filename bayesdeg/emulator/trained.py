@@ -14,6 +14,7 @@ import numpy as np
 
 from bayesdeg.actuator.inputs import Asked
 from bayesdeg.actuator.moulded import Moulded
+from bayesdeg.data.uncertain import UncertainDimension
 from bayesdeg.emulator.kept import (
     CACHE,
     SHIPPED,
@@ -93,8 +94,21 @@ def surrogate_for(geometry: Moulded, surrogate: Surrogate | None = None) -> Surr
     return surrogate
 
 
-def lacking(surrogate: Surrogate, asked: Sequence[Asked]) -> str:
+def lacking(
+    surrogate: Surrogate,
+    asked: Sequence[Asked],
+    uncertain: Sequence[UncertainDimension] = (),
+) -> str:
     """Say what an emulator does not answer of what is asked beside the shape; empty if nothing.
+
+    Parameters
+    ----------
+    surrogate : Surrogate
+        Any.
+    asked : sequence of str
+        Beside the shape.
+    uncertain : sequence of UncertainDimension
+        Over whose ranges it must answer.
 
     Examples
     --------
@@ -102,10 +116,23 @@ def lacking(surrogate: Surrogate, asked: Sequence[Asked]) -> str:
     'the emulator does not predict the cavity volume'
     """
     missing = [name.replace("_", " ") for name in asked if name not in surrogate.further]
-    return f"the emulator does not predict the {' or the '.join(missing)}" if missing else ""
+    if missing:
+        return f"the emulator does not predict the {' or the '.join(missing)}"
+    known = surrogate.departure
+    for one in uncertain:
+        if known is None or not known.covers(one.name, one.low, one.high):
+            return (
+                f"the emulator was not trained for {one.name} from {one.low:.4g} to "
+                f"{one.high:.4g} mm"
+            )
+    return ""
 
 
-def refuse_lacking(surrogate: Surrogate, asked: Sequence[Asked]) -> None:
+def refuse_lacking(
+    surrogate: Surrogate,
+    asked: Sequence[Asked],
+    uncertain: Sequence[UncertainDimension] = (),
+) -> None:
     """Refuse an emulator that does not answer what is asked beside the shape.
 
     Raises
@@ -113,7 +140,7 @@ def refuse_lacking(surrogate: Surrogate, asked: Sequence[Asked]) -> None:
     BayesdegError
         Saying what it lacks, and what to do.
     """
-    reason = lacking(surrogate, asked)
+    reason = lacking(surrogate, asked, uncertain)
     if reason:
         raise BayesdegError(
             f"{reason}; 'bayesdeg run STUDY' trains one that does, where the study lies"

@@ -62,9 +62,9 @@ def solve(run: Run, key: str, timeout: float) -> tuple[Solution, float]:
         start = time.perf_counter()
         solution: Solution
         if run.kind is Kind.CURVE:
-            solution = solve_task(task, effort=effort, held=run.held)
+            solution = solve_task(task, effort=effort, held=run.held, origin=run.origin)
         else:
-            solution = sample_task(task, effort=effort, held=run.held)
+            solution = sample_task(task, effort=effort, held=run.held, origin=run.origin)
         return solution, time.perf_counter() - start
 
 

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -11,6 +11,7 @@ import pandas as pd
 from bayesdeg.actuator.inputs import PAPER_THICKNESS
 from bayesdeg.causes.catalogue import find, in_order
 from bayesdeg.causes.cause import Cause, Effect
+from bayesdeg.data.uncertain import PREFIX
 from bayesdeg.errors import BayesdegError, nearest
 from bayesdeg.material.degradation import NODES, derivative, is_stable, yeoh_constants
 from bayesdeg.material.strength import ScatterLaw, limit_stretch, scores_from_normal
@@ -69,6 +70,8 @@ class Truth:
         Correlation of the errors of curvature and bend angle that are read from one picture.
     degradation_limit, time_constant : float
         D_∞ [%] and τ [h] of D_R = D_∞ (1 − exp(−t/τ)).
+    dimensions : mapping of str to float
+        Those of the actuator as moulded that a study leaves open [mm].
     moisture_initial, moisture_scatter : float
         Wet-basis moisture content of undegraded films, and its standard deviation from film to
         film [%].
@@ -109,6 +112,7 @@ class Truth:
     time_constant: float = 14.0
     moisture_initial: float = 20.0
     moisture_scatter: float = 0.3
+    dimensions: Mapping[str, float] = field(default_factory=dict, hash=False)
 
     def constants(self, degradation: npt.ArrayLike) -> Floats:
         """Return C1, C2, C3 [MPa] at degradation rates (n,) [%], shape (n, 3)."""
@@ -159,7 +163,9 @@ class Truth:
         """
         named: dict[str, float] = {}
         for name, value in asdict(self).items():
-            if isinstance(value, tuple):
+            if name == "dimensions":
+                named |= {f"{PREFIX}{size}": mm for size, mm in value.items()}
+            elif isinstance(value, tuple):
                 pairs = zip(TRUTH_NODES, value, strict=True)
                 named |= {node_name(name, node): at_node for node, at_node in pairs}
             else:

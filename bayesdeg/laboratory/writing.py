@@ -163,15 +163,17 @@ def settings_text(settings: Settings) -> str:
     <BLANKLINE>
     """
     written: dict[str, Any] = {}
+    uncertain = {one.name: one.law for one in settings.uncertain}
     for entry in ENTRIES:
         holders = (settings, settings.dimensions, settings.recipe, settings.vendor)
         holder = next((one for one in holders if _holds(one, entry.field)), None)
         if holder is None:  # of a forward map of one's own, which no virtual experiment has
             continue
         value = getattr(holder, entry.field)
-        if entry.key == "seed" or value != getattr(type(holder)(), entry.field):
+        is_law = entry.table == "actuator" and entry.key in uncertain
+        if entry.key == "seed" or is_law or value != getattr(type(holder)(), entry.field):
             table = written.setdefault(entry.table, {}) if entry.table else written
-            table[entry.key] = _plain(value)
+            table[entry.key] = _plain_law(uncertain[entry.key]) if is_law else _plain(value)
     if settings.priors:
         written["priors"] = {name: _plain_law(law) for name, law in settings.priors.items()}
     return tomli_w.dumps(written)

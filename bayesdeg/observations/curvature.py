@@ -530,6 +530,7 @@ def inputs_met(state: State[FilmsAndActuators], data: AtPressures, deviation: Fl
         linear_scale=linear_scale(values)[:, None, None],
         paper_stiffness=layer_stiffness(values)[:, None, None],
         paper_thickness=np.full((1, 1, 1), state.world.paper_thickness),
+        dimensions=state.world.sizes(values),
     )
     return applied("on_inputs", inputs, data.conditions, state.acting())
 

@@ -314,6 +314,7 @@ def asked(state: State[FilmsAndActuators], tests: PublishedTests) -> Asked:
         linear_scale=linear_scale(values)[:, None, None],
         paper_stiffness=layer_stiffness(values)[:, None, None],
         paper_thickness=np.full((1, 1, 1), state.world.paper_thickness),
+        dimensions=state.world.sizes(values),
     )
     return Asked(inputs, stiffness_spread(values, material, tests.degradation_sd))
 

@@ -14,6 +14,7 @@ from bayesdeg.actuator.status import Status
 from bayesdeg.causes.cause import Cause, FilmConditions, Stage
 from bayesdeg.causes.fold import acting, applied
 from bayesdeg.data.settings import MaterialLaw, RuptureCriterion
+from bayesdeg.data.uncertain import PREFIX
 from bayesdeg.material import degradation as rates
 from bayesdeg.material.degradation import (
     Controls,
@@ -337,6 +338,8 @@ class FilmsAndActuators:
         Which constants are parameters.
     stiffening : float
         C3/C1 of a neo-Hookean solid: 0, and `LEAST_STIFFENING` where actuators are predicted.
+    dimensions : tuple of str
+        Those of the actuators that are parameters.
     """
 
     nodes: Nodes
@@ -349,6 +352,7 @@ class FilmsAndActuators:
     degrades: bool = True
     law: MaterialLaw = "yeoh"
     stiffening: float = 0.0
+    dimensions: tuple[str, ...] = ()
 
     @property
     def is_limited(self) -> bool:
@@ -364,6 +368,11 @@ class FilmsAndActuators:
     def continued(self) -> "FilmsAndActuators":
         """The same with a forward map that goes on outside its range, if it can."""
         return replace(self, forward=continuation(self.forward))
+
+    def sizes(self, values: Named) -> dict[str, Floats] | None:
+        """Return the dimensions that are parameters, each (n, 1, 1) [mm]; None without any."""
+        found = {name: values[f"{PREFIX}{name}"][:, None, None] for name in self.dimensions}
+        return found or None
 
     @property
     def scatter_law(self) -> ScatterLaw:

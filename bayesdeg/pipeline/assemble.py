@@ -171,7 +171,7 @@ def assemble(study: Study, forward: ForwardMap | None = None) -> Assembly:
     geometry = geometry_of_study(study.settings)
     if plan.needs_forward and (forward is None or isinstance(forward, Surrogate)):
         forward = surrogate_for(geometry, forward)
-        refuse_lacking(forward, plan.asked)
+        refuse_lacking(forward, plan.asked, plan.dimensions)
     if plan.has_actuators and forward is not None:
         points, of_line = study.settings.reading_points, study.line_points
         forward = as_read(
@@ -188,6 +188,7 @@ def assemble(study: Study, forward: ForwardMap | None = None) -> Assembly:
         degrades=plan.degrades,
         law=study.settings.law,
         stiffening=_stiffening(study, plan),
+        dimensions=tuple(one.name for one in plan.dimensions),
     )
     model = JointModel(plan.base, plan.observations, world)
     return Assembly(

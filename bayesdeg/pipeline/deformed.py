@@ -15,6 +15,7 @@ from bayesdeg.actuator import kernels
 from bayesdeg.actuator.body import Body
 from bayesdeg.actuator.curve import Actuator, Curve
 from bayesdeg.actuator.equilibrium import follow
+from bayesdeg.actuator.families import with_dimensions
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.inputs import Inputs, dimensionless, material_groups
 from bayesdeg.actuator.linear import open_factorization
@@ -24,6 +25,7 @@ from bayesdeg.actuator.moulded import Moulded
 from bayesdeg.actuator.status import COARSE, PathEffort, Resolution
 from bayesdeg.criticism.fit.side_by_side import later
 from bayesdeg.data.settings import Dimensions
+from bayesdeg.data.uncertain import PREFIX, dimensions_among
 from bayesdeg.emulator.workers import deaf_to_interrupts, end_with_parent
 from bayesdeg.errors import GeometryError
 from bayesdeg.pipeline.assemble import level_grid
@@ -137,6 +139,7 @@ def begin(
     executor : Executor, optional
         Where to solve, each case by itself, beside other work; by default when they are asked for.
     """
+    geometry = fitted_geometry(geometry, fit)
     work = partial(solve, geometry, resolution or geometry.mesh_like(PICTURE_MESH))
     cases = [later(partial(work, case), executor) for case in fitted_cases(fit)]
     return partial(_those_solved, cases)
@@ -181,6 +184,15 @@ def write_deformed(
     if solved:
         shapes = tuple(one.shape for one in solved)
         write_surface(folder.path, replace(solved[0].surface, shapes=shapes))
+
+
+def fitted_geometry(geometry: Moulded, fit: Fit) -> Moulded:
+    """Return the actuator with the dimensions that are parameters at their posterior medians."""
+    table = fit.model.table
+    draws = table.named(fit.chain.vectors)
+    names = dimensions_among(table.names)
+    found = {name: float(np.median(draws[f"{PREFIX}{name}"])) for name in names}
+    return with_dimensions(geometry, found) if found else geometry
 
 
 def fitted_cases(fit: Fit) -> list[Case]:

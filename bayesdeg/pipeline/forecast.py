@@ -23,6 +23,7 @@ from bayesdeg.data.settings import (
     RuptureCriterion,
 )
 from bayesdeg.data.study import Study
+from bayesdeg.data.uncertain import dimensions_among, is_dimension
 from bayesdeg.emulator.kept import CACHE, Recipe, cached_path, read_content, record_of
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.emulator.trained import default_surrogate, read_trained
@@ -363,7 +364,8 @@ def _model(entry: ModelEntry, draws: Mapping[str, Floats], forward: Surrogate) -
             f"posterior and run.json do not belong together (run.json knows no {beside[0]}); run "
             "the study again with --fresh"
         )
-    names = dict.fromkeys(name.split(".")[0] for name in draws if "." in name)
+    of_causes = [name for name in draws if "." in name and not is_dimension(name)]
+    names = dict.fromkeys(name.split(".")[0] for name in of_causes)
     thickness, largest = entry.paper_thickness_mm, entry.largest_pressure_kPa
     if not (thickness and largest and thickness > 0.0 and largest > 0.0):
         raise RecordError(
@@ -371,7 +373,7 @@ def _model(entry: ModelEntry, draws: Mapping[str, Floats], forward: Surrogate) -
             f"{thickness} and {largest}; run the study again with --fresh"
         )
     model = JointModel(
-        base=tuple(Parameter(name, Flat(), "–", "") for name in draws if "." not in name),
+        base=tuple(Parameter(name, Flat(), "–", "") for name in draws if name not in of_causes),
         observations=(),
         world=FilmsAndActuators(
             nodes=nodes,
@@ -383,6 +385,7 @@ def _model(entry: ModelEntry, draws: Mapping[str, Floats], forward: Surrogate) -
             size_ratio=entry.rupture_size_ratio or 1.0,
             law="neo_hookean" if neo_hookean else "yeoh",
             stiffening=entry.stiffening or 0.0,
+            dimensions=dimensions_among(draws),
         ),
         causes=in_order(_flat(find(name)) for name in names),
     )

@@ -19,6 +19,7 @@ from bayesdeg.data.plausibility import Expected
 from bayesdeg.data.settings import FILE
 from bayesdeg.data.shrinkage import linear_scale
 from bayesdeg.data.study import Study
+from bayesdeg.data.uncertain import UncertainDimension
 from bayesdeg.errors import BayesdegError, Fault, StudyError, use_one_of
 from bayesdeg.material.degradation import Nodes, nodes_for
 from bayesdeg.observations.catalogue import TABLES, observations_of, of_kind
@@ -59,6 +60,8 @@ class Outline:
         As in `bayesdeg.pipeline.assemble.Assembly`.
     degrades : bool
         Whether anything of the study does.
+    dimensions : tuple of UncertainDimension
+        Dimensions of the actuator that are parameters.
     """
 
     base: tuple[Parameter, ...]
@@ -73,6 +76,7 @@ class Outline:
     counts: RuptureCounts | None = None
     of_counts: tuple[Cause, ...] = ()
     degrades: bool = True
+    dimensions: tuple[UncertainDimension, ...] = ()
 
     @property
     def needs_forward(self) -> bool:
@@ -161,13 +165,14 @@ def outline(study: Study, *, emulated: bool = True) -> Outline:
     of_counts = _of_counts(study, counts)
     stated = {cause.name: cause for cause in (*candidates, *alike, *of_counts)}
     _check(study, base, tuple(stated.values()))
+    uncertain = study.settings.uncertain if _are_predicted(study, found) else ()
     pressures = [float(one.curves.pressure.max()) for one in of_kind(found, Curvature)]
+    usual = _default_priors(base, _statistics(found))
+    usual = with_priors(usual, vendor_prior(study) if by_vendor else {})
     return Outline(
-        base=with_priors(
-            with_priors(
-                _default_priors(base, _statistics(found)), vendor_prior(study) if by_vendor else {}
-            ),
-            study.settings.priors,
+        base=(
+            *with_priors(usual, study.settings.priors),
+            *(one.parameter for one in uncertain),
         ),
         nodes=nodes,
         elongation_nodes=elongation_nodes,
@@ -175,12 +180,18 @@ def outline(study: Study, *, emulated: bool = True) -> Outline:
         largest=max(pressures, default=240.0),
         candidates=candidates,
         unjudged=unjudged,
-        missing=_missing(study),
+        missing=(*unlinked(found), *_missing(study)),
         alike=alike,
         counts=counts,
         of_counts=of_counts,
         degrades=degrades,
+        dimensions=uncertain,
     )
+
+
+def _are_predicted(study: Study, found: tuple[Observations, ...]) -> bool:
+    """Return whether actuators were read that a forward map answers for."""
+    return study.actuator is not None and any(one.uses_forward for one in found)
 
 
 def _without(study: Study) -> frozenset[str]:
@@ -379,6 +390,24 @@ def _out_of_range(study: Study) -> tuple[tuple[str, str], ...]:
     facts = {"count": study.outside_range, "low": low, "high": high}
     what = _sentences("outside_range", **facts)
     return ((what, _sentences("outside_range_cost", **facts)),)
+
+
+def unlinked(observations: tuple[Observations, ...]) -> tuple[tuple[str, str], ...]:
+    """Say which data a model leaves out, since what they go on was read in other tests.
+
+    Parameters
+    ----------
+    observations : tuple of Observations
+        All that a study has.
+    """
+    return tuple(
+        (
+            _sentences("unlinked", kind=one.name, count=len(one.observed)),
+            _sentences("unlinked_cost"),
+        )
+        for one in observations
+        if one.linked(observations) is None
+    )
 
 
 def passed_over(study: Study) -> tuple[tuple[str, str], ...]:

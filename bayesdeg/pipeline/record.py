@@ -752,6 +752,13 @@ def rests_on(study: Study, model: JointModel) -> list[BasisEntry]:
             rests_on=sentences("run", "basis", one=one),
         )
         for one in bases(study, model)
+    ] + [
+        BasisEntry(
+            statement=sentences("run", "dimension", one=one),
+            rests_on=sentences("run", "dimension_basis", one=one),
+        )
+        for one in study.settings.uncertain
+        if one.parameter.name in model.table.names
     ]
 
 

@@ -20,6 +20,7 @@ from bayesdeg.criticism.posterior.convergence import Convergence
 from bayesdeg.data.added import FILE, Enlarged, enlarge
 from bayesdeg.data.plausibility import Doubt, doubts, refuse_impossible
 from bayesdeg.data.study import Study
+from bayesdeg.data.uncertain import is_dimension
 from bayesdeg.errors import BayesdegError, Fault, StudyError
 from bayesdeg.files import STUDY_MB, read_bytes, reason, write_bytes
 from bayesdeg.inference.laplace import Laplace
@@ -325,7 +326,8 @@ def suspicions(before: Study, found: Sequence[Doubt], name: str) -> tuple[str, .
 
 def _model_of_run(assembly: Assembly, names: tuple[str, ...]) -> JointModel:
     """Return a model of the run by the names of its parameters."""
-    wanted = dict.fromkeys(name.split(".")[0] for name in names if "." in name)
+    of_causes = (name for name in names if "." in name and not is_dimension(name))
+    wanted = dict.fromkeys(name.split(".")[0] for name in of_causes)
     known = {cause.name: cause for cause in assembly.causes}
     lacking = [name for name in wanted if name not in known]
     model = assembly.extended(*(known[name] for name in wanted if name in known))

@@ -26,6 +26,7 @@ from scipy.special import ndtri
 from scipy.stats import rankdata
 from threadpoolctl import threadpool_limits
 
+from bayesdeg.data.uncertain import is_dimension
 from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import Chain
 from bayesdeg.material.degradation import levels
@@ -39,7 +40,8 @@ Groups = Mapping[str, Indices]
 
 MATERIAL, DEGRADATION, SCATTER, PAPER = "material", "degradation", "scatter", "paper"
 SCALE, CAUSES, EMULATOR, READING = "scale", "causes", "emulator", "reading"
-SOURCES = (MATERIAL, DEGRADATION, SCATTER, PAPER, SCALE, CAUSES, EMULATOR, READING)
+DIMENSIONS = "dimensions"
+SOURCES = (MATERIAL, DEGRADATION, SCATTER, PAPER, SCALE, DIMENSIONS, CAUSES, EMULATOR, READING)
 
 DRAWS = 2000  # a correlation of independent draws is then known to 0.02
 PLACES = (0.25, 0.5, 0.75, 1.0)  # of the largest pressure
@@ -351,6 +353,7 @@ def _members(model: JointModel) -> dict[str, list[str]]:
         SCATTER: ["stiffness_scatter"],
         PAPER: [n for n in names if n == PAPER_STIFFNESS],
         SCALE: [n for n in names if n == "volume_ratio"],
+        DIMENSIONS: [n for n in names if is_dimension(n)],
         CAUSES: [one.qualified(p.name) for one in acting for p in one.parameters],
         EMULATOR: [n for n in names if n.startswith("emulator_error_")],
         READING: ["curvature_noise", "curvature_noise_floor"],

@@ -36,8 +36,9 @@ class Solver:
         self.calls, self.efforts = 0, []
         self.fails_at, self.before = fails_at, before
 
-    def __call__(self, task, *, effort, held):
+    def __call__(self, task, *, effort, held, origin=None):
         assert not held
+        assert origin is None
         self.before()
         self.calls += 1
         self.efforts.append(effort)
@@ -200,7 +201,7 @@ def test_an_executor_that_cancels_is_named_and_not_taken_for_a_solution(solver, 
 class TimedOut(Solver):
     """Needs a second for every curve."""
 
-    def __call__(self, task, *, effort, held):
+    def __call__(self, task, *, effort, held, origin=None):
         solution = super().__call__(task, effort=effort, held=held)
         late = effort.seconds < 1.0
         return dataclasses.replace(solution, status=Status.TIMED_OUT) if late else solution

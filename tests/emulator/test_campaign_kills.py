@@ -140,7 +140,7 @@ class Fragile(Executor):
 
 @pytest.fixture
 def wanted(monkeypatch):
-    monkeypatch.setattr(workers, "solve_task", lambda task, *, effort, held: made_up(Run(*task)))
+    monkeypatch.setattr(workers, "solve_task", lambda task, **_: made_up(Run(*task)))
     monkeypatch.setattr("bayesdeg.emulator.campaign._PATIENCE", 0.01)
     return runs(8)
 

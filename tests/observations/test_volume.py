@@ -19,7 +19,7 @@ from bayesdeg.observations.curvature import Curvature
 from bayesdeg.observations.rupture import Rupture
 from bayesdeg.observations.volume import VOLUME, CavityVolume
 from bayesdeg.pipeline.assemble import assemble
-from bayesdeg.pipeline.outline import outline
+from bayesdeg.pipeline.outline import outline, unlinked
 from bayesdeg.pipeline.reading import read_study
 
 FILMS = 0  # columns of deviations of films, which have none here
@@ -198,6 +198,16 @@ def test_other_tests_of_actuators_leave_the_volumes_out(model):
     _, curvature = kinds(model)
     some = model.of_actuators(curvature.curves.subset(np.array([0, 1])))
     assert not some.of_kind(CavityVolume)
+
+
+def test_volumes_of_other_tests_that_are_left_out_are_said(model):
+    volume, curvature = kinds(model)
+    assert unlinked((volume, curvature)) == ()
+    of_others = CavityVolume(volume.tests.subset(np.arange(2)))
+    ((what, cost),) = unlinked((of_others, curvature))
+    assert str(len(of_others.observed)) in what
+    assert volume.name in what
+    assert cost
 
 
 def test_an_emulator_without_volumes_is_refused_in_one_line(folder):

@@ -26,6 +26,7 @@ WORDS: Final = {
     "scatter": "scatter of specimens",
     "paper": "paper",
     "scale": "volume ratio",
+    "dimensions": "dimensions of the actuator",
     "causes": "causes",
     "emulator": "error of the emulator",
     "reading": "errors of reading",
