@@ -28,6 +28,9 @@ SIDES: tuple[Side, ...] = get_args(Side)
 BRANCHES = LOADING, UNLOADING = ("loading", "unloading")
 MOUNTS = ("horizontal", "hanging", "bending_up", "bending_down")
 
+#: Temperatures of a room, or an oven, in which gels are tested [°C].
+COLDEST, HOTTEST = -20.0, 90.0
+
 #: What a name ends with when the quantity has the unit.
 SUFFIXES: Mapping[str, str] = MappingProxyType(
     {

@@ -70,6 +70,7 @@ def control(
     cycle: int,
     branch: str,
     humidity: float | None,
+    temperature: float | None,
     mount: str,
     degradation_sd: float,
     x: list[str] | None,
@@ -82,7 +83,9 @@ def control(
     quiet: bool,
 ) -> None:
     """Do what `interface.control` says."""
-    conditions = ServiceConditions(hold_s, cycle, branch, humidity, mount, degradation_sd)
+    conditions = ServiceConditions(
+        hold_s, cycle, branch, humidity, mount, degradation_sd, temperature
+    )
     if is_own(report):
         others = {"curvature": curvature, "degradation": degradation, "hours": hours}
         refuse_others(conditions, **others, cause=cause)

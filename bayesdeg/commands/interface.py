@@ -154,6 +154,7 @@ def predict(
     cycle: options.Cycle = PROMPT.cycle,
     branch: options.Branch = PROMPT.branch,
     humidity: options.Humidity = PROMPT.humidity_pct,
+    temperature: options.Temperature = PROMPT.temperature_c,
     mount: options.Mount = PROMPT.mount,
     degradation_sd: options.DegradationSd = PROMPT.degradation_sd,
     x: options.Inputs = None,
@@ -168,12 +169,12 @@ def predict(
     """Predict curvature and rupture of a new specimen from the posterior of a finished run.
 
     Curvatures are 5, 25, 50, 75 and 95 % quantiles over new specimens, without reading noise; by
-    default on a prompt first loading in a horizontal mount. --hold-s, --cycle, --branch, --humidity
-    and --mount move predictions by the causes that the run named; what no cause answers to is said.
-    The probability of rupture up to a pressure has its 90 % interval; what is less than one in the
-    films broken and actuators loaded is no number. Cells are empty where most specimens are beyond
-    the range of the emulator. Of a forward map of one's own give --x NAME=VALUES for each of its
-    inputs.
+    default on a prompt first loading in a horizontal mount. --hold-s, --cycle, --branch,
+    --humidity, --temperature and --mount move predictions by the causes that the run named; what no
+    cause answers to is said. The probability of rupture up to a pressure has its 90 % interval;
+    what is less than one in the films broken and actuators loaded is no number. Cells are empty
+    where most specimens are beyond the range of the emulator. Of a forward map of one's own give
+    --x NAME=VALUES for each of its inputs.
     """
 
 
@@ -189,6 +190,7 @@ def control(
     cycle: options.Cycle = PROMPT.cycle,
     branch: options.Branch = PROMPT.branch,
     humidity: options.Humidity = PROMPT.humidity_pct,
+    temperature: options.Temperature = PROMPT.temperature_c,
     mount: options.Mount = PROMPT.mount,
     degradation_sd: options.DegradationSd = PROMPT.degradation_sd,
     x: options.Inputs = None,
@@ -202,14 +204,14 @@ def control(
 ) -> None:
     """Find the pressure that reaches a wanted curvature at a bounded risk of rupture.
 
-    The pressure is that at which half of new specimens bend as far or further. The table also
-    gives the pressures that 90 % of the specimens need, the curvature at the pressure, and the
+    The pressure is that at which half of new specimens bend as far or further. The table also gives
+    the pressures that 90 % of the specimens need, the curvature at the pressure, and the
     probability of rupture. A specimen for which the emulator has no answer counts as burst: it
-    balloons, or nothing is known of it. If the wanted curvature cannot be reached at this risk,
-    the largest allowed pressure is given, with the curvature there; the exit code is 0 too. By
-    default it is for a prompt first loading in a horizontal mount; --hold-s, --cycle, --branch,
-    --humidity and --mount act by the causes that the run named. Whatever the risk, no pressure is
-    allowed above the largest that was tested, nor above what actuators survived that burst at or
+    balloons, or nothing is known of it. If the wanted curvature cannot be reached at this risk, the
+    largest allowed pressure is given, with the curvature there; the exit code is 0 too. By default
+    it is for a prompt first loading in a horizontal mount; --hold-s, --cycle, --branch, --humidity,
+    --temperature and --mount act by the causes that the run named. Whatever the risk, no pressure
+    is allowed above the largest that was tested, nor above what actuators survived that burst at or
     near the degradation rate, unless --beyond is given.
 
     For a forward map of your own, give --reading, and with --x the inputs to try: for the first
@@ -228,6 +230,7 @@ def lifetime(
     cycle: options.Cycle = PROMPT.cycle,
     branch: options.Branch = PROMPT.branch,
     humidity: options.Humidity = PROMPT.humidity_pct,
+    temperature: options.Temperature = PROMPT.temperature_c,
     mount: options.Mount = PROMPT.mount,
     cause: options.OneCause = None,
     base: options.BaseModel = False,

@@ -65,6 +65,7 @@ def lifetime(
     cycle: int,
     branch: str,
     humidity: float | None,
+    temperature: float | None,
     mount: str,
     cause: str | None,
     base: bool,
@@ -78,7 +79,9 @@ def lifetime(
     if is_own(report):
         raise typer.BadParameter("a study with a forward map of its own has no life in the soil")
     duty, times = _duty(pressure, curvature, risk), _times(hours)
-    conditions = ServiceConditions(hold_s, cycle, branch, humidity, mount)
+    conditions = ServiceConditions(
+        hold_s, cycle, branch, humidity, mount, temperature_c=temperature
+    )
     out = None if out is None else output_file(out)
     soil, stored = forecast.soil_of(report), stored_run(report, cause, base=base, emulator=emulator)
     times = default_hours(stored.measured) if times is None else times

@@ -164,6 +164,13 @@ Humidity = Annotated[
         metavar="PERCENT",
     ),
 ]
+Temperature = Annotated[
+    float | None,
+    typer.Option(
+        help="Of the room in degrees Celsius; by default that of tests without one.",
+        metavar="CELSIUS",
+    ),
+]
 Mount = Annotated[
     str,
     typer.Option(help="How the actuator is held: " + ", ".join(MOUNTS) + ".", metavar="MOUNT"),

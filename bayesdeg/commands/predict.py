@@ -49,6 +49,7 @@ def predict(
     cycle: int,
     branch: str,
     humidity: float | None,
+    temperature: float | None,
     mount: str,
     degradation_sd: float,
     x: list[str] | None,
@@ -61,7 +62,9 @@ def predict(
     quiet: bool,
 ) -> None:
     """Do what `interface.predict` says."""
-    conditions = ServiceConditions(hold_s, cycle, branch, humidity, mount, degradation_sd)
+    conditions = ServiceConditions(
+        hold_s, cycle, branch, humidity, mount, degradation_sd, temperature
+    )
     if is_own(report):
         others = {"pressure": pressure, "degradation": degradation, "hours": hours}
         refuse_others(conditions, **others, cause=cause)

@@ -12,7 +12,7 @@ import pandas as pd
 import pandera.pandas as pa
 
 from bayesdeg.data.settings import MODES
-from bayesdeg.quantities import BRANCHES, MOUNTS, UNLOADING
+from bayesdeg.quantities import BRANCHES, COLDEST, HOTTEST, MOUNTS, UNLOADING
 
 BRANCH = ("specimen_id", "cycle", "branch")
 
@@ -307,7 +307,7 @@ WHOLE = pa.Check(
     lambda x: x % 1.0 == 0.0, error="is not a whole number", description="give a whole number"
 )
 ROOM = pa.Check.in_range(
-    *(-20.0, 90.0),
+    *(COLDEST, HOTTEST),
     error="is no temperature of a room or an oven",
     description="give degrees Celsius",
 )

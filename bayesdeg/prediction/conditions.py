@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass, fields, replace
 
 from bayesdeg.errors import BayesdegError, use_one_of
-from bayesdeg.quantities import BRANCHES, LOADING, MOUNTS, UNLOADING
+from bayesdeg.quantities import BRANCHES, COLDEST, HOTTEST, LOADING, MOUNTS, UNLOADING
 
 
 @dataclass(frozen=True)
@@ -30,6 +30,9 @@ class ServiceConditions:
         How the actuator is held.
     degradation_sd : float
         Standard error of the specimen's degradation rate [% points].
+    temperature_c : float, optional
+        Of the room [°C]; by default that at which a test without one is taken. It acts by
+        `bayesdeg.causes.temperature_softening`.
 
     Raises
     ------
@@ -52,12 +55,18 @@ class ServiceConditions:
     humidity_pct: float | None = None
     mount: str = "horizontal"
     degradation_sd: float = 0.0
+    temperature_c: float | None = None
 
     def __post_init__(self) -> None:
         """Refuse what no test could have."""
         _number("hold_s", self.hold_s, "s", "a time not below 0")
         if self.humidity_pct is not None:
             _number("humidity_pct", self.humidity_pct, "%", "a humidity from 0 to 100 %", 100.0)
+        if self.temperature_c is not None and not COLDEST <= self.temperature_c <= HOTTEST:
+            right = f"degrees Celsius of a room or an oven, {COLDEST:g} to {HOTTEST:g}"
+            raise BayesdegError(
+                f"temperature_c {self.temperature_c:g} °C makes no sense; give {right}"
+            )
         sd = "a standard error from 0 to 100 % points"
         _number("degradation_sd", self.degradation_sd, "% points", sd, 100.0)
         if isinstance(self.cycle, bool) or self.cycle != int(self.cycle) or self.cycle < 1:

@@ -108,7 +108,10 @@ def tests_in(
 def _tests(conditions: ServiceConditions, degradation: Floats, path: LoadHistory) -> ActuatorCurves:
     shape = path.pressure.shape
     rates = degradation if degradation.ndim == 1 else np.mean(degradation, axis=0)
-    humidity = np.nan if conditions.humidity_pct is None else conditions.humidity_pct
+    humidity, temperature = (
+        np.nan if value is None else value
+        for value in (conditions.humidity_pct, conditions.temperature_c)
+    )
     return ActuatorCurves(
         specimens=tuple(f"{level:g} %" for level in rates),
         degradation=degradation[..., None],
@@ -127,4 +130,5 @@ def _tests(conditions: ServiceConditions, degradation: Floats, path: LoadHistory
         time=np.broadcast_to(path.time, shape).copy(),
         humidity=np.full(shape, humidity),
         mount=np.full(shape, conditions.mount),
+        temperature=np.full(shape, temperature),
     )

@@ -34,7 +34,7 @@ LEVELS = np.array([0.0, 25.0])
 PRESSURES = np.array([20.0, 60.0, 100.0])
 LARGEST = 140.0
 BANDS = [f"q{round(100 * q):02d}" for q in QUANTILES]
-ALL = ServiceConditions(600.0, 2, "unloading", 40.0, "bending_up")
+ALL = ServiceConditions(600.0, 2, "unloading", 40.0, "bending_up", temperature_c=30.0)
 HOLD = 40.0
 
 
@@ -254,7 +254,31 @@ def test_dry_air_moves_rupture_and_in_the_air_of_the_storage_limits_are_those_of
     assert np.all(np.diff([stored[1], usual[1], drier[1]], axis=0) > 0.05)
 
 
-ACTING = [cause for cause in CATALOGUE.values() if cause.acts_on != {"tensile"}]
+# predictions are of the batch with which others are compared
+ACTING = [
+    cause
+    for cause in CATALOGUE.values()
+    if cause.acts_on != {"tensile"} and "batch" not in cause.needs
+]
+
+
+def test_a_warmer_room_moves_curvature_as_softer_material_and_a_batch_moves_nothing(surrogate):
+    model = model_with(surrogate, "temperature_softening", "batch_stiffness")
+    typical = sizes("temperature_softening", "batch_stiffness")
+    warm, usual = (
+        curvature_of(model, ServiceConditions(temperature_c=celsius), **typical)
+        for celsius in (30.0, 24.0)
+    )
+    other = sizes("temperature_softening", **{"batch_stiffness.second": 0.0})
+    np.testing.assert_array_equal(usual, curvature_of(model, PROMPT, **(typical | other)))
+    softer = float(np.exp(-6.0 * find("temperature_softening").typical["softening"]))
+    constants = [n for n in TRUTH if n.startswith(("c1_at", "c3_at"))]
+    scaled = {name: softer * TRUTH[name] for name in constants}
+    plain = model_with(surrogate)
+    np.testing.assert_allclose(warm, curvature_of(plain, PROMPT, **scaled), rtol=2e-2)
+    assert np.all(warm > 1.05 * usual)
+    with pytest.raises(BayesdegError, match="degrees Celsius"):
+        ServiceConditions(temperature_c=300.0)
 
 
 @pytest.mark.parametrize("cause", ACTING, ids=lambda cause: cause.name)
