@@ -25,7 +25,7 @@ from bayesdeg.actuator.moulded import Moulded
 from bayesdeg.actuator.sensitivity import INPUTS
 from bayesdeg.actuator.status import MODEL_VERSION, Status
 from bayesdeg.emulator.coordinates import LARGEST_WARPED, SLACK, coordinates, scaled_cause
-from bayesdeg.emulator.departing import (
+from bayesdeg.emulator.departure_training import (
     MovedCurve,
     departed,
     end_of,

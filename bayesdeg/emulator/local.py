@@ -17,7 +17,7 @@ from bayesdeg.actuator.curve import Curve
 from bayesdeg.actuator.moulded import Moulded
 from bayesdeg.data.uncertain import UncertainDimension
 from bayesdeg.emulator.coordinates import coordinates
-from bayesdeg.emulator.departing import (
+from bayesdeg.emulator.departure_training import (
     MORE_DEPARTING,
     MORE_DEPARTING_FINE,
     MovedCurve,

@@ -8,7 +8,7 @@ import pytest
 
 from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.data.uncertain import UncertainDimension
-from bayesdeg.emulator.departing import (
+from bayesdeg.emulator.departure_training import (
     LEVELS,
     departed,
     fit_departure,
