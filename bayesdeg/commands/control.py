@@ -1,6 +1,7 @@
 """``bayesdeg control``: the pressure for a wanted curvature, from a stored posterior."""
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -83,27 +84,19 @@ def control(
     quiet: bool,
 ) -> None:
     """Do what `interface.control` says."""
-    conditions = ServiceConditions(
-        hold_s, cycle, branch, humidity, mount, degradation_sd, temperature
-    )
+    service = ServiceConditions(hold_s, cycle, branch, humidity, mount, degradation_sd, temperature)
     if is_own(report):
         others = {"curvature": curvature, "degradation": degradation, "hours": hours}
-        refuse_others(conditions, **others, cause=cause)
+        refuse_others(service, **others, cause=cause)
         _of_own(report, reading or [], x or [], base=base, seed=seed, out=out, as_json=as_json)
         return
     levels = levels_of(report, degradation, hours, seed)
     wanted = _asked(needed(curvature, "--curvature", x=x, reading=reading), risk, levels)
     out = None if out is None else output_file(out)
     stored = stored_run(report, cause, base=base, emulator=emulator)
-    found = _settings(
-        *(stored, levels, wanted),
-        risk=risk,
-        beyond=beyond,
-        seed=seed_of(stored, seed),
-        conditions=conditions,
-        quiet=quiet or as_json,
-    )
-    said = forecast.said_of_settings(stored, levels, found, conditions, beyond=beyond)
+    ask = partial(_settings, stored, levels, wanted, risk=risk, beyond=beyond)
+    found = ask(seed=seed_of(stored, seed), conditions=service, quiet=quiet or as_json)
+    said = forecast.said_of_settings(stored, levels, found, service, beyond=beyond)
     table = forecast.settings_table(found)
     if not delivered(stored, table, said, UNITS, out=out, quiet=quiet, as_json=as_json):
         _show(stored, found)

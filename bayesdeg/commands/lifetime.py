@@ -79,9 +79,7 @@ def lifetime(
     if is_own(report):
         raise typer.BadParameter("a study with a forward map of its own has no life in the soil")
     duty, times = _duty(pressure, curvature, risk), _times(hours)
-    conditions = ServiceConditions(
-        hold_s, cycle, branch, humidity, mount, temperature_c=temperature
-    )
+    service = ServiceConditions(hold_s, cycle, branch, humidity, mount, temperature_c=temperature)
     out = None if out is None else output_file(out)
     soil, stored = forecast.soil_of(report), stored_run(report, cause, base=base, emulator=emulator)
     times = default_hours(stored.measured) if times is None else times
@@ -90,11 +88,11 @@ def lifetime(
             *(stored, soil, duty, times),
             seed=seed_of(stored, seed),
             progress=progress,
-            conditions=conditions,
+            conditions=service,
             experience=None if beyond else stored.experience,
         )
     table, summary = life_table(stored, life, duty), life_summary(stored, life, duty)
-    messages = (str(summary), *said_of_life(stored, soil, life, duty, conditions, beyond=beyond))
+    messages = (str(summary), *said_of_life(stored, soil, life, duty, service, beyond=beyond))
     # the table is followed by what it comes to; JSON has that among its messages
     said = messages if as_json else messages[1:]
     if not delivered(

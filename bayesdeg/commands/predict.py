@@ -62,12 +62,10 @@ def predict(
     quiet: bool,
 ) -> None:
     """Do what `interface.predict` says."""
-    conditions = ServiceConditions(
-        hold_s, cycle, branch, humidity, mount, degradation_sd, temperature
-    )
+    service = ServiceConditions(hold_s, cycle, branch, humidity, mount, degradation_sd, temperature)
     if is_own(report):
         others = {"pressure": pressure, "degradation": degradation, "hours": hours}
-        refuse_others(conditions, **others, cause=cause)
+        refuse_others(service, **others, cause=cause)
         _of_own(report, x or [], base=base, seed=seed, out=out, as_json=as_json)
         return
     pressures = numbers(
@@ -77,9 +75,9 @@ def predict(
     refuse_too_many(pressures, levels)
     out = None if out is None else output_file(out)
     stored = stored_run(report, cause, base=base, emulator=emulator)
-    messages = forecast.said_of(stored, levels, pressures, conditions)
+    messages = forecast.said_of(stored, levels, pressures, service)
     with shown(quiet or as_json) as progress:
-        ask = partial(forecast.predict, progress=progress, conditions=conditions)
+        ask = partial(forecast.predict, progress=progress, conditions=service)
         table = forecast.by_each(
             stored, lambda run: ask(run, levels, pressures, seed=seed_of(run, seed))
         )

@@ -13,7 +13,7 @@ from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 import scipy
@@ -21,9 +21,6 @@ from numpy.typing import NDArray
 
 from bayesdeg.data.families import LARGEST_MM
 from bayesdeg.files import STUDY_MB, read_bytes
-
-if TYPE_CHECKING:  # only a part that was meshed needs it, and it takes long to import
-    import meshio
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -110,6 +107,7 @@ def _read(path: Path, content: str) -> PartMesh:
     said = io.StringIO()  # meshio prints what it raises
     try:
         with redirect_stdout(said), redirect_stderr(said):
+            # only a part that was meshed needs it, and it takes long to import
             mesh = importlib.import_module("meshio").read(path)
     except (SystemExit, Exception) as fault:  # meshio ends the process on what it does not know
         raise PartError(
@@ -129,7 +127,7 @@ def _read(path: Path, content: str) -> PartMesh:
     return moved
 
 
-def _bricks(mesh: "meshio.Mesh") -> tuple[Floats, Indices]:
+def _bricks(mesh: Any) -> tuple[Floats, Indices]:
     kinds = {block.type for block in mesh.cells if block.type.startswith(VOLUMES)}
     other = sorted(kinds - {"hexahedron"})
     if other:
@@ -149,7 +147,7 @@ def _bricks(mesh: "meshio.Mesh") -> tuple[Floats, Indices]:
     return points, bricks
 
 
-def _boundaries(mesh: "meshio.Mesh", points: Floats, bricks: Indices) -> dict[str, Indices]:
+def _boundaries(mesh: Any, points: Floats, bricks: Indices) -> dict[str, Indices]:
     """Return the outer sides on each boundary that the file names."""
     outer = outer_sides(bricks)
     found = {}
@@ -184,7 +182,7 @@ def outer_sides(bricks: Indices) -> Indices:
     return outer
 
 
-def _marked(mesh: "meshio.Mesh", name: str, outer: Indices, count: int) -> Flags | None:
+def _marked(mesh: Any, name: str, outer: Indices, count: int) -> Flags | None:
     """Return which outer sides are on a boundary; None where nothing is named so."""
     quads = _named_faces(mesh, name)
     if len(quads):
@@ -202,7 +200,7 @@ def _marked(mesh: "meshio.Mesh", name: str, outer: Indices, count: int) -> Flags
     return marked
 
 
-def _named_faces(mesh: "meshio.Mesh", name: str) -> Indices:
+def _named_faces(mesh: Any, name: str) -> Indices:
     """Return the quadrangles of a set or of a physical group of a name, (n, 4)."""
     found = [np.empty((0, 4), dtype=np.int64)]
     tag = mesh.field_data.get(name, [None])[0]

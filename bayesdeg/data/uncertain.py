@@ -48,7 +48,7 @@ class BoundedLaw(Law):
     >>> from bayesdeg.priors import LogNormal
     >>> bounded = BoundedLaw(LogNormal(2.0, 0.1), 1.9, 2.1)
     >>> bounded.quantile([0.0, 0.5, 1.0]).round(3).tolist()
-    [1.9, 1.996, 2.1]
+    [1.9, 1.998, 2.1]
     """
 
     law: Law

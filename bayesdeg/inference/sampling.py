@@ -650,11 +650,9 @@ def sample(
                 if standing.enough(effort) or standing.steps >= effort.longest:
                     return chain
                 if _slow(standing, effort):
-                    standing = replace(standing, settled=False)
                     break
             served = float(np.min(chain.acceptance)) >= SERVED
-            if period == 0:
-                standing = replace(standing, settled=served and begun.faithful)
+            standing = replace(standing, settled=period == 0 and served and begun.faithful)
             proposal, period = _fitted(chain, served=served), period + 1
 
 

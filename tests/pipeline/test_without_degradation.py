@@ -31,6 +31,7 @@ COLUMNS = re.compile(r"(film_)?degradation(_sd)?_pct")
 OF_DEGRADATION = {
     *("degradation_misread", "degraded_skin", "delamination", "erosion", "paper_softening"),
     *("uneven_degradation", "flaw_embrittlement", "dry_embrittlement", "shrinkage_reading"),
+    *("degraded_shrinkage", "degradation_scale"),
 }
 EFFORT = SearchEffort(replicates=60, fitted=1, pairs=0, levels_out=True)
 ALPHA = "volume_ratio"
