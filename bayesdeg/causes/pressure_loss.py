@@ -23,22 +23,14 @@ Source
     doi:10.3389/frobt.2021.760485 for the pneumatic setup; the size is estimated, not published.
 """
 
-from dataclasses import replace
-
 from bayesdeg.actuator.inputs import Inputs
-from bayesdeg.causes.cause import Cause, Conditions, Effect, Stage
+from bayesdeg.causes.cause import Cause, Conditions, Effect, Stage, scaled_pressure
 from bayesdeg.priors import Parameter, TruncatedNormal
 
 
 def lose_pressure(inputs: Inputs, conditions: Conditions, effect: Effect) -> Inputs:
     """Return inputs at (1 − φ) p."""
-    kept = 1.0 - effect["fraction"]
-    reference = inputs.reference_pressure
-    return replace(
-        inputs,
-        pressure=kept * inputs.pressure,
-        reference_pressure=None if reference is None else kept * reference,
-    )
+    return scaled_pressure(inputs, 1.0 - effect["fraction"])
 
 
 CAUSE = Cause(
