@@ -67,6 +67,7 @@ def unsoftened(load: Floats, largest: Floats, softening: Floats) -> Floats:
 
     Examples
     --------
+    >>> from scipy.special import erf
     >>> one = np.ones(1)
     >>> q = unsoftened(0.5 * one, 1.5 * one, 0.2 * one)
     >>> (q * (1.0 - 0.2 * erf(1.5**2 - q**2))).round(9)
