@@ -233,9 +233,13 @@ def _capped(faults: tuple[Fault, ...]) -> tuple[Fault, ...]:
 def _finish(frame: pd.DataFrame, table: pa.DataFrameSchema) -> pd.DataFrame:
     listed = {name: column.dtype.type for name, column in table.columns.items() if name in frame}
     extra = [name for name in frame.columns if name not in listed]
-    finished = frame[[*listed, *extra]].reset_index(drop=True).astype(listed)
+    read = frame[[*listed, *extra]].reset_index(drop=True)
+    finished = read.astype(listed)
     for name in extra:
-        finished[name] = finished[name].where(finished[name] != "").astype("str")
+        read[name] = read[name].where(read[name] != "")
+    for name in [*extra, *(name for name, kind in listed.items() if kind == "str")]:
+        # before pandas 3 what is missing becomes a text
+        finished[name] = read[name].astype("str").where(read[name].notna())
     return finished
 
 

@@ -344,11 +344,8 @@ def _word(*words: str, optional: bool = True) -> pa.Column:
 
 
 def _label() -> pa.Column:
-    """Make an optional column of names, of which none is meant where it is empty.
-
-    Not of texts, as which some versions of pandas write an empty cell.
-    """
-    return pa.Column(object, nullable=True, required=False)
+    """Make an optional column of names, of which none is meant where it is empty."""
+    return pa.Column(str, nullable=True, required=False)
 
 
 def _whole(*checks: pa.Check, default: int) -> pa.Column:
