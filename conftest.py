@@ -1,5 +1,6 @@
 """Settings of the test run that must stand before numpy is imported."""
 
+import importlib
 import os
 import signal
 import sys
@@ -23,3 +24,6 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 
 # for a process of its own, see tests/peers/numpyro_process.py
 collect_ignore = ["tests/peers/numpyro_nuts.py"]
+
+# the package loads it where it is first asked for, which is not within the time of one example
+importlib.import_module("scipy.special")
