@@ -1,7 +1,6 @@
 """``bayesdeg control``: the pressure for a wanted curvature, from a stored posterior."""
 
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -94,8 +93,12 @@ def control(
     wanted = _asked(needed(curvature, "--curvature", x=x, reading=reading), risk, levels)
     out = None if out is None else output_file(out)
     stored = stored_run(report, cause, base=base, emulator=emulator)
-    ask = partial(_settings, stored, levels, wanted, risk=risk, beyond=beyond)
-    found = ask(seed=seed_of(stored, seed), conditions=service, quiet=quiet or as_json)
+    found = _settings(
+        *(stored, levels, wanted, seed_of(stored, seed), service),
+        risk=risk,
+        beyond=beyond,
+        quiet=quiet or as_json,
+    )
     said = forecast.said_of_settings(stored, levels, found, service, beyond=beyond)
     table = forecast.settings_table(found)
     if not delivered(stored, table, said, UNITS, out=out, quiet=quiet, as_json=as_json):
@@ -116,11 +119,11 @@ def _settings(
     stored: StoredRun,
     levels: Sequence[Level],
     wanted: Floats,
+    seed: np.random.SeedSequence,
+    conditions: ServiceConditions,
     *,
     risk: float,
     beyond: bool,
-    seed: np.random.SeedSequence,
-    conditions: ServiceConditions,
     quiet: bool,
 ) -> list[Setting]:
     """Find the settings, and show how far that is."""

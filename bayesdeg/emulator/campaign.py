@@ -1010,8 +1010,9 @@ def _moved(
     geometry: Moulded, recipe: Recipe, design: LocalDesign | None, held: bool
 ) -> Iterator[Run]:
     """Yield the runs with dimensions moved, in the order of ``LocalDesign.moved``."""
-    for one in [] if design is None else design.moved:
-        assert design is not None
+    if design is None:
+        return
+    for one in design.moved:
         shape = one.geometry(geometry, design.dimensions)
         mesh = recipe.fine_mesh if one.is_fine else recipe.coarse_mesh
         curve = with_layer(shape, one.curve)
