@@ -58,7 +58,7 @@ from bayesdeg.pipeline.emulation import (
     train_emulator,
 )
 from bayesdeg.pipeline.outline import outline
-from bayesdeg.pipeline.record import emulator_facts
+from bayesdeg.pipeline.run_record import emulator_facts
 from bayesdeg.report.wording import fixed, percent, words
 
 RECIPE = Recipe()

@@ -14,7 +14,7 @@ from bayesdeg.inference.update import drawn_evenly
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.films import course_of
 from bayesdeg.pipeline.output import run_folder
-from bayesdeg.pipeline.record import model_of
+from bayesdeg.pipeline.run_record import model_of
 from bayesdeg.report.record import RunRecord, VerdictRecord
 from tests.pipeline.planted_offset import emulator
 
