@@ -18,7 +18,7 @@ from bayesdeg.data.study import Study
 from bayesdeg.emulator.workers import workplace
 from bayesdeg.errors import BayesdegError
 from bayesdeg.files import write_bytes, write_text
-from bayesdeg.laboratory.experiment import design_of, run_experiment
+from bayesdeg.laboratory.experiment import VIRTUAL_TABLES, design_of, run_experiment
 from bayesdeg.laboratory.truth import Truth, drawn_truth, parse_effects
 from bayesdeg.laboratory.writing import VIRTUAL_FILES, Provenance, study_files
 from bayesdeg.pipeline.outline import outline
@@ -67,6 +67,8 @@ def simulate(
         for name, text in made.items():
             if not (name == SETTINGS_FILE and study.resolve() == out.resolve()):
                 write_text(out / name, text)
+        for name in set(VIRTUAL_FILES) - set(made):  # of an experiment that was here before
+            (out / name).unlink(missing_ok=True)
         _copy_mesh(template, out)
     errors.print(f"wrote a virtual experiment to {out}", soft_wrap=True)
 
@@ -119,7 +121,7 @@ def _refuse(template: Study) -> None:
     say(
         f"{name}.csv: not simulated, no finite elements answer it"
         for name in template.others
-        if template.settings.forward is None
+        if template.settings.forward is None and name not in VIRTUAL_TABLES
     )
     if template.settings.forward is not None:
         raise BayesdegError(

@@ -4,6 +4,7 @@ import sys
 
 import meshio
 import numpy as np
+import pandas as pd
 import pytest
 
 from bayesdeg import cli
@@ -200,3 +201,27 @@ def test_a_virtual_experiment_is_made_with_volumes_and_is_a_study_again(command,
     assert 0.01 < float(volume) < 0.2
     monkeypatch.setattr(sys, "argv", ["bayesdeg", "check", "virtual"])
     assert cli.exit_code() == 0
+
+
+@pytest.mark.fem
+def test_tip_forces_are_made_where_the_study_has_some(command, monkeypatch):
+    """Read by `check`, the same for a seed, and gone with the design that asked for them."""
+    rows = "specimen_id,degradation_pct,pressure_kPa,tip_force_N\nt0,0,30,0.03\nt0,0,60,0.06\n"
+    (command.study / "force.csv").write_text(rows, encoding="utf-8")
+    made = command.study.parent / "virtual"
+    texts = []
+    for _ in range(2):
+        code, said = command("simulate", "--out", "virtual", "--workers", "1", "--seed", "4")
+        assert code == 0, said
+        assert "not simulated" not in said
+        texts.append((made / "force.csv").read_text("utf-8"))
+    assert texts[0] == texts[1]
+    forces = pd.read_csv(made / "force.csv", comment="#")["tip_force_N"].to_numpy()
+    assert len(forces) == 2
+    assert 0.0 < forces[0] < forces[1] < 1.0
+    monkeypatch.setattr(sys, "argv", ["bayesdeg", "check", "virtual"])
+    assert cli.exit_code() == 0
+    assert outline(read_study(made)).asked == ("cavity_volume", "tip_force")
+    (command.study / "force.csv").unlink()
+    assert command("simulate", "--out", "virtual", "--workers", "1", "--quiet")[0] == 0
+    assert not (made / "force.csv").exists()
