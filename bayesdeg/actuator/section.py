@@ -110,7 +110,7 @@ def _of_bricks(geometry: PartGeometry, columns: int) -> str:
     A character is material where it lies in the rectangle about the section of a brick.
     """
     part = geometry.part
-    corners = part.points[part.bricks]
+    corners = part.points[part.cells]
     low, high = corners.min(axis=1), corners.max(axis=1)
     middle = 1e-3 * float(part.size[1])  # beside the plane, in which faces may lie
     cut = (low[:, 1] <= middle) & (high[:, 1] >= middle)
