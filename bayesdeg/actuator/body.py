@@ -97,18 +97,28 @@ def _element(name: str, order: int, pressure: str) -> Element:
     )
 
 
-def _tetrahedron() -> Element:
+def tetrahedron(degree: int = 6) -> Element:
     """Return the conforming element of Crouzeix and Raviart: P2, bubbles of sides and middle, P1.
 
-    Its 15 nodes are in the order of `tetrahedra_of`. Quadratics alone do not satisfy the inf-sup
+    Its 15 nodes are in the order of `reference_nodes`. Quadratics alone do not satisfy the inf-sup
     condition with a linear pressure, and with a constant one converge in the first order only.
+
+    Parameters
+    ----------
+    degree : int
+        Of polynomials for which the rule of its points is exact.
+
+    Examples
+    --------
+    >>> tetrahedron(2).shapes.shape
+    (4, 15)
 
     References
     ----------
     Crouzeix and Raviart (1973), RAIRO 7:33, doi:10.1051/m2an/197307R300331.
     """
     kind = ElementTetCCR()
-    points, weights = get_quadrature(kind.refdom, 6)
+    points, weights = get_quadrature(kind.refdom, degree)
     basis = [kind.lbasis(points, a) for a in _places_of_tetrahedron(np.asarray(kind.doflocs))]
     shapes = np.stack([values for values, _ in basis], axis=1)
     slopes = np.stack([gradients for _, gradients in basis], axis=1)
@@ -153,6 +163,19 @@ def _nodes_of(corners: Floats) -> Floats:
     return np.concatenate([corners, edges, faces, middle], axis=-2)
 
 
+def reference_nodes(element: Element) -> Floats:
+    """Return where the nodes of an element are on the unit cube, or the unit tetrahedron, (n, 3).
+
+    Examples
+    --------
+    >>> reference_nodes(TETRAHEDRON)[[3, 4, 14]].tolist()
+    [[0.0, 0.0, 1.0], [0.5, 0.0, 0.0], [0.25, 0.25, 0.25]]
+    """
+    if element.triangular:
+        return _nodes_of(np.vstack([np.zeros(3), np.eye(3)]))
+    return np.asarray((ElementHex1() if element.order == 1 else ElementHex2()).doflocs)
+
+
 def _places_of_tetrahedron(theirs: Floats) -> list[int]:
     """Return which of scikit-fem's local nodes each of the 15 is."""
     ours = _nodes_of(np.vstack([np.zeros(3), np.eye(3)]))
@@ -166,7 +189,7 @@ LINEAR_FULL = _element("Q1", 1, "free")
 LINEAR_CONSTANT = _element("Q1P0", 1, "constant")
 QUADRATIC_CONSTANT = _element("Q2P0", 2, "constant")
 QUADRATIC = _element("Q2P1disc", 2, "linear")
-TETRAHEDRON = _tetrahedron()
+TETRAHEDRON = tetrahedron()
 
 
 @dataclass(frozen=True, eq=False)

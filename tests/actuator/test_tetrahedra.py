@@ -2,12 +2,20 @@
 
 from dataclasses import replace
 
+import meshio
 import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from bayesdeg.actuator import kernels
-from bayesdeg.actuator.body import TETRAHEDRON, Body, boundary_faces, isoparametric, tetrahedra_of
+from bayesdeg.actuator import kernels, paper
+from bayesdeg.actuator.body import (
+    TETRAHEDRON,
+    Body,
+    boundary_faces,
+    faces_on_plane,
+    isoparametric,
+    tetrahedra_of,
+)
 from bayesdeg.actuator.curve import Actuator, Curve, ExactMap
 from bayesdeg.actuator.mesh import build_mesh
 from bayesdeg.actuator.paper import bending_matrix
@@ -16,6 +24,7 @@ from bayesdeg.actuator.sensitivity import INPUTS
 from bayesdeg.actuator.status import Resolution
 from bayesdeg.data.part import PartError, cavity_of, read_part, volume_of
 from bayesdeg.material.hyperelastic import nominal_stress
+from bayesdeg.report.surface import faces_of, nodal_fields, quads_of, write_vtu
 from tests.actuator.parts import COARSEST, ORDER, PATHS, SMALL, half, tetrahedral, whole, write
 from tests.actuator.test_part import geometry_of_file, inputs
 from tests.actuator.test_patch import (
@@ -198,6 +207,47 @@ def test_the_inf_sup_constant_does_not_vanish_with_the_mesh():
     print("inf-sup constants:", np.round(found, 4))
     assert min(found) > 0.1
     assert found[2] > 0.85 * found[1]
+
+
+def papered():
+    """A block whose bottom is papered, cut into triangles of no pattern."""
+    points, cells = cube((3, 3, 1), (3.0, 2.0, 1.0))
+    move = 0.15 * np.random.default_rng(2).uniform(-1.0, 1.0, points.shape) * [1.0, 1.0, 0.0]
+    inside = np.all((points[:, :2] > 1e-9) & (points[:, :2] < [2.999, 1.999]), axis=1)
+    body = tetrahedra_of(points + np.where(inside[:, None], move, 0.0), cells)
+    return replace(body, paper=faces_on_plane(body, 0.0))
+
+
+def carried(body, placed, law):
+    """Energy and forces of the paper of a body."""
+    force = np.zeros_like(placed)
+    rule = kernels.face_shapes(2, triangle=body.element.triangular)[1:]
+    none = np.empty((0, 0, 0), dtype=np.int32)
+    found = paper.membrane(
+        placed, body.nodes, body.paper, *rule, np.array(law), force, none, np.empty(0)
+    )
+    return found, force
+
+
+@pytest.mark.parametrize("law", [(20.0, 0.3, 0.0, 0.0), (20.0, 0.3, 0.02, 0.01)])
+def test_paper_on_triangles_has_the_energy_and_forces_of_its_law(law):
+    """Of a homogeneous strain that of its area; of another, forces are the energy's slopes."""
+    body = papered()
+    f = np.array([[1.04, 0.02, 0.0], [0.01, 0.98, 0.0], [0.03, 0.0, 1.0]])
+    energy, force = carried(body, body.nodes @ f.T, law)
+    _, _, _, wanted = paper.membrane_law(f[:, :2] / (1.0 + law[3]), np.array(law))
+    assert energy == pytest.approx(6.0 * (1.0 + law[3]) ** 2 * wanted, rel=1e-12)
+    bottom = np.unique(body.paper)
+    edge = np.any(
+        np.isclose(body.nodes[:, :2], 0.0) | np.isclose(body.nodes, [3, 2, 9])[:, :2], axis=1
+    )
+    np.testing.assert_allclose(force[~edge], 0.0, atol=1e-12)
+    bent = body.nodes @ f.T + 0.02 * np.sin(2.0 * body.nodes[:, [1, 0, 0]])
+    _, force = carried(body, bent, law)
+    push = np.random.default_rng(3).standard_normal(bent.shape)
+    ends = [carried(body, bent + step * push, law)[0] for step in (1e-6, -1e-6)]
+    assert np.sum(force * push) == pytest.approx((ends[0] - ends[1]) / 2e-6, rel=1e-6)
+    assert np.all(force[np.setdiff1d(np.arange(len(bent)), bottom)] == 0.0)
 
 
 # ---- closed forms
@@ -421,3 +471,46 @@ def test_what_is_wrong_is_said(tmp_path, made, word):
     path = write(tmp_path / "part.msh", made())
     with pytest.raises(PartError, match=word):
         read_part(path)
+
+
+# ---- what is drawn of them
+
+
+def test_fields_of_a_homogeneous_deformation_are_met_at_all_nodes():
+    body = distorted()
+    system = System(body)
+    f = np.diag([1.4, 1.4**-0.5, 1.4**-0.5]) @ np.array([[1, 0.2, 0], [0, 1, 0], [0, 0, 1.0]])
+    rest = system.rest()
+    state = replace(rest, displacement=body.nodes @ (f - np.eye(3)).T)
+    fields = nodal_fields(Problem(system, MATERIAL), state)
+    squares = np.linalg.eigvalsh(f @ f.T)
+    np.testing.assert_allclose(fields.stretch, np.sqrt(squares[-1]), rtol=1e-10)
+    np.testing.assert_allclose(np.trace(fields.strain, axis1=1, axis2=2), 0.0, atol=1e-10)
+
+
+def test_the_surface_is_closed_and_points_outwards():
+    body = distorted()
+    surface, nodes = faces_of(body)
+    assert len(surface.faces) == 3 * len(boundary_faces(body))
+    quads = quads_of(body.nodes[nodes], np.ones(len(nodes)), surface.faces, pieces=1)
+    assert quads.areas.sum() == pytest.approx(2.0 * (3 * 2 + 2 * 2.5 + 2.5 * 3), rel=1e-12)
+    outward = np.einsum("ni,ni->n", quads.vectors, quads.corners.mean(axis=1) - 0.5 * SIZE)
+    assert np.all(outward > 0.0)
+    np.testing.assert_allclose(quads.vectors.sum(axis=0), 0.0, atol=1e-12)
+    assert int(surface.on_cut.sum()) == 3 * 8
+
+
+def test_a_file_for_paraview_has_ten_nodes_a_cell(tmp_path):
+    body = distorted()
+    problem = Problem(System(body), MATERIAL)
+    fields = nodal_fields(problem, problem.system.rest())
+    path = tmp_path / "part.vtu"
+    write_vtu(path, body, fields)
+    mesh = meshio.read(path)
+    assert mesh.cells[0].type == "tetra10"
+    assert len(np.unique(mesh.cells[0].data)) == len(mesh.points) < len(body.nodes)
+    corners = mesh.points[mesh.cells[0].data]
+    assert np.linalg.det(corners[:, 1:4] - corners[:, :1]).sum() == pytest.approx(6 * body.volume)
+    edges = ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))
+    for k, (a, b) in enumerate(edges):
+        np.testing.assert_allclose(corners[:, 4 + k], 0.5 * (corners[:, a] + corners[:, b]))
