@@ -20,6 +20,7 @@ from bayesdeg.actuator.curve import Actuator, Curve, ExactMap
 from bayesdeg.actuator.mesh import build_mesh
 from bayesdeg.actuator.paper import bending_matrix
 from bayesdeg.actuator.problem import MechanicalState, Problem, System
+from bayesdeg.actuator.section import section
 from bayesdeg.actuator.sensitivity import INPUTS
 from bayesdeg.actuator.status import Resolution
 from bayesdeg.data.part import PartError, cavity_of, read_part, volume_of
@@ -324,6 +325,18 @@ def test_sizes_and_volumes_are_those_of_the_bricks(tmp_path, part):
     np.testing.assert_allclose(
         ours.body.nodes[ours.bottom_line], theirs.body.nodes[theirs.bottom_line], atol=1e-9
     )
+
+
+def test_it_is_drawn_as_the_bricks_are_and_no_wall_grows_into_the_cavity(tmp_path, part):
+    (bricks,) = of_parts(tmp_path, half())
+    assert section(part, 60) == section(bricks, 60)
+    points, cells, sides = tetrahedral(half())
+    sheared = points.copy()
+    sheared[:, 0] += 0.4 * points[:, 2] * points[:, 0] * (20.0 - points[:, 0]) / 1000.0
+    (slanted,) = of_parts(tmp_path, (sheared, cells, sides))
+    drawn = [section(one, 200) for one in (part, slanted)]
+    air = [text.count("o") + text.count(" ") for text in drawn]
+    assert air[1] == pytest.approx(air[0], rel=0.05)
 
 
 @pytest.mark.fem
