@@ -1,11 +1,11 @@
-"""Hexahedral bodies: elements, nodes, and what is held, pressed or papered."""
+"""Bodies of bricks or of tetrahedra: elements, nodes, and what is held, pressed or papered."""
 
 from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
-from skfem import Basis, ElementHex1, ElementHex2, MeshHex
+from skfem import Basis, ElementHex1, ElementHex2, ElementTetCCR, MeshHex
 from skfem.quadrature import get_quadrature
 
 Floats = NDArray[np.float64]
@@ -14,7 +14,7 @@ Indices = NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class Element:
-    """A brick on the unit cube: shape functions, quadrature, and the modes of its pressure.
+    """A brick on the unit cube, or a tetrahedron: shapes, quadrature, and modes of its pressure.
 
     Parameters
     ----------
@@ -30,6 +30,13 @@ class Element:
         Their derivatives.
     modes : array, shape (n_points, n_modes)
         Functions that span the discontinuous pressure, at the points.
+    sides : array, shape (n_sides, n_nodes)
+        Local nodes of its sides, such that first axis times second axis points inwards.
+    corners : array, shape (n_corners,)
+        Which of the nodes of a side are its corners.
+    triangular : bool
+        Whether sides are triangles, with nodes as of `bayesdeg.actuator.kernels.triangle_shapes`;
+        else they are grids.
     """
 
     name: str
@@ -39,6 +46,29 @@ class Element:
     shapes: Floats
     slopes: Floats
     modes: Floats
+    sides: Indices
+    corners: Indices
+    triangular: bool = False
+
+
+def reference_faces(order: int) -> Indices:
+    """Return the local nodes of the six faces of a brick as grids that point inwards."""
+    kind = ElementHex1() if order == 1 else ElementHex2()
+    places = np.asarray(kind.doflocs)
+    faces = []
+    for axis in range(3):
+        first, second = (axis + 1) % 3, (axis + 2) % 3
+        for side in (0.0, 1.0):
+            on = np.flatnonzero(places[:, axis] == side)
+            # first × second points along +axis, which is inwards on the low side
+            slow, fast = (first, second) if side == 0.0 else (second, first)
+            faces.append(on[np.lexsort((places[on, fast], places[on, slow]))])
+    return np.array(faces, dtype=np.int64)
+
+
+def _corner_places(order: int) -> Indices:
+    side = order + 1
+    return np.array([0, side - 1, side * (side - 1), side * side - 1])
 
 
 def _element(name: str, order: int, pressure: str) -> Element:
@@ -62,7 +92,96 @@ def _element(name: str, order: int, pressure: str) -> Element:
         np.ascontiguousarray(shapes),
         np.ascontiguousarray(np.transpose(slopes, (2, 1, 0))),
         np.ascontiguousarray(modes),
+        reference_faces(order),
+        _corner_places(order),
     )
+
+
+def tetrahedron(degree: int = 6) -> Element:
+    """Return the conforming element of Crouzeix and Raviart: P2, bubbles of sides and middle, P1.
+
+    Its 15 nodes are in the order of `reference_nodes`. Quadratics alone do not satisfy the inf-sup
+    condition with a linear pressure, and with a constant one converge in the first order only.
+
+    Parameters
+    ----------
+    degree : int
+        Of polynomials for which the rule of its points is exact.
+
+    Examples
+    --------
+    >>> tetrahedron(2).shapes.shape
+    (4, 15)
+
+    References
+    ----------
+    Crouzeix and Raviart (1973), RAIRO 7:33, doi:10.1051/m2an/197307R300331.
+    """
+    kind = ElementTetCCR()
+    points, weights = get_quadrature(kind.refdom, degree)
+    basis = [kind.lbasis(points, a) for a in _places_of_tetrahedron(np.asarray(kind.doflocs))]
+    shapes = np.stack([values for values, _ in basis], axis=1)
+    slopes = np.stack([gradients for _, gradients in basis], axis=1)
+    return Element(
+        "P2+P1disc",
+        2,
+        np.ascontiguousarray(points.T),
+        np.ascontiguousarray(weights),
+        np.ascontiguousarray(shapes),
+        np.ascontiguousarray(np.transpose(slopes, (2, 1, 0))),
+        np.ascontiguousarray(np.hstack([np.ones((len(weights), 1)), points.T - 0.25])),
+        _SIDES_OF_TETRAHEDRON,
+        np.arange(3),
+        triangular=True,
+    )
+
+
+EDGES_OF_TETRAHEDRON = np.array([(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)])
+FACES_OF_TETRAHEDRON = np.array([(0, 1, 2), (0, 3, 1), (0, 2, 3), (1, 3, 2)])
+"""Corners of its sides, around each so that the normal points inwards."""
+
+
+def _local_sides() -> Indices:
+    """Return corners, middles of edges and middle of each side among the 15 nodes."""
+    place = {frozenset(edge): 4 + k for k, edge in enumerate(EDGES_OF_TETRAHEDRON.tolist())}
+    return np.array(
+        [
+            [a, b, c, *(place[frozenset(edge)] for edge in ((a, b), (b, c), (c, a))), 10 + k]
+            for k, (a, b, c) in enumerate(FACES_OF_TETRAHEDRON.tolist())
+        ]
+    )
+
+
+_SIDES_OF_TETRAHEDRON = _local_sides()
+
+
+def _nodes_of(corners: Floats) -> Floats:
+    """Return the 15 nodes of straight tetrahedra, (..., 15, 3) of (..., 4, 3)."""
+    edges = corners[..., EDGES_OF_TETRAHEDRON, :].mean(axis=-2)
+    faces = corners[..., FACES_OF_TETRAHEDRON, :].mean(axis=-2)
+    middle = corners.mean(axis=-2, keepdims=True)
+    return np.concatenate([corners, edges, faces, middle], axis=-2)
+
+
+def reference_nodes(element: Element) -> Floats:
+    """Return where the nodes of an element are on the unit cube, or the unit tetrahedron, (n, 3).
+
+    Examples
+    --------
+    >>> reference_nodes(TETRAHEDRON)[[3, 4, 14]].tolist()
+    [[0.0, 0.0, 1.0], [0.5, 0.0, 0.0], [0.25, 0.25, 0.25]]
+    """
+    if element.triangular:
+        return _nodes_of(np.vstack([np.zeros(3), np.eye(3)]))
+    return np.asarray((ElementHex1() if element.order == 1 else ElementHex2()).doflocs)
+
+
+def _places_of_tetrahedron(theirs: Floats) -> list[int]:
+    """Return which of scikit-fem's local nodes each of the 15 is."""
+    ours = _nodes_of(np.vstack([np.zeros(3), np.eye(3)]))
+    distance = np.abs(ours[:, None] - theirs[None]).sum(axis=2)
+    found: list[int] = np.argmin(distance, axis=1).tolist()
+    return found
 
 
 # a pressure that is free at every quadrature point is the same as none: this element locks
@@ -70,11 +189,12 @@ LINEAR_FULL = _element("Q1", 1, "free")
 LINEAR_CONSTANT = _element("Q1P0", 1, "constant")
 QUADRATIC_CONSTANT = _element("Q2P0", 2, "constant")
 QUADRATIC = _element("Q2P1disc", 2, "linear")
+TETRAHEDRON = tetrahedron()
 
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """A body of bricks, of one element.
+    """A body of bricks or of tetrahedra, of one element.
 
     Parameters
     ----------
@@ -161,11 +281,47 @@ def body_of(mesh: MeshHex, element: Element = QUADRATIC) -> Body:
     basis = Basis(mesh, kind, intorder=2 * element.order + 1)
     nodes = np.ascontiguousarray(basis.doflocs.T)
     elements = np.ascontiguousarray(basis.element_dofs.T.astype(np.int64)[:, _mirror(kind)])
+    return _bare(element, nodes, elements)
+
+
+def _bare(element: Element, nodes: Floats, elements: Indices) -> Body:
     gradients, weights = isoparametric(element, nodes[elements])
-    none = np.empty((0, (element.order + 1) ** 2), dtype=np.int64)
+    none = np.empty((0, element.sides.shape[1]), dtype=np.int64)
     held = np.zeros(nodes.shape, dtype=bool)
     buried = np.full(weights.shape, np.inf)
     return Body(element, nodes, elements, gradients, weights, none, none, held, buried)
+
+
+def tetrahedra_of(points: Floats, cells: Indices) -> Body:
+    """Return the body of straight tetrahedra: nothing held, pressed or papered yet.
+
+    Parameters
+    ----------
+    points : array, shape (n_points, 3)
+        Corners [mm]; they are the first nodes of the body.
+    cells : array, shape (n_cells, 4)
+        Corners of each tetrahedron, the fourth on the side to which the normal of the others goes.
+
+    Raises
+    ------
+    ValueError
+        If one is inside out.
+
+    Examples
+    --------
+    >>> corners = np.vstack([np.zeros(3), np.eye(3)])
+    >>> body = tetrahedra_of(corners, np.arange(4)[None])
+    >>> len(body.nodes), round(6.0 * body.volume, 12)
+    (15, 1.0)
+    """
+    kinds = (cells[:, EDGES_OF_TETRAHEDRON], cells[:, FACES_OF_TETRAHEDRON], cells[:, None])
+    nodes, elements = [points], [cells]
+    for kind in kinds:
+        keys = np.sort(kind.reshape(-1, kind.shape[2]), axis=1)
+        every, which = np.unique(keys, axis=0, return_inverse=True)
+        elements.append(which.reshape(kind.shape[:2]) + sum(map(len, nodes)))
+        nodes.append(points[every].mean(axis=1))
+    return _bare(TETRAHEDRON, np.vstack(nodes), np.hstack(elements).astype(np.int64))
 
 
 def _mirror(kind: ElementHex1 | ElementHex2) -> Indices:
@@ -209,9 +365,9 @@ def boundary_faces(body: Body) -> Indices:
 
     A face's first axis times its second axis points into the body.
     """
-    grids = reference_faces(body.element.order)
+    grids = body.element.sides
     faces = body.elements[:, grids].reshape(-1, grids.shape[1])
-    corners = np.sort(faces[:, _corner_places(body.element.order)], axis=1)
+    corners = np.sort(faces[:, body.element.corners], axis=1)
     _, first, count = np.unique(corners, axis=0, return_index=True, return_counts=True)
     boundary: Indices = faces[np.sort(first[count == 1])]
     return boundary
@@ -235,33 +391,13 @@ def faces_on_plane(body: Body, height: float) -> Indices:
     >>> len(faces_on_plane(box((3.0, 2.0, 1.0), divisions=(3, 2, 2)), 0.5))
     6
     """
-    grids = reference_faces(body.element.order)
+    grids = body.element.sides
     faces = body.elements[:, grids].reshape(-1, grids.shape[1])
     faces = faces[np.all(np.isclose(body.nodes[faces][..., 2], height), axis=1)]
-    corners = np.sort(faces[:, _corner_places(body.element.order)], axis=1)
+    corners = np.sort(faces[:, body.element.corners], axis=1)
     _, first = np.unique(corners, axis=0, return_index=True)
     on_plane: Indices = faces[np.sort(first)]
     return on_plane
-
-
-def reference_faces(order: int) -> Indices:
-    """Return the local nodes of the six faces of a brick as grids that point inwards."""
-    kind = ElementHex1() if order == 1 else ElementHex2()
-    places = np.asarray(kind.doflocs)
-    faces = []
-    for axis in range(3):
-        first, second = (axis + 1) % 3, (axis + 2) % 3
-        for side in (0.0, 1.0):
-            on = np.flatnonzero(places[:, axis] == side)
-            # first × second points along +axis, which is inwards on the low side
-            slow, fast = (first, second) if side == 0.0 else (second, first)
-            faces.append(on[np.lexsort((places[on, fast], places[on, slow]))])
-    return np.array(faces, dtype=np.int64)
-
-
-def _corner_places(order: int) -> Indices:
-    side = order + 1
-    return np.array([0, side - 1, side * (side - 1), side * side - 1])
 
 
 APART = 1e-6  # mm: coordinates that differ by less are one plane's, and by more two planes'

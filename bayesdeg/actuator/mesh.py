@@ -294,7 +294,7 @@ def _depth(body: Body, geometry: Moulded) -> Floats:
 def _layer(body: Body, geometry: Moulded) -> Indices:
     """Nodes of the faces that a membrane covers, as grids over x and y."""
     if not geometry.constraint.is_membrane:
-        return np.empty((0, (body.element.order + 1) ** 2), dtype=np.int64)
+        return np.empty((0, body.element.sides.shape[1]), dtype=np.int64)
     return grid_order(body.nodes, faces_on_plane(body, geometry.line_height))
 
 

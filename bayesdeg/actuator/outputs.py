@@ -521,7 +521,8 @@ def face_rotation(
     previous : float
         Angle whose branch is wanted [rad].
     """
-    shapes, first, second, weights = kernels.face_shapes(body.element.order)
+    element = body.element
+    shapes, first, second, weights = kernels.face_shapes(element.order, triangle=element.triangular)
     grid = body.nodes[faces]
     normal = np.cross(*(np.einsum("qa,fai->fqi", along, grid) for along in (first, second)))
     at = np.abs(normal[..., 0]) * weights
@@ -555,7 +556,7 @@ def _cavity_volume(mesh: ActuatorMesh, placed: Floats) -> tuple[float, Floats]:
     volume = kernels.cavity_volume(
         placed,
         body.cavity,
-        kernels.volume_form(body.element.order),
+        kernels.volume_form(body.element.order, triangle=body.element.triangular),
         1.0,
         gradient,
         np.empty((0, 0, 0), dtype=np.int32),

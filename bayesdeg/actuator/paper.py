@@ -55,13 +55,15 @@ def membrane(
         for a in range(count):
             for i in range(3):
                 local[a, i] = placed[faces[face, a], i]
-        size = _size(nodes, faces[face], 1.0 + law[3])
+        frame, area = _frame(nodes, faces[face], 1.0 + law[3])
         tangent = np.zeros((3 * count, 3 * count))
         for q in range(weights.shape[0]):
             for a in range(count):
-                gradient[a, 0] = along_first[q, a] / size[0]
-                gradient[a, 1] = along_second[q, a] / size[1]
-            w = weights[q] * size[0] * size[1]
+                for i in range(2):
+                    gradient[a, i] = (
+                        along_first[q, a] * frame[0, i] + along_second[q, a] * frame[1, i]
+                    )
+            w = weights[q] * area
             first = local.T @ gradient
             plain, share, slope, energy = membrane_law(first, law)
             total += w * energy
@@ -78,10 +80,22 @@ def membrane(
 
 
 @njit(cache=True)
-def _size(nodes: Floats, face: Indices, longer: float) -> Floats:  # pragma: no cover - compiled
-    """Return length and width of a rectangle of paper before it was bonded."""
-    across: Floats = ((nodes[face[-1]] - nodes[face[0]]) * longer)[:2]
-    return across
+def _frame(
+    nodes: Floats, face: Indices, longer: float
+) -> tuple[Floats, float]:  # pragma: no cover - compiled
+    """Return the gradients of a face's two axes, and the area that these span.
+
+    Of a rectangle of paper, or a triangle, before it was bonded: (2, 2) [1/mm], [mm²].
+    """
+    side = int(np.sqrt(face.shape[0]) + 0.5)
+    first, second = 1, 2  # corners of a triangle
+    if side * side == face.shape[0]:
+        first, second = side * (side - 1), side - 1
+    a = (nodes[face[first]] - nodes[face[0]]) * longer
+    b = (nodes[face[second]] - nodes[face[0]]) * longer
+    area = a[0] * b[1] - a[1] * b[0]
+    frame = np.array([[b[1], -b[0]], [-a[1], a[0]]]) / area
+    return frame, abs(area)
 
 
 @njit(cache=True)
@@ -172,11 +186,11 @@ def membrane_rate(
     for face in range(faces.shape[0]):
         for a in range(count):
             local[a] = placed[faces[face, a]]
-        size = _size(nodes, faces[face], longer)
+        frame, area = _frame(nodes, faces[face], longer)
         for q in range(weights.shape[0]):
-            gradient[:, 0] = along_first[q] / size[0]
-            gradient[:, 1] = along_second[q] / size[1]
-            w = weights[q] * size[0] * size[1]
+            for i in range(2):
+                gradient[:, i] = along_first[q] * frame[0, i] + along_second[q] * frame[1, i]
+            w = weights[q] * area
             first = local.T @ gradient
             plain, share, slope, _ = membrane_law(first, law)
             changes = _stress_rates(first, law, plain, share, slope)
@@ -218,7 +232,8 @@ def bending_matrix(body: Body) -> sp.coo_array:
     """Return the Hessian of ½ ∫ |∇∇x|² dX over the papered faces, (3 n_nodes, 3 n_nodes).
 
     Where the body is clamped, so is the paper; where it is cut at a plane of symmetry y = 0,
-    the other half follows.
+    the other half follows. Triangles stand in no grid: on sides of tetrahedra the paper has no
+    stiffness against bending, and the matrix is zero.
 
     Parameters
     ----------
@@ -231,7 +246,7 @@ def bending_matrix(body: Body) -> sp.coo_array:
         If they do not.
     """
     size = 3 * len(body.nodes)
-    if len(body.paper) == 0:
+    if len(body.paper) == 0 or body.element.triangular:
         return sp.coo_array((size, size))
     grid, x, y = _grid(body)
     parts = [

@@ -1,4 +1,4 @@
-"""Bricks of a part that the user has meshed, with what is held, pressed and papered."""
+"""Cells of a part that the user has meshed, with what is held, pressed and papered."""
 
 from dataclasses import dataclass, replace
 
@@ -6,7 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 from skfem import ElementHex1, MeshHex
 
-from bayesdeg.actuator.body import Body, Element, body_of, boundary_faces, faces_on_plane
+from bayesdeg.actuator.body import (
+    Body,
+    Element,
+    body_of,
+    boundary_faces,
+    faces_on_plane,
+    tetrahedra_of,
+)
 from bayesdeg.actuator.families import PartGeometry
 from bayesdeg.data.part import CORNERS, FLAT, PartMesh
 from bayesdeg.errors import GeometryError
@@ -37,7 +44,9 @@ class MeshedPart:
 
 
 def meshed_part(geometry: PartGeometry, element: Element) -> MeshedPart:
-    """Return the bricks of a part, each with straight edges.
+    """Return the bricks or tetrahedra of a part, each with straight edges.
+
+    Tetrahedra are of the one element that there is of them, whichever kind of brick is asked for.
 
     Raises
     ------
@@ -45,7 +54,10 @@ def meshed_part(geometry: PartGeometry, element: Element) -> MeshedPart:
         If no line of nodes runs along the middle of the constraint or the bottom.
     """
     part = geometry.part
-    body = body_of(_brick_mesh(part), element)
+    if part.is_tetrahedral:
+        body = tetrahedra_of(part.points, part.cells)
+    else:
+        body = body_of(_brick_mesh(part), element)
     faces = boundary_faces(body)
     corners = _corners_of(body, faces, part)
     on = {name: np.isin(corners, _keys(sides)) for name, sides in part.sides.items()}
@@ -55,7 +67,8 @@ def meshed_part(geometry: PartGeometry, element: Element) -> MeshedPart:
         fixed[np.unique(faces[on["symmetry"]]), 1] = True
     paper = faces[:0]
     if geometry.constraint.is_membrane and "constraint" in part.sides:
-        paper = _grids(body.nodes, faces_on_plane_within(body, part, geometry.line_height))
+        paper = faces_on_plane_within(body, part, geometry.line_height)
+        paper = paper if part.is_tetrahedral else _grids(body.nodes, paper)
     whole = replace(body, cavity=faces[on["cavity"]], paper=paper, fixed=fixed)
     line = _line(whole, part, geometry.line_height)
     return MeshedPart(whole, faces[on["tip"]], line, 1.0 if part.is_half else 0.5)
@@ -66,7 +79,7 @@ def _brick_mesh(part: PartMesh) -> MeshHex:
     places = np.asarray(ElementHex1().doflocs)
     mirrored = np.column_stack([1.0 - places[:, 0], places[:, 1:]])
     order = [int(np.flatnonzero((place == CORNERS).all(axis=1))[0]) for place in mirrored]
-    return MeshHex(part.points.T.copy(), part.bricks[:, order].T.copy())
+    return MeshHex(part.points.T.copy(), part.cells[:, order].T.copy())
 
 
 def _keys(sides: Indices) -> NDArray[np.str_]:
@@ -75,8 +88,7 @@ def _keys(sides: Indices) -> NDArray[np.str_]:
 
 def _corners_of(body: Body, faces: Indices, part: PartMesh) -> NDArray[np.str_]:
     """Return the corners of faces as the part numbers them; nodes of corners come first."""
-    size = body.element.order + 1
-    at = faces[:, [0, size - 1, size * (size - 1), size * size - 1]]
+    at = faces[:, body.element.corners]
     place = np.full(len(body.nodes), -1)
     place[: len(part.points)] = np.arange(len(part.points))
     return _keys(place[at])

@@ -297,9 +297,11 @@ class Problem:
 
     def __post_init__(self) -> None:
         """Look up the shapes of faces."""
-        order = self.system.body.element.order
-        object.__setattr__(self, "face", kernels.face_shapes(order)[1:])
-        object.__setattr__(self, "_form", kernels.volume_form(order))
+        element = self.system.body.element
+        order, triangle = element.order, element.triangular
+        shapes = kernels.face_shapes(order, triangle=triangle)
+        object.__setattr__(self, "face", shapes[1:])
+        object.__setattr__(self, "_form", kernels.volume_form(order, triangle=triangle))
 
     def with_share(self, share: float) -> Self:
         """Return the problem with another share of its dead loads."""

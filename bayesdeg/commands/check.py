@@ -32,6 +32,7 @@ Floats = NDArray[np.float64]
 MATERIAL, PRESSED, OPEN, LAYER, OUTSIDE = "#", " ", "o", "=", "-"
 COLUMNS, ACROSS = 76, 40
 CELL = 2.0  # height over width of a character
+ON_FACE = 1e-9  # share of a tetrahedron's size: places on its faces are in it
 
 
 def check(study: Path) -> None:
@@ -239,12 +240,13 @@ def section(geometry: Moulded, columns: int = COLUMNS) -> str:
 
 
 def _of_bricks(geometry: PartGeometry, columns: int) -> str:
-    """Draw the bricks of a part that its middle plane cuts, or touches where it ends there.
+    """Draw the cells of a part that its middle plane cuts, or touches where it ends there.
 
-    A character is material where it lies in the rectangle about the section of a brick.
+    A character is material where it lies in the rectangle about the section of a brick, or in a
+    tetrahedron.
     """
     part = geometry.part
-    corners = part.points[part.bricks]
+    corners = part.points[part.cells]
     low, high = corners.min(axis=1), corners.max(axis=1)
     middle = 1e-3 * float(part.size[1])  # beside the plane, in which faces may lie
     cut = (low[:, 1] <= middle) & (high[:, 1] >= middle)
@@ -253,12 +255,22 @@ def _of_bricks(geometry: PartGeometry, columns: int) -> str:
     x = length * (np.arange(columns) + 0.5) / columns
     z = top - top * (np.arange(rows) + 0.5) / rows
     drawn = np.full((rows, columns), PRESSED)
-    for a, b in zip(low[cut], high[cut], strict=True):
-        drawn[np.ix_((a[2] <= z) & (z <= b[2]), (a[0] <= x) & (x <= b[0]))] = MATERIAL
+    for own, a, b in zip(corners[cut], low[cut], high[cut], strict=True):
+        there = np.ix_((a[2] <= z) & (z <= b[2]), (a[0] <= x) & (x <= b[0]))
+        within = _in_tetrahedron(own, x[there[1]], middle, z[there[0]]) if len(own) == 4 else True
+        drawn[there] = np.where(within, MATERIAL, drawn[there])
     lines = ["".join(row) for row in drawn]
     if geometry.constraint.is_there:
         lines.insert(int(np.sum(z > geometry.line_height)), LAYER * columns)
     return "\n".join(lines)
+
+
+def _in_tetrahedron(corners: Floats, x: Floats, y: float, z: Floats) -> Bools:
+    """Return which places lie in a tetrahedron: no coordinate by its corners is below 0."""
+    at = np.stack(np.broadcast_arrays(x, y, z), axis=-1) - corners[0]
+    shares = at @ np.linalg.inv(corners[1:] - corners[0])
+    inside: Bools = np.all(shares > -ON_FACE, axis=-1) & (shares.sum(axis=-1) < 1.0 + ON_FACE)
+    return inside
 
 
 def across(geometry: Moulded, columns: int = ACROSS) -> str:

@@ -121,8 +121,9 @@ def simulate(
 ) -> None:
     """Make a virtual experiment with the study's design, from a fine finite element model.
 
-    The curves take about half a minute each. What was hidden is written to truth.json, which no
-    other command opens.
+    The curves take about half a minute each. Volumes of the cavity and blocked tip forces
+    (force.csv) are read where the study has them; a force takes a curve more. What was hidden is
+    written to truth.json, which no other command opens.
     """
 
 

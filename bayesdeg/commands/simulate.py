@@ -13,12 +13,13 @@ from bayesdeg.actuator.reading import as_read
 from bayesdeg.actuator.status import FINE, Backend
 from bayesdeg.console import errors, say, shown
 from bayesdeg.data.families import MeshDimensions
+from bayesdeg.data.part import read_part
 from bayesdeg.data.settings import FILE as SETTINGS_FILE
 from bayesdeg.data.study import Study
 from bayesdeg.emulator.workers import workplace
 from bayesdeg.errors import BayesdegError
 from bayesdeg.files import write_bytes, write_text
-from bayesdeg.laboratory.experiment import design_of, run_experiment
+from bayesdeg.laboratory.experiment import VIRTUAL_TABLES, design_of, run_experiment
 from bayesdeg.laboratory.truth import Truth, drawn_truth, parse_effects
 from bayesdeg.laboratory.writing import VIRTUAL_FILES, Provenance, study_files
 from bayesdeg.pipeline.outline import outline
@@ -39,6 +40,7 @@ def simulate(
     """Do what `interface.simulate` says."""
     template = read_study(study)
     _refuse(template)
+    _refuse_cells(template, backend)
     chosen = template.settings.seed if seed is None else seed
     generator = np.random.default_rng(chosen)
     effects = parse_effects(cause or [])
@@ -67,6 +69,8 @@ def simulate(
         for name, text in made.items():
             if not (name == SETTINGS_FILE and study.resolve() == out.resolve()):
                 write_text(out / name, text)
+        for name in set(VIRTUAL_FILES) - set(made):  # of an experiment that was here before
+            (out / name).unlink(missing_ok=True)
         _copy_mesh(template, out)
     errors.print(f"wrote a virtual experiment to {out}", soft_wrap=True)
 
@@ -108,6 +112,24 @@ def _volume_ratio(template: Study) -> float:
     return 1.0 if law is None else float(law.quantile(0.5))
 
 
+def _refuse_cells(template: Study, backend: Backend) -> None:
+    """Refuse tetrahedra where scikit-fem is to assemble, whose weak form is of bricks.
+
+    Raises
+    ------
+    BayesdegError
+        If they are.
+    """
+    mould = template.settings.dimensions
+    if backend is Backend.KERNELS or not isinstance(mould, MeshDimensions):
+        return
+    if read_part(mould.path).is_tetrahedral:
+        raise BayesdegError(
+            f"{mould.file} is of tetrahedra, and {backend} assembles bricks alone; "
+            f"take --backend {Backend.KERNELS}"
+        )
+
+
 def _refuse(template: Study) -> None:
     """Refuse a study with a forward map of its own, and say which files are not made.
 
@@ -119,7 +141,7 @@ def _refuse(template: Study) -> None:
     say(
         f"{name}.csv: not simulated, no finite elements answer it"
         for name in template.others
-        if template.settings.forward is None
+        if template.settings.forward is None and name not in VIRTUAL_TABLES
     )
     if template.settings.forward is not None:
         raise BayesdegError(

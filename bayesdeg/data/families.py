@@ -570,7 +570,8 @@ class MeshDimensions:
     Parameters
     ----------
     file : str
-        Of the mesh, beside ``study.toml``: Gmsh (.msh), Abaqus (.inp) or VTU.
+        Of the mesh, beside ``study.toml``: Gmsh (.msh), Abaqus (.inp) or VTU, of hexahedra or of
+        tetrahedra.
     mesh_error : float
         Relative standard error of curvatures and volumes by the size of the elements: what a finer
         mesh changes [–]. By default assumed.

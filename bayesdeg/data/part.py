@@ -1,4 +1,4 @@
-"""A part that a user has meshed: bricks and named boundaries of a file, and what is wrong with it.
+"""A part that a user has meshed: cells and named boundaries of a file, and what is wrong with it.
 
 Gmsh, Abaqus and VTU are read. A boundary is named by a physical group or set of its faces, by a set
 of its nodes, or by an array over the nodes that is not 0 on it. x runs from the clamp along the
@@ -36,11 +36,15 @@ SIDES = np.array(
     [(0, 1, 2, 3), (4, 7, 6, 5), (0, 4, 5, 1), (1, 5, 6, 2), (2, 6, 7, 3), (3, 7, 4, 0)]
 )
 """Nodes of the sides of a brick, around each so that its normal points into the brick."""
+SIDES_OF_TETRAHEDRON = np.array([(0, 1, 2), (0, 3, 1), (0, 2, 3), (1, 3, 2)])
+"""The same of a tetrahedron, whose fourth node is where the normal of the others points to."""
 VOLUMES = ("tetra", "hexahedron", "wedge", "pyramid")
 SHORTEST_MM = 1.0  # a part in metres is shorter
 FLAT = 1e-4  # of the length: what is off a plane by less lies in it
 MOST_BRICKS = 20_000  # some ten times those of the default actuator's fine mesh
-BRICKS = 'export hexahedra of 8 nodes, in Gmsh by "Recombine" and "Transfinite"'
+BRICKS = (
+    'export hexahedra of 8 nodes, in Gmsh by "Recombine" and "Transfinite", or tetrahedra alone'
+)
 
 
 class PartError(Exception):
@@ -49,23 +53,23 @@ class PartError(Exception):
 
 @dataclass(frozen=True, eq=False)
 class PartMesh:
-    """Bricks with named boundaries, moved so that the clamp stands at x = 0.
+    """Bricks or tetrahedra with named boundaries, moved so that the clamp stands at x = 0.
 
     Parameters
     ----------
     points : array, shape (n_points, 3)
-        Corners of the bricks [mm]; the lowest at z = 0, the plane of symmetry, or else the middle,
+        Corners [mm]; the lowest at z = 0, the plane of symmetry, or else the middle,
         at y = 0.
-    bricks : array, shape (n_bricks, 8)
-        Their corners, in the order of `CORNERS`.
-    sides : mapping of str to array, shape (n_sides, 4)
+    cells : array, shape (n_cells, 8) or (n_cells, 4)
+        Corners of bricks in the order of `CORNERS`, or of tetrahedra.
+    sides : mapping of str to array, shape (n_sides, 4) or (n_sides, 3)
         Corners of the sides on each boundary, around each side.
     content : str
         Hash of the file.
     """
 
     points: Floats
-    bricks: Indices
+    cells: Indices
     sides: Mapping[str, Indices]
     content: str
 
@@ -79,6 +83,11 @@ class PartMesh:
     def is_half(self) -> bool:
         """Whether the part is cut at a plane of symmetry."""
         return "symmetry" in self.sides
+
+    @property
+    def is_tetrahedral(self) -> bool:
+        """Whether it is of tetrahedra, not of bricks."""
+        return bool(self.cells.shape[1] == 4)
 
 
 def read_part(place: Path | str) -> PartMesh:
@@ -114,47 +123,57 @@ def _read(path: Path, content: str) -> PartMesh:
             f"{path.name} cannot be read as {FORMATS[path.suffix.lower()]} ({fault}); "
             "export it again, or in another of the formats"
         ) from None
-    points, bricks = _bricks(mesh)
-    sides = _boundaries(mesh, points, bricks)
-    used, bricks_of_used = np.unique(bricks, return_inverse=True)
+    points, cells = _cells(mesh)
+    sides = _boundaries(mesh, points, cells)
+    used, cells_of_used = np.unique(cells, return_inverse=True)
     place = np.full(len(points), -1)
     place[used] = np.arange(len(used))
     kept = {name: place[at] for name, at in sides.items()}
-    part = PartMesh(points[used], bricks_of_used.reshape(bricks.shape), kept, content)
+    part = PartMesh(points[used], cells_of_used.reshape(cells.shape), kept, content)
     _refuse(_problems(part))
     moved = _moved(part)
     _refuse(_without_line(moved))
     return moved
 
 
-def _bricks(mesh: Any) -> tuple[Floats, Indices]:
+def _cells(mesh: Any) -> tuple[Floats, Indices]:
     kinds = {block.type for block in mesh.cells if block.type.startswith(VOLUMES)}
-    other = sorted(kinds - {"hexahedron"})
+    other = sorted(kinds - {"hexahedron", "tetra", "tetra10"})
     if other:
         raise PartError(f"has cells of the kind {', '.join(other)}, which are not solved; {BRICKS}")
-    found = [block.data for block in mesh.cells if block.type == "hexahedron"]
-    if not found:
+    if not kinds:
         raise PartError(f"has no cells with a volume; {BRICKS}")
-    bricks = np.vstack(found).astype(np.int64)
-    if len(bricks) > MOST_BRICKS:
+    if "hexahedron" in kinds and len(kinds) > 1:
         raise PartError(
-            f"has {len(bricks)} bricks, more than can be solved for a study; "
+            f"has both hexahedra and tetrahedra, which are not solved together; {BRICKS}"
+        )
+    corners = 8 if "hexahedron" in kinds else 4
+    found = [block.data[:, :corners] for block in mesh.cells if block.type in kinds]
+    cells = np.vstack(found).astype(np.int64)
+    if len(cells) > MOST_BRICKS:
+        raise PartError(
+            f"has {len(cells)} cells, more than can be solved for a study; "
             f"give a coarser mesh, of at most {MOST_BRICKS}"
         )
     points = np.asarray(mesh.points, dtype=np.float64)
     if points.shape[1] != 3 or not np.all(np.isfinite(points)):
         raise PartError("has points that are no places in space; export it again")
-    return points, bricks
+    return points, cells
 
 
-def _boundaries(mesh: Any, points: Floats, bricks: Indices) -> dict[str, Indices]:
-    """Return the outer sides on each boundary that the file names."""
-    outer = outer_sides(bricks)
-    found = {}
-    for name in (*NEEDED, *OPTIONAL):
-        marked = _marked(mesh, name, outer, len(points))
-        if marked is not None and marked.any():
-            found[name] = outer[marked]
+def _boundaries(mesh: Any, points: Floats, cells: Indices) -> dict[str, Indices]:
+    """Return the outer sides on each boundary that the file names.
+
+    A side on another boundary is not of the cavity, although all of its nodes may be: a triangle
+    in the plane of symmetry can stand on three nodes of the cavity's edge.
+    """
+    outer = outer_sides(cells)
+    every = {name: _marked(mesh, name, outer, len(points)) for name in (*NEEDED, *OPTIONAL)}
+    on = {name: marked for name, marked in every.items() if marked is not None}
+    if "cavity" in on:
+        for name in on.keys() - {"cavity"}:
+            on["cavity"] = on["cavity"] & ~on[name]
+    found = {name: outer[marked] for name, marked in on.items() if marked.any()}
     missing = [name for name in NEEDED if name not in found]
     if missing:
         named = sorted({*mesh.cell_sets, *mesh.point_sets, *mesh.point_data, *mesh.field_data})
@@ -166,15 +185,16 @@ def _boundaries(mesh: Any, points: Floats, bricks: Indices) -> dict[str, Indices
     return found
 
 
-def outer_sides(bricks: Indices) -> Indices:
-    """Return the sides that belong to one brick alone, (n_sides, 4).
+def outer_sides(cells: Indices) -> Indices:
+    """Return the sides that belong to one cell alone, (n_sides, 4) or (n_sides, 3).
 
     Examples
     --------
-    >>> len(outer_sides(np.arange(8)[None]))
-    6
+    >>> len(outer_sides(np.arange(8)[None])), len(outer_sides(np.arange(4)[None]))
+    (6, 4)
     """
-    sides = bricks[:, SIDES].reshape(-1, 4)
+    local = _sides_of(cells)
+    sides = cells[:, local].reshape(-1, local.shape[1])
     _, first, count = np.unique(
         np.sort(sides, axis=1), axis=0, return_index=True, return_counts=True
     )
@@ -182,11 +202,15 @@ def outer_sides(bricks: Indices) -> Indices:
     return outer
 
 
+def _sides_of(cells: Indices) -> Indices:
+    return SIDES_OF_TETRAHEDRON if cells.shape[1] == 4 else SIDES
+
+
 def _marked(mesh: Any, name: str, outer: Indices, count: int) -> Flags | None:
     """Return which outer sides are on a boundary; None where nothing is named so."""
-    quads = _named_faces(mesh, name)
-    if len(quads):
-        wanted = {tuple(row) for row in np.sort(quads, axis=1).tolist()}
+    faces = _named_faces(mesh, name, outer.shape[1])
+    if len(faces):
+        wanted = {tuple(row) for row in np.sort(faces, axis=1).tolist()}
         keys = np.sort(outer, axis=1).tolist()
         return np.array([tuple(row) in wanted for row in keys], dtype=bool)
     on = np.zeros(count, dtype=bool)
@@ -200,18 +224,19 @@ def _marked(mesh: Any, name: str, outer: Indices, count: int) -> Flags | None:
     return marked
 
 
-def _named_faces(mesh: Any, name: str) -> Indices:
-    """Return the quadrangles of a set or of a physical group of a name, (n, 4)."""
-    found = [np.empty((0, 4), dtype=np.int64)]
+def _named_faces(mesh: Any, name: str, corners: int) -> Indices:
+    """Return the faces of so many corners of a set or of a physical group of a name."""
+    kind = "triangle" if corners == 3 else "quad"
+    found = [np.empty((0, corners), dtype=np.int64)]
     tag = mesh.field_data.get(name, [None])[0]
     tags = mesh.cell_data.get("gmsh:physical", [()] * len(mesh.cells))
     rows_of_set = mesh.cell_sets.get(name, [()] * len(mesh.cells))
     for block, of_group, of_set in zip(mesh.cells, tags, rows_of_set, strict=True):
-        if block.type == "quad":
+        if block.type in (kind, "triangle6" if corners == 3 else kind):
             rows = np.asarray(() if of_set is None else of_set, dtype=np.int64)
             if tag is not None and len(of_group):
                 rows = np.union1d(rows, np.flatnonzero(np.asarray(of_group) == tag))
-            found.append(np.asarray(block.data, dtype=np.int64)[rows])
+            found.append(np.asarray(block.data, dtype=np.int64)[rows, :corners])
     return np.vstack(found)
 
 
@@ -243,7 +268,12 @@ def _wrong_size(part: PartMesh) -> Iterator[str]:
 
 
 def jacobians(corners: Floats) -> Floats:
-    """Return the least Jacobian at the corners of each brick, (n,) of (n, 8, 3) [mm³]."""
+    """Return the least Jacobian at the corners of each cell, (n,) of (n, 8, 3) [mm³].
+
+    Of tetrahedra, (n, 4, 3), it is the same all over.
+    """
+    if corners.shape[1] == 4:
+        return np.asarray(np.linalg.det(corners[:, 1:] - corners[:, :1]))
     found = []
     for corner in CORNERS:
         at = corners[:, np.flatnonzero((corner == CORNERS).all(axis=1))[0]]
@@ -259,20 +289,21 @@ def jacobians(corners: Floats) -> Floats:
 
 
 def _inverted(part: PartMesh) -> Iterator[str]:
-    wrong = np.flatnonzero(~(jacobians(part.points[part.bricks]) > 0.0))
+    wrong = np.flatnonzero(~(jacobians(part.points[part.cells]) > 0.0))
     if len(wrong):
-        at = part.points[part.bricks[wrong[0]]].mean(axis=0)
+        at = part.points[part.cells[wrong[0]]].mean(axis=0)
+        kind = "tetrahedra" if part.is_tetrahedral else "bricks"
         yield (
-            f"has {len(wrong)} bricks that are flat or inside out, the first at {_place(at)}; "
+            f"has {len(wrong)} {kind} that are flat or inside out, the first at {_place(at)}; "
             "mesh that place anew, or mend the order of its nodes"
         )
 
 
 def _apart(part: PartMesh) -> Iterator[str]:
-    rows = np.repeat(np.arange(len(part.bricks)), 8)
+    rows = np.repeat(np.arange(len(part.cells)), part.cells.shape[1])
     joins = scipy.sparse.coo_array(
-        (np.ones(len(rows)), (rows, part.bricks.ravel())),
-        shape=(len(part.bricks), len(part.points)),
+        (np.ones(len(rows)), (rows, part.cells.ravel())),
+        shape=(len(part.cells), len(part.points)),
     ).tocsr()
     count, _ = scipy.sparse.csgraph.connected_components(joins @ joins.T, directed=False)
     if count > 1:
@@ -333,7 +364,10 @@ def _wrong_constraint(part: PartMesh) -> Iterator[str]:
     nodes = np.unique(part.sides["constraint"])
     x, y = (_distinct(part.points[nodes, axis], tolerance) for axis in (0, 1))
     flat = np.ptp(sides[..., 2]) <= tolerance
-    if not flat or len(nodes) != x * y:
+    if part.is_tetrahedral:
+        if not flat:
+            yield "has a constraint that is not flat; name a plane face, or leave it out"
+    elif not flat or len(nodes) != x * y:
         yield (
             "has a constraint that is not a flat rectangle with a grid of rectangles; mesh the "
             "face that carries the paper or film with lines along x and y, or leave it out"
@@ -365,17 +399,18 @@ def _moved(part: PartMesh) -> PartMesh:
         points[:, 1] -= points[part.sides["symmetry"], 1].mean()
         if points[:, 1].mean() < 0.0:  # the other half is its mirror image
             points[:, 1] *= -1.0
-            mirrored = [int(np.flatnonzero((c == CORNERS).all(axis=1))[0]) for c in _across()]
-            return PartMesh(points, part.bricks[:, mirrored], part.sides, part.content)
+            mirrored = [0, 2, 1, 3] if part.is_tetrahedral else _across()
+            return PartMesh(points, part.cells[:, mirrored], part.sides, part.content)
     else:
         points[:, 1] -= 0.5 * (points[:, 1].min() + points[:, 1].max())
-    return PartMesh(points, part.bricks, part.sides, part.content)
+    return PartMesh(points, part.cells, part.sides, part.content)
 
 
-def _across() -> Indices:
+def _across() -> list[int]:
+    """Return the order of a brick's corners that its mirror image across y has."""
     mirrored = CORNERS.copy()
     mirrored[:, 1] = 1 - mirrored[:, 1]
-    return mirrored
+    return [int(np.flatnonzero((corner == CORNERS).all(axis=1))[0]) for corner in mirrored]
 
 
 def _place(at: Floats) -> str:
@@ -383,8 +418,10 @@ def _place(at: Floats) -> str:
 
 
 def volume_of(part: PartMesh) -> float:
-    """Return the volume of the bricks [mm³], each as of the six tetrahedra about its middle."""
-    corners = part.points[part.bricks]
+    """Return the volume of the cells [mm³], of bricks as of the tetrahedra about their middles."""
+    corners = part.points[part.cells]
+    if corners.shape[1] == 4:
+        return float(jacobians(corners).sum()) / 6.0
     middle = corners.mean(axis=1)
     total = 0.0
     for side in SIDES:
@@ -402,7 +439,7 @@ def cavity_of(part: PartMesh) -> tuple[float, float]:
     What the plane of symmetry cuts open goes through the origin and adds nothing.
     """
     total, height = 0.0, 0.0
-    for triangle in ((0, 1, 2), (0, 2, 3)):
+    for triangle in ((0, 1, 2), (0, 2, 3))[: part.sides["cavity"].shape[1] - 2]:
         a, b, c = (part.points[part.sides["cavity"][:, k]] for k in triangle)
         six = np.einsum("ni,ni->n", a, np.cross(b, c))
         total += float(six.sum()) / 6.0
@@ -420,8 +457,8 @@ def bending_of(part: PartMesh) -> float:
     """
     plane = plane_of(part)
     volume, height = cavity_of(part)
-    corners = part.points[part.bricks]
-    share = volume_of(part) / len(part.bricks)
+    corners = part.points[part.cells]
+    share = volume_of(part) / len(part.cells)
     second = share * float(np.sum((corners[..., 2].mean(axis=1) - plane) ** 2))
     return volume * (height - plane) / (6.0 * second) * float(part.size[0])
 

@@ -401,7 +401,7 @@ def rough_seconds(
 def _elements(shape: Moulded, mesh: Resolution) -> int:
     mould = shape.dimensions
     if isinstance(mould, MeshDimensions):
-        return len(read_part(Path(mould.path)).bricks)
+        return len(read_part(Path(mould.path)).cells)
     if mould.kind != "pneunet":  # planes of the channels divide it more than the size does
         sizes = (mesh.along, mesh.across, mesh.up)
         planes = zip(shape.planes(), sizes, strict=True)

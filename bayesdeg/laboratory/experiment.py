@@ -6,6 +6,7 @@ The folding of causes is that of `bayesdeg.inference.model`, on the truth instea
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -30,7 +31,8 @@ from bayesdeg.data.moisture import mass_loss_from_degradation, saturating
 from bayesdeg.data.settings import RuptureCriterion
 from bayesdeg.data.shrinkage import Mixture, film_volume
 from bayesdeg.data.study import Study
-from bayesdeg.data.tables import TABLES
+from bayesdeg.data.tables import TABLES, Table
+from bayesdeg.errors import BayesdegError
 from bayesdeg.laboratory.truth import (
     HiddenEffect,
     Truth,
@@ -43,6 +45,13 @@ from bayesdeg.laboratory.truth import (
 )
 from bayesdeg.material.hyperelastic import yeoh_basis
 from bayesdeg.material.strength import ScatterLaw
+from bayesdeg.observations.force import TABLE as TIP_FORCES
+
+VIRTUAL_TABLES: Mapping[str, Table] = MappingProxyType(
+    {name: table for name, table in TABLES.items() if name != "summary"}
+    | {TIP_FORCES.name: TIP_FORCES}
+)
+"""What a virtual experiment may record; published statistics are not virtual."""
 
 LEVELS = (0, 5, 10, 15, 20, 25)
 REPLICATES = 3
@@ -142,6 +151,9 @@ class Design:
         Whether bend angle and cavity volume are read beside the curvature.
     breaking : Breaking
         When walls break.
+    force : pandas.DataFrame, optional
+        One row a reading of a blocked tip force, with the columns of ``actuator``, on specimens of
+        their own. Default: none are read.
 
     References
     ----------
@@ -163,6 +175,7 @@ class Design:
     bend_angle: bool = True
     cavity_volume: bool = False
     breaking: Breaking = BY_STRETCH
+    force: pd.DataFrame | None = None
 
     @property
     def scatter_law(self) -> ScatterLaw:
@@ -212,6 +225,7 @@ def design_of(study: Study) -> Design:
             study.settings.rupture_criterion,
             geometry_of_study(study.settings).volume / study.settings.film_volume_mm3,
         ),
+        force=_force_table(study),
     )
 
 
@@ -219,9 +233,18 @@ def _actuator_table(study: Study) -> pd.DataFrame:
     if study.actuator is None:
         return _actuators()
     recorded = study.recorded.get("actuator", frozenset())
+    return _at_pressures(_completed(study.actuator), recorded)
+
+
+def _force_table(study: Study) -> pd.DataFrame | None:
+    name = TIP_FORCES.name
+    frame = study.table(name)
+    return None if frame is None else _at_pressures(frame, study.recorded.get(name, frozenset()))
+
+
+def _at_pressures(frame: pd.DataFrame, recorded: Collection[str]) -> pd.DataFrame:
     optional = [column for column in _CONDITIONS if column in recorded]
-    whole = _completed(study.actuator)
-    return _chosen(whole, ("pressure_kPa", *optional), recorded)
+    return _chosen(frame, ("pressure_kPa", *optional), recorded)
 
 
 def _table(
@@ -508,17 +531,114 @@ def inflate_actuators(
         saying how their solution ended.
     """
     plan = _plan(table, truth, batches)
+    asked: Asked = "cavity_volume" if cavity_volume else ""
+    tested = _tested(plan, truth, effects, forward, generator, breaking=breaking, asked=asked)
+    found = tested.prediction
+    swept = None if found.further is None else found.further.value
+    bent = Bent(found.curvature, found.bend_angle, tested.burst, swept)
+    return read_actuators(table, truth, bent, generator), _with_status(tested)
+
+
+class _Tested(NamedTuple):
+    """Specimens as they really are, what they do, and where a wall breaks."""
+
+    specimens: pd.DataFrame
+    prediction: Prediction
+    burst: npt.NDArray[np.bool_]
+
+
+def _tested(
+    plan: _Plan,
+    truth: Truth,
+    effects: Sequence[HiddenEffect],
+    forward: ForwardMap,
+    generator: np.random.Generator,
+    *,
+    breaking: Breaking,
+    asked: Asked,
+) -> _Tested:
+    """Draw the specimens of a plan and inflate them."""
     specimens = _drawn(plan, truth, effects, generator, scatter_law(breaking.criterion))
     met = partial(_demanded, forward, breaking, np.array(truth.elongation_scatter))
-    asked: Asked = "cavity_volume" if cavity_volume else ""
     prediction = _predict(plan, truth, effects, met, constants_of(specimens, truth), asked)
     limit = specimens["limit_stretch"].to_numpy()[:, None]
     burst = (prediction.status != int(Status.CONVERGED)) | (prediction.peak_stretch > limit)
-    swept = None if prediction.further is None else prediction.further.value
-    bent = Bent(prediction.curvature, prediction.bend_angle, burst, swept)
-    readings = read_actuators(table, truth, bent, generator)
-    worst = [Status(int(status)).name.lower() for status in prediction.status.max(axis=1)]
-    return readings, specimens.assign(status=worst)
+    return _Tested(specimens, prediction, burst)
+
+
+def _with_status(tested: _Tested) -> pd.DataFrame:
+    worst = [Status(int(status)).name.lower() for status in tested.prediction.status.max(axis=1)]
+    return tested.specimens.assign(status=worst)
+
+
+def press_tips(
+    table: pd.DataFrame,
+    truth: Truth,
+    *,
+    effects: Sequence[HiddenEffect],
+    forward: ForwardMap,
+    generator: np.random.Generator,
+    breaking: Breaking = BY_STRETCH,
+    batches: Sequence[str] = (),
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    r"""Inflate actuators whose tips are held, and read the force.
+
+    .. math:: y = g F + \sqrt{f^2 + (s\,g F)^2}\; z
+
+    with g ``force_gain``, f ``force_noise_floor`` [N], s ``force_noise`` and z alike along the path
+    of pressure as errors of curvature are: the law of `bayesdeg.observations.force.HeldTip`. A
+    reading at zero pressure has no error.
+
+    The test of a specimen ends below the pressure at which it would burst if its tip were free, or
+    to which no equilibrium leads. A tip that is held strains the walls by some 6 % less (5 to 7 %
+    on the coarse mesh, fresh and at 25 %), so that none of them would have burst before.
+
+    Parameters
+    ----------
+    table : pandas.DataFrame
+        ``Design.force``.
+    truth : Truth
+        Material, scatter, reading errors.
+    effects : sequence of HiddenEffect
+        What is hidden, in the order of application.
+    forward : ForwardMap
+        The mechanics, which answers ``tip_force``.
+    generator : numpy.random.Generator
+        Source of randomness.
+    breaking : Breaking
+        What is taken for the peak stretch.
+    batches : sequence of str
+        Of `bayesdeg.data.batches.batch_order`.
+
+    Returns
+    -------
+    readings, specimens : pandas.DataFrame
+        The columns of ``force.csv``, and the actuators as they really are, with ``status`` saying
+        how their solution ended: that of the free tip, or ``held_tip_not_reached``.
+
+    Raises
+    ------
+    BayesdegError
+        If the forward map does not answer tip forces.
+    """
+    plan = _plan(table, truth, batches)
+    tested = _tested(plan, truth, effects, forward, generator, breaking=breaking, asked="tip_force")
+    further = tested.prediction.further
+    if further is None:
+        raise BayesdegError("the forward map of this experiment does not answer tip forces")
+    over = tested.burst | ~np.isfinite(further.value)
+    held = ~np.logical_or.accumulate(over, axis=1)[plan.mask]
+    force = truth.force_gain * further.value[plan.mask]
+    z, _ = _normals(plan.rows, truth, generator)
+    floor = np.full(len(plan.rows), truth.force_noise_floor)
+    error = noise(force, z, floor=floor, share=truth.force_noise)
+    counted = plan.rows["pressure_kPa"].to_numpy() != 0.0
+    readings = plan.rows.assign(tip_force_N=(force + counted * error).round(5))
+    kept: pd.DataFrame = readings.loc[held]
+    lost = np.any(~np.isfinite(further.value) & ~tested.burst, axis=1)
+    real = _with_status(tested)
+    real["status"] = real["status"].mask(lost, "held_tip_not_reached")
+    return kept.reset_index(drop=True), real
 
 
 class Bent(NamedTuple):
@@ -768,7 +888,7 @@ class VirtualExperiment:
     Parameters
     ----------
     tables : mapping of str to pandas.DataFrame
-        By name as in `bayesdeg.data.tables.TABLES`, with the columns of the files, rounded as
+        By name as in `VIRTUAL_TABLES`, with the columns of the files, rounded as
         recorded.
     truth : Truth
         The material and the errors.
@@ -777,6 +897,8 @@ class VirtualExperiment:
     actuators, films : pandas.DataFrame
         By ``specimen_id``: ``degradation_pct``, ``ln_stiffness``, ``limit_stretch`` as they
         really were; of actuators also ``status``, how their solution ended.
+    blocked : pandas.DataFrame, optional
+        The same of actuators whose tip was held, which are others.
     """
 
     tables: Mapping[str, pd.DataFrame]
@@ -784,6 +906,7 @@ class VirtualExperiment:
     effects: tuple[HiddenEffect, ...]
     actuators: pd.DataFrame
     films: pd.DataFrame
+    blocked: pd.DataFrame | None = None
 
 
 Inflate = Callable[[np.random.Generator], tuple[pd.DataFrame, pd.DataFrame]]
@@ -823,6 +946,8 @@ def run_experiment(
     by_name = {hidden.cause.name: hidden for hidden in effects}
     ordered = tuple(by_name[c.name] for c in in_order(h.cause for h in by_name.values()))
 
+    batches = batch_order(design.tensile, design.actuator)
+
     def inflate(source: np.random.Generator) -> tuple[pd.DataFrame, pd.DataFrame]:
         return inflate_actuators(
             design.actuator,
@@ -832,10 +957,25 @@ def run_experiment(
             generator=source,
             breaking=design.breaking,
             cavity_volume=design.cavity_volume,
-            batches=batch_order(design.tensile, design.actuator),
+            batches=batches,
         )
 
-    return experiment_with(design, truth, inflate, generator, ordered)
+    force = design.force
+    if force is None:
+        return experiment_with(design, truth, inflate, generator, ordered)
+
+    def press(source: np.random.Generator) -> tuple[pd.DataFrame, pd.DataFrame]:
+        return press_tips(
+            force,
+            truth,
+            effects=ordered,
+            forward=forward,
+            generator=source,
+            breaking=design.breaking,
+            batches=batches,
+        )
+
+    return experiment_with(design, truth, inflate, generator, ordered, press=press)
 
 
 def experiment_with(
@@ -844,6 +984,8 @@ def experiment_with(
     inflate: Inflate,
     generator: np.random.Generator,
     effects: tuple[HiddenEffect, ...] = (),
+    *,
+    press: Inflate | None = None,
 ) -> VirtualExperiment:
     """Make every test of a design, actuators being inflated as the caller says.
 
@@ -856,6 +998,8 @@ def experiment_with(
         really are, as `inflate_actuators` returns them.
     effects : tuple of HiddenEffect
         What is hidden in the stresses of films, in the order of application.
+    press : callable, optional
+        The same for ``force.csv``, as `press_tips` returns them; default: there is none.
     """
     tear, pressed, moisture, shrinkage = generator.spawn(4)
     tensile, breaks, films = tear_films(design, truth, tear, effects)
@@ -869,9 +1013,13 @@ def experiment_with(
         "breaks": breaks,
         "actuator": actuator,
     }
+    blocked = None
+    if press is not None:
+        [source] = generator.spawn(1)  # after all others, which are the same with and without
+        tables[TIP_FORCES.name], blocked = press(source)
     tables = {name: _in_order_of_contract(name, table) for name, table in tables.items()}
-    return VirtualExperiment(tables, truth, effects, actuators, films)
+    return VirtualExperiment(tables, truth, effects, actuators, films, blocked)
 
 
 def _in_order_of_contract(name: str, table: pd.DataFrame) -> pd.DataFrame:
-    return table[[column for column in TABLES[name].columns if column in table]]
+    return table[[column for column in VIRTUAL_TABLES[name].columns if column in table]]

@@ -61,11 +61,15 @@ class Truth:
         The same of the bend angle [°]; the constant one is 0.1 1/m over a length of 43 mm.
     volume_noise_floor, volume_noise : float
         The same of the volume of the cavity [ml]: half a graduation of a syringe of 1 ml.
+    force_gain : float
+        Blocked tip force as the load cell reads it over the force that there is [–].
+    force_noise_floor, force_noise : float
+        Reading error of that force [N]: load cells for a newton resolve some millinewtons.
     tensile_noise_floor, tensile_noise : float
         The same of the stress [MPa].
     curvature_noise_length, tensile_noise_length : float
         Path of pressure [kPa] and of stretch [–] along which reading errors stay alike, those of
-        the bend angle and of the volume as those of the curvature; 0 if they are independent.
+        bend angle, volume and tip force as those of the curvature; 0 if they are independent.
     reading_correlation : float
         Correlation of the errors of curvature and bend angle that are read from one picture.
     degradation_limit, time_constant : float
@@ -103,6 +107,9 @@ class Truth:
     bend_angle_noise: float = 0.02
     volume_noise_floor: float = 0.005
     volume_noise: float = 0.02
+    force_gain: float = 1.0
+    force_noise_floor: float = 0.002
+    force_noise: float = 0.02
     tensile_noise_floor: float = 0.005
     tensile_noise: float = 0.02
     curvature_noise_length: float = 0.0

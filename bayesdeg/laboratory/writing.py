@@ -13,17 +13,16 @@ from bayesdeg.actuator.status import MODEL_VERSION
 from bayesdeg.data.settings import ENTRIES, AnyDimensions, Settings, VendorFigures
 from bayesdeg.data.settings import FILE as SETTINGS_FILE
 from bayesdeg.data.shrinkage import Known, MixtureRecipe
-from bayesdeg.data.tables import TABLES
 from bayesdeg.files import spreadsheet_safe
-from bayesdeg.laboratory.experiment import VirtualExperiment
+from bayesdeg.laboratory.experiment import VIRTUAL_TABLES, VirtualExperiment
 from bayesdeg.priors import LAWS, Law
 from bayesdeg.records import FileRecord, Numbers, Record, Scalar, Text
 
 TRUTH_FILE = "truth.json"
-#: What a virtual experiment writes; published statistics are not virtual.
+#: What a virtual experiment may write.
 VIRTUAL_FILES = (
     *(SETTINGS_FILE, TRUTH_FILE),
-    *(table.file for name, table in TABLES.items() if name != "summary"),
+    *(table.file for table in VIRTUAL_TABLES.values()),
 )
 #: Of every file of it but `TRUTH_FILE`.
 FIRST_WORDS = "# virtual experiment made by"
@@ -80,7 +79,7 @@ def study_files(
         reads.
     """
     texts = {
-        TABLES[name].file: provenance.comment
+        VIRTUAL_TABLES[name].file: provenance.comment
         + table.map(spreadsheet_safe).to_csv(index=False, lineterminator="\n")
         for name, table in experiment.tables.items()
     }
@@ -106,6 +105,9 @@ class TruthRecord(FileRecord):
     constants: Numbers = Field(description="by the names of calibrated parameters")
     actuators: Mapping[str, Mapping[str, Scalar]] = Field(description="by specimen")
     films: Mapping[str, Mapping[str, Scalar]] = Field(description="by specimen")
+    blocked: Mapping[str, Mapping[str, Scalar]] = Field(
+        default_factory=dict, description="actuators whose tip was held, by specimen"
+    )
     seed: int
     command: Text
     mesh: Numbers = Field(description="sizes of the elements [mm]")
@@ -119,6 +121,7 @@ def truth_record(experiment: VirtualExperiment, provenance: Provenance) -> Truth
         constants=experiment.truth.named(),
         actuators=_by_specimen(experiment.actuators),
         films=_by_specimen(experiment.films),
+        blocked={} if experiment.blocked is None else _by_specimen(experiment.blocked),
         seed=provenance.seed,
         command=provenance.command,
         mesh=dict(provenance.mesh),

@@ -23,7 +23,7 @@ from typing import ClassVar, override
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdeg.actuator.inputs import Asked
+from bayesdeg.actuator.inputs import Asked, Further
 from bayesdeg.data.batches import batch_order
 from bayesdeg.data.study import Study
 from bayesdeg.errors import BayesdegError
@@ -38,7 +38,7 @@ from bayesdeg.observations.curvature import (
 )
 from bayesdeg.observations.kinds import Deviations, Observations, State
 from bayesdeg.observations.noise import Linearised, learnt_deviations
-from bayesdeg.observations.pressures import ReadAtPressures, pressure_tests
+from bayesdeg.observations.pressures import PressureTests, ReadAtPressures, pressure_tests
 from bayesdeg.observations.specimens import FilmsAndActuators
 from bayesdeg.priors import HalfNormal, Normal, Parameter, Uniform
 
@@ -160,12 +160,29 @@ def _given(
     return _linearised(state, data, *learnt_deviations(curves))
 
 
+def answered_volumes(
+    state: State[FilmsAndActuators], tests: PressureTests, deviation: Floats
+) -> Further | None:
+    """Return what the forward map answers of volumes [ml]; None where it does not know them.
+
+    Parameters
+    ----------
+    state : State
+        Named values, (n,).
+    tests : PressureTests
+        What was set.
+    deviation : array, shape (n, n_specimens, 1)
+        Of each specimen's ln stiffness.
+    """
+    met = inputs_met(state, tests, deviation)
+    return state.world.forward(replace(met, asked=CavityVolume.asks)).further
+
+
 def _linearised(
     state: State[FilmsAndActuators], data: CavityVolume, centre: Floats, spread: Floats
 ) -> Linearised:
     values = state.values
-    met = inputs_met(state, data.tests, centre[..., None])
-    found = state.world.forward(replace(met, asked=data.asks)).further
+    found = answered_volumes(state, data.tests, centre[..., None])
     if found is None:
         raise BayesdegError("the forward map of this model does not answer volumes of cavities")
     shape = (*spread.shape, data.tests.mask.shape[1])

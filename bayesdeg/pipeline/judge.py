@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from bayesdeg.causes.catalogue import CATALOGUE
-from bayesdeg.causes.cause import Cause
+from bayesdeg.causes.cause import Cause, Stage
 from bayesdeg.criticism.checks.absorption import Absorption, absorption
 from bayesdeg.criticism.checks.conflict import Conflict, Questioned, conflict, questioned
 from bayesdeg.criticism.checks.count_misfit import (
@@ -850,8 +850,9 @@ def _next(
 def _shown_by(experiments: Iterable[Experiment], names: Iterable[str]) -> tuple[Cause, ...]:
     """Return the first few of the causes not judged that a proposed test of actuators may show.
 
-    One that asks for a record which no proposal makes, as of batches, would only take the place of
-    another.
+    Those of the material come last: while batch or warmth of a specimen is not recorded, what they
+    do is a factor on its stiffness, which the scatter of specimens or a cause that is judged takes
+    up, so that they leave no misfit.
     """
     tests = [
         one.measurement.curves.conditions
@@ -860,7 +861,7 @@ def _shown_by(experiments: Iterable[Experiment], names: Iterable[str]) -> tuple[
     ]
     causes = [CATALOGUE[name] for name in names if name in CATALOGUE]
     shown = [cause for cause in causes if any(cause.blind(test) is None for test in tests)]
-    return tuple(shown[:IN_QUESTION])
+    return tuple(sorted(shown, key=lambda cause: cause.stage <= Stage.MATERIAL)[:IN_QUESTION])
 
 
 def _beside_the_law(

@@ -12,7 +12,14 @@ from numpy.typing import NDArray
 from skfem import ElementHex1, ElementHex2
 from skfem.quadrature import get_quadrature
 
-from bayesdeg.actuator.body import Body, Element, boundary_faces, isoparametric
+from bayesdeg.actuator.body import (
+    Body,
+    Element,
+    boundary_faces,
+    isoparametric,
+    reference_nodes,
+    tetrahedron,
+)
 from bayesdeg.actuator.problem import MechanicalState, Problem
 from bayesdeg.errors import BayesdegError
 from bayesdeg.files import OF_DAMAGED_ARCHIVES, write_bytes, written
@@ -184,7 +191,7 @@ def nodal_fields(problem: Problem, state: MechanicalState) -> NodalFields:
 
     The strain is taken where it is most accurate, at the Gauss points of the rule one order below
     that of the element (Barlow 1976, doi:10.1002/nme.1620100202), extended to the corners of each
-    brick by the polynomial through those points, averaged over the bricks that meet in a corner
+    cell by the polynomial through those points, averaged over the cells that meet in a corner
     (Hinton and Campbell 1974, doi:10.1002/nme.1620080303), and linear in between. It is the
     logarithmic strain, since any average of it is that of a possible deformation. A homogeneous
     deformation is met exactly. At re-entrant corners the exact field is singular: values there
@@ -282,13 +289,10 @@ def _deviator(tensor: Floats) -> Floats:
     return deviator
 
 
-def _places(element: Element) -> Floats:
-    """Nodes of the unit cube, (n_local, 3)."""
-    return np.asarray((ElementHex1() if element.order == 1 else ElementHex2()).doflocs)
-
-
 def _reduced(element: Element) -> Element:
-    """Return the element with the Gauss rule one order lower."""
+    """Return the element with the Gauss rule one order lower, a tetrahedron with four points."""
+    if element.triangular:
+        return tetrahedron(2)
     kind = ElementHex1() if element.order == 1 else ElementHex2()
     points, weights = get_quadrature(kind.refdom, 2 * element.order - 1)
     basis = [kind.lbasis(points, a) for a in range(len(kind.doflocs))]
@@ -298,27 +302,33 @@ def _reduced(element: Element) -> Element:
 
 
 def _to_corners(element: Element, degree: int) -> Floats:
-    """Return what takes values at the quadrature points to the corners, (8, n_points)."""
-    known = _monomials(element.points, degree)
-    places = _places(element)
+    """Return what takes values at the quadrature points to the corners, (n_corners, n_points)."""
+    whole = element.triangular
+    known = _monomials(element.points, degree, whole=whole)
+    places = reference_nodes(element)
     corners = places[np.all(places % 1.0 == 0.0, axis=1)]
-    extension: Floats = _monomials(corners, degree) @ np.linalg.pinv(known)
+    extension: Floats = _monomials(corners, degree, whole=whole) @ np.linalg.pinv(known)
     return extension
 
 
-def _monomials(points: Floats, degree: int) -> Floats:
-    """Values of 1, z, y, yz, x, … with each coordinate up to the degree, (n_points, n)."""
+def _monomials(points: Floats, degree: int, *, whole: bool) -> Floats:
+    """Values of 1, z, y, yz, x, … with each coordinate up to the degree, (n_points, n).
+
+    With products up to the degree as a whole, of tetrahedra.
+    """
     powers = np.array(list(product(range(degree + 1), repeat=3)))
+    powers = powers[powers.sum(axis=1) <= degree] if whole else powers
     values: Floats = np.prod(points[:, None, :] ** powers, axis=2)
     return values
 
 
 def _joined(body: Body, values: Floats) -> Floats:
-    """Join values at the corners of bricks, (n_elements, 8, ...), to one field at all nodes."""
-    places = _places(body.element)
+    """Join values at the corners of cells, (n_elements, n, ...), to one field at all nodes."""
+    places, whole = reference_nodes(body.element), body.element.triangular
     corners = np.flatnonzero(np.all(places % 1.0 == 0.0, axis=1))
     average = _average(body.elements[:, corners], values, len(body.nodes))
-    linear = _monomials(places, 1) @ np.linalg.inv(_monomials(places[corners], 1))
+    at_corners = _monomials(places[corners], 1, whole=whole)
+    linear = _monomials(places, 1, whole=whole) @ np.linalg.inv(at_corners)
     between = np.einsum("ac,ec...->ea...", linear, average[body.elements[:, corners]])
     return _average(body.elements, between, len(body.nodes))
 
@@ -365,7 +375,8 @@ class Surface:
     Parameters
     ----------
     faces : array, shape (n_faces, 4 or 9)
-        Nodes as 2 × 2 or 3 × 3 grids whose first axis times second axis points out of the solid.
+        Nodes as 2 × 2 or 3 × 3 grids whose first axis times second axis points out of the solid; a
+        side of a tetrahedron is three grids of 2 × 2, one at each corner.
     on_cut, in_cavity : array of bool, shape (n_faces,)
         Faces in the plane of symmetry y = 0, and walls of the cavity.
     shapes : tuple of Shape
@@ -400,14 +411,31 @@ def faces_of(body: Body) -> tuple[Surface, Indices]:
     >>> surface.faces.shape, int(surface.on_cut.sum()), len(nodes)
     ((10, 9), 2, 42)
     """
-    side = body.element.order + 1
-    inward = boundary_faces(body).reshape(-1, side, side)
-    outward = np.swapaxes(inward, 1, 2).reshape(len(inward), side * side)
+    inward = boundary_faces(body)
+    outward = _thirds(inward) if body.element.triangular else _turned(inward)
     nodes, numbered = np.unique(outward, return_inverse=True)
     on_cut = np.all(np.isclose(body.nodes[outward, 1], 0.0), axis=1)
     pressed = {tuple(face) for face in np.sort(body.cavity, axis=1)}
-    in_cavity = np.array([tuple(face) in pressed for face in np.sort(outward, axis=1)], dtype=bool)
+    in_cavity = np.array([tuple(face) in pressed for face in np.sort(inward, axis=1)], dtype=bool)
+    in_cavity = np.repeat(in_cavity, len(outward) // len(inward))
     return Surface(numbered.reshape(outward.shape), on_cut, in_cavity, ()), nodes
+
+
+def _turned(faces: Indices) -> Indices:
+    """Return grids whose axes have changed places."""
+    side = int(np.sqrt(faces.shape[1]))
+    turned: Indices = np.swapaxes(faces.reshape(-1, side, side), 1, 2).reshape(faces.shape)
+    return turned
+
+
+def _thirds(faces: Indices) -> Indices:
+    """Return the three grids of each triangle, turned to the other side, (3 n_faces, 4).
+
+    Each has a corner, the middles of the edges that meet there, and the middle of the triangle.
+    """
+    after, before = faces[:, [3, 4, 5]], faces[:, [5, 3, 4]]
+    middle = np.repeat(faces[:, 6:], 3, axis=1)
+    return np.stack([faces[:, :3], after, before, middle], axis=-1).reshape(-1, 4)
 
 
 def shape_of(
@@ -441,6 +469,7 @@ def shape_of(
 
 SURFACE = "deformed.npz"
 _CELLS = {1: "hexahedron", 2: "hexahedron27"}
+_IN_VTK = 10  # nodes of a quadratic tetrahedron; its bubbles' nodes are left out
 # VTK's nodes of the unit cube: corners, then the middles of edges, of faces, and of the cube
 _VTK_NODES = 0.5 * np.array(
     [
@@ -453,9 +482,10 @@ _VTK_NODES = 0.5 * np.array(
 
 
 def vtk_order(element: Element) -> Indices:
-    """Return the local node of the brick that stands at each of VTK's places.
+    """Return the local node of the element that stands at each of VTK's places.
 
-    VTK_TRIQUADRATIC_HEXAHEDRON for triquadratic bricks, VTK_HEXAHEDRON for trilinear ones.
+    VTK_TRIQUADRATIC_HEXAHEDRON for triquadratic bricks, VTK_HEXAHEDRON for trilinear ones,
+    VTK_QUADRATIC_TETRA for tetrahedra.
 
     Examples
     --------
@@ -463,7 +493,9 @@ def vtk_order(element: Element) -> Indices:
     >>> vtk_order(LINEAR_CONSTANT)
     array([7, 4, 1, 5, 6, 2, 0, 3])
     """
-    places = np.asarray((ElementHex1() if element.order == 1 else ElementHex2()).doflocs)
+    if element.triangular:
+        return np.arange(_IN_VTK)
+    places = reference_nodes(element)
     apart = np.abs(places[None] - _VTK_NODES[: len(places), None]).sum(axis=2)
     order: Indices = np.argmin(apart, axis=1).astype(np.int64)
     return order
@@ -503,17 +535,20 @@ def write_vtu(
     >>> meshio.read(path).points.max(axis=0)
     array([1. , 0.5, 0.5])
     """
-    stress = c1 * fields.stress
-    order = vtk_order(body.element)
+    stress, element = c1 * fields.stress, body.element
+    cells = body.elements[:, vtk_order(element)]
+    # nodes of bubbles come last, and no cell of the file has them
+    kept = slice(int(cells.max()) + 1 if element.triangular else None)
+    named = {
+        "displacement_mm": linear_scale * fields.displacement,
+        "largest_principal_stretch": fields.stretch,
+        "mean_stress_MPa": c1 * fields.mean_stress,
+        "cauchy_stress_MPa": stress[:, [0, 1, 2, 0, 1, 0], [0, 1, 2, 1, 2, 2]],
+    }
     mesh = meshio.Mesh(
-        linear_scale * body.nodes,
-        [(_CELLS[body.element.order], body.elements[:, order])],
-        point_data={
-            "displacement_mm": linear_scale * fields.displacement,
-            "largest_principal_stretch": fields.stretch,
-            "mean_stress_MPa": c1 * fields.mean_stress,
-            "cauchy_stress_MPa": stress[:, [0, 1, 2, 0, 1, 0], [0, 1, 2, 1, 2, 2]],
-        },
+        linear_scale * body.nodes[kept],
+        [("tetra10" if element.triangular else _CELLS[element.order], cells)],
+        point_data={name: values[kept] for name, values in named.items()},
     )
     with written(path) as part:
         meshio.write(part, mesh, file_format="vtu")

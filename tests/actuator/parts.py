@@ -16,6 +16,13 @@ ORDER = np.array(
 )
 
 
+KINDS = {
+    4: ("tetra", "triangle"),
+    8: ("hexahedron", "quad"),
+    10: ("tetra10", "triangle6"),
+}
+
+
 def half(geometry=SMALL, resolution=COARSEST):
     """Points, bricks in the order of VTK, and faces by boundary, of the half of an actuator."""
     mesh = build_mesh(geometry, resolution, element=LINEAR_CONSTANT)
@@ -62,9 +69,10 @@ def whole(geometry=SMALL, resolution=COARSEST):
 def write(path, part, *, by="faces"):
     """Write a part to a file: boundaries by physical groups, sets of nodes or arrays over them."""
     points, bricks, sides = part
+    volumes, surfaces = KINDS[bricks.shape[1]]
     if by == "faces":
         names = {name: np.array([k + 1, 2]) for k, name in enumerate(sides)}
-        cells = [("hexahedron", bricks), *(("quad", faces) for faces in sides.values())]
+        cells = [(volumes, bricks), *((surfaces, faces) for faces in sides.values())]
         tags = [np.full(len(bricks), 99), *(np.full(len(f), names[n][0]) for n, f in sides.items())]
         mesh = meshio.Mesh(
             points, cells, cell_data={"gmsh:physical": tags, "gmsh:geometrical": tags}
@@ -73,10 +81,37 @@ def write(path, part, *, by="faces"):
         meshio.write(path, mesh, file_format="gmsh22", binary=False)
     elif by == "nodes":
         sets = {name: np.unique(faces) for name, faces in sides.items()}
-        meshio.write(path, meshio.Mesh(points, [("hexahedron", bricks)], point_sets=sets))
+        meshio.write(path, meshio.Mesh(points, [(volumes, bricks)], point_sets=sets))
     else:
         marks = {
             name: np.isin(np.arange(len(points)), f).astype(float) for name, f in sides.items()
         }
-        meshio.write(path, meshio.Mesh(points, [("hexahedron", bricks)], point_data=marks))
+        meshio.write(path, meshio.Mesh(points, [(volumes, bricks)], point_data=marks))
     return path
+
+
+PATHS = ((0, 1, 2, 6), (0, 2, 3, 6), (0, 3, 7, 6), (0, 7, 4, 6), (0, 4, 5, 6), (0, 5, 1, 6))
+"""Corners of the six tetrahedra about the diagonal of a brick, in the order of VTK."""
+
+
+def tetrahedral(part):
+    """The same part with each brick cut into six tetrahedra, all along the same diagonals."""
+    points, bricks, sides = part
+    cells = bricks[:, np.array(PATHS)].reshape(-1, 4)
+    local = np.array([(0, 1, 2), (0, 3, 1), (0, 2, 3), (1, 3, 2)])
+    faces = cells[:, local].reshape(-1, 3)
+    cut = {}
+    for name, quads in sides.items():
+        four = {frozenset(quad) for quad in quads.tolist()}
+        halves = {frozenset(three): None for three in faces.tolist()}
+        wanted = {
+            three
+            for quad in four
+            for three in (quad - {corner} for corner in quad)
+            if three in halves
+        }
+        on = [frozenset(face) in wanted for face in faces.tolist()]
+        every = faces[np.array(on)]
+        _, first = np.unique(np.sort(every, axis=1), axis=0, return_index=True)
+        cut[name] = every[first]
+    return points, cells, cut

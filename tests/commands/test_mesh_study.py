@@ -4,6 +4,7 @@ import sys
 
 import meshio
 import numpy as np
+import pandas as pd
 import pytest
 
 from bayesdeg import cli
@@ -11,7 +12,7 @@ from bayesdeg.actuator.families import geometry_of_study
 from bayesdeg.emulator.kept import mesh_error_of
 from bayesdeg.pipeline.outline import outline
 from bayesdeg.pipeline.reading import read_study
-from tests.actuator.parts import half, whole, write
+from tests.actuator.parts import half, tetrahedral, whole, write
 from tests.pipeline.study_files import SETTINGS, study_in
 
 MESH = '[actuator]\nkind = "mesh"\nfile = "part.msh"\n'
@@ -150,14 +151,34 @@ def test_a_part_without_a_line_along_its_middle_is_refused(command):
     assert "middle" in said
 
 
-def test_tetrahedra_are_refused_by_name(command):
+@pytest.mark.parametrize(
+    ("cells", "word"),
+    [
+        (lambda b: [("hexahedron", b[1:]), ("tetra", b[:1, [0, 1, 3, 4]])], "both"),
+        (lambda b: [("wedge", b[:, [0, 1, 3, 4, 5, 7]])], "wedge"),
+    ],
+    ids=["mixed", "wedges"],
+)
+def test_cells_that_are_not_solved_are_refused_by_name(command, cells, word):
     points, bricks, _ = half()
-    cells = [("tetra", bricks[:, [0, 1, 3, 4]])]
-    meshio.write(command.study / "part.msh", meshio.Mesh(points, cells), file_format="gmsh22")
+    mesh = meshio.Mesh(points, cells(bricks))
+    meshio.write(command.study / "part.msh", mesh, file_format="gmsh22")
     code, said = command("check")
     assert code == 2
-    assert "tetra" in said
+    assert word in said
     assert "hexahedra" in said
+
+
+@pytest.mark.fem
+def test_a_part_of_tetrahedra_is_simulated_and_is_a_study_again(command, monkeypatch):
+    write(command.study / "part.msh", tetrahedral(half()))
+    code, said = command("simulate", "--out", "virtual", "--workers", "1", "--quiet")
+    assert code == 0, said
+    made = pd.read_csv(command.study.parent / "virtual" / "actuator.csv", comment="#")
+    assert np.all(np.diff(made["curvature_per_m"]) > 0.0)
+    assert 0.01 < made["cavity_volume_ml"].iloc[-1] < 0.2
+    monkeypatch.setattr(sys, "argv", ["bayesdeg", "check", "virtual"])
+    assert cli.exit_code() == 0
 
 
 @pytest.mark.parametrize(
@@ -200,3 +221,35 @@ def test_a_virtual_experiment_is_made_with_volumes_and_is_a_study_again(command,
     assert 0.01 < float(volume) < 0.2
     monkeypatch.setattr(sys, "argv", ["bayesdeg", "check", "virtual"])
     assert cli.exit_code() == 0
+
+
+@pytest.mark.fem
+def test_tip_forces_are_made_where_the_study_has_some(command, monkeypatch):
+    """Read by `check`, the same for a seed, and gone with the design that asked for them."""
+    rows = "specimen_id,degradation_pct,pressure_kPa,tip_force_N\nt0,0,30,0.03\nt0,0,60,0.06\n"
+    (command.study / "force.csv").write_text(rows, encoding="utf-8")
+    made = command.study.parent / "virtual"
+    texts = []
+    for _ in range(2):
+        code, said = command("simulate", "--out", "virtual", "--workers", "1", "--seed", "4")
+        assert code == 0, said
+        assert "not simulated" not in said
+        texts.append((made / "force.csv").read_text("utf-8"))
+    assert texts[0] == texts[1]
+    forces = pd.read_csv(made / "force.csv", comment="#")["tip_force_N"].to_numpy()
+    assert len(forces) == 2
+    assert 0.0 < forces[0] < forces[1] < 1.0
+    monkeypatch.setattr(sys, "argv", ["bayesdeg", "check", "virtual"])
+    assert cli.exit_code() == 0
+    assert outline(read_study(made)).asked == ("cavity_volume", "tip_force")
+    (command.study / "force.csv").unlink()
+    assert command("simulate", "--out", "virtual", "--workers", "1", "--quiet")[0] == 0
+    assert not (made / "force.csv").exists()
+
+
+def test_scikit_fem_does_not_assemble_tetrahedra(command):
+    write(command.study / "part.msh", tetrahedral(half()))
+    code, said = command("simulate", "--out", "virtual", "--backend", "scikit-fem")
+    assert code == 2
+    assert "tetrahedra" in said
+    assert not (command.study.parent / "virtual").exists()

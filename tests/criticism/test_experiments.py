@@ -5,10 +5,12 @@ import pytest
 from scipy.optimize import minimize_scalar
 from scipy.stats import multivariate_normal
 
+from bayesdeg.actuator.inputs import Further
 from bayesdeg.causes.catalogue import CATALOGUE, find
 from bayesdeg.criticism.experiments.designs import (
     MOUNTS,
     WALL,
+    WARMER,
     PartMeasurements,
     candidate_experiments,
 )
@@ -32,6 +34,8 @@ from bayesdeg.criticism.experiments.ranking import (
 from bayesdeg.criticism.fit.trials import Trial
 from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.inference.laplace import Evidence
+from bayesdeg.observations.pressures import PressureTests
+from bayesdeg.observations.volume import SHARE_OF_STROKE, CavityVolume
 from bayesdeg.report.wording import worded
 from tests.inference.small_study import TRUTH, altered, small_model, values_of
 
@@ -73,21 +77,24 @@ def around(model, sizes, *, width=0.01, seed=0, truth=QUIET):
     return Hypothesis("+".join(names) or NO_CAUSE, extended, centre + width * noise)
 
 
-def alike(model, first, name, low, high):
+def alike(model, first, name, low, high, truth=QUIET, others=None):
     """A second cause of the size at which it bends the old tests as the first does."""
 
     def curvatures(sizes):
-        hypothesis = around(model, sizes, width=0.0)
+        hypothesis = around(model, sizes, width=0.0, truth=truth)
         values = hypothesis.model.table.named(hypothesis.draws[:1])
         return hypothesis.model.predict(values).mean[0][model.actuator.mask]
 
     target = curvatures(first)
 
     def distance(size):
-        return float(np.nansum((np.log(curvatures({name: size})) - np.log(target)) ** 2))
+        return float(
+            np.nansum((np.log(curvatures({name: size} | (others or {}))) - np.log(target)) ** 2)
+        )
 
     size = minimize_scalar(distance, bounds=(low, high), method="bounded").x
-    return around(model, first, seed=1), around(model, {name: float(size)}, seed=2)
+    second = {name: float(size)} | (others or {})
+    return around(model, first, seed=1, truth=truth), around(model, second, seed=2, truth=truth)
 
 
 def expected_of(hypotheses, experiment, seed=3):
@@ -436,6 +443,11 @@ HAS = {
         {"mount": np.tile(np.array([*MOUNTS, "horizontal", "hanging", "horizontal"]), (15, 1))},
         {"second mount"},
     ),
+    "rooms": Change(
+        {"temperature": np.tile(np.repeat([22.0, 29.0, 24.0], 5)[:, None], (1, 7))},
+        {"warmer room"},
+    ),
+    "batches": Change({"batch": np.tile([0, 1, 0], 5)[:, None]}, {"two batches"}),
     "hold": Change(
         {"time": np.tile(600.0 * np.arange(7), (15, 1)), "pressure": np.full(SHAPE, 100.0)},
         {"hold", "held steps", "finer steps"},
@@ -487,24 +499,189 @@ def test_an_equibiaxial_test_separates_what_uniaxial_films_cannot(model):
     assert expected_of(pair, found["equibiaxial"]) > LEAST
 
 
-# no proposal is of another batch or in another room
-NOT_PROPOSED = {"batch_stiffness", "temperature_softening"}
+# ---- batches, warmth of the room, volumes
 
 
-@pytest.mark.parametrize("name", sorted(NOT_PROPOSED))
-def test_what_no_proposal_records_none_can_show(model, name):
-    tests = [
-        one.measurement.curves.conditions
-        for one in candidate_experiments(model)
-        if isinstance(one.measurement, ActuatorTests)
-    ]
+def shown(kind, experiments, name):
+    """Whether a cause that the study's tests are blind to is not blind in those of a kind."""
+    tests = [e.measurement.curves.conditions for e in of_kind(experiments, kind)]
     assert tests
-    assert all(find(name).blind(test) is not None for test in tests)
+    return all(find(name).blind(test) is None for test in tests)
+
+
+BATCH = {"batch_stiffness.second": 0.2, "batch_stiffness.third": 0.0, "batch_stiffness.fourth": 0.0}
+WARMTH = {"temperature_softening.softening": 0.03}
+ORDINARY = {"stiffness_scatter": 0.03}
+"""Errors of reading as they were, and parts of a careful laboratory."""
 
 
 @pytest.mark.parametrize(
-    "name",
-    sorted(n for n, c in CATALOGUE.items() if not c.is_of_rupture_alone and n not in NOT_PROPOSED),
+    ("kind", "sizes"), [("two batches", BATCH), ("warmer room", WARMTH)], ids=lambda x: str(x)[:12]
+)
+def test_what_was_not_recorded_is_proposed_first_and_nothing_else_shows_it(
+    model, experiments, kind, sizes
+):
+    name = next(iter(sizes)).split(".")[0]
+    assert find(name).blind(model.actuator.conditions) is not None
+    assert shown(kind, experiments, name)
+    pair = (
+        around(model, {}, truth=ORDINARY, width=0.002),
+        around(model, sizes, truth=ORDINARY, width=0.002, seed=1),
+    )
+    ranked = rank_hypotheses(pair, experiments, np.random.default_rng(3))
+    assert [entry.experiment.kind for entry in ranked if entry.told_apart] == [kind]
+    assert 1.5 < ranked[0].decisive.expected < 60.0
+
+
+def of_batches(model, numbers):
+    """The study with batches of its actuators, three at each of five degradation rates."""
+    batch = np.repeat(np.array(numbers), 3)[:, None]
+    return altered(model, actuator=replace(model.actuator, batch=batch))
+
+
+def test_a_batch_that_was_tested_at_no_other_rate_is_tested_there(model):
+    """Degraded actuators were all of another batch: is it the batch, or their rates?"""
+    confounded = of_batches(model, [0, 0, 1, 1, 1])
+    proposed = candidate_experiments(confounded)
+    assert "two batches" not in {e.kind for e in proposed}
+    found = [(e.plan.levels, e.plan.batch) for e in of_kind(proposed, "another batch")]
+    assert found == [((0.0,), 1), ((24.0,), 0)]
+    misread = (
+        "degradation_misread.shift",
+        0.0,
+        6.0,
+        ORDINARY,
+        {"degradation_misread.scatter": 0.1},
+    )
+    pair = alike(confounded, BATCH, *misread)
+    ranked = rank_hypotheses(pair, proposed, np.random.default_rng(3))
+    assert ranked[0].experiment.kind == "another batch"
+    assert 5.0 < ranked[0].decisive.expected < 60.0
+    again = next(r for r in ranked if r.experiment.kind == "more specimens")
+    assert again.decisive.expected < 0.5 * ranked[0].decisive.expected
+
+
+def test_further_specimens_are_of_the_batch_that_is_usual_at_their_rate(model):
+    mixed = of_batches(model, [0, 2, 1, 1, 1])
+    [again] = of_kind(candidate_experiments(mixed), "more specimens")
+    assert again.measurement.curves.batch[:, 0].tolist() == [0, 1, 1, 1]
+    films = replace(mixed.tensile.subset(np.array([0, 1])), batch=np.array([1, 0]))
+    proposed = candidate_experiments(altered(mixed, tensile=films))
+    assert {e.measurement.curves.batch.tolist()[0] for e in of_kind(proposed, "planar")} == {1}
+
+
+def test_two_batches_cost_no_more_than_other_tests(experiments):
+    assert {e.specimens for e in of_kind(experiments, "two batches")} == {2}
+    assert {e.specimens for e in of_kind(experiments, "warmer room")} == {3}
+    batches = [
+        e.measurement.curves.batch[:, 0].tolist() for e in of_kind(experiments, "two batches")
+    ]
+    assert batches == [[0, 1], [0, 1]]
+
+
+def test_a_warmer_room_is_warmer_than_the_usual_one(model):
+    shape = model.actuator.pressure.shape
+    recorded = replace(model.actuator, temperature=np.full(shape, 21.0))
+    for data, usual in ((model.actuator, 24.0), (recorded, 21.0)):
+        rooms = of_kind(candidate_experiments(altered(model, actuator=data)), "warmer room")
+        assert {e.plan.temperature_c for e in rooms} == {usual + WARMER}
+        for e in rooms:
+            assert np.all(e.measurement.curves.temperature == usual + WARMER)
+    plain = of_kind(candidate_experiments(altered(model, actuator=recorded)), "finer steps")
+    assert np.all(plain[0].measurement.curves.temperature == 21.0)
+
+
+@dataclass(frozen=True)
+class Swept:
+    """A map whose chambers take up the area of their opening times the way of its centre."""
+
+    mechanics: object
+
+    def __call__(self, inputs):
+        return self._with_volumes(inputs, self.mechanics(replace(inputs, asked="")))
+
+    def continued(self, inputs):
+        return self._with_volumes(inputs, self.mechanics.continued(replace(inputs, asked="")))
+
+    def _with_volumes(self, inputs, found):
+        if inputs.asked != "cavity_volume":
+            return found
+        thicker = 1.0 if inputs.wall_factor is None else inputs.wall_factor
+        width, height = 10.0 - 4.0 * thicker, 8.0 - 2.0 * thicker
+        size = 43e-6 * width * height * (2.0 + 0.5 * height) * inputs.linear_scale**4
+        volume, slope = size * found.curvature, size * found.slope
+        return replace(found, further=Further(volume, slope, 0.005 * np.abs(volume)))
+
+
+@pytest.fixture(scope="module")
+def swept(model):
+    return altered(model, forward=Swept(model.forward))
+
+
+def test_volumes_are_proposed_where_the_map_answers_them_and_none_were_read(model, swept):
+    assert not of_kind(candidate_experiments(model), "cavity volume")
+    proposed = of_kind(candidate_experiments(swept), "cavity volume")
+    assert [e.plan.levels for e in proposed] == [(0.0,), (24.0,)]
+    data = swept.actuator
+    tests = PressureTests(
+        *(data.specimens, data.degradation, data.degradation_sd, data.conditions),
+        *(np.where(data.mask, 0.1, 0.0), data.mask),
+    )
+    read = swept.with_observations(CavityVolume(tests, data))
+    assert read.of_kind(CavityVolume)
+    assert not of_kind(candidate_experiments(read), "cavity volume")
+    floor = {p.name: p for p in proposed[0].measurement.errors}["volume_noise_floor"]
+    largest = proposed[0].measurement.volumes.observed.max()
+    assert floor.law.sd == pytest.approx(SHARE_OF_STROKE * largest)
+    assert 0.02 < largest < 0.2
+
+
+def test_readings_of_volumes_have_the_law_that_they_are_ranked_by(swept):
+    """Simulated through the full equations: mean and covariance of one specimen's readings."""
+    [test, *_] = [e.measurement for e in of_kind(candidate_experiments(swept), "cavity volume")]
+    one = around(swept, {}, truth=ORDINARY, width=0.0)
+    values = swept.table.named(np.repeat(one.draws[:1], 20_000, axis=0))
+    values |= {p.name: np.full(20_000, p.law.quantile(0.5)) for p in test.errors}
+    drawn = test.simulated(swept, values, np.random.default_rng(12))[:, 0]
+    few = {name: value[:1] for name, value in values.items()}
+    mean, law = test.expected(swept, few)[0, 0], test.covariance(swept, few)[0, 0]
+    assert drawn.shape[1] == len(law) == test.read.shape[1] == 2 * len(test.bent.curves.pressure[0])
+    sd = np.sqrt(np.diag(law))
+    np.testing.assert_allclose(drawn.mean(axis=0), mean, atol=0.08 * sd.max(), rtol=2e-3)
+    np.testing.assert_allclose(drawn.std(axis=0), sd, rtol=0.03)
+    expected = law / np.outer(sd, sd)
+    assert expected[0, -1] > 0.03  # a soft specimen bends further and swells more
+    np.testing.assert_allclose(np.corrcoef(drawn.T), expected, atol=0.03)
+
+
+@pytest.mark.parametrize(
+    ("other", "low", "high"),
+    [
+        ("film_mismatch.log_ratio", -0.6, 0.6),
+        ("pressure_loss.fraction", 0.0, 0.5),
+        ("wall_thickness.excess", -0.2, 0.2),
+    ],
+)
+def test_volumes_come_first_where_the_size_of_the_part_is_in_doubt(swept, other, low, high):
+    """They go with its cube: more than a length by calliper, or a bend angle, would tell."""
+    pair = alike(swept, {"shrinkage_reading.scale_error": -0.15}, other, low, high, ORDINARY)
+    ranked = rank_hypotheses(pair, candidate_experiments(swept), np.random.default_rng(13))
+    assert ranked[0].experiment.kind == "cavity volume"
+    assert ranked[0].decisive.expected > 20.0
+    assert ranked[0].decisive.expected > 1.2 * ranked[1].decisive.expected
+
+
+def test_volumes_tell_walls_from_the_material_and_no_leak_from_it(swept):
+    [volumes, *_] = of_kind(candidate_experiments(swept), "cavity volume")
+    soft = ("film_mismatch.log_ratio", 0.0, 0.6, ORDINARY)
+    walls = alike(swept, {"wall_thickness.excess": 0.1}, *soft)
+    leak = alike(swept, {"pressure_loss.fraction": 0.1}, *soft)
+    assert expected_of(walls, volumes) > 2.0
+    assert abs(expected_of(leak, volumes)) < 0.2
+
+
+@pytest.mark.parametrize(
+    "name", sorted(n for n, c in CATALOGUE.items() if not c.is_of_rupture_alone)
 )
 def test_every_cause_but_that_of_strength_alone_is_revealed_by_some_experiment(model, name):
     """A typical effect, all else known: something that is proposed shows it."""

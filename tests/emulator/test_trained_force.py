@@ -5,15 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bayesdeg.actuator.curve import ExactMap
+from bayesdeg.actuator.curve import Curve, ExactMap, PathSamples
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.inputs import Inputs
-from bayesdeg.actuator.status import Resolution
+from bayesdeg.actuator.material import MaterialGroups
+from bayesdeg.actuator.sensitivity import INPUTS
+from bayesdeg.actuator.status import Resolution, Status
 from bayesdeg.data.settings import Dimensions
 from bayesdeg.emulator.campaign import build, runs
 from bayesdeg.emulator.kept import Recipe
 from bayesdeg.emulator.local import AskedInputs, local_design
-from bayesdeg.emulator.scaling import GROUPS, LOAD, groups_of
+from bayesdeg.emulator.regression import observe_force
+from bayesdeg.emulator.scaling import GROUPS, LOAD, TrainingRange, groups_of
 from bayesdeg.emulator.solutions import SolutionStore
 from bayesdeg.emulator.trained import from_bytes, lacking, to_bytes
 
@@ -81,3 +84,19 @@ def test_the_file_holds_forces_and_runs_have_names_of_their_own(trained):
     )
     assert [run.key() for run in plain] == [run.key() for run in forced[:3]]
     assert len({run.key() for run in forced}) == 6
+
+
+def test_a_curve_of_one_step_says_what_it_has():
+    """A stiff part is solved in one step: F = s q with d ln F/d q known, and s at rest."""
+    curve = Curve((0.3,), MaterialGroups(-0.05, 0.01, 100.0))
+    gradients = np.zeros((2, 1, len(INPUTS)))
+    gradients[:, 0, INPUTS.index("load")] = (1.8, 2.3)
+    found = PathSamples(
+        np.array([0.0, 0.3]), np.array([[0.0], [0.6]]), gradients, Status.CONVERGED, np.inf, 4, "x"
+    )
+    learnt = observe_force(curve, found, span=TrainingRange(), length=20.0)
+    assert learnt is not None
+    np.testing.assert_allclose(learnt.values, np.log(0.6 / 0.3 / 20.0**2))
+    np.testing.assert_allclose(learnt.first, np.log(1.8 / 20.0**2))
+    nothing = replace(found, loads=found.loads[:1], readings=found.readings[:1])
+    assert observe_force(curve, nothing, span=TrainingRange(), length=20.0) is None

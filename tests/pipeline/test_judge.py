@@ -208,12 +208,14 @@ def test_experiments_are_sought_to_tell_the_causes_of_an_ambiguous_outcome_apart
 
 
 def test_causes_that_no_proposal_could_show_do_not_take_the_place_of_others(shifted):
-    """No proposal records batches, rooms of another warmth or rooms that are drier."""
+    """No proposal is of a drier room; batches and warmth come after what leaves a misfit."""
     judgement, _ = shifted
     proposals = candidate_experiments(judgement.search.base.subject)
     recorded = ("batch_stiffness", "temperature_softening", "dry_embrittlement")
     shown = judging._shown_by(proposals, (*recorded, "creep", "no cause", "gravity"))
-    assert [cause.name for cause in shown] == ["creep", "gravity"]
+    assert [cause.name for cause in shown] == ["creep", "gravity", "batch_stiffness"]
+    others = judging._shown_by(proposals, (*recorded, "creep", "mullins", "gravity"))
+    assert [cause.name for cause in others] == ["creep", "mullins", "gravity"]
 
 
 def test_models_are_labelled_by_their_causes_in_alphabetical_order():

@@ -5,29 +5,34 @@ soft part, a second gauge of the class of the first.
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.actuator.inputs import NEUTRAL, Inputs
+from bayesdeg.causes.batch_stiffness import CONTRASTS
 from bayesdeg.causes.cause import Conditions, Degradation, Stage
 from bayesdeg.causes.erosion import NOMINAL_WALL
 from bayesdeg.causes.fold import acting, applied
+from bayesdeg.causes.temperature_softening import USUAL
 from bayesdeg.criticism.experiments.ranking import (
     ActuatorTests,
     Experiment,
     ExperimentPlan,
     FilmTests,
+    VolumeTests,
 )
 from bayesdeg.inference.model import JointModel
 from bayesdeg.material.degradation import young_modulus
 from bayesdeg.material.hyperelastic import yeoh_basis
 from bayesdeg.observations.curvature import ActuatorCurves, Curvature
+from bayesdeg.observations.pressures import PressureTests
 from bayesdeg.observations.specimens import PAPER_STIFFNESS, layer_stiffness, linear_scale
 from bayesdeg.observations.tensile import Tensile, TensileCurves
-from bayesdeg.priors import Named
+from bayesdeg.observations.volume import CavityVolume, answered_volumes
+from bayesdeg.priors import Named, Parameter
 
 Floats = NDArray[np.float64]
 
@@ -117,16 +122,17 @@ class ActuatorDesign:
         branch: NDArray[np.str_] | None = None,
         cycle: NDArray[np.int64] | None = None,
         mount: str | None = None,
+        temperature: float | None = None,
+        batches: tuple[int, ...] | None = None,
         angle: bool = False,
     ) -> ActuatorCurves:
         """Return tests without readings, all on the same pressures; the rest is as it was."""
         shape = (len(levels), len(pressure))
         usual_times = np.arange(len(pressure)) * (self.dwell if self.timed else np.nan)
-        names, counts = np.unique(self.data.mount[self.data.mask], return_counts=True)
-        usual = str(names[int(np.argmax(counts))])
+        usual = str(_most_common(self.data.mount[self.data.mask]))
         read = np.ones(shape, dtype=bool)
         return ActuatorCurves(
-            specimens=tuple(f"new at {level:g} %" for level in levels),
+            specimens=tuple(f"new {k} at {level:g} %" for k, level in enumerate(levels)),
             degradation=np.array(levels, dtype=np.float64)[:, None],
             degradation_sd=np.array([[self.degradation_sd(level)] for level in levels]),
             pressure=np.broadcast_to(pressure, shape),
@@ -143,22 +149,39 @@ class ActuatorDesign:
             time=np.broadcast_to(usual_times if time is None else time, shape),
             humidity=np.full(shape, _usual(self.data.humidity)),
             mount=np.full(shape, usual if mount is None else mount),
-            temperature=np.full(shape, _usual(self.data.temperature)),
+            temperature=np.full(
+                shape, _usual(self.data.temperature) if temperature is None else temperature
+            ),
+            batch=self._batches(levels) if batches is None else np.array(batches)[:, None],
         )
 
+    def _batches(self, levels: tuple[float, ...] | list[float]) -> NDArray[np.int64]:
+        """Return the batch of most specimens near each rate, (n_levels, 1)."""
+        batch = self.data.conditions.batch[:, 0]
+        return np.array([[_most_common(batch[_near(self.data, level)])] for level in levels])
+
     def experiment(
-        self, kind: str, curves: ActuatorCurves, *, mount: str = "", hold: float = 0.0
+        self,
+        kind: str,
+        curves: ActuatorCurves,
+        *,
+        mount: str = "",
+        temperature: float = np.nan,
+        batch: int = 0,
+        hold: float = 0.0,
     ) -> Experiment:
         """Return an experiment on so many specimens as the study has of a level."""
         return Experiment(
             ExperimentPlan(
                 kind,
                 self.copies * len(curves.specimens),
-                tuple(curves.degradation[:, 0].tolist()),
+                tuple(dict.fromkeys(curves.degradation[:, 0].tolist())),
                 low=float(curves.pressure.min()),
                 top=float(curves.pressure.max()),
                 timed=self.timed,
                 mount=mount,
+                temperature_c=temperature,
+                batch=batch,
                 hold_s=hold,
                 steps=curves.pressure.shape[1],
             ),
@@ -198,6 +221,7 @@ class FilmDesign:
         count = min(int(self.data.mask[rows].sum(axis=1).max()), MOST_STEPS)
         # other modes break earlier, and strain the material more
         stretch = np.linspace(1.0, 1.0 + 0.5 * (largest - 1.0), count + 1)[None, 1:]
+        batch = self.data.batch
         return TensileCurves(
             specimens=(f"new in {mode}",),
             modes=(mode,),
@@ -209,6 +233,7 @@ class FilmDesign:
             cauchy=np.zeros(stretch.shape, dtype=bool),
             mask=np.ones(stretch.shape, dtype=bool),
             temperature=np.array([_usual(self.data.temperature)]),
+            batch=None if batch is None else np.array([_most_common(batch[rows])]),
         )
 
 
@@ -216,6 +241,13 @@ def _usual(values: Floats | None) -> float:
     """Return the median of what was recorded; nan where nothing was."""
     known = np.empty(0) if values is None else values[np.isfinite(values)]
     return float(np.median(known)) if len(known) else np.nan
+
+
+def _most_common[T: np.generic](values: NDArray[T]) -> T:
+    """Return what occurs most often, the first in order where several do."""
+    found, counts = np.unique(values, return_counts=True)
+    common: T = found[np.argmax(counts)]
+    return common
 
 
 def _levels(rates: Floats) -> tuple[float, ...]:
@@ -306,6 +338,11 @@ class PartMeasurements:
     def read(self) -> Flags:
         """Where there is a reading."""
         return np.ones(self.pressure.shape, dtype=bool)
+
+    @property
+    def errors(self) -> tuple[Parameter, ...]:
+        """None: they are stated."""
+        return ()
 
     def expected(self, model: JointModel, values: Named) -> Floats:
         """Return readings expected."""
@@ -422,6 +459,9 @@ HELD = np.array([0.0, 10.0, 30.0, 60.0, 120.0, 300.0, 900.0, 1800.0])  # s, at o
 MOUNTS = ("hanging", "bending_up", "bending_down", "horizontal")
 MODES = ("equibiaxial", "planar", "uniaxial")
 FRESH = 0.5  # %
+WARMER = 6.0
+"""Degrees above the usual room: a heated room, 30 instead of 24 °C. Gels of gelatin with water
+alone melt there; a pneumatic actuator is of one that does not."""
 
 
 def candidate_experiments(model: JointModel) -> tuple[Experiment, ...]:
@@ -449,6 +489,10 @@ def candidate_experiments(model: JointModel) -> tuple[Experiment, ...]:
             found += _finer(design, level)
             found += _of_part(design, level, with_paper=PAPER_STIFFNESS in model.table.names)
         found += _at_levels(design, model)
+        for level in dict.fromkeys((design.levels[0], design.levels[-1])):
+            found += _rooms(design, level)
+            found += _batches(design, level)
+            found += _volumes(design, level, model)
     for films in model.of_kind(Tensile):
         found += _modes(FilmDesign.of(films.curves))
     return tuple(found)
@@ -507,6 +551,60 @@ def _at_levels(design: ActuatorDesign, model: JointModel) -> Iterator[Experiment
     yield Experiment(
         ExperimentPlan("more specimens", len(levels), levels), ActuatorTests(curves, 1)
     )
+
+
+def _rooms(design: ActuatorDesign, level: float) -> Iterator[Experiment]:
+    """Yield a test in a warmer room, where actuators were in rooms of about one temperature."""
+    rooms = design.data.conditions.room_temperature
+    known = rooms[np.isfinite(rooms)]
+    if len(known) and np.ptp(known) >= WARMER:
+        return
+    warm = WARMER + (float(np.median(known)) if len(known) else USUAL)
+    curves = design.curves([level], design.pressures(level), temperature=warm)
+    yield design.experiment("warmer room", curves, temperature=warm)
+
+
+def _batches(design: ActuatorDesign, level: float) -> Iterator[Experiment]:
+    """Yield tests of batches that were not tested at a degradation rate.
+
+    Of actuators of one batch, or of none that was recorded, two are compared side by side.
+    """
+    data, rising = design.data, design.pressures(level)
+    batch = data.conditions.batch[:, 0]
+    known, there = np.unique(batch), batch[_near(data, level)]
+    if len(known) == 1:
+        curves = design.curves([level, level], rising, batches=(0, 1))
+        # as many specimens as other tests take, or the number would tell more than the batches
+        half = replace(design, copies=max(design.copies // 2, 1))
+        yield half.experiment("two batches", curves)
+    elif known[-1] <= len(CONTRASTS):
+        for one in np.setdiff1d(known, there).tolist():
+            curves = design.curves([level], rising, batches=(one,))
+            yield design.experiment("another batch", curves, batch=one)
+
+
+def _volumes(design: ActuatorDesign, level: float, model: JointModel) -> Iterator[Experiment]:
+    """Yield a test that reads what the chambers take up, where the forward map answers it."""
+    if model.of_kind(CavityVolume):
+        return
+    curves = design.curves([level], design.pressures(level))
+    tests = PressureTests(
+        curves.specimens,
+        curves.degradation,
+        curves.degradation_sd,
+        curves.conditions,
+        np.zeros(curves.mask.shape),
+        curves.mask,
+    )
+    at_medians = {p.name: np.atleast_1d(p.law.quantile(0.5)) for p in model.table.parameters}
+    found = answered_volumes(model.tests(at_medians), tests, np.zeros((1, 1, 1)))
+    if found is None or not np.isfinite(found.value).any():
+        return
+    read = np.broadcast_to(np.nan_to_num(found.value)[0], curves.mask.shape)
+    volumes = CavityVolume(replace(tests, read=read), curves)
+    one = design.experiment("cavity volume", curves)
+    measurement = VolumeTests(ActuatorTests(curves, design.copies), volumes)
+    yield replace(one, measurement=measurement)
 
 
 def _of_part(design: ActuatorDesign, level: float, *, with_paper: bool) -> Iterator[Experiment]:

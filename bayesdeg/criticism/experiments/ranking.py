@@ -30,7 +30,7 @@ from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.fit.side_by_side import apply
 from bayesdeg.criticism.fit.trials import Trial
 from bayesdeg.inference.model import JointModel
-from bayesdeg.observations.curvature import BEND_ANGLE, ActuatorCurves
+from bayesdeg.observations.curvature import BEND_ANGLE, ActuatorCurves, draw_readings
 from bayesdeg.observations.noise import Linearised, covariance
 from bayesdeg.observations.tensile import (
     TENSILE,
@@ -40,7 +40,8 @@ from bayesdeg.observations.tensile import (
     median_stresses,
     stress_variance,
 )
-from bayesdeg.priors import Named
+from bayesdeg.observations.volume import CavityVolume
+from bayesdeg.priors import Named, Parameter
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -57,6 +58,11 @@ class Measurement(Protocol):
     @property
     def read(self) -> Flags:
         """Where there is a reading, (S, R)."""
+        ...
+
+    @property
+    def errors(self) -> tuple[Parameter, ...]:
+        """Parameters of its errors that tests of a study need not have."""
         ...
 
     def expected(self, model: JointModel, values: Named) -> Floats:
@@ -92,17 +98,26 @@ class ActuatorTests:
         """Where there is a reading: curvatures, then bend angles if there are any."""
         return self.curves.paths.mask
 
+    @property
+    def errors(self) -> tuple[Parameter, ...]:
+        """Those of bend angles, which `with_noise` knows."""
+        return ()
+
     def expected(self, model: JointModel, values: Named) -> Floats:
         """Return curvatures [1/m], then bend angles [°] expected."""
         return model.of_actuators(self.curves).predict(values).mean
 
     def covariance(self, model: JointModel, values: Named) -> Floats:
         """Return their covariance, of specimens (linear in the stiffness) and errors."""
+        return covariance(self.linearised(model, values))
+
+    def linearised(self, model: JointModel, values: Named) -> Linearised:
+        """Linearise them at no deviation of the specimens' ln stiffness."""
         tested = model.of_actuators(self.curves)
         predicted = tested.predict(values)
         length = values["curvature_noise_length"]
         with_angle = self.curves.with_angle
-        linearised = Linearised(
+        return Linearised(
             np.zeros_like(predicted.mean),
             predicted.slope[..., None],
             predicted.variance,
@@ -111,11 +126,70 @@ class ActuatorTests:
             values["reading_correlation"] if with_angle else np.zeros(len(length)),
             self.curves.paths,
         )
-        return covariance(linearised)
 
     def simulated(self, model: JointModel, values: Named, generator: np.random.Generator) -> Floats:
         """Draw readings of new specimens."""
         return model.of_actuators(self.curves).simulate(values, generator)
+
+
+@dataclass(frozen=True)
+class VolumeTests:
+    """Actuators under pressure of which the cavity's volume is read besides the curvature.
+
+    Parameters
+    ----------
+    bent : ActuatorTests
+        What is read of their shape.
+    volumes : CavityVolume
+        On the same specimens, read at every pressure; what was read is not used, but its largest
+        scales the constant error of reading.
+    """
+
+    bent: ActuatorTests
+    volumes: CavityVolume
+
+    @property
+    def copies(self) -> int:
+        """Number of specimens of each kind."""
+        return self.bent.copies
+
+    @property
+    def read(self) -> Flags:
+        """Where there is a reading: those of the shape, then volumes."""
+        return np.concatenate([self.bent.read, self.volumes.tests.mask], axis=1)
+
+    @property
+    def errors(self) -> tuple[Parameter, ...]:
+        """Those of reading volumes, and that of the emulator."""
+        return (*self.volumes.parameters, *self.volumes.error_parameters)
+
+    def expected(self, model: JointModel, values: Named) -> Floats:
+        """Return readings of the shape, then volumes [ml] expected."""
+        swept = self._placed(self.volumes.expected(model.tests(values)))
+        return np.concatenate([self.bent.expected(model, values), swept], axis=-1)
+
+    def covariance(self, model: JointModel, values: Named) -> Floats:
+        """Return their covariance: a specimen's stiffness is in both, errors are independent."""
+        shape = self.bent.linearised(model, values)
+        volume = self.volumes.linearised(model.tests(values))
+        bent, count = shape.slope.shape[-2], shape.slope.shape[-2] + volume.slope.shape[-2]
+        total = np.empty((*shape.slope.shape[:2], count, count))
+        total[..., :bent, :bent] = covariance(shape)
+        total[..., bent:, bent:] = covariance(volume)
+        both = shape.slope * shape.spread[..., None] @ volume.slope.swapaxes(-1, -2)
+        total[..., :bent, bent:], total[..., bent:, :bent] = both, both.swapaxes(-1, -2)
+        return total
+
+    def simulated(self, model: JointModel, values: Named, generator: np.random.Generator) -> Floats:
+        """Draw readings of new specimens."""
+        state = model.tests(values)
+        shape = state.anew(draw_readings, self.bent.curves, generator).readings
+        swept = self._placed(self.volumes.simulate(state, generator))
+        return np.concatenate([shape, swept], axis=-1)
+
+    def _placed(self, volumes: Floats) -> Floats:
+        """Return volumes (n, k) as (n, S, R); there is one at every pressure."""
+        return volumes.reshape(len(volumes), *self.volumes.tests.mask.shape)
 
 
 @dataclass(frozen=True)
@@ -137,6 +211,11 @@ class FilmTests:
     def read(self) -> Flags:
         """Where there is a reading."""
         return self.curves.mask
+
+    @property
+    def errors(self) -> tuple[Parameter, ...]:
+        """Those of stresses, which `with_noise` knows."""
+        return ()
 
     def expected(self, model: JointModel, values: Named) -> Floats:
         """Return stresses expected [MPa]."""
@@ -166,10 +245,22 @@ class FilmTests:
         return Tensile(self.curves).drawn(model.state(values), generator)
 
 
-def with_noise(values: Named, generator: np.random.Generator) -> dict[str, Floats]:
-    """Return named values with the noise of what was never read so far, as its prior has it."""
+def with_noise(
+    values: Named, generator: np.random.Generator, errors: tuple[Parameter, ...] = ()
+) -> dict[str, Floats]:
+    """Return named values with the noise of what was never read so far, as its prior has it.
+
+    Parameters
+    ----------
+    values : mapping
+        Named values, (n,).
+    generator : Generator
+        Draws what is not there.
+    errors : tuple of Parameter
+        Further errors of reading, of a measurement of its own kind.
+    """
     count = len(values["stiffness_scatter"])
-    unknown = [p for p in (*BEND_ANGLE, *TENSILE) if p.name not in values]
+    unknown = [p for p in (*BEND_ANGLE, *TENSILE, *errors) if p.name not in values]
     return {**values, **{p.name: p.law.sample(generator, count) for p in unknown}}
 
 
@@ -433,6 +524,10 @@ class ExperimentPlan:
         Whether the study recorded times, which the experiment needs.
     mount : str
         How the actuator is held, where that is new.
+    temperature_c : float
+        Of the room, where that is new [°C].
+    batch : int
+        Of the specimens, counted from 0, where it matters.
     hold_s : float
         How long a pressure is held [s].
     steps : int
@@ -446,6 +541,8 @@ class ExperimentPlan:
     top: float = float("nan")
     timed: bool = True
     mount: str = ""
+    temperature_c: float = float("nan")
+    batch: int = 0
     hold_s: float = 0.0
     steps: int = 1
 
@@ -605,7 +702,8 @@ def compare(
     Readings are left out at which any hypothesis refuses more than a tenth of its draws; nothing is
     returned where that leaves none, or less than half of the draws of a hypothesis.
     """
-    foretold = foretell([_named(h, generator) for h in hypotheses], measurement, generator)
+    named = [_named(h, generator, measurement.errors) for h in hypotheses]
+    foretold = foretell(named, measurement, generator)
     pairs = [
         _pair((a.name, b.name), separation(first, second))
         for (a, first), (b, second) in combinations(zip(hypotheses, foretold, strict=False), 2)
@@ -666,7 +764,7 @@ def _pair(names: tuple[str, str], both: tuple[Separation, Separation]) -> Pair:
 
 
 def _named(
-    hypothesis: Hypothesis, generator: np.random.Generator
+    hypothesis: Hypothesis, generator: np.random.Generator, errors: tuple[Parameter, ...]
 ) -> tuple[JointModel, dict[str, Floats]]:
     values = hypothesis.model.table.named(hypothesis.draws)
-    return hypothesis.model, with_noise(values, generator)
+    return hypothesis.model, with_noise(values, generator, errors)

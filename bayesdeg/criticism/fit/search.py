@@ -3,7 +3,7 @@
 A cause is added as long as the log Bayes factor of the best addition passes what chance alone gives
 in 5 % of data sets simulated from the model so far. That path may go astray: one cause may look
 like two others together. So all pairs and triples are ranked too, on one linear scale, with the
-scatter of what was found so far (`fit.sets`); those in reach of it are fitted, and one of them
+scatter of what was found so far (`fit.screening`); those in reach of it are fitted, and one of them
 takes its place if it is better, or if it is larger and passes what chance gives. Each cause is
 exchanged for a rival as long as that is better. In the set that is left, every cause must earn its
 place against the set without it, and every cause is compared with all that could stand in its
