@@ -7,11 +7,12 @@ Mechanism
     for it, and that perhaps before films show any.
 
 Equation
-    Median elongation limit times exp(−b ρ(D)), scatter of its logarithm √(σ² + (w ρ(D))²), with
-    ρ(D) = max(D − D₀, 0)/(25 % − D₀): 0 up to the onset D₀, 1 at 25 %. The onset is inferred: its
-    prior knows the films' surfaces, and no count of ruptures. The ramp is straight: where few
-    cracks cut almost as much as many do, it begins before the first of them (9 % for 16 %, in the
-    virtual study `gelatin_rupture`).
+    Flaws compete with ordinary defects: ln S(ε) = ln S₀(ε) + ρ(D) min(ln S_f(ε) − ln S₀(ε), 0),
+    with S₀ the probability that a wall without flaws is whole, S_f the same with a median less by
+    exp(−b) and a scatter of its logarithm of √(σ² + w²), and ρ(D) = max(D − D₀, 0)/(25 % − D₀): the
+    number of flaws, 0 up to the onset D₀, over that at 25 %. Few flaws let few walls burst, but
+    those as early as many do. The onset is inferred: its prior knows the films' surfaces, and no
+    count of ruptures.
 
 Typical size
     Two of three actuators burst below 240 kPa at 25 %, where 99 % of the simulated volume stays
@@ -28,7 +29,8 @@ Refuted by
 
 Source
     Nagai, Kurita, Shintake (2021), doi:10.3389/frobt.2021.760485, for fracture surfaces and counts
-    of ruptures; Weibull (1951), J. Appl. Mech. 18:293, doi:10.1115/1.4010337, for flaws.
+    of ruptures; Weibull (1951), J. Appl. Mech. 18:293, doi:10.1115/1.4010337, for flaws; Johnson
+    (1964), The Statistical Treatment of Fatigue Experiments, for sources of failure that compete.
 """
 
 import numpy as np
@@ -40,9 +42,9 @@ from bayesdeg.causes.cause import (
     Effect,
     Floats,
     Stage,
-    Strength,
     StrengthConditions,
 )
+from bayesdeg.material.strength import Strength
 from bayesdeg.priors import Parameter, TruncatedNormal
 
 SMOOTH = 20.0
@@ -52,9 +54,9 @@ LATEST = 24.0
 
 
 def embrittle(strength: Strength, conditions: StrengthConditions, effect: Effect) -> Strength:
-    """Return a lower and more scattered elongation limit where degradation is beyond the onset."""
-    ramp = flaw_ramp(conditions.degradation, effect["onset"])
-    return strength.weakened(effect["cut"] * ramp, effect["widening"] * ramp)
+    """Return an elongation limit with flaws where degradation is beyond the onset."""
+    share = flaw_ramp(conditions.degradation, effect["onset"])
+    return strength.flawed(share, effect["cut"], effect["widening"])
 
 
 def flaw_ramp(degradation: Floats, onset: Floats) -> Floats:
@@ -83,14 +85,14 @@ CAUSE = Cause(
             "cut",
             TruncatedNormal(0.0, 1.0, 0.0, np.inf),
             "–",
-            "ln of the films' over the actuators' elongation limit at a degradation rate of 25 %",
+            "ln of the films' over the actuators' elongation limit with flaws as many as at 25 %",
             0.0,
         ),
         Parameter(
             "widening",
             TruncatedNormal(0.0, 0.4, 0.0, np.inf),
             "–",
-            "scatter of ln elongation limit that flaws add at a degradation rate of 25 %",
+            "scatter of ln elongation limit that flaws add",
             0.0,
         ),
         # films are smooth up to 20 %; walls, edges and corners may have flaws well before

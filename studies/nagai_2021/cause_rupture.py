@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdeg.causes.cause import Cause, Strength, StrengthConditions
+from bayesdeg.causes.cause import Cause, StrengthConditions
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.material.degradation import derivative
 from bayesdeg.material.hyperelastic import Yeoh
