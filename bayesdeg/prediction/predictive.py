@@ -465,7 +465,7 @@ def rupture_table(
     checks = fewest_checks(specimens, draws)
     pressed = pressures > 0.0  # without pressure nothing bursts
     mean, low, high = (
-        np.where(pressed, not_below(part, checks), part) for part in (mean, low, high)
+        np.where(pressed, not_below(part, checks), 0.0 * part) for part in (mean, low, high)
     )
     return pd.DataFrame(
         {
