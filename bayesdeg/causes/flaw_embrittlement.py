@@ -9,10 +9,10 @@ Mechanism
 Equation
     Flaws compete with ordinary defects: ln S(ε) = ln S₀(ε) + ρ(D) min(ln S_f(ε) − ln S₀(ε), 0),
     with S₀ the probability that a wall without flaws is whole, S_f the same with a median less by
-    exp(−b) and a scatter of its logarithm of √(σ² + w²), and ρ(D) = max(D − D₀, 0)/(25 % − D₀): the
-    number of flaws, 0 up to the onset D₀, over that at 25 %. Few flaws let few walls burst, but
-    those as early as many do. The onset is inferred: its prior knows the films' surfaces, and no
-    count of ruptures.
+    exp(−b) and a scatter of its logarithm of √(σ² + w²), and ρ(D) = r(D − D₀)/r(25 % − D₀) the
+    number of flaws over that at 25 %, r(x) being the mean of max(x, 0) where x scatters by 1 %. Few
+    flaws let few walls burst, but those as early as many do. The onset D₀ is inferred: its prior
+    knows the films' surfaces, and no count of ruptures.
 
 Typical size
     Two of three actuators burst below 240 kPa at 25 %, where 99 % of the simulated volume stays
@@ -34,6 +34,7 @@ Source
 """
 
 import numpy as np
+import scipy
 
 from bayesdeg.causes.cause import (
     REFERENCE_DEGRADATION,
@@ -49,6 +50,9 @@ from bayesdeg.priors import Parameter, TruncatedNormal
 
 SMOOTH = 20.0
 """Degradation rate up to which fracture surfaces of films are smooth [%]."""
+BEGINNING = 1.0
+"""Standard deviation of the onset from place to place [%]: rates are known no better, and what
+begins at once at one rate would be at no specimen or at all."""
 LATEST = 24.0
 """Onset beyond which flaws would be there at once, not by degrees [%]."""
 
@@ -60,14 +64,22 @@ def embrittle(strength: Strength, conditions: StrengthConditions, effect: Effect
 
 
 def flaw_ramp(degradation: Floats, onset: Floats) -> Floats:
-    """Return ρ(D): 0 up to the onset, 1 at 25 %; both in percent.
+    """Return ρ(D): 0 up to the onset, 1 at 25 %, and a straight line between; in percent.
 
     Examples
     --------
-    >>> flaw_ramp(np.array([0.0, 20.0, 22.5, 25.0]), np.array([20.0])).tolist()
-    [0.0, 0.0, 0.5, 1.0]
+    >>> flaw_ramp(np.array([0.0, 17.0, 20.0, 22.5, 25.0]), np.array([20.0])).round(3).tolist()
+    [0.0, 0.0, 0.08, 0.5, 1.0]
     """
-    return np.maximum(degradation - onset, 0.0) / (REFERENCE_DEGRADATION - onset)
+    return _rising(degradation - onset) / _rising(REFERENCE_DEGRADATION - onset)
+
+
+def _rising(beyond: Floats) -> Floats:
+    """Return the mean of max(x, 0) [%] of normal rates about a distance beyond the onset."""
+    u = beyond / BEGINNING
+    density = np.exp(-0.5 * u**2) / np.sqrt(2.0 * np.pi)
+    found: Floats = BEGINNING * np.maximum(density + u * scipy.special.ndtr(u), 0.0)
+    return found
 
 
 def never_flawed(conditions: Conditions) -> str | None:
