@@ -49,7 +49,7 @@ from bayesdeg.files import write_text
 from bayesdeg.laboratory.experiment import design_of, run_experiment
 from bayesdeg.laboratory.truth import Truth, parse_effects
 from bayesdeg.laboratory.writing import Provenance, study_files
-from bayesdeg.pipeline.asked import asked_of
+from bayesdeg.pipeline.emulation import asked_of
 
 Floats = NDArray[np.float64]
 Json = dict[str, Any]

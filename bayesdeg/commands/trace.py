@@ -24,7 +24,6 @@ from bayesdeg.data.photographs import TracedPhotograph
 from bayesdeg.errors import BayesdegError
 from bayesdeg.files import STUDY_MB, read_bytes, reason
 from bayesdeg.photographs.lines import line_of, parse_lines
-from bayesdeg.photographs.overlay import overlay
 from bayesdeg.photographs.picture import read_picture
 from bayesdeg.photographs.record import recorded
 from bayesdeg.photographs.trace import PHOTO_MB, PictureScale, trace
@@ -94,7 +93,7 @@ def _traced(path: Path, out: Path, asked: _Asked, known: dict[str, Any]) -> Trac
     record = recorded(name, content, image, found)
     about = {**known, "place": way_to(out, path), "corrected": line is not None}
     record = record.model_copy(update=about)
-    write_overlay(out, record, overlay(image, record, found.plane.target))
+    write_overlay(out, record, image, found.plane.target)
     return record
 
 

@@ -4,6 +4,10 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
 from bayesdeg.data.photographs import TracedPhotograph, TraceFile
 from bayesdeg.errors import BayesdegError
 from bayesdeg.files import (
@@ -16,12 +20,17 @@ from bayesdeg.files import (
     write_text,
     written,
 )
-from bayesdeg.photographs.overlay import overlay
 from bayesdeg.photographs.picture import Colours, read_picture
 from bayesdeg.photographs.record import hash_of, tables_of
 from bayesdeg.photographs.trace import PHOTO_MB
 
+Floats = NDArray[np.float64]
+
 FILE = "trace.json"
+#: Wide enough to see by how much a line is off, small enough to look through many [px].
+WIDTH = 1600
+#: Blue, green, red: of the line where the edge was read, and where it was not; of the target.
+READ, BETWEEN, TARGET = (255, 0, 255), (0, 0, 255), (255, 160, 0)
 
 
 def way_to(folder: Path, photograph: Path) -> str:
@@ -43,9 +52,54 @@ def write_traces(folder: Path, photographs: Sequence[TracedPhotograph]) -> None:
             table.map(spreadsheet_safe).to_csv(part, index=False, encoding="utf-8")
 
 
-def write_overlay(folder: Path, photograph: TracedPhotograph, content: bytes) -> None:
-    """Write the picture on which a person checks a line."""
+def write_overlay(
+    folder: Path, photograph: TracedPhotograph, image: Colours, target: Floats | None = None
+) -> None:
+    """Write the picture on which a person checks a line at a glance.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the trace.
+    photograph : TracedPhotograph
+        What was read of it.
+    image : array of uint8
+        The photograph itself.
+    target : array, shape (n, 2), optional
+        Points that the scale is from [px].
+    """
+    content = _overlay(image, photograph, target)
     write_bytes(folder / f"{Path(photograph.file).stem}_traced.png", content)
+
+
+def _overlay(image: Colours, found: TracedPhotograph, target: Floats | None) -> bytes:
+    """Return a PNG: the line, its clamped end a ring, the target's points, and what was read."""
+    factor = min(1.0, WIDTH / image.shape[1])
+    drawn = cv2.resize(image, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
+    pixels = np.round(factor * 16.0 * np.array(found.pixels)).astype(np.int32)
+    for i in range(len(pixels) - 1):
+        colour = READ if found.seen[i] and found.seen[i + 1] else BETWEEN
+        start, end = pixels[i].tolist(), pixels[i + 1].tolist()
+        cv2.line(drawn, start, end, colour, 1, cv2.LINE_AA, 4)
+    cv2.circle(drawn, (pixels[0] // 16).tolist(), 8, READ, 2, cv2.LINE_AA)
+    for point in np.empty((0, 2)) if target is None else target:
+        cv2.circle(drawn, np.int32(factor * point).tolist(), 3, TARGET, 1, cv2.LINE_AA)
+    lines = [
+        found.file.encode("ascii", "replace").decode(),
+        f"angle {found.bend_angle_deg:.2f} +- {found.bend_angle_error_deg:.2f} deg",
+        f"curvature {found.curvature_per_m:.2f} +- {found.curvature_error_per_m:.2f} 1/m",
+        f"length {found.length_mm:.2f} mm, scale from {found.scale_from}",
+        *(f"not sure: {doubt}" for doubt in found.not_sure),
+        *(["corrected by hand"] if found.corrected else []),
+    ]
+    for i, text in enumerate(lines):
+        for colour, width in (((0, 0, 0), 4), ((255, 255, 255), 1)):
+            place = (12, 28 + 26 * i)
+            cv2.putText(drawn, text, place, cv2.FONT_HERSHEY_SIMPLEX, 0.7, colour, width)
+    written, content = cv2.imencode(".png", drawn)
+    if not written:
+        raise BayesdegError(f"{found.file}: its overlay cannot be drawn; give a smaller photograph")
+    return bytes(content)
 
 
 def read_traces(folder: Path) -> tuple[TracedPhotograph, ...]:
@@ -114,4 +168,4 @@ def save_correction(
 ) -> None:
     """Write everything again after a person has corrected one of the photographs."""
     write_traces(folder, photographs)
-    write_overlay(folder, changed, overlay(picture_of(folder, changed), changed))
+    write_overlay(folder, changed, picture_of(folder, changed))

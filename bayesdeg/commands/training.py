@@ -1,16 +1,19 @@
-"""Training an emulator: the time it takes is said, asked for if somebody is there, and shown."""
+"""Training an emulator: its time is said, and asked for if somebody is there; then how it ended."""
 
+import csv
 import sys
+from collections import Counter
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import typer
+from rich.table import Table
 
 from bayesdeg.actuator.families import geometry_of_study
 from bayesdeg.actuator.moulded import Moulded
+from bayesdeg.actuator.status import Status
 from bayesdeg.commands.options import STORE, Stopped
-from bayesdeg.commands.outcome import accuracy_table, list_failures, runs_table
 from bayesdeg.console import errors, shown
 from bayesdeg.data.families import MeshDimensions
 from bayesdeg.data.settings import Dimensions
@@ -33,7 +36,7 @@ from bayesdeg.emulator.local import (
     units_for,
 )
 from bayesdeg.emulator.scaling import TrainingRange
-from bayesdeg.emulator.solutions import SolutionStore
+from bayesdeg.emulator.solutions import ANSWERS, Run, SolutionStore
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.emulator.trained import (
     covering,
@@ -44,15 +47,19 @@ from bayesdeg.emulator.trained import (
     surrogate_for,
     write_trained,
 )
-from bayesdeg.pipeline.asked import AskedAfterwards, asked_after, asked_of
 from bayesdeg.pipeline.emulation import (
+    AskedAfterwards,
     Campaign,
     Expectation,
+    asked_after,
+    asked_of,
     endings,
     expect,
     train_emulator,
 )
 from bayesdeg.pipeline.outline import outline
+from bayesdeg.pipeline.run_record import emulator_facts
+from bayesdeg.report.wording import fixed, percent, words
 
 RECIPE = Recipe()
 LOCAL = local_recipe
@@ -296,3 +303,62 @@ def _what_stays(campaign: Campaign) -> str:
 
 def _print(text: str) -> None:
     errors.print(text, soft_wrap=True)
+
+
+def list_failures(path: Path, ended: list[tuple[Run, Status]]) -> Path | None:
+    """List the parameters of failed runs in a CSV file beside an emulator; None if none failed.
+
+    Parameters
+    ----------
+    path : Path
+        The emulator's file.
+    ended : list of (Run, Status)
+        All runs of the campaign.
+    """
+    listed = path.with_suffix(".failures.csv")
+    rows = [
+        {"status": status.name, "advice": status.advice, "run": run.key()}
+        | {f"mesh_{name}": value for name, value in asdict(run.resolution).items()}
+        | {"largest_load": run.curve.loads[-1] if run.curve.loads else 0.0}
+        | asdict(run.curve.material)
+        for run, status in ended
+        if status not in ANSWERS
+    ]
+    if not rows:
+        listed.unlink(missing_ok=True)
+        return None
+    with listed.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
+    return listed
+
+
+def runs_table(ended: list[tuple[Run, Status]]) -> Table:
+    """Return how the runs ended, by mesh and status."""
+    table = Table(title="finite element curves", title_justify="left")
+    meshes = list(dict.fromkeys(run.resolution for run, _ in ended))
+    table.add_column("how they ended", overflow="fold")
+    for mesh in meshes:
+        table.add_column(f"mesh of {mesh.along:g} mm", justify="right")
+    counts = Counter((run.resolution, status) for run, status in ended)
+    for status in sorted({status for _, status in ended}):
+        failed = "" if status in ANSWERS else "failed: "
+        numbers = [str(counts[mesh, status]) for mesh in meshes]
+        table.add_row(f"{failed}{status.advice.split(':')[0].split(';')[0]}", *numbers)
+    totals = [str(sum(run.resolution == mesh for run, _ in ended)) for mesh in meshes]
+    table.add_section()
+    table.add_row("all", *totals)
+    return table
+
+
+def accuracy_table(surrogate: Surrogate) -> Table:
+    """Return how accurate an emulator is on curves that it was not trained on."""
+    table = Table(title="emulator, on curves not trained on [%]", title_justify="left")
+    table.add_column("quantity")
+    for heading in ("rms", "95th percentile", "largest", "inside its 90 %"):
+        table.add_column(heading, justify="right")
+    for row in emulator_facts(surrogate.record).accuracy:
+        sizes = [fixed(size) for size in (row.rms_pct, row.p95_pct, row.max_pct)]
+        table.add_row(words(row.quantity), *sizes, percent(row.coverage_90))
+    return table

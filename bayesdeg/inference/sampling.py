@@ -11,8 +11,6 @@ from typing import Protocol, Self
 
 import emcee
 import numpy as np
-import xarray as xr
-from arviz_base import from_dict
 from arviz_stats.base import array_stats
 from numpy.typing import NDArray
 from scipy.special import logsumexp
@@ -22,15 +20,7 @@ from bayesdeg.errors import BayesdegError
 from bayesdeg.inference.density import Density
 from bayesdeg.inference.importance import FOR_WALKERS, Proposal
 from bayesdeg.inference.laplace import Evidence, effective_draws
-from bayesdeg.inference.model import CountedDensity, JointModel, Refusals
-from bayesdeg.inference.tree import (
-    Groups,
-    add_likelihoods,
-    add_observations,
-    label_observations,
-    stored_readings,
-    with_one_likelihood,
-)
+from bayesdeg.inference.model import CountedDensity, Refusals
 
 Floats = NDArray[np.float64]
 
@@ -560,7 +550,7 @@ def _widened(density: Density, draws: Floats, generator: np.random.Generator) ->
     return possible
 
 
-__all__ = ["EFFORTS", "Chain", "Effort", "Standing", "sample", "to_datatree"]
+__all__ = ["EFFORTS", "Chain", "Effort", "Standing", "sample"]
 
 
 # shares of the steps; chosen by benchmarks/sampler_moves.py. Independent proposals are worth most
@@ -663,33 +653,6 @@ def _slow(standing: Standing, effort: Effort) -> bool:
     """
     due = standing.settled and standing.kept >= 2 * effort.chunk
     return due and SLOW * standing.times <= effort.times
-
-
-def to_datatree(density: Density, chain: Chain, generator: np.random.Generator) -> xr.DataTree:
-    """Return the chain as an arviz DataTree.
-
-    Groups: ``posterior`` (named parameters, in the users' units), ``sample_stats`` (``lp``); of a
-    ``JointModel`` also ``log_likelihood`` (``joint``: all that was read on each specimen, for
-    ``arviz.loo``; as coordinates its parts: each reading given those before it on its specimen,
-    and whole specimens by kind of data), ``posterior_predictive``, ``observed_data``,
-    ``constant_data``. Chains are ensembles.
-    """
-    ensembles, steps, walkers, size = chain.vectors.shape
-    shape = (ensembles, steps * walkers)
-    # walker by walker, so that neighbours in the tree are as much alike as the chain's own steps
-    values = density.table.named(np.swapaxes(chain.vectors, 1, 2).reshape(-1, size))
-    groups: Groups = {
-        "posterior": {name: v.reshape(shape) for name, v in values.items()},
-        "sample_stats": {"lp": np.swapaxes(chain.log_prob, 1, 2).reshape(shape)},
-    }
-    if not isinstance(density, JointModel):
-        plain: xr.DataTree = from_dict(groups)
-        return plain
-    coords, dims = add_likelihoods(density, density.log_likelihood(values), groups, shape=shape)
-    stored = stored_readings(density, values, generator)
-    further, along = add_observations(stored, groups, shape=shape)
-    tree: xr.DataTree = from_dict(groups, coords=coords | further, dims=dims | along)
-    return with_one_likelihood(label_observations(tree, stored))
 
 
 def _first(density: Density, start: Start, seed: np.random.SeedSequence) -> Position:

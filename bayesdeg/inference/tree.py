@@ -1,12 +1,15 @@
-"""What a model adds to the DataTree of its chain: labels of specimens, and observations."""
+"""A chain as a DataTree: parameters by name and, of a model with data, densities and readings."""
 
 from collections.abc import Mapping
 
 import numpy as np
 import xarray as xr
+from arviz_base import from_dict
 from numpy.typing import NDArray
 
+from bayesdeg.inference.density import Density
 from bayesdeg.inference.model import JointModel, blocks_of
+from bayesdeg.inference.sampling import Chain
 from bayesdeg.observations.kinds import Stored
 
 Floats = NDArray[np.float64]
@@ -16,7 +19,34 @@ JOINT = "joint"
 OBSERVED = ("log_likelihood", "posterior_predictive", "observed_data", "constant_data")
 
 
-def add_likelihoods(
+def to_datatree(density: Density, chain: Chain, generator: np.random.Generator) -> xr.DataTree:
+    """Return the chain as an arviz DataTree.
+
+    Groups: ``posterior`` (named parameters, in the users' units), ``sample_stats`` (``lp``); of a
+    ``JointModel`` also ``log_likelihood`` (``joint``: all that was read on each specimen, for
+    ``arviz.loo``; as coordinates its parts: each reading given those before it on its specimen,
+    and whole specimens by kind of data), ``posterior_predictive``, ``observed_data``,
+    ``constant_data``. Chains are ensembles.
+    """
+    ensembles, steps, walkers, size = chain.vectors.shape
+    shape = (ensembles, steps * walkers)
+    # walker by walker, so that neighbours in the tree are as much alike as the chain's own steps
+    values = density.table.named(np.swapaxes(chain.vectors, 1, 2).reshape(-1, size))
+    groups: Groups = {
+        "posterior": {name: v.reshape(shape) for name, v in values.items()},
+        "sample_stats": {"lp": np.swapaxes(chain.log_prob, 1, 2).reshape(shape)},
+    }
+    if not isinstance(density, JointModel):
+        plain: xr.DataTree = from_dict(groups)
+        return plain
+    coords, dims = _add_likelihoods(density, density.log_likelihood(values), groups, shape=shape)
+    stored = _stored_readings(density, values, generator)
+    further, along = _add_observations(stored, groups, shape=shape)
+    tree: xr.DataTree = from_dict(groups, coords=coords | further, dims=dims | along)
+    return _with_one_likelihood(_label_observations(tree, stored))
+
+
+def _add_likelihoods(
     model: JointModel, by_kind: Mapping[str, Floats], groups: Groups, *, shape: tuple[int, int]
 ) -> tuple[dict[str, NDArray[np.generic]], dict[str, list[str]]]:
     """Add log densities of whole specimens, by kind of data and jointly.
@@ -66,7 +96,7 @@ def _blocks(model: JointModel) -> list[tuple[str, dict[str, NDArray[np.intp]]]]:
     return blocks
 
 
-def with_one_likelihood(tree: xr.DataTree) -> xr.DataTree:
+def _with_one_likelihood(tree: xr.DataTree) -> xr.DataTree:
     """Leave the joint density as the one data variable of ``log_likelihood``.
 
     ``arviz.loo`` takes the one that there is, and refuses to choose among several. The others keep
@@ -79,7 +109,7 @@ def with_one_likelihood(tree: xr.DataTree) -> xr.DataTree:
     return tree
 
 
-def stored_readings(
+def _stored_readings(
     model: JointModel, values: dict[str, Floats], generator: np.random.Generator
 ) -> list[Stored]:
     """Return what is kept of the readings, their densities and replicates."""
@@ -87,7 +117,7 @@ def stored_readings(
     return [kept for one in model.observations for kept in one.stored(state, tests, generator)]
 
 
-def add_observations(
+def _add_observations(
     stored: list[Stored], groups: Groups, *, shape: tuple[int, int]
 ) -> tuple[dict[str, NDArray[np.generic]], dict[str, list[str]]]:
     """Add readings, their densities and replicates, to the groups; return labels and axes."""
@@ -105,7 +135,7 @@ def add_observations(
     return coords, dims
 
 
-def label_observations(tree: xr.DataTree, stored: list[Stored]) -> xr.DataTree:
+def _label_observations(tree: xr.DataTree, stored: list[Stored]) -> xr.DataTree:
     """Let the observations carry specimen, pressure and degradation rate."""
     for one in stored:
         coords = {name: (one.axis, values) for name, values in one.labels.items()}

@@ -27,7 +27,8 @@ from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.emulator.trained import find as find_emulator
 from bayesdeg.errors import BayesdegError, use_one_of
 from bayesdeg.inference.model import JointModel
-from bayesdeg.inference.sampling import EFFORTS, to_datatree
+from bayesdeg.inference.sampling import EFFORTS
+from bayesdeg.inference.tree import to_datatree
 from bayesdeg.pipeline import forecast, formula
 from bayesdeg.pipeline.assemble import Assembly, assemble, assemble_own
 from bayesdeg.pipeline.calibrate import Fit, base_of, calibrate

@@ -1,21 +1,16 @@
-"""What a run found, as the records that ``verdict.json`` and ``run.json`` hold."""
+"""What a run found, and what ``verdict.json`` says of it, in numbers and in words."""
 
-import json
-import platform
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
-from importlib.metadata import version
 
 import numpy as np
 from numpy.typing import NDArray
 
-import bayesdeg
-from bayesdeg.actuator.reading import mechanics_of
 from bayesdeg.causes.catalogue import CATALOGUE
+from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.checks.absorption import Absorption, Displacement
 from bayesdeg.criticism.checks.conflict import Conflict, Questioned, questioned
-from bayesdeg.criticism.checks.count_misfit import CountedLevel, CountMisfit, can_be_counted
+from bayesdeg.criticism.checks.count_misfit import CountedLevel, CountMisfit
 from bayesdeg.criticism.checks.residuals import (
     Concentration,
     CurvatureDeparture,
@@ -28,63 +23,48 @@ from bayesdeg.criticism.checks.residuals import (
 )
 from bayesdeg.criticism.checks.rupture_misfit import RuptureMisfit
 from bayesdeg.criticism.checks.suspects import Oddity
-from bayesdeg.criticism.decide.candidates import Candidate
+from bayesdeg.criticism.decide.candidates import Candidate, EffectSize
 from bayesdeg.criticism.decide.counted import Counted
-from bayesdeg.criticism.decide.verdict import Decision
-from bayesdeg.criticism.outcome import Outcome
+from bayesdeg.criticism.decide.verdict import Decision, share_explained, uncalibrated
+from bayesdeg.criticism.fit.search import FALSE_NAME_RATE
+from bayesdeg.criticism.holdout.gain import mode_table
+from bayesdeg.criticism.outcome import MISFIT_LEVEL, Outcome
 from bayesdeg.data.plausibility import Doubt, doubts
 from bayesdeg.data.study import Study
-from bayesdeg.emulator.surrogate import Surrogate
-from bayesdeg.inference.model import JointModel, Refusals, share_outside
-from bayesdeg.observations.catalogue import TABLES
 from bayesdeg.observations.curvature import ACTUATOR
 from bayesdeg.observations.specimens import FilmsAndActuators
 from bayesdeg.observations.tensile import STRESS
 from bayesdeg.pipeline.aside import FILES, Aside
 from bayesdeg.pipeline.assemble import Assembly
 from bayesdeg.pipeline.averaged import Averaged
-from bayesdeg.pipeline.calibrate import Fit, refused_inputs
+from bayesdeg.pipeline.calibrate import Fit
 from bayesdeg.pipeline.checks import Checks
-from bayesdeg.pipeline.explanation import explain
 from bayesdeg.pipeline.films import CourseFit, Films
-from bayesdeg.pipeline.forecast import model_document
-from bayesdeg.pipeline.formula import OwnMap
 from bayesdeg.pipeline.judge import Judgement, readings_misfit
-from bayesdeg.pipeline.memory import peaks_of_memory
 from bayesdeg.pipeline.missing import description_entry
 from bayesdeg.pipeline.outline import outline
-from bayesdeg.pipeline.vendor import vendor_check
-from bayesdeg.prediction.predictive import specimens_tested
+from bayesdeg.priors import Parameter
 from bayesdeg.report.left_out import Guard, OptionalStage
 from bayesdeg.report.record import (
     AbsorbedEntry,
-    BasisEntry,
     CandidateEntry,
-    ComparisonEntry,
     ConcentrationEntry,
     ContradictionEntry,
-    ConvergenceEntry,
     CountedCauseEntry,
     CountedLevelEntry,
     EffectEntry,
-    EmulatorEntry,
     ExperimentEntry,
     InDoubt,
-    MemberEntry,
     MisfitEntry,
-    MissingEntry,
-    ModelEntry,
     NamingEntry,
     OutcomeEntry,
     QuestionedEntry,
-    RunRecord,
     RuptureCountsEntry,
     RuptureEntry,
-    StatisticEntry,
     SuspectEntry,
     VerdictRecord,
 )
-from bayesdeg.report.wording import NOTHING, sentences, worded
+from bayesdeg.report.wording import SPACE, sentences, worded
 
 
 @dataclass(frozen=True)
@@ -168,7 +148,7 @@ def verdict_document(
     concentrated : Concentration, optional
         The branch, cycle, hold or few specimens in which most of the misfit sits.
     explanation : str, optional
-        In place of what `bayesdeg.pipeline.explanation.explain` says.
+        In place of what `explain` says.
     """
     said = explain(judgement, where) if explanation is None else explanation
     decision, base = judgement.decision, judgement.steps[0]
@@ -629,380 +609,146 @@ def _question(one: Questioned, absorbed: Absorption | None) -> QuestionedEntry:
     )
 
 
-def comparisons(study: Study, fit: Fit, counts: CountMisfit | None = None) -> list[ComparisonEntry]:
-    """Return every published statistic beside the posterior's own, 90 % intervals.
-
-    Of counts of ruptures it is the number that the model expects without a cause of rupture. What
-    it predicts no number of stands beside nothing.
-    """
-    if study.summary is None:
-        return []
-    flat = fit.chain.vectors.reshape(-1, fit.chain.vectors.shape[-1])
-    values = fit.model.table.named(flat[:: max(1, len(flat) // 2000)])
-    rows: list[ComparisonEntry] = []
-    for row in study.summary.to_dict("records"):
-        level = np.array([float(row["degradation_pct"])])
-        if row["quantity"] == "young_modulus":
-            draws = fit.model.young_modulus(values, level)[:, 0]
-        elif row["quantity"] == "elongation_at_break" and "elongation_scatter" in values:
-            draws = fit.model.elongation(values, level)[:, 0]
-        elif row["quantity"] == "volume_ratio" and "volume_ratio" in values:
-            draws = values["volume_ratio"]
-        else:
-            draws = None
-        predicted = NOTHING if draws is None else _interval(draws)
-        if row["quantity"] == "ruptured_count":
-            predicted = _expected_ruptures(counts, level[0])
-        unit = str(row["unit"]).replace("–", "")
-        sd = "" if np.isnan(row["sd"]) else f" ± {row['sd']:g}"
-        rows.append(
-            ComparisonEntry(
-                quantity=str(row["quantity"]),
-                degradation_pct=None if np.isnan(level[0]) else float(level[0]),
-                predicted=predicted if predicted == NOTHING else f"{predicted} {unit}".strip(),
-                published=f"{row['value']:g}{sd} {unit}".strip(),
-                source=str(row["source"]),
-            )
-        )
-    return rows
-
-
-FEWEST_RUPTURES = 0.05
-"""Expected ruptures that are told as a number: fewer than one in twenty such studies."""
-
-
-def _expected_ruptures(counts: CountMisfit | None, degradation: float) -> str:
-    """Word how many actuators of a level the model expects to burst."""
-    levels = () if counts is None else counts.levels
-    found = [one.tested * one.probability for one in levels if one.degradation == degradation]
-    if not found:
-        return NOTHING
-    few = found[0] < FEWEST_RUPTURES
-    return f"fewer than {FEWEST_RUPTURES:g}" if few else f"{found[0]:.2g}"
-
-
-def _interval(draws: NDArray[np.float64]) -> str:
-    low, middle, high = np.quantile(draws, [0.05, 0.5, 0.95])
-    return f"{middle:.3g} ({low:.3g} to {high:.3g})"
+LARGEST_LOSS = 0.05  # of simulated data sets, before the reader is warned
+SMALL_CHANCE = 0.05  # p-value of ruptures that deserves a sentence
+FEW_ERRORS = 2.0  # standard errors within which a gain may as well be nothing
+LIKELY = 0.5  # of a cause: a reader of the table asks why it is not named
 
 
 @dataclass(frozen=True)
-class Basis:
-    """A file that statements of the report rest on.
+class _NamedCause:
+    name: str
+    mechanism: str
+    sizes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class _Rival:
+    name: str
+    cause: str
+    gap: float
+
+
+@dataclass(frozen=True)
+class _ModeError:
+    name: str
+    before: float
+    after: float
+
+
+def explain(judgement: Judgement, where: str) -> str:
+    """Return one paragraph: what is wrong, why, how sure, what else it could be.
 
     Parameters
     ----------
-    file : str
-        Its name.
-    supports : str
-        The statements; empty of published statistics.
-    count : int, optional
-        Its specimens or films; None of published statistics.
-    counts : str
-        What is counted.
-    virtual : bool
-        Whether they are of a virtual experiment.
-    quantities : tuple of str
-        Published ones.
-    use : str
-        One of `USES`: whether the model is fitted to them, held against them, or they are shown.
+    judgement : Judgement
+        The verdict.
+    where : str
+        Where the misfit is, in a sentence.
     """
-
-    file: str
-    supports: str = ""
-    count: int | None = None
-    counts: str = ""
-    virtual: bool = False
-    quantities: tuple[str, ...] = ()
-    use: str = "fitted"
-
-
-def bases(study: Study, model: JointModel) -> Iterator[Basis]:
-    """Yield which data the statements of the report rest on."""
-    virtual = study.settings.virtual
-    for name, table in TABLES.items():
-        frame = study.given(name)
-        if frame is not None and table.supports:
-            count = int(frame[next(iter(table.columns))].nunique())
-            said = table.supports_in(degrades=study.degrades)
-            yield Basis(table.file, said, count, table.counts, virtual)
-    if study.summary is not None:
-        used = {s.quantity for s in model.statistics if not s.source.startswith("shrinkage.csv")}
-        used |= set() if model.published is None else {"r_squared"}
-        held = {"ruptured_count", "tested_count"} - used if can_be_counted(model) else set()
-        for use in USES:
-            named = {str(q) for q in study.summary["quantity"] if _use(q, used, held) == use}
-            if named:
-                yield Basis("summary.csv", quantities=tuple(sorted(named)), use=use)
-
-
-USES = ("fitted", "held against the model", "shown")
-
-
-def _use(quantity: str, fitted: set[str], held: set[str]) -> str:
-    """Return what is made of a published statistic."""
-    return USES[0] if quantity in fitted else USES[1] if quantity in held else USES[2]
+    misfit, decision = judgement.misfit, judgement.decision
+    count = len(misfit.null)
+    counted, degrades = judgement.counted, judgement.search.base.subject.degrades
+    contradicted = counted is not None and counted.misfit.contradicts
+    said = sentences(
+        "verdict",
+        "explanation",
+        j=judgement,
+        degrades=degrades,
+        counts=worded(counted, degrades=degrades) if contradicted else "",
+        by_counts_alone=contradicted and _agrees_otherwise(judgement),
+        where=where,
+        outcome=str(decision.outcome),
+        catalogue={name: _known(judgement, name) for name in decision.causes},
+        causes=[_named(judgement, name) for name in decision.causes],
+        named_or=" or ".join(decision.causes),
+        favoured=" and ".join(one.cause for one in judgement.supported),
+        reasons="; ".join(worded(one, degrades=degrades) for one in decision.reasons),
+        uncalibrated="" if misfit.is_calibrated else worded(uncalibrated(misfit)),
+        count=count,
+        larger=round(misfit.p_value * (count + 1) - 1) if np.isfinite(misfit.p_value) else 0,
+        likely=_likely(judgement),
+        nearest=_nearest(judgement),
+        rival=_rival(judgement),
+        shares=_shares(judgement),
+        modes=_modes(judgement),
+        level=MISFIT_LEVEL,
+        false_name_rate=FALSE_NAME_RATE,
+        small_chance=SMALL_CHANCE,
+        largest_loss=LARGEST_LOSS,
+        few_errors=FEW_ERRORS,
+    )
+    return said.replace(SPACE, " ")
 
 
-def rests_on(study: Study, model: JointModel) -> list[BasisEntry]:
-    """Return which statement rests on which data, in words."""
+def _agrees_otherwise(judgement: Judgement) -> bool:
+    """Return whether nothing but counts of ruptures speaks against the base model."""
+    rupture, mean = judgement.rupture, judgement.contradicted
+    beside = [one.p_value for one in (rupture, mean) if one is not None]
+    shared = any(one.is_more_than_chance for one in judgement.shared)
+    quiet = judgement.misfit.p_value > MISFIT_LEVEL and all(p > MISFIT_LEVEL for p in beside)
+    return quiet and not (judgement.supported or judgement.questioned or shared)
+
+
+def _likely(judgement: Judgement) -> Candidate | None:
+    """Return the cause that the table shows as likely."""
+    return next((c for c in judgement.candidates if (c.probability or 0.0) >= LIKELY), None)
+
+
+def _nearest(judgement: Judgement) -> Candidate | None:
+    """Return the candidate with the largest log Bayes factor; None if none was judged."""
+    judged = [c for c in judgement.candidates if c.log_bayes_factor is not None]
+    return max(judged, key=lambda c: c.log_bayes_factor or 0.0, default=None)
+
+
+def _shares(judgement: Judgement) -> tuple[float, float] | None:
+    """Return what share of the misfit is explained on either scale; None where not known."""
+    calibrated = judgement.misfit.is_calibrated and judgement.left.is_calibrated
+    if not calibrated or judgement.misfit.statistic <= judgement.misfit.by_chance:
+        return None
+    own, common = share_explained(*judgement.steps)
+    return round(own, 3), round(common, 3)
+
+
+def _modes(judgement: Judgement) -> list[_ModeError]:
+    """Return by how much modes that were left out are off, before and after [MPa]."""
+    subject, held_out = judgement.search.base.subject, judgement.held_out
+    whole = subject.holds_out_modes
+    if not whole or len(held_out) < 2:
+        return []
+    ends = {name: held_out[name] for name in (next(iter(held_out)), list(held_out)[-1])}
+    error = mode_table(subject, ends).pivot(index="mode", columns="model", values="rmse_MPa")
     return [
-        BasisEntry(
-            statement=sentences("run", "statement", one=one),
-            rests_on=sentences("run", "basis", one=one),
-        )
-        for one in bases(study, model)
-    ] + [
-        BasisEntry(
-            statement=sentences("run", "dimension", one=one),
-            rests_on=sentences("run", "dimension_basis", one=one),
-        )
-        for one in study.settings.uncertain
-        if one.parameter.name in model.table.names
+        _ModeError(str(mode), float(row.iloc[0]), float(row.iloc[1]))
+        for mode, row in error[list(ends)].iterrows()
     ]
 
 
-def _rests_on_own(study: Study, own: OwnMap) -> list[BasisEntry]:
-    """Return what the statements on a forward map of one's own rest on."""
-    given = "readings.csv" if study.settings.forward is not None else "readings given in Python"
-    origin = "virtual experiment" if study.settings.virtual else "measured"
-    counts = [len(np.unique(block.places.specimen)) for block in own.readings]
-    read = ", ".join(
-        f"{len(block.y)} of {block.name} on {count} specimens"
-        for block, count in zip(own.readings, counts, strict=True)
-    )
-    return [
-        BasisEntry(statement="verdict, gain, posterior", rests_on=f"{given}: {read} ({origin})"),
-        BasisEntry(statement="what is predicted", rests_on=own.source),
+def _named(judgement: Judgement, name: str) -> _NamedCause:
+    cause = _known(judgement, name)
+    effect = next((c.effect for c in judgement.candidates if c.cause == name), {})
+    sizes = tuple(_size(p, effect[p.name]) for p in cause.parameters if p.name in effect)
+    return _NamedCause(name, cause.mechanism, sizes)
+
+
+def _size(parameter: Parameter, effect: EffectSize) -> str:
+    unit = "" if effect.unit == "–" else f" {effect.unit}"
+    interval = f"90 % interval {effect.q05:.3g} to {effect.q95:.3g}"
+    return f"{parameter.meaning}: {effect.mean:.3g}{unit}, {interval}"
+
+
+def _rival(judgement: Judgement) -> _Rival | None:
+    """Return the best of what could stand in a named cause's place, and how far it is behind."""
+    rivals = [
+        _Rival(name, one.cause, gap)
+        for one in judgement.supported
+        if one.cause in judgement.decision.causes
+        for name, gap in one.rivals.items()
     ]
+    return min(rivals, key=lambda rival: rival.gap, default=None)
 
 
-def model_of(base: JointModel, final: JointModel, study: Study) -> ModelEntry:
-    """Return what predictions need; counts that the final model is fitted to are checks too."""
-    tested = specimens_tested(final) or None
-    return model_document(base, study).model_copy(update={"rupture_checks": tested})
-
-
-def _model_of(results: Results, study: Study) -> ModelEntry:
-    found = model_of(results.base.model, results.final.model, study)
-    members = () if results.averaged is None else results.averaged.members
-    entries = tuple(MemberEntry(causes=m.causes, probability=m.probability) for m in members)
-    return found.model_copy(update={"averaged": entries})
-
-
-# share of refused proposals above which the posterior may be cut off
-WORRYING = 0.01
-LOOKED_AT = 1000  # posterior draws
-FACTS = (
-    "design",
-    "model_version",
-    "coarse_curves",
-    "fine_curves",
-    "curves_cut_short",
-    "mesh_error_pct",
-)
-LIBRARIES = ("numpy", "scipy", "scikit-fem", "numba", "emcee", "arviz", "pandas", "xarray")
-
-
-def run_document(
-    study: Study,
-    results: Results,
-    seconds: dict[str, float],
-    guard: Guard | None = None,
-    doubted: InDoubt | None = None,
-) -> RunRecord:
-    """Return the content of ``run.json``: versions, seed, hashes, effort, times, counts."""
-    settings, judgement = study.settings, results.judgement
-    guard, doubted = guard or Guard(strict=True), doubted or InDoubt()
-    own = results.assembly.own
-    expected = results.counts_expected
-    compared = guard.attempt(OptionalStage.COMPARISONS, comparisons, study, results.final, expected)
-    return RunRecord(
-        title=settings.title or study.name,
-        study=study.name,
-        created=datetime.now(UTC).isoformat(timespec="seconds"),
-        virtual=settings.virtual,
-        degrades=own is not None or study.degrades,
-        note=settings.note,
-        seed=settings.seed,
-        effort=settings.effort,
-        version=bayesdeg.__version__,
-        versions=library_versions(),
-        hashes=dict(study.hashes),
-        seconds=seconds,
-        memory=peaks_of_memory(),
-        counts=draw_counts(results) | _proposal_counts(results),
-        missing=tuple(MissingEntry(what=w, cost=c) for w, c in results.assembly.missing),
-        rests_on=tuple(_rests_on_own(study, own) if own else rests_on(study, results.base.model)),
-        convergence=_convergence(results),
-        emulator=emulator_entry(results, guard),
-        model=None if own else _model_of(results, study),
-        forward=own.source if own else "",
-        misfit=StatisticEntry(
-            observed=None if judgement is None else judgement.misfit.statistic,
-            name="log-likelihood ratio of a smooth discrepancy",
-        ),
-        comparisons=tuple(compared or ()),
-        checks=guard.attempt(OptionalStage.CHECKS_IN_WORDS, _checks, study, results) or {},
-        suspects=doubted.suspects,
-        parameters_in_question=doubted.parameters_in_question,
-    )
-
-
-def library_versions() -> dict[str, str]:
-    """Return the versions of the libraries that a run is made with, and of Python."""
-    return {name: version(name) for name in LIBRARIES} | {"python": platform.python_version()}
-
-
-def _checks(study: Study, results: Results) -> dict[str, str]:
-    """Return what checks, films and a vendor's figures came to, in plain words."""
-    said = {} if results.checks is None else results.checks.sentences()
-    absorbed = None if results.judgement is None else results.judgement.absorbed
-    if absorbed is not None:
-        said["absorption"] = worded(absorbed, degrades=study.degrades)
-    final = results.final
-    flat = final.chain.vectors.reshape(-1, final.chain.vectors.shape[-1])
-    vendor = vendor_check(study, final.model, flat)
-    if vendor is not None:
-        said["vendor"] = worded(vendor, degrades=study.degrades)
-    return said if results.films is None else said | results.films.sentences()
-
-
-def draw_counts(results: Results) -> dict[str, int]:
-    """Return how many draws the posteriors have, and how many the emulator has no answer for."""
-    count = results.final.chain.log_prob.size
-    emulated = _emulated(results) is not None
-    return {
-        "posterior draws, base": results.base.chain.log_prob.size,
-        "posterior draws, final": count,
-        "posterior draws outside the emulator's range": (
-            round(_outside(results.final) * count) if emulated else 0
-        ),
-    }
-
-
-def _proposal_counts(results: Results) -> dict[str, int]:
-    """Return how many proposals of the sampler the emulator refused, and its curves cut short."""
-    forward, counts = _emulated(results), dict[str, int]()
-    cut = None if forward is None else emulator_facts(forward.record).curves_cut_short
-    for label, fit in results.fits.items():
-        counts[f"proposals of the sampler, {label}"] = fit.chain.refusals.proposed
-        counts[f"proposals refused by the emulator, {label}"] = fit.chain.refusals.refused
-    name = "finite element curves of the emulator that met a limit point"
-    return counts | ({} if cut is None else {name: int(cut)})
-
-
-def _emulated(results: Results) -> Surrogate | None:
-    """Return the emulator that stood for the mechanics, if one did."""
-    world = results.base.model.world
-    forward = mechanics_of(world.forward) if isinstance(world, FilmsAndActuators) else None
-    return forward if isinstance(forward, Surrogate) else None
-
-
-def _outside(fit: Fit) -> float:
-    """Return the share of a posterior that lies outside the emulator's range, from some draws."""
-    vectors = fit.chain.vectors.reshape(-1, fit.chain.vectors.shape[-1])
-    return share_outside(fit.model, vectors[:: max(1, len(vectors) // LOOKED_AT)])
-
-
-def _convergence(results: Results) -> dict[str, ConvergenceEntry]:
-    return {
-        label: ConvergenceEntry(
-            r_hat_max=max(fit.diagnosis.r_hat),
-            ess_min=min(fit.diagnosis.ess_bulk),
-            sentence=worded(fit.diagnosis),
-            usable=bool(fit.diagnosis.usable),
-        )
-        for label, fit in results.sampled.items()
-    }
-
-
-def emulator_entry(results: Results, guard: Guard) -> EmulatorEntry:
-    """Return what stood for the mechanics, and what of a posterior and its sampling it refuses."""
-    forward = _emulated(results)
-    if forward is None:
-        return EmulatorEntry()
-    chains = {id(fit.chain): fit.chain.refusals for fit in results.fits.values()}
-    refusals = sum(chains.values(), start=Refusals())
-    refused = {}
-    if results.final.model.actuator is not None:
-        refused = guard.attempt(OptionalStage.REFUSED, refused_inputs, results.final) or {}
-    words = (
-        refusal_words(refusals),
-        outside_words(_outside(results.final)),
-        _refused_words(refused),
-    )
-    return emulator_facts(forward.record).model_copy(
-        update={
-            "refusals": " ".join(part for part in words if part),
-            "refused_inputs": refused,
-            "training": json.loads(forward.record),
-        }
-    )
-
-
-def _refused_words(refused: dict[str, str]) -> str:
-    """Say which inputs of new specimens are refused."""
-    if not refused:
-        return ""
-    return f"Of new specimens in the same tests it refuses: {'; '.join(refused.values())}."
-
-
-def emulator_facts(record: str) -> EmulatorEntry:
-    """Return what a trained emulator's record says of itself, as far as it says it.
-
-    Parameters
-    ----------
-    record : str
-        JSON. Every key may be missing: ``design``, ``model_version``, ``coarse_curves``,
-        ``fine_curves``, ``curves_cut_short``, ``mesh_error_pct``, and ``accuracy``, which maps a
-        quantity to ``rms_pct``, ``p95_pct``, ``max_pct`` [%] and ``coverage_90`` [–] on curves
-        that were not trained on.
-
-    Examples
-    --------
-    >>> facts = emulator_facts('{"coarse_curves": 64, "accuracy": {"limit": {"p95_pct": 1.5}}}')
-    >>> facts.coarse_curves, facts.accuracy[0].quantity, facts.accuracy[0].p95_pct
-    (64, 'limit', 1.5)
-    """
-    trained = json.loads(record)
-    by_quantity = trained.get("accuracy", {})
-    if not by_quantity and "left_out_rms_pct" in trained:
-        older = {
-            "rms": "left_out_rms_pct",
-            "p95": "left_out_p95_pct",
-            "max": "left_out_largest_pct",
-        }
-        by_quantity = {"curvature": {f"{k}_pct": trained.get(key) for k, key in older.items()}}
-    entries = [{"quantity": name} | measured for name, measured in by_quantity.items()]
-    facts = EmulatorEntry.read({name: trained.get(name) for name in FACTS} | {"accuracy": entries})
-    rms = by_quantity.get("curvature", {}).get("rms_pct")
-    error = None if rms is None else float(np.hypot(rms, facts.mesh_error_pct or 0.0))
-    return facts.model_copy(update={"error_pct": error, "record": _sentence(facts, rms)})
-
-
-def _sentence(facts: EmulatorEntry, rms: float | None) -> str:
-    return sentences("run", "trained", facts=facts, rms=rms)
-
-
-def outside_words(share: float) -> str:
-    """Say what share of the posterior lies where the emulator has no answer; nothing if none does.
-
-    Examples
-    --------
-    >>> outside_words(0.25).split(", ")[0]
-    "25 % of the posterior lies outside the emulator's range"
-    """
-    return sentences("run", "outside", share=share)
-
-
-def refusal_words(refusals: Refusals) -> str:
-    """Say how many proposals the emulator refused, and what to do if they are many.
-
-    Examples
-    --------
-    >>> refusal_words(Refusals(200_000, 50))
-    'The emulator refused 50 of 200000 proposals of the sampler (0.025 %) as outside its training.'
-    """
-    facts = {"proposed": refusals.proposed, "refused": refusals.refused, "worrying": WORRYING}
-    return sentences("run", "refusals", **facts)
+def _known(judgement: Judgement, name: str) -> Cause:
+    """Return a cause by its name: one that was tried, as the user's own, or of the catalogue."""
+    tried = (cause for cause in judgement.search.causes if cause.name == name)
+    return next(tried, None) or CATALOGUE[name]

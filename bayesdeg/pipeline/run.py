@@ -44,7 +44,8 @@ from bayesdeg.pipeline.judge import (
     with_sampled_sizes,
 )
 from bayesdeg.pipeline.progress import Progress
-from bayesdeg.pipeline.record import Results, in_doubt, run_document
+from bayesdeg.pipeline.record import Results, in_doubt
+from bayesdeg.pipeline.run_record import run_document
 from bayesdeg.pipeline.suspects import without_suspects
 from bayesdeg.pipeline.writing import Files, write_posteriors, write_results
 from bayesdeg.quantities import Effort

@@ -31,22 +31,21 @@ from bayesdeg.observations.curvature import ActuatorCurves, actuator_curves
 from bayesdeg.pipeline.assemble import Assembly, assemble
 from bayesdeg.pipeline.calibrate import Fit
 from bayesdeg.pipeline.forecast import emulator_of, known_soil_of, refuse_impossible_draws
-from bayesdeg.pipeline.memory import peaks_of_memory
 from bayesdeg.pipeline.outline import outline
 from bayesdeg.pipeline.output import Owner, owner_of, update_folder
 from bayesdeg.pipeline.progress import Progress
 from bayesdeg.pipeline.reading import read_study
-from bayesdeg.pipeline.record import (
-    Results,
+from bayesdeg.pipeline.record import Results, in_doubt
+from bayesdeg.pipeline.run import with_counts
+from bayesdeg.pipeline.run_record import (
     comparisons,
     draw_counts,
     emulator_entry,
-    in_doubt,
     library_versions,
     model_of,
+    peaks_of_memory,
     rests_on,
 )
-from bayesdeg.pipeline.run import with_counts
 from bayesdeg.pipeline.writing import BUILDS, Files, TableSources
 from bayesdeg.quantities import EFFORTS as KNOWN_EFFORTS
 from bayesdeg.report import tables as columns

@@ -26,7 +26,8 @@ from bayesdeg.data.moisture import degradation_of_films, moisture_content
 from bayesdeg.data.settings import RUPTURE_CRITERIA
 from bayesdeg.data.study import Study
 from bayesdeg.inference.model import JointModel
-from bayesdeg.inference.sampling import EFFORTS, to_datatree
+from bayesdeg.inference.sampling import EFFORTS
+from bayesdeg.inference.tree import to_datatree
 from bayesdeg.material.degradation import levels
 from bayesdeg.material.strength import draw_scores
 from bayesdeg.observations.curvature import ActuatorCurves

@@ -19,7 +19,7 @@ from bayesdeg.commands import training
 from bayesdeg.data.study import read_study
 from bayesdeg.emulator.kept import local_recipe
 from bayesdeg.emulator.local import local_design
-from bayesdeg.pipeline.asked import asked_of
+from bayesdeg.pipeline.emulation import asked_of
 from tests.killing import forked, killed
 from tests.pipeline.study_files import SETTINGS, study_in
 from tests.pipeline.tiny_campaign import COARSE, FINE, TABLE

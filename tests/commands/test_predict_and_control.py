@@ -13,7 +13,8 @@ from bayesdeg.causes.catalogue import find
 from bayesdeg.cli import exit_code
 from bayesdeg.emulator.trained import default_surrogate, write_trained
 from bayesdeg.inference.course import CourseModel
-from bayesdeg.inference.sampling import Chain, to_datatree
+from bayesdeg.inference.sampling import Chain
+from bayesdeg.inference.tree import to_datatree
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.forecast import model_document, read_stored
 from bayesdeg.prediction.predictive import curvature_bands, rupture_table

@@ -8,9 +8,8 @@ from scipy.integrate import dblquad
 from scipy.stats import multivariate_normal, norm
 
 from bayesdeg.criticism.fit.linear import log_bayes_factor, sensitivities
-from bayesdeg.criticism.fit.screening import screen
+from bayesdeg.criticism.fit.screening import JointScreening, largest_by_chance, screen
 from bayesdeg.criticism.fit.search import beside_the_rate, set_penalties
-from bayesdeg.criticism.fit.sets import JointScreening, largest_by_chance
 from bayesdeg.priors import Normal, TruncatedNormal
 from tests.criticism import straight_subject as straight
 from tests.criticism.straight_subject import ERROR, SHAPES, X, cause_of, linear_cause

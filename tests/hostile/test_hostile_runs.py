@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from bayesdeg.inference.course import CourseModel
-from bayesdeg.inference.sampling import Chain, to_datatree
+from bayesdeg.inference.sampling import Chain
+from bayesdeg.inference.tree import to_datatree
 from bayesdeg.report.folder import RunFolder
 from tests.hostile.inputs import hostile_inputs
 from tests.hostile.redrawn import redraw

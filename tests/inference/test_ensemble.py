@@ -28,8 +28,8 @@ from bayesdeg.inference.sampling import (
     lie_in_a_plane,
     sample,
     start_of,
-    to_datatree,
 )
+from bayesdeg.inference.tree import to_datatree
 from bayesdeg.observations.noise import sequential
 from bayesdeg.observations.specimens import (
     STIFFNESS_SCATTER,

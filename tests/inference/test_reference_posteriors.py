@@ -8,7 +8,8 @@ import pytest
 from scipy import integrate, stats
 
 from bayesdeg.inference.laplace import approximate, evidence
-from bayesdeg.inference.sampling import EFFORTS, sample, to_datatree
+from bayesdeg.inference.sampling import EFFORTS, sample
+from bayesdeg.inference.tree import to_datatree
 from tests.inference.reference_posteriors import (
     POSTERIORS,
     REFERENCE,

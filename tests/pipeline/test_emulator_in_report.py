@@ -1,7 +1,7 @@
 """What run.json says of the emulator is what the report shows."""
 
 from bayesdeg.inference.model import Refusals
-from bayesdeg.pipeline.record import emulator_facts, refusal_words
+from bayesdeg.pipeline.run_record import emulator_facts, refusal_words
 from bayesdeg.report.page import build_page
 from bayesdeg.report.record import RunRecord
 from tests.pipeline.tiny_campaign import emulator

@@ -28,8 +28,8 @@ from bayesdeg.criticism.fit.search import Step
 from bayesdeg.criticism.outcome import Outcome
 from bayesdeg.observations.means import Statistic
 from bayesdeg.pipeline import record
-from bayesdeg.pipeline.explanation import explain
 from bayesdeg.pipeline.judge import Judgement, readings_misfit
+from bayesdeg.pipeline.record import explain
 from bayesdeg.priors import Parameter, TruncatedNormal
 from tests.criticism.linear_case import known_linear, with_readings
 

@@ -5,7 +5,8 @@ import pytest
 
 from bayesdeg.criticism.posterior.convergence import diagnose
 from bayesdeg.inference.course import CourseModel, degradation_at, rate_errors
-from bayesdeg.inference.sampling import EFFORTS, Chain, to_datatree
+from bayesdeg.inference.sampling import EFFORTS, Chain
+from bayesdeg.inference.tree import to_datatree
 from bayesdeg.pipeline import writing
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.films import (

@@ -14,7 +14,7 @@ from bayesdeg.pipeline.calibrate import base_without_chain
 from bayesdeg.pipeline.forecast import _model, model_document
 from bayesdeg.pipeline.outline import outline
 from bayesdeg.pipeline.reading import read_study
-from bayesdeg.pipeline.vendor import vendor_check
+from bayesdeg.pipeline.run_record import vendor_check
 from bayesdeg.priors import LogNormal
 from tests.inference.small_study import TRUTH
 from tests.pipeline.fresh_study import SETTINGS, fresh_study

@@ -7,7 +7,7 @@ from multiprocessing import get_context
 import numpy as np
 import pytest
 
-from bayesdeg.pipeline.memory import peaks_of_memory
+from bayesdeg.pipeline.run_record import peaks_of_memory
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="other systems do not say")
 LARGE = 400.0  # MB

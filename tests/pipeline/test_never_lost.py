@@ -19,7 +19,7 @@ from bayesdeg.criticism.posterior import prior_sensitivity
 from bayesdeg.errors import Fault, ResumableError, StudyError
 from bayesdeg.observations.means import Means
 from bayesdeg.observations.tensile import Tensile
-from bayesdeg.pipeline import films, judge, record, run, writing
+from bayesdeg.pipeline import films, judge, record, run, run_record, writing
 from bayesdeg.pipeline import writing as deciding
 from bayesdeg.prediction import prior_predictive
 from bayesdeg.report import drawing
@@ -68,10 +68,10 @@ BROKEN = {
     OptionalStage.WHERE: (record, "where"),
     OptionalStage.CONCENTRATION: (record, "concentration"),
     OptionalStage.EXPLANATION: (record, "explain"),
-    OptionalStage.COMPARISONS: (record, "comparisons"),
-    OptionalStage.REFUSED: (record, "refused_inputs"),
+    OptionalStage.COMPARISONS: (run_record, "comparisons"),
+    OptionalStage.REFUSED: (run_record, "refused_inputs"),
     OptionalStage.IN_DOUBT: (run, "in_doubt"),
-    OptionalStage.CHECKS_IN_WORDS: (record, "_checks"),
+    OptionalStage.CHECKS_IN_WORDS: (run_record, "_checks"),
     OptionalStage.PAGE: (run, "build_page"),
     table_stage(columns.STATISTICS): (statistics, "statistics_table"),
     table_stage(columns.LOO_PIT): (gain, "loo_pit"),

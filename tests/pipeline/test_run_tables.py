@@ -10,7 +10,7 @@ from bayesdeg.inference.sampling import EFFORTS, Chain
 from bayesdeg.pipeline import writing
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.calibrate import Fit
-from bayesdeg.pipeline.record import bases, comparisons, rests_on
+from bayesdeg.pipeline.run_record import bases, comparisons, rests_on
 from bayesdeg.report.tables import TABLES
 from tests.inference.small_study import TRUTH, values_of
 from tests.pipeline.study_files import FILES, SETTINGS, SUMMARY, study_in

@@ -54,7 +54,7 @@ from bayesdeg.inference.sampling import Effort
 from bayesdeg.pipeline.films import CommonError, CourseSummary
 from bayesdeg.pipeline.judge import Description
 from bayesdeg.pipeline.lifetime import LifeSummary
-from bayesdeg.pipeline.vendor import VendorCheck, VendorFigure
+from bayesdeg.pipeline.run_record import VendorCheck, VendorFigure
 from bayesdeg.prediction.control import Allowed, Setting
 from bayesdeg.prediction.lifetime import Duty
 from bayesdeg.prediction.prior_predictive import PriorPredictive

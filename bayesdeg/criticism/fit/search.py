@@ -22,8 +22,7 @@ from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.chance import chance_of, is_clear
 from bayesdeg.criticism.checks.discrepancy import Misfit, measure, resolved
 from bayesdeg.criticism.fit.linear import Linear, is_seen, log_bayes_factor, sensitivities
-from bayesdeg.criticism.fit.screening import Screened, screen
-from bayesdeg.criticism.fit.sets import JointScreening, largest_by_chance
+from bayesdeg.criticism.fit.screening import JointScreening, Screened, largest_by_chance, screen
 from bayesdeg.criticism.fit.side_by_side import apply
 from bayesdeg.criticism.fit.trials import Trial, from_prior, try_causes
 

@@ -1,0 +1,565 @@
+"""What ``run.json`` says of a run: what it rests on, how it went, and what its checks came to."""
+
+import json
+import multiprocessing
+import platform
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+import bayesdeg
+from bayesdeg.actuator.reading import mechanics_of
+from bayesdeg.criticism.checks.count_misfit import CountMisfit, can_be_counted
+from bayesdeg.data.shrinkage import Known
+from bayesdeg.data.study import Study
+from bayesdeg.emulator.surrogate import Surrogate
+from bayesdeg.inference.model import JointModel, Refusals, share_outside
+from bayesdeg.observations.catalogue import TABLES
+from bayesdeg.observations.means import MPA
+from bayesdeg.observations.specimens import FilmsAndActuators, modulus_100, node_name
+from bayesdeg.pipeline.calibrate import Fit, refused_inputs
+from bayesdeg.pipeline.forecast import model_document
+from bayesdeg.pipeline.formula import OwnMap
+from bayesdeg.pipeline.record import Results
+from bayesdeg.prediction.predictive import specimens_tested
+from bayesdeg.report.left_out import Guard, OptionalStage
+from bayesdeg.report.record import (
+    BasisEntry,
+    ComparisonEntry,
+    ConvergenceEntry,
+    EmulatorEntry,
+    InDoubt,
+    MemberEntry,
+    MissingEntry,
+    ModelEntry,
+    RunRecord,
+    StatisticEntry,
+)
+from bayesdeg.report.wording import NOTHING, sentences, worded
+
+Floats = NDArray[np.float64]
+
+
+def comparisons(study: Study, fit: Fit, counts: CountMisfit | None = None) -> list[ComparisonEntry]:
+    """Return every published statistic beside the posterior's own, 90 % intervals.
+
+    Of counts of ruptures it is the number that the model expects without a cause of rupture. What
+    it predicts no number of stands beside nothing.
+    """
+    if study.summary is None:
+        return []
+    flat = fit.chain.vectors.reshape(-1, fit.chain.vectors.shape[-1])
+    values = fit.model.table.named(flat[:: max(1, len(flat) // 2000)])
+    rows: list[ComparisonEntry] = []
+    for row in study.summary.to_dict("records"):
+        level = np.array([float(row["degradation_pct"])])
+        if row["quantity"] == "young_modulus":
+            draws = fit.model.young_modulus(values, level)[:, 0]
+        elif row["quantity"] == "elongation_at_break" and "elongation_scatter" in values:
+            draws = fit.model.elongation(values, level)[:, 0]
+        elif row["quantity"] == "volume_ratio" and "volume_ratio" in values:
+            draws = values["volume_ratio"]
+        else:
+            draws = None
+        predicted = NOTHING if draws is None else _interval(draws)
+        if row["quantity"] == "ruptured_count":
+            predicted = _expected_ruptures(counts, level[0])
+        unit = str(row["unit"]).replace("–", "")
+        sd = "" if np.isnan(row["sd"]) else f" ± {row['sd']:g}"
+        rows.append(
+            ComparisonEntry(
+                quantity=str(row["quantity"]),
+                degradation_pct=None if np.isnan(level[0]) else float(level[0]),
+                predicted=predicted if predicted == NOTHING else f"{predicted} {unit}".strip(),
+                published=f"{row['value']:g}{sd} {unit}".strip(),
+                source=str(row["source"]),
+            )
+        )
+    return rows
+
+
+FEWEST_RUPTURES = 0.05
+"""Expected ruptures that are told as a number: fewer than one in twenty such studies."""
+
+
+def _expected_ruptures(counts: CountMisfit | None, degradation: float) -> str:
+    """Word how many actuators of a level the model expects to burst."""
+    levels = () if counts is None else counts.levels
+    found = [one.tested * one.probability for one in levels if one.degradation == degradation]
+    if not found:
+        return NOTHING
+    few = found[0] < FEWEST_RUPTURES
+    return f"fewer than {FEWEST_RUPTURES:g}" if few else f"{found[0]:.2g}"
+
+
+def _interval(draws: NDArray[np.float64]) -> str:
+    low, middle, high = np.quantile(draws, [0.05, 0.5, 0.95])
+    return f"{middle:.3g} ({low:.3g} to {high:.3g})"
+
+
+@dataclass(frozen=True)
+class Basis:
+    """A file that statements of the report rest on.
+
+    Parameters
+    ----------
+    file : str
+        Its name.
+    supports : str
+        The statements; empty of published statistics.
+    count : int, optional
+        Its specimens or films; None of published statistics.
+    counts : str
+        What is counted.
+    virtual : bool
+        Whether they are of a virtual experiment.
+    quantities : tuple of str
+        Published ones.
+    use : str
+        One of `USES`: whether the model is fitted to them, held against them, or they are shown.
+    """
+
+    file: str
+    supports: str = ""
+    count: int | None = None
+    counts: str = ""
+    virtual: bool = False
+    quantities: tuple[str, ...] = ()
+    use: str = "fitted"
+
+
+def bases(study: Study, model: JointModel) -> Iterator[Basis]:
+    """Yield which data the statements of the report rest on."""
+    virtual = study.settings.virtual
+    for name, table in TABLES.items():
+        frame = study.given(name)
+        if frame is not None and table.supports:
+            count = int(frame[next(iter(table.columns))].nunique())
+            said = table.supports_in(degrades=study.degrades)
+            yield Basis(table.file, said, count, table.counts, virtual)
+    if study.summary is not None:
+        used = {s.quantity for s in model.statistics if not s.source.startswith("shrinkage.csv")}
+        used |= set() if model.published is None else {"r_squared"}
+        held = {"ruptured_count", "tested_count"} - used if can_be_counted(model) else set()
+        for use in USES:
+            named = {str(q) for q in study.summary["quantity"] if _use(q, used, held) == use}
+            if named:
+                yield Basis("summary.csv", quantities=tuple(sorted(named)), use=use)
+
+
+USES = ("fitted", "held against the model", "shown")
+
+
+def _use(quantity: str, fitted: set[str], held: set[str]) -> str:
+    """Return what is made of a published statistic."""
+    return USES[0] if quantity in fitted else USES[1] if quantity in held else USES[2]
+
+
+def rests_on(study: Study, model: JointModel) -> list[BasisEntry]:
+    """Return which statement rests on which data, in words."""
+    return [
+        BasisEntry(
+            statement=sentences("run", "statement", one=one),
+            rests_on=sentences("run", "basis", one=one),
+        )
+        for one in bases(study, model)
+    ] + [
+        BasisEntry(
+            statement=sentences("run", "dimension", one=one),
+            rests_on=sentences("run", "dimension_basis", one=one),
+        )
+        for one in study.settings.uncertain
+        if one.parameter.name in model.table.names
+    ]
+
+
+def _rests_on_own(study: Study, own: OwnMap) -> list[BasisEntry]:
+    """Return what the statements on a forward map of one's own rest on."""
+    given = "readings.csv" if study.settings.forward is not None else "readings given in Python"
+    origin = "virtual experiment" if study.settings.virtual else "measured"
+    counts = [len(np.unique(block.places.specimen)) for block in own.readings]
+    read = ", ".join(
+        f"{len(block.y)} of {block.name} on {count} specimens"
+        for block, count in zip(own.readings, counts, strict=True)
+    )
+    return [
+        BasisEntry(statement="verdict, gain, posterior", rests_on=f"{given}: {read} ({origin})"),
+        BasisEntry(statement="what is predicted", rests_on=own.source),
+    ]
+
+
+def model_of(base: JointModel, final: JointModel, study: Study) -> ModelEntry:
+    """Return what predictions need; counts that the final model is fitted to are checks too."""
+    tested = specimens_tested(final) or None
+    return model_document(base, study).model_copy(update={"rupture_checks": tested})
+
+
+def _model_of(results: Results, study: Study) -> ModelEntry:
+    found = model_of(results.base.model, results.final.model, study)
+    members = () if results.averaged is None else results.averaged.members
+    entries = tuple(MemberEntry(causes=m.causes, probability=m.probability) for m in members)
+    return found.model_copy(update={"averaged": entries})
+
+
+# share of refused proposals above which the posterior may be cut off
+WORRYING = 0.01
+LOOKED_AT = 1000  # posterior draws
+FACTS = (
+    "design",
+    "model_version",
+    "coarse_curves",
+    "fine_curves",
+    "curves_cut_short",
+    "mesh_error_pct",
+)
+LIBRARIES = ("numpy", "scipy", "scikit-fem", "numba", "emcee", "arviz", "pandas", "xarray")
+
+
+def run_document(
+    study: Study,
+    results: Results,
+    seconds: dict[str, float],
+    guard: Guard | None = None,
+    doubted: InDoubt | None = None,
+) -> RunRecord:
+    """Return the content of ``run.json``: versions, seed, hashes, effort, times, counts."""
+    settings, judgement = study.settings, results.judgement
+    guard, doubted = guard or Guard(strict=True), doubted or InDoubt()
+    own = results.assembly.own
+    expected = results.counts_expected
+    compared = guard.attempt(OptionalStage.COMPARISONS, comparisons, study, results.final, expected)
+    return RunRecord(
+        title=settings.title or study.name,
+        study=study.name,
+        created=datetime.now(UTC).isoformat(timespec="seconds"),
+        virtual=settings.virtual,
+        degrades=own is not None or study.degrades,
+        note=settings.note,
+        seed=settings.seed,
+        effort=settings.effort,
+        version=bayesdeg.__version__,
+        versions=library_versions(),
+        hashes=dict(study.hashes),
+        seconds=seconds,
+        memory=peaks_of_memory(),
+        counts=draw_counts(results) | _proposal_counts(results),
+        missing=tuple(MissingEntry(what=w, cost=c) for w, c in results.assembly.missing),
+        rests_on=tuple(_rests_on_own(study, own) if own else rests_on(study, results.base.model)),
+        convergence=_convergence(results),
+        emulator=emulator_entry(results, guard),
+        model=None if own else _model_of(results, study),
+        forward=own.source if own else "",
+        misfit=StatisticEntry(
+            observed=None if judgement is None else judgement.misfit.statistic,
+            name="log-likelihood ratio of a smooth discrepancy",
+        ),
+        comparisons=tuple(compared or ()),
+        checks=guard.attempt(OptionalStage.CHECKS_IN_WORDS, _checks, study, results) or {},
+        suspects=doubted.suspects,
+        parameters_in_question=doubted.parameters_in_question,
+    )
+
+
+def library_versions() -> dict[str, str]:
+    """Return the versions of the libraries that a run is made with, and of Python."""
+    return {name: version(name) for name in LIBRARIES} | {"python": platform.python_version()}
+
+
+def _checks(study: Study, results: Results) -> dict[str, str]:
+    """Return what checks, films and a vendor's figures came to, in plain words."""
+    said = {} if results.checks is None else results.checks.sentences()
+    absorbed = None if results.judgement is None else results.judgement.absorbed
+    if absorbed is not None:
+        said["absorption"] = worded(absorbed, degrades=study.degrades)
+    final = results.final
+    flat = final.chain.vectors.reshape(-1, final.chain.vectors.shape[-1])
+    vendor = vendor_check(study, final.model, flat)
+    if vendor is not None:
+        said["vendor"] = worded(vendor, degrades=study.degrades)
+    return said if results.films is None else said | results.films.sentences()
+
+
+def draw_counts(results: Results) -> dict[str, int]:
+    """Return how many draws the posteriors have, and how many the emulator has no answer for."""
+    count = results.final.chain.log_prob.size
+    emulated = _emulated(results) is not None
+    return {
+        "posterior draws, base": results.base.chain.log_prob.size,
+        "posterior draws, final": count,
+        "posterior draws outside the emulator's range": (
+            round(_outside(results.final) * count) if emulated else 0
+        ),
+    }
+
+
+def _proposal_counts(results: Results) -> dict[str, int]:
+    """Return how many proposals of the sampler the emulator refused, and its curves cut short."""
+    forward, counts = _emulated(results), dict[str, int]()
+    cut = None if forward is None else emulator_facts(forward.record).curves_cut_short
+    for label, fit in results.fits.items():
+        counts[f"proposals of the sampler, {label}"] = fit.chain.refusals.proposed
+        counts[f"proposals refused by the emulator, {label}"] = fit.chain.refusals.refused
+    name = "finite element curves of the emulator that met a limit point"
+    return counts | ({} if cut is None else {name: int(cut)})
+
+
+def _emulated(results: Results) -> Surrogate | None:
+    """Return the emulator that stood for the mechanics, if one did."""
+    world = results.base.model.world
+    forward = mechanics_of(world.forward) if isinstance(world, FilmsAndActuators) else None
+    return forward if isinstance(forward, Surrogate) else None
+
+
+def _outside(fit: Fit) -> float:
+    """Return the share of a posterior that lies outside the emulator's range, from some draws."""
+    vectors = fit.chain.vectors.reshape(-1, fit.chain.vectors.shape[-1])
+    return share_outside(fit.model, vectors[:: max(1, len(vectors) // LOOKED_AT)])
+
+
+def _convergence(results: Results) -> dict[str, ConvergenceEntry]:
+    return {
+        label: ConvergenceEntry(
+            r_hat_max=max(fit.diagnosis.r_hat),
+            ess_min=min(fit.diagnosis.ess_bulk),
+            sentence=worded(fit.diagnosis),
+            usable=bool(fit.diagnosis.usable),
+        )
+        for label, fit in results.sampled.items()
+    }
+
+
+def emulator_entry(results: Results, guard: Guard) -> EmulatorEntry:
+    """Return what stood for the mechanics, and what of a posterior and its sampling it refuses."""
+    forward = _emulated(results)
+    if forward is None:
+        return EmulatorEntry()
+    chains = {id(fit.chain): fit.chain.refusals for fit in results.fits.values()}
+    refusals = sum(chains.values(), start=Refusals())
+    refused = {}
+    if results.final.model.actuator is not None:
+        refused = guard.attempt(OptionalStage.REFUSED, refused_inputs, results.final) or {}
+    words = (
+        refusal_words(refusals),
+        outside_words(_outside(results.final)),
+        _refused_words(refused),
+    )
+    return emulator_facts(forward.record).model_copy(
+        update={
+            "refusals": " ".join(part for part in words if part),
+            "refused_inputs": refused,
+            "training": json.loads(forward.record),
+        }
+    )
+
+
+def _refused_words(refused: dict[str, str]) -> str:
+    """Say which inputs of new specimens are refused."""
+    if not refused:
+        return ""
+    return f"Of new specimens in the same tests it refuses: {'; '.join(refused.values())}."
+
+
+def emulator_facts(record: str) -> EmulatorEntry:
+    """Return what a trained emulator's record says of itself, as far as it says it.
+
+    Parameters
+    ----------
+    record : str
+        JSON. Every key may be missing: ``design``, ``model_version``, ``coarse_curves``,
+        ``fine_curves``, ``curves_cut_short``, ``mesh_error_pct``, and ``accuracy``, which maps a
+        quantity to ``rms_pct``, ``p95_pct``, ``max_pct`` [%] and ``coverage_90`` [–] on curves
+        that were not trained on.
+
+    Examples
+    --------
+    >>> facts = emulator_facts('{"coarse_curves": 64, "accuracy": {"limit": {"p95_pct": 1.5}}}')
+    >>> facts.coarse_curves, facts.accuracy[0].quantity, facts.accuracy[0].p95_pct
+    (64, 'limit', 1.5)
+    """
+    trained = json.loads(record)
+    by_quantity = trained.get("accuracy", {})
+    if not by_quantity and "left_out_rms_pct" in trained:
+        older = {
+            "rms": "left_out_rms_pct",
+            "p95": "left_out_p95_pct",
+            "max": "left_out_largest_pct",
+        }
+        by_quantity = {"curvature": {f"{k}_pct": trained.get(key) for k, key in older.items()}}
+    entries = [{"quantity": name} | measured for name, measured in by_quantity.items()]
+    facts = EmulatorEntry.read({name: trained.get(name) for name in FACTS} | {"accuracy": entries})
+    rms = by_quantity.get("curvature", {}).get("rms_pct")
+    error = None if rms is None else float(np.hypot(rms, facts.mesh_error_pct or 0.0))
+    return facts.model_copy(update={"error_pct": error, "record": _sentence(facts, rms)})
+
+
+def _sentence(facts: EmulatorEntry, rms: float | None) -> str:
+    return sentences("run", "trained", facts=facts, rms=rms)
+
+
+def outside_words(share: float) -> str:
+    """Say what share of the posterior lies where the emulator has no answer; nothing if none does.
+
+    Examples
+    --------
+    >>> outside_words(0.25).split(", ")[0]
+    "25 % of the posterior lies outside the emulator's range"
+    """
+    return sentences("run", "outside", share=share)
+
+
+def refusal_words(refusals: Refusals) -> str:
+    """Say how many proposals the emulator refused, and what to do if they are many.
+
+    Examples
+    --------
+    >>> refusal_words(Refusals(200_000, 50))
+    'The emulator refused 50 of 200000 proposals of the sampler (0.025 %) as outside its training.'
+    """
+    facts = {"proposed": refusals.proposed, "refused": refusals.refused, "worrying": WORRYING}
+    return sentences("run", "refusals", **facts)
+
+
+DRAWS = 2000  # of a posterior, beside a figure of a vendor
+FRESH = np.array([0.0])  # degradation rate at which vendors measure [%]
+
+
+@dataclass(frozen=True)
+class VendorFigure:
+    """A vendor's figure beside the posterior of the same quantity.
+
+    Parameters
+    ----------
+    quantity, unit : str
+        What it is, and in what.
+    value, sd : float
+        As stated.
+    use : str
+        ``datum``, ``prior``, or why it is not used.
+    middle, low, high : float, optional
+        Median and 90 % interval of the posterior; None where it has no such quantity.
+    """
+
+    quantity: str
+    unit: str
+    value: float
+    sd: float
+    use: str
+    middle: float | None = None
+    low: float | None = None
+    high: float | None = None
+
+    @property
+    def distance(self) -> float | None:
+        """How far the posterior's median is above the figure, over the figure's sd."""
+        return None if self.middle is None else (self.middle - self.value) / self.sd
+
+
+@dataclass(frozen=True)
+class VendorCheck:
+    """All figures of a vendor.
+
+    Parameters
+    ----------
+    figures : tuple of VendorFigure
+        At least one.
+    source : str
+        Where they stand.
+    """
+
+    figures: tuple[VendorFigure, ...]
+    source: str
+
+
+def vendor_check(study: Study, model: JointModel, vectors: Floats) -> VendorCheck | None:
+    """Return a vendor's figures beside a posterior; None if the study states none.
+
+    Parameters
+    ----------
+    study : Study
+        Its settings hold the figures.
+    model : JointModel
+        The final one.
+    vectors : array, shape (n, n_parameters)
+        Draws of its posterior, unconstrained.
+    """
+    if study.settings.forward is not None:
+        return None
+    found = tuple(_figures(study, model, vectors))
+    return VendorCheck(found, study.settings.vendor.source) if found else None
+
+
+def _figures(study: Study, model: JointModel, vectors: Floats) -> Iterator[VendorFigure]:
+    vendor = study.settings.vendor
+    values = model.table.named(vectors[:: max(1, len(vectors) // DRAWS)])
+    if vendor.modulus_100 is not None:
+        draws = modulus_100(values, model.constants(values, FRESH), model.causes)[:, 0]
+        yield _beside("modulus_100", "kPa", vendor.modulus_100, "datum", draws / MPA)
+    if vendor.elongation_at_break is not None:
+        known = model.has_elongation
+        draws = model.elongation(values, FRESH)[:, 0] if known else np.empty(0)
+        use = _use_of_elongation(study, model)
+        yield _beside("elongation_at_break", "%", vendor.elongation_at_break, use, draws)
+
+
+def _use_of_elongation(study: Study, model: JointModel) -> str:
+    """Return what is made of a vendor's elongation at break."""
+    if not model.has_elongation:
+        return "there is no actuator that could burst"
+    measured = model.breaks is not None or any(
+        one.quantity == "elongation_at_break" for one in model.statistics
+    )
+    if measured:
+        return "the study has elongations of its own"
+    stated = node_name("elongation", 0.0) in study.settings.priors
+    return "the study states a prior" if stated else "prior"
+
+
+def _beside(quantity: str, unit: str, stated: Known, use: str, draws: Floats) -> VendorFigure:
+    figure = VendorFigure(quantity, unit, stated.value, stated.sd, use)
+    if not len(draws):
+        return figure
+    low, middle, high = np.quantile(draws, [0.05, 0.5, 0.95]).tolist()
+    return VendorFigure(quantity, unit, stated.value, stated.sd, use, middle, low, high)
+
+
+#: The highest resident size since the program began, in kB; of this program alone, where
+#: `resource.getrusage` gives that of the process which started it, if that was larger.
+_HIGHEST = re.compile(r"^VmHWM:\s+(\d+) kB$", re.MULTILINE)
+
+
+def peaks_of_memory(name: str = "main process") -> dict[str, float]:
+    """Return the largest resident memory of this process and of its largest worker now [MB].
+
+    Empty where the system does not say (it is Linux that does).
+
+    Parameters
+    ----------
+    name : str
+        Of this process in what is returned.
+
+    Examples
+    --------
+    >>> all(size > 0.0 for size in peaks_of_memory().values())
+    True
+    """
+    own = _peak("self")
+    if own is None:
+        return {}
+    known = [_peak(str(worker.pid)) for worker in multiprocessing.active_children()]
+    sizes = [size for size in known if size is not None]
+    return {name: own} | ({"largest worker": max(sizes)} if sizes else {})
+
+
+def _peak(process: str) -> float | None:
+    """Return the peak of a process [MB]; None if it is gone, or the system does not say."""
+    try:
+        found = _HIGHEST.search(Path("/proc", process, "status").read_text(encoding="ascii"))
+    except (OSError, UnicodeDecodeError):
+        return None
+    return None if found is None else round(int(found[1]) * 1024 / 1e6, 1)

@@ -1,0 +1,149 @@
+"""How large is the package, how many rooms have a single door, how many does a study go through?
+
+modules, lines, code_lines   of the package; code: neither blank, comment nor docstring
+one_importer                 modules that a single other one imports, by that one; less those which
+                             are found without an import: a cause, a kind of data, a figure, a
+                             geometry, a command, a program, a home of names of ``bayesdeg`` itself
+executed                     modules of which functions run: as a study is read and becomes a model,
+                             and as vectors of parameters become log densities, and curvatures
+is_none                      lines with ``is None`` in inference, criticism and pipeline
+classes_named_alike          public classes of one name
+public_names                 of ``bayesdeg`` itself
+readme_bytes                 of README.md
+pinned_sentences             checks in tests in which a sentence stands
+
+    uv run python benchmarks/structure.py
+"""
+
+import ast
+import inspect
+import io
+import json
+import runpy
+import sys
+import tokenize
+from collections import Counter
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import FrameType
+
+import numpy as np
+
+import bayesdeg
+from bayesdeg.actuator.families import GEOMETRIES
+from bayesdeg.commands.interface import COMMANDS
+from bayesdeg.observations.curvature import Curvature
+from bayesdeg.pipeline.assemble import assemble
+from bayesdeg.pipeline.reading import read_study
+
+ROOT = Path(__file__).resolve().parents[1]
+VECTORS = 64  # of parameters, drawn from the priors
+#: Of packages that are searched: what a module has that is found there.
+MARKS = {
+    "bayesdeg.causes": {"CAUSE"},
+    "bayesdeg.observations": {"from_study", "from_observations", "TABLE"},
+    "bayesdeg.report.figures": {"FIGURES"},
+}
+NO_CODE = ("COMMENT", "NL", "NEWLINE", "INDENT", "DEDENT", "ENDMARKER")
+
+SOURCES = {
+    ".".join(path.relative_to(ROOT).with_suffix("").parts): path.read_text(encoding="utf-8")
+    for path in sorted((ROOT / "bayesdeg").rglob("*.py"))
+}
+TREES = {name: ast.parse(source) for name, source in SOURCES.items()}
+
+
+def code_lines(name: str) -> int:
+    """Count the lines of a module on which there is code."""
+    lines: set[int] = set()
+    for token in tokenize.generate_tokens(io.StringIO(SOURCES[name]).readline):
+        if tokenize.tok_name[token.type] not in NO_CODE:
+            lines |= set(range(token.start[0], token.end[0] + 1))
+    for node in ast.walk(TREES[name]):  # a text that is a statement
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
+            lines -= set(range(node.lineno, (node.end_lineno or node.lineno) + 1))
+    return len(lines)
+
+
+def imported(tree: ast.Module) -> Iterator[str]:
+    """Yield what a module imports, also by its whole name in a text."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and node.module:
+            yield from (node.module, *(f"{node.module}.{alias.name}" for alias in node.names))
+        elif isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+            yield node.value
+
+
+def found_without_import() -> set[str]:
+    """Return the modules that somebody finds who does not name them."""
+    found = {f"bayesdeg.commands.{command.name}" for command in COMMANDS}
+    found |= {made.__module__ for made in GEOMETRIES.values()} | set(bayesdeg._HOME.values())
+    for name, tree in TREES.items():
+        marks = MARKS.get(name.rpartition(".")[0], set())
+        for node in tree.body:
+            is_program = isinstance(node, ast.If) and "__main__" in ast.unparse(node.test)
+            defines = {one.id for one in ast.walk(node) if isinstance(one, ast.Name)}
+            if is_program or marks & (defines | {getattr(node, "name", "")}):
+                found.add(name)
+    return found
+
+
+def one_importer() -> dict[str, str]:
+    """Return the modules with a single door, each with the module that it is of."""
+    doors = [(name, by) for by, tree in TREES.items() for name in set(imported(tree)) - {by}]
+    counts, found = Counter(name for name, _ in doors), found_without_import()
+    rooms = {name for name in SOURCES if not name.endswith("__init__")} - found
+    return {name: by for name, by in sorted(doors) if name in rooms and counts[name] == 1}
+
+
+def executed[T](call: Callable[[], T]) -> tuple[int, T]:
+    """Return of how many modules functions ran in a call, and what it returned."""
+    files: set[str] = set()
+
+    def look(frame: FrameType, event: str, _: object) -> None:
+        if event == "call" and frame.f_code.co_flags & inspect.CO_OPTIMIZED:  # a function
+            files.add(frame.f_code.co_filename)
+
+    sys.setprofile(look)
+    found = call()
+    sys.setprofile(None)
+    return sum(Path(file).is_relative_to(ROOT / "bayesdeg") for file in files), found
+
+
+def rooms_of_a_study() -> dict[str, int]:
+    """Return how many modules each step on the way of a study goes through."""
+    read, study = executed(lambda: read_study(ROOT / "studies/gelatin_actuator"))
+    assembled, assembly = executed(lambda: assemble(study))
+    model = assembly.model
+    vectors = model.table.sample(np.random.default_rng(0), VECTORS)
+    density, _ = executed(lambda: model.log_prob(vectors))
+    (kind,) = model.of_kind(Curvature)
+    curvature, _ = executed(lambda: kind.expected(model.state(model.table.named(vectors))))
+    return {"read": read, "assemble": assembled, "log_prob": density, "curvature": curvature}
+
+
+def measured() -> dict[str, object]:
+    judging = ("bayesdeg.inference", "bayesdeg.criticism", "bayesdeg.pipeline")
+    judged = [line for n in SOURCES if n.startswith(judging) for line in SOURCES[n].splitlines()]
+    nodes = (node for tree in TREES.values() for node in ast.walk(tree))
+    classes = Counter(node.name for node in nodes if isinstance(node, ast.ClassDef))
+    rules = runpy.run_path(str(ROOT / "tests/test_architecture.py"))
+    tests = [ast.parse(path.read_text(encoding="utf-8")) for path in rules["TESTS"]]
+    return {
+        "modules": len(SOURCES),
+        "lines": sum(source.count("\n") for source in SOURCES.values()),
+        "code_lines": sum(map(code_lines, SOURCES)),
+        "one_importer": one_importer(),
+        "executed": rooms_of_a_study(),
+        "is_none": sum("is None" in line for line in judged),
+        "classes_named_alike": [n for n, k in classes.items() if k > 1 and n[0] != "_"],
+        "public_names": len(bayesdeg.__all__),
+        "readme_bytes": (ROOT / "README.md").stat().st_size,
+        "pinned_sentences": sum(len(list(rules["pins"](tree))) for tree in tests),
+    }
+
+
+if __name__ == "__main__":
+    print(json.dumps(measured(), indent=1))
