@@ -390,9 +390,9 @@ def names_asked_for(tree):
         for child in ast.walk(handler)
     }
     for node in ast.walk(tree):
-        if isinstance(node, ast.ImportFrom) and node not in tried:
-            if (node.module or "").split(".")[0] == PACKAGE.name:
-                yield from ((node.module, alias.name) for alias in node.names)
+        own = isinstance(node, ast.ImportFrom) and (node.module or "").startswith(PACKAGE.name)
+        if own and node not in tried:
+            yield from ((node.module, alias.name) for alias in node.names)
 
 
 @pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.relative_to(ROOT).as_posix())
