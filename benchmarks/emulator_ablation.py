@@ -14,8 +14,8 @@ from bayesdeg.actuator.curve import SAMPLING, Actuator, Curve, PathSamples
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.mesh import Resolution, build_mesh
 from bayesdeg.data.settings import Dimensions
-from bayesdeg.emulator.campaign import MESH_ERROR, PLANS, WHOLE, FitPlan, Run, runs, train
-from bayesdeg.emulator.kept import Recipe
+from bayesdeg.emulator.campaign import PLANS, WHOLE, FitPlan, Run, runs, train
+from bayesdeg.emulator.kept import Recipe, mesh_error_of
 from bayesdeg.emulator.scaling import TrainingRange
 from bayesdeg.emulator.solutions import SolutionStore
 from bayesdeg.emulator.surrogate import Surrogate
@@ -107,7 +107,7 @@ def trained(
         fine,
         span=TrainingRange(),
         length=few[0].geometry.dimensions.length,
-        mesh_error=MESH_ERROR,
+        mesh_error=mesh_error_of(few[0].geometry),
         record={},
         terms=replace(WHOLE, plans=tuple(plans)),
     )

@@ -196,6 +196,9 @@ SECOND_KINDS = (
     *("none", "pair"),
 )
 THIRD_DRAW = 510
+# causes that came after the first three draws, in turn, one a study
+FOURTH_DRAW = 600
+LATER = ("degraded_shrinkage", "degradation_scale", "gauge_gain")
 OUTSIDE_SIZES = (0.6, 1.6)  # over the usual size
 
 
@@ -203,13 +206,11 @@ def drawn_study(number: int, *, seed: int) -> HiddenStudy:
     """Draw what is hidden in a study: 60 % one cause, 15 % two, 15 % none, 10 % another effect.
 
     From number `SECOND_DRAW` on most have none, two, or an effect outside the catalogue, which
-    then are of more kinds and sizes; from `THIRD_DRAW` on all have three.
+    then are of more kinds and sizes; from `THIRD_DRAW` on all have three, from `FOURTH_DRAW` on one
+    of `LATER`.
     """
     generator = np.random.default_rng((seed, number))
-    more = number >= SECOND_DRAW
-    kind = str(generator.choice(["single", "pair", "none", "outside"], p=[0.6, 0.15, 0.15, 0.1]))
-    if more:
-        kind = SECOND_KINDS[number % len(SECOND_KINDS)] if number < THIRD_DRAW else "triple"
+    more, kind = number >= SECOND_DRAW, _kind(number, generator)
     if kind == "none":
         return HiddenStudy(number, kind, str(generator.choice(list(designs()))), (), 0.0)
     if kind == "outside":
@@ -218,7 +219,8 @@ def drawn_study(number: int, *, seed: int) -> HiddenStudy:
         return HiddenStudy(
             number, kind, str(generator.choice(["curvature", "angle"])), (effect,), size
         )
-    names = [name for name in CATALOGUE if name not in LEFT_OUT]
+    drawn = [name for name in CATALOGUE if name not in LEFT_OUT]
+    names = drawn if number < FOURTH_DRAW else LATER
     # every cause in turn, so that the matrix is filled evenly
     first = names[number % len(names)]
     design = ONLY_IN.get(first, str(generator.choice(["angle", "angle", "curvature"])))
@@ -237,6 +239,15 @@ def drawn_study(number: int, *, seed: int) -> HiddenStudy:
     return HiddenStudy(
         number, kind, design, tuple(_sized(n, size, generator) for n in chosen), size
     )
+
+
+def _kind(number: int, generator: np.random.Generator) -> str:
+    drawn = str(generator.choice(["single", "pair", "none", "outside"], p=[0.6, 0.15, 0.15, 0.1]))
+    if number < SECOND_DRAW:
+        return drawn
+    if number < THIRD_DRAW:
+        return SECOND_KINDS[number % len(SECOND_KINDS)]
+    return "triple" if number < FOURTH_DRAW else "single"
 
 
 def _sized(name: str, size: float, generator: np.random.Generator) -> HiddenEffect:

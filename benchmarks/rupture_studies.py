@@ -322,12 +322,13 @@ def _together(parts: Sequence[Bent]) -> Bent:
     """Join levels; tests with fewer steps repeat their last."""
     size = max(one.curvature.shape[1] for one in parts)
 
-    def joined(arrays: list[NDArray[np.generic]]) -> NDArray[np.generic]:
+    def joined(name: str) -> NDArray[np.generic]:
+        arrays = [getattr(one, name) for one in parts]
         return np.concatenate(
             [np.pad(a, ((0, 0), (0, size - a.shape[1])), mode="edge") for a in arrays]
         )
 
-    return Bent(*(joined(list(column)) for column in zip(*parts, strict=True)))
+    return Bent(joined("curvature"), joined("angle"), joined("burst"))
 
 
 def settings_of(seed: int) -> Settings:

@@ -8,6 +8,7 @@ from collections import Counter
 from functools import cache
 from pathlib import Path
 
+import pytest
 from importlinter.cli import EXIT_STATUS_SUCCESS, lint_imports
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -369,6 +370,38 @@ def test_every_class_has_a_name_of_its_own():
         if isinstance(node, ast.ClassDef) and not node.name.startswith("_")
     )
     assert [name for name, count in found.items() if count > 1] == []
+
+
+SCRIPTS = sorted(
+    path
+    for folder in ("benchmarks", "studies", "docs")
+    for path in (ROOT / folder).rglob("*.py")
+    if "_build" not in path.parts
+)
+
+
+def names_asked_for(tree):
+    """Modules and names of the package that a script imports, but for those that it may lack."""
+    tried = {
+        child
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Try)
+        for handler in node.handlers
+        for child in ast.walk(handler)
+    }
+    for node in ast.walk(tree):
+        own = isinstance(node, ast.ImportFrom) and (node.module or "").startswith(PACKAGE.name)
+        if own and node not in tried:
+            yield from ((node.module, alias.name) for alias in node.names)
+
+
+@pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.relative_to(ROOT).as_posix())
+def test_what_scripts_import_is_there(path):
+    """Benchmarks and studies are run seldom: a name that moved would not be missed for weeks."""
+    for module, name in names_asked_for(tree_of(path)):
+        found = importlib.import_module(module)
+        if not hasattr(found, name):
+            importlib.import_module(f"{module}.{name}")
 
 
 def test_names_of_test_files_are_unique():

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from bayesdeg.actuator.inputs import Inputs, Prediction
 from bayesdeg.data.study import Study
-from bayesdeg.material.strength import ScatterLaw
+from bayesdeg.material.strength import Strength
 from bayesdeg.priors import Parameter
 
 Floats = NDArray[np.float64]
@@ -194,38 +194,6 @@ class StrengthConditions:
     degradation: Floats
     humidity: Floats
     film_slope: Floats
-
-
-@dataclass(frozen=True)
-class Strength:
-    """What is believed of the elongation limit of actuators.
-
-    Parameters
-    ----------
-    median : array, shape (walkers, n_specimens)
-        Median elongation at break as a strain, λ − 1 [–].
-    scatter : array, shape (walkers, n_specimens)
-        Standard deviation of its logarithm [–].
-    law : str
-        Of the elongation from specimen to specimen.
-    """
-
-    median: Floats
-    scatter: Floats
-    law: ScatterLaw = "lognormal"
-
-    def weakened(self, cut: Floats, widening: Floats) -> "Strength":
-        """Return it with a median less by ``cut`` in logarithms, and wider by ``widening``.
-
-        Examples
-        --------
-        >>> films = Strength(np.array([2.0]), np.array([0.3]))
-        >>> films.weakened(np.log([4.0]), np.array([0.4]))
-        Strength(median=array([0.5]), scatter=array([0.5]), law='lognormal')
-        """
-        return replace(
-            self, median=self.median * np.exp(-cut), scatter=np.hypot(self.scatter, widening)
-        )
 
 
 def scaled_stiffness(inputs: Inputs, factor: Floats) -> Inputs:

@@ -43,10 +43,10 @@ from bayesdeg.causes.cause import (
     Effect,
     Floats,
     Stage,
-    Strength,
     StrengthConditions,
 )
 from bayesdeg.causes.humidity import SAME, STORED, TESTED, dryness
+from bayesdeg.material.strength import Strength
 from bayesdeg.priors import Parameter, TruncatedNormal
 
 

@@ -7,11 +7,12 @@ Mechanism
     for it, and that perhaps before films show any.
 
 Equation
-    Median elongation limit times exp(−b ρ(D)), scatter of its logarithm √(σ² + (w ρ(D))²), with
-    ρ(D) = max(D − D₀, 0)/(25 % − D₀): 0 up to the onset D₀, 1 at 25 %. The onset is inferred: its
-    prior knows the films' surfaces, and no count of ruptures. The ramp is straight: where few
-    cracks cut almost as much as many do, it begins before the first of them (9 % for 16 %, in the
-    virtual study `gelatin_rupture`).
+    Flaws compete with ordinary defects: ln S(ε) = ln S₀(ε) + ρ(D) min(ln S_f(ε) − ln S₀(ε), 0),
+    with S₀ the probability that a wall without flaws is whole, S_f the same with a median less by
+    exp(−b) and a scatter of its logarithm of √(σ² + w²), and ρ(D) = r(D − D₀)/r(25 % − D₀) the
+    number of flaws over that at 25 %, r(x) being the mean of max(x, 0) where x scatters by 1 %. Few
+    flaws let few walls burst, but those as early as many do. The onset D₀ is inferred: its prior
+    knows the films' surfaces, and no count of ruptures.
 
 Typical size
     Two of three actuators burst below 240 kPa at 25 %, where 99 % of the simulated volume stays
@@ -28,10 +29,12 @@ Refuted by
 
 Source
     Nagai, Kurita, Shintake (2021), doi:10.3389/frobt.2021.760485, for fracture surfaces and counts
-    of ruptures; Weibull (1951), J. Appl. Mech. 18:293, doi:10.1115/1.4010337, for flaws.
+    of ruptures; Weibull (1951), J. Appl. Mech. 18:293, doi:10.1115/1.4010337, for flaws; Johnson
+    (1964), The Statistical Treatment of Fatigue Experiments, for sources of failure that compete.
 """
 
 import numpy as np
+import scipy
 
 from bayesdeg.causes.cause import (
     REFERENCE_DEGRADATION,
@@ -40,32 +43,43 @@ from bayesdeg.causes.cause import (
     Effect,
     Floats,
     Stage,
-    Strength,
     StrengthConditions,
 )
+from bayesdeg.material.strength import Strength
 from bayesdeg.priors import Parameter, TruncatedNormal
 
 SMOOTH = 20.0
 """Degradation rate up to which fracture surfaces of films are smooth [%]."""
+BEGINNING = 1.0
+"""Standard deviation of the onset from place to place [%]: rates are known no better, and what
+begins at once at one rate would be at no specimen or at all."""
 LATEST = 24.0
 """Onset beyond which flaws would be there at once, not by degrees [%]."""
 
 
 def embrittle(strength: Strength, conditions: StrengthConditions, effect: Effect) -> Strength:
-    """Return a lower and more scattered elongation limit where degradation is beyond the onset."""
-    ramp = flaw_ramp(conditions.degradation, effect["onset"])
-    return strength.weakened(effect["cut"] * ramp, effect["widening"] * ramp)
+    """Return an elongation limit with flaws where degradation is beyond the onset."""
+    share = flaw_ramp(conditions.degradation, effect["onset"])
+    return strength.flawed(share, effect["cut"], effect["widening"])
 
 
 def flaw_ramp(degradation: Floats, onset: Floats) -> Floats:
-    """Return ρ(D): 0 up to the onset, 1 at 25 %; both in percent.
+    """Return ρ(D): 0 up to the onset, 1 at 25 %, and a straight line between; in percent.
 
     Examples
     --------
-    >>> flaw_ramp(np.array([0.0, 20.0, 22.5, 25.0]), np.array([20.0])).tolist()
-    [0.0, 0.0, 0.5, 1.0]
+    >>> flaw_ramp(np.array([0.0, 17.0, 20.0, 22.5, 25.0]), np.array([20.0])).round(3).tolist()
+    [0.0, 0.0, 0.08, 0.5, 1.0]
     """
-    return np.maximum(degradation - onset, 0.0) / (REFERENCE_DEGRADATION - onset)
+    return _rising(degradation - onset) / _rising(REFERENCE_DEGRADATION - onset)
+
+
+def _rising(beyond: Floats) -> Floats:
+    """Return the mean of max(x, 0) [%] of normal rates about a distance beyond the onset."""
+    u = beyond / BEGINNING
+    density = np.exp(-0.5 * u**2) / np.sqrt(2.0 * np.pi)
+    found: Floats = BEGINNING * np.maximum(density + u * scipy.special.ndtr(u), 0.0)
+    return found
 
 
 def never_flawed(conditions: Conditions) -> str | None:
@@ -83,14 +97,14 @@ CAUSE = Cause(
             "cut",
             TruncatedNormal(0.0, 1.0, 0.0, np.inf),
             "–",
-            "ln of the films' over the actuators' elongation limit at a degradation rate of 25 %",
+            "ln of the films' over the actuators' elongation limit with flaws as many as at 25 %",
             0.0,
         ),
         Parameter(
             "widening",
             TruncatedNormal(0.0, 0.4, 0.0, np.inf),
             "–",
-            "scatter of ln elongation limit that flaws add at a degradation rate of 25 %",
+            "scatter of ln elongation limit that flaws add",
             0.0,
         ),
         # films are smooth up to 20 %; walls, edges and corners may have flaws well before

@@ -38,7 +38,8 @@ Source
 import numpy as np
 
 from bayesdeg.causes.blindness import without_degraded
-from bayesdeg.causes.cause import Cause, Effect, Stage, Strength, StrengthConditions
+from bayesdeg.causes.cause import Cause, Effect, Stage, StrengthConditions
+from bayesdeg.material.strength import Strength
 from bayesdeg.priors import Parameter, TruncatedNormal
 
 

@@ -11,10 +11,11 @@ from scipy.linalg import block_diag
 
 from bayesdeg.actuator.inputs import ForwardMap, Prediction
 from bayesdeg.causes.catalogue import in_order
-from bayesdeg.causes.cause import Cause, Strength
+from bayesdeg.causes.cause import Cause
 from bayesdeg.causes.fold import with_causes
 from bayesdeg.inference.density import Density, Factors
 from bayesdeg.material.degradation import Nodes
+from bayesdeg.material.strength import Strength
 from bayesdeg.observations import catalogue
 from bayesdeg.observations.breaks import Breaks, BreakTable
 from bayesdeg.observations.curvature import ActuatorCurves, Curvature, Predicted

@@ -22,7 +22,6 @@ from bayesdeg.causes.cause import (
     Conditions,
     Degradation,
     FilmConditions,
-    Strength,
     StrengthConditions,
 )
 from bayesdeg.causes.fold import Acting, applied
@@ -44,7 +43,7 @@ from bayesdeg.laboratory.truth import (
     stated_sd,
 )
 from bayesdeg.material.hyperelastic import yeoh_basis
-from bayesdeg.material.strength import ScatterLaw
+from bayesdeg.material.strength import ScatterLaw, Strength
 from bayesdeg.observations.force import TABLE as TIP_FORCES
 
 VIRTUAL_TABLES: Mapping[str, Table] = MappingProxyType(
@@ -783,7 +782,7 @@ def _drawn(
     drawn = draw_specimens(
         plan.names, truth, degradation=value, sd=sd, generator=generator, law=law
     )
-    return _weakened(drawn, truth, effects, plan.conditions.room_humidity)
+    return _weakened(drawn, truth, effects, plan.conditions.room_humidity, law)
 
 
 def _acting(effects: Sequence[HiddenEffect]) -> tuple[Acting, ...]:
@@ -791,7 +790,11 @@ def _acting(effects: Sequence[HiddenEffect]) -> tuple[Acting, ...]:
 
 
 def _weakened(
-    specimens: pd.DataFrame, truth: Truth, effects: Sequence[HiddenEffect], humidity: Floats
+    specimens: pd.DataFrame,
+    truth: Truth,
+    effects: Sequence[HiddenEffect],
+    humidity: Floats,
+    law: ScatterLaw,
 ) -> pd.DataFrame:
     """Return specimens whose elongation limits are what the hidden effects leave of them."""
     acting = [hidden for hidden in effects if hidden.cause.on_strength is not None]
@@ -799,7 +802,7 @@ def _weakened(
         return specimens
     level = specimens["degradation_pct"].to_numpy()[None]
     median = truth.limit_stretch(level) - 1.0
-    strength = Strength(median, np.full(level.shape, truth.elongation_scatter))
+    strength = Strength(median, np.full(level.shape, truth.elongation_scatter), law)
     elongation = specimens["limit_stretch"].to_numpy() - 1.0
     z = np.log(elongation / median) / np.maximum(strength.scatter, 1e-12)
     flat = (
@@ -808,8 +811,7 @@ def _weakened(
     )
     conditions = StrengthConditions(level, humidity, truth.elongation_slope(level))
     strength = applied("on_strength", strength, conditions, flat)
-    limit = 1.0 + strength.median * np.exp(strength.scatter * z)
-    return specimens.assign(limit_stretch=limit[0])
+    return specimens.assign(limit_stretch=1.0 + strength.limit(z)[0])
 
 
 def _predict(

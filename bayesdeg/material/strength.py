@@ -10,6 +10,8 @@ principal stretch is the mildest.
 """
 
 import math
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -325,6 +327,183 @@ def weakest_link_limit(
     if np.any(median <= 1.0) or np.any(modulus <= 0.0) or np.any(ratio <= 0.0):
         raise ValueError("the limit must be above 1, modulus and volume ratio above 0")
     return 1.0 + (median - 1.0) * ratio ** (-1.0 / modulus)
+
+
+@dataclass(frozen=True)
+class Strength:
+    r"""Elongation limit of actuators: ordinary defects, and flaws beside them.
+
+    Without flaws a wall is whole at a strain ε with the probability that `log_whole` gives of the
+    score z = ln(ε/ε̃)/s. Flaws are weak places of their own. Their number grows with the share ρ,
+    and a wall holds if none of them tears, nor any ordinary defect:
+
+    .. math::
+        \ln S = \ln S_0(z) + \rho \, \min(\ln S_0(z_f) - \ln S_0(z), 0), \qquad
+        z_f = \frac{\ln(\varepsilon/\tilde\varepsilon) + b}{\sqrt{s^2 + w^2}}
+
+    so that at ρ = 1 the limit is ε̃ exp(−b) where flaws are the weaker, and at a small ρ few walls
+    break early, and the others as if there were none.
+
+    Parameters
+    ----------
+    median : array, shape (walkers, n_specimens)
+        Median elongation at break ε̃ as a strain, λ − 1 [–].
+    scatter : array, shape (walkers, n_specimens)
+        s, standard deviation of its logarithm [–].
+    law : str
+        Of the elongation from specimen to specimen.
+    flaw_share, flaw_cut, flaw_widening : array, broadcast to the others
+        ρ, b and w [–], not negative.
+
+    References
+    ----------
+    Weibull (1951), J. Appl. Mech. 18, 293, doi:10.1115/1.4010337; sources of failure that compete:
+    Johnson (1964), The Statistical Treatment of Fatigue Experiments.
+    """
+
+    median: FloatArray
+    scatter: FloatArray
+    law: ScatterLaw = "lognormal"
+    flaw_share: FloatArray = field(default_factory=lambda: np.zeros(()))
+    flaw_cut: FloatArray = field(default_factory=lambda: np.zeros(()))
+    flaw_widening: FloatArray = field(default_factory=lambda: np.zeros(()))
+
+    def weakened(self, cut: FloatArray, widening: FloatArray) -> "Strength":
+        """Return it with a median less by ``cut`` in logarithms, and wider by ``widening``.
+
+        Examples
+        --------
+        >>> films = Strength(np.array([2.0]), np.array([0.3]))
+        >>> weak = films.weakened(np.log([4.0]), np.array([0.4]))
+        >>> weak.median, weak.scatter
+        (array([0.5]), array([0.5]))
+        """
+        return replace(
+            self, median=self.median * np.exp(-cut), scatter=np.hypot(self.scatter, widening)
+        )
+
+    def flawed(self, share: FloatArray, cut: FloatArray, widening: FloatArray) -> "Strength":
+        """Return it with flaws; a cut and a widening of 0 are none.
+
+        Examples
+        --------
+        >>> films = Strength(np.array([2.0]), np.array([0.1]))
+        >>> some = films.flawed(np.array([0.1]), np.log([4.0]), np.array([0.1]))
+        >>> np.exp(some.log_whole(np.log([0.4, 0.5, 0.8]))).round(3)
+        array([0.994, 0.933, 0.462])
+        """
+        shape = np.shape(self.median)
+        some = (cut > 0.0) | (widening > 0.0)
+        parts = (np.where(some, share, 0.0), cut, widening)
+        share, cut, widening = (np.broadcast_to(part, shape) for part in parts)
+        return replace(self, flaw_share=share, flaw_cut=cut, flaw_widening=widening)
+
+    @property
+    def has_flaws(self) -> bool:
+        """Whether any specimen may have some."""
+        return bool(np.any(self.flaw_share > 0.0))
+
+    def mapped(self, change: Callable[[FloatArray], FloatArray]) -> "Strength":
+        """Return it with all arrays changed alike, as by a further axis."""
+        shape = np.shape(self.median)
+        flaws = (self.flaw_share, self.flaw_cut, self.flaw_widening)
+        arrays = (np.broadcast_to(array, shape) for array in (self.median, self.scatter, *flaws))
+        median, scatter, share, cut, widening = map(change, arrays)
+        return Strength(median, scatter, self.law, share, cut, widening)
+
+    def log_whole(self, log_strain: FloatArray, error: npt.ArrayLike = 0.0) -> FloatArray:
+        """Return the log probability that a specimen is whole at a strain.
+
+        Parameters
+        ----------
+        log_strain : array, broadcasts with the others
+            ln ε [–], which may be infinite.
+        error : array_like
+            Standard error of ln ε, which adds to the scatter [–].
+        """
+        plain = log_whole(self._score(log_strain, error), self.law)
+        if not self.has_flaws:
+            return plain
+        return plain + self.flaw_share * self._lost_to_flaws(log_strain, error, plain)
+
+    def log_broken(self, log_strain: FloatArray, error: npt.ArrayLike = 0.0) -> FloatArray:
+        """Return the log probability that a specimen has broken at a strain, as `log_whole`."""
+        plain = self._score(log_strain, error)
+        if not self.has_flaws:
+            return log_broken(plain, self.law)
+        lost = self.flaw_share * self._lost_to_flaws(log_strain, error, log_whole(plain, self.law))
+        both = log_whole(plain, self.law) + _log_complement(lost)
+        return np.logaddexp(log_broken(plain, self.law), both)
+
+    def log_broken_between(
+        self, low: tuple[FloatArray, FloatArray], high: tuple[FloatArray, FloatArray]
+    ) -> FloatArray:
+        """Return the log probability to break between two strains, each ln ε with its error.
+
+        −∞ where a specimen that survives the one survives the other.
+        """
+        begun, ended = self._score(*low), self._score(*high)
+        begun = np.minimum(begun, ended)
+        plain = np.where(ended > begun, log_broken_between(begun, ended, self.law), -math.inf)
+        if not self.has_flaws:
+            return plain
+        before, after = log_whole(begun, self.law), log_whole(ended, self.law)
+        lost, later = (
+            self.flaw_share * self._lost_to_flaws(*at, whole)
+            for at, whole in ((low, before), (high, after))
+        )
+        torn = after + lost + _log_complement(np.minimum(later - lost, 0.0))
+        # far beyond its median a wall is lost to ordinary defects, and flaws take none of it
+        apart = before + lost + _log_complement(np.minimum(after + later - before - lost, 0.0))
+        found = np.where(later > lost, apart, np.logaddexp(lost + plain, torn))
+        return np.where(ended > begun, found, -math.inf)
+
+    def limit(self, score: FloatArray) -> FloatArray:
+        """Return the strain ε at which specimens break that are as strong as scores say [–].
+
+        Parameters
+        ----------
+        score : array, broadcasts with the others
+            Of a law without flaws: 0 is the median, `draw_scores` draws some.
+
+        Examples
+        --------
+        >>> films = Strength(np.array([2.0]), np.array([0.1]))
+        >>> torn = films.flawed(np.ones(1), np.log([4.0]), np.zeros(1))
+        >>> films.limit(np.zeros(1)).round(9), torn.limit(np.zeros(1)).round(9)
+        (array([2.]), array([0.5]))
+        """
+        plain = np.log(self.median) + self.scatter * score
+        if not self.has_flaws:
+            return np.asarray(np.exp(plain))
+        wanted = log_whole(score, self.law)
+        low, high = plain - _WIDEST, plain
+        for _ in range(_HALVINGS):
+            middle = 0.5 * (low + high)
+            whole = self.log_whole(middle) > wanted
+            low, high = np.where(whole, middle, low), np.where(whole, high, middle)
+        return np.asarray(np.exp(0.5 * (low + high)))
+
+    def _score(self, log_strain: FloatArray, error: npt.ArrayLike) -> FloatArray:
+        spread = np.hypot(self.scatter, error)
+        return np.asarray((log_strain - np.log(self.median)) / spread)
+
+    def _lost_to_flaws(
+        self, log_strain: FloatArray, error: npt.ArrayLike, plain: FloatArray
+    ) -> FloatArray:
+        """Return ln S of a wall of flaws alone, less that without any where it is less."""
+        spread = np.hypot(np.hypot(self.scatter, self.flaw_widening), error)
+        score = (log_strain - np.log(self.median) + self.flaw_cut) / spread
+        with np.errstate(invalid="ignore"):  # broken by either: nothing is left to lose
+            less = np.minimum(log_whole(score, self.law) - plain, 0.0)
+        return np.nan_to_num(less, nan=0.0, neginf=_NEVER)
+
+
+_NEVER = -1e300
+"""ln of a probability of nothing, which times a share of 0 is still 0."""
+_WIDEST, _HALVINGS = 12.0, 60
+"""In which ln strain flaws may break a specimen below its limit without, and how often that range
+is halved to find where: to 1e-17 of it."""
 
 
 def _relative(

@@ -22,9 +22,9 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from bayesdeg.causes.cause import Conditions, Strength
+from bayesdeg.causes.cause import Conditions
 from bayesdeg.material.degradation import levels
-from bayesdeg.material.strength import ScatterLaw, log_broken, log_whole
+from bayesdeg.material.strength import Strength
 from bayesdeg.observations.arrays import chosen
 from bayesdeg.observations.curvature import ActuatorCurves, inputs_met, parts_of
 from bayesdeg.observations.kinds import Observations, Parts, Rows, State
@@ -51,15 +51,13 @@ class Chances(NamedTuple):
     whole: Floats
 
 
-def rupture_chances(
-    peak_stretch: Floats, *, limit: Floats, scatter: Floats, law: ScatterLaw = "lognormal"
-) -> Chances:
+def rupture_chances(peak_stretch: Floats, strength: Strength) -> Chances:
     r"""Return the log probabilities that a specimen of a level bursts or stays whole.
 
-    .. math:: p = \sum_q w_q F\left(\frac{1}{s} \ln \frac{\lambda_q - 1}{\lambda_b - 1}\right)
+    .. math:: p = \sum_q w_q F\left(\frac{1}{s} \ln \frac{\lambda_q - 1}{\tilde\varepsilon}\right)
 
-    In logarithms throughout, so that what the model holds for next to impossible gets a very small
-    probability and not zero.
+    where there are no flaws. In logarithms throughout, so that what the model holds for next to
+    impossible gets a very small probability and not zero.
 
     Parameters
     ----------
@@ -67,23 +65,19 @@ def rupture_chances(
         Stretch demanded at the largest pressure at the nodes of the rule [–]. Nodes where it is nan
         are left out, and the rest reweighted; all is nan where the middle one, the mean specimen,
         is.
-    limit : array, shape (n, n_levels)
-        λ_b, median stretch at break [–].
-    scatter : array, shape (n, n_levels) or (n, 1)
-        s, sd of ln elongation at break [–].
-    law : str
-        F.
+    strength : Strength
+        Of the walls of each level, (n, n_levels).
     """
     answered = np.isfinite(peak_stretch[..., len(STIFFNESS_NODES) // 2])
     known = np.isfinite(peak_stretch) | ~answered[..., None]
     elongation = np.maximum(
         np.where(np.isfinite(peak_stretch), peak_stretch, 2.0) - 1.0, SMALLEST_ELONGATION
     )
-    z = (np.log(elongation) - np.log(limit - 1.0)[..., None]) / scatter[..., None]
+    log_strain, walls = np.log(elongation), strength.mapped(lambda array: array[..., None])
     weight = np.where(known, _LOG_WEIGHTS, -np.inf)
     weight = weight - scipy.special.logsumexp(weight, axis=-1, keepdims=True)
-    burst = scipy.special.logsumexp(weight + log_broken(z, law), axis=-1)
-    whole = scipy.special.logsumexp(weight + log_whole(z, law), axis=-1)
+    burst = scipy.special.logsumexp(weight + walls.log_broken(log_strain), axis=-1)
+    whole = scipy.special.logsumexp(weight + walls.log_whole(log_strain), axis=-1)
     return Chances(np.where(answered, burst, np.nan), np.where(answered, whole, np.nan))
 
 
@@ -199,14 +193,7 @@ def demand_of(state: State[FilmsAndActuators], tests: CountedTests) -> Demand:
 
 def chances_of(state: State[FilmsAndActuators], tests: CountedTests) -> Chances:
     """Return the log probabilities that an actuator of each level bursts or not."""
-    strength: Strength = strength_of(state, tests)
-    demand = state.once(demand_of, tests)
-    return rupture_chances(
-        demand.stretch,
-        limit=1.0 + strength.median,
-        scatter=strength.scatter,
-        law=strength.law,
-    )
+    return rupture_chances(state.once(demand_of, tests).stretch, strength_of(state, tests))
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.actuator.inputs import Prediction
-from bayesdeg.causes.cause import Strength, StrengthConditions
+from bayesdeg.causes.cause import StrengthConditions
 from bayesdeg.causes.fold import applied
-from bayesdeg.material.strength import draw_scores, log_broken_between
+from bayesdeg.material.strength import Strength, draw_scores
 from bayesdeg.observations.curvature import (
     ActuatorCurves,
     AtPressures,
@@ -62,20 +62,20 @@ def log_rupture(data: ActuatorCurves, prediction: Prediction, strength: Strength
     ruptures = data.ruptures
     rows = np.arange(len(data.specimens))
 
-    def score(at: NDArray[np.int64], *, refused: float) -> Floats:
+    def demand(at: NDArray[np.int64], *, refused: float) -> tuple[Floats, Floats]:
         strain = prediction.peak_stretch[:, rows, at] - 1.0
         if np.isinf(refused) and refused > 0.0 and prediction.excess is not None:
             strain = np.where(prediction.excess[:, rows, at] > 0.0, np.nan, strain)
         share = prediction.peak_stretch_sd[:, rows, at] / np.maximum(strain, 1e-12)
         stretched = strain > 0.0
-        spread = np.hypot(strength.scatter, share)
-        safe = np.log(np.where(stretched, strain, 1.0) / strength.median) / spread
-        return np.where(stretched, safe, np.where(np.isfinite(strain), -np.inf, refused))
+        known = np.log(np.where(stretched, strain, 1.0))
+        log_strain = np.where(stretched, known, np.where(np.isfinite(strain), -np.inf, refused))
+        reached = at >= 0
+        return np.where(reached, log_strain, refused), np.where(reached & stretched, share, 0.0)
 
-    low = np.where(ruptures.survived < 0, -np.inf, score(ruptures.survived, refused=-np.inf))
-    high = np.where(ruptures.burst < 0, np.inf, score(ruptures.burst, refused=np.inf))
-    chance = log_broken_between(np.minimum(low, high), high, strength.law)
-    return np.where(high > low, chance, -np.inf)
+    return strength.log_broken_between(
+        demand(ruptures.survived, refused=-np.inf), demand(ruptures.burst, refused=np.inf)
+    )
 
 
 @dataclass(frozen=True)
@@ -155,7 +155,7 @@ class Rupture(Observations):
         """
         data, strength = self.curves, strength_of(state, self.curves)
         z = draw_scores(strength.median.shape, generator, strength.law)
-        limit = np.log(strength.median) + strength.scatter * z
+        limit = np.log(strength.limit(z))
         strain = prediction.peak_stretch - 1.0
         share = prediction.peak_stretch_sd / np.maximum(strain, 1e-12)
         error = share * generator.standard_normal((*z.shape, 1))

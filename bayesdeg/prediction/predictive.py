@@ -9,10 +9,9 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from bayesdeg.actuator.inputs import Prediction
-from bayesdeg.causes.cause import Strength
 from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import Chain
-from bayesdeg.material.strength import rupture_probability
+from bayesdeg.material.strength import Strength
 from bayesdeg.observations.counts import RuptureCounts
 from bayesdeg.prediction.conditions import PROMPT, ServiceConditions
 from bayesdeg.prediction.history import tests_in
@@ -87,9 +86,8 @@ class Grid:
 
     def strength(self, values: Named) -> Strength:
         """Return the elongation limit of specimens at each rate, (n, n_levels, 1)."""
-        strength, step = self.model.strength(values), self._alike
-        median, scatter = (v[:, ::step, None] for v in (strength.median, strength.scatter))
-        return replace(strength, median=median, scatter=scatter)
+        step = self._alike
+        return self.model.strength(values).mapped(lambda array: array[:, ::step, None])
 
     def reached(self, values: Named, deviation: Floats) -> "Reached":
         """Return what specimens do up to each reading, (n, n_levels, n_pressures).
@@ -176,7 +174,7 @@ def moving_nothing(
         found = [sd, grid.reached(values, np.zeros_like(sd)).curvature]
         if model.has_elongation:
             strength = grid.strength(values)
-            found += [strength.median, strength.scatter]
+            found += [strength.limit(np.zeros(1)), strength.scatter, strength.flaw_share]
         return np.concatenate(found, axis=-1)
 
     whole = seen(conditions)
@@ -384,12 +382,9 @@ def respond_each(
 
 def _burst(grid: Grid, values: Named, reached: Reached) -> Floats:
     """Return the probability that each specimen has burst, (n, n_pressures)."""
-    strength = grid.strength(values)
+    strength = grid.strength(values).mapped(lambda array: array[:, 0])
     stretch = np.where(reached.answered[:, 0], np.maximum(reached.stretch[:, 0], 1.0), 1.0)
-    # the error of the forward map adds to the scatter of the strain at break
-    share = np.nan_to_num(reached.stretch_sd[:, 0]) / np.maximum(stretch - 1.0, 1e-12)
-    scatter = np.hypot(strength.scatter[:, 0], share)
-    return rupture_probability(stretch, 1.0 + strength.median[:, 0], scatter, strength.law)
+    return _probability(stretch, np.nan_to_num(reached.stretch_sd[:, 0]), strength)
 
 
 def specimens_tested(model: JointModel) -> int:
@@ -461,8 +456,7 @@ def rupture_table(
     for node, weight in zip(_NODES, _WEIGHTS / np.sum(_WEIGHTS), strict=True):
         reached = grid.reached(values, node * sd)
         stretch = np.where(reached.answered, np.maximum(reached.stretch, 1.0), np.nan)
-        share = reached.stretch_sd / np.maximum(stretch - 1.0, 1e-12)
-        total += weight * _probability(stretch, strength, np.hypot(strength.scatter, share))
+        total += weight * _probability(stretch, reached.stretch_sd, strength)
     levels, pressures = np.meshgrid(_medians(degradation), pressure, indexing="ij")
     usable = np.mean(np.isfinite(total), axis=0) > 0.5
     safe = np.where(usable, total, 0.0)
@@ -471,7 +465,7 @@ def rupture_table(
     checks = fewest_checks(specimens, draws)
     pressed = pressures > 0.0  # without pressure nothing bursts
     mean, low, high = (
-        np.where(pressed, not_below(part, checks), part) for part in (mean, low, high)
+        np.where(pressed, not_below(part, checks), 0.0 * part) for part in (mean, low, high)
     )
     return pd.DataFrame(
         {
@@ -484,8 +478,11 @@ def rupture_table(
     )
 
 
-def _probability(stretch: Floats, strength: Strength, scatter: Floats) -> Floats:
+def _probability(stretch: Floats, stretch_sd: Floats, strength: Strength) -> Floats:
+    """Return the probability to have burst; the error of the forward map adds to the scatter."""
     known = np.isfinite(stretch)
-    safe, limit = np.where(known, stretch, 1.0), 1.0 + strength.median
-    probability = rupture_probability(safe, limit, scatter, strength.law)
+    strain = np.where(known, stretch, 1.0) - 1.0
+    share = stretch_sd / np.maximum(strain, 1e-12)
+    with np.errstate(divide="ignore"):  # nothing bursts without strain
+        probability = -np.expm1(strength.log_whole(np.log(strain), share))
     return np.where(known, probability, np.nan)

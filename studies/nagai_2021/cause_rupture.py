@@ -12,11 +12,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdeg.causes.cause import Cause, Strength, StrengthConditions
+from bayesdeg.causes.cause import Cause, StrengthConditions
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.material.degradation import derivative
 from bayesdeg.material.hyperelastic import Yeoh
-from bayesdeg.material.strength import CRITERIA, Criterion, limit_stretch, rupture_probability
+from bayesdeg.material.strength import (
+    CRITERIA,
+    Criterion,
+    Strength,
+    limit_stretch,
+)
 from nagai_2021.causes import (
     LAST,
     ROOM,
@@ -205,10 +210,9 @@ def _burst_at(
     for criterion in criteria:
         demand = demanded(stretch, shared.biaxiality, criterion, law)
         known = np.isfinite(demand)
-        chance = rupture_probability(
-            1.0 + np.where(known, demand, 0.0), 1.0 + strength.median, strength.scatter, "lognormal"
-        )
-        found[criterion] = np.where(known, chance, np.nan)
+        with np.errstate(divide="ignore"):  # nothing bursts without strain
+            whole = strength.log_whole(np.log(np.where(known, demand, 0.0)))
+        found[criterion] = np.where(known, -np.expm1(whole), np.nan)
     return found
 
 

@@ -16,12 +16,12 @@ from bayesdeg.causes.cause import (
     Degradation,
     FilmConditions,
     Stage,
-    Strength,
     StrengthConditions,
 )
 from bayesdeg.data.tables import TABLES
 from bayesdeg.errors import BayesdegError
 from bayesdeg.inference.model import JointModel
+from bayesdeg.material.strength import Strength
 from bayesdeg.observations.specimens import FilmsAndActuators
 from tests.emulator.closed_form import trained
 from tests.inference.small_study import actuator_curves, base_parameters

@@ -2,12 +2,15 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import stats
 
 from bayesdeg.causes import dry_embrittlement, uneven_degradation
-from bayesdeg.causes.cause import Strength, StrengthConditions
+from bayesdeg.causes.cause import StrengthConditions
 from bayesdeg.causes.flaw_embrittlement import CAUSE, embrittle
 from bayesdeg.material.degradation import derivative
-from bayesdeg.material.strength import limit_stretch
+from bayesdeg.material.strength import Strength, draw_scores, limit_stretch
 
 DEGRADATION = np.array([[0.0, 19.0, 20.0, 22.5, 25.0], [0.0, 21.0, 25.0, 30.0, 24.0]])
 
@@ -29,41 +32,97 @@ def strength():
     )
 
 
-def test_flaws_cut_the_limit_beyond_their_onset():
-    after = embrittle(strength(), state(), effect([np.log(4.0), np.log(4.0)], [0.0, 0.0]))
-    ratio = after.median / strength().median
-    np.testing.assert_allclose(ratio[0], [1.0, 1.0, 1.0, 0.5, 0.25], rtol=1e-14)
-    np.testing.assert_allclose(ratio[1], 4.0 ** -np.array([0.0, 0.2, 1.0, 2.0, 0.8]), rtol=1e-14)
-    np.testing.assert_array_equal(after.scatter, strength().scatter)
+STRAINS = np.array([0.02, 0.1, 0.2, 0.4, 0.6, 1.5])
 
 
-def test_flaws_of_an_early_onset_are_of_the_same_size_at_25_percent():
-    sizes = effect(2 * [np.log(4.0)], 2 * [0.4], [0.0, 15.0])
-    after = embrittle(strength(), state(2 * [[0.0, 15.0, 20.0, 22.5, 25.0]]), sizes)
-    ratio = after.median / strength().median
-    np.testing.assert_allclose(ratio[0], 4.0 ** -np.array([0.0, 0.6, 0.8, 0.9, 1.0]), rtol=1e-14)
-    np.testing.assert_allclose(ratio[1], 4.0 ** -np.array([0.0, 0.0, 0.5, 0.75, 1.0]), rtol=1e-14)
-    np.testing.assert_allclose(after.scatter[:, -1], 0.5, rtol=1e-14)
+def whole_by_hand(share, strain, median, cut, widening):
+    """Return the probability to be whole: of what flaws leave, if they are the weaker."""
+    ordinary = stats.lognorm(0.3, scale=median).sf(strain)
+    flawed = stats.lognorm(np.hypot(0.3, widening), scale=median * np.exp(-cut)).sf(strain)
+    return ordinary * min(flawed / ordinary, 1.0) ** share
 
 
-def test_flaws_from_the_beginning_are_as_dry_air():
-    sizes = effect(2 * [1.3], 2 * [0.4], 0.0)
-    one, other = (of(strength(), state(), sizes) for of in (embrittle, dry_embrittlement.dry))
-    np.testing.assert_allclose(one.median, other.median, rtol=1e-14)
-    np.testing.assert_allclose(one.scatter, other.scatter, rtol=1e-14)
+def expected_beyond(mean):
+    """Return the mean of max(x, 0), x normal with a standard deviation of 1 %."""
+    return stats.norm(mean).expect(lambda x: x, lb=0.0, ub=mean + 12.0) if mean > -12.0 else 0.0
 
 
-def test_flaws_widen_the_scatter_by_squares():
-    after = embrittle(strength(), state(), effect([0.0, 0.0], [0.4, 0.8]))
+@pytest.mark.parametrize("onset", [0.0, 15.0, 20.0])
+def test_flaws_compete_with_ordinary_defects(onset):
+    rates = DEGRADATION[:1]
+    walls = strength().mapped(lambda array: array[:1])
+    after = embrittle(walls, state(rates), effect([1.2], [0.4], onset))
+    share = [expected_beyond(rate - onset) / expected_beyond(25.0 - onset) for rate in rates[0]]
+    for strain in STRAINS:
+        expected = [
+            whole_by_hand(*of_one, 1.2, 0.4)
+            for of_one in zip(share, 5 * [strain], walls.median[0], strict=True)
+        ]
+        found = after.log_whole(np.log(strain))[0]
+        np.testing.assert_allclose(found, np.log(expected), rtol=1e-10, atol=1e-14)
+        broken = after.log_broken(np.log(strain))[0]
+        np.testing.assert_allclose(np.exp(broken), 1.0 - np.array(expected), atol=1e-12)
+
+
+def test_flaws_as_many_as_at_25_percent_are_a_lower_and_wider_limit():
+    """A wall of flaws alone, as far as they are the weaker."""
+    walls = strength().mapped(lambda array: array[:, -1:])
+    after = embrittle(walls, state(np.full((2, 1), 25.0)), effect([1.2], [0.4]))
+    alone = walls.weakened(np.full((1, 1), 1.2), np.full((1, 1), 0.4))
+    log_strain = np.log(STRAINS[:4])
     np.testing.assert_allclose(
-        after.scatter[0], [0.3, 0.3, 0.3, np.hypot(0.3, 0.2), 0.5], rtol=1e-14
+        after.log_whole(log_strain), alone.log_whole(log_strain), rtol=1e-12, atol=0.0
     )
-    assert after.scatter[1, 3] == pytest.approx(np.hypot(0.3, 1.6))
-    np.testing.assert_array_equal(after.median, strength().median)
+    np.testing.assert_allclose(after.limit(np.zeros(1)), alone.limit(np.zeros(1)), rtol=1e-12)
+
+
+def test_few_flaws_let_few_walls_burst_but_those_early():
+    """A twelfth of the flaws: so many fewer break early, and the median hardly moves."""
+    walls = Strength(np.array([[0.6]]), np.array([[0.05]]), "weibull")
+    rates = np.array([[20.0]])
+    few = embrittle(walls, state(rates), effect([np.log(4.0)], [0.0]))
+    many = embrittle(walls, state(np.array([[25.0]])), effect([np.log(4.0)], [0.0]))
+    early = np.log(0.14)
+    ratio = few.log_whole(early) / many.log_whole(early)
+    assert ratio == pytest.approx(expected_beyond(0.0) / expected_beyond(5.0), rel=1e-7)
+    assert few.limit(np.zeros(1)).item() > 1.07 * many.limit(np.zeros(1)).item()
+
+
+@settings(max_examples=60)
+@given(
+    law=st.sampled_from(["lognormal", "weibull"]),
+    share=st.floats(0.0, 1.0),
+    cut=st.floats(0.0, 3.0),
+    widening=st.floats(0.0, 1.0),
+    low=st.floats(-4.0, 1.0),
+    width=st.floats(1e-3, 2.0),
+)
+def test_chances_of_flawed_walls_agree_with_one_another(law, share, cut, widening, low, width):
+    walls = Strength(np.array([0.7]), np.array([0.1]), law)
+    walls = walls.flawed(np.array([share]), np.array([cut]), np.array([widening]))
+    low, high, exact = np.array([low]), np.array([low + width]), np.zeros(1)
+    before, after = np.exp(walls.log_whole(low)), np.exp(walls.log_whole(high))
+    assert after <= before + 1e-15
+    between = np.exp(walls.log_broken_between((low, exact), (high, exact)))
+    assert between == pytest.approx(before - after, rel=1e-9, abs=1e-14)
+    below = walls.log_broken_between((np.array([-np.inf]), exact), (low, exact))
+    assert below == pytest.approx(walls.log_broken(low), rel=1e-9, abs=1e-12)
+    above = walls.log_broken_between((low, exact), (np.array([np.inf]), exact))
+    assert np.exp(above) == pytest.approx(before, rel=1e-9, abs=1e-300)
+
+
+@pytest.mark.parametrize("law", ["lognormal", "weibull"])
+def test_limits_of_flawed_walls_have_the_law_of_their_chances(law):
+    walls = Strength(np.full(1, 0.7), np.full(1, 0.1), law)
+    walls = walls.flawed(np.full(1, 0.3), np.full(1, 1.5), np.full(1, 0.4))
+    drawn = walls.limit(draw_scores((4000,), np.random.default_rng(8), law))
+    place = np.exp(walls.log_whole(np.log(drawn)))
+    assert stats.kstest(place, stats.uniform.cdf).pvalue > 0.01
 
 
 def test_neutral_values_leave_strength_bit_by_bit():
     after = embrittle(strength(), state(), effect([0.0, 0.0], [0.0, 0.0]))
+    assert not after.has_flaws
     np.testing.assert_array_equal(after.median, strength().median)
     np.testing.assert_array_equal(after.scatter, strength().scatter)
 
@@ -73,10 +132,8 @@ def test_typical_flaws_explain_two_of_three_ruptures_at_25_percent():
     from_films = Strength(np.array([[0.52]]), np.array([[0.1]]))
     typical = effect(CAUSE.typical["cut"], CAUSE.typical["widening"])
     after = embrittle(from_films, state([[25.0]]), typical)
-    standard = np.log(0.11 / np.array([0.52, after.median.item()]))
-    standard /= np.array([0.1, after.scatter.item()])
-    assert standard[0] < -10.0
-    assert -0.5 < standard[1] < 0.8  # 2 of 3 at +0.43
+    assert from_films.log_broken(np.log(0.11)).item() < -60.0
+    assert 0.3 < np.exp(after.log_broken(np.log(0.11))).item() < 0.8
 
 
 def test_dry_air_cuts_the_limit_in_proportion_to_the_degradation():

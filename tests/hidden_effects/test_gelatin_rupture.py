@@ -55,6 +55,15 @@ def test_flaws_are_named(judgement):
 
 
 @pytest.mark.slow
+def test_the_onset_of_flaws_is_that_of_the_truth(judgement):
+    truth = json.loads((STUDY / "truth.json").read_text(encoding="utf-8"))
+    (flaws,) = (one for one in judgement.candidates if one.cause == FLAWS)
+    onset = flaws.effect["onset"]
+    assert onset.q05 < truth["causes"]["flaws"]["onset"] < onset.q95
+    assert onset.q95 - onset.q05 < 10.0  # %; its prior leaves 17
+
+
+@pytest.mark.slow
 def test_probabilities_follow_what_burst(judgement):
     """Seven in eight of those like the six most degraded burst before 400 kPa."""
     base = predicted(judgement.search.base)

@@ -13,6 +13,7 @@ from bayesdeg.data.study import read_study
 from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.errors import StudyError
 from bayesdeg.material.degradation import yeoh_constants
+from bayesdeg.material.strength import Strength
 from bayesdeg.observations.counts import log_count, rupture_chances
 from bayesdeg.observations.kinds import State
 from bayesdeg.observations.published import (
@@ -219,7 +220,8 @@ def test_the_inversion_gives_a_chi_square_its_own_density():
 
 
 def rupture_log_density(ruptured, tested, stretch, *, limit, scatter):
-    return log_count(ruptured, tested, rupture_chances(stretch, limit=limit, scatter=scatter))
+    walls = Strength(limit - 1.0, np.broadcast_to(scatter, np.shape(limit)))
+    return log_count(ruptured, tested, rupture_chances(stretch, walls))
 
 
 def test_counts_are_binomial_over_specimens_of_varying_stiffness():

@@ -92,3 +92,22 @@ def test_flaws_of_the_surface_sit_in_the_skin(studies):
     given = study(studies, flaws)
     found = studies.inflated(given, 25.0, core, 20, np.random.default_rng(5))
     np.testing.assert_array_equal(found.burst, found.whole)
+
+
+def test_a_study_is_made_whose_tests_end_where_actuators_burst(studies, monkeypatch):
+    """From fields alone to all its tables; levels have pressures of their own."""
+    field = replace(uniform(studies, 20), angle=np.linspace(0.0, 1.0, 41))
+    monkeypatch.setattr(studies, "field_of", lambda world, level: field)
+    given = study(studies, elongation=(60.0, 30.0, 12.0))
+    experiment, drawn = studies.made(given, np.random.default_rng(6))
+    readings = experiment.tables["actuator"]
+    assert set(drawn) == set(studies.LARGEST)
+    last = readings.groupby("specimen_id").last()
+    burst = last["ruptured"] == 1
+    assert 0 < burst.sum() < len(last)
+    at = experiment.actuators["burst_kPa"].loc[last.index]
+    step = last["pressure_kPa"].where(burst).dropna()
+    assert np.all(step >= at[step.index])
+    assert np.all(step - studies.STEP < at[step.index])
+    largest = experiment.actuators["degradation_pct"].map(studies.LARGEST).loc[last.index]
+    np.testing.assert_array_equal(last["pressure_kPa"][~burst], largest[~burst])

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from bayesdeg.causes.cause import Cause, Effect, Stage, Strength, StrengthConditions
+from bayesdeg.causes.cause import Cause, Effect, Stage, StrengthConditions
 from bayesdeg.criticism.chance import chance_of
 from bayesdeg.criticism.checks.count_misfit import (
     PUBLISHED,
@@ -41,6 +41,7 @@ from bayesdeg.data.settings import RUPTURE_CRITERIA
 from bayesdeg.inference.importance import about_mode
 from bayesdeg.inference.laplace import Evidence, approximate, weighted
 from bayesdeg.inference.model import AT_ONCE, JointModel
+from bayesdeg.material.strength import Strength
 from bayesdeg.observations.counts import Chances, RuptureCounts, chances_of
 from bayesdeg.observations.kinds import State
 from bayesdeg.observations.rupture import Rupture
