@@ -22,6 +22,7 @@ BENT = 2.5  # standard deviations by which a parameter has given way; heavy tail
 DRAWS = 3000  # of the estimate from the prior
 WANTED = 80.0  # effective draws
 MANY = 4000  # draws of one parameter
+SCATTERED = 64  # sizes of a cause of rupture from which the best is climbed too
 
 
 @dataclass(frozen=True)
@@ -114,6 +115,8 @@ def try_causes(parent: Trial, cause: Cause, size: Floats, generator: np.random.G
     """
     subject = parent.subject.extended(cause)
     starts = _starts(parent, subject, cause, size)
+    if cause.is_of_rupture_alone:
+        starts.append(_best_of_prior(parent, subject, cause, generator))
     climbs = [approximate(subject, generator, start=start) for start in starts]
     laplace = max(climbs, key=lambda climbed: climbed.log_density)
     posterior = about_mode(subject, laplace, generator, enough=WANTED)
@@ -157,6 +160,21 @@ def _starts(parent: Trial, subject: JointModel, cause: Cause, size: Floats) -> l
     elif best == 1 and np.linalg.norm(effect) > STRONG and np.isfinite(densities[2]):
         starts.append(points[2])
     return starts
+
+
+def _best_of_prior(
+    parent: Trial, subject: JointModel, cause: Cause, generator: np.random.Generator
+) -> Floats:
+    """Return the best of vectors at the parent's mode, with sizes of a cause drawn from its prior.
+
+    Whether actuators burst is far from linear in what weakens them: the guess may be on the slope
+    of a lower top, as where few flaws are wide in strength and many narrow.
+    """
+    known = np.tile(parent.mode, (SCATTERED, 1))
+    points = with_sizes(parent.subject, cause, known, generator)
+    densities = np.nan_to_num(subject.log_prob(points), nan=-np.inf)
+    best: Floats = points[int(np.argmax(densities))]
+    return best
 
 
 def firm(trial: Trial, generator: np.random.Generator) -> Trial:
