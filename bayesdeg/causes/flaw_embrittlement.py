@@ -7,12 +7,12 @@ Mechanism
     for it, and that perhaps before films show any.
 
 Equation
-    Flaws compete with ordinary defects: ln S(ε) = ln S₀(ε) + ρ(D) min(ln S_f(ε) − ln S₀(ε), 0),
-    with S₀ the probability that a wall without flaws is whole, S_f the same with a median less by
-    exp(−b) and a scatter of its logarithm of √(σ² + w²), and ρ(D) = r(D − D₀)/r(25 % − D₀) the
-    number of flaws over that at 25 %, r(x) being the mean of max(x, 0) where x scatters by 1 %. Few
-    flaws let few walls burst, but those as early as many do. The onset D₀ is inferred: its prior
-    knows the films' surfaces, and no count of ruptures.
+    Flaws compete with ordinary defects: ln S(ε) = ln S₀(ε) + ρ(D) min (ln S_f − ln S₀), the least
+    up to the strain ε, with S₀ the probability that a wall without flaws is whole, S_f the same
+    with a median less by exp(−b) and a scatter of its logarithm of √(σ² + w²), and
+    ρ(D) = r(D − D₀)/r(25 % − D₀) the number of flaws over that at 25 %, r(x) being the mean of
+    max(x, 0) where x scatters by 1 %. Few flaws let few walls burst, but those as early as many do.
+    The onset D₀ is inferred: its prior knows the films' surfaces, and no count of ruptures.
 
 Typical size
     Two of three actuators burst below 240 kPa at 25 %, where 99 % of the simulated volume stays
@@ -64,7 +64,9 @@ def embrittle(strength: Strength, conditions: StrengthConditions, effect: Effect
 
 
 def flaw_ramp(degradation: Floats, onset: Floats) -> Floats:
-    """Return ρ(D): 0 up to the onset, 1 at 25 %, and a straight line between; in percent.
+    """Return ρ(D) [–], the number of flaws over that at 25 %, of a rate and an onset [%].
+
+    Near 0 below the onset, from there nearly straight, above 1 beyond 25 %.
 
     Examples
     --------
@@ -112,7 +114,7 @@ CAUSE = Cause(
             "onset",
             TruncatedNormal(SMOOTH, 7.0, 0.0, LATEST),
             "%",
-            "degradation rate up to which flaws leave the elongation limit as it is",
+            "degradation rate from which on there are flaws",
             SMOOTH,
         ),
     ),

@@ -802,9 +802,10 @@ def _weakened(
         return specimens
     level = specimens["degradation_pct"].to_numpy()[None]
     median = truth.limit_stretch(level) - 1.0
-    strength = Strength(median, np.full(level.shape, truth.elongation_scatter), law)
+    scatter = max(truth.elongation_scatter, 1e-12)  # of walls that are all alike
+    strength = Strength(median, np.full(level.shape, scatter), law)
     elongation = specimens["limit_stretch"].to_numpy() - 1.0
-    z = np.log(elongation / median) / np.maximum(strength.scatter, 1e-12)
+    z = np.log(elongation / median) / scatter
     flat = (
         Acting(one.cause, {name: size[..., 0] for name, size in one.effect.items()})
         for one in acting

@@ -17,6 +17,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 import scipy
+from numpy.typing import NDArray
 
 from bayesdeg.material.degradation import Nodes, polynomial
 from bayesdeg.material.hyperelastic import FloatArray, Yeoh
@@ -338,11 +339,13 @@ class Strength:
     and a wall holds if none of them tears, nor any ordinary defect:
 
     .. math::
-        \ln S = \ln S_0(z) + \rho \, \min(\ln S_0(z_f) - \ln S_0(z), 0), \qquad
+        \ln S = \ln S_0(z) + \rho \min_{\varepsilon' \le \varepsilon}
+        (\ln S_0(z_f') - \ln S_0(z')), \qquad
         z_f = \frac{\ln(\varepsilon/\tilde\varepsilon) + b}{\sqrt{s^2 + w^2}}
 
     so that at ρ = 1 the limit is ε̃ exp(−b) where flaws are the weaker, and at a small ρ few walls
-    break early, and the others as if there were none.
+    break early, and the others as if there were none. What has torn stays torn: beyond the strain
+    at which ordinary defects become the greater danger, flaws take no more, and give nothing back.
 
     Parameters
     ----------
@@ -353,7 +356,7 @@ class Strength:
     law : str
         Of the elongation from specimen to specimen.
     flaw_share, flaw_cut, flaw_widening : array, broadcast to the others
-        ρ, b and w [–], not negative.
+        ρ, b and w [–], not negative; ρ is above 1 where flaws are more than where it is 1.
 
     References
     ----------
@@ -392,11 +395,10 @@ class Strength:
         >>> np.exp(some.log_whole(np.log([0.4, 0.5, 0.8]))).round(3)
         array([0.994, 0.933, 0.462])
         """
-        shape = np.shape(self.median)
         some = (cut > 0.0) | (widening > 0.0)
-        parts = (np.where(some, share, 0.0), cut, widening)
-        share, cut, widening = (np.broadcast_to(part, shape) for part in parts)
-        return replace(self, flaw_share=share, flaw_cut=cut, flaw_widening=widening)
+        arrays = (self.median, self.scatter, np.where(some, share, 0.0), cut, widening)
+        median, scatter, share, cut, widening = np.broadcast_arrays(*arrays)
+        return Strength(median, scatter, self.law, share, cut, widening)
 
     @property
     def has_flaws(self) -> bool:
@@ -424,16 +426,16 @@ class Strength:
         plain = log_whole(self._score(log_strain, error), self.law)
         if not self.has_flaws:
             return plain
-        return plain + self.flaw_share * self._lost_to_flaws(log_strain, error, plain)
+        return plain + self._lost_to_flaws(log_strain, error)
 
     def log_broken(self, log_strain: FloatArray, error: npt.ArrayLike = 0.0) -> FloatArray:
         """Return the log probability that a specimen has broken at a strain, as `log_whole`."""
-        plain = self._score(log_strain, error)
+        score = self._score(log_strain, error)
+        plain = log_broken(score, self.law)
         if not self.has_flaws:
-            return log_broken(plain, self.law)
-        lost = self.flaw_share * self._lost_to_flaws(log_strain, error, log_whole(plain, self.law))
-        both = log_whole(plain, self.law) + _log_complement(lost)
-        return np.logaddexp(log_broken(plain, self.law), both)
+            return plain
+        lost = self._lost_to_flaws(log_strain, error)
+        return np.logaddexp(plain, log_whole(score, self.law) + _log_complement(lost))
 
     def log_broken_between(
         self, low: tuple[FloatArray, FloatArray], high: tuple[FloatArray, FloatArray]
@@ -444,17 +446,18 @@ class Strength:
         """
         begun, ended = self._score(*low), self._score(*high)
         begun = np.minimum(begun, ended)
-        plain = np.where(ended > begun, log_broken_between(begun, ended, self.law), -math.inf)
+        with np.errstate(invalid="ignore"):  # both may be infinite
+            found = log_broken_between(begun, ended, self.law)
+        plain = np.where(ended > begun, found, -math.inf)
         if not self.has_flaws:
             return plain
         before, after = log_whole(begun, self.law), log_whole(ended, self.law)
-        lost, later = (
-            self.flaw_share * self._lost_to_flaws(*at, whole)
-            for at, whole in ((low, before), (high, after))
-        )
+        lost, later = self._lost_to_flaws(*low), self._lost_to_flaws(*high)
         torn = after + lost + _log_complement(np.minimum(later - lost, 0.0))
-        # far beyond its median a wall is lost to ordinary defects, and flaws take none of it
-        apart = before + lost + _log_complement(np.minimum(after + later - before - lost, 0.0))
+        with np.errstate(invalid="ignore"):  # nothing is whole at either
+            change = np.minimum(after + later - before - lost, 0.0)
+        # the error of the strain may be the larger at the lower one
+        apart = before + lost + _log_complement(change)
         found = np.where(later > lost, apart, np.logaddexp(lost + plain, torn))
         return np.where(ended > begun, found, -math.inf)
 
@@ -488,22 +491,56 @@ class Strength:
         spread = np.hypot(self.scatter, error)
         return np.asarray((log_strain - np.log(self.median)) / spread)
 
-    def _lost_to_flaws(
-        self, log_strain: FloatArray, error: npt.ArrayLike, plain: FloatArray
-    ) -> FloatArray:
-        """Return ln S of a wall of flaws alone, less that without any where it is less."""
+    def _flaw_score(self, log_strain: FloatArray, error: npt.ArrayLike) -> FloatArray:
         spread = np.hypot(np.hypot(self.scatter, self.flaw_widening), error)
-        score = (log_strain - np.log(self.median) + self.flaw_cut) / spread
+        return np.asarray((log_strain - np.log(self.median) + self.flaw_cut) / spread)
+
+    def _lost_to_flaws(self, log_strain: FloatArray, error: npt.ArrayLike) -> FloatArray:
+        """Return ln S with flaws, less that without any."""
+        held = self._torn_by_flaws(log_strain, error)
         with np.errstate(invalid="ignore"):  # broken by either: nothing is left to lose
-            less = np.minimum(log_whole(score, self.law) - plain, 0.0)
-        return np.nan_to_num(less, nan=0.0, neginf=_NEVER)
+            alone = log_whole(self._flaw_score(held, error), self.law)
+            less = np.minimum(alone - log_whole(self._score(held, error), self.law), 0.0)
+        return self.flaw_share * np.nan_to_num(less, nan=0.0, neginf=_NEVER)
+
+    def _torn_by_flaws(self, log_strain: FloatArray, error: npt.ArrayLike) -> FloatArray:
+        """Return ln strain, at most that from which on ordinary defects are the greater danger.
+
+        There the hazards of both, −d ln S/d ln ε, are equal.
+        """
+        middle = np.log(self.median)
+        end = np.minimum(log_strain, middle + _WIDEST)
+        past = self._is_past_flaws(end, error)
+        if not past.any():
+            return np.asarray(end)
+        low, high = middle - self.flaw_cut - _WIDEST, end
+        for _ in range(_HALVINGS):
+            between = 0.5 * (low + high)
+            beyond = self._is_past_flaws(between, error)
+            low, high = np.where(beyond, low, between), np.where(beyond, between, high)
+        return np.where(past, low, end)
+
+    def _is_past_flaws(self, log_strain: FloatArray, error: npt.ArrayLike) -> NDArray[np.bool_]:
+        own = np.hypot(self.scatter, error)
+        wide = np.hypot(own, self.flaw_widening)
+        of_flaws = _log_hazard(self._flaw_score(log_strain, error), self.law) - np.log(wide)
+        of_others = _log_hazard(self._score(log_strain, error), self.law) - np.log(own)
+        return np.asarray(of_flaws < of_others)
+
+
+def _log_hazard(score: FloatArray, law: ScatterLaw) -> FloatArray:
+    """Return ln of −d ln S/dz, up to what all scores have in common."""
+    if law == "weibull":
+        return GUMBEL * score
+    with np.errstate(invalid="ignore"):  # at an infinite score, of which nothing is asked
+        return score_density(score, law) - log_whole(score, law)
 
 
 _NEVER = -1e300
 """ln of a probability of nothing, which times a share of 0 is still 0."""
-_WIDEST, _HALVINGS = 12.0, 60
-"""In which ln strain flaws may break a specimen below its limit without, and how often that range
-is halved to find where: to 1e-17 of it."""
+_WIDEST, _HALVINGS = 12.0, 45
+"""Within how much of ln strain about their limits walls break, and how often that is halved to find
+where: to 3e-13."""
 
 
 def _relative(

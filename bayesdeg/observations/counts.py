@@ -54,10 +54,10 @@ class Chances(NamedTuple):
 def rupture_chances(peak_stretch: Floats, strength: Strength) -> Chances:
     r"""Return the log probabilities that a specimen of a level bursts or stays whole.
 
-    .. math:: p = \sum_q w_q F\left(\frac{1}{s} \ln \frac{\lambda_q - 1}{\tilde\varepsilon}\right)
+    .. math:: p = \sum_q w_q (1 - S(\lambda_q - 1))
 
-    where there are no flaws. In logarithms throughout, so that what the model holds for next to
-    impossible gets a very small probability and not zero.
+    with S of `Strength.log_whole`. In logarithms throughout, so that what the model holds for next
+    to impossible gets a very small probability and not zero.
 
     Parameters
     ----------

@@ -151,7 +151,8 @@ class Rupture(Observations):
         """Return the recorded rows at which actuators burst, (n_specimens, n_points).
 
         The emulator's error of ln strain is one of the specimen, so that the stretch it demands
-        grows with pressure; for each pressure it has the law of the likelihood.
+        grows with pressure; for each pressure it has the law of the likelihood, with flaws nearly,
+        as the error is small beside the scatter.
         """
         data, strength = self.curves, strength_of(state, self.curves)
         z = draw_scores(strength.median.shape, generator, strength.law)

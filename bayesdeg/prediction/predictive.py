@@ -439,7 +439,8 @@ def rupture_table(
     A specimen bursts where the stretch that the criterion sees passes its uniaxial elongation
     limit, which scatters about a median that depends on D_R. The probability averages over
     specimens; its 5 and 95 % quantiles are over the posterior. None of them is below one in the
-    number of specimens that were tested, or of draws if that is not given. Parameters are those of
+    number of specimens that were tested, or of draws if that is not given, but for 0 of those that
+    were never under pressure. Parameters are those of
     `curvature_bands`.
 
     Returns
@@ -463,7 +464,8 @@ def rupture_table(
     low, high = np.where(usable, np.nanquantile(safe, [0.05, 0.95], axis=0), np.nan)
     mean = np.where(usable, np.nanmean(safe, axis=0), np.nan)
     checks = fewest_checks(specimens, draws)
-    pressed = pressures > 0.0  # without pressure nothing bursts
+    # without pressure nothing bursts, unless it was under pressure before
+    pressed = (pressures > 0.0) | conditions.has_history
     mean, low, high = (
         np.where(pressed, not_below(part, checks), 0.0 * part) for part in (mean, low, high)
     )

@@ -351,6 +351,24 @@ def test_what_came_down_from_a_larger_pressure_may_have_burst_there(surrogate):
     np.testing.assert_allclose(down, up[-1], rtol=1e-10)
 
 
+def test_without_pressure_only_what_was_under_pressure_before_may_have_burst(surrogate):
+    model = model_with(surrogate)
+    chain = chain_at(model, elongation_at_0=30.0)
+    fresh, down = (
+        rupture_table(
+            *(model, chain, np.random.default_rng(1)),
+            degradation=np.array([0.0]),
+            pressure=np.array([0.0, LARGEST]),
+            draws=20,
+            conditions=one,
+        )["probability"].to_numpy()
+        for one in (PROMPT, ServiceConditions(branch="unloading"))
+    )
+    assert fresh[0] == 0.0
+    assert 0.02 < fresh[1] < 0.98
+    np.testing.assert_allclose(down, fresh[1], rtol=1e-10)
+
+
 def test_an_uncertain_degradation_widens_bands_by_its_share_of_the_stiffness(surrogate):
     """sd(ln κ) = |d ln κ/d ln E| · hypot(σ, d ln C1/dD · sd), to first order."""
     model = model_with(surrogate)
