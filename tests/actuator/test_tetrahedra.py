@@ -23,7 +23,16 @@ from bayesdeg.actuator.problem import MechanicalState, Problem, System
 from bayesdeg.actuator.sensitivity import INPUTS
 from bayesdeg.actuator.status import Resolution
 from bayesdeg.commands.check import section
-from bayesdeg.data.part import PartError, cavity_of, read_part, volume_of
+from bayesdeg.data.part import (
+    PartError,
+    PartMesh,
+    bending_of,
+    cavity_of,
+    jacobians,
+    outer_sides,
+    read_part,
+    volume_of,
+)
 from bayesdeg.material.hyperelastic import nominal_stress
 from bayesdeg.report.surface import faces_of, nodal_fields, quads_of, write_vtu
 from tests.actuator.parts import COARSEST, ORDER, PATHS, SMALL, half, tetrahedral, whole, write
@@ -310,7 +319,8 @@ def of_parts(folder, *parts):
 
 def test_sizes_and_volumes_are_those_of_the_bricks(tmp_path, part):
     (bricks,) = of_parts(tmp_path, half())
-    for what in (volume_of, lambda one: cavity_of(one)[0], lambda one: cavity_of(one)[1]):
+    sizes = (volume_of, bending_of, lambda one: cavity_of(one)[0], lambda one: cavity_of(one)[1])
+    for what in sizes:
         assert what(part.part) == pytest.approx(what(bricks.part), rel=1e-12)
     ours, theirs = (build_mesh(one, COARSEST) for one in (part, bricks))
     assert ours.body.volume == pytest.approx(theirs.body.volume, rel=1e-12)
@@ -325,6 +335,30 @@ def test_sizes_and_volumes_are_those_of_the_bricks(tmp_path, part):
     np.testing.assert_allclose(
         ours.body.nodes[ours.bottom_line], theirs.body.nodes[theirs.bottom_line], atol=1e-9
     )
+
+
+@pytest.mark.parametrize("raised", [0.0, 1.5])
+@pytest.mark.parametrize("on_layer", [False, True])
+def test_the_rough_bending_is_that_of_a_block_whatever_the_cells_are(raised, on_layer):
+    r"""A block that is its own cavity, of height h from a to b: :math:`z_c = (a + b)/2`.
+
+    .. math:: \theta = \frac{V z_c L}{6 \int z^2 dV} = \frac{h (a + b) L}{4 (b^3 - a^3)}
+
+    with heights over the layer, if there is one, which is the bottom here: then L/(4h).
+    """
+    length, _, height = size = 5.0, 3.0, 2.0
+    points, cells = cube((4, 3, 3), size)
+    move = 0.3 * np.random.default_rng(4).uniform(-1.0, 1.0, points.shape)
+    inside = np.all((points > 1e-9) & (points < np.array(size) - 1e-9), axis=1)
+    points = points + np.where(inside[:, None], move, 0.0) + [0.0, 0.0, raised]
+    assert np.ptp(jacobians(points[cells])) > 0.5 * jacobians(points[cells]).mean()
+    outer = outer_sides(cells)
+    bottom = outer[np.isclose(points[outer][..., 2], raised).all(axis=1)]
+    sides = {"cavity": outer} | ({"constraint": bottom} if on_layer else {})
+    low = 0.0 if on_layer else raised
+    high = low + height
+    wanted = height * (low + high) * length / (4.0 * (high**3 - low**3))
+    assert bending_of(PartMesh(points, cells, sides, "")) == pytest.approx(wanted, rel=1e-12)
 
 
 def test_it_is_drawn_as_the_bricks_are_and_no_wall_grows_into_the_cavity(tmp_path, part):
