@@ -33,6 +33,7 @@ from bayesdeg.data.part import (
     read_part,
     volume_of,
 )
+from bayesdeg.data.plausibility import BENDING_LEFT_OUT, THICKEST_WITHOUT_BENDING
 from bayesdeg.material.hyperelastic import nominal_stress
 from bayesdeg.report.surface import faces_of, nodal_fields, quads_of, write_vtu
 from tests.actuator.parts import COARSEST, ORDER, PATHS, SMALL, half, tetrahedral, whole, write
@@ -404,14 +405,18 @@ def test_they_come_to_the_bricks_as_the_mesh_is_refined(tmp_path):
 
 @pytest.mark.fem
 def test_the_bending_of_paper_that_they_leave_out_is_small(tmp_path, part):
-    """Of bricks with paper as thin as a film against those with paper of 0.1 mm."""
+    """Of bricks with paper as thin as a film against thicker ones of the same E t, up to 0.5 mm."""
     assert bending_matrix(build_mesh(part, COARSEST).body).nnz == 0
     (bricks,) = of_parts(tmp_path, half(SMALL, MEDIUM))
     assert bending_matrix(build_mesh(bricks, MEDIUM).body).nnz > 0
-    thin = inputs(paper_thickness=1e-3)
-    ours, plain = (ExactMap(bricks, MEDIUM)(one).curvature for one in (inputs(), thin))
-    assert np.all(plain > ours)
-    np.testing.assert_allclose(plain, ours, rtol=3e-3)
+    plain, *found = (
+        ExactMap(bricks, MEDIUM)(inputs(paper_thickness=thickness)).curvature
+        for thickness in (1e-3, 0.1, THICKEST_WITHOUT_BENDING, 0.5)
+    )
+    usual, thickest, thick = (100.0 * (plain / one - 1.0) for one in found)
+    assert np.all((usual > 0.1) & (usual < 0.3))
+    assert np.all((thickest > 0.5) & (thickest < 0.8))
+    np.testing.assert_allclose(thick, BENDING_LEFT_OUT * 0.5**2, rtol=0.25)
 
 
 @pytest.mark.fem
