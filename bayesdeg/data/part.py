@@ -399,7 +399,7 @@ def _distinct(values: Floats, tolerance: float) -> int:
 
 def _moved(part: PartMesh) -> PartMesh:
     """Put the clamp at x = 0, the lowest point at z = 0, and the symmetry or middle at y = 0."""
-    points = part.points.copy()
+    points = _flattened(part)
     points[:, 0] -= points[:, 0].min()
     points[:, 2] -= points[:, 2].min()
     if part.is_half:
@@ -411,6 +411,19 @@ def _moved(part: PartMesh) -> PartMesh:
     else:
         points[:, 1] -= 0.5 * (points[:, 1].min() + points[:, 1].max())
     return PartMesh(points, part.cells, part.sides, part.content)
+
+
+def _flattened(part: PartMesh) -> Floats:
+    """Return the points, those of each plane boundary in one plane to the last digit.
+
+    Faces are looked for in planes; a file of few digits has them off by what it rounds.
+    """
+    points = part.points.copy()
+    for name, axis in (("clamp", 0), ("tip", 0), ("symmetry", 1), ("constraint", 2)):
+        if name in part.sides:
+            nodes = np.unique(part.sides[name])
+            points[nodes, axis] = np.median(points[nodes, axis])
+    return points
 
 
 def _across() -> list[int]:

@@ -20,6 +20,7 @@ from bayesdeg.data.part import PartError, read_part
 from bayesdeg.data.settings import Dimensions, Settings
 from bayesdeg.data.study import with_part
 from bayesdeg.errors import GeometryError
+from bayesdeg.report.surface import faces_of
 from tests.actuator.parts import COARSEST, SMALL, half, tetrahedral, whole, write
 from tests.peers.peer_path import FRESH, LOADS, curvatures, own_path
 
@@ -98,6 +99,22 @@ def test_a_face_of_two_boundaries_is_of_the_cavity_where_faces_name_it(tmp_path,
     both = sides | {"cavity": np.vstack([sides["cavity"], face])}
     part = read_part(write(tmp_path / f"part.{suffix}", (points, cells, both), by=by))
     assert len(part.sides["cavity"]) == len(sides["cavity"]) + more
+
+
+@pytest.mark.parametrize("cut", [lambda part: part, tetrahedral], ids=["bricks", "tetrahedra"])
+def test_planes_of_a_file_of_few_digits_are_planes(tmp_path, cut):
+    """Coordinates off by a thousandth of a micrometre: no face of the paper or the cut is lost."""
+    points, cells, sides = cut(half())
+    off = 1e-6 * np.random.default_rng(5).uniform(-1.0, 1.0, points.shape)
+    exact, rounded = (
+        build_mesh(geometry_of_file(write(tmp_path / f"{k}.msh", (at, cells, sides))), COARSEST)
+        for k, at in enumerate((points, points + off))
+    )
+    assert len(rounded.body.paper) == len(exact.body.paper) > 0
+    on_cut = [int(faces_of(mesh.body)[0].on_cut.sum()) for mesh in (exact, rounded)]
+    assert on_cut[0] == on_cut[1] > 0
+    np.testing.assert_array_equal(rounded.body.fixed, exact.body.fixed)
+    np.testing.assert_allclose(rounded.body.nodes, exact.body.nodes, atol=1e-5)
 
 
 def test_a_whole_part_reads_as_its_half_does(tmp_path, small):
