@@ -215,8 +215,7 @@ def inf_sup(counts):
 
 def test_the_inf_sup_constant_does_not_vanish_with_the_mesh():
     found = [inf_sup((n, n, n)) for n in (1, 2, 3)]
-    print("inf-sup constants:", np.round(found, 4))
-    assert min(found) > 0.1
+    assert min(found) > 0.2
     assert found[2] > 0.85 * found[1]
 
 
@@ -297,9 +296,8 @@ def test_thick_sphere_under_follower_pressure(path_of):
         found = mean_radius(body, path.states[0].displacement, np.unique(body.cavity))
         errors.append(abs(found / GROWN - 1.0))
     orders = -np.diff(np.log2(errors))
-    print("sphere: error of the bore", [f"{e:.1e}" for e in errors], "orders", orders.round(2))
     assert errors[-1] < 2e-3
-    assert np.all(orders > 2.0)
+    assert np.all(orders > 2.9)
 
 
 # ---- parts
@@ -376,7 +374,7 @@ def test_it_is_drawn_as_the_bricks_are_and_no_wall_grows_into_the_cavity(tmp_pat
 
 @pytest.mark.fem
 def test_they_come_to_the_bricks_as_the_mesh_is_refined(tmp_path):
-    """Curvature, volume and force against bricks of 1.2 mm: stiff, by 10, 6 and 3 %."""
+    """Against bricks of 1.2 mm at 20 to 180 kPa: curvatures are 8, 5 and 2 % too small."""
     asked = replace(inputs(), asked="cavity_volume")
     fine = ExactMap(SMALL, Resolution(1.2, 1.2, 1.2))
     wanted, force = fine(asked), fine.tip_force(inputs()).value
@@ -392,14 +390,8 @@ def test_they_come_to_the_bricks_as_the_mesh_is_refined(tmp_path):
             (ours.tip_force(inputs()).value, force),
         ]
         off.append([float(np.nanmean(a / b)) - 1.0 for a, b in pairs])
-        print(
-            size,
-            len(build_mesh(geometry, mesh).body.elements),
-            np.round(100 * np.array(off[-1]), 2),
-        )
     curvature = np.array(off)[:, 0]
-    assert np.all(np.diff(curvature) > 0.0)
-    assert -0.03 < curvature[-1] < 0.0
+    np.testing.assert_allclose(curvature, [-0.08, -0.05, -0.02], atol=0.005)
     assert np.all(np.abs(off[-1]) < 0.04)
 
 
