@@ -14,7 +14,7 @@ from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.actuator.linear import open_factorization
 from bayesdeg.actuator.mesh import COARSE, build_mesh
 from bayesdeg.actuator.outputs import OUTPUTS
-from bayesdeg.commands.check import air_volume, described, section
+from bayesdeg.actuator.section import air_volume, described, section
 from bayesdeg.data.families import MeshDimensions
 from bayesdeg.data.part import PartError, read_part
 from bayesdeg.data.settings import Dimensions, Settings

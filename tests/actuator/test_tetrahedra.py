@@ -20,9 +20,9 @@ from bayesdeg.actuator.curve import Actuator, Curve, ExactMap
 from bayesdeg.actuator.mesh import build_mesh
 from bayesdeg.actuator.paper import bending_matrix
 from bayesdeg.actuator.problem import MechanicalState, Problem, System
+from bayesdeg.actuator.section import section
 from bayesdeg.actuator.sensitivity import INPUTS
 from bayesdeg.actuator.status import Resolution
-from bayesdeg.commands.check import section
 from bayesdeg.data.part import (
     PartError,
     PartMesh,
