@@ -1,4 +1,4 @@
-"""How large is the package, how many rooms have a single door, how many does a study go through?
+"""How large is the package, which modules have one importer, how many does a study run?
 
 modules, lines, code_lines   of the package; code: neither blank, comment nor docstring
 one_importer                 modules that a single other one imports, by that one; less those which
@@ -91,11 +91,11 @@ def found_without_import() -> set[str]:
 
 
 def one_importer() -> dict[str, str]:
-    """Return the modules with a single door, each with the module that it is of."""
-    doors = [(name, by) for by, tree in TREES.items() for name in set(imported(tree)) - {by}]
-    counts, found = Counter(name for name, _ in doors), found_without_import()
-    rooms = {name for name in SOURCES if not name.endswith("__init__")} - found
-    return {name: by for name, by in sorted(doors) if name in rooms and counts[name] == 1}
+    """Return the modules that a single other one imports, each with that one."""
+    importers = [(name, by) for by, tree in TREES.items() for name in set(imported(tree)) - {by}]
+    counts, found = Counter(name for name, _ in importers), found_without_import()
+    modules = {name for name in SOURCES if not name.endswith("__init__")} - found
+    return {name: by for name, by in sorted(importers) if name in modules and counts[name] == 1}
 
 
 def executed[T](call: Callable[[], T]) -> tuple[int, T]:
@@ -107,13 +107,15 @@ def executed[T](call: Callable[[], T]) -> tuple[int, T]:
             files.add(frame.f_code.co_filename)
 
     sys.setprofile(look)
-    found = call()
-    sys.setprofile(None)
+    try:
+        found = call()
+    finally:
+        sys.setprofile(None)
     return sum(Path(file).is_relative_to(ROOT / "bayesdeg") for file in files), found
 
 
-def rooms_of_a_study() -> dict[str, int]:
-    """Return how many modules each step on the way of a study goes through."""
+def modules_run_by_a_study() -> dict[str, int]:
+    """Return of how many modules functions run in each step of a study."""
     read, study = executed(lambda: read_study(ROOT / "studies/gelatin_actuator"))
     assembled, assembly = executed(lambda: assemble(study))
     model = assembly.model
@@ -136,7 +138,7 @@ def measured() -> dict[str, object]:
         "lines": sum(source.count("\n") for source in SOURCES.values()),
         "code_lines": sum(map(code_lines, SOURCES)),
         "one_importer": one_importer(),
-        "executed": rooms_of_a_study(),
+        "executed": modules_run_by_a_study(),
         "is_none": sum("is None" in line for line in judged),
         "classes_named_alike": [n for n, k in classes.items() if k > 1 and n[0] != "_"],
         "public_names": len(bayesdeg.__all__),

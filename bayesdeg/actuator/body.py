@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 from skfem import Basis, ElementHex1, ElementHex2, ElementTetCCR, MeshHex
 from skfem.quadrature import get_quadrature
 
+from bayesdeg.data.part import SIDES_OF_TETRAHEDRON
+
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
@@ -130,15 +132,13 @@ def tetrahedron(degree: int = 6) -> Element:
         np.ascontiguousarray(shapes),
         np.ascontiguousarray(np.transpose(slopes, (2, 1, 0))),
         np.ascontiguousarray(np.hstack([np.ones((len(weights), 1)), points.T - 0.25])),
-        _SIDES_OF_TETRAHEDRON,
+        _NODES_OF_SIDES,
         np.arange(3),
         triangular=True,
     )
 
 
 EDGES_OF_TETRAHEDRON = np.array([(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)])
-FACES_OF_TETRAHEDRON = np.array([(0, 1, 2), (0, 3, 1), (0, 2, 3), (1, 3, 2)])
-"""Corners of its sides, around each so that the normal points inwards."""
 
 
 def _local_sides() -> Indices:
@@ -147,18 +147,18 @@ def _local_sides() -> Indices:
     return np.array(
         [
             [a, b, c, *(place[frozenset(edge)] for edge in ((a, b), (b, c), (c, a))), 10 + k]
-            for k, (a, b, c) in enumerate(FACES_OF_TETRAHEDRON.tolist())
+            for k, (a, b, c) in enumerate(SIDES_OF_TETRAHEDRON.tolist())
         ]
     )
 
 
-_SIDES_OF_TETRAHEDRON = _local_sides()
+_NODES_OF_SIDES = _local_sides()
 
 
 def _nodes_of(corners: Floats) -> Floats:
     """Return the 15 nodes of straight tetrahedra, (..., 15, 3) of (..., 4, 3)."""
     edges = corners[..., EDGES_OF_TETRAHEDRON, :].mean(axis=-2)
-    faces = corners[..., FACES_OF_TETRAHEDRON, :].mean(axis=-2)
+    faces = corners[..., SIDES_OF_TETRAHEDRON, :].mean(axis=-2)
     middle = corners.mean(axis=-2, keepdims=True)
     return np.concatenate([corners, edges, faces, middle], axis=-2)
 
@@ -314,7 +314,7 @@ def tetrahedra_of(points: Floats, cells: Indices) -> Body:
     >>> len(body.nodes), round(6.0 * body.volume, 12)
     (15, 1.0)
     """
-    kinds = (cells[:, EDGES_OF_TETRAHEDRON], cells[:, FACES_OF_TETRAHEDRON], cells[:, None])
+    kinds = (cells[:, EDGES_OF_TETRAHEDRON], cells[:, SIDES_OF_TETRAHEDRON], cells[:, None])
     nodes, elements = [points], [cells]
     for kind in kinds:
         keys = np.sort(kind.reshape(-1, kind.shape[2]), axis=1)

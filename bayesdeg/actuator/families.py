@@ -120,7 +120,7 @@ class PartGeometry:
         """Return all that a solution depends on: the mesh by its content, wherever it lies."""
         layer = constraint_record(self.constraint, self.dimensions)
         sizes = asdict(self.dimensions)
-        del sizes["path"], sizes["file"], sizes["mesh_error"]
+        del sizes["path"], sizes["file"], sizes["mesh_error"], sizes["cells"]
         return {"kind": "mesh", "dimensions": sizes, "constraint": layer}
 
 

@@ -581,6 +581,8 @@ class MeshDimensions:
         Height of the constraint, as read [mm].
     bending : float
         See `beam_bending`, as read.
+    cells : str
+        What it is of, hexahedra or tetrahedra, as read.
     path, content : str
         Where the file is, and its hash.
 
@@ -597,6 +599,7 @@ class MeshDimensions:
     height: float = field(default=0.0, metadata=READ)
     plane: float = field(default=0.0, metadata=READ)
     bending: float = field(default=0.0, metadata=READ)
+    cells: str = field(default="", metadata=READ)
     path: str = field(default="", metadata=READ)
     content: str = field(default="", metadata=READ)
 

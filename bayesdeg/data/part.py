@@ -41,8 +41,12 @@ SIDES_OF_TETRAHEDRON = np.array([(0, 1, 2), (0, 3, 1), (0, 2, 3), (1, 3, 2)])
 VOLUMES = ("tetra", "hexahedron", "wedge", "pyramid")
 SHORTEST_MM = 1.0  # a part in metres is shorter
 FLAT = 1e-4  # of the length: what is off a plane by less lies in it
-MOST_BRICKS = 20_000  # some ten times those of the default actuator's fine mesh
-BRICKS = (
+MOST_CELLS = 20_000
+"""As bricks some ten times those of the default actuator's fine mesh, half a million unknowns.
+
+As many tetrahedra have half of that: some 14 unknowns each, where a brick of 27 nodes has 27.
+"""
+HOW_TO_EXPORT = (
     'export hexahedra of 8 nodes, in Gmsh by "Recombine" and "Transfinite", or tetrahedra alone'
 )
 
@@ -140,20 +144,22 @@ def _cells(mesh: Any) -> tuple[Floats, Indices]:
     kinds = {block.type for block in mesh.cells if block.type.startswith(VOLUMES)}
     other = sorted(kinds - {"hexahedron", "tetra", "tetra10"})
     if other:
-        raise PartError(f"has cells of the kind {', '.join(other)}, which are not solved; {BRICKS}")
+        raise PartError(
+            f"has cells of the kind {', '.join(other)}, which are not solved; {HOW_TO_EXPORT}"
+        )
     if not kinds:
-        raise PartError(f"has no cells with a volume; {BRICKS}")
+        raise PartError(f"has no cells with a volume; {HOW_TO_EXPORT}")
     if "hexahedron" in kinds and len(kinds) > 1:
         raise PartError(
-            f"has both hexahedra and tetrahedra, which are not solved together; {BRICKS}"
+            f"has both hexahedra and tetrahedra, which are not solved together; {HOW_TO_EXPORT}"
         )
     corners = 8 if "hexahedron" in kinds else 4
     found = [block.data[:, :corners] for block in mesh.cells if block.type in kinds]
     cells = np.vstack(found).astype(np.int64)
-    if len(cells) > MOST_BRICKS:
+    if len(cells) > MOST_CELLS:
         raise PartError(
             f"has {len(cells)} cells, more than can be solved for a study; "
-            f"give a coarser mesh, of at most {MOST_BRICKS}"
+            f"give a coarser mesh, of at most {MOST_CELLS}"
         )
     points = np.asarray(mesh.points, dtype=np.float64)
     if points.shape[1] != 3 or not np.all(np.isfinite(points)):
@@ -164,14 +170,15 @@ def _cells(mesh: Any) -> tuple[Floats, Indices]:
 def _boundaries(mesh: Any, points: Floats, cells: Indices) -> dict[str, Indices]:
     """Return the outer sides on each boundary that the file names.
 
-    A side on another boundary is not of the cavity, although all of its nodes may be: a triangle
-    in the plane of symmetry can stand on three nodes of the cavity's edge.
+    Where its nodes name the cavity, a side in a plane end or cut is not of it, although all of its
+    nodes may be: a triangle in the plane of symmetry can stand on three nodes of the cavity's edge.
+    Faces that are named are taken as they are.
     """
     outer = outer_sides(cells)
     every = {name: _marked(mesh, name, outer, len(points)) for name in (*NEEDED, *OPTIONAL)}
     on = {name: marked for name, marked in every.items() if marked is not None}
-    if "cavity" in on:
-        for name in on.keys() - {"cavity"}:
+    if "cavity" in on and not len(_named_faces(mesh, "cavity", outer.shape[1])):
+        for name in on.keys() & {"symmetry", "clamp", "tip"}:
             on["cavity"] = on["cavity"] & ~on[name]
     found = {name: outer[marked] for name, marked in on.items() if marked.any()}
     missing = [name for name in NEEDED if name not in found]
@@ -392,7 +399,7 @@ def _distinct(values: Floats, tolerance: float) -> int:
 
 def _moved(part: PartMesh) -> PartMesh:
     """Put the clamp at x = 0, the lowest point at z = 0, and the symmetry or middle at y = 0."""
-    points = part.points.copy()
+    points = _flattened(part)
     points[:, 0] -= points[:, 0].min()
     points[:, 2] -= points[:, 2].min()
     if part.is_half:
@@ -404,6 +411,19 @@ def _moved(part: PartMesh) -> PartMesh:
     else:
         points[:, 1] -= 0.5 * (points[:, 1].min() + points[:, 1].max())
     return PartMesh(points, part.cells, part.sides, part.content)
+
+
+def _flattened(part: PartMesh) -> Floats:
+    """Return the points, those of each plane boundary in one plane to the last digit.
+
+    Faces are looked for in planes; a file of few digits has them off by what it rounds.
+    """
+    points = part.points.copy()
+    for name, axis in (("clamp", 0), ("tip", 0), ("symmetry", 1), ("constraint", 2)):
+        if name in part.sides:
+            nodes = np.unique(part.sides[name])
+            points[nodes, axis] = np.median(points[nodes, axis])
+    return points
 
 
 def _across() -> list[int]:
@@ -419,18 +439,23 @@ def _place(at: Floats) -> str:
 
 def volume_of(part: PartMesh) -> float:
     """Return the volume of the cells [mm³], of bricks as of the tetrahedra about their middles."""
+    return float(np.abs(jacobians(_tetrahedra(part))).sum()) / 6.0
+
+
+def _tetrahedra(part: PartMesh) -> Floats:
+    """Return the corners of the cells, (n, 4, 3) [mm], each brick cut into 24 about its middle."""
     corners = part.points[part.cells]
-    if corners.shape[1] == 4:
-        return float(jacobians(corners).sum()) / 6.0
-    middle = corners.mean(axis=1)
-    total = 0.0
-    for side in SIDES:
-        face = corners[:, side]
-        centre = face.mean(axis=1)
-        for k in range(4):
-            edges = (face[:, k] - middle, face[:, (k + 1) % 4] - middle, centre - middle)
-            total += float(np.abs(np.linalg.det(np.stack(edges, axis=1))).sum()) / 6.0
-    return total
+    if part.is_tetrahedral:
+        return corners
+    sides = corners[:, SIDES]
+    ends = (
+        corners.mean(axis=1)[:, None, None],
+        sides.mean(axis=2, keepdims=True),
+        sides,
+        np.roll(sides, -1, axis=2),
+    )
+    cut = np.stack(np.broadcast_arrays(*ends), axis=-2)
+    return cut.reshape(-1, 4, 3)
 
 
 def cavity_of(part: PartMesh) -> tuple[float, float]:
@@ -453,13 +478,16 @@ def bending_of(part: PartMesh) -> float:
     .. math:: \theta = \frac{p V_c z_c}{6 C_1 \int z^2 dV} L
 
     with :math:`V_c` and :math:`z_c` volume of the cavity and height of its middle over the
-    constraint, or over the bottom, and the integral over the material: a rough size.
+    constraint, or over the bottom, and the integral over the material: a rough size. Of a
+    tetrahedron of volume v the integral is :math:`v/20 [\sum z_i^2 + (\sum z_i)^2]`, with the
+    heights of its corners over the same plane.
     """
     plane = plane_of(part)
     volume, height = cavity_of(part)
-    corners = part.points[part.cells]
-    share = volume_of(part) / len(part.cells)
-    second = share * float(np.sum((corners[..., 2].mean(axis=1) - plane) ** 2))
+    cells = _tetrahedra(part)
+    z = cells[..., 2] - plane
+    squares = np.sum(z**2, axis=1) + np.sum(z, axis=1) ** 2
+    second = float(np.abs(jacobians(cells)) @ squares) / 120.0
     return volume * (height - plane) / (6.0 * second) * float(part.size[0])
 
 

@@ -14,7 +14,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from bayesdeg.data.families import Mould
+from bayesdeg.data.families import MeshDimensions, Mould
+from bayesdeg.data.settings import Settings
 from bayesdeg.data.study import Study
 from bayesdeg.errors import Fault, StudyError
 from bayesdeg.priors import Law, LogNormal
@@ -71,6 +72,12 @@ IMPOSSIBLE_BENDING = 30.0
 #: Of a cavity's volume to the bend angle times width times height squared: 0.2 to 0.9 of either
 #: family by finite elements; air in a line that is compressed made it 3 of a measured segment.
 IMPOSSIBLE_VOLUME = 30.0
+#: Of paper or film on sides of tetrahedra, where it has no stiffness against bending [mm]: up to
+#: here that is as little as the error of a fine mesh.
+THICKEST_WITHOUT_BENDING = 0.2
+#: By how much curvatures are too large then, over the square of the thickness [%/mm²]: those of
+#: bricks, 10 mm high, by 0.2 % at 0.1 mm, 0.5 to 0.7 at 0.2 mm and 3 at 0.5 mm, of the same E t.
+BENDING_LEFT_OUT = 15.0
 #: Share of the largest volume that may be read at zero pressure.
 LARGEST_VOLUME_AT_REST = 0.1
 #: Two full turns: clamp and tip of a bar would long have met.
@@ -163,7 +170,7 @@ def doubts(study: Study, expected: Expected) -> tuple[Doubt, ...]:
         of_films = _tension(study, expected)
         trusted = None if of_films else study.tensile
         found = [*of_films, *_elongation(study.breaks, trusted, expected)]
-        found += [*_published(study, expected), *_rates(study)]
+        found += [*_published(study, expected), *_rates(study), *_thick_layer(study.settings)]
         if study.actuator is not None:
             films = film_moduli(trusted)
             found += _bending(study, _Material(expected, films[films["c1"] > 0.0]))
@@ -565,6 +572,27 @@ def _published(study: Study, expected: Expected) -> Iterator[Doubt]:
             yield Doubt(
                 _fault("summary.csv", None, "value", values[0], problem, remedy), impossible
             )
+
+
+# ---- the actuator
+
+
+def _thick_layer(settings: Settings) -> Iterator[Doubt]:
+    """Doubt paper or film on tetrahedra that is too thick to be taken without its bending."""
+    mould, thickness = settings.dimensions, settings.paper_thickness_mm
+    if (
+        not isinstance(mould, MeshDimensions)
+        or mould.cells != "tetrahedra"
+        or not settings.constraint.is_membrane
+        or thickness <= THICKEST_WITHOUT_BENDING
+    ):
+        return
+    problem = (
+        "is the thickness of a layer that has no stiffness against bending on tetrahedra: "
+        f"curvatures come out about {BENDING_LEFT_OUT * thickness**2:.2g} % too large"
+    )
+    remedy = "mesh the part with hexahedra, or add that to mesh_error"
+    yield Doubt(_fault("study.toml", None, "thickness", thickness, problem, remedy), False)
 
 
 # ---- degradation rates

@@ -453,6 +453,7 @@ def with_part(
         height=height,
         plane=plane_of(part),
         bending=bending_of(part),
+        cells="tetrahedra" if part.is_tetrahedral else "hexahedra",
         path=str((folder / stated.file).resolve()),
         content=part.content,
     )

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from bayesdeg.actuator import kernels
 from bayesdeg.actuator.body import Body, boundary_faces
-from bayesdeg.actuator.mesh import ActuatorMesh, build_mesh, grid_order
+from bayesdeg.actuator.families import PartGeometry
+from bayesdeg.actuator.mesh import ActuatorMesh, build_mesh
 from bayesdeg.actuator.moulded import Moulded, Planes
 from bayesdeg.actuator.problem import System
 from bayesdeg.actuator.status import Resolution
@@ -129,6 +130,11 @@ def bonded_mesh(geometry: Moulded, resolution: Resolution, bond: Bond) -> Actuat
 def cuts_of(geometry: Moulded, bond: Bond) -> Planes:
     """Return the planes along x, y and z that a mesh needs where bonding ends [mm].
 
+    Raises
+    ------
+    ValueError
+        If the bond of a meshed part is not whole: no plane can be put into its mesh.
+
     Examples
     --------
     >>> from bayesdeg.actuator.geometry import Geometry
@@ -137,6 +143,8 @@ def cuts_of(geometry: Moulded, bond: Bond) -> Planes:
     >>> x.tolist(), y.tolist()  # the middle of the length is that of a chamber
     ([25.0], [2.0])
     """
+    if isinstance(geometry, PartGeometry) and not bond.is_whole:
+        raise ValueError("the mesh of a part has no plane where bonding would end")
     x, y, _ = geometry.planes()
     (_, length), (_, half_width), _ = geometry.outer
     begin, end, edge = bond.bonded(length, half_width)
@@ -195,9 +203,10 @@ class Clamp:
 
 
 def end_face(body: Body) -> Indices:
-    """Return the nodes of the faces in the plane x = 0 as grids over y and z."""
+    """Return the nodes of the faces in the plane x = 0, of bricks or of tetrahedra."""
     faces = boundary_faces(body)
-    return grid_order(body.nodes, faces[np.all(np.isclose(body.nodes[faces][..., 0], 0.0), axis=1)])
+    at_end: Indices = faces[np.all(np.isclose(body.nodes[faces][..., 0], 0.0), axis=1)]
+    return at_end
 
 
 def released(body: Body) -> Body:
@@ -236,10 +245,12 @@ class ClampSprings:
     def on(cls, system: System, clamp: Clamp) -> Self:
         """Return the springs on a body whose end face is released."""
         faces = end_face(system.body)
-        shapes, _, _, weights = kernels.face_shapes(system.body.element.order)
-        at = system.body.nodes[faces]
-        area = np.prod(np.ptp(at, axis=1)[:, 1:], axis=1)
-        mass = area[:, None, None] * (shapes.T * weights @ shapes)
+        element = system.body.element
+        rule = kernels.face_shapes(element.order, triangle=element.triangular)
+        (shapes, *along), weights = rule[:3], rule[3]
+        tangents = (np.einsum("qa,fai->fqi", one, system.body.nodes[faces]) for one in along)
+        area = weights * np.linalg.norm(np.cross(*tangents), axis=2)
+        mass = np.einsum("fq,qa,qb->fab", area, shapes, shapes)
         each = np.array([clamp.normal, clamp.tangential, clamp.tangential])
         blocks = np.einsum("fab,ij->faibj", mass, np.diag(each))
         size = 3 * faces.shape[1]

@@ -17,7 +17,7 @@ from bayesdeg.actuator.status import Status
 from bayesdeg.causes.cause import Conditions, Degradation
 from bayesdeg.causes.fold import applied
 from bayesdeg.compiled import compiled
-from bayesdeg.data.batches import batch_numbers, batch_order
+from bayesdeg.data.batches import batch_numbers, batch_order, recorded_batches
 from bayesdeg.data.study import Study
 from bayesdeg.observations.arrays import chosen, padded
 from bayesdeg.observations.kinds import (
@@ -169,6 +169,8 @@ class ActuatorCurves:
         Of the room [°C]; nan where not recorded.
     batch : array of int, shape (n_specimens, 1), optional
         Of which batch it is, see `bayesdeg.data.batches.batch_numbers`.
+    batch_name : array of str, shape (n_specimens, 1), optional
+        What the study calls it; empty where none is recorded.
     """
 
     specimens: tuple[str, ...]
@@ -190,6 +192,7 @@ class ActuatorCurves:
     mount: NDArray[np.str_]
     temperature: Floats | None = None
     batch: NDArray[np.int64] | None = None
+    batch_name: NDArray[np.str_] | None = None
 
     @cached_property
     def conditions(self) -> Conditions:
@@ -272,8 +275,10 @@ def actuator_curves(study: Study) -> ActuatorCurves | None:
     angle_mask = np.isfinite(angle) & mask
     if not mask.any():
         return None
+    specimens = tuple(str(g["specimen_id"].iloc[0]) for g in groups)
+    batches = recorded_batches(table)
     return ActuatorCurves(
-        specimens=tuple(str(g["specimen_id"].iloc[0]) for g in groups),
+        specimens=specimens,
         degradation=np.array([[float(g["degradation_pct"].iloc[0])] for g in groups]),
         degradation_sd=np.array([[float(g["degradation_sd_pct"].iloc[0])] for g in groups]),
         pressure=pressure,
@@ -293,6 +298,7 @@ def actuator_curves(study: Study) -> ActuatorCurves | None:
         branch=np.array([[*g["branch"], *["loading"] * (size - len(g))] for g in groups]),
         temperature=padded([g["temperature_C"] for g in groups], size, fill=np.nan),
         batch=batch_numbers(table, batch_order(study.tensile, table))[:, None],
+        batch_name=np.array([[batches.get(name, "")] for name in specimens]),
     )
 
 

@@ -117,16 +117,16 @@ def virtual_study(path: Path, files: Iterable[str]) -> Iterator[Path]:
     Raises
     ------
     BayesdegError
-        If data that are not virtual would be overwritten, if it is within another study, cannot
-        be written to, or is in use by another command.
+        If data that are not virtual would be overwritten or removed, if it is within another study,
+        cannot be written to, or is in use by another command.
     """
     refuse_study(path, itself=False)
     with claimed(path):
         for name in files:
             if (path / name).exists() and not is_virtual(path / name):
                 raise BayesdegError(
-                    f"{path / name} is not of a virtual experiment and would be overwritten; "
-                    f"{OTHER}, such as {path.name}_virtual"
+                    f"{path / name} is not of a virtual experiment and would be overwritten or "
+                    f"removed; {OTHER}, such as {path.name}_virtual"
                 )
         yield path
 

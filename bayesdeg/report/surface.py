@@ -347,7 +347,7 @@ Flags = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Shape:
-    """One solved actuator, the half y ≥ 0, at true size.
+    """One solved actuator at true size: the half y ≥ 0, or the whole of one that is meshed so.
 
     Parameters
     ----------
@@ -378,7 +378,8 @@ class Surface:
         Nodes as 2 × 2 or 3 × 3 grids whose first axis times second axis points out of the solid; a
         side of a tetrahedron is three grids of 2 × 2, one at each corner.
     on_cut, in_cavity : array of bool, shape (n_faces,)
-        Faces in the plane of symmetry y = 0, and walls of the cavity.
+        Faces in the plane of symmetry y = 0, of which a whole actuator has none, and walls of the
+        cavity.
     shapes : tuple of Shape
         In the order of drawing.
     """
@@ -388,6 +389,11 @@ class Surface:
     in_cavity: Flags
     shapes: tuple[Shape, ...]
 
+    @property
+    def is_half(self) -> bool:
+        """Whether it is that of a half, of which the other one is the mirror image."""
+        return bool(self.on_cut.any())
+
 
 def faces_of(body: Body) -> tuple[Surface, Indices]:
     """Return the surface of a body, without shapes, and the nodes of the body that it has.
@@ -395,7 +401,7 @@ def faces_of(body: Body) -> tuple[Surface, Indices]:
     Parameters
     ----------
     body : Body
-        Half an actuator, y ≥ 0.
+        Half an actuator, y ≥ 0, or a whole one about y = 0.
 
     Returns
     -------
@@ -414,7 +420,8 @@ def faces_of(body: Body) -> tuple[Surface, Indices]:
     inward = boundary_faces(body)
     outward = _thirds(inward) if body.element.triangular else _turned(inward)
     nodes, numbered = np.unique(outward, return_inverse=True)
-    on_cut = np.all(np.isclose(body.nodes[outward, 1], 0.0), axis=1)
+    is_half = np.isclose(min(body.nodes[:, 1].min(), 0.0), 0.0)
+    on_cut = is_half & np.all(np.isclose(body.nodes[outward, 1], 0.0), axis=1)
     pressed = {tuple(face) for face in np.sort(body.cavity, axis=1)}
     in_cavity = np.array([tuple(face) in pressed for face in np.sort(inward, axis=1)], dtype=bool)
     in_cavity = np.repeat(in_cavity, len(outward) // len(inward))

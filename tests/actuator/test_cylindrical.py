@@ -12,10 +12,10 @@ from bayesdeg.actuator.families import geometry_of, geometry_of_record
 from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.actuator.mesh import Resolution, build_mesh, reshaped
 from bayesdeg.actuator.problem import Problem
+from bayesdeg.actuator.section import air_volume, section
 from bayesdeg.actuator.segment import SegmentGeometry
 from bayesdeg.actuator.sensitivity import INPUTS
 from bayesdeg.actuator.status import FINE, Status
-from bayesdeg.commands.check import air_volume, section
 from bayesdeg.data.families import Constraint, CylindricalDimensions
 from bayesdeg.errors import GeometryError
 from tests.actuator.test_ribbed import EXACT, ONE_ELEMENT_A_WALL, SOFT, cavity

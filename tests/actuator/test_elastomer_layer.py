@@ -13,9 +13,9 @@ from bayesdeg.actuator.material import LayerGroups, MaterialGroups
 from bayesdeg.actuator.mesh import build_mesh, reshaped
 from bayesdeg.actuator.outputs import OUTPUTS
 from bayesdeg.actuator.problem import Problem, System
+from bayesdeg.actuator.section import described, section
 from bayesdeg.actuator.sensitivity import INPUTS
 from bayesdeg.actuator.status import Status
-from bayesdeg.commands.check import described, section
 from bayesdeg.data.families import Constraint, CylindricalDimensions
 from bayesdeg.data.settings import Dimensions
 from bayesdeg.errors import GeometryError

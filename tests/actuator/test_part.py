@@ -14,13 +14,14 @@ from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.actuator.linear import open_factorization
 from bayesdeg.actuator.mesh import COARSE, build_mesh
 from bayesdeg.actuator.outputs import OUTPUTS
-from bayesdeg.commands.check import air_volume, described, section
+from bayesdeg.actuator.section import air_volume, described, section
 from bayesdeg.data.families import MeshDimensions
 from bayesdeg.data.part import PartError, read_part
 from bayesdeg.data.settings import Dimensions, Settings
 from bayesdeg.data.study import with_part
 from bayesdeg.errors import GeometryError
-from tests.actuator.parts import COARSEST, SMALL, half, whole, write
+from bayesdeg.report.surface import faces_of
+from tests.actuator.parts import COARSEST, SMALL, half, tetrahedral, whole, write
 from tests.peers.peer_path import FRESH, LOADS, curvatures, own_path
 
 VOLUME = OUTPUTS.index("cavity_volume")
@@ -75,6 +76,45 @@ def test_other_formats_and_ways_of_naming_say_the_same(tmp_path, small, suffix, 
         ]
         np.testing.assert_allclose(*middles)
     np.testing.assert_array_equal(a.body.fixed, b.body.fixed)
+
+
+@pytest.mark.parametrize("cut", [lambda part: part, tetrahedral], ids=["bricks", "tetrahedra"])
+@pytest.mark.parametrize(("suffix", "by"), [("msh", "faces"), ("inp", "nodes"), ("vtu", "arrays")])
+def test_paper_on_the_floor_of_a_cavity_takes_no_face_off_it(tmp_path, suffix, by, cut):
+    points, bricks, sides = half()
+    height = points[sides["cavity"]][..., 2]
+    [floor, *_] = sides["cavity"][np.isclose(height, height.min()).all(axis=1)]
+    part = cut((points, bricks, sides | {"constraint": floor[None]}))
+    found = read_part(write(tmp_path / f"part.{suffix}", part, by=by)).sides
+    assert {n: len(found[n]) for n in found} == {n: len(part[2][n]) for n in found}
+    both = np.isin(found["cavity"], found["constraint"]).all(axis=1)
+    assert both.sum() == len(found["constraint"]) > 0
+
+
+@pytest.mark.parametrize(("suffix", "by", "more"), [("msh", "faces", 1), ("inp", "nodes", 0)])
+def test_a_face_of_two_boundaries_is_of_the_cavity_where_faces_name_it(tmp_path, suffix, by, more):
+    """A triangle in the plane of symmetry, where it opens no hole, on three nodes of the cavity."""
+    points, cells, sides = tetrahedral(half())
+    [face] = sides["symmetry"][np.isin(sides["symmetry"], sides["cavity"]).all(axis=1)]
+    both = sides | {"cavity": np.vstack([sides["cavity"], face])}
+    part = read_part(write(tmp_path / f"part.{suffix}", (points, cells, both), by=by))
+    assert len(part.sides["cavity"]) == len(sides["cavity"]) + more
+
+
+@pytest.mark.parametrize("cut", [lambda part: part, tetrahedral], ids=["bricks", "tetrahedra"])
+def test_planes_of_a_file_of_few_digits_are_planes(tmp_path, cut):
+    """Coordinates off by a thousandth of a micrometre: no face of the paper or the cut is lost."""
+    points, cells, sides = cut(half())
+    off = 1e-6 * np.random.default_rng(5).uniform(-1.0, 1.0, points.shape)
+    exact, rounded = (
+        build_mesh(geometry_of_file(write(tmp_path / f"{k}.msh", (at, cells, sides))), COARSEST)
+        for k, at in enumerate((points, points + off))
+    )
+    assert len(rounded.body.paper) == len(exact.body.paper) > 0
+    on_cut = [int(faces_of(mesh.body)[0].on_cut.sum()) for mesh in (exact, rounded)]
+    assert on_cut[0] == on_cut[1] > 0
+    np.testing.assert_array_equal(rounded.body.fixed, exact.body.fixed)
+    np.testing.assert_allclose(rounded.body.nodes, exact.body.nodes, atol=1e-5)
 
 
 def test_a_whole_part_reads_as_its_half_does(tmp_path, small):

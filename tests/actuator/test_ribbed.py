@@ -17,10 +17,10 @@ from bayesdeg.actuator.material import MaterialGroups
 from bayesdeg.actuator.mesh import COARSE, Resolution, build_mesh, reshaped
 from bayesdeg.actuator.outputs import read_state
 from bayesdeg.actuator.problem import Problem, System
+from bayesdeg.actuator.section import air_volume, section
 from bayesdeg.actuator.segment import SegmentGeometry
 from bayesdeg.actuator.sensitivity import INPUTS
 from bayesdeg.actuator.status import FINE, PathEffort, Status
-from bayesdeg.commands.check import air_volume, section
 from bayesdeg.data.families import Constraint, RibbedDimensions
 from bayesdeg.data.settings import Dimensions
 from bayesdeg.errors import GeometryError

@@ -20,10 +20,20 @@ from bayesdeg.actuator.curve import Actuator, Curve, ExactMap
 from bayesdeg.actuator.mesh import build_mesh
 from bayesdeg.actuator.paper import bending_matrix
 from bayesdeg.actuator.problem import MechanicalState, Problem, System
+from bayesdeg.actuator.section import section
 from bayesdeg.actuator.sensitivity import INPUTS
 from bayesdeg.actuator.status import Resolution
-from bayesdeg.commands.check import section
-from bayesdeg.data.part import PartError, cavity_of, read_part, volume_of
+from bayesdeg.data.part import (
+    PartError,
+    PartMesh,
+    bending_of,
+    cavity_of,
+    jacobians,
+    outer_sides,
+    read_part,
+    volume_of,
+)
+from bayesdeg.data.plausibility import BENDING_LEFT_OUT, THICKEST_WITHOUT_BENDING
 from bayesdeg.material.hyperelastic import nominal_stress
 from bayesdeg.report.surface import faces_of, nodal_fields, quads_of, write_vtu
 from tests.actuator.parts import COARSEST, ORDER, PATHS, SMALL, half, tetrahedral, whole, write
@@ -205,8 +215,7 @@ def inf_sup(counts):
 
 def test_the_inf_sup_constant_does_not_vanish_with_the_mesh():
     found = [inf_sup((n, n, n)) for n in (1, 2, 3)]
-    print("inf-sup constants:", np.round(found, 4))
-    assert min(found) > 0.1
+    assert min(found) > 0.2
     assert found[2] > 0.85 * found[1]
 
 
@@ -287,9 +296,8 @@ def test_thick_sphere_under_follower_pressure(path_of):
         found = mean_radius(body, path.states[0].displacement, np.unique(body.cavity))
         errors.append(abs(found / GROWN - 1.0))
     orders = -np.diff(np.log2(errors))
-    print("sphere: error of the bore", [f"{e:.1e}" for e in errors], "orders", orders.round(2))
     assert errors[-1] < 2e-3
-    assert np.all(orders > 2.0)
+    assert np.all(orders > 2.9)
 
 
 # ---- parts
@@ -310,7 +318,8 @@ def of_parts(folder, *parts):
 
 def test_sizes_and_volumes_are_those_of_the_bricks(tmp_path, part):
     (bricks,) = of_parts(tmp_path, half())
-    for what in (volume_of, lambda one: cavity_of(one)[0], lambda one: cavity_of(one)[1]):
+    sizes = (volume_of, bending_of, lambda one: cavity_of(one)[0], lambda one: cavity_of(one)[1])
+    for what in sizes:
         assert what(part.part) == pytest.approx(what(bricks.part), rel=1e-12)
     ours, theirs = (build_mesh(one, COARSEST) for one in (part, bricks))
     assert ours.body.volume == pytest.approx(theirs.body.volume, rel=1e-12)
@@ -327,6 +336,30 @@ def test_sizes_and_volumes_are_those_of_the_bricks(tmp_path, part):
     )
 
 
+@pytest.mark.parametrize("raised", [0.0, 1.5])
+@pytest.mark.parametrize("on_layer", [False, True])
+def test_the_rough_bending_is_that_of_a_block_whatever_the_cells_are(raised, on_layer):
+    r"""A block that is its own cavity, of height h from a to b: :math:`z_c = (a + b)/2`.
+
+    .. math:: \theta = \frac{V z_c L}{6 \int z^2 dV} = \frac{h (a + b) L}{4 (b^3 - a^3)}
+
+    with heights over the layer, if there is one, which is the bottom here: then L/(4h).
+    """
+    length, _, height = size = 5.0, 3.0, 2.0
+    points, cells = cube((4, 3, 3), size)
+    move = 0.3 * np.random.default_rng(4).uniform(-1.0, 1.0, points.shape)
+    inside = np.all((points > 1e-9) & (points < np.array(size) - 1e-9), axis=1)
+    points = points + np.where(inside[:, None], move, 0.0) + [0.0, 0.0, raised]
+    assert np.ptp(jacobians(points[cells])) > 0.5 * jacobians(points[cells]).mean()
+    outer = outer_sides(cells)
+    bottom = outer[np.isclose(points[outer][..., 2], raised).all(axis=1)]
+    sides = {"cavity": outer} | ({"constraint": bottom} if on_layer else {})
+    low = 0.0 if on_layer else raised
+    high = low + height
+    wanted = height * (low + high) * length / (4.0 * (high**3 - low**3))
+    assert bending_of(PartMesh(points, cells, sides, "")) == pytest.approx(wanted, rel=1e-12)
+
+
 def test_it_is_drawn_as_the_bricks_are_and_no_wall_grows_into_the_cavity(tmp_path, part):
     (bricks,) = of_parts(tmp_path, half())
     assert section(part, 60) == section(bricks, 60)
@@ -341,7 +374,7 @@ def test_it_is_drawn_as_the_bricks_are_and_no_wall_grows_into_the_cavity(tmp_pat
 
 @pytest.mark.fem
 def test_they_come_to_the_bricks_as_the_mesh_is_refined(tmp_path):
-    """Curvature, volume and force against bricks of 1.2 mm: stiff, by 10, 6 and 3 %."""
+    """Against bricks of 1.2 mm at 20 to 180 kPa: curvatures are 8, 5 and 2 % too small."""
     asked = replace(inputs(), asked="cavity_volume")
     fine = ExactMap(SMALL, Resolution(1.2, 1.2, 1.2))
     wanted, force = fine(asked), fine.tip_force(inputs()).value
@@ -357,27 +390,25 @@ def test_they_come_to_the_bricks_as_the_mesh_is_refined(tmp_path):
             (ours.tip_force(inputs()).value, force),
         ]
         off.append([float(np.nanmean(a / b)) - 1.0 for a, b in pairs])
-        print(
-            size,
-            len(build_mesh(geometry, mesh).body.elements),
-            np.round(100 * np.array(off[-1]), 2),
-        )
     curvature = np.array(off)[:, 0]
-    assert np.all(np.diff(curvature) > 0.0)
-    assert -0.03 < curvature[-1] < 0.0
+    np.testing.assert_allclose(curvature, [-0.08, -0.05, -0.02], atol=0.005)
     assert np.all(np.abs(off[-1]) < 0.04)
 
 
 @pytest.mark.fem
 def test_the_bending_of_paper_that_they_leave_out_is_small(tmp_path, part):
-    """Of bricks with paper as thin as a film against those with paper of 0.1 mm."""
+    """Of bricks with paper as thin as a film against thicker ones of the same E t, up to 0.5 mm."""
     assert bending_matrix(build_mesh(part, COARSEST).body).nnz == 0
     (bricks,) = of_parts(tmp_path, half(SMALL, MEDIUM))
     assert bending_matrix(build_mesh(bricks, MEDIUM).body).nnz > 0
-    thin = inputs(paper_thickness=1e-3)
-    ours, plain = (ExactMap(bricks, MEDIUM)(one).curvature for one in (inputs(), thin))
-    assert np.all(plain > ours)
-    np.testing.assert_allclose(plain, ours, rtol=3e-3)
+    plain, *found = (
+        ExactMap(bricks, MEDIUM)(inputs(paper_thickness=thickness)).curvature
+        for thickness in (1e-3, 0.1, THICKEST_WITHOUT_BENDING, 0.5)
+    )
+    usual, thickest, thick = (100.0 * (plain / one - 1.0) for one in found)
+    assert np.all((usual > 0.1) & (usual < 0.3))
+    assert np.all((thickest > 0.5) & (thickest < 0.8))
+    np.testing.assert_allclose(thick, BENDING_LEFT_OUT * 0.5**2, rtol=0.25)
 
 
 @pytest.mark.fem

@@ -9,6 +9,7 @@ import pytest
 
 from bayesdeg import cli
 from bayesdeg.actuator.families import geometry_of_study
+from bayesdeg.data.plausibility import doubts
 from bayesdeg.emulator.kept import mesh_error_of
 from bayesdeg.pipeline.outline import outline
 from bayesdeg.pipeline.reading import read_study
@@ -58,6 +59,29 @@ def test_a_mesh_error_that_is_stated_is_taken(command):
     assert "assumed" not in said
     geometry = geometry_of_study(read_study(command.study).settings)
     assert mesh_error_of(geometry) == 0.012
+
+
+@pytest.mark.parametrize(
+    ("cut", "layer", "doubted"),
+    [
+        (tetrahedral, "thickness = 0.5", 1),
+        (tetrahedral, "thickness = 0.2", 0),
+        (tetrahedral, 'kind = "none"\nthickness = 0.5', 0),
+        (lambda part: part, "thickness = 0.5", 0),
+    ],
+    ids=["thick", "thin", "no layer", "bricks"],
+)
+def test_a_thick_layer_on_tetrahedra_is_doubted(cut, layer, doubted, command):
+    write(command.study / "part.msh", cut(half()))
+    text = f"{SETTINGS}{MESH}[constraint]\n{layer}\n"
+    (command.study / "study.toml").write_text(text, encoding="utf-8")
+    study = read_study(command.study)
+    found = [d for d in doubts(study, outline(study).expected) if d.fault.file == "study.toml"]
+    assert [d.fault.column for d in found] == ["thickness"] * doubted
+    assert not any(doubt.impossible for doubt in found)
+    code, said = command("check")
+    assert code == 0, said
+    assert said.count("column thickness") == doubted
 
 
 def test_causes_of_walls_are_not_judged(command):

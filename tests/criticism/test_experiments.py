@@ -536,7 +536,9 @@ def test_what_was_not_recorded_is_proposed_first_and_nothing_else_shows_it(
 def of_batches(model, numbers):
     """The study with batches of its actuators, three at each of five degradation rates."""
     batch = np.repeat(np.array(numbers), 3)[:, None]
-    return altered(model, actuator=replace(model.actuator, batch=batch))
+    names = np.array(["spring", "autumn", "winter"])[batch]
+    names[0] = ""  # without a record it counts as of the first
+    return altered(model, actuator=replace(model.actuator, batch=batch, batch_name=names))
 
 
 def test_a_batch_that_was_tested_at_no_other_rate_is_tested_there(model):
@@ -545,7 +547,10 @@ def test_a_batch_that_was_tested_at_no_other_rate_is_tested_there(model):
     proposed = candidate_experiments(confounded)
     assert "two batches" not in {e.kind for e in proposed}
     found = [(e.plan.levels, e.plan.batch) for e in of_kind(proposed, "another batch")]
-    assert found == [((0.0,), 1), ((24.0,), 0)]
+    assert found == [((0.0,), "autumn"), ((24.0,), "spring")]
+    nameless = replace(confounded.actuator, batch_name=None)
+    proposed_too = candidate_experiments(altered(confounded, actuator=nameless))
+    assert {e.plan.batch for e in of_kind(proposed_too, "another batch")} == {""}
     misread = (
         "degradation_misread.shift",
         0.0,

@@ -136,6 +136,15 @@ def test_a_subset_takes_whole_specimens(study_of):
     assert again.specimens == ("second", "first", "second")
 
 
+def test_batches_have_their_names_beside_their_numbers(study_of):
+    header, *rows = FILES["actuator.csv"].splitlines()
+    rows = [f"{row},{'B 7' if row.startswith('second') else ''}" for row in rows]
+    curves = actuator_curves(study_of(actuator="\n".join([f"{header},batch", *rows]) + "\n"))
+    assert curves.batch_name.tolist() == [["B 7"], [""]]
+    assert curves.batch.tolist() == [[0], [0]]
+    assert curves.subset(np.array([1])).batch_name.tolist() == [[""]]
+
+
 def test_bend_angles_are_read_beside_the_curvature(study_of):
     header, *rows = FILES["actuator.csv"].splitlines()
     angles = ("0", "11", "", "0", "", "52", "", "54")

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bayesdeg.actuator.body import boundary_faces, box
+from bayesdeg.actuator.body import boundary_faces, box, tetrahedra_of
 from bayesdeg.actuator.curve import ExactMap
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.inputs import Inputs
@@ -37,6 +37,9 @@ from bayesdeg.laboratory.mounting import (
     end_face,
     released,
 )
+from tests.actuator.parts import half, tetrahedral, write
+from tests.actuator.test_part import geometry_of_file
+from tests.actuator.test_tetrahedra import cube
 
 TWO = Geometry(Dimensions(length=23.0, chambers=2))
 YEOH = MaterialGroups(c2_ratio=-0.03, c3_ratio=0.01, paper_group=100.0, paper_thickness=0.12)
@@ -111,6 +114,14 @@ def test_what_cannot_be_is_refused():
     bare = replace(TWO, constraint=Constraint("none"))
     with pytest.raises(ValueError, match="membrane"):
         bonded_mesh(bare, COARSE, Bond(off_end=0.2))
+
+
+@pytest.mark.parametrize("cut", [half, lambda: tetrahedral(half())], ids=["bricks", "tetrahedra"])
+def test_paper_comes_off_no_meshed_part(tmp_path, cut):
+    part = geometry_of_file(write(tmp_path / "part.msh", cut()))
+    assert len(bonded_mesh(part, COARSE, Bond()).body.paper) > 0
+    with pytest.raises(ValueError, match="part"):
+        bonded_mesh(part, COARSE, Bond(off_end=0.2))
 
 
 @pytest.mark.fem
@@ -199,9 +210,22 @@ def test_the_effect_converges_with_the_mesh():
     assert second == pytest.approx(last, rel=0.1)
 
 
-def turned_block(clamp, moment, lengths=(4.0, 2.0, 3.0)):
+def of_bricks(lengths):
+    return box(lengths, divisions=(2, 1, 2))
+
+
+def of_tetrahedra(lengths):
+    body = tetrahedra_of(*cube((2, 1, 2), lengths))
+    held = np.repeat(np.isclose(body.nodes[:, :1], 0.0), 3, axis=1)
+    return replace(body, fixed=held)
+
+
+CELLS = pytest.mark.parametrize("cells", [of_bricks, of_tetrahedra], ids=["bricks", "tetrahedra"])
+
+
+def turned_block(cells, clamp, moment, lengths=(4.0, 2.0, 3.0)):
     """Angle of the end face of a block on springs, under a moment on its other end [rad]."""
-    whole = box(lengths, divisions=(2, 1, 2))
+    whole = cells(lengths)
     body = FieldBody(released(whole), STIFF, PathEffort(tolerance=1e-10), clamp)
     far = boundary_faces(whole)
     far = far[np.all(np.isclose(whole.nodes[far][..., 0], lengths[0]), axis=1)]
@@ -220,12 +244,13 @@ def turned_block(clamp, moment, lengths=(4.0, 2.0, 3.0)):
     return angle
 
 
+@CELLS
 @pytest.mark.fem
-def test_a_moment_turns_the_clamp_by_its_stiffness():
+def test_a_moment_turns_the_clamp_by_its_stiffness(cells):
     clamp, moment = Clamp(1e-3, 1e-3), 1e-6
     expected = moment / clamp.turning(2.0, 3.0)
     # the springs are a thousandth as stiff as the block, which bends the face itself a little
-    assert turned_block(clamp, moment) == pytest.approx(expected, rel=5e-3)
+    assert turned_block(cells, clamp, moment) == pytest.approx(expected, rel=5e-3)
 
 
 @pytest.mark.fem
@@ -254,12 +279,19 @@ def test_the_springs_are_in_the_tangent_as_in_the_products(whole):
     )
 
 
-def test_springs_push_against_a_shift_of_the_whole_face():
-    block = released(box((1.0, 2.0, 3.0), divisions=(1, 1, 1)))
+@CELLS
+def test_springs_push_against_a_shift_of_the_whole_face(cells):
+    block = released(cells((1.0, 2.0, 3.0)))
     support = ClampSprings.on(System(block), Clamp(0.5, 0.25))
     shift = np.tile([0.1, 0.2, -0.4], (len(block.nodes), 1))
     total = support.push(shift).sum(axis=0)
     assert total == pytest.approx(6.0 * np.array([0.5, 0.25, 0.25]) * [0.1, 0.2, -0.4])
+    # turned about its middle, as by `Clamp.turning`; and x · M x of a quadratic, by hand
+    up = block.nodes[:, 2] - 1.5
+    turned = support.push(np.column_stack([up, 0.0 * up, 0.0 * up]))
+    assert turned[:, 0] @ up == pytest.approx(Clamp(0.5, 0.25).turning(2.0, 3.0))
+    square = np.column_stack([block.nodes[:, 2] ** 2, 0.0 * up, 0.0 * up])
+    assert support.push(square)[:, 0] @ square[:, 0] == pytest.approx(0.5 * 2.0 * 3.0**5 / 5.0)
 
 
 @pytest.mark.fem

@@ -11,8 +11,11 @@ from bayesdeg.data.settings import Dimensions
 from bayesdeg.inference.sampling import Chain
 from bayesdeg.pipeline.calibrate import Fit
 from bayesdeg.pipeline.deformed import STEPS, fitted_cases, write_deformed
+from bayesdeg.report.figures.actuator import deformed_figure
 from bayesdeg.report.folder import RunFolder
 from bayesdeg.report.surface import SURFACE, read_surface
+from tests.actuator.parts import half, tetrahedral, whole, write
+from tests.actuator.test_part import geometry_of_file
 from tests.inference.small_study import TRUTH, altered, draws_near_truth, small_model
 
 pytestmark = pytest.mark.fem
@@ -75,6 +78,23 @@ def test_the_run_folder_gets_every_state_and_nothing_of_an_earlier_run(run):
     surface = read_surface(run)
     assert [shape.degradation for shape in surface.shapes] == [0.0, 25.0]
     assert [shape.pressure for shape in surface.shapes] == [140.0, 140.0]
+
+
+@pytest.mark.parametrize(
+    ("made", "is_half"),
+    [(half, True), (whole, False), (lambda: tetrahedral(whole()), False)],
+    ids=["half", "whole", "whole of tetrahedra"],
+)
+def test_a_meshed_part_is_solved_and_drawn(fit, tmp_path, made, is_half):
+    geometry = geometry_of_file(write(tmp_path / "part.msh", made()))
+    write_deformed(RunFolder(tmp_path), fit, geometry)
+    surface = read_surface(tmp_path)
+    assert surface.is_half is is_half
+    assert [shape.pressure for shape in surface.shapes] == [140.0, 140.0]
+    across = np.array([[s.rest[:, 1].min(), s.rest[:, 1].max()] for s in surface.shapes])
+    np.testing.assert_allclose(across, SCALE * np.array([[0.0 if is_half else -5.0, 5.0]] * 2))
+    *panels, _ = deformed_figure(surface).axes
+    assert len(panels) == (4 if is_half else 2)
 
 
 def test_the_solved_actuators_are_at_true_size_and_bend_towards_the_paper(run):

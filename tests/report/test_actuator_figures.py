@@ -243,6 +243,22 @@ def depths(surface, shape):
     return {tuple(np.round(p, 6)): d for p, d in zip(places, nearness, strict=True)}
 
 
+def test_one_that_is_meshed_as_a_whole_is_drawn_once_and_as_its_half_is_with_its_mirror_image():
+    half = box((3.0, 1.0, 1.5), divisions=(2, 2, 1))
+    whole = box((3.0, 2.0, 1.5), divisions=(2, 4, 1))
+    whole = whole.placed_at(whole.nodes - [0.0, 1.0, 0.0])
+    drawn = []
+    for body in (half, whole):
+        surface = pictured((bent, 0.0, 10.0), body=body)
+        assert surface.is_half is (body is half)
+        figure = deformed_figure(surface)
+        *axes, _ = figure.axes
+        assert len(axes) == (2 if body is half else 1)
+        corners, _ = painted(axes[-1])
+        drawn.append(np.unique(np.sort(corners.round(6), axis=1).reshape(len(corners), -1), axis=0))
+    np.testing.assert_allclose(drawn[1], drawn[0], atol=2e-6)
+
+
 def test_the_view_is_a_rotation():
     view = np.stack([RIGHT, UP, TOWARDS])
     np.testing.assert_allclose(view @ view.T, np.eye(3), atol=1e-14)

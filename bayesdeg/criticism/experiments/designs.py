@@ -160,6 +160,14 @@ class ActuatorDesign:
         batch = self.data.conditions.batch[:, 0]
         return np.array([[_most_common(batch[_near(self.data, level)])] for level in levels])
 
+    def batch_name(self, number: int) -> str:
+        """Return what the study calls a batch; empty where no specimen of it has a name."""
+        data = self.data
+        if data.batch is None or data.batch_name is None:
+            return ""
+        names = data.batch_name[(data.batch == number) & (data.batch_name != "")]
+        return str(names[0]) if len(names) else ""
+
     def experiment(
         self,
         kind: str,
@@ -167,7 +175,7 @@ class ActuatorDesign:
         *,
         mount: str = "",
         temperature: float = np.nan,
-        batch: int = 0,
+        batch: str = "",
         hold: float = 0.0,
     ) -> Experiment:
         """Return an experiment on so many specimens as the study has of a level."""
@@ -574,13 +582,13 @@ def _batches(design: ActuatorDesign, level: float) -> Iterator[Experiment]:
     known, there = np.unique(batch), batch[_near(data, level)]
     if len(known) == 1:
         curves = design.curves([level, level], rising, batches=(0, 1))
-        # as many specimens as other tests take, or the number would tell more than the batches
+        # no more than other tests take, but at least one of each batch
         half = replace(design, copies=max(design.copies // 2, 1))
         yield half.experiment("two batches", curves)
     elif known[-1] <= len(CONTRASTS):
         for one in np.setdiff1d(known, there).tolist():
             curves = design.curves([level], rising, batches=(one,))
-            yield design.experiment("another batch", curves, batch=one)
+            yield design.experiment("another batch", curves, batch=design.batch_name(one))
 
 
 def _volumes(design: ActuatorDesign, level: float, model: JointModel) -> Iterator[Experiment]:

@@ -526,8 +526,9 @@ class ExperimentPlan:
         How the actuator is held, where that is new.
     temperature_c : float
         Of the room, where that is new [°C].
-    batch : int
-        Of the specimens, counted from 0, where it matters.
+    batch : str
+        What the study calls that of the specimens, where it matters; empty for those of which none
+        is recorded.
     hold_s : float
         How long a pressure is held [s].
     steps : int
@@ -542,7 +543,7 @@ class ExperimentPlan:
     timed: bool = True
     mount: str = ""
     temperature_c: float = float("nan")
-    batch: int = 0
+    batch: str = ""
     hold_s: float = 0.0
     steps: int = 1
 

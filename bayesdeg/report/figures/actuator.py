@@ -1,4 +1,4 @@
-"""The deformed actuator: the cut through its plane of symmetry, and the whole in space."""
+"""The deformed actuator: the cut through its plane of symmetry, if any, and the whole in space."""
 
 import numpy as np
 from matplotlib import colormaps
@@ -53,8 +53,8 @@ def deformed_figure(surface: Surface, *, degrades: bool = True) -> Figure:
     """Draw solved actuators at true size, coloured by their largest principal stretch.
 
     Above, the cut through the plane of symmetry, with the chambers, and its outline before
-    loading; below, the whole actuator in parallel projection, its second half mirrored. All
-    lengths and colours are to one scale.
+    loading; below, the whole actuator in parallel projection, its second half mirrored. One that
+    is meshed as a whole has no cut. All lengths and colours are to one scale.
 
     Parameters
     ----------
@@ -68,21 +68,22 @@ def deformed_figure(surface: Surface, *, degrades: bool = True) -> Figure:
     Figure
         Faces are pixels, all else vectors.
     """
-    cuts = [_cut(surface, shape) for shape in surface.shapes]
+    cuts = [_cut(surface, shape) for shape in surface.shapes] if surface.is_half else []
     wholes = [_whole(surface, shape) for shape in surface.shapes]
     norm = _range([*cuts, *wholes])
-    boxes = _box([_in_plane(c) for c in cuts]), _box([_projected(w)[..., :2] for w in wholes])
+    boxes = [_box([_in_plane(c) for c in cuts])] if cuts else []
+    boxes.append(_box([_projected(w)[..., :2] for w in wholes]))
     figure, rows = _panels(len(surface.shapes), boxes)
     for i, shape in enumerate(surface.shapes):
         rate = rate_title(shape.degradation, degrades=degrades)
         rows[0][i].set_title(", ".join(filter(None, (rate, f"{shape.pressure:g} kPa"))))
-        _draw_cut(rows[0][i], surface, shape, cuts[i], norm)
-        _draw_whole(rows[1][i], surface, shape, wholes[i], norm)
-    rows[0][0].set_ylabel("z [mm]")
-    _scale_bar(rows[1][0], boxes[1])
+        if cuts:
+            _draw_cut(rows[0][i], surface, shape, cuts[i], norm)
+        _draw_whole(rows[-1][i], surface, shape, wholes[i], norm)
+    _scale_bar(rows[-1][0], boxes[-1])
     bar = figure.colorbar(
         ScalarMappable(norm, COLOURS),
-        ax=rows[1],
+        ax=rows[-1],
         location="bottom",
         extend="max",
         aspect=50,
@@ -95,21 +96,23 @@ def deformed_figure(surface: Surface, *, degrades: bool = True) -> Figure:
     return figure
 
 
-def _panels(count: int, boxes: tuple[Floats, Floats]) -> tuple[Figure, list[list[Axes]]]:
-    """Lay out the panels so that a millimetre is as long in all of one row."""
+def _panels(count: int, boxes: list[Floats]) -> tuple[Figure, list[list[Axes]]]:
+    """Lay out rows of panels, in each of which a millimetre is as long; the last has no axes."""
     width = (FULL_WIDTH - 1.0) / max(count, 2)
     ratios = [float(np.ptp(box[:, 1]) / np.ptp(box[:, 0])) for box in boxes]
     height = width * sum(ratios) + 0.85
     figure = Figure(figsize=(FULL_WIDTH, height), dpi=DOTS_PER_INCH, layout="constrained")
-    rows = figure.subplots(2, count, squeeze=False, sharey="row", height_ratios=ratios)
+    rows = figure.subplots(len(boxes), count, squeeze=False, sharey="row", height_ratios=ratios)
     for row, box in zip(rows, boxes, strict=True):
         for axes in row:
             axes.set(xlim=box[:, 0], ylim=box[:, 1], aspect="equal")
             axes.label_outer()
-    for axes in rows[0]:
-        axes.tick_params(labelbottom=True)
-        axes.set_xlabel("x [mm]")
-    for axes in rows[1]:
+    for row in rows[:-1]:
+        row[0].set_ylabel("z [mm]")
+        for axes in row:
+            axes.tick_params(labelbottom=True)
+            axes.set_xlabel("x [mm]")
+    for axes in rows[-1]:
         axes.set_axis_off()
     return figure, [list(row) for row in rows]
 
@@ -123,8 +126,10 @@ def _outside(surface: Surface) -> Indices:
 
 
 def _whole(surface: Surface, shape: Shape) -> Quads:
-    """Return the outer faces of both halves."""
+    """Return the outer faces, of a half those of both."""
     half = quads_of(shape.placed, shape.stretch, _outside(surface), pieces=PIECES)
+    if not surface.is_half:
+        return half
     corners = np.concatenate([half.corners, (half.corners * _ACROSS)[:, ::-1]])
     return Quads(corners, np.tile(half.values, 2))
 
@@ -205,26 +210,28 @@ def _draw_whole(axes: Axes, surface: Surface, shape: Shape, quads: Quads, norm: 
 
 
 def _edges_in_space(surface: Surface, shape: Shape) -> Floats:
-    """Pieces of the sharp edges of both halves, as quadrilaterals without area, (n, 4, 3)."""
-    edges = _off_symmetry(shape.rest, sharp_edges(shape.rest, _outside(surface)))
+    """Pieces of sharp edges, as quadrilaterals without area, (n, 4, 3); of a half those of both."""
+    edges = _off_symmetry(surface, shape.rest, sharp_edges(shape.rest, _outside(surface)))
     points = segments_of(shape.placed, edges, pieces=PIECES)
     pieces = np.stack([points[:, :-1], points[:, 1:], points[:, 1:], points[:, :-1]], axis=2)
     pieces = pieces.reshape(-1, 4, 3)
-    return np.concatenate([pieces, pieces * _ACROSS])
+    return np.concatenate([pieces, pieces * _ACROSS]) if surface.is_half else pieces
 
 
 def _ghost(surface: Surface, shape: Shape) -> Floats:
     """Edges of the faces that are seen before loading, in the picture, (n, 3, 2)."""
     faces, lines = _outside(surface), []
-    for side in (np.ones(3), _ACROSS):
+    for side in (np.ones(3), _ACROSS) if surface.is_half else (np.ones(3),):
         facing = faces[normals_of(shape.rest, faces) @ (side * TOWARDS) > 0.0]
-        edges = _off_symmetry(shape.rest, sharp_edges(shape.rest, facing))
+        edges = _off_symmetry(surface, shape.rest, sharp_edges(shape.rest, facing))
         lines.append(_projected(side * segments_of(shape.rest, edges, pieces=2))[..., :2])
     return np.concatenate(lines)
 
 
-def _off_symmetry(rest: Floats, edges: Indices) -> Indices:
-    """Leave out the edges at which the halves meet."""
+def _off_symmetry(surface: Surface, rest: Floats, edges: Indices) -> Indices:
+    """Leave out the edges at which halves meet."""
+    if not surface.is_half:
+        return edges
     return edges[~np.all(np.isclose(rest[edges, 1], 0.0), axis=1)]
 
 
@@ -238,7 +245,8 @@ def _scale_bar(axes: Axes, box: Floats) -> None:
 def _deformed(shown: Shown) -> Sketch | None:
     if shown.deformed is None:
         return None
-    return Sketch(deformed_figure(shown.deformed, degrades=shown.run.degrades))
+    figure = deformed_figure(shown.deformed, degrades=shown.run.degrades)
+    return Sketch(figure, {"is_half": shown.deformed.is_half})
 
 
 FIGURES = (
@@ -246,9 +254,9 @@ FIGURES = (
         "deformed",
         "rupture",
         _deformed,
-        "The actuator solved by finite elements with the fitted material, at true size: the cut "
-        "through its plane of symmetry over the whole; thin lines show it before loading. The "
-        "largest stretches are at re-entrant corners, where they grow as the mesh is refined; the "
-        "colour scale leaves them out.",
+        "The actuator solved by finite elements with the fitted material, at true size"
+        "{% if is_half %}: the cut through its plane of symmetry over the whole{% endif %}; thin "
+        "lines show it before loading. The largest stretches are at re-entrant corners, where they "
+        "grow as the mesh is refined; the colour scale leaves them out.",
     ),
 )

@@ -1,0 +1,191 @@
+"""What an actuator is, in words and in characters: for a terminal, before anything is solved."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdeg.actuator.families import PartGeometry
+from bayesdeg.actuator.moulded import Box, Moulded, volume_without
+from bayesdeg.data.part import cavity_of
+
+Bools = NDArray[np.bool_]
+Floats = NDArray[np.float64]
+
+MATERIAL, PRESSED, OPEN, LAYER, OUTSIDE = "#", " ", "o", "=", "-"
+COLUMNS, ACROSS = 76, 40
+CELL = 2.0  # height over width of a character
+ON_FACE = 1e-9  # share of a tetrahedron's size: places on its faces are in it
+
+
+def air_volume(geometry: Moulded) -> float:
+    """Return the volume of the cavities under pressure of the whole actuator [mm³].
+
+    Examples
+    --------
+    >>> from bayesdeg.actuator.families import geometry_of
+    >>> from bayesdeg.data.settings import Dimensions
+    >>> round(air_volume(geometry_of(Dimensions())), 6)
+    924.0
+    """
+    if isinstance(geometry, PartGeometry):
+        part = geometry.part
+        return cavity_of(part)[0] * (2.0 if part.is_half else 1.0)
+    planes = geometry.planes()
+    return 2.0 * (volume_without(planes, ()) - volume_without(planes, geometry.cavities))
+
+
+def described(geometry: Moulded) -> str:
+    """Say what an actuator is: family, dimensions, layer and volumes.
+
+    Examples
+    --------
+    >>> from bayesdeg.actuator.families import geometry_of
+    >>> from bayesdeg.data.families import RibbedDimensions
+    >>> described(geometry_of(RibbedDimensions())).partition(", width")[0]
+    'ribbed actuator as moulded [mm]: length 37.8'
+    """
+    mould, layer = geometry.dimensions, geometry.constraint
+    shown = vars(mould).items()
+    hidden = ("path", "content", "bending")
+    sizes = ", ".join(f"{name} {value}" for name, value in shown if name not in hidden)
+    at = f"{layer.kind} at a height of {geometry.line_height:g}" if layer.is_there else "none"
+    if layer.is_slab:
+        c1, c2, c3 = layer.c1, layer.c2, layer.c3
+        at += f", {layer.thickness:g} thick, C1 {c1:g}, C2 {c2:g}, C3 {c3:g} kPa"
+    return (
+        f"{mould.kind} actuator as moulded [mm]: {sizes}; constraint layer: {at}; "
+        f"material {1e-3 * geometry.volume:.4g} ml, cavity {1e-3 * air_volume(geometry):.3g} ml"
+    )
+
+
+def section(geometry: Moulded, columns: int = COLUMNS) -> str:
+    """Draw the section along the middle of an actuator, the clamped end on the left.
+
+    Material is ``#``, air under pressure blank, other air ``o``, the constraint layer ``=``; of a
+    meshed part all air is blank.
+
+    Parameters
+    ----------
+    geometry : Moulded
+        Of any family.
+    columns : int
+        Characters for the length.
+
+    Examples
+    --------
+    >>> from bayesdeg.actuator.families import geometry_of
+    >>> from bayesdeg.data.settings import Dimensions
+    >>> print(section(geometry_of(Dimensions(length=20.0, chambers=2)), 40))
+    ##################oooo##################
+    ##################oooo##################
+    ######         ###oooo###         ######
+    ######         ###oooo###         ######
+    ######         ###oooo###         ######
+    ######         ##########         ######
+    ######         ##########         ######
+    ######                            ######
+    ########################################
+    ########################################
+    ========================================
+    """
+    (_, length), _, (bottom, top) = geometry.outer
+    if isinstance(geometry, PartGeometry):
+        return _of_cells(geometry, columns)
+    rows = max(2, round((top - bottom) / length * columns / CELL))
+    x = length * (np.arange(columns) + 0.5) / columns
+    z = top - (top - bottom) * (np.arange(rows) + 0.5) / rows
+    drawn = np.full((rows, columns), MATERIAL)
+    for boxes, mark in ((geometry.voids, OPEN), (geometry.cavities, PRESSED)):
+        for box in boxes:
+            drawn[np.ix_(*_within(box, z, x))] = mark
+    for box in geometry.slab:
+        drawn[np.ix_(*_within(box, z, x))] = LAYER
+    lines = ["".join(row) for row in drawn]
+    if geometry.constraint.is_there and LAYER not in drawn:
+        lines.insert(int(np.sum(z > geometry.line_height)), LAYER * columns)
+    return "\n".join(lines)
+
+
+def _of_cells(geometry: PartGeometry, columns: int) -> str:
+    """Draw the cells of a part that its middle plane cuts, or touches where it ends there.
+
+    A character is material where it lies in the rectangle about the section of a brick, or in a
+    tetrahedron.
+    """
+    part = geometry.part
+    corners = part.points[part.cells]
+    low, high = corners.min(axis=1), corners.max(axis=1)
+    middle = 1e-3 * float(part.size[1])  # beside the plane, in which faces may lie
+    cut = (low[:, 1] <= middle) & (high[:, 1] >= middle)
+    length, top = float(part.size[0]), float(part.size[2])
+    rows = max(2, round(top / length * columns / CELL))
+    x = length * (np.arange(columns) + 0.5) / columns
+    z = top - top * (np.arange(rows) + 0.5) / rows
+    drawn = np.full((rows, columns), PRESSED)
+    for own, a, b in zip(corners[cut], low[cut], high[cut], strict=True):
+        there = np.ix_((a[2] <= z) & (z <= b[2]), (a[0] <= x) & (x <= b[0]))
+        within = _in_tetrahedron(own, x[there[1]], middle, z[there[0]]) if len(own) == 4 else True
+        drawn[there] = np.where(within, MATERIAL, drawn[there])
+    lines = ["".join(row) for row in drawn]
+    if geometry.constraint.is_there:
+        lines.insert(int(np.sum(z > geometry.line_height)), LAYER * columns)
+    return "\n".join(lines)
+
+
+def _in_tetrahedron(corners: Floats, x: Floats, y: float, z: Floats) -> Bools:
+    """Return which places lie in a tetrahedron: no coordinate by its corners is below 0."""
+    at = np.stack(np.broadcast_arrays(x, y, z), axis=-1) - corners[0]
+    shares = at @ np.linalg.inv(corners[1:] - corners[0])
+    inside: Bools = np.all(shares > -ON_FACE, axis=-1) & (shares.sum(axis=-1) < 1.0 + ON_FACE)
+    return inside
+
+
+def across(geometry: Moulded, columns: int = ACROSS) -> str:
+    """Draw the section across the middle of an actuator's length, seen along it.
+
+    As `section`; what lies outside a round outline is ``-``.
+
+    Parameters
+    ----------
+    geometry : Moulded
+        Of any family.
+    columns : int
+        Characters for the width.
+
+    Examples
+    --------
+    >>> from bayesdeg.actuator.families import geometry_of
+    >>> from bayesdeg.data.families import CylindricalDimensions
+    >>> print(across(geometry_of(CylindricalDimensions(section="round")), 24))
+    ------############------
+    --#########  #########--
+    -######################-
+    ========================
+    ########################
+    -######################-
+    --#########oo#########--
+    ------############------
+    """
+    (_, length), (_, half), (bottom, top) = geometry.outer
+    rows = max(2, round((top - bottom) / (2.0 * half) * columns / CELL))
+    y = half * (2.0 * (np.arange(columns) + 0.5) / columns - 1.0)
+    z = top - (top - bottom) * (np.arange(rows) + 0.5) / rows
+    drawn = np.full((rows, columns), MATERIAL)
+    parts = (geometry.voids, OPEN), (geometry.cavities, PRESSED), (geometry.slab, LAYER)
+    for boxes, mark in parts:
+        for (first, last), beside, upward in boxes:
+            if first < 0.5 * length < last:
+                drawn[np.ix_(*_within((beside, beside, upward), z, np.abs(y)))] = mark
+    if geometry.rounded is not None:
+        inside = geometry.rounded.holds(y[None, :], z[:, None])
+        drawn = np.where(inside, drawn, OUTSIDE)
+    lines = ["".join(row) for row in drawn]
+    if geometry.constraint.is_membrane:
+        place = int(np.sum(z > geometry.line_height))
+        lines.insert(place, LAYER * columns)
+    return "\n".join(lines)
+
+
+def _within(box: Box, z: Floats, x: Floats) -> tuple[Bools, Bools]:
+    """Return which heights and which places along the middle lie in a box."""
+    along, _, upward = box
+    return (upward[0] < z) & (z < upward[1]), (along[0] < x) & (x < along[1])
