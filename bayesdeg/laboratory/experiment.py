@@ -589,8 +589,8 @@ def press_tips(
     reading at zero pressure has no error.
 
     The test of a specimen ends below the pressure at which it would burst if its tip were free, or
-    to which no equilibrium leads. A tip that is held strains the walls by some 6 % less (5 to 7 %
-    on the coarse mesh, fresh and at 25 %), so that none of them would have burst before.
+    to which no equilibrium leads. A tip that is held strains the walls by some 6 % less on the
+    mesh that was looked at, a coarse one (5 to 7 %, fresh and at 25 %).
 
     Parameters
     ----------
