@@ -72,15 +72,15 @@ COUNTS = "".join(
 
 
 # narrow: of counts alone a ridge is left, along which an importance sample has few effective draws
-FLAWS = "".join(
-    f'"flaw_embrittlement.{name}" = {{ law = "truncated_normal", {numbers}, low = 0, high = 9 }}\n'
+DRY = "".join(
+    f'"dry_embrittlement.{name}" = {{ law = "truncated_normal", {numbers}, low = 0, high = 9 }}\n'
     for name, numbers in (("cut", "mean = 1.8, sd = 0.2"), ("widening", "mean = 0.3, sd = 0.05"))
 )
 
 
 def counted_study(folder):
-    """Write the study with published counts of ruptures, of which flaws are a candidate."""
-    settings = SETTINGS.replace('"creep"', '"flaw_embrittlement"') + FLAWS
+    """Write the study with published counts of ruptures, which dry air may explain."""
+    settings = SETTINGS.replace('"creep"', '"dry_embrittlement"') + DRY
     return planted_study(folder, settings=settings, summary=SUMMARY + COUNTS)
 
 

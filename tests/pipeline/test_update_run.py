@@ -287,7 +287,7 @@ def counted(tmp_path_factory):
     folder = tmp_path_factory.mktemp("counted")
     study = folder / "study"
     study.mkdir()
-    causes = ("pressure_offset", "flaw_embrittlement")
+    causes = ("pressure_offset", "dry_embrittlement")
     path, file = write_run(folder / "run", counted_study(study), causes=causes, course=True)
     for name in ("criteria", "lifetime"):  # of the run before
         (path / f"{name}.csv").write_text("stale\n1\n", encoding="utf-8")
@@ -297,7 +297,7 @@ def counted(tmp_path_factory):
 
 def test_counts_that_the_final_model_is_fitted_to_stay_its_data(counted):
     study, _, found, _ = counted
-    causes = ("pressure_offset", "flaw_embrittlement")
+    causes = ("pressure_offset", "dry_embrittlement")
     tree = found.posterior["log_likelihood"]
     assert "ruptures at 25 %" in tree["specimen"].to_numpy()
     whole = with_all_readings(shutil.copytree(study, study.parent / "whole"))

@@ -498,7 +498,8 @@ def test_flaws_cut_the_limit_at_25_percent_alone(study, shared):
     values = fixed(cause, {"cut": 1.5, "widening": 0.3, "onset": 20.0}, count)
     base = study.cause_rupture.burst(shared)["principal_stretch"]
     flawed = study.cause_rupture.burst(shared, cause, values)["principal_stretch"]
-    assert np.allclose(flawed.probability[:, :5], base.probability[:, :5])
+    # they begin by degrees: at 20 % there are 8 % of them
+    assert np.allclose(flawed.probability[:, :4], base.probability[:, :4], atol=1e-4)
     assert flawed.probability[:, 5].mean() > 10.0 * base.probability[:, 5].mean()
     assert study.cause_rupture.compare(shared, flawed, base)["bayes_factor"] > 1000.0
 
