@@ -1,6 +1,6 @@
 """The families of actuators: which geometry belongs to which dimensions, and back from a record.
 
-That of a meshed part stands here; its bricks are made in `bayesdeg.actuator.part`, where somebody
+That of a meshed part stands here; its cells are made in `bayesdeg.actuator.mesh`, where somebody
 solves it.
 """
 

@@ -1,4 +1,4 @@
-"""Geometry to a hexahedral half model with named boundaries, on scikit-fem's bases."""
+"""Geometry, or a user's own mesh, to a half model with named boundaries, on scikit-fem's bases."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from skfem import MeshHex
+from skfem import ElementHex1, MeshHex
 
 from bayesdeg.actuator.body import (
     APART,
@@ -17,15 +17,16 @@ from bayesdeg.actuator.body import (
     boundary_faces,
     faces_on_plane,
     levels_of,
+    tetrahedra_of,
 )
 from bayesdeg.actuator.families import PartGeometry
 from bayesdeg.actuator.moulded import Box, Moulded, Planes, bottom_is_exposed
-from bayesdeg.actuator.part import meshed_part
 from bayesdeg.actuator.round import RoundSection
 from bayesdeg.actuator.status import COARSE as COARSE
 from bayesdeg.actuator.status import CONVERGED as CONVERGED
 from bayesdeg.actuator.status import FINE as FINE
 from bayesdeg.actuator.status import Resolution
+from bayesdeg.data.part import CORNERS, FLAT, PartMesh
 from bayesdeg.errors import GeometryError
 
 Floats = NDArray[np.float64]
@@ -43,9 +44,9 @@ class ActuatorMesh:
     geometry : Moulded
         What was meshed.
     body : Body
-        Bricks, what is held, pressed and papered; depth under the faces exposed to the soil.
-    free_end : array, shape (n_faces, (order + 1)²)
-        Nodes of the faces of the free end, as grids over y and z.
+        Cells, what is held, pressed and papered; depth under the faces exposed to the soil.
+    free_end : array, shape (n_faces, n_nodes of a side)
+        Nodes of the faces of the free end; of an actuator of a family as grids over y and z.
     bottom_line : array, shape (n,)
         Nodes of the line at the middle of the constraint layer, which is on the bottom of a
         pneunet, ordered along x; its curvature is read.
@@ -80,7 +81,7 @@ def build_mesh(
     resolution : Resolution
         Largest element sizes [mm]; every wall has at least one element.
     element : Element
-        Kind of brick.
+        Kind of brick; tetrahedra are of the one kind that there is.
     cuts : tuple of arrays, optional
         Further planes along x, y and z between which bricks stand [mm].
 
@@ -93,8 +94,7 @@ def build_mesh(
     True
     """
     if isinstance(geometry, PartGeometry):
-        part = meshed_part(geometry, element)
-        return ActuatorMesh(geometry, part.body, part.tip, part.line, part.share)
+        return _of_part(geometry, element)
     sizes = (resolution.along, resolution.across, resolution.up)
     also = (np.empty(0),) * 3 if cuts is None else cuts
     grids = [
@@ -372,3 +372,78 @@ def grid_order(nodes: Floats, faces: Indices) -> Indices:
 def _line(nodes: Floats, height: float) -> Indices:
     on_line = np.flatnonzero(np.isclose(nodes[:, 1], 0.0) & np.isclose(nodes[:, 2], height))
     return on_line[np.argsort(nodes[on_line, 0])]
+
+
+def _of_part(geometry: PartGeometry, element: Element) -> ActuatorMesh:
+    """Return the mesh of a part that the user has meshed, its cells with straight edges.
+
+    Tetrahedra are of the one element that there is of them, whichever kind of brick is asked for.
+
+    Raises
+    ------
+    GeometryError
+        If no line of nodes runs along the middle of the constraint or the bottom.
+    """
+    part = geometry.part
+    if part.is_tetrahedral:
+        body = tetrahedra_of(part.points, part.cells)
+    else:
+        body = body_of(_brick_mesh(part), element)
+    faces = boundary_faces(body)
+    corners = _corners_of(body, faces, part)
+    on = {name: np.isin(corners, _keys(sides)) for name, sides in part.sides.items()}
+    fixed = np.zeros(body.nodes.shape, dtype=bool)
+    fixed[np.unique(faces[on["clamp"]])] = True
+    if part.is_half:
+        fixed[np.unique(faces[on["symmetry"]]), 1] = True
+    paper = faces[:0]
+    if geometry.constraint.is_membrane and "constraint" in part.sides:
+        paper = _constraint_faces(body, part, geometry.line_height)
+        paper = paper if part.is_tetrahedral else grid_order(body.nodes, paper)
+    whole = replace(body, cavity=faces[on["cavity"]], paper=paper, fixed=fixed)
+    line = _line_of_part(whole, part, geometry.line_height)
+    share = 1.0 if part.is_half else 0.5
+    return ActuatorMesh(geometry, whole, faces[on["tip"]], line, share)
+
+
+def _brick_mesh(part: PartMesh) -> MeshHex:
+    """Return scikit-fem's mesh; its bricks are left-handed where the file's are right-handed."""
+    places = np.asarray(ElementHex1().doflocs)
+    mirrored = np.column_stack([1.0 - places[:, 0], places[:, 1:]])
+    order = [int(np.flatnonzero((place == CORNERS).all(axis=1))[0]) for place in mirrored]
+    return MeshHex(part.points.T.copy(), part.cells[:, order].T.copy())
+
+
+def _keys(sides: Indices) -> NDArray[np.str_]:
+    return np.array([" ".join(map(str, sorted(side))) for side in sides.tolist()], dtype=np.str_)
+
+
+def _corners_of(body: Body, faces: Indices, part: PartMesh) -> NDArray[np.str_]:
+    """Return the corners of faces as the part numbers them; nodes of corners come first."""
+    at = faces[:, body.element.corners]
+    place = np.full(len(body.nodes), -1)
+    place[: len(part.points)] = np.arange(len(part.points))
+    return _keys(place[at])
+
+
+def _constraint_faces(body: Body, part: PartMesh, height: float) -> Indices:
+    """Return the faces of the constraint, which may lie between two cells."""
+    faces = faces_on_plane(body, height)
+    return faces[np.isin(_corners_of(body, faces, part), _keys(part.sides["constraint"]))]
+
+
+def _line_of_part(body: Body, part: PartMesh, height: float) -> Indices:
+    """Return the nodes along the middle of the constraint, or of the bottom."""
+    near = FLAT * float(part.size.max())
+    on = np.flatnonzero(
+        (np.abs(body.nodes[:, 1]) < near) & (np.abs(body.nodes[:, 2] - height) < near)
+    )
+    line: Indices = on[np.argsort(body.nodes[on, 0])]
+    ends = body.nodes[line[[0, -1]], 0] if len(line) else np.zeros(2)
+    whole = len(line) > 2 and np.ptp(ends) > (1.0 - FLAT) * float(part.size[0])
+    if not whole or (len(line) - 1) % body.element.order:
+        raise GeometryError(
+            "no line of edges runs along the middle of the constraint, or of the bottom: mesh the "
+            "part so that one does"
+        )
+    return line

@@ -479,13 +479,13 @@ class Strength:
         plain = np.log(self.median) + self.scatter * score
         if not self.has_flaws:
             return np.asarray(np.exp(plain))
-        wanted = log_whole(score, self.law)
-        low, high = plain - _WIDEST, plain
-        for _ in range(_HALVINGS):
-            middle = 0.5 * (low + high)
-            whole = self.log_whole(middle) > wanted
-            low, high = np.where(whole, middle, low), np.where(whole, high, middle)
-        return np.asarray(np.exp(0.5 * (low + high)))
+        wanted, until = log_whole(score, self.law), self._flaws_until(0.0)
+
+        def holds(log_strain: FloatArray) -> NDArray[np.bool_]:
+            lost = self._lost(np.minimum(log_strain, until), 0.0)
+            return log_whole(self._score(log_strain, 0.0), self.law) + lost > wanted
+
+        return np.asarray(np.exp(_last_held(holds, plain - _WIDEST, plain)))
 
     def _score(self, log_strain: FloatArray, error: npt.ArrayLike) -> FloatArray:
         spread = np.hypot(self.scatter, error)
@@ -497,28 +497,38 @@ class Strength:
 
     def _lost_to_flaws(self, log_strain: FloatArray, error: npt.ArrayLike) -> FloatArray:
         """Return ln S with flaws, less that without any."""
-        held = self._torn_by_flaws(log_strain, error)
+        held = np.minimum(log_strain, np.log(self.median) + _WIDEST)
+        # at an infinite strain nothing is whole anyway, and where it is past needs no search
+        past = self._is_past_flaws(held, error) & np.isfinite(log_strain)
+        if past.any():
+            held = np.where(past, self._flaws_until(error), held)
+        return self._lost(held, error)
+
+    def _lost(self, held: FloatArray, error: npt.ArrayLike) -> FloatArray:
+        """Return what flaws have taken of ln S up to a strain at which they still take some."""
         with np.errstate(invalid="ignore"):  # broken by either: nothing is left to lose
             alone = log_whole(self._flaw_score(held, error), self.law)
             less = np.minimum(alone - log_whole(self._score(held, error), self.law), 0.0)
         return self.flaw_share * np.nan_to_num(less, nan=0.0, neginf=_NEVER)
 
-    def _torn_by_flaws(self, log_strain: FloatArray, error: npt.ArrayLike) -> FloatArray:
-        """Return ln strain, at most that from which on ordinary defects are the greater danger.
+    def _flaws_until(self, error: npt.ArrayLike) -> FloatArray:
+        """Return ln strain from which on ordinary defects are the greater danger.
 
-        There the hazards of both, −d ln S/d ln ε, are equal.
+        There the hazards of both, −d ln S/d ln ε, are equal: found by halving, or for Weibull's
+        law, h = m ln 2 (ε/ε̃)^m, in closed form. Infinite where flaws are always the greater one.
         """
+        own = np.hypot(self.scatter, error)
+        wide = np.hypot(own, self.flaw_widening)
         middle = np.log(self.median)
-        end = np.minimum(log_strain, middle + _WIDEST)
-        past = self._is_past_flaws(end, error)
-        if not past.any():
-            return np.asarray(end)
-        low, high = middle - self.flaw_cut - _WIDEST, end
-        for _ in range(_HALVINGS):
-            between = 0.5 * (low + high)
-            beyond = self._is_past_flaws(between, error)
-            low, high = np.where(beyond, low, between), np.where(beyond, between, high)
-        return np.where(past, low, end)
+        if self.law == "weibull":
+            m, of_flaws = GUMBEL / own, GUMBEL / wide
+            with np.errstate(divide="ignore", invalid="ignore"):
+                beyond = (of_flaws * self.flaw_cut - np.log(m / of_flaws)) / (m - of_flaws)
+            return np.where(m > of_flaws, middle + beyond, math.inf)
+        low, high = middle - self.flaw_cut - _WIDEST, middle + _WIDEST
+        ever = self._is_past_flaws(high, error)
+        last = _last_held(lambda at: ~self._is_past_flaws(at, error), low, high)
+        return np.where(ever, last, math.inf)
 
     def _is_past_flaws(self, log_strain: FloatArray, error: npt.ArrayLike) -> NDArray[np.bool_]:
         own = np.hypot(self.scatter, error)
@@ -526,6 +536,17 @@ class Strength:
         of_flaws = _log_hazard(self._flaw_score(log_strain, error), self.law) - np.log(wide)
         of_others = _log_hazard(self._score(log_strain, error), self.law) - np.log(own)
         return np.asarray(of_flaws < of_others)
+
+
+def _last_held(
+    holds: Callable[[FloatArray], NDArray[np.bool_]], low: FloatArray, high: FloatArray
+) -> FloatArray:
+    """Return up to where something holds that holds at ``low`` and ceases once, by halving."""
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        held = holds(middle)
+        low, high = np.where(held, middle, low), np.where(held, high, middle)
+    return 0.5 * (low + high)
 
 
 def _log_hazard(score: FloatArray, law: ScatterLaw) -> FloatArray:

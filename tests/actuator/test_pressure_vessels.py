@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from bayesdeg.actuator.body import QUADRATIC, Body, boundary_faces, box, isoparametric
+from bayesdeg.actuator.body import boundary_faces, box, isoparametric
 from bayesdeg.actuator.material import MaterialGroups
 from bayesdeg.actuator.problem import Problem, System
 from bayesdeg.actuator.status import PathEffort
@@ -74,35 +74,45 @@ def bore_force(body, faces, rule):
     return force
 
 
-def octant(n):
-    """An eighth of a hollow sphere: three blocks, each n bricks a side, that meet in (1, 1, 1)."""
-    brick = box((1.0, 1.0, 1.0), divisions=(n, n, n))
-    radius = INNER + (OUTER - INNER) * brick.nodes[:, :1]
+def octant(cube):
+    """An eighth of a hollow sphere: three unit cubes of one mesh that meet in (1, 1, 1)."""
+    radius = INNER + (OUTER - INNER) * cube.nodes[:, :1]
     towards = np.column_stack(
-        [np.ones(len(brick.nodes)), *np.tan(0.25 * np.pi * brick.nodes[:, 1:]).T]
+        [np.ones(len(cube.nodes)), *np.tan(0.25 * np.pi * cube.nodes[:, 1:]).T]
     )
     block = radius * towards / np.linalg.norm(towards, axis=1, keepdims=True)
     every = np.concatenate([np.roll(block, turn, axis=1) for turn in range(3)])
     _, first, node = np.unique(np.round(every, 9), axis=0, return_index=True, return_inverse=True)
     nodes = every[first]
-    elements = np.concatenate([brick.elements + turn * len(block) for turn in range(3)])
+    elements = np.concatenate([cube.elements + turn * len(block) for turn in range(3)])
     elements = node.ravel()[elements]
-    gradients, weights = isoparametric(QUADRATIC, nodes[elements])
-    none = np.empty((0, 9), dtype=np.int64)
-    body = Body(
-        QUADRATIC,
-        nodes,
-        elements,
-        gradients,
-        weights,
-        cavity=none,
-        paper=none,
+    gradients, weights = isoparametric(cube.element, nodes[elements])
+    body = replace(
+        cube,
+        nodes=nodes,
+        elements=elements,
+        gradients=gradients,
+        weights=weights,
         fixed=np.isclose(nodes, 0.0),
         depth=np.full(weights.shape, np.inf),
     )
     faces = boundary_faces(body)
     radii = np.linalg.norm(nodes[faces], axis=2)
     return replace(body, cavity=faces[np.all(np.isclose(radii, INNER), axis=1)])
+
+
+def of_bricks(n):
+    return octant(box((1.0, 1.0, 1.0), divisions=(n, n, n)))
+
+
+def errors_of_sphere(octants, path_of):
+    """Errors of the bore's radius under the pressure of the closed form, mesh by mesh."""
+    errors = []
+    for body in octants:
+        path = path_of(Problem(System(body), YEOH), (sphere_pressure(),), EXACT)
+        found = mean_radius(body, path.states[0].displacement, np.unique(body.cavity))
+        errors.append(abs(found / GROWN - 1.0))
+    return errors
 
 
 def mean_radius(body, displacement, at):
@@ -127,12 +137,7 @@ def test_thick_cylinder_under_the_traction_of_its_pressure(at_rest, face_rule):
 
 def test_thick_sphere_under_follower_pressure(path_of):
     """The pressure of the closed form grows the bore to the radius of the closed form."""
-    errors = []
-    for n in (1, 2, 4):
-        body = octant(n)
-        path = path_of(Problem(System(body), YEOH), (sphere_pressure(),), EXACT)
-        found = mean_radius(body, path.states[0].displacement, np.unique(body.cavity))
-        errors.append(abs(found / GROWN - 1.0))
+    errors = errors_of_sphere(map(of_bricks, (1, 2, 4)), path_of)
     orders = -np.diff(np.log2(errors))
     print("sphere: error of the bore", [f"{e:.1e}" for e in errors], "orders", orders.round(2))
     assert errors[-1] < 1e-3
@@ -141,7 +146,7 @@ def test_thick_sphere_under_follower_pressure(path_of):
 
 def test_compressibility_of_the_sphere_is_in_proportion_to_one_over_the_bulk_modulus(path_of):
     """What K/C1 = 1e5 leaves of the difference to the incompressible solution."""
-    body, radii = octant(2), []
+    body, radii = of_bricks(2), []
     for bulk in (1e3, 1e4, 1e5, 1e8):
         problem = Problem(System(body), replace(YEOH, bulk_ratio=bulk))
         path = path_of(problem, (sphere_pressure(),), EXACT)
@@ -155,7 +160,7 @@ def test_compressibility_of_the_sphere_is_in_proportion_to_one_over_the_bulk_mod
 def test_cavity_of_the_sphere_at_rest_converges_to_the_eighth_of_a_ball():
     errors = []
     for n in (1, 2, 4):
-        body = octant(n)
+        body = of_bricks(n)
         problem = Problem(System(body), YEOH)
         volume = problem.linearise(problem.system.rest(), tangent=False).cavity_volume
         errors.append(abs(volume / (np.pi / 6.0) - 1.0))

@@ -10,7 +10,6 @@ import scipy.sparse as sp
 from bayesdeg.actuator import kernels, paper
 from bayesdeg.actuator.body import (
     TETRAHEDRON,
-    Body,
     boundary_faces,
     faces_on_plane,
     isoparametric,
@@ -19,7 +18,7 @@ from bayesdeg.actuator.body import (
 from bayesdeg.actuator.curve import Actuator, Curve, ExactMap
 from bayesdeg.actuator.mesh import build_mesh
 from bayesdeg.actuator.paper import bending_matrix
-from bayesdeg.actuator.problem import MechanicalState, Problem, System
+from bayesdeg.actuator.problem import Problem, System
 from bayesdeg.actuator.section import section
 from bayesdeg.actuator.sensitivity import INPUTS
 from bayesdeg.actuator.status import Resolution
@@ -44,19 +43,12 @@ from tests.actuator.test_patch import (
     MATERIAL,
     PRINCIPAL,
     SIZE,
+    assert_affine,
     internal_force,
     is_inside,
     pressure_that_frees,
 )
-from tests.actuator.test_pressure_vessels import (
-    EXACT,
-    GROWN,
-    INNER,
-    OUTER,
-    YEOH,
-    mean_radius,
-    sphere_pressure,
-)
+from tests.actuator.test_pressure_vessels import errors_of_sphere, octant
 from tests.peers.peer_path import FRESH
 
 
@@ -149,24 +141,7 @@ def test_forces_of_a_stretched_block_are_those_of_the_closed_form(mode, stretch)
 
 
 def test_affine_boundary_gives_an_affine_solution():
-    body = distorted()
-    inside = is_inside(body)
-    system = System(replace(body, fixed=np.repeat(~inside[:, None], 3, axis=1)))
-    problem = Problem(system, MATERIAL)
-    affine = body.nodes * (np.array(PRINCIPAL["planar"](1.3)) * 1.01 - 1.0)
-    start = np.where(inside[:, None], 0.97 * affine, affine)
-    state = MechanicalState(start, system.rest().pressure, 0.0)
-    for _ in range(12):
-        lin = problem.linearise(state)
-        upper = system.upper.copy()
-        upper.data = lin.tangent
-        tangent = (upper + sp.triu(upper, k=1).T).toarray()
-        increment = system.expand(np.linalg.solve(tangent, -lin.residual))
-        change = problem.pressure_increment(lin, increment, lin.volume_residual)
-        state = state.moved(increment, change)
-    np.testing.assert_allclose(state.displacement, affine, atol=1e-10)
-    field = state.pressure @ body.element.modes.T
-    np.testing.assert_allclose(field, MATERIAL.bulk_ratio * (1.01**3 - 1.0), rtol=1e-10)
+    assert_affine(distorted(), "planar")
 
 
 def inf_sup(counts):
@@ -263,41 +238,13 @@ def test_paper_on_triangles_has_the_energy_and_forces_of_its_law(law):
 # ---- closed forms
 
 
-def octant(n):
-    """An eighth of a hollow sphere of tetrahedra whose nodes lie on spheres."""
-    points, cells = cube((n, n, n))
-    straight = tetrahedra_of(points, cells)
-    radius = INNER + (OUTER - INNER) * straight.nodes[:, :1]
-    towards = np.column_stack(
-        [np.ones(len(straight.nodes)), *np.tan(0.25 * np.pi * straight.nodes[:, 1:]).T]
-    )
-    block = radius * towards / np.linalg.norm(towards, axis=1, keepdims=True)
-    every = np.concatenate([np.roll(block, turn, axis=1) for turn in range(3)])
-    _, first, node = np.unique(np.round(every, 9), axis=0, return_index=True, return_inverse=True)
-    nodes = every[first]
-    elements = np.concatenate([straight.elements + turn * len(block) for turn in range(3)])
-    elements = node.ravel()[elements]
-    gradients, weights = isoparametric(TETRAHEDRON, nodes[elements])
-    none = np.empty((0, 7), dtype=np.int64)
-    held, depth = np.isclose(nodes, 0.0), np.full(weights.shape, np.inf)
-    body = Body(TETRAHEDRON, nodes, elements, gradients, weights, none, none, held, depth)
-    faces = boundary_faces(body)
-    radii = np.linalg.norm(nodes[faces], axis=2)
-    return replace(body, cavity=faces[np.all(np.isclose(radii, INNER), axis=1)])
-
-
 @pytest.mark.fem
 def test_thick_sphere_under_follower_pressure(path_of):
     """The pressure of the closed form grows the bore to the radius of the closed form."""
-    errors = []
-    for n in (1, 2, 4):
-        body = octant(n)
-        path = path_of(Problem(System(body), YEOH), (sphere_pressure(),), EXACT)
-        found = mean_radius(body, path.states[0].displacement, np.unique(body.cavity))
-        errors.append(abs(found / GROWN - 1.0))
-    orders = -np.diff(np.log2(errors))
+    octants = (octant(tetrahedra_of(*cube((n, n, n)))) for n in (1, 2, 4))
+    errors = errors_of_sphere(octants, path_of)
     assert errors[-1] < 2e-3
-    assert np.all(orders > 2.9)
+    assert np.all(-np.diff(np.log2(errors)) > 2.9)
 
 
 # ---- parts

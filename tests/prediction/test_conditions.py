@@ -14,7 +14,6 @@ from bayesdeg.inference.sampling import Chain
 from bayesdeg.observations.curvature import ActuatorCurves
 from bayesdeg.prediction.conditions import PROMPT, ServiceConditions
 from bayesdeg.prediction.control import control
-from bayesdeg.prediction.history import history
 from bayesdeg.prediction.predictive import (
     QUANTILES,
     Grid,
@@ -22,6 +21,7 @@ from bayesdeg.prediction.predictive import (
     curvature_bands,
     draw_specimens,
     draw_values,
+    history,
     moving_nothing,
     respond,
     rupture_table,
