@@ -15,11 +15,12 @@ seconds that its verdict and the whole run take on all cores.
 import argparse
 import json
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict
 from functools import cache
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 from fine_library import shipped_library
@@ -29,6 +30,7 @@ from hidden_studies import HiddenStudy, drawn_study, made
 from hidden_summary import summary
 from hidden_tables import markdown
 from numpy.typing import NDArray
+from physical_effects import SINGLE_DRAW, PhysicalStudy, drawn_by_physics, made_by_physics
 from threadpoolctl import threadpool_limits
 
 from bayesdeg.actuator.inputs import ForwardMap
@@ -52,6 +54,7 @@ from bayesdeg.report.wording import worded
 Floats = NDArray[np.float64]
 Json = dict[str, object]
 Recorded = dict[tuple[int, str, int], Json]
+Changes = Mapping[str, Floats]
 
 STORE = Path(".cache/hidden_effects")
 SEED = 6
@@ -71,9 +74,7 @@ def library() -> ForwardMap:
 
 def judged(study: HiddenStudy, folder: Path, *, effort: str, seed: int) -> Json:
     """Make one study, judge it from its folder, and return what was found beside the truth."""
-    command = f"benchmarks/hidden_effects.py, study {study.number}"
-    _, truth = made(study, folder, forward=library(), seed=seed, command=command)
-    (folder / "truth.json").unlink()
+    truth, changes = _planted(study, folder, seed)
     start = time.perf_counter()
     with threadpool_limits(limits=1):
         assembly = assemble(read_study(folder))
@@ -95,13 +96,31 @@ def judged(study: HiddenStudy, folder: Path, *, effort: str, seed: int) -> Json:
         "design": study.design,
         "size": study.size,
         "hidden": {hidden.cause.name: dict(hidden.values) for hidden in study.effects},
-        "visible": visible(judgement.search.base, study.effects, truth),
+        "visible": visible(judgement.search.base, study.effects, truth, changes),
+        **_physics(study),
         "baseline": _baseline(linear, judgement),
         "effort": effort,
         "seconds_fit": begun - start,
         "seconds_verdict": time.perf_counter() - begun,
         **_found(judgement),
     }
+
+
+def _planted(study: HiddenStudy, folder: Path, seed: int) -> tuple[Truth, Changes]:
+    """Write the folder of a study; return what is true, and changes of readings that are known."""
+    command = f"benchmarks/hidden_effects.py, study {study.number}"
+    if isinstance(study, PhysicalStudy):
+        return made_by_physics(study, folder, forward=library(), seed=seed, command=command)
+    _, truth = made(study, folder, forward=library(), seed=seed, command=command)
+    (folder / "truth.json").unlink()
+    return truth, {}
+
+
+def _physics(study: HiddenStudy) -> Json:
+    """Return what is known of effects that are planted by physics; nothing of others."""
+    if not isinstance(study, PhysicalStudy):
+        return {}
+    return {"physics": True, "about": [one.cause for one in study.physics if not one.exact]}
 
 
 def _found(judgement: Judgement) -> Json:
@@ -135,11 +154,17 @@ def _found(judgement: Judgement) -> Json:
     }
 
 
-def visible(base: Trial, hidden: tuple[HiddenEffect, ...], truth: Truth) -> dict[str, float]:
+def visible(
+    base: Trial,
+    hidden: tuple[HiddenEffect, ...],
+    truth: Truth,
+    changes: Changes = MappingProxyType({}),
+) -> dict[str, float]:
     """Return how large each hidden effect is after a refit of all else, in standard deviations.
 
     At the base fit, but with the true scatter and errors: those of the base fit have grown to make
-    room for the effect.
+    room for the effect. An effect is what it changes of the readings where that is known, else
+    what the rule of its entry says.
     """
     true, mode = truth.named(), base.mode.copy()
     for i, parameter in enumerate(base.subject.table.parameters):
@@ -149,7 +174,12 @@ def visible(base: Trial, hidden: tuple[HiddenEffect, ...], truth: Truth) -> dict
     linear = linearise(base.subject, mode, uncertain=base.uncertain)
     if not linear.is_known:
         linear = base.linear
-    columns = {one.cause.name: _column(linear, one) for one in hidden}
+    columns = {
+        one.cause.name: linear.whiten_columns(changes[one.cause.name])
+        if one.cause.name in changes
+        else _column(linear, one)
+        for one in hidden
+    }
     sizes = {}
     for name, column in columns.items():
         others = [other for n, other in columns.items() if n != name and np.any(other)]
@@ -212,7 +242,8 @@ def run_all(
 
 
 def _one(number: int, store: Path, effort: str, seed: int) -> Json:
-    found = judged(drawn_study(number, seed=seed), store / str(number), effort=effort, seed=seed)
+    study = (drawn_by_physics if number >= SINGLE_DRAW else drawn_study)(number, seed=seed)
+    found = judged(study, store / str(number), effort=effort, seed=seed)
     part = store / f"{number}.part"
     part.write_text(json.dumps(found), encoding="utf-8")
     part.replace(store / f"{number}.json")

@@ -817,6 +817,14 @@ class FieldActuator:
         return found
 
 
+def _elastic(actuator: FieldActuator, load: Floats) -> Floats:
+    """Return what is read at loads without a memory, (n, 3); the way there does not matter."""
+    loads, places = np.unique(load, return_inverse=True)
+    schedule = Schedule(loads, np.zeros(len(loads)))
+    read = actuator.tested(Elastic(Field(actuator.body.constants)), schedule)
+    return read[places][:, [0, 1, PEAK]]
+
+
 def _parts(held: float, longest: float) -> list[float]:
     """Return spans of a hold, none longer than ``longest``; none without a hold."""
     if held <= 0.0 or np.isinf(longest):
@@ -902,8 +910,7 @@ class FieldMap:
         if self.finer is not None:
             plain = mounting == Mounting()
             whole = actuator if plain else FieldActuator(mesh, material)
-            memory = Elastic(Field(whole.body.constants))
-            elastic = whole.tested(memory, schedule)[:, [0, 1, PEAK]]
+            elastic = _elastic(whole, load)
             if not plain:
                 whole.body.solver.close()
             # without pressure neither bends

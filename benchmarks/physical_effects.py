@@ -1,0 +1,725 @@
+"""Effects planted by physics of a laboratory, never by the rule of the entry that explains them.
+
+Each entry of the catalogue that can show in readings has a mechanism here that comes from
+mechanics, gas flow, chemistry, optics or a slip of the pen: another geometry that is meshed, water
+that diffuses, stress that relaxes, paper whose fibres are cut, a crack that leaks, a form filled in
+on another basis. Nothing of `bayesdeg.causes` is called. Where the entry's rule is the same physics
+its sizes are known, and intervals can be held against them; elsewhere the rule is an
+approximation, and what is asked is whether the entry is named.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from hidden_studies import ONLY_IN, REFUSED, HiddenStudy, designs, experimented, write_folder
+from numpy.typing import NDArray
+from planted_studies import (
+    DENSE,
+    ENERGY,
+    EQUATION_6,
+    MELTING,
+    OF_FILMS,
+    STEEPNESS,
+    dry_basis,
+)
+
+from bayesdeg.actuator.curve import ExactMap
+from bayesdeg.actuator.geometry import Geometry
+from bayesdeg.actuator.inputs import ForwardMap, Inputs, Prediction, gravity_direction
+from bayesdeg.actuator.mesh import COARSE, FINE, Resolution
+from bayesdeg.causes.catalogue import find
+from bayesdeg.data.settings import Dimensions, Settings
+from bayesdeg.data.study import read_study
+from bayesdeg.laboratory.experiment import Design
+from bayesdeg.laboratory.fields import (
+    Diffusion,
+    Drying,
+    Elastic,
+    Field,
+    FieldActuator,
+    FieldMap,
+    Memory,
+    Softened,
+    Viscous,
+    Water,
+    reacted,
+)
+from bayesdeg.laboratory.mounting import Bond, Mounting
+from bayesdeg.laboratory.truth import HiddenEffect, Truth
+from bayesdeg.laboratory.writing import TRUTH_FILE, Provenance
+from bayesdeg.pipeline.assemble import assemble
+
+Floats = NDArray[np.float64]
+Tables = Mapping[str, pd.DataFrame]
+
+ATMOSPHERE = 101.3  # kPa
+GRAVITY = 9.81  # m/s²
+MOST_DEGRADED = 30.5  # D_R after long burial [%], see `bayesdeg.laboratory.truth.Truth`
+WORST = 25.0  # %, at which sizes that grow with the degradation rate are given
+FRESH = 0.5  # %, below which nothing has degraded
+MIDDLE = Resolution(along=1.8, across=1.3, up=2.5)  # of paper that comes off, see planted_studies
+SHARPNESS = 0.1  # beta of Ogden and Roxburgh
+ALIKE = 0.1  # relative scatter, from actuator to actuator, of how its paper was bonded
+#: Designs with fewer actuators where a field is solved for each: degradation rates and copies.
+SMALL: Mapping[str, tuple[tuple[float, ...], int]] = {
+    "careful": ((0.0, 10.0, 25.0), 3),
+    "history": ((0.0, 10.0, 25.0), 2),
+}
+
+
+@dataclass(frozen=True)
+class Tests:
+    """Tests of actuators as arrays of specimens by readings.
+
+    Parameters
+    ----------
+    table : pandas.DataFrame
+        ``Design.actuator``.
+    """
+
+    table: pd.DataFrame
+
+    def column(self, name: str) -> NDArray[np.generic]:
+        """Return a column, (n_specimens, n_readings)."""
+        groups = self.table.groupby("specimen_id", sort=False)[name]
+        return np.stack([group.to_numpy() for _, group in groups])
+
+    @property
+    def level(self) -> Floats:
+        """Degradation rates that are aimed at, (n_specimens, 1) [%]."""
+        return self.column("degradation_pct")[:, :1].astype(float)
+
+    @property
+    def held(self) -> Floats:
+        """How long each pressure is held [s]."""
+        if "time_s" not in self.table:
+            return np.zeros(self.column("pressure_kPa").shape)
+        return np.diff(self.column("time_s").astype(float), prepend=0.0)
+
+
+@dataclass(frozen=True)
+class Physical:
+    """One effect as it happens in a laboratory.
+
+    Parameters
+    ----------
+    cause : str
+        Entry of the catalogue that stands for it.
+    values : mapping of str to float
+        What the entry's sizes come to.
+    exact : bool
+        Whether that is so at every reading; else it is about so.
+    met : callable, optional
+        What the mechanics meets of what was set and cast.
+    read : callable, optional
+        What is read of what the mechanics does.
+    memory : callable, optional
+        Of the material of an actuator, at a degradation rate [%].
+    mounting : callable, optional
+        How an actuator of a degradation rate is bonded and held.
+    moulded : callable, optional
+        Dimensions of an actuator of a degradation rate.
+    recorded : callable, optional
+        Tables as they are written down, from those that would be right, and a generator.
+    noted, noted_of_films : mapping
+        Further columns of actuators, each with its values by the number of the copy, and of films.
+    """
+
+    cause: str
+    values: Mapping[str, float]
+    exact: bool = True
+    met: Callable[[Inputs, Tests], Inputs] | None = None
+    read: Callable[[Prediction, Tests], Prediction] | None = None
+    memory: Callable[[FieldActuator, float], Memory] | None = None
+    mounting: Callable[[float], Mounting] | None = None
+    moulded: Callable[[float], Dimensions] | None = None
+    recorded: Callable[[Tables, np.random.Generator], Tables] | None = None
+    noted: Mapping[str, tuple[object, ...]] = field(default_factory=dict)
+    noted_of_films: Mapping[str, object] = field(default_factory=dict)
+
+    @property
+    def is_solved(self) -> bool:
+        """Whether a field or another mesh is solved for each actuator."""
+        return any((self.memory, self.mounting, self.moulded))
+
+    @property
+    def shows_in_readings(self) -> bool:
+        """Whether readings of actuators differ, and not only what is written beside them."""
+        return self.is_solved or bool(self.met or self.read)
+
+
+def design_with(effects: Sequence[Physical], whole: Design, name: str) -> Design:
+    """Return the tests, with what is noted beside them; fewer actuators where each is solved."""
+    table = whole.actuator
+    copy = table["specimen_id"].str[-1].astype(int)
+    noted: dict[str, object] = {}
+    of_films: dict[str, object] = {}
+    for one in effects:
+        noted |= {key: copy.map(lambda k, of=v: of[k - 1]) for key, v in one.noted.items()}
+        of_films |= one.noted_of_films
+    kept = np.ones(len(table), dtype=bool)
+    if any(one.is_solved for one in effects) and name in SMALL:
+        levels, copies = SMALL[name]
+        kept = (table["degradation_pct"].isin(levels) & (copy <= copies)).to_numpy()
+    actuator = table.assign(**noted)[kept].reset_index(drop=True)
+    return replace(whole, actuator=actuator, tensile=whole.tensile.assign(**of_films))
+
+
+def forward_with(effects: Sequence[Physical], design: Design, forward: ForwardMap) -> ForwardMap:
+    """Return a map of actuators in which all effects are at work."""
+    tests = Tests(design.actuator)
+    mechanics = forward
+    for one in effects:
+        mechanics = _solving(one, tests, mechanics)
+
+    def answered(inputs: Inputs) -> Prediction:
+        for one in effects:
+            inputs = one.met(inputs, tests) if one.met else inputs
+        prediction = mechanics(inputs)
+        for one in effects:
+            prediction = one.read(prediction, tests) if one.read else prediction
+        return prediction
+
+    return answered
+
+
+def _solving(one: Physical, tests: Tests, finer: ForwardMap) -> ForwardMap:
+    """Return a map whose readings are multiplied by what an effect changes on a coarser mesh."""
+    levels = tests.level[:, 0]
+    if one.moulded is not None:
+        return _reshaped(one.moulded, levels, finer)
+    if one.memory is None and one.mounting is None:
+        return finer
+    memory = one.memory or _elastic
+    mounting = one.mounting or (lambda level: Mounting())
+    return FieldMap(
+        Geometry(Dimensions()),
+        COARSE if one.mounting is None else MIDDLE,
+        tests.held,
+        lambda actuator, place: memory(actuator, float(levels[place])),
+        mounting=lambda place: mounting(float(levels[place])),
+        finer=finer,
+    )
+
+
+def _reshaped(
+    moulded: Callable[[float], Dimensions], levels: Floats, finer: ForwardMap
+) -> ForwardMap:
+    """Return a map of actuators of other dimensions, by the ratio of two coarse meshes."""
+
+    def answered(inputs: Inputs) -> Prediction:
+        fine = finer(inputs)
+        shape, ratios = fine.curvature.shape, np.ones((2, *fine.curvature.shape))
+        for level in np.unique(levels):
+            here = np.flatnonzero(levels == level)
+            asked = _specimens(inputs, here, shape)
+            changed, plain = (
+                ExactMap(Geometry(dimensions), COARSE)(asked)
+                for dimensions in (moulded(float(level)), Dimensions())
+            )
+            ratios[0][:, here] = changed.curvature / plain.curvature
+            ratios[1][:, here] = changed.bend_angle / plain.bend_angle
+        curvature, angle = fine.curvature * ratios[0], fine.bend_angle * ratios[1]
+        return replace(fine, curvature=curvature, bend_angle=angle)
+
+    return answered
+
+
+def _specimens(inputs: Inputs, places: NDArray[np.intp], shape: tuple[int, ...]) -> Inputs:
+    arrays = {
+        one.name: np.broadcast_to(value, shape)[:, places]
+        for one in fields(inputs)
+        if isinstance(value := getattr(inputs, one.name), np.ndarray)
+    }
+    return replace(inputs, **arrays)
+
+
+def _elastic(actuator: FieldActuator, level: float) -> Memory:
+    return Elastic(Field(actuator.body.constants))
+
+
+def _times(inputs: Inputs, factor: float | Floats) -> Inputs:
+    """Return inputs of a body that is stiffer by a factor, and its paper not."""
+    return replace(inputs, c1=factor * inputs.c1, c2=factor * inputs.c2, c3=factor * inputs.c3)
+
+
+def _burial(level: float | Floats) -> Floats:
+    """Return the hours in the soil over the time constant, for a degradation rate [%]."""
+    return -np.log1p(-np.asarray(level) / MOST_DEGRADED)
+
+
+def _either(generator: np.random.Generator) -> float:
+    return float(generator.choice([-1.0, 1.0]))
+
+
+# what happens, by the entry that stands for it: each of a size over the usual one
+
+
+def other_weather(size: float, generator: np.random.Generator) -> Physical:
+    """A sealed gauge shows how far the air's pressure has fallen since it was sealed."""
+    fallen = 8.0 * size
+
+    def met(inputs: Inputs, tests: Tests) -> Inputs:
+        absolute = inputs.pressure + ATMOSPHERE - fallen
+        return replace(inputs, pressure=np.maximum(absolute - ATMOSPHERE, 0.0))
+
+    return Physical("pressure_offset", {"offset": fallen}, met=met)
+
+
+def leaking_crack(size: float, generator: np.random.Generator) -> Physical:
+    """Air flows through a thin hose and out of a crack, each by P₁² − P₂² as a laminar gas does."""
+    share = 0.15 * size  # of the hose in the resistance of both
+
+    def met(inputs: Inputs, tests: Tests) -> Inputs:
+        supply = (inputs.pressure + ATMOSPHERE) ** 2
+        inside = np.sqrt((1.0 - share) * supply + share * ATMOSPHERE**2)
+        return replace(inputs, pressure=inside - ATMOSPHERE)
+
+    return Physical("pressure_loss", {"fraction": 0.8 * share}, exact=False, met=met)
+
+
+def wrong_weight(size: float, generator: np.random.Generator) -> Physical:
+    """The gauge's span was set against a weight that is not the stated one."""
+    gain = 0.04 * size * _either(generator)
+
+    def met(inputs: Inputs, tests: Tests) -> Inputs:
+        stated = 25.0  # N, on the piston of the dead-weight tester
+        return replace(inputs, pressure=inputs.pressure * (stated * (1.0 + gain)) / stated)
+
+    return Physical("gauge_gain", {"gain": gain}, met=met)
+
+
+def concentrated(size: float, generator: np.random.Generator) -> Physical:
+    """Cast walls dried more, or less, than films: a gel's modulus goes with its concentration²."""
+    log_ratio = 0.15 * size * _either(generator)
+    concentration = np.exp(0.5 * log_ratio)
+    return Physical(
+        "film_mismatch", {"log_ratio": log_ratio}, met=lambda i, t: _times(i, concentration**2)
+    )
+
+
+def dense_batch(size: float, generator: np.random.Generator) -> Physical:
+    """The second batch of actuators was mixed with too little water."""
+    missing = 0.09 * size
+    concentration = 1.0 / (1.0 - missing)
+
+    def met(inputs: Inputs, tests: Tests) -> Inputs:
+        dense = tests.column("batch")[:, :1] == DENSE
+        return _times(inputs, np.where(dense, concentration**2, 1.0))
+
+    values = {"second": 2.0 * float(np.log(concentration))}
+    batches = {"batch": ("A", DENSE, "A")}
+    return Physical("batch_stiffness", values, met=met, noted=batches, noted_of_films={"batch": "A"})
+
+
+def warm_room(size: float, generator: np.random.Generator) -> Physical:
+    """Helices melt: a modulus goes with the square of their share, linear to the melting point."""
+    melting = OF_FILMS + (MELTING - OF_FILMS) / size
+
+    def met(inputs: Inputs, tests: Tests) -> Inputs:
+        warmth = tests.column("temperature_C")[:, :1].astype(float)
+        return _times(inputs, ((melting - warmth) / (melting - OF_FILMS)) ** 2)
+
+    return Physical(
+        "temperature_softening",
+        {"softening": 2.0 / (melting - 24.0)},
+        exact=False,
+        met=met,
+        noted={"temperature_C": (19.0, 22.0, 27.0)},
+        noted_of_films={"temperature_C": OF_FILMS},
+    )
+
+
+def cut_fibres(size: float, generator: np.random.Generator) -> Physical:
+    """Enzymes cut the paper's fibres at a constant rate, at which its stiffness decays."""
+    softening = 1.4 * size
+    rate = softening / float(_burial(WORST))
+
+    def met(inputs: Inputs, tests: Tests) -> Inputs:
+        left = np.exp(-rate * _burial(tests.level))
+        return replace(inputs, paper_stiffness=inputs.paper_stiffness * left)
+
+    return Physical("paper_softening", {"softening": softening}, exact=False, met=met)
+
+
+def shrunken(size: float, generator: np.random.Generator) -> Physical:
+    """Actuators are as small as what is left of their mass and water makes them."""
+    lost, moisture = EQUATION_6 * min(size, 1.15), 0.2
+    density = 3.0 / (2.0 / 1.35 + 1.0 / 1.26)  # g/cm³, of gelatin and glycerol 2 : 1 by mass
+
+    def kept(rate: Floats) -> Floats:
+        water = dry_basis(moisture * (1.0 - rate / 100.0))
+        dry = 1.0 - lost * (1.0 - water / dry_basis(moisture))
+        return dry * (1.0 / density + water) / (1.0 / density + dry_basis(moisture))
+
+    def met(inputs: Inputs, tests: Tests) -> Inputs:
+        return replace(inputs, linear_scale=inputs.linear_scale * np.cbrt(kept(tests.level)))
+
+    values = {"lost_volume": float(1.0 - kept(np.array(WORST)))}
+    return Physical("degraded_shrinkage", values, exact=False, met=met)
+
+
+def entangled(size: float, generator: np.random.Generator) -> Physical:
+    """Entanglements add r (√I₂ − √3) to the energy of all that is made of the gel, films too."""
+    ratio = 0.4 * size
+
+    def met(inputs: Inputs, tests: Tests) -> Inputs:
+        return replace(inputs, second_invariant=ratio * inputs.c1)
+
+    def recorded(tables: Tables, generator: np.random.Generator) -> Tables:
+        films = tables["tensile"]
+        stretch = films["stretch"].to_numpy(float)
+        # in uniaxial tension I₂ = 2 λ + λ⁻²; C1 is that of the film's own first readings
+        root = np.sqrt(2.0 * stretch + stretch**-2)
+        added = ratio * _first_constant(films) * (1.0 - stretch**-3) / root
+        stress = films["stress_MPa"] + added
+        return {**tables, "tensile": films.assign(stress_MPa=stress.round(6))}
+
+    return Physical("second_invariant", {"ratio": ratio}, met=met, recorded=recorded)
+
+
+def _first_constant(films: pd.DataFrame) -> Floats:
+    """Return C1 of each reading's film, from its stress at small stretch: σ = 2 C1 (λ − λ⁻²)."""
+    basis = 2.0 * (films["stretch"] - films["stretch"] ** -2)
+    small = films["stretch"] < films.groupby("degradation_pct")["stretch"].transform("min") * 1.2
+    kept = films[small].assign(basis=basis[small])
+    stress = kept.groupby("degradation_pct")["stress_MPa"].sum()
+    found = stress / kept.groupby("degradation_pct")["basis"].sum()
+    return films["degradation_pct"].map(found).to_numpy(float)
+
+
+def cockled(size: float, generator: np.random.Generator) -> Physical:
+    """Paper that cockled while it was wet: waves of height a and length ℓ are longer by (π a/ℓ)²."""
+    wave, height = 8.0, 8.0 / np.pi * np.sqrt(0.015 * size)  # mm
+
+    def met(inputs: Inputs, tests: Tests) -> Inputs:
+        return replace(inputs, paper_slack=np.asarray((np.pi * height / wave) ** 2))
+
+    return Physical("paper_slack", {"slack": 0.015 * size}, met=met)
+
+
+def dried_on_paper(size: float, generator: np.random.Generator) -> Physical:
+    """The gel went on drying on its paper, each actuator a little more or less than the others."""
+    mismatch = min(0.017 * size, 0.027)
+
+    def met(inputs: Inputs, tests: Tests) -> Inputs:
+        own = 1.0 + ALIKE * np.random.default_rng(len(tests.table)).standard_normal(
+            (len(tests.level), 1)
+        )
+        return replace(inputs, paper_mismatch=mismatch * own)
+
+    return Physical("initial_curvature", {"mismatch": mismatch}, exact=False, met=met)
+
+
+def wetter_walls(size: float, generator: np.random.Generator) -> Physical:
+    """Walls kept another share of their water than the films whose volume ratio was weighed."""
+    scale = 1.0 + 0.12 * size * _either(generator)
+    return Physical(
+        "shrinkage_reading",
+        {"scale_error": scale - 1.0},
+        met=lambda inputs, tests: replace(
+            inputs, linear_scale=np.cbrt(inputs.linear_scale**3 * scale**3)
+        ),
+    )
+
+
+def weighty(size: float, generator: np.random.Generator) -> Physical:
+    """Gelatin and glycerol have a weight."""
+    density = min(1150.0 * size, 1600.0)  # kg/m³
+
+    def met(inputs: Inputs, tests: Tests) -> Inputs:
+        mounts = tests.column("mount")
+        along, up = np.moveaxis(
+            np.array([[gravity_direction(str(m)) for m in row] for row in mounts]), -1, 0
+        )
+        weight = density * GRAVITY * 1e-6 * 1e3  # kN/m³
+        return replace(inputs, weight_along=weight * along[None], weight_up=weight * up[None])
+
+    values = {"density": density}
+    return Physical("gravity", values, exact=False, met=met)
+
+
+def traced_above(size: float, generator: np.random.Generator) -> Physical:
+    """Marks on the side wall, at a height over the bottom, through which a circle is laid."""
+    height = 5.0 * size  # mm
+
+    def read(prediction: Prediction, tests: Tests) -> Prediction:
+        radius = 1e3 / np.maximum(prediction.curvature, 1e-9) + height
+        return replace(prediction, curvature=1e3 / radius)
+
+    return Physical("curvature_reading", {"fibre_height": height}, read=read)
+
+
+def over_width(size: float, generator: np.random.Generator) -> Physical:
+    """Forces on films were divided by the width that a camera saw, and the first thickness."""
+    power = min(0.5 * size, 0.9)
+
+    def recorded(tables: Tables, generator: np.random.Generator) -> Tables:
+        films = tables["tensile"]
+        width = films["stretch"] ** -power  # over the first one; both would be λ⁻¹
+        return {**tables, "tensile": films.assign(stress_MPa=(films["stress_MPa"] / width).round(6))}
+
+    return Physical("stress_measure", {"confusion": power}, recorded=recorded)
+
+
+def other_pot(size: float, generator: np.random.Generator) -> Physical:
+    """Actuators lay in wetter soil than the films by whose moisture their rate is known."""
+    shift = 3.0 * size * _either(generator)
+
+    def recorded(tables: Tables, generator: np.random.Generator) -> Tables:
+        readings = tables["actuator"]
+        names = readings["specimen_id"].drop_duplicates()
+        slips = dict(zip(names, 0.5 * generator.standard_normal(len(names)), strict=True))
+        rate = readings["degradation_pct"]
+        written = (rate - shift - readings["specimen_id"].map(slips)).clip(lower=1.0)
+        rate = rate.where(rate <= FRESH, written.round(2))
+        return {**tables, "actuator": readings.assign(degradation_pct=rate)}
+
+    return Physical("degradation_misread", {"shift": shift, "scatter": 0.5}, recorded=recorded)
+
+
+def other_basis(size: float, generator: np.random.Generator) -> Physical:
+    """Rates of actuators were computed with water over dry mass instead of over total mass."""
+    moisture = min(0.2 * size, 0.3)
+
+    def on_dry_basis(rate: Floats) -> Floats:
+        water = dry_basis(moisture * (1.0 - rate / 100.0))
+        return 100.0 * (1.0 - water / dry_basis(moisture))
+
+    def recorded(tables: Tables, generator: np.random.Generator) -> Tables:
+        readings = tables["actuator"]
+        rates = on_dry_basis(readings["degradation_pct"].to_numpy(float)).round(2)
+        return {**tables, "actuator": readings.assign(degradation_pct=rates)}
+
+    excess = WORST / float(on_dry_basis(np.array(WORST))) - 1.0
+    return Physical("degradation_scale", {"excess": excess}, exact=False, recorded=recorded)
+
+
+def relaxing(size: float, generator: np.random.Generator) -> Physical:
+    """Stress in the walls relaxes, in paper not."""
+    share, time = 0.08 * size, float(generator.uniform(15.0, 40.0))
+
+    def memory(actuator: FieldActuator, level: float) -> Memory:
+        return Viscous(actuator.body.constants, shares=(share,), times=(time,))
+
+    values = {"amount": share / (1.0 - share), "time_constant": time / (1.0 - share)}
+    return Physical("creep", values, exact=False, memory=memory)
+
+
+def softened(size: float, generator: np.random.Generator) -> Physical:
+    """The largest energy of each point so far has softened it, after Ogden and Roxburgh."""
+    share = 0.11 * size
+
+    def memory(actuator: FieldActuator, level: float) -> Memory:
+        return Softened(actuator.body.constants, r=1.0 / share, m=ENERGY, beta=SHARPNESS)
+
+    return Physical("mullins", {"softening": share}, exact=False, memory=memory)
+
+
+def drying(size: float, generator: np.random.Generator) -> Physical:
+    """Water diffuses out of the walls into dry air while the actuator is tested."""
+    water = Water(diffusivity=1e-5, transfer=2e-4, fall=1.0, stiffening=0.25 * size)
+
+    def memory(actuator: FieldActuator, level: float) -> Memory:
+        diffusion = Diffusion.on(actuator.mesh.body)
+        return Drying(diffusion, actuator.body.constants, water, step=150.0)
+
+    return Physical("humidity_drift", {"stiffening": 0.08 * size}, exact=False, memory=memory)
+
+
+def from_surfaces(size: float, generator: np.random.Generator) -> Physical:
+    """What degrades comes in through the faces in the soil, and is used up on its way."""
+    reach = 1.2 / size  # mm
+
+    def memory(actuator: FieldActuator, level: float) -> Memory:
+        rate = reacted(Diffusion.on(actuator.mesh.body), reach, level)
+        factor = np.exp(STEEPNESS * (rate - level))
+        return Elastic(Field(actuator.body.constants * factor[..., None]))
+
+    return Physical("degraded_skin", {"skin_stiffening": 0.8 * size}, exact=False, memory=memory)
+
+
+def coming_off(size: float, generator: np.random.Generator) -> Physical:
+    """Paper comes off from the free end, further where more has degraded."""
+    off = Bond(off_end=min(0.45 * size, 0.7))
+    return Physical(
+        "delamination",
+        {"looseness": size},
+        exact=False,
+        mounting=lambda level: Mounting(off.grown(level, WORST)),
+    )
+
+
+def eaten_walls(size: float, generator: np.random.Generator) -> Physical:
+    """Soil takes the faces that lie in it off at a constant rate, paper and clamp excepted."""
+    at_worst = 0.2 * min(size, 1.6)  # mm
+
+    def moulded(level: float) -> Dimensions:
+        lost = at_worst * float(_burial(level) / _burial(WORST))
+        whole = Dimensions()
+        return replace(
+            whole,
+            width=whole.width - 2.0 * lost,
+            side_wall=whole.side_wall - lost,
+            height=whole.height - lost,
+            roof=whole.roof - lost,
+            gap=whole.gap + 2.0 * lost,
+            chamber_wall=whole.chamber_wall - lost,
+            channel_roof=whole.channel_roof - lost,
+        )
+
+    values = {"lost_share": at_worst / Dimensions().roof}
+    return Physical("erosion", values, exact=False, moulded=moulded)
+
+
+def small_core(size: float, generator: np.random.Generator) -> Physical:
+    """The core of the mould was too small, or too large: all walls about it differ as much."""
+    more = 0.16 * size * _either(generator)  # mm
+
+    def moulded(level: float) -> Dimensions:
+        whole = Dimensions()
+        return replace(
+            whole,
+            roof=whole.roof + more,
+            side_wall=whole.side_wall + more,
+            end_wall=whole.end_wall + more,
+            chamber_wall=whole.chamber_wall + more,
+        )
+
+    values = {"excess": more / Dimensions().roof}
+    return Physical("wall_thickness", values, exact=False, moulded=moulded)
+
+
+HAPPENS: Mapping[str, Callable[[float, np.random.Generator], Physical]] = {
+    "pressure_offset": other_weather,
+    "pressure_loss": leaking_crack,
+    "gauge_gain": wrong_weight,
+    "film_mismatch": concentrated,
+    "batch_stiffness": dense_batch,
+    "temperature_softening": warm_room,
+    "paper_softening": cut_fibres,
+    "degraded_shrinkage": shrunken,
+    "second_invariant": entangled,
+    "paper_slack": cockled,
+    "initial_curvature": dried_on_paper,
+    "shrinkage_reading": wetter_walls,
+    "gravity": weighty,
+    "curvature_reading": traced_above,
+    "stress_measure": over_width,
+    "degradation_misread": other_pot,
+    "degradation_scale": other_basis,
+    "erosion": eaten_walls,
+    "wall_thickness": small_core,
+    "degraded_skin": from_surfaces,
+    "delamination": coming_off,
+    "creep": relaxing,
+    "humidity_drift": drying,
+    "mullins": softened,
+}
+"""By the entry of the catalogue that stands for it."""
+CHEAP = tuple(name for name in HAPPENS if not HAPPENS[name](1.0, np.random.default_rng(0)).is_solved)
+"""Those for which nothing is solved; two at once are drawn of them."""
+SINGLE_DRAW, PAIR_DRAW = 700, 1000
+"""Numbers of the first study with one effect, each entry in turn, and of the first with two."""
+SIZES = (1.0, 1.3, 1.6)  # over the usual size
+#: Show only there: batches and warmth are noted in any design, little scatter shows them.
+DESIGN_OF = {
+    **ONLY_IN,
+    **dict.fromkeys(("delamination", "erosion", "wall_thickness", "degradation_scale"), "careful"),
+    **dict.fromkeys(("gauge_gain", "degraded_shrinkage", "temperature_softening"), "careful"),
+}
+
+
+@dataclass(frozen=True)
+class PhysicalStudy(HiddenStudy):
+    """A study whose effects are planted by physics; ``effects`` only says what their sizes are.
+
+    Parameters
+    ----------
+    physics : tuple of Physical
+        What happens in it.
+    """
+
+    physics: tuple[Physical, ...] = ()
+
+
+def drawn_by_physics(number: int, *, seed: int) -> PhysicalStudy:
+    """Draw a study: from `SINGLE_DRAW` on one effect, from `PAIR_DRAW` on two at once."""
+    generator = np.random.default_rng((seed, number))
+    pair = number >= PAIR_DRAW
+    names = CHEAP if pair else tuple(HAPPENS)
+    first = names[(number - (PAIR_DRAW if pair else SINGLE_DRAW)) % len(names)]
+    design = DESIGN_OF.get(first, str(generator.choice(["angle", "angle", "careful", "curvature"])))
+    size = float(generator.choice(SIZES))
+    chosen = [first]
+    if pair:
+        fitting = [
+            name
+            for name in CHEAP
+            if name != first
+            and DESIGN_OF.get(name, design) == design
+            and {name, first} not in REFUSED
+        ]
+        chosen.append(str(generator.choice(fitting)))
+    physics = tuple(HAPPENS[name](size, generator) for name in chosen)
+    effects = tuple(HiddenEffect(find(one.cause), one.values) for one in physics)
+    kind = "pair" if pair else "single"
+    return PhysicalStudy(number, kind, design, effects, size, physics=physics)
+
+
+def made_by_physics(
+    study: PhysicalStudy, folder: Path, *, forward: ForwardMap, seed: int, command: str
+) -> tuple[Truth, Mapping[str, Floats]]:
+    """Write the folder of a study; return the truth, and what each effect changes of the readings.
+
+    The change is that against a twin, in which it alone is missing and all else is as it was. Of
+    what only changes what is written beside the readings there is none.
+    """
+    truth = _written(study, study.physics, folder, forward=forward, seed=seed, command=command)
+    observed, changes = _observed(folder), {}
+    for one in study.physics:
+        if not one.shows_in_readings:
+            continue
+        twin = folder.with_name(f"{folder.name}-without-{one.cause}")
+        others = tuple(other for other in study.physics if other is not one)
+        how = {"forward": forward, "seed": seed, "command": command}
+        same = _written(study, others, twin, **how, tests_of=study.physics)
+        without = _observed(twin)
+        if same == truth and without.shape == observed.shape:
+            changes[one.cause] = observed - without
+    return truth, changes
+
+
+def _written(
+    study: PhysicalStudy,
+    physics: tuple[Physical, ...],
+    folder: Path,
+    *,
+    forward: ForwardMap,
+    seed: int,
+    command: str,
+    tests_of: tuple[Physical, ...] | None = None,
+) -> Truth:
+    design = design_with(tests_of or physics, designs()[study.design], study.design)
+    bare = replace(study, effects=(), physics=())
+    acting = forward_with(physics, design, forward)
+    made = experimented(bare, forward=acting, seed=seed, design=design)
+    tables = made.experiment.tables
+    for place, one in enumerate(physics):
+        if one.recorded is not None:
+            tables = one.recorded(tables, np.random.default_rng((seed, study.number, place)))
+    settings = Settings(
+        title=f"hidden effect {study.number}", seed=study.number, priors=made.priors
+    )
+    provenance = Provenance(command=command, seed=seed, mesh=vars(FINE))
+    experiment = replace(made.experiment, tables=tables)
+    write_folder(experiment, settings, folder, provenance=provenance)
+    (folder / TRUTH_FILE).unlink()
+    return made.truth
+
+
+def _observed(folder: Path) -> Floats:
+    return assemble(read_study(folder)).model.observed
