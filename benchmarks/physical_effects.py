@@ -312,7 +312,9 @@ def dense_batch(size: float, generator: np.random.Generator) -> Physical:
 
     values = {"second": 2.0 * float(np.log(concentration))}
     batches = {"batch": ("A", DENSE, "A")}
-    return Physical("batch_stiffness", values, met=met, noted=batches, noted_of_films={"batch": "A"})
+    return Physical(
+        "batch_stiffness", values, met=met, noted=batches, noted_of_films={"batch": "A"}
+    )
 
 
 def warm_room(size: float, generator: np.random.Generator) -> Physical:
@@ -460,7 +462,10 @@ def over_width(size: float, generator: np.random.Generator) -> Physical:
     def recorded(tables: Tables, generator: np.random.Generator) -> Tables:
         films = tables["tensile"]
         width = films["stretch"] ** -power  # over the first one; both would be λ⁻¹
-        return {**tables, "tensile": films.assign(stress_MPa=(films["stress_MPa"] / width).round(6))}
+        return {
+            **tables,
+            "tensile": films.assign(stress_MPa=(films["stress_MPa"] / width).round(6)),
+        }
 
     return Physical("stress_measure", {"confusion": power}, recorded=recorded)
 
@@ -483,7 +488,7 @@ def other_pot(size: float, generator: np.random.Generator) -> Physical:
 
 def other_basis(size: float, generator: np.random.Generator) -> Physical:
     """Rates of actuators were computed with water over dry mass instead of over total mass."""
-    moisture = min(0.2 * size, 0.3)
+    moisture = 0.2  # of the films that are weighed, by total mass; so there is one size
 
     def on_dry_basis(rate: Floats) -> Floats:
         water = dry_basis(moisture * (1.0 - rate / 100.0))
@@ -532,7 +537,7 @@ def drying(size: float, generator: np.random.Generator) -> Physical:
 
 def from_surfaces(size: float, generator: np.random.Generator) -> Physical:
     """What degrades comes in through the faces in the soil, and is used up on its way."""
-    reach = 1.2 / size  # mm
+    reach = 1.5 / size  # mm
 
     def memory(actuator: FieldActuator, level: float) -> Memory:
         rate = reacted(Diffusion.on(actuator.mesh.body), reach, level)
@@ -620,7 +625,9 @@ HAPPENS: Mapping[str, Callable[[float, np.random.Generator], Physical]] = {
     "mullins": softened,
 }
 """By the entry of the catalogue that stands for it."""
-CHEAP = tuple(name for name in HAPPENS if not HAPPENS[name](1.0, np.random.default_rng(0)).is_solved)
+CHEAP = tuple(
+    name for name in HAPPENS if not HAPPENS[name](1.0, np.random.default_rng(0)).is_solved
+)
 """Those for which nothing is solved; two at once are drawn of them."""
 SINGLE_DRAW, PAIR_DRAW = 700, 1000
 """Numbers of the first study with one effect, each entry in turn, and of the first with two."""

@@ -110,6 +110,12 @@ class Whitening:
         found: Floats = self.inverse.T @ turned
         return found
 
+    def log_density(self, residual: Floats) -> float:
+        """Return ln N(y; 0, Σ) of y (n,), less a constant."""
+        root = float(np.sum(np.log(self.lower.diagonal())))
+        spread = root + 0.5 * float(np.sum(np.log1p(self.size**2)))
+        return -0.5 * float(np.sum(self.whitened(residual) ** 2)) - spread
+
     def _turned(self, columns: Floats, stretch: Floats) -> Floats:
         along = (stretch - 1.0) * (self.basis.T @ columns).T
         turned: Floats = columns + self.basis @ along.T
@@ -275,7 +281,7 @@ def linearise(
         uncertain = rest_covariance(subject, mode)
     scatter = subject.scatter(mode)
     # where the model does not answer nothing is finite, which `is_known` says
-    whitening = Whitening.of(scatter, jacobian @ _root(uncertain))
+    whitening = Whitening.of(scatter, jacobian @ rooted(uncertain))
     moves = is_seen(whitening.whitened(jacobian))
     if centre is None:
         shift = uncertain @ np.where(moves, _slope(subject, mode, uncertain), 0.0)
@@ -285,7 +291,7 @@ def linearise(
     return Linear(subject, mode, prediction, mean, shift, jacobian, scatter, whitening)
 
 
-def _root(covariance: Floats) -> Floats:
+def rooted(covariance: Floats) -> Floats:
     """Return R with R Rᵀ a covariance, which may be singular."""
     values, vectors = np.linalg.eigh(covariance)
     root: Floats = vectors * np.sqrt(np.maximum(values, 0.0))

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.causes.cause import Cause
+from bayesdeg.criticism.fit.level_scatter import within_levels
 from bayesdeg.criticism.fit.linear import Linear, effects, linearise, rest_law, with_prior_moments
 from bayesdeg.criticism.subject import columns_of, with_neutral
 from bayesdeg.inference.density import bounds
@@ -64,8 +65,12 @@ class Trial:
 
     @cached_property
     def linear(self) -> Linear:
-        """The model linearised at its mode."""
-        return linearise(self.subject, self.mode, uncertain=self.uncertain)
+        """The model linearised at its mode, with no scatter of what whole levels share.
+
+        See `bayesdeg.criticism.fit.level_scatter`.
+        """
+        plain = linearise(self.subject, self.mode, uncertain=self.uncertain)
+        return within_levels(plain, self.uncertain, self.centre)
 
     def unbent(self) -> Linear | None:
         """Return the model linearised where no parameter is far from what all else says of it.
