@@ -394,7 +394,7 @@ def _first_constant(films: pd.DataFrame) -> Floats:
 
 
 def cockled(size: float, generator: np.random.Generator) -> Physical:
-    """Paper that cockled while it was wet: waves of height a and length ℓ are longer by (π a/ℓ)²."""
+    """Paper cockled while it was wet: waves of height a and length ℓ are longer by (π a/ℓ)²."""
     wave, height = 8.0, 8.0 / np.pi * np.sqrt(0.015 * size)  # mm
 
     def met(inputs: Inputs, tests: Tests) -> Inputs:

@@ -23,16 +23,19 @@ from numpy.typing import NDArray
 from bayesdeg.criticism.fit.linear import Linear, Whitening, is_seen, linearise, rooted
 from bayesdeg.criticism.subject import columns_of
 from bayesdeg.material.degradation import levels
+from bayesdeg.observations.kinds import Deviations
 
 Floats = NDArray[np.float64]
 
 CLEAR = 5.0
 """Log-likelihood ratio from which specimens of a level deviate together: by chance in one study of
 1,300, half of twice the ratio being χ² of one degree of freedom (Self and Liang 1987)."""
-SHARED = (1.0, 2.0)
+SHARED = (0.5, 1.0, 2.0)
 """Standard deviations of what a level shares that are tried, over the fitted scatter."""
 SMALLEST, STEPS = 0.05, 10
 """Smallest scatter within levels that is tried, over the fitted one, and how many."""
+FIRST = 0.25
+"""Scatter over the fitted one at which it is seen in three densities whether more are worth it."""
 
 
 def within_levels(linear: Linear, uncertain: Floats, centre: Floats) -> Linear:
@@ -54,18 +57,18 @@ def within_levels(linear: Linear, uncertain: Floats, centre: Floats) -> Linear:
     """
     if not linear.is_known:
         return linear
-    scatters, shared = _scatters(linear), _shared(linear)
+    own = linear.subject.deviations(linear.mode)
+    scatters, shared = _scatters(linear, own), _shared(linear, own)
     if len(scatters) != 1 or not shared.shape[1]:
         return linear
     place = scatters[0]
-    law = _Law(linear, place, linear.jacobian @ rooted(uncertain), uncertain, centre)
+    law = _Law(linear, place, linear.jacobian @ rooted(uncertain), uncertain, centre, own)
     fitted = float(linear.mode[place])
-    alone = law.log_density(fitted, 0.0 * shared)
-    if law.log_density(fitted, shared) < alone:
+    if law.together(fitted + np.log(FIRST), shared) < law.alone(fitted, shared):
         return linear
     tried = fitted + np.linspace(np.log(SMALLEST), 0.0, STEPS)
-    found = [max(law.log_density(at, share * shared) for share in SHARED) for at in tried]
-    if max(found) < alone + CLEAR:
+    found = [law.together(at, shared) for at in tried]
+    if max(found) < max(law.alone(at, shared) for at in tried) + CLEAR:
         return linear
     mode = linear.mode.copy()
     mode[place] = tried[int(np.argmax(found))]
@@ -74,46 +77,66 @@ def within_levels(linear: Linear, uncertain: Floats, centre: Floats) -> Linear:
 
 @dataclass(frozen=True)
 class _Law:
-    """Readings at any scatter of specimens, with a prior of the scatter."""
+    """Readings at any scatter of specimens, with a prior of the scatter.
+
+    Curves stay linearised about the deviations that specimens have at the fitted scatter.
+    """
 
     linear: Linear
     place: int
     known: Floats
     uncertain: Floats
     centre: Floats
+    own: Deviations
+
+    def alone(self, at: float, shared: Floats) -> float:
+        """Return the density where levels share nothing."""
+        return self.log_density(at, 0.0 * shared)
+
+    def together(self, at: float, shared: Floats) -> float:
+        """Return the largest over sizes of what levels share."""
+        return max(self.log_density(at, share * shared) for share in SHARED)
 
     def log_density(self, at: float, shared: Floats) -> float:
         """Return ln N(y; m, Σ) with what levels share, and ln of the prior, less a constant."""
         mode = self.linear.mode.copy()
         mode[self.place] = at
-        scatter = self.linear.subject.scatter(mode)
-        residual = self.linear.subject.observed - self.linear.mean
-        found = Whitening.of(scatter, np.hstack([self.known, shared])).log_density(residual)
+        law = Whitening.of(self._scatter(mode), np.hstack([self.known, shared]))
         off = at - self.centre[self.place]
-        return found - 0.5 * float(off**2 / self.uncertain[self.place, self.place])
+        prior = 0.5 * float(off**2 / self.uncertain[self.place, self.place])
+        return law.log_density(self.linear.subject.observed - self.linear.mean) - prior
+
+    def _scatter(self, mode: Floats) -> Floats:
+        """Return V(s): of specimens with deviations the fitted one, less what they lose."""
+        total = self.linear.subject.scatter(mode)
+        slope, rows = self.own.slope, np.any(self.own.slope, axis=1)
+        lost = self.own.spread - self.linear.subject.deviations(mode).spread
+        fitted = self.linear.scatter - slope * lost @ slope.T
+        total[np.ix_(rows, rows)] = fitted[np.ix_(rows, rows)]
+        return total
 
 
-def _scatters(linear: Linear) -> list[int]:
+def _scatters(linear: Linear, own: Deviations) -> list[int]:
     """Return parameters that widen the scatter of specimens and nothing else, none of a cause."""
     subject = linear.subject
-    spread = subject.deviations(linear.mode).spread
     of_causes = {k for cause in subject.causes for k in columns_of(subject, cause)}
     still = ~is_seen(linear.whiten_columns(linear.jacobian))
     found = []
     for k in np.flatnonzero(still):
         moved = linear.mode.copy()
         moved[k] += 0.5
-        if k not in of_causes and np.any(subject.deviations(moved).spread > spread):
+        if k not in of_causes and np.any(subject.deviations(moved).spread > own.spread):
             found.append(int(k))
     return found
 
 
-def _shared(linear: Linear) -> Floats:
+def _shared(linear: Linear, own: Deviations) -> Floats:
     """Return what a standard deviation of each level that has several specimens does, (n, l).
 
     Specimens of other families, as films beside actuators, are other levels.
     """
-    own = linear.subject.deviations(linear.mode)
+    if not len(own.spread):
+        return np.zeros((len(linear.mean), 0))
     read, places = own.slope * np.sqrt(own.spread), linear.subject.places
     family = places.family[np.argmax(np.abs(read), axis=0)]
     level = levels(own.level)[1]
