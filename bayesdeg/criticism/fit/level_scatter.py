@@ -15,6 +15,7 @@ components, doi:10.1002/9780470316856). Where it is clear, the model is criticis
 that the specimens of a level have among each other, and what they share is misfit.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -64,14 +65,16 @@ def within_levels(linear: Linear, uncertain: Floats, centre: Floats) -> Linear:
     place = scatters[0]
     law = _Law(linear, place, linear.jacobian @ rooted(uncertain), uncertain, centre, own)
     fitted = float(linear.mode[place])
-    if law.together(fitted + np.log(FIRST), shared) < law.alone(fitted, shared):
+    [alone] = law.log_densities(fitted, shared, (0.0,))
+    if max(law.log_densities(fitted + np.log(FIRST), shared, SHARED)) < alone:
         return linear
     tried = fitted + np.linspace(np.log(SMALLEST), 0.0, STEPS)
-    found = [law.together(at, shared) for at in tried]
-    if max(found) < max(law.alone(at, shared) for at in tried) + CLEAR:
+    found = np.array([law.log_densities(at, shared, (0.0, *SHARED)) for at in tried])
+    together = found[:, 1:].max(axis=1)
+    if together.max() < found[:, 0].max() + CLEAR:
         return linear
     mode = linear.mode.copy()
-    mode[place] = tried[int(np.argmax(found))]
+    mode[place] = tried[int(np.argmax(together))]
     return linearise(linear.subject, mode, uncertain=uncertain)
 
 
@@ -89,22 +92,18 @@ class _Law:
     centre: Floats
     own: Deviations
 
-    def alone(self, at: float, shared: Floats) -> float:
-        """Return the density where levels share nothing."""
-        return self.log_density(at, 0.0 * shared)
+    def log_densities(self, at: float, shared: Floats, sizes: Iterable[float]) -> list[float]:
+        """Return ln N(y; m, Σ) and ln of the prior for sizes of what levels share.
 
-    def together(self, at: float, shared: Floats) -> float:
-        """Return the largest over sizes of what levels share."""
-        return max(self.log_density(at, share * shared) for share in SHARED)
-
-    def log_density(self, at: float, shared: Floats) -> float:
-        """Return ln N(y; m, Σ) with what levels share, and ln of the prior, less a constant."""
+        At one scatter, less a constant.
+        """
         mode = self.linear.mode.copy()
         mode[self.place] = at
-        law = Whitening.of(self._scatter(mode), np.hstack([self.known, shared]))
+        scatter, residual = self._scatter(mode), self.linear.subject.observed - self.linear.mean
         off = at - self.centre[self.place]
         prior = 0.5 * float(off**2 / self.uncertain[self.place, self.place])
-        return law.log_density(self.linear.subject.observed - self.linear.mean) - prior
+        laws = (Whitening.of(scatter, np.hstack([self.known, k * shared])) for k in sizes)
+        return [law.log_density(residual) - prior for law in laws]
 
     def _scatter(self, mode: Floats) -> Floats:
         """Return V(s): of specimens with deviations the fitted one, less what they lose."""
