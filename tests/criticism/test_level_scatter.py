@@ -30,6 +30,7 @@ def model(copies=COPIES):
         specimens=tuple(f"a{k:02d}" for k in range(count)),
         degradation=np.repeat(LEVELS, copies)[:, None],
         degradation_sd=np.zeros((count, 1)),
+        batch=(np.arange(count) % 3 == 1)[:, None].astype(np.int64),
         pressure=np.tile(np.linspace(20.0, 160.0, POINTS), (count, 1)),
         **{
             name: np.resize(getattr(base.actuator, name), shape)
@@ -57,13 +58,14 @@ def log_density(subject, mode):
     return multivariate_normal(mean, subject.scatter(mode)).logpdf(subject.observed)
 
 
-def fitted(seed, *, shared, own=OWN, copies=COPIES, causes=()):
+def fitted(seed, *, shared, own=OWN, copies=COPIES, causes=(), batch=0.0):
     """Linearised where a fit ends that can only let each specimen scatter, and Λ⁻¹."""
     base, generator = model(copies), np.random.default_rng(seed)
     mode = mode_of(base, own)
     level = np.repeat(np.arange(len(LEVELS)), copies)
     deviation = shared * generator.standard_normal(len(LEVELS))[level]
     deviation = deviation + own * generator.standard_normal(len(level))
+    deviation = deviation + batch * (base.actuator.batch[:, 0] - 1.0 / 3.0)
     errors = np.linalg.cholesky(base.scatter(mode_of(base, 1e-6)))
     [mean] = base.expected(mode[None])
     # curves are linearised where they were read
@@ -111,6 +113,24 @@ def test_scatter_of_an_active_cause_is_not_touched():
     own = columns_of(linear.subject, misread)
     assert np.array_equal(found.mode[own], linear.mode[own])
     assert scatter_of(found) < 0.5 * scatter_of(linear)
+
+
+def test_batches_across_levels_deviate_together_too():
+    linear, uncertain = fitted(3, shared=0.0, own=OWN, batch=0.3)
+    assert scatter_of(linear) > 3.0 * OWN
+    blind = linear.subject.of_actuators(replace(linear.subject.actuator, batch=None))
+    same = linearise(blind, linear.mode, uncertain=uncertain, centre=linear.mode)
+    assert within_levels(same, uncertain, same.mode) is same
+    assert scatter_of(within_levels(linear, uncertain, linear.mode)) < 2.5 * OWN
+
+
+def test_warmth_is_looked_at_where_it_was_recorded():
+    linear, uncertain = fitted(4, shared=0.0, own=OWN, batch=0.3)
+    warm = np.where(linear.subject.actuator.batch == 0, 20.0, 27.0)
+    tests = replace(linear.subject.actuator, batch=None, temperature=warm * np.ones(POINTS))
+    subject = linear.subject.of_actuators(tests)
+    same = linearise(subject, linear.mode, uncertain=uncertain, centre=linear.mode)
+    assert scatter_of(within_levels(same, uncertain, same.mode)) < 2.5 * OWN
 
 
 def test_films_alone_have_no_levels_that_deviate():

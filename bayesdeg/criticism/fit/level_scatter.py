@@ -9,10 +9,12 @@ its readings, and scatter s from specimen to specimen, they are N(m, Σ) with
 .. math:: \Sigma(s, t) = V(s) + X \Lambda^{-1} X^T + t^2 \sum_l B_l B_l^T,
           \qquad B_l = \sum_{k \in l} J_k,
 
-the sum over levels of several specimens. What t > 0 gains over t = 0, each at its best s, is the
-log-likelihood ratio of a scatter that a level shares (Searle, Casella and McCulloch 1992, Variance
-components, doi:10.1002/9780470316856). Where it is clear, the model is criticised at the scatter
-that the specimens of a level have among each other, and what they share is misfit.
+the sum over levels of several specimens. Batches, and warmth with :math:`J_k` times its departure
+from the mean, are looked at alike where they were recorded of specimens, alone and with the levels.
+What t > 0 gains over t = 0, each at its best s, is the log-likelihood ratio of a scatter that is
+shared (Searle, Casella and McCulloch 1992, Variance components, doi:10.1002/9780470316856). Where
+it is clear, the model is criticised at the scatter that specimens have beside it, and what they
+share is misfit.
 """
 
 from collections.abc import Iterable
@@ -54,28 +56,35 @@ def within_levels(linear: Linear, uncertain: Floats, centre: Floats) -> Linear:
     Returns
     -------
     Linear
-        The same where specimens of a level do not clearly deviate together.
+        The same where specimens of a level, of a batch or of like warmth do not clearly deviate
+        together.
     """
     if not linear.is_known:
         return linear
     own = linear.subject.deviations(linear.mode)
-    scatters, shared = _scatters(linear, own), _shared(linear, own)
-    if len(scatters) != 1 or not shared.shape[1]:
+    scatters, together = _scatters(linear, own), _together(linear, own)
+    if len(scatters) != 1 or not together:
         return linear
     place = scatters[0]
     law = _Law(linear, place, linear.jacobian @ rooted(uncertain), uncertain, centre, own)
-    fitted = float(linear.mode[place])
-    [alone] = law.log_densities(fitted, shared, (0.0,))
-    if max(law.log_densities(fitted + np.log(FIRST), shared, SHARED)) < alone:
-        return linear
-    tried = fitted + np.linspace(np.log(SMALLEST), 0.0, STEPS)
-    found = np.array([law.log_densities(at, shared, (0.0, *SHARED)) for at in tried])
-    together = found[:, 1:].max(axis=1)
-    if together.max() < found[:, 0].max() + CLEAR:
+    gain, at = max(_gain(law, shared) for shared in together)
+    if gain < CLEAR:
         return linear
     mode = linear.mode.copy()
-    mode[place] = tried[int(np.argmax(together))]
+    mode[place] = at
     return linearise(linear.subject, mode, uncertain=uncertain)
+
+
+def _gain(law: "_Law", shared: Floats) -> tuple[float, float]:
+    """Return the log-likelihood ratio of what is shared, and the scatter that it leaves."""
+    fitted = float(law.linear.mode[law.place])
+    [alone] = law.log_densities(fitted, shared, (0.0,))
+    if max(law.log_densities(fitted + np.log(FIRST), shared, SHARED)) < alone:
+        return 0.0, fitted
+    tried = fitted + np.linspace(np.log(SMALLEST), 0.0, STEPS)
+    found = np.array([law.log_densities(at, shared, (0.0, *SHARED)) for at in tried])
+    best = found[:, 1:].max(axis=1)
+    return float(best.max() - found[:, 0].max()), float(tried[int(np.argmax(best))])
 
 
 @dataclass(frozen=True)
@@ -129,19 +138,55 @@ def _scatters(linear: Linear, own: Deviations) -> list[int]:
     return found
 
 
-def _shared(linear: Linear, own: Deviations) -> Floats:
-    """Return what a standard deviation of each level that has several specimens does, (n, l).
+def _together(linear: Linear, own: Deviations) -> list[Floats]:
+    """Return what groups of specimens may share, each (n, number of groups).
+
+    Levels of what was set, what was recorded of each specimen (batch and warmth), and both.
+    """
+    read = own.slope * np.sqrt(own.spread)
+    of_levels, recorded = _of_levels(linear, own, read), _of_conditions(linear, read)
+    found = [of_levels] if of_levels.shape[1] else []
+    if recorded.shape[1]:
+        found += [recorded, np.hstack([of_levels, recorded])]
+    return found
+
+
+def _of_levels(linear: Linear, own: Deviations, read: Floats) -> Floats:
+    """Return what a deviation of each level that has several specimens does.
 
     Specimens of other families, as films beside actuators, are other levels.
     """
     if not len(own.spread):
         return np.zeros((len(linear.mean), 0))
-    read, places = own.slope * np.sqrt(own.spread), linear.subject.places
-    family = places.family[np.argmax(np.abs(read), axis=0)]
+    family = linear.subject.places.family[np.argmax(np.abs(read), axis=0)]
     level = levels(own.level)[1]
-    columns = []
-    for key in dict.fromkeys(zip(family.tolist(), level.tolist(), strict=True)):
-        same = (family == key[0]) & (level == key[1])
-        if np.sum(same) > 1:
-            columns.append(read[:, same].sum(axis=1))
-    return np.array(columns).reshape(len(columns), len(linear.mean)).T
+    keys = dict.fromkeys(zip(family.tolist(), level.tolist(), strict=True))
+    return _sums(read, [(family == of) & (level == at) for of, at in keys])
+
+
+def _of_conditions(linear: Linear, read: Floats) -> Floats:
+    """Return what a deviation of each batch does, and one that goes with warmth."""
+    actuator = linear.subject.actuator
+    if actuator is None or read.shape[1] != len(actuator.specimens):
+        return np.zeros((len(read), 0))
+    tests = actuator.conditions
+    batch = np.broadcast_to(tests.batch, tests.pressure.shape)[:, 0]
+    names = np.unique(batch)
+    batches = [batch == one for one in names] if len(names) > 1 else []
+    return np.hstack([_sums(read, batches), read @ _warmth(tests.room_temperature, len(batch))])
+
+
+def _warmth(temperature: Floats, count: int) -> Floats:
+    """Return how much warmer than the mean each test was, of a spread of 1, (count, 0 or 1)."""
+    warmth = np.broadcast_to(temperature, count)
+    known = np.isfinite(warmth)
+    if not known.any() or np.ptp(warmth[known]) == 0.0:
+        return np.zeros((count, 0))
+    above = np.where(known, warmth - np.mean(warmth[known]), 0.0)
+    return (above / np.std(above))[:, None]
+
+
+def _sums(read: Floats, groups: Iterable[NDArray[np.bool_]]) -> Floats:
+    """Return the sums over groups of several specimens, (n, number of these)."""
+    columns = [read[:, group].sum(axis=1) for group in groups if np.sum(group) > 1]
+    return np.array(columns).reshape(len(columns), len(read)).T
