@@ -293,7 +293,7 @@ def asked_of(study: Study, seed: int) -> AskedInputs:
     rest = model.without_kinds(*(one.name for one in model.observations if one.uses_forward))
     known = base_without_chain(rest, sequence).posterior.resample(generator, DRAWS)
     units = layer_units(geometry_of_study(study.settings))
-    return _asked(assembly, known, generator, units)
+    return asked_by(assembly, known, generator, units)
 
 
 @dataclass(frozen=True)
@@ -343,7 +343,7 @@ def asked_after(study: Study, surrogate: Surrogate, seed: int) -> AskedAfterward
         posterior = base_without_chain(model, sequence).posterior
         known = posterior.resample(generator, DRAWS)
         units = layer_units(geometry_of_study(study.settings))
-        asked = _asked(assembly, known, generator, units)
+        asked = asked_by(assembly, known, generator, units)
         outside = _outside(model, surrogate, known)
         refused = share_outside(model, known)
         return AskedAfterwards(
@@ -393,7 +393,7 @@ def _sets(causes: Sequence[Cause]) -> Iterator[tuple[Cause, ...]]:
     yield from pairwise(causes)
 
 
-def _asked(
+def asked_by(
     assembly: Assembly, known: Floats, generator: np.random.Generator, units: Units
 ) -> AskedInputs:
     """Return what all sets of causes ask, at draws of the base model and causes from priors."""
@@ -401,12 +401,12 @@ def _asked(
         [
             part
             for causes in _sets(assembly.candidates)
-            for part in _of_model(assembly.model.extended(*causes), known, generator, units)
+            for part in asked_of_model(assembly.model.extended(*causes), known, generator, units)
         ]
     )
 
 
-def _of_model(
+def asked_of_model(
     model: JointModel, known: Floats, generator: np.random.Generator, units: Units
 ) -> Iterator[AskedInputs]:
     vectors = model.table.sample(generator, len(known))
