@@ -448,6 +448,13 @@ def learned(
     length: float,
     steepest: float,
 ) -> dict[Curve, Observed]:
+    """Return what the runs of a mesh say, those that say anything.
+
+    Raises
+    ------
+    BayesdegError
+        If none does.
+    """
     found = _observed(*runs, span=span, length=length, steepest=steepest)
     if not found:
         raise BayesdegError(
@@ -1123,14 +1130,18 @@ def _place_of(geometry: Moulded, design: LocalDesign | None) -> "_Place":
     """Return where and with which terms an emulator is trained."""
     if design is None:
         return {"span": TrainingRange()}
-    alike = has_ground(geometry)
     place: _Place = {"span": design.span, "usual": design.usual, "units": design.units}
-    alone = OF_CHANNELS if geometry.dimensions.kind == "cylindrical" else BY_ITSELF
-    if not alike:
-        place["terms"] = alone
-        return place
-    place["terms"], place["ground"] = NEAR, default_surrogate()
+    place["terms"] = local_terms(geometry)
+    if has_ground(geometry):
+        place["ground"] = default_surrogate()
     return place
+
+
+def local_terms(geometry: Moulded) -> FitTerms:
+    """Return the terms with which an emulator of an actuator is fitted where one study lies."""
+    if has_ground(geometry):
+        return NEAR
+    return OF_CHANNELS if geometry.dimensions.kind == "cylindrical" else BY_ITSELF
 
 
 def _with_departure(

@@ -64,7 +64,12 @@ REFINING = FitPlan(
 )
 """Terms of the correction: what is left of a map that was fitted already is wavy, and its waves
 are small."""
-SHARES = (0.3, 0.6, 1.0)  # of the largest load asked for, at which errors away from it are looked at
+SHARES = (
+    0.3,
+    0.6,
+    1.0,
+)  # of the largest load asked for, at which errors away from it are looked at
+MOST_HELD = 600  # places at which it is held near zero: a few times as many as there are terms
 FEWEST = 4  # curves with which something can be left out
 
 
@@ -89,6 +94,7 @@ def refine(
     curves: Sequence[Curve],
     samples: Sequence[PathSamples],
     asked: AskedInputs,
+    steepest: float = STEEPEST,
 ) -> Refinement:
     """Correct the curvature and the bend angle of an emulator by curves of its own mesh.
 
@@ -101,6 +107,8 @@ def refine(
     asked : AskedInputs
         All that is asked of the emulator, in units of 1: there its errors stay what they were
         where the curves say nothing.
+    steepest : float
+        Growth d ln κ / d ln p up to which curves are learned [–].
 
     Raises
     ------
@@ -108,15 +116,15 @@ def refine(
         If fewer than ``FEWEST`` curves say anything.
     """
     with threadpool_limits(1):  # sums of several threads depend on their number
-        runs = learned(
-            counted(curves, samples, ground.units), ground.span, ground.length, STEEPEST
-        )
+        solved = counted(curves, samples, ground.units)
+        runs = learned(solved, ground.span, ground.length, steepest)
         if len(runs) < FEWEST:
             raise BayesdegError(
                 f"{len(runs)} curves say anything where the posterior lies, too few to refine by"
             )
-        fitted = _Correction.of(ground, list(runs.values()))
-        error = _error_terms(ground, fitted, asked.in_units(ground.units))
+        elsewhere = _points_of(asked.in_units(ground.units))
+        fitted = _Correction.of(ground, list(runs.values()), elsewhere)
+        error = _error_terms(ground, fitted, elsewhere)
         record = _record(ground, fitted, error)
         whole, *without = (
             replace(
@@ -138,7 +146,9 @@ class _Correction:
     ----------
     runs : list of Observed
     best : Regression
-        By all of them.
+        By all of them, and held near zero where else the emulator is asked for.
+    alone : Regression
+        By the runs alone, which says where they say nothing.
     without : list of array, shape (2, n_terms)
         Coefficients by all but one.
     left_out : list of array, shape (n, 2)
@@ -149,23 +159,37 @@ class _Correction:
 
     runs: Sequence[Observed]
     best: Regression
+    alone: Regression
     without: list[Floats]
     left_out: list[Floats]
     unit_errors: list[Floats]
 
     @classmethod
-    def of(cls, ground: Surrogate, runs: Sequence[Observed]) -> "_Correction":
-        """Fit the correction, and leave out one run after another."""
+    def of(cls, ground: Surrogate, runs: Sequence[Observed], elsewhere: Floats) -> "_Correction":
+        """Fit the correction, and leave out one run after another.
+
+        Parameters
+        ----------
+        ground : Surrogate
+        runs : sequence of Observed
+        elsewhere : array, shape (n, 13)
+            Coordinates of all that is asked: there the correction is 0 within the emulator's own
+            errors.
+        """
         plan, span = REFINING, ground.span
-        below = terms_below(ground, plan)
+        below, orders, count = terms_below(ground, plan), plan.family.orders, len(plan.outputs)
         gaps = [gap_of(run, plan.family, below, plan, span) for run in runs]
-        best = fit(gaps, plan.family.orders, plan.prior, outputs=len(plan.outputs))
+        held = _held_near_zero(ground, elsewhere)
+        alone = fit(gaps, orders, plan.prior, outputs=count)
+        best = fit([*gaps, held], orders, plan.prior, outputs=count)
         without = [best.without(gap) for gap in gaps]
         left_out = [
             (gap.targets - gap.matrix @ rest.T)[: gap.n_values] / run.weights[:, None]
             for run, gap, rest in zip(runs, gaps, without, strict=True)
         ]
-        return cls(runs, best, without, left_out, [_unit_error_without(best, gap) for gap in gaps])
+        return cls(
+            runs, best, alone, without, left_out, [_unit_error_without(alone, gap) for gap in gaps]
+        )
 
     @property
     def points(self) -> Floats:
@@ -186,9 +210,18 @@ class _Correction:
 
     def unit_error(self, points: Floats) -> Floats:
         """Return the standard error at points for residuals of 1, (n,)."""
-        scaled = features(self.best.orders, points) * self.best.scales
-        lifted = solve_triangular(self.best.factor, scaled.T, lower=True)
+        scaled = features(self.alone.orders, points) * self.alone.scales
+        lifted = solve_triangular(self.alone.factor, scaled.T, lower=True)
         return np.sqrt(np.sum(lifted**2, axis=0))
+
+
+def _held_near_zero(ground: Surrogate, points: Floats) -> Equations:
+    """Return equations of no correction, each weighted by the rounding of paths over the error."""
+    thinned = points[:: max(1, len(points) // MOST_HELD)]
+    log_square = features(ground.error.orders, thinned) @ ground.error.coefficients[list(ANGLES)].T
+    weights = SMALLEST * np.exp(-0.5 * log_square.max(axis=1))
+    matrix = weights[:, None] * features(REFINING.family.orders, thinned)
+    return Equations(matrix, np.zeros((len(thinned), len(ANGLES))), len(thinned))
 
 
 def _unit_error_without(best: Regression, gap: Equations) -> Floats:
@@ -210,25 +243,29 @@ def _corrected(ground: Surrogate, change: Terms) -> Terms:
     return stacked(parts)
 
 
-def _error_terms(ground: Surrogate, fitted: _Correction, asked: AskedInputs) -> Terms:
+def _error_terms(ground: Surrogate, fitted: _Correction, far: Floats) -> Terms:
     """Return ln of the squared relative errors of the outputs.
 
     At curves left out it is that of the correction; where it is asked for else, the correction and
     the emulator itself are two estimates of the same, whose precisions add up. Nine tenths of the
     errors at curves left out lie within the 90 % interval.
     """
-    near, far = fitted.points, _points_of(asked)
+    near = fitted.points
     points = np.vstack([near, far])
     unit = np.concatenate([*fitted.unit_errors, fitted.unit_error(far)])
     matrix, parts = features(FAMILY.orders, points), []
     wide = norm.ppf(0.5 * (1.0 + INSIDE))
-    weights = np.concatenate([np.full(len(near), 1.0 / len(near)), np.full(len(far), 1.0 / len(far))])
+    weights = np.concatenate(
+        [np.full(len(near), 1.0 / len(near)), np.full(len(far), 1.0 / len(far))]
+    )
     for k in ANGLES:
         own = features(ground.error.orders, points) @ ground.error.coefficients[k]
         correction = np.maximum(fitted.scale[k] * unit, SMALLEST)
         log_square = -np.logaddexp(-2.0 * np.log(correction), -own)
         level = _ridge(matrix, log_square, weights)
-        spread = np.abs(np.vstack(fitted.left_out)[:, k]) / np.exp(0.5 * matrix[: len(near)] @ level)
+        spread = np.abs(np.vstack(fitted.left_out)[:, k]) / np.exp(
+            0.5 * matrix[: len(near)] @ level
+        )
         level[0] += 2.0 * np.log(np.quantile(spread, INSIDE) / wide)
         parts.append(Terms(FAMILY.orders, level[None]))
     return stacked([*parts, ground.error.output(len(OUTPUTS) - 1)])
@@ -257,15 +294,19 @@ def _points_of(asked: AskedInputs) -> Floats:
 def _record(ground: Surrogate, fitted: _Correction, error: Terms) -> str:
     """Return the record of the emulator with what was solved, and how curves left out were met."""
     record = json.loads(ground.record)
-    shares = coverage(Terms(error.orders, error.coefficients[list(ANGLES)]), fitted.points,
-                      np.vstack(fitted.left_out))
-    worst = np.array([
-        np.max(np.abs(run.weights[:, None] * missed), axis=0)
-        for run, missed in zip(fitted.runs, fitted.left_out, strict=True)
-    ])
+    shares = coverage(
+        Terms(error.orders, error.coefficients[list(ANGLES)]),
+        fitted.points,
+        np.vstack(fitted.left_out),
+    )
+    worst = np.array(
+        [
+            np.max(np.abs(run.weights[:, None] * missed), axis=0)
+            for run, missed in zip(fitted.runs, fitted.left_out, strict=True)
+        ]
+    )
     found: Mapping[str, dict[str, float]] = {
         OUTPUTS[k]: summary(list(worst[:, k])) | {"coverage_90": shares[k]} for k in ANGLES
     }
     record["accuracy"] = record.get("accuracy", {}) | found
-    record["refined_curves"] = len(fitted.runs)
     return json.dumps(record, indent=1)
